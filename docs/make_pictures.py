@@ -16,12 +16,16 @@ os.environ.setdefault("REHAB_OPT_COMPILE", "wait")
 from matplotlib.figure import Figure
 from PIL import Image
 
+from rehab_opt.kinematics.human_arm import human_arm
+from rehab_opt.session.arm_picture import range_figure
 from rehab_opt.session.files import load_problem
 from rehab_opt.session.run import run_problem
 from rehab_opt.session.systems import system_named
 
 FOLDER = Path(__file__).parent / "pictures"
 COLOURS = 128
+RANGE = "range_of_motion"
+"""The one picture that is of no run."""
 
 
 class Picture(NamedTuple):
@@ -40,6 +44,7 @@ PICTURES = {
     "workspace_map": Picture("upper_limb/workspace_map", "map_source_to_target", 1300),
     "assist_field": Picture("upper_limb/scenario_2_assist", "field"),
     "assist_trials": Picture("upper_limb/scenario_2_assist", "trials", 1200),
+    "path_deviation": Picture("upper_limb/scenario_4_follow", "deviation"),
     "circle_joints": Picture("robot/ur5_circle", "joints"),
     "clearance": Picture("robot/ur5_among_bodies", "clearance"),
     "circle_servos": Picture("robot/ur5_circle", "servos", 1100, plant="mujoco"),
@@ -59,19 +64,27 @@ def small(figure: Figure, width: int) -> Image.Image:
     return reduced.quantize(COLOURS, method=Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE)
 
 
+def save(name: str, figure: Figure, width: int) -> None:
+    """Write a picture, and say how large its file is."""
+    path = FOLDER / f"{name}.png"
+    small(figure, width).save(path, optimize=True)
+    print(f"{path.name}: {path.stat().st_size / 1000:.0f} kB", flush=True)
+
+
 def main(names: list[str]) -> None:
     """Draw those pictures, or all."""
-    chosen = {name: PICTURES[name] for name in names or PICTURES}
+    chosen = {name: PICTURES[name] for name in names or PICTURES if name != RANGE}
     FOLDER.mkdir(exist_ok=True)
+    if RANGE in names or not names:
+        arm = human_arm(range_of_motion="restricted")
+        save(RANGE, range_figure("Table I of Rossa et al., restricted", arm), 1000)
     for run in dict.fromkeys((each.problem, each.plant) for each in chosen.values()):
         outcome = run_problem(load_problem(run[0]), plant=run[1])
         system = system_named(outcome.system)
         figures = system.figures(outcome)
         for name, picture in chosen.items():
             if (picture.problem, picture.plant) == run:
-                path = FOLDER / f"{name}.png"
-                small(figures[picture.figure], picture.width).save(path, optimize=True)
-                print(f"{path.name}: {path.stat().st_size / 1000:.0f} kB", flush=True)
+                save(name, figures[picture.figure], picture.width)
 
 
 if __name__ == "__main__":

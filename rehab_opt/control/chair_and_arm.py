@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping
-from functools import cached_property
-
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.control.chair_limits import ChairLimits, Limits
 from rehab_opt.control.command import Bound, Command, Status
-from rehab_opt.control.hand_task import AHEAD, PROGRESS, HandTask, Last
+from rehab_opt.control.hand_task import AHEAD, PROGRESS, HandTask, Last, Task
 from rehab_opt.control.joint_feedback import JointFeedback
 from rehab_opt.control.limit import Limits as OwnLimits
 from rehab_opt.control.obstacles import NUMBERS
@@ -25,6 +21,7 @@ from rehab_opt.optim.factor import symmetric
 from rehab_opt.optim.qp import Statement
 from rehab_opt.optim.rows import PLAUSIBLE, Instance, Row, equal, parameter, variable, within
 from rehab_opt.symbolic import BufferedFunction, Compile
+from rehab_opt.symbolic.tick import Tick
 
 __all__ = ["ChairAndArm"]
 
@@ -137,15 +134,16 @@ class ChairAndArm(VelocityController):
             robot.chain, dt=dt, recovery_speed=recovery_speed, solver=solver, backup=backup, tolerance=tolerance,
             max_age=max_age, compile=compile, feedback=feedback,
         )  # fmt: skip
-        full, memory = ca.MX.sym("p", self.stated.parameter_size), ca.MX.sym("memory", self.stated.memory.numel())
-        complete = self.stated.complete(full, memory)
-        outputs = self.stated.finish.call([complete, memory, self._braking_answer(complete)])
-        self._braking_together = BufferedFunction(ca.Function("braking_law", [full, memory], outputs))
+        self._braking_together = BufferedFunction(self.stated.finish_at(ca.vertcat(self._base, 0, 0)))
 
     @property
     def guidance_size(self) -> int:
         """How many numbers of the memory, behind velocity and position, say where the led joints are."""
         return 0 if self.feedback is None else self.chain.n - CHAIR
+
+    @property
+    def _memory_size(self) -> int:
+        return 3 * self.chain.n + self.guidance_size + len(self.wheelset.rolling) + len(self.rows) + 2
 
     def _apart(self, memory: ca.SX) -> ca.SX:
         """(n,) from where the joints are led to where they are."""
@@ -155,173 +153,109 @@ class ChairAndArm(VelocityController):
     # --------------------------------------------------------------------------------------------- the task
     def statement(self) -> Statement:
         """The QP of one tick."""
-        n, k, name = self.chain.n, len(self.rows), "_".join(self.rows)
+        tick, n, k = Tick(), self.chain.n, len(self.rows)
         q, twist, world = parameter("q", n), parameter("twist", k), parameter("frame", 1)
-        obstacles = parameter("obstacles", self.surroundings)
-        memory = parameter("last", 3 * n + self.guidance_size + len(self.wheelset.rolling) + k + 2)
-        parameters = [q, twist, world, obstacles] if self.surroundings else [q, twist, world]
-        last = memory[:n]
+        surroundings, memory = parameter("obstacles", self.surroundings), parameter("last", self._memory_size)
+        last, moving = Last(memory[:n], memory[-2 - k : -2], memory[-2], memory[-1]), ca.sumsqr(twist) > 0
 
-        far = self.limits.far()
-        keep_outs = parameter("keep_outs", sum(each.numel() for each in far))
-        clearance = parameter("clearance", 1)
-        closing = ca.reshape(keep_outs[: far[0].numel()], *far[0].shape), keep_outs[far[0].numel() :]
-        around = parameter("around", self.max_obstacles * self.limits.obstacles.size)
-        contacts = parameter("contacts", self.limits.own.contacts_size)
-        moving = ca.sumsqr(twist) > 0
-        apart = self._apart(memory)
-        limits = self.limits.limits(
-            q, last, around, closing, clearance, contacts=contacts, gives_way=moving, apart=apart
+        limits = tick.once(self._limits(tick, q, memory, surroundings, gives_way=moving))
+        lower, upper = tick.once(self._acceleration_limited(last.velocity, limits, moving))
+        task = tick.once(
+            self.task.task(q, twist, world, last=last, limits=limits, braking=self.limits.braking, dt=self.dt)
         )
-        braking, remembered = self.limits.braking, Last(last, memory[-2 - k : -2], memory[-2], memory[-1])
-        task = self.task.columns(q, twist, world, last=remembered, limits=limits, braking=braking, dt=self.dt)
-        eased = limits._replace(
-            lower=ca.if_else(
-                moving, ca.fmax(limits.lower, ca.fmin(last - self.limits.braking.change, limits.base)), limits.lower
-            ),
-            upper=ca.if_else(
-                moving, ca.fmin(limits.upper, ca.fmax(last + self.limits.braking.change, limits.base)), limits.upper
-            ),
-        )
-        prepared = {**task, **limits.columns(), "calm": self._calm(last, task, limits, eased)}
-        prepared |= {"eased_lower": eased.lower, "eased_upper": eased.upper}
-        columns = [parameter(key, value.numel()) for key, value in prepared.items()]
-        given = dict(zip(prepared, columns, strict=True))
-        limits = limits.like(given)
-        jacobian, weight = ca.reshape(given["jacobian"], k, n), symmetric(given["inertia"], n)
+        b = tick.once(self._calm(last.velocity, task, limits, (lower, upper)))
+        J, W, price = task.jacobian, symmetric(task.inertia, n), task.price
+        steady = STEADY * self.limits.braking.time / self.dt + CURVED * price * self.dt * self.limits.reach
 
-        decided = variable("velocity", n, lower=given["eased_lower"], upper=given["eased_upper"])
-        progress = variable("progress", 1, lower=0, upper=given["speed"])
-        off = variable("off", 1, lower=0, upper=given["off"])
-        u, away = decided.symbol, decided.symbol - given["target"]
-        steady = STEADY * braking.time / self.dt + CURVED * given["price"] * self.dt * self.limits.reach
-        # Steeper the more is missing, since solvers fail more often on a cost that is flat in a variable.
-        missing = given["speed"] - progress.symbol
-        price = given["price"] * (OFF * off.symbol - progress.symbol) + PROGRESS * (missing**2 + off.symbol**2) / 2
-        chassis, others = limits.chassis_rows(u), [self._hand_row(u, given), *limits.surrounding_rows(u)]
-        sent = parameter("command", n)
-        wanted = ca.if_else(
-            moving, self.limits.outside(limits, u) if self.max_obstacles else u, limits.base
-        )  # exactly, whichever solver answers
-        complete = ca.vertcat(*parameters, *columns)
-        self._braking_answer = ca.Function("braking_answer", [complete], [ca.vertcat(limits.base, 0, 0)])
+        velocity = variable("velocity", n, lower=lower, upper=upper)
+        along = variable("progress", 1, lower=0, upper=task.speed)
+        across = variable("off", 1, lower=0, upper=task.off)
+        u, progress, off = velocity.symbol, along.symbol, across.symbol
+        away, missing = u - task.target, task.speed - progress
+        seldom = [self._hand_row(u, task), *limits.surrounding_rows(u)]
+        command = self._command(tick, q, u, surroundings, limits=limits, moving=moving)
+        self._base = limits.base
         return Statement(
-            name=f"chair_and_arm_{self.drive}_{name}",
-            parameters=parameters,
-            variables=[decided, progress, off],
-            minimise=away.T @ weight @ away / 2 + steady * ca.sumsqr(u - given["calm"]) / 2 + price,
+            name=f"chair_and_arm_{self.drive}_{'_'.join(self.rows)}",
+            parameters=[q, twist, world, surroundings] if self.surroundings else [q, twist, world],
+            variables=[velocity, along, across],
+            # Steeper the more is missing, since solvers fail more often on a cost that is flat in a variable.
+            minimise=away.T @ W @ away / 2
+            + steady * ca.sumsqr(u - b) / 2
+            + (price * (OFF * off - progress) + PROGRESS * (missing**2 + off**2) / 2),
             subject_to=[
-                equal(
-                    jacobian @ u, given["turning"] + given["direction"] * progress.symbol + given["error"] * off.symbol
-                ),
-                *chassis,
-                *others,
+                equal(J @ u, task.turning + progress * task.direction + off * task.error),
+                *limits.chassis_rows(u),
+                *seldom,
             ],
-            lazy_rows=sum(row.expression.numel() for row in others),
+            lazy_rows=sum(row.expression.numel() for row in seldom),
             active_set_iterations=ROUNDS,
             iterations=ITERATIONS,
-            analytic=ca.vertcat(given["guess"], given["speed"], 0),
-            dual=ca.vertcat(given["multipliers"], ca.SX.zeros(limits.row_count + len(AHEAD) * k)),
-            precomputed=columns,
-            precompute=self._prepared(
-                ca.vertcat(*parameters), memory, ca.vertcat(keep_outs, clearance, around, contacts), prepared
-            ),
-            postprocessed=[sent],
-            postprocess=self._settled(
-                complete, memory.numel(), ca.vertcat(u, progress.symbol, off.symbol), wanted, limits
-            ),
-            report=self.report(last, sent, jacobian @ sent, twist, limits.outside),
+            analytic=ca.vertcat(task.analytic, task.speed, 0),
+            dual=ca.vertcat(task.dual, ca.SX.zeros(limits.row_count + len(AHEAD) * k)),
+            tick=tick,
+            report=self.report(last.velocity, command, J @ command, twist, limits.outside),
             memory=memory,
-            remember=self.remembered(q, sent, jacobian @ sent, given["insistence"], world),
-            violation=limits.violation(sent),
+            remember=self.remembered(q, command, J @ command, task.insistence, world),
+            violation=limits.violation(command),
         )
 
-    def _hand_row(self, u: ca.SX, task: Mapping[str, ca.SX]) -> Row:
+    def _limits(self, tick: Tick, q: ca.SX, memory: ca.SX, surroundings: ca.SX, *, gives_way: ca.SX) -> Limits:
+        """The limits of `ChairLimits` for what is remembered."""
+        apart, last = self._apart(memory), memory[: self.chain.n]
+        return self.limits.limits(tick, q, last, surroundings, gives_way=gives_way, apart=apart)
+
+    def _acceleration_limited(self, last: ca.SX, limits: Limits, moving: ca.SX) -> tuple[ca.SX, ca.SX]:
+        """Joint intervals within the accelerations, or as far beyond as braking needs; those of `limits` at rest."""
+        change = self.limits.braking.change
+        lower = ca.fmax(limits.lower, ca.fmin(last - change, limits.base))
+        upper = ca.fmin(limits.upper, ca.fmax(last + change, limits.base))
+        return ca.if_else(moving, lower, limits.lower), ca.if_else(moving, upper, limits.upper)
+
+    def _hand_row(self, u: ca.SX, task: Task) -> Row:
         """The rows on u (7,) that keep the hand to its way while it brakes."""
-        ahead = ca.reshape(task["ahead"], task["ahead_lower"].numel(), self.chain.n)
-        return within(ahead @ u, task["ahead_lower"], task["ahead_upper"])
+        return within(task.ahead @ u, task.ahead_lower, task.ahead_upper)
 
-    def _calm(self, last: ca.SX, task: Mapping[str, ca.SX], limits: Limits, eased: Limits) -> ca.SX:
-        """(7,) what steadies the command: b of the class."""
-        guess, u, braking = task["guess"], ca.SX.sym("u", self.chain.n), self.limits.braking
+    def _calm(self, last: ca.SX, task: Task, limits: Limits, ends: tuple[ca.SX, ca.SX]) -> ca.SX:
+        """(7,) what steadies the command within the intervals' `ends`: b of the class."""
+        analytic, u, braking = task.analytic, ca.SX.sym("u", self.chain.n), self.limits.braking
 
-        def over(row: Row, matrix: ca.SX) -> ca.SX:
-            """By how much the guess passes each of its bounds."""
-            there = matrix @ guess
+        def excess(row: Row, matrix: ca.SX) -> ca.SX:
+            """How far the analytic answer is beyond each of the row's bounds."""
+            there = matrix @ analytic
             return ca.fmax(there - row.upper, row.lower - there)
 
-        # Of its own bounds as a share of what the accelerations can do in a tick.
-        beyond = ca.if_else(all_true(ca.fabs(guess) <= PLAUSIBLE), 0, ca.inf)
-        for row in (within(u, eased.lower, eased.upper), *limits.chassis_rows(u), self._hand_row(u, task)):
+        # Beyond its own bounds, as a fraction of what the accelerations can do in a tick.
+        beyond = ca.if_else(all_true(ca.fabs(analytic) <= PLAUSIBLE), 0, ca.inf)
+        for row in (within(u, *ends), *limits.chassis_rows(u), self._hand_row(u, task)):
             matrix = ca.jacobian(row.expression, u)
-            shares = over(row, matrix) / ca.fmax(ca.fabs(matrix) @ braking.change, TINY)
-            beyond = ca.fmax(beyond, ca.mmax(shares))
-        surroundings = [over(row, ca.jacobian(row.expression, u)) for row in limits.surrounding_rows(u)]
+            ratios = excess(row, matrix) / ca.fmax(ca.fabs(matrix) @ braking.change, TINY)
+            beyond = ca.fmax(beyond, ca.mmax(ratios))
+        surroundings = [excess(row, ca.jacobian(row.expression, u)) for row in limits.surrounding_rows(u)]
         met = ca.mmax(ca.vertcat(ca.SX(0), *surroundings)) > 0
         going = ca.fmin(ca.mmax(ca.fabs(last) / braking.change) / GOING, 1)
         part = ca.if_else(beyond > 0, going * ca.fmax(1 - beyond, 0), 1)
         part = ca.if_else(met, 0, part)
         slower = braking.slower(last)
-        return ca.if_else(part > 0, slower + part * (guess - slower), slower)
+        return ca.if_else(part > 0, slower + part * (analytic - slower), slower)
 
-    def _prepared(
-        self, parameters: ca.SX, memory: ca.SX, surroundings: ca.SX, prepared: dict[str, ca.SX]
-    ) -> ca.Function:
-        """Parameters, memory -> `prepared`; the rows of what is far are not made."""
-        n, limits, cse = self.chain.n, self.limits, {"cse": True}
-        arm, last = ca.SX.sym("arm", n - CHAIR), ca.SX.sym("last", n - CHAIR)
-        near = ca.Function("near", [arm, last], list(limits.near(arm, last)), cse)
-        every = [ca.vertcat(ca.vec(ca.densify(row)), free) for row, free in (limits.keep_outs(arm, last), limits.far())]
-        some, none = (ca.Function("rows", [arm, last], [ca.densify(each)], cse) for each in every)
-        rest = ca.Function(
-            "rest", [parameters, memory, surroundings], [ca.densify(ca.vertcat(*prepared.values()))], cse
-        )
-        p, m = ca.MX.sym("p", parameters.numel()), ca.MX.sym("m", memory.numel())
-        inputs = p[CHAIR:n], m[CHAIR:n]
-        is_near, clearance = near.call(inputs)
-        found = [ca.Function.if_else("keep_outs", some, none)(is_near, *inputs), clearance]
-        first = parameters.numel() - self.surroundings
-        if self.max_obstacles:
-            one, place, chair = ca.SX.sym("one", NUMBERS), ca.SX.sym("place", CHAIR), ca.SX.sym("chair", CHAIR)
-            given, obstacles = [one, place, chair], limits.obstacles
-            close = ca.Function("close", given, [obstacles.near(*given)], cse)
-            rows, nothing = obstacles.column(*given), obstacles.far()
-            here, away = (ca.Function("rows", given, [each], cse) for each in (rows, nothing))
-            either = ca.Function.if_else("obstacle", here, away)
-            for i in range(self.max_obstacles):
-                begin = first + NUMBERS * i
-                each = p[begin : begin + NUMBERS], p[:CHAIR], m[:CHAIR]
-                found.append(either(close(*each), *each))
-        found.append(self._contacts(p[:n], m[:n], p[first + NUMBERS * self.max_obstacles :]))
-        return ca.Function("prepare", [p, m], [rest(p, m, ca.vertcat(*found))])
+    def _command(self, tick: Tick, q: ca.SX, u: ca.SX, surroundings: ca.SX, *, limits: Limits, moving: ca.SX) -> ca.SX:
+        """(7,) u, shortened to what keeps chair and arm out of everything; the arm's true way where a keep-out is near.
 
-    @cached_property
-    def _contacts(self) -> ca.Function:
-        """Q, last command (7,) with the chair's in its own frame, moving capsules -> see `Limits.contacts`."""
-        own, n = self.limits.own, self.chain.n
-        here, last = ca.SX.sym("q", n), ca.SX.sym("last", n)
-        sent = ca.Function("sent", [here, last], [self.limits.world(here[2], n) @ last])
-        inputs = [ca.MX.sym(name, size) for name, size in (("q", n), ("last", n), ("moving", own.told))]
-        return ca.Function("contacts", inputs, [own.contacts(inputs[0], sent(*inputs[:2]), inputs[2])])
+        Exactly `base` without a command, whichever solver answered.
+        """
+        outside = self.limits.outside(limits, u) if self.max_obstacles else u
+        command = tick.once(ca.if_else(moving, outside, limits.base))
+        if self.robot.keep_out:
+            clear = self.limits.clear(command, limits.clearance)
+            command = tick.when(clear, command, self.limits.unhindered(limits.base, command, q[CHAIR:]))
+        return self._kept(tick, q, surroundings, command, limits.base)
 
-    def _settled(self, complete: ca.SX, size: int, x: ca.SX, wanted: ca.SX, limits: Limits) -> ca.Function:
-        """Complete parameters, memory, x -> the command; the arm's true way is looked at only near a keep-out."""
-        n = self.chain.n
-        base, u, q = (ca.SX.sym(name, n) for name in ("base", "u", "q"))
-        clear = self.limits.clear(wanted, limits.clearance)
-        first = ca.Function(
-            "wanted", [complete, x], [ca.densify(limits.base), ca.densify(wanted), clear], {"cse": True}
-        )
-        same = ca.Function("same", [base, u, q], [u])
-        checked = self.limits.unhindered(base, u, q[CHAIR:]) if self.robot.keep_out else u
-        looked = ca.Function("looked", [base, u, q], [ca.densify(checked)], {"cse": True})
-        p, answer = ca.MX.sym("p", complete.numel()), ca.MX.sym("x", x.numel())
-        memory = ca.MX.sym("memory", size)
-        start, wish, is_clear = first(p, answer)
-        command = ca.Function.if_else("unhindered", same, looked)(is_clear, start, wish, p[:n])
-        end = n + sum(math.prod(shape) for shape in self.shapes)
-        command = self.limits.keeping(p[:n], p[end - self.limits.own.told : end], command, start)
-        return ca.Function("settle", [p, memory, answer], [command])
+    def _kept(self, tick: Tick, q: ca.SX, surroundings: ca.SX, u: ca.SX, base: ca.SX) -> ca.SX:
+        """(7,) u, or what of it keeps a user's limits."""
+        if not len(self.limits.own):
+            return u
+        return tick.call(self.limits.keeping, q, surroundings[NUMBERS * self.max_obstacles :], u, base)[0]
 
     # ------------------------------------------------------------------------------------------ what is remembered
     def remembered(self, q: ca.SX, u: ca.SX, hand: ca.SX, insistence: ca.SX, frame: ca.SX) -> ca.SX:
@@ -352,29 +286,16 @@ class ChairAndArm(VelocityController):
 
     def braking(self) -> ca.Function:
         """q, memory, obstacles -> what is remembered of the safe command, and its report."""
-        n, own = self.chain.n, self.limits.own
-        q, obstacles = ca.SX.sym("q", n), ca.SX.sym("obstacles", self.surroundings)
-        memory, contacts = ca.SX.sym("memory", self.stated.memory.numel()), ca.SX.sym("contacts", own.contacts_size)
-        last, arm = memory[:n], q[CHAIR:]
-        _, clearance = self.limits.near(arm, last[CHAIR:])
-        each = [obstacles[NUMBERS * i : NUMBERS * (i + 1)] for i in range(self.max_obstacles)]
-        around = ca.vertcat(ca.SX(0, 1), *(self.limits.obstacles.column(one, q[:CHAIR], last[:CHAIR]) for one in each))
-        keep_outs = self.limits.keep_outs(arm, last[CHAIR:])
-        limits = self.limits.limits(
-            q, last, around, keep_outs, clearance, contacts=contacts, gives_way=ca.SX(0), apart=self._apart(memory)
-        )
-        rest = self.limits.unhindered(limits.base, limits.base, arm) if self.robot.keep_out else limits.base
-        inputs = [q, memory, obstacles, contacts]
-        slower = ca.Function("slower", inputs, [ca.densify(rest), limits.outside], {"cse": True})
-        u, outside = ca.SX.sym("u", n), ca.SX.sym("outside")
-        report = self.report(last, u, ca.SX(0), ca.SX(1), outside)  # nothing of the task is delivered
-        remembered = self.remembered(q, u, ca.SX.zeros(len(self.rows)), ca.SX(0), ca.SX(UNKNOWN))
-        told = ca.Function("told", [q, memory, u, outside], [remembered, ca.densify(report)], {"cse": True})
-        here, before, room = (ca.MX.sym("p", each.numel()) for each in (q, memory, obstacles))
-        bodies = room[NUMBERS * self.max_obstacles :]
-        start, beyond = slower(here, before, room, self._contacts(here, before[:n], bodies))
-        answer = told.call([here, before, self.limits.keeping(here, bodies, start, start), beyond])
-        return ca.Function("braking", [here, before, room] if self.surroundings else [here, before], answer)
+        tick, q = Tick(), ca.SX.sym("q", self.chain.n)
+        surroundings, memory = ca.SX.sym("obstacles", self.surroundings), ca.SX.sym("memory", self._memory_size)
+        limits = self._limits(tick, q, memory, surroundings, gives_way=ca.SX(0))
+        rest = self.limits.unhindered(limits.base, limits.base, q[CHAIR:]) if self.robot.keep_out else limits.base
+        rest = tick.once(rest)
+        command = self._kept(tick, q, surroundings, rest, rest)
+        report = self.report(memory[: self.chain.n], command, ca.SX(0), ca.SX(1), limits.outside)  # none of the task
+        remembered = self.remembered(q, command, ca.SX.zeros(len(self.rows)), ca.SX(0), ca.SX(UNKNOWN))
+        inputs = [q, memory, surroundings] if self.surroundings else [q, memory]
+        return tick.function("braking", inputs, [remembered, report])
 
     # ----------------------------------------------------------------------------------------- for the resolver
     def tell_obstacles(self, numbers: Array) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from functools import cached_property
 from typing import NamedTuple
 
@@ -14,11 +13,13 @@ from rehab_opt.control.braking_together import BrakingTogether
 from rehab_opt.control.chair_obstacles import INTO, ROWS, ChairObstacles
 from rehab_opt.control.keep_out import arm_gaps, closing_rows
 from rehab_opt.control.limit import Limits as OwnLimits
+from rehab_opt.control.obstacles import NUMBERS
 from rehab_opt.control.stopping import FAR, velocity_bounds
 from rehab_opt.kinematics.drive import Drive
 from rehab_opt.kinematics.mobile_arm import CHAIR, MobileArm
 from rehab_opt.optim.certificate import all_true, clipped
 from rehab_opt.optim.rows import Row, within
+from rehab_opt.symbolic.tick import Tick
 
 __all__ = ["ChairLimits", "Limits"]
 
@@ -86,15 +87,6 @@ class Limits(NamedTuple):
         if self.beside.size1():
             rows.append(within(self.beside @ u, -np.inf, self.beside_limit))
         return rows
-
-    def columns(self) -> dict[str, ca.SX]:
-        """What changes from tick to tick, each as one column."""
-        changing: dict[str, ca.SX] = {name: each for name, each in self._asdict().items() if name != "chair"}
-        return {name: ca.densify(ca.reshape(each, -1, 1)) for name, each in changing.items()}
-
-    def like(self, given: Mapping[str, ca.SX]) -> Limits:
-        """The same with those columns as symbols."""
-        return self._replace(**{name: ca.reshape(given[name], *getattr(self, name).shape) for name in self.columns()})
 
     def violation(self, u: ca.SX) -> ca.SX:
         """By how much u breaks those of this tick; infinite for NaN. The way to the stop posture is not among them."""
@@ -205,27 +197,27 @@ class ChairLimits:
         return ca.SX.zeros(count, self.robot.chain.n - CHAIR), FAR * ca.SX.ones(count)
 
     def limits(
-        self,
-        q: ca.SX,
-        last: ca.SX,
-        obstacles: ca.SX,
-        keep_outs: tuple[ca.SX, ca.SX],
-        clearance: ca.SX,
-        *,
-        contacts: ca.SX,
-        gives_way: ca.SX,
-        apart: ca.SX,
+        self, tick: Tick, q: ca.SX, last: ca.SX, surroundings: ca.SX, *, gives_way: ca.SX, apart: ca.SX
     ) -> Limits:
-        """Limits at joint values q (7,) after the command `last` (7,), with columns of obstacles and `keep_outs`.
+        """Limits at joint values q (7,) after the command `last` (7,), among obstacles and moving capsules.
 
-        contacts, gives_way : see `Limits.contacts` and `Limits.beside` of `control.limit`. apart : (n,) from q to where
-        the joints are, for which joint limits hold, too.
+        surroundings : numbers of the obstacles, then of the capsules. gives_way : see `Limits.beside` of
+        `control.limit`. apart : (n,) from q to where the joints are, for which joint limits hold, too. Rows of what is
+        far are not worked out.
         """
         lower, upper, hard_lower, hard_upper, outside = self._joints(q, last, apart)
-        read, size = self.obstacles.read, self.obstacles.size
-        around = [obstacles[i : i + size] for i in range(0, obstacles.numel(), size)]
+        read, arm, swing = self.obstacles.read, q[CHAIR:], last[CHAIR:]
+        each = ca.vertsplit(surroundings[: NUMBERS * self.max_obstacles], NUMBERS) if self.max_obstacles else []
+        around = [tick.call(self.obstacles.rows, one, q[:CHAIR], last[:CHAIR])[0] for one in each]
+        is_near, clearance = self.near(arm, swing)
+        closing, free = self.keep_outs(arm, swing)
+        if self.robot.keep_out:
+            found = tick.when(is_near, ca.horzcat(closing, free), ca.horzcat(*self.far()))
+            closing, free = found[:, :-1], found[:, -1]
+        contacts = ca.SX(0, 1)
+        if self.own.contacts_size:
+            (contacts,) = tick.call(self.contacts, q, last, surroundings[NUMBERS * self.max_obstacles :])
         into, into_limit = _stacked([read(each, ROWS, INTO) for each in around])
-        closing, free = keep_outs
         count = closing.size1() // 2
         now, then = closing[:count, :], closing[count:, :]
         slower, slowest = self.braking.slower(last), self.braking.slowest(last)
@@ -305,6 +297,15 @@ class ChairLimits:
         turn, cos, sin = ca.SX.eye(joints), ca.cos(heading), ca.sin(heading)
         turn[:2, :2] = ca.vertcat(ca.horzcat(cos, -sin), ca.horzcat(sin, cos))
         return turn
+
+    @cached_property
+    def contacts(self) -> ca.Function:
+        """Q, last u (7,), moving capsules -> see `Limits.contacts` of a user's limits."""
+        own, n = self.own, self.robot.chain.n
+        here, last = ca.SX.sym("q", n), ca.SX.sym("last", n)
+        sent = ca.Function("sent", [here, last], [self.world(here[2], n) @ last])
+        inputs = [ca.MX.sym(name, size) for name, size in (("q", n), ("last", n), ("moving", own.told))]
+        return ca.Function("contacts", inputs, [own.contacts(inputs[0], sent(*inputs[:2]), inputs[2])])
 
     @cached_property
     def keeping(self) -> ca.Function:

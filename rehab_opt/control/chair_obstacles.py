@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import partial
+from functools import cached_property, partial
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.control.braking_together import BrakingTogether
-from rehab_opt.control.obstacles import Approach, approach, outward_normal
+from rehab_opt.control.obstacles import NUMBERS, Approach, approach, outward_normal
 from rehab_opt.control.stopping import FAR
 from rehab_opt.kinematics.mobile_arm import CHAIR, MobileArm, Outline
 from rehab_opt.optim.certificate import clipped, first_true
+from rehab_opt.symbolic.tick import Tick
 
 __all__ = ["INTO", "ROWS", "ChairObstacles"]
 
@@ -56,10 +57,12 @@ class ChairObstacles:
         self._turn = float(robot.chain.velocity[2])
         self._lever = float(np.linalg.norm(robot.outline.corners, axis=1).max())
 
-    @property
-    def size(self) -> int:
-        """Length of the column of one obstacle."""
-        return (ROWS + INTO) * (CHAIR + 1) + 1
+    @cached_property
+    def rows(self) -> ca.Function:
+        """Obstacle (4,), place (3,), last command (3,) -> `column`; nothing is worked out for one that is far."""
+        tick, one, place, last = Tick(), ca.SX.sym("one", NUMBERS), ca.SX.sym("place", CHAIR), ca.SX.sym("last", CHAIR)
+        found = tick.when(self.near(one, place, last), self.column(one, place, last), self.far())
+        return tick.function("obstacle", [one, place, last], [found])
 
     def near(self, one: ca.SX, place: ca.SX, last: ca.SX) -> ca.SX:
         """1 where the obstacle can matter after a command `last` (3,) of the chair at `place` (3,)."""
@@ -70,7 +73,7 @@ class ChairObstacles:
         return ca.logic_and(one[3] != 0, gap <= margin + self.braking.time * (drive + self._lever * turn))
 
     def column(self, one: ca.SX, place: ca.SX, last: ca.SX) -> ca.SX:
-        """(size,) rows towards it and what is left, rows into it and their limits, 1 where the chair is within it."""
+        """(25,) rows towards it and what is left, rows into it and their limits, 1 where the chair is within it."""
         each, now = (self._approach(one, place, last, horizon) for horizon in (self.braking.time, self.dt))
         parts = [
             ca.vertcat(*(ca.vertcat(*pair) for pair in pairs))
@@ -79,7 +82,7 @@ class ChairObstacles:
         return ca.densify(ca.vertcat(*parts, each.inside))
 
     def far(self) -> ca.SX:
-        """(size,) that of an obstacle that does not matter."""
+        """(25,) that of an obstacle that does not matter."""
         row = ca.vertcat(ca.SX.zeros(CHAIR), FAR)
         return ca.densify(ca.vertcat(*[row] * (ROWS + INTO), 0))
 

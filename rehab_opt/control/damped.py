@@ -9,13 +9,13 @@ whose hand hardly moves. Sugihara (IEEE T-RO 27(5), 2011) damps by the squared e
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import casadi as ca
 
 from rehab_opt.optim.certificate import clipped
 
-__all__ = ["DAMPING", "PASSES", "Bend", "bent_motion", "wanted_velocity"]
+__all__ = ["DAMPING", "PASSES", "Bend", "bent_velocity", "damped_velocity"]
 
 DAMPING = 4e-4
 """Square of the singular value [m/rad or 1] below which a direction counts as lost."""
@@ -26,11 +26,11 @@ INSIDE = 1e-9
 TINY = 1e-12
 """[rad/s] A motion that has no direction."""
 
-Bend = Callable[[ca.SX, ca.SX, ca.SX], ca.SX]
-"""q (n,), Jacobian (k, n), direction d (n,) -> (k,) J' d / g."""
+Bend = Callable[[ca.SX], ca.SX]
+"""Direction d (n,) -> (k,) J' d / g."""
 
 
-def wanted_velocity(jacobian: ca.SX, twist: ca.SX, drift: ca.SX, damping: ca.SX | float = DAMPING) -> ca.SX:
+def damped_velocity(jacobian: ca.SX, twist: ca.SX, drift: ca.SX, damping: ca.SX | float = DAMPING) -> ca.SX:
     """(n,) iterated damped least squares: J'(K^-1 + d K^-2 + d^2 K^-3) v with K = J J' + d I.
 
     `drift` (n,) is added where it does not move the hand: a posture, for redundant chains.
@@ -45,25 +45,30 @@ def wanted_velocity(jacobian: ca.SX, twist: ca.SX, drift: ca.SX, damping: ca.SX 
     return ca.densify(drift + jacobian.T @ total)
 
 
-def bent_motion(k: int, n: int, *, movable: ca.DM, bend: Bend) -> ca.Function:
-    """Q, last velocity, task, motion, stopping speeds and drift -> the motion, damped by the hand's curvature, too.
+def bent_velocity(
+    jacobian: ca.SX,
+    twist: ca.SX,
+    left: ca.SX,
+    *,
+    velocity: ca.SX,
+    others: Sequence[ca.SX],
+    within: tuple[ca.SX, ca.SX],
+    drift: ca.SX,
+    movable: ca.DM,
+    bend: Bend,
+) -> ca.SX:
+    """(n,) velocities for a twist (k,) of which `velocity` (n,) leaves some, damped by the hand's curvature, too.
 
-    The task is the Jacobian by columns and the twist, the motion the wanted velocity and its twist. Directions are
-    those of the wanted and of the last velocity: nearly there, the one is turned to and fro, and the other swings.
-    Joints at their stopping speeds are held. Each pass takes the damping off again, so there is PASSES times as much.
+    Directions are those of this and of `others`, as the last velocity: nearly there, the one is turned to and fro, and
+    the other swings. Joints at their stopping speeds, the ends of `within`, are held. Each pass takes the damping off
+    again, so there is PASSES times as much.
     """
-    sizes = {"q": n, "last": n, "task": k * n + k, "motion": n + k, "limits": 3 * n}
-    inputs = [ca.SX.sym(name, size) for name, size in sizes.items()]
-    q, last, task, motion, limits = inputs
-    jacobian, twist, velocity = ca.reshape(task[: k * n], k, n), task[k * n :], motion[:n]
-    low, high, drift = ca.vertsplit(limits, n)
-    left = twist - motion[n:]
+    low, high = within
     curvature = ca.SX(0)
-    for each in (velocity, last):
-        curvature = ca.fmax(curvature, -ca.dot(left, bend(q, jacobian, each / ca.fmax(ca.norm_2(each), TINY))))
+    for each in (velocity, *others):
+        curvature = ca.fmax(curvature, -ca.dot(left, bend(each / ca.fmax(ca.norm_2(each), TINY))))
     free = ca.logic_and(velocity > low + INSIDE, velocity < high - INSIDE)
     held = velocity * ca.logic_not(free)
     moving = jacobian @ movable @ ca.diag(free)
-    calm = wanted_velocity(moving, twist - jacobian @ held, free * drift, DAMPING + PASSES * curvature)
-    calm = clipped(held + free * calm, low, high)
-    return ca.Function("bent", inputs, [ca.densify(ca.vertcat(calm, jacobian @ calm))], {"cse": True})
+    calm = damped_velocity(moving, twist - jacobian @ held, free * drift, DAMPING + PASSES * curvature)
+    return clipped(held + free * calm, low, high)

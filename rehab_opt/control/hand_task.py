@@ -16,9 +16,9 @@ from rehab_opt.control.task_rows import ROWS
 from rehab_opt.kinematics.mobile_arm import CHAIR, MobileArm
 from rehab_opt.optim.certificate import clipped
 from rehab_opt.optim.factor import solver_of, upper_triangle
-from rehab_opt.optim.rows import PLAUSIBLE
+from rehab_opt.optim.rows import PLAUSIBLE, Row
 
-__all__ = ["PROGRESS", "HandTask", "Last"]
+__all__ = ["AHEAD", "PROGRESS", "HandTask", "Last", "Task"]
 
 PROGRESS = 2.0
 """[m/s] Price of a missing m/s of hand speed; one more costs about 1 in kinetic energy by the robot's mass.
@@ -76,6 +76,39 @@ class Last(NamedTuple):
     """0 or 1: the frame of `hand`; another number where it is not known."""
 
 
+class Task(NamedTuple):
+    """The task of one tick in expressions, velocities with the chair's in the chassis frame."""
+
+    jacobian: ca.SX
+    """(k, n) J, of the middle of the tick."""
+    inertia: ca.SX
+    """Upper triangle of W (n, n), over the robot's mass."""
+    target: ca.SX
+    """(n,) velocity about which W counts."""
+    direction: ca.SX
+    """(k,) r/|r|."""
+    speed: ca.SX
+    """[m/s or rad/s] upper bound of the progress."""
+    turning: ca.SX
+    """(k,) w, what may be left of the hand's motion off the command."""
+    error: ca.SX
+    """(k,) e/|e|, e what braking leaves besides."""
+    off: ca.SX
+    """|e|, upper bound of what is off the command."""
+    price: ca.SX
+    """Of a m/s of progress."""
+    insistence: ca.SX
+    """See `Last`, of this tick."""
+    ahead: ca.SX
+    """(m, n) rows of the hand's velocity while it brakes, within `ahead_lower` and `ahead_upper` (m,)."""
+    ahead_lower: ca.SX
+    ahead_upper: ca.SX
+    analytic: ca.SX
+    """(n,) the answer where no bound is active."""
+    dual: ca.SX
+    """(k,) multipliers of the task's rows there."""
+
+
 @dataclass(frozen=True)
 class HandTask:
     """Expressions of one tick for one set of task rows, velocities with the chair's in the chassis frame.
@@ -97,10 +130,10 @@ class HandTask:
         postures = np.random.default_rng(0).uniform(-1, 1, (POSTURES, arm.numel()))
         return max(int(np.linalg.matrix_rank(np.array(rows(each)), tol=DEPENDENT)) for each in postures)
 
-    def columns(
+    def task(
         self, q: ca.SX, twist: ca.SX, world: ca.SX, *, last: Last, limits: Limits, braking: BrakingTogether, dt: float
-    ) -> dict[str, ca.SX]:
-        """Jacobian, inertia, costs, directions, speeds, the analytic answer with its multipliers; each one column.
+    ) -> Task:
+        """The task for the twist (k,) that is commanded, in the world's frame where `world` is 1.
 
         The Jacobian is of the middle of the tick, where a velocity that is held moves the hand as it does in the mean;
         what the law makes of its freedom is of q: light joints would shake if their own speed decided how they share.
@@ -167,33 +200,28 @@ class HandTask:
         error -= clipped(ca.dot(direction, error), 0, speed) * direction
         off = ca.if_else(size > 0, ca.norm_2(error), 0)  # without a command the whole robot brakes
 
-        rows_ahead = self._rows_ahead(
-            q,
-            last.velocity,
-            direction,
-            size,
-            left=ca.norm_2(turning),
-            world=world,
-            base=base,
-            braking=braking,
+        on_the_way = self._rows_ahead(
+            q, last.velocity, direction, size, left=ca.norm_2(turning), world=world, base=base, braking=braking
         )
         steep = ca.fmin(ca.fabs(ca.dot(direction, part * y + (1 - part) * x)), STEEP)
         insistence = self._insistence(last, along, size, dt)
-        return {
-            "jacobian": ca.vec(ca.densify(jacobian)),
-            "inertia": ca.densify(upper_triangle(inertia)),
-            "target": part * towards + (1 - part) * last.velocity,
-            "direction": direction,
-            "speed": speed,
-            "turning": turning,
-            "price": PROGRESS * ca.fmax(insistence, 1) + 2 * steep,
-            "insistence": insistence,
-            "error": ca.if_else(off > TINY, error / ca.fmax(off, TINY), 0),
-            "off": ca.if_else(off > TINY, off, 0),
-            **rows_ahead,
-            "guess": part * law + (1 - part) * kept - self._spread(soft @ pull),
-            "multipliers": pull - part * change - (1 - part) * x,
-        }
+        return Task(
+            jacobian=ca.densify(jacobian),
+            inertia=ca.densify(upper_triangle(inertia)),
+            target=part * towards + (1 - part) * last.velocity,
+            direction=direction,
+            speed=speed,
+            turning=turning,
+            error=ca.if_else(off > TINY, error / ca.fmax(off, TINY), 0),
+            off=ca.if_else(off > TINY, off, 0),
+            price=PROGRESS * ca.fmax(insistence, 1) + 2 * steep,
+            insistence=insistence,
+            ahead=on_the_way.expression,
+            ahead_lower=on_the_way.lower,
+            ahead_upper=on_the_way.upper,
+            analytic=part * law + (1 - part) * kept - self._spread(soft @ pull),
+            dual=pull - part * change - (1 - part) * x,
+        )
 
     def _rows_ahead(
         self,
@@ -206,8 +234,8 @@ class HandTask:
         world: ca.SX,
         base: ca.SX,
         braking: BrakingTogether,
-    ) -> dict[str, ca.SX]:
-        """Rows of the hand's velocity J u at the places `AHEAD`, and their bounds, each one column.
+    ) -> Row:
+        """Rows (m, n) of the hand's velocity J u at the places `AHEAD`, and their bounds (m,).
 
         By its tangent at `slower`, since the places move with u. The velocities are those of the chassis as it stands
         there, and so is what the stick commands in the chassis frame.
@@ -219,7 +247,7 @@ class HandTask:
         slower, each = braking.slower(last), ca.SX.sym("u", last.numel())
         axes = ca.vertcat(direction.T, self._square(direction))
         back, straight = (ca.if_else(size > 0, ca.fmax(part * size, left), FAR) for part in (BACK, STRAIGHT))
-        rows, lower, upper = [], [], []
+        rows = []
         for part in AHEAD:
             place = q + part * braking.time * each
             heading = ca.if_else(world, place[2], 0)
@@ -227,13 +255,10 @@ class HandTask:
             then, there = ca.substitute([ca.jacobian(hand, each), hand], [each], [slower])
             fixed, braked = there - then @ slower, there + ca.fmin(then @ (base - slower), 0)
             faster = there + ca.fmax(then @ (base - slower), 0)
-            least = ca.vertcat(-back, -straight * ca.SX.ones(hand.numel() - 1))
-            most = ca.vertcat(ca.inf, straight * ca.SX.ones(hand.numel() - 1))
-            rows.append(then)
-            lower.append(ca.fmin(braked, least) - fixed)
-            upper.append(ca.fmax(faster, most) - fixed)
-        ahead = [ca.densify(ca.vertcat(*each)) for each in (rows, lower, upper)]
-        return {"ahead": ca.vec(ahead[0]), "ahead_lower": ahead[1], "ahead_upper": ahead[2]}
+            lower = ca.vertcat(-back, -straight * ca.SX.ones(hand.numel() - 1))
+            upper = ca.vertcat(ca.inf, straight * ca.SX.ones(hand.numel() - 1))
+            rows.append(Row(then, ca.fmin(braked, lower) - fixed, ca.fmax(faster, upper) - fixed))
+        return Row(*(ca.densify(ca.vertcat(*each)) for each in zip(*rows, strict=True)))
 
     @staticmethod
     def _square(direction: ca.SX) -> ca.SX:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from functools import cached_property, reduce
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -13,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from rehab_opt.control.command import Bound
 from rehab_opt.control.hand_bounds import HandBounds
 from rehab_opt.control.manipulability import WayOut
-from rehab_opt.control.pose_tracker import Motion, PoseTracker, Tick
+from rehab_opt.control.pose_tracker import Inputs, Motion, PoseTracker, Rows
 from rehab_opt.control.stopping import VelocityBounds
 from rehab_opt.control.tool_speed import speed_ahead
 from rehab_opt.kinematics.frames import rotation_vector
@@ -21,6 +22,7 @@ from rehab_opt.optim.certificate import all_true, clipped
 from rehab_opt.optim.rows import PLAUSIBLE, Instance, parameter
 from rehab_opt.symbolic import BufferedFunction
 from rehab_opt.symbolic.record import Record
+from rehab_opt.symbolic.tick import Tick
 
 __all__ = ["CALM", "HELD", "SPARE", "WHOLE", "MirrorStatement"]
 
@@ -49,6 +51,19 @@ STALE = 200
 HELD = Record(centre=3, target=16, turn=1)
 """What the hand is held near: the centre [m] of the places that it may have, and the pose, by rows, whose orientation
 it may be turned from by so much [rad]; NaN where nothing is known."""
+
+
+class Posture(NamedTuple):
+    """What is known of the posture at the beginning of a tick, in expressions."""
+
+    w: ca.SX
+    """W / w_max."""
+    gradient: ca.SX
+    """(n,) of it."""
+    place: ca.SX
+    """(3,) [m] of the tool's origin."""
+    turned: ca.SX
+    """[rad^2] square of the tool's turn from the target."""
 
 
 class MirrorStatement(PoseTracker):
@@ -84,28 +99,23 @@ class MirrorStatement(PoseTracker):
         pose, twist, *moving = super().shapes
         return (pose, twist, (3,), (self.chain.n,), *moving)
 
-    @property
-    def told_size(self) -> int:  # type: ignore[override]
-        """W / w_max, its gradient, the tool's origin, and the square of its turn from the target."""
-        return self.chain.n + 5
-
-    def rows(self, tick: Tick, bounds: VelocityBounds) -> tuple[ca.SX, ca.SX, VelocityBounds, ca.SX]:
+    def rows(self, tick: Tick, inputs: Inputs, bounds: VelocityBounds) -> Rows:
         """See `HandBounds.rows`."""
-        offset, lead, *_ = tick.others
-        guided = self.guided(tick.memory)
-        rows, most, now = self.hand_bounds.rows(
-            tick.q,
-            tick.last,
-            centre=tick.target[:3, 3] + offset,
+        offset, lead, *_ = inputs.others
+        guided, contacts = self.guided(inputs.memory), self.contacts(tick, inputs.q, inputs.last, inputs.moving)
+        matrix, upper, now = self.hand_bounds.rows(
+            inputs.q,
+            inputs.last,
+            centre=inputs.target[:3, 3] + offset,
             lead=lead,
-            loss=tick.memory[-1],
+            loss=inputs.memory[-1],
             bounds=bounds,
-            contacts=tick.contacts,
+            contacts=contacts,
             strays=None if guided is None else guided.apart,
         )
-        turned = ca.sumsqr(rotation_vector(tick.target[:3, :3] @ now.pose[:3, :3].T))
-        bounds = bounds._replace(outside=ca.logic_or(bounds.outside, self.limits.inside(tick.contacts)))
-        return rows, most, bounds, ca.vertcat(now.w, now.gradient, now.pose[:3, 3], turned)
+        turned = ca.sumsqr(rotation_vector(inputs.target[:3, :3] @ now.pose[:3, :3].T))
+        bounds = bounds._replace(outside=ca.logic_or(bounds.outside, self.limits.inside(contacts)))
+        return Rows(matrix, upper, bounds, Posture(now.w, now.gradient, now.pose[:3, 3], turned))
 
     def excess(self, q: ca.SX, jacobian: ca.SX, velocity: ca.SX, last: ca.SX) -> ca.SX:
         """The wanted motion is slowed, not the asked one: what the floor takes from it must not slow the rest.
@@ -142,61 +152,48 @@ class MirrorStatement(PoseTracker):
         excess = ca.fmax(linear / (HASTE * self.linear_speed), angular / (HASTE * self.angular_speed))
         return twist + feedback / ca.fmax(excess, 1), ca.SX(1)
 
-    def outcome(self, tick: Tick, motion: Motion) -> ca.SX:
-        """Yielded, share of the wanted motion, nothing unusual, bounds truly kept, w before and after, w is flat."""
-        centre = tick.target[:3, 3] + tick.others[0]
-        w, gradient, here, turned = self._computed(motion)
-        yielded = super().outcome(tick, motion)[0]
-        share = ca.if_else(motion.speed > 1e-9, motion.scale, 1)
-        kept, _, then, _ = self._ends(tick, motion)
-        flat = ca.logic_and(ca.sumsqr(gradient) < FLAT**2, w < self.floor)
-        usual = [
-            kept, share >= WHOLE, ca.logic_not(flat), motion.outside < 0.5,
-            ca.logic_or(yielded == int(Bound.NOTHING), yielded == int(Bound.TASK)),
-            ca.sumsqr(here - centre) <= (CALM * self.max_deviation) ** 2, turned <= (CALM * self.max_turn) ** 2,
-            ca.sumsqr(tick.twist[:3]) <= (SPARE * self.linear_speed) ** 2,
-            ca.sumsqr(tick.twist[3:]) <= (SPARE * self.angular_speed) ** 2,
-        ]  # fmt: skip
-        return ca.vertcat(yielded, share, reduce(ca.logic_and, usual), kept, w, then, flat)
+    def command(self, tick: Tick, inputs: Inputs, velocity: ca.SX) -> ca.SX:
+        """(n,) the QP's velocity: it is shortened after the tick, by `keeping`."""
+        return velocity
 
-    def remembered(self, tick: Tick, motion: Motion) -> ca.SX:
-        """Velocity, where it leads, and the loss of w against its tangent."""
-        loss = self._ends(tick, motion)[3]
-        return ca.vertcat(super().remembered(tick, motion), ca.fmin(loss, self.floor))
+    def outcome(self, tick: Tick, inputs: Inputs, motion: Motion) -> tuple[ca.SX, ca.SX]:
+        """Yielded, fraction of the reference, nothing unusual, bounds truly kept, w before and after, w is flat.
+
+        The memory has the loss of w against its tangent behind `PoseTracker`'s.
+        """
+        centre, now = inputs.target[:3, 3] + inputs.others[0], Posture(*motion.rows.posture)
+        report, memory = super().outcome(tick, inputs, motion)
+        yielded, outside = report[0], motion.rows.bounds.outside
+        part = ca.if_else(motion.speed > 1e-9, motion.scale, 1)
+        kept, _, then, loss = self.hand_bounds.kept(
+            inputs.q, motion.velocity, centre, w=now.w, gradient=now.gradient, here=now.place,
+            hand=motion.delivered[:3],  # places weigh 1
+        )  # fmt: skip
+        clear = ca.SX(1)
+        if self.among_bodies:
+            clear = self._clear(tick, inputs.q, inputs.moving, motion.velocity, braked=False)
+        kept = all_true(kept, clear > 0)
+        flat = ca.logic_and(ca.sumsqr(now.gradient) < FLAT**2, now.w < self.floor)
+        usual = [
+            kept, part >= WHOLE, ca.logic_not(flat), outside < 0.5,
+            ca.logic_or(yielded == int(Bound.NOTHING), yielded == int(Bound.TASK)),
+            ca.sumsqr(now.place - centre) <= (CALM * self.max_deviation) ** 2,
+            now.turned <= (CALM * self.max_turn) ** 2,
+            ca.sumsqr(inputs.twist[:3]) <= (SPARE * self.linear_speed) ** 2,
+            ca.sumsqr(inputs.twist[3:]) <= (SPARE * self.angular_speed) ** 2,
+        ]  # fmt: skip
+        report = ca.vertcat(yielded, part, reduce(ca.logic_and, usual), kept, now.w, then, flat)
+        return report, ca.vertcat(memory, ca.fmin(loss, self.floor))
 
     @property
-    def settled_size(self) -> int:
-        """Numbers of `settled`: one where bodies keep clear of each other."""
-        return 0 if self.limits.clearance is None else 1
+    def slows_before_limits(self) -> bool:
+        """Before bodies alone: what else there is to keep, the braking of all joints alike does."""
+        return self.among_bodies
 
-    def settled(self, size: int, remembered: int) -> ca.Function:
-        """Complete parameters, memory, x -> whether bodies are clear of each other where it leads."""
-        n = self.chain.n
-        inputs = [ca.MX.sym(name, count) for name, count in (("p", size), ("memory", remembered), ("x", n + 1))]
-        p, _, x = inputs
-        return ca.Function("settle", inputs, [self._clear(p[:n], p[self._told], x[:n], braked=False)])
-
-    def _computed(self, motion: Motion) -> list[ca.SX]:
-        n = self.chain.n
-        w, gradient, here, turned = ca.vertsplit(motion.told, [0, 1, n + 1, n + 4, n + 5])
-        return [w, gradient, here, turned]
-
-    def _ends(self, tick: Tick, motion: Motion) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
-        w, gradient, here, _ = self._computed(motion)
-        centre, hand = tick.target[:3, 3] + tick.others[0], motion.delivered[:3]  # places weigh 1
-        kept, braking, then, loss = self.hand_bounds.kept(
-            tick.q, motion.velocity, centre, w=w, gradient=gradient, here=here, hand=hand
-        )
-        return all_true(kept, motion.settled > 0), braking, then, loss
-
-    def _clear(self, q: ca.MX, told: ca.MX, velocity: ca.MX, *, braked: bool) -> ca.MX:
+    def _clear(self, tick: Tick, q: ca.SX, moving: ca.SX, velocity: ca.SX, *, braked: bool) -> ca.SX:
         """Whether bodies are clear of each other where it leads, and on the way to rest unless it is `braked`."""
-        u = ca.SX.sym("u", self.chain.n)
-        ways = ca.Function("ways", [u], self.hand_bounds.ways(u)).call([velocity])
-        verdict = self.limits.clear(q, told, ways[0] * velocity)
-        for way in () if braked else ways[1:]:
-            verdict = ca.logic_and(verdict, self.limits.clear(q, told, way * velocity))
-        return verdict
+        ways = self.hand_bounds.ways(velocity)[: 1 if braked else None]
+        return all_true(*(tick.call(self.limits.clear, q, moving, way * velocity)[0] for way in ways))
 
     @cached_property
     def audit(self) -> ca.Function:
@@ -221,15 +218,12 @@ class MirrorStatement(PoseTracker):
         least = ca.fmin(cosines[0], ca.cos(ca.fmin(held.turn, math.pi)))
         least = ca.if_else(w < self.floor, -2, least)  # the way back above the floor comes first
         turns = [each >= least - ROUNDING for each in cosines[1:]]
-        outputs = ca.vertcat(ca.logic_and(kept, all_true(*turns)), braking, then)
-        inputs = [q, velocity, held.column]
-        audit = ca.Function("audit", inputs, [ca.densify(outputs)], {"cse": True})
-        given, told = [ca.MX.sym("given", each.numel()) for each in inputs], ca.MX.sym("moving", self.limits.told)
-        verdicts = ca.vertsplit(audit(*given))
-        if self.settled_size:
+        outputs = ca.logic_and(kept, all_true(*turns)), braking
+        verdicts, tick, moving = [outputs[0], outputs[1]], Tick(), ca.SX.sym("moving", self.limits.told)
+        if self.among_bodies:
             for i, braked in enumerate((False, True)):
-                verdicts[i] = ca.logic_and(verdicts[i], self._clear(given[0], told, given[1], braked=braked))
-        return ca.Function("audit", [*given, told], [ca.vertcat(*verdicts)])
+                verdicts[i] = ca.logic_and(verdicts[i], self._clear(tick, q, moving, velocity, braked=braked))
+        return tick.function("audit", [q, velocity, held.column, moving], [ca.vertcat(*verdicts, then)])
 
     @cached_property
     def braked(self) -> ca.Function:
@@ -246,8 +240,9 @@ class MirrorStatement(PoseTracker):
         """q, velocity, `HELD`, velocity before, broken, moving capsules -> the velocity that keeps every bound truly.
 
         Where that velocity does not, as is known with `broken`, it is the longest part of the way to it from braking;
-        where not even braking does, because the arm was put there or moves by itself, the longest part of that. Three
-        numbers besides: w / w_max where it leads, whether it is shorter, and whether the acceleration yields.
+        where not even braking does, because the arm was put there or moves by itself, the longest part of that. Where
+        no part of an answer that is known to be `broken` does, it is the longest part of `ascent`. Three numbers
+        besides: w / w_max where it leads, whether it is shorter, and whether the acceleration yields.
         """
         n, audit = self.chain.n, self.audit
         sizes = {"q": n, "v": n, "held": HELD.size, "before": n, "broken": 1, "moving": self.limits.told, "then": 1}
@@ -255,13 +250,12 @@ class MirrorStatement(PoseTracker):
         braked = self.braked(q, before)
         brakes = audit(q, braked, held, moving)[1]
         begin, end = ca.if_else(brakes, braked, 0), ca.if_else(brakes, value, braked)
-        short, long = ca.MX(0), ca.MX(1)
-        for _ in range(HALVINGS):
-            middle = (short + long) / 2
-            ends = audit(q, begin + middle * (end - begin), held, moving)
-            good = ca.if_else(brakes, ends[0], ends[1])
-            short, long = ca.if_else(good, middle, short), ca.if_else(good, long, middle)
-        part = begin + short * (end - begin)
+        longest = self._longest_part
+        part, some = longest(q, begin, end, held, moving, brakes)
+        same = longest.mx_in()
+        upwards = ca.Function.if_else("upwards", longest, ca.Function("stays", same, [same[1], 0]))
+        stuck = ca.logic_and(ca.logic_and(broken, brakes), ca.logic_not(some))
+        part = upwards(stuck, q, part, self.ascent(q, before), held, moving, brakes)[0]
         changes = ca.fabs(part - before) > self.chain.acceleration * self.dt * (1 + 1e-9) + 1e-12
         said = ca.vertcat(audit(q, part, held, moving)[2], 1, ca.sum1(changes) > 0)
         shortened = ca.Function("shortened", given, [part, said])
@@ -271,6 +265,40 @@ class MirrorStatement(PoseTracker):
         fits = ca.logic_and(ends[0], ca.logic_not(broken))
         outputs = either.call([fits, *given[:-1], ends[2]])
         return ca.Function("keeping", given[:-1], outputs)
+
+    @property
+    def _longest_part(self) -> ca.Function:
+        """q, two velocities, `HELD`, moving capsules, whether it brakes -> a velocity between them, whether it is new.
+
+        By halving, the one furthest from the first towards the second that keeps every bound; new if not the first.
+        """
+        n, audit = self.chain.n, self.audit
+        sizes = {"q": n, "begin": n, "end": n, "held": HELD.size, "moving": self.limits.told, "brakes": 1}
+        q, begin, end, held, moving, brakes = inputs = [ca.MX.sym(name, size) for name, size in sizes.items()]
+        short, long = ca.MX(0), ca.MX(1)
+        for _ in range(HALVINGS):
+            middle = (short + long) / 2
+            ends = audit(q, begin + middle * (end - begin), held, moving)
+            good = ca.if_else(brakes, ends[0], ends[1])
+            short, long = ca.if_else(good, middle, short), ca.if_else(good, long, middle)
+        return ca.Function("longest_part", inputs, [begin + short * (end - begin), short > 0])
+
+    @cached_property
+    def ascent(self) -> ca.Function:
+        """q, velocity before (n,) -> steepest ascent of w at recovery speeds, or braking above the floor.
+
+        It is taken where no part of the QP's answer keeps w from falling. The QP has one row for w, its tangent or what
+        stands for that; near a posture that is singular more than once, what the other joints do to hold the hand may
+        cost more than that row gains.
+        """
+        q, last = (ca.SX.sym(name, self.chain.n) for name in ("q", "last"))
+        w, gradient = self.hand_bounds.manipulability(q)
+        change, slow = self.hand_bounds.change, ca.DM(self.recovery_speed * self.chain.velocity)
+        up = gradient / ca.fmax(ca.mmax(ca.fabs(gradient) / slow), TINY)
+        lower, upper = ((ca.DM(end) - q) / self.dt for end in (self.chain.lower, self.chain.upper))
+        up = clipped(clipped(up, ca.fmin(lower, 0), ca.fmax(upper, 0)), last - change, last + change)
+        chosen = ca.if_else(w < self.floor, up, self.hand_bounds.braking(last))
+        return ca.Function("ascent", [q, last], [ca.densify(chosen)], {"cse": True})
 
     def instance(self, q: ArrayLike, *inputs: ArrayLike) -> Instance:
         """The QP of a tick at q, pose and twist, as numbers, for inspection; nothing moves where nothing is said."""

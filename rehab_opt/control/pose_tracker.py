@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from functools import cached_property
 from threading import get_ident
 from typing import Any, ClassVar, NamedTuple
 
@@ -17,10 +16,10 @@ from rehab_opt.control.command import Command
 from rehab_opt.control.jerk_bounds import JerkBounds
 from rehab_opt.control.joint_feedback import JointFeedback
 from rehab_opt.control.limit import Limit, Limits, all_limits
+from rehab_opt.control.reference_velocity import CALMING, MISSED, ReferenceVelocity
 from rehab_opt.control.stopping import VelocityBounds
 from rehab_opt.control.tool_speed import tool_acceleration
 from rehab_opt.control.velocity_controller import VelocityController, checked_number
-from rehab_opt.control.wanted import CALMING, MISSED, WantedVelocity
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import SerialChain, per_joint
 from rehab_opt.kinematics.frames import is_rigid, rotation_vector
@@ -29,8 +28,9 @@ from rehab_opt.optim.qp import Statement
 from rehab_opt.optim.rows import parameter, variable, within
 from rehab_opt.symbolic import Compile
 from rehab_opt.symbolic.record import Values
+from rehab_opt.symbolic.tick import Tick
 
-__all__ = ["Motion", "PoseTracker", "Tick"]
+__all__ = ["Inputs", "Motion", "PoseTracker", "Rows"]
 
 DIRECTION_KEEPING = 1e-5
 """Price of slowing down against leaving the asked direction: at a twentieth of the speed it is left by 0.01 deg."""
@@ -52,17 +52,18 @@ Array = NDArray[np.float64]
 _ndarray = np.ndarray
 
 
-class Tick(NamedTuple):
-    """What is given in a tick, in expressions."""
+class Inputs(NamedTuple):
+    """What comes in a tick, in expressions."""
 
     q: ca.SX
     target: ca.SX
     """(4, 4)"""
     twist: ca.SX
     others: list[ca.SX]
+    """What a tracker with more bounds takes besides."""
+    moving: ca.SX
+    """Numbers of the moving capsules, none where there are no such."""
     memory: ca.SX
-    contacts: ca.SX
-    """Nearest contacts, see `Limits.contacts`."""
 
     @property
     def last(self) -> ca.SX:
@@ -70,25 +71,34 @@ class Tick(NamedTuple):
         return self.memory[: self.q.numel()]
 
 
+class Rows(NamedTuple):
+    """Linear bounds R q' <= r on the joint velocities of a tick, and intervals that have room for them."""
+
+    matrix: ca.SX
+    """(m, n) R"""
+    upper: ca.SX
+    """(m,) r"""
+    bounds: VelocityBounds
+    posture: tuple[ca.SX, ...] = ()
+    """What else is known of the posture, for `outcome`."""
+
+
 class Motion(NamedTuple):
     """What is decided in a tick, in expressions."""
 
     velocity: ca.SX
+    """(n,) of the QP."""
+    command: ca.SX
     """(n,)"""
     scale: ca.SX
-    """Share of the wanted motion; zero of none."""
+    """Fraction of the reference velocity; zero of none."""
     speed: ca.SX
-    """Size of the wanted motion."""
+    """Size of the reference velocity."""
     delivered: ca.SX
+    """(6,) twist of the command, weighted."""
+    commanded: ca.SX
     """(6,) twist, weighted."""
-    asked: ca.SX
-    """(6,) twist, weighted."""
-    outside: ca.SX
-    """1 where a joint is beyond its limit."""
-    told: ca.SX
-    """(k,) what `rows` computed and need not be computed again."""
-    settled: ca.SX
-    """(k,) what `settled` gives."""
+    rows: Rows
 
 
 class PoseTracker(VelocityController):
@@ -98,13 +108,13 @@ class PoseTracker(VelocityController):
     s.t. lower(q, q'_last) <= q' <= upper(q, q'_last),  grad h . q' >= -rate h  of each of `limits`
 
     w are the joint velocities that would deliver the asked twist, or as much of it as the arm can at this pose
-    (`wanted_velocity`); the asked twist is `twist` plus `gain` times the pose error, no faster than the hand speeds
+    (`damped_velocity`); the asked twist is `twist` plus `gain` times the pose error, no faster than the hand speeds
     allow. s slows the motion down where the bounds demand, so that its direction is kept. The interval is that of
     `velocity_bounds`: it is never empty. An object belongs to one thread: see `OneThread`.
 
     The direction of the asked twist is left where
     - w would bring a joint to its position limit faster than it can stop there: w is then the nearest motion with that
-      joint slow enough (`WantedVelocity`), even where a slower one straight on would be possible, since keeping the
+      joint slow enough (`ReferenceVelocity`), even where a slower one straight on would be possible, since keeping the
       direction would stop the whole arm at the limit. In the tick in which this begins, up to 0.4 of the hand's motion
       was seen across what is asked;
     - a joint is too fast to be brought into the direction within its acceleration bound and the hand speeds;
@@ -203,52 +213,53 @@ class PoseTracker(VelocityController):
 
     def statement(self) -> Statement:
         """The QP of one tick; parameters q (n,), pose (16, by rows), twist (6,); memory as `VelocityController`."""
-        n, m = self.chain.n, self.row_count
+        tick, n, weights = Tick(), self.chain.n, ca.sqrt(ca.DM(self.task_weights))
         q, entries, twist, others = parameter("q", n), parameter("pose", POSE), parameter("twist", TWIST), self.others()
         memory = parameter("memory", self._memory_size)
-        jacobian, asked, wanted = parameter("jacobian", 6 * n), parameter("asked", 6), parameter("wanted", n)
-        lower, upper, outside = parameter("lower", n), parameter("upper", n), parameter("outside", 1)
-        rows, most = parameter("rows", m * n), parameter("most", m)
-        delivered, slowdown = parameter("delivered", 6), parameter("slowdown", 1)
-        told, settled = parameter("told", self.told_size), parameter("settled", self.settled_size)
-        prepared = [jacobian, asked, slowdown, lower, upper, outside, rows, most, told, wanted, delivered]
-        moves = ca.reshape(jacobian, 6, n)
-        contacts = parameter("contacts", self.limits.contacts_size)
-        given = Tick(q, _pose(entries), twist, others, memory, contacts)
+        inputs = Inputs(q, _pose(entries), twist, others, others[-1] if self.limits.moving else ca.SX(0, 1), memory)
+
+        J = tick.once(ca.diag(weights) @ self.chain.jacobian_expression(q))
+        unweighted, slowdown = self._led_twist(inputs, self.guided(memory))
+        commanded, slowdown = tick.once((weights * unweighted, slowdown))
+        rows = tick.once(self.rows(tick, inputs, self.bounds(q, memory)))
+        w, delivered = ReferenceVelocity(
+            J, commanded, self._drift(q), rows.bounds, self.chain.velocity, self.chain.locked, rows.matrix, rows.upper
+        ).stated(tick, q, inputs.last, excess=self.excess, bend=lambda way: self._bend(q, J, way))
+        lower, upper = rows.bounds.lower, rows.bounds.upper
+        if self.jerk is not None:
+            lower, upper = tick.once(self.jerk.towards(inputs.last, lower, upper, w))
 
         velocity = variable("velocity", n, lower=lower, upper=upper)
-        # Progress is s times the size of the wanted motion: in units of velocity like the rest, so that one tolerance
-        # fits all variables. A drift that moves no hand is a motion, too.
-        speed = ca.sqrt(ca.sumsqr(delivered) + DRIFT_SIZE**2 * ca.sumsqr(wanted))
+        # Progress is s times the size of the reference velocity: in units of velocity like the rest, so that one
+        # tolerance fits all variables. A drift that moves no hand is a motion, too.
+        speed = ca.sqrt(ca.sumsqr(delivered) + DRIFT_SIZE**2 * ca.sumsqr(w))
         progress = variable("progress", 1, lower=0, upper=speed)
-        scale = progress.symbol / ca.fmax(speed, TINY)
-        short = velocity.symbol - scale * wanted
-        error = moves @ velocity.symbol - scale * delivered
-        slower = progress.symbol - speed
-        # What damps the wanted motion where rows leave some of it undone damps here, too: a joint that its acceleration
+        u, s = velocity.symbol, progress.symbol / ca.fmax(speed, TINY)
+        # What damps the reference where rows leave some of it undone damps here, too: a joint that its acceleration
         # holds back would else swing all others, by the scale and by directions that hardly matter.
-        left = ca.norm_2(asked - delivered) - MISSED * ca.norm_2(asked)
+        left = ca.norm_2(commanded - delivered) - MISSED * ca.norm_2(commanded)
         calm = CALMING * ca.fmax(left, 0) if self.among_bodies else 0
-        cost = ca.sumsqr(error) + (STEADYING + calm) * ca.sumsqr(short) + (DIRECTION_KEEPING + calm) * ca.sumsqr(slower)
-        command = settled if self.settled_size == n else velocity.symbol
-        motion = Motion(command, scale, speed, moves @ command, slowdown * asked, outside, told, settled)
-        complete = sum(each.numel() for each in (*prepared, q, entries, twist, *others))
+        cost = (
+            ca.sumsqr(J @ u - s * delivered)
+            + (STEADYING + calm) * ca.sumsqr(u - s * w)
+            + (DIRECTION_KEEPING + calm) * ca.sumsqr(progress.symbol - speed)
+        )
+        command = self.command(tick, inputs, u)
+        motion = Motion(u, command, s, speed, J @ command, slowdown * commanded, rows)
+        report, remember = self.outcome(tick, inputs, motion)
         return Statement(
             name=self.name,
             parameters=[q, entries, twist, *others],
             variables=[velocity, progress],
             minimise=cost / 2,
-            subject_to=[within(ca.reshape(rows, m, n) @ velocity.symbol, -ca.inf, most)] if m else [],
-            active_set_iterations=ROUNDS if m else 0,
-            requires=[is_rigid(given.target)],
-            analytic=ca.vertcat(wanted, speed),
-            precomputed=prepared,
-            precompute=self._prepare(given, entries),
-            postprocessed=[settled] if self.settled_size else [],
-            postprocess=self.settled(complete, memory.numel()) if self.settled_size else None,
-            report=self.outcome(given, motion),
+            subject_to=[within(rows.matrix @ u, -ca.inf, rows.upper)] if self.row_count else [],
+            active_set_iterations=ROUNDS if self.row_count else 0,
+            requires=[is_rigid(inputs.target)],
+            analytic=ca.vertcat(w, speed),
+            tick=tick,
+            report=report,
             memory=memory,
-            remember=self.remembered(given, motion),
+            remember=remember,
         )
 
     @property
@@ -272,20 +283,15 @@ class PoseTracker(VelocityController):
         """Numbers remembered besides velocity and position: with a jerk the last change of velocity."""
         return 0 if self.jerk is None else self.chain.n
 
-    told_size = 0
-    """Numbers that `rows` hands on to `outcome` and `remembered`."""
-
     def others(self) -> list[ca.SX]:
         """Parameters besides q, pose and twist."""
         return [parameter("obstacles", self.limits.told)] if self.limits.moving else []
 
-    def outcome(self, tick: Tick, motion: Motion) -> ca.SX:
-        """The report of a tick, what yielded and the scale first."""
-        return self.report(tick.last, motion.velocity, motion.delivered, motion.asked, motion.outside)
-
-    def remembered(self, tick: Tick, motion: Motion) -> ca.SX:
-        """The memory that a tick leaves."""
-        return self.memory_after(tick.q, tick.last, motion.velocity)
+    def outcome(self, tick: Tick, inputs: Inputs, motion: Motion) -> tuple[ca.SX, ca.SX]:
+        """The report of a tick, what yielded and the scale first; and the memory that it leaves."""
+        outside = motion.rows.bounds.outside
+        report = self.report(inputs.last, motion.command, motion.delivered, motion.commanded, outside)
+        return report, self.memory_after(inputs.q, inputs.last, motion.command)
 
     def memory_after(self, q: ca.SX, last: ca.SX, velocity: ca.SX) -> ca.SX:
         """What `remember` gives, with a jerk the change of velocity besides."""
@@ -313,135 +319,86 @@ class PoseTracker(VelocityController):
             if given:
                 raise ConfigurationError("jerk", jerk, f"None with {name}, which has bounds that come before a drive's")
 
-    def rows(self, tick: Tick, bounds: VelocityBounds) -> tuple[ca.SX, ca.SX, VelocityBounds, ca.SX]:
-        """R (m, n) and r (m,) of the bounds R q' <= r, the intervals that have room for them, and what is told on."""
+    def rows(self, tick: Tick, inputs: Inputs, bounds: VelocityBounds) -> Rows:
+        """The linear bounds, and the intervals `bounds` opened where they have to yield."""
         if not len(self.limits):
-            return ca.SX(0, self.chain.n), ca.SX(0, 1), bounds, ca.SX(0, 1)
-        return *self.limits.rows(tick.q, tick.last, bounds, tick.contacts), ca.SX(0, 1)
+            return Rows(ca.SX(0, self.chain.n), ca.SX(0, 1), bounds)
+        contacts = self.contacts(tick, inputs.q, inputs.last, inputs.moving)
+        return Rows(*self.limits.rows(inputs.q, inputs.last, bounds, contacts))
+
+    def contacts(self, tick: Tick, q: ca.SX, last: ca.SX, moving: ca.SX, *, ticks: int = 1) -> ca.SX:
+        """Nearest contacts, see `Limits.contacts`."""
+        if not self.limits.contacts_size:
+            return ca.SX(0, 1)
+        given = [ca.MX.sym(name, each.numel()) for name, each in (("q", q), ("last", last), ("moving", moving))]
+        nearest = ca.Function("contacts", given, [self.limits.contacts(*given, ticks=ticks)])
+        return tick.call(nearest, q, last, moving)[0]
 
     def excess(self, q: ca.SX, jacobian: ca.SX, velocity: ca.SX, last: ca.SX) -> ca.SX | None:
-        """By how much a wanted velocity (n,) is too fast, at the weighted Jacobian (6, n): it is slowed by that.
+        """By how much a reference velocity (n,) is too fast, at the weighted Jacobian (6, n): it is slowed by that.
 
-        `last` (n,) is the velocity before. None where nothing but the asked twist is slowed.
+        `last` (n,) is the velocity before. None where nothing but the commanded twist is slowed.
         """
         return None
 
     # ------------------------------------------------------------------------------------------------ the user's limits
-    @property
-    def settled_size(self) -> int:
-        """Numbers of `settled`: the command, where there are limits."""
-        return self.chain.n if len(self.limits) else 0
+    def command(self, tick: Tick, inputs: Inputs, velocity: ca.SX) -> ca.SX:
+        """(n,) the QP's velocity, or what of it keeps the user's limits: its rows are tangents.
 
-    @property
-    def _told(self) -> slice:
-        """Where moving capsules stand among the parameters."""
-        inputs = self.chain.n + sum(math.prod(shape) for shape in self.shapes)
-        return slice(inputs - self.limits.told, inputs)
-
-    def settled(self, size: int, remembered: int) -> ca.Function:
-        """Complete parameters, memory, x -> the command; the way back is looked for only where it leads too far.
-
-        What comes by itself is given way to by more than the acceleration where x, whose rows are tangents, does not.
+        To what comes by itself it gives way by more than the acceleration, where the rows' tangents do not.
         """
-        n, limits = self.chain.n, self.limits
-        q, told, memory, wanted = (
-            ca.MX.sym(name, count)
-            for name, count in (("q", n), ("moving", limits.told), ("memory", remembered), ("wanted", n))
-        )
-        inputs = [q, told, memory, wanted]
-        same = ca.Function("same", inputs, [wanted])
-        looked = ca.Function("looked", inputs, [limits.keeping(q, told, wanted, self._slowed(q, told, memory))])
-        good, choice = limits.judged, ca.Function.if_else("keeping", same, looked)
-        if limits.moving:
-            aside, there = self._led_clear(q, told, memory, wanted), ca.MX.sym("there", n)
-            two = [wanted, there]
-            led = ca.Function.if_else("led", ca.Function("aside", two, [there]), ca.Function("as_it_is", two, [wanted]))
-            gives_way = ca.Function("gives_way", inputs, [led(limits.all_clear(q, told, aside), wanted, aside)])
-            nearer = ca.Function.if_else("nearer", gives_way, looked)
-            otherwise = ca.Function("otherwise", inputs, [nearer(limits.judged(q, told, wanted), *inputs)])
-            good, choice = limits.all_clear, ca.Function.if_else("keeping", same, otherwise)
-        p, before, x = ca.MX.sym("p", size), ca.MX.sym("before", remembered), ca.MX.sym("x", n + 1)
-        here = p[:n], p[self._told]
-        return ca.Function("settle", [p, before, x], [choice(good(*here, x[:n]), *here, before, x[:n])])
+        limits = self.limits
+        if not len(limits):
+            return velocity
+        state = inputs.q, inputs.moving
 
-    @cached_property
-    def _led_clear(self) -> ca.Function:
-        """Q, moving capsules, memory, velocity -> see `Limits.led_clear`."""
-        n, limits = self.chain.n, self.limits
-        q, memory, velocity = (
-            ca.SX.sym(name, size) for name, size in (("q", n), ("memory", self._memory_size), ("v", n))
-        )
-        contacts = ca.SX.sym("contacts", limits.contacts_size)
-        aside = limits.led_clear(velocity, self.bounds(q, memory), contacts)
-        led = ca.Function("led_clear", [q, memory, velocity, contacts], [ca.densify(aside)], {"cse": True})
-        here, told, before, u = (
-            ca.MX.sym(name, size)
-            for name, size in (("q", n), ("moving", limits.told), ("memory", self._memory_size), ("v", n))
-        )
-        found = led(here, before, u, limits.contacts(here, u, told, ticks=2))
-        return ca.Function("aside", [here, told, before, u], [found])
+        def back() -> ca.SX:
+            return tick.call(limits.keeping, *state, velocity, self._slowed(tick, *state, inputs.memory))[0]
 
-    @cached_property
-    def _slowed(self) -> ca.Function:
-        """Q, moving capsules, memory -> the velocity nearest to rest that keeps the limits."""
-        n, limits, size = self.chain.n, self.limits, int(self._memory_size)
-        q, memory, contacts = ca.SX.sym("q", n), ca.SX.sym("memory", size), ca.SX.sym("contacts", limits.contacts_size)
-        slower = limits.slower(q, memory[:n], self.bounds(q, memory), contacts)
-        nearly = ca.Function("slower", [q, memory, contacts], [ca.densify(slower)], {"cse": True})
-        here, told, before = ca.MX.sym("q", n), ca.MX.sym("moving", limits.told), ca.MX.sym("memory", size)
-        u = nearly(here, before, limits.contacts(here, before[:n], told))
-        return ca.Function("braked", [here, told, before], [limits.keeping(here, told, u, u)])
+        if not limits.moving:
+            return tick.when(tick.call(limits.judged, *state, velocity)[0], velocity, back)
+
+        def led_clear() -> ca.SX:
+            contacts = self.contacts(tick, inputs.q, velocity, inputs.moving, ticks=2)
+            aside = tick.once(limits.led_clear(velocity, self.bounds(inputs.q, inputs.memory), contacts))
+            return tick.when(tick.call(limits.all_clear, *state, aside)[0], aside, velocity)
+
+        def otherwise() -> ca.SX:
+            return tick.when(tick.call(limits.judged, *state, velocity)[0], led_clear, back)
+
+        return tick.when(tick.call(limits.all_clear, *state, velocity)[0], velocity, otherwise)
+
+    def _slowed(self, tick: Tick, q: ca.SX, moving: ca.SX, memory: ca.SX) -> ca.SX:
+        """(n,) the velocity nearest to rest that keeps the limits."""
+        last = memory[: self.chain.n]
+        contacts = self.contacts(tick, q, last, moving)
+        u = tick.once(self.limits.slower(q, last, self.bounds(q, memory), contacts))
+        return tick.call(self.limits.keeping, q, moving, u, u)[0]
+
+    @property
+    def slows_before_limits(self) -> bool:
+        """Whether the safe command, too, keeps the limits by its own motion."""
+        return len(self.limits) > 0
 
     def braking(self) -> ca.Function:
         """As a controller's without limits, but for moving capsules, where there are such, as a third input."""
-        if not self.settled_size:
+        if not self.slows_before_limits:
             return super().braking()
-        n, told = self.chain.n, ca.MX.sym("moving", self.limits.told)
-        q, memory, rest = ca.SX.sym("q", n), ca.SX.sym("memory", self._memory_size), ca.SX.sym("rest", n)
-        contacts = ca.SX.sym("contacts", self.limits.contacts_size)
-        bounds = self.bounds(q, memory)
-        outside = ca.logic_or(bounds.outside, self.limits.inside(contacts))
-        report = self.report(memory[:n], rest, ca.SX(0), ca.SX(1), outside)  # nothing of the task is delivered
-        outputs = [ca.densify(self.remember(q, rest)), ca.densify(report)]
-        remembered = ca.Function("remembered", [q, memory, rest, contacts], outputs, {"cse": True})
-        here, before = ca.MX.sym("q", n), ca.MX.sym("memory", self._memory_size)
-        near = self.limits.contacts(here, before[:n], told)
-        answer = remembered.call([here, before, self._slowed(here, told, before), near])
-        return ca.Function("braking", [here, before, *([told] if self.limits.moving else [])], answer)
+        tick, q, memory = Tick(), ca.SX.sym("q", self.chain.n), ca.SX.sym("memory", self._memory_size)
+        last, moving = memory[: self.chain.n], ca.SX.sym("moving", self.limits.told)
+        rest, contacts = self._slowed(tick, q, moving, memory), self.contacts(tick, q, last, moving)
+        outside = ca.logic_or(self.bounds(q, memory).outside, self.limits.inside(contacts))
+        report = self.report(last, rest, ca.SX(0), ca.SX(1), outside)  # nothing of the task is delivered
+        inputs = [q, memory, moving] if self.limits.moving else [q, memory]
+        return tick.function("braking", inputs, [self.remember(q, rest), report])
 
     # -------------------------------------------------------------------------------------------------------------
-    def _prepare(self, tick: Tick, entries: ca.SX) -> ca.Function:
-        """Parameters, memory -> the prepared columns, the Jacobian and the asked twist weighted."""
-        chain, n = self.chain, self.chain.n
-        weights = ca.sqrt(ca.DM(self.task_weights))
-        jacobian = ca.diag(weights) @ chain.jacobian_expression(tick.q)
-        asked, slowdown = self._led_twist(tick, self.guided(tick.memory))
-        drift = ca.SX.zeros(n)
-        if self.posture is not None:
-            drift = ca.DM(~chain.locked * self._settling) * (ca.DM(self.posture) - tick.q)
-            fastest = ca.mmax(ca.fabs(drift) / ca.DM(DRIFT_SPEED * chain.velocity))
-            drift = drift / ca.fmax(fastest, 1)  # as a whole: its direction is kept
-        rows, most, bounds, told = self.rows(tick, self.bounds(tick.q, tick.memory))
-        wanted = WantedVelocity(
-            jacobian, weights * asked, slowdown, drift, bounds, chain.velocity, chain.locked, rows, most, told
-        )
-        parameters = ca.vertcat(tick.q, entries, tick.twist, *tick.others)
-        p, memory = ca.MX.sym("p", parameters.numel()), ca.MX.sym("memory", tick.memory.numel())
-        near = self.limits.contacts(p[:n], memory[:n], p[self._told])
-        around = ca.Function("around", [p, memory], [near])
-        prepared = wanted.prepare(parameters, tick.memory, self.excess, self._bend, (tick.contacts, around))
-        return prepared if self.jerk is None else self._steadied(prepared, self.jerk)
-
-    def _steadied(self, prepared: ca.Function, jerk: JerkBounds) -> ca.Function:
-        """The same with intervals of velocities that do not pass the wanted ones."""
-        n, size = self.chain.n, prepared.size1_out(0)
-        column, last = ca.SX.sym("column", size), ca.SX.sym("last", n)
-        at = 6 * n + TWIST + 1
-        before, lower, upper, after = ca.vertsplit(column, [0, at, at + n, at + 2 * n, size])
-        bounds = jerk.towards(last, lower, upper, column[size - n - TWIST : size - TWIST])
-        steady = ca.Function("steady", [column, last], [ca.vertcat(before, *bounds, after)], {"cse": True})
-        p, memory = (ca.MX.sym(name, prepared.size1_in(i)) for i, name in enumerate(("p", "memory")))
-        return ca.Function("prepare", [p, memory], [steady(prepared(p, memory), memory[:n])])
+    def _drift(self, q: ca.SX) -> ca.SX:
+        """(n,) towards the posture, slowed as a whole so that its direction is kept."""
+        if self.posture is None:
+            return ca.SX.zeros(self.chain.n)
+        drift = ca.DM(~self.chain.locked * self._settling) * (ca.DM(self.posture) - q)
+        return drift / ca.fmax(ca.mmax(ca.fabs(drift) / ca.DM(DRIFT_SPEED * self.chain.velocity)), 1)
 
     def _bend(self, q: ca.SX, jacobian: ca.SX, way: ca.SX) -> ca.SX:
         """(6,) by which the weighted twist of a motion of one rad changes before its error is gone, see `damped`."""
@@ -450,7 +407,7 @@ class PoseTracker(VelocityController):
         plain = ca.diag(1 / ca.DM(weights)) @ jacobian if np.all(weights > 0) else self.chain.jacobian_expression(q)
         return ca.DM(weights) * tool_acceleration(plain, way) / self._settling
 
-    def _led_twist(self, tick: Tick, guided: Values | None) -> tuple[ca.SX, ca.SX]:
+    def _led_twist(self, inputs: Inputs, guided: Values | None) -> tuple[ca.SX, ca.SX]:
         """As `_asked_twist`, of where the joints are by what is measured, the commands' delay ahead of the target.
 
         A hand that is held asks for no more than the speeds of recovery, and along the way that it is held on for what
@@ -458,10 +415,10 @@ class PoseTracker(VelocityController):
         """
         chain = self.chain
         if guided is None or self.feedback is None:
-            return self._asked_twist(chain.pose_expression(tick.q), tick.target, tick.twist)
+            return self._asked_twist(chain.pose_expression(inputs.q), inputs.target, inputs.twist)
         early = 1 + self._settling * guided.early
-        pose = chain.pose_expression(tick.q + guided.strays)
-        asked, slowdown = self._asked_twist(pose, tick.target, early * tick.twist)
+        pose = chain.pose_expression(inputs.q + guided.strays)
+        asked, slowdown = self._asked_twist(pose, inputs.target, early * inputs.twist)
         excess = ca.fmax(ca.norm_2(asked[:3]) / self.linear_speed, ca.norm_2(asked[3:]) / self.angular_speed)
         slower = ca.if_else(guided.held, ca.fmax(excess / self.recovery_speed, 1), 1)
         asked = asked / slower

@@ -244,7 +244,8 @@ class RedundancyResolver(OneThread):
         ----------
         q : (7,) joint positions now [m, rad].
         twist : (k,) asked hand velocity, one number a row [m/s, rad/s].
-        rows : any of x, y, z, rx, ry, rz in `frame`, and roll7 about the wrist axis; all else is free.
+        rows : any of x, y, z, rx, ry, rz in `frame`, and roll7 about the z axis of the tool, which is ARDIS's wrist
+            axis; all else is free.
         frame : "chassis", which turns with the chair, or "world"; at the hand, both.
         moving : what moves, now, in the world frame: see `PoseTracker.step`, where it is `obstacles`.
         enable : the dead-man input; anything but true decelerates to rest.

@@ -24,7 +24,7 @@ def real_array(value: Any) -> Array:
     Raises
     ------
     TypeError, ValueError : text, times, booleans, complex numbers, ragged lists, whatever else is no real number.
-    OverflowError : an integer too large for a float.
+    OverflowError : an integer too large for a float; a longer float becomes infinite.
     """
     if type(value) is np.ndarray and value.dtype is _FLOATS:
         return value
@@ -37,7 +37,8 @@ def real_array(value: Any) -> Array:
         array = np.reshape([_real(each) for each in array.ravel().tolist()], array.shape)
     if array.dtype.kind not in "fiu":
         raise TypeError(f"{array.dtype} is no type of real numbers")
-    return array.astype(np.float64)
+    with np.errstate(over="ignore", under="ignore"):  # a longer float that no float holds is infinite
+        return array.astype(np.float64)
 
 
 def _is_masked(value: Any) -> bool:

@@ -14,6 +14,7 @@ from rehab_opt.optim.certificate import all_true, certificate_function
 from rehab_opt.optim.guess import screened_guess
 from rehab_opt.optim.rows import PLAUSIBLE, Instance, Row, Variable
 from rehab_opt.optim.well_stated import check_that_it_is_a_qp, with_numeric_bounds
+from rehab_opt.symbolic.tick import Tick
 
 __all__ = ["Statement"]
 
@@ -40,11 +41,7 @@ class Statement:
     analytic : (n,) expression of the answer when no bound is active, or None. It is certified like any other answer;
         the solver runs only where it fails.
     dual : (m,) expression of the rows' multipliers at the analytic answer, or None where no row is active there.
-    precomputed, precompute : columns that hold what `precompute`, a function of (parameters, memory), each one column,
-        gives for them: work that must not be repeated, or that expressions cannot leave out when it is not needed.
-    postprocessed, postprocess : columns that hold what `postprocess`, a function of (complete parameters, memory, x),
-        each one column, gives for the answer, before report, memory and violation are made of it: work that expressions
-        cannot leave out when it is not needed.
+    tick : the marks in these expressions. What does not depend on the variables is evaluated once, before the QP.
     memory : column standing for what the last certified tick left behind (its last velocity, say).
     remember : column of expressions of parameters and variables that becomes the next tick's memory.
     violation : by how much what is made of the answer in `remember` breaks the bounds, zero or more; it is added to
@@ -68,17 +65,14 @@ class Statement:
     report: ca.SX = field(default_factory=lambda: ca.SX(0, 1))
     analytic: ca.SX | None = None
     dual: ca.SX | None = None
-    precomputed: Sequence[ca.SX] = ()
-    precompute: ca.Function | None = None
-    postprocessed: Sequence[ca.SX] = ()
-    postprocess: ca.Function | None = None
+    tick: Tick = field(default_factory=Tick)
     memory: ca.SX = field(default_factory=lambda: ca.SX(0, 1))
     remember: ca.SX = field(default_factory=lambda: ca.SX(0, 1))
     violation: ca.SX = field(default_factory=lambda: ca.SX(1, 1))
 
     def __post_init__(self) -> None:
         """Check that it is a QP."""
-        given = [*self.parameters, *self.precomputed, self.memory]
+        given = [self._p, self.memory]
         check_that_it_is_a_qp(self.name, self.minimise, self._x, rows=self._rows, bounds=self._bounds, given=given)
 
     @property
@@ -132,19 +126,21 @@ class Statement:
     @cached_property
     def finish(self) -> ca.Function:
         """Parameters, memory, x -> report, the next memory, the violation that it holds."""
-        outputs = [ca.densify(each) for each in (self.report, self.remember, self.violation)]
-        inputs, settled = [self._p, self.memory, self._x], ca.vertcat(ca.SX(0, 1), *self.postprocessed)
-        if self.postprocess is None:
-            return ca.Function(f"{self.name}_finish", inputs, outputs, {"cse": True})
-        last = ca.Function(f"{self.name}_settled", [*inputs, settled], outputs, {"cse": True})
-        given = [ca.MX.sym("given", each.numel()) for each in inputs]
-        return ca.Function(f"{self.name}_finish", given, last.call([*given, self.postprocess(*given)]))
+        outputs = [self.report, self.remember, self.violation]
+        return self.tick.function(f"{self.name}_finish", [self._p, self.memory, self._x], outputs)
+
+    def finish_at(self, answer: ca.SX) -> ca.Function:
+        """Parameters, memory -> as `finish` for an answer that is an expression of parameters and precomputed ones."""
+        p, memory = ca.MX.sym("p", self.parameter_size), ca.MX.sym("memory", self.memory.numel())
+        full, x = self.complete(p, memory), ca.Function("answer", [self._p, self.memory], [ca.densify(answer)])
+        return ca.Function(f"{self.name}_finish_at", [p, memory], self.finish.call([full, memory, x(full, memory)]))
 
     @cached_property
     def complete(self) -> ca.Function:
         """Parameters, memory -> the same parameters with the precomputed ones behind, in one column."""
         p, memory = ca.MX.sym("p", self.parameter_size), ca.MX.sym("memory", self.memory.numel())
-        full = p if self.precompute is None else ca.vertcat(p, self.precompute(p, memory))
+        column, precompute = self._precomputed
+        full = ca.vertcat(p, precompute(p, memory)) if column.numel() else p
         return ca.Function(f"{self.name}_complete", [p, memory], [full])
 
     def instance(self, *parameters: ArrayLike, memory: ArrayLike = ()) -> Instance:
@@ -168,7 +164,16 @@ class Statement:
 
     @cached_property
     def _p(self) -> ca.SX:
-        return ca.vertcat(*self.parameters, *self.precomputed)
+        return ca.vertcat(*self.parameters, self._precomputed[0])
+
+    @cached_property
+    def _precomputed(self) -> tuple[ca.SX, ca.Function]:
+        """Marked symbols, and parameters, memory -> their values; one column each."""
+        expressions = [
+            self.minimise, *self._rows, *self._bounds, *self.requires, self.report, self.remember, self.violation,
+            *(each for each in (self.analytic, self.dual) if each is not None),
+        ]  # fmt: skip
+        return self.tick.precomputed([ca.vertcat(*self.parameters), self.memory], expressions, later=self._x)
 
     @cached_property
     def _rows(self) -> Row:

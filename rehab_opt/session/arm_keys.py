@@ -15,7 +15,6 @@ from rehab_opt.session.schema import GONIOMETER, NAME, TABLE, Section, Side, ref
 
 __all__ = [
     "ArmSection",
-    "GoniometerRange",
     "Limits",
     "OneRange",
     "OwnRange",

@@ -23,6 +23,7 @@ from rehab_opt.session.plant.loop import JointMotion
 
 __all__ = [
     "ACROSS",
+    "CLOSE_UP",
     "FORWARD",
     "GRID",
     "LAW_STYLES",
@@ -30,6 +31,8 @@ __all__ = [
     "MISSED",
     "MM",
     "REFERENCE",
+    "TOLD",
+    "TRUE",
     "fitted",
     "framed",
     "joint_figure",

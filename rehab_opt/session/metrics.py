@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections import Counter
 from collections.abc import Iterable
@@ -12,7 +13,9 @@ from numpy.typing import NDArray
 
 from rehab_opt.kinematics.chain import SerialChain
 
-__all__ = ["error_metrics", "joint_metrics", "path_shares", "reason_counts", "status_counts", "time_metrics"]
+__all__ = [
+    "error_metrics", "joint_metrics", "path_shares", "reason_counts", "status_counts", "time_metrics", "turn_angles",
+]  # fmt: skip
 
 Array = NDArray[np.float64]
 
@@ -38,6 +41,13 @@ def error_metrics(error: Array, name: str, unit: str) -> dict[str, float]:
         f"{name}_p95_{unit}": float(np.percentile(error, 95)),
         f"{name}_max_{unit}": float(np.max(error)),
     }
+
+
+def turn_angles(rotations: Array, references: Array) -> Array:
+    """(N,) [rad] angle of the rotation between two orientations (N, 3, 3), exact for small ones too."""
+    # |R - S| = 2 sqrt(2) sin(angle / 2), Frobenius norm
+    chord = np.linalg.norm(rotations - references, axis=(1, 2)) / (2 * math.sqrt(2))
+    return np.asarray(2 * np.arcsin(np.minimum(chord, 1.0)))
 
 
 def joint_metrics(chain: SerialChain, q: Array, rate: float) -> dict[str, Any]:

@@ -125,6 +125,14 @@ def test_from_below_the_floor_w_never_decreases_and_a_way_out_is_found(dt: float
     assert w >= 0.299
 
 
+def test_beside_a_posture_that_is_singular_three_times_the_arm_goes_on_up() -> None:
+    """It stood for good at 1e-6 of w_max: a row led elbow and wrist out, the pose that is held the shoulder back in."""
+    verdict = judge.run(1, 63532841, only=2000005)
+    assert verdict.ticks >= 1000
+    assert verdict.seen["20 s after a start below the floor"].ticks
+    assert not verdict.kinds, verdict.broken
+
+
 def test_drawn_ways_are_those_of_splitmix() -> None:
     """The first numbers of seed 1234567, as its author publishes them."""
     published = [6457827717110365317, 3203168211198807973, 9817491932198370423, 4593380528125082431]

@@ -256,3 +256,9 @@ def test_numbers_are_read_as_they_are_meant(given: Any, expected: Any) -> None:
 def test_what_is_no_real_number_is_refused(given: Any) -> None:
     with pytest.raises((TypeError, ValueError)):
         real_array(given)
+
+
+def test_what_no_float_holds_is_infinite_and_what_is_too_small_nothing_whatever_numpy_is_told_to_raise() -> None:
+    with np.errstate(all="raise"):
+        found = real_array([np.longdouble("1e4000"), np.longdouble("-1e4000"), np.longdouble("1e-4000")])
+    np.testing.assert_array_equal(found, [math.inf, -math.inf, 0.0])

@@ -1,7 +1,7 @@
 """A two-axis stick: what it asks for is no more than was shown, and nothing before it was let go.
 
-Judged against a model of its own: the round dead zone by hypot, the change of deflection a tick, presses counted with
-the debounce. Deflections come as people move them, with tremor and with numbers that are none.
+Judged against a model of its own: the round dead zone by hypot, the change of deflection a tick, presses of two buttons
+counted with the debounce. Deflections come as people move them, with tremor and with numbers that are none.
 
 Besides, being the cheapest judge, it holds the documented defaults of all controllers.
 """
@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rehab_opt import Joystick
 from tests.judge.documented_defaults import defaults
@@ -23,12 +24,16 @@ PROMISES = (
             "the speed grows from zero. The deflection follows the hand at `rate`; letting go stops at once"),
     Promise("rehab_opt/control/joystick.py", "After a change of mode, at the beginning and after a fault the stick "
             "must have been let go before it moves anything."),
+    Promise("rehab_opt/control/joystick.py", "the button that changes the mode, on the press. gripper : the one that "
+            "opens and closes it."),
     Promise("rehab_opt/control/joystick.py", "What the user asks for now. Never raises on numbers."),
 )  # fmt: skip
 LEAST = {"moving": 57_000, "in the dead zone": 50_000, "to be let go first": 5000, "numbers that are none": 518,
-         "mode changed": 500, "rate limited": 9000}  # fmt: skip
+         "mode changed": 500, "rate limited": 9000, "gripper changed": 1000}  # fmt: skip
 CI_TICKS = 10_000
 SHARE = 0.3
+DEBOUNCE = 0.15
+"""[s] A contact that opens for less is one that bounces."""
 MODES = (
     ("plane", ("x", "y"), (0.25, 0.2)),
     ("lift", ("z", "roll7"), (0.15, -0.6)),
@@ -61,7 +66,9 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
     axes[bad, 0] = rng.choice([math.nan, math.inf, -math.inf], int(bad.sum()))
     axes[rng.random(ticks) < 0.002, 1] = 1e300
     pressed = (np.cumsum(rng.random(ticks) < dt / 0.5) % 5 == 4).tolist()
-    found = [stick.step(each, switch=down) for each, down in zip(axes, pressed, strict=True)]
+    grip = (np.cumsum(rng.random(ticks) < dt / rng.choice([0.1, 0.7])) % 3 == 2).tolist()  # some faster than contacts
+    both = zip(axes, pressed, grip, strict=True)
+    found = [stick.step(each, switch=down, gripper=held) for each, down, held in both]
     twist, modes = np.array([each.twist for each in found]), [each.rows for each in found]
     names: list[tuple[str, ...]] = [mode[1] for mode in MODES]
     mode = np.array([names.index(rows) for rows in modes])
@@ -102,6 +109,9 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
     verdict.holds("the switch goes round by one", turn <= 1)
     starts = np.flatnonzero(np.diff(np.r_[pressed[:1], pressed].astype(int)) == 1)
     verdict.within("changes of mode over presses", int((turn == 1).sum()), len(starts))
+    told = np.array([each.gripper_closed for each in found])
+    verdict.holds("the gripper changes once a press", told == closed(grip, dt))
+    verdict.during("gripper changed", np.r_[False, told[1:] != told[:-1]], dt)
     verdict.holds("the frame is the chair's", [each.frame == "chassis" for each in found])
     verdict.during("moving", twist.any(axis=1), dt)
     verdict.during("in the dead zone", share == 0, dt)
@@ -109,3 +119,17 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
     verdict.during("numbers that are none", bad, dt)
     verdict.during("mode changed", changed, dt)
     verdict.during("rate limited", moving & (left > rate * dt), dt)
+
+
+def closed(grip: list[bool], dt: float) -> NDArray[np.bool_]:
+    """(N,) whether presses so far have closed the gripper: each once, if the button was still for the debounce before.
+
+    One that is down from the beginning is stuck, not pressed.
+    """
+    found, is_closed, down, quiet = np.zeros(len(grip), dtype=bool), False, grip[0], math.ceil(DEBOUNCE / dt)
+    still = quiet
+    for k, now in enumerate(grip):
+        is_closed ^= now and not down and still >= quiet
+        still, down = 0 if now != down else still + 1, now
+        found[k] = is_closed
+    return found

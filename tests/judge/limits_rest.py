@@ -32,8 +32,8 @@ from tests.judge.ur5_numbers import hand_twist, jacobian, manipulability, tool, 
 from tests.judge.verdict import Promise, Verdict
 
 PROMISES = (
-    Promise("rehab_opt/control/wanted.py", "Without it, keeping the direction of an undeliverable motion would stop "
-            "the arm where going on to the nearest pose is wanted."),
+    Promise("rehab_opt/control/reference_velocity.py", "Without it, keeping the direction of an undeliverable motion "
+            "would stop the arm where going on to the nearest pose is wanted."),
     Promise("rehab_opt/control/mirror.py", "[m/rad] what a turn of the hand counts for against its place where both "
             "cannot be had."),
     Promise("rehab_opt/control/limit.py", "every distance h(q) at zero or above, at the end of every tick. h(q) >= 0, "

@@ -20,6 +20,7 @@ PROMISES = (
     Promise("rehab_opt/control/pose_tracker.py", "Never raises on numbers: what is not usable gives the safe command, "
             "decelerating within the limits, and its reason."),
     Promise("rehab_opt/control/pose_tracker.py", "the dead-man input; anything but true decelerates to rest."),
+    Promise("rehab_opt/control/watchdog.py", "largest age of a state, and largest gap between two [s]"),
     Promise("rehab_opt/control/command.py", "Why this is not a plain OK, or what holds help back; empty otherwise."),
 )  # fmt: skip
 LEAST = {"status braking": 3000, "status holding": 10_000, "reason not enabled": 1000, "reason stamp repeated": 500,

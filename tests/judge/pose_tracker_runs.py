@@ -36,6 +36,7 @@ class Settings(NamedTuple):
     weights: Array
     posture: Array | None
     recovery_speed: float
+    max_age: float | None
     jerk: Array | None = None
 
 
@@ -77,6 +78,7 @@ def draw(rng: np.random.Generator, start: Array) -> Settings:
         weights=weights,
         posture=start + 0.3 * rng.standard_normal(6) if rng.random() < 0.2 else None,
         recovery_speed=float(rng.choice([0.05, 0.1, 0.3])),
+        max_age=(None, 0.3, 0.025, None)[int(rng.integers(4))],
     )
 
 
@@ -93,7 +95,8 @@ def tracker(given: Settings) -> PoseTracker:
     return PoseTracker(
         ur5(lower=given.lower, upper=given.upper, velocity=given.velocity, acceleration=given.acceleration),
         gain=given.gain, linear_speed=given.linear_speed, angular_speed=given.angular_speed, posture=given.posture,
-        task_weights=given.weights, jerk=given.jerk, dt=given.dt, recovery_speed=given.recovery_speed, compile=False,
+        task_weights=given.weights, jerk=given.jerk, dt=given.dt, recovery_speed=given.recovery_speed,
+        max_age=given.max_age, compile=False,
     )  # fmt: skip
 
 
@@ -105,7 +108,8 @@ def follow(rng: np.random.Generator, number: int, *, faults: float, pushes: floa
     dt, control = given.dt, tracker(given)
     ticks = run_length(rng, number, dt)
     poses, twists = reference(rng, kind, start, ticks, dt)
-    wrong = schedule(rng, ticks, dt, FAULTS, every=faults)
+    gap = 2.0 if given.max_age is None else max(1.2 * given.max_age, given.max_age + 2 * dt)
+    wrong = schedule(rng, ticks, dt, FAULTS, every=faults, gap=gap)
     pushed = rng.random(ticks) < dt / pushes
     kinds, free = wrong.kind.tolist(), not math.isfinite(faults)
     q = np.empty((ticks + 1, 6))

@@ -114,8 +114,9 @@ def judge(verdict: Verdict, one: Run) -> None:
 def along_asked(one: Run, asked: Array, slowed: Array, last: Array) -> tuple[Array, NDArray[np.bool_]]:
     """(N,) largest s with J q' = s asked within every bound, less a margin; and where it is some, more than the least.
 
-    Where the motion that is asked, slowed to the hand speeds by `slowed` (N,), would bring a joint to its limit faster
-    than it can stop there, the direction may be left.
+    At the least the hand may be no faster than its limit: joints that cannot slow down in a tick may leave a straight
+    way at higher speeds only. Where the motion that is asked, slowed to the hand speeds by `slowed` (N,), would bring a
+    joint to its limit faster than it can stop there, the direction may be left.
 
     The bounds are those of continuous braking, which are a little narrower than those over ticks.
     """
@@ -137,4 +138,5 @@ def along_asked(one: Run, asked: Array, slowed: Array, last: Array) -> tuple[Arr
         ends = np.where(way != 0, low / way, -np.inf), np.where(way != 0, high / way, np.inf)
     still = (way == 0) & ((low > 0) | (high < 0))
     least, most = np.minimum(*ends).max(axis=1), np.minimum(np.maximum(*ends).min(axis=1), 1.0)
-    return most, regular & kept & ~still.any(axis=1) & (low <= high).all(axis=1) & (least < 0.9 * most) & (most > 0.2)
+    slow_enough = least < 0.9 * np.minimum(most, 1 / np.maximum(slowed, 1))
+    return most, regular & kept & ~still.any(axis=1) & (low <= high).all(axis=1) & slow_enough & (most > 0.2)

@@ -29,9 +29,13 @@ class Schedule(NamedTuple):
 
 
 def schedule(
-    rng: np.random.Generator, ticks: int, dt: float, kinds: tuple[str, ...], *, every: float, longest: float = 0.3
-) -> Schedule:
-    """Faults of one tick to `longest` s, one each `every` seconds on average, never in the first tick."""
+    rng: np.random.Generator, ticks: int, dt: float, kinds: tuple[str, ...], *, every: float, longest: float = 0.3,
+    gap: float = 2.0,
+) -> Schedule:  # fmt: skip
+    """Faults of one tick to `longest` s, one each `every` seconds on average, never in the first tick.
+
+    A gap in stamps is one of `gap` s.
+    """
     kind = np.full(ticks, "", dtype="U16")
     k = 1 + int(rng.exponential(every) / dt) if math.isfinite(every) else ticks
     while k < ticks:
@@ -42,10 +46,10 @@ def schedule(
     enable: list[Any] = [True] * ticks
     for k in np.flatnonzero(kind == "disabled").tolist():
         enable[k] = NOT_TRUE[int(index[k]) % len(NOT_TRUE)]
-    return Schedule(kind, number, index, enable, _stamps(kind, dt))
+    return Schedule(kind, number, index, enable, _stamps(kind, dt, gap))
 
 
-def _stamps(kind: NDArray[np.str_], dt: float) -> list[Any]:
+def _stamps(kind: NDArray[np.str_], dt: float, gap: float) -> list[Any]:
     """True time, but for the faults of stamps."""
     ticks = len(kind)
     found: list[Any] = (dt * np.arange(1, ticks + 1)).tolist()
@@ -53,8 +57,8 @@ def _stamps(kind: NDArray[np.str_], dt: float) -> list[Any]:
     for k in range(ticks):
         true = found[k] + shift
         if kind[k] == "gap" and (k == 0 or kind[k - 1] != "gap"):
-            shift += 2.0
-            true += 2.0
+            shift += gap
+            true += gap
         found[k] = true
         if kind[k] == "repeated":
             found[k] = found[k - 1]

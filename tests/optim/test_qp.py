@@ -12,6 +12,7 @@ from rehab_opt.optim.backends import to_qpsolvers
 from rehab_opt.optim.ladder import Ladder
 from rehab_opt.optim.qp import Statement
 from rehab_opt.optim.rows import PLAUSIBLE, equal, parameter, variable, within
+from rehab_opt.symbolic.tick import Tick
 from tests.optim.random_qps import general_statement, parameters_of, random_qp, seeds, sizes, solved
 
 numbers = st.floats(-5, 5)
@@ -74,13 +75,11 @@ def test_memory_enters_the_instance() -> None:
     assert statement.state_size == 2 * 2 + 2
 
 
-def test_prepared_columns_are_what_their_function_gives() -> None:
-    p, memory, doubled = parameter("p", 2), ca.SX.sym("memory", 1), parameter("doubled", 2)
-    x = variable("x", 2)
-    statement = Statement(
-        "prepared", [p], [x], 0.5 * ca.sumsqr(x.symbol - doubled), precomputed=[doubled],
-        precompute=ca.Function("twice", [p, memory], [2 * p + memory]), memory=memory, remember=memory,
-    )  # fmt: skip
+def test_what_is_marked_is_a_number_of_the_problem() -> None:
+    p, memory, tick = parameter("p", 2), ca.SX.sym("memory", 1), Tick()
+    x, doubled = variable("x", 2), tick.once(2 * p + memory)
+    cost = 0.5 * ca.sumsqr(x.symbol - doubled)
+    statement = Statement("marked", [p], [x], cost, tick=tick, memory=memory, remember=memory)
     np.testing.assert_allclose(statement.instance([1, 2], memory=[0.5]).g, [-2.5, -4.5])
     climbed = Ladder(statement, solver="qrqp", backup="proxqp", tolerance=1e-6, compile=False)
     climbed.parameters[:], climbed.memory[:] = (1, 2), 0.5

@@ -11,8 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.control.gate import Mode
 from rehab_opt.field.potential import PotentialField
-from rehab_opt.session.scenario.measures import REACHES, law_summary, trial_measures
+from rehab_opt.session.scenario.measures import law_summary, trial_measures
 from rehab_opt.session.scenario.outcome import LAWS, HelperTrace, Law, ScenarioOutcome, Trial
+from rehab_opt.session.scenario.problem import THERAPY
 from rehab_opt.workspace.region import Workspace
 
 Array = NDArray[np.float64]
@@ -61,7 +62,7 @@ def wavering_trial(law: Law, number: int, mode: Mode, points: Array, *, seconds:
     waver = size * np.sin(2 * np.pi * np.outer(time, (0.9, 1.3)) + phase)
     places = meant + waver
     inside = np.asarray(COMFORTABLE.contains(places))
-    gate = inside == (mode not in REACHES)
+    gate = inside == (mode not in THERAPY)
     force = np.zeros((count, 2)) if law == "unassisted" else np.where(gate[:, None], -1500.0 * waver, 0.0)
     goal = np.full((count, 2), np.nan)
     if mode == "hold":
@@ -85,7 +86,7 @@ def made_outcome(mode: Mode, *, trials: int = 3, laws: tuple[Law, ...] = ALONE) 
         law: tuple(wavering_trial(law, number, mode, reference, seconds=2.0) for number in range(trials))
         for law in laws
     }
-    target = reference[-1] if mode in REACHES else None
+    target = reference[-1] if mode in THERAPY else None
     measures = {
         law: tuple(trial_measures(of, reference=reference, mode=mode, target=target, within=WITHIN) for of in each)
         for law, each in done.items()
@@ -100,7 +101,7 @@ def made_outcome(mode: Mode, *, trials: int = 3, laws: tuple[Law, ...] = ALONE) 
         comfortable=COMFORTABLE,
         reachable=REACHABLE,
         reference=reference,
-        demonstrated=None if mode in REACHES else 3.0 * (reference - (0.0, 0.45)) + (0.0, 0.45),
+        demonstrated=None if mode in THERAPY else 3.0 * (reference - (0.0, 0.45)) + (0.0, 0.45),
         fields=fields(reference),
         force_limit=30.0,
         trials=done,

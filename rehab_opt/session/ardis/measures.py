@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from rehab_opt.kinematics.drive import Drive
     from rehab_opt.kinematics.mobile_arm import MobileArm
 
-__all__ = ["KEPT", "Excesses", "drive_metrics", "excesses", "goals_met", "hand_shares", "kinetic_energies"]
+__all__ = ["KEPT", "drive_metrics", "excesses", "goals_met", "hand_shares", "kinetic_energies"]
 
 Array = NDArray[np.float64]
 

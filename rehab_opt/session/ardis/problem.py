@@ -13,19 +13,7 @@ from rehab_opt.session.clearance import ClearanceSection
 from rehab_opt.session.plant.tables import ChairPlant
 from rehab_opt.session.schema import Length, Problem, Section, SolverName, Triple, refusal
 
-__all__ = [
-    "DRIVES",
-    "ArdisProblem",
-    "DriveName",
-    "GoalSection",
-    "ModeSection",
-    "PostSection",
-    "RobotSection",
-    "RoomSection",
-    "RunSection",
-    "StickSection",
-    "WallSection",
-]
+__all__ = ["DRIVES", "ArdisProblem", "DriveName", "GoalSection", "RobotSection", "RunSection"]
 
 RowName = Literal["x", "y", "z", "rx", "ry", "rz", "roll7"]
 

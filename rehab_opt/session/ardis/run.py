@@ -39,7 +39,7 @@ from rehab_opt.session.outcome import Progress
 from rehab_opt.session.plant.making import chair_plant, joint_feedback, plant_note
 from rehab_opt.session.systems import ROBOT_FILE, Needed, System
 
-__all__ = ["ArdisSystem", "LiveArdis"]
+__all__ = ["ArdisSystem"]
 
 Array = NDArray[np.float64]
 
@@ -167,7 +167,7 @@ class ArdisSystem(System[ArdisProblem, ArdisOutcome]):
     """A wheelchair with an arm, moved by one stick, with each drive that has a recording of it."""
 
     schema = ArdisProblem
-    shown = ("rehab_opt.session.ardis.table", "rehab_opt.session.ardis.figures", "rehab_opt.session.ardis.figures")
+    shown = ("rehab_opt.session.ardis.table", "rehab_opt.session.ardis.figures")
     options = frozenset({"plant", "solver"})
     solver_key = "run.solver"
     rate_key = "run.rate_hz"

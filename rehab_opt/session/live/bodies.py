@@ -15,7 +15,6 @@ from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.kinematics.link_capsules import LinkCapsule
 
 __all__ = [
-    "AMBER",
     "ARM_PLOTS",
     "BLUE",
     "GREEN",

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from rehab_opt.kinematics.vr import Mirror
 from rehab_opt.published.astar import AStarPath
 from rehab_opt.session.clearance import NearestBodies
+from rehab_opt.session.metrics import turn_angles
 from rehab_opt.session.outcome import Column, Columns, MovementOutcome, joint_columns, point_columns, stacked
 from rehab_opt.session.plant.loop import JointMotion
 
@@ -73,8 +74,7 @@ class Led:
     @property
     def turn(self) -> Array:
         """(M,) [rad] of the tool from the reference's orientation."""
-        chord = np.linalg.norm(self.tool[:, :3, :3] - self.reference[:, :3, :3], axis=(1, 2)) / (2 * np.sqrt(2))
-        return np.asarray(2 * np.arcsin(np.minimum(chord, 1.0)))
+        return turn_angles(self.tool[:, :3, :3], self.reference[:, :3, :3])
 
 
 class Drive(NamedTuple):

@@ -27,7 +27,7 @@ from rehab_opt.session.refusals import refused_as
 from rehab_opt.session.robot_file import pose_of
 from rehab_opt.session.schema import Side
 
-__all__ = ["Scene", "hand_axes", "laid_out", "path_notes", "patient_mirror"]
+__all__ = ["Scene", "laid_out", "path_notes"]
 
 Array = NDArray[np.float64]
 

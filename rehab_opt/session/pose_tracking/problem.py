@@ -11,7 +11,7 @@ from rehab_opt.session.clearance import ClearanceSection
 from rehab_opt.session.plant.tables import JointPlant
 from rehab_opt.session.schema import Problem, Section, SolverName, Triple, refusal
 
-__all__ = ["CircleSection", "PoseTracking", "RobotSection", "TrackerSection"]
+__all__ = ["CircleSection", "PoseTracking", "RobotSection"]
 
 MOST_TICKS = 2_000_000
 UR5_JOINTS = 6

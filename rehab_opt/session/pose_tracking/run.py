@@ -19,7 +19,7 @@ from rehab_opt.session.clearance import AmongMoving, NearestBodies, nearest_bodi
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.live.bodies import ARM_PLOTS, BLUE, ORANGE, ArmBodies, joint_rows, screen
 from rehab_opt.session.live.problem import Following, LiveControl, LiveInputs, LiveProblem
-from rehab_opt.session.metrics import error_metrics, joint_metrics, status_counts, time_metrics
+from rehab_opt.session.metrics import error_metrics, joint_metrics, status_counts, time_metrics, turn_angles
 from rehab_opt.session.outcome import Column, MovementOutcome, Progress, joint_columns, point_columns
 from rehab_opt.session.plant.loop import JointMotion, simulate
 from rehab_opt.session.plant.making import device_of, joint_feedback, joint_plant, plant_note
@@ -27,7 +27,7 @@ from rehab_opt.session.pose_tracking.problem import PoseTracking
 from rehab_opt.session.pose_tracking.robot import circle_reference, robot_at_start, robot_files, tracker_of
 from rehab_opt.session.systems import Needed, System
 
-__all__ = ["LivePoseTracking", "PoseTrackingSystem", "RobotOutcome"]
+__all__ = ["PoseTrackingSystem", "RobotOutcome"]
 
 Array = NDArray[np.float64]
 
@@ -140,14 +140,6 @@ class RobotOutcome(MovementOutcome):
             yield from joint_columns("velocity", self.chain, self.motion.velocity, "rad_s")
 
 
-def _angles(rotations: Array, references: Array) -> Array:
-    """(N,) [rad] angle of the rotation between two orientations, exact for small ones too."""
-    difference = rotations - references  # |R - S| = 2 sqrt(2) sin(angle / 2), Frobenius norm
-    chord: Array = np.linalg.norm(difference, axis=(1, 2)) / (2 * math.sqrt(2))
-    angles: Array = 2 * np.arcsin(np.minimum(chord, 1.0))
-    return angles
-
-
 class PoseTrackingSystem(System[PoseTracking, RobotOutcome]):
     """A simulated robot that follows a circle with `PoseTracker`."""
 
@@ -179,7 +171,7 @@ class PoseTrackingSystem(System[PoseTracking, RobotOutcome]):
         times, command, scales = live.dt * np.arange(len(poses), dtype=np.float64), ran.values, ran.scales
         tool = np.array([robot.pose(q) for q in ran.q])
         position_error = np.linalg.norm(tool[:, :3, 3] - poses[:, :3, 3], axis=1)
-        orientation_error = _angles(tool[:, :3, :3], poses[:, :3, :3])
+        orientation_error = turn_angles(tool[:, :3, :3], poses[:, :3, :3])
         acceleration = np.abs(np.diff(command, axis=0, prepend=np.zeros((1, robot.n)))) * rate
         near = nearest_bodies(problem.clearance, loaded.file, robot, ran.q, times)
         moving = np.maximum(np.linalg.norm(twists[:, :3], axis=1), np.linalg.norm(twists[:, 3:], axis=1)) >= MOVING

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from rehab_opt.field.demonstration import Demonstration
 from rehab_opt.session.drawing import GRID, MM, framed, legend_below
-from rehab_opt.session.scenario.measures import REACHES
 from rehab_opt.session.scenario.outcome import ScenarioOutcome
 from rehab_opt.session.scenario.plane_drawing import (
     Box,
@@ -24,9 +23,10 @@ from rehab_opt.session.scenario.plane_drawing import (
     seen_box,
     shown_box,
 )
+from rehab_opt.session.scenario.problem import THERAPY
 from rehab_opt.session.workspaces.shown import region_path
 
-__all__ = ["field_figure", "force_colours", "gated_forces", "learnt_figure", "most_telling"]
+__all__ = ["field_figure", "force_colours", "gated_forces", "learnt_figure"]
 
 Array = NDArray[np.float64]
 
@@ -48,7 +48,7 @@ FINE, COARSE = 161, 21
 def field_figure(outcome: ScenarioOutcome) -> Figure:
     """Colours say how large the wanted force is, arrows its direction, for a hand at rest."""
     mapped = outcome.demonstrated is not None
-    acts = "none within $W_c$" if outcome.mode in REACHES else "within $W_c$; outside there is only a pull back into it"
+    acts = "none within $W_c$" if outcome.mode in THERAPY else "within $W_c$; outside there is only a pull back into it"
     leads = "to the nearest of them" if len(outcome.fields) > 1 else "there"
     box = shown_box(_corners(outcome, everything=False))
     height = 2.4 + (4.6 if mapped else 5.4) * np.clip((box[1][1] - box[1][0]) / (box[0][1] - box[0][0]), 0.5, 1.2)
@@ -77,7 +77,7 @@ def gated_forces(outcome: ScenarioOutcome, points: Array) -> Array:
     NaN beyond W_r, where no hand comes, and outside W_c in "follow" and "hold", where there is only a pull back.
     """
     forces, inside = _forces(outcome, points), np.asarray(outcome.comfortable.contains(points))
-    if outcome.mode not in REACHES:
+    if outcome.mode not in THERAPY:
         return np.where(inside[:, None], forces, np.nan)
     there = np.asarray(outcome.reachable.contains(points)) | inside
     return np.where(there[:, None], np.where(inside[:, None], 0.0, forces), np.nan)
@@ -99,7 +99,7 @@ def _draw_sizes(axes: Axes, outcome: ScenarioOutcome, box: Box) -> None:
     """Colours, cut exactly where the force ends: along the edge of W_r, or of W_c."""
     x, y, points = grid_points(box, FINE)
     size = np.linalg.norm(_forces(outcome, points), axis=1).reshape(len(y), len(x))
-    therapy, most = outcome.mode in REACHES, outcome.force_limit
+    therapy, most = outcome.mode in THERAPY, outcome.force_limit
     mesh = axes.pcolormesh(
         MM * x, MM * y, np.minimum(size, most), cmap=force_colours(), vmin=0, vmax=most, shading="nearest", zorder=1.5
     )

@@ -7,10 +7,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from rehab_opt.session.drawing import GRID, LIMIT, MM, REFERENCE, framed, legend_below
+from rehab_opt.session.drawing import CLOSE_UP, GRID, LIMIT, MM, REFERENCE, TOLD, TRUE, framed, legend_below
 from rehab_opt.session.scenario.field_figures import field_figure, learnt_figure
 from rehab_opt.session.scenario.laws import BOUNDED
-from rehab_opt.session.scenario.measures import REACHES
 from rehab_opt.session.scenario.outcome import HelperTrace, Law, ScenarioOutcome, Trial, thinned_ticks
 from rehab_opt.session.scenario.parameter_figures import along_figure, parameter_figure
 from rehab_opt.session.scenario.plane_drawing import (
@@ -21,6 +20,7 @@ from rehab_opt.session.scenario.plane_drawing import (
     seen_box,
     shown_box,
 )
+from rehab_opt.session.scenario.problem import THERAPY
 from rehab_opt.session.scenario.trials_figures import deviation_figure, trials_figure
 
 __all__ = ["figures"]
@@ -42,7 +42,7 @@ def figures(outcome: ScenarioOutcome) -> dict[str, Figure]:
         drawn["learnt"] = learnt_figure(outcome)
     if outcome.mode != "hold":
         drawn["parameters"] = parameter_figure(outcome)
-    if outcome.mode not in REACHES:
+    if outcome.mode not in THERAPY:
         drawn["deviation"] = deviation_figure(outcome)
     if outcome.mode == "resist":
         drawn["along"] = along_figure(outcome)
@@ -74,7 +74,7 @@ def compared(outcome: ScenarioOutcome) -> tuple[tuple[str, str, float], ...]:
         ("speed, mean [mm/s]", "speed_mean_m_s", MM),
         ("smoothness, SPARC\n(nearer 0 is smoother)", "smoothness_sparc", 1.0),
     )
-    if outcome.mode in REACHES:
+    if outcome.mode in THERAPY:
         outside = ("deviation outside $W_c$,\nmean [mm]", "deviation_outside_mean_m", MM)
         return (outside, *whole[1:], ("distance to the target\nat the end [mm]", "final_distance_m", MM))
     return (*whole, ("path covered\nin order [%]", "reference_covered_share", PERCENT))
@@ -176,11 +176,6 @@ def _over_time(axes: Axes, trial: Trial, values: dict[str, Array], ticks: NDArra
         size = of if of.ndim == 1 else np.linalg.norm(of, axis=1)
         axes.plot(trial.time[ticks], size[ticks], style, color=colour, linewidth=1.2, label=name)
     axes.grid(**GRID)
-
-
-TRUE, TOLD = "#0072B2", "#E69F00"
-CLOSE_UP = 0.5
-"""[s] shown around the fastest motion."""
 
 
 def late_trial(outcome: ScenarioOutcome) -> Trial | None:

@@ -21,16 +21,15 @@ from rehab_opt.measures.smoothness import spectral_arc_length
 from rehab_opt.measures.speed import mean_speed, peak_speed
 from rehab_opt.session.metrics import finite
 from rehab_opt.session.scenario.outcome import Trial
+from rehab_opt.session.scenario.problem import THERAPY
 
-__all__ = ["COVERED", "REACHES", "deviation_of", "law_summary", "time_to_zero_force", "trial_measures"]
+__all__ = ["COVERED", "deviation_of", "law_summary", "time_to_zero_force", "trial_measures"]
 
 Array = NDArray[np.float64]
 
 Ticks = NDArray[np.bool_]
 Numbers = dict[str, Any]
 
-REACHES: tuple[Mode, ...] = ("stretch", "assist", "resist")
-"""Modes in which one place is to be reached; in the others a path is to be followed, or places held."""
 COVERED = 0.95
 """Share of a path that must be covered in order for a trial to succeed."""
 LETTING_GO = (Status.RELEASING, Status.RELEASED)
@@ -139,7 +138,7 @@ def _motion(trial: Trial, mode: Mode, counts: Ticks) -> Numbers:
         "duration_s": float(trial.time[-1] - trial.time[0]),
         "path_length_m": path_length(trial.position),
         # Of a reach that fell short, the way to the target would flatter: the straight line ends where the hand did.
-        "path_length_ratio": finite(path_ratio(trial.position, None if mode in REACHES else trial.intended)),
+        "path_length_ratio": finite(path_ratio(trial.position, None if mode in THERAPY else trial.intended)),
     }
 
 
@@ -150,7 +149,7 @@ def _arrival(  # noqa: PLR0917  (what the trial was judged by)
     to_target = (
         aimed if target is None or mode == "hold" else np.linalg.norm(trial.position - np.asarray(target), axis=1)
     )
-    on_target = counts & ((to_target if mode in REACHES else aimed) <= within)
+    on_target = counts & ((to_target if mode in THERAPY else aimed) <= within)
     last = float(to_target[counts][-1]) if counts.any() else math.nan
     reached_share = _reached_share(trial, on_target) if mode == "hold" else None
     first = np.flatnonzero(on_target)
@@ -159,7 +158,7 @@ def _arrival(  # noqa: PLR0917  (what the trial was judged by)
     return {
         "success": bool(trial.ended == "done" and met),
         "final_distance_m": finite(last),
-        "time_to_target_s": float(trial.time[first[0]] - trial.time[0]) if mode in REACHES and len(first) else None,
+        "time_to_target_s": float(trial.time[first[0]] - trial.time[0]) if mode in THERAPY and len(first) else None,
         "time_on_target_s": float(on_target.sum() * _tick(trial)),
         "time_on_target_share": float(on_target.sum() / counts.sum()) if counts.any() else None,
         "goals_reached_share": reached_share,

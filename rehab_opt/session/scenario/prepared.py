@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from rehab_opt.errors import ConfigurationError, ProblemFileError
 from rehab_opt.field.demonstration import Demonstration
 from rehab_opt.field.potential import PotentialField
+from rehab_opt.measures.path import path_length
 from rehab_opt.plants.intention import Intention, held, nearest_next, reached, traced
 from rehab_opt.recordings.recording import size_note
 from rehab_opt.session.files import ProblemFile
@@ -24,7 +25,7 @@ from rehab_opt.workspace.controller_map import ControllerMap
 from rehab_opt.workspace.mapping import WorkspaceMap
 from rehab_opt.workspace.region import Workspace
 
-__all__ = ["FieldNumbers", "Prepared", "given_path", "prepared", "refuse_outside"]
+__all__ = ["FieldNumbers", "Prepared", "given_path", "prepared"]
 
 Array = NDArray[np.float64]
 
@@ -52,8 +53,7 @@ def given_path(loaded: ProblemFile[ScenarioProblem]) -> tuple[Array | None, list
         )
         points = placed[:, :2]
         notes = [f"{recording.file}: {note}" for note in (*recording.notes, size_note(recording))]
-    length = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
-    if loaded.problem.mode != "hold" and not length >= SHORTEST:
+    if loaded.problem.mode != "hold" and not (length := path_length(points)) >= SHORTEST:
         key, value = _path_key(loaded.problem), f"a path of {1e3 * length:.3g} mm"
         raise ProblemFileError(loaded.file, key, value, "1 mm or more")
     return sets.placement_of(arm).to_robot(points), notes
@@ -195,8 +195,7 @@ def _fields(problem: ScenarioProblem, path: Array) -> tuple[PotentialField, ...]
     if problem.mode == "hold":
         return tuple(make(point[None, :]) for point in path)
     if problem.mode == "resist":
-        length = float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
-        drag = said.resistance_N / (2 * length)  # so that the force at the end is what was asked for
+        drag = said.resistance_N / (2 * path_length(path))  # so that the force at the end is what was asked for
         return (make(path, drag=drag, drag_along="travelled"),)
     rests = problem.mode == "assist"  # the others have no end to come to rest at
     return (make(path, drag=said.drag_N_m, rest_on_target=rests),)

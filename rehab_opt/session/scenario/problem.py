@@ -25,10 +25,10 @@ from rehab_opt.session.schema import (
 )
 from rehab_opt.session.workspaces.sections import ArmInPlane
 
-__all__ = ["REACHES", "THERAPY", "FieldSection", "PersonSection", "RobotSection", "ScenarioProblem", "TaskSection"]
+__all__ = ["REACHES", "THERAPY", "RobotSection", "ScenarioProblem"]
 
 THERAPY: tuple[Mode, ...] = ("stretch", "assist", "resist")
-"""Modes that go beyond the comfortable workspace."""
+"""Modes that go beyond the comfortable workspace, to one place; in others a path is followed, or places are held."""
 REACHES: tuple[Mode, ...] = ("assist", "resist")
 """Modes that are over when the end of the reference is reached."""
 LEARNT: tuple[Mode, ...] = ("stretch", "assist")

@@ -27,7 +27,7 @@ from rehab_opt.session.scenario.run import law_of, run_scenario, scene_of
 from rehab_opt.session.systems import Needed, System
 from rehab_opt.workspace.region import Workspace
 
-__all__ = ["LiveScenario", "ScenarioSystem"]
+__all__ = ["ScenarioSystem"]
 
 Array = NDArray[np.float64]
 

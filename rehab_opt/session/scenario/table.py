@@ -8,8 +8,9 @@ from rich.table import Table
 from rich.text import Text
 
 from rehab_opt.control.gate import Mode
-from rehab_opt.session.scenario.measures import REACHES, law_summary
+from rehab_opt.session.scenario.measures import law_summary
 from rehab_opt.session.scenario.outcome import ScenarioOutcome
+from rehab_opt.session.scenario.problem import THERAPY
 from rehab_opt.session.shown import Cell, Numbers, Rows, law_table
 
 __all__ = ["brief", "table"]
@@ -87,7 +88,7 @@ def _success(of: Numbers) -> str:
 
 def _groups(mode: Mode, *, pairs: bool) -> list[tuple[str, list[tuple[str, Cell]]]]:
     """Headings and rows: what says nothing about a mode is left out."""
-    reaches, holds = mode in REACHES, mode == "hold"
+    reaches, holds = mode in THERAPY, mode == "hold"
     deviation: list[tuple[str, Cell]] = [
         ("mean, mm", _number("deviation_mean_m", scale=MM)),
         ("root mean square, mm", _number("deviation_rms_m", scale=MM)),

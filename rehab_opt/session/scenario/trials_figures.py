@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from rehab_opt.measures.along_path import projected
 from rehab_opt.session.drawing import GRID, LIMIT, MM, REFERENCE, framed, legend_below
-from rehab_opt.session.scenario.measures import REACHES, deviation_of
+from rehab_opt.session.scenario.measures import deviation_of
 from rehab_opt.session.scenario.outcome import Law, ScenarioOutcome, Trial, thinned_ticks
 from rehab_opt.session.scenario.plane_drawing import (
     COMFORTABLE,
@@ -24,6 +24,7 @@ from rehab_opt.session.scenario.plane_drawing import (
     seen_box,
     shown_box,
 )
+from rehab_opt.session.scenario.problem import THERAPY
 
 __all__ = ["deviation_figure", "largest_between", "trials_figure"]
 
@@ -59,7 +60,7 @@ def trials_figure(outcome: ScenarioOutcome) -> Figure:
     grid[0, 0].plot([], [], color=REFERENCE, linewidth=0.8, alpha=0.6, label="one trial")
     grid[0, 0].plot([], [], color=REFERENCE, linewidth=2.2, label="mean of the trials")
     grid[0, 0].plot([], [], color=LIMIT, linewidth=2.0, linestyle=":", label="largest force allowed")
-    if outcome.mode in REACHES:
+    if outcome.mode in THERAPY:
         grid[0, 0].fill_between([], [], color=COMFORTABLE, alpha=0.2, label="share of trials whose hand is in $W_c$")
     legend_below(figure, grid[0, 0], 4)
     return figure
@@ -98,7 +99,7 @@ def _draw_paths(axes: Axes, outcome: ScenarioOutcome, law: Law) -> None:
 
 
 def _draw_force(axes: Axes, outcome: ScenarioOutcome, law: Law) -> None:
-    if outcome.mode in REACHES:
+    if outcome.mode in THERAPY:
         trials = outcome.trials[law]
         time, inside = mean_over_trials(trials, [trial.inside.astype(np.float64) for trial in trials])
         axes.fill_between(

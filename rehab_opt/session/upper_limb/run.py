@@ -14,6 +14,7 @@ from rehab_opt.control.arm_ik import ArmIK
 from rehab_opt.control.command import Status
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import SerialChain
+from rehab_opt.measures.path import path_length
 from rehab_opt.recordings.recording import size_note
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.metrics import (
@@ -185,7 +186,6 @@ class UpperLimbSystem(System[UpperLimb, ArmOutcome]):
         progress("drive", len(runs), len(runs))
         shares = (None, None) if reachable is None else path_shares(path, reachable)
         within_reach = reachable is not None and bool(reachable.all())
-        length = float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
         return ArmOutcome(
             chain=arm,
             time=recording.time,
@@ -198,7 +198,7 @@ class UpperLimbSystem(System[UpperLimb, ArmOutcome]):
             metrics={
                 "samples": len(path),
                 "duration_s": recording.duration,
-                "path_length_m": length,
+                "path_length_m": path_length(path),
                 "reachable_share_of_length": shares[0],
                 "reachable_share_of_time": shares[1],
                 **{result.law: dict(result.metrics) for result in results},

@@ -23,14 +23,7 @@ from rehab_opt.workspace.reach_rows import GROUPS, task_title
 from rehab_opt.workspace.reachability import ReachabilityMap
 from rehab_opt.workspace.variation import reachability_map, varied_ranges
 
-__all__ = [
-    "GroupResult",
-    "RecordedSection",
-    "UsedRangesOutcome",
-    "UsedRangesProblem",
-    "UsedRangesSystem",
-    "VariationSection",
-]
+__all__ = ["GroupResult", "UsedRangesOutcome", "UsedRangesProblem", "UsedRangesSystem"]
 
 
 Zero = Annotated[

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.errors import ConfigurationError, ProblemFileError
+from rehab_opt.measures.path import path_length
 from rehab_opt.recordings.recording import Recording, size_note
 from rehab_opt.session.arm_keys import RangeOfMotion
 from rehab_opt.session.files import ProblemFile
@@ -25,16 +26,7 @@ from rehab_opt.session.workspaces.run import plane_notes, workspace_metrics
 from rehab_opt.session.workspaces.sections import ArmInPlane, ranges_by_name
 from rehab_opt.workspace.mapping import WorkspaceMap
 
-__all__ = [
-    "ENDS",
-    "ArmOfSet",
-    "WorkspaceMapSystem",
-    "arm_of_set",
-    "direction_metrics",
-    "map_metrics",
-    "mapped_set_metrics",
-    "placed_trajectory",
-]
+__all__ = ["ENDS", "WorkspaceMapSystem"]
 
 Array = NDArray[np.float64]
 
@@ -184,22 +176,18 @@ def _path_metrics(path: CarriedPath, direction: MapDirection) -> dict[str, Any]:
     numbers: dict[str, Any] = {
         "samples": len(path.before),
         "outside_start_share": float(np.mean(~inside)),
-        "length_before_m": _length(path.before),
+        "length_before_m": path_length(path.before),
     }
     for made in direction.maps:
         if made.mapped is None:
             continue
         after = path.after[made.rule]
         numbers[made.rule] = {
-            "length_after_m": _length(after),
+            "length_after_m": path_length(after),
             "outside_end_share": float(np.mean(~np.asarray(direction.end.reached.workspace.contains(after)))),
             "folded_share": float(np.mean(~(np.linalg.det(made.mapped.jacobian(path.before)) > 0))),
         }
     return numbers
-
-
-def _length(points: Array) -> float:
-    return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
 
 
 class WorkspaceMapSystem(System[WorkspaceMapProblem, MapOutcome]):

@@ -11,7 +11,7 @@ from pydantic_core import PydanticCustomError
 from rehab_opt.session.arm_keys import OneRange, OwnRange, RangeOfMotion, SegmentsSection, form_of_range
 from rehab_opt.session.schema import NAME, NAMED, TABLE, Length, Section, Side, Triple
 
-__all__ = ["AnyTilt", "ArmInPlane", "ArmOfOneRange", "ArmOfRanges", "NamedRanges", "OneRange", "ranges_by_name"]
+__all__ = ["ArmInPlane", "ArmOfOneRange", "ArmOfRanges", "OneRange", "ranges_by_name"]
 
 LONGEST_NAME = 40
 

@@ -1,32 +1,32 @@
-"""The wanted motion is within its rows and nearest to what is asked: by multipliers of the test's own."""
+"""The reference velocity is within its rows and nearest to what is asked: by multipliers of the test's own."""
 
 import casadi as ca
 import numpy as np
 import pytest
 from scipy.optimize import nnls
 
+from rehab_opt.control.reference_velocity import ReferenceVelocity
 from rehab_opt.control.stopping import FAR
-from rehab_opt.control.wanted import WantedVelocity
+from rehab_opt.symbolic.tick import Tick
 
 N, M = 6, 4
 
 
 def held() -> ca.Function:
-    """Task, wanted motion, stopping speeds, drift and last velocity, rows -> the wanted motion within both."""
-    nothing = ca.SX.zeros(N)
-    matrix, rows = ca.SX.sym("J", 6, N), ca.SX.sym("R", M, N)
-    of = WantedVelocity(
-        matrix, ca.SX.sym("v", 6), ca.SX(1), nothing, None, np.ones(N), np.zeros(N, dtype=bool), rows,  # type: ignore[arg-type]
-        ca.SX.sym("r", M), ca.SX(0, 1),
-    )  # fmt: skip
-    return of.hold(ca.DM.eye(N))[0]
+    """J, v, velocity without bounds, stopping speeds, drift, last velocity, R, r -> velocity within both, its twist."""
+    sizes = {"v": 6, "free": N, "low": N, "high": N, "drift": N, "last": N}
+    twist, free, low, high, drift, last = (ca.SX.sym(name, size) for name, size in sizes.items())
+    matrix, rows, upper, tick = ca.SX.sym("J", 6, N), ca.SX.sym("R", M, N), ca.SX.sym("r", M), Tick()
+    of = ReferenceVelocity(matrix, twist, drift, None, np.ones(N), np.zeros(N, dtype=bool), rows, upper)  # type: ignore[arg-type]
+    inputs = [ca.vec(matrix), twist, free, low, high, drift, last, ca.vec(rows), upper]
+    return tick.function("held", inputs, [of.held(tick, free, low, high, last)])
 
 
 HELD = held()
 
 
 @pytest.mark.parametrize("parallel", [0.0, 0.03, 1.0])
-def test_wanted_motion_is_the_nearest_one_within_its_rows(parallel: float) -> None:
+def test_reference_is_the_nearest_one_within_its_rows(parallel: float) -> None:
     rng = np.random.default_rng(int(100 * parallel))
     active = several = 0
     for _ in range(300):
@@ -37,12 +37,9 @@ def test_wanted_motion_is_the_nearest_one_within_its_rows(parallel: float) -> No
         rows[3] = rows[2] + parallel * rng.standard_normal(N)
         rows *= np.where(rows @ free < 0, -1.0, 1.0)[:, None]  # all of them are in the way
         most = np.abs(rows @ free) * rng.choice([0.0, 0.5, 2.0], M) - 1e-3 * rng.random(M)
-        told = (
-            np.r_[matrix.T.ravel(), asked],
-            np.r_[free, asked],
-            np.r_[-FAR * np.ones(N), FAR * np.ones(N), np.zeros(N), 0.05 * rng.standard_normal(N)],
-        )
-        velocity = np.array(HELD(*told, np.r_[rows.T.ravel(), most])).ravel()[:N]
+        last = 0.05 * rng.standard_normal(N)
+        inputs = matrix.T.ravel(), asked, free, -FAR * np.ones(N), FAR * np.ones(N), np.zeros(N), last
+        velocity = np.array(HELD(*inputs, rows.T.ravel(), most)).ravel()[:N]
         assert np.all(rows @ velocity <= most + 1e-8)
         met = rows @ velocity > most - 1e-7
         downhill = matrix.T @ (asked - matrix @ velocity)

@@ -1,0 +1,201 @@
+"""Joint velocities for a twist when speed is no matter: damped at singular poses, joints at their limits held."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from rehab_opt.control.damped import DAMPING, PASSES, Bend, bent_velocity, damped_velocity
+from rehab_opt.control.stopping import FAR, VelocityBounds
+from rehab_opt.optim.active_set import active_set_round
+from rehab_opt.optim.certificate import clipped
+from rehab_opt.optim.dual_active_set import dual_active_set
+from rehab_opt.optim.qp import Statement
+from rehab_opt.optim.qrqp import qrqp
+from rehab_opt.optim.rows import PLAUSIBLE, parameter, variable, within
+from rehab_opt.symbolic.tick import Tick
+
+__all__ = ["ReferenceVelocity"]
+
+CLAIM_TOLERANCE = 1e-6
+"""[rad/s] How far a claimed bounded answer may move on."""
+ROW_PASSES = 2
+"""Of the closed form with one row active: it is used away from singular poses, where the damping hardly errs."""
+INSIDE = 1e-9
+"""[rad/s] By how much the reference stays inside its rows."""
+MISSED = 1e-2
+"""Fraction of the twist from which on the reference leaves some of it: damped more then."""
+CALMING = 0.1
+"""[m s] What rows leave is an error that stays, and the way to its least bends: by a hand's curve (`damped`), about its
+reach, and by its limits', which is not known here. Where that is not counted, joints near a stretched elbow or at a
+curved limit swing past the least and back for good. Damping by a metre for what is left of a metre's error, at the rate
+of feedback (20 /s in ticks of 20 ms), counts it; `PASSES` undo two thirds."""
+MOMENTUM = 0.8
+"""Fraction of the last velocity that `CALMING` is about, as of Polyak's heavy ball (1964). About rest, what hardly
+changes the error, as a turn of a wrist that counts little, would creep for tens of seconds; so it goes on
+1 / (1 - `MOMENTUM`) times as fast, in ticks of any length. Nor does it swing more: with a fraction s of the last
+velocity kept, a tick's motion may be up to 2 (1 + s) times the way to the least until it does, not 2 times."""
+
+Excess = Callable[[ca.SX, ca.SX, ca.SX, ca.SX], ca.SX | None]
+
+
+class ReferenceVelocity(NamedTuple):
+    """Joint velocities that a controller's task asks for, before they are slowed to its bounds; in expressions.
+
+    Where a joint would move faster than it can still stop at its position limit, they are those of
+
+    min |J q' - v|^2 + damping |q' - drift|^2    s.t.  q' within the speeds from which the joints can still stop,
+                                                       R q' <= r,
+
+    iterated as `damped_velocity` is; that solve is left out where no joint is near its limit and no row is reached.
+    Where rows leave some of v undone, the damping grows with it (`CALMING`), as in Sugihara's Levenberg-Marquardt.
+    Without it, keeping the direction of an undeliverable motion would stop the arm where going on to the nearest pose
+    is wanted.
+    """
+
+    jacobian: ca.SX
+    """(k, n) J"""
+    twist: ca.SX
+    """(k,) v"""
+    drift: ca.SX
+    """(n,) joint velocity where the twist leaves it free."""
+    bounds: VelocityBounds
+    speed: NDArray[np.float64]
+    """(n,) velocity limits."""
+    locked: NDArray[np.bool_]
+    """(n,) joints that cannot move at all."""
+    rows: ca.SX
+    """(m, n) R"""
+    upper: ca.SX
+    """(m,) r"""
+
+    def stated(self, tick: Tick, q: ca.SX, last: ca.SX, *, excess: Excess, bend: Bend) -> tuple[ca.SX, ca.SX]:
+        """(n,) velocities at q (n,) after `last` (n,), and the twist (k,) that they deliver.
+
+        Where `excess` of q, Jacobian, these velocities and the last ones is above 1, they are slowed by it. `bend` says
+        how the hand's twist changes (`damped`); with rows, which that does not know, it is not used.
+        """
+        n = q.numel()
+        free = damped_velocity(self._moving, self.twist, self.drift)
+        # A limit that is felt only above the velocity limit is not why a joint is held: the whole motion slows down.
+        low = ca.if_else(self.bounds.stop_lower <= -self.speed, -FAR, self.bounds.stop_lower)
+        high = ca.if_else(self.bounds.stop_upper >= self.speed, FAR, self.bounds.stop_upper)
+        free, low, high = tick.once((free, low, high))
+        leaves = ca.sum1(ca.vertcat(free > high, free < low, self.rows @ free > self.upper)) > 0
+        finite = ca.sumsqr(ca.vertcat(q, free)) <= PLAUSIBLE**2  # no solver sees what cannot be used
+        motion = tick.when(
+            ca.logic_and(leaves, finite), lambda: self.held(tick, free, low, high, last), self._delivered(free)
+        )
+        if not self.rows.size1():
+            misses = ca.sumsqr(self.twist - motion[n:]) > MISSED**2 * ca.sumsqr(self.twist)
+            motion = tick.when(misses, lambda: self._bent(last, motion, low, high, bend), motion)
+        factor = excess(q, self.jacobian, motion[:n], last)
+        if factor is not None:
+            motion = tick.once(motion / ca.fmax(factor, 1))
+        return motion[:n], motion[n:]
+
+    def held(self, tick: Tick, free: ca.SX, low: ca.SX, high: ca.SX, last: ca.SX) -> ca.SX:
+        """(n + k,) velocities within stopping speeds (n,) and rows, and their twist; `free` are those without."""
+        low, high = (ca.DM(~self.locked) * each for each in (low, high))
+        if not self.rows.size1():
+            return self._held_joints(tick, free, low, high)
+        (k, n), m = self.jacobian.shape, self.rows.size1()
+        solver = _solver(n, k, m)
+        task = ca.vertcat(ca.vec(ca.densify(self.jacobian)), self.twist)
+        rows = ca.vertcat(ca.vec(ca.densify(self.rows)), self.upper)
+
+        def solved(about: ca.SX, damping: ca.SX | float) -> ca.SX:
+            """Certified by the multipliers: rows leave no other way to tell a solution."""
+            found = ca.vertcat(about, 0)
+            for _ in range(PASSES):
+                (found,) = tick.call(solver, task, found[:n], low, high, rows, ca.SX(damping))
+            return self._delivered(ca.if_else(found[-1] <= CLAIM_TOLERANCE, found[:n], clipped(free, low, high)))
+
+        closed, right = self._by_the_first_row(low, high)
+        motion = tick.when(right, closed, lambda: solved(self.drift, DAMPING))
+        left = ca.norm_2(self.twist - motion[n:]) - MISSED * ca.norm_2(self.twist)
+        calm = self.drift + MOMENTUM * (last - self.drift)
+        return tick.when(left > 0, lambda: solved(calm, DAMPING + CALMING * left), motion)
+
+    def _held_joints(self, tick: Tick, free: ca.SX, low: ca.SX, high: ca.SX) -> ca.SX:
+        """Without rows: the claim where it is the bounded QP's solution, else the free answer moved into the bounds."""
+        n = free.numel()
+        h, (g, lower, upper) = ca.MX.sym("h", n, n), (ca.MX.sym(name, n) for name in ("g", "lower", "upper"))
+        found = qrqp("bounded", n, 0)(h=h, g=g, lbx=lower, ubx=upper)["x"]
+        solver = ca.Function("bounded", [h, g, lower, upper], [found])
+        claim = self.drift
+        for _ in range(PASSES):
+            hessian, gradient = tick.once(self._model(claim))
+            (claim,) = tick.call(solver, hessian, gradient, low, high)
+        # A solution stays where it is when it goes down the slope and back into the bounds; NaN fails.
+        there = clipped(claim - hessian @ claim - gradient, low, high)
+        fixed = ca.sumsqr(there - claim) <= CLAIM_TOLERANCE**2
+        return self._delivered(ca.if_else(fixed, clipped(claim, low, high), clipped(free, low, high)))
+
+    def _by_the_first_row(self, low: ca.SX, high: ca.SX) -> tuple[ca.SX, ca.SX]:
+        """(n + k,) in closed form where the first row alone is active, the usual case; and 1 where it is right."""
+        x, normal = self.drift, self.rows[0, :].T
+        hessian, _ = self._model(x)
+        diagonal, factor, order = ca.ldl(ca.densify(hessian), False)
+        towards = ca.ldl_solve(ca.densify(normal), diagonal, factor, order)
+        stiffness = ca.fmax(ca.dot(normal, towards), 1e-12)
+        multiplier = ca.SX(0)
+        for _ in range(ROW_PASSES):
+            free = -ca.ldl_solve(ca.densify(self._model(x)[1]), diagonal, factor, order)
+            multiplier = (ca.dot(normal, free) - self.upper[0] + INSIDE) / stiffness
+            x = free - multiplier * towards
+        fits = ca.vertcat(x >= low, x <= high, self.rows @ x <= self.upper)
+        return self._delivered(x), ca.logic_and(multiplier >= 0, ca.sum1(fits) == fits.numel())  # NaN fails
+
+    def _bent(self, last: ca.SX, motion: ca.SX, low: ca.SX, high: ca.SX, bend: Bend) -> ca.SX:
+        """(n + k,) `bent_velocity` and its twist."""
+        n = last.numel()
+        bent = bent_velocity(
+            self.jacobian, self.twist, self.twist - motion[n:], velocity=motion[:n], others=[last], within=(low, high),
+            drift=self.drift, movable=self._movable, bend=bend,
+        )  # fmt: skip
+        return ca.vertcat(bent, self.jacobian @ bent)
+
+    def _model(self, about: ca.SX) -> tuple[ca.SX, ca.SX]:
+        """Hessian (n, n) and gradient (n,) of half the cost, damped about a velocity (n,)."""
+        hessian = self._moving.T @ self._moving + DAMPING * ca.SX.eye(about.numel())
+        return hessian, -(self._moving.T @ self.twist) - DAMPING * about
+
+    def _delivered(self, velocity: ca.SX) -> ca.SX:
+        """(n + k,) velocities and their twist."""
+        return ca.vertcat(velocity, self._moving @ velocity)
+
+    @property
+    def _movable(self) -> ca.DM:
+        """(n, n) 1 on the diagonal for joints that can move."""
+        return ca.diag(ca.sparsify(ca.DM(~self.locked)))
+
+    @property
+    def _moving(self) -> ca.SX:
+        """(k, n) the Jacobian of joints that can move."""
+        return ca.sparsify(self.jacobian @ self._movable)
+
+
+def _solver(n: int, k: int, m: int) -> ca.Function:
+    """Task, what the damping is about, low, high, rows, damping -> x, multipliers, and the certificate's residual."""
+    task, about, low, high = (
+        parameter("task", k * n + k),
+        parameter("about", n),
+        parameter("low", n),
+        parameter("high", n),
+    )
+    rows, damping = parameter("rows", m * n + m), parameter("damping", 1)
+    velocity = variable("velocity", n, lower=low, upper=high)
+    error = ca.reshape(task[: k * n], k, n) @ velocity.symbol - task[k * n :]
+    cost = ca.sumsqr(error) + damping * ca.sumsqr(velocity.symbol - about)
+    # Just inside the rows, so that rounding does not make the analytic answer look as if it were outside.
+    over = within(ca.reshape(rows[: m * n], m, n) @ velocity.symbol, -ca.inf, rows[m * n :] - INSIDE)
+    stated = Statement("bounded", [task, about, low, high, rows, damping], [velocity], cost / 2, [over])
+    exact = active_set_round(stated, looking=False, together=n, passes=2, softened=1e-13)
+    inputs = [ca.MX.sym("p", each.numel()) for each in stated.parameters]
+    full, memory = ca.vertcat(*inputs), ca.MX(0, 1)
+    return ca.Function("bounded", inputs, [exact(full, memory, dual_active_set(stated)(full, memory))[0]])

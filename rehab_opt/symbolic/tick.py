@@ -1,0 +1,263 @@
+"""Stages of one tick: what is evaluated once, and what only where it is needed, marked where it is written."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple, TypeVar, cast
+
+import casadi as ca
+
+__all__ = ["Tick"]
+
+Marked = TypeVar("Marked")
+
+
+class Tick:
+    """Marks in the expressions of one tick.
+
+    `once(value)` gives symbols that stand for a value: it is evaluated once a tick, however often they are used.
+    `when(condition, value, otherwise)` evaluates one of the two alone, and `call(function, ...)` a function that may
+    branch itself. What is evaluated after what, and what is handed on, follows from what depends on what:
+    `function` derives it.
+    """
+
+    def __init__(self) -> None:
+        self._stages: list[_Once | _Call] = []
+
+    # ---------------------------------------------------------------------------------------------------- the marks
+    def once(self, value: Marked) -> Marked:
+        """Symbols for an expression, or for each of a tuple; constants stay as they are."""
+        if isinstance(value, tuple):
+            make = getattr(value, "_make", tuple)
+            return cast("Marked", make([self.once(each) for each in value]))
+        expression = ca.SX(cast("Any", value))
+        if expression.is_constant():
+            return cast("Marked", expression)
+        symbol = ca.SX.sym("once", expression.sparsity())
+        self._stages.append(_Once(_entries(symbol), _entries(expression)))
+        return cast("Marked", symbol)
+
+    def when(
+        self, condition: ca.SX, value: ca.SX | Callable[[], ca.SX], otherwise: ca.SX | Callable[[], ca.SX]
+    ) -> ca.SX:
+        """`value` where the condition holds, else `otherwise`, of the same shape; only that one is evaluated.
+
+        Each is an expression, or a function without arguments that gives one and may set marks of its own.
+        """
+        branches = [self._branch(each) for each in (value, otherwise)]
+        shape = branches[0].shape
+
+        def evaluated(condition: ca.MX, known: _Known) -> list[ca.MX]:
+            needed = known.holding(set[int]().union(*(each.free() for each in branches)))
+            made = [_function("branch", each.stages, [one.column for one in needed], [each.value]) for each in branches]
+            return [ca.Function.if_else("when", made[0], made[1])(condition, *(one.value for one in needed))]
+
+        column = ca.SX.sym("when", shape[0] * shape[1])
+        free = frozenset[int]().union(*(each.free() for each in branches))
+        self._stages.append(_Call([column], [ca.SX(condition)], lambda given, known: evaluated(given[0], known), free))
+        return ca.reshape(column, *shape)
+
+    def call(self, function: ca.Function, *arguments: ca.SX) -> tuple[ca.SX, ...]:
+        """Outputs of a function, which may branch, at expressions."""
+        shapes = [function.size_out(i) for i in range(function.n_out())]
+        into = [function.size_in(i) for i in range(function.n_in())]
+
+        def evaluated(given: list[ca.MX], _: _Known) -> list[ca.MX]:
+            shaped = [ca.reshape(each, *shape) for each, shape in zip(given, into, strict=True)]
+            return [ca.vec(each) for each in function.call(shaped)]
+
+        columns = [ca.SX.sym("call", rows * width) for rows, width in shapes]
+        self._stages.append(_Call(columns, [ca.densify(ca.vec(ca.SX(each))) for each in arguments], evaluated))
+        return tuple(ca.reshape(each, *shape) for each, shape in zip(columns, shapes, strict=True))
+
+    def _branch(self, value: ca.SX | Callable[[], ca.SX]) -> _Branch:
+        outer, self._stages = self._stages, []
+        try:
+            expression = ca.SX(value() if callable(value) else value)
+            return _Branch(self._stages, ca.densify(ca.vec(expression)), expression.shape)
+        finally:
+            self._stages = outer
+
+    # -------------------------------------------------------------------------------------------- what follows of them
+    def function(self, name: str, inputs: Sequence[ca.SX], outputs: Sequence[ca.SX]) -> ca.Function:
+        """Columns of symbols -> expressions of these and of marked symbols, which are evaluated on the way."""
+        return _function(name, self._stages, inputs, outputs)
+
+    def precomputed(
+        self, inputs: Sequence[ca.SX], expressions: Iterable[ca.SX], *, later: ca.SX
+    ) -> tuple[ca.SX, ca.Function]:
+        """Marked symbols on which expressions depend and that do not depend on `later`; and inputs -> their values.
+
+        One column each. With these and `later` as inputs, too, `function` gives the rest.
+        """
+        late, asked = _hashes(later), _hashes(*expressions)
+        for stage in self._stages:
+            if not late.isdisjoint(stage.free()):
+                late |= _hashes(*stage.columns)
+        for stage in reversed(self._stages):
+            if not asked.isdisjoint(late & _hashes(*stage.columns)):
+                asked |= stage.free()
+        return _column(self._stages, inputs, asked - late)
+
+
+@dataclass(frozen=True, eq=False)
+class _Once:
+    """A marked value."""
+
+    symbols: ca.SX
+    """(k,)"""
+    value: ca.SX
+    """(k,)"""
+
+    @property
+    def columns(self) -> list[ca.SX]:
+        return [self.symbols]
+
+    def free(self) -> set[int]:
+        return _hashes(self.value)
+
+
+@dataclass(frozen=True, eq=False)
+class _Call:
+    """A function that is not made of scalar expressions alone."""
+
+    columns: list[ca.SX]
+    """Symbols of its outputs."""
+    arguments: list[ca.SX]
+    """Columns."""
+    evaluated: Callable[[list[ca.MX], _Known], list[ca.MX]]
+    beside: frozenset[int] = frozenset()
+    """Symbols that it needs besides, as they come in columns."""
+
+    def free(self) -> set[int]:
+        return _hashes(*self.arguments) | self.beside
+
+
+class _Branch(NamedTuple):
+    """One of two expressions, as a column, and the marks in it."""
+
+    stages: list[_Once | _Call]
+    value: ca.SX
+    shape: tuple[int, int]
+
+    def free(self) -> set[int]:
+        """Symbols that come from outside."""
+        own = {each for stage in self.stages for each in _hashes(*stage.columns)}
+        return set[int]().union(_hashes(self.value), *(stage.free() for stage in self.stages)) - own
+
+
+class _Place(NamedTuple):
+    """A column of symbols that has a value by now."""
+
+    column: ca.SX
+    value: ca.MX
+
+
+class _Known(list[_Place]):
+    """Columns that have a value by now."""
+
+    def holding(self, symbols: set[int]) -> list[_Place]:
+        """Those in which one of the symbols is."""
+        return [place for place in self if not symbols.isdisjoint(_hashes(place.column))]
+
+    def slice_of(self, expression: ca.SX) -> ca.MX | None:
+        """The value of an expression that is a piece of one of them, without evaluating it."""
+        if not expression.numel():
+            return ca.MX(0, 1)
+        looked = [each.element_hash() if each.is_symbolic() else None for each in ca.vertsplit(expression)]
+        for column, value in self:
+            order = [each.element_hash() for each in ca.vertsplit(column)]
+            if looked[0] in order:
+                first = order.index(looked[0])
+                if order[first : first + len(looked)] == looked:
+                    return value if len(looked) == len(order) else value[first : first + len(looked)]
+        return None
+
+
+def _entries(matrix: ca.SX) -> ca.SX:
+    """Entries that are not zero by structure, as a column."""
+    return ca.vertcat(ca.SX(0, 1), *cast("list[ca.SX]", matrix.nonzeros()))
+
+
+def _hashes(*expressions: ca.SX) -> set[int]:
+    """Symbols in expressions."""
+    return {each.element_hash() for each in ca.symvar(ca.vertcat(ca.SX(0, 1), *(ca.vec(each) for each in expressions)))}
+
+
+def _function(
+    name: str, stages: Sequence[_Once | _Call], inputs: Sequence[ca.SX], outputs: Sequence[ca.SX]
+) -> ca.Function:
+    dense = [ca.densify(each) for each in outputs]
+    column, before = _column(stages, inputs, _hashes(*outputs))
+    if not column.numel():
+        return ca.Function(name, list(inputs), dense, {"cse": True})
+    last = ca.Function(f"{name}_last", [*inputs, column], dense, {"cse": True})
+    given = [ca.MX.sym("given", each.numel()) for each in inputs]
+    return ca.Function(name, given, last.call([*given, before(*given)]))
+
+
+def _column(stages: Sequence[_Once | _Call], inputs: Sequence[ca.SX], asked: set[int]) -> tuple[ca.SX, ca.Function]:
+    """What is asked for of marked symbols, if among no input, and inputs -> its value; one column each.
+
+    In turns: first one function for all that takes no further branch, so that what values have in common is evaluated
+    once; then the branches that its outputs decide.
+    """
+    needed, level = _needed(stages, inputs, asked)
+    given = [ca.MX.sym("given", each.numel()) for each in inputs]
+    known = _Known(map(_Place, inputs, given))
+    found: list[_Place] = []
+    for turn in range(1 + max(level, default=0)):
+        values = [each for each, at in zip(needed, level, strict=True) if at == turn and isinstance(each, _Once)]
+        calls = [each for each, at in zip(needed, level, strict=True) if at == turn + 1 and isinstance(each, _Call)]
+        later = [each.free() for each, at in zip(needed, level, strict=True) if at > turn and each not in calls]
+        used = set[int]().union(*(each.beside for each in calls), *later)
+        kept = [each for each in values if not asked.isdisjoint(_hashes(each.symbols))]
+        passed = [each for each in values if each not in kept and not used.isdisjoint(_hashes(each.symbols))]
+        columns = [ca.vertcat(ca.SX(0, 1), *(each.symbols for each in some)) for some in (kept, passed)]
+        arguments = [each for call in calls for each in call.arguments]
+        direct = [known.slice_of(each) for each in arguments]
+        own = [each for each, there in zip(arguments, direct, strict=True) if there is None]
+        evaluated = iter(_evaluated(turn, values, known, [*columns, *own]))
+        places = [_Place(column, next(evaluated)) for column in columns]
+        known += (each for each in places if each.column.numel())
+        found += places[:1]
+        ready = iter([next(evaluated) if there is None else there for there in direct])
+        for call in calls:
+            results = call.evaluated([next(ready) for _ in call.arguments], known)
+            places = list(map(_Place, call.columns, results))
+            known += places
+            found += (each for each in places if not asked.isdisjoint(_hashes(each.column)))
+    whole = ca.vertcat(ca.SX(0, 1), *(each.column for each in found))
+    return whole, ca.Function("staged", given, [ca.vertcat(ca.MX(0, 1), *(each.value for each in found))])
+
+
+def _needed(
+    stages: Sequence[_Once | _Call], inputs: Sequence[ca.SX], asked: set[int]
+) -> tuple[list[_Once | _Call], list[int]]:
+    """Stages that give what is asked for and is among no input; how many branches are before each, itself included."""
+    missing = asked - _hashes(*inputs)
+    needed: list[_Once | _Call] = []
+    for stage in reversed(stages):
+        if not missing.isdisjoint(_hashes(*stage.columns)):
+            needed.insert(0, stage)
+            missing |= stage.free() - _hashes(*inputs)
+    level: list[int] = []
+    place: dict[int, int] = {}
+    for stage in needed:
+        at = max((place.get(each, 0) for each in stage.free()), default=0) + isinstance(stage, _Call)
+        level.append(at)
+        place |= dict.fromkeys(_hashes(*stage.columns), at)
+    return needed, level
+
+
+def _evaluated(turn: int, values: Sequence[_Once], known: _Known, outputs: Sequence[ca.SX]) -> list[ca.MX]:
+    """Expressions of known symbols and of values, each of which may hold those before it."""
+    if not any(each.numel() for each in outputs):
+        return [ca.MX(0, 1) for _ in outputs]
+    symbols, definitions = [each.symbols for each in values], [each.value for each in values]
+    written = ca.substitute_inplace(symbols, definitions, list(outputs))[1] if values else list(outputs)
+    places = known.holding(_hashes(*written))
+    columns = [place.column for place in places]
+    function = ca.Function(f"turn_{turn}", columns, [ca.densify(each) for each in written], {"cse": True})
+    return function.call([place.value for place in places])
