@@ -18,7 +18,7 @@ from scipy.linalg import expm
 from rehab_opt import Command, JointFeedback, PoseTracker, ur5
 from tests.judge.numbering import numbered
 from tests.judge.references import good_posture, reference
-from tests.judge.ur5_numbers import LIMIT
+from tests.judge.ur5_numbers import LIMIT, tool
 from tests.judge.verdict import Promise, Verdict
 
 Array = NDArray[np.float64]
@@ -46,7 +46,6 @@ PROMISES = (
     Promise("docs/capabilities/certificates.md", "A joint that moves less than 8 % of the way that it is commanded is "
             "seen after 0.2 s, and 0.03 rad or m"),
 )  # fmt: skip
-ARM = ur5()
 KINDS = ("blocked", "nothing", "wrong way", "limits", "encoder still", "knocked", "offset", "blind", "drifting")
 NAMES = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
 FOR_GOOD = ("blocked", "wrong way", "encoder still")
@@ -237,7 +236,7 @@ def seen_from(led: Array, there: Array, target: Array) -> Array:
     """(4, 4) pose that is as far from the hand at `led` (6,) as the target is from the hand at `there` (6,)."""
     if not np.isfinite(led).all():
         return target
-    here, away, pose = ARM.pose(led), ARM.pose(there), target.copy()
+    (here, away), pose = tool(np.stack([led, there])), target.copy()
     pose[:3, 3] += here[:3, 3] - away[:3, 3]
     pose[:3, :3] = target[:3, :3] @ away[:3, :3].T @ here[:3, :3]
     return pose
@@ -339,7 +338,7 @@ def untold(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
             follows[:] = share
         if k == ends and not released:
             control.reset(commands[-1].value)
-        pose = ARM.pose(start + rate * k * dt)
+        pose = tool((start + rate * k * dt)[None])[0]
         commands.append(control.step(measured, pose, np.zeros(6), enable=not (k == ends and released)))
         before = servo.q.copy()
         servo.q = before + follows * servo.move(commands[-1].value)
