@@ -28,10 +28,10 @@ BEGIN, END, TABLE = "<!-- physics: begin -->", "<!-- physics: end -->", "<!-- ph
 HEAD = """\
 ## Robots with mass, servos, delays and noise
 
-Controllers with default settings, told of the delay; the pose tracker acts on where its joints are led
-(`JointFeedback`; `--feedback measured` for what is measured). UR5 and iiwa 14 in turn; columns are delays, half of them
-of the command, half of the measurement; encoder noise of 0, 0.1 and 0.2 mrad; 500 Hz and 1 kHz. Every number is of the
-true robot. Why a wall is pressed with more than 140 N: `docs/capabilities/real_servos.md`."""
+Controllers with default settings, told of the delay, of 3 ms more, or of 3 ms less, in turn; the pose tracker acts on
+where its joints are led (`JointFeedback`; `--feedback measured` for what is measured). UR5 and iiwa 14 in turn; columns
+are delays, half of them of the command, half of the measurement; encoder noise of 0, 0.1, 0.2 mrad; 500 Hz and 1 kHz.
+Every number is of the true robot. Why a wall is pressed with more than 140 N: `docs/capabilities/real_servos.md`."""
 DEAREST_FIRST = ("tracking", "hand", "energy", "need", "help", "limit", "mirror", "push", "blocked", "frozen")
 
 

@@ -39,6 +39,11 @@ class Run:
     status: list[Status]
     reason: list[str]
 
+    def until(self, ticks: int) -> Run:
+        """Its first ticks."""
+        of_each = (self.q, self.velocity, self.force, self.status, self.reason)
+        return Run(self.chain, self.dt, *(each[:ticks] for each in of_each))  # type: ignore[arg-type]
+
     @property
     def hand(self) -> Array:
         """(N, 3) [m] true places of the hand."""

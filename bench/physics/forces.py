@@ -74,8 +74,8 @@ def needed(setting: Setting) -> Numbers:
     start = START + 0.005 * rng.normal(size=2)
     at_once = setting.cell._replace(delay=0.0)
 
-    def arrived(cell: Cell, helped: bool, seconds: float) -> float:
-        here = replace(setting, cell=cell, rng=np.random.default_rng(seed))
+    def arrived(cell: Cell, helped: bool, seconds: float, mistold: float = 0.0) -> float:
+        here = replace(setting, cell=cell, mistold=mistold, rng=np.random.default_rng(seed))
         will = SpringDamper([*PATH[-1], 0.0], stiffness=300.0, damping=damping, strength=strength)
         arm = SpringDamper([*start, 0.0], stiffness=back, damping=0.0)
         mass = _mass(here, (will, arm, _tremor(here)))
@@ -88,7 +88,7 @@ def needed(setting: Setting) -> Numbers:
     return {
         "unaided": arrived(at_once, helped=False, seconds=UNAIDED),
         "helped at once": arrived(at_once, helped=True, seconds=PATIENCE),
-        "helped": arrived(setting.cell, helped=True, seconds=PATIENCE),
+        "helped": arrived(setting.cell, helped=True, seconds=PATIENCE, mistold=setting.mistold),
     }
 
 

@@ -12,8 +12,10 @@ from rehab_opt import KeepOut, MirrorTracker, PoseTracker
 
 __all__ = ["hand_bounds", "held_limit"]
 
-APPROACH, HELD = 5.0, 3.0
+APPROACH, HELD, PRESSED = 5.0, 3.0, 1.0
 """[s] Seven joints that go round by other limits took 3.3 s until the last of them had come to its own."""
+PRESS = 30.0
+"""[N] on the hand, any way, at last."""
 FLOOR, PLANE, SPEED = 0.3, 0.2, 0.25
 """Share of the largest manipulability; [m] from the hand at the ready posture to the plane; [m/s]"""
 CLEAR = 0.05
@@ -21,7 +23,10 @@ CLEAR = 0.05
 
 
 def held_limit(setting: Setting) -> Numbers:
-    """A target beyond one joint's limit: approached as fast as the bounds allow, and held for three seconds."""
+    """A target beyond one joint's limit: approached as fast as the bounds allow, held for three seconds, then pressed.
+
+    A servo that is pressed gives way: what counts is by how much more than one that is commanded to stand still there.
+    """
     rng, arm = setting.rng, setting.arm
     chain = arm.chain
     start, joint, sign = arm.start(rng), int(rng.integers(chain.n)), float(rng.choice([-1.0, 1.0]))
@@ -30,14 +35,28 @@ def held_limit(setting: Setting) -> Numbers:
     beyond[joint] = limit + sign * rng.uniform(0.1, 0.4)
     target, still = chain.pose(beyond), np.zeros(6)
     tracker = setting.controller(PoseTracker, chain)
-    ticks, held = round((APPROACH + HELD) * setting.cell.rate), round(HELD * setting.cell.rate)
-    run = follow(setting.plant(), chain, start, ticks, lambda _, seen: tracker.step(seen.position, target, still))
-    over = np.maximum(run.q - chain.upper, chain.lower - run.q)
+    push = rng.normal(size=3)
+    push *= PRESS / np.linalg.norm(push)
+    ticks, held, pressed = (round(each * setting.cell.rate) for each in (APPROACH + HELD, HELD, PRESSED))
+    run = follow(
+        setting.plant(), chain, start, ticks + pressed, lambda _, seen: tracker.step(seen.position, target, still),
+        each=lambda k, _: push if k >= ticks else None,
+    )  # fmt: skip
+    beyond_any = np.maximum(run.q - chain.upper, chain.lower - run.q)
+    bare, stays = setting.plant(), beyond_any[ticks - 1].max()
+    bare.reset(run.q[ticks - 1])
+    for _ in range(pressed):
+        bare.step(np.zeros(chain.n), push)
+        stays = max(
+            stays, float(np.maximum(bare.truth.position - chain.upper, chain.lower - bare.truth.position).max())
+        )
+    run, over = run.until(ticks), beyond_any[:ticks]
     there = run.q[-held:]
     at_limit = np.abs(over[-held:].max(axis=0)) < 0.01
     swings = np.ptp(there, axis=0)
     return {
         "beyond the limit": float(over.max()),
+        "beyond a bare servo": float(beyond_any[ticks:].max() - max(stays, 0.0)) if at_limit.any() else 0.0,
         # Where no joint came to its limit, there is nothing to hold.
         "limit: peak to peak": float(swings[at_limit].max()) if at_limit.any() else 0.0,
         "limit: hand RMS": float(np.sqrt(np.mean(run.hand_speed(slice(-held, None)) ** 2))) if at_limit.any() else 0.0,

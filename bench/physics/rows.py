@@ -88,6 +88,8 @@ def _arrive(all_of_it: Sequence[Numbers]) -> float:
 
 ROWS = (
     Row("true joint beyond its limit, worst", "limit", _worst("beyond the limit"), 0.5, "mrad", 1e3),
+    Row("pressed there with 30 N: beyond what a servo that stands still is, worst", "limit",
+        _worst("beyond a bare servo"), 0.5, "mrad", 1e3),
     Row("limit held for 3 s: peak to peak, worst", "limit", _worst("limit: peak to peak"), 0.3, "mrad", 1e3),
     Row("limit held for 3 s: hand RMS, worst", "limit", _worst("limit: hand RMS"), 2.0, "mm/s", 1e3),
     Row("tasks in which a joint came to its limit", "limit", _mean("limit reached"), math.inf, "%", 100.0),
@@ -114,6 +116,8 @@ ROWS = (
     Row("speed on release, worst", "blocked", _worst("release"), 0.1, "m/s"),
     Row("frozen encoder, fresh stamps: braking after, worst", "frozen", _worst("frozen encoder"), 0.2, "s"),
     Row("the same without a `JointFeedback`, worst", "frozen", _worst("frozen encoder, measured"), 0.2, "s"),
+    Row("blocked joint: braking after, worst", "frozen", _worst("blocked joint"), 0.2, "s"),
+    Row("the same without a `JointFeedback`, worst", "frozen", _worst("blocked joint, measured"), 0.2, "s"),
     Row("28 +- 2 N: gives way / (F/k) from 1 s on, least", "push", _least("push: gives way"), 1.2, "", at_least=0.8),
     Row("the same, most", "push", _worst("push: gives way, most"), 1.2, "", at_least=0.8),
     Row("28 +- 2 N: stiffness of the reply, largest", "push", _worst("push: stiffness"), 600.0, "N/m"),

@@ -28,6 +28,8 @@ Numbers = dict[str, float]
 
 FORCE_NOISE = 2.0
 """[N]"""
+MISTOLD = (0.0, 0.003, -0.003)
+"""[s] By so much another delay than the true one is told, in turn; none is below zero."""
 
 
 class Cell(NamedTuple):
@@ -55,6 +57,8 @@ class Setting:
     cell: Cell
     arm: Arm
     rng: np.random.Generator
+    mistold: float = 0.0
+    """[s] that are told of the delay besides."""
     ideal: bool = False
     feedback: str | None = None
     kept: dict[Any, Any] = field(default_factory=dict)
@@ -87,10 +91,11 @@ class Setting:
     def told(self, kind: Callable[..., Any]) -> dict[str, Any]:
         """What a class of controllers can be told of this cell, by the names of its arguments."""
         known, measured = _arguments(kind), self.ideal or self.feedback
+        delay = max(self.cell.delay + self.mistold, 0.0)
         all_of_it: Mapping[str, Any] = {
-            "actuation_delay": self.cell.delay,
+            "actuation_delay": delay,
             "position_noise": self.cell.noise,
-            "feedback": None if measured else JointFeedback(delay=self.cell.delay),
+            "feedback": None if measured else JointFeedback(delay=delay),
         }
         return {name: value for name, value in all_of_it.items() if name in known and value is not None}
 
@@ -127,7 +132,8 @@ def setting_of(
     field = number if ideal else place // 6 + place % 6 // 2 + place % 2 + round_
     arm = list(ARMS.values())[field % len(ARMS)]()
     rng = np.random.default_rng([seed, number, *row.encode()])
-    return Setting(cell, arm, rng, ideal=ideal, feedback=feedback, kept=kept)
+    mistold = 0.0 if ideal else MISTOLD[(round_ + place) % len(MISTOLD)]
+    return Setting(cell, arm, rng, mistold, ideal=ideal, feedback=feedback, kept=kept)
 
 
 def _arguments(kind: Callable[..., Any]) -> set[str]:

@@ -10,7 +10,9 @@ import numpy as np
 from bench.physics.following import follow
 from bench.physics.setting import Array, Numbers, Setting
 from rehab_opt import Interaction, MirrorTracker, PoseTracker, Status
+from rehab_opt.control.watched_joints import NOT_FOLLOWED
 from rehab_opt.plants.contacts import Wall
+from rehab_opt.plants.drives import DriveState, VelocityServo
 from rehab_opt.plants.mujoco_arm import MujocoArm
 from rehab_opt.plants.plant import Measurement, Plant
 
@@ -21,6 +23,8 @@ SPEED = 0.25
 STOPPED = (Status.BRAKING, Status.HOLDING)
 TOLERANCE = 0.02
 """[rad] A following error that is certainly one."""
+STIFF = 200.0
+"""[1/s] Rate of what a jammed joint stands in, with the joint's own inertia."""
 PUSH, BACK = 28.0, 2.0
 """[N] for two seconds, and [s] to come back in."""
 
@@ -74,15 +78,41 @@ def _blocked(setting: Setting, *, stops: bool = False) -> Numbers:
     }
 
 
+class Jammed(VelocityServo):
+    """Servos of which one joint is jammed at some time: a brake that closes by itself, whatever the motor does."""
+
+    joint: int = -1
+    """Negative for none."""
+
+    def start(self, position: Array, inertia: Array, limit: Array, step: float) -> Array:
+        """As of sound ones."""
+        self._heavy, self._at = inertia * STIFF**2, None
+        return super().start(position, inertia, limit, step)
+
+    def torque(self, command: Array, state: DriveState, feedforward: Array) -> Array:
+        """With that of the brake."""
+        given = super().torque(command, state, feedforward)
+        if self.joint >= 0:
+            i = self.joint
+            self._at = float(state.position[i]) if self._at is None else self._at
+            given[i] = self._heavy[i] * (self._at - state.position[i] - 2 / STIFF * state.velocity[i]) + feedforward[i]
+        return given
+
+
 def frozen(setting: Setting) -> Numbers:
-    """Encoders that stand still while their stamps go on: how soon the arm is told to brake, led and as measured."""
-    state = setting.rng.bit_generator.state  # the same draws for both
-    found = {"frozen encoder": _late(setting)}
-    setting.rng.bit_generator.state = state
-    return found | {"frozen encoder, measured": _late(replace(setting, feedback="measured"))}
+    """Encoders that stand still while their stamps go on, or a jammed joint: how soon the arm is told to brake."""
+    state = setting.rng.bit_generator.state  # the same draws for all
+    found = {}
+    for what, jams in (("frozen encoder", False), ("blocked joint", True)):
+        for how, feedback in (("", None), (", measured", "measured")):
+            setting.rng.bit_generator.state = state
+            found[what + how] = (
+                -math.inf if jams and setting.ideal else _late(replace(setting, feedback=feedback), jams=jams)
+            )
+    return found
 
 
-def _late(setting: Setting) -> float:
+def _late(setting: Setting, *, jams: bool) -> float:
     """[s] by which braking comes later than the fastest joint takes to `TOLERANCE`."""
     rng, arm, rate = setting.rng, setting.arm, setting.cell.rate
     chain, start = arm.chain, arm.start(rng, 0.15)
@@ -91,18 +121,26 @@ def _late(setting: Setting) -> float:
     tracker = setting.controller(PoseTracker, chain)
     when, ticks = round(0.5 * rate), round(2.0 * rate)
     held: list[Array] = []
+    drive = Jammed()
 
     def step(k: int, seen: Measurement):  # type: ignore[no-untyped-def]
-        if k == when:
+        if k == when and not jams:
             held.append(seen.position)
         pose, twist = first.copy(), np.zeros(6)
         pose[:3, 3] += way * k / rate
         twist[:3] = way
         return tracker.step(held[0] if held else seen.position, pose, twist, stamp=seen.stamp + setting.dt)
 
-    run = follow(setting.plant(), chain, start, ticks, step)
+    def each(k: int, now: Plant) -> None:
+        if k == when and jams:
+            drive.joint = int(np.abs(now.truth.velocity).argmax())
+
+    run = follow(setting.plant(drive=drive), chain, start, ticks, step, each=each)
     fastest = float(np.abs(run.velocity[when]).max())
-    braking = [k for k, status in enumerate(run.status) if k >= when and status in STOPPED]
+    braking = [
+        k for k, (status, reason) in enumerate(zip(run.status, run.reason, strict=True))
+        if k >= when and status in STOPPED and NOT_FOLLOWED in reason
+    ]  # fmt: skip
     late = (braking[0] - when) / rate if braking else math.inf
     return late - TOLERANCE / max(fastest, 1e-3)
 

@@ -338,7 +338,7 @@ class ChairAndArm(VelocityController):
         """Go on where another set of rows ends: its velocity, position and stamps are this one's."""
         self._solvers.memory[:] = self._memory_after(other)
         self._solvers.warm_start(0.0)
-        self._watchdog, self._feedback = other._watchdog, other._feedback
+        self._watchdog, self.led = other._watchdog, other.led
         self._watch.take_over(other._watch)
 
     def instance_after(self, other: ChairAndArm, *inputs: ArrayLike) -> Instance:

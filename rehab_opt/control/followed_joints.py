@@ -9,8 +9,9 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from rehab_opt.control.held_hand import HELD, HeldHand
+from rehab_opt.control.held_hand import HELD, hand_memory, held_hand
 from rehab_opt.control.joint_feedback import JointFeedback, pole
+from rehab_opt.control.notes import HELD_BACK
 from rehab_opt.control.watched_joints import NOT_FOLLOWED, not_followed, time_apart
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import SerialChain
@@ -19,7 +20,7 @@ from rehab_opt.optim.rows import PLAUSIBLE
 from rehab_opt.symbolic import BufferedFunction
 from rehab_opt.symbolic.record import Record
 
-__all__ = ["FollowedJoints", "guidance"]
+__all__ = ["SAID", "FollowedJoints", "guidance"]
 
 Array = NDArray[np.float64]
 
@@ -27,73 +28,11 @@ MOST_TICKS = 128
 """Longest delay, in ticks."""
 LIVELY = 0.1
 """[rad/s or m/s] Joints that are slower are followed slower, by the square of their speed."""
-HELD_BACK = "the hand was held back: led at recovery speed until it is free for two seconds"
-
-
-@cache
-def _record(n: int, ticks: int) -> Record:
-    """What is remembered: for how long each joint does not follow [s], and its following error; where the model's
-    joints are, how fast, and how far behind their servos hold them [rad or m]; that error as the task and the limits
-    know it; commands under way, the newest first.
-    """
-    return Record(wrong=n, error=n, q=n, v=n, w=n, strays=n, apart=n, sent=n * ticks, known=1)
-
-
-MODEL = Record(dt=1, v_v=1, v_w=1, w_v=1, w_w=1, correction=1, following=1, tolerance=1)
-
-
-@cache
-def _followed(n: int, ticks: int) -> ca.Function:
-    """`MODEL`, memory, measured positions, last command (n,) -> memory, reference, errors (n,), what is said of them.
-
-    Said is for how long a joint does not follow at most [s], and whether the positions are usable.
-    """
-    record = _record(n, ticks)
-    model, memory = MODEL.symbols("model"), record.symbols("memory")
-    measured, command = ca.SX.sym("measured", n), ca.SX.sym("command", n)
-    usable = all_true(ca.fabs(measured) <= PLAUSIBLE)
-    sent = ca.vertcat(command, memory.sent)
-    arrived = sent[n * ticks :]
-    # Of a servo with v = u and w = 0 at rest in u, what differs from that fades as its double pole says.
-    short = memory.v - arrived
-    v = arrived + model.v_v * short + model.v_w * memory.w
-    w = model.w_v * short + model.w_w * memory.w
-    expected = memory.q + model.dt * arrived + memory.w - w
-    anew = ca.logic_and(usable, ca.logic_not(memory.known))
-    error = ca.if_else(ca.logic_and(usable, memory.known), measured - expected, 0)
-    follows = ca.fabs(error) <= model.tolerance
-    wrong = ca.if_else(usable, time_apart(memory.wrong, 1 - follows, model.dt), memory.wrong)
-    share = ca.fmin(model.correction * model.dt, 1) * follows
-    q = ca.if_else(anew, measured, expected + share * error)
-    pace = ca.fmin(ca.mmax(ca.fabs(v)) / LIVELY, 1) ** 2
-    used = model.following * ca.logic_and(usable, follows)
-    apart = memory.apart + used * (error - memory.apart)
-    strays = memory.strays + pace * used * (error - memory.strays)
-    under_way = model.dt * ca.sum2(ca.reshape(sent[: n * ticks], n, ticks)) + w
-    after = record.of(
-        wrong=wrong, error=error, q=q, v=v, w=w, strays=strays, apart=apart, sent=sent[: n * ticks],
-        known=ca.logic_or(memory.known, usable),
-    )  # fmt: skip
-    # What is no position stays what it is, for whoever names it.
-    reference = ca.if_else(ca.fabs(measured) <= PLAUSIBLE, q + under_way, measured)
-    said = ca.vertcat(ca.mmax(wrong), usable)
-    seen = clipped(error, -model.tolerance, model.tolerance)
-    inputs, outputs = [model.column, memory.column, measured, command], [after, ca.densify(reference), seen, said]
-    return ca.Function("followed_joints", inputs, outputs, {"cse": True})
-
-
-def servo_rates(hz: float, dt: float) -> dict[str, float]:
-    """How what a velocity servo lacks fades in a tick: of a proportional-integral loop with both poles at -p.
-
-    v' = 2 p (u - v) + p^2 w, w' = u - v for a command u, solved exactly.
-    """
-    p = pole(hz)
-    if not p * dt < 700.0:
-        return dict.fromkeys(("v_v", "v_w", "w_v", "w_w"), 0.0)
-    fading = math.exp(-p * dt)
-    return {
-        "v_v": fading * (1 - p * dt), "v_w": fading * p * p * dt, "w_v": -fading * dt, "w_w": fading * (1 + p * dt),
-    }  # fmt: skip
+HAND_HELD = 2.0
+"""The fault of a hand that was held for too long; that of a joint that was too far off for too long is 1."""
+SAID = Record(fault=1, joint=1, far=1, touched=1, held=1)
+"""Of a tick: the fault, 0 for none, the joint that it is of, by how much that does not follow [rad or m]; whether the
+hand is held from now on, and whether it is held."""
 
 
 @cache
@@ -115,14 +54,18 @@ class FollowedJoints:
     Raises
     ------
     ConfigurationError : a delay of more than 128 ticks.
+
+    Attributes
+    ----------
+    tick : memory, measured positions, last command (n,) -> memory, where the joints are led (n,), what `guidance` names
+        (without a hand, where they are from there on (n,), as limits have it), the command to go on from (n,), `SAID`.
+    start : velocities (n,) -> the memory of joints of which nothing is known but these.
     """
 
     touched: bool = False
     """Whether the hand is held from the last tick on."""
     note: str = ""
     """What is to be said of a tick without a fault."""
-    errors: Array
-    """(n,) following errors of the last tick [rad or m], within the tolerance."""
 
     def __init__(
         self, feedback: JointFeedback, names: tuple[str, ...], *, dt: float, chain: SerialChain | None = None
@@ -132,66 +75,143 @@ class FollowedJoints:
         ticks = round(feedback.delay / dt)
         if ticks > MOST_TICKS:
             raise ConfigurationError("feedback.delay", feedback.delay, f"at most {MOST_TICKS} ticks of {dt:g} s")
-        self._names, self._record = names, _record(len(names), ticks)
-        self._function = BufferedFunction(_followed(len(names), ticks))
-        model, self._memory, self._measured, self._command = self._function.inputs
-        self._after, self._reference, self.errors, self._said = self._function.outputs
-        places = self._record.places
-        self._velocity, self._strays = (
-            self._memory[places["v"]],
-            self._memory[places["strays"].start : places["apart"].stop],
-        )
-        self._hand, self._fault, self._early, self._patience = None, "", feedback.command_delay, feedback.patience
-        if chain is not None:
-            self._hand = HeldHand(
-                chain, contact=feedback.contact, patience=feedback.patience, pole=pole(feedback.servo_hz), dt=dt
-            )
-        model[:] = MODEL.numbers(
-            dt=dt,
-            **servo_rates(feedback.servo_hz, dt),
-            correction=feedback.correction,
-            following=-math.expm1(-feedback.following * dt),
-            tolerance=feedback.tolerance,
-        )
+        self._names, self._fault = names, ""
+        self._memory = _memory(len(names), ticks, hand=chain is not None)
+        self.tick = self._tick(feedback, dt=dt, chain=chain)
+        self.start = self._start()
+        self._function, self._begin = BufferedFunction(self.tick), BufferedFunction(self.start)
 
-    def reset(self, velocity: Array) -> None:
-        """Nothing is known but what the joints do now (n,)."""
-        self._memory[:] = 0.0
-        for name in ("v", "sent"):
-            place = self._record.places[name]
-            self._memory[place] = np.tile(velocity, (place.stop - place.start) // len(velocity))
-        self.touched, self.note, self._fault = False, "", ""
-        if self._hand is not None:
-            self._hand.reset(velocity)
+    @property
+    def errors(self) -> Array:
+        """(n,) following errors of the last tick [rad or m]."""
+        return self._function.inputs[0][self._memory.places["error"]]
 
     @property
     def measured(self) -> Array:
         """(n,) positions of the last tick, as they were measured."""
-        return self._measured
+        return self._function.inputs[1]
 
-    def lead(self, q: Array, last: Array, guided: Array | None = None) -> str:
-        """Put the reference into `q` (n,) in place of what was measured, after the command `last` (n,).
+    @property
+    def before(self) -> Array:
+        """(n,) the command before the last tick."""
+        return self._function.inputs[2]
 
-        Returns why the joints do not follow; empty where they do. What `guidance` names goes into `guided`; without a
-        hand that is watched, where they are from there on (n,), as limits have it.
+    def reset(self, velocity: Array) -> None:
+        """Nothing is known but what the joints do now (n,)."""
+        self._function.inputs[0][:] = self._begin.of(velocity)
+        self.touched, self.note, self._fault = False, "", ""
+
+    def lead(self, q: Array, last: Array, guided: Array) -> str:
+        """One tick: what `tick` gives, of and into q, the last command and the guidance.
+
+        Returns why the joints do not follow; empty where they do.
         """
-        self._measured[:], self._command[:] = q, last
+        memory, measured, command = self._function.inputs
+        measured[:], command[:] = q, last
         self._function.evaluate()
-        self._memory[:], q[:] = self._after, self._reference
-        longest, usable = self._said.tolist()
-        if longest > self._patience and not self._fault:
-            self._fault = not_followed(self._names, self._memory)
-        if guided is None:
-            return self._fault
-        if self._hand is None:
-            guided[:] = self._memory[self._record.places["apart"]]
-        else:
-            # A sample that is no number says nothing of the hand, and must not be remembered.
-            self.touched, stuck = self._hand.feel(q, self.errors, self._velocity) if usable else (False, "")
-            state, n = self._hand.state, len(q)
-            guided[: 2 * n], guided[2 * n], guided[2 * n + 1 :] = self._strays, self._early, state
-            self.note = HELD_BACK if state[0] else ""
-            if stuck and not self._fault:
-                at = abs(self.errors[self._names.index(stuck)])
-                self._fault = f"{stuck} {NOT_FOLLOWED}: the hand is held back, the joint by {at:.2g} rad or m"
+        after, q[:], guided[:], last[:], said = self._function.outputs
+        memory[:] = after
+        fault, joint, far, self.touched, held = said.tolist()
+        self.note = HELD_BACK if held else ""
+        if fault and not self._fault:
+            name = self._names[int(joint)]
+            hand = f"{name} {NOT_FOLLOWED}: the hand is held back, the joint by {far:.2g} rad or m"
+            self._fault = hand if fault == HAND_HELD else not_followed(name, far)
         return self._fault
+
+    def _start(self) -> ca.Function:
+        n, record = len(self._names), self._memory
+        velocity, column = ca.SX.sym("velocity", n), ca.SX.zeros(record.size)
+        for name in ("v", "sent"):
+            place = record.places[name]
+            column[place] = ca.repmat(velocity, (place.stop - place.start) // n, 1)
+        if record["hand"] < record.size:
+            at = record["hand"] + hand_memory(n)["velocity"]
+            column[at : at + n] = velocity
+        return ca.Function("led_from", [velocity], [column])
+
+    def _tick(self, feedback: JointFeedback, *, dt: float, chain: SerialChain | None) -> ca.Function:
+        n, record = len(self._names), self._memory
+        memory = record.symbols("memory")
+        measured, command = ca.SX.sym("measured", n), ca.SX.sym("command", n)
+        servo, tolerance = servo_rates(feedback.servo_hz, dt), feedback.tolerance
+        usable = all_true(ca.fabs(measured) <= PLAUSIBLE)
+        sent = ca.vertcat(command, memory.sent)
+        under_way, arrived = sent[:-n], sent[-n:]
+        # Of a servo with v = u and w = 0 at rest in u, what differs from that fades as its double pole says.
+        short = memory.v - arrived
+        v = arrived + servo["v_v"] * short + servo["v_w"] * memory.w
+        w = servo["w_v"] * short + servo["w_w"] * memory.w
+        expected = memory.q + dt * arrived + memory.w - w
+        anew = ca.logic_and(usable, ca.logic_not(memory.known))
+        error = ca.if_else(ca.logic_and(usable, memory.known), measured - expected, 0)
+        follows = ca.fabs(error) <= tolerance
+        wrong = ca.if_else(usable, time_apart(memory.wrong, 1 - follows, dt), memory.wrong)
+        q = ca.if_else(anew, measured, expected + min(feedback.correction * dt, 1) * follows * error)
+        pace = ca.fmin(ca.mmax(ca.fabs(v)) / LIVELY, 1) ** 2
+        used = -math.expm1(-feedback.following * dt) * ca.logic_and(usable, follows)
+        after = {
+            "wrong": wrong, "error": error, "q": q, "v": v, "w": w, "sent": under_way,
+            "strays": memory.strays + pace * used * (error - memory.strays),
+            "apart": memory.apart + used * (error - memory.apart),
+            "known": ca.logic_or(memory.known, usable),
+        }  # fmt: skip
+        # What is no position stays what it is, for whoever names it.
+        led = q + dt * ca.sum2(ca.reshape(under_way, n, under_way.numel() // n)) + w
+        led = ca.if_else(ca.fabs(measured) <= PLAUSIBLE, led, measured)
+        longest, joint = _largest(wrong)
+        fault, guided, touched, held = longest > feedback.patience, after["apart"], ca.SX(0), ca.SX(0)
+        after["hand"] = memory.hand
+        if chain is not None:
+            before = hand_memory(n).parts(memory.hand)
+            seen = clipped(error, -tolerance, tolerance)
+            felt = held_hand(
+                chain, feedback.contact, feedback.patience, pole(feedback.servo_hz), dt, before, led, seen, v
+            )
+            # A sample that is no number says nothing of the hand, and must not be remembered.
+            after["hand"] = ca.if_else(usable, felt.memory, memory.hand)
+            touched, stuck = ca.logic_and(usable, felt.touched), usable * felt.stuck * (1 - fault)
+            joint, fault = ca.if_else(stuck, felt.joint, joint), fault + HAND_HELD * stuck
+            state = HELD.parts(after["hand"][: HELD.size])
+            held, early = state.held, ca.SX(feedback.command_delay)
+            guided = guidance(n).of(
+                strays=after["strays"], apart=after["apart"], early=early, held=held, way=state.way, room=state.room
+            )
+        far = sum((ca.if_else(joint == i, ca.fabs(error[i]), 0) for i in range(n)), ca.SX(0))
+        kept = ca.if_else(memory.fault[0] > 0, memory.fault, ca.vertcat(fault, joint, far))
+        said = ca.vertcat(kept, touched, held)
+        outputs = [record.of(**after, fault=kept), led, guided, ca.if_else(touched, 0, command), said]
+        inputs = [memory.column, measured, command]
+        return ca.Function("led_joints", inputs, [ca.densify(each) for each in outputs], {"cse": True})
+
+
+def _largest(numbers: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """The largest of (n,), and the first place where it is."""
+    most, place = numbers[0], ca.SX(0)
+    for i in range(1, numbers.numel()):
+        place, most = ca.if_else(numbers[i] > most, i, place), ca.fmax(most, numbers[i])
+    return most, place
+
+
+@cache
+def _memory(n: int, ticks: int, *, hand: bool) -> Record:
+    """What is remembered: for how long each joint does not follow [s], and its following error; where the model's
+    joints are, how fast, and how far behind their servos hold them [rad or m]; that error as the task and the limits
+    know it; commands under way, the newest first; the first three of `SAID`, kept; what the hand's watch remembers.
+    """
+    size = hand_memory(n).size if hand else 0
+    return Record(wrong=n, error=n, q=n, v=n, w=n, strays=n, apart=n, sent=n * ticks, known=1, fault=3, hand=size)
+
+
+def servo_rates(hz: float, dt: float) -> dict[str, float]:
+    """How what a velocity servo lacks fades in a tick: of a proportional-integral loop with both poles at -p.
+
+    v' = 2 p (u - v) + p^2 w, w' = u - v for a command u, solved exactly.
+    """
+    p = pole(hz)
+    if not p * dt < 700.0:
+        return dict.fromkeys(("v_v", "v_w", "w_v", "w_w"), 0.0)
+    fading = math.exp(-p * dt)
+    return {
+        "v_v": fading * (1 - p * dt), "v_w": fading * p * p * dt, "w_v": -fading * dt, "w_w": fading * (1 + p * dt),
+    }  # fmt: skip

@@ -20,18 +20,15 @@ the speed changes. Where it is more in two ticks (one sample may lie), the hand 
 from __future__ import annotations
 
 import math
+from functools import cache
+from typing import NamedTuple
 
 import casadi as ca
-import numpy as np
-from numpy.typing import NDArray
 
 from rehab_opt.kinematics.chain import SerialChain
-from rehab_opt.symbolic import BufferedFunction
-from rehab_opt.symbolic.record import Record
+from rehab_opt.symbolic.record import Record, Values
 
-__all__ = ["HELD", "HeldHand"]
-
-Array = NDArray[np.float64]
+__all__ = ["HELD", "Felt", "hand_memory", "held_hand"]
 
 USUAL = 20.0
 """[1/s] Rate at which a following error becomes the usual one: a contact outgrows it within a third of that time."""
@@ -45,89 +42,74 @@ CALM = 2.0
 """[s] for which a hand must be free until it is led at its usual speed again: a person's time to draw back."""
 HELD = Record(held=1, way=3, room=1)
 """Whether the hand is held; the way that it was held on; how far it may be led on along that [m]."""
-_MEMORY = Record(held=1, way=3, room=1, usual=3, going=3, before=1, swing=1, over=1, free=1, pressed=1, joint=1,
-    known=1)  # fmt: skip
-_MODEL = Record(contact=1, patience=1, per_square=1, usual=1, fades=1, dt=1)
 
 
-class HeldHand:
-    """The memory of one hand; call it once a tick.
+@cache
+def hand_memory(n: int) -> Record:
+    """What is remembered of a hand: what `HELD` names, and last how fast its n joints should have been."""
+    return Record(held=1, way=3, room=1, usual=3, going=3, before=1, swing=1, over=1, free=1, pressed=1, joint=1,
+        known=1, velocity=n)  # fmt: skip
+
+
+class Felt(NamedTuple):
+    """What a tick says of the hand."""
+
+    memory: ca.SX
+    """What `hand_memory` names."""
+    touched: ca.SX
+    """Whether it is held from this tick on."""
+    stuck: ca.SX
+    """Whether it was held for longer than the patience."""
+    joint: ca.SX
+    """Number of the joint that had the largest part in it."""
+
+
+def held_hand(  # noqa: PLR0917  (what is known, then what a tick brings)
+    chain: SerialChain, contact: float, patience: float, pole: float, dt: float, memory: Values, q: ca.SX,
+    error: ca.SX, velocity: ca.SX,
+) -> Felt:  # fmt: skip
+    """One tick of watching the hand.
 
     Parameters
     ----------
     chain : the arm. contact : [m] following error that a free hand at a steady speed does not have. patience : [s] for
         which a hand may be held before that is a fault. pole : [1/s] p of the servos. dt : [s] a tick.
+    memory : what `hand_memory` names. q : (n,) where the joints are led.
+    error, velocity : (n,) their following error, and how fast they should be.
     """
-
-    def __init__(self, chain: SerialChain, *, contact: float, patience: float, pole: float, dt: float) -> None:
-        self._function = BufferedFunction(_held(chain))
-        model, self._memory, self._q, self._error, self._velocity, self._change = self._function.inputs
-        self._after, self._said = self._function.outputs
-        self._names, self._moves = chain.names, np.zeros(chain.n)
-        model[:] = _MODEL.numbers(
-            contact=contact, patience=patience, per_square=pole**-2, usual=-math.expm1(-USUAL * dt),
-            fades=math.exp(-min(pole / 2, 1 / dt) * dt), dt=dt,
-        )  # fmt: skip
-        self.state = self._memory[: HELD.size]
-        """What `HELD` names."""
-
-    def reset(self, velocity: Array) -> None:
-        """Nothing is known but what the joints do now (n,)."""
-        self._memory[:], self._velocity[:] = 0.0, velocity
-
-    def feel(self, q: Array, error: Array, velocity: Array) -> tuple[bool, str]:
-        """Whether the hand is held from this tick on, and the joint that does not follow if it was held for too long.
-
-        Parameters
-        ----------
-        q : (n,) where the joints are led. error, velocity : (n,) their following error, and how fast they should be.
-        """
-        np.subtract(velocity, self._velocity, out=self._change)
-        self._q[:], self._error[:], self._velocity[:] = q, error, velocity
-        self._function.evaluate()
-        self._memory[:] = self._after
-        touched, fault, joint = self._said.tolist()
-        return bool(touched), self._names[int(joint)] if fault else ""
-
-
-def _held(chain: SerialChain) -> ca.Function:
-    """`_MODEL`, memory, led positions, errors, velocities, their change (n,) -> memory, (touched, fault, joint)."""
-    n = chain.n
-    model, memory = _MODEL.symbols("model"), _MEMORY.symbols("memory")
-    q, error, velocity, change = (ca.SX.sym(name, n) for name in ("q", "error", "velocity", "change"))
+    usually, fades = -math.expm1(-USUAL * dt), math.exp(-min(pole / 2, 1 / dt) * dt)
     moves = chain.jacobian_expression(q)[:3, :]
     behind, motion = moves @ error, moves @ velocity
     speed = ca.norm_2(motion)
     along = motion / ca.fmax(speed, SLOWEST)
 
-    levers = ca.vertcat(*(ca.norm_2(moves[:, i]) for i in range(n)))
-    swing = ca.fmax(ca.dot(levers, ca.fabs(change)) * model.per_square / model.dt, model.fades * memory.swing)
+    levers = ca.vertcat(*map(ca.norm_2, ca.horzsplit(moves)))
+    change = ca.fabs(velocity - memory.velocity)
+    swing = ca.fmax(ca.dot(levers, change) * pole**-2 / dt, fades * memory.swing)
     was_held = memory.held > 0
     usual = ca.if_else(memory.known, memory.usual, behind)
     lever = ca.fmin(ca.norm_2(moves.T @ along), 1)  # what encoders' noise makes of the hand on this way
-    explained = lever * model.contact + INERTIA * swing + LATE * ca.norm_2(motion - memory.going)
+    explained = lever * contact + INERTIA * swing + LATE * ca.norm_2(motion - memory.going)
     over = -ca.dot(behind - usual, along) > explained
     touched = ca.logic_and(ca.logic_not(was_held), ca.logic_and(over, memory.over))
 
     way = ca.if_else(touched, along / ca.fmax(ca.norm_2(along), 1e-12), memory.way)
     before = ca.if_else(touched, -ca.dot(usual, way), memory.before)
-    room = 0.75 * model.contact + before + ca.dot(behind, way)
-    pressed = room < model.contact / 4
+    room = 0.75 * contact + before + ca.dot(behind, way)
+    pressed = room < contact / 4
     held = ca.logic_or(touched, was_held)
-    free = ca.if_else(pressed, 0, memory.free + model.dt)
-    waits = memory.pressed + model.dt * ca.if_else(pressed, 1, -model.patience / CALM)
+    free = ca.if_else(pressed, 0, memory.free + dt)
+    waits = memory.pressed + dt * ca.if_else(pressed, 1, -patience / CALM)
     held = ca.logic_and(held, free <= CALM)
     shares = ca.fabs((moves.T @ way) * error)
     joint, most = ca.SX(0), shares[0]
-    for i in range(1, n):
+    for i in range(1, chain.n):
         joint, most = ca.if_else(shares[i] > most, i, joint), ca.fmax(most, shares[i])
     joint = ca.if_else(touched, joint, memory.joint)
-    after = _MEMORY.of(
-        going=memory.going + model.usual * (motion - memory.going),
+    after = hand_memory(chain.n).of(
+        going=memory.going + usually * (motion - memory.going),
         held=held, way=way, room=room, before=before, swing=swing, over=over, joint=joint,
-        usual=ca.if_else(held, usual, usual + model.usual * (behind - usual)),
-        free=held * free, pressed=held * ca.fmax(waits, 0), known=ca.SX(1),
+        usual=ca.if_else(held, usual, usual + usually * (behind - usual)),
+        free=held * free, pressed=held * ca.fmax(waits, 0), known=ca.SX(1), velocity=velocity,
     )  # fmt: skip
-    said = ca.vertcat(touched, ca.logic_and(held, waits > model.patience), joint)
-    inputs = [model.column, memory.column, q, error, velocity, change]
-    return ca.Function("held_hand", inputs, [after, ca.densify(said)], {"cse": True})
+    return Felt(after, touched, ca.logic_and(held, waits > patience), joint)

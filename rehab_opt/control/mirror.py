@@ -303,10 +303,13 @@ class MirrorTracker(MirrorForeseen):
             self._write((q, pose, twist, *self._inputs[2:]))
         if obstacles is not None or self.limits.moving:
             self._inputs[-1][:] = self.limits.capsule_numbers("obstacles", obstacles)
-        reason = "" if enable is True and stamp is None and not self._watchdog.stamped else self._refusal(enable, stamp)
-        if self._feedback is None:
-            return self._mirrored(force, reason or self._watch.known)
-        return self._led(lambda fault, note: self._mirrored(force, reason or fault, note))
+        usual = enable is True and stamp is None and not self._watchdog.stamped
+        if self.led is None:
+            return self._mirrored(force, ("" if usual else self._refusal(enable, stamp)) or self._watch.known)
+        # A fault is acknowledged by a released `enable` once the joints are led, as in any controller's tick.
+        return self._led(
+            lambda fault, note: self._mirrored(force, ("" if usual else self._refusal(enable, stamp)) or fault, note)
+        )
 
     def _mirrored(self, force: ArrayLike | None, reason: str, note: str = "") -> Command:
         """The command on what stands in the parameters; the safe one where there is a reason."""

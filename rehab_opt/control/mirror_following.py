@@ -68,7 +68,7 @@ class MirrorFollowing(MirrorStatement):
             self._hold(last)
         here, hand = self._hand()
         # Work is done where the hand is measured, also where its joints are led ahead of that.
-        seen = here if self._feedback is None else self._tool.of(self._feedback.measured)
+        seen = here if self.led is None else self._tool.of(self.led.measured)
         pushed = self._interaction.feel(force, seen[:3, 3] - self._held[:3])
         reason = reason or self._unusable(sound=True) or self._bent(pose) or pushed
         if reason:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-__all__ = ["NOTES", "Note", "notes_of", "without_notes"]
+__all__ = ["HELD_BACK", "NOTES", "Note", "notes_of", "without_notes"]
 
 
 class Note(NamedTuple):
@@ -18,6 +18,7 @@ class Note(NamedTuple):
     """Part of what Python says then."""
 
 
+HELD_BACK = "the hand was held back: led at recovery speed until it is free for two seconds"
 NOTES = (
     Note("SHORTENED", "the step was shortened: the tangents of the bounds promised too much", "step shortened"),
     Note("SLOWED", "the reference is followed below its own pace", "of its pace"),
@@ -25,8 +26,9 @@ NOTES = (
     Note(
         "THINNED", "no more samples fit: every second one that waited was left out", "every second sample that waited"
     ),
+    Note("HELD_BACK", HELD_BACK, "the hand was held back"),
 )
-"""In the order of their numbers, 1, 2, 4, 8, which never change. Python joins them by semicolons in its reason."""
+"""In the order of their numbers, 1, 2, 4, 8, 16, which never change. Python joins them by semicolons in its reason."""
 
 
 def notes_of(reason: str) -> int:

@@ -89,10 +89,12 @@ class VelocityController(OneThread, ABC):
         self._watchdog = Watchdog(dt=dt, max_age=max_age)
         self.max_age = self._watchdog.max_age
         self.feedback = feedback
-        self._feedback = None
+        self.led: FollowedJoints | None = None
+        """Where a `feedback` leads the joints."""
         if feedback is not None:  # a hand that a base moves, too, is not watched
             hand = None if self.base else chain
-            self._feedback = FollowedJoints(feedback, chain.names[self.base :], dt=self.dt, chain=hand)
+            self.led = FollowedJoints(feedback, chain.names[self.base :], dt=self.dt, chain=hand)
+            self._hurried = BufferedFunction(self.hurrying())
         self.approach = math.inf if feedback is None else feedback.approach
         """[1/s] see `velocity_bounds`."""
         self._solvers = FallbackChain(
@@ -184,14 +186,23 @@ class VelocityController(OneThread, ABC):
 
         `delivered` and `asked` are twists, weighted alike; `outside` says that a joint is beyond its limit.
         """
-        allowed = ca.DM(np.minimum(self.chain.acceleration * self.dt, 2 * self.chain.velocity))
-        hurried = ca.sum1(ca.fabs(velocity - last) > allowed * (1 + 1e-9) + 1e-12) > 0
+        hurried = self.hurried(last, velocity)
         size = ca.sumsqr(asked)
         missed = ca.sumsqr(delivered - asked) > MISSED**2 * size + STILL**2
         along = clipped(ca.dot(delivered, asked) / ca.fmax(size, STILL**2), 0, 1)
         along = ca.if_else(along > MISSED, along, 0)
         yielded = int(Bound.POSITION) * outside + int(Bound.ACCELERATION) * hurried + int(Bound.TASK) * missed
         return ca.vertcat(yielded, ca.if_else(ca.logic_and(missed, size > STILL**2), along, 1))
+
+    def hurried(self, last: ca.SX, velocity: ca.SX) -> ca.SX:
+        """Whether joints go from one velocity (n,) to the other faster than their accelerations allow."""
+        allowed = ca.DM(np.minimum(self.chain.acceleration * self.dt, 2 * self.chain.velocity))
+        return ca.sum1(ca.fabs(velocity - last) > allowed * (1 + 1e-9) + 1e-12) > 0
+
+    def hurrying(self) -> ca.Function:
+        """`hurried` of two velocities (n,)."""
+        last, velocity = ca.SX.sym("last", self.chain.n), ca.SX.sym("velocity", self.chain.n)
+        return ca.Function("hurried", [last, velocity], [self.hurried(last, velocity)])
 
     def remember(self, q: ca.SX, velocity: ca.SX) -> ca.SX:
         """The velocity, where it leads by the next tick, and room for what that tick is told of led joints."""
@@ -293,12 +304,12 @@ class VelocityController(OneThread, ABC):
     def _forget_joints(self, velocity: Array) -> None:
         """Where the joints were is forgotten; they move at `velocity` (n,) now."""
         self._watch.reset()
-        if self._feedback is not None:
-            self._feedback.reset(velocity[self.base :])
+        if self.led is not None:
+            self.led.reset(velocity[self.base :])
 
     def _tick(self, enable: object, stamp: float | None) -> Command:
         """One step on what stands in the parameters."""
-        if self._feedback is None:
+        if self.led is None:
             return self._decided(enable, stamp, self._watch.known)
         return self._led(lambda fault, note: self._decided(enable, stamp, fault, note))
 
@@ -307,24 +318,24 @@ class VelocityController(OneThread, ABC):
 
         Empty where all do, where none is `watched`, and where joints are led: see `_led`.
         """
-        return self._watch.fault() if self.watched and self._feedback is None else ""
+        return self._watch.fault() if self.watched and self.led is None else ""
 
     def _led(self, decided: Callable[[str, str], Command]) -> Command:
         """What `decided` makes of where the joints are led, put in place of what was measured, of a fault and a note.
 
         Every controller passes here once a tick, after the positions are written and before anything acts on them.
         """
-        if self._feedback is None:
+        if self.led is None:
             return decided("", "")
         watched = self._watch.fault() if self.base else ""  # of which no model is known
-        fault = self._feedback.lead(self._q[self.base :], self._last[self.base :], self._guided) or watched
-        if not self._feedback.touched:
-            return decided(fault, self._feedback.note)
-        before = self._last.copy()
-        self._last[:] = 0.0  # whatever held the hand has stopped the joints
-        command = decided(fault, self._feedback.note)
-        hurried = np.any(np.abs(self._last - before) > self.chain.acceleration * self.dt * (1 + 1e-9) + 1e-12)
-        return command._replace(yielded=command.yielded | Bound.ACCELERATION) if hurried else command
+        led = self.led
+        fault = led.lead(self._q[self.base :], self._last[self.base :], self._guided) or watched
+        if not led.touched:
+            return decided(fault, led.note)
+        command = decided(fault, led.note)  # from rest: whatever held the hand has stopped the joints
+        if self._hurried.of(led.before, self._last):
+            command = command._replace(yielded=command.yielded | Bound.ACCELERATION)
+        return command
 
     def _decided(self, enable: object, stamp: float | None, reason: str = "", note: str = "") -> Command:
         """The command on what stands in the parameters and in the memory; the safe one where there is a reason."""
@@ -344,7 +355,7 @@ class VelocityController(OneThread, ABC):
                 name, bound = _SOLVERS[who], _BOUNDS[yielded]
                 if scale:
                     return _new(Command, (value, _OK, name, residual, -1, note, bound, scale, wheels))
-                return Command(value, _BLOCKED, name, residual, -1, note or NOTHING_LEFT, bound, scale, wheels)
+                return Command(value, _BLOCKED, name, residual, -1, _blocked(note), bound, scale, wheels)
         reason, solvers = self._not_following(), self._solvers
         if reason:
             return self._safe(reason)
@@ -359,7 +370,7 @@ class VelocityController(OneThread, ABC):
             )
         residual, _, _, yielded, scale, _ = solvers.verdict.tolist()
         if status is Status.OK and not scale:
-            status, reason = Status.BLOCKED, note or NOTHING_LEFT
+            status, reason = Status.BLOCKED, _blocked(note)
         bound = _BOUNDS[yielded]
         value, wheels = self._sent_now()
         return Command(value, status, solver, residual, solvers.iterations, reason, bound, scale, wheels)
@@ -405,6 +416,11 @@ class VelocityController(OneThread, ABC):
         array = (self._q, *self._inputs)[i]
         where = ", ".join(map(str, np.unravel_index(k, array.shape)))
         return f"{self._names[i]}[{where}] is {array.flat[k]}, not a usable number"
+
+
+def _blocked(note: str) -> str:
+    """Why nothing of the commanded motion is left, and what else is to be said."""
+    return f"{NOTHING_LEFT}; {note}" if note else NOTHING_LEFT
 
 
 def real_numbers(argument: str, value: ArrayLike, shape: tuple[int, ...]) -> Array:

@@ -148,12 +148,12 @@ class WatchedJoints:
         self._function.evaluate()
         self._memory[:] = self._after
         if self._said[0] > self._patience:
-            self.known = not_followed(self._names, self._function.inputs[0])
+            n, memory = len(self._names), self._function.inputs[0]
+            joint = int(np.argmax(memory[:n]))  # for longest
+            self.known = not_followed(self._names[joint], abs(memory[n + joint]))
         return self.known
 
 
-def not_followed(names: tuple[str, ...], memory: Array) -> str:
-    """Which joint did not follow for longest, and by how much, from a memory that begins as `memory_of_watch`'s."""
-    n = len(names)
-    joint = int(np.argmax(memory[:n]))
-    return f"{names[joint]} {NOT_FOLLOWED}: {abs(memory[n + joint]):.2g} rad or m from where it was led"
+def not_followed(name: str, far: float) -> str:
+    """What is said of a joint at fault, `far` [rad or m] from where it was led."""
+    return f"{name} {NOT_FOLLOWED}: {far:.2g} rad or m from where it was led"

@@ -11,6 +11,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from rehab_opt.control.followed_joints import SAID
 from rehab_opt.control.pose_tracker import PoseTracker
 from rehab_opt.control.velocity_controller import VelocityController
 from rehab_opt.control.watchdog import watched
@@ -33,6 +34,12 @@ SPARE = 100
 """Numbers that a struct has besides those that are counted; with them it is not larger than said."""
 VERDICT = 3
 """Numbers of a verdict before its report."""
+
+LED = """\
+    double led[{led}]; /* of the joints that are led, and of what their encoders said */
+    double measured[{joints}], before[{joints}]; /* positions of the last tick, and the command before it */
+    int touched, hand_held;  /* whether the hand is held from the last tick on, and whether it is held */
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,7 +174,7 @@ class ExportedVelocity(ExportedController):
 
     Raises
     ------
-    ConfigurationError : a chain of more joints than a command has room for; a `JointFeedback`, which C does not have.
+    ConfigurationError : a chain of more joints than a command has room for.
     """
 
     core: ClassVar[str] = "velocity_controller"
@@ -179,8 +186,6 @@ class ExportedVelocity(ExportedController):
         for law in self.laws:
             if law.controller.chain.n > MOST_VALUES:
                 raise ConfigurationError("chain", law.controller.chain.n, f"at most {MOST_VALUES} joints, as C has")
-            if law.controller.feedback is not None:
-                raise ConfigurationError("feedback", law.controller.feedback, "None: C acts on measured positions")
 
     @property
     def dt(self) -> float:
@@ -210,8 +215,12 @@ class ExportedVelocity(ExportedController):
     def functions(self) -> list[ca.Function]:
         """Of each law its tick, its safe command, and its lesser law where there is one."""
         watchdog = renamed(watched(), f"{self.name}_watched")
-        followed = renamed(self.laws[0].controller.watch, f"{self.name}_followed")
-        return [watchdog, followed, *(function for law in self.laws for function in law.functions())]
+        first = self.laws[0].controller
+        joints = {"followed": first.watch}
+        if first.led is not None:
+            joints |= {"led": first.led.tick, "led_from": first.led.start, "hurried": first.hurrying()}
+        of_joints = [renamed(function, f"{self.name}_{what}") for what, function in joints.items()]
+        return [watchdog, *of_joints, *(function for law in self.laws for function in law.functions())]
 
     def shape(self) -> dict[str, str]:
         """Sizes, limits and the table of the laws."""
@@ -229,11 +238,22 @@ class ExportedVelocity(ExportedController):
             "values": chain.n,
             "wheels": 0 if wheels is None else wheels.stop - wheels.start,
             "watch": memory_of_watch(chain.n).size,
+            "watched": int(first.led is None or first.base > 0),
+            "guided": first.guidance_size,
         }
         sizes["numbers"] = len(laws) * (sizes["parameters_most"] + 2 * sizes["state_most"] + sizes["verdict_most"])
         sizes["numbers"] += sizes["watch"]
+        led = {"led": 0, "said_size": SAID.size, "base": first.base}
+        led |= {f"said_{name}": SAID[name] for name in SAID.places}
+        if first.led is not None:
+            led["led"] = first.led.tick.numel_in(0)
+            sizes["numbers"] += led["led"] + 2 * chain.n
+        texts = {name: str(size) for name, size in (sizes | led).items()} | {"name": self.name}
         return {
-            **{name: str(size) for name, size in sizes.items()},
+            **texts,
+            "lead": filled("not_led.c" if first.led is None else "led.c", texts),
+            "seen": "parameters" if first.led is None else "self->measured",
+            "led_memory": "" if first.led is None else LED.format(**texts),
             "dt": number(first.dt),
             "patience": number(patience_of(first.dt)),
             "watchdog": filled(

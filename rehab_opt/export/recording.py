@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import math
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -13,11 +14,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.control.command import Command, Status
+from rehab_opt.control.followed_joints import servo_rates
+from rehab_opt.control.joint_feedback import JointFeedback
 from rehab_opt.control.notes import notes_of
 from rehab_opt.control.reasons import reason_number
 from rehab_opt.export.c_text import indented, initialiser, number
 
-__all__ = ["MOST_TICKS", "Recording", "Tick", "recorded", "standing", "thinned", "with_faults"]
+__all__ = [
+    "MOST_TICKS",
+    "Joints",
+    "Recording",
+    "Tick",
+    "about_run",
+    "as_it_moves",
+    "encoders",
+    "recorded",
+    "standing",
+    "thinned",
+    "with_faults",
+]
 
 Array = NDArray[np.float64]
 Tick = dict[str, Any]
@@ -27,6 +42,8 @@ MOST_TICKS = 4000
 """Of a run; a longer one is thinned, or its header would be read for minutes."""
 STANDS = 0.6
 """[s] A hand at some 5 cm/s has joints by then that are seen not to follow."""
+STOPPED = 0.03
+"""[s] for which something holds the joints of a `JointFeedback` in a recorded run: no fault yet."""
 NOISE = 1e-4
 """[rad or m] Standard deviation of the encoders in a recorded run."""
 STATUSES = {
@@ -93,19 +110,73 @@ class Recording:
         return text.getvalue()
 
 
+class Joints:
+    """A robot's joints in a recorded run: as commanded, or late and behind their servos as a feedback knows them.
+
+    Then something holds them once for a while, so that the hand's watch has what it is for.
+
+    Parameters
+    ----------
+    start : (n,) where they are first, at rest. dt : [s] a tick. ticks : of the run; behind it the encoders stand still.
+    feedback : None for joints that are where they are commanded. base : how many of the first joints move at once.
+    """
+
+    def __init__(self, start: Array, *, dt: float, ticks: int, feedback: JointFeedback | None, base: int = 0) -> None:
+        self.start, self._dt, self._ticks, self._tick = start, dt, ticks, 0
+        self._noise, self._led = encoder_noise(ticks, start.size), slice(base, None)
+        self._q, self._v, self._w = start.copy(), np.zeros(start.size - base), np.zeros(start.size - base)
+        self._servo = servo_rates(math.inf if feedback is None else feedback.servo_hz, dt)
+        late = 0 if feedback is None else round(feedback.delay / dt)
+        self._sent = deque([np.zeros(start.size - base)] * late)
+        held = 0 if feedback is None else math.ceil(STOPPED / dt)
+        self._held = range(ticks // 3, ticks // 3 + held)
+        self._seen = start.copy()
+
+    def seen(self, told: Array) -> Array:
+        """(n,) what the encoders say in this tick, where `told` is `start`; else what is told of them."""
+        if self._tick < self._ticks:
+            self._seen = self._q + self._noise[self._tick]
+        return np.where(told == self.start, self._seen, told)
+
+    def go(self, command: Array) -> None:
+        """One tick at these velocities (n,)."""
+        if self._led.start:
+            self._q[: self._led.start] += self._dt * command[: self._led.start]
+        self._sent.append(command[self._led])
+        arrived, servo = self._sent.popleft(), self._servo
+        short, lacks = self._v - arrived, self._w + self._dt * arrived
+        if self._tick in self._held:
+            self._v, self._w = np.zeros_like(arrived), lacks  # for which the servos push
+        else:
+            self._v = arrived + servo["v_v"] * short + servo["v_w"] * self._w
+            self._w = servo["w_v"] * short + servo["w_w"] * self._w
+        self._q[self._led] += lacks - self._w
+        self._tick += 1
+
+
 def recorded(
     step: Callable[[Tick], Command],
     ticks: Sequence[Tick],
     about: str,
     *,
+    joints: Joints | None = None,
     more: Callable[[], Sequence[float]] = tuple,
+    progress: Callable[[int], None] = lambda _: None,
 ) -> Recording:
-    """What `step` answers to every tick, and `more` says after it."""
-    commands, besides = [], []
-    for tick in ticks:
+    """What `step` answers to every tick, and `more` says after it.
+
+    With `joints` these fill in q wherever a tick has their start.
+    """
+    told, commands, besides = [], [], []
+    for k, each in enumerate(ticks):
+        tick = each if joints is None else {**each, "q": joints.seen(each["q"])}
         commands.append(step(tick))
+        if joints is not None:
+            joints.go(commands[-1].value)
+        told.append(tick)
         besides.append(tuple(more()))
-    return Recording(ticks, commands, about, besides)
+        progress(k)
+    return Recording(told, commands, about, besides)
 
 
 def thinned(count: int) -> NDArray[np.intp]:
@@ -120,10 +191,20 @@ def encoder_noise(ticks: int, joints: int) -> Array:
     return np.asarray(noise)
 
 
-def noisy(run: Sequence[Tick]) -> list[Tick]:
-    """The run with `encoder_noise`."""
-    noise = encoder_noise(len(run), run[0]["q"].size)
-    return [{**tick, "q": tick["q"] + each} for tick, each in zip(run, noise, strict=True)]
+def encoders(
+    run: Sequence[Tick], *, dt: float, feedback: JointFeedback | None, base: int = 0
+) -> tuple[list[Tick], Joints | None, Tick]:
+    """The run with `encoder_noise`; of led joints, which must follow what is commanded, with nothing but the first.
+
+    Besides, what fills them in as it goes, see `recorded`, and the tick in which a joint is fastest.
+    """
+    fastest = run[int(np.argmax(np.abs(np.diff([each["q"] for each in run], axis=0)).max(axis=1)))]
+    if feedback is None:
+        noise = encoder_noise(len(run), run[0]["q"].size)
+        return [{**tick, "q": tick["q"] + each} for tick, each in zip(run, noise, strict=True)], None, fastest
+    start = run[0]["q"]
+    joints = Joints(start, dt=dt, ticks=len(run), feedback=feedback, base=base)
+    return [{**tick, "q": start} for tick in run], joints, {**fastest, "q": start}
 
 
 def with_faults(
@@ -156,11 +237,24 @@ def with_faults(
     return result
 
 
-def standing(ticks: Sequence[Tick], run: Sequence[Tick], *, dt: float) -> list[Tick]:
-    """Ticks behind `ticks`: encoders that stand still for STANDS where `run` was fastest, then no enable input."""
+def standing(ticks: Sequence[Tick], moving: Tick, *, dt: float) -> list[Tick]:
+    """Ticks behind `ticks`: encoders that stand still in a tick that moves for STANDS, then no enable input."""
     last, count = ticks[-1]["stamp"], math.ceil(STANDS / dt)
-    tick = run[int(np.argmax(np.abs(np.diff([each["q"] for each in run], axis=0)).max(axis=1)))]
-    return [{**tick, "enable": int(k <= count), "stamp": float(last + k * dt)} for k in range(1, count + count // 2)]
+    return [{**moving, "enable": int(k <= count), "stamp": float(last + k * dt)} for k in range(1, count + count // 2)]
+
+
+def about_run(ticks: int, of: str, feedback: JointFeedback | None) -> str:
+    """What `with_faults` and `standing` made of a run, for the reader."""
+    led = "" if feedback is None else f", the robot moving {as_it_moves(feedback)}"
+    return (
+        f"{ticks} ticks of {of}{led}, with faults among them: numbers that are none, stamps that are wrong, the enable "
+        "input released, encoders that stand still; encoders with noise of 0.1 mrad in the second half"
+    )
+
+
+def as_it_moves(feedback: JointFeedback | None) -> str:
+    """How `Joints` move, in words."""
+    return "as commanded" if feedback is None else "late and behind its servos, and held by something once"
 
 
 def _element(name: str, index: int, value: float) -> Callable[[Tick], Tick]:

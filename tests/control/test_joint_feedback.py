@@ -190,8 +190,8 @@ def test_the_servo_of_the_model_is_a_proportional_integral_loop(dt: float) -> No
     joints = FollowedJoints(JointFeedback(delay=0.0, servo_hz=hz, correction=1e-9, tolerance=1e3), ("a",), dt=dt)
     joints.reset(np.zeros(1))
     p, state = pole(hz), np.zeros(3)
-    q = np.zeros(1)
-    joints.lead(q, np.zeros(1))
+    q, told = np.zeros(1), np.zeros(1)
+    joints.lead(q, np.zeros(1), told)
     for u in commands:
 
         def rates(_: float, s: Array, u: float = u[0]) -> list[float]:
@@ -200,7 +200,7 @@ def test_the_servo_of_the_model_is_a_proportional_integral_loop(dt: float) -> No
         state = solve_ivp(rates, (0, dt), state, rtol=1e-10, atol=1e-12).y[:, -1]
         q = np.array([state[0]])
         measured = q.copy()
-        joints.lead(q, u)
+        joints.lead(q, u, told)
         assert joints.errors[0] == pytest.approx(0.0, abs=1e-7)
         assert q[0] == pytest.approx(measured[0] + state[2], abs=1e-7)  # where it comes to: the sum of the commands
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -19,7 +21,7 @@ def test_joints_that_move_as_commanded_keep_every_bound() -> None:
     tasks = {"limit": range(2), "hand": range(1)}  # both arms; a tracker with hand bounds takes seconds to build
     found = {name: done(name, numbers, 5, ideal=True, feedback=None) for name, numbers in tasks.items()}
     rows = measured(found)
-    assert [row.verdict for row in rows] == ["PASS"] * 3 + [""] + ["PASS"] * 3, table(rows)
+    assert [row.verdict for row in rows] == ["PASS"] * 4 + [""] + ["PASS"] * 3, table(rows)
     assert any(each.numbers["limit reached"] for each in found["limit"])
 
 
@@ -44,6 +46,8 @@ def test_processes_share_the_tasks_and_change_nothing(capsys: pytest.CaptureFixt
     assert [line.split("|")[1].split(",")[0].strip() for line in once[1:]] == [
         "frozen encoder",
         "the same without a `JointFeedback`",
+        "blocked joint: braking after",
+        "the same without a `JointFeedback`",
     ]
     assert lines == once * 2
 
@@ -55,13 +59,23 @@ def test_every_cell_is_met_with_both_arms() -> None:
     assert len(met) == len(CELLS) * len(ARMS)
 
 
+def test_delays_are_told_truly_and_wrong_to_both_arms() -> None:
+    settings = [setting_of(n, "limit", seed=0, kept={}) for n in range(6 * len(CELLS))]
+    assert {(each.mistold, each.arm.name) for each in settings} == {
+        (told, arm().name) for told in (-0.003, 0.0, 0.003) for arm in ARMS.values()
+    }
+    told = {(each.cell.delay, each.told(PoseTracker)["feedback"].delay) for each in settings}
+    assert (0.002, 0.0) in told
+    assert (0.008, 0.011) in told
+
+
 def test_a_controller_is_told_what_its_class_can_be_told() -> None:
     class Later(PoseTracker):
         def __init__(self, *own: object, actuation_delay: float, **options: object) -> None:
             super().__init__(*own, **options)
             self.told = actuation_delay
 
-    setting = setting_of(23, "limit", seed=0, kept={})
+    setting = replace(setting_of(23, "limit", seed=0, kept={}), mistold=0.0)
     led = setting.controller(Later, setting.arm.chain)
     assert led.told == 0.008
     assert led.feedback == JointFeedback(delay=0.008)
@@ -72,9 +86,10 @@ def test_a_controller_is_told_what_its_class_can_be_told() -> None:
 
 @pytest.mark.parametrize("value", [float("nan"), 0.6])
 def test_a_number_that_misses_its_bound_or_is_none_fails(value: float) -> None:
-    numbers = {"beyond the limit": 1e-3 * value, "limit: peak to peak": 0.0, "limit: hand RMS": 0.0, "limit reached": 1}
+    numbers = dict.fromkeys(("beyond a bare servo", "limit: peak to peak", "limit: hand RMS", "limit reached"), 0.0)
+    numbers["beyond the limit"] = 1e-3 * value
     rows = measured({"limit": [Done(CELLS[0], numbers)]})
-    assert [row.verdict for row in rows] == ["FAIL", "PASS", "PASS", ""]
+    assert [row.verdict for row in rows] == ["FAIL", "PASS", "PASS", "PASS", ""]
 
 
 @pytest.mark.parametrize("name", ARMS)

@@ -33,6 +33,7 @@ from rehab_opt.session.mirror.laws import tracker_of
 from rehab_opt.session.mirror.problem import MirrorProblem
 from rehab_opt.session.mirror.scene import laid_out
 from rehab_opt.session.outcome import Progress
+from rehab_opt.session.plant.making import joint_feedback
 
 __all__ = ["ExportedMirror", "exported_mirror", "exported_mirror_problem"]
 
@@ -134,7 +135,7 @@ def exported_mirror_problem(
     ProblemFileError : a recording or a value of the file that cannot be used.
     """
     problem, scene = loaded.problem, laid_out(loaded)
-    tracker = tracker_of(problem, scene, file=loaded.file)
+    tracker = tracker_of(problem, scene, file=loaded.file, feedback=joint_feedback(problem.plant))
     poses, twists = scene.reference.poses, scene.reference.twists
     return exported_mirror(
         tracker, scene.start, poses, twists, title=problem.title, source=f"the recording of `{loaded.name}`",

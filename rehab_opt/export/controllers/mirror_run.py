@@ -10,7 +10,16 @@ from numpy.typing import NDArray
 
 from rehab_opt.control.command import Command
 from rehab_opt.control.mirror import MirrorTracker
-from rehab_opt.export.recording import MOST_TICKS, Recording, Tick, encoder_noise, with_faults
+from rehab_opt.export.recording import (
+    MOST_TICKS,
+    Joints,
+    Recording,
+    Tick,
+    as_it_moves,
+    recorded,
+    standing,
+    with_faults,
+)
 from rehab_opt.session.outcome import Progress
 
 __all__ = ["mirror_run"]
@@ -40,22 +49,18 @@ def mirror_run(
     if bodies is not None:
         sound = [{**tick, "obstacles": told} for tick, told in zip(sound, bodies[:count], strict=True)]
     faulty = with_faults(sound, dt=tracker.dt, max_age=tracker.max_age, more=_faults(tracker))
+    faulty += standing(faulty, sound[-1], dt=tracker.dt) if tracker.led else []
     tracker.reset()
-    ticks, commands, q, noise = [], [], start.copy(), encoder_noise(len(faulty), start.size)
-    for k, each in enumerate(faulty):
-        tick = {**each, "q": np.where(each["q"] == start, q + noise[k], each["q"])}  # what was not replaced by a fault
-        command = _answer(tracker, tick)
-        ticks.append(tick)
-        commands.append(command)
-        q = q + command.value * tracker.dt
-        if k % 500 == 0:
-            progress("recorded", k, count)
     about = (
-        f"{count} ticks along {source}, the robot moving as commanded, with faults among them: numbers that are none, "
-        "stamps that are wrong, the enable input released, jumps, forces; encoders with noise of 0.1 mrad in the "
-        "second half"
+        f"{len(faulty)} ticks along {source}, the robot moving {as_it_moves(tracker.feedback)}, with faults among "
+        "them: numbers that are none, stamps that are wrong, the enable input released, jumps, forces; encoders with "
+        "noise of 0.1 mrad in the second half"
     )
-    return Recording(ticks, commands, about, [()] * len(ticks))
+    joints = Joints(start, dt=tracker.dt, ticks=count, feedback=tracker.feedback)
+    return recorded(
+        lambda tick: _answer(tracker, tick), faulty, about, joints=joints,
+        progress=lambda k: progress("recorded", k, count) if k % 500 == 0 else None,
+    )  # fmt: skip
 
 
 def _answer(tracker: MirrorTracker, tick: Tick) -> Command:

@@ -12,11 +12,12 @@ from rehab_opt.control.limit import Limits
 from rehab_opt.control.pose_tracker import PoseTracker
 from rehab_opt.errors import ProblemFileError
 from rehab_opt.export.exported import ExportedController, ExportedVelocity, Law
-from rehab_opt.export.recording import Tick, noisy, recorded, standing, thinned, with_faults
+from rehab_opt.export.recording import Tick, about_run, encoders, recorded, standing, thinned, with_faults
 from rehab_opt.export.stages import as_in_c
 from rehab_opt.optim.fallback_chain import BACKUP, FUSED
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.outcome import Progress
+from rehab_opt.session.plant.making import joint_feedback
 from rehab_opt.session.pose_tracking.problem import PoseTracking
 from rehab_opt.session.pose_tracking.robot import circle_reference, robot_at_start, tracker_of
 from rehab_opt.session.pose_tracking.run import PoseTrackingSystem
@@ -56,7 +57,7 @@ def exported_pose_tracker(loaded: ProblemFile[PoseTracking], *, progress: Progre
     if problem.tracker.solver not in (None, FUSED):
         raise ProblemFileError(loaded.file, "tracker.solver", problem.tracker.solver, f"{FUSED}, which can become C")
     robot, start = robot_at_start(loaded)
-    tracker = tracker_of(problem, robot, file=loaded.file)
+    tracker = tracker_of(problem, robot, file=loaded.file, feedback=joint_feedback(problem.plant))
     run = PoseTrackingSystem().run(loaded, options={}, progress=progress)
     poses, twists = circle_reference(robot.pose(start), problem.circle, run.time)
     kept = thinned(len(run.time))
@@ -79,19 +80,18 @@ def exported_tracker(tracker: PoseTracker, run: Sequence[Tick], *, title: str, o
     ----------
     tracker : it is reset, and repeats the run without a backup, which C has not.
     run : ticks of a sound run, each q (n,), pose (4, 4), twist (6,), and `obstacles` (k, 14) by `moving_numbers` where
-        the tracker is told of moving capsules: C repeats it, with faults among them.
+        the tracker is told of moving capsules: C repeats it, with faults among them. Of a led tracker the joints are
+        filled in from the first on.
     title : what it is, in a few words. of : what the run is one of, in words.
 
     Raises
     ------
     ConfigurationError : a solver that does not become C, or a chain of more joints than a command has room for.
     """
-    ticks = with_faults(noisy(run), dt=tracker.dt, max_age=tracker.max_age, more=_faults(tracker))
-    ticks += standing(ticks, run, dt=tracker.dt)
-    about = (
-        f"{len(ticks)} ticks of {of}, with faults among them: numbers that are none, stamps that are wrong, the enable "
-        "input released, encoders that stand still; encoders with noise of 0.1 mrad in the second half"
-    )
+    sound, joints, moves = encoders(run, dt=tracker.dt, feedback=tracker.feedback)
+    ticks = with_faults(sound, dt=tracker.dt, max_age=tracker.max_age, more=_faults(tracker))
+    ticks += standing(ticks, moves, dt=tracker.dt)
+    about = about_run(len(ticks), of, tracker.feedback)
 
     def answer(tick: Tick) -> Command:
         around = {"obstacles": tick["obstacles"]} if tracker.limits.moving else {}
@@ -101,7 +101,7 @@ def exported_tracker(tracker: PoseTracker, run: Sequence[Tick], *, title: str, o
 
     with as_in_c(tracker._solvers):
         tracker.reset()
-        recording = recorded(answer, ticks, about)
+        recording = recorded(answer, ticks, about, joints=joints)
     tracker.reset()
     return ExportedVelocity(
         name="pose_tracker",

@@ -17,7 +17,7 @@ from rehab_opt.errors import ProblemFileError
 from rehab_opt.export.c_text import indented, initialiser, number
 from rehab_opt.export.controllers.pose_tracker import moving_argument, moving_values
 from rehab_opt.export.exported import ExportedController, ExportedVelocity, Law
-from rehab_opt.export.recording import Recording, Tick, noisy, recorded, standing, thinned, with_faults
+from rehab_opt.export.recording import Recording, Tick, about_run, encoders, recorded, standing, thinned, with_faults
 from rehab_opt.export.stages import as_in_c
 from rehab_opt.optim.fallback_chain import BACKUP, FUSED
 from rehab_opt.session.ardis.outcome import moved
@@ -26,6 +26,7 @@ from rehab_opt.session.ardis.robot import joystick_of, resolver_of, robot_of, st
 from rehab_opt.session.ardis.stick import sticks_of
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.outcome import Progress
+from rehab_opt.session.plant.making import joint_feedback
 
 __all__ = ["exported_resolver", "exported_resolvers"]
 
@@ -80,7 +81,7 @@ def exported_resolver(resolver: RedundancyResolver, run: Sequence[Tick], *, titl
     resolver : it is reset, and repeats the run without a backup, which C has not.
     run : ticks of a sound run, each q (n,), twist (k,) with k the most numbers that a set of rows has, and `rows` and
         `frame` as whole numbers: places in `row_sets` and in `FRAMES`; `obstacles` (k, 14) where it is told of moving
-        capsules. C repeats it, with faults among them.
+        capsules. C repeats it, with faults among them. Of led joints it has the first.
     title : what it is, in a few words. of : what the run is one of, in words.
 
     Raises
@@ -110,7 +111,7 @@ def exported_resolver(resolver: RedundancyResolver, run: Sequence[Tick], *, titl
 
 def _of_a_file(loaded: ProblemFile[ArdisProblem], drive: DriveName, *, progress: Progress) -> ExportedController:
     """The session's run with a controller of its own, repeated by another."""
-    resolver = resolver_of(loaded, robot_of(loaded), drive)
+    resolver = resolver_of(loaded, robot_of(loaded), drive, feedback=joint_feedback(loaded.problem.plant))
     robot, dt = resolver.robot, 1 / loaded.problem.run.rate_hz
     listening = Listening(resolver_of(loaded, robot, drive))
     moved(
@@ -129,16 +130,17 @@ def _of_a_file(loaded: ProblemFile[ArdisProblem], drive: DriveName, *, progress:
 def _recording(resolver: RedundancyResolver, run: Sequence[Tick], of: str) -> Recording:
     """What it answers to the run, with faults in it."""
     robot = resolver.robot
-    max_age = next(iter(resolver._sets.values())).max_age
+    law = next(iter(resolver._sets.values()))
+    sound, joints, moves = encoders(run, dt=resolver.dt, feedback=law.feedback, base=law.base)
     ticks = with_faults(
-        noisy(run), dt=resolver.dt, max_age=max_age,
+        sound, dt=resolver.dt, max_age=law.max_age,
         more=(
             lambda tick: {**tick, "twist": 1e4 * np.ones_like(tick["twist"])},
             lambda tick: {**tick, "frame": 1},
             lambda tick: {**tick, "q": np.minimum(robot.chain.upper, 10.0) + 0.05},  # beyond every limit
         ),
     )  # fmt: skip
-    ticks += standing(ticks, run, dt=resolver.dt)
+    ticks += standing(ticks, moves, dt=resolver.dt)
     frames = {int(value): name for name, value in FRAMES.items()}
 
     def answer(tick: Tick) -> Command:
@@ -148,13 +150,10 @@ def _recording(resolver: RedundancyResolver, run: Sequence[Tick], of: str) -> Re
             enable=tick["enable"], stamp=tick["stamp"],
         )  # fmt: skip
 
-    about = (
-        f"{len(ticks)} ticks of {of}, with faults among them: numbers that are none, stamps that are wrong, the enable "
-        "input released, encoders that stand still; encoders with noise of 0.1 mrad in the second half"
-    )
+    about = about_run(len(ticks), of, law.feedback)
     resolver.reset()
     with as_in_c(*(law._solvers for law in resolver._sets.values())):
-        recording = recorded(answer, ticks, about)
+        recording = recorded(answer, ticks, about, joints=joints)
     resolver.reset()
     return recording
 
