@@ -50,6 +50,10 @@ class ForceLaw(ABC):
     """[N] desired in the last tick, before bounds."""
     energy_left: float = math.nan
     """[J] in the tank; NaN where there is none."""
+    led: tuple[float, float] | None = None
+    """[m] Where somebody leads the hand of who does it along, in their workspace; None: where that one means to be."""
+    along: tuple[float, float, float, float] = (math.nan,) * 4
+    """[m, N] That hand, and the force on it; NaN where there is none."""
 
     def start(self, number: int) -> None:  # noqa: B027  (most have nothing to forget)
         """A trial begins."""
