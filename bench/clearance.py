@@ -10,11 +10,13 @@ import argparse
 import sys
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 from decimal import Decimal, localcontext
 from itertools import product
 from typing import NamedTuple
 
 import coal
+import eigenpy
 import numpy as np
 from numpy.typing import NDArray
 from rich.console import Console
@@ -35,6 +37,7 @@ Array = NDArray[np.float64]
 ROBOTS = ("ur5", "panda", "six", "seven")
 SPEED = 0.1
 """[m/s] of any point of a body that moves, at most."""
+Z = np.array([0.0, 0.0, 1.0])
 NEAR = 0.03
 """[m] Nearer than this beyond the margin, coal is asked."""
 AGREED = 1e-12
@@ -62,10 +65,10 @@ class Judge:
         """Pose of a capsule along coal's z axis, and its length [m]."""
         way = b - a
         length = float(np.linalg.norm(way))
-        z = way / length if length > 1e-14 else np.array([0.0, 0.0, 1.0])
-        x = np.cross(z, [1.0, 0, 0] if abs(z[0]) < 0.9 else [0, 1.0, 0])
-        x /= np.linalg.norm(x)
-        return coal.Transform3s(np.column_stack([x, np.cross(z, x), z]), (a + b) / 2), length
+        if length < 1e-14:
+            return coal.Transform3s(np.eye(3), a), length
+        turn = eigenpy.Quaternion.FromTwoVectors(Z, way if way[2] > 0 else -way)  # exact: never by more than a quarter
+        return coal.Transform3s(turn.matrix(), (a + b) / 2), length
 
     @classmethod
     def capsules(cls, a: Array, b: Array, c: Array, d: Array, radii: tuple[float, float]) -> float:
@@ -261,11 +264,13 @@ def _guarded(tracker: PoseTracker) -> list[tuple[int, int]]:
     return [*pairs.linked, *((i, -1) for i in pairs.free)]
 
 
-def closed_loop(kind: str, ticks: int, seed: int, dt: float, *, compile: object = "wait") -> Run:
+def closed_loop(
+    kind: str, ticks: int, seed: int, dt: float, *, slots: int = Clearance.slots, compile: object = "wait"
+) -> Run:
     """A robot sent from random pose to random pose, among bodies that stand still and two that move."""
     rng = np.random.default_rng(seed)
     chain = robot(kind, rng)
-    given = room(chain, rng, moving=2)
+    given = replace(room(chain, rng, moving=2), slots=slots)
     tracker = PoseTracker(chain, dt=dt, limits=[given], compile=compile)  # type: ignore[arg-type]
     judge, links = Judge(chain, given), _guarded(tracker)
     total = Run(0, 0, np.inf, 0, 0, 0, 0)
@@ -425,9 +430,10 @@ def main() -> None:
     parser.add_argument("--worlds", type=int, default=3, help="of each robot")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--dt", type=float, default=0.001)
+    parser.add_argument("--slots", type=int, default=Clearance.slots, help="rows of a tick, in the closed loop")
     parser.add_argument("--no-compile", action="store_true")
     given = parser.parse_args()
-    console = Console(width=150)
+    console, code = Console(width=150), False if given.no_compile else "wait"
     verdicts: list[Verdict | Reported] = []
     if "distances" in given.parts:
         verdicts += distances(given.states, given.seed)
@@ -436,9 +442,7 @@ def main() -> None:
         runs = []
         for kind, k in product(ROBOTS, range(given.worlds)):
             began = time.perf_counter()
-            runs.append(
-                closed_loop(kind, each, given.seed + 100 * k, given.dt, compile=False if given.no_compile else "wait")
-            )
+            runs.append(closed_loop(kind, each, given.seed + 100 * k, given.dt, slots=given.slots, compile=code))
             print(kind, k, runs[-1], f"{time.perf_counter() - began:.0f} s", flush=True)
         ticks, below, near = (sum(getattr(run, name) for run in runs) for name in ("ticks", "below", "near"))
         least, held, reversals = (
@@ -456,7 +460,7 @@ def main() -> None:
     if "work" in given.parts:
         each = given.moves // (len(ROBOTS) * given.worlds)
         works = [
-            work_done(kind, each, given.seed + 100 * k, given.dt, compile=False if given.no_compile else "wait")
+            work_done(kind, each, given.seed + 100 * k, given.dt, compile=code)
             for kind, k in product(ROBOTS, range(given.worlds))
         ]
         count, without, among = (sum(getattr(work, name) for work in works) for name in ("free", "without", "among"))

@@ -1,7 +1,8 @@
-"""How a loop keeps the time: `python -m bench.loop`; `--ur`: led by RTDE, on a robot that is not there.
+"""How a loop keeps the time: `python -m bench.loop`; `--ur`, `--franka PYTHON`: led by RTDE or FCI, on no robot.
 
 A `PoseTracker` on a simulated UR5 at 1 kHz: alone; with a log and a viewer in processes of their own; the same as
-SCHED_FIFO. Each row is the best of `--rounds` by p99.9, as the load of others is in all of them.
+SCHED_FIFO. Each row is the best of `--rounds` by p99.9, as the load of others is in all of them. `--franka` is told a
+Python that has franka-sim, see `tests/loop/franka_robot.py`.
 """
 
 from __future__ import annotations
@@ -13,8 +14,10 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, closing, contextmanager
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from rich.console import Console
@@ -22,13 +25,16 @@ from rich.table import Table
 
 from bench.machine import machine
 from bench.verdict import Verdict, all_met, print_verdicts
+from rehab_opt.errors import DeviceLostError
 from rehab_opt.loop.log import DEPTH, Log
+from rehab_opt.loop.logged import read_log
 from rehab_opt.loop.loop import Loop
 from rehab_opt.loop.of_problem import decide_of
 from rehab_opt.loop.records import state_layout
 from rehab_opt.loop.report import LoopReport
+from rehab_opt.loop.scheduling import in_time
 from rehab_opt.loop.shared_ring import SharedRing
-from rehab_opt.session.files import load_problem
+from rehab_opt.session.files import ProblemFile, load_problem
 from rehab_opt.session.run import live_problem
 
 __all__ = ["main"]
@@ -60,12 +66,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--seconds", type=float, default=60.0)
     parser.add_argument("--rounds", type=int, default=3)
     parser.add_argument("--ur", action="store_true", help="only the robot behind RTDE, at 500 Hz")
+    parser.add_argument("--franka", metavar="PYTHON", help="only mirror therapy with a robot of franka-sim")
     options = parser.parse_args(arguments)
     os.environ.setdefault("REHAB_OPT_COMPILE", "wait")
     console = Console(width=140)
     console.print("  ".join(f"{key}: {value}" for key, value in machine().items()), highlight=False)
     if options.ur:
         return _behind_rtde(console, options.seconds)
+    if options.franka:
+        return _behind_fci(console, options.seconds, options.franka)
     table = Table(title=f"PoseTracker on MuJoCo's UR5 at 1 kHz, {options.seconds:g} s, best of {options.rounds}")
     for name in (
         "",
@@ -162,6 +171,64 @@ def _behind_rtde(console: Console, seconds: float) -> int:
     verdicts = [
         Verdict("RTDE at 500 Hz: ran without a break", 0.0 if report.lost else ran, ">=", 0.99 * seconds, "s"),
         Verdict("commands of a state that was too old", float(report.stale), "<=", 0),
+    ]
+    print_verdicts(console, verdicts)
+    return 0 if all_met(verdicts) else 1
+
+
+def _behind_fci(console: Console, seconds: float, python: str) -> int:
+    """Mirror therapy on franka-sim, which stops at its limits and at 20 missed cycles; then a step that it refuses."""
+    import franky  # noqa: PLC0415  (its extra)
+
+    from rehab_opt.loop.franka import FrankaDriver  # noqa: PLC0415
+    from rehab_opt.loop.of_problem import delay_of, replay_problem, run_in_time  # noqa: PLC0415
+    from rehab_opt.session.plant.tables import JointPlant  # noqa: PLC0415
+    from tests.loop.franka_robot import robot  # noqa: PLC0415
+
+    name, host = "mirror/franka_pick_fruit", "127.0.0.1"
+
+    def on(delay_ms: float | None) -> ProblemFile[Any]:
+        loaded = load_problem(name)
+        plant = JointPlant(kind="franka", address=host, delay_ms=delay_ms)
+        return replace(loaded, problem=loaded.problem.model_copy(update={"plant": plant}))
+
+    with robot(python, fifo=FIFO, strict=True), tempfile.TemporaryDirectory() as folder:
+        start = np.deg2rad(load_problem(name).problem.robot.start_deg)
+        mover = franky.Robot(host, realtime_config=franky.RealtimeConfig.Ignore, relative_dynamics_factor=0.1)
+        mover.move(franky.JointMotion(start))
+        del mover
+        delay = delay_of(on(None), joint=0, fifo=FIFO)
+        console.print(f"delay: {1e3 * delay:.1f} ms")
+        log = Path(folder) / "trace.mcap"
+        report, lost = run_in_time(on(1e3 * delay), seconds=seconds, log=log, fifo=FIFO)
+        console.print(str(report), highlight=False)
+        ticks = read_log(log)
+        again, moved = (
+            replay_problem(ticks),
+            float(np.abs(np.diff(ticks.records["position"], axis=0)).sum(axis=0).max()),
+        )
+        reflex = ""
+        with in_time(FIFO), closing(FrankaDriver(host, 0.05)) as driver:
+            for limit in (driver._robot.joint_jerk_limit, driver._robot.joint_acceleration_limit):
+                limit.set(list(limit.max))
+            try:
+                for k in range(40):
+                    driver.send([0.0, 0.0, 0.0, 0.3 * (-1) ** k, 0.0, 0.0, 0.0])
+                    time.sleep(0.02)
+                    driver.read()
+            except DeviceLostError as told:
+                reflex = str(told)
+                driver._robot.recover_from_errors()
+    console.print(f"the step beyond the limits: {reflex or 'nothing said'}; the farthest joint went {moved:.2f} rad")
+    ran = 0.0 if report.lost else report.ticks / load_problem(name).problem.tracker.rate_hz
+    verdicts = [
+        Verdict("mirror therapy on franka-sim: ran without a reflex", ran, ">=", 0.99 * seconds, "s"),
+        Verdict("way of the joint that moved most", moved, ">=", 0.5, "rad"),
+        Verdict("commands of a state that was too old", float(report.stale), "<=", 0),
+        Verdict(
+            "records the log lost, and commands that do not repeat", float(lost + again.ticks - again.same), "<=", 0
+        ),
+        Verdict("steps beyond the limits that were stopped by a reflex", float("reflex" in reflex), ">=", 1),
     ]
     print_verdicts(console, verdicts)
     return 0 if all_met(verdicts) else 1

@@ -55,6 +55,10 @@ app = typer.Typer(
 app.add_typer(study_app, name="study")
 app.command()(report)
 
+FifoOption = Annotated[
+    int | None, typer.Option(min=1, max=99, help="Priority of a thread that runs before all usual ones (SCHED_FIFO).")
+]
+LogOption = Annotated[Path | None, typer.Option(help="An .mcap of every tick, for `replay` and Foxglove.")]
 Problem = Annotated[str, typer.Argument(metavar="FILE", help="A problem file, or the name of a shipped problem.")]
 
 
@@ -149,8 +153,10 @@ def live(
     plant: Annotated[str | None, typer.Option(help="Of a robot: ideal, or mujoco; the file's by default.")] = None,
     solver: Annotated[str | None, typer.Option(help="Solver of the optimised law, instead of the file's.")] = None,
     host: Annotated[str, typer.Option(help="Address of this machine on which the page is served.")] = "127.0.0.1",
-    replay: Annotated[Path | None, typer.Option(metavar="LOG", help="Show an .mcap of `loop` instead.")] = None,
+    replay: Annotated[Path | None, typer.Option(metavar="LOG", help="Show a log of `loop` or `live` instead.")] = None,
     port: Annotated[int, typer.Option(min=0, max=65535, help="Port of the page; 0: any that is free.")] = 0,
+    log: LogOption = None,
+    fifo: FifoOption = None,
     study: StudyOption = None,
     person: PersonOption = None,
     session: SessionOption = None,
@@ -162,12 +168,13 @@ def live(
     """
     from rehab_opt.live.session import show_live  # noqa: PLC0415
 
-    if (file is None) == (replay is None) or (replay is not None and (plant or solver or study)):
+    if (file is None) == (replay is None) or (replay is not None and (plant or solver or study or log)):
         said = " ".join(str(each) for each in (file, replay) if each is not None)
         raise ConfigurationError(
-            "FILE", said, "a problem, or --replay and a log, which has plant and solver in it and is no trial"
+            "FILE", said, "a problem, or --replay and a log alone: that has plant and solver in it, and is no trial"
         )
 
+    _log_folder(log)
     into, trials = destination(study, person, session, covariate), None
     if into is not None and file is not None:
         from rehab_opt.session.files import problem_path  # noqa: PLC0415
@@ -180,14 +187,15 @@ def live(
     def ready(page: str, participant: str) -> None:
         say(f"open {page}")
         say(f"the participant's screen: {participant}")
-        touched = "may move the simulated robot" if replay is None else "sees the log"
+        touched = "may move the robot" if replay is None else "sees the log"
         say(f"whoever has these addresses {touched}; Ctrl-C ends it")
         sys.stdout.flush()
 
     with contextlib.suppress(KeyboardInterrupt), on_interrupt(signal.default_int_handler):
         again, shown = replay is not None, str(file if replay is None else replay)
         show_live(
-            shown, plant=plant, solver=solver, again=again, host=host, port=port, ready=ready, watching=trials
+            shown, plant=plant, solver=solver, again=again, log=log, fifo=fifo, host=host, port=port, ready=ready,
+            watching=trials,
         )  # fmt: skip
     if into is not None and trials is not None:
         with undisturbed():
@@ -226,24 +234,23 @@ def loop(
     file: Problem,
     *,
     seconds: Annotated[float, typer.Option(min=0.01, max=86400, help="How long.")] = 10.0,
-    log: Annotated[Path | None, typer.Option(help="An .mcap of every tick, for `replay` and Foxglove.")] = None,
-    fifo: Annotated[
-        int | None,
-        typer.Option(min=1, max=99, help="Priority of a thread that runs before all usual ones (SCHED_FIFO)."),
+    log: LogOption = None,
+    fifo: FifoOption = None,
+    gamepad: Annotated[
+        Path | None, typer.Option(metavar="DEVICE", help="Its button 4 is the dead man's switch; /dev/input/js0, say.")
     ] = None,
     plant: Annotated[str | None, typer.Option(help="As of run.")] = None,
     solver: Annotated[str | None, typer.Option(help="As of run.")] = None,
 ) -> None:
-    """Run a problem at its own rate, on a simulated robot; say how the time was kept."""
+    """Run a problem at its own rate, on its simulated robot or its device; say how the time was kept."""
     from rehab_opt.loop.of_problem import run_in_time  # noqa: PLC0415  (loads solvers)
     from rehab_opt.session.files import load_problem  # noqa: PLC0415
 
     loaded = load_problem(file)
-    if log is not None:
-        no_folder(log)
-        writable(log.parent)
-        log.parent.mkdir(parents=True, exist_ok=True)
-    report, lost = run_in_time(loaded, seconds=seconds, plant=plant, solver=solver, log=log, fifo=fifo)
+    _log_folder(log)
+    report, lost = run_in_time(
+        loaded, seconds=seconds, plant=plant, solver=solver, log=log, fifo=fifo, gamepad=gamepad
+    )  # fmt: skip
     for line in str(report).splitlines():
         say(line)
     if log is not None:
@@ -251,7 +258,23 @@ def loop(
 
 
 @app.command()
-def replay(log: Annotated[Path, typer.Argument(metavar="LOG", help="An .mcap of `loop`.")]) -> None:
+def delay(
+    file: Problem,
+    *,
+    joint: Annotated[int, typer.Option(min=1, help="Which swings, from 1 on: by 9 degrees to both sides.")] = 1,
+    plant: Annotated[str | None, typer.Option(help="As of run.")] = None,
+    fifo: FifoOption = None,
+) -> None:
+    """Swing one joint of a problem's robot for 4 s, and say by how much the robot is late: its `plant.delay_ms`."""
+    from rehab_opt.loop.of_problem import delay_of  # noqa: PLC0415  (loads solvers)
+    from rehab_opt.session.files import load_problem  # noqa: PLC0415
+
+    late = delay_of(load_problem(file), joint=joint - 1, plant=plant, fifo=fifo)
+    say(f"delay_ms = {1e3 * late:.1f}")
+
+
+@app.command()
+def replay(log: Annotated[Path, typer.Argument(metavar="LOG", help="An .mcap of `loop` or `live`.")]) -> None:
     """Compute every command of a log again from what its controller was given. Exit code 1 if one is another."""
     from rehab_opt.loop.logged import read_log  # noqa: PLC0415
     from rehab_opt.loop.of_problem import replay_problem  # noqa: PLC0415
@@ -565,6 +588,14 @@ def export_controller(
         source, build = shlex.quote(str(place)), shlex.quote(str(place / "build"))
         example = shlex.quote(str(place / "build" / "example"))
         say(f"build it and compare it with Python: cmake -S {source} -B {build} && cmake --build {build} && {example}")
+
+
+def _log_folder(log: Path | None) -> None:
+    """Make the folder of a log, if there shall be one."""
+    if log is not None:
+        no_folder(log)
+        writable(log.parent)
+        log.parent.mkdir(parents=True, exist_ok=True)
 
 
 def _run_with_progress(loaded: ProblemFile[Any], **options: str | None) -> Outcome:

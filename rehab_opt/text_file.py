@@ -196,17 +196,31 @@ LATEST = 1e9
 """[s] A time beyond is no time of a recording: this is thirty years."""
 
 
-def finite_number(text: str, *, name: str, line: int, column: str, most: float = math.inf) -> float:
-    """The number written in one cell; `line` counts from 1.
+def finite_number(
+    text: str,
+    *,
+    name: str,
+    line: int,
+    column: str,
+    most: float = math.inf,
+    point: str = ".",
+    beyond: str = "another unit?",
+) -> float:
+    """The number written in one cell; `line` counts from 1, `point` stands before the decimals.
+
+    `beyond` is what a message asks of a number larger than `most`.
 
     Raises
     ------
     ProblemFileError : not a number, NaN, infinite, or beyond `most` in size.
     """
-    number = number_in(text)
+    # Where a comma stands before decimals, a point stands between thousands: 1.828 may be either, and is refused.
+    number = number_in(text if point == "." else text.replace(".", "?").replace(point, "."))
     if not math.isfinite(number):
         expected = "a finite number"
-        if math.isfinite(number_in(text.replace(",", "."))):
+        if point != ".":
+            expected += " with a decimal comma, and no points between thousands"
+        elif math.isfinite(number_in(text.replace(",", "."))):
             expected += " (a decimal comma? recording.decimal = 'comma')"
         raise ProblemFileError(name, f"line {line}, column {shown(column)}", shown(text), expected)
     if abs(number) > most:
@@ -214,7 +228,7 @@ def finite_number(text: str, *, name: str, line: int, column: str, most: float =
             name,
             f"line {line}, column {shown(column)}",
             shown(text),
-            f"a number from {-most:g} to {most:g} (another unit?)",
+            f"a number from {-most:g} to {most:g} ({beyond})",
         )
     return number
 

@@ -1,7 +1,8 @@
 """The mirror on recordings that nobody tuned it to: placed by `rehab-opt place`, run, judged by an oracle of its own.
 
-`python -m bench.unseen [--recordings 10] [--minutes M] [--seed 500] [--random-seats 2000] [--write]`. Half of them are
-minimum-jerk reaches with turns at random (seeds from `--seed` on), half are slices of the real hand at random rows.
+`python -m bench.unseen [--recordings 10] [--processes 1] [--minutes M] [--seed 500] [--random-seats 2000] [--write]`.
+Half of them are minimum-jerk reaches with turns at random (seeds from `--seed` on), half are slices of the real hand at
+random rows. 100 take about an hour on two idle cores (`--processes 2`).
 Nothing judged is imported by the oracle (`ur5_branches`, `person_reach`, `measured`, `time_optimal`, which needs the
 extra `peers`).
 """
@@ -14,6 +15,8 @@ import sys
 import tempfile
 import time
 import tomllib
+from functools import partial
+from multiprocessing import Pool
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -23,13 +26,14 @@ from rich.console import Console
 
 from bench.machine import machine
 from bench.unseen.hands import reach_recording, slice_recording
-from bench.unseen.measured import Broken, broken, judged, passed, reach
+from bench.unseen.measured import Broken, broken, judged, off_path, passed, reach
 from bench.unseen.time_optimal import least_seconds
 from bench.unseen.ur5_branches import branch_of, flange, manipulability, postures
 from bench.verdict import Verdict, all_met, print_verdicts
 from rehab_opt.plants.ideal import IdealJoints
 from rehab_opt.session.files import ProblemFile, problem_of, shipped_problems
 from rehab_opt.session.mirror.laws import followed, planned, tracker_of
+from rehab_opt.session.mirror.metrics import driven
 from rehab_opt.session.mirror.placing import found_place, placed
 from rehab_opt.session.mirror.scene import laid_out
 
@@ -44,6 +48,11 @@ ACCELERATION = 15.0
 """[rad/s^2] of `ur5()`."""
 SOME = 40
 """Poses of a recording on which random seats are compared."""
+TITLES = (
+    "recording", "in reach, any branch / start's", "best random", "promised", "step of all",
+    "step of in reach, any / start's", "plan", "drive / step", "step's seconds", "plan / least time",
+    "worst acceleration",
+)  # fmt: skip
 RESULTS = Path(__file__).parents[1] / "RESULTS.md"
 TITLE = "## The mirror on unseen recordings"
 
@@ -65,6 +74,10 @@ class Row(NamedTuple):
     """Share of all poses that `step` passes, by the oracle."""
     best_random: float
     complete: bool
+    driven: float
+    """Share of the poses that `step` passes which the drive behind it passes, too."""
+    off: float
+    """[m] of the drive from the joint path of `step`, at most."""
     late: float
     """Duration of `step` over the recording's."""
     over_least: float
@@ -72,6 +85,16 @@ class Row(NamedTuple):
     turn: float
     """Of the tool from the reference, beyond what it is said to stay short of, over `max_turn`."""
     worst: Broken
+
+    @property
+    def line(self) -> str:
+        """Of the table."""
+        return (
+            f"| {self.name} | {self.in_reach:.2f} / {self.on_branch:.2f} | {self.best_random:.2f} | "
+            f"{self.promised:.3f} | {self.achieved:.3f} | {self.step:.2f} / {self.step_on_branch:.2f} | "
+            f"{self.plan:.2f} | {self.driven:.3f}, {1e3 * self.off:.2f} mm | x {self.late:.1f} | "
+            f"{self.over_least:.2f} | {self.worst.acceleration:.2f} |"
+        )
 
 
 def problem_with(recording: dict[str, Any], folder: Path) -> ProblemFile[Any]:
@@ -97,11 +120,13 @@ def measured(loaded: ProblemFile[Any], name: str, *, random_seats: int, seed: in
     found = reach(poses, content)
     branch = found.on(int(branch_of(scene.start[None])[0]))
     by_step, by_plan = passed(step.q, poses), passed(plan.q, poses)
+    drive = driven(step, scene.robot, there.problem.smoothing, linear_speed=there.problem.tracker.linear_speed_m_s)
     worst = [broken(led.q, led.command, tracker.dt, content, acceleration=ACCELERATION) for led in (step, plan)]
     return Row(
         name, float(found.anyhow.mean()), float(branch.mean()), place.passed, _mean(by_step, found.anyhow),
         _mean(by_step, branch), _mean(by_plan, found.anyhow), float(by_step.mean()),
         best_random(poses, found.person, content, random_seats, np.random.default_rng(seed)), step.complete,
+        _mean(passed(drive.q, poses), by_step), off_path(flange(drive.q)[:, :3, 3], flange(step.q)[:, :3, 3]),
         float(step.time[-1] / (scene.reference.times[-1] - scene.reference.times[0])),
         float(plan.time[-1]) / least_seconds(
             plan.q, np.maximum.accumulate(plan.time - plan.lag), flange(plan.q)[:, :3, 3], speed=np.full(6, math.pi),
@@ -158,6 +183,8 @@ def verdicts(rows: list[Row]) -> list[Verdict]:
         ),
         Verdict("place: promised and achieved differ by at most", gap, "<=", 0.03),
         Verdict("place: in-reach share / best of random seats, worst", seat, ">=", 0.95),
+        Verdict("drive: share of what step passes that it passes, too, worst", min(r.driven for r in rows), ">=", 0.99),
+        Verdict("drive: off the way of step in mm, worst", 1e3 * max(r.off for r in rows), "<=", 1.0),
         Verdict("runs that come to the recording's end", float(np.mean([r.complete for r in rows])), ">=", 1.0),
         Verdict("joint acceleration / its limit, worst", max(r.worst.acceleration for r in rows), "<=", 1 + 1e-6),
         Verdict("hand speed / its limit, worst", max(r.worst.hand_speed for r in rows), "<=", 1 + 1e-6),
@@ -178,7 +205,8 @@ def main() -> int:
     """Measure, print, and write where it is asked for."""
     parser = argparse.ArgumentParser(prog="python -m bench.unseen", description=__doc__)
     parser.add_argument("--recordings", type=int, default=10)
-    parser.add_argument("--minutes", type=float, default=math.inf, help="no recording is begun that may end later")
+    parser.add_argument("--processes", type=int, default=1)
+    parser.add_argument("--minutes", type=float, default=math.inf, help="after which no recording is begun")
     parser.add_argument("--seed", type=int, default=500)
     parser.add_argument("--random-seats", type=int, default=2000)
     parser.add_argument("--rows", choices=("tuned", "judged", "kept-back"), default="judged")
@@ -186,40 +214,39 @@ def main() -> int:
     options = parser.parse_args()
     console = Console(width=132)
     first, last = {"tuned": TUNED, "judged": JUDGED, "kept-back": KEPT_BACK}[options.rows]
-    rng, rows, lines = np.random.default_rng(options.seed), [], []
-    titles = (
-        "recording", "in reach, any branch / start's", "best random", "promised", "step of all",
-        "step of in reach, any / start's", "plan", "step's seconds", "plan / least time", "worst acceleration",
-    )  # fmt: skip
-    lines += ["| " + " | ".join(titles) + " |", "|---" * len(titles) + "|"]
-    started, longest = time.perf_counter(), 0.0
-    with tempfile.TemporaryDirectory() as scratch:
-        for number in range(options.recordings):
-            began, seed = time.perf_counter(), options.seed + number
-            if began - started + longest > 60 * options.minutes:
-                break
-            if number % 2:
-                row = int(rng.integers(first, last - ROWS + 2))
-                recording, name = slice_recording(row, rows=ROWS), f"real hand, rows {row} to {row + ROWS - 1}"
-            else:
-                recording, name = reach_recording(Path(scratch), seed), f"reaches, seed {seed}"
-            loaded = problem_with(recording, Path(scratch))
-            one = measured(loaded, name, random_seats=options.random_seats, seed=seed)
-            rows.append(one)
-            lines.append(
-                f"| {name} | {one.in_reach:.2f} / {one.on_branch:.2f} | {one.best_random:.2f} | {one.promised:.3f} | "
-                f"{one.achieved:.3f} | {one.step:.2f} / {one.step_on_branch:.2f} | {one.plan:.2f} | x {one.late:.1f} | "
-                f"{one.over_least:.2f} | "
-                f"{one.worst.acceleration:.2f} |"
-            )
-            spent = time.perf_counter() - began
-            longest = max(longest, spent)
-            console.print(f"{lines[-1]} ({spent:.0f} s)", highlight=False, soft_wrap=True)
+    rows_of = np.random.default_rng(options.seed).integers(first, last - ROWS + 2, options.recordings).tolist()
+    one = partial(
+        of_recording, seed=options.seed, random_seats=options.random_seats, until=time.time() + 60 * options.minutes
+    )
+    rows, lines = [], ["| " + " | ".join(TITLES) + " |", "|---" * len(TITLES) + "|"]
+    with Pool(options.processes) as pool:
+        for row, seconds in filter(None, pool.imap(one, enumerate(rows_of))):
+            rows.append(row)
+            lines.append(row.line)
+            console.print(f"{row.line} ({seconds:.0f} s)", highlight=False, soft_wrap=True)
     found = verdicts(rows)
     print_verdicts(console, found)
     if options.write:
         _write(lines, found, options)
     return 0 if all_met(found) else 1
+
+
+def of_recording(task: tuple[int, int], *, seed: int, random_seats: int, until: float) -> tuple[Row, float] | None:
+    """What was measured of the k-th recording, and in how many seconds; none where it would begin after `until`.
+
+    `task` is k and the row of the real hand from which an odd one is.
+    """
+    k, first = task
+    began = time.time()
+    if began > until:
+        return None
+    with tempfile.TemporaryDirectory() as scratch:
+        if k % 2:
+            recording, name = slice_recording(first, rows=ROWS), f"real hand, rows {first} to {first + ROWS - 1}"
+        else:
+            recording, name = reach_recording(Path(scratch), seed + k), f"reaches, seed {seed + k}"
+        loaded = problem_with(recording, Path(scratch))
+        return measured(loaded, name, random_seats=random_seats, seed=seed + k), time.time() - began
 
 
 def _write(lines: list[str], found: list[Verdict], options: argparse.Namespace) -> None:

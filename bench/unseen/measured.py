@@ -7,12 +7,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import KDTree
 
 from bench.unseen.hands import LEFT_HAND, PATIENT
 from bench.unseen.person_reach import NAMES, reaches
 from bench.unseen.ur5_branches import branch_of, flange, manipulability, postures
 
-__all__ = ["Broken", "Reach", "broken", "passed", "reach"]
+__all__ = ["Broken", "Reach", "broken", "judged", "off_path", "passed", "reach"]
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -97,6 +98,13 @@ def passed(q: Array, poses: Array) -> Flags:
         cosine = (np.einsum("nij,ij->n", near[:, :3, :3], pose[:3, :3]) - 1) / 2
         found[i] = bool((cosine >= math.cos(TURNED)).any())
     return found
+
+
+def off_path(points: Array, path: Array) -> float:
+    """[m] from points (N, 3) to the way through other ones (M, 3), at most: to the ends and quarters of its lines."""
+    ways = np.diff(path, axis=0)
+    way = np.concatenate([path, *(path[:-1] + part * ways for part in (0.25, 0.5, 0.75))])
+    return float(KDTree(way).query(points)[0].max())
 
 
 class Broken(NamedTuple):

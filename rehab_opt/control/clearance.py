@@ -101,7 +101,8 @@ def checked_clearance(argument: str, given: Clearance, chain: SerialChain) -> Cl
             raise refuse(name, bodies, f"a list or tuple of {kind.__name__}")
         for i, body in enumerate(bodies):
             if not isinstance(body, kind) or not _usable(body):
-                raise refuse(f"{name}[{i}]", body, f"a {kind.__name__} of finite numbers, sizes of zero or more")
+                sizes = "above zero" if kind is Box else "of zero or more"
+                raise refuse(f"{name}[{i}]", body, f"a {kind.__name__} of finite numbers, sizes {sizes}")
     names = [each.name for each in chain.capsules]
     for i, pair in enumerate(given.pairs or ()):
         if not (isinstance(pair, tuple) and len(pair) == 2 and set(pair) <= set(names)) or pair[0] == pair[1]:

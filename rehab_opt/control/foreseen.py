@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Foreseen", "Layout", "turned_each", "turns_between"]
+__all__ = ["Foreseen", "Layout", "angles_between", "turned_each", "turns_between"]
 
 Array = NDArray[np.float64]
 
@@ -103,11 +103,21 @@ class Foreseen:
 
 def turns_between(before: Array, after: Array) -> Array:
     """(N, 3) rotation vectors [rad] in the base frame from rotations to others (N, 3, 3); none of half a turn."""
+    skew, sine, angle = _between(before, after)
+    return np.asarray(skew * np.where(sine > 1e-9, angle / np.maximum(sine, 1e-300), 1.0)[:, None])
+
+
+def angles_between(before: Array, after: Array) -> Array:
+    """(N,) [rad] from rotations to others (N, 3, 3), half a turn included."""
+    return _between(before, after)[2]
+
+
+def _between(before: Array, after: Array) -> tuple[Array, Array, Array]:
+    """Axes (N, 3) times the sines (N,) of the angles (N,) [rad] between rotations (N, 3, 3)."""
     r = after @ before.transpose(0, 2, 1)
     skew = 0.5 * np.stack([r[:, 2, 1] - r[:, 1, 2], r[:, 0, 2] - r[:, 2, 0], r[:, 1, 0] - r[:, 0, 1]], axis=1)
     sine = np.linalg.norm(skew, axis=1)
-    angle = np.arctan2(sine, 0.5 * (np.trace(r, axis1=1, axis2=2) - 1.0))
-    return np.asarray(skew * np.where(sine > 1e-9, angle / np.maximum(sine, 1e-300), 1.0)[:, None])
+    return skew, sine, np.arctan2(sine, 0.5 * (np.trace(r, axis1=1, axis2=2) - 1.0))
 
 
 def turned_each(rotations: Array, vectors: Array) -> Array:

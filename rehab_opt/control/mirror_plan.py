@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rehab_opt.control.between_poses import turn_between
 from rehab_opt.control.command import Bound
+from rehab_opt.control.foreseen import angles_between
 from rehab_opt.control.mirror_retiming import retimed
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.real_array import real_array
@@ -74,7 +74,7 @@ class MirrorPath(NamedTuple):
     @property
     def turns(self) -> Array:
         """(M,) [rad] from the reference's orientation."""
-        return np.array([math.hypot(*turn_between(a, b)) for a, b in zip(self.poses, self.references, strict=True)])
+        return angles_between(self.poses[:, :3, :3], self.references[:, :3, :3])
 
     @property
     def delay(self) -> float:

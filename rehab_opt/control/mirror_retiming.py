@@ -30,16 +30,20 @@ Array = NDArray[np.float64]
 
 APART, OFTEN = 4e-3, 0.02
 """[rad or m] Way of the joint that moves furthest, or [s] of the reference, from one point of the path to the next."""
+PARTS = 4
+"""Cells of constant acceleration of the parameter, from one of these points to the next."""
 NEVER = 0.9
 """Of the time that a stretch takes at least: a passage is never as fast as this."""
 PART = 1.0 - 1e-6
 """Of speeds and accelerations that are used: rounding must not decide."""
-SHARES = (0.99, 0.985, 0.98, 0.97)
-"""Of the largest hand speed that are tried, one after the other."""
+SHARE = 0.99
+"""Of the largest hand speed that is used: the way between two samples is longer than what is straight."""
+TRIES, SLOWER = 8, 0.7
+"""Passages that are tried, and what is left of the speed where the one before went straight and broke a bound."""
 CURVED, CLOSELY, STRAIGHT = range(3)
 """From point to point, through every tick of the plan, or straight from one to the next, too."""
 ABOUT = 20, 3
-"""Ticks before and after one that breaks a bound, where the next passage goes closely and straight."""
+"""Ticks before and after one that breaks a bound, where the next passage goes closely, and straight if it did."""
 BROKEN, EXACT = 1e-9, 1e-12
 """By which a passage may break a bound, and a joint limit."""
 
@@ -54,46 +58,55 @@ def retimed(tracker: MirrorTracker, plan: MirrorPath, left: Array) -> MirrorPath
     way = np.abs(np.diff(plan.q, axis=0)).max(axis=1, initial=0.0)
     if not plan.complete or any(each & Bound.ACCELERATION for each in plan.yielded) or way.sum() < APART:
         return plan
-    ways = np.full(len(plan.times), CURVED)
-    for share in SHARES:
-        passage = _passed(tracker, plan, left, share, ways)
+    ways, slow = np.full(len(plan.times), CURVED), np.ones(len(plan.times))
+    for _ in range(TRIES):
+        passage = _passed(tracker, plan, left, ways, slow)
         if passage is None:
             return plan
         found, ticks = passage
         broken = _broken(tracker, found, plan)
         if not broken.any():
             return found
+        around, at = np.zeros((len(ABOUT), len(ways)), dtype=bool)
         for tick in ticks[broken].tolist():
-            for way, about in zip((CLOSELY, STRAIGHT), ABOUT, strict=True):
-                part = slice(max(tick - about, 0), tick + about)
-                ways[part] = np.maximum(ways[part], way)
+            for which, about in zip((around, at), ABOUT, strict=True):
+                which[max(tick - about, 0) : tick + about] = True
+        slow[at & (ways == STRAIGHT)] *= SLOWER
+        ways[at & (ways == CLOSELY)] = STRAIGHT
+        ways[around & (ways == CURVED)] = CLOSELY
     return plan
 
 
 def _passed(
-    tracker: MirrorTracker, plan: MirrorPath, left: Array, share: float, ways: NDArray[np.int_]
+    tracker: MirrorTracker, plan: MirrorPath, left: Array, ways: NDArray[np.int_], slow: Array
 ) -> tuple[MirrorPath, NDArray[np.int_]] | None:
-    """The passage of least time, the hand at most at this share of its speed; and which tick of the plan each is of.
+    """The passage of least time, and which tick of the plan each of its ticks is of.
 
-    About each of the plan's ticks it goes as `ways` (M,) says. None where there is none that is sooner than the plan.
+    About each of the plan's ticks it goes as `ways` (M,) says, at most at this share (M,) of the speeds. None where
+    there is none that is sooner than the plan.
     """
-    from scipy.interpolate import CubicHermiteSpline, PchipInterpolator  # noqa: PLC0415  (loaded when used)
+    from scipy.interpolate import CubicHermiteSpline, CubicSpline, PchipInterpolator  # noqa: PLC0415  (loaded when used)
 
     chain, dt, n = tracker.chain, tracker.dt, tracker.chain.n
     hand = np.linalg.norm(np.diff(plan.poses[:, :3, 3], axis=0), axis=1)
-    x = np.column_stack([plan.q, left[0] - left, np.append(0.0, np.cumsum(hand))])
+    # What bounds a tick is how far the place where it leads may be from its reference: the two go together.
+    gone = np.append(-dt * plan.paces[0], left[0] - left[:-1])
+    x = np.column_stack([plan.q, gone, np.append(0.0, np.cumsum(hand))])
     at = _points(x, ways > CURVED)
-    speeds = PART * np.append(chain.velocity, [1.0, share * tracker.linear_speed])
+    speeds = PART * np.append(chain.velocity, [1.0, SHARE * tracker.linear_speed])
     seconds = (np.abs(np.diff(x[at], axis=0)) / speeds).max(axis=1)
-    knots = np.append(0.0, np.cumsum(NEVER * np.maximum(seconds, 1e-6)))
-    slopes = _slopes(knots, x[at, :n])
+    # The parameter's speed is 1 at most: where it is to be slower, the parameter has further to go.
+    least = np.where(slow[at] < 1.0, 1.0 / slow[at], NEVER)[1:]
+    knots = np.append(0.0, np.cumsum(least * np.maximum(seconds, 1e-6)))
+    slopes = CubicSpline(knots, x[at, :n], bc_type="clamped")(knots, 1)
     slopes[ways[at] >= STRAIGHT] = 0.0
     slopes[(x[at, :n] <= chain.lower + APART) | (x[at, :n] >= chain.upper - APART)] = 0.0
     curves = (
         CubicHermiteSpline(knots, x[at, :n], slopes),
         PchipInterpolator(knots, x[at, n:]),
     )  # a clock never runs back
-    cells = PathCells(knots, *(np.hstack([curve(knots[:-1], order) for curve in curves]) for order in (1, 2, 3)))
+    edges = np.append((knots[:-1, None] + np.diff(knots)[:, None] * np.arange(PARTS) / PARTS).ravel(), knots[-1])
+    cells = PathCells(edges, *(np.hstack([curve(edges[:-1], order) for curve in curves]) for order in (1, 2, 3)))
     accelerations = PART * np.append(np.minimum(chain.acceleration, 2 * chain.velocity / dt), [np.inf, np.inf])
     timing = fastest_timing(cells, velocity=speeds, acceleration=accelerations)
     if not timing.times[-1] <= dt * (len(plan.times) - 2):
@@ -103,18 +116,20 @@ def _passed(
     moved[0], moved[-1] = x[0], x[-1]
     q = moved[:, :n]
     velocities = np.append(np.diff(q, axis=0), np.zeros((1, n)), axis=0) / dt
-    references, clock = tracker.clock.left(left[0] - np.minimum(moved[:, n], left[0] - left[-1]))
-    tick = np.interp(place, knots, at)
-    paces = np.diff(clock, prepend=clock[0] - dt * plan.paces[0]) / dt
-    k = tick.astype(int)
+    end = left[0] - left[-1]
+    references, clock = tracker.clock.left(left[0] - np.clip(np.append(moved[1:, n], end), 0.0, end))
+    paces = np.diff(clock, prepend=plan.clock[0] - dt * plan.paces[0]) / dt
+    k = np.interp(place, knots, at).astype(int)
     slowed = (paces < WHOLE) & (clock < clock[-1])
     bounds = [plan.yielded[i] & ~Bound.TASK | (Bound.TASK if late else Bound.NOTHING)
               for i, late in zip(k.tolist(), slowed.tolist(), strict=True)]  # fmt: skip
     w = tracker.hand_bounds.manipulability
     symbol = ca.SX.sym("q", n)
     share_of = ca.Function("w", [symbol], [w(symbol)[0]]).map(len(q))(np.vstack([q[1:], q[-1:]]).T)
+    # What the hand stays short of grows at once: between two ticks it is what it grows to.
+    led = np.maximum(np.interp(np.append(place[1:], place[-1:]), knots, at) - 1.0, 0.0)
     short, person = (
-        np.column_stack([np.interp(tick, np.arange(len(plan.q)), column) for column in each.T])
+        np.maximum(each[np.floor(led).astype(int)], each[np.ceil(led).astype(int)])
         for each in (plan.short, plan.person)
     )
     found = plan._replace(
@@ -124,14 +139,6 @@ def _passed(
         counts=Counter(plan.counts | {"slowed": int(slowed.sum())}),
     )  # fmt: skip
     return found, k
-
-
-def _slopes(knots: Array, x: Array) -> Array:
-    """(K, n) of the parabolas through each three points (K, n); none at the ends."""
-    steps = np.diff(knots)[:, None]
-    ways, found = np.diff(x, axis=0) / steps, np.zeros_like(x)
-    found[1:-1] = (steps[1:] * ways[:-1] + steps[:-1] * ways[1:]) / (steps[1:] + steps[:-1])
-    return found
 
 
 def _points(x: Array, fine: NDArray[np.bool_]) -> NDArray[np.int_]:

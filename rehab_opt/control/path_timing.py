@@ -62,12 +62,17 @@ def fastest_timing(cells: PathCells, *, velocity: Array, acceleration: Array) ->
     It takes for ever (inf) where a cell would have to be passed from rest to rest.
     """
     least, rows = _bounded(cells, velocity, acceleration)
-    top = np.zeros(len(cells.knots))  # of z: at rest at the end
+    most = np.append(least, 0.0)  # of z: at rest at the end
+    # Most cells can be passed from the one bound to the next: there nothing is to be looked for.
+    free = (np.abs(rows @ np.stack([most[:-1], most[1:]], axis=1)[:, :, None]) <= 1.0).all(axis=(1, 2)).tolist()
+    top = most.copy()
     for k in range(len(rows) - 1, -1, -1):
-        top[k] = _most_before(rows[k], least[k], top[k + 1])
+        if not free[k] or top[k + 1] < most[k + 1]:
+            top[k] = _most_before(rows[k], least[k], top[k + 1])
     top[0] = 0.0
     for k in range(len(rows)):
-        top[k + 1] = min(top[k + 1], _most_after(rows[k], top[k]))
+        if not free[k] or top[k] < most[k]:
+            top[k + 1] = min(top[k + 1], _most_after(rows[k], top[k]))
     speeds = np.sqrt(top)
     both = speeds[:-1] + speeds[1:]
     seconds = np.divide(2.0 * np.diff(cells.knots), both, out=np.full(len(both), np.inf), where=both > 0.0)

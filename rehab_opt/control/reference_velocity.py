@@ -30,10 +30,10 @@ INSIDE = 1e-9
 MISSED = 1e-2
 """Fraction of the twist from which on the reference leaves some of it: damped more then."""
 CALMING = 0.1
-"""[m s] What rows leave is an error that stays, and the way to its least bends: by a hand's curve (`damped`), about its
-reach, and by its limits', which is not known here. Where that is not counted, joints near a stretched elbow or at a
-curved limit swing past the least and back for good. Damping by a metre for what is left of a metre's error, at the rate
-of feedback (20 /s in ticks of 20 ms), counts it; `PASSES` undo two thirds."""
+"""[m s] What is left beside rows is an error that stays, and the way to its least bends: by a hand's curve (`damped`),
+about its reach, and by its limits', which is not known here. Where that is not counted, joints near a stretched elbow
+or at a curved limit swing past the least and back for good. Damping by a metre for what is left of a metre's error, at
+the rate of feedback (20 /s in ticks of 20 ms), counts it; `PASSES` undo two thirds."""
 MOMENTUM = 0.8
 """Fraction of the last velocity that `CALMING` is about, as of Polyak's heavy ball (1964). About rest, what hardly
 changes the error, as a turn of a wrist that counts little, would creep for tens of seconds; so it goes on
@@ -52,9 +52,9 @@ class ReferenceVelocity(NamedTuple):
                                                        R q' <= r,
 
     iterated as `damped_velocity` is; that solve is left out where no joint is near its limit and no row is reached.
-    Where rows leave some of v undone, the damping grows with it (`CALMING`), as in Sugihara's Levenberg-Marquardt.
-    Without it, keeping the direction of an undeliverable motion would stop the arm where going on to the nearest pose
-    is wanted.
+    Where there are rows and some of v is left undone, the damping grows with it (`CALMING`), as in Sugihara's
+    Levenberg-Marquardt. Without it, keeping the direction of an undeliverable motion would stop the arm where going on
+    to the nearest pose is wanted.
     """
 
     jacobian: ca.SX
@@ -87,10 +87,11 @@ class ReferenceVelocity(NamedTuple):
         free, low, high = tick.once((free, low, high))
         leaves = ca.sum1(ca.vertcat(free > high, free < low, self.rows @ free > self.upper)) > 0
         finite = ca.sumsqr(ca.vertcat(q, free)) <= PLAUSIBLE**2  # no solver sees what cannot be used
-        motion = tick.when(
-            ca.logic_and(leaves, finite), lambda: self.held(tick, free, low, high, last), self._delivered(free)
-        )
-        if not self.rows.size1():
+        needed = ca.logic_and(leaves, finite)
+        if self.rows.size1():
+            motion = self.within_rows(tick, free, low, high, last, needed=needed)
+        else:
+            motion = tick.when(needed, lambda: self._held_joints(tick, free, low, high), self._delivered(free))
             misses = ca.sumsqr(self.twist - motion[n:]) > MISSED**2 * ca.sumsqr(self.twist)
             motion = tick.when(misses, lambda: self._bent(last, motion, low, high, bend), motion)
         factor = excess(q, self.jacobian, motion[:n], last)
@@ -98,32 +99,42 @@ class ReferenceVelocity(NamedTuple):
             motion = tick.once(motion / ca.fmax(factor, 1))
         return motion[:n], motion[n:]
 
-    def held(self, tick: Tick, free: ca.SX, low: ca.SX, high: ca.SX, last: ca.SX) -> ca.SX:
-        """(n + k,) velocities within stopping speeds (n,) and rows, and their twist; `free` are those without."""
+    def within_rows(
+        self, tick: Tick, free: ca.SX, low: ca.SX, high: ca.SX, last: ca.SX, *, needed: ca.SX | int = 1
+    ) -> ca.SX:
+        """(n + k,) velocities within stopping speeds (n,) and rows, and their twist; not `needed` where `free` are.
+
+        What is left of the twist damps them, whether rows leave it or a singular pose does: they take no step where a
+        row is reached.
+        """
         low, high = (ca.DM(~self.locked) * each for each in (low, high))
-        if not self.rows.size1():
-            return self._held_joints(tick, free, low, high)
         (k, n), m = self.jacobian.shape, self.rows.size1()
         solver = _solver(n, k, m)
         task = ca.vertcat(ca.vec(ca.densify(self.jacobian)), self.twist)
         rows = ca.vertcat(ca.vec(ca.densify(self.rows)), self.upper)
 
-        def solved(about: ca.SX, damping: ca.SX | float) -> ca.SX:
+        def solved(about: ca.SX, damping: ca.SX | float, otherwise: ca.SX) -> ca.SX:
             """Certified by the multipliers: rows leave no other way to tell a solution."""
             found = ca.vertcat(about, 0)
             for _ in range(PASSES):
                 (found,) = tick.call(solver, task, found[:n], low, high, rows, ca.SX(damping))
-            return self._delivered(ca.if_else(found[-1] <= CLAIM_TOLERANCE, found[:n], clipped(free, low, high)))
+            return self._delivered(ca.if_else(found[-1] <= CLAIM_TOLERANCE, found[:n], clipped(otherwise, low, high)))
 
-        closed, right = self._by_the_first_row(low, high)
-        motion = tick.when(right, closed, lambda: solved(self.drift, DAMPING))
+        def held() -> ca.SX:
+            closed, right = self._by_the_first_row(low, high)
+            return tick.when(right, closed, lambda: solved(self.drift, DAMPING, free))
+
+        motion = tick.when(ca.SX(needed), held, self._delivered(free))
         left = ca.norm_2(self.twist - motion[n:]) - MISSED * ca.norm_2(self.twist)
-        calm = self.drift + MOMENTUM * (last - self.drift)
-        return tick.when(left > 0, lambda: solved(calm, DAMPING + CALMING * left), motion)
+        damping = DAMPING + CALMING * left
+        about = self.drift + MOMENTUM * CALMING * left / damping * (last - self.drift)  # of nothing left as it was
+        some = ca.logic_and(left > 0, left <= PLAUSIBLE)
+        return tick.when(some, lambda: solved(about, damping, motion[:n]), motion)
 
     def _held_joints(self, tick: Tick, free: ca.SX, low: ca.SX, high: ca.SX) -> ca.SX:
         """Without rows: the claim where it is the bounded QP's solution, else the free answer moved into the bounds."""
         n = free.numel()
+        low, high = (ca.DM(~self.locked) * each for each in (low, high))
         h, (g, lower, upper) = ca.MX.sym("h", n, n), (ca.MX.sym(name, n) for name in ("g", "lower", "upper"))
         found = qrqp("bounded", n, 0)(h=h, g=g, lbx=lower, ubx=upper)["x"]
         solver = ca.Function("bounded", [h, g, lower, upper], [found])

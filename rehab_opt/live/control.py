@@ -6,8 +6,8 @@ import multiprocessing
 import os
 import signal
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, nullcontext, suppress
 from multiprocessing.connection import Connection
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -19,7 +19,7 @@ from rehab_opt.control.command import Command, Status
 from rehab_opt.errors import ConfigurationError, RehabOptError
 from rehab_opt.loop.logged import Logged, operator_of, read_log
 from rehab_opt.loop.loop import Loop
-from rehab_opt.loop.of_problem import control_again, decide_of, logged_problem
+from rehab_opt.loop.of_problem import control_again, control_of, decide_of, log_of, logged_problem
 from rehab_opt.loop.records import operator_layout, state_layout
 from rehab_opt.loop.replay import asked
 from rehab_opt.loop.shared_ring import SharedRing
@@ -63,41 +63,55 @@ def live_or_logged(
 
 
 @contextmanager
-def live_rings(problem: LiveProblem) -> Iterator[Rings]:
-    """Made for a problem, and removed afterwards."""
+def live_rings(problem: LiveProblem, *, depth: int) -> Iterator[Rings]:
+    """Made for a problem, and removed afterwards; `depth` is how many ticks a reader may be late by."""
     n, force = problem.encoders, problem.force
-    given = operator_layout(n, axes=2, force=force)
+    given = operator_layout(n, axes=2, targets=problem.hands, force=force)
     state = state_layout(n, given, force=force)
     numbers = [(name, "<f8", (size,)) for name, size in problem.layout.items()]
     shown = np.dtype([*numbers, ("mode", "S32")])
-    with SharedRing.create(given) as one, SharedRing.create(state) as two, SharedRing.create(shown) as three:
+    with (
+        SharedRing.create(given) as one,
+        SharedRing.create(state, depth=depth) as two,
+        SharedRing.create(shown) as three,
+    ):
         yield Rings(one, two, three)
 
 
-def control_live(file: str, options: dict[str, str | None], rings: Rings, page: Connection, *, again: bool) -> None:
+def control_live(
+    file: str,
+    options: dict[str, str | None],
+    rings: Rings,
+    page: Connection,
+    *,
+    again: bool,
+    log: Path | None = None,
+    fifo: int | None = None,
+) -> None:
     """Run until the process that asked for it ends.
 
     `page` is sent what is drawn once, `LiveProblem.scene`, or the `RehabOptError`'s text where the problem is refused.
-    With `again` the file is a log, which is shown again and again.
+    With `again` the file is a log, which is shown again and again. `log` and `fifo` as of `run_in_time`.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the process of the page, which ends this one
     with suppress(BrokenPipeError):  # who asked is gone, and nobody is left to be told
         try:
             with live_or_logged(file, options, again=again) as (problem, logged):
                 page.send(problem.scene())
-                if logged is None:
-                    _run(problem, *rings)
-                else:
+                if logged is not None:
                     _run_again(problem, logged, rings)
+                    return
+                loaded, state = load_problem(file), rings.state
+                with nullcontext() if log is None else log_of(loaded, problem, state, log, options) as written:
+                    _run(problem, rings, fifo=fifo, watches=() if written is None else (written.watch,))
         except RehabOptError as refused:
             page.send(str(refused))
 
 
-def _run(problem: LiveProblem, given: SharedRing, state: SharedRing, shown: SharedRing) -> None:
-    control, parent = problem.control(), multiprocessing.parent_process()
+def _run(problem: LiveProblem, rings: Rings, *, fifo: int | None, watches: Sequence[Callable[[], str]]) -> None:
+    parent = multiprocessing.parent_process()
     assert parent is not None
     every = max(1, round(1 / (SHOWN_HZ * problem.dt)))
-    control.plant.reset(control.start)
     drawn: tuple[int, Status] | None = None
 
     def show(tick: Tick, command: Command) -> None:
@@ -106,11 +120,14 @@ def _run(problem: LiveProblem, given: SharedRing, state: SharedRing, shown: Shar
         now = tick.number // every, command.status
         if now != drawn:
             drawn = now
-            shown.write(mode=control.mode, **control.shown())
+            rings.shown.write(mode=control.mode, **control.shown())
 
-    decide = decide_of(problem, control, then=show)
-    loop = Loop(control.plant, decide, state=state, operator=given, sent=control.sent)
-    loop.run(until=lambda: os.getppid() != parent.pid)
+    with control_of(problem, fifo=fifo) as control:
+        loop = Loop(
+            control.plant, decide_of(problem, control, then=show), state=rings.state, operator=rings.given,
+            watches=watches, sent=control.sent, fifo=fifo,
+        )  # fmt: skip
+        loop.run(until=lambda: os.getppid() != parent.pid)
 
 
 def _run_again(problem: LiveProblem, logged: Logged, rings: Rings) -> None:

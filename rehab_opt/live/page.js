@@ -104,7 +104,7 @@ function onScreen(p) {
 }
 let inside = false, audio = null;
 function drawParticipant(g) {
-  const h = frame.handles || {}, target = h.target || frame.goal;
+  const h = frame.handles || {}, target = frame.goal || h.target;
   if (!h.hand) return;
   const r = Math.max(24, 0.06 * Math.min(canvas.clientWidth, canvas.clientHeight)), [x, y] = onScreen(h.hand);
   const [tx, ty] = target ? onScreen(target) : [NaN, NaN], there = Math.hypot(x - tx, y - ty) < r;
@@ -218,7 +218,7 @@ const plots = [];
 function panel() {
   document.title = scene.title; $("title").textContent = scene.title; $("title").title = scene.title;
   $("dragging").hidden = !(allowed("target") || allowed("push")); $("dragtarget").hidden = !allowed("target"); $("dragpush").hidden = !allowed("push"); $("follow").hidden = !allowed("target") || scene.springy;
-  $("dragtarget").textContent = scene.springy ? "the hand" : "target"; choose(allowed("target") ? "target" : "push");
+  $("dragtarget").textContent = scene.led || "target"; choose(allowed("target") ? "target" : "push");
   $("sticking").hidden = !allowed("stick"); $("faults").hidden = !allowed("faults");
   for (const [i, name] of scene.encoders.entries()) $("frozen").add(new Option("freeze " + name, i));
   const rows = scene.joints || []; $("jointpart").hidden = !rows.length; if (scene.jointtitle) $("jointtitle").textContent = scene.jointtitle;

@@ -91,6 +91,10 @@ def inputs_of(message: Mapping[str, Any], *, joints: int) -> LiveInputs | None:
 class Seats:
     """The tabs by number. The first of them commands until it goes; then one that asks for it.
 
+    Parameters
+    ----------
+    hands : that are led, see `LiveProblem`.
+
     Attributes
     ----------
     commander : number of the tab that commands; None while none does.
@@ -98,7 +102,8 @@ class Seats:
     heartbeat : [s] when what last said that it is held was sent, on the caller's clock; NaN while it is not.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, *, hands: int = 1) -> None:
+        self._of = hands
         self.commander: int | None = None
         self.lapsed, self.heartbeat, self.inputs = "", math.nan, AT_REST
         self._tabs: dict[int, bool] = {}
@@ -161,9 +166,10 @@ class Seats:
 
     @property
     def wanted(self) -> LiveInputs:
-        """Of the tab that commands, with the hand that a participant leads."""
+        """Of the tab that commands, with the hand that a participant leads; of two, its target is the helper's."""
+        inputs = self.inputs if self._of == 1 else self.inputs._replace(target=NOWHERE, helper=self.inputs.target)
         hands = list(self._hands.values())
-        return self.inputs._replace(target=hands[0]) if hands else self.inputs
+        return inputs._replace(target=hands[0]) if hands else inputs
 
     def state(self, tab: int) -> dict[str, Any]:
         """What a tab is told of the others."""

@@ -62,7 +62,7 @@ class LivePage:
         self._watching = watching
         self._problem, self._sent, self._alive = problem, scene, alive
         self._given, self._state, self._shown = rings
-        self._seats = Seats()
+        self._seats = Seats(hands=problem.hands)
         self._refused = ""
         self._tabs: dict[int, _Tab] = {}
         self._scene = ""
@@ -173,8 +173,9 @@ class LivePage:
         """To the controller's process, at once."""
         wanted, record = self._seats.wanted, self._given.record
         record["heartbeat"] = self._seats.heartbeat
-        record["target"][0] = np.eye(4)
-        record["target"][0, :3, 3] = wanted.target
+        record["target"][...] = np.eye(4)
+        for pose, place in zip(record["target"], (wanted.target, wanted.helper), strict=False):
+            pose[:3, 3] = place
         record["push"][...], record["stick"][...] = wanted.push[: self._problem.force], wanted.stick
         record["buttons"] = sum(bit for name, bit in BUTTONS.items() if getattr(wanted, name))
         record["frozen"][...] = np.arange(self._problem.encoders) == wanted.frozen

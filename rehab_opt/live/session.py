@@ -7,16 +7,18 @@ import ipaddress
 import multiprocessing
 import signal
 from collections.abc import Callable
+from pathlib import Path
 
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.live.control import control_live, live_or_logged, live_rings
 from rehab_opt.live.server import LivePage
+from rehab_opt.loop.log import DEPTH
 from rehab_opt.session.live.problem import Watching
 
 __all__ = ["show_live"]
 
-PATIENT = 2.0
-"""[s] that the controller's process has to end by itself."""
+PATIENT = 10.0
+"""[s] that the controller's process has to brake, to let go of a device, and to end its log."""
 
 
 def show_live(
@@ -27,6 +29,8 @@ def show_live(
     plant: str | None = None,
     solver: str | None = None,
     again: bool = False,
+    log: Path | None = None,
+    fifo: int | None = None,
     ready: Callable[[str, str], None],
     watching: Watching | None = None,
 ) -> None:
@@ -35,7 +39,9 @@ def show_live(
     Parameters
     ----------
     file : of the problem, or the name of a shipped one. plant, solver : as of `rehab-opt run`.
-    again : the file is a log of `rehab-opt loop`, which is shown at its pace, from the beginning again at its end.
+    again : the file is a log, which is shown at its pace, from the beginning again at its end.
+    log : of every tick with what the page wanted, for `rehab-opt replay`; None for none.
+    fifo : priority of the controller's process, and of a device's, see `Loop`; the page has the usual one.
     host, port : where the page is served; 0 is any free port.
     ready : told the addresses of the page and of the participant's screen. watching : told what is drawn.
 
@@ -47,10 +53,14 @@ def show_live(
     _refuse_wildcard(host)
     options = {"plant": plant, "solver": solver}
     context = multiprocessing.get_context("spawn")
-    with live_or_logged(file, options, again=again) as (problem, _), live_rings(problem) as rings:
+    with (
+        live_or_logged(file, options, again=again) as (problem, _),
+        live_rings(problem, depth=4 if log is None else DEPTH) as rings,
+    ):
         scene, told = context.Pipe(duplex=False)
         control = context.Process(
-            target=control_live, args=(file, options, rings, told), kwargs={"again": again}, daemon=True
+            target=control_live, args=(file, options, rings, told), daemon=True,
+            kwargs={"again": again, "log": log, "fifo": fifo},
         )  # fmt: skip
         control.start()
         told.close()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import struct
 import time
@@ -122,6 +123,7 @@ def operate(pad: Gamepad, ring: SharedRing, *, until: Callable[[], bool] = lambd
     DeviceLostError : the gamepad is gone; it is written first that the switch is not held.
     """
     size = ring.layout["stick"].shape[0]
+    ring.record["target"][...] = math.nan  # a stick points nowhere
     try:
         while not until():
             state = pad.read()

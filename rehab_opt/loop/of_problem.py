@@ -6,18 +6,25 @@ import math
 import posixpath
 import tempfile
 import tomllib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager, nullcontext
 from pathlib import Path, PurePosixPath
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.control.command import Command
 from rehab_opt.errors import ConfigurationError, ProblemFileError
+from rehab_opt.loop import franka, ur
+from rehab_opt.loop.companion import Companion
+from rehab_opt.loop.delay import measured_delay
+from rehab_opt.loop.gamepad import Gamepad
 from rehab_opt.loop.log import DEPTH, Log
 from rehab_opt.loop.logged import Logged
 from rehab_opt.loop.loop import Loop
-from rehab_opt.loop.records import state_layout
+from rehab_opt.loop.records import operator_layout, state_layout
+from rehab_opt.loop.remote import RemoteDevice
 from rehab_opt.loop.replay import Replay, replayed
 from rehab_opt.loop.report import LoopReport
 from rehab_opt.loop.shared_ring import SharedRing
@@ -30,13 +37,27 @@ from rehab_opt.session.live.problem import AT_REST, NOWHERE, LiveControl, LiveIn
 from rehab_opt.session.run import live_problem
 from rehab_opt.session.systems import system_named
 
-__all__ = ["BUTTONS", "control_again", "decide_of", "files_of", "logged_problem", "replay_problem", "run_in_time"]
+__all__ = [
+    "BUTTONS",
+    "connected",
+    "control_again",
+    "control_of",
+    "decide_of",
+    "delay_of",
+    "files_of",
+    "log_of",
+    "logged_problem",
+    "replay_problem",
+    "run_in_time",
+]
 
 TEXT = "problem.toml"
 """What a problem's own text is called in a log."""
 HOME = "folder"
 """Of what is said about a log: where the problem's text lies among its other files."""
 BUTTONS = {"switch": 1, "gripper": 2}
+PATIENCE = 2.0
+"""[s] for a gamepad's process to end."""
 
 
 def decide_of(
@@ -53,7 +74,8 @@ def decide_of(
             inputs = _inputs_of(tick.operator, enable=tick.enabled)
         else:
             inputs = problem.untouched(tick.time) if tick.enabled else AT_REST
-        plant.frozen, plant.noise, plant.delay = inputs.frozen, inputs.noise, inputs.delay
+        if isinstance(plant, TouchedPlant):
+            plant.frozen, plant.noise, plant.delay = inputs.frozen, inputs.noise, inputs.delay
         command = control.step(inputs, tick.seen)
         then(tick, command)
         return command
@@ -63,10 +85,12 @@ def decide_of(
 
 def _inputs_of(record: np.void, *, enable: bool) -> LiveInputs:
     """What the operator wants; whether the dead-man is held is the loop's to say."""
-    target, frozen, buttons = record["target"][0, :3, 3], np.flatnonzero(record["frozen"]), int(record["buttons"])
+    frozen, buttons = np.flatnonzero(record["frozen"]), int(record["buttons"])
+    target, helper = (*(_place(each) for each in record["target"]), NOWHERE)[:2]
     return LiveInputs(
         enable=enable,
-        target=NOWHERE if math.isnan(target[0]) else tuple(target.tolist()),
+        target=target,
+        helper=helper,
         push=tuple(record["push"].tolist()),
         stick=tuple(record["stick"].tolist()),
         switch=bool(buttons & BUTTONS["switch"]),
@@ -77,14 +101,26 @@ def _inputs_of(record: np.void, *, enable: bool) -> LiveInputs:
     )
 
 
+def _place(pose: NDArray[np.float64]) -> tuple[float, float, float]:
+    x, y, z = pose[:3, 3].tolist()
+    return NOWHERE if math.isnan(x) else (x, y, z)
+
+
 def run_in_time(
-    loaded: ProblemFile[Any], *, seconds: float, log: Path | None = None, fifo: int | None = None, **options: str | None
+    loaded: ProblemFile[Any],
+    *,
+    seconds: float,
+    log: Path | None = None,
+    fifo: int | None = None,
+    gamepad: Path | None = None,
+    **options: str | None,
 ) -> tuple[LoopReport, int]:
-    """Run a problem at its rate, on a simulated robot, with nobody at it.
+    """Run a problem at its rate, on its simulated robot or its device, with nobody at it but who holds a gamepad.
 
     Parameters
     ----------
     seconds : how long. log : file of the log, None for none. fifo : see `Loop`. options : as of `live_problem`.
+    gamepad : the robot moves while its button 4 is held; its stick and first two buttons are those of the page.
 
     Returns
     -------
@@ -92,28 +128,95 @@ def run_in_time(
 
     Raises
     ------
-    ConfigurationError, ProblemFileError : as `live_problem`.
+    ConfigurationError, ProblemFileError : as `live_problem`; a device is not where the problem begins.
+    DeviceLostError : it cannot be connected.
     """
     problem = live_problem(loaded, **options)
-    control = problem.control()
-    control.plant.reset(control.start)
-    decide = decide_of(problem, control)
-    if log is None:
-        return Loop(control.plant, decide, sent=control.sent, fifo=fifo).run(seconds=seconds), 0
+    with ExitStack() as stack:
+        control, ring, written = stack.enter_context(control_of(problem, fifo=fifo)), None, None
+        operator = None if gamepad is None else stack.enter_context(_operated_by(gamepad, problem))
+        if log is not None:
+            given = None if operator is None else operator.layout
+            layout = state_layout(problem.encoders, given, force=problem.force)
+            ring = stack.enter_context(SharedRing.create(layout, depth=DEPTH))
+            written = stack.enter_context(log_of(loaded, problem, ring, log, options))
+        watches = () if written is None else (written.watch,)
+        loop = Loop(
+            control.plant, decide_of(problem, control), state=ring, operator=operator, watches=watches,
+            sent=control.sent, fifo=fifo,
+        )  # fmt: skip
+        report = loop.run(seconds=seconds)
+    return report, 0 if written is None else written.lost
+
+
+@contextmanager
+def _operated_by(gamepad: Path, problem: LiveProblem) -> Iterator[SharedRing]:
+    """What a gamepad says, read by a process of its own; raises as `Gamepad`."""
+    Gamepad(gamepad).close()
+    with SharedRing.create(operator_layout(problem.encoders, axes=2, force=problem.force)) as ring:
+        reader = Companion("rehab_opt.loop.gamepad_process", {"source": str(gamepad), "ring": ring.name})
+        try:
+            yield ring
+        finally:
+            reader.end(PATIENCE)
+
+
+def delay_of(loaded: ProblemFile[Any], *, joint: int, fifo: int | None = None, **options: str | None) -> float:
+    """[s] by which a problem's robot is late, see `measured_delay`.
+
+    Raises
+    ------
+    ConfigurationError, ProblemFileError, DeviceLostError : as `run_in_time` and `measured_delay`; a robot that takes no
+        joint velocities.
+    """
+    problem = live_problem(loaded, **options)
+    if problem.force != 3 or "stick" in problem.controls:
+        raise ConfigurationError("FILE", loaded.name, "a problem whose robot takes joint velocities")
+    if problem.device is not None:
+        with connected(problem, fifo=fifo) as device:
+            return measured_delay(device, joint=joint, fifo=fifo)
+    with control_of(problem) as control:
+        return measured_delay(control.plant, joint=joint, fifo=fifo)
+
+
+def log_of(
+    loaded: ProblemFile[Any], problem: LiveProblem, ring: SharedRing, path: Path, options: Mapping[str, str | None]
+) -> Log:
+    """A log of a problem's loop that can be run again; raises as `Log`."""
     about = {name: value for name, value in options.items() if value is not None} | {HOME: str(_home(loaded))}
-    with SharedRing.create(state_layout(problem.encoders, force=problem.force), depth=DEPTH) as ring:
-        written = Log(ring, log, names=problem.names, problem=loaded.name, files=files_of(loaded), about=about)
-        with written:
-            loop = Loop(control.plant, decide, state=ring, watches=(written.watch,), sent=control.sent, fifo=fifo)
-            report = loop.run(seconds=seconds)
-        return report, written.lost
+    return Log(ring, path, names=problem.names, problem=loaded.name, files=files_of(loaded), about=about)
+
+
+@contextmanager
+def control_of(problem: LiveProblem, *, fifo: int | None = None) -> Iterator[LiveControl]:
+    """A problem's control at its start: on a simulated robot, or on its device, which is let go of afterwards.
+
+    Raises
+    ------
+    ConfigurationError : the device is not where the problem begins, or cannot be of this problem.
+    DeviceLostError : it cannot be connected.
+    """
+    with nullcontext() if problem.device is None else connected(problem, fifo=fifo) as plant:
+        control = problem.control(plant)
+        control.plant.reset(control.start)
+        yield control
+
+
+def connected(problem: LiveProblem, *, fifo: int | None = None) -> RemoteDevice:
+    """The device of a problem; raises as `control_of`."""
+    assert problem.device is not None
+    kind, address = problem.device
+    joints, connect = {"ur": (ur.JOINTS, ur.connect_ur), "franka": (franka.JOINTS, franka.connect_franka)}[kind]
+    if problem.encoders != joints:
+        raise ConfigurationError("plant.kind", kind, f"a robot of {problem.encoders} joints, as the problem's")
+    return connect(address, rate_hz=1 / problem.dt, fifo=fifo)
 
 
 class _LoggedRobot:
     """A robot that was where a log says; nothing moves it."""
 
     def __init__(self, dt: float) -> None:
-        self.dt, self.frozen, self.noise, self.delay = dt, -1, 0.0, 0.0
+        self.dt = dt
 
     def show(self, record: np.void) -> None:
         """A tick."""
@@ -121,6 +224,14 @@ class _LoggedRobot:
         self.measured = Measurement(stamp, *(record[each].copy() for each in ("position", "velocity", "force")))
         true = (record[each].copy() for each in ("true_position", "true_velocity", "effort", "true_force"))
         self.truth = Truth(time, *true)
+
+    def reset(self, position: ArrayLike) -> Measurement:
+        """It is where it was."""
+        return self.measured
+
+    def step(self, command: ArrayLike, push: ArrayLike | None = None) -> Measurement:
+        """It is where it was."""
+        return self.measured
 
 
 def logged_problem(logged: Logged, folder: Path) -> LiveProblem:
@@ -151,10 +262,9 @@ def control_again(
     problem: LiveProblem, *, then: Callable[[Tick, Command], None] = lambda *_: None
 ) -> tuple[LiveControl, Decide, Callable[[np.void], None]]:
     """A problem's control on a robot that is where a log says: it, how it is asked, and what is told each record."""
-    control, robot = problem.control(), _LoggedRobot(problem.dt)
-    decide = decide_of(problem, control, then=then)
-    control.plant = cast(TouchedPlant, robot)
-    return control, decide, robot.show
+    robot = _LoggedRobot(problem.dt)
+    control = problem.control(robot)
+    return control, decide_of(problem, control, then=then), robot.show
 
 
 def replay_problem(logged: Logged) -> Replay:

@@ -46,7 +46,10 @@ def read_svc(path: Path, *, name: str, count_mm: float | None = None, tick_ms: f
         if len(cells) < len(COLUMNS):
             raise ProblemFileError(name, f"line {i + 2}", shown(text), f"at least {', '.join(COLUMNS)}")
         for j, (column, most) in enumerate(COLUMNS.items()):
-            number = finite_number(cells[j], name=name, line=i + 2, column=column, most=most / units[j])
+            number = finite_number(
+                cells[j], name=name, line=i + 2, column=column, most=most / units[j],
+                beyond="another unit? what a raw count is say recording.count_mm and recording.tick_ms",
+            )  # fmt: skip
             samples[i, j] = number * units[j]
         if samples[i, 3] not in (0, 1):
             raise ProblemFileError(name, f"line {i + 2}, column pen_down", shown(cells[3]), "0 or 1")

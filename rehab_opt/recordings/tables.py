@@ -136,10 +136,9 @@ def read_csv(
     most = {column: FARTHEST / scale_of[column] for column in columns} | {time_column: LATEST / scale_of[time_column]}
     most |= dict.fromkeys(forces, STRONGEST)
     wanted = [time_column, *columns, *angles, *forces]
-    rows = lines[1:]
-    if decimal == "comma":
-        rows = [row.replace(",", ".") if "." not in row else row for row in rows]
-    cells = numbers_below(rows, header, wanted, most, name=name, first=2, separator=mark)
+    cells = numbers_below(
+        lines[1:], header, wanted, most, name=name, first=2, separator=mark, point="," if decimal == "comma" else "."
+    )
     values = {column: numbers * scale_of[column] for column, numbers in zip(wanted, cells.T, strict=True)}
     unread = ", ".join(cell for cell, known in zip(written, header, strict=True) if known not in values)
     return Recording(
@@ -162,11 +161,12 @@ def numbers_below(
     first: int,
     separator: str | None,
     missing: Mapping[str, Collection[str]] = MappingProxyType({}),
+    point: str = ".",
 ) -> Array:
     """(rows, len(wanted)) numbers of the wanted columns; `first` is the first row's line, counted from 1.
 
     `most` bounds the size of the numbers of some columns; `missing` are cells of some, in small letters, that stand for
-    no number, which is NaN.
+    no number, which is NaN; `point` stands before decimals.
 
     Raises
     ------
@@ -190,7 +190,9 @@ def numbers_below(
             [
                 math.nan
                 if missing and row[place].strip().lower() in missing.get(column, ())
-                else finite_number(row[place], name=name, line=number, column=column, most=most.get(column, math.inf))
+                else finite_number(
+                    row[place], name=name, line=number, column=column, most=most.get(column, math.inf), point=point
+                )
                 for place, column in zip(places, wanted, strict=True)
             ]
         )

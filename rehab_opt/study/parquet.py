@@ -68,7 +68,8 @@ def write_trace(trace: Path | Mapping[str, Any], file: Path, **about: str) -> Pa
     for place, (name, value) in enumerate(about.items()):
         column = pyarrow.DictionaryArray.from_arrays(pyarrow.array([0] * len(table), pyarrow.int8()), [value])
         table = table.add_column(place, name, column)
-    file.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+    for folder in (file.parent.parent, file.parent):  # parents=True would make the first one readable by all
+        folder.mkdir(exist_ok=True, mode=0o700)
     beside = file.with_name(f".{file.name}.partial")
     beside.unlink(missing_ok=True)
     with os.fdopen(os.open(beside, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb") as written:

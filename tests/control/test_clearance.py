@@ -274,6 +274,30 @@ def test_arm_within_a_margin_that_is_no_longer_enabled_stops_and_does_not_go_on_
     assert fastest > 1e-3
 
 
+@pytest.mark.parametrize("limit", ["body", "own"])
+@pytest.mark.parametrize("seed", [0, 3])
+def test_arm_that_is_sent_beyond_its_reach_comes_to_rest_though_something_is_far_away(limit: str, seed: int) -> None:
+    far = {
+        "body": Clearance(margin=MARGIN, planes=[KeepOut.through([0.0, 0.0, -3.0], [0.0, 0.0, 1.0])], pairs=()),
+        "own": Limit(lambda chain, q: chain.pose_expression(q)[2, 3] + 3.0),
+    }
+    chain, dt, rng = ur5(velocity=2.0), 0.01, np.random.default_rng(seed)
+    tracker = PoseTracker(chain, dt=dt, limits=[far[limit]], compile=False)
+    q, goal = rng.uniform(-1.5, 1.5, 6), chain.pose(rng.uniform(-2, 2, 6))
+    goal[:3, 3] *= 1.6 / np.linalg.norm(goal[:3, 3])  # the arm is 0.95 m long
+    velocities = []
+    for _ in range(600):
+        command = tracker.step(q, goal, np.zeros(6))
+        q = q + dt * command.value
+        velocities.append(command.value)
+    late = np.array(velocities[-150:])
+    changes = np.diff(late, axis=0)
+    to_and_fro = (changes[1:] * changes[:-1] < 0) & (np.minimum(*np.abs([changes[1:], changes[:-1]])) > 1e-3)
+    assert not to_and_fro.any()
+    assert np.abs(late).max() < 0.15  # and slower in every tick: a wrist that hardly matters turns for long
+    assert goal[:3, 3] @ chain.pose(q)[:3, 3] > 0.9 * 1.6 * np.linalg.norm(chain.pose(q)[:3, 3])  # it points there
+
+
 @pytest.mark.parametrize("body", ["beside", "crossing", "box", "floor"])
 def test_forearm_pressed_along_a_body_neither_shakes_nor_sticks(body: str) -> None:
     chain, dt = ur5(velocity=2.0), 0.002

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import socket
+from pathlib import Path
 
 import pytest
 
@@ -10,6 +11,7 @@ from rehab_opt import ConfigurationError
 from rehab_opt.cli import main
 from rehab_opt.live.seats import Gate
 from rehab_opt.live.session import show_live
+from rehab_opt.session.files import load_problem
 
 from .conftest import Address
 
@@ -97,7 +99,14 @@ def test_a_problem_that_does_not_run_live_is_refused_in_one_line(capsys: pytest.
         assert line.endswith("has none: rehab-opt run")
 
 
-def test_a_helper_s_hand_is_refused_with_the_key(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_file_without_a_law_of_ours_is_refused_with_the_key(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = load_problem("upper_limb/scenario_1_stretch").path.read_text(encoding="utf-8")
+    lines = [line for line in text.splitlines() if not line.startswith("laws")]
+    at = lines.index("[run]") + 1 if "[run]" in lines else len(lines)
+    lines[at:at] = ["laws = ['unassisted']"] if "[run]" in lines else ["[run]", "laws = ['unassisted']"]
+    (tmp_path / "mine.toml").write_text("\n".join(lines), encoding="utf-8")
     with pytest.raises(SystemExit):
-        main(["live", "upper_limb/scenario_together"])
+        main(["live", str(tmp_path / "mine.toml")])
     assert "run.laws" in capsys.readouterr().err

@@ -99,6 +99,28 @@ def test_a_person_is_helped_where_the_participant_points_and_let_go_with_the_dea
     assert {key: value.size for key, value in shown.items()} == dict(problem.layout)
 
 
+def test_two_hands_are_led_each_in_its_own_workspace() -> None:
+    """The helper's is led to a place, the participant's drawn to the map of it, and the helper feels that."""
+    problem, control = begun("upper_limb/scenario_together")
+    place = np.array([-0.1, 0.5])
+    ticks(control, LiveInputs(enable=True, helper=(*place.tolist(), 0.0)), 4000)
+    shown = {key: np.atleast_1d(np.asarray(value, dtype=np.float64)) for key, value in control.shown().items()}
+    assert {key: value.size for key, value in shown.items()} == dict(problem.layout)
+    frame, image = problem.frame(shown), problem.ready.carry.image(place)
+    assert frame["handles"]["target"] == pytest.approx([*place.tolist(), 0.0], abs=0.02)
+    assert frame["goal"] == pytest.approx([*image.tolist(), 0.0], abs=0.02)
+    led = np.array(frame["handles"]["hand"][:2])
+    both = LiveInputs(enable=True, helper=(*place.tolist(), 0.0), target=(*(led + [0.0, 0.02]).tolist(), 0.0))
+    ticks(control, both, 1500)
+    assert control.plant.truth.position[1] > led[1] + 0.002  # the participant pulls, against the spring
+    felt = np.array(control.shown()["along"])[2:]
+    assert felt[1] > 0.5  # and the helper is drawn along
+    assert not np.any(ticks(control, AT_REST, 1000)[-1].value)
+    still = np.array(control.shown()["along"])[:2]
+    ticks(control, AT_REST, 500)
+    assert np.array(control.shown()["along"])[:2] == pytest.approx(still, abs=0.02)  # who wanders, led by nobody
+
+
 def test_a_dragged_target_is_where_the_hand_goes() -> None:
     problem, control = begun("robot/ur5_circle")
     start = problem.robot.pose(control.start)[:3, 3]

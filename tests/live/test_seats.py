@@ -105,11 +105,24 @@ def test_a_participant_leads_the_hand_only_in_a_tab_of_the_participant() -> None
     assert not seats.wanted.dragged
 
 
+def test_of_two_hands_the_page_leads_the_helper_s_and_the_participant_theirs() -> None:
+    seats = Seats(hands=2)
+    main, theirs = seats.join(participant=False), seats.join(participant=True)
+    seats.hear(main, HELD._replace(target=(0.3, 0.4, 0.0)), now=1.0)
+    assert (seats.wanted.helper, seats.wanted.dragged) == ((0.3, 0.4, 0.0), False)
+    seats.point(theirs, (0.1, 0.2, 0.0))
+    assert (seats.wanted.helper, seats.wanted.target) == ((0.3, 0.4, 0.0), (0.1, 0.2, 0.0))
+    seats.leave(main)
+    assert math.isnan(seats.wanted.helper[0])
+
+
 def test_what_the_page_sends_is_understood() -> None:
     inputs = inputs_of(
         page(target=[1, 2, 3], push=[1, 0, 0], stick=[0.5, -1], frozen=2, noise=0.001, delay=0.05), joints=6
     )
-    assert inputs == LiveInputs(True, (1.0, 2.0, 3.0), (1.0, 0.0, 0.0), (0.5, -1.0), False, False, 2, 0.001, 0.05)
+    assert inputs == LiveInputs(
+        enable=True, target=(1.0, 2.0, 3.0), push=(1.0, 0.0, 0.0), stick=(0.5, -1.0), frozen=2, noise=0.001, delay=0.05
+    )  # fmt: skip
     assert inputs_of(page(enable=1), joints=6) == LiveInputs()
 
 

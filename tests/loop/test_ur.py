@@ -7,21 +7,27 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from rehab_opt.control.command import Bound, Command, Status
-from rehab_opt.errors import ConfigurationError, DeviceLostError
+from rehab_opt.errors import ConfigurationError, DeviceLostError, RehabOptError
 from rehab_opt.loop import ur
 from rehab_opt.loop.delay import measured_delay
+from rehab_opt.loop.logged import read_log
 from rehab_opt.loop.loop import Loop
+from rehab_opt.loop.of_problem import replay_problem, run_in_time
 from rehab_opt.loop.remote import RemoteDevice
 from rehab_opt.loop.shared_ring import SharedRing
 from rehab_opt.loop.tick import Tick
 from rehab_opt.loop.ur import connect_ur
 from rehab_opt.plants.channel import Channel
 from rehab_opt.plants.ideal import IdealJoints
+from rehab_opt.session.files import load_problem
+from rehab_opt.session.run import run_problem
 from tests.loop.clock import Clock
 from tests.loop.rtde_server import DELAY, ORDERS, START, TRUTH
 
@@ -117,6 +123,37 @@ def delay_once_in_time(robot: RemoteDevice) -> float:
             if "too late to measure" not in str(refused):
                 raise
     return measured_delay(robot, joint=1, fifo=1)
+
+
+def test_a_problem_file_that_names_the_robot_is_run_on_it_and_again_from_its_log(
+    server: Server, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("mcap")
+    monkeypatch.setattr(ur, "connect_ur", partial(connect_ur, watchdog=WATCHDOG))
+    text = load_problem("robot/ur5_circle").path.read_text(encoding="utf-8")
+    text = text.replace("[0.0, -90.0, 90.0, -90.0, -90.0, 0.0]", str(np.rad2deg(START).tolist()))
+    text = text.replace("rate_hz = 1000.0", "rate_hz = 500.0")
+    (tmp_path / "mine.toml").write_text(f'{text}\n[plant]\nkind = "ur"\naddress = "{HOST}"\ndelay_ms = 30.0\n')
+    loaded, before = load_problem(str(tmp_path / "mine.toml")), server.position
+    report, lost = run_in_time(loaded, seconds=3.0, log=tmp_path / "trace.mcap", fifo=1)
+    assert (report.lost, lost) == (False, 0)
+    assert server.comes_to_rest()
+    assert np.abs(server.position - before).max() > 0.01
+    again = replay_problem(read_log(tmp_path / "trace.mcap"))  # which asks no robot
+    assert (again.first, again.same) == ("", again.ticks)
+
+
+def test_a_robot_that_is_elsewhere_or_whose_delay_is_not_known_is_refused(server: Server, tmp_path: Path) -> None:
+    text = load_problem("robot/ur5_circle").path.read_text(encoding="utf-8") + '\n[plant]\nkind = "ur"\n'
+    for more, match in (("", "address"), (f'address = "{HOST}"\n', "delay_ms")):
+        (tmp_path / "mine.toml").write_text(text + more)
+        with pytest.raises(RehabOptError, match=match):
+            run_in_time(load_problem(str(tmp_path / "mine.toml")), seconds=1.0)
+    (tmp_path / "mine.toml").write_text(f'{text}address = "{HOST}"\ndelay_ms = 30.0\n')
+    with pytest.raises(ConfigurationError, match=f"where UR at {HOST} is"):
+        run_in_time(load_problem(str(tmp_path / "mine.toml")), seconds=1.0)
+    with pytest.raises(ConfigurationError, match=r"plant\.kind"):  # no run as fast as it goes
+        run_problem(load_problem(str(tmp_path / "mine.toml")))
 
 
 def test_a_loop_that_hangs_is_braked_and_may_go_on(robot: RemoteDevice, server: Server) -> None:

@@ -202,22 +202,28 @@ def spoilt_table(rng: Rng) -> Made:  # noqa: PLR0912  (a branch a fault)
 
 
 def spoilt_c3d(rng: Rng) -> Made:
-    """A C3D cut short, of another unit, without its marker, or with hidden frames."""
+    """A C3D cut short, of another unit, with its marker twice or not at all, of a subject, or with hidden frames."""
     time, points = movement(rng)
     frames = np.zeros((len(time), 2, 4))
     frames[:, 1, :3] = 1e3 * points
     keep = np.ones(len(time), dtype=bool)
-    fault, truth = str(rng.choice(["none", "cut", "unit", "marker", "hidden", "magic", "processor"])), REFUSED
+    fault, truth = (
+        str(rng.choice(["none", "cut", "unit", "marker", "twins", "subject", "hidden", "magic", "processor"])),
+        REFUSED,
+    )
     if fault == "hidden":
         keep[int(rng.integers(1, len(time) - 1))] = False
         frames[~keep, 1, 3] = -1
-    content = c3d(frames, ["HEAD", "HAND"], order=str(rng.choice(["<", ">"])))
+    subject = f"{SECRET}:" if fault == "subject" else ""
+    content = c3d(frames, [f"{subject}HEAD", f"{subject}HAND"], order=str(rng.choice(["<", ">"])))
     if fault == "cut":
         content = content[: int(rng.integers(len(content)))]
     elif fault == "unit":
         content = content.replace(b"mm", b"km")
     elif fault == "marker":
         content = content.replace(b"HAND", b"HEEL")
+    elif fault == "twins":
+        content = content.replace(b"HEAD", b"HAND")
     elif fault == "magic":
         content = content[:1] + b"Q" + content[2:]
     elif fault == "processor":

@@ -10,7 +10,7 @@ from pathlib import Path
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.session.many.participant import Answer, Participant
 
-__all__ = ["person", "quick"]
+__all__ = ["blas_threads", "person", "quick"]
 
 
 class OddError(Exception):
@@ -43,3 +43,8 @@ def quick(participant: Participant) -> Answer:
     if what == "slow":
         time.sleep(60.0)
     return Answer({"metrics.json": participant.name.encode()}, {"letters": len(participant.name)}, 0.001)
+
+
+def blas_threads(_: object) -> str | None:
+    """What numpy read when this process loaded it."""
+    return os.environ.get("OPENBLAS_NUM_THREADS")

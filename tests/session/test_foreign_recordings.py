@@ -49,7 +49,7 @@ def test_a_canonical_name_stays_as_it_is(cell: str) -> None:
 
 @pytest.mark.parametrize(("separator", "mark"), [("semicolon", ";"), ("tab", "\t")])
 def test_european_table_is_read(written: Write, separator: str, mark: str) -> None:
-    rows = ["\ufeffZeit;t [s];x [mm];y [mm];", "a;0,0;1,5;-2,0;", "b;0,5;2,5e1;3;"]
+    rows = ["\ufeffZeit;t [s];x [mm];y [mm];", "a.m.;0,0;1,5;-2,0;", "b;0,5;2,5e1;3;"]
     path = written("a.csv", "\r\n".join(rows).replace(";", mark))
     recording = read_recording(path, separator=separator, decimal="comma")
     np.testing.assert_allclose(recording.time, [0, 0.5])
@@ -104,13 +104,14 @@ CAUSES: list[tuple[str, str | bytes, dict[str, Any], str, str]] = [
     ("a.csv", "t_s;x_m;y_m\n0;1,5;2\n", {"separator": "semicolon"}, "line 2, column x_m", "decimal = 'comma'"),
     ("a.csv", "t_s,x_m,y_m\n0,0,1,5,2,5\n", {}, "line 2", "decimal commas?"),
     ("a.csv", "t_s,x_m,y_m\n0,1,2\n", {"decimal": "comma"}, "recording.separator", "decimals are commas"),
-    ("a.csv", "t_s\tx_m\ty_m\n0\t1.0,5\t2\n", {"separator": "tab", "decimal": "comma"}, "line 2, column x_m", "finite"),
+    ("a.csv", "t_s\tx_m\ty_m\n0\t1.0,5\t2\n", {"separator": "tab", "decimal": "comma"}, "line 2", "thousands"),
+    ("a.csv", "t_s\tx_m\ty_m\n0\t1.828\t2\n", {"separator": "tab", "decimal": "comma"}, "line 2", "thousands"),
     ("a.csv", "t,x,y\n0,1,2\n", {}, "line 1, column t", "recording.tick_ms"),
     ("a.csv", "t_s,x,y\n0,1,2\n", {}, "line 1, column x", "recording.count_mm"),
     ("a.csv", "t_s,x_m,X [m],y_m\n0,1,1,2\n", {}, "line 1", "a name of its own"),
     ("a.csv", "t_s,x_m,y_m\n0,1,2\n".encode("utf-16"), {}, "file", "CSV UTF-8"),
     ("a.csv", "t_s,x_m,y_m\n0,1,2\n1,2,3\n", {"speed": math.nan}, "recording.speed", "above zero"),
-    ("a.svc", "2\n20000 0 0 1\n20001 0 1 1\n", {}, "line 2, column x_mm", "another unit"),
+    ("a.svc", "2\n20000 0 0 1\n20001 0 1 1\n", {}, "line 2, column x_mm", "count_mm"),
     ("a.sto", "x\nendheader\ntime hand_X\n0 1\n1 20\n", {"columns": ["hand_X"] * 2}, "column hand_X", "-10 to 10"),
     ("a.sto", "x\ninDegrees=maybe\nendheader\ntime hand_X\n0 1\n", {}, "inDegrees", "yes or no"),
     ("a.c3d", b"\x02\x50", {"marker": "HAND"}, "byte 2", "as in every C3D"),

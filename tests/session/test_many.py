@@ -19,9 +19,10 @@ import pytest
 from rehab_opt.errors import ConfigurationError, ProblemFileError
 from rehab_opt.session.many.participant import Participant
 from rehab_opt.session.many.participants import participants_of
+from rehab_opt.session.many.pools import answers
 from rehab_opt.session.many.results import Row
 from rehab_opt.session.many.run import GROUPS, PARQUET, RESULTS, run_many
-from tests.session.stand_in_work import person, quick
+from tests.session.stand_in_work import blas_threads, person, quick
 
 
 def done(people: Sequence[Participant], out: Path, *, executor: Executor | None = None) -> dict[str, Row]:
@@ -63,6 +64,17 @@ def test_one_that_hangs_is_killed_and_blocks_nobody(tmp_path: Path) -> None:
     for bad in (0.0, math.nan, math.inf):
         with pytest.raises(ConfigurationError, match="--timeout"):
             run_many(people, out=tmp_path, work=quick, timeout_s=bad)
+
+
+@pytest.mark.parametrize("own", [None, "2"])
+def test_a_worker_computes_in_one_thread_unless_the_user_says_more(
+    monkeypatch: pytest.MonkeyPatch, own: str | None
+) -> None:
+    monkeypatch.delenv("OPENBLAS_NUM_THREADS", raising=False)
+    if own is not None:
+        monkeypatch.setenv("OPENBLAS_NUM_THREADS", own)
+    assert [*answers([0], blas_threads, executor=None, workers=1)] == [(0, own or "1")]
+    assert blas_threads(0) == own
 
 
 def test_rows_are_written_as_they_end_and_told_of(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

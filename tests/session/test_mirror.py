@@ -11,6 +11,7 @@ import runpy
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import casadi as ca
@@ -21,7 +22,7 @@ from rich.console import Console
 from bench.measured_lag import measured_lag
 from rehab_opt.errors import ProblemFileError
 from rehab_opt.session.files import load_problem, problem_of, shipped_problems
-from rehab_opt.session.mirror.metrics import passed_share
+from rehab_opt.session.mirror.metrics import CAUSES, causes, passed_share
 from rehab_opt.session.mirror.outcome import BEFORE, PLAN, STEP, Led, MirrorOutcome
 from rehab_opt.session.mirror.table import brief, table
 from rehab_opt.session.report import metrics_json, write_report
@@ -406,3 +407,17 @@ def test_fault_of_a_recording_is_one_line_with_its_place(text: str, key: str, ex
     assert refusal.value.key == key
     assert expected in refusal.value.expected
     assert "\n" not in str(refusal.value)
+
+
+def test_a_hand_that_a_bound_holds_off_is_not_late() -> None:
+    """Within the largest deviation nothing is told to be short: pick_fruit, 18 mm off at its floor, was `late`."""
+    ticks, plane = 6, object()
+    led = SimpleNamespace(
+        short=np.zeros((ticks, 2)), person=np.zeros((ticks, 2)), turn=np.zeros(ticks), pace=np.ones(ticks),
+        deviation=np.array([0.0, 0.018, 0.018, 0.018, 0.018, 0.018]), status=("ok",) * 5 + ("braking",),
+        manipulability=np.array([0.3, 0.31, 0.6, 0.6, 0.1, 0.3]), q=np.array([1.0, 1.0, 1.0, 0.0, 1.0, 0.0]),
+    )  # fmt: skip
+    led.person[0] = 0.02, 0.0
+    bounds = SimpleNamespace(planes=[plane], least_heights=lambda q, _: q, floor=0.3)
+    said = [CAUSES[k] for k in causes(led, bounds)]  # type: ignore[arg-type]
+    assert said == ["person's arm", "floor", "late", "keep-out", "late", "stopped"]

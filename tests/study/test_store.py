@@ -343,7 +343,7 @@ def test_samples_are_kept_as_parquet_and_leave_with_the_person(tmp_path: Path) -
         files = sorted((tmp_path / "s.db-traces").glob("*/*"))
         assert len(files) == 2
         assert all(stat.S_IMODE(path.stat().st_mode) == 0o600 for path in files)
-        assert files[0].parent.stat().st_mode & 0o777 == 0o700
+        assert [folder.stat().st_mode & 0o777 for folder in files[0].parents[:2]] == [0o700, 0o700]
         first, second = (parquet.read_table(path).to_pydict() for path in files)
         assert first == {"person": ["P"] * 2, "session": ["1"] * 2, "t_s": [0, 0.5], "law": ["a", "b"]}
         assert second["x_m"] == samples["x_m"].tolist()

@@ -79,7 +79,7 @@ class Steering(LiveControl):
     start : (n,) joint values [m, rad].
     """
 
-    def __init__(self, joystick: Joystick, law: StickLaw, plant: TouchedPlant, start: Array, *, wheels: bool) -> None:
+    def __init__(self, joystick: Joystick, law: StickLaw, plant: Plant, start: Array, *, wheels: bool) -> None:
         super().__init__(plant, start)
         self._joystick, self._law, self._wheels = joystick, law, wheels
         self.mode = joystick.mode.name

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from rehab_opt.control.obstacles import Disc, HalfPlane
 from rehab_opt.kinematics.mobile_arm import CHAIR
 from rehab_opt.plants.ideal import IdealJoints
+from rehab_opt.plants.plant import Plant
 from rehab_opt.plants.touched import TouchedPlant
 from rehab_opt.published.pseudoinverse_law import PseudoinverseLaw
 from rehab_opt.session.ardis.clearance import chair_corners, chair_gaps
@@ -64,13 +65,15 @@ class LiveArdis(LiveProblem):
         self._arm = ArmBodies(self.robot.chain, first=CHAIR, radius=self.robot.arm_radius)
         self._reached = 0
 
-    def control(self) -> LiveControl:
+    def control(self, plant: Plant | None = None) -> LiveControl:
         """The joystick and resolver of `rehab-opt run`."""
         table, robot, own = self._loaded.problem.plant, self.robot, self._loaded.problem.robot.file is not None
         wheels, ideal = robot.drive(self.drive), table.kind == "ideal"
-        plant = IdealJoints(self.dt) if ideal else chair_plant(table, robot, wheels, self.dt, own_arm=own)
+        if plant is None:
+            made = IdealJoints(self.dt) if ideal else chair_plant(table, robot, wheels, self.dt, own_arm=own)
+            plant = TouchedPlant(made)
         resolver = resolver_of(self._loaded, robot, self.drive, solver=self._solver, feedback=joint_feedback(table))
-        return Steering(joystick_of(self._loaded), resolver, TouchedPlant(plant), self.start, wheels=not ideal)
+        return Steering(joystick_of(self._loaded), resolver, plant, self.start, wheels=not ideal)
 
     def untouched(self, time: float) -> LiveInputs:
         """The file's recording of the stick."""

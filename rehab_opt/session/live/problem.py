@@ -11,10 +11,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.control.command import Command
-from rehab_opt.plants.plant import Measurement
-from rehab_opt.plants.touched import TouchedPlant
+from rehab_opt.plants.plant import Measurement, Plant
 
-__all__ = ["AT_REST", "LiveControl", "LiveInputs", "LiveProblem", "Seen", "Watching"]
+__all__ = ["AT_REST", "DeviceAddress", "LiveControl", "LiveInputs", "LiveProblem", "Seen", "Watching"]
 
 Array = NDArray[np.float64]
 
@@ -31,6 +30,8 @@ class LiveInputs(NamedTuple):
     """The dead-man."""
     target: Triple = NOWHERE
     """[m] where the hand, or its target, is dragged to; NaN where nobody drags: the problem's own reference."""
+    helper: Triple = NOWHERE
+    """[m] where the hand of who does it along is led to, where two hands do; NaN where nobody leads it."""
     push: Triple = (0.0, 0.0, 0.0)
     """[N] on the hand."""
     stick: tuple[float, float] = (0.0, 0.0)
@@ -59,7 +60,8 @@ class LiveControl(ABC):
 
     Parameters
     ----------
-    plant : whose sensors can be spoilt through the page. start : (n,) [rad, m] where it begins, at rest.
+    plant : it acts on; the sensors of a `TouchedPlant` can be spoilt through the page.
+    start : (n,) [rad, m] where it begins, at rest.
 
     Attributes
     ----------
@@ -69,7 +71,7 @@ class LiveControl(ABC):
     mode = ""
     """Of a stick; empty where there is none."""
 
-    def __init__(self, plant: TouchedPlant, start: Array) -> None:
+    def __init__(self, plant: Plant, start: Array) -> None:
         self.plant, self.start, self.timed = plant, start, True
 
     def stamp(self, seen: Measurement) -> float | None:
@@ -109,7 +111,7 @@ class Following(LiveControl):
     def __init__(
         self,
         tracker: Tracker,
-        plant: TouchedPlant,
+        plant: Plant,
         start: Array,
         poses: Array,
         twists: Array,
@@ -153,6 +155,14 @@ class Following(LiveControl):
         return self._poses[at].copy(), self._twists[at]
 
 
+class DeviceAddress(NamedTuple):
+    """A robot that is there."""
+
+    kind: str
+    """As of `[plant]`."""
+    address: str
+
+
 class LiveProblem(ABC):
     """A problem that runs live. One process calls `control`, another draws: nothing is kept here but the problem.
 
@@ -165,6 +175,10 @@ class LiveProblem(ABC):
 
     logged = False
     """Whether it is a log that is shown, at which nothing can be touched."""
+    hands = 1
+    """Of 2, the page leads the helper's, and the participant's screen the participant's."""
+    device: DeviceAddress | None = None
+    """Where its robot is, if it is there: nobody pushes that through the page, or spoils its sensors."""
     controls: ClassVar[frozenset[str]] = frozenset()
     """Of "target", "push", "stick", "faults": what of the page does something here."""
     title: str
@@ -178,9 +192,19 @@ class LiveProblem(ABC):
         """How many positions the plant measures."""
         return len(self.names)
 
+    @property
+    def touchable(self) -> frozenset[str]:
+        """What of `controls` does something here and now."""
+        return frozenset() if self.logged else self.controls - ({"push", "faults"} if self.device else set())
+
     @abstractmethod
-    def control(self) -> LiveControl:
-        """Controller and plant, made anew."""
+    def control(self, plant: Plant | None = None) -> LiveControl:
+        """Controller and plant, made anew; `plant` goes before the problem's own, as that of a log or a device does.
+
+        Raises
+        ------
+        ConfigurationError : the problem's own is a device.
+        """
 
     def untouched(self, time: float) -> LiveInputs:
         """What is done at the page in a film: nothing, but the dead-man is held; `time` [s] since the beginning."""
@@ -190,7 +214,7 @@ class LiveProblem(ABC):
     def scene(self) -> dict[str, Any]:
         """What the page is told once: see `rehab_opt.live.page`; here what all problems tell it."""
         encoders = [name.replace("_", " ") for name in self.names]
-        controls = [] if self.logged else sorted(self.controls)
+        controls = sorted(self.touchable)
         return {"title": self.title, "controls": controls, "encoders": encoders, "logged": self.logged}
 
     @abstractmethod

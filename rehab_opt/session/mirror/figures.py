@@ -175,7 +175,7 @@ def _causes(outcome: MirrorOutcome) -> Figure:
     when.set_xlabel("time of the run [s]")
     seconds.set_yticks(range(len(CAUSES)), CAUSES, fontsize=8)
     seconds.set_xlabel("time under each cause [s]")
-    seconds.margins(x=0.15)
+    seconds.margins(x=0.2)  # room for the words behind the longest
     for axes in (when, seconds):
         axes.invert_yaxis()
         axes.grid(**GRID, axis="x")

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from rehab_opt.control.command import Command
 from rehab_opt.control.mirror import MirrorTracker
 from rehab_opt.control.person_limit import PersonLimit
-from rehab_opt.plants.plant import Measurement
+from rehab_opt.plants.plant import Measurement, Plant
 from rehab_opt.plants.touched import TouchedPlant
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.live.bodies import BLUE, GREEN, ORANGE, RED, ArmBodies, joint_rows, near_limit, screen
@@ -20,7 +20,7 @@ from rehab_opt.session.live.problem import Following, LiveControl, LiveProblem
 from rehab_opt.session.mirror.laws import tracker_of
 from rehab_opt.session.mirror.problem import MirrorProblem
 from rehab_opt.session.mirror.scene import laid_out
-from rehab_opt.session.plant.making import joint_feedback, joint_plant
+from rehab_opt.session.plant.making import device_of, joint_feedback, joint_plant
 
 __all__ = ["LiveMirror"]
 
@@ -39,7 +39,7 @@ class LiveMirror(LiveProblem):
 
     def __init__(self, loaded: ProblemFile[MirrorProblem]) -> None:
         self._loaded, self.title, self.dt = loaded, loaded.problem.title, 1 / loaded.problem.tracker.rate_hz
-        self._scene = laid_out(loaded)
+        self._scene, self.device = laid_out(loaded), device_of(loaded.problem.plant)
         self.robot = self._scene.robot
         self.names = tuple(self.robot.names)
         self.layout = {"q": self.robot.n, "asked": 3, "target": 3, "force": 3, "lag": 1, "manipulability": 1}
@@ -51,14 +51,14 @@ class LiveMirror(LiveProblem):
             start = None if said is None or said.start_deg is None else np.deg2rad(said.start_deg)
             self._person = ArmBodies(person), PersonLimit(person, grip=grip, dt=FRAME, start=start, backup=None)
 
-    def control(self) -> LiveControl:
+    def control(self, plant: Plant | None = None) -> LiveControl:
         """The tracker of `rehab-opt run`."""
         problem, scene = self._loaded.problem, self._scene
         tracker = tracker_of(problem, scene, file=self._loaded.file, live=True, feedback=joint_feedback(problem.plant))
-        plant = joint_plant(problem.plant, self.robot, self.dt)
+        plant = TouchedPlant(joint_plant(problem.plant, self.robot, self.dt)) if plant is None else plant
         reference = scene.reference
         seen = ~reference.lost
-        return _Mirroring(tracker, TouchedPlant(plant), scene.start, reference.poses[seen], reference.twists[seen])
+        return _Mirroring(tracker, plant, scene.start, reference.poses[seen], reference.twists[seen])
 
     def scene(self) -> dict[str, Any]:
         """The mirrored path, planes that are kept clear of, limits of the person or else the robot."""
@@ -117,7 +117,7 @@ class LiveMirror(LiveProblem):
 
 
 class _Mirroring(Following):
-    def __init__(self, tracker: MirrorTracker, plant: TouchedPlant, start: Array, poses: Array, twists: Array) -> None:
+    def __init__(self, tracker: MirrorTracker, plant: Plant, start: Array, poses: Array, twists: Array) -> None:
         super().__init__(tracker, plant, start, poses, twists, then="back")
         self._mirror = tracker
 

@@ -28,7 +28,7 @@ of `stopped`, `person's arm`, `floor`, `keep-out`, `robot's reach`, `late` count
 NEAR, TURNED = 5e-3, math.radians(5.0)
 """[m, rad] by which a hand may stay short of the reference and still follow it."""
 AT_FLOOR, AT_PLANE = 0.02, 0.005
-"""Of w / w_max above the floor, and [m] above a plane, up to which it counts as what is in the way."""
+"""Of w / w_max from the floor, and [m] above a plane, up to which it counts as what is in the way."""
 
 
 def causes(led: Led, bounds: HandBounds) -> NDArray[np.int_]:
@@ -38,9 +38,11 @@ def causes(led: Led, bounds: HandBounds) -> NDArray[np.int_]:
     behind = (led.deviation > NEAR + led.short[:, 0]) | (led.turn > TURNED + led.short[:, 1])
     found = np.where((led.pace < WHOLE) | behind, 1, 0)
     found[robot] = 5
+    # A hand held off within the largest deviation is not told to be short: where a bound is at hand, that is why.
+    off = robot | (behind & ~person)
     for plane in bounds.planes:
-        found[robot & (bounds.least_heights(led.q, plane) < AT_PLANE)] = 4
-    found[robot & (led.manipulability < bounds.floor + AT_FLOOR)] = 3
+        found[off & (bounds.least_heights(led.q, plane) < AT_PLANE)] = 4
+    found[off & (np.abs(led.manipulability - bounds.floor) < AT_FLOOR)] = 3
     found[person] = 2
     found[np.isin(led.status, ("braking", "holding"))] = 6
     return np.asarray(found)

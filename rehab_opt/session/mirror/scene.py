@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.control.arm_path import arm_path
 from rehab_opt.control.conditioning import Conditioned, conditioned
-from rehab_opt.control.foreseen import turns_between
+from rehab_opt.control.foreseen import angles_between
 from rehab_opt.errors import ProblemFileError
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.kinematics.vr import FrameFit, Mirror, fit_frame, quaternions_of, robot_from_unity, rotations_of
@@ -106,7 +106,7 @@ class Scene:
         """(M, 2) [m, rad] from each pose of `led` to the reference; zero where sight was lost."""
         asked, led = self.reference.poses[self.asked], self.led.poses
         away = np.linalg.norm(led[:, :3, 3] - asked[:, :3, 3], axis=1)
-        turned = np.linalg.norm(turns_between(asked[:, :3, :3], led[:, :3, :3]), axis=1)
+        turned = angles_between(asked[:, :3, :3], led[:, :3, :3])
         return np.asarray(np.nan_to_num(np.column_stack([away, turned])))
 
     def asked_of(self, led: Array, seconds: ArrayLike) -> tuple[Array, Array]:

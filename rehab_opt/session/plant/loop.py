@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from rehab_opt.control.command import Bound, Command
 from rehab_opt.plants.ideal import IdealJoints
 from rehab_opt.plants.plant import Measurement, Truth
+from rehab_opt.plants.touched import TouchedPlant
 from rehab_opt.session.live.problem import LiveControl, LiveInputs
 
 __all__ = ["JointMotion", "Ran", "simulate", "yielded_words"]
@@ -110,7 +111,7 @@ def simulate(
     progress(ticks, ticks)
     truths, measured, commands = zip(*rows, strict=True)
     motion = None
-    if not isinstance(plant.plant, IdealJoints):
+    if not (isinstance(plant, TouchedPlant) and isinstance(plant.plant, IdealJoints)):
         motion = JointMotion(
             time=np.array([each.time for each in truths]),
             commanded=np.array([command.value for command in commands]),

@@ -12,7 +12,8 @@ from rehab_opt.kinematics.ur5 import ur5
 from rehab_opt.plants.channel import Channel
 from rehab_opt.plants.ideal import IdealJoints
 from rehab_opt.session.files import ProblemFile
-from rehab_opt.session.plant.tables import KINDS, ChairPlant, JointPlant, PlantTable
+from rehab_opt.session.live.problem import DeviceAddress
+from rehab_opt.session.plant.tables import DEVICES, KINDS, ChairPlant, JointPlant, PlantTable
 from rehab_opt.session.schema import Problem
 
 if TYPE_CHECKING:
@@ -22,7 +23,9 @@ if TYPE_CHECKING:
     from rehab_opt.plants.plant import Plant
     from rehab_opt.plants.wheelchair import Wheelchair
 
-__all__ = ["chair_plant", "channel_of", "joint_feedback", "joint_plant", "ms", "on_plant", "plant_note"]
+__all__ = [
+    "chair_plant", "channel_of", "device_of", "joint_feedback", "joint_plant", "ms", "on_plant", "plant_note",
+]  # fmt: skip
 
 P = TypeVar("P", bound=Problem)
 
@@ -49,12 +52,17 @@ def on_plant(loaded: ProblemFile[P], kind: str | None) -> ProblemFile[P]:
 
 
 def joint_plant(table: JointPlant, chain: SerialChain, dt: float) -> Plant:
-    """An arm that takes joint velocities [rad/s]: a UR5, or one whose robot file has masses and efforts.
+    """A simulated arm that takes joint velocities [rad/s]: a UR5, or one whose robot file has masses and efforts.
 
     Raises
     ------
-    ConfigurationError : physics of an arm from a robot file that has not.
+    ConfigurationError : physics of an arm from a robot file that has not; a robot that is there.
     """
+    if table.kind in DEVICES:
+        expected = (
+            f"one of {', '.join(KINDS)}, by --plant: a robot that is there runs in time, `rehab-opt loop` or `live`"
+        )
+        raise ConfigurationError("plant.kind", table.kind, expected)
     if table.kind == "ideal":
         return IdealJoints(dt)
     from rehab_opt.plants.arm_model import own_arm_model, ur5_model  # noqa: PLC0415
@@ -74,13 +82,26 @@ def joint_plant(table: JointPlant, chain: SerialChain, dt: float) -> Plant:
     return arm if table.servo == "velocity" else PositionStream(arm)
 
 
+def device_of(table: JointPlant) -> DeviceAddress | None:
+    """Where the robot of a table is; None of a simulated one."""
+    return None if table.address is None else DeviceAddress(table.kind, table.address)
+
+
 def joint_feedback(table: JointPlant | ChairPlant) -> JointFeedback | None:
     """What a controller is told of that robot: its servos, and its mean delays with their jitter; None of ideal joints.
 
     A servo of the position counts as joints that move as commanded, later by as much as it trails.
+
+    Raises
+    ------
+    ConfigurationError : the delay of a robot that is there is not known.
     """
     if table.kind == "ideal":
         return None
+    if isinstance(table, JointPlant) and table.kind in DEVICES:
+        if table.delay_ms is None:
+            raise ConfigurationError("plant.delay_ms", None, "what `rehab-opt delay FILE` measures")
+        return JointFeedback(delay=ms(table.delay_ms))
     jitter = table.command_jitter_ms + table.measurement_jitter_ms
     delay = ms(table.command_delay_ms + table.measurement_delay_ms + jitter / 2)
     if isinstance(table, ChairPlant) or table.servo == "velocity":

@@ -8,10 +8,14 @@ from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, mod
 
 from rehab_opt.session.schema import Section, refusal
 
-__all__ = ["KINDS", "ChairPlant", "HandPlant", "JointPlant", "Kind", "PlantTable"]
+__all__ = ["KINDS", "ChairPlant", "HandPlant", "JointPlant", "Kind", "PlantTable", "Simulated"]
 
-Kind = Literal["ideal", "mujoco"]
-KINDS: tuple[Kind, ...] = get_args(Kind)
+Simulated = Literal["ideal", "mujoco"]
+Kind = Literal["ideal", "mujoco", "ur", "franka"]
+KINDS: tuple[Simulated, ...] = get_args(Simulated)
+"""What `--plant` takes: a robot that is there has an address, which stands in the file."""
+DEVICES: tuple[Kind, ...] = ("ur", "franka")
+DEVICE_KEYS = frozenset({"kind", "address", "delay_ms"})
 Milliseconds = Annotated[float, Field(ge=0, le=1000)]
 
 
@@ -19,8 +23,7 @@ class PlantTable(Section):
     """Which robot, and how late and noisy the way to it is. The defaults are a choice: a usual network servo."""
 
     kind: Kind = "ideal"
-    """Joints that move exactly as commanded, or a robot with mass in MuJoCo; `--plant` goes before it. An ideal robot
-    has no other keys."""
+    """Which robot."""
     command_delay_ms: Milliseconds = 3.0
     """A command acts so long after it was sent."""
     command_jitter_ms: Milliseconds = 0.0
@@ -34,12 +37,19 @@ class PlantTable(Section):
     seed: int = Field(default=0, ge=0, le=2**31)
     """Of jitter and noise."""
 
+    @property
+    def keys(self) -> frozenset[str]:
+        """That a robot of this kind has."""
+        if self.kind == "ideal":
+            return frozenset({"kind"})
+        return frozenset(type(self).model_fields) - DEVICE_KEYS | {"kind"} if self.kind == "mujoco" else DEVICE_KEYS
+
     @model_validator(mode="after")
-    def an_ideal_robot_has_no_numbers(self) -> Self:
+    def each_kind_has_its_keys(self) -> Self:
         """Refuse delays and noise of a robot that has none, rather than leave them out unsaid."""
-        said = sorted(self.model_fields_set - {"kind"})
-        if self.kind == "ideal" and said:
-            raise refusal(said[0], getattr(self, said[0]), 'no such key but for kind = "mujoco"')
+        if said := sorted(self.model_fields_set - self.keys):
+            others = '"ur" or "franka"' if said[0] in DEVICE_KEYS else '"mujoco"'
+            raise refusal(said[0], getattr(self, said[0]), f"no such key but for kind = {others}")
         return self
 
     told_truly: ClassVar[str] = "places and speeds are"
@@ -51,15 +61,23 @@ class PlantTable(Section):
         raise NotImplementedError
 
     @model_serializer(mode="wrap")
-    def without_numbers_of_an_ideal_robot(self, whole: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """An ideal robot has no other keys, written as read."""
+    def without_keys_of_others(self, whole: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Those of its kind alone, written as read."""
         written: dict[str, Any] = whole(self)
-        return {key: value for key, value in written.items() if self.kind != "ideal" or key == "kind"}
+        return {key: value for key, value in written.items() if key in self.keys}
 
 
 class JointPlant(PlantTable):
     """An arm whose joints have servos; trackers are told of its delays and servos (`JointFeedback`)."""
 
+    kind: Kind = "ideal"
+    """Joints that move exactly as commanded, a robot with mass in MuJoCo, or one that is there, for `loop` and `live`:
+    of Universal Robots, or Franka's. `--plant` goes before it. An ideal robot has no other keys, one that is there the
+    next two."""
+    address: str | None = Field(default=None, min_length=1)
+    """Of that robot's controller."""
+    delay_ms: float | None = Field(default=None, ge=0, le=200)
+    """From a command until the motion is seen there, as `rehab-opt delay FILE` measures it."""
     servo: Literal["velocity", "position"] = "velocity"
     """A proportional-integral servo of each joint's speed, or a critically damped spring to the position that the
     commands add up to."""
@@ -72,6 +90,13 @@ class JointPlant(PlantTable):
     payload_kg: float = Field(default=0.0, ge=0, le=10)
     """At the tool, unknown to the servos but for its weight."""
 
+    @model_validator(mode="after")
+    def a_robot_that_is_there_has_an_address(self) -> Self:
+        """Refuse one without."""
+        if self.kind in DEVICES and self.address is None:
+            raise refusal("address", None, f"the address of the robot of kind {self.kind!r}")
+        return self
+
     @property
     def imperfections(self) -> str:
         """Of encoders and servos."""
@@ -81,6 +106,10 @@ class JointPlant(PlantTable):
 
 class HandPlant(PlantTable):
     """A robot in the plane whose force on the hand is commanded."""
+
+    kind: Simulated = "ideal"
+    """Joints that move exactly as commanded, or a robot with mass in MuJoCo; `--plant` goes before it. An ideal robot
+    has no other keys."""
 
     force_lag_ms: Milliseconds = 3.0
     """Time constant of the motors' force, behind the robot's own force loop."""
@@ -97,6 +126,10 @@ class HandPlant(PlantTable):
 
 class ChairPlant(PlantTable):
     """A wheelchair with an arm."""
+
+    kind: Simulated = "ideal"
+    """Joints that move exactly as commanded, or a robot with mass in MuJoCo; `--plant` goes before it. An ideal robot
+    has no other keys."""
 
     physics_step_ms: float = Field(default=1.0, ge=0.01, le=5)
     """At most; delays are exact to it, and never shorter."""

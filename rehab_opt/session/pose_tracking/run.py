@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.control.pose_tracker import PoseTracker
+from rehab_opt.plants.plant import Plant
 from rehab_opt.plants.touched import TouchedPlant
 from rehab_opt.session.clearance import AmongMoving, NearestBodies, nearest_bodies
 from rehab_opt.session.files import ProblemFile
@@ -21,7 +22,7 @@ from rehab_opt.session.live.problem import Following, LiveControl, LiveInputs, L
 from rehab_opt.session.metrics import error_metrics, joint_metrics, status_counts, time_metrics, turn_angles
 from rehab_opt.session.outcome import Column, MovementOutcome, Progress, joint_columns, point_columns
 from rehab_opt.session.plant.loop import JointMotion, simulate
-from rehab_opt.session.plant.making import joint_feedback, joint_plant, plant_note
+from rehab_opt.session.plant.making import device_of, joint_feedback, joint_plant, plant_note
 from rehab_opt.session.pose_tracking.problem import PoseTracking
 from rehab_opt.session.pose_tracking.robot import circle_reference, robot_at_start, robot_files, tracker_of
 from rehab_opt.session.systems import Needed, System
@@ -39,7 +40,7 @@ class LivePoseTracking(LiveProblem):
     def __init__(self, loaded: ProblemFile[PoseTracking], *, solver: str | None) -> None:
         self._loaded, self._solver, self.title = loaded, solver, loaded.problem.title
         self.robot, self.start = robot_at_start(loaded)
-        self.dt = 1 / loaded.problem.tracker.rate_hz
+        self.dt, self.device = 1 / loaded.problem.tracker.rate_hz, device_of(loaded.problem.plant)
         self.names = tuple(self.robot.names)
         self.layout = {"q": self.robot.n, "target": 3, "force": 3}
         self._arm = ArmBodies(self.robot)
@@ -52,14 +53,14 @@ class LivePoseTracking(LiveProblem):
         times = self.dt * np.arange(round(circle.duration_s * rate) + 1, dtype=np.float64)
         return circle_reference(self.robot.pose(self.start), circle, times)
 
-    def control(self) -> LiveControl:
+    def control(self, plant: Plant | None = None) -> LiveControl:
         """The tracker of `rehab-opt run`."""
-        problem = self._loaded.problem
+        problem, around = self._loaded.problem, self._loaded.problem.clearance
         feedback = joint_feedback(problem.plant)
         tracker = tracker_of(problem, self.robot, file=self._loaded.file, solver=self._solver, feedback=feedback)
-        plant, around = joint_plant(problem.plant, self.robot, self.dt), problem.clearance
         led = AmongMoving(tracker, around, self.dt) if around is not None and around.moving else tracker
-        return Following(led, TouchedPlant(plant), self.start, *self.reference, then="again")
+        plant = TouchedPlant(joint_plant(problem.plant, self.robot, self.dt)) if plant is None else plant
+        return Following(led, plant, self.start, *self.reference, then="again")
 
     def scene(self) -> dict[str, Any]:
         """The circle, the joints' limits, what is plotted."""

@@ -15,7 +15,7 @@ from rehab_opt.control.bounded_force import BoundedForce, ForceBounds
 from rehab_opt.control.command import Bound, Command, Status
 from rehab_opt.control.path_assistance import PathAssistance
 from rehab_opt.control.smoother import Smoother
-from rehab_opt.optim.ladder import FUSED
+from rehab_opt.optim.fallback_chain import FUSED
 from rehab_opt.published.field_law import FieldLaw
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.refusals import refused_as, solver_refusals
@@ -50,6 +50,10 @@ class ForceLaw(ABC):
     """[N] desired in the last tick, before bounds."""
     energy_left: float = math.nan
     """[J] in the tank; NaN where there is none."""
+    led: tuple[float, float] | None = None
+    """[m] Where somebody leads the hand of who does it along, in their workspace; None: where that one means to be."""
+    along: tuple[float, float, float, float] = (math.nan,) * 4
+    """[m, N] That hand, and the force on it; NaN where there is none."""
 
     def start(self, number: int) -> None:  # noqa: B027  (most have nothing to forget)
         """A trial begins."""

@@ -13,7 +13,7 @@ from rehab_opt.errors import ProblemFileError
 from rehab_opt.plants.force_robot import RobotModel
 from rehab_opt.plants.hand_robot import MakesRobots, OnMujoco, WithoutDelay
 from rehab_opt.plants.intention import Intention, Pace
-from rehab_opt.plants.plant import Measurement
+from rehab_opt.plants.plant import Measurement, Plant
 from rehab_opt.plants.simulated_person import Person, PersonAtRobot
 from rehab_opt.plants.touched import TouchedPlant
 from rehab_opt.session.files import ProblemFile
@@ -117,13 +117,16 @@ class Helping(LiveControl):
     ----------
     law : started for the trial `number`. scene : of all trials. seed : of the person's moods and the sensor's noise.
     endless : whether a trial that is over is followed by the next one, from where the hand is.
+    plant : in place of this person at the robot, as of a log.
 
     Attributes
     ----------
     now : tick of the intention that is meant.
     """
 
-    def __init__(self, law: ForceLaw, scene: Scene, *, number: int, seed: int, endless: bool) -> None:
+    def __init__(
+        self, law: ForceLaw, scene: Scene, *, number: int, seed: int, endless: bool, plant: Plant | None = None
+    ) -> None:
         intention = scene.intention
         self.law, self.pace, self.now = law, scene.pace, 0
         self._scene, self._endless, self._aimed, self._force = scene, endless, -1, np.zeros(2)
@@ -135,13 +138,14 @@ class Helping(LiveControl):
         self.person = PersonAtRobot(
             scene.person, scene.comfortable, scene.robot, dt=scene.dt, seed=seed, ticks=ticks
         )  # fmt: skip
-        super().__init__(TouchedPlant(self.person), intention.places[0])
+        super().__init__(TouchedPlant(self.person) if plant is None else plant, intention.places[0])
         law.start(number)
 
     def step(self, inputs: LiveInputs, seen: Measurement) -> Command:
         """The law's; the person means nothing unless they are enabled, or somebody points."""
         person = self.person
         person.aim = (*inputs.target[:2], 0.0, 0.0) if inputs.dragged else None
+        self.law.led = inputs.helper[:2] if all(map(math.isfinite, inputs.helper)) else None
         if inputs.enable:
             if self._endless and self.pace.over:
                 self.pace, self._aimed = self._scene.pace, -1
@@ -161,6 +165,7 @@ class Helping(LiveControl):
         return {
             "hand": self.person.hand[:2], "meant": self._meant[self.now][:2], "force": self._force,
             "wanted": self.law.wanted, "exerted": self.person.exerted, "energy": self.law.energy_left,
+            "along": self.law.along,
         }  # fmt: skip
 
 

@@ -38,7 +38,8 @@ class Together(ForceLaw):
 
     Parameters
     ----------
-    both : the pair. helper : the other end. seed : of the helper's moods, to which a trial's number is added.
+    both : the pair. helper : the other end, who begins anew at the end of what they mean to do.
+    seed : of the helper's moods, to which a trial's number is added.
     """
 
     def __init__(self, both: Bilateral, helper: Helper, *, seed: int) -> None:
@@ -47,28 +48,45 @@ class Together(ForceLaw):
 
     def start(self, number: int) -> None:
         """A new trial: both at rest, nothing under way."""
-        helper, dt = self._helper, self._both.dt
-        meant = helper.intention
-        ticks, seed = len(meant.places), (self._seed + number, 2)
+        meant = self._helper.intention
         self._both.reset()
-        self._person = SimulatedPerson(helper.person, helper.workspace, dt=dt, ticks=ticks, seed=seed)
-        x, y = meant.places[0].tolist()
-        rng = np.random.default_rng((*seed, 1))
-        self._robot = helper.robot.robot(hand_mass=helper.person.hand_mass, start=(x, y), dt=dt, rng=rng, ticks=ticks)
         self._meant = np.hstack((meant.places, meant.velocities)).tolist()
+        x, y = meant.places[0].tolist()
+        self._begin(number, (x, y))
+
+    def _begin(self, number: int, start: tuple[float, float]) -> None:
+        """The helper at rest at a place, with moods and noise for one trial."""
+        helper, dt, ticks, seed = self._helper, self._both.dt, len(self._meant), (self._seed + number, 2)
+        self._person = SimulatedPerson(helper.person, helper.workspace, dt=dt, ticks=ticks, seed=seed)
+        rng = np.random.default_rng((*seed, 1))
+        self._robot = helper.robot.robot(hand_mass=helper.person.hand_mass, start=start, dt=dt, rng=rng, ticks=ticks)
+        self._number, self._now = number, 0
         self._rows: list[tuple[float, ...]] = []
 
     def command(self, x: float, y: float, *, enable: object = True, stamp: float | None = None) -> Command:
-        """The participant's force; the helper moves on by a tick."""
+        """The participant's force; the helper moves on by a tick, or rests where the participant is let go of."""
+        if len(self._rows) == len(self._meant):
+            self._begin(self._number + 1, (self._robot.x, self._robot.y))
         both, robot = self._both, self._robot
         at_x, at_y, vx, vy = robot.x, robot.y, robot.vx, robot.vy
         felt, drawn = both.step(robot.seen, (x, y), enable=enable)
         felt_x, felt_y = felt.value.tolist()
-        push = self._person.force(at_x, at_y, vx, vy, *self._meant[len(self._rows)])
+        push = self._person.force(at_x, at_y, vx, vy, *self._means(enable))
         robot.step(felt_x, felt_y, *push)
         self._rows.append((at_x, at_y, felt_x, felt_y, both.helper.force.energy_left))
+        self.along = (at_x, at_y, felt_x, felt_y)
         self.wanted, self.energy_left = both.participant.force.wanted, both.participant.force.energy_left
         return drawn
+
+    def _means(self, enable: object) -> list[float]:
+        """Where the helper's hand is meant to be [m], and how fast [m/s]."""
+        if not enable:
+            return [self._robot.x, self._robot.y, 0.0, 0.0]
+        if self.led is not None:
+            return [*self.led, 0.0, 0.0]
+        meant: list[float] = self._meant[self._now]
+        self._now += 1
+        return meant
 
     def partner(self) -> HelperTrace:
         """What the helper did, tick by tick."""

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from rehab_opt.errors import ProblemFileError
 from rehab_opt.kinematics.chain import SerialChain
+from rehab_opt.plants.plant import Plant
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.live.bodies import BLUE, GREEN, GREY, ORANGE, PURPLE, screen
 from rehab_opt.session.live.problem import LiveControl, LiveProblem
@@ -19,7 +20,7 @@ from rehab_opt.session.participant import arm_of
 from rehab_opt.session.scenario.demonstrated import learnt, needed_demonstrations
 from rehab_opt.session.scenario.laws import check_bounds
 from rehab_opt.session.scenario.loop import Helping, robot_model_of
-from rehab_opt.session.scenario.outcome import ScenarioOutcome
+from rehab_opt.session.scenario.outcome import Law, ScenarioOutcome
 from rehab_opt.session.scenario.prepared import Prepared, given_path, prepared
 from rehab_opt.session.scenario.problem import ScenarioProblem
 from rehab_opt.session.scenario.run import law_of, run_scenario, scene_of
@@ -31,6 +32,8 @@ __all__ = ["ScenarioSystem"]
 Array = NDArray[np.float64]
 
 
+LIVE: tuple[Law, ...] = ("assisted", "together", "delayed")
+"""Laws of which the first that a file has is run."""
 ARROWS = 15
 """Of the field across the picture."""
 WEAK = 0.02
@@ -38,36 +41,41 @@ WEAK = 0.02
 
 
 class LiveScenario(LiveProblem):
-    """`Assistance` or `PathAssistance` with the file's field, person and robot."""
+    """`Assistance` or `PathAssistance` with the file's field, person and robot; or a `Bilateral` pair."""
 
     controls = frozenset({"target", "push", "faults"})
 
     def __init__(self, loaded: ProblemFile[ScenarioProblem], *, solver: str | None) -> None:
         problem = loaded.problem
-        if "assisted" not in problem.run.laws:
-            expected = 'a file whose laws have "assisted": a pair of hands runs by `rehab-opt run` alone'
-            raise ProblemFileError(loaded.file, "run.laws", problem.run.laws, expected)
-        self._loaded, self._solver = loaded, solver
+        able = [law for law in LIVE if law in problem.run.laws]
+        if not able:
+            raise ProblemFileError(loaded.file, "run.laws", problem.run.laws, f"one of {', '.join(LIVE)} among them")
+        self._loaded, self._solver, self._law = loaded, solver, able[0]
+        self.hands = 1 if self._law == "assisted" else 2
         self.title, self.dt = problem.title, 1 / problem.run.rate_hz
         self.names, self.force = ("x", "y"), 2
-        self.layout = {"hand": 2, "meant": 2, "force": 2, "wanted": 2, "exerted": 2, "energy": 1}
+        self.layout = {"hand": 2, "meant": 2, "force": 2, "wanted": 2, "exerted": 2, "energy": 1, "along": 4}
 
     @cached_property
     def ready(self) -> Prepared:
         """Workspaces, fields and the person's intention."""
         return prepared(self._loaded, progress=lambda *_: None)
 
-    def control(self) -> LiveControl:
-        """The law "assisted" of `rehab-opt run` at the person and robot of its trials."""
+    def control(self, plant: Plant | None = None) -> LiveControl:
+        """The law "assisted" of `rehab-opt run`, or else of a pair, at the person and robot of its trials."""
         ready, problem = self.ready, self._loaded.problem
-        law = law_of("assisted", self._loaded, ready, solver=self._solver)
-        return Helping(law, scene_of(self._loaded, ready), number=0, seed=problem.task.seed, endless=True)
+        law = law_of(self._law, self._loaded, ready, solver=self._solver)
+        scene = scene_of(self._loaded, ready)
+        return Helping(law, scene, number=0, seed=problem.task.seed, endless=True, plant=plant)
 
     def scene(self) -> dict[str, Any]:
         """W_c, W_r, the reference, the field's pull on a hand at rest."""
         ready, said = self.ready, self._loaded.problem.assistance
         reference = _flat(ready.reference)
-        around = np.vstack([reference, _flat(np.array(ready.comfortable.polygon.bounds).reshape(2, 2))])
+        pair = self.hands == 2
+        shown = [] if ready.demonstrated is None or not pair else [_flat(ready.demonstrated).tolist()]
+        wide = ready.reachable if pair else ready.comfortable
+        around = np.vstack([reference, _flat(np.array(wide.polygon.bounds).reshape(2, 2))])
         low, high = around.min(axis=0), around.max(axis=0)
         reach = 1.15 * float((high - low).max())
         return {
@@ -79,11 +87,13 @@ class LiveScenario(LiveProblem):
                 *({"points": each, "colour": GREEN} for each in _outlines(ready.comfortable)),
                 *({"points": each, "colour": GREY} for each in _outlines(ready.reachable)),
                 *([] if self._loaded.problem.mode == "hold" else [{"points": reference.tolist(), "colour": BLUE}]),
+                *({"points": each, "colour": GREY} for each in shown),
             ],
             "capsules": [[*each, *each, 0.004, BLUE] for each in reference.tolist()]
             if self._loaded.problem.mode == "hold"
             else [],
-            "arrows": _arrows(ready, low, high, reach),
+            "arrows": [] if pair else _arrows(ready, low, high, reach),
+            "led": "the helper's hand" if pair else "the hand",
             "arrow": 0.3 * reach / said.force_limit_N,
             "legend": [
                 [GREEN, "comfortable"], [GREY, "reachable"], [PURPLE, "the robot's force"], [ORANGE, "the person's"],
@@ -91,7 +101,7 @@ class LiveScenario(LiveProblem):
             "noise": "mm",
             "plots": [
                 {"name": "the robot's force", "unit": "N", "line": said.force_limit_N},
-                {"name": "desired force", "unit": "N", "least": 1.0},
+                {"name": "the helper's robot's force" if pair else "desired force", "unit": "N", "least": 1.0},
                 {"name": "the person's force", "unit": "N", "least": 10.0},
                 {"name": "hand from the task", "unit": "mm", "least": 5.0},
                 {"name": "energy left", "unit": "J"},
@@ -105,13 +115,23 @@ class LiveScenario(LiveProblem):
 
     def frame(self, shown: Mapping[str, Array]) -> dict[str, Any]:
         """Hand, what is meant, both forces."""
-        hand = [*shown["hand"].tolist(), 0.0]
-        sizes = [float(np.linalg.norm(shown[name])) for name in ("force", "wanted", "exerted")]
-        away = 1e3 * float(np.linalg.norm(shown["hand"] - shown["meant"]))
-        forces = ((shown["force"], PURPLE), (shown["exerted"], ORANGE))
+        hand, target = [*shown["hand"].tolist(), 0.0], [*shown["meant"].tolist(), 0.0]
+        arrows = [
+            [*hand, *shown[name].tolist(), 0.0, colour] for name, colour in (("force", PURPLE), ("exerted", ORANGE))
+        ]
+        second, goal = shown["wanted"], {}
+        if self.hands == 2:
+            carry, along = self.ready.carry, shown["along"]
+            assert carry is not None
+            second, target = along[2:], [*along[:2].tolist(), 0.0]
+            goal = {"goal": [*carry.image(along[:2]).tolist(), 0.0]}
+            arrows.append([*target, *second.tolist(), 0.0, PURPLE])
+        sizes = [float(np.linalg.norm(each)) for each in (shown["force"], second, shown["exerted"])]
+        away = 1e3 * float(np.linalg.norm(shown["hand"] - (goal["goal"][:2] if goal else shown["meant"])))
         return {
-            "handles": {"target": [*shown["meant"].tolist(), 0.0], "hand": hand},
-            "arrows": [[*hand, *force.tolist(), 0.0, colour] for force, colour in forces],
+            "handles": {"target": target, "hand": hand},
+            **goal,
+            "arrows": arrows,
             "numbers": [*sizes, away, float(shown["energy"][0])],
         }
 
