@@ -8,15 +8,15 @@ from typing import Any
 
 import pytest
 
-from rehab_opt.optim import backends, ladder
+from rehab_opt.optim import backends, fallback_chain
 from rehab_opt.optim.answer import Answer, Backend, no_answer
+from rehab_opt.optim.recorder import QPRecorder, Stream
 from rehab_opt.optim.rows import Instance
-from rehab_opt.optim.witness import Stream, Witness
 
 __all__ = ["Failures", "failing_solvers"]
 
 
-class Failures(Witness):
+class Failures(QPRecorder):
     """What fails in the controllers that were made within `failing_solvers`; may be set between ticks."""
 
     primary = False
@@ -61,6 +61,6 @@ def failing_solvers() -> Iterator[Failures]:
     """Within it, controllers are made whose solvers fail when what it gives says so, now or later."""
     failures, made = Failures(), backends.backend
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(ladder, "witness_now", lambda: failures)
+        patch.setattr(fallback_chain, "recorder_now", lambda: failures)
         patch.setattr(backends, "backend", lambda *size, **more: _Backup(made(*size, **more), failures))
         yield failures

@@ -21,7 +21,7 @@ from rehab_opt.field.potential import PotentialField
 from rehab_opt.kinematics.human_arm import human_arm
 from rehab_opt.kinematics.ur5 import ur5
 from rehab_opt.kinematics.vr import quaternions_of
-from rehab_opt.optim.witness import Witness, witnessed
+from rehab_opt.optim.recorder import QPRecorder, recording_qps
 from rehab_opt.qp_recording.recording import sequence_of_stream
 from rehab_opt.qp_recording.sequence import QPSequence
 from rehab_opt.session.files import shipped_folder
@@ -63,12 +63,12 @@ def mirrored_motion(task: str, dt: float) -> Conditioned:
 
 def mirror(name: str, *, task: str, floor: float, skip: int, ticks: int, about: str) -> QPSequence:
     """A window of a task that `MirrorTracker` follows."""
-    with witnessed(skip=skip, most=ticks) as witness:
+    with recording_qps(skip=skip, most=ticks) as recorder:
         tracker = MirrorTracker(ur5(), floor=floor, dt=DT, compile=False)
         samples, q = mirrored_motion(task, DT), motions().START.copy()
         for pose, twist in zip(samples.poses[: skip + ticks], samples.twists, strict=False):
             q = q + DT * tracker.step(q, pose, twist).value
-    return _only(witness, name, "mirror_tracker", DT, about)
+    return _only(recorder, name, "mirror_tracker", DT, about)
 
 
 # ---------------------------------------------------------------------------------------------------------- assistance
@@ -88,14 +88,14 @@ def assistance(
 
     field = PotentialField(REACH, stiffness=1000.0, drag=200.0, damping=5.0, width=WIDTH, compile=False)
     comfortable = Workspace(shapely.box(-0.18, 0.365, -0.06, 0.435), accuracy=1e-3)
-    with witnessed(skip=skip, most=ticks) as witness:
+    with recording_qps(skip=skip, most=ticks) as recorder:
         helper = Assistance(
             field, comfortable=comfortable, mode="assist", force_limit=force_limit, slew_limit=slew_limit,
             energy_budget=energy, dt=FORCE_DT, compile=False,
         )  # fmt: skip
         for x in swaying_hand(20 * (skip + ticks), speed=speed):
             helper.step(x)
-    return _only(witness, name, "assistance", FORCE_DT, about)
+    return _only(recorder, name, "assistance", FORCE_DT, about)
 
 
 # ------------------------------------------------------------------------------------------------------ field learning
@@ -119,30 +119,30 @@ def led_hands(count: int) -> list[Demonstration]:
 def learning(name: str, *, per_point: bool, about: str) -> QPSequence:
     """A field learnt again after each new demonstration, as in a session that goes on."""
     hands = led_hands(60 if per_point else 110)
-    with witnessed() as witness:
+    with recording_qps() as recorder:
         for count in range(2, len(hands) + 1):
             PotentialField.learn(
                 hands[max(0, count - 10) : count], path=REACH, width=WIDTH, spacing=WIDTH / 2, per_point=per_point,
                 stations=6, held_out=(), compile=False,
             )  # fmt: skip
-    largest = max(witness.streams, key=lambda stream: int(stream.name.rpartition("_")[2]))
-    return _only(witness, name, largest.name, math.nan, about)
+    largest = max(recorder.streams, key=lambda stream: int(stream.name.rpartition("_")[2]))
+    return _only(recorder, name, largest.name, math.nan, about)
 
 
 # ----------------------------------------------------------------------------------------------------- out of reach
 def out_of_reach(name: str, *, about: str) -> QPSequence:
     """Iterations towards the nearest posture while a target leaves what the arm can reach."""
     arm = human_arm(range_of_motion="regular")
-    with witnessed(most=300) as witness:
+    with recording_qps(most=300) as recorder:
         solver = ArmIK(arm, compile=False, nearest_starts=4)
         inside = arm.pose((arm.lower + arm.upper) / 2)[:3, 3]
         solver.follow(inside + np.outer(np.linspace(0.3, 0.8, 40), [0.3, 0.9, 0.3]))
-    return _only(witness, name, "ik_nearest_step", math.nan, about)
+    return _only(recorder, name, "ik_nearest_step", math.nan, about)
 
 
-def _only(witness: Witness, name: str, stream: str, dt: float, about: str) -> QPSequence:
+def _only(recorder: QPRecorder, name: str, stream: str, dt: float, about: str) -> QPSequence:
     """The one stream of that name that saw something."""
-    found = next(each for each in witness.streams if each.name == stream and len(each))
+    found = next(each for each in recorder.streams if each.name == stream and len(each))
     return sequence_of_stream(found, name=name, dt=dt, command=regenerate_command(name), about=about)
 
 

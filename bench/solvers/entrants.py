@@ -15,7 +15,7 @@ from rehab_opt.errors import ConfigurationError
 from rehab_opt.optim.answer import Answer, Backend
 from rehab_opt.optim.backends import TIGHT, answer_from, backend, to_qpsolvers
 from rehab_opt.optim.certificate import is_certified
-from rehab_opt.optim.ladder import BACKUP
+from rehab_opt.optim.fallback_chain import BACKUP
 from rehab_opt.optim.rows import Instance
 from rehab_opt.qp_recording.sequence import QPSequence
 from rehab_opt.symbolic import Compile

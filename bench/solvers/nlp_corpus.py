@@ -22,7 +22,7 @@ from rehab_opt.control.mirror_window import MirrorWindow
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.human_arm import human_arm
 from rehab_opt.kinematics.ur5 import ur5
-from rehab_opt.optim.witness import Witness, witnessed
+from rehab_opt.optim.recorder import QPRecorder, recording_qps
 from rehab_opt.workspace.plane_search import PlaneSearch
 from rehab_opt.workspace.plane_statement import PlaneStatement
 
@@ -70,13 +70,13 @@ def targets(name: str, *, reached: bool, about: str, **arm_arguments: Any) -> NL
     arm = human_arm(range_of_motion=arguments["range_of_motion"], segments=arguments["segments_m"])
     statement, wanted = ("ik_posture", Status.OK) if reached else ("ik_nearest", Status.UNREACHABLE)
     rng, found = np.random.default_rng(11), []
-    with witnessed() as witness:
+    with recording_qps() as recorder:
         solver = ArmIK(arm, handle_tilt=TILT, compile=False, nearest_starts=4)
         for _ in range(DRAWS):
             target = arm.pose(rng.uniform(arm.lower, arm.upper))[:3, 3]
-            before = _met(witness, statement)
+            before = _met(recorder, statement)
             if solver.solve(target).status is wanted:
-                found.append(_seen(witness, statement, before))
+                found.append(_seen(recorder, statement, before))
             if len(found) == COUNT:
                 break
     parameters, starts = (np.array(each) for each in zip(*found, strict=True))
@@ -138,13 +138,13 @@ def _instances(
     return NLPInstances(name, statement, arguments, parameters, starts, TOLERANCE, command=command, about=about)
 
 
-def _met(witness: Witness, statement: str) -> int:
-    return sum(len(each) for each in witness.streams if each.name == f"{statement}_step")
+def _met(recorder: QPRecorder, statement: str) -> int:
+    return sum(len(each) for each in recorder.streams if each.name == f"{statement}_step")
 
 
-def _seen(witness: Witness, statement: str, before: int) -> tuple[Array, Array]:
+def _seen(recorder: QPRecorder, statement: str, before: int) -> tuple[Array, Array]:
     """Parameters and start of the first iteration after those met before."""
-    (stream,) = (each for each in witness.streams if each.name == f"{statement}_step" and len(each))
+    (stream,) = (each for each in recorder.streams if each.name == f"{statement}_step" and len(each))
     parameters, start, *_ = stream.seen[before]
     return parameters, start
 

@@ -46,8 +46,8 @@ class ArmIK(OneThread):
 
         minimise posture cost(q)  s.t.  p(q) = position,  x_n(q) . z_0 >= cos(handle_tilt),  lower <= q <= upper
 
-    Ladder: our SQP from several starts; the backup solver; where the position cannot be reached, the posture with the
-    hand nearest to it. `solve` and `follow` answer to any numbers; q is always finite and inside its limits.
+    Fallback chain: our SQP from several starts; the backup solver; where the position cannot be reached, the posture
+    with the hand nearest to it. `solve` and `follow` answer to any numbers; q is always finite and inside its limits.
     It remembers nothing from call to call: one thread at a time may use it, a second one that comes meanwhile gets a
     `SharingError`. Copies and pickles are solvers of their own.
 
@@ -170,11 +170,11 @@ class ArmIK(OneThread):
         finally:
             self._give_away()
 
-    # --------------------------------------------------------------------------------------------------- ladder
+    # --------------------------------------------------------------------------------------------------- chain
     def _answer(
         self, target: Array, history: History, multipliers: Array | float = 0.0, *, continuing: bool = False
     ) -> tuple[IKSolution, Array | float]:
-        """The ladder; also the multipliers with which the next sample may start."""
+        """The fallback chain; also the multipliers with which the next sample may start."""
         search = self._search
         quadratic = self.cost.quadratic(history)
         start = history.previous

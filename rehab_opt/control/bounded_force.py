@@ -24,8 +24,8 @@ from rehab_opt.control.velocity_controller import checked_number
 from rehab_opt.control.watchdog import NO_STAMP, STAMPS, Watchdog, stamp_and_kind
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.real_array import is_real, real_array
+from rehab_opt.optim.fallback_chain import FUSED, FallbackChain
 from rehab_opt.optim.fused import FUSED_SOLVERS
-from rehab_opt.optim.ladder import FUSED, Ladder
 from rehab_opt.optim.qp import Statement
 from rehab_opt.optim.rows import Instance
 from rehab_opt.symbolic import BufferedFunction, Compile
@@ -115,7 +115,7 @@ class BoundedForce(OneThread):
     trust_stillness : believe positions that repeat themselves exactly. A frozen sensor looks the same, so by default
         energy is set aside meanwhile, and the force falls where there is none left: a hand that is seen to move by a
         count of the encoder now and then never notices.
-    dt : [s] nominal tick. solver, backup, tolerance, compile : see `Ladder`. max_age : [s] see `Watchdog`.
+    dt : [s] nominal tick. solver, backup, tolerance, compile : see `FallbackChain`. max_age : [s] see `Watchdog`.
 
     Raises
     ------
@@ -166,9 +166,9 @@ class BoundedForce(OneThread):
         self.slots = SLOTS if late else 1
         """Pieces of time in which forces are under way."""
         self.stated = self.statement()
-        self._inside = solver == FUSED and not Ladder.is_witnessed()
-        """Whether the QP is solved inside the tick; a witness looks at the QP alone."""
-        self._ladder = Ladder(
+        self._inside = solver == FUSED and not FallbackChain.is_recorded()
+        """Whether the QP is solved inside the tick; a recorder looks at the QP alone."""
+        self._solvers = FallbackChain(
             self.stated,
             solver=solver,
             backup=backup,
@@ -239,7 +239,7 @@ class BoundedForce(OneThread):
         self.wanted, self.usable = (0.0, 0.0), False
         self._conclude.inputs[1][:] = 0.0
         self._force[:] = acting
-        self._ladder.forget()
+        self._solvers.forget()
         self._give_away()
 
     def nothing_seen(self, force: tuple[float, float] = (0.0, 0.0)) -> Array:
@@ -341,27 +341,27 @@ class BoundedForce(OneThread):
         if self.usable:
             self._asked[0], self._asked[1] = self._wanted(view[0], view[1], view[2], view[3])
         if self._inside:  # the usual way, without the layers of Python
-            self._solved[0] = _NAN  # see `Ladder`: a failure inside leaves the outputs as they are
+            self._solved[0] = _NAN  # see `FallbackChain`: a failure inside leaves the outputs as they are
             self._conclude.evaluate()
             if self._solved[0] == 0.0:
                 return self._command(self._solved, self._state_next, FUSED_SOLVERS)
-        return self._by_the_ladder()
+        return self._by_other_solvers()
 
     # ---------------------------------------------------------------------------------------------------- one tick
-    def _by_the_ladder(self) -> Command:
+    def _by_other_solvers(self) -> Command:
         """The tick with the QP solved outside of it."""
-        ladder, prepare, finish = self._ladder, self._prepare, self._finish
+        solvers, prepare, finish = self._solvers, self._prepare, self._finish
         parameters = prepare.of(self.model, self._view, self._asked)
         solver = ""
-        ladder.verdict[:] = array("d", [_NAN] * len(ladder.verdict))
+        solvers.verdict[:] = array("d", [_NAN] * len(solvers.verdict))
         if prepare.outputs[1][0]:
-            ladder.parameters[:], ladder.keep[:] = parameters, self._state
-            solver = ladder.climb() if self._inside else ladder()
-        finish.of(self.model, self._state, self._view, self._asked, ladder.answer, ladder.verdict)
+            solvers.parameters[:], solvers.keep[:] = parameters, self._state
+            solver = solvers.solve_with_fallback() if self._inside else solvers()
+        finish.of(self.model, self._state, self._view, self._asked, solvers.answer, solvers.verdict)
         state, solved = map(_view, finish.outputs)
         command = self._command(solved, state, (solver,) * len(FUSED_SOLVERS))
-        if solver == ladder.backup != ladder.solver and command.status is Status.OK:
-            return command._replace(status=Status.BACKUP, reason=f"{ladder.solver} gave no certified answer")
+        if solver == solvers.backup != solvers.solver and command.status is Status.OK:
+            return command._replace(status=Status.BACKUP, reason=f"{solvers.solver} gave no certified answer")
         return command
 
     def _command(self, solved: memoryview[float], state: memoryview[float], names: Sequence[str]) -> Command:

@@ -268,16 +268,16 @@ class ChairAndArm(VelocityController):
 
     def fallback_command(self) -> Command | None:
         """One tick of braking together: within all bounds, and the next tick may answer again."""
-        law, ladder = self._braking_together, self._ladder
-        if not ladder.sound[0]:
+        law, solvers = self._braking_together, self._solvers
+        if not solvers.sound[0]:
             return None
-        law.inputs[0][:], law.inputs[1][:] = ladder.parameters, ladder.memory
+        law.inputs[0][:], law.inputs[1][:] = solvers.parameters, solvers.memory
         law()
         (yielded, scale), memory, (violation,) = law.outputs
         if not 0.0 <= violation <= self.tolerance:
             return None
-        ladder.memory[:] = memory
-        ladder.warm_start(0.0)
+        solvers.memory[:] = memory
+        solvers.warm_start(0.0)
         value, wheels = self._sent_now()
         bound, reason = Bound(int(yielded)), f"{self._fault()}: braking together"
         return Command(
@@ -298,7 +298,7 @@ class ChairAndArm(VelocityController):
         return tick.function("braking", inputs, [remembered, report])
 
     # ----------------------------------------------------------------------------------------- for the resolver
-    def tell_obstacles(self, numbers: Array) -> None:
+    def set_obstacles(self, numbers: Array) -> None:
         """Write the obstacles, for all ticks until the next call."""
         if self.max_obstacles:
             self._inputs[2][: numbers.size] = numbers
@@ -332,12 +332,12 @@ class ChairAndArm(VelocityController):
         """Forget the past; `velocity` (7,) has the chair's share in its own frame."""
         self.reset(velocity)
         self._predicted[2] = heading  # should the first position be unusable
-        self._ladder.memory[-1] = UNKNOWN
+        self._solvers.memory[-1] = UNKNOWN
 
     def take_over(self, other: ChairAndArm) -> None:
         """Go on where another set of rows ends: its velocity, position and stamps are this one's."""
-        self._ladder.memory[:] = self._memory_after(other)
-        self._ladder.warm_start(0.0)
+        self._solvers.memory[:] = self._memory_after(other)
+        self._solvers.warm_start(0.0)
         self._watchdog, self.led = other._watchdog, other.led
         self._watch.take_over(other._watch)
 
@@ -347,9 +347,9 @@ class ChairAndArm(VelocityController):
 
     def _memory_after(self, other: ChairAndArm) -> Array:
         """What this one remembers where it goes on after `other`: of the hand, nothing."""
-        memory, first = self._ladder.memory.copy(), self.chain.n * 2
+        memory, first = self._solvers.memory.copy(), self.chain.n * 2
         if other is not self:
-            theirs = other._ladder.memory.copy()
+            theirs = other._solvers.memory.copy()
             memory[:first], memory[self.sent] = theirs[:first], theirs[self.sent]
             memory[-1] = UNKNOWN
         return memory

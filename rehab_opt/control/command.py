@@ -12,7 +12,7 @@ __all__ = ["Bound", "Command", "Status"]
 
 
 class Status(Enum):
-    """The rung of the ladder that answered."""
+    """Which stage of the fallback chain answered."""
 
     OK = "ok"  #: solved by the primary solver, certified
     BACKUP = "backup"  #: by the backup solver, or with a lesser claim, which the reason names; its bounds certified
@@ -46,7 +46,7 @@ class Command(NamedTuple):
     value: NDArray[np.float64]
     """What to send: joint velocity (n,) in rad/s or m/s for a tracker, force (2,) in N of assistance; always finite."""
     status: Status
-    """Which rung of the ladder answered."""
+    """Which stage of the fallback chain answered."""
     solver: str
     """Name of the solver whose answer this is; empty for a safe command."""
     residual: float

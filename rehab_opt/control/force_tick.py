@@ -150,7 +150,7 @@ def _finish(state_size: int, memory_at: int) -> ca.Function:
 
     missed = ca.norm_2(given - wanted) > MISSED * size + TINY
     along = ca.if_else(size > TINY, clipped(ca.dot(given, wanted) / size**2, 0, 1), 0)
-    # The last rung: no force.
+    # The last stage: no force.
     strength, step = ca.norm_2(last), model.slew_limit * model.dt
     hasty = ca.logic_and(view.at_once, view.reason != 0)
     keep = ca.if_else(ca.logic_or(hasty, strength <= step), 0, 1 - step * EXACT / strength)

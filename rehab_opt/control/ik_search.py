@@ -194,14 +194,14 @@ class IKSearch:
         mean = float(squares.mean()) if squares.size else 0.0
         return self._manipulability / mean if mean > 0 else 0.0
 
-    def _solver(self, nlp: NLP, rung: str) -> SQP | NLPSolver:
-        key = (nlp.name, rung)
+    def _solver(self, nlp: NLP, stage: str) -> SQP | NLPSolver:
+        key = (nlp.name, stage)
         if key not in self._solvers:
-            self._solvers[key] = nlp_solver(nlp, self._names[rung], **self._options)  # type: ignore[arg-type]
+            self._solvers[key] = nlp_solver(nlp, self._names[stage], **self._options)  # type: ignore[arg-type]
         return self._solvers[key]
 
-    def _from(self, rung: str, parameters: Array, start: Array, multipliers: Array | float = 0.0) -> NLPAnswer:
-        solver = self._solver(self.statements.nearest, rung)
+    def _from(self, stage: str, parameters: Array, start: Array, multipliers: Array | float = 0.0) -> NLPAnswer:
+        solver = self._solver(self.statements.nearest, stage)
         solver.parameters[:] = parameters
         return solver.solve(start, multipliers)
 

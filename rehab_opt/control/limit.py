@@ -178,7 +178,7 @@ class Limits:
         """Numbers of those."""
         return 0 if self.clearance is None else self.clearance.told
 
-    def told_numbers(self, argument: str, bodies: Sequence[MovingCapsule] | Array | None) -> Array:
+    def capsule_numbers(self, argument: str, bodies: Sequence[MovingCapsule] | Array | None) -> Array:
         """(k, 14) of what moves, by `moving_numbers`.
 
         Raises

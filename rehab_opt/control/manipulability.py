@@ -12,7 +12,15 @@ from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.symbolic import BufferedFunction
 
-__all__ = ["DISTANCES", "DRAWN", "WayOut", "climb_function", "drawn_ways", "known_ways", "largest_manipulability"]
+__all__ = [
+    "DISTANCES",
+    "DRAWN",
+    "SingularityEscape",
+    "climb_function",
+    "drawn_ways",
+    "known_ways",
+    "largest_manipulability",
+]
 
 Array = NDArray[np.float64]
 
@@ -62,7 +70,7 @@ def largest_manipulability(chain: SerialChain, *, starts: int = STARTS, seed: in
     return best, where
 
 
-class WayOut:
+class SingularityEscape:
     """Directions in which w grows from a posture where its gradient shows none.
 
     The best of the joint axes, their pairs and a few directions drawn by a seed, either way, at the smallest distance

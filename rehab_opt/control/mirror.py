@@ -23,7 +23,7 @@ from rehab_opt.control.hand_bounds import HandBounds, KeepOut
 from rehab_opt.control.interaction import Interaction
 from rehab_opt.control.joint_feedback import JointFeedback
 from rehab_opt.control.limit import Limit, all_limits
-from rehab_opt.control.manipulability import WayOut, largest_manipulability
+from rehab_opt.control.manipulability import SingularityEscape, largest_manipulability
 from rehab_opt.control.mirror_following import BRIDGE
 from rehab_opt.control.mirror_foreseen import MirrorForeseen
 from rehab_opt.control.mirror_pace import MirrorPace
@@ -180,7 +180,7 @@ class MirrorTracker(MirrorForeseen):
                 compile=compile,
             )
         self._interaction = (Interaction() if interaction is None else interaction).started(dt)
-        self._keeping, self._way_out = BufferedFunction(self.keeping()), WayOut(self.chain)
+        self._keeping, self._way_out = BufferedFunction(self.keeping()), SingularityEscape(self.chain)
         symbol = ca.SX.sym("q", self.chain.n)
         tool = ca.Function("tool", [symbol], [ca.densify(self.chain.pose_expression(symbol))], {"cse": True})
         self._tool = BufferedFunction(tool, compile=compile)
@@ -204,7 +204,7 @@ class MirrorTracker(MirrorForeseen):
         self.counts: Counter[str] = Counter()
         """How many ticks yielded acceleration, were shortened, waited, braked, and how often the hand was cut short."""
         self._hot: tuple[Any, ...] = (
-            *self._views[:3], self._ladder.parameters.data, self._verdict, self._keep, self._answer, self._velocity,
+            *self._views[:3], self._solvers.parameters.data, self._verdict, self._keep, self._answer, self._velocity,
         )  # fmt: skip
         self._begin()
 
@@ -302,7 +302,7 @@ class MirrorTracker(MirrorForeseen):
         if not usual:
             self._write((q, pose, twist, *self._inputs[2:]))
         if obstacles is not None or self.limits.moving:
-            self._inputs[-1][:] = self.limits.told_numbers("obstacles", obstacles)
+            self._inputs[-1][:] = self.limits.capsule_numbers("obstacles", obstacles)
         usual = enable is True and stamp is None and not self._watchdog.stamped
         if self.led is None:
             return self._mirrored(force, ("" if usual else self._refusal(enable, stamp)) or self._watch.known)
@@ -316,7 +316,7 @@ class MirrorTracker(MirrorForeseen):
         if self._live and force is None and not reason:
             # The usual way, without the layers of Python: they would cost as much as the solve.
             *_, given, verdict, keep, answer, velocity = self._hot
-            verdict[0] = _NAN  # see `Ladder`: a failure inside leaves the outputs as they are
+            verdict[0] = _NAN  # see `FallbackChain`: a failure inside leaves the outputs as they are
             self._function.evaluate()
             residual, _, who, yielded, scale, usual, _, _, then, _, apart = verdict.tolist()
             if usual and 0.0 <= residual <= self.tolerance and 0.0 <= apart <= self._patience:

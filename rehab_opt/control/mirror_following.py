@@ -139,18 +139,18 @@ class MirrorFollowing(MirrorStatement):
         self.counts.update(["waited"] * bool(waits) + ["cut"] * bool(cuts))
         beyond = (distance_between(self.followed, target), angle_between(self.followed, target)) if led else (0.0, 0.0)
         self._beyond_person, self._short_by = beyond, (self._apart + beyond[0], self._aside + beyond[1])
-        solver = self._ladder()
+        solver = self._solvers()
         if not solver:
             return self._safe(self._fault())
         return self._delivered(solver, note)
 
     def _delivered(self, solver: str, note: str) -> Command:
         """The command of a certified answer, shortened where the true state asks for it."""
-        ladder = self._ladder
-        residual, _, _, yielded, share, _, kept, w, then, flat, _ = ladder.verdict.tolist()
+        solvers = self._solvers
+        residual, _, _, yielded, share, _, kept, w, then, flat, _ = solvers.verdict.tolist()
         status, notes = Status.OK, [note] if note else []
-        if solver == ladder.backup != ladder.solver:
-            status, notes = Status.BACKUP, [f"{ladder.solver} gave no certified answer"]
+        if solver == solvers.backup != solvers.solver:
+            status, notes = Status.BACKUP, [f"{solvers.solver} gave no certified answer"]
         value = np.frombuffer(self._velocity.tobytes())
         flags = Bound(int(yielded))
         value, flags, shorter = self._shortened(self._q.copy(), value, self._held, flags, broken=not kept)
@@ -161,7 +161,7 @@ class MirrorFollowing(MirrorStatement):
         if flags & Bound.ACCELERATION:
             self.counts["acceleration"] += 1
         self._share = share
-        self._find_way_out(bool(flat), w)
+        self._find_escape(bool(flat), w)
         slow = min(1.0, self._rate) * share
         if self._rate < WHOLE:
             self.counts["slowed"] += 1
@@ -178,8 +178,8 @@ class MirrorFollowing(MirrorStatement):
             pose, twist = self.clock.read()
             self._inputs[0][:], self._inputs[1][:] = pose, twist
             self._inputs[2][:] = self._inputs[3][:] = 0.0
-            self._good, self._live, self._rate = self._ladder.parameters.tobytes(), self._fused, 1.0
-        return Command(value, status, solver, residual, ladder.iterations, "; ".join(notes), flags, slow)
+            self._good, self._live, self._rate = self._solvers.parameters.tobytes(), self._fused, 1.0
+        return Command(value, status, solver, residual, solvers.iterations, "; ".join(notes), flags, slow)
 
     def _accepted(self) -> tuple[Array, Array]:
         """Pose (4, 4) and twist (6,) of the last tick that needed no clock."""
@@ -197,7 +197,7 @@ class MirrorFollowing(MirrorStatement):
         if math.isnan(held[0]):
             self._hold(self.chain.pose(q))
             held, self._held = self._held, held
-        self._ladder.memory[2 * self.chain.n :] = 0.0
+        self._solvers.memory[2 * self.chain.n :] = 0.0
         value, flags, shorter = command.value, command.yielded, False
         if value.any():
             value, flags, shorter = self._shortened(q, value, held, flags, broken=False)

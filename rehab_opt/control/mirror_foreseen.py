@@ -124,12 +124,12 @@ class MirrorForeseen(MirrorFollowing):
         q_view[:] = q
         pose_view[:] = self._flat[k]
         twist_view[:] = laid.twists[k]
-        verdict[0] = _NAN  # see `Ladder`: a failure inside leaves the outputs as they are
+        verdict[0] = _NAN  # see `FallbackChain`: a failure inside leaves the outputs as they are
         self._function.evaluate()
         residual, _, who, yielded, share, usual, _, _, then, _, _ = verdict.tolist()
         if not (usual and 0.0 <= residual <= self.tolerance):
             return None
-        self._ladder.keep[:] = self._ladder.answer  # nothing was measured that could be watched
+        self._solvers.keep[:] = self._solvers.answer  # nothing was measured that could be watched
         self._next = k + 1
         pace, (at, fraction) = laid.paces[k], laid.places[k]
         self.clock.go_on(at - self._place, fraction, pace * self.dt)

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.control.command import Bound
 from rehab_opt.control.hand_bounds import HandBounds
-from rehab_opt.control.manipulability import WayOut
+from rehab_opt.control.manipulability import SingularityEscape
 from rehab_opt.control.pose_tracker import Inputs, Motion, PoseTracker, Rows
 from rehab_opt.control.stopping import VelocityBounds
 from rehab_opt.control.tool_speed import speed_ahead
@@ -77,7 +77,7 @@ class MirrorStatement(PoseTracker):
     hand_bounds: HandBounds
     counts: Counter[str]
     _keeping: BufferedFunction
-    _way_out: WayOut
+    _escape: SingularityEscape
     _last_before: Array
     """(n,) the velocity before this tick's."""
     _then: float
@@ -320,11 +320,11 @@ class MirrorStatement(PoseTracker):
             return value, flags, False
         part.setflags(write=False)
         self.counts["shortened"] += 1
-        self._ladder.memory[: 2 * self.chain.n] = np.concatenate([part, q + part * self.dt])
+        self._solvers.memory[: 2 * self.chain.n] = np.concatenate([part, q + part * self.dt])
         said = Bound.TASK | (Bound.ACCELERATION if hurried else Bound.NOTHING)
         return part, flags & ~Bound.ACCELERATION | said, True
 
-    def _find_way_out(self, flat: bool, w: float) -> None:
+    def _find_escape(self, flat: bool, w: float) -> None:
         """What stands for the gradient in the next tick, where there is none."""
         lead = self._inputs[3]
         if not flat:
@@ -334,5 +334,5 @@ class MirrorStatement(PoseTracker):
         self._lead_age = 0 if w > self._lead_w + 1e-7 else self._lead_age + 1
         self._lead_w = max(w, self._lead_w) if lead.any() else w
         if not lead.any() or self._lead_age > STALE:
-            lead[:] = self._way_out.of(self._q, turn=self._lead_age)
+            lead[:] = self._escape.of(self._q, turn=self._lead_age)
             self._lead_age = 0

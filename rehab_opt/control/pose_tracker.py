@@ -141,7 +141,7 @@ class PoseTracker(VelocityController):
         accelerations and hold while braking, too.
     dt : nominal tick [s].
     recovery_speed : share of the velocity limit at which a joint outside its limits comes back.
-    solver, backup : see `Ladder`. tolerance : largest certificate residual accepted [the statement's units].
+    solver, backup : see `FallbackChain`. tolerance : largest certificate residual accepted [the statement's units].
     max_age : [s] see `Watchdog`.
     feedback : act on where the joints are led, on a robot whose servos are late or whose encoders are noisy; None acts
         on the positions that `step` is given.
@@ -473,7 +473,7 @@ class PoseTracker(VelocityController):
         if self._owner != get_ident():
             self._claim()
         if obstacles is not None or self.limits.moving:
-            given: tuple[Any, ...] = (q, pose, twist, self.limits.told_numbers("obstacles", obstacles))
+            given: tuple[Any, ...] = (q, pose, twist, self.limits.capsule_numbers("obstacles", obstacles))
             into: tuple[Any, ...] = self._views
             if all(each.__class__ is _ndarray for each in given) and [each.shape for each in given[:3]] == [
                 (self.chain.n,),

@@ -93,7 +93,7 @@ class RedundancyResolver(OneThread):
     self_motion : weight of grad c in Eq. (1): v(r') = self_motion |r'|.
     dt : nominal tick [s], at most 0.02: in longer ones the Jacobian turns too far for the law.
     recovery_speed : share of the velocity limit at which a joint outside its limits comes back at most.
-    solver, backup : see `Ladder`. tolerance : largest certificate residual accepted [m/s, rad/s].
+    solver, backup : see `FallbackChain`. tolerance : largest certificate residual accepted [m/s, rad/s].
     max_age : [s] see `Watchdog`.
     feedback : act on where the arm's joints are led, see `PoseTracker`; joint limits hold there and where they are. The
         base acts on its measured place: its wheels, slow and slipping, are no servo that is known. A hand that runs
@@ -173,7 +173,7 @@ class RedundancyResolver(OneThread):
         self._numbers = obstacle_numbers(obstacles, self._max_obstacles)
         self._obstacles = tuple(obstacles)
         for each in self._sets.values():
-            each.tell_obstacles(self._numbers)
+            each.set_obstacles(self._numbers)
 
     # ------------------------------------------------------------------------------------------------- the state
     @property
@@ -342,7 +342,7 @@ class RedundancyResolver(OneThread):
         active = self._active
         if type(q) is not np.ndarray:  # a masked array would be read through its mask
             q = real_numbers("q", q, (self.robot.chain.n,))
-        bodies = None if moving is None and not self.limits.moving else self.limits.told_numbers("moving", moving)
+        bodies = None if moving is None and not self.limits.moving else self.limits.capsule_numbers("moving", moving)
         if not isinstance(rows, tuple) or rows != active.rows:
             names = checked_rows(rows)
             other = self._sets.get(names)
@@ -361,6 +361,6 @@ class RedundancyResolver(OneThread):
 
     def _prepare(self, rows: tuple[str, ...], *, compile: Compile) -> ChairAndArm:
         chosen = ChairAndArm(self.robot, rows, compile=compile, **self._options)  # type: ignore[arg-type]
-        chosen.tell_obstacles(self._numbers)
+        chosen.set_obstacles(self._numbers)
         self._sets[rows] = chosen
         return chosen

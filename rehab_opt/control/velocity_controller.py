@@ -1,4 +1,4 @@
-"""Everything around a velocity QP: parameters into buffers, solve, certificate, ladder, safe command, Command."""
+"""Everything around a velocity QP: parameters into buffers, solve, certificate, fallbacks, safe command, Command."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import SerialChain, per_joint
 from rehab_opt.kinematics.real_array import is_real, real_array
 from rehab_opt.optim.certificate import clipped
+from rehab_opt.optim.fallback_chain import FUSED, FallbackChain
 from rehab_opt.optim.fused import FUSED_SOLVERS
-from rehab_opt.optim.ladder import FUSED, Ladder
 from rehab_opt.optim.qp import Statement
 from rehab_opt.optim.rows import PLAUSIBLE, Instance
 from rehab_opt.symbolic import BufferedFunction, Compile
@@ -97,26 +97,26 @@ class VelocityController(OneThread, ABC):
             self._hurried = BufferedFunction(self.hurrying())
         self.approach = math.inf if feedback is None else feedback.approach
         """[1/s] see `velocity_bounds`."""
-        self._ladder = Ladder(
+        self._solvers = FallbackChain(
             self.stated, solver=solver, backup=backup, tolerance=tolerance, compile=compile, beside=self.beside()
         )
         self._stopping = BufferedFunction(self.stopping())
         self._faulty = BufferedFunction(self.faulty())
-        ladder, n = self._ladder, chain.n
+        solvers, n = self._solvers, chain.n
         ends = np.cumsum([symbol.numel() for symbol in self.stated.parameters])
-        first, *others = np.split(ladder.parameters, ends[:-1])
+        first, *others = np.split(solvers.parameters, ends[:-1])
         self._q = first
         self._inputs = tuple(part.reshape(shape) for part, shape in zip(others, self.shapes, strict=True))
-        self._fused, self._function, self._verdict = solver == FUSED, ladder.function, ladder.verdict
-        before, after = ladder.everything
+        self._fused, self._function, self._verdict = solver == FUSED, solvers.function, solvers.verdict
+        before, after = solvers.everything
         self._keep, self._answer = before.data, after.data
         self._views: tuple[memoryview[Any], ...] = tuple(part.data for part in (first, *others))
         self._names = tuple(symbol[0].name().rsplit("_", 1)[0] for symbol in self.stated.parameters)
-        self._last, self._predicted = ladder.memory[:n], ladder.memory[n : 2 * n]
-        self._guided = ladder.memory[2 * n : 2 * n + self.guidance_size]
-        self._sent = ladder.memory[slice(n) if self.sent is None else self.sent]
+        self._last, self._predicted = solvers.memory[:n], solvers.memory[n : 2 * n]
+        self._guided = solvers.memory[2 * n : 2 * n + self.guidance_size]
+        self._sent = solvers.memory[slice(n) if self.sent is None else self.sent]
         self._velocity: memoryview[Any] = self._sent.data
-        self._wheels = None if self.wheels is None else ladder.memory[self.wheels].data
+        self._wheels = None if self.wheels is None else solvers.memory[self.wheels].data
         self._patience = patience_of(self.dt)
         self._watch = WatchedJoints(
             self.watch, chain.names, before[self.stated.state_size :], self._q, self._sent, patience=self._patience
@@ -269,9 +269,9 @@ class VelocityController(OneThread, ABC):
         if np.any(np.abs(speed) > self.chain.velocity):
             raise ConfigurationError("velocity", velocity, "joint speeds within their limits")
         self._claim()
-        self._ladder.memory[:] = 0.0
+        self._solvers.memory[:] = 0.0
         self._last[:] = speed
-        self._ladder.forget(np.append(speed, np.zeros(self.stated.n - n)))
+        self._solvers.forget(np.append(speed, np.zeros(self.stated.n - n)))
         lower, upper = np.maximum(self.chain.lower, -PLAUSIBLE), np.minimum(self.chain.upper, PLAUSIBLE)
         self._predicted[:] = (lower + upper) / 2
         self._watchdog.reset()
@@ -280,7 +280,7 @@ class VelocityController(OneThread, ABC):
 
     def instance(self, q: ArrayLike, *inputs: ArrayLike) -> Instance:
         """The QP that `step` would solve now, as numbers, for inspection."""
-        return self.stated.instance(q, *inputs, memory=self._ladder.memory.copy())
+        return self.stated.instance(q, *inputs, memory=self._solvers.memory.copy())
 
     def to_qpsolvers(self, q: ArrayLike, *inputs: ArrayLike) -> qpsolvers.Problem:
         """The QP that `step` would solve now, as a `qpsolvers.Problem`."""
@@ -345,7 +345,7 @@ class VelocityController(OneThread, ABC):
             return self._safe(reason)
         if self._fused:  # the usual way, without the layers of Python: they would cost as much as the solve
             verdict = self._verdict
-            verdict[0] = _NAN  # see `Ladder`: a failure inside leaves the outputs as they are
+            verdict[0] = _NAN  # see `FallbackChain`: a failure inside leaves the outputs as they are
             self._function.evaluate()
             residual, _, who, yielded, scale, apart = verdict.tolist()
             if 0.0 <= residual <= self.tolerance and 0.0 <= apart <= self._patience:
@@ -356,21 +356,24 @@ class VelocityController(OneThread, ABC):
                 if scale:
                     return _new(Command, (value, _OK, name, residual, -1, note, bound, scale, wheels))
                 return Command(value, _BLOCKED, name, residual, -1, _blocked(note), bound, scale, wheels)
-        reason, ladder = self._not_following(), self._ladder
+        reason, solvers = self._not_following(), self._solvers
         if reason:
             return self._safe(reason)
-        solver = ladder.climb() if self._fused else ladder()
+        solver = solvers.solve_with_fallback() if self._fused else solvers()
         if not solver:
             return self.fallback_command() or self._safe(self._fault())
         status, reason = Status.OK, note
-        if solver == ladder.backup != ladder.solver:
-            status, reason = Status.BACKUP, "; ".join(filter(None, (f"{ladder.solver} gave no certified answer", note)))
-        residual, _, _, yielded, scale, _ = ladder.verdict.tolist()
+        if solver == solvers.backup != solvers.solver:
+            status, reason = (
+                Status.BACKUP,
+                "; ".join(filter(None, (f"{solvers.solver} gave no certified answer", note))),
+            )
+        residual, _, _, yielded, scale, _ = solvers.verdict.tolist()
         if status is Status.OK and not scale:
             status, reason = Status.BLOCKED, _blocked(note)
         bound = _BOUNDS[yielded]
         value, wheels = self._sent_now()
-        return Command(value, status, solver, residual, ladder.iterations, reason, bound, scale, wheels)
+        return Command(value, status, solver, residual, solvers.iterations, reason, bound, scale, wheels)
 
     def _sent_now(self) -> tuple[Array, Array | None]:
         """What is sent, copied, read-only and without negative zeros."""
@@ -388,24 +391,24 @@ class VelocityController(OneThread, ABC):
 
     def _safe(self, reason: str) -> Command:
         """Decelerate within the bounds, from the last good position where this one is unusable."""
-        stopping, ladder = self._stopping, self._ladder
-        stopping.inputs[0][:], stopping.inputs[1][:] = ladder.parameters, ladder.state
+        stopping, solvers = self._stopping, self._solvers
+        stopping.inputs[0][:], stopping.inputs[1][:] = solvers.parameters, solvers.state
         stopping()
         state, (yielded, moves), _ = stopping.outputs
-        ladder.keep[:] = state.data
+        solvers.keep[:] = state.data
         value, wheels = self._sent_now()
         status = Status.BRAKING if moves else Status.HOLDING
         return Command(value, status, "", math.inf, -1, reason, _BOUNDS[yielded], 0.0, wheels)
 
     def _fault(self) -> str:
         """Why no answer was certified."""
-        return self._unusable(sound=bool(self._ladder.sound[0])) or reason_text(
-            NUMBER["NOT_CERTIFIED"], self._ladder.residual
+        return self._unusable(sound=bool(self._solvers.sound[0])) or reason_text(
+            NUMBER["NOT_CERTIFIED"], self._solvers.residual
         )
 
     def _unusable(self, *, sound: bool) -> str:
         """What is wrong with the parameters; nothing where they are `sound` and every number is usable."""
-        reason, i, k = self._faulty.of(self._ladder.parameters, sound).astype(int).tolist()
+        reason, i, k = self._faulty.of(self._solvers.parameters, sound).astype(int).tolist()
         if reason == NUMBER["NOT_CERTIFIED"]:
             return ""
         if i < 0:

@@ -95,7 +95,7 @@ def _bodies(where: str, tick: Mapping[str, Any], name: str, limits: Limits) -> d
     given = tick.get(name)
     if given is None and not limits.moving:
         return {}
-    return {"obstacles": limits.told_numbers(f"{where}[{name!r}]", given)}
+    return {"obstacles": limits.capsule_numbers(f"{where}[{name!r}]", given)}
 
 
 def _poses(tracker: PoseTracker, run: Run) -> list[dict[str, Any]]:

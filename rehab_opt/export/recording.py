@@ -60,7 +60,7 @@ class Recording:
     Parameters
     ----------
     ticks : what the controller was told; every tick has the same names and sizes.
-    commands : what Python answered, with no more rungs than C has.
+    commands : what Python answered, with no more stages than C has.
     about : what was recorded, for the reader.
     more : numbers that the controller says besides each command; none, or as many in every tick.
     """

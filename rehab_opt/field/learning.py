@@ -20,8 +20,8 @@ from rehab_opt.field.potential import SAMPLES_PER_WIDTH, PotentialField
 from rehab_opt.field.samples import SampledPath, checked_paths, mean_path, resampled_path
 from rehab_opt.optim.backends import backend
 from rehab_opt.optim.certificate import certificate_function, is_certified
+from rehab_opt.optim.recorder import recorder_now
 from rehab_opt.optim.rows import Instance
-from rehab_opt.optim.witness import witness_now
 from rehab_opt.symbolic import Compile
 
 __all__ = ["learnt_field"]
@@ -74,9 +74,9 @@ class Problem(NamedTuple):
         rows = rows / np.maximum(np.linalg.norm(rows, axis=1, keepdims=True), 1e-12)
         free = np.full(m, np.inf), np.full(n, np.inf)
         qp = Instance((hessian + hessian.T) / 2, gradient, rows, np.zeros(m), free[0], np.zeros(n), free[1])
-        witness = witness_now()
-        if witness is not None:
-            witness.stream(f"field_learning_{m}_{n}", TOLERANCE, Instance, ticks=False, shared=True).see(*qp)
+        recorder = recorder_now()
+        if recorder is not None:
+            recorder.stream(f"field_learning_{m}_{n}", TOLERANCE, Instance, ticks=False, shared=True).see(*qp)
         certify = certificate_function(n, m)
         tried = []
         for name in solvers:

@@ -1,7 +1,7 @@
 """One tick in one function: kinematics, solve and certificate, without leaving compiled code.
 
-An answer is looked for where it is cheapest, and certified wherever it was found: the statement's guess, then the
-bounds that were active in the last tick, then the solver.
+An answer is looked for where it is cheapest, and certified wherever it was found: the statement's analytic answer, then
+the bounds that were active in the last tick, then the solver.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ from rehab_opt.optim.qrqp import QRQP_ITERATIONS, qrqp
 if TYPE_CHECKING:
     from rehab_opt.optim.qp import Statement
 
-__all__ = ["FUSED_SOLVERS", "GUESS_TOLERANCE", "fused"]
+__all__ = ["ANALYTIC_TOLERANCE", "FUSED_SOLVERS", "fused"]
 
 FUSED_SOLVERS = ("qrqp", "closed form", "active set", "dual active set")
 """Who answered, by the number that the fused function gives."""
-GUESS_TOLERANCE = 1e-10
-"""Residual to which a guess counts as the answer: as exact as what the solver is asked for."""
+ANALYTIC_TOLERANCE = 1e-10
+"""Residual to which an analytic answer counts as the answer: as exact as what the solver is asked for."""
 INDEPENDENT = 1e-13
 """Share by which rows yield that the dual method found: they are independent by more than this."""
 PASSES = 2
@@ -45,10 +45,10 @@ def fused(statement: Statement, beside: ca.Function | None = None) -> ca.Functio
     p, last = ca.MX.sym("p", statement.parameter_size), ca.MX.sym("last", size + (beside.numel_in(2) if beside else 0))
     start, memory, own = last[: 2 * n + m], last[2 * n + m : size], last[size:]
     full = statement.complete(p, memory)
-    guess, residual, sound = statement.screen(full, memory)
+    analytic, residual, sound = statement.screen(full, memory)
 
-    held = ca.vertcat(guess, residual, 1)
-    answered = ca.logic_or(residual <= GUESS_TOLERANCE, ca.logic_not(sound))  # no solver sees unusable parameters
+    held = ca.vertcat(analytic, residual, 1)
+    answered = ca.logic_or(residual <= ANALYTIC_TOLERANCE, ca.logic_not(sound))  # no solver sees unusable parameters
     answer = _choice(f"{statement.name}_closed_form", _solve(statement))(answered, held, full, memory, start)
 
     x = answer[:n]
@@ -77,7 +77,7 @@ def _solve(statement: Statement) -> ca.Function:
     if statement.lazy_rows:
         likely = _qrqp(statement, statement.m - statement.lazy_rows)(full, memory, start)
         choice = _choice(f"{statement.name}_likely", solver)
-        answer = choice(likely[-2] <= GUESS_TOLERANCE, likely, full, memory, start)
+        answer = choice(likely[-2] <= ANALYTIC_TOLERANCE, likely, full, memory, start)
         solver = ca.Function(f"{statement.name}_any", [full, memory, start], [answer])
     if statement.active_set_iterations:
         answer = _rounds(statement, solver)(full, memory, start)
@@ -87,7 +87,7 @@ def _solve(statement: Statement) -> ca.Function:
         x, bounds, residual = _last_active_set(statement)(full, memory, start[statement.n :])
         held = ca.vertcat(x, bounds, residual, 2)
         choice = _choice(f"{statement.name}_active_set", solver)
-        answer = choice(residual <= GUESS_TOLERANCE, held, full, memory, start)
+        answer = choice(residual <= ANALYTIC_TOLERANCE, held, full, memory, start)
     return ca.Function(f"{statement.name}_solve", [full, memory, start], [answer])
 
 
@@ -102,12 +102,14 @@ def _rounds(statement: Statement, solver: ca.Function) -> ca.Function:
     # What the rounds do not find, the slower method that cannot cycle does; a round makes its answer exact.
     dual, _ = whole(full, memory, dual_active_set(statement)(full, memory))
     choice = _choice(f"{statement.name}_dual_choice", solver)
-    answer = choice(dual[-1] <= GUESS_TOLERANCE, ca.vertcat(dual, 3), full, memory, start)
+    answer = choice(dual[-1] <= ANALYTIC_TOLERANCE, ca.vertcat(dual, 3), full, memory, start)
     otherwise = ca.Function("solver", arguments, [answer])
     for k in reversed(range(statement.active_set_iterations)):
         found, following = looking(full, memory, multipliers, point) if k else first(full, memory, multipliers)
         choice = _choice(f"{statement.name}_round_{k}", otherwise)
-        answer = choice(found[-1] <= GUESS_TOLERANCE, ca.vertcat(found, 2), full, memory, start, following, found[:n])
+        answer = choice(
+            found[-1] <= ANALYTIC_TOLERANCE, ca.vertcat(found, 2), full, memory, start, following, found[:n]
+        )
         otherwise = ca.Function(f"{statement.name}_rounds_{k}", arguments, [answer])
     answer = otherwise(full, memory, start, start[n:], start[:n])
     return ca.Function(f"{statement.name}_rounds", [full, memory, start], [answer])

@@ -15,8 +15,8 @@ from rehab_opt.optim.certificate import all_true, clipped
 from rehab_opt.optim.nlp import NLP, PLAUSIBLE, NLPAnswer
 from rehab_opt.optim.nlp_hessian import model
 from rehab_opt.optim.qrqp import qrqp
+from rehab_opt.optim.recorder import recorder_now
 from rehab_opt.optim.rows import Instance
-from rehab_opt.optim.witness import witness_now
 from rehab_opt.symbolic import BufferedFunction, Compile
 
 __all__ = ["SQP"]
@@ -97,9 +97,9 @@ class SQP:
         )  # fmt: skip
 
     def _watched_step(self) -> Callable[[], None]:
-        """The step, of whose QP a witness is told if there is one now."""
-        witness = witness_now()
-        if witness is None:
+        """The step, of whose QP a recorder is told if there is one now."""
+        recorder = recorder_now()
+        if recorder is None:
             return self._step
         subproblem = subproblem_function(self.nlp)
 
@@ -107,8 +107,8 @@ class SQP:
             columns = [each.full() for each in subproblem(*values)]
             return Instance(*(c if i in (0, 2) else c.reshape(-1) for i, c in enumerate(columns)))
 
-        stream = witness.stream(f"{self.nlp.name}_step", self.tolerance, instance, ticks=False)
-        return witness.watched(self._step, stream, lambda: tuple(self._step.inputs))
+        stream = recorder.stream(f"{self.nlp.name}_step", self.tolerance, instance, ticks=False)
+        return recorder.watched(self._step, stream, lambda: tuple(self._step.inputs))
 
 
 def _numbers(array: Array) -> memoryview[float]:

@@ -10,8 +10,8 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
+from rehab_opt.optim.analytic import screened_analytic
 from rehab_opt.optim.certificate import all_true, certificate_function
-from rehab_opt.optim.guess import screened_guess
 from rehab_opt.optim.rows import PLAUSIBLE, Instance, Row, Variable
 from rehab_opt.optim.well_stated import check_that_it_is_a_qp, with_numeric_bounds
 from rehab_opt.symbolic.tick import Tick
@@ -111,8 +111,8 @@ class Statement:
 
     @cached_property
     def screen(self) -> ca.Function:
-        """Complete parameters, memory -> see `screened_guess`; whether the parameters are sound."""
-        told, residual = screened_guess(
+        """Complete parameters, memory -> see `screened_analytic`; whether the parameters are sound."""
+        told, residual = screened_analytic(
             self.analytic, self.dual,
             cost=self.minimise, x=self._x, rows=self._rows, bounds=self._bounds, sound=self._sound,
         )  # fmt: skip

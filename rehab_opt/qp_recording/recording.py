@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from rehab_opt.errors import ConfigurationError, ProblemFileError
-from rehab_opt.optim.witness import Stream, witnessed
+from rehab_opt.optim.recorder import Stream, recording_qps
 from rehab_opt.qp_recording.sequence import QPSequence, sequence_of
 from rehab_opt.session.files import ProblemFile, shipped_problems
 from rehab_opt.session.outcome import Progress
@@ -53,11 +53,11 @@ def recorded_run(
     dt = system.seconds_a_tick(loaded.problem)
     if dt is None:
         raise ProblemFileError(loaded.file, "system", name, "one whose controllers solve a QP every tick")
-    with witnessed(skip=skip, most=ticks) as witness:
+    with recording_qps(skip=skip, most=ticks) as recorder:
         run_problem(loaded, progress=progress, **options)
-    streams = [stream for stream in witness.streams if len(stream)]
+    streams = [stream for stream in recorder.streams if len(stream)]
     if not streams:
-        met = max((stream.met for stream in witness.streams), default=0)
+        met = max((stream.met for stream in recorder.streams), default=0)
         raise ProblemFileError(loaded.file, "system", name, f"a run of more QPs than --skip {skip}: it had {met}")
     command = _command(loaded, skip=skip, ticks=ticks, **options)
     return [

@@ -158,8 +158,8 @@ class _Known(list[_Place]):
     """Columns that have a value by now."""
 
     def holding(self, symbols: set[int]) -> list[_Place]:
-        """Those in which one of the symbols is."""
-        return [place for place in self if not symbols.isdisjoint(_hashes(place.column))]
+        """Those in which one of the symbols is; the first where none is, since CasADi calls no function of nothing."""
+        return [place for place in self if not symbols.isdisjoint(_hashes(place.column))] or self[:1]
 
     def slice_of(self, expression: ca.SX) -> ca.MX | None:
         """The value of an expression that is a piece of one of them, without evaluating it."""

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from rehab_opt.optim.nlp import NLPAnswer
 from rehab_opt.optim.nlp_solvers import NLPSolver, nlp_solver
 from rehab_opt.optim.nlp_sqp import SQP
-from rehab_opt.optim.witness import witness_now
+from rehab_opt.optim.recorder import recorder_now
 from rehab_opt.symbolic import Compile
 from rehab_opt.symbolic.compiled import how
 from rehab_opt.workspace.plane_approach import Approached, PlaneApproach
@@ -55,7 +55,7 @@ class _Solvers(threading.local):
         self._made: dict[tuple[object, ...], tuple[SQP, PlaneApproach]] = {}
 
     def of(self, statement: PlaneStatement, compile: Compile) -> tuple[SQP, PlaneApproach]:
-        key = (statement.nearest, how(compile), witness_now())  # a solver tells the witness of its making
+        key = (statement.nearest, how(compile), recorder_now())  # a solver tells the recorder of its making
         if key not in self._made:
             if len(self._made) >= KEPT:
                 del self._made[next(iter(self._made))]

@@ -13,7 +13,7 @@ from bench.solvers.recommendation import DEFAULTS, LADDER
 from rehab_opt import ArmIK, MirrorTracker, PoseTracker, RedundancyResolver
 from rehab_opt.control.bounded_force import BoundedForce
 from rehab_opt.field.learning import learnt_field
-from rehab_opt.optim.ladder import Ladder
+from rehab_opt.optim.fallback_chain import FallbackChain
 from rehab_opt.optim.qp import Statement
 from rehab_opt.optim.rows import parameter, variable
 
@@ -30,7 +30,7 @@ def test_a_tick_s_default_is_the_ladder_that_is_compared() -> None:
     (entrant,) = [each for each in entrants() if each.name == LADDER[0]]
     target, x = parameter("target", 1), variable("x", 1, lower=-1.0, upper=1.0)
     statement = Statement("one", parameters=[target], variables=[x], minimise=(x.symbol - target) ** 2 / 2)
-    used = Ladder(statement, solver="qrqp", backup=None, tolerance=1e-9, compile=False)
+    used = FallbackChain(statement, solver="qrqp", backup=None, tolerance=1e-9, compile=False)
     assert (used.solver, used.backup) == ("qrqp", entrant.solver)
     assert not TICKS & set(DEFAULTS)  # where nothing is said, the ladder is meant
 

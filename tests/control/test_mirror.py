@@ -22,7 +22,7 @@ from rehab_opt import (
     human_arm,
     ur5,
 )
-from rehab_opt.control.manipulability import WayOut, drawn_ways, largest_manipulability
+from rehab_opt.control.manipulability import SingularityEscape, drawn_ways, largest_manipulability
 from rehab_opt.control.person_limit import PersonLimit
 from tests.control import mirror_campaign
 from tests.control.mirror_campaign import LARGEST, Array, closed_form
@@ -145,7 +145,7 @@ def test_drawn_ways_are_those_of_splitmix() -> None:
 
 def test_a_way_out_is_deterministic_and_gains() -> None:
     chain = ur5()
-    first, again = WayOut(chain).of(np.zeros(6)), WayOut(chain).of(np.zeros(6))
+    first, again = SingularityEscape(chain).of(np.zeros(6)), SingularityEscape(chain).of(np.zeros(6))
     np.testing.assert_array_equal(first, again)
     assert not chain.manipulability_gradient(np.zeros(6)).any()
     assert closed_form(0.4 * first) > 1e-3

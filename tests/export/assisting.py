@@ -37,7 +37,7 @@ def field_of(mode: str, number: int = 0) -> PotentialField:
 
 
 def made(mode: str, comfortable: Workspace = COMFORTABLE, **options: object) -> Assistance:
-    """In Python, with the rungs that C has."""
+    """In Python, with the stages that C has."""
     late = LATE if mode == "follow" else {}
     given = {"onset": 0.01, **LITTLE, **late, **options}
     return Assistance(field_of(mode), comfortable=comfortable, mode=mode, **given)  # type: ignore[arg-type]

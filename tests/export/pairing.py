@@ -43,7 +43,7 @@ def carry() -> ControllerMap:
 
 
 def sides() -> tuple[HelperSide, ParticipantSide]:
-    """Made new, with the rungs that C has."""
+    """Made new, with the stages that C has."""
     return (
         HelperSide(carry(), return_stiffness=300.0, **BOUNDS),
         ParticipantSide(carry(), comfortable=participants(), stiffness=1500.0, **BOUNDS),

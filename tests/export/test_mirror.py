@@ -34,7 +34,7 @@ def little_room() -> Iterator[None]:
 
 @pytest.fixture(scope="module")
 def trackers() -> dict[str, MirrorTracker]:
-    """In Python, with the rungs that C has."""
+    """In Python, with the stages that C has."""
     return {name: make() for name, make in MADE.items()}
 
 

@@ -62,7 +62,7 @@ def tracker() -> PoseTracker:
 
 
 def made() -> PoseTracker:
-    """The same controller in Python, with the rungs that C has."""
+    """The same controller in Python, with the stages that C has."""
     loaded = load_problem(ROBOT)
     robot, _ = robot_at_start(loaded)
     return tracker_of(loaded.problem, robot, file=ROBOT, backup="qrqp")

@@ -64,7 +64,7 @@ def failures() -> Iterator[Failures]:
 
 @pytest.fixture(scope="module")
 def made(drive: str, chair: str, failures: Failures) -> RedundancyResolver:
-    """The same controller in Python, with the rungs that C has."""
+    """The same controller in Python, with the stages that C has."""
     loaded = load_problem(chair)
     return resolver_of(loaded, robot_of(loaded), drive, backup="qrqp")  # type: ignore[arg-type]
 

@@ -10,7 +10,7 @@ from rehab_opt.field.agreement import check_agreement
 from rehab_opt.field.demonstration import Demonstration
 from rehab_opt.field.force_model import shared_model, station_model
 from rehab_opt.field.samples import arc_length, mean_path, resampled_path
-from rehab_opt.optim.witness import witnessed
+from rehab_opt.optim.recorder import recording_qps
 from tests.field.demonstrators import WAY, S, led_hands
 
 TRUE = {"stiffness": 1000.0, "drag": 200.0, "damping": 8.0}
@@ -267,8 +267,8 @@ def test_a_circle_gone_the_other_way_round_is_refused_and_a_way_there_and_back_i
 
 
 def test_fits_of_several_widths_are_recorded_as_problems_of_one_size_each() -> None:
-    with witnessed() as witness:
+    with recording_qps() as recorder:
         learnt(led_hands(truth()), width=[0.01, 0.02, 0.025])
-    for stream in witness.streams:
+    for stream in recorder.streams:
         assert len({(qp.g.size, qp.rows_lower.size) for qp in stream.instances()}) == 1
-    assert sum(len(stream) for stream in witness.streams) == 3
+    assert sum(len(stream) for stream in recorder.streams) == 3

@@ -13,7 +13,7 @@ import qpsolvers
 
 from rehab_opt import ArmIK, BoundedForce, PoseTracker, human_arm, ur5
 from rehab_opt.optim.backends import to_qpsolvers
-from rehab_opt.optim.witness import witnessed
+from rehab_opt.optim.recorder import recording_qps
 from tests.judge.arm_ik_answers import RANGES, hand
 from tests.judge.numbering import numbered
 from tests.judge.references import good_posture, reference
@@ -23,7 +23,7 @@ from tests.judge.verdict import Promise, Verdict
 PROMISES = (
     Promise("rehab_opt/control/bounded_force.py", "The QP for a hand at x (2,) moving at v (2,), with the last force "
             "and the energy of now, for inspection."),
-    Promise("rehab_opt/optim/witness.py", "of each solver's QPs, how many are let pass first, and how many are then "
+    Promise("rehab_opt/optim/recorder.py", "of each solver's QPs, how many are let pass first, and how many are then "
             "kept; None for all."),
     Promise("rehab_opt/optim/nlp_solvers.py", "Bounds that fatrop's fixed widening (1e-8, relative above 1) turns into "
             "the ones given, equalities untouched."),
@@ -124,10 +124,10 @@ def forces(verdict: Verdict, rng: np.random.Generator, solver: str) -> None:
 
 
 def inspected(verdict: Verdict, rng: np.random.Generator) -> None:
-    """What is given for inspection, before a tick and by a witness after it, has the tick's answer as its own."""
+    """What is given for inspection, before a tick and by a recorder after it, has the tick's answer as its own."""
     dt, stiffness, skip, most = 0.005, rng.uniform(200.0, 3000.0), int(rng.integers(0, 20)), int(rng.integers(1, 60))
     pull = [stiffness]
-    with witnessed(skip=skip, most=most) as witness:
+    with recording_qps(skip=skip, most=most) as recorder:
         force = BoundedForce(lambda x, y, _vx, _vy: (-pull[0] * x, -pull[0] * y), dt=dt, compile=False)
         values, problems = [], []
         phase = rng.uniform(0, 6, 2)
@@ -138,9 +138,9 @@ def inspected(verdict: Verdict, rng: np.random.Generator) -> None:
             problems.append(force.to_qpsolvers(x, v))
             values.append(force.step(x, v).value)
     verdict.ticks += len(values)
-    (stream,) = witness.streams
+    (stream,) = recorder.streams
     kept = stream.instances()
-    verdict.holds("a witness keeps what it should", (len(kept), stream.met) == (min(most, 50 - skip), 50))
+    verdict.holds("a recorder keeps what it should", (len(kept), stream.met) == (min(most, 50 - skip), 50))
     seen = [to_qpsolvers(each) for each in kept]
     pairs = [*zip(problems, values, strict=True), *zip(seen, values[skip:], strict=False)]
     exact = {"solver": "daqp", "primal_tol": 1e-11, "dual_tol": 1e-11}

@@ -10,8 +10,8 @@ from hypothesis import assume, example, given, settings
 
 from rehab_opt.optim.active_set import active_set_round
 from rehab_opt.optim.dual_active_set import dual_active_set
-from rehab_opt.optim.fused import GUESS_TOLERANCE, INDEPENDENT, PASSES
-from rehab_opt.optim.ladder import Ladder
+from rehab_opt.optim.fallback_chain import FallbackChain
+from rehab_opt.optim.fused import ANALYTIC_TOLERANCE, INDEPENDENT, PASSES
 from rehab_opt.optim.qp import Statement
 from rehab_opt.optim.rows import Instance, equal, parameter, variable, within
 from tests.optim.random_qps import general_statement, parameters_of, random_qp, seeds, solved
@@ -98,7 +98,7 @@ def test_a_number_that_is_none_is_never_certified() -> None:
         assert not 0.0 <= residual <= 1e-8, k
 
 
-def nearest_in_a_box(*, rounds: int) -> Ladder:
+def nearest_in_a_box(*, rounds: int) -> FallbackChain:
     """The point nearest to p on a plane, in a box, behind six walls that meet in corners."""
     p, x = parameter("p", 3), variable("x", 3, lower=-1, upper=1)
     walls = np.vstack([np.random.default_rng(0).standard_normal((4, 3)), np.ones((2, 3))])
@@ -109,7 +109,7 @@ def nearest_in_a_box(*, rounds: int) -> Ladder:
         minimise=ca.sumsqr(x.symbol - p) / 2,
         subject_to=[equal(x.symbol[0] - x.symbol[1], 0.1), within(ca.DM(walls) @ x.symbol, -np.inf, 0.5)],
     )
-    return Ladder(
+    return FallbackChain(
         replace(statement, active_set_iterations=rounds), solver="qrqp", backup=None, tolerance=1e-8, compile=False
     )
 
@@ -120,8 +120,8 @@ def test_rounds_give_the_solver_s_answers_along_jumps_and_leave_it_little_to_do(
     names = []
     for _ in range(200):
         point = 2 * rng.standard_normal(3)
-        for ladder in (by_rounds, by_solver):
-            ladder.parameters[:] = point
+        for chain in (by_rounds, by_solver):
+            chain.parameters[:] = point
         names.append(by_rounds())
         assert by_solver()
         np.testing.assert_allclose(by_rounds.x, by_solver.x, atol=1e-7)
@@ -144,7 +144,7 @@ def test_rows_that_nearly_depend_are_held_as_exactly_as_others(seed: int) -> Non
     gradient = -qp.H @ inside - matrix[:2].T @ rng.uniform(0.5, 2.0, 2) * 100
     qp = Instance(qp.H, gradient, matrix, -far, high, np.full(N, -1e3), np.full(N, 1e3))
     answer = np.array(last_round()(parameters_of(qp), [], dual()(parameters_of(qp), []))[0]).ravel()
-    assert 0.0 <= answer[-1] <= GUESS_TOLERANCE
+    assert 0.0 <= answer[-1] <= ANALYTIC_TOLERANCE
     np.testing.assert_allclose(answer[:N], inside, atol=1e-9)
 
 
@@ -173,7 +173,7 @@ def test_where_no_row_is_active_a_round_without_rows_says_the_same(seed: int) ->
 @pytest.mark.parametrize("m", [1, 2])
 def test_rounds_of_few_rows_find_the_answer(m: int) -> None:
     rng, rounds = np.random.default_rng(m), 0
-    ladder = Ladder(
+    chain = FallbackChain(
         replace(general_statement(N, m), active_set_iterations=2),
         solver="qrqp",
         backup="daqp",
@@ -182,9 +182,9 @@ def test_rounds_of_few_rows_find_the_answer(m: int) -> None:
     )
     for seed in range(60):
         qp = random_qp(seed, N, m, unbounded=False)
-        ladder.parameters[:] = parameters_of(qp)
-        ladder.warm_start(0.0)
-        assert ladder()
-        ladder.parameters[:] = parameters_of(qp._replace(g=qp.g + 1e-3 * rng.standard_normal(N)))
-        rounds += ladder() == "active set"  # from the active set before
+        chain.parameters[:] = parameters_of(qp)
+        chain.warm_start(0.0)
+        assert chain()
+        chain.parameters[:] = parameters_of(qp._replace(g=qp.g + 1e-3 * rng.standard_normal(N)))
+        rounds += chain() == "active set"  # from the active set before
     assert rounds > 20

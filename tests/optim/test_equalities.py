@@ -7,8 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rehab_opt.optim.equalities import dependent_equalities, equality_rows
+from rehab_opt.optim.fallback_chain import FallbackChain
 from rehab_opt.optim.fused import FUSED_SOLVERS
-from rehab_opt.optim.ladder import Ladder
 from rehab_opt.optim.qp import Statement
 from rehab_opt.optim.rows import equal, parameter, variable, within
 
@@ -28,7 +28,7 @@ def statement() -> Statement:
 
 
 STATEMENT = statement()
-LADDER = Ladder(STATEMENT, solver="qrqp", backup="osqp", tolerance=1e-8, compile=False)
+CHAIN = FallbackChain(STATEMENT, solver="qrqp", backup="osqp", tolerance=1e-8, compile=False)
 DEPENDENT = dependent_equalities(STATEMENT)
 FREE = np.full(N, -2.0)
 
@@ -57,16 +57,16 @@ def test_equalities_that_stand_twice_or_are_empty_change_no_answer(seed: int) ->
     rng = np.random.default_rng(seed)
     two, inside = rng.normal(size=(2, N)), rng.uniform(-0.5, 0.5, N)
     rows, p = np.vstack([two, two]), rng.normal(size=N)
-    LADDER.warm_start(0.0)
-    LADDER.parameters[:] = asked(p, rows, rows @ inside)
-    assert LADDER()
-    x = LADDER.x.copy()
+    CHAIN.warm_start(0.0)
+    CHAIN.parameters[:] = asked(p, rows, rows @ inside)
+    assert CHAIN()
+    x = CHAIN.x.copy()
     np.testing.assert_allclose(rows @ x, rows @ inside, atol=1e-8)
     # Two of them and two empty ones are the same problem.
-    LADDER.warm_start(0.0)
-    LADDER.parameters[:] = asked(p, np.vstack([two, 0 * two]), np.concatenate([two @ inside, [0.0, 0.0]]))
-    assert LADDER()
-    np.testing.assert_allclose(LADDER.x, x, atol=1e-8)
+    CHAIN.warm_start(0.0)
+    CHAIN.parameters[:] = asked(p, np.vstack([two, 0 * two]), np.concatenate([two @ inside, [0.0, 0.0]]))
+    assert CHAIN()
+    np.testing.assert_allclose(CHAIN.x, x, atol=1e-8)
 
 
 def test_nearly_all_random_ones_of_low_rank_need_no_backup() -> None:
@@ -74,9 +74,9 @@ def test_nearly_all_random_ones_of_low_rank_need_no_backup() -> None:
     for seed in range(200):
         rng = np.random.default_rng(seed)
         inside, rows = rng.uniform(-0.5, 0.5, N), rng.normal(size=(ROWS, 2)) @ rng.normal(size=(2, N))
-        LADDER.warm_start(0.0)
-        LADDER.parameters[:] = asked(rng.normal(size=N), rows, rows @ inside)
-        who.append(LADDER())
+        CHAIN.warm_start(0.0)
+        CHAIN.parameters[:] = asked(rng.normal(size=N), rows, rows @ inside)
+        who.append(CHAIN())
     assert sum(each in FUSED_SOLVERS for each in who) >= 0.95 * len(who)
     assert "" not in who
 
@@ -85,19 +85,19 @@ def test_a_row_over_held_variables_alone_is_let_go_and_still_certified() -> None
     held = np.array([0.3, -2.0, -2.0, -2.0, -2.0])
     rows = np.vstack([np.eye(N)[0], np.eye(N)[1], np.eye(N)[0] + np.eye(N)[1], np.eye(N)[2]])
     assert dependent(rows, held) == [0, 2]
-    LADDER.warm_start(0.0)
-    LADDER.parameters[:] = asked(np.ones(N), rows, np.array([0.3, 0.1, 0.4, 0.2]), held)
-    assert LADDER() in FUSED_SOLVERS
-    np.testing.assert_allclose(LADDER.x[:3], [0.3, 0.1, 0.2], atol=1e-8)
+    CHAIN.warm_start(0.0)
+    CHAIN.parameters[:] = asked(np.ones(N), rows, np.array([0.3, 0.1, 0.4, 0.2]), held)
+    assert CHAIN() in FUSED_SOLVERS
+    np.testing.assert_allclose(CHAIN.x[:3], [0.3, 0.1, 0.2], atol=1e-8)
 
 
 @pytest.mark.parametrize("apart", [1e-6, 0.1])
 def test_rows_that_contradict_each_other_are_no_answer(apart: float) -> None:
     row = np.array([1.0, 2.0, 0.0, 0.0, 1.0])
     rows = np.vstack([row, row, np.eye(N)[2], np.eye(N)[3]])
-    LADDER.warm_start(0.0)
-    LADDER.parameters[:] = asked(np.zeros(N), rows, np.array([0.1, 0.1 + apart, 0.0, 0.0]))
-    assert LADDER() == ""
+    CHAIN.warm_start(0.0)
+    CHAIN.parameters[:] = asked(np.zeros(N), rows, np.array([0.1, 0.1 + apart, 0.0, 0.0]))
+    assert CHAIN() == ""
 
 
 def test_nothing_is_asked_of_a_statement_without_equalities() -> None:

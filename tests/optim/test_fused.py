@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rehab_opt.optim.ladder import Ladder
+from rehab_opt.optim.fallback_chain import FallbackChain
 from rehab_opt.optim.qp import Statement
 from rehab_opt.optim.rows import equal, parameter, variable, within
 
@@ -30,13 +30,13 @@ def nearest_point(*, seldom: int = 0) -> Statement:
     )
 
 
-def solved(ladder: Ladder, *values: np.ndarray) -> tuple[str, np.ndarray]:
-    ladder.parameters[:] = np.concatenate(values)
-    return ladder(), ladder.x.copy()
+def solved(chain: FallbackChain, *values: np.ndarray) -> tuple[str, np.ndarray]:
+    chain.parameters[:] = np.concatenate(values)
+    return chain(), chain.x.copy()
 
 
 WHOLE, LIKELY = (
-    Ladder(nearest_point(seldom=k), solver="qrqp", backup=None, tolerance=1e-8, compile=False) for k in (0, 4)
+    FallbackChain(nearest_point(seldom=k), solver="qrqp", backup=None, tolerance=1e-8, compile=False) for k in (0, 4)
 )
 
 
@@ -45,13 +45,13 @@ WHOLE, LIKELY = (
 def test_leaving_out_rows_that_are_seldom_active_finds_the_same_answer(seed: int) -> None:
     rng = np.random.default_rng(seed)
     p, offsets = 2 * rng.standard_normal(3), rng.uniform(0.2, 2.0, 4)
-    answers = [solved(ladder, p, offsets) for ladder in (WHOLE, LIKELY)]
+    answers = [solved(chain, p, offsets) for chain in (WHOLE, LIKELY)]
     assert all(name for name, _ in answers)
     np.testing.assert_allclose(answers[0][1], answers[1][1], atol=1e-7)
     assert np.all(WALLS @ answers[1][1] <= offsets + 1e-8)
 
 
-def guessed(multipliers: bool, *, wrong: float = 0.0) -> Ladder:
+def guessed(multipliers: bool, *, wrong: float = 0.0) -> FallbackChain:
     """The nearest point on a plane, guessed by its closed form."""
     p, x = parameter("p", 3), variable("x", 3, lower=-1, upper=1)
     lift = (ca.sum1(p) - 0.1) / 3
@@ -64,7 +64,7 @@ def guessed(multipliers: bool, *, wrong: float = 0.0) -> Ladder:
         analytic=p - lift,
         dual=lift + wrong if multipliers else None,
     )
-    return Ladder(statement, solver="qrqp", backup=None, tolerance=1e-8, compile=False)
+    return FallbackChain(statement, solver="qrqp", backup=None, tolerance=1e-8, compile=False)
 
 
 def test_a_guess_on_active_rows_is_certified_by_its_multipliers() -> None:
@@ -89,12 +89,12 @@ def test_a_guess_pressed_against_a_bound_is_an_answer_and_one_pressed_away_is_no
         analytic=ca.SX.ones(2),
         dual=ca.SX(-1),
     )
-    ladder = Ladder(statement, solver="qrqp", backup=None, tolerance=1e-8, compile=False)
-    assert solved(ladder, np.array([-3.0]))[0] == "closed form"
-    name, x_away = solved(ladder, np.array([0.5]))
+    chain = FallbackChain(statement, solver="qrqp", backup=None, tolerance=1e-8, compile=False)
+    assert solved(chain, np.array([-3.0]))[0] == "closed form"
+    name, x_away = solved(chain, np.array([0.5]))
     assert name == "qrqp"
     np.testing.assert_allclose(x_away, 0.0, atol=1e-9)
-    assert solved(ladder, np.array([np.nan]))[0] == ""
+    assert solved(chain, np.array([np.nan]))[0] == ""
 
 
 @pytest.mark.parametrize(("violation", "expected"), [(0.0, True), (1e-9, True), (1e-6, False), (np.nan, False)])
@@ -108,5 +108,5 @@ def test_what_is_made_of_an_answer_is_certified_with_it(violation: float, expect
         minimise=(x.symbol - p) ** 2 / 2,
         violation=ca.SX(violation) + 0 * p,
     )
-    ladder = Ladder(statement, solver=solver, backup=None, tolerance=1e-8, compile=False)
-    assert bool(solved(ladder, np.array([0.5]))[0]) is expected
+    chain = FallbackChain(statement, solver=solver, backup=None, tolerance=1e-8, compile=False)
+    assert bool(solved(chain, np.array([0.5]))[0]) is expected

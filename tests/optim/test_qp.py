@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.optim.backends import to_qpsolvers
-from rehab_opt.optim.ladder import Ladder
+from rehab_opt.optim.fallback_chain import FallbackChain
 from rehab_opt.optim.qp import Statement
 from rehab_opt.optim.rows import PLAUSIBLE, equal, parameter, variable, within
 from rehab_opt.symbolic.tick import Tick
@@ -81,10 +81,10 @@ def test_what_is_marked_is_a_number_of_the_problem() -> None:
     cost = 0.5 * ca.sumsqr(x.symbol - doubled)
     statement = Statement("marked", [p], [x], cost, tick=tick, memory=memory, remember=memory)
     np.testing.assert_allclose(statement.instance([1, 2], memory=[0.5]).g, [-2.5, -4.5])
-    climbed = Ladder(statement, solver="qrqp", backup="proxqp", tolerance=1e-6, compile=False)
-    climbed.parameters[:], climbed.memory[:] = (1, 2), 0.5
-    assert climbed()
-    np.testing.assert_allclose(climbed.x, [2.5, 4.5], atol=1e-9)
+    chain = FallbackChain(statement, solver="qrqp", backup="proxqp", tolerance=1e-6, compile=False)
+    chain.parameters[:], chain.memory[:] = (1, 2), 0.5
+    assert chain()
+    np.testing.assert_allclose(chain.x, [2.5, 4.5], atol=1e-9)
 
 
 # ------------------------------------------------------------------------------------------ equal() and within()
@@ -188,7 +188,7 @@ def test_another_solver_on_the_exported_problem_gives_the_fused_answer(solver: s
     np.testing.assert_allclose(FUSED.x, solved(qp, solver).x, atol=1e-7)
 
 
-FUSED = Ladder(GENERAL[4, 2], solver="qrqp", backup="proxqp", tolerance=1e-8, compile=False)
+FUSED = FallbackChain(GENERAL[4, 2], solver="qrqp", backup="proxqp", tolerance=1e-8, compile=False)
 
 
 @settings(max_examples=40)

@@ -1,4 +1,4 @@
-"""Claims about recording: a witness sees each tick's own QP, once, and costs nothing where there is none."""
+"""Claims about recording: a recorder sees each tick's own QP, once, and costs nothing where there is none."""
 
 import math
 import shlex
@@ -13,10 +13,10 @@ from rehab_opt.cli import main
 from rehab_opt.control.arm_ik import ArmIK
 from rehab_opt.kinematics.human_arm import human_arm
 from rehab_opt.optim.backends import backend
-from rehab_opt.optim.ladder import Ladder
+from rehab_opt.optim.fallback_chain import FallbackChain
 from rehab_opt.optim.qp import Statement
+from rehab_opt.optim.recorder import recorder_now, recording_qps
 from rehab_opt.optim.rows import Instance, parameter, variable, within
-from rehab_opt.optim.witness import witness_now, witnessed
 from rehab_opt.qp_recording import recording
 from rehab_opt.qp_recording.recording import file_names, recorded_run
 from rehab_opt.qp_recording.sequence import QPSequence, read_sequence, sequence_of
@@ -30,8 +30,8 @@ def tracker(**options: object) -> PoseTracker:
     return PoseTracker(ur5(velocity=0.2), dt=0.01, compile=False, **options)  # type: ignore[arg-type]
 
 
-def ladder(statement: Statement) -> Ladder:
-    return Ladder(statement, solver="qrqp", backup="daqp", tolerance=1e-9, compile=False)
+def ladder(statement: Statement) -> FallbackChain:
+    return FallbackChain(statement, solver="qrqp", backup="daqp", tolerance=1e-9, compile=False)
 
 
 def moved(robot: PoseTracker, ticks: int) -> list[Instance]:
@@ -53,12 +53,12 @@ def assert_same(seen: list[Instance], told: list[Instance]) -> None:
             np.testing.assert_array_equal(a, b)
 
 
-# ------------------------------------------------------------------------------------------------------------ witness
+# ------------------------------------------------------------------------------------------------------------ recorder
 @pytest.mark.parametrize("solver", ["qrqp", "proxqp", "daqp"])
-def test_a_witness_sees_each_tick_s_own_qp_once(solver: str) -> None:
-    with witnessed() as witness:
+def test_a_recorder_sees_each_tick_s_own_qp_once(solver: str) -> None:
+    with recording_qps() as recorder:
         told = moved(tracker(solver=solver), 12)
-    (stream,) = witness.streams
+    (stream,) = recorder.streams
     assert stream.name == "pose_tracker"
     assert stream.tolerance == tracker().tolerance
     assert_same(stream.instances(), told)
@@ -71,8 +71,8 @@ def test_what_is_tried_again_is_seen_once() -> None:
         "again", parameters=[target], variables=[x], minimise=(x.symbol - target) ** 2 / 2,
         subject_to=[within(x.symbol, -0.5, 0.5)],
     )  # fmt: skip
-    with witnessed() as again:
-        other = Ladder(statement, solver="qrqp", backup="proxqp", tolerance=1e-9, compile=False)
+    with recording_qps() as again:
+        other = FallbackChain(statement, solver="qrqp", backup="proxqp", tolerance=1e-9, compile=False)
         plain = other.function.evaluate
 
         def failing() -> None:
@@ -87,39 +87,39 @@ def test_what_is_tried_again_is_seen_once() -> None:
     assert qp.g[0] == -0.7
 
 
-def test_without_a_witness_the_hot_path_is_the_compiled_function_itself() -> None:
-    assert witness_now() is None
+def test_without_a_recorder_the_hot_path_is_the_compiled_function_itself() -> None:
+    assert recorder_now() is None
     stated = tracker().stated
     usual = type(ladder(stated).function.evaluate)  # what CasADi gives
     assert usual is type(BufferedFunction(ca.Function("one", [], [1.0])).evaluate)
-    with witnessed():
+    with recording_qps():
         assert type(ladder(stated).function.evaluate) is not usual
-    assert witness_now() is None
+    assert recorder_now() is None
 
 
-def test_a_witness_that_has_left_sees_no_more() -> None:
-    with witnessed() as witness:
+def test_a_recorder_that_has_left_sees_no_more() -> None:
+    with recording_qps() as recorder:
         robot = tracker()
         moved(robot, 3)
     moved(robot, 3)
-    assert [stream.met for stream in witness.streams] == [3]
+    assert [stream.met for stream in recorder.streams] == [3]
 
 
 def test_the_window_is_what_was_asked_for() -> None:
-    with witnessed(skip=4, most=3) as witness:
+    with recording_qps(skip=4, most=3) as recorder:
         told = moved(tracker(), 12)
-    (stream,) = witness.streams
+    (stream,) = recorder.streams
     assert (stream.met, len(stream)) == (12, 3)
     assert_same(stream.instances(), told[4:7])
 
 
-def test_a_command_with_a_witness_is_the_command_without() -> None:
+def test_a_command_with_a_recorder_is_the_command_without() -> None:
     def commands() -> list[bytes]:
         robot, q = tracker(), POSE.copy()
         pose = robot.chain.pose(POSE + 0.3)
         return [robot.step(q, pose, np.zeros(6)).value.tobytes() for _ in range(5)]
 
-    with witnessed():
+    with recording_qps():
         seen = commands()
     assert seen == commands()
 
@@ -127,11 +127,11 @@ def test_a_command_with_a_witness_is_the_command_without() -> None:
 def test_the_iterations_of_inverse_kinematics_are_seen_as_the_qps_that_gave_their_steps() -> None:
     """Each QP, solved by another solver, leads to where the next iteration begins."""
     arm = human_arm(range_of_motion="regular")
-    with witnessed() as witness:
+    with recording_qps() as recorder:
         ArmIK(arm, compile=False).solve(
             arm.pose((arm.lower + arm.upper) / 2)[:3, 3] + 0.05, (arm.lower + arm.upper) / 2
         )
-    stream = next(each for each in witness.streams if each.name == "ik_posture_step" and len(each) > 2)
+    stream = next(each for each in recorder.streams if each.name == "ik_posture_step" and len(each) > 2)
     checked = 0
     starts = [values[1] for values in stream.seen]
     for qp, here, there in zip(stream.instances(), starts, starts[1:], strict=False):
@@ -181,11 +181,11 @@ class TwoSearches:
     """A run in which two solvers of one name iterate beside a controller that ticks."""
 
     def __call__(self, loaded: object, **_: object) -> None:
-        witness = witness_now()
-        assert witness is not None
+        recorder = recorder_now()
+        assert recorder is not None
         qp = Instance(np.eye(1), np.zeros(1), np.zeros((0, 1)), np.zeros(0), np.zeros(0), np.zeros(1), np.ones(1))
         for name, ticks in (("search", False), ("search", False), ("controller", True)):
-            witness.stream(name, 1e-8, Instance, ticks=ticks).see(*qp)
+            recorder.stream(name, 1e-8, Instance, ticks=ticks).see(*qp)
 
 
 def test_solvers_of_one_name_are_told_apart_and_iterations_have_no_tick(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -199,11 +199,11 @@ def test_solvers_of_one_name_are_told_apart_and_iterations_have_no_tick(monkeypa
 
 def test_an_iteration_of_a_programme_is_no_tick() -> None:
     arm = human_arm(range_of_motion="regular")
-    with witnessed() as witness:
+    with recording_qps() as recorder:
         ArmIK(arm, compile=False).solve(arm.pose((arm.lower + arm.upper) / 2)[:3, 3])
         tracker()
-    assert {stream.name: stream.ticks for stream in witness.streams}["ik_posture_step"] is False
-    assert {stream.name: stream.ticks for stream in witness.streams}["pose_tracker"] is True
+    assert {stream.name: stream.ticks for stream in recorder.streams}["ik_posture_step"] is False
+    assert {stream.name: stream.ticks for stream in recorder.streams}["pose_tracker"] is True
 
 
 def test_a_folder_in_the_place_of_a_file_is_refused_before_anything_is_written(

@@ -76,6 +76,10 @@ def daemon(*command: str) -> Iterator[subprocess.Popen[bytes]]:
             yield started
         finally:
             started.terminate()
+            try:
+                started.wait(20.0)
+            except subprocess.TimeoutExpired:
+                started.kill()
 
 
 def until(what: str, holds: object, seconds: float = 120.0) -> None:
@@ -147,12 +151,58 @@ def run_on_slurm(people: list[Participant], out: Path, jobs: int) -> tuple[Row, 
         return run_many(people, out=out, executor=client.get_executor(), work=quick)
 
 
+def end_jobs() -> None:
+    """What is left of them; a job that ends when its controller has gone asks for it for ever."""
+    said("scancel", "--user", getpass.getuser())
+    until("the end of the jobs", lambda: not said("squeue", "-h", "-o", "%i"))
+
+
 def logged(log: Path) -> Counter[str]:
     return Counter(log.read_text(encoding="utf-8").split() if log.exists() else ())
 
 
+def three_runs(slurm: Slurm, folder: Path, count: int) -> None:
+    """Break them, count, say."""
+    log, out = folder / "log", folder / "out"
+    half = count // 2
+    people = [person(f"P{i}", f"fine {log}") for i in range(half)]
+    people[half // 3] = person(f"P{half // 3}", f"killed {log}")
+
+    def disturb() -> None:
+        until("a third of the first run", lambda: len(logged(log)) >= half // 3, 600.0)
+        jobs = said("squeue", "-h", "-t", "R", "-o", "%i").split()
+        said("scancel", jobs[0])
+        slurm.control_anew()
+
+    disturbed = threading.Thread(target=disturb)
+    disturbed.start()
+    first = run_on_slurm(people, out, 2)
+    disturbed.join()
+    done = [row.status == "done" for row in first]
+    why = first[half // 3].error[:40]
+    print(f"first run, a job cancelled, the controller killed: {sum(done)} of {half} done, of one {why!r}")
+    assert done == [i != half // 3 for i in range(half)]
+    before = logged(log)
+    command = [sys.executable, "-m", "tests.session.one_node_slurm", "--part", str(folder), str(half), str(count)]
+    with subprocess.Popen(command) as second:
+        until("half of the second run", lambda: len(logged(log)) >= half + (count - half) // 2, 600.0)
+        second.send_signal(signal.SIGKILL)
+    kept = {name for name in logged(log) if (out / name / "result.json").exists()}
+    end_jobs()
+    again = logged(log)
+    people = [person(f"P{i}", f"fine {log}") for i in range(count)]
+    third = run_on_slurm(people, out, 2)
+    computed = {name for name in logged(log) if logged(log)[name] > again[name]}
+    print(f"second run killed with its scheduler when {len(kept) - half + 1} of {count - half} were kept")
+    print(f"third run: {sum(row.status == 'done' for row in third)} of {count} done, {len(computed)} computed")
+    print(f"of those that were kept before: {len(computed & kept)}")
+    print(f"given to a worker more than once, since one was lost: {sum(times > 1 for times in before.values())}")
+    assert all(row.status == "done" for row in third)
+    assert not computed & kept
+
+
 def main() -> None:
-    """Start Slurm, run three times, count, say."""
+    """Start Slurm and run."""
     options = argparse.ArgumentParser()
     options.add_argument("people", type=int, nargs="?", default=24)
     options.add_argument("--part", nargs=3, metavar=("FOLDER", "FIRST", "LAST"))
@@ -165,54 +215,12 @@ def main() -> None:
     if missing:
         sys.exit(f"not here: {', '.join(missing)}; Debian has them in slurmctld, slurmd, slurm-client and munge")
     with tempfile.TemporaryDirectory(prefix="slurm-") as place, ExitStack() as opened:
-        folder = Path(place)
-        slurm, log, out = Slurm(folder, opened), folder / "log", folder / "out"
+        slurm = Slurm(Path(place), opened)
         print(said("sinfo", "--version").strip(), "of one node:", said("sinfo", "-h").strip(), flush=True)
-        half = asked.people // 2
-        people = [person(f"P{i}", f"fine {log}") for i in range(half)]
-        people[half // 3] = person(f"P{half // 3}", f"killed {log}")
-
-        def disturb() -> None:
-            until("a third of the first run", lambda: len(logged(log)) >= half // 3, 600.0)
-            jobs = said("squeue", "-h", "-t", "R", "-o", "%i").split()
-            said("scancel", jobs[0])
-            slurm.control_anew()
-
-        disturbed = threading.Thread(target=disturb)
-        disturbed.start()
-        first = run_on_slurm(people, out, 2)
-        disturbed.join()
-        done = [row.status == "done" for row in first]
-        why = first[half // 3].error[:40]
-        print(f"first run, a job cancelled, the controller killed: {sum(done)} of {half} done, of one {why!r}")
-        assert done == [i != half // 3 for i in range(half)]
-        before = logged(log)
-        command = [
-            sys.executable,
-            "-m",
-            "tests.session.one_node_slurm",
-            "--part",
-            str(folder),
-            str(half),
-            str(asked.people),
-        ]
-        with subprocess.Popen(command) as second:
-            until("half of the second run", lambda: len(logged(log)) >= half + (asked.people - half) // 2, 600.0)
-            second.send_signal(signal.SIGKILL)
-        kept = {name for name in logged(log) if (out / name / "result.json").exists()}
-        said("scancel", "--user", getpass.getuser())
-        again = logged(log)
-        people = [person(f"P{i}", f"fine {log}") for i in range(asked.people)]
-        third = run_on_slurm(people, out, 2)
-        computed = {name for name in logged(log) if logged(log)[name] > again[name]}
-        print(f"second run killed with its scheduler when {len(kept) - half + 1} of {asked.people - half} were kept")
-        print(
-            f"third run: {sum(row.status == 'done' for row in third)} of {asked.people} done, {len(computed)} computed"
-        )
-        print(f"of those that were kept before: {len(computed & kept)}")
-        print(f"given to a worker more than once, since one was lost: {sum(times > 1 for times in before.values())}")
-        assert all(row.status == "done" for row in third)
-        assert not computed & kept
+        try:
+            three_runs(slurm, Path(place), asked.people)
+        finally:
+            end_jobs()
 
 
 if __name__ == "__main__":

@@ -114,3 +114,11 @@ def test_constants_stay_as_they_are_and_zeros_keep_their_place() -> None:
     tick, p = Tick(), ca.SX.sym("p", 2)
     assert float(tick.once(ca.SX(3))) == 3
     assert tick.once(ca.diag(p)).nnz() == 2
+
+
+def test_what_depends_on_nothing_is_evaluated_like_all_else() -> None:
+    tick, p = Tick(), ca.SX.sym("p", 2)
+    square = ca.Function("square", [p], [p**2])
+    constant = tick.when(ca.SX(1), lambda: tick.call(square, ca.SX([1, 2]))[0], lambda: ca.SX([0, 0]))
+    function = tick.function("f", [p], [constant + tick.call(square, ca.SX([3, 0]))[0] + p])
+    assert np.array(function([10.0, 20.0])).ravel().tolist() == [20.0, 24.0]

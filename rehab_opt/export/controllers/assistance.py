@@ -12,7 +12,7 @@ from rehab_opt.control.command import Command
 from rehab_opt.export.controllers.bounded_force import DIFFERENCES, ENERGY, ExportedForce, faulty_ticks
 from rehab_opt.export.controllers.gated_fields import MEMORY, gated_fields
 from rehab_opt.export.recording import Tick, recorded
-from rehab_opt.export.rungs import as_in_c
+from rehab_opt.export.stages import as_in_c
 from rehab_opt.field.potential import PotentialField
 
 __all__ = ["exported_assistance"]
@@ -85,7 +85,7 @@ def exported_assistance(
         return helper.step(tick["x"], v, enable=tick["enable"], stamp=tick["stamp"])
 
     about = f"{len(ticks)} ticks of a hand's path, with faults among them"
-    with as_in_c(helper._ladder):
+    with as_in_c(helper._solvers):
         recording = recorded(answer, ticks, about, more=lambda: (helper.energy_left,))
     helper.aim(all_fields[0])
     helper.reset()

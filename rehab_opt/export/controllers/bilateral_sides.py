@@ -17,7 +17,7 @@ from rehab_opt.export.controllers.bounded_force import DIFFERENCES, ExportedForc
 from rehab_opt.export.controllers.gated_fields import MEMORY, gated_fields
 from rehab_opt.export.evaluated import Evaluated
 from rehab_opt.export.recording import Recording, Tick, recorded
-from rehab_opt.export.rungs import as_in_c
+from rehab_opt.export.stages import as_in_c
 from rehab_opt.workspace.controller_map import ControllerMap
 from rehab_opt.workspace.edge_distance import edge_columns, nearest_point_function
 from rehab_opt.workspace.spline_kernel import point_inputs, point_statement
@@ -254,7 +254,7 @@ def _recording(
     numbers = side._serials  # they go on through a reset, and C begins anew
     try:
         side._serials = type(numbers)()
-        with as_in_c(side.force._ladder):
+        with as_in_c(side.force._solvers):
             return recorded(command_of, ticks, about, more=lambda: (side.force.energy_left, *said[-1]))
     finally:
         side._serials = numbers

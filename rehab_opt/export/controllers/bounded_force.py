@@ -18,7 +18,7 @@ from rehab_opt.export.evaluated import Evaluated
 from rehab_opt.export.exported import ExportedController
 from rehab_opt.export.generated import renamed
 from rehab_opt.export.recording import Tick, with_faults
-from rehab_opt.optim.ladder import BACKUP
+from rehab_opt.optim.fallback_chain import BACKUP
 from rehab_opt.optim.qrqp import QRQP_ITERATIONS
 
 __all__ = ["DIFFERENCES", "ENERGY", "ExportedForce", "faulty_ticks"]

@@ -26,8 +26,8 @@ from rehab_opt.export.controllers.pose_tracker import moving_argument, moving_va
 from rehab_opt.export.exported import BYTES, ExportedVelocity, Law
 from rehab_opt.export.generated import renamed
 from rehab_opt.export.recording import Recording
-from rehab_opt.export.rungs import as_in_c
-from rehab_opt.optim.ladder import BACKUP
+from rehab_opt.export.stages import as_in_c
+from rehab_opt.optim.fallback_chain import BACKUP
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.mirror.laws import tracker_of
 from rehab_opt.session.mirror.problem import MirrorProblem
@@ -176,11 +176,11 @@ def exported_mirror(
     pieces |= {"way_out": "way_out.c", "person_limit": "no_person.c"}
     values = {"one_tick": "", **moving_values(tracker.limits, "parameters + MOVING")}
     more, solves = MEMBERS, 2 * (PASSES + 1)
-    ladders = [tracker._ladder]
+    ladders = [tracker._solvers]
     if limit is not None:
         laws += [Law("following", limit._tracker), Law("settling", limit._settler)]
         pieces |= {"one_tick": "one_tick.c", "person_limit": "person_limit.c"}
-        ladders += [limit._tracker._ladder, limit._settler._ladder]
+        ladders += [limit._tracker._solvers, limit._settler._solvers]
         values |= _person(limit)
         more += PERSON_MEMBERS.format(limit.chain.n)
         solves *= max(2, mirror_following.SETTLING_TICKS)  # the model's beside the robot's, or its alone

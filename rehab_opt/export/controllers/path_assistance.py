@@ -12,7 +12,7 @@ from rehab_opt.control.path_progress import PATH_MODEL, PROGRESS, progress_funct
 from rehab_opt.export.controllers.bounded_force import DIFFERENCES, ENERGY, ExportedForce, faulty_ticks
 from rehab_opt.export.evaluated import Evaluated
 from rehab_opt.export.recording import Tick, recorded
-from rehab_opt.export.rungs import as_in_c
+from rehab_opt.export.stages import as_in_c
 from rehab_opt.workspace.edge_distance import edge_columns
 
 __all__ = ["exported_path_assistance"]
@@ -71,7 +71,7 @@ def exported_path_assistance(helper: PathAssistance, positions: Array, *, title:
         return helper.step(tick["x"], v, enable=tick["enable"], stamp=tick["stamp"])
 
     about = f"{len(ticks)} ticks of a hand's path, with faults among them"
-    with as_in_c(helper._ladder):
+    with as_in_c(helper._solvers):
         recording = recorded(answer, ticks, about, more=lambda: (helper.energy_left, helper.progress))
     helper.reset()
     last = int(helper.path_model[PATH_MODEL["last"]])

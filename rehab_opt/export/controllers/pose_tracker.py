@@ -13,8 +13,8 @@ from rehab_opt.control.pose_tracker import PoseTracker
 from rehab_opt.errors import ProblemFileError
 from rehab_opt.export.exported import ExportedController, ExportedVelocity, Law
 from rehab_opt.export.recording import Tick, about_run, encoders, recorded, standing, thinned, with_faults
-from rehab_opt.export.rungs import as_in_c
-from rehab_opt.optim.ladder import BACKUP, FUSED
+from rehab_opt.export.stages import as_in_c
+from rehab_opt.optim.fallback_chain import BACKUP, FUSED
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.outcome import Progress
 from rehab_opt.session.plant.making import joint_feedback
@@ -99,7 +99,7 @@ def exported_tracker(tracker: PoseTracker, run: Sequence[Tick], *, title: str, o
             tick["q"], tick["pose"], tick["twist"], **around, enable=tick["enable"], stamp=tick["stamp"]
         )
 
-    with as_in_c(tracker._ladder):
+    with as_in_c(tracker._solvers):
         tracker.reset()
         recording = recorded(answer, ticks, about, joints=joints)
     tracker.reset()

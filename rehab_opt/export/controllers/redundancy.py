@@ -18,8 +18,8 @@ from rehab_opt.export.c_text import indented, initialiser, number
 from rehab_opt.export.controllers.pose_tracker import moving_argument, moving_values
 from rehab_opt.export.exported import ExportedController, ExportedVelocity, Law
 from rehab_opt.export.recording import Recording, Tick, about_run, encoders, recorded, standing, thinned, with_faults
-from rehab_opt.export.rungs import as_in_c
-from rehab_opt.optim.ladder import BACKUP, FUSED
+from rehab_opt.export.stages import as_in_c
+from rehab_opt.optim.fallback_chain import BACKUP, FUSED
 from rehab_opt.session.ardis.outcome import moved
 from rehab_opt.session.ardis.problem import ArdisProblem, DriveName
 from rehab_opt.session.ardis.robot import joystick_of, resolver_of, robot_of, start_of
@@ -152,7 +152,7 @@ def _recording(resolver: RedundancyResolver, run: Sequence[Tick], of: str) -> Re
 
     about = about_run(len(ticks), of, law.feedback)
     resolver.reset()
-    with as_in_c(*(law._ladder for law in resolver._sets.values())):
+    with as_in_c(*(law._solvers for law in resolver._sets.values())):
         recording = recorded(answer, ticks, about, joints=joints)
     resolver.reset()
     return recording

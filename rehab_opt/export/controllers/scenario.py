@@ -18,7 +18,7 @@ from rehab_opt.export.controllers.assistance import exported_assistance
 from rehab_opt.export.controllers.bilateral_sides import exported_helper_side, exported_participant_side
 from rehab_opt.export.controllers.path_assistance import exported_path_assistance
 from rehab_opt.export.exported import ExportedController
-from rehab_opt.optim.ladder import FUSED
+from rehab_opt.optim.fallback_chain import FUSED
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.outcome import Progress
 from rehab_opt.session.scenario.laws import Assisted, ForceLaw

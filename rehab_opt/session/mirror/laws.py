@@ -60,7 +60,7 @@ KEYS = {
 def tracker_of(
     problem: MirrorProblem, scene: Scene, *, file: str, backup: str | None = None, live: bool = False, **options: Any
 ) -> MirrorTracker:
-    """The tracker with the file's parameters; `backup` as for `Ladder`, `options` are further ones of `MirrorTracker`.
+    """The tracker with the file's parameters; `backup` as for `FallbackChain`, `options` are others of `MirrorTracker`.
 
     With `live` it is told of the person's arm, and what comes is limited to that tick by tick: `scene.led` is already.
 

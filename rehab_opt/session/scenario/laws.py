@@ -15,7 +15,7 @@ from rehab_opt.control.bounded_force import BoundedForce, ForceBounds
 from rehab_opt.control.command import Bound, Command, Status
 from rehab_opt.control.path_assistance import PathAssistance
 from rehab_opt.control.smoother import Smoother
-from rehab_opt.optim.ladder import FUSED
+from rehab_opt.optim.fallback_chain import FUSED
 from rehab_opt.published.field_law import FieldLaw
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.refusals import refused_as, solver_refusals

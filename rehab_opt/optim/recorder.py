@@ -1,7 +1,7 @@
 """The QPs that solvers meet while a controller runs, kept for inspection; nothing is paid where nobody asks.
 
-A solver made within `witnessed` tells of every problem before it solves it. Whether anybody listens is decided where
-the solver is made, so that a tick without a witness is the same machine code as before.
+A solver made within `recording_qps` tells of every problem before it solves it. Whether anybody listens is decided
+where the solver is made, so that a tick without a recorder is the same machine code as before.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from rehab_opt.optim.rows import Instance
 
-__all__ = ["Stream", "Witness", "witness_now", "witnessed"]
+__all__ = ["QPRecorder", "Stream", "recorder_now", "recording_qps"]
 
 Array = NDArray[np.float64]
 
@@ -65,8 +65,8 @@ class Stream:
         return [self._make(*values) for values in self._seen]
 
 
-class Witness:
-    """Streams of QPs, one for each solver that was made meanwhile; see `witnessed`."""
+class QPRecorder:
+    """Streams of QPs, one for each solver that was made meanwhile; see `recording_qps`."""
 
     def __init__(self, *, skip: int = 0, most: int | None = None) -> None:
         self.streams: list[Stream] = []
@@ -104,26 +104,26 @@ class Witness:
         return seen_and_solved
 
 
-_NOW: ContextVar[Witness | None] = ContextVar("witness", default=None)
+_NOW: ContextVar[QPRecorder | None] = ContextVar("recorder", default=None)
 
 
-def witness_now() -> Witness | None:
+def recorder_now() -> QPRecorder | None:
     """Who wants to know of the solvers that are made now, or None."""
     return _NOW.get()
 
 
 @contextmanager
-def witnessed(*, skip: int = 0, most: int | None = None) -> Iterator[Witness]:
+def recording_qps(*, skip: int = 0, most: int | None = None) -> Iterator[QPRecorder]:
     """Within it, solvers that are made tell of their QPs; what is made before or after does not.
 
     Parameters
     ----------
     skip, most : of each solver's QPs, how many are let pass first, and how many are then kept; None for all.
     """
-    witness = Witness(skip=skip, most=most)
-    token = _NOW.set(witness)
+    recorder = QPRecorder(skip=skip, most=most)
+    token = _NOW.set(recorder)
     try:
-        yield witness
+        yield recorder
     finally:
         _NOW.reset(token)
-        witness.open = False
+        recorder.open = False

@@ -13,8 +13,8 @@ from rehab_opt.errors import ConfigurationError
 from rehab_opt.optim import backends
 from rehab_opt.optim.answer import Answer, Backend
 from rehab_opt.optim.backends import QpsolversBackend, backend
+from rehab_opt.optim.fallback_chain import FallbackChain
 from rehab_opt.optim.fused import FUSED_SOLVERS
-from rehab_opt.optim.ladder import Ladder
 from rehab_opt.optim.qp import Statement
 from rehab_opt.optim.rows import PLAUSIBLE, Instance, parameter, variable, within
 from tests.optim.random_qps import Array, general_statement, parameters_of, random_qp, seeds, solved
@@ -38,8 +38,8 @@ def counting(*, guess: bool = False, rows: bool = True) -> Statement:
     )  # fmt: skip
 
 
-def ladder(statement: Statement | None = None, *, solver: str = "qrqp", backup: str = "daqp") -> Ladder:
-    return Ladder(statement or counting(), solver=solver, backup=backup, tolerance=TOLERANCE, compile=False)
+def made(statement: Statement | None = None, *, solver: str = "qrqp", backup: str = "daqp") -> FallbackChain:
+    return FallbackChain(statement or counting(), solver=solver, backup=backup, tolerance=TOLERANCE, compile=False)
 
 
 @pytest.fixture
@@ -89,11 +89,11 @@ FAILURES = [garbage, nan, nan_among_good_numbers, without_multipliers, infinite]
 @given(st.integers(0, 10**6))
 def test_what_is_certified_is_the_solution(solver: str, seed: int) -> None:
     qp = random_qp(seed, N, M, unbounded=False)
-    climbed = ladder(GENERAL, solver=solver, backup="daqp" if solver != "daqp" else "qrqp")
-    climbed.parameters[:] = parameters_of(qp)
-    assert climbed()
-    assert 0 <= climbed.residual[0] <= TOLERANCE
-    np.testing.assert_allclose(climbed.x, solved(qp).x, atol=1e-6)
+    chain = made(GENERAL, solver=solver, backup="daqp" if solver != "daqp" else "qrqp")
+    chain.parameters[:] = parameters_of(qp)
+    assert chain()
+    assert 0 <= chain.residual[0] <= TOLERANCE
+    np.testing.assert_allclose(chain.x, solved(qp).x, atol=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -102,12 +102,12 @@ def test_what_is_certified_is_the_solution(solver: str, seed: int) -> None:
 )
 def test_the_primary_answers_nearly_always_and_its_backup_else(solver: str, rows: int, least: float) -> None:
     """A tenth of random QPs with rows is too much for qrqp, also in casadi's own hands and with more iterations."""
-    climbed = ladder(general_statement(N, rows), solver=solver, backup="daqp" if solver != "daqp" else "osqp")
+    chain = made(general_statement(N, rows), solver=solver, backup="daqp" if solver != "daqp" else "osqp")
     answers = []
     for seed in range(200):
-        climbed.warm_start(0.0)
-        climbed.parameters[:] = parameters_of(random_qp(seed, N, rows, unbounded=False))
-        answers.append(climbed())
+        chain.warm_start(0.0)
+        chain.parameters[:] = parameters_of(random_qp(seed, N, rows, unbounded=False))
+        answers.append(chain())
     primary = FUSED_SOLVERS if solver == "qrqp" else (solver,)
     assert sum(who in primary for who in answers) >= least * len(answers)
     assert "" not in answers
@@ -118,8 +118,8 @@ GENERAL = general_statement(N, M)
 
 @pytest.mark.usefixtures("shipped")
 def test_machine_code_and_virtual_machine_give_the_same_answers() -> None:
-    machine = Ladder(GENERAL, solver="qrqp", backup="daqp", tolerance=TOLERANCE, compile="wait")
-    virtual = ladder(GENERAL)
+    machine = FallbackChain(GENERAL, solver="qrqp", backup="daqp", tolerance=TOLERANCE, compile="wait")
+    virtual = made(GENERAL)
     for seed in range(100):  # one after another: warm starts as well
         numbers = parameters_of(random_qp(seed, N, M, unbounded=False))
         machine.parameters[:] = virtual.parameters[:] = numbers
@@ -132,22 +132,22 @@ def test_machine_code_and_virtual_machine_give_the_same_answers() -> None:
 def test_small_problems_are_problems_too(solver: str, size: tuple[int, int]) -> None:
     statement = general_statement(*size)
     for seed in range(5):
-        climbed = ladder(statement, solver=solver, backup="osqp")
+        chain = made(statement, solver=solver, backup="osqp")
         qp = random_qp(seed, *size, unbounded=False)
-        climbed.parameters[:] = parameters_of(qp)
-        who = climbed()
+        chain.parameters[:] = parameters_of(qp)
+        who = chain()
         assert who == solver or (who and solver == "qrqp")
-        np.testing.assert_allclose(climbed.x, solved(qp).x, atol=1e-6)
+        np.testing.assert_allclose(chain.x, solved(qp).x, atol=1e-6)
 
 
 @pytest.mark.parametrize("solver", SOLVERS)
 def test_report_and_memory_are_those_of_the_answer(solver: str) -> None:
-    climbed = ladder(solver=solver, backup="qrqp")
+    chain = made(solver=solver, backup="qrqp")
     for tick in range(3):
-        climbed.parameters[:] = 0.3, 0.1 * tick
-        assert climbed()
-        assert climbed.report.tolist() == pytest.approx([0.3 + 0.1 * tick, tick], abs=1e-6)
-        assert climbed.memory.tolist() == [tick + 1]
+        chain.parameters[:] = 0.3, 0.1 * tick
+        assert chain()
+        assert chain.report.tolist() == pytest.approx([0.3 + 0.1 * tick, tick], abs=1e-6)
+        assert chain.memory.tolist() == [tick + 1]
 
 
 # ------------------------------------------------------------------------------- guess and last active set
@@ -162,17 +162,17 @@ def test_a_guess_changes_who_answers_and_not_what(p: list[float]) -> None:
     assert (who == "closed form") == inside
 
 
-PLAIN, GUESSING = ladder(counting()), ladder(counting(guess=True))
+PLAIN, GUESSING = made(counting()), made(counting(guess=True))
 
 
 @pytest.mark.parametrize("wrong", [np.nan, np.inf, 0.3])
 def test_a_wrong_guess_is_not_the_answer(wrong: float) -> None:
     p, x = parameter("p", 2), variable("x", 2, lower=-1, upper=1)
     statement = Statement("wrong", [p], [x], 0.5 * ca.sumsqr(x.symbol - p), analytic=p + wrong)
-    climbed = ladder(statement)
-    climbed.parameters[:] = 0.2, 0.4
-    assert climbed() in {"qrqp", "active set"}
-    np.testing.assert_allclose(climbed.x, [0.2, 0.4], atol=1e-9)
+    chain = made(statement)
+    chain.parameters[:] = 0.2, 0.4
+    assert chain() in {"qrqp", "active set"}
+    np.testing.assert_allclose(chain.x, [0.2, 0.4], atol=1e-9)
 
 
 @pytest.mark.usefixtures("shipped")
@@ -183,22 +183,22 @@ def test_a_guess_without_gradient_by_its_form_is_not_certified_for_bad_parameter
     bad: float, rows: bool, compile: bool
 ) -> None:
     statement = counting(guess=True, rows=rows)  # the gradient p - p vanishes already in the expression
-    climbed = Ladder(statement, solver="qrqp", backup="daqp", tolerance=TOLERANCE, compile=compile)
-    climbed.parameters[:] = 0.1, bad
-    assert climbed() == ""
-    assert not 0 <= climbed.residual[0] <= TOLERANCE
-    assert np.isfinite(climbed.state).all()
+    chain = FallbackChain(statement, solver="qrqp", backup="daqp", tolerance=TOLERANCE, compile=compile)
+    chain.parameters[:] = 0.1, bad
+    assert chain() == ""
+    assert not 0 <= chain.residual[0] <= TOLERANCE
+    assert np.isfinite(chain.state).all()
 
 
 @pytest.mark.parametrize("solver", SOLVERS)
 def test_a_guess_within_its_bounds_is_not_certified_where_data_are_unsound(solver: str) -> None:
     p, x = parameter("p", 2), variable("x", 2, lower=-1, upper=1)
     cost = 0.5 * ca.sumsqr(x.symbol - p)
-    climbed = ladder(Statement("unsound", [p], [x], cost, requires=[p[0] > p[1]], analytic=p), solver=solver)
-    climbed.parameters[:] = 0.1, 0.2
-    assert climbed() == ""
-    climbed.parameters[:] = 0.2, 0.1
-    assert climbed()
+    chain = made(Statement("unsound", [p], [x], cost, requires=[p[0] > p[1]], analytic=p), solver=solver)
+    chain.parameters[:] = 0.1, 0.2
+    assert chain() == ""
+    chain.parameters[:] = 0.2, 0.1
+    assert chain()
 
 
 @settings(max_examples=30)
@@ -215,17 +215,17 @@ def test_the_last_active_set_changes_no_answer(seed: int) -> None:
     assert who <= {"qrqp", "active set"}
 
 
-ACTIVE = ladder(general_statement(N, 0))
+ACTIVE = made(general_statement(N, 0))
 
 
 def test_bounds_that_stay_active_need_no_solver() -> None:
     p, x = parameter("p", 2), variable("x", 2, lower=-1, upper=1)
-    climbed = ladder(Statement("stay", [p], [x], 0.5 * ca.sumsqr(x.symbol - p)))
+    chain = made(Statement("stay", [p], [x], 0.5 * ca.sumsqr(x.symbol - p)))
     answers = []
     for first in (3.0, 3.1, 3.2):
-        climbed.parameters[:] = first, 0.2
-        answers.append(climbed())
-        np.testing.assert_allclose(climbed.x, [1.0, 0.2], atol=1e-12)
+        chain.parameters[:] = first, 0.2
+        answers.append(chain())
+        np.testing.assert_allclose(chain.x, [1.0, 0.2], atol=1e-12)
     assert answers[1:] == ["active set", "active set"]
 
 
@@ -236,12 +236,12 @@ def test_the_backup_answers_where_the_primary_fails(
     made_to_fail: Callable[[dict[str, Broken]], None], failure: Broken, primary: str, backup: str
 ) -> None:
     made_to_fail({primary: failure})
-    climbed = ladder(solver=primary, backup=backup)
-    climbed.parameters[:] = 3.0, 0.2
-    assert climbed() == backup
-    assert 0 <= climbed.residual[0] <= TOLERANCE
-    np.testing.assert_allclose(climbed.x, [1.0, 0.2], atol=1e-6)
-    assert climbed.memory.tolist() == [1]
+    chain = made(solver=primary, backup=backup)
+    chain.parameters[:] = 3.0, 0.2
+    assert chain() == backup
+    assert 0 <= chain.residual[0] <= TOLERANCE
+    np.testing.assert_allclose(chain.x, [1.0, 0.2], atol=1e-6)
+    assert chain.memory.tolist() == [1]
 
 
 @pytest.mark.parametrize("failure", FAILURES)
@@ -250,13 +250,13 @@ def test_where_both_fail_nobody_answers_and_the_memory_stays(
     made_to_fail: Callable[[dict[str, Broken]], None], failure: Broken, primary: str
 ) -> None:
     made_to_fail({primary: failure, "proxqp": failure})
-    climbed = ladder(solver=primary, backup="proxqp")
-    climbed.memory[:] = 7.0
-    climbed.parameters[:] = 3.0, 0.2
-    assert climbed() == ""
-    assert not 0 <= climbed.residual[0] <= TOLERANCE
-    assert climbed.memory.tolist() == [7]
-    assert np.isfinite(climbed.state).all()
+    chain = made(solver=primary, backup="proxqp")
+    chain.memory[:] = 7.0
+    chain.parameters[:] = 3.0, 0.2
+    assert chain() == ""
+    assert not 0 <= chain.residual[0] <= TOLERANCE
+    assert chain.memory.tolist() == [7]
+    assert np.isfinite(chain.state).all()
 
 
 @pytest.mark.parametrize(("found", "x"), [(False, None), (True, None), (False, 2e9), (True, np.nan)])
@@ -271,24 +271,24 @@ def test_a_solver_of_qpsolvers_that_says_no_is_followed_by_the_backup(
 
     monkeypatch.setattr(qpsolvers, "solve_problem", solve_problem)
     monkeypatch.setattr(backends, "backend", through_qpsolvers)
-    climbed = ladder(solver="daqp", backup="qrqp")
-    climbed.parameters[:] = 3.0, 0.2
-    assert climbed() == "qrqp"
-    np.testing.assert_allclose(climbed.x, [1.0, 0.2], atol=1e-6)
+    chain = made(solver="daqp", backup="qrqp")
+    chain.parameters[:] = 3.0, 0.2
+    assert chain() == "qrqp"
+    np.testing.assert_allclose(chain.x, [1.0, 0.2], atol=1e-6)
 
 
-def fused_failing(climbed: Ladder, times: int, residual: float) -> list[Array]:
+def fused_failing(chain: FallbackChain, times: int, residual: float) -> list[Array]:
     """Make the fused function give a wrong answer that often; returns the states it was started from."""
-    real, started = climbed.function.evaluate, []
+    real, started = chain.function.evaluate, []
 
     def evaluate() -> None:
-        started.append(climbed.state.copy())
+        started.append(chain.state.copy())
         real()
         if len(started) <= times:
-            climbed.answer[:] = np.full(climbed.state.size, 2e9)
-            climbed.verdict[0] = residual
+            chain.answer[:] = np.full(chain.state.size, 2e9)
+            chain.verdict[0] = residual
 
-    climbed.function.evaluate = evaluate
+    chain.function.evaluate = evaluate
     return started
 
 
@@ -303,53 +303,53 @@ def test_a_failed_warm_start_is_tried_again_cold_behind_the_backup(
         return garbage(qp)
 
     made_to_fail({"osqp": unable})
-    climbed = ladder(backup="osqp")
-    climbed.parameters[:] = 3.0, 0.2
-    climbed()
+    chain = made(backup="osqp")
+    chain.parameters[:] = 3.0, 0.2
+    chain()
     assert not asked
-    started = fused_failing(climbed, 1, residual)
-    assert climbed() == "qrqp"
+    started = fused_failing(chain, 1, residual)
+    assert chain() == "qrqp"
     assert len(asked) == 1
     warm, cold = started
     assert warm[:5].any()
     assert not cold[:5].any()
     assert cold[5:].tolist() == warm[5:].tolist() == [1]  # the memory is no warm start
-    np.testing.assert_allclose(climbed.x, [1.0, 0.2], atol=1e-9)
-    assert climbed.memory.tolist() == [2]
+    np.testing.assert_allclose(chain.x, [1.0, 0.2], atol=1e-9)
+    assert chain.memory.tolist() == [2]
 
 
 @pytest.mark.parametrize("residual", [np.nan, np.inf, 1.0, -1.0])
 def test_the_backup_answers_at_once_where_the_fused_solver_fails(residual: float) -> None:
-    climbed = ladder(backup="proxqp")
-    climbed.parameters[:] = 3.0, 0.2
-    started = fused_failing(climbed, 1, residual)
-    assert climbed() == "proxqp"
+    chain = made(backup="proxqp")
+    chain.parameters[:] = 3.0, 0.2
+    started = fused_failing(chain, 1, residual)
+    assert chain() == "proxqp"
     assert len(started) == 1
-    np.testing.assert_allclose(climbed.x, [1.0, 0.2], atol=1e-6)
-    assert climbed.iterations >= 0
-    climbed.parameters[:] = 0.4, 0.2
-    assert climbed() in FUSED_SOLVERS
-    np.testing.assert_allclose(climbed.x, [0.4, 0.2], atol=1e-9)
+    np.testing.assert_allclose(chain.x, [1.0, 0.2], atol=1e-6)
+    assert chain.iterations >= 0
+    chain.parameters[:] = 0.4, 0.2
+    assert chain() in FUSED_SOLVERS
+    np.testing.assert_allclose(chain.x, [0.4, 0.2], atol=1e-9)
 
 
 # ----------------------------------------------------------------------------------------- unusable parameters
 @pytest.fixture(params=SOLVERS)
-def used(request: pytest.FixtureRequest) -> Iterator[Ladder]:
-    climbed = ladder(solver=request.param, backup="osqp" if request.param != "osqp" else "qrqp")
-    climbed.parameters[:] = 0.1, 0.2
-    climbed()
-    yield climbed
+def used(request: pytest.FixtureRequest) -> Iterator[FallbackChain]:
+    chain = made(solver=request.param, backup="osqp" if request.param != "osqp" else "qrqp")
+    chain.parameters[:] = 0.1, 0.2
+    chain()
+    yield chain
     for _ in range(2):  # well again, whatever was tried
-        climbed.parameters[:] = 3.0, 0.2
-        assert climbed()
-        np.testing.assert_allclose(climbed.x, [1.0, 0.2], atol=1e-6)
+        chain.parameters[:] = 3.0, 0.2
+        assert chain()
+        np.testing.assert_allclose(chain.x, [1.0, 0.2], atol=1e-6)
 
 
 @pytest.mark.parametrize(
     "bad", [np.nan, np.inf, -np.inf, 1e300, -1e300, 1e200, 1e150, PLAUSIBLE * 1.001, -PLAUSIBLE * 1.001]
 )
 @pytest.mark.parametrize("place", [0, 1])
-def test_a_parameter_that_is_no_plausible_number_gives_no_answer(used: Ladder, bad: float, place: int) -> None:
+def test_a_parameter_that_is_no_plausible_number_gives_no_answer(used: FallbackChain, bad: float, place: int) -> None:
     used.parameters[place] = bad
     assert used() == ""
     assert not 0 <= used.residual[0] <= TOLERANCE
@@ -357,7 +357,7 @@ def test_a_parameter_that_is_no_plausible_number_gives_no_answer(used: Ladder, b
     assert np.isfinite(used.state).all()
 
 
-def test_what_the_statement_requires_is_required(used: Ladder) -> None:
+def test_what_the_statement_requires_is_required(used: FallbackChain) -> None:
     used.parameters[:] = -2.1, 0.0
     assert used() == ""
     assert used.memory.tolist() == [1]
@@ -370,37 +370,37 @@ def test_a_nan_memory_gives_no_answer() -> None:
     p, memory = parameter("p", 1), ca.SX.sym("memory", 1)
     x = variable("x", 1, lower=-1, upper=1)
     statement = Statement("m", [p], [x], 0.5 * ca.sumsqr(x.symbol - p - memory), memory=memory, remember=x.symbol)
-    climbed = ladder(statement, backup="proxqp")
-    climbed.memory[:] = np.nan
-    assert climbed() == ""
-    climbed.memory[:] = 0.5
-    assert climbed()
-    assert climbed.x[0] == pytest.approx(0.5)
+    chain = made(statement, backup="proxqp")
+    chain.memory[:] = np.nan
+    assert chain() == ""
+    chain.memory[:] = 0.5
+    assert chain()
+    assert chain.x[0] == pytest.approx(0.5)
 
 
 # ----------------------------------------------------------------------------------------------------- arguments
 @pytest.mark.parametrize("tolerance", [0.0, -1e-6, 1.0, np.nan, np.inf])
 def test_a_tolerance_is_a_small_positive_number(tolerance: float) -> None:
     with pytest.raises(ConfigurationError, match="tolerance"):
-        Ladder(counting(), solver="qrqp", backup="daqp", tolerance=tolerance, compile=False)
+        FallbackChain(counting(), solver="qrqp", backup="daqp", tolerance=tolerance, compile=False)
 
 
 @pytest.mark.parametrize("argument", ["solver", "backup"])
 def test_an_unknown_solver_is_named_when_the_ladder_is_made(argument: str) -> None:
     names = {"solver": "qrqp", "backup": "daqp", argument: "gurobix"}
     with pytest.raises(ConfigurationError, match="gurobix") as caught:
-        Ladder(counting(), **names, tolerance=TOLERANCE, compile=False)  # type: ignore[arg-type]
+        FallbackChain(counting(), **names, tolerance=TOLERANCE, compile=False)  # type: ignore[arg-type]
     assert caught.value.argument == argument
 
 
 @pytest.mark.parametrize(("solver", "backup"), [("qrqp", "daqp"), ("osqp", "daqp"), ("daqp", "qrqp")])
 def test_the_backup_is_another_kind_of_solver_where_none_is_named(solver: str, backup: str) -> None:
-    assert Ladder(counting(), solver=solver, backup=None, tolerance=TOLERANCE, compile=False).backup == backup
+    assert FallbackChain(counting(), solver=solver, backup=None, tolerance=TOLERANCE, compile=False).backup == backup
 
 
 def test_a_start_is_forgotten_and_the_memory_kept() -> None:
-    climbed = ladder()
-    climbed.parameters[:] = 3.0, 0.2
-    climbed()
-    climbed.warm_start([0.5, 0.6])
-    assert climbed.state.tolist() == [0.5, 0.6, 0, 0, 0, 1]
+    chain = made()
+    chain.parameters[:] = 3.0, 0.2
+    chain()
+    chain.warm_start([0.5, 0.6])
+    assert chain.state.tolist() == [0.5, 0.6, 0, 0, 0, 1]

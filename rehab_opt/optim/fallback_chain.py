@@ -14,14 +14,14 @@ from rehab_opt.errors import ConfigurationError
 from rehab_opt.optim.certificate import is_certified
 from rehab_opt.optim.fused import FUSED_SOLVERS, fused
 from rehab_opt.optim.qp import Statement
+from rehab_opt.optim.recorder import recorder_now
 from rehab_opt.optim.rows import Instance
-from rehab_opt.optim.witness import witness_now
 from rehab_opt.symbolic import BufferedFunction, Compile
 
 if TYPE_CHECKING:
     from rehab_opt.optim.answer import Backend
 
-__all__ = ["BACKUP", "FUSED", "Ladder"]
+__all__ = ["BACKUP", "FUSED", "FallbackChain"]
 
 FUSED = FUSED_SOLVERS[0]
 """Name of the solver inside the fused function."""
@@ -30,7 +30,7 @@ BACKUP = "daqp"
 and takes up to 50 ms."""
 
 
-class Ladder:
+class FallbackChain:
     """Solves one statement tick after tick.
 
     Write the parameters into `parameters`, call, and read `x`, `residual` and `report`; all are arrays that the next
@@ -78,8 +78,8 @@ class Ladder:
         self.x = self._answer[: statement.n]
         self.memory = self.state[2 * statement.n + statement.m :]
         self.iterations = -1
-        self._tell_witness()
-        self._rungs = {FUSED: None, solver: self._backend("solver", solver), backup: self._backend("backup", backup)}
+        self._set_recorder()
+        self._backends = {FUSED: None, solver: self._backend("solver", solver), backup: self._backend("backup", backup)}
         # The parts are made now: a first failure in the loop must not wait for a compiler. They are compiled only
         # where they serve the primary solver.
         parts = (statement.complete, statement.build, statement.certify, statement.finish)
@@ -91,27 +91,27 @@ class Ladder:
     def __call__(self) -> str:
         """Solve at `parameters`, warm-started; name of the solver that is certified, or ""."""
         if self.solver != FUSED:
-            self._met()
-            return self.solver if self._solve_by(self.solver) else self.climb()
+            self._record()
+            return self.solver if self._solve_by(self.solver) else self.solve_with_fallback()
         self.verdict[0] = math.nan
         self.function.evaluate()
         if 0.0 <= self.verdict[0] <= self.tolerance:
             self.keep[:] = self.answer
             return FUSED_SOLVERS[int(self.verdict[2])]
-        return self.climb()
+        return self.solve_with_fallback()
 
-    def climb(self) -> str:
+    def solve_with_fallback(self) -> str:
         """Name of a solver that is certified where the first attempt was not, or ""."""
         if not (self.sound[0] or math.isnan(self.verdict[0])):  # NaN: nothing was written, so nothing is known of them
             return ""  # the parameters themselves cannot be used
         self.warm_start(0.0)
         self._same_problem = True
         try:
-            return self._climbed()
+            return self._solved_by_others()
         finally:
             self._same_problem = False
 
-    def _climbed(self) -> str:
+    def _solved_by_others(self) -> str:
         if self.backup != self.solver and self._solve_by(self.backup):
             return self.backup
         # An active set from the last tick can lead qrqp astray where a cold start does not. Its failures are slow, up
@@ -121,14 +121,14 @@ class Ladder:
         return ""
 
     @staticmethod
-    def is_witnessed() -> bool:
-        """Whether somebody looks at every QP of a ladder that is made now."""
-        return witness_now() is not None
+    def is_recorded() -> bool:
+        """Whether somebody looks at every QP of a chain that is made now."""
+        return recorder_now() is not None
 
     def forget(self, x: ArrayLike = 0.0) -> None:
         """As `warm_start`, and the solvers begin anew: equal inputs then give equal answers, of proxqp to rounding."""
         self.warm_start(x)
-        for solver in self._rungs.values():
+        for solver in self._backends.values():
             if solver is not None:
                 solver.forget()
 
@@ -138,24 +138,24 @@ class Ladder:
         self.state[n : 2 * n + self.statement.m] = 0.0
         self.state[:n] = x
 
-    def _tell_witness(self) -> None:
-        """Let a witness see each tick's problem, if there is one now."""
-        self._met: Callable[[], None] = _nobody
+    def _set_recorder(self) -> None:
+        """Let a recorder see each tick's problem, if there is one now."""
+        self._record: Callable[[], None] = _nobody
         self._same_problem = False
         """Whether what is solved next was met before, and is only tried again."""
-        witness = witness_now()
-        if witness is None:
+        recorder = recorder_now()
+        if recorder is None:
             return
         statement = self.statement
-        stream = witness.stream(
+        stream = recorder.stream(
             statement.name, self.tolerance, lambda given, memory: statement.instance(given, memory=memory)
         )
 
         def values() -> tuple[NDArray[np.float64], ...]:
             return self.parameters, self.memory
 
-        self._met = witness.watched(_nobody, stream, values, unless=lambda: self._same_problem)
-        self.function.surround(lambda call: witness.watched(call, stream, values, unless=lambda: self._same_problem))
+        self._record = recorder.watched(_nobody, stream, values, unless=lambda: self._same_problem)
+        self.function.surround(lambda call: recorder.watched(call, stream, values, unless=lambda: self._same_problem))
 
     def _solve_by(self, name: str) -> bool:
         if name == FUSED:
@@ -174,7 +174,7 @@ class Ladder:
         complete, build, certify, finish = self._complete, self._build, self._certify, self._finish
         full = _outputs(complete, self.parameters, self.memory)[0]
         *qp, sound = _outputs(build, full, self.memory)
-        solver, n, m = self._rungs[name], self.statement.n, self.statement.m
+        solver, n, m = self._backends[name], self.statement.n, self.statement.m
         assert solver is not None
         # A matrix of one column comes flat.
         claim = solver.solve(Instance(qp[0].reshape(n, n), qp[1], qp[2].reshape(m, n), *qp[3:]))
@@ -193,7 +193,7 @@ class Ladder:
 
 
 def _nobody() -> None:
-    """Who is told where there is no witness."""
+    """Who is told where there is no recorder."""
 
 
 def _outputs(function: BufferedFunction, *values: ArrayLike) -> tuple[NDArray[np.float64], ...]:
