@@ -42,7 +42,7 @@ class Reaching:
     """
 
     def __init__(self, robot: MobileArm, *, dt: float) -> None:
-        self._robot = robot
+        self.robot = robot
         self._smoother = Smoother(
             velocity=HAND_SPEED,
             acceleration=HAND_ACCELERATION,
@@ -71,7 +71,7 @@ class Reaching:
             if wrong.size:
                 self.refused = f"target[{wrong[0]}] is {target[wrong[0]]}, not a usable number"
             return np.full(3, math.nan) if moving else np.zeros(3)
-        hand = self._robot.chain.pose(q)[:3, 3]
+        hand = self.robot.chain.pose(q)[:3, 3]
         if not np.linalg.norm(target - hand) <= FARTHEST:
             self._begun, self.refused = False, f"target is more than {FARTHEST:g} m away"
             return np.full(3, math.nan)
