@@ -180,7 +180,7 @@ class MirrorTracker(MirrorForeseen):
                 compile=compile,
             )
         self._interaction = (Interaction() if interaction is None else interaction).started(dt)
-        self._keeping, self._way_out = BufferedFunction(self.keeping()), SingularityEscape(self.chain)
+        self._keeping, self._escape = BufferedFunction(self.keeping()), SingularityEscape(self.chain)
         symbol = ca.SX.sym("q", self.chain.n)
         tool = ca.Function("tool", [symbol], [ca.densify(self.chain.pose_expression(symbol))], {"cse": True})
         self._tool = BufferedFunction(tool, compile=compile)

@@ -102,7 +102,8 @@ class MirrorStatement(PoseTracker):
     def rows(self, tick: Tick, inputs: Inputs, bounds: VelocityBounds) -> Rows:
         """See `HandBounds.rows`."""
         offset, lead, *_ = inputs.others
-        guided, contacts = self.guided(inputs.memory), self.contacts(tick, inputs.q, inputs.last, inputs.moving)
+        guided = self.guided(inputs.memory)
+        contacts = self.contacts(tick, inputs.q, inputs.last, inputs.moving, ticks=1)
         matrix, upper, now = self.hand_bounds.rows(
             inputs.q,
             inputs.last,

@@ -323,11 +323,11 @@ class PoseTracker(VelocityController):
         """The linear bounds, and the intervals `bounds` opened where they have to yield."""
         if not len(self.limits):
             return Rows(ca.SX(0, self.chain.n), ca.SX(0, 1), bounds)
-        contacts = self.contacts(tick, inputs.q, inputs.last, inputs.moving)
+        contacts = self.contacts(tick, inputs.q, inputs.last, inputs.moving, ticks=1)
         return Rows(*self.limits.rows(inputs.q, inputs.last, bounds, contacts))
 
-    def contacts(self, tick: Tick, q: ca.SX, last: ca.SX, moving: ca.SX, *, ticks: int = 1) -> ca.SX:
-        """Nearest contacts, see `Limits.contacts`."""
+    def contacts(self, tick: Tick, q: ca.SX, last: ca.SX, moving: ca.SX, *, ticks: int) -> ca.SX:
+        """Nearest contacts within that many ticks, see `Limits.contacts`."""
         if not self.limits.contacts_size:
             return ca.SX(0, 1)
         given = [ca.MX.sym(name, each.numel()) for name, each in (("q", q), ("last", last), ("moving", moving))]
@@ -371,7 +371,7 @@ class PoseTracker(VelocityController):
     def _slowed(self, tick: Tick, q: ca.SX, moving: ca.SX, memory: ca.SX) -> ca.SX:
         """(n,) the velocity nearest to rest that keeps the limits."""
         last = memory[: self.chain.n]
-        contacts = self.contacts(tick, q, last, moving)
+        contacts = self.contacts(tick, q, last, moving, ticks=1)
         u = tick.once(self.limits.slower(q, last, self.bounds(q, memory), contacts))
         return tick.call(self.limits.keeping, q, moving, u, u)[0]
 
@@ -386,7 +386,7 @@ class PoseTracker(VelocityController):
             return super().braking()
         tick, q, memory = Tick(), ca.SX.sym("q", self.chain.n), ca.SX.sym("memory", self._memory_size)
         last, moving = memory[: self.chain.n], ca.SX.sym("moving", self.limits.told)
-        rest, contacts = self._slowed(tick, q, moving, memory), self.contacts(tick, q, last, moving)
+        rest, contacts = self._slowed(tick, q, moving, memory), self.contacts(tick, q, last, moving, ticks=1)
         outside = ca.logic_or(self.bounds(q, memory).outside, self.limits.inside(contacts))
         report = self.report(last, rest, ca.SX(0), ca.SX(1), outside)  # nothing of the task is delivered
         inputs = [q, memory, moving] if self.limits.moving else [q, memory]
