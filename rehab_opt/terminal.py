@@ -110,8 +110,9 @@ def bars() -> Iterator[Progress]:
             began, before = begun.setdefault(what, (now, done))
             if not console.is_terminal and now - said >= BETWEEN_LINES:
                 said = now
-                left = f", about {(now - began) / (done - before) * (whole - done) / 60:.0f} min left"
-                line = f"rehab-opt: {printable(what)}, {done} of {whole}{left if done > before else ''}"
+                left = math.ceil((now - began) / (done - before) * (whole - done) / 60) if done > before else None
+                ahead = "" if left is None else f", about {left} min left"
+                line = f"rehab-opt: {printable(what)}, {done} of {whole}{ahead}"
                 print(line, file=sys.stderr, flush=True)
             if what not in tasks:
                 tasks[what] = shown.add_task(what, total=None)

@@ -92,8 +92,8 @@ def test_without_a_terminal_progress_is_a_line_a_minute(
             clock[0] = float(second)
             progress("following the circle", second, 150)
     assert capsys.readouterr().err.splitlines() == [
-        "rehab-opt: following the circle, 60 of 150",
-        "rehab-opt: following the circle, 120 of 150",
+        "rehab-opt: following the circle, 60 of 150, about 2 min left",
+        "rehab-opt: following the circle, 120 of 150, about 1 min left",
     ]
 
 
