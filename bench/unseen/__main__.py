@@ -122,8 +122,11 @@ def measured(loaded: ProblemFile[Any], name: str, *, random_seats: int, seed: in
     found = reach(poses, content)
     branch = found.on(int(branch_of(scene.start[None])[0]))
     by_step, by_plan = passed(step.q, poses), passed(plan.q, poses)
-    drive = driven(step, scene.robot, there.problem.smoothing, linear_speed=there.problem.tracker.linear_speed_m_s)
     limits = content["tracker"]
+    drive = driven(
+        step, scene.robot, there.problem.smoothing, linear_speed=limits["linear_speed_m_s"],
+        max_manipulability=tracker.max_manipulability,
+    )  # fmt: skip
     clock = reference_seconds(
         np.maximum.accumulate(plan.time - plan.lag), scene.led.poses, plan.tool[0], tracker.dt,
         speed=limits["linear_speed_m_s"], turning=math.radians(limits["angular_speed_deg_s"]),

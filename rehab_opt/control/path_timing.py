@@ -65,7 +65,7 @@ def fastest_timing(cells: PathCells, *, velocity: Array, acceleration: Array) ->
     """
     most, before, after = _bounded(cells, velocity, acceleration)
     # Most cells can be passed from the one bound to the next: there nothing is to be looked for.
-    free = (np.abs(before * most[:-1, None] + after * most[1:, None]) <= 1.0).all(axis=1)
+    free = np.asarray(np.abs(before * most[:-1, None] + after * most[1:, None]).max(axis=1) <= 1.0)
     back, forth, best = _Lines(before, after), _Lines(after, before), most[1:].copy()
     best[~free] = back.best(~free, best[~free])
     upper, passed, next_best = most.tolist(), free.tolist(), best.tolist()
