@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +14,11 @@ import pytest
 
 from bench import compare
 from bench.compare import Change, changes
+from bench.corpus import along
 from bench.results import write_section
 from bench.solvers import dense_qp
+from bench.solvers.entrant import Entrant
+from rehab_opt.qp_recording.sequence import QPSequence
 
 BEFORE = {"pose/free": {"qrqp-fused": 0.10, "osqp-kept": 2.0}}
 
@@ -42,27 +47,50 @@ def test_what_became_quicker_by_certifying_less_fails() -> None:
     assert [each.verdict(1.5) for each in found] == ["certifies 99.50%", ""]
 
 
-def spoilt(solve: Callable[..., Any], how: str) -> Callable[..., Any]:
-    def other(self: dense_qp.DenseQP, data: Any, *, warm: bool) -> Any:
-        if how == "wrong":
-            return np.zeros(2 * self.n + self.m), math.nan
-        for _ in range(3):
-            solve(self, data, warm=warm)
-        return solve(self, data, warm=warm)
+class Clock:
+    """Time that passes by what a solve is said to take, whatever else the machine does."""
 
-    return other
+    def __init__(self, ratios: Mapping[str, float]) -> None:
+        self.now = 0.0
+        self.seconds = {compare.REFERENCE: 1.0, **ratios}
+
+    def perf_counter(self) -> float:
+        return self.now
+
+    def along(self, entrant: Entrant, sequence: QPSequence, *, ours: float) -> Callable[[], Any]:
+        """Calls that take what the baseline says, and the watched solvers of ours a multiple of it."""
+        call = along(entrant, sequence)
+        seconds = self.seconds[entrant.name] * (ours if "qrqp" in entrant.name else 1.0)
+
+        def timed() -> Any:
+            self.now += seconds
+            return call()
+
+        return timed
 
 
-@pytest.mark.parametrize(("how", "told"), [("slow", "slower"), ("wrong", "certifies 0.00%")])
+def nothing_solved(self: dense_qp.DenseQP, data: Any, *, warm: bool) -> Any:
+    return np.zeros(2 * self.n + self.m), math.nan
+
+
+@pytest.mark.parametrize(("how", "verdict"), [("slow", "slower"), ("wrong", "certifies 0.00%"), ("same", "ok")])
 def test_the_command_fails_where_a_solve_has_become_slower_or_wrong(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], how: str, told: str
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path, how: str, verdict: str
 ) -> None:
-    monkeypatch.setattr(dense_qp.DenseQP, "solve", spoilt(dense_qp.DenseQP.solve, how))
-    monkeypatch.setattr(compare, "representatives", lambda: ["pose_tracking/free"])
-    assert compare.main(["--rounds", "5"]) == 1
-    lines = [line for line in capsys.readouterr().out.splitlines() if "pose_tracking/free" in line and "qrqp" in line]
-    assert len(lines) == 2
-    assert all(told in line for line in lines)
+    name, stored = "pose_tracking/free", json.loads(compare.BASELINE.read_text())
+    file = tmp_path / "baseline.json"
+    file.write_text(json.dumps({side: {name: stored[side][name]} for side in ("ratios", "certified")}))
+    monkeypatch.setattr(compare, "BASELINE", file)
+    clock = Clock(stored["ratios"][name])
+    monkeypatch.setattr(compare, "time", clock)
+    monkeypatch.setattr(compare, "along", partial(clock.along, ours=1.5 if how == "slow" else 1.0))
+    if how == "wrong":
+        monkeypatch.setattr(dense_qp.DenseQP, "solve", nothing_solved)
+    monkeypatch.setattr(compare, "representatives", lambda: [name])
+    assert compare.main(["--rounds", "1"]) == (how != "same")
+    lines = [line for line in capsys.readouterr().out.splitlines() if name in line]
+    assert len(lines) == len(compare.WATCHED)
+    assert [verdict if "qrqp" in line else "ok" for line in lines] == [line.split("│")[-2].strip() for line in lines]
 
 
 def test_a_time_that_is_no_number_fails() -> None:

@@ -121,8 +121,8 @@ def _passed(
     paces = np.diff(clock, prepend=plan.clock[0] - dt * plan.paces[0]) / dt
     k = np.interp(place, knots, at).astype(int)
     slowed = (paces < WHOLE) & (clock < clock[-1])
-    bounds = [plan.yielded[i] & ~Bound.TASK | (Bound.TASK if late else Bound.NOTHING)
-              for i, late in zip(k.tolist(), slowed.tolist(), strict=True)]  # fmt: skip
+    said = {each: (each & ~Bound.TASK, each | Bound.TASK) for each in set(plan.yielded)}
+    bounds = [said[plan.yielded[i]][late] for i, late in zip(k.tolist(), slowed.tolist(), strict=True)]
     w = tracker.hand_bounds.manipulability
     symbol = ca.SX.sym("q", n)
     share_of = ca.Function("w", [symbol], [w(symbol)[0]]).map(len(q))(np.vstack([q[1:], q[-1:]]).T)
