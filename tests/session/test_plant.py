@@ -164,6 +164,10 @@ def test_a_tracker_is_told_what_the_table_says_of_delays_and_servos() -> None:
     assert told is not None
     assert told.delay == pytest.approx(0.006 + 2 * 0.6436 / (20 * math.pi))
     assert told.servo_hz == math.inf
+    for servo in ("velocity", "position"):
+        told = joint_feedback(JointPlant(kind="mujoco", servo=servo, contact_m=0.0015))
+        assert told is not None
+        assert told.contact == 0.0015
 
 
 def test_a_later_command_follows_worse() -> None:

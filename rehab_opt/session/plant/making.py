@@ -104,11 +104,13 @@ def joint_feedback(table: JointPlant | ChairPlant) -> JointFeedback | None:
         return JointFeedback(delay=ms(table.delay_ms))
     jitter = table.command_jitter_ms + table.measurement_jitter_ms
     delay = ms(table.command_delay_ms + table.measurement_delay_ms + jitter / 2)
-    if isinstance(table, ChairPlant) or table.servo == "velocity":
+    if isinstance(table, ChairPlant):
         return JointFeedback(delay=delay, servo_hz=table.servo_hz)
+    if table.servo == "velocity":
+        return JointFeedback(delay=delay, servo_hz=table.servo_hz, contact=table.contact_m)
     from rehab_opt.plants.drives import PositionServo  # noqa: PLC0415  (loads MuJoCo)
 
-    return JointFeedback(delay=delay + PositionServo(table.servo_hz).lag, servo_hz=math.inf)
+    return JointFeedback(delay=delay + PositionServo(table.servo_hz).lag, servo_hz=math.inf, contact=table.contact_m)
 
 
 def chair_plant(table: ChairPlant, robot: MobileArm, wheels: Drive, dt: float, *, own_arm: bool = False) -> Wheelchair:

@@ -89,6 +89,8 @@ class JointPlant(PlantTable):
     """One count of the encoders."""
     payload_kg: float = Field(default=0.0, ge=0, le=10)
     """At the tool, unknown to the servos but for its weight."""
+    contact_m: float = Field(default=0.001, gt=0, le=0.05)
+    """`JointFeedback`'s `contact`: an arm of much friction that stops by itself needs more, and presses harder."""
 
     @model_validator(mode="after")
     def a_robot_that_is_there_has_an_address(self) -> Self:
