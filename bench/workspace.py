@@ -117,7 +117,7 @@ def measured(arm: SerialChain, options: argparse.Namespace) -> tuple[list[Verdic
 
 def people_verdicts(options: argparse.Namespace) -> list[Verdict]:
     """Random people of `bench.workspace_maps`, both ranges of each: time and independent probes of every slice."""
-    seconds, wrong, probed, coarser = [], 0, 0, 0
+    seconds, wrong, probed, coarser, furthest = [], 0, 0, 0, [0.0]
     for number in range(options.people):
         for arm in arms_of(options.seed, number):
             begun = time.process_time()
@@ -127,16 +127,24 @@ def people_verdicts(options: argparse.Namespace) -> list[Verdict]:
             if not found.polygon.is_empty:
                 bad, count = _wrong_probes(arm, found, options.probes_of_people)
                 wrong, probed = wrong + bad, probed + count
+                furthest.append(_off_a_finer_one(arm, found) / found.accuracy)
     return [
         Verdict("people: one slice, median", float(np.median(seconds)), "<=", SECONDS, "s"),
         Verdict("people: one slice, longest", max(seconds), "<=", 4 * SECONDS, "s"),
         Verdict(f"people: wrong of {probed} probes by ArmIK, at the accuracy stated", wrong, "<=", 0),
+        Verdict("people: furthest off a finer boundary / accuracy stated", float(np.max(furthest)), "<=", 1.25),
         Verdict(f"people: of {len(seconds)} slices, those stated coarser than asked", coarser, "<=", 0),
     ]
 
 
-def _slice(arm: SerialChain) -> Slice:
-    return slice_at(arm, height=HEIGHT, handle_tilt=TILT, accuracy=ACCURACY)
+def _slice(arm: SerialChain, accuracy: float = ACCURACY) -> Slice:
+    return slice_at(arm, height=HEIGHT, handle_tilt=TILT, accuracy=accuracy)
+
+
+def _off_a_finer_one(arm: SerialChain, found: Slice) -> float:
+    """[m] Largest distance between two boundaries: of a notch that is not there, its depth, which few probes meet."""
+    finer = _slice(arm, ACCURACY / 4)
+    return float(shapely.hausdorff_distance(found.polygon.boundary, finer.polygon.boundary, densify=0.05))
 
 
 def _wrong_probes(arm: SerialChain, found: Slice, count: int) -> tuple[int, int]:

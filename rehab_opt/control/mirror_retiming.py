@@ -92,7 +92,8 @@ def _passed(
     # What bounds a tick is how far the place where it leads may be from its reference: the two go together.
     gone = np.append(-dt * plan.paces[0], left[0] - left[:-1])
     x = np.column_stack([plan.q, gone, np.append(0.0, np.cumsum(hand))])
-    at = _points(x, ways > CURVED)
+    passed = _passed_points(x, ways > CURVED)
+    at = _points(passed)
     speeds = PART * np.append(chain.velocity, [1.0, SHARE * tracker.linear_speed])
     seconds = (np.abs(np.diff(x[at], axis=0)) / speeds).max(axis=1)
     # The parameter's speed is 1 at most: where it is to be slower, the parameter has further to go.
@@ -119,19 +120,20 @@ def _passed(
     end = left[0] - left[-1]
     references, clock = tracker.clock.left(left[0] - np.clip(np.append(moved[1:, n], end), 0.0, end))
     paces = np.diff(clock, prepend=plan.clock[0] - dt * plan.paces[0]) / dt
-    k = np.interp(place, knots, at).astype(int)
+    # Where the plan stands, its last tick counts: only then it is known what the hand stays short of.
+    begins = np.interp(np.interp(place, knots, passed[at]), passed, np.arange(len(passed)))
+    k = begins.astype(int)
     slowed = (paces < WHOLE) & (clock < clock[-1])
-    bounds = [plan.yielded[i] & ~Bound.TASK | (Bound.TASK if late else Bound.NOTHING)
-              for i, late in zip(k.tolist(), slowed.tolist(), strict=True)]  # fmt: skip
+    said = {each: (each & ~Bound.TASK, each | Bound.TASK) for each in set(plan.yielded)}
+    bounds = [said[plan.yielded[i]][late] for i, late in zip(k.tolist(), slowed.tolist(), strict=True)]
     w = tracker.hand_bounds.manipulability
     symbol = ca.SX.sym("q", n)
     share_of = ca.Function("w", [symbol], [w(symbol)[0]]).map(len(q))(np.vstack([q[1:], q[-1:]]).T)
-    # What the hand stays short of grows at once: between two ticks it is what it grows to.
-    led = np.maximum(np.interp(np.append(place[1:], place[-1:]), knots, at) - 1.0, 0.0)
-    short, person = (
-        np.maximum(each[np.floor(led).astype(int)], each[np.ceil(led).astype(int)])
-        for each in (plan.short, plan.person)
-    )
+    # What the hand stays short of grows at once: between two ticks it is what it grows to. Turns are looked at where a
+    # tick begins, distances where it leads.
+    leads = np.maximum(np.append(begins[1:], begins[-1:]) - 1.0, 0.0)
+    about = [np.floor(leads).astype(int), np.ceil(leads).astype(int), np.ceil(begins).astype(int)]
+    short, person = (each[about].max(axis=0) for each in (plan.short, plan.person))
     found = plan._replace(
         times=np.asarray(dt * np.arange(len(q)), dtype=np.float64), q=q, velocities=velocities,
         poses=tracker.tools(list(q)), references=references, clock=clock, short=short, person=person, paces=paces,
@@ -141,11 +143,14 @@ def _passed(
     return found, k
 
 
-def _points(x: Array, fine: NDArray[np.bool_]) -> NDArray[np.int_]:
-    """Ticks whose places (M, n + 2) the path goes through: the first, the last, and what is `APART` of each other."""
+def _passed_points(x: Array, fine: NDArray[np.bool_]) -> Array:
+    """(M,) how many points of the path the plan has gone through, at places (M, n + 2) `APART` of each other."""
     moved = np.maximum(np.abs(np.diff(x[:, :-2], axis=0)).max(axis=1) / APART, np.diff(x[:, -2]) / OFTEN)
-    moved = np.where(fine[1:] & (moved > 0.01), 1.0, moved)
-    passed = np.append(0.0, np.cumsum(moved))
+    return np.append(0.0, np.cumsum(np.where(fine[1:] & (moved > 0.01), 1.0, moved)))
+
+
+def _points(passed: Array) -> NDArray[np.int_]:
+    """Ticks whose places the path goes through: the first, the last, and those in between that come to another one."""
     at = np.unique(np.searchsorted(passed, np.arange(math.ceil(passed[-1]))))
     last = int(np.searchsorted(passed, passed[-1]))
     return np.append(at[passed[at] < passed[last] - 0.5], last)

@@ -20,8 +20,10 @@ __all__ = ["PathCells", "PathTiming", "fastest_timing"]
 
 Array = NDArray[np.float64]
 
-TRIED = np.linspace(0.0, 1.0, 17)
-"""Shares of what the next knot allows that are tried at once; what lies between two of them is tried again."""
+ALONE = 1e-15
+"""Part of the other's coefficient in a row, up to which it bounds the other z alone: it is rounding."""
+HALVINGS = 50
+"""Of the interval in which the next z is looked for that allows the most before it."""
 
 
 class PathCells(NamedTuple):
@@ -61,68 +63,73 @@ def fastest_timing(cells: PathCells, *, velocity: Array, acceleration: Array) ->
 
     It takes for ever (inf) where a cell would have to be passed from rest to rest.
     """
-    least, rows = _bounded(cells, velocity, acceleration)
-    most = np.append(least, 0.0)  # of z: at rest at the end
+    most, before, after = _bounded(cells, velocity, acceleration)
     # Most cells can be passed from the one bound to the next: there nothing is to be looked for.
-    free = (np.abs(rows @ np.stack([most[:-1], most[1:]], axis=1)[:, :, None]) <= 1.0).all(axis=(1, 2)).tolist()
-    top = most.copy()
-    for k in range(len(rows) - 1, -1, -1):
-        if not free[k] or top[k + 1] < most[k + 1]:
-            top[k] = _most_before(rows[k], least[k], top[k + 1])
+    free = np.asarray(np.abs(before * most[:-1, None] + after * most[1:, None]).max(axis=1) <= 1.0)
+    back, forth, best = _Lines(before, after), _Lines(after, before), most[1:].copy()
+    best[~free] = back.best(~free, best[~free])
+    upper, passed, next_best = most.tolist(), free.tolist(), best.tolist()
+    top = upper.copy()
+    for k in range(len(best) - 1, -1, -1):
+        if not passed[k] or top[k + 1] < upper[k + 1]:
+            top[k] = min(upper[k], back.largest(k, min(top[k + 1], next_best[k])))
     top[0] = 0.0
-    for k in range(len(rows)):
-        if not free[k] or top[k] < most[k]:
-            top[k + 1] = min(top[k + 1], _most_after(rows[k], top[k]))
+    for k in range(len(best)):
+        if not passed[k] or top[k] < upper[k]:
+            top[k + 1] = min(top[k + 1], forth.largest(k, top[k]))
     speeds = np.sqrt(top)
     both = speeds[:-1] + speeds[1:]
     seconds = np.divide(2.0 * np.diff(cells.knots), both, out=np.full(len(both), np.inf), where=both > 0.0)
     return PathTiming(cells.knots, np.append(0.0, np.cumsum(seconds)), speeds)
 
 
-def _bounded(cells: PathCells, velocity: Array, acceleration: Array) -> tuple[Array, Array]:
-    """Upper bounds (K,) of z at the beginnings of cells, and rows (K, 3 n, 2) r with |r . (z, next z)| <= 1.
+class _Lines:
+    """Upper bounds x of one of a cell's two z by the other, y, from rows (K, m) of both: |of x + by y| <= 1."""
+
+    def __init__(self, of: Array, by: Array) -> None:
+        both = np.abs(of) > ALONE * np.abs(by)
+        part = np.where(both, of, 1.0)
+        self.at_rest = np.where(both, 1.0 / np.abs(part), np.inf)
+        self.slope = np.where(both, by / part, 0.0)
+        self.alone = np.where(both, 0.0, np.abs(by)).max(axis=1)
+
+    def largest(self, k: int, y: float) -> float:
+        """The k-th cell's greatest x beside y."""
+        return max(float((self.at_rest[k] - self.slope[k] * y).min()), 0.0)
+
+    def best(self, cells: NDArray[np.bool_], most: Array) -> Array:
+        """The y up to `most` (N,) that allow the greatest x in N of the cells.
+
+        What is allowed is convex and contains rest: with y the greatest x rises until there, and then falls.
+        """
+        at_rest, slope = self.at_rest[cells], self.slope[cells]
+        low, high, each = np.zeros_like(most), most, np.arange(len(most))
+        for _ in range(HALVINGS):
+            y = (low + high) / 2.0
+            turned = slope * y[:, None]
+            x = at_rest - turned
+            first = x.argmin(axis=1)
+            rises = (slope[each, first] < 0.0) & (x[each, first] >= np.maximum(-(at_rest + turned).min(axis=1), 0.0))
+            rises &= self.alone[cells] * y <= 1.0
+            low, high = np.where(rises, y, low), np.where(rises, high, y)
+        return low
+
+
+def _bounded(cells: PathCells, velocity: Array, acceleration: Array) -> tuple[Array, Array, Array]:
+    """Upper bounds (K + 1,) of z at the knots, and rows b, a (K, 3 m) with |b z + a (next z)| <= 1, m axes bounded.
 
     On a cell dq/ds and the acceleration are quadratic in s: their Bernstein coefficients bound them in between.
     """
-    first, second, third = cells.first, cells.second, cells.third
     length = np.diff(cells.knots)[:, None]
-    steepest = np.maximum.reduce([np.abs(first), np.abs(first + second * length / 2),
-                                  np.abs(first + second * length + third * length**2 / 2)])  # fmt: skip
+    last = cells.first + cells.second * length + cells.third * length**2 / 2
+    steepest = np.maximum.reduce([np.abs(cells.first), np.abs(cells.first + cells.second * length / 2), np.abs(last)])
     fastest = np.minimum((velocity / np.maximum(steepest, 1e-300)).min(axis=1), 1.0) ** 2
-    least = np.minimum(fastest, np.append(fastest[0], fastest[:-1]))
+    most = np.append(np.minimum(fastest, np.append(fastest[0], fastest[:-1])), 0.0)  # at rest at the end
+    bounded = np.isfinite(acceleration)
+    first, second, third, last = (each[:, bounded] for each in (*cells[1:], last))
     # With u = (y - x) / (2 length), for z from x to y: at the beginning, the middle coefficient, and at the end.
-    gain = np.array([-0.5, 0.5]) / length[..., None]
-    here, there = np.array([1.0, 0.0]), np.array([0.0, 1.0])
-    start = first[..., None] * gain + second[..., None] * here
-    slope = third[..., None] * here + 3.0 * second[..., None] * gain
-    last = first + second * length + third * length**2 / 2
-    end = last[..., None] * gain + (second + third * length)[..., None] * there
-    rows = np.concatenate([start, start + 0.5 * length[..., None] * slope, end], axis=1)
-    return least, rows / np.tile(acceleration, 3)[:, None]
-
-
-def _most_before(rows: Array, most: float, top: float) -> float:
-    """The greatest z, at most `most`, from which some z up to `top` can be reached by the end of the cell."""
-    x, y = rows[:, 0], rows[:, 1]
-    if np.abs(x * most + y * top).max() <= 1.0:
-        return most
-    bent = x != 0.0
-    if not bent.all():
-        top = min(top, 1.0 / max(float(np.abs(y[~bent]).max()), 1e-300))
-    ratio, width = (y[bent] / x[bent])[:, None], 1.0 / np.abs(x[bent])[:, None]
-    low, high, found = 0.0, top, 0.0
-    for _ in range(5):
-        tried = low + (high - low) * TRIED
-        upper = np.minimum((width - ratio * tried).min(axis=0), most)
-        lower = (-width - ratio * tried).max(axis=0)
-        upper = np.where(upper >= np.maximum(lower, 0.0), upper, -1.0)
-        best = int(upper.argmax())
-        found = max(found, float(upper[best]))
-        low, high = tried[max(best - 1, 0)], tried[min(best + 1, len(tried) - 1)]
-    return found
-
-
-def _most_after(rows: Array, z: float) -> float:
-    """The greatest z that can be reached by the end of a cell from this one."""
-    x, y = rows[:, 0], rows[:, 1]
-    return float(np.min((1.0 - np.sign(y) * x * z) / np.maximum(np.abs(y), 1e-300)))
+    start, end = 0.5 * first / length, 0.5 * last / length
+    before = np.hstack([second - start, 0.25 * second + 0.5 * third * length - start, -end])
+    after = np.hstack([start, start + 0.75 * second, end + second + third * length])
+    share = np.tile(1.0 / acceleration[bounded], 3)
+    return most, before * share, after * share

@@ -167,7 +167,7 @@ class SerialChain:
         ----------
         file : the URDF. One in xacro is expanded first: `xacro arm.urdf.xacro > arm.urdf`.
         base, tip : links where the chain begins and ends; default the root, and the only link that bears no other.
-        acceleration : [rad/s^2 or m/s^2] which no URDF has: for all joints, for each (n,), or by joint name.
+        acceleration : [rad/s^2 or m/s^2] which is not read of a URDF: for all joints, for each (n,), or by joint name.
         velocity, lower, upper : in place of the file's; for all joints, for each (n,), or by joint name.
         locked : joint values [rad or m] by the names of joints that are held there, and are no joints of the chain; a
             joint that is coupled to another (mimic) can be on the way so alone.

@@ -14,6 +14,7 @@ from rehab_opt.optim.active_set import TOGETHER, active_set_round
 from rehab_opt.optim.dual_active_set import dual_active_set
 from rehab_opt.optim.equalities import dependent_equalities, inequality_rows
 from rehab_opt.optim.qrqp import QRQP_ITERATIONS, qrqp
+from rehab_opt.symbolic.reading import read_back
 
 if TYPE_CHECKING:
     from rehab_opt.optim.qp import Statement
@@ -71,7 +72,17 @@ def _choice(name: str, otherwise: ca.Function) -> ca.Function:
 
 
 def _solve(statement: Statement) -> ca.Function:
-    """Complete parameters, memory, start -> x, multipliers, residual, who answered."""
+    """Complete parameters, memory, start -> x, multipliers, residual, who answered.
+
+    It is most of a controller's making, and depends on the QP's form alone.
+    """
+    limits = (statement.lazy_rows, statement.active_set_iterations, statement.iterations)
+    form = ("solve", statement.name, *limits, statement.build.serialize())
+    return read_back(form, lambda: _made(statement))
+
+
+def _made(statement: Statement) -> ca.Function:
+    """What `_solve` gives, made of the statement."""
     solver = _qrqp(statement, statement.m)
     full, memory, start = _inputs(statement)
     if statement.lazy_rows:

@@ -14,6 +14,7 @@ from rehab_opt.optim.analytic import screened_analytic
 from rehab_opt.optim.certificate import all_true, certificate_function
 from rehab_opt.optim.rows import PLAUSIBLE, Instance, Row, Variable
 from rehab_opt.optim.well_stated import check_that_it_is_a_qp, with_numeric_bounds
+from rehab_opt.symbolic.reading import read_back
 from rehab_opt.symbolic.tick import Tick
 
 __all__ = ["Statement"]
@@ -121,7 +122,7 @@ class Statement:
     @cached_property
     def certify(self) -> ca.Function:
         """See `certificate_function`."""
-        return certificate_function(self.n, self.m)
+        return read_back(("certificate", self.n, self.m), lambda: certificate_function(self.n, self.m))
 
     @cached_property
     def finish(self) -> ca.Function:

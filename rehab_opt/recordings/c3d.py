@@ -62,7 +62,8 @@ def read_c3d(path: Path, *, name: str, marker: str | None) -> Recording:
     if far.any():
         frame, axis = (int(i) for i in np.argwhere(far)[0])
         expected = f"at most {FARTHEST / LENGTH[unit]:g} {unit} (another unit?)"
-        raise ProblemFileError(name, f"frame {frame + 1}, marker {marker} {'XYZ'[axis]}", points[frame, axis], expected)
+        where, value = f"frame {frame + 1}, marker {marker} {'XYZ'[axis]}", float(points[frame, axis])
+        raise ProblemFileError(name, where, value, expected)
     rows = np.column_stack((np.arange(len(points)) / rate, points))
     return seen_marker(rows, name, str(marker), LENGTH[unit], str(len(points)))
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
@@ -10,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.errors import ProblemFileError
+from rehab_opt.text_file import shown
 
 __all__ = ["Recording", "size_note", "strange_sizes"]
 
@@ -71,6 +73,8 @@ SMALLEST = 2e-3
 FASTEST, SLOWEST = 10.0, 1e-3
 """[m/s] No hand is faster (a thrown ball leaves it at 40); one that is slower throughout hardly moves."""
 
+LARGEST_TURN, SMALLEST_TURN = 4 * math.pi, math.radians(2.0)
+"""[rad] No joint reads more; where none turns by as much, a movement of up to 115 deg is called degrees, in radians."""
 UNEVEN, EVEN = 1.1, 1e-2
 """Of steps from sample to sample: the largest over the smallest, and how much they differ, over their mean."""
 
@@ -90,9 +94,10 @@ def size_note(recording: Recording) -> str:
 
 
 def strange_sizes(recording: Recording) -> Iterator[str]:
-    """Notes on a movement so small, fast or slow that its lengths or times are likely in another unit than it says, or
-    whose times are likely in another column.
+    """Notes on a movement so small, fast or slow that its lengths, angles or times are likely in another unit than it
+    says, or whose times are likely in another column.
     """
+    yield from _strange_angles(recording.joints)
     if not recording.points.shape[1]:
         return
     steps = np.diff(recording.time)
@@ -109,6 +114,19 @@ def strange_sizes(recording: Recording) -> Iterator[str]:
         yield f"a tenth of its samples is faster than {usual:.3g} m/s: are the times, or lengths, in another unit?"
     elif 0 < usual < SLOWEST:
         yield f"nine tenths of its samples are slower than {1e3 * usual:.3g} mm/s: milliseconds taken for seconds?"
+
+
+def _strange_angles(joints: Mapping[str, Array]) -> Iterator[str]:
+    if not joints:
+        return
+    worst = max(joints, key=lambda joint: float(np.abs(joints[joint]).max()))
+    largest = float(np.abs(joints[worst]).max())
+    turn = max(float(np.ptp(angles)) for angles in joints.values())
+    if largest > LARGEST_TURN:
+        degrees = f"{math.degrees(largest):.4g} deg"
+        yield f"{shown(worst, 40)} reads up to {largest:.3g} rad, {degrees}: degrees taken for radians, or no angles?"
+    elif 0 < turn < SMALLEST_TURN:
+        yield f"no joint turns by more than {math.degrees(turn):.3g} deg: radians taken for degrees?"
 
 
 def _speeds(recording: Recording) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:

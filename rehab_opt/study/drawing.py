@@ -26,7 +26,7 @@ __all__ = [
 
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#555555")
 """Okabe and Ito's; the last one for whatever is left."""
-WIDTH, HEIGHT, LEFT, RIGHT, TOP, BOTTOM = 460, 250, 56, 12, 12, 40
+WIDTH, HEIGHT, LEFT, RIGHT, TOP, BOTTOM = 460, 250, 66, 12, 12, 40
 LONGEST_LABEL = 14
 
 

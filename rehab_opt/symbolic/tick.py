@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Set as AbstractSet
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, NamedTuple, TypeVar, cast
 
 import casadi as ca
@@ -47,14 +49,14 @@ class Tick:
         """
         branches = [self._branch(each) for each in (value, otherwise)]
         shape = branches[0].shape
+        free = frozenset[int]().union(*(each.free() for each in branches))
 
         def evaluated(condition: ca.MX, known: _Known) -> list[ca.MX]:
-            needed = known.holding(set[int]().union(*(each.free() for each in branches)))
+            needed = known.holding(free)
             made = [_function("branch", each.stages, [one.column for one in needed], [each.value]) for each in branches]
             return [ca.Function.if_else("when", made[0], made[1])(condition, *(one.value for one in needed))]
 
         column = ca.SX.sym("when", shape[0] * shape[1])
-        free = frozenset[int]().union(*(each.free() for each in branches))
         self._stages.append(_Call([column], [ca.SX(condition)], lambda given, known: evaluated(given[0], known), free))
         return ca.reshape(column, *shape)
 
@@ -93,11 +95,11 @@ class Tick:
         """
         late, asked = _hashes(later), _hashes(*expressions)
         for stage in self._stages:
-            if not late.isdisjoint(stage.free()):
-                late |= _hashes(*stage.columns)
+            if not late.isdisjoint(stage.free):
+                late |= stage.gives
         for stage in reversed(self._stages):
-            if not asked.isdisjoint(late & _hashes(*stage.columns)):
-                asked |= stage.free()
+            if not asked.isdisjoint(late & stage.gives):
+                asked |= stage.free
         return _column(self._stages, inputs, asked - late)
 
 
@@ -110,11 +112,14 @@ class _Once:
     value: ca.SX
     """(k,)"""
 
-    @property
-    def columns(self) -> list[ca.SX]:
-        return [self.symbols]
+    @cached_property
+    def gives(self) -> set[int]:
+        """Its symbols."""
+        return _hashes(self.symbols)
 
+    @cached_property
     def free(self) -> set[int]:
+        """Symbols that it needs."""
         return _hashes(self.value)
 
 
@@ -130,7 +135,14 @@ class _Call:
     beside: frozenset[int] = frozenset()
     """Symbols that it needs besides, as they come in columns."""
 
+    @cached_property
+    def gives(self) -> set[int]:
+        """Its symbols."""
+        return _hashes(*self.columns)
+
+    @cached_property
     def free(self) -> set[int]:
+        """Symbols that it needs."""
         return _hashes(*self.arguments) | self.beside
 
 
@@ -143,31 +155,36 @@ class _Branch(NamedTuple):
 
     def free(self) -> set[int]:
         """Symbols that come from outside."""
-        own = {each for stage in self.stages for each in _hashes(*stage.columns)}
-        return set[int]().union(_hashes(self.value), *(stage.free() for stage in self.stages)) - own
+        own = set[int]().union(*(stage.gives for stage in self.stages))
+        return set[int]().union(_hashes(self.value), *(stage.free for stage in self.stages)) - own
 
 
-class _Place(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class _Place:
     """A column of symbols that has a value by now."""
 
     column: ca.SX
     value: ca.MX
 
+    @cached_property
+    def symbols(self) -> list[int]:
+        return [each.element_hash() for each in ca.vertsplit(self.column)]
+
 
 class _Known(list[_Place]):
     """Columns that have a value by now."""
 
-    def holding(self, symbols: set[int]) -> list[_Place]:
+    def holding(self, symbols: AbstractSet[int]) -> list[_Place]:
         """Those in which one of the symbols is; the first where none is, since CasADi calls no function of nothing."""
-        return [place for place in self if not symbols.isdisjoint(_hashes(place.column))] or self[:1]
+        return [place for place in self if not symbols.isdisjoint(place.symbols)] or self[:1]
 
     def slice_of(self, expression: ca.SX) -> ca.MX | None:
         """The value of an expression that is a piece of one of them, without evaluating it."""
         if not expression.numel():
             return ca.MX(0, 1)
         looked = [each.element_hash() if each.is_symbolic() else None for each in ca.vertsplit(expression)]
-        for column, value in self:
-            order = [each.element_hash() for each in ca.vertsplit(column)]
+        for place in self:
+            order, value = place.symbols, place.value
             if looked[0] in order:
                 first = order.index(looked[0])
                 if order[first : first + len(looked)] == looked:
@@ -210,10 +227,10 @@ def _column(stages: Sequence[_Once | _Call], inputs: Sequence[ca.SX], asked: set
     for turn in range(1 + max(level, default=0)):
         values = [each for each, at in zip(needed, level, strict=True) if at == turn and isinstance(each, _Once)]
         calls = [each for each, at in zip(needed, level, strict=True) if at == turn + 1 and isinstance(each, _Call)]
-        later = [each.free() for each, at in zip(needed, level, strict=True) if at > turn and each not in calls]
+        later = [each.free for each, at in zip(needed, level, strict=True) if at > turn and each not in calls]
         used = set[int]().union(*(each.beside for each in calls), *later)
-        kept = [each for each in values if not asked.isdisjoint(_hashes(each.symbols))]
-        passed = [each for each in values if each not in kept and not used.isdisjoint(_hashes(each.symbols))]
+        kept = [each for each in values if not asked.isdisjoint(each.gives)]
+        passed = [each for each in values if each not in kept and not used.isdisjoint(each.gives)]
         columns = [ca.vertcat(ca.SX(0, 1), *(each.symbols for each in some)) for some in (kept, passed)]
         arguments = [each for call in calls for each in call.arguments]
         direct = [known.slice_of(each) for each in arguments]
@@ -227,7 +244,7 @@ def _column(stages: Sequence[_Once | _Call], inputs: Sequence[ca.SX], asked: set
             results = call.evaluated([next(ready) for _ in call.arguments], known)
             places = list(map(_Place, call.columns, results))
             known += places
-            found += (each for each in places if not asked.isdisjoint(_hashes(each.column)))
+            found += (each for each in places if not asked.isdisjoint(each.symbols))
     whole = ca.vertcat(ca.SX(0, 1), *(each.column for each in found))
     return whole, ca.Function("staged", given, [ca.vertcat(ca.MX(0, 1), *(each.value for each in found))])
 
@@ -236,18 +253,19 @@ def _needed(
     stages: Sequence[_Once | _Call], inputs: Sequence[ca.SX], asked: set[int]
 ) -> tuple[list[_Once | _Call], list[int]]:
     """Stages that give what is asked for and is among no input; how many branches are before each, itself included."""
-    missing = asked - _hashes(*inputs)
+    there = _hashes(*inputs)
+    missing = asked - there
     needed: list[_Once | _Call] = []
     for stage in reversed(stages):
-        if not missing.isdisjoint(_hashes(*stage.columns)):
+        if not missing.isdisjoint(stage.gives):
             needed.insert(0, stage)
-            missing |= stage.free() - _hashes(*inputs)
+            missing |= stage.free - there
     level: list[int] = []
     place: dict[int, int] = {}
     for stage in needed:
-        at = max((place.get(each, 0) for each in stage.free()), default=0) + isinstance(stage, _Call)
+        at = max((place.get(each, 0) for each in stage.free), default=0) + isinstance(stage, _Call)
         level.append(at)
-        place |= dict.fromkeys(_hashes(*stage.columns), at)
+        place |= dict.fromkeys(stage.gives, at)
     return needed, level
 
 

@@ -22,6 +22,8 @@ Array = NDArray[np.float64]
 
 MOST_STEPS = 400
 """Vertices added between two neighbours: a notch is followed so far."""
+SAME, KNOWN = 1e-6, 1.1
+"""A foot is as near as known within so much [m]; one further than so many times as far is another's."""
 THINNEST = 1e-5
 """[m] Parts of less mean width are curves: they hold no area."""
 
@@ -92,18 +94,28 @@ def _wide(polygon: BaseGeometry) -> bool:
 
 
 def _foot(search: PlaneSearch, lattice: Lattice, crossing: Crossing) -> Nearest | None:
-    """Nearest point of the slice to a point of the curve: at least as near as those its two nodes know."""
-    nodes = [lattice.nodes[key] for key in (crossing.outer, crossing.inner)]
-    known = min(math.hypot(crossing.x - node.x, crossing.y - node.y) for node in nodes if node.posture is not None)
+    """Nearest point of the slice to a point of the curve, as near as those its two nodes know; None without one.
+
+    A programme that starts where the node is may be certified in a local minimum millimetres off, a notch that is not
+    there: what is further than known is approached first, and left out where that does not help.
+    """
+    nodes = [node for key in (crossing.outer, crossing.inner) if (node := lattice.nodes[key]).posture is not None]
+    known = min(math.hypot(crossing.x - node.x, crossing.y - node.y) for node in nodes)
     best: Nearest | None = None
-    for node in nodes:
-        if node.posture is not None:
-            answer = search.nearest(crossing.x, crossing.y, node.posture)
+    for approached in (False, True):
+        for node in nodes:
+            assert node.posture is not None
+            start = node.posture
+            if approached:
+                start = search.approached(np.array([[crossing.x, crossing.y]]), start[None]).postures[0]
+            answer = search.nearest(crossing.x, crossing.y, start, approached=approached)
             if answer is not None and (best is None or answer.distance < best.distance):
                 best = answer
-            if best is not None and best.distance <= known + 1e-6:
-                break
-    return best
+            if best is not None and best.distance <= known + SAME:
+                return best
+        if best is not None and best.distance <= KNOWN * known:
+            return best
+    return None
 
 
 def _between(search: PlaneSearch, first: Nearest, last: Nearest, tolerance: float) -> list[Nearest]:

@@ -160,7 +160,7 @@ def _searched(slice_search: SliceSearch) -> Slice:
     stated = accuracy
     while wrong and stated < polygon.length:
         stated *= 2
-        if not slice_search.contradictions(polygon, CHECKED * stated)[0]:
+        if not slice_search.contradictions(polygon, CHECKED * stated, deep=CHECKED * stated)[0]:
             break
     return Slice(polygon, stated, "", len(wrong), probes, search.solves, search.uncertified, search.failures)
 

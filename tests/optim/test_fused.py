@@ -51,6 +51,34 @@ def test_leaving_out_rows_that_are_seldom_active_finds_the_same_answer(seed: int
     assert np.all(WALLS @ answers[1][1] <= offsets + 1e-8)
 
 
+def test_the_third_chain_of_a_statement_answers_as_the_first_to_the_last_bit_and_as_no_other_statement() -> None:
+    """Its solver is read back from text; what differs in one number of the QP is another one."""
+    rng = np.random.default_rng(8)
+    cases = [(2 * rng.standard_normal(3), rng.uniform(0.2, 2.0, 4)) for _ in range(60)]
+
+    def answers(level: float, upper: float) -> list[tuple[str, bytes]]:
+        p, offsets, x = parameter("p", 3), parameter("offsets", 4), variable("x", 3, lower=-1, upper=upper)
+        rows = [equal(ca.sum1(x.symbol), level), within(ca.DM(WALLS) @ x.symbol, -np.inf, offsets)]
+        cost = ca.sumsqr(x.symbol - p) / 2
+        statement = Statement("again", [p, offsets], [x], cost, rows, active_set_iterations=2)
+        chain = FallbackChain(statement, solver="qrqp", backup=None, tolerance=1e-8, compile=False)
+        found = []
+        for case in cases:
+            name, at = solved(chain, *case)
+            assert name
+            assert abs(at.sum() - level) < 1e-7
+            assert np.all(at <= upper + 1e-9)
+            found.append((name, at.tobytes()))
+        return found
+
+    forms = [(0.1, 1.0), (0.2, 1.0), (0.1, 0.5)]
+    first = {form: answers(*form) for form in forms}
+    assert len({tuple(each) for each in first.values()}) == 3
+    for _ in range(3):
+        for form in forms:
+            assert answers(*form) == first[form]
+
+
 def guessed(multipliers: bool, *, wrong: float = 0.0) -> FallbackChain:
     """The nearest point on a plane, guessed by its closed form."""
     p, x = parameter("p", 3), variable("x", 3, lower=-1, upper=1)

@@ -81,7 +81,7 @@ def csv_table(rng: Rng, time: np.ndarray, points: np.ndarray) -> Table:
 def storage_table(rng: Rng, time: np.ndarray, points: np.ndarray) -> Table:
     suffix = str(rng.choice(["a.mot", "a.sto"]))
     above = ["Coordinates", "version=1", f"nRows={len(time)}", "nColumns=5", "inDegrees=yes", "endheader"]
-    rows = [[f"{t:.6f}", *(f"{x:.6f}" for x in p), f"{10 + 20 * t:.6f}"] for t, p in zip(time, points, strict=True)]
+    rows = [[f"{t:.6f}", *(f"{x:.6f}" for x in p), f"{40 + 100 * t:.6f}"] for t, p in zip(time, points, strict=True)]
     columns = ["hand_tx", "hand_ty", "hand_tz"]
     return Table(above, ["time", *columns, "elbow"], rows, "\t", suffix, 0, [1, 2, 3], {"columns": columns}, {})
 
@@ -135,6 +135,7 @@ def spoilt_table(rng: Rng) -> Made:  # noqa: PLR0912  (a branch a fault)
     faults += ["nul", "no utf-8", "huge", "empty", "no rows"]
     faults += ["columns swapped", "header twice", "unit", "time for x"] if header else []
     faults += ["channels cut", "unit of a channel"] if others else []
+    faults += ["degrees for radians", "radians for degrees"] if made.suffix in ("a.mot", "a.sto") else []
     fault = str(rng.choice(faults))
     content: bytes | None = None
     if fault == "cell gone":
@@ -178,6 +179,12 @@ def spoilt_table(rng: Rng) -> Made:  # noqa: PLR0912  (a branch a fault)
         truth = REFUSED
     elif fault == "time for x" and made.suffix == "a.csv":
         header[0], header[1] = header[1], header[0]
+        truth = TOLD
+    elif fault == "degrees for radians":
+        made.above[4] = "inDegrees=no"
+        truth = TOLD
+    elif fault == "radians for degrees":
+        rows = [[*row[:-1], f"{np.radians(float(row[-1])):.6f}"] for row in rows]
         truth = TOLD
     elif fault == "channels cut":
         lines = others["a_channels.tsv"].splitlines()

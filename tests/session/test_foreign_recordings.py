@@ -92,10 +92,18 @@ def test_recording_is_slowed(written: Write) -> None:
         ("t_s,x_mm,y_mm\n0,0,0\n1,0.3,0.2\n", "metres that its header calls millimetres"),
         ("t_s,x_m,y_m\n0,0,0\n0.01,0.5,0\n0.02,1,0\n", "faster than 50 m/s"),
         ("t_s,x_m,y_m\n0,0,0\n1000,0.1,0\n2000,0.2,0\n", "milliseconds taken for seconds"),
+        ("t_s,x_m,y_m,elbow_rad\n0,0,0,20\n1,0.3,0,90\n", "elbow reads up to 90 rad, 5157 deg: degrees taken for rad"),
+        ("t_s,x_m,y_m,elbow_deg,wrist_deg\n0,0,0,0.3,1\n1,0.3,0,1.6,1\n", "more than 1.3 deg: radians taken for deg"),
     ],
 )
 def test_other_units_are_noticed_by_size(written: Write, table: str, says: str) -> None:
     assert says in " ".join(read_recording(written("a.csv", table)).notes)
+
+
+@pytest.mark.parametrize("angles", ["20,1\n1,0.3,0,90,1", "0.3,1\n1,0.3,0,0.3,1"])
+def test_angles_of_an_arm_and_joints_that_are_still_are_no_other_unit(written: Write, angles: str) -> None:
+    table = f"t_s,x_m,y_m,elbow_deg,wrist_deg\n0,0,0,{angles}\n"
+    assert read_recording(written("a.csv", table)).notes == ()
 
 
 CAUSES: list[tuple[str, str | bytes, dict[str, Any], str, str]] = [
@@ -156,6 +164,14 @@ def test_marker_of_a_c3d_is_read(written: Write, order: str, floats: bool) -> No
     np.testing.assert_allclose(recording.points, 1e-3 * points[seen, 1, :3], atol=1e-8)
     np.testing.assert_allclose(recording.time, np.flatnonzero(seen) / 100)
     assert recording.notes == ("1 frames without marker HAND left out",)
+
+
+def test_a_c3d_in_another_unit_is_refused_with_the_number_at_fault_alone(written: Write) -> None:
+    points = markers()
+    points[0, 1, 0] = 100.0
+    path = written("a.c3d", c3d(points, ["WRIST", "HAND"]).replace(b"mm", b"m "))
+    with pytest.raises(ProblemFileError, match=r"frame 1, marker HAND X = 100\.0: expected at most 10 m"):
+        read_recording(path, marker="HAND")
 
 
 def test_ezc3d_and_this_library_see_the_same(tmp_path: Path) -> None:

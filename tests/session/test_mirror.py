@@ -121,6 +121,17 @@ def test_a_drive_passes_what_the_law_does_within_every_bound_and_is_what_the_tab
     assert numbers["drive"]["passed_share_of_time"] == passed_share(drive.tool, asked)
     assert numbers["drive"]["passed_share_of_time"] >= 0.99 * numbers["passed_share_of_time"]
     assert led.time[-1] <= drive.time[-1] + dt <= 1.1 * led.time[-1]
+    seconds = numbers["drive"]["seconds_by_cause"]
+    assert sum(seconds.values()) == pytest.approx(len(drive.time) * dt)
+    np.testing.assert_allclose(drive.manipulability, [closed_form(q) for q in drive.q], atol=1e-6)
+    if name != "vr_hand":  # whose arm does not come to all that is asked
+        when = drive.time - drive.lag
+        begun = when > 0.05  # before, the reference is on its way from the hand
+        known = ~np.isnan(outcome.asked[:, 0, 3])
+        places = np.column_stack([np.interp(when, outcome.time[known], outcome.asked[known, i, 3]) for i in range(3)])
+        apart = np.linalg.norm(drive.tool[:, :3, 3] - places, axis=1)
+        np.testing.assert_allclose(apart[begun], drive.deviation[begun], atol=1e-5)
+        assert drive.pace[begun].sum() * dt == pytest.approx(np.ptp(when[begun]), abs=0.05)
     cells = list(brief(outcome).columns[1 + list(outcome.laws).index(law)].cells)
     assert str(cells[0]) == f"{100 * numbers['drive']['passed_share_of_time']:.0f}"
     assert str(cells[2]) == f"{drive.time[-1]:.1f}"
@@ -419,5 +430,18 @@ def test_a_hand_that_a_bound_holds_off_is_not_late() -> None:
     )  # fmt: skip
     led.person[0] = 0.02, 0.0
     bounds = SimpleNamespace(planes=[plane], least_heights=lambda q, _: q, floor=0.3)
-    said = [CAUSES[k] for k in causes(led, bounds)]  # type: ignore[arg-type]
+    led.time = 0.01 * np.arange(ticks)
+    drive = SimpleNamespace(law_time=led.time, pace=led.pace)
+    said = [CAUSES[k] for k in causes(led, drive, bounds)]  # type: ignore[arg-type]
     assert said == ["person's arm", "floor", "late", "keep-out", "late", "stopped"]
+
+
+def test_a_drive_that_is_slower_than_the_law_is_late() -> None:
+    led = SimpleNamespace(
+        short=np.zeros((3, 2)), person=np.zeros((3, 2)), turn=np.zeros(3), pace=np.ones(3), deviation=np.zeros(3),
+        status=("ok", "ok", "braking"), manipulability=np.ones(3), q=np.ones(3), time=0.01 * np.arange(3),
+    )  # fmt: skip
+    bounds = SimpleNamespace(planes=[], floor=0.3)
+    drive = SimpleNamespace(law_time=np.array([0.0, 0.005, 0.01, 0.012, 0.02]), pace=np.array([0.5, 0.5, 1.0, 0.8, 1]))
+    said = [CAUSES[k] for k in causes(led, drive, bounds)]  # type: ignore[arg-type]
+    assert said == ["late", "late", "followed", "late", "stopped"]

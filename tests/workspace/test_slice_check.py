@@ -1,5 +1,6 @@
 """The check behind a stated accuracy: it finds what is wrong with a polygon, and what is not repaired is stated."""
 
+import itertools
 import math
 from collections.abc import Callable
 
@@ -8,7 +9,7 @@ import pytest
 import shapely
 from shapely.geometry.base import BaseGeometry
 
-from rehab_opt import DH, SerialChain
+from rehab_opt import DH, ArmIK, SerialChain, human_arm
 from rehab_opt.workspace import slice_search
 from rehab_opt.workspace.plane_search import PlaneSearch
 from rehab_opt.workspace.plane_statement import PlaneStatement
@@ -104,3 +105,34 @@ def test_nodes_called_unreachable_by_mistake_are_repaired(searched: tuple[SliceS
     assert all(lattice.nodes[key].distance == 0.0 for key in lattice.keys_around(x, y))
     assert len(lattice.nodes) >= len(before)
     assert math.isclose(search.polygon().area, polygon.area, rel_tol=1e-3)
+
+
+def test_a_local_minimum_cuts_no_notch_into_the_boundary() -> None:
+    """The programme was certified 1.6 mm inside, at a corner of another sheet: a notch as deep, accurate to 1 mm."""
+    deg = {
+        "scapular_retraction": (-11.63, 17.55),
+        "glenohumeral_rotation": (-18.85, 10.63),
+        "shoulder_adduction": (52.89, 84.28),
+        "humeral_flexion": (14.44, 84.84),
+        "forearm_extension": (-0.46, 71.26),
+        "wrist_flexion": (-55.91, 56.27),
+        "wrist_deviation": (-55.79, -24.75),
+        "wrist_supination": (6.29, 58.93),
+    }
+    arm = human_arm(
+        range_of_motion={name: (math.radians(low), math.radians(high)) for name, (low, high) in deg.items()},
+        segments={"acromiohumeral": 0.1354, "humerus": 0.2746, "forearm": 0.3191, "hand": 0.0667},
+        side="right",
+    )
+    height, tilt = -0.24, math.radians(2)
+    found = slice_at(arm, height=height, handle_tilt=tilt, accuracy=1e-3)
+    assert found.accuracy == 1e-3
+    assert found.failed == 0
+    arm_ik = ArmIK(arm, handle_tilt=tilt)
+    reached = [
+        point
+        for point in itertools.product(np.linspace(-0.078, -0.073, 6), np.linspace(0.402, 0.406, 9))
+        if arm_ik.solve([*point, height]).status.certified
+    ]
+    assert len(reached) > 30
+    assert max(found.polygon.distance(shapely.Point(point)) for point in reached) <= 0.2e-3

@@ -14,7 +14,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.errors import ConfigurationError
-from rehab_opt.kinematics.robot_file.steps import ROUNDING, Inertial, Joint, Step, moved, turned_about
+from rehab_opt.kinematics.robot_file.steps import (
+    ROUNDING,
+    Inertial,
+    Joint,
+    Step,
+    moved,
+    turned_about,
+    turned_by_quaternion,
+)
 from rehab_opt.kinematics.robot_file.xml_tree import FARTHEST, Element, Source, xml_root
 from rehab_opt.text_file import number_in, shown
 
@@ -41,6 +49,13 @@ KINEMATICS: Mapping[str, tuple[str, ...]] = {
     "equality": (),
 }
 """Elements that say where bodies are and how they move, and the attributes that do."""
+UNIT: Mapping[str, Mapping[str, int]] = {
+    "joint": {"axis": 3},
+    **{tag: {"quat": 4, "axisangle": 3} for tag in ("body", "frame", "site", "inertial")},
+}
+"""Attributes of elements whose first so many numbers have a length of 1."""
+LOOPS = ("connect", "weld", "tendon")
+"""Equalities that tie bodies or several joints to one another."""
 MOST_INCLUDES = 20
 MUCH_TOO_LIGHT = 1e-9
 """[kg, kg m^2] MuJoCo wants masses that its dynamics would need; they are not used."""
@@ -71,6 +86,8 @@ def mjcf_steps(
         raise source.refuse(f"line {root.line}", f"<{root.tag}>", expected)
     _include(root, source, [])
     notes = list(_rounded(root))
+    ties = [tie for equality in root.each("equality") for tie in equality.children if tie.tag in LOOPS]
+    notes += [f"line {each.line}, <{each.tag}>: joints that it ties to one another are taken as free" for each in ties]
     written = "<mujoco>" + "".join(_kinematics(root, source)) + "</mujoco>"
     try:
         model = mujoco.MjModel.from_xml_string(written)
@@ -108,9 +125,9 @@ def _rounded(root: Element) -> Iterator[str]:
     """A note on the rotation or axis that is farthest from a length of 1 by rounding; MuJoCo makes them unit ones."""
     worst, where = 0.0, ""
     for element in root.all():
-        for key in {"body": ("quat",), "joint": ("axis",), "frame": ("quat",)}.get(element.tag, ()):
+        for key, count in UNIT.get(element.tag, {}).items():
             try:
-                length = math.hypot(*map(float, element.attributes.get(key, "").split()))
+                length = math.hypot(*map(float, element.attributes.get(key, "").split()[:count]))
             except ValueError:  # MuJoCo says what is wrong with it
                 continue
             off = abs(length - 1.0)
@@ -216,12 +233,7 @@ def _body_steps(mujoco: Any, model: Any, body: int, coupled: dict[int, str], sou
 
 def _pose(place: Array, quaternion: Array) -> Array:
     """(4, 4) from a place (3,) and a unit quaternion (4,), its real part first."""
-    w, x, y, z = quaternion.tolist()
     pose = np.eye(4)
-    pose[:3, :3] = [
-        [w * w + x * x - y * y - z * z, 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), w * w - x * x + y * y - z * z, 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), w * w - x * x - y * y + z * z],
-    ]
+    pose[:3, :3] = turned_by_quaternion(quaternion)
     pose[:3, 3] = place
     return pose

@@ -13,7 +13,17 @@ from rehab_opt.kinematics.link_capsules import CapsuleOnLink
 from rehab_opt.kinematics.rigid import ROUNDED
 from rehab_opt.kinematics.robot_file.xml_tree import Source
 
-__all__ = ["TWO_TURNS", "Inertial", "Joint", "Step", "moved", "turned_about", "turned_by_rpy", "unit_axis"]
+__all__ = [
+    "TWO_TURNS",
+    "Inertial",
+    "Joint",
+    "Step",
+    "moved",
+    "turned_about",
+    "turned_by_quaternion",
+    "turned_by_rpy",
+    "unit_vector",
+]
 
 Array = NDArray[np.float64]
 
@@ -82,6 +92,18 @@ def turned_by_rpy(roll: float, pitch: float, yaw: float) -> Array:
     )
 
 
+def turned_by_quaternion(quaternion: Array) -> Array:
+    """(3, 3) rotation from a unit quaternion (4,), its real part first."""
+    w, x, y, z = quaternion.tolist()
+    return np.array(
+        [
+            [w * w + x * x - y * y - z * z, 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), w * w - x * x + y * y - z * z, 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), w * w - x * x - y * y + z * z],
+        ]
+    )
+
+
 def turned_about(axis: Array, angle: float) -> Array:
     """(3, 3) rotation about a unit axis (3,) by an angle [rad] (Rodrigues)."""
     x, y, z = axis
@@ -90,17 +112,17 @@ def turned_about(axis: Array, angle: float) -> Array:
     return turn
 
 
-def unit_axis(axis: Array, source: Source, key: str) -> tuple[Array, str]:
-    """`axis` (3,) at a length of 1, and a note where rounded numbers had to be corrected.
+def unit_vector(vector: Array, source: Source, key: str) -> tuple[Array, str]:
+    """`vector` (k,) at a length of 1, and a note where rounded numbers had to be corrected.
 
     Raises
     ------
     RobotFileError : its length is off by more than `ROUNDED`.
     """
-    length = float(np.linalg.norm(axis))
+    length = float(np.linalg.norm(vector))
     if not abs(length - 1.0) <= ROUNDED:
-        written = " ".join(f"{each:.6g}" for each in axis)
+        written = " ".join(f"{each:.6g}" for each in vector)
         raise source.refuse(key, written, f"a vector of length 1 (its length is {length:.6g})")
     if abs(length - 1.0) <= ROUNDING:
-        return axis / length if length != 1.0 else axis, ""
-    return axis / length, f"{key}: the length is off by {abs(length - 1.0):.2g}, as rounded numbers are; 1 is used"
+        return vector / length if length != 1.0 else vector, ""
+    return vector / length, f"{key}: the length is off by {abs(length - 1.0):.2g}, as rounded numbers are; 1 is used"

@@ -10,9 +10,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.kinematics.link_capsules import CapsuleOnLink
-from rehab_opt.kinematics.robot_file.steps import TWO_TURNS, Inertial, Joint, Step, turned_by_rpy, unit_axis
+from rehab_opt.kinematics.robot_file.steps import (
+    TWO_TURNS,
+    Inertial,
+    Joint,
+    Step,
+    moved,
+    turned_by_quaternion,
+    turned_by_rpy,
+    unit_vector,
+)
 from rehab_opt.kinematics.robot_file.xml_tree import FARTHEST, Element, Source, xml_root
-from rehab_opt.text_file import shown
+from rehab_opt.text_file import number_in, shown
 
 __all__ = ["urdf_steps"]
 
@@ -25,8 +34,19 @@ SHAPES = {
     "box": (("size", 3),),
 }
 """Collision geometry that becomes capsules, and the numbers that it has."""
-READ = ("origin", "parent", "child", "axis", "limit", "mimic", "dynamics", "calibration")
-"""Elements of a joint that are read, or say nothing of where it goes."""
+READ = {
+    "origin": ("xyz", "rpy", "quat_xyzw"),
+    "parent": ("link",),
+    "child": ("link",),
+    "axis": ("xyz",),
+    "limit": ("lower", "upper", "velocity", "effort"),
+    "mimic": ("joint", "multiplier", "offset"),
+    "dynamics": ("damping", "friction"),
+    "calibration": ("rising", "falling", "reference_position"),
+}
+"""Elements of a joint, and their attributes, that are read or say nothing of where it goes."""
+QUATERNIONS = 1.1
+"""Version of the format from which on an <origin> may have one: readers of earlier files leave it out."""
 TURNING, SLIDING = ("revolute", "continuous"), ("prismatic",)
 _NO_NUMBER = np.array([math.nan])
 
@@ -55,26 +75,47 @@ def urdf_steps(
     if root.tag != "robot":
         expected = "a URDF, <robot>" + ("; from_mjcf reads this one" if root.tag == "mujoco" else "")
         raise source.refuse(f"line {root.line}", f"<{root.tag}>", expected)
-    for element in root.all():
-        if element.tag.startswith("xacro:"):
-            name = source.path.name
-            stem = name.removesuffix(".xacro").removesuffix(".urdf")
-            plain = (
-                f"{stem}.urdf" if name != f"{stem}.urdf" else f"{stem}_expanded.urdf"
-            )  # the shell empties its target
-            raise source.refuse(
-                f"line {element.line}", f"<{element.tag}>", f"a URDF; expand it first: xacro {name} > {plain}"
-            )
+    _refuse_xacro(root, source)
     tree = _tree(root, source)
+    _refuse_early_quaternions(root, source)
     notes: list[str] = []
     way = _way(tree, base, tip, source)
     steps = [_step(joint, tree.links, source, notes) for joint in way]
     if way:
         first = _parent(way[0])
-        steps.insert(0, Step(np.eye(4), None, first, _inertial(tree.links[first], source)))
+        steps.insert(0, Step(np.eye(4), None, first, _inertial(tree.links[first], source, notes)))
     if bodies:
-        steps = [each._replace(bodies=tuple(_bodies(tree.links[each.link], source))) for each in steps]
+        steps = [each._replace(bodies=tuple(_bodies(tree.links[each.link], source, notes))) for each in steps]
     return steps, notes
+
+
+def _refuse_xacro(root: Element, source: Source) -> None:
+    """Refuse elements of xacro, under any prefix, and what it would put a value for in a joint or a link's name."""
+    name = source.path.name
+    stem = name.removesuffix(".xacro").removesuffix(".urdf")
+    plain = f"{stem}.urdf" if name != f"{stem}.urdf" else f"{stem}_expanded.urdf"  # the shell empties its target
+    expected = f"a URDF; expand it first: xacro {name} > {plain}"
+    spaces = (key for key, value in root.attributes.items() if value.rstrip("/").endswith("/xacro"))
+    prefixes = {"xacro:", *(f"{key.removeprefix('xmlns:')}:" for key in spaces)}
+    for element in root.all():
+        if element.tag.startswith(tuple(prefixes)):
+            raise source.refuse(f"line {element.line}", f"<{element.tag}>", expected)
+    for element in (*root.each("link"), *(each for joint in root.each("joint") for each in joint.all())):
+        for key, value in element.attributes.items():
+            if "${" in value or "$(" in value:
+                raise source.refuse(f"line {element.line}, {element.tag}.{key}", value, expected)
+
+
+def _refuse_early_quaternions(root: Element, source: Source) -> None:
+    version = root.attributes.get("version", "1.0")
+    if number_in(version) >= QUATERNIONS:
+        return
+    expected = f'rpy, or <robot version="{QUATERNIONS}">: other readers leave it out in version {shown(version)}'
+    for owner in (*root.each("joint"), *root.each("link")):
+        for element in owner.all():
+            if "quat_xyzw" in element.attributes:
+                key = f"{owner.tag} {owner.attributes['name']}, {element.tag}.quat_xyzw"
+                raise source.refuse(key, element.attributes["quat_xyzw"], expected)
 
 
 def _tree(root: Element, source: Source) -> _Tree:
@@ -149,15 +190,17 @@ def _listed(names: Iterable[str]) -> str:
 def _step(joint: Element, links: Mapping[str, Element], source: Source, notes: list[str]) -> Step:
     owner = f"joint {joint.attributes['name']}"
     child = next(joint.each("child")).attributes["link"]
-    origin = _origin(joint, source, owner)
+    origin = _origin(joint, source, owner, notes)
     kind = joint.attributes.get("type")
     if kind not in (*TURNING, *SLIDING, "fixed"):
         expected = "revolute, continuous, prismatic or fixed; let the chain begin or end at another link"
         raise source.refuse(f"{owner}, type", kind, expected)
     notes += [f"{owner}: <{tag}> is not read" for tag in dict.fromkeys(each.tag for each in joint.children)
-              if tag not in READ and kind != "fixed"]  # fmt: skip
+              if tag not in READ]  # fmt: skip
+    notes += [f"{owner}: {each.tag}.{key} is not read" for each in joint.children for key in each.attributes
+              if key not in READ.get(each.tag, each.attributes)]  # fmt: skip
     moving = None if kind == "fixed" else _joint(joint, kind, source, owner, notes)
-    return Step(origin, moving, child, _inertial(links[child], source))
+    return Step(origin, moving, child, _inertial(links[child], source, notes))
 
 
 def _joint(joint: Element, kind: str, source: Source, owner: str, notes: list[str]) -> Joint:
@@ -166,7 +209,7 @@ def _joint(joint: Element, kind: str, source: Source, owner: str, notes: list[st
     if element is not None:
         if "xyz" not in element.attributes:
             raise source.refuse(f"{owner}, axis.xyz", None, "three numbers")
-        axis, note = unit_axis(element.numbers("xyz", source, owner, np.zeros(3)), source, f"{owner}, axis.xyz")
+        axis, note = unit_vector(element.numbers("xyz", source, owner, np.zeros(3)), source, f"{owner}, axis.xyz")
         if note:
             notes.append(note)
     limit = joint.only("limit", source, owner)
@@ -184,23 +227,32 @@ def _joint(joint: Element, kind: str, source: Source, owner: str, notes: list[st
     return Joint(joint.attributes["name"], kind in SLIDING, axis, lower, upper, velocity, coupled, effort)
 
 
-def _origin(element: Element, source: Source, owner: str) -> Array:
+def _origin(element: Element, source: Source, owner: str, notes: list[str]) -> Array:
     """(4, 4) of its <origin>."""
-    pose = np.eye(4)
     origin = element.only("origin", source, owner)
-    if origin is not None:
-        pose[:3, 3] = origin.numbers("xyz", source, owner, np.zeros(3), most=FARTHEST)
-        roll, pitch, yaw = origin.numbers("rpy", source, owner, np.zeros(3), most=TWO_TURNS)
+    if origin is None:
+        return np.eye(4)
+    pose = moved(*origin.numbers("xyz", source, owner, np.zeros(3), most=FARTHEST))
+    roll, pitch, yaw = origin.numbers("rpy", source, owner, np.zeros(3), most=TWO_TURNS)
+    written = origin.numbers("quat_xyzw", source, owner, np.array([0.0, 0.0, 0.0, 1.0]))
+    if "quat_xyzw" not in origin.attributes:
         pose[:3, :3] = turned_by_rpy(roll, pitch, yaw)
+        return pose
+    key = f"{owner}, origin.quat_xyzw"
+    if "rpy" in origin.attributes:
+        raise source.refuse(key, origin.attributes["quat_xyzw"], "no rpy beside it: either says how it is turned")
+    quaternion, note = unit_vector(written, source, key)
+    notes += [note] if note else []
+    pose[:3, :3] = turned_by_quaternion(np.roll(quaternion, 1))
     return pose
 
 
-def _bodies(link: Element, source: Source) -> Iterator[CapsuleOnLink]:
+def _bodies(link: Element, source: Source, notes: list[str]) -> Iterator[CapsuleOnLink]:
     """The smallest capsules of the same axis about a link's boxes (along their longest side), cylinders and balls."""
     name = link.attributes["name"]
     owner = f"link {name}"
     for collision in link.each("collision"):
-        pose, geometry = _origin(collision, source, owner), collision.only("geometry", source, owner)
+        pose, geometry = _origin(collision, source, owner, notes), collision.only("geometry", source, owner)
         for shape in () if geometry is None else geometry.children:
             if shape.tag not in SHAPES:
                 value = shape.attributes.get("filename", f"<{shape.tag}>")
@@ -219,7 +271,7 @@ def _bodies(link: Element, source: Source) -> Iterator[CapsuleOnLink]:
             yield CapsuleOnLink(name, (x, y, z), (u, v, w), radius)
 
 
-def _inertial(link: Element, source: Source) -> Inertial | None:
+def _inertial(link: Element, source: Source, notes: list[str]) -> Inertial | None:
     owner = f"link {link.attributes['name']}"
     element = link.only("inertial", source, owner)
     mass = None if element is None else element.only("mass", source, owner)
@@ -229,7 +281,7 @@ def _inertial(link: Element, source: Source) -> Inertial | None:
     value = float(mass.numbers("value", source, owner, np.zeros(1))[0])
     if not value >= 0.0:
         raise source.refuse(f"{owner}, mass.value", value, "0 kg or more")
-    pose = _origin(element, source, owner)
+    pose = _origin(element, source, owner, notes)
     xx, xy, xz, yy, yz, zz = (
         float(inertia.numbers(key, source, owner, np.zeros(1))[0]) for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
     )

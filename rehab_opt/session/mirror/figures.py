@@ -71,10 +71,10 @@ def _manipulability(outcome: MirrorOutcome) -> Figure:
     """Against the reference's own time, so that the same moments of the motion stand above each other."""
     figure = framed(f"{outcome.title}\nManipulability before and after", 9.0, 5.0)
     axes, end = figure.add_subplot(), float(outcome.time[-1])
-    for name, led in outcome.laws.items():
-        moment = led.time - led.lag
+    for name, drive in outcome.drives.items():
+        moment = drive.time - drive.lag
         moment = np.where(moment <= end, moment, np.nan)  # afterwards the hand settles at the last pose
-        axes.plot(moment, led.manipulability, **STYLES[name], label=LABELS[name])
+        axes.plot(moment, drive.manipulability, **STYLES[name], label=LABELS[name])
     path = outcome.astar
     if path is not None:
         largest = outcome.metrics["manipulability_largest"]
@@ -130,22 +130,22 @@ def _scale_distances(axes: Axes, outcome: MirrorOutcome) -> None:
 def _pace(outcome: MirrorOutcome) -> Figure:
     figure = framed(f"{outcome.title}\nHow the reference is slowed in time, and what yielded", 9.0, 9.5)
     pace, lag, speed, events = figure.subplots(4, 1, sharex=True, height_ratios=(1, 1, 1, 1.1))
-    for name, led in outcome.laws.items():
-        tool = np.linalg.norm(np.diff(led.tool[:, :3, 3], axis=0), axis=1) / np.diff(led.time)
-        speed.plot(led.time[1:], tool, **STYLES[name], label=LABELS[name])
+    for name, drive in outcome.drives.items():
+        tool = np.linalg.norm(np.diff(drive.tool[:, :3, 3], axis=0), axis=1) / np.diff(drive.time)
+        speed.plot(drive.time[1:], tool, **STYLES[name], label=LABELS[name])
         if name != BEFORE:
-            pace.plot(led.time, 100 * led.pace, **STYLES[name])
-            lag.plot(led.time, led.lag, **STYLES[name])
+            pace.plot(drive.time, 100 * drive.pace, **STYLES[name])
+            lag.plot(drive.time, drive.lag, **STYLES[name])
     speed.axhline(outcome.linear_speed, color=REFERENCE, linewidth=1, linestyle=":")
     speed.annotate(
         "cap", (0.995, outcome.linear_speed), xycoords=("axes fraction", "data"), ha="right", va="bottom", fontsize=9
     )
     speed.set_ylim(0, 3 * outcome.linear_speed)
-    before = outcome.metrics["laws"][BEFORE]["tool_speed_max_m_s"]
+    before = outcome.metrics["laws"][BEFORE]["drive"]["tool_speed_max_m_s"]
     if before > 3 * outcome.linear_speed:
         text = f"above this panel: before, up to {before:.2g} m/s"
         speed.annotate(text, (0.995, 0.96), xycoords="axes fraction", ha="right", va="top", fontsize=9)
-    pace.set_ylim(0, 110 * max(float(led.pace.max()) for led in outcome.laws.values()))
+    pace.set_ylim(0, 110 * max(float(drive.pace.max()) for drive in outcome.drives.values()))
     lag.set_ylim(bottom=0)
     _events(events, outcome)
     labels = "pace of the\nreference [%]", "lag [s]", "speed of the\ntool [m/s]", ""
@@ -155,18 +155,18 @@ def _pace(outcome: MirrorOutcome) -> Figure:
 
 
 def _causes(outcome: MirrorOutcome) -> Figure:
-    """A strip of time for each law, and the seconds of each cause."""
+    """A strip of time for each drive, and the seconds of each cause."""
     figure = framed(f"{outcome.title}\nWhat kept the hand from its reference, second by second", 9.0, 5.5)
     when, seconds = figure.subplots(2, 1, height_ratios=(1, 1.3))
-    names = list(outcome.laws)
-    for row, (name, led) in enumerate(outcome.laws.items()):
-        cause, dt = outcome.causes[name], float(led.time[1] - led.time[0])
+    names = list(outcome.drives)
+    for row, (name, drive) in enumerate(outcome.drives.items()):
+        cause, dt = outcome.causes[name], float(drive.time[1] - drive.time[0])
         begins = np.append(0, np.flatnonzero(np.diff(cause)) + 1)
         lengths = np.diff(np.append(begins, len(cause)))
         for k, (label, colour) in enumerate(CAUSE_COLOURS.items()):
             strips = [(dt * a, dt * n) for a, n in zip(begins.tolist(), lengths.tolist(), strict=True) if cause[a] == k]
             when.broken_barh(strips, (row - 0.4, 0.8), color=colour, linewidth=0)
-            spent = outcome.metrics["laws"][name]["seconds_by_cause"][label]
+            spent = outcome.metrics["laws"][name]["drive"]["seconds_by_cause"][label]
             at = k + 0.27 * (row - (len(names) - 1) / 2)
             seconds.barh(at, spent, height=0.24, color=colour)
             if spent:
@@ -184,16 +184,17 @@ def _causes(outcome: MirrorOutcome) -> Figure:
 
 
 def _events(axes: Axes, outcome: MirrorOutcome) -> None:
-    """When each thing happened, a row for each law and thing that did."""
+    """When the drive came to where each thing happened, a row for each law and thing that did."""
     rows = []
     for name in (STEP, PLAN):
-        led = outcome.laws[name]
+        led, drive = outcome.laws[name], outcome.drives[name]
         for event in EVENTS:
             ticks = np.array(
                 [event == status or event in said for status, said in zip(led.status, led.yielded, strict=True)]
             )
             if ticks.any():
-                rows.append((f"{name}: {event}", led.time[ticks], STYLES[name]["color"]))
+                at = np.interp(led.time[ticks], drive.law_time, drive.time)
+                rows.append((f"{name}: {event}", at, STYLES[name]["color"]))
     for i, (_, at, colour) in enumerate(rows):
         axes.plot(at, np.full(len(at), i), "|", color=colour, markersize=9, markeredgewidth=1)
     axes.set_yticks(range(len(rows)), [label for label, _, _ in rows], fontsize=8)
@@ -224,7 +225,7 @@ def space_figure(
         drawn.append(path)
     if outcome.astar is not None:
         axes.plot(*(MM * outcome.astar.positions).T, **astar, label="published A*")
-    last = list(outcome.laws.values())[-1].q[-1]
+    last = list(outcome.drives.values())[-1].q[-1]
     arm = MM * np.array(
         [np.array(ca.DM(frame[:3, 3])).ravel() for frame in outcome.chain.frames_expression(ca.SX(last))]
     )

@@ -31,8 +31,8 @@ AT_FLOOR, AT_PLANE = 0.02, 0.005
 """Of w / w_max from the floor, and [m] above a plane, up to which it counts as what is in the way."""
 
 
-def causes(led: Led, bounds: HandBounds) -> NDArray[np.int_]:
-    """(M,) place in `CAUSES` of each tick."""
+def causes(led: Led, drive: Drive, bounds: HandBounds) -> NDArray[np.int_]:
+    """(M,) place in `CAUSES` of each sample of the drive: what kept the law there, or the drive from keeping up."""
     person = (led.person[:, 0] > NEAR) | (led.person[:, 1] > TURNED)
     robot = (led.short - led.person > (NEAR, TURNED)).any(axis=1) & ~person
     behind = (led.deviation > NEAR + led.short[:, 0]) | (led.turn > TURNED + led.short[:, 1])
@@ -45,35 +45,55 @@ def causes(led: Led, bounds: HandBounds) -> NDArray[np.int_]:
     found[off & (np.abs(led.manipulability - bounds.floor) < AT_FLOOR)] = 3
     found[person] = 2
     found[np.isin(led.status, ("braking", "holding"))] = 6
-    return np.asarray(found)
+    found = found[_ticks(led, drive.law_time)]
+    return np.where((found == 0) & (drive.pace < WHOLE), 1, found)
+
+
+def _ticks(led: Led, when: Array) -> NDArray[np.int_]:
+    """(K,) of the law's ticks the one at each time (K,) [s]."""
+    return np.searchsorted(led.time, when + ROUNDING, side="right") - 1
 
 
 DT, EVERY = 1e-3, 5
 """[s] Tick of a drive, and how many of them are between the samples that are kept."""
 FREE = 1e9
+ROUNDING = 1e-9
+"""[s] by which a time is that of a tick."""
 AGAIN = 4
 """Passages of which the last is taken."""
 
 
-def driven(led: Led, robot: SerialChain, bounds: SmoothingSection, *, linear_speed: float) -> Drive:
+def driven(
+    led: Led, robot: SerialChain, bounds: SmoothingSection, *, linear_speed: float, max_manipulability: float
+) -> Drive:
     """The law's joints passed by `smooth_path`: all of them wait for the slowest, and for the hand.
 
     The way of the hand is one more axis, no faster than `linear_speed` [m/s]. Between two samples it is the joints' and
     not its own that counts: where that is faster, all is passed again, slower by as much.
     """
     if led.motion is not None:
-        return Drive(led.time, led.q, led.tool, led.deviation)
+        return Drive(led.time, led.q, led.tool, led.deviation, led.manipulability, led.time, led.lag, led.pace)
     share = 1.0
     for _ in range(AGAIN):
-        drive = _passed(led, robot, bounds, linear_speed=share * linear_speed)
-        fastest = float(np.linalg.norm(np.diff(drive.tool[:, :3, 3], axis=0), axis=1).max(initial=0.0)) / (EVERY * DT)
+        times, q, when = _passed(led, robot, bounds, linear_speed=share * linear_speed)
+        tool = np.array([robot.pose(each) for each in q])
+        fastest = float(np.linalg.norm(np.diff(tool[:, :3, 3], axis=0), axis=1).max(initial=0.0)) / (EVERY * DT)
         if fastest <= linear_speed:
             break
         share *= linear_speed / fastest * (1 - 1e-6)
-    return drive
+    asked = np.column_stack([np.interp(when, led.time, axis) for axis in led.reference[:, :3, 3].T])
+    return Drive(
+        times, q, tool, np.linalg.norm(tool[:, :3, 3] - asked, axis=1),
+        np.array([robot.manipulability(each) for each in q]) / max_manipulability, when,
+        times - np.interp(when, led.time, led.time - led.lag),
+        led.pace[_ticks(led, when)] * np.diff(when, append=when[-1]) / (EVERY * DT),
+    )  # fmt: skip
 
 
-def _passed(led: Led, robot: SerialChain, bounds: SmoothingSection, *, linear_speed: float) -> Drive:
+def _passed(
+    led: Led, robot: SerialChain, bounds: SmoothingSection, *, linear_speed: float
+) -> tuple[Array, Array, Array]:
+    """Times (K,) [s] of a drive, its joint positions (K, n) [rad], and the law's times (K,) [s] then."""
     place, jerk = led.tool[:, :3, 3], np.full(robot.n, math.radians(bounds.jerk_deg_s3))
     way = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(place, axis=0), axis=1)))
     found = smooth_path(
@@ -86,10 +106,7 @@ def _passed(led: Led, robot: SerialChain, bounds: SmoothingSection, *, linear_sp
         upper=np.append(robot.upper, FREE),
         dt=DT,
     )
-    q = found.positions[::EVERY, :-1]
-    tool = np.array([robot.pose(each) for each in q])
-    asked = [np.interp(found.phase[::EVERY], led.time, axis) for axis in led.reference[:, :3, 3].T]
-    return Drive(found.times[::EVERY], q, tool, np.linalg.norm(tool[:, :3, 3] - np.column_stack(asked), axis=1))
+    return found.times[::EVERY], found.positions[::EVERY, :-1], found.phase[::EVERY]
 
 
 BELOW = 1e-3
@@ -109,9 +126,9 @@ def led_metrics(
     rate: float,
     max_manipulability: float,
 ) -> dict[str, Any]:
-    """Of one law, its `drive` and its `causes`; where sight was lost there is no reference, and no distance to it.
+    """Of one law and its `drive`; where sight was lost there is no reference, and no distance to it.
 
-    `asked` (N, 4, 4) are the poses asked for, those of lost sight left out.
+    `asked` (N, 4, 4) are the poses asked for, those of lost sight left out; `cause` (K,) are the drive's `causes`.
     """
     seen = np.isfinite(led.deviation)
     q = np.concatenate([led.q, led.q[-1:] + led.command[-1:] / rate])  # and where the last tick leads
@@ -127,8 +144,12 @@ def led_metrics(
             "duration_s": float(drive.time[-1]),
             "passed_share_of_time": passed_share(drive.tool, asked),
             **error_metrics(drive.deviation[np.isfinite(drive.deviation)], "deviation", "m"),
-            "manipulability_min": float(min(map(robot.manipulability, drive.q)) / max_manipulability),
+            "manipulability_min": float(drive.manipulability.min()),
             "tool_speed_max_m_s": float(moves.max()),
+            "seconds_by_cause": {
+                name: float(np.sum(cause == k) * (drive.time[1] - drive.time[0])) for k, name in enumerate(CAUSES)
+            },
+            **_lags(drive.lag),
         },
         "ticks": len(led.time),
         "duration_s": float(led.time[-1]),
@@ -136,7 +157,6 @@ def led_metrics(
         "manipulability_min": float(w.min()),
         "manipulability_median": float(np.median(w)),
         "below_floor_share_of_time": float(np.mean(w < floor - BELOW)),
-        "seconds_by_cause": {name: float(np.sum(cause == k) / rate) for k, name in enumerate(CAUSES)},
         "passed_share_of_time": passed_share(led.tool, asked),
         **error_metrics(led.deviation[seen], "deviation", "m"),
         **error_metrics(np.rad2deg(led.turn[seen]), "turn", "deg"),
@@ -144,9 +164,7 @@ def led_metrics(
         **joint_metrics(robot, q, rate),
         "joint_acceleration_max_share_of_limit": float(change.max()),
         "joint_acceleration_above_limit_ticks": int(np.sum(change > 1.0 + 1e-6)),
-        "lag_mean_s": float(led.lag.mean()),
-        "lag_max_s": float(led.lag.max()),
-        "lag_at_end_s": float(led.lag[-1]),
+        **_lags(led.lag),
         "pace_mean": float(led.pace.mean()),
         "reference_held_back_s": float(np.maximum(1.0 - led.pace, 0.0).sum() / rate),
         "computing_s": float(led.seconds.sum()),
@@ -156,6 +174,10 @@ def led_metrics(
         "reasons": reason_counts(_kind(text) for text in led.reasons),
         "counts": led.counts,
     }
+
+
+def _lags(lag: Array) -> dict[str, float]:
+    return {"lag_mean_s": float(lag.mean()), "lag_max_s": float(lag.max()), "lag_at_end_s": float(lag[-1])}
 
 
 def passed_share(tool: Array, asked: Array) -> float:

@@ -88,6 +88,14 @@ class Drive(NamedTuple):
     """(M, 4, 4)"""
     deviation: Array
     """(M,) [m] of the tool from the reference where the law read it."""
+    manipulability: Array
+    """(M,) w / w_max"""
+    law_time: Array
+    """(M,) [s] of the law's run at which these are passed."""
+    lag: Array
+    """(M,) [s] how old the reference is that is followed."""
+    pace: Array
+    """(M,) seconds of the reference in a second."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +110,7 @@ class MirrorOutcome(MovementOutcome):
     recorded : (K, 3) [m] the healthy hand in the robot's frame.
     laws : what was run, by its name among `LAWS`.
     drives : of each law, what a drive does with its joints.
-    causes : of each law, (M,) why the hand is not where or when the reference is, as places in `metrics.CAUSES`.
+    causes : of each drive, (M,) why the hand is not where or when the reference is, as places in `metrics.CAUSES`.
     astar : the published path where it was asked for.
     max_deviation, linear_speed : [m, m/s] the bounds.
     near : how near bodies came to each other, tick by tick; None without `[clearance]`.

@@ -91,8 +91,13 @@ class MirrorSystem(System[MirrorProblem, MirrorOutcome]):
             PLAN: planned(tracker, scene, progress=progress),
         }
         speeds = {BEFORE: ANY_SPEED, STEP: section.linear_speed_m_s, PLAN: section.linear_speed_m_s}
-        drives = {name: driven(led, robot, problem.smoothing, linear_speed=speeds[name]) for name, led in laws.items()}
-        why = {name: causes(led, tracker.hand_bounds) for name, led in laws.items()}
+        drives = {
+            name: driven(
+                led, robot, problem.smoothing, linear_speed=speeds[name], max_manipulability=max_manipulability
+            )
+            for name, led in laws.items()
+        }
+        why = {name: causes(led, drives[name], tracker.hand_bounds) for name, led in laws.items()}
         near = nearest_bodies(problem.clearance, loaded.file, robot, laws[STEP].q, laws[STEP].time)
         astar = searched(problem, scene, max_manipulability=max_manipulability, progress=progress)
         asked = reference.poses[~reference.lost]

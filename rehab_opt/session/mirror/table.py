@@ -70,7 +70,7 @@ def _law(of: Numbers) -> str:
 
 
 def _seconds(of: Numbers, *causes: str) -> str:
-    return " / ".join(f"{of['seconds_by_cause'][cause]:.1f}" for cause in causes)
+    return " / ".join(f"{of['drive']['seconds_by_cause'][cause]:.1f}" for cause in causes)
 
 
 def _acceleration(of: Numbers) -> str:
@@ -99,18 +99,18 @@ FIRST_ROWS: Rows = (
     ("ticks by status", statuses),
 )
 MORE_ROWS: Rows = (
-    ("reference passed by the law before a drive, %", _passed),
-    ("   distance mean / p95 / max, mm; duration, s", _law),
     ("seconds followed / late / stopped", lambda of: _seconds(of, "followed", "late", "stopped")),
     ("seconds short for the person's arm", lambda of: _seconds(of, "person's arm")),
     ("seconds short for floor / keep-out / reach", lambda of: _seconds(of, "floor", "keep-out", "robot's reach")),
-    ("turn from the reference mean / p95 / max, deg", spread("turn", "deg")),
     (
         "lag mean / max / at the end, s",
-        lambda of: " / ".join(f"{of[f'lag_{k}_s']:.2f}" for k in ("mean", "max", "at_end")),
+        lambda of: " / ".join(f"{of['drive'][f'lag_{k}_s']:.2f}" for k in ("mean", "max", "at_end")),
     ),
+    ("fastest tool, m/s", lambda of: f"{of['drive']['tool_speed_max_m_s']:.4f}"),
+    ("reference passed by the law before a drive, %", _passed),
+    ("   distance mean / p95 / max, mm; duration, s", _law),
+    ("turn from the reference mean / p95 / max, deg", spread("turn", "deg")),
     ("reference held back, s", lambda of: f"{of['reference_held_back_s']:.2f}"),
-    ("fastest tool, m/s", lambda of: f"{of['tool_speed_max_m_s']:.4f}"),
     ("fastest joint, deg/s (share of limit)", speed),
     ("largest joint acceleration, share of limit (ticks above)", _acceleration),
     ("ticks in which something yielded", lambda of: counts(of["yielded"]) or "0"),

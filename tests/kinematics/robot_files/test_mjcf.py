@@ -116,6 +116,25 @@ def test_rounding_is_noted(tmp_path: Path) -> None:
     assert note.startswith("body b, quat: the length is off by 9.6e-06")
 
 
+@pytest.mark.parametrize(
+    ("written", "said"),
+    [
+        ('<site name="t" quat="0.7075 0 0 0.7075"/>', "site t, quat: the length is off by 0.00056"),
+        ('<body name="c" axisangle="0 0.6 0.7996 0.3"/>', "body c, axisangle: the length is off by 0.00032"),
+        ('<body name="c" quat="1 0 0 1"/>', ""),
+    ],
+)
+def test_any_rotation_that_is_rounded_is_noted(tmp_path: Path, written: str, said: str) -> None:
+    (note,) = SerialChain.from_mjcf(arm(tmp_path, "</body></body>", f"{written}</body></body>"), **LIMITS).notes
+    assert note.startswith(said or "body b, quat: the length is off by 9.6e-06")
+
+
+def test_loops_that_are_not_closed_are_noted(tmp_path: Path) -> None:
+    tie = '<equality><connect body1="a" body2="b" anchor="0 0 0"/></equality></mujoco>'
+    notes = SerialChain.from_mjcf(arm(tmp_path, "</mujoco>", tie), **LIMITS).notes
+    assert notes[1:] == ("line 1, <connect>: joints that it ties to one another are taken as free",)
+
+
 def test_an_included_file_takes_the_place_of_its_line(tmp_path: Path) -> None:
     (tmp_path / "hand.xml").write_text(
         '<mujocoinclude><body name="c" pos="1 0 0"><joint name="three"/></body></mujocoinclude>'

@@ -75,6 +75,10 @@ def refusal(file: Path, **options: object) -> str:
         ("<axis", "<origin/><axis", "joint joint_a, origin", "'2 elements'", "one"),
         ("<robot ", "<robot ><joint ", "line 1", "'mismatched tag'", "XML"),
         ('<link name="base"/>', '<link name="base"/><xacro:a/>', "line 1", "'<xacro:a>'", "> arm_expanded.urdf"),
+        ('lower="-2"', 'lower="${-2}"', "line 1, limit.lower", "'${-2}'", "> arm_expanded.urdf"),
+        ('link name="base"', 'link name="$(arg p)base"', "line 1, link.name", "'$(arg p)base'", "> arm_expanded.urdf"),
+        ('name="good"', 'name="good" xmlns:x="http://ros.org/wiki/xacro"><x:a/', "line 1", "'<x:a>'", "> arm_expanded"),
+        ('rpy="0 1.5708 0"', 'quat_xyzw="0 0 0 1"', "joint joint_a, origin.quat_xyzw", "'0 0 0 1'", "in version 1.0"),
         ("robot", "sdf", "line 1", "'mismatched tag'", "XML"),
         ("joint_b", "", "line 1, joint.name", "''", "a name"),
     ],
@@ -89,6 +93,22 @@ def test_a_bad_value_is_named_with_its_joint_and_key(
     assert said.startswith(f"{file}: {key}")
     where = [said.index(part) for part in (key, value, "expected", expected)]
     assert where == sorted(where)
+
+
+@pytest.mark.parametrize(
+    ("turn", "expected"),
+    [
+        ('quat_xyzw="0 0.6 0 0.9"', "= '0 0.6 0 0.9': expected a vector of length 1 (its length is 1.08167)"),
+        ('quat_xyzw="0 0 0 0"', "= '0 0 0 0': expected a vector of length 1 (its length is 0)"),
+        ('quat_xyzw="0 0 1"', "= '0 0 1': expected 4 finite numbers"),
+        ('quat_xyzw="0 0 0 nan"', "= '0 0 0 nan': expected 4 finite numbers"),
+        ('rpy="0 0 0" quat_xyzw="0 0 0 1"', "= '0 0 0 1': expected no rpy beside it: either says how it is turned"),
+    ],
+)
+def test_a_quaternion_that_is_none_is_refused(good: Callable[..., Path], turn: str, expected: str) -> None:
+    file = good('rpy="0 1.5708 0"', turn)
+    file.write_text(file.read_text().replace("<robot ", '<robot version="1.1" ', 1))
+    assert refusal(file) == f"{file}: joint joint_a, origin.quat_xyzw {expected}"
 
 
 def test_a_good_arm_is_read(good: Callable[..., Path]) -> None:
@@ -143,6 +163,12 @@ def test_what_is_not_read_and_what_no_body_has_is_noted(good: Callable[..., Path
     assert SerialChain.from_urdf(good("<axis", "<Axis"), acceleration=1.0).notes == (
         "joint joint_a: <Axis> is not read",
     )
+    for old, new, said in (
+        ('rpy="0 1.5708 0"', 'RPY="0 1.5708 0"', "joint joint_a: origin.RPY is not read"),
+        ('velocity="1.5"', 'velocity="1.5" acceleration="3"', "joint joint_a: limit.acceleration is not read"),
+        ('type="revolute"><parent', 'type="fixed"><Origin/><parent', "joint joint_a: <Origin> is not read"),
+    ):
+        assert SerialChain.from_urdf(good(old, new), acceleration=1.0).notes == (said,)
 
 
 def test_the_acceleration_is_asked_for(good: Callable[..., Path]) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+import re
 from pathlib import Path
 
 import casadi as ca
@@ -107,6 +108,44 @@ def test_rounded_angles_stay_as_they_are_written_and_no_frame_is_far_away(arm_fi
             np.testing.assert_allclose(frames[i][:3, 2], at[:3, :3] @ edges[i].axis, atol=1e-12)
         assert np.abs([frame[:3, 3] for frame in frames]).max() < 1.3  # m: its reach and the base
     assert max(abs(each) for ball in guarded_points(chain) for each in ball.offset) == 0.0
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_origins_turned_by_quaternions_are_those_turned_by_angles(arm_file: Path, seed: int) -> None:
+    rng = np.random.default_rng(300 + seed)
+    edges = random_arm(rng, 6)
+    turned = read(arm_file, edges)
+    text = arm_file.read_text().replace("<robot ", '<robot version="1.1" ')
+
+    def as_quaternion(found: re.Match[str]) -> str:
+        x, y, z, w = Rotation.from_euler("xyz", [float(each) for each in found[1].split()]).as_quat() * rng.choice(
+            [-1, 1]
+        )
+        return f'quat_xyzw="{x!r} {y!r} {z!r} {w!r}"'.replace("np.float64(", "").replace(")", "")
+
+    text, count = re.subn(r'rpy="([^"]*)"', as_quaternion, text)
+    assert count > 6
+    arm_file.write_text(text)
+    chain = SerialChain.from_urdf(arm_file, acceleration=10.0, tip=edges[-1].child)
+    assert chain.notes == turned.notes
+    for q in random_postures(edges, rng, 20):
+        np.testing.assert_allclose(chain.pose(q), turned.pose(q), atol=1e-12)
+    inertia = [
+        np.array(ca.DM(inertia_expression(each, each.bodies, np.zeros(6), ca.SX(q)))) for each in (chain, turned)
+    ]
+    np.testing.assert_allclose(*inertia, atol=1e-12)
+
+
+def test_a_rounded_quaternion_is_corrected_and_noted(arm_file: Path) -> None:
+    arm_file.write_text(
+        '<robot name="r" version="1.1"><link name="a"/><link name="b"/><joint name="j" type="continuous">'
+        '<origin xyz="1 0 0" quat_xyzw="0.7075 0 0 0.7075"/><parent link="a"/><child link="b"/>'
+        '<limit velocity="1"/></joint></robot>'
+    )
+    chain = SerialChain.from_urdf(arm_file, acceleration=1.0)
+    (note,) = chain.notes
+    assert note == "joint j, origin.quat_xyzw: the length is off by 0.00056, as rounded numbers are; 1 is used"
+    np.testing.assert_allclose(chain.pose([0.0])[:3, :3], [[1, 0, 0], [0, 0, -1], [0, 1, 0]], atol=1e-15)
 
 
 def test_ur5_from_a_file_is_the_ur5_of_this_library(arm_file: Path) -> None:
