@@ -140,7 +140,7 @@ class VelocityController(OneThread, ABC):
     @property
     def watch(self) -> ca.Function:
         """What finds joints that do not follow, see `watched_joints`."""
-        return watched_joints(self.chain, dt=self.dt, base=self.base)
+        return watched_joints(self.chain, dt=self.dt, base=self.base, base_alone=self.feedback is not None)
 
     def beside(self) -> ca.Function:
         """See `fused`: `watch` on the positions and the command that led there, where those are watched."""

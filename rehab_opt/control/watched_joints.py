@@ -62,7 +62,7 @@ def patience_of(dt: float) -> float:
     return max(PATIENCE, TICKS * dt)
 
 
-def watched_joints(chain: SerialChain, *, dt: float, base: int) -> ca.Function:
+def watched_joints(chain: SerialChain, *, dt: float, base: int, base_alone: bool = False) -> ca.Function:
     """`memory_of_watch`, measured positions, last command (n,) -> memory, longest time that one does not follow [s].
 
     While positions are not usable, what is commanded counts and nothing is judged. Written for few operations.
@@ -72,6 +72,8 @@ def watched_joints(chain: SerialChain, *, dt: float, base: int) -> ca.Function:
     chain : whose joints. dt : [s] a tick.
     base : how many of the first joints are the place of a base. Where that never changes it is taken not to be
         measured.
+    base_alone : whether the others are led, so that a model of their delay judges them (`FollowedJoints`): a delay of
+        0.1 s, which is told, is no fault.
     """
     n, window, keep = chain.n, TOLERANCE / 2, 1 - FADING * dt
     memory, measured, command = memory_of_watch(n).symbols("memory"), ca.SX.sym("measured", n), ca.SX.sym("command", n)
@@ -87,6 +89,8 @@ def watched_joints(chain: SerialChain, *, dt: float, base: int) -> ca.Function:
     if base:
         placed = ca.logic_or(placed, known * ca.sum1(ca.fabs(step[:base])) > 0)
         one_motion[:base] *= placed
+    if base_alone:
+        one_motion[base:] = 0
     led *= one_motion
     judged = usable * (ca.fabs(led) > window)
     # moved sign(led) < SHARE |led|, with moved = led - apart

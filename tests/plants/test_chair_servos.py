@@ -129,6 +129,17 @@ def test_led_joints_come_to_rest_at_a_limit_where_believed_ones_swing() -> None:
     assert swings[2] > 1e-3
 
 
+def test_a_delay_of_a_tenth_of_a_second_that_is_told_is_no_fault_of_an_arm_that_turns_back() -> None:
+    """The watch of a base, which knows no delay, took it for one: the chair stopped until it was reset."""
+    dt, told = 0.02, JointFeedback(delay=0.1)
+    resolver = RedundancyResolver(ardis(), drive="fixed", dt=dt, row_sets=[ROWS[:3]], feedback=told, compile=False)
+    plant = LateChair(np.array([0.0, 0.0, 0.0, -0.9, 0.0, -0.1, 0.0]), delay=told.delay, noise=0.0, seed=0)
+    for k in range(60):
+        command = resolver.step(plant.measured(), np.array([0.0, 0.0, 0.25 if k // 20 % 2 == 0 else -0.25]))
+        plant.hold(resolver.chassis_velocity, dt)
+        assert command.status.certified, (k, command.reason)
+
+
 @pytest.mark.parametrize("joint", [0, 3])
 def test_a_blocked_joint_of_a_led_chair_is_named_and_one_of_its_base(joint: int) -> None:
     resolver = RedundancyResolver(
