@@ -120,21 +120,23 @@ class Arm:
         tool[:3, 3] = self.origins[-1]
         return [*found, pose @ tool]
 
-    def gaps(self, q: Array) -> Array:
-        """(..., k) [m] of links and keep-outs at arm joints (..., n); negative inside."""
+    def bodies(self, q: Array) -> list[tuple[Array, Array, float]]:
+        """Both ends (..., 3) in the chassis frame and radius [m] of each link at arm joints (..., n)."""
         poses = self.links(q)
         if self.capsules:
-            bodies = [
+            return [
                 (*(poses[i][..., :3, :3] @ end + poses[i][..., :3, 3] for end in ends), radius)
                 for i, ends, radius in self.capsules
             ]
-        else:
-            places = [pose[..., :3, 3] for pose in poses[1:]]
-            bodies = [(one, other, RADIUS) for one, other in pairwise(places) if np.abs(one - other).max() > ROUNDING]
+        places = [pose[..., :3, 3] for pose in poses[1:]]
+        return [(one, other, RADIUS) for one, other in pairwise(places) if np.abs(one - other).max() > ROUNDING]
+
+    def gaps(self, q: Array) -> Array:
+        """(..., k) [m] of links and keep-outs at arm joints (..., n); negative inside."""
         return np.stack(
             [
                 segments_apart(one, other, np.array(body.start), np.array(body.end)) - body.radius - radius
-                for one, other, radius in bodies
+                for one, other, radius in self.bodies(q)
                 for body in KEEP_OUT
             ],
             -1,

@@ -6,9 +6,10 @@ Instants within a tick are judged too, at a quarter, half and three quarters of 
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rehab_opt import Bound
-from tests.judge.chair_robot import LACKING, RADII, STAND_OFF, WHEEL_LIMIT, Array, Obstacles
+from tests.judge.chair_robot import LACKING, STAND_OFF, WHEEL_LIMIT, Array, Obstacles
 from tests.judge.chair_runs import Part, Run, rolled
 from tests.judge.verdict import Answers, Verdict
 
@@ -25,11 +26,14 @@ STILL = 1e-5
 INSTANTS = (0.25, 0.5, 0.75)
 
 
-def judge_ticks(run: Run, verdict: Verdict) -> tuple[Answers, Array]:
-    """Judge all that holds in every tick; the answers and u (n, 7) come back."""
+def judge_ticks(run: Run, verdict: Verdict, *, excused: NDArray[np.bool_] | bool = False) -> tuple[Answers, Array]:
+    """Judge all that holds in every tick; the answers and u (n, 7) come back.
+
+    `excused` says where else accelerations may yield, (n,).
+    """
     chair, dt = run.chair, run.dt
     found = verdict.answers(run.commands, dt)
-    value, q, ahead = found.value, run.q[:-1], run.q[1:]
+    value, q, ahead = found.value, run.q[:-1], run.ends
     finite = np.isfinite(value).all(axis=1)
     verdict.holds("commands are finite", finite)
     u = chair.chassis(q, value)
@@ -59,17 +63,17 @@ def judge_ticks(run: Run, verdict: Verdict) -> tuple[Answers, Array]:
     room = np.minimum(chair.upper - arm, arm - chair.lower)
     verdict.during("a joint at its limit", np.any(np.abs(room) < 0.01, axis=1), dt)
     verdict.during("a joint outside its limits", np.any(room < -1e-6, axis=1), dt)
-    gaps = chair.arm_gaps(run.q)
-    verdict.within("keep-outs", np.minimum(gaps[:-1], 0) - gaps[1:], ROUNDING)
+    gaps, then = chair.arm_gaps(q), chair.arm_gaps(ahead)
+    verdict.within("keep-outs", np.minimum(gaps, 0) - then, ROUNDING)
     instants = [chair.arm_gaps(q + part * (ahead - q)) for part in INSTANTS]
-    lowest = np.minimum(np.minimum(gaps[:-1], gaps[1:]), 0)
+    lowest = np.minimum(np.minimum(gaps, then), 0)
     turn = dt * np.abs(u[:, 3:]).sum(axis=1)[:, None]
     nearest = np.min(instants, axis=0)
-    bow = (REACH + REACH**2 / (nearest + RADII[: nearest.shape[1]])) * turn**2 / 8 + ROUNDING
+    bow = (REACH + REACH**2 / (nearest + chair.radii)) * turn**2 / 8 + ROUNDING
     verdict.within("keep-outs within the tick", lowest - nearest, bow)
-    verdict.during("a keep-out near", np.min(gaps[:-1], axis=1) < NEAR, dt)
+    verdict.during("a keep-out near", np.min(gaps, axis=1) < NEAR, dt)
 
-    late = judge_obstacles(run, verdict, u, before)
+    late = np.logical_or(judge_obstacles(run, verdict, u, before), excused)
     judge_acceleration(run, verdict, found, u, before, late)
     for part, ticks in zip(run.parts, run.slices, strict=True):
         judge_words(run, verdict, found, u, before, part, ticks)
@@ -109,7 +113,7 @@ def judge_obstacles(run: Run, verdict: Verdict, u: Array, before: Array) -> Arra
 
 def _judge_gaps(run: Run, verdict: Verdict, obstacles: Obstacles, ticks: slice) -> Array:
     """Never into an obstacle, nor deeper; the nearest gap (n,) at each tick's begin [m]."""
-    q, ahead = run.q[ticks], run.q[ticks.start + 1 : ticks.stop + 1]
+    q, ahead = run.q[ticks], run.ends[ticks]
     gaps = run.chair.obstacle_gaps(q, obstacles)
     instants = [run.chair.obstacle_gaps(q + part * (ahead - q), obstacles) for part in (*INSTANTS, 1.0)]
     verdict.within("obstacles", np.minimum(gaps, 0) - np.min(instants, axis=0), ROUNDING)

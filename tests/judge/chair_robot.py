@@ -86,6 +86,11 @@ class Chair:
         """[s] T = max v/a of what moves."""
         return float(np.max((self.velocity / self.acceleration)[self.moving]))
 
+    @property
+    def radii(self) -> Array:
+        """[m] of link and keep-out together, in the order of `arm_gaps`."""
+        return RADII if self.keep_out else RADII[:1]
+
     def stand_off(self, dt: float) -> float:
         """[m] So near a keep-out an arm may stop: 1 mm + reach (1.1 T a dt)^2 / 2, a of the joints that move links."""
         step = 1.1 * self.braking_time * float(np.max(self.acceleration[3:6])) * dt
@@ -94,7 +99,7 @@ class Chair:
     @property
     def moving(self) -> Array:
         """(m,) numbers of the joints that the drive allows to move."""
-        return np.delete(np.arange(7), LACKING[self.drive])
+        return np.delete(np.arange(len(self.velocity)), LACKING[self.drive])
 
     # ------------------------------------------------------------------------------------------------ kinematics
     def arm(self, q: Array) -> tuple[Array, ...]:
@@ -115,11 +120,14 @@ class Chair:
         elbow = shoulder + self.d5 * up
         return shoulder, elbow, elbow + self.d7 * fore
 
+    def bodies(self, q: Array) -> list[tuple[Array, Array, float]]:
+        """Both ends (..., 3) in the chassis frame and radius [m] of each link."""
+        shoulder, elbow, hand = self.joints(q)
+        return [(shoulder, elbow, ARM_RADIUS), (elbow, hand, ARM_RADIUS)]
+
     def hand(self, q: Array) -> Array:
         """(..., 3) place of the hand in the world [m]."""
-        p = turned(self.joints(q)[2], q[..., 2])
-        p[..., :2] += q[..., :2]
-        return p
+        return placed(self.joints(q)[2], q)
 
     def orientation(self, q: Array) -> Array:
         """(..., 3, 3) of the hand in the world: the forearm's direction is its third column."""
@@ -133,14 +141,8 @@ class Chair:
         """(..., 7, 7) rows `ROWS` in the chassis frame, by u."""
         up, _, side, fore = self.arm(q)
         shoulder, elbow, hand = self.joints(q)
-        j = np.zeros((*q.shape[:-1], 7, 7))
-        j[..., 0, 0] = j[..., 1, 1] = j[..., 5, 2] = 1.0
-        j[..., 0, 2], j[..., 1, 2] = -hand[..., 1], hand[..., 0]
         cross = np.broadcast_to([0.0, -1.0, 0.0], up.shape)
-        for i, (axis, origin) in enumerate([(cross, shoulder), (up, shoulder), (-side, elbow), (fore, elbow)], 3):
-            j[..., :3, i], j[..., 3:6, i] = np.cross(axis, hand - origin), axis
-        j[..., 6, :] = np.einsum("...i,...ij->...j", fore, j[..., 3:6, :])
-        return j
+        return jacobian_of(hand, fore, [(cross, shoulder), (up, shoulder), (-side, elbow), (fore, elbow)])
 
     def chassis(self, q: Array, value: Array) -> Array:
         """(..., 7) u of joint velocities with the chair's in the world frame."""
@@ -244,7 +246,7 @@ class Chair:
         """(82, 7) the way from q while u, after two more ticks of it, is scaled to zero in T."""
         steps = np.linspace(0.0, 1.0, 81)
         length = 2 * dt + self.braking_time * (steps - steps**2 / 2)
-        path = np.empty((len(steps) + 1, 7))
+        path = np.empty((len(steps) + 1, len(q)))
         path[0] = q
         for i, step in enumerate(np.diff(length, prepend=0.0)):
             middle = path[i].copy()
@@ -342,6 +344,24 @@ class Chair:
             if kept and np.all(there >= np.minimum(now, off)[np.isfinite(now)] - BARELY):
                 return part * best
         return 0.0
+
+
+def jacobian_of(hand: Array, roll: Array, joints: Sequence[tuple[Array, Array]]) -> Array:
+    """(..., 7, 3 + n) rows `ROWS` by u: of a hand and its z axis (..., 3), axis and origin of each joint of the arm."""
+    j = np.zeros((*hand.shape[:-1], 7, 3 + len(joints)))
+    j[..., 0, 0] = j[..., 1, 1] = j[..., 5, 2] = 1.0
+    j[..., 0, 2], j[..., 1, 2] = -hand[..., 1], hand[..., 0]
+    for i, (axis, origin) in enumerate(joints, 3):
+        j[..., :3, i], j[..., 3:6, i] = np.cross(axis, hand - origin), axis
+    j[..., 6, :] = np.einsum("...i,...ij->...j", roll, j[..., 3:6, :])
+    return j
+
+
+def placed(p: Array, q: Array) -> Array:
+    """(..., 3) in the world, of a place in the chassis frame at q (..., n)."""
+    there = turned(p, q[..., 2])
+    there[..., :2] += q[..., :2]
+    return there
 
 
 def turned(p: Array, angle: Array) -> Array:

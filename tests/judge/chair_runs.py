@@ -6,11 +6,11 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from rehab_opt import Command, RedundancyResolver
+from rehab_opt import Command, MovingCapsule, RedundancyResolver
 from rehab_opt.kinematics.ardis import ARDIS_READY
 from tests.judge.chair_robot import LACKING, WHEEL_LIMIT, Array, Chair, Obstacles
 
@@ -40,6 +40,19 @@ class Part(NamedTuple):
     """(n,) time stamps [s] of the states."""
 
 
+class LateArm(Protocol):
+    """A robot that does not move as commanded, whose controller acts on where it is led."""
+
+    def read(self, wrong: Array) -> Array:
+        """(7,) what is measured, `wrong` by so much."""
+
+    def led(self, measured: Array, end: Array, *, enable: object) -> Array:
+        """(7,) where it is led, and `end` where no number says so."""
+
+    def move(self, value: Array, dt: float) -> None:
+        """One tick of a command (7,)."""
+
+
 @dataclass
 class Run:
     """What was asked, what was answered, and where the robot was: numbers of n ticks."""
@@ -51,8 +64,14 @@ class Run:
     parts: list[Part]
     arcs: bool
     """Whether the chair's velocity turned with the chair within a tick, as that of rolling wheels does."""
+    moving: list[list[MovingCapsule]] | None = None
+    """What moves, in each tick."""
+    late: LateArm | None = None
+    """The robot behind a controller with feedback; q is then where that leads it."""
     q: Array = field(init=False)
     """(n + 1, 7)"""
+    ends: Array = field(init=False)
+    """(n, 7) where each tick ended by its command: the next q, but for what feedback corrects."""
     commands: list[Command] = field(default_factory=list)
 
     @property
@@ -65,7 +84,8 @@ class Run:
 def record(controller: RedundancyResolver, run: Run, q: Array) -> Run:
     """Drive the chair from q (7,) through all parts."""
     dt, commands, arcs = run.dt, run.commands, run.arcs
-    run.q = np.empty((sum(len(part.twist) for part in run.parts) + 1, 7))
+    run.q = np.empty((sum(len(part.twist) for part in run.parts) + 1, len(q)))
+    run.ends = run.q[1:] if run.late is None else np.empty_like(run.q[1:])
     run.q[0] = q
     k, step = 0, controller.step
     controller.reset(run.chair.world(q, run.start), heading=float(q[2]))
@@ -75,16 +95,24 @@ def record(controller: RedundancyResolver, run: Run, q: Array) -> Run:
         if part.obstacles is not None:
             controller.obstacles = tuple(part.obstacles)
         for i, twist in enumerate(part.twist):
-            told = q if part.hostile is None else q + part.hostile[i]
+            wrong = 0.0 if part.hostile is None else part.hostile[i]
+            if run.late is None:
+                told = q + wrong
+            else:
+                told = run.late.read(wrong)
+                q = run.q[k] = run.late.led(told, q, enable=part.enable)
+            around = None if run.moving is None else run.moving[k]
             if part.target is None:
                 stamp = None if part.stamps is None else part.stamps[i]
-                command = step(told, twist, part.rows, part.frame, enable=part.enable, stamp=stamp)
+                command = step(told, twist, part.rows, part.frame, moving=around, enable=part.enable, stamp=stamp)
             else:
-                command = controller.reach(told, part.target, enable=part.enable)
+                command = controller.reach(told, part.target, moving=around, enable=part.enable)
             commands.append(command)
             q = q + (rolled(command.value, dt) if arcs else dt * command.value)
+            run.ends[k] = run.q[k + 1] = q
+            if run.late is not None:
+                run.late.move(command.value, dt)
             k += 1
-            run.q[k] = q
     return run
 
 
@@ -148,13 +176,13 @@ def posture(chair: Chair, rng: np.random.Generator, *, ready: float = 0.3) -> Ar
 def motion(chair: Chair, q: Array, rng: np.random.Generator, dt: float, obstacles: Obstacles = ()) -> Array:
     """(7,) a random u from which the whole robot can brake together; rest if none is found."""
     for _ in range(20):
-        u = rng.uniform(-1, 1, 7) * chair.velocity * rng.choice([0.1, 0.3, 0.7, 1.0])
+        u = rng.uniform(-1, 1, len(q)) * chair.velocity * rng.choice([0.1, 0.3, 0.7, 1.0])
         u[LACKING[chair.drive]] = 0.0
         u[:2] /= max(1.0, math.hypot(u[0], u[1]) / chair.velocity[0] / 0.999)
         u[:3] /= max(1.0, float(np.max(np.abs(chair.wheels(u)), initial=0.0)) / WHEEL_LIMIT[chair.drive] / 0.999)
         if chair.brakes_in_time(q, u, obstacles, dt):
             return u
-    return np.zeros(7)
+    return np.zeros(len(q))
 
 
 def command(rng: np.random.Generator, rows: Sequence[str], low: float = 0.05, high: float = 0.2) -> Array:

@@ -134,10 +134,14 @@ def box_apart(segments: Array, box: tuple[Array, Array, Array]) -> Array:
     return np.min([away(low), away(high), away(np.zeros_like(low)), away(np.ones_like(low))], axis=0)
 
 
-def standing(scene: Scene, q: Array) -> dict[str, Array]:
-    """(N, pairs) [m] less the margin, of each kind of body that stands still."""
-    ends = [ends_of(link, q) for link in scene.links]
-    radii, margin, count = [link[2] for link in scene.links], scene.margin, (len(q), 2, 3)
+def segments_of(scene: Scene, q: Array) -> list[Array]:
+    """(N, 2, 3) [m] of each link."""
+    return [ends_of(link, q) for link in scene.links]
+
+
+def standing(scene: Scene, ends: list[Array]) -> dict[str, Array]:
+    """(N, pairs) [m] less the margin, of each kind of body that stands still; `ends` (N, 2, 3) of each link."""
+    radii, margin, count = [link[2] for link in scene.links], scene.margin, ends[0].shape
     found: dict[str, list[Array]] = {"capsule": [], "box": [], "plane": [], "link": []}
     for one, radius in zip(ends, radii, strict=True):
         for body, other in scene.capsules:
@@ -150,14 +154,14 @@ def standing(scene: Scene, q: Array) -> dict[str, Array]:
     return {kind: np.column_stack(each) for kind, each in found.items() if each}
 
 
-def coming(scene: Scene, q: Array, places: list[Array]) -> Array:
-    """(N, pairs) [m] less the margin, from bodies that move, whose segments (N, 2, 3) are given."""
+def coming(scene: Scene, ends: list[Array], places: list[Array]) -> Array:
+    """(N, pairs) [m] less the margin, from bodies that move, whose segments (N, 2, 3) are given, as the links' are."""
     found = [
-        segments_apart(ends_of(link, q), place) - link[2] - body[1] - scene.margin
-        for link in scene.links
+        segments_apart(segments, place) - link[2] - body[1] - scene.margin
+        for link, segments in zip(scene.links, ends, strict=True)
         for body, place in zip(scene.moving, places, strict=True)
     ]
-    return np.column_stack(found) if found else np.empty((len(q), 0))
+    return np.column_stack(found) if found else np.empty((len(ends[0]), 0))
 
 
 def where(scene: Scene, times: Array) -> list[Array]:
@@ -190,11 +194,18 @@ def draw(rng: np.random.Generator, number: int, joints: Array) -> Scene:
     ]
     scene = Scene(links, float(rng.choice([0.0, 0.02])), 0.01, folds(number), [], [], [], [])
     kinds = ((0, 3), (1, 2), (0,), (3,))[number % 4]
+    return put_around(rng, scene, kinds, segments_of(scene, joints), alone=alone(number))
+
+
+def put_around(
+    rng: np.random.Generator, scene: Scene, kinds: tuple[int, ...], ends: list[Array], *, alone: bool
+) -> Scene:
+    """The scene and up to two bodies of each kind beside the ways of its links (N, 2, 3), clear of their begin."""
+    begins = [each[:1] for each in ends]
     for _ in range(40):
-        if alone(number) and scene.moving:
+        if alone and scene.moving:
             break
-        link = links[int(rng.integers(3))]
-        passed = ends_of(link, joints[int(rng.integers(len(joints))) :][:1])[0]
+        passed = ends[int(rng.integers(len(ends)))][int(rng.integers(len(ends[0])))]
         place = passed[0] + rng.random() * (passed[1] - passed[0]) + 0.05 * rng.standard_normal(3)
         half = rng.uniform(0.0, 0.2) * rng.standard_normal(3) if rng.random() < 0.8 else np.zeros(3)
         segment, radius = np.array([place - half, place + half]), float(rng.uniform(0.0, 0.06))
@@ -203,17 +214,16 @@ def draw(rng: np.random.Generator, number: int, joints: Array) -> Scene:
         normal = rng.standard_normal(3)
         normal /= np.linalg.norm(normal)
         kind, swing = int(rng.choice(kinds)), rng.uniform(0.0, 0.25) * rng.standard_normal((2, 3))
-        if alone(number):  # towards the link, and through it if that would stay
+        if alone:  # towards the link, and through it if that would stay
             away = rng.uniform(0.15, 0.4) * normal
             segment, swing = segment + away, 0.2 * swing - 1.5 * away
-        fast = (0.15 if alone(number) else 1.0) / max(float(np.linalg.norm(swing, axis=1).max()), 0.05)
+        fast = (0.15 if alone else 1.0) / max(float(np.linalg.norm(swing, axis=1).max()), 0.05)
         more = (
             scene._replace(capsules=[*scene.capsules, (segment, radius)]),
             scene._replace(boxes=[*scene.boxes, (place, rng.uniform(0.02, 0.2, 3), turn)]),
             scene._replace(planes=[*scene.planes, (normal, float(normal @ place))]),
             scene._replace(moving=[*scene.moving, (segment, radius, *swing, rng.uniform(0.2, 1.0) * fast)]),
         )[kind]
-        begins = joints[:1]
         clear = [each.min() for each in standing(more, begins).values()]
         clear += coming(more, begins, where(more, np.zeros(1))).ravel().tolist()
         least = -0.02 if rng.random() < 0.05 and kind in (0, 2) else 0.01
@@ -228,7 +238,12 @@ def tracker(rng: np.random.Generator, scene: Scene, dt: float, slots: int) -> Po
     capsules = [LinkCapsule(name, frame, *map(tuple, ends.tolist()), radius)  # type: ignore[arg-type]
                 for name, (frame, ends, radius) in zip(LINKS, scene.links, strict=True)]  # fmt: skip
     arm = ur5(velocity=rng.uniform(1.0, 3.0), acceleration=rng.uniform(5.0, 30.0), capsules=tuple(capsules))
-    clearance = Clearance(
+    return PoseTracker(arm, gain=20.0, dt=dt, limits=[clearance_of(scene, slots)], compile=False)
+
+
+def clearance_of(scene: Scene, slots: int) -> Clearance:
+    """What a controller is told of the scene."""
+    return Clearance(
         margin=scene.margin, self_margin=scene.self_margin,
         pairs=[(LINKS[PAIR[0]], LINKS[PAIR[1]])] if scene.linked else (),
         planes=[KeepOut.through(normal * offset, normal) for normal, offset in scene.planes],
@@ -238,7 +253,6 @@ def tracker(rng: np.random.Generator, scene: Scene, dt: float, slots: int) -> Po
                for i, (c, half, axes) in enumerate(scene.boxes)],
         moving=len(scene.moving), slots=slots,
     )  # fmt: skip
-    return PoseTracker(arm, gain=20.0, dt=dt, limits=[clearance], compile=False)
 
 
 def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
@@ -274,8 +288,9 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
         q[k + 1] = q[k] + dt * command.value
     verdict.begin(number, f"dt {dt:g}, {len(scene.capsules)} capsules, {len(scene.boxes)} boxes, "
                   f"{len(scene.planes)} planes, {len(scene.moving)} moving")  # fmt: skip
-    still, later = standing(scene, q), [place[1:] for place in places]
-    moved, stays = coming(scene, q, places), coming(scene, q[:-1], later)
+    ends, later = segments_of(scene, q), [place[1:] for place in places]
+    still, moved = standing(scene, ends), coming(scene, ends, places)
+    stays = coming(scene, [each[:-1] for each in ends], later)
     answers = verdict.answers(commands, dt)
     for kind, apart in still.items():
         verdict.within(
@@ -306,9 +321,19 @@ def could(
     found = np.zeros(len(which), dtype=bool)
     for k in np.flatnonzero(which):
         here, then = ([place[i : i + 1] for place in places] for i in (k, k + 1))
-        now, later = coming(scene, q[k : k + 1], here)[0], coming(scene, q[k : k + 1], then)[0]
-        i = int(np.argmin(later))
-        more = np.array([coming(scene, (q[k] + step)[None], then)[0, i] - later[i] for step in STEP * np.eye(6)])
-        gains = float(np.abs(more / STEP) @ control.chain.velocity) * control.dt
-        found[k] = now[i] >= 0 and later[i] + gains / 1.5 > 0 and float(np.sort(later)[1]) > 0.05
+        ends = segments_of(scene, q[k : k + 1])
+        nearby = [segments_of(scene, (q[k] + step)[None]) for step in STEP * np.eye(6)]
+        reach = control.chain.velocity * control.dt
+        found[k] = could_keep(coming(scene, ends, here)[0], coming(scene, ends, then)[0],
+                              np.concatenate([coming(scene, each, then) for each in nearby]), reach)  # fmt: skip
     return found
+
+
+def could_keep(now: Array, later: Array, nearby: Array, reach: Array) -> bool:
+    """Whether joints that turn by `reach` (n,) could have kept the nearest of these distances less the margin (m,).
+
+    `later` is what a body's motion makes of `now`, `nearby` (n, m) the same with each joint turned by `STEP`.
+    """
+    i = int(np.argmin(later))
+    gains = float(np.abs((nearby[:, i] - later[i]) / STEP) @ reach)
+    return bool(now[i] >= 0 and later[i] + gains / 1.5 > 0 and float(np.sort(later)[1]) > 0.05)

@@ -205,19 +205,19 @@ class Observer:
         self.told, self.dt = plan.told, plan.dt
         self.model = Servo(start, plan.ticks, plan.told.servo_hz, plan.dt)
         self.known = False
-        self.error, self.strays = np.zeros((2, 6))
-        """(6,) following error, and what the task knows of it."""
+        self.error, self.strays = np.zeros((2, len(start)))
+        """(n,) following error, and what the task knows of it."""
 
     def reset(self, velocity: Array) -> None:
         """Nothing is known but what the joints do now."""
         self.model.set_out(velocity)
-        self.known, self.strays = False, np.zeros(6)
+        self.known, self.strays = False, np.zeros_like(self.strays)
 
     def reference(self, measured: Array, command: Array) -> Array:
-        """(6,) after a tick of a command; what is no number stays so."""
+        """(n,) after a tick of a command; what is no number stays so."""
         self.model.move(command)
         usable = np.isfinite(measured)
-        self.error = measured - self.model.q if usable.all() and self.known else np.zeros(6)
+        self.error = measured - self.model.q if usable.all() and self.known else np.zeros_like(self.error)
         lively = min(float(np.abs(self.model.v).max()) / 0.1, 1.0) ** 2
         share = -math.expm1(-self.told.following * self.dt) * lively * usable.all()
         taken = share * (np.abs(self.error) <= self.told.tolerance)

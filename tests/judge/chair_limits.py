@@ -1,0 +1,609 @@
+"""The chair with limits of a user's own, clear of bodies that stand and that move, its arm led through late servos.
+
+Chairs with ARDIS and with arms from files, each limit drawn around where they start: an elbow above a tilted plane, a
+hand in a box or a ball that stands in the room while the chair drives, out of a ball, or upright; walls and a heading
+for the chair itself. Judged in each tick, also under a released stick, by the judge's own kinematics: no distance
+falls below zero, nor further; no body comes nearer than it does by itself; all that is judged of any chair; and what is
+said of it. Behind late servos that is judged where a line of commands and a servo of the judge's own lead.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from rehab_opt import Bound, JointFeedback, Limit, MovingCapsule, RedundancyResolver
+from tests.judge.chair_arms import Arm, drawn, free_posture
+from tests.judge.chair_calm import OFTEN, shaken_ticks
+from tests.judge.chair_claims import judge_ticks
+from tests.judge.chair_held import BRAKING, SIZE
+from tests.judge.chair_moved import judge_rest, one_part
+from tests.judge.chair_reach import judge_target
+from tests.judge.chair_robot import Array, Chair, jacobian_of, placed
+from tests.judge.chair_runs import OTHER_SETS, SETS, Part, Run, motion, posture, record
+from tests.judge.clearance_bodies import (
+    EDGE,
+    STEP,
+    Scene,
+    clearance_of,
+    coming,
+    could_keep,
+    put_around,
+    standing,
+    where,
+)
+from tests.judge.joint_feedback import OVERSHOOT, Observer, Plan, Servo
+from tests.judge.numbering import numbered
+from tests.judge.verdict import Answers, Promise, Verdict
+
+PROMISES = (
+    Promise("rehab_opt/control/redundancy.py", "what the posture has to keep besides, in the world frame: `Limit`, and "
+            "a `Clearance` of the arm, of which links are pairs that chair and arm move."),
+    Promise("rehab_opt/control/redundancy.py", "Without a command nothing is given way to."),
+    Promise("rehab_opt/control/redundancy.py", "Within 0.1 m or rad of one, or of a body that comes, accelerations "
+            "yield to it, which `Bound.ACCELERATION` says, and the law is not promised."),
+    Promise("rehab_opt/control/redundancy.py", "what moves, now, in the world frame"),
+    Promise("rehab_opt/control/redundancy.py", "act on where the arm's joints are led, see `PoseTracker`; joint limits "
+            "hold there and where they are. The base acts on its measured place"),
+    Promise("rehab_opt/control/limit.py", "every distance h(q) at zero or above, at the end of every tick."),
+    Promise("rehab_opt/control/limit.py", "`Bound.POSITION` says that h(q) is below zero"),
+    Promise("rehab_opt/control/limit.py", "by default 1/T, T the longest of the joints' speeds over their "
+            "accelerations, so that all joints can brake together before it."),
+    Promise("rehab_opt/control/clearance.py", "among bodies that stand still, no pair that was clear comes nearer than "
+            "`margin`, and one that was nearer gets no nearer, in any tick, braking ones included"),
+    Promise("rehab_opt/control/clearance.py", "the arm's own motion never adds to that, and `Bound.POSITION` says so."),
+    Promise("rehab_opt/control/redundancy.py", "Never broken, in this order: joint and chassis speeds"),
+)  # fmt: skip
+LEAST = {
+    "status ok": 400_000, "status blocked": 10_000, "braking near a limit": 100, "law judged": 1000,
+    "at a limit: in a box": 3000, "at a limit: in a ball": 500, "at a limit: out of a ball": 1000,
+    "at a limit: upright": 1000, "at the margin of a capsule": 1000, "at the margin of a box": 1000,
+    "at the margin of a plane": 1000, "at the margin of a body that moves": 300, "led by feedback": 100_000,
+    "behind where it is led": 30_000, "reaching": 50_000, "a limit near, turned across the world": 10_000,
+    "numbers that are none, moving": 100, "the dead-man released, moving": 500, "at rest after the command": 5000,
+    "limits that are come to faster than all can brake": 50_000,
+}  # fmt: skip
+CI_TICKS = 3000
+SHARE = 0.3
+KINDS = ("above a plane", "in a box", "in a ball", "out of a ball", "upright", "chair within walls", "chair's heading")
+EPISODES, SECONDS = 2, 5.0
+PLACES = 3
+"""Of walls and posts."""
+NEAR = 2e-3
+"""[rad, m] of a limit or margin what counts as at it."""
+FASTER = 0.1
+"""[m/s, rad/s] By so much braking together may be faster than a barrier: ways bend."""
+ROUNDING, TRUE = 1e-9, 1e-9
+"""[rad, m] What sums may miss a limit by; two kinematics may differ by."""
+UNSURE = 5e-3
+"""[rad] Between where a joint is led and where it is measured."""
+BESIDE = 0.1
+"""[m, rad] Of a limit or a margin, where accelerations yield and no law is promised."""
+AWAY, TIMES = 0.05, 1.2
+"""[m] A body that moves is given way to from no further off, and the way that it comes nearer in that many times T."""
+
+
+@dataclass(frozen=True)
+class Mounted(Chair):
+    """A chair with an arm from a file, of n joints, in place of ARDIS: arrays of 3 + n."""
+
+    on: Arm = field(kw_only=True)
+
+    def robot(self) -> Any:
+        """What the public constructors make of the same numbers."""
+        return self.on.robot()
+
+    @property
+    def radii(self) -> Array:
+        """[m] of link and keep-out together, in the order of `arm_gaps`."""
+        return np.array([radius + 0.18 for *_, radius in self.on.bodies(np.zeros(self.on.n)) for _ in range(2)])
+
+    def bodies(self, q: Array) -> list[tuple[Array, Array, float]]:
+        """Both ends (..., 3) in the chassis frame and radius [m] of each link."""
+        return self.on.bodies(q[..., 3:])
+
+    def arm_gaps(self, q: Array) -> Array:
+        """(..., k) [m] of links and keep-outs."""
+        return self.on.gaps(q[..., 3:])
+
+    def hand(self, q: Array) -> Array:
+        """(..., 3) place of the hand in the world [m]."""
+        return self.on.hand(q)[0]
+
+    def orientation(self, q: Array) -> Array:
+        """(..., 3, 3) of the hand in the world."""
+        return self.on.hand(q)[1]
+
+    def jacobian(self, q: Array) -> Array:
+        """(..., 7, 3 + n) rows `ROWS` in the chassis frame, by u."""
+        poses = self.on.links(q[..., 3:])
+        axes = [pose[..., :3, :3] @ axis for pose, axis in zip(poses[1:-1], self.on.axes, strict=True)]
+        origins = [pose[..., :3, 3] for pose in poses[1:-1]]
+        return jacobian_of(poses[-1][..., :3, 3], poses[-1][..., :3, 2], list(zip(axes, origins, strict=True)))
+
+
+class Wish(NamedTuple):
+    """A user's limit: one distance or several."""
+
+    kind: str
+    elbow: int | None
+    """Frame of the chain whose origin it is of, at a joint of the arm; None for the hand."""
+    ways: Array
+    """(k, 3) of planes' normals, a ball's middle, the axis that the hand points along; of the chair's place."""
+    rooms: Array
+    """(k,) [m or rad] of planes; a ball's radius; cosine."""
+    rate: float | None
+    unit: float
+    """Of its distances, in m or rad."""
+
+    def limit(self) -> Limit:
+        """As a user states it."""
+
+        def distances(chain: Any, q: ca.SX) -> ca.SX:
+            frames = chain.frames_expression(q)
+            pose = frames[-1]
+            if self.kind.startswith("chair"):
+                place = q[:3]
+            else:
+                place = pose[:3, 2] if self.kind == "upright" else frames[self.elbow or -1][:3, 3]
+            if "ball" in self.kind:
+                radius, middle = float(self.rooms[0]), ca.DM(self.ways[0])
+                left = (radius**2 - ca.sumsqr(place - middle)) / (2 * radius)
+                return self.unit * (left if self.kind == "in a ball" else -left)
+            return self.unit * (ca.DM(self.ways) @ place + ca.DM(self.rooms))
+
+        return Limit(distances, rate=self.rate)
+
+    def numbers(self, chair: Chair, q: Array) -> Array:
+        """(N, k) the distances at q (N, n) [m or rad]."""
+        if self.kind.startswith("chair"):
+            place = q[:, :3]
+        elif self.kind == "upright":
+            place = chair.orientation(q)[..., 2]
+        else:
+            place = chair.hand(q) if self.elbow is None else elbow(chair, q, self.elbow)
+        if "ball" in self.kind:
+            radius = float(self.rooms[0])
+            left = (radius**2 - np.sum((place - self.ways[0]) ** 2, axis=-1, keepdims=True)) / (2 * radius)
+            return np.asarray(left if self.kind == "in a ball" else -left)
+        return np.asarray(place @ self.ways.T + self.rooms)
+
+
+def elbow(chair: Chair, q: Array, frame: int) -> Array:
+    """(..., 3) [m] of the joint at that frame of the chain in the world."""
+    if isinstance(chair, Mounted):
+        return placed(chair.on.links(q[..., 3:])[frame - 2][..., :3, 3], q)
+    return placed(chair.joints(q)[1], q)
+
+
+def wish(rng: np.random.Generator, chair: Chair, q: Array) -> Wish:
+    """A limit some way off the posture q (n,)."""
+    kind = str(rng.choice(KINDS))
+    slower, faster = rng.uniform(0.5, 1.0), rng.uniform(2.0, 8.0)  # than all joints can brake together
+    rate = rng.choice([None, None, None, slower, faster])
+    rate = None if rate is None else float(rate / longest(chair))
+    unit, frame = float(rng.choice([1.0, 1.0, 0.1, 1000.0])), None
+    if kind == "above a plane" or (("ball" in kind) and rng.random() < 0.5):
+        frame = 5 if not isinstance(chair, Mounted) else 3 + int(rng.integers(1, chair.on.n))
+    point = (chair.hand(q[None]) if frame is None else elbow(chair, q[None], frame))[0]
+    room = float(rng.choice([0.02, 0.05, 0.15, 0.4])) * rng.uniform(0.5, 1.0)
+    room = -0.02 if rng.random() < 0.05 else room  # beyond it already
+    way = rng.standard_normal(3)
+    way /= np.linalg.norm(way)
+    if kind == "in a box":
+        axes = np.linalg.qr(rng.standard_normal((3, 3)))[0] if rng.random() < 0.5 else np.eye(3)
+        ways = np.vstack([axes.T, -axes.T])
+        return Wish(kind, frame, ways, rng.uniform(0.02, 0.5, 6) - ways @ point, rate, unit)
+    if kind == "above a plane":
+        return Wish(kind, frame, way[None], np.array([room - way @ point]), rate, unit)
+    if "ball" in kind:
+        radius = rng.uniform(0.1, 0.6)
+        out = radius - min(room, 0.9 * radius) if kind == "in a ball" else radius + room
+        return Wish(kind, frame, (point + out * way)[None], np.array([radius]), rate, unit)
+    if kind == "upright":
+        axis = chair.orientation(q[None])[0, :, 2]
+        way = axis + 0.5 * way
+        way /= np.linalg.norm(way)
+        return Wish(kind, frame, way[None], np.array([0.3 * room - way @ axis]), rate, unit)
+    if kind == "chair's heading":
+        ways = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]])
+        return Wish(kind, frame, ways, rng.uniform(0.05, 0.5, 2) - ways @ q[:3], rate, unit)
+    angles = rng.uniform(0, 2 * math.pi) + np.array([0.0, 2.0, 4.2])
+    ways = np.column_stack([np.cos(angles), np.sin(angles), np.zeros(3)])
+    return Wish(kind, frame, ways, rng.uniform(0.03, 0.4, 3) - ways @ q[:3], rate, unit)
+
+
+class Servos:
+    """The robot behind a controller with feedback: a base that moves as commanded, an arm of late servos."""
+
+    def __init__(self, rng: np.random.Generator, plan: Plan, q: Array, velocity: Array) -> None:
+        self.rng, self.plan, self.base = rng, plan, q[:3].copy()
+        self.arm, self.observer = Servo(q[3:], plan.late, plan.told.servo_hz, plan.dt), Observer(plan, q[3:])
+        self.last = velocity[3:].copy()
+        self.arm.set_out(self.last)
+        self.observer.reset(self.last)
+        self.arm.q = q[3:] - self.arm.under_way
+        self.rests = not velocity.any()
+        self.true: list[Array] = []
+
+    def read(self, wrong: Array) -> Array:
+        """(n,) what is measured."""
+        noise = self.plan.noise * self.rng.uniform(-1, 1, len(self.arm.q))
+        told = np.concatenate([self.base, self.arm.q + noise])
+        told[np.broadcast_to(wrong, told.shape) != 0.0] = math.nan
+        return told
+
+    def led(self, measured: Array, end: Array, *, enable: object) -> Array:
+        """(n,) where it is led; `end` where no number says so."""
+        found = np.concatenate([measured[:3], self.observer.reference(measured[3:], self.last)])
+        if enable is not True and self.rests:
+            self.observer.reset(np.zeros_like(self.last))
+        return np.where(np.isfinite(found), found, end)
+
+    def move(self, value: Array, dt: float) -> None:
+        """One tick of a command (n,)."""
+        self.base, self.last, self.rests = self.base + dt * value[:3], value[3:].copy(), not value.any()
+        self.arm.move(self.last)
+        self.true.append(self.arm.q)
+
+
+class Case(NamedTuple):
+    """A chair, what it has to keep, and its controller."""
+
+    chair: Chair
+    made: Any
+    dt: float
+    sets: tuple[tuple[str, ...], ...]
+    wishes: list[Wish]
+    scene: Scene | None
+    plan: Plan | None
+    places: int
+    """Of walls and posts."""
+    alone: bool
+
+
+# ------------------------------------------------------------------------------------------------------------- runs
+def run(ticks: int, seed: int, *, only: int | None = None) -> Verdict:
+    """One chair after another."""
+    verdict = Verdict("chair_limits", seed, LEAST)
+    for number, rng in numbered(verdict, ticks, only):
+        one_run(verdict, number, rng)
+    return verdict
+
+
+def alone(number: int) -> bool:
+    """Whether one body that moves slowly is all there is in this run."""
+    return number % 8 == 5
+
+
+def one_slow_body(case: Case) -> bool:
+    """Whether that is so in the case that was drawn."""
+    return case.alone and case.scene is not None and bool(case.scene.moving)
+
+
+def draw(rng: np.random.Generator, number: int) -> tuple[Case, Array]:
+    """A chair and where it starts: own limits, bodies, or both; every third with feedback."""
+    drive, dt = ("fixed", "differential", "mecanum")[number % 3], float(rng.choice([0.005, 0.01, 0.01, 0.02]))
+    if rng.random() < 0.6:
+        chair = Chair(drive)
+        q = posture(chair, rng)
+    else:
+        arm = drawn(rng, bodies=bool(rng.random() < 0.7))
+        while (joints := free_posture(arm, rng)) is None:
+            arm = drawn(rng, bodies=True)
+        chair = Mounted(
+            drive, lower=arm.lower, upper=arm.upper, velocity=np.append([0.8, 0.8, 1.0], arm.velocity),
+            acceleration=np.append([1.0, 1.0, 1.5], arm.acceleration), on=arm,
+        )  # fmt: skip
+        q = np.concatenate([rng.uniform(-0.3, 0.3, 2), rng.uniform(-3, 3, 1), joints])
+    sets = (SETS[0], (SETS + OTHER_SETS)[int(rng.integers(1, len(SETS + OTHER_SETS)))])
+    scene = None
+    count = 0 if number % 4 == 3 or alone(number) else int(rng.integers(1, 4))
+    wishes = [wish(rng, chair, q) for _ in range(count)]
+    if not wishes or rng.random() < 0.4:
+        scene = around(rng, number, chair, q, dt)
+    led, plan = rng.random() < 0.35, None
+    if led:
+        plan = late(rng, chair, dt)
+    places = PLACES if rng.random() < 0.25 and not alone(number) else 0
+    limits: list[Any] = [each.limit() for each in wishes]
+    if scene is not None:
+        limits.insert(int(rng.integers(len(limits) + 1)), clearance_of(scene, int(rng.choice([2, 8]))))
+    made = RedundancyResolver(
+        chair.robot(), drive=drive, row_sets=sets, dt=dt, max_obstacles=places, limits=limits, compile=False,  # type: ignore[arg-type]
+        feedback=None if plan is None else plan.told,
+    )  # fmt: skip
+    return Case(chair, made, dt, sets, wishes, scene, plan, places, alone(number)), q
+
+
+def around(rng: np.random.Generator, number: int, chair: Chair, q: Array, dt: float) -> Scene:
+    """Bodies about the ways of the links, in the world."""
+    links = [(0, np.zeros((2, 3)), radius) for *_, radius in chair.bodies(q)]
+    kinds = (3,) if alone(number) else ((0, 3), (1, 2), (0, 1))[int(rng.integers(3))]
+    scene = Scene(links, float(rng.choice([0.0, 0.02, 0.05])), 0.0, False, [], [], [], [])
+    speed = rng.uniform(-1, 1, (8, len(q))) * np.isin(np.arange(len(q)), chair.moving) * chair.velocity
+    ways = np.vstack([q, q + rng.uniform(0.2, 0.8, (8, 1)) * speed])
+    return put_around(rng, scene, kinds, segments(chair, ways), alone=alone(number))
+
+
+def late(rng: np.random.Generator, chair: Chair, dt: float) -> Plan:
+    """What is told of the servos, half of them a bit wrong."""
+    wrong, ticks = rng.random() < 0.5, int(rng.integers(0, 5))
+    told = JointFeedback(delay=ticks * dt, servo_hz=float(rng.choice([math.inf, 24.0, 60.0])))
+    change = 1 if wrong and dt <= 0.005 else 0
+    return Plan("nothing", dt, told, ticks + change, float(rng.choice([1e-4, 2e-4])) * wrong, 0, 0.0, chair.lower,
+                chair.upper, chair.acceleration[3:])  # fmt: skip
+
+
+def segments(chair: Chair, q: Array) -> list[Array]:
+    """(N, 2, 3) [m] of each link in the world at q (N, n)."""
+    return [np.stack([placed(one, q), placed(other, q)], axis=1) for one, other, _ in chair.bodies(q)]
+
+
+def aimed(rng: np.random.Generator, case: Case, q: Array, rows: tuple[str, ...], frame: str) -> Array:
+    """(k,) a direction of these rows that leads at a limit or a body."""
+    chair = case.chair
+    u = rng.standard_normal((24, len(q))) * np.isin(np.arange(len(q)), chair.moving) * chair.velocity
+    there = np.vstack([q, q + 1e-3 * chair.world(np.broadcast_to(q, u.shape), u)])
+    found = [each.numbers(chair, there) for each in case.wishes]
+    if case.scene is not None:
+        ends = segments(chair, there)
+        found += [*standing(case.scene, ends).values()]
+        if case.scene.moving:
+            found.append(coming(case.scene, ends, where(case.scene, np.zeros(len(there)))))
+    if found:
+        chosen = found[int(rng.integers(len(found)))]
+        u = u[[int(np.argmin(chosen[1:, int(rng.integers(chosen.shape[1]))]))]]
+    direction = chair.task(q, rows, frame) @ u[0]
+    size = np.linalg.norm(direction)
+    direction = direction / size if size > 1e-6 else rng.standard_normal(len(rows))
+    direction = direction + 0.1 * rng.standard_normal(len(rows))
+    return np.asarray(direction / np.linalg.norm(direction))
+
+
+def parts_of(rng: np.random.Generator, case: Case, q: Array) -> list[Part]:
+    """A stick that leads at something, then others, or places to reach."""
+    dt, spent, parts = case.dt, 0, list[Part]()
+    slow = one_slow_body(case)
+    reaching = not slow and rng.random() < 0.25
+    while spent < SECONDS / dt:
+        part = one_part(rng, case.sets, dt, () if not parts else None)
+        if not case.places:
+            part = part._replace(obstacles=None)
+        n = min(len(part.twist), round(2.5 / dt))
+        part = part._replace(twist=part.twist[:n], hostile=None if part.hostile is None else part.hostile[:n])
+        if part.hostile is not None:
+            hostile = np.zeros((n, len(q)))
+            hostile[:, int(rng.integers(len(q)))] = part.hostile.sum(axis=1)
+            part = part._replace(hostile=hostile)
+        elif not part.fault and (slow or not parts or rng.random() < 0.5):
+            way = aimed(rng, case, q, part.rows, part.frame)
+            swings = np.sin(np.arange(n) * dt * rng.uniform(0.5, 2.5))[:, None] if parts and rng.random() < 0.5 else 1.0
+            size = rng.uniform(0.05, 0.3) * (0.2 if slow else 1.0)
+            part = part._replace(twist=size * swings * np.tile(way, (n, 1)), enable=True)
+        if reaching and not part.fault:
+            target = case.chair.hand(q) + rng.uniform(0.1, 0.6) * aimed(rng, case, q, SETS[0], "world")
+            part = part._replace(target=target, rows=SETS[0], frame="world", twist=np.zeros((n, 3)))
+        if part.enable is True and not part.fault and rng.random() < 0.3:  # let go on the way, by one hand or the other
+            n = int(rng.integers(round(0.2 / dt), n + round(0.2 / dt) + 1))
+            part = part._replace(twist=part.twist[:n])
+            rest = np.zeros((round((case.chair.braking_time + 1.2) / dt), len(part.rows)))
+            other = rng.choice([True, False])
+            parts += [part, part._replace(twist=rest if other else rest + part.twist[-1], enable=bool(other),
+                                          target=None, obstacles=None)]  # fmt: skip
+        else:
+            parts.append(part)
+        spent = sum(len(each.twist) for each in parts)
+    return parts
+
+
+def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
+    """One chair."""
+    case, start = draw(rng, number)
+    for _ in range(EPISODES):
+        episode(verdict, number, rng, case, start)
+
+
+def episode(verdict: Verdict, number: int, rng: np.random.Generator, case: Case, q: Array) -> None:
+    """Sticks, from the posture q (n,) on."""
+    chair, dt = case.chair, case.dt
+    parts = parts_of(rng, case, q)
+    begun = motion(chair, q, rng, dt) if rng.random() < 0.3 else np.zeros(len(q))
+    way = chair.braked(q, begun, dt)
+    if min((each.numbers(chair, way).min() for each in case.wishes), default=1.0) < NEAR or case.scene is not None:
+        begun = np.zeros(len(q))
+    ticks = sum(len(part.twist) for part in parts)
+    places, there = moving_bodies(rng, case, ticks)
+    told = None
+    if case.scene is not None and case.scene.moving:
+        speeds, radii = [np.diff(place, axis=0) / dt for place in places], [body[1] for body in case.scene.moving]
+        told = [
+            [MovingCapsule(*places[i][k], radii[i], *speeds[i][k]) for i in np.flatnonzero(there[k])]
+            for k in range(ticks)
+        ]
+    servos = None if case.plan is None else Servos(rng, case.plan, q, chair.world(q, begun))
+    run = record(case.made, Run(chair, dt, begun, parts, arcs=False, moving=told, late=servos), q)
+    kinds, scene = ", ".join(each.kind for each in case.wishes), case.scene
+    counts = [] if scene is None else [len(each) for each in (scene.capsules, scene.boxes, scene.moving)]
+    told_of = f"capsules, boxes, moving {counts}, {case.plan and case.plan.told}"
+    verdict.begin(number, f"{type(chair).__name__} {chair.drive} dt {dt:g}, {kinds}, {told_of}")
+    judge(verdict, case, run, places, there)
+    if servos is not None:
+        judge_servos(verdict, case, run, servos)
+
+
+def moving_bodies(rng: np.random.Generator, case: Case, ticks: int) -> tuple[list[Array], NDArray[np.bool_]]:
+    """Segments (ticks + 1, 2, 3) of what moves, and whether each is there (ticks, m): they come and go."""
+    if case.scene is None:
+        return [], np.ones((ticks, 0), dtype=bool)
+    places = where(case.scene, case.dt * np.arange(ticks + 1))
+    there = np.ones((ticks, len(places)), dtype=bool)
+    for column in there.T:
+        if rng.random() < 0.3:
+            begin = int(rng.integers(ticks))
+            column[begin : begin + int(rng.integers(ticks))] = False
+    return places, there
+
+
+# ----------------------------------------------------------------------------------------------------------- judging
+def judge(verdict: Verdict, case: Case, run: Run, places: list[Array], there: NDArray[np.bool_]) -> None:
+    """All claims of one run."""
+    chair, dt, q, ends = case.chair, case.dt, run.q[:-1], run.ends
+    n = len(q)
+    inside, edge, near, beside = (np.zeros(n, dtype=bool) for _ in range(4))
+    slowest, falls = longest(chair), np.full(n, -math.inf)
+    for each in case.wishes:
+        stated = case.made.robot.bodied_chain, each.limit()
+        same(verdict, chair, each, stated, q[0])
+        now, then = each.numbers(chair, q), each.numbers(chair, ends)
+        verdict.within(f"{each.kind}: below zero, or further [m or rad]", np.minimum(now, 0) - then, ROUNDING)
+        rate = 1 / slowest if each.rate is None else each.rate
+        first, every = now.argmin(axis=1), np.arange(n)  # the least distance has a rate, not each
+        falls = np.maximum(falls, ((now - then) / dt - rate * np.maximum(now, 0))[every, first])
+        least = now[every, first]
+        beside |= least < BESIDE
+        inside, edge, near = inside | (least < 0), edge | (np.abs(least) < EDGE), near | (np.abs(least) < NEAR)
+        verdict.during(f"at a limit: {each.kind}", np.abs(least) < NEAR, dt)
+    apart = moved = stays = np.full((n, 1), math.inf)
+    if case.scene is not None:
+        here, later = segments(chair, q), segments(chair, ends)
+        for kind, gaps in standing(case.scene, here).items():
+            then = standing(case.scene, later)[kind]
+            verdict.within(f"nearer to a {kind} than the margin and before [m]", np.minimum(gaps, 0) - then, 1e-8)
+            falls = np.maximum(falls, ((gaps - then) / dt - np.maximum(gaps, 0) / slowest).max(axis=1))
+            beside |= (gaps < BESIDE).any(axis=1)
+            inside, edge = inside | (gaps < 0).any(axis=1), edge | (np.abs(gaps) < EDGE).any(axis=1)
+            near |= (np.abs(gaps) < NEAR).any(axis=1)
+            verdict.during(f"at the margin of a {kind}", (np.abs(gaps) < NEAR).any(axis=1), dt)
+        if case.scene.moving:
+            gone = np.where(np.tile(there, len(case.scene.links)), 0.0, math.inf)
+            before, after = [place[:-1] for place in places], [place[1:] for place in places]
+            apart, stays, moved = (coming(case.scene, *each) + gone for each in
+                                   ((here, before), (here, after), (later, after)))  # fmt: skip
+            verdict.within("nearer to a moving body than it came itself [m]", np.minimum(stays, 0) - moved, 1e-8)
+            inside, edge = inside | (apart < 0).any(axis=1), edge | (np.abs(apart) < EDGE).any(axis=1)
+            verdict.during("at the margin of a body that moves", (np.abs(apart) < NEAR).any(axis=1), dt)
+            if one_slow_body(case):
+                judge_giving_way(verdict, case, run, places, (apart, stays, moved))
+    gives_way = giving_way(chair, dt, apart, stays)
+    hasty = np.full(n, any(each.rate is not None and each.rate > 1 / slowest for each in case.wishes))
+    verdict.during("limits that are come to faster than all can brake", hasty, dt)
+    found, u = judge_ticks(run, verdict, excused=gives_way | beside | hasty)
+    met = np.where(gives_way, -math.inf, falls)
+    if run.start.any():  # a velocity that was told knew of no barrier
+        met[: round((slowest + 1.0) / dt)] = -math.inf
+    verdict.within("come to faster than its barrier [m/s or rad/s]", met, FASTER)
+    arm = q[:, 3:]
+    rooms = np.minimum(chair.arm_gaps(q).min(axis=1), np.minimum(arm - chair.lower, chair.upper - arm).min(axis=1))
+    # Of led joints limits hold where they are measured, too: within noise and a delay that is another, either is true.
+    unsure = EDGE if case.plan is None or case.plan.exact else UNSURE
+    inside, edge = inside | (rooms < 0), edge | (np.abs(rooms) < unsure)
+    if not case.places:
+        flagged = found.yielded & Bound.POSITION.value != 0
+        verdict.holds("beyond a limit or within a margin is flagged, and nothing else is", (inside == flagged) | edge)
+    judge_rest(run, verdict, u)
+    hurried = found.yielded & Bound.ACCELERATION.value != 0
+    verdict.during("accelerations yield near a limit", hurried & near & ~gives_way, dt)
+    verdict.during("accelerations yield, no limit near", hurried & ~near & ~gives_way, dt)
+    safe = ~np.isin(found.status, ("ok", "backup", "blocked"))
+    verdict.during("braking near a limit", safe & near & u.any(axis=1), dt)
+    turns = np.abs(np.sin(q[:, 2])) > 0.7
+    verdict.during("a limit near, turned across the world", near & turns, dt)
+    for part, span in zip(run.parts, run.slices, strict=True):
+        judge_part(verdict, case, run, part, span, found, gives_way | beside | hasty)
+
+
+def longest(chair: Chair) -> float:
+    """[s] T of all joints, a base that stands among them."""
+    return float(np.max(chair.velocity / chair.acceleration))
+
+
+def giving_way(chair: Chair, dt: float, apart: Array, stays: Array) -> NDArray[np.bool_]:
+    """(n,) whether a body comes, or came within T + 1 s, so near and fast that accelerations may yield to it."""
+    slowest = longest(chair)
+    with np.errstate(invalid="ignore"):
+        comes = np.nan_to_num(np.maximum(apart - stays, 0.0)) / dt
+    yields = (stays < AWAY + TIMES * slowest * comes).any(axis=1)
+    after = round((slowest + 1.0) / dt)
+    return np.convolve(yields, np.ones(after + 1))[: len(yields)] > 0.5
+
+
+def judge_giving_way(
+    verdict: Verdict, case: Case, run: Run, places: list[Array], gaps: tuple[Array, Array, Array]
+) -> None:
+    """A stick that commands gives way to a body, at the joints' speeds."""
+    chair, dt, scene = case.chair, case.dt, case.scene
+    assert scene is not None
+    now, stays, moved = gaps
+    asked = np.concatenate([np.linalg.norm(part.twist, axis=1) * (part.enable is True and not part.fault)
+                            for part in run.parts])  # fmt: skip
+    acts = np.array([each.status.certified for each in run.commands]) & (asked > 1e-3) & (now.min(axis=1) >= 0)
+    verdict.during("gives way to a body that moves", acts & (stays < 0).any(axis=1), dt)
+    lost = []
+    speeds = np.where(np.isin(np.arange(len(chair.velocity)), chair.moving), chair.velocity, 0.0)
+    for k in np.flatnonzero(acts & (moved < -1e-8).any(axis=1)):
+        then = [place[k + 1][None] for place in places]
+        steps = chair.world(np.broadcast_to(run.q[k], (len(speeds), len(speeds))), STEP * np.eye(len(speeds)))
+        nearby = np.concatenate([coming(scene, segments(chair, (run.q[k] + step)[None]), then) for step in steps])
+        if could_keep(now[k], stays[k], nearby, dt * speeds):
+            lost.append(float(-moved[k].min()))
+    verdict.within("nearer to a body that could be kept clear of [m]", lost or [0.0], 1e-8)
+
+
+def same(verdict: Verdict, chair: Chair, each: Wish, stated: tuple[Any, Limit], q: Array) -> None:
+    """What the chain makes of a limit is what the judge does."""
+    chain, limit = stated
+    symbol = ca.SX.sym("q", len(q))
+    number = ca.Function("h", [symbol], [limit.distances(chain, symbol)])
+    off = np.abs(np.array(number(q)).ravel() / each.unit - each.numbers(chair, q[None])[0])
+    verdict.within("a user's distance by two kinematics", off, TRUE)
+
+
+def judge_part(
+    verdict: Verdict, case: Case, run: Run, part: Part, span: slice, found: Answers, excused: NDArray[np.bool_]
+) -> None:
+    """The law of one stick, or of a place to reach."""
+    chair, dt = case.chair, case.dt
+    q, ends = run.q[:-1][span], run.ends[span]
+    near = excused[span]
+    if part.fault or part.enable is not True:
+        return
+    if part.target is not None:
+        verdict.during("reaching", np.ones(len(q), dtype=bool), dt)
+        if case.scene is None or not case.scene.moving:
+            judge_target(run, verdict, found, part, span)
+        return
+    size = float(np.linalg.norm(part.twist[0]))
+    late = math.ceil((chair.braking_time + 1.0) / dt)
+    if not np.all(part.twist == part.twist[0]) or size < 1e-3 or size > 0.5 or len(q) <= late or near.any():
+        return
+    hand = chair.hand_velocity(q, ends, dt, part.rows, part.frame)[late:] / size
+    way = part.twist[0] / size
+    along, chord = hand @ way, max(1.0, dt / 0.01)
+    across = np.linalg.norm(hand - along[:, None] * way, axis=1)
+    verdict.within("law: the hand is no faster than the command", along, 1 + SIZE * chord)
+    verdict.within("law: against the command", -along, BRAKING)
+    verdict.within("law: across the command", across, BRAKING)
+    verdict.during("law judged", np.ones(len(along), dtype=bool), dt)
+    value = found.value[span]
+    turns = shaken_ticks(chair, chair.chassis(q, value), dt)
+    verdict.during("an arm joint shaken", turns, dt)
+    verdict.during("shaken, of a run", np.full(len(q), turns.sum() > OFTEN), dt)
+
+
+def judge_servos(verdict: Verdict, case: Case, run: Run, servos: Servos) -> None:
+    """Where the joints truly were."""
+    chair, plan = case.chair, case.plan
+    true = np.array(servos.true)
+    beyond = np.fmax(true - chair.upper, chair.lower - true)
+    if plan is not None and plan.exact:
+        verdict.within("a joint beyond its limit, where the model is true [rad]", beyond, OVERSHOOT)
+    said = [each.reason for each in run.commands]
+    verdict.holds("no fault of joints that follow", ["does not follow" not in each for each in said])
+    verdict.during("led by feedback", np.ones(len(true), dtype=bool), case.dt)
+    verdict.during("behind where it is led", np.abs(true - run.ends[:, 3:]).max(axis=1) > 1e-3, case.dt)
