@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 
 from rehab_opt.control.braking_together import BrakingTogether
-from rehab_opt.control.chair_obstacles import INTO, ROWS, ChairObstacles
+from rehab_opt.control.chair_obstacles import INTO, ROWS, ChairObstacles, mean_velocity
 from rehab_opt.control.keep_out import arm_gaps, closing_rows
 from rehab_opt.control.limit import Limits as OwnLimits
 from rehab_opt.control.obstacles import NUMBERS
@@ -116,8 +116,10 @@ class ChairLimits:
     for braking as hard as the accelerations allow, until it is kept again; and the command is shortened to what keeps
     the robot out in this tick: there only acceleration yields.
 
-    A user's limits and a `Clearance` make the rows that they make everywhere (`control.limit.Limits`). While the stick
-    commands, `base` is led out of the way of what comes nearer by itself, and acceleration yields to it.
+    A user's limits and a `Clearance` make the rows that they make everywhere (`control.limit.Limits`), and a user's
+    limits are kept on the way to z, too, the chair on its arc: at the rate of a barrier alone, a hand in a ball came to
+    its edge faster than braking takes away. While the stick commands, `base` is led out of the way of what comes nearer
+    by itself, and acceleration yields to it.
 
     Parameters
     ----------
@@ -240,15 +242,18 @@ class ChairLimits:
             still = [i for i in range(q.numel()) if i not in self.moving]
             turn = self.world(q[2], q.numel())
             turn[:, still] = 0
-            hard_ends, change = (hard_lower, hard_upper), self.braking.change
+            change = self.braking.change
             beside, free_beside, base = self.own.beside(
-                q, turn @ last, contacts, turn=turn, base=base, ends=_reached(last, change, base, hard_ends),
-                hard=hard_ends, gives_way=gives_way,
+                q, turn @ last, contacts, turn=turn, base=base, ends=_reached(last, change, base, (lower, upper)),
+                hard=(hard_lower, hard_upper), gives_way=gives_way,
             )  # fmt: skip
             base[:CHAIR] *= ca.fmin(
                 largest_part(chair @ base[:CHAIR], chair_limit), largest_part(-chair @ base[:CHAIR], chair_limit)
             )
             base = pressed(base)
+            times = [part * self.braking.time for part in ALONG]
+            ahead, free_ahead = self.own.on_the_way(q, slower, way=self.led, seconds=times, change=change)
+            beside, free_beside = ca.vertcat(beside, ahead), ca.vertcat(free_beside, free_ahead)
             beside_limit = ca.fmax(free_beside, beside @ base)
             lower, upper = ca.fmin(lower, base), ca.fmax(upper, base)
             outside = ca.sum1(ca.vertcat(outside, self.own.beyond(q), self.own.inside(contacts))) > 0
@@ -297,6 +302,14 @@ class ChairLimits:
         turn, cos, sin = ca.SX.eye(joints), ca.cos(heading), ca.sin(heading)
         turn[:2, :2] = ca.vertcat(ca.horzcat(cos, -sin), ca.horzcat(sin, cos))
         return turn
+
+    @staticmethod
+    def led(q: ca.SX, u: ca.SX, seconds: float) -> ca.SX:
+        """(n,) where velocities u (n,), the chair's in its own frame, lead in that time: the chair on an arc."""
+        way = seconds * mean_velocity(np.zeros(2), u[:CHAIR], seconds)
+        cos, sin = ca.cos(q[2]), ca.sin(q[2])
+        place = q[:2] + ca.vertcat(cos * way[0] - sin * way[1], sin * way[0] + cos * way[1])
+        return ca.vertcat(place, q[2:] + seconds * u[2:])
 
     @cached_property
     def contacts(self) -> ca.Function:
@@ -386,9 +399,9 @@ def _stacked(rows: list[tuple[ca.SX, ca.SX]]) -> tuple[ca.SX, ca.SX]:
     return ca.vertcat(ca.SX(0, CHAIR), *matrices), ca.vertcat(ca.SX(0, 1), *columns)
 
 
-def _reached(last: ca.SX, change: ca.DM, base: ca.SX, hard: tuple[ca.SX, ca.SX]) -> tuple[ca.SX, ca.SX]:
-    """What a change of velocity leads to within `hard`, `base` included."""
-    lower, upper = (clipped(end, *hard) for end in (last - change, last + change))
+def _reached(last: ca.SX, change: ca.DM, base: ca.SX, ends: tuple[ca.SX, ca.SX]) -> tuple[ca.SX, ca.SX]:
+    """What a change of velocity leads to within `ends`, `base` included."""
+    lower, upper = (clipped(end, *ends) for end in (last - change, last + change))
     return ca.fmin(lower, base), ca.fmax(upper, base)
 
 

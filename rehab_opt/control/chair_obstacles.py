@@ -215,12 +215,12 @@ def _corner(wall: ca.SX, corner: Array, velocity: ca.SX, time: float) -> tuple[c
     closes by each of the three, in the mean.
     """
     u = ca.SX.sym("u", CHAIR)
-    mean = ca.dot(wall[:2], _mean(corner, u, time))
+    mean = ca.dot(wall[:2], mean_velocity(corner, u, time))
     speed, closing = ca.substitute([mean, ca.jacobian(mean, u).T], [u], [velocity])
     return wall[2] - ca.dot(wall[:2], ca.DM(corner)) - time * speed, closing
 
 
-def _mean(corner: Array, velocity: ca.SX, time: float) -> ca.SX:
+def mean_velocity(corner: Array, velocity: ca.SX, time: float) -> ca.SX:
     """(2,) mean velocity of a chair's corner (2,) on an arc of a velocity (3,) for a time [s]."""
     x, y, half = float(corner[0]), float(corner[1]), velocity[2] * time / 2
     shrunk, cos, sin = 1 - half * half / 6, ca.cos(half), ca.sin(half)  # the chord over the arc, and its direction
@@ -230,7 +230,7 @@ def _mean(corner: Array, velocity: ca.SX, time: float) -> ca.SX:
 
 def _seen(place: ca.SX, velocity: ca.SX, time: float) -> ca.SX:
     """(2,) where a place (2,) is in the chassis frame after an arc of a velocity (3,) for a time [s]."""
-    way = place - time * _mean(np.zeros(2), velocity, time)
+    way = place - time * mean_velocity(np.zeros(2), velocity, time)
     x, y = way[0], way[1]
     cos, sin = ca.cos(velocity[2] * time), ca.sin(velocity[2] * time)
     return ca.vertcat(cos * x + sin * y, cos * y - sin * x)

@@ -77,15 +77,21 @@ class Limit:
         """
         symbol, ahead = ca.SX.sym("q", chain.n), ca.SX.sym("ahead", chain.n)
         each = self.at(chain, symbol)
-        first, *others = ca.vertsplit(ca.densify(ca.horzcat(each, self.at(chain, ahead), ca.jacobian(each, symbol))))
-        second = ca.SX(0, first.numel())
-        for other in others:
-            closer = other[0] < first[0]
-            further, first = ca.if_else(closer, first, other), ca.if_else(closer, other, first)
-            second = ca.if_else(further[0] < second[0], further, second) if second.numel() else further
-        found = ca.Function("nearest", [symbol, ahead], [ca.vertcat(first, second)])(q, q + way)
+        rows = ca.horzcat(each, self.at(chain, ahead), ca.jacobian(each, symbol))
+        found = ca.Function("nearest", [symbol, ahead], [two_least(rows)])(q, q + way)
         least, then, slopes = found[:, 0], found[:, 1], found[:, 2:]
         return least, slopes, ca.fmax(least + slopes @ way - then, 0)
+
+
+def two_least(rows: ca.SX) -> ca.SX:
+    """The two rows, or the one there is, whose first number is least, in order."""
+    first, *others = ca.vertsplit(ca.densify(rows))
+    second = ca.SX(0, first.numel())
+    for other in others:
+        closer = other[0] < first[0]
+        further, first = ca.if_else(closer, first, other), ca.if_else(closer, other, first)
+        second = ca.if_else(further[0] < second[0], further, second) if second.numel() else further
+    return ca.vertcat(first, second)
 
 
 def checked_limits(limits: Sequence[Limit], chain: SerialChain) -> tuple[Limit, ...]:
@@ -283,6 +289,38 @@ class Limits:
         lower, upper = (ca.if_else(gives_way, end, base) for end in ends)
         base = _kept_within((slopes, free, ca.fmax(now, least)), base, (lower, upper), hard)
         return -slopes, ca.fmax(free, least), base
+
+    def on_the_way(
+        self,
+        q: ca.SX,
+        last: ca.SX,
+        *,
+        way: Callable[[ca.SX, ca.SX, float], ca.SX],
+        seconds: Sequence[float],
+        change: ca.DM,
+    ) -> tuple[ca.SX, ca.SX]:
+        """R (m, n), r (m,) of R u <= r that keep the limits on the way that u leads, to first order about `last` (n,).
+
+        Parameters
+        ----------
+        way : q (n,), u (n,), t -> (n,) where u leads in t [s].
+        seconds : the times that are looked at, above zero; each limit makes rows of those where least is left.
+        change : (n,) of u in a tick at most: what tangents promise too much for that is kept as a margin.
+        """
+        here, u, largest = ca.SX.sym("q", self.chain.n), ca.SX.sym("u", self.chain.n), ca.mmax(change)
+        begun = ca.fmin(largest, ca.mmax(ca.fabs(u))) * largest / 2
+        rows = []
+        for each in self.limits:
+            candidates = []
+            for t in seconds:
+                distances = each.at(self.chain, way(here, u, t))
+                slopes = ca.jacobian(distances, u) / t
+                left = distances / t - begun * t * ca.sqrt(ca.sum2(slopes**2))
+                candidates.append(ca.horzcat(left, slopes))
+            rows.append(two_least(ca.vertcat(*candidates))[: each.count(self.chain), :])
+        found = ca.Function("on_the_way", [here, u], [ca.vertcat(ca.SX(0, 1 + u.numel()), *rows)])(q, last)
+        left, slopes = found[:, 0], found[:, 1:]
+        return -slopes, left - slopes @ last
 
     def led_clear(self, velocity: ca.SX, bounds: VelocityBounds, contacts: ca.SX) -> ca.SX:
         """(n,) `velocity`, led across where it would come nearer to a body than the margin; acceleration yields.

@@ -90,8 +90,8 @@ class RedundancyResolver(OneThread):
     keep_out : whether the arm is kept from the robot's keep-outs.
     limits : what the posture has to keep besides, in the world frame: `Limit`, and a `Clearance` of the arm, of which
         links are pairs that chair and arm move. See `PoseTracker`. Without a command nothing is given way to.
-        Within 0.1 m or rad of one, or of a body that comes, accelerations yield to it, which `Bound.ACCELERATION` says,
-        and the law is not promised.
+        Within 2 mm or mrad of one, and beside a body that comes, accelerations yield to it, which `Bound.ACCELERATION`
+        says; beside such a body the law is not promised.
     self_motion : weight of grad c in Eq. (1): v(r') = self_motion |r'|.
     dt : nominal tick [s], at most 0.02: in longer ones the Jacobian turns too far for the law.
     recovery_speed : share of the velocity limit at which a joint outside its limits comes back at most.

@@ -30,6 +30,13 @@ def test_slice_of_the_campaign_breaks_nothing(judge: str, seed: int) -> None:
     assert not verdict.missed, f"seed {seed}, too seldom (seen, asked): {verdict.missed}"
 
 
+@pytest.mark.parametrize(("judge", "seed", "number"), [("chair_limits", 20, 1)])
+def test_runs_that_were_broken_once_are_not_any_more(judge: str, seed: int, number: int) -> None:
+    verdict: Verdict = JUDGES[judge].run(1, seed, only=number)
+    assert verdict.ticks > 0
+    assert not verdict.broken, verdict.broken
+
+
 def test_least_counts_scale_with_what_was_run_and_find_that_nothing_happened() -> None:
     asked = [Verdict("any", 0, {"often": 1e5, "seldom": 50.0}, ticks=1000 * runs, runs=runs).missed
              for runs in (1, 36, 144, 3600, 14_400)]  # fmt: skip
