@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, cast
 
 import casadi as ca
@@ -21,7 +22,7 @@ from rehab_opt.symbolic import BufferedFunction, Compile
 if TYPE_CHECKING:
     from rehab_opt.optim.answer import Backend
 
-__all__ = ["BACKUP", "FUSED", "FallbackChain"]
+__all__ = ["BACKUP", "FUSED", "FallbackChain", "as_in_c"]
 
 FUSED = FUSED_SOLVERS[0]
 """Name of the solver inside the fused function."""
@@ -202,3 +203,24 @@ def _outputs(function: BufferedFunction, *values: ArrayLike) -> tuple[NDArray[np
         array[...] = value
     function()
     return function.outputs
+
+
+@contextmanager
+def as_in_c(*chains: FallbackChain) -> Iterator[None]:
+    """No backup is asked within, so that C, which has the fused solver alone, repeats a run that is recorded here.
+
+    Raises
+    ------
+    ConfigurationError : a solver that does not become C.
+    """
+    for chain in chains:
+        if chain.solver != FUSED:
+            raise ConfigurationError("solver", chain.solver, f"{FUSED}, which can become C")
+    backups = [chain.backup for chain in chains]
+    try:
+        for chain in chains:
+            chain.backup = FUSED
+        yield
+    finally:
+        for chain, backup in zip(chains, backups, strict=True):
+            chain.backup = backup

@@ -14,7 +14,7 @@ from rehab_opt.optim.active_set import TOGETHER, active_set_round
 from rehab_opt.optim.dual_active_set import dual_active_set
 from rehab_opt.optim.equalities import dependent_equalities, inequality_rows
 from rehab_opt.optim.qrqp import QRQP_ITERATIONS, qrqp
-from rehab_opt.symbolic.reading import read_back
+from rehab_opt.symbolic.shared import read_back
 
 if TYPE_CHECKING:
     from rehab_opt.optim.qp import Statement

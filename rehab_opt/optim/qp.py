@@ -12,9 +12,8 @@ from numpy.typing import ArrayLike
 
 from rehab_opt.optim.analytic import screened_analytic
 from rehab_opt.optim.certificate import all_true, certificate_function
-from rehab_opt.optim.rows import PLAUSIBLE, Instance, Row, Variable
-from rehab_opt.optim.well_stated import check_that_it_is_a_qp, with_numeric_bounds
-from rehab_opt.symbolic.reading import read_back
+from rehab_opt.optim.rows import PLAUSIBLE, Instance, Row, Variable, check_that_it_is_a_qp, with_numeric_bounds
+from rehab_opt.symbolic.shared import read_back
 from rehab_opt.symbolic.tick import Tick
 
 __all__ = ["Statement"]

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from importlib import import_module
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,11 +16,10 @@ from rehab_opt.plants.channel import Channel
 from rehab_opt.plants.contacts import Contact
 from rehab_opt.plants.drives import Drive, DriveState, VelocityServo
 from rehab_opt.plants.mjcf import HAND, arm_mjcf
-from rehab_opt.plants.physics import mujoco_module
 from rehab_opt.plants.plant import Truth
 from rehab_opt.plants.sampled import SampledPlant
 
-__all__ = ["MujocoArm"]
+__all__ = ["MujocoArm", "mujoco_module"]
 
 Array = NDArray[np.float64]
 
@@ -153,3 +154,17 @@ class MujocoArm(SampledPlant):
         upper = np.where(np.isfinite(chain.upper), chain.upper, math.pi)
         drawn = [np.diag(self.inertia(rng.uniform(lower, upper))) for _ in range(POSTURES)]
         return np.asarray(np.mean(drawn, axis=0), dtype=np.float64)
+
+
+def mujoco_module() -> Any:
+    """The module `mujoco`.
+
+    Raises
+    ------
+    ConfigurationError : it is not installed.
+    """
+    try:
+        return import_module("mujoco")
+    except ImportError as absent:
+        expected = "MuJoCo, which is not installed: pip install 'rehab_opt[physics]'"
+        raise ConfigurationError("plant", "mujoco", expected) from absent

@@ -16,6 +16,7 @@ import os
 import platform
 import re
 import shutil
+import stat
 import subprocess
 import tempfile
 import time
@@ -29,18 +30,14 @@ import casadi as ca
 
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.symbolic.background import idle, later
-from rehab_opt.symbolic.own_folder import exposed, make_private, owned
 
 __all__ = [
-    "Compile",
-    "cache_folder",
-    "compilation_wanted",
-    "compiled",
-    "going_on_after_failed_solves",
-    "how",
-    "machine_code",
-    "tell_of_waiting",
-]
+    "MODES", "Compile", "cache_folder", "compilation_wanted", "compiled", "going_on_after_failed_solves", "how",
+    "machine_code", "table_size", "table_step", "tell_of_waiting",
+]  # fmt: skip
+
+OTHERS_WRITE = stat.S_IWGRP | stat.S_IWOTH
+MODES = hasattr(os, "geteuid")  # Windows has neither owners nor modes that would tell; nothing is judged there
 
 Compile = Literal["wait", False] | None
 """None: as `REHAB_OPT_COMPILE` says, in the background where it says nothing; "wait": before all else; False: never."""
@@ -322,3 +319,50 @@ def going_on_after_failed_solves(code: str) -> str:
     starts singular was seen to stay there for that.
     """
     return EARLY_RETURN.sub("", code)
+
+
+def table_size(count: int) -> int:
+    """Rows to compile for, at least `count` of 1 and more: at most an eighth above it, or three."""
+    step = table_step(count)
+    return -(-count // step) * step
+
+
+def table_step(count: int) -> int:
+    """What `table_size` is a multiple of: a power of two from four on."""
+    return max(4, (1 << count.bit_length()) >> 4)
+
+
+# -------------------------------------------------- folders that only this user or root can have put something in
+def make_private(folder: Path) -> None:
+    """Make a folder, and those it is in, for this user alone."""
+    for each in (*reversed(folder.parents), folder):
+        each.mkdir(mode=0o700, exist_ok=True)
+
+
+def exposed(folder: Path) -> str:
+    """Why others could put code into an existing folder without links in its path (`Path.resolve`), or nothing.
+
+    Others must be able to write neither to it nor to a folder above, where they could exchange it; above, a sticky one
+    will do, as /tmp is. Then nothing they do between this check and the loading of a library makes a difference.
+    """
+    if not MODES:
+        return ""
+    for each in (folder, *folder.parents):
+        state = each.lstat()
+        if not stat.S_ISDIR(state.st_mode):
+            return f"{each} is no folder"
+        if not _own(state):
+            return f"{each} belongs to user {state.st_uid}"
+        if state.st_mode & OTHERS_WRITE and (each == folder or not state.st_mode & stat.S_ISVTX):
+            return f"{each} may be written by others (mode {stat.S_IMODE(state.st_mode):04o})"
+    return ""
+
+
+def owned(file: int) -> bool:
+    """Whether an open file is a plain one that this user or root wrote, and nobody else may change."""
+    state = os.fstat(file)
+    return stat.S_ISREG(state.st_mode) and (not MODES or (_own(state) and not state.st_mode & OTHERS_WRITE))
+
+
+def _own(state: os.stat_result) -> bool:
+    return state.st_uid in {0, os.geteuid()}

@@ -1,9 +1,9 @@
-"""What threads share: one CasADi function for all, arrays to evaluate it on for each."""
+"""What threads share: one CasADi function for all, arrays to evaluate it on for each; or the text of a function."""
 
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 from typing import Any, Generic, TypeVar
 
 import casadi as ca
@@ -11,9 +11,15 @@ from numpy.typing import NDArray
 
 from rehab_opt.symbolic.buffered import BufferedFunction
 
-__all__ = ["Evaluator", "PerThread"]
+__all__ = ["REMEMBERED", "Evaluator", "PerThread", "read_back"]
 
 T = TypeVar("T")
+
+REMEMBERED = 32
+"""Forms that are remembered; the text of one takes up to 3 MB."""
+
+_texts: dict[Hashable, str | None] = {}
+"""By form, that of the last use last; None where it was made once."""
 
 
 class PerThread(threading.local, Generic[T]):
@@ -47,3 +53,18 @@ class Evaluator:
             made = PerThread(lambda: BufferedFunction(function))
             known = self._functions.setdefault(expression.__name__, made)  # should two threads have built it at once
         return known.mine.of(*values)
+
+
+def read_back(form: Hashable, make: Callable[[], ca.Function]) -> ca.Function:
+    """What `make` gives, or a copy of what it gave for an equal form, which must say all that it depends on.
+
+    A copy computes the same to the last bit, and generates the same C. It is not the first function itself, since
+    CasADi counts references without a lock, and threads may use their functions at once. Text is written the second
+    time: it takes a while, which is lost where nothing is made again.
+    """
+    text = _texts.pop(form, "")
+    function = ca.Function.deserialize(text) if text else make()
+    for oldest in list(_texts)[: 1 - REMEMBERED]:
+        _texts.pop(oldest, None)
+    _texts[form] = text or (function.serialize() if text is None else None)
+    return function

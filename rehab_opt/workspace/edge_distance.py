@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.optim.certificate import all_true, clipped
-from rehab_opt.symbolic.table_size import table_size
+from rehab_opt.symbolic.compiled import table_size
 from rehab_opt.workspace.edge_table import doubtful_edges, edge_table
 from rehab_opt.workspace.region import ON_BOUNDARY
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.symbolic import BufferedFunction
-from rehab_opt.symbolic.table_size import table_size, table_step
+from rehab_opt.symbolic.compiled import table_size, table_step
 from rehab_opt.workspace.spline_fit import TINY, Fit
 
 __all__ = ["jacobians", "point_function", "point_inputs", "point_statement", "values"]

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from rehab_opt import ConfigurationError, LinkCapsule, ur5
-from rehab_opt.control.guarded_points import guarded_points
+from rehab_opt.control.hand_bounds import guarded_points
 from rehab_opt.kinematics.ur5 import UR5_CAPSULES
 
 GOOD = LinkCapsule("hand", 7, (0.0, 0.0, 0.0), (0.0, 0.0, 0.1), 0.05)

@@ -15,8 +15,7 @@ import pytest
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.optim.qrqp import qrqp
 from rehab_opt.symbolic import BufferedFunction, compiled
-from rehab_opt.symbolic.compiled import FLAGS, _compiler, _digest, cache_folder, compilation_wanted
-from rehab_opt.symbolic.own_folder import MODES
+from rehab_opt.symbolic.compiled import FLAGS, MODES, _compiler, _digest, cache_folder, compilation_wanted
 
 needs_compiler = pytest.mark.skipif(_compiler() is None, reason="no C compiler on this machine")
 MACHINE_CODE, VIRTUAL_MACHINE = "External", "SXFunction"

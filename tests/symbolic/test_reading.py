@@ -8,8 +8,8 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from rehab_opt.symbolic import reading
-from rehab_opt.symbolic.reading import REMEMBERED, read_back
+from rehab_opt.symbolic import shared
+from rehab_opt.symbolic.shared import REMEMBERED, read_back
 
 
 class Maker:
@@ -31,7 +31,7 @@ class Maker:
 
 @pytest.fixture
 def maker(monkeypatch: pytest.MonkeyPatch) -> Maker:
-    monkeypatch.setattr(reading, "_texts", {})
+    monkeypatch.setattr(shared, "_texts", {})
     return Maker()
 
 

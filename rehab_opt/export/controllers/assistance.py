@@ -12,8 +12,8 @@ from rehab_opt.control.command import Command
 from rehab_opt.export.controllers.bounded_force import DIFFERENCES, ENERGY, ExportedForce, faulty_ticks
 from rehab_opt.export.controllers.gated_fields import MEMORY, gated_fields
 from rehab_opt.export.recording import Tick, recorded
-from rehab_opt.export.stages import as_in_c
 from rehab_opt.field.potential import PotentialField
+from rehab_opt.optim.fallback_chain import as_in_c
 
 __all__ = ["exported_assistance"]
 

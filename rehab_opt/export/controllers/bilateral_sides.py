@@ -17,7 +17,7 @@ from rehab_opt.export.controllers.bounded_force import DIFFERENCES, ExportedForc
 from rehab_opt.export.controllers.gated_fields import MEMORY, gated_fields
 from rehab_opt.export.evaluated import Evaluated
 from rehab_opt.export.recording import Recording, Tick, recorded
-from rehab_opt.export.stages import as_in_c
+from rehab_opt.optim.fallback_chain import as_in_c
 from rehab_opt.workspace.controller_map import ControllerMap
 from rehab_opt.workspace.edge_distance import edge_columns, nearest_point_function
 from rehab_opt.workspace.spline_kernel import point_inputs, point_statement

@@ -26,8 +26,7 @@ from rehab_opt.export.controllers.pose_tracker import moving_argument, moving_va
 from rehab_opt.export.exported import BYTES, ExportedVelocity, Law
 from rehab_opt.export.generated import renamed
 from rehab_opt.export.recording import Recording
-from rehab_opt.export.stages import as_in_c
-from rehab_opt.optim.fallback_chain import BACKUP
+from rehab_opt.optim.fallback_chain import BACKUP, as_in_c
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.mirror.laws import tracker_of
 from rehab_opt.session.mirror.problem import MirrorProblem

@@ -12,7 +12,7 @@ from rehab_opt.control.path_progress import PATH_MODEL, PROGRESS, progress_funct
 from rehab_opt.export.controllers.bounded_force import DIFFERENCES, ENERGY, ExportedForce, faulty_ticks
 from rehab_opt.export.evaluated import Evaluated
 from rehab_opt.export.recording import Tick, recorded
-from rehab_opt.export.stages import as_in_c
+from rehab_opt.optim.fallback_chain import as_in_c
 from rehab_opt.workspace.edge_distance import edge_columns
 
 __all__ = ["exported_path_assistance"]

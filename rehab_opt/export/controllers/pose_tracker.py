@@ -13,8 +13,7 @@ from rehab_opt.control.pose_tracker import PoseTracker
 from rehab_opt.errors import ProblemFileError
 from rehab_opt.export.exported import ExportedController, ExportedVelocity, Law
 from rehab_opt.export.recording import Tick, about_run, encoders, recorded, standing, thinned, with_faults
-from rehab_opt.export.stages import as_in_c
-from rehab_opt.optim.fallback_chain import BACKUP, FUSED
+from rehab_opt.optim.fallback_chain import BACKUP, FUSED, as_in_c
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.outcome import Progress
 from rehab_opt.session.plant.making import joint_feedback

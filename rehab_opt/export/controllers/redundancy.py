@@ -18,8 +18,7 @@ from rehab_opt.export.c_text import indented, initialiser, number
 from rehab_opt.export.controllers.pose_tracker import moving_argument, moving_values
 from rehab_opt.export.exported import ExportedController, ExportedVelocity, Law
 from rehab_opt.export.recording import Recording, Tick, about_run, encoders, recorded, standing, thinned, with_faults
-from rehab_opt.export.stages import as_in_c
-from rehab_opt.optim.fallback_chain import BACKUP, FUSED
+from rehab_opt.optim.fallback_chain import BACKUP, FUSED, as_in_c
 from rehab_opt.session.ardis.outcome import moved
 from rehab_opt.session.ardis.problem import ArdisProblem, DriveName
 from rehab_opt.session.ardis.robot import joystick_of, resolver_of, robot_of, start_of

@@ -45,7 +45,7 @@ def on_plant(loaded: ProblemFile[P], kind: str | None) -> ProblemFile[P]:
         table = type(table)(kind="ideal") if kind == "ideal" else type(table)(kind="mujoco")
         loaded = replace(loaded, problem=loaded.problem.model_copy(update={"plant": table}))
     if table.kind == "mujoco":
-        from rehab_opt.plants.physics import mujoco_module  # noqa: PLC0415  (loads slowly)
+        from rehab_opt.plants.mujoco_arm import mujoco_module  # noqa: PLC0415  (loads slowly)
 
         mujoco_module()
     return loaded

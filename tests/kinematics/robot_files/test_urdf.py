@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from rehab_opt import ConfigurationError, SerialChain, ur5
-from rehab_opt.control.guarded_points import guarded_points
+from rehab_opt.control.hand_bounds import guarded_points
 from rehab_opt.errors import RobotFileError
 from rehab_opt.kinematics.inertia import inertia_expression
 from rehab_opt.kinematics.link_capsules import CapsuleOnLink
