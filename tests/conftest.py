@@ -4,6 +4,7 @@ import fcntl
 import hashlib
 import os
 import pickle
+import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -41,6 +42,8 @@ LONG = (
 def pytest_configure(config: pytest.Config) -> None:
     """Keep the order below: that of pytest-xdist is by the number of a file's tests, whatever they take."""
     config.option.loadscopereorder = False
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # so a job in the background is started
+        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

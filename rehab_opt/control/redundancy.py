@@ -90,7 +90,7 @@ class RedundancyResolver(OneThread):
     keep_out : whether the arm is kept from the robot's keep-outs.
     limits : what the posture has to keep besides, in the world frame: `Limit`, and a `Clearance` of the arm, of which
         links are pairs that chair and arm move. See `PoseTracker`. Without a command nothing is given way to.
-        Within 2 mm or mrad of one, and beside a body that comes, accelerations yield to it, which `Bound.ACCELERATION`
+        Beyond one already, and beside a body that comes, accelerations yield to it, which `Bound.ACCELERATION`
         says; beside such a body the law is not promised.
     self_motion : weight of grad c in Eq. (1): v(r') = self_motion |r'|.
     dt : nominal tick [s], at most 0.02: in longer ones the Jacobian turns too far for the law.

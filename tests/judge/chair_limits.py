@@ -45,7 +45,7 @@ PROMISES = (
     Promise("rehab_opt/control/redundancy.py", "what the posture has to keep besides, in the world frame: `Limit`, and "
             "a `Clearance` of the arm, of which links are pairs that chair and arm move."),
     Promise("rehab_opt/control/redundancy.py", "Without a command nothing is given way to."),
-    Promise("rehab_opt/control/redundancy.py", "Within 2 mm or mrad of one, and beside a body that comes, "
+    Promise("rehab_opt/control/redundancy.py", "Beyond one already, and beside a body that comes, "
             "accelerations yield to it, which `Bound.ACCELERATION` says; beside such a body the law is not promised."),
     Promise("rehab_opt/control/redundancy.py", "what moves, now, in the world frame"),
     Promise("rehab_opt/control/redundancy.py", "act on where the arm's joints are led, see `PoseTracker`; joint limits "
@@ -455,7 +455,7 @@ def judge(verdict: Verdict, case: Case, run: Run, places: list[Array], there: ND
     """All claims of one run."""
     chair, dt, q, ends = case.chair, case.dt, run.q[:-1], run.ends
     n = len(q)
-    inside, edge, near, beside = (np.zeros(n, dtype=bool) for _ in range(4))
+    inside, edge, near, beyond = (np.zeros(n, dtype=bool) for _ in range(4))
     slowest, falls = longest(chair), np.full(n, -math.inf)
     for each in case.wishes:
         stated = case.made.robot.bodied_chain, each.limit()
@@ -466,7 +466,7 @@ def judge(verdict: Verdict, case: Case, run: Run, places: list[Array], there: ND
         first, every = now.argmin(axis=1), np.arange(n)  # the least distance has a rate, not each
         falls = np.maximum(falls, ((now - then) / dt - rate * np.maximum(now, 0))[every, first])
         least = now[every, first]
-        beside |= least < NEAR
+        beyond |= least < ROUNDING
         inside, edge, near = inside | (least < 0), edge | (np.abs(least) < EDGE), near | (np.abs(least) < NEAR)
         verdict.during(f"at a limit: {each.kind}", np.abs(least) < NEAR, dt)
     apart = moved = stays = np.full((n, 1), math.inf)
@@ -476,7 +476,7 @@ def judge(verdict: Verdict, case: Case, run: Run, places: list[Array], there: ND
             then = standing(case.scene, later)[kind]
             verdict.within(f"nearer to a {kind} than the margin and before [m]", np.minimum(gaps, 0) - then, 1e-8)
             falls = np.maximum(falls, ((gaps - then) / dt - np.maximum(gaps, 0) / slowest).max(axis=1))
-            beside |= (gaps < NEAR).any(axis=1)
+            beyond |= (gaps < EDGE).any(axis=1)
             inside, edge = inside | (gaps < 0).any(axis=1), edge | (np.abs(gaps) < EDGE).any(axis=1)
             near |= (np.abs(gaps) < NEAR).any(axis=1)
             verdict.during(f"at the margin of a {kind}", (np.abs(gaps) < NEAR).any(axis=1), dt)
@@ -493,7 +493,7 @@ def judge(verdict: Verdict, case: Case, run: Run, places: list[Array], there: ND
     gives_way = giving_way(chair, dt, apart, stays)
     hasty = np.full(n, any(each.rate is not None and each.rate > 1 / slowest for each in case.wishes))
     verdict.during("limits that are come to faster than all can brake", hasty, dt)
-    found, u = judge_ticks(run, verdict, excused=gives_way | beside)
+    found, u = judge_ticks(run, verdict, excused=gives_way | beyond)
     met = np.where(gives_way, -math.inf, falls)
     if run.start.any():  # a velocity that was told knew of no barrier
         met[: round((slowest + 1.0) / dt)] = -math.inf
