@@ -9,7 +9,9 @@ from __future__ import annotations
 
 import math
 import tempfile
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -52,6 +54,9 @@ RADIUS = 0.05
 """[m] Of a link that has no capsule of its own."""
 NEAR, ROUNDING = 0.005, 1e-9
 AXES = np.eye(3)
+STILL: dict[str, list[int]] = {"fixed": [0, 1, 2], "differential": [1], "mecanum": []}
+SINGULAR = 1e-3
+"""[m, rad] Of the hand for a rad: rows in which it moves less at every posture drawn are not independent."""
 
 
 @dataclass(frozen=True)
@@ -206,10 +211,10 @@ def run(ticks: int, seed: int, *, only: int | None = None) -> Verdict:
 
 def one_arm(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
     """One robot, and sticks that are held."""
-    arm = drawn(rng, bodies=number % 3 > 0)
-    while (start := free_posture(arm, rng)) is None:
-        arm = drawn(rng, bodies=number % 3 > 0)
     rows, drive = ROWS[int(rng.integers(len(ROWS)))], ("fixed", "fixed", "differential", "mecanum")[number % 4]
+    arm = drawn(rng, bodies=number % 3 > 0)
+    while (start := free_posture(arm, rng)) is None or not independent(partial(hand_velocity, arm), arm, drive, rows):
+        arm = drawn(rng, bodies=number % 3 > 0)
     dt = float(rng.choice([0.01, 0.01, 0.02]))
     made = RedundancyResolver(arm.robot(), drive=drive, row_sets=[rows], dt=dt, max_obstacles=0, compile=False)  # type: ignore[arg-type]
     verdict.begin(number, f"{arm.n} joints, {drive}, {rows}, dt {dt:g}, {len(arm.capsules)} capsules")
@@ -217,6 +222,20 @@ def one_arm(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
         q = np.concatenate([rng.uniform(-0.3, 0.3, 3), free_posture(arm, rng) if rng.random() < 0.8 else start])
         twist = rng.uniform(0.1, 0.25) * stick(arm, q, rows, rng)
         episode(verdict, arm, made, q, twist, rows, drive, dt)
+
+
+def independent(velocity: Callable[..., Array], arm: Arm, drive: str, rows: tuple[str, ...]) -> bool:
+    """Whether the hand can be moved in all rows at once somewhere: an arm whose joints turn about one axis cannot.
+
+    velocity : q (N, 3 + n), where they lead (N, 3 + n), rows, in which time [s] -> (N, k).
+    """
+    joints = np.random.default_rng(0).uniform(arm.lower, arm.upper, (8, arm.n))
+    for each in np.hstack([np.zeros((8, 3)), joints]):
+        moves = velocity(np.tile(each, (3 + arm.n, 1)), each + 1e-6 * np.eye(3 + arm.n), rows, 1e-6)
+        moves[STILL[drive]] = 0.0
+        if np.linalg.svd(moves, compute_uv=False).min() > SINGULAR:
+            return True
+    return False
 
 
 def free_posture(arm: Arm, rng: np.random.Generator) -> Array | None:
@@ -279,7 +298,7 @@ def episode(
     top, quickest = np.append([SPEED, SPEED, TURN], arm.velocity), np.append([1.0, 1.0, 1.5], arm.acceleration)
     verdict.within("speeds", np.abs(u), top + ROUNDING)
     verdict.within("chassis speed", np.hypot(u[:, 0], u[:, 1]), SPEED + ROUNDING)
-    still = {"fixed": [0, 1, 2], "differential": [1], "mecanum": []}[drive]
+    still = STILL[drive]
     verdict.within("what the drive cannot do", np.abs(u[:, still]), ROUNDING)
     joints, before = path[:, 3:], np.vstack([np.zeros(len(q)), u[:-1]])
     verdict.within("joint limits", np.maximum(joints - arm.upper, arm.lower - joints), ROUNDING)

@@ -10,6 +10,7 @@ said of it. Behind late servos that is judged where a line of commands and a ser
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -18,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt import Bound, JointFeedback, Limit, MovingCapsule, RedundancyResolver
-from tests.judge.chair_arms import Arm, drawn, free_posture
+from tests.judge.chair_arms import Arm, drawn, free_posture, independent
 from tests.judge.chair_calm import OFTEN, shaken_ticks
 from tests.judge.chair_claims import judge_ticks
 from tests.judge.chair_held import BRAKING, SIZE
@@ -286,22 +287,33 @@ def one_slow_body(case: Case) -> bool:
     return case.alone and case.scene is not None and bool(case.scene.moving)
 
 
-def draw(rng: np.random.Generator, number: int) -> tuple[Case, Array]:
-    """A chair and where it starts: own limits, bodies, or both; every third with feedback."""
-    drive, dt = ("fixed", "differential", "mecanum")[number % 3], float(rng.choice([0.005, 0.01, 0.01, 0.02]))
-    if rng.random() < 0.6:
-        chair = Chair(drive)
-        q = posture(chair, rng)
-    else:
+def mounted(rng: np.random.Generator, drive: str, sets: Sequence[tuple[str, ...]]) -> tuple[Mounted, Array]:
+    """A chair with an arm from a file whose hand can be moved in these rows, and joints (n,) off keep-outs."""
+
+    def velocity(q: Array, ahead: Array, rows: tuple[str, ...], seconds: float) -> Array:
+        return chair.hand_velocity(q, ahead, seconds, rows, "chassis")
+
+    while True:
         arm = drawn(rng, bodies=bool(rng.random() < 0.7))
-        while (joints := free_posture(arm, rng)) is None:
-            arm = drawn(rng, bodies=True)
         chair = Mounted(
             drive, lower=arm.lower, upper=arm.upper, velocity=np.append([0.8, 0.8, 1.0], arm.velocity),
             acceleration=np.append([1.0, 1.0, 1.5], arm.acceleration), on=arm,
         )  # fmt: skip
-        q = np.concatenate([rng.uniform(-0.3, 0.3, 2), rng.uniform(-3, 3, 1), joints])
+        joints = free_posture(arm, rng)
+        if joints is not None and all(independent(velocity, arm, drive, rows) for rows in sets):
+            return chair, joints
+
+
+def draw(rng: np.random.Generator, number: int) -> tuple[Case, Array]:
+    """A chair and where it starts: own limits, bodies, or both; every third with feedback."""
+    drive, dt = ("fixed", "differential", "mecanum")[number % 3], float(rng.choice([0.005, 0.01, 0.01, 0.02]))
     sets = (SETS[0], (SETS + OTHER_SETS)[int(rng.integers(1, len(SETS + OTHER_SETS)))])
+    if rng.random() < 0.6:
+        chair = Chair(drive)
+        q = posture(chair, rng)
+    else:
+        chair, joints = mounted(rng, drive, sets)
+        q = np.concatenate([rng.uniform(-0.3, 0.3, 2), rng.uniform(-3, 3, 1), joints])
     scene = None
     count = 0 if number % 4 == 3 or alone(number) else int(rng.integers(1, 4))
     wishes = [wish(rng, chair, q) for _ in range(count)]
