@@ -115,8 +115,8 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
     verdict.holds("the gripper changes once a press", told == closed(grip, dt))
     verdict.during("gripper changed", np.r_[False, told[1:] != told[:-1]], dt)
     kinds = {"twist": np.ndarray, "rows": tuple, "frame": str, "gripper_closed": bool, "reason": str}
-    verdict.holds("what comes back has the types that are documented",
-                  [all(type(getattr(each, name)) is kind for name, kind in kinds.items()) for each in found])  # fmt: skip
+    typed = [all(type(getattr(each, name)) is kind for name, kind in kinds.items()) for each in found]
+    verdict.holds("what comes back has the types that are documented", typed)
     verdict.holds("a twist cannot be written to", [not each.twist.flags.writeable for each in found])
     verdict.holds("the frame is the chair's", [each.frame == "chassis" for each in found])
     verdict.during("moving", twist.any(axis=1), dt)

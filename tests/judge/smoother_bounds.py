@@ -33,7 +33,8 @@ PROMISES = (
 LEAST = {"at the velocity bound": 5000, "at the acceleration bound": 5000, "at the jerk bound": 10_000,
          "at a position bound": 4000, "outside a position bound": 53, "status braking": 1000, "status holding": 2000,
          "on a target that is held": 20_000, "on a target that moves": 20_000,
-         "long after a fault": 5000, "reason disabled": 1000, "targets in lists and tuples": 60_000, "targets at a bound": 20_000}  # fmt: skip
+         "long after a fault": 5000, "reason disabled": 1000, "targets in lists and tuples": 60_000,
+         "targets at a bound": 20_000}  # fmt: skip
 CI_TICKS = 40_000
 FAULTS = ("target", "disabled", *STAMPS)
 KINDS = ("steps", "person", "sudden", "steady", "held")
