@@ -331,9 +331,10 @@ def draw(rng: np.random.Generator, number: int) -> tuple[Case, Array]:
         plan = late(rng, chair, dt)
     places = PLACES if rng.random() < 0.25 and not alone(number) else 0
     limits: list[Any] = [each.limit() for each in wishes]
-    slots = int(rng.choice([2, 8])) if scene is not None else 8
+    slots = 8
     if scene is not None:
-        limits.insert(int(rng.integers(len(limits) + 1)), clearance_of(scene, slots))
+        place, slots = int(rng.integers(len(limits) + 1)), int(rng.choice([2, slots]))
+        limits.insert(place, clearance_of(scene, slots))
     made = RedundancyResolver(
         chair.robot(), drive=drive, row_sets=sets, dt=dt, max_obstacles=places, limits=limits, compile=False,  # type: ignore[arg-type]
         feedback=None if plan is None else plan.told,
