@@ -116,10 +116,10 @@ class ChairLimits:
     for braking as hard as the accelerations allow, until it is kept again; and the command is shortened to what keeps
     the robot out in this tick: there only acceleration yields.
 
-    A user's limits and a `Clearance` make the rows that they make everywhere (`control.limit.Limits`), and a user's
-    limits are kept on the way to z, too, the chair on its arc: at the rate of a barrier alone, a hand in a ball came to
-    its edge faster than braking takes away. While the stick commands, `base` is led out of the way of what comes nearer
-    by itself, and acceleration yields to it.
+    A user's limits and a `Clearance` make the rows that they make everywhere (`control.limit.Limits`), and are kept on
+    the way to z, too, the chair on its arc, bodies where they are now: at the rate of a barrier alone, a hand in a ball
+    came to its edge faster than braking takes away. While the stick commands, `base` is led out of the way of what
+    comes nearer by itself, and acceleration yields to it.
 
     Parameters
     ----------
@@ -216,9 +216,9 @@ class ChairLimits:
         if self.robot.keep_out:
             found = tick.when(is_near, ca.horzcat(closing, free), ca.horzcat(*self.far()))
             closing, free = found[:, :-1], found[:, -1]
-        contacts = ca.SX(0, 1)
+        contacts, told = ca.SX(0, 1), surroundings[NUMBERS * self.max_obstacles :]
         if self.own.contacts_size:
-            (contacts,) = tick.call(self.contacts, q, last, surroundings[NUMBERS * self.max_obstacles :])
+            (contacts,) = tick.call(self.contacts, q, last, told)
         into, into_limit = _stacked([read(each, ROWS, INTO) for each in around])
         count = closing.size1() // 2
         now, then = closing[:count, :], closing[count:, :]
@@ -251,8 +251,10 @@ class ChairLimits:
                 largest_part(chair @ base[:CHAIR], chair_limit), largest_part(-chair @ base[:CHAIR], chair_limit)
             )
             base = pressed(base)
-            times = [part * self.braking.time for part in ALONG]
-            ahead, free_ahead = self.own.on_the_way(q, slower, way=self.led, seconds=times, change=change)
+            ahead, free_ahead = self.own.on_the_way(
+                q, slower, bodies=self._touched(tick, q, slower, contacts, told), way=self.led, seconds=self._times,
+                change=change,
+            )  # fmt: skip
             beside, free_beside = ca.vertcat(beside, ahead), ca.vertcat(free_beside, free_ahead)
             beside_limit = ca.fmax(free_beside, beside @ base)
             lower, upper = ca.fmin(lower, base), ca.fmax(upper, base)
@@ -319,6 +321,25 @@ class ChairLimits:
         sent = ca.Function("sent", [here, last], [self.world(here[2], n) @ last])
         inputs = [ca.MX.sym(name, size) for name, size in (("q", n), ("last", n), ("moving", own.told))]
         return ca.Function("contacts", inputs, [own.contacts(inputs[0], sent(*inputs[:2]), inputs[2])])
+
+    def _touched(self, tick: Tick, q: ca.SX, slower: ca.SX, contacts: ca.SX, told: ca.SX) -> ca.SX:
+        """What is left before bodies on the way that `slower` leads, and slopes; of none where all are far."""
+        slots = 0 if self.own.clearance is None else self.own.clearance.slots
+        none = ca.horzcat(FAR * ca.SX.ones(slots), ca.SX.zeros(slots, q.numel()))
+        if not slots:
+            return none
+        way = self.braking.time * (1 + self.reach) * ca.sum1(ca.fabs(slower) + self.braking.change)
+        return tick.when(contacts[-1] <= way, lambda: tick.call(self.bodies_on_the_way, q, slower, told)[0], none)
+
+    @cached_property
+    def bodies_on_the_way(self) -> ca.Function:
+        """See `Limits.bodies_on_the_way` of a user's limits."""
+        return self.own.bodies_on_the_way(way=self.led, seconds=self._times[1::2], change=self.braking.change)
+
+    @cached_property
+    def _times(self) -> list[float]:
+        """[s] to the places `ALONG`."""
+        return [part * self.braking.time for part in ALONG]
 
     @cached_property
     def keeping(self) -> ca.Function:

@@ -50,7 +50,7 @@ class Clearance:
     pairs : names of links that keep clear of each other, or None for those that neither are neighbours nor overlap at
         half of all postures; the tuple () for none.
     slots : how many contacts a tick has rows for. Those beyond are judged at the tick's end, so that the arm stops
-        before them, but does not slide.
+        before them, but does not slide; a chair's law is promised of no fewer than by default.
     rate : [1/s] at which the distance to the margin may decay; by default that of a `Limit`.
     """
 

@@ -28,7 +28,7 @@ from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.kinematics.room import MOVING
 from rehab_opt.optim.certificate import all_true
 
-__all__ = ["ClearancePairs", "linked_pairs"]
+__all__ = ["ClearancePairs", "least", "linked_pairs"]
 
 Array = NDArray[np.float64]
 
@@ -149,15 +149,14 @@ class ClearancePairs:
                 continue
             joints = ca.MX(ca.DM(span))
             if looked_at < cells.size2():
-                which = _least(cells.size2(), looked_at)(kind.room.map(cells.size2())(cells, near).T)
+                which = least(cells.size2(), looked_at)(kind.room.map(cells.size2())(cells, near).T)
                 cells, near, joints = cells[:, which], near[:, which], joints[:, which]  # noqa: PLW2901
             contacts.append(ca.reshape(kind.contacts.map(looked_at)(cells, near), CONTACT + 1, -1))
             spans.append(ca.reshape(ca.repmat(joints, CONTACTS, 1), 2, -1))
         near, joints = ca.horzcat(*contacts), ca.horzcat(*spans)
-        which = _least(near.size2(), k)(near[CONTACT, :].T)
+        which = least(near.size2(), k)(near[CONTACT, :].T)
         column = self._rows(k)(near[:CONTACT, which], joints[:, which], screws, last, time)
-        least = ca.mmin(self.distances(q, told, 0))
-        return ca.Function("nearest", [q, last, told, time], [ca.vertcat(column, least)])
+        return ca.Function("nearest", [q, last, told, time], [ca.vertcat(column, ca.mmin(self.distances(q, told, 0)))])
 
     def read(self, column: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
         """Of a column of `nearest`: distances less the margin (k,), slopes (k, n), and how fast they change besides."""
@@ -421,7 +420,7 @@ def _mapped(function: ca.Function, cells: ca.MX) -> list[ca.MX]:
     return [function.map(cells.size2())(cells)] if cells.size2() else []
 
 
-def _least(count: int, k: int) -> ca.Function:
+def least(count: int, k: int) -> ca.Function:
     """Column -> which k are the least of it, the least first."""
     column = ca.SX.sym("column", count)
     keys, given = [ca.SX(2 * FAR)] * k, [column[i] + i * TIE for i in range(count)]

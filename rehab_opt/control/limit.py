@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.control.clearance import Clearance, checked_clearance
-from rehab_opt.control.clearance_pairs import ClearancePairs
+from rehab_opt.control.clearance_pairs import ClearancePairs, least
 from rehab_opt.control.stopping import OUTSIDE, VelocityBounds, nearest_to_rest
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import SerialChain
@@ -295,6 +295,7 @@ class Limits:
         q: ca.SX,
         last: ca.SX,
         *,
+        bodies: ca.SX,
         way: Callable[[ca.SX, ca.SX, float], ca.SX],
         seconds: Sequence[float],
         change: ca.DM,
@@ -303,24 +304,42 @@ class Limits:
 
         Parameters
         ----------
+        bodies : what `bodies_on_the_way` gives of these.
         way : q (n,), u (n,), t -> (n,) where u leads in t [s].
         seconds : the times that are looked at, above zero; each limit makes rows of those where least is left.
         change : (n,) of u in a tick at most: what tangents promise too much for that is kept as a margin.
         """
-        here, u, largest = ca.SX.sym("q", self.chain.n), ca.SX.sym("u", self.chain.n), ca.mmax(change)
-        begun = ca.fmin(largest, ca.mmax(ca.fabs(u))) * largest / 2
-        rows = []
+        here, u = ca.SX.sym("q", self.chain.n), ca.SX.sym("u", self.chain.n)
+        rows = [ca.SX(0, 1 + u.numel())]
         for each in self.limits:
-            candidates = []
-            for t in seconds:
-                distances = each.at(self.chain, way(here, u, t))
-                slopes = ca.jacobian(distances, u) / t
-                left = distances / t - begun * t * ca.sqrt(ca.sum2(slopes**2))
-                candidates.append(ca.horzcat(left, slopes))
-            rows.append(two_least(ca.vertcat(*candidates))[: each.count(self.chain), :])
-        found = ca.Function("on_the_way", [here, u], [ca.vertcat(ca.SX(0, 1 + u.numel()), *rows)])(q, last)
+            stated = [(t, each.at(self.chain, way(here, u, t))) for t in seconds]
+            found = ca.vertcat(*(_left(t, there, ca.jacobian(there, u), u, change) for t, there in stated))
+            rows.append(two_least(found)[: each.count(self.chain), :])
+        found = ca.vertcat(ca.Function("on_the_way", [here, u], [ca.vertcat(*rows)])(q, last), bodies)
         left, slopes = found[:, 0], found[:, 1:]
         return -slopes, left - slopes @ last
+
+    def bodies_on_the_way(
+        self, *, way: Callable[[ca.SX, ca.SX, float], ca.SX], seconds: Sequence[float], change: ca.DM
+    ) -> ca.Function:
+        """Q, u (n,), moving capsules -> (slots, 1 + n) what is left before bodies, where those are now, and slopes.
+
+        Of contacts at rest on the way, see `on_the_way`, those where least is left.
+        """
+        assert self.clearance is not None
+        n, k = self.chain.n, self.clearance.slots
+        here, u, column = ca.SX.sym("q", n), ca.SX.sym("u", n), ca.SX.sym("contacts", self.contacts_size)
+        inputs = [ca.MX.sym(name, size) for name, size in (("q", n), ("u", n), ("moving", self.told))]
+        distances, slopes, _ = self.clearance.read(column)
+        candidates = []
+        for t in seconds:
+            place = way(here, u, t)
+            there = ca.Function("place", [here, u], [place])(*inputs[:2])
+            rows = _left(t, distances - SLACK / 2, slopes @ ca.jacobian(place, u), u, change)
+            of = ca.Function("candidates", [here, u, column], [ca.densify(rows)], {"cse": True})
+            candidates.append(of(*inputs[:2], self.clearance.nearest(there, ca.MX.zeros(n), inputs[2], 0)))
+        every = ca.vertcat(*candidates)
+        return ca.Function("bodies_on_the_way", inputs, [every[least(every.size1(), k)(every[:, 0]), :]])
 
     def led_clear(self, velocity: ca.SX, bounds: VelocityBounds, contacts: ca.SX) -> ca.SX:
         """(n,) `velocity`, led across where it would come nearer to a body than the margin; acceleration yields.
@@ -467,6 +486,13 @@ class Limits:
         margin = ca.sqrt(ca.sum2(slopes**2)) * (way + begun / 2) * begun
         lacking = clipped(margin - least, 0, margin)
         return slopes, least, self._shares[: self._own] * (margin - lacking) + (lacking + lost) / seconds
+
+
+def _left(t: float, distances: ca.SX, changes: ca.SX, u: ca.SX, change: ca.DM) -> ca.SX:
+    """(m, 1 + n) what is left of distances after t that change with u (n,), less a margin, and the slopes; over t."""
+    largest, slopes = ca.mmax(change), changes / t
+    begun = ca.fmin(largest, ca.mmax(ca.fabs(u))) * largest / 2
+    return ca.horzcat(distances / t - begun * t * ca.sqrt(ca.sum2(slopes**2)), slopes)
 
 
 def _kept_within(

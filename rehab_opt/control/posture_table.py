@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from rehab_opt.control.ik_statements import IKStatements
 from rehab_opt.kinematics.chain import SerialChain
-from rehab_opt.workspace.spread import spread_postures
+from rehab_opt.workspace.plane_statement import spread_postures
 
 __all__ = ["PostureTable"]
 

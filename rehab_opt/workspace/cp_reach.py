@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.human_arm import ARM_JOINTS, human_arm
 from rehab_opt.workspace.clinical_angles import CLINICAL_ANGLES, model_scapula, model_shoulder, model_wrist
-from rehab_opt.workspace.number_arguments import real_number
+from rehab_opt.workspace.point_arguments import real_number
 from rehab_opt.workspace.reach_rows import SAMPLES, TASKS, ReachAngles, Suspect, read_cp_reach, task_title
 from rehab_opt.workspace.used_range import UsedRange
 

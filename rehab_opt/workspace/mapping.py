@@ -12,8 +12,7 @@ from rehab_opt.errors import ConfigurationError
 from rehab_opt.workspace.audit import LARGEST_STRETCH, SMALLEST_STRETCH, Audit, random_points
 from rehab_opt.workspace.certificate import Certificate, certificate, examined
 from rehab_opt.workspace.controller_map import ControllerMap
-from rehab_opt.workspace.number_arguments import real_number
-from rehab_opt.workspace.point_arguments import point_array
+from rehab_opt.workspace.point_arguments import point_array, real_number
 from rehab_opt.workspace.polar import LANDMARKS, polar_landmarks
 from rehab_opt.workspace.safe_rule import LandmarkPairs, safe_landmarks
 from rehab_opt.workspace.spline import ThinPlateSpline

@@ -17,8 +17,7 @@ from rehab_opt.optim.recorder import recorder_now
 from rehab_opt.symbolic import Compile
 from rehab_opt.symbolic.compiled import how
 from rehab_opt.workspace.plane_approach import Approached, PlaneApproach
-from rehab_opt.workspace.plane_statement import PlaneStatement
-from rehab_opt.workspace.spread import spread_postures
+from rehab_opt.workspace.plane_statement import PlaneStatement, spread_postures
 
 __all__ = ["REACHED", "Nearest", "PlaneSearch"]
 

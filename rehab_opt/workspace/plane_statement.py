@@ -10,6 +10,7 @@ A probe is reachable where the first one's minimum is zero; elsewhere its minimi
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Iterator
 from functools import lru_cache
 from typing import Any, NamedTuple
@@ -23,9 +24,8 @@ from rehab_opt.kinematics.link import ChainRow
 from rehab_opt.optim.nlp import NLP
 from rehab_opt.optim.rows import Variable, equal, parameter, variable
 from rehab_opt.workspace.handle import beyond_cone, handle_kind, handle_rows
-from rehab_opt.workspace.spread import spread_postures
 
-__all__ = ["FIRMNESS", "PlaneStatement"]
+__all__ = ["FIRMNESS", "PlaneStatement", "spread_postures"]
 
 Array = NDArray[np.float64]
 
@@ -193,3 +193,19 @@ def _with_lengths(arm: SerialChain, lengths: ca.SX) -> list[ChainRow]:
     """The chain's rows with symbols for lengths; those that are zero stay so, and drop out."""
     symbols: Iterator[Any] = iter(ca.vertsplit(lengths)) if lengths.numel() else iter(())
     return [row.with_lengths(symbols) for row in arm.rows]
+
+
+def spread_postures(arm: SerialChain, free: NDArray[np.int64], count: int) -> Array:
+    """(count, k) values of the `free` joints, evenly over their limits (Sobol's sequence: always the same ones).
+
+    Over one turn of a revolute joint, and the chain's size of a prismatic one.
+    """
+    from scipy.stats import qmc  # noqa: PLC0415  (heavy)
+
+    lower, upper = arm.lower[free], arm.upper[free]
+    size = sum(row.across + abs(row.along) for row in arm.rows) + 1.0
+    half = np.array([size if arm.rows[i].prismatic else math.pi for i in free])
+    centre = np.clip(0.0, lower + half, np.maximum(upper - half, lower + half))
+    low, high = np.maximum(lower, centre - half), np.minimum(upper, centre + half)
+    postures: Array = np.clip(low + (high - low) * qmc.Sobol(len(free), seed=0).random(count), lower, upper)
+    return postures

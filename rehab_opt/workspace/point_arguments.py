@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -9,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.errors import ConfigurationError
 
-__all__ = ["one_point", "point_array", "point_rows", "single_point"]
+__all__ = ["one_point", "point_array", "point_rows", "real_number", "single_point"]
 
 Array = NDArray[np.float64]
 _FLOATS = np.dtype(np.float64)
@@ -87,3 +88,13 @@ def _numbers(points: Any, argument: str, expected: str) -> Array:
     numbers: Array = np.asarray(array, dtype=np.float64)
     mask = np.ma.getmaskarray(array) if isinstance(array, np.ma.MaskedArray) else False
     return np.where(mask, np.nan, numbers) if np.any(mask) else numbers  # a reading that is missing is no number
+
+
+def real_number(value: object) -> float:
+    """`value` as a float; NaN, which fails every comparison, for what is no number: strings, None, bools, arrays."""
+    if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
+        return math.nan
+    try:
+        return float(value)
+    except OverflowError:  # an integer of hundreds of digits
+        return math.inf if value > 0 else -math.inf

@@ -9,11 +9,11 @@ from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.symbolic import Compile
 from rehab_opt.workspace.lattice import TooManyNodesError
-from rehab_opt.workspace.number_arguments import real_number
 from rehab_opt.workspace.outline import THINNEST
 from rehab_opt.workspace.placement import ShoulderPlacement
 from rehab_opt.workspace.plane_search import PlaneSearch
 from rehab_opt.workspace.plane_statement import PlaneStatement
+from rehab_opt.workspace.point_arguments import real_number
 from rehab_opt.workspace.slice_search import SliceSearch
 from rehab_opt.workspace.why_empty import last_try
 

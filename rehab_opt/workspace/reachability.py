@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.errors import ConfigurationError
-from rehab_opt.workspace.number_arguments import real_number
-from rehab_opt.workspace.point_arguments import point_array
+from rehab_opt.workspace.point_arguments import point_array, real_number
 
 if TYPE_CHECKING:
     from rehab_opt.workspace.region import Workspace

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.human_arm import ARM_JOINTS, RANGES_OF_MOTION_DEG
 from rehab_opt.workspace.joint_trials import joint_trials, one_branch
-from rehab_opt.workspace.number_arguments import real_number
+from rehab_opt.workspace.point_arguments import real_number
 
 __all__ = ["Limits", "UsedRange", "named_ranges", "range_of_motion"]
 

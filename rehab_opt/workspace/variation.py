@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.kinematics.human_arm import ARM_SEGMENTS, human_arm
-from rehab_opt.workspace.number_arguments import real_number
+from rehab_opt.workspace.point_arguments import real_number
 from rehab_opt.workspace.reachability import ReachabilityMap, shares
 from rehab_opt.workspace.used_range import named_ranges
 

@@ -16,9 +16,9 @@ from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.symbolic import Compile
 from rehab_opt.workspace.layered_mesh import Mesh, closed_mesh, edges_of_slabs, padded, signed_distances
-from rehab_opt.workspace.number_arguments import real_number
 from rehab_opt.workspace.placement import ShoulderPlacement
 from rehab_opt.workspace.plane_statement import PlaneStatement
+from rehab_opt.workspace.point_arguments import real_number
 from rehab_opt.workspace.reach import checked_placement, checked_plane, planar_workspace
 from rehab_opt.workspace.why_empty import heights as extreme_heights
 

@@ -12,8 +12,7 @@ from rehab_opt.optim.nlp import NLP, NLPAnswer
 from rehab_opt.optim.nlp_solvers import NLPSolver, nlp_solver
 from rehab_opt.optim.nlp_sqp import SQP
 from rehab_opt.workspace.plane_search import TOLERANCE, VIOLATION, Nearest, PlaneSearch
-from rehab_opt.workspace.plane_statement import PlaneStatement
-from rehab_opt.workspace.spread import spread_postures
+from rehab_opt.workspace.plane_statement import PlaneStatement, spread_postures
 
 __all__ = ["LastTry", "heights", "last_try"]
 

@@ -48,6 +48,9 @@ PROMISES = (
     Promise("rehab_opt/control/redundancy.py", "Without a command nothing is given way to."),
     Promise("rehab_opt/control/redundancy.py", "Beyond one already, and beside a body that comes, "
             "accelerations yield to it, which `Bound.ACCELERATION` says; beside such a body the law is not promised."),
+    Promise("rehab_opt/control/redundancy.py", "Where a link comes round an edge of one that stands, the hand may be "
+            "0.3 of its command across, for T."),
+    Promise("rehab_opt/control/clearance.py", "a chair's law is promised of no fewer than by default."),
     Promise("rehab_opt/control/redundancy.py", "what moves, now, in the world frame"),
     Promise("rehab_opt/control/redundancy.py", "act on where the arm's joints are led, see `PoseTracker`; joint limits "
             "hold there and where they are. The base acts on its measured place"),
@@ -85,6 +88,8 @@ UNSURE = 5e-3
 """[rad] Between where a joint is led and where it is measured."""
 LOST = 1e-4
 """[m] A body that moves comes nearer than it could be kept at most: see the limits of the chair's page."""
+BESIDE, ROUND = 5e-3, 0.3
+"""[m] of a standing body within which a link comes round its edges; of the command, across it, there."""
 AWAY, TIMES = 0.05, 1.2
 """[m] A body that moves is given way to from no further off, and the way that it comes nearer in that many times T."""
 
@@ -266,6 +271,8 @@ class Case(NamedTuple):
     places: int
     """Of walls and posts."""
     alone: bool
+    few: bool
+    """Whether a clearance has fewer slots than by default."""
 
 
 # ------------------------------------------------------------------------------------------------------------- runs
@@ -324,13 +331,15 @@ def draw(rng: np.random.Generator, number: int) -> tuple[Case, Array]:
         plan = late(rng, chair, dt)
     places = PLACES if rng.random() < 0.25 and not alone(number) else 0
     limits: list[Any] = [each.limit() for each in wishes]
+    slots = 8
     if scene is not None:
-        limits.insert(int(rng.integers(len(limits) + 1)), clearance_of(scene, int(rng.choice([2, 8]))))
+        place, slots = int(rng.integers(len(limits) + 1)), int(rng.choice([2, slots]))
+        limits.insert(place, clearance_of(scene, slots))
     made = RedundancyResolver(
         chair.robot(), drive=drive, row_sets=sets, dt=dt, max_obstacles=places, limits=limits, compile=False,  # type: ignore[arg-type]
         feedback=None if plan is None else plan.told,
     )  # fmt: skip
-    return Case(chair, made, dt, sets, wishes, scene, plan, places, alone(number)), q
+    return Case(chair, made, dt, sets, wishes, scene, plan, places, alone(number), slots < 8), q
 
 
 def around(rng: np.random.Generator, number: int, chair: Chair, q: Array, dt: float) -> Scene:
@@ -482,13 +491,15 @@ def judge(verdict: Verdict, case: Case, run: Run, places: list[Array], there: ND
         inside, edge, near = inside | (least < 0), edge | (np.abs(least) < EDGE), near | (np.abs(least) < NEAR)
         verdict.during(f"at a limit: {each.kind}", np.abs(least) < NEAR, dt)
     apart = moved = stays = np.full((n, 1), math.inf)
+    beside = np.zeros(n, dtype=bool)
     if case.scene is not None:
         here, later = segments(chair, q), segments(chair, ends)
         for kind, gaps in standing(case.scene, here).items():
             then = standing(case.scene, later)[kind]
             verdict.within(f"nearer to a {kind} than the margin and before [m]", np.minimum(gaps, 0) - then, 1e-8)
             falls = np.maximum(falls, ((gaps - then) / dt - np.maximum(gaps, 0) / slowest).max(axis=1))
-            beyond |= (gaps < EDGE).any(axis=1)
+            beyond |= (gaps < ROUNDING).any(axis=1)
+            beside |= (gaps < BESIDE).any(axis=1)
             inside, edge = inside | (gaps < 0).any(axis=1), edge | (np.abs(gaps) < EDGE).any(axis=1)
             near |= (np.abs(gaps) < NEAR).any(axis=1)
             verdict.during(f"at the margin of a {kind}", (np.abs(gaps) < NEAR).any(axis=1), dt)
@@ -530,7 +541,7 @@ def judge(verdict: Verdict, case: Case, run: Run, places: list[Array], there: ND
     turns = np.abs(np.sin(q[:, 2])) > 0.7
     verdict.during("a limit near, turned across the world", near & turns, dt)
     for part, span in zip(run.parts, run.slices, strict=True):
-        judge_part(verdict, case, run, part, span, found, gives_way)
+        judge_part(verdict, case, run, part, span, found, gives_way, since(beside, round(slowest / dt)))
 
 
 def longest(chair: Chair) -> float:
@@ -544,8 +555,12 @@ def giving_way(chair: Chair, dt: float, apart: Array, stays: Array) -> NDArray[n
     with np.errstate(invalid="ignore"):
         comes = np.nan_to_num(np.maximum(apart - stays, 0.0)) / dt
     yields = (stays < AWAY + TIMES * slowest * comes).any(axis=1)
-    after = round((slowest + 1.0) / dt)
-    return np.convolve(yields, np.ones(after + 1))[: len(yields)] > 0.5
+    return since(yields, round((slowest + 1.0) / dt))
+
+
+def since(happened: NDArray[np.bool_], ticks: int) -> NDArray[np.bool_]:
+    """(n,) whether it happens, or did within so many ticks."""
+    return np.convolve(happened, np.ones(ticks + 1))[: len(happened)] > 0.5
 
 
 def judge_giving_way(
@@ -580,8 +595,9 @@ def same(verdict: Verdict, chair: Chair, each: Wish, stated: tuple[Any, Limit], 
 
 
 def judge_part(
-    verdict: Verdict, case: Case, run: Run, part: Part, span: slice, found: Answers, excused: NDArray[np.bool_]
-) -> None:
+    verdict: Verdict, case: Case, run: Run, part: Part, span: slice, found: Answers, excused: NDArray[np.bool_],
+    beside: NDArray[np.bool_],
+) -> None:  # fmt: skip
     """The law of one stick, or of a place to reach."""
     chair, dt = case.chair, case.dt
     q, ends = run.q[:-1][span], run.ends[span]
@@ -596,7 +612,7 @@ def judge_part(
         return
     size = float(np.linalg.norm(part.twist[0]))
     late = math.ceil((chair.braking_time + 1.0) / dt)
-    if not np.all(part.twist == part.twist[0]) or size < 1e-3 or size > 0.5 or len(q) <= late or near.any():
+    if not np.all(part.twist == part.twist[0]) or size < 1e-3 or size > 0.5 or len(q) <= late or near.any() or case.few:
         return
     hand = chair.hand_velocity(q, ends, dt, part.rows, part.frame)[late:] / size
     way = part.twist[0] / size
@@ -604,7 +620,10 @@ def judge_part(
     across = np.linalg.norm(hand - along[:, None] * way, axis=1)
     verdict.within("law: the hand is no faster than the command", along, 1 + SIZE * chord)
     verdict.within("law: against the command", -along, BRAKING)
-    verdict.within("law: across the command", across, BRAKING)
+    round_ = beside[span][late:]
+    verdict.within("law: across the command", np.where(round_, 0.0, across), BRAKING)
+    verdict.within("law: across the command, beside a body that stands", np.where(round_, across, 0.0), ROUND)
+    verdict.during("law judged beside a body that stands", round_, dt)
     verdict.during("law judged", np.ones(len(along), dtype=bool), dt)
     value = found.value[span]
     turns = shaken_ticks(chair, chair.chassis(q, value), dt)

@@ -30,7 +30,9 @@ def test_slice_of_the_campaign_breaks_nothing(judge: str, seed: int) -> None:
     assert not verdict.missed, f"seed {seed}, too seldom (seen, asked): {verdict.missed}"
 
 
-@pytest.mark.parametrize(("judge", "seed", "number"), [("chair_limits", 20, 4), ("chair_limits", 20, 10)])
+@pytest.mark.parametrize(
+    ("judge", "seed", "number"), [("chair_limits", 20, 4), ("chair_limits", 20, 10), ("chair_limits", 502, 11)]
+)
 def test_runs_that_were_broken_once_are_not_any_more(judge: str, seed: int, number: int) -> None:
     verdict: Verdict = JUDGES[judge].run(1, seed, only=number)
     assert verdict.ticks > 0

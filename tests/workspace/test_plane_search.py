@@ -10,9 +10,8 @@ from rehab_opt import DH, SerialChain, human_arm
 from rehab_opt.kinematics.human_arm import ARM_JOINTS
 from rehab_opt.workspace.plane_approach import PlaneApproach
 from rehab_opt.workspace.plane_search import PlaneSearch
-from rehab_opt.workspace.plane_statement import PlaneStatement
+from rehab_opt.workspace.plane_statement import PlaneStatement, spread_postures
 from rehab_opt.workspace.reach import planar_workspace
-from rehab_opt.workspace.spread import spread_postures
 
 TILTS = [None, math.radians(2.0), 0.0]
 
