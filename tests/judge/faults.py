@@ -18,7 +18,8 @@ import sys
 import tomllib
 from collections import Counter
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, as_completed, wait
+from contextlib import contextmanager
 from functools import cache, partial
 from pathlib import Path
 from typing import NamedTuple
@@ -32,6 +33,8 @@ from tests.judge.verdict import ROOT, judges
 MARKERS = "<!-- faults: begin -->", "<!-- faults: end -->"
 EQUIVALENT = Path(__file__).with_name("equivalent_faults.toml")
 FOLDERS = ("rehab_opt/control", "rehab_opt/optim")
+TOLD = {"found", "not found"}
+"""Verdicts of faults that a promise can tell."""
 SLOWER = 10.0
 """Times as long as without a fault is too slow: a build's time limit sees it."""
 FIRST_PART = 8
@@ -135,24 +138,28 @@ def concerned(fault: Fault, called: dict[str, set[str]]) -> list[str]:
     return found or [name for name, each in called.items() if any(one.startswith(f"{fault.file}:") for one in each)]
 
 
-def tried(fault: Fault, sound: Sound, whole: dict[str, Hearing]) -> Found:
-    """The slices of the judges concerned, then, if nothing was found, their campaign."""
-    names = concerned(fault, sound.called)
-    if not names:
+def tried(fault: Fault, sound: Sound) -> Found:
+    """The slices of the judges concerned."""
+    if not (names := concerned(fault, sound.called)):
         return Found(fault, "not found", "no judge calls it")
-    with copied() as root:
-        path = root / fault.file
-        path.write_bytes(fault.planted(path.read_bytes()))
-        ticks, usual = 0, {each: outcome for each, outcome in sound.slices.items() if each.judge in names}
-        limit = SLOWER * sum(each.seconds for each in usual.values())
+    ticks, usual = 0, {each: outcome for each, outcome in sound.slices.items() if each.judge in names}
+    limit = SLOWER * sum(each.seconds for each in usual.values())
+    with planted(fault) as root:
         for hearing, outcome in zip(usual, heard(root, list(usual), seconds=limit), strict=False):
             if found := said(fault, outcome, usual[hearing], ticks):
                 return found
             ticks += outcome.ticks
-        pace = {
-            name: max(each.seconds / max(each.ticks, 1) for each in usual.values() if each.judge == name)
-            for name in names
-        }
+    return Found(fault, "not found", f"{ticks} ticks of {', '.join(names)}")
+
+
+def tried_longer(fault: Fault, sound: Sound, whole: dict[str, Hearing]) -> Found:
+    """The campaign of the judges concerned, quickest first."""
+    if not (names := concerned(fault, sound.called)):
+        return Found(fault, "not found", "no judge calls it")
+    usual = [outcome for outcome in sound.slices.values() if outcome.judge in names]
+    ticks = sum(each.ticks for each in usual)
+    pace = {name: max(each.seconds / max(each.ticks, 1) for each in usual if each.judge == name) for name in names}
+    with planted(fault) as root:
         for hearing in sorted((whole[name] for name in names), key=lambda each: each.ticks * pace[each.judge]):
             for part in (hearing._replace(ticks=hearing.ticks // FIRST_PART), hearing):  # the same runs, and more
                 for outcome in heard(root, [part], seconds=SLOWER * part.ticks * pace[part.judge]):
@@ -161,6 +168,15 @@ def tried(fault: Fault, sound: Sound, whole: dict[str, Hearing]) -> Found:
                         return found
             ticks += hearing.ticks
     return Found(fault, "not found", f"{ticks} ticks of {', '.join(names)}")
+
+
+@contextmanager
+def planted(fault: Fault) -> Iterator[Path]:
+    """A copy of the package with the fault in it."""
+    with copied() as root:
+        path = root / fault.file
+        path.write_bytes(fault.planted(path.read_bytes()))
+        yield root
 
 
 @cache
@@ -181,16 +197,39 @@ def said(fault: Fault, outcome: Outcome, usual: Outcome, before: int) -> Found |
     return Found(fault, "found", f"{outcome.judge}: {claim}: {numbers} (tick {before + outcome.ticks} at the latest)")
 
 
-def proof(sound: Sound, seed: int, count: int, ticks: int, processes: int) -> Iterator[Found]:
-    """`count` faults that can be told, found or not, and between them those that cannot."""
-    whole, known, draws = campaign(ticks, seed), reasons(), drawn(seed)
-    told = 0
+def proof(sound: Sound, seed: int, count: int, ticks: int, processes: int) -> list[Found]:
+    """`count` faults that can be told, found or not, and between them those that cannot, in the order they are drawn.
+
+    All are heard by the slices, then those that these did not find by the campaign. Printed as soon as it is known.
+    """
+    whole, known, draws = campaign(ticks, seed), reasons(), enumerate(drawn(seed))
+    verdicts: dict[int, Found] = {}
+
+    def by_slices(number: int, fault: Fault) -> tuple[int, Found]:
+        return number, equivalent(fault, known) or tried(fault, sound)
+
+    def by_campaign(number: int, fault: Fault) -> tuple[int, Found]:
+        return number, tried_longer(fault, sound, whole)
+
     with ThreadPoolExecutor(processes) as pool:
-        while told < count:
-            batch = [next(draws) for _ in range(min(processes, count - told))]
-            for found in pool.map(lambda each: equivalent(each, known) or tried(each, sound, whole), batch):
-                told += found.verdict in {"found", "not found"}
-                yield found
+        while (left := count - sum(each.verdict in TOLD for each in verdicts.values())) > 0:
+            running, heard_now = set[Future[tuple[int, Found]]](), dict[int, Found]()
+            while running or sum(each.verdict in TOLD for each in heard_now.values()) < left:
+                # As many at once as may all be needed: no draw is heard behind the last that counts.
+                told = sum(each.verdict in TOLD for each in heard_now.values())
+                while len(running) < min(processes, left - told):
+                    running.add(pool.submit(by_slices, *next(draws)))
+                done, running = wait(running, return_when=FIRST_COMPLETED)
+                heard_now |= dict(each.result() for each in done)
+                for number, found in (each.result() for each in done):
+                    print(row(f"draw {number + 1}", found), flush=True)
+            verdicts |= heard_now
+            missed = [pool.submit(by_campaign, n, each.fault) for n, each in sorted(heard_now.items())
+                      if each.verdict == "not found"]  # fmt: skip
+            for future in as_completed(missed):
+                number, verdicts[number] = future.result()
+                print(row(f"draw {number + 1}", verdicts[number]), flush=True)
+    return [verdicts[number] for number in sorted(verdicts)]
 
 
 def equivalent(fault: Fault, known: dict[tuple[str, ...], str]) -> Found | None:
@@ -225,9 +264,8 @@ def main() -> int:
     print("\n".join(without), flush=True)
     for found in proof(sound, options.seed, options.faults, options.ticks, options.processes):
         counts[found.verdict] += 1
-        told = found.verdict in {"found", "not found"}
-        rows.append(row(str(counts["found"] + counts["not found"]) if told else "", found))
-        print(rows[-1], flush=True)
+        rows.append(row(str(counts["found"] + counts["not found"]) if found.verdict in TOLD else "", found))
+    print("\n".join(rows))
     summary = ", ".join(f"{count} {verdict}" for verdict, count in counts.items())
     print(f"seed {options.seed}: {summary}")
     if options.write:

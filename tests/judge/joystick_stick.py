@@ -27,6 +27,8 @@ PROMISES = (
     Promise("rehab_opt/control/joystick.py", "the button that changes the mode, on the press. gripper : the one that "
             "opens and closes it."),
     Promise("rehab_opt/control/joystick.py", "What the user asks for now. Never raises on numbers."),
+    Promise("rehab_opt/control/joystick.py", "[m/s or rad/s], read-only; zero where nothing is asked, and of rows that "
+            "the mode holds."),
 )  # fmt: skip
 LEAST = {"moving": 57_000, "in the dead zone": 50_000, "to be let go first": 5000, "numbers that are none": 518,
          "mode changed": 500, "rate limited": 9000, "gripper changed": 1000}  # fmt: skip
@@ -112,6 +114,10 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
     told = np.array([each.gripper_closed for each in found])
     verdict.holds("the gripper changes once a press", told == closed(grip, dt))
     verdict.during("gripper changed", np.r_[False, told[1:] != told[:-1]], dt)
+    kinds = {"twist": np.ndarray, "rows": tuple, "frame": str, "gripper_closed": bool, "reason": str}
+    typed = [all(type(getattr(each, name)) is kind for name, kind in kinds.items()) for each in found]
+    verdict.holds("what comes back has the types that are documented", typed)
+    verdict.holds("a twist cannot be written to", [not each.twist.flags.writeable for each in found])
     verdict.holds("the frame is the chair's", [each.frame == "chassis" for each in found])
     verdict.during("moving", twist.any(axis=1), dt)
     verdict.during("in the dead zone", share == 0, dt)

@@ -9,6 +9,7 @@ relative to it and going the way from there. Lists and tuples of numbers are fol
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable
 from typing import Any
 
@@ -32,7 +33,8 @@ PROMISES = (
 LEAST = {"at the velocity bound": 5000, "at the acceleration bound": 5000, "at the jerk bound": 10_000,
          "at a position bound": 4000, "outside a position bound": 53, "status braking": 1000, "status holding": 2000,
          "on a target that is held": 20_000, "on a target that moves": 20_000,
-         "long after a fault": 5000, "reason disabled": 1000, "targets in lists and tuples": 60_000}  # fmt: skip
+         "long after a fault": 5000, "reason disabled": 1000, "targets in lists and tuples": 60_000,
+         "targets at a bound": 20_000}  # fmt: skip
 CI_TICKS = 40_000
 FAULTS = ("target", "disabled", *STAMPS)
 KINDS = ("steps", "person", "sudden", "steady", "held")
@@ -43,6 +45,10 @@ FORMS: tuple[Callable[[np.ndarray], Any], ...] = (
     np.ndarray.tolist,
 )  # fmt: skip
 INTEGERS, REFILLED = 4, 5
+CLIPPED = 0.4
+"""Fraction of the axes whose targets, told without a speed, are clipped to the bounds by the caller."""
+OUTSIDE = "target is outside the bounds: clipped"
+FARTHER = re.compile(r"target is more than (\S+) s away")
 EPSILON = float(np.finfo(float).eps)
 
 
@@ -99,6 +105,10 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator, *, faults: 
     ticks = max(run_length(rng, number, dt, seconds=20.0), 1000 if steady else 0)
     verdict.begin(number, f"{kind}, {axes} axes, dt {dt:g}")
     goals, rates = targets(rng, kind, start, ticks, dt, velocity)
+    if rates is None:  # of some axes the caller clips them, so that they are at a bound and not outside
+        clipped = np.random.default_rng([verdict.seed, number, 1]).random(axes) < CLIPPED
+        goals[:, clipped] = np.clip(goals, lower, upper)[:, clipped]
+    farthest(verdict, Smoother(velocity=velocity, acceleration=acceleration, jerk=jerk, dt=dt), velocity)
     wrong = schedule(rng, ticks, dt, FAULTS, every=faults, longest=3.0)
     kinds, stamped = wrong.kind.tolist(), math.isfinite(faults)
     as_given(verdict, smoother, begin, goals, rates)
@@ -134,6 +144,9 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator, *, faults: 
     verdict.holds("what cannot be used is not followed", safe | ~bad)
     refused = np.char.startswith(answers.reason, "target is more than # s away")  # none of these is
     verdict.holds("a target is too far only if it is so", ~refused | (wrong.kind == "target"))
+    outside_bounds = ((goals < lower) | (goals > upper)).any(axis=1)
+    verdict.holds("a target is outside the bounds only if it is so", (answers.reason != OUTSIDE) | outside_bounds)
+    verdict.during("targets at a bound", ((goals == lower) | (goals == upper)).any(axis=1) & ~outside_bounds, dt)
     verdict.holds("a safe command has a reason", (answers.reason != "") | ~safe)
     still = (np.abs(ahead - q) <= size).all(axis=1)  # a last bit may be rounded otherwise
     holding = answers.status == "holding"
@@ -174,6 +187,17 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator, *, faults: 
     verdict.during("long after a fault", after, dt)
     verdict.during("outside a position bound", out.any(axis=1), dt)
     verdict.during(f"target {kind}", np.ones(ticks, dtype=bool), dt)
+
+
+def farthest(verdict: Verdict, smoother: Smoother, velocity: np.ndarray) -> None:
+    """From rest at zero: targets that are further away than is said are refused, and one that is no further is not."""
+    told = []
+    for share in (1e9, 1.0, 1.0 + 1e-9):
+        smoother.reset(np.zeros(len(velocity)))
+        seconds = float(told[0][1]) if told and told[0] else 1.0
+        told.append(FARTHER.match(smoother.step(share * (seconds * velocity)).reason))
+    verdict.holds("a target is further away than is said if it is refused for that", [bool(each) for each in told]
+                  == [True, False, True], str(told))  # fmt: skip
 
 
 def as_given(
