@@ -637,9 +637,10 @@ def judge_servos(verdict: Verdict, case: Case, run: Run, servos: Servos) -> None
     """Where the joints truly were."""
     chair, plan = case.chair, case.plan
     true = np.array(servos.true)
-    # One that comes in from a limit is behind where it is led, and may have begun beyond.
-    begun = np.maximum(np.fmax(servos.begun - chair.upper, chair.lower - servos.begun), 0)
-    beyond = np.fmax(true - chair.upper, chair.lower - true) - begun
+    beyond = np.fmax(true - chair.upper, chair.lower - true)
+    # One that comes in from a limit is behind where it is led, and may have begun beyond: then never further.
+    begun = np.fmax(servos.begun - chair.upper, chair.lower - servos.begun)
+    beyond -= np.minimum.accumulate(np.maximum(np.vstack([begun, beyond[:-1]]), 0), axis=0)
     if plan is not None and plan.exact:
         verdict.within("a joint beyond its limit, where the model is true [rad]", beyond, OVERSHOOT)
     said = [each.reason for each in run.commands]
