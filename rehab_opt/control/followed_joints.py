@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from rehab_opt.control.held_hand import HELD, hand_memory, held_hand
+from rehab_opt.control.held_hand import HELD, hand_memory, held_hand, largest
 from rehab_opt.control.joint_feedback import JointFeedback, pole
 from rehab_opt.control.notes import HELD_BACK
 from rehab_opt.control.watched_joints import NOT_FOLLOWED, not_followed, time_apart
@@ -159,7 +159,7 @@ class FollowedJoints:
         # What is no position stays what it is, for whoever names it.
         led = q + dt * ca.sum2(ca.reshape(under_way, n, under_way.numel() // n)) + w
         led = ca.if_else(ca.fabs(measured) <= PLAUSIBLE, led, measured)
-        longest, joint = _largest(wrong)
+        longest, joint = largest(wrong)
         fault, guided, touched, held = longest > feedback.patience, after["apart"], ca.SX(0), ca.SX(0)
         after["hand"] = memory.hand
         if chain is not None:
@@ -183,14 +183,6 @@ class FollowedJoints:
         outputs = [record.of(**after, fault=kept), led, guided, ca.if_else(touched, 0, command), said]
         inputs = [memory.column, measured, command]
         return ca.Function("led_joints", inputs, [ca.densify(each) for each in outputs], {"cse": True})
-
-
-def _largest(numbers: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """The largest of (n,), and the first place where it is."""
-    most, place = numbers[0], ca.SX(0)
-    for i in range(1, numbers.numel()):
-        place, most = ca.if_else(numbers[i] > most, i, place), ca.fmax(most, numbers[i])
-    return most, place
 
 
 @cache

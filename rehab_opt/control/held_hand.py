@@ -1,7 +1,9 @@
 """A hand that runs into something: noticed by where it is left behind, long before a joint is far from where it is led.
 
-The hand's following error is d = J e, e the joints' (n,). What friction and a steady motion make of it changes slowly;
-what is left of d after its slow part is taken away, against the way the hand goes, is
+The joints' following error is e (n,). A joint under dry friction follows f behind, and where it turns round it stands
+still until it is led from f on one side to f on the other: a play y, y' = q' within -f <= y <= f; f is learned while it
+slips. What else a steady motion makes of the hand's d = J (e + y) changes slowly; what is left of d after its slow part
+is taken away, against the way the hand goes, is
 
     s = -(d - d_usual) . v / |v|,   v = J q',
 
@@ -28,8 +30,10 @@ import casadi as ca
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.symbolic.record import Record, Values
 
-__all__ = ["HELD", "Felt", "hand_memory", "held_hand"]
+__all__ = ["HELD", "Felt", "hand_memory", "held_hand", "largest"]
 
+SLIPS = 2.0
+"""[1/s] Rate at which f is learned: a contact is noticed long before it is taken for friction."""
 USUAL = 20.0
 """[1/s] Rate at which a following error becomes the usual one: a contact outgrows it within a third of that time."""
 INERTIA = 0.5
@@ -46,9 +50,9 @@ HELD = Record(held=1, way=3, room=1)
 
 @cache
 def hand_memory(n: int) -> Record:
-    """What is remembered of a hand: what `HELD` names, and last how fast its n joints should have been."""
+    """What is remembered of a hand: what `HELD` names, and last f, y and how fast its n joints should have been."""
     return Record(held=1, way=3, room=1, usual=3, going=3, before=1, swing=1, over=1, free=1, pressed=1, joint=1,
-        known=1, velocity=n)  # fmt: skip
+        known=1, friction=n, play=n, velocity=n)  # fmt: skip
 
 
 class Felt(NamedTuple):
@@ -79,7 +83,9 @@ def held_hand(  # noqa: PLR0917  (what is known, then what a tick brings)
     """
     usually, fades = -math.expm1(-USUAL * dt), math.exp(-min(pole / 2, 1 / dt) * dt)
     moves = chain.jacobian_expression(q)[:3, :]
-    behind, motion = moves @ error, moves @ velocity
+    play, friction = memory.play + dt * velocity, memory.friction
+    slips, play = ca.fabs(play) > friction, ca.fmax(ca.fmin(play, friction), -friction)
+    behind, motion = moves @ (error + play), moves @ velocity
     speed = ca.norm_2(motion)
     along = motion / ca.fmax(speed, SLOWEST)
 
@@ -102,14 +108,22 @@ def held_hand(  # noqa: PLR0917  (what is known, then what a tick brings)
     waits = memory.pressed + dt * ca.if_else(pressed, 1, -patience / CALM)
     held = ca.logic_and(held, free <= CALM)
     shares = ca.fabs((moves.T @ way) * error)
-    joint, most = ca.SX(0), shares[0]
-    for i in range(1, chain.n):
-        joint, most = ca.if_else(shares[i] > most, i, joint), ca.fmax(most, shares[i])
-    joint = ca.if_else(touched, joint, memory.joint)
+    joint = ca.if_else(touched, largest(shares)[1], memory.joint)
+    learned = -math.expm1(-SLIPS * dt) * slips * ca.logic_not(held)
+    friction = friction + learned * (ca.fmax(-ca.sign(velocity) * error, 0) - friction)
     after = hand_memory(chain.n).of(
         going=memory.going + usually * (motion - memory.going),
         held=held, way=way, room=room, before=before, swing=swing, over=over, joint=joint,
         usual=ca.if_else(held, usual, usual + usually * (behind - usual)),
-        free=held * free, pressed=held * ca.fmax(waits, 0), known=ca.SX(1), velocity=velocity,
+        free=held * free, pressed=held * ca.fmax(waits, 0), known=ca.SX(1),
+        friction=friction, play=play, velocity=velocity,
     )  # fmt: skip
     return Felt(after, touched, ca.logic_and(held, waits > patience), joint)
+
+
+def largest(numbers: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """The largest of (n,), and the first place where it is."""
+    most, place = numbers[0], ca.SX(0)
+    for i in range(1, numbers.numel()):
+        place, most = ca.if_else(numbers[i] > most, i, place), ca.fmax(most, numbers[i])
+    return most, place

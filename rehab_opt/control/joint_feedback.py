@@ -37,14 +37,14 @@ class JointFeedback:
     - Position limits hold for q_led and for q_led + e (at the same rate, at rest, too), and joints come to them no
       nearer than others that brake may throw them off (`thrown`).
     - The target is taken to be where its twist leads it while a command is on its way (`command_delay`).
-    - A hand that runs into something is noticed by where it is left behind (`HeldHand`): the joints are led from rest
+    - A hand that runs into something is noticed by where it is left behind (`held_hand`): the joints are led from rest
       anew, back to where the hand presses hardly, and no faster than `recovery_speed` (a share of the hand speeds, too)
       until the hand has been free for two seconds. One that is held for longer than `patience` is a fault. Where they
       begin anew faster than accelerations allow, that yields (`Bound.ACCELERATION`).
 
     The watch does not see what anything but the hand runs into, nor hands slower than 0.02 m/s. It is late where joints
     turn faster and faster, near a singular posture. A UR5 and an iiwa simulated with MuJoCo ran into a wall of 30 kN/m
-    at 0.25 m/s with 104 N in the median of 24 random postures, 163 N at the worst, and let go. With its elbow stretched
+    at 0.25 m/s with 106 N in the median of 24 random postures, 168 N at the worst, and let go. With its elbow stretched
     a UR5 pressed 600 N, and 425 N until `reset`, since a joint was beyond `tolerance` before it could let go; at 0.02
     m/s 86 N stayed. Where that is too much, measure forces.
 

@@ -130,13 +130,16 @@ class MirrorFollowing(MirrorStatement):
         self.followed, self._held = taken[:16].reshape(4, 4).copy(), aimed.outputs[0].copy()
         if limit is not None:
             self._aim = target.copy()
-        _, pose, motion, offset = np.split(aimed.outputs[1], [1, 17, 23])
-        self._inputs[0][:], self._inputs[1][:], self._inputs[2][:] = pose.reshape(4, 4), motion, offset
+        told = aimed.outputs[1]
+        self._inputs[0][:], self._inputs[1][:], self._inputs[2][:] = told[1:17].reshape(4, 4), told[17:23], told[23:]
         after = self._concluded.of(clock.window.T, at, near, others[0], here.reshape(-1), hand, taken)
         self._rate, _, self._waited, self._stood, self._apart, self._aside = after.tolist()
         passed, fraction, lag, self._bridging, waits, cuts, self._short = self._concluded.outputs[1].tolist()
         clock.stand(int(passed), fraction, lag)
-        self.counts.update(["waited"] * bool(waits) + ["cut"] * bool(cuts))
+        if waits:
+            self.counts["waited"] += 1
+        if cuts:
+            self.counts["cut"] += 1
         beyond = (distance_between(self.followed, target), angle_between(self.followed, target)) if led else (0.0, 0.0)
         self._beyond_person, self._short_by = beyond, (self._apart + beyond[0], self._aside + beyond[1])
         solver = self._solvers()

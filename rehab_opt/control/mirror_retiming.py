@@ -56,7 +56,7 @@ def retimed(tracker: MirrorTracker, plan: MirrorPath, left: Array) -> MirrorPath
     left : (M,) [s] that the clock needs in each tick to the reference's end, bridges included.
     """
     way = np.abs(np.diff(plan.q, axis=0)).max(axis=1, initial=0.0)
-    if not plan.complete or any(each & Bound.ACCELERATION for each in plan.yielded) or way.sum() < APART:
+    if not plan.complete or any(each & Bound.ACCELERATION for each in set(plan.yielded)) or way.sum() < APART:
         return plan
     ways, slow = np.full(len(plan.times), CURVED), np.ones(len(plan.times))
     for _ in range(TRIES):

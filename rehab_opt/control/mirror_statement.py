@@ -309,7 +309,7 @@ class MirrorStatement(PoseTracker):
     def _usable_obstacles(self) -> Array:
         """(14 k,) the moving capsules, none where they cannot be used."""
         told = self._inputs[-1].reshape(-1)[: self.limits.told]
-        return told if np.all(np.abs(told) <= PLAUSIBLE) else np.zeros(told.size)
+        return told if not told.size or np.all(np.abs(told) <= PLAUSIBLE) else np.zeros(told.size)
 
     def _shortened(
         self, q: Array, value: Array, held: Array, flags: Bound, *, broken: bool
@@ -329,8 +329,7 @@ class MirrorStatement(PoseTracker):
         """What stands for the gradient in the next tick, where there is none."""
         lead = self._inputs[3]
         if not flat:
-            if lead.any():
-                lead[:] = 0.0
+            lead[:] = 0.0
             return
         self._lead_age = 0 if w > self._lead_w + 1e-7 else self._lead_age + 1
         self._lead_w = max(w, self._lead_w) if lead.any() else w

@@ -95,7 +95,7 @@ class _Lines:
 
     def largest(self, k: int, y: float) -> float:
         """The k-th cell's greatest x beside y."""
-        return max(float((self.at_rest[k] - self.slope[k] * y).min()), 0.0)
+        return max(float(np.minimum.reduce(self.at_rest[k] - self.slope[k] * y)), 0.0)
 
     def best(self, cells: NDArray[np.bool_], most: Array) -> Array:
         """The y up to `most` (N,) that allow the greatest x in N of the cells.

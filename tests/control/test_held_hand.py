@@ -28,14 +28,16 @@ def tracker(feedback: JointFeedback = LED, **options: float) -> PoseTracker:
     return PoseTracker(ROBOT, feedback=feedback, dt=DT, compile=False, **options)  # type: ignore[arg-type]
 
 
-def plant(seed: int = 0):  # type: ignore[no-untyped-def]
+def plant(seed: int = 0, friction: float = 1.0):  # type: ignore[no-untyped-def]
+    """A UR5, its dry friction `friction` times what is assumed of it."""
     pytest.importorskip("mujoco")
-    from rehab_opt.plants.arm_model import ur5_model  # noqa: PLC0415
+    from rehab_opt.plants.arm_model import COULOMB, ur5_model  # noqa: PLC0415
     from rehab_opt.plants.channel import Channel  # noqa: PLC0415  (needs MuJoCo)
     from rehab_opt.plants.mujoco_arm import MujocoArm  # noqa: PLC0415
 
     channel = Channel(command_delay=0.003, measurement_delay=0.002, position_noise=1e-4)
-    return MujocoArm(ur5_model(ROBOT), dt=DT, channel=channel, seed=seed)
+    model = ur5_model(ROBOT, coulomb=friction * np.array(COULOMB))
+    return MujocoArm(model, dt=DT, channel=channel, seed=seed)
 
 
 def at_a_wall(feedback: JointFeedback, gone: float, seconds: float, stays: float = math.inf):  # type: ignore[no-untyped-def]
@@ -106,6 +108,34 @@ def test_a_free_hand_is_never_held(late: float) -> None:
         command = led.step(seen.position, pose, STILL)
         assert "held" not in command.reason
         seen = robot.step(command.value)
+
+
+def test_joints_that_turn_round_under_friction_hold_no_hand_and_hide_no_wall() -> None:
+    """Twice the friction: joints stand still for milliradians where they turn; a wall is noticed none the less."""
+    from rehab_opt.plants.contacts import Wall  # noqa: PLC0415
+
+    rng, robot, led, first, touch = (
+        np.random.default_rng(1),
+        plant(seed=1, friction=2.0),
+        tracker(),
+        ROBOT.pose(START),
+        0,
+    )
+    rates, sizes, seen = rng.uniform(1.0, 2.5, 3), rng.uniform(0.02, 0.06, 3), robot.reset(START)
+    for k in range(4500):
+        pose, twist, t = first.copy(), STILL.copy(), k * DT
+        pose[:3, 3] += sizes * (1 - np.cos(rates * t))
+        twist[:3] = sizes * rates * np.sin(rates * t)
+        velocity = ROBOT.jacobian(robot.truth.position)[:3] @ robot.truth.velocity
+        if k >= 4000 and not robot.contacts and (speed := np.linalg.norm(velocity)) > 0.08:
+            ahead = velocity / speed
+            robot.contacts = (Wall(ROBOT.pose(robot.truth.position)[:3, 3] + 0.002 * ahead, -ahead),)
+        command = led.step(seen.position, pose, twist)
+        if "held back" in command.reason:
+            break
+        seen = robot.step(command.value)
+        touch = touch or k * bool(robot.truth.force.any())
+    assert 0 < touch < k <= touch + 45
 
 
 def test_what_friction_holds_back_is_led_after() -> None:
