@@ -45,14 +45,12 @@ class JointFeedback:
     The watch does not see what anything but the hand runs into, nor hands slower than 0.02 m/s. It is late where joints
     turn faster and faster, near a singular posture. A UR5 and an iiwa simulated with MuJoCo ran into a wall of 30 kN/m
     at 0.25 m/s with 106 N in the median of 24 random postures, 168 N at the worst, and let go. With its elbow stretched
-    a UR5 pressed 600 N, and 425 N until `reset`, since a joint was beyond `tolerance` before it could let go; at 0.02
-    m/s 86 N stayed. Where that is too much, measure forces.
+    a UR5 pressed 600 N, and 425 N until `reset`. Where that is too much, measure forces.
 
     A following error above `tolerance` for longer than `patience` is a joint that is blocked, an encoder that stands
     still, or an axis that turns the wrong way: the controller brakes, says which joint, and rests until `reset`, or
-    until `enable` was released, as drives do: a servo that was held may still push by what it lags behind. An error
-    that large corrects nothing, and a sample that is no number neither ends nor hides a fault. Nor does it change d, or
-    what is known of the hand.
+    until `enable` was released. An error that large corrects nothing, and a sample that is no number neither ends nor
+    hides a fault. Nor does it change d, or what is known of the hand.
 
     Parameters
     ----------

@@ -28,8 +28,6 @@ PerJoint = ArrayLike | Mapping[str, float]
 
 COLLISION = "collision"
 """In place of capsules: those about the collision geometry of the file."""
-FAST = 4 * math.pi
-"""[rad/s] A speed limit beyond bounds no arm: it is noted."""
 
 
 class Metres(float):
@@ -96,11 +94,12 @@ def chain_arguments(form: Format, file: str | Path, base: str | None, tip: str |
         raise source.refuse("base", base, "a link that bears others, from which an arm begins")
     if not steps:
         raise source.refuse("tip", tip, "a link that joints move against the base")
-    capsules = [each for step in steps for each in step.bodies] if given.capsules == COLLISION else given.capsules
-    if given.capsules == COLLISION and not capsules:
-        raise ConfigurationError(
-            "capsules", COLLISION, f"<collision> in links between base and tip: {source.name} has none"
-        )
+    capsules = given.capsules
+    if capsules == COLLISION:
+        capsules = [each for step in steps for each in step.bodies]
+        if not capsules:
+            expected = f"<collision> in links between base and tip: {source.name} has none"
+            raise ConfigurationError("capsules", COLLISION, expected)
     joints, before, frames = _joints_and_frames(steps, given.locked, source, notes)
     n, names = len(joints), tuple(joint.name for joint in joints)
     rows = tuple(Link(before[i + 1], joints[i].prismatic) for i in range(n))
@@ -143,10 +142,9 @@ def _joints_and_frames(
         here = here @ step.origin
         joint = step.joint
         if joint is not None and joint.name in locked:
-            here = here @ _at(joint, locked[joint.name])
-            notes.append(
-                f"joint {joint.name} is locked at {locked[joint.name]:.6g} {'m' if joint.prismatic else 'rad'}"
-            )
+            value = locked[joint.name]
+            here = here @ _at(joint, value)
+            notes.append(f"joint {joint.name} is locked at {value:.6g} {'m' if joint.prismatic else 'rad'}")
         elif joint is not None:
             if joint.coupled_to:
                 expected = f"a joint that moves by itself; lock it: locked={{{joint.name!r}: value}}"
@@ -201,7 +199,7 @@ def _limits(
     """Lower, upper and speed limits (n,): the caller's where there are any, else the file's."""
     names = tuple(joint.name for joint in joints)
     none = np.full(len(joints), math.nan)
-    own = [_by_joint(name, getattr(given, name), names, none) for name in ("lower", "upper", "velocity")]
+    own = np.array([_by_joint(name, getattr(given, name), names, none) for name in ("lower", "upper", "velocity")])
     found = np.array([[joint.lower, joint.upper, joint.velocity] for joint in joints]).T
     limits = np.where(np.isnan(own), found, own)
     for i, joint in enumerate(joints):
@@ -218,17 +216,18 @@ def _limits(
             if k < 2 and math.isnan(own[k][i]) and not joint.prismatic and TWO_TURNS < abs(value) < math.inf:
                 expected = f"radians within two turns, as a joint that has ends; if it has none: {argument}={{...}}"
                 raise source.refuse(key, float(value), expected)
-        if not low <= high and not np.isnan(own[0][i]) and np.isnan(own[1][i]):
+        of_file = np.isnan(own[:2, i])
+        if not low <= high and not of_file[1]:
+            expected = f"no less than {f'{keys[0]} of {source.name}' if of_file[0] else 'lower'}, {_said(low, joint)}"
+            raise ConfigurationError(f"upper[{joint.name!r}]", float(high), expected)
+        if not low <= high and not of_file[0]:
             expected = f"no more than {keys[1]} of {source.name}, {_said(high, joint)}"
             raise ConfigurationError(f"lower[{joint.name!r}]", float(low), expected)
-        if not low <= high and not np.isnan(own[1][i]):
-            whose = f"{keys[0]} of {source.name}" if np.isnan(own[0][i]) else "lower"
-            raise ConfigurationError(
-                f"upper[{joint.name!r}]", float(high), f"no less than {whose}, {_said(low, joint)}"
-            )
         if not low <= high:
             raise source.refuse(f"joint {joint.name}, {keys[0]}", float(low), f"no more than {keys[1]} = {high:.6g}")
-        if speed > FAST and not joint.prismatic and math.isnan(own[2][i]):
+        if low == high and np.all(of_file):
+            notes.append(f"joint {joint.name}, {keys[0]} = {keys[1]} = {low:.6g}: it does not move")
+        if speed > TWO_TURNS and not joint.prismatic and math.isnan(own[2][i]):
             notes.append(f"joint {joint.name}, {keys[2]} = {speed:.6g} rad/s: more than two turns a second")
     return limits[0], limits[1], limits[2]
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.robot_file.steps import (
     ROUNDING,
+    TWO_TURNS,
     Inertial,
     Joint,
     Step,
@@ -94,6 +95,11 @@ def mjcf_steps(
     except (ValueError, mujoco.FatalError) as problem:
         why = shown(" ".join(str(problem).split()), 150)
         raise source.refuse("file", "refused by MuJoCo", f"a model that it compiles ({why})") from problem
+    hinges = model.jnt_limited & (model.jnt_type == mujoco.mjtJoint.mjJNT_HINGE)
+    widest = np.degrees(np.abs(model.jnt_range[hinges > 0]).max(initial=0.0))
+    if 0.0 < widest <= TWO_TURNS and "radian" not in (each.attributes.get("angle") for each in root.each("compiler")):
+        degrees = 'read as degrees, as MuJoCo does without <compiler angle="radian">'
+        notes.append(f"joint ranges of at most {widest:.6g} look like radians, but are {degrees}")
     return _steps(mujoco, model, source, base, tip), notes
 
 
@@ -101,9 +107,8 @@ def _include(root: Element, source: Source, read: list[Element]) -> None:
     """Put what other files say in the place of <include>, as MuJoCo does; the elements say which file by their line."""
     for element in list(root.all()):
         if element.tag == "attach":
-            raise source.refuse(
-                f"line {element.line}", "<attach>", "one model; let MuJoCo attach the others, and save it"
-            )
+            expected = "one model; let MuJoCo attach the others, and save it"
+            raise source.refuse(f"line {element.line}", "<attach>", expected)
         children: list[Element] = []
         for child in element.children:
             if child.tag != "include":
@@ -225,7 +230,7 @@ def _body_steps(mujoco: Any, model: Any, body: int, coupled: dict[int, str], sou
     mass = float(model.body_mass[body])
     inertial = None
     if mass > 10 * MUCH_TOO_LIGHT:
-        turn = _pose(np.zeros(3), model.body_iquat[body])[:3, :3]
+        turn = turned_by_quaternion(model.body_iquat[body])
         matrix = turn @ np.diag(model.body_inertia[body]) @ turn.T
         inertial = Inertial(mass, np.array(model.body_ipos[body]), matrix)
     yield Step(here, None, name, inertial)

@@ -28,7 +28,7 @@ __all__ = [
 Array = NDArray[np.float64]
 
 TWO_TURNS = 4 * math.pi
-"""[rad] An angle beyond is in degrees; a joint limit beyond may also stand for none."""
+"""[rad] An angle beyond is in degrees; a joint limit beyond may also stand for none. No arm is faster in a second."""
 ROUNDING = 1e-12
 """By how much a length of 1 is off where it was computed and not rounded."""
 

@@ -129,6 +129,37 @@ def test_any_rotation_that_is_rounded_is_noted(tmp_path: Path, written: str, sai
     assert note.startswith(said or "body b, quat: the length is off by 9.6e-06")
 
 
+@pytest.mark.parametrize(
+    ("compiler", "ranges", "noted"),
+    [
+        ("", ("-3.14159 3.14159", "0 2.6"), True),
+        ("", ("-6.28319 6.28319", "0 2.6"), True),
+        ("", ("-3.14159 3.14159", "0 90"), False),
+        ('<compiler angle="radian"/>', ("-3.14159 3.14159", "0 2.6"), False),
+        ('<compiler angle="radian"/>', ("-0.1 0.1", "0 0.2"), False),
+        ("", ("", ""), False),
+    ],
+)
+def test_ranges_in_radians_that_are_read_in_degrees_are_noted(
+    tmp_path: Path, compiler: str, ranges: tuple[str, str], noted: bool
+) -> None:
+    """Slides are in metres, whatever angles are in."""
+    file, bodies = tmp_path / "arm.xml", ""
+    for i, each in enumerate(ranges):
+        limit = f'limited="true" range="{each}"' if each else ""
+        bodies += f'<body name="b{i}" pos="0 0 0.3"><joint name="j{i}" axis="0 1 0" {limit}/>'
+    slide = '<body name="b2"><joint name="j2" type="slide" limited="true" range="0 0.3"/></body>'
+    file.write_text(f"<mujoco>{compiler}<worldbody>{bodies}{slide}</body></body></worldbody></mujoco>")
+    chain = SerialChain.from_mjcf(file, **LIMITS, **({} if ranges[0] else {"lower": -1.0, "upper": 1.0}))
+    said = [note for note in chain.notes if "look like radians" in note]
+    assert len(said) == len(chain.notes) == noted
+    if noted:
+        widest = max(abs(float(each)) for pair in ranges for each in pair.split())
+        degrees = 'read as degrees, as MuJoCo does without <compiler angle="radian">'
+        assert said == [f"joint ranges of at most {widest:.6g} look like radians, but are {degrees}"]
+        assert chain.upper[0] == pytest.approx(np.radians(float(ranges[0].split()[1])), abs=1e-12)
+
+
 def test_loops_that_are_not_closed_are_noted(tmp_path: Path) -> None:
     tie = '<equality><connect body1="a" body2="b" anchor="0 0 0"/></equality></mujoco>'
     notes = SerialChain.from_mjcf(arm(tmp_path, "</mujoco>", tie), **LIMITS).notes

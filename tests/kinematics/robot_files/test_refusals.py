@@ -171,6 +171,20 @@ def test_what_is_not_read_and_what_no_body_has_is_noted(good: Callable[..., Path
         assert SerialChain.from_urdf(good(old, new), acceleration=1.0).notes == (said,)
 
 
+def test_a_joint_whose_limits_are_one_number_is_noted(good: Callable[..., Path]) -> None:
+    for lower, upper, said in (
+        ("0", "0", "joint joint_a, limit.lower = limit.upper = 0: it does not move"),
+        ("0.5", "0.5", "joint joint_a, limit.lower = limit.upper = 0.5: it does not move"),
+    ):
+        file = good('lower="-2" upper="2"', f'lower="{lower}" upper="{upper}"')
+        arm = SerialChain.from_urdf(file, acceleration=1.0)
+        assert arm.notes == (said,)
+        assert arm.locked.tolist() == [True, False]
+    file = good('lower="-2" upper="2" velocity', "velocity")  # the format's default of one limit is zero
+    assert SerialChain.from_urdf(file, acceleration=1.0, lower=-2.0, upper=2.0).notes == ()
+    assert SerialChain.from_urdf(good(), acceleration=1.0, lower=0.5, upper=0.5).notes == ()  # asked for
+
+
 def test_the_acceleration_is_asked_for(good: Callable[..., Path]) -> None:
     with pytest.raises(TypeError, match="acceleration"):
         SerialChain.from_urdf(good())  # type: ignore[call-arg]
