@@ -90,9 +90,9 @@ class RedundancyResolver(OneThread):
     keep_out : whether the arm is kept from the robot's keep-outs.
     limits : what the posture has to keep besides, in the world frame: `Limit`, and a `Clearance` of the arm, of which
         links are pairs that chair and arm move. See `PoseTracker`. Without a command nothing is given way to.
-        Beyond one already, and beside a body that comes, accelerations yield to it, which `Bound.ACCELERATION`
-        says; beside such a body the law is not promised. Where a link comes round an edge of one that stands, the hand
-        may be 0.3 of its command across, for T.
+        Beyond one already, and beside a body that comes, accelerations yield to it, which `Bound.ACCELERATION` says,
+        and so do the rates of others; beside such a body the law is not promised. Where a link comes round an edge of
+        one that stands, the hand may be 0.3 of its command across, for T.
     self_motion : weight of grad c in Eq. (1): v(r') = self_motion |r'|.
     dt : nominal tick [s], at most 0.02: in longer ones the Jacobian turns too far for the law.
     recovery_speed : share of the velocity limit at which a joint outside its limits comes back at most.

@@ -47,7 +47,8 @@ PROMISES = (
             "a `Clearance` of the arm, of which links are pairs that chair and arm move."),
     Promise("rehab_opt/control/redundancy.py", "Without a command nothing is given way to."),
     Promise("rehab_opt/control/redundancy.py", "Beyond one already, and beside a body that comes, "
-            "accelerations yield to it, which `Bound.ACCELERATION` says; beside such a body the law is not promised."),
+            "accelerations yield to it, which `Bound.ACCELERATION` says, and so do the rates of others; beside such a "
+            "body the law is not promised."),
     Promise("rehab_opt/control/redundancy.py", "Where a link comes round an edge of one that stands, the hand may be "
             "0.3 of its command across, for T."),
     Promise("rehab_opt/control/clearance.py", "a chair's law is promised of no fewer than by default."),
@@ -234,6 +235,7 @@ class Servos:
         self.arm.set_out(self.last)
         self.observer.reset(self.last)
         self.arm.q = q[3:] - self.arm.under_way
+        self.begun = self.arm.q.copy()
         self.rests = not velocity.any()
         self.true: list[Array] = []
 
@@ -517,7 +519,7 @@ def judge(verdict: Verdict, case: Case, run: Run, places: list[Array], there: ND
     hasty = np.full(n, any(each.rate is not None and each.rate > 1 / slowest for each in case.wishes))
     verdict.during("limits that are come to faster than all can brake", hasty, dt)
     found, u = judge_ticks(run, verdict, excused=gives_way | beyond)
-    met = np.where(gives_way, -math.inf, falls)
+    met = np.where(gives_way | inside, -math.inf, falls)
     if run.start.any():  # a velocity that was told knew of no barrier
         met[: round((slowest + 1.0) / dt)] = -math.inf
     verdict.within("come to faster than its barrier [m/s or rad/s]", met, FASTER)
@@ -636,6 +638,9 @@ def judge_servos(verdict: Verdict, case: Case, run: Run, servos: Servos) -> None
     chair, plan = case.chair, case.plan
     true = np.array(servos.true)
     beyond = np.fmax(true - chair.upper, chair.lower - true)
+    # One that comes in from a limit is behind where it is led, and may have begun beyond: then never further.
+    begun = np.fmax(servos.begun - chair.upper, chair.lower - servos.begun)
+    beyond -= np.minimum.accumulate(np.maximum(np.vstack([begun, beyond[:-1]]), 0), axis=0)
     if plan is not None and plan.exact:
         verdict.within("a joint beyond its limit, where the model is true [rad]", beyond, OVERSHOOT)
     said = [each.reason for each in run.commands]

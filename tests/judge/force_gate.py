@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from tests.judge.force_runs import THERAPY, Run, runs, signed_distance
+from tests.judge.force_runs import THERAPY, Run, assistance, draw, hand_path, runs, signed_distance
+from tests.judge.numbering import numbered
 from tests.judge.verdict import Promise, Verdict
 
 PROMISES = (
@@ -21,13 +22,18 @@ PROMISES = (
             "that"),
     Promise("rehab_opt/control/gate.py", "follow, hold (help in a task): the field inside; outside a pull back to the "
             "nearest comfortable point, of a stiffness [N/m] and at most a force [N]."),
+    Promise("rehab_opt/control/assistance.py", "Let the field stand (dx, dy) [m] from where it was made, for a target "
+            "that moves"),
     Promise("rehab_opt/field/potential.py", "drag : k1 [N/m]: along the path the force is 2 k1 (length)."),
 )  # fmt: skip
 LEAST = {"therapy inside": 20_000, "therapy outside": 50_000, "task inside": 8000, "task outside": 24_000,
          "therapy long inside": 5000, "mode stretch": 20_000, "mode assist": 20_000, "mode resist": 20_000,
-         "pull back at its largest": 3000, "pull that is cut": 20_000}  # fmt: skip
+         "pull back at its largest": 3000, "pull that is cut": 20_000,
+         "a carried field acts": 5000}  # fmt: skip
 CI_TICKS = 20_000
 LENGTH, MIDDLE, LINE = 0.6, 0.15, 0.02
+CARRIED = 300
+"""Ticks of a run of twins."""
 POINT = np.array([0.1, 0.02])
 
 
@@ -38,7 +44,24 @@ def run(ticks: int, seed: int, *, only: int | None = None) -> Verdict:
         judge(verdict, each)
     for each in runs(verdict, ticks // 4, only, faults=0.5, first=1_000_000):
         judge(verdict, each)
+    for number, rng in numbered(verdict, ticks // 20, only, first=2_000_000):
+        carried(verdict, number, rng)
     return verdict
+
+
+def carried(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
+    """A field that is carried on the way acts as one made where it then stands; the gate stays where it was."""
+    given, by = draw(rng, number), rng.uniform(-0.05, 0.05, 2)
+    verdict.begin(number, f"{given.mode}, carried by {by[0]:.3g}, {by[1]:.3g} m")
+    twins = assistance(given), assistance(given, by=by)
+    twins[0].carry(*by)
+    path = hand_path(rng, "person", CARRIED, given.dt)
+    found = [[each.step(x, np.zeros(2)) for x in path[:CARRIED]] for each in twins]
+    answers = verdict.answers(found[0], given.dt)
+    apart = np.abs(answers.value - np.array([each.value for each in found[1]]))
+    verdict.within("force of a field that is carried, from one made there [N]", apart, 1e-6 * (given.stiffness + 1))
+    verdict.holds("a field that is carried says where it stands", [tuple(twins[0].carried) == tuple(by.tolist())])
+    verdict.during("a carried field acts", (answers.value != 0).any(axis=1), given.dt)
 
 
 def judge(verdict: Verdict, one: Run) -> None:

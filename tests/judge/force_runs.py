@@ -95,24 +95,28 @@ def draw(rng: np.random.Generator, number: int) -> Settings:
     )
 
 
-def field_of(rng: np.random.Generator, given: Settings) -> PotentialField:
-    """A field around a line through the workspace, or one point of it; its pull across the line is -S y, exactly."""
+def field_of(given: Settings, *, by: Array | None = None) -> PotentialField:
+    """A field around a line through the workspace, or one point of it; its pull across the line is -S y, exactly.
+
+    All of it stands `by` (2,) [m] from there.
+    """
+    by = np.zeros(2) if by is None else by
     if given.mode == "hold":
-        return PotentialField(np.array([[0.1, 0.02]]), stiffness=given.stiffness, damping=given.damping, width=0.03,
-                              compile=False)  # fmt: skip
+        return PotentialField(np.array([[0.1, 0.02]]) + by, stiffness=given.stiffness, damping=given.damping,
+                              width=0.03, compile=False)  # fmt: skip
     drag, along = {"assist": (100.0, "remaining"), "resist": (60.0, "travelled")}.get(given.mode, (0.0, "remaining"))
     line = np.column_stack([np.linspace(-0.3, 0.3, 40), np.full(40, 0.02)])
-    return PotentialField(line, stiffness=given.stiffness, width=0.025, damping=given.damping, drag=drag,
+    return PotentialField(line + by, stiffness=given.stiffness, width=0.025, damping=given.damping, drag=drag,
                           drag_along=along, rest_on_target=False, compile=False)  # type: ignore[arg-type]  # fmt: skip
 
 
-def assistance(rng: np.random.Generator, given: Settings, **options: Any) -> Assistance:
-    """The force that is judged."""
+def assistance(given: Settings, *, by: Array | None = None, **options: Any) -> Assistance:
+    """The force that is judged; its field stands `by` (2,) [m] from where `field_of` has it."""
     comfortable = Workspace(shapely.Polygon(given.outline), accuracy=0.0)
     if (given.return_stiffness, given.return_force) != (500.0, 10.0):  # which are what they are where nothing is said
         options |= {"return_stiffness": given.return_stiffness, "return_force": given.return_force}
     return Assistance(
-        field_of(rng, given), comfortable=comfortable, mode=given.mode, force_limit=given.force_limit,  # type: ignore[arg-type]
+        field_of(given, by=by), comfortable=comfortable, mode=given.mode, force_limit=given.force_limit,  # type: ignore[arg-type]
         slew_limit=given.slew_limit, growth_limit=given.growth_limit, energy_budget=given.budget,
         speed_cap=given.speed_cap, dt=given.dt, compile=False, **options,
     )  # fmt: skip
@@ -216,7 +220,7 @@ def runs(
     for number, rng in numbered(verdict, ticks, only, first=first):
         given = draw(rng, number)
         hand = "greedy" if slips else None  # who takes all that the force gives while it is not seen
-        run = follow(rng, number, given, make(rng, given), faults=faults, late=late, slips=slips, hand=hand)
+        run = follow(rng, number, given, make(given), faults=faults, late=late, slips=slips, hand=hand)
         verdict.begin(number, f"{given.mode}, {run.hand} hand, dt {given.dt:g}")
         yield run
 

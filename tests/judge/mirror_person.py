@@ -38,6 +38,8 @@ TURN = 0.1
 """[m/rad]"""
 NEAR, REACHED = 2e-3, 2e-3
 """[m] of the hand from a reference within the range; of its pose from one that the arm has."""
+LAG = 1e-3
+"""[m] by which the model of the led arm may lag behind a pose within its range."""
 FOUND = 150
 """Ticks at most that the model of the led arm takes to its first posture."""
 STARTS = 40
@@ -105,6 +107,11 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
     apart = np.linalg.norm(found[:, :3, 3] - poses[:, :3, 3], axis=1)
     easy = bool(manipulability(q).min() > 0.1 and (answers.status[-100:] == "ok").all() and control.lag < 1e-3)
     outside = ((joints < lower) | (joints > upper)).any(axis=1)
+    if not outside.any() and not finding[-20:].any():
+        verdict.within("model away from a reference within the range, in the end [m]",
+                       np.array(short)[-20:, 2], LAG)  # fmt: skip
+        verdict.within("model turned from a reference within the range, in the end [rad]",
+                       np.array(short)[-20:, 3], LAG / TURN)  # fmt: skip
     if easy and not outside.any():
         verdict.within("hand away from a reference within the range, in the end [m]", apart[-20:], NEAR)
         verdict.during("within the range", np.ones(len(part), dtype=bool), dt)

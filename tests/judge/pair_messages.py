@@ -19,6 +19,8 @@ from tests.judge.pair_energy import SOURCE, TARGET, ellipse, mapped
 from tests.judge.verdict import Promise, Verdict
 
 PROMISES = (
+    Promise("rehab_opt/control/bilateral_sides.py", "Draws the participant's hand to the image of the helper's, inside "
+            "the participant's comfortable workspace."),
     Promise("rehab_opt/control/bilateral_sides.py", "[1/s] share of the tank's energy that is given away a second."),
     Promise("rehab_opt/control/bilateral.py", "Messages are numbered: one that comes twice, or after a later one, "
             "counts as none, so that no energy is taken twice; what is lost with one is lost."),
@@ -31,7 +33,7 @@ PROMISES = (
 )  # fmt: skip
 LEAST = {"no force so far": 100_000, "force": 100_000, "all given at once": 20_000, "message lost": 50_000,
          "message twice": 15_000, "message late": 15_000, "energy that nobody can mean": 15_000,
-         "a full tank": 10_000, "a tank nearly empty": 10_000}  # fmt: skip
+         "told a place": 100_000, "a full tank": 10_000, "a tank nearly empty": 10_000}  # fmt: skip
 CI_TICKS = 1600
 SHARE = 0.2
 HANDS = ("person", "held", "sudden")
@@ -70,7 +72,7 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
     account, moved, newest, last = budget, np.diff(x, axis=0), 0, None
     acted, commands, force = False, [], np.zeros(2)
     most, gave, exact = np.empty(ticks), np.empty(ticks), np.zeros(ticks, dtype=bool)
-    fresh, held, level = np.zeros(ticks, dtype=bool), np.empty(ticks), np.empty(ticks)
+    (fresh, placed), held, level = np.zeros((2, ticks), dtype=bool), np.empty(ticks), np.empty(ticks)
     for k in range(ticks):
         energy = float(rng.choice([0.0, filled]) * budget * rng.random())
         energy = float(rng.choice(BROKEN)) if kinds[k] == "broken" else energy
@@ -84,6 +86,7 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
         command, message = side.step(x[k], told)  # type: ignore[arg-type]
         if told is not None and told.serial > newest:
             newest, fresh[k] = told.serial, True
+            placed[k] = all(map(math.isfinite, told[: 4 if helps else 2]))
             account += min(told.energy, budget) if 0.0 < told.energy < math.inf else 0.0
             account = min(account, budget)
         if told is not None:
@@ -112,6 +115,8 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
                    np.where(exact, np.abs(held - level), 0.0), rounding)  # fmt: skip
     verdict.holds("without a new message the force is released",
                   fresh | np.isin(answers.status, ("releasing", "released")))  # fmt: skip
+    verdict.holds("who is told a place, and a force on it, acts", ~placed | (answers.status == "ok"))
+    verdict.during("told a place", placed, dt)
     verdict.within("force over its limit", size / limit, 1.0)
     verdict.during("no force so far", exact, dt)
     verdict.during("force", size > 0, dt)
