@@ -37,8 +37,9 @@ CI_TICKS = 1200
 SHARE = 0.25
 FREE, STANDS = 40, 220
 """Ticks in which the hand goes on steadily, and in which it then is where it was stopped."""
-LESS, MORE = 0.97, 1.3
-"""Of the bound: what is left behind by the first is none, by the second it is one, also a tick later."""
+LESS, MORE = 0.97, 1.6
+"""Of the bound: what is left behind by the first is none, by the second it is one, also a tick later, when the bound
+is more by what the speed has changed."""
 HELD = "held back"
 ROBOT = {"velocity": np.full(6, 3.0), "acceleration": np.full(6, 300.0)}
 
