@@ -109,7 +109,7 @@ def held_hand(  # noqa: PLR0917  (what is known, then what a tick brings)
     held = ca.logic_and(held, free <= CALM)
     shares = ca.fabs((moves.T @ way) * error)
     joint = ca.if_else(touched, largest(shares)[1], memory.joint)
-    learned = -math.expm1(-SLIPS * dt) * slips * ca.logic_not(held)
+    learned = -math.expm1(-SLIPS * dt) * slips * ca.logic_not(ca.logic_or(held, over))
     friction = friction + learned * (ca.fmax(-ca.sign(velocity) * error, 0) - friction)
     after = hand_memory(chain.n).of(
         going=memory.going + usually * (motion - memory.going),

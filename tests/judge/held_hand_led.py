@@ -83,6 +83,8 @@ def stopped(
 ) -> float:
     """[m] how far ahead of the hand the joints are led in the end; of encoders that jump back by so much of the bound.
 
+    The joints swing about that a little: it is the median of the last half.
+
     Where it is `once`, that is one sample that lies.
     """
     dt, feedback = control.dt, control.feedback
@@ -91,7 +93,7 @@ def stopped(
     model, measured, off = start.copy(), start.copy(), np.zeros(6)
     control.reset(np.zeros(6))
     first, target = tool(start[None])[0], tool(start[None])[0]
-    commands, held, direction, rows = [], [], np.zeros(3), np.zeros((3, 6))
+    commands, held, ahead, direction, rows = [], [], [], np.zeros(3), np.zeros((3, 6))
     for k in range(FREE + STANDS):
         target = first.copy()
         target[:3, 3] += way * dt * k
@@ -111,6 +113,7 @@ def stopped(
             measured = model + off
         elif k < FREE or once:
             measured = model.copy()
+        ahead.append(float(rows @ (model - measured) @ direction))
     verdict.answers(commands, dt)
     verdict.holds("a hand that goes on steadily is not held", not any(held[: FREE + 1]))
     if once or share < 1:
@@ -122,4 +125,4 @@ def stopped(
         verdict.holds("a hand left behind by more than is said is held in the second tick", held[FREE + 2])
     name = "one sample that lies" if once else "left behind by less" if share < 1 else "held"
     verdict.during(name, np.arange(len(held)) > FREE, dt)
-    return float(rows @ (model - measured) @ direction)
+    return float(np.median(ahead[-STANDS // 2 :]))

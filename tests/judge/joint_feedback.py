@@ -7,6 +7,7 @@ nothing of its robot finds joints that do not follow, too, later, and no others.
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import re
 from typing import NamedTuple
@@ -39,6 +40,10 @@ PROMISES = (
             "`tolerance` is no fault."),
     Promise("rehab_opt/control/joint_feedback.py", "rate at which limits are approached: a third of the servo's pole, "
             "so that it does not run past them."),
+    Promise("rehab_opt/control/joint_feedback.py", "2/(3 (T + 1/p)) of the delay T and the servo's pole p: largest "
+            "gain on what is measured."),
+    Promise("rehab_opt/control/joint_feedback.py", "from a command until the joint moves: half of the delay, which is "
+            "all that is known of it."),
     Promise("docs/capabilities/real_servos.md", "The robot brakes within 0.2 s and 0.03 rad over the commanded speed, "
             "says which joint, and rests until `reset`, or until `enable` was released. No fault are delays of 40 ms"),
     Promise("docs/capabilities/real_servos.md", "a servo of 24 Hz, noise of 0.2 mrad, a joint that sticks for 0.1 s, "
@@ -273,6 +278,7 @@ def run(ticks: int, seed: int, *, only: int | None = None) -> Verdict:
 def one_run(verdict: Verdict, rng: np.random.Generator, plan: Plan, start: Array) -> None:
     """One robot."""
     dt, told = plan.dt, plan.told
+    rates(verdict, rng, told)
     control, twin = trackers(plan)
     way = ("sines", "person", "held", "moving on")[int(rng.integers(4))]
     poses, twists = reference(rng, way, start, TICKS, dt)
@@ -314,6 +320,17 @@ def one_run(verdict: Verdict, rng: np.random.Generator, plan: Plan, start: Array
     verdict.during("compared with one that is not late", free, dt)
     verdict.during("servo in the model", np.full(TICKS, math.isfinite(told.servo_hz)), dt)
     verdict.during("late by more or less", np.full(TICKS, plan.late != plan.ticks), dt)
+
+
+def rates(verdict: Verdict, rng: np.random.Generator, told: JointFeedback) -> None:
+    """What this robot, and servos from slow to faster than its delay, leave of a gain, by their numbers."""
+    hz = np.r_[told.servo_hz, 10 ** rng.uniform(-1.0, 4.0, 20)]
+    each = [dataclasses.replace(told, servo_hz=float(one)) for one in hz]
+    late, slow = told.delay, POLE / (2 * math.pi * hz)
+    with np.errstate(divide="ignore"):
+        said = np.array([[one.most_gain, one.approach, one.command_delay] for one in each])
+        due = np.column_stack([2 / (3 * (late + slow)), 1 / (3 * slow), np.full(len(hz), late / 2)])
+    verdict.holds("gains and delays are those that are said", np.isclose(said, due, rtol=1e-4, atol=0.0))
 
 
 def untold(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
