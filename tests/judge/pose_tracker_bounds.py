@@ -27,8 +27,8 @@ PROMISES = (
     Promise("rehab_opt/control/pose_tracker.py", "largest jerk, for drives that stop on more: of the finite "
             "differences of what is sent, braking and fallbacks included. Velocity, acceleration and jerk then never "
             "yield; a joint that is put where it cannot stop before its limit any more goes beyond it."),
-    Promise("docs/capabilities/pose_tracking.md", "A joint that is led against its limit is within $J dt^3$ of it when "
-            "the shortest such way ends, two ticks more, and in the mean as near while it is held there."),
+    Promise("docs/capabilities/pose_tracking.md", "A joint that alone is led against its limit is within $J dt^3$ of it "
+            "when the shortest such way ends, two ticks more, and in the mean as near while it is held there."),
     Promise("rehab_opt/control/command.py", "always finite"),
 )  # fmt: skip
 LEAST = {"status ok": 190_000, "yielded position": 1000, "yielded acceleration": 50, "yielded task": 50_000,
@@ -46,7 +46,7 @@ SLIDERS, HELD, LATE = 4_000_000, 60, 2
 
 
 def run(ticks: int, seed: int, *, only: int | None = None) -> Verdict:
-    """Three eighths of the ticks undisturbed, as many pushed and with faults; a quarter and some with a bounded jerk."""
+    """Three eighths of the ticks undisturbed, as many pushed and with faults; a quarter and more with bounded jerk."""
     verdict = Verdict("pose_tracker_bounds", seed, LEAST)
     for each in runs(verdict, 3 * ticks // 8, only):
         judge(verdict, each, calm=True)
