@@ -27,8 +27,8 @@ PROMISES = (
     Promise("rehab_opt/control/pose_tracker.py", "largest jerk, for drives that stop on more: of the finite "
             "differences of what is sent, braking and fallbacks included. Velocity, acceleration and jerk then never "
             "yield; a joint that is put where it cannot stop before its limit any more goes beyond it."),
-    Promise("docs/capabilities/pose_tracking.md", "A joint that alone is led against its limit is within $J dt^3$ of it "
-            "when the shortest such way ends, two ticks more, and in the mean as near while it is held there."),
+    Promise("docs/capabilities/pose_tracking.md", "A joint that alone is led against its limit is within $J dt^3$ of "
+            "it when the shortest such way ends, two ticks more, and in the mean as near while it is held there."),
     Promise("rehab_opt/control/command.py", "always finite"),
 )  # fmt: skip
 LEAST = {"status ok": 190_000, "yielded position": 1000, "yielded acceleration": 50, "yielded task": 50_000,
