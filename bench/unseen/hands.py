@@ -57,7 +57,7 @@ def reach_recording(folder: Path, seed: int, *, seconds: float = 8.0) -> dict[st
         b[:3, :3] = a[:3, :3] @ Rotation.from_rotvec(way).as_matrix()
         long = rng.uniform(0.5, 1.5)
         part = np.clip((times - at) / long, 0, 1)
-        part = part**3 * (10 - 15 * part + 6 * part**2)
+        part = np.minimum(part**3 * (10 - 15 * part + 6 * part**2), 1)  # 2e-16 above it, by rounding
         now = times >= at
         places[now] = a[:3, 3] + part[now, None] * (b[:3, 3] - a[:3, 3])
         turns[now] = Slerp([0, 1], Rotation.from_matrix([a[:3, :3], b[:3, :3]]))(part[now]).as_matrix()

@@ -72,7 +72,7 @@ LEAST = {
     "at the margin of a plane": 50, "at the margin of a body that moves": 300, "led by feedback": 100_000,
     "behind where it is led": 30_000, "reaching": 50_000, "a limit near, turned across the world": 10_000,
     "numbers that are none, moving": 100, "the dead-man released, moving": 500, "at rest after the command": 5000,
-    "limits that are come to faster than all can brake": 50_000,
+    "limits that are come to faster than all can brake": 50_000, "a velocity told that leads at a limit": 200,
 }  # fmt: skip
 CI_TICKS = 3000
 SHARE = 0.3
@@ -92,6 +92,8 @@ LOST = 1e-4
 """[m] A body that moves comes nearer than it could be kept at most: see the limits of the chair's page."""
 BESIDE, ROUND = 5e-3, 0.3
 """[m] of a standing body within which a link comes round its edges; of the command, across it, there."""
+TRIED = 20
+"""Velocities, one of which leads at a limit perhaps."""
 AWAY, TIMES = 0.05, 1.2
 """[m] A body that moves is given way to from no further off, and the way that it comes nearer in that many times T."""
 
@@ -189,8 +191,8 @@ def elbow(chair: Chair, q: Array, frame: int) -> Array:
     return placed(chair.joints(q)[1], q)
 
 
-def wish(rng: np.random.Generator, chair: Chair, q: Array) -> Wish:
-    """A limit some way off the posture q (n,)."""
+def wish(rng: np.random.Generator, chair: Chair, q: Array, tightest: float) -> Wish:
+    """A limit some way off the posture q (n,); a ball of that radius at least [m]."""
     kind = str(rng.choice(KINDS))
     slower, faster = rng.uniform(0.5, 1.0), rng.uniform(2.0, 8.0)  # than all joints can brake together
     rate = rng.choice([None, None, None, slower, faster])
@@ -210,7 +212,7 @@ def wish(rng: np.random.Generator, chair: Chair, q: Array) -> Wish:
     if kind == "above a plane":
         return Wish(kind, frame, way[None], np.array([room - way @ point]), rate, unit)
     if "ball" in kind:
-        radius = rng.uniform(0.1, 0.6)
+        radius = rng.uniform(tightest, 6 * tightest)
         out = radius - min(room, 0.9 * radius) if kind == "in a ball" else radius + room
         return Wish(kind, frame, (point + out * way)[None], np.array([radius]), rate, unit)
     if kind == "upright":
@@ -292,6 +294,17 @@ def alone(number: int) -> bool:
     return number % 8 == 5
 
 
+def sharp(number: int) -> bool:
+    """Whether balls are small, and a velocity that is told may lead beyond a limit: then accelerations yield to it."""
+    return number % 5 in {2, 3}
+
+
+def comes_near(case: Case, q: Array, u: Array) -> bool:
+    """Whether braking from q (n,) and u (n,) leads to a limit, or beyond."""
+    way = case.chair.braked(q, u, case.dt)
+    return min((each.numbers(case.chair, way).min() for each in case.wishes), default=1.0) < NEAR
+
+
 def one_slow_body(case: Case) -> bool:
     """Whether that is so in the case that was drawn."""
     return case.alone and case.scene is not None and bool(case.scene.moving)
@@ -326,7 +339,7 @@ def draw(rng: np.random.Generator, number: int) -> tuple[Case, Array]:
         q = np.concatenate([rng.uniform(-0.3, 0.3, 2), rng.uniform(-3, 3, 1), joints])
     scene = None
     count = 0 if number % 4 == 3 or alone(number) else int(rng.integers(1, 4))
-    wishes = [wish(rng, chair, q) for _ in range(count)]
+    wishes = [wish(rng, chair, q, 0.02 if sharp(number) else 0.1) for _ in range(count)]
     if not wishes or rng.random() < 0.4:
         scene = around(rng, number, chair, q, dt)
     led, plan = rng.random() < 0.35, None
@@ -438,9 +451,11 @@ def episode(verdict: Verdict, number: int, rng: np.random.Generator, case: Case,
     chair, dt = case.chair, case.dt
     parts = parts_of(rng, case, q)
     begun = motion(chair, q, rng, dt) if rng.random() < 0.3 else np.zeros(len(q))
-    way = chair.braked(q, begun, dt)
-    if min((each.numbers(chair, way).min() for each in case.wishes), default=1.0) < NEAR or case.scene is not None:
+    if case.scene is not None or (comes_near(case, q, begun) and not sharp(number)):
         begun = np.zeros(len(q))
+    elif sharp(number):
+        some = (motion(chair, q, rng, dt) for _ in range(TRIED))
+        begun = next((u for u in some if comes_near(case, q, u)), begun)
     ticks = sum(len(part.twist) for part in parts)
     places, there = moving_bodies(rng, case, ticks)
     told = None
@@ -487,8 +502,10 @@ def judge(verdict: Verdict, case: Case, run: Run, places: list[Array], there: ND
         now, then = each.numbers(chair, q), each.numbers(chair, ends)
         verdict.within(f"{each.kind}: below zero, or further [m or rad]", np.minimum(now, 0) - then, ROUNDING)
         rate = 1 / slowest if each.rate is None else each.rate
-        first, every = now.argmin(axis=1), np.arange(n)  # the least distance has a rate, not each
-        falls = np.maximum(falls, ((now - then) / dt - rate * np.maximum(now, 0))[every, first])
+        first, every = now.argmin(axis=1), np.arange(n)  # the least distance has a rate, not each: and not at once
+        passed = ((now - then) / dt - rate * np.maximum(now, 0))[every, first]
+        others = since(np.r_[False, first[1:] != first[:-1]], round(slowest / dt))
+        falls = np.maximum(falls, np.where(others, -math.inf, passed))
         least = now[every, first]
         beyond |= least < ROUNDING
         inside, edge, near = inside | (least < 0), edge | (np.abs(least) < EDGE), near | (np.abs(least) < NEAR)
@@ -519,10 +536,11 @@ def judge(verdict: Verdict, case: Case, run: Run, places: list[Array], there: ND
     gives_way = giving_way(chair, dt, apart, stays)
     hasty = np.full(n, any(each.rate is not None and each.rate > 1 / slowest for each in case.wishes))
     verdict.during("limits that are come to faster than all can brake", hasty, dt)
-    found, u = judge_ticks(run, verdict, excused=gives_way | beyond)
-    met = np.where(gives_way | inside, -math.inf, falls)
-    if run.start.any():  # a velocity that was told knew of no barrier
-        met[: round((slowest + 1.0) / dt)] = -math.inf
+    told = np.arange(n) < round((slowest + 1.0) / dt) * run.start.any()  # that velocity knew of no barrier
+    hurries = told & comes_near(case, q[0], run.start)
+    found, u = judge_ticks(run, verdict, excused=gives_way | beyond | hurries)
+    met = np.where(gives_way | inside | told, -math.inf, falls)
+    verdict.during("a velocity told that leads at a limit", hurries & near, dt)
     verdict.within("come to faster than its barrier [m/s or rad/s]", met, FASTER)
     arm = q[:, 3:]
     rooms = np.minimum(chair.arm_gaps(q).min(axis=1), np.minimum(arm - chair.lower, chair.upper - arm).min(axis=1))

@@ -3,7 +3,7 @@
 `PoseTracker` on a UR5 with capsules on its links, led through bodies that are put on its way. Judged by the judge's own
 distances: bodies that stand still are not come nearer to than the margin, braking and faulty ticks included, and who is
 nearer gets no nearer; the arm's own motion adds nothing to that of a body that comes; one body alone is kept clear of
-while joint speeds allow; a hand that stands away from its target has something within reach of the margin.
+while joint speeds allow; who could go straight along what is asked, slowly and within every barrier, does not stand.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from rehab_opt import Box, Capsule, Clearance, ConfigurationError, KeepOut, Link
 from tests.judge.numbering import numbered
 from tests.judge.references import good_posture, minimum_jerk, reaches
 from tests.judge.sensor_faults import Schedule, schedule, spoilt
-from tests.judge.ur5_numbers import frames, hand_twist, tool
+from tests.judge.ur5_numbers import LIMIT, frames, hand_twist, jacobian, tool, turn_between
 from tests.judge.verdict import Promise, Verdict
 
 PROMISES = (
@@ -26,6 +26,8 @@ PROMISES = (
     Promise("rehab_opt/control/clearance.py", "a body that moves is given way to within speed and joint limits: "
             "accelerations yield to it. As long as some velocity within them keeps every pair, none comes nearer than "
             "`margin`."),
+    Promise("rehab_opt/control/pose_tracker.py", "s slows the motion down where the bounds demand, so that its "
+            "direction is kept."),
     Promise("rehab_opt/control/clearance.py", "the arm's own motion never adds to that, and `Bound.POSITION` says so."),
     Promise("rehab_opt/control/clearance.py", "names of links that keep clear of each other, or None for those that "
             "neither are neighbours nor overlap at half of all postures; the tuple () for none."),
@@ -34,7 +36,7 @@ PROMISES = (
 )  # fmt: skip
 LEAST = {"at the margin of a capsule": 20_000, "at the margin of a box": 10_000, "at the margin of a plane": 3000,
          "at the margin of a body that moves": 10_000, "at the margin of a link": 1000, "gives way to one body": 1000,
-         "braking near a body": 1000, "nothing near, all of the task": 20_000}  # fmt: skip
+         "braking near a body": 1000, "nothing near, all of the task": 20_000, "may go on": 150_000}  # fmt: skip
 CI_TICKS = 1200
 SHARE = 0.2
 Array = NDArray[np.float64]
@@ -43,6 +45,11 @@ TICKS, REST = 300, 100
 NEAR, SLACK, EDGE, STEP = 2e-3, 1e-8, 5e-6, 1e-6
 """[m] from the margin what counts as at it; what rounding takes; who is so near it may be inside or not; [rad]."""
 SLOTS = 8
+GAIN, SINGULAR = 20.0, 0.03
+"""[1/s] of the tracker; smallest singular value of the Jacobian below which the direction may be left."""
+STANDS, SLOW, WHILE, SLOWEST = 5e-3, 0.02, 10, 1.0
+"""[rad/s] of all joints for `WHILE` ticks, of a joint that goes slowly; [1/s], less than any barrier's rate here: no
+joint takes longer than 0.6 s to its speed."""
 LINKS = ("upper_arm", "forearm", "hand")
 PAIR = 0, 2
 """Upper arm and hand: links that are no neighbours."""
@@ -238,7 +245,7 @@ def tracker(rng: np.random.Generator, scene: Scene, dt: float, slots: int) -> Po
     capsules = [LinkCapsule(name, frame, *map(tuple, ends.tolist()), radius)  # type: ignore[arg-type]
                 for name, (frame, ends, radius) in zip(LINKS, scene.links, strict=True)]  # fmt: skip
     arm = ur5(velocity=rng.uniform(1.0, 3.0), acceleration=rng.uniform(5.0, 30.0), capsules=tuple(capsules))
-    return PoseTracker(arm, gain=20.0, dt=dt, limits=[clearance_of(scene, slots)], compile=False)
+    return PoseTracker(arm, gain=GAIN, dt=dt, limits=[clearance_of(scene, slots)], compile=False)
 
 
 def clearance_of(scene: Scene, slots: int) -> Clearance:
@@ -308,6 +315,11 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
             "one body is kept clear of while joint speeds allow", ~near | ~could(scene, control, q, places, near)
         )
         verdict.during("gives way to one body", acts & (stays < 0).any(axis=1) & ~inside, dt)
+    stands = acts & (np.abs(answers.value) < STANDS).all(axis=1)
+    stands &= np.convolve(stands, np.ones(WHILE))[: len(stands)] >= WHILE
+    goes = may_go_on(scene, q, poses, twists, every, later, dt)
+    verdict.holds("who may go on does not stand", ~stands | ~goes)
+    verdict.during("may go on", acts & goes, dt)
     for kind, apart in {**still, "body that moves": moved}.items():
         verdict.during(f"at the margin of a {kind}", (np.abs(apart[:-1]) < NEAR).any(axis=1), dt)
     verdict.during("braking near a body", ~acts & (np.abs(every[:-1]) < NEAR).any(axis=1), dt)
@@ -327,6 +339,28 @@ def could(
         found[k] = could_keep(coming(scene, ends, here)[0], coming(scene, ends, then)[0],
                               np.concatenate([coming(scene, each, then) for each in nearby]), reach)  # fmt: skip
     return found
+
+
+def may_go_on(
+    scene: Scene, q: Array, poses: Array, twists: Array, every: Array, later: list[Array], dt: float
+) -> NDArray[np.bool_]:
+    """(N,) whether the arm could go on slowly along the asked twist within its joint limits and every barrier.
+
+    `every` (N + 1, m) [m] are its distances less the margin, `later` where moving bodies are after each tick.
+    """
+    here, moves = tool(q[:-1]), jacobian(q[:-1])
+    turn = turn_between(poses[:, :3, :3], here[:, :3, :3])
+    error = np.concatenate([poses[:, :3, 3] - here[:, :3, 3], turn], axis=1)
+    asked = twists + (1 - np.exp(-GAIN * dt)) / dt * error
+    regular = np.linalg.svd(moves, compute_uv=False)[:, -1] > SINGULAR
+    way = np.zeros_like(asked)
+    way[regular] = np.linalg.solve(moves[regular], asked[regular][..., None])[..., 0]
+    fastest = np.abs(way).max(axis=1, keepdims=True)
+    there = q[:-1] + dt * way * SLOW / np.maximum(fastest, SLOW)
+    ends = segments_of(scene, there)
+    then = np.column_stack([*standing(scene, ends).values(), coming(scene, ends, later)])
+    kept = (then >= (1 - SLOWEST * dt) * np.maximum(every[:-1], 0)).all(axis=1)
+    return np.asarray(regular & (fastest[:, 0] > SLOW) & kept & (np.abs(q[:-1]) < LIMIT - SLOW).all(axis=1))
 
 
 def could_keep(now: Array, later: Array, nearby: Array, reach: Array) -> bool:

@@ -3,14 +3,19 @@
 Judged: the command of every tick, against intervals written down once more. A joint that stands at its limit to 1e-9 is
 not outside. Without pushes every state can still stop, so that acceleration never yields; with them it yields only
 where speed or position leave it no room. With drives that bound jerk neither it nor acceleration ever yields, a state
-that can stop never leaves the limits, and who lets go is at rest as soon as a ramp down and its two ends take.
+that can stop never leaves the limits, and who lets go is at rest as soon as a ramp down and its two ends take. A slider
+is at its limit as soon as the judge's own shortest way takes.
 """
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
-from tests.judge.pose_tracker_runs import Run, runs, speeds
+from rehab_opt import DH, PoseTracker, SerialChain
+from tests.judge.numbering import numbered
+from tests.judge.pose_tracker_runs import DTS, Run, runs, speeds
 from tests.judge.verdict import Promise, Verdict
 
 PROMISES = (
@@ -22,6 +27,8 @@ PROMISES = (
     Promise("rehab_opt/control/pose_tracker.py", "largest jerk, for drives that stop on more: of the finite "
             "differences of what is sent, braking and fallbacks included. Velocity, acceleration and jerk then never "
             "yield; a joint that is put where it cannot stop before its limit any more goes beyond it."),
+    Promise("docs/capabilities/pose_tracking.md", "A joint that alone is led against its limit is within $J dt^3$ of "
+            "it when the shortest such way ends, two ticks more, and in the mean as near while it is held there."),
     Promise("rehab_opt/control/command.py", "always finite"),
 )  # fmt: skip
 LEAST = {"status ok": 190_000, "yielded position": 1000, "yielded acceleration": 50, "yielded task": 50_000,
@@ -29,15 +36,17 @@ LEAST = {"status ok": 190_000, "yielded position": 1000, "yielded acceleration":
          "outside a joint limit": 2000, "solver qrqp": 100,
          "at a jerk": 20_000, "jerk bounded: at rest, braked": 3000, "jerk bounded: at a joint limit": 4000,
          "jerk bounded: at a joint speed": 1000, "jerk bounded: at an acceleration": 4000,
-         "jerk bounded: all of the task": 2000}  # fmt: skip
+         "jerk bounded: all of the task": 2000, "jerk bounded: led against a limit": 5000}  # fmt: skip
 CI_TICKS = 32_000
 AT = 1e-9
 PUSHED, JERKY, JERKY_PUSHED = 1_000_000, 2_000_000, 3_000_000
 """Numbers of the pushed runs begin here, of those with a bounded jerk, and of those with both."""
+SLIDERS, HELD, LATE = 4_000_000, 60, 2
+"""And of sliders led against their limit; ticks for which they are held there, and by which they may be late."""
 
 
 def run(ticks: int, seed: int, *, only: int | None = None) -> Verdict:
-    """Three eighths of the ticks undisturbed, as many pushed and with faults; a quarter with a bounded jerk."""
+    """Three eighths of the ticks undisturbed, as many pushed and with faults; a quarter and more with bounded jerk."""
     verdict = Verdict("pose_tracker_bounds", seed, LEAST)
     for each in runs(verdict, 3 * ticks // 8, only):
         judge(verdict, each, calm=True)
@@ -47,6 +56,8 @@ def run(ticks: int, seed: int, *, only: int | None = None) -> Verdict:
         judge_jerk(verdict, each, calm=True)
     for each in runs(verdict, ticks // 12, only, faults=1.0, pushes=0.5, jerk=True, first=JERKY_PUSHED):
         judge_jerk(verdict, each, calm=False)
+    for number, rng in numbered(verdict, ticks // 24, only, first=SLIDERS):
+        judge_arrival(verdict, number, rng)
     return verdict
 
 
@@ -126,3 +137,44 @@ def judge_jerk(verdict: Verdict, one: Run, *, calm: bool) -> None:
                    (np.abs(change) > given.acceleration * (1 - 1e-6)).any(axis=1), dt)  # fmt: skip
     verdict.during("at a jerk", (np.abs(jerk) > 1 - 1e-6).any(axis=1), dt)
     verdict.during("jerk bounded: all of the task", (answers.yielded == 0) & (answers.scale == 1), dt)
+
+
+def judge_arrival(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
+    """One slider, led beyond its limit from rest, as fast as its bounds allow: how soon and how near it comes to it."""
+    dt, speed = float(rng.choice(DTS)), float(rng.uniform(0.1, 3.0))
+    acceleration = speed / (dt * 10 ** rng.uniform(0.5, 2.0))
+    jerk = acceleration / (dt * 10 ** rng.uniform(0.0, 1.5))
+    room = speed * (speed / acceleration + acceleration / jerk) * rng.uniform(0.3, 2.0)
+    side = float(rng.choice([-1.0, 1.0]))
+    gain = 0.25 * jerk / max(acceleration, math.sqrt(jerk * speed))
+    ends = sorted((side * room, -side * math.inf))
+    chain = SerialChain((DH(a=0.0, alpha=0.0, prismatic=True),), lower=ends[0], upper=ends[1],
+                        velocity=speed, acceleration=acceleration)  # fmt: skip
+    control = PoseTracker(chain, gain=gain * (1 - 1e-9), linear_speed=2 * speed, task_weights=(0, 0, 1, 0, 0, 0),
+                          jerk=jerk, dt=dt, compile=False)  # fmt: skip
+    pose, due = np.eye(4), math.ceil(shortest(room, speed, acceleration, jerk) / dt) + LATE
+    pose[2, 3] = side * (room + 3 * speed * (1 / gain + dt))
+    q, left, commands = np.zeros(1), np.empty(due + HELD), []
+    for k in range(len(left)):
+        commands.append(control.step(q, pose, np.zeros(6)))
+        q = q + dt * commands[-1].value
+        left[k] = room - side * q[0]
+    verdict.begin(number, f"slider, dt {dt:g}, {speed / acceleration / dt:.1f} ticks to the speed, "
+                  f"{acceleration / jerk / dt:.1f} to the acceleration")  # fmt: skip
+    verdict.answers(commands, dt)
+    left /= jerk * dt**3
+    verdict.within("slider: outside its limit", -left, AT)
+    verdict.within("slider: nearest by when the shortest way ends, jerk dt^3 off", left[:due].min(), 1.0)
+    verdict.within("slider: held at its limit, jerk dt^3 off in the mean", left[due:].mean(), 1.0)
+    verdict.during("jerk bounded: led against a limit", np.arange(len(left)) >= due, dt)
+
+
+def shortest(way: float, speed: float, acceleration: float, jerk: float) -> float:
+    """[s] from rest to rest over a way within these bounds."""
+    built = min(acceleration, math.sqrt(jerk * speed))
+    ramp = speed / built + built / jerk
+    if speed * ramp <= way:
+        return ramp + way / speed
+    if way * jerk**2 >= 2 * acceleration**3:
+        return acceleration / jerk + math.sqrt((acceleration / jerk) ** 2 + 4 * way / acceleration)
+    return float(4 * (way / (2 * jerk)) ** (1 / 3))
