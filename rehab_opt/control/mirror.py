@@ -226,7 +226,7 @@ class MirrorTracker(MirrorForeseen):
 
     @property
     def time_scale(self) -> float:
-        """Seconds of the reference, or of the bridge over a jump, followed in a second, in the last tick."""
+        """Seconds of the reference, or of a bridge, followed in a second; roughly where it catches up."""
         return self._rate
 
     @property
