@@ -1,7 +1,8 @@
 """What is found of a path before a run: what an arm does of it (`arm_path`), how much a robot goes along (`Seats`).
 
 A UR5 within its range or in a narrow one, along paths that postures of its own have, some of them with a stretch that
-is out of reach. Both are asked for by sessions alone, and are public in `rehab_opt.control`.
+is out of reach, others on which the wrist stretches again and again. Both are asked for by sessions alone, and are
+public in `rehab_opt.control`.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ PROMISES = (
 )  # fmt: skip
 LEAST = {
     "walked": 100_000, "walked, not done": 10_000, "walked, that postures have": 30_000, "along a path": 100_000,
-    "along a path, out of reach": 1000,
+    "along a path, out of reach": 1000, "along a path, the wrist near stretched": 20_000,
 }  # fmt: skip
 CI_TICKS = 4000
 SHARE = 0.05
@@ -54,6 +55,8 @@ SURE = 1.2
 """A posture that has that much of the floor, and poses that far within what counts, are not cut off by rounding."""
 MISSED = 0.02
 """Of the poses that some posture near by has, what a walk or an arm may miss."""
+CROSSING, WRIST = 3, 4
+"""Paths on which the wrist stretches, whose joint this is: where it is at 0, w is zero, and two joints turn as one."""
 
 
 def run(ticks: int, seed: int, *, only: int | None = None) -> Verdict:
@@ -89,8 +92,33 @@ def an_arm(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
         tools = np.concatenate([tools, away, away[::-1], tools[::-1]])
         within = np.concatenate([within, np.zeros(2 * len(away), dtype=bool), within])
         verdict.during("along a path, out of reach", far, DT)
-    path = arm_path(ur5(lower=lower, upper=upper), grip, tools, dt=DT, seed=number)
     verdict.begin(number, f"an arm, {len(tools)} samples")
+    done = along(verdict, lower, upper, grip, tools, number)
+    verdict.within("of the poses that some posture reaches, lost", 1 - done[within].mean(), MISSED)
+    shares = [through_the_wrist(verdict, rng, number) for _ in range(CROSSING)]
+    verdict.within("of the poses of a wrist that stretches on the way, lost", 1 - np.mean(shares), MISSED)
+
+
+def through_the_wrist(verdict: Verdict, rng: np.random.Generator, number: int) -> float:
+    """Share that is reached of a path on which the wrist stretches, again and again, in an arm of narrow range."""
+    start = good_posture(rng, 0.4)
+    wide = rng.uniform(0.4, 1.5, 6)
+    lower, upper = np.maximum(start - wide, -LIMIT), np.minimum(start + wide, LIMIT)
+    upper[WRIST] = float(rng.uniform(0.1, 0.3))
+    lower[WRIST] = -upper[WRIST]
+    knots = np.clip(start + rng.uniform(-0.5, 0.5, (5, 6)), lower, upper)
+    knots[:, WRIST] = rng.uniform(lower[WRIST], upper[WRIST], 5)
+    weight = np.hanning(21) / np.hanning(21).sum()
+    lines = [np.interp(np.linspace(0, 4, SAMPLES), np.arange(5), each) for each in knots.T]
+    joints = np.column_stack([np.convolve(np.pad(each, 10, mode="edge"), weight, "valid") for each in lines])
+    near = np.abs(joints[:, WRIST]) < 0.1
+    verdict.during("along a path, the wrist near stretched", near, DT)
+    return float(along(verdict, lower, upper, np.eye(4), tool(joints), number).mean())
+
+
+def along(verdict: Verdict, lower: Array, upper: Array, grip: Array, tools: Array, seed: int) -> NDArray[np.bool_]:
+    """Which of the poses (N, 4, 4) are reached by what is found of them; and whether that is a motion of the arm."""
+    path = arm_path(ur5(lower=lower, upper=upper), grip, tools, dt=DT, seed=seed)
     verdict.ticks += len(path.q)
     verdict.during("along a path", np.ones(len(path.q), dtype=bool), DT)
     verdict.within("a posture beyond its range [rad]", np.maximum(path.q - upper, lower - path.q), ROUNDING)
@@ -106,7 +134,7 @@ def an_arm(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
     away, turned = missing(shown, tools[path.asked])
     done = np.zeros(len(tools), dtype=bool)
     np.logical_or.at(done, path.asked, (away <= SURE * REACHED[0]) & (turned <= SURE * REACHED[1]))
-    verdict.within("of the poses that some posture reaches, lost", 1 - done[within].mean(), MISSED)
+    return done
 
 
 # ------------------------------------------------------------------------------------------------------------- seats
