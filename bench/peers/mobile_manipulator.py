@@ -3,8 +3,9 @@
 Robots are ARDIS, seven joints, and a Gen3 on a chair, ten. Both get the same chain (hand positions compared before
 anything is timed), rows x, y, z of the hand in the chassis frame, limits of joint positions, joint speeds and wheels
 and, of an ordinary chair, the non-holonomic row.
-Ours keeps what it adds: six obstacles, the keep-out of the arm, acceleration bounds, certificate and Command; pink has
-none of these here. Each integrates its own state along the same wandering stick; rounds alternate.
+Ours keeps what it adds: six obstacles, the keep-out of the arm, the way to rest, acceleration bounds, certificate and
+Command; pink has none of these here. `--parts` times ours without the keep-out, too, and without obstacles either.
+Each integrates its own state along the same wandering stick; rounds alternate.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ import time
 from collections.abc import Callable, Sequence
 from itertools import product
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pink
@@ -26,7 +28,7 @@ from rich.table import Table
 
 from bench.machine import machine
 from bench.test_bench_control import ROOM
-from bench.verdict import Verdict, all_met, print_verdicts
+from bench.verdict import Reported, Verdict, all_met, print_verdicts
 from rehab_opt import RedundancyResolver, SerialChain, ardis
 from rehab_opt.kinematics.ardis import ARDIS_READY
 from rehab_opt.kinematics.arm_on_chair import arm_on_chair
@@ -37,6 +39,12 @@ __all__ = ["main"]
 DT, HOLD = 0.01, 100
 SPEEDS = {"slow": 0.1, "fast": 1.0}
 """[m/s] of the stick: within what chair and arm can do, and beyond it."""
+PARTS: dict[str, dict[str, Any]] = {
+    "all": {},
+    "no keep-out": {"keep_out": False},
+    "nor obstacles": {"keep_out": False, "obstacles": ()},
+}
+"""What of ours is left out."""
 HAND = "hand"
 GEN3 = Path(__file__).parents[2] / "problems" / "robots" / "kinova_gen3" / "gen3.urdf"
 MOUNT = np.array([[1.0, 0, 0, 0.25], [0, 1, 0, -0.35], [0, 0, 1, 0.62], [0, 0, 0, 1]])
@@ -50,21 +58,29 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m bench.peers.mobile_manipulator", description=__doc__)
     parser.add_argument("--rounds", type=int, default=20)
     parser.add_argument("--ticks", type=int, default=200)
+    parser.add_argument("--parts", action="store_true", help="also ours without keep-outs, and without obstacles")
     options = parser.parse_args(arguments)
     console, robots = Console(), {"ARDIS": (ardis(), ARDIS_READY), "Gen3": (_gen3_on_chair(), GEN3_READY)}
     console.print("  ".join(f"{key}: {value}" for key, value in machine().items()), highlight=False)
-    table = Table("robot", "drive", "stick", "ours, us", "p99", "pink + daqp, us", "p99", "ratio")
-    verdicts = []
+    parts = PARTS if options.parts else {"all": PARTS["all"]}
+    heads = [head for part in parts for head in (f"ours ({part}), us", "p99")]
+    table = Table("robot", "drive", "stick", *heads, "pink + daqp, us", "p99", *["ratio"] * len(parts))
+    verdicts, notes = [], []
     for (kind, (robot, ready)), drive, (name, speed) in product(
         robots.items(), ("mecanum", "differential"), SPEEDS.items()
     ):
-        steps = _ours(robot, drive), _pink(robot, drive, ready)
-        times = _alternated(steps, ready, speed, options.rounds, options.ticks)
-        ratio = statistics.median(np.median(times[0], axis=1) / np.median(times[1], axis=1))
-        cells = [f"{value:.1f}" for each in times for value in (np.median(each), np.percentile(each, 99))]
-        table.add_row(kind, drive, name, *cells, f"{ratio:.3f}")
-        verdicts.append(Verdict(f"{kind}, {drive}, {name} stick: ours / pink + daqp", ratio, "<=", 1 / 20))
+        steps = [*(_ours(robot, drive, **part) for part in parts.values()), _pink(robot, drive, ready)]
+        *ours, pinks = _alternated(steps, ready, speed, options.rounds, options.ticks)
+        ratios = [statistics.median(np.median(each, axis=1) / np.median(pinks, axis=1)) for each in ours]
+        cells = [f"{value:.1f}" for each in (*ours, pinks) for value in (np.median(each), np.percentile(each, 99))]
+        table.add_row(kind, drive, name, *cells, *(f"{ratio:.3f}" for ratio in ratios))
+        what = f"{kind}, {drive}, {name} stick"
+        verdicts.append(Verdict(f"{what}: ours / pink + daqp", ratios[0], "<=", 1 / 20))
+        left = [part for part in parts if part != "all"]
+        notes += [Reported(f"{what}, {part}", ratio) for part, ratio in zip(left, ratios[1:], strict=True)]
     console.print(table)
+    for note in notes:
+        console.print(str(note), highlight=False, soft_wrap=True)
     print_verdicts(console, verdicts)
     return 0 if all_met(verdicts) else 1
 
@@ -72,8 +88,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
 Step = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 
-def _ours(robot: MobileArm, drive: str) -> Step:
-    resolver = RedundancyResolver(robot, drive=drive, row_sets=[("x", "y", "z")], obstacles=ROOM, dt=DT)  # type: ignore[arg-type]
+def _ours(robot: MobileArm, drive: str, **part: Any) -> Step:
+    options = {"obstacles": ROOM, "row_sets": [("x", "y", "z")], "dt": DT, "compile": "wait"} | part
+    resolver = RedundancyResolver(robot, drive=drive, **options)  # type: ignore[arg-type]
     return lambda q, stick: resolver.step(q, stick).value
 
 
