@@ -13,6 +13,7 @@ from rehab_opt.control.braking_together import BrakingTogether
 from rehab_opt.control.chair_obstacles import INTO, ROWS, ChairObstacles, mean_velocity
 from rehab_opt.control.keep_out import arm_gaps, closing_rows
 from rehab_opt.control.limit import Limits as OwnLimits
+from rehab_opt.control.limit import kept_within
 from rehab_opt.control.obstacles import NUMBERS
 from rehab_opt.control.stopping import FAR, velocity_bounds
 from rehab_opt.kinematics.drive import Drive
@@ -175,7 +176,7 @@ class ChairLimits:
         # In the middle of the tick: there a link that slides along a keep-out comes no nearer.
         opening, gaps = self._closing(arm + last * (self.dt / 2))
         now, free = -opening, (gaps - self._margin(0.0, last)) / time
-        then, left = 0 * opening, ca.inf * ca.SX.ones(now.size1())
+        then, left = 0 * opening, ca.SX.inf(now.size1())
         before, falls = opening, ca.fmin(opening @ slower, 0)
         for part in ALONG:
             margin = self._margin(part, last)
@@ -204,8 +205,8 @@ class ChairLimits:
         """Limits at joint values q (7,) after the command `last` (7,), among obstacles and moving capsules.
 
         surroundings : numbers of the obstacles, then of the capsules. gives_way : see `Limits.beside` of
-        `control.limit`. apart : (n,) from q to where the joints are, for which joint limits hold, too. Rows of what is
-        far are not worked out.
+        `control.limit`. apart : (n,) from q to where the joints are, where joint limits hold, too. What is far
+        makes no rows.
         """
         lower, upper, hard_lower, hard_upper, outside = self._joints(q, last, apart)
         read, arm, swing = self.obstacles.read, q[CHAIR:], last[CHAIR:]
@@ -243,18 +244,19 @@ class ChairLimits:
             turn = self.world(q[2], q.numel())
             turn[:, still] = 0
             change = self.braking.change
-            beside, free_beside, base = self.own.beside(
-                q, turn @ last, contacts, turn=turn, base=base, ends=_reached(last, change, base, (lower, upper)),
-                hard=(hard_lower, hard_upper), gives_way=gives_way,
-            )  # fmt: skip
-            base[:CHAIR] *= ca.fmin(
-                largest_part(chair @ base[:CHAIR], chair_limit), largest_part(-chair @ base[:CHAIR], chair_limit)
-            )
-            base = pressed(base)
             ahead, free_ahead = self.own.on_the_way(
                 q, slower, bodies=self._touched(tick, q, slower, contacts, told), way=self.led, seconds=self._times,
                 change=change,
             )  # fmt: skip
+            ends = _reached(last, change, base, (lower, upper))
+            led = kept_within((-ahead, free_ahead, ca.SX.inf(free_ahead.size1())), base, ends, ends)
+            base = ca.if_else(gives_way, led, base)
+            beside, free_beside, base = self.own.beside(
+                q, turn @ last, contacts, turn=turn, base=base, ends=ends, hard=(hard_lower, hard_upper),
+                gives_way=gives_way,
+            )  # fmt: skip
+            base[:CHAIR] *= largest_part(ca.fabs(chair @ base[:CHAIR]), chair_limit)
+            base = pressed(base)
             beside, free_beside = ca.vertcat(beside, ahead), ca.vertcat(free_beside, free_ahead)
             beside_limit = ca.fmax(free_beside, beside @ base)
             lower, upper = ca.fmin(lower, base), ca.fmax(upper, base)
@@ -345,7 +347,7 @@ class ChairLimits:
     def keeping(self) -> ca.Function:
         """Q, moving capsules, wanted u (7,), braking -> the first of `Limits.first_kept` of a user's limits.
 
-        It leads the arm into no keep-out either, nor deeper; without limits it is `wanted`.
+        It leads the arm into no keep-out, nor deeper; without limits it is `wanted`.
         """
         own, n = self.own, self.robot.chain.n
         inputs = [ca.MX.sym(name, size) for name, size in (("q", n), ("moving", own.told), ("u", n))]

@@ -217,7 +217,7 @@ class Limits:
         """
         rest = nearest_to_rest(bounds._replace(brake_lower=bounds.lower, brake_upper=bounds.upper))
         slopes, free, _ = now = self._now(q, last, contacts)
-        kept = _kept_within(now, rest, (bounds.lower, bounds.upper), bounds.hard)
+        kept = kept_within(now, rest, (bounds.lower, bounds.upper), bounds.hard)
         opened = bounds._replace(
             lower=ca.fmin(bounds.lower, kept),
             upper=ca.fmax(bounds.upper, kept),
@@ -264,7 +264,7 @@ class Limits:
         held = clipped(last, bounds.brake_lower, bounds.brake_upper)
         slopes, free, hard = self._now(q, last, contacts, leads_back=False)
         now = (slopes, free, ca.fmax(hard, 0))
-        slower = _kept_within(now, rest, (ca.fmin(rest, held), ca.fmax(rest, held)), bounds.hard)
+        slower = kept_within(now, rest, (ca.fmin(rest, held), ca.fmax(rest, held)), bounds.hard)
         return ca.if_else(all_true(rest == 0), 0, slower)
 
     def beside(
@@ -287,7 +287,7 @@ class Limits:
         slopes, free, now = self._now(q, last, contacts)
         slopes, least = slopes @ turn, ca.if_else(gives_way, -ca.inf, 0)
         lower, upper = (ca.if_else(gives_way, end, base) for end in ends)
-        base = _kept_within((slopes, free, ca.fmax(now, least)), base, (lower, upper), hard)
+        base = kept_within((slopes, free, ca.fmax(now, least)), base, (lower, upper), hard)
         return -slopes, ca.fmax(free, least), base
 
     def on_the_way(
@@ -495,7 +495,7 @@ def _left(t: float, distances: ca.SX, changes: ca.SX, u: ca.SX, change: ca.DM) -
     return ca.horzcat(distances / t - begun * t * ca.sqrt(ca.sum2(slopes**2)), slopes)
 
 
-def _kept_within(
+def kept_within(
     now: tuple[ca.SX, ca.SX, ca.SX], rest: ca.SX, ends: tuple[ca.SX, ca.SX], outer: tuple[ca.SX, ca.SX]
 ) -> ca.SX:
     """(n,) `rest`, moved limit by limit towards the end of an interval that keeps it, as far as it asks.

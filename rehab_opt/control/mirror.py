@@ -226,7 +226,7 @@ class MirrorTracker(MirrorForeseen):
 
     @property
     def time_scale(self) -> float:
-        """Seconds of the reference, or of a bridge, followed in a second; roughly where it catches up."""
+        """Seconds of the reference, or of a bridge, followed in a second, about."""
         return self._rate
 
     @property

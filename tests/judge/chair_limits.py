@@ -55,6 +55,8 @@ PROMISES = (
     Promise("rehab_opt/control/redundancy.py", "what moves, now, in the world frame"),
     Promise("rehab_opt/control/redundancy.py", "act on where the arm's joints are led, see `PoseTracker`; joint limits "
             "hold there and where they are. The base acts on its measured place"),
+    Promise("docs/capabilities/chair_and_arm.md", "A joint that gives way to a body is stopped at its limit at once: "
+            "behind a late servo it swings on by its speed over 2 pi times `servo_hz` at most"),
     Promise("rehab_opt/control/limit.py", "every distance h(q) at zero or above, at the end of every tick."),
     Promise("rehab_opt/control/limit.py", "`Bound.POSITION` says that h(q) is below zero"),
     Promise("rehab_opt/control/limit.py", "by default 1/T, T the longest of the joints' speeds over their "
@@ -660,6 +662,10 @@ def judge_servos(verdict: Verdict, case: Case, run: Run, servos: Servos) -> None
     # One that comes in from a limit is behind where it is led, and may have begun beyond: then never further.
     begun = np.fmax(servos.begun - chair.upper, chair.lower - servos.begun)
     beyond -= np.minimum.accumulate(np.maximum(np.vstack([begun, beyond[:-1]]), 0), axis=0)
+    # One that is stopped at once, since a body comes, swings on as far as its servo does.
+    hurried = since(np.array([Bound.ACCELERATION in each.yielded for each in run.commands]), round(0.2 / case.dt))
+    swings = chair.velocity[3:] / (2 * math.pi * plan.told.servo_hz) if plan is not None else 0.0
+    beyond -= np.where(hurried[:, None], swings, 0.0)
     if plan is not None and plan.exact:
         verdict.within("a joint beyond its limit, where the model is true [rad]", beyond, OVERSHOOT)
     said = [each.reason for each in run.commands]
