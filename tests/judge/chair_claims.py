@@ -26,10 +26,12 @@ STILL = 1e-5
 INSTANTS = (0.25, 0.5, 0.75)
 
 
-def judge_ticks(run: Run, verdict: Verdict, *, excused: NDArray[np.bool_] | bool = False) -> tuple[Answers, Array]:
+def judge_ticks(
+    run: Run, verdict: Verdict, *, excused: NDArray[np.bool_] | bool = False, led: NDArray[np.bool_] | bool = False
+) -> tuple[Answers, Array]:
     """Judge all that holds in every tick; the answers and u (n, 7) come back.
 
-    `excused` says where else accelerations may yield, (n,).
+    `excused` says where else accelerations may yield, (n,), `led` where braking may lead joints away from a limit.
     """
     chair, dt = run.chair, run.dt
     found = verdict.answers(run.commands, dt)
@@ -73,6 +75,8 @@ def judge_ticks(run: Run, verdict: Verdict, *, excused: NDArray[np.bool_] | bool
     verdict.within("keep-outs within the tick", lowest - nearest, bow)
     verdict.during("a keep-out near", np.min(gaps, axis=1) < NEAR, dt)
 
+    slows = np.isin(found.status, ("ok", "backup", "blocked"))[:, None] | (np.abs(u) <= np.abs(before) + 1e-12)
+    verdict.holds("what is not certified only slows", slows | np.broadcast_to(led, len(u))[:, None])
     late = np.logical_or(judge_obstacles(run, verdict, u, before), excused)
     judge_acceleration(run, verdict, found, u, before, late)
     for part, ticks in zip(run.parts, run.slices, strict=True):
@@ -153,9 +157,6 @@ def judge_words(run: Run, verdict: Verdict, found: Answers, u: Array, before: Ar
     chair, dt = run.chair, run.dt
     status, scale, yielded = found.status[ticks], found.scale[ticks], found.yielded[ticks]
     certified = (status == "ok") | (status == "backup") | (status == "blocked")
-    verdict.holds(
-        "what is not certified only slows", certified[:, None] | (np.abs(u[ticks]) <= np.abs(before[ticks]) + 1e-12)
-    )
     moving = np.max(np.abs(u[ticks]), axis=1) > STILL
     verdict.holds("a plain OK gives no reason, all else does", (status == "ok") == (found.reason[ticks] == ""))
     verdict.within("what is certified has a residual", np.where(certified, found.residual[ticks], 0.0), 1e-8)
