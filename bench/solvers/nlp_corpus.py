@@ -13,12 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.solvers.controller_runs import mirrored_motion, motions
+from bench.solvers.mirror_window import MirrorWindow
 from bench.solvers.nlp_instances import PLAN, WINDOW, WINDOW_KEYS, NLPInstances
 from bench.solvers.shipped import regenerate_command
 from rehab_opt.control.arm_ik import ArmIK
 from rehab_opt.control.command import Status
 from rehab_opt.control.mirror import MirrorTracker
-from rehab_opt.control.mirror_window import MirrorWindow
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.human_arm import human_arm
 from rehab_opt.kinematics.ur5 import ur5

@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.solvers.mirror_window import MirrorWindow
 from rehab_opt.control.hand_bounds import HandBounds
 from rehab_opt.control.ik_statements import IKStatements
 from rehab_opt.control.mirror import MirrorTracker
 from rehab_opt.control.mirror_plan import MirrorPath
-from rehab_opt.control.mirror_window import MirrorWindow
 from rehab_opt.errors import ConfigurationError, ProblemFileError
 from rehab_opt.kinematics.human_arm import ARM_SEGMENTS, human_arm
 from rehab_opt.kinematics.ur5 import ur5

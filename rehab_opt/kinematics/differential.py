@@ -54,8 +54,3 @@ class Differential(Drive):
         """The chassis motion of wheel speeds (2,) [rad/s]; two wheels turned by hand never slip."""
         right, left = self.radius * per_joint("wheels", wheels, 2)
         return ChassisMotion(np.array([(right + left) / 2, 0.0, (right - left) / (2 * self.half_gauge)]), 0.0)
-
-    @classmethod
-    def rolling_row(cls, q: ArrayLike) -> Array:
-        """(n,) row of Eq. (4) at joint values q (n,): times the joint velocities it is zero."""
-        return np.asarray(cls.constraints(q)[0])

@@ -18,7 +18,6 @@ from rehab_opt.errors import ConfigurationError
 __all__ = [
     "FrameFit",
     "Mirror",
-    "continuous_angles",
     "continuous_quaternions",
     "fit_frame",
     "poses_of",
@@ -184,17 +183,6 @@ def continuous_quaternions(quaternions: ArrayLike, last: ArrayLike | None = None
     signs = np.cumprod(np.where(np.sum(chain[1:] * chain[:-1], axis=1) < 0.0, -1.0, 1.0))
     unit[usable] *= (np.concatenate([[1.0], signs]) if last is None else signs)[:, None]
     return np.asarray(unit)
-
-
-def continuous_angles(angles: ArrayLike, last: ArrayLike | None = None) -> Array:
-    """(N,) or (N, k) [rad] without jumps by whole turns: each the nearest to the one before.
-
-    `last` is the one before the first.
-    """
-    a = np.array(angles, dtype=np.float64)
-    if last is None:
-        return np.asarray(np.unwrap(a, axis=0))
-    return np.asarray(np.unwrap(np.concatenate([np.array(last, dtype=np.float64)[None], a]), axis=0)[1:])
 
 
 def rotations_of(quaternions: ArrayLike) -> Array:

@@ -1,4 +1,4 @@
-"""Robots in the plane for the controllers of forces: a point mass on two axes, and an arm of two links."""
+"""A point mass on two axes, for the controllers of forces."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from numpy.typing import ArrayLike
 from rehab_opt.kinematics.body import Body
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.kinematics.denavit_hartenberg import DH
-from rehab_opt.plants.arm_model import ArmModel, rods_along
+from rehab_opt.plants.arm_model import ArmModel
 
-__all__ = ["planar_arm_model", "point_mass_model"]
+__all__ = ["point_mass_model"]
 
 FASTEST = 10.0
 """[m/s, rad/s] A chain has to have a speed limit; nothing here keeps it."""
@@ -50,34 +50,3 @@ def point_mass_model(
         (0.0, 0.0, 0.0),
         stops,  # type: ignore[arg-type]  # checked there
     )
-
-
-def planar_arm_model(
-    lengths: tuple[float, float] = (0.35, 0.35),
-    masses: tuple[float, float] = (1.5, 1.0),
-    *,
-    rotors: ArrayLike = 0.02,
-    torque_limit: ArrayLike = 40.0,
-    coulomb: ArrayLike = 0.2,
-    viscous: ArrayLike = 0.2,
-    hand_mass: float = 1.2,
-) -> ArmModel:
-    """Two links that turn about the vertical, a hand held at the tip; every number is an assumption.
-
-    Parameters
-    ----------
-    lengths, masses : (2,) [m, kg] of the links, rods of 30 mm.
-    rotors, torque_limit, coulomb, viscous : see `ArmModel`. hand_mass : [kg] at the tip, a point.
-    """
-    turn, far = np.full(2, math.pi), np.full(2, math.inf)
-    chain = SerialChain(
-        (DH(lengths[0], 0.0), DH(lengths[1], 0.0)),
-        lower=-turn,
-        upper=turn,
-        velocity=np.full(2, FASTEST),
-        acceleration=far,
-        names=("shoulder", "elbow"),
-    )
-    bodies = rods_along(chain, masses, radius=0.03)
-    held = Body("hand", 2, hand_mass, np.zeros(3), np.zeros((3, 3)))
-    return ArmModel(chain, (*bodies, held), rotors, torque_limit, coulomb, viscous)  # type: ignore[arg-type]

@@ -124,11 +124,6 @@ class Workspace:
         parts = getattr(self.polygon, "geoms", (self.polygon,))
         return sum(len(part.interiors) for part in parts)
 
-    @property
-    def robot_height(self) -> float:
-        """[m] of the plane in the robot's frame."""
-        return self.height + self.placement.position[2]
-
     # ----------------------------------------------------------------------------------------------------- queries
     def contains(self, points: ArrayLike) -> bool | NDArray[np.bool_]:
         """Whether points [m] are reachable: (2,) -> bool, (N, 2) -> (N,).

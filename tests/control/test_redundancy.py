@@ -476,7 +476,7 @@ def test_a_lost_first_position_does_not_turn_the_chair_s_motion() -> None:
     robot.reset([0.5 * math.cos(heading), 0.5 * math.sin(heading), 0, 0, 0, 0, 0], heading=heading)
     command = robot.step(np.full(7, math.nan), [0.0, 0.0, 0.0])
     assert command.status is Status.BRAKING
-    row = Differential.rolling_row([0, 0, heading, 0, 0, 0, 0])
+    row = Differential.constraints([0, 0, heading, 0, 0, 0, 0])[0]
     assert abs(row @ command.value) < 1e-9
     assert np.hypot(*command.value[:2]) == pytest.approx(0.49, abs=1e-9)
 
@@ -505,7 +505,7 @@ def test_an_ordinary_chair_never_slips_sideways_and_no_wheel_is_too_fast(drive: 
         chassis = robot.robot.chassis_velocity(q, command.value)[:3]
         np.testing.assert_allclose(wheels.wheel_speeds(chassis), command.wheels, atol=1e-9)
         if drive == "differential":
-            assert abs(Differential.rolling_row(q) @ command.value) <= 1e-9
+            assert abs(Differential.constraints(q)[0] @ command.value) <= 1e-9
         q = q + command.value * dt
 
 

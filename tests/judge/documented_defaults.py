@@ -18,11 +18,10 @@ from rehab_opt import RehabOptError
 from rehab_opt import __all__ as exported
 from rehab_opt.control.conditioning import Conditioner, conditioned
 from rehab_opt.control.hand_bounds import HandBounds
-from rehab_opt.control.mirror_window import MirrorWindow
 from rehab_opt.control.scanning import Scanning
 from tests.judge.verdict import Verdict
 
-BESIDES: tuple[Callable[..., Any], ...] = (Conditioner, conditioned, HandBounds, MirrorWindow, Scanning)
+BESIDES: tuple[Callable[..., Any], ...] = (Conditioner, conditioned, HandBounds, Scanning)
 """Public, but of modules of their own."""
 STICK = (("plane", ("x", "y"), (0.25, 0.25), ()), ("lift", ("z", "roll7"), (0.15, 0.6), ()))
 DEFAULTS: dict[str, dict[str, object]] = {
@@ -50,7 +49,6 @@ DEFAULTS: dict[str, dict[str, object]] = {
     "MirrorTracker": {"floor": 0.3, "max_deviation": 0.05, "max_turn": 0.7853981633974483, "linear_speed": 0.25,
                       "angular_speed": 1.5, "catch_up": 0.5, "turn_length": 0.1, "rate": 20.0, "dt": 0.001,
                       "recovery_speed": 0.1},
-    "MirrorWindow": {"turn_length": 0.1},
     "ParticipantSide": {"stiffness": 400.0, "damping": 20.0, "exchange": 5.0, "force_limit": 30.0},
     "PathAssistance": {"damping": 0.0, "push": 2.0, "force_limit": 30.0, "return_stiffness": 500.0,
                        "return_force": 10.0},

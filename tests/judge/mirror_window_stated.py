@@ -8,20 +8,20 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
+from bench.solvers.mirror_window import MirrorWindow
 from rehab_opt import ur5
 from rehab_opt.control.hand_bounds import HandBounds
-from rehab_opt.control.mirror_window import MirrorWindow
 from tests.judge.numbering import numbered
 from tests.judge.references import good_posture
 from tests.judge.ur5_numbers import LARGEST, LIMIT, manipulability, tool
 from tests.judge.verdict import Promise, Verdict
 
 PROMISES = (
-    Promise("rehab_opt/control/mirror_window.py", "min sum over k of 1/2 |p(q_k) - p_k|^2 + 1/4 L^2 |R(q_k) - R_k|^2 + "
+    Promise("bench/solvers/mirror_window.py", "min sum over k of 1/2 |p(q_k) - p_k|^2 + 1/4 L^2 |R(q_k) - R_k|^2 + "
             "c/2 |q_k - 2 q_k-1 + q_k-2|^2 s.t. |q_k - q_k-1| <= v_max h, |q_k - 2 q_k-1 + q_k-2| <= a_max h^2, lower "
             "<= q_k <= upper, w(q_k) / w_max >= min(floor, w(q_0) / w_max), |p(q_k) - p(q_k-1)| <= v_hand h, |p(q_k) - "
             "p_k| <= max(d, |p(q_0) - p_1|)"),
-    Promise("rehab_opt/control/mirror_window.py", "[m^2/rad^2] c: what a change of velocity costs beside the error; it "
+    Promise("bench/solvers/mirror_window.py", "[m^2/rad^2] c: what a change of velocity costs beside the error; it "
             "makes the answer unique."),
 )  # fmt: skip
 BOUNDS = ("speed", "acceleration", "manipulability", "hand speed", "deviation")

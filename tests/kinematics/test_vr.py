@@ -9,7 +9,6 @@ from scipy.spatial.transform import Rotation
 from rehab_opt import ConfigurationError
 from rehab_opt.kinematics.vr import (
     Mirror,
-    continuous_angles,
     continuous_quaternions,
     fit_frame,
     poses_of,
@@ -145,18 +144,6 @@ def test_quaternions_do_not_jump_and_stay_the_same_rotations_also_in_a_stream(se
     for each in turns[1:]:
         stream.append(continuous_quaternions([each], stream[-1])[0])
     np.testing.assert_allclose(stream, whole, atol=1e-15)
-
-
-@given(st.lists(st.floats(-0.5, 0.5), min_size=2, max_size=60))
-def test_angles_pass_the_seam(steps: list[float]) -> None:
-    true = 3.0 + np.cumsum(steps)
-    wrapped = np.angle(np.exp(1j * true))
-    found = continuous_angles(wrapped)
-    np.testing.assert_allclose(np.diff(found), np.diff(true), atol=1e-9)
-    stream = [wrapped[0]]
-    for angle in wrapped[1:]:
-        stream.append(continuous_angles([angle], stream[-1])[0])
-    np.testing.assert_allclose(stream, found, atol=1e-12)
 
 
 @given(seeds)

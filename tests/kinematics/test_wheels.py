@@ -64,7 +64,7 @@ def test_differential_wheels_and_motion_are_inverse_where_nothing_moves_sideways
 def test_the_rolling_row_of_eq_4_is_minus_the_speed_to_the_left(heading: float, forward: float, left: float) -> None:
     cos, sin = np.cos(heading), np.sin(heading)
     velocity = np.array([cos * forward - sin * left, sin * forward + cos * left, 0.3, 1, 2, 3, 4])
-    row = DIFFERENTIAL.rolling_row([5.0, 6.0, heading, 0, 0, 0, 0])
+    row = DIFFERENTIAL.constraints([5.0, 6.0, heading, 0, 0, 0, 0])[0]
     assert row @ velocity == pytest.approx(-left, abs=1e-12)
 
 

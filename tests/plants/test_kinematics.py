@@ -9,7 +9,7 @@ from rehab_opt.kinematics.denavit_hartenberg import DH
 from rehab_opt.kinematics.inertia import Body
 from rehab_opt.plants.arm_model import ArmModel, rods_along, ur5_model
 from rehab_opt.plants.mujoco_arm import MujocoArm
-from rehab_opt.plants.planar import planar_arm_model, point_mass_model
+from rehab_opt.plants.planar import point_mass_model
 from rehab_opt.plants.wheelchair import chair_arm_model
 from tests.kinematics.dh_oracle import moved, turned
 
@@ -38,7 +38,6 @@ MODELS = {
         ur5(tool=moved(z=0.1) @ turned("x", 0.3), base=turned("z", 1.0) @ moved(y=0.4)), payload=2
     ),
     "ardis": lambda: chair_arm_model(ardis(payload=0.5)),
-    "planar": planar_arm_model,
     "point": lambda: point_mass_model(2.0),
     "any": lambda: any_chain(1),
     "another": lambda: any_chain(7),

@@ -6,14 +6,16 @@ import sys
 import numpy as np
 import pytest
 
-from rehab_opt import ConfigurationError, ardis, ur5
+from rehab_opt import ConfigurationError, SerialChain, ardis, ur5
 from rehab_opt.kinematics.ardis import ARDIS_READY
-from rehab_opt.plants.arm_model import ur5_model
+from rehab_opt.kinematics.body import Body
+from rehab_opt.kinematics.denavit_hartenberg import DH
+from rehab_opt.plants.arm_model import ArmModel, rods_along, ur5_model
 from rehab_opt.plants.contacts import Push, SpringDamper, Wall
 from rehab_opt.plants.drives import DriveState, HandForce, PositionServo, VelocityServo
 from rehab_opt.plants.ideal import IdealJoints
 from rehab_opt.plants.mujoco_arm import MujocoArm
-from rehab_opt.plants.planar import planar_arm_model, point_mass_model
+from rehab_opt.plants.planar import point_mass_model
 from rehab_opt.plants.streaming import PositionStream
 from rehab_opt.plants.wheelchair import Wheelchair
 
@@ -143,7 +145,12 @@ def test_person_at_the_hand_is_a_spring_and_a_damper() -> None:
 
 def test_force_at_the_hand_of_an_arm_is_the_transpose_jacobians() -> None:
     # Held by a spring on every side, the arm comes to rest where the spring balances the commanded force.
-    model = planar_arm_model(coulomb=0.0)
+    turn, far, fast = np.full(2, math.pi), np.full(2, math.inf), np.full(2, 10.0)
+    rows = (DH(0.35, 0.0), DH(0.35, 0.0))
+    chain = SerialChain(rows, lower=-turn, upper=turn, velocity=fast, acceleration=far, names=("shoulder", "elbow"))
+    held = Body("hand", 2, 1.2, np.zeros(3), np.zeros((3, 3)))
+    bodies = (*rods_along(chain, (1.5, 1.0), radius=0.03), held)
+    model = ArmModel(chain, bodies, *(np.full(2, each) for each in (0.02, 40.0, 0.0, 0.2)))
     q = np.array([0.4, 1.2])
     anchor = model.chain.pose(q)[:3, 3]
     person = SpringDamper(anchor, stiffness=500.0, damping=60.0)

@@ -25,7 +25,7 @@ def test_the_law_minimises_kinetic_energy_and_posture_cost_under_the_task(drive:
         jacobian = law.task_jacobian(q, rows)
         np.testing.assert_allclose(jacobian @ velocity, twist, atol=1e-10)
         if drive == "differential":
-            jacobian = np.vstack([jacobian, ROBOT.differential.rolling_row(q)])
+            jacobian = np.vstack([jacobian, ROBOT.differential.constraints(q)])
             assert jacobian[-1] @ velocity == pytest.approx(0, abs=1e-10)
         w, slope = ROBOT.inertia(q), np.linalg.norm(twist) * ROBOT.inertia(q) @ ROBOT.posture_gradient(q)
         free = np.linalg.svd(jacobian)[2][len(jacobian) :]

@@ -203,7 +203,6 @@ def test_a_moved_shoulder_moves_its_workspace(
     points = around(polygon, 30, 2.0, seed)
     np.testing.assert_allclose(there.distance(placement.to_robot(points)), here.distance(points), atol=1e-12)
     assert there.height == -0.24
-    assert there.robot_height == pytest.approx(0.66)
     np.testing.assert_allclose(there.placed(ShoulderPlacement()).distance(points), here.distance(points), atol=1e-12)
 
 

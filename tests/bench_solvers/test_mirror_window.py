@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from bench.solvers.mirror_window import STEADYING, MirrorWindow
 from rehab_opt.control.hand_bounds import HandBounds, KeepOut
-from rehab_opt.control.mirror_window import STEADYING, MirrorWindow
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.ur5 import ur5
 from rehab_opt.optim.nlp import NLPAnswer
