@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.ardis import ARDIS_KEEP_OUT
-from rehab_opt.kinematics.body import Body
+from rehab_opt.kinematics.body import Body, checked_bodies
 from rehab_opt.kinematics.chain import SerialChain, per_joint
 from rehab_opt.kinematics.differential import Differential
 from rehab_opt.kinematics.link import Link
@@ -55,7 +55,8 @@ def arm_on_chair(
 
     Parameters
     ----------
-    arm : with its masses (`SerialChain.bodies`), its base frame that of its own first link.
+    arm : with its masses (`SerialChain.bodies`), its base frame that of its own first link. A link heavier than the
+        chair is noted, not refused: the arm then moves where the chair need not, within the same limits.
     mount : (4, 4) pose of the arm's base frame in the chassis frame [m].
     rotors : what motors and gears add to the arm's joints [kg m^2]: one number, or one for each. Assumption: 0.05.
     chair_mass : [kg] with its user. chair_turn_inertia : [kg m^2] about the turning point.
@@ -77,6 +78,9 @@ def arm_on_chair(
     checked_lengths(chair_mass=chair_mass)
     checked_amounts(chair_turn_inertia=chair_turn_inertia)
     foot = rigid("mount", mount) @ arm.base
+    bodies = checked_bodies([each._replace(link=each.link + CHAIR) for each in arm.bodies], CHAIR + arm.n)
+    heavy = [f"{each.name} of {each.mass:g} kg is heavier than the chair with its user" for each in bodies
+             if each.mass > chair_mass]  # fmt: skip
     for name, pair in (("velocity", velocity), ("acceleration", acceleration)):
         if not isinstance(pair, (tuple, list, np.ndarray)) or len(pair) != 2 or not all(map(is_real, pair)):
             raise ConfigurationError(name, pair, "two numbers, along the floor and turning")
@@ -94,13 +98,13 @@ def arm_on_chair(
         base=_FORWARD,
         tool=arm.tool,
         capsules=tuple(each._replace(frame=each.frame + CHAIR) for each in arm.capsules),
-        notes=arm.notes if arm.bodies else (*arm.notes, MASSLESS),
+        notes=(*arm.notes, *([] if arm.bodies else [MASSLESS]), *heavy),
     )
     back = inverse_pose(foot)
     chair = Body("chair", CHAIR, chair_mass, back[:3, 3], chair_turn_inertia * np.eye(3))
     return MobileArm(
         chain,
-        bodies=(chair, *(each._replace(link=each.link + CHAIR) for each in arm.bodies)),
+        bodies=(chair, *bodies),
         rotors=np.concatenate([np.zeros(CHAIR), per_joint("rotors", rotors, arm.n, finite=True)]),
         mecanum=Mecanum(radius=0.10, half_gauge=0.28, half_base=0.25, limit=10.0) if mecanum is None else mecanum,
         differential=Differential(radius=0.15, half_gauge=0.28, limit=7.0) if differential is None else differential,

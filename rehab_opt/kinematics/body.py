@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["Body", "of_a_body"]
+from rehab_opt.errors import ConfigurationError
+from rehab_opt.kinematics.real_array import is_real, real_array
+
+__all__ = ["Body", "checked_bodies", "of_a_body"]
 
 Array = NDArray[np.float64]
 ROUNDED = 1e-6
@@ -28,12 +33,34 @@ class Body(NamedTuple):
     """(3, 3) about the centre of mass, along that frame's axes [kg m^2]."""
 
 
-def of_a_body(inertia: Array) -> bool:
+def of_a_body(inertia: ArrayLike) -> bool:
     """Whether some body has this inertia (3, 3): no principal moment is negative, nor larger than the other two.
 
-    Rounding of a millionth is let through. NaN fails.
+    Rounding of a millionth is let through. NaN fails, and so does what is no symmetric matrix of numbers.
     """
-    if not np.all(np.isfinite(inertia)):
+    try:
+        matrix = real_array(inertia)
+    except (TypeError, ValueError, OverflowError):
         return False
-    least, middle, largest = np.linalg.eigvalsh(inertia).tolist()
+    if matrix.shape != (3, 3) or not np.all(np.isfinite(matrix)):
+        return False
+    least, middle, largest = np.linalg.eigvalsh(matrix).tolist()
+    if not np.all(np.abs(matrix - matrix.T) <= ROUNDED * largest):
+        return False
     return bool(least >= -ROUNDED * largest and largest <= (least + middle) * (1 + ROUNDED))
+
+
+def checked_bodies(bodies: Sequence[Body], n: int) -> tuple[Body, ...]:
+    """Bodies on links 1 to n.
+
+    Raises
+    ------
+    ConfigurationError : a body on no link, a mass below zero, an inertia that no body has.
+    """
+    for body in bodies:
+        if not (isinstance(body, Body) and 1 <= body.link <= n and is_real(body.mass) and 0.0 <= body.mass < math.inf):
+            raise ConfigurationError("bodies", body, f"masses of 0 kg or more on links 1 to {n}")
+        if not of_a_body(body.inertia):
+            expected = "one that a body has: no principal moment negative or above the other two together"
+            raise ConfigurationError(f"bodies, inertia of {body.name}", np.asarray(body.inertia).tolist(), expected)
+    return tuple(bodies)

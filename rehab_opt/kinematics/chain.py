@@ -168,7 +168,8 @@ class SerialChain:
         file : the URDF. One in xacro is expanded first: `xacro arm.urdf.xacro > arm.urdf`.
         base, tip : links where the chain begins and ends; default the root, and the only link that bears no other.
         acceleration : [rad/s^2 or m/s^2] which is not read of a URDF: for all joints, for each (n,), or by joint name.
-        velocity, lower, upper : in place of the file's; for all joints, for each (n,), or by joint name.
+        velocity, lower, upper : in place of the file's; for all joints, for each (n,), or by joint name. A joint that
+            turns has its ends within two turns, or infinite ones: 170 would be degrees.
         locked : joint values [rad or m] by the names of joints that are held there, and are no joints of the chain; a
             joint that is coupled to another (mimic) can be on the way so alone.
         mount : (4, 4) pose of the base link in the base frame; default the identity.

@@ -21,7 +21,7 @@ from rehab_opt.kinematics.arm_links import (
     largest_hand_volume,
     links_as_capsules,
 )
-from rehab_opt.kinematics.body import Body
+from rehab_opt.kinematics.body import Body, checked_bodies
 from rehab_opt.kinematics.chain import SerialChain, per_joint
 from rehab_opt.kinematics.differential import Differential
 from rehab_opt.kinematics.drive import Drive, Fixed, Omnidirectional
@@ -79,7 +79,8 @@ class MobileArm:
 
     Raises
     ------
-    ConfigurationError : a chain of another kind, a bounded position of the chair, a number out of range.
+    ConfigurationError : a chain of another kind, a bounded position of the chair, a number out of range, an inertia
+        that no body has.
     """
 
     chain: SerialChain
@@ -118,6 +119,7 @@ class MobileArm:
         for name, kind in (("mecanum", Mecanum), ("differential", Differential)):
             if not isinstance(getattr(self, name), kind):
                 raise ConfigurationError(name, getattr(self, name), f"a {kind.__name__}")
+        object.__setattr__(self, "bodies", checked_bodies(self.bodies, chain.n))
         _check_outline(self.outline)
         object.__setattr__(self, "keep_out", _checked_keep_out(self.keep_out))
         checked_amounts(arm_radius=self.arm_radius, limit_cost=self.limit_cost, singular_cost=self.singular_cost)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.errors import ConfigurationError
-from rehab_opt.kinematics.body import Body, of_a_body
+from rehab_opt.kinematics.body import Body, checked_bodies
 from rehab_opt.kinematics.chain import SerialChain, per_joint
 from rehab_opt.kinematics.inertia import rod
 from rehab_opt.kinematics.ur5 import ur5
@@ -62,13 +62,7 @@ class ArmModel:
             if stops.shape != (2, n) or not np.all(stops[0] < stops[1]):
                 raise ConfigurationError("stops", self.stops, f"(2, {n}) numbers, lower ones below upper ones")
             object.__setattr__(self, "stops", stops)
-        bodies = tuple(self.bodies)
-        for body in bodies:
-            if not (isinstance(body, Body) and 1 <= body.link <= n and 0.0 <= body.mass < math.inf):
-                raise ConfigurationError("bodies", body, f"masses on links 1 to {n}")
-            if not of_a_body(np.asarray(body.inertia, dtype=np.float64)):
-                expected = "an inertia that a body has: no principal moment negative or above the other two together"
-                raise ConfigurationError(f"inertia of {body.name}", np.asarray(body.inertia).tolist(), expected)
+        bodies = checked_bodies(self.bodies, n)
         object.__setattr__(self, "bodies", bodies)
         tip = sum(body.mass for body in bodies if body.link == n)
         if not (tip > 0.0 or self.rotors[-1] > 0.0):

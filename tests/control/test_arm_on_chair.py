@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from dataclasses import replace
 from pathlib import Path
 
 import casadi as ca
@@ -55,6 +57,36 @@ def turning_arm(seed: int) -> list[Edge]:
     for edge in edges:
         edge.kind = "revolute" if edge.kind == "prismatic" else edge.kind
     return edges
+
+
+@pytest.mark.parametrize(
+    ("wrong", "expected"),
+    [
+        ({"inertia": np.diag([0.1, 0.1, 0.3])}, "inertia of link_2 = [[0.1, 0.0, 0.0], [0.0, 0.1, 0.0], [0.0, 0.0, 0.3]]"),
+        ({"inertia": np.diag([-0.1, 0.1, 0.1])}, "negative or above the other two together"),
+        ({"inertia": np.eye(3) + np.eye(3, k=1)}, "one that a body has"),
+        ({"inertia": np.full((3, 3), np.nan)}, "one that a body has"),
+        ({"inertia": "heavy"}, "inertia of link_2 = 'heavy'"),
+        ({"mass": -1.0}, "masses of 0 kg or more on links 1 to 7"),
+        ({"mass": np.nan}, "masses of 0 kg or more on links 1 to 7"),
+        ({"mass": "1"}, "masses of 0 kg or more on links 1 to 7"),
+    ],
+)
+def test_a_mass_that_no_link_has_is_refused_by_its_name(
+    tmp_path: Path, wrong: dict[str, object], expected: str
+) -> None:
+    arm = arm_of(tmp_path, turning_arm(0))
+    links = [each._replace(**wrong) if each.name == "link_2" else each for each in arm.bodies]
+    with pytest.raises(ConfigurationError, match=re.escape(expected)):
+        arm_on_chair(replace(arm, bodies=tuple(links)), mount=MOUNT)
+
+
+def test_a_link_heavier_than_the_chair_is_noted(tmp_path: Path) -> None:
+    arm = arm_of(tmp_path, turning_arm(0))
+    links = [each._replace(mass=1500.0) if each.name == "link_2" else each for each in arm.bodies]
+    said = arm_on_chair(replace(arm, bodies=tuple(links)), mount=MOUNT).chain.notes
+    assert said == (*arm.notes, "link_2 of 1500 kg is heavier than the chair with its user")
+    assert arm_on_chair(arm, mount=MOUNT).chain.notes == arm.notes
 
 
 @pytest.mark.parametrize("seed", range(4))

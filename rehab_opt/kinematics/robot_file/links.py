@@ -26,6 +26,8 @@ __all__ = ["MJCF", "URDF", "Given", "Metres", "Radians", "chain_arguments"]
 Array = NDArray[np.float64]
 PerJoint = ArrayLike | Mapping[str, float]
 
+HARD = 100.0
+"""[rad/s^2] No arm's joint speeds up as hard; 300 deg/s^2 taken for radians would."""
 COLLISION = "collision"
 """In place of capsules: those about the collision geometry of the file."""
 
@@ -119,7 +121,7 @@ def chain_arguments(form: Format, file: str | Path, base: str | None, tip: str |
         "lower": lower,
         "upper": upper,
         "velocity": velocity,
-        "acceleration": _accelerations(given.acceleration, names),
+        "acceleration": _accelerations(given.acceleration, joints, notes),
         "capsules": tuple(_capsule(i, each, places) for i, each in enumerate(capsules)),
         "effort": np.array([joint.effort for joint in joints]),
         "bodies": tuple(_body(each, places) for each in frames if each.step.inertial is not None),
@@ -183,6 +185,8 @@ def _at(joint: Joint, value: object) -> Array:
         raise ConfigurationError(f"locked[{joint.name!r}]", float(value), expected)
     if not abs(amount) < math.inf:
         raise ConfigurationError(f"locked[{joint.name!r}]", value, "a finite joint value")
+    if not joint.prismatic and abs(amount) > TWO_TURNS:
+        raise ConfigurationError(f"locked[{joint.name!r}]", value, "radians within two turns")
     if amount < joint.lower or amount > joint.upper:  # not where the file has no limit, NaN
         expected = f"a value within the joint's {joint.lower:.6g} to {joint.upper:.6g} {unit}"
         raise ConfigurationError(f"locked[{joint.name!r}]", value, expected)
@@ -197,38 +201,40 @@ def _limits(
     joints: Sequence[Joint], given: Given, source: Source, keys: tuple[str, str, str], notes: list[str]
 ) -> tuple[Array, Array, Array]:
     """Lower, upper and speed limits (n,): the caller's where there are any, else the file's."""
-    names = tuple(joint.name for joint in joints)
+    names, arguments = tuple(joint.name for joint in joints), ("lower", "upper", "velocity")
     none = np.full(len(joints), math.nan)
-    own = np.array([_by_joint(name, getattr(given, name), names, none) for name in ("lower", "upper", "velocity")])
+    own = np.array([_by_joint(name, getattr(given, name), names, none) for name in arguments])
     found = np.array([[joint.lower, joint.upper, joint.velocity] for joint in joints]).T
     limits = np.where(np.isnan(own), found, own)
     for i, joint in enumerate(joints):
-        low, high, speed = limits[:, i]
+        low, high, speed = limits[:, i].tolist()
+        of_file = np.isnan(own[:, i])
         unit = "m" if joint.prismatic else "rad"
-        for k, argument in enumerate(("lower", "upper", "velocity")):
-            key, value = f"joint {joint.name}, {keys[k]}", limits[k, i]
+
+        def refused(k: int, expected: str, *, i: int = i, of_file: Array = of_file) -> Exception:
+            value = None if math.isnan(limits[k, i]) else float(limits[k, i])
+            if of_file[k]:
+                return source.refuse(f"joint {names[i]}, {keys[k]}", value, expected)
+            return ConfigurationError(f"{arguments[k]}[{names[i]!r}]", value, expected)
+
+        for k, value in enumerate((low, high, speed)):
             if math.isnan(value) or (k == 2 and not 0.0 < value < math.inf):
                 what = f"a speed above 0 {unit}/s" if k == 2 else f"a limit [{unit}]"
-                if not math.isnan(own[k][i]):
-                    raise ConfigurationError(f"{argument}[{joint.name!r}]", float(value), what)
-                said = None if math.isnan(value) else float(value)
-                raise source.refuse(key, said, f"{what}; the file has none: give {argument}={{{joint.name!r}: value}}")
-            if k < 2 and math.isnan(own[k][i]) and not joint.prismatic and TWO_TURNS < abs(value) < math.inf:
-                expected = f"radians within two turns, as a joint that has ends; if it has none: {argument}={{...}}"
-                raise source.refuse(key, float(value), expected)
-        of_file = np.isnan(own[:2, i])
-        if not low <= high and not of_file[1]:
-            expected = f"no less than {f'{keys[0]} of {source.name}' if of_file[0] else 'lower'}, {_said(low, joint)}"
-            raise ConfigurationError(f"upper[{joint.name!r}]", float(high), expected)
-        if not low <= high and not of_file[0]:
-            expected = f"no more than {keys[1]} of {source.name}, {_said(high, joint)}"
-            raise ConfigurationError(f"lower[{joint.name!r}]", float(low), expected)
+                missing = f"; the file has none: give {arguments[k]}={{{joint.name!r}: value}}" if of_file[k] else ""
+                raise refused(k, what + missing)
+            if k < 2 and not joint.prismatic and TWO_TURNS < abs(value) < math.inf:
+                none_given = f"{arguments[k]}={{{joint.name!r}: {math.copysign(math.inf, k - 0.5)}}}"
+                raise refused(k, f"radians within two turns, as a joint that has ends; if it has none: {none_given}")
         if not low <= high:
-            raise source.refuse(f"joint {joint.name}, {keys[0]}", float(low), f"no more than {keys[1]} = {high:.6g}")
-        if low == high and np.all(of_file):
+            k = 0 if of_file[1] else 1  # the caller's, of two
+            other = f"{keys[1 - k]} of {source.name}" if of_file[1 - k] else arguments[1 - k]
+            expected = f"no {('more', 'less')[k]} than {other}, {_said((high, low)[k], joint)}"
+            raise refused(k, expected if not of_file[k] else f"no more than {keys[1]} = {high:.6g}")
+        if low == high and np.all(of_file[:2]):
             notes.append(f"joint {joint.name}, {keys[0]} = {keys[1]} = {low:.6g}: it does not move")
-        if speed > TWO_TURNS and not joint.prismatic and math.isnan(own[2][i]):
-            notes.append(f"joint {joint.name}, {keys[2]} = {speed:.6g} rad/s: more than two turns a second")
+        if speed > TWO_TURNS and not joint.prismatic:
+            key = keys[2] if of_file[2] else "velocity"
+            notes.append(f"joint {joint.name}, {key} = {speed:.6g} rad/s: more than two turns a second")
     return limits[0], limits[1], limits[2]
 
 
@@ -237,12 +243,15 @@ def _said(value: float, joint: Joint) -> str:
     return f"{value:.6g} m" if joint.prismatic else f"{value:.6g} rad ({math.degrees(value):.5g} deg)"
 
 
-def _accelerations(given: PerJoint, names: tuple[str, ...]) -> Array:
+def _accelerations(given: PerJoint, joints: Sequence[Joint], notes: list[str]) -> Array:
     """(n,) acceleration limits, one of every joint."""
+    names = tuple(joint.name for joint in joints)
     values = _by_joint("acceleration", given, names, np.full(len(names), math.nan))
     missing = [name for name, value in zip(names, values, strict=True) if math.isnan(value)]
     if missing:
         raise ConfigurationError("acceleration", given, f"a limit of {missing[0]} too: robot files have none")
+    hard = [i for i, joint in enumerate(joints) if HARD < values[i] < math.inf and not joint.prismatic]
+    notes += [f"joint {names[i]}, acceleration = {values[i]:.6g} rad/s^2: more than {HARD:g}" for i in hard]
     return values
 
 

@@ -129,6 +129,8 @@ def test_a_good_arm_is_read(good: Callable[..., Path]) -> None:
         ({"lower": {"joint_a": 5.0}}, "lower['joint_a'] = 5.0: expected no more than limit.upper of "),
         ({"upper": {"joint_a": -3.0}}, "arm.urdf, -2 rad (-114.59 deg)"),
         ({"lower": 1.0, "upper": 0.5}, "upper['joint_a'] = 0.5: expected no less than lower, 1 rad"),
+        ({"upper": {"joint_a": 170.0}}, "upper['joint_a'] = 170.0: expected radians within two turns"),
+        ({"lower": -170.0, "upper": 2.0}, "lower['joint_a'] = -170.0: expected radians within two turns"),
         ({"tip": "base"}, "tip = 'base': expected a link that joints move against the base"),
         ({"locked": {"joint_c": 1.0}}, "locked = 'joint_c'"),
         ({"locked": {"joint_a": np.nan}}, "locked['joint_a'] = nan"),
@@ -183,6 +185,19 @@ def test_a_joint_whose_limits_are_one_number_is_noted(good: Callable[..., Path])
     file = good('lower="-2" upper="2" velocity', "velocity")  # the format's default of one limit is zero
     assert SerialChain.from_urdf(file, acceleration=1.0, lower=-2.0, upper=2.0).notes == ()
     assert SerialChain.from_urdf(good(), acceleration=1.0, lower=0.5, upper=0.5).notes == ()  # asked for
+
+
+def test_degrees_for_radians_in_arguments_are_noted_where_they_may_be_true(good: Callable[..., Path]) -> None:
+    fast = SerialChain.from_urdf(good(), acceleration={"joint_a": 1.0, "joint_b": 300.0}, velocity={"joint_a": 180.0})
+    assert fast.notes == (
+        "joint joint_a, velocity = 180 rad/s: more than two turns a second",
+        "joint joint_b, acceleration = 300 rad/s^2: more than 100",
+    )
+    endless = SerialChain.from_urdf(good(), acceleration=np.inf, upper={"joint_a": np.inf})
+    assert endless.notes == ()
+    assert endless.upper[0] == np.inf
+    with pytest.raises(ConfigurationError, match=r"locked\['joint_a'\] = 90.0: expected radians within two turns"):
+        SerialChain.from_urdf(good('type="revolute"', 'type="continuous"'), acceleration=1.0, locked={"joint_a": 90.0})
 
 
 def test_the_acceleration_is_asked_for(good: Callable[..., Path]) -> None:
