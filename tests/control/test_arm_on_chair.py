@@ -62,7 +62,10 @@ def turning_arm(seed: int) -> list[Edge]:
 @pytest.mark.parametrize(
     ("wrong", "expected"),
     [
-        ({"inertia": np.diag([0.1, 0.1, 0.3])}, "inertia of link_2 = [[0.1, 0.0, 0.0], [0.0, 0.1, 0.0], [0.0, 0.0, 0.3]]"),
+        (
+            {"inertia": np.diag([0.1, 0.1, 0.3])},
+            "inertia of link_2 = [[0.1, 0.0, 0.0], [0.0, 0.1, 0.0], [0.0, 0.0, 0.3]]",
+        ),
         ({"inertia": np.diag([-0.1, 0.1, 0.1])}, "negative or above the other two together"),
         ({"inertia": np.eye(3) + np.eye(3, k=1)}, "one that a body has"),
         ({"inertia": np.full((3, 3), np.nan)}, "one that a body has"),
