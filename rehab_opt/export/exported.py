@@ -193,14 +193,16 @@ class ExportedVelocity(ExportedController):
         return self.laws[0].controller.dt
 
     def limits(self) -> list[str]:
-        """Of each joint its largest and smallest position, speed and acceleration; of the hand its speeds."""
+        """Of each joint its largest and smallest position, speed, acceleration and jerk; of the hand its speeds."""
         first = self.laws[0].controller
         chain = first.chain
-        table: list[tuple[str, ...]] = [("joint", "lower", "upper", "velocity", "acceleration")]
+        bounds = {name: getattr(chain, name) for name in ("lower", "upper", "velocity", "acceleration")}
+        if isinstance(first, PoseTracker) and first.jerk is not None:
+            bounds["jerk"] = first.jerk.jerk
+        table: list[tuple[str, ...]] = [("joint", *bounds)]
         for i, (name, row) in enumerate(zip(chain.names, chain.rows, strict=True)):
             unit = "m" if row.prismatic else "rad"
-            given = (chain.lower[i], chain.upper[i], chain.velocity[i], chain.acceleration[i])
-            table.append((f"{name} [{unit}]", *(f"{value:.9g}" for value in given)))
+            table.append((f"{name} [{unit}]", *(f"{bound[i]:.9g}" for bound in bounds.values())))
         width = max(len(line[0]) for line in table)
         lines = [f"{line[0]:<{width}}" + "".join(f" {each:>13}" for each in line[1:]) for line in table]
         if isinstance(first, PoseTracker):

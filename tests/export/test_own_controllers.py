@@ -151,6 +151,15 @@ def test_the_header_says_whose_joints_what_limits_which_tick_and_what_is_compute
     assert len(set(model.values())) == 3
 
 
+def test_the_header_names_the_bound_of_jerk_where_there_is_one(tmp_path: Path) -> None:
+    jerk = np.array([200.0, 250.0, 300.0, 350.0, 400.0, 450.0])
+    export_c(PoseTracker(ur5(acceleration=10.0), dt=0.004, gain=4.0, jerk=jerk, compile=False), tmp_path)
+    lines = (tmp_path / "rehab_pose_tracker.h").read_text().splitlines()
+    begin = next(k for k, line in enumerate(lines) if line.split()[1:2] == ["joint"])
+    assert lines[begin].split()[-2:] == ["acceleration", "jerk"]
+    assert [float(line.split()[-1]) for line in lines[begin + 1 : begin + 7]] == jerk.tolist()
+
+
 @pytest.mark.parametrize("memory", [None, 50_000])
 def test_a_mirror_keeps_to_its_memory_and_says_when_samples_go(
     memory: int | None, built: Built, tmp_path: Path
