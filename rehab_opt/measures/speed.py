@@ -17,8 +17,8 @@ __all__ = ["mean_speed", "movement_interval", "movement_time", "peak_speed", "ve
 Array = NDArray[np.float64]
 
 
-def mean_speed(velocity: ArrayLike) -> float:
-    """Mean speed [m/s] of samples at even times: sum |v_i| / N.
+def mean_speed(velocity: ArrayLike, time: ArrayLike | None = None) -> float:
+    """Mean speed [m/s] over the time of the samples: the trapezoids below |v|, over their duration.
 
     Flash and Hogan, "The coordination of arm movements", J. Neurosci. 5(7), 1985: a minimum-jerk reach has 8/15 of its
     peak speed.
@@ -26,11 +26,17 @@ def mean_speed(velocity: ArrayLike) -> float:
     Parameters
     ----------
     velocity : (N, d) [m/s], or speeds (N,).
+    time : (N,) [s] increasing; even by default.
 
-    Noise adds, for a speed has no sign: the yardstick reads 1 % high, with 1 mm of noise 3 %. At 25 Hz it is 4 % low:
-    two of 26 samples are the rest at either end.
+    Noise adds, for a speed has no sign: the yardstick reads 1 % high, with 1 mm of noise 3 %. At 25 Hz it is exact.
     """
-    return float(np.linalg.norm(rows("velocity", velocity), axis=1).mean())
+    speed = np.linalg.norm(rows("velocity", velocity), axis=1)
+    t = np.arange(len(speed)) if time is None else numbers("time", time)
+    if t.shape != speed.shape or not (np.diff(t) > 0).all():
+        raise ConfigurationError("time", f"shape {t.shape}", f"({len(speed)},), increasing")
+    if len(t) == 1:
+        return float(speed[0])
+    return float(np.average((speed[1:] + speed[:-1]) / 2, weights=np.diff(t)))
 
 
 def peak_speed(velocity: ArrayLike) -> float:

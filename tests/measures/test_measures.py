@@ -47,6 +47,15 @@ def test_minimum_jerk_reach_peaks_at_1_875_times_its_mean_speed() -> None:
     assert measures.peak_speed(velocity) / measures.mean_speed(velocity) == pytest.approx(1.875, rel=1e-3)
 
 
+@pytest.mark.parametrize("samples", [26, 31, 101])
+def test_mean_speed_is_way_over_time_however_it_was_sampled(samples: int) -> None:
+    even = np.linspace(0, 1, samples)
+    assert measures.mean_speed(minimum_jerk_speed(even)) == pytest.approx(1, rel=1e-5)
+    uneven = even + 0.3 / samples * np.sin(7 * np.arange(samples)) * (even * (1 - even) > 0)
+    assert measures.mean_speed(minimum_jerk_speed(uneven), uneven) == pytest.approx(1, rel=0.01)
+    assert measures.mean_speed([[3.0, 4.0]]) == pytest.approx(5.0)
+
+
 @pytest.mark.parametrize("threshold", [0.01, 0.05, 0.2])
 def test_minimum_jerk_movement_time_is_its_closed_form(threshold: float) -> None:
     speed = minimum_jerk_speed(np.linspace(0, 1, 501))
@@ -322,6 +331,8 @@ BAD: list[tuple[Callable[[], Any], str]] = [
     (lambda: measures.velocity_peaks(POINTS, 100), "speed"),
     (lambda: measures.velocity_peaks([1.0, 2.0], 100, rise=0), "rise"),
     (lambda: measures.mean_speed(["a"]), "velocity"),
+    (lambda: measures.mean_speed([1.0, 2.0], [0.0, 0.0]), "time"),
+    (lambda: measures.mean_speed([1.0, 2.0], [0.0]), "time"),
     (lambda: measures.workspace_used(np.zeros((5, 4))), "points"),
     (lambda: measures.path_variability([POINTS]), "trials"),
     (lambda: measures.path_variability([POINTS, POINTS[:, :1]]), "trials[1]"),

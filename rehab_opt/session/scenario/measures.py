@@ -131,9 +131,9 @@ def _motion(trial: Trial, mode: Mode, counts: Ticks) -> Numbers:
     measured = np.linalg.norm(trial.measured, axis=1)
     holds = mode == "hold" and bool(counts.any())
     return {
-        "speed_mean_m_s": mean_speed(trial.velocity),
+        "speed_mean_m_s": mean_speed(trial.velocity, trial.time),
         "speed_max_m_s": peak_speed(trial.velocity),
-        "speed_held_mean_m_s": mean_speed(trial.velocity[counts]) if holds else None,
+        "speed_held_mean_m_s": float(np.linalg.norm(trial.velocity[counts], axis=1).mean()) if holds else None,
         "force_measured_held_mean_N": float(measured[counts].mean()) if holds else None,
         "duration_s": float(trial.time[-1] - trial.time[0]),
         "path_length_m": path_length(trial.position),
