@@ -103,6 +103,7 @@ def made_outcome(mode: Mode, *, trials: int = 3, laws: tuple[Law, ...] = ALONE) 
         reference=reference,
         demonstrated=None if mode in THERAPY else 3.0 * (reference - (0.0, 0.45)) + (0.0, 0.45),
         fields=fields(reference),
+        within=WITHIN,
         force_limit=30.0,
         trials=done,
         measures=measures,

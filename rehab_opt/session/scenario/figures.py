@@ -77,7 +77,7 @@ def compared(outcome: ScenarioOutcome) -> tuple[tuple[str, str, float], ...]:
     if outcome.mode in THERAPY:
         outside = ("deviation outside $W_c$,\nmean [mm]", "deviation_outside_mean_m", MM)
         return (outside, *whole[1:], ("distance to the target\nat the end [mm]", "final_distance_m", MM))
-    return (*whole, ("path covered\nin order [%]", "reference_covered_share", PERCENT))
+    return (*whole, (f"path {outcome.coverage} [%]".replace("order,", "order,\n"), "reference_covered_share", PERCENT))
 
 
 def comparison_figure(outcome: ScenarioOutcome) -> Figure:

@@ -113,6 +113,7 @@ class ScenarioOutcome(Outcome):
     demonstrated : (N, 2) [m] the helper's in W_r that the reference was mapped from; None without a map.
     fields : what the assistance follows: one, or one for each point to be held.
     shown : the demonstrations that the field was learnt from; empty where it was given.
+    within : [m] of the hand, up to which a place of the reference counts as covered.
     force_limit : [N].
     trials : by law, all of the same numbers.
     measures : by law, for each trial its numbers, the keys of `trial_measures`.
@@ -125,9 +126,15 @@ class ScenarioOutcome(Outcome):
     demonstrated: Array | None = field(kw_only=True)
     fields: tuple[PotentialField, ...] = field(kw_only=True)
     shown: tuple[Demonstration, ...] = field(kw_only=True, default=())
+    within: float = field(kw_only=True)
     force_limit: float = field(kw_only=True)
     trials: Mapping[Law, tuple[Trial, ...]] = field(kw_only=True)
     measures: Mapping[Law, tuple[Mapping[str, Any], ...]] = field(kw_only=True)
+
+    @property
+    def coverage(self) -> str:
+        """What `reference_covered_share` is called, with the tolerance that it is judged with."""
+        return f"covered in order, within {1e3 * self.within:g} mm"
 
     def trace(self) -> Iterable[Column]:
         """One row a law, trial and tick that is kept; a cell is empty where there is no such number.

@@ -119,6 +119,7 @@ def run_scenario(loaded: ProblemFile[ScenarioProblem], *, solver: str | None, pr
         demonstrated=ready.demonstrated,
         fields=ready.fields,
         shown=ready.shown,
+        within=1e-3 * task.within_mm,
         force_limit=problem.assistance.force_limit_N,
         trials=trials,
         measures=measures,

@@ -7,7 +7,6 @@ import textwrap
 from rich.table import Table
 from rich.text import Text
 
-from rehab_opt.control.gate import Mode
 from rehab_opt.session.scenario.measures import law_summary
 from rehab_opt.session.scenario.outcome import ScenarioOutcome
 from rehab_opt.session.scenario.problem import THERAPY
@@ -23,7 +22,7 @@ def table(outcome: ScenarioOutcome) -> Table:
     """Rows of quantities with their units, a column for each law: the mean over its trials, and the worst of them."""
     summaries, grid = _summaries(outcome), _table(outcome, ())
     pairs = any("helper_force_mean_N" in of["mean"] for of in summaries.values())
-    for heading, rows in _groups(outcome.mode, pairs=pairs):
+    for heading, rows in _groups(outcome, pairs=pairs):
         grid.add_section()
         grid.add_row(Text(heading, style="bold"))
         for label, cell in rows:
@@ -33,10 +32,9 @@ def table(outcome: ScenarioOutcome) -> Table:
 
 def brief(outcome: ScenarioOutcome) -> Table:
     """The first of them."""
-    follows = [("path covered, in order, %", _percent("reference_covered_share"))] if outcome.mode == "follow" else []
     rows: Rows = (
+        *_covered(outcome, "path "),
         ("trials that succeeded, %", _success),
-        *follows,
         ("deviation, mean, mm", _number("deviation_mean_m", scale=MM)),
         ("deviation, largest, mm", _number("deviation_max_m", scale=MM)),
         ("force measured, mean, N", _number("force_measured_mean_N")),
@@ -86,8 +84,14 @@ def _success(of: Numbers) -> str:
     return f"{100 * of['success_rate']:.0f}"
 
 
-def _groups(mode: Mode, *, pairs: bool) -> list[tuple[str, list[tuple[str, Cell]]]]:
+def _covered(outcome: ScenarioOutcome, of: str = "") -> list[tuple[str, Cell]]:
+    """How much of a path was, for a path."""
+    return [(f"{of}{outcome.coverage}, %", _percent("reference_covered_share"))] if outcome.mode == "follow" else []
+
+
+def _groups(outcome: ScenarioOutcome, *, pairs: bool) -> list[tuple[str, list[tuple[str, Cell]]]]:
     """Headings and rows: what says nothing about a mode is left out."""
+    mode = outcome.mode
     reaches, holds = mode in THERAPY, mode == "hold"
     deviation: list[tuple[str, Cell]] = [
         ("mean, mm", _number("deviation_mean_m", scale=MM)),
@@ -160,7 +164,7 @@ def _groups(mode: Mode, *, pairs: bool) -> list[tuple[str, list[tuple[str, Cell]
         ("Workspace and law", law),
     ]
     if mode == "follow":
-        headings.insert(0, ("The path", [("covered, in order, %", _percent("reference_covered_share"))]))
+        headings.insert(0, ("The path", _covered(outcome)))
         headings[1] = ("Deviation from the place of the path that is due", deviation)
     if pairs:
         headings.insert(-1, ("Helper and participant", pair))
