@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import tomllib
 from pathlib import Path
@@ -19,9 +20,11 @@ from rehab_opt.cli import main
 from rehab_opt.control.seats import Seats
 from rehab_opt.errors import ProblemFileError
 from rehab_opt.plants.ideal import IdealJoints
-from rehab_opt.session.files import load_problem, shipped_problems
+from rehab_opt.session.files import ProblemFile, load_problem, shipped_problems
+from rehab_opt.session.mirror import placing
 from rehab_opt.session.mirror.laws import followed, tracker_of
 from rehab_opt.session.mirror.placing import found_place, replaced_keys
+from rehab_opt.session.mirror.problem import MirrorProblem
 from rehab_opt.session.mirror.scene import laid_out
 from tests.judge import ur5_numbers
 
@@ -95,6 +98,25 @@ def test_what_is_promised_is_what_a_run_achieves(placed: Path, capsys: pytest.Ca
     assert ours[found.anyhow].mean() >= 0.9
     again = found_place(loaded, seats=20, progress=lambda *_: None)
     assert 0.0 < again.passed <= 1.0
+
+
+def test_seats_that_are_run_are_apart_and_more_of_them_where_none_does_what_was_counted_on(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of seats side by side all runs may come out of what is out of reach with the same joint wound up."""
+    run: list[list[float]] = []
+
+    def achieved(loaded: ProblemFile[MirrorProblem]) -> float:
+        run.append([*(loaded.problem.robot.start_deg or []), loaded.problem.patient.facing_deg])
+        return shares[len(run) - 1]
+
+    monkeypatch.setattr(placing, "achieved", achieved)
+    for shares in ([0.0, 1.0, 0.1], [0.1, 0.0, 0.1, 1.0], [0.1, 0.0, 0.1, 0.2, 0.1, 0.1]):
+        run.clear()
+        found = found_place(load_problem(str(folder / "reaches.toml")), seats=20, progress=lambda *_: None)
+        assert (found.passed, len(run)) == (max(shares), len(shares))
+        for a, b in itertools.combinations(np.array(run), 2):
+            assert np.abs((a - b + 180.0) % 360.0 - 180.0).max() > 15.0  # at the first pose; 29 at the middle one
 
 
 def test_a_measured_frame_is_not_chosen_anew() -> None:

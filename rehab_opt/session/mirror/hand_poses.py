@@ -68,15 +68,8 @@ def read_hand_poses(path: Path, section: PoseRecordingSection, *, file: str) -> 
         wanted = [str(column) for column in (*section.position_columns, *section.quaternion_columns)]
         table, stamped = _numbers(lines, header, wanted, name=name, first=1), False
     else:
-        header = header_cells(lines[0].split(","), name=name, line=1)
         stamped = section.rate_hz is None
-        columns = HEADER if stamped else HEADER[1:]
-        missing = [column for column in columns if header.count(column) != 1]
-        if missing:
-            raise ProblemFileError(
-                name, f"line 1, column {missing[0]}", shown(lines[0], 60), "once " + ", ".join(columns)
-            )
-        table = _numbers(lines[1:], header, columns, name=name, first=2)
+        table = _below(lines, HEADER if stamped else HEADER[1:], name=name)
     notes: list[str] = []
     if section.rows is not None:
         notes.append(f"rows {section.rows[0]} to {section.rows[1]} of the recording's {len(table)}")
@@ -111,12 +104,7 @@ def calibration_points(path: Path, *, name: str) -> tuple[Array, Array]:
     ------
     ProblemFileError : a missing column, a cell that is no finite number.
     """
-    lines = text_lines(path, name)
-    header = header_cells(lines[0].split(","), name=name, line=1)
-    missing = [column for column in POINTS if header.count(column) != 1]
-    if missing:
-        raise ProblemFileError(name, f"line 1, column {missing[0]}", shown(lines[0], 60), "once " + ", ".join(POINTS))
-    table = _numbers(lines[1:], header, POINTS, name=name, first=2)
+    table = _below(text_lines(path, name), POINTS, name=name)
     if not np.all(np.abs(table) <= FAR):
         row = int(np.argmin(np.all(np.abs(table) <= FAR, axis=1))) + 2
         raise ProblemFileError(name, f"line {row}", "not usable", f"finite numbers up to {FAR:g} m")
@@ -130,6 +118,15 @@ def _rows(table: Array, section: PoseRecordingSection, *, file: str) -> Array:
     if last > len(table):
         raise ProblemFileError(file, "recording.rows", section.rows, f"rows from 1 to {len(table)}")
     return table[first - 1 : last]
+
+
+def _below(lines: list[str], columns: Sequence[str], *, name: str) -> Array:
+    """(rows, len(columns)) cells below a header that has each of the columns once."""
+    header = header_cells(lines[0].split(","), name=name, line=1)
+    missing = [column for column in columns if header.count(column) != 1]
+    if missing:
+        raise ProblemFileError(name, f"line 1, column {missing[0]}", shown(lines[0], 60), "once " + ", ".join(columns))
+    return _numbers(lines[1:], header, columns, name=name, first=2)
 
 
 def _numbers(rows: list[str], header: list[str], wanted: Sequence[str], *, name: str, first: int) -> Array:

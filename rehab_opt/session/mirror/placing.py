@@ -3,7 +3,8 @@
 The recording tells neither. What is looked for is a rigid motion of everything of the patient's (four numbers: a place
 and a direction) and the grip (three): a posture of the robot at one pose of the path and a direction fix them all. How
 much of the path a posture goes along is counted without time (`Seats`), for hundreds at once, drawn anywhere first and
-then nearer and nearer to the best. The best of those are run as `rehab-opt run` does, and what that achieves decides.
+then nearer and nearer to the best. The best of those, apart from each other, are run as `rehab-opt run` does, and what
+that achieves decides.
 """
 
 from __future__ import annotations
@@ -41,8 +42,9 @@ NEARLY = 4e-3, math.radians(4.0)
 """[m, rad] up to which the person's arm has what is asked."""
 ANYWHERE, NEARER, BEST = 600, (0.35, 0.2, 0.12, 0.07, 0.04, 0.02), 20
 """Seats drawn anywhere, spreads [rad] of those drawn near the best afterwards, and how many of the best are kept."""
-TRIED = 3
-"""Seats that are run in the end."""
+TRIED, ENOUGH, SHORT, APART = 6, 3, 0.02, 0.5
+"""Seats that are run at most; how many where one falls short of what was counted on by no more than this share; how far
+they are apart [rad or m]: of neighbours all runs may come out of what is out of reach with one joint wound up."""
 HEIGHT, AWAY = (-0.1, 0.5), 0.45
 """[m] of the led shoulder over the robot's base, and least distance of the patient's middle and shoulders from the
 robot's upright axis."""
@@ -61,15 +63,6 @@ class Place(NamedTuple):
     """Share of the reference's poses that `step` passes within 5 mm and 5 deg."""
     counted: float
     """Share of them that the search counted on."""
-
-
-class _Drawn(NamedTuple):
-    """M seats."""
-
-    q: Array
-    """(M, n) the robot's postures at the middle pose."""
-    facing: Array
-    """(M,) [rad] by which everything of the patient's is turned."""
 
 
 def found_place(
@@ -98,24 +91,24 @@ def found_place(
     scores = search.scores(drawn)
     for number, spread in enumerate(NEARER, start=1):
         progress("seats", number, 1 + len(NEARER))
-        best = np.argsort(-scores, kind="stable")[:BEST]
-        drawn, scores = _Drawn(drawn.q[best], drawn.facing[best]), scores[best]
-        more = search.near(drawn, spread, seats // 4)
-        scores = np.concatenate([scores, search.scores(more)])
-        drawn = _Drawn(np.vstack([drawn.q, more.q]), np.concatenate([drawn.facing, more.facing]))
+        more = search.near(drawn[np.argsort(-scores, kind="stable")[:BEST]], spread, seats // 4)
+        drawn, scores = np.vstack([drawn, more]), np.concatenate([scores, search.scores(more)])
     progress("seats", 1, 1)
-    order = np.argsort(-scores, kind="stable")
-    if not scores[order[0]] > 0.0:
+    left = drawn[np.argsort(-scores, kind="stable")][: (scores > 0.0).sum()]
+    if not len(left):
         expected = "a recording of which the robot, above its floor, and the person's arm can do some"
         raise ProblemFileError(loaded.file, "recording.file", loaded.problem.recording.file, expected)
-    tried = []
-    for number, one in enumerate(order[:TRIED].tolist()):
+    best, enough = Place({}, -math.inf, 0.0), search.counted(left[0]) - SHORT
+    for number in range(TRIED):
+        if not len(left) or (number >= ENOUGH and best.passed >= enough):
+            break
         progress("runs", number, TRIED)
-        keys = search.keys(drawn.q[one], float(drawn.facing[one]))
-        share = achieved(placed(loaded, keys))
-        tried.append(Place(keys, share, search.counted(drawn.q[one], float(drawn.facing[one]))))
-    progress("runs", TRIED, TRIED)
-    return max(tried, key=lambda place: place.passed)
+        keys = search.keys(left[0])
+        place = Place(keys, achieved(placed(loaded, keys)), search.counted(left[0]))
+        best = max(best, place, key=lambda each: each.passed)
+        left = left[np.abs((left - left[0] + np.pi) % (2 * np.pi) - np.pi).max(axis=1) > APART]
+    progress("runs", 1, 1)
+    return best
 
 
 def placed(loaded: ProblemFile[MirrorProblem], keys: dict[str, dict[str, Any]]) -> ProblemFile[MirrorProblem]:
@@ -150,7 +143,10 @@ def reach_note(problem: MirrorProblem, scene: Scene, tracker: MirrorTracker) -> 
 
 
 class _Search:
-    """Of one recording."""
+    """Of one recording.
+
+    A seat (n + 1,): the robot's posture at the middle pose, and by how much all of the patient's is turned [rad].
+    """
 
     def __init__(
         self, problem: MirrorProblem, scene: Scene, tracker: MirrorTracker, rng: np.random.Generator, poses: int = POSES
@@ -170,48 +166,48 @@ class _Search:
         places = self.hands[:, :3, 3]
         self.middle = int(np.argmin(np.linalg.norm(places - np.median(places, axis=0), axis=1)))
 
-    def anywhere(self, count: int) -> _Drawn:
-        """Postures far above the floor."""
-        chain, found, facing = self.chain, np.empty((0, self.chain.n)), np.empty(0)
+    def anywhere(self, count: int) -> Array:
+        """(count, n + 1) postures far above the floor."""
+        chain, found = self.chain, np.empty((0, self.chain.n + 1))
         far = np.minimum(np.pi, np.abs(np.vstack([chain.lower, chain.upper])))
         while len(found) < count:
             q = self.rng.uniform(-far[0], far[1], (4 * count, chain.n))
-            turns = self.rng.uniform(-np.pi, np.pi, len(q))
-            good = (self.seats.at(q)[2] > GOOD) & self.admitted(q, turns)
-            found, facing = np.vstack([found, q[good]]), np.concatenate([facing, turns[good]])
-        return _Drawn(found[:count], facing[:count])
+            drawn = np.column_stack([q, self.rng.uniform(-np.pi, np.pi, len(q))])
+            found = np.vstack([found, drawn[(self.seats.at(q)[2] > GOOD) & self.admitted(drawn)]])
+        return found[:count]
 
-    def near(self, best: _Drawn, spread: float, count: int) -> _Drawn:
-        """Around the best."""
-        which = self.rng.integers(0, len(best.q), count)
-        q = best.q[which] + spread * self.rng.standard_normal((count, self.chain.n))
-        turns = best.facing[which] + 2 * spread * self.rng.standard_normal(count)
-        return _Drawn(np.clip(q, self.chain.lower, self.chain.upper), turns)
+    def near(self, best: Array, spread: float, count: int) -> Array:
+        """(count, n + 1) around the best (M, n + 1)."""
+        which, n = self.rng.integers(0, len(best), count), self.chain.n
+        found = best[which]
+        found[:, :n] += spread * self.rng.standard_normal((count, n))
+        found[:, n] += 2 * spread * self.rng.standard_normal(count)
+        found[:, :n] = np.clip(found[:, :n], self.chain.lower, self.chain.upper)
+        return found
 
-    def scores(self, drawn: _Drawn) -> Array:
+    def scores(self, drawn: Array) -> Array:
         """(M,) share of the poses done, and a little for being far above the floor; none where nobody could sit."""
-        found = np.zeros(len(drawn.q))
+        found = np.zeros(len(drawn))
         for begun in range(0, len(found), 100):
             some = slice(begun, begun + 100)
-            walk = self._walk(_Drawn(drawn.q[some], drawn.facing[some]))
+            walk = self._walk(drawn[some])
             done = (walk.done & self.wanted[:, None]).sum(axis=0) / self.counted_on.sum()
             found[some] = done + 0.02 * np.where(walk.done, walk.above, 0.0).mean(axis=0)
-        return np.where(self.admitted(drawn.q, drawn.facing), found, 0.0)
+        return np.where(self.admitted(drawn), found, 0.0)
 
-    def counted(self, q: Array, facing: float) -> float:
-        """Share of the poses that are done from a seat."""
-        walk = self._walk(_Drawn(q[None], np.array([facing])))
-        return float((walk.done[:, 0] & self.wanted).sum() / self.counted_on.sum())
+    def counted(self, one: Array) -> float:
+        """Share of the poses that are done from a seat (n + 1,)."""
+        return float((self._walk(one[None]).done[:, 0] & self.wanted).sum() / self.counted_on.sum())
 
-    def _walk(self, drawn: _Drawn) -> Walk:
-        tools = self.seats.at(drawn.q)[0]
-        paths = np.tile(np.eye(4), (len(self.hands), len(drawn.q), 1, 1))
-        middles = np.empty((len(drawn.q), 2))
-        for i, (tool, facing) in enumerate(zip(tools, drawn.facing, strict=True)):
+    def _walk(self, drawn: Array) -> Walk:
+        q = drawn[:, :-1]
+        paths = np.tile(np.eye(4), (len(self.hands), len(q), 1, 1))
+        middles = np.empty((len(q), 2))
+        for i, (tool, facing) in enumerate(zip(self.seats.at(q)[0], drawn[:, -1], strict=True)):
             seat, grip = self._seat(tool, float(facing))
             paths[:, i] = seat @ self.hands @ grip
             middles[i] = (seat[:3, :3] @ self._points()[1] + seat[:3, 3])[:2]
-        walk = self.seats.walk(paths, drawn.q, self.middle)
+        walk = self.seats.walk(paths, q, self.middle)
         clear = np.linalg.norm(walk.elbows - middles[:, None], axis=3).min(axis=2) >= CLEAR
         return dataclasses.replace(walk, done=walk.done & clear)
 
@@ -224,11 +220,11 @@ class _Search:
         seat[:3, 3] = tool[:, 3] - (hand @ grip)[:3, 3]
         return seat, grip
 
-    def admitted(self, q: Array, facing: Array) -> NDArray[np.bool_]:
+    def admitted(self, drawn: Array) -> NDArray[np.bool_]:
         """(M,) whether a patient could sit there."""
         points = self._points()
-        found = np.empty(len(q), dtype=bool)
-        for i, (tool, turn) in enumerate(zip(self.seats.at(q)[0], facing, strict=True)):
+        found = np.empty(len(drawn), dtype=bool)
+        for i, (tool, turn) in enumerate(zip(self.seats.at(drawn[:, :-1])[0], drawn[:, -1], strict=True)):
             seat, _ = self._seat(tool, float(turn))
             there = points @ seat[:3, :3].T + seat[:3, 3]
             low, high = HEIGHT
@@ -243,11 +239,11 @@ class _Search:
         arm = problem.patient.arm
         return np.array([origin, middle, 2 * middle - origin if arm is None else arm.shoulder_m])
 
-    def keys(self, q: Array, facing: float) -> dict[str, dict[str, Any]]:
-        """What the problem file would say, in round numbers."""
-        tool = self.seats.at(q[None])[0][0]
-        seat, grip = self._seat(tool, facing)
-        walk = self._walk(_Drawn(q[None], np.array([facing])))
+    def keys(self, one: Array) -> dict[str, dict[str, Any]]:
+        """What the problem file would say of a seat (n + 1,), in round numbers."""
+        facing = float(one[-1])
+        seat, grip = self._seat(self.seats.at(one[None, :-1])[0][0], facing)
+        walk = self._walk(one[None])
         origin, middle, shoulder = (self._points() @ seat[:3, :3].T + seat[:3, 3]).round(3).tolist()
         problem, turn = self.problem, math.degrees(facing)
         found: dict[str, dict[str, Any]] = {
