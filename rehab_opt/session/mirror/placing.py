@@ -1,10 +1,8 @@
 """Where the patient of a mirrored recording sits, and how the robot holds the hand: found, and then run.
 
-The recording tells neither. What is looked for is a rigid motion of everything of the patient's (four numbers: a place
-and a direction) and the grip (three): a posture of the robot at one pose of the path and a direction fix them all. How
-much of the path a posture goes along is counted without time (`Seats`), for hundreds at once, drawn anywhere first and
-then nearer and nearer to the best. The best of those, apart from each other, are run as `rehab-opt run` does, and what
-that achieves decides.
+What is looked for is a rigid motion of everything of the patient's (a place and a direction) and the grip: a posture of
+the robot at one pose of the path and a direction fix them all. How much of the path it goes along is counted without
+time (`Seats`). The best seats, apart from each other, are run as `rehab-opt run` does, and what that achieves decides.
 """
 
 from __future__ import annotations
@@ -200,52 +198,42 @@ class _Search:
         return float((self._walk(one[None]).done[:, 0] & self.wanted).sum() / self.counted_on.sum())
 
     def _walk(self, drawn: Array) -> Walk:
-        q = drawn[:, :-1]
-        paths = np.tile(np.eye(4), (len(self.hands), len(q), 1, 1))
-        middles = np.empty((len(q), 2))
-        for i, (tool, facing) in enumerate(zip(self.seats.at(q)[0], drawn[:, -1], strict=True)):
-            seat, grip = self._seat(tool, float(facing))
-            paths[:, i] = seat @ self.hands @ grip
-            middles[i] = (seat[:3, :3] @ self._points()[1] + seat[:3, 3])[:2]
-        walk = self.seats.walk(paths, q, self.middle)
-        clear = np.linalg.norm(walk.elbows - middles[:, None], axis=3).min(axis=2) >= CLEAR
+        seats, grips, points = self._seats(drawn)
+        walk = self.seats.walk(seats @ self.hands[:, None] @ grips, drawn[:, :-1], self.middle)
+        clear = np.linalg.norm(walk.elbows - points[:, None, 1, :2], axis=3).min(axis=2) >= CLEAR
         return dataclasses.replace(walk, done=walk.done & clear)
 
-    def _seat(self, tool: Array, facing: float) -> tuple[Array, Array]:
-        """Rigid motion (4, 4) of all that is the patient's, and the grip (4, 4), for the robot's tool (3, 4)."""
-        seat, grip = pose_of([0.0, 0.0, math.degrees(facing)], [0.0, 0.0, 0.0]), self.grip.copy()
-        hand = seat @ self.hands[self.middle]
-        grip[:3, :3] = hand[:3, :3].T @ tool[:, :3]
+    def _seats(self, drawn: Array) -> tuple[Array, Array, Array]:
+        """Rigid motions (M, 4, 4) of all that is the patient's, grips (M, 4, 4), and where points then are (M, 3, 3).
+
+        [m]: the recording's origin, a point of the patient's middle, and the led shoulder or what is in its place.
+        """
+        tools, turns = self.seats.at(drawn[:, :-1])[0], drawn[:, -1]
+        seats, grips = np.tile(np.eye(4), (len(drawn), 1, 1)), np.tile(self.grip, (len(drawn), 1, 1))
+        seats[:, 0, 0] = seats[:, 1, 1] = np.cos(turns)
+        seats[:, 1, 0] = np.sin(turns)
+        seats[:, 0, 1] = -seats[:, 1, 0]
+        hands = seats @ self.hands[self.middle]
+        grips[:, :3, :3] = hands[:, :3, :3].transpose(0, 2, 1) @ tools[:, :, :3]
         # The grip's place is in the hand's axes; the tool's place is the hand's and that.
-        seat[:3, 3] = tool[:, 3] - (hand @ grip)[:3, 3]
-        return seat, grip
+        seats[:, :3, 3] = tools[:, :, 3] - (hands @ grips)[:, :3, 3]
+        origin, patient = np.array(self.problem.placement.origin_m), self.problem.patient
+        middle = np.array(patient.sagittal_point_m)
+        points = np.array([origin, middle, 2 * middle - origin if patient.arm is None else patient.arm.shoulder_m])
+        return seats, grips, points @ seats[:, :3, :3].transpose(0, 2, 1) + seats[:, None, :3, 3]
 
     def admitted(self, drawn: Array) -> NDArray[np.bool_]:
         """(M,) whether a patient could sit there."""
-        points = self._points()
-        found = np.empty(len(drawn), dtype=bool)
-        for i, (tool, turn) in enumerate(zip(self.seats.at(drawn[:, :-1])[0], drawn[:, -1], strict=True)):
-            seat, _ = self._seat(tool, float(turn))
-            there = points @ seat[:3, :3].T + seat[:3, 3]
-            low, high = HEIGHT
-            found[i] = low <= there[-1, 2] <= high and np.linalg.norm(there[:, :2], axis=1).min() >= AWAY
-        return found
-
-    def _points(self) -> Array:
-        """(3, 3) [m] the recording's origin, a point of the patient's middle, and the led shoulder or what is there."""
-        problem = self.problem
-        origin = np.array(problem.placement.origin_m)
-        middle = np.array(problem.patient.sagittal_point_m)
-        arm = problem.patient.arm
-        return np.array([origin, middle, 2 * middle - origin if arm is None else arm.shoulder_m])
+        points, (low, high) = self._seats(drawn)[2], HEIGHT
+        height, away = points[:, -1, 2], np.linalg.norm(points[:, :, :2], axis=2).min(axis=1)
+        return np.asarray((low <= height) & (height <= high) & (away >= AWAY))
 
     def keys(self, one: Array) -> dict[str, dict[str, Any]]:
         """What the problem file would say of a seat (n + 1,), in round numbers."""
-        facing = float(one[-1])
-        seat, grip = self._seat(self.seats.at(one[None, :-1])[0][0], facing)
+        _, (grip,), (points,) = self._seats(one[None])
         walk = self._walk(one[None])
-        origin, middle, shoulder = (self._points() @ seat[:3, :3].T + seat[:3, 3]).round(3).tolist()
-        problem, turn = self.problem, math.degrees(facing)
+        origin, middle, shoulder = points.round(3).tolist()
+        problem, turn = self.problem, math.degrees(one[-1])
         found: dict[str, dict[str, Any]] = {
             "placement": {"origin_m": origin, "turn_deg": _round_turn(problem.placement.turn_deg + turn)},
             "patient": {"sagittal_point_m": middle, "facing_deg": _round_turn(problem.patient.facing_deg + turn)},
