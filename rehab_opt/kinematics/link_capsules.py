@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from rehab_opt.errors import ConfigurationError
+from rehab_opt.kinematics.real_array import is_real
 
 __all__ = ["Capsule", "CapsuleOnLink", "LinkCapsule", "checked_capsules"]
 
@@ -57,6 +58,8 @@ def checked_capsules(capsules: object, frames: int) -> tuple[LinkCapsule, ...]:
             usable = usable and all(map(math.isfinite, (*capsule.start, *capsule.end, capsule.radius)))
         except (TypeError, ValueError, OverflowError):
             usable = False
+        if isinstance(given, LinkCapsule) and not (is_real(given.radius) and 0.0 <= given.radius < math.inf):
+            raise ConfigurationError(f"capsules[{i}].radius", given.radius, "0 m or more")
         if not usable:
             expected = f"LinkCapsule(name, frame from 0 to {frames - 1}, start (3,), end (3,), radius of 0 or more [m])"
             raise ConfigurationError(f"capsules[{i}]", given, expected)

@@ -8,12 +8,12 @@ from numpy.typing import ArrayLike, NDArray
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.real_array import real_array
 
-__all__ = ["ROUNDED", "inverse_pose", "nearest_rigid", "rigid"]
+__all__ = ["EXACT", "ROUNDED", "inverse_pose", "nearest_rigid", "rigid"]
 
 Array = NDArray[np.float64]
 
 EXACT = 1e-9
-"""Largest entry of R R' - I of what is a rotation as it is."""
+"""Largest entry of R R' - I of what is a rotation as it is, and largest error of a length that is 1: a nanometre."""
 ROUNDED = 1e-3
 """Largest entry of R R' - I, and largest error of a length that should be 1, that rounding can explain."""
 

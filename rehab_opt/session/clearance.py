@@ -20,7 +20,15 @@ if TYPE_CHECKING:
     from rehab_opt.control.pose_tracker import PoseTracker
     from rehab_opt.kinematics.chain import SerialChain
 
-__all__ = ["AmongMoving", "ClearanceSection", "NearestBodies", "clearance_key", "clearance_of", "nearest_bodies"]
+__all__ = [
+    "AmongMoving",
+    "ClearanceSection",
+    "NearestBodies",
+    "clearance_key",
+    "clearance_of",
+    "nearest_bodies",
+    "start_notes",
+]
 
 Array = NDArray[np.float64]
 Name = Annotated[str, Field(min_length=1, max_length=60)]
@@ -180,13 +188,20 @@ class NearestBodies:
         }
 
     @property
+    def start_notes(self) -> tuple[str, ...]:
+        """By how much, and where, the first posture is nearer than the margin; none where it is not."""
+        pair = int(np.argmin(self.distances[0]))
+        within, names = -MM * float(self.distances[0, pair]), " and ".join(self.names[pair])
+        return (f"the robot starts {within:.3g} mm within the margin: {names}",) if within > 0 else ()
+
+    @property
     def note(self) -> str:
-        """The same in a sentence, and where it starts nearer than the margin."""
+        """The same of the run in a sentence, after where it starts within the margin."""
         of = self.metrics
         least, names = MM * of["least_beyond_margin_m"], " and ".join(of["of"])
-        said = f"bodies came no nearer than {least:.3g} mm beyond the margin: {names}, at {of['at_s']:.3g} s"
-        within = -MM * float(self.distances[0].min())
-        return said if within <= 0 else f"the robot starts {within:.3g} mm within a margin, and goes no deeper; {said}"
+        how = f"{-least:.3g} mm within" if least < 0 else f"no nearer than {least:.3g} mm beyond"
+        said = f"bodies came {how} the margin: {names}, at {of['at_s']:.3g} s"
+        return "; ".join((*self.start_notes, said))
 
     def figure(self, title: str) -> Figure:
         """Bodies seen from above and from the side where they were nearest, and distances over time."""
@@ -280,6 +295,12 @@ def nearest_bodies(
     told = section.told(time).reshape(len(q), -1)
     found = np.array(pairs.distances.map(len(q))(q.T, told.T, np.zeros((1, len(q)))))
     return NearestBodies(pairs, section, q, time, found.T)
+
+
+def start_notes(section: ClearanceSection | None, file: str, chain: SerialChain, q: Array) -> tuple[str, ...]:
+    """What `NearestBodies.start_notes` says of a posture (n,)."""
+    near = nearest_bodies(section, file, chain, q[None], np.zeros(1))
+    return () if near is None else near.start_notes
 
 
 def _point(numbers: Any) -> tuple[float, float, float]:

@@ -33,6 +33,23 @@ __all__ = [
 DESCRIPTION, DESCRIBED = "description", ("recording", "placement")
 """Key that names a recording's description, and the tables of one."""
 
+TOML = {
+    "Expected '='": "key = value",
+    "Invalid statement": "key = value, or a table's [name]",
+    "Invalid initial character": "a key of letters, digits, _ and -",
+    "Expected newline": "one key = value a line; numbers have a point, no comma",
+    "Invalid value": 'a value: a number with a point, "text", true, false, or a list in [ ]',
+    "Unterminated string": "text that ends with its quotation mark",
+    "Illegal character": "text that ends with its quotation mark, on the same line",
+    "Unescaped": "\\\\ for a backslash in a text",
+    "Unclosed array": "a list that ends with ]",
+    "Unclosed inline table": "a table that ends with }",
+    "Expected ']": "a table's name between [ and ]",
+    "Cannot": "each key and table once",
+    "Duplicate": "each key and table once",
+}
+"""What Python's reader says of a file that is no TOML, by how it begins, in this project's words."""
+
 
 def load_problem(file: str) -> ProblemFile[Any]:
     """Read and check a problem file.
@@ -115,7 +132,8 @@ def _toml_content(path: Path, file: str) -> dict[str, Any]:
     except tomllib.TOMLDecodeError as problem:
         line = _line_of(problem, text)
         value = shown(text.splitlines()[line - 1]) if line <= len(text.splitlines()) else "end of file"
-        raise ProblemFileError(file, f"line {line}", value, f"TOML ({str(problem).split(' (at')[0]})") from problem
+        expected = next((f"TOML: {ours}" for its, ours in TOML.items() if str(problem).startswith(its)), "TOML")
+        raise ProblemFileError(file, f"line {line}", value, expected) from problem
     except ValueError as problem:  # Python refuses to read integers of thousands of digits
         longest = max(text.splitlines(), key=len)
         line = text.splitlines().index(longest) + 1

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,12 +13,13 @@ from hypothesis import strategies as st
 
 from rehab_opt import Clearance, MovingCapsule
 from rehab_opt.kinematics.ur5 import ur5
+from rehab_opt.session.clearance import nearest_bodies
 from rehab_opt.session.files import load_problem
 from rehab_opt.session.pose_tracking.problem import CircleSection, PoseTracking
 from rehab_opt.session.pose_tracking.robot import circle_reference
 from rehab_opt.session.pose_tracking.run import RobotOutcome
 from rehab_opt.session.pose_tracking.shown import figures as robot_figures
-from rehab_opt.session.run import run_problem
+from rehab_opt.session.run import checked, run_problem
 from tests.control.clearance_world import least_distance, link_ends
 
 START = ur5().pose(np.deg2rad([0.0, -90.0, 90.0, -90.0, -90.0, 0.0]))
@@ -98,6 +101,24 @@ def test_solver_that_leaves_the_slowest_motion_undelivered_is_not_taken_for_one_
     assert numbers["position_error_max_m"] < 1e-4
     assert numbers["scale_min"] <= numbers["scale_min_moving"]
     assert numbers["scale_min_moving"] > 0.9
+
+
+def test_a_start_within_a_margin_is_said_by_check_and_by_the_run_of_whom_and_by_how_much(tmp_path: Path) -> None:
+    shipped = load_problem("robot/ur5_among_bodies")
+    assert checked(shipped) == ()
+    file = tmp_path / "within.toml"
+    file.write_text(shipped.path.read_text().replace("centre_m = [-0.5, 0.0, 0.1]", "centre_m = [-0.5, -0.1, 0.45]"))
+    loaded = load_problem(str(file))
+    (note,) = checked(loaded)
+    said = re.fullmatch(r"the robot starts (\d+(?:\.\d+)?) mm within the margin: (.+) and table", note)
+    assert said is not None, note
+    start = np.deg2rad([[0.0, -90.0, 90.0, -90.0, -90.0, 0.0]])
+    near = nearest_bodies(loaded.problem.clearance, loaded.file, ur5(), start, np.zeros(1))
+    assert near is not None
+    deepest = near.metrics["least_beyond_margin_m"]
+    assert -1e3 * deepest == pytest.approx(float(said[1]), rel=1e-2)
+    assert float(said[1]) > 40.0  # half of the table's thickness and the margin, at least
+    assert near.note == f"{note}; bodies came {said[1]} mm within the margin: {said[2]} and table, at 0 s"
 
 
 def test_shipped_robot_among_bodies_comes_to_its_margin_and_goes_on() -> None:

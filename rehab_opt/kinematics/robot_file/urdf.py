@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping
+from difflib import get_close_matches
 from typing import NamedTuple
 
 import numpy as np
@@ -193,8 +194,9 @@ def _step(joint: Element, links: Mapping[str, Element], source: Source, notes: l
     origin = _origin(joint, source, owner, notes)
     kind = joint.attributes.get("type")
     if kind not in (*TURNING, *SLIDING, "fixed"):
-        expected = "revolute, continuous, prismatic or fixed; let the chain begin or end at another link"
-        raise source.refuse(f"{owner}, type", kind, expected)
+        near = get_close_matches((kind or "").lower(), (*TURNING, *SLIDING, "fixed"), n=1)
+        meant = f", such as {near[0]!r}" if near else "; let the chain begin or end at another link"
+        raise source.refuse(f"{owner}, type", kind, f"revolute, continuous, prismatic or fixed{meant}")
     notes += [f"{owner}: <{tag}> is not read" for tag in dict.fromkeys(each.tag for each in joint.children)
               if tag not in READ]  # fmt: skip
     notes += [f"{owner}: {each.tag}.{key} is not read" for each in joint.children for key in each.attributes

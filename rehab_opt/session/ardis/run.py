@@ -31,7 +31,7 @@ from rehab_opt.session.ardis.outcome import (
 from rehab_opt.session.ardis.problem import ArdisProblem, DriveName
 from rehab_opt.session.ardis.robot import joystick_of, resolver_of, robot_of, room_of, start_of
 from rehab_opt.session.ardis.stick import Moment, StickRecording, sticks_of
-from rehab_opt.session.clearance import NearestBodies, nearest_bodies
+from rehab_opt.session.clearance import NearestBodies, nearest_bodies, start_notes
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.live.bodies import ARM_PLOTS, BLUE, GREEN, GREY, PURPLE, ArmBodies, joint_rows, screen
 from rehab_opt.session.live.problem import LiveControl, LiveInputs, LiveProblem
@@ -180,11 +180,12 @@ class ArdisSystem(System[ArdisProblem, ArdisOutcome]):
     def check(self, loaded: ProblemFile[ArdisProblem]) -> tuple[str, ...]:
         """Reads the sticks, builds the robot and its controllers."""
         robot = robot_of(loaded)
-        start_of(loaded, robot)
+        start = start_of(loaded, robot)
         joystick_of(loaded)
         for drive in sticks_of(loaded):
             resolver_of(loaded, robot, drive)
-        return robot.chain.notes
+        within = start_notes(loaded.problem.clearance, loaded.file, robot.bodied_chain, start)
+        return (*robot.chain.notes, *within)
 
     def run(self, loaded: ProblemFile[ArdisProblem], *, options: Mapping[str, str], progress: Progress) -> ArdisOutcome:
         """Options: `solver` of the controller, `plant`."""

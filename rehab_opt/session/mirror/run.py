@@ -9,7 +9,7 @@ import numpy as np
 
 from rehab_opt.control.conditioning import Conditioner
 from rehab_opt.control.mirror import MirrorTracker
-from rehab_opt.session.clearance import nearest_bodies
+from rehab_opt.session.clearance import nearest_bodies, start_notes
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.live.problem import LiveProblem
 from rehab_opt.session.mirror.laws import ANY_SPEED, followed, planned, searched, tracker_of, without_floor
@@ -71,7 +71,8 @@ class MirrorSystem(System[MirrorProblem, MirrorOutcome]):
         """Reads the recording, lays it out, builds the tracker, and counts what the robot reaches."""
         scene = laid_out(loaded)
         tracker = tracker_of(loaded.problem, scene, file=loaded.file)
-        return (*scene.notes, *path_notes(scene), reach_note(loaded.problem, scene, tracker))
+        within = start_notes(loaded.problem.clearance, loaded.file, scene.robot, scene.start)
+        return (*scene.notes, *within, *path_notes(scene), reach_note(loaded.problem, scene, tracker))
 
     def run(
         self, loaded: ProblemFile[MirrorProblem], *, options: Mapping[str, str], progress: Progress

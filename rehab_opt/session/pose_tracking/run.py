@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from rehab_opt.control.pose_tracker import PoseTracker
 from rehab_opt.plants.plant import Plant
 from rehab_opt.plants.touched import TouchedPlant
-from rehab_opt.session.clearance import AmongMoving, NearestBodies, nearest_bodies
+from rehab_opt.session.clearance import AmongMoving, NearestBodies, nearest_bodies, start_notes
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.live.bodies import ARM_PLOTS, BLUE, ORANGE, ArmBodies, joint_rows, screen
 from rehab_opt.session.live.problem import Following, LiveControl, LiveInputs, LiveProblem
@@ -155,9 +155,9 @@ class PoseTrackingSystem(System[PoseTracking, RobotOutcome]):
 
     def check(self, loaded: ProblemFile[PoseTracking]) -> tuple[str, ...]:
         """Builds the robot and the tracker."""
-        robot, _ = robot_at_start(loaded)
+        robot, start = robot_at_start(loaded)
         tracker_of(loaded.problem, robot, file=loaded.file)
-        return robot.notes
+        return (*robot.notes, *start_notes(loaded.problem.clearance, loaded.file, robot, start))
 
     def run(self, loaded: ProblemFile[PoseTracking], *, options: Mapping[str, str], progress: Progress) -> RobotOutcome:
         """Options: `solver` of the tracker, `plant`."""

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rehab_opt import ConfigurationError, ProblemFileError, SerialChain
+from rehab_opt import CapsuleOnLink, ConfigurationError, ProblemFileError, SerialChain
 from rehab_opt.errors import RobotFileError
 from tests.kinematics.robot_files.random_arms import random_arm, urdf
 
@@ -64,6 +64,8 @@ def refusal(file: Path, **options: object) -> str:
         ('velocity="1.5"', "", "joint joint_a, limit.velocity", "None", "give velocity="),
         ('lower="-2" upper="2"', "", "joint joint_a, limit.lower", "None", "give lower="),
         ('type="revolute"', 'type="planar"', "joint joint_a, type", "'planar'", "revolute, continuous"),
+        ('type="revolute"', 'type="Revolute"', "joint joint_a, type", "'Revolute'", "or fixed, such as 'revolute'"),
+        ('type="revolute"', 'type="prismatc"', "joint joint_a, type", "'prismatc'", "or fixed, such as 'prismatic'"),
         ('type="revolute"', 'kind="revolute"', "joint joint_a, type", "None", "revolute, continuous"),
         ('name="joint_b"', 'name="joint_a"', "line 1, joint.name", "'joint_a'", "no other joint"),
         ('link name="hand"', 'link name="middle"', "line 1, link.name", "'middle'", "no other link"),
@@ -126,6 +128,8 @@ def test_a_good_arm_is_read(good: Callable[..., Path]) -> None:
         ({"locked": None}, "locked = None: expected joint values by joint name"),
         ({"capsules": None}, "capsules = None: expected a list"),
         ({"capsules": "collision"}, "arm.urdf has none"),
+        ({"capsules": [CapsuleOnLink("hand", (0, 0, 0), (0, 0, 1), -0.1)]}, "capsules[0].radius = -0.1: expected 0 m"),
+        ({"capsules": [CapsuleOnLink("hand", (0, 0, 0), (0, 0, 1), "1")]}, "capsules[0].radius = '1': expected 0 m"),
         ({"lower": {"joint_a": 5.0}}, "lower['joint_a'] = 5.0: expected no more than limit.upper of "),
         ({"upper": {"joint_a": -3.0}}, "arm.urdf, -2 rad (-114.59 deg)"),
         ({"lower": 1.0, "upper": 0.5}, "upper['joint_a'] = 0.5: expected no less than lower, 1 rad"),

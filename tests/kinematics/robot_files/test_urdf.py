@@ -148,6 +148,16 @@ def test_a_rounded_quaternion_is_corrected_and_noted(arm_file: Path) -> None:
     np.testing.assert_allclose(chain.pose([0.0])[:3, :3], [[1, 0, 0], [0, 0, -1], [0, 1, 0]], atol=1e-15)
 
 
+@pytest.mark.parametrize(("off", "noted"), [(3e-10, False), (5e-7, True)])
+def test_a_length_of_1_to_a_nanometre_is_corrected_without_a_note(arm_file: Path, off: float, noted: bool) -> None:
+    edges = [edge for edge in random_arm(np.random.default_rng(10), 2) if edge.kind != "fixed"]
+    edges[0].parent, edges[1].parent = "base", edges[0].child
+    edges[0].kind, edges[0].axis = "revolute", np.array([0.6, 0.8, 0.0]) * (1 + off)
+    chain = read(arm_file, edges)
+    assert bool(chain.notes) is noted
+    np.testing.assert_allclose(chain.rows[0].after[:3, :3] @ chain.rows[0].after[:3, :3].T, np.eye(3), atol=1e-15)
+
+
 def test_ur5_from_a_file_is_the_ur5_of_this_library(arm_file: Path) -> None:
     tool = np.eye(4)
     tool[:3, :3], tool[:3, 3] = Rotation.from_euler("x", -np.pi / 2).as_matrix(), UR5_TOOL
