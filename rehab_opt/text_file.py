@@ -32,6 +32,7 @@ __all__ = [
     "regular_file",
     "shown",
     "text_lines",
+    "times",
     "whole_text",
 ]
 
@@ -231,6 +232,11 @@ def finite_number(
             f"a number from {-most:g} to {most:g} ({beyond})",
         )
     return number
+
+
+def times(count: int) -> str:
+    """How often."""
+    return "once" if count == 1 else f"{count} times"
 
 
 def brief(value: object, most: int = 60) -> object:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from rehab_opt.errors import ProblemFileError
 from rehab_opt.recordings.recording import Recording
-from rehab_opt.text_file import FARTHEST, LATEST, finite_number, header_cells, shown, text_lines
+from rehab_opt.text_file import FARTHEST, LATEST, finite_number, header_cells, shown, text_lines, times
 
 __all__ = [
     "ANGLE",
@@ -25,6 +25,7 @@ __all__ = [
     "UNITS",
     "canonical_name",
     "check_once",
+    "marks",
     "numbers_below",
     "read_csv",
     "unit_of",
@@ -103,11 +104,7 @@ def read_csv(
     ProblemFileError : a missing or doubled column, a row of the wrong length, a cell that is not a finite number.
     """
     lines = text_lines(path, name)
-    mark = SEPARATORS[separator]
-    if separator == "comma" and decimal == "comma":
-        expected = "'semicolon' or 'tab', since the decimals are commas"
-        raise ProblemFileError(name, "recording.separator", separator, expected)
-    _check_separated(lines[0], separator, name)
+    mark, point = marks(lines[0], separator, decimal, name=name)
     written = [cell.strip('"').strip() for cell in header_cells(lines[0].split(mark), name=name, line=1)]
     if len(written) > 1 and not written[-1]:
         written.pop()  # a separator at the end of each line
@@ -136,9 +133,7 @@ def read_csv(
     most = {column: FARTHEST / scale_of[column] for column in columns} | {time_column: LATEST / scale_of[time_column]}
     most |= dict.fromkeys(forces, STRONGEST)
     wanted = [time_column, *columns, *angles, *forces]
-    cells = numbers_below(
-        lines[1:], header, wanted, most, name=name, first=2, separator=mark, point="," if decimal == "comma" else "."
-    )
+    cells = numbers_below(lines[1:], header, wanted, most, name=name, first=2, separator=mark, point=point)
     values = {column: numbers * scale_of[column] for column, numbers in zip(wanted, cells.T, strict=True)}
     unread = ", ".join(cell for cell, known in zip(written, header, strict=True) if known not in values)
     return Recording(
@@ -215,14 +210,22 @@ def check_once(header: Sequence[str], name: str, *, line: int) -> None:
         seen.add(cell)
 
 
-def _check_separated(line: str, separator: str, name: str) -> None:
-    """Name the separator that a header has, where it is not the one that was said."""
-    if SEPARATORS[separator] in line:
-        return
+def marks(line: str, separator: str, decimal: str, *, name: str) -> tuple[str, str]:
+    """What stands between the cells of a table, and before decimals, as `read_csv` names them; `line` is the first.
+
+    Raises
+    ------
+    ProblemFileError : commas for both; a line that has another separator, which is named.
+    """
+    own = SEPARATORS[separator]
+    if separator == decimal:
+        expected = "'semicolon' or 'tab', since the decimals are commas"
+        raise ProblemFileError(name, "recording.separator", separator, expected)
     for other, mark in SEPARATORS.items():
-        if mark in line:
-            expected = f"'{other}', which line 1 has {line.count(mark)} times"
+        if mark in line and (own not in line or own + mark == ",;"):  # commas may be of decimals
+            expected = f"'{other}', which line 1 has {times(line.count(mark))}"
             raise ProblemFileError(name, "recording.separator", separator, expected)
+    return own, "," if decimal == "comma" else "."
 
 
 def _column(header: Sequence[str], names: Sequence[str], units: Mapping[str, float], file: str, *, counts: bool) -> str:

@@ -23,6 +23,7 @@ __all__ = [
     "NAMED",
     "TABLE",
     "UNUSABLE_SOLVERS",
+    "Decimal",
     "Length",
     "Once",
     "PlacementSection",
@@ -31,6 +32,7 @@ __all__ = [
     "Problem",
     "RecordingSection",
     "Section",
+    "Separator",
     "Side",
     "SolverName",
     "Triple",
@@ -47,6 +49,8 @@ TO_SI = {"mm": 1e-3, "ms": 1e-3} | dict.fromkeys(("deg", "deg_s", "deg_s2", "deg
 """What a number of a key that ends so is to be multiplied with."""
 UNIT = re.compile(r"_(?:mm|ms|rad|deg(?:_s[23]?)?|(?:N|Ns|m)_(?:m|s)|per_s|kg|m|s|N|J)$")
 Side = Literal["left", "right"]
+Separator = Literal["comma", "semicolon", "tab"]
+Decimal = Literal["point", "comma"]
 Positive = Annotated[float, Field(gt=0)]
 Length = Annotated[float, Field(ge=-10, le=10)]
 """[m] A coordinate; larger ones are another unit."""
@@ -133,9 +137,9 @@ class RecordingSection(Section):
     """The hand's marker, in a `.trc`, `.c3d` or `_motion.tsv`."""
     columns: Annotated[list[str], Field(min_length=2, max_length=3)] | None = None
     """The columns of x, y (and z), in a `.csv`, `.mot`, `.sto` or `.xdf`."""
-    separator: Literal["comma", "semicolon", "tab"] = "comma"
+    separator: Separator = "comma"
     """Between the cells of a `.csv`."""
-    decimal: Literal["point", "comma"] = "point"
+    decimal: Decimal = "point"
     """Of the numbers in a `.csv`."""
     count_mm: float | None = Field(default=None, gt=0, le=1000)
     """What one raw count of length is, in a `.svc`, or in a `.csv` whose header names no units."""

@@ -135,7 +135,8 @@ def described(file: str, reading: Mapping[str, Any] = MappingProxyType({})) -> D
         return named
     said = recording_description(named.path, file)["recording"]
     if "fingers" in said:  # of a hand's poses, which `mirror` reads
-        said = {"columns": ["x_m", "y_m", "z_m"], **{key: said[key] for key in ("file", "hand") if key in said}}
+        own = ("file", "hand", "separator", "decimal")
+        said = {"columns": ["x_m", "y_m", "z_m"], **{key: said[key] for key in own if key in said}}
     try:
         section = RecordingSection.model_validate(said)
     except ValidationError as refused:

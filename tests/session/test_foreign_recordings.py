@@ -18,6 +18,8 @@ from rehab_opt.errors import ProblemFileError
 from rehab_opt.recordings.reading import read_recording
 from rehab_opt.recordings.tables import canonical_name
 from rehab_opt.session.files import load_problem
+from rehab_opt.session.mirror.hand_poses import calibration_points, read_hand_poses
+from rehab_opt.session.mirror.problem import PoseRecordingSection
 from rehab_opt.session.run import checked
 from tests.session.made_c3d import c3d
 
@@ -55,6 +57,38 @@ def test_european_table_is_read(written: Write, separator: str, mark: str) -> No
     np.testing.assert_allclose(recording.time, [0, 0.5])
     np.testing.assert_allclose(recording.points, [[0.0015, -0.002], [0.025, 0.003]])
     assert recording.notes == ("columns not read: Zeit",)
+
+
+HAND = {"hand": "right", "frame": "robot", "fingers": "+x", "back": "+z"}
+NUMBERED = {"position_columns": [2, 3, 4], "quaternion_columns": [5, 6, 7, 8], "rate_hz": 2.0}
+HEADED = ["\ufefft_s;x_m;y_m;z_m;qx;qy;qz;qw"]
+POSES = ["0,0;1,5;-2,0;0,1;0;0;0;1", "0,5;2,5e-1;3;0,2;0;0;0,6;0,8", "1;;nan;0;0;0;0;1"]
+
+
+@pytest.mark.parametrize(("separator", "mark"), [("semicolon", ";"), ("tab", "\t")])
+@pytest.mark.parametrize(("columns", "above"), [({}, HEADED), (NUMBERED, [])])
+def test_poses_of_a_hand_are_read_from_a_european_table(
+    written: Write, separator: str, mark: str, columns: dict[str, Any], above: list[str]
+) -> None:
+    path = written("a.csv", "\r\n".join(above + POSES).replace(";", mark))
+    section = PoseRecordingSection(file="a.csv", separator=separator, decimal="comma", **HAND, **columns)
+    seen = read_hand_poses(path, section, file="a.toml")
+    np.testing.assert_allclose(seen.times, [0, 0.5, 1])
+    np.testing.assert_allclose(seen.positions, [[1.5, -2, 0.1], [0.25, 3, 0.2], [math.nan, math.nan, 0]])
+    np.testing.assert_allclose(seen.quaternions[1], [0, 0, 0.6, 0.8])
+
+
+@pytest.mark.parametrize(("columns", "above"), [({}, HEADED), (NUMBERED, [])])
+def test_poses_of_a_hand_that_semicolons_separate_are_refused_by_that_name(
+    written: Write, columns: dict[str, Any], above: list[str]
+) -> None:
+    path = written("a.csv", "\n".join(above + POSES))
+    with pytest.raises(ProblemFileError, match="'semicolon', which line 1 has 7 times"):
+        read_hand_poses(path, PoseRecordingSection(file="a.csv", **HAND, **columns), file="a.toml")
+    points = written("points.csv", "vr_x_m;vr_y_m;vr_z_m;robot_x_m;robot_y_m;robot_z_m\n" + "1,5;2;3;4;5;6\n" * 3)
+    with pytest.raises(ProblemFileError, match="'semicolon', which line 1 has 5 times"):
+        calibration_points(points, name="points.csv")
+    assert calibration_points(points, name="points.csv", separator="semicolon", decimal="comma")[0][0, 0] == 1.5
 
 
 def test_quoted_cells_and_columns_by_either_name_are_read(written: Write) -> None:
@@ -109,6 +143,7 @@ def test_angles_of_an_arm_and_joints_that_are_still_are_no_other_unit(written: W
 CAUSES: list[tuple[str, str | bytes, dict[str, Any], str, str]] = [
     ("a.csv", "t_s;x_m;y_m\n0;1;2\n", {}, "recording.separator", "'semicolon', which line 1 has 2 times"),
     ("a.csv", "t_s\tx_m\ty_m\n0\t1\t2\n", {}, "recording.separator", "'tab'"),
+    ("a.csv", "t_s;x_m\n0;1\n", {}, "recording.separator", "'semicolon', which line 1 has once"),
     ("a.csv", "t_s;x_m;y_m\n0;1,5;2\n", {"separator": "semicolon"}, "line 2, column x_m", "decimal = 'comma'"),
     ("a.csv", "t_s,x_m,y_m\n0,0,1,5,2,5\n", {}, "line 2", "decimal commas?"),
     ("a.csv", "t_s,x_m,y_m\n0,1,2\n", {"decimal": "comma"}, "recording.separator", "decimals are commas"),

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.errors import ProblemFileError
-from rehab_opt.recordings.tables import numbers_below
+from rehab_opt.recordings.tables import marks, numbers_below
 from rehab_opt.session.mirror.problem import PoseRecordingSection
 from rehab_opt.text_file import LATEST, header_cells, shown, text_lines
 
@@ -46,7 +46,7 @@ class HandPoses:
 def read_hand_poses(path: Path, section: PoseRecordingSection, *, file: str) -> HandPoses:
     """Read a header `t_s,x_m,y_m,z_m,qx,qy,qz,qw` or, where columns are numbered, rows of numbers without a header.
 
-    Cells may be empty or nan: sight was lost there.
+    Cells may be empty or nan: sight was lost there. They are separated as a trace's (`read_csv`).
 
     Parameters
     ----------
@@ -58,18 +58,19 @@ def read_hand_poses(path: Path, section: PoseRecordingSection, *, file: str) -> 
     """
     name = section.file
     lines = text_lines(path, name)
+    marked = marks(lines[0], section.separator, section.decimal, name=name)
     if section.position_columns is not None and section.quaternion_columns is not None:
-        width = len(header_cells(lines[0].split(","), name=name, line=1))
+        width = len(header_cells(lines[0].split(marked[0]), name=name, line=1))
         for key in ("position_columns", "quaternion_columns"):
             for column in getattr(section, key):
                 if column > width:
                     raise ProblemFileError(file, f"recording.{key}", column, f"a column from 1 to {width} of {name}")
         header = [str(number) for number in range(1, width + 1)]
         wanted = [str(column) for column in (*section.position_columns, *section.quaternion_columns)]
-        table, stamped = _numbers(lines, header, wanted, name=name, first=1), False
+        table, stamped = _numbers(lines, header, wanted, marked, name=name, first=1), False
     else:
         stamped = section.rate_hz is None
-        table = _below(lines, HEADER if stamped else HEADER[1:], name=name)
+        table = _below(lines, HEADER if stamped else HEADER[1:], marked, name=name)
     notes: list[str] = []
     if section.rows is not None:
         notes.append(f"rows {section.rows[0]} to {section.rows[1]} of the recording's {len(table)}")
@@ -97,14 +98,17 @@ def read_hand_poses(path: Path, section: PoseRecordingSection, *, file: str) -> 
     return HandPoses(times, table[:, :3], table[:, 3:], tuple(notes))
 
 
-def calibration_points(path: Path, *, name: str) -> tuple[Array, Array]:
-    """Corresponding points (N, 3) [m] in the recording's frame and in the robot's.
+def calibration_points(
+    path: Path, *, name: str, separator: str = "comma", decimal: str = "point"
+) -> tuple[Array, Array]:
+    """Corresponding points (N, 3) [m] in the recording's frame and in the robot's, in a table as `read_csv` has it.
 
     Raises
     ------
     ProblemFileError : a missing column, a cell that is no finite number.
     """
-    table = _below(text_lines(path, name), POINTS, name=name)
+    lines = text_lines(path, name)
+    table = _below(lines, POINTS, marks(lines[0], separator, decimal, name=name), name=name)
     if not np.all(np.abs(table) <= FAR):
         row = int(np.argmin(np.all(np.abs(table) <= FAR, axis=1))) + 2
         raise ProblemFileError(name, f"line {row}", "not usable", f"finite numbers up to {FAR:g} m")
@@ -120,19 +124,21 @@ def _rows(table: Array, section: PoseRecordingSection, *, file: str) -> Array:
     return table[first - 1 : last]
 
 
-def _below(lines: list[str], columns: Sequence[str], *, name: str) -> Array:
+def _below(lines: list[str], columns: Sequence[str], marked: tuple[str, str], *, name: str) -> Array:
     """(rows, len(columns)) cells below a header that has each of the columns once."""
-    header = header_cells(lines[0].split(","), name=name, line=1)
+    header = header_cells(lines[0].split(marked[0]), name=name, line=1)
     missing = [column for column in columns if header.count(column) != 1]
     if missing:
         raise ProblemFileError(name, f"line 1, column {missing[0]}", shown(lines[0], 60), "once " + ", ".join(columns))
-    return _numbers(lines[1:], header, columns, name=name, first=2)
+    return _numbers(lines[1:], header, columns, marked, name=name, first=2)
 
 
-def _numbers(rows: list[str], header: list[str], wanted: Sequence[str], *, name: str, first: int) -> Array:
+def _numbers(
+    rows: list[str], header: list[str], wanted: Sequence[str], marked: tuple[str, str], *, name: str, first: int
+) -> Array:
     """(rows, len(wanted)) cells; empty ones are NaN. `first` is the line of the first row, counted from 1."""
-    lost = dict.fromkeys(wanted, LOST)
-    table = numbers_below(rows, header, wanted, {}, name=name, first=first, separator=",", missing=lost)
+    lost, (mark, point) = dict.fromkeys(wanted, LOST), marked
+    table = numbers_below(rows, header, wanted, {}, name=name, first=first, separator=mark, point=point, missing=lost)
     if len(table) < 3:
         raise ProblemFileError(name, "rows", len(table), "at least 3 rows of numbers")
     return table

@@ -11,9 +11,11 @@ from rehab_opt.session.clearance import ClearanceSection
 from rehab_opt.session.plant.tables import JointPlant
 from rehab_opt.session.pose_tracking.problem import RobotSection
 from rehab_opt.session.schema import (
+    Decimal,
     Positive,
     Problem,
     Section,
+    Separator,
     Side,
     Triple,
     refusal,
@@ -50,6 +52,10 @@ class PoseRecordingSection(Section):
     """Four column numbers of x, y, z, w, likewise."""
     rows: Annotated[list[Annotated[int, Field(ge=1)]], Field(min_length=2, max_length=2)] | None = None
     """`[first, last]` of the rows of numbers, from 1; by default all."""
+    separator: Separator = "comma"
+    """Between the cells, also of `placement.calibration_file`."""
+    decimal: Decimal = "point"
+    """Of the numbers, likewise."""
 
     @model_validator(mode="after")
     def axes_and_columns_differ(self) -> Self:

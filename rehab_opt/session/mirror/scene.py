@@ -234,8 +234,11 @@ def _frame(loaded: ProblemFile[MirrorProblem]) -> FrameFit:
         return FrameFit(pose, placement.scale, np.zeros(0))
     key = "placement.calibration_file"
     path = recording_path(loaded, placement.calibration_file, key=key)
-    source, target = calibration_points(path, name=placement.calibration_file)
-    if loaded.problem.recording.frame == "unity":
+    recording = loaded.problem.recording
+    source, target = calibration_points(
+        path, name=placement.calibration_file, **recording.arguments("separator", "decimal")
+    )
+    if recording.frame == "unity":
         source = source @ UNITY_AXES.T
     with refused_as(placement.calibration_file):
         return fit_frame(source, target)
