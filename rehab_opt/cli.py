@@ -316,6 +316,7 @@ def check(
     """Check a problem file and its recording without running it; say the range of motion as a goniometer reads it."""
     from rehab_opt.session.files import load_problem  # noqa: PLC0415
     from rehab_opt.session.run import arms_of, checked  # noqa: PLC0415
+    from rehab_opt.session.systems import OutOfReach  # noqa: PLC0415
 
     loaded = load_problem(file)
     notes = checked(loaded)
@@ -334,7 +335,8 @@ def check(
     elif picture is not None:
         expected = f"a problem that states a range of motion, which {loaded.problem.system!r} does not"
         raise ConfigurationError("--picture", str(picture), expected)
-    say("ok")
+    reached = not any(isinstance(note, OutOfReach) for note in notes)
+    say("ok" if reached else "to be read and run, but nothing of it is in reach")
 
 
 @app.command()

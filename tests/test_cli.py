@@ -194,6 +194,12 @@ def test_check_accepts_a_sound_problem_and_writes_nothing(folder: Path, capsys: 
     assert files(folder) == before
 
 
+def test_check_does_not_call_ok_what_is_all_out_of_reach(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    change(folder, "[-0.172, 0.502]", "[0.5, 0.502]")
+    assert ended("check", "problem.toml") == 0
+    assert capsys.readouterr().out.endswith("to be read and run, but nothing of it is in reach\n")
+
+
 def spoil_limit(folder: Path) -> None:
     limits = "\n".join(f"{name}_deg = [30, 60]" for name in ARM_JOINTS).replace("wrist_flexion_deg = [30, 60]", WRONG)
     change(folder, 'range_of_motion = "restricted"', f"[arm.range_of_motion]\n{limits}")

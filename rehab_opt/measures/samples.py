@@ -133,9 +133,10 @@ def evenly_sampled(time: ArrayLike, points: ArrayLike, *, rate_hz: float | None 
     notes = []
     gaps = steps[steps > 1.5 * usual]
     if gaps.size:
+        some = "a gap of" if gaps.size == 1 else f"{gaps.size} gaps of {1e3 * gaps.min():.3g} to"
         notes.append(
-            f"{gaps.size} gaps of {1e3 * gaps.min():.3g} to {1e3 * gaps.max():.3g} ms (usual: {1e3 * usual:.3g} ms) "
-            "bridged by straight lines: speed and smoothness there are not the person's"
+            f"{some} {1e3 * gaps.max():.3g} ms (usual: {1e3 * usual:.3g} ms) bridged by straight lines: speed and "
+            "smoothness there are not the person's"
         )
     duration = float(t[-1] - t[0])
     if abs(duration * rate - (len(t) - 1)) < 1e-3 and np.abs(steps - usual).max() <= 1e-3 * usual:

@@ -141,10 +141,14 @@ def score(
     notes += _cut_notes(speed, threshold)
     moving, v = _between(path, rate, begin, end, count), _between(velocity, rate, begin, end, count)
     of_movement = (count - 1) / (end - begin)
-    jerk = dimensionless_jerk(v, of_movement)
+    jerks = dimensionless_jerk(v, of_movement), log_dimensionless_jerk(v, of_movement)
+    gap = _longest_step(numbers("time", time) - even.time[0], begin, end)
+    if gap > max(1.5 / rate, 0.5 / cutoff_hz):
+        jerks = math.nan, math.nan
+        notes.append(f"dimensionless_jerk: not over a gap of {1e3 * gap:.3g} ms, which a straight line bridges")
     if cutoff is not None:
         noise = white_noise(even.points, path, rate, cutoff_hz=cutoff)
-        notes += _noise_notes(noise, v, rate, cutoff, threshold=threshold, jerk=jerk)
+        notes += _noise_notes(noise, v, rate, cutoff, threshold=threshold, jerk=jerks[0])
     measures = [
         Measure("duration", float(even.time[-1] - even.time[0]), "s"),
         Measure("movement_time", end - begin, "s"),
@@ -152,8 +156,8 @@ def score(
         Measure("speed_peak", peak_speed(v), "m/s"),
         Measure("velocity_peaks", velocity_peaks(np.linalg.norm(v, axis=1), of_movement), "1"),
         Measure("sparc", spectral_arc_length(np.linalg.norm(v, axis=1), of_movement), "1"),
-        Measure("dimensionless_jerk", jerk, "1"),
-        Measure("log_dimensionless_jerk", log_dimensionless_jerk(v, of_movement), "1"),
+        Measure("dimensionless_jerk", jerks[0], "1"),
+        Measure("log_dimensionless_jerk", jerks[1], "1"),
         Measure("path_length", path_length(moving), "m"),
         Measure("path_ratio", _ratio(moving, notes), "1"),
     ]
@@ -174,6 +178,11 @@ def _between(samples: Array, rate: float, begin: float, end: float, count: int) 
     from scipy.interpolate import CubicSpline  # noqa: PLC0415
 
     return np.asarray(CubicSpline(np.arange(len(samples)) / rate, samples)(np.linspace(begin, end, count)))
+
+
+def _longest_step(time: Array, begin: float, end: float) -> float:
+    """[s] between two samples of which some lies between begin and end [s]."""
+    return float(np.diff(time)[(time[1:] > begin) & (time[:-1] < end)].max())
 
 
 def _cutoff(rate: float, cutoff_hz: float, notes: list[str]) -> float | None:

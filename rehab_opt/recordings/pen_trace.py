@@ -9,7 +9,7 @@ import numpy as np
 
 from rehab_opt.errors import ProblemFileError
 from rehab_opt.recordings.recording import Recording
-from rehab_opt.text_file import FARTHEST, LATEST, finite_number, shown, text_lines
+from rehab_opt.text_file import FARTHEST, LATEST, finite_number, shown, text_lines, times
 
 __all__ = ["read_svc"]
 
@@ -75,6 +75,6 @@ def _trimmed(samples: np.ndarray[tuple[int, ...], np.dtype[np.float64]], name: s
     time = task[kept, 2]
     gaps = np.diff(time)
     if gaps.size and gaps.max() > LONG_GAP:
-        count = np.count_nonzero(gaps > LONG_GAP)
-        notes.append(f"pen out of range {count} times, at most {gaps.max():.3g} s: bridged by straight lines")
+        count = int(np.count_nonzero(gaps > LONG_GAP))
+        notes.append(f"pen out of range {times(count)}, at most {gaps.max():.3g} s: bridged by straight lines")
     return Recording(file=name, time=time, points=1e-3 * task[kept, :2], notes=tuple(notes))

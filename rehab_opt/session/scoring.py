@@ -20,7 +20,7 @@ from rehab_opt.measures.samples import CUT_OFF_HZ, LARGEST_CUT_OFF, evenly_sampl
 from rehab_opt.measures.score import Measure, Score, score
 from rehab_opt.recordings.data_folder import PREFIX, data_file
 from rehab_opt.recordings.reading import read_recording
-from rehab_opt.recordings.recording import Recording
+from rehab_opt.recordings.recording import Recording, strange_sizes
 from rehab_opt.session.files import recording_description, schema_error
 from rehab_opt.session.refusals import refused_as
 from rehab_opt.session.schema import RecordingSection
@@ -135,8 +135,8 @@ def described(file: str, reading: Mapping[str, Any] = MappingProxyType({})) -> D
         return named
     said = recording_description(named.path, file)["recording"]
     if "fingers" in said:  # of a hand's poses, which `mirror` reads
-        own = ("file", "hand", "separator", "decimal")
-        said = {"columns": ["x_m", "y_m", "z_m"], **{key: said[key] for key in own if key in said}}
+        kept = ("file", "hand", "separator", "decimal")
+        said = {"columns": ["x_m", "y_m", "z_m"], **{key: said[key] for key in kept if key in said}}
     try:
         section = RecordingSection.model_validate(said)
     except ValidationError as refused:
@@ -197,8 +197,8 @@ def _scored(
     except ConfigurationError as refused:
         if refused.argument in ("cutoff_hz", "threshold", "target"):
             raise
-        key = f"trial {number}, {refused.argument}"
-        raise ProblemFileError(trial.file, key, refused.value, refused.expected) from refused
+        key, expected = f"trial {number}, {refused.argument}", "; ".join((refused.expected, *strange_sizes(trial)))
+        raise ProblemFileError(trial.file, key, refused.value, expected) from refused
 
 
 def _variability(movements: Sequence[Array]) -> Iterator[Measure]:

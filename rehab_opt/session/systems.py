@@ -38,6 +38,7 @@ __all__ = [
     "SHIPPED",
     "Column",
     "Needed",
+    "OutOfReach",
     "ProblemFile",
     "System",
     "system_named",
@@ -90,6 +91,12 @@ class ProblemFile(Generic[P_co]):
     file: str
     path: Path
     problem: P_co
+
+
+class OutOfReach(str):
+    """A note that nothing of a recording is in reach."""
+
+    __slots__ = ()
 
 
 class System(Generic[P, O]):

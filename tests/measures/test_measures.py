@@ -268,7 +268,19 @@ def test_uneven_samples_are_made_even_and_gaps_are_noted() -> None:
     time, points = reach(100)
     kept = (np.arange(101) < 40) | (np.arange(101) > 60)
     notes = score(time[kept], points[kept]).notes
-    assert notes[0].startswith("1 gaps of 220 to 220 ms (usual: 10 ms) bridged by straight lines")
+    assert notes[0].startswith("a gap of 220 ms (usual: 10 ms) bridged by straight lines")
+
+
+@pytest.mark.parametrize(("left_out", "told"), [((40, 43), True), ((40, 60), False), ((-40, -20), True)])
+def test_jerk_over_a_gap_is_none_of_the_person_s(left_out: tuple[int, int], told: bool) -> None:
+    time, points = reach(100, rest=0.5)
+    number = np.arange(len(time)) - 50
+    kept = (number < left_out[0]) | (number >= left_out[1])  # of the last of them, the person was at rest
+    scored = score(time[kept], points[kept])
+    measured = values(scored)
+    for name in ("dimensionless_jerk", "log_dimensionless_jerk"):
+        assert math.isfinite(measured[name]) == told
+    assert any("not over a gap of 210 ms" in note for note in scored.notes) != told
 
 
 def test_what_may_be_noise_is_noted() -> None:

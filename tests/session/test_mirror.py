@@ -22,11 +22,13 @@ from rich.console import Console
 from bench.measured_lag import measured_lag
 from rehab_opt.errors import ProblemFileError
 from rehab_opt.session.files import load_problem, problem_of, shipped_problems
+from rehab_opt.session.mirror import placing
 from rehab_opt.session.mirror.metrics import CAUSES, causes, passed_share
 from rehab_opt.session.mirror.outcome import BEFORE, PLAN, STEP, Led, MirrorOutcome
 from rehab_opt.session.mirror.table import brief, table
 from rehab_opt.session.report import metrics_json, write_report
 from rehab_opt.session.run import checked, run_problem
+from rehab_opt.session.systems import OutOfReach
 from tests.control.mirror_campaign import closed_form
 
 Array = np.ndarray
@@ -243,6 +245,14 @@ def test_check_says_how_much_is_in_reach_and_the_run_passes_that(
 ) -> None:
     (reach,) = (note for note in checked(load_problem(f"mirror/{name}")) if note.startswith("in reach"))
     assert percent(reach) == pytest.approx(ran(name).metrics["laws"][PLAN]["passed_share_of_time"], abs=0.08)
+
+
+def test_a_mirrored_hand_out_of_reach_is_noted_as_such(monkeypatch: pytest.MonkeyPatch) -> None:
+    loaded = load_problem(f"mirror/{NAMES[0]}")
+    assert not any(isinstance(note, OutOfReach) for note in checked(loaded))
+    monkeypatch.setattr(placing, "SEEN", 1.01)
+    (note,) = (note for note in checked(loaded) if isinstance(note, OutOfReach))
+    assert note.startswith("in reach, above the floor")
 
 
 def percent(note: str) -> float:

@@ -126,6 +126,12 @@ def test_recorded_pen_trace_and_marker_are_scored(recorded: Callable[[str], Path
     assert 0.1 < column(lift, "speed_peak")[0] < 3
 
 
+def test_metres_that_a_header_calls_millimetres_are_named_where_nothing_can_be_scored(written: Write) -> None:
+    text = table(*reach(100)).replace("x_m,y_m", "x_mm,y_mm")
+    with pytest.raises(ProblemFileError, match="are these metres that its header calls millimetres"):
+        score_recordings([str(written("a.csv", text))])
+
+
 def test_scores_do_not_replace_the_recording_they_are_of(written: Write, capsys: pytest.CaptureFixture[str]) -> None:
     file = written("a.csv", table(*to_and_fro(1, 0.4)))
     before = file.read_bytes()

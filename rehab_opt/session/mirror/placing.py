@@ -27,6 +27,7 @@ from rehab_opt.session.mirror.problem import MirrorProblem
 from rehab_opt.session.mirror.scene import Scene, laid_out
 from rehab_opt.session.outcome import Progress
 from rehab_opt.session.robot_file import pose_of
+from rehab_opt.session.systems import OutOfReach
 
 __all__ = ["Place", "found_place", "placed", "reach_note", "replaced_keys", "value_text"]
 
@@ -48,6 +49,8 @@ HEIGHT, AWAY = (-0.1, 0.5), 0.45
 robot's upright axis."""
 CLEAR = 0.3
 """[m] of the robot's joints before its wrist from the upright through the patient's middle."""
+SEEN = 0.005
+"""Share in reach below which a note rounds to nothing."""
 GOOD = 0.5
 """Of the largest manipulability, above which the posture at the middle pose is drawn."""
 
@@ -137,7 +140,8 @@ def reach_note(problem: MirrorProblem, scene: Scene, tracker: MirrorTracker) -> 
     search.seats.floor = tracker.floor  # as it is: nothing of it is to be kept for a run
     walk = search.seats.walk((search.hands @ search.grip)[:, None], scene.start[None], 0)
     share = float((walk.done[:, 0] & search.wanted).sum() / search.counted_on.sum())
-    return f"in reach, above the floor, from this start: {100 * share:.0f} % of it; `rehab-opt place` may find more"
+    said = f"in reach, above the floor, from this start: {100 * share:.0f} % of it; `rehab-opt place` may find more"
+    return said if share >= SEEN else OutOfReach(said)
 
 
 class _Search:

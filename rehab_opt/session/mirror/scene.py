@@ -26,6 +26,7 @@ from rehab_opt.session.pose_tracking.robot import robot_at_start
 from rehab_opt.session.refusals import refused_as
 from rehab_opt.session.robot_file import pose_of
 from rehab_opt.session.schema import Side
+from rehab_opt.text_file import times
 
 __all__ = ["Scene", "laid_out", "path_notes"]
 
@@ -162,7 +163,7 @@ def laid_out(loaded: ProblemFile[MirrorProblem]) -> Scene:
     if reference.dropped or reference.gaps:
         notes.append(
             f"{reference.dropped} samples left out (spikes, stamps that do not advance), "
-            f"sight lost {reference.gaps} times"
+            f"sight lost {times(reference.gaps)}"
         )
     return Scene(
         robot=robot,

@@ -35,6 +35,7 @@ from rehab_opt.session.scenario.outcome import Law, ScenarioOutcome, Trial
 from rehab_opt.session.scenario.pair import pair_measures, pair_of
 from rehab_opt.session.scenario.prepared import Prepared, prepared
 from rehab_opt.session.scenario.problem import REACHES, THERAPY, ScenarioProblem
+from rehab_opt.text_file import times
 
 __all__ = ["assistance_of", "assisted_law", "law_of", "run_scenario", "scene_of"]
 
@@ -156,7 +157,7 @@ def _left_out(
             )
         let_go = [_times_let_go(trial) for trial in trials[law]]
         if shares and sum(let_go):
-            yield f"{law}: a hand that stood under force was let go, {sum(let_go)} times in {len(let_go)} trials"
+            yield f"{law}: a hand that stood under force was let go, {times(sum(let_go))} in {len(let_go)} trials"
 
 
 def _times_let_go(trial: Trial) -> int:

@@ -27,7 +27,7 @@ from rehab_opt.session.metrics import (
 )
 from rehab_opt.session.outcome import Progress
 from rehab_opt.session.participant import participant_arm, placed_recording
-from rehab_opt.session.systems import Needed, System
+from rehab_opt.session.systems import Needed, OutOfReach, System
 from rehab_opt.session.upper_limb.driven import driven
 from rehab_opt.session.upper_limb.laws import LAWS, followed, follower, hand_and_tilt
 from rehab_opt.session.upper_limb.outcome import DRIVEN_DEG, ArmOutcome, LawResult, drive_note, law_notes
@@ -129,7 +129,8 @@ def reach_note(arm: SerialChain, path: Array, *, handle_tilt: float) -> str:
     if near.all():
         return said
     away = np.linalg.norm([arm.pose(q)[:3, 3] for q in answer.q] - places, axis=1)[~near]
-    return f"{said}; from the others the hand stays {1e3 * away.min():.3g} to {1e3 * away.max():.3g} mm away"
+    said += f"; from the others the hand stays {1e3 * away.min():.3g} to {1e3 * away.max():.3g} mm away"
+    return said if near.any() else OutOfReach(said)
 
 
 BOTH = "both"
