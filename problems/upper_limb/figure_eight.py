@@ -24,7 +24,7 @@ def figure_eight_csv() -> str:
         u = i / (DURATION * RATE)
         phase = 2 * math.pi * LOOPS * (10 * u**3 - 15 * u**4 + 6 * u**5)
         x, y = HALF_WIDTH * math.sin(2 * phase), HALF_DEPTH * math.sin(phase)
-        lines.append(f"{i / RATE:.2f},{x + 0.0:.9f},{y + 0.0:.9f}".replace("-0.000000000", "0.000000000"))
+        lines.append(f"{i / RATE:.2f},{x + 0.0:.7f},{y + 0.0:.7f}".replace("-0.0000000", "0.0000000"))
     return "\n".join(lines) + "\n"
 
 
