@@ -17,6 +17,9 @@ Frame = tuple[list[float], list[float]]  # origin [u] at the start of a plan, an
 CERTIFIED = 1e-6
 """Largest certificate residual that passes."""
 EDGE = 1e-12  # [u] by which rounding may carry a profile that ends on a bound beyond it; the output is clipped
+INSIDE = 1.0 - 2.0**-48
+"""Ruckig is told that an axis is so much slower: of a ramp that ends at the velocity bound to the last bit it finds, by
+rounding, no way at all at full speed in one of six, and answers with one that takes up to tens of seconds more."""
 ROUNDING = 32.0 * float(np.finfo(np.float64).eps)  # of a position, as a share of the largest one
 
 
@@ -250,7 +253,8 @@ class Profiles:
         if frame is not None:
             p = [x - o for x, o in zip(p, frame[0], strict=True)]
             v = [x - w for x, w in zip(v, frame[1], strict=True)]
-        question.current_position, question.current_velocity, question.current_acceleration = p, v, self.a
+        question.current_position, question.current_velocity = p, [INSIDE * x for x in v]
+        question.current_acceleration = [INSIDE * x for x in self.a]
         try:
             self._solver.calculate(question, self._spare)
         except self._refusals:

@@ -65,6 +65,23 @@ def test_a_move_from_rest_to_rest_takes_the_time_of_the_closed_form(limits, dist
     assert np.all(np.diff(positions) >= -1e-12)
 
 
+@pytest.mark.parametrize("seed", range(5))
+def test_asked_for_a_farther_place_before_it_is_at_full_speed_an_axis_goes_on_and_loses_no_time(seed):
+    rng, dt = np.random.default_rng(seed), 0.005
+    for sign in (-1.0, 1.0) * 5:
+        v, a = rng.uniform(0.2, 3.0), rng.uniform(1.0, 20.0)
+        j = a * rng.uniform(2.0, 30.0)
+        ramp = 2 * math.sqrt(v / j) if v * j < a * a else v / a + a / j  # from rest to v
+        distance = v * (ramp + rng.uniform(1.0, 2.0))
+        seconds = rest_to_rest_seconds(distance, v, a, j)
+        s = Smoother(velocity=v, acceleration=a, jerk=j, dt=dt)
+        s.reset([0.0])
+        first = round((ramp - rng.uniform(0.0, 1.0) * min(a / j, ramp / 2)) / dt)
+        run(s, [[0.9 * sign * distance]] * first)
+        late = run(s, [[sign * distance]] * (math.ceil(seconds / dt) + 1 - first))
+        assert late[-1, 0] == pytest.approx(sign * distance, abs=1e-9)
+
+
 def test_the_target_is_reached_exactly_and_held():
     s = smoother(axes=3)
     s.reset(np.zeros(3))

@@ -105,6 +105,11 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator, *, faults: 
     ticks = max(run_length(rng, number, dt, seconds=20.0), 1000 if steady else 0)
     verdict.begin(number, f"{kind}, {axes} axes, dt {dt:g}")
     goals, rates = targets(rng, kind, start, ticks, dt, velocity)
+    if kind == "held":  # in half of the runs farther away as soon as an axis comes to its full speed
+        again = np.random.default_rng([verdict.seed, number, 2])
+        i, farther = int(again.integers(axes)), again.uniform(0.0, 4.0) * float(again.random() < 0.5)
+        ramp = velocity[i] / acceleration[i] + again.random() * acceleration[i] / jerk[i]
+        goals[int(ramp / dt) :] += farther * (goals[0] - start)
     if rates is None:  # of some axes the caller clips them, so that they are at a bound and not outside
         clipped = np.random.default_rng([verdict.seed, number, 1]).random(axes) < CLIPPED
         goals[:, clipped] = np.clip(goals, lower, upper)[:, clipped]
