@@ -9,7 +9,6 @@ angles: all in between are within it), and the recording waits.
 
 from __future__ import annotations
 
-import functools
 import math
 from dataclasses import replace
 from typing import NamedTuple
@@ -20,6 +19,7 @@ from numpy.typing import NDArray
 
 from rehab_opt.control.foreseen import turns_between
 from rehab_opt.kinematics.chain import SerialChain
+from rehab_opt.symbolic.buffered import mapped
 
 __all__ = ["ArmPath", "arm_path"]
 
@@ -97,11 +97,11 @@ class _Arm:
     def __init__(self, chain: SerialChain) -> None:
         self.chain, q = chain, ca.SX.sym("q", chain.n)
         told = ca.vertcat(ca.vec(chain.pose_expression(q)), ca.vec(chain.jacobian_expression(q)))
-        self._at = functools.cache(ca.Function("arm", [q], [ca.densify(told)], {"cse": True}).map)
+        self._at = mapped(ca.Function("arm", [q], [ca.densify(told)], {"cse": True}))
 
     def at(self, q: Array) -> tuple[Array, Array]:
         """Poses (M, 4, 4) and Jacobians (M, 6, m) at q (M, m)."""
-        found = np.array(self._at(len(q))(q.T)).T
+        found = self._at(q)
         return (
             found[:, :16].reshape(-1, 4, 4).transpose(0, 2, 1),
             found[:, 16:].reshape(-1, self.chain.n, 6).transpose(0, 2, 1),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import math
 from dataclasses import dataclass
 
@@ -12,7 +11,7 @@ from numpy.typing import NDArray
 
 from rehab_opt.control.foreseen import turns_between
 from rehab_opt.control.mirror import MirrorTracker
-from rehab_opt.symbolic.buffered import BufferedFunction
+from rehab_opt.symbolic.buffered import mapped
 
 __all__ = ["Seats", "Walk"]
 
@@ -79,7 +78,7 @@ class Seats:
             ca.vec(frames[-1][:3, :4]), ca.vec(chain.jacobian_expression(q)), w, slope, height, elbows
         )
         function = ca.Function("seat", [q], [ca.densify(everything)], {"cse": True})
-        self._at = functools.cache(lambda count: BufferedFunction(function.map(count)).of)
+        self._at = mapped(function)
         turning = np.array([not row.prismatic for row in chain.rows])
         self.round = (
             turning & np.isfinite(chain.lower) & np.isfinite(chain.upper) & (chain.upper - chain.lower >= 2 * np.pi)
@@ -93,8 +92,7 @@ class Seats:
         And where the joints before the wrist are, seen from above (M, k, 2) [m].
         """
         n = self.chain.n
-        found = self._at(len(q))(q.T.squeeze()).reshape(-1, len(q)).T
-        tool, jacobian, w, slope, height, elbows = np.split(found, np.cumsum((12, 6 * n, 1, n, 1)), axis=1)
+        tool, jacobian, w, slope, height, elbows = np.split(self._at(q), np.cumsum((12, 6 * n, 1, n, 1)), axis=1)
         return (
             tool.reshape(-1, 4, 3).transpose(0, 2, 1), jacobian.reshape(-1, n, 6).transpose(0, 2, 1), w[:, 0], slope,
             height[:, 0], elbows.reshape(len(q), -1, 2),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import threading
 import weakref
 from collections.abc import Callable, Mapping
@@ -15,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from rehab_opt.errors import SharingError
 from rehab_opt.symbolic.compiled import Compile, machine_code
 
-__all__ = ["BufferedFunction"]
+__all__ = ["BufferedFunction", "mapped"]
 
 Array = NDArray[np.float64]
 Call = Callable[[], None]
@@ -92,6 +93,12 @@ class BufferedFunction:
             array[...] = value
         self.evaluate()
         return self.outputs[0].copy()
+
+
+def mapped(function: ca.Function) -> Callable[[Array], Array]:
+    """First outputs (M, k), copied, of a function of one column, for inputs (M, n)."""
+    at = functools.cache(lambda count: BufferedFunction(function.map(count)).of)
+    return lambda columns: at(len(columns))(columns.T.squeeze()).reshape(-1, len(columns)).T
 
 
 def _dense(sparsity: ca.Sparsity) -> Array:
