@@ -51,18 +51,18 @@ class ArmLink(NamedTuple):
     radius: float
 
 
-def arm_links(chain: SerialChain, *, first: int, radius: float) -> tuple[ArmLink, ...]:
+def arm_links(chain: SerialChain, *, first: int, radius: float, moved: bool = True) -> tuple[ArmLink, ...]:
     """The chain's capsules that joints from `first` on move; without any, segments from joint to joint to the tool.
 
     Parameters
     ----------
     first : number of joints before the arm's own. radius : [m] of those segments.
+    moved : False for those alone that no joint of the arm moves, a column that the chair carries.
     """
     given = [each for each in chain.capsules if each.frame > first]
     if given:
         ends = [LinkEnd(each.frame, end, True) for each in given for end in (each.start, each.end)]
-        moved = _moved(chain, ends, first)
-        ends = [end._replace(moves=moves) for end, moves in zip(ends, moved, strict=True)]
+        ends = [end._replace(moves=moves) for end, moves in zip(ends, _moved(chain, ends, first), strict=True)]
         pairs = list(zip(ends[::2], ends[1::2], [each.radius for each in given], strict=True))
     else:
         origins = [LinkEnd(frame, (0.0, 0.0, 0.0), True) for frame in range(first, chain.n + 2)]
@@ -71,20 +71,20 @@ def arm_links(chain: SerialChain, *, first: int, radius: float) -> tuple[ArmLink
         for i in range(1, len(origins)):  # of two that coincide, fewer joints move the first
             if np.abs(places[i] - places[kept[-1]]).max() > SAME:
                 kept.append(i)
-        moved = _moved(chain, origins, first)
-        ends = [origins[i]._replace(moves=moved[i]) for i in kept]
+        moves = _moved(chain, origins, first)
+        ends = [origins[i]._replace(moves=moves[i]) for i in kept]
         pairs = [(begin, end, radius) for begin, end in itertools.pairwise(ends)]
-    return tuple(ArmLink(begin, end, size) for begin, end, size in pairs if begin.moves or end.moves)
+    return tuple(ArmLink(begin, end, size) for begin, end, size in pairs if (begin.moves or end.moves) == moved)
 
 
-def links_as_capsules(chain: SerialChain, links: tuple[ArmLink, ...]) -> tuple[LinkCapsule, ...]:
+def links_as_capsules(chain: SerialChain, links: tuple[ArmLink, ...], name: str) -> tuple[LinkCapsule, ...]:
     """The same links in the frame of their further end, in which the nearer one does not move either."""
     frames = chain.frames_expression(ca.SX.zeros(chain.n))
     found = []
     for i, (begin, end, radius) in enumerate(links):
         frame = frames[end.frame]
         x, y, z = np.array(ca.DM(frame[:3, :3].T @ (begin.place(frames) - frame[:3, 3]))).ravel().tolist()
-        found.append(LinkCapsule(f"link {i}", end.frame, (x, y, z), end.offset, radius))
+        found.append(LinkCapsule(f"{name} {i}", end.frame, (x, y, z), end.offset, radius))
     return tuple(found)
 
 

@@ -193,9 +193,12 @@ class MobileArm:
 
     @cached_property
     def bodied_chain(self) -> SerialChain:
-        """The chain, with those links where it has no capsules of its own."""
+        """The chain, with those links where it has no capsules of its own, and the column that bears them."""
         chain = self.chain
-        return chain if chain.capsules else replace(chain, capsules=links_as_capsules(chain, self.links))
+        if chain.capsules:
+            return chain
+        column = links_as_capsules(chain, arm_links(chain, first=CHAIR, radius=self.arm_radius, moved=False), "column")
+        return replace(chain, capsules=(*links_as_capsules(chain, self.links, "link"), *column))
 
     @cached_property
     def reach(self) -> float:

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from rehab_opt import (
+    DH,
     Bound,
     Box,
     Capsule,
@@ -25,6 +26,7 @@ from rehab_opt import (
     SerialChain,
     Status,
     arm_capsules,
+    arm_on_chair,
     human_arm,
     ur5,
 )
@@ -219,6 +221,27 @@ def test_chair_and_arm_keep_clear_of_what_stands_and_give_way_to_what_comes(driv
     assert inside[-1] > -0.002
     with pytest.raises(ConfigurationError, match="moving"):
         resolver.step(q, np.zeros(3), rows[0])
+
+
+@pytest.mark.parametrize("drive", ["mecanum", "differential"])
+def test_column_that_turns_about_its_own_axis_is_kept_clear_of_what_the_chair_drives_at(drive: Any) -> None:
+    """A column of 0.4 m before the chair, its arm above a rail, and a stick straight at the rail."""
+    rows = [DH(0.0, np.pi / 2, 0.4), DH(0.3, 0.0), DH(0.0, np.pi / 2), DH(0.0, 0.0, 0.3)]
+    arm = SerialChain(rows, lower=-2.5, upper=2.5, velocity=1.0, acceleration=4.0)
+    mount, dt, names = np.eye(4), 0.01, ("x", "y", "z")
+    mount[:3, 3] = 0.6, 0.1, 0.3
+    robot_on_chair = arm_on_chair(arm, mount=mount, keep_out=())
+    assert [each.name for each in robot_on_chair.bodied_chain.capsules] == ["link 0", "link 1", "column 0"]
+    assert len(robot_on_chair.links) == 2
+    rail = Capsule("rail", (1.1, -2.0, 0.4), (1.1, 2.0, 0.4), 0.04)
+    given = Clearance(margin=MARGIN, capsules=[rail], pairs=())
+    resolver = RedundancyResolver(robot_on_chair, drive=drive, row_sets=[names], dt=dt, limits=[given], compile=False)
+    q, found = np.array([0.0, 0.0, 0.0, 0.3, 0.9, 0.3, 0.0]), []
+    for _ in range(600):
+        q = q + dt * resolver.step(q, np.array([0.2, 0.0, 0.0]), names, "world").value
+        foot = q[0] + np.cos(q[2]) * 0.6 - np.sin(q[2]) * 0.1  # upright, across the rail
+        found.append(1.1 - foot - 0.05 - 0.04 - MARGIN)
+    assert -1e-9 <= min(found) < 5e-3
 
 
 def test_arm_that_is_not_enabled_does_not_go_away_from_what_comes_and_says_that_it_is_near() -> None:

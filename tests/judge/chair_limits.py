@@ -12,8 +12,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
-from itertools import compress, repeat
 from typing import Any, NamedTuple
 
 import casadi as ca
@@ -59,8 +57,8 @@ PROMISES = (
             "hold there and where they are. The base acts on its measured place"),
     Promise("docs/capabilities/chair_and_arm.md", "A joint that gives way to a body is stopped at its limit at once: "
             "behind a late servo it swings on by its speed over 2 pi times `servo_hz` at most"),
-    Promise("docs/capabilities/clearance.md", "an arm without capsules is taken for segments from joint to joint, of "
-            "which a column that turns about its own axis is left out, though the chair carries it"),
+    Promise("docs/capabilities/clearance.md", "of chair and arm without any they are segments from joint to joint, "
+            "also the column, which the chair alone moves"),
     Promise("rehab_opt/control/limit.py", "every distance h(q) at zero or above, at the end of every tick."),
     Promise("rehab_opt/control/limit.py", "`Bound.POSITION` says that h(q) is below zero"),
     Promise("rehab_opt/control/limit.py", "by default 1/T, T the longest of the joints' speeds over their "
@@ -119,15 +117,9 @@ class Mounted(Chair):
         """[m] of link and keep-out together, in the order of `arm_gaps`."""
         return np.array([radius + 0.18 for *_, radius in self.on.bodies(np.zeros(self.on.n)) for _ in range(2)])
 
-    @cached_property
-    def moved(self) -> list[bool]:
-        """Of each link whether a joint of the arm moves it: without capsules others are not kept clear."""
-        q = np.random.default_rng(0).uniform(-1, 1, (5, self.on.n))
-        return [any(np.ptp(end, axis=0).max() > TRUE for end in ends) for *ends, _ in self.on.bodies(q)]
-
     def bodies(self, q: Array) -> list[tuple[Array, Array, float]]:
-        """Both ends (..., 3) in the chassis frame and radius [m] of each link that is kept clear."""
-        return list(compress(self.on.bodies(q[..., 3:]), self.moved if not self.on.capsules else repeat(True)))
+        """Both ends (..., 3) in the chassis frame and radius [m] of each link."""
+        return self.on.bodies(q[..., 3:])
 
     def arm_gaps(self, q: Array) -> Array:
         """(..., k) [m] of links and keep-outs."""

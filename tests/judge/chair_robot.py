@@ -121,9 +121,10 @@ class Chair:
         return shoulder, elbow, elbow + self.d7 * fore
 
     def bodies(self, q: Array) -> list[tuple[Array, Array, float]]:
-        """Both ends (..., 3) in the chassis frame and radius [m] of each link."""
+        """Both ends (..., 3) in the chassis frame and radius [m] of each link; first what bears the shoulder."""
         shoulder, elbow, hand = self.joints(q)
-        return [(shoulder, elbow, ARM_RADIUS), (elbow, hand, ARM_RADIUS)]
+        foot = np.broadcast_to([self.a3, 0.0, self.mount], shoulder.shape)
+        return [(foot, shoulder, ARM_RADIUS), (shoulder, elbow, ARM_RADIUS), (elbow, hand, ARM_RADIUS)]
 
     def hand(self, q: Array) -> Array:
         """(..., 3) place of the hand in the world [m]."""
