@@ -60,7 +60,7 @@ TINY = 1e-12
 class ChairAndArm(VelocityController):
     """Joint velocities for a hand twist in one set of rows.
 
-    min  1/2 (u - t)'W(u - t) + (0.005 T/dt + price reach dt) |u - b|^2 - price progress + 20 price off
+    min  1/2 (u - t)'W(u - t) + (0.005 T/dt + y reach dt) |u - b|^2 + c'u_a^2 - price progress + 20 price off
     s.t. J u = w + progress r/|r| + off e/|e|,   0 <= progress <= |r|,  0 <= off <= |e|
          |u - u_last| <= acceleration dt,  the bounds of `ChairLimits`,  and for h of z and half-way to it
          -max(0.05 |r|, |w|) <= (r/|r|)'J(h) u,  |s'J(h) u| <= max(0.27 |r|, |w|) for s square to r,
@@ -75,8 +75,11 @@ class ChairAndArm(VelocityController):
     far from u_last to Eq. (1) as the accelerations allow (`HandTask`). b is the
     answer of the first term alone where that keeps all bounds, so that it stays the answer; u_last after a tick of
     braking where an obstacle or keep-out is in its way, or it passes another bound by what a tick's accelerations can
-    do; in between, between them: light joints stay calm. The price of progress grows while the hand creeps although its
-    joints could be faster to good effect (`hand_task.CREEPS`).
+    do; in between, between them: light joints stay calm. y is the size of the multipliers of J u = r at that price: at
+    the end of a hand's reach a spring, of which what steadies is the mass, and on which an arm swung for good in one of
+    ten sticks held. c is its critical damping of the arm's joints u_a, (0.01 T y bow)^1/2 by its levers (`Task`)
+    as far as the hand lacks of its command and b is not the analytic answer. The price of progress grows while the hand
+    creeps although its joints could be faster to good effect (`hand_task.CREEPS`).
 
     **What decreases.** Let d be the part of the hand's last velocity that is no part of r between none and all of it,
     and c one tick of the hardest braking together. c is feasible: its changes are within the accelerations, it lies on
@@ -163,9 +166,11 @@ class ChairAndArm(VelocityController):
         task = tick.once(
             self.task.task(q, twist, world, last=last, limits=limits, braking=self.limits.braking, dt=self.dt)
         )
-        b = tick.once(self._calm(last.velocity, task, limits, (lower, upper)))
+        b, part = tick.once(self._calm(last.velocity, task, limits, (lower, upper)))
         J, W, price = task.jacobian, symmetric(task.inertia, n), task.price
-        steady = STEADY * self.limits.braking.time / self.dt + CURVED * price * self.dt * self.limits.reach
+        braking, reach = self.limits.braking, self.limits.reach
+        steady = STEADY * braking.time / self.dt + CURVED * task.multiplier * self.dt * reach
+        damping = 2 * ca.sqrt(STEADY * braking.time * task.multiplier * task.bow) * (1 - part) * task.missing
 
         velocity = variable("velocity", n, lower=lower, upper=upper)
         along = variable("progress", 1, lower=0, upper=task.speed)
@@ -181,7 +186,7 @@ class ChairAndArm(VelocityController):
             variables=[velocity, along, across],
             # Steeper the more is missing, since solvers fail more often on a cost that is flat in a variable.
             minimise=away.T @ W @ away / 2
-            + steady * ca.sumsqr(u - b) / 2
+            + (steady * ca.sumsqr(u - b) + ca.dot(damping, u[CHAIR:] ** 2)) / 2
             + (price * (OFF * off - progress) + PROGRESS * (missing**2 + off**2) / 2),
             subject_to=[
                 equal(J @ u, task.turning + progress * task.direction + off * task.error),
@@ -216,8 +221,8 @@ class ChairAndArm(VelocityController):
         """The rows on u (7,) that keep the hand to its way while it brakes."""
         return within(task.ahead @ u, task.ahead_lower, task.ahead_upper)
 
-    def _calm(self, last: ca.SX, task: Task, limits: Limits, ends: tuple[ca.SX, ca.SX]) -> ca.SX:
-        """(7,) what steadies the command within the intervals' `ends`: b of the class."""
+    def _calm(self, last: ca.SX, task: Task, limits: Limits, ends: tuple[ca.SX, ca.SX]) -> tuple[ca.SX, ca.SX]:
+        """(7,) what steadies the command within the intervals' `ends`, b of the class; how much of it is analytic."""
         analytic, u, braking = task.analytic, ca.SX.sym("u", self.chain.n), self.limits.braking
 
         def excess(row: Row, matrix: ca.SX) -> ca.SX:
@@ -237,7 +242,7 @@ class ChairAndArm(VelocityController):
         part = ca.if_else(beyond > 0, going * ca.fmax(1 - beyond, 0), 1)
         part = ca.if_else(met, 0, part)
         slower = braking.slower(last)
-        return ca.if_else(part > 0, slower + part * (analytic - slower), slower)
+        return ca.if_else(part > 0, slower + part * (analytic - slower), slower), part
 
     def _command(self, tick: Tick, q: ca.SX, u: ca.SX, surroundings: ca.SX, *, limits: Limits, moving: ca.SX) -> ca.SX:
         """(7,) u, shortened to what keeps chair and arm out of everything; the arm's true way where a keep-out is near.

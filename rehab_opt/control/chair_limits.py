@@ -31,7 +31,8 @@ ALONG = (0.25, 0.5, 0.75, 1.0)
 MARGIN = 12e-3
 """[m] The stop posture stays further from a keep-out by this than the posture now: links turn; rows are tangents."""
 FAST = 0.4
-"""[m] Way of a hand to the stop posture from which on that margin is whole: at rest there is nothing to turn."""
+"""[m] Way of a hand to the stop posture from which on that margin is whole, before in its square, as links turn: one
+that grew with a speed from rest on made a joint that bears little on a keep-out shake before it."""
 CLEAR = 5e-4
 """[m] The arm stays clear of keep-outs by this, and by twice as much at the stop posture."""
 ROUNDED = 1e-10
@@ -379,7 +380,7 @@ class ChairLimits:
         return (
             within
             + (1 + part) * CLEAR
-            + part * MARGIN * ca.fmin(1, self.reach * time * speed / FAST)
+            + part * MARGIN * ca.fmin(1, (self.reach * time * speed / FAST) ** 2)
             + self.reach * min(step, fastest) ** 2 / 2
         )
 

@@ -156,9 +156,9 @@ class FollowedJoints:
             "apart": memory.apart + used * (error - memory.apart),
             "known": ca.logic_or(memory.known, usable),
         }  # fmt: skip
-        # What is no position stays what it is, for whoever names it.
+        # What is no position stays what it is, for whoever names it; so do its others while none is known.
         led = q + dt * ca.sum2(ca.reshape(under_way, n, under_way.numel() // n)) + w
-        led = ca.if_else(ca.fabs(measured) <= PLAUSIBLE, led, measured)
+        led = ca.if_else(ca.logic_and(ca.fabs(measured) <= PLAUSIBLE, after["known"]), led, measured)
         longest, joint = largest(wrong)
         fault, guided, touched, held = longest > feedback.patience, after["apart"], ca.SX(0), ca.SX(0)
         after["hand"] = memory.hand

@@ -32,7 +32,7 @@ as fast as a joint allows, would give it the third, and falls where not; past th
 the chair for a twentieth of the hand's speed is else too dear, and the hand stops.
 """
 GROWING, FIRST, DEAREST = 0.5, 0.37, 100.0
-"""[s] in which that price grows or falls e-fold; least factor on `PROGRESS`, below 1 as 1; the most."""
+"""[s] in which that price grows or falls e-fold; least factor on `PROGRESS`, below 1 as 1; the most, of a row's too."""
 STEEP = 1e3
 """[m/s] Up to which the price follows that cost where it is higher, as it is near singular postures."""
 AHEAD = (0.5, 1.0)
@@ -97,6 +97,12 @@ class Task(NamedTuple):
     """|e|, upper bound of what is off the command."""
     price: ca.SX
     """Of a m/s of progress."""
+    multiplier: ca.SX
+    """Size of the multipliers of the task's rows at that price: near singular postures one is far dearer."""
+    bow: ca.SX
+    """(4,) [m] Largest sum of the hand's second derivatives by each joint of the arm and all of them."""
+    missing: ca.SX
+    """Fraction of the command that the hand lacks."""
     insistence: ca.SX
     """See `Last`, of this tick."""
     ahead: ca.SX
@@ -205,6 +211,7 @@ class HandTask:
         )
         steep = ca.fmin(ca.fabs(ca.dot(direction, part * y + (1 - part) * x)), STEEP)
         insistence = self._insistence(last, along, size, dt)
+        price = PROGRESS * ca.fmax(insistence, 1) + 2 * steep
         return Task(
             jacobian=ca.densify(jacobian),
             inertia=ca.densify(upper_triangle(inertia)),
@@ -214,7 +221,10 @@ class HandTask:
             turning=turning,
             error=ca.if_else(off > TINY, error / ca.fmax(off, TINY), 0),
             off=ca.if_else(off > TINY, off, 0),
-            price=PROGRESS * ca.fmax(insistence, 1) + 2 * steep,
+            price=price,
+            multiplier=price * ca.fmin(ca.norm_2(y) / ca.fmax(ca.fabs(ca.dot(direction, y)), TINY), DEAREST),
+            bow=self._bow(posture),
+            missing=1 - along / ca.fmax(size, TINY),
             insistence=insistence,
             ahead=on_the_way.expression,
             ahead_lower=on_the_way.lower,
@@ -259,6 +269,12 @@ class HandTask:
             upper = ca.vertcat(ca.inf, straight * ca.SX.ones(hand.numel() - 1))
             rows.append(Row(then, ca.fmin(braked, lower) - fixed, ca.fmax(faster, upper) - fixed))
         return Row(*(ca.densify(ca.vertcat(*each)) for each in zip(*rows, strict=True)))
+
+    def _bow(self, posture: ca.SX) -> ca.SX:
+        """(4,) see `Task`: that derivative by two joints is the lever of the later one at most."""
+        levers = [ca.norm_2(each) for each in ca.horzsplit(self.robot.chain.jacobian_expression(posture)[:3, CHAIR:])]
+        joints = range(len(levers))
+        return ca.densify(ca.vertcat(*(sum(levers[max(i, j)] for j in joints) for i in joints)))
 
     @staticmethod
     def _square(direction: ca.SX) -> ca.SX:

@@ -2,7 +2,7 @@
 
 A joint is shaken in a tick where it turns from speeding up to slowing down, or back, both by a twentieth of its largest
 acceleration or more. Short commands, since what meets bounds does so soon, and then rests: longer ones of an arm on a
-chair that stands, which can do no more in the end, look at that.
+chair that stands, which can do no more in the end, look at that, and at an arm that swings for good.
 """
 
 from __future__ import annotations
@@ -32,22 +32,26 @@ RUN = 3.0
 """[s]"""
 STANDING, LONG, TICKS = 6, 10.0, (0.005, 0.01, 0.02)
 """One run in so many is of a chair that stands, for so long [s], at one of these ticks [s]."""
+LATE, SWINGS, SLOW, SWUNG = 4.0, 4, 0.05, 0.01
+"""[s] at the end of it in which a joint that turns back so often, each time faster than that [rad/s], is one that
+swings; of such runs so many may be, and one."""
 
 
 def run(ticks: int, seed: int, *, only: int | None = None) -> Verdict:
     """Short runs until so many ticks are judged."""
     verdict = Verdict("chair_calm", seed, LEAST)
-    number, shaken = 0 if only is None else only, 0
+    number, shaken, standing, swinging = 0 if only is None else only, 0, 0, 0
     while verdict.ticks < ticks:
         rng = np.random.default_rng([seed, number])
         if number % STANDING == STANDING - 1:
-            at_rest(verdict, number, rng)
+            standing, swinging = standing + 1, swinging + at_rest(verdict, number, rng)
         else:
             shaken += one_run(verdict, number, rng)
         number += 1
         if only is not None:
             break
     verdict.within("runs in which the arm is shaken", shaken, RATE * verdict.runs + SPARE)
+    verdict.within("runs in which an arm on a chair that stands swings", swinging, SWUNG * standing + 1)
     return verdict
 
 
@@ -65,8 +69,11 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> bool:
     return int(turns.sum()) > OFTEN
 
 
-def at_rest(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
-    """An arm that was led to where it can no more: for the last second the bounds leave nothing of the command."""
+def at_rest(verdict: Verdict, number: int, rng: np.random.Generator) -> bool:
+    """An arm that is led to where it can no more: whether it swings there.
+
+    It does not shake where for the last second the bounds leave nothing of the command.
+    """
     dt, rows = float(rng.choice(TICKS)), SETS[rng.integers(len(SETS))]
     chair, made = on_standing_chair(dt)
     q = posture(chair, rng, ready=0.5)
@@ -79,6 +86,12 @@ def at_rest(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
         turns = shaken_ticks(chair, u[last], dt)
         verdict.during("an arm that can do no more", np.ones(len(turns), dtype=bool), dt)
         verdict.within("ticks in which an arm that can do no more is shaken", [turns.sum()], OFTEN)
+    return max(turned_back(speeds[np.abs(speeds) > SLOW]) for speeds in u[-round(LATE / dt) :, 3:].T) >= SWINGS
+
+
+def turned_back(speeds: Array) -> int:
+    """How often one of these (n,) has another sign than the one before."""
+    return int(np.count_nonzero(speeds[1:] * speeds[:-1] < 0))
 
 
 @lru_cache(maxsize=len(TICKS))

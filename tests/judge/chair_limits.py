@@ -92,6 +92,8 @@ ROUNDING, TRUE = 1e-9, 1e-9
 """[rad, m] What sums may miss a limit by; two kinematics may differ by."""
 UNSURE = 5e-3
 """[rad] Between where a joint is led and where it is measured."""
+KEPT_OUT = 0.05
+"""[m] of the arm from a keep-out, from which on that is not in the way of giving way."""
 LOST = 1e-4
 """[m] A body that moves comes nearer than it could be kept at most: see the limits of the chair's page."""
 BESIDE, ROUND = 5e-3, 0.3
@@ -543,7 +545,8 @@ def judge(verdict: Verdict, case: Case, run: Run, places: list[Array], there: ND
     told = np.arange(n) < round((slowest + 1.0) / dt) * run.start.any()  # that velocity knew of no barrier
     hurries = told & comes_near(case, q[0], run.start)
     found, u = judge_ticks(run, verdict, excused=gives_way | beyond | hurries | (beside & case.few), led=hurries)
-    met = np.where(gives_way | inside | told, -math.inf, falls)
+    hurried = found.yielded & Bound.ACCELERATION.value != 0  # where that may be is judged with the accelerations
+    met = np.where(gives_way | inside | told | hurried, -math.inf, falls)
     verdict.during("a velocity told that leads at a limit", hurries & near, dt)
     verdict.within("come to faster than its barrier [m/s or rad/s]", met, FASTER)
     arm = q[:, 3:]
@@ -558,7 +561,6 @@ def judge(verdict: Verdict, case: Case, run: Run, places: list[Array], there: ND
         verdict.holds("beyond a limit or within a margin is flagged, and nothing else is",
                       (inside == flagged) | edge | unknown)  # fmt: skip
     judge_rest(run, verdict, u)
-    hurried = found.yielded & Bound.ACCELERATION.value != 0
     verdict.during("accelerations yield near a limit", hurried & near & ~gives_way, dt)
     verdict.during("accelerations yield, no limit near", hurried & ~near & ~gives_way, dt)
     safe = ~np.isin(found.status, ("ok", "backup", "blocked"))
@@ -591,7 +593,7 @@ def since(happened: NDArray[np.bool_], ticks: int) -> NDArray[np.bool_]:
 def judge_giving_way(
     verdict: Verdict, case: Case, run: Run, places: list[Array], gaps: tuple[Array, Array, Array]
 ) -> None:
-    """A stick that commands gives way to a body, at the joints' speeds."""
+    """A stick that commands gives way to a body, at the joints' speeds; keep-outs are first, so none is near."""
     chair, dt, scene = case.chair, case.dt, case.scene
     assert scene is not None
     now, stays, moved = gaps
@@ -601,6 +603,7 @@ def judge_giving_way(
     verdict.during("gives way to a body that moves", acts & (stays < 0).any(axis=1), dt)
     lost = []
     speeds = np.where(np.isin(np.arange(len(chair.velocity)), chair.moving), chair.velocity, 0.0)
+    acts &= chair.arm_gaps(run.q[:-1]).min(axis=1) > KEPT_OUT
     for k in np.flatnonzero(acts & (moved < -1e-8).any(axis=1)):
         then = [place[k + 1][None] for place in places]
         steps = chair.world(np.broadcast_to(run.q[k], (len(speeds), len(speeds))), STEP * np.eye(len(speeds)))

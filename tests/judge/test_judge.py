@@ -32,7 +32,14 @@ def test_slice_of_the_campaign_breaks_nothing(judge: str, seed: int) -> None:
 
 @pytest.mark.parametrize(
     ("judge", "seed", "number"),
-    [("chair_limits", seed, number) for seed, number in ((20, 4), (20, 10), (502, 11), (34112419, 17))],
+    [
+        *(
+            ("chair_limits", seed, number)
+            for seed, number in ((20, 4), (20, 10), (502, 11), (34112419, 17), (35112507, 10))
+        ),
+        ("chair_calm", 34112419, 227),
+        ("chair_calm", 35112422, 101),
+    ],
 )
 def test_runs_that_were_broken_once_are_not_any_more(judge: str, seed: int, number: int) -> None:
     verdict: Verdict = JUDGES[judge].run(1, seed, only=number)
