@@ -90,6 +90,8 @@ FASTER = 0.1
 """[m/s, rad/s] By so much braking together may be faster than a barrier: ways bend."""
 ROUNDING, TRUE = 1e-9, 1e-9
 """[rad, m] What sums may miss a limit by; two kinematics may differ by."""
+PLAUSIBLE = 1e6
+"""A number beyond it is no position."""
 UNSURE = 5e-3
 """[rad] Between where a joint is led and where it is measured."""
 KEPT_OUT = 0.05
@@ -502,11 +504,14 @@ def judge(verdict: Verdict, case: Case, run: Run, places: list[Array], there: ND
     n = len(q)
     inside, edge, near, beyond = (np.zeros(n, dtype=bool) for _ in range(4))
     slowest, falls = longest(chair), np.full(n, -math.inf)
+    readable = np.concatenate([np.ones(len(part.twist), dtype=bool) if part.hostile is None else
+                               (np.abs(part.hostile) < PLAUSIBLE).all(axis=1) for part in run.parts])  # fmt: skip
+    known = np.logical_or.accumulate(readable)  # where the robot is, since a first sample that could be read
     for each in case.wishes:
         stated = case.made.robot.bodied_chain, each.limit()
         same(verdict, chair, each, stated, q[0])
         now, then = each.numbers(chair, q), each.numbers(chair, ends)
-        verdict.within(f"{each.kind}: below zero, or further [m or rad]", np.minimum(now, 0) - then, ROUNDING)
+        verdict.within(f"{each.kind}: below zero, or further [m or rad]", (np.minimum(now, 0) - then)[known], ROUNDING)
         rate = 1 / slowest if each.rate is None else each.rate
         first, every = now.argmin(axis=1), np.arange(n)  # the least distance has a rate, not each: and not at once
         passed = ((now - then) / dt - rate * np.maximum(now, 0))[every, first]
