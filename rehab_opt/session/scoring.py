@@ -120,6 +120,11 @@ def score_recordings(
             notes += (f"{file}, trial {number}: {note}" for note in scored.notes)
     if repeats:
         rows += (Row(ALL, ALL, *measure) for measure in _variability([scored.movement for *_, scored in measured]))
+        first = measured[0][-1].movement
+        for source, number, _, scored in measured[1:]:
+            there, back = (path_variability([first, scored.movement[::step]]) for step in (1, -1))
+            if back < there / 2:
+                notes.append(f"{source.file}, trial {number}: goes the other way than the first; repeats do not")
     return Scored(tuple(rows), tuple(notes), tuple(measured))
 
 

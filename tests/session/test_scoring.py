@@ -63,6 +63,16 @@ def test_repeats_vary_and_targets_are_missed(written: Write) -> None:
     assert [row.trial for row in scored.rows if row.measure == "end_variability"] == ["all"]
 
 
+def test_a_movement_that_goes_the_other_way_is_no_repeat(written: Write) -> None:
+    time, points = reach(100, rest=0.3)
+    names = [
+        str(written(f"{i}.csv", table(time, path))) for i, path in enumerate((points, points[::-1], points + 0.01))
+    ]
+    said = [note for note in score_recordings(names, repeats=True).notes if "other way" in note]
+    assert [note.partition(":")[0] for note in said] == [f"{names[1]}, trial 1"]
+    assert not any("other way" in note for note in score_recordings([names[0], names[2]], repeats=True).notes)
+
+
 def test_rows_are_long_format_and_read_back(written: Write) -> None:
     name = str(written('a "b",c.csv', table(*reach(100))))
     scored = score_recordings([name])
