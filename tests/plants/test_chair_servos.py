@@ -103,8 +103,8 @@ def test_joints_that_move_as_commanded_get_the_commands_of_measured_positions() 
         q = q + 0.01 * command.value
 
 
-def test_led_joints_come_to_rest_at_a_limit_where_believed_ones_swing() -> None:
-    """On the simulated wheelchair: masses, friction, wheels behind; the delay is told 3 ms wrong."""
+def test_joints_come_to_rest_at_a_limit_led_or_believed() -> None:
+    """On the simulated wheelchair: masses, friction, wheels behind; the delay is told 3 ms wrong, or not at all."""
     pytest.importorskip("mujoco")
     from rehab_opt.plants.channel import Channel  # noqa: PLC0415  (needs MuJoCo)
     from rehab_opt.plants.wheelchair import Wheelchair  # noqa: PLC0415
@@ -125,8 +125,7 @@ def test_led_joints_come_to_rest_at_a_limit_where_believed_ones_swing() -> None:
         assert beyond.max() <= 5e-4
         assert beyond[-1].max() > -3e-4  # one of them is at its limit
         swings.append(np.ptp(true[-round(1.0 / dt) :], axis=0)[3:].max())
-    assert max(swings[:2]) <= 3e-4
-    assert swings[2] > 1e-3
+    assert max(swings) <= 3e-4
 
 
 def test_a_delay_of_a_tenth_of_a_second_that_is_told_is_no_fault_of_an_arm_that_turns_back() -> None:
