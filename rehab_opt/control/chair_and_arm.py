@@ -75,11 +75,12 @@ class ChairAndArm(VelocityController):
     far from u_last to Eq. (1) as the accelerations allow (`HandTask`). b is the
     answer of the first term alone where that keeps all bounds, so that it stays the answer; u_last after a tick of
     braking where an obstacle or keep-out is in its way, or it passes another bound by what a tick's accelerations can
-    do; in between, between them: light joints stay calm. y is the size of the multipliers of J u = r at that price: at
-    the end of a hand's reach a spring, of which what steadies is the mass, and on which an arm swung for good in one of
-    ten sticks held. c is its critical damping of the arm's joints u_a, (0.01 T y bow)^1/2 by its levers (`Task`)
-    as far as the hand lacks of its command and b is not the analytic answer. The price of progress grows while the hand
-    creeps although its joints could be faster to good effect (`hand_task.CREEPS`).
+    do; in between, between them: light joints stay calm. y is the size of the multipliers of J u = r at that price. At
+    the end of a hand's reach they are a spring, of which what steadies is the mass, and on it an arm swung for good in
+    one of ten sticks held. c is the critical damping of its joints u_a, (0.01 T stiffness)^1/2, as far as the hand
+    lacks of its command and b is not the analytic answer; none where what J u is worth rises, as where a stretched arm
+    comes back. The price of progress grows while the hand creeps although its joints could be faster to good effect
+    (`hand_task.CREEPS`).
 
     **What decreases.** Let d be the part of the hand's last velocity that is no part of r between none and all of it,
     and c one tick of the hardest braking together. c is feasible: its changes are within the accelerations, it lies on
@@ -170,7 +171,7 @@ class ChairAndArm(VelocityController):
         J, W, price = task.jacobian, symmetric(task.inertia, n), task.price
         braking, reach = self.limits.braking, self.limits.reach
         steady = STEADY * braking.time / self.dt + CURVED * task.multiplier * self.dt * reach
-        damping = 2 * ca.sqrt(STEADY * braking.time * task.multiplier * task.bow) * (1 - part) * task.missing
+        damping = 2 * ca.sqrt(STEADY * braking.time * task.stiffness) * (1 - part) * task.missing
 
         velocity = variable("velocity", n, lower=lower, upper=upper)
         along = variable("progress", 1, lower=0, upper=task.speed)

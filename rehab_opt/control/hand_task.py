@@ -99,8 +99,9 @@ class Task(NamedTuple):
     """Of a m/s of progress."""
     multiplier: ca.SX
     """Size of the multipliers of the task's rows at that price: near singular postures one is far dearer."""
-    bow: ca.SX
-    """(4,) [m] Largest sum of the hand's second derivatives by each joint of the arm and all of them."""
+    stiffness: ca.SX
+    """(4,) of the arm's joints: how fast what J u is worth by them falls where the arm goes on as it went, over its way
+    in a second, by the levers of the hand; 0 where it rises."""
     missing: ca.SX
     """Fraction of the command that the hand lacks."""
     insistence: ca.SX
@@ -153,8 +154,7 @@ class HandTask:
 
         commanded = twist / ca.fmax(ca.norm_2(twist) / self.fastest, 1)
         size = ca.norm_2(commanded)
-        direction = commanded / ca.fmax(size, TINY)
-        lively = ca.fmin(size, LIVELY)
+        direction, lively = commanded / ca.fmax(size, TINY), ca.fmin(size, LIVELY)
 
         # Eq. (1), and (5) by leaving out the left speed: u = W^-1 J' y - v grad c with J u = r. Then by the least
         # change to the same r in the middle of the tick.
@@ -209,9 +209,10 @@ class HandTask:
         on_the_way = self._rows_ahead(
             q, last.velocity, direction, size, left=ca.norm_2(turning), world=world, base=base, braking=braking
         )
-        steep = ca.fmin(ca.fabs(ca.dot(direction, part * y + (1 - part) * x)), STEEP)
         insistence = self._insistence(last, along, size, dt)
+        steep = ca.fmin(ca.fabs(ca.dot(direction, part * y + (1 - part) * x)), STEEP)
         price = PROGRESS * ca.fmax(insistence, 1) + 2 * steep
+        multipliers = price * self._of_progress(y, direction)
         return Task(
             jacobian=ca.densify(jacobian),
             inertia=ca.densify(upper_triangle(inertia)),
@@ -222,8 +223,8 @@ class HandTask:
             error=ca.if_else(off > TINY, error / ca.fmax(off, TINY), 0),
             off=ca.if_else(off > TINY, off, 0),
             price=price,
-            multiplier=price * ca.fmin(ca.norm_2(y) / ca.fmax(ca.fabs(ca.dot(direction, y)), TINY), DEAREST),
-            bow=self._bow(posture),
+            multiplier=ca.norm_2(multipliers),
+            stiffness=self._stiffness(posture, last.velocity, multipliers, (jacobian - here) * 2 / dt),
             missing=1 - along / ca.fmax(size, TINY),
             insistence=insistence,
             ahead=on_the_way.expression,
@@ -270,11 +271,17 @@ class HandTask:
             rows.append(Row(then, ca.fmin(braked, lower) - fixed, ca.fmax(faster, upper) - fixed))
         return Row(*(ca.densify(ca.vertcat(*each)) for each in zip(*rows, strict=True)))
 
-    def _bow(self, posture: ca.SX) -> ca.SX:
-        """(4,) see `Task`: that derivative by two joints is the lever of the later one at most."""
-        levers = [ca.norm_2(each) for each in ca.horzsplit(self.robot.chain.jacobian_expression(posture)[:3, CHAIR:])]
-        joints = range(len(levers))
-        return ca.densify(ca.vertcat(*(sum(levers[max(i, j)] for j in joints) for i in joints)))
+    @staticmethod
+    def _of_progress(y: ca.SX, direction: ca.SX) -> ca.SX:
+        """(k,) multipliers y of the task's rows where a m/s of progress is worth 1; the direction where unusable."""
+        y = ca.if_else(ca.sumsqr(y) < FAR**4, y, direction)
+        return y / ca.fmax(ca.fabs(ca.dot(direction, y)), ca.norm_2(y) / DEAREST + TINY)
+
+    def _stiffness(self, posture: ca.SX, last: ca.SX, multipliers: ca.SX, turning: ca.SX) -> ca.SX:
+        """(4,) see `Task`, where J turns by `turning` (k, n) a second."""
+        levers = ca.sum1(self.robot.chain.jacobian_expression(posture)[:3, CHAIR:] ** 2).T
+        falls = -ca.dot(multipliers, turning @ last)
+        return ca.densify(levers * ca.fmax(falls, 0) / ca.fmax(ca.dot(levers, last[CHAIR:] ** 2), TINY))
 
     @staticmethod
     def _square(direction: ca.SX) -> ca.SX:
