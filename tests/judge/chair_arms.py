@@ -213,15 +213,22 @@ def one_arm(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
     """One robot, and sticks that are held."""
     rows, drive = ROWS[int(rng.integers(len(ROWS)))], ("fixed", "fixed", "differential", "mecanum")[number % 4]
     arm = drawn(rng, bodies=number % 3 > 0)
-    while (start := free_posture(arm, rng)) is None or not independent(partial(hand_velocity, arm), arm, drive, rows):
+    while (start := free_posture(arm, rng)) is None or not usable(arm, drive, rows):
         arm = drawn(rng, bodies=number % 3 > 0)
     dt = float(rng.choice([0.01, 0.01, 0.02]))
     made = RedundancyResolver(arm.robot(), drive=drive, row_sets=[rows], dt=dt, max_obstacles=0, compile=False)  # type: ignore[arg-type]
     verdict.begin(number, f"{arm.n} joints, {drive}, {rows}, dt {dt:g}, {len(arm.capsules)} capsules")
     for _ in range(EPISODES):
-        q = np.concatenate([rng.uniform(-0.3, 0.3, 3), free_posture(arm, rng) if rng.random() < 0.8 else start])
+        place, other = rng.uniform(-0.3, 0.3, 3), free_posture(arm, rng) if rng.random() < 0.8 else start
+        q = np.concatenate([place, start if other is None else other])
         twist = rng.uniform(0.1, 0.25) * stick(arm, q, rows, rng)
         episode(verdict, arm, made, q, twist, rows, drive, dt)
+
+
+def usable(arm: Arm, drive: str, rows: tuple[str, ...]) -> bool:
+    """Whether the rows are independent, and the arm alone moves its hand every way somewhere: else it is refused."""
+    velocity = partial(hand_velocity, arm)
+    return independent(velocity, arm, drive, rows) and independent(velocity, arm, "fixed", ("x", "y", "z"))
 
 
 def independent(velocity: Callable[..., Array], arm: Arm, drive: str, rows: tuple[str, ...]) -> bool:
