@@ -27,6 +27,9 @@ LEASH = 0.03
 """[m] The smoothed target waits for a hand that lags by more."""
 FARTHEST = 100.0
 """[m] What is further away than this from the hand is no target but a mistake, as of metres and millimetres."""
+LATE = 0.1
+"""[s] in which the way that is left from where the hand can stop is gone at the fastest: a chair takes longer to stop
+than the target does, and hands passed a place by up to 84 mm."""
 ARRIVED = 1e-4
 """[m] Nearer than this the hand is there."""
 TINY = 1e-12
@@ -61,8 +64,11 @@ class Reaching:
         """Begin anew at the next tick."""
         self._begun = False
 
-    def twist(self, q: Array, target: Array, *, moving: bool) -> Array:
-        """(3,) velocity of the hand in the world frame [m/s] at joint values q (7,); NaN where a number is unusable."""
+    def twist(self, q: Array, target: Array, *, last: Array, moving: bool) -> Array:
+        """(3,) velocity of the hand in the world frame [m/s] at joint values q (7,); NaN where a number is unusable.
+
+        last : (7,) joint velocities of the last tick, the chair's in its own frame.
+        """
         self.refused = ""
         usable = np.all(np.abs(q) <= PLAUSIBLE) and np.all(np.abs(target) <= PLAUSIBLE)  # NaN fails
         if not (moving and usable):
@@ -86,4 +92,14 @@ class Reaching:
         error = place - hand
         if smoother.arrived and np.linalg.norm(error) <= ARRIVED:
             return np.zeros(3)
-        return np.asarray(smoother.velocity + self._gain * error)
+        return self._in_time(smoother.velocity + self._gain * error, q, last, hand, target)
+
+    def _in_time(self, twist: Array, q: Array, last: Array, hand: Array, target: Array) -> Array:
+        """(3,) the twist, slower where the hand, all braking as hard as they may from u `last`, would stop too late."""
+        chain, way = self.robot.chain, target - hand
+        seconds = float(np.max(np.abs(last) / chain.acceleration))
+        stop, turned = q + seconds / 2 * last, q[2] + seconds / 4 * last[2]  # the mean of the chair's way
+        cos, sin = math.cos(turned), math.sin(turned)
+        stop[:2] = q[:2] + seconds / 2 * np.array([cos * last[0] - sin * last[1], sin * last[0] + cos * last[1]])
+        left = float(way @ (target - chain.pose(stop)[:3, 3])) / max(float(np.linalg.norm(way)), TINY)
+        return np.asarray(twist * min(1.0, max(left, 0.0) / LATE / max(float(np.linalg.norm(twist)), TINY)))

@@ -277,8 +277,8 @@ class RedundancyResolver(OneThread):
         """Joint velocities (7,) that lead the hand to a place, through the same QP; call it every tick.
 
         The hand goes straight, but for what is left of its motion to a target before, at up to 0.25 m/s along each axis
-        of the world, and 0.12 m/s more while it lags. Where bounds hold it, it goes on along the straight way from
-        there as far as they leave anything of that.
+        of the world, and 0.12 m/s more while it lags, and slows down so that chair and arm can stop before the place.
+        Where bounds hold it, it goes on along the straight way from there as far as they leave anything of that.
 
         Parameters
         ----------
@@ -296,7 +296,7 @@ class RedundancyResolver(OneThread):
         if self._reaching is None:
             self._reaching = Reaching(self.robot, dt=self.dt)
         place, joints = real_numbers("target", target, (3,)), real_numbers("q", q, (self.robot.chain.n,))
-        twist = self._reaching.twist(joints, place, moving=pressed(enable))
+        twist = self._reaching.twist(joints, place, last=self._active.velocity, moving=pressed(enable))
         command = self._step(q, twist, ("x", "y", "z"), "world", moving, enable, stamp)
         if not command.status.certified:
             self._reaching.forget()

@@ -132,8 +132,8 @@ def test_planar_speed_and_turning_are_bounded_whatever_the_stick_says(drive: Dri
 
 
 def test_a_fast_wrist_is_not_turned_round_by_the_elbow_that_carries_it() -> None:
-    # A judge's run, from where the wrist is under way: it alone still turns the hand about x, ever less; it comes to its
-    # fastest, and the elbow sets out. Where that takes the wrist's axis is what the row at the stop posture must know.
+    # A judge's run, from where the wrist is under way: it alone still turns the hand about x, ever less; it comes to
+    # its fastest, and the elbow sets out. Where that takes its axis is what the row at the stop posture must know.
     robot = ardis(
         a3=0.14462, d4=0.36601, d5=0.38359, d7=0.4425, chair_mass=75.15,
         lower=[-math.inf] * 3 + [-2.6187, -0.8777, -0.9168, -1.8709],

@@ -722,11 +722,24 @@ def test_a_hand_that_bounds_hold_is_asked_for_the_straight_way_from_where_it_is(
         for tick in range(200):
             if tick == 40:  # moved aside, and held there
                 q[:2] += 0.1 * rng.choice([-1, 1], 2)
-            twist = reaching.twist(q, target, moving=True)
+            twist = reaching.twist(q, target, last=np.zeros(7), moving=True)
             way = target - robot.chain.pose(q)[:3, 3]
             if np.linalg.norm(twist):
                 assert twist @ way > (1 - 1e-9) * np.linalg.norm(twist) * np.linalg.norm(way)
         assert np.linalg.norm(twist) > 0.2
+
+
+@pytest.mark.parametrize(("drive", "target"), [("differential", (-0.268, -1.464, 1.542)), ("mecanum", (1.5, 0.3, 0.9))])
+def test_a_hand_does_not_pass_its_place(drive: str, target: tuple[float, ...]) -> None:
+    """A critic's runs: the chair goes at 0.8 m/s where its arm turns back, and the hand passed the place by 84 mm."""
+    robot, q, passed = resolver(drive=drive, dt=0.02), ARDIS_READY.copy(), []
+    chain = robot.robot.chain
+    way = target - chain.pose(q)[:3, 3]
+    for _ in range(600):
+        q = q + robot.reach(q, target).value * robot.dt
+        passed.append(float((chain.pose(q)[:3, 3] - target) @ way / np.linalg.norm(way)))
+    assert max(passed) < 1e-3
+    assert abs(passed[-1]) < 1e-3
 
 
 @pytest.mark.parametrize("drive", DRIVES)

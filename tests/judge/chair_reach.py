@@ -48,6 +48,8 @@ REACHED, SLOW = 3e-4, 2e-3
 """[m], [m/s] Nearer and slower than this, a hand is there; one that passes by is not."""
 AWAY = 0.25
 """[m] A hand under way to another target goes on by v^2/2a + va/2j = 9.4 cm on each axis, lags by 3 cm; and 6 cm."""
+FAR, PASSED = 0.3, 1e-2
+"""[m] Of a place that is set at least so far away, by how much a hand passes it at most: see the chair's page."""
 SPEED, LAGGING, FADES = 0.25, 0.12, 4.0
 """[m/s] along an axis, [m/s] more for a hand that lags, and the rate [1/s] at which that ends."""
 ROUGH = 1.005
@@ -103,6 +105,9 @@ def judge_target(run: Run, verdict: Verdict, found: Answers, part: Part, ticks: 
     braked = round((chair.braking_time + 1.0) / dt)
     if ticks.start:  # from rest or from another reach; a random motion at the begin may lead anywhere
         verdict.within("the hand does not run from its target", apart - apart[0], AWAY)
+    if apart[0] > FAR:
+        passed = (hand - target) @ (target - hand[0]) / apart[0]
+        verdict.within("a hand passes its place [m]", passed, PASSED)
     velocity = np.diff(hand, axis=0) / dt
     speed, fastest = np.linalg.norm(velocity, axis=1), np.abs(velocity).max(axis=1)
     number = np.arange(len(speed))
