@@ -251,12 +251,15 @@ class ChairLimits:
             )  # fmt: skip
             ends = _reached(last, change, base, (lower, upper))
             led = kept_within((-ahead, free_ahead, ca.SX.inf(free_ahead.size1())), base, ends, ends)
-            base = ca.if_else(gives_way, led, base)
+            braked, base = base, ca.if_else(gives_way, led, base)
             beside, free_beside, base = self.own.beside(
                 q, turn @ last, contacts, turn=turn, base=base, ends=ends, hard=(hard_lower, hard_upper),
                 gives_way=gives_way,
             )  # fmt: skip
-            base[:CHAIR] *= largest_part(ca.fabs(chair @ base[:CHAIR]), chair_limit)
+            # As far from there as wheels and chassis go: both are within the accelerations.
+            both, way = ca.vertcat(chair, -chair), (base - braked)[:CHAIR]
+            left = ca.repmat(chair_limit, 2, 1) - both @ braked[:CHAIR]
+            base[:CHAIR] = braked[:CHAIR] + largest_part(both @ way, ca.fmax(left, 0)) * way
             base = pressed(base)
             beside, free_beside = ca.vertcat(beside, ahead), ca.vertcat(free_beside, free_ahead)
             beside_limit = ca.fmax(free_beside, beside @ base)

@@ -28,7 +28,8 @@ PROMISES = (
     ),
     Promise(
         "rehab_opt/control/redundancy.py",
-        "at up to 0.25 m/s along each axis of the world, and 0.12 m/s more while it lags.",
+        "at up to 0.25 m/s along each axis of the world, and 0.12 m/s more while it lags, and slows down so that chair "
+        "and arm can stop before the place.",
     ),
     Promise("rehab_opt/control/reaching.py", "rate at which the hand's distance from the smoothed target decays."),
 )
