@@ -236,7 +236,10 @@ def _judge(
     if hurried:
         check(bool(command.yielded & Bound.ACCELERATION), "acceleration yields flagged")
         _judge_hurry(plant, q, change, allowed, now_arm, tally, check)
-    slowing = np.max(np.abs(u) / allowed) <= max(np.max(np.abs(plant.last) / allowed) - 1.0, 0.0) + 1e-9
+    # No harder than that the stop posture moves by 0.2 rad or m in a tick, or by a tick of the fastest: `FARTHEST`.
+    stops = 1.1 * max(dt, float(np.max((chain.velocity / chain.acceleration)[3 * (plant.resolver.drive == "fixed") :])))
+    hardest = np.minimum(allowed, np.maximum(0.2, 1.1 * chain.velocity * dt) / stops)
+    slowing = np.max(np.abs(u) / hardest) <= max(np.max(np.abs(plant.last) / hardest) - 1.0, 0.0) + 1e-9
     if fault in ("q", "twist", "stamp", "repeated", "disabled"):
         if not (fault in ("q", "twist", "stamp") and command.status.certified):  # hostile, but a small number
             check(not command.status.certified, "a fault gives the safe command")
