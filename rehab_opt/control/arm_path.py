@@ -3,8 +3,7 @@
 An arm that goes on from where it is, always to the nearest, ends in a corner of its range where another posture would
 have gone on. So many postures are led along the path at once, each from a start of its own, and the best way through
 all of them is found by dynamic programming: a knot that is reached counts 1, a change of posture `CHANGE` a radian.
-Where the posture changes, the arm goes straight through its range of motion from one to the next (a box of joint
-angles: all in between are within it), and the recording waits.
+Where the posture changes, the arm goes straight to the next, within its range (a box), and the recording waits.
 """
 
 from __future__ import annotations
@@ -52,7 +51,7 @@ class ArmPath(NamedTuple):
     poses: Array
     """(N, 4, 4) of the tool that the hand holds."""
     twists: Array
-    """(N, 6) [m/s, rad/s] over the tick before."""
+    """(N, 6) [m/s, rad/s] mean over the tick before; at the first zero."""
     asked: NDArray[np.int_]
     """(N,) which sample of what was asked: the same again while the posture changes."""
 
@@ -84,11 +83,9 @@ def arm_path(arm: SerialChain, grip: Array, tools: Array, *, dt: float, seed: in
         asked += [np.arange(begun, k), np.full(len(s), k)]
         begun = k
     joints = np.vstack([*parts, q[begun:]])
-    poses, jacobians = moves.at(joints)
-    speeds = np.diff(joints, axis=0, prepend=joints[:1]) / dt
-    return ArmPath(
-        joints, poses, np.einsum("nij,nj->ni", jacobians, speeds), np.concatenate([*asked, np.arange(begun, len(q))])
-    )
+    poses = moves.at(joints)[0]
+    twists = _ways(np.concatenate([poses[:1], poses[:-1]]), poses) / dt
+    return ArmPath(joints, poses, twists, np.concatenate([*asked, np.arange(begun, len(q))]))
 
 
 class _Arm:
@@ -118,7 +115,7 @@ class _Arm:
         error, jacobian = self._error(q, poses)
         size = (error**2).sum(axis=1) + pull * ((q - about) ** 2).sum(axis=1)
         for _ in range(rounds):
-            step, free = np.zeros_like(q), np.ones(q.shape, dtype=bool)
+            free = np.ones(q.shape, dtype=bool)
             for _ in range(2):
                 rows = jacobian * free[:, None, :]
                 square = rows.transpose(0, 2, 1) @ rows + (damping[:, None, None] + pull) * np.eye(n)
@@ -134,8 +131,8 @@ class _Arm:
             jacobian = np.where(better[:, None, None], new_jacobian, jacobian)
             size = np.where(better, new_size, size)
             damping = np.clip(np.where(better, damping / 4, damping * 5), 1e-9, 1.0)
-        away, turned = np.linalg.norm(error[:, :3], axis=1), np.linalg.norm(error[:, 3:], axis=1)
-        return q, np.maximum(away / NEAR, turned / (TURN_LENGTH * TURNED))
+        missing = np.linalg.norm(error.reshape(-1, 2, 3), axis=2) / (NEAR, TURN_LENGTH * TURNED)
+        return q, missing.max(axis=1)
 
     def tracks(self, poses: Array, count: int, rng: np.random.Generator) -> tuple[Array, Array]:
         """(K, count, m) postures from starts at random along K poses, and what is missing (K, count).
@@ -158,9 +155,16 @@ class _Arm:
 
     def _error(self, q: Array, poses: Array) -> tuple[Array, Array]:
         here, jacobian = self.at(q)
-        turn = TURN_LENGTH * turns_between(here[:, :3, :3], poses[:, :3, :3])
+        error = _ways(here, poses)
+        error[:, 3:] *= TURN_LENGTH
         jacobian[:, 3:] *= TURN_LENGTH
-        return np.concatenate([poses[:, :3, 3] - here[:, :3, 3], turn], axis=1), jacobian
+        return error, jacobian
+
+
+def _ways(here: Array, there: Array) -> Array:
+    """(N, 6) [m, rad] from poses (N, 4, 4) to others."""
+    turns = turns_between(here[:, :3, :3], there[:, :3, :3])
+    return np.concatenate([there[:, :3, 3] - here[:, :3, 3], turns], axis=1)
 
 
 def _best_way(tracks: Array, missing: Array) -> NDArray[np.int_]:

@@ -29,6 +29,7 @@ PROMISES = (
             "corner of its range."),
     Promise("rehab_opt/control/arm_path.py", "(N,) which sample of what was asked: the same again while the posture "
             "changes."),
+    Promise("rehab_opt/control/arm_path.py", "(N, 6) [m/s, rad/s] mean over the tick before; at the first zero."),
     Promise("rehab_opt/control/arm_path.py", "[rad] from sample to sample, from which on the recording waits for the "
             "posture to change."),
     Promise("rehab_opt/control/seats.py", "(N, M) whether the posture has the pose, above the floor and outside every "
@@ -129,8 +130,10 @@ def along(verdict: Verdict, lower: Array, upper: Array, grip: Array, tools: Arra
     verdict.holds("nothing of the recording is left out", np.isin(np.arange(len(tools)), path.asked))
     shown = tool(path.q) @ grip
     verdict.within("the tool elsewhere than the hand holds it [m, 1]", np.abs(path.poses - shown), ROUNDING)
-    moved = np.diff(shown[:, :3, 3], axis=0) / DT
-    verdict.within("twists of another motion [m/s]", np.abs(path.twists[1:, :3] - moved).max(axis=1), 0.1)
+    moved = np.diff(shown[:, :3, 3], axis=0, prepend=shown[:1, :3, 3])
+    turned = turn_between(shown[:, :3, :3], np.concatenate([shown[:1], shown[:-1]])[:, :3, :3])
+    off = np.abs(path.twists - np.column_stack([moved, turned]) / DT)
+    verdict.within("twists of another motion [m/s, rad/s]", off, ROUNDING / DT)
     away, turned = missing(shown, tools[path.asked])
     done = np.zeros(len(tools), dtype=bool)
     np.logical_or.at(done, path.asked, (away <= SURE * REACHED[0]) & (turned <= SURE * REACHED[1]))
