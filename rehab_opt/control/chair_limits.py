@@ -229,16 +229,12 @@ class ChairLimits:
         hard = ca.fmax(free[:count] * self.braking.time + CLEAR, 0) / self.dt
         now_limit = ca.fmax(ca.fmax(free[:count], 0), ca.fmin(now @ slowest[CHAIR:], hard))
 
-        def pressed(u: ca.SX) -> ca.SX:
-            """U where it can be, else the nearest, joint by joint and then in proportion."""
-            joints = clipped(u, hard_lower, hard_upper)
-            wheels, arm = joints[:CHAIR], joints[CHAIR:]
-            return ca.vertcat(
-                wheels * largest_part(into @ wheels, into_limit),
-                arm * largest_part(now @ arm, now_limit),
-            )
-
-        base = pressed(slowest)
+        # Where it can be, else the nearest, joint by joint and then in proportion.
+        base = clipped(slowest, hard_lower, hard_upper)
+        base = ca.vertcat(
+            base[:CHAIR] * largest_part(into @ base[:CHAIR], into_limit),
+            base[CHAIR:] * largest_part(now @ base[CHAIR:], now_limit),
+        )
         beside, beside_limit = ca.SX(0, q.numel()), ca.SX(0, 1)
         if len(self.own):
             still = [i for i in range(q.numel()) if i not in self.moving]
@@ -256,11 +252,13 @@ class ChairLimits:
                 q, turn @ last, contacts, turn=turn, base=base, ends=ends, hard=(hard_lower, hard_upper),
                 gives_way=gives_way,
             )  # fmt: skip
-            # As far from there as wheels and chassis go: both are within the accelerations.
-            both, way = ca.vertcat(chair, -chair), (base - braked)[:CHAIR]
-            left = ca.repmat(chair_limit, 2, 1) - both @ braked[:CHAIR]
-            base[:CHAIR] = braked[:CHAIR] + largest_part(both @ way, ca.fmax(left, 0)) * way
-            base = pressed(base)
+            # As far from there as wheels, chassis, obstacles and keep-outs let it: both are within the accelerations.
+            both, way = ca.vertcat(chair, -chair, into), base - braked
+            left = ca.vertcat(chair_limit, chair_limit, into_limit) - both @ braked[:CHAIR]
+            base = braked + ca.vertcat(
+                largest_part(both @ way[:CHAIR], ca.fmax(left, 0)) * way[:CHAIR],
+                largest_part(now @ way[CHAIR:], ca.fmax(now_limit - now @ braked[CHAIR:], 0)) * way[CHAIR:],
+            )
             beside, free_beside = ca.vertcat(beside, ahead), ca.vertcat(free_beside, free_ahead)
             beside_limit = ca.fmax(free_beside, beside @ base)
             lower, upper = ca.fmin(lower, base), ca.fmax(upper, base)

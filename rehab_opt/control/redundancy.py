@@ -194,7 +194,9 @@ class RedundancyResolver(OneThread):
 
         Parameters
         ----------
-        velocity : (7,) what the joints do now [m/s, rad/s], as a Command tells it; rest by default.
+        velocity : (7,) what the joints do now [m/s, rad/s], as a Command tells it; rest by default. Until a position
+            can be read, the middle of a joint's range is taken for it, where limits hold and accelerations yield to
+            them.
         heading : [rad] q3, which tells where in the world the chair's front is.
 
         Raises

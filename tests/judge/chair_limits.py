@@ -67,6 +67,8 @@ PROMISES = (
             "`margin`, and one that was nearer gets no nearer, in any tick, braking ones included"),
     Promise("rehab_opt/control/clearance.py", "the arm's own motion never adds to that, and `Bound.POSITION` says so."),
     Promise("rehab_opt/control/redundancy.py", "Never broken, in this order: joint and chassis speeds"),
+    Promise("rehab_opt/control/redundancy.py", "Until a position can be read, the middle of a joint's range is taken "
+            "for it, where limits hold and accelerations yield to them."),
 )  # fmt: skip
 # A stick that leads at a limit stays there, or never comes: of 75 000 ticks 0 to 1000 are at one kind.
 LEAST = {
@@ -549,7 +551,8 @@ def judge(verdict: Verdict, case: Case, run: Run, places: list[Array], there: ND
     verdict.during("limits that are come to faster than all can brake", hasty, dt)
     told = np.arange(n) < round((slowest + 1.0) / dt) * run.start.any()  # that velocity knew of no barrier
     hurries = told & comes_near(case, q[0], run.start)
-    found, u = judge_ticks(run, verdict, excused=gives_way | beyond | hurries | (beside & case.few), led=hurries)
+    excused = gives_way | beyond | hurries | (beside & case.few) | ~known
+    found, u = judge_ticks(run, verdict, excused=excused, led=hurries)
     hurried = found.yielded & Bound.ACCELERATION.value != 0  # where that may be is judged with the accelerations
     met = np.where(gives_way | inside | told | hurried, -math.inf, falls)
     verdict.during("a velocity told that leads at a limit", hurries & near, dt)
