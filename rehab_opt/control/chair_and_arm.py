@@ -165,7 +165,7 @@ class ChairAndArm(VelocityController):
         limits = tick.once(self._limits(tick, q, memory, surroundings, gives_way=moving))
         lower, upper = tick.once(self._acceleration_limited(last.velocity, limits, moving))
         task = tick.once(
-            self.task.task(q, twist, world, last=last, limits=limits, braking=self.limits.braking, dt=self.dt)
+            self.task.task(tick, q, twist, world, last=last, limits=limits, braking=self.limits.braking, dt=self.dt)
         )
         b, part = tick.once(self._calm(last.velocity, task, limits, (lower, upper)))
         J, W, price = task.jacobian, symmetric(task.inertia, n), task.price

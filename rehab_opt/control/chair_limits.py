@@ -209,7 +209,7 @@ class ChairLimits:
         `control.limit`. apart : (n,) from q to where the joints are, where joint limits hold, too. What is far
         makes no rows.
         """
-        lower, upper, hard_lower, hard_upper, outside = self._joints(q, last, apart)
+        lower, upper, hard_lower, hard_upper, outside = tick.once(self._joints(q, last, apart))
         read, arm, swing = self.obstacles.read, q[CHAIR:], last[CHAIR:]
         each = ca.vertsplit(surroundings[: NUMBERS * self.max_obstacles], NUMBERS) if self.max_obstacles else []
         around = [tick.call(self.obstacles.rows, one, q[:CHAIR], last[:CHAIR])[0] for one in each]

@@ -17,6 +17,7 @@ from rehab_opt.kinematics.mobile_arm import CHAIR, MobileArm
 from rehab_opt.optim.certificate import clipped
 from rehab_opt.optim.factor import solver_of, upper_triangle
 from rehab_opt.optim.rows import PLAUSIBLE, Row
+from rehab_opt.symbolic.tick import Tick
 
 __all__ = ["AHEAD", "PROGRESS", "HandTask", "Last", "Task"]
 
@@ -138,7 +139,16 @@ class HandTask:
         return max(int(np.linalg.matrix_rank(np.array(rows(each)), tol=DEPENDENT)) for each in postures)
 
     def task(
-        self, q: ca.SX, twist: ca.SX, world: ca.SX, *, last: Last, limits: Limits, braking: BrakingTogether, dt: float
+        self,
+        tick: Tick,
+        q: ca.SX,
+        twist: ca.SX,
+        world: ca.SX,
+        *,
+        last: Last,
+        limits: Limits,
+        braking: BrakingTogether,
+        dt: float,
     ) -> Task:
         """The task for the twist (k,) that is commanded, in the world's frame where `world` is 1.
 
@@ -147,7 +157,7 @@ class HandTask:
         """
         moving, base = self.moving, limits.base
         half, heading = last.velocity * (dt / 2), ca.if_else(world, q[2], 0)
-        jacobian = self.task_jacobian((q + half)[CHAIR:], turned=half[2], heading=heading)
+        jacobian = tick.once(self.task_jacobian((q + half)[CHAIR:], turned=half[2], heading=heading))
         here, posture = self.task_jacobian(q[CHAIR:], turned=ca.SX(0), heading=heading), ca.vertcat(0, 0, 0, q[CHAIR:])
         inertia = self.robot.inertia_expression(posture) / self.robot.mass
         gradient = self.self_motion * self.robot.posture_gradient_expression(posture)
@@ -198,16 +208,16 @@ class HandTask:
         hurry = 0 if limits.beside.size1() else ca.fmax(1 - HURRY * size / ca.fmax(ca.norm_2(aside), TINY), 0)
         keeps = 1 - hurry * (1 - braking.leaves(self._spread(soft @ goes)))
         sooner = ca.fmax(left - ca.fmin(braking.leaves(last.velocity), keeps), 0)
-        turning = ca.if_else(usable, (left - sooner) * aside, 0)
+        turning = tick.once(ca.if_else(usable, (left - sooner) * aside, 0))
         pull = ca.if_else(usable, sooner * goes, 0)
-        speed = along + part * (size - along)
+        speed = tick.once(along + part * (size - along))
         # What braking leaves of the hand's velocity besides: that can be had in any case.
         error = jacobian @ base - turning
         error -= clipped(ca.dot(direction, error), 0, speed) * direction
         off = ca.if_else(size > 0, ca.norm_2(error), 0)  # without a command the whole robot brakes
 
         on_the_way = self._rows_ahead(
-            q, last.velocity, direction, size, left=ca.norm_2(turning), world=world, base=base, braking=braking
+            tick, q, last.velocity, direction, size, left=ca.norm_2(turning), world=world, base=base, braking=braking
         )
         insistence = self._insistence(last, along, size, dt)
         steep = ca.fmin(ca.fabs(ca.dot(direction, part * y + (1 - part) * x)), STEEP)
@@ -236,6 +246,7 @@ class HandTask:
 
     def _rows_ahead(
         self,
+        tick: Tick,
         q: ca.SX,
         last: ca.SX,
         direction: ca.SX,
@@ -263,7 +274,7 @@ class HandTask:
             place = q + part * braking.time * each
             heading = ca.if_else(world, place[2], 0)
             hand = axes @ self.task_jacobian(place[CHAIR:], turned=ca.SX(0), heading=heading) @ each
-            then, there = ca.substitute([ca.jacobian(hand, each), hand], [each], [slower])
+            then, there = tick.once(tuple(ca.substitute([ca.jacobian(hand, each), hand], [each], [slower])))
             fixed, braked = there - then @ slower, there + ca.fmin(then @ (base - slower), 0)
             faster = there + ca.fmax(then @ (base - slower), 0)
             lower = ca.vertcat(-back, -straight * ca.SX.ones(hand.numel() - 1))
