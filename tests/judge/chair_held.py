@@ -241,8 +241,11 @@ def judge_law(run: Run, verdict: Verdict, part: Part, span: slice, obstacles: Ob
     verdict.within("law: across the command, braking", across - arc, BRAKING)
     verdict.during("law judged", np.ones(len(along), dtype=bool), dt)
     verdict.during("a braking episode", braking, dt)
-    if np.all(np.abs(along[-round(1.0 / dt) :]) < STOPPED):
-        possible = chair.fastest(run.q[span.stop], twist, part.rows, part.frame, obstacles, dt)
+    second = round(1.0 / dt)
+    if np.all(np.abs(along[-second:]) < STOPPED):
+        # The less of both ends: arms that move while their hand hardly does pass postures where more would be possible.
+        possible = min(chair.fastest(run.q[tick], twist, part.rows, part.frame, obstacles, dt)
+                       for tick in (span.stop - second, span.stop))  # fmt: skip
         if obstacles:  # beside them no promise: two or three runs of a thousand creep where the programme finds a way
             verdict.during(
                 "the hand stopped beside an obstacle, not so by the programme", np.array([possible > POSSIBLE]), dt
