@@ -85,7 +85,7 @@ class ParticipantSide(OneThread):
     carry : from the helper's workspace to the participant's.
     comfortable : of the participant; outside it there is a bounded pull back, see `Assistance`.
     stiffness, damping : [N/m], [N s/m] of the spring.
-    exchange : [1/s] share of the tank's energy that is given away a second.
+    exchange : [1/s] share of the tank's energy that is given away a second, beyond what its force may still draw.
     force_limit : [N]. bounds : see `BoundedForce`.
 
     Raises

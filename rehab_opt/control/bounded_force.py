@@ -49,7 +49,7 @@ NOISE_PEAK = 6.0
 
 
 class ForceBounds(TypedDict, total=False):
-    """The options of `BoundedForce` that whoever builds on it hands through."""
+    """Options that go through to `BoundedForce`."""
 
     slew_limit: float
     growth_limit: float
@@ -84,8 +84,8 @@ class BoundedForce(OneThread):
     back says so in its reason.
 
     What it does not see: a sensor that lies by less than a hand can move in a tick; how late a tick comes, where no
-    stamps are given; a jump after a rest so exact that the sensor may have been frozen, which counts as the motion of
-    all that time (its energy does not go beyond the budget either).
+    stamps are given; a jump after samples that were not usable, or a rest so exact that the sensor may have been
+    frozen, which counts as the motion of all that time (its energy does not go beyond the budget either).
 
     An object belongs to one thread: see `OneThread`.
 
@@ -107,9 +107,9 @@ class BoundedForce(OneThread):
         positions by default, in 0.2 s and up to 1.2 mm. A hand that moves on and on above the speed cap is found by its
         estimated velocity then, as soon as that is beyond the cap by the jump over `velocity_lag`. For the energy,
         noise is motion: a damper of 50 N s/m draws 1 W from the tank by 0.5 mm of noise at 1 kHz, 2 to 4 W where the
-        force is late, a third of that with twice the velocity lag. What it takes for granted the other way: where the
-        force drives the motion by its velocity, what the two have in common is miscounted (with 30 N s/m along the
-        motion and 1 mm of noise, 16 J were drawn of 1 J); give a velocity that is filtered then.
+        force is late, a third of that with twice the velocity lag. Where the force drives the motion by its velocity,
+        noise in both is miscounted (30 N s/m along the motion and 1 mm of noise drew 16 J of 1 J): give a filtered
+        velocity then.
     velocity_lag : [s] of the velocity that is estimated where none is given: two low-passes of half of it. It lags by
         this and half a tick.
     trust_stillness : believe positions that repeat themselves exactly. A frozen sensor looks the same, so by default
@@ -266,7 +266,7 @@ class BoundedForce(OneThread):
         return self._now[_PLACE], self._now[_PLACE + 1]
 
     def give_energy(self, share: float) -> float:
-        """[J] taken from the tank for another one, a share of what is certainly left, at most all; see `Bilateral`.
+        """[J] taken from the tank for another one: a share, at most all, beyond what its force may draw.
 
         Raises
         ------
@@ -274,7 +274,8 @@ class BoundedForce(OneThread):
         """
         if self._owner != get_ident():
             self._refuse_others()
-        self._watched[:] = self._give.of(self.model, self._watched, checked_number("share", share, above=-1e-12))
+        part = checked_number("share", share, above=-1e-12)
+        self._watched[:] = self._give.of(self.model, self._watched, self._force, part)
         return float(self._give.outputs[1][0])
 
     def take_energy(self, joules: float) -> None:

@@ -170,9 +170,11 @@ class EnergyTank:
         blind = self.elapsed(force, seconds, seconds).jumped(ca.SX(0))
         return blind._sent(following, ca.SX(0), self._window)
 
-    def given(self, share: ca.SX) -> tuple[EnergyTank, ca.SX]:
-        """What is left when a share of what is certainly left and nobody can dispute goes; and that share [J]."""
-        gone = ca.fmax(clipped(share, 0, 1) * (self.left - self._under_way - self.numbers.disputed), 0)
+    def given(self, share: ca.SX, force: ca.SX) -> tuple[EnergyTank, ca.SX]:
+        """What is left when a share goes of what neither a dispute nor `force` (2,) may still draw; that share [J]."""
+        size = ca.norm_2(force)
+        draws = self._under_way + self._speed * size * (self._late + size / (2.0 * self._slew))
+        gone = ca.fmax(clipped(share, 0, 1) * (self.left - draws - self.numbers.disputed), 0)
         return self._with(level=self.numbers.level - gone), gone
 
     def filled(self, joules: ca.SX) -> EnergyTank:

@@ -231,11 +231,12 @@ def anew(slots: int) -> ca.Function:
 
 @cache
 def give(slots: int) -> ca.Function:
-    """`MODEL`, `watched_record`, share -> `watched_record`, the energy [J] that goes to another tank."""
+    """`MODEL`, `watched_record`, last force (2,), share -> `watched_record`, the energy [J] for another tank."""
     model, watched, share = MODEL.symbols("model"), watched_record(slots).symbols("watched"), ca.SX.sym("share")
-    tank, given = _tank(watched.tank, model, slots).given(share)
+    force = ca.SX.sym("force", 2)
+    tank, given = _tank(watched.tank, model, slots).given(share, force)
     after = watched_record(slots).changed(watched, tank=tank.numbers.column).column
-    return ca.Function("give_energy", [model.column, watched.column, share], [after, given])
+    return ca.Function("give_energy", [model.column, watched.column, force, share], [after, given])
 
 
 @cache

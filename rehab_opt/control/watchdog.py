@@ -21,8 +21,7 @@ from rehab_opt.symbolic.record import Record, Values
 __all__ = ["SHORTEST_TICK", "STAMPS", "Watchdog", "checked_stamp", "default_max_age", "stamp_and_kind", "watched"]
 
 DRIFT = 1e-3
-"""Share by which the stamps' clock may run slower than the ticks for ever: ten times what two quartz clocks differ by.
-Without it every long session would end as stale."""
+"""Share by which the stamps' clock may run slower than the ticks for ever, ten times what two quartz clocks do."""
 SHORTEST_TICK = 1e-9
 """[s] No controller ticks faster; of much shorter ones rates to the third power are no numbers any more."""
 STAMPS = Record(last=1, lag=1, stamped=1)

@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from rehab_opt import ConfigurationError, Status
+from rehab_opt import Bound, ConfigurationError, Status
 from rehab_opt.control.bilateral import Bilateral
 from rehab_opt.control.bilateral_sides import FromHelper, FromParticipant, HelperSide, ParticipantSide
 from rehab_opt.workspace.controller_map import ControllerMap
@@ -193,6 +193,25 @@ def test_a_share_of_energy_that_is_none_is_refused_by_name(share: object) -> Non
         side.force.give_energy(share)  # type: ignore[arg-type]
     assert side.force.give_energy(2.0) == BUDGET  # all of it, no more
     assert side.force.energy_left == 0.0
+
+
+@pytest.mark.parametrize("late", [DT, 0.04])
+@pytest.mark.parametrize("trust", [True, False])
+def test_a_side_that_gives_all_away_keeps_what_its_force_may_still_draw(late: float, trust: bool) -> None:
+    """The hand stands under a force that has grown, and goes with it for a tick, which may come late."""
+    bounds = {**BOUNDS, "trust_stillness": trust}
+    side = ParticipantSide(carry(), comfortable=shape("restricted"), exchange=1.0 / DT, **bounds)  # type: ignore[arg-type]
+    at, left, last, stamp = carry().image(HELPER) + [0.02, 0.0], BUDGET, np.zeros(2), 0.0
+    for k in range(60):
+        heard, seconds = None if k >= 40 else FromHelper(*HELPER, 0.1, k + 1), late if k == 30 else DT
+        moved = last * (0.999 * seconds / math.hypot(*last)) if k >= 30 and last.any() else np.zeros(2)
+        stamp, at = stamp + seconds, at + moved
+        command, message = side.step(at, heard, stamp=stamp)
+        left = min(left + (heard.energy if heard else 0.0), BUDGET) - last @ moved - message.energy
+        assert left >= -1e-12
+        assert late > DT or not command.yielded & Bound.SLEW
+        assert k != 29 or math.hypot(*command.value) > 1.0
+        last = command.value
 
 
 def sides(budget: float, **participant: float) -> tuple[HelperSide, ParticipantSide]:

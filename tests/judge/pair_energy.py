@@ -67,10 +67,10 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
     bounds = {"dt": dt, "slew_limit": slew, "force_limit": limit, "compile": False}
     damping, stiffness = float(rng.choice([0.0, 2.0])), float(rng.choice([400.0, 4000.0]))
     both = Bilateral(
-        HelperSide(carry, damping=damping, energy_budget=budgets[0], exchange=float(rng.choice([0.0, 5.0, 50.0])),
-                   **bounds),  # type: ignore[arg-type]
+        HelperSide(carry, damping=damping, energy_budget=budgets[0],
+                   exchange=float(rng.choice([0.0, 5.0, 50.0, 5000.0])), **bounds),  # type: ignore[arg-type]
         ParticipantSide(carry, comfortable=ellipse(*TARGET), stiffness=stiffness, damping=0.0,
-                        energy_budget=budgets[1], exchange=float(rng.choice([0.0, 5.0, 50.0])),
+                        energy_budget=budgets[1], exchange=float(rng.choice([0.0, 5.0, 50.0, 5000.0])),
                         **bounds),  # type: ignore[arg-type]
         delay=float(rng.choice([0.0, 0.02, 0.3])),
     )  # fmt: skip

@@ -21,7 +21,8 @@ from tests.judge.verdict import Promise, Verdict
 PROMISES = (
     Promise("rehab_opt/control/bilateral_sides.py", "Draws the participant's hand to the image of the helper's, inside "
             "the participant's comfortable workspace."),
-    Promise("rehab_opt/control/bilateral_sides.py", "[1/s] share of the tank's energy that is given away a second."),
+    Promise("rehab_opt/control/bilateral_sides.py", "[1/s] share of the tank's energy that is given away a second, "
+            "beyond what its force may still draw."),
     Promise("rehab_opt/control/bilateral.py", "Messages are numbered: one that comes twice, or after a later one, "
             "counts as none, so that no energy is taken twice; what is lost with one is lost."),
     Promise("rehab_opt/control/bilateral_sides.py", "Without a new message the force is released, inside the workspace "
@@ -37,6 +38,8 @@ LEAST = {"no force so far": 100_000, "force": 100_000, "all given at once": 20_0
 CI_TICKS = 1600
 SHARE = 0.2
 HANDS = ("person", "held", "sudden")
+SLEW = 2500.0
+"""[N/s] in which a force is released, where nothing is said of it."""
 BROKEN = (math.nan, math.inf, -math.inf, -1.0, -1e9, -1e-3, 0.0)
 
 
@@ -92,10 +95,12 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
         if told is not None:
             last = told
         account = min(account - float(force @ moved[k - 1]), budget) if k else account
-        most[k], gave[k], exact[k] = share * account, message.energy, not acted
+        force, acted = command.value, acted or bool(command.value.any())
+        size = math.hypot(*force)  # of which a hand draws so much until it is released, and in a tick before that
+        draws = speed_cap * size * (max(0.05, 3 * dt) + size / (2.0 * SLEW))
+        most[k], gave[k], exact[k] = share * (account - draws), message.energy, not acted
         account -= message.energy
         held[k], level[k] = side.force.energy_left, account
-        force, acted = command.value, acted or bool(command.value.any())
         commands.append(command)
         verdict.holds("messages are numbered in turn", message.serial == k + 1)
         if isinstance(message, FromParticipant):
@@ -104,12 +109,13 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
         if side.force.usable:
             verdict.holds("the place that is told is the hand's", (message.x, message.y) == tuple(x[k].tolist()))
     answers = verdict.answers(commands, dt)
-    size = np.linalg.norm(answers.value, axis=1)
+    sizes = np.linalg.norm(answers.value, axis=1)
     rounding = 1e-12 * budget
     verdict.within("energy given beyond its share of the tank [J]", gave - np.maximum(most, 0.0), rounding)
     verdict.within("energy given, below zero [J]", -gave, 0.0)
     verdict.within("energy given away from its share, before any force [J]",
                    np.where(exact, np.abs(gave - most), 0.0), rounding)  # fmt: skip
+    verdict.within("energy left, below zero [J]", -held, rounding)
     verdict.within("energy told to be left beyond what is [J]", held - level, rounding)
     verdict.within("energy told to be left away from what is, before any force [J]",
                    np.where(exact, np.abs(held - level), 0.0), rounding)  # fmt: skip
@@ -117,9 +123,9 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
                   fresh | np.isin(answers.status, ("releasing", "released")))  # fmt: skip
     verdict.holds("who is told a place, and a force on it, acts", ~placed | (answers.status == "ok"))
     verdict.during("told a place", placed, dt)
-    verdict.within("force over its limit", size / limit, 1.0)
+    verdict.within("force over its limit", sizes / limit, 1.0)
     verdict.during("no force so far", exact, dt)
-    verdict.during("force", size > 0, dt)
+    verdict.during("force", sizes > 0, dt)
     verdict.during("all given at once", np.full(ticks, share == 1.0), dt)
     verdict.during("message lost", kinds == "lost", dt)
     verdict.during("message twice", kinds == "twice", dt)
