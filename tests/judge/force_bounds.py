@@ -9,13 +9,15 @@ from __future__ import annotations
 import numpy as np
 
 from tests.judge.force_runs import Run, runs
-from tests.judge.sensor_faults import expected
+from tests.judge.sensor_faults import expected, gaps
 from tests.judge.verdict import Promise, Verdict
 
 PROMISES = (
     Promise("rehab_opt/control/bounded_force.py", "The force bound holds exactly and always. The slew bound holds but "
             "for a flagged release (`Bound.SLEW`): the force is zero at once when the hand moves faster than "
             "`speed_cap`, or the energy left no longer affords a release within the slew bound."),
+    Promise("rehab_opt/control/bounded_force.py", "a jump after samples that were not usable, or a rest so exact that "
+            "the sensor may have been frozen, which counts as the motion of all that time"),
     Promise("rehab_opt/control/bounded_force.py", "A missing answer, a sensor value that is no number, a stale stamp, "
             "an open dead-man switch: the force falls to zero within the slew bound."),
     Promise("rehab_opt/control/bounded_force.py", "Never raises on numbers: what is not usable gives a release, and "
@@ -80,7 +82,9 @@ def judge(verdict: Verdict, one: Run) -> None:
     # After a rest so exact that a sensor may have been frozen, a jump counts as the motion of all that time.
     still = np.r_[True, (np.diff(one.x[: len(force)], axis=0) == 0).all(axis=1)]
     rested = np.r_[False, still[:-1]] & ~told_fast
-    verdict.holds("a fast hand is let go", (size == 0) | ~jumped | rested | ~sound | np.r_[True, ~sound[:-1]])
+    # Nor is a hand seen in the first tick whose stamp is right again, where that is a gap.
+    seen = sound & ~gaps(one.faults, max(0.05, 3 * dt))
+    verdict.holds("a fast hand is let go", (size == 0) | ~jumped | rested | ~seen | np.r_[True, ~seen[:-1]])
     words = reasons.astype(str)
     short = np.char.startswith(words, "little energy is left") | np.char.startswith(words, "the position repeats")
     verdict.holds("a release has its reason, a plain answer none", (reasons != "") == ((status != "ok") | short))

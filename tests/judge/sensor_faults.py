@@ -81,6 +81,13 @@ def expected(schedule: Schedule) -> NDArray[np.bool_]:
     return np.asarray((kind != "") & (kind != "frozen") & ((kind != "gap") | first))
 
 
+def gaps(schedule: Schedule, longest: float) -> NDArray[np.bool_]:
+    """(N,) whether a stamp is more than so many s after the last one before it that was a number."""
+    stamps = np.array([each if isinstance(each, float) else math.nan for each in schedule.stamp])
+    newest = np.maximum.accumulate(np.where(np.isnan(stamps), 0, np.arange(len(stamps))))
+    return np.r_[False, stamps[1:] - stamps[newest[:-1]] > longest]
+
+
 def spoilt(wrong: Schedule, k: int, q: Array, pose: Array, twist: Array) -> tuple[Array, Array, Array]:
     """What an arm's tracker is given in tick k of a schedule."""
     q, pose, twist = q.copy(), pose.copy(), twist.copy()

@@ -42,6 +42,7 @@ def test_slice_of_the_campaign_breaks_nothing(judge: str, seed: int) -> None:
         ("paths_beforehand", 26112019, 3),
         ("pair_messages", 25112016, 31),
         ("pair_messages", 41126001, 151),
+        ("force_bounds", 26112019, 1000079),
     ],
 )
 def test_runs_that_were_broken_once_are_not_any_more(judge: str, seed: int, number: int) -> None:
