@@ -2,7 +2,7 @@
 
 Judged by the arm's true shape: the UR5's upper arm lies 0.136 m beside the line of its Denavit-Hartenberg frames, the
 forearm 0.016 m. Its tubes are balls along that line, thinner than the vendor's: 54 mm for the upper arm, 40 mm for what
-is behind it. Planes begin clear of them by 57 mm and more; references lead into them.
+is behind it. Planes begin clear of them by 57 mm and more, of a hand by 40; references lead into them.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ PROMISES = (
     Promise("rehab_opt/kinematics/room.py", "The plane through `point` (3,) [m] that keeps the arm on the side of "
             "`normal` (3,), of any length."),
 )  # fmt: skip
-LEAST = {"a plane is near": 219, "the hand is nearest to it": 219, "another link is nearest to it": 219,
+LEAST = {"a plane is near": 219, "the hand is nearest to it": 5000, "another link is nearest to it": 219,
          "status braking": 100}  # fmt: skip
 CI_TICKS = 4000
 SHARE = 0.2
@@ -28,9 +28,11 @@ RADII = np.array([0.054, 0.054, 0.054, 0.04, 0.04, 0.04, 0.0])
 
 
 def run(ticks: int, seed: int, *, only: int | None = None) -> Verdict:
-    """References that lead into one or two planes; a third with faults."""
+    """References that lead into one or two planes; a third with faults, a sixth before the hand."""
     verdict = Verdict("mirror_planes", seed, LEAST)
-    for each in runs(verdict, 2 * ticks // 3, only, planes=True, below=0.05):
+    for each in runs(verdict, ticks // 2, only, planes=True, below=0.05):
+        judge(verdict, each)
+    for each in runs(verdict, ticks // 6, only, planes=True, hand=True, below=0.0, first=2_000_000):
         judge(verdict, each)
     for each in runs(verdict, ticks // 3, only, planes=True, faults=0.5, below=0.05, first=1_000_000):
         judge(verdict, each)

@@ -130,6 +130,17 @@ def _planes(rng: np.random.Generator, start: Array) -> list[tuple[Array, float]]
     return found
 
 
+def _before_the_hand(rng: np.random.Generator) -> tuple[Array, tuple[Array, float]]:
+    """A posture whose hand is further out than the arm, and a plane before it, across the hand but for a tilt."""
+    while True:
+        start = good_posture(rng, 0.35)
+        normal = 0.2 * rng.standard_normal(3) - tool(start[None])[0, :3, 2]
+        normal /= np.linalg.norm(normal)
+        heights = links(start[None])[0] @ normal
+        if heights[:-1].min() > heights[-1] + 0.05:
+            return start, (normal, float(heights[-1] - rng.uniform(0.04, 0.15)))
+
+
 def tracker(given: Settings) -> MirrorTracker:
     """A tracker made so."""
     capsules = ur5().capsules
@@ -158,18 +169,26 @@ def follow(
     below: float,
     least: float,
     begun: float,
+    hand: bool,
+    held: float,
 ) -> Run:
     """One run: a fault each `faults` s; a share `below` of them begins below the floor.
 
     One of `least` s or more begins, and is held, where w has no gradient. All begin at a part `begun` of their joints'
-    speeds at most, and then near the floor.
+    speeds at most, and then near the floor. The plane of a `hand` is before it. An arm of wide range that is `held` is
+    so for that many s, after half of that at least.
     """
     under = bool(rng.random() < below)
     start = (
         singular_posture(rng) + rng.choice([0.0, 0.02]) * rng.standard_normal(6) if under else good_posture(rng, 0.35)
     )
     start = singular_posture(rng, 3) if least else start
+    start, *before = _before_the_hand(rng) if hand else (start,)
     given, kind = draw(rng, start, planes=planes), KINDS[-1 - number % len(KINDS)]
+    if hand:
+        given = given._replace(planes=before, spike=None)
+    if held:
+        given = given._replace(dt=0.02, lower=-LIMIT, upper=LIMIT, narrow=False)
     if begun:
         given = given._replace(floor=float(manipulability(start[None])[0] - 10 ** rng.uniform(-2.5, -1.0)))
     if least:
@@ -181,8 +200,8 @@ def follow(
             )  # fmt: skip
         given = given._replace(dt=0.02, lower=lower, upper=upper, narrow=False)
     dt, control = given.dt, tracker(given)
-    ticks = max(run_length(rng, number, dt), round(least / dt))
-    moving = max(ticks - round(REST / dt), ticks // 2)
+    ticks = max(run_length(rng, number, dt), round(max(least, 1.5 * held) / dt))
+    moving = ticks - round(held / dt) if held else max(ticks - round(REST / dt), ticks // 2)
     poses, twists = reference(rng, kind, start, moving, dt)
     if least:  # nothing of the reference leads out
         poses, twists = np.repeat(tool(start[None]), moving, axis=0), np.zeros((moving, 6))
@@ -237,10 +256,15 @@ def runs(
     below: float = 0.2,
     least: float = 0.0,
     begun: float = 0.0,
+    hand: bool = False,
+    held: float = 0.0,
     first: int = 0,
 ) -> Iterator[Run]:
     """Runs numbered from `first` until so many ticks are done; or the one that is asked for, if it is one of them."""
     for number, rng in numbered(verdict, ticks, only, first=first):
-        run = follow(rng, number, faults=faults, planes=planes, pushed=pushed, below=below, least=least, begun=begun)
+        run = follow(
+            rng, number, faults=faults, planes=planes, pushed=pushed, below=below, least=least, begun=begun, hand=hand,
+            held=held,
+        )  # fmt: skip
         verdict.begin(number, f"{run.kind}, dt {run.settings.dt:g}")
         yield run

@@ -41,7 +41,7 @@ PROMISES = (
     Promise("rehab_opt/control/interaction.py", "Admittance of a led hand, M x'' + B x' + K x = F"),
     Promise("rehab_opt/control/interaction.py", "[m] largest displacement of the reference."),
 )  # fmt: skip
-LEAST = {"late": 32_000, "waiting": 2000, "caught up": 176, "pushed": 20_000, "pushed to the limit": 2000,
+LEAST = {"late": 32_000, "waiting": 2000, "caught up": 3000, "pushed": 20_000, "pushed to the limit": 2000,
          "stopped": 1500, "given way to a push": 2000, "status braking": 500, "status holding": 2000,
          "fault disabled": 100}  # fmt: skip
 CI_TICKS = 5400
@@ -53,14 +53,16 @@ CLEAR = 0.1
 
 
 def run(ticks: int, seed: int, *, only: int | None = None) -> Verdict:
-    """Undisturbed, pushed, and with faults."""
+    """Undisturbed, pushed, and with faults; hands that give way, and some that are held long enough to catch up."""
     verdict = Verdict("mirror_waiting", seed, LEAST)
-    share = (ticks - ticks // 6) // 3
+    share = (ticks - 2 * (ticks // 6)) // 3
     for each in runs(verdict, share, only, below=0.0):
         judge(verdict, each)
     for each in runs(verdict, share, only, below=0.0, pushed=True, first=1_000_000):
         judge(verdict, each)
     for each in runs(verdict, share, only, below=0.0, faults=0.3, first=2_000_000):
+        judge(verdict, each)
+    for each in runs(verdict, ticks // 6, only, below=0.0, held=12.0, first=4_000_000):
         judge(verdict, each)
     for number, rng in numbered(verdict, ticks // 6, only, first=3_000_000):
         gives_way(verdict, number, rng)
