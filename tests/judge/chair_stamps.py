@@ -26,8 +26,7 @@ PROMISES = (
     Promise("rehab_opt/control/watchdog.py", "Largest age [s] of a state at a nominal tick dt [s]: 50 ms"),
     Promise(
         "rehab_opt/control/watchdog.py",
-        "Share by which the stamps' clock may run slower than the ticks for ever: ten times what two quartz clocks "
-        "differ by.",
+        "Share by which the stamps' clock may run slower than the ticks for ever, ten times what two quartz clocks do.",
     ),
     Promise(
         "rehab_opt/control/chair_and_arm.py",
