@@ -40,7 +40,8 @@ FREE = 1e3
 SHARE = 0.9
 """Share of what the joints can do that recovery may ask for: the rest is for the task."""
 ABOVE = 5e-5
-"""Of w / w_max, above the floor where the tangents' barrier lies: sliding along it needs no step shortened."""
+"""Of w / w_max above the floor, and [m] above planes, where the tangents' barrier lies: sliding along it needs no step
+shortened, and leaves a plan's passage room between its ticks."""
 ROUNDING, TINY = 1e-12, 1e-12
 PARTS = (0.0, 0.5, 1.0)
 """Of the way from the end of a tick to rest, where bounds are judged."""
@@ -114,7 +115,7 @@ class HandBounds:
         planes = len(self.planes) * min(len(self.guarded), 2)
         bodies = 0 if self.clearance is None else self.clearance.slots
         others = len(self.distances) - planes - bodies
-        return [self.margin] * planes + [0.0] * others + [self.margin] * bodies
+        return [max(self.margin, ABOVE)] * planes + [0.0] * others + [self.margin] * bodies
 
     def _above(self, plane: KeepOut, _: SerialChain, q: ca.SX) -> ca.SX:
         return ca.vertcat(*self.heights(self.chain.frames_expression(q), plane))
@@ -152,16 +153,13 @@ class HandBounds:
         bounds : of the joint velocities.
         contacts : the nearest, see `Limits.contacts`.
         strays : (n,) from q, where the joints are led, to where they are. Floor, planes and a user's limits have room
-            for it either way, joint by joint: what friction holds back on the way in, it holds back on the way out.
-            None for joints that move as commanded.
+            for it either way, as friction does. None for joints that move as commanded.
         """
-        astray = None if strays is None else ca.fabs(strays)
+        astray = ca.SX(self.chain.n, 1) if strays is None else ca.fabs(strays)
         share = (1 - math.exp(-self.rate * self.dt)) / self.dt
         w, slope_of_w = self.manipulability(q)
         gradient = slope_of_w + lead
-        climb = share * (self.floor + ABOVE - w) + loss / self.dt
-        if astray is not None:
-            climb += share * ca.dot(ca.fabs(slope_of_w), astray)
+        climb = share * (self.floor + ABOVE - w + ca.dot(ca.fabs(slope_of_w), astray)) + loss / self.dt
         frames = self.chain.frames_expression(q)
         pose = frames[-1]
         normals, most = [], []
@@ -171,10 +169,9 @@ class HandBounds:
         far = distance > 0.25 * self.deviation  # a row at the very centre has no direction
         normals.append(unit.T @ self.chain.jacobian_expression(q)[:3, :])
         most.append(ca.if_else(far, share * ca.fmax(self.deviation - distance, 0), FREE))
-        margins = ca.DM(self._margins)
-
-        room = None if astray is None else lambda each, which: ca.fmax(ca.fabs(each) @ astray, margins[which])
-        slopes, falls = self.distances.falls(q, last, contacts, room=room, ticks=self.ways(last)[-1])
+        slopes, falls = self.distances.falls(
+            q, last, contacts, astray=astray, margins=ca.DM(self._margins), ticks=self.ways(last)[-1]
+        )
         normals.append(-slopes)
         most.append(falls)
         slow = ca.DM(self.recovery_speed * self.chain.velocity)
@@ -210,11 +207,9 @@ class HandBounds:
     ) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
         """Whether a tick keeps every bound and may be followed by braking; whether it may brake; w / w_max then; loss.
 
-        What is broken already must not get worse. A tick that keeps all of it can be followed by one that brakes, so
-        that no bound ever asks for more than the joints' acceleration; the distance from the reference is none that a
-        velocity which brakes has to keep. `w`, `gradient` (n,), `here` (3,) and `hand`
-        (3,) are w / w_max, its gradient and the tool's origin at q and its velocity. The loss is what w falls short of
-        its tangent on the way to rest, of a tick's share of it.
+        What is broken already must not get worse; a velocity that brakes has no distance from the reference to keep.
+        `w`, `gradient` (n,), `here` (3,) and `hand` (3,) are w / w_max, its gradient and the tool's origin at q and its
+        velocity. The loss is what w falls short of its tangent on the way to rest, of a tick's share of it.
         """
         ways = self.ways(velocity)
         ends = [q + self.dt * way * velocity for way in ways]
@@ -279,8 +274,7 @@ def feasible_rows(
     can do in this tick. The others are `normals` q' <= `most`, of which the last `leading` may be below zero. The
     witness is `braking` (n,), moved towards the fastest climb as far as the floor asks, then across each
     row that is below zero, past the floor's, and back as far as the other rows ask. No row asks for more than the
-    witness does: what accelerations do not allow is no part of an approach, and `HandBounds.kept` sees to it that none
-    of it is missing.
+    witness does; `HandBounds.kept` sees to the rest.
     """
     lower, upper = bounds.lower, bounds.upper
     rest = clipped(braking, lower, upper)

@@ -226,31 +226,23 @@ class Limits:
         return -slopes, ca.fmax(free, -slopes @ kept), opened
 
     def falls(
-        self,
-        q: ca.SX,
-        last: ca.SX,
-        contacts: ca.SX,
-        *,
-        room: Callable[[ca.SX, slice], ca.SX] | None = None,
-        ticks: ca.SX | float = 1.0,
+        self, q: ca.SX, last: ca.SX, contacts: ca.SX, *, astray: ca.SX, margins: ca.DM, ticks: ca.SX
     ) -> tuple[ca.SX, ca.SX]:
         """Slopes (m, n) of the least distances, and how fast they may fall (m,): below zero where they have to rise.
 
-        What is beyond a limit is taken for at it: it goes no further, and is not led back. `room` says, of the slopes
-        of some rows, what is left before each. `ticks` of the last velocity lead as far as the tangents are to hold.
+        What is beyond a limit is taken for at it: it goes no further, and is not led back. Before each
+        limit its margin is left, or what joints that are `astray` (n,) make of it. `ticks` of the last velocity lead as
+        far as the tangents are to hold.
         """
-
-        def left(least: ca.SX, slopes: ca.SX, which: slice) -> ca.SX:
-            return least if room is None else least - room(slopes, which)
-
         parts, own = [(ca.SX(0, self.chain.n), ca.SX(0, 1))], slice(self._own)
         if self.limits:
             slopes, least, spent = self._tangents(q, last, ticks)
-            parts.append((slopes, self._shares[own] * ca.fmax(left(least, slopes, own), 0) - spent))
+            least -= ca.fmax(ca.fabs(slopes) @ astray, margins[own])
+            parts.append((slopes, self._shares[own] * ca.fmax(least, 0) - spent))
         if self.clearance is not None:
             distances, slopes, changes = self.clearance.read(contacts)
-            which = slice(self._own, len(self))
-            parts.append(self._between_bodies(last, left(distances, slopes, which), slopes, changes)[:2])
+            distances -= ca.fmax(ca.fabs(slopes) @ astray, margins[self._own :])
+            parts.append(self._between_bodies(last, distances, slopes, changes)[:2])
         slopes, falls = (ca.vertcat(*column) for column in zip(*parts, strict=True))
         return slopes, falls
 

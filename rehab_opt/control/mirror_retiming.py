@@ -37,7 +37,7 @@ NEVER = 0.9
 PART = 1.0 - 1e-6
 """Of speeds and accelerations that are used: rounding must not decide."""
 SHARE = 0.99
-"""Of the largest hand speed that is used: the way between two samples is longer than what is straight."""
+"""Of the largest hand speed that is used: where joint speeds are held for a tick, the hand's changes."""
 TRIES, SLOWER = 8, 0.7
 """Passages that are tried, and what is left of the speed where the one before went straight and broke a bound."""
 CURVED, CLOSELY, STRAIGHT = range(3)
@@ -102,12 +102,17 @@ def _passed(
     slopes = CubicSpline(knots, x[at, :n], bc_type="clamped")(knots, 1)
     slopes[ways[at] >= STRAIGHT] = 0.0
     slopes[(x[at, :n] <= chain.lower + APART) | (x[at, :n] >= chain.upper - APART)] = 0.0
-    curves = (
-        CubicHermiteSpline(knots, x[at, :n], slopes),
-        PchipInterpolator(knots, x[at, n:]),
-    )  # a clock never runs back
+    # A clock never runs back.
+    curves = CubicHermiteSpline(knots, x[at, :n], slopes), PchipInterpolator(knots, x[at, n:])
     edges = np.append((knots[:-1, None] + np.diff(knots)[:, None] * np.arange(PARTS) / PARTS).ravel(), knots[-1])
-    cells = PathCells(edges, *(np.hstack([curve(edges[:-1], order) for curve in curves]) for order in (1, 2, 3)))
+    first, second, third = (np.hstack([curve(edges, order) for curve in curves]) for order in (1, 2, 3))
+    # The hand goes as the joints do, between two points not evenly.
+    symbol, change = ca.SX.sym("q", n), ca.SX.sym("change", n)
+    fast = ca.Function("fast", [symbol, change], [ca.norm_2(chain.jacobian_expression(symbol)[:3, :] @ change)])
+    hand = np.array(fast.map(len(edges))(curves[0](edges).T, first[:, :n].T)).ravel()
+    first[:-1, -1] = np.maximum(hand[:-1], hand[1:])
+    second[:, -1] = third[:, -1] = 0.0
+    cells = PathCells(edges, first[:-1], second[:-1], third[:-1])
     accelerations = PART * np.append(np.minimum(chain.acceleration, 2 * chain.velocity / dt), [np.inf, np.inf])
     timing = fastest_timing(cells, velocity=speeds, acceleration=accelerations)
     if not timing.times[-1] <= dt * (len(plan.times) - 2):
@@ -127,7 +132,6 @@ def _passed(
     said = {each: (each & ~Bound.TASK, each | Bound.TASK) for each in set(plan.yielded)}
     bounds = [said[plan.yielded[i]][late] for i, late in zip(k.tolist(), slowed.tolist(), strict=True)]
     w = tracker.hand_bounds.manipulability
-    symbol = ca.SX.sym("q", n)
     share_of = ca.Function("w", [symbol], [w(symbol)[0]]).map(len(q))(np.vstack([q[1:], q[-1:]]).T)
     # What the hand stays short of grows at once: between two ticks it is what it grows to. Turns are looked at where a
     # tick begins, distances where it leads.

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from bench.measured_lag import measured_lag
 from problems.mirror import motions
@@ -244,6 +245,38 @@ def test_a_plan_that_stands_before_it_counts_what_it_cannot_turn_is_passed_soone
     assert (path.turns - path.short[:, 1]).max() <= math.radians(10) + 1e-9
     monkeypatch.setattr(mirror_plan, "retimed", lambda tracker, plan, left: plan)
     assert path.times[-1] < 0.85 * robot.plan(poses, twists, motions.START).times[-1]
+
+
+def sliding(dt: float) -> tuple[np.ndarray, np.ndarray]:
+    """Poses and twists of a hand that goes beneath a table 0.1 m under the base, too fast for an arm."""
+    rng, seconds, first = np.random.default_rng(28), np.arange(round(1.6 / dt)) * dt, ur5().pose(motions.START)
+    down, aside = (np.append(rng.uniform(-size, size, 2), z) for size, z in ((0.2, -0.34), (0.1, 0.0)))
+    part, axis = 0.5 * (1 - np.cos(2 * math.pi * seconds / 1.6)), rng.uniform(-0.8, 0.8, 3)
+    poses, twists = np.tile(first, (len(seconds), 1, 1)), np.zeros((len(seconds), 6))
+    poses[:, :3, 3] += part[:, None] * down + np.sin(4 * math.pi * seconds / 1.6)[:, None] * aside
+    poses[:, :3, :3] = Rotation.from_rotvec(part[:, None] * axis).as_matrix() @ first[:3, :3]
+    twists[:, :3], twists[:, 3:] = np.gradient(poses[:, :3, 3], dt, axis=0), np.gradient(part, dt)[:, None] * axis
+    return poses, twists
+
+
+def test_the_first_passage_is_as_fast_as_the_hand_may_be_and_no_faster(monkeypatch: pytest.MonkeyPatch) -> None:
+    """1.52 of the least time for two rows of a real hand: each of eight passages was refused, for a tick or two."""
+    monkeypatch.setattr(mirror_retiming, "TRIES", 1)
+    path = tracker(5e-3).plan(*sliding(5e-3), motions.START)
+    way = np.linalg.norm(np.diff(path.poses[:, :3, 3], axis=0), axis=1).sum()
+    assert path.complete
+    assert path.times[-1] <= 1.03 * way / 0.25
+
+
+def test_between_the_places_of_a_hand_that_slides_along_a_plane_there_is_room() -> None:
+    """Ticks that end on the plane leave none: what leads from one to the next dips under it, by 20 micrometres."""
+    table = KeepOut.through([0.0, 0.0, -0.1], [0.0, 0.0, 1.0])
+    robot = MirrorTracker(ur5(), dt=5e-3, max_manipulability=LARGEST, keep_out=[table], compile=False)
+    poses, twists = sliding(5e-3)
+    poses[:, 2, 3] -= 0.3 * (ur5().pose(motions.START)[2, 3] - poses[:, 2, 3])
+    path = robot.plan(poses, twists, motions.START)
+    heights = robot.hand_bounds.least_heights(path.q, table)
+    assert 2e-5 < heights.min() < 5.1e-5
 
 
 def test_a_passage_that_would_break_a_bound_is_not_taken(monkeypatch: pytest.MonkeyPatch) -> None:
