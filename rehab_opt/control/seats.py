@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 
 TURN_LENGTH = 0.1
 """[m/rad] What a turn of the hand counts for against its place."""
-NEAR, TURNED = 3e-3, math.radians(3.0)
+NEAR, TURNED = 1e-3, math.radians(1.0)
 """[m, rad] within which a pose counts as done: stricter than what is then measured."""
 ABOVE = 1.05
 """Of the floor, from which a posture counts as above it: as much is left to the tracker's own barrier."""
@@ -66,7 +66,7 @@ class Seats:
     """
 
     def __init__(self, tracker: MirrorTracker) -> None:
-        self.chain, self.floor = tracker.chain, ABOVE * tracker.floor
+        self.chain, self.floor, self.near = tracker.chain, ABOVE * tracker.floor, 1
         bounds, chain = tracker.hand_bounds, tracker.chain
         q = ca.SX.sym("q", chain.n)
         frames = chain.frames_expression(q)
@@ -131,5 +131,6 @@ class Seats:
             step = np.linalg.solve(square, np.einsum("mij,mi->mj", rows, wanted)[:, :, None])[:, :, 0]
             step *= np.minimum(1.0, STRIDE / np.maximum(np.abs(step).max(axis=1), 1e-12))[:, None]
             q = np.clip(q + step, self.lower, self.upper)
-        near = (np.linalg.norm(error, axis=1) < NEAR) & (np.linalg.norm(turn, axis=1) < TURNED)
+        far, turned = np.linalg.norm(error, axis=1), np.linalg.norm(turn, axis=1)
+        near = (far < self.near * NEAR) & (turned < self.near * TURNED)
         return q, near & (w >= self.floor * (1 - 1e-3)) & (height > 0.0), w, elbows

@@ -137,7 +137,7 @@ def achieved(loaded: ProblemFile[MirrorProblem]) -> float:
 def reach_note(problem: MirrorProblem, scene: Scene, tracker: MirrorTracker) -> str:
     """How much of the reference is in reach of the robot, and of the led arm, from where the robot starts."""
     search = _Search(problem, scene, tracker, np.random.default_rng(0), poses=ALL_POSES)
-    search.seats.floor = tracker.floor  # as it is: nothing of it is to be kept for a run
+    search.seats.floor, search.seats.near = tracker.floor, 3  # nothing is to be kept for a run
     walk = search.seats.walk((search.hands @ search.grip)[:, None], scene.start[None], 0)
     share = float((walk.done[:, 0] & search.wanted).sum() / search.counted_on.sum())
     said = f"in reach, above the floor, from this start: {100 * share:.0f} % of it; `rehab-opt place` may find more"
@@ -219,7 +219,7 @@ class _Search:
         seats[:, 0, 1] = -seats[:, 1, 0]
         hands = seats @ self.hands[self.middle]
         grips[:, :3, :3] = hands[:, :3, :3].transpose(0, 2, 1) @ tools[:, :, :3]
-        # The grip's place is in the hand's axes; the tool's place is the hand's and that.
+        # The grip's place is in the hand's axes.
         seats[:, :3, 3] = tools[:, :, 3] - (hands @ grips)[:, :3, 3]
         origin, patient = np.array(self.problem.placement.origin_m), self.problem.patient
         middle = np.array(patient.sagittal_point_m)
@@ -234,6 +234,8 @@ class _Search:
 
     def keys(self, one: Array) -> dict[str, dict[str, Any]]:
         """What the problem file would say of a seat (n + 1,), in round numbers."""
+        from scipy.spatial.transform import Rotation  # noqa: PLC0415  (loaded when used)
+
         _, (grip,), (points,) = self._seats(one[None])
         walk = self._walk(one[None])
         origin, middle, shoulder = points.round(3).tolist()
@@ -243,19 +245,12 @@ class _Search:
             "patient": {"sagittal_point_m": middle, "facing_deg": _round_turn(problem.patient.facing_deg + turn)},
             "robot": {
                 "start_deg": np.rad2deg(walk.q[0, 0]).round(1).tolist(),
-                "grip_deg": (_fixed_turns_deg(grip[:3, :3]).round(1) + 0.0).tolist(),
+                "grip_deg": (Rotation.from_matrix(grip[:3, :3]).as_euler("xyz", degrees=True).round(1) + 0.0).tolist(),
             },
         }
         if problem.patient.arm is not None:
             found["patient.arm"] = {"shoulder_m": shoulder}
         return found
-
-
-def _fixed_turns_deg(rotation: Array) -> Array:
-    """(3,) turns about x, then y, then z of the fixed frame."""
-    x = math.atan2(rotation[2, 1], rotation[2, 2])
-    y = math.atan2(-rotation[2, 0], math.hypot(rotation[2, 1], rotation[2, 2]))
-    return np.rad2deg([x, y, math.atan2(rotation[1, 0], rotation[0, 0])])
 
 
 def _round_turn(angle: float) -> float:
