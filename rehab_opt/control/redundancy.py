@@ -22,8 +22,8 @@ from rehab_opt.control.task_rows import checked_rows, frame_number
 from rehab_opt.control.thread_owner import OneThread
 from rehab_opt.control.velocity_controller import checked_number, real_numbers
 from rehab_opt.errors import ConfigurationError
+from rehab_opt.kinematics import DriveName
 from rehab_opt.kinematics.chain import per_joint
-from rehab_opt.kinematics.drive_name import DriveName
 from rehab_opt.kinematics.mobile_arm import CHAIR, MobileArm
 from rehab_opt.kinematics.room import MovingCapsule
 from rehab_opt.optim.rows import Instance

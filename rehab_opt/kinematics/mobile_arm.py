@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.errors import ConfigurationError
+from rehab_opt.kinematics import DRIVES
 from rehab_opt.kinematics.arm_links import (
     ArmLink,
     arm_links,
@@ -25,7 +26,6 @@ from rehab_opt.kinematics.body import Body, checked_bodies
 from rehab_opt.kinematics.chain import SerialChain, per_joint
 from rehab_opt.kinematics.differential import Differential
 from rehab_opt.kinematics.drive import Drive, Fixed, Omnidirectional
-from rehab_opt.kinematics.drive_name import DRIVES
 from rehab_opt.kinematics.inertia import inertia_expression
 from rehab_opt.kinematics.link_capsules import Capsule
 from rehab_opt.kinematics.mecanum import Mecanum, checked_amounts

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rehab_opt.kinematics.drive_name import DriveName
+from rehab_opt.kinematics import DriveName
 from rehab_opt.kinematics.mobile_arm import CHAIR, MobileArm
 
 __all__ = ["Excess", "PseudoinverseLaw"]

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from rehab_opt import Bound, ConfigurationError, RedundancyResolver, Status, ardis
 from rehab_opt.control.chair_limits import ChairLimits
 from rehab_opt.control.limit import Limits
+from rehab_opt.kinematics import DRIVES, DriveName
 from rehab_opt.kinematics.ardis import ARDIS_READY
-from rehab_opt.kinematics.drive_name import DRIVES, DriveName
 from rehab_opt.plants.wheelchair import Wheelchair
 from rehab_opt.published.pseudoinverse_law import PseudoinverseLaw
 from tests.control import chair_arms_campaign

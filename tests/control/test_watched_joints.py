@@ -13,7 +13,7 @@ from scipy.linalg import expm
 
 from rehab_opt import Command, MirrorTracker, PoseTracker, RedundancyResolver, Status, ardis, ur5
 from rehab_opt.control.velocity_controller import VelocityController
-from rehab_opt.kinematics.drive_name import DriveName
+from rehab_opt.kinematics import DriveName
 
 Array = NDArray[np.float64]
 START, STILL, ROBOT = np.array([0.0, -1.2, 1.5, -1.8, -1.57, 0.0]), np.zeros(6), ur5()

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from rehab_opt import JointFeedback, RedundancyResolver, Status, ardis
 from rehab_opt.control.task_rows import ROWS
-from rehab_opt.kinematics.drive_name import DriveName
+from rehab_opt.kinematics import DriveName
 
 Array = NDArray[np.float64]
 

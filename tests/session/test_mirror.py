@@ -281,19 +281,35 @@ def blinded(tmp_path_factory: pytest.TempPathFactory) -> MirrorOutcome:
     return outcome
 
 
-def test_a_start_inside_a_keep_out_is_told(tmp_path: Path) -> None:
+def shortly(folder: Path, given: dict[str, Any]) -> MirrorOutcome:
+    """A third of a second of the fruit, with what is `given` else."""
     rows = (FOLDER / "pick_fruit.csv").read_text().splitlines()[:40]
-    (tmp_path / "short.csv").write_text("\n".join(rows) + "\n")
-    (tmp_path / "calibration_points.csv").write_text((FOLDER / "calibration_points.csv").read_text())
-    given = content()
+    (folder / "short.csv").write_text("\n".join(rows) + "\n")
+    (folder / "calibration_points.csv").write_text((FOLDER / "calibration_points.csv").read_text())
     del given["astar"]
     given["recording"]["file"] = "short.csv"
     given["tracker"]["patience"] = 1
+    outcome = run_problem(problem_of(given, name="short", file="short.toml", path=folder / "short.toml"))
+    assert isinstance(outcome, MirrorOutcome)
+    return outcome
+
+
+def test_a_start_inside_a_keep_out_is_told(tmp_path: Path) -> None:
+    given = content()
     given["tracker"]["keep_out"][1]["point_m"] = [0.4, 0.0, 0.0]
-    outcome = run_problem(problem_of(given, name="short", file="short.toml", path=tmp_path / "short.toml"))
-    told = [note for note in outcome.notes if "keep_out" in note]
+    told = [note for note in shortly(tmp_path, given).notes if "keep_out" in note]
     assert len(told) == 1
     assert "mm inside tracker.keep_out.1, and goes no deeper" in told[0]
+
+
+def test_law_that_the_reference_does_not_wait_for_begins_at_its_first_pose(tmp_path: Path) -> None:
+    given = content()
+    given["robot"]["start_deg"][0] += 10.0
+    outcome = shortly(tmp_path, given)
+    before, step = (outcome.laws[name].tool[0, :3, 3] for name in (BEFORE, STEP))
+    assert np.linalg.norm(before - step) > 0.05
+    assert outcome.laws[BEFORE].deviation.max() < 1e-3
+    assert any("'without floor' begins there" in note for note in outcome.notes)
 
 
 def test_lost_sight_is_held_told_and_gone_on_from(blinded: MirrorOutcome, tmp_path: Path) -> None:

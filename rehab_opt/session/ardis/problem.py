@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import Field, model_validator
 
-from rehab_opt.kinematics.drive_name import DRIVES, DriveName
+from rehab_opt.kinematics import DRIVES, DriveName
 from rehab_opt.session.clearance import ClearanceSection
 from rehab_opt.session.plant.tables import ChairPlant
 from rehab_opt.session.schema import Length, Problem, Section, SolverName, Triple, refusal

@@ -37,7 +37,7 @@ STYLES: Mapping[str, Mapping[str, Any]] = {
     PLAN: {"color": "#009E73", "linestyle": "-.", "linewidth": 1.5},
 }
 ASTAR = LAW_STYLES["published"]
-LABELS = {BEFORE: "before: no floor", STEP: "tick by tick", PLAN: "planned as a whole"}
+LABELS = {BEFORE: BEFORE, STEP: "step: tick by tick", PLAN: "plan: as a whole"}
 CAUSE_COLOURS = dict(
     zip(CAUSES, ("#009E73", "#F0E442", "#CC79A7", "#D55E00", "#56B4E9", "#0072B2", "#000000"), strict=True)
 )
@@ -170,7 +170,7 @@ def _causes(outcome: MirrorOutcome) -> Figure:
             at = k + 0.27 * (row - (len(names) - 1) / 2)
             seconds.barh(at, spent, height=0.24, color=colour)
             if spent:
-                seconds.annotate(f" {name}: {spent:.1f} s", (spent, at), va="center", fontsize=7)
+                seconds.annotate(f" {name}: {spent:.1f} s", (spent, at), va="center", fontsize=6)
     when.set_yticks(range(len(names)), [LABELS[name] for name in names], fontsize=8)
     when.set_xlabel("time of the run [s]")
     seconds.set_yticks(range(len(CAUSES)), CAUSES, fontsize=8)

@@ -35,6 +35,8 @@ Array = NDArray[np.float64]
 HELD = LiveInputs(enable=True)
 ANY_SPEED = 3.0
 """[m/s] Of a hand without a floor."""
+APPROACH = 5.0
+"""[s] for the way to the first pose."""
 SETTLED = 1e-3
 """[rad/s] Joint speeds at which a motion has come to its end."""
 ARRIVED = 2.0
@@ -120,10 +122,14 @@ _said = partial(yielded_words, between="+")
 def without_floor(
     scene: Scene, plant: Plant, *, max_manipulability: float, progress: Progress, feedback: JointFeedback | None = None
 ) -> Led:
-    """The reference as it is, at its own pace, followed within the robot's limits alone: what the paper has before."""
+    """The reference at its own pace, within the robot's limits alone, from its first pose: the paper's before."""
     dt, (poses, twists) = plant.dt, (scene.reference.poses, scene.reference.twists)
     tracker = PoseTracker(scene.robot, dt=dt, linear_speed=ANY_SPEED, angular_speed=20.0, feedback=feedback)
-    control = Following(tracker, TouchedPlant(plant), scene.start, poses, twists, then="stay")
+    start, first = scene.start.copy(), poses[~scene.reference.lost][0]
+    for _ in range(math.ceil(APPROACH / dt)):
+        start += dt * tracker.step(start, first, np.zeros(6)).value
+    tracker.reset()
+    control = Following(tracker, TouchedPlant(plant), start, poses, twists, then="stay")
     ran = simulate(control, lambda _: HELD, ticks=len(poses), progress=partial(progress, "without floor"))
     none = np.zeros((len(poses), 2))
     return _led(

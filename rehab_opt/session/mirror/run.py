@@ -38,7 +38,7 @@ def _notes(problem: MirrorProblem, scene: Scene, laws: dict[str, Led], tracker: 
     first = scene.reference.poses[~scene.reference.lost][0]
     away = float(np.linalg.norm(scene.robot.pose(scene.start)[:3, 3] - first[:3, 3]))
     if away > FAR:
-        yield f"the robot starts {1e3 * away:.0f} mm from the first pose, and goes there first"
+        yield f"the robot starts {1e3 * away:.0f} mm from the first pose, and goes there first; '{BEFORE}' begins there"
     if scene.person is not None:
         yield "the reference is limited to the range of motion of the arm that is led; distances are to what was asked"
     w = scene.robot.manipulability(scene.start) / tracker.max_manipulability

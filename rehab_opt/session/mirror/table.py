@@ -73,6 +73,12 @@ def _seconds(of: Numbers, *causes: str) -> str:
     return " / ".join(f"{of['drive']['seconds_by_cause'][cause]:.1f}" for cause in causes)
 
 
+def _kept_off(of: Numbers) -> str:
+    short = {cause: of["drive"]["seconds_by_cause"][cause] for cause in SHORT}
+    most = max(short, key=lambda cause: short[cause])
+    return f"{_seconds(of, 'late', 'stopped')} / {sum(short.values()):.1f}" + (f", {most}" if short[most] else "")
+
+
 def _acceleration(of: Numbers) -> str:
     return f"{of['joint_acceleration_max_share_of_limit']:.2f} ({of['joint_acceleration_above_limit_ticks']})"
 
@@ -81,6 +87,7 @@ def _ticks(of: Numbers) -> str:
     return times("tick")(of) if "tick_median_ms" in of else "-"
 
 
+SHORT = ("person's arm", "floor", "keep-out", "robot's reach")
 DISTANCE = "   distance to the reference mean / p95 / max, mm"
 ASTAR_CELLS: Mapping[str, Callable[[Numbers], str]] = {
     "   least manipulability, share of largest": lambda of: f"{of['manipulability_min']:.4f}",
@@ -95,13 +102,13 @@ FIRST_ROWS: Rows = (
     ("   duration, s", _ends),
     ("   least manipulability, share of largest", lambda of: f"{of['drive']['manipulability_min']:.4f}"),
     ("time below the floor, %", lambda of: f"{100 * of['below_floor_share_of_time']:.1f}"),
+    ("seconds late / stopped / short, most for", _kept_off),
     ("smallest joint-limit margin, deg", margin),
     ("ticks by status", statuses),
 )
 MORE_ROWS: Rows = (
     ("seconds followed / late / stopped", lambda of: _seconds(of, "followed", "late", "stopped")),
-    ("seconds short for the person's arm", lambda of: _seconds(of, "person's arm")),
-    ("seconds short for floor / keep-out / reach", lambda of: _seconds(of, "floor", "keep-out", "robot's reach")),
+    ("seconds short for person's arm / floor / keep-out / reach", lambda of: _seconds(of, *SHORT)),
     (
         "lag mean / max / at the end, s",
         lambda of: " / ".join(f"{of['drive'][f'lag_{k}_s']:.2f}" for k in ("mean", "max", "at_end")),
