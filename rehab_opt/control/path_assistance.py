@@ -47,8 +47,7 @@ class PathAssistance(BoundedForce):
     cannot hold a hand whose person means to go on, and what the law cannot see. A hand that stands under more than 0.3
     of `force_limit` all the same, with less progress than a width, is let go within 2 s: the force fades, the command
     says BLOCKED, its scale is 0, its `yielded` holds `Bound.TASK`, and its reason says why, until the hand comes to a
-    place further along the path, where the force grows again within 0.3 s. In the middle of many laps progress goes
-    on: there it is not let go.
+    place further along the path, where the force grows again within 0.3 s.
 
     A person who goes back along the path is held, by the spring, to where they had come, and let go in 2 s where they
     insist. Begin anew by `reset`.

@@ -31,11 +31,10 @@ until it grows again it is worth F times three widths at most, two for the first
 these lie within sqrt((F/S)^2 + 6 F/S widths), less than F/S and three widths, of a hand that rests, and each place that
 s passes on the way within one width more; what the hand moves away meanwhile adds to that. Where it goes on along the
 straight stretch on which the hand is, the progress is F/S and three widths ahead of the hand at most. Past a sharp
-corner or the tip of a hairpin it may be further along the path, there and back: so it is where a hand rests before the
-tip and its tremor pushes back.
+corner or the tip of a hairpin it may be further along the path, there and back.
 
 **What it cannot see** is the intention. A push back into a loop of the path is taken for the wish to have passed it, so
-that a person who lags behind the hand among small loops may be led on further ahead. A push that no place ahead answers
+that a person who lags behind the hand, or rests there, may be led on further ahead. A push that no place ahead answers
 to may be the wish to leave: where the hand has stood under more than 0.3 of the force limit for 1.5 s, with less
 progress than a width, the force fades within 0.3 s, in whatever direction the hand is pushed, and stays away until the
 hand comes within a width of a place at least a width further on: the first of these along the path, found by a search
@@ -44,10 +43,8 @@ of the path that follows on where it was let go. Until then the progress stands.
 taken in within the time of the fading and of two searches. So a hand is never led back to an earlier loop, and a later
 one that it has come to takes it in.
 
-Whoever rests is let go where progress stands, and only there. In the middle of laps of one size, or beside a stretch
-that is gone many times, a hand at rest is led on a width at a time, or let go and taken in by the next lap within 2 s,
-until the laps are over: force that turns, up to the limit, was seen for 20 s of 100 laps. Below 0.3 of the limit force
-may stay for as long as the hand does.
+Whoever rests is let go where progress stands, and only there. In the middle of laps, or beside a stretch that is gone
+many times, a hand at rest is led on a width at a time until they are over.
 """
 
 from __future__ import annotations

@@ -223,6 +223,38 @@ def test_a_loop_that_throws_the_hand_is_said_to_do_so() -> None:
     assert not any("speed cap" in note for note in outcome("scenario_3_resist").notes)
 
 
+def test_help_that_is_worse_than_none_is_said_to_be_first(tmp_path: Path) -> None:
+    """A path that crosses itself, with a rest of 3 s on its second stretch: the hand is led on, held, and let go."""
+    corners = np.array([[0.0, 0.0], [40.0, 0.0], [40.0, 30.0], [0.0, 30.0], [20.0, -10.0]])
+    length = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(corners, axis=0), axis=1))]
+    along = np.linspace(0.0, length[-1], 601)
+    along = np.r_[along[:200], np.full(300, along[200]), along[200:]]
+    rows = np.column_stack([np.arange(901) / 100, *(np.interp(along, length, axis) for axis in corners.T)])
+    np.savetxt(tmp_path / "rest.csv", rows, delimiter=",", header="t_s,x_mm,y_mm", comments="")
+    (tmp_path / "rest.toml").write_text("""
+system = "scenario"
+title = "a rest"
+mode = "follow"
+arm = { side = "left", comfortable = "restricted", reachable = "regular" }
+field = { stiffness_N_m = 3000.0, width_mm = 3.0, damping_Ns_m = 40.0 }
+assistance = { force_limit_N = 30.0 }
+run = { laws = ["unassisted", "assisted"] }
+[task]
+recording = { file = "rest.csv", hand = "left" }
+placement = { centre_m = [-0.17, 0.49], fit_m = [0.30, 0.13] }
+movement_s = 15.0
+rest_s = 1.0
+trials = 1
+""")
+    found = run_problem(load_problem(tmp_path / "rest.toml"))
+    assert isinstance(found, ScenarioOutcome)
+    without, helped = (found.measures[law][0]["deviation_mean_m"] for law in ("unassisted", "assisted"))
+    worse = "assisted: with this help the hand deviated more than without any, in 1 of 1 trials"
+    assert (worse == found.notes[0]) == (helped > without)  # the law may come to know better
+    gone = found.measures["assisted"][0]["status_share"].get("blocked", 0.0)
+    assert any(f"without help {100 * gone:.2g} % of the time" in note for note in found.notes) == (gone > 0)
+
+
 def test_a_robot_that_is_told_no_force_is_hardly_felt() -> None:
     """A hand of 1.2 kg pushed with 2 N: the loop hides most of the robot's friction and mass."""
     robot = ForceRobot(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -35,7 +35,6 @@ from rehab_opt.session.scenario.outcome import Law, ScenarioOutcome, Trial
 from rehab_opt.session.scenario.pair import pair_measures, pair_of
 from rehab_opt.session.scenario.prepared import Prepared, prepared
 from rehab_opt.session.scenario.problem import REACHES, THERAPY, ScenarioProblem
-from rehab_opt.text_file import times
 
 __all__ = ["assistance_of", "assisted_law", "law_of", "run_scenario", "scene_of"]
 
@@ -97,11 +96,11 @@ def run_scenario(loaded: ProblemFile[ScenarioProblem], *, solver: str | None, pr
     }
     return ScenarioOutcome(
         notes=(
+            *_along(problem, ready, measures, trials),
             *ready.notes,
             *ASSUMPTIONS[: 2 if fit is None else 1],
             *(() if problem.plant.kind == "ideal" else (plant_note(problem.plant, ""),)),
             *_pair_notes(problem, measures),
-            *_left_out(measures, trials),
             *_runaways(problem, ready, trials),
             *swinging_notes(laws),
         ),
@@ -143,27 +142,37 @@ def _pair_notes(problem: ScenarioProblem, measures: Mapping[Law, tuple[Mapping[s
         )
 
 
-def _left_out(
-    measures: Mapping[Law, tuple[Mapping[str, Any], ...]], trials: Mapping[Law, tuple[Trial, ...]]
-) -> Iterator[str]:
-    """Paths that were not covered, and hands that stood under force until they were let go, law by law."""
+def _along(
+    problem: ScenarioProblem, ready: Prepared, measures: Mapping[Law, Sequence[Mapping[str, Any]]],
+    trials: Mapping[Law, tuple[Trial, ...]],
+) -> Iterator[str]:  # fmt: skip
+    """Along a path: what was not covered; help that was worse than none, or let a hand go."""
+    if problem.mode != "follow":
+        return
+    free = measures.get("unassisted", ())
     for law, of in measures.items():
-        shares = [each["reference_covered_share"] for each in of if each["reference_covered_share"] is not None]
+        shares, count = [each["reference_covered_share"] for each in of], len(of)
         short = sum(share < COVERED for share in shares)
         if short:
             yield (
-                f"{law}: {short} of {len(shares)} trials did not cover the path in order, the worst of them "
+                f"{law}: {short} of {count} trials did not cover the path in order, the worst of them "
                 f"{100 * min(shares):.0f} % of it"
             )
-        let_go = [_times_let_go(trial) for trial in trials[law]]
-        if shares and sum(let_go):
-            yield f"{law}: a hand that stood under force was let go, {times(sum(let_go))} in {len(let_go)} trials"
-
-
-def _times_let_go(trial: Trial) -> int:
-    """How often the force yielded to a hand that could be acted on."""
-    let_go = trial.status == INDEX[Status.BLOCKED]
-    return int(let_go[0]) + int((let_go[1:] & ~let_go[:-1]).sum())
+        if law == "unassisted":
+            continue
+        for key, sign, off in (
+            ("deviation_mean_m", 1, "deviated more"),
+            ("reference_covered_share", -1, "covered less"),
+        ):
+            worse = sum(sign * (each[key] - one[key]) > 0.01 * one[key] for each, one in zip(of, free, strict=False))
+            if worse:
+                yield f"{law}: with this help the hand {off} than without any, in {worse} of {count} trials"
+        let_go = np.concatenate([trial.status for trial in trials[law]]) == INDEX[Status.BLOCKED]
+        if let_go.any():
+            yield f"{law}: a hand that stood under force was let go, without help {100 * let_go.mean():.2g} % of the time"
+        far = 1e3 * max(float(np.max(ready.comfortable.distance(trial.position))) for trial in trials[law])
+        if far > problem.task.within_mm:
+            yield f"{law}: the hand left the comfortable workspace, by up to {far:.2g} mm"
 
 
 def _runaways(problem: ScenarioProblem, ready: Prepared, trials: Mapping[Law, tuple[Trial, ...]]) -> Iterator[str]:

@@ -7,7 +7,7 @@ import textwrap
 from rich.table import Table
 from rich.text import Text
 
-from rehab_opt.session.scenario.measures import law_summary
+from rehab_opt.session.scenario.measures import COVERED, law_summary
 from rehab_opt.session.scenario.outcome import ScenarioOutcome
 from rehab_opt.session.scenario.problem import THERAPY
 from rehab_opt.session.shown import Cell, Numbers, Rows, law_table
@@ -53,6 +53,8 @@ def _summaries(outcome: ScenarioOutcome) -> dict[str, Numbers]:
 def _table(outcome: ScenarioOutcome, rows: Rows) -> Table:
     trials = max(len(of) for of in outcome.measures.values())
     said = f"mode {outcome.mode}, {trials} trial{'s' if trials > 1 else ''} each: mean (worst trial); - is no number"
+    if outcome.mode == "follow":
+        said += f"; success: {100 * COVERED:g} % covered, the end within {MM * outcome.within:g} mm"
     return law_table("\n".join(textwrap.wrap(outcome.title, WRAPPED)), _summaries(outcome), rows, caption=said)
 
 
