@@ -41,9 +41,9 @@ class PathAssistance(BoundedForce):
     p(s) the place of the path and t its direction at the progress s, so that along the path the hand moves freely.
     Outside the workspace there is a pull back to it, as with `Assistance` in mode "follow".
 
-    The published field is of the whole path at once: at crossings, hairpins and loops it averages branches, and a hand
-    is held between them for good. Here s is a state of its own. It is moved by the person, in order: it never goes
-    back, and cuts no detour longer than two widths. `rehab_opt.control.path_progress` states the law, why a steady push
+    The published field averages branches at crossings, hairpins and loops, and a hand is held between them for good.
+    Here s is a state of its own. It is moved by the person, in order: it never goes back, and cuts no detour longer
+    than two widths. `rehab_opt.control.path_progress` states the law, why a steady push
     cannot hold a hand whose person means to go on, and what the law cannot see. A hand that stands under more than 0.3
     of `force_limit` all the same, with less progress than a width, is let go within 2 s: the force fades, the command
     says BLOCKED, its scale is 0, its `yielded` holds `Bound.TASK`, and its reason says why, until the hand comes to a

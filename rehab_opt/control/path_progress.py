@@ -43,8 +43,7 @@ of the path that follows on where it was let go. Until then the progress stands.
 taken in within the time of the fading and of two searches. So a hand is never led back to an earlier loop, and a later
 one that it has come to takes it in.
 
-Whoever rests is let go where progress stands, and only there. In the middle of laps, or beside a stretch that is gone
-many times, a hand at rest is led on a width at a time until they are over.
+In the middle of laps, or beside a stretch that is gone many times, a hand at rest is led on a width at a time.
 """
 
 from __future__ import annotations

@@ -252,7 +252,7 @@ trials = 1
     worse = "assisted: with this help the hand deviated more than without any, in 1 of 1 trials"
     assert (worse == found.notes[0]) == (helped > without)  # the law may come to know better
     gone = found.measures["assisted"][0]["status_share"].get("blocked", 0.0)
-    assert any(f"without help {100 * gone:.2g} % of the time" in note for note in found.notes) == (gone > 0)
+    assert any(f"let go, for {100 * gone:.2g} % of the time" in note for note in found.notes) == (gone > 0)
 
 
 def test_a_robot_that_is_told_no_force_is_hardly_felt() -> None:

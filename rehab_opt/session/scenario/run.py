@@ -127,7 +127,7 @@ def run_scenario(loaded: ProblemFile[ScenarioProblem], *, solver: str | None, pr
 
 
 def _pair_notes(problem: ScenarioProblem, measures: Mapping[Law, tuple[Mapping[str, Any], ...]]) -> Iterator[str]:
-    """What the table of the participant does not tell of the helper."""
+    """Of the helper."""
     tanks = 2 * problem.assistance.energy_budget_J
     for law, trials in measures.items():
         if "helper_force_mean_N" not in trials[0]:
@@ -149,34 +149,32 @@ def _along(
     """Along a path: what was not covered; help that was worse than none, or let a hand go."""
     if problem.mode != "follow":
         return
-    free = measures.get("unassisted", ())
     for law, of in measures.items():
-        shares, count = [each["reference_covered_share"] for each in of], len(of)
+        shares = [each["reference_covered_share"] for each in of]
         short = sum(share < COVERED for share in shares)
         if short:
             yield (
-                f"{law}: {short} of {count} trials did not cover the path in order, the worst of them "
+                f"{law}: {short} of {len(of)} trials did not cover the path in order, the worst of them "
                 f"{100 * min(shares):.0f} % of it"
             )
         if law == "unassisted":
             continue
-        for key, sign, off in (
-            ("deviation_mean_m", 1, "deviated more"),
-            ("reference_covered_share", -1, "covered less"),
-        ):
-            worse = sum(sign * (each[key] - one[key]) > 0.01 * one[key] for each, one in zip(of, free, strict=False))
+        for key, sign in (("deviation_mean_m", 1), ("reference_covered_share", -1)):
+            both = zip(of, measures.get("unassisted", ()), strict=False)
+            worse = sum(sign * (each[key] - free[key]) > 0.01 * free[key] for each, free in both)
             if worse:
-                yield f"{law}: with this help the hand {off} than without any, in {worse} of {count} trials"
+                off = "deviated more" if sign > 0 else "covered less"
+                yield f"{law}: with this help the hand {off} than without any, in {worse} of {len(of)} trials"
         let_go = np.concatenate([trial.status for trial in trials[law]]) == INDEX[Status.BLOCKED]
         if let_go.any():
-            yield f"{law}: a hand that stood under force was let go, without help {100 * let_go.mean():.2g} % of the time"
+            yield f"{law}: a hand that stood under force was let go, for {100 * let_go.mean():.2g} % of the time"
         far = 1e3 * max(float(np.max(ready.comfortable.distance(trial.position))) for trial in trials[law])
         if far > problem.task.within_mm:
             yield f"{law}: the hand left the comfortable workspace, by up to {far:.2g} mm"
 
 
 def _runaways(problem: ScenarioProblem, ready: Prepared, trials: Mapping[Law, tuple[Trial, ...]]) -> Iterator[str]:
-    """Trials that no person can have done, which say nothing of a law; and a law that makes the hand run away."""
+    """Trials that no person can have done, and a law that makes the hand run away."""
     cap = problem.assistance.speed_cap_m_s
     for law, done in trials.items():
         fast = max(float(np.hypot(*trial.velocity.T).max()) for trial in done)
