@@ -327,8 +327,9 @@ def check(
     if arms:
         from rehab_opt.session.arm_picture import range_note, write_range_figures  # noqa: PLC0415
 
+        side = getattr(getattr(loaded.problem, "arm", None), "side", "")
         for name, arm in arms.items():
-            say(f"- {range_note(name, arm)}")
+            say(f"- {range_note(name, arm, side=side)}")
         if picture is not None:
             for path in write_range_figures(arms, writable(picture, argument="--picture"), title=loaded.problem.title):
                 say(f"- written: {path}")
@@ -422,14 +423,14 @@ def score(
     marker: Annotated[str | None, typer.Option(help="The hand's marker in a motion-capture file.")] = None,
     separator: Annotated[str, typer.Option(help="Of a .csv: comma, semicolon or tab.")] = "comma",
     decimal: Annotated[str, typer.Option(help="Of a .csv: point or comma.")] = "point",
-    count_mm: Annotated[float | None, typer.Option(help="Millimetres that one raw count is.")] = None,
+    count_mm: Annotated[float | None, typer.Option(help="Millimetres of one raw count, or of a .c3d's unit.")] = None,
     tick_ms: Annotated[float | None, typer.Option(help="Milliseconds that one raw count of time is.")] = None,
-    target: Annotated[str | None, typer.Option(help="x,y(,z) [m] where each movement was to end.")] = None,
-    pause: Annotated[float | None, typer.Option(help="Rest [s] that ends a trial; by default a file is one.")] = None,
+    target: Annotated[str | None, typer.Option(help="x,y(,z) in m, where each movement was to end.")] = None,
+    pause: Annotated[float | None, typer.Option(help="Rest in s that ends a trial; else a file is one.")] = None,
     repeats: Annotated[
         bool, typer.Option("--repeats", help="All trials are of one movement: how they vary, too.")
     ] = False,
-    cutoff: Annotated[float, typer.Option(help="Of the low-pass before speeds are taken [Hz].")] = 10.0,
+    cutoff: Annotated[float, typer.Option(help="Of the low-pass before speeds are taken, in Hz.")] = 10.0,
     threshold: Annotated[float, typer.Option(help="Fraction of the peak speed where a movement begins.")] = 0.05,
     out: Annotated[Path | None, typer.Option(help="A .csv; standard output by default.")] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace the .csv where there is one.")] = False,

@@ -16,9 +16,10 @@ from pathlib import Path
 
 import casadi
 import pytest
+import typer
 
 import rehab_opt
-from rehab_opt.cli import main
+from rehab_opt.cli import app, main
 from rehab_opt.kinematics.human_arm import ARM_JOINTS
 from rehab_opt.recordings.data_folder import ENVIRONMENT
 from rehab_opt.session.files import shipped_problems
@@ -80,6 +81,15 @@ def test_help_loses_no_unit_to_markup_and_is_at_most_80_columns_wide(
     printed = capsys.readouterr().out
     assert max(map(len, printed.splitlines())) <= 80
     assert " :" not in printed
+
+
+def test_no_help_has_square_brackets_which_a_terminal_takes_for_markup() -> None:
+    commands = [typer.main.get_command(app)]
+    for command in commands:
+        commands += getattr(command, "commands", {}).values()
+        for text in (command.help, *(getattr(each, "help", None) for each in command.params)):
+            assert "[" not in (text or ""), (command.name, text)
+    assert len(commands) > 15
 
 
 def test_without_a_terminal_progress_is_a_line_a_minute(

@@ -5,9 +5,8 @@
     spectral_arc_length(np.linalg.norm(velocity, axis=1), even.rate_hz)
 
 `score` does all of it for one trial; `rehab-opt score RECORDING` for the trials of recordings. Each docstring has the
-paper, the unit, the formula, and how much noise and slow sampling change the number. The yardstick is a minimum-jerk
-reach of 0.2 m in 1 s, recorded at 100 Hz with 0.5 mm of white noise (standard deviation) on each coordinate, the mean
-over 40 seeds; tests/measures/test_sensitivity.py holds every one of these numbers.
+paper, the unit and the formula; docs/capabilities/scoring.md, how much noise and slow sampling change the number. What
+cannot be measured (numbers that are not finite, too few samples, nothing that moves) raises `ConfigurationError`.
 """
 
 from rehab_opt.measures.path import end_error, path_length, path_ratio, range_used, workspace_used

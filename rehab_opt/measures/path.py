@@ -19,11 +19,7 @@ FLAT = 1e-9
 
 
 def path_length(points: ArrayLike) -> float:
-    """Length [m] of the path through points (N, d) [m]: sum |p_i+1 - p_i|.
-
-    Noise adds at every sample, the more the faster they come: the yardstick's raw points read 13 % high, at 200 Hz 38;
-    low-passed, as `score` takes them, 1 %. Slow sampling cuts corners: of a half circle 25 points are 0.1 % short.
-    """
+    """Length [m] of the path through points (N, d) [m]: sum |p_i+1 - p_i|."""
     return float(np.linalg.norm(np.diff(vectors("points", points), axis=0), axis=1).sum())
 
 
@@ -33,8 +29,6 @@ def path_ratio(points: ArrayLike, reference: ArrayLike | None = None) -> float:
     Index of curvature: Cirstea and Levin, "Compensatory strategies for reaching in stroke", Brain 123(5), 2000. No
     unit: 1 is a straight line, pi/2 a half circle. NaN where the path ends just where it began, or the reference has no
     length: of a movement that comes back only a reference makes sense.
-
-    Noise and sampling: as `path_length`.
     """
     p = vectors("points", points, fewest=2)
     meant = float(np.linalg.norm(p[-1] - p[0])) if reference is None else path_length(reference)
@@ -44,8 +38,7 @@ def path_ratio(points: ArrayLike, reference: ArrayLike | None = None) -> float:
 def end_error(points: ArrayLike, target: ArrayLike) -> float:
     """Distance [m] of the last of points (N, d) [m] from the target (d,) [m].
 
-    Accuracy: Schwarz et al., Stroke 50(3), 2019. Noise at the last sample is all there is of it in a perfect reach: the
-    yardstick reads 0.7 mm. Sampling does not change it.
+    Accuracy: Schwarz et al., Stroke 50(3), 2019.
     """
     p, goal = vectors("points", points), vectors("target", np.atleast_2d(np.asarray(target, dtype=np.float64)))
     if goal.shape != (1, p.shape[1]):
@@ -56,8 +49,7 @@ def end_error(points: ArrayLike, target: ArrayLike) -> float:
 def range_used(values: ArrayLike) -> Array:
     """(d,) largest minus smallest of values (N, d), or (N,): extents of points [m], ranges of joints [rad].
 
-    The range used, not the range possible. Noise widens it at both ends: the yardstick's raw points by 1.0 mm along the
-    reach, and by 2.5 mm across it, where there is nothing else; low-passed by 0.4 and 1.3 mm. At 25 Hz: unchanged.
+    The range used, not the range possible.
     """
     return np.asarray(np.ptp(rows("values", values), axis=0))
 
@@ -67,12 +59,7 @@ def workspace_used(points: ArrayLike) -> float:
 
     The area that a hand encloses: Sukal, Ellis, Dewald, "Shoulder abduction-induced reductions in reaching work area
     following hemiparetic stroke", Exp. Brain Res. 183(2), 2007 (who trace it; here it is the hull of what was visited).
-    Zero for points in a line, or in a plane of space. Noise widens it as `range_used`: 100 points on
-    a circle of 0.1 m with 0.5 mm of noise read 0.4 % large. Sampling: 25 points on a circle enclose 1 % less than it.
-
-    Raises
-    ------
-    ConfigurationError : points of other dimensions, fewer than two, numbers that are not finite.
+    Zero for points in a line, or in a plane of space.
     """
     p = vectors("points", points, fewest=2)
     if p.shape[1] not in (2, 3):

@@ -33,13 +33,6 @@ def path_variability(trials: Sequence[ArrayLike]) -> float:
     Parameters
     ----------
     trials : K >= 2 of (N_k, d) [m], evenly sampled, N_k >= 2, of any lengths.
-
-    Noise of s in each of d coordinates adds s^2 d to its square: the yardstick, repeated exactly, reads 0.7 mm. At
-    25 Hz: unchanged.
-
-    Raises
-    ------
-    ConfigurationError : fewer than two trials, trials of different dimensions, numbers that are not finite.
     """
     paths = _trials(trials)
     shares = np.linspace(0.0, 1.0, INSTANTS)
@@ -55,8 +48,8 @@ def path_variability(trials: Sequence[ArrayLike]) -> float:
 def end_variability(trials: Sequence[ArrayLike]) -> float:
     """Root mean square distance [m] of the trials' last points from their mean: sqrt(sum_k |e_k - mean|^2 / (K - 1)).
 
-    Variable error (its constant partner is `end_error` of the mean end). Parameters, errors, noise: as
-    `path_variability`; sampling does not change it.
+    Variable error (its constant partner is `end_error` of the mean end). Parameters, errors: as
+    `path_variability`.
     """
     ends = np.stack([path[-1] for path in _trials(trials)])
     return float(np.sqrt(_spread(ends[:, None])[0]))

@@ -23,7 +23,7 @@ from rehab_opt.measures.samples import (
     vectors,
 )
 from rehab_opt.measures.smoothness import dimensionless_jerk, log_dimensionless_jerk, spectral_arc_length
-from rehab_opt.measures.speed import mean_speed, movement_interval, peak_speed, velocity_peaks
+from rehab_opt.measures.speed import RISE, mean_speed, movement_interval, peak_speed, velocity_peaks
 
 __all__ = ["Measure", "Score", "noise_of_derivative", "score", "white_noise"]
 
@@ -36,13 +36,7 @@ FREQUENCIES = 2001
 def white_noise(points: ArrayLike, smooth: ArrayLike, rate_hz: float, *, cutoff_hz: float) -> float:
     """Standard deviation [m] of the noise in each coordinate of points (N, d), were all of it white.
 
-    Parameters
-    ----------
-    smooth : (N, d) the same points low-passed at `cutoff_hz`; what the filter took away tells of the noise.
-
-    Raises
-    ------
-    ConfigurationError : arrays of different shapes, numbers that are not finite.
+    It is told from what a low-pass at `cutoff_hz`, which left `smooth` (N, d), took away.
     """
     p, s = vectors("points", points), vectors("smooth", smooth)
     if p.shape != s.shape:
@@ -51,7 +45,7 @@ def white_noise(points: ArrayLike, smooth: ArrayLike, rate_hz: float, *, cutoff_
     return float(np.sqrt(((p - s) ** 2).mean() / ((1 - passed) ** 2).mean()))
 
 
-def noise_of_derivative(noise: float, rate_hz: float, *, cutoff_hz: float, order: int) -> float:
+def noise_of_derivative(noise: float, rate_hz: float, *, cutoff_hz: float | None, order: int) -> float:
     """Standard deviation [m/s^order] that white noise of `noise` [m] leaves in a derivative: 1 velocity, 3 its jerk.
 
     As `hand_velocity` and `dimensionless_jerk` take them: a central difference, then second differences.
@@ -61,17 +55,25 @@ def noise_of_derivative(noise: float, rate_hz: float, *, cutoff_hz: float, order
     return float(noise * np.sqrt(((passed * differences) ** 2).mean()))
 
 
-def _response(rate_hz: float, cutoff_hz: float) -> tuple[Array, Array]:
-    """Gain of the filter run both ways, and radians a sample, at frequencies from 0 to half the rate."""
+def _response(rate_hz: float, cutoff_hz: float | None) -> tuple[Array, Array]:
+    """Gain of the filter run both ways, if any, and radians a sample, at frequencies from 0 to half the rate."""
     angle = np.linspace(0.0, np.pi, FREQUENCIES)
+    if cutoff_hz is None:
+        return np.ones(FREQUENCIES), angle
     corner = np.pi * positive("cutoff_hz", cutoff_hz) / ONCE_EACH_WAY / positive("rate_hz", rate_hz)
     # The bilinear transform of the analogue filter, which squeezes infinity to half the rate.
     passed = np.append(1 / (1 + (np.tan(angle[:-1] / 2) / np.tan(corner)) ** 4), 0.0)
     return passed, angle
 
 
-STILL = 1e-3
-"""[m/s] A hand whose fastest moment is slower rests: what is seen of it is noise."""
+STILL, HURLED = 1e-3, 50.0
+"""[m/s] A hand that is slower throughout rests; one that a tenth of the time is faster has other units than it says."""
+SURE = 4.5
+"""Standard deviations of noise in one coordinate; in space one sample in 6000 of a hand at rest is faster."""
+CHANCE = 0.7
+"""Noise of a second differs by as much in its squared jerk: a share above may be the whole."""
+NORMAL_MEDIAN = 0.6745
+"""Median of the size of normal noise, over its standard deviation."""
 AXES = "xyz"
 
 
@@ -109,7 +111,8 @@ def score(
     target : (2,) or (3,) [m] where the movement was to end.
     joints : angles (N,) [rad] by name.
     cutoff_hz : of the filter (`hand_velocity`); samples too slow for it stay as they are, with a note.
-    threshold : of the movement's start and end (`movement_interval`).
+    threshold : of the movement's start and end (`movement_interval`); where noise may be faster, that counts, as a note
+        says.
 
     Returns
     -------
@@ -119,12 +122,16 @@ def score(
 
     Raises
     ------
-    ConfigurationError : as `evenly_sampled`; a hand slower than 1 mm/s throughout, a movement of fewer than ten
-        samples.
+    ConfigurationError : as `evenly_sampled`; a hand slower than 1 mm/s throughout, or faster than 50 m/s a tenth of the
+        time, a movement of fewer than ten samples; a cut-off above 10 Hz for which the samples are too slow.
     """
     even = evenly_sampled(time, points)
     if even.points.shape[1] not in (2, 3):
         raise ConfigurationError("points", f"shape {even.points.shape}", "(N, 2) or (N, 3)")
+    usual = float(np.percentile(np.linalg.norm(np.diff(even.points, axis=0), axis=1), 90)) * even.rate_hz
+    if usual > HURLED:
+        value = f"faster than {usual:.3g} m/s a tenth of the time"
+        raise ConfigurationError("points", value, f"at most {HURLED:g} m/s")
     notes = list(even.notes)
     rate, cutoff = even.rate_hz, _cutoff(even.rate_hz, cutoff_hz, notes)
     path = low_passed(even.points, rate, cutoff_hz=cutoff)
@@ -133,12 +140,23 @@ def score(
     if not peak_speed(speed) > STILL:
         expected = f"a hand that moves, at {1e3 * STILL:g} mm/s or more"
         raise ConfigurationError("points", f"at most {1e3 * speed.max():.3g} mm/s", expected)
-    begin, end = movement_interval(speed, rate, threshold=threshold)
+    noise = _noise(even.points, path, rate, cutoff)
+    slow = noise_of_derivative(noise, rate, cutoff_hz=cutoff, order=1)
+    seen = _above_noise(speed, noise, rate, cutoff)
+    own, threshold = threshold, max(threshold, min(SURE * slow / speed.max(), 0.5))
+    begin, end = movement_interval(seen, rate, threshold=threshold)
     count = math.floor((end - begin) * rate) + 1
     if count < FEWEST:
         value = f"{count} samples, {1e3 * (end - begin):.3g} ms"
         raise ConfigurationError("points", value, f"a movement of at least {FEWEST} samples")
-    notes += _cut_notes(speed, threshold)
+    notes += _cut_notes(seen, threshold)
+    rise = max(RISE, SURE * slow)
+    if threshold > own or rise > RISE:
+        notes.append(
+            f"noise of {1e3 * noise:.2g} mm may move a hand at rest at {1e3 * SURE * slow:.2g} mm/s: the movement is "
+            f"cut at {100 * threshold:.2g} % of its peak speed, not {100 * own:g}, and a velocity peak rises by "
+            f"{1e3 * rise:.2g} mm/s; movement_time is the shorter for it (a lower cut-off may help)"
+        )
     moving, v = _between(path, rate, begin, end, count), _between(velocity, rate, begin, end, count)
     of_movement = (count - 1) / (end - begin)
     jerks = dimensionless_jerk(v, of_movement), log_dimensionless_jerk(v, of_movement)
@@ -146,15 +164,17 @@ def score(
     if gap > max(1.5 / rate, 0.5 / cutoff_hz):
         jerks = math.nan, math.nan
         notes.append(f"dimensionless_jerk: not over a gap of {1e3 * gap:.3g} ms, which a straight line bridges")
-    if cutoff is not None:
-        noise = white_noise(even.points, path, rate, cutoff_hz=cutoff)
-        notes += _noise_notes(noise, v, rate, cutoff, threshold=threshold, jerk=jerks[0])
+    sharp = noise_of_derivative(noise, rate, cutoff_hz=cutoff, order=3)
+    of_noise = (end - begin) ** 4 / peak_speed(v) ** 2 * v.shape[1] * sharp**2
+    if of_noise > 0.2 * jerks[0]:
+        share = "all" if of_noise > CHANCE * jerks[0] else f"{100 * of_noise / jerks[0]:.0f} %"
+        notes.append(f"noise of {1e3 * noise:.2g} mm may make up {share} of dimensionless_jerk")
     measures = [
         Measure("duration", float(even.time[-1] - even.time[0]), "s"),
         Measure("movement_time", end - begin, "s"),
         Measure("speed_mean", mean_speed(v), "m/s"),
         Measure("speed_peak", peak_speed(v), "m/s"),
-        Measure("velocity_peaks", velocity_peaks(np.linalg.norm(v, axis=1), of_movement), "1"),
+        Measure("velocity_peaks", velocity_peaks(np.linalg.norm(v, axis=1), of_movement, rise=rise), "1"),
         Measure("sparc", spectral_arc_length(np.linalg.norm(v, axis=1), of_movement), "1"),
         Measure("dimensionless_jerk", jerks[0], "1"),
         Measure("log_dimensionless_jerk", jerks[1], "1"),
@@ -173,6 +193,24 @@ def score(
     return Score(tuple(measures), moving, tuple(notes))
 
 
+def _noise(points: Array, path: Array, rate: float, cutoff: float | None) -> float:
+    """[m] White noise: what the filter took away or, where there is none, of fourth differences, the median."""
+    if cutoff is not None:
+        return white_noise(points, path, rate, cutoff_hz=cutoff)
+    return float(np.median(np.abs(np.diff(points, 4, axis=0)))) / (NORMAL_MEDIAN * math.sqrt(70.0))
+
+
+def _above_noise(speed: Array, noise: float, rate: float, cutoff: float | None) -> Array:
+    """The speed, zero at both ends where it may be noise of the first and last point, which the filter leaves alone."""
+    passed, _ = _response(rate, cutoff)
+    least = min(SURE * 2 * noise * rate * float(passed.mean()), float(speed.max()))
+    seen = speed.copy()
+    count = 1 if cutoff is None else math.ceil(0.5 * rate / cutoff)
+    for part in (seen[:count], seen[-count:]):
+        part[part < least] = 0.0
+    return seen
+
+
 def _between(samples: Array, rate: float, begin: float, end: float, count: int) -> Array:
     """`count` samples from begin to end [s]: whole samples would make the duration wrong, and jerk has its cube."""
     from scipy.interpolate import CubicSpline  # noqa: PLC0415
@@ -186,9 +224,10 @@ def _longest_step(time: Array, begin: float, end: float) -> float:
 
 
 def _cutoff(rate: float, cutoff_hz: float, notes: list[str]) -> float | None:
-    if positive("cutoff_hz", cutoff_hz) < LARGEST_CUT_OFF * rate:
-        return cutoff_hz
-    notes.append(f"sampled at {rate:.4g} Hz, too slowly for a low-pass at {cutoff_hz:g} Hz: not filtered")
+    if positive("cutoff_hz", cutoff_hz) < LARGEST_CUT_OFF * rate or cutoff_hz > CUT_OFF_HZ:
+        return cutoff_hz  # which `low_passed` refuses if it was asked for what filters nothing
+    below = f"(one below {LARGEST_CUT_OFF * rate:.3g} Hz can be)"
+    notes.append(f"sampled at {rate:.4g} Hz, too slowly for a low-pass at {cutoff_hz:g} Hz: not filtered {below}")
     return None
 
 
@@ -198,22 +237,6 @@ def _cut_notes(speed: Array, threshold: float) -> Iterator[str]:
         if speed[place] > least:
             share = 100 * speed[place] / speed.max()
             yield f"the trial {what} in motion, at {share:.0f} % of its peak speed: a part of it may be missing"
-
-
-def _noise_notes(
-    noise: float, velocity: Array, rate: float, cutoff: float, *, threshold: float, jerk: float
-) -> Iterator[str]:
-    """What of speed and jerk may be noise of `noise` [m]; `jerk` is the dimensionless jerk measured."""
-    peak, axes, duration = peak_speed(velocity), velocity.shape[1], (len(velocity) - 1) / rate
-    slow = noise_of_derivative(noise, rate, cutoff_hz=cutoff, order=1)
-    if 3 * slow > threshold * peak:
-        yield (
-            f"noise of {1e3 * noise:.2g} mm may be as fast as {100 * threshold:g} % of the peak speed: movement_time "
-            "and all that is cut to it may hold rest; a lower cut-off or a higher threshold may help"
-        )
-    of_noise = duration**4 / peak**2 * axes * noise_of_derivative(noise, rate, cutoff_hz=cutoff, order=3) ** 2
-    if of_noise > 0.2 * jerk:
-        yield f"noise of {1e3 * noise:.2g} mm may make up {100 * min(1.0, of_noise / jerk):.0f} % of dimensionless_jerk"
 
 
 def _ratio(path: Array, notes: list[str]) -> float:

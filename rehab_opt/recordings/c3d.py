@@ -39,13 +39,12 @@ class _Header(NamedTuple):
     order: str
 
 
-def read_c3d(path: Path, *, name: str, marker: str | None) -> Recording:
+def read_c3d(path: Path, *, name: str, marker: str | None, count_mm: float | None = None) -> Recording:
     """Path of one marker, (N, 3) [m] in the laboratory's frame; frames without it are left out, with a note.
 
     Raises
     ------
-    ProblemFileError : no C3D or one cut short, no such marker, an unknown unit, no rate, a marker hidden for more than
-        0.2 s.
+    ProblemFileError : no C3D or one cut short, no such marker, unit or rate, a marker hidden for more than 0.2 s.
     """
     content = file_content(path, name, largest=LARGEST_RECORDING)
     header, parameters = _read_header(content, name)
@@ -53,19 +52,24 @@ def read_c3d(path: Path, *, name: str, marker: str | None) -> Recording:
     unit = next(iter(_texts(parameters.get("POINT:UNITS"))), None)
     rate = _number(parameters.get("POINT:RATE"))
     place = marker_place(marker, labels[: header.points], name)
-    if unit not in LENGTH:
-        raise ProblemFileError(name, "POINT:UNITS", unit, f"one of {', '.join(LENGTH)}")
+    if not unit and count_mm is not None:
+        unit, metres = "counts", 1e-3 * count_mm
+    elif unit in LENGTH:
+        metres = LENGTH[unit]
+    else:
+        expected = f"one of {', '.join(LENGTH)}" + ("" if unit else ", or recording.count_mm, its unit in mm")
+        raise ProblemFileError(name, "POINT:UNITS", unit, expected)
     if not 0 < rate < math.inf:
         raise ProblemFileError(name, "POINT:RATE", rate, "frames a second, above zero")
     points = _marker(content, header, place)
-    far = np.abs(points) > FARTHEST / LENGTH[unit]
+    far = np.abs(points) > FARTHEST / metres
     if far.any():
         frame, axis = (int(i) for i in np.argwhere(far)[0])
-        expected = f"at most {FARTHEST / LENGTH[unit]:g} {unit} (another unit?)"
+        expected = f"at most {FARTHEST / metres:g} {unit} (another unit?)"
         where, value = f"frame {frame + 1}, marker {marker} {'XYZ'[axis]}", float(points[frame, axis])
         raise ProblemFileError(name, where, value, expected)
     rows = np.column_stack((np.arange(len(points)) / rate, points))
-    return seen_marker(rows, name, str(marker), LENGTH[unit], str(len(points)))
+    return seen_marker(rows, name, str(marker), metres, str(len(points)))
 
 
 def _read_header(content: bytes, name: str) -> tuple[_Header, dict[str, object]]:

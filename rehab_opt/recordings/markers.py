@@ -71,9 +71,7 @@ def _position(cells: list[str], *, name: str, line: int, marker: str, most: floa
 def marker_place(marker: str | None, markers: Sequence[str], name: str) -> int:
     """Place of a marker, named in full, or by what follows the subject in `Subject:MARKER`.
 
-    Raises
-    ------
-    ProblemFileError : no such marker, or several; the markers are then named without subjects, who may be people.
+    No such marker, or several: refused, and the markers are named without subjects, who may be people.
     """
     own = [each.rpartition(":")[2] for each in markers]
     names = markers if marker in markers else own

@@ -32,8 +32,7 @@ def read_opensim(path: Path, *, name: str, columns: Sequence[str] | None = None)
 
     Raises
     ------
-    ProblemFileError : no `endheader`, no `inDegrees`, a missing column, a cell that is not a finite number. A row
-        count in the header that does not hold is a note.
+    ProblemFileError : no `endheader`, no `inDegrees`, a missing column, a cell that is not a finite number.
     """
     storage = path.suffix.lower() == ".sto"
     lines = text_lines(path, name)

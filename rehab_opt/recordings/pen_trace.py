@@ -32,8 +32,7 @@ def read_svc(path: Path, *, name: str, count_mm: float | None = None, tick_ms: f
 
     Raises
     ------
-    ProblemFileError : a first line that is no count, a cell that is not a finite number, a
-        pen-down other than 0 or 1, a time before the one above it, a pen that is never down.
+    ProblemFileError : what is no such trace, a time before the one above it, a pen that is never down.
     """
     lines = text_lines(path, name)
     stated = lines[0].strip()

@@ -50,7 +50,7 @@ def read_recording(
     columns : two or three columns that hold x, y (and z), of a `.csv`, `.mot`, `.sto` or `.xdf`.
     marker : which marker of a `.trc` or `.c3d`, or tracked point of a `_motion.tsv`, is the hand.
     separator, decimal : of a `.csv`: "comma", "semicolon" or "tab"; "point" or "comma".
-    count_mm, tick_ms : [mm], [ms] what a raw count of a `.svc`, or of a `.csv` without units, is.
+    count_mm, tick_ms : [mm], [ms] what a raw count of a `.svc`, or of a `.csv` or `.c3d` without units, is.
     speed : of the recorded pace: 0.5 takes twice as long.
 
     Raises
@@ -69,7 +69,7 @@ def read_recording(
         ".sto": lambda: read_opensim(path, name=name, columns=columns),
         ".svc": lambda: read_svc(path, name=name, count_mm=count_mm, tick_ms=tick_ms),
         ".trc": lambda: read_trc(path, name=name, marker=marker),
-        ".c3d": lambda: read_c3d(path, name=name, marker=marker),
+        ".c3d": lambda: read_c3d(path, name=name, marker=marker, count_mm=count_mm),
         ".xdf": lambda: read_xdf(path, name=name, columns=columns),
         ".tsv": lambda: read_motion(path, name=name, marker=marker),
     }

@@ -68,7 +68,7 @@ class Recording:
         return replace(self, joints=dict(self.joints), notes=(*self.notes, *notes))
 
 
-SMALLEST = 2e-3
+SMALLEST = 5e-3
 """[m] A movement of less is nobody's task."""
 FASTEST, SLOWEST = 10.0, 1e-3
 """[m/s] No hand is faster (a thrown ball leaves it at 40); one that is slower throughout hardly moves."""

@@ -14,6 +14,7 @@ from rehab_opt.kinematics.goniometer import arm_range_of_motion
 from rehab_opt.session.schema import GONIOMETER, NAME, TABLE, Section, Side, refusal
 
 __all__ = [
+    "RADIANS",
     "ArmSection",
     "Limits",
     "OneRange",

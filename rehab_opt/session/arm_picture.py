@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.kinematics.goniometer import GONIOMETER, arm_posture, goniometer_range, range_in_words
 from rehab_opt.kinematics.human_arm import ARM_JOINTS, ARM_REST
+from rehab_opt.session.arm_keys import RADIANS
 from rehab_opt.session.drawing import fitted, framed
 
 __all__ = ["range_figure", "range_note", "stick_arm", "write_range_figures"]
@@ -27,6 +28,8 @@ SAME = 1e-9
 """[m] Origins of frames that are no further apart are one place."""
 THUMB = 0.06
 """[m] drawn of the thumb, which is the handle's axis."""
+CROOKED = 45.0
+"""[deg] An elbow that stretches no further is rarer than one that was counted from 180 down."""
 BENT = {"elbow_flexion": math.pi / 2}
 
 
@@ -52,10 +55,21 @@ VIEWS: Mapping[str, View] = {
 }
 
 
-def range_note(name: str, arm: SerialChain) -> str:
-    """The range of motion of an arm as a clinician says it, whatever it was counted in."""
-    said = [range_in_words(movement, *pair) for movement, pair in _measured(arm).items()]
-    return f"range of motion {name!r}, as a goniometer reads it: {'; '.join(said)}"
+def range_note(name: str, arm: SerialChain, *, side: str = "") -> str:
+    """The range of motion of an arm as a clinician says it, whatever it was counted in, and what it may be instead."""
+    said = [range_in_words(movement, *pair) + _looks_like(movement, *pair) for movement, pair in _measured(arm).items()]
+    whose = f" of the {side} arm" if side else ""
+    return f"range of motion {name!r}{whose}, as a goniometer reads it: {'; '.join(said)}"
+
+
+def _looks_like(movement: str, lower: float, upper: float) -> str:
+    """What else a range [rad] may mean, in words; nothing where it is a usual one."""
+    low, high = math.degrees(lower), math.degrees(upper)
+    if high > low and max(abs(low), abs(high)) <= RADIANS:
+        return " (so narrow: degrees, not radians?)"
+    if movement == "elbow_flexion" and low >= CROOKED:
+        return f" (the straight arm is 0: if it was counted as 180, this is {180 - high:.4g} to {180 - low:.4g})"
+    return ""
 
 
 def range_figure(title: str, arm: SerialChain) -> Figure:

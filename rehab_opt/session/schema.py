@@ -142,7 +142,7 @@ class RecordingSection(Section):
     decimal: Decimal = "point"
     """Of the numbers in a `.csv`."""
     count_mm: float | None = Field(default=None, gt=0, le=1000)
-    """What one raw count of length is, in a `.svc`, or in a `.csv` whose header names no units."""
+    """What one raw count of length is, in a `.svc`, or in a `.csv` or `.c3d` whose header names no units."""
     tick_ms: float | None = Field(default=None, gt=0, le=1000)
     """What one raw count of time is, likewise."""
     speed: float = Field(default=1.0, ge=0.01, le=10)
@@ -157,7 +157,7 @@ class RecordingSection(Section):
             "columns": ((".csv", ".mot", ".sto", ".xdf"), "named columns"),
             "separator": ((".csv",), "a separator of one's choice"),
             "decimal": ((".csv",), "decimals of one's choice"),
-            "count_mm": ((".svc", ".csv"), "raw counts"),
+            "count_mm": ((".svc", ".csv", ".c3d"), "raw counts of length"),
             "tick_ms": ((".svc", ".csv"), "raw counts"),
         }
         for key, (suffixes, what) in allowed.items():

@@ -24,6 +24,7 @@ from rehab_opt.recordings.recording import Recording, strange_sizes
 from rehab_opt.session.files import recording_description, schema_error
 from rehab_opt.session.refusals import refused_as
 from rehab_opt.session.schema import RecordingSection
+from rehab_opt.text_file import FARTHEST
 
 __all__ = [
     "HEADER",
@@ -97,9 +98,12 @@ def score_recordings(
 
     Raises
     ------
-    ProblemFileError : a recording cannot be read or measured (the key says which trial).
-    ConfigurationError : a target of other coordinates, fewer than two trials as repeats.
+    ProblemFileError : a recording cannot be read or measured.
+    ConfigurationError : a target of other coordinates, fewer than two repeats.
     """
+    if target is not None and not all(abs(x) <= FARTHEST for x in target):
+        expected = f"coordinates of at most {FARTHEST:g} m (millimetres taken for metres?)"
+        raise ConfigurationError("--target", ",".join(f"{x:g}" for x in target), expected)
     rows: list[Row] = []
     notes: list[str] = []
     measured: list[tuple[Described, int, Recording, Score]] = []
@@ -129,12 +133,7 @@ def score_recordings(
 
 
 def described(file: str, reading: Mapping[str, Any] = MappingProxyType({})) -> Described:
-    """A recording by its own name, or by that of its description (`.toml`), whose keys go before `reading`.
-
-    Raises
-    ------
-    ProblemFileError : a description that cannot be used; a recording that is absent.
-    """
+    """A recording by its own name, or by that of its description (`.toml`), whose keys go before `reading`."""
     named = Described(file, dict(reading))
     if not file.endswith(".toml"):
         return named
@@ -155,11 +154,6 @@ def trials_between_pauses(recording: Recording, *, pause: float, threshold: floa
 
     The hand rests while it is slower than `threshold` times its largest speed in the recording. Rest at either end
     belongs to the first and the last trial.
-
-    Raises
-    ------
-    ProblemFileError : samples that have no speed (`evenly_sampled`).
-    ConfigurationError : a pause that is not above zero.
     """
     if not 0 < pause < math.inf:
         raise ConfigurationError("pause", pause, "seconds above zero")

@@ -271,6 +271,15 @@ def test_uneven_samples_are_made_even_and_gaps_are_noted() -> None:
     assert notes[0].startswith("a gap of 220 ms (usual: 10 ms) bridged by straight lines")
 
 
+def test_jittered_stamps_are_no_gaps_and_a_sample_left_out_is() -> None:
+    time, points = reach(100)
+    stamps = time + np.random.default_rng(17).uniform(-3e-3, 3e-3, 101)
+    (note,) = measures.evenly_sampled(stamps, points).notes
+    assert note.startswith("steps of ")
+    kept = (np.arange(101) < 40) | (np.arange(101) > 42)
+    assert measures.evenly_sampled(stamps[kept], points[kept]).notes[0].startswith("a gap of ")
+
+
 @pytest.mark.parametrize(("left_out", "told"), [((40, 43), True), ((40, 60), False), ((-40, -20), True)])
 def test_jerk_over_a_gap_is_none_of_the_person_s(left_out: tuple[int, int], told: bool) -> None:
     time, points = reach(100, rest=0.5)
@@ -290,7 +299,22 @@ def test_what_may_be_noise_is_noted() -> None:
     assert [note.partition(" mm")[0] for note in little] == ["noise of 0.094"]
     assert "dimensionless_jerk" in little[0]
     much = " ".join(score(time, noisy(points, 5e-4, 1)).notes)
-    assert "noise of 0.47 mm may be as fast as 5 % of the peak speed: movement_time" in much
+    assert "noise of 0.47 mm may move a hand at rest at 39 mm/s: the movement is cut at 10 % of its peak speed" in much
+    assert "noise of 0.47 mm may make up all of dimensionless_jerk" in much
+
+
+@pytest.mark.parametrize("rate", [20, 25, 50, 100, 200, 1000])
+def test_noise_at_rest_is_no_movement_at_any_rate(rate: float) -> None:
+    time, points = reach(rate, rest=0.5)
+    clean = values(score(time, points))
+    for seed in range(10):
+        scored = score(time, noisy(points, 5e-4, seed))
+        seen = values(scored)
+        assert seen["movement_time"] == pytest.approx(clean["movement_time"], rel=0.15), seed
+        assert seen["speed_mean"] == pytest.approx(clean["speed_mean"], rel=0.15)
+        assert seen["velocity_peaks"] == 1
+        assert not any("in motion" in note for note in scored.notes)
+        assert any("dimensionless_jerk" in note for note in scored.notes)
 
 
 def test_what_is_cut_off_or_comes_back_is_noted() -> None:
@@ -301,7 +325,7 @@ def test_what_is_cut_off_or_comes_back_is_noted() -> None:
     assert math.isnan(values(back)["path_ratio"])
     assert any(note.startswith("path_ratio: ") for note in back.notes)
     slow = score(*reach(20))
-    assert slow.notes[0] == "sampled at 20 Hz, too slowly for a low-pass at 10 Hz: not filtered"
+    assert slow.notes[0] == "sampled at 20 Hz, too slowly for a low-pass at 10 Hz: not filtered (one below 8 Hz can be)"
 
 
 def test_joints_turn_and_do_not_jump() -> None:
@@ -327,6 +351,8 @@ BAD: list[tuple[Callable[[], Any], str]] = [
     (lambda: score(TIME, POINTS, target=(1, 2, 3)), "target"),
     (lambda: score(TIME, POINTS, target=(1, math.nan)), "target[0, 1]"),
     (lambda: score(TIME, POINTS, cutoff_hz=-1.0), "cutoff_hz"),
+    (lambda: score(TIME, POINTS, cutoff_hz=500.0), "cutoff_hz"),
+    (lambda: score(1e-3 * TIME, POINTS), "points"),  # seconds taken for milliseconds
     (lambda: score(TIME, POINTS, threshold=math.nan), "threshold"),
     (lambda: score(TIME, POINTS, joints={"elbow": [math.nan]}), "joints['elbow'][0]"),
     (lambda: score([*TIME[:-1], 1e9], POINTS), "rate_hz"),

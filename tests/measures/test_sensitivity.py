@@ -1,4 +1,4 @@
-"""What noise and slow sampling do to each measure: the numbers that the docstrings state."""
+"""What noise and slow sampling do to each measure: the numbers that docs/capabilities/scoring.md states."""
 
 from __future__ import annotations
 

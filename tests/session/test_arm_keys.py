@@ -43,6 +43,24 @@ def test_goniometer_keys_make_the_arm_that_was_measured(written: Write) -> None:
         assert words in note
 
 
+@pytest.mark.parametrize(
+    ("pair", "words"),
+    [
+        ((60, 150), "60 to 150 deg of flexion (the straight arm is 0: if it was counted as 180, this is 30 to 120)"),
+        ((0.52, 2.09), "elbow: 0.5 to 2.1 deg of flexion (so narrow: degrees, not radians?)"),
+        ((30, 120), "elbow: 30 to 120 deg of flexion;"),
+        ((0, 0), "elbow: locked at 0 deg of flexion;"),
+    ],
+)
+def test_what_a_range_looks_like_is_said_and_the_side(written: Write, pair: tuple[float, float], words: str) -> None:
+    text = WORKSPACE + keys(HEALTHY | {"elbow_flexion": pair}, convention=True)
+    (arm,) = arms_of(load_problem(str(written("p.toml", text)))).values()
+    note = range_note("own", arm, side="right")
+    assert words in note
+    assert "'own' of the right arm, as" in note
+    assert note.count("(") == words.count("(")
+
+
 def test_the_same_range_in_both_ways_of_counting_is_the_same_arm(written: Write) -> None:
     table = {name: np.deg2rad(pair) for name, pair in REGULAR.items()}
     measured = {name: tuple(np.rad2deg(pair)) for name, pair in goniometer_range(table).items()}

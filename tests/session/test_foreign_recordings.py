@@ -303,3 +303,15 @@ def test_keys_of_a_recording_are_checked(written: Write, more: str, key: str) ->
     assert refused.value.key == key
     with pytest.raises(ProblemFileError, match=r"only a .svc or .csv has raw counts"):
         load_problem(str(written("q.toml", PROBLEM.format(more="tick_ms = 1.0", x=0).replace("a.csv", "a.mot"))))
+
+
+def test_a_c3d_without_a_unit_is_read_in_that_of_count_mm(tmp_path: Path) -> None:
+    points = np.zeros((20, 1, 4))
+    points[:, 0, 0] = np.arange(20)
+    path = tmp_path / "a.c3d"
+    path.write_bytes(c3d(points, ["HAND"]).replace(b"UNITS", b"OTHER"))
+    with pytest.raises(ProblemFileError, match=r"POINT:UNITS = None: expected .* recording\.count_mm, its unit in mm"):
+        read_recording(path, marker="HAND")
+    assert read_recording(path, marker="HAND", count_mm=10.0).points[-1, 0] == pytest.approx(0.19)
+    path.write_bytes(c3d(points, ["HAND"]))  # one that names its unit is read in that
+    assert read_recording(path, marker="HAND", count_mm=10.0).points[-1, 0] == pytest.approx(0.019)

@@ -90,6 +90,7 @@ def test_what_cannot_be_scored_is_refused_with_its_file_and_trial(written: Write
     good = str(written("good.csv", table(time, points)))
     still = str(written("still.csv", table(time, 0 * points)))
     short = str(written("short.csv", table(time[:5], points[:5])))
+    thrown = str(written("thrown.csv", table(time, points).replace("t_s", "t_ms")))
     angles = str(written("angles.mot", "x\ninDegrees=yes\nendheader\ntime elbow\n0 1\n1 2\n"))
     refusals: list[tuple[Callable[[], Scored], type[RehabOptError], str]] = [
         (lambda: score_recordings([good, still]), ProblemFileError, "still.csv: trial 1, points"),
@@ -97,6 +98,10 @@ def test_what_cannot_be_scored_is_refused_with_its_file_and_trial(written: Write
         (lambda: score_recordings([short], pause=0.5), ProblemFileError, "short.csv: time = '5 samples'"),
         (lambda: score_recordings([angles]), ProblemFileError, "--columns"),
         (lambda: score_recordings([good], target=(1, 2, 3)), ConfigurationError, "--target"),
+        (lambda: score_recordings([good], target=(200, 400)), ConfigurationError, "at most 10 m (millimetres"),
+        (lambda: score_recordings([good], target=(0.2, math.nan)), ConfigurationError, "--target"),
+        (lambda: score_recordings([thrown]), ProblemFileError, "thrown.csv: trial 1, points = 'faster than 36"),
+        (lambda: score_recordings([good], cutoff_hz=500), ConfigurationError, "cutoff_hz"),
         (lambda: score_recordings([good], repeats=True), ConfigurationError, "--repeats"),
         (lambda: score_recordings([good], pause=math.nan), ConfigurationError, "pause"),
         (lambda: score_recordings([good], cutoff_hz=0.0), ConfigurationError, "cutoff_hz"),
