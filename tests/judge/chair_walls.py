@@ -1,15 +1,18 @@
 """The chair beside walls and posts: it goes into none, turning or not, and sticks held there obey the law.
 
 Each run is one held command for some seconds with one to three obstacles a few centimetres from the outline: walls
-along its sides or across, posts before its faces and corners. Now and then one comes while the chair moves.
+along its sides or across, posts before its faces and corners. Now and then one comes while the chair moves. What is no
+wall or post is refused, and those of before stay.
 """
 
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 
+from rehab_opt import ConfigurationError, RedundancyResolver
 from rehab_opt.control.obstacles import Disc, HalfPlane
 from tests.judge.chair_claims import judge_ticks
 from tests.judge.chair_held import judge_law
@@ -25,6 +28,11 @@ PROMISES = (
         "Every limit, keep-out and obstacle is approached so that the whole robot can brake together",
     ),
     Promise("rehab_opt/control/redundancy.py", "Walls and posts in the world frame; may be set between ticks"),
+    Promise("rehab_opt/control/obstacles.py", "Into the wall; of any length above zero."),
+    Promise(
+        "rehab_opt/control/obstacles.py",
+        "neither half-plane nor disc, a normal of length zero, a number that is none or no place in metres.",
+    ),
 )
 LEAST = {
     "an obstacle near": 1e5,
@@ -37,6 +45,8 @@ LEAST = {
 CI_TICKS = 16_000
 SHARE = 1.0
 DT = 0.01
+NUMBERLESS = (math.nan, math.inf, -math.inf, 1.7e308, -1.7e308, None, True, "1", 1j, (1.0, 2.0))
+"""No places in metres, nor numbers a wall's normal can be made of where both are that."""
 
 
 def run(ticks: int, seed: int, *, only: int | None = None) -> Verdict:
@@ -65,8 +75,9 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
         seed = int(rng.integers(2**31))
         there = parts[0]._replace(obstacles=lambda at: beside(np.random.default_rng(seed), at))
         parts = [Part(rows, frame, held(twist, rng.uniform(0.5, 2.0), DT), obstacles=()), there]
-    recorded = record(made, Run(chair, DT, np.zeros(7), parts, arcs=bool(rng.random() < 0.3)), q)
     verdict.begin(number, f"{chair.drive} {rows} {frame} {np.round(twist, 4)}")
+    refused(verdict, made, np.random.default_rng([verdict.seed, number, 1]))
+    recorded = record(made, Run(chair, DT, np.zeros(7), parts, arcs=bool(rng.random() < 0.3)), q)
     _, u = judge_ticks(recorded, verdict)
     part, ticks = recorded.parts[-1], recorded.slices[-1]
     around = part.obstacles
@@ -79,6 +90,28 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
     before = u[ticks.start - 1] if ticks.start else np.zeros(7)
     if chair.brakes_in_time(recorded.q[ticks.start], before, around, DT):
         judge_law(recorded, verdict, part, ticks, around)
+
+
+def refused(verdict: Verdict, made: RedundancyResolver, rng: np.random.Generator) -> None:
+    """What is none is refused, named, and changes nothing."""
+    known = made.obstacles
+    for none in NUMBERLESS:
+        x, y, other = (float(each) for each in rng.uniform(-2.0, 2.0, 3))
+        signs: Any = [-none if isinstance(none, float) and rng.random() < 0.5 else none for _ in range(2)]
+        found: list[Any] = [
+            HalfPlane((signs[0], signs[1]), other), HalfPlane((x, y), signs[0]), Disc((x, signs[0]), abs(other)),
+            Disc((signs[0], y), abs(other)), Disc((x, y), signs[0]),
+        ]  # fmt: skip
+        for each in (*found, HalfPlane((0.0, 0.0), other), Disc((x, y), -abs(other)), (x, y, other), none):
+            words = ""
+            try:
+                made.obstacles = [each]
+            except ConfigurationError as problem:
+                words = str(problem)
+            verdict.holds(
+                "what is no obstacle is refused by name", words.startswith("obstacles[0]"), f"{each}: {words}"
+            )
+            verdict.holds("what is refused changes nothing", made.obstacles is known)
 
 
 def beside(rng: np.random.Generator, q: Array) -> Obstacles:

@@ -1,14 +1,17 @@
 """Size and slew of an assisting force, what faults and the dead-man switch do to it, and what it says of itself.
 
 Judged in every tick. A slew beyond its bound must be flagged, with a reason; without jumps, with energy left and
-without faults there is none. A force that every bound has room for is the wanted one.
+without faults there is none. A force that every bound has room for is the wanted one. A state is of use up to the age
+that goes with the tick.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
+from rehab_opt import BoundedForce
 from tests.judge.force_runs import Run, runs
+from tests.judge.numbering import numbered
 from tests.judge.sensor_faults import expected, gaps
 from tests.judge.verdict import Promise, Verdict
 
@@ -25,14 +28,18 @@ PROMISES = (
     Promise("rehab_opt/control/bounded_force.py", "growth_limit : [N/s] rate at which a force comes that the person "
             "has not felt of late: beyond the largest of the last ticks, of which force_limit / 2 s fades."),
     Promise("rehab_opt/control/bounded_force.py", "Help that the energy left holds back says so in its reason."),
+    Promise("rehab_opt/control/watchdog.py", "Largest age [s] of a state at a nominal tick dt [s]: 50 ms, and never "
+            "less than three ticks."),
     Promise("rehab_opt/control/command.py", "of assistance: of the desired force, along it."),
 )  # fmt: skip
 LEAST = {"solver closed form": 4e5, "solver qrqp": 5e4,
          "at the force limit": 2000, "at the slew limit": 14_000, "held back by its growth": 5000, "yielded slew": 50,
          "wanted in full": 14_000, "status releasing": 81, "status released": 5000, "reason not enabled": 300,
          "reason x is (#, #), not a usable position": 300,
-         "held back by energy": 300}  # fmt: skip
+         "held back by energy": 300, "a gap just too long": 800, "a gap not quite too long": 800}  # fmt: skip
 CI_TICKS = 24_000
+GAPS, NEAR = 20, 1e-3
+"""Ticks of a run of stamps with gaps; by which part of the largest age these are longer or shorter than that."""
 
 
 def run(ticks: int, seed: int, *, only: int | None = None) -> Verdict:
@@ -42,8 +49,26 @@ def run(ticks: int, seed: int, *, only: int | None = None) -> Verdict:
         judge(verdict, each)
     for each in runs(verdict, ticks // 2, only, faults=0.3, first=1_000_000):
         judge(verdict, each)
+    for number, rng in numbered(verdict, ticks // 100, only, first=2_000_000):
+        stamps_apart(verdict, number, rng)
     verdict.seldom_by_backup()
     return verdict
+
+
+def stamps_apart(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
+    """Where nobody says how old a state may be, of a tick of any length: gaps just below that, and just above."""
+    dt = float(10 ** rng.uniform(-3.0, -0.7))
+    gap = max(0.05, 3 * dt) * rng.choice([1 - NEAR, 1 + NEAR], GAPS)
+    gap[rng.random(GAPS) < 0.3] = dt
+    control = BoundedForce(lambda *_: (1.0, 0.0), dt=dt, trust_stillness=True, compile=False)
+    verdict.begin(number, f"stamps with gaps, dt {dt:g}")
+    answers = verdict.answers([control.step(np.zeros(2), stamp=stamp) for stamp in np.cumsum(gap).tolist()], dt)
+    long, refused = gap > max(0.05, 3 * dt), np.isin(answers.status, ("releasing", "released"))
+    long[0] = False  # nothing comes before
+    verdict.holds("a state older than three ticks and 50 ms is not acted on", refused | ~long)
+    verdict.holds("a state younger than three ticks or 50 ms is acted on", ~refused | long, str(set(answers.reason)))
+    verdict.during("a gap just too long", long, dt)
+    verdict.during("a gap not quite too long", ~long & (gap > dt), dt)
 
 
 def judge(verdict: Verdict, one: Run) -> None:

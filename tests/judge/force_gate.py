@@ -3,12 +3,18 @@
 Judged with the judge's own distance from the workspace's outline and with fields whose force is known in closed form:
 around a straight line of one stiffness the pull across it is -S times the distance, along it 2 k1 times the length that
 is left, or gone; of one point it is -S times the way. Points within 1e-9 m of the outline count for neither side.
+Where a hand at a spring that acts late does not come to rest along an axis, by the loop gain of `field/settling.py`,
+that is said, and not where it does.
 """
 
 from __future__ import annotations
 
-import numpy as np
+import math
 
+import numpy as np
+import shapely
+
+from rehab_opt import Assistance, PotentialField, Workspace
 from tests.judge.force_runs import THERAPY, Run, assistance, draw, hand_path, runs, signed_distance
 from tests.judge.numbering import numbered
 from tests.judge.verdict import Promise, Verdict
@@ -24,6 +30,11 @@ PROMISES = (
             "nearest comfortable point, of a stiffness [N/m] and at most a force [N]."),
     Promise("rehab_opt/control/assistance.py", "Let the field stand (dx, dy) [m] from where it was made, for a target "
             "that moves"),
+    Promise("rehab_opt/control/assistance.py", "Empty where every hand comes to rest."),
+    Promise("rehab_opt/field/settling.py", "the hand comes to rest if and only if L lags by less than 180 degrees "
+            "there"),
+    Promise("rehab_opt/field/settling.py", "Mass of an arm as the hand feels it, across its long axis and along it."),
+    Promise("rehab_opt/field/potential.py", "damping : D [N s/m], scalar or (2,)"),
     Promise("rehab_opt/field/potential.py", "drag : k1 [N/m]: along the path the force is 2 k1 (length)."),
 )  # fmt: skip
 LEAST = {"therapy inside": 20_000, "therapy outside": 50_000, "task inside": 8000, "task outside": 24_000,
@@ -35,6 +46,8 @@ LENGTH, MIDDLE, LINE = 0.6, 0.15, 0.02
 CARRIED = 300
 """Ticks of a run of twins."""
 POINT = np.array([0.1, 0.02])
+SPRINGS, MASSES, OWN, CLEARLY = 8, (1.5, 4.0), 4.0, 0.05
+"""Of a run of twins; [kg] of a hand, its own damping [N s/m]; [rad] by which a margin is beyond what is asked of it."""
 
 
 def run(ticks: int, seed: int, *, only: int | None = None) -> Verdict:
@@ -46,7 +59,35 @@ def run(ticks: int, seed: int, *, only: int | None = None) -> Verdict:
         judge(verdict, each)
     for number, rng in numbered(verdict, ticks // 20, only, first=2_000_000):
         carried(verdict, number, rng)
+        for _ in range(SPRINGS):
+            settles(verdict, rng)
     return verdict
+
+
+def settles(verdict: Verdict, rng: np.random.Generator) -> None:
+    """One spring, whose damping differs along the axes, up to what suits its stiffness."""
+    stiffness, dt = float(10 ** rng.uniform(2.0, 3.6)), float(rng.choice([1e-3, 2e-3, 5e-3]))
+    share = rng.permutation([float(rng.choice([0.0, 0.1, 0.5, 1.0])), 1.0])
+    damping = share * math.sqrt(stiffness * math.sqrt(math.prod(MASSES)))
+    delay, lag = float(rng.uniform(0.0, 0.01)), float(rng.choice([0.0, 0.005]))
+    control = Assistance(
+        PotentialField(POINT[None], stiffness=stiffness, damping=damping, width=0.03, compile=False),
+        comfortable=Workspace(shapely.Point(POINT).buffer(0.1), accuracy=0.0), mode="hold", slew_limit=9e5, dt=dt,
+        actuation_delay=delay, actuation_lag=lag, compile=False,
+    )  # fmt: skip
+    margin = min(phase_margin(stiffness, each, mass, delay + dt, lag) for each in damping.tolist() for mass in MASSES)
+    told = f"S {stiffness:.4g}, D {damping}, {delay:.3g} s, lag {lag:g}, dt {dt:g}, {margin:.3g} rad: {control.notes}"
+    verdict.holds("a hand that does not come to rest is told of", control.notes or margin > -CLEARLY, told)
+    verdict.holds("of a hand that comes to rest nothing is told", not control.notes or margin < 0.1 + CLEARLY, told)
+
+
+def phase_margin(stiffness: float, damping: float, mass: float, delay: float, lag: float) -> float:
+    """[rad] by which the loop lags less than 180 degrees where its gain is one; 10 ms is the velocity's lag."""
+    w = np.geomspace(0.1, 1e4, 20_000)
+    s = 1j * w
+    loop = (stiffness + damping * s / (1 + 0.005 * s) ** 2) / ((1 + lag * s) * (mass * s + OWN) * s)
+    at = int(np.argmin(np.abs(np.log(np.abs(loop)))))
+    return float(math.pi - (-np.angle(loop[at])) % math.tau - w[at] * delay)
 
 
 def carried(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
