@@ -1,13 +1,15 @@
 """The chair beside walls and posts: it goes into none, turning or not, and sticks held there obey the law.
 
 Each run is one held command for some seconds with one to three obstacles a few centimetres from the outline: walls
-along its sides or across, posts before its faces and corners. Now and then one comes while the chair moves. What is no
+along its sides or across, posts before its faces and corners. Now and then one comes while the chair moves, and in
+some runs others come again and again, most of them too late; there, too, braking is an answer of the QP. What is no
 wall or post is refused, and those of before stay.
 """
 
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -16,7 +18,7 @@ from rehab_opt import ConfigurationError, RedundancyResolver
 from rehab_opt.control.obstacles import Disc, HalfPlane
 from tests.judge.chair_claims import judge_ticks
 from tests.judge.chair_held import judge_law
-from tests.judge.chair_moved import PLACES
+from tests.judge.chair_moved import PLACES, room
 from tests.judge.chair_robot import CORNERS, Array, Obstacles
 from tests.judge.chair_runs import SETS, Part, Run, command, held, posture, record, resolver
 from tests.judge.verdict import Promise, Verdict
@@ -28,6 +30,7 @@ PROMISES = (
         "Every limit, keep-out and obstacle is approached so that the whole robot can brake together",
     ),
     Promise("rehab_opt/control/redundancy.py", "Walls and posts in the world frame; may be set between ticks"),
+    Promise("rehab_opt/control/chair_and_arm.py", "So the QP has an answer in every tick"),
     Promise("rehab_opt/control/obstacles.py", "Into the wall; of any length above zero."),
     Promise(
         "rehab_opt/control/obstacles.py",
@@ -41,10 +44,13 @@ LEAST = {
     "a post near": 2e4,
     "law judged": 1e5,
     "an obstacle came too late": 10,
+    "obstacles come again and again": 1e5,
 }
 CI_TICKS = 16_000
 SHARE = 1.0
 DT = 0.01
+CROWDED, COME = 5, 40
+"""One run in so many is of so many times other obstacles."""
 NUMBERLESS = (math.nan, math.inf, -math.inf, 1.7e308, -1.7e308, None, True, "1", 1j, (1.0, 2.0))
 """No places in metres, nor numbers a wall's normal can be made of where both are that."""
 
@@ -54,7 +60,7 @@ def run(ticks: int, seed: int, *, only: int | None = None) -> Verdict:
     verdict = Verdict("chair_walls", seed, LEAST)
     number = 0 if only is None else only
     while verdict.ticks < ticks:
-        one_run(verdict, number, np.random.default_rng([seed, number]))
+        (crowded if number % CROWDED == 3 else one_run)(verdict, number, np.random.default_rng([seed, number]))
         number += 1
         if only is not None:
             break
@@ -90,6 +96,21 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
     before = u[ticks.start - 1] if ticks.start else np.zeros(7)
     if chair.brakes_in_time(recorded.q[ticks.start], before, around, DT):
         judge_law(recorded, verdict, part, ticks, around)
+
+
+def crowded(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
+    """Others each tenth of a second or so, and another command, for a chair that is under way."""
+    chair, made = resolver(("differential", "mecanum")[number // CROWDED % 2], SETS, DT, PLACES)
+    q, rows = posture(chair, rng, ready=0.5), SETS[rng.integers(len(SETS))]
+    parts = [Part(rows, "chassis", held(command(rng, rows, 0.1, 0.5), rng.uniform(0.5, 1.5), DT), obstacles=())]
+    for rooms in rng.spawn(COME):
+        twist = held(command(rng, rows, 0.1, 0.5), rng.uniform(0.05, 0.25), DT)
+        parts.append(Part(rows, "chassis", twist, obstacles=partial(room, rooms)))
+    recorded = record(made, Run(chair, DT, np.zeros(7), parts, arcs=False), q)
+    verdict.begin(number, f"{chair.drive} {rows}, obstacles come again and again")
+    found, _ = judge_ticks(recorded, verdict)
+    verdict.holds("the QP has an answer where all could brake", found.solver != "braking together")
+    verdict.during("obstacles come again and again", np.ones(len(found.solver), dtype=bool), DT)
 
 
 def refused(verdict: Verdict, made: RedundancyResolver, rng: np.random.Generator) -> None:
