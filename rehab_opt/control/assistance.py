@@ -114,7 +114,8 @@ class Assistance(BoundedForce):
         drag = 2.0 * abs(field.drag) if field.drag == field.drag else 0.0  # a learnt one has it in its samples
         stiffness = max(float(field.samples.stiffness.max()), drag)
         bounds = {"force_limit": self.force_limit, "slew_limit": self.slew_limit}
-        return tuple(settling_notes(stiffness, float(field.damping.min()), **bounds, **self._late_by))
+        dampings = dict.fromkeys((float(field.damping.min()), float(field.damping.max())))
+        return tuple(note for each in dampings for note in settling_notes(stiffness, each, **bounds, **self._late_by))
 
     @property
     def carried(self) -> tuple[float, float]:

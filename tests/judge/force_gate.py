@@ -65,9 +65,9 @@ def run(ticks: int, seed: int, *, only: int | None = None) -> Verdict:
 
 
 def settles(verdict: Verdict, rng: np.random.Generator) -> None:
-    """One spring, whose damping differs along the axes, up to what suits its stiffness."""
+    """One spring, whose damping differs along the axes, from none to far more than suits its stiffness."""
     stiffness, dt = float(10 ** rng.uniform(2.0, 3.6)), float(rng.choice([1e-3, 2e-3, 5e-3]))
-    share = rng.permutation([float(rng.choice([0.0, 0.1, 0.5, 1.0])), 1.0])
+    share = rng.permutation([float(rng.choice([0.0, 0.1, 0.5, 1.0])), float(rng.choice([1.0, 1.0, 3.0, 10.0]))])
     damping = share * math.sqrt(stiffness * math.sqrt(math.prod(MASSES)))
     delay, lag = float(rng.uniform(0.0, 0.01)), float(rng.choice([0.0, 0.005]))
     control = Assistance(
