@@ -15,7 +15,9 @@ __all__ = ["DaqpBackend"]
 
 Array = NDArray[np.float64]
 
-OPTIONS = {"primal_tol": 1e-10, "dual_tol": 1e-12, "iter_limit": 1000}
+PRIMAL = 1e-10, 3e-9, 1e-7
+"""Absolute, in turn: where rows leave nothing between them, it finds by rounding that they leave less."""
+OPTIONS = {"dual_tol": 1e-12, "iter_limit": 1000}
 """Absolute; the QPs of `bench/solvers/qp` take 62 iterations at most."""
 UNEVEN = 1e4
 """Ratio of the largest curvature along a variable to the smallest from which their units are made alike."""
@@ -28,10 +30,9 @@ EQUALITY, SOLVED = 5, 1
 class DaqpBackend:
     """daqp, asked anew each time.
 
-    It needs no more than a few tens of us for that, an updated workspace was no quicker, and nothing of a failed solve
-    can reach the next one. Badly scaled variables are given the units in which each has the curvature 1: it solves 12 %
-    of the badly scaled QPs of `bench/solvers/qp` in their own units, in these all. A cost that is not strictly convex
-    is daqp's to regularise (from 0.8), or fails.
+    It needs a few tens of us for that; nothing of a failed solve reaches the next. Badly scaled variables are given the
+    units in which each has the curvature 1: it solves 12 % of the badly scaled QPs of `bench/solvers/qp` in their own
+    units, in these all. A cost that is not strictly convex is daqp's to regularise, or fails.
     """
 
     name = "daqp"
@@ -72,10 +73,12 @@ class DaqpBackend:
         lower[:n], lower[n:], upper[:n], upper[n:] = qp.lower, qp.rows_lower, qp.upper, qp.rows_upper
         kinds[:n], kinds[n:] = 0, EQUALITY * (qp.rows_lower == qp.rows_upper)
         # It reads H by its address, and writes to nothing, but refuses what it might not write to.
-        x, _, flag, told = self._daqp(
-            np.array(qp.H, order="C"), np.array(qp.g), np.array(qp.A, order="C"), upper, lower, kinds, **OPTIONS
-        )
-        if flag != SOLVED or not np.isfinite(x).all():
-            return no_answer(n, m)
-        pushes = told["lam"]
-        return Answer(x, pushes[:n], pushes[n:], int(told["iterations"]))
+        cost = np.array(qp.H, order="C"), np.array(qp.g)
+        for tolerance in PRIMAL:
+            x, _, flag, told = self._daqp(
+                *cost, np.array(qp.A, order="C"), upper, lower, kinds, primal_tol=tolerance, **OPTIONS
+            )
+            if flag == SOLVED and np.isfinite(x).all():
+                pushes = told["lam"]
+                return Answer(x, pushes[:n], pushes[n:], int(told["iterations"]))
+        return no_answer(n, m)
