@@ -71,11 +71,13 @@ def judge(verdict: Verdict, one: Run) -> None:
     answers = Answers.of(one.commands)
     change = np.abs(np.diff(value, axis=0, prepend=np.zeros((1, 6)))).max(axis=1)
     alone = (np.abs(value) < FAR * given.velocity).all(axis=1) & (change < FAR * given.acceleration.min() * dt)
-    alone &= (manipulability(one.q[:-1]) > given.floor + AWAY) & (apart < FAR * given.max_deviation)
+    # What the hand is kept near to lies short of a reference that is cut, by as much.
+    alone &= (manipulability(one.q[:-1]) > given.floor + AWAY) & (apart + short < FAR * given.max_deviation)
     alone &= (np.minimum(given.upper - one.q, one.q - given.lower).min(axis=1) > AWAY)[:-1]
     slowing = np.max(np.abs(value) / given.acceleration, axis=1)  # [s] all joints alike
     rest = one.q[1:] + value * slowing[:, None] / 2
-    alone &= np.linalg.norm(tool(rest)[:, :3, 3] - one.references[:, :3, 3], axis=1) < FAR * given.max_deviation
+    away = np.linalg.norm(tool(rest)[:, :3, 3] - one.references[:, :3, 3], axis=1)
+    alone &= away + short < FAR * given.max_deviation
     alone &= np.minimum(given.upper - rest, rest - given.lower).min(axis=1) > AWAY
     alone &= manipulability(rest) > given.floor + AWAY
     late = np.char.find(answers.reason, "step shortened") >= 0

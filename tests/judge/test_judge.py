@@ -38,6 +38,7 @@ def test_slice_of_the_campaign_breaks_nothing(judge: str, seed: int) -> None:
             for seed, number in ((20, 4), (20, 10), (502, 11), (34112419, 17), (35112507, 10), (26112019, 44))
         ),
         *(("chair_walls", seed, number) for seed, number in ((42127780, 158), (42127780, 243), (421, 263))),
+        ("mirror_hand", 2043862918, 1_000_002),
         ("chair_calm", 34112419, 227),
         ("chair_calm", 35112422, 101),
         ("paths_beforehand", 26112019, 3),
