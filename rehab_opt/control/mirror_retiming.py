@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from rehab_opt.control.command import Bound
 from rehab_opt.control.mirror_statement import HELD, WHOLE
 from rehab_opt.control.path_timing import PathCells, fastest_timing
+from rehab_opt.control.tool_speed import tool_jerk
 
 if TYPE_CHECKING:
     from rehab_opt.control.mirror import MirrorTracker
@@ -36,8 +37,8 @@ NEVER = 0.9
 """Of the time that a stretch takes at least: a passage is never as fast as this."""
 PART = 1.0 - 1e-6
 """Of speeds and accelerations that are used: rounding must not decide."""
-SHARE = 0.99
-"""Of the largest hand speed that is used: where joint speeds are held for a tick, the hand's changes."""
+SHARE = 0.998
+"""Of the largest hand speed that is used: between two points where it is asked for it may be a little larger."""
 TRIES, SLOWER = 8, 0.7
 """Passages that are tried, and what is left of the speed where the one before went straight and broke a bound."""
 CURVED, CLOSELY, STRAIGHT = range(3)
@@ -106,9 +107,11 @@ def _passed(
     curves = CubicHermiteSpline(knots, x[at, :n], slopes), PchipInterpolator(knots, x[at, n:])
     edges = np.append((knots[:-1, None] + np.diff(knots)[:, None] * np.arange(PARTS) / PARTS).ravel(), knots[-1])
     first, second, third = (np.hstack([curve(edges, order) for curve in curves]) for order in (1, 2, 3))
-    # The hand goes as the joints do, between two points not evenly.
+    # The hand goes as the joints do, between two points not evenly, and is faster at an end of a tick that holds them.
     symbol, change = ca.SX.sym("q", n), ca.SX.sym("change", n)
-    fast = ca.Function("fast", [symbol, change], [ca.norm_2(chain.jacobian_expression(symbol)[:3, :] @ change)])
+    held = [ca.norm_2(chain.jacobian_expression(symbol + part * dt * change)[:3, :] @ change) for part in (-0.5, 0.5)]
+    most = ca.fmax(*held) + dt**2 / 8 * tool_jerk(chain, symbol, change, dt)
+    fast = ca.Function("fast", [symbol, change], [most])
     hand = np.array(fast.map(len(edges))(curves[0](edges).T, first[:, :n].T)).ravel()
     first[:-1, -1] = np.maximum(hand[:-1], hand[1:])
     second[:, -1] = third[:, -1] = 0.0

@@ -9,8 +9,15 @@ paper, the unit and the formula; docs/capabilities/scoring.md, how much noise an
 cannot be measured (numbers that are not finite, too few samples, nothing that moves) raises `ConfigurationError`.
 """
 
-from rehab_opt.measures.path import end_error, path_length, path_ratio, range_used, workspace_used
-from rehab_opt.measures.repeats import end_variability, path_variability
+from rehab_opt.measures.path import (
+    end_error,
+    end_variability,
+    path_length,
+    path_ratio,
+    path_variability,
+    range_used,
+    workspace_used,
+)
 from rehab_opt.measures.samples import EvenSamples, evenly_sampled, hand_velocity, low_passed
 from rehab_opt.measures.score import Measure, Score, score
 from rehab_opt.measures.smoothness import dimensionless_jerk, log_dimensionless_jerk, spectral_arc_length

@@ -104,8 +104,7 @@ def evenly_sampled(time: ArrayLike, points: ArrayLike, *, rate_hz: float | None 
     Raises
     ------
     ConfigurationError : other shapes, a number that is not finite, a time that is not after the one before it, fewer
-        than ten samples. Steps longer than 1.5 times the median are gaps, unless
-        steps often differ so much: a note.
+        than ten samples. Steps longer than 1.5 times the median are gaps, unless steps often differ so much: a note.
     """
     t, p = numbers("time", time), vectors("points", points)
     if t.shape != (len(p),):

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from rehab_opt.errors import ConfigurationError, ProblemFileError
-from rehab_opt.measures.repeats import end_variability, path_variability
+from rehab_opt.measures.path import end_variability, path_variability
 from rehab_opt.measures.samples import CUT_OFF_HZ, LARGEST_CUT_OFF, evenly_sampled, hand_velocity
 from rehab_opt.measures.score import Measure, Score, score
 from rehab_opt.recordings.data_folder import PREFIX, data_file

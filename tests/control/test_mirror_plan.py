@@ -268,6 +268,22 @@ def test_the_first_passage_is_as_fast_as_the_hand_may_be_and_no_faster(monkeypat
     assert path.times[-1] <= 1.03 * way / 0.25
 
 
+def test_a_hand_whose_joints_turn_fast_is_passed_at_its_speed_at_the_first_try(monkeypatch: pytest.MonkeyPatch) -> None:
+    """1.162 of the least time: where a tick held joints of 3 rad/s the hand ended it 2 % faster than along its path."""
+    dt, way, chain = 2e-2, np.array([0, 0.2, -0.3, -2.0, 0.8, 0]), ur5()
+    part = 0.5 * (1 - np.cos(2 * math.pi * np.arange(80) / 80))
+    postures, rates = motions.START + part[:, None] * way, np.gradient(part, dt)[:, None] * way
+    poses = np.array([chain.pose(q) for q in postures])
+    twists = np.array([chain.jacobian(q) @ rate for q, rate in zip(postures, rates, strict=True)])
+    monkeypatch.setattr(mirror_retiming, "TRIES", 1)
+    path = tracker(dt).plan(poses, twists, motions.START)
+    ends = zip(path.q + dt * path.velocities, path.velocities, strict=True)
+    speeds = [float(np.linalg.norm((chain.jacobian(q) @ velocity)[:3])) for q, velocity in ends]
+    assert 0.248 < max(speeds) <= 0.25
+    monkeypatch.setattr(mirror_plan, "retimed", lambda tracker, plan, left: plan)
+    assert path.times[-1] < 0.75 * tracker(dt).plan(poses, twists, motions.START).times[-1]
+
+
 def test_between_the_places_of_a_hand_that_slides_along_a_plane_there_is_room() -> None:
     """Ticks that end on the plane leave none: what leads from one to the next dips under it, by 20 micrometres."""
     table = KeepOut.through([0.0, 0.0, -0.1], [0.0, 0.0, 1.0])
