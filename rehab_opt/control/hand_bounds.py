@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.control.clearance_pairs import ClearancePairs
-from rehab_opt.control.limit import Limit, Limits
+from rehab_opt.control.limit import ROWS, Limit, Limits
 from rehab_opt.control.stopping import VelocityBounds
 from rehab_opt.control.tool_speed import tool_jerk
 from rehab_opt.kinematics.chain import SerialChain
@@ -112,7 +112,7 @@ class HandBounds:
     @property
     def _margins(self) -> list[float]:
         """[m] for every row of `distances`: none of a user's own limits, whose units are not known."""
-        planes = len(self.planes) * min(len(self.guarded), 2)
+        planes = len(self.planes) * min(len(self.guarded), ROWS)
         bodies = 0 if self.clearance is None else self.clearance.slots
         others = len(self.distances) - planes - bodies
         return [max(self.margin, ABOVE)] * planes + [0.0] * others + [self.margin] * bodies

@@ -37,6 +37,8 @@ FLAT = 0.05
 """[m/rad] Slope of a distance between bodies below which the way back from within the margin becomes slower."""
 SLACK = 1e-5
 """[m] More than the margin at which bodies touch: what distances of bodies that lie along each other bend by."""
+ROWS = 3
+"""Least distances of a limit that make rows of the QP: along an edge of two an arm slides into a corner."""
 MATTERS = 0.05
 """Of a slope's largest entry: a joint below it is not asked to keep a limit."""
 TINY = 1e-300
@@ -53,7 +55,7 @@ class Limit:
     Parameters
     ----------
     distances : chain, joint positions (n,) -> (k,) distances h(q) as CasADi expressions, in any unit. Smooth where they
-        are small; of several the two least make rows of the QP, all of them are judged at the end of the tick.
+        are small; of several the three least make rows of the QP, all of them are judged at the end of the tick.
         Where they, or their slopes, are no numbers, nothing is certified.
     rate : [1/s] at which the least distance may decay; by default 1/T, T the longest of the joints' speeds over their
         accelerations, so that all joints can brake together before it.
@@ -67,31 +69,32 @@ class Limit:
         return ca.densify(ca.vec(ca.SX(self.distances(chain, q))))
 
     def count(self, chain: SerialChain) -> int:
-        """How many of the distances make a row of the QP: the two least, which an edge of two is slid along with."""
-        return min(self.at(chain, ca.SX.sym("q", chain.n)).numel(), 2)
+        """How many of the distances make a row of the QP."""
+        return min(self.at(chain, ca.SX.sym("q", chain.n)).numel(), ROWS)
 
     def nearest(self, chain: SerialChain, q: ca.SX, way: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
-        """The least distances at q (n,), one or two, how they change with q (k, n), and what of them `way` (n,) loses.
+        """The least distances at q (n,), up to three, how they change with q (k, n), and what of them `way` (n,) loses.
 
         That is what a distance is below its tangent after `way`, zero where it is above.
         """
         symbol, ahead = ca.SX.sym("q", chain.n), ca.SX.sym("ahead", chain.n)
         each = self.at(chain, symbol)
         rows = ca.horzcat(each, self.at(chain, ahead), ca.jacobian(each, symbol))
-        found = ca.Function("nearest", [symbol, ahead], [two_least(rows)])(q, q + way)
+        found = ca.Function("nearest", [symbol, ahead], [least_rows(rows, ROWS)])(q, q + way)
         least, then, slopes = found[:, 0], found[:, 1], found[:, 2:]
         return least, slopes, ca.fmax(least + slopes @ way - then, 0)
 
 
-def two_least(rows: ca.SX) -> ca.SX:
-    """The two rows, or the one there is, whose first number is least, in order."""
-    first, *others = ca.vertsplit(ca.densify(rows))
-    second = ca.SX(0, first.numel())
-    for other in others:
-        closer = other[0] < first[0]
-        further, first = ca.if_else(closer, first, other), ca.if_else(closer, other, first)
-        second = ca.if_else(further[0] < second[0], further, second) if second.numel() else further
-    return ca.vertcat(first, second)
+def least_rows(rows: ca.SX, k: int) -> ca.SX:
+    """The k rows whose first number is least, in order."""
+    kept: list[ca.SX] = []
+    for each in ca.vertsplit(ca.densify(rows)):
+        row = each
+        for i, other in enumerate(kept):
+            closer = row[0] < other[0]
+            kept[i], row = ca.if_else(closer, row, other), ca.if_else(closer, other, row)
+        kept = [*kept, row][:k]
+    return ca.vertcat(*kept)
 
 
 def checked_limits(limits: Sequence[Limit], chain: SerialChain) -> tuple[Limit, ...]:
@@ -306,7 +309,7 @@ class Limits:
         for each in self.limits:
             stated = [(t, each.at(self.chain, way(here, u, t))) for t in seconds]
             found = ca.vertcat(*(_left(t, there, ca.jacobian(there, u), u, change) for t, there in stated))
-            rows.append(two_least(found)[: each.count(self.chain), :])
+            rows.append(least_rows(found, each.count(self.chain)))
         found = ca.vertcat(ca.Function("on_the_way", [here, u], [ca.vertcat(*rows)])(q, last), bodies)
         left, slopes = found[:, 0], found[:, 1:]
         return -slopes, left - slopes @ last

@@ -80,8 +80,8 @@ class MirrorTracker(MirrorForeseen):
         `Bound.POSITION` says so; what no joint moves, the led hand and what is mounted on the flange are not guarded,
         unless a capsule stands for them.
     limits : what else the posture has to keep: see `Limit`, whose rate of None is `rate` here, and `Clearance`. Where
-        three distances of one limit, or three points of the arm and one plane, are met at once, the hand may stand
-        short of the nearest pose: two of them make rows, and the step is shortened before the third. To a body that
+        four distances of one limit, or four points of the arm and one plane, are met at once, the hand may stand short
+        of the nearest pose: three of them make rows, and the step is shortened before the fourth. To a body that
         moves the arm gives way within the floor, the largest deviation and the hand speed, too; what is left of it
         comes nearer by its own motion.
     person : the arm that is led, in the robot's base frame; the reference is limited to its range of motion

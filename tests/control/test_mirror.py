@@ -468,7 +468,7 @@ def test_no_part_of_the_arm_crosses_table_or_body(dt: float) -> None:
     gaps = [clearances(np.array(path), normal, offset, tool) for normal, offset in ((up, height), (back, front))]
     nearest = min(float(each.min()) for links in gaps for each in links.values())
     assert -1e-9 <= nearest < 2e-3
-    assert robot.hand_bounds.count == 2 + 2 * 2  # of each plane the two nearest points
+    assert robot.hand_bounds.count == 2 + 2 * 3  # of each plane the three nearest points
 
 
 def test_without_capsules_every_joint_frame_is_guarded() -> None:

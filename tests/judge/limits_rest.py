@@ -10,8 +10,8 @@ also while braking; the barrier; and that the hand stands in the end, where no m
 it nearer (the multipliers of the judge's own gradients, by non-negative least squares), places and turns weighed as was
 asked.
 
-Not judged at rest: three distances of one limit, or three points and the plane, that are met at once, of which the
-two least make rows; and a curved limit that `PoseTracker` rests at, where its joints were seen to shake by up to 0.26
+Not judged at rest: four distances of one limit, or four points and the plane, that are met at once, of which the
+three least make rows; and a curved limit that `PoseTracker` rests at, where its joints were seen to shake by up to 0.26
 rad/s instead.
 """
 
@@ -123,7 +123,7 @@ def is_judged(of: Arm, at: list[Array], commands: list[Command], asked: Array) -
         if not led or manipulability(q).min() < LEAST_W:
             return False
     below, active = _met(of, q)
-    return len(below) <= 2 and not any(each.sum() > 2 or (each[-1] and not of.mirror) for each in active)
+    return len(below) <= 3 and not any(each.sum() > 3 or (each[-1] and not of.mirror) for each in active)
 
 
 def in_every_tick(verdict: Verdict, of: Arm, q: Array, value: Array, ok: NDArray[np.bool_]) -> None:
@@ -172,7 +172,8 @@ def at_rest(verdict: Verdict, of: Arm, q: Array, value: Array, asked: Array) -> 
     verdict.within("a nearer pose is left aside, gradient", left, NEAREST)
     verdict.during(f"{'mirror' if of.mirror else 'tracker'}, at rest beyond a limit", resting & bool(gradients), dt)
     verdict.during("several are active at rest", resting & (len(gradients) > 1), dt)
-    verdict.during("two of one limit are active at rest", resting & any(each.sum() > 1 for each in active), dt)
+    for i, many in enumerate(("two", "three"), 2):
+        verdict.during(f"{many} of one limit are active at rest", resting & any(each.sum() >= i for each in active), dt)
     for situation, found in slopes.items():
         verdict.during(situation, resting & bool(found), dt)
 
