@@ -20,8 +20,16 @@ from rehab_opt.measures.path import (
 )
 from rehab_opt.measures.samples import EvenSamples, evenly_sampled, hand_velocity, low_passed
 from rehab_opt.measures.score import Measure, Score, score
-from rehab_opt.measures.smoothness import dimensionless_jerk, log_dimensionless_jerk, spectral_arc_length
-from rehab_opt.measures.speed import mean_speed, movement_interval, movement_time, peak_speed, velocity_peaks
+from rehab_opt.measures.speed import (
+    dimensionless_jerk,
+    log_dimensionless_jerk,
+    mean_speed,
+    movement_interval,
+    movement_time,
+    peak_speed,
+    spectral_arc_length,
+    velocity_peaks,
+)
 
 __all__ = [
     "EvenSamples",

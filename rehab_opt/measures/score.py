@@ -16,16 +16,25 @@ from rehab_opt.measures.samples import (
     FEWEST,
     LARGEST_CUT_OFF,
     ONCE_EACH_WAY,
+    EvenSamples,
     evenly_sampled,
     low_passed,
     numbers,
     positive,
     vectors,
 )
-from rehab_opt.measures.smoothness import dimensionless_jerk, log_dimensionless_jerk, spectral_arc_length
-from rehab_opt.measures.speed import RISE, mean_speed, movement_interval, peak_speed, velocity_peaks
+from rehab_opt.measures.speed import (
+    RISE,
+    dimensionless_jerk,
+    log_dimensionless_jerk,
+    mean_speed,
+    movement_interval,
+    peak_speed,
+    spectral_arc_length,
+    velocity_peaks,
+)
 
-__all__ = ["Measure", "Score", "noise_of_derivative", "score", "white_noise"]
+__all__ = ["HandMotion", "Measure", "Score", "hand_motion", "noise_of_derivative", "score", "white_noise"]
 
 Array = NDArray[np.float64]
 
@@ -68,8 +77,8 @@ def _response(rate_hz: float, cutoff_hz: float | None) -> tuple[Array, Array]:
 
 STILL, HURLED = 1e-3, 50.0
 """[m/s] A hand that is slower throughout rests; one that a tenth of the time is faster has other units than it says."""
-SURE = 4.5
-"""Standard deviations of noise in one coordinate; in space one sample in 6000 of a hand at rest is faster."""
+SURE, NEVER = 4.5, 7.0
+"""Standard deviations of noise in one coordinate: in space one sample in 6000 of a hand at rest is faster, and none."""
 CHANCE = 0.7
 """Noise of a second differs by as much in its squared jerk: a share above may be the whole."""
 NORMAL_MEDIAN = 0.6745
@@ -83,6 +92,32 @@ class Measure(NamedTuple):
     name: str
     value: float
     unit: str
+
+
+class HandMotion(NamedTuple):
+    """N even samples of a hand, low-passed, and from which speed on it moves."""
+
+    even: EvenSamples
+    path: Array
+    """(N, d) [m]"""
+    velocity: Array
+    """(N, d) [m/s]"""
+    speed: Array
+    """(N,) [m/s], zero at either end where it may be noise."""
+    cutoff_hz: float | None
+    """Of the filter; none where samples are too slow for it."""
+    noise: float
+    """[m] in each coordinate."""
+    shaken: float
+    """[m/s] A hand at rest is no faster by noise."""
+    threshold: float
+    """Share of the largest speed from which the hand moves: as asked, or what noise does not make of rest."""
+    notes: tuple[str, ...]
+
+    def goes(self, part: slice = slice(None)) -> bool:
+        """Whether these samples go further, or faster, than noise makes a hand go that rests."""
+        far = range_used(self.path[part]).max() > 2 * SURE * self.noise
+        return bool(far or self.speed[part].max() > NEVER / SURE * self.shaken)
 
 
 class Score(NamedTuple):
@@ -122,39 +157,22 @@ def score(
 
     Raises
     ------
-    ConfigurationError : as `evenly_sampled`; a hand slower than 1 mm/s throughout, or faster than 50 m/s a tenth of the
-        time, a movement of fewer than ten samples; a cut-off above 10 Hz for which the samples are too slow.
+    ConfigurationError : as `hand_motion`; a movement of fewer than ten samples.
     """
-    even = evenly_sampled(time, points)
-    if even.points.shape[1] not in (2, 3):
-        raise ConfigurationError("points", f"shape {even.points.shape}", "(N, 2) or (N, 3)")
-    usual = float(np.percentile(np.linalg.norm(np.diff(even.points, axis=0), axis=1), 90)) * even.rate_hz
-    if usual > HURLED:
-        value = f"faster than {usual:.3g} m/s a tenth of the time"
-        raise ConfigurationError("points", value, f"at most {HURLED:g} m/s")
-    notes = list(even.notes)
-    rate, cutoff = even.rate_hz, _cutoff(even.rate_hz, cutoff_hz, notes)
-    path = low_passed(even.points, rate, cutoff_hz=cutoff)
-    velocity = np.gradient(path, 1.0 / rate, axis=0)
-    speed = np.linalg.norm(velocity, axis=1)
-    if not peak_speed(speed) > STILL:
-        expected = f"a hand that moves, at {1e3 * STILL:g} mm/s or more"
-        raise ConfigurationError("points", f"at most {1e3 * speed.max():.3g} mm/s", expected)
-    noise = _noise(even.points, path, rate, cutoff)
-    slow = noise_of_derivative(noise, rate, cutoff_hz=cutoff, order=1)
-    seen = _above_noise(speed, noise, rate, cutoff)
-    own, threshold = threshold, max(threshold, min(SURE * slow / speed.max(), 0.5))
-    begin, end = movement_interval(seen, rate, threshold=threshold)
+    motion = hand_motion(time, points, cutoff_hz=cutoff_hz, threshold=threshold)
+    even, path, velocity, seen, cutoff, noise, shaken, least, said = motion
+    notes, rate = list(said), even.rate_hz
+    begin, end = movement_interval(seen, rate, threshold=least)
     count = math.floor((end - begin) * rate) + 1
     if count < FEWEST:
         value = f"{count} samples, {1e3 * (end - begin):.3g} ms"
         raise ConfigurationError("points", value, f"a movement of at least {FEWEST} samples")
-    notes += _cut_notes(seen, threshold)
-    rise = max(RISE, SURE * slow)
-    if threshold > own or rise > RISE:
+    notes += _cut_notes(seen, least)
+    rise = max(RISE, shaken)
+    if least > threshold or rise > RISE:
         notes.append(
-            f"noise of {1e3 * noise:.2g} mm may move a hand at rest at {1e3 * SURE * slow:.2g} mm/s: the movement is "
-            f"cut at {100 * threshold:.2g} % of its peak speed, not {100 * own:g}, and a velocity peak rises by "
+            f"noise of {1e3 * noise:.2g} mm may move a hand at rest at {1e3 * shaken:.2g} mm/s: the movement is "
+            f"cut at {100 * least:.2g} % of its peak speed, not {100 * threshold:g}, and a velocity peak rises by "
             f"{1e3 * rise:.2g} mm/s; movement_time is the shorter for it (a lower cut-off may help)"
         )
     moving, v = _between(path, rate, begin, end, count), _between(velocity, rate, begin, end, count)
@@ -193,6 +211,42 @@ def score(
     return Score(tuple(measures), moving, tuple(notes))
 
 
+def hand_motion(
+    time: ArrayLike, points: ArrayLike, *, cutoff_hz: float = CUT_OFF_HZ, threshold: float = 0.05
+) -> HandMotion:
+    """What rest and movement are told by, in one trial or in all of a recording; parameters as of `score`.
+
+    Raises
+    ------
+    ConfigurationError : as `evenly_sampled`; a hand slower than 1 mm/s throughout, or that noise may move as far and as
+        fast, or faster than 50 m/s a tenth of the time; a cut-off above 10 Hz for which the samples are too slow.
+    """
+    even = evenly_sampled(time, points)
+    if even.points.shape[1] not in (2, 3):
+        raise ConfigurationError("points", f"shape {even.points.shape}", "(N, 2) or (N, 3)")
+    usual = float(np.percentile(np.linalg.norm(np.diff(even.points, axis=0), axis=1), 90)) * even.rate_hz
+    if usual > HURLED:
+        value = f"faster than {usual:.3g} m/s a tenth of the time"
+        raise ConfigurationError("points", value, f"at most {HURLED:g} m/s")
+    notes = list(even.notes)
+    rate, cutoff = even.rate_hz, _cutoff(even.rate_hz, cutoff_hz, notes)
+    path = low_passed(even.points, rate, cutoff_hz=cutoff)
+    velocity = np.gradient(path, 1.0 / rate, axis=0)
+    speed = np.linalg.norm(velocity, axis=1)
+    noise = _noise(even.points, path, rate, cutoff)
+    shaken = SURE * noise_of_derivative(noise, rate, cutoff_hz=cutoff, order=1)
+    seen = _above_noise(speed, noise, rate, cutoff)
+    fastest = float(seen.max())
+    part = max(threshold, min(shaken / max(fastest, STILL), 0.5))
+    motion = HandMotion(even, path, velocity, seen, cutoff, noise, shaken, part, tuple(notes))
+    if not (fastest > STILL and motion.goes()):
+        expected = f"a hand that moves, at {1e3 * STILL:g} mm/s or more"
+        if speed.max() > STILL:
+            expected += f" and otherwise than noise of {1e3 * noise:.2g} mm makes one at rest (try a lower cut-off)"
+        raise ConfigurationError("points", f"at most {1e3 * speed.max():.3g} mm/s", expected)
+    return motion
+
+
 def _noise(points: Array, path: Array, rate: float, cutoff: float | None) -> float:
     """[m] White noise: what the filter took away or, where there is none, of fourth differences, the median."""
     if cutoff is not None:
@@ -203,7 +257,7 @@ def _noise(points: Array, path: Array, rate: float, cutoff: float | None) -> flo
 def _above_noise(speed: Array, noise: float, rate: float, cutoff: float | None) -> Array:
     """The speed, zero at both ends where it may be noise of the first and last point, which the filter leaves alone."""
     passed, _ = _response(rate, cutoff)
-    least = min(SURE * 2 * noise * rate * float(passed.mean()), float(speed.max()))
+    least = SURE * 2 * noise * rate * float(passed.mean())
     seen = speed.copy()
     count = 1 if cutoff is None else math.ceil(0.5 * rate / cutoff)
     for part in (seen[:count], seen[-count:]):

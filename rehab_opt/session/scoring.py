@@ -6,6 +6,7 @@ import csv
 import itertools
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple, TextIO
@@ -16,13 +17,12 @@ from pydantic import ValidationError
 
 from rehab_opt.errors import ConfigurationError, ProblemFileError
 from rehab_opt.measures.path import end_variability, path_variability
-from rehab_opt.measures.samples import CUT_OFF_HZ, LARGEST_CUT_OFF, evenly_sampled, hand_velocity
-from rehab_opt.measures.score import Measure, Score, score
+from rehab_opt.measures.samples import CUT_OFF_HZ
+from rehab_opt.measures.score import Measure, Score, hand_motion, score
 from rehab_opt.recordings.data_folder import PREFIX, data_file
 from rehab_opt.recordings.reading import read_recording
 from rehab_opt.recordings.recording import Recording, strange_sizes
 from rehab_opt.session.files import recording_description, schema_error
-from rehab_opt.session.refusals import refused_as
 from rehab_opt.session.schema import RecordingSection
 from rehab_opt.text_file import FARTHEST
 
@@ -116,9 +116,11 @@ def score_recordings(
             expected = f"{recording.points.shape[1]} coordinates, as {file} has"
             raise ConfigurationError("--target", ",".join(f"{x:g}" for x in target), expected)
         notes += (f"{file}: {note}" for note in recording.notes)
-        trials = [recording] if pause is None else trials_between_pauses(recording, pause=pause, threshold=threshold)
+        how = {"cutoff_hz": cutoff_hz, "threshold": threshold}
+        trials = [recording] if pause is None else trials_between_pauses(recording, pause=pause, **how)
         for number, trial in enumerate(trials, start=1):
-            scored = _scored(trial, number, target=target, cutoff_hz=cutoff_hz, threshold=threshold)
+            with _refused(trial, f"trial {number}, "):
+                scored = score(trial.time, trial.points, target=target, joints=trial.joints, **how)
             measured.append((source, number, trial, scored))
             rows += (Row(file, str(number), *measure) for measure in scored.measures)
             notes += (f"{file}, trial {number}: {note}" for note in scored.notes)
@@ -149,21 +151,23 @@ def described(file: str, reading: Mapping[str, Any] = MappingProxyType({})) -> D
     return Described(section.file, {**reading, **own})
 
 
-def trials_between_pauses(recording: Recording, *, pause: float, threshold: float = 0.05) -> list[Recording]:
+def trials_between_pauses(
+    recording: Recording, *, pause: float, cutoff_hz: float = CUT_OFF_HZ, threshold: float = 0.05
+) -> list[Recording]:
     """The recording, cut in the middle of every rest of `pause` [s] or longer.
 
-    The hand rests while it is slower than `threshold` times its largest speed in the recording. Rest at either end
-    belongs to the first and the last trial.
+    The hand rests while it is slower than `threshold` times its largest speed in the recording, or than noise may be,
+    and where all that moves is noise (`HandMotion.goes`). Rest at either end belongs to the first and the last trial.
     """
     if not 0 < pause < math.inf:
         raise ConfigurationError("pause", pause, "seconds above zero")
-    with refused_as(recording.file):
-        even = evenly_sampled(recording.time, recording.points)
-    cutoff = CUT_OFF_HZ if LARGEST_CUT_OFF * even.rate_hz > CUT_OFF_HZ else None
-    speed = np.linalg.norm(hand_velocity(even.points, even.rate_hz, cutoff_hz=cutoff), axis=1)
-    moving = np.flatnonzero(speed >= threshold * speed.max())
-    stands = np.flatnonzero(np.diff(moving) >= pause * even.rate_hz)
-    cuts = [(even.time[moving[i]] + even.time[moving[i + 1]]) / 2 for i in stands]
+    with _refused(recording):
+        motion = hand_motion(recording.time, recording.points, cutoff_hz=cutoff_hz, threshold=threshold)
+    moving, count = np.flatnonzero(motion.speed >= motion.threshold * motion.speed.max()), len(motion.speed)
+    parts = np.split(moving, np.flatnonzero(np.diff(moving) >= pause * motion.even.rate_hz) + 1)
+    pieces = itertools.pairwise([0, *_middles(parts), count])
+    parts = [part for part, (first, last) in zip(parts, pieces, strict=True) if motion.goes(slice(first, last))]
+    cuts = motion.even.time[_middles(parts)]
     places = np.searchsorted(recording.time, cuts)
     bounds = [0, *places.tolist(), len(recording.time)]
     return [_part(recording, first, last) for first, last in itertools.pairwise(bounds)]
@@ -177,6 +181,11 @@ def write_rows(rows: Sequence[Row], file: TextIO) -> None:
         writer.writerow(row._replace(value="" if math.isnan(row.value) else f"{row.value:.9g}"))  # type: ignore[arg-type]
 
 
+def _middles(parts: Sequence[NDArray[np.int_]]) -> list[int]:
+    """Numbers of the samples amid the rests between parts that move."""
+    return [int(a[-1] + b[0] + 1) // 2 for a, b in itertools.pairwise(parts)]
+
+
 def _part(recording: Recording, first: int, last: int) -> Recording:
     return Recording(
         file=recording.file,
@@ -186,18 +195,16 @@ def _part(recording: Recording, first: int, last: int) -> Recording:
     )
 
 
-def _scored(
-    trial: Recording, number: int, *, target: Sequence[float] | None, cutoff_hz: float, threshold: float
-) -> Score:
+@contextmanager
+def _refused(recording: Recording, where: str = "") -> Iterator[None]:
+    """Name the recording, and what its sizes look like, where it is refused."""
     try:
-        return score(
-            trial.time, trial.points, target=target, joints=trial.joints, cutoff_hz=cutoff_hz, threshold=threshold
-        )
+        yield
     except ConfigurationError as refused:
         if refused.argument in ("cutoff_hz", "threshold", "target"):
             raise
-        key, expected = f"trial {number}, {refused.argument}", "; ".join((refused.expected, *strange_sizes(trial)))
-        raise ProblemFileError(trial.file, key, refused.value, expected) from refused
+        expected = "; ".join((refused.expected, *strange_sizes(recording)))
+        raise ProblemFileError(recording.file, f"{where}{refused.argument}", refused.value, expected) from refused
 
 
 def _variability(movements: Sequence[Array]) -> Iterator[Measure]:

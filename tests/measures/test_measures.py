@@ -18,7 +18,7 @@ from scipy.special import spherical_jn
 from rehab_opt import measures
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.measures import score
-from rehab_opt.measures.smoothness import THRESHOLD
+from rehab_opt.measures.speed import THRESHOLD
 from tests.measures.yardstick import LENGTH, SECONDS, noisy, reach
 
 seeds = st.integers(0, 2**32 - 1)
@@ -315,6 +315,18 @@ def test_noise_at_rest_is_no_movement_at_any_rate(rate: float) -> None:
         assert seen["velocity_peaks"] == 1
         assert not any("in motion" in note for note in scored.notes)
         assert any("dimensionless_jerk" in note for note in scored.notes)
+
+
+@pytest.mark.parametrize("rate", [20, 25, 50, 100, 200, 1000])
+@pytest.mark.parametrize("axes", [2, 3])
+def test_noise_is_no_movement_of_a_hand_that_rests_throughout(rate: float, axes: int) -> None:
+    time, points = reach(rate, rest=1.5, axes=axes)
+    for seed in range(10):
+        with pytest.raises(
+            ConfigurationError, match=r"mm/s'.*and otherwise than noise of 0\.[3-8]\d* mm makes one at rest"
+        ):
+            score(time, noisy(0 * points, 5e-4, seed))
+        assert values(score(3 * time, noisy(points / 4, 5e-4, seed)))["range_x"] > 0.045  # 50 mm in 3 s: 31 mm/s
 
 
 def test_what_is_cut_off_or_comes_back_is_noted() -> None:

@@ -15,7 +15,7 @@ from rehab_opt.cli import main
 from rehab_opt.errors import ConfigurationError, ProblemFileError, RehabOptError
 from rehab_opt.recordings.recording import Recording
 from rehab_opt.session.scoring import Scored, score_recordings, trials_between_pauses, write_rows
-from tests.measures.yardstick import reach
+from tests.measures.yardstick import noisy, reach
 
 Write = Callable[[str, str | bytes], Path]
 
@@ -45,6 +45,16 @@ def test_a_recording_is_cut_where_the_hand_rests(written: Write) -> None:
     for value in column(parts, "movement_time"):
         assert value == pytest.approx(math.sqrt(1 - math.sqrt(0.05)), abs=1e-3)
     assert column(score_recordings([file], pause=1.5), "velocity_peaks") == [3]  # it never rests that long
+
+
+@pytest.mark.parametrize(("rate", "rest", "seeds"), [(20, 0.5, 10), (50, 0.5, 10), (1000, 0.5, 10), (200, 60.0, 3)])
+def test_noise_ends_no_rest_and_is_no_trial(rate: float, rest: float, seeds: int) -> None:
+    """0.5 mm: five reaches were any other number of trials, or refused; a minute of noise has fast samples."""
+    _, there = reach(rate, rest=rest, axes=3)
+    points = np.vstack([there if i % 2 == 0 else there[::-1] for i in range(5)])
+    for seed in range(seeds):
+        recording = Recording("a", np.arange(len(points)) / rate, noisy(points, 5e-4, seed))
+        assert len(trials_between_pauses(recording, pause=0.5)) == 5
 
 
 def test_trials_hold_every_sample_once() -> None:
@@ -89,11 +99,14 @@ def test_what_cannot_be_scored_is_refused_with_its_file_and_trial(written: Write
     time, points = reach(100)
     good = str(written("good.csv", table(time, points)))
     still = str(written("still.csv", table(time, 0 * points)))
+    shaken = str(written("shaken.csv", table(time, noisy(0 * points, 5e-4, 1))))
     short = str(written("short.csv", table(time[:5], points[:5])))
     thrown = str(written("thrown.csv", table(time, points).replace("t_s", "t_ms")))
     angles = str(written("angles.mot", "x\ninDegrees=yes\nendheader\ntime elbow\n0 1\n1 2\n"))
     refusals: list[tuple[Callable[[], Scored], type[RehabOptError], str]] = [
         (lambda: score_recordings([good, still]), ProblemFileError, "still.csv: trial 1, points"),
+        (lambda: score_recordings([shaken]), ProblemFileError, "shaken.csv: trial 1, points"),
+        (lambda: score_recordings([shaken], pause=0.3), ProblemFileError, "shaken.csv: points"),
         (lambda: score_recordings([short]), ProblemFileError, "short.csv: trial 1, time = '5 samples'"),
         (lambda: score_recordings([short], pause=0.5), ProblemFileError, "short.csv: time = '5 samples'"),
         (lambda: score_recordings([angles]), ProblemFileError, "--columns"),
@@ -102,6 +115,8 @@ def test_what_cannot_be_scored_is_refused_with_its_file_and_trial(written: Write
         (lambda: score_recordings([good], target=(0.2, math.nan)), ConfigurationError, "--target"),
         (lambda: score_recordings([thrown]), ProblemFileError, "thrown.csv: trial 1, points = 'faster than 36"),
         (lambda: score_recordings([good], cutoff_hz=500), ConfigurationError, "cutoff_hz"),
+        (lambda: score_recordings([good], cutoff_hz=500, pause=0.5), ConfigurationError, "cutoff_hz"),
+        (lambda: score_recordings([good], threshold=2.0, pause=0.5), ConfigurationError, "threshold"),
         (lambda: score_recordings([good], repeats=True), ConfigurationError, "--repeats"),
         (lambda: score_recordings([good], pause=math.nan), ConfigurationError, "pause"),
         (lambda: score_recordings([good], cutoff_hz=0.0), ConfigurationError, "cutoff_hz"),
