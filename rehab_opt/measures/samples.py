@@ -1,4 +1,4 @@
-"""What measures are taken of: numbers, samples at even times, the hand's velocity."""
+"""What measures are taken of: numbers, samples at even times, the hand's velocity, and the noise of both."""
 
 from __future__ import annotations
 
@@ -14,15 +14,17 @@ __all__ = [
     "CUT_OFF_HZ",
     "FEWEST",
     "LARGEST_CUT_OFF",
-    "ONCE_EACH_WAY",
     "EvenSamples",
     "evenly_sampled",
     "hand_velocity",
     "low_passed",
+    "noise_of_derivative",
     "numbers",
+    "passed_by_low_pass",
     "positive",
     "rows",
     "vectors",
+    "white_noise",
 ]
 
 Array = NDArray[np.float64]
@@ -81,6 +83,7 @@ SMALLEST_CUT_OFF = 1e-6
 """Fraction of the rate; below it the filter's poles are too near one for numbers of 64 bits."""
 ONCE_EACH_WAY = (2**0.5 - 1) ** 0.25
 """A second-order Butterworth filter run forward and back has 3 dB at this fraction of its own cut-off (Winter 2009)."""
+FREQUENCIES = 2001
 
 
 class EvenSamples(NamedTuple):
@@ -180,3 +183,36 @@ def hand_velocity(points: ArrayLike, rate_hz: float, *, cutoff_hz: float | None 
     """(N, d) [m/s] velocity of points (N, d) [m] at `rate_hz` [Hz]: `low_passed`, then central differences."""
     velocity: Array = np.gradient(low_passed(points, rate_hz, cutoff_hz=cutoff_hz), 1.0 / rate_hz, axis=0)
     return velocity
+
+
+def white_noise(points: ArrayLike, smooth: ArrayLike, rate_hz: float, *, cutoff_hz: float) -> float:
+    """Standard deviation [m] of the noise in each coordinate of points (N, d), were all of it white.
+
+    It is told from what a low-pass at `cutoff_hz`, which left `smooth` (N, d), took away.
+    """
+    p, s = vectors("points", points), vectors("smooth", smooth)
+    if p.shape != s.shape:
+        raise ConfigurationError("smooth", f"shape {s.shape}", f"{p.shape}, as the points")
+    passed, _ = passed_by_low_pass(rate_hz, cutoff_hz)
+    return float(np.sqrt(((p - s) ** 2).mean() / ((1 - passed) ** 2).mean()))
+
+
+def noise_of_derivative(noise: float, rate_hz: float, *, cutoff_hz: float | None, order: int) -> float:
+    """Standard deviation [m/s^order] that white noise of `noise` [m] leaves in a derivative: 1 velocity, 3 its jerk.
+
+    As `hand_velocity` and `dimensionless_jerk` take them: a central difference, then second differences.
+    """
+    passed, angle = passed_by_low_pass(rate_hz, cutoff_hz)
+    differences = np.sin(angle) * (2 - 2 * np.cos(angle)) ** ((order - 1) // 2) * positive("rate_hz", rate_hz) ** order
+    return float(noise * np.sqrt(((passed * differences) ** 2).mean()))
+
+
+def passed_by_low_pass(rate_hz: float, cutoff_hz: float | None) -> tuple[Array, Array]:
+    """Gain of the filter run both ways, if any, and radians a sample, at frequencies from 0 to half the rate."""
+    angle = np.linspace(0.0, np.pi, FREQUENCIES)
+    if cutoff_hz is None:
+        return np.ones(FREQUENCIES), angle
+    corner = np.pi * positive("cutoff_hz", cutoff_hz) / ONCE_EACH_WAY / positive("rate_hz", rate_hz)
+    # The bilinear transform of the analogue filter, which squeezes infinity to half the rate.
+    passed = np.append(1 / (1 + (np.tan(angle[:-1] / 2) / np.tan(corner)) ** 4), 0.0)
+    return passed, angle

@@ -15,13 +15,14 @@ from rehab_opt.measures.samples import (
     CUT_OFF_HZ,
     FEWEST,
     LARGEST_CUT_OFF,
-    ONCE_EACH_WAY,
     EvenSamples,
     evenly_sampled,
     low_passed,
+    noise_of_derivative,
     numbers,
+    passed_by_low_pass,
     positive,
-    vectors,
+    white_noise,
 )
 from rehab_opt.measures.speed import (
     RISE,
@@ -34,46 +35,9 @@ from rehab_opt.measures.speed import (
     velocity_peaks,
 )
 
-__all__ = ["HandMotion", "Measure", "Score", "hand_motion", "noise_of_derivative", "score", "white_noise"]
+__all__ = ["HandMotion", "Measure", "Score", "hand_motion", "score"]
 
 Array = NDArray[np.float64]
-
-
-FREQUENCIES = 2001
-
-
-def white_noise(points: ArrayLike, smooth: ArrayLike, rate_hz: float, *, cutoff_hz: float) -> float:
-    """Standard deviation [m] of the noise in each coordinate of points (N, d), were all of it white.
-
-    It is told from what a low-pass at `cutoff_hz`, which left `smooth` (N, d), took away.
-    """
-    p, s = vectors("points", points), vectors("smooth", smooth)
-    if p.shape != s.shape:
-        raise ConfigurationError("smooth", f"shape {s.shape}", f"{p.shape}, as the points")
-    passed, _ = _response(rate_hz, cutoff_hz)
-    return float(np.sqrt(((p - s) ** 2).mean() / ((1 - passed) ** 2).mean()))
-
-
-def noise_of_derivative(noise: float, rate_hz: float, *, cutoff_hz: float | None, order: int) -> float:
-    """Standard deviation [m/s^order] that white noise of `noise` [m] leaves in a derivative: 1 velocity, 3 its jerk.
-
-    As `hand_velocity` and `dimensionless_jerk` take them: a central difference, then second differences.
-    """
-    passed, angle = _response(rate_hz, cutoff_hz)
-    differences = np.sin(angle) * (2 - 2 * np.cos(angle)) ** ((order - 1) // 2) * positive("rate_hz", rate_hz) ** order
-    return float(noise * np.sqrt(((passed * differences) ** 2).mean()))
-
-
-def _response(rate_hz: float, cutoff_hz: float | None) -> tuple[Array, Array]:
-    """Gain of the filter run both ways, if any, and radians a sample, at frequencies from 0 to half the rate."""
-    angle = np.linspace(0.0, np.pi, FREQUENCIES)
-    if cutoff_hz is None:
-        return np.ones(FREQUENCIES), angle
-    corner = np.pi * positive("cutoff_hz", cutoff_hz) / ONCE_EACH_WAY / positive("rate_hz", rate_hz)
-    # The bilinear transform of the analogue filter, which squeezes infinity to half the rate.
-    passed = np.append(1 / (1 + (np.tan(angle[:-1] / 2) / np.tan(corner)) ** 4), 0.0)
-    return passed, angle
-
 
 STILL, HURLED = 1e-3, 50.0
 """[m/s] A hand that is slower throughout rests; one that a tenth of the time is faster has other units than it says."""
@@ -256,7 +220,7 @@ def _noise(points: Array, path: Array, rate: float, cutoff: float | None) -> flo
 
 def _above_noise(speed: Array, noise: float, rate: float, cutoff: float | None) -> Array:
     """The speed, zero at both ends where it may be noise of the first and last point, which the filter leaves alone."""
-    passed, _ = _response(rate, cutoff)
+    passed, _ = passed_by_low_pass(rate, cutoff)
     least = SURE * 2 * noise * rate * float(passed.mean())
     seen = speed.copy()
     count = 1 if cutoff is None else math.ceil(0.5 * rate / cutoff)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from rehab_opt import measures
-from rehab_opt.measures.score import noise_of_derivative, white_noise
+from rehab_opt.measures.samples import noise_of_derivative, white_noise
 from tests.measures.yardstick import LENGTH, SEEDS, noisy, reach
 
 Array = np.ndarray
