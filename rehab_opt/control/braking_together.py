@@ -26,7 +26,7 @@ SLACK = 1.1
 FARTHEST = 0.2
 """[rad, m] Way of the stop posture in a tick, at most: limits are tangents there.
 
-A chair that takes 2 s to stop, with an arm of 38 rad/s^2, had to stay a metre off its keep-outs, and stood for ever.
+A chair that stops in 2 s, with an arm of 38 rad/s^2, had to stay a metre off its keep-outs.
 """
 LATER = 0.3
 """[s] after T / 1.1 a velocity that must go is gone. Of 1 s, which the law has, the bend of the way takes the rest."""

@@ -32,11 +32,11 @@ MARGIN = 12e-3
 """[m] The stop posture stays further from a keep-out by this than the posture now: links turn; rows are tangents."""
 FAST = 0.4
 """[m] Way of a hand to the stop posture from which on that margin is whole, before in its square, as links turn: one
-that grew with a speed from rest on made a joint that bears little on a keep-out shake before it."""
+that grew with a speed made a joint that bears little on a keep-out shake before it."""
 CLEAR = 5e-4
 """[m] The arm stays clear of keep-outs by this, and by twice as much at the stop posture."""
 ROUNDED = 1e-10
-"""[m/s] By which a solver may pass a row: at a limit of zero, less would take the whole command back."""
+"""[m/s] By which a solver may pass a row: at a limit of zero, less would stop the chair at once."""
 TINY = 1e-12
 FACETS = 8
 """Sides of the polygon inside the circle of chassis velocities; its corners lie on the axes."""
@@ -139,7 +139,7 @@ class ChairLimits:
         self.obstacles = ChairObstacles(robot, self.braking, dt)
         arm = ca.SX.sym("arm", robot.chain.n - CHAIR)
         gaps = ca.densify(arm_gaps(robot, arm)) if robot.keep_out else arm
-        # Made once and called with expressions: to make them anew for each posture is a third of a resolver's making.
+        # Made once: anew for each posture is a third of the making.
         self._gaps = ca.Function("gaps", [arm], [gaps])
         self._closing = ca.Function("closing", [arm], list(closing_rows(robot, arm)) if robot.keep_out else [arm])
         self._swinging = [i for i, moves in enumerate(ca.which_depends(gaps, arm, 1, False)) if moves]
@@ -147,7 +147,7 @@ class ChairLimits:
 
     @property
     def reach(self) -> float:
-        """[m] of the arm."""
+        """[m]"""
         return self.robot.reach
 
     @property
@@ -232,7 +232,7 @@ class ChairLimits:
         # Where it can be, else the nearest, joint by joint and then in proportion.
         base = clipped(slowest, hard_lower, hard_upper)
         base = ca.vertcat(
-            base[:CHAIR] * largest_part(into @ base[:CHAIR], into_limit),
+            base[:CHAIR] * largest_part(into @ base[:CHAIR], into_limit, ROUNDED),
             base[CHAIR:] * largest_part(now @ base[CHAIR:], now_limit),
         )
         beside, beside_limit = ca.SX(0, q.numel()), ca.SX(0, 1)
@@ -430,8 +430,8 @@ def _reached(last: ca.SX, change: ca.DM, base: ca.SX, ends: tuple[ca.SX, ca.SX])
     return ca.fmin(lower, base), ca.fmax(upper, base)
 
 
-def largest_part(values: ca.SX, limits: ca.SX) -> ca.SX:
-    """Largest fraction, at most 1, of values that does not pass the limits, zero or more."""
+def largest_part(values: ca.SX, limits: ca.SX, rounded: float = 0.0) -> ca.SX:
+    """Largest fraction, at most 1, of values that passes no limit >= 0; all if `rounded`."""
     if not values.numel():
         return ca.SX(1)
-    return ca.fmin(1, ca.mmin(ca.if_else(values > limits, limits / ca.fmax(values, TINY), 1)))
+    return ca.fmin(1, ca.mmin(ca.if_else(values > limits + rounded, limits / ca.fmax(values, TINY), 1)))

@@ -541,6 +541,17 @@ def test_a_chair_within_an_obstacle_may_leave_it_and_not_go_deeper() -> None:
     assert robot.step(q, [-2.0, 0.0, 0.0]).value[0] < -0.1
 
 
+@pytest.mark.parametrize("twist", [[0.3, 0.0, 0.0], [-0.3, 0.0, 0.0], [0.2, -0.1, 0.0]])
+def test_a_chair_along_a_wall_that_it_is_within_stops_within_its_accelerations(twist: list[float]) -> None:
+    """A solver leaves 1e-19 of a turn towards the wall, where nothing is left: that stopped the chair in one tick."""
+    robot, q, last = resolver(drive="differential", obstacles=[HalfPlane((0, 1), 0.2)]), ARDIS_READY.copy(), np.zeros(7)
+    for k in range(330):
+        u = robot.step(q, np.array(twist) * (k < 300)).value
+        assert np.all(np.abs(u - last) <= 0.01 * robot.robot.chain.acceleration * (1 + 1e-9))
+        assert (k != 299) or np.linalg.norm(u[:2]) > 0.1
+        q, last = q + 0.01 * u, u
+
+
 def test_obstacles_may_change_between_ticks_within_their_places() -> None:
     robot = resolver(robot=light(), max_obstacles=2, keep_out=False)  # type: ignore[arg-type]
     q = ARDIS_READY.copy()
