@@ -26,7 +26,7 @@ from rehab_opt.control.contacts import (
 )  # fmt: skip
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.kinematics.room import MOVING
-from rehab_opt.optim.certificate import all_true
+from rehab_opt.optim.certificate import all_true, clipped
 
 __all__ = ["ClearancePairs", "least", "linked_pairs"]
 
@@ -41,7 +41,7 @@ SAME = 1e-9
 ALIKE = 1e-7
 """[m, 1] Largest difference of normal and moment of contacts that are one."""
 BEHIND = 4.0
-"""By how many times what it is further than its pair's nearest a contact is ranked as if it were further still."""
+"""By how many times what it is further than its pair's nearest a contact that stays is ranked as further."""
 TIE = 1e-12
 """[m] by which a contact is ranked behind an equal one before it."""
 APPROACH = 11
@@ -67,8 +67,9 @@ def _kinds() -> tuple[Kind, Kind]:
     of_boxes = capsule_and_box((b[:3], b[3:6]), ca.reshape(b[6:15], 3, 3), b[15:18], b[18:21], b[21], near=near)
     made = []
     for name, column, (distance, room, contacts) in (("capsules", c, of_capsules), ("box", b, of_boxes)):
-        behind = BEHIND * (contacts[0, :] - ca.mmin(contacts[0, :]))
-        ranked = ca.vertcat(contacts[:CONTACT, :], contacts[CONTACT, :] + behind)
+        away, rooms = contacts[0, :], contacts[CONTACT, :]
+        behind = BEHIND * (away - ca.mmin(away)) * clipped(rooms / ca.fmax(away, SAME), 0, 1)
+        ranked = ca.vertcat(contacts[:CONTACT, :], rooms + behind)
         made.append(
             Kind(
                 ca.Function(f"distance_of_{name}", [column], [distance], {"cse": True}),

@@ -6,7 +6,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from rehab_opt import Box
-from rehab_opt.control.clearance_pairs import KINDS
+from rehab_opt.control.clearance_pairs import KINDS, Kind
 from rehab_opt.control.contacts import FAR
 from tests.control.clearance_world import box_apart, segments_apart
 
@@ -105,6 +105,26 @@ def test_nearest_contact_says_how_the_distance_changes_with_any_motion(kind: str
             assert (ahead - behind) / (2 * step) == pytest.approx(np.r_[moment, normal] @ twist, abs=1e-4)
         ahead, behind = (float(functions.distance(column(ends[:2], side * step))) for side in (1, -1))
         assert (ahead - behind) / (2 * step) == pytest.approx(-speed, abs=1e-4)
+
+
+@pytest.mark.parametrize("functions", KINDS)
+def test_contact_that_comes_faster_than_its_barrier_lets_it_is_ranked_by_its_room(functions: Kind) -> None:
+    """However much nearer another one of its pair is: an elbow came to a box at 1.6 times what its barrier lets it."""
+    rng, lead, far = np.random.default_rng(4), 0.8, 0
+    for _ in range(200):
+        ends, twist = segments(rng, 0), rng.normal(size=6)
+        column = np.r_[ends.ravel(), np.zeros(6), 0.05]
+        if functions is BOX:
+            turn = Rotation.random(rng=rng).as_matrix()
+            column = np.r_[ends[:2].ravel(), turn.T.ravel(), ends[2], rng.uniform(0.02, 0.1, 3), 0.05]
+        contacts = np.array(functions.contacts(column, np.r_[twist, lead, np.ones(4)]))
+        away, normal, moment, rank = contacts[0], contacts[1:4].T, contacts[4:7].T, contacts[8]
+        room = away - lead * np.maximum(-np.hstack([moment, normal]) @ twist, 0.0)
+        comes = room <= 0
+        assert rank[comes] == pytest.approx(room[comes], abs=1e-9)
+        assert np.all(rank[~comes] >= room[~comes] - 1e-9)
+        far += np.sum(comes & (away > away.min() + 0.05))
+    assert far > 30
 
 
 def test_bodies_that_lie_along_each_other_touch_in_two_places_at_least() -> None:
