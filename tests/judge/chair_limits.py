@@ -73,7 +73,7 @@ PROMISES = (
 # A stick that leads at a limit stays there, or never comes: of 75 000 ticks 0 to 1000 are at one kind.
 LEAST = {
     "status ok": 400_000, "status blocked": 10_000, "braking near a limit": 30, "law judged": 1000,
-    "at a limit: in a box": 100, "at a limit: in a ball": 500, "at a limit: out of a ball": 100,
+    "at a limit: in a box": 100, "at a limit: in a ball": 500, "at a limit: out of a ball": 1000,
     "at a limit: upright": 500, "at the margin of a capsule": 200, "at the margin of a box": 100,
     "at the margin of a plane": 50, "at the margin of a body that moves": 300, "led by feedback": 100_000,
     "behind where it is led": 30_000, "reaching": 50_000, "a limit near, turned across the world": 10_000,
@@ -201,18 +201,18 @@ def elbow(chair: Chair, q: Array, frame: int) -> Array:
     return placed(chair.joints(q)[1], q)
 
 
-def wish(rng: np.random.Generator, chair: Chair, q: Array, tightest: float) -> Wish:
-    """A limit some way off the posture q (n,); a ball of that radius at least [m]."""
-    kind = str(rng.choice(KINDS))
+def wish(rng: np.random.Generator, chair: Chair, q: Array, tightest: float, *, beside: bool) -> Wish:
+    """A limit some way off the posture q (n,), or a ball `beside` the hand; a ball of that radius at least [m]."""
+    kind = "out of a ball" if beside else str(rng.choice(KINDS))
     slower, faster = rng.uniform(0.5, 1.0), rng.uniform(2.0, 8.0)  # than all joints can brake together
     rate = rng.choice([None, None, None, slower, faster])
     rate = None if rate is None else float(rate / longest(chair))
     unit, frame = float(rng.choice([1.0, 1.0, 0.1, 1000.0])), None
-    if kind == "above a plane" or (("ball" in kind) and rng.random() < 0.5):
+    if kind == "above a plane" or ("ball" in kind and not beside and rng.random() < 0.5):
         frame = 5 if not isinstance(chair, Mounted) else 3 + int(rng.integers(1, chair.on.n))
     point = (chair.hand(q[None]) if frame is None else elbow(chair, q[None], frame))[0]
-    room = float(rng.choice([0.02, 0.05, 0.15, 0.4])) * rng.uniform(0.5, 1.0)
-    room = -0.02 if rng.random() < 0.05 else room  # beyond it already
+    room = float(rng.choice([0.02] if beside else [0.02, 0.05, 0.15, 0.4])) * rng.uniform(0.5, 1.0)
+    room = -0.02 if rng.random() < 0.05 and not beside else room  # beyond it already
     way = rng.standard_normal(3)
     way /= np.linalg.norm(way)
     if kind == "in a box":
@@ -304,6 +304,11 @@ def alone(number: int) -> bool:
     return number % 8 == 5
 
 
+def beside_a_ball(number: int) -> bool:
+    """Whether a ball beside the hand, that each stick leads at, is all there is in this run."""
+    return number % 8 == 6
+
+
 def sharp(number: int) -> bool:
     """Whether balls are small, and a velocity that is told may lead beyond a limit: then accelerations yield to it."""
     return number % 5 in {2, 3}
@@ -348,9 +353,10 @@ def draw(rng: np.random.Generator, number: int) -> tuple[Case, Array]:
         chair, joints = mounted(rng, drive, sets)
         q = np.concatenate([rng.uniform(-0.3, 0.3, 2), rng.uniform(-3, 3, 1), joints])
     scene = None
-    count = 0 if number % 4 == 3 or alone(number) else int(rng.integers(1, 4))
-    wishes = [wish(rng, chair, q, 0.02 if sharp(number) else 0.1) for _ in range(count)]
-    if not wishes or rng.random() < 0.4:
+    ball = beside_a_ball(number)
+    count = 0 if number % 4 == 3 or alone(number) else 1 if ball else int(rng.integers(1, 4))
+    wishes = [wish(rng, chair, q, 0.02 if sharp(number) else 0.1, beside=ball) for _ in range(count)]
+    if not wishes or (rng.random() < 0.4 and not ball):
         scene = around(rng, number, chair, q, dt)
     led, plan = rng.random() < 0.35, None
     if led:
