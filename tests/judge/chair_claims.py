@@ -32,6 +32,7 @@ def judge_ticks(
     """Judge all that holds in every tick; the answers and u (n, 7) come back.
 
     `excused` says where else accelerations may yield, (n,), `led` where braking may lead joints away from a limit.
+    Where accelerations do yield there, one may be led across the limit, as long as all together slow down.
     """
     chair, dt = run.chair, run.dt
     found = verdict.answers(run.commands, dt)
@@ -76,7 +77,9 @@ def judge_ticks(
     verdict.during("a keep-out near", np.min(gaps, axis=1) < NEAR, dt)
 
     slows = np.isin(found.status, ("ok", "backup", "blocked"))[:, None] | (np.abs(u) <= np.abs(before) + 1e-12)
-    verdict.holds("what is not certified only slows", slows | np.broadcast_to(led, len(u))[:, None])
+    whole, was = (np.linalg.norm(each / np.maximum(chair.velocity, 1e-300), axis=1) for each in (u, before))
+    across = np.broadcast_to(excused, len(u)) & (found.yielded & Bound.ACCELERATION.value != 0) & (whole <= was)
+    verdict.holds("what is not certified only slows", slows | (across | np.broadcast_to(led, len(u)))[:, None])
     late = np.logical_or(judge_obstacles(run, verdict, u, before), excused)
     judge_acceleration(run, verdict, found, u, before, late)
     for part, ticks in zip(run.parts, run.slices, strict=True):

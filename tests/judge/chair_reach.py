@@ -2,12 +2,16 @@
 
 A target is reached, or the hand ends where no velocity within the true bounds leads it there at 5 % of 0.1 m/s.
 On the way the hand is never further from its target than when that was set, by `AWAY`, and no faster along an axis than
-`SPEED` and what makes up for a lag, which fades where all that is asked is done.
+`SPEED` and what makes up for a lag, which fades where all that is asked is done. A hand that gains speed lags by
+half of what it gains in a tick, times the tick, and makes up for that alike.
 """
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
+from scipy.signal import lfilter
 
 from tests.judge.chair_claims import judge_ticks
 from tests.judge.chair_runs import Part, Run, motion, other_resolver, posture, record, resolver
@@ -114,7 +118,10 @@ def judge_target(run: Run, verdict: Verdict, found: Answers, part: Part, ticks: 
     number = np.arange(len(speed))
     short = (found.status[ticks] != "ok") | (found.yielded[ticks] != 0) | (number == 0)
     done = (number - np.maximum.accumulate(np.where(short, number, 0))) * dt
-    capped = fastest - LAGGING * np.exp(-FADES * done)
+    gained = np.abs(np.diff(velocity, axis=0, prepend=velocity[:1])).max(axis=1) / 2
+    keeps = math.exp(-FADES * dt)
+    late = lfilter([1 - keeps], [1, -keeps], gained)
+    capped = fastest - LAGGING * np.exp(-FADES * done) - late
     verdict.within("the hand's speed along an axis is capped [m/s]", capped[braked:], ROUGH * SPEED)
     verdict.during("at its speed, and not behind", (done > 1.0) & (fastest > 0.95 * SPEED), dt)
     there = (apart[1:] < REACHED) & (speed < SLOW)

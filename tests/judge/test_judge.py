@@ -37,7 +37,11 @@ def test_slice_of_the_campaign_breaks_nothing(judge: str, seed: int) -> None:
             ("chair_limits", seed, number)
             for seed, number in ((20, 4), (20, 10), (502, 11), (34112419, 17), (35112507, 10), (26112019, 44))
         ),
-        *(("chair_limits", 42128004, number) for number in (11, 19)),
+        *(
+            ("chair_limits", seed, number)
+            for seed, number in ((42128004, 11), (42128004, 19), (51128010, 4), (51128011, 159))
+        ),
+        ("limits_rest", 42128004, 111),
         *(("chair_walls", seed, number) for seed, number in ((42127780, 158), (42127780, 243), (421, 263))),
         ("mirror_hand", 2043862918, 1_000_002),
         ("chair_calm", 34112419, 227),
