@@ -297,6 +297,8 @@ class Limits:
     ) -> tuple[ca.SX, ca.SX]:
         """R (m, n), r (m,) of R u <= r that keep the limits on the way that u leads, to first order about `last` (n,).
 
+        None forbids rest, which keeps what is kept: at a limit tangents about a motion did, and that went on for good.
+
         Parameters
         ----------
         bodies : what `bodies_on_the_way` gives of these.
@@ -312,7 +314,7 @@ class Limits:
             rows.append(least_rows(found, each.count(self.chain)))
         found = ca.vertcat(ca.Function("on_the_way", [here, u], [ca.vertcat(*rows)])(q, last), bodies)
         left, slopes = found[:, 0], found[:, 1:]
-        return -slopes, left - slopes @ last
+        return -slopes, ca.fmax(left - slopes @ last, 0)
 
     def bodies_on_the_way(
         self, *, way: Callable[[ca.SX, ca.SX, float], ca.SX], seconds: Sequence[float], change: ca.DM

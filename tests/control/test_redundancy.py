@@ -5,13 +5,15 @@ from collections.abc import Iterator
 from functools import cache
 from typing import Any
 
+import casadi as ca
 import numpy as np
 import pytest
 import qpsolvers
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 
-from rehab_opt import Bound, ConfigurationError, Joystick, RedundancyResolver, Status, ardis
+from rehab_opt import Bound, ConfigurationError, Joystick, Limit, RedundancyResolver, SerialChain, Status, ardis
 from rehab_opt.control.chair_and_arm import ChairAndArm
 from rehab_opt.control.joystick import STICK_MODES
 from rehab_opt.control.obstacles import Disc, HalfPlane, obstacle_numbers
@@ -25,6 +27,8 @@ from tests.control import redundancy_campaign
 from tests.control.redundancy_campaign import gaps, hand_twist
 from tests.failing_solvers import failing_solvers
 from tests.judge.numbering import seed_of_the_code
+
+Array = NDArray[np.float64]
 
 UNHURRIED = {"acceleration": math.inf}
 DRIVES = ("mecanum", "differential")
@@ -617,6 +621,35 @@ def test_an_arm_that_is_led_to_where_it_can_no_more_rests_there(rows: tuple[str,
             rested += 1
             assert np.max(np.abs([each.value for each in sent[-200:]])) < 1e-3
     assert rested >= 3
+
+
+@pytest.mark.parametrize("drive", ["mecanum", "differential"])
+@pytest.mark.parametrize("dt", [0.01, 0.02])
+def test_a_chair_comes_to_rest_where_planes_of_the_users_own_stop_its_hand(drive: str, dt: float) -> None:
+    """It turned by 0.45 rad/s for 40 s, BLOCKED, with its hand at rest: tangents about that motion forbade to stop."""
+    robot, rested = ardis(), 0
+    begun = robot.chain.pose(ARDIS_READY)[:3, 3]
+    for seed in (1, 2, 4):
+        rng = np.random.default_rng(seed)
+        normals, rooms = rng.normal(size=(5, 3)), rng.uniform(0.03, 0.25, 5)
+        normals /= np.linalg.norm(normals, axis=1)[:, None]
+
+        def inside(chain: SerialChain, q: ca.SX, n: Array = normals, rooms: Array = rooms) -> ca.SX:
+            return ca.DM(rooms) - ca.DM(n) @ (chain.pose_expression(q)[:3, 3] - ca.DM(begun))
+
+        made = RedundancyResolver(
+            robot, drive=drive, row_sets=[("x", "y", "z")], dt=dt, limits=[Limit(inside)], compile=False
+        )
+        twist = rng.normal(size=3)
+        twist *= 0.15 / np.linalg.norm(twist)
+        q, sent = np.array(ARDIS_READY), []
+        for _ in range(round(25 / dt)):
+            sent.append(made.step(q, twist, ("x", "y", "z"), "world"))
+            q = q + dt * sent[-1].value
+        if sent[-round(10 / dt)].status is Status.BLOCKED:
+            rested += 1
+            assert np.max(np.abs([each.value for each in sent[-round(1 / dt) :]])) < 5e-3, seed
+    assert rested >= 2
 
 
 def test_a_quick_arm_on_a_slow_chair_goes_on_beside_keep_outs() -> None:
