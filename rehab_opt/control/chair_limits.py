@@ -32,7 +32,7 @@ MARGIN = 12e-3
 """[m] The stop posture stays further from a keep-out by this than the posture now: links turn; rows are tangents."""
 FAST = 0.4
 """[m] Way of a hand to the stop posture from which on that margin is whole, before in its square, as links turn: one
-that grew with a speed made a joint that bears little on a keep-out shake before it."""
+that grew with a speed from rest on made a joint that bears little on a keep-out shake before it."""
 CLEAR = 5e-4
 """[m] The arm stays clear of keep-outs by this, and by twice as much at the stop posture."""
 ROUNDED = 1e-10
@@ -139,7 +139,7 @@ class ChairLimits:
         self.obstacles = ChairObstacles(robot, self.braking, dt)
         arm = ca.SX.sym("arm", robot.chain.n - CHAIR)
         gaps = ca.densify(arm_gaps(robot, arm)) if robot.keep_out else arm
-        # Made once: anew for each posture is a third of the making.
+        # Made once and called: to make them anew for each posture is a third of a resolver's making.
         self._gaps = ca.Function("gaps", [arm], [gaps])
         self._closing = ca.Function("closing", [arm], list(closing_rows(robot, arm)) if robot.keep_out else [arm])
         self._swinging = [i for i, moves in enumerate(ca.which_depends(gaps, arm, 1, False)) if moves]
@@ -147,7 +147,7 @@ class ChairLimits:
 
     @property
     def reach(self) -> float:
-        """[m]"""
+        """[m] of the arm."""
         return self.robot.reach
 
     @property
@@ -431,7 +431,10 @@ def _reached(last: ca.SX, change: ca.DM, base: ca.SX, ends: tuple[ca.SX, ca.SX])
 
 
 def largest_part(values: ca.SX, limits: ca.SX, rounded: float = 0.0) -> ca.SX:
-    """Largest fraction, at most 1, of values that passes no limit >= 0; all if `rounded`."""
+    """Largest fraction, at most 1, of values that passes no limit, zero or more.
+
+    A limit that they pass by `rounded` at most counts as kept.
+    """
     if not values.numel():
         return ca.SX(1)
     return ca.fmin(1, ca.mmin(ca.if_else(values > limits + rounded, limits / ca.fmax(values, TINY), 1)))

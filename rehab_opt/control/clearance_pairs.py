@@ -41,7 +41,7 @@ SAME = 1e-9
 ALIKE = 1e-7
 """[m, 1] Largest difference of normal and moment of contacts that are one."""
 BEHIND = 4.0
-"""By how many times what it is further than its pair's nearest a contact that stays is ranked as further."""
+"""By how many times what it is further than its pair's nearest a contact that stays is ranked as further still."""
 TIE = 1e-12
 """[m] by which a contact is ranked behind an equal one before it."""
 APPROACH = 11
