@@ -28,22 +28,16 @@ __all__ = ["ChairAndArm"]
 Array = NDArray[np.float64]
 UNKNOWN = -1.0
 """In place of the frame: 0 for the chassis frame, 1 for the world, this where no hand velocity is remembered."""
-OFF = 20.0
-"""How many times more a m/s off the commanded direction costs than one that is missing along it.
-
-What is off goes no faster than braking takes it away, and it adds up: at 10 times, a chair that turned fast beside a
-keep-out had its hand more than 0.05 of the command across for 0.93 s, to keep 0.97 of it; now it slows down instead.
-"""
 STEADY = 0.01
 """Weight of a steady velocity beside what braking leaves of it, as a share of the chair's mass; of a change in a tick,
-by T/dt more. Light joints would else go from one end of their acceleration to the other, tick by tick, where bounds are
-met: what is best turns with the rows of the way to the stop posture, and those with u.
+by T/dt more. Light joints would else shake where bounds are met: what is best turns with the rows of the way to the stop
+posture, and those with u.
 """
 CURVED = 2.0
 """How many times progress pays for the bow that a joint's turn in a tick makes of the hand's way, reach dt u^2 / 2.
 
 Where a stretched arm gives none, tangents promise some to either side: the arm then overshoots that place in every tick
-by as much as it is beyond it or more, unless this is above 1. One swung at 20 rad/s^2, its hand at 0.3 m/s.
+by as much as it is beyond it or more, unless this is above 1.
 """
 GOING = 10.0
 """Ticks of acceleration in which a joint gets to a speed from which on all of that share counts: at rest, what is left
@@ -88,9 +82,11 @@ class ChairAndArm(VelocityController):
     leaves J c = w + progress_c r/|r| + e, where w <= (1 - dt/T) d is what d is allowed to be now, so that off = |e|
     satisfies the task. So the QP has an answer in every tick, and what it delivers besides r lies between w and w + e,
     both of which are at most (1 - dt/T) |d|, but for what the change of the Jacobian within the tick adds, of order
-    dt |u|^2: |d| shrinks by that factor a tick or faster. Along r the hand is never faster than |r| but for that. What
-    was delivered never becomes a reference; it is only what must shrink. The rows at h are why e stays small while a
-    bound or a singular posture stops the hand: it keeps to r while it brakes, also where joints bend its way.
+    dt |u|^2: |d| shrinks by that factor a tick or faster. (Where u_last (1 - dt/T) leaves less than 0.002 dt/T |r| of e
+    that is had for nothing in place of c's: |d| may end at 0.002 |r|.) Along r the hand is never faster than |r| but
+    for that. What was delivered never becomes a reference; it is only what must shrink. The rows at h are why e stays
+    small while a bound or a singular posture stops the hand: it keeps to r while it brakes, also where joints bend its
+    way.
 
     Without a command all joints brake together as hard as the accelerations allow, and then rest.
 
@@ -188,7 +184,7 @@ class ChairAndArm(VelocityController):
             # Steeper the more is missing, since solvers fail more often on a cost that is flat in a variable.
             minimise=away.T @ W @ away / 2
             + (steady * ca.sumsqr(u - b) + ca.dot(damping, u[CHAIR:] ** 2)) / 2
-            + (price * (OFF * off - progress) + PROGRESS * (missing**2 + off**2) / 2),
+            + (task.dear * off - price * progress + PROGRESS * (missing**2 + off**2) / 2),
             subject_to=[
                 equal(J @ u, task.turning + progress * task.direction + off * task.error),
                 *limits.chassis_rows(u),

@@ -117,7 +117,7 @@ def capsule_and_capsule(
         contacts.append(_where(ca.logic_and(valid, own), contact(s, t, square)))
     sizes = ca.vertcat(ca.sqrt(aa), ca.sqrt(bb))
     on_both = [sizes * ca.vertcat(s, t) for s, t, _ in places]
-    _behind_those_beside(contacts, on_both, [each for *_, each in places], told)
+    _behind_those_beside(contacts, on_both, [ca.sqrt(each) for each in squares], told)
     # The nearest points of lines, moved into one segment and then into the other: exact but where they are parallel.
     s = clipped((ab * f - bb * c) / ca.fmax(sine, TINY * PARALLEL), 0, 1)
     t = clipped((ab * s + f) / ca.fmax(bb, TINY), 0, 1)
@@ -126,12 +126,13 @@ def capsule_and_capsule(
     return ca.sqrt(reduce(ca.fmin, squares)) - radii, room, ca.horzcat(*contacts)
 
 
-def _behind_those_beside(contacts: list[ca.SX], places: list[ca.SX], valid: list[ca.SX], told: list[ca.SX]) -> None:
-    """Give contacts whose place [m] is that of one before them, or of one that another pair tells of, more room."""
+def _behind_those_beside(contacts: list[ca.SX], places: list[ca.SX], apart: list[ca.SX], told: list[ca.SX]) -> None:
+    """Give contacts whose place [m] is that of a nearer one, or of one that another pair tells of, more room."""
     for j, place in enumerate(places):
         for i, beside in enumerate(places):
-            counts = valid[i] if i < j else ca.logic_and(valid[i], ca.logic_not(told[i]))
+            nearer = apart[i] <= apart[j] if i < j else apart[i] < apart[j]
             if i != j:
+                counts = ca.logic_and(apart[i] < FAR, ca.logic_or(nearer, ca.logic_not(told[i])))
                 near = 1 - ca.sum1(ca.fabs(place - beside)) / BESIDE
                 contacts[j][-1] += AGAIN * ca.if_else(counts, ca.fmax(near, 0), 0)
 
@@ -205,7 +206,7 @@ def capsule_and_box(
         room = near.room(distance, normal, moment, 0)
         contacts.append(_where(there, ca.vertcat(distance, normal, moment, 0, room)))
     size = ca.norm_2(along)
-    _behind_those_beside(contacts, [size * t for t, _ in places], [ca.SX(1)] * len(places), told)
+    _behind_those_beside(contacts, [size * t for t, _ in places], [ca.SX(k) for k in range(CONTACTS)], told)
     return ca.if_else(within, -depth, least) - radius, contacts[0][-1], ca.horzcat(*contacts)
 
 

@@ -24,8 +24,7 @@ __all__ = ["AHEAD", "PROGRESS", "HandTask", "Last", "Task"]
 PROGRESS = 2.0
 """[m/s] Price of a missing m/s of hand speed; one more costs about 1 in kinetic energy by the robot's mass.
 
-Prices of 3 to 8 made joints shake where a bound is met (75 to 176 reversals in 10 s for 30), and one that grows with
-what is missing in the tick led to the same stops: see `CREEPS`.
+Prices of 3 to 8 made joints shake where a bound is met: 75 to 176 reversals in 10 s for 30. See `CREEPS`.
 """
 CREEPS, GOES, WORTH = 0.2, 0.5, 0.025
 """Fractions of the commanded speed. While a hand is below the first, the price of progress grows where what moves it,
@@ -56,6 +55,16 @@ BACK = 0.05
 """Fraction of it by which it may move against that: stretched, a hand must turn back to go on."""
 LIVELY = 1.0
 """[m/s or rad/s] Commanded speed up to which v(|r|) of Eq. (1) grows: a hand cannot be so fast, nor a stick mean it."""
+OFF = 20.0
+"""How many times more a m/s off the commanded direction costs than one that is missing along it.
+
+What is off goes no faster than braking takes it away, and it adds up: at 10 times, a hand beside a keep-out was more
+than 0.05 of its command across for 0.93 s.
+"""
+HAIR = 2e-3
+"""Fraction of the command that may be off it for nothing, a tick's share of which adds up to that. Joints whose lever
+is about zero would else turn to and fro against what braking leaves.
+"""
 ROUNDING = 1e-9
 """Fraction by which a change stays within the accelerations, so that it is seen to."""
 TINY = 1e-12
@@ -98,6 +107,8 @@ class Task(NamedTuple):
     """|e|, upper bound of what is off the command."""
     price: ca.SX
     """Of a m/s of progress."""
+    dear: ca.SX
+    """Of one off the command."""
     multiplier: ca.SX
     """Size of the multipliers of the task's rows at that price: near singular postures one is far dearer."""
     stiffness: ca.SX
@@ -163,7 +174,7 @@ class HandTask:
         gradient = self.self_motion * self.robot.posture_gradient_expression(posture)
 
         commanded = twist / ca.fmax(ca.norm_2(twist) / self.fastest, 1)
-        size = ca.norm_2(commanded)
+        size, gently = ca.norm_2(commanded), braking.slower(ca.SX(1))
         direction, lively = commanded / ca.fmax(size, TINY), ca.fmin(size, LIVELY)
 
         # Eq. (1), and (5) by leaving out the left speed: u = W^-1 J' y - v grad c with J u = r. Then by the least
@@ -188,8 +199,8 @@ class HandTask:
         # Going on as before, with the hand's velocity as the last tick meant it: the Jacobian has turned since.
         before = ca.if_else(last.frame == world, last.hand, jacobian @ last.velocity)
         along = clipped(ca.dot(direction, before), 0, size)
-        turning = braking.slower(before - along * direction)
-        x = firmness(along * direction + turning - jacobian @ last.velocity)
+        aside = before - along * direction
+        x = firmness(along * direction + gently * aside - jacobian @ last.velocity)
         kept = last.velocity + self._spread(soft @ x)
 
         # As far from the one to the other as the accelerations allow.
@@ -202,8 +213,7 @@ class HandTask:
         )  # no law at a singular posture
         part = ca.if_else(usable, part, 1)
         # Where the law is far away, what is off the command goes sooner than on the way to it.
-        left = (1 - part) * braking.slower(ca.SX(1))
-        aside = before - along * direction
+        left = (1 - part) * gently
         goes = firmness(aside)
         hurry = 0 if limits.beside.size1() else ca.fmax(1 - HURRY * size / ca.fmax(ca.norm_2(aside), TINY), 0)
         keeps = 1 - hurry * (1 - braking.leaves(self._spread(soft @ goes)))
@@ -212,16 +222,20 @@ class HandTask:
         pull = ca.if_else(usable, sooner * goes, 0)
         speed = tick.once(along + part * (size - along))
         # What braking leaves of the hand's velocity besides: that can be had in any case.
-        error = jacobian @ base - turning
-        error -= clipped(ca.dot(direction, error), 0, speed) * direction
+        hard, gentle = (
+            besides - clipped(ca.dot(direction, besides), 0, speed) * direction
+            for besides in (jacobian @ base - turning, jacobian @ braking.slower(last.velocity) - turning)
+        )
+        hair = ca.norm_2(gentle) <= HAIR * (1 - gently) * size
+        error = ca.if_else(hair, gentle, hard)
         off = ca.if_else(size > 0, ca.norm_2(error), 0)  # without a command the whole robot brakes
 
         on_the_way = self._rows_ahead(
             tick, q, last.velocity, direction, size, left=ca.norm_2(turning), world=world, base=base, braking=braking
         )
         insistence = self._insistence(last, along, size, dt)
-        steep = ca.fmin(ca.fabs(ca.dot(direction, part * y + (1 - part) * x)), STEEP)
-        price = PROGRESS * ca.fmax(insistence, 1) + 2 * steep
+        price = PROGRESS * ca.fmax(insistence, 1)
+        price += 2 * ca.fmin(ca.fabs(ca.dot(direction, part * y + (1 - part) * x)), STEEP)
         multipliers = price * self._of_progress(y, direction)
         return Task(
             jacobian=ca.densify(jacobian),
@@ -233,6 +247,7 @@ class HandTask:
             error=ca.if_else(off > TINY, error / ca.fmax(off, TINY), 0),
             off=ca.if_else(off > TINY, off, 0),
             price=price,
+            dear=ca.if_else(hair, 0, OFF * price),
             multiplier=ca.norm_2(multipliers),
             stiffness=self._stiffness(posture, last.velocity, multipliers, (jacobian - here) * 2 / dt),
             missing=1 - along / ca.fmax(size, TINY),

@@ -142,11 +142,6 @@ class MobileArm:
         """(7, 7) W at joint values q (7,): the kinetic energy is q'^T W q' / 2 [J]."""
         return self._evaluate(self.inertia_expression, q)
 
-    def kinetic_energy(self, q: ArrayLike, velocity: ArrayLike) -> float:
-        """[J] at joint values and velocities (7,)."""
-        v = per_joint("velocity", velocity, self.chain.n)
-        return float(v @ self.inertia(q) @ v) / 2
-
     def posture_cost(self, q: ArrayLike) -> float:
         """Scalar c of Eq. (1): grows towards joint limits and singular postures of the arm; without unit."""
         return float(self._evaluate(self.posture_cost_expression, q)[0])

@@ -107,6 +107,18 @@ def test_nearest_contact_says_how_the_distance_changes_with_any_motion(kind: str
         assert (ahead - behind) / (2 * step) == pytest.approx(-speed, abs=1e-4)
 
 
+def test_first_of_the_contacts_at_rest_is_the_nearest_also_of_bodies_that_are_nearly_balls() -> None:
+    """However near each other two of them are: an arm gave way to the farther end of a bar 40 um long, and touched."""
+    rng = np.random.default_rng(5)
+    for _ in range(300):
+        ends = segments(rng, 0)
+        for k in (0, 2):
+            ends[k + 1] = ends[k] + (ends[k + 1] - ends[k]) * rng.choice([1.0, 10.0 ** rng.uniform(-6, -2)])
+        column = np.r_[ends.ravel(), np.zeros(6), 0.1]
+        contacts = np.array(CAPSULES.contacts(column, ALONE))
+        assert contacts[0, np.argmin(contacts[8])] == pytest.approx(float(CAPSULES.distance(column)), abs=1e-9)
+
+
 @pytest.mark.parametrize("functions", KINDS)
 def test_contact_that_comes_faster_than_its_barrier_lets_it_is_ranked_by_its_room(functions: Kind) -> None:
     """However much nearer another one of its pair is: an elbow came to a box at 1.6 times what its barrier lets it."""
