@@ -35,6 +35,7 @@ from tests.judge.clearance_bodies import (
     coming,
     could_keep,
     put_around,
+    reach_of,
     standing,
     where,
 )
@@ -615,14 +616,15 @@ def judge_giving_way(
                             for part in run.parts])  # fmt: skip
     acts = np.array([each.status.certified for each in run.commands]) & (asked > 1e-3) & (now.min(axis=1) >= 0)
     verdict.during("gives way to a body that moves", acts & (stays < 0).any(axis=1), dt)
-    lost = []
+    lost, free = [], np.full(3, np.inf)
+    lower, upper = np.r_[-free, chair.lower], np.r_[free, chair.upper]
     speeds = np.where(np.isin(np.arange(len(chair.velocity)), chair.moving), chair.velocity, 0.0)
     acts &= chair.arm_gaps(run.q[:-1]).min(axis=1) > KEPT_OUT
     for k in np.flatnonzero(acts & (moved < -1e-8).any(axis=1)):
         then = [place[k + 1][None] for place in places]
         steps = chair.world(np.broadcast_to(run.q[k], (len(speeds), len(speeds))), STEP * np.eye(len(speeds)))
         nearby = np.concatenate([coming(scene, segments(chair, (run.q[k] + step)[None]), then) for step in steps])
-        if could_keep(now[k], stays[k], nearby, dt * speeds):
+        if could_keep(now[k], stays[k], nearby, reach_of(run.q[k], dt * speeds, lower, upper)):
             lost.append(float(-moved[k].min()))
     verdict.within("nearer to a body that could be kept clear of [m]", lost or [0.0], LOST)
 

@@ -335,7 +335,7 @@ def could(
         here, then = ([place[i : i + 1] for place in places] for i in (k, k + 1))
         ends = segments_of(scene, q[k : k + 1])
         nearby = [segments_of(scene, (q[k] + step)[None]) for step in STEP * np.eye(6)]
-        reach = control.chain.velocity * control.dt
+        reach = reach_of(q[k], control.chain.velocity * control.dt, -LIMIT, LIMIT)
         found[k] = could_keep(coming(scene, ends, here)[0], coming(scene, ends, then)[0],
                               np.concatenate([coming(scene, each, then) for each in nearby]), reach)  # fmt: skip
     return found
@@ -363,11 +363,17 @@ def may_go_on(
     return np.asarray(regular & (fastest[:, 0] > SLOW) & kept & (np.abs(q[:-1]) < LIMIT - SLOW).all(axis=1))
 
 
+def reach_of(q: Array, most: Array, lower: Array, upper: Array) -> Array:
+    """(2, n) [rad, m] by which joints at q (n,) may turn back and on, by `most` (n,) and to their limits."""
+    return np.stack([np.clip(q - lower, 0, most), np.clip(upper - q, 0, most)])
+
+
 def could_keep(now: Array, later: Array, nearby: Array, reach: Array) -> bool:
-    """Whether joints that turn by `reach` (n,) could have kept the nearest of these distances less the margin (m,).
+    """Whether joints that turn by `reach` (2, n) could have kept the nearest of these distances less the margin (m,).
 
     `later` is what a body's motion makes of `now`, `nearby` (n, m) the same with each joint turned by `STEP`.
     """
     i = int(np.argmin(later))
-    gains = float(np.abs((nearby[:, i] - later[i]) / STEP) @ reach)
+    slopes = (nearby[:, i] - later[i]) / STEP
+    gains = float((np.abs(slopes) * np.where(slopes > 0, reach[1], reach[0])).sum())
     return bool(now[i] >= 0 and later[i] + gains / 1.5 > 0 and float(np.sort(later)[1]) > 0.05)
