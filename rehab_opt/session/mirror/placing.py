@@ -1,8 +1,8 @@
 """Where the patient of a mirrored recording sits, and how the robot holds the hand: found, and then run.
 
-What is looked for is a rigid motion of everything of the patient's (a place and a direction) and the grip: a posture of
-the robot at one pose of the path and a direction fix them all. How much of the path it goes along is counted without
-time (`Seats`). The best seats, apart from each other, are run as `rehab-opt run` does, and what that achieves decides.
+What is looked for is a rigid motion of all of the patient's (a place and a direction) and the grip: a posture of the
+robot at one pose of the path and a direction fix them. How much of the path it goes along is counted without time
+(`Seats`). The best seats, apart from each other, are run as `rehab-opt run` does, and what that achieves decides.
 """
 
 from __future__ import annotations
@@ -41,9 +41,11 @@ NEARLY = 4e-3, math.radians(4.0)
 """[m, rad] up to which the person's arm has what is asked."""
 ANYWHERE, NEARER, BEST = 600, (0.35, 0.2, 0.12, 0.07, 0.04, 0.02), 20
 """Seats drawn anywhere, spreads [rad] of those drawn near the best afterwards, and how many of the best are kept."""
+SEARCHES = 4
+"""Of seats, each drawn anew: one in three ends a tenth short of another's."""
 TRIED, ENOUGH, SHORT, APART = 6, 3, 0.02, 0.5
-"""Seats that are run at most; how many where one falls short of what was counted on by no more than this share; how far
-they are apart [rad or m]: of neighbours all runs may come out of what is out of reach with one joint wound up."""
+"""Seats that are run at most; how many where one is short of what was counted on by no more than this share; how far
+they are apart [rad or m]: all runs of neighbours may end with one joint wound up."""
 HEIGHT, AWAY = (-0.1, 0.5), 0.45
 """[m] of the led shoulder over the robot's base, and least distance of the patient's middle and shoulders from the
 robot's upright axis."""
@@ -73,7 +75,8 @@ def found_place(
 
     Parameters
     ----------
-    seats : drawn anywhere; six times a quarter as many follow near the best.
+    seats : drawn anywhere; six times a quarter as many follow near the best. All of it up to `SEARCHES` times, until
+        a seat does what the person's arm can.
 
     Raises
     ------
@@ -88,12 +91,17 @@ def found_place(
     scene = laid_out(loaded)
     tracker = tracker_of(loaded.problem, scene, file=loaded.file)
     search = _Search(loaded.problem, scene, tracker, np.random.default_rng(seed))
-    drawn = search.anywhere(seats)
-    scores = search.scores(drawn)
-    for number, spread in enumerate(NEARER, start=1):
-        progress("seats", number, 1 + len(NEARER))
-        more = search.near(drawn[np.argsort(-scores, kind="stable")[:BEST]], spread, seats // 4)
-        drawn, scores = np.vstack([drawn, more]), np.concatenate([scores, search.scores(more)])
+    drawn, scores = np.empty((0, search.chain.n + 1)), np.empty(0)
+    for number in range(SEARCHES):
+        progress("seats", number, SEARCHES)
+        own = search.anywhere(seats)
+        found = search.scores(own)
+        for spread in NEARER:
+            more = search.near(own[np.argsort(-found, kind="stable")[:BEST]], spread, seats // 4)
+            own, found = np.vstack([own, more]), np.concatenate([found, search.scores(more)])
+        drawn, scores = np.vstack([drawn, own]), np.concatenate([scores, found])
+        if scores.max() >= search.most:
+            break
     progress("seats", 1, 1)
     left = drawn[np.argsort(-scores, kind="stable")][: (scores > 0.0).sum()]
     if not len(left):
@@ -164,6 +172,7 @@ class _Search:
         where = np.union1d(own, seen[~goes_on][::every])
         self.counted_on = np.isin(where, own)
         self.wanted = self.counted_on & (scene.beyond[where] < NEARLY).all(axis=1)
+        self.most = self.wanted.sum() / self.counted_on.sum()
         self.hands = scene.led.poses[where] @ np.linalg.inv(self.grip)
         places = self.hands[:, :3, 3]
         self.middle = int(np.argmin(np.linalg.norm(places - np.median(places, axis=0), axis=1)))
