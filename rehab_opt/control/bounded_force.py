@@ -106,10 +106,7 @@ class BoundedForce(OneThread):
     position_noise : [m] standard deviation of each coordinate: positions may jump by six of them; learnt from the
         positions by default, in 0.2 s and up to 1.2 mm. A hand that moves on and on above the speed cap is found by its
         estimated velocity then, as soon as that is beyond the cap by the jump over `velocity_lag`. For the energy,
-        noise is motion: a damper of 50 N s/m draws 1 W from the tank by 0.5 mm of noise at 1 kHz, 2 to 4 W where the
-        force is late, a third of that with twice the velocity lag. Where the force drives the motion by its velocity,
-        noise in both is miscounted (30 N s/m along the motion and 1 mm of noise drew 16 J of 1 J): give a filtered
-        velocity then.
+        noise is motion, and is miscounted where the force drives the motion by its velocity: give a filtered one then.
     velocity_lag : [s] of the velocity that is estimated where none is given: two low-passes of half of it. It lags by
         this and half a tick.
     trust_stillness : believe positions that repeat themselves exactly. A frozen sensor looks the same, so by default

@@ -30,8 +30,7 @@ UNKNOWN = -1.0
 """In place of the frame: 0 for the chassis frame, 1 for the world, this where no hand velocity is remembered."""
 STEADY = 0.01
 """Weight of a steady velocity beside what braking leaves of it, as a share of the chair's mass; of a change in a tick,
-by T/dt more. Light joints would else shake where bounds are met: what is best turns with the rows of the way to the stop
-posture, and those with u.
+by T/dt more. Light joints would else shake where bounds are met: what is best turns with the rows ahead.
 """
 CURVED = 2.0
 """How many times progress pays for the bow that a joint's turn in a tick makes of the hand's way, reach dt u^2 / 2.
@@ -44,9 +43,9 @@ GOING = 10.0
 of the command decides.
 """
 ROUNDS = 2
-"""Corrections of the last tick's active set: it is the same in 95 % of the ticks in which any bound is active."""
+"""Corrections of the last tick's active set, which is mostly the same."""
 ITERATIONS = 20
-"""Cap on qrqp's active-set changes: most ticks need three, and what takes more than this cycles."""
+"""Cap on qrqp's active-set changes: more are a cycle."""
 TINY = 1e-12
 """[m/s, rad/s] A change of velocity that is none."""
 
@@ -62,19 +61,18 @@ class ChairAndArm(VelocityController):
 
     u are the joint velocities with the chair's in the chassis frame (forward, left, turn), in which neither W nor the
     arm's Jacobian knows where the chair stands: that a turned or shifted scene changes nothing is by construction, and
-    the rolling row, Eq. (4), is a left speed of zero. r is the commanded twist. z = q + T u is where the robot comes to
-    rest if it brakes together from now on: see `BrakingTogether`. J is that of the middle of the tick, where a velocity
-    that is held moves the hand as it does in the mean. t is Eq. (1) at q, and where joints cannot be so fast, as near
-    singular postures, its direction; from one of its answers to a distant one, as after a turn of the stick, t is so
-    far from u_last to Eq. (1) as the accelerations allow (`HandTask`). b is the
-    answer of the first term alone where that keeps all bounds, so that it stays the answer; u_last after a tick of
-    braking where an obstacle or keep-out is in its way, or it passes another bound by what a tick's accelerations can
-    do; in between, between them: light joints stay calm. y is the size of the multipliers of J u = r at that price. At
-    the end of a hand's reach they are a spring, of which what steadies is the mass, and on it an arm swung for good in
-    one of ten sticks held. c is the critical damping of its joints u_a, (0.01 T stiffness)^1/2, as far as the hand
-    lacks of its command and b is not the analytic answer; none where what J u is worth rises, as where a stretched arm
-    comes back. The price of progress grows while the hand creeps although its joints could be faster to good effect
-    (`hand_task.CREEPS`).
+    the rolling row, Eq. (4), is a left speed of zero. r is the commanded twist. z = q + T u is where the robot comes
+    to rest if it brakes together from now on: see `BrakingTogether`. J is that of the middle of the tick, where a
+    velocity that is held moves the hand as it does in the mean. t is Eq. (1) at q, and where joints cannot be so fast,
+    as near singular postures, its direction; from one of its answers to a distant one, as after a turn of the stick, t
+    is so far from u_last to Eq. (1) as the accelerations allow (`HandTask`). b is the answer of the first term alone
+    where that keeps all bounds, so that it stays the answer; u_last after a tick of braking where an obstacle or
+    keep-out is in its way, or it passes another bound by what a tick's accelerations can do; in between, between them:
+    light joints stay calm. y is the size of the multipliers of J u = r at that price. At the end of a hand's reach
+    they are a spring, of which what steadies is the mass. c is the critical damping of its joints u_a, (0.01 T
+    stiffness)^1/2, as far as the hand lacks of its command and b is not the analytic answer; none where what J u is
+    worth rises, as where a stretched arm comes back. The price of progress grows while the hand creeps although its
+    joints could be faster to good effect (`hand_task.CREEPS`).
 
     **What decreases.** Let d be the part of the hand's last velocity that is no part of r between none and all of it,
     and c one tick of the hardest braking together. c is feasible: its changes are within the accelerations, it lies on

@@ -24,7 +24,7 @@ __all__ = ["AHEAD", "PROGRESS", "HandTask", "Last", "Task"]
 PROGRESS = 2.0
 """[m/s] Price of a missing m/s of hand speed; one more costs about 1 in kinetic energy by the robot's mass.
 
-Prices of 3 to 8 made joints shake where a bound is met: 75 to 176 reversals in 10 s for 30. See `CREEPS`.
+Prices of 3 to 8 made joints shake where a bound is met. See `CREEPS`.
 """
 CREEPS, GOES, WORTH = 0.2, 0.5, 0.025
 """Fractions of the commanded speed. While a hand is below the first, the price of progress grows where what moves it,
@@ -36,11 +36,7 @@ GROWING, FIRST, DEAREST = 0.5, 0.37, 100.0
 STEEP = 1e3
 """[m/s] Up to which the price follows that cost where it is higher, as it is near singular postures."""
 AHEAD = (0.5, 1.0)
-"""Parts of the way to the stop posture where the hand must still be on its way.
-
-With the stop posture alone a chair that turned while its elbow bent, both as fast as they may, was 0.89 of its command
-across amid the way.
-"""
+"""Parts of the way to the stop posture where the hand must still be on its way: one alone left it 0.89 across amid."""
 STRAIGHT = 0.27
 """Fraction of the commanded speed by which J u may be off the hand's way there, in each direction square to it.
 
@@ -58,8 +54,7 @@ LIVELY = 1.0
 OFF = 20.0
 """How many times more a m/s off the commanded direction costs than one that is missing along it.
 
-What is off goes no faster than braking takes it away, and it adds up: at 10 times, a hand beside a keep-out was more
-than 0.05 of its command across for 0.93 s.
+What is off goes no faster than braking takes it away, and it adds up: 10 times left too much beside a keep-out.
 """
 HAIR = 2e-3
 """Fraction of the command that may be off it for nothing, a tick's share of which adds up to that. Joints whose lever

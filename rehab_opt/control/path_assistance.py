@@ -38,19 +38,17 @@ class PathAssistance(BoundedForce):
 
         F_wanted = S (p(s) - x) - D (v - (v.t) t),
 
-    p(s) the place of the path and t its direction at the progress s, so that along the path the hand moves freely.
+    p(s) the place of the path and t its direction there, so that along the path the hand moves freely.
     Outside the workspace there is a pull back to it, as with `Assistance` in mode "follow".
 
-    The published field averages branches at crossings, hairpins and loops, and a hand is held between them for good.
-    Here s is a state of its own. It is moved by the person, in order: it never goes back, and cuts no detour longer
-    than two widths. `rehab_opt.control.path_progress` states the law, why a steady push
-    cannot hold a hand whose person means to go on, and what the law cannot see. A hand that stands under more than 0.3
+    s is moved by the person, in order; it cuts no detour longer than two widths. The furthest that it ever was is the
+    progress, and never goes back. A push back that lasts longer than 0.5 s moves s back with the hand before it moves
+    it on, by six widths of the path at most. `rehab_opt.control.path_progress` states the law, why a steady push cannot
+    hold a hand whose person means to go on, and what the law cannot see. A hand that stands under more than 0.3
     of `force_limit` all the same, with less progress than a width, is let go within 2 s: the force fades, the command
     says BLOCKED, its scale is 0, its `yielded` holds `Bound.TASK`, and its reason says why, until the hand comes to a
     place further along the path, where the force grows again within 0.3 s.
-
-    A person who goes back along the path is held, by the spring, to where they had come, and let go in 2 s where they
-    insist. Begin anew by `reset`.
+    Begin anew by `reset`.
 
     Parameters
     ----------
@@ -108,8 +106,8 @@ class PathAssistance(BoundedForce):
             ),
         )
         """`GATE` of this one."""
-        self.track = np.pad(sampled.points, ((0, PLACES + SEARCHED), (0, 0)), mode="edge")
-        """(N, 2) [m] samples of the path, the last of them repeated."""
+        self.track = np.pad(sampled.points, ((1, PLACES + SEARCHED), (0, 0)), mode="edge")
+        """(N, 2) [m] samples of the path, the first and the last of them repeated."""
         self._flat = self.track.ravel()
         option = bounds.get("compile")
         self._edges = edge_columns(comfortable.polygon)
@@ -145,6 +143,11 @@ class PathAssistance(BoundedForce):
     @property
     def progress(self) -> float:
         """Share of the path, 0 to 1, to which the hand has come. It stands while a hand is let go."""
+        return float(self._state_of_path[PROGRESS["furthest"]] / self.path_model[PATH_MODEL["last"]])
+
+    @property
+    def led_to(self) -> float:
+        """Share of the path, 0 to 1, where the spring leads to."""
         return float(self._state_of_path[PROGRESS["at"]] / self.path_model[PATH_MODEL["last"]])
 
     @property
@@ -162,7 +165,7 @@ class PathAssistance(BoundedForce):
     @property
     def at_start(self) -> Array:
         """`PROGRESS` of a hand at the path's start."""
-        first, second = self.track[:2]
+        first, second = self.track[1:3]
         full: dict[str, ArrayLike] = dict.fromkeys(PROGRESS.places, 0.0)
         along = (second - first) / np.linalg.norm(second - first)
         return PROGRESS.numbers(**full | {"grip": 1.0, "place": first, "along": along})
@@ -188,7 +191,7 @@ class PathAssistance(BoundedForce):
         _, old, hand, force, ahead, searched = proceed.inputs
         old[:], hand[:], force[:] = state, self.place, self._force
         ahead.T.ravel()[:] = self._flat[2 * at : 2 * (at + AHEAD)]
-        searched.T.ravel()[:] = self._flat[2 * looked : 2 * (looked + SEARCHED)]
+        searched.T.ravel()[:] = self._flat[2 * looked + 2 : 2 * (looked + SEARCHED) + 2]
         proceed.evaluate()
         self._lead(proceed.outputs[0])
         return command

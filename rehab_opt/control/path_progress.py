@@ -1,49 +1,47 @@
-"""How far along a path a hand has come, as a state that only goes on: one function of numbers, for Python and C.
+"""How far along a path a hand has come, as a state: one function of numbers, for Python and C.
 
 A spring S leads the hand x to the place p(s) of the path (s [m] of its length); S (x - p) is what the person's push f
-makes of it. In every tick the progress s becomes
+makes of it. In every tick s becomes
 
-    argmin  1/2 S |x - p(sigma)|^2 - w (sigma - s),    s <= sigma <= s + 2 widths,
+    argmin  1/2 S |x - p(sigma)|^2 - w (sigma - s) + f_0 max(s - sigma, 0),    low <= sigma <= s + 2 widths,
 
-the place ahead at which the spring's energy, less the work of a drive w [N], is least. The drive grows while the spring
-is stretched by a push f, of whatever direction, that some place of the path ahead answers to,
+the least energy of the spring, less the work of a drive w [N], with that of a friction f_0 on the way back. The
+furthest s so far is the progress, which never goes back. A push moves s back before it moves it on: low is 6 widths
+before the progress, where the push, larger than f_0, has lasted for 0.5 s, longer than a spasm, and s itself
+otherwise, by a sample a tick at most. The drive grows only where s would not go back, while the spring is stretched by
+a push f, of whatever direction, that some place of the path ahead answers to,
 
     w' = (|f| - f_0) / T    where f.(p(sigma) - p(s)) > f_0 exp(-t / 0.5 s) (sigma - s) for a sigma <= s + 40 widths,
 
-t being how long the push has lasted since s went on by a width: on the way there the push does more work than f_0 would
-along all of it, and that counts the less, the longer the person insists. T is 0.06 s. The drive is forgotten as s goes
-on (by a factor e in each width) and where there is no such push (in 0.2 s).
+t being how long the push has lasted since the progress went on by a width: its work on the way there is more than that
+of f_0, which counts the less, the longer the person insists. Once w is |f|, s goes back no more, until it is 6 widths
+past the progress of then. The drive is forgotten as s goes on (by a factor e in each width) and where there is no such
+push (in T, 0.1 s).
 
 **Why a steady push cannot hold a hand whose person means to go on.** Let the person push steadily by f, |f| > f_0,
-towards any place of the next 40 widths, f.(p(sigma) - p(s)) > 0, and let hand and progress stand. After a finite time
-the place answers. Then f = S (x - p(s)), and for small ways d along the path the energy changes by at most
-(|f| - w) d + 1/2 S d^2, whatever the direction of f: by |f| d where it points straight back. But w grows by
-(|f| - f_0) / T, so that after T |f| / (|f| - f_0) seconds more it exceeds |f|, and s goes on: to the tip of a hairpin
-against the push, round a loop away from it, through a cusp, along a stretch gone twice. At a crossing or an overlap
-other branches do not come in at all: they are further than two widths along the path. Each width takes such a time at
-most, as long as the spring need not pull harder than the force limit. A push back along a path that does not return is
-answered by no place ahead: there the drive stays zero, so that a person who has stopped is not led on, and neither is
-one who pushes by less than f_0.
+towards any place of the next 40 widths, f.(p(sigma) - p(s)) > 0. After 0.5 s at most s goes back, by 6 widths at most,
+to where it stays, and hand and s stand. After a finite time the place answers. Then f = S (x - p(s)), and for small
+ways d along the path the energy changes by at most (|f| - w) d + 1/2 S d^2, whatever the direction of f. But w grows
+by (|f| - f_0) / T, so that after T |f| / (|f| - f_0) seconds more it exceeds |f|, and s goes on, and not back, to 6
+widths past the progress: through hairpins, loops and cusps. Each width takes such a time at most, as long as the
+spring need not pull harder than the force limit; each time that s goes back, the progress is 6 widths further than the
+time before. Other branches at a crossing do not come in: they are further than two widths along the path. A push back
+along a path that does not return is answered by no place ahead: there the drive stays zero, and a person who has
+stopped is not led on; nor is one who pushes by less than f_0.
 
-**How far ahead of the hand it leads.** At the place that is chosen, d further on, 1/2 S |x - p|^2 is greater by w d at
-most. The drive grows where the spring pulls less than the force limit F, to F at most, and is forgotten as s goes on:
-until it grows again it is worth F times three widths at most, two for the first place chosen and one for all others. So
-these lie within sqrt((F/S)^2 + 6 F/S widths), less than F/S and three widths, of a hand that rests, and each place that
-s passes on the way within one width more; what the hand moves away meanwhile adds to that. Where it goes on along the
-straight stretch on which the hand is, the progress is F/S and three widths ahead of the hand at most. Past a sharp
-corner or the tip of a hairpin it may be further along the path, there and back.
+**How far ahead of the hand it leads** (see the page). The places chosen lie within sqrt((F/S)^2 + 6 F/S widths), F the
+force limit, less than F/S and three widths, of a hand that rests, and each place that s passes on the way within one
+width more; what the hand moves away meanwhile adds to that. Where it goes on along the straight stretch on which the
+hand is, the progress is F/S and three widths ahead of the hand at most.
 
-**What it cannot see** is the intention. A push back into a loop of the path is taken for the wish to have passed it, so
-that a person who lags behind the hand, or rests there, may be led on further ahead. A push that no place ahead answers
-to may be the wish to leave: where the hand has stood under more than 0.3 of the force limit for 1.5 s, with less
-progress than a width, the force fades within 0.3 s, in whatever direction the hand is pushed, and stays away until the
-hand comes within a width of a place at least a width further on: the first of these along the path, found by a search
-of eight widths a tick that begins anew where the hand has come near, once it is more than a width away from the width
-of the path that follows on where it was let go. Until then the progress stands. A hand that stays near such places is
-taken in within the time of the fading and of two searches. So a hand is never led back to an earlier loop, and a later
-one that it has come to takes it in.
-
-In the middle of laps, or beside a stretch that is gone many times, a hand at rest is led on a width at a time.
+**What it cannot see** is the intention. One who is ahead of where they mean to be by more than 6 widths, or insists,
+is taken for one who wishes to have passed a loop, and may be led on. A push that no place ahead answers to may be the
+wish to leave: where the hand has stood under more than 0.3 of the force limit for 1.5 s, with less progress than a
+width, the force fades within 0.3 s, in whatever direction the hand is pushed, and stays away until the hand comes
+within a width of a place at least a width further on: the first of these along the path, found by a search of eight
+widths a tick that begins anew where the hand has come near, once it is more than a width away from the width of the
+path that follows on where it was let go. A hand that stays near such places is taken in within the time of the fading
+and of two searches.
 """
 
 from __future__ import annotations
@@ -61,27 +59,31 @@ __all__ = ["AHEAD", "PATH_MODEL", "PLACES", "PROGRESS", "SEARCHED", "progress_fu
 
 PATH_MODEL = Record(stiffness=1, spacing=1, last=1, force_limit=1, push=1, speed_cap=1, dt=1)
 """S [N/m]; length between samples [m]; number of the last one; [N]; f_0 [N]; [m/s]; tick [s]."""
-PROGRESS = Record(at=1, drive=1, pushed=1, stood=1, mark=1, grip=1, away=1, looked=1, near=1, place=2, along=2)
-"""Progress in samples; w [N]; how long [s] the hand was pushed, and has stood under force, since the progress that is
+PROGRESS = Record(
+    at=1, drive=1, pushed=1, stood=1, mark=1, grip=1, away=1, looked=1, near=1, place=2, along=2, furthest=1, until=1
+)
+"""s in samples; w [N]; how long [s] the hand was pushed, and has stood under force, since the s that is
 marked, in samples; share of the force that is applied; whether the hand is let go; the sample from which on it is
-looked for; whether it was near the path when that search began; the place p(s) [m] and the path's direction there."""
+looked for; whether it was near the path when that search began; the place p(s) [m] and the path's direction there; the
+largest s so far, in samples: the progress; and the sample until which s does not go back."""
 WINDOW = 2.0
 """Widths ahead within which the progress is chosen: a detour shorter than that may be cut."""
+BACK = 6.0
+"""Widths by which s may be short of the progress, and past it before s goes back again."""
 HORIZON = 40.0
 """Widths ahead within which a place may answer to a push."""
-GROWTH = 0.06
-"""[s] T."""
+TIME = 0.1
+"""[s] T: in which the drive grows, and in which one that nothing answers to is forgotten."""
 INSISTS = 0.5
-"""[s] in which it fades how much work a push must do along the way to a place that answers: f_0 times its length."""
-FORGETS = 0.2
-"""[s] in which a drive that nothing answers to is forgotten."""
+"""[s] A shorter push does not move s back; in so long it fades how much work a push must do along the way to a place
+that answers: f_0 times its length."""
 STANDING = 0.3
 """Share of the force limit above which a hand that stands is held."""
 PATIENCE, FADE = 1.5, 0.3
 """[s] for which a hand may be held, and in which the force then fades, so that it is gone within 2 s."""
-PIECES, PLACES = math.ceil(WINDOW * SAMPLES_PER_WIDTH), math.ceil(HORIZON * SAMPLES_PER_WIDTH)
-AHEAD, SEARCHED = PLACES + 1, 8 * SAMPLES_PER_WIDTH
-"""Samples from the progress on that a tick looks at, and samples among which it looks for a hand that was let go."""
+PIECES, PLACES = 1 + math.ceil(WINDOW * SAMPLES_PER_WIDTH), math.ceil(HORIZON * SAMPLES_PER_WIDTH)
+AHEAD, SEARCHED = PLACES + 2, 8 * SAMPLES_PER_WIDTH
+"""Samples from the one before s on that a tick looks at, and those among which it looks for a hand that was let go."""
 
 
 @cache
@@ -90,16 +92,16 @@ def progress_function() -> ca.Function:
 
     Returns
     -------
-    `PATH_MODEL`, `PROGRESS`, hand (2,) [m], force on it (2,) [N], x and y of the samples from floor(`at`) on
-    (2, `AHEAD`) [m] and of those from `looked` on (2, `SEARCHED`) [m] -> `PROGRESS`. Beyond the path's end its last
-    point repeats.
+    `PATH_MODEL`, `PROGRESS`, hand (2,) [m], force on it (2,) [N], x and y of the samples from floor(`at`) - 1 on
+    (2, `AHEAD`) [m] and of those from `looked` on (2, `SEARCHED`) [m] -> `PROGRESS`. Before the path's start its first
+    point repeats, beyond its end its last.
     """
     model, old = PATH_MODEL.symbols("model"), PROGRESS.symbols("old")
     hand, force = ca.SX.sym("hand", 2), ca.SX.sym("force", 2)
     ahead, searched = ca.SX.sym("ahead", 2, AHEAD), ca.SX.sym("searched", 2, SEARCHED)
-    free, first = old.away == 0, ca.floor(old.at)
+    free, first = old.away == 0, ca.floor(old.at) - 1
     begin = old.at - first
-    here = ahead[:, 0] + begin * (ahead[:, 1] - ahead[:, 0])
+    here = ahead[:, 1] + (begin - 1) * (ahead[:, 2] - ahead[:, 1])
 
     # The drive.
     push = model.stiffness * (hand - here)
@@ -108,28 +110,26 @@ def progress_function() -> ca.Function:
     price = model.push * ca.exp(-pushed / INSISTS) * model.spacing
     answers = [
         ca.dot(push, ahead[:, i] - here) > price * (i - begin)
-        for i in range(SAMPLES_PER_WIDTH, PLACES + 1, SAMPLES_PER_WIDTH)
+        for i in range(SAMPLES_PER_WIDTH + 1, PLACES + 2, SAMPLES_PER_WIDTH)
     ]
     answered = ca.sum1(ca.vertcat(*answers)) > 0
     beyond = ca.fmax(size - model.push, 0)
-    drives = all_true(free, answered, beyond > 0, size < model.force_limit)
+    turned = old.until <= old.at
+    low = ca.fmin(begin, ca.fmax(begin - 1, ca.fmax(old.furthest - BACK * SAMPLES_PER_WIDTH, 0) - first))
+    low = ca.if_else(turned, low, begin)
+    found = first + _chosen(hand, here, ahead, begin, low, drive=old.drive, last=model.last - first, model=model)
+    goes_back = found < old.at - 1e-9
+    drives = all_true(free, answered, beyond > 0, size < model.force_limit, ca.logic_not(goes_back))
     drive = ca.if_else(
-        drives, ca.fmin(old.drive + beyond * model.dt / GROWTH, model.force_limit),
-        old.drive * ca.exp(-model.dt / FORGETS),
+        drives, ca.fmin(old.drive + beyond * model.dt / TIME, model.force_limit),
+        old.drive * ca.exp(-model.dt / TIME),
     )  # fmt: skip
+    until = ca.if_else(all_true(drives, turned, drive >= size), old.furthest + BACK * SAMPLES_PER_WIDTH, old.until)
 
-    # The progress: exact on each piece of the path between two samples.
-    best, found = ca.sumsqr(hand - here) / 2, old.at  # energies over S
-    gain = drive / model.stiffness * model.spacing  # of a sample further on
-    for i in range(PIECES):
-        way, off = ahead[:, i + 1] - ahead[:, i], hand - ahead[:, i]
-        low = begin if i == 0 else 0
-        share = clipped((ca.dot(off, way) + gain) / (ca.sumsqr(way) + 1e-300), low, 1)
-        energy = ca.sumsqr(off - share * way) / 2 - gain * (i + share - begin)
-        better = all_true(energy < best, first + i < model.last)
-        best, found = ca.if_else(better, energy, best), ca.if_else(better, first + i + share, found)
+    # s.
+    found = ca.if_else(ca.logic_and(goes_back, pushed < INSISTS), old.at, found)
     at = ca.if_else(free, ca.fmin(found, old.at + model.speed_cap * model.dt / model.spacing), old.at)
-    drive *= ca.exp((old.at - at) / SAMPLES_PER_WIDTH)
+    drive *= ca.exp(ca.fmin(old.at - at, 0) / SAMPLES_PER_WIDTH)
 
     # Whether the hand stands, and the force must yield.
     went_on = at - old.mark >= SAMPLES_PER_WIDTH
@@ -141,7 +141,7 @@ def progress_function() -> ca.Function:
 
     # Where a hand that was let go has come back to.
     start = ca.floor(at) + SAMPLES_PER_WIDTH  # beyond the end where no width is left: nothing takes the hand in again
-    back = _first_place(hand, ahead[:, : SAMPLES_PER_WIDTH + 1], searched, old.looked, start=start, model=model)
+    back = _first_place(hand, ahead[:, 1 : SAMPLES_PER_WIDTH + 2], searched, old.looked, start=start, model=model)
     near = all_true(ca.logic_not(free), old.grip == 0, back >= 0)
     # Where this search began with the hand near a place, or begins here, no place before was passed over.
     returns = ca.logic_and(near, ca.logic_or(old.looked <= start, old.near > 0))
@@ -150,8 +150,8 @@ def progress_function() -> ca.Function:
     looked, near = ca.if_else(anew, start, further), ca.if_else(anew, again, old.near)
     at, away = ca.if_else(returns, back, at), ca.if_else(returns, 0, away)
     drive, stood = ca.if_else(away, 0, drive), ca.if_else(away, 0, stood)
-    pushed = ca.if_else(ca.logic_or(went_on, away), 0, pushed)
-    mark = ca.if_else(ca.logic_or(went_on, returns), at, old.mark)
+    pushed = ca.if_else(ca.logic_or(all_true(went_on, at >= old.furthest), away), 0, pushed)
+    mark = ca.if_else(ca.logic_or(went_on, returns), at, ca.fmin(old.mark, at))
 
     # Place and direction there; of a hand that has come back from the next tick on, when it is first led again.
     way, corner, share = ahead[:, 1] - ahead[:, 0], ahead[:, 0], clipped(at - first, 0, 1)
@@ -172,9 +172,28 @@ def progress_function() -> ca.Function:
         near=near,
         place=place,
         along=along,
+        furthest=ca.fmax(old.furthest, at),
+        until=until,
     )
     inputs = [model.column, old.column, hand, force, ahead, searched]
     return ca.Function("path_progress", inputs, [after], {"cse": True})
+
+
+def _chosen(
+    hand: ca.SX, here: ca.SX, ahead: ca.SX, begin: ca.SX, low: ca.SX, *, drive: ca.SX, last: ca.SX, model: Values
+) -> ca.SX:
+    """Samples from the first of `ahead` to s, `begin` before: exact on each piece of the path between two samples."""
+    unit = model.spacing / model.stiffness  # energies are over S
+    best, found, gain, friction = ca.sumsqr(hand - here) / 2, begin, drive * unit, model.push * unit
+    for i in range(PIECES):
+        way, off = ahead[:, i + 1] - ahead[:, i], hand - ahead[:, i]
+        on, square = ca.dot(off, way) + gain, ca.sumsqr(way) + 1e-300
+        share = clipped(clipped(begin - i, on / square, (on + friction) / square), clipped(low - i, 0, 1), 1)
+        further = i + share - begin
+        energy = ca.sumsqr(off - share * way) / 2 - gain * further + friction * ca.fmax(-further, 0)
+        better = all_true(energy < best, i < last, low <= i + 1)
+        best, found = ca.if_else(better, energy, best), ca.if_else(better, i + share, found)
+    return found
 
 
 def _first_place(hand: ca.SX, left: ca.SX, searched: ca.SX, looked: ca.SX, *, start: ca.SX, model: Values) -> ca.SX:

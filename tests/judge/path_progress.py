@@ -3,9 +3,11 @@
 Judged on paths made of straight stretches that cross each other, turn back sharply, or lie side by side, closer than
 the field is wide, walked by hands that nothing can hold: the progress never goes back; it is behind the length that the
 hand has walked, and ahead of it on a straight stretch, by three widths and what a spring at the force limit may lead by
-at most; round corners it passes no place that is more than one width further from the hand. The progress of a hand that
-was let go stands, until soon after the hand has come to a place further on. From 0.3 s after that, the force that is
-wanted pulls across the stretch where the hand is, not towards the other one, and damps across it alone.
+at most; round corners it passes no place that is more than one width further from the hand, and as far again as the
+hand draws back by more than one and a half times what the spring stretches at the force limit. The place that leads is
+that of the progress, or before it by six widths at most. Where a hand was let go both stand, until soon after the hand
+has come to a place further on. From 0.3 s after that, the force that is wanted pulls across the stretch where the hand
+is, not towards the other one, and damps across it alone.
 """
 
 from __future__ import annotations
@@ -25,9 +27,11 @@ from tests.judge.sensor_faults import schedule
 from tests.judge.verdict import Promise, Verdict
 
 PROMISES = (
-    Promise("rehab_opt/control/path_assistance.py", "It is moved by the person, in order: it never goes back, and cuts "
-            "no detour longer than two widths."),
-    Promise("rehab_opt/control/path_assistance.py", "p(s) the place of the path and t its direction at the progress s, "
+    Promise("rehab_opt/control/path_assistance.py", "moved by the person, in order; it cuts no detour longer than two "
+            "widths. The furthest that it ever was is the progress, and never goes back."),
+    Promise("rehab_opt/control/path_assistance.py", "moves s back with the hand before it moves it on, by six widths "
+            "of the path at most."),
+    Promise("rehab_opt/control/path_assistance.py", "p(s) the place of the path and t its direction there, "
             "so that along the path the hand moves freely."),
     Promise("rehab_opt/control/path_assistance.py", "until the hand comes to a place further along the path, where the "
             "force grows again within 0.3 s."),
@@ -91,36 +95,43 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
         walked = np.minimum(np.r_[0.0, np.cumsum(pace[:ticks] * dt)], lengths[-1])
         drawn = walked
     else:
-        walked, drawn = insisting(rng, ticks, dt, lengths, reach=30.0 / stiffness)
+        walked, drawn = insisting(rng, ticks, dt, lengths, reach=30.0 / stiffness, freely=6.0 * width)
     on = _at(knots, lengths, drawn)
     x = on + tremor(rng, ticks + 1, dt, size=float(rng.choice([0.0, 0.3])) * width, axes=2)
     step = np.linalg.norm(np.diff(x, axis=0), axis=1)
-    commands, progress, wanted = [], np.empty(ticks + 1), np.empty((ticks, 2))
+    commands, progress, wanted = [], np.empty((ticks + 1, 2)), np.empty((ticks, 2))
     told = np.vstack([np.zeros(2), np.diff(x[:-1], axis=0) / dt])
-    progress[0] = force.progress
+    progress[0] = force.progress, force.led_to
     for k in range(ticks):
         commands.append(force.step(x[k], told[k]))
-        progress[k + 1], wanted[k] = force.progress, force.wanted
+        progress[k + 1], wanted[k] = (force.progress, force.led_to), force.wanted
     given = Settings(dt, "follow", 30.0, slew, growth, 1000.0, 1.0, stiffness, damping, 500.0, 10.0, knots)
     none = schedule(rng, ticks, dt, ("",), every=math.inf)
     judge_bounds(verdict, Run(given, shape, x, x[:-1], np.full(ticks, dt), commands, wanted, np.full(ticks, 1000.0),
                               none, told, step > dt, force))  # fmt: skip
 
-    at = progress * lengths[-1]
-    verdict.holds("the progress never goes back", np.diff(progress) >= -1e-12)
-    away = np.array([each.status.value == "blocked" for each in commands])
-    judge_progress(verdict, knots, at, walked[:-1], x[:-1], away, width=width, reach=30.0 / stiffness, dt=dt)
-    # What is wanted in a tick is of the progress before it.
-    piece = np.clip(np.searchsorted(lengths, at[:-1], side="right") - 1, 0, len(knots) - 2)
+    at, led = (progress * lengths[-1]).T
+    verdict.holds("the progress never goes back", np.diff(at) >= -1e-12)
+    short = (at - led) / (6.0 * width)
+    verdict.within("s short of the progress [6 widths]", short, 1.0 + 1e-9)
+    verdict.holds("s is never beyond the progress", short >= -1e-9)
+    verdict.during("s short of the progress", short > 0.1, dt)
+    away = np.zeros(ticks, dtype=bool)
+    for k, each in enumerate(commands):  # a tick whose hand cannot be used changes nothing
+        away[k] = each.status.value == "blocked" or (each.status.value != "ok" and away[k - 1])
+    judge_progress(verdict, knots, at, led, walked[:-1], drawn[:-1], x[:-1], away, width=width, reach=30.0 / stiffness,
+                   dt=dt)  # fmt: skip
+    # What is wanted in a tick is of the s before it.
+    piece = np.clip(np.searchsorted(lengths, led[:-1], side="right") - 1, 0, len(knots) - 2)
     ways = np.diff(knots, axis=0)
     ways = ways / np.linalg.norm(ways, axis=1)[:, None]
     normal = np.column_stack([-ways[:, 1], ways[:, 0]])[piece]
     offset = np.einsum("ni,ni->n", x[:-1] - knots[piece], normal)
     speed = np.einsum("ni,ni->n", told, normal)
-    straight = np.minimum(at[:-1] - lengths[piece], lengths[piece + 1] - at[:-1]) > width
+    straight = np.minimum(led[:-1] - lengths[piece], lengths[piece + 1] - led[:-1]) > width
     free = np.array([each.status.value == "ok" and each.scale > 0.0 for each in commands]) & straight
     free &= np.convolve(away, np.ones(round(0.3 / dt) + 2))[:ticks] == 0  # the force of a hand that comes back grows
-    free &= np.linalg.norm(x[:-1] - _at(knots, lengths, at[:-1]), axis=1) < 0.9 * 30.0 / stiffness
+    free &= np.linalg.norm(x[:-1] - _at(knots, lengths, led[:-1]), axis=1) < 0.9 * 30.0 / stiffness
     across = np.einsum("ni,ni->n", wanted, normal)
     pull = -stiffness * offset - damping * speed
     verdict.within(
@@ -134,12 +145,13 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
 
 
 def insisting(
-    rng: np.random.Generator, ticks: int, dt: float, lengths: np.ndarray, *, reach: float
+    rng: np.random.Generator, ticks: int, dt: float, lengths: np.ndarray, *, reach: float, freely: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """(ticks + 1,) [m] the length walked, and where the hand is along the path, which draws back from there at times.
 
     It rests shortly before corners and before the middles of stretches, where paths cross, and draws back in half of
-    its rests, by up to one and a half times what the spring stretches at the force limit.
+    its rests, by up to one and a half times what the spring stretches at the force limit, and in half of these by as
+    much as s goes back besides.
     """
     marks = np.sort(np.r_[lengths[1:], (lengths[1:] + lengths[:-1]) / 2])
     walked, drawn, at = [np.zeros(1)], [np.zeros(1)], 0.0
@@ -149,8 +161,9 @@ def insisting(
         way = np.linspace(at, max(stop, at), 1 + math.ceil(max(stop - at, 0.0) / (rng.uniform(0.1, 0.5) * dt)))
         at = float(way[-1])
         rest = round(float(rng.choice([0.3, 1.0, 2.2])) / dt)
-        slope = np.minimum(np.arange(rest), np.arange(rest)[::-1]) * dt / 0.2
-        back = rng.choice([0.0, 1.0]) * rng.uniform(0.2, 1.5) * min(reach, at) * np.minimum(slope, 1.0)
+        slope = np.minimum(np.arange(rest), np.arange(rest)[::-1]) * dt
+        back = rng.uniform(0.2, 1.5) * min(reach, at) * np.minimum(slope / 0.2, 1.0)
+        back = rng.choice([0.0, 1.0]) * (back + rng.choice([0.0, freely]) * np.minimum(slope / 0.3, 1.0))
         walked += [way, np.full(rest, at)]
         drawn += [way, at - back]
     return np.concatenate(walked)[: ticks + 1], np.maximum(np.concatenate(drawn)[: ticks + 1], 0.0)
@@ -160,7 +173,9 @@ def judge_progress(
     verdict: Verdict,
     knots: np.ndarray,
     at: np.ndarray,
+    led: np.ndarray,
     walked: np.ndarray,
+    drawn: np.ndarray,
     x: np.ndarray,
     away: np.ndarray,
     *,
@@ -168,25 +183,25 @@ def judge_progress(
     reach: float,
     dt: float,
 ) -> None:
-    """The progress `at` (n + 1,) [m] before and after each tick of a hand at x (n, 2) [m].
+    """The progress `at` and the s `led` to (n + 1,) [m] before and after each tick of a hand at x (n, 2) [m].
 
-    `walked` (n,) [m] is how far it has come, `away` (n,) tells whether it is let go in the tick, and `reach` [m] is how
-    far the spring stretches at the force limit.
+    `walked` (n,) [m] is how far it has come, `drawn` (n,) [m] where along the path it has drawn back to, `away` (n,)
+    tells whether it is let go in the tick, and `reach` [m] is how far the spring stretches at the force limit.
     """
     lengths, line = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(knots, axis=0), axis=1))], shapely.LineString(knots)
-    before, after, led = at[:-1], at[1:], 3.0 * width + reach
+    before, after, lead = at[:-1], at[1:], 3.0 * width + reach
     gone = np.r_[away[1:], away[-1]]
     taken_in = np.flatnonzero(away & ~gone)
     # A later branch may take in a hand that has not gone on along its own: in order of another branch from there on.
-    skips = taken_in[after[taken_in] > walked[taken_in] + width]
+    skips = taken_in[led[1:][taken_in] > walked[taken_in] + width]
     in_order = np.arange(len(x)) < min(skips, default=len(x))
 
     free = in_order & ~gone
-    verdict.within("progress behind the length walked", np.where(free, (walked - after) / led, 0.0), 1.0)
+    verdict.within("progress behind the length walked", np.where(free, (walked - after) / lead, 0.0), 1.0)
     low, high = np.minimum(walked, after), np.maximum(walked, after)
     straight = free & (np.searchsorted(lengths, low, side="right") == np.searchsorted(lengths, high, side="left"))
     straight &= after > before  # what it was led on beyond a corner, the hand comes to later
-    verdict.within("progress ahead on a straight stretch", np.where(straight, (after - walked) / led, 0.0), 1.0)
+    verdict.within("progress ahead on a straight stretch", np.where(straight, (after - walked) / lead, 0.0), 1.0)
     # Of what is passed of a straight stretch, one end is furthest from the hand.
     begin = np.maximum(before, walked)
     on = free & ~away & (after > begin)
@@ -195,9 +210,14 @@ def judge_progress(
         beyond = on & (begin < corner) & (corner < after)
         passed = np.maximum(passed, np.where(beyond, np.linalg.norm(place - x, axis=1), 0.0))
         verdict.during("led on beyond a corner", free & (walked < corner) & (corner < after), dt)
-    verdict.within("place that progress passes, away from the hand", passed / (led + width), 1.0)
+    moved = np.maximum(
+        walked - drawn - 1.5 * reach, 0.0
+    )  # away from the place, as far as a push that goes back moves it
+    verdict.within("place that progress passes, away from the hand", passed / (lead + width + moved), 1.0)
 
-    verdict.holds("the progress of a hand that was let go stands", ~(away & gone) | (after == before))
+    stands = (after == before) & (led[1:] == led[:-1])
+    verdict.holds("the progress of a hand that was let go stands", (~(away & gone) | stands)[:-1])
+    before, after = led[:-1], led[1:]  # of where it was let go, and where it is taken in
     left = np.full(len(x), np.inf)  # [m] from where it was let go
     for let_go in np.unique(before[away]):
         ticks = away & (before == let_go)
