@@ -24,7 +24,7 @@ __all__ = ["AHEAD", "PROGRESS", "HandTask", "Last", "Task"]
 PROGRESS = 2.0
 """[m/s] Price of a missing m/s of hand speed; one more costs about 1 in kinetic energy by the robot's mass.
 
-Prices of 3 to 8 made joints shake where a bound is met. See `CREEPS`.
+Prices of 3 to 8 shake joints at bounds. See `CREEPS`.
 """
 CREEPS, GOES, WORTH = 0.2, 0.5, 0.025
 """Fractions of the commanded speed. While a hand is below the first, the price of progress grows where what moves it,
@@ -54,7 +54,7 @@ LIVELY = 1.0
 OFF = 20.0
 """How many times more a m/s off the commanded direction costs than one that is missing along it.
 
-What is off goes no faster than braking takes it away, and it adds up: 10 times left too much beside a keep-out.
+What is off goes no faster than braking takes it away, and it adds up.
 """
 HAIR = 2e-3
 """Fraction of the command that may be off it for nothing, a tick's share of which adds up to that. Joints whose lever
