@@ -244,7 +244,7 @@ class ChairAndArm(VelocityController):
 
         Exactly `base` without a command, whichever solver answered.
         """
-        outside = self.limits.outside(limits, u) if self.max_obstacles else u
+        outside = self.limits.clear_of_obstacles(tick, surroundings, q, limits, u) if self.max_obstacles else u
         command = tick.once(ca.if_else(moving, outside, limits.base))
         if self.robot.keep_out:
             clear = self.limits.clear(command, limits.clearance)

@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 
 from rehab_opt.control.braking_together import BrakingTogether
-from rehab_opt.control.chair_obstacles import INTO, ROWS, ChairObstacles, mean_velocity
+from rehab_opt.control.chair_obstacles import INTO, ROWS, TIGHTER, ChairObstacles, mean_velocity
 from rehab_opt.control.keep_out import arm_gaps, closing_rows
 from rehab_opt.control.limit import Limits as OwnLimits
 from rehab_opt.control.limit import kept_within
@@ -24,8 +24,6 @@ from rehab_opt.symbolic.tick import Tick
 
 __all__ = ["ChairLimits", "Limits"]
 
-TIGHTER = 1e-7
-"""Fraction by which row limits are drawn in, so that what a certificate may leave open never passes them."""
 ALONG = (0.25, 0.5, 0.75, 1.0)
 """Places on the way to the stop posture where the keep-outs are looked at, besides its beginning."""
 MARGIN = 12e-3
@@ -57,6 +55,8 @@ class Limits(NamedTuple):
     into: ca.SX
     """(d, 3) rows that lead into no obstacle in this tick, at most into_limit (d,) [m/s]; part of no problem."""
     into_limit: ca.SX
+    tight: ca.SX
+    """1 where `base` keeps out and these, which bound how it bows, do not tell."""
     closing: ca.SX
     """(c, 4) rows of the arm towards its keep-outs, at most closing_limit (c,) [m/s]; of the posture now first."""
     closing_limit: ca.SX
@@ -116,7 +116,8 @@ class ChairLimits:
 
     Where a state comes too late for that (an obstacle that appears, a velocity that is told, rounding), a limit asks
     for braking as hard as the accelerations allow, until it is kept again; and the command is shortened to what keeps
-    the robot out in this tick: there only acceleration yields.
+    the robot out in this tick. Of braking, what leads into an obstacle, or deeper, is taken: there only acceleration
+    yields.
 
     A user's limits and a `Clearance` make the rows that they make everywhere (`control.limit.Limits`), and are kept on
     the way to z, too, the chair on its arc, bodies where they are now: at the rate of a barrier alone, a hand in a ball
@@ -231,10 +232,12 @@ class ChairLimits:
 
         # Where it can be, else the nearest, joint by joint and then in proportion.
         base = clipped(slowest, hard_lower, hard_upper)
-        base = ca.vertcat(
-            base[:CHAIR] * largest_part(into @ base[:CHAIR], into_limit, ROUNDED),
-            base[CHAIR:] * largest_part(now @ base[CHAIR:], now_limit),
-        )
+        slowed, tight = self._kept_out(
+            tick, base[:CHAIR], q=q, last=last[:CHAIR], surroundings=surroundings, into=(into, into_limit),
+            chassis=(chair, chair_limit),
+        )  # fmt: skip
+        into_limit = ca.fmax(into_limit, into @ slowed)
+        base = ca.vertcat(slowed, base[CHAIR:] * largest_part(now @ base[CHAIR:], now_limit))
         beside, beside_limit = ca.SX(0, q.numel()), ca.SX(0, 1)
         if len(self.own):
             still = [i for i in range(q.numel()) if i not in self.moving]
@@ -253,12 +256,9 @@ class ChairLimits:
                 gives_way=gives_way,
             )  # fmt: skip
             # As far from there as wheels, chassis, obstacles and keep-outs let it: both are within the accelerations.
-            both, way = ca.vertcat(chair, -chair, into), base - braked
-            left = ca.vertcat(chair_limit, chair_limit, into_limit) - both @ braked[:CHAIR]
-            base = braked + ca.vertcat(
-                largest_part(both @ way[:CHAIR], ca.fmax(left, 0)) * way[:CHAIR],
-                largest_part(now @ way[CHAIR:], ca.fmax(now_limit - now @ braked[CHAIR:], 0)) * way[CHAIR:],
-            )
+            both, most = ca.vertcat(chair, -chair, into), ca.vertcat(chair_limit, chair_limit, into_limit)
+            led = as_far(braked[:CHAIR], base[:CHAIR], both, most)
+            base = ca.vertcat(ca.if_else(tight, slowed, led), as_far(braked[CHAIR:], base[CHAIR:], now, now_limit))
             beside, free_beside = ca.vertcat(beside, ahead), ca.vertcat(free_beside, free_ahead)
             beside_limit = ca.fmax(free_beside, beside @ base)
             lower, upper = ca.fmin(lower, base), ca.fmax(upper, base)
@@ -274,6 +274,7 @@ class ChairLimits:
             towards_limit=towards_limit,
             into=into,
             into_limit=into_limit,
+            tight=tight,
             closing=closing,
             beside=beside,
             beside_limit=beside_limit,
@@ -283,11 +284,38 @@ class ChairLimits:
             outside=ca.sum1(ca.vertcat(outside, *(each[-1] for each in around), clearance < 0)) > 0,
         )
 
-    def outside(self, limits: Limits, u: ca.SX) -> ca.SX:
+    def _kept_out(
+        self, tick: Tick, slowed: ca.SX, *, q: ca.SX, last: ca.SX, surroundings: ca.SX, into: tuple[ca.SX, ca.SX],
+        chassis: tuple[ca.SX, ca.SX],
+    ) -> tuple[ca.SX, ca.SX]:  # fmt: skip
+        """(3,) `slowed` without what truly leads into an obstacle; see `Limits.tight`."""
+        (rows, limit), (drive, drive_limit), change = into, chassis, self.braking.change[:CHAIR]
+        if not self.max_obstacles:
+            return slowed, ca.SX(0)
+
+        def led_out() -> ca.SX:
+            slopes, rest = -rows, (ca.fmin(last, 0), ca.fmax(last, 0))  # braking only slows
+            slopes[:, [i for i in range(CHAIR) if i not in self.moving]] = 0
+            ends = clipped(last - change, *rest), clipped(last + change, *rest)
+            led = kept_within((slopes, limit, limit + ROUNDED), slowed, ends, rest)
+            out = led * largest_part(ca.fabs(drive @ led), drive_limit)
+            return ca.if_else(self.no_deeper(tick, surroundings, q, slowed), slowed, out)
+
+        kept = tick.when(ca.mmax(rows @ slowed - limit) > ROUNDED, led_out, slowed)
+        return kept, tick.once(ca.mmax(rows @ kept - limit) > ROUNDED)
+
+    def no_deeper(self, tick: Tick, surroundings: ca.SX, q: ca.SX, u: ca.SX) -> ca.SX:
+        """1 where the velocity (3,) leads the chair into no obstacle in this tick, nor deeper."""
+        each = ca.vertsplit(surroundings[: NUMBERS * self.max_obstacles], NUMBERS)
+        return all_true(*(tick.call(self.obstacles.no_deeper, one, q[:CHAIR], u)[0] for one in each))
+
+    def clear_of_obstacles(self, tick: Tick, surroundings: ca.SX, q: ca.SX, limits: Limits, u: ca.SX) -> ca.SX:
         """(7,) the command on the way from `base` to u (7,) that leads the chair into no obstacle in this tick."""
         base, way = limits.base, u - limits.base
         free = limits.into_limit - limits.into @ base[:CHAIR] + ROUNDED
-        return base + largest_part(limits.into @ way[:CHAIR], free) * way
+        command = tick.once(base + largest_part(limits.into @ way[:CHAIR], free) * way)
+        keeps = (tick, surroundings, q, command[:CHAIR])
+        return tick.when(limits.tight, lambda: ca.if_else(self.no_deeper(*keeps), command, base), command)
 
     def unhindered(self, base: ca.SX, wanted: ca.SX, arm: ca.SX) -> ca.SX:
         """(7,) the first of `wanted`, half-way to `base`, that, its half and its chair alone that keeps the arm out.
@@ -428,6 +456,11 @@ def _reached(last: ca.SX, change: ca.DM, base: ca.SX, ends: tuple[ca.SX, ca.SX])
     """What a change of velocity leads to within `ends`, `base` included."""
     lower, upper = (clipped(end, *ends) for end in (last - change, last + change))
     return ca.fmin(lower, base), ca.fmax(upper, base)
+
+
+def as_far(begin: ca.SX, end: ca.SX, rows: ca.SX, limits: ca.SX) -> ca.SX:
+    """(n,) from `begin` towards `end` as far as rows (k, n) let it."""
+    return begin + largest_part(rows @ (end - begin), ca.fmax(limits - rows @ begin, 0)) * (end - begin)
 
 
 def largest_part(values: ca.SX, limits: ca.SX, rounded: float = 0.0) -> ca.SX:

@@ -13,7 +13,7 @@ from rehab_opt.control.braking_together import BrakingTogether
 from rehab_opt.control.obstacles import NUMBERS, Approach, approach, outward_normal
 from rehab_opt.control.stopping import FAR
 from rehab_opt.kinematics.mobile_arm import CHAIR, MobileArm, Outline
-from rehab_opt.optim.certificate import clipped, first_true
+from rehab_opt.optim.certificate import all_true, clipped, first_true
 from rehab_opt.symbolic.tick import Tick
 
 __all__ = ["INTO", "ROWS", "ChairObstacles"]
@@ -44,8 +44,7 @@ class ChairObstacles:
     nearest to the outline now; and of its way past the chair while that brakes, half-way and at the end, from a line
     beside the chair, since the outline could cut that way between two places.
 
-    Into it in this tick: `INTO` rows and their limits [m/s]. Those of the same points now, but for what they turn by in
-    a tick; closer than that, of `approach`, which are right for every turn.
+    Into it in this tick: `INTO` rows and their limits [m/s], those of `approach`.
 
     Parameters
     ----------
@@ -69,16 +68,15 @@ class ChairObstacles:
         each, change = self._approach(one, place, last, self.braking.time), self.braking.change
         turn, drive = ca.fabs(last[2]) + change[2], self._drive(last)
         margin = 2 * CLEAR + 2 * self._swept(each, last) + self._bent * self.braking.time**2
-        gap = ca.fmin(ca.mmin(self._gaps(each)), ca.if_else(each.is_post, _post(each.post, self.outline)[0], FAR))
-        return ca.logic_and(one[3] != 0, gap <= margin + self.braking.time * (drive + self._lever * turn))
+        return ca.logic_and(
+            one[3] != 0, ca.mmin(self._gaps(each)) <= margin + self.braking.time * (drive + self._lever * turn)
+        )
 
     def column(self, one: ca.SX, place: ca.SX, last: ca.SX) -> ca.SX:
         """(25,) rows towards it and what is left, rows into it and their limits, 1 where the chair is within it."""
         each, now = (self._approach(one, place, last, horizon) for horizon in (self.braking.time, self.dt))
-        parts = [
-            ca.vertcat(*(ca.vertcat(*pair) for pair in pairs))
-            for pairs in (self._towards(each, last), self._into(now, last))
-        ]
+        into = [(now.matrix[k, :].T, now.room[k] * (1 - TIGHTER)) for k in range(INTO)]
+        parts = [ca.vertcat(*pair) for pair in (*self._towards(each, last), *into)]
         return ca.densify(ca.vertcat(*parts, each.inside))
 
     def far(self) -> ca.SX:
@@ -91,6 +89,21 @@ class ChairObstacles:
         """(count, 3) rows of a column from the first on, and (count,) what stands behind each."""
         cells = ca.reshape(column[(CHAIR + 1) * first : (CHAIR + 1) * (first + count)], CHAIR + 1, count)
         return cells[:CHAIR, :].T, cells[CHAIR, :].T
+
+    @cached_property
+    def no_deeper(self) -> ca.Function:
+        """Obstacle (4,), place (3,), velocity (3,) -> 1 where no way of that tick, straight or an arc, leads deeper."""
+        one, place, u = ca.SX.sym("one", NUMBERS), ca.SX.sym("place", CHAIR), ca.SX.sym("u", CHAIR)
+        cos, sin, verdict = ca.cos(place[2]), ca.sin(place[2]), []
+
+        def gap(there: ca.SX) -> ca.SX:
+            return ca.mmin(self._gaps(approach(one, there, self.outline, dt=1, horizon=1, turn=1, drive=0)))
+
+        for seconds in (self.dt / 2, self.dt):
+            for x, y in (ca.vertsplit(each) for each in (u[:2], mean_velocity(np.zeros(2), u, seconds))):
+                there = place + seconds * ca.vertcat(cos * x - sin * y, sin * x + cos * y, u[2])
+                verdict.append(gap(there) >= ca.fmin(gap(place), 0))
+        return ca.Function("no_deeper", [one, place, u], [ca.logic_or(one[3] == 0, all_true(*verdict))], {"cse": True})
 
     # -------------------------------------------------------------------------------------------------- plumbing
     @property
@@ -122,21 +135,7 @@ class ChairObstacles:
 
     def _apart(self, each: Approach, last: ca.SX) -> ca.SX:
         """1 where no turn within a tick takes the outline to the obstacle."""
-        gap = ca.if_else(each.is_post, _post(each.post, self.outline)[0], ca.mmin(self._gaps(each)))
-        return gap > 2 * self._swept(each, last)
-
-    def _into(self, each: Approach, last: ca.SX) -> list[tuple[ca.SX, ca.SX]]:
-        keys, swept, rows = self._gaps(each), self._swept(each, last), []
-        closing = [_corner(each.wall, corner, ca.SX.zeros(CHAIR), 0.0)[1] for corner in self.outline.corners]
-        far, towards = _post(each.post, self.outline)
-        apart = self._apart(each, last)
-        for k, instead in enumerate((towards, ca.SX.zeros(CHAIR))):
-            gap, chosen = ca.if_else(each.is_post, far, ca.mmin(keys)), first_true(keys <= ca.mmin(keys))
-            keys = ca.if_else(chosen, ca.inf, keys)
-            row = ca.if_else(each.is_post, instead, ca.horzcat(*closing) @ chosen)
-            limit = ca.if_else(apart, (gap - swept) / self.dt, each.room[k]) * (1 - TIGHTER)
-            rows.append((ca.if_else(apart, row, each.matrix[k, :].T), limit))
-        return rows
+        return ca.mmin(self._gaps(each)) > 2 * self._swept(each, last)
 
     def _towards(self, each: Approach, last: ca.SX) -> list[tuple[ca.SX, ca.SX]]:
         slower, margin = self.braking.slower(last), CLEAR + 2 * self._swept(each, last)

@@ -130,14 +130,15 @@ def approach(
     obstacle by translation. The chair may move straight in the world while it turns, q + t value, or along the arc of
     wheels that hold their speeds.
 
-    A disc is replaced by the wall, fixed in the world, that touches it and has the outline's outward normal n at the
-    point of the outline nearest to the disc's centre; the nearest edge's normal where the centre is on or under the
-    outline. The distance of the centre c from a rectangle of corners p, negative inside, is the largest
-    n . c - max(n . p) of all unit vectors n, so it falls by no more than max(n . p) rises.
+    A disc is replaced by the wall, fixed in the chassis, that touches it and has the outline's outward normal n at the
+    point nearest to the disc's centre c; the nearest edge's where c is on or under the outline. The distance of c from
+    a rectangle of corners p, negative inside, is the largest n . c - max(n . p) of all unit vectors n, so it falls by
+    no more than n . c does: where another edge becomes the nearest, what is allowed does not jump.
 
     A corner p turns by w dt within the tick and is then off its straight way by at most |p| (w dt)^2/2, and wheels by
-    drive |w| dt^2/2: with both, and over all corners, the largest speed towards the wall is a concave function of w,
-    zero or more at w = 0. The rows are its two chords from there to the fastest turns.
+    drive |w| dt^2/2; c, seen from the chassis, by twice that of wheels. With both, and over all corners, the largest
+    speed towards the wall is a concave function of w, zero or more at w = 0. The rows are its two chords from there to
+    the fastest turns.
     """
     cos, sin = ca.cos(place[2]), ca.sin(place[2])
     disc = numbers[3] == _DISC
@@ -156,15 +157,20 @@ def approach(
         ca.if_else(there, numbers[2] - numbers[0] * place[0] - numbers[1] * place[1], horizon),
     )
 
-    still, left, right, least = (ca.SX(ca.inf) for _ in range(4))
-    for x, y in outline.corners.tolist():
-        gap = offset - normal[0] * x - normal[1] * y
-        speed = ca.fmax(gap, 0) * (1 / horizon)
-        lever = normal[1] * x - normal[0] * y
-        sweep = (float(np.hypot(x, y)) * turn + drive) * turn * (dt / 2)
-        least, still = ca.fmin(least, gap), ca.fmin(still, speed)
-        left = ca.fmin(left, speed - turn * lever - sweep * there)
-        right = ca.fmin(right, speed + turn * lever - sweep * there)
+    def turning(gap: ca.SX, x: float | ca.SX, y: float | ca.SX, bent: float | ca.SX) -> ca.SX:
+        """(3,) how fast the gap of a place may close without a turn and at the fastest to either side."""
+        lever, sweep = turn * (normal[1] * x - normal[0] * y), bent * turn * (dt / 2) * there
+        return ca.fmax(gap, 0) / horizon + ca.vertcat(0, -lever - sweep, lever - sweep)
+
+    corners = outline.corners.tolist()
+    gaps = ca.vertcat(*(offset - normal[0] * x - normal[1] * y for x, y in corners))
+    least = ca.mmin(gaps)
+    walls = [turning(gaps[i], x, y, float(np.hypot(x, y)) * turn + drive) for i, (x, y) in enumerate(corners)]
+    bent = (ca.norm_2(ca.vertcat(*centre)) + drive * dt) * turn + 2 * drive
+    still, left, right = (
+        ca.if_else(disc, post, ca.mmin(ca.vertcat(*wall)))
+        for post, *wall in zip(*(ca.vertsplit(each) for each in (turning(least, *centre, bent), *walls)), strict=True)
+    )
     matrix = ca.vertcat(
         ca.horzcat(normal[0], normal[1], (still - left) * (1 / turn)),
         ca.horzcat(normal[0], normal[1], (right - still) * (1 / turn)),
