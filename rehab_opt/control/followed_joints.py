@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from rehab_opt.control.held_hand import HELD, hand_memory, held_hand, largest
 from rehab_opt.control.joint_feedback import JointFeedback, pole
-from rehab_opt.control.notes import HELD_BACK
+from rehab_opt.control.reasons import HELD_BACK
 from rehab_opt.control.watched_joints import NOT_FOLLOWED, not_followed, time_apart
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import SerialChain

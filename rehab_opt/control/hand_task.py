@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -12,15 +12,18 @@ import numpy as np
 from rehab_opt.control.braking_together import BrakingTogether
 from rehab_opt.control.chair_limits import Limits
 from rehab_opt.control.stopping import FAR
-from rehab_opt.control.task_rows import ROWS
+from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.mobile_arm import CHAIR, MobileArm
 from rehab_opt.optim.certificate import clipped
 from rehab_opt.optim.factor import solver_of, upper_triangle
 from rehab_opt.optim.rows import PLAUSIBLE, Row
 from rehab_opt.symbolic.tick import Tick
 
-__all__ = ["AHEAD", "PROGRESS", "HandTask", "Last", "Task"]
+__all__ = ["AHEAD", "FRAMES", "PROGRESS", "ROWS", "HandTask", "Last", "Task", "checked_rows", "frame_number"]
 
+ROWS = ("x", "y", "z", "rx", "ry", "rz", "roll7")
+"""Task rows: hand velocity along and about the axes of the chosen frame, and about the wrist's own axis z7."""
+FRAMES = {"chassis": 0.0, "world": 1.0}
 PROGRESS = 2.0
 """[m/s] Price of a missing m/s of hand speed; one more costs about 1 in kinetic energy by the robot's mass.
 
@@ -344,3 +347,22 @@ class HandTask:
         reach = sum(row.across + abs(row.along) for row in self.robot.chain.rows[CHAIR - 1 :])
         reach += float(np.linalg.norm(self.robot.chain.tool[:3, 3]))
         return float(self.robot.chain.velocity[0] + (1 + reach) * np.sum(self.robot.chain.velocity[CHAIR - 1 :]))
+
+
+def frame_number(frame: str) -> float:
+    """The parameter that says in which frame rows are meant: 0 in the chassis frame, 1 in the world's."""
+    world = FRAMES.get(frame) if isinstance(frame, str) else None
+    if world is None:
+        raise ConfigurationError("frame", frame, "chassis or world")
+    return world
+
+
+def checked_rows(rows: Sequence[str], argument: str = "rows") -> tuple[str, ...]:
+    """Rows that can be asked for together; `argument` is whose they are, one set of them where it has several."""
+    names = tuple(rows) if isinstance(rows, (tuple, list)) else ()
+    known = all(isinstance(name, str) and name in ROWS for name in names)
+    if not names or not known or len(set(names)) != len(names):
+        raise ConfigurationError(argument, rows, f"a tuple of different ones of {', '.join(ROWS)}")
+    if {"rx", "ry", "rz", "roll7"} <= set(names):
+        raise ConfigurationError(argument, rows, "roll7, or all of rx, ry and rz, which say it already")
+    return names

@@ -13,12 +13,12 @@ from numpy.typing import ArrayLike, NDArray
 from rehab_opt.control.chair_and_arm import ChairAndArm
 from rehab_opt.control.clearance import Clearance
 from rehab_opt.control.command import Command
+from rehab_opt.control.hand_task import checked_rows, frame_number
 from rehab_opt.control.joint_feedback import JointFeedback
 from rehab_opt.control.joystick import pressed
 from rehab_opt.control.limit import Limit, all_limits
 from rehab_opt.control.obstacles import Obstacle, obstacle_numbers
 from rehab_opt.control.reaching import Reaching
-from rehab_opt.control.task_rows import checked_rows, frame_number
 from rehab_opt.control.thread_owner import OneThread
 from rehab_opt.control.velocity_controller import checked_number, real_numbers
 from rehab_opt.errors import ConfigurationError

@@ -7,8 +7,7 @@ import hashlib
 import casadi as ca
 
 from rehab_opt import __version__
-from rehab_opt.control.notes import NOTES
-from rehab_opt.control.reasons import REASONS
+from rehab_opt.control.reasons import NOTES, REASONS
 from rehab_opt.export.c_text import comment, filled, indented, number
 from rehab_opt.export.exported import ExportedController
 from rehab_opt.export.generated import Generated, generated

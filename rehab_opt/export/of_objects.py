@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 
 from rehab_opt.control.assistance import Assistance
 from rehab_opt.control.bilateral import Bilateral
+from rehab_opt.control.hand_task import checked_rows, frame_number
 from rehab_opt.control.limit import Limits
 from rehab_opt.control.mirror import MirrorTracker
 from rehab_opt.control.path_assistance import PathAssistance
 from rehab_opt.control.pose_tracker import PoseTracker
 from rehab_opt.control.redundancy import RedundancyResolver
-from rehab_opt.control.task_rows import checked_rows, frame_number
 from rehab_opt.control.velocity_controller import real_numbers
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.export import random_runs

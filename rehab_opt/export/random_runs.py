@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.control.bilateral import Bilateral
+from rehab_opt.control.hand_task import FRAMES
 from rehab_opt.control.limit import Limits
 from rehab_opt.control.pose_tracker import PoseTracker
 from rehab_opt.control.redundancy import RedundancyResolver
-from rehab_opt.control.task_rows import FRAMES
 from rehab_opt.control.velocity_controller import VelocityController
 from rehab_opt.workspace.region import Workspace
 

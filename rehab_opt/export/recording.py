@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 from rehab_opt.control.command import Command, Status
 from rehab_opt.control.followed_joints import servo_rates
 from rehab_opt.control.joint_feedback import JointFeedback
-from rehab_opt.control.notes import notes_of
-from rehab_opt.control.reasons import reason_number
+from rehab_opt.control.reasons import notes_of, reason_number
 from rehab_opt.export.c_text import indented, initialiser, number
 
 __all__ = [

@@ -13,8 +13,7 @@ import numpy as np
 import pytest
 
 from rehab_opt.control.command import Command
-from rehab_opt.control.notes import notes_of
-from rehab_opt.control.reasons import REASONS, reason_number
+from rehab_opt.control.reasons import REASONS, notes_of, reason_number
 from rehab_opt.export.c_source import SOLVERS
 from rehab_opt.export.exported import MOST_VALUES
 from rehab_opt.export.recording import STATUSES

@@ -22,8 +22,7 @@ from rehab_opt import (
     ur5,
 )
 from rehab_opt.control.bilateral import Bilateral
-from rehab_opt.control.notes import NOTES
-from rehab_opt.control.reasons import NUMBER
+from rehab_opt.control.reasons import NOTES, NUMBER
 from rehab_opt.control.redundancy import RedundancyResolver
 from rehab_opt.control.velocity_controller import VelocityController
 from rehab_opt.kinematics.ardis import ardis

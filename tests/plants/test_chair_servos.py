@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from rehab_opt import JointFeedback, RedundancyResolver, Status, ardis
-from rehab_opt.control.task_rows import ROWS
+from rehab_opt.control.hand_task import ROWS
 from rehab_opt.kinematics import DriveName
 
 Array = NDArray[np.float64]

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from rehab_opt.control.chair_and_arm import UNKNOWN, ChairAndArm
 from rehab_opt.control.command import Command
+from rehab_opt.control.hand_task import FRAMES
 from rehab_opt.control.obstacles import NUMBERS
 from rehab_opt.control.redundancy import RedundancyResolver
-from rehab_opt.control.task_rows import FRAMES
 from rehab_opt.errors import ProblemFileError
 from rehab_opt.export.c_text import indented, initialiser, number
 from rehab_opt.export.controllers.pose_tracker import moving_argument, moving_values
