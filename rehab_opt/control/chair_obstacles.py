@@ -99,10 +99,12 @@ class ChairObstacles:
         def gap(there: ca.SX) -> ca.SX:
             return ca.mmin(self._gaps(approach(one, there, self.outline, dt=1, horizon=1, turn=1, drive=0)))
 
-        for seconds in (self.dt / 2, self.dt):
+        first = self.dt / 1024  # straight, the gap is convex in time: no less than its tangent now
+        for seconds in (first, self.dt / 2, self.dt):
             for x, y in (ca.vertsplit(each) for each in (u[:2], mean_velocity(np.zeros(2), u, seconds))):
                 there = place + seconds * ca.vertcat(cos * x - sin * y, sin * x + cos * y, u[2])
-                verdict.append(gap(there) >= ca.fmin(gap(place), 0))
+                far, here = self.dt / seconds if seconds == first else 1.0, gap(place)
+                verdict.append(here + far * (gap(there) - here) >= ca.fmin(here, 0))
         return ca.Function("no_deeper", [one, place, u], [ca.logic_or(one[3] == 0, all_true(*verdict))], {"cse": True})
 
     # -------------------------------------------------------------------------------------------------- plumbing
