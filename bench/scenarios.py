@@ -21,10 +21,11 @@ from bench.verdict import Verdict, all_met, print_verdicts
 from rehab_opt.session.files import ProblemFile, problem_content, problem_of, problem_path
 from rehab_opt.session.plant.making import on_plant
 from rehab_opt.session.plant.tables import KINDS
+from rehab_opt.session.run import run_problem
 from rehab_opt.session.scenario.loop import ran
 from rehab_opt.session.scenario.outcome import ScenarioOutcome
 from rehab_opt.session.scenario.prepared import prepared
-from rehab_opt.session.scenario.run import law_of, run_scenario, scene_of
+from rehab_opt.session.scenario.run import law_of, scene_of
 
 __all__ = ["SCENARIOS", "changed", "judged", "main"]
 
@@ -47,7 +48,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if "people" in options.parts:
         for name in SCENARIOS:
             loaded = changed(name, task={"trials": options.people}, run={"laws": LAWS})
-            measured = judged(name, run_scenario(on_plant(loaded, options.plant), solver=None, progress=_silent))
+            measured = judged(name, run_problem(on_plant(loaded, options.plant)))
             print_verdicts(console, measured)
             verdicts += measured
     if "session" in options.parts:

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench.scenarios import SCENARIOS, changed, judged
+from bench.scenarios import SCENARIOS, changed, judged, main
 from bench.verdict import all_met
 from rehab_opt import Status
 from rehab_opt.errors import ConfigurationError, ProblemFileError
@@ -72,6 +72,14 @@ def test_an_assistance_that_does_nothing_is_seen_in_every_scenario(name: str) ->
     found = outcome(name)
     idle = {"assisted": found.measures["unassisted"], "unassisted": found.measures["unassisted"]}
     assert not all_met(judged(name, replace(found, measures=idle)))
+
+
+def test_the_documented_command_prints_its_verdicts(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("bench.scenarios.SCENARIOS", ("scenario_2_assist",))
+    assert main(["--people", "1", "--parts", "people"]) == 0
+    assert capsys.readouterr().out.count("PASS  ES2") == 4
 
 
 @pytest.mark.parametrize("name", SCENARIOS)
