@@ -163,7 +163,7 @@ class ChairAndArm(VelocityController):
         )
         b, part = tick.once(self._calm(last.velocity, task, limits, (lower, upper)))
         J, W, price = task.jacobian, symmetric(task.inertia, n), task.price
-        braking, reach = self.limits.braking, self.limits.reach
+        braking, reach = self.limits.braking, self.robot.reach
         steady = STEADY * braking.time / self.dt + CURVED * task.multiplier * self.dt * reach
         damping = 2 * ca.sqrt(STEADY * braking.time * task.stiffness) * (1 - part) * task.missing
 

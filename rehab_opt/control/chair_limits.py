@@ -140,16 +140,10 @@ class ChairLimits:
         self.obstacles = ChairObstacles(robot, self.braking, dt)
         arm = ca.SX.sym("arm", robot.chain.n - CHAIR)
         gaps = ca.densify(arm_gaps(robot, arm)) if robot.keep_out else arm
-        # Made once and called: to make them anew for each posture is a third of a resolver's making.
         self._gaps = ca.Function("gaps", [arm], [gaps])
         self._closing = ca.Function("closing", [arm], list(closing_rows(robot, arm)) if robot.keep_out else [arm])
         self._swinging = [i for i, moves in enumerate(ca.which_depends(gaps, arm, 1, False)) if moves]
         """Joints of the arm, from 0, that move its links: not the last, where the hand lies on its axis."""
-
-    @property
-    def reach(self) -> float:
-        """[m] of the arm."""
-        return self.robot.reach
 
     @property
     def moving(self) -> list[int]:
@@ -163,7 +157,7 @@ class ChairLimits:
             return ca.SX(0), ca.SX(FAR)
         clearance = ca.mmin(self._gaps(arm))
         speed = ca.sum1(ca.fabs(last) + self.braking.change[CHAIR:])
-        return clearance <= self._margin(1.0, last) + self.reach * self.braking.time * speed, clearance
+        return clearance <= self._margin(1.0, last) + self.robot.reach * self.braking.time * speed, clearance
 
     def keep_outs(self, arm: ca.SX, last: ca.SX) -> tuple[ca.SX, ca.SX]:
         """Rows (c, k) towards the keep-outs at arm joints (k,) after a command's (k,), and their free speeds (c,).
@@ -230,7 +224,6 @@ class ChairLimits:
         hard = ca.fmax(free[:count] * self.braking.time + CLEAR, 0) / self.dt
         now_limit = ca.fmax(ca.fmax(free[:count], 0), ca.fmin(now @ slowest[CHAIR:], hard))
 
-        # Where it can be, else the nearest, joint by joint and then in proportion.
         base = clipped(slowest, hard_lower, hard_upper)
         slowed, tight = self._kept_out(
             tick, base[:CHAIR], q=q, last=last[:CHAIR], surroundings=surroundings, into=(into, into_limit),
@@ -360,7 +353,7 @@ class ChairLimits:
         none = ca.horzcat(FAR * ca.SX.ones(slots), ca.SX.zeros(slots, q.numel()))
         if not slots:
             return none
-        way = self.braking.time * (1 + self.reach) * ca.sum1(ca.fabs(slower) + self.braking.change)
+        way = self.braking.time * (1 + self.robot.reach) * ca.sum1(ca.fabs(slower) + self.braking.change)
         return tick.when(contacts[-1] <= way, lambda: tick.call(self.bodies_on_the_way, q, slower, told)[0], none)
 
     @cached_property
@@ -395,7 +388,7 @@ class ChairLimits:
 
     def clear(self, u: ca.SX, clearance: ca.SX) -> ca.SX:
         """1 where no keep-out is as near as a tick of u (7,) reaches, or of half the arm's."""
-        return clearance > 1.01 * self.reach * self.dt * ca.sum1(ca.fabs(u[CHAIR:])) + TINY
+        return clearance > 1.01 * self.robot.reach * self.dt * ca.sum1(ca.fabs(u[CHAIR:])) + TINY
 
     # -------------------------------------------------------------------------------------------- limit by limit
     def _margin(self, part: float, last: ca.SX) -> ca.SX:
@@ -403,14 +396,14 @@ class ChairLimits:
         swinging, time = self._swinging, self.braking.time
         change = np.asarray(self.braking.change).ravel()[CHAIR:][swinging]
         speed = ca.sum1(ca.fabs(last[swinging]))
-        within = self.reach * (self.dt * (speed + np.sum(change))) ** 2 / 2
+        within = self.robot.reach * (self.dt * (speed + np.sum(change))) ** 2 / 2
         step = part * time * float(np.max(change))
         fastest = part * time * float(np.max(self.robot.chain.velocity[CHAIR:][swinging]))
         return (
             within
             + (1 + part) * CLEAR
-            + part * MARGIN * ca.fmin(1, (self.reach * time * speed / FAST) ** 2)
-            + self.reach * min(step, fastest) ** 2 / 2
+            + part * MARGIN * ca.fmin(1, (self.robot.reach * time * speed / FAST) ** 2)
+            + self.robot.reach * min(step, fastest) ** 2 / 2
         )
 
     def _joints(self, q: ca.SX, last: ca.SX, apart: ca.SX) -> tuple[ca.SX, ...]:

@@ -38,7 +38,7 @@ FLAT = 0.05
 SLACK = 1e-5
 """[m] More than the margin at which bodies touch: what distances of bodies that lie along each other bend by."""
 ROWS = 3
-"""Least distances of a limit that make rows of the QP: along an edge of two an arm slides into a corner."""
+"""Distances of a limit that make rows: along an edge of two an arm slides into a corner."""
 MATTERS = 0.05
 """Of a slope's largest entry: a joint below it is not asked to keep a limit."""
 TINY = 1e-300
@@ -55,9 +55,9 @@ class Limit:
     Parameters
     ----------
     distances : chain, joint positions (n,) -> (k,) distances h(q) as CasADi expressions, in any unit. Smooth where they
-        are small; of several the three least make rows of the QP, all of them are judged at the end of the tick.
-        Where they, or their slopes, are no numbers, nothing is certified.
-    rate : [1/s] at which the least distance may decay; by default 1/T, T the longest of the joints' speeds over their
+        are small; three of several make rows of the QP, those with the least room at the rate, all are judged at the
+        end of the tick. Where they, or their slopes, are no numbers, nothing is certified.
+    rate : [1/s] at which a distance may decay; by default 1/T, T the longest of the joints' speeds over their
         accelerations, so that all joints can brake together before it.
     """
 
@@ -72,16 +72,16 @@ class Limit:
         """How many of the distances make a row of the QP."""
         return min(self.at(chain, ca.SX.sym("q", chain.n)).numel(), ROWS)
 
-    def nearest(self, chain: SerialChain, q: ca.SX, way: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
-        """The least distances at q (n,), up to three, how they change with q (k, n), and what of them `way` (n,) loses.
+    def nearest(self, chain: SerialChain, q: ca.SX, way: ca.SX, ways: float = 0) -> tuple[ca.SX, ca.SX, ca.SX]:
+        """Distances at q (n,), how they change with q (k, n), and what of them `way` (n,) loses.
 
-        That is what a distance is below its tangent after `way`, zero where it is above.
+        Up to three, the least after so many `ways`. Lost is what a distance is below its tangent after one.
         """
         symbol, ahead = ca.SX.sym("q", chain.n), ca.SX.sym("ahead", chain.n)
-        each = self.at(chain, symbol)
-        rows = ca.horzcat(each, self.at(chain, ahead), ca.jacobian(each, symbol))
+        each, then = self.at(chain, symbol), self.at(chain, ahead)
+        rows = ca.horzcat(each + (then - each) * ways, each, then, ca.jacobian(each, symbol))
         found = ca.Function("nearest", [symbol, ahead], [least_rows(rows, ROWS)])(q, q + way)
-        least, then, slopes = found[:, 0], found[:, 1], found[:, 2:]
+        least, then, slopes = found[:, 1], found[:, 2], found[:, 3:]
         return least, slopes, ca.fmax(least + slopes @ way - then, 0)
 
 
@@ -143,10 +143,9 @@ def all_limits(limits: Sequence[Limit | Clearance], chain: SerialChain, dt: floa
 class Limits:
     """The limits of one arm in one tick.
 
-    A row is about the tangent at the beginning of a tick, and the arm is judged at its end. So what the last velocity
-    would lose against the tangent is counted on, and a margin is kept, about the square of the joints' way in a tick:
-    nearer than that the row leads the arm away again, so that it slides along a curved limit and does not stick. Limits
-    come before accelerations, also while braking, and after speeds and joint limits.
+    A row is about the tangent at the beginning of a tick, and the arm is judged at its end. So a margin is kept, about
+    the square of the joints' way in a tick: nearer than that the row leads the arm away again, so that it slides along
+    a curved limit. Limits come before accelerations, also while braking, and after speeds and joint limits.
 
     Parameters
     ----------
@@ -175,7 +174,10 @@ class Limits:
         self._own = len(rates)
         rates += [] if clearance is None else [clearance.clearance.rate] * clearance.slots
         usual = min(1 / together, fastest_rate)
-        self._shares = ca.DM([(1 - np.exp(-(usual if rate is None else rate) * dt)) / dt for rate in rates])
+        shares = {rate: (1 - np.exp(-(usual if rate is None else rate) * dt)) / dt for rate in rates}
+        self._shares = ca.DM([shares[rate] for rate in rates])
+        self._ways = [1 / (shares[each.rate] * dt) for each in self.limits]
+        """Ticks in which what falls at its rate is gone: what falls faster has its row before it is among the least."""
         self._begun = float(np.sum(np.minimum(chain.acceleration * dt, START * chain.velocity)))
 
     def __len__(self) -> int:
@@ -215,8 +217,8 @@ class Limits:
     ) -> tuple[ca.SX, ca.SX, VelocityBounds]:
         """R (m, n), r (m,) of R q' <= r, and the intervals, opened where acceleration has to yield.
 
-        There is always a velocity that keeps them all: looked for between the intervals' ends, and where none of those
-        keeps a distance above zero, beyond them.
+        A velocity always keeps them all: looked for between the intervals' ends, and where none of those keeps a
+        distance above zero, beyond them.
         """
         rest = nearest_to_rest(bounds._replace(brake_lower=bounds.lower, brake_upper=bounds.upper))
         slopes, free, _ = now = self._now(q, last, contacts)
@@ -233,13 +235,12 @@ class Limits:
     ) -> tuple[ca.SX, ca.SX]:
         """Slopes (m, n) of the least distances, and how fast they may fall (m,): below zero where they have to rise.
 
-        What is beyond a limit is taken for at it: it goes no further, and is not led back. Before each
-        limit its margin is left, or what joints that are `astray` (n,) make of it. `ticks` of the last velocity lead as
-        far as the tangents are to hold.
+        What is beyond a limit is taken for at it: it goes no further, and is not led back. Before each limit its margin
+        is left, or what joints that are `astray` (n,) make of it. The tangents are to hold for so many `ticks`.
         """
         parts, own = [(ca.SX(0, self.chain.n), ca.SX(0, 1))], slice(self._own)
         if self.limits:
-            slopes, least, spent = self._tangents(q, last, ticks)
+            slopes, least, spent = self._tangents(q, last, [0] * len(self.limits), ticks)
             least -= ca.fmax(ca.fabs(slopes) @ astray, margins[own])
             parts.append((slopes, self._shares[own] * ca.fmax(least, 0) - spent))
         if self.clearance is not None:
@@ -297,7 +298,7 @@ class Limits:
     ) -> tuple[ca.SX, ca.SX]:
         """R (m, n), r (m,) of R u <= r that keep the limits on the way that u leads, to first order about `last` (n,).
 
-        None forbids rest, which keeps what is kept: at a limit tangents about a motion did, and that went on for good.
+        None forbids rest, which keeps what is kept.
 
         Parameters
         ----------
@@ -449,7 +450,7 @@ class Limits:
         lowest = -ca.inf if leads_back else 0.0
         parts = [(ca.SX(0, self.chain.n), ca.SX(0, 1), ca.SX(0, 1))]
         if self.limits:
-            slopes, least, spent = self._tangents(q, last)
+            slopes, least, spent = self._tangents(q, last, self._ways)
             free = self._shares[: self._own] * ca.fmax(least, lowest) - spent
             parts.append((slopes, free, ca.fmax(least, 0) / self.dt))
         if self.clearance is not None:
@@ -469,15 +470,16 @@ class Limits:
         free = ca.fmax(self._shares[self._own :] * (distances - SLACK / 2 - margin), -steep @ self._calm)
         return slopes, free + changes, ca.fmax(distances - SLACK / 2, 0) / self.dt + changes
 
-    def _tangents(self, q: ca.SX, last: ca.SX, ticks: ca.SX | float = 1.0) -> tuple[ca.SX, ca.SX, ca.SX]:
+    def _tangents(
+        self, q: ca.SX, last: ca.SX, ways: Sequence[float], ticks: ca.SX | float = 1.0
+    ) -> tuple[ca.SX, ca.SX, ca.SX]:
         """Slopes (m, n) of the least distances, these (m,), and what of their fall the tangents do not tell (m,).
 
-        That is what the last velocity would lose against them in so many ticks, and what leads to a margin for what a
-        change of it may lose more. Nearer than the margin, what lacks of it is asked for in these ticks: an arm that
-        stands at a limit is free to begin to move along it.
+        That is what the last velocity would lose against them in so many ticks, and a margin for what a change of it
+        may lose; what lacks of that is asked for in these ticks: an arm at a limit is free to begin to move along it.
         """
         seconds = ticks * self.dt
-        found = [each.nearest(self.chain, q, seconds * last) for each in self.limits]
+        found = [one.nearest(self.chain, q, seconds * last, k) for one, k in zip(self.limits, ways, strict=True)]
         least, slopes, lost = (ca.vertcat(*column) for column in zip(*found, strict=True))
         way, begun = seconds * ca.sum1(ca.fabs(last)), seconds * self._begun
         margin = ca.sqrt(ca.sum2(slopes**2)) * (way + begun / 2) * begun

@@ -123,6 +123,20 @@ def test_limit_of_several_distances_is_kept_by_all_of_them() -> None:
     assert near > 0
 
 
+def test_distance_that_falls_fast_keeps_its_rate_behind_three_that_are_less() -> None:
+    """An arm on a chair was stopped 0.19 of its command across where a fourth side of a box became one of three."""
+    rate, room = 0.8, 0.6
+
+    def distances(_: SerialChain, q: ca.SX) -> ca.SX:
+        return ca.vertcat(START[0] + room - q[0], q[1:4] + 0.1 - START[1:4])
+
+    control = PoseTracker(ur5(), dt=0.005, compile=False, limits=[Limit(distances, rate=rate)])
+    postures, velocities, _ = led(control, START + np.array([0.4, 0, 0, 0, 0, 0]), ticks=200)
+    left = START[0] + room - postures[:-1, 0]
+    assert velocities.max() > 0.4
+    assert (velocities[1:, 0] - rate * left).max() < 1e-3
+
+
 def test_arm_that_starts_beyond_a_limit_goes_no_further() -> None:
     control = PoseTracker(ur5(), dt=0.005, compile=False, limits=[elbow_above(0.6)])
     assert elbow(START)[0] < 0.6

@@ -522,11 +522,8 @@ def judge(verdict: Verdict, case: Case, run: Run, places: list[Array], there: ND
         now, then = each.numbers(chair, q), each.numbers(chair, ends)
         verdict.within(f"{each.kind}: below zero, or further [m or rad]", (np.minimum(now, 0) - then)[known], ROUNDING)
         rate = 1 / slowest if each.rate is None else each.rate
-        first, every = now.argmin(axis=1), np.arange(n)  # the least distance has a rate, not each: and not at once
-        passed = ((now - then) / dt - rate * np.maximum(now, 0))[every, first]
-        others = since(np.r_[False, first[1:] != first[:-1]], round(slowest / dt))
-        falls = np.maximum(falls, np.where(others, -math.inf, passed))
-        least = now[every, first]
+        falls = np.maximum(falls, ((now - then) / dt - rate * np.maximum(now, 0)).max(axis=1))
+        least = now.min(axis=1)
         beyond |= least < ROUNDING
         inside, edge, near = inside | (least < 0), edge | (np.abs(least) < EDGE), near | (np.abs(least) < NEAR)
         verdict.during(f"at a limit: {each.kind}", np.abs(least) < NEAR, dt)
