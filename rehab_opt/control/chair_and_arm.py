@@ -42,6 +42,10 @@ GOING = 10.0
 """Ticks of acceleration in which a joint gets to a speed from which on all of that share counts: at rest, what is left
 of the command decides.
 """
+MEAN = 0.5
+"""Of T, in which the mean of u follows it. Own limits are kept on the way that it leads, by tangents: of those about u
+itself each tick undid the one before where a limit bends by more than the cost of a change holds, and arms trembled.
+"""
 ROUNDS = 2
 """Corrections of the last tick's active set, which is mostly the same."""
 ITERATIONS = 20
@@ -125,9 +129,11 @@ class ChairAndArm(VelocityController):
         if (rank := self.task.rank()) < k:
             raise ConfigurationError("row_sets", rows, f"independent rows; on a {drive} base {rank} of them are")
         # What is remembered: u, where it leads, from where the arm is led to where it is, the command, the wheels' part
-        # of it, and of the hand its velocity, the insistence on its progress, and the frame.
+        # of it, where there are own limits the mean of u, and of the hand its velocity, the insistence on its progress,
+        # and the frame.
         first = 2 * n + (0 if feedback is None else n - CHAIR)
         self.sent, self.wheels = slice(first, first + n), slice(first + n, first + n + wheels)
+        self.mean = slice(self.wheels.stop, self.wheels.stop + n * bool(len(own)))
         super().__init__(
             robot.chain, dt=dt, recovery_speed=recovery_speed, solver=solver, backup=backup, tolerance=tolerance,
             max_age=max_age, compile=compile, feedback=feedback,
@@ -141,7 +147,7 @@ class ChairAndArm(VelocityController):
 
     @property
     def _memory_size(self) -> int:
-        return 3 * self.chain.n + self.guidance_size + len(self.wheelset.rolling) + len(self.rows) + 2
+        return self.mean.stop + len(self.rows) + 2
 
     def _apart(self, memory: ca.SX) -> ca.SX:
         """(n,) from where the joints are led to where they are."""
@@ -196,14 +202,19 @@ class ChairAndArm(VelocityController):
             tick=tick,
             report=self.report(last.velocity, command, J @ command, twist, limits.outside),
             memory=memory,
-            remember=self.remembered(q, command, J @ command, task.insistence, world),
+            remember=self.remembered(q, command, J @ command, task.insistence, world, before=memory),
             violation=limits.violation(command),
         )
 
     def _limits(self, tick: Tick, q: ca.SX, memory: ca.SX, surroundings: ca.SX, *, gives_way: ca.SX) -> Limits:
         """The limits of `ChairLimits` for what is remembered."""
-        apart, last = self._apart(memory), memory[: self.chain.n]
-        return self.limits.limits(tick, q, last, surroundings, gives_way=gives_way, apart=apart)
+        apart, last, mean = self._apart(memory), memory[: self.chain.n], self._mean(memory)
+        return self.limits.limits(tick, q, last, surroundings, mean=mean, gives_way=gives_way, apart=apart)
+
+    def _mean(self, memory: ca.SX) -> ca.SX:
+        """(n,) of u in the last ticks, the last u where the past is forgotten; of none without own limits."""
+        mean = memory[self.mean]
+        return ca.if_else(memory[-1] == UNKNOWN, memory[: mean.numel()], mean)
 
     def _acceleration_limited(self, last: ca.SX, limits: Limits, moving: ca.SX) -> tuple[ca.SX, ca.SX]:
         """Joint intervals within the accelerations, or as far beyond as braking needs; those of `limits` at rest."""
@@ -258,13 +269,14 @@ class ChairAndArm(VelocityController):
         return tick.call(self.limits.keeping, q, surroundings[NUMBERS * self.max_obstacles :], u, base)[0]
 
     # ------------------------------------------------------------------------------------------ what is remembered
-    def remembered(self, q: ca.SX, u: ca.SX, hand: ca.SX, insistence: ca.SX, frame: ca.SX) -> ca.SX:
+    def remembered(self, q: ca.SX, u: ca.SX, hand: ca.SX, insistence: ca.SX, frame: ca.SX, *, before: ca.SX) -> ca.SX:
         """The memory: see `__init__`."""
         cos, sin = ca.cos(q[2]), ca.sin(q[2])
         value = ca.vertcat(cos * u[0] - sin * u[1], sin * u[0] + cos * u[1], u[2:])
         wheels = self.wheelset.wheel_speeds_expression(u[:CHAIR])
-        led = ca.SX.zeros(self.guidance_size)
-        return ca.densify(ca.vertcat(u, q + value * self.dt, led, value, wheels, hand, insistence, frame))
+        led, mean = ca.SX.zeros(self.guidance_size), self._mean(before)
+        mean += min(1.0, self.dt / (MEAN * self.limits.braking.time)) * (u[: mean.numel()] - mean)
+        return ca.densify(ca.vertcat(u, q + value * self.dt, led, value, wheels, mean, hand, insistence, frame))
 
     def fallback_command(self) -> Command | None:
         """One tick of braking together: within all bounds, and the next tick may answer again."""
@@ -293,7 +305,8 @@ class ChairAndArm(VelocityController):
         rest = tick.once(rest)
         command = self._kept(tick, q, surroundings, rest, rest)
         report = self.report(memory[: self.chain.n], command, ca.SX(0), ca.SX(1), limits.outside)  # none of the task
-        remembered = self.remembered(q, command, ca.SX.zeros(len(self.rows)), ca.SX(0), ca.SX(UNKNOWN))
+        forgotten = ca.SX.zeros(len(self.rows)), ca.SX(0), ca.SX(UNKNOWN)
+        remembered = self.remembered(q, command, *forgotten, before=memory)
         inputs = [q, memory, surroundings] if self.surroundings else [q, memory]
         return tick.function("braking", inputs, [remembered, report])
 

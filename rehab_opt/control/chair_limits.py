@@ -202,13 +202,13 @@ class ChairLimits:
         return ca.SX.zeros(count, self.robot.chain.n - CHAIR), FAR * ca.SX.ones(count)
 
     def limits(
-        self, tick: Tick, q: ca.SX, last: ca.SX, surroundings: ca.SX, *, gives_way: ca.SX, apart: ca.SX
+        self, tick: Tick, q: ca.SX, last: ca.SX, surroundings: ca.SX, *, mean: ca.SX, gives_way: ca.SX, apart: ca.SX
     ) -> Limits:
         """Limits at joint values q (7,) after the command `last` (7,), among obstacles and moving capsules.
 
-        surroundings : numbers of the obstacles, then of the capsules. gives_way : see `Limits.beside` of
-        `control.limit`. apart : (n,) from q to where the joints are, where joint limits hold, too. What is far
-        makes no rows.
+        surroundings : numbers of the obstacles, then of the capsules. mean : (7,) of the last commands, about which own
+        limits are kept on the way. gives_way : see `Limits.beside` of `control.limit`. apart : (n,) from q to where the
+        joints are, where joint limits hold, too. What is far makes no rows.
         """
         lower, upper, hard_lower, hard_upper, outside = tick.once(self._joints(q, last, apart))
         read, arm, swing = self.obstacles.read, q[CHAIR:], last[CHAIR:]
@@ -244,10 +244,11 @@ class ChairLimits:
             turn = self.world(q[2], q.numel())
             turn[:, still] = 0
             change = self.braking.change
+            about, fastest = self.braking.slower(mean), ca.fmax(ca.fabs(last), ca.fabs(mean))
+            bodies = self._touched(tick, q, about, contacts, told, fastest=fastest)
             ahead, free_ahead = self.own.on_the_way(
-                q, slower, bodies=self._touched(tick, q, slower, contacts, told), way=self.led, seconds=self._times,
-                change=change,
-            )  # fmt: skip
+                q, about, bodies=bodies, way=self.led, seconds=self._times, change=change
+            )
             ends = _reached(last, change, base, (lower, upper))
             led = kept_within((-ahead, free_ahead, ca.SX.inf(free_ahead.size1())), base, ends, ends)
             braked, base = base, ca.if_else(gives_way, led, base)
@@ -354,14 +355,14 @@ class ChairLimits:
         inputs = [ca.MX.sym(name, size) for name, size in (("q", n), ("last", n), ("moving", own.told))]
         return ca.Function("contacts", inputs, [own.contacts(inputs[0], sent(*inputs[:2]), inputs[2])])
 
-    def _touched(self, tick: Tick, q: ca.SX, slower: ca.SX, contacts: ca.SX, told: ca.SX) -> ca.SX:
-        """What is left before bodies on the way that `slower` leads, and slopes; of none where all are far."""
+    def _touched(self, tick: Tick, q: ca.SX, u: ca.SX, contacts: ca.SX, told: ca.SX, *, fastest: ca.SX) -> ca.SX:
+        """What is left before bodies on the way that u leads, and slopes; of none where all are far."""
         slots = 0 if self.own.clearance is None else self.own.clearance.slots
         none = ca.horzcat(FAR * ca.SX.ones(slots), ca.SX.zeros(slots, q.numel()))
         if not slots:
             return none
-        way = self.braking.time * (1 + self.reach) * ca.sum1(ca.fabs(slower) + self.braking.change)
-        return tick.when(contacts[-1] <= way, lambda: tick.call(self.bodies_on_the_way, q, slower, told)[0], none)
+        way = self.braking.time * (1 + self.reach) * ca.sum1(fastest + self.braking.change)
+        return tick.when(contacts[-1] <= way, lambda: tick.call(self.bodies_on_the_way, q, u, told)[0], none)
 
     @cached_property
     def bodies_on_the_way(self) -> ca.Function:
