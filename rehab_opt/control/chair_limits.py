@@ -81,14 +81,11 @@ class Limits(NamedTuple):
 
     def surrounding_rows(self, u: ca.SX) -> list[Row]:
         """Those of obstacles and keep-outs."""
-        chair, arm, rows = u[:CHAIR], u[CHAIR:], []
-        if self.towards.size1():
-            rows.append(within(self.towards @ chair, -np.inf, self.towards_limit))
-        if self.closing.size1():
-            rows.append(within(self.closing @ arm, -np.inf, self.closing_limit))
-        if self.beside.size1():
-            rows.append(within(self.beside @ u, -np.inf, self.beside_limit))
-        return rows
+        every = (
+            (self.towards, u[:CHAIR], self.towards_limit), (self.closing, u[CHAIR:], self.closing_limit),
+            (self.beside, u, self.beside_limit),
+        )  # fmt: skip
+        return [within(rows @ of, -np.inf, limit) for rows, of, limit in every if rows.size1()]
 
     def violation(self, u: ca.SX) -> ca.SX:
         """By how much u breaks those of this tick; infinite for NaN. The way to the stop posture is not among them."""
@@ -423,9 +420,9 @@ class ChairLimits:
         lower = ca.fmax(ca.fmin(-down, slowest), bounds.hard_lower)
         # Positions of the chair are not bounded: its intervals are numbers.
         speed = ca.DM([chain.velocity[i] if i in self.moving else 0.0 for i in range(CHAIR)])
-        ends = [ca.vertcat(-speed, lower[CHAIR:]), ca.vertcat(speed, upper[CHAIR:])]
-        hard = [ca.vertcat(-speed, bounds.hard_lower[CHAIR:]), ca.vertcat(speed, bounds.hard_upper[CHAIR:])]
-        return *ends, *hard, bounds.outside
+        ends, hard = (lower, upper), (bounds.hard_lower, bounds.hard_upper)
+        pairs = [(ca.vertcat(-speed, a[CHAIR:]), ca.vertcat(speed, b[CHAIR:])) for a, b in (ends, hard)]
+        return *pairs[0], *pairs[1], bounds.outside
 
     def _chassis(self, slowest: ca.SX) -> tuple[ca.SX, ca.SX]:
         """Rim speeds, and the polygon of chassis speeds where there are two of them; none of a base that stands.
