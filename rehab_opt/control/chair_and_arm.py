@@ -43,9 +43,8 @@ GOING = 10.0
 of the command decides.
 """
 MEAN = 0.5
-"""Of T, in which the mean of u follows it. Own limits are kept on the way that it leads, by tangents: of those about u
-itself each tick undid the one before where a limit bends by more than the cost of a change holds, and arms trembled.
-"""
+"""Of T, in which a mean of u follows it. Own limits on the way are tangents about that: about u each tick undid the one
+before where a limit bends by more than the cost of a change holds, and arms trembled."""
 ROUNDS = 2
 """Corrections of the last tick's active set, which is mostly the same."""
 ITERATIONS = 20
@@ -92,7 +91,7 @@ class ChairAndArm(VelocityController):
 
     Without a command all joints brake together as hard as the accelerations allow, and then rest.
 
-    The parameters are q (7,), twist (k,), frame (1,), obstacles (4 each,). See `RedundancyResolver` for the rest.
+    See `RedundancyResolver` for the parameters.
     """
 
     requirement = "the rows are dependent at this posture"
@@ -129,8 +128,7 @@ class ChairAndArm(VelocityController):
         if (rank := self.task.rank()) < k:
             raise ConfigurationError("row_sets", rows, f"independent rows; on a {drive} base {rank} of them are")
         # What is remembered: u, where it leads, from where the arm is led to where it is, the command, the wheels' part
-        # of it, where there are own limits the mean of u, and of the hand its velocity, the insistence on its progress,
-        # and the frame.
+        # of it, the mean of u, and of the hand its velocity, the insistence on its progress, and the frame.
         first = 2 * n + (0 if feedback is None else n - CHAIR)
         self.sent, self.wheels = slice(first, first + n), slice(first + n, first + n + wheels)
         self.mean = slice(self.wheels.stop, self.wheels.stop + n * bool(len(own)))
@@ -212,7 +210,7 @@ class ChairAndArm(VelocityController):
         return self.limits.limits(tick, q, last, surroundings, mean=mean, gives_way=gives_way, apart=apart)
 
     def _mean(self, memory: ca.SX) -> ca.SX:
-        """(n,) of u in the last ticks, the last u where the past is forgotten; of none without own limits."""
+        """(n,) see `MEAN`: the last u where the past is forgotten; none without own limits."""
         mean = memory[self.mean]
         return ca.if_else(memory[-1] == UNKNOWN, memory[: mean.numel()], mean)
 
@@ -251,10 +249,7 @@ class ChairAndArm(VelocityController):
         return ca.if_else(part > 0, slower + part * (analytic - slower), slower), part
 
     def _command(self, tick: Tick, q: ca.SX, u: ca.SX, surroundings: ca.SX, *, limits: Limits, moving: ca.SX) -> ca.SX:
-        """(7,) u, shortened to what keeps chair and arm out of everything; the arm's true way where a keep-out is near.
-
-        Exactly `base` without a command, whichever solver answered.
-        """
+        """(7,) u, shortened to what keeps chair and arm out of everything; exactly `base` without a command."""
         outside = self.limits.clear_of_obstacles(tick, surroundings, q, limits, u) if self.max_obstacles else u
         command = tick.once(ca.if_else(moving, outside, limits.base))
         if self.robot.keep_out:
@@ -355,11 +350,11 @@ class ChairAndArm(VelocityController):
         self._watch.take_over(other._watch)
 
     def instance_after(self, other: ChairAndArm, *inputs: ArrayLike) -> Instance:
-        """The QP of a tick that goes on where `other` ends, as numbers; nothing changes."""
+        """The QP of a tick that goes on where `other` ends, as numbers."""
         return self.stated.instance(*inputs, memory=self._memory_after(other))
 
     def _memory_after(self, other: ChairAndArm) -> Array:
-        """What this one remembers where it goes on after `other`: of the hand, nothing."""
+        """What this one then remembers: of the hand, nothing."""
         memory, first = self._solvers.memory.copy(), self.chain.n * 2
         if other is not self:
             theirs = other._solvers.memory.copy()

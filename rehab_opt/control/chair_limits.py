@@ -76,7 +76,7 @@ class Limits(NamedTuple):
         return int(sum(each.size1() for each in (self.chair, self.towards, self.closing, self.beside)))
 
     def chassis_rows(self, u: ca.SX) -> list[Row]:
-        """The rows of the drive as a statement wants them; none of a base that stands."""
+        """The rows of the drive; none of a base that stands."""
         return [within(self.chair @ u[:CHAIR], -self.chair_limit, self.chair_limit)] if self.chair.size1() else []
 
     def surrounding_rows(self, u: ca.SX) -> list[Row]:
@@ -88,7 +88,7 @@ class Limits(NamedTuple):
         return [within(rows @ of, -np.inf, limit) for rows, of, limit in every if rows.size1()]
 
     def violation(self, u: ca.SX) -> ca.SX:
-        """By how much u breaks those of this tick; infinite for NaN. The way to the stop posture is not among them."""
+        """By how much u breaks those of this tick, the way to the stop posture not among them; infinite for NaN."""
         chair, now = u[:CHAIR], slice(self.closing.size1() // 2)
         over = ca.vertcat(
             u - self.upper,
@@ -203,9 +203,9 @@ class ChairLimits:
     ) -> Limits:
         """Limits at joint values q (7,) after the command `last` (7,), among obstacles and moving capsules.
 
-        surroundings : numbers of the obstacles, then of the capsules. mean : (7,) of the last commands, about which own
-        limits are kept on the way. gives_way : see `Limits.beside` of `control.limit`. apart : (n,) from q to where the
-        joints are, where joint limits hold, too. What is far makes no rows.
+        surroundings : numbers of the obstacles, then of the capsules. mean : (7,) about which own limits on the way are
+        stated. gives_way : see `Limits.beside` of `control.limit`. apart : (n,) from q to where the joints are, where
+        joint limits hold, too. What is far makes no rows.
         """
         lower, upper, hard_lower, hard_upper, outside = tick.once(self._joints(q, last, apart))
         read, arm, swing = self.obstacles.read, q[CHAIR:], last[CHAIR:]
@@ -345,7 +345,7 @@ class ChairLimits:
 
     @cached_property
     def contacts(self) -> ca.Function:
-        """Q, last u (7,), moving capsules -> see `Limits.contacts` of a user's limits."""
+        """Q, last u (7,), moving capsules -> see `control.limit`."""
         own, n = self.own, self.robot.chain.n
         here, last = ca.SX.sym("q", n), ca.SX.sym("last", n)
         sent = ca.Function("sent", [here, last], [self.world(here[2], n) @ last])
@@ -353,7 +353,7 @@ class ChairLimits:
         return ca.Function("contacts", inputs, [own.contacts(inputs[0], sent(*inputs[:2]), inputs[2])])
 
     def _touched(self, tick: Tick, q: ca.SX, u: ca.SX, contacts: ca.SX, told: ca.SX, *, fastest: ca.SX) -> ca.SX:
-        """What is left before bodies on the way that u leads, and slopes; of none where all are far."""
+        """What is left before bodies on the way of u, and slopes; of none where all are far."""
         slots = 0 if self.own.clearance is None else self.own.clearance.slots
         none = ca.horzcat(FAR * ca.SX.ones(slots), ca.SX.zeros(slots, q.numel()))
         if not slots:
@@ -363,7 +363,7 @@ class ChairLimits:
 
     @cached_property
     def bodies_on_the_way(self) -> ca.Function:
-        """See `Limits.bodies_on_the_way` of a user's limits."""
+        """See `control.limit`."""
         return self.own.bodies_on_the_way(way=self.led, seconds=self._times[1::2], change=self.braking.change)
 
     @cached_property
@@ -373,7 +373,7 @@ class ChairLimits:
 
     @cached_property
     def keeping(self) -> ca.Function:
-        """Q, moving capsules, wanted u (7,), braking -> the first of `Limits.first_kept` of a user's limits.
+        """Q, moving capsules, wanted u (7,), braking -> `first_kept` of `control.limit`.
 
         It leads the arm into no keep-out, nor deeper; without limits it is `wanted`.
         """
