@@ -46,9 +46,9 @@ MEAN = 0.5
 """Of T, in which a mean of u follows it. Own limits on the way are tangents about that: about u each tick undid the one
 before where a limit bends by more than the cost of a change holds, and arms trembled."""
 ROUNDS = 2
-"""Corrections of the last tick's active set, which is mostly the same."""
+"""Corrections of the last tick's active set."""
 ITERATIONS = 20
-"""Cap on qrqp's active-set changes: more are a cycle."""
+"""Of qrqp's active set: more are a cycle."""
 TINY = 1e-12
 """[m/s, rad/s] A change of velocity that is none."""
 
@@ -140,7 +140,7 @@ class ChairAndArm(VelocityController):
 
     @property
     def guidance_size(self) -> int:
-        """How many numbers of the memory, behind velocity and position, say where the led joints are."""
+        """See `VelocityController`."""
         return 0 if self.feedback is None else self.chain.n - CHAIR
 
     @property
@@ -205,7 +205,7 @@ class ChairAndArm(VelocityController):
         )
 
     def _limits(self, tick: Tick, q: ca.SX, memory: ca.SX, surroundings: ca.SX, *, gives_way: ca.SX) -> Limits:
-        """The limits of `ChairLimits` for what is remembered."""
+        """`ChairLimits` for what is remembered."""
         apart, last, mean = self._apart(memory), memory[: self.chain.n], self._mean(memory)
         return self.limits.limits(tick, q, last, surroundings, mean=mean, gives_way=gives_way, apart=apart)
 
@@ -215,22 +215,22 @@ class ChairAndArm(VelocityController):
         return ca.if_else(memory[-1] == UNKNOWN, memory[: mean.numel()], mean)
 
     def _acceleration_limited(self, last: ca.SX, limits: Limits, moving: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """Joint intervals within the accelerations, or as far beyond as braking needs; those of `limits` at rest."""
+        """Joint intervals within the accelerations, or beyond as braking needs; those of `limits` at rest."""
         change = self.limits.braking.change
         lower = ca.fmax(limits.lower, ca.fmin(last - change, limits.base))
         upper = ca.fmin(limits.upper, ca.fmax(last + change, limits.base))
         return ca.if_else(moving, lower, limits.lower), ca.if_else(moving, upper, limits.upper)
 
     def _hand_row(self, u: ca.SX, task: Task) -> Row:
-        """The rows on u (7,) that keep the hand to its way while it brakes."""
+        """See `Task.ahead`."""
         return within(task.ahead @ u, task.ahead_lower, task.ahead_upper)
 
     def _calm(self, last: ca.SX, task: Task, limits: Limits, ends: tuple[ca.SX, ca.SX]) -> tuple[ca.SX, ca.SX]:
-        """(7,) what steadies the command within the intervals' `ends`, b of the class; how much of it is analytic."""
+        """(7,) b of the class, within the intervals' `ends`; how much of it is analytic."""
         analytic, u, braking = task.analytic, ca.SX.sym("u", self.chain.n), self.limits.braking
 
         def excess(row: Row, matrix: ca.SX) -> ca.SX:
-            """How far the analytic answer is beyond each of the row's bounds."""
+            """How far the analytic answer is beyond a row's bounds."""
             there = matrix @ analytic
             return ca.fmax(there - row.upper, row.lower - there)
 
@@ -274,7 +274,7 @@ class ChairAndArm(VelocityController):
         return ca.densify(ca.vertcat(u, q + value * self.dt, led, value, wheels, mean, hand, insistence, frame))
 
     def fallback_command(self) -> Command | None:
-        """One tick of braking together: within all bounds, and the next tick may answer again."""
+        """One tick of braking together."""
         law, solvers = self._braking_together, self._solvers
         if not solvers.sound[0]:
             return None
@@ -292,7 +292,7 @@ class ChairAndArm(VelocityController):
         )
 
     def braking(self) -> ca.Function:
-        """q, memory, obstacles -> what is remembered of the safe command, and its report."""
+        """q, memory, obstacles -> see `VelocityController`."""
         tick, q = Tick(), ca.SX.sym("q", self.chain.n)
         surroundings, memory = ca.SX.sym("obstacles", self.surroundings), ca.SX.sym("memory", self._memory_size)
         limits = self._limits(tick, q, memory, surroundings, gives_way=ca.SX(0))
@@ -307,17 +307,12 @@ class ChairAndArm(VelocityController):
 
     # ----------------------------------------------------------------------------------------- for the resolver
     def set_obstacles(self, numbers: Array) -> None:
-        """Write the obstacles, for all ticks until the next call."""
+        """Write the obstacles, until the next call."""
         if self.max_obstacles:
             self._inputs[2][: numbers.size] = numbers
 
     def tell(self, q: ArrayLike, twist: ArrayLike, world: float, moving: Array | None) -> None:
-        """Write the other parameters of a tick; `moving` by `moving_numbers`, where there are such.
-
-        Raises
-        ------
-        ConfigurationError : an argument of the wrong shape, or no numbers.
-        """
+        """Write the other parameters of a tick, `moving` by `moving_numbers`, or raise a `ConfigurationError`."""
         if moving is not None:
             self._inputs[2][-moving.size :] = moving.reshape(-1)
         views = self._views
@@ -337,13 +332,13 @@ class ChairAndArm(VelocityController):
         return self._safe(reason)
 
     def begin(self, velocity: Array, heading: float) -> None:
-        """Forget the past; `velocity` (7,) has the chair's share in its own frame."""
+        """Forget the past; `velocity` (7,) is u."""
         self.reset(velocity)
         self._predicted[2] = heading  # should the first position be unusable
         self._solvers.memory[-1] = UNKNOWN
 
     def take_over(self, other: ChairAndArm) -> None:
-        """Go on where another set of rows ends: its velocity, position and stamps are this one's."""
+        """Go on where another set of rows ends."""
         self._solvers.memory[:] = self._memory_after(other)
         self._solvers.warm_start(0.0)
         self._watchdog, self.led = other._watchdog, other.led
@@ -364,5 +359,5 @@ class ChairAndArm(VelocityController):
 
     @property
     def velocity(self) -> Array:
-        """(7,) last command, the chair's share in its own frame."""
+        """(7,) last u."""
         return self._last.copy()

@@ -145,7 +145,7 @@ class ChairLimits:
 
     @property
     def reach(self) -> float:
-        """[m] of the arm."""
+        """[m]"""
         return self.robot.reach
 
     @property
@@ -194,7 +194,7 @@ class ChairLimits:
         return ca.vertcat(now, -then), ca.vertcat(free, left)
 
     def far(self) -> tuple[ca.SX, ca.SX]:
-        """Those rows and speeds where no keep-out matters."""
+        """Those where no keep-out matters."""
         count = 2 * len(self.robot.keep_out) * len(self.robot.links)
         return ca.SX.zeros(count, self.robot.chain.n - CHAIR), FAR * ca.SX.ones(count)
 
@@ -303,7 +303,7 @@ class ChairLimits:
         return kept, tick.once(ca.mmax(rows @ kept - limit) > ROUNDED)
 
     def no_deeper(self, tick: Tick, surroundings: ca.SX, q: ca.SX, u: ca.SX) -> ca.SX:
-        """1 where the velocity (3,) leads the chair into no obstacle in this tick, nor deeper."""
+        """1 where the velocity (3,) leads into no obstacle in this tick, nor deeper."""
         each = ca.vertsplit(surroundings[: NUMBERS * self.max_obstacles], NUMBERS)
         return all_true(*(tick.call(self.obstacles.no_deeper, one, q[:CHAIR], u)[0] for one in each))
 
@@ -318,7 +318,7 @@ class ChairLimits:
     def unhindered(self, base: ca.SX, wanted: ca.SX, arm: ca.SX) -> ca.SX:
         """(7,) the first of `wanted`, half-way to `base`, that, its half and its chair alone that keeps the arm out.
 
-        No link then ends the tick in a keep-out, or deeper: the rows say so to first order only.
+        The rows say so to first order only.
         """
         half = ca.vertcat(base[:CHAIR], 0.5 * base[CHAIR:])
         chosen = ca.vertcat(base[:CHAIR], ca.SX.zeros(self.robot.chain.n - CHAIR))
@@ -392,7 +392,7 @@ class ChairLimits:
         return own.first_kept(ca.Function("judged", inputs, [verdict]))
 
     def clear(self, u: ca.SX, clearance: ca.SX) -> ca.SX:
-        """1 where no keep-out is as near as a tick of u (7,) reaches, or of half the arm's."""
+        """1 where no keep-out is as near as a tick of u (7,) reaches."""
         return clearance > 1.01 * self.reach * self.dt * ca.sum1(ca.fabs(u[CHAIR:])) + TINY
 
     # -------------------------------------------------------------------------------------------- limit by limit
@@ -445,7 +445,7 @@ class ChairLimits:
 
 
 def _stacked(rows: list[tuple[ca.SX, ca.SX]]) -> tuple[ca.SX, ca.SX]:
-    """The rows of all obstacles in one matrix, and what stands behind them in one column."""
+    """The rows of all obstacles in one matrix and one column."""
     matrices, columns = [each for each, _ in rows], [each for _, each in rows]
     return ca.vertcat(ca.SX(0, CHAIR), *matrices), ca.vertcat(ca.SX(0, 1), *columns)
 
