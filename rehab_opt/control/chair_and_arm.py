@@ -332,7 +332,7 @@ class ChairAndArm(VelocityController):
         return self._safe(reason)
 
     def begin(self, velocity: Array, heading: float) -> None:
-        """Forget the past; `velocity` (7,) is u."""
+        """Forget the past; u is `velocity`."""
         self.reset(velocity)
         self._predicted[2] = heading  # should the first position be unusable
         self._solvers.memory[-1] = UNKNOWN
@@ -345,7 +345,7 @@ class ChairAndArm(VelocityController):
         self._watch.take_over(other._watch)
 
     def instance_after(self, other: ChairAndArm, *inputs: ArrayLike) -> Instance:
-        """The QP of a tick that goes on where `other` ends, as numbers."""
+        """The QP of a tick after `other`, as numbers."""
         return self.stated.instance(*inputs, memory=self._memory_after(other))
 
     def _memory_after(self, other: ChairAndArm) -> Array:

@@ -88,7 +88,7 @@ class Limits(NamedTuple):
         return [within(rows @ of, -np.inf, limit) for rows, of, limit in every if rows.size1()]
 
     def violation(self, u: ca.SX) -> ca.SX:
-        """By how much u breaks those of this tick, the way to the stop posture not among them; infinite for NaN."""
+        """By how much u breaks those of this tick, not of the way to the stop posture; infinite for NaN."""
         chair, now = u[:CHAIR], slice(self.closing.size1() // 2)
         over = ca.vertcat(
             u - self.upper,
@@ -445,7 +445,7 @@ class ChairLimits:
 
 
 def _stacked(rows: list[tuple[ca.SX, ca.SX]]) -> tuple[ca.SX, ca.SX]:
-    """The rows of all obstacles in one matrix and one column."""
+    """Rows of all obstacles in one matrix and one column."""
     matrices, columns = [each for each, _ in rows], [each for _, each in rows]
     return ca.vertcat(ca.SX(0, CHAIR), *matrices), ca.vertcat(ca.SX(0, 1), *columns)
 
