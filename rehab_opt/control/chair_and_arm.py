@@ -145,7 +145,7 @@ class ChairAndArm(VelocityController):
 
     @property
     def _memory_size(self) -> int:
-        return self.mean.stop + len(self.rows) + 2
+        return int(self.mean.stop) + len(self.rows) + 2
 
     def _apart(self, memory: ca.SX) -> ca.SX:
         """(n,) from where the joints are led to where they are."""

@@ -310,8 +310,8 @@ class Limits:
         rows = [ca.SX(0, 1 + u.numel())]
         for each in self.limits:
             stated = [(t, each.at(self.chain, way(here, u, t))) for t in seconds]
-            found = [ca.vertsplit(_left(t, there, ca.jacobian(there, u), u, change)) for t, there in stated]
-            nearest = ca.vertcat(*(least_rows(ca.vertcat(*times), 1) for times in zip(*found, strict=True)))
+            rows_at = [ca.vertsplit(_left(t, there, ca.jacobian(there, u), u, change)) for t, there in stated]
+            nearest = ca.vertcat(*(least_rows(ca.vertcat(*times), 1) for times in zip(*rows_at, strict=True)))
             rows.append(least_rows(nearest, each.count(self.chain)))
         found = ca.vertcat(ca.Function("on_the_way", [here, u], [ca.vertcat(*rows)])(q, last), bodies)
         left, slopes = found[:, 0], found[:, 1:]
