@@ -42,10 +42,13 @@ GOING = 10.0
 """Ticks of acceleration in which a joint gets to a speed from which on all of that share counts: at rest, what is left
 of the command decides.
 """
+MEAN = 0.5
+"""Of T, in which a mean of u follows it. Own limits on the way are tangents about that: about u each tick undid the one
+before where a limit bends by more than the cost of a change holds, and arms trembled."""
 ROUNDS = 2
-"""Corrections of the last tick's active set, which is mostly the same."""
+"""Corrections of the last tick's active set."""
 ITERATIONS = 20
-"""Cap on qrqp's active-set changes: more are a cycle."""
+"""Of qrqp's active set: more are a cycle."""
 TINY = 1e-12
 """[m/s, rad/s] A change of velocity that is none."""
 
@@ -88,7 +91,7 @@ class ChairAndArm(VelocityController):
 
     Without a command all joints brake together as hard as the accelerations allow, and then rest.
 
-    The parameters are q (7,), twist (k,), frame (1,), obstacles (4 each,). See `RedundancyResolver` for the rest.
+    See `RedundancyResolver` for the parameters.
     """
 
     requirement = "the rows are dependent at this posture"
@@ -125,9 +128,10 @@ class ChairAndArm(VelocityController):
         if (rank := self.task.rank()) < k:
             raise ConfigurationError("row_sets", rows, f"independent rows; on a {drive} base {rank} of them are")
         # What is remembered: u, where it leads, from where the arm is led to where it is, the command, the wheels' part
-        # of it, and of the hand its velocity, the insistence on its progress, and the frame.
+        # of it, the mean of u, and of the hand its velocity, the insistence on its progress, and the frame.
         first = 2 * n + (0 if feedback is None else n - CHAIR)
         self.sent, self.wheels = slice(first, first + n), slice(first + n, first + n + wheels)
+        self.mean = slice(self.wheels.stop, self.wheels.stop + n * bool(len(own)))
         super().__init__(
             robot.chain, dt=dt, recovery_speed=recovery_speed, solver=solver, backup=backup, tolerance=tolerance,
             max_age=max_age, compile=compile, feedback=feedback,
@@ -136,12 +140,12 @@ class ChairAndArm(VelocityController):
 
     @property
     def guidance_size(self) -> int:
-        """How many numbers of the memory, behind velocity and position, say where the led joints are."""
+        """See `VelocityController`."""
         return 0 if self.feedback is None else self.chain.n - CHAIR
 
     @property
     def _memory_size(self) -> int:
-        return 3 * self.chain.n + self.guidance_size + len(self.wheelset.rolling) + len(self.rows) + 2
+        return int(self.mean.stop) + len(self.rows) + 2
 
     def _apart(self, memory: ca.SX) -> ca.SX:
         """(n,) from where the joints are led to where they are."""
@@ -196,32 +200,37 @@ class ChairAndArm(VelocityController):
             tick=tick,
             report=self.report(last.velocity, command, J @ command, twist, limits.outside),
             memory=memory,
-            remember=self.remembered(q, command, J @ command, task.insistence, world),
+            remember=self.remembered(q, command, J @ command, task.insistence, world, before=memory),
             violation=limits.violation(command),
         )
 
     def _limits(self, tick: Tick, q: ca.SX, memory: ca.SX, surroundings: ca.SX, *, gives_way: ca.SX) -> Limits:
-        """The limits of `ChairLimits` for what is remembered."""
-        apart, last = self._apart(memory), memory[: self.chain.n]
-        return self.limits.limits(tick, q, last, surroundings, gives_way=gives_way, apart=apart)
+        """`ChairLimits` for what is remembered."""
+        apart, last, mean = self._apart(memory), memory[: self.chain.n], self._mean(memory)
+        return self.limits.limits(tick, q, last, surroundings, mean=mean, gives_way=gives_way, apart=apart)
+
+    def _mean(self, memory: ca.SX) -> ca.SX:
+        """(n,) see `MEAN`: the last u where the past is forgotten; none without own limits."""
+        mean = memory[self.mean]
+        return ca.if_else(memory[-1] == UNKNOWN, memory[: mean.numel()], mean)
 
     def _acceleration_limited(self, last: ca.SX, limits: Limits, moving: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """Joint intervals within the accelerations, or as far beyond as braking needs; those of `limits` at rest."""
+        """Joint intervals within the accelerations, or beyond as braking needs; those of `limits` at rest."""
         change = self.limits.braking.change
         lower = ca.fmax(limits.lower, ca.fmin(last - change, limits.base))
         upper = ca.fmin(limits.upper, ca.fmax(last + change, limits.base))
         return ca.if_else(moving, lower, limits.lower), ca.if_else(moving, upper, limits.upper)
 
     def _hand_row(self, u: ca.SX, task: Task) -> Row:
-        """The rows on u (7,) that keep the hand to its way while it brakes."""
+        """See `Task.ahead`."""
         return within(task.ahead @ u, task.ahead_lower, task.ahead_upper)
 
     def _calm(self, last: ca.SX, task: Task, limits: Limits, ends: tuple[ca.SX, ca.SX]) -> tuple[ca.SX, ca.SX]:
-        """(7,) what steadies the command within the intervals' `ends`, b of the class; how much of it is analytic."""
+        """(7,) b of the class, within the intervals' `ends`; how much of it is analytic."""
         analytic, u, braking = task.analytic, ca.SX.sym("u", self.chain.n), self.limits.braking
 
         def excess(row: Row, matrix: ca.SX) -> ca.SX:
-            """How far the analytic answer is beyond each of the row's bounds."""
+            """How far the analytic answer is beyond a row's bounds."""
             there = matrix @ analytic
             return ca.fmax(there - row.upper, row.lower - there)
 
@@ -240,10 +249,7 @@ class ChairAndArm(VelocityController):
         return ca.if_else(part > 0, slower + part * (analytic - slower), slower), part
 
     def _command(self, tick: Tick, q: ca.SX, u: ca.SX, surroundings: ca.SX, *, limits: Limits, moving: ca.SX) -> ca.SX:
-        """(7,) u, shortened to what keeps chair and arm out of everything; the arm's true way where a keep-out is near.
-
-        Exactly `base` without a command, whichever solver answered.
-        """
+        """(7,) u, shortened to what keeps chair and arm out of everything; exactly `base` without a command."""
         outside = self.limits.clear_of_obstacles(tick, surroundings, q, limits, u) if self.max_obstacles else u
         command = tick.once(ca.if_else(moving, outside, limits.base))
         if self.robot.keep_out:
@@ -258,16 +264,17 @@ class ChairAndArm(VelocityController):
         return tick.call(self.limits.keeping, q, surroundings[NUMBERS * self.max_obstacles :], u, base)[0]
 
     # ------------------------------------------------------------------------------------------ what is remembered
-    def remembered(self, q: ca.SX, u: ca.SX, hand: ca.SX, insistence: ca.SX, frame: ca.SX) -> ca.SX:
+    def remembered(self, q: ca.SX, u: ca.SX, hand: ca.SX, insistence: ca.SX, frame: ca.SX, *, before: ca.SX) -> ca.SX:
         """The memory: see `__init__`."""
         cos, sin = ca.cos(q[2]), ca.sin(q[2])
         value = ca.vertcat(cos * u[0] - sin * u[1], sin * u[0] + cos * u[1], u[2:])
         wheels = self.wheelset.wheel_speeds_expression(u[:CHAIR])
-        led = ca.SX.zeros(self.guidance_size)
-        return ca.densify(ca.vertcat(u, q + value * self.dt, led, value, wheels, hand, insistence, frame))
+        led, mean = ca.SX.zeros(self.guidance_size), self._mean(before)
+        mean += min(1.0, self.dt / (MEAN * self.limits.braking.time)) * (u[: mean.numel()] - mean)
+        return ca.densify(ca.vertcat(u, q + value * self.dt, led, value, wheels, mean, hand, insistence, frame))
 
     def fallback_command(self) -> Command | None:
-        """One tick of braking together: within all bounds, and the next tick may answer again."""
+        """One tick of braking together."""
         law, solvers = self._braking_together, self._solvers
         if not solvers.sound[0]:
             return None
@@ -285,7 +292,7 @@ class ChairAndArm(VelocityController):
         )
 
     def braking(self) -> ca.Function:
-        """q, memory, obstacles -> what is remembered of the safe command, and its report."""
+        """q, memory, obstacles -> see `VelocityController`."""
         tick, q = Tick(), ca.SX.sym("q", self.chain.n)
         surroundings, memory = ca.SX.sym("obstacles", self.surroundings), ca.SX.sym("memory", self._memory_size)
         limits = self._limits(tick, q, memory, surroundings, gives_way=ca.SX(0))
@@ -293,23 +300,19 @@ class ChairAndArm(VelocityController):
         rest = tick.once(rest)
         command = self._kept(tick, q, surroundings, rest, rest)
         report = self.report(memory[: self.chain.n], command, ca.SX(0), ca.SX(1), limits.outside)  # none of the task
-        remembered = self.remembered(q, command, ca.SX.zeros(len(self.rows)), ca.SX(0), ca.SX(UNKNOWN))
+        forgotten = ca.SX.zeros(len(self.rows)), ca.SX(0), ca.SX(UNKNOWN)
+        remembered = self.remembered(q, command, *forgotten, before=memory)
         inputs = [q, memory, surroundings] if self.surroundings else [q, memory]
         return tick.function("braking", inputs, [remembered, report])
 
     # ----------------------------------------------------------------------------------------- for the resolver
     def set_obstacles(self, numbers: Array) -> None:
-        """Write the obstacles, for all ticks until the next call."""
+        """Write the obstacles, until the next call."""
         if self.max_obstacles:
             self._inputs[2][: numbers.size] = numbers
 
     def tell(self, q: ArrayLike, twist: ArrayLike, world: float, moving: Array | None) -> None:
-        """Write the other parameters of a tick; `moving` by `moving_numbers`, where there are such.
-
-        Raises
-        ------
-        ConfigurationError : an argument of the wrong shape, or no numbers.
-        """
+        """Write the other parameters of a tick, `moving` by `moving_numbers`, or raise a `ConfigurationError`."""
         if moving is not None:
             self._inputs[2][-moving.size :] = moving.reshape(-1)
         views = self._views
@@ -329,24 +332,24 @@ class ChairAndArm(VelocityController):
         return self._safe(reason)
 
     def begin(self, velocity: Array, heading: float) -> None:
-        """Forget the past; `velocity` (7,) has the chair's share in its own frame."""
+        """Forget the past; u is `velocity`."""
         self.reset(velocity)
         self._predicted[2] = heading  # should the first position be unusable
         self._solvers.memory[-1] = UNKNOWN
 
     def take_over(self, other: ChairAndArm) -> None:
-        """Go on where another set of rows ends: its velocity, position and stamps are this one's."""
+        """Go on where another set of rows ends."""
         self._solvers.memory[:] = self._memory_after(other)
         self._solvers.warm_start(0.0)
         self._watchdog, self.led = other._watchdog, other.led
         self._watch.take_over(other._watch)
 
     def instance_after(self, other: ChairAndArm, *inputs: ArrayLike) -> Instance:
-        """The QP of a tick that goes on where `other` ends, as numbers; nothing changes."""
+        """The QP of a tick after `other`, as numbers."""
         return self.stated.instance(*inputs, memory=self._memory_after(other))
 
     def _memory_after(self, other: ChairAndArm) -> Array:
-        """What this one remembers where it goes on after `other`: of the hand, nothing."""
+        """What this one then remembers: of the hand, nothing."""
         memory, first = self._solvers.memory.copy(), self.chain.n * 2
         if other is not self:
             theirs = other._solvers.memory.copy()
@@ -356,5 +359,5 @@ class ChairAndArm(VelocityController):
 
     @property
     def velocity(self) -> Array:
-        """(7,) last command, the chair's share in its own frame."""
+        """(7,) last u."""
         return self._last.copy()

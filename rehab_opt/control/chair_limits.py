@@ -76,22 +76,19 @@ class Limits(NamedTuple):
         return int(sum(each.size1() for each in (self.chair, self.towards, self.closing, self.beside)))
 
     def chassis_rows(self, u: ca.SX) -> list[Row]:
-        """The rows of the drive as a statement wants them; none of a base that stands."""
+        """The rows of the drive; none of a base that stands."""
         return [within(self.chair @ u[:CHAIR], -self.chair_limit, self.chair_limit)] if self.chair.size1() else []
 
     def surrounding_rows(self, u: ca.SX) -> list[Row]:
         """Those of obstacles and keep-outs."""
-        chair, arm, rows = u[:CHAIR], u[CHAIR:], []
-        if self.towards.size1():
-            rows.append(within(self.towards @ chair, -np.inf, self.towards_limit))
-        if self.closing.size1():
-            rows.append(within(self.closing @ arm, -np.inf, self.closing_limit))
-        if self.beside.size1():
-            rows.append(within(self.beside @ u, -np.inf, self.beside_limit))
-        return rows
+        every = (
+            (self.towards, u[:CHAIR], self.towards_limit), (self.closing, u[CHAIR:], self.closing_limit),
+            (self.beside, u, self.beside_limit),
+        )  # fmt: skip
+        return [within(rows @ of, -np.inf, limit) for rows, of, limit in every if rows.size1()]
 
     def violation(self, u: ca.SX) -> ca.SX:
-        """By how much u breaks those of this tick; infinite for NaN. The way to the stop posture is not among them."""
+        """By how much u breaks those of this tick, not of the way to the stop posture; infinite for NaN."""
         chair, now = u[:CHAIR], slice(self.closing.size1() // 2)
         over = ca.vertcat(
             u - self.upper,
@@ -191,18 +188,18 @@ class ChairLimits:
         return ca.vertcat(now, -then), ca.vertcat(free, left)
 
     def far(self) -> tuple[ca.SX, ca.SX]:
-        """Those rows and speeds where no keep-out matters."""
+        """Those where no keep-out matters."""
         count = 2 * len(self.robot.keep_out) * len(self.robot.links)
         return ca.SX.zeros(count, self.robot.chain.n - CHAIR), FAR * ca.SX.ones(count)
 
     def limits(
-        self, tick: Tick, q: ca.SX, last: ca.SX, surroundings: ca.SX, *, gives_way: ca.SX, apart: ca.SX
+        self, tick: Tick, q: ca.SX, last: ca.SX, surroundings: ca.SX, *, mean: ca.SX, gives_way: ca.SX, apart: ca.SX
     ) -> Limits:
         """Limits at joint values q (7,) after the command `last` (7,), among obstacles and moving capsules.
 
-        surroundings : numbers of the obstacles, then of the capsules. gives_way : see `Limits.beside` of
-        `control.limit`. apart : (n,) from q to where the joints are, where joint limits hold, too. What is far
-        makes no rows.
+        surroundings : numbers of the obstacles, then of the capsules. mean : (7,) about which own limits on the way are
+        stated. gives_way : see `Limits.beside` of `control.limit`. apart : (n,) from q to where the joints are, where
+        joint limits hold, too. What is far makes no rows.
         """
         lower, upper, hard_lower, hard_upper, outside = tick.once(self._joints(q, last, apart))
         read, arm, swing = self.obstacles.read, q[CHAIR:], last[CHAIR:]
@@ -237,10 +234,11 @@ class ChairLimits:
             turn = self.world(q[2], q.numel())
             turn[:, still] = 0
             change = self.braking.change
+            about, fastest = self.braking.slower(mean), ca.fmax(ca.fabs(last), ca.fabs(mean))
+            bodies = self._touched(tick, q, about, contacts, told, fastest=fastest)
             ahead, free_ahead = self.own.on_the_way(
-                q, slower, bodies=self._touched(tick, q, slower, contacts, told), way=self.led, seconds=self._times,
-                change=change,
-            )  # fmt: skip
+                q, about, bodies=bodies, way=self.led, seconds=self._times, change=change
+            )
             ends = _reached(last, change, base, (lower, upper))
             led = kept_within((-ahead, free_ahead, ca.SX.inf(free_ahead.size1())), base, ends, ends)
             braked, base = base, ca.if_else(gives_way, led, base)
@@ -298,7 +296,7 @@ class ChairLimits:
         return kept, tick.once(ca.mmax(rows @ kept - limit) > ROUNDED)
 
     def no_deeper(self, tick: Tick, surroundings: ca.SX, q: ca.SX, u: ca.SX) -> ca.SX:
-        """1 where the velocity (3,) leads the chair into no obstacle in this tick, nor deeper."""
+        """1 where the velocity (3,) leads into no obstacle in this tick, nor deeper."""
         each = ca.vertsplit(surroundings[: NUMBERS * self.max_obstacles], NUMBERS)
         return all_true(*(tick.call(self.obstacles.no_deeper, one, q[:CHAIR], u)[0] for one in each))
 
@@ -313,7 +311,7 @@ class ChairLimits:
     def unhindered(self, base: ca.SX, wanted: ca.SX, arm: ca.SX) -> ca.SX:
         """(7,) the first of `wanted`, half-way to `base`, that, its half and its chair alone that keeps the arm out.
 
-        No link then ends the tick in a keep-out, or deeper: the rows say so to first order only.
+        The rows say so to first order only.
         """
         half = ca.vertcat(base[:CHAIR], 0.5 * base[CHAIR:])
         chosen = ca.vertcat(base[:CHAIR], ca.SX.zeros(self.robot.chain.n - CHAIR))
@@ -340,25 +338,25 @@ class ChairLimits:
 
     @cached_property
     def contacts(self) -> ca.Function:
-        """Q, last u (7,), moving capsules -> see `Limits.contacts` of a user's limits."""
+        """Q, last u (7,), moving capsules -> see `control.limit`."""
         own, n = self.own, self.robot.chain.n
         here, last = ca.SX.sym("q", n), ca.SX.sym("last", n)
         sent = ca.Function("sent", [here, last], [self.world(here[2], n) @ last])
         inputs = [ca.MX.sym(name, size) for name, size in (("q", n), ("last", n), ("moving", own.told))]
         return ca.Function("contacts", inputs, [own.contacts(inputs[0], sent(*inputs[:2]), inputs[2])])
 
-    def _touched(self, tick: Tick, q: ca.SX, slower: ca.SX, contacts: ca.SX, told: ca.SX) -> ca.SX:
-        """What is left before bodies on the way that `slower` leads, and slopes; of none where all are far."""
+    def _touched(self, tick: Tick, q: ca.SX, u: ca.SX, contacts: ca.SX, told: ca.SX, *, fastest: ca.SX) -> ca.SX:
+        """What is left before bodies on the way of u, and slopes; of none where all are far."""
         slots = 0 if self.own.clearance is None else self.own.clearance.slots
         none = ca.horzcat(FAR * ca.SX.ones(slots), ca.SX.zeros(slots, q.numel()))
         if not slots:
             return none
-        way = self.braking.time * (1 + self.robot.reach) * ca.sum1(ca.fabs(slower) + self.braking.change)
-        return tick.when(contacts[-1] <= way, lambda: tick.call(self.bodies_on_the_way, q, slower, told)[0], none)
+        way = self.braking.time * (1 + self.robot.reach) * ca.sum1(fastest + self.braking.change)
+        return tick.when(contacts[-1] <= way, lambda: tick.call(self.bodies_on_the_way, q, u, told)[0], none)
 
     @cached_property
     def bodies_on_the_way(self) -> ca.Function:
-        """See `Limits.bodies_on_the_way` of a user's limits."""
+        """See `control.limit`."""
         return self.own.bodies_on_the_way(way=self.led, seconds=self._times[1::2], change=self.braking.change)
 
     @cached_property
@@ -368,7 +366,7 @@ class ChairLimits:
 
     @cached_property
     def keeping(self) -> ca.Function:
-        """Q, moving capsules, wanted u (7,), braking -> the first of `Limits.first_kept` of a user's limits.
+        """Q, moving capsules, wanted u (7,), braking -> `first_kept` of `control.limit`.
 
         It leads the arm into no keep-out, nor deeper; without limits it is `wanted`.
         """
@@ -415,9 +413,9 @@ class ChairLimits:
         lower = ca.fmax(ca.fmin(-down, slowest), bounds.hard_lower)
         # Positions of the chair are not bounded: its intervals are numbers.
         speed = ca.DM([chain.velocity[i] if i in self.moving else 0.0 for i in range(CHAIR)])
-        ends = [ca.vertcat(-speed, lower[CHAIR:]), ca.vertcat(speed, upper[CHAIR:])]
-        hard = [ca.vertcat(-speed, bounds.hard_lower[CHAIR:]), ca.vertcat(speed, bounds.hard_upper[CHAIR:])]
-        return *ends, *hard, bounds.outside
+        ends, hard = (lower, upper), (bounds.hard_lower, bounds.hard_upper)
+        pairs = [(ca.vertcat(-speed, a[CHAIR:]), ca.vertcat(speed, b[CHAIR:])) for a, b in (ends, hard)]
+        return *pairs[0], *pairs[1], bounds.outside
 
     def _chassis(self, slowest: ca.SX) -> tuple[ca.SX, ca.SX]:
         """Rim speeds, and the polygon of chassis speeds where there are two of them; none of a base that stands.
@@ -440,7 +438,7 @@ class ChairLimits:
 
 
 def _stacked(rows: list[tuple[ca.SX, ca.SX]]) -> tuple[ca.SX, ca.SX]:
-    """The rows of all obstacles in one matrix, and what stands behind them in one column."""
+    """Rows of all obstacles in one matrix and one column."""
     matrices, columns = [each for each, _ in rows], [each for _, each in rows]
     return ca.vertcat(ca.SX(0, CHAIR), *matrices), ca.vertcat(ca.SX(0, 1), *columns)
 

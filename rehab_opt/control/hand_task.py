@@ -315,14 +315,14 @@ class HandTask:
         return (ca.SX.eye(direction.numel()) - mirror @ mirror.T / (1 + ca.fabs(first)))[1:, :]
 
     def _spread(self, velocity: ca.SX) -> ca.SX:
-        """(n,) velocities of all joints from those of the moving ones."""
+        """(n,) of all joints from those that move."""
         every = ca.SX.zeros(self.robot.chain.n)
         for i, joint in enumerate(self.moving):
             every[joint] = velocity[i]
         return every
 
     def _insistence(self, last: Last, along: ca.SX, size: ca.SX, dt: float) -> ca.SX:
-        """Factor on the price of progress for a hand that goes `along` of `size`: see `CREEPS`."""
+        """Of a hand that goes `along` of `size`: see `CREEPS`."""
         effort = ca.mmax(ca.fabs(last.velocity) / self.robot.chain.velocity)
         worth, step = along > WORTH * size * effort, dt / GROWING
         growth = ca.if_else(along > GOES * size, -step, 0)

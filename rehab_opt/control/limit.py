@@ -304,15 +304,16 @@ class Limits:
         ----------
         bodies : what `bodies_on_the_way` gives of these.
         way : q (n,), u (n,), t -> (n,) where u leads in t [s].
-        seconds : the times that are looked at, above zero; each limit makes rows of those where least is left.
+        seconds : the times that are looked at, above zero; each distance is that of the one where least is left.
         change : (n,) of u in a tick at most: what tangents promise too much for that is kept as a margin.
         """
         here, u = ca.SX.sym("q", self.chain.n), ca.SX.sym("u", self.chain.n)
         rows = [ca.SX(0, 1 + u.numel())]
         for each in self.limits:
             stated = [(t, each.at(self.chain, way(here, u, t))) for t in seconds]
-            found = ca.vertcat(*(_left(t, there, ca.jacobian(there, u), u, change) for t, there in stated))
-            rows.append(least_rows(found, each.count(self.chain)))
+            rows_at = [ca.vertsplit(_left(t, there, ca.jacobian(there, u), u, change)) for t, there in stated]
+            nearest = ca.vertcat(*(least_rows(ca.vertcat(*times), 1) for times in zip(*rows_at, strict=True)))
+            rows.append(least_rows(nearest, each.count(self.chain)))
         found = ca.vertcat(ca.Function("on_the_way", [here, u], [ca.vertcat(*rows)])(q, last), bodies)
         left, slopes = found[:, 0], found[:, 1:]
         return -slopes, ca.fmax(left - slopes @ last, 0)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from rehab_opt import Bound, ConfigurationError, Limit, MirrorTracker, PoseTracker, SerialChain, Status, ur5
+from rehab_opt.control.limit import all_limits
 from tests.judge.references import minimum_jerk
 from tests.judge.ur5_numbers import frames, tool
 
@@ -232,6 +233,17 @@ def test_joints_that_oppose_each_other_brake_without_a_jolt_and_come_to_rest() -
 def test_limit_that_is_none_is_refused_by_name(limits: Any, named: str) -> None:
     with pytest.raises(ConfigurationError, match=named):
         PoseTracker(ur5(), limits=limits, compile=False)
+
+
+def test_each_distance_has_a_row_on_the_way_however_near_another_is_at_every_place() -> None:
+    """One distance had all three, of three places; a second one's row came and went with them, and an arm trembled."""
+    limits = all_limits([Limit(lambda chain, q: ca.vertcat(0.1, 0.2, 0.3) + q[:3])], ur5(), 0.01, 1.0)
+    none = ca.SX.zeros(0, 7)
+    rows, _ = limits.on_the_way(
+        ca.SX.zeros(6), ca.SX.zeros(6), bodies=none, way=lambda q, u, t: q + t * u, seconds=(0.25, 0.5, 0.75, 1.0),
+        change=ca.DM.zeros(6),
+    )  # fmt: skip
+    np.testing.assert_array_equal(np.array(ca.DM(rows)) != 0, np.eye(3, 6) > 0)
 
 
 def test_elbow_stretched_before_a_ball_comes_to_rest() -> None:

@@ -653,6 +653,22 @@ def test_a_chair_comes_to_rest_where_planes_of_the_users_own_stop_its_hand(drive
     assert rested >= 2
 
 
+def test_an_arm_that_is_held_at_a_limit_of_the_users_own_does_not_tremble() -> None:
+    """Its joints went to and fro in each tick: about the last velocity, a ball's tangents turned with it."""
+    middle, radius, dt, twist = ca.DM([0.728, -0.417, 0.746]), 0.179, 0.02, [0.0117, -0.009, 0.0842]
+
+    def outside(chain: SerialChain, q: ca.SX) -> ca.SX:
+        return (ca.sumsqr(chain.pose_expression(q)[:3, 3] - middle) - radius**2) / (2 * radius)
+
+    made, q, sent = new(drive="differential", dt=dt, limits=[Limit(outside)]), np.array(ARDIS_READY), []
+    for _ in range(round(10 / dt)):
+        sent.append(made.step(q, twist, ("x", "y", "z")).value)
+        q = q + dt * sent[-1]
+    assert made.robot.chain.pose(q)[2, 3] > made.robot.chain.pose(ARDIS_READY)[2, 3] + 0.01  # it went on along it
+    turned = np.array(sent[1:]) * sent[:-1] < -(0.01**2)
+    assert turned.sum(axis=0).max() <= 4
+
+
 def test_a_quick_arm_on_a_slow_chair_goes_on_beside_keep_outs() -> None:
     # All brake together, in 2.2 s: what the arm's own acceleration can add to its way in that would be 1.4 m.
     robot = ardis(velocity=[1.5, 1.5, 1.0, 1.0, 1.0, 1.2, 1.5], acceleration=[0.75, 0.75, 1.5, 38.0, 38.0, 38.0, 38.0])
