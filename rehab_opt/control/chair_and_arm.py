@@ -27,7 +27,7 @@ __all__ = ["ChairAndArm"]
 
 Array = NDArray[np.float64]
 UNKNOWN = -1.0
-"""In place of the frame: 0 for the chassis frame, 1 for the world, this where no hand velocity is remembered."""
+"""In place of the frame, 0 or 1, where no hand velocity is remembered."""
 STEADY = 0.01
 """Weight of a steady velocity beside what braking leaves of it, as a share of the chair's mass; of a change in a tick,
 by T/dt more. Light joints would else shake where bounds are met.
@@ -148,7 +148,7 @@ class ChairAndArm(VelocityController):
         return int(self.mean.stop) + len(self.rows) + 2
 
     def _apart(self, memory: ca.SX) -> ca.SX:
-        """(n,) from where the joints are led to where they are."""
+        """(n,) from led joints to measured ones."""
         n, size = self.chain.n, self.guidance_size
         return ca.vertcat(ca.SX.zeros(n - size), memory[2 * n : 2 * n + size])
 
@@ -215,7 +215,7 @@ class ChairAndArm(VelocityController):
         return ca.if_else(memory[-1] == UNKNOWN, memory[: mean.numel()], mean)
 
     def _acceleration_limited(self, last: ca.SX, limits: Limits, moving: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """Joint intervals within the accelerations, or beyond as braking needs; those of `limits` at rest."""
+        """Intervals within the accelerations, or as braking needs; those of `limits` at rest."""
         change = self.limits.braking.change
         lower = ca.fmax(limits.lower, ca.fmin(last - change, limits.base))
         upper = ca.fmin(limits.upper, ca.fmax(last + change, limits.base))
@@ -307,7 +307,7 @@ class ChairAndArm(VelocityController):
 
     # ----------------------------------------------------------------------------------------- for the resolver
     def set_obstacles(self, numbers: Array) -> None:
-        """Write the obstacles, until the next call."""
+        """Write the obstacles."""
         if self.max_obstacles:
             self._inputs[2][: numbers.size] = numbers
 
@@ -338,7 +338,7 @@ class ChairAndArm(VelocityController):
         self._solvers.memory[-1] = UNKNOWN
 
     def take_over(self, other: ChairAndArm) -> None:
-        """Go on where another set of rows ends."""
+        """Go on where another set of rows ends: its velocity, position and stamps are this one's."""
         self._solvers.memory[:] = self._memory_after(other)
         self._solvers.warm_start(0.0)
         self._watchdog, self.led = other._watchdog, other.led
