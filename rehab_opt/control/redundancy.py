@@ -61,12 +61,12 @@ class RedundancyResolver(OneThread):
     The law. Every limit, keep-out and obstacle is approached so that the whole robot can brake together, all velocities
     to zero in proportion in 1.1 T, with all of them kept (`BrakingTogether`); T is the time in which every joint stops
     from its largest speed. Accelerations therefore yield only where an obstacle, or a velocity that was told, came too
-    late for that, or within 2 mm. Under a constant command the hand, after T + 1 s, is no faster than commanded by more
-    than 2 % and moves no faster than 2 % of that against it. While it brakes before a bound it may leave the direction,
-    by less than 15 % of the commanded speed across and against it, since the Jacobian changes on the way. Where the
-    bounds leave nothing of the command, the status is `BLOCKED`. What is delivered is said of the middle of the tick,
-    to where the last velocity leads by then, and of velocities that are held through it: wheels that hold their speeds
-    instead turn the chair's way within a tick, by half of what the chair turns.
+    late for that, within 2 mm, or on the way out of an obstacle. Under a constant command the hand, after T + 1 s, is
+    no faster than commanded by more than 2 % and moves no faster than 2 % of that against it. While it brakes before a
+    bound it may leave the direction, by less than 15 % of the commanded speed across and against it, since the Jacobian
+    changes on the way. Where the bounds leave nothing of the command, the status is `BLOCKED`. What is delivered is
+    said of the middle of the tick, to where the last velocity leads by then, and of velocities that are held through
+    it: wheels that hold their speeds instead turn the chair's way within a tick, by half of what the chair turns.
 
     A joint outside its limits comes back where the task moves it, or the posture cost does, and is not moved by itself:
     without a command there is no motion.
@@ -134,8 +134,8 @@ class RedundancyResolver(OneThread):
         if max_obstacles is None:
             max_obstacles = len(obstacles) if isinstance(obstacles, (list, tuple)) else 0
         whole = isinstance(max_obstacles, int | np.integer) and not isinstance(max_obstacles, bool)
-        if not (whole and max_obstacles >= 0):
-            raise ConfigurationError("max_obstacles", max_obstacles, "a whole number of zero or more")
+        if not (whole and 0 <= max_obstacles <= 1000):
+            raise ConfigurationError("max_obstacles", max_obstacles, "a whole number of 0 to 1000")
         if not (isinstance(row_sets, (list, tuple)) and row_sets):
             raise ConfigurationError("row_sets", row_sets, "a list or tuple of at least one set of rows")
         if not isinstance(keep_out, bool):
@@ -197,7 +197,7 @@ class RedundancyResolver(OneThread):
         velocity : (7,) what the joints do now [m/s, rad/s], as a Command tells it; rest by default. Until a position
             can be read, the middle of a joint's range is taken for it, where limits hold and accelerations yield to
             them.
-        heading : [rad] q3, which tells where in the world the chair's front is.
+        heading : [rad] q3 where the tick of that Command began, which tells where in the world the chair's front is.
 
         Raises
         ------

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from functools import cached_property
@@ -39,6 +40,7 @@ __all__ = ["VelocityController", "checked_number", "real_numbers"]
 Array = NDArray[np.float64]
 MISSED = 1e-3
 """Share of the asked motion by which the delivered one must differ for the task to yield; less than it is nothing."""
+LARGEST = sys.float_info.max
 ROUNDED = 1e-6
 """A bound as little below zero as that lets rounding through: zero is meant."""
 NOTHING_LEFT = "the bounds leave nothing of the commanded motion"
@@ -441,7 +443,7 @@ def checked_number(
     argument: str, value: float, *, above: float, below: float = math.inf, most: float = math.inf
 ) -> float:
     """`value` as a float strictly between `above` and `below`, and at most `most`."""
-    if is_real(value) and above < value < below and value <= most:
+    if is_real(value) and above < value < below and value <= min(most, LARGEST):
         return float(value)
     least = "of at least 0" if -ROUNDED < above < 0 else f"above {above:g}"
     end = f" and below {below:g}" * math.isfinite(below) + f" and at most {most:g}" * math.isfinite(most)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Sequence
 from functools import cache
 from threading import get_ident
@@ -142,12 +143,12 @@ class Watchdog(OneThread):
         max_age = default_max_age(dt) if max_age is None else max_age
         if not (is_real(max_age) and max_age > dt):
             raise ConfigurationError("max_age", max_age, f"seconds, more than dt = {dt:g}")
-        self.max_age = float(max_age)
+        self.max_age = math.inf if max_age > sys.float_info.max else float(max_age)
         """Largest age of a state [s]."""
         self._function = function = BufferedFunction(watched())
         self._evaluate = function.evaluate  # it is never exchanged
         limits, self._memory, given = function.inputs
-        limits[:] = dt, max_age
+        limits[:] = dt, self.max_age
         after, said = function.outputs
         views = (cast("memoryview[float]", each.data) for each in (given, self._memory, after, said))
         self._given, self._keep, self._after, self._said = views

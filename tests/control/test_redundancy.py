@@ -916,6 +916,12 @@ def test_an_obstacle_that_is_none_is_refused_by_its_number_and_the_last_ones_sta
     assert robot.obstacles == before
 
 
+@pytest.mark.parametrize("argument", ["self_motion", "max_obstacles"])
+def test_a_number_beyond_all_floats_is_refused_by_its_name(argument: str) -> None:
+    with pytest.raises(ConfigurationError, match=argument):
+        RedundancyResolver(ardis(), drive="fixed", row_sets=[("x",)], **{argument: 10**400})  # type: ignore[arg-type]
+
+
 def test_a_place_of_strings_is_refused_and_one_beyond_all_floats_brakes() -> None:
     robot = stopper("mecanum", 1e-2)
     for target in ("1", ["1", "2", "3"], 5.0, [1.0, 2.0], None):
