@@ -6,8 +6,9 @@ makes of it. In every tick s becomes
     argmin  1/2 S |x - p(sigma)|^2 - w (sigma - s) + f_0 max(s - sigma, 0),    low <= sigma <= s + 2 widths,
 
 the least energy of the spring, less the work of a drive w [N], with that of a friction f_0 on the way back. The
-furthest s so far is the progress, which never goes back. A push moves s back before it moves it on: low is 6 widths
-before the progress, where the push, larger than f_0, has lasted for 0.5 s, longer than a spasm, and s itself
+furthest s so far is the progress, which never goes back. A push that rather means back moves s back before it moves it
+on: low is 6 widths before the progress, where the push, larger than f_0, does more than twice as much work per length
+of the path on the way back as to any place ahead, and has lasted for 0.5 s, longer than a spasm; and s itself
 otherwise, by a sample a tick at most. The drive grows only where s would not go back, while the spring is stretched by
 a push f, of whatever direction, that some place of the path ahead answers to,
 
@@ -16,7 +17,7 @@ a push f, of whatever direction, that some place of the path ahead answers to,
 t being how long the push has lasted since the progress went on by a width: its work on the way there is more than that
 of f_0, which counts the less, the longer the person insists. Once w is |f|, s goes back no more, until it is 6 widths
 past the progress of then. The drive is forgotten as s goes on (by a factor e in each width) and where there is no such
-push (in T, 0.1 s).
+push (in T, 0.06 s).
 
 **Why a steady push cannot hold a hand whose person means to go on.** Let the person push steadily by f, |f| > f_0,
 towards any place of the next 40 widths, f.(p(sigma) - p(s)) > 0. After 0.5 s at most s goes back, by 6 widths at most,
@@ -72,7 +73,9 @@ BACK = 6.0
 """Widths by which s may be short of the progress, and past it before s goes back again."""
 HORIZON = 40.0
 """Widths ahead within which a place may answer to a push."""
-TIME = 0.1
+RATHER = 2.0
+"""Times as much as any place ahead, per length of the path, that before s must answer to a push that moves s back."""
+TIME = 0.06
 """[s] T: in which the drive grows, and in which one that nothing answers to is forgotten."""
 INSISTS = 0.5
 """[s] A shorter push does not move s back; in so long it fades how much work a push must do along the way to a place
@@ -108,15 +111,13 @@ def progress_function() -> ca.Function:
     size = ca.norm_2(push)
     pushed = ca.fmax(old.pushed + ca.if_else(size > model.push, model.dt, -model.dt), 0)
     price = model.push * ca.exp(-pushed / INSISTS) * model.spacing
-    answers = [
-        ca.dot(push, ahead[:, i] - here) > price * (i - begin)
-        for i in range(SAMPLES_PER_WIDTH + 1, PLACES + 2, SAMPLES_PER_WIDTH)
-    ]
-    answered = ca.sum1(ca.vertcat(*answers)) > 0
+    places = range(SAMPLES_PER_WIDTH + 1, PLACES + 2, SAMPLES_PER_WIDTH)
+    answer = ca.mmax(ca.vertcat(*[ca.dot(push, ahead[:, i] - here) / (i - begin) for i in places]))
+    answered, back = answer > price, RATHER * answer < ca.dot(push, ahead[:, 0] - here) / begin
     beyond = ca.fmax(size - model.push, 0)
     turned = old.until <= old.at
     low = ca.fmin(begin, ca.fmax(begin - 1, ca.fmax(old.furthest - BACK * SAMPLES_PER_WIDTH, 0) - first))
-    low = ca.if_else(turned, low, begin)
+    low = ca.if_else(ca.logic_and(turned, back), low, begin)
     found = first + _chosen(hand, here, ahead, begin, low, drive=old.drive, last=model.last - first, model=model)
     goes_back = found < old.at - 1e-9
     drives = all_true(free, answered, beyond > 0, size < model.force_limit, ca.logic_not(goes_back))
@@ -141,14 +142,14 @@ def progress_function() -> ca.Function:
 
     # Where a hand that was let go has come back to.
     start = ca.floor(at) + SAMPLES_PER_WIDTH  # beyond the end where no width is left: nothing takes the hand in again
-    back = _first_place(hand, ahead[:, 1 : SAMPLES_PER_WIDTH + 2], searched, old.looked, start=start, model=model)
-    near = all_true(ca.logic_not(free), old.grip == 0, back >= 0)
+    taken_in = _first_place(hand, ahead[:, 1 : SAMPLES_PER_WIDTH + 2], searched, old.looked, start=start, model=model)
+    near = all_true(ca.logic_not(free), old.grip == 0, taken_in >= 0)
     # Where this search began with the hand near a place, or begins here, no place before was passed over.
     returns = ca.logic_and(near, ca.logic_or(old.looked <= start, old.near > 0))
     again, further = ca.logic_and(near, ca.logic_not(returns)), old.looked + SEARCHED
     anew = ca.sum1(ca.vertcat(old.grip > 0, again, further > model.last)) > 0
     looked, near = ca.if_else(anew, start, further), ca.if_else(anew, again, old.near)
-    at, away = ca.if_else(returns, back, at), ca.if_else(returns, 0, away)
+    at, away = ca.if_else(returns, taken_in, at), ca.if_else(returns, 0, away)
     drive, stood = ca.if_else(away, 0, drive), ca.if_else(away, 0, stood)
     pushed = ca.if_else(ca.logic_or(all_true(went_on, at >= old.furthest), away), 0, pushed)
     mark = ca.if_else(ca.logic_or(went_on, returns), at, ca.fmin(old.mark, at))
