@@ -27,7 +27,7 @@ __all__ = ["ChairAndArm"]
 
 Array = NDArray[np.float64]
 UNKNOWN = -1.0
-"""In place of the frame, 0 or 1, where no hand velocity is remembered."""
+"""In place of the frame: 0 for the chassis frame, 1 for the world, this where no hand velocity is remembered."""
 STEADY = 0.01
 """Weight of a steady velocity beside what braking leaves of it, as a share of the chair's mass; of a change in a tick,
 by T/dt more. Light joints would else shake where bounds are met.
@@ -307,7 +307,7 @@ class ChairAndArm(VelocityController):
 
     # ----------------------------------------------------------------------------------------- for the resolver
     def set_obstacles(self, numbers: Array) -> None:
-        """Write the obstacles."""
+        """Write the obstacles, for all ticks until the next call."""
         if self.max_obstacles:
             self._inputs[2][: numbers.size] = numbers
 
@@ -332,7 +332,7 @@ class ChairAndArm(VelocityController):
         return self._safe(reason)
 
     def begin(self, velocity: Array, heading: float) -> None:
-        """Forget the past; u is `velocity`."""
+        """Forget the past; `velocity` (7,) has the chair's share in its own frame."""
         self.reset(velocity)
         self._predicted[2] = heading  # should the first position be unusable
         self._solvers.memory[-1] = UNKNOWN
@@ -359,5 +359,5 @@ class ChairAndArm(VelocityController):
 
     @property
     def velocity(self) -> Array:
-        """(7,) last u."""
+        """(7,) last command, the chair's share in its own frame."""
         return self._last.copy()

@@ -1,4 +1,4 @@
-"""Serial arms with everything that moves them or holds them back: masses, motors, friction, torque limits."""
+"""Serial arms, and a point mass, with all that moves them or holds them back: motors, friction, torque limits."""
 
 from __future__ import annotations
 
@@ -12,12 +12,16 @@ from numpy.typing import ArrayLike, NDArray
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.body import Body, checked_bodies
 from rehab_opt.kinematics.chain import SerialChain, per_joint
+from rehab_opt.kinematics.denavit_hartenberg import DH
 from rehab_opt.kinematics.inertia import rod
 from rehab_opt.kinematics.ur5 import ur5
 
-__all__ = ["ArmModel", "own_arm_model", "rods_along", "ur5_model"]
+__all__ = ["ArmModel", "own_arm_model", "point_mass_model", "rods_along", "ur5_model"]
 
 Array = NDArray[np.float64]
+
+FASTEST = 10.0
+"""[m/s, rad/s] A chain has to have a speed limit; nothing in a point mass keeps it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,4 +165,38 @@ def ur5_model(chain: SerialChain | None = None, *, payload: float = 0.0, coulomb
         np.array(TORQUE_LIMIT),
         coulomb,  # type: ignore[arg-type]  # as `per_joint` takes it
         np.array(VISCOUS),
+    )
+
+
+def point_mass_model(
+    mass: float,
+    *,
+    viscous: float = 0.0,
+    coulomb: float = 0.0,
+    force_limit: float = math.inf,
+    stops: ArrayLike | None = None,
+) -> ArmModel:
+    """A mass [kg] that slides along x and y; its positions are those of the hand [m].
+
+    Parameters
+    ----------
+    viscous, coulomb : [N s/m], [N] friction of each axis, apart: dry friction is a square rather than a circle.
+    force_limit : [N] of each axis' drive. stops : (2, 2) [m] lower and upper ends of both axes, or None.
+    """
+    rows = (DH(0.0, -math.pi / 2, 0.0, math.pi / 2, prismatic=True), DH(0.0, 0.0, 0.0, 0.0, prismatic=True))
+    # z before the first row is x, and before the second one y.
+    base = np.array([[0.0, 0.0, 1.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
+    axes, far = np.zeros(2), np.full(2, math.inf)
+    chain = SerialChain(
+        rows, lower=-far, upper=far, velocity=axes + FASTEST, acceleration=far, names=("x", "y"), base=base
+    )
+    return ArmModel(
+        chain,
+        (Body("mass", 2, mass, np.zeros(3), np.zeros((3, 3))),),
+        axes,
+        axes + force_limit,
+        axes + coulomb,
+        axes + viscous,
+        (0.0, 0.0, 0.0),
+        stops,  # type: ignore[arg-type]  # checked there
     )

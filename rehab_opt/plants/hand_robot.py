@@ -6,11 +6,11 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
+from rehab_opt.plants.arm_model import point_mass_model
 from rehab_opt.plants.channel import Channel
 from rehab_opt.plants.drives import HandForceLoop
 from rehab_opt.plants.force_robot import ForceRobot, RobotModel
 from rehab_opt.plants.mujoco_arm import MujocoArm
-from rehab_opt.plants.planar import point_mass_model
 
 __all__ = ["HandRobot", "MakesRobots", "MujocoHandRobot", "OnMujoco", "WithoutDelay"]
 

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from rehab_opt import ConfigurationError
+from rehab_opt.plants.arm_model import point_mass_model
 from rehab_opt.plants.channel import Channel, Commands
 from rehab_opt.plants.drives import HandForce
 from rehab_opt.plants.mujoco_arm import MujocoArm
-from rehab_opt.plants.planar import point_mass_model
 
 pytest.importorskip("mujoco")
 STEP = 5e-4
