@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 import math
 import os
+import shlex
 import sys
 from collections.abc import Sequence
 from functools import cache
@@ -24,6 +25,7 @@ from numpy.typing import NDArray
 
 from bench.path_assistance.judge import Seen, judged
 from bench.path_assistance.traces import handwriting
+from bench.results import RESULTS, write_section
 from bench.verdict import Verdict
 from rehab_opt import PathAssistance, Workspace
 from rehab_opt.plants.force_robot import RobotModel
@@ -41,7 +43,6 @@ Array = NDArray[np.float64]
 
 RECORDED = -1
 """Stands for the seed of the recorded pen trace."""
-RESULTS = Path(__file__).parents[1] / "RESULTS.md"
 HEADING = "## Help along a path"
 WIDTH, SECONDS, REST, DT = 0.003, 20.0, 1.0, 2e-3
 SIDES = (0.052, 0.070)
@@ -177,18 +178,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
             met = met and all(each.met for each in verdicts(results))
             print("\n".join(lines_of(results)), flush=True)
     if options.write:
-        _write(f"{HEADING}, {about}", lines, sys.argv[1:] if arguments is None else arguments)
+        command = shlex.join(["path_assistance", *(sys.argv[1:] if arguments is None else arguments)])
+        said = [f"{HEADING}, {about}", "", f"`python -m bench.{command}`", "", "```", *lines, "```"]
+        write_section(RESULTS, "path_assistance wide" if options.wide else "path_assistance", said)
     return 0 if met else 1
-
-
-def _write(heading: str, lines: Sequence[str], arguments: Sequence[str]) -> None:
-    """Replace the section of that heading, or add it."""
-    text = RESULTS.read_text(encoding="utf-8")
-    before, found, after = text.partition(heading + "\n")
-    rest = after[after.find("\n## ") :] if "\n## " in after else ""
-    command = f"python -m bench.path_assistance {' '.join(arguments)}".strip()
-    section = f"{heading}\n\n`{command}`\n\n```\n" + "\n".join(lines) + "\n```\n"
-    RESULTS.write_text((before if found else text.rstrip() + "\n\n") + section + rest, encoding="utf-8")
 
 
 if __name__ == "__main__":

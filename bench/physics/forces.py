@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from bench.physics.setting import Cell, Numbers, Setting
 from rehab_opt import Assistance, BoundedForce, PotentialField, Workspace
+from rehab_opt.plants.arm_model import point_mass_model
 from rehab_opt.plants.channel import Channel
 from rehab_opt.plants.contacts import Push, SpringDamper
 from rehab_opt.plants.drives import HandForce
 from rehab_opt.plants.mujoco_arm import MujocoArm
-from rehab_opt.plants.planar import point_mass_model
 
 __all__ = ["delivered", "needed", "reached"]
 

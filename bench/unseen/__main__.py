@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from rich.console import Console
 
 from bench.machine import machine
+from bench.results import RESULTS, write_section
 from bench.unseen.hands import reach_recording, slice_recording
 from bench.unseen.measured import Broken, broken, judged, off_path, passed, reach
 from bench.unseen.time_optimal import least_seconds, reference_seconds
@@ -55,7 +56,6 @@ TITLES = (
     "step of in reach, any / start's", "plan", "drive / step", "step's seconds", "plan / least time",
     "worst acceleration",
 )  # fmt: skip
-RESULTS = Path(__file__).parents[1] / "RESULTS.md"
 TITLE = "## The mirror on unseen recordings"
 
 
@@ -276,12 +276,8 @@ def _write(lines: list[str], found: list[Verdict], options: argparse.Namespace) 
         verdict = "PASS" if each.met else "FAIL"
         numbers.append(f"| {each.what} | {each.measured:.4g} | {each.relation} {each.asked:.4g} | {verdict} |")
     command += f" --minutes {options.minutes:g}" if math.isfinite(options.minutes) else ""
-    section = [f"{TITLE}\n", f"`{command} --write`; {about}\n", *lines, "", *numbers, ""]
-    text = RESULTS.read_text()
-    begin = text.find(TITLE)
-    after = text.find("\n## ", begin + 1) + 1 if begin >= 0 else 0
-    rest = text if begin < 0 else text[:begin] + (text[after:] if after else "")
-    RESULTS.write_text(rest.rstrip() + "\n\n" + "\n".join(section))
+    section = [TITLE, "", f"`{command} --write`; {about}", "", *lines, "", *numbers]
+    write_section(RESULTS, "unseen", section)
 
 
 if __name__ == "__main__":

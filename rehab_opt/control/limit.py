@@ -72,7 +72,7 @@ class Limit:
         """How many of the distances make a row of the QP."""
         return min(self.at(chain, ca.SX.sym("q", chain.n)).numel(), ROWS)
 
-    def nearest(self, chain: SerialChain, q: ca.SX, way: ca.SX, ways: float = 0) -> tuple[ca.SX, ca.SX, ca.SX]:
+    def nearest(self, chain: SerialChain, q: ca.SX, way: ca.SX, ways: float) -> tuple[ca.SX, ca.SX, ca.SX]:
         """Distances at q (n,), how they change with q (k, n), and what of them `way` (n,) loses.
 
         Up to three, the least after so many `ways`. Lost is what a distance is below its tangent after one.
@@ -431,7 +431,7 @@ class Limits:
         conditions = []
         for each in self.limits:
             now, then = each.at(self.chain, q), each.at(self.chain, q + velocity * self.dt)
-            slope = ca.norm_2(each.nearest(self.chain, q, ca.SX.zeros(self.chain.n))[1][0, :])
+            slope = ca.norm_2(each.nearest(self.chain, q, ca.SX.zeros(self.chain.n), 0)[1][0, :])
             conditions.append(then >= ca.fmin(now, 0) - ROUNDING * slope)
         return all_true(*conditions)
 
