@@ -528,7 +528,7 @@ def judge(verdict: Verdict, case: Case, run: Run, places: list[Array], there: ND
         inside, edge, near = inside | (least < 0), edge | (np.abs(least) < EDGE), near | (np.abs(least) < NEAR)
         verdict.during(f"at a limit: {each.kind}", np.abs(least) < NEAR, dt)
     apart = moved = stays = np.full((n, 1), math.inf)
-    beside = np.zeros(n, dtype=bool)
+    beside, deep = np.zeros(n, dtype=bool), np.zeros(n, dtype=bool)
     if case.scene is not None:
         here, later = segments(chair, q), segments(chair, ends)
         for kind, gaps in standing(case.scene, here).items():
@@ -538,6 +538,7 @@ def judge(verdict: Verdict, case: Case, run: Run, places: list[Array], there: ND
             beyond |= (gaps < ROUNDING).any(axis=1)
             beside |= (gaps < BESIDE).any(axis=1)
             inside, edge = inside | (gaps < 0).any(axis=1), edge | (np.abs(gaps) < EDGE).any(axis=1)
+            deep |= (gaps < -EDGE).any(axis=1)
             near |= (np.abs(gaps) < NEAR).any(axis=1)
             verdict.during(f"at the margin of a {kind}", (np.abs(gaps) < NEAR).any(axis=1), dt)
         if case.scene.moving:
@@ -580,7 +581,9 @@ def judge(verdict: Verdict, case: Case, run: Run, places: list[Array], there: ND
     turns = np.abs(np.sin(q[:, 2])) > 0.7
     verdict.during("a limit near, turned across the world", near & turns, dt)
     for part, span in zip(run.parts, run.slices, strict=True):
-        judge_part(verdict, case, run, part, span, found, gives_way, since(beside, round(slowest / dt)))
+        # Who begins within a body is led out of it, against the stick if need be: the law begins clear of bodies.
+        unjudged = gives_way | since(deep, round((slowest + 1.0) / dt))
+        judge_part(verdict, case, run, part, span, found, unjudged, since(beside, round(slowest / dt)))
 
 
 def longest(chair: Chair) -> float:
