@@ -27,6 +27,7 @@ from rehab_opt.terminal import (
     grouped,
     interrupted,
     no_folder,
+    not_there_yet,
     numbers_in,
     on_interrupt,
     one_of,
@@ -220,8 +221,7 @@ def film(
 
     loaded = load_problem(file)
     place = output_file(out, loaded.name, ".gif")
-    if place.exists() and not force:
-        raise ConfigurationError("--out", str(place), "a file that is not there yet, or --force to replace it")
+    not_there_yet(place, force=force)
     with bars() as progress:
         problem = live_problem(loaded, plant=plant)
         place.parent.mkdir(parents=True, exist_ok=True)
@@ -348,6 +348,8 @@ def place(
     ] = None,
     seats: Annotated[int, typer.Option(min=20, help="Seats drawn anywhere; more follow near the best.")] = 600,
     seed: Annotated[int, typer.Option(min=0, help="Of what is drawn.")] = 0,
+    *,
+    force: Annotated[bool, typer.Option("--force", help="Replace the file where there is one.")] = False,
 ) -> None:
     """Look for seat, direction, grip and start of a mirrored recording; print the keys, and what `run` achieves."""
     from rehab_opt.session.files import load_problem, problem_path  # noqa: PLC0415
@@ -368,6 +370,7 @@ def place(
         beside = out.parent.resolve() == loaded.path.parent.resolve()
         if not (beside or recording.startswith("data:") or Path(recording).is_absolute()):
             raise ConfigurationError("--out", str(out), f"a file beside {file}, from where {recording} is found")
+        not_there_yet(out, force=force, inputs=(loaded.path, loaded.path.parent / recording))
     with bars() as progress:
         found = found_place(loaded, seats=seats, seed=seed, progress=progress)
     for section, values in found.keys.items():
@@ -449,10 +452,7 @@ def score(
     if out is not None:
         no_folder(out)
         writable(out.parent)
-        if out.exists() and not force:
-            raise ConfigurationError("--out", str(out), "a file that is not there yet, or --force to replace it")
-        if any(out.exists() and Path(each).exists() and out.samefile(each) for each in recordings):
-            raise ConfigurationError("--out", str(out), "another file than the recordings")
+        not_there_yet(out, force=force, inputs=map(Path, recordings))
     into = destination(study, person, session, covariate)
     how: dict[str, Any] = {
         "reading": {

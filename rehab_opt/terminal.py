@@ -25,6 +25,7 @@ __all__ = [
     "grouped",
     "interrupted",
     "no_folder",
+    "not_there_yet",
     "numbers_in",
     "on_interrupt",
     "one_of",
@@ -146,6 +147,14 @@ def no_folder(file: Path) -> None:
     """Refuse a file in whose place a folder stands."""
     if file.is_dir():
         raise ConfigurationError("--out", str(file), "the name of a file: a folder stands there")
+
+
+def not_there_yet(file: Path, *, force: bool, inputs: Iterable[Path] = ()) -> None:
+    """Refuse a file that would be replaced unasked, and one of the inputs always."""
+    if file.exists() and not force:
+        raise ConfigurationError("--out", str(file), "a file that is not there yet, or --force to replace it")
+    if file.exists() and any(each.exists() and file.samefile(each) for each in inputs):
+        raise ConfigurationError("--out", str(file), "another file than those that are read")
 
 
 def output_file(out: Path | None, name: str, suffix: str) -> Path:

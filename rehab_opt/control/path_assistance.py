@@ -28,6 +28,7 @@ __all__ = ["PathAssistance"]
 
 Array = NDArray[np.float64]
 
+MOST_WIDTHS = 250_000
 STANDS = reason_text(NUMBER["HAND_STANDS"], ())
 
 
@@ -83,8 +84,9 @@ class PathAssistance(BoundedForce):
         points = paths[0]
         if len(points) < 2:
             raise ConfigurationError("path", points.shape, "at least two points (N, 2) in metres")
-        if not (is_real(width) and 0 < width < math.inf):
-            raise ConfigurationError("width", width, "metres above zero")
+        length = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
+        if not (is_real(width) and 0 < width < math.inf and length <= MOST_WIDTHS * width):
+            raise ConfigurationError("width", width, f"metres above zero, {MOST_WIDTHS:g} of them the path at most")
         sampled = resampled_path(points, width / SAMPLES_PER_WIDTH)
         if len(sampled.points) < 2:
             raise ConfigurationError("path", points[0].tolist(), "a path, not one place")

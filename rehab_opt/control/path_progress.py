@@ -63,7 +63,7 @@ PATH_MODEL = Record(stiffness=1, spacing=1, last=1, force_limit=1, push=1, speed
 PROGRESS = Record(
     at=1, drive=1, pushed=1, stood=1, mark=1, grip=1, away=1, looked=1, near=1, place=2, along=2, furthest=1, until=1
 )
-"""s in samples; w [N]; how long [s] the hand was pushed, and has stood under force, since the s that is
+"""s in samples; w [N]; how long [s] the hand was pushed, and has stood under force, since the progress that is
 marked, in samples; share of the force that is applied; whether the hand is let go; the sample from which on it is
 looked for; whether it was near the path when that search began; the place p(s) [m] and the path's direction there; the
 largest s so far, in samples: the progress; and the sample until which s does not go back."""
@@ -133,7 +133,7 @@ def progress_function() -> ca.Function:
     drive *= ca.exp(ca.fmin(old.at - at, 0) / SAMPLES_PER_WIDTH)
 
     # Whether the hand stands, and the force must yield.
-    went_on = at - old.mark >= SAMPLES_PER_WIDTH
+    went_on = ca.fmax(old.furthest, at) - old.mark >= SAMPLES_PER_WIDTH
     held = ca.norm_2(force) > STANDING * model.force_limit
     stood = ca.if_else(went_on, 0, ca.fmax(old.stood + ca.if_else(held, model.dt, -model.dt), 0))
     lets_go = ca.logic_and(free, stood > PATIENCE)
@@ -151,8 +151,8 @@ def progress_function() -> ca.Function:
     looked, near = ca.if_else(anew, start, further), ca.if_else(anew, again, old.near)
     at, away = ca.if_else(returns, taken_in, at), ca.if_else(returns, 0, away)
     drive, stood = ca.if_else(away, 0, drive), ca.if_else(away, 0, stood)
-    pushed = ca.if_else(ca.logic_or(all_true(went_on, at >= old.furthest), away), 0, pushed)
-    mark = ca.if_else(ca.logic_or(went_on, returns), at, ca.fmin(old.mark, at))
+    pushed = ca.if_else(ca.logic_or(went_on, away), 0, pushed)
+    mark = ca.if_else(ca.logic_or(went_on, returns), ca.fmax(old.furthest, at), old.mark)
 
     # Place and direction there; of a hand that has come back from the next tick on, when it is first led again.
     way, corner, share = ahead[:, 1] - ahead[:, 0], ahead[:, 0], clipped(at - first, 0, 1)

@@ -183,6 +183,21 @@ def test_a_push_back_along_a_path_that_does_not_return_moves_nothing_on_and_is_l
     assert settled(helper, np.array([0.14, 0.001]))[1] == pytest.approx(-2.0, abs=0.05)
 
 
+@pytest.mark.parametrize("hertz", [0.7, 1.5, 3.0])
+def test_a_hand_that_trembles_along_the_path_where_it_is_held_is_let_go(hertz: float) -> None:
+    """s went back and on by a width in each swing, which counted as progress, and the hand was held for good."""
+    line = along(np.array([[0.0, 0.0], [0.15, 0.0]]))
+    for x in np.linspace(0.0, 0.06, 600):
+        line.step([x, 0.0])
+    for seconds in np.arange(0.0, 4.0, line.dt):
+        swing = 0.005 * math.sin(2 * math.pi * hertz * seconds) * min(seconds, 1.0)
+        moved = line.step([0.06 + swing, min(0.007, 0.02 * seconds)])
+        if moved.status is Status.BLOCKED:
+            break
+    assert moved.status is Status.BLOCKED
+    assert line.progress < (0.06 + 2 * 0.005) / 0.15
+
+
 @pytest.mark.parametrize("waits", range(0, 20, 2))
 def test_a_crossing_takes_in_a_hand_on_the_first_of_its_branches_whenever_it_comes(waits: int) -> None:
     """At whatever place the search for it has arrived."""

@@ -62,6 +62,16 @@ def content(path: Path) -> dict[str, Any]:
     return tomllib.loads(path.read_text())
 
 
+def test_no_file_is_replaced_unasked_nor_an_input_ever(folder: Path, placed: Path) -> None:
+    source = folder / "reaches.toml"
+    before = placed.read_text(), source.read_text()
+    for out, force in ((placed, []), (source, []), (source, ["--force"])):
+        with pytest.raises(SystemExit) as end:
+            main(["place", str(source), "--out", str(out), "--seats", "60", *force])
+        assert end.value.code != 0
+    assert before == (placed.read_text(), source.read_text())
+
+
 def test_what_is_patients_moves_as_one_and_the_rest_of_the_file_stays(folder: Path, placed: Path) -> None:
     before, after = content(folder / "reaches.toml"), content(placed)
     turned = [after["placement"]["turn_deg"] - before["placement"]["turn_deg"],

@@ -167,5 +167,5 @@ def test_scores_do_not_replace_the_recording_they_are_of(written: Write, capsys:
     before = file.read_bytes()
     with pytest.raises(SystemExit):
         main(["score", str(file), "--out", str(file), "--force"])
-    assert "another file than the recordings" in capsys.readouterr().err
+    assert "another file than those that are read" in capsys.readouterr().err
     assert file.read_bytes() == before
