@@ -77,7 +77,7 @@ class LogFile:
         self._names, self._epoch, self._shown = tuple(names), epoch, -1.0
         self._to_cdr = record_cdr(layout)
         self._file = _WholeWrites(path)
-        self._writer = writer.Writer(self._file, chunk_size=1 << 30)  # `flush` ends a chunk, nothing else
+        self._writer = writer.Writer(self._file, chunk_size=1 << 30, enable_data_crcs=True)  # `flush` ends a chunk
         self._writer.start(profile="ros2", library=f"rehab_opt {about.get('rehab_opt', '')}")
         told = {**about, "layout": json.dumps(layout.descr), "names": json.dumps(self._names)}
         self._writer.add_metadata(ABOUT, told)

@@ -44,6 +44,10 @@ class Logged:
     whole: bool
 
 
+ENDS = b"\x89MCAP0\r\n"
+"""Of each whole file."""
+
+
 def read_log(path: Path | str) -> Logged:
     """The log in a file.
 
@@ -75,6 +79,8 @@ def read_log(path: Path | str) -> Logged:
                 whole = whole or isinstance(each, records.Footer)
         except (errors.EndOfFile, struct.error, EOFError):
             whole = False
+            file.seek(-min(len(ENDS), file.seek(0, 2)), 2)
+            damaged = "it ends before its end" if file.read() == ENDS else ""  # not one that was cut
         except (errors.McapError, ValueError, import_module("zstandard").ZstdError) as wrong:
             damaged = str(wrong)
     if not {"layout", "names"} <= set(about):

@@ -252,14 +252,22 @@ def test_a_terminal_s_ctrl_c_does_not_reach_the_writer(ring: SharedRing, tmp_pat
 
 
 def test_a_log_that_was_altered_is_refused_and_not_read_in_part(ring: SharedRing, tmp_path: Path, clock: Clock) -> None:
+    """One bit, anywhere: only the index behind the data, which is not read, may be another."""
     path = tmp_path / "log.mcap"
     session(ring, path, clock)
-    whole = path.read_bytes()
-    for part in (0.3, 0.5, 0.7):
-        at = int(part * len(whole))
+    whole, before, refused = path.read_bytes(), read_log(path), 0
+    for at in range(0, len(whole), 37):
         path.write_bytes(whole[:at] + bytes([whole[at] ^ 1]) + whole[at + 1 :])
-        with pytest.raises(ProblemFileError, match="altered"):
-            read_log(path)
+        try:
+            after = read_log(path)
+        except ProblemFileError:
+            refused += 1
+        else:
+            assert (after.names, after.about, after.files, after.whole) == (
+                before.names, before.about, before.files, before.whole,
+            )  # fmt: skip
+            np.testing.assert_array_equal(after.records, before.records)
+    assert refused > 0.5 * len(whole) / 37
 
 
 def test_a_pipe_is_no_log(tmp_path: Path) -> None:
