@@ -7,8 +7,8 @@ makes of it. In every tick s becomes
 
 the least energy of the spring, less the work of a drive w [N], with that of a friction f_0 on the way back. The
 furthest s so far is the progress, which never goes back. A push that rather means back moves s back before it moves it
-on: low is 6 widths before the progress, where the push, larger than f_0, does more than twice as much work per length
-of the path on the way back as to any place ahead, and has lasted for 0.5 s, longer than a spasm; and s itself
+on: low is 6 widths before the progress, where the push, larger than f_0, does more than 2.5 times as much work per
+length of the path on the way back as to any place ahead, and has lasted for 0.5 s, longer than a spasm; and s itself
 otherwise, by a sample a tick at most. The drive grows only where s would not go back, while the spring is stretched by
 a push f, of whatever direction, that some place of the path ahead answers to,
 
@@ -73,7 +73,7 @@ BACK = 6.0
 """Widths by which s may be short of the progress, and past it before s goes back again."""
 HORIZON = 40.0
 """Widths ahead within which a place may answer to a push."""
-RATHER = 2.0
+RATHER = 2.5
 """Times as much as any place ahead, per length of the path, that before s must answer to a push that moves s back."""
 TIME = 0.06
 """[s] T: in which the drive grows, and in which one that nothing answers to is forgotten."""
