@@ -210,9 +210,7 @@ def judge_progress(
         beyond = on & (begin < corner) & (corner < after)
         passed = np.maximum(passed, np.where(beyond, np.linalg.norm(place - x, axis=1), 0.0))
         verdict.during("led on beyond a corner", free & (walked < corner) & (corner < after), dt)
-    moved = np.maximum(
-        walked - drawn - 1.5 * reach, 0.0
-    )  # away from the place, as far as a push that goes back moves it
+    moved = np.maximum(walked - drawn - 1.5 * reach, 0.0)  # as far as a push back moves it away from the place
     verdict.within("place that progress passes, away from the hand", passed / (lead + width + moved), 1.0)
 
     stands = (after == before) & (led[1:] == led[:-1])
