@@ -28,7 +28,7 @@ LAYERS = {
     "symbolic": {"errors"},
     "kinematics": {"errors", "text_file", "symbolic"},
     "optim": {"errors", "symbolic"},
-    "measures": {"errors"},
+    "measures": {"errors", "kinematics"},
     "recordings": {"errors", "text_file"},
     "workspace": {"errors", "text_file", "symbolic", "kinematics", "optim"},
     "field": {"errors", "symbolic", "kinematics", "optim"},

@@ -18,7 +18,7 @@ from rehab_opt.control.posture import History, PostureCost, Quadratic
 from rehab_opt.control.thread_owner import OneThread
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import SerialChain
-from rehab_opt.kinematics.real_array import real_array
+from rehab_opt.kinematics.real_array import checked_array
 from rehab_opt.optim.nlp import NLPAnswer
 from rehab_opt.optim.nlp_solvers import checked_name
 from rehab_opt.symbolic import Compile
@@ -280,10 +280,7 @@ def _rebuilt(arm: SerialChain, arguments: dict[str, Any]) -> ArmIK:
 
 def _numbers(argument: str, value: ArrayLike, shape: tuple[int, ...]) -> Array:
     expected = "numbers of shape (" + ", ".join("N" if size < 0 else str(size) for size in shape) + ")"
-    try:
-        array = np.array(real_array(value))
-    except (TypeError, ValueError, OverflowError) as problem:
-        raise ConfigurationError(argument, value, expected) from problem
+    array = np.array(checked_array(argument, value, expected))
     if array.ndim != len(shape) or any(size not in (-1, own) for size, own in zip(shape, array.shape, strict=True)):
         raise ConfigurationError(argument, value, expected)
     return array

@@ -6,13 +6,13 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import per_joint
-from rehab_opt.kinematics.real_array import real_array
+from rehab_opt.kinematics.real_array import checked_array
 
-__all__ = ["AxisBounds", "axis_bounds", "numbers"]
+__all__ = ["AxisBounds", "axis_bounds"]
 
 
 MOST_AXES = 10_000
@@ -45,7 +45,7 @@ def axis_bounds(
         "acceleration": acceleration,
         "jerk": jerk,
     }
-    n = axes if axes is not None else max(numbers(name, value).size for name, value in given.items())
+    n = axes if axes is not None else max(checked_array(name, value, "numbers").size for name, value in given.items())
     if not (isinstance(n, (int, np.integer)) and not isinstance(n, bool) and 1 <= n <= MOST_AXES):
         raise ConfigurationError("axes", axes, f"a whole number of axes from 1 to {MOST_AXES}")
     bounds = AxisBounds(**{name: per_joint(name, value, n).tolist() for name, value in given.items()})
@@ -56,11 +56,3 @@ def axis_bounds(
         if not (low <= high and low < math.inf and high > -math.inf):
             raise ConfigurationError("lower, upper", (low, high), "lower <= upper, neither NaN")
     return bounds
-
-
-def numbers(argument: str, value: ArrayLike) -> NDArray[np.float64]:
-    """`value` as an array of its own."""
-    try:
-        return np.array(real_array(value))
-    except (TypeError, ValueError, OverflowError) as problem:
-        raise ConfigurationError(argument, value, "numbers") from problem

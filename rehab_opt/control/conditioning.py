@@ -12,12 +12,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rehab_opt.control.axis_bounds import numbers
 from rehab_opt.control.thread_owner import OneThread
 from rehab_opt.control.velocity_controller import checked_number, real_numbers
 from rehab_opt.control.watchdog import stamp_and_kind
 from rehab_opt.errors import ConfigurationError
-from rehab_opt.kinematics.real_array import is_real
+from rehab_opt.kinematics.real_array import checked_array, is_real
 from rehab_opt.kinematics.vr import continuous_quaternions, poses_of
 
 __all__ = ["Conditioned", "Conditioner", "conditioned"]
@@ -194,8 +193,9 @@ def conditioned(
     from scipy.signal import lfilter  # noqa: PLC0415  (loaded when used)
 
     rule = Conditioner(dt, cutoff_hz=cutoff_hz, max_gap=max_gap, largest_speed=largest_speed, largest_turn=largest_turn)
-    t = numbers("times", times)
-    x = np.concatenate([numbers("positions", positions), numbers("quaternions", quaternions)], axis=1)
+    given = {"times": times, "positions": positions, "quaternions": quaternions}
+    t, *given_poses = (checked_array(name, value, "numbers") for name, value in given.items())
+    x = np.concatenate(given_poses, axis=1)
     if t.shape != (len(x),) or x.shape[1] != 7:
         raise ConfigurationError("times, positions, quaternions", (t.shape, x.shape), "(N,), (N, 3) and (N, 4)")
     keep = np.flatnonzero(_usable(t, x))

@@ -108,7 +108,7 @@ def _row(obstacle: object) -> tuple[float, ...] | None:
 def _number(value: object) -> float:
     if not is_real(value):
         raise TypeError
-    return float(value)  # type: ignore[arg-type]
+    return float(value)
 
 
 def approach(

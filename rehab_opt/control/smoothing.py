@@ -8,11 +8,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rehab_opt.control.axis_bounds import axis_bounds, numbers
+from rehab_opt.control.axis_bounds import axis_bounds
 from rehab_opt.control.path_timing import PathCells, fastest_timing
 from rehab_opt.control.velocity_controller import checked_number
 from rehab_opt.control.watchdog import SHORTEST_TICK
 from rehab_opt.errors import ConfigurationError
+from rehab_opt.kinematics.real_array import checked_array
 
 __all__ = ["SmoothPath", "smooth_path"]
 
@@ -82,7 +83,7 @@ def smooth_path(
     """
     from scipy.interpolate import PchipInterpolator  # noqa: PLC0415  (loaded when used)
 
-    t, x = numbers("times", times), numbers("points", points)
+    t, x = checked_array("times", times, "numbers"), checked_array("points", points, "numbers")
     if t.ndim != 1 or t.size < 2 or not np.all(np.diff(t) > 0.0) or not np.all(np.isfinite(t)):
         raise ConfigurationError("times", times, "at least two finite, increasing times (N,)")
     if x.ndim != 2 or len(x) != len(t) or not np.all(np.isfinite(x)):

@@ -47,7 +47,7 @@ def stamp_and_kind(stamp: object) -> tuple[float, int]:
         return math.nan, NO_STAMP
     try:
         if is_real(stamp):
-            return float(stamp), NUMBER_OF_SECONDS  # type: ignore[arg-type]
+            return float(stamp), NUMBER_OF_SECONDS
         array = real_array(stamp)
     except OverflowError:
         return math.inf, NUMBER_OF_SECONDS

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.field.assembly import DragAlong
 from rehab_opt.field.samples import SampledPath, arc_length, interpolated
+from rehab_opt.kinematics.real_array import checked_array, is_real
 
 __all__ = ["as_point", "as_points", "checked_drag", "path_stiffness", "per_axis", "positive"]
 
@@ -20,14 +21,14 @@ Array = NDArray[np.float64]
 
 def positive(argument: str, value: object) -> float:
     """`value` as a float above zero and finite."""
-    if isinstance(value, int | float | np.integer | np.floating) and 0 < value < math.inf:
+    if is_real(value) and 0 < value < math.inf:
         return float(value)
     raise ConfigurationError(argument, value, "a positive, finite number")
 
 
 def checked_drag(drag: object, along: DragAlong, rest_on_target: bool) -> float:
     """k1 as a float, of a sign that goes with the rest."""
-    if not (isinstance(drag, int | float | np.integer | np.floating) and math.isfinite(drag)):
+    if not (is_real(drag) and math.isfinite(drag)):
         raise ConfigurationError("drag", drag, "a finite number")
     if drag < 0 and along == "travelled":
         raise ConfigurationError("drag", drag, "a drag of zero or more: along the travelled length it resists")
@@ -40,13 +41,12 @@ def checked_drag(drag: object, along: DragAlong, rest_on_target: bool) -> float:
 
 def per_axis(argument: str, value: ArrayLike) -> Array:
     """(2,) from one number or two, of zero or more."""
-    try:
-        array = np.broadcast_to(np.asarray(value, dtype=np.float64), (2,)).copy()
-    except (TypeError, ValueError) as problem:
-        raise ConfigurationError(argument, value, "a number or two") from problem
+    array = checked_array(argument, value, "a number or two")
+    if array.shape not in ((), (1,), (2,)):
+        raise ConfigurationError(argument, value, "a number or two")
     if not (np.all(array >= 0) and np.all(np.isfinite(array))):
         raise ConfigurationError(argument, value, "finite numbers of zero or more")
-    return array
+    return np.broadcast_to(array, (2,)).copy()
 
 
 def path_stiffness(value: Any, given: Sequence[Array], paths: Sequence[SampledPath]) -> list[Array]:
@@ -62,7 +62,7 @@ def path_stiffness(value: Any, given: Sequence[Array], paths: Sequence[SampledPa
         )
     stiff = []
     for points, path, array in zip(given, paths, each, strict=True):
-        numbers = np.asarray(array, dtype=np.float64)
+        numbers = checked_array("stiffness", array, "numbers, one a point")
         if numbers.shape not in ((len(points),), points.shape):
             raise ConfigurationError("stiffness", numbers.shape, f"({len(points)},) or {points.shape}: one a point")
         if not (np.all(numbers >= 0) and np.all(np.isfinite(numbers))):
@@ -75,14 +75,16 @@ def path_stiffness(value: Any, given: Sequence[Array], paths: Sequence[SampledPa
 
 def as_point(x: ArrayLike) -> Array:
     """(2,) one point."""
-    point = np.asarray(x, dtype=np.float64)
+    point = as_points(x)
     if point.shape != (2,):
         raise ConfigurationError("x", point.shape, "a point (2,) in metres")
     return point
 
 
-def as_points(points: Array) -> Array:
-    """(N, 2) several."""
-    if points.ndim != 2 or points.shape[1] != 2:
-        raise ConfigurationError("x", points.shape, "points (2,) or (N, 2) in metres")
+def as_points(x: ArrayLike) -> Array:
+    """(2,) one point, (N, 2) several."""
+    expected = "points (2,) or (N, 2) in metres"
+    points = checked_array("x", x, expected)
+    if points.ndim not in {1, 2} or points.shape[-1] != 2:
+        raise ConfigurationError("x", points.shape, expected)
     return points

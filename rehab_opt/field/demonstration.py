@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.field.samples import checked_paths
+from rehab_opt.kinematics.real_array import checked_array
 
 __all__ = ["Demonstration"]
 
@@ -57,7 +58,7 @@ class Demonstration:
 
     def _seconds(self, count: int) -> Array:
         if self.times is not None:
-            times = np.asarray(self.times, dtype=np.float64)
+            times = checked_array("times", self.times, f"{count} rising times in seconds")
             if times.shape != (count,) or not np.all(np.diff(times) > 0) or not np.all(np.isfinite(times)):
                 raise ConfigurationError("times", times.shape, f"{count} rising times in seconds")
             from_first: Array = times - times[0]
@@ -78,10 +79,8 @@ def _velocities(positions: Array, seconds: Array) -> Array:
 
 
 def _column(argument: str, values: ArrayLike, positions: Array) -> Array:
-    try:
-        array = np.array(values, dtype=np.float64)
-    except (TypeError, ValueError) as problem:
-        raise ConfigurationError(argument, values, f"finite numbers of shape {positions.shape}") from problem
+    expected = f"finite numbers of shape {positions.shape}"
+    array = np.array(checked_array(argument, values, expected))
     if array.shape != positions.shape or not np.all(np.isfinite(array)):
-        raise ConfigurationError(argument, array.shape, f"finite numbers of shape {positions.shape}")
+        raise ConfigurationError(argument, array.shape, expected)
     return array

@@ -18,10 +18,11 @@ from rehab_opt.field.merging import merging_bound
 from rehab_opt.field.samples import SampledPath, Samples, checked_paths, resampled_path
 from rehab_opt.field.settling import fitting_damping
 from rehab_opt.field.weights import energies_and_forces, stiffness_at
+from rehab_opt.kinematics.real_array import checked_array
 
 if TYPE_CHECKING:
     from rehab_opt.field.fit import Fit
-    from rehab_opt.symbolic import Compile, PerThread
+from rehab_opt.symbolic import Compile, PerThread
 
 __all__ = ["SAMPLES_PER_WIDTH", "PotentialField"]
 
@@ -184,25 +185,25 @@ class PotentialField:
     # ----------------------------------------------------------------------------------------------- what it answers
     def energy(self, x: ArrayLike) -> float | Array:
         """Phi [J] at x: (2,) -> float, (N, 2) -> (N,); NaN for what is not finite."""
-        points = np.asarray(x, dtype=np.float64)
+        points = as_points(x)
         if points.shape == (2,):
             self.pull(float(points[0]), float(points[1]))
             return float(self._kernel.mine.energy[0])
-        return energies_and_forces(self.samples, self.width, as_points(points))[0]
+        return energies_and_forces(self.samples, self.width, points)[0]
 
     def force(self, x: ArrayLike, v: ArrayLike | None = None) -> Array:
         """F [N] at x (2,) or (N, 2) [m] for a hand moving at v of the same shape [m/s], resting by default.
 
         Not bounded: far from its path a spring pulls without end. `Assistance` bounds it.
         """
-        points = np.asarray(x, dtype=np.float64)
+        points = as_points(x)
         if points.shape == (2,):
             force = np.array(self.pull(float(points[0]), float(points[1])))
         else:
-            force = energies_and_forces(self.samples, self.width, as_points(points))[1]
+            force = energies_and_forces(self.samples, self.width, points)[1]
         if v is None:
             return force
-        velocity = np.asarray(v, dtype=np.float64)
+        velocity = checked_array("v", v, f"numbers (shape {force.shape}) in metres per second")
         if velocity.shape != force.shape:
             raise ConfigurationError("v", velocity.shape, f"an array of shape {force.shape}")
         return force - self.damping * velocity

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.errors import ConfigurationError
+from rehab_opt.kinematics.real_array import checked_array
 
 __all__ = [
     "SampledPath",
@@ -93,10 +94,7 @@ def checked_paths(path: ArrayLike | Sequence[ArrayLike], argument: str = "path")
     paths = []
     for i, each in enumerate(given):
         name = argument if len(given) == 1 else f"{argument}[{i}]"
-        try:
-            points = np.array(each, dtype=np.float64)
-        except (TypeError, ValueError, OverflowError) as problem:
-            raise ConfigurationError(name, each, "points (N, 2) in metres") from problem
+        points = np.array(checked_array(name, each, "points (N, 2) in metres"))
         if points.ndim != 2 or points.shape[1] != 2 or not len(points):
             raise ConfigurationError(name, f"an array of shape {points.shape}", "points (N, 2) in metres")
         if not np.all(np.abs(points) <= PLAUSIBLE):

@@ -20,7 +20,7 @@ from rehab_opt.kinematics.denavit_hartenberg import checked_rows
 from rehab_opt.kinematics.determinant import determinant
 from rehab_opt.kinematics.link import ChainRow, pose_after, pose_before, product
 from rehab_opt.kinematics.link_capsules import CapsuleOnLink, LinkCapsule, checked_capsules
-from rehab_opt.kinematics.real_array import real_array
+from rehab_opt.kinematics.real_array import checked_array
 from rehab_opt.kinematics.rigid import nearest_rigid
 from rehab_opt.kinematics.robot_file.links import MJCF, URDF, Given, chain_arguments
 from rehab_opt.symbolic.shared import Evaluator, PerThread
@@ -355,10 +355,7 @@ class SerialChain:
 
 def per_joint(argument: str, value: ArrayLike, n: int, *, finite: bool = False) -> Array:
     """`value` as a read-only float array (n,); a scalar stands for every joint."""
-    try:
-        array = np.array(real_array(value))
-    except (TypeError, ValueError, OverflowError) as problem:
-        raise ConfigurationError(argument, value, f"{n} numbers") from problem
+    array = np.array(checked_array(argument, value, f"{n} numbers"))
     if array.ndim == 0:
         array = np.full(n, float(array))
     if array.shape != (n,):

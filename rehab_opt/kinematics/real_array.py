@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 import sys
-from typing import Any
+from typing import Any, TypeGuard
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["is_real", "real_array"]
+from rehab_opt.errors import ConfigurationError
+
+__all__ = ["checked_array", "is_real", "real_array"]
 
 Array = NDArray[np.float64]
 _FLOATS = np.dtype(np.float64)
@@ -41,6 +43,14 @@ def real_array(value: Any) -> Array:
         return array.astype(np.float64)
 
 
+def checked_array(argument: str, value: Any, expected: str) -> Array:
+    """`value` as `real_array` reads it; raises `ConfigurationError` in place of its errors."""
+    try:
+        return real_array(value)
+    except (TypeError, ValueError, OverflowError) as problem:
+        raise ConfigurationError(argument, value, expected) from problem
+
+
 def _is_masked(value: Any) -> bool:
     """Whether a masked array is, or is in, what was handed over."""
     if isinstance(value, (list, tuple)):
@@ -50,7 +60,7 @@ def _is_masked(value: Any) -> bool:
     return "numpy.ma" in sys.modules and isinstance(value, np.ma.MaskedArray)
 
 
-def is_real(value: object) -> bool:
+def is_real(value: object) -> TypeGuard[float]:
     """Whether it is one real number; a boolean and a time are none, though Python and numpy count them as integers."""
     return isinstance(value, (int, float, np.floating, np.integer)) and not isinstance(value, _NO_NUMBERS)
 

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.errors import ConfigurationError
-from rehab_opt.kinematics.real_array import real_array
+from rehab_opt.kinematics.real_array import checked_array
 
 __all__ = ["EXACT", "ROUNDED", "inverse_pose", "nearest_rigid", "rigid"]
 
@@ -61,10 +61,7 @@ def inverse_pose(pose: Array) -> Array:
 def _pose(argument: str, value: ArrayLike) -> tuple[Array, float]:
     """`value` as a read-only (4, 4) that is no mirror image, and the largest entry of R R' - I."""
     expected = "a (4, 4) rigid transform"
-    try:
-        pose = np.array(real_array(value))
-    except (TypeError, ValueError, OverflowError) as problem:
-        raise ConfigurationError(argument, value, expected) from problem
+    pose = np.array(checked_array(argument, value, expected))
     if pose.shape != (4, 4) or not np.all(np.isfinite(pose)) or not np.array_equal(pose[3], (0, 0, 0, 1)):
         raise ConfigurationError(argument, value, expected)
     rotation = pose[:3, :3]

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.errors import ConfigurationError
-from rehab_opt.measures.samples import rows, vectors
+from rehab_opt.measures.samples import numbers, rows, vectors
 
 __all__ = [
     "end_error", "end_variability", "path_length", "path_ratio", "path_variability", "range_used", "workspace_used",
@@ -45,10 +45,10 @@ def end_error(points: ArrayLike, target: ArrayLike) -> float:
 
     Accuracy: Schwarz et al., Stroke 50(3), 2019.
     """
-    p, goal = vectors("points", points), vectors("target", np.atleast_2d(np.asarray(target, dtype=np.float64)))
-    if goal.shape != (1, p.shape[1]):
-        raise ConfigurationError("target", f"shape {goal.shape[1:]}", f"({p.shape[1]},), as the points")
-    return float(np.linalg.norm(p[-1] - goal[0]))
+    p, goal = vectors("points", points), numbers("target", target)
+    if goal.shape != (p.shape[1],):
+        raise ConfigurationError("target", f"shape {goal.shape}", f"({p.shape[1]},), as the points")
+    return float(np.linalg.norm(p[-1] - goal))
 
 
 def range_used(values: ArrayLike) -> Array:

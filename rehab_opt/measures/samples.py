@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.errors import ConfigurationError
+from rehab_opt.kinematics.real_array import checked_array
 
 __all__ = [
     "CUT_OFF_HZ",
@@ -32,10 +33,7 @@ Array = NDArray[np.float64]
 
 def numbers(argument: str, values: object) -> Array:
     """`values` as finite float64, at least one; raises `ConfigurationError`, which says which is not."""
-    try:
-        array = np.asarray(values, dtype=np.float64)
-    except (TypeError, ValueError, OverflowError) as problem:
-        raise ConfigurationError(argument, type(values).__name__, "finite numbers") from problem
+    array = checked_array(argument, values, "finite numbers")
     if not array.size:
         raise ConfigurationError(argument, f"shape {array.shape}", "finite numbers, at least one")
     if not np.isfinite(array).all():

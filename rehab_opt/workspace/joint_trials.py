@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.human_arm import ARM_JOINTS
+from rehab_opt.kinematics.real_array import checked_array
 
 __all__ = ["joint_trials", "one_branch"]
 
@@ -66,12 +67,7 @@ def _split(given: object, rank: int) -> list[object]:
 
 def _of_rank(argument: str, trial: object, rank: int) -> Array:
     expected = "numbers (T,)" if rank == 1 else "numbers (T, n)"
-    try:
-        if isinstance(trial, np.ma.MaskedArray):  # whose masked samples are gaps, whatever stands under the mask
-            trial = np.ma.filled(np.ma.asarray(trial, dtype=np.float64), np.nan)
-        array = np.asarray(trial, dtype=np.float64)
-    except (TypeError, ValueError, OverflowError) as problem:
-        raise ConfigurationError(argument, trial, expected) from problem
+    array = checked_array(argument, trial, expected)
     if array.ndim != rank:
         raise ConfigurationError(argument, f"an array of shape {array.shape}", expected)
     return array

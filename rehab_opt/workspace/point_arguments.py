@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.errors import ConfigurationError
+from rehab_opt.kinematics.real_array import checked_array
 
 __all__ = ["one_point", "point_array", "point_rows", "real_number", "single_point"]
 
@@ -27,7 +27,7 @@ def one_point(points: ArrayLike) -> tuple[float, float] | None:
         x, y = points
         if isinstance(x, float) and isinstance(y, float):
             return float(x), float(y)
-    rows = _numbers(points, "points", _EXPECTED)
+    rows = checked_array("points", points, _EXPECTED)
     return (float(rows[0]), float(rows[1])) if rows.shape == (2,) else None
 
 
@@ -45,7 +45,7 @@ def single_point(point: ArrayLike) -> tuple[float, float]:
         x, y = point
         if isinstance(x, float) and isinstance(y, float):
             return float(x), float(y)
-    row = _numbers(point, "point", "two numbers in metres")
+    row = checked_array("point", point, "two numbers in metres")
     if row.shape != (2,):
         raise ConfigurationError("point", f"an array of shape {row.shape}", "two numbers in metres")
     return float(row[0]), float(row[1])
@@ -58,7 +58,7 @@ def point_rows(points: ArrayLike) -> Array:
     ------
     ConfigurationError : another shape, or what is not numbers, naming `points`.
     """
-    rows = _numbers(points, "points", _EXPECTED)
+    rows = checked_array("points", points, _EXPECTED)
     if rows.ndim != 2 or rows.shape[1] != 2:
         raise ConfigurationError("points", f"an array of shape {rows.shape}", _EXPECTED)
     return rows
@@ -71,23 +71,10 @@ def point_array(points: ArrayLike, argument: str = "points") -> Array:
     ------
     ConfigurationError : another shape, or what is not numbers, naming `argument`.
     """
-    array = _numbers(points, argument, _EXPECTED)
+    array = checked_array(argument, points, _EXPECTED)
     if array.ndim not in {1, 2} or array.shape[-1] != 2:
         raise ConfigurationError(argument, f"an array of shape {array.shape}", _EXPECTED)
     return array
-
-
-def _numbers(points: Any, argument: str, expected: str) -> Array:
-    """An array of floats; numpy itself would read strings as numbers and None as NaN."""
-    try:
-        array: Any = points if isinstance(points, np.ndarray) else np.asarray(points)
-    except (TypeError, ValueError, OverflowError) as problem:  # ragged
-        raise ConfigurationError(argument, points, expected) from problem
-    if array.dtype.kind not in "fiu" and array.size:
-        raise ConfigurationError(argument, points, expected)
-    numbers: Array = np.asarray(array, dtype=np.float64)
-    mask = np.ma.getmaskarray(array) if isinstance(array, np.ma.MaskedArray) else False
-    return np.where(mask, np.nan, numbers) if np.any(mask) else numbers  # a reading that is missing is no number
 
 
 def real_number(value: object) -> float:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.errors import ConfigurationError
+from rehab_opt.kinematics.real_array import checked_array
 
 __all__ = ["TINY", "Fit", "checked_landmarks", "checked_smoothing", "fitted"]
 
@@ -128,12 +129,7 @@ def _solver(K: Array, R: Array) -> Callable[[Array], tuple[Array, Array]]:
 
 def checked_landmarks(argument: str, value: ArrayLike) -> Array:
     """`value` as a read-only array (N, 2) of at least three finite points."""
-    try:
-        if isinstance(value, np.ma.MaskedArray):  # what is missing is no landmark, whatever stands under the mask
-            value = np.ma.filled(np.ma.asarray(value, dtype=np.float64), np.nan)
-        points = np.array(value, dtype=np.float64)
-    except (TypeError, ValueError, OverflowError) as problem:
-        raise ConfigurationError(argument, value, "an array of points (N, 2)") from problem
+    points = np.array(checked_array(argument, value, "an array of points (N, 2)"))
     if points.ndim != 2 or points.shape[1] != 2:
         raise ConfigurationError(argument, value, "an array of points (N, 2)")
     if len(points) < 3:

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.kinematics.human_arm import ARM_SEGMENTS, human_arm
+from rehab_opt.kinematics.real_array import real_array
 from rehab_opt.workspace.point_arguments import real_number
 from rehab_opt.workspace.reachability import ReachabilityMap, shares
 from rehab_opt.workspace.used_range import named_ranges
@@ -169,7 +170,7 @@ def _workspace(arm: SerialChain, asked: Mapping[str, Any]) -> Workspace:
 
 def _checked_weights(weights: ArrayLike | None, n: int) -> Array:
     try:
-        given = np.ones(n) if weights is None else np.array(weights, dtype=np.float64)
+        given = np.ones(n) if weights is None else real_array(weights)
     except (TypeError, ValueError, OverflowError):
         given = np.empty(0)
     if given.shape != (n,) or not np.all(given >= 0) or not 0 < given.sum() < math.inf:

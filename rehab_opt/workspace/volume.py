@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import SerialChain
+from rehab_opt.kinematics.real_array import checked_array, real_array
 from rehab_opt.symbolic import Compile
 from rehab_opt.workspace.layered_mesh import Mesh, closed_mesh, edges_of_slabs, padded, signed_distances
 from rehab_opt.workspace.placement import ShoulderPlacement
@@ -90,10 +91,7 @@ class ReachableVolume:
 
         Signed distances of the slices below and above, interpolated.
         """
-        try:
-            at = np.asarray(points, dtype=np.float64)
-        except (TypeError, ValueError, OverflowError) as problem:
-            raise ConfigurationError("points", points, "numbers") from problem
+        at = checked_array("points", points, "numbers")
         if at.shape[-1:] != (3,) or at.ndim > 2:
             raise ConfigurationError("points", f"shape {at.shape}", "points of shape (3,) or (N, 3)")
         inside = self._contained(at.reshape(-1, 3))
@@ -202,7 +200,7 @@ def _spread(arm: SerialChain, handle_tilt: float | None, spacing: float | None) 
 
 def _checked_heights(heights: object) -> Array:
     try:
-        levels = np.array(heights, dtype=np.float64)
+        levels = real_array(heights)
     except (TypeError, ValueError, OverflowError):
         levels = np.empty(0)
     if levels.ndim != 1 or len(levels) < 2 or not np.all(np.isfinite(levels)) or not np.all(np.diff(levels) > 0):

@@ -3,12 +3,31 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pytest
+import shapely
 
-from rehab_opt import ArmIK, ConfigurationError, MirrorTracker, PoseTracker, Smoother, Status, human_arm, ur5
+from rehab_opt import (
+    ArmIK,
+    ConfigurationError,
+    Demonstration,
+    MirrorTracker,
+    PathAssistance,
+    PoseTracker,
+    PotentialField,
+    Smoother,
+    Status,
+    ThinPlateSpline,
+    Workspace,
+    human_arm,
+    measures,
+    range_of_motion,
+    smooth_path,
+    ur5,
+)
 from rehab_opt.control.conditioning import conditioned
 from rehab_opt.control.obstacles import Disc, HalfPlane, obstacle_numbers
 from rehab_opt.control.watchdog import Watchdog
@@ -211,6 +230,62 @@ def test_joint_limits_and_poses_of_a_chain_are_numbers() -> None:
         per_joint("lower", ["1.0", "2.0"], 2)
     with pytest.raises(ConfigurationError):
         rigid("tool", np.ma.array(np.eye(4), mask=np.eye(4)))
+
+
+ROW = np.linspace(0.0, 0.3, 12)
+LINE = np.column_stack([ROW, 0.5 * ROW])
+FIELD = PotentialField(LINE, stiffness=300.0, width=0.05, compile=False)
+AREA = Workspace(shapely.box(-1.0, -1.0, 1.0, 1.0), accuracy=0.0)
+BOUNDS = {"velocity": 1.0, "acceleration": 5.0, "jerk": 50.0}
+TAKEN: dict[str, tuple[str, Any, Callable[[Any], Any]]] = {
+    "help along a path": (
+        "path", LINE, lambda a: PathAssistance(a, stiffness=300.0, width=0.003, comfortable=AREA, compile=False)
+    ),
+    "field": ("path", LINE, lambda a: PotentialField(a, stiffness=300.0, width=0.05, compile=False)),
+    "one of a field's paths": (
+        "path", LINE, lambda a: PotentialField([LINE, a], stiffness=300.0, width=0.05, compile=False)
+    ),
+    "stiffness of a field": (
+        "stiffness", 300 + LINE, lambda a: PotentialField(LINE, stiffness=a, width=0.05, compile=False)
+    ),
+    "damping of a field": (
+        "damping", np.ones(2), lambda a: PotentialField(LINE, stiffness=3.0, damping=a, width=0.05, compile=False)
+    ),
+    "positions shown": ("positions", LINE, lambda a: Demonstration(a, LINE, dt=0.1)),
+    "forces shown": ("forces", LINE, lambda a: Demonstration(LINE, a, dt=0.1)),
+    "velocities shown": ("velocities", LINE, lambda a: Demonstration(LINE, LINE, a)),
+    "times shown": ("times", ROW, lambda a: Demonstration(LINE, LINE, times=a)),
+    "path of a drive": ("points", LINE, lambda a: smooth_path(ROW, a, **BOUNDS)),
+    "length of a path": ("points", LINE, measures.path_length),
+    "end of a movement": ("target", LINE[0], lambda a: measures.end_error(LINE, a)),
+    "scored points": ("points", LINE, lambda a: measures.score(ROW, a)),
+    "scored times": ("time", ROW, lambda a: measures.score(a, LINE)),
+    "scored joints": ("joints", ROW, lambda a: measures.score(ROW, LINE, joints={"elbow": a})),
+    "landmarks": ("source", LINE**2, lambda a: ThinPlateSpline(a, LINE**2)),
+}  # fmt: skip
+
+
+WRONG: dict[str, Callable[[np.ndarray], Any]] = {
+    "masked": masked, "complex": lambda a: a + 1e-3j, "text": lambda a: a.astype(str)
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("wrong", WRONG)
+@pytest.mark.parametrize("of", TAKEN)
+def test_no_part_of_a_path_is_dropped(of: str, wrong: str) -> None:
+    argument, usual, take = TAKEN[of]
+    with pytest.raises(ConfigurationError, match=f"(?s)^{argument}.*: expected .*(number|points|coordinates|times)"):
+        take(WRONG[wrong](usual))
+
+
+def test_what_is_masked_or_complex_is_no_place_and_no_angle() -> None:
+    assert math.isnan(FIELD.energy(masked(LINE[3])))
+    assert np.isnan(FIELD.energy(masked(LINE))[-1])
+    for ask in (FIELD.energy, FIELD.force, FIELD.stiffness, lambda x: FIELD.force(LINE[3], x), FIELD.merging_bound):
+        with pytest.raises(ConfigurationError, match=r"(?s)^[xv] = .*: expected .*metres"):
+            ask(LINE[3] + 1j)
+    with pytest.raises(ConfigurationError, match=r"(?s)^angles.*: expected numbers"):
+        range_of_motion({"elbow": ROW + 1j})
 
 
 @pytest.mark.parametrize(

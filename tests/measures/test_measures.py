@@ -361,7 +361,7 @@ BAD: list[tuple[Callable[[], Any], str]] = [
     (lambda: score(TIME, 0 * POINTS), "points"),
     (lambda: score(TIME, 1e-3 * POINTS), "points"),  # 0.4 mm/s
     (lambda: score(TIME, POINTS, target=(1, 2, 3)), "target"),
-    (lambda: score(TIME, POINTS, target=(1, math.nan)), "target[0, 1]"),
+    (lambda: score(TIME, POINTS, target=(1, math.nan)), "target[1]"),
     (lambda: score(TIME, POINTS, cutoff_hz=-1.0), "cutoff_hz"),
     (lambda: score(TIME, POINTS, cutoff_hz=500.0), "cutoff_hz"),
     (lambda: score(1e-3 * TIME, POINTS), "points"),  # seconds taken for milliseconds
