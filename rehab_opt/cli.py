@@ -312,6 +312,8 @@ def check(
     picture: Annotated[
         Path | None, typer.Option(help="Folder for a picture of the arm at both ends of each movement.")
     ] = None,
+    *,
+    force: Annotated[bool, typer.Option("--force", help="Replace the pictures where there are any.")] = False,
 ) -> None:
     """Check a problem file and its recording without running it; say the range of motion as a goniometer reads it."""
     from rehab_opt.session.files import load_problem  # noqa: PLC0415
@@ -320,7 +322,15 @@ def check(
 
     loaded = load_problem(file)
     notes = checked(loaded)
-    arms = arms_of(loaded)
+    arms, pictures = arms_of(loaded), []
+    if picture is not None:
+        if not arms:
+            expected = f"a problem that states a range of motion, which {loaded.problem.system!r} does not"
+            raise ConfigurationError("--picture", str(picture), expected)
+        folder = writable(picture, argument="--picture")
+        pictures = [folder / f"arm_{number}.png" for number in range(1, len(arms) + 1)]
+        for path in pictures:
+            not_there_yet(path, force=force, argument="--picture")
     say(f"{loaded.name}: {loaded.problem.title}")
     for note in notes:
         say(f"- {note}")
@@ -330,12 +340,9 @@ def check(
         side = getattr(getattr(loaded.problem, "arm", None), "side", "")
         for name, arm in arms.items():
             say(f"- {range_note(name, arm, side=side)}")
-        if picture is not None:
-            for path in write_range_figures(arms, writable(picture, argument="--picture"), title=loaded.problem.title):
-                say(f"- written: {path}")
-    elif picture is not None:
-        expected = f"a problem that states a range of motion, which {loaded.problem.system!r} does not"
-        raise ConfigurationError("--picture", str(picture), expected)
+        if pictures:
+            write_range_figures(arms, pictures, title=loaded.problem.title)
+            say(f"written to {folder}: {', '.join(path.name for path in pictures)}")
     reached = not any(isinstance(note, OutOfReach) for note in notes)
     say("ok" if reached else "to be read and run, but nothing of it is in reach")
 

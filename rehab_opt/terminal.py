@@ -149,12 +149,12 @@ def no_folder(file: Path) -> None:
         raise ConfigurationError("--out", str(file), "the name of a file: a folder stands there")
 
 
-def not_there_yet(file: Path, *, force: bool, inputs: Iterable[Path] = ()) -> None:
+def not_there_yet(file: Path, *, force: bool, inputs: Iterable[Path] = (), argument: str = "--out") -> None:
     """Refuse a file that would be replaced unasked, and one of the inputs always."""
     if file.exists() and not force:
-        raise ConfigurationError("--out", str(file), "a file that is not there yet, or --force to replace it")
+        raise ConfigurationError(argument, str(file), "a file that is not there yet, or --force to replace it")
     if file.exists() and any(each.exists() and file.samefile(each) for each in inputs):
-        raise ConfigurationError("--out", str(file), "another file than those that are read")
+        raise ConfigurationError(argument, str(file), "another file than those that are read")
 
 
 def output_file(out: Path | None, name: str, suffix: str) -> Path:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -93,15 +93,11 @@ def range_figure(title: str, arm: SerialChain) -> Figure:
     return figure
 
 
-def write_range_figures(arms: Mapping[str, SerialChain], folder: Path, *, title: str) -> list[Path]:
-    """Write a figure of each arm into a folder, `arm_<number>.png`, and say where."""
-    folder.mkdir(parents=True, exist_ok=True)
-    written = []
-    for number, (name, arm) in enumerate(arms.items(), start=1):
-        path = folder / f"arm_{number}.png"
+def write_range_figures(arms: Mapping[str, SerialChain], paths: Sequence[Path], *, title: str) -> None:
+    """Write a figure of each arm."""
+    for path, (name, arm) in zip(paths, arms.items(), strict=True):
+        path.parent.mkdir(parents=True, exist_ok=True)
         fitted(range_figure(f"{title}\nrange of motion {name!r}", arm)).savefig(path)
-        written.append(path)
-    return written
 
 
 def stick_arm(arm: SerialChain, angles: Mapping[str, float]) -> Array:

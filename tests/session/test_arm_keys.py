@@ -105,6 +105,21 @@ def test_angles_that_nobody_has_are_refused_with_what_they_look_like(
     assert says in refused.value.expected
 
 
+def test_a_picture_replaces_none_unasked(written: Write, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = written("p.toml", WORKSPACE + keys(HEALTHY, convention=True))
+    old = tmp_path / "arm_1.png"
+    old.write_text("of another person")
+    ask = ["check", str(file), "--picture", str(tmp_path)]
+    for more, code, replaced in (([], 2, False), (["--force"], 0, True)):
+        with pytest.raises(SystemExit) as done:
+            main([*ask, *more])
+        assert done.value.code == code
+        assert (old.read_bytes() != b"of another person") is replaced
+        said = capsys.readouterr()
+        assert replaced or ("--picture" in said.err and str(old) in said.err and "--force" in said.err)
+        assert replaced or not said.out  # refused before anything is said to be well
+
+
 def test_picture_has_the_arm_where_the_goniometer_says(written: Write, tmp_path: Path) -> None:
     file = written("p.toml", WORKSPACE + keys(HEALTHY, convention=True))
     (arm,) = arms_of(load_problem(str(file))).values()
