@@ -68,10 +68,10 @@ class Recording:
         return replace(self, joints=dict(self.joints), notes=(*self.notes, *notes))
 
 
-SMALLEST = 5e-3
-"""[m] A movement of less is nobody's task."""
-FASTEST, SLOWEST = 10.0, 1e-3
-"""[m/s] No hand is faster (a thrown ball leaves it at 40); one that is slower throughout hardly moves."""
+SMALLEST, LARGEST = 5e-3, 2.5
+"""[m] A movement of less is nobody's task; one of more, no arm's."""
+FASTEST, SLOWEST = 4.0, 1e-3
+"""[m/s] A hand is hardly faster for a tenth of its time but in sports, or slower throughout."""
 
 LARGEST_TURN, SMALLEST_TURN = 4 * math.pi, math.radians(2.0)
 """[rad] No joint reads more; where none turns by as much, a movement of up to 115 deg is called degrees, in radians."""
@@ -105,10 +105,11 @@ def strange_sizes(recording: Recording) -> Iterator[str]:
         if steps.max() > UNEVEN * steps.min() and along.mean() > 0 and np.ptp(along) < EVEN * along.mean():
             yield f"{axis} grows by the same in each sample, and time does not: is one taken for the other?"
     extent, usual = float(np.ptp(recording.points, axis=0).max()), float(np.percentile(_speeds(recording), 90))
-    if 0 < extent < SMALLEST:
+    if 0 < extent < SMALLEST or extent > LARGEST:
+        these, called = ("metres", "millimetres") if extent < SMALLEST else ("millimetres", "metres")
         yield (
-            f"the whole movement is {1e3 * extent:.3g} mm large: are these metres that its header calls "
-            "millimetres, or another unit?"
+            f"the whole movement is {1e3 * extent:.4g} mm large: are these {these} that its header calls {called}, or "
+            "another unit?"
         )
     elif usual > FASTEST:
         yield f"a tenth of its samples is faster than {usual:.3g} m/s: are the times, or lengths, in another unit?"

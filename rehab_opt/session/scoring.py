@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import itertools
 import math
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -107,9 +108,11 @@ def score_recordings(
     rows: list[Row] = []
     notes: list[str] = []
     measured: list[tuple[Described, int, Recording, Score]] = []
-    for source in (described(file, reading) for file in files):
+    for given in files:
+        source = described(given, reading)
         file = source.file
-        recording = read_recording(source.path, name=file, **source.reading)
+        with _options_named(given == file):
+            recording = read_recording(source.path, name=file, **source.reading)
         if recording.points.shape[1] < 2:
             raise ProblemFileError(file, "columns", None, "the columns that hold the hand's x and y (--columns)")
         if target is not None and len(target) != recording.points.shape[1]:
@@ -193,6 +196,24 @@ def _part(recording: Recording, first: int, last: int) -> Recording:
         points=recording.points[first:last],
         joints={name: angles[first:last] for name, angles in recording.joints.items()},
     )
+
+
+KEY = re.compile(r"recording\.(\w+)(?: = '(\w+)')?")
+
+
+@contextmanager
+def _options_named(undescribed: bool) -> Iterator[None]:
+    """Name the command's options in place of the keys of a description, where a recording has none."""
+    try:
+        yield
+    except ProblemFileError as refused:
+        if not undescribed:
+            raise
+        key, expected = (
+            KEY.sub(lambda found: " ".join(("--" + found[1].replace("_", "-"), found[2] or "")).strip(), text)
+            for text in (refused.key, refused.expected)
+        )
+        raise ProblemFileError(refused.file, key, refused.value, expected) from refused
 
 
 @contextmanager

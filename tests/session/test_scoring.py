@@ -127,6 +127,35 @@ def test_what_cannot_be_scored_is_refused_with_its_file_and_trial(written: Write
         assert text in str(refused.value)
 
 
+PEN = "2\n99000000 1 0 1 0 0 0\n1 1 10 1 0 0 0\n"
+OPTIONS: list[tuple[str, str, dict[str, str], str]] = [
+    ("a.csv", "t_s;x_m;y_m\n0;1;2\n", {}, "--separator = 'comma': expected 'semicolon'"),
+    ("a.csv", "t_s;x_m;y_m\n0;1,5;2\n", {"separator": "semicolon"}, "(a decimal comma? --decimal comma)"),
+    ("a.csv", "t_s,x_m,y_m\n0,1,5,2,5\n", {}, "then other separators, and --decimal comma)"),
+    ("a.csv", "t_s,x_m,y_m\n0,1,2\n", {"columns": "x_m,b_m"}, "--columns = 'b_m'"),
+    ("a.csv", "t,x,y\n0,1,2\n", {}, "(or raw counts, and what one is: --tick-ms)"),
+    ("a.csv", "t_s,x,y\n0,1,2\n", {"count-mm": "-1"}, "--count-mm = -1.0: expected a finite number above zero"),
+    ("a.svc", PEN, {}, "what a raw count is say --count-mm and --tick-ms"),
+]
+
+
+@pytest.mark.parametrize(("name", "text", "how", "says"), OPTIONS)
+def test_what_is_refused_names_the_option_that_would_read_it(
+    written: Write, name: str, text: str, how: dict[str, str], says: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = str(written(name, text))
+    described = f'recording = {{file = "{name}", hand = "right"}}\nplacement = {{}}\n'
+    with pytest.raises(SystemExit) as done:
+        main(["score", file, *(each for key, value in how.items() for each in (f"--{key}", value))])
+    said = capsys.readouterr().err
+    assert done.value.code == 2
+    assert says in said
+    assert "recording." not in said
+    if not how:  # a description has keys, which go before the options
+        with pytest.raises(ProblemFileError, match=r"recording\."):
+            score_recordings([str(written("a.toml", described))])
+
+
 def test_command_prints_rows_and_writes_no_file_twice(
     written: Write, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
