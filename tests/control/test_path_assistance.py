@@ -10,6 +10,7 @@ import shapely
 
 from rehab_opt import Assistance, Bound, ConfigurationError, PotentialField, Status, Workspace
 from rehab_opt.control.path_assistance import PathAssistance
+from rehab_opt.control.path_progress import INSISTS, RATHER
 
 COMFORTABLE = Workspace(shapely.box(-0.1, -0.1, 0.3, 0.1), accuracy=0.0)
 GIVEN = {"stiffness": 2000.0, "width": 0.005, "damping": 10.0}
@@ -107,6 +108,20 @@ def test_a_hand_that_is_ahead_of_its_person_goes_back_freely_before_a_crossing()
     assert abs(x[0] - goal) < 2.1 / 200.0  # up to `push`
     assert helper.progress == pytest.approx(reached, abs=0.01)
     assert helper.led_to < reached - 0.02 / 0.32
+
+
+@pytest.mark.parametrize(("ahead", "back"), [(0.5, False), (0.3, True)])
+def test_a_push_moves_s_back_where_it_answers_2_5_times_as_much_to_the_way_back(ahead: float, back: bool) -> None:
+    """From a corner, straight back, which the way ahead answers to by a half, or by less than a third."""
+    path = [[0.0, 0.0], [0.06, 0.0], [0.06 - 0.2 * ahead, 0.2 * math.sqrt(1 - ahead**2)]]
+    helper = along(np.array(path))
+    for x in np.linspace(0.0, 0.06, 300):
+        helper.step([x, 0.0])
+    for k in range(1000):
+        helper.step([0.056, 1e-6 * (k % 2)])
+    assert (helper.led_to < 0.0585 / 0.26) is back
+    said = " ".join(str(PathAssistance.__doc__).split())
+    assert f"longer than {INSISTS:g} s and answers more than {RATHER:g} times as much to the way back as to any" in said
 
 
 def test_a_spasm_neither_throws_a_hand_back_nor_leads_it_on() -> None:

@@ -85,10 +85,21 @@ def test_poses_of_a_hand_that_semicolons_separate_are_refused_by_that_name(
     path = written("a.csv", "\n".join(above + POSES))
     with pytest.raises(ProblemFileError, match="'semicolon', which line 1 has 7 times"):
         read_hand_poses(path, PoseRecordingSection(file="a.csv", **HAND, **columns), file="a.toml")
-    points = written("points.csv", "vr_x_m;vr_y_m;vr_z_m;robot_x_m;robot_y_m;robot_z_m\n" + "1,5;2;3;4;5;6\n" * 3)
-    with pytest.raises(ProblemFileError, match="'semicolon', which line 1 has 5 times"):
-        calibration_points(points, name="points.csv")
-    assert calibration_points(points, name="points.csv", separator="semicolon", decimal="comma")[0][0, 0] == 1.5
+
+
+@pytest.mark.parametrize("mark", [",", ";", "\t"])
+@pytest.mark.parametrize("number", ["1.5", "1,5"])
+def test_calibration_points_are_separated_as_their_own_header_is(written: Write, mark: str, number: str) -> None:
+    """Not as the recording: whoever had one of each could say `recording.separator` as they would, one was refused."""
+    header = mark.join(f"{frame}_{axis}_m" for frame in ("vr", "robot") for axis in "xyz")
+    path = written("points.csv", f"{header}\n" + f"{mark.join([number, *'23456'])}\n" * 3)
+    if mark in number:
+        with pytest.raises(ProblemFileError, match=r"line 2 = '7 cells'.*decimal commas\? then other separators"):
+            calibration_points(path, name="points.csv")
+    else:
+        source, target = calibration_points(path, name="points.csv")
+        np.testing.assert_array_equal(source, [[1.5, 2, 3]] * 3)
+        np.testing.assert_array_equal(target, [[4, 5, 6]] * 3)
 
 
 def test_quoted_cells_and_columns_by_either_name_are_read(written: Write) -> None:

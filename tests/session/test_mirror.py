@@ -25,6 +25,7 @@ from rehab_opt.session.files import load_problem, problem_of, shipped_problems
 from rehab_opt.session.mirror import placing
 from rehab_opt.session.mirror.metrics import CAUSES, causes, passed_share
 from rehab_opt.session.mirror.outcome import BEFORE, PLAN, STEP, Led, MirrorOutcome
+from rehab_opt.session.mirror.scene import laid_out
 from rehab_opt.session.mirror.table import brief, table
 from rehab_opt.session.report import metrics_json, write_report
 from rehab_opt.session.run import checked, run_problem
@@ -418,6 +419,24 @@ def test_recording_that_would_fill_the_memory_is_refused(written: Write) -> None
     with pytest.raises(ProblemFileError, match="2000000 ticks") as refusal:
         checked(problem_of(given, name="test", file="test.toml", path=path.with_name("test.toml")))
     assert refusal.value.key == "tracker.rate_hz"
+
+
+@pytest.mark.parametrize("rows", [None, [11, 650]])
+def test_a_clock_that_went_back_is_told_with_its_row(written: Write, rows: list[int] | None) -> None:
+    """Behind row 600 of a recording its first 100 rows follow again, and then what goes on: 100 advance nowhere."""
+    given = content()
+    header, *lines = (FOLDER / "pick_fruit.csv").read_text().splitlines()
+    path = written("hand.csv", "\n".join([header, *lines[:600], *lines[:100], *lines[600:]]))
+    written("calibration_points.csv", (FOLDER / "calibration_points.csv").read_text())
+    given["recording"] |= {"file": "hand.csv"} | ({} if rows is None else {"rows": rows})
+    scene = laid_out(problem_of(given, name="test", file="test.toml", path=path.with_name("test.toml")))
+    told = [note for note in scene.notes if "left out" in note]
+    first, last = (float(lines[k].split(",")[0]) for k in (0, 599))
+    count = 100 if rows is None else 50
+    assert told == [
+        f"{count} samples left out whose stamps are not after all before them, the first in row 601: "
+        f"{first:.9g} s after {last:.9g} s (did the clock begin anew?)"
+    ]
 
 
 HEADER = "t_s,x_m,y_m,z_m,qx,qy,qz,qw"

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.errors import ProblemFileError
-from rehab_opt.recordings.tables import marks, numbers_below
+from rehab_opt.recordings.tables import SEPARATORS, marks, numbers_below
 from rehab_opt.session.mirror.problem import PoseRecordingSection
 from rehab_opt.text_file import LATEST, header_cells, shown, text_lines
 
@@ -98,17 +98,17 @@ def read_hand_poses(path: Path, section: PoseRecordingSection, *, file: str) -> 
     return HandPoses(times, table[:, :3], table[:, 3:], tuple(notes))
 
 
-def calibration_points(
-    path: Path, *, name: str, separator: str = "comma", decimal: str = "point"
-) -> tuple[Array, Array]:
-    """Corresponding points (N, 3) [m] in the recording's frame and in the robot's, in a table as `read_csv` has it.
+def calibration_points(path: Path, *, name: str) -> tuple[Array, Array]:
+    """Corresponding points (N, 3) [m] in the recording's frame and in the robot's, separated as the header is.
 
     Raises
     ------
     ProblemFileError : a missing column, a cell that is no finite number.
     """
     lines = text_lines(path, name)
-    table = _below(lines, POINTS, marks(lines[0], separator, decimal, name=name), name=name)
+    mark = next((each for each in SEPARATORS.values() if each in lines[0]), ",")
+    point = "," if mark != "," and any("," in line for line in lines[1:]) else "."
+    table = _below(lines, POINTS, (mark, point), name=name)
     if not np.all(np.abs(table) <= FAR):
         row = int(np.argmin(np.all(np.abs(table) <= FAR, axis=1))) + 2
         raise ProblemFileError(name, f"line {row}", "not usable", f"finite numbers up to {FAR:g} m")

@@ -53,9 +53,9 @@ class PoseRecordingSection(Section):
     rows: Annotated[list[Annotated[int, Field(ge=1)]], Field(min_length=2, max_length=2)] | None = None
     """`[first, last]` of the rows of numbers, from 1; by default all."""
     separator: Separator = "comma"
-    """Between the cells, also of `placement.calibration_file`."""
+    """Between the cells."""
     decimal: Decimal = "point"
-    """Of the numbers, likewise."""
+    """Of the numbers."""
 
     @model_validator(mode="after")
     def axes_and_columns_differ(self) -> Self:

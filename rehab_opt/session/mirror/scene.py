@@ -160,11 +160,17 @@ def laid_out(loaded: ProblemFile[MirrorProblem]) -> Scene:
         )
     elif problem.placement.scale != 1.0:
         notes.append(f"the recording is scaled by {problem.placement.scale:.4g}, the arms' lengths")
-    if reference.dropped or reference.gaps:
+    stamps = seen.times[usable]
+    newest = np.maximum.accumulate(stamps)
+    late = np.flatnonzero(stamps[1:] <= newest[:-1]) + 1
+    if late.size:
+        row = usable[late[0]] + (section.rows or [1])[0]
         notes.append(
-            f"{reference.dropped} samples left out (spikes, stamps that do not advance), "
-            f"sight lost {times(reference.gaps)}"
+            f"{late.size} samples left out whose stamps are not after all before them, the first in row {row}: "
+            f"{stamps[late[0]]:.9g} s after {newest[late[0]]:.9g} s (did the clock begin anew?)"
         )
+    if reference.dropped > late.size or reference.gaps:
+        notes.append(f"{reference.dropped - late.size} samples left out as spikes, sight lost {times(reference.gaps)}")
     return Scene(
         robot=robot,
         start=start,
@@ -235,11 +241,8 @@ def _frame(loaded: ProblemFile[MirrorProblem]) -> FrameFit:
         return FrameFit(pose, placement.scale, np.zeros(0))
     key = "placement.calibration_file"
     path = recording_path(loaded, placement.calibration_file, key=key)
-    recording = loaded.problem.recording
-    source, target = calibration_points(
-        path, name=placement.calibration_file, **recording.arguments("separator", "decimal")
-    )
-    if recording.frame == "unity":
+    source, target = calibration_points(path, name=placement.calibration_file)
+    if loaded.problem.recording.frame == "unity":
         source = source @ UNITY_AXES.T
     with refused_as(placement.calibration_file):
         return fit_frame(source, target)
