@@ -43,8 +43,9 @@ GOING = 10.0
 of the command decides.
 """
 MEAN = 0.5
-"""Of T, in which a mean of u follows it. Own limits on the way are tangents about that: about u each tick undid the one
-before where a limit bends by more than the cost of a change holds, and arms trembled."""
+"""Of T, in which a mean of u follows it. Own limits and keep-outs on the way are tangents about that: about u each tick
+undid the one before, where a limit bends or a margin grows by more than the cost of a change holds, and arms trembled.
+"""
 ROUNDS = 2
 """Corrections of the last tick's active set."""
 ITERATIONS = 20
@@ -131,7 +132,7 @@ class ChairAndArm(VelocityController):
         # of it, the mean of u, and of the hand its velocity, the insistence on its progress, and the frame.
         first = 2 * n + (0 if feedback is None else n - CHAIR)
         self.sent, self.wheels = slice(first, first + n), slice(first + n, first + n + wheels)
-        self.mean = slice(self.wheels.stop, self.wheels.stop + n * bool(len(own)))
+        self.mean = slice(self.wheels.stop, self.wheels.stop + n)
         super().__init__(
             robot.chain, dt=dt, recovery_speed=recovery_speed, solver=solver, backup=backup, tolerance=tolerance,
             max_age=max_age, compile=compile, feedback=feedback,
@@ -210,9 +211,8 @@ class ChairAndArm(VelocityController):
         return self.limits.limits(tick, q, last, surroundings, mean=mean, gives_way=gives_way, apart=apart)
 
     def _mean(self, memory: ca.SX) -> ca.SX:
-        """(n,) see `MEAN`: the last u where the past is forgotten; none without own limits."""
-        mean = memory[self.mean]
-        return ca.if_else(memory[-1] == UNKNOWN, memory[: mean.numel()], mean)
+        """(n,) see `MEAN`: the last u where the past is forgotten."""
+        return ca.if_else(memory[-1] == UNKNOWN, memory[: self.chain.n], memory[self.mean])
 
     def _acceleration_limited(self, last: ca.SX, limits: Limits, moving: ca.SX) -> tuple[ca.SX, ca.SX]:
         """Intervals within the accelerations, or as braking needs; those of `limits` at rest."""
@@ -270,7 +270,7 @@ class ChairAndArm(VelocityController):
         value = ca.vertcat(cos * u[0] - sin * u[1], sin * u[0] + cos * u[1], u[2:])
         wheels = self.wheelset.wheel_speeds_expression(u[:CHAIR])
         led, mean = ca.SX.zeros(self.guidance_size), self._mean(before)
-        mean += min(1.0, self.dt / (MEAN * self.limits.braking.time)) * (u[: mean.numel()] - mean)
+        mean += min(1.0, self.dt / (MEAN * self.limits.braking.time)) * (u - mean)
         return ca.densify(ca.vertcat(u, q + value * self.dt, led, value, wheels, mean, hand, insistence, frame))
 
     def fallback_command(self) -> Command | None:

@@ -148,23 +148,23 @@ class ChairLimits:
         return [*self.wheels.moving, *range(CHAIR, self.robot.chain.n)]
 
     # ------------------------------------------------------------------------------------------------ in one tick
-    def near(self, arm: ca.SX, last: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """Whether a keep-out can matter at arm joints (4,) after a command's (4,); the arm's clearance [m]."""
+    def near(self, arm: ca.SX, fastest: ca.SX) -> tuple[ca.SX, ca.SX]:
+        """Whether a keep-out can matter at arm joints (4,) after speeds (4,) at most; the arm's clearance [m]."""
         if not self.robot.keep_out:
             return ca.SX(0), ca.SX(FAR)
         clearance = ca.mmin(self._gaps(arm))
-        speed = ca.sum1(ca.fabs(last) + self.braking.change[CHAIR:])
-        return clearance <= self._margin(1.0, last) + self.robot.reach * self.braking.time * speed, clearance
+        speed = ca.sum1(fastest + self.braking.change[CHAIR:])
+        return clearance <= self._margin(1.0, fastest) + self.robot.reach * self.braking.time * speed, clearance
 
-    def keep_outs(self, arm: ca.SX, last: ca.SX) -> tuple[ca.SX, ca.SX]:
+    def keep_outs(self, arm: ca.SX, last: ca.SX, mean: ca.SX) -> tuple[ca.SX, ca.SX]:
         """Rows (c, k) towards the keep-outs at arm joints (k,) after a command's (k,), and their free speeds (c,).
 
-        First those of the posture now, negative within its margin; then, for each, of the place on the way to the stop
-        posture where least is left.
+        First those of the posture now, negative within its margin; then, for each, of the place where least is left on
+        the way to rest from the `mean` (k,): a margin that grew with the last speed swung an arm from tick to tick.
         """
         if not self.robot.keep_out:
             return self.far()
-        slower, time = self.braking.slower(last), self.braking.time
+        slower, time = self.braking.slower(mean), self.braking.time
         apart = time / len(ALONG)
         # In the middle of the tick: there a link that slides along a keep-out comes no nearer.
         opening, gaps = self._closing(arm + last * (self.dt / 2))
@@ -172,7 +172,7 @@ class ChairLimits:
         then, left = 0 * opening, ca.SX.inf(now.size1())
         before, falls = opening, ca.fmin(opening @ slower, 0)
         for part in ALONG:
-            margin = self._margin(part, last)
+            margin = self._margin(part, mean)
             opening, here = self._closing(arm + part * time * slower)
             rises = ca.fmax(opening @ slower, 0)
             # Where it falls and then rises from the place before, the least of a parabola; else this place.
@@ -197,7 +197,7 @@ class ChairLimits:
     ) -> Limits:
         """Limits at joint values q (7,) after the command `last` (7,), among obstacles and moving capsules.
 
-        surroundings : numbers of the obstacles, then of the capsules. mean : (7,) about which own limits on the way are
+        surroundings : numbers of the obstacles, then of the capsules. mean : (7,) about which limits on the way are
         stated. gives_way : see `Limits.beside` of `control.limit`. apart : (n,) from q to where the joints are, where
         joint limits hold, too. What is far makes no rows.
         """
@@ -205,8 +205,9 @@ class ChairLimits:
         read, arm, swing = self.obstacles.read, q[CHAIR:], last[CHAIR:]
         each = ca.vertsplit(surroundings[: NUMBERS * self.max_obstacles], NUMBERS) if self.max_obstacles else []
         around = [tick.call(self.obstacles.rows, one, q[:CHAIR], last[:CHAIR])[0] for one in each]
-        is_near, clearance = self.near(arm, swing)
-        closing, free = self.keep_outs(arm, swing)
+        fastest = ca.fmax(ca.fabs(last), ca.fabs(mean))
+        is_near, clearance = self.near(arm, fastest[CHAIR:])
+        closing, free = self.keep_outs(arm, swing, mean[CHAIR:])
         if self.robot.keep_out:
             found = tick.when(is_near, ca.horzcat(closing, free), ca.horzcat(*self.far()))
             closing, free = found[:, :-1], found[:, -1]
@@ -216,7 +217,7 @@ class ChairLimits:
         into, into_limit = _stacked([read(each, ROWS, INTO) for each in around])
         count = closing.size1() // 2
         now, then = closing[:count, :], closing[count:, :]
-        slower, slowest = self.braking.slower(last), self.braking.slowest(last)
+        slower, about, slowest = self.braking.slower(last), self.braking.slower(mean), self.braking.slowest(last)
         chair, chair_limit = self._chassis(slowest[:CHAIR])
         hard = ca.fmax(free[:count] * self.braking.time + CLEAR, 0) / self.dt
         now_limit = ca.fmax(ca.fmax(free[:count], 0), ca.fmin(now @ slowest[CHAIR:], hard))
@@ -234,7 +235,6 @@ class ChairLimits:
             turn = self.world(q[2], q.numel())
             turn[:, still] = 0
             change = self.braking.change
-            about, fastest = self.braking.slower(mean), ca.fmax(ca.fabs(last), ca.fabs(mean))
             bodies = self._touched(tick, q, about, contacts, told, fastest=fastest)
             ahead, free_ahead = self.own.on_the_way(
                 q, about, bodies=bodies, way=self.led, seconds=self._times, change=change
@@ -269,7 +269,7 @@ class ChairLimits:
             closing=closing,
             beside=beside,
             beside_limit=beside_limit,
-            closing_limit=ca.vertcat(now_limit, ca.fmax(free[count:] + then @ slower[CHAIR:], then @ base[CHAIR:])),
+            closing_limit=ca.vertcat(now_limit, ca.fmax(free[count:] + then @ about[CHAIR:], then @ base[CHAIR:])),
             base=base,
             clearance=clearance,
             outside=ca.sum1(ca.vertcat(outside, *(each[-1] for each in around), clearance < 0)) > 0,
@@ -389,11 +389,11 @@ class ChairLimits:
         return clearance > 1.01 * self.robot.reach * self.dt * ca.sum1(ca.fabs(u[CHAIR:])) + TINY
 
     # -------------------------------------------------------------------------------------------- limit by limit
-    def _margin(self, part: float, last: ca.SX) -> ca.SX:
+    def _margin(self, part: float, velocity: ca.SX) -> ca.SX:
         """[m] at a part of the way to the stop posture: what tangents promise too much in a tick, and `MARGIN`."""
         swinging, time = self._swinging, self.braking.time
         change = np.asarray(self.braking.change).ravel()[CHAIR:][swinging]
-        speed = ca.sum1(ca.fabs(last[swinging]))
+        speed = ca.sum1(ca.fabs(velocity[swinging]))
         within = self.robot.reach * (self.dt * (speed + np.sum(change))) ** 2 / 2
         step = part * time * float(np.max(change))
         fastest = part * time * float(np.max(self.robot.chain.velocity[CHAIR:][swinging]))

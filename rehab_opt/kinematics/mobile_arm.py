@@ -41,6 +41,8 @@ LEAST_JOINTS = 4
 """Joints of an arm: three place a hand, one turns it."""
 SATURATED = 1.5
 """Share of half its range at which a joint's posture cost stops growing steeper: a start far outside stays sane."""
+FLAT = 1e-6
+"""Of reach^3: hand volumes of less are rounding, whose slopes shook an arm that turns in one plane."""
 
 
 class Outline(NamedTuple):
@@ -126,8 +128,10 @@ class MobileArm:
         rotors = per_joint("rotors", self.rotors, chain.n, finite=True)
         object.__setattr__(self, "rotors", rotors)
         volume = largest_hand_volume(chain, first=CHAIR) if self.hand_volume is None else self.hand_volume
-        if not 0.0 < volume < math.inf:
-            raise ConfigurationError("hand_volume", volume, "above 0: an arm that moves its hand in every direction")
+        if not (least := FLAT * self.reach**3) <= volume < math.inf:
+            raise ConfigurationError(
+                "hand_volume", volume, f"{least:.1g} or more: an arm whose hand moves in every direction"
+            )
         object.__setattr__(self, "hand_volume", volume)
         if not np.linalg.eigvalsh(self.inertia(np.zeros(chain.n)))[0] > 0.0:
             raise ConfigurationError("bodies, rotors", (self.bodies, rotors), "masses that make W positive definite")

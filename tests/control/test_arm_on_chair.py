@@ -248,3 +248,37 @@ def test_an_arm_at_the_end_of_its_reach_comes_to_rest(tmp_path: Path, seed: int)
         q = q + dt * sent[-1].value
     assert all(each.status is Status.BLOCKED for each in sent[-10:])
     assert np.abs([each.value for each in sent[-100:]]).max() < 0.1
+
+
+@pytest.mark.parametrize(
+    ("seed", "joints", "twist"),
+    [
+        (5, [-1.5354, -0.6536, -1.7298, -2.0, -0.3121], [0.0467, 0.1842, -0.0625]),
+        (22, [1.4805, 0.9128, -0.0072, -1.1474, -0.2225, -1.057], [0.1358, -0.1368, -0.0532]),
+    ],
+)
+def test_an_arm_that_a_stick_presses_to_its_keep_outs_does_not_tremble(
+    tmp_path: Path, seed: int, joints: list[float], twist: list[float]
+) -> None:
+    robot, rows, dt = arm_on_chair(arm_of(tmp_path, turning_arm(seed)), mount=MOUNT), ("x", "y", "z"), 0.005
+    resolver = RedundancyResolver(robot, drive="fixed", dt=dt, row_sets=[rows], compile=False)
+    q, sent = np.append(np.zeros(CHAIR), joints), []
+    for _ in range(600):
+        sent.append(resolver.step(q, twist, rows).value)
+        q = q + dt * sent[-1]
+    changes = np.diff(sent, axis=0)
+    large = np.minimum(np.abs(changes[1:]), np.abs(changes[:-1])) > 0.005
+    turns = (changes[1:] * changes[:-1] < 0) & large
+    assert turns.sum(axis=0).max() < 10
+
+
+def test_an_arm_in_one_plane_is_refused_also_where_rounding_gives_it_a_volume(tmp_path: Path) -> None:
+    edges, mount = gen3()[:4], np.eye(4)
+    for edge in edges:
+        edge.xyz, edge.rpy, edge.axis = np.array([0.3, 0.0, 0.0]), np.zeros(3), np.array([0.0, 1.0, 0.0])
+    for seed in range(5):
+        mount[:3, :3] = Rotation.random(rng=np.random.default_rng(seed)).as_matrix()
+        with pytest.raises(
+            ConfigurationError, match=r"hand_volume = .*: expected .* or more: an arm whose hand moves in every"
+        ):
+            arm_on_chair(arm_of(tmp_path, edges), mount=mount)
