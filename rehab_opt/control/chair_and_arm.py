@@ -42,7 +42,7 @@ GOING = 10.0
 """Ticks of acceleration in which a joint gets to a speed from which on all of that share counts: at rest, what is left
 of the command decides.
 """
-MEAN = 0.5
+MEAN = 0.1
 """Of T, in which a mean of u follows it. Own limits and keep-outs on the way are tangents about that: about u each tick
 undid the one before, where a limit bends or a margin grows by more than the cost of a change holds, and arms trembled.
 """

@@ -42,7 +42,7 @@ LEAST_JOINTS = 4
 SATURATED = 1.5
 """Share of half its range at which a joint's posture cost stops growing steeper: a start far outside stays sane."""
 FLAT = 1e-6
-"""Of reach^3: hand volumes of less are rounding, whose slopes shook an arm that turns in one plane."""
+"""Of reach^3: hand volumes of less are rounding, whose slopes shook arms that bend in one plane."""
 
 
 class Outline(NamedTuple):
@@ -77,7 +77,8 @@ class MobileArm:
     keep_out : chair and user, where the arm must not be.
     arm_radius : [m] of the arm's links from joint to joint, as capsules, where the chain has no capsules of its own.
     limit_cost, singular_cost : weights of what `posture_cost` adds up.
-    hand_volume : [m^3] largest volume that unit joint speeds of the arm span at the hand; searched for by default.
+    hand_volume : [m^3] largest volume that unit joint speeds of the arm span at the hand; searched for by default. Of
+        an arm that cannot move its hand in every direction it is 0, and `posture_cost` that of joint limits alone.
 
     Raises
     ------
@@ -127,11 +128,11 @@ class MobileArm:
         checked_amounts(arm_radius=self.arm_radius, limit_cost=self.limit_cost, singular_cost=self.singular_cost)
         rotors = per_joint("rotors", self.rotors, chain.n, finite=True)
         object.__setattr__(self, "rotors", rotors)
-        volume = largest_hand_volume(chain, first=CHAIR) if self.hand_volume is None else self.hand_volume
-        if not (least := FLAT * self.reach**3) <= volume < math.inf:
-            raise ConfigurationError(
-                "hand_volume", volume, f"{least:.1g} or more: an arm whose hand moves in every direction"
-            )
+        volume = self.hand_volume
+        if volume is None:
+            found = largest_hand_volume(chain, first=CHAIR)
+            volume = found if found > FLAT * self.reach**3 else 0.0
+        checked_amounts(hand_volume=volume)
         object.__setattr__(self, "hand_volume", volume)
         if not np.linalg.eigvalsh(self.inertia(np.zeros(chain.n)))[0] > 0.0:
             raise ConfigurationError("bodies, rotors", (self.bodies, rotors), "masses that make W positive definite")
@@ -226,7 +227,8 @@ class MobileArm:
             beyond = ca.fmax(x - SATURATED, 0)
             cost += self.limit_cost * (ca.fmin(x, SATURATED) ** 4 / 4 + SATURATED**3 * beyond)
         still = ca.vertcat(ca.SX.zeros(CHAIR), q[CHAIR:])  # the chair's place changes no posture
-        assert self.hand_volume is not None  # made above
+        if not self.hand_volume:
+            return cost
         share = hand_volume(chain, still, first=CHAIR) / self.hand_volume**2
         return cost + self.singular_cost * (1 - share) ** 2 / 2
 
