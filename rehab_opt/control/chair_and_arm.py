@@ -42,8 +42,8 @@ GOING = 10.0
 """Ticks of acceleration in which a joint gets to a speed from which on all of that share counts: at rest, what is left
 of the command decides.
 """
-MEAN = 0.1
-"""Of T, in which a mean of u follows it. Own limits and keep-outs on the way are tangents about that: about u each tick
+MEAN = 8.0
+"""Ticks in which a mean of u follows it. Own limits and keep-outs on the way are tangents about that: about u each tick
 undid the one before, where a limit bends or a margin grows by more than the cost of a change holds, and arms trembled.
 """
 ROUNDS = 2
@@ -270,7 +270,7 @@ class ChairAndArm(VelocityController):
         value = ca.vertcat(cos * u[0] - sin * u[1], sin * u[0] + cos * u[1], u[2:])
         wheels = self.wheelset.wheel_speeds_expression(u[:CHAIR])
         led, mean = ca.SX.zeros(self.guidance_size), self._mean(before)
-        mean += min(1.0, self.dt / (MEAN * self.limits.braking.time)) * (u - mean)
+        mean += (u - mean) / MEAN
         return ca.densify(ca.vertcat(u, q + value * self.dt, led, value, wheels, mean, hand, insistence, frame))
 
     def fallback_command(self) -> Command | None:
