@@ -221,6 +221,8 @@ class HandBounds:
         lower, upper = ca.fmin(q, self.chain.lower) - ROUNDING, ca.fmax(q, self.chain.upper) + ROUNDING
         now = [shares[0] >= ca.fmin(w, self.floor) - ROUNDING, *(each <= reach for each in fast)]
         later = [share >= ca.fmin(w, self.floor + ABOVE / 2) - ROUNDING for share in shares[1:]]
+        slower = self.braking(velocity)
+        later.append(ca.norm_2(self.chain.jacobian_expression(ends[0] + self.dt * slower)[:3, :] @ slower) <= reach)
         later += [ends[-1] >= lower, ends[-1] <= upper, *(ca.norm_2(place - centre) <= away for place in places)]
         for conditions, some in ((now, slice(1)), (later, slice(1, None))):
             for plane in self.planes:

@@ -7,8 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import linprog
 
-from rehab_opt import ConfigurationError, KeepOut
-from rehab_opt.control.hand_bounds import feasible_rows
+from rehab_opt import ConfigurationError, KeepOut, ur5
+from rehab_opt.control.hand_bounds import HandBounds, feasible_rows
 from rehab_opt.control.stopping import VelocityBounds
 from rehab_opt.symbolic import BufferedFunction
 
@@ -107,3 +107,33 @@ def test_the_floor_alone_is_asked_for_as_far_as_accelerations_allow(seed: int) -
 def test_what_is_no_plane_is_refused(point: list[float], normal: list[float]) -> None:
     with pytest.raises(ConfigurationError, match="normal"):
         KeepOut.through(point, normal)
+
+
+def test_a_hand_that_may_be_as_fast_as_it_is_can_be_slowed_within_the_accelerations() -> None:
+    # Joints about as fast as they may be, and a hand, too, of the ways drawn the one that its posture makes fastest.
+    chain, dt, fastest, rng = ur5(), 0.005, 0.25, np.random.default_rng(20261126)
+    bounds = HandBounds(chain, 0.3, 0.12, fastest, 10.0, (), rate=20.0, dt=dt, recovery_speed=0.1)
+    q, v = ca.SX.sym("q", 6), ca.SX.sym("v", 6)
+    w, gradient = bounds.manipulability(q)
+    place, hand = chain.pose_expression(q)[:3, 3], chain.jacobian_expression(q)[:3, :] @ v
+    kept = ca.Function("kept", [q, v], [bounds.kept(q, v, place, w=w, gradient=gradient, here=place, hand=hand)[0]])
+
+    def speeds(q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        tools = np.array([chain.pose(q + part * dt * v)[:3, 3] for part in (0.0, 0.5, 1.0)])
+        return np.linalg.norm(np.diff(tools, axis=0), axis=1) / (dt / 2)
+
+    judged = 0
+    for _ in range(1500):
+        posture = rng.uniform(-np.pi, np.pi, 6)
+        jacobian = chain.jacobian(posture)[:3]
+        free, ways = np.linalg.svd(jacobian)[2][3:].T @ rng.normal(size=(3, 10)), rng.normal(size=(3, 10))
+        drawn = 3 * free / np.abs(free).max(axis=0) + np.linalg.pinv(jacobian) @ ways * 0.24 / np.linalg.norm(
+            ways, axis=0
+        )
+        velocity = max(drawn.T, key=lambda each: speeds(posture, each)[1])
+        velocity *= min(np.pi / np.abs(velocity).max(), 0.998 * fastest / speeds(posture, velocity).max())
+        if kept(posture, velocity):
+            slower = velocity * max(0.0, 1 - 15.0 * dt / np.abs(velocity).max())
+            assert speeds(posture + dt * velocity, slower).max() <= fastest * (1 + 1e-6)
+            judged += 1
+    assert judged > 100
