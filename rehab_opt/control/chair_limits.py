@@ -160,7 +160,7 @@ class ChairLimits:
         """Rows (c, k) towards the keep-outs at arm joints (k,) after a command's (k,), and their free speeds (c,).
 
         First those of the posture now, negative within its margin; then, for each, of the place where least is left on
-        the way to rest from the `mean` (k,): a margin that grew with the last speed swung an arm from tick to tick.
+        the way to rest from the `mean` (k,).
         """
         if not self.robot.keep_out:
             return self.far()

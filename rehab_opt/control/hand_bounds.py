@@ -3,8 +3,9 @@
 Each is stated twice. As a row R q' <= r of the QP, linear about the present state, that slows the approach to the bound
 exponentially, and leads away from it again where the tangent would promise too much (`Limits.falls`). And as a
 condition on the true state at the end of the tick, `kept`: the rows are about a tangent. The hand speed holds at every
-instant of the tick (`tool_speed`), the others at its ends; those of place and posture also on the way to rest of an arm
-that brakes from there on, so that what is kept in a tick can be kept in all that follow, within the accelerations.
+instant of the tick (`tool_speed`), and at the end of one of braking behind it, the others at its ends; those of place
+and posture also on the way to rest of an arm that brakes from there on, so that what is kept in a tick can be kept in
+all that follow, within the accelerations.
 """
 
 from __future__ import annotations

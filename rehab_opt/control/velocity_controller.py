@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import sys
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from functools import cached_property
@@ -23,7 +22,7 @@ from rehab_opt.control.watchdog import Watchdog
 from rehab_opt.control.watched_joints import WatchedJoints, patience_of, watched_joints
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import SerialChain, per_joint
-from rehab_opt.kinematics.real_array import is_real, real_array
+from rehab_opt.kinematics.real_array import is_finite, real_array
 from rehab_opt.optim.certificate import clipped
 from rehab_opt.optim.fallback_chain import FUSED, FallbackChain
 from rehab_opt.optim.fused import FUSED_SOLVERS
@@ -40,7 +39,6 @@ __all__ = ["VelocityController", "checked_number", "real_numbers"]
 Array = NDArray[np.float64]
 MISSED = 1e-3
 """Share of the asked motion by which the delivered one must differ for the task to yield; less than it is nothing."""
-LARGEST = sys.float_info.max
 ROUNDED = 1e-6
 """A bound as little below zero as that lets rounding through: zero is meant."""
 NOTHING_LEFT = "the bounds leave nothing of the commanded motion"
@@ -443,7 +441,7 @@ def checked_number(
     argument: str, value: float, *, above: float, below: float = math.inf, most: float = math.inf
 ) -> float:
     """`value` as a float strictly between `above` and `below`, and at most `most`."""
-    if is_real(value) and above < value < below and value <= min(most, LARGEST):
+    if is_finite(value) and above < value < below and value <= most:
         return float(value)
     least = "of at least 0" if -ROUNDED < above < 0 else f"above {above:g}"
     end = f" and below {below:g}" * math.isfinite(below) + f" and at most {most:g}" * math.isfinite(most)

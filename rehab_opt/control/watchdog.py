@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Sequence
 from functools import cache
 from threading import get_ident
@@ -14,7 +13,7 @@ import casadi as ca
 from rehab_opt.control.reasons import NUMBER, reason_text
 from rehab_opt.control.thread_owner import OneThread
 from rehab_opt.errors import ConfigurationError
-from rehab_opt.kinematics.real_array import is_real, real_array
+from rehab_opt.kinematics.real_array import is_finite, is_real, real_array
 from rehab_opt.optim.certificate import all_true
 from rehab_opt.symbolic import BufferedFunction
 from rehab_opt.symbolic.record import Record, Values
@@ -143,7 +142,7 @@ class Watchdog(OneThread):
         max_age = default_max_age(dt) if max_age is None else max_age
         if not (is_real(max_age) and max_age > dt):
             raise ConfigurationError("max_age", max_age, f"seconds, more than dt = {dt:g}")
-        self.max_age = math.inf if max_age > sys.float_info.max else float(max_age)
+        self.max_age = float(max_age) if is_finite(max_age) else math.inf
         """Largest age of a state [s]."""
         self._function = function = BufferedFunction(watched())
         self._evaluate = function.evaluate  # it is never exchanged

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import per_joint
 from rehab_opt.kinematics.drive import ChassisMotion, Drive
+from rehab_opt.kinematics.real_array import is_finite
 
 __all__ = ["Mecanum", "checked_amounts", "checked_lengths"]
 
@@ -64,17 +64,12 @@ class Mecanum(Drive):
 def checked_lengths(**numbers: float) -> None:
     """Refuse what is not a positive, finite number."""
     for name, number in numbers.items():
-        if not (_finite(number) and number > 0.0):
+        if not (is_finite(number) and number > 0.0):
             raise ConfigurationError(name, number, "a positive finite number")
 
 
 def checked_amounts(**numbers: float) -> None:
     """Refuse what is not a finite number of zero or more."""
     for name, number in numbers.items():
-        if not (_finite(number) and number >= 0.0):
+        if not (is_finite(number) and number >= 0.0):
             raise ConfigurationError(name, number, "a finite number of zero or more")
-
-
-def _finite(number: object) -> bool:
-    real = isinstance(number, (int, float, np.integer, np.floating))
-    return real and bool(abs(number) <= sys.float_info.max)  # type: ignore[arg-type]  # an integer may be larger

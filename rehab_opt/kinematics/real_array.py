@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from rehab_opt.errors import ConfigurationError
 
-__all__ = ["checked_array", "is_real", "real_array"]
+__all__ = ["checked_array", "is_finite", "is_real", "real_array"]
 
 Array = NDArray[np.float64]
 _FLOATS = np.dtype(np.float64)
@@ -63,6 +63,12 @@ def _is_masked(value: Any) -> bool:
 def is_real(value: object) -> TypeGuard[float]:
     """Whether it is one real number; a boolean and a time are none, though Python and numpy count them as integers."""
     return isinstance(value, (int, float, np.floating, np.integer)) and not isinstance(value, _NO_NUMBERS)
+
+
+def is_finite(value: object) -> TypeGuard[float]:
+    """Whether it is one, and a float holds it: an integer may be larger."""
+    largest = sys.float_info.max
+    return is_real(value) and -largest <= (value if isinstance(value, int) else float(value)) <= largest
 
 
 def _real(value: Any) -> float:

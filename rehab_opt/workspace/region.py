@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import sys
 import threading
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, NoReturn
@@ -12,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.errors import ConfigurationError
+from rehab_opt.kinematics.real_array import is_finite
 from rehab_opt.workspace.edge_cells import INSIDE
 from rehab_opt.workspace.edge_lookup import EdgeLookup
 from rehab_opt.workspace.placement import ShoulderPlacement
@@ -244,6 +244,6 @@ def _checked(polygon: Any) -> Any:
 
 
 def _number(argument: str, value: object, *, low: float = -math.inf) -> float:
-    if isinstance(value, int | float | np.integer | np.floating) and low <= value <= sys.float_info.max:
+    if is_finite(value) and value >= low:
         return float(value)
     raise ConfigurationError(argument, value, "a finite number" + (f" of at least {low:g}" if low == 0 else ""))

@@ -16,7 +16,7 @@ from rehab_opt.kinematics.mobile_arm import Capsule, MobileArm, Outline
 from tests.kinematics.dh_oracle import chain_pose
 
 ROBOT = ardis(payload=1.0)
-HOSTILE = (None, "a", np.nan, np.inf, -1.0, [1, 2])
+HOSTILE = (None, "a", np.nan, np.inf, -1.0, [1, 2], True, np.timedelta64(1, "s"))
 numbers = st.floats(-3, 3)
 joints = st.lists(numbers, min_size=7, max_size=7).map(np.array)
 

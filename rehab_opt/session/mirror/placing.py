@@ -43,7 +43,7 @@ ANYWHERE, NEARER, BEST = 600, (0.35, 0.2, 0.12, 0.07, 0.04, 0.02), 20
 """Seats drawn anywhere, spreads [rad] of those drawn near the best afterwards, and how many of the best are kept."""
 SEARCHES = 4
 """Of seats, each drawn anew: one in three ends a tenth short of another's."""
-TRIED, ENOUGH, SHORT, APART = 6, 3, 0.02, 0.5
+TRIED, ENOUGH, SHORT, APART = 12, 3, 0.02, 0.5
 """Seats that are run at most; how many where one is short of what was counted on by no more than this share; how far
 they are apart [rad or m]: all runs of neighbours may end with one joint wound up."""
 HEIGHT, AWAY = (-0.1, 0.5), 0.45
