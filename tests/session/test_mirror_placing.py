@@ -122,7 +122,7 @@ def test_seats_that_are_run_are_apart_and_more_of_them_where_none_does_what_was_
         return shares[len(run) - 1]
 
     monkeypatch.setattr(placing, "achieved", achieved)
-    for shares in ([0.0, 1.0, 0.1], [0.1, 0.0, 0.1, 1.0], [0.1, 0.0, 0.1, 0.2, 0.1, 0.1]):
+    for shares in ([0.0, 1.0, 0.1], [0.1, 0.0, 0.1, 1.0], [0.1, 0.0, 0.1, 0.2, *[0.1] * 8]):
         run.clear()
         found = found_place(load_problem(str(folder / "reaches.toml")), seats=20, progress=lambda *_: None)
         assert (found.passed, len(run)) == (max(shares), len(shares))
