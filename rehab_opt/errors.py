@@ -14,6 +14,9 @@ __all__ = [
     "printable",
 ]
 
+LONGEST = 500
+"""Letters of a value that are shown."""
+
 
 def printable(text: str) -> str:
     """`text` with every unprintable character, which a terminal might obey, replaced by its Python escape."""
@@ -42,7 +45,8 @@ class ConfigurationError(RehabOptError, ValueError):
         self.argument = argument
         self.value = value
         self.expected = expected
-        super().__init__(f"{argument} = {value!r}: expected {expected}")
+        said = repr(value)
+        super().__init__(f"{argument} = {said[:LONGEST]}{'...' * (len(said) > LONGEST)}: expected {expected}")
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Made again from its parts: people are processed in pools, and an error must come back from one."""

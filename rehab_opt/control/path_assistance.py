@@ -49,8 +49,7 @@ class PathAssistance(BoundedForce):
     and what the law cannot see. A hand that stands under more than 0.3 of `force_limit` all the same, with less
     progress than a width, is let go within 2 s: the force fades, the command says BLOCKED, its scale is 0, its
     `yielded` holds `Bound.TASK`, and its reason says why, until the hand comes to a place further along the path, where
-    the force grows again within 0.3 s.
-    Begin anew by `reset`.
+    the force grows again within 0.3 s. Begin anew by `reset`.
 
     Parameters
     ----------

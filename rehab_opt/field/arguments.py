@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -12,23 +11,16 @@ from numpy.typing import ArrayLike, NDArray
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.field.assembly import DragAlong
 from rehab_opt.field.samples import SampledPath, arc_length, interpolated
-from rehab_opt.kinematics.real_array import checked_array, is_real
+from rehab_opt.kinematics.real_array import checked_array, is_finite
 
-__all__ = ["as_point", "as_points", "checked_drag", "path_stiffness", "per_axis", "positive"]
+__all__ = ["as_point", "as_points", "checked_drag", "path_stiffness", "per_axis"]
 
 Array = NDArray[np.float64]
 
 
-def positive(argument: str, value: object) -> float:
-    """`value` as a float above zero and finite."""
-    if is_real(value) and 0 < value < math.inf:
-        return float(value)
-    raise ConfigurationError(argument, value, "a positive, finite number")
-
-
 def checked_drag(drag: object, along: DragAlong, rest_on_target: bool) -> float:
     """k1 as a float, of a sign that goes with the rest."""
-    if not (is_real(drag) and math.isfinite(drag)):
+    if not (is_finite(drag)):
         raise ConfigurationError("drag", drag, "a finite number")
     if drag < 0 and along == "travelled":
         raise ConfigurationError("drag", drag, "a drag of zero or more: along the travelled length it resists")

@@ -12,12 +12,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.errors import ConfigurationError, RehabOptError
 from rehab_opt.field.agreement import check_agreement, check_closeness
-from rehab_opt.field.arguments import positive
 from rehab_opt.field.demonstration import Demonstration
 from rehab_opt.field.fit import Fit, constant_stiffness_error, identified, rms
 from rehab_opt.field.force_model import ForceModel, shared_model, station_model
 from rehab_opt.field.potential import SAMPLES_PER_WIDTH, PotentialField
 from rehab_opt.field.samples import SampledPath, checked_paths, mean_path, resampled_path
+from rehab_opt.kinematics.real_array import positive
 from rehab_opt.optim.backends import backend
 from rehab_opt.optim.certificate import certificate_function, is_certified
 from rehab_opt.optim.recorder import recorder_now

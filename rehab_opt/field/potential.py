@@ -11,14 +11,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.errors import ConfigurationError
-from rehab_opt.field.arguments import as_point, as_points, checked_drag, path_stiffness, per_axis, positive
+from rehab_opt.field.arguments import as_point, as_points, checked_drag, path_stiffness, per_axis
 from rehab_opt.field.assembly import Assembled, DragAlong, assembled, rest_point
 from rehab_opt.field.energy import Kernel, field_kernel
 from rehab_opt.field.merging import merging_bound
 from rehab_opt.field.samples import SampledPath, Samples, checked_paths, resampled_path
 from rehab_opt.field.settling import fitting_damping
 from rehab_opt.field.weights import energies_and_forces, stiffness_at
-from rehab_opt.kinematics.real_array import checked_array
+from rehab_opt.kinematics.real_array import checked_array, positive
 
 if TYPE_CHECKING:
     from rehab_opt.field.fit import Fit

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import per_joint
 from rehab_opt.kinematics.drive import ChassisMotion, Drive
-from rehab_opt.kinematics.real_array import is_finite
+from rehab_opt.kinematics.real_array import is_finite, positive
 
 __all__ = ["Mecanum", "checked_amounts", "checked_lengths"]
 
@@ -64,8 +64,7 @@ class Mecanum(Drive):
 def checked_lengths(**numbers: float) -> None:
     """Refuse what is not a positive, finite number."""
     for name, number in numbers.items():
-        if not (is_finite(number) and number > 0.0):
-            raise ConfigurationError(name, number, "a positive finite number")
+        positive(name, number)
 
 
 def checked_amounts(**numbers: float) -> None:

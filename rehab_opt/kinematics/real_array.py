@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from rehab_opt.errors import ConfigurationError
 
-__all__ = ["checked_array", "is_finite", "is_real", "real_array"]
+__all__ = ["checked_array", "is_finite", "is_real", "positive", "real_array"]
 
 Array = NDArray[np.float64]
 _FLOATS = np.dtype(np.float64)
@@ -69,6 +69,13 @@ def is_finite(value: object) -> TypeGuard[float]:
     """Whether it is one, and a float holds it: an integer may be larger."""
     largest = sys.float_info.max
     return is_real(value) and -largest <= (value if isinstance(value, int) else float(value)) <= largest
+
+
+def positive(argument: str, value: object) -> float:
+    """`value` as a float, finite and above zero; raises `ConfigurationError` for any other."""
+    if is_finite(value) and value > 0:
+        return float(value)
+    raise ConfigurationError(argument, value, "a finite number above zero")
 
 
 def _real(value: Any) -> float:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.errors import ConfigurationError
-from rehab_opt.kinematics.real_array import checked_array
+from rehab_opt.kinematics.real_array import checked_array, positive
 
 __all__ = [
     "CUT_OFF_HZ",
@@ -22,7 +21,6 @@ __all__ = [
     "noise_of_derivative",
     "numbers",
     "passed_by_low_pass",
-    "positive",
     "rows",
     "vectors",
     "white_noise",
@@ -58,17 +56,6 @@ def rows(argument: str, values: ArrayLike, *, fewest: int = 1) -> Array:
     if array.ndim not in (1, 2) or len(array) < fewest:
         raise ConfigurationError(argument, f"shape {array.shape}", f"(N,) or (N, d) with N at least {fewest}")
     return array.reshape(len(array), -1)
-
-
-def positive(argument: str, value: float) -> float:
-    """A finite number above zero; raises as `numbers`."""
-    try:
-        number = float(value)
-    except (TypeError, ValueError, OverflowError):
-        number = math.nan
-    if not 0 < number < math.inf:
-        raise ConfigurationError(argument, value, "a finite number above zero")
-    return number
 
 
 CUT_OFF_HZ = 10.0

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.errors import ConfigurationError
+from rehab_opt.kinematics.real_array import positive
 from rehab_opt.measures.path import end_error, path_length, path_ratio, range_used, workspace_used
 from rehab_opt.measures.samples import (
     CUT_OFF_HZ,
@@ -21,7 +22,6 @@ from rehab_opt.measures.samples import (
     noise_of_derivative,
     numbers,
     passed_by_low_pass,
-    positive,
     white_noise,
 )
 from rehab_opt.measures.speed import (

@@ -17,7 +17,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.errors import ConfigurationError
-from rehab_opt.measures.samples import CUT_OFF_HZ, numbers, positive, rows
+from rehab_opt.kinematics.real_array import positive
+from rehab_opt.measures.samples import CUT_OFF_HZ, numbers, rows
 
 __all__ = [
     "RISE", "THRESHOLD", "dimensionless_jerk", "log_dimensionless_jerk", "mean_speed", "movement_interval",

@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import SerialChain
+from rehab_opt.kinematics.real_array import is_finite, positive
 
 __all__ = ["TangentLaw", "TangentPath", "Tracking", "damped_pseudoinverse"]
 
@@ -103,18 +104,12 @@ class TangentLaw:
             raise ConfigurationError("arm", arm, "a SerialChain")
         if not np.all(np.isfinite([arm.lower, arm.upper])):
             raise ConfigurationError("arm", (arm.lower, arm.upper), "finite joint limits")
-        positive = {
-            "gain": gain,
-            "dt": dt,
-            "handle_tilt": handle_tilt,
-            "tolerance": tolerance,
-            "saturation": saturation,
-        }
-        real = (int, float, np.integer, np.floating)
-        for name, number in positive.items():
-            if not (isinstance(number, real) and 0.0 < number < math.inf):
-                raise ConfigurationError(name, number, "a positive finite number")
-        if not (isinstance(damping, real) and 1e-12 <= damping < math.inf):
+        for name, number in (
+            ("gain", gain), ("dt", dt), ("handle_tilt", handle_tilt), ("tolerance", tolerance),
+            ("saturation", saturation),
+        ):  # fmt: skip
+            positive(name, number)
+        if not (is_finite(damping) and damping >= 1e-12):
             raise ConfigurationError("damping", damping, "a number of at least 1e-12")
         substeps = math.ceil(gain * dt / STEP) if substeps is None else substeps
         if not (isinstance(substeps, (int, np.integer)) and substeps >= 1):

@@ -302,3 +302,9 @@ def test_changes_of_the_progress_stay_within_the_slew_bound_and_faults_move_noth
 def test_bad_configuration_is_named(change: dict, named: str) -> None:
     with pytest.raises(ConfigurationError, match=named):
         PathAssistance(**{"path": HAIRPIN, **GIVEN, **OPTIONS, **change})
+
+
+def test_a_path_that_is_refused_is_shown_in_short() -> None:
+    with pytest.raises(ConfigurationError, match=r"(?s)^path = array.*\.\.\.: expected ") as refused:
+        PathAssistance(np.full((400, 2), 1j), **GIVEN, **OPTIONS)  # type: ignore[arg-type]
+    assert len(str(refused.value)) < 700
