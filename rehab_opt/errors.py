@@ -14,7 +14,7 @@ __all__ = [
     "printable",
 ]
 
-LONGEST = 500
+LONGEST = 250
 """Letters of a value that are shown."""
 
 

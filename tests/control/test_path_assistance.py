@@ -307,4 +307,4 @@ def test_bad_configuration_is_named(change: dict, named: str) -> None:
 def test_a_path_that_is_refused_is_shown_in_short() -> None:
     with pytest.raises(ConfigurationError, match=r"(?s)^path = array.*\.\.\.: expected ") as refused:
         PathAssistance(np.full((400, 2), 1j), **GIVEN, **OPTIONS)  # type: ignore[arg-type]
-    assert len(str(refused.value)) < 700
+    assert len(str(refused.value)) < 400
