@@ -25,7 +25,7 @@ from rehab_opt.session.files import load_problem, problem_of, shipped_problems
 from rehab_opt.session.mirror import placing
 from rehab_opt.session.mirror.metrics import CAUSES, causes, passed_share
 from rehab_opt.session.mirror.outcome import BEFORE, PLAN, STEP, Led, MirrorOutcome
-from rehab_opt.session.mirror.scene import laid_out
+from rehab_opt.session.mirror.scene import laid_out, path_notes
 from rehab_opt.session.mirror.table import brief, table
 from rehab_opt.session.report import metrics_json, write_report
 from rehab_opt.session.run import checked, run_problem
@@ -437,6 +437,19 @@ def test_a_clock_that_went_back_is_told_with_its_row(written: Write, rows: list[
         f"{count} samples left out whose stamps are not after all before them, the first in row 601: "
         f"{first:.9g} s after {last:.9g} s (did the clock begin anew?)"
     ]
+
+
+def test_a_recording_a_thousand_times_too_small_is_noticed(written: Write) -> None:
+    given = content()
+    header, *lines = (FOLDER / "pick_fruit.csv").read_text().splitlines()
+    cells = [line.split(",") for line in lines]
+    place = [header.split(",").index(axis) for axis in ("x_m", "y_m", "z_m")]
+    small = [",".join(f"{float(c) / 1000:.9g}" if k in place else c for k, c in enumerate(row)) for row in cells]
+    path = written("hand.csv", "\n".join([header, *small]))
+    written("calibration_points.csv", (FOLDER / "calibration_points.csv").read_text())
+    given["recording"] |= {"file": "hand.csv"}
+    problem = problem_of(given, name="test", file="test.toml", path=path.with_name("test.toml"))
+    assert any("are these metres that its header calls millimetres" in note for note in path_notes(laid_out(problem)))
 
 
 HEADER = "t_s,x_m,y_m,z_m,qx,qy,qz,qw"

@@ -16,7 +16,7 @@ from rehab_opt.control.foreseen import angles_between
 from rehab_opt.errors import ProblemFileError
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.kinematics.vr import FrameFit, Mirror, fit_frame, quaternions_of, robot_from_unity, rotations_of
-from rehab_opt.recordings.recording import Recording, size_note
+from rehab_opt.recordings.recording import Recording, size_note, strange_sizes
 from rehab_opt.session.files import ProblemFile, recording_path
 from rehab_opt.session.mirror.hand_poses import HandPoses, calibration_points, read_hand_poses
 from rehab_opt.session.mirror.problem import MirrorProblem, PatientSection, PoseRecordingSection
@@ -186,7 +186,9 @@ def laid_out(loaded: ProblemFile[MirrorProblem]) -> Scene:
 def path_notes(scene: Scene) -> Iterator[str]:
     """How large and fast the reference is, how much of it the led arm does, and when that changes its posture."""
     seen, times = ~scene.reference.lost, scene.reference.times
-    yield size_note(Recording("the reference", times[seen], scene.reference.poses[seen, :3, 3]))
+    reference = Recording("the reference", times[seen], scene.reference.poses[seen, :3, 3])
+    yield size_note(reference)
+    yield from strange_sizes(reference)
     if scene.person is None:
         return
     own = np.append(True, np.diff(scene.asked) > 0) & ~scene.led.lost
