@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 
 def checked_drag(drag: object, along: DragAlong, rest_on_target: bool) -> float:
     """k1 as a float, of a sign that goes with the rest."""
-    if not (is_finite(drag)):
+    if not is_finite(drag):
         raise ConfigurationError("drag", drag, "a finite number")
     if drag < 0 and along == "travelled":
         raise ConfigurationError("drag", drag, "a drag of zero or more: along the travelled length it resists")

@@ -200,7 +200,7 @@ def _spread(arm: SerialChain, handle_tilt: float | None, spacing: float | None) 
 
 def _checked_heights(heights: object) -> Array:
     try:
-        levels = real_array(heights)
+        levels = np.array(real_array(heights))
     except (TypeError, ValueError, OverflowError):
         levels = np.empty(0)
     if levels.ndim != 1 or len(levels) < 2 or not np.all(np.isfinite(levels)) or not np.all(np.diff(levels) > 0):

@@ -137,3 +137,10 @@ def test_a_mesh_that_would_fill_the_memory_is_refused() -> None:
 def test_heights_that_are_none_are_refused(heights: object) -> None:
     with pytest.raises(ConfigurationError, match="heights"):
         reachable_volume(human_arm(), heights=heights)  # type: ignore[arg-type]
+
+
+def test_a_volume_keeps_its_heights_where_the_array_they_came_in_is_used_again() -> None:
+    heights = np.array([-0.1, 0.0, 0.1])
+    volume = reachable_volume(human_arm(), heights=heights, accuracy=0.01)
+    heights[:] = 7.0
+    np.testing.assert_array_equal(volume.heights, [-0.1, 0.0, 0.1])
