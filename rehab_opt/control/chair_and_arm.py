@@ -28,7 +28,7 @@ __all__ = ["ChairAndArm"]
 Array = NDArray[np.float64]
 UNKNOWN = -1.0
 """In place of the frame: 0 for the chassis frame, 1 for the world, this where no hand velocity is remembered."""
-STEADY = 0.01
+STEADY = 0.03
 """Weight of a steady velocity beside what braking leaves of it, as a share of the chair's mass; of a change in a tick,
 by T/dt more. Light joints would else shake where bounds are met.
 """
@@ -57,7 +57,7 @@ TINY = 1e-12
 class ChairAndArm(VelocityController):
     """Joint velocities for a hand twist in one set of rows.
 
-    min  1/2 (u - t)'W(u - t) + (0.005 T/dt + y reach dt) |u - b|^2 + c'u_a^2 - price progress + 20 price off
+    min  1/2 (u - t)'W(u - t) + (0.015 T/dt + y reach dt) |u - b|^2 + c'u_a^2 - price progress + 20 price off
     s.t. J u = w + progress r/|r| + off e/|e|,   0 <= progress <= |r|,  0 <= off <= |e|
          |u - u_last| <= acceleration dt,  the bounds of `ChairLimits`,  and for h of z and half-way to it
          -max(0.05 |r|, |w|) <= (r/|r|)'J(h) u,  |s'J(h) u| <= max(0.27 |r|, |w|) for s square to r,
@@ -73,7 +73,7 @@ class ChairAndArm(VelocityController):
     where that keeps all bounds, so that it stays the answer; u_last after a tick of braking where an obstacle or
     keep-out is in its way, or it passes another bound by what a tick's accelerations can do; in between, between them:
     light joints stay calm. y is the size of the multipliers of J u = r at that price. At the end of a hand's reach
-    they are a spring, of which what steadies is the mass. c is the critical damping of its joints u_a, (0.01 T
+    they are a spring, of which what steadies is the mass. c is the critical damping of its joints u_a, (0.03 T
     stiffness)^1/2, as far as the hand lacks of its command and b is not the analytic answer; none where what J u is
     worth rises, as where a stretched arm comes back. The price of progress grows while the hand creeps although its
     joints could be faster to good effect (`hand_task.CREEPS`).

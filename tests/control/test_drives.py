@@ -274,3 +274,24 @@ def test_no_fault_breaks_a_bound_of_a_six_or_seven_joint_arm_on_a_new_drive() ->
     tally = chair_arms_campaign.run(600, seed=5, pairs=pairs)
     assert tally.broken == []
     assert {Status.OK, Status.BRAKING} <= set(tally.statuses)
+
+
+@pytest.mark.parametrize(
+    ("drive", "twist", "dt"),
+    [
+        ("differential", [-0.785, 0.154], 0.01),
+        ("differential", [-0.7884, 0.1359], 0.02),
+        ("mecanum", [-0.765, 0.234], 0.02),
+    ],
+)
+def test_a_chair_that_turns_as_fast_as_it_may_does_not_tremble(drive: str, twist: list[float], dt: float) -> None:
+    # A critic's sticks: its arm nearly stretched, chair and arm were changed to and fro in every tick for 20 s.
+    resolver = RedundancyResolver(ardis(), drive=drive, dt=dt, row_sets=[("x", "y")], compile=False)  # type: ignore[arg-type]
+    q, sent = ARDIS_READY.copy(), []
+    for _ in range(round(20 / dt)):
+        value = resolver.step(q, twist, ("x", "y")).value
+        q = q + dt * value
+        sent.append(resolver.robot.chassis_velocity(q, value))
+    changes = np.diff(sent[-round(5 / dt) :], axis=0)
+    large = np.minimum(np.abs(changes[1:]), np.abs(changes[:-1])) > 2e-3
+    assert ((changes[1:] * changes[:-1] < 0) & large).sum(axis=0).max() < 10
