@@ -224,8 +224,9 @@ class HandTask:
             besides - clipped(ca.dot(direction, besides), 0, speed) * direction
             for besides in (jacobian @ base - turning, jacobian @ braking.slower(last.velocity) - turning)
         )
-        hair = ca.norm_2(gentle) <= HAIR * (1 - gently) * size
-        error = ca.if_else(hair, gentle, hard)
+        error = ca.if_else(ca.norm_2(gentle) <= HAIR * (1 - gently) * size, gentle, hard)
+        error = ca.if_else(ca.norm_2(hard) > ca.norm_2(gentle), hard, error)
+        hair = ca.norm_2(error) <= HAIR * (1 - gently) * size
         off = ca.if_else(size > 0, ca.norm_2(error), 0)  # without a command the whole robot brakes
 
         on_the_way = self._rows_ahead(
