@@ -28,10 +28,9 @@ __all__ = ["ChairAndArm"]
 Array = NDArray[np.float64]
 UNKNOWN = -1.0
 """In place of the frame: 0 for the chassis frame, 1 for the world, this where no hand velocity is remembered."""
-STEADY, FIXED = 0.03, 0.01
+STEADY = 0.03
 """Weight of a steady velocity beside what braking leaves of it, as a share of the robot's mass; of a change in a tick,
-by T/dt more. Light joints would else shake where bounds are met. The second where the chair stands: an arm alone shook
-with neither, and rests sooner.
+by T/dt more. Light joints would else shake where bounds are met: with a third of it chairs and arms alone still did.
 """
 CURVED = 2.0
 """How many times progress pays for the bow that a joint's turn in a tick makes of the hand's way, reach dt u^2 / 2.
@@ -170,9 +169,8 @@ class ChairAndArm(VelocityController):
         b, part = tick.once(self._calm(last.velocity, task, limits, (lower, upper)))
         J, W, price = task.jacobian, symmetric(task.inertia, n), task.price
         braking, reach = self.limits.braking, self.robot.reach
-        weight = (FIXED if self.drive == "fixed" else STEADY) * braking.time
-        steady = weight / self.dt + CURVED * task.multiplier * self.dt * reach
-        damping = 2 * ca.sqrt(weight * task.stiffness) * (1 - part) * task.missing
+        steady = STEADY * braking.time / self.dt + CURVED * task.multiplier * self.dt * reach
+        damping = 2 * ca.sqrt(STEADY * braking.time * task.stiffness) * (1 - part) * task.missing
 
         velocity = variable("velocity", n, lower=lower, upper=upper)
         along = variable("progress", 1, lower=0, upper=task.speed)

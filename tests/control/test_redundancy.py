@@ -614,7 +614,7 @@ def test_an_arm_that_is_led_to_where_it_can_no_more_rests_there(rows: tuple[str,
         twist = np.random.default_rng(seed).standard_normal(len(rows))
         q, sent = ARDIS_READY.copy(), []
         arm.reset()
-        for _ in range(6000):  # a joint may creep on for 20 s before that
+        for _ in range(12000):  # a joint may creep on for half a minute before that
             sent.append(arm.step(q, 0.1 * twist / np.linalg.norm(twist), rows))
             q = q + 0.005 * sent[-1].value
         assert sum(each.status is Status.BACKUP for each in sent) < 24  # at rest, one at a time
