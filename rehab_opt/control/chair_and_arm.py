@@ -30,7 +30,7 @@ UNKNOWN = -1.0
 """In place of the frame: 0 for the chassis frame, 1 for the world, this where no hand velocity is remembered."""
 STEADY = 0.03
 """Weight of a steady velocity beside what braking leaves of it, as a share of the robot's mass; of a change in a tick,
-by T/dt more. Light joints would else shake where bounds are met: with a third of it chairs and arms alone still did.
+by T/dt more. Light joints would else shake where bounds are met: a third of it let some.
 """
 CURVED = 2.0
 """How many times progress pays for the bow that a joint's turn in a tick makes of the hand's way, reach dt u^2 / 2.
@@ -84,11 +84,10 @@ class ChairAndArm(VelocityController):
     leaves J c = w + progress_c r/|r| + e, where w <= (1 - dt/T) d is what d is allowed to be now, so that off = |e|
     satisfies the task. So the QP has an answer in every tick, and what it delivers besides r lies between w and w + e,
     both of which are at most (1 - dt/T) |d|, but for what the change of the Jacobian within the tick adds, of order
-    dt |u|^2: |d| shrinks by that factor a tick or faster. (Where u_last (1 - dt/T) leaves less than 0.002 dt/T |r| of e
-    that is had for nothing in place of c's: |d| may end at 0.002 |r|.) Along r the hand is never faster than |r| but
-    for that. What was delivered never becomes a reference; it is only what must shrink. The rows at h are why e stays
-    small while a bound or a singular posture stops the hand: it keeps to r while it brakes, also where joints bend its
-    way.
+    dt |u|^2: |d| shrinks by that factor a tick or faster. (Where u_last (1 - dt/T) leaves more of e than c, yet less
+    than 0.002 dt/T |r|, that is free in place of c's: |d| may end at 0.002 |r|.) Along r the hand is never faster than
+    |r| but for that. The rows at h are why e stays small while a bound or a singular posture stops the hand: it keeps
+    to r also where joints bend its way.
 
     Without a command all joints brake together as hard as the accelerations allow, and then rest.
 
@@ -296,8 +295,9 @@ class ChairAndArm(VelocityController):
         tick, q = Tick(), ca.SX.sym("q", self.chain.n)
         surroundings, memory = ca.SX.sym("obstacles", self.surroundings), ca.SX.sym("memory", self._memory_size)
         limits = self._limits(tick, q, memory, surroundings, gives_way=ca.SX(0))
-        rest = self.limits.unhindered(limits.base, limits.base, q[CHAIR:]) if self.robot.keep_out else limits.base
-        rest = tick.once(rest)
+        rest = limits.base
+        if self.robot.keep_out:
+            rest = tick.once(self.limits.unhindered(rest, rest, q[CHAIR:]))
         command = self._kept(tick, q, surroundings, rest, rest)
         report = self.report(memory[: self.chain.n], command, ca.SX(0), ca.SX(1), limits.outside)  # none of the task
         forgotten = ca.SX.zeros(len(self.rows)), ca.SX(0), ca.SX(UNKNOWN)

@@ -224,9 +224,8 @@ class HandTask:
             besides - clipped(ca.dot(direction, besides), 0, speed) * direction
             for besides in (jacobian @ base - turning, jacobian @ braking.slower(last.velocity) - turning)
         )
-        error = ca.if_else(ca.norm_2(gentle) <= HAIR * (1 - gently) * size, gentle, hard)
-        error = ca.if_else(ca.norm_2(hard) > ca.norm_2(gentle), hard, error)
-        hair = ca.norm_2(error) <= HAIR * (1 - gently) * size
+        free, least, most = HAIR * (1 - gently) * size, ca.norm_2(hard), ca.norm_2(gentle)
+        error = ca.if_else(ca.logic_and(least <= most, most <= free), gentle, hard)
         off = ca.if_else(size > 0, ca.norm_2(error), 0)  # without a command the whole robot brakes
 
         on_the_way = self._rows_ahead(
@@ -246,7 +245,7 @@ class HandTask:
             error=ca.if_else(off > TINY, error / ca.fmax(off, TINY), 0),
             off=ca.if_else(off > TINY, off, 0),
             price=price,
-            dear=ca.if_else(hair, 0, OFF * price),
+            dear=ca.if_else(off <= free, 0, OFF * price),
             multiplier=ca.norm_2(multipliers),
             stiffness=self._stiffness(posture, last.velocity, multipliers, (jacobian - here) * 2 / dt),
             missing=1 - along / ca.fmax(size, TINY),
@@ -276,9 +275,8 @@ class HandTask:
         By its tangent at `slower`, since the places move with u. The velocities are those of the chassis as it stands
         there, and so is what the stick commands in the chassis frame.
 
-        left : [m/s or rad/s] what may be left off the command after this tick: as much may be left there. A robot far
-        faster than its command is else kept so by these rows, which are tangents: a hand was 0.6 of its command across
-        when T + 1 s had gone by.
+        left : [m/s or rad/s] what may be left off the command after this tick, and there: a robot far faster than its
+        command is else kept so by these tangents.
         """
         slower, each = braking.slower(last), ca.SX.sym("u", last.numel())
         axes = ca.vertcat(direction.T, self._square(direction))

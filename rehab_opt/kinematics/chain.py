@@ -37,7 +37,7 @@ _written: PerThread[dict[tuple[Any, ...], ca.Function]] = PerThread(dict)
 def _written_once(expression: Expression) -> Expression:
     """An expression of joint values, written once for all chains of the same rows, base and tool, and then copied.
 
-    Written anew at every use it was half the time that a controller takes to be made. In each thread its own: CasADi
+    That was half the time that a controller takes to be made. In each thread its own: CasADi
     counts without a lock who refers to an expression. A subclass may write it in another way, and what is no column of
     a symbol for each joint is left to the expression itself.
     """
@@ -322,8 +322,7 @@ class SerialChain:
     def _moves_amid(self, q: ca.SX) -> ca.SX:
         """(6, n) geometric Jacobian for `manipulability`, from six joints on about and along the frame amid them.
 
-        To see it from elsewhere multiplies it by a matrix of determinant 1, which changes no det(J J'); from amid the
-        joints it takes a fifth of the operations. Below six joints det(J' J) is another about each point.
+        Of det(J J') that changes nothing, of operations it is a fifth. Below six joints det(J' J) is another about each point.
         """
         if self.n < 6:
             return self.jacobian_expression(q)

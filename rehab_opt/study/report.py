@@ -344,7 +344,7 @@ def _weeks(means: dict[Quantity, list[SessionMean]]) -> Callable[[SessionMean], 
 def _changes(measure: Quantity, means: Sequence[SessionMean]) -> Iterable[list[object]]:
     """Of each condition a row: first session, last session, and whether what lies between is a clear change.
 
-    With four sessions or more it is where the interval of the slope through their means leaves out zero, with fewer
+    From four sessions on it is where the interval of the slope through their means leaves out zero, else
     where the intervals of the first and the last mean are apart.
     """
     factor, unit = SCALES.get(measure.unit, (1.0, measure.unit))

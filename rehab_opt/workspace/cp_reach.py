@@ -175,9 +175,8 @@ def _model_curves(angles: Mapping[str, Array], pronation_zero: float) -> dict[st
     """Curves (limbs, T) [rad] of each model joint; of shoulder and wrist every combination of rows is a limb.
 
     Rows of elevation plane and axial rotation belong together: the same ones were dropped from both files, and at the
-    start, where the arm hangs and the two compensate each other, they correlate by -0.41 to -0.85; shuffled rows do so
-    in 4 % of shuffles or fewer, in both tasks and groups (tests). Taken as independent, joint 2 would vary twice as
-    much.
+    start, where the two compensate each other, they correlate by -0.41 to -0.85; shuffled, in 4 % or fewer (tests).
+    Taken as independent, joint 2 would vary twice as much.
     """
     scapula = model_scapula(angles["ScPro"])
     turn, adduction, flexion = model_shoulder(*_shoulder_rows(angles["ShAbd"], angles["ShEl"], angles["ShRot"]))
