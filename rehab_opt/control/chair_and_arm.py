@@ -30,7 +30,7 @@ UNKNOWN = -1.0
 """In place of the frame: 0 for the chassis frame, 1 for the world, this where no hand velocity is remembered."""
 STEADY = 0.03
 """Weight of a steady velocity beside what braking leaves of it, as a share of the robot's mass; of a change in a tick,
-by T/dt more. Light joints would else shake where bounds are met: a third of it let some.
+by T/dt more. Light joints would else shake where bounds are met: at a third, some did.
 """
 CURVED = 2.0
 """How many times progress pays for the bow that a joint's turn in a tick makes of the hand's way, reach dt u^2 / 2.

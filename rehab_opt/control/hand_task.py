@@ -275,7 +275,7 @@ class HandTask:
         By its tangent at `slower`, since the places move with u. The velocities are those of the chassis as it stands
         there, and so is what the stick commands in the chassis frame.
 
-        left : [m/s or rad/s] what may be left off the command after this tick, and there: a robot far faster than its
+        left : [m/s or rad/s] what may be left off the command after this tick and there: a robot far faster than its
         command is else kept so by these tangents.
         """
         slower, each = braking.slower(last), ca.SX.sym("u", last.numel())

@@ -345,7 +345,7 @@ def _changes(measure: Quantity, means: Sequence[SessionMean]) -> Iterable[list[o
     """Of each condition a row: first session, last session, and whether what lies between is a clear change.
 
     From four sessions on it is where the interval of the slope through their means leaves out zero, else
-    where the intervals of the first and the last mean are apart.
+    where the intervals of first and last mean are apart.
     """
     factor, unit = SCALES.get(measure.unit, (1.0, measure.unit))
     plain = _plain(measure)

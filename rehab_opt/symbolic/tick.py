@@ -217,8 +217,8 @@ def _function(
 def _column(stages: Sequence[_Once | _Call], inputs: Sequence[ca.SX], asked: set[int]) -> tuple[ca.SX, ca.Function]:
     """What is asked for of marked symbols, if among no input, and inputs -> its value; one column each.
 
-    In turns: first one function for all that takes no further branch, so that what values share is evaluated
-    once; then the branches that its outputs decide.
+    In turns: one function for all that takes no further branch, so that what values share is evaluated once;
+    then the branches that its outputs decide.
     """
     needed, level = _needed(stages, inputs, asked)
     given = [ca.MX.sym("given", each.numel()) for each in inputs]

@@ -175,7 +175,7 @@ def _model_curves(angles: Mapping[str, Array], pronation_zero: float) -> dict[st
     """Curves (limbs, T) [rad] of each model joint; of shoulder and wrist every combination of rows is a limb.
 
     Rows of elevation plane and axial rotation belong together: the same ones were dropped from both files, and at the
-    start, where the two compensate each other, they correlate by -0.41 to -0.85; shuffled, in 4 % or fewer (tests).
+    start, where the two compensate each other, they correlate by -0.41 to -0.85; shuffled, in 4 % or fewer.
     Taken as independent, joint 2 would vary twice as much.
     """
     scapula = model_scapula(angles["ScPro"])
