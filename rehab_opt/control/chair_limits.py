@@ -29,12 +29,14 @@ ALONG = (0.25, 0.5, 0.75, 1.0)
 MARGIN = 12e-3
 """[m] The stop posture stays further from a keep-out by this than the posture now: links turn; rows are tangents."""
 FAST = 0.4
-"""[m] Way of a hand to the stop posture from which on that margin is whole, before in its square, as links turn: one
-that grew with a speed from rest on made a joint that bears little on a keep-out shake before it."""
+"""[m] Way of a hand to the stop posture from which on that margin is whole, before in its square, as links turn."""
 CLEAR = 5e-4
 """[m] The arm stays clear of keep-outs by this, and by twice as much at the stop posture."""
 ROUNDED = 1e-10
 """[m/s] By which a solver may pass a row: at a limit of zero, less would stop the chair at once."""
+LATE = 1e-6
+"""[m/s] By which the hardest braking passes a row of what came too late: between two it is the chair's, since solvers
+find nothing around it."""
 TINY = 1e-12
 FACETS = 8
 """Sides of the polygon inside the circle of chassis velocities; its corners lie on the axes."""
@@ -255,14 +257,17 @@ class ChairLimits:
             lower, upper = ca.fmin(lower, base), ca.fmax(upper, base)
             outside = ca.sum1(ca.vertcat(outside, self.own.beyond(q), self.own.inside(contacts))) > 0
         towards, left = _stacked([read(each, 0, ROWS) for each in around])
-        towards_limit = ca.fmax(left + towards @ slower[:CHAIR], towards @ base[:CHAIR])
+        asked, held = left + towards @ slower[:CHAIR], towards @ base[:CHAIR]
+        over = ca.vertsplit(held - asked, ROWS) if around else []
+        late = ca.sum1(ca.vertcat(0, *(ca.mmax(each) > LATE for each in over))) > 1
+        lower, upper = (ca.vertcat(ca.if_else(late, base[:CHAIR], end[:CHAIR]), end[CHAIR:]) for end in (lower, upper))
         return Limits(
             lower=lower,
             upper=upper,
             chair=chair,
             chair_limit=chair_limit,
             towards=towards,
-            towards_limit=towards_limit,
+            towards_limit=ca.if_else(late, FAR, ca.fmax(asked, held)),
             into=into,
             into_limit=into_limit,
             tight=tight,
@@ -420,8 +425,8 @@ class ChairLimits:
     def _chassis(self, slowest: ca.SX) -> tuple[ca.SX, ca.SX]:
         """Rim speeds, and the polygon of chassis speeds where there are two of them; none of a base that stands.
 
-        A velocity that is told may lie beyond a side of the polygon, in the circle. That side then lies where the
-        hardest braking is, and the one across it where the corner between them is in the circle.
+        Where a velocity that is told lies beyond a side of the polygon, in the circle, that side lies where the hardest
+        braking is, and the one across it where the corner between them is in the circle.
         """
         wheels, speed = self.wheels, float(self.robot.chain.velocity[0]) * (1 - TIGHTER)
         rows, rims = wheels.rims

@@ -32,18 +32,18 @@ Prices of 3 to 8 shake joints at bounds. See `CREEPS`.
 CREEPS, GOES, WORTH = 0.2, 0.5, 0.025
 """Fractions of the commanded speed. While a hand is below the first, the price of progress grows where what moves it,
 as fast as a joint allows, would give it the third, and falls where not; past the second it falls, too. Half a m/s of
-the chair for a twentieth of the hand's speed is else too dear, and the hand stops.
+the chair for a twentieth of the hand's is else too dear, and the hand stops.
 """
 GROWING, FIRST, DEAREST = 0.5, 0.37, 100.0
 """[s] in which that price grows or falls e-fold; least factor on `PROGRESS`, below 1 as 1; the most, of a row's too."""
 STEEP = 1e3
 """[m/s] Up to which the price follows that cost where it is higher, as it is near singular postures."""
 AHEAD = (0.5, 1.0)
-"""Parts of the way to the stop posture where the hand must still be on its way: one alone left it 0.89 across amid."""
+"""Parts of the way to the stop posture where the hand must still be on its way."""
 STRAIGHT = 0.27
 """Fraction of the commanded speed by which J u may be off the hand's way there, in each direction square to it.
 
-Half-way braking has left half of that, at the stop posture nothing. Less makes hands slow near singular postures.
+Less makes hands slow near singular postures.
 """
 HURRY = 0.3
 """Fraction of it by which the hand may be off the command without hurry; what is more goes as its joints can stop.
@@ -60,8 +60,8 @@ OFF = 20.0
 What is off goes no faster than braking takes it away, and it adds up.
 """
 HAIR = 2e-3
-"""Fraction of the command that may be off it for nothing, a tick's share of which adds up to that. Joints whose lever
-is about zero would else turn to and fro against what braking leaves.
+"""Fraction of the command that may be off it for nothing, a tick's share of which adds up to that. Joints with next
+to no lever would else turn to and fro.
 """
 ROUNDING = 1e-9
 """Fraction by which a change stays within the accelerations, so that it is seen to."""

@@ -37,9 +37,9 @@ _written: PerThread[dict[tuple[Any, ...], ca.Function]] = PerThread(dict)
 def _written_once(expression: Expression) -> Expression:
     """An expression of joint values, written once for all chains of the same rows, base and tool, and then copied.
 
-    That was half the time that a controller takes to be made. In each thread its own: CasADi
-    counts without a lock who refers to an expression. A subclass may write it in another way, and what is no column of
-    a symbol for each joint is left to the expression itself.
+    Anew at every use it is half the time that making a controller takes. In each thread its own: CasADi counts without
+    a lock who refers to an expression. A subclass may write it in another way, and what is no column of a symbol for
+    each joint is left to the expression itself.
     """
 
     @wraps(expression)

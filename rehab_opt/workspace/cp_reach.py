@@ -176,7 +176,6 @@ def _model_curves(angles: Mapping[str, Array], pronation_zero: float) -> dict[st
 
     Rows of elevation plane and axial rotation belong together: the same ones were dropped from both files, and at the
     start, where the two compensate each other, they correlate by -0.41 to -0.85; shuffled, in 4 % or fewer.
-    Taken as independent, joint 2 would vary twice as much.
     """
     scapula = model_scapula(angles["ScPro"])
     turn, adduction, flexion = model_shoulder(*_shoulder_rows(angles["ShAbd"], angles["ShEl"], angles["ShRot"]))
