@@ -30,7 +30,7 @@ UNKNOWN = -1.0
 """In place of the frame: 0 for the chassis frame, 1 for the world, this where no hand velocity is remembered."""
 STEADY = 0.03
 """Weight of a steady velocity beside what braking leaves of it, as a share of the robot's mass; of a change in a tick,
-by T/dt more. Light joints would else shake where bounds are met: at a third, some did.
+by T/dt more. Light joints would else shake where bounds are met.
 """
 CURVED = 2.0
 """How many times progress pays for the bow that a joint's turn in a tick makes of the hand's way, reach dt u^2 / 2.
@@ -44,7 +44,7 @@ of the command decides.
 """
 MEAN = 8.0
 """Ticks in which a mean of u follows it. Own limits and keep-outs on the way are tangents about that: about u each tick
-undid the one before, where a limit bends or a margin grows by more than the cost of a change holds, and arms trembled.
+undid the one before, where a limit bends or a margin grows, and arms trembled.
 """
 ROUNDS = 2
 """Corrections of the last tick's active set."""

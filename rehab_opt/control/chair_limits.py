@@ -35,8 +35,8 @@ CLEAR = 5e-4
 ROUNDED = 1e-10
 """[m/s] By which a solver may pass a row: at a limit of zero, less would stop the chair at once."""
 LATE = 1e-6
-"""[m/s] By which the hardest braking passes a row of what came too late: between two it is the chair's, since solvers
-find nothing around it."""
+"""[m/s] By which the hardest braking passes a row of what came too late. Between two the chair brakes so: solvers find
+nothing around that."""
 TINY = 1e-12
 FACETS = 8
 """Sides of the polygon inside the circle of chassis velocities; its corners lie on the axes."""

@@ -42,7 +42,7 @@ NEARLY = 4e-3, math.radians(4.0)
 ANYWHERE, NEARER, BEST = 600, (0.35, 0.2, 0.12, 0.07, 0.04, 0.02), 20
 """Seats drawn anywhere, spreads [rad] of those drawn near the best afterwards, and how many of the best are kept."""
 SEARCHES = 12
-"""Of seats, each drawn anew: where it is hard, seven in ten end up to a tenth short."""
+"""Of seats, each drawn anew: of hard ones seven in ten end up to a tenth short."""
 TRIED, ENOUGH, SHORT, APART = 12, 3, 0.02, 0.5
 """Seats that are run at most; how many where one is short of what was counted on by no more than this share; how far
 they are apart [rad or m]: all runs of neighbours may end with one joint wound up."""
