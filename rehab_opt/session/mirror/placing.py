@@ -44,8 +44,8 @@ ANYWHERE, NEARER, BEST = 600, (0.35, 0.2, 0.12, 0.07, 0.04, 0.02), 20
 SEARCHES = 12
 """Of seats, each drawn anew: of hard ones seven in ten end up to a tenth short."""
 TRIED, ENOUGH, SHORT, APART = 12, 3, 0.02, 0.5
-"""Seats that are run at most; how many where one is short of what was counted on by no more than this share; how far
-they are apart [rad or m]: all runs of neighbours may end with one joint wound up."""
+"""Seats that are run at most; how many where one is short of what the person's arm can by no more than this share; how
+far they are apart [rad or m]: all runs of neighbours may end with one joint wound up."""
 HEIGHT, AWAY = (-0.1, 0.5), 0.45
 """[m] of the led shoulder over the robot's base, and least distance of the patient's middle and shoulders from the
 robot's upright axis."""
@@ -107,7 +107,7 @@ def found_place(
     if not len(left):
         expected = "a recording of which the robot, above its floor, and the person's arm can do some"
         raise ProblemFileError(loaded.file, "recording.file", loaded.problem.recording.file, expected)
-    best, enough = Place({}, -math.inf, 0.0), search.counted(left[0]) - SHORT
+    best, enough = Place({}, -math.inf, 0.0), search.most - SHORT
     for number in range(TRIED):
         if not len(left) or (number >= ENOUGH and best.passed >= enough):
             break
