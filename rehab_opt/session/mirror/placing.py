@@ -76,7 +76,7 @@ def found_place(
     Parameters
     ----------
     seats : drawn anywhere; six times a quarter as many follow near the best. All of it up to `SEARCHES` times, until
-        a seat does what the person's arm can.
+        `ENOUGH` seats do what the person's arm can.
 
     Raises
     ------
@@ -100,24 +100,33 @@ def found_place(
             more = search.near(own[np.argsort(-found, kind="stable")[:BEST]], spread, seats // 4)
             own, found = np.vstack([own, more]), np.concatenate([found, search.scores(more)])
         drawn, scores = np.vstack([drawn, own]), np.concatenate([scores, found])
-        if scores.max() >= search.most:
+        if len(_apart(drawn, np.where(scores >= search.most, scores, 0.0), ENOUGH)) == ENOUGH:
             break
     progress("seats", 1, 1)
-    left = drawn[np.argsort(-scores, kind="stable")][: (scores > 0.0).sum()]
-    if not len(left):
+    tried = _apart(drawn, scores, TRIED)
+    if not tried:
         expected = "a recording of which the robot, above its floor, and the person's arm can do some"
         raise ProblemFileError(loaded.file, "recording.file", loaded.problem.recording.file, expected)
     best, enough = Place({}, -math.inf, 0.0), search.most - SHORT
-    for number in range(TRIED):
-        if not len(left) or (number >= ENOUGH and best.passed >= enough):
+    for number, seat in enumerate(tried):
+        if number >= ENOUGH and best.passed >= enough:
             break
         progress("runs", number, TRIED)
-        keys = search.keys(left[0])
-        place = Place(keys, achieved(placed(loaded, keys)), search.counted(left[0]))
+        keys = search.keys(seat)
+        place = Place(keys, achieved(placed(loaded, keys)), search.counted(seat))
         best = max(best, place, key=lambda each: each.passed)
-        left = left[np.abs((left - left[0] + np.pi) % (2 * np.pi) - np.pi).max(axis=1) > APART]
     progress("runs", 1, 1)
     return best
+
+
+def _apart(drawn: Array, scores: Array, most: int) -> list[Array]:
+    """The best of seats (M, n + 1) above zero, in order, `APART` from each other."""
+    found: list[Array] = []
+    left = drawn[np.argsort(-scores, kind="stable")][: (scores > 0.0).sum()]
+    while len(left) and len(found) < most:
+        found.append(left[0])
+        left = left[np.abs((left - left[0] + np.pi) % (2 * np.pi) - np.pi).max(axis=1) > APART]
+    return found
 
 
 def placed(loaded: ProblemFile[MirrorProblem], keys: dict[str, dict[str, Any]]) -> ProblemFile[MirrorProblem]:
