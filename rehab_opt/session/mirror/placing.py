@@ -40,9 +40,9 @@ CHANGING = 0.1
 NEARLY = 4e-3, math.radians(4.0)
 """[m, rad] up to which the person's arm has what is asked."""
 ANYWHERE, NEARER, BEST = 600, (0.35, 0.2, 0.12, 0.07, 0.04, 0.02), 20
-"""Seats drawn anywhere, spreads [rad] of those drawn near the best afterwards, and how many of the best are kept."""
+"""Seats drawn anywhere, spreads [rad] of those drawn near the best, and how many are the best."""
 SEARCHES = 12
-"""Of seats, each drawn anew: of hard ones seven in ten end up to a tenth short."""
+"""Of seats, each drawn anew."""
 TRIED, ENOUGH, SHORT, APART = 12, 3, 0.02, 0.5
 """Seats that are run at most; how many where one is short of what the person's arm can by no more than this share; how
 far they are apart [rad or m]: all runs of neighbours may end with one joint wound up."""
@@ -54,7 +54,7 @@ CLEAR = 0.3
 SEEN = 0.005
 """Share in reach below which a note rounds to nothing."""
 GOOD = 0.5
-"""Of the largest manipulability, above which the posture at the middle pose is drawn."""
+"""Of the largest manipulability, above which postures are drawn."""
 
 
 class Place(NamedTuple):
@@ -100,16 +100,16 @@ def found_place(
             more = search.near(own[np.argsort(-found, kind="stable")[:BEST]], spread, seats // 4)
             own, found = np.vstack([own, more]), np.concatenate([found, search.scores(more)])
         drawn, scores = np.vstack([drawn, own]), np.concatenate([scores, found])
-        if len(_apart(drawn, np.where(scores >= search.most, scores, 0.0), ENOUGH)) == ENOUGH:
+        tried = _apart(drawn, scores)
+        if len(tried) >= ENOUGH and search.counted(tried[ENOUGH - 1]) >= search.most:
             break
     progress("seats", 1, 1)
-    tried = _apart(drawn, scores, TRIED)
     if not tried:
         expected = "a recording of which the robot, above its floor, and the person's arm can do some"
         raise ProblemFileError(loaded.file, "recording.file", loaded.problem.recording.file, expected)
-    best, enough = Place({}, -math.inf, 0.0), search.most - SHORT
+    best = Place({}, -math.inf, 0.0)
     for number, seat in enumerate(tried):
-        if number >= ENOUGH and best.passed >= enough:
+        if number >= ENOUGH and best.passed >= search.most - SHORT:
             break
         progress("runs", number, TRIED)
         keys = search.keys(seat)
@@ -119,11 +119,11 @@ def found_place(
     return best
 
 
-def _apart(drawn: Array, scores: Array, most: int) -> list[Array]:
-    """The best of seats (M, n + 1) above zero, in order, `APART` from each other."""
+def _apart(drawn: Array, scores: Array) -> list[Array]:
+    """Up to `TRIED` of seats (M, n + 1), the best before, `APART` from each other."""
     found: list[Array] = []
     left = drawn[np.argsort(-scores, kind="stable")][: (scores > 0.0).sum()]
-    while len(left) and len(found) < most:
+    while len(left) and len(found) < TRIED:
         found.append(left[0])
         left = left[np.abs((left - left[0] + np.pi) % (2 * np.pi) - np.pi).max(axis=1) > APART]
     return found
