@@ -34,7 +34,7 @@ __all__ = ["Place", "found_place", "placed", "reach_note", "replaced_keys", "val
 Array = NDArray[np.float64]
 
 POSES, ALL_POSES = 60, 300
-"""Of the path that are counted while looking, and where one seat is told of."""
+"""Of the path that are counted while looking, and for one seat."""
 CHANGING = 0.1
 """[s] from pose to pose where the person's arm changes its posture."""
 NEARLY = 4e-3, math.radians(4.0)
@@ -44,15 +44,14 @@ ANYWHERE, NEARER, BEST = 600, (0.35, 0.2, 0.12, 0.07, 0.04, 0.02), 20
 SEARCHES = 12
 """Of seats, each drawn anew."""
 TRIED, ENOUGH, SHORT, APART = 12, 3, 0.02, 0.5
-"""Seats that are run at most; how many where one is short of what the person's arm can by no more than this share; how
-far they are apart [rad or m]: all runs of neighbours may end with one joint wound up."""
+"""Seats that are run at most; how many where one is this short of what the person's arm can or less; how far they are
+apart [rad or m]: all runs of neighbours may end with one joint wound up."""
 HEIGHT, AWAY = (-0.1, 0.5), 0.45
-"""[m] of the led shoulder over the robot's base, and least distance of the patient's middle and shoulders from the
-robot's upright axis."""
+"""[m] of the led shoulder over the robot's base; of the patient's middle and shoulders from its axis at least."""
 CLEAR = 0.3
 """[m] of the robot's joints before its wrist from the upright through the patient's middle."""
 SEEN = 0.005
-"""Share in reach below which a note rounds to nothing."""
+"""Share in reach that a note rounds to nothing."""
 GOOD = 0.5
 """Of the largest manipulability, above which postures are drawn."""
 
@@ -75,7 +74,7 @@ def found_place(
 
     Parameters
     ----------
-    seats : drawn anywhere; six times a quarter as many follow near the best. All of it up to `SEARCHES` times, until
+    seats : drawn anywhere; six times a quarter as many near the best. All that up to `SEARCHES` times, until
         `ENOUGH` seats do what the person's arm can.
 
     Raises
@@ -120,7 +119,7 @@ def found_place(
 
 
 def _apart(drawn: Array, scores: Array) -> list[Array]:
-    """Up to `TRIED` of seats (M, n + 1), the best before, `APART` from each other."""
+    """The best of seats (M, n + 1), `APART` from each other."""
     found: list[Array] = []
     left = drawn[np.argsort(-scores, kind="stable")][: (scores > 0.0).sum()]
     while len(left) and len(found) < TRIED:
@@ -152,7 +151,7 @@ def achieved(loaded: ProblemFile[MirrorProblem]) -> float:
 
 
 def reach_note(problem: MirrorProblem, scene: Scene, tracker: MirrorTracker) -> str:
-    """How much of the reference is in reach of the robot, and of the led arm, from where the robot starts."""
+    """How much of the reference is in reach of robot and led arm, from where the robot starts."""
     search = _Search(problem, scene, tracker, np.random.default_rng(0), poses=ALL_POSES)
     search.seats.floor, search.seats.near = tracker.floor, 3  # nothing is to be kept for a run
     walk = search.seats.walk((search.hands @ search.grip)[:, None], scene.start[None], 0)
@@ -173,7 +172,7 @@ class _Search:
         self.problem, self.chain, self.rng = problem, scene.robot, rng
         self.seats, self.w_max = Seats(tracker), tracker.max_manipulability
         self.grip = pose_of(problem.robot.grip_deg, problem.robot.grip_m)
-        # Samples at which the person's arm does what is asked; where it changes its posture, how it comes there.
+        # Samples where the person's arm does what is asked, and where it changes its posture.
         seen = np.flatnonzero(~scene.led.lost)
         goes_on = np.diff(scene.asked[seen], append=len(scene.reference.poses)) > 0
         own = seen[goes_on][np.unique(np.linspace(0, goes_on.sum() - 1, poses).astype(int))]
