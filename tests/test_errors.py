@@ -10,13 +10,17 @@ from hypothesis import strategies as st
 
 from rehab_opt import ConfigurationError, ProblemFileError, RehabOptError, human_arm
 
-values = st.one_of(st.none(), st.text(), st.floats(allow_nan=False), st.lists(st.integers()), st.tuples(st.text()))
+values = st.one_of(
+    st.none(), st.text(), st.floats(allow_nan=False), st.lists(st.integers()), st.tuples(st.text()),
+    st.integers(240, 260).map("x".__mul__),
+)  # fmt: skip
 
 
 @given(st.text(min_size=1), values, st.text(min_size=1))
 def test_a_configuration_error_names_argument_value_and_expectation(name: str, value: object, expected: str) -> None:
-    error = ConfigurationError(name, value, expected)
-    assert str(error) == f"{name} = {value!r}: expected {expected}"
+    error, whole = ConfigurationError(name, value, expected), repr(value)
+    said = whole if len(whole) <= 250 else whole[:250] + "..."
+    assert str(error) == f"{name} = {said}: expected {expected}"
     assert (error.argument, error.value, error.expected) == (name, value, expected)
 
 
