@@ -46,7 +46,7 @@ class Limits(NamedTuple):
     """Limits on the velocities u (7,) of one tick, the chair's in its own frame; `base` satisfies all of them."""
 
     lower: ca.SX
-    """(7,) of each joint alone: its speed, its stop posture within its position limits."""
+    """(7,) of each joint: its speed, its stop posture within its limits; see `LATE`."""
     upper: ca.SX
     chair: ca.SX
     """(a, 3) rows of rim speeds and of the chassis speed, both ways within chair_limit (a,) [m/s]."""

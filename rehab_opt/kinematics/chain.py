@@ -322,7 +322,7 @@ class SerialChain:
     def _moves_amid(self, q: ca.SX) -> ca.SX:
         """(6, n) geometric Jacobian for `manipulability`, from six joints on about and along the frame amid them.
 
-        Of det(J J') that changes nothing, of operations it is a fifth. Below six joints det(J' J) depends on the point.
+        det(J J') is the same from everywhere, here at a fifth of the operations. Below six joints det(J' J) is not.
         """
         if self.n < 6:
             return self.jacobian_expression(q)
