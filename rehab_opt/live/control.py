@@ -127,7 +127,7 @@ def _run(problem: LiveProblem, rings: Rings, *, fifo: int | None, watches: Seque
             control.plant, decide_of(problem, control, then=show), state=rings.state, operator=rings.given,
             watches=watches, sent=control.sent, fifo=fifo,
         )  # fmt: skip
-        loop.run(until=lambda: os.getppid() != parent.pid)
+        loop.run(until=lambda: "the page's process is gone" if os.getppid() != parent.pid else "")
 
 
 def _run_again(problem: LiveProblem, logged: Logged, rings: Rings) -> None:

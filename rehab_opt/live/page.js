@@ -11,7 +11,6 @@ const sub = (a, b) => [a[0] - b[0], a[1] - b[1], a[2] - b[2]], add = (a, b) => [
 const mul = (a, s) => [a[0] * s, a[1] * s, a[2] * s], dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
 const size = (a) => Math.hypot(...a), unit = (a) => mul(a, 1 / (size(a) || 1));
-const rgb = (text) => [1, 3, 5].map((i) => parseInt(text.slice(i, i + 2), 16) / 255);
 
 // ------------------------------------------------------------------------------- camera and picture
 /* Drawn on a plain canvas, from far to near: that costs no graphics processor, and leaves time for the heartbeat. */
@@ -33,7 +32,7 @@ function placed(x, y, p) {
   const ray = add(mul(ahead, focus), add(mul(right, x - wide / 2), mul(up, high / 2 - y))), normal = scene.planar ? [0, 0, 1] : ahead;
   return add(eye, mul(ray, dot(sub(p, eye), normal) / dot(ray, normal)));
 }
-const shade = (colour, k) => "rgb(" + rgb(colour).map((v) => Math.round(255 * Math.min(1, v * k))).join() + ")";
+const shade = (colour, k) => "rgb(" + [1, 3, 5].map((i) => k * parseInt(colour.slice(i, i + 2), 16)).join() + ")";
 function capsule(shapes, c) {
   const a = c.slice(0, 3), b = c.slice(3, 6), pieces = Math.max(1, Math.min(4, Math.round(size(sub(b, a)) / (0.15 * scene.reach))));
   for (let i = 0; i < pieces; i++) {
@@ -165,29 +164,29 @@ function enable(on, why) { inputs.enable = on && commands && !document.hidden; i
 $("deadman").onclick = (e) => { enable(!inputs.enable, ""); e.currentTarget.blur(); };
 const keys = {};
 addEventListener("keydown", (e) => {
+  if (e.code === "Escape") enable(false, "released");
   if (e.target.tagName === "SELECT" || e.target.type === "range") return;
   if (e.code === "Space") { e.preventDefault(); if (!e.repeat) enable(true, "held by the space bar"); }
-  if (e.code === "Escape") enable(false, "released");
-  if (e.code.startsWith("Arrow") && allowed("stick")) { e.preventDefault(); keys[e.code] = 1; }
-  if (e.code === "KeyM") inputs.switch = true; if (e.code === "KeyG") inputs.gripper = true;
+  if (e.code.startsWith("Arrow") && allowed("stick")) e.preventDefault();
+  keys[e.code] = 1;
 });
 addEventListener("keyup", (e) => {
-  if (e.code === "Space" && e.target.tagName !== "SELECT") { e.preventDefault(); enable(false, "space bar released"); }
-  delete keys[e.code]; if (e.code === "KeyM") inputs.switch = false; if (e.code === "KeyG") inputs.gripper = false;
+  if (keys.Space && e.code === "Space") { e.preventDefault(); enable(false, "space bar released"); }
+  delete keys[e.code];
 });
-addEventListener("blur", () => { for (const k in keys) delete keys[k]; });
-for (const name of ["switch", "gripper"]) { $(name).onpointerdown = () => { inputs[name] = true; }; $(name).onpointerup = $(name).onpointerleave = () => { inputs[name] = false; }; }
+function left() { if (keys.Space) enable(false, "released: the keyboard went elsewhere"); for (const k in keys) delete keys[k]; }
+addEventListener("blur", left); addEventListener("focusin", (e) => { if (e.target.tagName === "SELECT") left(); });
+for (const name of ["switch", "gripper"]) { $(name).onpointerdown = () => { keys[name] = 1; }; $(name).onpointerup = $(name).onpointerleave = () => { delete keys[name]; }; }
 let padded = null;
 function onPad(e) { const r = $("pad").getBoundingClientRect(), x = (e.clientX - r.left) / r.width * 2 - 1, y = (e.clientY - r.top) / r.height * 2 - 1, k = 1 / Math.max(1, Math.hypot(x, y)); padded = [-y * k, -x * k]; }
 $("pad").onpointerdown = (e) => { $("pad").setPointerCapture(e.pointerId); if (commands) onPad(e); };
 $("pad").onpointermove = (e) => { if (padded) onPad(e); }; $("pad").onpointerup = $("pad").onpointercancel = () => { padded = null; };
 function stick() {
-  const pad = [...(navigator.getGamepads ? navigator.getGamepads() : [])].find(Boolean);
+  const pad = [...(navigator.getGamepads?.() || [])].find((p) => p && p.axes.length > 1);
+  inputs.switch = !!(keys.KeyM || keys.switch || pad?.buttons[0]?.pressed); inputs.gripper = !!(keys.KeyG || keys.gripper || pad?.buttons[1]?.pressed);
   if (padded) return padded;
   const k = [(keys.ArrowUp || 0) - (keys.ArrowDown || 0), (keys.ArrowLeft || 0) - (keys.ArrowRight || 0)];
-  if (k[0] || k[1] || !pad) return k;
-  inputs.switch = pad.buttons[0].pressed; inputs.gripper = pad.buttons[1].pressed;
-  return [-pad.axes[1], -pad.axes[0]];
+  return k[0] || k[1] || !pad ? k : [-pad.axes[1], -pad.axes[0]];
 }
 function drawPad() {
   const g = $("pad").getContext("2d"), [f, l] = inputs.stick; g.clearRect(0, 0, 260, 260);

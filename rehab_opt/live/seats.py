@@ -7,7 +7,7 @@ import math
 import secrets
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
-from urllib.parse import parse_qs, urlsplit
+from urllib.parse import parse_qs
 
 from rehab_opt.loop.loop import DEAD_MAN
 from rehab_opt.session.live.problem import AT_REST, NOWHERE, LiveInputs
@@ -28,7 +28,7 @@ class Gate:
 
     def __init__(self, names: Iterable[str], port: int) -> None:
         self.token = secrets.token_urlsafe(24)
-        self.hosts = frozenset(f"[{name}]:{port}" if ":" in name else f"{name}:{port}" for name in names)
+        self.hosts = frozenset(f"[{name}]:{port}" if ":" in name else f"{name}:{port}".lower() for name in names)
 
     def refusal(self, target: str, hosts: Sequence[str], origins: Sequence[str], *, socket: bool) -> str:
         """Why a request is refused; empty where it may pass.
@@ -46,7 +46,7 @@ class Gate:
             or any(each != f"http://{hosts[0].lower()}" for each in origins)
         ):
             return "another origin than this page's"
-        given = parse_qs(urlsplit(target).query).get("token", [])
+        given = parse_qs(target.partition("?")[2]).get("token", [])
         if len(given) != 1 or not hmac.compare_digest(given[0].encode(), self.token.encode()):
             return "no token, or a wrong one: use the printed address"
         return ""

@@ -13,7 +13,7 @@ from http import HTTPStatus
 from importlib.resources import files
 from multiprocessing.connection import Connection
 from typing import TYPE_CHECKING, Any
-from urllib.parse import parse_qs, urlsplit
+from urllib.parse import parse_qs
 
 import numpy as np
 
@@ -98,11 +98,9 @@ class LivePage:
 
     # ------------------------------------------------------------------------------------------------ requests
     def _request(self, connection: ServerConnection, request: Request) -> Response | None:
-        path, headers = urlsplit(request.path).path, request.headers
+        path, headers = request.path.partition("?")[0], request.headers
         socket = path == "/ws"
-        refusal = self._gate.refusal(
-            request.path, headers.get_all("Host"), headers.get_all("Origin"), socket=socket
-        )  # fmt: skip
+        refusal = self._gate.refusal(request.path, headers.get_all("Host"), headers.get_all("Origin"), socket=socket)
         if refusal:
             return connection.respond(HTTPStatus.FORBIDDEN, f"{refusal}\n")
         if socket:
@@ -130,7 +128,7 @@ class LivePage:
         """One tab, from its opening to its end."""
         from websockets.exceptions import ConnectionClosed  # noqa: PLC0415
 
-        view = parse_qs(urlsplit(connection.request.path if connection.request else "").query).get("view", [""])[0]
+        view = parse_qs(connection.request.path.partition("?")[2] if connection.request else "").get("view", [""])[0]
         tab = self._seats.join(participant=view == "participant" or self._problem.logged)
         told = self._tabs[tab] = _Tab(connection)
         telling = asyncio.create_task(told.tell())

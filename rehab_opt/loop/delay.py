@@ -26,11 +26,10 @@ SETTLED = 0.2
 def measured_delay(plant: Plant, *, joint: int = 0, speed: float = 0.2, fifo: int | None = None) -> float:
     """[s] from a command until its motion is measured, for `JointFeedback(delay=...)`.
 
-    A joint goes out and back in 3.6 s, at a quarter of `speed` and at `speed`. At a steady speed v a robot that is T
+    A joint goes out and back, at a quarter of `speed` and at `speed`. At a steady speed v a robot that is T
     late is v T behind its commands, and behind by what dry friction has held back, which is about the same at both
     speeds: T is by how much farther it is behind, over how much faster it is. A velocity servo of two equal poles, as
-    `JointFeedback` assumes one, adds nothing. In a simulated UR5 of 30 ms the large joints gave 30.3 to 30.8 ms; a
-    wrist, most of whose torque is friction, gave 34, and 42 at half the speed.
+    `JointFeedback` assumes one, adds nothing.
 
     Parameters
     ----------

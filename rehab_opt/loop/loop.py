@@ -106,8 +106,8 @@ class Loop:
         layout = None if operator is None else operator.layout
         self._state = None if state is None else StateRecord(state, layout)
 
-    def run(self, *, seconds: float = math.inf, until: Callable[[], bool] = lambda: False) -> LoopReport:
-        """Tick until `seconds` have passed, `until()` is true, Ctrl-C, SIGTERM, or the device is gone; then brake.
+    def run(self, *, seconds: float = math.inf, until: Callable[[], bool | str] = lambda: False) -> LoopReport:
+        """Tick until `seconds` have passed, `until()` is true or says why, Ctrl-C, SIGTERM, a lost device; then brake.
 
         Raises
         ------
@@ -130,14 +130,15 @@ class Loop:
             run.ticks, run.missed, run.late, run.stale, run.lateness, run.tick_time, scheduling, reason, run.lost
         )
 
-    def _ticks(self, run: _Run, seconds: float, until: Callable[[], bool]) -> str:
+    def _ticks(self, run: _Run, seconds: float, until: Callable[[], bool | str]) -> str:
         """Why they ended."""
         reason = ""
         try:
             while not reason:
                 self._tick(run, "")
                 over = not (run.index + 1) * self.dt < seconds
-                reason = f"{seconds:g} s have passed" if over else "it was told to" if until() else run.interrupted
+                told: bool | str = f"{seconds:g} s have passed" if over else until()
+                reason = (told if isinstance(told, str) else "it was told to" if told else "") or run.interrupted
         except KeyboardInterrupt:
             reason = "interrupted"
         begun = run.index

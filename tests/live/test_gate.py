@@ -50,6 +50,15 @@ def test_without_the_token_everything_is_refused(address: Address, path: str, qu
     assert address.token not in text
 
 
+def test_a_target_that_is_no_path_is_refused_without_a_word_on_the_terminal(address: Address) -> None:
+    assert answer(address.port, "//[", f"Host: 127.0.0.1:{address.port}").startswith("HTTP/1.1 403 ")
+
+
+def test_a_name_in_capitals_is_called_in_small_letters_by_browsers() -> None:
+    gate = Gate(["LOCALHOST"], 80)
+    assert gate.refusal(f"/?token={gate.token}", ["localhost:80"], ["http://localhost:80"], socket=True) == ""
+
+
 @pytest.mark.parametrize("host", ["evil.example:{port}", "127.0.0.1", "127.0.0.1:1", "127.0.0.1.evil.example:{port}"])
 def test_a_foreign_name_of_this_machine_is_refused(address: Address, host: str) -> None:
     text = answer(address.port, f"/?token={address.token}", "Host: " + host.format(port=address.port))

@@ -151,10 +151,63 @@ def test_one_tab_commands_and_the_other_watches_until_it_takes_over(browser: Any
     tab.until("document.getElementById('status').textContent === 'holding'")
 
 
-def test_the_participant_sees_a_target_a_hand_and_nothing_else(browser: Any, address: Address, tab: Tab) -> None:
+@pytest.mark.parametrize("width", [1100, 600])
+def test_the_participant_sees_a_target_a_hand_and_nothing_else(
+    browser: Any, address: Address, tab: Tab, width: int
+) -> None:
+    """In a window beside another one, and on a telephone, too."""
     theirs = Tab(browser, address.participant)
+    theirs.page.set_viewport_size({"width": width, "height": 700})
     tab.until("document.getElementById('seattext').textContent.includes('1 for the participant')")
     for hidden in ("header", "aside", "#legend"):
         assert not theirs.page.is_visible(hidden)
     assert not theirs.page.is_checked("#sound")
+    for colours in (("#2f6f9f", "#3fae7a"), ("#f2c14e",)):  # of the target, as it is far or reached, and of the hand
+        end = time.monotonic() + PATIENCE
+        while not any(shows(theirs, each) for each in colours):
+            assert time.monotonic() < end, colours
     theirs.close()
+
+
+def shows(tab: Tab, colour: str) -> bool:
+    """Whether the whole window has 100 pixels of it."""
+    from PIL import Image  # noqa: PLC0415  (matplotlib brings it)
+
+    picture = np.asarray(Image.open(io.BytesIO(tab.page.screenshot())).convert("RGB"))
+    return bool((picture == list(bytes.fromhex(colour[1:]))).all(axis=2).sum() > 100)
+
+
+@pytest.mark.parametrize("elsewhere", ["dispatchEvent(new Event('blur'))", "document.getElementById('frozen').focus()"])
+def test_a_space_bar_holds_nothing_once_the_keyboard_is_another_window_s_or_a_list_s(tab: Tab, elsewhere: str) -> None:
+    """That is told of its release, the page is not."""
+    assert tab.now(f"""(() => {{
+        dispatchEvent(new KeyboardEvent('keydown', {{code: 'Space'}}));
+        const held = live.inputs.enable;
+        {elsewhere};
+        return [held, live.inputs.enable];
+    }})()""") == [True, False]
+    assert "elsewhere" in tab.page.inner_text("#why")
+
+
+def test_escape_releases_wherever_the_keyboard_is(tab: Tab) -> None:
+    for place in ("scene", "noise", "frozen"):
+        assert tab.now(f"""(() => {{
+            document.getElementById('deadman').click();
+            const held = live.inputs.enable, place = document.getElementById('{place}');
+            place.focus();
+            place.dispatchEvent(new KeyboardEvent('keydown', {{code: 'Escape', bubbles: true}}));
+            return [held, live.inputs.enable];
+        }})()""") == [True, False]
+
+
+def test_a_stick_with_one_button_leads_and_leaves_the_keys_theirs(tab: Tab) -> None:
+    told = "{axes: [0.5, -1], buttons: [{pressed: false}]}"
+    tab.now(f"(() => {{ navigator.getGamepads = () => [null, {told}]; live.scene.controls.push('stick'); }})()")
+    tab.until("live.inputs.stick[0] === 1 && live.inputs.stick[1] === -0.5")
+    tab.page.keyboard.down("m")
+    tab.page.wait_for_timeout(200)
+    assert tab.now("live.inputs.switch")
+    tab.page.keyboard.up("m")
+    tab.until("!live.inputs.switch")
+    tab.now("(() => { navigator.getGamepads = () => []; })()")
+    tab.until("live.inputs.stick[0] === 0")

@@ -23,8 +23,10 @@ PATIENCE = 120.0
 """[s] that something may take on a busy machine."""
 
 
-def test_what_was_silent_is_told_again_and_no_process_is_left() -> None:
-    command = [sys.executable, "-m", "rehab_opt", "live", "robot/ur5_circle"]
+def test_what_was_silent_is_told_again_and_no_process_is_left(tmp_path: Path) -> None:
+    pytest.importorskip("mcap")
+    log = tmp_path / "killed.mcap"
+    command = [sys.executable, "-m", "rehab_opt", "live", "robot/ur5_circle", "--log", str(log)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as page:
         try:
             assert page.stdout is not None
@@ -42,6 +44,7 @@ def test_what_was_silent_is_told_again_and_no_process_is_left() -> None:
     while (found := stat_of(controller)) and found[0] != "Z":
         assert time.monotonic() < end
         time.sleep(0.05)
+    assert read_log(log).records["reason"][-1] == b"the page's process is gone"
 
 
 def test_a_log_is_shown_at_its_pace_and_commanded_by_nobody(tmp_path: Path) -> None:
