@@ -317,7 +317,8 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
         verdict.during("gives way to one body", acts & (stays < 0).any(axis=1) & ~inside, dt)
     stands = acts & (np.abs(answers.value) < STANDS).all(axis=1)
     stands &= np.convolve(stands, np.ones(WHILE))[: len(stands)] >= WHILE
-    goes = may_go_on(scene, q, poses, twists, every, later, dt)
+    unmoved = np.column_stack([*(apart[:-1] for apart in still.values()), stays])
+    goes = may_go_on(scene, q, poses, twists, every, unmoved, later, dt)
     verdict.holds("who may go on does not stand", ~stands | ~goes)
     verdict.during("may go on", acts & goes, dt)
     for kind, apart in {**still, "body that moves": moved}.items():
@@ -342,11 +343,13 @@ def could(
 
 
 def may_go_on(
-    scene: Scene, q: Array, poses: Array, twists: Array, every: Array, later: list[Array], dt: float
+    scene: Scene, q: Array, poses: Array, twists: Array, every: Array, unmoved: Array, later: list[Array], dt: float
 ) -> NDArray[np.bool_]:
     """(N,) whether the arm could go on slowly along the asked twist within its joint limits and every barrier.
 
-    `every` (N + 1, m) [m] are its distances less the margin, `later` where moving bodies are after each tick.
+    `every` (N + 1, m) [m] are its distances less the margin, `unmoved` (N, m) those after each tick of an arm that
+    stands, `later` where moving bodies are then. A body that is within the margin and leaves it in this tick may not
+    be followed yet: the arm's own motion adds nothing.
     """
     here, moves = tool(q[:-1]), jacobian(q[:-1])
     turn = turn_between(poses[:, :3, :3], here[:, :3, :3])
@@ -359,7 +362,8 @@ def may_go_on(
     there = q[:-1] + dt * way * SLOW / np.maximum(fastest, SLOW)
     ends = segments_of(scene, there)
     then = np.column_stack([*standing(scene, ends).values(), coming(scene, ends, later)])
-    kept = (then >= (1 - SLOWEST * dt) * np.maximum(every[:-1], 0)).all(axis=1)
+    nearer = (every[:-1] < 0) & (then < unmoved)
+    kept = ((then >= (1 - SLOWEST * dt) * np.maximum(every[:-1], 0)) & ~nearer).all(axis=1)
     return np.asarray(regular & (fastest[:, 0] > SLOW) & kept & (np.abs(q[:-1]) < LIMIT - SLOW).all(axis=1))
 
 

@@ -54,6 +54,7 @@ def test_slice_of_the_campaign_breaks_nothing(judge: str, seed: int) -> None:
         ("chair_calm", 35112422, 101),
         ("chair_calm", 62139034, 53),
         ("clearance_bodies", 61139031, 71),
+        ("clearance_bodies", 26118000, 76),
         ("paths_beforehand", 26112019, 3),
         ("pair_messages", 25112016, 31),
         ("pair_messages", 41126001, 151),
