@@ -7,8 +7,9 @@ Where wheels hold their speeds, so that the chair goes along an arc, the half of
 
 A tick is *strict* where |hand| <= 1.02, against <= 0.02 and across <= 0.05. Others are of a braking episode: a stretch
 of consecutive ticks that are not strict lasts at most T, and in it along <= 1.02, against <= 0.15 and across <= 0.15.
-Where the hand does less than 2 % of the command for the last second of a run, it has stopped, and then no velocity
-within the true bounds leads the hand exactly along the command at 5 % of it: see `Chair.fastest`.
+Where the hand does less than 2 % of the command for the last second of a run, and for T where that is longer, it has
+stopped, and then no velocity within the true bounds leads the hand exactly along the command at 5 % of it: see
+`Chair.fastest`. A robot that brakes is led for up to T to where it rests, and may pass places where more is possible.
 
 Now and then an arm alone, slow to stop, is led at keep-outs: see `judge_standing`.
 """
@@ -241,11 +242,11 @@ def judge_law(run: Run, verdict: Verdict, part: Part, span: slice, obstacles: Ob
     verdict.within("law: across the command, braking", across - arc, BRAKING)
     verdict.during("law judged", np.ones(len(along), dtype=bool), dt)
     verdict.during("a braking episode", braking, dt)
-    second = round(1.0 / dt)
-    if np.all(np.abs(along[-second:]) < STOPPED):
+    stood = round(max(1.0, chair.braking_time) / dt)
+    if len(along) >= stood and np.all(np.abs(along[-stood:]) < STOPPED):
         # The less of both ends: arms that move while their hand hardly does pass postures where more would be possible.
         possible = min(chair.fastest(run.q[tick], twist, part.rows, part.frame, obstacles, dt)
-                       for tick in (span.stop - second, span.stop))  # fmt: skip
+                       for tick in (span.stop - stood, span.stop))  # fmt: skip
         if obstacles:  # beside them no promise: two or three runs of a thousand creep where the programme finds a way
             verdict.during(
                 "the hand stopped beside an obstacle, not so by the programme", np.array([possible > POSSIBLE]), dt

@@ -53,6 +53,7 @@ def test_slice_of_the_campaign_breaks_nothing(judge: str, seed: int) -> None:
         ("chair_calm", 34112419, 227),
         ("chair_calm", 35112422, 101),
         ("chair_calm", 62139034, 53),
+        ("chair_held", 26118100, 493),
         ("clearance_bodies", 61139031, 71),
         ("clearance_bodies", 26118000, 76),
         ("paths_beforehand", 26112019, 3),
