@@ -36,6 +36,8 @@ CALM = 0.45
 """Share of the largest deviation up to which the clock keeps its pace."""
 SPARE = 0.95
 """Share of the hand speeds that the reference may take: the rest is for catching up with it."""
+SERVO = 0.975
+"""Share of the hand speed up to which servos are led: where a joint sticks as it turns back, it was 1.039."""
 HASTE = 4.0
 """[1] Feedback on the error asks for at most this many times the largest hand speed."""
 AT_MOST = 0.4
@@ -121,8 +123,8 @@ class MirrorStatement(PoseTracker):
     def excess(self, q: ca.SX, jacobian: ca.SX, velocity: ca.SX, last: ca.SX) -> ca.SX:
         """The wanted motion is slowed, not the asked one: what the floor takes from it must not slow the rest.
 
-        From its speed that way on, the hand comes to the largest one at the rate `approach`: servos overshoot the end
-        of an acceleration.
+        From its speed that way on, the hand comes to `SERVO` of the largest one at the rate `approach`: servos
+        overshoot the end of an acceleration.
         """
         unweighted = ca.diag(1 / ca.sqrt(ca.DM(self.task_weights))) @ jacobian
         turning = ca.norm_2(unweighted[3:, :] @ velocity)
@@ -131,9 +133,8 @@ class MirrorStatement(PoseTracker):
         if self.approach < math.inf:
             hand, before = unweighted[:3, :] @ velocity, unweighted[:3, :] @ last
             before = clipped(ca.dot(before, hand) / ca.fmax(ca.norm_2(hand), TINY), 0, self.linear_speed)
-            allowed = before - math.expm1(-self.approach * self.dt) * (self.linear_speed - before)
-            # Exactly, or what is missing at a large error would be missing from `before` in every tick: of parts of a
-            # motion `speed_ahead` is convex, so that it is below its chord.
+            allowed = before - math.expm1(-self.approach * self.dt) * (SERVO * self.linear_speed - before)
+            # Exactly, or `before` would miss it in every tick: convex, `speed_ahead` of parts is below its chord.
             part = ca.fmin(allowed / ca.fmax(linear, TINY), 1)
             below = speed_ahead(self.chain, q, unweighted, part * velocity, self.dt)
             part += (1 - part) * (allowed - below) / ca.fmax(linear - below, TINY)
@@ -201,7 +202,7 @@ class MirrorStatement(PoseTracker):
         """q, velocity, `HELD` -> the first three of `HandBounds.kept`, and no further turned than held.
 
         Turns of the tool from the target are judged where places are, above the floor; beyond `turn` they may only
-        fall. Moving capsules, where there are such, are the last input.
+        fall. Moving capsules are the last input.
         """
         q, velocity, held = ca.SX.sym("q", self.chain.n), ca.SX.sym("v", self.chain.n), HELD.symbols("held")
         w, gradient = self.hand_bounds.manipulability(q)
@@ -243,7 +244,7 @@ class MirrorStatement(PoseTracker):
         Where that velocity does not, as is known with `broken`, it is the longest part of the way to it from braking;
         where not even braking does, because the arm was put there or moves by itself, the longest part of that. Where
         no part of an answer that is known to be `broken` does, it is the longest part of `ascent`. Three numbers
-        besides: w / w_max where it leads, whether it is shorter, and whether the acceleration yields.
+        besides: w / w_max where it leads, whether it is shorter, whether the acceleration yields.
         """
         n, audit = self.chain.n, self.audit
         sizes = {"q": n, "v": n, "held": HELD.size, "before": n, "broken": 1, "moving": self.limits.told, "then": 1}
