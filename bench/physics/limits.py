@@ -14,6 +14,8 @@ __all__ = ["hand_bounds", "held_limit"]
 
 APPROACH, HELD, PRESSED = 5.0, 3.0, 1.0
 """[s] Seven joints that go round by other limits took 3.3 s until the last of them had come to its own."""
+AT_LIMIT = 1e-3
+"""[rad] A joint that its limit holds was within 0.2 mrad of it; none that something else holds nearer than 8 mrad."""
 PRESS = 30.0
 """[N] on the hand, any way, at last."""
 FLOOR, PLANE, SPEED = 0.3, 0.2, 0.25
@@ -52,7 +54,7 @@ def held_limit(setting: Setting) -> Numbers:
         )
     run, over = run.until(ticks), beyond_any[:ticks]
     there = run.q[-held:]
-    at_limit = np.abs(over[-held:].max(axis=0)) < 0.01
+    at_limit = np.abs(over[-held:].max(axis=0)) < AT_LIMIT
     swings = np.ptp(there, axis=0)
     return {
         "beyond the limit": float(over.max()),

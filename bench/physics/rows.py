@@ -14,7 +14,7 @@ from bench.physics.limits import hand_bounds, held_limit
 from bench.physics.recordings import mirrored
 from bench.physics.setting import Cell, Numbers, Task, setting_of
 from bench.physics.touching import blocked, frozen, pushed
-from bench.physics.tracking import GAINS, PINK, tracked
+from bench.physics.tracking import GAINS, PEERS, tracked
 
 __all__ = ["ROWS", "TASKS", "Done", "Measured", "Row", "done", "measured"]
 
@@ -72,11 +72,13 @@ def _best(who: str, all_of_it: Sequence[Numbers]) -> float:
     return min(float(np.mean([each[f"{who} {gain:g}/s"] for each in all_of_it])) for gain in GAINS)
 
 
+def _best_peer(name: str) -> Callable[[Sequence[Numbers]], float]:
+    return lambda all_of_it: _best(name, all_of_it) if name in PEERS else math.nan
+
+
 def _beside(all_of_it: Sequence[Numbers]) -> float:
-    """Ours over pink's; 1 where they are the same within 0.01 mm."""
-    if not PINK:
-        return math.nan
-    ours, theirs = _best("ours", all_of_it), _best("pink", all_of_it)
+    """Ours over the best peer's; 1 where they are the same within 0.01 mm. NaN unless all peers are there."""
+    ours, theirs = _best("ours", all_of_it), float(np.min([_best_peer(name)(all_of_it) for name in ("pink", "placo")]))
     return 1.0 if abs(ours - theirs) <= 1e-5 else ours / theirs
 
 
@@ -97,9 +99,9 @@ ROWS = (
     Row("into a keep-out plane, worst", "hand", _worst("into keep-out"), 0.5, "mm", 1e3),
     Row("true hand speed / its bound, worst", "hand", _worst("hand speed"), 1.02, ""),
     Row("tracking RMS at its best gain", "tracking", lambda of: _best("ours", of), math.inf, "mm", 1e3),
-    Row("tracking RMS of pink at its best gain", "tracking", lambda of: _best("pink", of) if PINK else math.nan,
-        math.inf, "mm", 1e3),
-    Row("ours / pink, paired tasks", "tracking", _beside, 1.05, ""),
+    Row("tracking RMS of pink at its best gain", "tracking", _best_peer("pink"), math.inf, "mm", 1e3),
+    Row("tracking RMS of placo at its best gain", "tracking", _best_peer("placo"), math.inf, "mm", 1e3),
+    Row("ours / the better of them, paired tasks", "tracking", _beside, 1.05, ""),
     Row("ticks that ask the backup, mean", "tracking", _mean("backup"), 0.1, "%", 100.0),
     Row(f"work of the acting force ({BUDGET:g} J in the tank), worst", "energy", _worst("work"), math.inf, "J"),
     Row(f"the same, of hands below {CAP:g} m/s", "energy", _worst("work below the cap"), BUDGET, "J"),

@@ -1,10 +1,10 @@
-"""Error of a followed pose beside pink's on the same robot, and how often noise asks the backup."""
+"""Error of a followed pose beside pink's and placo's on the same robot, and how often noise asks the backup."""
 
 from __future__ import annotations
 
 import importlib.util
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -15,17 +15,16 @@ from bench.physics.setting import Array, Numbers, Setting
 from rehab_opt import Command, PoseTracker
 from rehab_opt.control.command import Bound, Status
 
-__all__ = ["GAINS", "PINK", "tracked"]
+__all__ = ["GAINS", "PEERS", "tracked"]
 
-PINK = importlib.util.find_spec("pink") is not None
 GAINS = (10.0, 20.0, 50.0)
-"""[1/s] that both are tried with; the better one of each counts. 50 is our default."""
+"""[1/s] that all are tried with; the best one of each counts. 50 is our default."""
 SECONDS, SETTLING = 3.0, 0.5
 """[s]"""
 
 
 def tracked(setting: Setting) -> Numbers:
-    """A smooth loop of the hand well inside all limits: RMS of the true error, ours and pink's, gain by gain."""
+    """A smooth loop of the hand well inside all limits: RMS of the true error, ours and the peers', gain by gain."""
     rng, arm, dt = setting.rng, setting.arm, setting.dt
     chain, start = arm.chain, arm.start(rng, 0.15)
     poses, twists = _loop(chain.pose(start), rng, dt)
@@ -45,13 +44,31 @@ def tracked(setting: Setting) -> Numbers:
         found[f"ours {gain:g}/s"] = rms
         if gain == GAINS[-1]:
             found["backup"] = asked
-        if PINK:
-            found[f"pink {gain:g}/s"] = error_of(_pink(chain, poses, gain, dt))[0]
+        for name, peer in PEERS.items():
+            found[f"{name} {gain:g}/s"] = error_of(_peer(peer(chain, gain, dt), poses, gain, dt))[0]
     return found
 
 
-def _pink(chain: Any, poses: Array, gain: float, dt: float) -> Callable[[int, Any], Command]:
-    """pink's frame task with velocity, acceleration and position limits: no feedforward is known to it."""
+Solve = Callable[[Array, Array, Array], Array | None]
+"""Measured positions, a pose, the last velocities -> velocities; None where the limits have no common answer."""
+
+
+def _peer(solve: Solve, poses: Array, gain: float, dt: float) -> Callable[[int, Any], Command]:
+    """A peer's frame task with limits of velocity, acceleration and position: no feedforward is known to it."""
+    last = [np.zeros(0)]
+
+    def step(k: int, seen: Any) -> Command:
+        # The sample ahead by one error's time constant: what makes up for the feedforward that it is not given.
+        ahead = poses[min(k + round(1.0 / (gain * dt)), len(poses) - 1)]
+        before = last[0] if k else np.zeros_like(seen.position)
+        value = solve(seen.position, ahead, before)
+        last[0] = before if value is None else value  # noise can leave the limits without an answer: on as before
+        return Command(last[0], Status.OK, "", 0.0, -1, "", Bound.NOTHING, 1.0)
+
+    return step
+
+
+def _pink(chain: Any, gain: float, dt: float) -> Solve:
     import pink  # noqa: PLC0415  (of the extra `peers`)
     import pinocchio  # noqa: PLC0415
     from pink.limits import AccelerationLimit, ConfigurationLimit, VelocityLimit  # noqa: PLC0415
@@ -63,22 +80,46 @@ def _pink(chain: Any, poses: Array, gain: float, dt: float) -> Callable[[int, An
     task = pink.FrameTask(HAND, position_cost=1.0, orientation_cost=1.0, gain=1 - math.exp(-gain * dt))
     limits = [ConfigurationLimit(model), VelocityLimit(model), AccelerationLimit(model, np.array(chain.acceleration))]
 
-    last = [np.zeros(chain.n)]
-
-    def step(k: int, seen: Any) -> Command:
-        configuration.update(seen.position)
-        # The sample ahead by one error's time constant: what makes up for the feedforward that it is not given.
-        ahead = min(k + round(1.0 / (gain * dt)), len(poses) - 1)
-        task.set_target(pinocchio.SE3(poses[ahead, :3, :3], poses[ahead, :3, 3]))
+    def solve(q: Array, pose: Array, last: Array) -> Array | None:
+        configuration.update(q)
+        task.set_target(pinocchio.SE3(pose[:3, :3], pose[:3, 3]))
+        limits[-1].set_last_integration(last, dt)
         try:
-            value = np.array(pink.solve_ik(configuration, (task,), dt, solver="daqp", limits=limits))
-        except pink.exceptions.NoSolutionFound:  # noise can leave its limits without a common answer: on as before
-            value = last[0]
-        last[0] = value
-        limits[-1].set_last_integration(value, dt)
-        return Command(value, Status.OK, "daqp", 0.0, -1, "", Bound.NOTHING, 1.0)
+            return np.array(pink.solve_ik(configuration, (task,), dt, solver="daqp", limits=limits))
+        except pink.exceptions.NoSolutionFound:
+            return None
 
-    return step
+    return solve
+
+
+def _placo(chain: Any, gain: float, dt: float) -> Solve:
+    """Its tasks have no gain and its solver no limit of acceleration: an interpolated pose, and half-spaces."""
+    import placo  # noqa: PLC0415  (of the extra `peers`)
+
+    from bench.peers.with_placo import Placo  # noqa: PLC0415
+
+    peer, n = Placo(chain, dt=dt), chain.n
+    joints = np.zeros((2 * n, len(peer.state.q)))
+    joints[:n, -n:], joints[n:, -n:] = np.eye(n), -np.eye(n)
+    change = np.array(chain.acceleration) * dt
+    bounds = peer.solver.add_joint_space_half_spaces_constraint(joints, np.zeros(2 * n))
+    bounds.configure("acceleration", "hard", 1.0)
+
+    def solve(q: Array, pose: Array, last: Array) -> Array | None:
+        peer.task.T_world_frame = placo.interpolate_frames(peer.pose(q), pose, 1 - math.exp(-gain * dt))
+        bounds.b = np.concatenate([q + (last + change) * dt, -q - (last - change) * dt])
+        try:
+            return np.array(peer.solver.solve(False)[-n:]) / dt
+        except RuntimeError:
+            return None
+
+    return solve
+
+
+PEERS: Mapping[str, Callable[[Any, float, float], Solve]] = {
+    name: peer for name, peer in (("pink", _pink), ("placo", _placo)) if importlib.util.find_spec(name) is not None
+}
+"""Those that are installed: a chain, a gain [1/s] and dt [s] -> what answers a tick."""
 
 
 def _loop(first: Array, rng: np.random.Generator, dt: float) -> tuple[Array, Array]:
