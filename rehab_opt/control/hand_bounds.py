@@ -33,7 +33,7 @@ __all__ = ["GuardedPoint", "HandBounds", "KeepOut", "feasible_rows", "guarded_po
 Array = NDArray[np.float64]
 
 SAMPLES = 5
-"""Random postures at which balls are compared; what is equal at all of them is equal at every posture."""
+"""Random postures: balls that are equal at all of them are equal at every one."""
 SAME = 1e-9
 """[m] Distances that differ by rounding."""
 FREE = 1e3
