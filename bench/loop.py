@@ -145,7 +145,7 @@ def _behind_rtde(console: Console, seconds: float) -> int:
     """A joint swings for so long, its commands and positions through ur_rtde and `tests/loop/rtde_server.py`."""
     from rehab_opt.control.command import Bound, Command, Status  # noqa: PLC0415
     from rehab_opt.loop.delay import measured_delay  # noqa: PLC0415
-    from rehab_opt.loop.tick import Tick  # noqa: PLC0415
+    from rehab_opt.loop.records import Tick  # noqa: PLC0415
     from rehab_opt.loop.ur import connect_ur  # noqa: PLC0415  (its extra)
     from tests.loop.rtde_server import DELAY, ORDERS, TRUTH  # noqa: PLC0415
 

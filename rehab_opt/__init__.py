@@ -51,8 +51,8 @@ if TYPE_CHECKING:
     from rehab_opt.kinematics.room import Box, KeepOut, MovingCapsule, arm_capsules
     from rehab_opt.loop.log import Log
     from rehab_opt.loop.loop import Loop
+    from rehab_opt.loop.records import Tick
     from rehab_opt.loop.shared_ring import SharedRing
-    from rehab_opt.loop.tick import Tick
     from rehab_opt.workspace.mapping import WorkspaceMap
     from rehab_opt.workspace.placement import ShoulderPlacement
     from rehab_opt.workspace.reach import planar_workspace
@@ -154,7 +154,7 @@ _LATER = {
     "SharedRing": "loop.shared_ring",
     "ShoulderPlacement": "workspace.placement",
     "ThinPlateSpline": "workspace.spline",
-    "Tick": "loop.tick",
+    "Tick": "loop.records",
     "Workspace": "workspace.region",
     "WorkspaceMap": "workspace.mapping",
     "ardis": "kinematics.ardis",

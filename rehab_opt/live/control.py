@@ -20,10 +20,9 @@ from rehab_opt.errors import ConfigurationError, RehabOptError
 from rehab_opt.loop.logged import Logged, operator_of, read_log
 from rehab_opt.loop.loop import Loop
 from rehab_opt.loop.of_problem import control_again, control_of, decide_of, log_of, logged_problem
-from rehab_opt.loop.records import operator_layout, state_layout
+from rehab_opt.loop.records import Tick, operator_layout, state_layout
 from rehab_opt.loop.replay import asked
 from rehab_opt.loop.shared_ring import SharedRing
-from rehab_opt.loop.tick import Tick
 from rehab_opt.session.files import load_problem
 from rehab_opt.session.live.problem import LiveProblem
 from rehab_opt.session.run import live_problem

@@ -71,7 +71,7 @@ def write_film(
         control, lambda tick: problem.untouched(tick * problem.dt), ticks=math.ceil(seconds / problem.dt), note=shoot,
         progress=partial(progress, "film"),
     )  # fmt: skip
-    palette = pictures[-1].quantize(COLOURS)
+    palette = pictures[-1].quantize(COLOURS, Image.Quantize.MAXCOVERAGE)
     flat = [each.quantize(palette=palette, dither=Image.Dither.NONE) for each in pictures]
     flat[0].save(path, save_all=True, append_images=flat[1:], duration=round(1e3 / per_second), loop=0, optimize=True)
     return len(pictures)

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from rehab_opt.control.command import Bound, Command, Status
 from rehab_opt.errors import ConfigurationError, DeviceLostError
 from rehab_opt.loop.loop import Loop
-from rehab_opt.loop.tick import Tick
+from rehab_opt.loop.records import Tick
 from rehab_opt.plants.plant import Plant
 
 __all__ = ["measured_delay"]

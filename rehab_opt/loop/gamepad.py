@@ -1,16 +1,19 @@
-"""Sticks and gamepads as Linux tells of them: `/dev/input/js0`."""
+"""Sticks and gamepads as Linux tells of them: `/dev/input/js0`; as a program, a process that reads one."""
 
 from __future__ import annotations
 
+import json
 import math
 import os
+import select
 import struct
+import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple, Self
 
-from rehab_opt.errors import ConfigurationError, DeviceLostError
+from rehab_opt.errors import ConfigurationError, DeviceLostError, printable
 from rehab_opt.loop.shared_ring import SharedRing
 
 __all__ = ["Gamepad", "PadState", "operate"]
@@ -132,3 +135,18 @@ def operate(pad: Gamepad, ring: SharedRing, *, until: Callable[[], bool] = lambd
             time.sleep(POLL)
     finally:
         ring.write(stick=0.0, heartbeat=float("nan"))
+
+
+def main() -> None:
+    """By orders on standard input, until that ends or the gamepad is gone."""
+    orders = json.loads(sys.stdin.buffer.readline())
+    ring = SharedRing.attach(orders["ring"])
+    with Gamepad(orders["source"]) as pad:
+        try:
+            operate(pad, ring, until=lambda: bool(select.select([sys.stdin], [], [], 0)[0]))
+        except DeviceLostError as gone:
+            print(printable(str(gone)), file=sys.stderr)
+
+
+if __name__ == "__main__":
+    main()

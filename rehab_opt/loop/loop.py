@@ -19,11 +19,10 @@ from numpy.typing import NDArray
 from rehab_opt.control.command import Command, Status
 from rehab_opt.control.watchdog import default_max_age
 from rehab_opt.errors import ConfigurationError, DeviceLostError
-from rehab_opt.loop.records import StateRecord
+from rehab_opt.loop.records import Decide, StateRecord, Tick
 from rehab_opt.loop.report import LoopReport, Times
 from rehab_opt.loop.scheduling import in_time, sleep_overshoot
 from rehab_opt.loop.shared_ring import SharedRing
-from rehab_opt.loop.tick import Decide, Tick
 from rehab_opt.plants.plant import Plant, Truth
 
 if TYPE_CHECKING:

@@ -23,12 +23,11 @@ from rehab_opt.loop.gamepad import Gamepad
 from rehab_opt.loop.log import DEPTH, Log
 from rehab_opt.loop.logged import Logged
 from rehab_opt.loop.loop import Loop
-from rehab_opt.loop.records import operator_layout, state_layout
+from rehab_opt.loop.records import Decide, Tick, operator_layout, state_layout
 from rehab_opt.loop.remote import RemoteDevice
 from rehab_opt.loop.replay import Replay, replayed
 from rehab_opt.loop.report import LoopReport
 from rehab_opt.loop.shared_ring import SharedRing
-from rehab_opt.loop.tick import Decide, Tick
 from rehab_opt.plants.plant import Measurement, Truth
 from rehab_opt.plants.touched import TouchedPlant
 from rehab_opt.recordings.data_folder import PREFIX
@@ -154,7 +153,7 @@ def _operated_by(gamepad: Path, problem: LiveProblem) -> Iterator[SharedRing]:
     """What a gamepad says, read by a process of its own; raises as `Gamepad`."""
     Gamepad(gamepad).close()
     with SharedRing.create(operator_layout(problem.encoders, axes=2, force=problem.force)) as ring:
-        reader = Companion("rehab_opt.loop.gamepad_process", {"source": str(gamepad), "ring": ring.name})
+        reader = Companion("rehab_opt.loop.gamepad", {"source": str(gamepad), "ring": ring.name})
         try:
             yield ring
         finally:

@@ -1,19 +1,39 @@
-"""What is in the records of a loop: what it did in a tick, and what its operator wants; a tick written as one."""
+"""What a controller is given in a tick, and the records of a loop: what it did in it, what its operator wants."""
 
 from __future__ import annotations
 
 import math
-from typing import Any
+from collections.abc import Callable
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
 from rehab_opt.control.command import Command
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.loop.shared_ring import SharedRing, shortened
-from rehab_opt.loop.tick import Tick
-from rehab_opt.plants.plant import Truth
+from rehab_opt.plants.plant import Measurement, Truth
 
-__all__ = ["StateRecord", "operator_layout", "state_layout"]
+__all__ = ["Decide", "StateRecord", "Tick", "operator_layout", "state_layout"]
+
+
+class Tick(NamedTuple):
+    """One tick's inputs, all that an answer may depend on: a log of them is a session to run again."""
+
+    number: int
+    """From 0 on; ticks that were left out are counted."""
+    time: float
+    """[s] of its deadline since the loop began: `number` times dt."""
+    seen: Measurement
+    """What the sensors say."""
+    operator: np.void | None
+    """What the operator wants, see `operator_layout`; None where nobody operates, or has yet."""
+    enabled: bool
+    """The dead-man input of `step`."""
+
+
+Decide: TypeAlias = Callable[[Tick], Command]
+"""A controller as the loop calls it: `lambda tick: tracker.step(tick.seen.position, pose, twist, enable=tick.enabled)`.
+It reads no clock and nothing else that changes from run to run, else its log cannot be run again."""
 
 
 STATUS, REASON = 16, 240

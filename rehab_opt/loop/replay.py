@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from rehab_opt.control.command import Command
 from rehab_opt.loop.logged import operator_of
-from rehab_opt.loop.tick import Decide, Tick
+from rehab_opt.loop.records import Decide, Tick
 from rehab_opt.plants.plant import Measurement
 
 __all__ = ["SAME", "Replay", "asked", "replayed", "tick_of"]

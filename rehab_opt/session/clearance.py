@@ -16,12 +16,9 @@ from rehab_opt.session.schema import Section, Side, Triple
 
 if TYPE_CHECKING:
     from rehab_opt.control.clearance_pairs import ClearancePairs
-    from rehab_opt.control.command import Command
-    from rehab_opt.control.pose_tracker import PoseTracker
     from rehab_opt.kinematics.chain import SerialChain
 
 __all__ = [
-    "AmongMoving",
     "ClearanceSection",
     "NearestBodies",
     "clearance_key",
@@ -133,24 +130,6 @@ class ClearanceSection(Section):
             rest = np.tile([each.radius_m, 1.0], (len(clock), 1))
             found.append(np.hstack([ends + gone[:, None] * way, speed[:, None] * way, rest]))
         return np.stack(found, axis=1) if found else np.zeros((len(clock), 0, 14))
-
-
-class AmongMoving:
-    """A tracker, told in every tick where the bodies of a problem are.
-
-    Parameters
-    ----------
-    tracker : with a `Clearance` of these bodies. section : of them. dt : [s] of a tick.
-    """
-
-    def __init__(self, tracker: PoseTracker, section: ClearanceSection, dt: float) -> None:
-        self._tracker, self._section, self._dt, self._ticks = tracker, section, dt, 0
-
-    def step(self, q: Array, pose: Array, twist: Array, *, enable: object, stamp: float | None) -> Command:
-        """The tracker's; the bodies go on in every tick, enabled or not."""
-        told = self._section.told(self._dt * self._ticks)[0]
-        self._ticks += 1
-        return self._tracker.step(q, pose, twist, obstacles=told, enable=enable, stamp=stamp)
 
 
 @dataclass(frozen=True, eq=False)
@@ -310,33 +289,17 @@ def _point(numbers: Any) -> tuple[float, float, float]:
 
 def _draw(axes: Any, pairs: ClearancePairs, q: Array, told: Array, across: int, up: int) -> None:  # noqa: PLR0917
     """Links and bodies as their outlines, seen along the third axis."""
-    import casadi as ca  # noqa: PLC0415
-    from shapely import LineString, MultiPoint, Point  # noqa: PLC0415
+    from shapely import MultiPoint  # noqa: PLC0415
 
-    chain, given, seen = pairs.chain, pairs.clearance, [across, up]
-    frames = [np.array(ca.DM(each)) for each in chain.frames_expression(ca.SX(ca.DM(q)))]
-    links = [
-        (
-            frames[c.frame][:3, :3] @ c.start + frames[c.frame][:3, 3],
-            frames[c.frame][:3, :3] @ c.end + frames[c.frame][:3, 3],
-            c.radius,
-        )
-        for c in chain.capsules
+    from rehab_opt.session.live.bodies import ArmBodies, kept_off, moving_rows, sides  # noqa: PLC0415  (loads CasADi)
+
+    given, seen, links = pairs.clearance, [across, up], ArmBodies(pairs.chain).capsules(q, LINK)
+    outlines = [
+        (MultiPoint(MM * np.reshape(each[:6], (2, 3))[:, seen]).convex_hull.buffer(MM * each[6]), colour)
+        for colour, rows in ((LINK, links), (BODY, kept_off(np.zeros(3), [given])["capsules"] + moving_rows(told)))
+        for each in rows
     ]
-    outlines = []
-    for start, end, radius, colour in (
-        *((*link, LINK) for link in links),
-        *((np.array(c.start), np.array(c.end), c.radius, BODY) for c in given.capsules),
-        *((each[:3], each[3:6], each[12], BODY) for each in told),
-    ):
-        a, b = MM * start[seen], MM * end[seen]
-        axis = Point(a) if np.linalg.norm(b - a) < 1e-6 else LineString([a, b])
-        outlines.append((axis.buffer(MM * radius), colour))
-    for box in given.boxes:
-        corners = (
-            np.array(np.meshgrid(*[[-0.5, 0.5]] * 3)).reshape(3, -1).T * box.size @ np.array(box.turn).T + box.centre
-        )
-        outlines.append((MultiPoint(MM * corners[:, seen]).convex_hull, BODY))
+    outlines += [(MultiPoint(MM * sides(box).reshape(-1, 3)[:, seen]).convex_hull, BODY) for box in given.boxes]
     for outline, colour in outlines:
         axes.fill(*outline.exterior.xy, facecolor=colour, edgecolor=colour, alpha=0.35, linewidth=1.0)
     axes.autoscale_view()

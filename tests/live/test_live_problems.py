@@ -153,6 +153,40 @@ def test_bodies_are_where_the_chain_says() -> None:
         assert frame["handles"]["hand"] == pytest.approx(robot.pose(q)[:3, 3], abs=1e-4)
 
 
+def test_all_that_is_kept_off_is_drawn_and_what_moves_where_it_is() -> None:
+    problem, control = begun("robot/ur5_among_bodies")
+    around, scene = problem._loaded.problem.clearance, problem.scene()
+    assert [len(each["points"]) for each in scene["lines"][1:]] == [5]  # the floor
+    assert np.array(scene["lines"][1]["points"])[:, 2] == pytest.approx(-0.2)
+    box, corners = around.boxes[0], np.array([each["points"] for each in scene["fills"]])
+    assert corners.shape == (6, 4, 3)
+    assert corners.min(axis=(0, 1)) == pytest.approx(np.array(box.centre_m) - np.array(box.size_m) / 2)
+    assert corners.max(axis=(0, 1)) == pytest.approx(np.array(box.centre_m) + np.array(box.size_m) / 2)
+    lamp, upper_arm, *_ = still = [each[:7] for each in scene["capsules"]]
+    assert lamp == [*around.capsules[0].start_m, *around.capsules[0].end_m, around.capsules[0].radius_m]
+    assert len(still) == 4
+    assert np.linalg.norm(np.subtract(upper_arm[:3], around.person[0].shoulder_m)) < 0.15
+    assert {"planes to keep off", "bodies to keep off", "those that move"} == {name for _, name in scene["legend"]}
+    for inputs, count, passed in ((LiveInputs(enable=True), 251, 1.0), (AT_REST, 750, 4.0)):
+        ticks(control, inputs, count)
+        shown = {key: np.atleast_1d(np.asarray(value, dtype=np.float64)) for key, value in control.shown().items()}
+        assert {key: value.size for key, value in shown.items()} == dict(problem.layout)
+        tray, own = problem.frame(shown)["capsules"][-1], around.moving[0]
+        there = (1 - np.cos(2 * np.pi * passed / own.period_s)) / 2 * np.array(own.towards_m)
+        assert tray[:3] == pytest.approx(own.start_m + there, abs=1e-4)
+        assert tray[3:7] == pytest.approx([*(own.end_m + there), own.radius_m], abs=1e-4)
+
+
+@pytest.mark.parametrize("name", ["ardis/through_doorway", "mirror/pick_fruit"])
+def test_a_box_beside_any_robot_is_drawn(name: str) -> None:
+    loaded, clear = load_problem(name), load_problem("robot/ur5_among_bodies").problem.clearance
+    around = clear.model_copy(update={"moving": []})
+    here = live_problem(replace(loaded, problem=loaded.problem.model_copy(update={"clearance": around}))).scene()
+    bare = live_problem(loaded).scene()
+    more = {part: len(here[part]) - len(bare.get(part, [])) for part in ("fills", "capsules", "lines")}
+    assert more == {"fills": 6, "capsules": 4, "lines": 1}
+
+
 def touched() -> TouchedPlant:
     plant = TouchedPlant(IdealJoints(0.01), seed=1)
     plant.reset(np.zeros(2))

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import io
+import subprocess
+import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -10,6 +12,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+
+from rehab_opt.loop.of_problem import run_in_time
+from rehab_opt.session.files import load_problem
 
 from .conftest import Address
 
@@ -211,3 +216,19 @@ def test_a_stick_with_one_button_leads_and_leaves_the_keys_theirs(tab: Tab) -> N
     tab.until("!live.inputs.switch")
     tab.now("(() => { navigator.getGamepads = () => []; })()")
     tab.until("live.inputs.stick[0] === 0")
+
+
+def test_nobody_is_offered_the_command_of_a_log(browser: Any, tmp_path: Path) -> None:
+    pytest.importorskip("mcap")
+    log = tmp_path / "trace.mcap"
+    run_in_time(load_problem("robot/ur5_circle"), seconds=0.5, log=log)
+    command = [sys.executable, "-m", "rehab_opt", "live", "--replay", str(log)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stdout is not None
+            tab = Tab(browser, process.stdout.readline().split()[-1])
+            assert "A log" in tab.page.inner_text("#deadman")
+            assert not tab.page.is_visible("#take")
+            tab.close()
+        finally:
+            process.terminate()

@@ -12,8 +12,8 @@ from rehab_opt.errors import ConfigurationError, DeviceLostError
 from rehab_opt.loop import franka
 from rehab_opt.loop.franka import FrankaDriver, connect_franka
 from rehab_opt.loop.loop import Loop
+from rehab_opt.loop.records import Tick
 from rehab_opt.loop.scheduling import in_time
-from rehab_opt.loop.tick import Tick
 from tests.loop.franka_robot import HOST, PYTHON, robot
 
 WATCHDOG = 2.0

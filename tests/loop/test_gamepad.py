@@ -147,7 +147,7 @@ def test_a_process_of_its_own_reads_it_for_a_loop(tmp_path: Path) -> None:
     cable.button(SWITCH, 1)
     cable.axis(1, -32767)
     with SharedRing.create(operator_layout(6, axes=2)) as ring:
-        reader = Companion("rehab_opt.loop.gamepad_process", {"source": str(tmp_path / "js0"), "ring": ring.name})
+        reader = Companion("rehab_opt.loop.gamepad", {"source": str(tmp_path / "js0"), "ring": ring.name})
         try:
             until = time.monotonic() + 60.0
             while (newest := ring.latest()) is None or not newest.record["stick"].any():

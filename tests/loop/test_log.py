@@ -19,10 +19,9 @@ from rehab_opt.loop import log_file
 from rehab_opt.loop.log import DEPTH, Log
 from rehab_opt.loop.logged import read_log
 from rehab_opt.loop.loop import Loop
-from rehab_opt.loop.records import operator_layout, state_layout
+from rehab_opt.loop.records import Decide, Tick, operator_layout, state_layout
 from rehab_opt.loop.replay import replayed
 from rehab_opt.loop.shared_ring import SharedRing
-from rehab_opt.loop.tick import Decide, Tick
 from rehab_opt.plants.ideal import IdealJoints
 from tests.loop.clock import Clock
 

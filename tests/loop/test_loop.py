@@ -16,10 +16,9 @@ from rehab_opt.control.command import Bound, Command, Status
 from rehab_opt.errors import ConfigurationError, DeviceLostError
 from rehab_opt.loop import scheduling
 from rehab_opt.loop.loop import Loop
-from rehab_opt.loop.records import operator_layout, state_layout
+from rehab_opt.loop.records import Tick, operator_layout, state_layout
 from rehab_opt.loop.report import Times
 from rehab_opt.loop.shared_ring import SharedRing
-from rehab_opt.loop.tick import Tick
 from rehab_opt.plants.ideal import IdealJoints
 from rehab_opt.plants.plant import Measurement, Truth
 from tests.loop.clock import Clock

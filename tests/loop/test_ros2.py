@@ -13,9 +13,9 @@ from rehab_opt.errors import ConfigurationError, DeviceLostError
 from rehab_opt.loop import ros2
 from rehab_opt.loop.loop import Loop
 from rehab_opt.loop.messages import JOINT_STATE, joint_state
+from rehab_opt.loop.records import Tick
 from rehab_opt.loop.ros2 import connect_ros2, joints_of
 from rehab_opt.loop.shared_ring import SharedRing
-from rehab_opt.loop.tick import Tick
 
 pytest.importorskip("zenoh")
 dynamic = pytest.importorskip("mcap_ros2._dynamic")

@@ -20,9 +20,9 @@ from rehab_opt.loop.delay import measured_delay
 from rehab_opt.loop.logged import read_log
 from rehab_opt.loop.loop import Loop
 from rehab_opt.loop.of_problem import replay_problem, run_in_time
+from rehab_opt.loop.records import Tick
 from rehab_opt.loop.remote import RemoteDevice
 from rehab_opt.loop.shared_ring import SharedRing
-from rehab_opt.loop.tick import Tick
 from rehab_opt.loop.ur import connect_ur
 from rehab_opt.plants.channel import Channel
 from rehab_opt.plants.ideal import IdealJoints

@@ -31,9 +31,9 @@ from rehab_opt.session.ardis.outcome import (
 from rehab_opt.session.ardis.problem import ArdisProblem, DriveName
 from rehab_opt.session.ardis.robot import joystick_of, resolver_of, robot_of, room_of, start_of
 from rehab_opt.session.ardis.stick import Moment, StickRecording, sticks_of
-from rehab_opt.session.clearance import NearestBodies, nearest_bodies, start_notes
+from rehab_opt.session.clearance import NearestBodies, clearance_of, nearest_bodies, start_notes
 from rehab_opt.session.files import ProblemFile
-from rehab_opt.session.live.bodies import ARM_PLOTS, BLUE, GREEN, GREY, PURPLE, ArmBodies, joint_rows, screen
+from rehab_opt.session.live.bodies import ARM_PLOTS, BLUE, GREEN, GREY, PURPLE, ArmBodies, joint_rows, kept_off, screen
 from rehab_opt.session.live.problem import LiveControl, LiveInputs, LiveProblem
 from rehab_opt.session.outcome import Progress
 from rehab_opt.session.plant.making import chair_plant, joint_feedback, plant_note
@@ -85,17 +85,21 @@ class LiveArdis(LiveProblem):
         return sticks_of(self._loaded)[self.drive]
 
     def scene(self) -> dict[str, Any]:
-        """Walls, posts and goals."""
+        """Walls, posts, bodies that the arm keeps off, and goals."""
         walls = [each for each in self.room if isinstance(each, HalfPlane)]
         posts = [each for each in self.room if isinstance(each, Disc)]
         goals = [(*goal.hand_m, *goal.hand_m, 0.5 * goal.within_m, GREEN) for goal in self._loaded.problem.goals]
         hand, chair = self._arm.tool(self.start)[:, 3], [*self.start[:2], 0.5]
         places = np.array([hand, chair, *([*goal.hand_m] for goal in self._loaded.problem.goals)])
-        return {
-            **super().scene(),
+        around = kept_off(hand, clearance_of(self._loaded.problem.clearance, self._loaded.file))
+        shapes = {
             "fills": [{"points": _wall(each), "colour": "#c3ccd5"} for each in walls],
             "capsules": [[*each.centre, 0.0, *each.centre, POST, each.radius, GREY] for each in posts] + goals,
             "legend": [[GREEN, "goals"], [PURPLE, "kept free for the user"]],
+        }
+        return {
+            **super().scene(),
+            **{name: shapes.get(name, []) + parts for name, parts in around.items()},
             "joints": joint_rows(self.robot.chain),
             "noise": "mrad or mm",
             "plots": [

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from itertools import pairwise
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import casadi as ca
 import numpy as np
@@ -13,6 +13,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.kinematics.link_capsules import LinkCapsule
+from rehab_opt.kinematics.room import Box, KeepOut
+
+if TYPE_CHECKING:
+    from rehab_opt.control.clearance import Clearance
 
 __all__ = [
     "ARM_PLOTS",
@@ -25,8 +29,11 @@ __all__ = [
     "ROBOT",
     "ArmBodies",
     "joint_rows",
+    "kept_off",
+    "moving_rows",
     "near_limit",
     "screen",
+    "sides",
 ]
 
 Array = NDArray[np.float64]
@@ -40,6 +47,10 @@ ARM_PLOTS = (
     {"name": "force", "unit": "N", "least": 10.0},
 )
 """What the page plots of any arm, in this order."""
+WIDE = 0.5
+"""[m] Half of the side of a plane as it is drawn."""
+LIT = "#aab5c0"
+"""A side that is above."""
 STICK = 0.035
 """[m] radius of an arm that has no capsules of its own."""
 SHORT = 1e-6
@@ -80,6 +91,53 @@ def screen(points: Array) -> dict[str, Any]:
     return {"centre": centre.tolist(), "u": u.tolist(), "v": v.tolist(), "half": half}
 
 
+def kept_off(middle: Array, bodies: Sequence[Clearance], planes: Sequence[KeepOut] = ()) -> dict[str, Any]:
+    """Parts of a scene: what an arm keeps off, planes before the place `middle` (3,) [m]."""
+    planes = [*planes, *(plane for each in bodies for plane in each.planes)]
+    told = (
+        (planes, RED, "planes to keep off"),
+        (any(each.boxes or each.capsules for each in bodies), GREY, "bodies to keep off"),
+        (any(each.moving for each in bodies), PURPLE, "those that move"),
+    )
+    return {
+        "lines": [{"points": [*square, square[0]], "colour": RED} for square in (_square(p, middle) for p in planes)],
+        "fills": [
+            {"points": side.round(4).tolist(), "colour": LIT if side[:, 2].min() > box.centre[2] else GREY}
+            for each in bodies
+            for box in each.boxes
+            for side in sides(box)
+        ],
+        "capsules": [[*body.start, *body.end, body.radius, GREY] for each in bodies for body in each.capsules],
+        "legend": [[colour, name] for there, colour, name in told if there],
+    }
+
+
+def moving_rows(told: Array) -> list[list[Any]]:
+    """The capsules of numbers (k, 14) as of `moving_numbers`."""
+    return [[*each[:6].round(4).tolist(), float(each[12]), PURPLE] for each in told]
+
+
+def sides(box: Box) -> Array:
+    """(6, 4, 3) corners of its sides [m]."""
+    x, y, z = (np.array(box.turn) * box.size / 2).T
+    ways = ((x, y, z), (-x, y, z), (y, z, x), (-y, z, x), (z, x, y), (-z, x, y))
+    return np.array([_rectangle(box.centre + out, u, v) for out, u, v in ways])
+
+
+def _square(plane: KeepOut, middle: Array) -> list[list[float]]:
+    normal = np.array(plane.normal)
+    u = np.cross(normal, [0.0, 0.0, 1.0] if abs(normal[2]) < 0.9 else [1.0, 0.0, 0.0])
+    u *= WIDE / np.linalg.norm(u)
+    foot = middle - (normal @ middle - plane.offset) * normal
+    square: list[list[float]] = _rectangle(foot, u, np.cross(normal, u)).round(4).tolist()
+    return square
+
+
+def _rectangle(middle: Array, u: Array, v: Array) -> Array:
+    corners: Array = middle + np.array([u + v, u - v, -u - v, v - u])
+    return corners
+
+
 class ArmBodies:
     """The capsules of an arm, or sticks between its joints where it has none, at any joint values.
 
@@ -106,13 +164,8 @@ class ArmBodies:
         frames = self.frames(q)
         if self._capsules:
             bodies = [
-                (
-                    each.frame,
-                    self._at(frames, each.frame, each.start),
-                    self._at(frames, each.frame, each.end),
-                    each.radius,
-                )
-                for each in self._capsules
+                (i, *(frames[i][:, :3] @ end + frames[i][:, 3] for end in (each.start, each.end)), each.radius)
+                for i, each in ((each.frame, each) for each in self._capsules)
             ]
         else:
             points = frames[self._first :, :, 3]
@@ -135,8 +188,3 @@ class ArmBodies:
         if isinstance(colours, str):
             return colours
         return colours[min(max(frame - 1, 0), len(colours) - 1)]
-
-    @staticmethod
-    def _at(frames: Array, frame: int, point: tuple[float, float, float]) -> Array:
-        placed: Array = frames[frame][:, :3] @ np.array(point) + frames[frame][:, 3]
-        return placed

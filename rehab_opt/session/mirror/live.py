@@ -12,10 +12,12 @@ from numpy.typing import ArrayLike, NDArray
 from rehab_opt.control.command import Command
 from rehab_opt.control.mirror import MirrorTracker
 from rehab_opt.control.person_limit import PersonLimit
+from rehab_opt.kinematics.room import KeepOut
 from rehab_opt.plants.plant import Measurement, Plant
 from rehab_opt.plants.touched import TouchedPlant
+from rehab_opt.session.clearance import clearance_of
 from rehab_opt.session.files import ProblemFile
-from rehab_opt.session.live.bodies import BLUE, GREEN, ORANGE, RED, ArmBodies, joint_rows, near_limit, screen
+from rehab_opt.session.live.bodies import BLUE, GREEN, ORANGE, ArmBodies, joint_rows, kept_off, near_limit, screen
 from rehab_opt.session.live.problem import Following, LiveControl, LiveProblem
 from rehab_opt.session.mirror.laws import tracker_of
 from rehab_opt.session.mirror.problem import MirrorProblem
@@ -26,8 +28,6 @@ __all__ = ["LiveMirror"]
 
 Array = NDArray[np.float64]
 
-WIDE = 0.5
-"""[m] Half of the side of a plane as it is drawn."""
 FRAME = 1 / 30
 """[s] from picture to picture, in which the person's arm is led on."""
 
@@ -64,15 +64,14 @@ class LiveMirror(LiveProblem):
         """The mirrored path, planes that are kept clear of, limits of the person or else the robot."""
         reference, section = self._scene.reference, self._loaded.problem.tracker
         path = reference.poses[~reference.lost][:: max(1, round(0.05 / self.dt)), :3, 3]
-        planes = [_square(np.array(each.point_m), np.array(each.normal), path) for each in section.keep_out]
+        planes = [KeepOut.through(each.point_m, each.normal) for each in section.keep_out]
+        bodies = kept_off(path.mean(axis=0), clearance_of(self._loaded.problem.clearance, self._loaded.file), planes)
         shown = joint_rows(self.robot if self._person is None else self._person[0].chain)
         return {
             **super().scene(),
-            "lines": [
-                {"points": path.round(4).tolist(), "colour": BLUE},
-                *({"points": each, "colour": RED} for each in planes),
-            ],
-            "legend": [[BLUE, "mirrored path"], [RED, "planes to keep off"]]
+            **bodies,
+            "lines": [{"points": path.round(4).tolist(), "colour": BLUE}, *bodies["lines"]],
+            "legend": [[BLUE, "mirrored path"], *bodies["legend"]]
             + ([] if self._person is None else [[GREEN, "the person's arm, red near a limit"]]),
             "screen": screen(path),
             "joints": shown,
@@ -131,13 +130,3 @@ class _Mirroring(Following):
         return super().shown() | {
             "asked": tracker.reference[:3, 3], "lag": tracker.lag, "manipulability": tracker.manipulability
         }  # fmt: skip
-
-
-def _square(point: Array, normal: Array, path: Array) -> list[list[float]]:
-    """A square of the plane, before the middle of the path."""
-    normal = normal / np.linalg.norm(normal)
-    middle = path.mean(axis=0)
-    foot = middle - ((middle - point) @ normal) * normal
-    u = np.cross(normal, [0.0, 0.0, 1.0] if abs(normal[2]) < 0.9 else [1.0, 0.0, 0.0])
-    u, v = WIDE * u / np.linalg.norm(u), WIDE * np.cross(normal, u) / np.linalg.norm(u)
-    return [(foot + a * u + b * v).round(4).tolist() for a, b in ((1, 1), (1, -1), (-1, -1), (-1, 1), (1, 1))]

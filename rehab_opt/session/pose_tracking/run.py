@@ -10,14 +10,16 @@ from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from rehab_opt.control.command import Command
 from rehab_opt.control.pose_tracker import PoseTracker
-from rehab_opt.plants.plant import Plant
+from rehab_opt.kinematics.room import MOVING
+from rehab_opt.plants.plant import Measurement, Plant
 from rehab_opt.plants.touched import TouchedPlant
-from rehab_opt.session.clearance import AmongMoving, NearestBodies, nearest_bodies, start_notes
+from rehab_opt.session.clearance import ClearanceSection, NearestBodies, clearance_of, nearest_bodies, start_notes
 from rehab_opt.session.files import ProblemFile
-from rehab_opt.session.live.bodies import ARM_PLOTS, BLUE, ORANGE, ArmBodies, joint_rows, screen
+from rehab_opt.session.live.bodies import ARM_PLOTS, BLUE, ORANGE, ArmBodies, joint_rows, kept_off, moving_rows, screen
 from rehab_opt.session.live.problem import Following, LiveControl, LiveInputs, LiveProblem
 from rehab_opt.session.metrics import error_metrics, joint_metrics, status_counts, time_metrics, turn_angles
 from rehab_opt.session.outcome import Column, MovementOutcome, Progress, joint_columns, point_columns
@@ -43,7 +45,10 @@ class LivePoseTracking(LiveProblem):
         self.dt, self.device = 1 / loaded.problem.tracker.rate_hz, device_of(loaded.problem.plant)
         self.names = tuple(self.robot.names)
         self.layout = {"q": self.robot.n, "target": 3, "force": 3}
-        self._arm = ArmBodies(self.robot)
+        self._arm, around = ArmBodies(self.robot), loaded.problem.clearance
+        self._moving = around if around is not None and around.moving else None
+        if self._moving is not None:
+            self.layout["bodies"] = self._moving.told(0.0).size
 
     @cached_property
     def reference(self) -> tuple[Array, Array]:
@@ -55,19 +60,24 @@ class LivePoseTracking(LiveProblem):
 
     def control(self, plant: Plant | None = None) -> LiveControl:
         """The tracker of `rehab-opt run`."""
-        problem, around = self._loaded.problem, self._loaded.problem.clearance
+        problem = self._loaded.problem
         feedback = joint_feedback(problem.plant)
         tracker = tracker_of(problem, self.robot, file=self._loaded.file, solver=self._solver, feedback=feedback)
-        led = AmongMoving(tracker, around, self.dt) if around is not None and around.moving else tracker
         plant = TouchedPlant(joint_plant(problem.plant, self.robot, self.dt)) if plant is None else plant
-        return Following(led, plant, self.start, *self.reference, then="again")
+        followed = plant, self.start, *self.reference
+        if self._moving is None:
+            return Following(tracker, *followed, then="again")
+        return _AmongMoving(tracker, self._moving, *followed)
 
     def scene(self) -> dict[str, Any]:
-        """The circle, the joints' limits, what is plotted."""
+        """The circle, what stands still, the joints' limits, what is plotted."""
         path = self.reference[0][:: max(1, round(0.05 / self.dt)), :3, 3]
+        around = clearance_of(self._loaded.problem.clearance, self._loaded.file, moving=True)
+        bodies = kept_off(path.mean(axis=0), around)
         return {
             **super().scene(),
-            "lines": [{"points": path.round(4).tolist(), "colour": BLUE, "name": "reference"}],
+            **bodies,
+            "lines": [{"points": path.round(4).tolist(), "colour": BLUE, "name": "reference"}, *bodies["lines"]],
             "screen": screen(path),
             "joints": joint_rows(self.robot),
             "noise": "mrad",
@@ -80,7 +90,7 @@ class LivePoseTracking(LiveProblem):
         }
 
     def frame(self, shown: Mapping[str, Array]) -> dict[str, Any]:
-        """The robot, its target, the push."""
+        """The robot, what moves, its target, the push."""
         q, target, force = shown["q"], shown["target"], shown["force"]
         hand = self._arm.tool(q)[:, 3]
         margin = float(np.minimum(q - self.robot.lower, self.robot.upper - q).min())
@@ -89,7 +99,7 @@ class LivePoseTracking(LiveProblem):
             float(np.linalg.norm(force)),
         )  # fmt: skip
         return {
-            "capsules": self._arm.capsules(q),
+            "capsules": self._arm.capsules(q) + moving_rows(shown.get("bodies", np.zeros(0)).reshape(-1, MOVING)),
             "handles": {"target": target.round(4).tolist(), "hand": hand.round(4).tolist()},
             "arrows": [[*hand.tolist(), *force.tolist(), ORANGE]] if force.any() else [],
             "joints": q.round(4).tolist(),
@@ -97,7 +107,25 @@ class LivePoseTracking(LiveProblem):
         }
 
 
-MOVING = 1e-3
+class _AmongMoving(Following):
+    """The tracker is told where bodies are, which go on in every tick, enabled or not."""
+
+    def __init__(self, tracker: PoseTracker, section: ClearanceSection, *followed: Any) -> None:
+        super().__init__(tracker, *followed, then="again")
+        self._among, self._section, self._ticks, self._told = tracker, section, 0, section.told(0.0)[0]
+
+    def track(self, seen: Measurement, twist: Array, *, enable: bool) -> Command:
+        self._told = self._section.told(self.plant.dt * self._ticks)[0]
+        self._ticks += 1
+        return self._among.step(
+            seen.position, self.target, twist, obstacles=self._told, enable=enable, stamp=self.stamp(seen)
+        )
+
+    def shown(self) -> dict[str, ArrayLike]:
+        return super().shown() | {"bodies": self._told.ravel()}
+
+
+STILL = 1e-3
 """[m/s, rad/s] A reference slower than this stands still: a solver may leave micrometres a second undelivered."""
 
 
@@ -174,7 +202,7 @@ class PoseTrackingSystem(System[PoseTracking, RobotOutcome]):
         orientation_error = turn_angles(tool[:, :3, :3], poses[:, :3, :3])
         acceleration = np.abs(np.diff(command, axis=0, prepend=np.zeros((1, robot.n)))) * rate
         near = nearest_bodies(problem.clearance, loaded.file, robot, ran.q, times)
-        moving = np.maximum(np.linalg.norm(twists[:, :3], axis=1), np.linalg.norm(twists[:, 3:], axis=1)) >= MOVING
+        moving = np.maximum(np.linalg.norm(twists[:, :3], axis=1), np.linalg.norm(twists[:, 3:], axis=1)) >= STILL
         own = inspect.signature(PoseTracker).parameters
         metrics: dict[str, Any] = {
             "parameters": {
