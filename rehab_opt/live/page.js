@@ -233,7 +233,7 @@ function panel() {
   for (const [colour, name] of legend) { const s = document.createElement("span"), i = document.createElement("i"); i.style.background = colour; s.append(i, name); $("legend").append(s); }
   const hint = document.createElement("span"); hint.textContent = "drag beside the robot: turn · shift-drag: move · wheel: zoom"; $("legend").append(hint);
   camera.centre = scene.centre.slice(); camera.away = 1.35 * scene.reach; if (scene.planar) { camera.lift = 1.5707; camera.turn = -Math.PI / 2; } else if (scene.turn !== undefined) camera.turn = scene.turn;
-  if (scene.logged) $("take").hidden = true; // said by `seat` before the scene came
+  if (scene.logged) $("take").hidden = true;
   shown();
 }
 const number = (v) => v === null ? "–" : Math.abs(v) >= 100 ? v.toFixed(0) : Math.abs(v) >= 10 ? v.toFixed(1) : v.toFixed(2);

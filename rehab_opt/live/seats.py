@@ -6,6 +6,8 @@ import hmac
 import math
 import secrets
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
+from ipaddress import ip_address
 from typing import Any
 from urllib.parse import parse_qs
 
@@ -28,7 +30,8 @@ class Gate:
 
     def __init__(self, names: Iterable[str], port: int) -> None:
         self.token = secrets.token_urlsafe(24)
-        self.hosts = frozenset(f"[{name}]:{port}" if ":" in name else f"{name}:{port}".lower() for name in names)
+        called = frozenset(map(_as_called, names))
+        self.hosts = frozenset(f"{name}:{port}" for name in called) | (called if port == 80 else frozenset())
 
     def refusal(self, target: str, hosts: Sequence[str], origins: Sequence[str], *, socket: bool) -> str:
         """Why a request is refused; empty where it may pass.
@@ -50,6 +53,13 @@ class Gate:
         if len(given) != 1 or not hmac.compare_digest(given[0].encode(), self.token.encode()):
             return "no token, or a wrong one: use the printed address"
         return ""
+
+
+def _as_called(name: str) -> str:
+    """By browsers, which write addresses shortly."""
+    with suppress(ValueError):
+        name = str(ip_address(name))
+    return f"[{name}]" if ":" in name else name.lower()
 
 
 FARTHEST, STRONGEST, NOISIEST, LATEST = 20.0, 100.0, 0.05, 0.5

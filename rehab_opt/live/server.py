@@ -115,7 +115,7 @@ class LivePage:
                 "Content-Type": "text/html; charset=utf-8",
                 "Content-Security-Policy": (
                     f"default-src 'none'; script-src 'nonce-{nonce}'; style-src 'nonce-{nonce}'; "
-                    f"connect-src ws://{headers['Host']}; img-src data:; base-uri 'none'; frame-ancestors 'none'"
+                    f"connect-src 'self' ws://{headers['Host']}; img-src data:; base-uri 'none'; frame-ancestors 'none'"
                 ),
                 "Referrer-Policy": "no-referrer",
                 "X-Content-Type-Options": "nosniff",

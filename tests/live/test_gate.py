@@ -37,6 +37,7 @@ def test_the_page_is_given_to_whoever_has_the_token(address: Address) -> None:
     text = answer(address.port, f"/?token={address.token}", f"Host: 127.0.0.1:{address.port}")
     assert text.startswith("HTTP/1.1 200 ")
     assert "default-src 'none'" in text
+    assert f"connect-src 'self' ws://127.0.0.1:{address.port};" in text  # of [::1] browsers understand the first alone
     assert "Referrer-Policy: no-referrer" in text
 
 
@@ -57,6 +58,15 @@ def test_a_target_that_is_no_path_is_refused_without_a_word_on_the_terminal(addr
 def test_a_name_in_capitals_is_called_in_small_letters_by_browsers() -> None:
     gate = Gate(["LOCALHOST"], 80)
     assert gate.refusal(f"/?token={gate.token}", ["localhost:80"], ["http://localhost:80"], socket=True) == ""
+
+
+@pytest.mark.parametrize(
+    ("name", "port", "called"),
+    [("0:0:0:0:0:0:0:1", 8080, "[::1]:8080"), ("2001:DB8::0:1", 80, "[2001:db8::1]"), ("Localhost", 80, "localhost")],
+)
+def test_a_browser_writes_an_address_shortly_and_the_usual_port_not_at_all(name: str, port: int, called: str) -> None:
+    gate = Gate([name], port)
+    assert gate.refusal(f"/?token={gate.token}", [called], [f"http://{called}"], socket=True) == ""
 
 
 @pytest.mark.parametrize("host", ["evil.example:{port}", "127.0.0.1", "127.0.0.1:1", "127.0.0.1.evil.example:{port}"])

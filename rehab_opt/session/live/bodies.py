@@ -50,7 +50,6 @@ ARM_PLOTS = (
 WIDE = 0.5
 """[m] Half of the side of a plane as it is drawn."""
 LIT = "#aab5c0"
-"""A side that is above."""
 STICK = 0.035
 """[m] radius of an arm that has no capsules of its own."""
 SHORT = 1e-6
