@@ -39,7 +39,7 @@ PART = 1.0 - 1e-6
 """Of speeds and accelerations that are used: rounding must not decide."""
 SHARE = 0.998
 """Of the largest hand speed that is used: between two points where it is asked for it may be a little larger."""
-TRIES, SLOWER = 8, 0.7
+TRIES, SLOWER = 16, 0.7
 """Passages that are tried, and what is left of the speed where the one before went straight and broke a bound."""
 CURVED, CLOSELY, STRAIGHT = range(3)
 """From point to point, through every tick of the plan, or straight from one to the next, too."""
