@@ -163,7 +163,7 @@ def test_a_search_that_ends_short_is_begun_again(
 
 
 def test_a_plan_is_passed_sooner_though_eight_passages_break_a_bound_each(recorded: Callable[[str], Path]) -> None:
-    """1.198 of the least time (1.15 asked) of one of 200 recordings: each of eight passages had one tick to be slower."""
+    """1.198 of the least time (1.15 asked), of 200 recordings: each of eight passages had one tick to be slower."""
     recorded("vr_hand_tracker/tracker_record_rows_1_3000.csv")
     seat = {
         "recording": {"rows": [1641, 2120]},
