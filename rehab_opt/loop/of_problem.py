@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.control.command import Command
 from rehab_opt.errors import ConfigurationError, ProblemFileError
-from rehab_opt.loop import franka, ur
+from rehab_opt.loop import franka, ros2, ur
 from rehab_opt.loop.companion import Companion
 from rehab_opt.loop.delay import measured_delay
 from rehab_opt.loop.gamepad import Gamepad
@@ -205,6 +205,8 @@ def connected(problem: LiveProblem, *, fifo: int | None = None) -> RemoteDevice:
     """The device of a problem; raises as `control_of`."""
     assert problem.device is not None
     kind, address = problem.device
+    if kind == "ros2":
+        return ros2.connect_ros2(problem.names, rate_hz=1 / problem.dt, locator=address, fifo=fifo)
     joints, connect = {"ur": (ur.JOINTS, ur.connect_ur), "franka": (franka.JOINTS, franka.connect_franka)}[kind]
     if problem.encoders != joints:
         raise ConfigurationError("plant.kind", kind, f"a robot of {problem.encoders} joints, as the problem's")

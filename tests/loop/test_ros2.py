@@ -4,6 +4,8 @@ import socket
 import subprocess
 import sys
 import time
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,9 +15,12 @@ from rehab_opt.errors import ConfigurationError, DeviceLostError
 from rehab_opt.loop import ros2
 from rehab_opt.loop.loop import Loop
 from rehab_opt.loop.messages import JOINT_STATE, joint_state
+from rehab_opt.loop.of_problem import connected
 from rehab_opt.loop.records import Tick
 from rehab_opt.loop.ros2 import connect_ros2, joints_of
 from rehab_opt.loop.shared_ring import SharedRing
+from rehab_opt.session.plant.making import device_of
+from rehab_opt.session.plant.tables import JointPlant
 
 pytest.importorskip("zenoh")
 dynamic = pytest.importorskip("mcap_ros2._dynamic")
@@ -106,3 +111,23 @@ def test_a_name_that_is_there_twice_is_refused() -> None:
 def test_nobody_there_is_told() -> None:
     with pytest.raises(DeviceLostError, match="cannot be connected"):
         connect_ros2(["elbow"], rate_hz=100.0, locator="tcp/127.0.0.1:1")
+
+
+def test_a_problem_file_names_such_a_robot_whose_joints_are_called_as_its_own() -> None:
+    from tests.loop.ros2_robot import NAMES, START, TRUTH  # noqa: PLC0415  (needs zenoh)
+
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        address = f"tcp/127.0.0.1:{free.getsockname()[1]}"
+    table = JointPlant(kind="ros2", address=address, delay_ms=20.0)
+    problem: Any = SimpleNamespace(device=device_of(table), names=NAMES, encoders=3, dt=0.005)
+    with SharedRing.create(TRUTH) as truth:
+        command = [sys.executable, "-m", "tests.loop.ros2_robot", address.rpartition(":")[2], truth.name]
+        with subprocess.Popen(command) as process:
+            try:
+                while truth.latest() is None:
+                    assert process.poll() is None
+                    time.sleep(0.01)
+                with connected(problem) as robot:
+                    np.testing.assert_allclose(robot.reset(START).position, START)
+            finally:
+                process.kill()

@@ -70,7 +70,7 @@ def test_an_ideal_plant_is_the_default_and_the_sum_of_the_commands() -> None:
 @pytest.mark.parametrize(
     ("keys", "key", "expected"),
     [
-        ({"kind": "gazebo"}, "plant.kind", "'ideal', 'mujoco', 'ur' or 'franka'"),
+        ({"kind": "gazebo"}, "plant.kind", "'ideal', 'mujoco', 'ur', 'franka' or 'ros2'"),
         ({"command_delay_ms": 2.0}, "plant.command_delay_ms", 'no such key but for kind = "mujoco"'),
         ({"kind": "mujoco", "command_delay_ms": -1.0}, "plant.command_delay_ms", "greater than or equal to 0"),
         ({"kind": "mujoco", "servo": "torque"}, "plant.servo", "'velocity' or 'position'"),

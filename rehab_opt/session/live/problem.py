@@ -1,4 +1,4 @@
-"""What a kind of problem tells of itself so that it runs live: how it is controlled, and how it looks."""
+"""What a kind of problem tells of itself to run live: how it is controlled, and how it looks."""
 
 from __future__ import annotations
 

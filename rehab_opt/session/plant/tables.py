@@ -11,10 +11,10 @@ from rehab_opt.session.schema import Section, refusal
 __all__ = ["KINDS", "ChairPlant", "HandPlant", "JointPlant", "Kind", "PlantTable", "Simulated"]
 
 Simulated = Literal["ideal", "mujoco"]
-Kind = Literal["ideal", "mujoco", "ur", "franka"]
+Kind = Literal["ideal", "mujoco", "ur", "franka", "ros2"]
 KINDS: tuple[Simulated, ...] = get_args(Simulated)
 """What `--plant` takes: a robot that is there has an address, which stands in the file."""
-DEVICES: tuple[Kind, ...] = ("ur", "franka")
+DEVICES: tuple[Kind, ...] = ("ur", "franka", "ros2")
 DEVICE_KEYS = frozenset({"kind", "address", "delay_ms"})
 Milliseconds = Annotated[float, Field(ge=0, le=1000)]
 
@@ -48,7 +48,7 @@ class PlantTable(Section):
     def each_kind_has_its_keys(self) -> Self:
         """Refuse delays and noise of a robot that has none, rather than leave them out unsaid."""
         if said := sorted(self.model_fields_set - self.keys):
-            others = '"ur" or "franka"' if said[0] in DEVICE_KEYS else '"mujoco"'
+            others = '"ur", "franka" or "ros2"' if said[0] in DEVICE_KEYS else '"mujoco"'
             raise refusal(said[0], getattr(self, said[0]), f"no such key but for kind = {others}")
         return self
 
@@ -72,8 +72,8 @@ class JointPlant(PlantTable):
 
     kind: Kind = "ideal"
     """Joints that move exactly as commanded, a robot with mass in MuJoCo, or one that is there, for `loop` and `live`:
-    of Universal Robots, or Franka's. `--plant` goes before it. An ideal robot has no other keys, one that is there the
-    next two."""
+    of Universal Robots, Franka's, or of ROS 2, its joints named as here. `--plant` goes before it. An ideal robot has
+    no other keys, one that is there the next two."""
     address: str | None = Field(default=None, min_length=1)
     """Of that robot's controller."""
     delay_ms: float | None = Field(default=None, ge=0, le=200)
