@@ -85,7 +85,7 @@ def _pink(chain: Any, gain: float, dt: float) -> Solve:
         task.set_target(pinocchio.SE3(pose[:3, :3], pose[:3, 3]))
         limits[-1].set_last_integration(last, dt)
         try:
-            return np.array(pink.solve_ik(configuration, (task,), dt, solver="daqp", limits=limits))
+            return np.array(pink.solve_ik(configuration, (task,), dt, "daqp", limits=limits, safety_break=False))
         except pink.exceptions.NoSolutionFound:
             return None
 

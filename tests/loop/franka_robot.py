@@ -21,8 +21,8 @@ from pathlib import Path
 
 HOST, PORT = "127.0.0.1", 1337
 PYTHON = os.environ.get("REHAB_OPT_FRANKA_SIM", "")
-DAMPING, ARMATURE = 1.0, 0.1
-"""[N m s/rad], [kg m^2] of a joint: assumptions."""
+DAMPING, ARMATURE = 1.0, 0.3
+"""[N m s/rad], [kg m^2] of a joint: assumptions. With 0.1 franka-sim's explicit velocity servo shakes by 0.4 rad/s."""
 PATIENCE = 60.0
 """[s] until it answers."""
 
