@@ -105,8 +105,9 @@ BESIDE, ROUND = 5e-3, 0.3
 """[m] of a standing body within which a link comes round its edges; of the command, across it, there."""
 TRIED = 20
 """Velocities, one of which leads at a limit perhaps."""
-AWAY, TIMES = 0.05, 1.2
-"""[m] A body that moves is given way to from no further off, and the way that it comes nearer in that many times T."""
+AWAY, TIMES, PASSES = 0.05, 1.2, 0.1
+"""[m] A body that moves is given way to from no further off, and the way that it comes nearer in that many times T;
+[m] at which it passes, as it is told to go on, where its other end comes."""
 
 
 @dataclass(frozen=True)
@@ -551,7 +552,7 @@ def judge(verdict: Verdict, case: Case, run: Run, places: list[Array], there: ND
             verdict.during("at the margin of a body that moves", (np.abs(apart) < NEAR).any(axis=1), dt)
             if one_slow_body(case):
                 judge_giving_way(verdict, case, run, places, (apart, stays, moved))
-    gives_way = giving_way(chair, dt, apart, stays)
+    gives_way = giving_way(case, q, places, apart, stays, there)
     hasty = np.full(n, any(each.rate is not None and each.rate > 1 / slowest for each in case.wishes))
     verdict.during("limits that are come to faster than all can brake", hasty, dt)
     told = np.arange(n) < round((slowest + 1.0) / dt) * run.start.any()  # that velocity knew of no barrier
@@ -591,13 +592,24 @@ def longest(chair: Chair) -> float:
     return float(np.max(chair.velocity / chair.acceleration))
 
 
-def giving_way(chair: Chair, dt: float, apart: Array, stays: Array) -> NDArray[np.bool_]:
-    """(n,) whether a body comes, or came within T + 1 s, so near and fast that accelerations may yield to it."""
-    slowest = longest(chair)
+def giving_way(
+    case: Case, q: Array, places: list[Array], apart: Array, stays: Array, there: NDArray[np.bool_]
+) -> NDArray[np.bool_]:
+    """(n,) whether a body comes, or came within T + 1 s, so near and fast that accelerations may yield to it.
+
+    By how fast what is nearest comes now, and by where the body, going on as it is told to, is within about T: its
+    other end may come faster.
+    """
+    slowest, dt = longest(case.chair), case.dt
     with np.errstate(invalid="ignore"):
         comes = np.nan_to_num(np.maximum(apart - stays, 0.0)) / dt
     yields = (stays < AWAY + TIMES * slowest * comes).any(axis=1)
-    return since(yields, round((slowest + 1.0) / dt))
+    if case.scene is not None and places:
+        here, gone = segments(case.chair, q), np.where(np.tile(there, len(case.scene.links)), 0.0, math.inf)
+        for part in np.linspace(0.2, 1.0, 5):
+            ahead = [place[:-1] + part * TIMES * slowest / dt * np.diff(place, axis=0) for place in places]
+            yields = yields | ((coming(case.scene, here, ahead) + gone < PASSES) & (comes > 0)).any(axis=1)
+    return since(np.asarray(yields), round((slowest + 1.0) / dt))
 
 
 def since(happened: NDArray[np.bool_], ticks: int) -> NDArray[np.bool_]:
