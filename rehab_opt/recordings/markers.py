@@ -42,10 +42,9 @@ def read_trc(path: Path, *, name: str, marker: str | None) -> Recording:
     if header[:2] != ["Frame#", "Time"]:
         raise ProblemFileError(name, "line 4", shown(lines[3]), "Frame#, Time and the names of the markers")
     markers = [cell for cell in header[2:] if cell]
-    at = marker_place(marker, markers, name)
-    place = [column for column, cell in enumerate(header) if cell][2 + at]
-    rows = []
-    whole = 2 + 3 * len(markers)
+    rows, whole, place = [], 2 + 3 * len(markers), 2 + 3 * marker_place(marker, markers, name)
+    if header[2:whole:3] != markers:
+        raise ProblemFileError(name, "line 4", shown(lines[3]), "a marker's name in every third cell")
     for number, text in enumerate(lines[FIRST_ROW - 1 :], start=FIRST_ROW):
         row = [cell.strip() for cell in text.split(separator)]
         if not any(row):

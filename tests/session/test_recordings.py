@@ -135,6 +135,8 @@ BAD = [
     ("a.trc", TRC.replace("HAND", "FOOT"), "recording.marker", "WRIST, FOOT"),
     ("a.trc", TRC.replace("\t30\t20", "\tx\t20"), "line 9, column HAND X", "finite"),
     ("a.trc", TRC.replace("\t0.02\t", "\t0.92\t"), "marker HAND", "at most 0.2 s"),
+    ("a.trc", TRC.replace("WRIST\t", "WRIST\t\t"), "line 4", "every third cell"),
+    ("a.trc", TRC.replace("Time\tWRIST\t\t\tHAND", "Time\t\tHAND\t\tWRIST"), "line 4", "every third cell"),
     ("a.trc", "PathFileType\n", "line 1", "header"),
     ("a.png", "x", "file", ".csv, .svc, .mot, .sto, .trc, .c3d"),
 ]
