@@ -8,8 +8,8 @@ and so do all ticks behind it. The state after u can stop if a stop in continuou
 b whose mean over the next tick is within a jerk's reach, |b - (u - v)/dt| <= J dt/2: its velocities at the ends of
 ticks are commands that keep every difference, and such a b is there again a tick later. The stop is the shortest one:
 jerk down to a deceleration p <= A, hold it, jerk up, at rest with no acceleration. What held velocities go further than
-it is known but for `MARGIN` J dt^3, where jerk changes within a tick. The way of the stop is convex in u, so that a
-chord in the tick's interval is on the safe side of it.
+it is known but for `MARGIN` J dt^3, where jerk changes within a tick. The way of the stop is convex in u, so that two
+chords, the second from where the first ends, are on the safe side of it.
 
 Velocity, acceleration and jerk never yield. A position limit does where nothing could keep it any more.
 """
@@ -32,12 +32,12 @@ __all__ = ["JerkBounds"]
 Array = NDArray[np.float64]
 
 MARGIN = 0.03
-"""Of J dt^3, before a position limit: 0.0225 of it were needed in 10^7 ticks at random."""
+"""Of J dt^3, before a limit: 0.0225 of it were needed in 10^7 ticks."""
 TINY = 1e-300
 
 
 class JerkBounds(NamedTuple):
-    """Bounds of the joint velocities of one chain.
+    """Bounds of joint velocities.
 
     Parameters
     ----------
@@ -144,12 +144,19 @@ class JerkBounds(NamedTuple):
         return ca.if_else(room >= 0, last + dt * change, ceiling)
 
     def _before(self, q: ca.SX, last: ca.SX, limit: ca.DM, first: ca.SX, final: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """(n,) Largest velocity of the interval from which a stop ends before the limit; and whether all of it does."""
+        """(n,) Largest velocity that can stop before the limit; and whether all of the interval can."""
         near = clipped(q, limit - MARGIN * self._jerk * self.dt**3, limit)  # who stands within the margin may stay
-        least, most = (self._stop(u, last, q) - near for u in (first, final))
-        chord = first - least * (final - first) / ca.fmax(most - least, TINY)
-        free = most <= 0
-        return ca.if_else(free, final, ca.if_else(least >= 0, first, clipped(chord, first, final))), free
+
+        def beyond(u: ca.SX) -> ca.SX:
+            return self._stop(u, last, q) - near
+
+        def chord(u: ca.SX, least: ca.SX) -> ca.SX:
+            return clipped(u - least * (final - u) / ca.fmax(most - least, TINY), first, final)
+
+        least, most = beyond(first), beyond(final)
+        u = chord(first, least)
+        u = ca.if_else(least >= 0, first, chord(u, beyond(u)))  # one alone is late
+        return ca.if_else(most <= 0, final, u), most <= 0
 
     def _stop(self, u: ca.SX, last: ca.SX, q: ca.SX) -> ca.SX:
         """(n,) where the shortest stop after a tick of u ends, or turns round."""

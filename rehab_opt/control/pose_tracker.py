@@ -114,9 +114,8 @@ class PoseTracker(VelocityController):
 
     The direction of the asked twist is left where
     - w would bring a joint to its position limit faster than it can stop there: w is then the nearest motion with that
-      joint slow enough (`ReferenceVelocity`), even where a slower one straight on would be possible, since keeping the
-      direction would stop the whole arm at the limit. In the tick in which this begins, up to 0.4 of the hand's motion
-      was seen across what is asked;
+      joint slow enough (`ReferenceVelocity`); keeping the direction would stop the whole arm. In the tick in which this
+      begins, up to 0.4 of the hand's motion was seen across what is asked;
     - a joint is too fast to be brought into the direction within its acceleration bound and the hand speeds;
     - the pose is nearly singular, a singular value of J below 0.03, and lost directions are left out of w.
 
@@ -300,7 +299,7 @@ class PoseTracker(VelocityController):
 
     def bounds(self, q: ca.SX, memory: ca.SX) -> VelocityBounds:
         """Intervals of the joint velocities; beyond a `Limit` is outside, too."""
-        if self.jerk is not None:  # there are no limits beside it
+        if self.jerk is not None:
             return self.jerk.interval(q, memory[: self.chain.n], memory[-self.chain.n :])
         found = super().bounds(q, memory)
         return found._replace(outside=ca.logic_or(found.outside, self.limits.beyond(q)))
