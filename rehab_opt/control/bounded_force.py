@@ -213,7 +213,6 @@ class BoundedForce(OneThread):
         """The QP of one tick."""
         return assistance_statement()
 
-    # -------------------------------------------------------------------------------------------------- the user's
     def reset(self, *, energy: bool = True, force: ArrayLike = (0.0, 0.0)) -> None:
         """Forget the past.
 
@@ -345,7 +344,6 @@ class BoundedForce(OneThread):
                 return self._command(self._solved, self._state_next, FUSED_SOLVERS)
         return self._by_other_solvers()
 
-    # ---------------------------------------------------------------------------------------------------- one tick
     def _by_other_solvers(self) -> Command:
         """The tick with the QP solved outside of it."""
         solvers, prepare, finish = self._solvers, self._prepare, self._finish

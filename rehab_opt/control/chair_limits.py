@@ -149,7 +149,6 @@ class ChairLimits:
         """Joints that the drive allows to move, by number from 0: Eq. (4) in the chassis frame."""
         return [*self.wheels.moving, *range(CHAIR, self.robot.chain.n)]
 
-    # ------------------------------------------------------------------------------------------------ in one tick
     def near(self, arm: ca.SX, fastest: ca.SX) -> tuple[ca.SX, ca.SX]:
         """Whether a keep-out can matter at arm joints (4,) after speeds (4,) at most; the arm's clearance [m]."""
         if not self.robot.keep_out:
@@ -239,8 +238,9 @@ class ChairLimits:
             change = self.braking.change
             bodies = self._touched(tick, q, about, contacts, told, fastest=fastest)
             ahead, free_ahead = self.own.on_the_way(
-                q, about, bodies=bodies, way=self.led, seconds=self._times, change=change
-            )
+                q, about, bodies=bodies, way=self.led, seconds=self._times, change=change,
+                astray=ca.mmax(ca.fmax(ca.fabs(last - mean) - change, 0)),
+            )  # fmt: skip
             ends = _reached(last, change, base, (lower, upper))
             led = kept_within((-ahead, free_ahead, ca.SX.inf(free_ahead.size1())), base, ends, ends)
             braked, base = base, ca.if_else(gives_way, led, base)
@@ -393,7 +393,6 @@ class ChairLimits:
         """1 where no keep-out is as near as a tick of u (7,) reaches, or of half the arm's."""
         return clearance > 1.01 * self.robot.reach * self.dt * ca.sum1(ca.fabs(u[CHAIR:])) + TINY
 
-    # -------------------------------------------------------------------------------------------- limit by limit
     def _margin(self, part: float, velocity: ca.SX) -> ca.SX:
         """[m] at a part of the way to the stop posture: what tangents promise too much in a tick, and `MARGIN`."""
         swinging, time = self._swinging, self.braking.time

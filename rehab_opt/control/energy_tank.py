@@ -76,7 +76,7 @@ class EnergyTank:
         self._budget, self._slew, self._speed, self._late = (
             of[name] for name in ("budget", "slew", "speed_cap", "late")
         )
-        self._window, self._tail = of["window"], of["tail"]
+        self._window, self._tail = of["window"] * (1 - 1e-9), of["tail"]  # rounding
 
     def _with(self, **others: ca.SX) -> EnergyTank:
         return EnergyTank(tank_record(self._slots).changed(self.numbers, **others), self._slots, **self._of)
@@ -110,7 +110,7 @@ class EnergyTank:
 
     def _most(self, each: ca.SX) -> ca.SX:
         """The largest of what each piece (slots,) says, of those that may have acted since the hand was seen."""
-        acts = self._ages() < (self._window + self.numbers.unseen) * (1 - 1e-9)
+        acts = self._ages() < self._window + self.numbers.unseen
         return ca.mmax(ca.vertcat(each[0], *(ca.if_else(acts[i], each[i], each[0]) for i in range(1, self._slots))))
 
     def _sent(self, force: ca.SX, seconds: ca.SX, at_most: ca.SX) -> EnergyTank:

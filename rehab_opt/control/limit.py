@@ -295,10 +295,11 @@ class Limits:
         way: Callable[[ca.SX, ca.SX, float], ca.SX],
         seconds: Sequence[float],
         change: ca.DM,
+        astray: ca.SX,
     ) -> tuple[ca.SX, ca.SX]:
         """R (m, n), r (m,) of R u <= r that keep the limits on the way that u leads, to first order about `last` (n,).
 
-        None forbids rest, which keeps what is kept.
+        Of a steady u none forbids rest, which keeps what is kept.
 
         Parameters
         ----------
@@ -306,6 +307,7 @@ class Limits:
         way : q (n,), u (n,), t -> (n,) where u leads in t [s].
         seconds : the times that are looked at, above zero; each distance is that of the one where least is left.
         change : (n,) of u in a tick at most: what tangents promise too much for that is kept as a margin.
+        astray : by how much u is further from `last`: what they have promised too much for that is taken back.
         """
         here, u = ca.SX.sym("q", self.chain.n), ca.SX.sym("u", self.chain.n)
         rows = [ca.SX(0, 1 + u.numel())]
@@ -316,7 +318,8 @@ class Limits:
             rows.append(least_rows(nearest, each.count(self.chain)))
         found = ca.vertcat(ca.Function("on_the_way", [here, u], [ca.vertcat(*rows)])(q, last), bodies)
         left, slopes = found[:, 0], found[:, 1:]
-        return -slopes, ca.fmax(left - slopes @ last, 0)
+        back = astray**2 * max(seconds) * ca.sqrt(ca.sum2(slopes**2))
+        return -slopes, ca.fmax(left - slopes @ last, -back)
 
     def bodies_on_the_way(
         self, *, way: Callable[[ca.SX, ca.SX, float], ca.SX], seconds: Sequence[float], change: ca.DM

@@ -267,7 +267,6 @@ class PoseTracker(VelocityController):
         moving = self.limits.moving
         return ((4, 4), (6,), *([(moving, MOVING)] if moving else []))
 
-    # -------------------------------------------------------------------------- what a tracker with more bounds adds
     @property
     def row_count(self) -> int:
         """Number of linear bounds on the joint velocities besides their intervals."""
@@ -340,7 +339,6 @@ class PoseTracker(VelocityController):
         """
         return None
 
-    # ------------------------------------------------------------------------------------------------ the user's limits
     def command(self, tick: Tick, inputs: Inputs, velocity: ca.SX) -> ca.SX:
         """(n,) the QP's velocity, or what of it keeps the user's limits: its rows are tangents.
 
@@ -391,7 +389,6 @@ class PoseTracker(VelocityController):
         inputs = [q, memory, moving] if self.limits.moving else [q, memory]
         return tick.function("braking", inputs, [self.remember(q, rest), report])
 
-    # -------------------------------------------------------------------------------------------------------------
     def _drift(self, q: ca.SX) -> ca.SX:
         """(n,) towards the posture, slowed as a whole so that its direction is kept."""
         if self.posture is None:

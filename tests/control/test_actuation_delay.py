@@ -142,3 +142,17 @@ def test_a_reset_that_keeps_the_energy_gives_none_away(every: int, delay: float)
         if k % every == 0:
             force.reset(energy=False, force=sent)
     assert 0.1 < most <= 1.0
+
+
+@pytest.mark.parametrize("dt", [0.001, 0.002, 0.004])
+def test_stamps_that_come_in_time_change_nothing(dt: float) -> None:
+    """Delay and window are whole ticks: by the rounding of stamps, forces were under way for a tick longer."""
+    with_stamps, without = (
+        BoundedForce(lambda x, y, vx, vy: (4000.0 * x, -9.0), actuation_delay=0.005, dt=dt, compile=False)
+        for _ in range(2)
+    )
+    for k in range(400):
+        x = [0.01 * math.sin(9 * k * dt), 0.02 * math.cos(7 * k * dt)]
+        one, other = with_stamps.step(x, stamp=k * dt), without.step(x)
+        np.testing.assert_allclose(one.value, other.value, rtol=0, atol=1e-9)
+        assert with_stamps.energy_left == pytest.approx(without.energy_left, abs=1e-9)

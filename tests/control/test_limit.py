@@ -241,7 +241,7 @@ def test_each_distance_has_a_row_on_the_way_however_near_another_is_at_every_pla
     none = ca.SX.zeros(0, 7)
     rows, _ = limits.on_the_way(
         ca.SX.zeros(6), ca.SX.zeros(6), bodies=none, way=lambda q, u, t: q + t * u, seconds=(0.25, 0.5, 0.75, 1.0),
-        change=ca.DM.zeros(6),
+        change=ca.DM.zeros(6), astray=ca.SX(0),
     )  # fmt: skip
     np.testing.assert_array_equal(np.array(ca.DM(rows)) != 0, np.eye(3, 6) > 0)
 

@@ -130,7 +130,9 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
     speed = np.einsum("ni,ni->n", told, normal)
     straight = np.minimum(led[:-1] - lengths[piece], lengths[piece + 1] - led[:-1]) > width
     free = np.array([each.status.value == "ok" and each.scale > 0.0 for each in commands]) & straight
-    free &= np.convolve(away, np.ones(round(0.3 / dt) + 2))[:ticks] == 0  # the force of a hand that comes back grows
+    # The force of a hand that comes back grows, in ticks whose hand can be used.
+    used = np.cumsum([each.status.value in ("ok", "blocked") for each in commands])
+    free &= used - np.maximum.accumulate(np.where(away, used, -ticks)) > round(0.3 / dt) + 1
     free &= np.linalg.norm(x[:-1] - _at(knots, lengths, led[:-1]), axis=1) < 0.9 * 30.0 / stiffness
     across = np.einsum("ni,ni->n", wanted, normal)
     pull = -stiffness * offset - damping * speed

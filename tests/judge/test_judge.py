@@ -44,6 +44,8 @@ def test_slice_of_the_campaign_breaks_nothing(judge: str, seed: int) -> None:
         ("chair_limits", 261130031, 28),
         ("chair_limits", 27110954, 39),
         ("chair_limits", 26118900, 16),
+        ("chair_limits", 27119603, 38),
+        ("path_progress", 26119600, 38),
         ("pose_tracker_bounds", 27118903, 4_000_057),
         ("pair_messages", 27112758, 73),
         ("limits_rest", 42128004, 111),
