@@ -307,7 +307,7 @@ class Limits:
         way : q (n,), u (n,), t -> (n,) where u leads in t [s].
         seconds : the times that are looked at, above zero; each distance is that of the one where least is left.
         change : (n,) of u in a tick at most: what tangents promise too much for that is kept as a margin.
-        astray : by how much u is further from `last`: what they have promised too much for that is taken back.
+        astray : of the velocity now from `last`, beyond `change`: what tangents miss there is taken back.
         """
         here, u = ca.SX.sym("q", self.chain.n), ca.SX.sym("u", self.chain.n)
         rows = [ca.SX(0, 1 + u.numel())]
