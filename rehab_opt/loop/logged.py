@@ -80,9 +80,9 @@ def read_log(path: Path | str) -> Logged:
         except (errors.EndOfFile, struct.error, EOFError):
             whole = False
             file.seek(-min(len(ENDS), file.seek(0, 2)), 2)
-            damaged = "it ends before its end" if file.read() == ENDS else ""  # not one that was cut
-        except (errors.McapError, ValueError, import_module("zstandard").ZstdError) as wrong:
-            damaged = str(wrong)
+            damaged = "it ends before its end" if file.read() == ENDS else ""
+        except (errors.McapError, ValueError, MemoryError, import_module("zstandard").ZstdError) as wrong:
+            damaged = str(wrong) or "a length"
     if not {"layout", "names"} <= set(about):
         raise ProblemFileError(path, "metadata", sorted(about), f"an MCAP file with the metadata {ABOUT!r}, by a loop")
     if damaged:

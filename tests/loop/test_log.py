@@ -269,6 +269,17 @@ def test_a_log_that_was_altered_is_refused_and_not_read_in_part(ring: SharedRing
     assert refused > 0.5 * len(whole) / 37
 
 
+def test_a_length_that_no_memory_has_is_damage(ring: SharedRing, tmp_path: Path, clock: Clock) -> None:
+    path = tmp_path / "log.mcap"
+    session(ring, path, clock)
+    whole = path.read_bytes()
+    begin = whole.index(b"zstd") + 4  # how long what is compressed is, eight bytes
+    for at in range(begin, begin + 8):
+        path.write_bytes(whole[:at] + bytes([whole[at] ^ 1]) + whole[at + 1 :])
+        with pytest.raises(ProblemFileError, match="altered"):
+            read_log(path)
+
+
 def test_a_pipe_is_no_log(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "log.mcap")
     with pytest.raises(ProblemFileError, match="a pipe"):

@@ -59,8 +59,8 @@ DT, EVERY = 1e-3, 5
 FREE = 1e9
 ROUNDING = 1e-9
 """[s] by which a time is that of a tick."""
-AGAIN = 4
-"""Passages of which the last is taken."""
+AGAIN = 20
+"""Passages at most."""
 
 
 def driven(
