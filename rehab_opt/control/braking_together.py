@@ -24,10 +24,7 @@ __all__ = ["BrakingTogether"]
 SLACK = 1.1
 """T is longer by this than stopping takes: a task and a limit that turn on the way need acceleration, too."""
 FARTHEST = 0.2
-"""[rad, m] Way of the stop posture in a tick, at most: limits are tangents there.
-
-A chair that stops in 2 s, with an arm of 38 rad/s^2, had to stay a metre off its keep-outs.
-"""
+"""[rad, m] Way of the stop posture in a tick, at most: limits are tangents there."""
 LATER = 0.3
 """[s] after T / 1.1 a velocity that must go is gone. Of 1 s, which the law has, the bend of the way takes the rest."""
 
@@ -63,7 +60,7 @@ class BrakingTogether:
     def leaves(self, velocity: ca.SX) -> ca.SX:
         """Fraction that is left of a velocity that must go, at most, so that it is gone `LATER` than T / 1.1.
 
-        `slower` alone never ends: the hand of a slow robot was 0.36 of its command across when T + 1 s had gone by.
+        `slower` alone never ends.
         """
         return ca.fmin(self._left, 1 - self._part * self._hardest(velocity))
 

@@ -119,9 +119,8 @@ class ChairLimits:
     yields.
 
     A user's limits and a `Clearance` make the rows that they make everywhere (`control.limit.Limits`), and are kept on
-    the way to z, too, the chair on its arc, bodies where they are now: at the rate of a barrier alone, a hand in a ball
-    came to its edge faster than braking takes away. While the stick commands, `base` is led out of the way of what
-    comes nearer by itself, and acceleration yields to it.
+    the way to z, too, the chair on its arc, bodies where they are now. While the stick commands, `base` is led out of
+    the way of what comes nearer by itself, and acceleration yields to it.
 
     Parameters
     ----------
@@ -333,11 +332,14 @@ class ChairLimits:
         turn[:2, :2] = ca.vertcat(ca.horzcat(cos, -sin), ca.horzcat(sin, cos))
         return turn
 
-    @staticmethod
-    def led(q: ca.SX, u: ca.SX, seconds: float) -> ca.SX:
-        """(n,) where velocities u (n,), the chair's in its own frame, lead in that time: the chair on an arc."""
+    def led(self, q: ca.SX, u: ca.SX, seconds: float) -> ca.SX:
+        """(n,) where velocities u (n,), the chair's in its own frame, lead in that time: the chair on an arc.
+
+        Each tick's way is straight, along its beginning: the arc is behind by half of what a tick turns.
+        """
         way = seconds * mean_velocity(np.zeros(2), u[:CHAIR], seconds)
-        cos, sin = ca.cos(q[2]), ca.sin(q[2])
+        behind = q[2] - u[2] * self.dt / 2
+        cos, sin = ca.cos(behind), ca.sin(behind)
         place = q[:2] + ca.vertcat(cos * way[0] - sin * way[1], sin * way[0] + cos * way[1])
         return ca.vertcat(place, q[2:] + seconds * u[2:])
 

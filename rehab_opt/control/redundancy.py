@@ -40,7 +40,7 @@ STICK_ROWS = (("x", "y", "z"), ("x", "y"), ("z", "roll7"))
 """Sets of rows that are prepared where nothing else is said: reaching, and the paper's two modes of the stick."""
 CHASSIS = ("forward", "sideways", "turning")
 LONGEST_TICK = 0.02
-"""[s] The law holds up to it. With 0.04 s, light arms that stop in 4 ticks went by half of their command against it."""
+"""[s] The law holds up to it."""
 FASTER = 1e-9
 """Share by which a velocity that is reset may pass a limit: rounding."""
 

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.optim.certificate import all_true, clipped
-from rehab_opt.optim.nlp import NLP, PLAUSIBLE, NLPAnswer
+from rehab_opt.optim.nlp import NLP, NLPAnswer
 from rehab_opt.optim.nlp_hessian import model
 from rehab_opt.optim.qrqp import qrqp
 from rehab_opt.optim.recorder import recorder_now
@@ -76,9 +76,6 @@ class SQP:
         self._multipliers[:] = multipliers
         cap = self.max_iterations if max_iterations is None else max_iterations
         residual, iterations, certified = np.inf, 0, False
-        p = self.parameters
-        if not np.abs(p).max(initial=0.0) <= PLAUSIBLE:  # ill-posed data make CasADi's virtual machine raise
-            cap = 0
         while iterations < cap and not certified:
             # Compiled, a failed QP ends the function before it writes: the last certificate must not stand.
             self._residual[0] = math.nan

@@ -1,10 +1,9 @@
 """CasADi's qrqp, with the room it needs.
 
 casadi 3.6 to 3.8 give its dual line search an integer array as long as the QP has bounds and rows, and it writes one
-entry more when every multiplier changes sign in one step (`casadi_qrqp_dual_breakpoints`; found by our fault campaign
-as a damaged heap, shown by the address sanitizer). The array is the last in a work space that a caller's function
-shares and may enlarge: that is what `with_spare_room` does. In C a failed solve ends every function around it,
-unless the code goes through `going_on_after_failed_solves`.
+entry more when every multiplier changes sign in one step (`casadi_qrqp_dual_breakpoints`, a damaged heap). The array
+is the last in a work space that a caller's function shares and may enlarge: that is what `with_spare_room` does. In C a
+failed solve ends every function around it, unless the code goes through `going_on_after_failed_solves`.
 """
 
 from __future__ import annotations
@@ -18,19 +17,29 @@ from rehab_opt.symbolic.compiled import going_on_after_failed_solves
 __all__ = ["QRQP_ITERATIONS", "going_on_after_failed_solves", "qrqp", "qrqp_options", "with_spare_room"]
 
 QRQP_ITERATIONS = 50
-"""Cap on active-set changes; what is not solved by then fails its certificate. Of all recorded ticks in fit units none
-needs more, one of them 41 or more; each costs up to 13 us, and the backup answers in tens."""
+"""Cap on active-set changes; what is not solved by then fails its certificate. Each costs up to
+13 us, and the backup answers in tens."""
+FINITE = 1e30
+"""Of a bound that cannot be met."""
 SPARE = 2
-"""Integers more than the function says it needs; one is known to be written."""
+"""Integers more than the function says it needs; one is written."""
 
 
 def qrqp(name: str, n: int, m: int, *, iterations: int = QRQP_ITERATIONS) -> ca.Function:
     """Solver of a dense QP with n variables and m rows that generates C; inputs and outputs as `casadi.conic`.
 
     It is quiet, capped, asked for more than our tolerance, and a failure is an answer that the certificate rejects.
+    So are bounds that are no numbers, or cross, for which CasADi would raise: it sees others.
     """
     shape = {"h": ca.Sparsity.dense(n, n), "a": ca.Sparsity.dense(m, n)}
-    return with_spare_room(ca.conic(name, "qrqp", shape, qrqp_options(iterations)))
+    solver = ca.conic(name, "qrqp", shape, qrqp_options(iterations))
+    given = dict(zip(solver.name_in(), solver.mx_in(), strict=True))
+    seen = dict(given)
+    for low, high in (("lba", "uba"), ("lbx", "ubx")):
+        seen[low] = ca.fmin(given[low], FINITE)
+        seen[high] = ca.fmax(ca.fmax(given[high], -FINITE), seen[low])
+    inputs, outputs = list(given.values()), solver.call(list(seen.values()))
+    return with_spare_room(ca.Function(name, inputs, outputs, solver.name_in(), solver.name_out()))
 
 
 def qrqp_options(iterations: int = QRQP_ITERATIONS) -> dict[str, Any]:
@@ -46,10 +55,7 @@ def qrqp_options(iterations: int = QRQP_ITERATIONS) -> dict[str, Any]:
 
 
 def with_spare_room(function: ca.Function) -> ca.Function:
-    """The same function with an integer work space longer by at least `SPARE`.
-
-    A branch that is never taken asks for the room: it holds a QP that needs more of it.
-    """
+    """The same function with an integer work space longer by at least `SPARE`, for a branch that is never taken."""
     size = function.sz_iw() + SPARE
     shape = {"h": ca.Sparsity.diag(size), "a": ca.Sparsity(0, size)}
     needy = ca.conic(f"{function.name()}_spare", "qrqp", shape, qrqp_options())

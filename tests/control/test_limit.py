@@ -235,15 +235,52 @@ def test_limit_that_is_none_is_refused_by_name(limits: Any, named: str) -> None:
         PoseTracker(ur5(), limits=limits, compile=False)
 
 
-def test_each_distance_has_a_row_on_the_way_however_near_another_is_at_every_place() -> None:
-    """One distance had all three, of three places; a second one's row came and went with them, and an arm trembled."""
+@pytest.mark.parametrize("compile_", [False, None])
+@pytest.mark.parametrize("kind", ["slope", "distance", "root"])
+def test_a_limit_that_is_no_number_stops_and_does_not_raise(kind: str, compile_: bool | None) -> None:
+    """In CasADi's virtual machine it ended in a RuntimeError: "Ill-posed problem"."""
+    robot = ur5(velocity=1.0)
+    here = robot.pose(START)[:3, 3]
+
+    def distance(chain: Any, q: ca.SX) -> ca.SX:
+        off = chain.pose_expression(q)[:3, 3] - ca.DM(here)
+        return {"slope": 0.3 - ca.norm_2(off), "distance": 0.3 + ca.log(off[2] - 1e-9), "root": ca.sqrt(off[2] - 1e-9)}[
+            kind
+        ]
+
+    control = PoseTracker(robot, dt=0.002, limits=[Limit(distance)], compile=compile_)
+    target = robot.pose(START)
+    target[2, 3] -= 0.2
+    for _ in range(3):
+        command = control.step(START, target, np.zeros(6))
+        assert command.status in {Status.HOLDING, Status.BLOCKED}
+        assert not command.value.any()
+        assert command.reason
+
+
+def test_each_distance_has_a_row_on_the_way_at_every_place_however_near_another_is() -> None:
+    """One distance had all three, of three places; a second one's row came and went with them, and an arm trembled.
+
+    Later each had one, of the place where least was left: an arm trembled as that changed, and braked too late.
+    """
     limits = all_limits([Limit(lambda chain, q: ca.vertcat(0.1, 0.2, 0.3) + q[:3])], ur5(), 0.01, 1.0)
     none = ca.SX.zeros(0, 7)
     rows, _ = limits.on_the_way(
         ca.SX.zeros(6), ca.SX.zeros(6), bodies=none, way=lambda q, u, t: q + t * u, seconds=(0.25, 0.5, 0.75, 1.0),
         change=ca.DM.zeros(6), astray=ca.SX(0),
     )  # fmt: skip
-    np.testing.assert_array_equal(np.array(ca.DM(rows)) != 0, np.eye(3, 6) > 0)
+    np.testing.assert_array_equal(np.array(ca.DM(rows)) != 0, np.tile(np.eye(3, 6) > 0, (4, 1)))
+
+
+def test_a_distance_that_dips_between_two_places_of_the_way_is_what_it_is_there() -> None:
+    limits = all_limits([Limit(lambda chain, q: (q[0] - 0.375) ** 2)], ur5(), 0.01, 1.0)
+    last = ca.SX([1, 0, 0, 0, 0, 0])
+    rows, most = limits.on_the_way(
+        ca.SX.zeros(6), last, bodies=ca.SX.zeros(0, 7), way=lambda q, u, t: q + t * u, seconds=(0.25, 0.5, 0.75, 1.0),
+        change=ca.DM.zeros(6), astray=ca.SX(0),
+    )  # fmt: skip
+    left = np.array(ca.DM(most - rows @ last)).ravel()
+    assert left[0] == pytest.approx(0.0, abs=1e-12)  # 0.125^2 there, and nothing half-way to the next
 
 
 def test_elbow_stretched_before_a_ball_comes_to_rest() -> None:

@@ -669,6 +669,42 @@ def test_an_arm_that_is_held_at_a_limit_of_the_users_own_does_not_tremble() -> N
     assert turned.sum(axis=0).max() <= 4
 
 
+RELEASED = {
+    "ball": (0.005, "xy", 315, 0.1198, -1.7917,
+             2.8124, -1.0206, 0.1126, 0.024, -0.004, -0.6642, 0.5733, 0.4567, 0.1564),
+    "norm": (0.01, "xyz", 174, 0.2436, -3.0191,
+             0.4837, -0.9261, 0.0452, -0.2177, 0.5133, 0.7531, -0.0069, 0.5177, 0.0734),
+}  # fmt: skip
+"""By the limit's form: dt, rows, ticks held, speed and direction of the stick, joints but the place, middle, radius."""
+
+
+@pytest.mark.parametrize("form", RELEASED)
+def test_a_hand_released_beside_a_quick_limit_of_the_users_own_brakes_within_its_accelerations(form: str) -> None:
+    """They braked 10 times as hard: the way to a stop was looked at in one of four places, now this, now that one.
+
+    And its arc was taken for true, where each tick's way is straight along its beginning.
+    """
+    (dt, rows, held, speed, angle), numbers = RELEASED[form][:5], RELEASED[form][5:]
+    middle, radius = ca.DM(numbers[5:8]), numbers[8]
+
+    def room(chain: SerialChain, q: ca.SX) -> ca.SX:
+        off = chain.pose_expression(q)[:3, 3] - middle
+        return radius - ca.norm_2(off + 1e-9) if form == "norm" else (radius**2 - ca.sumsqr(off)) / (2 * radius)
+
+    robot, names = ardis(), tuple(rows)
+    made = RedundancyResolver(robot, row_sets=(names,), dt=dt, limits=[Limit(room, rate=10.0)], compile=False)
+    q, last, harder = np.array([0.0, 0.0, *numbers[:5]]), np.zeros(7), [0.0]
+    for k in range(held + round(1.5 / dt)):
+        stick = speed * np.array([math.cos(angle - q[2]), math.sin(angle - q[2]), 0.0])[: len(rows)]
+        sent = made.step(q, stick, names, enable=k < held)
+        if k >= held:
+            harder.append(np.max(np.abs(made.chassis_velocity - last) / (robot.chain.acceleration * dt)))
+            assert Bound.ACCELERATION not in sent.yielded
+        q, last = q + dt * sent.value, np.array(made.chassis_velocity)
+    assert max(harder) <= 1 + 1e-6
+    assert not last.any()
+
+
 def test_a_quick_arm_on_a_slow_chair_goes_on_beside_keep_outs() -> None:
     # All brake together, in 2.2 s: what the arm's own acceleration can add to its way in that would be 1.4 m.
     robot = ardis(velocity=[1.5, 1.5, 1.0, 1.0, 1.0, 1.2, 1.5], acceleration=[0.75, 0.75, 1.5, 38.0, 38.0, 38.0, 38.0])

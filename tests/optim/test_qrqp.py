@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 
+from rehab_opt.optim.certificate import certificate_function, is_certified
 from rehab_opt.optim.qrqp import QRQP_ITERATIONS, SPARE, qrqp, qrqp_options, with_spare_room
 from rehab_opt.symbolic.compiled import FLAGS, _compiler
 from tests.optim.random_qps import Array, random_qp, seeds
@@ -77,6 +78,21 @@ def test_bad_numbers_are_no_more_than_no_answer(bad: float) -> None:
     hessian = qp.H.copy()
     hessian[0, 0] = bad
     PAIR[0](h=hessian, g=qp.g, a=qp.A, lba=qp.rows_lower, uba=qp.rows_upper, lbx=qp.lower, ubx=qp.upper)
+
+
+@pytest.mark.parametrize(
+    ("low", "high"),
+    [(np.nan, np.nan), (-np.inf, np.nan), (np.nan, 1.0), (-np.inf, -np.inf), (np.inf, np.inf), (0.5, 0.2)],
+)
+@pytest.mark.parametrize("which", ["a", "x"])
+def test_bounds_that_cannot_be_met_are_no_more_than_no_answer(low: float, high: float, which: str) -> None:
+    bounds = {"lba": -1.0, "uba": 1.0, "lbx": -1.0, "ubx": 1.0} | {f"lb{which}": low, f"ub{which}": high}
+    found = qrqp("refused", 2, 1)(h=np.eye(2), g=[1.0, 2.0], a=np.ones((1, 2)), **bounds)
+    statement = certificate_function(2, 1)
+    multipliers = found["lam_x"], found["lam_a"]
+    limits = bounds["lba"], bounds["uba"], bounds["lbx"], bounds["ubx"]
+    _, residual = statement(np.eye(2), [1.0, 2.0], np.ones((1, 2)), *limits, 1, found["x"], *multipliers)
+    assert not is_certified(float(residual), 1e-6)
 
 
 def test_it_is_capped_and_quiet(capfd: pytest.CaptureFixture[str]) -> None:

@@ -6,7 +6,7 @@ import pickle
 import numpy as np
 import pytest
 import shapely
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from rehab_opt.errors import ConfigurationError
@@ -100,10 +100,12 @@ def test_infinity_is_infinitely_far(far: tuple[float, float]) -> None:
 
 @settings(max_examples=40)
 @given(st.floats(), st.floats())
+@example(-1e-12, -1e-12)
 def test_no_number_raises(x: float, y: float) -> None:
+    rounding = 4e-12 * (1 + abs(x) + abs(y)) if math.isfinite(x) and math.isfinite(y) else 0.0
     for asked in (workspace(SQUARE), EMPTY):
-        inside = asked.contains((x, y))
-        assert inside is (asked.distance((x, y)) <= 1e-11)
+        inside, distance = asked.contains((x, y)), asked.distance((x, y))
+        assert inside in ({True} if distance <= 0 else {True, False} if distance <= rounding else {False})
         assert asked.nearest((x, y)).shape == (2,)
 
 
