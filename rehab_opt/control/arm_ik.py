@@ -225,7 +225,6 @@ class ArmIK(OneThread):
         return self._found(nearest, asked, Status.BACKUP, reason), 0.0
 
     def _found(self, answer: NLPAnswer, asked: _Question, status: Status = Status.OK, reason: str = "") -> IKSolution:
-        """A solver's answer."""
         search = self._search
         assert search is not None
         q = search.still.copy()
@@ -237,7 +236,6 @@ class ArmIK(OneThread):
         return IKSolution(q, status, error, tilt, answer.residual, answer.solver, answer.iterations, reason, cost)
 
     def _at(self, q: Array, asked: _Question, status: Status, reason: str, residual: float = math.inf) -> IKSolution:
-        """An answer without a solver."""
         error = self._distance(q, asked.target) if np.isfinite(asked.target).all() else math.inf
         cost = self._cost_of(q, asked.quadratic)
         return IKSolution(q.copy(), status, error, self._tilt(q), residual, "", 0, reason, cost)

@@ -221,7 +221,6 @@ class ChairAndArm(VelocityController):
         return ca.if_else(moving, lower, limits.lower), ca.if_else(moving, upper, limits.upper)
 
     def _hand_row(self, u: ca.SX, task: Task) -> Row:
-        """See `Task.ahead`."""
         return within(task.ahead @ u, task.ahead_lower, task.ahead_upper)
 
     def _calm(self, last: ca.SX, task: Task, limits: Limits, ends: tuple[ca.SX, ca.SX]) -> tuple[ca.SX, ca.SX]:

@@ -44,6 +44,9 @@ SLOWEST = 0.02
 """[m/s] Hands that are slower have no way that they could be held on."""
 CALM = 2.0
 """[s] for which a hand must be free until it is led at its usual speed again: a person's time to draw back."""
+NOT_FREE, MEAN, LONGER = 0.6, 0.02, 2.25
+"""Of `contact`, what a hand that is let go of has as room, in the mean of so many seconds, before that many times the
+patience; a hand that other joints lead round one that is jammed has not."""
 HELD = Record(held=1, way=3, room=1)
 """Whether the hand is held; the way that it was held on; how far it may be led on along that [m]."""
 
@@ -51,8 +54,8 @@ HELD = Record(held=1, way=3, room=1)
 @cache
 def hand_memory(n: int) -> Record:
     """What is remembered of a hand: what `HELD` names, and last f, y and how fast its n joints should have been."""
-    return Record(held=1, way=3, room=1, usual=3, going=3, before=1, swing=1, over=1, free=1, pressed=1, joint=1,
-        known=1, friction=n, play=n, velocity=n)  # fmt: skip
+    return Record(held=1, way=3, room=1, usual=3, going=3, before=1, swing=1, over=1, free=1, pressed=1, mean=1,
+        short=1, joint=1, known=1, friction=n, play=n, velocity=n)  # fmt: skip
 
 
 class Felt(NamedTuple):
@@ -105,6 +108,8 @@ def held_hand(  # noqa: PLR0917  (what is known, then what a tick brings)
     pressed = room < contact / 4
     held = ca.logic_or(touched, was_held)
     free = ca.if_else(pressed, 0, memory.free + dt)
+    mean = ca.if_else(touched, room, memory.mean - math.expm1(-dt / MEAN) * (room - memory.mean))
+    short = ca.if_else(mean < NOT_FREE * contact, memory.short + dt, 0)
     waits = memory.pressed + dt * ca.if_else(pressed, 1, -patience / CALM)
     held = ca.logic_and(held, free <= CALM)
     shares = ca.fabs((moves.T @ way) * error)
@@ -115,10 +120,11 @@ def held_hand(  # noqa: PLR0917  (what is known, then what a tick brings)
         going=memory.going + usually * (motion - memory.going),
         held=held, way=way, room=room, before=before, swing=swing, over=over, joint=joint,
         usual=ca.if_else(held, usual, usual + usually * (behind - usual)),
-        free=held * free, pressed=held * ca.fmax(waits, 0), known=ca.SX(1),
+        free=held * free, pressed=held * ca.fmax(waits, 0), mean=mean, short=held * short, known=ca.SX(1),
         friction=friction, play=play, velocity=velocity,
     )  # fmt: skip
-    return Felt(after, touched, ca.logic_and(held, waits > patience), joint)
+    stuck = ca.logic_or(waits > patience, short > LONGER * patience)
+    return Felt(after, touched, ca.logic_and(held, stuck), joint)
 
 
 def largest(numbers: ca.SX) -> tuple[ca.SX, ca.SX]:

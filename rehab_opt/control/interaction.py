@@ -99,7 +99,6 @@ class Interaction:
     """[J] of the tank, when full."""
 
     def __post_init__(self) -> None:
-        """Check every number."""
         for name in ("limit", "stop_at", "hold", "stiffness", "damping", "mass", "most", "speed", "reserve"):
             checked_number(name, getattr(self, name), above=0.0)
         checked_number("release", self.release, above=0.0, below=1.0)

@@ -39,13 +39,14 @@ class JointFeedback:
     - The target is taken to be where its twist leads it while a command is on its way (`command_delay`).
     - A hand that runs into something is noticed by where it is left behind (`held_hand`): the joints are led from rest
       anew, back to where the hand presses hardly, and no faster than `recovery_speed` (a share of the hand speeds, too)
-      until the hand has been free for two seconds. One that is held for longer than `patience` is a fault. Where they
-      begin anew faster than accelerations allow, that yields (`Bound.ACCELERATION`).
+      until the hand has been free for two seconds. One that is held for longer than `patience`, or not let go of in
+      2.25 times that, is a fault. Where they begin anew faster than accelerations allow, that yields
+      (`Bound.ACCELERATION`).
 
     The watch does not see what anything but the hand runs into, nor hands slower than 0.02 m/s. It is late where joints
     turn faster and faster, near a singular posture. A UR5 and an iiwa simulated with MuJoCo ran into a wall of 30 kN/m
-    at 0.25 m/s with 106 N in the median of 24 random postures, 168 N at the worst, and let go. With its elbow stretched
-    a UR5 pressed 600 N, and 425 N until `reset`. Where that is too much, measure forces.
+    at 0.25 m/s with 106 N in the median, 168 N at the worst, and let go; with its elbow stretched a UR5 pressed 600 N,
+    and 425 N until `reset`. Where that is too much, measure forces.
 
     A following error above `tolerance` for longer than `patience` is a joint that is blocked, an encoder that stands
     still, or an axis that turns the wrong way: the controller brakes, says which joint, and rests until `reset`, or
@@ -82,7 +83,6 @@ class JointFeedback:
     patience: float = 0.1
 
     def __post_init__(self) -> None:
-        """Check every number."""
         for name in self.__dataclass_fields__:
             least = -1e-12 if name in ("delay", "patience") else 0.0
             value = getattr(self, name)

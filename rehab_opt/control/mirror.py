@@ -62,8 +62,8 @@ class MirrorTracker(MirrorForeseen):
     the hand comes from where it is: once it stands short of the reference, or the clock has waited for a second longer
     than it went on, deviations count from there on (`short`), and the clock goes on. Jumps of the reference are
     bridged, at half the hand speeds; the first bridge starts at the hand. A live tracker's samples go through a
-    `Conditioner` first: given as they come, a lone outlier is a jump there and back, and the hand is led there. Joints
-    that do not follow are seen as by `PoseTracker`. An object belongs to one thread: see `OneThread`.
+    `Conditioner` first: to this a lone outlier is a jump there and back. Joints that do not follow are seen as by
+    `PoseTracker`. An object belongs to one thread: see `OneThread`.
 
     Parameters
     ----------

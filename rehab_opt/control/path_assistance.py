@@ -130,7 +130,6 @@ class PathAssistance(BoundedForce):
         self._begin()
 
     def _pulled(self) -> WantedForce:
-        """What the spring wants."""
         hand, force = (cast("memoryview[float]", each.data) for each in (self._pull.inputs[0], self._pull.outputs[0]))
         for held, values in zip(self._pull.inputs[4:], (self.spring, self.gate, self._edges), strict=True):
             held[...] = values

@@ -252,7 +252,6 @@ class Smoother(OneThread):
         )
 
     def _forget(self) -> None:
-        """Plan anew at the next tick."""
         self._asked = None
         self._note = ""
         self._moving = self._returning = False

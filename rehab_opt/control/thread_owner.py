@@ -29,14 +29,12 @@ class OneThread:
     _owner = 0
 
     def _claim(self) -> None:
-        """Make the calling thread the owner."""
         threading.current_thread()  # lists a thread that Python did not start, as `_refuse_others` wants it
         with _CLAIMING:
             self._refuse_others()
             self._owner = get_ident()
 
     def _give_away(self) -> None:
-        """No thread is the owner any more."""
         self._owner = 0
 
     def _refuse_others(self) -> None:

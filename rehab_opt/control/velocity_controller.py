@@ -401,7 +401,6 @@ class VelocityController(OneThread, ABC):
         return Command(value, status, "", math.inf, -1, reason, _BOUNDS[yielded], 0.0, wheels)
 
     def _fault(self) -> str:
-        """Why no answer was certified."""
         return self._unusable(sound=bool(self._solvers.sound[0])) or reason_text(
             NUMBER["NOT_CERTIFIED"], self._solvers.residual
         )

@@ -71,7 +71,6 @@ class NLP:
     report: ca.SX = field(default_factory=lambda: ca.SX(0, 1))
 
     def __post_init__(self) -> None:
-        """Check what a solver would stumble over."""
         if not self.n:
             raise ConfigurationError("variables", self.name, "at least one variable")
         if self.minimise.numel() != 1:

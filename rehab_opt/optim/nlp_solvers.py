@@ -58,7 +58,7 @@ class NLPSolver:
     nlp : the statement.
     name : "ipopt", "fatrop", "sqpmethod" (with qrqp and a convexified Hessian), or another plugin, at its defaults.
     tolerance : largest certificate residual that is accepted.
-    max_iterations : cap on iterations; CasADi's exact-Hessian sqpmethod was seen to run for half a second without.
+    max_iterations : cap on iterations.
     compile : whether sqpmethod, which generates C, is compiled, which is waited for; see `compiled`.
 
     Raises

@@ -71,7 +71,6 @@ class Statement:
     violation: ca.SX = field(default_factory=lambda: ca.SX(1, 1))
 
     def __post_init__(self) -> None:
-        """Check that it is a QP."""
         given = [self._p, self.memory]
         check_that_it_is_a_qp(self.name, self.minimise, self._x, rows=self._rows, bounds=self._bounds, given=given)
 

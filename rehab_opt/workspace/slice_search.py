@@ -38,7 +38,7 @@ CHORD = 0.02
 SIMPLIFIED = 0.05
 """Share of the accuracy given up for fewer vertices."""
 FEW, MANY = 3, 24
-"""Further starts where a probe was not reached. A third of all postures was seen to lead to a local minimum."""
+"""Further starts where a probe was not reached: of a third of all postures there are local minima."""
 OTHERS = 3
 """Of them, for a node inside's spacing."""
 GAP = 0.1

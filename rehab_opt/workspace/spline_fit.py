@@ -114,7 +114,7 @@ def _solver(K: Array, R: Array) -> Callable[[Array], tuple[Array, Array]]:
 
     reduced = turned("R", "N", turned("L", "T", K))  # Q' K Q by its three reflectors, without forming Q
     # Definite on paper, yet LU: where landmarks are very close together rounding takes the definiteness away, and on
-    # busy cores the threaded Cholesky of OpenBLAS was seen to take ten times longer, this one never.
+    # busy cores the threaded Cholesky of OpenBLAS can take ten times longer.
     factor = lu_factor(reduced[3:, 3:], check_finite=False)
     coupling = reduced[:3, 3:]
 

@@ -37,6 +37,13 @@ def test_a_late_and_noisy_robot_is_measured_and_judged() -> None:
     assert again == found["limit"]  # the seed says everything
 
 
+@pytest.mark.parametrize("number", [34, 128, 152])
+def test_a_jammed_joint_is_a_fault_also_where_it_is_taken_for_a_hand_that_is_held(number: int) -> None:
+    """The other joints led the hand round it at recovery speed, with status OK, for more than a second."""
+    (found,) = done("frozen", [number], 26119950, ideal=False, feedback=None)
+    assert found.numbers["blocked joint"] <= 0.2
+
+
 def test_processes_share_the_tasks_and_change_nothing(capsys: pytest.CaptureFixture[str]) -> None:
     told = ["--tasks", "2", "--only", "frozen", "--seed", "3"]
     codes = [main([*told, "--processes", count]) for count in ("1", "2")]
