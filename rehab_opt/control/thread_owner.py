@@ -38,7 +38,6 @@ class OneThread:
         self._owner = 0
 
     def _refuse_others(self) -> None:
-        """Raise where another living thread is the owner."""
         owner = self._owner
         if not owner or owner == get_ident():
             return
