@@ -195,7 +195,7 @@ def robot_figure(title: str, trial: Trial) -> Figure:
         f"{title}\n{trial.law}, trial {trial.number + 1}: what was commanded and seen, and what was true", 11.0, 8.5
     )
     grid = figure.subplots(4, 2, width_ratios=(2.2, 1), sharex="col")
-    speed, amiss = np.hypot(*trial.velocity.T), MM * np.hypot(*(trial.seen - trial.position).T)
+    speed, amiss = MM * np.hypot(*trial.velocity.T), MM * np.hypot(*(trial.seen - trial.position).T)
     near = np.flatnonzero(np.abs(trial.time - trial.time[int(speed.argmax())]) <= CLOSE_UP / 2)
     for column, ticks in enumerate((np.arange(len(trial.time)), near)):
         time = trial.time[ticks]
@@ -212,7 +212,7 @@ def robot_figure(title: str, trial: Trial) -> Figure:
         grid[2, column].plot(time, speed[ticks], color=TRUE, linewidth=1.4)
         grid[3, column].plot(time, amiss[ticks], color=TRUE, linewidth=0.8)
         grid[3, column].set_xlabel("time [s]")
-    grid[2, 0].set_ylabel("true speed of\nthe hand [m/s]")
+    grid[2, 0].set_ylabel("true speed of\nthe hand [mm/s]")
     grid[3, 0].set_ylabel("place seen from\nthe true one [mm]")
     for panel in grid.ravel():
         panel.grid(**GRID)
