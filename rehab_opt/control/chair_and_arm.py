@@ -205,7 +205,6 @@ class ChairAndArm(VelocityController):
         )
 
     def _limits(self, tick: Tick, q: ca.SX, memory: ca.SX, surroundings: ca.SX, *, gives_way: ca.SX) -> Limits:
-        """`ChairLimits` for what is remembered."""
         apart, last, mean = self._apart(memory), memory[: self.chain.n], self._mean(memory)
         return self.limits.limits(tick, q, last, surroundings, mean=mean, gives_way=gives_way, apart=apart)
 
@@ -348,7 +347,6 @@ class ChairAndArm(VelocityController):
         return self.stated.instance(*inputs, memory=self._memory_after(other))
 
     def _memory_after(self, other: ChairAndArm) -> Array:
-        """What this one then remembers: of the hand, nothing."""
         memory, first = self._solvers.memory.copy(), self.chain.n * 2
         if other is not self:
             theirs = other._solvers.memory.copy()

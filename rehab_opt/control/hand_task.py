@@ -314,7 +314,6 @@ class HandTask:
         return (ca.SX.eye(direction.numel()) - mirror @ mirror.T / (1 + ca.fabs(first)))[1:, :]
 
     def _spread(self, velocity: ca.SX) -> ca.SX:
-        """(n,) of all joints from those that move."""
         every = ca.SX.zeros(self.robot.chain.n)
         for i, joint in enumerate(self.moving):
             every[joint] = velocity[i]

@@ -147,7 +147,6 @@ class Interaction:
         return ca.Function("felt", inputs, [ca.densify(state), reason], {"cse": True})
 
     def _energy(self, x: ca.SX, v: ca.SX) -> ca.SX:
-        """[J] stored."""
         return (self.mass * ca.sumsqr(v) + self.stiffness * ca.sumsqr(x)) / 2
 
     def _yielding(self, force: ca.SX, x: ca.SX, v: ca.SX, tank: ca.SX, dt: float) -> tuple[ca.SX, ca.SX]:

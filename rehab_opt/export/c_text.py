@@ -1,13 +1,20 @@
-"""Numbers, tables and templates as C text."""
+"""Numbers, tables, functions and templates as C text."""
 
 from __future__ import annotations
 
 import importlib.resources
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from string import Template
 
-__all__ = ["comment", "filled", "indented", "initialiser", "number"]
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from rehab_opt.errors import ConfigurationError
+
+__all__ = ["Evaluated", "comment", "filled", "indented", "initialiser", "number"]
 
 
 def number(value: float) -> str:
@@ -44,3 +51,48 @@ def filled(template: str, values: Mapping[str, str]) -> str:
     """
     text = (importlib.resources.files("rehab_opt.export") / "templates" / f"{template}.in").read_text(encoding="utf-8")
     return Template(text).substitute(values).rstrip("\n")
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Evaluated:
+    """What stands in C as `name(self, ..., result)`.
+
+    Parameters
+    ----------
+    about : what it returns, in a few words.
+    function : evaluated; its first output is the result.
+    inputs : of each of its inputs the address in C: what the controller remembers, an argument, a table.
+    tables : columns of numbers by their name in C, (n,), or (n, count) where one of them is chosen in a tick.
+    arguments : C of further arguments, each with a comma behind it.
+    """
+
+    controller: str
+    name: str
+    about: str
+    function: ca.Function
+    inputs: Sequence[str]
+    tables: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
+    arguments: str = ""
+
+    def __post_init__(self) -> None:
+        """Every input has an address."""
+        if len(self.inputs) != self.function.n_in():
+            raise ConfigurationError("inputs", list(self.inputs), f"{self.function.n_in()} of them")
+
+    @property
+    def code(self) -> str:
+        """Its C."""
+        tables = "".join(
+            f"static const double {name}[] = {initialiser(table.ravel(order='F'))};\n"
+            for name, table in self.tables.items()
+        )
+        return tables + filled(
+            "evaluated.c",
+            {
+                "about": self.about,
+                "name": self.controller,
+                "what": self.name,
+                "more": self.arguments,
+                "inputs": ", ".join(self.inputs),
+            },
+        )

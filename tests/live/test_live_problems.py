@@ -17,6 +17,7 @@ from rehab_opt.live.film import write_film
 from rehab_opt.plants.ideal import IdealJoints
 from rehab_opt.plants.touched import TouchedPlant
 from rehab_opt.session.files import load_problem
+from rehab_opt.session.live.bodies import near_limit
 from rehab_opt.session.live.problem import AT_REST, LiveControl, LiveInputs
 from rehab_opt.session.pose_tracking.run import RobotOutcome
 from rehab_opt.session.run import live_problem, run_problem
@@ -97,6 +98,14 @@ def test_a_person_is_helped_where_the_participant_points_and_let_go_with_the_dea
     frame, scene = problem.frame(shown), problem.scene()
     assert len(frame["numbers"]) == len(scene["plots"])
     assert {key: value.size for key, value in shown.items()} == dict(problem.layout)
+    # The arm from the shoulder of the file to the hand, each joint within what can be helped, red at its limit.
+    arm, section = frame["capsules"], load_problem("upper_limb/scenario_2_assist").problem.arm
+    assert arm[0][:3] == pytest.approx([*section.shoulder_m[:2], -section.plane_height_m], abs=1e-3)
+    assert arm[-1][3:6] == pytest.approx(frame["handles"]["hand"], abs=1e-3)
+    margins = [min(frame["joints"][row["index"]] - row["lower"], row["upper"] - frame["joints"][row["index"]])
+               for row in scene["joints"]]  # fmt: skip
+    assert min(margins) > -1e-3
+    assert {each[-1] for each in arm} <= {near_limit(each) for each in margins}
 
 
 def test_two_hands_are_led_each_in_its_own_workspace() -> None:

@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from rehab_opt.control.bounded_force import BoundedForce
 from rehab_opt.control.energy_tank import tank_record
 from rehab_opt.control.force_tick import MODEL, SOLVED, VIEW, anew, force_tick, watched_record
-from rehab_opt.export.c_text import initialiser, number
-from rehab_opt.export.evaluated import Evaluated
+from rehab_opt.export.c_text import Evaluated, initialiser, number
 from rehab_opt.export.exported import ExportedController
 from rehab_opt.export.generated import renamed
 from rehab_opt.export.recording import Tick, with_faults

@@ -8,7 +8,7 @@ import numpy as np
 
 from rehab_opt.control.assistance import Assistance
 from rehab_opt.control.gate import FIELD, gated_force, numbers_of
-from rehab_opt.export.evaluated import Evaluated
+from rehab_opt.export.c_text import Evaluated
 from rehab_opt.field.energy import field_table, filled_up
 from rehab_opt.field.potential import PotentialField
 from rehab_opt.workspace.edge_distance import edge_columns

@@ -9,8 +9,8 @@ from rehab_opt.control.command import Command
 from rehab_opt.control.gate import guided_force
 from rehab_opt.control.path_assistance import PathAssistance
 from rehab_opt.control.path_progress import PATH_MODEL, PROGRESS, progress_function
+from rehab_opt.export.c_text import Evaluated
 from rehab_opt.export.controllers.bounded_force import DIFFERENCES, ENERGY, ExportedForce, faulty_ticks
-from rehab_opt.export.evaluated import Evaluated
 from rehab_opt.export.recording import Tick, recorded
 from rehab_opt.optim.fallback_chain import as_in_c
 from rehab_opt.workspace.edge_distance import edge_columns

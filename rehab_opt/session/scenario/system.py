@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rehab_opt.control.arm_ik import ArmIK
 from rehab_opt.errors import ProblemFileError
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.plants.plant import Plant
 from rehab_opt.session.files import ProblemFile
-from rehab_opt.session.live.bodies import BLUE, GREEN, GREY, ORANGE, PURPLE, screen
+from rehab_opt.session.live.bodies import BLUE, GREEN, GREY, ORANGE, PURPLE, ArmBodies, joint_rows, near_limit, screen
 from rehab_opt.session.live.problem import LiveControl, LiveProblem
 from rehab_opt.session.outcome import Progress
 from rehab_opt.session.participant import arm_of
@@ -25,6 +27,7 @@ from rehab_opt.session.scenario.prepared import Prepared, given_path, prepared
 from rehab_opt.session.scenario.problem import ScenarioProblem
 from rehab_opt.session.scenario.run import law_of, run_scenario, scene_of
 from rehab_opt.session.systems import Needed, System
+from rehab_opt.session.workspaces.reached import placement_of, tilt_of
 from rehab_opt.workspace.region import Workspace
 
 __all__ = ["ScenarioSystem"]
@@ -36,6 +39,8 @@ LIVE: tuple[Law, ...] = ("assisted", "together", "delayed")
 """Laws of which the first that a file has is run."""
 ARROWS = 15
 """Of the field across the picture."""
+THIN = 0.006
+"""[m] of the person's arm in a picture that may be narrow."""
 WEAK = 0.02
 """Share of the largest force of the field below which no arrow is drawn."""
 
@@ -54,6 +59,7 @@ class LiveScenario(LiveProblem):
         self.hands = 1 if self._law == "assisted" else 2
         self.title, self.dt = problem.title, 1 / problem.run.rate_hz
         self.names, self.force = ("x", "y"), 2
+        self._q: Array | None = None
         self.layout = {"hand": 2, "meant": 2, "force": 2, "wanted": 2, "exerted": 2, "energy": 1, "along": 4}
 
     @cached_property
@@ -67,6 +73,16 @@ class LiveScenario(LiveProblem):
         law = law_of(self._law, self._loaded, ready, solver=self._solver)
         scene = scene_of(self._loaded, ready)
         return Helping(law, scene, number=0, seed=problem.task.seed, endless=True, plant=plant)
+
+    @cached_property
+    def _person(self) -> tuple[ArmBodies, ArmIK]:
+        """The arm within what is helped, in the robot's frame, its hand at height zero; what postures it may have."""
+        section = self._loaded.problem.arm
+        arm = arm_of(section.side, section.segments, section.reachable, file=self._loaded.file)
+        place = placement_of(section).pose
+        place[2, 3] = -section.plane_height_m
+        arm = replace(arm, base=place @ arm.base)
+        return ArmBodies(arm, radius=THIN), ArmIK(arm, handle_tilt=tilt_of(section), compile=False)
 
     def scene(self) -> dict[str, Any]:
         """W_c, W_r, the reference, the field's pull on a hand at rest."""
@@ -97,7 +113,10 @@ class LiveScenario(LiveProblem):
             "arrow": 0.3 * reach / said.force_limit_N,
             "legend": [
                 [GREEN, "comfortable"], [GREY, "reachable"], [PURPLE, "the robot's force"], [ORANGE, "the person's"],
+                [GREEN, "the person's arm, red near a limit"],
             ],
+            "joints": joint_rows(self._person[0].chain),
+            "jointtitle": "The person's joints within their range",
             "noise": "mm",
             "plots": [
                 {"name": "the robot's force", "unit": "N", "line": said.force_limit_N},
@@ -114,7 +133,7 @@ class LiveScenario(LiveProblem):
         }  # fmt: skip
 
     def frame(self, shown: Mapping[str, Array]) -> dict[str, Any]:
-        """Hand, what is meant, both forces."""
+        """Hand, what is meant, both forces, the person's arm."""
         hand, target = [*shown["hand"].tolist(), 0.0], [*shown["meant"].tolist(), 0.0]
         arrows = [
             [*hand, *shown[name].tolist(), 0.0, colour] for name, colour in (("force", PURPLE), ("exerted", ORANGE))
@@ -127,11 +146,16 @@ class LiveScenario(LiveProblem):
             goal = {"goal": [*carry.image(along[:2]).tolist(), 0.0]}
             arrows.append([*target, *second.tolist(), 0.0, PURPLE])
         sizes = [float(np.linalg.norm(each)) for each in (shown["force"], second, shown["exerted"])]
+        bodies, postures = self._person
+        self._q = q = postures.solve(hand, self._q).q
+        margins = np.minimum(q - bodies.chain.lower, bodies.chain.upper - q)
         away = 1e3 * float(np.linalg.norm(shown["hand"] - (goal["goal"][:2] if goal else shown["meant"])))
         return {
             "handles": {"target": target, "hand": hand},
             **goal,
             "arrows": arrows,
+            "capsules": bodies.capsules(q, [near_limit(each) for each in margins]),
+            "joints": q.round(4).tolist(),
             "numbers": [*sizes, away, float(shown["energy"][0])],
         }
 
