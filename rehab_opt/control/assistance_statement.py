@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from functools import cache
 
 import casadi as ca
@@ -30,15 +31,17 @@ def assistance_statement() -> Statement:
 
     The wanted force comes no larger than the ceiling, the smaller of `force_limit` and what the tank affords: the
     nearest point of a disc is known. The disc of the slew bound is replaced by the square inside it that has a corner
-    on the way to the wanted force, which therefore is approached at full rate. What the ceiling's tangent leaves
-    outside the disc, and solvers outside the square, is shrunk after the solve, and judged again.
+    on the way to the wanted force, which therefore is approached at full rate; on the way to none, where only that is
+    fast enough for a ceiling that fell. What the ceiling's tangent leaves outside the disc, and solvers outside the
+    square, is shrunk after the solve, and judged again.
     """
     wanted, velocity = parameter("wanted", 2), parameter("velocity", 2)
     ceiling, left, last = parameter("ceiling", 1), parameter("left", 1), parameter("last", 2)
     force_limit, step, dt = (parameter(name, 1) for name in ("force_limit", "step", "dt"))
     force = variable("force", 2)
     F = force.symbol
-    along = _direction(wanted - last)
+    falls = ca.norm_2(last) - ceiling > math.sqrt(0.5) * step
+    along = _direction(ca.if_else(falls, -last, wanted - last))
     diagonals = ca.vertcat(ca.horzcat(along[0] - along[1], along[1] + along[0]),
                            ca.horzcat(along[0] + along[1], along[1] - along[0]))  # fmt: skip
     # Both shrinkings keep what the other bounds say: F_last is in the disc, and so is what lies between.

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.control.assistance_statement import assistance_statement
 from rehab_opt.control.command import Bound, Command, Status
-from rehab_opt.control.energy_tank import SLOTS, TAIL, tank_record
+from rehab_opt.control.energy_tank import LAGS, SLOTS, TAIL, tank_record
 from rehab_opt.control.force_tick import MODEL, VIEW, affordable, anew, force_tick, give, take, watched_record
 from rehab_opt.control.gate import WantedForce
 from rehab_opt.control.hand import HAND
@@ -42,8 +42,6 @@ _NAN, _new, _read_only = math.nan, tuple.__new__, np.frombuffer
 _STATUS = Status.OK, Status.RELEASING, Status.RELEASED
 _BOUNDS = tuple(Bound(i) for i in range(16))  # looked up, since making an IntFlag costs half a microsecond
 _REASON, _PLACE = VIEW["reason"], STAMPS.size + HAND["x"]
-DELAY_UNKNOWN = 0.003
-"""[s] by which an actuation delay that was told may be too short."""
 NOISE_PEAK = 6.0
 """Standard deviations of noise that a position may move by between two samples, of two positions and both axes."""
 
@@ -57,6 +55,7 @@ class ForceBounds(TypedDict, total=False):
     speed_cap: float
     actuation_delay: float
     actuation_lag: float
+    actuation_uncertainty: float
     position_noise: float | None
     velocity_lag: float
     trust_stillness: bool
@@ -100,9 +99,10 @@ class BoundedForce(OneThread):
         changes as fast as the slew limit allows. The slew limit or more for no such bound.
     energy_budget : [J] what may be delivered to the hand until `reset`, net of what the hand puts in; see `EnergyTank`.
     speed_cap : [m/s] hand speed from which on the force is let go.
-    actuation_delay : [s] from a command until its force acts, and from a position until it is told, together at most;
-        it may be 3 ms more. actuation_lag : [s] time constant at which the acting force follows. Where one of them is
-        above zero, energy is counted by the forces that may act, see `EnergyTank`.
+    actuation_delay : [s] from a command until its force acts, and from a position until it is told, together.
+        actuation_lag : [s] time constant at which the acting force follows. actuation_uncertainty : [s] by which each
+        of them may be more than was told. Energy is counted by the forces that may act, see `EnergyTank`; where all
+        three are zero, as of an ideal plant, by the one that was sent.
     position_noise : [m] standard deviation of each coordinate: positions may jump by six of them; learnt from the
         positions by default, in 0.2 s and up to 1.2 mm. A hand that moves on and on above the speed cap is found by its
         estimated velocity then, as soon as that is beyond the cap by the jump over `velocity_lag`. For the energy,
@@ -135,6 +135,7 @@ class BoundedForce(OneThread):
         speed_cap: float = 1.0,
         actuation_delay: float = 0.0,
         actuation_lag: float = 0.0,
+        actuation_uncertainty: float = 0.003,
         position_noise: float | None = None,
         velocity_lag: float = 0.01,
         trust_stillness: bool = False,
@@ -158,9 +159,10 @@ class BoundedForce(OneThread):
         self.tolerance = tolerance
         delay = checked_number("actuation_delay", actuation_delay, above=-1e-12, below=0.2)
         lag = checked_number("actuation_lag", actuation_lag, above=-1e-12, below=0.1)
-        late = delay > 0.0 or lag > 0.0
+        more = checked_number("actuation_uncertainty", actuation_uncertainty, above=-1e-12, below=0.1)
         self._late_by = {"delay": delay + self.dt, "lag": lag, "velocity_lag": velocity_lag}
-        self.slots = SLOTS if late else 1
+        window = delay + more + TAIL * (lag + more)
+        self.slots = SLOTS if window > 0.0 else 1
         """Pieces of time in which forces are under way."""
         self.stated = self.statement()
         self._inside = solver == FUSED and not FallbackChain.is_recorded()
@@ -182,8 +184,8 @@ class BoundedForce(OneThread):
             velocity_lag=checked_number("velocity_lag", velocity_lag, above=0.0),
             trust_stillness=bool(trust_stillness),
             budget=self.energy_budget,
-            window=delay + DELAY_UNKNOWN + TAIL * lag if late else 0.0,
-            tail=math.exp(-TAIL) * self.force_limit if lag > 0.0 else 0.0,
+            window=window,
+            tail=LAGS if lag + more > 0.0 else 0.0,
             jitter=NOISE_PEAK * checked_number("position_noise", position_noise or 0.0, above=-1e-12, below=0.1),
             learns=position_noise is None,
             tolerance=tolerance,
@@ -243,6 +245,7 @@ class BoundedForce(OneThread):
         impulse = np.zeros(self.slots)
         impulse[0] = math.hypot(*force) * self.model[MODEL["window"]]
         told: dict[str, ArrayLike] = {"level": self.energy_budget, "x": force[0], "y": force[1], "impulse": impulse}
+        told["lately"] = math.hypot(*force)
         full: dict[str, ArrayLike] = dict.fromkeys(tank_record(self.slots).places, 0.0)
         return watched_record(self.slots).numbers(
             stamps=STAMPS.numbers(last=_NAN, lag=0, stamped=0),

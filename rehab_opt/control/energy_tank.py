@@ -11,30 +11,38 @@ import casadi as ca
 from rehab_opt.optim.certificate import clipped
 from rehab_opt.symbolic.record import Record, Values
 
-__all__ = ["HAND_SPEED", "SLOTS", "TAIL", "EnergyTank", "tank_record"]
+__all__ = ["HAND_SPEED", "LAGS", "SLOTS", "TAIL", "EnergyTank", "tank_record"]
 
 HAND_SPEED = 10.0
 """[m/s] No hand is faster: a larger jump is the sensor's."""
 TAIL = 5.0
 """Time constants after which what a first-order lag still holds back is counted as a rest, see `EnergyTank`."""
+LAGS = 2.3 * math.exp(-TAIL)
+"""Share of the largest force of late that this rest is at most, and what it takes from the others: that force fades."""
 SLOTS = 10
 """Into how many pieces the forces that are under way are put."""
+FADES = 10.0
+"""[windows] in which the largest force is forgotten, all but 1/e."""
 
 
 @cache
 def tank_record(slots: int) -> Record:
     """What is remembered of a tank; at first `level` is the budget, and the others are zero.
 
-    level : [J] left, as far as the hand was seen. pending : [J] set aside since. disputed : [J] that was given back
+    level : [J] left, as far as the hand was seen. pending : [J] set aside since. coming : [J] what of the forces sent
+    until now may be drawn later than that. disputed : [J] that was given back
     after hidden motion, and that a jump right behind it takes again. unseen : [s] since the hand was seen. varied : [J]
     most that forces other than `along` could have added since then. peak : [N] the largest force since then. along :
     (2,) [N] the first. gap : whether there were several.
 
-    x, y, around, impulse, seconds : of the forces sent last, the newest first, pieces of time with the discs that their
-    forces are in, centre and radius [N], the integral of their size [N s], and how long they lasted [s].
+    lately : [N] the largest force so far, fading. x, y, around, impulse, seconds : of the forces sent last, the newest
+    first, pieces of time with the discs that their forces are in, centre and radius [N], the integral of their size
+    [N s], and how long they lasted [s].
     """
     sent = dict.fromkeys(("x", "y", "around", "impulse", "seconds"), slots)
-    return Record(level=1, pending=1, disputed=1, unseen=1, varied=1, peak=1, along=2, gap=1, **sent)
+    return Record(
+        level=1, pending=1, coming=1, disputed=1, unseen=1, varied=1, peak=1, along=2, gap=1, lately=1, **sent
+    )
 
 
 class EnergyTank:
@@ -45,10 +53,11 @@ class EnergyTank:
     have drawn is set aside; the next position settles it, and one that jumps right after it disputes that. Energy that
     the hand puts in is given back, up to the budget, where every step of it was seen.
 
-    A force acts late: up to `window` after it was sent, all of it but a `tail`. So a step dx is charged with the most
-    that any force under way delivers, max F.dx over those of the window, plus the tail. What is sent is delivered once:
-    no more than its impulse times the speed cap is still to come. `ceiling` is the largest force F from which a release
-    within the slew bound is affordable beside that, after one tick that lasts `late`:
+    A force acts late: up to `window` after it was sent, all of it but what lags. So a step dx is charged with the most
+    that any force under way delivers, max F.dx over those of the window, and with a tail: exp(-TAIL) of what lags is of
+    forces before, and as much of the window's is missing. What is sent is delivered once: no more than its impulse
+    times the speed cap is still to come. `ceiling` is the largest force F from which a release within the slew bound is
+    affordable beside that, after one tick that lasts `late`:
 
         speed_cap (sum of |F_j| dt_j under way + F late + F^2 / (2 slew)) <= energy left
 
@@ -68,7 +77,7 @@ class EnergyTank:
     slew : [N/s] rate at which the force can certainly be released.
     speed_cap : [m/s] hand speed up to which the budget holds.
     late : [s] longest time between two ticks that the reserve covers.
-    window, tail : [s, N] see above.
+    window : [s] see above. tail : share of the largest force of late, `LAGS`.
     """
 
     def __init__(self, numbers: Values, slots: int, **of: ca.SX) -> None:
@@ -76,7 +85,7 @@ class EnergyTank:
         self._budget, self._slew, self._speed, self._late = (
             of[name] for name in ("budget", "slew", "speed_cap", "late")
         )
-        self._window, self._tail = of["window"] * (1 - 1e-9), of["tail"]  # rounding
+        self._window, self._tail = of["window"] * (1 - 1e-9), of["tail"] * numbers.lately  # rounding
 
     def _with(self, **others: ca.SX) -> EnergyTank:
         return EnergyTank(tank_record(self._slots).changed(self.numbers, **others), self._slots, **self._of)
@@ -95,13 +104,15 @@ class EnergyTank:
     @property
     def ceiling(self) -> ca.SX:
         """[N] the largest force that may be sent now; zero where nothing is left."""
-        slow, free = self._slew * self._late, ca.fmax(self.left - self._under_way, 0)
+        slow, free = self._slew * self._late, ca.fmax(self.left - self._to_come, 0)
         return ca.sqrt(slow * slow + 2.0 * self._slew * free / self._speed) - slow
 
     @property
-    def _under_way(self) -> ca.SX:
-        """[J] what a hand can still draw from the forces that were sent."""
-        return ca.dot(self._ages() < self._window, self.numbers.impulse) * self._speed
+    def _to_come(self) -> ca.SX:
+        """[J] what a hand can still draw from the forces that were sent, beyond what is set aside."""
+        lags = self._tail * self._window / TAIL
+        under_way = ca.dot(self._ages() < self._window, self.numbers.impulse) + lags
+        return ca.if_else(self.numbers.unseen > 0, self.numbers.coming, under_way * self._speed)
 
     def _ages(self) -> ca.SX:
         """(slots,) [s] since each piece ended."""
@@ -116,7 +127,7 @@ class EnergyTank:
     def _sent(self, force: ca.SX, seconds: ca.SX, at_most: ca.SX) -> EnergyTank:
         """The force was sent for so long, and at most so long: of the newest piece, or a new one where that is full."""
         now, x, y = self.numbers, force[0], force[1]
-        impulse = ca.norm_2(force) * at_most
+        impulse = ca.norm_2(force) * ca.fmin(at_most, self._window)
         fits = now.seconds[0] < self._window / max(self._slots - 2, 1)  # so all pieces together are longer than that
         around = ca.fmax(now.around[0], ca.hypot(x - now.x[0], y - now.y[0]))
         after = {}
@@ -129,7 +140,8 @@ class EnergyTank:
         ):
             pieces = ca.vertsplit(getattr(now, name))
             after[name] = ca.if_else(fits, ca.vertcat(joined, *pieces[1:]), ca.vertcat(fresh, *pieces[:-1]))
-        return self._with(**after)
+        faded = now.lately / (1 + seconds / (FADES * self._window + 1e-9))
+        return self._with(lately=ca.fmax(ca.norm_2(force), faded), **after)
 
     def elapsed(self, force: ca.SX, seconds: ca.SX, surely: ca.SX) -> EnergyTank:
         """The force (2,) was sent for so long at most, and the hand may have gone anywhere within the speed cap.
@@ -137,17 +149,20 @@ class EnergyTank:
         `surely` [s] is what adds up to the time that has gone: by it forces are no longer under way.
         """
         first, reach = self.numbers.unseen == 0, self._speed * seconds
+        draws = self._to_come + ca.norm_2(force) * reach
         waiting = self._sent(force, surely, seconds)._with(unseen=self.numbers.unseen + seconds)
         now = waiting.numbers
         along = ca.if_else(first, force, now.along)
         size = waiting._most(ca.hypot(now.x, now.y) + now.around) + self._tail
         other = waiting._most(ca.hypot(now.x - along[0], now.y - along[1]) + now.around) + self._tail
+        aside = ca.fmin(ca.fmin(size * reach, draws), ca.fmax(self.left, 0))
         return waiting._with(
             along=along,
             peak=ca.fmax(now.peak, size),
             gap=ca.if_else(first, now.gap, 1),
             varied=now.varied + other * reach,
-            pending=now.pending + size * reach,
+            pending=now.pending + aside,
+            coming=draws - aside,
         )
 
     def seen(self, moved: ca.SX) -> EnergyTank:
@@ -157,7 +172,8 @@ class EnergyTank:
         work = self._most(now.x * moved[0] + now.y * moved[1] + now.around * way) + self._tail * way
         work = ca.if_else(now.gap, hidden, work)
         disputed = ca.if_else(now.gap, now.pending - work, 0)
-        return self._with(level=ca.fmin(now.level - work, self._budget), disputed=disputed)._settled()
+        level = ca.fmax(now.level - work, ca.fmin(now.level, 0))  # more than the budget is only counted, never drawn
+        return self._with(level=ca.fmin(level, self._budget), disputed=disputed)._settled()
 
     def jumped(self, distance: ca.SX) -> EnergyTank:
         """The position has moved faster than the speed cap: what a hand could have drawn so is gone for good."""
@@ -173,7 +189,7 @@ class EnergyTank:
     def given(self, share: ca.SX, force: ca.SX) -> tuple[EnergyTank, ca.SX]:
         """What is left when a share goes of what neither a dispute nor `force` (2,) may still draw; that share [J]."""
         size = ca.norm_2(force)
-        draws = self._under_way + self._speed * size * (self._late + size / (2.0 * self._slew))
+        draws = self._to_come + self._speed * size * (self._late + size / (2.0 * self._slew))
         gone = ca.fmax(clipped(share, 0, 1) * (self.left - draws - self.numbers.disputed), 0)
         return self._with(level=self.numbers.level - gone), gone
 
@@ -186,5 +202,11 @@ class EnergyTank:
     def _settled(self) -> EnergyTank:
         nothing = ca.SX(0)
         return self._with(
-            pending=nothing, unseen=nothing, varied=nothing, peak=nothing, gap=nothing, along=ca.SX.zeros(2)
+            pending=nothing,
+            coming=nothing,
+            unseen=nothing,
+            varied=nothing,
+            peak=nothing,
+            gap=nothing,
+            along=ca.SX.zeros(2),
         )

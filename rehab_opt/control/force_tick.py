@@ -43,8 +43,8 @@ MODEL = Record(
     dt=1, max_age=1, force_limit=1, slew_limit=1, growth_limit=1, speed_cap=1, velocity_lag=1, trust_stillness=1,
     budget=1, window=1, tail=1, jitter=1, learns=1, tolerance=1,
 )  # fmt: skip
-"""What differs between people and robots: see `BoundedForce`; window [s] and tail [N] are those of `EnergyTank`, jitter
-[m] is by how much noise may move a position between two samples, learns whether that is learnt instead."""
+"""What differs between people and robots: see `BoundedForce`; window [s] and tail are those of `EnergyTank`, jitter [m]
+is by how much noise may move a position between two samples, learns whether that is learnt instead."""
 VIEW = Record(x=2, v=2, reason=1, details=3, at_once=1, ceiling=1, left=1, repeats=1, grown=1)
 """A hand as it was judged: position [m] and velocity [m/s], why it cannot be acted on and whether the force goes at
 once, largest force [N] and energy [J] that may be given, whether the position repeats itself, and the largest force [N]

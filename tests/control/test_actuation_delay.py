@@ -69,7 +69,8 @@ def drawn(kind: str, seed: int, *, told: bool, ticks: int = 800) -> tuple[float,
     force = BoundedForce(
         wanted, force_limit=25.0, slew_limit=float(rng.uniform(200, 4000)), energy_budget=budget, speed_cap=CAP,
         dt=0.5 * dt if stamped and seed % 2 else dt,  # ticks may come half as often as they were said to
-        actuation_delay=delay - short if told else 0.0, actuation_lag=lag if told else 0.0, compile=False,
+        actuation_delay=delay - short if told else 0.0, actuation_lag=lag if told and seed % 2 else 0.0,
+        actuation_uncertainty=0.003 if told else 0.0, compile=False,
     )  # fmt: skip
     hand, x, most, largest = LateHand(delay=delay, lag=lag, dt=dt), np.array([0.03, 0.0]), 0.0, 0.0
     for k in range(ticks):

@@ -78,7 +78,7 @@ def drawn(delay: float, budget: float) -> float:
 
 def cut(way: np.ndarray) -> np.ndarray:
     """No faster than a hand that still belongs to the claim."""
-    return way * min(1.0, 0.9 * DT / math.hypot(*way))
+    return way * min(1.0, 0.9 * DT / max(math.hypot(*way), 1e-12))
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.02, 0.15])

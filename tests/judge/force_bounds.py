@@ -7,12 +7,14 @@ that goes with the tick.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from rehab_opt import BoundedForce
 from tests.judge.force_runs import Run, runs
 from tests.judge.numbering import numbered
-from tests.judge.sensor_faults import expected, gaps
+from tests.judge.sensor_faults import STAMPS, expected, gaps
 from tests.judge.verdict import Promise, Verdict
 
 PROMISES = (
@@ -131,7 +133,12 @@ def judge(verdict: Verdict, one: Run) -> None:
     told = np.where(safe, 0.0, np.where(flagged, np.where(need > 1e-12, along, 0.0), 1.0))
     verdict.within("error of the scale", np.abs(answers.scale - told), 1e-9)
     room = (need < 0.999 * np.minimum(given.force_limit, grown)) & (np.linalg.norm(asked - last, axis=1) < 0.999 * step)
-    rich = one.left > need * given.speed_cap * max(0.05, 3 * dt) + need**2 * given.speed_cap / given.slew_limit
+    pieces = math.ceil(1.3 * 6.0 * given.unsure / dt) + 1 if given.unsure else 0  # that may still be under way
+    total = np.cumsum(np.r_[np.zeros(pieces + 1), np.linalg.norm(last, axis=1) * np.r_[dt, one.seconds[:-1]]])
+    under_way = total[pieces + 1 :] - total[1 : len(total) - pieces]
+    draws = under_way + need * max(0.05, 3 * dt) + need**2 / given.slew_limit
+    timed = np.convolve(np.isin(one.faults.kind, STAMPS), np.ones(pieces + 2))[: len(size)] == 0  # else no time went by
+    rich = (one.left > given.speed_cap * draws) & (timed | (given.unsure == 0.0))
     rich &= one.left > 1.5 * need * given.speed_cap * dt
     verdict.holds("what energy alone holds back has its reason", ~(room & flagged & ~safe) | short)
     verdict.holds("what energy is said to hold back is less than what is wanted", ~short | (size < need))

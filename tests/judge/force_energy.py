@@ -3,8 +3,9 @@
 Judged by the work of the force that was sent on the true way of the hand: no stretch of a run, from any tick to any
 later one, delivers more than the budget, also where ticks come late; with missed samples, frozen and broken sensors no
 more since the beginning, net of what the hand put in. A hand that jumps may draw the force limit times its jumps more.
-And the energy that is told to be left is never more than there is, nor less where every step of the hand was seen. A
-frozen sensor that twitches before it goes on hides nothing: what its twitch gave back goes by the jump behind it.
+And the energy that is told to be left is never more than there is, nor less where every step of the hand was seen and
+forces are known to act at once. A frozen sensor that twitches before it goes on hides nothing: what its twitch gave
+back goes by the jump behind it.
 """
 
 from __future__ import annotations
@@ -75,6 +76,7 @@ def judge(verdict: Verdict, one: Run) -> None:
         verdict.within("energy drawn over the budget", taken.max() / given.budget, 1 + 1e-9)
         verdict.within("energy told to be left beyond what is [J]", one.left - (given.budget - taken[:-1]), 1e-9)
         seen = ~np.logical_or.accumulate(np.r_[False, (np.diff(one.shown, axis=0) == 0).all(axis=1)])
+        seen &= given.unsure == 0.0
         lost = np.where(seen, given.budget - taken[:-1] - one.left, 0.0)
         verdict.within("energy told to be left below what is, every step seen [J]", lost, 1e-9)
         verdict.during("energy put in, every step seen", seen & (work < 0) & (taken[:-1] > 0), one.seconds)

@@ -43,6 +43,8 @@ class Settings(NamedTuple):
     return_force: float
     outline: Array
     """(k, 2) [m] corners of the comfortable workspace."""
+    unsure: float
+    """[s] by which delay and lag may be more than the none that is told; in these runs there is none."""
 
 
 class Run(NamedTuple):
@@ -92,6 +94,7 @@ def draw(rng: np.random.Generator, number: int) -> Settings:
         return_stiffness=float(rng.choice([200.0, 500.0])),
         return_force=float(rng.choice([2.0, 10.0])),
         outline=outline(rng),
+        unsure=(0.0, 0.003)[number // 2 % 2],
     )
 
 
@@ -115,6 +118,8 @@ def assistance(given: Settings, *, by: Array | None = None, **options: Any) -> A
     comfortable = Workspace(shapely.Polygon(given.outline), accuracy=0.0)
     if (given.return_stiffness, given.return_force) != (500.0, 10.0):  # which are what they are where nothing is said
         options |= {"return_stiffness": given.return_stiffness, "return_force": given.return_force}
+    if given.unsure != 0.003:  # likewise
+        options["actuation_uncertainty"] = given.unsure
     return Assistance(
         field_of(given, by=by), comfortable=comfortable, mode=given.mode, force_limit=given.force_limit,  # type: ignore[arg-type]
         slew_limit=given.slew_limit, growth_limit=given.growth_limit, energy_budget=given.budget,

@@ -56,8 +56,10 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
     helps, dt, hand = number % 2 == 0, float(rng.choice([1e-3, 2e-3, 5e-3])), HANDS[number % len(HANDS)]
     exchange, budget = float(rng.choice([0.0, 5.0, 50.0, 5000.0])), float(rng.choice([0.05, 0.5, 5.0]))
     limit, speed_cap, carry = float(rng.choice([10.0, 30.0])), 1.0, mapped().for_controller()
+    unsure = (0.0, 0.003)[number // 2 % 2]  # known to act at once, or not
     bounds = {"dt": dt, "force_limit": limit, "energy_budget": budget, "exchange": exchange, "compile": False,
-              "speed_cap": speed_cap, "damping": float(rng.choice([0.0, 2.0]))}  # fmt: skip
+              "speed_cap": speed_cap, "damping": float(rng.choice([0.0, 2.0])),
+              "actuation_uncertainty": unsure}  # fmt: skip
     side: HelperSide | ParticipantSide
     if helps:
         side = HelperSide(carry, **bounds)  # type: ignore[arg-type]

@@ -105,7 +105,7 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
     for k in range(ticks):
         commands.append(force.step(x[k], told[k]))
         progress[k + 1], wanted[k] = (force.progress, force.led_to), force.wanted
-    given = Settings(dt, "follow", 30.0, slew, growth, 1000.0, 1.0, stiffness, damping, 500.0, 10.0, knots)
+    given = Settings(dt, "follow", 30.0, slew, growth, 1000.0, 1.0, stiffness, damping, 500.0, 10.0, knots, 0.003)
     none = schedule(rng, ticks, dt, ("",), every=math.inf)
     judge_bounds(verdict, Run(given, shape, x, x[:-1], np.full(ticks, dt), commands, wanted, np.full(ticks, 1000.0),
                               none, told, step > dt, force))  # fmt: skip
