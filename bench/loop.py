@@ -23,7 +23,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from bench.machine import machine
+from bench.machine import empty_loop, machine
 from bench.verdict import Verdict, all_met, print_verdicts
 from rehab_opt.errors import DeviceLostError
 from rehab_opt.loop.log import DEPTH, Log
@@ -91,7 +91,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         table.add_column(name, justify="right")
     verdicts = []
     for name, others, fifo, p999, worst in ROWS:
-        runs = [_run(options.seconds, others=others, fifo=fifo) for _ in range(options.rounds)]
+        runs = []
+        for _ in range(options.rounds):
+            console.print(f"{name}: {empty_loop(fifo)}", highlight=False)
+            runs.append(_run(options.seconds, others=others, fifo=fifo))
         report, load, lost = min(runs, key=lambda run: run[0].lateness.percentile(99.9))
         late = [1e3 * report.lateness.percentile(each) for each in (50, 99, 99.9)]
         most, took = 1e3 * report.lateness.worst, 1e3 * report.tick_time.percentile(99.9)

@@ -9,17 +9,23 @@ from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.control.assistance import Assistance
 from rehab_opt.control.command import Command
+from rehab_opt.control.gate import FIELD, gated_force, numbers_of
+from rehab_opt.export.c_text import Evaluated
 from rehab_opt.export.controllers.bounded_force import DIFFERENCES, ENERGY, ExportedForce, faulty_ticks
-from rehab_opt.export.controllers.gated_fields import MEMORY, gated_fields
 from rehab_opt.export.recording import Tick, recorded
+from rehab_opt.field.energy import field_table, filled_up
 from rehab_opt.field.potential import PotentialField
 from rehab_opt.optim.fallback_chain import as_in_c
+from rehab_opt.workspace.edge_distance import edge_columns
 
-__all__ = ["exported_assistance"]
+__all__ = ["MEMORY", "exported_assistance", "gated_fields"]
 
 Array = NDArray[np.float64]
 
 NAME = "assistance"
+MEMORY = """\
+    int aimed;               /* the field in use */
+    double carried[2];       /* from where it was made [m] */"""
 CALL = """\
 (void)rehab_assistance_aim(&controller, tick->aimed);
     (void)rehab_assistance_carry(&controller, tick->carried[0], tick->carried[1]);
@@ -109,5 +115,36 @@ def exported_assistance(
             "at_first": "the first field where it was made",
             "after_reset": "the field stays",
             "last_field": str(len(all_fields) - 1),
+        },
+    )
+
+
+def gated_fields(helper: Assistance, fields: Sequence[PotentialField], *, name: str) -> Evaluated:
+    """The wanted force of a helper, whose struct has `MEMORY`, with all fields that may be aimed at.
+
+    Raises
+    ------
+    ConfigurationError : a field that does not go with the mode.
+    """
+    held = helper.field
+    for field in fields:
+        helper.aim(field)  # refuses what Python refuses
+    helper.aim(held)
+    tables = [field_table(field.samples) for field in fields]
+    most, edges = max(map(len, tables)), edge_columns(helper.comfortable.polygon)
+    return Evaluated(
+        controller=name,
+        name="wanted",
+        about="the force of the field that is aimed at, where the gate lets it act [N]",
+        function=gated_force(len(edges), most),
+        inputs=(
+            *("self->view + X", "self->carried", "GATE", "COMFORTABLE"),
+            *(f"FIELDS + {FIELD.size} * self->aimed", f"SAMPLES + {8 * most} * self->aimed"),
+        ),
+        tables={
+            "GATE": helper.gate,
+            "COMFORTABLE": edges,
+            "FIELDS": np.column_stack([numbers_of(field) for field in fields]),
+            "SAMPLES": np.column_stack([filled_up(table, most).ravel() for table in tables]),
         },
     )

@@ -13,8 +13,8 @@ from rehab_opt.control.command import Command
 from rehab_opt.control.force_tick import give, take
 from rehab_opt.control.gate import reflected_force
 from rehab_opt.export.c_text import Evaluated, number
+from rehab_opt.export.controllers.assistance import MEMORY, gated_fields
 from rehab_opt.export.controllers.bounded_force import DIFFERENCES, ExportedForce, faulty_ticks
-from rehab_opt.export.controllers.gated_fields import MEMORY, gated_fields
 from rehab_opt.export.recording import Recording, Tick, recorded
 from rehab_opt.optim.fallback_chain import as_in_c
 from rehab_opt.workspace.controller_map import ControllerMap
