@@ -17,8 +17,8 @@ from rehab_opt.control.command import Bound, Status
 
 __all__ = ["GAINS", "PEERS", "tracked"]
 
-GAINS = (10.0, 20.0, 50.0)
-"""[1/s] that all are tried with; the best one of each counts. 50 is our default."""
+GAINS, DEFAULT = (20.0, 50.0, 100.0, 200.0), 50.0
+"""[1/s] that all are tried with, so that the best one of each is between others; and ours where none is given."""
 SECONDS, SETTLING = 3.0, 0.5
 """[s]"""
 
@@ -42,7 +42,7 @@ def tracked(setting: Setting) -> Numbers:
         tracker = setting.controller(PoseTracker, chain, gain=gain)
         rms, asked = error_of(lambda k, seen, by=tracker: by.step(seen.position, poses[k], twists[k]))
         found[f"ours {gain:g}/s"] = rms
-        if gain == GAINS[-1]:
+        if gain == DEFAULT:
             found["backup"] = asked
         for name, peer in PEERS.items():
             found[f"{name} {gain:g}/s"] = error_of(_peer(peer(chain, gain, dt), poses, gain, dt))[0]
