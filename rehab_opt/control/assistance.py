@@ -36,8 +36,7 @@ class Assistance(BoundedForce):
     force_limit : [N] largest size of the force.
     onset : [m] over which a therapy's force grows beyond the boundary; zero is Eq. (23).
     return_stiffness, return_force : [N/m, N] of the pull back to the workspace in a task, see `gated_force`.
-    bounds : slew_limit, energy_budget, speed_cap, velocity_lag, trust_stillness, dt, max_age, solver, backup, tolerance
-        and compile, see `BoundedForce`.
+    bounds : all other arguments of `BoundedForce`.
 
     Raises
     ------

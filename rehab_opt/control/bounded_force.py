@@ -100,9 +100,10 @@ class BoundedForce(OneThread):
     energy_budget : [J] what may be delivered to the hand until `reset`, net of what the hand puts in; see `EnergyTank`.
     speed_cap : [m/s] hand speed from which on the force is let go.
     actuation_delay : [s] from a command until its force acts, and from a position until it is told, together.
-        actuation_lag : [s] time constant at which the acting force follows. actuation_uncertainty : [s] by which each
-        of them may be more than was told. Energy is counted by the forces that may act, see `EnergyTank`; where all
-        three are zero, as of an ideal plant, by the one that was sent.
+    actuation_lag : [s] time constant at which the acting force follows.
+    actuation_uncertainty : [s] by which each of them may be more than was told. Energy is counted by all forces that
+        may act, of the last delay + 5 lag (18 ms by default), see `EnergyTank`; where all three are zero, as of an
+        ideal plant, by the one that was sent.
     position_noise : [m] standard deviation of each coordinate: positions may jump by six of them; learnt from the
         positions by default, in 0.2 s and up to 1.2 mm. A hand that moves on and on above the speed cap is found by its
         estimated velocity then, as soon as that is beyond the cap by the jump over `velocity_lag`. For the energy,
@@ -221,7 +222,7 @@ class BoundedForce(OneThread):
         Parameters
         ----------
         energy : whether the tank is full again.
-        force : (2,) [N] what acts on the hand now, none by default.
+        force : (2,) [N] what acts on the hand now, none by default; it is let go where the energy does not afford it.
 
         Raises
         ------
@@ -245,7 +246,7 @@ class BoundedForce(OneThread):
         impulse = np.zeros(self.slots)
         impulse[0] = math.hypot(*force) * self.model[MODEL["window"]]
         told: dict[str, ArrayLike] = {"level": self.energy_budget, "x": force[0], "y": force[1], "impulse": impulse}
-        told["lately"] = math.hypot(*force)
+        told |= dict.fromkeys(("lately", "swing"), math.hypot(*force))
         full: dict[str, ArrayLike] = dict.fromkeys(tank_record(self.slots).places, 0.0)
         return watched_record(self.slots).numbers(
             stamps=STAMPS.numbers(last=_NAN, lag=0, stamped=0),

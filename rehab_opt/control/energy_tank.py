@@ -17,12 +17,12 @@ HAND_SPEED = 10.0
 """[m/s] No hand is faster: a larger jump is the sensor's."""
 TAIL = 5.0
 """Time constants after which what a first-order lag still holds back is counted as a rest, see `EnergyTank`."""
-LAGS = 2.3 * math.exp(-TAIL)
-"""Share of the largest force of late that this rest is at most, and what it takes from the others: that force fades."""
+LAGS = 1.5 * math.exp(-TAIL)
+"""Share of a force that is this rest at most, where the force is what fades meanwhile by `FADES`."""
 SLOTS = 10
 """Into how many pieces the forces that are under way are put."""
-FADES = 10.0
-"""[windows] in which the largest force is forgotten, all but 1/e."""
+FADES = 3.0
+"""[windows] in which older forces are forgotten, all but 1/e."""
 
 
 @cache
@@ -35,13 +35,14 @@ def tank_record(slots: int) -> Record:
     most that forces other than `along` could have added since then. peak : [N] the largest force since then. along :
     (2,) [N] the first. gap : whether there were several.
 
-    lately : [N] the largest force so far, fading. x, y, around, impulse, seconds : of the forces sent last, the newest
-    first, pieces of time with the discs that their forces are in, centre and radius [N], the integral of their size
-    [N s], and how long they lasted [s].
+    lately, swing : [N] the largest force so far, and how far forces went to and fro, both fading.
+
+    x, y, around, impulse, seconds : of the forces sent last, the newest first, pieces of time with the discs that their
+    forces are in, centre and radius [N], the integral of their size [N s], and how long they lasted [s].
     """
     sent = dict.fromkeys(("x", "y", "around", "impulse", "seconds"), slots)
     return Record(
-        level=1, pending=1, coming=1, disputed=1, unseen=1, varied=1, peak=1, along=2, gap=1, lately=1, **sent
+        level=1, pending=1, coming=1, disputed=1, unseen=1, varied=1, peak=1, along=2, gap=1, lately=1, swing=1, **sent
     )
 
 
@@ -51,12 +52,13 @@ class EnergyTank:
     A force that acts while the hand goes dx delivers F.dx, which is known only afterwards. While a position is missing,
     or repeats itself exactly as that of a frozen sensor does, the most that a hand no faster than `speed_cap` could
     have drawn is set aside; the next position settles it, and one that jumps right after it disputes that. Energy that
-    the hand puts in is given back, up to the budget, where every step of it was seen.
+    the hand puts in is given back, up to the budget, where every step of it was seen. What it puts in and draws between
+    two positions counts by its sum.
 
     A force acts late: up to `window` after it was sent, all of it but what lags. So a step dx is charged with the most
-    that any force under way delivers, max F.dx over those of the window, and with a tail: exp(-TAIL) of what lags is of
-    forces before, and as much of the window's is missing. What is sent is delivered once: no more than its impulse
-    times the speed cap is still to come. `ceiling` is the largest force F from which a release within the slew bound is
+    that any force under way delivers, max F.dx over those of the window, and with a tail: of what lags, exp(-TAIL) is
+    of forces before, which were another. What is sent is delivered once: no more than its impulse times the speed cap
+    is still to come. `ceiling` is the largest force F from which a release within the slew bound is
     affordable beside that, after one tick that lasts `late`:
 
         speed_cap (sum of |F_j| dt_j under way + F late + F^2 / (2 slew)) <= energy left
@@ -77,15 +79,15 @@ class EnergyTank:
     slew : [N/s] rate at which the force can certainly be released.
     speed_cap : [m/s] hand speed up to which the budget holds.
     late : [s] longest time between two ticks that the reserve covers.
-    window : [s] see above. tail : share of the largest force of late, `LAGS`.
+    window : [s] see above. tail : share of what older forces differ by, `LAGS`. dt : [s] of a tick.
     """
 
     def __init__(self, numbers: Values, slots: int, **of: ca.SX) -> None:
         self.numbers, self._slots, self._of = numbers, slots, of
-        self._budget, self._slew, self._speed, self._late = (
+        self._budget, self._slew, self._speed, self.late = (
             of[name] for name in ("budget", "slew", "speed_cap", "late")
         )
-        self._window, self._tail = of["window"] * (1 - 1e-9), of["tail"] * numbers.lately  # rounding
+        self._window, self._tail = of["window"] * (1 - 1e-9), of["tail"] * numbers.swing  # rounding
 
     def _with(self, **others: ca.SX) -> EnergyTank:
         return EnergyTank(tank_record(self._slots).changed(self.numbers, **others), self._slots, **self._of)
@@ -104,15 +106,17 @@ class EnergyTank:
     @property
     def ceiling(self) -> ca.SX:
         """[N] the largest force that may be sent now; zero where nothing is left."""
-        slow, free = self._slew * self._late, ca.fmax(self.left - self._to_come, 0)
+        slow, free = self._slew * self.late, ca.fmax(self.left - self._to_come, 0)
         return ca.sqrt(slow * slow + 2.0 * self._slew * free / self._speed) - slow
 
     @property
     def _to_come(self) -> ca.SX:
         """[J] what a hand can still draw from the forces that were sent, beyond what is set aside."""
-        lags = self._tail * self._window / TAIL
-        under_way = ca.dot(self._ages() < self._window, self.numbers.impulse) + lags
-        return ca.if_else(self.numbers.unseen > 0, self.numbers.coming, under_way * self._speed)
+        now, spare = self.numbers, ca.fmax(self._window / max(self._slots - 2, 1), self._of["dt"])  # stamps jitter
+        lasts = ca.fmax(self._window + spare - self._ages(), 0)
+        under_way = ca.sum1(ca.fmin(now.impulse, lasts * (ca.hypot(now.x, now.y) + now.around)))
+        lags = self._of["tail"] * now.lately * self._window / TAIL
+        return ca.if_else(now.unseen > 0, now.coming, (under_way + lags) * self._speed)
 
     def _ages(self) -> ca.SX:
         """(slots,) [s] since each piece ended."""
@@ -140,8 +144,10 @@ class EnergyTank:
         ):
             pieces = ca.vertsplit(getattr(now, name))
             after[name] = ca.if_else(fits, ca.vertcat(joined, *pieces[1:]), ca.vertcat(fresh, *pieces[:-1]))
-        faded = now.lately / (1 + seconds / (FADES * self._window + 1e-9))
-        return self._with(lately=ca.fmax(ca.norm_2(force), faded), **after)
+        fades = 1 + seconds / (FADES * self._window + 1e-9)
+        lately = ca.fmax(ca.norm_2(force), now.lately / fades)
+        swing = ca.fmin(now.swing / fades + ca.hypot(x - now.x[0], y - now.y[0]), 2 * lately)
+        return self._with(lately=lately, swing=swing, **after)
 
     def elapsed(self, force: ca.SX, seconds: ca.SX, surely: ca.SX) -> EnergyTank:
         """The force (2,) was sent for so long at most, and the hand may have gone anywhere within the speed cap.
@@ -189,7 +195,7 @@ class EnergyTank:
     def given(self, share: ca.SX, force: ca.SX) -> tuple[EnergyTank, ca.SX]:
         """What is left when a share goes of what neither a dispute nor `force` (2,) may still draw; that share [J]."""
         size = ca.norm_2(force)
-        draws = self._to_come + self._speed * size * (self._late + size / (2.0 * self._slew))
+        draws = self._to_come + self._speed * size * (self.late + size / (2.0 * self._slew))
         gone = ca.fmax(clipped(share, 0, 1) * (self.left - draws - self.numbers.disputed), 0)
         return self._with(level=self.numbers.level - gone), gone
 

@@ -257,5 +257,6 @@ def _tank(numbers: ca.SX, model: Values, slots: int) -> EnergyTank:
         speed_cap=model.speed_cap,
         late=ca.fmax(model.dt, ca.fmin(model.max_age, LATEST)),
         window=model.window,
+        dt=model.dt,
         tail=model.tail,
     )

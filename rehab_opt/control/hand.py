@@ -60,10 +60,12 @@ def looked_at(
     cap = model.speed_cap
     timed = ca.logic_and(sample.kind == NUMBER_OF_SECONDS, ca.fabs(sample.stamp) < ca.inf)
     advance = sample.stamp - memory.stamp
-    seconds = ca.if_else(all_true(timed, model.dt < advance, advance < ca.inf), advance, model.dt)
+    begun, told = ca.fabs(memory.x[0]) < ca.inf, ca.fabs(memory.stamp) < ca.inf
+    least = ca.if_else(all_true(timed, ca.logic_not(begun), ca.logic_not(told)), tank.late, model.dt)  # since a reset
+    seconds = ca.if_else(all_true(timed, model.dt < advance, advance < ca.inf), advance, least)
     # Stamps that jitter add up to the time that has gone; where there are none, ticks do.
     surely = ca.if_else(all_true(timed, advance > 0, advance < ca.inf), advance, 0)
-    waiting = tank.elapsed(force, seconds, ca.if_else(ca.fabs(memory.stamp) < ca.inf, surely, model.dt))
+    waiting = tank.elapsed(force, seconds, ca.if_else(told, surely, model.dt))
 
     usable = all_true(*(ca.fabs(sample.x[i]) <= FURTHEST for i in range(2)))
     looks = ca.logic_and(stale[0] == 0, usable)
@@ -84,7 +86,7 @@ def looked_at(
     stray = ca.norm_2(moved - memory.estimated * unseen)
     learnt = memory.scatter + SCATTER_RATE * unseen * ca.sign(stray - memory.scatter)
     scatter = ca.if_else(ca.logic_and(looks, stray < ca.inf), clipped(learnt, 0, LARGEST_SCATTER), memory.scatter)
-    here = waiting.or_else(first, waiting.seen(ca.SX.zeros(2)))
+    here = waiting.or_else(first, waiting.jumped(ca.SX(0)))
     here = here.or_else(within, waiting.seen(moved))
     here = here.or_else(jumped, waiting.jumped(distance))
     here = here.or_else(ca.logic_and(still, ca.logic_not(model.trust_stillness)), waiting)

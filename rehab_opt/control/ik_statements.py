@@ -16,7 +16,7 @@ from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.kinematics.determinant import determinant
 from rehab_opt.optim.nlp import NLP
 from rehab_opt.optim.rows import equal, parameter, variable
-from rehab_opt.workspace.handle import handle_rows
+from rehab_opt.workspace.plane_statement import handle_rows
 
 __all__ = ["IKStatements"]
 

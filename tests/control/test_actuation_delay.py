@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from typing import Any
 
 import numpy as np
 import pytest
@@ -157,3 +158,52 @@ def test_stamps_that_come_in_time_change_nothing(dt: float) -> None:
         one, other = with_stamps.step(x, stamp=k * dt), without.step(x)
         np.testing.assert_allclose(one.value, other.value, rtol=0, atol=1e-9)
         assert with_stamps.energy_left == pytest.approx(without.energy_left, abs=1e-9)
+
+
+def steady(newtons: float = 30.0, **options: Any) -> BoundedForce:
+    """A constant force along x, of which only energy holds anything back."""
+    return BoundedForce(lambda *_: (newtons, 0.0), growth_limit=9e5, compile=False, **options)
+
+
+@pytest.mark.parametrize("every", [2, 20])
+def test_a_hand_at_rest_under_a_constant_force_draws_nothing(every: int) -> None:
+    """Its encoder moves by a count now and then; what lags is that same force."""
+    force = steady()
+    left = []
+    for k in range(10_000):
+        command = force.step([0.1, 1e-5 * (k // every % 2)])
+        left.append(force.energy_left)
+    assert command.value[0] == pytest.approx(30.0)
+    assert left[999] - left[9999] < 0.05 * every  # a frozen sensor's energy is set aside for so long
+
+
+@pytest.mark.parametrize("max_age", [0.004, 0.05])
+def test_near_an_empty_tank_the_force_does_not_buzz(max_age: float) -> None:
+    force = steady(energy_budget=0.8, max_age=max_age)
+    sizes = [force.step([0.02e-3 * k, 0.0]).value[0] for k in range(3000)]
+    assert max(sizes[200:]) < 29.9
+    assert np.abs(np.diff(sizes[200:])).max() < 0.05
+
+
+@pytest.mark.parametrize("unsure", [0.0, 0.003])
+@pytest.mark.parametrize("energy", [True, False])
+def test_what_a_hand_draws_unseen_after_a_reset_is_counted(energy: bool, unsure: float) -> None:
+    """It goes along the force at once, and is seen 300 ticks later."""
+    force = steady(slew_limit=50.0, actuation_uncertainty=unsure)
+    force.reset(energy=energy, force=(30.0, 0.0))
+    x, sent, drawn = 0.0, 30.0, 0.0
+    for k in range(600):
+        x, drawn = x + 0.99e-3, drawn + 0.99e-3 * sent
+        sent = float(force.step([math.nan if k < 300 else x, 0.0]).value[0])
+        assert k < 300 or force.energy_left <= 20.0 - drawn + 1e-9
+
+
+def test_ticks_that_come_late_after_resets_let_nobody_draw_more() -> None:
+    force, x, time, sent, drawn = steady(), 0.0, 0.0, 0.0, 0.0
+    for k in range(20_000):
+        late = 0.045 if k % 50 == 0 else 1e-3
+        x, time, drawn = x + 0.99 * late, time + late, drawn + 0.99 * late * sent
+        if k % 50 == 0:
+            force.reset(energy=False, force=(sent, 0.0))
+        sent = float(force.step([x, 0.0], stamp=time).value[0])
+    assert 10.0 < drawn <= 20.0
