@@ -31,6 +31,7 @@ def function(name: str) -> BufferedFunction:
         late=of[1],
         window=ca.SX(0),
         tail=ca.SX(0),
+        dt=ca.SX(DT),
     )
     after = {
         "elapsed": lambda: each.elapsed(given[:2], given[2], given[2]),
