@@ -340,7 +340,11 @@ class BoundedForce(OneThread):
         view[:] = self._judged
         self.usable = not view[_REASON]
         if self.usable:
-            self._asked[0], self._asked[1] = self._wanted(view[0], view[1], view[2], view[3])
+            x_wanted, y_wanted = self._wanted(view[0], view[1], view[2], view[3])
+            try:
+                self._asked[0], self._asked[1] = x_wanted, y_wanted
+            except (OverflowError, ValueError):  # an integer too large for a float
+                self._asked[0] = _NAN
         if self._inside:  # the usual way, without the layers of Python
             self._solved[0] = _NAN  # see `FallbackChain`: a failure inside leaves the outputs as they are
             self._conclude.evaluate()

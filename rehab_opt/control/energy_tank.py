@@ -18,7 +18,7 @@ HAND_SPEED = 10.0
 TAIL = 5.0
 """Time constants after which what a first-order lag still holds back is counted as a rest, see `EnergyTank`."""
 LAGS = 1.5 * math.exp(-TAIL)
-"""Share of a force that is this rest at most, where the force is what fades meanwhile by `FADES`."""
+"""exp(-TAIL), and half as much again: the older forces that it is a share of have faded meanwhile, see `FADES`."""
 SLOTS = 10
 """Into how many pieces the forces that are under way are put."""
 FADES = 3.0
@@ -29,9 +29,9 @@ FADES = 3.0
 def tank_record(slots: int) -> Record:
     """What is remembered of a tank; at first `level` is the budget, and the others are zero.
 
-    level : [J] left, as far as the hand was seen. pending : [J] set aside since. coming : [J] what of the forces sent
-    until now may be drawn later than that. disputed : [J] that was given back
-    after hidden motion, and that a jump right behind it takes again. unseen : [s] since the hand was seen. varied : [J]
+    level : [J] left, as far as the hand was seen. pending : [J] set aside since. coming : [J] what the forces that were
+    sent may still deliver beyond that. disputed : [J] that was given back after hidden motion, and that a jump right
+    behind it takes again. unseen : [s] since the hand was seen. varied : [J]
     most that forces other than `along` could have added since then. peak : [N] the largest force since then. along :
     (2,) [N] the first. gap : whether there were several.
 
@@ -58,8 +58,8 @@ class EnergyTank:
     A force acts late: up to `window` after it was sent, all of it but what lags. So a step dx is charged with the most
     that any force under way delivers, max F.dx over those of the window, and with a tail: of what lags, exp(-TAIL) is
     of forces before, which were another. What is sent is delivered once: no more than its impulse times the speed cap
-    is still to come. `ceiling` is the largest force F from which a release within the slew bound is
-    affordable beside that, after one tick that lasts `late`:
+    is still to come. `ceiling` is the largest force F from which a release within the slew bound is affordable beside
+    that, after one tick that lasts `late`:
 
         speed_cap (sum of |F_j| dt_j under way + F late + F^2 / (2 slew)) <= energy left
 

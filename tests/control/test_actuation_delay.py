@@ -207,3 +207,13 @@ def test_ticks_that_come_late_after_resets_let_nobody_draw_more() -> None:
             force.reset(energy=False, force=(sent, 0.0))
         sent = float(force.step([x, 0.0], stamp=time).value[0])
     assert 10.0 < drawn <= 20.0
+
+
+def test_a_wanted_force_that_is_too_large_for_a_float_releases() -> None:
+    huge = [0]
+    force = BoundedForce(lambda *_: (huge[0], 0.0), compile=False)
+    assert force.step([0.0, 0.0]).status.value == "ok"
+    huge[0] = 10**400
+    command = force.step([0.0, 0.0])
+    assert command.status.value == "released"
+    assert "field" in command.reason or "number" in command.reason
