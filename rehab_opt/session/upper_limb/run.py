@@ -16,6 +16,7 @@ from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.measures.path import path_length
 from rehab_opt.recordings.recording import size_note
+from rehab_opt.session.arm_keys import ranges_by_name
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.metrics import (
     error_metrics,
@@ -32,7 +33,6 @@ from rehab_opt.session.upper_limb.driven import driven
 from rehab_opt.session.upper_limb.laws import LAWS, followed, follower, hand_and_tilt
 from rehab_opt.session.upper_limb.outcome import DRIVEN_DEG, ArmOutcome, LawResult, drive_note, law_notes
 from rehab_opt.session.upper_limb.problem import UpperLimb
-from rehab_opt.session.workspaces.sections import ranges_by_name
 
 __all__ = ["FOLLOWED", "UpperLimbSystem", "reach_note", "verified"]
 

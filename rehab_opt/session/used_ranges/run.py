@@ -10,13 +10,13 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Discriminator, Field, Tag
 
+from rehab_opt.session.arm_keys import ArmInPlane
 from rehab_opt.session.files import ProblemFile, recording_path
 from rehab_opt.session.outcome import Column, Outcome, Progress
 from rehab_opt.session.schema import NAME, TABLE, Once, Problem, Section
 from rehab_opt.session.systems import Needed, System
 from rehab_opt.session.workspaces.reached import Reached, plane_of, reached
 from rehab_opt.session.workspaces.run import boundary_columns, plane_notes, share_inside, workspace_metrics
-from rehab_opt.session.workspaces.sections import ArmInPlane
 from rehab_opt.workspace.clinical_angles import CLINICAL_ANGLES
 from rehab_opt.workspace.cp_reach import ReachGroup, reach_groups
 from rehab_opt.workspace.reach_rows import GROUPS, task_title

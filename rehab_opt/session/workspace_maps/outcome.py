@@ -9,9 +9,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from rehab_opt.session.arm_keys import ArmInPlane
 from rehab_opt.session.outcome import Column, Outcome
 from rehab_opt.session.workspaces.reached import Reached
-from rehab_opt.session.workspaces.sections import ArmInPlane
 from rehab_opt.workspace.audit import Audit
 from rehab_opt.workspace.mapping import WorkspaceMap
 

@@ -6,6 +6,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Discriminator, Field, Tag, model_validator
 
+from rehab_opt.session.arm_keys import ArmOfOneRange, ArmOfRanges, ranges_by_name
 from rehab_opt.session.schema import (
     NAME,
     TABLE,
@@ -16,7 +17,6 @@ from rehab_opt.session.schema import (
     Section,
     refusal,
 )
-from rehab_opt.session.workspaces.sections import ArmOfOneRange, ArmOfRanges, ranges_by_name
 
 __all__ = ["MapSection", "TrajectorySection", "WorkspaceMapProblem"]
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from rehab_opt.errors import ConfigurationError, ProblemFileError
 from rehab_opt.measures.path import path_length
 from rehab_opt.recordings.recording import Recording, size_note
-from rehab_opt.session.arm_keys import RangeOfMotion
+from rehab_opt.session.arm_keys import ArmInPlane, RangeOfMotion, ranges_by_name
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.metrics import finite
 from rehab_opt.session.outcome import Progress
@@ -23,7 +23,6 @@ from rehab_opt.session.workspace_maps.outcome import CarriedPath, MadeMap, MapDi
 from rehab_opt.session.workspace_maps.problem import MapSection, TrajectorySection, WorkspaceMapProblem
 from rehab_opt.session.workspaces.reached import reached
 from rehab_opt.session.workspaces.run import plane_notes, workspace_metrics
-from rehab_opt.session.workspaces.sections import ArmInPlane, ranges_by_name
 from rehab_opt.workspace.mapping import WorkspaceMap
 
 __all__ = ["ENDS", "WorkspaceMapSystem"]

@@ -7,9 +7,9 @@ import time
 from typing import Any, NamedTuple
 
 from rehab_opt.kinematics.chain import SerialChain
+from rehab_opt.session.arm_keys import ArmInPlane
 from rehab_opt.session.participant import AnyRange, arm_of
 from rehab_opt.session.refusals import refused_as
-from rehab_opt.session.workspaces.sections import ArmInPlane
 from rehab_opt.workspace.placement import ShoulderPlacement
 from rehab_opt.workspace.reach import planar_workspace
 from rehab_opt.workspace.region import Workspace

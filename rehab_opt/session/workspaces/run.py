@@ -9,13 +9,13 @@ from typing import Any, Literal
 from pydantic import Field
 
 from rehab_opt.kinematics.chain import SerialChain
+from rehab_opt.session.arm_keys import ArmInPlane, ArmOfRanges, ranges_by_name
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.outcome import Column, Outcome, Progress
 from rehab_opt.session.participant import arm_of
 from rehab_opt.session.schema import Problem
 from rehab_opt.session.systems import System
 from rehab_opt.session.workspaces.reached import Reached, handle_words, placement_of, plane_words, reached, tilt_of
-from rehab_opt.session.workspaces.sections import ArmInPlane, ArmOfRanges, ranges_by_name
 from rehab_opt.workspace.region import Workspace
 from rehab_opt.workspace.volume import ReachableVolume, reachable_volume
 

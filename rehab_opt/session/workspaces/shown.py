@@ -15,11 +15,11 @@ from matplotlib.path import Path
 from rich.table import Table
 from rich.text import Text
 
+from rehab_opt.session.arm_keys import ArmInPlane
 from rehab_opt.session.drawing import ACROSS, FORWARD, GRID, MM, REFERENCE, framed, legend_below
 from rehab_opt.session.shown import Numbers, Rows, law_table
 from rehab_opt.session.workspaces.reached import handle_words, plane_words
 from rehab_opt.session.workspaces.run import WorkspaceOutcome, rings
-from rehab_opt.session.workspaces.sections import ArmInPlane
 from rehab_opt.workspace.region import Workspace
 
 __all__ = [
