@@ -27,8 +27,8 @@ from bench.machine import machine
 from bench.verdict import Verdict, all_met, print_verdicts
 from rehab_opt import SerialChain, export_c
 from rehab_opt.session.files import load_problem
-from rehab_opt.session.pose_tracking.robot import robot_at_start
 from rehab_opt.session.pose_tracking.run import RobotOutcome
+from rehab_opt.session.robot_file import robot_at_start
 from rehab_opt.session.run import run_problem
 from tests.control import fault_campaign
 

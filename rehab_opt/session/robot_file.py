@@ -1,4 +1,4 @@
-"""Robot files: a few lines of TOML that make an arm out of a URDF or an MJCF."""
+"""The robot of a problem file, and robot files: a few lines of TOML that make an arm out of a URDF or an MJCF."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,15 +17,20 @@ from rehab_opt.kinematics.body import Body
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.kinematics.link_capsules import CapsuleOnLink
 from rehab_opt.kinematics.robot_file.links import Metres, Radians
+from rehab_opt.kinematics.ur5 import ur5
 from rehab_opt.session.files import ProblemFile, problem_content, recording_path, schema_error
 from rehab_opt.session.schema import Problem, Section, Triple, refusal
+from rehab_opt.session.systems import ROBOT_FILE, Needed
 
-__all__ = ["RobotFile", "pose_of", "posture_of", "robot_of", "robot_text"]
+__all__ = [
+    "RobotFile", "RobotSection", "pose_of", "posture_of", "robot_at_start", "robot_files", "robot_of", "robot_text",
+]  # fmt: skip
 
 Array = NDArray[np.float64]
 Name = Annotated[str, Field(min_length=1, max_length=200)]
 Turns = Annotated[list[Annotated[float, Field(ge=-360, le=360)]], Field(min_length=3, max_length=3)]
 Angle = Annotated[float, Field(ge=-720, le=720)]
+UR5_JOINTS = 6
 JOINT_KEYS = {
     "velocity": ("speed_deg_s",),
     "lower": ("lower_deg",),
@@ -33,6 +38,32 @@ JOINT_KEYS = {
     "locked": ("locked_deg", "locked_m"),
 }
 """What a robot file calls the arguments of `SerialChain.from_urdf` that go joint by joint."""
+
+
+class RobotSection(Section):
+    """Which robot, and from where it starts."""
+
+    model: Literal["ur5"] | None = None
+    """The UR5 with its vendor's limits; or `file`."""
+    file: str | None = Field(default=None, min_length=1)
+    """A robot file beside the problem file, instead of `model`."""
+    start_deg: Annotated[list[Annotated[float, Field(ge=-360, le=360)]], Field(min_length=1, max_length=100)]
+    """A value for each joint."""
+    joint_speed_deg_s: Annotated[float, Field(gt=0, le=180)] = 180.0
+    """Largest speed of every joint; a robot that is slower stays so."""
+    joint_acceleration_deg_s2: Annotated[float, Field(gt=0, le=1e5)] | None = None
+    """Largest acceleration of every joint: by default 859 of the UR5, an assumption, since the vendor publishes none;
+    of a robot file's arm no more than the file says."""
+
+    @model_validator(mode="after")
+    def one_robot(self) -> Self:
+        """Refuse two robots or none, and a UR5 of other than six joints."""
+        if (self.model is None) == (self.file is None):
+            key, value = ("model", None) if self.file is None else ("file", self.file)
+            raise refusal(key, value, "either model = 'ur5', or file = a robot file")
+        if self.model is not None and len(self.start_deg) != UR5_JOINTS:
+            raise refusal("start_deg", self.start_deg, f"{UR5_JOINTS} entries")
+        return self
 
 
 class JointSection(Section):
@@ -129,6 +160,34 @@ class RobotFile(Section):
         return self
 
 
+def robot_at_start(loaded: ProblemFile[Any]) -> tuple[SerialChain, Array]:
+    """The robot of a problem with the file's limits, and its starting joint values (n,) [rad].
+
+    Raises
+    ------
+    ProblemFileError : it starts outside its limits, or in another number of joints than it has; its robot file cannot
+        be used.
+    """
+    section: RobotSection = loaded.problem.robot
+    speed, acceleration = math.radians(section.joint_speed_deg_s), section.joint_acceleration_deg_s2
+    if section.file is None:
+        robot = ur5(velocity=speed)
+        if acceleration is not None:
+            robot = robot.with_limits(acceleration=np.full(robot.n, math.radians(acceleration)))
+    else:
+        robot = robot_of(loaded, section.file)
+        slower = math.inf if acceleration is None else math.radians(acceleration)
+        robot = robot.with_limits(
+            velocity=np.minimum(robot.velocity, speed), acceleration=np.minimum(robot.acceleration, slower)
+        )
+    return robot, posture_of(robot, section.start_deg, file=loaded.file, key="robot.start_deg")
+
+
+def robot_files(section: RobotSection) -> tuple[Needed, ...]:
+    """The robot file, where there is one."""
+    return () if section.file is None else (Needed(ROBOT_FILE, section.file),)
+
+
 def robot_of(loaded: ProblemFile[Any], reference: str) -> SerialChain:
     """The arm of the robot file that a problem names by `robot.file`.
 
@@ -136,7 +195,7 @@ def robot_of(loaded: ProblemFile[Any], reference: str) -> SerialChain:
     ------
     ProblemFileError : it is absent or says something that cannot be used. RobotFileError : so does its URDF or MJCF.
     """
-    path = recording_path(loaded, reference, key="robot.file")
+    path = recording_path(loaded, reference, key=ROBOT_FILE)
     try:
         said = RobotFile.model_validate(problem_content(path, reference))
     except ValidationError as problem:

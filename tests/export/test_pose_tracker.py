@@ -14,7 +14,8 @@ from hypothesis import strategies as st
 from rehab_opt import PoseTracker
 from rehab_opt.export.exported import MOST_VALUES
 from rehab_opt.session.files import load_problem
-from rehab_opt.session.pose_tracking.robot import robot_at_start, tracker_of
+from rehab_opt.session.pose_tracking.run import tracker_of
+from rehab_opt.session.robot_file import robot_at_start
 from tests.export.calling_c import (
     ROBOT,
     Built,

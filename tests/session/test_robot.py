@@ -16,8 +16,7 @@ from rehab_opt.kinematics.ur5 import ur5
 from rehab_opt.session.clearance import nearest_bodies
 from rehab_opt.session.files import load_problem
 from rehab_opt.session.pose_tracking.problem import CircleSection, PoseTracking
-from rehab_opt.session.pose_tracking.robot import circle_reference
-from rehab_opt.session.pose_tracking.run import RobotOutcome
+from rehab_opt.session.pose_tracking.run import RobotOutcome, circle_reference
 from rehab_opt.session.pose_tracking.shown import figures as robot_figures
 from rehab_opt.session.run import checked, run_problem
 from tests.control.clearance_world import least_distance, link_ends

@@ -16,9 +16,9 @@ from rehab_opt.session.files import load_problem, shipped_problems
 from rehab_opt.session.inputs import inputs_digest
 from rehab_opt.session.many.participant import Participant, work_on
 from rehab_opt.session.many.participants import participants_of
-from rehab_opt.session.pose_tracking.robot import robot_at_start
 from rehab_opt.session.pose_tracking.run import RobotOutcome
 from rehab_opt.session.report import write_report
+from rehab_opt.session.robot_file import robot_at_start
 from rehab_opt.session.run import checked, run_problem
 from rehab_opt.session.systems import ROBOT_FILE, system_named
 from tests.kinematics.robot_files.known_arms import UR5_TOOL, gen3, vendors_ur5

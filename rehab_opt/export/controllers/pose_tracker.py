@@ -18,8 +18,8 @@ from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.outcome import Progress
 from rehab_opt.session.plant.making import joint_feedback
 from rehab_opt.session.pose_tracking.problem import PoseTracking
-from rehab_opt.session.pose_tracking.robot import circle_reference, robot_at_start, tracker_of
-from rehab_opt.session.pose_tracking.run import PoseTrackingSystem
+from rehab_opt.session.pose_tracking.run import PoseTrackingSystem, circle_reference, tracker_of
+from rehab_opt.session.robot_file import robot_at_start
 
 __all__ = ["exported_pose_tracker", "exported_tracker", "moving_argument", "moving_values"]
 

@@ -22,9 +22,8 @@ from rehab_opt.session.mirror.hand_poses import HandPoses, calibration_points, r
 from rehab_opt.session.mirror.problem import MirrorProblem, PatientSection, PoseRecordingSection
 from rehab_opt.session.participant import arm_of
 from rehab_opt.session.pose_tracking.problem import MOST_TICKS
-from rehab_opt.session.pose_tracking.robot import robot_at_start
 from rehab_opt.session.refusals import refused_as
-from rehab_opt.session.robot_file import pose_of
+from rehab_opt.session.robot_file import pose_of, robot_at_start
 from rehab_opt.session.schema import Side
 from rehab_opt.text_file import times
 

@@ -2,45 +2,19 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, Self
+from typing import Literal, Self
 
 from pydantic import Field, model_validator
 from pydantic_core import PydanticCustomError
 
 from rehab_opt.session.clearance import ClearanceSection
 from rehab_opt.session.plant.tables import JointPlant
+from rehab_opt.session.robot_file import RobotSection
 from rehab_opt.session.schema import Problem, Section, SolverName, Triple, refusal
 
-__all__ = ["CircleSection", "PoseTracking", "RobotSection"]
+__all__ = ["CircleSection", "PoseTracking"]
 
 MOST_TICKS = 2_000_000
-UR5_JOINTS = 6
-
-
-class RobotSection(Section):
-    """Which robot, and from where it starts."""
-
-    model: Literal["ur5"] | None = None
-    """The UR5 with its vendor's limits; or `file`."""
-    file: str | None = Field(default=None, min_length=1)
-    """A robot file beside the problem file, instead of `model`."""
-    start_deg: Annotated[list[Annotated[float, Field(ge=-360, le=360)]], Field(min_length=1, max_length=100)]
-    """A value for each joint."""
-    joint_speed_deg_s: Annotated[float, Field(gt=0, le=180)] = 180.0
-    """Largest speed of every joint; a robot that is slower stays so."""
-    joint_acceleration_deg_s2: Annotated[float, Field(gt=0, le=1e5)] | None = None
-    """Largest acceleration of every joint: by default 859 of the UR5, an assumption, since the vendor publishes none;
-    of a robot file's arm no more than the file says."""
-
-    @model_validator(mode="after")
-    def one_robot(self) -> Self:
-        """Refuse two robots or none, and a UR5 of other than six joints."""
-        if (self.model is None) == (self.file is None):
-            key, value = ("model", None) if self.file is None else ("file", self.file)
-            raise refusal(key, value, "either model = 'ur5', or file = a robot file")
-        if self.model is not None and len(self.start_deg) != UR5_JOINTS:
-            raise refusal("start_deg", self.start_deg, f"{UR5_JOINTS} entries")
-        return self
 
 
 class CircleSection(Section):
