@@ -19,8 +19,7 @@ from rehab_opt.session.metrics import (
     status_counts,
     time_metrics,
 )
-from rehab_opt.session.upper_limb.driven import driven
-from rehab_opt.session.upper_limb.laws import hand_and_tilt
+from rehab_opt.session.upper_limb.laws import driven, hand_and_tilt
 from rehab_opt.session.upper_limb.problem import SmoothingSection
 
 ARM = human_arm(range_of_motion="restricted")

@@ -29,8 +29,7 @@ from rehab_opt.session.metrics import (
 from rehab_opt.session.outcome import Progress
 from rehab_opt.session.participant import participant_arm, placed_recording
 from rehab_opt.session.systems import Needed, OutOfReach, System
-from rehab_opt.session.upper_limb.driven import driven
-from rehab_opt.session.upper_limb.laws import LAWS, followed, follower, hand_and_tilt
+from rehab_opt.session.upper_limb.laws import LAWS, driven, followed, follower, hand_and_tilt
 from rehab_opt.session.upper_limb.outcome import DRIVEN_DEG, ArmOutcome, LawResult, drive_note, law_notes
 from rehab_opt.session.upper_limb.problem import UpperLimb
 
