@@ -20,14 +20,13 @@ from rehab_opt.control.obstacles import Disc, HalfPlane
 from rehab_opt.errors import ConfigurationError, ProblemFileError
 from rehab_opt.kinematics.ardis import ARDIS_READY, ardis
 from rehab_opt.session.ardis.clearance import arm_gaps, arm_points, chair_corners, chair_gaps
-from rehab_opt.session.ardis.figures import figures as ardis_figures
-from rehab_opt.session.ardis.figures import motion_film
 from rehab_opt.session.ardis.measures import KEPT, excesses, goals_met, hand_shares, kinetic_energies
 from rehab_opt.session.ardis.outcome import ArdisOutcome, moved
 from rehab_opt.session.ardis.robot import joystick_of, resolver_of, robot_of, room_of, start_of
+from rehab_opt.session.ardis.shown import brief, motion_film
+from rehab_opt.session.ardis.shown import figures as ardis_figures
+from rehab_opt.session.ardis.shown import table as ardis_table
 from rehab_opt.session.ardis.stick import HEADER, Moment, read_stick, sticks_of
-from rehab_opt.session.ardis.table import brief
-from rehab_opt.session.ardis.table import table as ardis_table
 from rehab_opt.session.files import load_problem, problem_of, shipped_problems
 from rehab_opt.session.report import metrics_json, write_report
 from rehab_opt.session.run import checked, run_problem
@@ -133,7 +132,7 @@ def test_gripper_closes_on_the_cup_and_opens_on_the_table(name: str, pattern: li
 
 
 def test_files_of_a_run_are_whole(button: ArdisOutcome, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("rehab_opt.session.ardis.figures.FRAMES", 6)
+    monkeypatch.setattr("rehab_opt.session.ardis.shown.FRAMES", 6)
     written = {path.name: path for path in write_report(button, tmp_path / "out")}
     assert set(written) == {
         "hand.png", "limits.png", "metrics.json", "motion.gif", "top_view.png", "trace.csv",

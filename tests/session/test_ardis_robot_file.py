@@ -19,7 +19,7 @@ from rehab_opt.kinematics.arm_on_chair import arm_on_chair
 from rehab_opt.session.ardis.clearance import arm_gaps, arm_points
 from rehab_opt.session.ardis.outcome import ArdisOutcome
 from rehab_opt.session.ardis.robot import robot_of, start_of
-from rehab_opt.session.ardis.table import table as ardis_table
+from rehab_opt.session.ardis.shown import table as ardis_table
 from rehab_opt.session.files import load_problem, shipped_folder
 from rehab_opt.session.mirror.outcome import STEP, MirrorOutcome
 from rehab_opt.session.report import write_report
@@ -161,7 +161,7 @@ def test_a_link_that_is_a_ball_stays_out_of_the_user() -> None:
 
 
 def test_the_report_is_whole(drink: ArdisOutcome, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("rehab_opt.session.ardis.figures.FRAMES", 6)
+    monkeypatch.setattr("rehab_opt.session.ardis.shown.FRAMES", 6)
     files = write_report(drink, tmp_path / "out")
     assert {file.name for file in files} >= {"metrics.json", "trace.csv", "top_view.png", "hand.png", "limits.png"}
     assert "NaN" not in (tmp_path / "out/metrics.json").read_text()

@@ -26,7 +26,7 @@ from rehab_opt.session.mirror import placing
 from rehab_opt.session.mirror.metrics import CAUSES, causes, passed_share
 from rehab_opt.session.mirror.outcome import BEFORE, PLAN, STEP, Led, MirrorOutcome
 from rehab_opt.session.mirror.scene import laid_out, path_notes
-from rehab_opt.session.mirror.table import brief, table
+from rehab_opt.session.mirror.shown import brief, table
 from rehab_opt.session.report import metrics_json, write_report
 from rehab_opt.session.run import checked, run_problem
 from rehab_opt.session.systems import OutOfReach

@@ -171,7 +171,7 @@ class ArdisSystem(System[ArdisProblem, ArdisOutcome]):
     """A wheelchair with an arm, moved by one stick, with each drive that has a recording of it."""
 
     schema = ArdisProblem
-    shown = ("rehab_opt.session.ardis.table", "rehab_opt.session.ardis.figures")
+    shown = ("rehab_opt.session.ardis.shown",)
     options = frozenset({"plant", "solver"})
     solver_key = "run.solver"
     rate_key = "run.rate_hz"

@@ -57,7 +57,7 @@ class MirrorSystem(System[MirrorProblem, MirrorOutcome]):
     """A hand led along the other hand's mirrored path."""
 
     schema = MirrorProblem
-    shown = ("rehab_opt.session.mirror.table", "rehab_opt.session.mirror.figures")
+    shown = ("rehab_opt.session.mirror.shown",)
     options = frozenset({"plant"})
     rate_key = "tracker.rate_hz"
 
