@@ -1,7 +1,10 @@
-"""What a run leaves behind: numbers, and what a reader has to know. No files, no plots."""
+"""What a run leaves behind: numbers in strict JSON, each key with its unit, columns and notes. No files, no plots."""
 
 from __future__ import annotations
 
+import math
+import re
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -11,7 +14,24 @@ from numpy.typing import NDArray
 
 from rehab_opt.kinematics.chain import SerialChain
 
-__all__ = ["Column", "Columns", "MovementOutcome", "Outcome", "Progress", "joint_columns", "point_columns", "stacked"]
+__all__ = [
+    "Column",
+    "Columns",
+    "MovementOutcome",
+    "Outcome",
+    "Progress",
+    "error_metrics",
+    "finite",
+    "joint_columns",
+    "joint_metrics",
+    "path_shares",
+    "point_columns",
+    "reason_counts",
+    "stacked",
+    "status_counts",
+    "time_metrics",
+    "turn_angles",
+]
 
 Array = NDArray[np.float64]
 
@@ -77,3 +97,80 @@ def stacked(parts: Iterable[Columns]) -> Columns:
     """Tables of the same columns, one below the other."""
     tables = list(parts)
     return {header: np.concatenate([np.asarray(each[header]) for each in tables]).tolist() for header in tables[0]}
+
+
+MEASURED = re.compile(r" by \S+ m(?=:)|(?<=failed:) \S+ over(?= the bounds)")
+"""What a reason measures, which differs from sample to sample."""
+
+
+def path_shares(path: Array, met: NDArray[np.bool_]) -> tuple[float, float]:
+    """Share of the path's length, and of its samples (time), over which `met` (N,) holds.
+
+    A step of the path counts half for either of its ends; where the hand rests the length share ignores it.
+    """
+    steps = np.linalg.norm(np.diff(path, axis=0), axis=1)
+    weights = np.concatenate((steps, [0.0])) + np.concatenate(([0.0], steps))
+    of_time = float(np.mean(met))
+    return (float(weights[met].sum() / weights.sum()) if weights.sum() > 0 else of_time), of_time
+
+
+def error_metrics(error: Array, name: str, unit: str) -> dict[str, float]:
+    """Mean, 95th percentile and maximum of an error (N,)."""
+    return {
+        f"{name}_mean_{unit}": float(np.mean(error)),
+        f"{name}_p95_{unit}": float(np.percentile(error, 95)),
+        f"{name}_max_{unit}": float(np.max(error)),
+    }
+
+
+def turn_angles(rotations: Array, references: Array) -> Array:
+    """(N,) [rad] angle of the rotation between two orientations (N, 3, 3), exact for small ones too."""
+    # |R - S| = 2 sqrt(2) sin(angle / 2), Frobenius norm
+    chord = np.linalg.norm(rotations - references, axis=(1, 2)) / (2 * math.sqrt(2))
+    return np.asarray(2 * np.arcsin(np.minimum(chord, 1.0)))
+
+
+def joint_metrics(chain: SerialChain, q: Array, rate: float) -> dict[str, Any]:
+    """Least distance to a joint limit and largest joint speed of q (N, n) sampled at `rate` [Hz].
+
+    The distance is negative outside a limit. Locked joints have no distance to a limit; all joints have a speed.
+    """
+    free = np.flatnonzero(~chain.locked)
+    margin = np.minimum(q - chain.lower, chain.upper - q).min(axis=0)
+    speed = np.abs(np.diff(q, axis=0)).max(axis=0) * rate
+    numbers: dict[str, Any] = {"joint_limit_margin_min_deg": None, "joint_limit_margin_joint": None}
+    if free.size:
+        least = int(free[margin[free].argmin()])
+        numbers["joint_limit_margin_min_deg"] = finite(np.rad2deg(margin[least]))
+        numbers["joint_limit_margin_joint"] = chain.names[least]
+    fastest = int((speed / chain.velocity).argmax())
+    return numbers | {
+        "joint_speed_max_deg_s": float(np.rad2deg(speed[fastest])),
+        "joint_speed_max_joint": chain.names[fastest],
+        "joint_speed_max_share_of_limit": float(speed[fastest] / chain.velocity[fastest]),
+    }
+
+
+def time_metrics(seconds: Array, name: str) -> dict[str, float]:
+    """Median, 99th percentile and maximum of durations (N,) [s], in milliseconds."""
+    milliseconds = 1e3 * seconds
+    return {
+        f"{name}_median_ms": float(np.median(milliseconds)),
+        f"{name}_p99_ms": float(np.percentile(milliseconds, 99)),
+        f"{name}_max_ms": float(np.max(milliseconds)),
+    }
+
+
+def status_counts(statuses: Iterable[str]) -> dict[str, int]:
+    """How often each status occurs, the most frequent first."""
+    return dict(Counter(statuses).most_common())
+
+
+def reason_counts(reasons: Iterable[str]) -> dict[str, int]:
+    """How often each reason occurs, whatever it measures; the most frequent first. No reason is not counted."""
+    return status_counts(MEASURED.sub("", reason) for reason in reasons if reason)
+
+
+def finite(number: float) -> float | None:
+    """`number`, or None where JSON has no word for it (an unlimited joint is infinitely far from its limit)."""
+    return float(number) if np.isfinite(number) else None

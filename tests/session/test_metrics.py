@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rehab_opt.kinematics.human_arm import human_arm
-from rehab_opt.session.metrics import (
+from rehab_opt.session.outcome import (
     error_metrics,
     joint_metrics,
     path_shares,

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from rehab_opt.session.ardis.clearance import arm_gaps, arm_points, chair_gaps, point_gaps
 from rehab_opt.session.ardis.outcome import DriveOutcome, Motion
 from rehab_opt.session.ardis.problem import DriveName, GoalSection
-from rehab_opt.session.metrics import finite, status_counts
+from rehab_opt.session.outcome import finite, status_counts
 
 if TYPE_CHECKING:
     from rehab_opt.control.obstacles import Obstacle

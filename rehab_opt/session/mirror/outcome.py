@@ -12,8 +12,15 @@ from numpy.typing import NDArray
 from rehab_opt.kinematics.vr import Mirror
 from rehab_opt.published.astar import AStarPath
 from rehab_opt.session.clearance import NearestBodies
-from rehab_opt.session.metrics import turn_angles
-from rehab_opt.session.outcome import Column, Columns, MovementOutcome, joint_columns, point_columns, stacked
+from rehab_opt.session.outcome import (
+    Column,
+    Columns,
+    MovementOutcome,
+    joint_columns,
+    point_columns,
+    stacked,
+    turn_angles,
+)
 from rehab_opt.session.plant.loop import JointMotion
 
 __all__ = ["Drive", "Led", "MirrorOutcome"]

@@ -30,8 +30,18 @@ from rehab_opt.session.clearance import (
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.live.bodies import ARM_PLOTS, BLUE, ORANGE, ArmBodies, joint_rows, kept_off, moving_rows, screen
 from rehab_opt.session.live.problem import Following, LiveControl, LiveInputs, LiveProblem
-from rehab_opt.session.metrics import error_metrics, joint_metrics, status_counts, time_metrics, turn_angles
-from rehab_opt.session.outcome import Column, MovementOutcome, Progress, joint_columns, point_columns
+from rehab_opt.session.outcome import (
+    Column,
+    MovementOutcome,
+    Progress,
+    error_metrics,
+    joint_columns,
+    joint_metrics,
+    point_columns,
+    status_counts,
+    time_metrics,
+    turn_angles,
+)
 from rehab_opt.session.plant.loop import JointMotion, simulate
 from rehab_opt.session.plant.making import device_of, joint_feedback, joint_plant, plant_note
 from rehab_opt.session.pose_tracking.problem import CircleSection, PoseTracking

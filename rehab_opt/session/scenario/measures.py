@@ -18,7 +18,7 @@ from rehab_opt.errors import ConfigurationError
 from rehab_opt.measures.along_path import Projection, covered_in_order, deviation_in_order, projected
 from rehab_opt.measures.path import path_length, path_ratio
 from rehab_opt.measures.speed import mean_speed, peak_speed, spectral_arc_length
-from rehab_opt.session.metrics import finite
+from rehab_opt.session.outcome import finite
 from rehab_opt.session.scenario.outcome import Trial
 from rehab_opt.session.scenario.problem import THERAPY
 

@@ -18,7 +18,8 @@ from rehab_opt.measures.path import path_length
 from rehab_opt.recordings.recording import size_note
 from rehab_opt.session.arm_keys import ranges_by_name
 from rehab_opt.session.files import ProblemFile
-from rehab_opt.session.metrics import (
+from rehab_opt.session.outcome import (
+    Progress,
     error_metrics,
     joint_metrics,
     path_shares,
@@ -26,7 +27,6 @@ from rehab_opt.session.metrics import (
     status_counts,
     time_metrics,
 )
-from rehab_opt.session.outcome import Progress
 from rehab_opt.session.participant import participant_arm, placed_recording
 from rehab_opt.session.systems import Needed, OutOfReach, System
 from rehab_opt.session.upper_limb.laws import LAWS, driven, followed, follower, hand_and_tilt

@@ -15,8 +15,7 @@ from rehab_opt.measures.path import path_length
 from rehab_opt.recordings.recording import Recording, size_note
 from rehab_opt.session.arm_keys import ArmInPlane, RangeOfMotion, ranges_by_name
 from rehab_opt.session.files import ProblemFile
-from rehab_opt.session.metrics import finite
-from rehab_opt.session.outcome import Progress
+from rehab_opt.session.outcome import Progress, finite
 from rehab_opt.session.participant import arm_of, placed_recording
 from rehab_opt.session.systems import Needed, System
 from rehab_opt.session.workspace_maps.outcome import CarriedPath, MadeMap, MapDirection, MapOutcome, MappedSet
