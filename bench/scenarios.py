@@ -19,8 +19,7 @@ from rich.console import Console
 from bench.machine import machine
 from bench.verdict import Verdict, all_met, print_verdicts
 from rehab_opt.session.files import ProblemFile, problem_content, problem_of, problem_path
-from rehab_opt.session.plant.making import on_plant
-from rehab_opt.session.plant.tables import KINDS
+from rehab_opt.session.plant import KINDS, on_plant
 from rehab_opt.session.run import run_problem
 from rehab_opt.session.scenario.loop import ran
 from rehab_opt.session.scenario.outcome import ScenarioOutcome

@@ -16,9 +16,9 @@ from PIL import Image
 
 from rehab_opt.control.command import Command
 from rehab_opt.errors import ConfigurationError
+from rehab_opt.session.closed_loop import simulate
 from rehab_opt.session.live.bodies import BLUE, ORANGE
 from rehab_opt.session.live.problem import LiveProblem
-from rehab_opt.session.plant.loop import simulate
 
 __all__ = ["write_film"]
 

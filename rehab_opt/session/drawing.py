@@ -18,8 +18,8 @@ from matplotlib.transforms import Bbox
 from numpy.typing import NDArray
 
 from rehab_opt.kinematics.chain import SerialChain
+from rehab_opt.session.closed_loop import JointMotion
 from rehab_opt.session.outcome import MovementOutcome
-from rehab_opt.session.plant.loop import JointMotion
 
 __all__ = [
     "ACROSS",

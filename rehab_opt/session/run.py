@@ -95,7 +95,7 @@ def _given(
             raise ConfigurationError(f"--{option}", value, f"no such option: those of system {name!r} are {known}")
     solver = checked_solver(given.get("solver"))
     if "plant" in system.options:
-        from rehab_opt.session.plant.making import on_plant  # noqa: PLC0415  (loads what plants need)
+        from rehab_opt.session.plant import on_plant  # noqa: PLC0415  (loads what plants need)
 
         loaded = on_plant(loaded, given.get("plant"))
     key = system.solver_key

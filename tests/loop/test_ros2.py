@@ -19,8 +19,7 @@ from rehab_opt.loop.of_problem import connected
 from rehab_opt.loop.records import Tick
 from rehab_opt.loop.ros2 import connect_ros2, joints_of
 from rehab_opt.loop.shared_ring import SharedRing
-from rehab_opt.session.plant.making import device_of
-from rehab_opt.session.plant.tables import JointPlant
+from rehab_opt.session.plant import JointPlant, device_of
 
 pytest.importorskip("zenoh")
 dynamic = pytest.importorskip("mcap_ros2._dynamic")

@@ -13,8 +13,7 @@ from rehab_opt.plants.channel import Channel
 from rehab_opt.plants.force_robot import RobotModel
 from rehab_opt.plants.simulated_person import Person
 from rehab_opt.session.files import load_problem
-from rehab_opt.session.plant.making import channel_of
-from rehab_opt.session.plant.tables import ChairPlant, HandPlant, JointPlant, PlantTable
+from rehab_opt.session.plant import ChairPlant, HandPlant, JointPlant, PlantTable, channel_of
 from rehab_opt.session.refusals import refused_as
 from rehab_opt.session.scenario.loop import person_of
 from rehab_opt.session.scenario.problem import PersonSection, RobotSection

@@ -26,8 +26,15 @@ from rehab_opt.session.ardis.stick import StickRecording
 from rehab_opt.session.files import ProblemFile, load_problem, problem_content, problem_of, problem_path
 from rehab_opt.session.mirror.laws import without_floor
 from rehab_opt.session.mirror.scene import laid_out
-from rehab_opt.session.plant.making import chair_plant, joint_feedback, joint_plant, on_plant
-from rehab_opt.session.plant.tables import ChairPlant, HandPlant, JointPlant
+from rehab_opt.session.plant import (
+    ChairPlant,
+    HandPlant,
+    JointPlant,
+    chair_plant,
+    joint_feedback,
+    joint_plant,
+    on_plant,
+)
 from rehab_opt.session.pose_tracking.run import RobotOutcome
 from rehab_opt.session.pose_tracking.shown import figures as robot_figures
 from rehab_opt.session.run import checked, run_problem

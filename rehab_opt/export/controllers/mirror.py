@@ -32,7 +32,7 @@ from rehab_opt.session.mirror.laws import tracker_of
 from rehab_opt.session.mirror.problem import MirrorProblem
 from rehab_opt.session.mirror.scene import laid_out
 from rehab_opt.session.outcome import Progress
-from rehab_opt.session.plant.making import joint_feedback
+from rehab_opt.session.plant import joint_feedback
 
 __all__ = ["ExportedMirror", "exported_mirror", "exported_mirror_problem"]
 

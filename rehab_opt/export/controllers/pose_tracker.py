@@ -16,7 +16,7 @@ from rehab_opt.export.recording import Tick, about_run, encoders, recorded, stan
 from rehab_opt.optim.fallback_chain import BACKUP, FUSED, as_in_c
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.outcome import Progress
-from rehab_opt.session.plant.making import joint_feedback
+from rehab_opt.session.plant import joint_feedback
 from rehab_opt.session.pose_tracking.problem import PoseTracking
 from rehab_opt.session.pose_tracking.run import PoseTrackingSystem, circle_reference, tracker_of
 from rehab_opt.session.robot_file import robot_at_start

@@ -25,7 +25,7 @@ from rehab_opt.session.ardis.robot import joystick_of, resolver_of, robot_of, st
 from rehab_opt.session.ardis.stick import sticks_of
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.outcome import Progress
-from rehab_opt.session.plant.making import joint_feedback
+from rehab_opt.session.plant import joint_feedback
 
 __all__ = ["exported_resolver", "exported_resolvers"]
 

@@ -18,9 +18,9 @@ from rehab_opt.plants.touched import TouchedPlant
 from rehab_opt.session.ardis.problem import DriveName, GoalSection
 from rehab_opt.session.ardis.stick import Moment, Stick, StickSample
 from rehab_opt.session.clearance import NearestBodies
+from rehab_opt.session.closed_loop import JointMotion, simulate
 from rehab_opt.session.live.problem import LiveControl, LiveInputs
 from rehab_opt.session.outcome import Column, Columns, Outcome, point_columns, stacked
-from rehab_opt.session.plant.loop import JointMotion, simulate
 
 if TYPE_CHECKING:
     from rehab_opt.control.joystick import Joystick, StickCommand

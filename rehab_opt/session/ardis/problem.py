@@ -10,7 +10,7 @@ from pydantic import Field, model_validator
 
 from rehab_opt.kinematics import DRIVES, DriveName
 from rehab_opt.session.clearance import ClearanceSection
-from rehab_opt.session.plant.tables import ChairPlant
+from rehab_opt.session.plant import ChairPlant
 from rehab_opt.session.schema import Length, Problem, Section, SolverName, Triple, refusal
 
 __all__ = ["DRIVES", "ArdisProblem", "DriveName", "GoalSection", "RobotSection", "RunSection"]

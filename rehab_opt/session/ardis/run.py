@@ -36,7 +36,7 @@ from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.live.bodies import ARM_PLOTS, BLUE, GREEN, GREY, PURPLE, ArmBodies, joint_rows, kept_off, screen
 from rehab_opt.session.live.problem import LiveControl, LiveInputs, LiveProblem
 from rehab_opt.session.outcome import Progress
-from rehab_opt.session.plant.making import chair_plant, joint_feedback, plant_note
+from rehab_opt.session.plant import chair_plant, joint_feedback, plant_note
 from rehab_opt.session.systems import ROBOT_FILE, Needed, System
 
 __all__ = ["ArdisSystem"]

@@ -20,12 +20,12 @@ from rehab_opt.plants.plant import Plant
 from rehab_opt.plants.touched import TouchedPlant
 from rehab_opt.published.astar import AStarPath, astar_path
 from rehab_opt.session.clearance import clearance_key, clearance_of
+from rehab_opt.session.closed_loop import Ran, simulate, yielded_words
 from rehab_opt.session.live.problem import Following, LiveInputs
 from rehab_opt.session.mirror.outcome import Led
 from rehab_opt.session.mirror.problem import MirrorProblem
 from rehab_opt.session.mirror.scene import Scene
 from rehab_opt.session.outcome import Progress
-from rehab_opt.session.plant.loop import Ran, simulate, yielded_words
 from rehab_opt.session.refusals import refused_as
 
 __all__ = ["ANY_SPEED", "followed", "planned", "searched", "tracker_of", "without_floor"]

@@ -22,7 +22,7 @@ from rehab_opt.session.live.problem import Following, LiveControl, LiveProblem
 from rehab_opt.session.mirror.laws import tracker_of
 from rehab_opt.session.mirror.problem import MirrorProblem
 from rehab_opt.session.mirror.scene import laid_out
-from rehab_opt.session.plant.making import device_of, joint_feedback, joint_plant
+from rehab_opt.session.plant import device_of, joint_feedback, joint_plant
 
 __all__ = ["LiveMirror"]
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from rehab_opt.kinematics.vr import Mirror
 from rehab_opt.published.astar import AStarPath
 from rehab_opt.session.clearance import NearestBodies
+from rehab_opt.session.closed_loop import JointMotion
 from rehab_opt.session.outcome import (
     Column,
     Columns,
@@ -21,7 +22,6 @@ from rehab_opt.session.outcome import (
     stacked,
     turn_angles,
 )
-from rehab_opt.session.plant.loop import JointMotion
 
 __all__ = ["Drive", "Led", "MirrorOutcome"]
 

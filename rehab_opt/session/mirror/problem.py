@@ -8,7 +8,7 @@ from pydantic import Field, model_validator
 
 from rehab_opt.session.arm_keys import OneRange, SegmentsSection
 from rehab_opt.session.clearance import ClearanceSection
-from rehab_opt.session.plant.tables import JointPlant
+from rehab_opt.session.plant import JointPlant
 from rehab_opt.session.robot_file import RobotSection
 from rehab_opt.session.schema import (
     Decimal,

@@ -20,7 +20,7 @@ from rehab_opt.session.mirror.placing import reach_note
 from rehab_opt.session.mirror.problem import MirrorProblem
 from rehab_opt.session.mirror.scene import Scene, laid_out, path_notes
 from rehab_opt.session.outcome import Progress
-from rehab_opt.session.plant.making import joint_feedback, joint_plant, plant_note
+from rehab_opt.session.plant import joint_feedback, joint_plant, plant_note
 from rehab_opt.session.robot_file import robot_files
 from rehab_opt.session.systems import Needed, System
 

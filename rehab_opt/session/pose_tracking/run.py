@@ -27,6 +27,7 @@ from rehab_opt.session.clearance import (
     nearest_bodies,
     start_notes,
 )
+from rehab_opt.session.closed_loop import JointMotion, simulate
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.live.bodies import ARM_PLOTS, BLUE, ORANGE, ArmBodies, joint_rows, kept_off, moving_rows, screen
 from rehab_opt.session.live.problem import Following, LiveControl, LiveInputs, LiveProblem
@@ -42,8 +43,7 @@ from rehab_opt.session.outcome import (
     time_metrics,
     turn_angles,
 )
-from rehab_opt.session.plant.loop import JointMotion, simulate
-from rehab_opt.session.plant.making import device_of, joint_feedback, joint_plant, plant_note
+from rehab_opt.session.plant import device_of, joint_feedback, joint_plant, plant_note
 from rehab_opt.session.pose_tracking.problem import CircleSection, PoseTracking
 from rehab_opt.session.refusals import refused_as
 from rehab_opt.session.robot_file import robot_at_start, robot_files

@@ -16,10 +16,10 @@ from rehab_opt.plants.intention import Intention, Pace
 from rehab_opt.plants.plant import Measurement, Plant
 from rehab_opt.plants.simulated_person import Person, PersonAtRobot
 from rehab_opt.plants.touched import TouchedPlant
+from rehab_opt.session.closed_loop import simulate
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.live.problem import LiveControl, LiveInputs
-from rehab_opt.session.plant.loop import simulate
-from rehab_opt.session.plant.making import channel_of, ms
+from rehab_opt.session.plant import channel_of, ms
 from rehab_opt.session.refusals import refused_as
 from rehab_opt.session.scenario.laws import ForceLaw
 from rehab_opt.session.scenario.outcome import Law, Trial

@@ -11,7 +11,7 @@ from rehab_opt.plants.force_robot import RobotModel
 from rehab_opt.plants.intention import LONGER, Aims
 from rehab_opt.plants.simulated_person import FASTEST_LINE, Person
 from rehab_opt.session.arm_keys import ArmInPlane, OneRange
-from rehab_opt.session.plant.tables import HandPlant
+from rehab_opt.session.plant import HandPlant
 from rehab_opt.session.scenario.outcome import Law
 from rehab_opt.session.schema import (
     Length,

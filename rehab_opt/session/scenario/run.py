@@ -16,7 +16,7 @@ from rehab_opt.control.smoother import Smoother
 from rehab_opt.published.field_law import FieldLaw
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.outcome import Progress
-from rehab_opt.session.plant.making import plant_note
+from rehab_opt.session.plant import plant_note
 from rehab_opt.session.scenario.demonstrated import fit_metrics
 from rehab_opt.session.scenario.laws import (
     Assisted,

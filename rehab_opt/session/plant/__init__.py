@@ -1,1 +1,0 @@
-"""Which robot a problem is run on: the table `[plant]`, the option `--plant`, and what they stand for."""
