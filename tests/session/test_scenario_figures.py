@@ -16,10 +16,16 @@ from rich.console import Console
 
 from rehab_opt.control.command import Bound
 from rehab_opt.control.gate import Mode
-from rehab_opt.session.scenario.field_figures import field_figure, gated_forces
+from rehab_opt.session.scenario.field_figures import (
+    along_figure,
+    field_figure,
+    fields_along,
+    force_along,
+    gated_forces,
+    variants,
+)
 from rehab_opt.session.scenario.figures import figures
 from rehab_opt.session.scenario.outcome import RATE, ScenarioOutcome, thinned_ticks
-from rehab_opt.session.scenario.parameter_figures import along_figure, fields_along, force_along, variants
 from rehab_opt.session.scenario.plane_drawing import LAW_NAMES, mean_over_trials
 from rehab_opt.session.scenario.table import brief, table
 from rehab_opt.session.scenario.trials_figures import largest_between, trials_figure

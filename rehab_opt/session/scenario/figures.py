@@ -8,10 +8,9 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from rehab_opt.session.drawing import CLOSE_UP, GRID, LIMIT, MM, REFERENCE, TOLD, TRUE, framed, legend_below
-from rehab_opt.session.scenario.field_figures import field_figure, learnt_figure
+from rehab_opt.session.scenario.field_figures import along_figure, field_figure, learnt_figure, parameter_figure
 from rehab_opt.session.scenario.laws import BOUNDED
 from rehab_opt.session.scenario.outcome import HelperTrace, Law, ScenarioOutcome, Trial, thinned_ticks
-from rehab_opt.session.scenario.parameter_figures import along_figure, parameter_figure
 from rehab_opt.session.scenario.plane_drawing import (
     LAW_COLOURS,
     LAW_NAMES,
