@@ -14,7 +14,7 @@ from rehab_opt.errors import ProblemFileError
 from rehab_opt.session.files import load_problem, problem_of
 from rehab_opt.session.report import metrics_json
 from rehab_opt.session.run import checked, run_problem
-from rehab_opt.session.workspace_maps.outcome import MapOutcome
+from rehab_opt.session.workspace_maps.run import MapOutcome
 from rehab_opt.session.workspace_maps.shown import figures as map_figures
 from rehab_opt.session.workspace_maps.shown import table as map_table
 

@@ -18,7 +18,7 @@ from rich.text import Text
 from rehab_opt.session.arm_keys import ArmInPlane
 from rehab_opt.session.drawing import MM, REFERENCE, framed, legend_below
 from rehab_opt.session.shown import Numbers, Rows, law_table
-from rehab_opt.session.workspace_maps.outcome import MadeMap, MapDirection, MapOutcome
+from rehab_opt.session.workspace_maps.run import MadeMap, MapDirection, MapOutcome
 from rehab_opt.session.workspaces.shown import draw_region, is_placed, region_path, seen_from_above
 from rehab_opt.workspace.region import Workspace
 
