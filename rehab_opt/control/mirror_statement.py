@@ -36,8 +36,6 @@ CALM = 0.45
 """Share of the largest deviation up to which the clock keeps its pace."""
 SPARE = 0.95
 """Share of the hand speeds that the reference may take: the rest is for catching up with it."""
-SERVO = 0.975
-"""Share of the hand speed up to which servos are led: where a joint sticks as it turns back, it was 1.039."""
 HASTE = 4.0
 """[1] Feedback on the error asks for at most this many times the largest hand speed."""
 AT_MOST = 0.4
@@ -120,26 +118,32 @@ class MirrorStatement(PoseTracker):
         bounds = bounds._replace(outside=ca.logic_or(bounds.outside, self.limits.inside(contacts)))
         return Rows(matrix, upper, bounds, Posture(now.w, now.gradient, now.pose[:3, 3], turned))
 
-    def excess(self, q: ca.SX, jacobian: ca.SX, velocity: ca.SX, last: ca.SX) -> ca.SX:
+    def excess(self, inputs: Inputs, jacobian: ca.SX, velocity: ca.SX) -> ca.SX:
         """The wanted motion is slowed, not the asked one: what the floor takes from it must not slow the rest.
 
-        From its speed that way on, the hand comes to `SERVO` of the largest one at the rate `approach`: servos
-        overshoot the end of an acceleration.
+        From its speed that way on, the hand comes to the largest one at the rate `approach`: servos overshoot the end
+        of an acceleration. Where others take over from joints that are behind, the hand is faster than its command:
+        that much is kept free, at most a half, but for what all are behind alike, as they are in a hand that slows.
         """
         unweighted = ca.diag(1 / ca.sqrt(ca.DM(self.task_weights))) @ jacobian
-        turning = ca.norm_2(unweighted[3:, :] @ velocity)
+        turning, guided, q = ca.norm_2(unweighted[3:, :] @ velocity), self.guided(inputs.memory), inputs.q
         linear = speed_ahead(self.chain, q, unweighted, velocity, self.dt)
-        allowed = ca.SX(self.linear_speed)
-        if self.approach < math.inf:
-            hand, before = unweighted[:3, :] @ velocity, unweighted[:3, :] @ last
-            before = clipped(ca.dot(before, hand) / ca.fmax(ca.norm_2(hand), TINY), 0, self.linear_speed)
-            allowed = before - math.expm1(-self.approach * self.dt) * (SERVO * self.linear_speed - before)
-            # Exactly, or `before` would miss it in every tick: convex, `speed_ahead` of parts is below its chord.
-            part = ca.fmin(allowed / ca.fmax(linear, TINY), 1)
-            below = speed_ahead(self.chain, q, unweighted, part * velocity, self.dt)
-            part += (1 - part) * (allowed - below) / ca.fmax(linear - below, TINY)
-            return ca.fmax(1 / part, turning / self.angular_speed)
-        return ca.fmax(linear / allowed, turning / self.angular_speed)
+        if guided is None:
+            return ca.fmax(linear / self.linear_speed, turning / self.angular_speed)
+        way = unweighted[:3, :] @ velocity
+        way /= ca.fmax(ca.norm_2(way), TINY)
+        along = way.T @ unweighted[:3, :]
+        before = clipped(along @ inputs.last, 0, self.linear_speed)
+        allowed = before - math.expm1(-self.approach * self.dt) * (self.linear_speed - before)
+        shares, behind = along.T * velocity, along.T * guided.behind
+        alike = ca.dot(shares, behind) / ca.fmax(ca.sumsqr(shares), TINY)
+        free = ca.fmin(ca.sum1(ca.fmax(alike * shares - behind, 0)), self.linear_speed / 2)
+        allowed = ca.fmin(allowed, self.linear_speed - free)
+        # Exactly, or `before` would miss it in every tick: convex, `speed_ahead` of parts is below its chord.
+        part = clipped(allowed / ca.fmax(linear, TINY), 0, 1)
+        below = speed_ahead(self.chain, q, unweighted, part * velocity, self.dt)
+        part += (1 - part) * (allowed - below) / ca.fmax(linear - below, TINY)
+        return ca.fmax(1 / part, turning / self.angular_speed)
 
     @property
     def _settling(self) -> float:

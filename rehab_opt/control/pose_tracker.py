@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import partial
 from threading import get_ident
 from typing import Any, ClassVar, NamedTuple
 
@@ -223,7 +224,7 @@ class PoseTracker(VelocityController):
         rows = tick.once(self.rows(tick, inputs, self.bounds(q, memory)))
         w, delivered = ReferenceVelocity(
             J, commanded, self._drift(q), rows.bounds, self.chain.velocity, self.chain.locked, rows.matrix, rows.upper
-        ).stated(tick, q, inputs.last, excess=self.excess, bend=lambda way: self._bend(q, J, way))
+        ).stated(tick, q, inputs.last, excess=partial(self.excess, inputs, J), bend=lambda way: self._bend(q, J, way))
         lower, upper = rows.bounds.lower, rows.bounds.upper
         if self.jerk is not None:
             lower, upper = tick.once(self.jerk.towards(inputs.last, lower, upper, w))
@@ -332,10 +333,10 @@ class PoseTracker(VelocityController):
         nearest = ca.Function("contacts", given, [self.limits.contacts(*given, ticks=ticks)])
         return tick.call(nearest, q, last, moving)[0]
 
-    def excess(self, q: ca.SX, jacobian: ca.SX, velocity: ca.SX, last: ca.SX) -> ca.SX | None:
+    def excess(self, inputs: Inputs, jacobian: ca.SX, velocity: ca.SX) -> ca.SX | None:
         """By how much a reference velocity (n,) is too fast, at the weighted Jacobian (6, n): it is slowed by that.
 
-        `last` (n,) is the velocity before. None where nothing but the commanded twist is slowed.
+        None where nothing but the commanded twist is slowed.
         """
         return None
 

@@ -40,7 +40,7 @@ changes the error, as a turn of a wrist that counts little, would creep for tens
 1 / (1 - `MOMENTUM`) times as fast, in ticks of any length. Nor does it swing more: with a fraction s of the last
 velocity kept, a tick's motion may be up to 2 (1 + s) times the way to the least until it does, not 2 times."""
 
-Excess = Callable[[ca.SX, ca.SX, ca.SX, ca.SX], ca.SX | None]
+Excess = Callable[[ca.SX], ca.SX | None]
 
 
 class ReferenceVelocity(NamedTuple):
@@ -76,8 +76,8 @@ class ReferenceVelocity(NamedTuple):
     def stated(self, tick: Tick, q: ca.SX, last: ca.SX, *, excess: Excess, bend: Bend) -> tuple[ca.SX, ca.SX]:
         """(n,) velocities at q (n,) after `last` (n,), and the twist (k,) that they deliver.
 
-        Where `excess` of q, Jacobian, these velocities and the last ones is above 1, they are slowed by it. `bend` says
-        how the hand's twist changes (`damped`); with rows, which that does not know, it is not used.
+        Where `excess` of these velocities is above 1, they are slowed by it. `bend` says how the hand's twist changes
+        (`damped`); with rows, which that does not know, it is not used.
         """
         n = q.numel()
         free = damped_velocity(self._moving, self.twist, self.drift)
@@ -94,7 +94,7 @@ class ReferenceVelocity(NamedTuple):
             motion = tick.when(needed, lambda: self._held_joints(tick, free, low, high), self._delivered(free))
             misses = ca.sumsqr(self.twist - motion[n:]) > MISSED**2 * ca.sumsqr(self.twist)
             motion = tick.when(misses, lambda: self._bent(last, motion, low, high, bend), motion)
-        factor = excess(q, self.jacobian, motion[:n], last)
+        factor = excess(motion[:n])
         if factor is not None:
             motion = tick.once(motion / ca.fmax(factor, 1))
         return motion[:n], motion[n:]
