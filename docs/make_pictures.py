@@ -1,6 +1,7 @@
 """Draw the pages' pictures from runs of shipped problems: `python docs/make_pictures.py [NAME ...]`; some minutes.
 
-Each is a figure of the run itself, with fewer colours so that the checkout stays small.
+Each is a figure of the run itself, or one that `docs/pictured` makes where a run draws none, with fewer colours so that
+the checkout stays small.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from typing import NamedTuple
 os.environ.setdefault("REHAB_OPT_COMPILE", "wait")
 
 from matplotlib.figure import Figure
+from pictured.scoring import scored_reaches
 from PIL import Image
 
 from rehab_opt.kinematics.human_arm import human_arm
@@ -26,6 +28,12 @@ FOLDER = Path(__file__).parent / "pictures"
 COLOURS = 128
 RANGE = "range_of_motion"
 """The one picture that is of no run."""
+MADE = {
+    "scored_reaches": scored_reaches,
+}
+"""Of `docs/pictured`, each by what draws it."""
+MADE_WIDTH = 900
+"""[pixels]"""
 
 
 class Picture(NamedTuple):
@@ -55,16 +63,21 @@ PICTURES = {
 }
 
 
-def small(figure: Figure, width: int) -> Image.Image:
+def small(figure: Figure | Image.Image, width: int) -> Image.Image:
     """The figure, that many pixels wide."""
-    drawn = io.BytesIO()
-    figure.savefig(drawn, dpi=2 * width / figure.get_size_inches()[0])
-    whole = Image.open(drawn).convert("RGB")
+    whole = figure if isinstance(figure, Image.Image) else _drawn(figure, 2 * width)
     reduced = whole.resize((width, round(whole.height * width / whole.width)), Image.Resampling.LANCZOS)
     return reduced.quantize(COLOURS, method=Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE)
 
 
-def save(name: str, figure: Figure, width: int) -> None:
+def _drawn(figure: Figure, width: int) -> Image.Image:
+    """As many pixels wide as asked, in all of its colours."""
+    image = io.BytesIO()
+    figure.savefig(image, dpi=width / figure.get_size_inches()[0])
+    return Image.open(image).convert("RGB")
+
+
+def save(name: str, figure: Figure | Image.Image, width: int) -> None:
     """Write a picture, and say how large its file is."""
     path = FOLDER / f"{name}.png"
     small(figure, width).save(path, optimize=True)
@@ -73,11 +86,14 @@ def save(name: str, figure: Figure, width: int) -> None:
 
 def main(names: list[str]) -> None:
     """Draw those pictures, or all."""
-    chosen = {name: PICTURES[name] for name in names or PICTURES if name != RANGE}
+    chosen = {name: PICTURES[name] for name in names or PICTURES if name not in (RANGE, *MADE)}
     FOLDER.mkdir(exist_ok=True)
     if RANGE in names or not names:
         arm = human_arm(range_of_motion="restricted")
         save(RANGE, range_figure("Table I of Rossa et al., restricted", arm), 1000)
+    for name, make in MADE.items():
+        if name in names or not names:
+            save(name, make(), MADE_WIDTH)
     for run in dict.fromkeys((each.problem, each.plant) for each in chosen.values()):
         outcome = run_problem(load_problem(run[0]), plant=run[1])
         system = system_named(outcome.system)
