@@ -15,6 +15,7 @@ from typing import NamedTuple
 os.environ.setdefault("REHAB_OPT_COMPILE", "wait")
 
 from matplotlib.figure import Figure
+from pictured.loop import loop_log
 from pictured.scoring import scored_reaches
 from PIL import Image
 
@@ -29,6 +30,7 @@ COLOURS = 128
 RANGE = "range_of_motion"
 """The one picture that is of no run."""
 MADE = {
+    "loop_log": loop_log,
     "scored_reaches": scored_reaches,
 }
 """Of `docs/pictured`, each by what draws it."""
