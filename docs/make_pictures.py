@@ -15,6 +15,7 @@ from typing import NamedTuple
 os.environ.setdefault("REHAB_OPT_COMPILE", "wait")
 
 from matplotlib.figure import Figure
+from pictured.c_export import c_commands
 from pictured.loop import loop_log
 from pictured.scoring import scored_reaches
 from PIL import Image
@@ -30,6 +31,7 @@ COLOURS = 128
 RANGE = "range_of_motion"
 """The one picture that is of no run."""
 MADE = {
+    "c_commands": c_commands,
     "loop_log": loop_log,
     "scored_reaches": scored_reaches,
 }

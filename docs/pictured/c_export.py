@@ -1,0 +1,113 @@
+"""A controller in C beside Python's: what both command in the recorded run of an export, tick after tick."""
+
+from __future__ import annotations
+
+import csv
+import subprocess
+import tempfile
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from rehab_opt.control.command import Status
+from rehab_opt.control.reasons import REASONS
+from rehab_opt.export.export_c import export_c
+from rehab_opt.export.recording import STATUSES
+from rehab_opt.kinematics.ur5 import ur5
+from rehab_opt.session.drawing import GRID, LIMIT, REFERENCE, TOLD, TRUE, framed
+from rehab_opt.session.files import load_problem
+
+PROBLEM = "robot/ur5_circle"
+JOINT = 0
+"""Which joint's command is drawn; the difference is of all."""
+TICK_S = 0.001
+CLOSE_UP = (2.62, 2.98)
+"""[s] around the encoders that stand still."""
+ALLOWED = 1e-9
+"""[rad/s] by which `example` lets commands differ."""
+LEAST = 1e-17
+"""[rad/s] below which the scale of differences is linear, so that it has a zero."""
+SAFE = {STATUSES[each] for each in (Status.BRAKING, Status.HOLDING)}
+EVERY_TICK = """\
+#define main repeated
+#include "main.c"
+#undef main
+int main(void)
+{
+    rehab_command command;
+    int tick, joint;
+    if (rehab_pose_tracker_init(&controller) != 0) {
+        return 1;
+    }
+    for (tick = 0; tick < TICKS; ++tick) {
+        step(&recorded_run[tick], &command);
+        for (joint = 0; joint < 6; ++joint) {
+            printf("%.17g ", command.value[joint]);
+        }
+        printf("\\n");
+    }
+    return 0;
+}
+"""
+"""The export's own example, with every command said."""
+CC = ("cc", "-std=c99", "-O2", "-fno-math-errno", "-ffp-contract=off")
+
+
+def c_commands() -> Figure:
+    """The same ticks in Python and in C."""
+    with tempfile.TemporaryDirectory() as temporary:
+        folder = Path(temporary)
+        export_c(load_problem(PROBLEM), folder)
+        (folder / "every_tick.c").write_text(EVERY_TICK, encoding="utf-8")
+        subprocess.run([*CC, "-o", "every_tick", "every_tick.c", "rehab_pose_tracker.c", "-lm"], cwd=folder, check=True)
+        said = subprocess.run([folder / "every_tick"], capture_output=True, text=True, check=True).stdout
+        with (folder / "recorded_run.csv").open(encoding="utf-8", newline="") as file:
+            ticks = list(csv.DictReader(file))
+    python = np.array([[float(tick[f"value_{joint}"]) for joint in range(6)] for tick in ticks])
+    c = np.array([line.split() for line in said.splitlines()], dtype=float)
+    safe = np.array([int(tick["status"]) in SAFE for tick in ticks])
+    time, apart = TICK_S * np.arange(len(ticks)), np.abs(c - python).max(axis=1)
+
+    figure = framed("One controller in Python and in C: a UR5's pose tracker, with faults among its inputs", 9.0, 5.6)
+    grid = figure.subplots(2, 2, width_ratios=(2.2, 1), height_ratios=(2, 1), sharex="col", sharey="row")
+    names = ("the whole recorded run", "close-up: braking from 48 deg/s")
+    for (above, below), name, (first, last) in zip(grid.T, names, ((0.0, time[-1]), CLOSE_UP), strict=True):
+        shown = (time >= first) & (time <= last)
+        for axes in (above, below):
+            axes.fill_between(
+                time[shown], 0, 1, where=safe[shown], step="post", color=LIMIT, alpha=0.6, linewidth=0.5,
+                transform=axes.get_xaxis_transform(), label="safe command, at a fault",
+            )  # fmt: skip
+            axes.grid(**GRID)
+            axes.margins(x=0.01)
+            axes.tick_params(labelsize=8)
+        degrees = (np.rad2deg(each[shown, JOINT]) for each in (python, c))
+        above.step(time[shown], next(degrees), where="post", color=TOLD, linewidth=5.0, label="Python")
+        above.step(time[shown], next(degrees), where="post", color=TRUE, linewidth=1.4, label="C")
+        below.plot(time[shown], apart[shown], ".", color=TRUE, markersize=3)
+        below.axhline(ALLOWED, color=REFERENCE, linestyle="--", linewidth=1.2, label="largest difference allowed")
+        above.set_title(name, fontsize=9, loc="left")
+        below.set_xlabel("time [s]", fontsize=9)
+    joint = ur5().names[JOINT].replace("_", " ")
+    grid[0, 0].set_ylabel(f"commanded speed of the\n{joint} joint [deg/s]", fontsize=9)
+    grid[1, 0].set_ylabel("C minus Python,\nlargest joint [rad/s]", fontsize=9)
+    grid[1, 0].set_yscale("symlog", linthresh=LEAST, linscale=0.5)
+    grid[1, 0].set_ylim(-0.3 * LEAST, 1e-7)
+    grid[1, 0].set_yticks([0, 1e-15, 1e-12, 1e-9])
+    grid[1, 0].minorticks_off()
+    first = {REASONS[int(tick["reason"])].name: at for tick, at in zip(ticks[::-1], time[::-1], strict=True)}
+    for x, words in (
+        (first["INPUT_TOO_LARGE"] + 0.42, "all inputs 900 000:\nstops at once"),
+        ((first["NOT_FOLLOWED"] + time[-1]) / 2, "encoders stand\nstill: brakes\nand holds"),
+    ):
+        grid[0, 0].text(x, 73, words, fontsize=8, ha="center", va="top")
+    grid[0, 0].set_ylim(-45, 76)
+    handles = {}
+    for axes in grid[:, 0]:
+        found, labels = axes.get_legend_handles_labels()
+        handles |= dict(zip(labels, found, strict=True))
+    figure.legend(
+        handles.values(), handles.keys(), loc="outside lower center", ncols=len(handles), frameon=False, fontsize=9
+    )
+    return figure
