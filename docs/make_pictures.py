@@ -18,6 +18,7 @@ from matplotlib.figure import Figure
 from pictured.c_export import c_commands
 from pictured.loop import loop_log
 from pictured.scoring import scored_reaches
+from pictured.solvers import solver_times
 from PIL import Image
 
 from rehab_opt.kinematics.human_arm import human_arm
@@ -34,6 +35,7 @@ MADE = {
     "c_commands": c_commands,
     "loop_log": loop_log,
     "scored_reaches": scored_reaches,
+    "solver_times": solver_times,
 }
 """Of `docs/pictured`, each by what draws it."""
 MADE_WIDTH = 900
