@@ -1,7 +1,8 @@
 """Draw the pages' pictures from runs of shipped problems: `python docs/make_pictures.py [NAME ...]`; some minutes.
 
 Each is a figure of the run itself, or one that `docs/pictured` makes where a run draws none, with fewer colours so that
-the checkout stays small.
+the checkout stays small. Of these `c_commands` needs a C compiler, `loop_log` the extras `log` and `physics`, and
+`study_report` a chromium.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from pictured.c_export import c_commands
 from pictured.loop import loop_log
 from pictured.scoring import scored_reaches
 from pictured.solvers import solver_times
+from pictured.studies import report_page
 from PIL import Image
 
 from rehab_opt.kinematics.human_arm import human_arm
@@ -36,6 +38,7 @@ MADE = {
     "loop_log": loop_log,
     "scored_reaches": scored_reaches,
     "solver_times": solver_times,
+    "study_report": report_page,
 }
 """Of `docs/pictured`, each by what draws it."""
 MADE_WIDTH = 900
