@@ -36,6 +36,8 @@ CALM = 0.45
 """Share of the largest deviation up to which the clock keeps its pace."""
 SPARE = 0.95
 """Share of the hand speeds that the reference may take: the rest is for catching up with it."""
+SERVO = 0.985
+"""Share of the hand speed up to which servos are led: what a joint that begins to turn back is behind is known late."""
 HASTE = 4.0
 """[1] Feedback on the error asks for at most this many times the largest hand speed."""
 AT_MOST = 0.4
@@ -121,8 +123,8 @@ class MirrorStatement(PoseTracker):
     def excess(self, inputs: Inputs, jacobian: ca.SX, velocity: ca.SX) -> ca.SX:
         """The wanted motion is slowed, not the asked one: what the floor takes from it must not slow the rest.
 
-        From its speed that way on, the hand comes to the largest one at the rate `approach`: servos overshoot the end
-        of an acceleration. Where others take over from joints that are behind, the hand is faster than its command:
+        From its speed that way on, the hand comes to `SERVO` of the largest one at the rate `approach`: servos
+        overshoot the end of an acceleration. Where others take over from joints that are behind, the hand is faster than its command:
         that much is kept free, at most a half, but for what all are behind alike, as they are in a hand that slows.
         """
         unweighted = ca.diag(1 / ca.sqrt(ca.DM(self.task_weights))) @ jacobian
@@ -134,7 +136,7 @@ class MirrorStatement(PoseTracker):
         way /= ca.fmax(ca.norm_2(way), TINY)
         along = way.T @ unweighted[:3, :]
         before = clipped(along @ inputs.last, 0, self.linear_speed)
-        allowed = before - math.expm1(-self.approach * self.dt) * (self.linear_speed - before)
+        allowed = before - math.expm1(-self.approach * self.dt) * (SERVO * self.linear_speed - before)
         shares, behind = along.T * velocity, along.T * guided.behind
         alike = ca.dot(shares, behind) / ca.fmax(ca.sumsqr(shares), TINY)
         free = ca.fmin(ca.sum1(ca.fmax(alike * shares - behind, 0)), self.linear_speed / 2)
