@@ -124,13 +124,14 @@ class MirrorStatement(PoseTracker):
         """The wanted motion is slowed, not the asked one: what the floor takes from it must not slow the rest.
 
         From its speed that way on, the hand comes to `SERVO` of the largest one at the rate `approach`: servos
-        overshoot the end of an acceleration. Where others take over from joints that are behind, the hand is faster than its command:
-        that much is kept free, at most a half, but for what all are behind alike, as they are in a hand that slows.
+        overshoot the end of an acceleration. Where others take over from joints that are behind, the hand is faster
+        than its command: that much is kept free, at most a half, but for what all are behind alike, as they are in a
+        hand that slows.
         """
         unweighted = ca.diag(1 / ca.sqrt(ca.DM(self.task_weights))) @ jacobian
         turning, guided, q = ca.norm_2(unweighted[3:, :] @ velocity), self.guided(inputs.memory), inputs.q
         linear = speed_ahead(self.chain, q, unweighted, velocity, self.dt)
-        if guided is None:
+        if guided is None or self.approach == math.inf:
             return ca.fmax(linear / self.linear_speed, turning / self.angular_speed)
         way = unweighted[:3, :] @ velocity
         way /= ca.fmax(ca.norm_2(way), TINY)
