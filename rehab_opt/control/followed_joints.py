@@ -28,9 +28,6 @@ MOST_TICKS = 128
 """Longest delay, in ticks."""
 LIVELY = 0.1
 """[rad/s or m/s] Joints that are slower are followed slower, by the square of their speed."""
-STICKS = 120.0
-"""[rad/s^2] Assumption: what dry friction takes from a joint that turns back, to rest and from it, over its inertia, 40
-in a UR5's wrist, three times: a joint that comes free has to catch up."""
 HAND_HELD = 2.0
 """The fault of a hand that was held for too long; that of a joint that was too far off for too long is 1."""
 SAID = Record(fault=1, joint=1, far=1, touched=1, held=1)
@@ -41,7 +38,7 @@ hand is held from now on, and whether it is held."""
 @cache
 def guidance(n: int) -> Record:
     """What a tick knows of led joints: from there to where they are, as task and as limits have it (n,); by how much
-    servos may be behind the command that has come to them [rad/s or m/s] (n,); how early a target must be taken [s];
+    servos are behind the command that has come to them [rad/s or m/s] (n,); how early a target must be taken [s];
     and `HELD`. All of it is zero where nothing is measured, as in a plan.
     """
     held = {name: place.stop - place.start for name, place in HELD.places.items()}
@@ -150,18 +147,13 @@ class FollowedJoints:
         expected = memory.q + dt * arrived + memory.w - w
         anew = ca.logic_and(usable, ca.logic_not(memory.known))
         error = ca.if_else(ca.logic_and(usable, memory.known), measured - expected, 0)
-        # A joint that turns back stands until its servo's 2 p u + p^2 (integral of u) is more than what holds it.
-        gone, p = dt * command + ca.if_else(memory.gone * command >= 0, memory.gone, 0), pole(feedback.servo_hz)
-        stands = ca.fabs(command) * 2 / p + ca.fabs(gone) < STICKS / p**2
-        behind = arrived - v
-        behind = ca.if_else(ca.logic_and(stands, ca.fabs(command) > ca.fabs(behind)), command, behind)
         follows = ca.fabs(error) <= tolerance
         wrong = ca.if_else(usable, time_apart(memory.wrong, 1 - follows, dt), memory.wrong)
         q = ca.if_else(anew, measured, expected + min(feedback.correction * dt, 1) * follows * error)
         pace = ca.fmin(ca.mmax(ca.fabs(v)) / LIVELY, 1) ** 2
         used = -math.expm1(-feedback.following * dt) * ca.logic_and(usable, follows)
         after = {
-            "wrong": wrong, "error": error, "q": q, "v": v, "w": w, "gone": gone, "sent": under_way,
+            "wrong": wrong, "error": error, "q": q, "v": v, "w": w, "sent": under_way,
             "strays": memory.strays + pace * used * (error - memory.strays),
             "apart": memory.apart + used * (error - memory.apart),
             "known": ca.logic_or(memory.known, usable),
@@ -185,7 +177,7 @@ class FollowedJoints:
             state = HELD.parts(after["hand"][: HELD.size])
             held, early = state.held, ca.SX(feedback.command_delay)
             guided = guidance(n).of(
-                strays=after["strays"], apart=after["apart"], behind=behind, early=early,
+                strays=after["strays"], apart=after["apart"], behind=arrived - v, early=early,
                 held=held, way=state.way, room=state.room,
             )  # fmt: skip
         far = sum((ca.if_else(joint == i, ca.fabs(error[i]), 0) for i in range(n)), ca.SX(0))
@@ -199,13 +191,11 @@ class FollowedJoints:
 @cache
 def _memory(n: int, ticks: int, *, hand: bool) -> Record:
     """What is remembered: for how long each joint does not follow [s], and its following error; where the model's
-    joints are, how fast, and how far behind their servos hold them [rad or m]; how far they were commanded since they
-    turned back; that error as the task and the limits know it; commands under way, the newest first; the first three of
-    `SAID`, kept; what the hand's watch remembers.
+    joints are, how fast, and how far behind their servos hold them [rad or m]; that error as the task and the limits
+    know it; commands under way, the newest first; the first three of `SAID`, kept; what the hand's watch remembers.
     """
     size = hand_memory(n).size if hand else 0
-    joints = dict.fromkeys(("wrong", "error", "q", "v", "w", "gone", "strays", "apart"), n)
-    return Record(**joints, sent=n * ticks, known=1, fault=3, hand=size)
+    return Record(wrong=n, error=n, q=n, v=n, w=n, strays=n, apart=n, sent=n * ticks, known=1, fault=3, hand=size)
 
 
 def servo_rates(hz: float, dt: float) -> dict[str, float]:

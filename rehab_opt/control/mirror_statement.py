@@ -36,8 +36,8 @@ CALM = 0.45
 """Share of the largest deviation up to which the clock keeps its pace."""
 SPARE = 0.95
 """Share of the hand speeds that the reference may take: the rest is for catching up with it."""
-SERVO = 0.985
-"""Share of the hand speed up to which servos are led: what a joint that begins to turn back is behind is known late."""
+SERVO = 0.97
+"""Share of the hand speed up to which servos are led: dry friction holds a joint that turns back, by 0.02 of it."""
 HASTE = 4.0
 """[1] Feedback on the error asks for at most this many times the largest hand speed."""
 AT_MOST = 0.4
@@ -124,9 +124,9 @@ class MirrorStatement(PoseTracker):
         """The wanted motion is slowed, not the asked one: what the floor takes from it must not slow the rest.
 
         From its speed that way on, the hand comes to `SERVO` of the largest one at the rate `approach`: servos
-        overshoot the end of an acceleration. Where others take over from joints that are behind, the hand is faster
-        than its command: that much is kept free, at most a half, but for what all are behind alike, as they are in a
-        hand that slows.
+        overshoot the end of an acceleration. Where joints take over from others whose servos are behind, the hand is
+        faster that way than commanded: so much is kept free of `linear_speed`, at most half of it, without what all
+        are behind alike, as while a hand slows.
         """
         unweighted = ca.diag(1 / ca.sqrt(ca.DM(self.task_weights))) @ jacobian
         turning, guided, q = ca.norm_2(unweighted[3:, :] @ velocity), self.guided(inputs.memory), inputs.q
