@@ -36,8 +36,8 @@ CALM = 0.45
 """Share of the largest deviation up to which the clock keeps its pace."""
 SPARE = 0.95
 """Share of the hand speeds that the reference may take: the rest is for catching up with it."""
-SERVO = 0.97
-"""Share of the hand speed up to which servos are led: dry friction holds a joint that turns back, by 0.02 of it."""
+SERVO = 0.975
+"""Share of the hand speed up to which servos are led: where dry friction held a joint that turned back, it was 1.02."""
 HASTE = 4.0
 """[1] Feedback on the error asks for at most this many times the largest hand speed."""
 AT_MOST = 0.4

@@ -44,11 +44,10 @@ def test_a_jammed_joint_is_a_fault_also_where_it_is_taken_for_a_hand_that_is_hel
     assert found.numbers["blocked joint"] <= 0.2
 
 
-@pytest.mark.parametrize("number", [152, 197])
-def test_a_hand_is_no_faster_while_joints_that_turn_back_are_behind(number: int) -> None:
-    """1.022, where a joint stuck as it turned back slowly; 1.039, where all went through the null space in haste."""
-    (found,) = done("hand", [number], 31120005, ideal=False, feedback=None)
-    assert found.numbers["hand speed"] <= 1.02
+def test_a_hand_is_no_faster_while_joints_take_over_from_others_that_are_behind() -> None:
+    """1.039, where all went through the null space with all their acceleration."""
+    (found,) = done("hand", [197], 31120005, ideal=False, feedback=None)
+    assert found.numbers["hand speed"] <= 1.0
 
 
 def test_processes_share_the_tasks_and_change_nothing(capsys: pytest.CaptureFixture[str]) -> None:
