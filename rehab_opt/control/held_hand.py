@@ -5,14 +5,15 @@ still until it is led from f on one side to f on the other: a play y, y' = q' wi
 slips. What else a steady motion makes of the hand's d = J (e + y) changes slowly; what is left of d after its slow part
 is taken away, against the way the hand goes, is
 
-    s = -(d - d_usual) . v / |v|,   v = J q',
+    s = (min(d_usual . v, 0) - d . v) / |v|,   v = J q',
 
 of a hand that is free at most
 
     min(|J' v| / |v|, 1) contact + INERTIA sum_j |J_j| |q''_j| / p^2 + LATE |v - v_usual|:
 
 a servo that was tuned to another inertia is behind by a share of p^-2 q'', and a delay that is another one shows where
-the speed changes. Where it is more in two ticks (one sample may lie), the hand is held. Then
+the speed changes. A hand that was usually ahead is not behind where it is no longer: after hard braking joints rest
+elsewhere within f than y says. Where s is more in two ticks (one sample may lie), the hand is held. Then
 
 - the joints' commands begin anew at rest: what was stopped may be stopped in the command, too;
 - along the way v the hand may be led no further than 0.75 `contact` ahead of where it usually is, `room`;
@@ -99,7 +100,7 @@ def held_hand(  # noqa: PLR0917  (what is known, then what a tick brings)
     usual = ca.if_else(memory.known, memory.usual, behind)
     lever = ca.fmin(ca.norm_2(moves.T @ along), 1)  # what encoders' noise makes of the hand on this way
     explained = lever * contact + INERTIA * swing + LATE * ca.norm_2(motion - memory.going)
-    over = -ca.dot(behind - usual, along) > explained
+    over = ca.fmin(ca.dot(usual, along), 0) - ca.dot(behind, along) > explained
     touched = ca.logic_and(ca.logic_not(was_held), ca.logic_and(over, memory.over))
 
     way = ca.if_else(touched, along / ca.fmax(ca.norm_2(along), 1e-12), memory.way)

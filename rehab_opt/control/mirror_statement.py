@@ -36,7 +36,7 @@ CALM = 0.45
 """Share of the largest deviation up to which the clock keeps its pace."""
 SPARE = 0.95
 """Share of the hand speeds that the reference may take: the rest is for catching up with it."""
-SERVO = 0.975
+SERVO = 0.97
 """Share of the hand speed up to which servos are led: where dry friction held a joint that turned back, it was 1.02."""
 HASTE = 4.0
 """[1] Feedback on the error asks for at most this many times the largest hand speed."""

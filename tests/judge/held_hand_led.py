@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 PROMISES = (
     Promise("rehab_opt/control/held_hand.py", "along the way v the hand may be led no further than 0.75 `contact` "
             "ahead of where it usually is, `room`;"),
-    Promise("rehab_opt/control/held_hand.py", "Where it is more in two ticks (one sample may lie), the hand is held."),
+    Promise("rehab_opt/control/held_hand.py", "Where s is more in two ticks (one sample may lie), the hand is held."),
     Promise("rehab_opt/control/joint_feedback.py", "[m] by which the hand of an arm that moves freely is not left "
             "behind all of a sudden at a steady speed, on a way on which its joints have a lever of 1 m together; less "
             "on others."),

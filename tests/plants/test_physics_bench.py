@@ -50,6 +50,19 @@ def test_a_hand_is_no_faster_while_joints_take_over_from_others_that_are_behind(
     assert found.numbers["hand speed"] <= 1.0
 
 
+def test_a_hand_is_no_faster_where_friction_holds_a_joint_that_turns_back() -> None:
+    """1.0215 where hands were led at 0.975 of their speed."""
+    (found,) = done("hand", [152], 31120005, ideal=False, feedback=None)
+    assert found.numbers["hand speed"] <= 1.02
+
+
+@pytest.mark.parametrize(("number", "seed"), [(40, 502), (184, 504)])
+def test_a_free_hand_that_braked_hard_is_not_held(number: int, seed: int) -> None:
+    """Its joints rest elsewhere within their friction than was learned: it was stopped, and the recording not ended."""
+    (found,) = done("mirror", [number], seed, ideal=False, feedback=None)
+    assert max(found.numbers.values()) < np.inf
+
+
 def test_processes_share_the_tasks_and_change_nothing(capsys: pytest.CaptureFixture[str]) -> None:
     told = ["--tasks", "2", "--only", "frozen", "--seed", "3"]
     codes = [main([*told, "--processes", count]) for count in ("1", "2")]
