@@ -5,15 +5,20 @@ still until it is led from f on one side to f on the other: a play y, y' = q' wi
 slips. What else a steady motion makes of the hand's d = J (e + y) changes slowly; what is left of d after its slow part
 is taken away, against the way the hand goes, is
 
-    s = (min(d_usual . v, 0) - d . v) / |v|,   v = J q',
+    s = -(d - d_usual) . v / |v|,   v = J q',
 
 of a hand that is free at most
 
     min(|J' v| / |v|, 1) contact + INERTIA sum_j |J_j| |q''_j| / p^2 + LATE |v - v_usual|:
 
 a servo that was tuned to another inertia is behind by a share of p^-2 q'', and a delay that is another one shows where
-the speed changes. A hand that was usually ahead is not behind where it is no longer: after hard braking joints rest
-elsewhere within f than y says. Where s is more in two ticks (one sample may lie), the hand is held. Then
+the speed changes. A servo lags by 2 q' / p: a joint that brakes hard may come to rest elsewhere within f than y says, and
+is in doubt by u until it has slipped as far again,
+
+    u' = 2 |q''| / p - |q'|   within 0 <= u <= f;
+
+s leaves out of d_usual . v / |v| > 0 what sum_j |J_j . v| u_j / |v| explains. Where s is more in two ticks (one sample may
+lie), the hand is held. Then
 
 - the joints' commands begin anew at rest: what was stopped may be stopped in the command, too;
 - along the way v the hand may be led no further than 0.75 `contact` ahead of where it usually is, `room`;
@@ -54,9 +59,9 @@ HELD = Record(held=1, way=3, room=1)
 
 @cache
 def hand_memory(n: int) -> Record:
-    """What is remembered of a hand: what `HELD` names, and last f, y and how fast its n joints should have been."""
+    """What is remembered of a hand: what `HELD` names, and last f, y, u and how fast its n joints should have been."""
     return Record(held=1, way=3, room=1, usual=3, going=3, before=1, swing=1, over=1, free=1, pressed=1, mean=1,
-        short=1, joint=1, known=1, friction=n, play=n, velocity=n)  # fmt: skip
+        short=1, joint=1, known=1, friction=n, play=n, doubt=n, velocity=n)  # fmt: skip
 
 
 class Felt(NamedTuple):
@@ -100,7 +105,10 @@ def held_hand(  # noqa: PLR0917  (what is known, then what a tick brings)
     usual = ca.if_else(memory.known, memory.usual, behind)
     lever = ca.fmin(ca.norm_2(moves.T @ along), 1)  # what encoders' noise makes of the hand on this way
     explained = lever * contact + INERTIA * swing + LATE * ca.norm_2(motion - memory.going)
-    over = ca.fmin(ca.dot(usual, along), 0) - ca.dot(behind, along) > explained
+    doubt = ca.fmax(ca.fmin(memory.doubt + 2 * change / pole - dt * ca.fabs(velocity), friction), 0)
+    ahead = ca.dot(usual, along)
+    ahead -= ca.fmin(ca.fmax(ahead, 0), ca.dot(ca.fabs(moves.T @ along), doubt))
+    over = ahead - ca.dot(behind, along) > explained
     touched = ca.logic_and(ca.logic_not(was_held), ca.logic_and(over, memory.over))
 
     way = ca.if_else(touched, along / ca.fmax(ca.norm_2(along), 1e-12), memory.way)
@@ -122,7 +130,7 @@ def held_hand(  # noqa: PLR0917  (what is known, then what a tick brings)
         held=held, way=way, room=room, before=before, swing=swing, over=over, joint=joint,
         usual=ca.if_else(held, usual, usual + usually * (behind - usual)),
         free=held * free, pressed=held * ca.fmax(waits, 0), mean=mean, short=held * short, known=ca.SX(1),
-        friction=friction, play=play, velocity=velocity,
+        friction=friction, play=play, doubt=doubt, velocity=velocity,
     )  # fmt: skip
     stuck = ca.logic_or(waits > patience, short > LONGER * patience)
     return Felt(after, touched, ca.logic_and(held, stuck), joint)
