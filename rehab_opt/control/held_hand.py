@@ -12,13 +12,13 @@ of a hand that is free at most
     min(|J' v| / |v|, 1) contact + INERTIA sum_j |J_j| |q''_j| / p^2 + LATE |v - v_usual|:
 
 a servo that was tuned to another inertia is behind by a share of p^-2 q'', and a delay that is another one shows where
-the speed changes. A servo lags by 2 q' / p: a joint that brakes hard may come to rest elsewhere within f than y says, and
-is in doubt by u until it has slipped as far again,
+the speed changes. A servo lags by 2 q' / p: a joint that brakes hard may rest elsewhere within f than y says, and is in
+doubt by u until it has slipped as far again,
 
     u' = 2 |q''| / p - |q'|   within 0 <= u <= f;
 
-s leaves out of d_usual . v / |v| > 0 what sum_j |J_j . v| u_j / |v| explains. Where s is more in two ticks (one sample may
-lie), the hand is held. Then
+s leaves out of d_usual . v / |v| > 0 what sum_j |J_j . v| u_j / |v| explains. Where s is more in two ticks (one sample
+may lie), the hand is held. Then
 
 - the joints' commands begin anew at rest: what was stopped may be stopped in the command, too;
 - along the way v the hand may be led no further than 0.75 `contact` ahead of where it usually is, `room`;
