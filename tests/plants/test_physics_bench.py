@@ -63,6 +63,12 @@ def test_a_free_hand_that_braked_hard_is_not_held(number: int, seed: int) -> Non
     assert max(found.numbers.values()) < np.inf
 
 
+def test_a_hand_that_is_led_too_early_is_noticed_on_a_wall_as_soon() -> None:
+    """A delay told 3 ms too long: 186 N, where nothing that it is ahead counted."""
+    (found,) = done("blocked", [19], 11271141, ideal=False, feedback=None)
+    assert found.numbers["blocked: peak"] <= 160
+
+
 def test_processes_share_the_tasks_and_change_nothing(capsys: pytest.CaptureFixture[str]) -> None:
     told = ["--tasks", "2", "--only", "frozen", "--seed", "3"]
     codes = [main([*told, "--processes", count]) for count in ("1", "2")]
