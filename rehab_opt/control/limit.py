@@ -102,8 +102,8 @@ def checked_limits(limits: Sequence[Limit], chain: SerialChain) -> tuple[Limit, 
 
     Raises
     ------
-    ConfigurationError : no list of `Limit`, distances that are no expression of the joint positions, a rate that is not
-        above zero.
+    ConfigurationError : no list of `Limit`, distances that are no expression of the joint positions, or one without a
+        slope, as a comparison, a rate that is not above zero.
     """
     if not isinstance(limits, (list, tuple)) or not all(isinstance(each, Limit) for each in limits):
         raise ConfigurationError("limits", limits, "a list or tuple of Limit")
@@ -119,6 +119,10 @@ def checked_limits(limits: Sequence[Limit], chain: SerialChain) -> tuple[Limit, 
             raise ConfigurationError(f"limits[{i}].distances", each.distances, expected) from problem
         if not column.numel() or not ca.depends_on(column, q):
             raise ConfigurationError(f"limits[{i}].distances", column, "an expression that depends on q")
+        for distance in ca.vertsplit(column):
+            if ca.depends_on(distance, q) and ca.jacobian(distance, q).is_zero():
+                expected = "what has to be at zero or above, with a slope: a - b, not the comparison a > b"
+                raise ConfigurationError(f"limits[{i}].distances", distance, expected)
     return tuple(limits)
 
 
@@ -130,7 +134,7 @@ def all_limits(limits: Sequence[Limit | Clearance], chain: SerialChain, dt: floa
     ConfigurationError : as for `checked_limits` and `checked_clearance`; more than one clearance.
     """
     if not isinstance(limits, (list, tuple)) or not all(isinstance(each, (Limit, Clearance)) for each in limits):
-        raise ConfigurationError("limits", limits, "a list or tuple of Limit, and a Clearance")
+        raise ConfigurationError("limits", limits, "a list or tuple, each a Limit or a Clearance")
     found = [(f"limits[{i}]", each) for i, each in enumerate(limits) if isinstance(each, Clearance)]
     if len(found) > 1:
         raise ConfigurationError(found[1][0], found[1][1], "one Clearance, which holds all bodies")

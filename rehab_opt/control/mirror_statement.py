@@ -153,7 +153,7 @@ class MirrorStatement(PoseTracker):
         """[1/s] as `PoseTracker`'s, and slower in long ticks."""
         return min(super()._settling, AT_MOST / self.dt)
 
-    def _asked_twist(self, pose: ca.SX, target: ca.SX, twist: ca.SX) -> tuple[ca.SX, ca.SX]:
+    def _asked_twist(self, jacobian: ca.SX, pose: ca.SX, target: ca.SX, twist: ca.SX) -> tuple[ca.SX, ca.SX]:
         feedback = self._settling * ca.vertcat(
             target[:3, 3] - pose[:3, 3], rotation_vector(target[:3, :3] @ pose[:3, :3].T)
         )

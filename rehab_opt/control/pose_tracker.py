@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.control.clearance import Clearance
 from rehab_opt.control.command import Command
+from rehab_opt.control.damped import damped_velocity
 from rehab_opt.control.jerk_bounds import JerkBounds
 from rehab_opt.control.joint_feedback import JointFeedback
 from rehab_opt.control.limit import Limit, Limits, all_limits
@@ -43,6 +44,8 @@ DRIFT_SIZE = 1e-2
 """[m] Joint velocities count as this much of a hand speed each."""
 ROUNDS = 2
 """Corrections of the last tick's active set, where there are rows: those that are active stay so for long."""
+BRAKES = 0.7
+"""Share of the accelerations with which a hand brakes towards its target: the rest is for how the target goes on."""
 TINY = 1e-12
 """[m/s] A speed that is no motion."""
 
@@ -109,9 +112,10 @@ class PoseTracker(VelocityController):
     s.t. lower(q, q'_last) <= q' <= upper(q, q'_last),  grad h . q' >= -rate h  of each of `limits`
 
     w are the joint velocities that would deliver the asked twist, or as much of it as the arm can at this pose
-    (`damped_velocity`); the asked twist is `twist` plus `gain` times the pose error, no faster than the hand speeds
-    allow. s slows the motion down where the bounds demand, so that its direction is kept. The interval is that of
-    `velocity_bounds`: it is never empty. An object belongs to one thread: see `OneThread`.
+    (`damped_velocity`); the asked twist is `twist` plus `gain` times the pose error, less where the joints could not
+    stop at the target, and no faster than the hand speeds allow. s slows the motion down where the bounds demand, so
+    that its direction is kept. The interval is that of `velocity_bounds`: it is never empty. An object belongs to one
+    thread: see `OneThread`.
 
     The direction of the asked twist is left where
     - w would bring a joint to its position limit faster than it can stop there: w is then the nearest motion with that
@@ -129,7 +133,7 @@ class PoseTracker(VelocityController):
     ----------
     chain : any serial chain with its limits.
     lower, upper, velocity, acceleration : (n,) or scalar; replace the chain's limits.
-    gain : [1/s] rate at which a pose error decays.
+    gain : [1/s] rate at which a pose error decays; slower from farther off than the accelerations can brake from.
     linear_speed, angular_speed : [m/s, rad/s] largest asked hand speeds; faster requests are slowed, not cut.
     task_weights : (6,) weights of the twist's components in the base frame; a zero frees one.
     jerk : (n,) or scalar [rad/s^3, m/s^3] largest jerk, for drives that stop on more: of the finite differences of what
@@ -219,7 +223,7 @@ class PoseTracker(VelocityController):
         inputs = Inputs(q, _pose(entries), twist, others, others[-1] if self.limits.moving else ca.SX(0, 1), memory)
 
         J = tick.once(ca.diag(weights) @ self.chain.jacobian_expression(q))
-        unweighted, slowdown = self._led_twist(inputs, self.guided(memory))
+        unweighted, slowdown = self._led_twist(inputs, J, self.guided(memory))
         commanded, slowdown = tick.once((weights * unweighted, slowdown))
         rows = tick.once(self.rows(tick, inputs, self.bounds(q, memory)))
         w, delivered = ReferenceVelocity(
@@ -404,7 +408,7 @@ class PoseTracker(VelocityController):
         plain = ca.diag(1 / ca.DM(weights)) @ jacobian if np.all(weights > 0) else self.chain.jacobian_expression(q)
         return ca.DM(weights) * tool_acceleration(plain, way) / self._settling
 
-    def _led_twist(self, inputs: Inputs, guided: Values | None) -> tuple[ca.SX, ca.SX]:
+    def _led_twist(self, inputs: Inputs, jacobian: ca.SX, guided: Values | None) -> tuple[ca.SX, ca.SX]:
         """As `_asked_twist`, of where the joints are by what is measured, the commands' delay ahead of the target.
 
         A hand that is held asks for no more than the speeds of recovery, and along the way that it is held on for what
@@ -412,10 +416,10 @@ class PoseTracker(VelocityController):
         """
         chain = self.chain
         if guided is None or self.feedback is None:
-            return self._asked_twist(chain.pose_expression(inputs.q), inputs.target, inputs.twist)
+            return self._asked_twist(jacobian, chain.pose_expression(inputs.q), inputs.target, inputs.twist)
         early = 1 + self._settling * guided.early
         pose = chain.pose_expression(inputs.q + guided.strays)
-        asked, slowdown = self._asked_twist(pose, inputs.target, early * inputs.twist)
+        asked, slowdown = self._asked_twist(jacobian, pose, inputs.target, early * inputs.twist)
         excess = ca.fmax(ca.norm_2(asked[:3]) / self.linear_speed, ca.norm_2(asked[3:]) / self.angular_speed)
         slower = ca.if_else(guided.held, ca.fmax(excess / self.recovery_speed, 1), 1)
         asked = asked / slower
@@ -423,15 +427,31 @@ class PoseTracker(VelocityController):
         asked[:3] -= ca.if_else(guided.held, over, 0) * guided.way
         return asked, slowdown * slower
 
-    def _asked_twist(self, pose: ca.SX, target: ca.SX, twist: ca.SX) -> tuple[ca.SX, ca.SX]:
+    def _asked_twist(self, jacobian: ca.SX, pose: ca.SX, target: ca.SX, twist: ca.SX) -> tuple[ca.SX, ca.SX]:
         """(6,) twist plus feedback on the pose error, slowed as a whole to the hand speeds; and by how much."""
         position_error = target[:3, 3] - pose[:3, 3]
         rotation_error = rotation_vector(target[:3, :3] @ pose[:3, :3].T)
         controlled = ca.DM(self.task_weights > 0)
-        asked = controlled * (twist + self._settling * ca.vertcat(position_error, rotation_error))
+        feedback = controlled * self._settling * ca.vertcat(position_error, rotation_error)
+        asked = controlled * twist + feedback * self._braked(jacobian, feedback)
         excess = ca.fmax(ca.norm_2(asked[:3]) / self.linear_speed, ca.norm_2(asked[3:]) / self.angular_speed)
         slowdown = ca.fmax(excess, 1)
         return asked / slowdown, slowdown
+
+    def _braked(self, jacobian: ca.SX, feedback: ca.SX) -> ca.SX:
+        """Share of the feedback (6,) that lets the joints still stop at the target, at the weighted Jacobian.
+
+        The joint velocities of v = k e take T = max_j |q'_j| / a_j to stop, and evenly braked the hand has 2 / k for
+        that. With `BRAKES` of the accelerations, k e is kept while r = k T / BRAKES <= 1; beyond, sqrt(2 r - 1) / r of
+        it is v^2 = 2 a (|e| - e_1 / 2), the hand's even braking a up to |e| = e_1, where r is 1.
+        """
+        movable = ca.DM(~self.chain.locked)
+        velocity = damped_velocity(
+            jacobian @ ca.diag(movable), ca.sqrt(ca.DM(self.task_weights)) * feedback, ca.SX(self.chain.n, 1)
+        )
+        r = self._settling / BRAKES * ca.mmax(ca.fabs(velocity) / ca.DM(self.chain.acceleration))
+        r = ca.fmax(r, 1)
+        return ca.sqrt(2 * r - 1) / r
 
     @property
     def _settling(self) -> float:

@@ -227,6 +227,8 @@ def test_joints_that_oppose_each_other_brake_without_a_jolt_and_come_to_rest() -
         ([Limit(lambda chain, q: q[0] - ca.SX.sym("height"))], r"limits\[0\].distances"),
         ([Limit(lambda chain, q: q[9])], r"limits\[0\].distances"),
         ([Limit(lambda chain, q: q.height)], r"limits\[0\].distances"),  # type: ignore[attr-defined]
+        ([Limit(lambda chain, q: q[0] > 0.3)], r"limits\[0\].distances.*not the comparison"),
+        ([Limit(lambda chain, q: ca.vertcat(q[0], q[1] > 0.3))], r"limits\[0\].distances.*not the comparison"),
         ([Limit(lambda chain, q: "above")], r"limits\[0\].distances"),  # type: ignore[arg-type,return-value]
     ],
 )

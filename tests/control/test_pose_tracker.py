@@ -1,6 +1,7 @@
 """Claims about PoseTracker that a person's safety rests on, judged by plain numpy."""
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -42,6 +43,33 @@ def test_a_pose_within_reach_is_reached_at_any_tick_length(dt: float) -> None:
     for _ in range(max(round(2.0 / dt), 60)):
         q = q + robot.step(q, target, REST).value * dt
     np.testing.assert_allclose(chain.pose(q), target, atol=1e-7)
+
+
+GEN3 = Path(__file__).parents[2] / "problems/robots/kinova_gen3/gen3.urdf"
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_a_target_that_jumps_is_come_to_and_not_passed(seed: int) -> None:
+    """A Gen3 that accelerates at 2 rad/s^2 swung past it by 30 of 50 mm, to and fro for three seconds."""
+    rng = np.random.default_rng([62, seed])
+    acceleration, dt = math.exp(rng.uniform(0.0, math.log(30.0))), float(rng.choice([1e-3, 5e-3, 2e-2]))
+    chain, q = ur5(velocity=1.0, acceleration=acceleration), START
+    if seed % 2:
+        chain = SerialChain.from_urdf(GEN3, tip="end_effector_link", acceleration=acceleration)
+        q = np.array([0.0, 0.5, 0.0, 1.5, 0.0, 1.0, 0.0])
+    q = q + rng.uniform(-0.2, 0.2, chain.n)
+    gain, way = rng.uniform(20.0, 100.0), rng.normal(size=3)
+    robot = tracker(chain, dt=dt, gain=gain, linear_speed=0.25)
+    target = moved(chain.pose(q), *(way / np.linalg.norm(way) * rng.uniform(0.02, 0.06)))
+    off, back = [], 0.0
+    for _ in range(round(4.0 / dt)):
+        command = robot.step(q, target, REST)
+        assert command.status is Status.OK
+        q = q + dt * command.value
+        off.append(float(np.linalg.norm(chain.pose(q)[:3, 3] - target[:3, 3])))
+        back = max(back, off[-1] - min(off))
+    assert off[-1] < 1e-5
+    assert back < 1e-3 * off[0]
 
 
 @pytest.mark.parametrize("dt", [1e-3, 2e-2])
