@@ -30,6 +30,7 @@ __all__ = [
     "PlanarPlacement",
     "Positive",
     "Problem",
+    "RecordedSection",
     "RecordingSection",
     "Section",
     "Separator",
@@ -123,16 +124,12 @@ class Problem(Section):
     """Heads table and figures."""
 
 
-class RecordingSection(Section):
-    """Which movement, and whose hand made it."""
+class RecordedSection(Section):
+    """Where a recorded movement lies, and how it is written."""
 
     file: str = Field(min_length=1)
     """A `.csv`, `.svc`, `.mot`, `.sto`, `.trc`, `.c3d`, `.xdf` or `_motion.tsv`, relative to the problem file,
     or `data:folder/file`."""
-    hand: Side
-    """Whose hand was recorded."""
-    mirror: bool = False
-    """Must be true if that is not the arm's side, and must not be if it is."""
     marker: str | None = None
     """The hand's marker, in a `.trc`, `.c3d` or `_motion.tsv`."""
     columns: Annotated[list[str], Field(min_length=2, max_length=3)] | None = None
@@ -170,7 +167,16 @@ class RecordingSection(Section):
 
     def reading(self) -> dict[str, Any]:
         """How `read_recording` is to read the file."""
-        return self.model_dump(exclude={"file", "hand", "mirror"})
+        return self.model_dump(include=set(RecordedSection.model_fields) - {"file"})
+
+
+class RecordingSection(RecordedSection):
+    """Which movement, and whose hand made it."""
+
+    hand: Side
+    """Whose hand was recorded."""
+    mirror: bool = False
+    """Must be true if that is not the arm's side, and must not be if it is."""
 
 
 class PlanarPlacement(Section):

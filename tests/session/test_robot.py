@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rehab_opt import Clearance, MovingCapsule
+from rehab_opt import Clearance, MovingCapsule, ProblemFileError
 from rehab_opt.kinematics.ur5 import ur5
 from rehab_opt.session.clearance import nearest_bodies
 from rehab_opt.session.files import load_problem
@@ -143,3 +143,79 @@ def test_shipped_robot_among_bodies_comes_to_its_margin_and_goes_on() -> None:
     )
     assert outcome.metrics["optimised"]["scale_min"] < 0.5
     assert "clearance" in robot_figures(outcome)
+
+
+PATH = """system = "pose_tracking"
+title = "Along a file"
+[robot]
+model = "ur5"
+start_deg = [0.0, -70.0, 90.0, -110.0, -90.0, 0.0]
+[path]
+file = "path.csv"
+"""
+
+
+def written(folder: Path, points: np.ndarray, text: str = PATH) -> Path:
+    np.savetxt(folder / "path.csv", points, delimiter=",", header="t_s,x_m,y_m,z_m", comments="", fmt="%.9g")
+    (folder / "path.toml").write_text(text)
+    return folder / "path.toml"
+
+
+def eight(rng: np.random.Generator, seconds: float) -> np.ndarray:
+    """Uneven stamps, and a figure eight in space from rest to rest."""
+    times = np.cumsum(rng.uniform(0.005, 0.06, round(seconds / 0.0325)))
+    u = (times - times[0]) / (times[-1] - times[0])
+    a = 2 * np.pi * (10 * u**3 - 15 * u**4 + 6 * u**5)
+    return np.column_stack(
+        (times + rng.uniform(0, 1e3), 0.07 * np.sin(a), 0.04 * np.sin(2 * a), 0.02 * (1 - np.cos(a)))
+    )
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_path_of_a_file_is_followed_from_where_the_tool_starts(tmp_path: Path, seed: int) -> None:
+    points = eight(np.random.default_rng([63, seed]), 6.0)
+    outcome = run_problem(load_problem(written(tmp_path, points)))
+    assert isinstance(outcome, RobotOutcome)
+    assert set(outcome.status) == {"ok"}
+    assert not any("NOT FOLLOWED" in each for each in outcome.notes)
+    asked = points[:, 1:] - points[0, 1:] + outcome.tool[0]
+    away = np.linalg.norm(outcome.tool[:, None] - asked[None, ::5], axis=2).min(axis=0)
+    assert away.max() < 1e-3  # every point, but for what the filter cuts off
+    np.testing.assert_allclose(outcome.tool[-1], asked[-1], atol=1e-5)
+    assert np.rad2deg(outcome.orientation_error).max() < 1e-3
+
+
+def test_a_path_in_the_robots_frame_is_come_to(tmp_path: Path) -> None:
+    points = eight(np.random.default_rng(5), 4.0)
+    there = ur5().pose(np.deg2rad([0.0, -70.0, 90.0, -110.0, -90.0, 0.0]))[:3, 3] + [0.0, 0.1, 0.05]
+    points[:, 1:] += there
+    outcome = run_problem(load_problem(written(tmp_path, points, PATH + "from_start = false\n")))
+    assert isinstance(outcome, RobotOutcome)
+    np.testing.assert_allclose(outcome.reference[0], there, atol=1e-9)
+    np.testing.assert_allclose(outcome.tool[-1], points[-1, 1:], atol=1e-5)
+    assert any("NOT FOLLOWED" in each and "0.00 s" in each for each in outcome.notes)
+
+
+def test_what_kept_a_tool_from_its_path_is_said(tmp_path: Path) -> None:
+    slow = PATH.replace('model = "ur5"', 'model = "ur5"\njoint_speed_deg_s = 5.0')
+    outcome = run_problem(load_problem(written(tmp_path, eight(np.random.default_rng(6), 3.0), slow)))
+    (note,) = (each for each in outcome.notes if "NOT FOLLOWED" in each)
+    assert "as fast as it may" in note
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (PATH + "[circle]\nradius_m = 0.1\nduration_s = 4.0\n", r"one of them"),
+        (PATH[: PATH.index("[path]")], r"one of them"),
+        (PATH.replace("path.csv", "none.csv"), r"path\.file = 'none\.csv'"),
+        (PATH + 'columns = ["a_m", "b_m"]\n', r"path\.columns"),
+        (PATH + "[tracker]\nrate_hz = 10000.0\n", r"tracker\.rate_hz = 10000"),
+        (PATH + "cutoff_hz = 0.0\n", r"path\.cutoff_hz = 0"),
+    ],
+)
+def test_a_path_that_cannot_be_used_is_refused_by_its_key(tmp_path: Path, text: str, said: str) -> None:
+    points = eight(np.random.default_rng(7), 3.0)
+    points[-1, 0] += 300.0
+    with pytest.raises(ProblemFileError, match=said):
+        checked(load_problem(written(tmp_path, points, text)))

@@ -18,7 +18,7 @@ from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.outcome import Progress
 from rehab_opt.session.plant import joint_feedback
 from rehab_opt.session.pose_tracking.problem import PoseTracking
-from rehab_opt.session.pose_tracking.run import PoseTrackingSystem, circle_reference, tracker_of
+from rehab_opt.session.pose_tracking.run import LivePoseTracking, PoseTrackingSystem, tracker_of
 from rehab_opt.session.robot_file import robot_at_start
 
 __all__ = ["exported_pose_tracker", "exported_tracker", "moving_argument", "moving_values"]
@@ -55,10 +55,10 @@ def exported_pose_tracker(loaded: ProblemFile[PoseTracking], *, progress: Progre
     problem = loaded.problem
     if problem.tracker.solver not in (None, FUSED):
         raise ProblemFileError(loaded.file, "tracker.solver", problem.tracker.solver, f"{FUSED}, which can become C")
-    robot, start = robot_at_start(loaded)
+    robot, _ = robot_at_start(loaded)
     tracker = tracker_of(problem, robot, file=loaded.file, feedback=joint_feedback(problem.plant))
     run = PoseTrackingSystem().run(loaded, options={}, progress=progress)
-    poses, twists = circle_reference(robot.pose(start), problem.circle, run.time)
+    poses, twists = LivePoseTracking(loaded, solver=None).reference
     kept = thinned(len(run.time))
     step = 1 if len(kept) < 2 else int(kept[1])
     part = "" if step == 1 else f" (one tick of {step}, since the run is longer)"

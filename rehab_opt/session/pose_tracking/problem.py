@@ -10,9 +10,9 @@ from pydantic_core import PydanticCustomError
 from rehab_opt.session.clearance import ClearanceSection
 from rehab_opt.session.plant import JointPlant
 from rehab_opt.session.robot_file import RobotSection
-from rehab_opt.session.schema import Problem, Section, SolverName, Triple, refusal
+from rehab_opt.session.schema import Problem, RecordedSection, Section, SolverName, Triple, refusal
 
-__all__ = ["CircleSection", "PoseTracking"]
+__all__ = ["MOST_TICKS", "CircleSection", "PathSection", "PoseTracking"]
 
 MOST_TICKS = 2_000_000
 
@@ -42,6 +42,16 @@ class CircleSection(Section):
         return self
 
 
+class PathSection(RecordedSection):
+    """A path of the tool, which keeps its starting orientation, from rest to rest; what is not seen is bridged."""
+
+    from_start: bool = True
+    """The first point lies where the tool starts; where false, points are in the robot's base frame, and the tool
+    comes to the first one."""
+    cutoff_hz: float = Field(default=8.0, gt=0, le=1000)
+    """Of the two equal poles of the filter that smooths it; the tool is as much later."""
+
+
 class TrackerSection(Section):
     """The tracking law, `PoseTracker`."""
 
@@ -59,8 +69,10 @@ class PoseTracking(Problem):
     system: Literal["pose_tracking"]
     robot: RobotSection
     """The robot."""
-    circle: CircleSection
-    """The path."""
+    circle: CircleSection | None = None
+    """The path, or `[path]`."""
+    path: PathSection | None = None
+    """The path, of a file, or `[circle]`."""
     tracker: TrackerSection = TrackerSection()
     """The controller."""
     clearance: ClearanceSection | None = None
@@ -69,9 +81,11 @@ class PoseTracking(Problem):
     """On which robot it runs: see the plant's keys."""
 
     @model_validator(mode="after")
-    def ticks_fit_into_memory(self) -> Self:
-        """Refuse a run that is as long as it is dense."""
-        rate, duration = self.tracker.rate_hz, self.circle.duration_s
+    def one_path_fits_into_memory(self) -> Self:
+        """Refuse a run that is as long as it is dense, and two paths or none."""
+        if (self.circle is None) == (self.path is None):
+            raise refusal("circle", self.circle, "a table [circle] or a table [path], one of them")
+        rate, duration = self.tracker.rate_hz, 0.0 if self.circle is None else self.circle.duration_s
         if rate * duration > MOST_TICKS:
             raise refusal("tracker.rate_hz", rate, f"at most {MOST_TICKS} ticks in circle.duration_s = {duration:g}")
         return self

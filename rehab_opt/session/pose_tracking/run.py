@@ -1,4 +1,4 @@
-"""The run of `system = "pose_tracking"`: a robot whose tool follows a circle, and what it did."""
+"""The run of `system = "pose_tracking"`: a robot whose tool follows a path, and what it did."""
 
 from __future__ import annotations
 
@@ -13,12 +13,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.control.command import Command
+from rehab_opt.control.conditioning import conditioned
 from rehab_opt.control.joint_feedback import JointFeedback
 from rehab_opt.control.pose_tracker import PoseTracker
+from rehab_opt.errors import ProblemFileError
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.kinematics.room import MOVING
+from rehab_opt.kinematics.vr import quaternions_of
 from rehab_opt.plants.plant import Measurement, Plant
 from rehab_opt.plants.touched import TouchedPlant
+from rehab_opt.recordings.reading import read_recording
 from rehab_opt.session.clearance import (
     ClearanceSection,
     NearestBodies,
@@ -28,7 +32,7 @@ from rehab_opt.session.clearance import (
     start_notes,
 )
 from rehab_opt.session.closed_loop import JointMotion, simulate
-from rehab_opt.session.files import ProblemFile
+from rehab_opt.session.files import ProblemFile, recording_path
 from rehab_opt.session.live.bodies import ARM_PLOTS, BLUE, ORANGE, ArmBodies, joint_rows, kept_off, moving_rows, screen
 from rehab_opt.session.live.problem import Following, LiveControl, LiveInputs, LiveProblem
 from rehab_opt.session.outcome import (
@@ -44,12 +48,12 @@ from rehab_opt.session.outcome import (
     turn_angles,
 )
 from rehab_opt.session.plant import device_of, joint_feedback, joint_plant, plant_note
-from rehab_opt.session.pose_tracking.problem import CircleSection, PoseTracking
+from rehab_opt.session.pose_tracking.problem import MOST_TICKS, CircleSection, PathSection, PoseTracking
 from rehab_opt.session.refusals import refused_as
 from rehab_opt.session.robot_file import robot_at_start, robot_files
 from rehab_opt.session.systems import Needed, System
 
-__all__ = ["PoseTrackingSystem", "RobotOutcome", "circle_reference", "tracker_of"]
+__all__ = ["LivePoseTracking", "PoseTrackingSystem", "RobotOutcome", "circle_reference", "tracker_of"]
 
 Array = NDArray[np.float64]
 
@@ -114,6 +118,42 @@ def circle_reference(start: Array, circle: CircleSection, times: Array) -> tuple
     return poses, twists
 
 
+STAYS = 1.0
+"""[s] for which a path's end is asked for, so that the tool comes to it."""
+
+
+def path_reference(loaded: ProblemFile[PoseTracking], start: Array, path: PathSection) -> tuple[Array, Array]:
+    """Poses (N, 4, 4) and twists (N, 6) along the file's points, turned as the starting pose (4, 4).
+
+    Raises
+    ------
+    ProblemFileError : a file that is absent, cannot be read, or is too long.
+    """
+    rate = loaded.problem.tracker.rate_hz
+    try:
+        recording = read_recording(recording_path(loaded, path.file, key="path.file"), name=path.file, **path.reading())
+    except ProblemFileError as refused:
+        if not refused.key.startswith("recording."):
+            raise  # a line or a column of the file itself
+        key = refused.key.replace("recording", "path", 1)
+        raise ProblemFileError(loaded.file, key, refused.value, refused.expected) from refused
+    if recording.points.shape[1] < 2:
+        raise ProblemFileError(loaded.file, "path.columns", path.columns, "the columns that hold x, y (and z)")
+    if recording.duration * rate > MOST_TICKS:
+        expected = f"at most {MOST_TICKS} ticks in the path's {recording.duration:g} s"
+        raise ProblemFileError(loaded.file, "tracker.rate_hz", rate, expected)
+    points = np.zeros((len(recording.time) + 1, 3))
+    points[:-1, : recording.points.shape[1]] = recording.points
+    points[-1] = points[-2]
+    if path.from_start:
+        points += start[:3, 3] - points[0]
+    time = np.append(recording.time, recording.time[-1] + STAYS)
+    turn = np.tile(quaternions_of(start[None, :3, :3]), (len(time), 1))
+    with refused_as(path.file):
+        found = conditioned(time, points, turn, dt=1 / rate, cutoff_hz=path.cutoff_hz, max_gap=time[-1] - time[0] + 1)
+    return found.poses, found.twists
+
+
 class LivePoseTracking(LiveProblem):
     """A `PoseTracker` with the file's robot and plant."""
 
@@ -132,11 +172,14 @@ class LivePoseTracking(LiveProblem):
 
     @cached_property
     def reference(self) -> tuple[Array, Array]:
-        """Poses (N, 4, 4) and twists (N, 6) of one pass of the circle, from rest to rest."""
-        circle = self._loaded.problem.circle
-        rate = self._loaded.problem.tracker.rate_hz
+        """Poses (N, 4, 4) and twists (N, 6) of one pass of the path, from rest to rest."""
+        problem = self._loaded.problem
+        start, rate, circle = self.robot.pose(self.start), problem.tracker.rate_hz, problem.circle
+        if problem.path is not None:
+            return path_reference(self._loaded, start, problem.path)
+        assert circle is not None  # the schema asks for either
         times = self.dt * np.arange(round(circle.duration_s * rate) + 1, dtype=np.float64)
-        return circle_reference(self.robot.pose(self.start), circle, times)
+        return circle_reference(start, circle, times)
 
     def control(self, plant: Plant | None = None) -> LiveControl:
         """The tracker of `rehab-opt run`."""
@@ -150,7 +193,7 @@ class LivePoseTracking(LiveProblem):
         return _AmongMoving(tracker, self._moving, *followed)
 
     def scene(self) -> dict[str, Any]:
-        """The circle, what stands still, the joints' limits, what is plotted."""
+        """The path, what stands still, the joints' limits, what is plotted."""
         path = self.reference[0][:: max(1, round(0.05 / self.dt)), :3, 3]
         around = clearance_of(self._loaded.problem.clearance, self._loaded.file, moving=True)
         bodies = kept_off(path.mean(axis=0), around)
@@ -248,8 +291,42 @@ class RobotOutcome(MovementOutcome):
             yield from joint_columns("velocity", self.chain, self.motion.velocity, "rad_s")
 
 
+BEHIND = 5e-3
+"""[m] A tool farther from its path did not follow it."""
+AT_LIMIT, AT_SPEED, SINGULAR = math.radians(0.5), 0.98, 0.03
+"""[rad] From its limit, of a joint that is there; share of the largest speed; least singular value of the Jacobian."""
+OFTEN, LOOKED_AT = 0.1, 200
+"""Share of the time behind in which a cause is one; ticks of it whose postures are looked at."""
+
+
+def left_behind(  # noqa: PLR0917  (columns of a trace)
+    robot: SerialChain, times: Array, error: Array, q: Array, command: Array, tool: Array
+) -> tuple[str, ...]:
+    """A note on a tool that was not on its path, and on what stood in its way meanwhile; or none."""
+    behind = np.flatnonzero(~(error <= BEHIND))
+    if not behind.size:
+        return ()
+    at_limit = np.minimum(q - robot.lower, robot.upper - q)[behind] < AT_LIMIT
+    fast = (np.abs(command) / robot.velocity)[behind] > AT_SPEED
+    rank, most = min(robot.n, 6) - 1, inspect.signature(PoseTracker).parameters["linear_speed"].default
+    speed = np.linalg.norm(np.gradient(tool, times, axis=0), axis=1)[behind]
+    some = behind[:: math.ceil(behind.size / LOOKED_AT)]
+    stretched = [np.linalg.svd(robot.jacobian(each), compute_uv=False)[rank] < SINGULAR for each in q[some]]
+    shares = {f"{name} at its limit": share for name, share in zip(robot.names, at_limit.mean(axis=0), strict=True)}
+    shares |= {f"{name} as fast as it may": share for name, share in zip(robot.names, fast.mean(axis=0), strict=True)}
+    shares[f"the tool at its {most:g} m/s"] = np.mean(speed > AT_SPEED * most)
+    shares["the posture nearly singular"] = np.mean(stretched)
+    causes = [f"{cause} ({share:.0%})" for cause, share in shares.items() if share >= OFTEN]
+    k = int(np.argmax(error))
+    return (
+        f"NOT FOLLOWED: for {behind.size / error.size:.0%} of the time the tool was more than {1e3 * BEHIND:g} mm from "
+        f"its path, at most {1e3 * error[k]:.3g} mm, after {times[k]:.2f} s; meanwhile "
+        + (", ".join(causes) or "no joint was at its limit or as fast as it may, nor the posture singular"),
+    )
+
+
 class PoseTrackingSystem(System[PoseTracking, RobotOutcome]):
-    """A simulated robot that follows a circle with `PoseTracker`."""
+    """A simulated robot that follows a circle, or a path of a file, with `PoseTracker`."""
 
     schema = PoseTracking
     shown = ("rehab_opt.session.pose_tracking.shown",)
@@ -258,14 +335,16 @@ class PoseTrackingSystem(System[PoseTracking, RobotOutcome]):
     rate_key = "tracker.rate_hz"
 
     def recordings(self, problem: PoseTracking) -> tuple[Needed, ...]:
-        """No recording, since the circle is computed; the robot file."""
-        return robot_files(problem.robot)
+        """The path's file, where it is no circle; the robot file."""
+        path = () if problem.path is None else (Needed("path.file", problem.path.file),)
+        return (*path, *robot_files(problem.robot))
 
     def check(self, loaded: ProblemFile[PoseTracking]) -> tuple[str, ...]:
         """Builds the robot and the tracker."""
-        robot, start = robot_at_start(loaded)
-        tracker_of(loaded.problem, robot, file=loaded.file)
-        return (*robot.notes, *start_notes(loaded.problem.clearance, loaded.file, robot, start))
+        live = LivePoseTracking(loaded, solver=None)
+        tracker_of(loaded.problem, live.robot, file=loaded.file)
+        _ = live.reference  # its file is read, or refused
+        return (*live.robot.notes, *start_notes(loaded.problem.clearance, loaded.file, live.robot, live.start))
 
     def run(self, loaded: ProblemFile[PoseTracking], *, options: Mapping[str, str], progress: Progress) -> RobotOutcome:
         """Options: `solver` of the tracker, `plant`."""
@@ -274,7 +353,7 @@ class PoseTrackingSystem(System[PoseTracking, RobotOutcome]):
         robot, rate, (poses, twists) = live.robot, problem.tracker.rate_hz, live.reference
         ran = simulate(
             live.control(), lambda _: LiveInputs(enable=True), ticks=len(poses),
-            progress=partial(progress, "following the circle"),
+            progress=partial(progress, "following the path"),
         )  # fmt: skip
         times, command, scales = live.dt * np.arange(len(poses), dtype=np.float64), ran.values, ran.scales
         tool = np.array([robot.pose(q) for q in ran.q])
@@ -313,6 +392,7 @@ class PoseTrackingSystem(System[PoseTracking, RobotOutcome]):
             notes=(
                 plant_note(problem.plant, "the robot is simulated: its joints move exactly as commanded"),
                 *robot.notes,
+                *left_behind(robot, times, position_error, ran.q, command, tool[:, :3, 3]),
             )
             + (() if near is None else (near.note,)),
             metrics={
@@ -330,5 +410,5 @@ class PoseTrackingSystem(System[PoseTracking, RobotOutcome]):
         )
 
     def live(self, loaded: ProblemFile[PoseTracking], *, options: Mapping[str, str]) -> LiveProblem:
-        """The circle, until somebody drags the target; options as of `run`."""
+        """The path, until somebody drags the target; options as of `run`."""
         return LivePoseTracking(loaded, solver=options.get("solver"))
