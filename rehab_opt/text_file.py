@@ -96,7 +96,7 @@ def whole_text(path: Path, name: str, *, largest: int) -> str:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError as problem:
         if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
-            raise ProblemFileError(name, "file", "UTF-16", "UTF-8 text (of Excel: save as 'CSV UTF-8')") from problem
+            raise ProblemFileError(name, "file", "UTF-16", "UTF-8 text (Excel: save as 'CSV UTF-8')") from problem
         line = content.count(b"\n", 0, problem.start) + 1
         value = f"byte 0x{content[problem.start]:02x}"
         raise ProblemFileError(name, f"line {line}", value, "UTF-8 text") from problem

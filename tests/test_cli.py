@@ -317,7 +317,7 @@ def test_unusable_option_is_one_line_and_exit_code_2(
 def test_option_that_a_system_does_not_know_is_refused(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     before = files(folder)
     assert ended("run", "robot/ur5_circle", "--law", "optimised") == 2
-    expected = "expected no such option: those of system 'pose_tracking' are --plant, --solver"
+    expected = "expected another option: system 'pose_tracking' has --plant, --solver"
     assert capsys.readouterr().err == f"rehab-opt: --law = 'optimised': {expected}\n"
     assert files(folder) == before
 

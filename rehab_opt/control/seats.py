@@ -109,7 +109,8 @@ class Seats:
             for k in way:
                 here, done[k], above[k], elbows[k] = self._next(here, paths[k])
                 q[k] = here
-        middle = np.where(self.round, self.chain.lower + self.chain.upper, 0.0) / 2
+        lower, upper = (np.where(self.round, each, 0.0) for each in (self.chain.lower, self.chain.upper))
+        middle = (lower + upper) / 2
         q += self.round * 2 * np.pi * np.rint((middle - (q.min(axis=0) + q.max(axis=0)) / 2) / (2 * np.pi))
         within = np.all((q >= self.chain.lower) & (q <= self.chain.upper), axis=2)
         starts = within[0] & (above[0] >= self.floor * STARTS / ABOVE)

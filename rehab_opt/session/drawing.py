@@ -106,6 +106,7 @@ def joint_figure(
         axes.tick_params(labelsize=8)
     for axes in grid[chain.n - 2 : chain.n]:
         axes.set_xlabel("time [s]", fontsize=9)
+        axes.tick_params(labelbottom=True)  # also above a place without a panel
     for axes in grid[chain.n :]:
         axes.set_visible(False)
     what = (

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -38,6 +39,8 @@ JOINT_KEYS = {
     "locked": ("locked_deg", "locked_m"),
 }
 """What a robot file calls the arguments of `SerialChain.from_urdf` that go joint by joint."""
+GIVE = re.compile(rf"(?P<argument>{'|'.join(JOINT_KEYS)})={{'(?P<joint>[^']+)': [^}}]*}}")
+"""Such an argument, where the reader advises to give it."""
 
 
 class RobotSection(Section):
@@ -252,7 +255,7 @@ def _arm(said: RobotFile, path: Path, name: str) -> SerialChain:
     file = path.parent / model
     if not file.is_file():
         raise RobotFileError(
-            name, "mjcf" if said.urdf is None else "urdf", model, "a file beside this one: it is not there"
+            name, "mjcf" if said.urdf is None else "urdf", model, "a file beside this one: it is not there, or no file"
         )
     read: Callable[..., SerialChain] = SerialChain.from_urdf if said.urdf is not None else SerialChain.from_mjcf
     capsules = [CapsuleOnLink(each.link, *_ends(each), each.radius_m) for each in said.capsules]
@@ -274,11 +277,16 @@ def _arm(said: RobotFile, path: Path, name: str) -> SerialChain:
             tool=pose_of(said.tool_deg, said.tool_m),
             capsules="collision" if said.collision else capsules,
         )
-    except ConfigurationError as refused:
-        raise RobotFileError(name, *_key_and_value(said, refused), refused.expected) from refused
+    except (ConfigurationError, RobotFileError) as refused:
+        where = (
+            (name, *_key_and_value(said, refused))
+            if isinstance(refused, ConfigurationError)
+            else (refused.file, refused.key, refused.value)
+        )
+        raise RobotFileError(*where, GIVE.sub(_given_in_file, refused.expected)) from refused
     slides = [joint for joint, row in zip(arm.names, arm.rows, strict=True) if row.prismatic]
     if slides:
-        expected = "a value that it is held at: problem files have arms whose joints turn"
+        expected = "where this joint is held: it slides, and problem files move only joints that turn"
         raise RobotFileError(name, f"joints.{slides[0]}.locked_m", None, expected)
     locked = {key for key, each in said.joints.items() if each.locked_deg is not None or each.locked_m is not None}
     unknown = sorted(set(said.joints) - set(arm.names) - locked)
@@ -302,6 +310,11 @@ def _radians(degrees: dict[str, float | None]) -> dict[str, float]:
 def _ends(capsule: CapsuleSection) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
     (a, b, c), (d, e, f) = capsule.start_m, capsule.end_m
     return (a, b, c), (d, e, f)
+
+
+def _given_in_file(advice: re.Match[str]) -> str:
+    """The reader's advice on its arguments in the words of a robot file."""
+    return f"[joints.{advice['joint']}] {JOINT_KEYS[advice['argument']][0]} = ..."
 
 
 def _key_and_value(said: RobotFile, refused: ConfigurationError) -> tuple[str, object]:

@@ -92,7 +92,7 @@ def _given(
             raise ConfigurationError("--plant", value, expected)
         if option not in system.options:
             known = ", ".join(f"--{each}" for each in sorted(system.options)) or "none"
-            raise ConfigurationError(f"--{option}", value, f"no such option: those of system {name!r} are {known}")
+            raise ConfigurationError(f"--{option}", value, f"another option: system {name!r} has {known}")
     solver = checked_solver(given.get("solver"))
     if "plant" in system.options:
         from rehab_opt.session.plant import on_plant  # noqa: PLC0415  (loads what plants need)

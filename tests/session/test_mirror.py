@@ -434,7 +434,7 @@ def test_a_clock_that_went_back_is_told_with_its_row(written: Write, rows: list[
     first, last = (float(lines[k].split(",")[0]) for k in (0, 599))
     count = 100 if rows is None else 50
     assert told == [
-        f"{count} samples left out whose stamps are not after all before them, the first in row 601: "
+        f"samples left out: {count} whose stamps are not after all before them, the first in row 601: "
         f"{first:.9g} s after {last:.9g} s (did the clock begin anew?)"
     ]
 

@@ -212,6 +212,18 @@ def test_a_wrist_begins_a_turn_earlier_where_the_path_would_wind_it_up(wrist_deg
     assert done[0] or not done.any()
 
 
+def test_a_wrist_without_ends_is_walked_as_it_is() -> None:
+    """Its ends were added to each other, with a warning of Python's on the terminal."""
+    endless = np.where(np.arange(6) == 5, np.inf, ur5().upper)
+    arm, at = ur5().with_limits(lower=-endless, upper=endless), np.array([0.3, -1.2, 1.5, -1.8, -1.57, 0.0])
+    seats = Seats(MirrorTracker(arm, dt=0.005, max_manipulability=0.1, compile=False))
+    joints = np.tile(at, (61, 1))
+    joints[:, 5] += np.radians(np.linspace(0.0, 900.0, 61))
+    walk = seats.walk(np.array([arm.pose(q) for q in joints])[:, None], at[None], 0)
+    assert walk.done.all()
+    np.testing.assert_allclose(walk.q[:, 0], joints, atol=1e-3)
+
+
 def test_a_pose_that_a_seat_only_comes_near_is_none_that_it_has() -> None:
     """A seat with 0.913 of what others have in reach came within 3 mm and 3 deg of the rest, and was taken."""
     at = np.array([0.3, -1.2, 1.5, -1.8, -1.57, 0.0])

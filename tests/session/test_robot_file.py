@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -203,7 +204,7 @@ def test_a_fault_of_a_robot_file_is_one_line(problem: Callable[..., str], mine: 
 def test_a_slide_has_to_be_locked_in_a_problem(problem: Callable[..., str]) -> None:
     edges = [*gen3(), LIFT]
     mine = MINE.replace("l6", "lifted")
-    with pytest.raises(ProblemFileError, match=r"joints\.lift\.locked_m = None: expected a value that it is held at"):
+    with pytest.raises(ProblemFileError, match=r"joints\.lift\.locked_m = None: expected where this joint is held"):
         checked(load_problem(problem(mine, edges=edges)))
     with pytest.raises(ProblemFileError, match=r"lift\.locked_deg = 30\.0: expected metres: the joint slides"):
         checked(load_problem(problem(mine + "[joints.lift]\nlocked_deg = 30", edges=edges)))
@@ -242,3 +243,10 @@ def test_a_hand_is_led_by_an_arm_from_a_file_as_by_the_ur5(problem: Callable[...
     np.testing.assert_allclose(scene.robot.pose(scene.start), ur5().pose(same.start), atol=1e-12)
     needed = system_named("mirror").recordings(load_problem(str(path)).problem)
     assert ROBOT_FILE in [each.key for each in needed]
+
+
+def test_advice_is_given_in_the_words_of_a_robot_file(problem: Callable[..., str]) -> None:
+    """What a URDF has not was to be given as an argument in Python."""
+    edges = [replace(each, velocity=0.0) for each in gen3()]
+    with pytest.raises(ProblemFileError, match=r"give \[joints\.joint_0\] speed_deg_s = \.\.\."):
+        checked(load_problem(problem(MINE, edges=edges)))

@@ -165,11 +165,11 @@ def laid_out(loaded: ProblemFile[MirrorProblem]) -> Scene:
     if late.size:
         row = usable[late[0]] + (section.rows or [1])[0]
         notes.append(
-            f"{late.size} samples left out whose stamps are not after all before them, the first in row {row}: "
+            f"samples left out: {late.size} whose stamps are not after all before them, the first in row {row}: "
             f"{stamps[late[0]]:.9g} s after {newest[late[0]]:.9g} s (did the clock begin anew?)"
         )
     if reference.dropped > late.size or reference.gaps:
-        notes.append(f"{reference.dropped - late.size} samples left out as spikes, sight lost {times(reference.gaps)}")
+        notes.append(f"samples left out as spikes: {reference.dropped - late.size}; sight lost {times(reference.gaps)}")
     return Scene(
         robot=robot,
         start=start,
