@@ -11,17 +11,15 @@ import casadi as ca
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.kinematics.goniometer import GONIOMETER, arm_posture, goniometer_range, range_in_words
 from rehab_opt.kinematics.human_arm import ARM_JOINTS, ARM_REST
 from rehab_opt.session.arm_keys import RADIANS
 from rehab_opt.session.drawing import fitted, framed
+from rehab_opt.session.outcome import Array
 
 __all__ = ["range_figure", "range_note", "stick_arm", "write_range_figures"]
-
-Array = NDArray[np.float64]
 
 LOWER, UPPER, TRUNK = "#D55E00", "#0072B2", "#BBBBBB"
 SAME = 1e-9

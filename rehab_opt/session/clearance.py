@@ -7,11 +7,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydantic import Field
 
 from rehab_opt.errors import ConfigurationError, ProblemFileError
 from rehab_opt.session.drawing import GRID, LIMIT, MM, REFERENCE, framed, label_times, legend_below
+from rehab_opt.session.outcome import Array
 from rehab_opt.session.schema import Section, Side, Triple
 
 if TYPE_CHECKING:
@@ -26,8 +27,6 @@ __all__ = [
     "nearest_bodies",
     "start_notes",
 ]
-
-Array = NDArray[np.float64]
 Name = Annotated[str, Field(min_length=1, max_length=60)]
 Turns = Annotated[list[Annotated[float, Field(ge=-360, le=360)]], Field(min_length=3, max_length=3)]
 

@@ -15,11 +15,10 @@ from matplotlib.legend import Legend
 from matplotlib.mathtext import MathTextParser
 from matplotlib.text import Text
 from matplotlib.transforms import Bbox
-from numpy.typing import NDArray
 
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.session.closed_loop import JointMotion
-from rehab_opt.session.outcome import MovementOutcome
+from rehab_opt.session.outcome import Array, MovementOutcome
 
 __all__ = [
     "ACROSS",
@@ -40,8 +39,6 @@ __all__ = [
     "legend_below",
     "servo_figure",
 ]
-
-Array = NDArray[np.float64]
 
 
 REFERENCE, MISSED, LIMIT = "#000000", "#CC79A7", "#BBBBBB"

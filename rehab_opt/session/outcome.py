@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from rehab_opt.kinematics.chain import SerialChain
 
 __all__ = [
+    "Array",
     "Column",
     "Columns",
     "MovementOutcome",
@@ -34,7 +35,7 @@ __all__ = [
 ]
 
 Array = NDArray[np.float64]
-
+"""Of which shape, and in which unit, docstrings say."""
 Cells = NDArray[np.float64] | NDArray[np.int64] | Sequence[float] | Sequence[int] | Sequence[str]
 Columns = Mapping[str, Cells]
 Column = tuple[str, Cells]

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rehab_opt.errors import ProblemFileError
 from rehab_opt.kinematics.chain import SerialChain
@@ -14,14 +13,13 @@ from rehab_opt.recordings.reading import read_recording, resampled
 from rehab_opt.recordings.recording import Recording
 from rehab_opt.session.arm_keys import ArmSection, RangeOfMotion, SegmentsSection
 from rehab_opt.session.files import ProblemFile, recording_path
+from rehab_opt.session.outcome import Array
 from rehab_opt.session.refusals import refused_as
 from rehab_opt.session.schema import PlacementSection, PlanarPlacement, Problem, RecordingSection, Side
 from rehab_opt.text_file import FARTHEST
 from rehab_opt.workspace.used_range import UsedRange
 
 __all__ = ["AnyRange", "arm_of", "checked_hand", "participant_arm", "placed_path", "placed_recording"]
-
-Array = NDArray[np.float64]
 
 AnyRange = str | RangeOfMotion | UsedRange
 MIRROR = np.diag([-1.0, 1.0])  # sagittal plane: x to the participant's right becomes x to the left

@@ -7,7 +7,8 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
+
+from rehab_opt.session.outcome import Array
 
 if TYPE_CHECKING:
     from rehab_opt.control.obstacles import Obstacle
@@ -15,8 +16,6 @@ if TYPE_CHECKING:
     from rehab_opt.kinematics.mobile_arm import Capsule, MobileArm, Outline
 
 __all__ = ["arm_gaps", "arm_points", "chair_corners", "chair_gaps", "point_gaps"]
-
-Array = NDArray[np.float64]
 
 CHAIR = 3
 

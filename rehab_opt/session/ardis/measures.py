@@ -6,12 +6,11 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rehab_opt.session.ardis.clearance import arm_gaps, arm_points, chair_gaps, point_gaps
 from rehab_opt.session.ardis.outcome import DriveOutcome, Motion
 from rehab_opt.session.ardis.problem import DriveName, GoalSection
-from rehab_opt.session.outcome import finite, status_counts
+from rehab_opt.session.outcome import Array, finite, status_counts
 
 if TYPE_CHECKING:
     from rehab_opt.control.obstacles import Obstacle
@@ -19,8 +18,6 @@ if TYPE_CHECKING:
     from rehab_opt.kinematics.mobile_arm import MobileArm
 
 __all__ = ["KEPT", "drive_metrics", "excesses", "goals_met", "hand_shares", "kinetic_energies"]
-
-Array = NDArray[np.float64]
 
 CHAIR = 3
 KEPT = 1e-6

@@ -20,7 +20,7 @@ from rehab_opt.session.ardis.stick import Moment, Stick, StickSample
 from rehab_opt.session.clearance import NearestBodies
 from rehab_opt.session.closed_loop import JointMotion, simulate
 from rehab_opt.session.live.problem import LiveControl, LiveInputs
-from rehab_opt.session.outcome import Column, Columns, Outcome, point_columns, stacked
+from rehab_opt.session.outcome import Array, Column, Columns, Outcome, point_columns, stacked
 
 if TYPE_CHECKING:
     from rehab_opt.control.joystick import Joystick, StickCommand
@@ -30,8 +30,6 @@ if TYPE_CHECKING:
     from rehab_opt.published.pseudoinverse_law import PseudoinverseLaw
 
 __all__ = ["LAWS", "LET_GO", "ArdisOutcome", "DriveOutcome", "Motion", "Published", "Steering", "StickLaw", "moved"]
-
-Array = NDArray[np.float64]
 
 
 STANDSTILL = 1.0

@@ -5,13 +5,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rehab_opt.errors import ProblemFileError, RobotFileError
 from rehab_opt.session.ardis.clearance import chair_gaps
 from rehab_opt.session.ardis.problem import ArdisProblem, DriveName
 from rehab_opt.session.clearance import clearance_key, clearance_of
 from rehab_opt.session.files import ProblemFile
+from rehab_opt.session.outcome import Array
 from rehab_opt.session.refusals import refused_as
 from rehab_opt.session.robot_file import posture_of
 from rehab_opt.session.robot_file import robot_of as arm_of
@@ -24,8 +24,6 @@ if TYPE_CHECKING:
     from rehab_opt.kinematics.mobile_arm import MobileArm
 
 __all__ = ["joystick_of", "resolver_of", "robot_of", "room_of", "start_of"]
-
-Array = NDArray[np.float64]
 
 KEYS = {
     "mount_height": "robot.mount_height_m",

@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING, Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.kinematics.link_capsules import LinkCapsule
 from rehab_opt.kinematics.room import Box, KeepOut
+from rehab_opt.session.outcome import Array
 
 if TYPE_CHECKING:
     from rehab_opt.control.clearance import Clearance
@@ -35,8 +36,6 @@ __all__ = [
     "screen",
     "sides",
 ]
-
-Array = NDArray[np.float64]
 
 BLUE, ORANGE, GREEN, RED, AMBER, GREY, PURPLE, ROBOT = (
     "#0072b2", "#e69f00", "#2e9e6b", "#d1495b", "#e9b44c", "#8d99a6", "#9b5fc0", "#b9c4cf",

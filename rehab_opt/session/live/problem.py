@@ -8,14 +8,13 @@ from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar, Literal, NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rehab_opt.control.command import Command
 from rehab_opt.plants.plant import Measurement, Plant
+from rehab_opt.session.outcome import Array
 
 __all__ = ["AT_REST", "DeviceAddress", "LiveControl", "LiveInputs", "LiveProblem", "Seen", "Watching"]
-
-Array = NDArray[np.float64]
 
 
 Triple = tuple[float, float, float]

@@ -7,16 +7,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rehab_opt.errors import ProblemFileError
 from rehab_opt.recordings.tables import SEPARATORS, marks, numbers_below
 from rehab_opt.session.mirror.problem import PoseRecordingSection
+from rehab_opt.session.outcome import Array
 from rehab_opt.text_file import LATEST, header_cells, shown, text_lines
 
 __all__ = ["HandPoses", "calibration_points", "read_hand_poses"]
-
-Array = NDArray[np.float64]
 
 HEADER = ("t_s", "x_m", "y_m", "z_m", "qx", "qy", "qz", "qw")
 POINTS = ("vr_x_m", "vr_y_m", "vr_z_m", "robot_x_m", "robot_y_m", "robot_z_m")

@@ -7,7 +7,6 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rehab_opt.control.command import Command
 from rehab_opt.control.hand_bounds import KeepOut
@@ -25,12 +24,10 @@ from rehab_opt.session.live.problem import Following, LiveInputs
 from rehab_opt.session.mirror.outcome import Led
 from rehab_opt.session.mirror.problem import MirrorProblem
 from rehab_opt.session.mirror.scene import Scene
-from rehab_opt.session.outcome import Progress
+from rehab_opt.session.outcome import Array, Progress
 from rehab_opt.session.refusals import refused_as
 
 __all__ = ["ANY_SPEED", "followed", "planned", "searched", "tracker_of", "without_floor"]
-
-Array = NDArray[np.float64]
 
 HELD = LiveInputs(enable=True)
 ANY_SPEED = 3.0

@@ -14,12 +14,10 @@ from rehab_opt.control.smoothing import smooth_path
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.published.astar import AStarPath
 from rehab_opt.session.mirror.outcome import Drive, Led
-from rehab_opt.session.outcome import error_metrics, joint_metrics, reason_counts, status_counts, time_metrics
+from rehab_opt.session.outcome import Array, error_metrics, joint_metrics, reason_counts, status_counts, time_metrics
 from rehab_opt.session.upper_limb.problem import SmoothingSection
 
 __all__ = ["CAUSES", "astar_metrics", "causes", "driven", "led_metrics", "passed_share"]
-
-Array = NDArray[np.float64]
 
 
 CAUSES = ("followed", "late", "person's arm", "floor", "keep-out", "robot's reach", "stopped")

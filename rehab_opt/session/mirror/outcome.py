@@ -14,6 +14,7 @@ from rehab_opt.published.astar import AStarPath
 from rehab_opt.session.clearance import NearestBodies
 from rehab_opt.session.closed_loop import JointMotion
 from rehab_opt.session.outcome import (
+    Array,
     Column,
     Columns,
     MovementOutcome,
@@ -24,8 +25,6 @@ from rehab_opt.session.outcome import (
 )
 
 __all__ = ["Drive", "Led", "MirrorOutcome"]
-
-Array = NDArray[np.float64]
 
 
 BEFORE, STEP, PLAN = "without floor", "step", "plan"

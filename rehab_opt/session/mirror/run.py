@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rehab_opt.control.command import Command
 from rehab_opt.control.conditioning import Conditioner
@@ -26,14 +26,12 @@ from rehab_opt.session.mirror.outcome import BEFORE, PLAN, STEP, Led, MirrorOutc
 from rehab_opt.session.mirror.placing import reach_note
 from rehab_opt.session.mirror.problem import MirrorProblem
 from rehab_opt.session.mirror.scene import Scene, laid_out, path_notes
-from rehab_opt.session.outcome import Progress
+from rehab_opt.session.outcome import Array, Progress
 from rehab_opt.session.plant import device_of, joint_feedback, joint_plant, plant_note
 from rehab_opt.session.robot_file import robot_files
 from rehab_opt.session.systems import Needed, System
 
 __all__ = ["MirrorSystem"]
-
-Array = NDArray[np.float64]
 
 FRAME = 1 / 30
 """[s] from picture to picture, in which the person's arm is led on."""

@@ -9,7 +9,6 @@ import casadi as ca
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 from rich.table import Table
 
 from rehab_opt.session.drawing import (
@@ -26,6 +25,7 @@ from rehab_opt.session.drawing import (
 )
 from rehab_opt.session.mirror.metrics import CAUSES
 from rehab_opt.session.mirror.outcome import BEFORE, PLAN, STEP, MirrorOutcome
+from rehab_opt.session.outcome import Array
 from rehab_opt.session.shown import (
     Cell,
     Numbers,
@@ -41,8 +41,6 @@ from rehab_opt.session.shown import (
 )
 
 __all__ = ["brief", "figures", "table"]
-
-Array = NDArray[np.float64]
 
 
 STYLES: Mapping[str, Mapping[str, Any]] = {

@@ -10,7 +10,7 @@ from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rehab_opt.control.command import Command
 from rehab_opt.control.joint_feedback import JointFeedback
@@ -32,6 +32,7 @@ from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.live.bodies import ARM_PLOTS, BLUE, ORANGE, ArmBodies, joint_rows, kept_off, moving_rows, screen
 from rehab_opt.session.live.problem import Following, LiveControl, LiveInputs, LiveProblem
 from rehab_opt.session.outcome import (
+    Array,
     Column,
     MovementOutcome,
     Progress,
@@ -50,8 +51,6 @@ from rehab_opt.session.robot_file import robot_at_start, robot_files
 from rehab_opt.session.systems import Needed, System
 
 __all__ = ["PoseTrackingSystem", "RobotOutcome", "circle_reference", "tracker_of"]
-
-Array = NDArray[np.float64]
 
 
 KEYS = {"gain": "tracker.gain_per_s", "dt": "tracker.rate_hz"}

@@ -8,7 +8,6 @@ from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rehab_opt.control.energy_tank import HAND_SPEED
 from rehab_opt.errors import ConfigurationError, ProblemFileError, RehabOptError
@@ -17,13 +16,12 @@ from rehab_opt.field.fit import Fit
 from rehab_opt.field.potential import PotentialField
 from rehab_opt.recordings.reading import read_recording
 from rehab_opt.session.files import ProblemFile, recording_path
+from rehab_opt.session.outcome import Array
 from rehab_opt.session.refusals import refused_as
 from rehab_opt.session.scenario.problem import ScenarioProblem
 from rehab_opt.session.systems import Needed
 
 __all__ = ["fit_metrics", "learnt", "needed_demonstrations"]
-
-Array = NDArray[np.float64]
 
 
 KEY = "task.demonstrations"

@@ -11,13 +11,13 @@ from matplotlib.axes import Axes
 from matplotlib.colors import Colormap, ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.patches import PathPatch
-from numpy.typing import NDArray
 
 from rehab_opt.field.demonstration import Demonstration
 from rehab_opt.field.potential import PotentialField
 from rehab_opt.field.weights import energies_and_forces
 from rehab_opt.measures.along_path import projected
 from rehab_opt.session.drawing import GRID, MM, REFERENCE, framed, legend_below
+from rehab_opt.session.outcome import Array
 from rehab_opt.session.scenario.outcome import Law, ScenarioOutcome
 from rehab_opt.session.scenario.plane_drawing import (
     COMFORTABLE,
@@ -44,8 +44,6 @@ __all__ = [
     "parameter_figure",
     "variants",
 ]
-
-Array = NDArray[np.float64]
 
 
 DARKEST = 0.75

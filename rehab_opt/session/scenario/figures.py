@@ -8,6 +8,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from rehab_opt.session.drawing import CLOSE_UP, GRID, LIMIT, MM, REFERENCE, TOLD, TRUE, framed, legend_below
+from rehab_opt.session.outcome import Array
 from rehab_opt.session.scenario.field_figures import along_figure, field_figure, learnt_figure, parameter_figure
 from rehab_opt.session.scenario.laws import BOUNDED
 from rehab_opt.session.scenario.outcome import HelperTrace, Law, ScenarioOutcome, Trial, thinned_ticks
@@ -23,8 +24,6 @@ from rehab_opt.session.scenario.problem import THERAPY
 from rehab_opt.session.scenario.trials_figures import deviation_figure, trials_figure
 
 __all__ = ["figures"]
-
-Array = NDArray[np.float64]
 
 
 def figures(outcome: ScenarioOutcome) -> dict[str, Figure]:

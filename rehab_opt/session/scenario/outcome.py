@@ -14,12 +14,10 @@ from rehab_opt.control.command import Bound, Status
 from rehab_opt.control.gate import Mode
 from rehab_opt.field.demonstration import Demonstration
 from rehab_opt.field.potential import PotentialField
-from rehab_opt.session.outcome import Column, Columns, Outcome, stacked
+from rehab_opt.session.outcome import Array, Column, Columns, Outcome, stacked
 from rehab_opt.workspace.region import Workspace
 
 __all__ = ["LAWS", "RATE", "HelperTrace", "Law", "ScenarioOutcome", "Trial", "thinned_ticks"]
-
-Array = NDArray[np.float64]
 
 Law = Literal["unassisted", "assisted", "published", "together", "delayed"]
 LAWS: tuple[Law, ...] = ("unassisted", "assisted", "published", "together", "delayed")

@@ -7,9 +7,9 @@ from typing import Any, Literal
 
 import numpy as np
 from matplotlib.axes import Axes
-from numpy.typing import NDArray
 
 from rehab_opt.session.drawing import ACROSS, FORWARD, GRID, MM, REFERENCE
+from rehab_opt.session.outcome import Array
 from rehab_opt.session.scenario.outcome import Law, ScenarioOutcome, Trial
 from rehab_opt.session.workspaces.shown import draw_region
 
@@ -27,8 +27,6 @@ __all__ = [
     "seen_box",
     "shown_box",
 ]
-
-Array = NDArray[np.float64]
 Box = tuple[tuple[float, float], tuple[float, float]]
 """[mm] Limits of x and of y."""
 

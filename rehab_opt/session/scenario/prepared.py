@@ -6,7 +6,6 @@ from functools import partial
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rehab_opt.errors import ConfigurationError, ProblemFileError
 from rehab_opt.field.demonstration import Demonstration
@@ -15,7 +14,7 @@ from rehab_opt.measures.path import path_length
 from rehab_opt.plants.intention import Intention, held, nearest_next, reached, traced
 from rehab_opt.recordings.recording import size_note
 from rehab_opt.session.files import ProblemFile
-from rehab_opt.session.outcome import Progress
+from rehab_opt.session.outcome import Array, Progress
 from rehab_opt.session.participant import placed_recording
 from rehab_opt.session.refusals import refused_as
 from rehab_opt.session.scenario.demonstrated import learnt
@@ -26,8 +25,6 @@ from rehab_opt.workspace.mapping import WorkspaceMap
 from rehab_opt.workspace.region import Workspace
 
 __all__ = ["FieldNumbers", "Prepared", "given_path", "prepared"]
-
-Array = NDArray[np.float64]
 
 
 SHORTEST = 1e-3

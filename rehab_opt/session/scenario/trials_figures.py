@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from rehab_opt.measures.along_path import projected
 from rehab_opt.session.drawing import GRID, LIMIT, MM, REFERENCE, framed, legend_below
+from rehab_opt.session.outcome import Array
 from rehab_opt.session.scenario.measures import deviation_of
 from rehab_opt.session.scenario.outcome import Law, ScenarioOutcome, Trial, thinned_ticks
 from rehab_opt.session.scenario.plane_drawing import (
@@ -27,8 +28,6 @@ from rehab_opt.session.scenario.plane_drawing import (
 from rehab_opt.session.scenario.problem import THERAPY
 
 __all__ = ["deviation_figure", "largest_between", "trials_figure"]
-
-Array = NDArray[np.float64]
 
 
 MEAN_PLACE: Mapping[str, Any] = {"markersize": 11, "markerfacecolor": "none", "markeredgewidth": 1.5, "linestyle": ""}

@@ -8,18 +8,15 @@ from contextlib import AbstractContextManager
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rehab_opt.control.smoothing import smooth_path
 from rehab_opt.kinematics.chain import SerialChain
-from rehab_opt.session.outcome import Progress
+from rehab_opt.session.outcome import Array, Progress
 from rehab_opt.session.refusals import refused_as
 from rehab_opt.session.upper_limb.outcome import Drive, LawResult
 from rehab_opt.session.upper_limb.problem import SmoothingSection, UpperLimb
 
 __all__ = ["LAWS", "driven", "followed", "follower", "hand_and_tilt"]
-
-Array = NDArray[np.float64]
 
 LAWS = ("optimised", "published")
 KEYS = {

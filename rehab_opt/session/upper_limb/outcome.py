@@ -10,11 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.control.smoothing import SmoothPath
-from rehab_opt.session.outcome import Column, MovementOutcome, joint_columns, point_columns
+from rehab_opt.session.outcome import Array, Column, MovementOutcome, joint_columns, point_columns
 
 __all__ = ["DRIVEN_DEG", "ArmOutcome", "Drive", "LawResult", "drive_note", "hurried", "law_notes"]
-
-Array = NDArray[np.float64]
 
 
 class Drive(NamedTuple):

@@ -19,6 +19,7 @@ from rehab_opt.recordings.recording import size_note
 from rehab_opt.session.arm_keys import ranges_by_name
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.outcome import (
+    Array,
     Progress,
     error_metrics,
     joint_metrics,
@@ -34,8 +35,6 @@ from rehab_opt.session.upper_limb.outcome import DRIVEN_DEG, ArmOutcome, LawResu
 from rehab_opt.session.upper_limb.problem import UpperLimb
 
 __all__ = ["FOLLOWED", "UpperLimbSystem", "reach_note", "verified"]
-
-Array = NDArray[np.float64]
 
 
 FOLLOWED = 1e-3

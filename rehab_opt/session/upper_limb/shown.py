@@ -25,7 +25,7 @@ from rehab_opt.session.drawing import (
     label_times,
     legend_below,
 )
-from rehab_opt.session.outcome import Outcome
+from rehab_opt.session.outcome import Array, Outcome
 from rehab_opt.session.shown import (
     ROUNDING_DEG,
     Numbers,
@@ -41,8 +41,6 @@ from rehab_opt.session.shown import (
 from rehab_opt.session.upper_limb.outcome import DRIVEN_DEG, ArmOutcome, Drive
 
 __all__ = ["brief", "figures", "table"]
-
-Array = NDArray[np.float64]
 
 
 def table(outcome: ArmOutcome) -> Table:

@@ -9,14 +9,13 @@ from dataclasses import dataclass, field
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rehab_opt.errors import ConfigurationError, ProblemFileError
 from rehab_opt.measures.path import path_length
 from rehab_opt.recordings.recording import Recording, size_note
 from rehab_opt.session.arm_keys import ArmInPlane, RangeOfMotion, ranges_by_name
 from rehab_opt.session.files import ProblemFile
-from rehab_opt.session.outcome import Column, Outcome, Progress, finite
+from rehab_opt.session.outcome import Array, Column, Outcome, Progress, finite
 from rehab_opt.session.participant import arm_of, placed_recording
 from rehab_opt.session.systems import Needed, System
 from rehab_opt.session.workspace_maps.problem import MapSection, TrajectorySection, WorkspaceMapProblem
@@ -26,8 +25,6 @@ from rehab_opt.workspace.audit import Audit
 from rehab_opt.workspace.mapping import WorkspaceMap
 
 __all__ = ["ENDS", "MadeMap", "MapDirection", "MapOutcome", "WorkspaceMapSystem"]
-
-Array = NDArray[np.float64]
 
 End = Literal["source", "target"]
 Rule = Literal["safe", "polar"]

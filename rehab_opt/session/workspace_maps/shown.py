@@ -11,20 +11,18 @@ from matplotlib.colors import ListedColormap, LogNorm
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch, PathPatch
 from matplotlib.transforms import Bbox
-from numpy.typing import NDArray
 from rich.table import Table
 from rich.text import Text
 
 from rehab_opt.session.arm_keys import ArmInPlane
 from rehab_opt.session.drawing import MM, REFERENCE, framed, legend_below
+from rehab_opt.session.outcome import Array
 from rehab_opt.session.shown import Numbers, Rows, law_table
 from rehab_opt.session.workspace_maps.run import MadeMap, MapDirection, MapOutcome
 from rehab_opt.session.workspaces.shown import draw_region, is_placed, region_path, seen_from_above
 from rehab_opt.workspace.region import Workspace
 
 __all__ = ["figures", "table"]
-
-Array = NDArray[np.float64]
 
 GRID_LINES = 16
 """Across the larger side of a set."""
