@@ -16,7 +16,7 @@ from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.kinematics.goniometer import GONIOMETER, arm_posture, goniometer_range, range_in_words
 from rehab_opt.kinematics.human_arm import ARM_JOINTS, ARM_REST
 from rehab_opt.session.arm_keys import RADIANS
-from rehab_opt.session.drawing import fitted, framed
+from rehab_opt.session.drawing import fitted, framed, legend_below
 from rehab_opt.session.outcome import Array
 
 __all__ = ["range_figure", "range_note", "stick_arm", "write_range_figures"]
@@ -82,13 +82,10 @@ def range_figure(title: str, arm: SerialChain) -> Figure:
         ends = f"{low:g} to {high:g} deg"
         axes.set_title(f"{movement.replace('_', ' ')}\n{ends}", fontsize=9)
         axes.set_xlabel(f"{view.words}\n+ {of.positive}, - {of.negative}", fontsize=7)
-    handles = [
-        panels[0].plot([], [], color=colour, linestyle=style, label=label)[0]
-        for colour, style, label in ((LOWER, "--", "lower end"), (UPPER, "-", "upper end"))
-    ]
-    handles.append(panels[0].plot([], [], color=TRUNK, linewidth=4, label="trunk")[0])
-    figure.legend(handles=handles, loc="outside lower center", ncols=3, frameon=False, fontsize=9)
-    return figure
+    for colour, style, label in ((LOWER, "--", "lower end"), (UPPER, "-", "upper end")):
+        panels[0].plot([], [], color=colour, linestyle=style, label=label)
+    panels[0].plot([], [], color=TRUNK, linewidth=4, label="trunk")
+    return legend_below(figure, panels[0], 3)
 
 
 def write_range_figures(arms: Mapping[str, SerialChain], paths: Sequence[Path], *, title: str) -> None:

@@ -200,8 +200,7 @@ class NearestBodies:
         top = MM * max(float(self.distances[:, nearest].max()), 0.01)
         axes.set_ylim(-0.06 * top, 1.05 * top)
         label_times([axes], "distance less the margin [mm]")
-        legend_below(figure, axes, 3)
-        return figure
+        return legend_below(figure, axes, 3)
 
 
 def clearance_of(section: ClearanceSection | None, file: str, *, moving: bool = False) -> list[Any]:
@@ -307,7 +306,5 @@ def _draw(axes: Any, pairs: ClearancePairs, q: Array, told: Array, across: int, 
         if np.linalg.norm(normal[seen]) > 0.999:  # seen edge on
             foot, way = MM * plane.offset * normal[seen], np.array([-normal[up], normal[across]])
             axes.axline(foot, foot + way, color=REFERENCE, linewidth=1.2, linestyle="--")
-    axes.set_aspect("equal", adjustable="datalim")
-    axes.set_xlabel(f"{'xyz'[across]} [mm]")
-    axes.set_ylabel(f"{'xyz'[up]} [mm]")
+    axes.set(aspect="equal", adjustable="datalim", xlabel=f"{'xyz'[across]} [mm]", ylabel=f"{'xyz'[up]} [mm]")
     axes.grid(**GRID)

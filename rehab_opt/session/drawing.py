@@ -8,6 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -56,10 +57,11 @@ def framed(title: str, width: float, height: float) -> Figure:
     return figure
 
 
-def legend_below(figure: Figure, axes: Axes, columns: int) -> None:
-    """One legend for the whole figure, outside of all axes."""
-    handles, labels = axes.get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=columns, frameon=False, fontsize=9)
+def legend_below(figure: Figure, shown: Axes | Sequence[Artist], columns: int) -> Figure:
+    """The figure with one legend for all of it, outside of all axes: of what these axes show, or of these handles."""
+    handles = shown.get_legend_handles_labels()[0] if isinstance(shown, Axes) else shown
+    figure.legend(handles=handles, loc="outside lower center", ncols=columns, frameon=False, fontsize=9)
+    return figure
 
 
 def label_times(panels: Iterable[Axes], *labels: str, time: str = "time [s]", from_zero: bool = False) -> None:
@@ -111,8 +113,7 @@ def joint_figure(
     figure.suptitle(f"{outcome.title}\n{what}", fontsize=12)
     if limits_seen:
         grid[0].plot([], [], color=LIMIT, linewidth=8, alpha=0.6, label="outside the joint's range")
-    legend_below(figure, grid[0], 4)
-    return figure
+    return legend_below(figure, grid[0], 4)
 
 
 def _shade_limits(axes: Axes, chain: SerialChain, joint: int) -> bool:
@@ -171,8 +172,7 @@ def servo_figure(title: str, names: Sequence[str], motion: JointMotion, *, lengt
         axes[0].set_title(name.replace("_", " "), fontsize=9, loc="left")
     for panel in grid[-1]:
         panel.set_xlabel("time [s]", fontsize=9)
-    legend_below(figure, grid[0, 0], 2)
-    return figure
+    return legend_below(figure, grid[0, 0], 2)
 
 
 def _moment(motion: JointMotion, lengths: int) -> float:

@@ -66,8 +66,7 @@ def _top_view(outcome: ArdisOutcome) -> Figure:
             )
         axes.plot(*of.optimised.hand[0, :2], "o", color=REFERENCE, markersize=5, label="hand at the start", zorder=5)
         axes.set_title(f"{drive} drive", fontsize=10, loc="left")
-    legend_below(figure, grid[0], 3)
-    return figure
+    return legend_below(figure, grid[0], 3)
 
 
 def seen_from_above(outcome: ArdisOutcome) -> tuple[np.ndarray, np.ndarray]:
@@ -112,11 +111,7 @@ def draw_room(axes: Axes, outcome: ArdisOutcome, x: np.ndarray, y: np.ndarray) -
         axes.plot([], [], "o", markerfacecolor="none", color=GOAL, linestyle="", label=label)
     for numbers, place in _goal_labels([(goal.hand_m[0], goal.hand_m[1]) for goal in outcome.goals]):
         axes.annotate(numbers, place, xytext=(5, 5), textcoords="offset points", fontsize=9, color=GOAL, zorder=6)
-    axes.set_xlim(*x)
-    axes.set_ylim(*y)
-    axes.set_aspect("equal")
-    axes.set_xlabel("x, forward [m]")
-    axes.set_ylabel("y, left [m]")
+    axes.set(xlim=x, ylim=y, aspect="equal", xlabel="x, forward [m]", ylabel="y, left [m]")
     axes.grid(**GRID)
 
 
@@ -179,8 +174,7 @@ def _hand(outcome: ArdisOutcome) -> Figure:
             axes.grid(**GRID)
     grid[0, 0].set_ylabel("hand above the floor [m]")
     grid[1, 0].set_ylabel("way of the chair [m]")
-    legend_below(figure, grid[0, 0], 3)
-    return figure
+    return legend_below(figure, grid[0, 0], 3)
 
 
 def _way(motion: Motion) -> float:
@@ -222,8 +216,7 @@ def _limits(outcome: ArdisOutcome) -> Figure:
         grid[:, 0], ("arm joint nearest to its limit", "fastest joint or wheel", "hardest acceleration"), strict=True
     ):
         axes.set_ylabel(f"{name}\n[% of limit]", fontsize=9)
-    legend_below(figure, grid[0, 0], 2)
-    return figure
+    return legend_below(figure, grid[0, 0], 2)
 
 
 FRAMES = 40

@@ -94,13 +94,10 @@ def _manipulability(outcome: MirrorOutcome) -> Figure:
         seen = outcome.time[np.isfinite(outcome.asked[:, 0, 3])]
         axes.plot(seen[path.nearest], w, **ASTAR, label="published A*")
     axes.axhspan(-1, outcome.floor, color=LIMIT, alpha=0.4, linewidth=0, zorder=0, label="below the floor")
-    axes.set_ylim(0, 1)
-    axes.set_xlabel("time in the reference [s]")
-    axes.set_ylabel("manipulability, share of the robot's largest")
-    axes.set_xlim(-0.01 * end, 1.01 * end)
+    axes.set(xlim=(-0.01 * end, 1.01 * end), xlabel="time in the reference [s]")
+    axes.set(ylim=(0, 1), ylabel="manipulability, share of the robot's largest")
     axes.grid(**GRID)
-    legend_below(figure, axes, 5)
-    return figure
+    return legend_below(figure, axes, 5)
 
 
 def _position(outcome: MirrorOutcome) -> Figure:
@@ -115,8 +112,7 @@ def _position(outcome: MirrorOutcome) -> Figure:
         panels[3].plot(led.time, MM * led.deviation, **STYLES[name])
     _scale_distances(panels[3], outcome)
     label_times(panels, "x [mm]", "y [mm]", "z [mm]", "distance [mm]")
-    legend_below(figure, panels[0], 4)
-    return figure
+    return legend_below(figure, panels[0], 4)
 
 
 def _scale_distances(axes: Axes, outcome: MirrorOutcome) -> None:
@@ -162,8 +158,7 @@ def _pace(outcome: MirrorOutcome) -> Figure:
     _events(events, outcome)
     labels = "pace of the\nreference [%]", "lag [s]", "speed of the\ntool [m/s]", ""
     label_times((pace, lag, speed, events), *labels)
-    legend_below(figure, speed, 3)
-    return figure
+    return legend_below(figure, speed, 3)
 
 
 def _causes(outcome: MirrorOutcome) -> Figure:
@@ -250,12 +245,10 @@ def space_figure(
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
     axes.set_box_aspect(np.maximum(high - low, 1.0), zoom=1.1)
     axes.view_init(elev=24, azim=-125)
-    axes.set_xlabel("x [mm]")
-    axes.set_ylabel("y [mm]")
+    axes.set(xlabel="x [mm]", ylabel="y [mm]")
     axes.zaxis.set_rotate_label(False)
     axes.set_zlabel("z [mm]", rotation=90)
-    legend_below(figure, axes, 4)
-    return figure
+    return legend_below(figure, axes, 4)
 
 
 def _draw_mirror(axes: Any, outcome: MirrorOutcome, low: Array, high: Array) -> None:

@@ -56,12 +56,9 @@ def _tool_path(outcome: RobotOutcome) -> Figure:
         axes.plot(reference[:, a], reference[:, b], color=REFERENCE, linewidth=4.5, alpha=0.25, label="path asked for")
         axes.plot(tool[:, a], tool[:, b], **LAW_STYLES["optimised"], label="tool")
         axes.plot(reference[0, a], reference[0, b], "o", color=REFERENCE, markersize=6, label="start")
-        axes.set_aspect("equal", adjustable="datalim")
-        axes.set_xlabel(f"{labels[0]} [mm]")
-        axes.set_ylabel(f"{labels[1]} [mm]")
+        axes.set(aspect="equal", adjustable="datalim", xlabel=f"{labels[0]} [mm]", ylabel=f"{labels[1]} [mm]")
         axes.grid(**GRID)
-    legend_below(figure, above, 3)
-    return figure
+    return legend_below(figure, above, 3)
 
 
 def _robot_error(outcome: RobotOutcome) -> Figure:
@@ -75,8 +72,7 @@ def _robot_error(outcome: RobotOutcome) -> Figure:
     speed.annotate("speed limit", (0.995, 100), xycoords=("axes fraction", "data"), ha="right", va="top", fontsize=9)
     labels = "position error [mm]", "orientation error [deg]", "fastest joint [% of limit]"
     label_times((distance, angle, speed), *labels, from_zero=True)
-    legend_below(figure, distance, 1)
-    return figure
+    return legend_below(figure, distance, 1)
 
 
 TRACKER = "PoseTracker"

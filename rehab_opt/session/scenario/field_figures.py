@@ -82,8 +82,7 @@ def field_figure(outcome: ScenarioOutcome) -> Figure:
     draw_arrows(axes, box, lambda points: gated_forces(outcome, points), count=COARSE)
     draw_reference(axes, outcome, label=what)
     seen_box(axes, outcome, box)
-    legend_below(figure, axes, 4)
-    return figure
+    return legend_below(figure, axes, 4)
 
 
 def gated_forces(outcome: ScenarioOutcome, points: Array) -> Array:
@@ -167,8 +166,7 @@ def learnt_figure(outcome: ScenarioOutcome) -> Figure:
     panels[1].set_xlabel("sample" if shown.times is None else "time [s]")
     plane.plot([], [], color=RECORDED, linewidth=1.4, label="recorded force")
     plane.plot([], [], "--", color=LEARNT, linewidth=1.8, label="force of the learnt field there")
-    legend_below(figure, plane, 4)
-    return figure
+    return legend_below(figure, plane, 4)
 
 
 def most_telling(outcome: ScenarioOutcome) -> int:
@@ -264,15 +262,13 @@ def parameter_figure(outcome: ScenarioOutcome) -> Figure:
         for axes, colour in zip(column, ("white", REFERENCE), strict=True):
             axes.plot(*(MM * path.T), "--", color=colour, linewidth=1.4, label="path")
             axes.plot(*(MM * path[-1]), "X", color=colour, markersize=8, markeredgecolor="#888888", label="target")
-            axes.set_aspect("equal")
-            axes.set(xlim=box[0], ylim=box[1])
+            axes.set(aspect="equal", xlim=box[0], ylim=box[1])
         column[1].set_xlabel("x [mm]")
     grid[0, 0].set_ylabel("y [mm]")
     grid[1, 0].set_ylabel("y [mm]")
     figure.colorbar(contours, ax=grid[0, :], label="potential, each panel\nfrom 0 to 1", shrink=0.8, ticks=[0, 0.5, 1])
     figure.colorbar(shown, ax=grid[1, :], label="force [N]", shrink=0.8, extend="max")
-    legend_below(figure, grid[1, 0], 2)
-    return figure
+    return legend_below(figure, grid[1, 0], 2)
 
 
 PLACES = 400
@@ -311,11 +307,9 @@ def along_figure(outcome: ScenarioOutcome) -> Figure:
     axes.axhline(0, color=REFERENCE, linewidth=0.8)
     axes.set_xlim(MM * remaining[0], -0.03 * MM * remaining[0])
     axes.axvline(0, color=REFERENCE, linewidth=1.2, linestyle=":", label="target")
-    axes.set_xlabel("path that is left to the target [mm]")
-    axes.set_ylabel("force along the path, towards the target [N]")
+    axes.set(xlabel="path that is left to the target [mm]", ylabel="force along the path, towards the target [N]")
     axes.grid(**GRID)
-    legend_below(figure, axes, 3)
-    return figure
+    return legend_below(figure, axes, 3)
 
 
 def fields_along(outcome: ScenarioOutcome, *, drags: bool = True) -> dict[Law, PotentialField]:

@@ -88,8 +88,7 @@ def comparison_figure(outcome: ScenarioOutcome) -> Figure:
         axes.grid(**{**GRID, "axis": "y"})
     figure.axes[0].plot([], [], "o", color=REFERENCE, markersize=4, alpha=0.6, label="one trial")
     figure.axes[0].plot([], [], color=REFERENCE, linewidth=2.2, label="mean of the trials, also as a number")
-    legend_below(figure, figure.axes[0], 2)
-    return figure
+    return legend_below(figure, figure.axes[0], 2)
 
 
 def _draw_measure(axes: Axes, outcome: ScenarioOutcome, key: str, factor: float) -> None:
@@ -156,9 +155,8 @@ def together_figure(outcome: ScenarioOutcome) -> Figure:
     grid[3, 0].set_ylabel("energy in the tank [J]")
     for axes in grid[:2, 1:].ravel():
         axes.set_ylabel("")
-    legend_below(figure, grid[0, 0], 2)
     grid[2, 0].legend(fontsize=8, loc="upper right")
-    return figure
+    return legend_below(figure, grid[0, 0], 2)
 
 
 def _close_up(outcome: ScenarioOutcome, pairs: dict[Law, tuple[Trial, HelperTrace]]) -> Array:
@@ -215,5 +213,4 @@ def robot_figure(title: str, trial: Trial) -> Figure:
     for panel in grid.ravel():
         panel.grid(**GRID)
         panel.margins(x=0.01)
-    legend_below(figure, grid[0, 0], 2)
-    return figure
+    return legend_below(figure, grid[0, 0], 2)

@@ -123,9 +123,7 @@ def shown_box(points: Array) -> Box:
 
 def seen_box(axes: Axes, outcome: ScenarioOutcome, box: Box) -> None:
     """Equal scales within the limits; the labels say in which frame."""
-    axes.set_xlim(*box[0])
-    axes.set_ylim(*box[1])
-    axes.set_aspect("equal")
+    axes.set(xlim=box[0], ylim=box[1], aspect="equal")
     placement = outcome.comfortable.placement
     placed = any(placement.position) or placement.turn != 0
     axes.set_xlabel("x in the robot's frame [mm]" if placed else ACROSS, fontsize=8)

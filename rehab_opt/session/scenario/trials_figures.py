@@ -61,8 +61,7 @@ def trials_figure(outcome: ScenarioOutcome) -> Figure:
     grid[0, 0].plot([], [], color=LIMIT, linewidth=2.0, linestyle=":", label="largest force allowed")
     if outcome.mode in THERAPY:
         grid[0, 0].fill_between([], [], color=COMFORTABLE, alpha=0.2, label="share of trials whose hand is in $W_c$")
-    legend_below(figure, grid[0, 0], 4)
-    return figure
+    return legend_below(figure, grid[0, 0], 4)
 
 
 def largest_between(values: Array, ticks: NDArray[np.intp]) -> Array:
@@ -125,8 +124,7 @@ def _same_limits(row: NDArray[np.object_]) -> None:
     """Panels of one row, from zero to what the largest needs, over the longest time."""
     top, right = max(axes.get_ylim()[1] for axes in row), max(axes.get_xlim()[1] for axes in row)
     for axes in row:
-        axes.set_ylim(0, top)
-        axes.set_xlim(0, right)
+        axes.set(xlim=(0, right), ylim=(0, top))
 
 
 def deviation_figure(outcome: ScenarioOutcome) -> Figure:
@@ -147,8 +145,7 @@ def deviation_figure(outcome: ScenarioOutcome) -> Figure:
         _number_points(outcome, rows)
     rows[0].plot([], [], color=REFERENCE, linewidth=0.8, alpha=0.6, label="one trial")
     rows[0].plot([], [], color=REFERENCE, linewidth=2.2, label="mean of the trials")
-    legend_below(figure, rows[0], 2)
-    return figure
+    return legend_below(figure, rows[0], 2)
 
 
 def _deviation(outcome: ScenarioOutcome, trial: Trial) -> Array:

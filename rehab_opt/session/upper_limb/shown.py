@@ -152,12 +152,9 @@ def _hand_path(outcome: ArmOutcome) -> Figure:
     for law, drive in _drives(outcome):
         label = f"hand, {law} law{_off_plane(outcome, law)}"
         axes.plot(MM * drive.hand[:, 0], MM * drive.hand[:, 1], **LAW_STYLES[law], label=label)
-    axes.set_aspect("equal", adjustable="datalim")
-    axes.set_xlabel(ACROSS)
-    axes.set_ylabel(FORWARD)
+    axes.set(aspect="equal", adjustable="datalim", xlabel=ACROSS, ylabel=FORWARD)
     axes.grid(**GRID)
-    legend_below(figure, axes, 2)
-    return figure
+    return legend_below(figure, axes, 2)
 
 
 def _off_plane(outcome: ArmOutcome, law: str) -> str:
@@ -187,8 +184,7 @@ def _arm_error(outcome: ArmOutcome) -> Figure:
     top = max(1.0, 1.08 * max(float(MM * drive.position_error.max()) for _, drive in drives))
     distance.set_ylim(0, top)
     tilt.set_ylim(0, max(1.25 * limit, tilt.dataLim.y1 * 1.08))
-    legend_below(figure, distance, 3)
-    return figure
+    return legend_below(figure, distance, 3)
 
 
 def _shade_missed(axes: Axes, time: Array, missed: NDArray[np.bool_]) -> None:

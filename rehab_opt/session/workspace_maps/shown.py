@@ -62,8 +62,7 @@ def _before_and_after(outcome: MapOutcome, direction: MapDirection) -> Figure:
     seen = Bbox.union([axes.dataLim for axes in alike]).expanded(1.06, 1.06)
     for axes in alike:
         axes.set(xlim=seen.intervalx, ylim=seen.intervaly, adjustable="box")
-    legend_below(figure, large[0], 4)
-    return figure
+    return legend_below(figure, large[0], 4)
 
 
 def _draw_panels(panels: Sequence[Axes], direction: MapDirection) -> None:
@@ -163,8 +162,7 @@ def _folds(outcome: MapOutcome, direction: MapDirection) -> Figure:
         Patch(facecolor=FOLDED, edgecolor="none", label="folded: movements are reversed there"),
         Patch(facecolor="none", edgecolor=OUTSIDE, hatch="////", label=f"mapped outside {direction.end.name}"),
     ]
-    figure.legend(handles=marks, loc="outside lower center", ncols=2, frameon=False, fontsize=9)
-    return figure
+    return legend_below(figure, marks, 2)
 
 
 def _draw_folds(axes: Axes, made: MadeMap, start: Workspace, end: Workspace) -> Any:

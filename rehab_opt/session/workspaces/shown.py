@@ -128,8 +128,7 @@ def _slices(outcome: WorkspaceOutcome) -> Figure:
         draw_region(axes, workspace, styles[name], label=region_label(name, workspace))
     draw_shoulder(axes, outcome.section)
     seen_from_above(axes, outcome.section)
-    legend_below(figure, axes, 1 if any(of.workspace.empty for of in outcome.sets.values()) else 2)
-    return figure
+    return legend_below(figure, axes, 1 if any(of.workspace.empty for of in outcome.sets.values()) else 2)
 
 
 def _volumes(outcome: WorkspaceOutcome) -> Figure:
@@ -168,8 +167,7 @@ def _volumes(outcome: WorkspaceOutcome) -> Figure:
         Patch(facecolor=SET_STYLES[i % len(SET_STYLES)]["facecolor"], label=f"{name} ({'; '.join(sizes[name])})")
         for i, name in enumerate(names)
     ]
-    figure.legend(handles=handles, loc="outside lower center", ncols=2, frameon=False, fontsize=9)
-    return figure
+    return legend_below(figure, handles, 2)
 
 
 def table(outcome: WorkspaceOutcome) -> Table:
