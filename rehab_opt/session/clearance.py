@@ -3,21 +3,25 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 from pydantic import Field
 
+from rehab_opt.control.clearance import Clearance
+from rehab_opt.control.clearance_pairs import ClearancePairs
 from rehab_opt.errors import ConfigurationError, ProblemFileError
+from rehab_opt.kinematics.chain import SerialChain
+from rehab_opt.kinematics.human_arm import ARM_REST, human_arm
+from rehab_opt.kinematics.link_capsules import Capsule
+from rehab_opt.kinematics.room import Box, KeepOut, arm_capsules
 from rehab_opt.session.drawing import GRID, LIMIT, MM, REFERENCE, framed, label_times, legend_below
+from rehab_opt.session.live.bodies import ArmBodies, kept_off, moving_rows, sides
 from rehab_opt.session.outcome import Array
+from rehab_opt.session.robot_file import pose_of
 from rehab_opt.session.schema import Section, Side, Triple
-
-if TYPE_CHECKING:
-    from rehab_opt.control.clearance_pairs import ClearancePairs
-    from rehab_opt.kinematics.chain import SerialChain
 
 __all__ = [
     "ClearanceSection",
@@ -210,12 +214,6 @@ def clearance_of(section: ClearanceSection | None, file: str, *, moving: bool = 
     ------
     ProblemFileError : a normal that is none; bodies that move where the run tells of none, unless `moving`.
     """
-    from rehab_opt.control.clearance import Clearance  # noqa: PLC0415  (loads CasADi)
-    from rehab_opt.kinematics.human_arm import ARM_REST, human_arm  # noqa: PLC0415
-    from rehab_opt.kinematics.link_capsules import Capsule  # noqa: PLC0415
-    from rehab_opt.kinematics.room import Box, KeepOut, arm_capsules  # noqa: PLC0415
-    from rehab_opt.session.robot_file import pose_of  # noqa: PLC0415
-
     if section is None:
         return []
     if section.moving and not moving:
@@ -264,8 +262,6 @@ def nearest_bodies(
     section: ClearanceSection | None, file: str, chain: SerialChain, q: Array, time: Array
 ) -> NearestBodies | None:
     """Of a run's postures (N, n) at times (N,) [s] of a problem file's bodies; None where nothing keeps clear."""
-    from rehab_opt.control.clearance_pairs import ClearancePairs  # noqa: PLC0415  (loads CasADi)
-
     if section is None:
         return None
     pairs = ClearancePairs(clearance_of(section, file, moving=True)[0], chain)
@@ -288,8 +284,6 @@ def _point(numbers: Any) -> tuple[float, float, float]:
 def _draw(axes: Any, pairs: ClearancePairs, q: Array, told: Array, across: int, up: int) -> None:  # noqa: PLR0917
     """Links and bodies as their outlines, seen along the third axis."""
     from shapely import MultiPoint  # noqa: PLC0415
-
-    from rehab_opt.session.live.bodies import ArmBodies, kept_off, moving_rows, sides  # noqa: PLC0415  (loads CasADi)
 
     given, seen, links = pairs.clearance, [across, up], ArmBodies(pairs.chain).capsules(q, LINK)
     outlines = [

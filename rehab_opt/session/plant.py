@@ -10,6 +10,9 @@ from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, mod
 
 from rehab_opt.control.joint_feedback import JointFeedback
 from rehab_opt.errors import ConfigurationError
+from rehab_opt.kinematics.chain import SerialChain
+from rehab_opt.kinematics.drive import Drive
+from rehab_opt.kinematics.mobile_arm import MobileArm
 from rehab_opt.kinematics.ur5 import ur5
 from rehab_opt.plants.channel import Channel
 from rehab_opt.plants.ideal import IdealJoints
@@ -18,9 +21,6 @@ from rehab_opt.session.live.problem import DeviceAddress
 from rehab_opt.session.schema import Problem, Section, refusal
 
 if TYPE_CHECKING:
-    from rehab_opt.kinematics.chain import SerialChain
-    from rehab_opt.kinematics.drive import Drive
-    from rehab_opt.kinematics.mobile_arm import MobileArm
     from rehab_opt.plants.plant import Plant
     from rehab_opt.plants.wheelchair import Wheelchair
 

@@ -4,20 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rehab_opt.control.obstacles import HalfPlane, Obstacle
+from rehab_opt.kinematics.arm_links import LinkEnd, arm_links
+from rehab_opt.kinematics.mobile_arm import CHAIR, Capsule, MobileArm, Outline
 from rehab_opt.session.outcome import Array
 
-if TYPE_CHECKING:
-    from rehab_opt.control.obstacles import Obstacle
-    from rehab_opt.kinematics.arm_links import LinkEnd
-    from rehab_opt.kinematics.mobile_arm import Capsule, MobileArm, Outline
-
 __all__ = ["arm_gaps", "arm_points", "chair_corners", "chair_gaps", "point_gaps"]
-
-CHAIR = 3
 
 
 def chair_corners(outline: Outline, q: Array) -> Array:
@@ -31,8 +26,6 @@ def chair_corners(outline: Outline, q: Array) -> Array:
 
 def chair_gaps(outline: Outline, room: Sequence[Obstacle], q: Array) -> Array:
     """(N, k) [m] distance of the chair's outline from each obstacle, negative where it is within it."""
-    from rehab_opt.control.obstacles import HalfPlane  # noqa: PLC0415  (loads CasADi)
-
     corners, gaps = chair_corners(outline, q), []
     for obstacle in room:
         if isinstance(obstacle, HalfPlane):
@@ -51,8 +44,6 @@ def chair_gaps(outline: Outline, room: Sequence[Obstacle], q: Array) -> Array:
 
 def point_gaps(room: Sequence[Obstacle], points: Array) -> Array:
     """(N, k) [m] distance of points (N, 2) of the floor from each obstacle."""
-    from rehab_opt.control.obstacles import HalfPlane  # noqa: PLC0415  (loads CasADi)
-
     gaps = []
     for obstacle in room:
         if isinstance(obstacle, HalfPlane):
@@ -68,8 +59,6 @@ def arm_points(robot: MobileArm, q: Array) -> Array:
 
     They are the origins of the joints that move against each other; of ARDIS shoulder, elbow and hand.
     """
-    from rehab_opt.kinematics.arm_links import arm_links  # noqa: PLC0415  (loads CasADi)
-
     first, *others = arm_links(replace(robot.chain, capsules=()), first=CHAIR, radius=0.0)
     return np.stack(_places(robot, q, [first.begin, first.end, *(link.end for link in others)]), axis=1)
 

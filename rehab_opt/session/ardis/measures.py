@@ -3,23 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from rehab_opt.control.obstacles import Obstacle
+from rehab_opt.kinematics.drive import Drive
+from rehab_opt.kinematics.mobile_arm import CHAIR, MobileArm
 from rehab_opt.session.ardis.clearance import arm_gaps, arm_points, chair_gaps, point_gaps
 from rehab_opt.session.ardis.outcome import DriveOutcome, Motion
 from rehab_opt.session.ardis.problem import DriveName, GoalSection
 from rehab_opt.session.outcome import Array, finite, status_counts
 
-if TYPE_CHECKING:
-    from rehab_opt.control.obstacles import Obstacle
-    from rehab_opt.kinematics.drive import Drive
-    from rehab_opt.kinematics.mobile_arm import MobileArm
-
 __all__ = ["KEPT", "drive_metrics", "excesses", "goals_met", "hand_shares", "kinetic_energies"]
 
-CHAIR = 3
 KEPT = 1e-6
 """[m, rad, and the same per s or s^2] What passes a limit by less keeps it: rounding, and what a certificate allows."""
 MOVING = 1e-9

@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from rehab_opt.control.joint_feedback import JointFeedback
+from rehab_opt.control.joystick import STICK_MODES, Joystick, StickMode
+from rehab_opt.control.obstacles import Disc, HalfPlane, Obstacle
+from rehab_opt.control.redundancy import RedundancyResolver
 from rehab_opt.errors import ProblemFileError, RobotFileError
+from rehab_opt.kinematics.ardis import ARDIS_READY, ardis
+from rehab_opt.kinematics.arm_on_chair import arm_on_chair
+from rehab_opt.kinematics.mobile_arm import CHAIR, MobileArm
 from rehab_opt.session.ardis.clearance import chair_gaps
 from rehab_opt.session.ardis.problem import ArdisProblem, DriveName
 from rehab_opt.session.clearance import clearance_key, clearance_of
@@ -15,13 +22,6 @@ from rehab_opt.session.outcome import Array
 from rehab_opt.session.refusals import refused_as
 from rehab_opt.session.robot_file import posture_of
 from rehab_opt.session.robot_file import robot_of as arm_of
-
-if TYPE_CHECKING:
-    from rehab_opt.control.joint_feedback import JointFeedback
-    from rehab_opt.control.joystick import Joystick
-    from rehab_opt.control.obstacles import Obstacle
-    from rehab_opt.control.redundancy import RedundancyResolver
-    from rehab_opt.kinematics.mobile_arm import MobileArm
 
 __all__ = ["joystick_of", "resolver_of", "robot_of", "room_of", "start_of"]
 
@@ -47,9 +47,6 @@ def robot_of(loaded: ProblemFile[ArdisProblem]) -> MobileArm:
     ------
     ProblemFileError : a value of the file, or of the robot file, cannot be used.
     """
-    from rehab_opt.kinematics.ardis import ardis  # noqa: PLC0415  (loads CasADi)
-    from rehab_opt.kinematics.arm_on_chair import arm_on_chair  # noqa: PLC0415
-
     section = loaded.problem.robot
     if section.file is not None:
         arm = arm_of(loaded, section.file)
@@ -66,9 +63,6 @@ def start_of(loaded: ProblemFile[ArdisProblem], robot: MobileArm) -> Array:
     ------
     ProblemFileError : outside a joint's limits, or within an obstacle.
     """
-    from rehab_opt.kinematics.ardis import ARDIS_READY  # noqa: PLC0415
-    from rehab_opt.kinematics.mobile_arm import CHAIR  # noqa: PLC0415
-
     section, chain = loaded.problem.robot, robot.chain
     arm = ARDIS_READY[CHAIR:]
     if section.arm_deg is not None:
@@ -84,8 +78,6 @@ def start_of(loaded: ProblemFile[ArdisProblem], robot: MobileArm) -> Array:
 
 def room_of(loaded: ProblemFile[ArdisProblem]) -> tuple[Obstacle, ...]:
     """Walls and posts, in the order of the file."""
-    from rehab_opt.control.obstacles import Disc, HalfPlane  # noqa: PLC0415
-
     room = loaded.problem.room
     walls = [HalfPlane((wall.normal[0], wall.normal[1]), wall.offset_m) for wall in room.walls]
     return (*walls, *(Disc((post.centre_m[0], post.centre_m[1]), post.radius_m) for post in room.posts))
@@ -98,8 +90,6 @@ def joystick_of(loaded: ProblemFile[ArdisProblem]) -> Joystick:
     ------
     ProblemFileError : a value it refuses.
     """
-    from rehab_opt.control.joystick import STICK_MODES, Joystick, StickMode  # noqa: PLC0415
-
     section = loaded.problem.stick
     modes: tuple[StickMode, ...] = STICK_MODES
     if section.modes is not None:
@@ -129,8 +119,6 @@ def resolver_of(
     ProblemFileError : it refuses a value of the file.
     ConfigurationError : it refuses `solver`.
     """
-    from rehab_opt.control.redundancy import RedundancyResolver  # noqa: PLC0415  (loads solvers)
-
     run = loaded.problem.run
     name = solver or run.solver
     chosen: dict[str, Any] = {} if name is None else {"solver": name}

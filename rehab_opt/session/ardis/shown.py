@@ -10,9 +10,11 @@ from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.patches import Circle, Polygon
 from rich.table import Table
 from rich.text import Text
 
+from rehab_opt.control.obstacles import HalfPlane
 from rehab_opt.session.ardis.clearance import arm_points, chair_corners
 from rehab_opt.session.ardis.outcome import LAWS, ArdisOutcome, Motion
 from rehab_opt.session.drawing import GRID, LAW_STYLES, REFERENCE, framed, legend_below, servo_figure
@@ -84,10 +86,6 @@ def seen_from_above(outcome: ArdisOutcome) -> tuple[np.ndarray, np.ndarray]:
 
 def draw_room(axes: Axes, outcome: ArdisOutcome, x: np.ndarray, y: np.ndarray) -> None:
     """Walls, posts and goals."""
-    from matplotlib.patches import Circle, Polygon  # noqa: PLC0415
-
-    from rehab_opt.control.obstacles import HalfPlane  # noqa: PLC0415
-
     for obstacle in outcome.room:
         if isinstance(obstacle, HalfPlane):
             normal = np.asarray(obstacle.normal) / np.hypot(*obstacle.normal)

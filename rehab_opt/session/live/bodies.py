@@ -5,19 +5,17 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
+from rehab_opt.control.clearance import Clearance
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.kinematics.link_capsules import LinkCapsule
 from rehab_opt.kinematics.room import Box, KeepOut
 from rehab_opt.session.outcome import Array
-
-if TYPE_CHECKING:
-    from rehab_opt.control.clearance import Clearance
 
 __all__ = [
     "ARM_PLOTS",

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
+import shapely
 from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.colors import Colormap, ListedColormap
@@ -128,8 +129,6 @@ def _draw_sizes(axes: Axes, outcome: ScenarioOutcome, box: Box) -> None:
 
 def _corners(outcome: ScenarioOutcome, *, everything: bool) -> Array:
     """Points (N, 2) [m] that are to be seen."""
-    import shapely  # noqa: PLC0415
-
     spaces = (outcome.comfortable, outcome.reachable) if everything else (outcome.comfortable,)
     corners = [shapely.get_coordinates(space.polygon) for space in spaces]
     return np.vstack([outcome.reference, *corners])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import shapely
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
@@ -160,8 +161,6 @@ def together_figure(outcome: ScenarioOutcome) -> Figure:
 
 
 def _close_up(outcome: ScenarioOutcome, pairs: dict[Law, tuple[Trial, HelperTrace]]) -> Array:
-    import shapely  # noqa: PLC0415
-
     hands = [trial.position for trial, _ in pairs.values()]
     return np.vstack([outcome.reference, shapely.get_coordinates(outcome.comfortable.polygon), *hands])
 

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+import shapely
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
@@ -70,8 +71,6 @@ def largest_between(values: Array, ticks: NDArray[np.intp]) -> Array:
 
 
 def _places(outcome: ScenarioOutcome) -> Array:
-    import shapely  # noqa: PLC0415
-
     hands = [trial.position for of in outcome.trials.values() for trial in of]
     return np.vstack([outcome.reference, shapely.get_coordinates(outcome.comfortable.polygon), *hands])
 

@@ -9,8 +9,10 @@ from typing import Any
 
 import numpy as np
 
+from rehab_opt.control.arm_ik import ArmIK
 from rehab_opt.control.smoothing import smooth_path
 from rehab_opt.kinematics.chain import SerialChain
+from rehab_opt.published.tangent_law import TangentLaw
 from rehab_opt.session.outcome import Array, Progress
 from rehab_opt.session.refusals import refused_as
 from rehab_opt.session.upper_limb.outcome import Drive, LawResult
@@ -106,8 +108,6 @@ def _refused(law: str, file: str, solver: str | None) -> AbstractContextManager[
 
 
 def _optimised(arm: SerialChain, problem: UpperLimb, solver: str | None) -> Any:
-    from rehab_opt.control.arm_ik import ArmIK  # noqa: PLC0415  (loads solvers)
-
     chosen = solver or problem.optimised.solver
     given: dict[str, Any] = {} if chosen is None else {"solver": chosen}
     return ArmIK(
@@ -119,8 +119,6 @@ def _optimised(arm: SerialChain, problem: UpperLimb, solver: str | None) -> Any:
 
 
 def _published(arm: SerialChain, problem: UpperLimb) -> Any:
-    from rehab_opt.published.tangent_law import TangentLaw  # noqa: PLC0415
-
     given: dict[str, Any] = {"gain": problem.published.gain_per_s, "damping": problem.published.damping}
     return TangentLaw(
         arm,

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
+import shapely
 from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap, LogNorm
 from matplotlib.figure import Figure
@@ -114,8 +115,6 @@ def _finish(axes: Axes, title: str, section: ArmInPlane) -> None:
 
 def _grid(workspace: Workspace) -> Iterator[Array]:
     """Lines (n, 2) [m] of a square grid inside a workspace."""
-    import shapely  # noqa: PLC0415  (heavy)
-
     left, low, right, high = workspace.polygon.bounds
     step = max(right - left, high - low) / GRID_LINES
     columns = np.arange(left + step / 2, right, step)
@@ -129,8 +128,6 @@ def _grid(workspace: Workspace) -> Iterator[Array]:
 
 def _outline(workspace: Workspace) -> Iterator[Array]:
     """Points (n, 2) [m] close together along the outlines."""
-    import shapely  # noqa: PLC0415  (heavy)
-
     for ring in shapely.get_parts(workspace.polygon.boundary):
         yield shapely.get_coordinates(shapely.segmentize(ring, ring.length / ALONG_AN_OUTLINE))
 
