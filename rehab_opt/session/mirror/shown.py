@@ -11,6 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from rich.table import Table
 
+from rehab_opt.session import shown
 from rehab_opt.session.drawing import (
     GRID,
     LAW_STYLES,
@@ -26,19 +27,6 @@ from rehab_opt.session.drawing import (
 from rehab_opt.session.mirror.metrics import CAUSES
 from rehab_opt.session.mirror.outcome import BEFORE, PLAN, STEP, MirrorOutcome
 from rehab_opt.session.outcome import Array
-from rehab_opt.session.shown import (
-    Cell,
-    Numbers,
-    Rows,
-    counts,
-    law_table,
-    margin,
-    millimetres,
-    speed,
-    spread,
-    statuses,
-    times,
-)
 
 __all__ = ["brief", "figures", "table"]
 
@@ -277,7 +265,7 @@ def brief(outcome: MirrorOutcome) -> Table:
     return _table(outcome, FIRST_ROWS)
 
 
-def _table(outcome: MirrorOutcome, rows: Rows) -> Table:
+def _table(outcome: MirrorOutcome, rows: shown.Rows) -> Table:
     numbers = outcome.metrics
     reference, astar = numbers["reference"], numbers["astar"]
     caption = (
@@ -291,65 +279,65 @@ def _table(outcome: MirrorOutcome, rows: Rows) -> Table:
         name = f"A*, {numbers['parameters']['astar']['resolution_mm']:g} mm"
         laws[name] = astar
         rows = tuple((label, _of_astar(label, value, astar)) for label, value in rows)
-    return law_table(outcome.title, laws, rows, caption=caption)
+    return shown.law_table(outcome.title, laws, rows, caption=caption)
 
 
-def _of_astar(label: str, value: Cell, astar: Numbers) -> Cell:
+def _of_astar(label: str, value: shown.Cell, astar: shown.Numbers) -> shown.Cell:
     """The cell of a law, or of A*, which has few of them."""
     own = ASTAR_CELLS[label](astar) if label in ASTAR_CELLS else "-"
     return lambda of: own if of is astar else value(of)
 
 
-def _passed(of: Numbers) -> str:
+def _passed(of: shown.Numbers) -> str:
     return f"{100 * of['passed_share_of_time']:.0f}"
 
 
-def _ends(of: Numbers) -> str:
+def _ends(of: shown.Numbers) -> str:
     return f"{of['drive']['duration_s']:.1f}{'' if of['complete'] else ' INCOMPLETE'}"
 
 
-def _law(of: Numbers) -> str:
-    return f"{millimetres('deviation')(of)}; {of['duration_s']:.1f}"
+def _law(of: shown.Numbers) -> str:
+    return f"{shown.millimetres('deviation')(of)}; {of['duration_s']:.1f}"
 
 
-def _seconds(of: Numbers, *causes: str) -> str:
+def _seconds(of: shown.Numbers, *causes: str) -> str:
     return " / ".join(f"{of['drive']['seconds_by_cause'][cause]:.1f}" for cause in causes)
 
 
-def _kept_off(of: Numbers) -> str:
+def _kept_off(of: shown.Numbers) -> str:
     short = {cause: of["drive"]["seconds_by_cause"][cause] for cause in SHORT}
     most = max(short, key=lambda cause: short[cause])
     return f"{_seconds(of, 'late', 'stopped')} / {sum(short.values()):.1f}" + (f", {most}" if short[most] else "")
 
 
-def _acceleration(of: Numbers) -> str:
+def _acceleration(of: shown.Numbers) -> str:
     return f"{of['joint_acceleration_max_share_of_limit']:.2f} ({of['joint_acceleration_above_limit_ticks']})"
 
 
-def _ticks(of: Numbers) -> str:
-    return times("tick")(of) if "tick_median_ms" in of else "-"
+def _ticks(of: shown.Numbers) -> str:
+    return shown.times("tick")(of) if "tick_median_ms" in of else "-"
 
 
 SHORT = ("person's arm", "floor", "keep-out", "robot's reach")
 DISTANCE = "   distance to the reference mean / p95 / max, mm"
-ASTAR_CELLS: Mapping[str, Callable[[Numbers], str]] = {
+ASTAR_CELLS: Mapping[str, Callable[[shown.Numbers], str]] = {
     "   least manipulability, share of largest": lambda of: f"{of['manipulability_min']:.4f}",
-    DISTANCE: millimetres("deviation"),
+    DISTANCE: shown.millimetres("deviation"),
     "   duration, s": lambda of: "no times" if of["complete"] else "no times, INCOMPLETE",
     "computing time, s": lambda of: f"{of['computing_s']:.3g}",
     "events": lambda of: f"{of['expanded']} expanded, {of['blocked']} blocked",
 }
-FIRST_ROWS: Rows = (
+FIRST_ROWS: shown.Rows = (
     ("reference passed by a drive, within 5 mm and 5 deg, %", lambda of: _passed(of["drive"])),
-    (DISTANCE, lambda of: millimetres("deviation")(of["drive"])),
+    (DISTANCE, lambda of: shown.millimetres("deviation")(of["drive"])),
     ("   duration, s", _ends),
     ("   least manipulability, share of largest", lambda of: f"{of['drive']['manipulability_min']:.4f}"),
     ("time below the floor, %", lambda of: f"{100 * of['below_floor_share_of_time']:.1f}"),
     ("seconds late / stopped / short, most for", _kept_off),
-    ("smallest joint-limit margin, deg", margin),
-    ("ticks by status", statuses),
+    ("smallest joint-limit margin, deg", shown.margin),
+    ("ticks by status", shown.statuses),
 )
-MORE_ROWS: Rows = (
+MORE_ROWS: shown.Rows = (
     ("seconds followed / late / stopped", lambda of: _seconds(of, "followed", "late", "stopped")),
     ("seconds short for person's arm / floor / keep-out / reach", lambda of: _seconds(of, *SHORT)),
     (
@@ -359,12 +347,12 @@ MORE_ROWS: Rows = (
     ("fastest tool, m/s", lambda of: f"{of['drive']['tool_speed_max_m_s']:.4f}"),
     ("reference passed by the law before a drive, %", _passed),
     ("   distance mean / p95 / max, mm; duration, s", _law),
-    ("turn from the reference mean / p95 / max, deg", spread("turn", "deg")),
+    ("turn from the reference mean / p95 / max, deg", shown.spread("turn", "deg")),
     ("reference held back, s", lambda of: f"{of['reference_held_back_s']:.2f}"),
-    ("fastest joint, deg/s (share of limit)", speed),
+    ("fastest joint, deg/s (share of limit)", shown.speed),
     ("largest joint acceleration, share of limit (ticks above)", _acceleration),
-    ("ticks in which something yielded", lambda of: counts(of["yielded"]) or "0"),
-    ("events", lambda of: counts({key: n for key, n in of["counts"].items() if n}) or "none"),
+    ("ticks in which something yielded", lambda of: shown.counts(of["yielded"]) or "0"),
+    ("events", lambda of: shown.counts({key: n for key, n in of["counts"].items() if n}) or "none"),
     ("tick time median / p99 / max, ms", _ticks),
     ("computing time, s", lambda of: f"{of['computing_s']:.3g}"),
 )

@@ -6,6 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from rich.table import Table
 
+from rehab_opt.session import shown
 from rehab_opt.session.drawing import (
     GRID,
     LAW_STYLES,
@@ -18,18 +19,6 @@ from rehab_opt.session.drawing import (
     servo_figure,
 )
 from rehab_opt.session.pose_tracking.run import RobotOutcome
-from rehab_opt.session.shown import (
-    Numbers,
-    Rows,
-    counts,
-    law_table,
-    margin,
-    millimetres,
-    speed,
-    spread,
-    statuses,
-    times,
-)
 
 __all__ = ["brief", "figures", "table"]
 
@@ -81,31 +70,31 @@ SHARE_SHOWN = 0.05  # [%] shares that differ by less look the same
 
 def table(outcome: RobotOutcome) -> Table:
     """Rows of quantities with their units."""
-    return law_table(outcome.title, {TRACKER: outcome.metrics["optimised"]}, (*FIRST_ROWS, *MORE_ROWS))
+    return shown.law_table(outcome.title, {TRACKER: outcome.metrics["optimised"]}, (*FIRST_ROWS, *MORE_ROWS))
 
 
 def brief(outcome: RobotOutcome) -> Table:
     """The first of them."""
-    return law_table(outcome.title, {TRACKER: outcome.metrics["optimised"]}, FIRST_ROWS)
+    return shown.law_table(outcome.title, {TRACKER: outcome.metrics["optimised"]}, FIRST_ROWS)
 
 
-def _delivered(of: Numbers) -> str:
+def _delivered(of: shown.Numbers) -> str:
     least, moving = 100 * of["scale_min"], of["scale_min_moving"]
     if moving is None or 100 * moving - least < SHARE_SHOWN:
         return f"{least:.1f}"
     return f"{100 * moving:.1f} ({least:.1f} below 1 mm/s)"
 
 
-FIRST_ROWS: Rows = (
-    ("position error mean / p95 / max, mm", millimetres("position_error")),
-    ("orientation error mean / p95 / max, deg", spread("orientation_error", "deg")),
-    ("smallest joint-limit margin, deg", margin),
+FIRST_ROWS: shown.Rows = (
+    ("position error mean / p95 / max, mm", shown.millimetres("position_error")),
+    ("orientation error mean / p95 / max, deg", shown.spread("orientation_error", "deg")),
+    ("smallest joint-limit margin, deg", shown.margin),
     ("least share of the asked motion delivered, %", _delivered),
-    ("ticks by status", statuses),
+    ("ticks by status", shown.statuses),
 )
-MORE_ROWS: Rows = (
+MORE_ROWS: shown.Rows = (
     ("parameters", lambda of: f"solver {of['parameters']['solver']}"),
-    ("fastest joint, deg/s (share of limit)", speed),
-    ("tick time median / p99 / max, ms", times("tick")),
-    ("ticks in which something yielded", lambda of: counts(of["yielded"]) or "0"),
+    ("fastest joint, deg/s (share of limit)", shown.speed),
+    ("tick time median / p99 / max, ms", shown.times("tick")),
+    ("ticks in which something yielded", lambda of: shown.counts(of["yielded"]) or "0"),
 )
