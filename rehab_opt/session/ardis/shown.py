@@ -154,7 +154,7 @@ def _hand(outcome: ArdisOutcome) -> Figure:
             column[1].plot(motion.time, gone, **LAW_STYLES[law], zorder=ORDER[law])
         # A law that leaves its limits may go anywhere: the room is shown.
         column[0].set_ylim(-0.2, 1.8)
-        column[1].set_ylim(0, 1.3 * max(1e-2, _way(of.optimised)))
+        column[1].set_ylim(0, 1.3 * max(1e-2, outcome.metrics["drives"][drive]["optimised"]["chair_path_m"]))
         column[0].axhline(0, color=REFERENCE, linewidth=1, linestyle=":")
         reached = outcome.metrics["drives"][drive]["optimised"]["goals"]
         for i, when in enumerate(reached.values()):
@@ -173,10 +173,6 @@ def _hand(outcome: ArdisOutcome) -> Figure:
     grid[0, 0].set_ylabel("hand above the floor [m]")
     grid[1, 0].set_ylabel("way of the chair [m]")
     return legend_below(figure, grid[0, 0], 3)
-
-
-def _way(motion: Motion) -> float:
-    return float(np.hypot(motion.velocity[:, 0], motion.velocity[:, 1]).sum() * motion.dt)
 
 
 def _limits(outcome: ArdisOutcome) -> Figure:

@@ -292,10 +292,6 @@ def _passed(of: shown.Numbers) -> str:
     return f"{100 * of['passed_share_of_time']:.0f}"
 
 
-def _ends(of: shown.Numbers) -> str:
-    return f"{of['drive']['duration_s']:.1f}{'' if of['complete'] else ' INCOMPLETE'}"
-
-
 def _law(of: shown.Numbers) -> str:
     return f"{shown.millimetres('deviation')(of)}; {of['duration_s']:.1f}"
 
@@ -314,10 +310,6 @@ def _acceleration(of: shown.Numbers) -> str:
     return f"{of['joint_acceleration_max_share_of_limit']:.2f} ({of['joint_acceleration_above_limit_ticks']})"
 
 
-def _ticks(of: shown.Numbers) -> str:
-    return shown.times("tick")(of) if "tick_median_ms" in of else "-"
-
-
 SHORT = ("person's arm", "floor", "keep-out", "robot's reach")
 DISTANCE = "   distance to the reference mean / p95 / max, mm"
 ASTAR_CELLS: Mapping[str, Callable[[shown.Numbers], str]] = {
@@ -330,7 +322,7 @@ ASTAR_CELLS: Mapping[str, Callable[[shown.Numbers], str]] = {
 FIRST_ROWS: shown.Rows = (
     ("reference passed by a drive, within 5 mm and 5 deg, %", lambda of: _passed(of["drive"])),
     (DISTANCE, lambda of: shown.millimetres("deviation")(of["drive"])),
-    ("   duration, s", _ends),
+    ("   duration, s", lambda of: f"{of['drive']['duration_s']:.1f}{'' if of['complete'] else ' INCOMPLETE'}"),
     ("   least manipulability, share of largest", lambda of: f"{of['drive']['manipulability_min']:.4f}"),
     ("time below the floor, %", lambda of: f"{100 * of['below_floor_share_of_time']:.1f}"),
     ("seconds late / stopped / short, most for", _kept_off),
@@ -353,6 +345,6 @@ MORE_ROWS: shown.Rows = (
     ("largest joint acceleration, share of limit (ticks above)", _acceleration),
     ("ticks in which something yielded", lambda of: shown.counts(of["yielded"]) or "0"),
     ("events", lambda of: shown.counts({key: n for key, n in of["counts"].items() if n}) or "none"),
-    ("tick time median / p99 / max, ms", _ticks),
+    ("tick time median / p99 / max, ms", lambda of: shown.times("tick")(of) if "tick_median_ms" in of else "-"),
     ("computing time, s", lambda of: f"{of['computing_s']:.3g}"),
 )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Iterator
 from typing import Any, NamedTuple
@@ -16,7 +15,7 @@ from rehab_opt.field.fit import Fit
 from rehab_opt.field.potential import PotentialField
 from rehab_opt.recordings.reading import read_recording
 from rehab_opt.session.files import ProblemFile, recording_path
-from rehab_opt.session.outcome import Array
+from rehab_opt.session.outcome import Array, finite
 from rehab_opt.session.refusals import refused_as
 from rehab_opt.session.scenario.problem import ScenarioProblem
 from rehab_opt.session.systems import Needed
@@ -70,17 +69,17 @@ def fit_metrics(fit: Fit) -> dict[str, Any]:
     names = (("stiffness", "stiffness_N_m"), ("drag", "drag_N_m"), ("damping", "damping_Ns_m"))
     return {
         **{key: fit.parameters[name] for name, key in names},
-        **{f"{key}_standard_error": _finite(fit.standard_error[name]) for name, key in names},
+        **{f"{key}_standard_error": finite(fit.standard_error[name]) for name, key in names},
         "width_m": fit.width,
         "training_error_N": fit.training_error,
         "held_out": [1 + number for number in fit.held_out],
-        "held_out_error_N": _finite(fit.held_out_error),
-        "held_out_share": _finite(fit.held_out_share),
+        "held_out_error_N": finite(fit.held_out_error),
+        "held_out_share": finite(fit.held_out_share),
         "width_chosen_on_held_out": fit.chosen_on_held_out,
-        "constant_stiffness_error_N": _finite(fit.constant_stiffness_error),
-        "condition": _finite(fit.condition),
+        "constant_stiffness_error_N": finite(fit.constant_stiffness_error),
+        "condition": finite(fit.condition),
         "unidentified": list(fit.unidentified),
-        "rest_stiffness_N_m": _finite(fit.rest_stiffness),
+        "rest_stiffness_N_m": finite(fit.rest_stiffness),
         "constraints_active": fit.constraints_active,
         "solver": fit.solver,
         "residual": fit.residual,
@@ -165,10 +164,6 @@ def _as_key(loaded: ProblemFile[ScenarioProblem], refused: ConfigurationError) -
         for text in (refused.value, refused.expected)
     )
     return ProblemFileError(loaded.file, f"{KEY}.files", f"{files[int(number[1])]}: {value}", expected)
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None
 
 
 RESTING, MOSTLY = 0.005, 0.6

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import shapely
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
@@ -19,6 +18,7 @@ from rehab_opt.session.scenario.plane_drawing import (
     draw_reference,
     draw_workspaces,
     seen_box,
+    seen_points,
     shown_box,
 )
 from rehab_opt.session.scenario.problem import THERAPY
@@ -133,7 +133,8 @@ def together_figure(outcome: ScenarioOutcome) -> Figure:
     grid = figure.subplots(4, len(pairs), squeeze=False, height_ratios=(1.3, 1.6, 1, 1))
     demonstrated = outcome.reference if outcome.demonstrated is None else outcome.demonstrated
     hands = np.vstack([helper.position for _, helper in pairs.values()])
-    wide, near = shown_box(np.vstack([demonstrated, hands])), shown_box(_close_up(outcome, pairs))
+    wide = shown_box(np.vstack([demonstrated, hands]))
+    near = shown_box(seen_points(outcome, (trial.position for trial, _ in pairs.values())))
     for column, (law, (trial, helper)) in zip(grid.T, pairs.items(), strict=True):
         ticks, colour = thinned_ticks(trial), LAW_COLOURS[law]
         column[0].set_title(f"{LAW_NAMES[law]}: the helper's hand", fontsize=11, loc="left", color=colour)
@@ -158,11 +159,6 @@ def together_figure(outcome: ScenarioOutcome) -> Figure:
         axes.set_ylabel("")
     grid[2, 0].legend(fontsize=8, loc="upper right")
     return legend_below(figure, grid[0, 0], 2)
-
-
-def _close_up(outcome: ScenarioOutcome, pairs: dict[Law, tuple[Trial, HelperTrace]]) -> Array:
-    hands = [trial.position for trial, _ in pairs.values()]
-    return np.vstack([outcome.reference, shapely.get_coordinates(outcome.comfortable.polygon), *hands])
 
 
 def _over_time(axes: Axes, trial: Trial, values: dict[str, Array], ticks: NDArray[np.intp], colour: str) -> None:

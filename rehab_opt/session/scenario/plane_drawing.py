@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, Literal
 
 import numpy as np
+import shapely
 from matplotlib.axes import Axes
 
 from rehab_opt.session.drawing import ACROSS, FORWARD, GRID, MM, REFERENCE
@@ -25,6 +26,7 @@ __all__ = [
     "grid_points",
     "mean_over_trials",
     "seen_box",
+    "seen_points",
     "shown_box",
 ]
 Box = tuple[tuple[float, float], tuple[float, float]]
@@ -112,6 +114,11 @@ def draw_arrows(axes: Axes, box: Box, forces: Callable[[Array], Array], *, count
         MM * x, MM * y, unit[..., 0], unit[..., 1], pivot="mid", scale=1.3 * count, width=0.0035, color="black",
         zorder=3,
     )  # fmt: skip
+
+
+def seen_points(outcome: ScenarioOutcome, hands: Iterable[Array]) -> Array:
+    """Points (N, 2) [m] of the reference, of W_c and of the ways of some hands: what a picture of trials shows."""
+    return np.vstack([outcome.reference, shapely.get_coordinates(outcome.comfortable.polygon), *hands])
 
 
 def shown_box(points: Array) -> Box:

@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-import shapely
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
@@ -24,6 +23,7 @@ from rehab_opt.session.scenario.plane_drawing import (
     draw_workspaces,
     mean_over_trials,
     seen_box,
+    seen_points,
     shown_box,
 )
 from rehab_opt.session.scenario.problem import THERAPY
@@ -40,7 +40,7 @@ def trials_figure(outcome: ScenarioOutcome) -> Figure:
     count = max(len(of) for of in outcome.trials.values())
     figure = framed(f"{outcome.title}\n{count} trials under each law, and their mean", 0.8 + 4.2 * len(laws), 10.5)
     grid = figure.subplots(3, len(laws), squeeze=False, height_ratios=(1.6, 1, 1))
-    box = shown_box(_places(outcome))
+    box = shown_box(seen_points(outcome, (trial.position for of in outcome.trials.values() for trial in of)))
     for column, law in zip(grid.T, laws, strict=True):
         column[0].set_title(LAW_NAMES[law], fontsize=11, loc="left", color=LAW_COLOURS[law])
         draw_workspaces(column[0], outcome)
@@ -68,11 +68,6 @@ def trials_figure(outcome: ScenarioOutcome) -> Figure:
 def largest_between(values: Array, ticks: NDArray[np.intp]) -> Array:
     """(K,) the largest of `values` (N,) since the kept tick before, so that no peak is lost."""
     return np.maximum.reduceat(values, np.concatenate(([0], ticks[:-1] + 1)))
-
-
-def _places(outcome: ScenarioOutcome) -> Array:
-    hands = [trial.position for of in outcome.trials.values() for trial in of]
-    return np.vstack([outcome.reference, shapely.get_coordinates(outcome.comfortable.polygon), *hands])
 
 
 def _draw_paths(axes: Axes, outcome: ScenarioOutcome, law: Law) -> None:

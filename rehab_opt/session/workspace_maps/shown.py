@@ -147,7 +147,7 @@ def _folds(outcome: MapOutcome, direction: MapDirection) -> Figure:
             shown = _draw_folds(axes, made, start, end)
         else:
             axes.annotate("no map", (0.5, 0.5), xycoords="axes fraction", ha="center")
-        axes.add_patch(_edge(start))
+        axes.add_patch(PathPatch(region_path(start), fill=False, edgecolor=REFERENCE, linewidth=1.4))
         _finish(axes, f"{made.rule} rule: {_verdict(made)}", direction.start.section)
     if shown is not None:
         bar = figure.colorbar(
@@ -188,10 +188,6 @@ def _draw_folds(axes: Axes, made: MadeMap, start: Workspace, end: Workspace) -> 
         marked.set_edgecolor(OUTSIDE)
         marked.set_linewidth(0.0)
     return image
-
-
-def _edge(workspace: Workspace) -> Any:
-    return PathPatch(region_path(workspace), fill=False, edgecolor=REFERENCE, linewidth=1.4)
 
 
 def table(outcome: MapOutcome) -> Table:

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch, PathPatch
 from matplotlib.path import Path
@@ -58,8 +59,8 @@ ARROW = 60  # [mm]
 
 def draw_region(axes: Axes, workspace: Workspace, style: Mapping[str, Any], *, label: str = "") -> None:
     """A workspace as a translucent area; an empty one leaves its label in the legend alone."""
-    patch = PathPatch(region_path(workspace), linewidth=1.6, label=label or None, **_translucent(style))
-    axes.add_patch(patch)
+    filled = {**style, "facecolor": to_rgba(style["facecolor"], 0.45)}
+    axes.add_patch(PathPatch(region_path(workspace), linewidth=1.6, label=label or None, **filled))
 
 
 def region_path(workspace: Workspace) -> Path:
@@ -102,11 +103,6 @@ def region_label(name: str, workspace: Workspace) -> str:
     """Name and area for a legend, or why the set is empty."""
     said = f"{name}: empty, {workspace.reason}" if workspace.empty else f"{name}: {1e4 * workspace.area:.4g} cm$^2$"
     return "\n".join(textwrap.wrap(said.replace("_", " "), WRAPPED))
-
-
-def _translucent(style: Mapping[str, Any]) -> dict[str, Any]:
-    red, green, blue = (int(style["facecolor"][k : k + 2], 16) / 255 for k in (1, 3, 5))
-    return {**style, "facecolor": (red, green, blue, 0.45)}
 
 
 def figures(outcome: WorkspaceOutcome) -> dict[str, Figure]:
@@ -194,10 +190,6 @@ def _extent(axis: str) -> Callable[[Numbers], str]:
     return cell
 
 
-def _area(of: Numbers) -> str:
-    return "0 (empty)" if of["empty"] else f"{1e4 * of['area_m2']:.4g}"
-
-
 def percent(share: float | None) -> str:
     """A share, or that there is none."""
     return "-" if share is None else f"{100 * share:.1f}"
@@ -208,7 +200,7 @@ def _litres(of: Numbers | None) -> str:
 
 
 AREA_ROWS: Rows = (
-    ("area, cm^2", _area),
+    ("area, cm^2", lambda of: "0 (empty)" if of["empty"] else f"{1e4 * of['area_m2']:.4g}"),
     ("separate parts; holes", lambda of: f"{of['components']}; {of['holes']}"),
     ("extent to the right, x, mm", _extent("x")),
     ("extent forwards, y, mm", _extent("y")),
