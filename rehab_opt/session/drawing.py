@@ -15,7 +15,6 @@ from matplotlib.figure import Figure
 from matplotlib.legend import Legend
 from matplotlib.mathtext import MathTextParser
 from matplotlib.text import Text
-from matplotlib.transforms import Bbox
 
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.session.closed_loop import JointMotion
@@ -228,7 +227,7 @@ def _wrap(figure: Figure, text: Text, width: float) -> int:
 
 def _parts(figure: Figure, text: Text, line: str, width: float) -> list[str]:
     text.set_text(line)
-    wide = _width(figure, text) if line.strip() else 0.0
+    wide = _width(text) if line.strip() else 0.0
     if wide <= width or ("$" in line and text.get_parse_math()):  # a formula is not cut in two
         return [line]
     return textwrap.wrap(line, max(FEWEST_LETTERS, int(len(line) * width / wide))) or [line]
@@ -237,9 +236,9 @@ def _parts(figure: Figure, text: Text, line: str, width: float) -> list[str]:
 def _fit_legend(figure: Figure, legend: Legend) -> None:
     """The figure's legend anew, with fewer columns and then shorter lines, if it is wider than the figure."""
     labels, room = [text.get_text() for text in legend.get_texts()], ROOM * figure.bbox.width
-    if not labels or _width(figure, legend) <= room:
+    if not labels or _width(legend) <= room:
         return
-    handles, size, before = legend.legend_handles, legend.get_texts()[0].get_fontsize(), _height(figure, legend)
+    handles, size, before = legend.legend_handles, legend.get_texts()[0].get_fontsize(), _height(legend)
     for columns in range(min(MOST_COLUMNS, len(labels)), 0, -1):
         legend.remove()
         legend = figure.legend(
@@ -250,17 +249,17 @@ def _fit_legend(figure: Figure, legend: Legend) -> None:
             frameon=False,
             fontsize=size,
         )
-        if _width(figure, legend) <= room:
+        if _width(legend) <= room:
             break
     _shorten(figure, legend, room)
-    figure.set_figheight(figure.get_figheight() + max(_height(figure, legend) - before, 0.0) / figure.dpi)
+    figure.set_figheight(figure.get_figheight() + max(_height(legend) - before, 0.0) / figure.dpi)
 
 
 def _shorten(figure: Figure, legend: Legend, room: float) -> None:
     """Break the labels of a legend that is wider than `room` [pixel]."""
-    excess = _width(figure, legend) - room
+    excess = _width(legend) - room
     if excess > 0:
-        widest = max(_width(figure, text) for text in legend.get_texts())
+        widest = max(_width(text) for text in legend.get_texts())
         for text in legend.get_texts():
             _wrap(figure, text, max(widest - excess, 0.2 * room))
 
@@ -287,14 +286,9 @@ def _is_formula(text: str) -> bool:
     return True
 
 
-def _width(figure: Figure, artist: Text | Legend) -> float:
-    return float(_extent(figure, artist).width)
+def _width(artist: Text | Legend) -> float:
+    return float(artist.get_window_extent().width)  # type: ignore[no-untyped-call]
 
 
-def _height(figure: Figure, artist: Text | Legend) -> float:
-    return float(_extent(figure, artist).height)
-
-
-def _extent(figure: Figure, artist: Text | Legend) -> Bbox:
-    canvas = figure.canvas if isinstance(figure.canvas, FigureCanvasAgg) else FigureCanvasAgg(figure)
-    return artist.get_window_extent(canvas.get_renderer())  # type: ignore[no-untyped-call]
+def _height(artist: Text | Legend) -> float:
+    return float(artist.get_window_extent().height)  # type: ignore[no-untyped-call]

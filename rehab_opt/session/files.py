@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import importlib.resources
+import os
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -171,11 +172,7 @@ def problem_path(file: str) -> tuple[str, Path]:
     """
     path = Path(file)
     shipped = shipped_problems()
-    try:
-        present = path.exists()
-    except (OSError, ValueError):  # a name no file can have
-        present = False
-    if present:
+    if os.path.exists(path):  # unlike `path.exists()` it refuses no name: some can be no file's
         own = {shipped_path.resolve(): name for name, shipped_path in shipped.items()}
         return own.get(path.resolve(), path.stem), path
     name = file.removesuffix(".toml")
@@ -202,11 +199,7 @@ def recording_path(loaded: ProblemFile[Problem], reference: str, *, key: str = "
     if reference.startswith(PREFIX):
         return data_file(reference, problem=loaded.file, key=key)
     path = loaded.path.parent / reference
-    try:
-        present = path.exists()
-    except (OSError, ValueError):  # a name no file can have
-        present = False
-    if not present:
+    if not os.path.exists(path):
         kind = "robot file" if key == ROBOT_FILE else "recording"
         raise ProblemFileError(loaded.file, key, reference, f"a {kind} beside the problem file, or data:folder/file")
     if path.is_dir():

@@ -93,11 +93,6 @@ class Trial:
         members = tuple(Status)
         return [members[i] for i in self.status]
 
-    def flagged(self, bound: Bound) -> NDArray[np.bool_]:
-        """(N,) where the bound gave way."""
-        gave: NDArray[np.bool_] = (self.yielded & int(bound)) != 0
-        return gave
-
 
 @dataclass(frozen=True, eq=False)
 class ScenarioOutcome(Outcome):
