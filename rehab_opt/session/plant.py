@@ -234,8 +234,7 @@ def joint_plant(table: JointPlant, chain: SerialChain, dt: float) -> Plant:
         dt=dt,
         drive=servo(table.servo_hz),
         channel=channel_of(table),
-        seed=table.seed,
-        physics_step=ms(table.physics_step_ms),
+        **table.arguments("seed", "physics_step_ms"),
     )
     return arm if table.servo == "velocity" else PositionStream(arm)
 
@@ -285,12 +284,10 @@ def chair_plant(table: ChairPlant, robot: MobileArm, wheels: Drive, dt: float, *
         robot,
         wheels,
         dt=dt,
-        wheel_lag=ms(table.wheel_lag_ms),
         drive=VelocityServo(table.servo_hz),
         arm=own_chair_arm_model(robot) if own_arm else None,
         channel=channel_of(table),
-        seed=table.seed,
-        physics_step=ms(table.physics_step_ms),
+        **table.arguments("wheel_lag_ms", "seed", "physics_step_ms"),
     )
 
 

@@ -261,9 +261,7 @@ def _arm(said: RobotFile, path: Path, name: str) -> SerialChain:
     try:
         arm = read(
             file,
-            base=said.base,
-            tip=said.tip,
-            acceleration=math.radians(said.acceleration_deg_s2),
+            **said.arguments("base", "tip", "acceleration_deg_s2"),
             velocity=of_all if of_all is not None else _radians(speeds),
             lower=_radians({key: each.lower_deg for key, each in said.joints.items()}),
             upper=_radians({key: each.upper_deg for key, each in said.joints.items()}),

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from rehab_opt.control.joint_feedback import JointFeedback
@@ -97,10 +95,8 @@ def joystick_of(loaded: ProblemFile[ArdisProblem]) -> Joystick:
             StickMode(mode.name, (mode.rows[0], mode.rows[1]), (mode.speeds[0], mode.speeds[1]), tuple(mode.held))
             for mode in section.modes
         )
-    told = {"dead_zone": section.dead_zone, "rate": section.rate_per_s}
-    given = {name: value for name, value in told.items() if value is not None}
     with refused_as(loaded.file, _key):
-        return Joystick(modes, dt=1 / loaded.problem.run.rate_hz, **given)
+        return Joystick(modes, dt=1 / loaded.problem.run.rate_hz, **section.arguments("dead_zone", "rate_per_s"))
 
 
 def resolver_of(
@@ -120,8 +116,7 @@ def resolver_of(
     ConfigurationError : it refuses `solver`.
     """
     run = loaded.problem.run
-    name = solver or run.solver
-    chosen: dict[str, Any] = {} if name is None else {"solver": name}
+    chosen = run.arguments("self_motion", "solver") | ({"solver": solver} if solver else {})
     with refused_as(loaded.file, _key, option=solver):
         return RedundancyResolver(
             robot,
@@ -129,7 +124,6 @@ def resolver_of(
             row_sets=list(dict.fromkeys(mode.task_rows for mode in joystick_of(loaded).modes)),
             obstacles=room_of(loaded),
             limits=clearance_of(loaded.problem.clearance, loaded.file),
-            self_motion=run.self_motion,
             dt=1 / run.rate_hz,
             backup=backup,
             feedback=feedback,

@@ -256,7 +256,6 @@ class MirrorSystem(System[MirrorProblem, MirrorOutcome]):
                 *([] if near is None else [near.note]),
             ),
             metrics=metrics,
-            floor=section.floor,
             mirror=scene.mirror,
             asked=reference.poses,
             recorded=scene.recorded,
@@ -264,8 +263,7 @@ class MirrorSystem(System[MirrorProblem, MirrorOutcome]):
             drives=drives,
             causes=why,
             astar=astar,
-            max_deviation=1e-3 * section.max_deviation_mm,
-            linear_speed=section.linear_speed_m_s,
+            **section.arguments("floor", "max_deviation_mm", "linear_speed_m_s"),
             near=near,
         )
 

@@ -73,8 +73,7 @@ def tracker_of(
     ProblemFileError : it refuses a value of the file.
     ConfigurationError : it refuses `solver`.
     """
-    given = {"gain": problem.tracker.gain_per_s, "solver": solver or problem.tracker.solver}
-    chosen: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
+    chosen = problem.tracker.arguments("gain_per_s", "solver") | ({"solver": solver} if solver else {})
     with refused_as(file, lambda name: clearance_key(name) or KEYS.get(name, f"tracker.{name}"), option=solver):
         limits = clearance_of(problem.clearance, file, moving=True)
         return PoseTracker(

@@ -118,17 +118,14 @@ def sides_of(
         return (
             HelperSide(
                 ready.carry,
-                damping=helper.hand_damping_Ns_m,
-                exchange=helper.exchange_per_s,
+                **helper.arguments("hand_damping_Ns_m", "exchange_per_s", hand_damping_Ns_m="damping"),
                 force_limit=said.force_limit_N,
                 **bounds,
             ),
             ParticipantSide(
                 ready.carry,
                 comfortable=ready.comfortable,
-                stiffness=helper.stiffness_N_m,
-                damping=helper.damping_Ns_m,
-                exchange=helper.exchange_per_s,
+                **helper.arguments("stiffness_N_m", "damping_Ns_m", "exchange_per_s"),
                 force_limit=said.force_limit_N,
                 **bounds,
             ),

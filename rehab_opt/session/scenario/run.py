@@ -252,8 +252,7 @@ def assistance_of(
         ready.fields[0],
         comfortable=ready.comfortable,
         mode=problem.mode,
-        force_limit=said.force_limit_N,
-        onset=1e-3 * said.onset_mm,
+        **said.arguments("force_limit_N", "onset_mm"),
         **bounds,
     )
 

@@ -108,23 +108,16 @@ def _refused(law: str, file: str, solver: str | None) -> AbstractContextManager[
 
 
 def _optimised(arm: SerialChain, problem: UpperLimb, solver: str | None) -> Any:
-    chosen = solver or problem.optimised.solver
-    given: dict[str, Any] = {} if chosen is None else {"solver": chosen}
-    return ArmIK(
-        arm,
-        handle_tilt=math.radians(problem.arm.handle_tilt_deg),
-        posture_cost=problem.optimised.posture_cost,
-        **given,
-    )
+    given = problem.optimised.arguments() | ({"solver": solver} if solver else {})
+    return ArmIK(arm, handle_tilt=math.radians(problem.arm.handle_tilt_deg), **given)
 
 
 def _published(arm: SerialChain, problem: UpperLimb) -> Any:
-    given: dict[str, Any] = {"gain": problem.published.gain_per_s, "damping": problem.published.damping}
     return TangentLaw(
         arm,
         dt=1 / problem.run.rate_hz,
         handle_tilt=math.radians(problem.arm.handle_tilt_deg),
-        **{name: value for name, value in given.items() if value is not None},
+        **problem.published.arguments(),
     )
 
 
