@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 import re
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,9 +31,11 @@ __all__ = [
     "stacked",
     "status_counts",
     "time_metrics",
+    "told",
     "turn_angles",
 ]
 
+T = TypeVar("T")
 Array = NDArray[np.float64]
 """Of which shape, and in which unit, docstrings say."""
 Cells = NDArray[np.float64] | NDArray[np.int64] | Sequence[float] | Sequence[int] | Sequence[str]
@@ -42,6 +44,14 @@ Column = tuple[str, Cells]
 """Header, which ends in the unit, and cells of one column of trace.csv."""
 Progress = Callable[[str, int, int], None]
 """Called with what is being done, how much of it is done, and how much there is."""
+
+
+def told(progress: Progress, what: str, items: Collection[T]) -> Iterator[T]:
+    """Item after item; `progress` is told of each when its turn comes, and when all are done."""
+    for done, item in enumerate(items):
+        progress(what, done, len(items))
+        yield item
+    progress(what, len(items), len(items))
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,7 +14,7 @@ from rehab_opt.measures.path import path_length
 from rehab_opt.plants.intention import Intention, held, nearest_next, reached, traced
 from rehab_opt.recordings.recording import size_note
 from rehab_opt.session.files import ProblemFile
-from rehab_opt.session.outcome import Array, Progress
+from rehab_opt.session.outcome import Array, Progress, told
 from rehab_opt.session.participant import placed_recording
 from rehab_opt.session.refusals import refused_as
 from rehab_opt.session.scenario.demonstrated import learnt
@@ -128,13 +128,11 @@ def prepared(loaded: ProblemFile[ScenarioProblem], *, progress: Progress) -> Pre
         notes += led.notes
     assert path is not None
     there: dict[str, Workspace] = {}
-    for name in ("comfortable", "reachable"):
-        progress("workspaces", len(there), 2)
+    for name in told(progress, "workspaces", ("comfortable", "reachable")):
         found = sets.reached(problem.arm, getattr(problem.arm, name), file=loaded.file, key="arm").workspace
         if found.empty:
             raise ProblemFileError(loaded.file, f"arm.{name}", "an empty workspace", found.reason)
         there[name] = found
-    progress("workspaces", 2, 2)
     comfortable, reachable = there["comfortable"], there["reachable"]
     refuse_outside(loaded, path, reachable)
     _refuse_stops(loaded, comfortable)

@@ -14,7 +14,7 @@ from rehab_opt.control.path_assistance import PathAssistance
 from rehab_opt.control.smoother import Smoother
 from rehab_opt.published.field_law import FieldLaw
 from rehab_opt.session.files import ProblemFile
-from rehab_opt.session.outcome import Array, Progress
+from rehab_opt.session.outcome import Array, Progress, told
 from rehab_opt.session.plant import plant_note
 from rehab_opt.session.scenario.demonstrated import fit_metrics
 from rehab_opt.session.scenario.laws import (
@@ -68,12 +68,10 @@ def run_scenario(loaded: ProblemFile[ScenarioProblem], *, solver: str | None, pr
     laws: dict[Law, ForceLaw] = {}
     for name in problem.run.laws:
         law = laws[name] = law_of(name, loaded, ready, solver=solver)
-        done: list[Trial] = []
-        for number in range(task.trials):
-            progress(f"trials, {name}", number, task.trials)
-            done.append(ran(scene, law, name=name, number=number, seed=task.seed + number))
-        progress(f"trials, {name}", task.trials, task.trials)
-        trials[name] = tuple(done)
+        trials[name] = tuple(
+            ran(scene, law, name=name, number=number, seed=task.seed + number)
+            for number in told(progress, f"trials, {name}", range(task.trials))
+        )
     fit = ready.fields[0].fit
     target = ready.reference[-1] if problem.mode in REACHES else None
     measures = {

@@ -27,6 +27,7 @@ from rehab_opt.session.outcome import (
     reason_counts,
     status_counts,
     time_metrics,
+    told,
 )
 from rehab_opt.session.participant import participant_arm, placed_recording
 from rehab_opt.session.systems import Needed, OutOfReach, System
@@ -178,11 +179,10 @@ class UpperLimbSystem(System[UpperLimb, ArmOutcome]):
         )
         runs = [followed(law, arm, path, problem, file=loaded.file, solver=solver, progress=progress) for law in laws]
         reachable = next((verified(run) for run in runs if run.law == "optimised"), None)
-        results: list[LawResult] = []
-        for run in runs:
-            progress("drive", len(results), len(runs))
-            results.append(_measured(run, arm, recording.time, path, problem, reachable=reachable))
-        progress("drive", len(runs), len(runs))
+        results = [
+            _measured(run, arm, recording.time, path, problem, reachable=reachable)
+            for run in told(progress, "drive", runs)
+        ]
         shares = (None, None) if reachable is None else path_shares(path, reachable)
         within_reach = reachable is not None and bool(reachable.all())
         return ArmOutcome(

@@ -6,6 +6,7 @@ import math
 import time
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from itertools import product
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -15,7 +16,7 @@ from rehab_opt.measures.path import path_length
 from rehab_opt.recordings.recording import Recording, size_note
 from rehab_opt.session.arm_keys import ArmInPlane, RangeOfMotion, ranges_by_name
 from rehab_opt.session.files import ProblemFile
-from rehab_opt.session.outcome import Array, Column, Outcome, Progress, finite
+from rehab_opt.session.outcome import Array, Column, Outcome, Progress, finite, told
 from rehab_opt.session.participant import arm_of, placed_recording
 from rehab_opt.session.systems import Needed, System
 from rehab_opt.session.workspace_maps.problem import MapSection, TrajectorySection, WorkspaceMapProblem
@@ -295,20 +296,16 @@ class WorkspaceMapSystem(System[WorkspaceMapProblem, MapOutcome]):
         problem = loaded.problem
         placed = [placed_trajectory(loaded, i) for i in range(len(problem.trajectory))]
         sets: dict[End, MappedSet] = {}
-        for end in ENDS:
-            progress("workspaces", len(sets), 2)
+        for end in told(progress, "workspaces", ENDS):
             said = arm_of_set(problem, end)
             found = reached(said.section, said.ranges, file=loaded.file, key=said.key)
             sets[end] = MappedSet(said.name, said.section, found)
-        progress("workspaces", 2, 2)
         starts = ENDS if problem.map.directions == "both" else ENDS[:1]
-        whole = len(starts) * len(problem.map.rules)
+        made: dict[End, list[MadeMap]] = {start: [] for start in starts}
+        for start, rule in told(progress, "maps", list(product(starts, problem.map.rules))):
+            made[start].append(_made(rule, start, sets, problem.map, file=loaded.file))
         directions: list[MapDirection] = []
-        for start in starts:
-            maps: list[MadeMap] = []
-            for rule in problem.map.rules:
-                progress("maps", len(directions) * len(problem.map.rules) + len(maps), whole)
-                maps.append(_made(rule, start, sets, problem.map, file=loaded.file))
+        for start, maps in made.items():
             paths = [
                 _carried(trajectory, *recorded, maps)
                 for trajectory, recorded in zip(problem.trajectory, placed, strict=True)
@@ -317,7 +314,6 @@ class WorkspaceMapSystem(System[WorkspaceMapProblem, MapOutcome]):
             directions.append(
                 MapDirection(f"{start}_to_{OTHER[start]}", sets[start], sets[OTHER[start]], tuple(maps), tuple(paths))
             )
-        progress("maps", whole, whole)
         return MapOutcome(
             notes=tuple(_notes(sets, directions, [recording for recording, _ in placed])),
             metrics={
