@@ -36,6 +36,7 @@ __all__ = [
     "Side",
     "SolverName",
     "Triple",
+    "keys_of",
     "refusal",
 ]
 
@@ -112,6 +113,11 @@ class Section(BaseModel):
             if value is not None:
                 found[named.get(key, name)] = value
         return found
+
+
+def keys_of(**sections: type[Section]) -> dict[str, str]:
+    """Which dotted key says what the library calls by a name of its own: the reverse of `Section.arguments`."""
+    return {UNIT.sub("", key): f"{name}.{key}" for name, section in sections.items() for key in section.model_fields}
 
 
 class Problem(Section):

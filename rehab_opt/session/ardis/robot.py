@@ -13,25 +13,19 @@ from rehab_opt.kinematics.ardis import ARDIS_READY, ardis
 from rehab_opt.kinematics.arm_on_chair import arm_on_chair
 from rehab_opt.kinematics.mobile_arm import CHAIR, MobileArm
 from rehab_opt.session.ardis.clearance import chair_gaps
-from rehab_opt.session.ardis.problem import ArdisProblem, DriveName
+from rehab_opt.session.ardis.problem import ArdisProblem, DriveName, RobotSection, RunSection, StickSection
 from rehab_opt.session.clearance import clearance_key, clearance_of
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.outcome import Array
 from rehab_opt.session.refusals import refused_as
 from rehab_opt.session.robot_file import posture_of
 from rehab_opt.session.robot_file import robot_of as arm_of
+from rehab_opt.session.schema import keys_of
 
 __all__ = ["joystick_of", "resolver_of", "robot_of", "room_of", "start_of"]
 
-KEYS = {
-    "mount_height": "robot.mount_height_m",
-    "chair_mass": "robot.chair_mass_kg",
-    "payload": "robot.payload_kg",
-    "rate": "stick.rate_per_s",
-    "dead_zone": "stick.dead_zone",
+KEYS = keys_of(robot=RobotSection, stick=StickSection, run=RunSection) | {
     "dt": "run.rate_hz",
-    "self_motion": "run.self_motion",
-    "solver": "run.solver",
     "obstacles": "room",
     "row_sets": "stick.modes",
 }

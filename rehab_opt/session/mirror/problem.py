@@ -22,7 +22,7 @@ from rehab_opt.session.schema import (
 )
 from rehab_opt.session.upper_limb.problem import SmoothingSection
 
-__all__ = ["MirrorProblem", "PatientSection", "PoseRecordingSection"]
+__all__ = ["MirrorProblem", "MirrorTrackerSection", "PatientSection", "PoseRecordingSection"]
 
 Axis = Literal["+x", "-x", "+y", "-y", "+z", "-z"]
 Columns = Annotated[int, Field(ge=1, le=1000)]

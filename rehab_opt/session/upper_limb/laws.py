@@ -13,21 +13,17 @@ from rehab_opt.control.arm_ik import ArmIK
 from rehab_opt.control.smoothing import smooth_path
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.published.tangent_law import TangentLaw
+from rehab_opt.session.arm_keys import ArmSection
 from rehab_opt.session.outcome import Array, Progress
 from rehab_opt.session.refusals import refused_as
+from rehab_opt.session.schema import keys_of
 from rehab_opt.session.upper_limb.outcome import Drive, LawResult
-from rehab_opt.session.upper_limb.problem import SmoothingSection, UpperLimb
+from rehab_opt.session.upper_limb.problem import OptimisedSection, PublishedSection, SmoothingSection, UpperLimb
 
 __all__ = ["LAWS", "driven", "followed", "follower", "hand_and_tilt"]
 
 LAWS = ("optimised", "published")
-KEYS = {
-    "handle_tilt": "arm.handle_tilt_deg",
-    "posture_cost": "optimised.posture_cost",
-    "solver": "optimised.solver",
-    "gain": "published.gain_per_s",
-    "damping": "published.damping",
-}
+KEYS = keys_of(arm=ArmSection, optimised=OptimisedSection, published=PublishedSection)
 """Where the problem file says what a law calls by its own name."""
 
 

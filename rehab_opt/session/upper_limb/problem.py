@@ -18,7 +18,7 @@ from rehab_opt.session.schema import (
     SolverName,
 )
 
-__all__ = ["RunSection", "SmoothingSection", "UpperLimb"]
+__all__ = ["OptimisedSection", "PublishedSection", "RunSection", "SmoothingSection", "UpperLimb"]
 
 Weight = Annotated[float, Field(ge=0)]
 PostureWeight = Annotated[
