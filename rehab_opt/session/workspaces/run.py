@@ -74,11 +74,8 @@ def boundary_columns(spaces: Mapping[str, Workspace]) -> Iterator[Column]:
         for component, ring, points in rings(workspace)
         for x, y in points
     ]
-    yield "set", tuple(row[0] for row in rows)
-    yield "component", [row[1] for row in rows]
-    yield "ring", [row[2] for row in rows]
-    yield "x_m", [row[3] for row in rows]
-    yield "y_m", [row[4] for row in rows]
+    columns = zip(*rows, strict=True) if rows else ((),) * 5
+    return zip(("set", "component", "ring", "x_m", "y_m"), columns, strict=True)
 
 
 def rings(workspace: Workspace) -> Iterator[tuple[int, int, Any]]:
