@@ -287,8 +287,8 @@ def _is_formula(text: str) -> bool:
 
 
 def _width(artist: Text | Legend) -> float:
-    return float(artist.get_window_extent().width)  # type: ignore[no-untyped-call]
+    return float(artist.get_window_extent().width)
 
 
 def _height(artist: Text | Legend) -> float:
-    return float(artist.get_window_extent().height)  # type: ignore[no-untyped-call]
+    return float(artist.get_window_extent().height)
