@@ -193,7 +193,7 @@ class MirrorSystem(System[MirrorProblem, MirrorOutcome]):
         section, reference, robot = problem.tracker, scene.reference, scene.robot
         feedback = joint_feedback(problem.plant)
         tracker = tracker_of(problem, scene, file=loaded.file, feedback=feedback)
-        max_manipulability, rate = tracker.max_manipulability, section.rate_hz
+        max_manipulability, rate, bounds = tracker.max_manipulability, section.rate_hz, tracker.hand_bounds
         plant = joint_plant(problem.plant, robot, 1.0 / rate)
         laws = {
             BEFORE: without_floor(
@@ -209,7 +209,7 @@ class MirrorSystem(System[MirrorProblem, MirrorOutcome]):
             )
             for name, led in laws.items()
         }
-        why = {name: causes(led, drives[name], tracker.hand_bounds) for name, led in laws.items()}
+        why = {name: causes(led, drives[name], bounds) for name, led in laws.items()}
         near = nearest_bodies(problem.clearance, loaded.file, robot, laws[STEP].q, laws[STEP].time)
         astar = searched(problem, scene, max_manipulability=max_manipulability, progress=progress)
         asked = reference.poses[~reference.lost]
@@ -229,21 +229,10 @@ class MirrorSystem(System[MirrorProblem, MirrorOutcome]):
             },
             "manipulability_largest": max_manipulability,
             "laws": {
-                name: led_metrics(
-                    led,
-                    drives[name],
-                    robot,
-                    asked,
-                    cause=why[name],
-                    floor=section.floor,
-                    rate=rate,
-                    max_manipulability=max_manipulability,
-                )
+                name: led_metrics(led, drives[name], bounds, asked, cause=why[name], rate=rate)
                 for name, led in laws.items()
             },
-            "astar": astar_metrics(astar, robot, asked[:, :3, 3], max_manipulability=max_manipulability)
-            if astar is not None
-            else None,
+            "astar": None if astar is None else astar_metrics(astar, bounds, asked[:, :3, 3]),
             **({} if near is None else {"clearance": near.metrics}),
         }
         return MirrorOutcome(
