@@ -16,7 +16,7 @@ from rehab_opt.plants.plant import Plant
 from rehab_opt.plants.touched import TouchedPlant
 from rehab_opt.published.pseudoinverse_law import PseudoinverseLaw
 from rehab_opt.session.ardis.clearance import chair_corners, chair_gaps
-from rehab_opt.session.ardis.measures import drive_metrics
+from rehab_opt.session.ardis.measures import motion_metrics
 from rehab_opt.session.ardis.outcome import (
     LET_GO,
     ArdisOutcome,
@@ -217,7 +217,7 @@ class ArdisSystem(System[ArdisProblem, ArdisOutcome]):
             seen = nearest_bodies(problem.clearance, loaded.file, robot.bodied_chain, ran.q, ran.time)
             near |= {} if seen is None else {drive: seen}
         metrics = {
-            drive: drive_metrics(robot, drive, outcome, room=room, goals=problem.goals)
+            drive: {law: motion_metrics(robot, drive, of, room, problem.goals) for law, of in outcome.by_law.items()}
             for drive, outcome in drives.items()
         }
         return ArdisOutcome(

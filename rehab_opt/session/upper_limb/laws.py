@@ -14,6 +14,7 @@ from rehab_opt.control.smoothing import smooth_path
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.published.tangent_law import TangentLaw
 from rehab_opt.session.arm_keys import ArmSection
+from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.outcome import Array, Progress
 from rehab_opt.session.refusals import refused_as
 from rehab_opt.session.schema import keys_of
@@ -28,14 +29,7 @@ KEYS = keys_of(arm=ArmSection, optimised=OptimisedSection, published=PublishedSe
 
 
 def followed(
-    law: str,
-    arm: SerialChain,
-    path: Array,
-    problem: UpperLimb,
-    *,
-    file: str,
-    solver: str | None,
-    progress: Progress,
+    law: str, arm: SerialChain, path: Array, loaded: ProblemFile[UpperLimb], *, solver: str | None, progress: Progress
 ) -> LawResult:
     """Run a law along the path (N, 3) [m]; positions and tilts are recomputed from its joint values.
 
@@ -44,9 +38,9 @@ def followed(
     ProblemFileError : the law refuses a value of the file.
     ConfigurationError : the law refuses `solver`.
     """
-    law_of_arm = follower(law, arm, problem, file=file, solver=solver)
+    law_of_arm = follower(law, arm, loaded, solver=solver)
     progress(f"{law} law", 0, 1)
-    with _refused(law, file, solver):
+    with _refused(law, loaded.file, solver):
         answer = law_of_arm.follow(path)  # in one piece: posture costs refer to the samples before
     progress(f"{law} law", 1, 1)
     hand, tilt = hand_and_tilt(arm, answer.q)
@@ -59,7 +53,7 @@ def followed(
         status=tuple(status.value for status in answer.status),
         reason=tuple(getattr(answer, "reason", [""] * len(path))),
         seconds=answer.seconds,
-        metrics={"parameters": _parameters(law_of_arm, problem, solver)},
+        metrics={"parameters": _parameters(law_of_arm, loaded.problem, solver)},
     )
 
 
@@ -70,7 +64,7 @@ def hand_and_tilt(arm: SerialChain, q: Array) -> tuple[Array, Array]:
     return hand, np.arctan2(np.hypot(handle[:, 0], handle[:, 1]), handle[:, 2])
 
 
-def follower(law: str, arm: SerialChain, problem: UpperLimb, *, file: str, solver: str | None = None) -> Any:
+def follower(law: str, arm: SerialChain, loaded: ProblemFile[UpperLimb], *, solver: str | None = None) -> Any:
     """The law with the file's parameters, ready to `follow` a path.
 
     Raises
@@ -78,8 +72,12 @@ def follower(law: str, arm: SerialChain, problem: UpperLimb, *, file: str, solve
     ProblemFileError : the law refuses a value of the file.
     ConfigurationError : the law refuses `solver`.
     """
-    with _refused(law, file, solver):
-        return _optimised(arm, problem, solver) if law == "optimised" else _published(arm, problem)
+    problem, tilt = loaded.problem, math.radians(loaded.problem.arm.handle_tilt_deg)
+    with _refused(law, loaded.file, solver):
+        if law == "published":
+            return TangentLaw(arm, dt=1 / problem.run.rate_hz, handle_tilt=tilt, **problem.published.arguments())
+        given = problem.optimised.arguments() | ({"solver": solver} if solver else {})
+        return ArmIK(arm, handle_tilt=tilt, **given)
 
 
 def _parameters(law: Any, problem: UpperLimb, solver: str | None) -> dict[str, Any]:
@@ -101,20 +99,6 @@ def _parameters(law: Any, problem: UpperLimb, solver: str | None) -> dict[str, A
 
 def _refused(law: str, file: str, solver: str | None) -> AbstractContextManager[None]:
     return refused_as(file, lambda name: KEYS.get(name.partition("[")[0], f"{law}.{name}"), option=solver)
-
-
-def _optimised(arm: SerialChain, problem: UpperLimb, solver: str | None) -> Any:
-    given = problem.optimised.arguments() | ({"solver": solver} if solver else {})
-    return ArmIK(arm, handle_tilt=math.radians(problem.arm.handle_tilt_deg), **given)
-
-
-def _published(arm: SerialChain, problem: UpperLimb) -> Any:
-    return TangentLaw(
-        arm,
-        dt=1 / problem.run.rate_hz,
-        handle_tilt=math.radians(problem.arm.handle_tilt_deg),
-        **problem.published.arguments(),
-    )
 
 
 DT = 0.001  # [s]
