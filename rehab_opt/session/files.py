@@ -242,15 +242,10 @@ def schema_error(problem: ValidationError, file: str) -> ProblemFileError:
     elif first["type"] == "model_type":
         expected = "a table of keys"
     elif first["type"] in ("too_short", "too_long"):
-        expected = f"{_count(context)} entries"
+        least = context.get("min_length")
+        expected = f"at most {context['max_length']} entries" if least is None else f"at least {least} entries"
     dotted = ".".join(map(shown, keys))
     return ProblemFileError(file, dotted or "file", brief(value), expected)
-
-
-def _count(context: dict[str, Any]) -> str:
-    if "min_length" in context:
-        return f"at least {context['min_length']}"
-    return f"at most {context['max_length']}"
 
 
 def _line_of(problem: tomllib.TOMLDecodeError, text: str) -> int:

@@ -170,8 +170,9 @@ class ArmBodies:
                 for i, (a, b) in enumerate(pairwise(points))
                 if np.linalg.norm(b - a) > SHORT
             ]
+        of = [colours] if isinstance(colours, str) else colours
         return [
-            [*a.round(4).tolist(), *b.round(4).tolist(), radius, self._colour(colours, frame)]
+            [*a.round(4).tolist(), *b.round(4).tolist(), radius, of[min(max(frame - 1, 0), len(of) - 1)]]
             for frame, a, b, radius in bodies
         ]
 
@@ -179,8 +180,3 @@ class ArmBodies:
         """(3, 4) pose of the tool, its last row left out."""
         pose: Array = self.frames(q)[-1]
         return pose
-
-    def _colour(self, colours: Sequence[str] | str, frame: int) -> str:
-        if isinstance(colours, str):
-            return colours
-        return colours[min(max(frame - 1, 0), len(colours) - 1)]

@@ -71,8 +71,11 @@ def read_hand_poses(path: Path, section: PoseRecordingSection, *, file: str) -> 
         table = _below(lines, HEADER if stamped else HEADER[1:], marked, name=name)
     notes: list[str] = []
     if section.rows is not None:
-        notes.append(f"rows {section.rows[0]} to {section.rows[1]} of the recording's {len(table)}")
-    table = _rows(table, section, file=file)
+        first, last = section.rows
+        if last > len(table):
+            raise ProblemFileError(file, "recording.rows", section.rows, f"rows from 1 to {len(table)}")
+        notes.append(f"rows {first} to {last} of the recording's {len(table)}")
+        table = table[first - 1 : last]
     if stamped:
         times, table = table[:, 0], table[:, 1:]
         if np.any(np.abs(times) > LATEST):
@@ -111,15 +114,6 @@ def calibration_points(path: Path, *, name: str) -> tuple[Array, Array]:
         row = int(np.argmin(np.all(np.abs(table) <= FAR, axis=1))) + 2
         raise ProblemFileError(name, f"line {row}", "not usable", f"finite numbers up to {FAR:g} m")
     return table[:, :3], table[:, 3:]
-
-
-def _rows(table: Array, section: PoseRecordingSection, *, file: str) -> Array:
-    if section.rows is None:
-        return table
-    first, last = section.rows
-    if last > len(table):
-        raise ProblemFileError(file, "recording.rows", section.rows, f"rows from 1 to {len(table)}")
-    return table[first - 1 : last]
 
 
 def _below(lines: list[str], columns: Sequence[str], marked: tuple[str, str], *, name: str) -> Array:
