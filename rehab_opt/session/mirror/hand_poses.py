@@ -1,7 +1,5 @@
 """Recordings of a hand's poses, as a tracker of virtual reality writes them."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
