@@ -114,10 +114,8 @@ def _measured(arm: SerialChain) -> dict[str, tuple[float, float]]:
 
 def _draw(axes: Axes, points: Array, view: View, colour: str, style: str) -> None:
     flat = points[:, [view.across, view.up]]
-    if view.up == 2:
-        axes.plot([0, 0], [-0.45, 0.1], color=TRUNK, linewidth=4, zorder=0)
-    else:
-        axes.plot([-0.1, 0.1], [0, 0], color=TRUNK, linewidth=4, zorder=0)
+    trunk = ([0, 0], [-0.45, 0.1]) if view.up == 2 else ([-0.1, 0.1], [0, 0])
+    axes.plot(*trunk, color=TRUNK, linewidth=4, zorder=0)
     axes.plot(*flat[:-1].T, color=colour, linestyle=style, marker="o", markersize=3)
     axes.plot(*flat[-2:].T, color=colour, linewidth=1)
     axes.set_aspect("equal", adjustable="datalim")

@@ -55,7 +55,7 @@ def figures(outcome: MirrorOutcome) -> dict[str, Figure]:
         ),
         "pace": _pace(outcome),
         "causes": _causes(outcome),
-        "space": space_figure(outcome, STYLES, LABELS, ASTAR),
+        "space": _space(outcome),
     }
     if outcome.near is not None:
         drawn["clearance"] = outcome.near.figure(f"{outcome.title}, {LABELS[STEP]}")
@@ -197,12 +197,7 @@ def _events(axes: Axes, outcome: MirrorOutcome) -> None:
         axes.annotate("nothing yielded", (0.5, 0.5), xycoords="axes fraction", ha="center")
 
 
-Style = Mapping[str, Any]
-
-
-def space_figure(
-    outcome: MirrorOutcome, styles: Mapping[str, Style], labels: Mapping[str, str], astar: Style
-) -> Figure:
+def _space(outcome: MirrorOutcome) -> Figure:
     """In the robot's frame; the robot stands as at the motion's end."""
     figure = framed(f"{outcome.title}\nThe healthy hand, its mirror image, and the hand that is led", 9.0, 8.0)
     axes = figure.add_subplot(projection="3d")
@@ -214,10 +209,10 @@ def space_figure(
         if name == BEFORE:
             continue
         path = MM * led.tool[:, :3, 3]
-        axes.plot(*path.T, **styles[name], label=labels[name])
+        axes.plot(*path.T, **STYLES[name], label=LABELS[name])
         drawn.append(path)
     if outcome.astar is not None:
-        axes.plot(*(MM * outcome.astar.positions).T, **astar, label="published A*")
+        axes.plot(*(MM * outcome.astar.positions).T, **ASTAR, label="published A*")
     last = list(outcome.drives.values())[-1].q[-1]
     arm = MM * np.array(
         [np.array(ca.DM(frame[:3, 3])).ravel() for frame in outcome.chain.frames_expression(ca.SX(last))]

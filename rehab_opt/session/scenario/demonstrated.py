@@ -59,7 +59,8 @@ def learnt(loaded: ProblemFile[ScenarioProblem], path: Array | None) -> Learnt |
     shown, notes = _shown(loaded)
     field = _field(loaded, shown, path, rests=loaded.problem.mode == "assist")
     assert field.fit is not None
-    return Learnt(field, shown, (*notes, *learnt_notes(loaded.problem, field.fit, shown)))
+    said = *_fit_notes(field.fit, len(shown)), *_data_notes(loaded.problem, shown)
+    return Learnt(field, shown, (*notes, *said))
 
 
 def fit_metrics(fit: Fit) -> dict[str, Any]:
@@ -170,12 +171,6 @@ CLEARLY = 2.0
 """Standard errors: a stiffness that is less above zero is told to be hardly known."""
 WORST = 0.5
 """Share of the held-out forces from which on a field reproduces them badly."""
-
-
-def learnt_notes(problem: ScenarioProblem, fit: Fit, shown: tuple[Demonstration, ...]) -> Iterator[str]:
-    """What was learnt, how well it does, and what to look for in the recordings."""
-    yield from _fit_notes(fit, len(shown))
-    yield from _data_notes(problem, shown)
 
 
 def _data_notes(problem: ScenarioProblem, shown: tuple[Demonstration, ...]) -> Iterator[str]:

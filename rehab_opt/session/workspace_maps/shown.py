@@ -172,10 +172,8 @@ def _draw_folds(axes: Axes, made: MadeMap, start: Workspace, end: Workspace) -> 
     density, away = np.full(len(points), np.nan), np.zeros(len(points))
     density[inside] = np.linalg.det(made.mapped.spline.jacobian(points[inside])) / made.audit.overall_ratio**2
     away[inside] = ~np.asarray(end.contains(made.mapped.spline(points[inside])))
-    shape, extent = (
-        (len(y), len(x)),
-        (MM * np.array([x[0] - step / 2, x[-1] + step / 2, y[0] - step / 2, y[-1] + step / 2])),
-    )
+    shape = len(y), len(x)
+    extent = MM * np.array([x[0] - step / 2, x[-1] + step / 2, y[0] - step / 2, y[-1] + step / 2])
     held = np.where(density > 0, density, np.nan).reshape(shape)
     folded = np.where(inside & ~(density > 0), 1.0, np.nan).reshape(shape)
     shared: dict[str, Any] = {"origin": "lower", "extent": tuple(extent), "interpolation": "nearest"}
