@@ -24,12 +24,7 @@ MIRROR = np.diag([-1.0, 1.0])  # sagittal plane: x to the participant's right be
 
 
 def participant_arm(section: ArmSection, *, file: str) -> SerialChain:
-    """The arm with the participant's segments and range of motion.
-
-    Raises
-    ------
-    ProblemFileError : the kinematics refuses a value of the file.
-    """
+    """The arm with the participant's segments and range of motion; raises as `arm_of`."""
     arm = arm_of(section.side, section.segments, section.range_of_motion, file=file)
     own = {"joint_speed_deg_s": "velocity", "joint_acceleration_deg_s2": "acceleration"}
     with refused_as(file, "arm, {}".format):

@@ -63,13 +63,7 @@ def hand_and_tilt(arm: SerialChain, q: Array) -> tuple[Array, Array]:
 
 
 def follower(law: str, arm: SerialChain, loaded: ProblemFile[UpperLimb], *, solver: str | None = None) -> Any:
-    """The law with the file's parameters, ready to `follow` a path.
-
-    Raises
-    ------
-    ProblemFileError : the law refuses a value of the file.
-    ConfigurationError : the law refuses `solver`.
-    """
+    """The law with the file's parameters, ready to `follow` a path; raises as `followed`."""
     problem, tilt = loaded.problem, math.radians(loaded.problem.arm.handle_tilt_deg)
     with _refused(law, loaded.file, solver):
         if law == "published":

@@ -108,12 +108,7 @@ def needed_files(problem: UsedRangesProblem) -> tuple[Needed, ...]:
 
 
 def groups_of(loaded: ProblemFile[UsedRangesProblem]) -> dict[tuple[str, str], ReachGroup]:
-    """The range used by (task, group).
-
-    Raises
-    ------
-    ProblemFileError : as `run_used_ranges`.
-    """
+    """The range used by (task, group); raises as `recording_path` and `reach_groups`."""
     recorded = loaded.problem.recorded
     files = [recording_path(loaded, each.reference, key=each.key) for each in needed_files(loaded.problem)]
     zero = recorded.pronation_zero_deg

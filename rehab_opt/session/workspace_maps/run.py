@@ -130,12 +130,7 @@ def arm_of_set(problem: WorkspaceMapProblem, end: End) -> ArmOfSet:
 
 
 def placed_trajectory(loaded: ProblemFile[WorkspaceMapProblem], index: int) -> tuple[Recording, Array]:
-    """A trajectory's recording, and its path (N, 2) [m] in the frame of its set.
-
-    Raises
-    ------
-    ProblemFileError : as `placed_recording`.
-    """
+    """A trajectory's recording, and its path (N, 2) [m] in the frame of its set; raises as `placed_recording`."""
     trajectory = loaded.problem.trajectory[index]
     section = arm_of_set(loaded.problem, trajectory.set).section
     recording, path = placed_recording(
