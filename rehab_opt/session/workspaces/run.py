@@ -72,7 +72,7 @@ def boundary_columns(spaces: Mapping[str, Workspace]) -> Iterator[Column]:
         for component, ring, points in rings(workspace)
         for x, y in points
     ]
-    columns = zip(*rows, strict=True) if rows else ((),) * 5
+    columns = [list(column) for column in zip(*rows, strict=True)] or [[]] * 5
     return zip(("set", "component", "ring", "x_m", "y_m"), columns, strict=True)
 
 
