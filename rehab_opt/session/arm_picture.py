@@ -1,7 +1,5 @@
 """A person's range of motion in words and in a picture: the arm at both ends of each movement."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -11,17 +9,15 @@ import casadi as ca
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.kinematics.goniometer import GONIOMETER, arm_posture, goniometer_range, range_in_words
 from rehab_opt.kinematics.human_arm import ARM_JOINTS, ARM_REST
 from rehab_opt.session.arm_keys import RADIANS
-from rehab_opt.session.drawing import fitted, framed
+from rehab_opt.session.drawing import fitted, framed, legend_below
+from rehab_opt.session.outcome import Array
 
 __all__ = ["range_figure", "range_note", "stick_arm", "write_range_figures"]
-
-Array = NDArray[np.float64]
 
 LOWER, UPPER, TRUNK = "#D55E00", "#0072B2", "#BBBBBB"
 SAME = 1e-9
@@ -84,13 +80,10 @@ def range_figure(title: str, arm: SerialChain) -> Figure:
         ends = f"{low:g} to {high:g} deg"
         axes.set_title(f"{movement.replace('_', ' ')}\n{ends}", fontsize=9)
         axes.set_xlabel(f"{view.words}\n+ {of.positive}, - {of.negative}", fontsize=7)
-    handles = [
-        panels[0].plot([], [], color=colour, linestyle=style, label=label)[0]
-        for colour, style, label in ((LOWER, "--", "lower end"), (UPPER, "-", "upper end"))
-    ]
-    handles.append(panels[0].plot([], [], color=TRUNK, linewidth=4, label="trunk")[0])
-    figure.legend(handles=handles, loc="outside lower center", ncols=3, frameon=False, fontsize=9)
-    return figure
+    for colour, style, label in ((LOWER, "--", "lower end"), (UPPER, "-", "upper end")):
+        panels[0].plot([], [], color=colour, linestyle=style, label=label)
+    panels[0].plot([], [], color=TRUNK, linewidth=4, label="trunk")
+    return legend_below(figure, panels[0], 3)
 
 
 def write_range_figures(arms: Mapping[str, SerialChain], paths: Sequence[Path], *, title: str) -> None:
@@ -121,10 +114,8 @@ def _measured(arm: SerialChain) -> dict[str, tuple[float, float]]:
 
 def _draw(axes: Axes, points: Array, view: View, colour: str, style: str) -> None:
     flat = points[:, [view.across, view.up]]
-    if view.up == 2:
-        axes.plot([0, 0], [-0.45, 0.1], color=TRUNK, linewidth=4, zorder=0)
-    else:
-        axes.plot([-0.1, 0.1], [0, 0], color=TRUNK, linewidth=4, zorder=0)
+    trunk = ([0, 0], [-0.45, 0.1]) if view.up == 2 else ([-0.1, 0.1], [0, 0])
+    axes.plot(*trunk, color=TRUNK, linewidth=4, zorder=0)
     axes.plot(*flat[:-1].T, color=colour, linestyle=style, marker="o", markersize=3)
     axes.plot(*flat[-2:].T, color=colour, linewidth=1)
     axes.set_aspect("equal", adjustable="datalim")

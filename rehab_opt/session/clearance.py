@@ -1,22 +1,25 @@
 """`[clearance]` of problem files: what an arm keeps clear of, how near it came, and a picture of both."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydantic import Field
 
+from rehab_opt.control.clearance import Clearance
+from rehab_opt.control.clearance_pairs import ClearancePairs
 from rehab_opt.errors import ConfigurationError, ProblemFileError
+from rehab_opt.kinematics.chain import SerialChain
+from rehab_opt.kinematics.human_arm import ARM_REST, human_arm
+from rehab_opt.kinematics.link_capsules import Capsule
+from rehab_opt.kinematics.room import Box, KeepOut, arm_capsules
 from rehab_opt.session.drawing import GRID, LIMIT, MM, REFERENCE, framed, label_times, legend_below
+from rehab_opt.session.live.bodies import ArmBodies, kept_off, moving_rows, sides
+from rehab_opt.session.outcome import Array
+from rehab_opt.session.robot_file import pose_of
 from rehab_opt.session.schema import Section, Side, Triple
-
-if TYPE_CHECKING:
-    from rehab_opt.control.clearance_pairs import ClearancePairs
-    from rehab_opt.kinematics.chain import SerialChain
 
 __all__ = [
     "ClearanceSection",
@@ -26,8 +29,6 @@ __all__ = [
     "nearest_bodies",
     "start_notes",
 ]
-
-Array = NDArray[np.float64]
 Name = Annotated[str, Field(min_length=1, max_length=60)]
 Turns = Annotated[list[Annotated[float, Field(ge=-360, le=360)]], Field(min_length=3, max_length=3)]
 
@@ -201,8 +202,7 @@ class NearestBodies:
         top = MM * max(float(self.distances[:, nearest].max()), 0.01)
         axes.set_ylim(-0.06 * top, 1.05 * top)
         label_times([axes], "distance less the margin [mm]")
-        legend_below(figure, axes, 3)
-        return figure
+        return legend_below(figure, axes, 3)
 
 
 def clearance_of(section: ClearanceSection | None, file: str, *, moving: bool = False) -> list[Any]:
@@ -212,12 +212,6 @@ def clearance_of(section: ClearanceSection | None, file: str, *, moving: bool = 
     ------
     ProblemFileError : a normal that is none; bodies that move where the run tells of none, unless `moving`.
     """
-    from rehab_opt.control.clearance import Clearance  # noqa: PLC0415  (loads CasADi)
-    from rehab_opt.kinematics.human_arm import ARM_REST, human_arm  # noqa: PLC0415
-    from rehab_opt.kinematics.link_capsules import Capsule  # noqa: PLC0415
-    from rehab_opt.kinematics.room import Box, KeepOut, arm_capsules  # noqa: PLC0415
-    from rehab_opt.session.robot_file import pose_of  # noqa: PLC0415
-
     if section is None:
         return []
     if section.moving and not moving:
@@ -266,8 +260,6 @@ def nearest_bodies(
     section: ClearanceSection | None, file: str, chain: SerialChain, q: Array, time: Array
 ) -> NearestBodies | None:
     """Of a run's postures (N, n) at times (N,) [s] of a problem file's bodies; None where nothing keeps clear."""
-    from rehab_opt.control.clearance_pairs import ClearancePairs  # noqa: PLC0415  (loads CasADi)
-
     if section is None:
         return None
     pairs = ClearancePairs(clearance_of(section, file, moving=True)[0], chain)
@@ -291,8 +283,6 @@ def _draw(axes: Any, pairs: ClearancePairs, q: Array, told: Array, across: int, 
     """Links and bodies as their outlines, seen along the third axis."""
     from shapely import MultiPoint  # noqa: PLC0415
 
-    from rehab_opt.session.live.bodies import ArmBodies, kept_off, moving_rows, sides  # noqa: PLC0415  (loads CasADi)
-
     given, seen, links = pairs.clearance, [across, up], ArmBodies(pairs.chain).capsules(q, LINK)
     outlines = [
         (MultiPoint(MM * np.reshape(each[:6], (2, 3))[:, seen]).convex_hull.buffer(MM * each[6]), colour)
@@ -308,7 +298,5 @@ def _draw(axes: Any, pairs: ClearancePairs, q: Array, told: Array, across: int, 
         if np.linalg.norm(normal[seen]) > 0.999:  # seen edge on
             foot, way = MM * plane.offset * normal[seen], np.array([-normal[up], normal[across]])
             axes.axline(foot, foot + way, color=REFERENCE, linewidth=1.2, linestyle="--")
-    axes.set_aspect("equal", adjustable="datalim")
-    axes.set_xlabel(f"{'xyz'[across]} [mm]")
-    axes.set_ylabel(f"{'xyz'[up]} [mm]")
+    axes.set(aspect="equal", adjustable="datalim", xlabel=f"{'xyz'[across]} [mm]", ylabel=f"{'xyz'[up]} [mm]")
     axes.grid(**GRID)

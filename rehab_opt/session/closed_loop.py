@@ -1,23 +1,19 @@
 """The closed loop of a run, the one that is live but without waiting, and what was commanded and so in it."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rehab_opt.control.command import Bound, Command
 from rehab_opt.plants.ideal import IdealJoints
 from rehab_opt.plants.plant import Measurement, Truth
 from rehab_opt.plants.touched import TouchedPlant
 from rehab_opt.session.live.problem import LiveControl, LiveInputs
+from rehab_opt.session.outcome import Array
 
 __all__ = ["JointMotion", "Ran", "simulate", "yielded_words"]
-
-Array = NDArray[np.float64]
 
 TICKS_A_REPORT = 100
 

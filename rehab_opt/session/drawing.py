@@ -1,25 +1,22 @@
 """What all figures share: their frame and colours, joints over time, servos, and room for their legends."""
 
-from __future__ import annotations
-
 import math
 import textwrap
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.legend import Legend
 from matplotlib.mathtext import MathTextParser
 from matplotlib.text import Text
-from matplotlib.transforms import Bbox
-from numpy.typing import NDArray
 
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.session.closed_loop import JointMotion
-from rehab_opt.session.outcome import MovementOutcome
+from rehab_opt.session.outcome import Array, MovementOutcome
 
 __all__ = [
     "ACROSS",
@@ -41,8 +38,6 @@ __all__ = [
     "servo_figure",
 ]
 
-Array = NDArray[np.float64]
-
 
 REFERENCE, MISSED, LIMIT = "#000000", "#CC79A7", "#BBBBBB"
 MM = 1e3
@@ -59,10 +54,11 @@ def framed(title: str, width: float, height: float) -> Figure:
     return figure
 
 
-def legend_below(figure: Figure, axes: Axes, columns: int) -> None:
-    """One legend for the whole figure, outside of all axes."""
-    handles, labels = axes.get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=columns, frameon=False, fontsize=9)
+def legend_below(figure: Figure, shown: Axes | Sequence[Artist], columns: int) -> Figure:
+    """The figure with one legend for all of it, outside of all axes: of what these axes show, or of these handles."""
+    handles = shown.get_legend_handles_labels()[0] if isinstance(shown, Axes) else shown
+    figure.legend(handles=handles, loc="outside lower center", ncols=columns, frameon=False, fontsize=9)
+    return figure
 
 
 def label_times(panels: Iterable[Axes], *labels: str, time: str = "time [s]", from_zero: bool = False) -> None:
@@ -115,8 +111,7 @@ def joint_figure(
     figure.suptitle(f"{outcome.title}\n{what}", fontsize=12)
     if limits_seen:
         grid[0].plot([], [], color=LIMIT, linewidth=8, alpha=0.6, label="outside the joint's range")
-    legend_below(figure, grid[0], 4)
-    return figure
+    return legend_below(figure, grid[0], 4)
 
 
 def _shade_limits(axes: Axes, chain: SerialChain, joint: int) -> bool:
@@ -175,8 +170,7 @@ def servo_figure(title: str, names: Sequence[str], motion: JointMotion, *, lengt
         axes[0].set_title(name.replace("_", " "), fontsize=9, loc="left")
     for panel in grid[-1]:
         panel.set_xlabel("time [s]", fontsize=9)
-    legend_below(figure, grid[0, 0], 2)
-    return figure
+    return legend_below(figure, grid[0, 0], 2)
 
 
 def _moment(motion: JointMotion, lengths: int) -> float:
@@ -232,7 +226,7 @@ def _wrap(figure: Figure, text: Text, width: float) -> int:
 
 def _parts(figure: Figure, text: Text, line: str, width: float) -> list[str]:
     text.set_text(line)
-    wide = _width(figure, text) if line.strip() else 0.0
+    wide = _width(text) if line.strip() else 0.0
     if wide <= width or ("$" in line and text.get_parse_math()):  # a formula is not cut in two
         return [line]
     return textwrap.wrap(line, max(FEWEST_LETTERS, int(len(line) * width / wide))) or [line]
@@ -241,9 +235,9 @@ def _parts(figure: Figure, text: Text, line: str, width: float) -> list[str]:
 def _fit_legend(figure: Figure, legend: Legend) -> None:
     """The figure's legend anew, with fewer columns and then shorter lines, if it is wider than the figure."""
     labels, room = [text.get_text() for text in legend.get_texts()], ROOM * figure.bbox.width
-    if not labels or _width(figure, legend) <= room:
+    if not labels or _width(legend) <= room:
         return
-    handles, size, before = legend.legend_handles, legend.get_texts()[0].get_fontsize(), _height(figure, legend)
+    handles, size, before = legend.legend_handles, legend.get_texts()[0].get_fontsize(), _height(legend)
     for columns in range(min(MOST_COLUMNS, len(labels)), 0, -1):
         legend.remove()
         legend = figure.legend(
@@ -254,17 +248,17 @@ def _fit_legend(figure: Figure, legend: Legend) -> None:
             frameon=False,
             fontsize=size,
         )
-        if _width(figure, legend) <= room:
+        if _width(legend) <= room:
             break
     _shorten(figure, legend, room)
-    figure.set_figheight(figure.get_figheight() + max(_height(figure, legend) - before, 0.0) / figure.dpi)
+    figure.set_figheight(figure.get_figheight() + max(_height(legend) - before, 0.0) / figure.dpi)
 
 
 def _shorten(figure: Figure, legend: Legend, room: float) -> None:
     """Break the labels of a legend that is wider than `room` [pixel]."""
-    excess = _width(figure, legend) - room
+    excess = _width(legend) - room
     if excess > 0:
-        widest = max(_width(figure, text) for text in legend.get_texts())
+        widest = max(_width(text) for text in legend.get_texts())
         for text in legend.get_texts():
             _wrap(figure, text, max(widest - excess, 0.2 * room))
 
@@ -291,14 +285,9 @@ def _is_formula(text: str) -> bool:
     return True
 
 
-def _width(figure: Figure, artist: Text | Legend) -> float:
-    return float(_extent(figure, artist).width)
+def _width(artist: Text | Legend) -> float:
+    return float(artist.get_window_extent().width)
 
 
-def _height(figure: Figure, artist: Text | Legend) -> float:
-    return float(_extent(figure, artist).height)
-
-
-def _extent(figure: Figure, artist: Text | Legend) -> Bbox:
-    canvas = figure.canvas if isinstance(figure.canvas, FigureCanvasAgg) else FigureCanvasAgg(figure)
-    return artist.get_window_extent(canvas.get_renderer())  # type: ignore[no-untyped-call]
+def _height(artist: Text | Legend) -> float:
+    return float(artist.get_window_extent().height)

@@ -1,9 +1,8 @@
 """Problem files: found by path or by the name of a shipped one, read, and checked to the last key."""
 
-from __future__ import annotations
-
 import difflib
 import importlib.resources
+import os
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -171,11 +170,7 @@ def problem_path(file: str) -> tuple[str, Path]:
     """
     path = Path(file)
     shipped = shipped_problems()
-    try:
-        present = path.exists()
-    except (OSError, ValueError):  # a name no file can have
-        present = False
-    if present:
+    if os.path.exists(path):  # unlike `path.exists()` it refuses no name: some can be no file's
         own = {shipped_path.resolve(): name for name, shipped_path in shipped.items()}
         return own.get(path.resolve(), path.stem), path
     name = file.removesuffix(".toml")
@@ -202,11 +197,7 @@ def recording_path(loaded: ProblemFile[Problem], reference: str, *, key: str = "
     if reference.startswith(PREFIX):
         return data_file(reference, problem=loaded.file, key=key)
     path = loaded.path.parent / reference
-    try:
-        present = path.exists()
-    except (OSError, ValueError):  # a name no file can have
-        present = False
-    if not present:
+    if not os.path.exists(path):
         kind = "robot file" if key == ROBOT_FILE else "recording"
         raise ProblemFileError(loaded.file, key, reference, f"a {kind} beside the problem file, or data:folder/file")
     if path.is_dir():
@@ -249,15 +240,10 @@ def schema_error(problem: ValidationError, file: str) -> ProblemFileError:
     elif first["type"] == "model_type":
         expected = "a table of keys"
     elif first["type"] in ("too_short", "too_long"):
-        expected = f"{_count(context)} entries"
+        least = context.get("min_length")
+        expected = f"at most {context['max_length']} entries" if least is None else f"at least {least} entries"
     dotted = ".".join(map(shown, keys))
     return ProblemFileError(file, dotted or "file", brief(value), expected)
-
-
-def _count(context: dict[str, Any]) -> str:
-    if "min_length" in context:
-        return f"at least {context['min_length']}"
-    return f"at most {context['max_length']}"
 
 
 def _line_of(problem: tomllib.TOMLDecodeError, text: str) -> int:

@@ -1,13 +1,11 @@
 """What a run leaves behind: numbers in strict JSON, each key with its unit, columns and notes. No files, no plots."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +13,7 @@ from numpy.typing import NDArray
 from rehab_opt.kinematics.chain import SerialChain
 
 __all__ = [
+    "Array",
     "Column",
     "Columns",
     "MovementOutcome",
@@ -30,17 +29,27 @@ __all__ = [
     "stacked",
     "status_counts",
     "time_metrics",
+    "told",
     "turn_angles",
 ]
 
+T = TypeVar("T")
 Array = NDArray[np.float64]
-
+"""Of which shape, and in which unit, docstrings say."""
 Cells = NDArray[np.float64] | NDArray[np.int64] | Sequence[float] | Sequence[int] | Sequence[str]
 Columns = Mapping[str, Cells]
 Column = tuple[str, Cells]
 """Header, which ends in the unit, and cells of one column of trace.csv."""
 Progress = Callable[[str, int, int], None]
 """Called with what is being done, how much of it is done, and how much there is."""
+
+
+def told(progress: Progress, what: str, items: Collection[T]) -> Iterator[T]:
+    """Item after item; `progress` is told of each when its turn comes, and when all are done."""
+    for done, item in enumerate(items):
+        progress(what, done, len(items))
+        yield item
+    progress(what, len(items), len(items))
 
 
 @dataclass(frozen=True, eq=False)

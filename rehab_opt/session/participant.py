@@ -1,11 +1,8 @@
 """The participant of a problem: the arm, and the recorded path laid into the frame of its shoulder."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rehab_opt.errors import ProblemFileError
 from rehab_opt.kinematics.chain import SerialChain
@@ -14,6 +11,7 @@ from rehab_opt.recordings.reading import read_recording, resampled
 from rehab_opt.recordings.recording import Recording
 from rehab_opt.session.arm_keys import ArmSection, RangeOfMotion, SegmentsSection
 from rehab_opt.session.files import ProblemFile, recording_path
+from rehab_opt.session.outcome import Array
 from rehab_opt.session.refusals import refused_as
 from rehab_opt.session.schema import PlacementSection, PlanarPlacement, Problem, RecordingSection, Side
 from rehab_opt.text_file import FARTHEST
@@ -21,19 +19,12 @@ from rehab_opt.workspace.used_range import UsedRange
 
 __all__ = ["AnyRange", "arm_of", "checked_hand", "participant_arm", "placed_path", "placed_recording"]
 
-Array = NDArray[np.float64]
-
 AnyRange = str | RangeOfMotion | UsedRange
 MIRROR = np.diag([-1.0, 1.0])  # sagittal plane: x to the participant's right becomes x to the left
 
 
 def participant_arm(section: ArmSection, *, file: str) -> SerialChain:
-    """The arm with the participant's segments and range of motion.
-
-    Raises
-    ------
-    ProblemFileError : the kinematics refuses a value of the file.
-    """
+    """The arm with the participant's segments and range of motion; raises as `arm_of`."""
     arm = arm_of(section.side, section.segments, section.range_of_motion, file=file)
     own = {"joint_speed_deg_s": "velocity", "joint_acceleration_deg_s2": "acceleration"}
     with refused_as(file, "arm, {}".format):

@@ -10,6 +10,9 @@ from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, mod
 
 from rehab_opt.control.joint_feedback import JointFeedback
 from rehab_opt.errors import ConfigurationError
+from rehab_opt.kinematics.chain import SerialChain
+from rehab_opt.kinematics.drive import Drive
+from rehab_opt.kinematics.mobile_arm import MobileArm
 from rehab_opt.kinematics.ur5 import ur5
 from rehab_opt.plants.channel import Channel
 from rehab_opt.plants.ideal import IdealJoints
@@ -18,9 +21,6 @@ from rehab_opt.session.live.problem import DeviceAddress
 from rehab_opt.session.schema import Problem, Section, refusal
 
 if TYPE_CHECKING:
-    from rehab_opt.kinematics.chain import SerialChain
-    from rehab_opt.kinematics.drive import Drive
-    from rehab_opt.kinematics.mobile_arm import MobileArm
     from rehab_opt.plants.plant import Plant
     from rehab_opt.plants.wheelchair import Wheelchair
 
@@ -234,8 +234,7 @@ def joint_plant(table: JointPlant, chain: SerialChain, dt: float) -> Plant:
         dt=dt,
         drive=servo(table.servo_hz),
         channel=channel_of(table),
-        seed=table.seed,
-        physics_step=ms(table.physics_step_ms),
+        **table.arguments("seed", "physics_step_ms"),
     )
     return arm if table.servo == "velocity" else PositionStream(arm)
 
@@ -285,12 +284,10 @@ def chair_plant(table: ChairPlant, robot: MobileArm, wheels: Drive, dt: float, *
         robot,
         wheels,
         dt=dt,
-        wheel_lag=ms(table.wheel_lag_ms),
         drive=VelocityServo(table.servo_hz),
         arm=own_chair_arm_model(robot) if own_arm else None,
         channel=channel_of(table),
-        seed=table.seed,
-        physics_step=ms(table.physics_step_ms),
+        **table.arguments("wheel_lag_ms", "seed", "physics_step_ms"),
     )
 
 

@@ -1,7 +1,5 @@
 """The robot of a problem file, and robot files: a few lines of TOML that make an arm out of a URDF or an MJCF."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Callable
@@ -10,7 +8,6 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field, ValidationError, model_validator
 
 from rehab_opt.errors import ConfigurationError, ProblemFileError, RobotFileError
@@ -20,14 +17,13 @@ from rehab_opt.kinematics.link_capsules import CapsuleOnLink
 from rehab_opt.kinematics.robot_file.links import Metres, Radians
 from rehab_opt.kinematics.ur5 import ur5
 from rehab_opt.session.files import ProblemFile, problem_content, recording_path, schema_error
+from rehab_opt.session.outcome import Array
 from rehab_opt.session.schema import Problem, Section, Triple, refusal
 from rehab_opt.session.systems import ROBOT_FILE, Needed
 
 __all__ = [
     "RobotFile", "RobotSection", "pose_of", "posture_of", "robot_at_start", "robot_files", "robot_of", "robot_text",
 ]  # fmt: skip
-
-Array = NDArray[np.float64]
 Name = Annotated[str, Field(min_length=1, max_length=200)]
 Turns = Annotated[list[Annotated[float, Field(ge=-360, le=360)]], Field(min_length=3, max_length=3)]
 Angle = Annotated[float, Field(ge=-720, le=720)]
@@ -266,9 +262,7 @@ def _arm(said: RobotFile, path: Path, name: str) -> SerialChain:
     try:
         arm = read(
             file,
-            base=said.base,
-            tip=said.tip,
-            acceleration=math.radians(said.acceleration_deg_s2),
+            **said.arguments("base", "tip", "acceleration_deg_s2"),
             velocity=of_all if of_all is not None else _radians(speeds),
             lower=_radians({key: each.lower_deg for key, each in said.joints.items()}),
             upper=_radians({key: each.upper_deg for key, each in said.joints.items()}),

@@ -4,8 +4,6 @@ The keys of one system stand beside it. What stands below a key says what it mea
 is made of it.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from pathlib import PurePath
@@ -37,6 +35,7 @@ __all__ = [
     "Side",
     "SolverName",
     "Triple",
+    "keys_of",
     "refusal",
 ]
 
@@ -113,6 +112,11 @@ class Section(BaseModel):
             if value is not None:
                 found[named.get(key, name)] = value
         return found
+
+
+def keys_of(**sections: type[Section]) -> dict[str, str]:
+    """Which dotted key says what the library calls by a name of its own: the reverse of `Section.arguments`."""
+    return {UNIT.sub("", key): f"{name}.{key}" for name, section in sections.items() for key in section.model_fields}
 
 
 class Problem(Section):

@@ -1,7 +1,5 @@
 """Recordings cut into trials and measured: a row for each measure of each trial, in long format."""
 
-from __future__ import annotations
-
 import csv
 import itertools
 import math
@@ -24,6 +22,7 @@ from rehab_opt.recordings.data_folder import PREFIX, data_file
 from rehab_opt.recordings.reading import read_recording
 from rehab_opt.recordings.recording import Recording, strange_sizes
 from rehab_opt.session.files import recording_description, schema_error
+from rehab_opt.session.outcome import Array
 from rehab_opt.session.schema import RecordingSection
 from rehab_opt.text_file import FARTHEST
 
@@ -37,8 +36,6 @@ __all__ = [
     "trials_between_pauses",
     "write_rows",
 ]
-
-Array = NDArray[np.float64]
 
 HEADER = ("recording", "trial", "measure", "value", "unit")
 ALL = "all"

@@ -201,7 +201,7 @@ def value_at(problem: Problem, key: str) -> Any:
 
 def systems() -> dict[str, str]:
     """Where each kind of problem is, `module:class` by name: the shipped ones, then those of other distributions."""
-    others = {each.name: each.value for each in _others() if each.name not in SHIPPED}
+    others = {each.name: each.value for each in entry_points(group=GROUP) if each.name not in SHIPPED}
     return {**SHIPPED, **others}
 
 
@@ -216,14 +216,10 @@ def system_named(name: str) -> System[Any, Any]:
         module, _, attribute = SHIPPED[name].partition(":")
         made: System[Any, Any] = getattr(importlib.import_module(module), attribute)()
         return made
-    for entry in _others():
+    for entry in entry_points(group=GROUP):
         if entry.name == name:
             return _loaded(entry)
     raise ConfigurationError("system", name, f"one of {', '.join(systems())}")
-
-
-def _others() -> tuple[EntryPoint, ...]:
-    return tuple(entry_points(group=GROUP))
 
 
 def _loaded(entry: EntryPoint) -> System[Any, Any]:

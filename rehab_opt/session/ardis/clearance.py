@@ -1,24 +1,16 @@
 """Distances of chair and arm from what they must not touch, by plain geometry: the controller is not asked."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from rehab_opt.control.obstacles import Obstacle
-    from rehab_opt.kinematics.arm_links import LinkEnd
-    from rehab_opt.kinematics.mobile_arm import Capsule, MobileArm, Outline
+from rehab_opt.control.obstacles import HalfPlane, Obstacle
+from rehab_opt.kinematics.arm_links import LinkEnd, arm_links
+from rehab_opt.kinematics.mobile_arm import CHAIR, Capsule, MobileArm, Outline
+from rehab_opt.session.outcome import Array
 
 __all__ = ["arm_gaps", "arm_points", "chair_corners", "chair_gaps", "point_gaps"]
-
-Array = NDArray[np.float64]
-
-CHAIR = 3
 
 
 def chair_corners(outline: Outline, q: Array) -> Array:
@@ -32,8 +24,6 @@ def chair_corners(outline: Outline, q: Array) -> Array:
 
 def chair_gaps(outline: Outline, room: Sequence[Obstacle], q: Array) -> Array:
     """(N, k) [m] distance of the chair's outline from each obstacle, negative where it is within it."""
-    from rehab_opt.control.obstacles import HalfPlane  # noqa: PLC0415  (loads CasADi)
-
     corners, gaps = chair_corners(outline, q), []
     for obstacle in room:
         if isinstance(obstacle, HalfPlane):
@@ -52,8 +42,6 @@ def chair_gaps(outline: Outline, room: Sequence[Obstacle], q: Array) -> Array:
 
 def point_gaps(room: Sequence[Obstacle], points: Array) -> Array:
     """(N, k) [m] distance of points (N, 2) of the floor from each obstacle."""
-    from rehab_opt.control.obstacles import HalfPlane  # noqa: PLC0415  (loads CasADi)
-
     gaps = []
     for obstacle in room:
         if isinstance(obstacle, HalfPlane):
@@ -69,8 +57,6 @@ def arm_points(robot: MobileArm, q: Array) -> Array:
 
     They are the origins of the joints that move against each other; of ARDIS shoulder, elbow and hand.
     """
-    from rehab_opt.kinematics.arm_links import arm_links  # noqa: PLC0415  (loads CasADi)
-
     first, *others = arm_links(replace(robot.chain, capsules=()), first=CHAIR, radius=0.0)
     return np.stack(_places(robot, q, [first.begin, first.end, *(link.end for link in others)]), axis=1)
 

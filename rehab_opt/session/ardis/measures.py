@@ -1,28 +1,20 @@
 """Numbers of a run: who moved the hand, what it cost, which limits were kept; judged from what was sent alone."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rehab_opt.control.obstacles import Obstacle
+from rehab_opt.kinematics.drive import Drive
+from rehab_opt.kinematics.mobile_arm import CHAIR, MobileArm
 from rehab_opt.session.ardis.clearance import arm_gaps, arm_points, chair_gaps, point_gaps
-from rehab_opt.session.ardis.outcome import DriveOutcome, Motion
+from rehab_opt.session.ardis.outcome import Motion
 from rehab_opt.session.ardis.problem import DriveName, GoalSection
-from rehab_opt.session.outcome import finite, status_counts
+from rehab_opt.session.outcome import Array, finite, status_counts
 
-if TYPE_CHECKING:
-    from rehab_opt.control.obstacles import Obstacle
-    from rehab_opt.kinematics.drive import Drive
-    from rehab_opt.kinematics.mobile_arm import MobileArm
+__all__ = ["KEPT", "excesses", "goals_met", "hand_shares", "kinetic_energies", "motion_metrics"]
 
-__all__ = ["KEPT", "drive_metrics", "excesses", "goals_met", "hand_shares", "kinetic_energies"]
-
-Array = NDArray[np.float64]
-
-CHAIR = 3
 KEPT = 1e-6
 """[m, rad, and the same per s or s^2] What passes a limit by less keeps it: rounding, and what a certificate allows."""
 MOVING = 1e-9
@@ -32,21 +24,10 @@ Excesses = dict[str, Array]
 """By how much each tick (N,) passes each kind of limit, negative where there is room."""
 
 
-def drive_metrics(
-    robot: MobileArm,
-    drive: DriveName,
-    outcome: DriveOutcome,
-    *,
-    room: Sequence[Obstacle],
-    goals: Sequence[GoalSection],
-) -> dict[str, Any]:
-    """All numbers of one drive, by law."""
-    return {name: _motion_metrics(robot, drive, motion, room, goals) for name, motion in outcome.by_law.items()}
-
-
-def _motion_metrics(
+def motion_metrics(
     robot: MobileArm, drive: DriveName, motion: Motion, room: Sequence[Obstacle], goals: Sequence[GoalSection]
 ) -> dict[str, Any]:
+    """All numbers of what one law made of one drive."""
     over = excesses(robot, drive, motion, room)
     broken = {name: values > KEPT for name, values in over.items()}
     met = goals_met(motion, goals)

@@ -1,37 +1,30 @@
 """The closed loop of a stick, a law and a robot, and what chair and arm did in it."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.control.command import Bound, Command, Status
-from rehab_opt.kinematics.mobile_arm import CHAIR
+from rehab_opt.control.joystick import Joystick, StickCommand
+from rehab_opt.control.obstacles import Obstacle
+from rehab_opt.kinematics.mobile_arm import CHAIR, MobileArm
 from rehab_opt.plants.ideal import IdealJoints
+from rehab_opt.plants.plant import Measurement, Plant
 from rehab_opt.plants.touched import TouchedPlant
+from rehab_opt.published.pseudoinverse_law import PseudoinverseLaw
 from rehab_opt.session.ardis.problem import DriveName, GoalSection
 from rehab_opt.session.ardis.stick import Moment, Stick, StickSample
 from rehab_opt.session.clearance import NearestBodies
 from rehab_opt.session.closed_loop import JointMotion, simulate
 from rehab_opt.session.live.problem import LiveControl, LiveInputs
-from rehab_opt.session.outcome import Column, Columns, Outcome, point_columns, stacked
-
-if TYPE_CHECKING:
-    from rehab_opt.control.joystick import Joystick, StickCommand
-    from rehab_opt.control.obstacles import Obstacle
-    from rehab_opt.kinematics.mobile_arm import MobileArm
-    from rehab_opt.plants.plant import Measurement, Plant
-    from rehab_opt.published.pseudoinverse_law import PseudoinverseLaw
+from rehab_opt.session.outcome import Array, Column, Columns, Outcome, point_columns, stacked
 
 __all__ = ["LAWS", "LET_GO", "ArdisOutcome", "DriveOutcome", "Motion", "Published", "Steering", "StickLaw", "moved"]
-
-Array = NDArray[np.float64]
 
 
 STANDSTILL = 1.0

@@ -1,7 +1,5 @@
 """What a problem file of `system = "ardis"` may say, and what each key means."""
 
-from __future__ import annotations
-
 from typing import Annotated, Literal, Self
 
 import numpy as np
@@ -13,7 +11,7 @@ from rehab_opt.session.clearance import ClearanceSection
 from rehab_opt.session.plant import ChairPlant
 from rehab_opt.session.schema import Length, Problem, Section, SolverName, Triple, refusal
 
-__all__ = ["DRIVES", "ArdisProblem", "DriveName", "GoalSection", "RobotSection", "RunSection"]
+__all__ = ["DRIVES", "ArdisProblem", "DriveName", "GoalSection", "RobotSection", "RunSection", "StickSection"]
 
 RowName = Literal["x", "y", "z", "rx", "ry", "rz", "roll7"]
 

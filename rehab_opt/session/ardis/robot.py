@@ -1,41 +1,29 @@
 """The robot, the stick, the room and the resolver of a problem file, each refusal in the file's words."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any
-
 import numpy as np
-from numpy.typing import NDArray
 
+from rehab_opt.control.joint_feedback import JointFeedback
+from rehab_opt.control.joystick import STICK_MODES, Joystick, StickMode
+from rehab_opt.control.obstacles import Disc, HalfPlane, Obstacle
+from rehab_opt.control.redundancy import RedundancyResolver
 from rehab_opt.errors import ProblemFileError, RobotFileError
+from rehab_opt.kinematics.ardis import ARDIS_READY, ardis
+from rehab_opt.kinematics.arm_on_chair import arm_on_chair
+from rehab_opt.kinematics.mobile_arm import CHAIR, MobileArm
 from rehab_opt.session.ardis.clearance import chair_gaps
-from rehab_opt.session.ardis.problem import ArdisProblem, DriveName
+from rehab_opt.session.ardis.problem import ArdisProblem, DriveName, RobotSection, RunSection, StickSection
 from rehab_opt.session.clearance import clearance_key, clearance_of
 from rehab_opt.session.files import ProblemFile
+from rehab_opt.session.outcome import Array
 from rehab_opt.session.refusals import refused_as
 from rehab_opt.session.robot_file import posture_of
 from rehab_opt.session.robot_file import robot_of as arm_of
-
-if TYPE_CHECKING:
-    from rehab_opt.control.joint_feedback import JointFeedback
-    from rehab_opt.control.joystick import Joystick
-    from rehab_opt.control.obstacles import Obstacle
-    from rehab_opt.control.redundancy import RedundancyResolver
-    from rehab_opt.kinematics.mobile_arm import MobileArm
+from rehab_opt.session.schema import keys_of
 
 __all__ = ["joystick_of", "resolver_of", "robot_of", "room_of", "start_of"]
 
-Array = NDArray[np.float64]
-
-KEYS = {
-    "mount_height": "robot.mount_height_m",
-    "chair_mass": "robot.chair_mass_kg",
-    "payload": "robot.payload_kg",
-    "rate": "stick.rate_per_s",
-    "dead_zone": "stick.dead_zone",
+KEYS = keys_of(robot=RobotSection, stick=StickSection, run=RunSection) | {
     "dt": "run.rate_hz",
-    "self_motion": "run.self_motion",
-    "solver": "run.solver",
     "obstacles": "room",
     "row_sets": "stick.modes",
 }
@@ -49,9 +37,6 @@ def robot_of(loaded: ProblemFile[ArdisProblem]) -> MobileArm:
     ------
     ProblemFileError : a value of the file, or of the robot file, cannot be used.
     """
-    from rehab_opt.kinematics.ardis import ardis  # noqa: PLC0415  (loads CasADi)
-    from rehab_opt.kinematics.arm_on_chair import arm_on_chair  # noqa: PLC0415
-
     section = loaded.problem.robot
     if section.file is not None:
         arm = arm_of(loaded, section.file)
@@ -68,9 +53,6 @@ def start_of(loaded: ProblemFile[ArdisProblem], robot: MobileArm) -> Array:
     ------
     ProblemFileError : outside a joint's limits, or within an obstacle.
     """
-    from rehab_opt.kinematics.ardis import ARDIS_READY  # noqa: PLC0415
-    from rehab_opt.kinematics.mobile_arm import CHAIR  # noqa: PLC0415
-
     section, chain = loaded.problem.robot, robot.chain
     arm = ARDIS_READY[CHAIR:]
     if section.arm_deg is not None:
@@ -86,8 +68,6 @@ def start_of(loaded: ProblemFile[ArdisProblem], robot: MobileArm) -> Array:
 
 def room_of(loaded: ProblemFile[ArdisProblem]) -> tuple[Obstacle, ...]:
     """Walls and posts, in the order of the file."""
-    from rehab_opt.control.obstacles import Disc, HalfPlane  # noqa: PLC0415
-
     room = loaded.problem.room
     walls = [HalfPlane((wall.normal[0], wall.normal[1]), wall.offset_m) for wall in room.walls]
     return (*walls, *(Disc((post.centre_m[0], post.centre_m[1]), post.radius_m) for post in room.posts))
@@ -100,8 +80,6 @@ def joystick_of(loaded: ProblemFile[ArdisProblem]) -> Joystick:
     ------
     ProblemFileError : a value it refuses.
     """
-    from rehab_opt.control.joystick import STICK_MODES, Joystick, StickMode  # noqa: PLC0415
-
     section = loaded.problem.stick
     modes: tuple[StickMode, ...] = STICK_MODES
     if section.modes is not None:
@@ -109,10 +87,8 @@ def joystick_of(loaded: ProblemFile[ArdisProblem]) -> Joystick:
             StickMode(mode.name, (mode.rows[0], mode.rows[1]), (mode.speeds[0], mode.speeds[1]), tuple(mode.held))
             for mode in section.modes
         )
-    told = {"dead_zone": section.dead_zone, "rate": section.rate_per_s}
-    given = {name: value for name, value in told.items() if value is not None}
     with refused_as(loaded.file, _key):
-        return Joystick(modes, dt=1 / loaded.problem.run.rate_hz, **given)
+        return Joystick(modes, dt=1 / loaded.problem.run.rate_hz, **section.arguments("dead_zone", "rate_per_s"))
 
 
 def resolver_of(
@@ -131,11 +107,8 @@ def resolver_of(
     ProblemFileError : it refuses a value of the file.
     ConfigurationError : it refuses `solver`.
     """
-    from rehab_opt.control.redundancy import RedundancyResolver  # noqa: PLC0415  (loads solvers)
-
     run = loaded.problem.run
-    name = solver or run.solver
-    chosen: dict[str, Any] = {} if name is None else {"solver": name}
+    chosen = run.arguments("self_motion", "solver") | ({"solver": solver} if solver else {})
     with refused_as(loaded.file, _key, option=solver):
         return RedundancyResolver(
             robot,
@@ -143,7 +116,6 @@ def resolver_of(
             row_sets=list(dict.fromkeys(mode.task_rows for mode in joystick_of(loaded).modes)),
             obstacles=room_of(loaded),
             limits=clearance_of(loaded.problem.clearance, loaded.file),
-            self_motion=run.self_motion,
             dt=1 / run.rate_hz,
             backup=backup,
             feedback=feedback,

@@ -1,14 +1,11 @@
 """The run of `system = "ardis"`: each drive under its stick, with the published law and with ours."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rehab_opt.control.obstacles import Disc, HalfPlane
 from rehab_opt.kinematics.mobile_arm import CHAIR
@@ -17,7 +14,7 @@ from rehab_opt.plants.plant import Plant
 from rehab_opt.plants.touched import TouchedPlant
 from rehab_opt.published.pseudoinverse_law import PseudoinverseLaw
 from rehab_opt.session.ardis.clearance import chair_corners, chair_gaps
-from rehab_opt.session.ardis.measures import drive_metrics
+from rehab_opt.session.ardis.measures import motion_metrics
 from rehab_opt.session.ardis.outcome import (
     LET_GO,
     ArdisOutcome,
@@ -35,13 +32,11 @@ from rehab_opt.session.clearance import NearestBodies, clearance_of, nearest_bod
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.live.bodies import ARM_PLOTS, BLUE, GREEN, GREY, PURPLE, ArmBodies, joint_rows, kept_off, screen
 from rehab_opt.session.live.problem import LiveControl, LiveInputs, LiveProblem
-from rehab_opt.session.outcome import Progress
+from rehab_opt.session.outcome import Array, Progress
 from rehab_opt.session.plant import chair_plant, joint_feedback, plant_note
 from rehab_opt.session.systems import ROBOT_FILE, Needed, System
 
 __all__ = ["ArdisSystem"]
-
-Array = NDArray[np.float64]
 
 
 WALL, ALONG, POST = 0.8, 4.0, 1.2
@@ -220,7 +215,7 @@ class ArdisSystem(System[ArdisProblem, ArdisOutcome]):
             seen = nearest_bodies(problem.clearance, loaded.file, robot.bodied_chain, ran.q, ran.time)
             near |= {} if seen is None else {drive: seen}
         metrics = {
-            drive: drive_metrics(robot, drive, outcome, room=room, goals=problem.goals)
+            drive: {law: motion_metrics(robot, drive, of, room, problem.goals) for law, of in outcome.by_law.items()}
             for drive, outcome in drives.items()
         }
         return ArdisOutcome(

@@ -1,7 +1,5 @@
 """Chair and arm under one stick, shown: a table, figures from above, of the hand and of the limits used, and a film."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np
@@ -10,9 +8,11 @@ from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.patches import Circle, Polygon
 from rich.table import Table
 from rich.text import Text
 
+from rehab_opt.control.obstacles import HalfPlane
 from rehab_opt.session.ardis.clearance import arm_points, chair_corners
 from rehab_opt.session.ardis.outcome import LAWS, ArdisOutcome, Motion
 from rehab_opt.session.drawing import GRID, LAW_STYLES, REFERENCE, framed, legend_below, servo_figure
@@ -66,8 +66,7 @@ def _top_view(outcome: ArdisOutcome) -> Figure:
             )
         axes.plot(*of.optimised.hand[0, :2], "o", color=REFERENCE, markersize=5, label="hand at the start", zorder=5)
         axes.set_title(f"{drive} drive", fontsize=10, loc="left")
-    legend_below(figure, grid[0], 3)
-    return figure
+    return legend_below(figure, grid[0], 3)
 
 
 def seen_from_above(outcome: ArdisOutcome) -> tuple[np.ndarray, np.ndarray]:
@@ -85,10 +84,6 @@ def seen_from_above(outcome: ArdisOutcome) -> tuple[np.ndarray, np.ndarray]:
 
 def draw_room(axes: Axes, outcome: ArdisOutcome, x: np.ndarray, y: np.ndarray) -> None:
     """Walls, posts and goals."""
-    from matplotlib.patches import Circle, Polygon  # noqa: PLC0415
-
-    from rehab_opt.control.obstacles import HalfPlane  # noqa: PLC0415
-
     for obstacle in outcome.room:
         if isinstance(obstacle, HalfPlane):
             normal = np.asarray(obstacle.normal) / np.hypot(*obstacle.normal)
@@ -112,11 +107,7 @@ def draw_room(axes: Axes, outcome: ArdisOutcome, x: np.ndarray, y: np.ndarray) -
         axes.plot([], [], "o", markerfacecolor="none", color=GOAL, linestyle="", label=label)
     for numbers, place in _goal_labels([(goal.hand_m[0], goal.hand_m[1]) for goal in outcome.goals]):
         axes.annotate(numbers, place, xytext=(5, 5), textcoords="offset points", fontsize=9, color=GOAL, zorder=6)
-    axes.set_xlim(*x)
-    axes.set_ylim(*y)
-    axes.set_aspect("equal")
-    axes.set_xlabel("x, forward [m]")
-    axes.set_ylabel("y, left [m]")
+    axes.set(xlim=x, ylim=y, aspect="equal", xlabel="x, forward [m]", ylabel="y, left [m]")
     axes.grid(**GRID)
 
 
@@ -161,7 +152,7 @@ def _hand(outcome: ArdisOutcome) -> Figure:
             column[1].plot(motion.time, gone, **LAW_STYLES[law], zorder=ORDER[law])
         # A law that leaves its limits may go anywhere: the room is shown.
         column[0].set_ylim(-0.2, 1.8)
-        column[1].set_ylim(0, 1.3 * max(1e-2, _way(of.optimised)))
+        column[1].set_ylim(0, 1.3 * max(1e-2, outcome.metrics["drives"][drive]["optimised"]["chair_path_m"]))
         column[0].axhline(0, color=REFERENCE, linewidth=1, linestyle=":")
         reached = outcome.metrics["drives"][drive]["optimised"]["goals"]
         for i, when in enumerate(reached.values()):
@@ -179,12 +170,7 @@ def _hand(outcome: ArdisOutcome) -> Figure:
             axes.grid(**GRID)
     grid[0, 0].set_ylabel("hand above the floor [m]")
     grid[1, 0].set_ylabel("way of the chair [m]")
-    legend_below(figure, grid[0, 0], 3)
-    return figure
-
-
-def _way(motion: Motion) -> float:
-    return float(np.hypot(motion.velocity[:, 0], motion.velocity[:, 1]).sum() * motion.dt)
+    return legend_below(figure, grid[0, 0], 3)
 
 
 def _limits(outcome: ArdisOutcome) -> Figure:
@@ -222,8 +208,7 @@ def _limits(outcome: ArdisOutcome) -> Figure:
         grid[:, 0], ("arm joint nearest to its limit", "fastest joint or wheel", "hardest acceleration"), strict=True
     ):
         axes.set_ylabel(f"{name}\n[% of limit]", fontsize=9)
-    legend_below(figure, grid[0, 0], 2)
-    return figure
+    return legend_below(figure, grid[0, 0], 2)
 
 
 FRAMES = 40

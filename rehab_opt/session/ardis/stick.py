@@ -1,7 +1,5 @@
 """A stick over time: where it stood, which buttons were down. Read from a recording and held between its samples."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import NamedTuple, Protocol
 
@@ -12,11 +10,10 @@ from rehab_opt.errors import ProblemFileError
 from rehab_opt.recordings.tables import numbers_below
 from rehab_opt.session.ardis.problem import ArdisProblem, DriveName
 from rehab_opt.session.files import ProblemFile, recording_path
+from rehab_opt.session.outcome import Array
 from rehab_opt.text_file import LATEST, shown, text_lines
 
 __all__ = ["HEADER", "Moment", "Stick", "StickRecording", "StickSample", "read_stick", "sticks_of"]
-
-Array = NDArray[np.float64]
 
 HEADER = ("t_s", "forward", "left", "switch", "gripper")
 MOST_TICKS = 500_000

@@ -1,22 +1,19 @@
 """Bodies of arms in space, as the page draws them: capsules with a colour."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from rehab_opt.control.clearance import Clearance
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.kinematics.link_capsules import LinkCapsule
 from rehab_opt.kinematics.room import Box, KeepOut
-
-if TYPE_CHECKING:
-    from rehab_opt.control.clearance import Clearance
+from rehab_opt.session.outcome import Array
 
 __all__ = [
     "ARM_PLOTS",
@@ -35,8 +32,6 @@ __all__ = [
     "screen",
     "sides",
 ]
-
-Array = NDArray[np.float64]
 
 BLUE, ORANGE, GREEN, RED, AMBER, GREY, PURPLE, ROBOT = (
     "#0072b2", "#e69f00", "#2e9e6b", "#d1495b", "#e9b44c", "#8d99a6", "#9b5fc0", "#b9c4cf",
@@ -173,8 +168,9 @@ class ArmBodies:
                 for i, (a, b) in enumerate(pairwise(points))
                 if np.linalg.norm(b - a) > SHORT
             ]
+        of = [colours] if isinstance(colours, str) else colours
         return [
-            [*a.round(4).tolist(), *b.round(4).tolist(), radius, self._colour(colours, frame)]
+            [*a.round(4).tolist(), *b.round(4).tolist(), radius, of[min(max(frame - 1, 0), len(of) - 1)]]
             for frame, a, b, radius in bodies
         ]
 
@@ -182,8 +178,3 @@ class ArmBodies:
         """(3, 4) pose of the tool, its last row left out."""
         pose: Array = self.frames(q)[-1]
         return pose
-
-    def _colour(self, colours: Sequence[str] | str, frame: int) -> str:
-        if isinstance(colours, str):
-            return colours
-        return colours[min(max(frame - 1, 0), len(colours) - 1)]

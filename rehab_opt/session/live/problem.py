@@ -1,21 +1,18 @@
 """What a kind of problem tells of itself to run live: how it is controlled, and how it looks."""
 
-from __future__ import annotations
-
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar, Literal, NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rehab_opt.control.command import Command
 from rehab_opt.plants.plant import Measurement, Plant
+from rehab_opt.session.outcome import Array
 
 __all__ = ["AT_REST", "DeviceAddress", "LiveControl", "LiveInputs", "LiveProblem", "Seen", "Watching"]
-
-Array = NDArray[np.float64]
 
 
 Triple = tuple[float, float, float]

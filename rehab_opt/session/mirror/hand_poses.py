@@ -1,22 +1,18 @@
 """Recordings of a hand's poses, as a tracker of virtual reality writes them."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rehab_opt.errors import ProblemFileError
 from rehab_opt.recordings.tables import SEPARATORS, marks, numbers_below
 from rehab_opt.session.mirror.problem import PoseRecordingSection
+from rehab_opt.session.outcome import Array
 from rehab_opt.text_file import LATEST, header_cells, shown, text_lines
 
 __all__ = ["HandPoses", "calibration_points", "read_hand_poses"]
-
-Array = NDArray[np.float64]
 
 HEADER = ("t_s", "x_m", "y_m", "z_m", "qx", "qy", "qz", "qw")
 POINTS = ("vr_x_m", "vr_y_m", "vr_z_m", "robot_x_m", "robot_y_m", "robot_z_m")
@@ -73,8 +69,11 @@ def read_hand_poses(path: Path, section: PoseRecordingSection, *, file: str) -> 
         table = _below(lines, HEADER if stamped else HEADER[1:], marked, name=name)
     notes: list[str] = []
     if section.rows is not None:
-        notes.append(f"rows {section.rows[0]} to {section.rows[1]} of the recording's {len(table)}")
-    table = _rows(table, section, file=file)
+        first, last = section.rows
+        if last > len(table):
+            raise ProblemFileError(file, "recording.rows", section.rows, f"rows from 1 to {len(table)}")
+        notes.append(f"rows {first} to {last} of the recording's {len(table)}")
+        table = table[first - 1 : last]
     if stamped:
         times, table = table[:, 0], table[:, 1:]
         if np.any(np.abs(times) > LATEST):
@@ -113,15 +112,6 @@ def calibration_points(path: Path, *, name: str) -> tuple[Array, Array]:
         row = int(np.argmin(np.all(np.abs(table) <= FAR, axis=1))) + 2
         raise ProblemFileError(name, f"line {row}", "not usable", f"finite numbers up to {FAR:g} m")
     return table[:, :3], table[:, 3:]
-
-
-def _rows(table: Array, section: PoseRecordingSection, *, file: str) -> Array:
-    if section.rows is None:
-        return table
-    first, last = section.rows
-    if last > len(table):
-        raise ProblemFileError(file, "recording.rows", section.rows, f"rows from 1 to {len(table)}")
-    return table[first - 1 : last]
 
 
 def _below(lines: list[str], columns: Sequence[str], marked: tuple[str, str], *, name: str) -> Array:

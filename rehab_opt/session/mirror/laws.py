@@ -1,13 +1,10 @@
 """The laws of a mirrored hand on one reference: without a floor, tick by tick, planned as a whole, and A*."""
 
-from __future__ import annotations
-
 import math
 from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rehab_opt.control.command import Command
 from rehab_opt.control.hand_bounds import KeepOut
@@ -23,14 +20,13 @@ from rehab_opt.session.clearance import clearance_key, clearance_of
 from rehab_opt.session.closed_loop import Ran, simulate, yielded_words
 from rehab_opt.session.live.problem import Following, LiveInputs
 from rehab_opt.session.mirror.outcome import Led
-from rehab_opt.session.mirror.problem import MirrorProblem
+from rehab_opt.session.mirror.problem import MirrorProblem, MirrorTrackerSection
 from rehab_opt.session.mirror.scene import Scene
-from rehab_opt.session.outcome import Progress
+from rehab_opt.session.outcome import Array, Progress
 from rehab_opt.session.refusals import refused_as
+from rehab_opt.session.schema import keys_of
 
 __all__ = ["ANY_SPEED", "followed", "planned", "searched", "tracker_of", "without_floor"]
-
-Array = NDArray[np.float64]
 
 HELD = LiveInputs(enable=True)
 ANY_SPEED = 3.0
@@ -46,12 +42,8 @@ SETTLED_AMID_NOISE = 0.03
 TRACKER_KEYS = (
     "floor", "max_deviation_mm", "max_turn_deg", "linear_speed_m_s", "angular_speed_deg_s", "catch_up",
 )  # fmt: skip
-KEYS = {
+KEYS = keys_of(tracker=MirrorTrackerSection) | {
     "dt": "tracker.rate_hz",
-    "max_deviation": "tracker.max_deviation_mm",
-    "max_turn": "tracker.max_turn_deg",
-    "linear_speed": "tracker.linear_speed_m_s",
-    "angular_speed": "tracker.angular_speed_deg_s",
     "person": "patient.arm",
     "grip": "robot.grip_deg",
     "start": "patient.arm.start_deg",

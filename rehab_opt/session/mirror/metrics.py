@@ -1,7 +1,5 @@
 """The numbers of a mirrored motion, and why a hand is not where, or not when, the reference is; strict JSON."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 
@@ -14,12 +12,10 @@ from rehab_opt.control.smoothing import smooth_path
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.published.astar import AStarPath
 from rehab_opt.session.mirror.outcome import Drive, Led
-from rehab_opt.session.outcome import error_metrics, joint_metrics, reason_counts, status_counts, time_metrics
+from rehab_opt.session.outcome import Array, error_metrics, joint_metrics, reason_counts, status_counts, time_metrics
 from rehab_opt.session.upper_limb.problem import SmoothingSection
 
 __all__ = ["CAUSES", "astar_metrics", "causes", "driven", "led_metrics", "passed_share"]
-
-Array = NDArray[np.float64]
 
 
 CAUSES = ("followed", "late", "person's arm", "floor", "keep-out", "robot's reach", "stopped")
@@ -116,24 +112,16 @@ SAMPLES = 400
 
 
 def led_metrics(
-    led: Led,
-    drive: Drive,
-    robot: SerialChain,
-    asked: Array,
-    *,
-    cause: NDArray[np.int_],
-    floor: float,
-    rate: float,
-    max_manipulability: float,
+    led: Led, drive: Drive, bounds: HandBounds, asked: Array, *, cause: NDArray[np.int_], rate: float
 ) -> dict[str, Any]:
     """Of one law and its `drive`; where sight was lost there is no reference, and no distance to it.
 
     `asked` (N, 4, 4) are the poses asked for, those of lost sight left out; `cause` (K,) are the drive's `causes`.
     """
-    seen = np.isfinite(led.deviation)
+    seen, robot = np.isfinite(led.deviation), bounds.chain
     q = np.concatenate([led.q, led.q[-1:] + led.command[-1:] / rate])  # and where the last tick leads
     tool = np.concatenate([led.tool[:, :3, 3], robot.pose(q[-1])[None, :3, 3]])
-    w = np.append(led.manipulability, robot.manipulability(q[-1]) / max_manipulability)
+    w = np.append(led.manipulability, robot.manipulability(q[-1]) / bounds.max_manipulability)
     speed = np.linalg.norm(np.diff(tool, axis=0), axis=1) * rate
     before = np.concatenate([np.zeros((1, robot.n)), led.command[:-1]])
     change = (np.abs(led.command - before) * rate / robot.acceleration).max(axis=1)
@@ -156,7 +144,7 @@ def led_metrics(
         "complete": led.complete,
         "manipulability_min": float(w.min()),
         "manipulability_median": float(np.median(w)),
-        "below_floor_share_of_time": float(np.mean(w < floor - BELOW)),
+        "below_floor_share_of_time": float(np.mean(w < bounds.floor - BELOW)),
         "passed_share_of_time": passed_share(led.tool, asked),
         **error_metrics(led.deviation[seen], "deviation", "m"),
         **error_metrics(np.rad2deg(led.turn[seen]), "turn", "deg"),
@@ -191,11 +179,9 @@ def passed_share(tool: Array, asked: Array) -> float:
     return met / len(poses)
 
 
-def astar_metrics(
-    path: AStarPath, robot: SerialChain, reference: Array, *, max_manipulability: float
-) -> dict[str, Any]:
+def astar_metrics(path: AStarPath, bounds: HandBounds, reference: Array) -> dict[str, Any]:
     """Of the published path, which has no times: each reference position's distance to the nearest point of it."""
-    w = np.array([robot.manipulability(each) for each in path.q]) / max_manipulability
+    w = np.array([bounds.chain.manipulability(each) for each in path.q]) / bounds.max_manipulability
     return {
         "positions": len(path.q),
         "complete": path.complete,

@@ -1,7 +1,5 @@
 """What a robot did that led a hand along a mirrored path, tick by tick."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import NamedTuple
@@ -14,6 +12,7 @@ from rehab_opt.published.astar import AStarPath
 from rehab_opt.session.clearance import NearestBodies
 from rehab_opt.session.closed_loop import JointMotion
 from rehab_opt.session.outcome import (
+    Array,
     Column,
     Columns,
     MovementOutcome,
@@ -24,8 +23,6 @@ from rehab_opt.session.outcome import (
 )
 
 __all__ = ["Drive", "Led", "MirrorOutcome"]
-
-Array = NDArray[np.float64]
 
 
 BEFORE, STEP, PLAN = "without floor", "step", "plan"

@@ -5,8 +5,6 @@ robot at one pose of the path and a direction fix them. How much of the path it 
 (`Seats`). The best seats, apart from each other, are run as `rehab-opt run` does, and what that achieves decides.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 import re
@@ -25,13 +23,11 @@ from rehab_opt.session.mirror.laws import followed, tracker_of
 from rehab_opt.session.mirror.metrics import passed_share
 from rehab_opt.session.mirror.problem import MirrorProblem
 from rehab_opt.session.mirror.scene import Scene, laid_out
-from rehab_opt.session.outcome import Progress
+from rehab_opt.session.outcome import Array, Progress
 from rehab_opt.session.robot_file import pose_of
 from rehab_opt.session.systems import OutOfReach
 
 __all__ = ["Place", "found_place", "placed", "reach_note", "replaced_keys", "value_text"]
-
-Array = NDArray[np.float64]
 
 POSES, ALL_POSES = 60, 300
 """Of the path that are counted while looking, and for one seat."""

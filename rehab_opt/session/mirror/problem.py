@@ -1,7 +1,5 @@
 """What a problem file of `system = "mirror"` may say, and what each key means."""
 
-from __future__ import annotations
-
 from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
@@ -22,7 +20,7 @@ from rehab_opt.session.schema import (
 )
 from rehab_opt.session.upper_limb.problem import SmoothingSection
 
-__all__ = ["MirrorProblem", "PatientSection", "PoseRecordingSection"]
+__all__ = ["MirrorProblem", "MirrorTrackerSection", "PatientSection", "PoseRecordingSection"]
 
 Axis = Literal["+x", "-x", "+y", "-y", "+z", "-z"]
 Columns = Annotated[int, Field(ge=1, le=1000)]

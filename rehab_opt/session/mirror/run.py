@@ -1,13 +1,11 @@
 """The run of `system = "mirror"`: the recording laid out, every law on it, and the numbers; what it is live."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rehab_opt.control.command import Command
 from rehab_opt.control.conditioning import Conditioner
@@ -26,14 +24,12 @@ from rehab_opt.session.mirror.outcome import BEFORE, PLAN, STEP, Led, MirrorOutc
 from rehab_opt.session.mirror.placing import reach_note
 from rehab_opt.session.mirror.problem import MirrorProblem
 from rehab_opt.session.mirror.scene import Scene, laid_out, path_notes
-from rehab_opt.session.outcome import Progress
+from rehab_opt.session.outcome import Array, Progress
 from rehab_opt.session.plant import device_of, joint_feedback, joint_plant, plant_note
 from rehab_opt.session.robot_file import robot_files
 from rehab_opt.session.systems import Needed, System
 
 __all__ = ["MirrorSystem"]
-
-Array = NDArray[np.float64]
 
 FRAME = 1 / 30
 """[s] from picture to picture, in which the person's arm is led on."""
@@ -195,7 +191,7 @@ class MirrorSystem(System[MirrorProblem, MirrorOutcome]):
         section, reference, robot = problem.tracker, scene.reference, scene.robot
         feedback = joint_feedback(problem.plant)
         tracker = tracker_of(problem, scene, file=loaded.file, feedback=feedback)
-        max_manipulability, rate = tracker.max_manipulability, section.rate_hz
+        max_manipulability, rate, bounds = tracker.max_manipulability, section.rate_hz, tracker.hand_bounds
         plant = joint_plant(problem.plant, robot, 1.0 / rate)
         laws = {
             BEFORE: without_floor(
@@ -211,7 +207,7 @@ class MirrorSystem(System[MirrorProblem, MirrorOutcome]):
             )
             for name, led in laws.items()
         }
-        why = {name: causes(led, drives[name], tracker.hand_bounds) for name, led in laws.items()}
+        why = {name: causes(led, drives[name], bounds) for name, led in laws.items()}
         near = nearest_bodies(problem.clearance, loaded.file, robot, laws[STEP].q, laws[STEP].time)
         astar = searched(problem, scene, max_manipulability=max_manipulability, progress=progress)
         asked = reference.poses[~reference.lost]
@@ -231,21 +227,10 @@ class MirrorSystem(System[MirrorProblem, MirrorOutcome]):
             },
             "manipulability_largest": max_manipulability,
             "laws": {
-                name: led_metrics(
-                    led,
-                    drives[name],
-                    robot,
-                    asked,
-                    cause=why[name],
-                    floor=section.floor,
-                    rate=rate,
-                    max_manipulability=max_manipulability,
-                )
+                name: led_metrics(led, drives[name], bounds, asked, cause=why[name], rate=rate)
                 for name, led in laws.items()
             },
-            "astar": astar_metrics(astar, robot, asked[:, :3, 3], max_manipulability=max_manipulability)
-            if astar is not None
-            else None,
+            "astar": None if astar is None else astar_metrics(astar, bounds, asked[:, :3, 3]),
             **({} if near is None else {"clearance": near.metrics}),
         }
         return MirrorOutcome(
@@ -258,7 +243,6 @@ class MirrorSystem(System[MirrorProblem, MirrorOutcome]):
                 *([] if near is None else [near.note]),
             ),
             metrics=metrics,
-            floor=section.floor,
             mirror=scene.mirror,
             asked=reference.poses,
             recorded=scene.recorded,
@@ -266,8 +250,7 @@ class MirrorSystem(System[MirrorProblem, MirrorOutcome]):
             drives=drives,
             causes=why,
             astar=astar,
-            max_deviation=1e-3 * section.max_deviation_mm,
-            linear_speed=section.linear_speed_m_s,
+            **section.arguments("floor", "max_deviation_mm", "linear_speed_m_s"),
             near=near,
         )
 

@@ -1,7 +1,5 @@
 """Where everything stands: the recording laid into the robot's frame, mirrored, and handed to the robot's tool."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -20,6 +18,7 @@ from rehab_opt.recordings.recording import Recording, size_note, strange_sizes
 from rehab_opt.session.files import ProblemFile, recording_path
 from rehab_opt.session.mirror.hand_poses import HandPoses, calibration_points, read_hand_poses
 from rehab_opt.session.mirror.problem import MirrorProblem, PatientSection, PoseRecordingSection
+from rehab_opt.session.outcome import Array
 from rehab_opt.session.participant import arm_of
 from rehab_opt.session.pose_tracking.problem import MOST_TICKS
 from rehab_opt.session.refusals import refused_as
@@ -28,8 +27,6 @@ from rehab_opt.session.schema import Side
 from rehab_opt.text_file import times
 
 __all__ = ["Scene", "laid_out", "path_notes"]
-
-Array = NDArray[np.float64]
 
 UNITY_AXES = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 """Unity's axes in a frame of robots: p = (z, -x, y)."""

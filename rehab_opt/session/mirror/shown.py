@@ -1,7 +1,5 @@
 """A mirrored motion shown: a table with a column for each law, and figures after Figs. 3-11 of Xu, Guo, Zhang 2021."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -9,9 +7,9 @@ import casadi as ca
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 from rich.table import Table
 
+from rehab_opt.session import shown
 from rehab_opt.session.drawing import (
     GRID,
     LAW_STYLES,
@@ -26,23 +24,9 @@ from rehab_opt.session.drawing import (
 )
 from rehab_opt.session.mirror.metrics import CAUSES
 from rehab_opt.session.mirror.outcome import BEFORE, PLAN, STEP, MirrorOutcome
-from rehab_opt.session.shown import (
-    Cell,
-    Numbers,
-    Rows,
-    counts,
-    law_table,
-    margin,
-    millimetres,
-    speed,
-    spread,
-    statuses,
-    times,
-)
+from rehab_opt.session.outcome import Array
 
 __all__ = ["brief", "figures", "table"]
-
-Array = NDArray[np.float64]
 
 
 STYLES: Mapping[str, Mapping[str, Any]] = {
@@ -71,7 +55,7 @@ def figures(outcome: MirrorOutcome) -> dict[str, Figure]:
         ),
         "pace": _pace(outcome),
         "causes": _causes(outcome),
-        "space": space_figure(outcome, STYLES, LABELS, ASTAR),
+        "space": _space(outcome),
     }
     if outcome.near is not None:
         drawn["clearance"] = outcome.near.figure(f"{outcome.title}, {LABELS[STEP]}")
@@ -96,13 +80,10 @@ def _manipulability(outcome: MirrorOutcome) -> Figure:
         seen = outcome.time[np.isfinite(outcome.asked[:, 0, 3])]
         axes.plot(seen[path.nearest], w, **ASTAR, label="published A*")
     axes.axhspan(-1, outcome.floor, color=LIMIT, alpha=0.4, linewidth=0, zorder=0, label="below the floor")
-    axes.set_ylim(0, 1)
-    axes.set_xlabel("time in the reference [s]")
-    axes.set_ylabel("manipulability, share of the robot's largest")
-    axes.set_xlim(-0.01 * end, 1.01 * end)
+    axes.set(xlim=(-0.01 * end, 1.01 * end), xlabel="time in the reference [s]")
+    axes.set(ylim=(0, 1), ylabel="manipulability, share of the robot's largest")
     axes.grid(**GRID)
-    legend_below(figure, axes, 5)
-    return figure
+    return legend_below(figure, axes, 5)
 
 
 def _position(outcome: MirrorOutcome) -> Figure:
@@ -117,8 +98,7 @@ def _position(outcome: MirrorOutcome) -> Figure:
         panels[3].plot(led.time, MM * led.deviation, **STYLES[name])
     _scale_distances(panels[3], outcome)
     label_times(panels, "x [mm]", "y [mm]", "z [mm]", "distance [mm]")
-    legend_below(figure, panels[0], 4)
-    return figure
+    return legend_below(figure, panels[0], 4)
 
 
 def _scale_distances(axes: Axes, outcome: MirrorOutcome) -> None:
@@ -164,8 +144,7 @@ def _pace(outcome: MirrorOutcome) -> Figure:
     _events(events, outcome)
     labels = "pace of the\nreference [%]", "lag [s]", "speed of the\ntool [m/s]", ""
     label_times((pace, lag, speed, events), *labels)
-    legend_below(figure, speed, 3)
-    return figure
+    return legend_below(figure, speed, 3)
 
 
 def _causes(outcome: MirrorOutcome) -> Figure:
@@ -218,12 +197,7 @@ def _events(axes: Axes, outcome: MirrorOutcome) -> None:
         axes.annotate("nothing yielded", (0.5, 0.5), xycoords="axes fraction", ha="center")
 
 
-Style = Mapping[str, Any]
-
-
-def space_figure(
-    outcome: MirrorOutcome, styles: Mapping[str, Style], labels: Mapping[str, str], astar: Style
-) -> Figure:
+def _space(outcome: MirrorOutcome) -> Figure:
     """In the robot's frame; the robot stands as at the motion's end."""
     figure = framed(f"{outcome.title}\nThe healthy hand, its mirror image, and the hand that is led", 9.0, 8.0)
     axes = figure.add_subplot(projection="3d")
@@ -235,10 +209,10 @@ def space_figure(
         if name == BEFORE:
             continue
         path = MM * led.tool[:, :3, 3]
-        axes.plot(*path.T, **styles[name], label=labels[name])
+        axes.plot(*path.T, **STYLES[name], label=LABELS[name])
         drawn.append(path)
     if outcome.astar is not None:
-        axes.plot(*(MM * outcome.astar.positions).T, **astar, label="published A*")
+        axes.plot(*(MM * outcome.astar.positions).T, **ASTAR, label="published A*")
     last = list(outcome.drives.values())[-1].q[-1]
     arm = MM * np.array(
         [np.array(ca.DM(frame[:3, 3])).ravel() for frame in outcome.chain.frames_expression(ca.SX(last))]
@@ -252,12 +226,10 @@ def space_figure(
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
     axes.set_box_aspect(np.maximum(high - low, 1.0), zoom=1.1)
     axes.view_init(elev=24, azim=-125)
-    axes.set_xlabel("x [mm]")
-    axes.set_ylabel("y [mm]")
+    axes.set(xlabel="x [mm]", ylabel="y [mm]")
     axes.zaxis.set_rotate_label(False)
     axes.set_zlabel("z [mm]", rotation=90)
-    legend_below(figure, axes, 4)
-    return figure
+    return legend_below(figure, axes, 4)
 
 
 def _draw_mirror(axes: Any, outcome: MirrorOutcome, low: Array, high: Array) -> None:
@@ -286,7 +258,7 @@ def brief(outcome: MirrorOutcome) -> Table:
     return _table(outcome, FIRST_ROWS)
 
 
-def _table(outcome: MirrorOutcome, rows: Rows) -> Table:
+def _table(outcome: MirrorOutcome, rows: shown.Rows) -> Table:
     numbers = outcome.metrics
     reference, astar = numbers["reference"], numbers["astar"]
     caption = (
@@ -300,65 +272,57 @@ def _table(outcome: MirrorOutcome, rows: Rows) -> Table:
         name = f"A*, {numbers['parameters']['astar']['resolution_mm']:g} mm"
         laws[name] = astar
         rows = tuple((label, _of_astar(label, value, astar)) for label, value in rows)
-    return law_table(outcome.title, laws, rows, caption=caption)
+    return shown.law_table(outcome.title, laws, rows, caption=caption)
 
 
-def _of_astar(label: str, value: Cell, astar: Numbers) -> Cell:
+def _of_astar(label: str, value: shown.Cell, astar: shown.Numbers) -> shown.Cell:
     """The cell of a law, or of A*, which has few of them."""
     own = ASTAR_CELLS[label](astar) if label in ASTAR_CELLS else "-"
     return lambda of: own if of is astar else value(of)
 
 
-def _passed(of: Numbers) -> str:
+def _passed(of: shown.Numbers) -> str:
     return f"{100 * of['passed_share_of_time']:.0f}"
 
 
-def _ends(of: Numbers) -> str:
-    return f"{of['drive']['duration_s']:.1f}{'' if of['complete'] else ' INCOMPLETE'}"
+def _law(of: shown.Numbers) -> str:
+    return f"{shown.millimetres('deviation')(of)}; {of['duration_s']:.1f}"
 
 
-def _law(of: Numbers) -> str:
-    return f"{millimetres('deviation')(of)}; {of['duration_s']:.1f}"
-
-
-def _seconds(of: Numbers, *causes: str) -> str:
+def _seconds(of: shown.Numbers, *causes: str) -> str:
     return " / ".join(f"{of['drive']['seconds_by_cause'][cause]:.1f}" for cause in causes)
 
 
-def _kept_off(of: Numbers) -> str:
+def _kept_off(of: shown.Numbers) -> str:
     short = {cause: of["drive"]["seconds_by_cause"][cause] for cause in SHORT}
     most = max(short, key=lambda cause: short[cause])
     return f"{_seconds(of, 'late', 'stopped')} / {sum(short.values()):.1f}" + (f", {most}" if short[most] else "")
 
 
-def _acceleration(of: Numbers) -> str:
+def _acceleration(of: shown.Numbers) -> str:
     return f"{of['joint_acceleration_max_share_of_limit']:.2f} ({of['joint_acceleration_above_limit_ticks']})"
-
-
-def _ticks(of: Numbers) -> str:
-    return times("tick")(of) if "tick_median_ms" in of else "-"
 
 
 SHORT = ("person's arm", "floor", "keep-out", "robot's reach")
 DISTANCE = "   distance to the reference mean / p95 / max, mm"
-ASTAR_CELLS: Mapping[str, Callable[[Numbers], str]] = {
+ASTAR_CELLS: Mapping[str, Callable[[shown.Numbers], str]] = {
     "   least manipulability, share of largest": lambda of: f"{of['manipulability_min']:.4f}",
-    DISTANCE: millimetres("deviation"),
+    DISTANCE: shown.millimetres("deviation"),
     "   duration, s": lambda of: "no times" if of["complete"] else "no times, INCOMPLETE",
     "computing time, s": lambda of: f"{of['computing_s']:.3g}",
     "events": lambda of: f"{of['expanded']} expanded, {of['blocked']} blocked",
 }
-FIRST_ROWS: Rows = (
+FIRST_ROWS: shown.Rows = (
     ("reference passed by a drive, within 5 mm and 5 deg, %", lambda of: _passed(of["drive"])),
-    (DISTANCE, lambda of: millimetres("deviation")(of["drive"])),
-    ("   duration, s", _ends),
+    (DISTANCE, lambda of: shown.millimetres("deviation")(of["drive"])),
+    ("   duration, s", lambda of: f"{of['drive']['duration_s']:.1f}{'' if of['complete'] else ' INCOMPLETE'}"),
     ("   least manipulability, share of largest", lambda of: f"{of['drive']['manipulability_min']:.4f}"),
     ("time below the floor, %", lambda of: f"{100 * of['below_floor_share_of_time']:.1f}"),
     ("seconds late / stopped / short, most for", _kept_off),
-    ("smallest joint-limit margin, deg", margin),
-    ("ticks by status", statuses),
+    ("smallest joint-limit margin, deg", shown.margin),
+    ("ticks by status", shown.statuses),
 )
-MORE_ROWS: Rows = (
+MORE_ROWS: shown.Rows = (
     ("seconds followed / late / stopped", lambda of: _seconds(of, "followed", "late", "stopped")),
     ("seconds short for person's arm / floor / keep-out / reach", lambda of: _seconds(of, *SHORT)),
     (
@@ -368,12 +332,12 @@ MORE_ROWS: Rows = (
     ("fastest tool, m/s", lambda of: f"{of['drive']['tool_speed_max_m_s']:.4f}"),
     ("reference passed by the law before a drive, %", _passed),
     ("   distance mean / p95 / max, mm; duration, s", _law),
-    ("turn from the reference mean / p95 / max, deg", spread("turn", "deg")),
+    ("turn from the reference mean / p95 / max, deg", shown.spread("turn", "deg")),
     ("reference held back, s", lambda of: f"{of['reference_held_back_s']:.2f}"),
-    ("fastest joint, deg/s (share of limit)", speed),
+    ("fastest joint, deg/s (share of limit)", shown.speed),
     ("largest joint acceleration, share of limit (ticks above)", _acceleration),
-    ("ticks in which something yielded", lambda of: counts(of["yielded"]) or "0"),
-    ("events", lambda of: counts({key: n for key, n in of["counts"].items() if n}) or "none"),
-    ("tick time median / p99 / max, ms", _ticks),
+    ("ticks in which something yielded", lambda of: shown.counts(of["yielded"]) or "0"),
+    ("events", lambda of: shown.counts({key: n for key, n in of["counts"].items() if n}) or "none"),
+    ("tick time median / p99 / max, ms", lambda of: shown.times("tick")(of) if "tick_median_ms" in of else "-"),
     ("computing time, s", lambda of: f"{of['computing_s']:.3g}"),
 )

@@ -1,7 +1,5 @@
 """The run of `system = "pose_tracking"`: a robot whose tool follows a path, and what it did."""
 
-from __future__ import annotations
-
 import inspect
 import math
 from collections.abc import Iterator, Mapping
@@ -10,7 +8,7 @@ from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rehab_opt.control.command import Command
 from rehab_opt.control.conditioning import conditioned
@@ -36,6 +34,7 @@ from rehab_opt.session.files import ProblemFile, recording_path
 from rehab_opt.session.live.bodies import ARM_PLOTS, BLUE, ORANGE, ArmBodies, joint_rows, kept_off, moving_rows, screen
 from rehab_opt.session.live.problem import Following, LiveControl, LiveInputs, LiveProblem
 from rehab_opt.session.outcome import (
+    Array,
     Column,
     MovementOutcome,
     Progress,
@@ -54,8 +53,6 @@ from rehab_opt.session.robot_file import robot_at_start, robot_files
 from rehab_opt.session.systems import Needed, System
 
 __all__ = ["LivePoseTracking", "PoseTrackingSystem", "RobotOutcome", "circle_reference", "tracker_of"]
-
-Array = NDArray[np.float64]
 
 
 KEYS = {"gain": "tracker.gain_per_s", "dt": "tracker.rate_hz"}
@@ -78,8 +75,7 @@ def tracker_of(
     ProblemFileError : it refuses a value of the file.
     ConfigurationError : it refuses `solver`.
     """
-    given = {"gain": problem.tracker.gain_per_s, "solver": solver or problem.tracker.solver}
-    chosen: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
+    chosen = problem.tracker.arguments("gain_per_s", "solver") | ({"solver": solver} if solver else {})
     with refused_as(file, lambda name: clearance_key(name) or KEYS.get(name, f"tracker.{name}"), option=solver):
         limits = clearance_of(problem.clearance, file, moving=True)
         return PoseTracker(

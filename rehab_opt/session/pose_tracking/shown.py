@@ -1,11 +1,10 @@
 """A followed pose shown: numbers as a table, what was asked and what the robot did as figures."""
 
-from __future__ import annotations
-
 import numpy as np
 from matplotlib.figure import Figure
 from rich.table import Table
 
+from rehab_opt.session import shown
 from rehab_opt.session.drawing import (
     GRID,
     LAW_STYLES,
@@ -18,18 +17,6 @@ from rehab_opt.session.drawing import (
     servo_figure,
 )
 from rehab_opt.session.pose_tracking.run import RobotOutcome
-from rehab_opt.session.shown import (
-    Numbers,
-    Rows,
-    counts,
-    law_table,
-    margin,
-    millimetres,
-    speed,
-    spread,
-    statuses,
-    times,
-)
 
 __all__ = ["brief", "figures", "table"]
 
@@ -56,12 +43,9 @@ def _tool_path(outcome: RobotOutcome) -> Figure:
         axes.plot(reference[:, a], reference[:, b], color=REFERENCE, linewidth=4.5, alpha=0.25, label="path asked for")
         axes.plot(tool[:, a], tool[:, b], **LAW_STYLES["optimised"], label="tool")
         axes.plot(reference[0, a], reference[0, b], "o", color=REFERENCE, markersize=6, label="start")
-        axes.set_aspect("equal", adjustable="datalim")
-        axes.set_xlabel(f"{labels[0]} [mm]")
-        axes.set_ylabel(f"{labels[1]} [mm]")
+        axes.set(aspect="equal", adjustable="datalim", xlabel=f"{labels[0]} [mm]", ylabel=f"{labels[1]} [mm]")
         axes.grid(**GRID)
-    legend_below(figure, above, 3)
-    return figure
+    return legend_below(figure, above, 3)
 
 
 def _robot_error(outcome: RobotOutcome) -> Figure:
@@ -75,8 +59,7 @@ def _robot_error(outcome: RobotOutcome) -> Figure:
     speed.annotate("speed limit", (0.995, 100), xycoords=("axes fraction", "data"), ha="right", va="top", fontsize=9)
     labels = "position error [mm]", "orientation error [deg]", "fastest joint [% of limit]"
     label_times((distance, angle, speed), *labels, from_zero=True)
-    legend_below(figure, distance, 1)
-    return figure
+    return legend_below(figure, distance, 1)
 
 
 TRACKER = "PoseTracker"
@@ -85,31 +68,31 @@ SHARE_SHOWN = 0.05  # [%] shares that differ by less look the same
 
 def table(outcome: RobotOutcome) -> Table:
     """Rows of quantities with their units."""
-    return law_table(outcome.title, {TRACKER: outcome.metrics["optimised"]}, (*FIRST_ROWS, *MORE_ROWS))
+    return shown.law_table(outcome.title, {TRACKER: outcome.metrics["optimised"]}, (*FIRST_ROWS, *MORE_ROWS))
 
 
 def brief(outcome: RobotOutcome) -> Table:
     """The first of them."""
-    return law_table(outcome.title, {TRACKER: outcome.metrics["optimised"]}, FIRST_ROWS)
+    return shown.law_table(outcome.title, {TRACKER: outcome.metrics["optimised"]}, FIRST_ROWS)
 
 
-def _delivered(of: Numbers) -> str:
+def _delivered(of: shown.Numbers) -> str:
     least, moving = 100 * of["scale_min"], of["scale_min_moving"]
     if moving is None or 100 * moving - least < SHARE_SHOWN:
         return f"{least:.1f}"
     return f"{100 * moving:.1f} ({least:.1f} below 1 mm/s)"
 
 
-FIRST_ROWS: Rows = (
-    ("position error mean / p95 / max, mm", millimetres("position_error")),
-    ("orientation error mean / p95 / max, deg", spread("orientation_error", "deg")),
-    ("smallest joint-limit margin, deg", margin),
+FIRST_ROWS: shown.Rows = (
+    ("position error mean / p95 / max, mm", shown.millimetres("position_error")),
+    ("orientation error mean / p95 / max, deg", shown.spread("orientation_error", "deg")),
+    ("smallest joint-limit margin, deg", shown.margin),
     ("least share of the asked motion delivered, %", _delivered),
-    ("ticks by status", statuses),
+    ("ticks by status", shown.statuses),
 )
-MORE_ROWS: Rows = (
+MORE_ROWS: shown.Rows = (
     ("parameters", lambda of: f"solver {of['parameters']['solver']}"),
-    ("fastest joint, deg/s (share of limit)", speed),
-    ("tick time median / p99 / max, ms", times("tick")),
-    ("ticks in which something yielded", lambda of: counts(of["yielded"]) or "0"),
+    ("fastest joint, deg/s (share of limit)", shown.speed),
+    ("tick time median / p99 / max, ms", shown.times("tick")),
+    ("ticks in which something yielded", lambda of: shown.counts(of["yielded"]) or "0"),
 )

@@ -1,14 +1,10 @@
 """Fields learnt from what a therapist showed: the recordings that a problem file names, and what was learnt of them."""
 
-from __future__ import annotations
-
-import math
 import re
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rehab_opt.control.energy_tank import HAND_SPEED
 from rehab_opt.errors import ConfigurationError, ProblemFileError, RehabOptError
@@ -17,13 +13,12 @@ from rehab_opt.field.fit import Fit
 from rehab_opt.field.potential import PotentialField
 from rehab_opt.recordings.reading import read_recording
 from rehab_opt.session.files import ProblemFile, recording_path
+from rehab_opt.session.outcome import Array, finite
 from rehab_opt.session.refusals import refused_as
 from rehab_opt.session.scenario.problem import ScenarioProblem
 from rehab_opt.session.systems import Needed
 
 __all__ = ["fit_metrics", "learnt", "needed_demonstrations"]
-
-Array = NDArray[np.float64]
 
 
 KEY = "task.demonstrations"
@@ -64,7 +59,8 @@ def learnt(loaded: ProblemFile[ScenarioProblem], path: Array | None) -> Learnt |
     shown, notes = _shown(loaded)
     field = _field(loaded, shown, path, rests=loaded.problem.mode == "assist")
     assert field.fit is not None
-    return Learnt(field, shown, (*notes, *learnt_notes(loaded.problem, field.fit, shown)))
+    said = *_fit_notes(field.fit, len(shown)), *_data_notes(loaded.problem, shown)
+    return Learnt(field, shown, (*notes, *said))
 
 
 def fit_metrics(fit: Fit) -> dict[str, Any]:
@@ -72,17 +68,17 @@ def fit_metrics(fit: Fit) -> dict[str, Any]:
     names = (("stiffness", "stiffness_N_m"), ("drag", "drag_N_m"), ("damping", "damping_Ns_m"))
     return {
         **{key: fit.parameters[name] for name, key in names},
-        **{f"{key}_standard_error": _finite(fit.standard_error[name]) for name, key in names},
+        **{f"{key}_standard_error": finite(fit.standard_error[name]) for name, key in names},
         "width_m": fit.width,
         "training_error_N": fit.training_error,
         "held_out": [1 + number for number in fit.held_out],
-        "held_out_error_N": _finite(fit.held_out_error),
-        "held_out_share": _finite(fit.held_out_share),
+        "held_out_error_N": finite(fit.held_out_error),
+        "held_out_share": finite(fit.held_out_share),
         "width_chosen_on_held_out": fit.chosen_on_held_out,
-        "constant_stiffness_error_N": _finite(fit.constant_stiffness_error),
-        "condition": _finite(fit.condition),
+        "constant_stiffness_error_N": finite(fit.constant_stiffness_error),
+        "condition": finite(fit.condition),
         "unidentified": list(fit.unidentified),
-        "rest_stiffness_N_m": _finite(fit.rest_stiffness),
+        "rest_stiffness_N_m": finite(fit.rest_stiffness),
         "constraints_active": fit.constraints_active,
         "solver": fit.solver,
         "residual": fit.residual,
@@ -169,22 +165,12 @@ def _as_key(loaded: ProblemFile[ScenarioProblem], refused: ConfigurationError) -
     return ProblemFileError(loaded.file, f"{KEY}.files", f"{files[int(number[1])]}: {value}", expected)
 
 
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None
-
-
 RESTING, MOSTLY = 0.005, 0.6
 """[m/s] A hand slower than this rests; share of samples from which on rests decide what is learnt."""
 CLEARLY = 2.0
 """Standard errors: a stiffness that is less above zero is told to be hardly known."""
 WORST = 0.5
 """Share of the held-out forces from which on a field reproduces them badly."""
-
-
-def learnt_notes(problem: ScenarioProblem, fit: Fit, shown: tuple[Demonstration, ...]) -> Iterator[str]:
-    """What was learnt, how well it does, and what to look for in the recordings."""
-    yield from _fit_notes(fit, len(shown))
-    yield from _data_notes(problem, shown)
 
 
 def _data_notes(problem: ScenarioProblem, shown: tuple[Demonstration, ...]) -> Iterator[str]:

@@ -1,23 +1,22 @@
 """The force field drawn: gated as the mode says (Figs. 6 and 9), with its numbers changed (Fig. 4), along the path."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
+import shapely
 from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.colors import Colormap, ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.patches import PathPatch
-from numpy.typing import NDArray
 
 from rehab_opt.field.demonstration import Demonstration
 from rehab_opt.field.potential import PotentialField
 from rehab_opt.field.weights import energies_and_forces
 from rehab_opt.measures.along_path import projected
 from rehab_opt.session.drawing import GRID, MM, REFERENCE, framed, legend_below
+from rehab_opt.session.outcome import Array
 from rehab_opt.session.scenario.outcome import Law, ScenarioOutcome
 from rehab_opt.session.scenario.plane_drawing import (
     COMFORTABLE,
@@ -44,8 +43,6 @@ __all__ = [
     "parameter_figure",
     "variants",
 ]
-
-Array = NDArray[np.float64]
 
 
 DARKEST = 0.75
@@ -84,8 +81,7 @@ def field_figure(outcome: ScenarioOutcome) -> Figure:
     draw_arrows(axes, box, lambda points: gated_forces(outcome, points), count=COARSE)
     draw_reference(axes, outcome, label=what)
     seen_box(axes, outcome, box)
-    legend_below(figure, axes, 4)
-    return figure
+    return legend_below(figure, axes, 4)
 
 
 def gated_forces(outcome: ScenarioOutcome, points: Array) -> Array:
@@ -131,8 +127,6 @@ def _draw_sizes(axes: Axes, outcome: ScenarioOutcome, box: Box) -> None:
 
 def _corners(outcome: ScenarioOutcome, *, everything: bool) -> Array:
     """Points (N, 2) [m] that are to be seen."""
-    import shapely  # noqa: PLC0415
-
     spaces = (outcome.comfortable, outcome.reachable) if everything else (outcome.comfortable,)
     corners = [shapely.get_coordinates(space.polygon) for space in spaces]
     return np.vstack([outcome.reference, *corners])
@@ -169,8 +163,7 @@ def learnt_figure(outcome: ScenarioOutcome) -> Figure:
     panels[1].set_xlabel("sample" if shown.times is None else "time [s]")
     plane.plot([], [], color=RECORDED, linewidth=1.4, label="recorded force")
     plane.plot([], [], "--", color=LEARNT, linewidth=1.8, label="force of the learnt field there")
-    legend_below(figure, plane, 4)
-    return figure
+    return legend_below(figure, plane, 4)
 
 
 def most_telling(outcome: ScenarioOutcome) -> int:
@@ -266,15 +259,13 @@ def parameter_figure(outcome: ScenarioOutcome) -> Figure:
         for axes, colour in zip(column, ("white", REFERENCE), strict=True):
             axes.plot(*(MM * path.T), "--", color=colour, linewidth=1.4, label="path")
             axes.plot(*(MM * path[-1]), "X", color=colour, markersize=8, markeredgecolor="#888888", label="target")
-            axes.set_aspect("equal")
-            axes.set(xlim=box[0], ylim=box[1])
+            axes.set(aspect="equal", xlim=box[0], ylim=box[1])
         column[1].set_xlabel("x [mm]")
     grid[0, 0].set_ylabel("y [mm]")
     grid[1, 0].set_ylabel("y [mm]")
     figure.colorbar(contours, ax=grid[0, :], label="potential, each panel\nfrom 0 to 1", shrink=0.8, ticks=[0, 0.5, 1])
     figure.colorbar(shown, ax=grid[1, :], label="force [N]", shrink=0.8, extend="max")
-    legend_below(figure, grid[1, 0], 2)
-    return figure
+    return legend_below(figure, grid[1, 0], 2)
 
 
 PLACES = 400
@@ -313,11 +304,9 @@ def along_figure(outcome: ScenarioOutcome) -> Figure:
     axes.axhline(0, color=REFERENCE, linewidth=0.8)
     axes.set_xlim(MM * remaining[0], -0.03 * MM * remaining[0])
     axes.axvline(0, color=REFERENCE, linewidth=1.2, linestyle=":", label="target")
-    axes.set_xlabel("path that is left to the target [mm]")
-    axes.set_ylabel("force along the path, towards the target [N]")
+    axes.set(xlabel="path that is left to the target [mm]", ylabel="force along the path, towards the target [N]")
     axes.grid(**GRID)
-    legend_below(figure, axes, 3)
-    return figure
+    return legend_below(figure, axes, 3)
 
 
 def fields_along(outcome: ScenarioOutcome, *, drags: bool = True) -> dict[Law, PotentialField]:

@@ -1,13 +1,12 @@
 """Figures of scenarios, like Figs. 4, 6, 7, 9 and 10 of Rossa et al."""
 
-from __future__ import annotations
-
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from rehab_opt.session.drawing import CLOSE_UP, GRID, LIMIT, MM, REFERENCE, TOLD, TRUE, framed, legend_below
+from rehab_opt.session.outcome import Array
 from rehab_opt.session.scenario.field_figures import along_figure, field_figure, learnt_figure, parameter_figure
 from rehab_opt.session.scenario.laws import BOUNDED
 from rehab_opt.session.scenario.outcome import HelperTrace, Law, ScenarioOutcome, Trial, thinned_ticks
@@ -17,14 +16,13 @@ from rehab_opt.session.scenario.plane_drawing import (
     draw_reference,
     draw_workspaces,
     seen_box,
+    seen_points,
     shown_box,
 )
 from rehab_opt.session.scenario.problem import THERAPY
 from rehab_opt.session.scenario.trials_figures import deviation_figure, trials_figure
 
 __all__ = ["figures"]
-
-Array = NDArray[np.float64]
 
 
 def figures(outcome: ScenarioOutcome) -> dict[str, Figure]:
@@ -89,8 +87,7 @@ def comparison_figure(outcome: ScenarioOutcome) -> Figure:
         axes.grid(**{**GRID, "axis": "y"})
     figure.axes[0].plot([], [], "o", color=REFERENCE, markersize=4, alpha=0.6, label="one trial")
     figure.axes[0].plot([], [], color=REFERENCE, linewidth=2.2, label="mean of the trials, also as a number")
-    legend_below(figure, figure.axes[0], 2)
-    return figure
+    return legend_below(figure, figure.axes[0], 2)
 
 
 def _draw_measure(axes: Axes, outcome: ScenarioOutcome, key: str, factor: float) -> None:
@@ -134,7 +131,8 @@ def together_figure(outcome: ScenarioOutcome) -> Figure:
     grid = figure.subplots(4, len(pairs), squeeze=False, height_ratios=(1.3, 1.6, 1, 1))
     demonstrated = outcome.reference if outcome.demonstrated is None else outcome.demonstrated
     hands = np.vstack([helper.position for _, helper in pairs.values()])
-    wide, near = shown_box(np.vstack([demonstrated, hands])), shown_box(_close_up(outcome, pairs))
+    wide = shown_box(np.vstack([demonstrated, hands]))
+    near = shown_box(seen_points(outcome, (trial.position for trial, _ in pairs.values())))
     for column, (law, (trial, helper)) in zip(grid.T, pairs.items(), strict=True):
         ticks, colour = thinned_ticks(trial), LAW_COLOURS[law]
         column[0].set_title(f"{LAW_NAMES[law]}: the helper's hand", fontsize=11, loc="left", color=colour)
@@ -157,16 +155,8 @@ def together_figure(outcome: ScenarioOutcome) -> Figure:
     grid[3, 0].set_ylabel("energy in the tank [J]")
     for axes in grid[:2, 1:].ravel():
         axes.set_ylabel("")
-    legend_below(figure, grid[0, 0], 2)
     grid[2, 0].legend(fontsize=8, loc="upper right")
-    return figure
-
-
-def _close_up(outcome: ScenarioOutcome, pairs: dict[Law, tuple[Trial, HelperTrace]]) -> Array:
-    import shapely  # noqa: PLC0415
-
-    hands = [trial.position for trial, _ in pairs.values()]
-    return np.vstack([outcome.reference, shapely.get_coordinates(outcome.comfortable.polygon), *hands])
+    return legend_below(figure, grid[0, 0], 2)
 
 
 def _over_time(axes: Axes, trial: Trial, values: dict[str, Array], ticks: NDArray[np.intp], colour: str) -> None:
@@ -216,5 +206,4 @@ def robot_figure(title: str, trial: Trial) -> Figure:
     for panel in grid.ravel():
         panel.grid(**GRID)
         panel.margins(x=0.01)
-    legend_below(figure, grid[0, 0], 2)
-    return figure
+    return legend_below(figure, grid[0, 0], 2)

@@ -1,14 +1,11 @@
 """The three laws of a trial, as a loop calls them: none, ours, the paper's."""
 
-from __future__ import annotations
-
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rehab_opt.control.assistance import Assistance
 from rehab_opt.control.bounded_force import BoundedForce, ForceBounds
@@ -18,6 +15,7 @@ from rehab_opt.control.smoother import Smoother
 from rehab_opt.optim.fallback_chain import FUSED
 from rehab_opt.published.field_law import FieldLaw
 from rehab_opt.session.files import ProblemFile
+from rehab_opt.session.outcome import Array
 from rehab_opt.session.refusals import refused_as, solver_refusals
 from rehab_opt.session.scenario.outcome import HelperTrace, Law
 from rehab_opt.session.scenario.problem import ScenarioProblem
@@ -34,8 +32,6 @@ __all__ = [
     "check_bounds",
     "swinging_notes",
 ]
-
-Array = NDArray[np.float64]
 
 
 NONE = (0.0, 0.0)

@@ -1,7 +1,5 @@
 """One trial in closed loop: person and robot with the numbers of a problem file, and a law."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

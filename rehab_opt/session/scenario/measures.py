@@ -3,8 +3,6 @@
 Every key ends in its unit, every value is strict JSON; None says that there is no such number.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -18,13 +16,11 @@ from rehab_opt.errors import ConfigurationError
 from rehab_opt.measures.along_path import Projection, covered_in_order, deviation_in_order, projected
 from rehab_opt.measures.path import path_length, path_ratio
 from rehab_opt.measures.speed import mean_speed, peak_speed, spectral_arc_length
-from rehab_opt.session.outcome import finite
+from rehab_opt.session.outcome import Array, finite
 from rehab_opt.session.scenario.outcome import Trial
 from rehab_opt.session.scenario.problem import THERAPY
 
 __all__ = ["COVERED", "deviation_of", "law_summary", "time_to_zero_force", "trial_measures"]
-
-Array = NDArray[np.float64]
 
 Ticks = NDArray[np.bool_]
 Numbers = dict[str, Any]

@@ -1,7 +1,5 @@
 """What a run of scenarios leaves behind, tick by tick, for its table, trace and figures."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
@@ -14,12 +12,10 @@ from rehab_opt.control.command import Bound, Status
 from rehab_opt.control.gate import Mode
 from rehab_opt.field.demonstration import Demonstration
 from rehab_opt.field.potential import PotentialField
-from rehab_opt.session.outcome import Column, Columns, Outcome, stacked
+from rehab_opt.session.outcome import Array, Column, Columns, Outcome, stacked
 from rehab_opt.workspace.region import Workspace
 
 __all__ = ["LAWS", "RATE", "HelperTrace", "Law", "ScenarioOutcome", "Trial", "thinned_ticks"]
-
-Array = NDArray[np.float64]
 
 Law = Literal["unassisted", "assisted", "published", "together", "delayed"]
 LAWS: tuple[Law, ...] = ("unassisted", "assisted", "published", "together", "delayed")
@@ -94,11 +90,6 @@ class Trial:
         """(N,) as `Status`."""
         members = tuple(Status)
         return [members[i] for i in self.status]
-
-    def flagged(self, bound: Bound) -> NDArray[np.bool_]:
-        """(N,) where the bound gave way."""
-        gave: NDArray[np.bool_] = (self.yielded & int(bound)) != 0
-        return gave
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,7 +1,5 @@
 """Helper and participant of a problem file as a law of the loop, the helper simulated along, and what is measured."""
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -118,17 +116,14 @@ def sides_of(
         return (
             HelperSide(
                 ready.carry,
-                damping=helper.hand_damping_Ns_m,
-                exchange=helper.exchange_per_s,
+                **helper.arguments("hand_damping_Ns_m", "exchange_per_s", hand_damping_Ns_m="damping"),
                 force_limit=said.force_limit_N,
                 **bounds,
             ),
             ParticipantSide(
                 ready.carry,
                 comfortable=ready.comfortable,
-                stiffness=helper.stiffness_N_m,
-                damping=helper.damping_Ns_m,
-                exchange=helper.exchange_per_s,
+                **helper.arguments("stiffness_N_m", "damping_Ns_m", "exchange_per_s"),
                 force_limit=said.force_limit_N,
                 **bounds,
             ),

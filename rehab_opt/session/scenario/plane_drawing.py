@@ -1,15 +1,14 @@
 """What the figures of scenarios share: how laws look, the plane with its workspaces, and means over trials."""
 
-from __future__ import annotations
-
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, Literal
 
 import numpy as np
+import shapely
 from matplotlib.axes import Axes
-from numpy.typing import NDArray
 
 from rehab_opt.session.drawing import ACROSS, FORWARD, GRID, MM, REFERENCE
+from rehab_opt.session.outcome import Array
 from rehab_opt.session.scenario.outcome import Law, ScenarioOutcome, Trial
 from rehab_opt.session.workspaces.shown import draw_region
 
@@ -25,10 +24,9 @@ __all__ = [
     "grid_points",
     "mean_over_trials",
     "seen_box",
+    "seen_points",
     "shown_box",
 ]
-
-Array = NDArray[np.float64]
 Box = tuple[tuple[float, float], tuple[float, float]]
 """[mm] Limits of x and of y."""
 
@@ -116,6 +114,11 @@ def draw_arrows(axes: Axes, box: Box, forces: Callable[[Array], Array], *, count
     )  # fmt: skip
 
 
+def seen_points(outcome: ScenarioOutcome, hands: Iterable[Array]) -> Array:
+    """Points (N, 2) [m] of the reference, of W_c and of the ways of some hands: what a picture of trials shows."""
+    return np.vstack([outcome.reference, shapely.get_coordinates(outcome.comfortable.polygon), *hands])
+
+
 def shown_box(points: Array) -> Box:
     """Limits of x and y [mm] around points (N, 2) [m], with some room."""
     low, high = MM * points.min(axis=0), MM * points.max(axis=0)
@@ -125,9 +128,7 @@ def shown_box(points: Array) -> Box:
 
 def seen_box(axes: Axes, outcome: ScenarioOutcome, box: Box) -> None:
     """Equal scales within the limits; the labels say in which frame."""
-    axes.set_xlim(*box[0])
-    axes.set_ylim(*box[1])
-    axes.set_aspect("equal")
+    axes.set(xlim=box[0], ylim=box[1], aspect="equal")
     placement = outcome.comfortable.placement
     placed = any(placement.position) or placement.turn != 0
     axes.set_xlabel("x in the robot's frame [mm]" if placed else ACROSS, fontsize=8)

@@ -1,12 +1,9 @@
 """What a scenario's trials need, made from its problem file: sets, reference, fields, the person's intention."""
 
-from __future__ import annotations
-
 from functools import partial
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rehab_opt.errors import ConfigurationError, ProblemFileError
 from rehab_opt.field.demonstration import Demonstration
@@ -15,7 +12,7 @@ from rehab_opt.measures.path import path_length
 from rehab_opt.plants.intention import Intention, held, nearest_next, reached, traced
 from rehab_opt.recordings.recording import size_note
 from rehab_opt.session.files import ProblemFile
-from rehab_opt.session.outcome import Progress
+from rehab_opt.session.outcome import Array, Progress, told
 from rehab_opt.session.participant import placed_recording
 from rehab_opt.session.refusals import refused_as
 from rehab_opt.session.scenario.demonstrated import learnt
@@ -26,8 +23,6 @@ from rehab_opt.workspace.mapping import WorkspaceMap
 from rehab_opt.workspace.region import Workspace
 
 __all__ = ["FieldNumbers", "Prepared", "given_path", "prepared"]
-
-Array = NDArray[np.float64]
 
 
 SHORTEST = 1e-3
@@ -131,13 +126,11 @@ def prepared(loaded: ProblemFile[ScenarioProblem], *, progress: Progress) -> Pre
         notes += led.notes
     assert path is not None
     there: dict[str, Workspace] = {}
-    for name in ("comfortable", "reachable"):
-        progress("workspaces", len(there), 2)
+    for name in told(progress, "workspaces", ("comfortable", "reachable")):
         found = sets.reached(problem.arm, getattr(problem.arm, name), file=loaded.file, key="arm").workspace
         if found.empty:
             raise ProblemFileError(loaded.file, f"arm.{name}", "an empty workspace", found.reason)
         there[name] = found
-    progress("workspaces", 2, 2)
     comfortable, reachable = there["comfortable"], there["reachable"]
     refuse_outside(loaded, path, reachable)
     _refuse_stops(loaded, comfortable)

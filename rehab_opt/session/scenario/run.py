@@ -1,12 +1,9 @@
 """The run of `system = "scenario"`: the same person and task under each law, and what came of it."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rehab_opt.control.assistance import Assistance
 from rehab_opt.control.command import Status
@@ -15,7 +12,7 @@ from rehab_opt.control.path_assistance import PathAssistance
 from rehab_opt.control.smoother import Smoother
 from rehab_opt.published.field_law import FieldLaw
 from rehab_opt.session.files import ProblemFile
-from rehab_opt.session.outcome import Progress
+from rehab_opt.session.outcome import Array, Progress, told
 from rehab_opt.session.plant import plant_note
 from rehab_opt.session.scenario.demonstrated import fit_metrics
 from rehab_opt.session.scenario.laws import (
@@ -37,8 +34,6 @@ from rehab_opt.session.scenario.prepared import Prepared, prepared
 from rehab_opt.session.scenario.problem import REACHES, THERAPY, ScenarioProblem
 
 __all__ = ["assistance_of", "assisted_law", "law_of", "run_scenario", "scene_of"]
-
-Array = NDArray[np.float64]
 
 SHORTEST_WAY = 1e-3
 """[m] between points; a single point needs no pace."""
@@ -71,12 +66,10 @@ def run_scenario(loaded: ProblemFile[ScenarioProblem], *, solver: str | None, pr
     laws: dict[Law, ForceLaw] = {}
     for name in problem.run.laws:
         law = laws[name] = law_of(name, loaded, ready, solver=solver)
-        done: list[Trial] = []
-        for number in range(task.trials):
-            progress(f"trials, {name}", number, task.trials)
-            done.append(ran(scene, law, name=name, number=number, seed=task.seed + number))
-        progress(f"trials, {name}", task.trials, task.trials)
-        trials[name] = tuple(done)
+        trials[name] = tuple(
+            ran(scene, law, name=name, number=number, seed=task.seed + number)
+            for number in told(progress, f"trials, {name}", range(task.trials))
+        )
     fit = ready.fields[0].fit
     target = ready.reference[-1] if problem.mode in REACHES else None
     measures = {
@@ -255,8 +248,7 @@ def assistance_of(
         ready.fields[0],
         comfortable=ready.comfortable,
         mode=problem.mode,
-        force_limit=said.force_limit_N,
-        onset=1e-3 * said.onset_mm,
+        **said.arguments("force_limit_N", "onset_mm"),
         **bounds,
     )
 

@@ -1,14 +1,11 @@
 """`system = "scenario"`: what a session asks of it, and what it is live, where somebody may point."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rehab_opt.control.arm_ik import ArmIK
 from rehab_opt.errors import ProblemFileError
@@ -17,7 +14,7 @@ from rehab_opt.plants.plant import Plant
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.live.bodies import BLUE, GREEN, GREY, ORANGE, PURPLE, ArmBodies, joint_rows, near_limit, screen
 from rehab_opt.session.live.problem import LiveControl, LiveProblem
-from rehab_opt.session.outcome import Progress
+from rehab_opt.session.outcome import Array, Progress
 from rehab_opt.session.participant import arm_of
 from rehab_opt.session.scenario.demonstrated import learnt, needed_demonstrations
 from rehab_opt.session.scenario.laws import check_bounds
@@ -31,8 +28,6 @@ from rehab_opt.session.workspaces.reached import placement_of, tilt_of
 from rehab_opt.workspace.region import Workspace
 
 __all__ = ["ScenarioSystem"]
-
-Array = NDArray[np.float64]
 
 
 LIVE: tuple[Law, ...] = ("assisted", "together", "delayed")

@@ -1,7 +1,5 @@
 """Trials beside each other, a panel for each law: places, force, speed (Figs. 7 and 10), and deviation over time."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -12,6 +10,7 @@ from numpy.typing import NDArray
 
 from rehab_opt.measures.along_path import projected
 from rehab_opt.session.drawing import GRID, LIMIT, MM, REFERENCE, framed, legend_below
+from rehab_opt.session.outcome import Array
 from rehab_opt.session.scenario.measures import deviation_of
 from rehab_opt.session.scenario.outcome import Law, ScenarioOutcome, Trial, thinned_ticks
 from rehab_opt.session.scenario.plane_drawing import (
@@ -22,13 +21,12 @@ from rehab_opt.session.scenario.plane_drawing import (
     draw_workspaces,
     mean_over_trials,
     seen_box,
+    seen_points,
     shown_box,
 )
 from rehab_opt.session.scenario.problem import THERAPY
 
 __all__ = ["deviation_figure", "largest_between", "trials_figure"]
-
-Array = NDArray[np.float64]
 
 
 MEAN_PLACE: Mapping[str, Any] = {"markersize": 11, "markerfacecolor": "none", "markeredgewidth": 1.5, "linestyle": ""}
@@ -40,7 +38,7 @@ def trials_figure(outcome: ScenarioOutcome) -> Figure:
     count = max(len(of) for of in outcome.trials.values())
     figure = framed(f"{outcome.title}\n{count} trials under each law, and their mean", 0.8 + 4.2 * len(laws), 10.5)
     grid = figure.subplots(3, len(laws), squeeze=False, height_ratios=(1.6, 1, 1))
-    box = shown_box(_places(outcome))
+    box = shown_box(seen_points(outcome, (trial.position for of in outcome.trials.values() for trial in of)))
     for column, law in zip(grid.T, laws, strict=True):
         column[0].set_title(LAW_NAMES[law], fontsize=11, loc="left", color=LAW_COLOURS[law])
         draw_workspaces(column[0], outcome)
@@ -62,20 +60,12 @@ def trials_figure(outcome: ScenarioOutcome) -> Figure:
     grid[0, 0].plot([], [], color=LIMIT, linewidth=2.0, linestyle=":", label="largest force allowed")
     if outcome.mode in THERAPY:
         grid[0, 0].fill_between([], [], color=COMFORTABLE, alpha=0.2, label="share of trials whose hand is in $W_c$")
-    legend_below(figure, grid[0, 0], 4)
-    return figure
+    return legend_below(figure, grid[0, 0], 4)
 
 
 def largest_between(values: Array, ticks: NDArray[np.intp]) -> Array:
     """(K,) the largest of `values` (N,) since the kept tick before, so that no peak is lost."""
     return np.maximum.reduceat(values, np.concatenate(([0], ticks[:-1] + 1)))
-
-
-def _places(outcome: ScenarioOutcome) -> Array:
-    import shapely  # noqa: PLC0415
-
-    hands = [trial.position for of in outcome.trials.values() for trial in of]
-    return np.vstack([outcome.reference, shapely.get_coordinates(outcome.comfortable.polygon), *hands])
 
 
 def _draw_paths(axes: Axes, outcome: ScenarioOutcome, law: Law) -> None:
@@ -126,8 +116,7 @@ def _same_limits(row: NDArray[np.object_]) -> None:
     """Panels of one row, from zero to what the largest needs, over the longest time."""
     top, right = max(axes.get_ylim()[1] for axes in row), max(axes.get_xlim()[1] for axes in row)
     for axes in row:
-        axes.set_ylim(0, top)
-        axes.set_xlim(0, right)
+        axes.set(xlim=(0, right), ylim=(0, top))
 
 
 def deviation_figure(outcome: ScenarioOutcome) -> Figure:
@@ -148,8 +137,7 @@ def deviation_figure(outcome: ScenarioOutcome) -> Figure:
         _number_points(outcome, rows)
     rows[0].plot([], [], color=REFERENCE, linewidth=0.8, alpha=0.6, label="one trial")
     rows[0].plot([], [], color=REFERENCE, linewidth=2.2, label="mean of the trials")
-    legend_below(figure, rows[0], 2)
-    return figure
+    return legend_below(figure, rows[0], 2)
 
 
 def _deviation(outcome: ScenarioOutcome, trial: Trial) -> Array:

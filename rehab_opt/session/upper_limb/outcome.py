@@ -1,7 +1,5 @@
 """What the laws did along a recorded path, its columns, and what a reader of its numbers has to know."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
@@ -10,11 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.control.smoothing import SmoothPath
-from rehab_opt.session.outcome import Column, MovementOutcome, joint_columns, point_columns
+from rehab_opt.session.outcome import Array, Column, MovementOutcome, joint_columns, point_columns
 
 __all__ = ["DRIVEN_DEG", "ArmOutcome", "Drive", "LawResult", "drive_note", "hurried", "law_notes"]
-
-Array = NDArray[np.float64]
 
 
 class Drive(NamedTuple):

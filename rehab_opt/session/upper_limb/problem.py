@@ -1,7 +1,5 @@
 """What a problem file of `system = "upper_limb"` may say, and what each key means."""
 
-from __future__ import annotations
-
 from typing import Annotated, Literal
 
 from pydantic import Discriminator, Field, Tag
@@ -18,7 +16,7 @@ from rehab_opt.session.schema import (
     SolverName,
 )
 
-__all__ = ["RunSection", "SmoothingSection", "UpperLimb"]
+__all__ = ["OptimisedSection", "PublishedSection", "RunSection", "SmoothingSection", "UpperLimb"]
 
 Weight = Annotated[float, Field(ge=0)]
 PostureWeight = Annotated[

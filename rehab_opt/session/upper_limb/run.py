@@ -1,7 +1,5 @@
 """The run along a recorded path: laws, what a drive does with their joints, numbers. Nothing is written here."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import replace
@@ -19,6 +17,7 @@ from rehab_opt.recordings.recording import size_note
 from rehab_opt.session.arm_keys import ranges_by_name
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.outcome import (
+    Array,
     Progress,
     error_metrics,
     joint_metrics,
@@ -26,6 +25,7 @@ from rehab_opt.session.outcome import (
     reason_counts,
     status_counts,
     time_metrics,
+    told,
 )
 from rehab_opt.session.participant import participant_arm, placed_recording
 from rehab_opt.session.systems import Needed, OutOfReach, System
@@ -34,8 +34,6 @@ from rehab_opt.session.upper_limb.outcome import DRIVEN_DEG, ArmOutcome, LawResu
 from rehab_opt.session.upper_limb.problem import UpperLimb
 
 __all__ = ["FOLLOWED", "UpperLimbSystem", "reach_note", "verified"]
-
-Array = NDArray[np.float64]
 
 
 FOLLOWED = 1e-3
@@ -68,12 +66,12 @@ def _measured(
     rate, limit = problem.run.rate_hz, math.radians(problem.arm.handle_tilt_deg)
     met = _met(run.position_error, run.handle_tilt, limit + ROUNDING)
     of_length, of_time = path_shares(path, met)
-    drive, told = driven(arm, run.q, times, path, problem.smoothing, handle_tilt=limit)
+    drive, of_drive = driven(arm, run.q, times, path, problem.smoothing, handle_tilt=limit)
     allowed = limit + math.radians(DRIVEN_DEG)
     drive_of_length, drive_of_time = path_shares(path, _met(drive.position_error, drive.handle_tilt, allowed))
     hand, tilt = hand_and_tilt(arm, drive.q)
     kept = _met(np.linalg.norm(hand - path, axis=1), tilt, allowed)
-    told |= {
+    of_drive |= {
         "followed_share_of_length": drive_of_length,
         "followed_share_of_time": drive_of_time,
         "kept_share": float(np.mean(kept[met])) if met.any() else None,
@@ -95,7 +93,7 @@ def _measured(
         **time_metrics(run.seconds[1:], "solve_time"),
         "status": status_counts(run.status),
         "reasons": reason_counts(run.reason),
-        "drive": told,
+        "drive": of_drive,
     }
     if run.law == "optimised":
         numbers["status_refuted"] = int(np.count_nonzero(claimed(run) & ~verified(run)))
@@ -155,7 +153,7 @@ class UpperLimbSystem(System[UpperLimb, ArmOutcome]):
             loaded, problem.recording, problem.placement, side=problem.arm.side, rate=problem.run.rate_hz
         )
         for law in LAWS:
-            follower(law, arm, problem, file=loaded.file)
+            follower(law, arm, loaded)
         return (*recording.notes, size_note(recording), reach_note(arm, path, handle_tilt=problem.arm.handle_tilt_deg))
 
     def arms(self, loaded: ProblemFile[UpperLimb]) -> dict[str, SerialChain]:
@@ -177,13 +175,12 @@ class UpperLimbSystem(System[UpperLimb, ArmOutcome]):
         recording, path = placed_recording(
             loaded, problem.recording, problem.placement, side=problem.arm.side, rate=problem.run.rate_hz
         )
-        runs = [followed(law, arm, path, problem, file=loaded.file, solver=solver, progress=progress) for law in laws]
+        runs = [followed(law, arm, path, loaded, solver=solver, progress=progress) for law in laws]
         reachable = next((verified(run) for run in runs if run.law == "optimised"), None)
-        results: list[LawResult] = []
-        for run in runs:
-            progress("drive", len(results), len(runs))
-            results.append(_measured(run, arm, recording.time, path, problem, reachable=reachable))
-        progress("drive", len(runs), len(runs))
+        results = [
+            _measured(run, arm, recording.time, path, problem, reachable=reachable)
+            for run in told(progress, "drive", runs)
+        ]
         shares = (None, None) if reachable is None else path_shares(path, reachable)
         within_reach = reachable is not None and bool(reachable.all())
         return ArmOutcome(

@@ -1,7 +1,5 @@
 """A followed path shown: numbers as a table, what was asked and what the arm did as figures."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from itertools import pairwise
@@ -12,6 +10,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from rich.table import Table
 
+from rehab_opt.session import shown
 from rehab_opt.session.drawing import (
     ACROSS,
     FORWARD,
@@ -25,24 +24,10 @@ from rehab_opt.session.drawing import (
     label_times,
     legend_below,
 )
-from rehab_opt.session.outcome import Outcome
-from rehab_opt.session.shown import (
-    ROUNDING_DEG,
-    Numbers,
-    Rows,
-    law_table,
-    length,
-    margin,
-    millimetres,
-    speed,
-    statuses,
-    times,
-)
+from rehab_opt.session.outcome import Array, Outcome
 from rehab_opt.session.upper_limb.outcome import DRIVEN_DEG, ArmOutcome, Drive
 
 __all__ = ["brief", "figures", "table"]
-
-Array = NDArray[np.float64]
 
 
 def table(outcome: ArmOutcome) -> Table:
@@ -55,9 +40,9 @@ def brief(outcome: ArmOutcome) -> Table:
     return _table(outcome, FIRST_ROWS)
 
 
-def _table(outcome: ArmOutcome, rows: Rows) -> Table:
+def _table(outcome: ArmOutcome, rows: shown.Rows) -> Table:
     of = {run.law: outcome.metrics[run.law] for run in outcome.laws}
-    return law_table(outcome.title, of, rows, caption=_caption(outcome))
+    return shown.law_table(outcome.title, of, rows, caption=_caption(outcome))
 
 
 def _caption(outcome: Outcome) -> str:
@@ -70,50 +55,50 @@ def _caption(outcome: Outcome) -> str:
     )
 
 
-def _reachable_error(of: Numbers) -> str:
+def _reachable_error(of: shown.Numbers) -> str:
     error = of["position_error_reachable_max_m"]
-    return "not known" if error is None else length(1e3 * error)
+    return "not known" if error is None else shown.length(1e3 * error)
 
 
-def _parameters(of: Numbers) -> str:
+def _parameters(of: shown.Numbers) -> str:
     chosen = of["parameters"]
     if "damping" in chosen:
         return f"k0 = {chosen['gain_per_s']:g}/s, mu = {chosen['damping']:g}"
     return f"solver {chosen['solver']}"
 
 
-def _tilt(of: Numbers, limit: float, rounding: float) -> str:
+def _tilt(of: shown.Numbers, limit: float, rounding: float) -> str:
     tilt = of["handle_tilt_max_deg"]
     return f"{tilt:.3g} ({limit:g})" + (" BEYOND" if tilt > limit + rounding else "")
 
 
-def _share(of: Numbers) -> str:
+def _share(of: shown.Numbers) -> str:
     return f"{100 * of['followed_share_of_length']:.1f}"
 
 
-def _hurry(of: Numbers) -> str:
+def _hurry(of: shown.Numbers) -> str:
     shares = (of["drive"][f"joint_{of_what}_max_share_of_limit"] for of_what in ("speed", "acceleration"))
     return "; ".join(f"{share:.2f}" for share in shares)
 
 
-FIRST_ROWS: Rows = (
+FIRST_ROWS: shown.Rows = (
     ("path followed by a drive to 1 mm, % of length", lambda of: _share(of["drive"])),
     ("   later than the recording at its end, s", lambda of: f"{of['drive']['delay_s']:.3g}"),
-    ("   position error mean / p95 / max, mm", lambda of: millimetres("position_error")(of["drive"])),
+    ("   position error mean / p95 / max, mm", lambda of: shown.millimetres("position_error")(of["drive"])),
     ("   handle tilt max (limit), deg", lambda of: _tilt(of["drive"], of["handle_tilt_limit_deg"], DRIVEN_DEG)),
-    ("smallest joint-limit margin, deg", margin),
-    ("samples by status", statuses),
+    ("smallest joint-limit margin, deg", shown.margin),
+    ("samples by status", shown.statuses),
 )
-MORE_ROWS: Rows = (
+MORE_ROWS: shown.Rows = (
     ("parameters", _parameters),
     ("driven: fastest joint; acceleration, share of limit", _hurry),
     ("path followed by the law to 1 mm, % of length", _share),
-    ("   position error mean / p95 / max, mm", millimetres("position_error")),
+    ("   position error mean / p95 / max, mm", shown.millimetres("position_error")),
     ("   max where the path is within reach, mm", _reachable_error),
-    ("   handle tilt max (limit), deg", lambda of: _tilt(of, of["handle_tilt_limit_deg"], ROUNDING_DEG)),
-    ("   fastest joint, deg/s (share of limit)", speed),
+    ("   handle tilt max (limit), deg", lambda of: _tilt(of, of["handle_tilt_limit_deg"], shown.ROUNDING_DEG)),
+    ("   fastest joint, deg/s (share of limit)", shown.speed),
     ("solve time of the first sample, ms", lambda of: f"{of['solve_time_first_ms']:.3g}"),
-    ("   of the others, median / p99 / max, ms", times("solve_time")),
+    ("   of the others, median / p99 / max, ms", shown.times("solve_time")),
 )
 
 SEEN = 1.0  # [mm] from which a height off the plane is worth a word
@@ -154,12 +139,9 @@ def _hand_path(outcome: ArmOutcome) -> Figure:
     for law, drive in _drives(outcome):
         label = f"hand, {law} law{_off_plane(outcome, law)}"
         axes.plot(MM * drive.hand[:, 0], MM * drive.hand[:, 1], **LAW_STYLES[law], label=label)
-    axes.set_aspect("equal", adjustable="datalim")
-    axes.set_xlabel(ACROSS)
-    axes.set_ylabel(FORWARD)
+    axes.set(aspect="equal", adjustable="datalim", xlabel=ACROSS, ylabel=FORWARD)
     axes.grid(**GRID)
-    legend_below(figure, axes, 2)
-    return figure
+    return legend_below(figure, axes, 2)
 
 
 def _off_plane(outcome: ArmOutcome, law: str) -> str:
@@ -189,8 +171,7 @@ def _arm_error(outcome: ArmOutcome) -> Figure:
     top = max(1.0, 1.08 * max(float(MM * drive.position_error.max()) for _, drive in drives))
     distance.set_ylim(0, top)
     tilt.set_ylim(0, max(1.25 * limit, tilt.dataLim.y1 * 1.08))
-    legend_below(figure, distance, 3)
-    return figure
+    return legend_below(figure, distance, 3)
 
 
 def _shade_missed(axes: Axes, time: Array, missed: NDArray[np.bool_]) -> None:

@@ -1,10 +1,9 @@
 """The run of `system = "used_ranges"`: ranges from recorded reaches, and the workspaces of arms that have them."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from itertools import product
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -12,7 +11,7 @@ from pydantic import Discriminator, Field, Tag
 
 from rehab_opt.session.arm_keys import ArmInPlane
 from rehab_opt.session.files import ProblemFile, recording_path
-from rehab_opt.session.outcome import Column, Outcome, Progress
+from rehab_opt.session.outcome import Column, Outcome, Progress, told
 from rehab_opt.session.schema import NAME, TABLE, Once, Problem, Section
 from rehab_opt.session.systems import Needed, System
 from rehab_opt.session.workspaces.reached import Reached, plane_of, reached
@@ -109,12 +108,7 @@ def needed_files(problem: UsedRangesProblem) -> tuple[Needed, ...]:
 
 
 def groups_of(loaded: ProblemFile[UsedRangesProblem]) -> dict[tuple[str, str], ReachGroup]:
-    """The range used by (task, group).
-
-    Raises
-    ------
-    ProblemFileError : as `run_used_ranges`.
-    """
+    """The range used by (task, group); raises as `recording_path` and `reach_groups`."""
     recorded = loaded.problem.recorded
     files = [recording_path(loaded, each.reference, key=each.key) for each in needed_files(loaded.problem)]
     zero = recorded.pronation_zero_deg
@@ -194,22 +188,15 @@ class UsedRangesSystem(System[UsedRangesProblem, UsedRangesOutcome]):
         problem = loaded.problem
         groups = groups_of(loaded)
         results: dict[str, tuple[GroupResult, ...]] = {}
-        whole = len(problem.recorded.tasks) * len(GROUPS)
-        for task in problem.recorded.tasks:
-            of_task: list[GroupResult] = []
-            for name in GROUPS:
-                progress("groups", len(results) * len(GROUPS) + len(of_task), whole)
-                group = groups[task, name]
-                of_task.append(
-                    GroupResult(
-                        label=f"{task_title(task)}, {name}",
-                        group=group,
-                        reached=reached(problem.arm, group.used, file=loaded.file, key="arm"),
-                        shares=_shares(problem.arm, group, problem.variation),
-                    )
-                )
-            results[task] = tuple(of_task)
-        progress("groups", whole, whole)
+        for task, name in told(progress, "groups", list(product(problem.recorded.tasks, GROUPS))):
+            group = groups[task, name]
+            found = GroupResult(
+                label=f"{task_title(task)}, {name}",
+                group=group,
+                reached=reached(problem.arm, group.used, file=loaded.file, key="arm"),
+                shares=_shares(problem.arm, group, problem.variation),
+            )
+            results[task] = (*results.get(task, ()), found)
         return UsedRangesOutcome(
             notes=tuple(_notes(problem, results)),
             metrics={

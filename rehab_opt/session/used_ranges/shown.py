@@ -1,7 +1,5 @@
 """Ranges used, shown: a table; the joints, the workspaces side by side, and how many of drawn people reach what."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -62,8 +60,7 @@ def _ranges(outcome: UsedRangesOutcome) -> Figure:
         axes.grid(**GRID)
         axes.set_axisbelow(True)
     panels[0].invert_yaxis()
-    legend_below(figure, panels[0], 2)
-    return figure
+    return legend_below(figure, panels[0], 2)
 
 
 def _workspaces(outcome: UsedRangesOutcome) -> Figure:
@@ -78,8 +75,7 @@ def _workspaces(outcome: UsedRangesOutcome) -> Figure:
             draw_region(axes, of.reached.workspace, SET_STYLES[k], label=GROUPS[k])
         areas = (region_label(GROUPS[k], of.reached.workspace) for k, of in enumerate(of_task))
         _finish(axes, outcome, "\n".join((task_title(task), *areas)))
-    legend_below(figure, panels[0], 3)
-    return figure
+    return legend_below(figure, panels[0], 3)
 
 
 def _shares(outcome: UsedRangesOutcome) -> Figure:
@@ -99,8 +95,7 @@ def _shares(outcome: UsedRangesOutcome) -> Figure:
             _finish(axes, outcome, of.label)
     if shown is not None:
         figure.colorbar(shown, ax=grid, shrink=0.7).set_label("share of the people who reach the point")
-    legend_below(figure, grid[0][0], 2)
-    return figure
+    return legend_below(figure, grid[0][0], 2)
 
 
 def _draw_shares(axes: Axes, of: GroupResult, at_least: float) -> Any:

@@ -1,22 +1,20 @@
 """The run of `system = "workspace_map"`: both sets, a map for each rule and direction, and what it does to paths."""
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from itertools import product
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rehab_opt.errors import ConfigurationError, ProblemFileError
 from rehab_opt.measures.path import path_length
 from rehab_opt.recordings.recording import Recording, size_note
 from rehab_opt.session.arm_keys import ArmInPlane, RangeOfMotion, ranges_by_name
 from rehab_opt.session.files import ProblemFile
-from rehab_opt.session.outcome import Column, Outcome, Progress, finite
+from rehab_opt.session.outcome import Array, Column, Outcome, Progress, finite, told
 from rehab_opt.session.participant import arm_of, placed_recording
 from rehab_opt.session.systems import Needed, System
 from rehab_opt.session.workspace_maps.problem import MapSection, TrajectorySection, WorkspaceMapProblem
@@ -26,8 +24,6 @@ from rehab_opt.workspace.audit import Audit
 from rehab_opt.workspace.mapping import WorkspaceMap
 
 __all__ = ["ENDS", "MadeMap", "MapDirection", "MapOutcome", "WorkspaceMapSystem"]
-
-Array = NDArray[np.float64]
 
 End = Literal["source", "target"]
 Rule = Literal["safe", "polar"]
@@ -134,12 +130,7 @@ def arm_of_set(problem: WorkspaceMapProblem, end: End) -> ArmOfSet:
 
 
 def placed_trajectory(loaded: ProblemFile[WorkspaceMapProblem], index: int) -> tuple[Recording, Array]:
-    """A trajectory's recording, and its path (N, 2) [m] in the frame of its set.
-
-    Raises
-    ------
-    ProblemFileError : as `placed_recording`.
-    """
+    """A trajectory's recording, and its path (N, 2) [m] in the frame of its set; raises as `placed_recording`."""
     trajectory = loaded.problem.trajectory[index]
     section = arm_of_set(loaded.problem, trajectory.set).section
     recording, path = placed_recording(
@@ -298,20 +289,16 @@ class WorkspaceMapSystem(System[WorkspaceMapProblem, MapOutcome]):
         problem = loaded.problem
         placed = [placed_trajectory(loaded, i) for i in range(len(problem.trajectory))]
         sets: dict[End, MappedSet] = {}
-        for end in ENDS:
-            progress("workspaces", len(sets), 2)
+        for end in told(progress, "workspaces", ENDS):
             said = arm_of_set(problem, end)
             found = reached(said.section, said.ranges, file=loaded.file, key=said.key)
             sets[end] = MappedSet(said.name, said.section, found)
-        progress("workspaces", 2, 2)
         starts = ENDS if problem.map.directions == "both" else ENDS[:1]
-        whole = len(starts) * len(problem.map.rules)
+        made: dict[End, list[MadeMap]] = {start: [] for start in starts}
+        for start, rule in told(progress, "maps", list(product(starts, problem.map.rules))):
+            made[start].append(_made(rule, start, sets, problem.map, file=loaded.file))
         directions: list[MapDirection] = []
-        for start in starts:
-            maps: list[MadeMap] = []
-            for rule in problem.map.rules:
-                progress("maps", len(directions) * len(problem.map.rules) + len(maps), whole)
-                maps.append(_made(rule, start, sets, problem.map, file=loaded.file))
+        for start, maps in made.items():
             paths = [
                 _carried(trajectory, *recorded, maps)
                 for trajectory, recorded in zip(problem.trajectory, placed, strict=True)
@@ -320,7 +307,6 @@ class WorkspaceMapSystem(System[WorkspaceMapProblem, MapOutcome]):
             directions.append(
                 MapDirection(f"{start}_to_{OTHER[start]}", sets[start], sets[OTHER[start]], tuple(maps), tuple(paths))
             )
-        progress("maps", whole, whole)
         return MapOutcome(
             notes=tuple(_notes(sets, directions, [recording for recording, _ in placed])),
             metrics={

@@ -1,30 +1,27 @@
 """Maps shown: their audits as a table, and figures as in Fig. 8 of Rossa et al., with where they fold."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
+import shapely
 from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap, LogNorm
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch, PathPatch
 from matplotlib.transforms import Bbox
-from numpy.typing import NDArray
 from rich.table import Table
 from rich.text import Text
 
 from rehab_opt.session.arm_keys import ArmInPlane
 from rehab_opt.session.drawing import MM, REFERENCE, framed, legend_below
+from rehab_opt.session.outcome import Array
 from rehab_opt.session.shown import Numbers, Rows, law_table
 from rehab_opt.session.workspace_maps.run import MadeMap, MapDirection, MapOutcome
 from rehab_opt.session.workspaces.shown import draw_region, is_placed, region_path, seen_from_above
 from rehab_opt.workspace.region import Workspace
 
 __all__ = ["figures", "table"]
-
-Array = NDArray[np.float64]
 
 GRID_LINES = 16
 """Across the larger side of a set."""
@@ -64,8 +61,7 @@ def _before_and_after(outcome: MapOutcome, direction: MapDirection) -> Figure:
     seen = Bbox.union([axes.dataLim for axes in alike]).expanded(1.06, 1.06)
     for axes in alike:
         axes.set(xlim=seen.intervalx, ylim=seen.intervaly, adjustable="box")
-    legend_below(figure, large[0], 4)
-    return figure
+    return legend_below(figure, large[0], 4)
 
 
 def _draw_panels(panels: Sequence[Axes], direction: MapDirection) -> None:
@@ -117,8 +113,6 @@ def _finish(axes: Axes, title: str, section: ArmInPlane) -> None:
 
 def _grid(workspace: Workspace) -> Iterator[Array]:
     """Lines (n, 2) [m] of a square grid inside a workspace."""
-    import shapely  # noqa: PLC0415  (heavy)
-
     left, low, right, high = workspace.polygon.bounds
     step = max(right - left, high - low) / GRID_LINES
     columns = np.arange(left + step / 2, right, step)
@@ -132,8 +126,6 @@ def _grid(workspace: Workspace) -> Iterator[Array]:
 
 def _outline(workspace: Workspace) -> Iterator[Array]:
     """Points (n, 2) [m] close together along the outlines."""
-    import shapely  # noqa: PLC0415  (heavy)
-
     for ring in shapely.get_parts(workspace.polygon.boundary):
         yield shapely.get_coordinates(shapely.segmentize(ring, ring.length / ALONG_AN_OUTLINE))
 
@@ -153,7 +145,7 @@ def _folds(outcome: MapOutcome, direction: MapDirection) -> Figure:
             shown = _draw_folds(axes, made, start, end)
         else:
             axes.annotate("no map", (0.5, 0.5), xycoords="axes fraction", ha="center")
-        axes.add_patch(_edge(start))
+        axes.add_patch(PathPatch(region_path(start), fill=False, edgecolor=REFERENCE, linewidth=1.4))
         _finish(axes, f"{made.rule} rule: {_verdict(made)}", direction.start.section)
     if shown is not None:
         bar = figure.colorbar(
@@ -165,8 +157,7 @@ def _folds(outcome: MapOutcome, direction: MapDirection) -> Figure:
         Patch(facecolor=FOLDED, edgecolor="none", label="folded: movements are reversed there"),
         Patch(facecolor="none", edgecolor=OUTSIDE, hatch="////", label=f"mapped outside {direction.end.name}"),
     ]
-    figure.legend(handles=marks, loc="outside lower center", ncols=2, frameon=False, fontsize=9)
-    return figure
+    return legend_below(figure, marks, 2)
 
 
 def _draw_folds(axes: Axes, made: MadeMap, start: Workspace, end: Workspace) -> Any:
@@ -181,10 +172,8 @@ def _draw_folds(axes: Axes, made: MadeMap, start: Workspace, end: Workspace) -> 
     density, away = np.full(len(points), np.nan), np.zeros(len(points))
     density[inside] = np.linalg.det(made.mapped.spline.jacobian(points[inside])) / made.audit.overall_ratio**2
     away[inside] = ~np.asarray(end.contains(made.mapped.spline(points[inside])))
-    shape, extent = (
-        (len(y), len(x)),
-        (MM * np.array([x[0] - step / 2, x[-1] + step / 2, y[0] - step / 2, y[-1] + step / 2])),
-    )
+    shape = len(y), len(x)
+    extent = MM * np.array([x[0] - step / 2, x[-1] + step / 2, y[0] - step / 2, y[-1] + step / 2])
     held = np.where(density > 0, density, np.nan).reshape(shape)
     folded = np.where(inside & ~(density > 0), 1.0, np.nan).reshape(shape)
     shared: dict[str, Any] = {"origin": "lower", "extent": tuple(extent), "interpolation": "nearest"}
@@ -195,10 +184,6 @@ def _draw_folds(axes: Axes, made: MadeMap, start: Workspace, end: Workspace) -> 
         marked.set_edgecolor(OUTSIDE)
         marked.set_linewidth(0.0)
     return image
-
-
-def _edge(workspace: Workspace) -> Any:
-    return PathPatch(region_path(workspace), fill=False, edgecolor=REFERENCE, linewidth=1.4)
 
 
 def table(outcome: MapOutcome) -> Table:

@@ -1,9 +1,8 @@
 """The run of `system = "workspace"`: slices, volumes where asked for, and their numbers."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from itertools import product
 from typing import Any, Literal
 
 from pydantic import Field
@@ -11,7 +10,7 @@ from pydantic import Field
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.session.arm_keys import ArmInPlane, ArmOfRanges, ranges_by_name
 from rehab_opt.session.files import ProblemFile
-from rehab_opt.session.outcome import Column, Outcome, Progress
+from rehab_opt.session.outcome import Column, Outcome, Progress, told
 from rehab_opt.session.participant import arm_of
 from rehab_opt.session.schema import Problem
 from rehab_opt.session.systems import System
@@ -73,11 +72,8 @@ def boundary_columns(spaces: Mapping[str, Workspace]) -> Iterator[Column]:
         for component, ring, points in rings(workspace)
         for x, y in points
     ]
-    yield "set", tuple(row[0] for row in rows)
-    yield "component", [row[1] for row in rows]
-    yield "ring", [row[2] for row in rows]
-    yield "x_m", [row[3] for row in rows]
-    yield "y_m", [row[4] for row in rows]
+    columns = [list(column) for column in zip(*rows, strict=True)] or [[]] * 5
+    return zip(("set", "component", "ring", "x_m", "y_m"), columns, strict=True)
 
 
 def rings(workspace: Workspace) -> Iterator[tuple[int, int, Any]]:
@@ -171,24 +167,21 @@ class WorkspaceSystem(System[WorkspaceProblem, WorkspaceOutcome]):
         """No options."""
         problem = loaded.problem
         ranges = ranges_by_name(problem.arm.range_of_motion)
-        sets: dict[str, Reached] = {}
-        for name, limits in ranges.items():
-            progress("workspaces", len(sets), len(ranges))
-            sets[name] = reached(problem.arm, limits, file=loaded.file, key="arm")
-        progress("workspaces", len(sets), len(ranges))
+        sets = {
+            name: reached(problem.arm, limits, file=loaded.file, key="arm")
+            for name, limits in told(progress, "workspaces", ranges.items())
+        }
         volumes: dict[tuple[str, bool], ReachableVolume] = {}
         if problem.volume:
             held = (True, False) if tilt_of(problem.arm) is not None else (False,)
-            for name, of in sets.items():
-                for upright in held:
-                    progress("volumes", len(volumes), len(sets) * len(held))
-                    volumes[name, upright] = reachable_volume(
-                        of.arm,
-                        spacing=1e-3 * problem.volume_spacing_mm,
-                        handle_tilt=tilt_of(problem.arm) if upright else None,
-                        accuracy=1e-3 * problem.volume_accuracy_mm,
-                        placement=placement_of(problem.arm),
-                    )
+            for name, upright in told(progress, "volumes", list(product(sets, held))):
+                volumes[name, upright] = reachable_volume(
+                    sets[name].arm,
+                    spacing=1e-3 * problem.volume_spacing_mm,
+                    handle_tilt=tilt_of(problem.arm) if upright else None,
+                    accuracy=1e-3 * problem.volume_accuracy_mm,
+                    placement=placement_of(problem.arm),
+                )
         spaces = {name: of.workspace for name, of in sets.items()}
         return WorkspaceOutcome(
             notes=tuple(plane_notes(problem.arm, spaces)),

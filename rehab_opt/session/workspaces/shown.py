@@ -1,7 +1,5 @@
 """Workspaces shown: a table, and figures as in Fig. 3 of Rossa et al., slices (b) and volumes (a)."""
 
-from __future__ import annotations
-
 import math
 import textwrap
 from collections.abc import Callable, Mapping, Sequence
@@ -9,6 +7,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch, PathPatch
 from matplotlib.path import Path
@@ -58,8 +57,8 @@ ARROW = 60  # [mm]
 
 def draw_region(axes: Axes, workspace: Workspace, style: Mapping[str, Any], *, label: str = "") -> None:
     """A workspace as a translucent area; an empty one leaves its label in the legend alone."""
-    patch = PathPatch(region_path(workspace), linewidth=1.6, label=label or None, **_translucent(style))
-    axes.add_patch(patch)
+    filled = {**style, "facecolor": to_rgba(style["facecolor"], 0.45)}
+    axes.add_patch(PathPatch(region_path(workspace), linewidth=1.6, label=label or None, **filled))
 
 
 def region_path(workspace: Workspace) -> Path:
@@ -104,11 +103,6 @@ def region_label(name: str, workspace: Workspace) -> str:
     return "\n".join(textwrap.wrap(said.replace("_", " "), WRAPPED))
 
 
-def _translucent(style: Mapping[str, Any]) -> dict[str, Any]:
-    red, green, blue = (int(style["facecolor"][k : k + 2], 16) / 255 for k in (1, 3, 5))
-    return {**style, "facecolor": (red, green, blue, 0.45)}
-
-
 def figures(outcome: WorkspaceOutcome) -> dict[str, Figure]:
     """The figures by file name (without suffix)."""
     drawn = {"workspace": _slices(outcome)}
@@ -128,8 +122,7 @@ def _slices(outcome: WorkspaceOutcome) -> Figure:
         draw_region(axes, workspace, styles[name], label=region_label(name, workspace))
     draw_shoulder(axes, outcome.section)
     seen_from_above(axes, outcome.section)
-    legend_below(figure, axes, 1 if any(of.workspace.empty for of in outcome.sets.values()) else 2)
-    return figure
+    return legend_below(figure, axes, 1 if any(of.workspace.empty for of in outcome.sets.values()) else 2)
 
 
 def _volumes(outcome: WorkspaceOutcome) -> Figure:
@@ -168,8 +161,7 @@ def _volumes(outcome: WorkspaceOutcome) -> Figure:
         Patch(facecolor=SET_STYLES[i % len(SET_STYLES)]["facecolor"], label=f"{name} ({'; '.join(sizes[name])})")
         for i, name in enumerate(names)
     ]
-    figure.legend(handles=handles, loc="outside lower center", ncols=2, frameon=False, fontsize=9)
-    return figure
+    return legend_below(figure, handles, 2)
 
 
 def table(outcome: WorkspaceOutcome) -> Table:
@@ -196,10 +188,6 @@ def _extent(axis: str) -> Callable[[Numbers], str]:
     return cell
 
 
-def _area(of: Numbers) -> str:
-    return "0 (empty)" if of["empty"] else f"{1e4 * of['area_m2']:.4g}"
-
-
 def percent(share: float | None) -> str:
     """A share, or that there is none."""
     return "-" if share is None else f"{100 * share:.1f}"
@@ -210,7 +198,7 @@ def _litres(of: Numbers | None) -> str:
 
 
 AREA_ROWS: Rows = (
-    ("area, cm^2", _area),
+    ("area, cm^2", lambda of: "0 (empty)" if of["empty"] else f"{1e4 * of['area_m2']:.4g}"),
     ("separate parts; holes", lambda of: f"{of['components']}; {of['holes']}"),
     ("extent to the right, x, mm", _extent("x")),
     ("extent forwards, y, mm", _extent("y")),
