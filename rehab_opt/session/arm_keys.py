@@ -1,5 +1,7 @@
 """What problem files say of an arm: its segments, its range of motion as counted in one of two ways, and its plane."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal, Self

@@ -1,5 +1,7 @@
 """A person's range of motion in words and in a picture: the arm at both ends of each movement."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path

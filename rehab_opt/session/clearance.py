@@ -1,5 +1,7 @@
 """`[clearance]` of problem files: what an arm keeps clear of, how near it came, and a picture of both."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from typing import Annotated, Any
 

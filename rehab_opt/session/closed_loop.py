@@ -1,5 +1,7 @@
 """The closed loop of a run, the one that is live but without waiting, and what was commanded and so in it."""
 
+from __future__ import annotations
+
 import time
 from collections.abc import Callable
 from typing import NamedTuple

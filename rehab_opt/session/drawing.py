@@ -1,5 +1,7 @@
 """What all figures share: their frame and colours, joints over time, servos, and room for their legends."""
 
+from __future__ import annotations
+
 import math
 import textwrap
 from collections.abc import Iterable, Mapping, Sequence

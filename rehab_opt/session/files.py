@@ -1,5 +1,7 @@
 """Problem files: found by path or by the name of a shipped one, read, and checked to the last key."""
 
+from __future__ import annotations
+
 import difflib
 import importlib.resources
 import os

@@ -1,5 +1,7 @@
 """What a result depends on: its files, and one number of all, of which equal ones need no second computation."""
 
+from __future__ import annotations
+
 import hashlib
 import importlib.metadata
 import importlib.resources

@@ -1,5 +1,7 @@
 """What a run leaves behind: numbers in strict JSON, each key with its unit, columns and notes. No files, no plots."""
 
+from __future__ import annotations
+
 import math
 import re
 from collections import Counter

@@ -1,5 +1,7 @@
 """The participant of a problem: the arm, and the recorded path laid into the frame of its shoulder."""
 
+from __future__ import annotations
+
 import math
 
 import numpy as np

@@ -1,5 +1,7 @@
 """Refusals of what the library was given, in the words of whoever said it: a key of the file, or an option."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 

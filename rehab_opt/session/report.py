@@ -1,5 +1,7 @@
 """The files of a run: metrics.json, trace.csv, figures and films, all of them or none."""
 
+from __future__ import annotations
+
 import csv
 import importlib.metadata
 import itertools

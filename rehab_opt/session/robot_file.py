@@ -1,5 +1,7 @@
 """The robot of a problem file, and robot files: a few lines of TOML that make an arm out of a URDF or an MJCF."""
 
+from __future__ import annotations
+
 import math
 import re
 from collections.abc import Callable

@@ -1,5 +1,7 @@
 """The run of a problem, whatever its system, from its file to its numbers. Nothing is written here."""
 
+from __future__ import annotations
+
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, nullcontext
 from dataclasses import replace

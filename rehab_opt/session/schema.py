@@ -4,6 +4,8 @@ The keys of one system stand beside it. What stands below a key says what it mea
 is made of it.
 """
 
+from __future__ import annotations
+
 import math
 import re
 from pathlib import PurePath

@@ -1,5 +1,7 @@
 """Recordings cut into trials and measured: a row for each measure of each trial, in long format."""
 
+from __future__ import annotations
+
 import csv
 import itertools
 import math

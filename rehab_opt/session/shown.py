@@ -1,5 +1,7 @@
 """Numbers of a run as cells of its table, the table of laws, and what is shown of a kind that says nothing of it."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 

@@ -1,5 +1,7 @@
 """Distances of chair and arm from what they must not touch, by plain geometry: the controller is not asked."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import replace
 

@@ -1,5 +1,7 @@
 """Numbers of a run: who moved the hand, what it cost, which limits were kept; judged from what was sent alone."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from typing import Any
 

@@ -1,5 +1,7 @@
 """The closed loop of a stick, a law and a robot, and what chair and arm did in it."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress

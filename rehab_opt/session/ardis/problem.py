@@ -1,5 +1,7 @@
 """What a problem file of `system = "ardis"` may say, and what each key means."""
 
+from __future__ import annotations
+
 from typing import Annotated, Literal, Self
 
 import numpy as np

@@ -1,5 +1,7 @@
 """The robot, the stick, the room and the resolver of a problem file, each refusal in the file's words."""
 
+from __future__ import annotations
+
 import numpy as np
 
 from rehab_opt.control.joint_feedback import JointFeedback

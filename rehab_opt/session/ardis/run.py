@@ -1,5 +1,7 @@
 """The run of `system = "ardis"`: each drive under its stick, with the published law and with ours."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Mapping
 from functools import cached_property

@@ -1,5 +1,7 @@
 """Chair and arm under one stick, shown: a table, figures from above, of the hand and of the limits used, and a film."""
 
+from __future__ import annotations
+
 from collections.abc import Callable
 
 import numpy as np

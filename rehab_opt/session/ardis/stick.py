@@ -1,5 +1,7 @@
 """A stick over time: where it stood, which buttons were down. Read from a recording and held between its samples."""
 
+from __future__ import annotations
+
 from pathlib import Path
 from typing import NamedTuple, Protocol
 

@@ -1,5 +1,7 @@
 """Bodies of arms in space, as the page draws them: capsules with a colour."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Sequence
 from itertools import pairwise

@@ -1,5 +1,7 @@
 """What a kind of problem tells of itself to run live: how it is controlled, and how it looks."""
 
+from __future__ import annotations
+
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence

@@ -1,5 +1,7 @@
 """One person who takes part, and what a worker does for them: it writes no files, it may run on another machine."""
 
+from __future__ import annotations
+
 import tempfile
 import time
 from collections.abc import Iterator, Mapping, Sequence

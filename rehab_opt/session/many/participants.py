@@ -4,6 +4,8 @@ Column `participant` names the person; every other column is a dotted key of the
 `docs/howto/many_people.md`.
 """
 
+from __future__ import annotations
+
 import copy
 import csv
 import math

@@ -1,5 +1,7 @@
 """Tasks on every core, where a worker that dies takes down no task but its own."""
 
+from __future__ import annotations
+
 import multiprocessing
 import os
 import signal

@@ -1,5 +1,7 @@
 """Results on disk: a folder for each person, and results.csv with a row for each. What is half written never counts."""
 
+from __future__ import annotations
+
 import csv
 import importlib.util
 import io

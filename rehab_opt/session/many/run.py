@@ -1,5 +1,7 @@
 """Many people's problems at once, each with a row of its own whatever becomes of the others."""
 
+from __future__ import annotations
+
 import math
 import time
 from collections.abc import Callable, Sequence

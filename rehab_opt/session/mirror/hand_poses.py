@@ -1,5 +1,7 @@
 """Recordings of a hand's poses, as a tracker of virtual reality writes them."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path

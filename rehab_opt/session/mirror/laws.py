@@ -1,5 +1,7 @@
 """The laws of a mirrored hand on one reference: without a floor, tick by tick, planned as a whole, and A*."""
 
+from __future__ import annotations
+
 import math
 from functools import partial
 from typing import Any

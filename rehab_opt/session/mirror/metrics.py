@@ -1,5 +1,7 @@
 """The numbers of a mirrored motion, and why a hand is not where, or not when, the reference is; strict JSON."""
 
+from __future__ import annotations
+
 import math
 from typing import Any
 

@@ -1,5 +1,7 @@
 """What a robot did that led a hand along a mirrored path, tick by tick."""
 
+from __future__ import annotations
+
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import NamedTuple

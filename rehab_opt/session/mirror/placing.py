@@ -5,6 +5,8 @@ robot at one pose of the path and a direction fix them. How much of the path it 
 (`Seats`). The best seats, apart from each other, are run as `rehab-opt run` does, and what that achieves decides.
 """
 
+from __future__ import annotations
+
 import dataclasses
 import math
 import re

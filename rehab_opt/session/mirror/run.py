@@ -1,5 +1,7 @@
 """The run of `system = "mirror"`: the recording laid out, every law on it, and the numbers; what it is live."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Iterator, Mapping
 from typing import Any

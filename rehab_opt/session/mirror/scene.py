@@ -1,5 +1,7 @@
 """Where everything stands: the recording laid into the robot's frame, mirrored, and handed to the robot's tool."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace

@@ -1,5 +1,7 @@
 """A mirrored motion shown: a table with a column for each law, and figures after Figs. 3-11 of Xu, Guo, Zhang 2021."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Mapping
 from typing import Any
 

@@ -1,5 +1,7 @@
 """What a problem file of `system = "pose_tracking"` may say, and what each key means."""
 
+from __future__ import annotations
+
 from typing import Literal, Self
 
 from pydantic import Field, model_validator

@@ -1,5 +1,7 @@
 """The run of `system = "pose_tracking"`: a robot whose tool follows a path, and what it did."""
 
+from __future__ import annotations
+
 import inspect
 import math
 from collections.abc import Iterator, Mapping

@@ -1,5 +1,7 @@
 """A followed pose shown: numbers as a table, what was asked and what the robot did as figures."""
 
+from __future__ import annotations
+
 import numpy as np
 from matplotlib.figure import Figure
 from rich.table import Table

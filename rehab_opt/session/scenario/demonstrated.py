@@ -1,5 +1,7 @@
 """Fields learnt from what a therapist showed: the recordings that a problem file names, and what was learnt of them."""
 
+from __future__ import annotations
+
 import re
 from collections.abc import Iterator
 from typing import Any, NamedTuple

@@ -1,5 +1,7 @@
 """The force field drawn: gated as the mode says (Figs. 6 and 9), with its numbers changed (Fig. 4), along the path."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 

@@ -1,5 +1,7 @@
 """Figures of scenarios, like Figs. 4, 6, 7, 9 and 10 of Rossa et al."""
 
+from __future__ import annotations
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure

@@ -1,5 +1,7 @@
 """The three laws of a trial, as a loop calls them: none, ours, the paper's."""
 
+from __future__ import annotations
+
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping

@@ -1,5 +1,7 @@
 """One trial in closed loop: person and robot with the numbers of a problem file, and a law."""
 
+from __future__ import annotations
+
 import math
 from typing import NamedTuple
 

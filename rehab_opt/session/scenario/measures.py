@@ -3,6 +3,8 @@
 Every key ends in its unit, every value is strict JSON; None says that there is no such number.
 """
 
+from __future__ import annotations
+
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any

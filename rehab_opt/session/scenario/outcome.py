@@ -1,5 +1,7 @@
 """What a run of scenarios leaves behind, tick by tick, for its table, trace and figures."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field

@@ -1,5 +1,7 @@
 """Helper and participant of a problem file as a law of the loop, the helper simulated along, and what is measured."""
 
+from __future__ import annotations
+
 from typing import Any, NamedTuple
 
 import numpy as np

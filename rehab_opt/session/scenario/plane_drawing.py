@@ -1,5 +1,7 @@
 """What the figures of scenarios share: how laws look, the plane with its workspaces, and means over trials."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, Literal
 

@@ -1,5 +1,7 @@
 """What a scenario's trials need, made from its problem file: sets, reference, fields, the person's intention."""
 
+from __future__ import annotations
+
 from functools import partial
 from typing import NamedTuple
 

@@ -1,5 +1,7 @@
 """What a problem file of `system = "scenario"` may say, and what each key means."""
 
+from __future__ import annotations
+
 from typing import Annotated, Literal, Self, get_args
 
 from pydantic import Field, model_validator

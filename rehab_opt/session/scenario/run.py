@@ -1,5 +1,7 @@
 """The run of `system = "scenario"`: the same person and task under each law, and what came of it."""
 
+from __future__ import annotations
+
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 

@@ -1,5 +1,7 @@
 """`system = "scenario"`: what a session asks of it, and what it is live, where somebody may point."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import cached_property

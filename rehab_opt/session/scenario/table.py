@@ -1,5 +1,7 @@
 """What came of a scenario's trials under each law, as a table for the terminal."""
 
+from __future__ import annotations
+
 import textwrap
 
 from rich.table import Table

@@ -1,5 +1,7 @@
 """Trials beside each other, a panel for each law: places, force, speed (Figs. 7 and 10), and deviation over time."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping, Sequence
 from typing import Any
 

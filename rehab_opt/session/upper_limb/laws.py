@@ -1,5 +1,7 @@
 """The two laws that turn a hand path into joint values, ours and the published one, and a drive that gets these."""
 
+from __future__ import annotations
+
 import inspect
 import math
 from contextlib import AbstractContextManager

@@ -1,5 +1,7 @@
 """What the laws did along a recorded path, its columns, and what a reader of its numbers has to know."""
 
+from __future__ import annotations
+
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple

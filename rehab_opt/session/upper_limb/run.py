@@ -1,5 +1,7 @@
 """The run along a recorded path: laws, what a drive does with their joints, numbers. Nothing is written here."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Mapping
 from dataclasses import replace

@@ -1,5 +1,7 @@
 """A followed path shown: numbers as a table, what was asked and what the arm did as figures."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Iterator
 from itertools import pairwise

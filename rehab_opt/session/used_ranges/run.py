@@ -1,5 +1,7 @@
 """The run of `system = "used_ranges"`: ranges from recorded reaches, and the workspaces of arms that have them."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field

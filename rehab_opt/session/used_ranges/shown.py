@@ -1,5 +1,7 @@
 """Ranges used, shown: a table; the joints, the workspaces side by side, and how many of drawn people reach what."""
 
+from __future__ import annotations
+
 from typing import Any
 
 import numpy as np

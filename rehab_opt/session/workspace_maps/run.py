@@ -1,5 +1,7 @@
 """The run of `system = "workspace_map"`: both sets, a map for each rule and direction, and what it does to paths."""
 
+from __future__ import annotations
+
 import math
 import time
 from collections.abc import Iterator, Mapping

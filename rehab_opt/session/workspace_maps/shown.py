@@ -1,5 +1,7 @@
 """Maps shown: their audits as a table, and figures as in Fig. 8 of Rossa et al., with where they fold."""
 
+from __future__ import annotations
+
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 

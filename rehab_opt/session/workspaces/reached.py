@@ -1,5 +1,7 @@
 """The workspace of a problem's arm, with the time it took."""
 
+from __future__ import annotations
+
 import math
 import time
 from typing import Any, NamedTuple

@@ -1,5 +1,7 @@
 """The run of `system = "workspace"`: slices, volumes where asked for, and their numbers."""
 
+from __future__ import annotations
+
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from itertools import product

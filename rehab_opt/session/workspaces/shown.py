@@ -1,5 +1,7 @@
 """Workspaces shown: a table, and figures as in Fig. 3 of Rossa et al., slices (b) and volumes (a)."""
 
+from __future__ import annotations
+
 import math
 import textwrap
 from collections.abc import Callable, Mapping, Sequence
