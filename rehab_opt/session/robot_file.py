@@ -273,13 +273,10 @@ def _arm(said: RobotFile, path: Path, name: str) -> SerialChain:
             tool=pose_of(said.tool_deg, said.tool_m),
             capsules="collision" if said.collision else capsules,
         )
-    except (ConfigurationError, RobotFileError) as refused:
-        where = (
-            (name, *_key_and_value(said, refused))
-            if isinstance(refused, ConfigurationError)
-            else (refused.file, refused.key, refused.value)
-        )
-        raise RobotFileError(*where, GIVE.sub(_given_in_file, refused.expected)) from refused
+    except RobotFileError as refused:
+        raise RobotFileError(refused.file, refused.key, refused.value, _advice(refused.expected)) from refused
+    except ConfigurationError as refused:
+        raise RobotFileError(name, *_key_and_value(said, refused), _advice(refused.expected)) from refused
     slides = [joint for joint, row in zip(arm.names, arm.rows, strict=True) if row.prismatic]
     if slides:
         expected = "where this joint is held: it slides, and problem files move only joints that turn"
@@ -308,9 +305,9 @@ def _ends(capsule: CapsuleSection) -> tuple[tuple[float, float, float], tuple[fl
     return (a, b, c), (d, e, f)
 
 
-def _given_in_file(advice: re.Match[str]) -> str:
-    """The reader's advice on its arguments in the words of a robot file."""
-    return f"[joints.{advice['joint']}] {JOINT_KEYS[advice['argument']][0]} = ..."
+def _advice(expected: str) -> str:
+    """What the reader expects, with advice on its arguments in the words of a robot file."""
+    return GIVE.sub(lambda found: f"[joints.{found['joint']}] {JOINT_KEYS[found['argument']][0]} = ...", expected)
 
 
 def _key_and_value(said: RobotFile, refused: ConfigurationError) -> tuple[str, object]:

@@ -134,7 +134,7 @@ def test_a_changed_kind_is_computed_again(count: Path) -> None:
 def test_options_reach_the_system_that_knows_them_and_no_other(count: Path) -> None:
     loaded = load_problem("count.toml")
     assert run_problem(loaded, speed="high", law=None).metrics["options"] == {"speed": "high"}
-    with pytest.raises(ConfigurationError, match="--law = 'both': expected no such option"):
+    with pytest.raises(ConfigurationError, match="--law = 'both': expected another option"):
         run_problem(loaded, law="both")
 
 
