@@ -428,15 +428,20 @@ class PoseTracker(VelocityController):
         return asked, slowdown * slower
 
     def _asked_twist(self, jacobian: ca.SX, pose: ca.SX, target: ca.SX, twist: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """(6,) twist plus feedback on the pose error, slowed as a whole to the hand speeds; and by how much."""
+        """(6,) twist plus feedback on the pose error, slowed to what can be braked and to the hand speeds.
+
+        And by how much, which `Command.scale` counts as not delivered.
+        """
         position_error = target[:3, 3] - pose[:3, 3]
         rotation_error = rotation_vector(target[:3, :3] @ pose[:3, :3].T)
         controlled = ca.DM(self.task_weights > 0)
         feedback = controlled * self._settling * ca.vertcat(position_error, rotation_error)
-        asked = controlled * twist + feedback * self._braked(jacobian, feedback)
+        whole = controlled * twist + feedback
+        asked = whole - (1 - self._braked(jacobian, feedback)) * feedback
+        braked = ca.fmax(ca.norm_2(whole) / ca.fmax(ca.norm_2(asked), TINY), 1)
         excess = ca.fmax(ca.norm_2(asked[:3]) / self.linear_speed, ca.norm_2(asked[3:]) / self.angular_speed)
         slowdown = ca.fmax(excess, 1)
-        return asked / slowdown, slowdown
+        return asked / slowdown, slowdown * braked
 
     def _braked(self, jacobian: ca.SX, feedback: ca.SX) -> ca.SX:
         """Share of the feedback (6,) that lets the joints still stop at the target, at the weighted Jacobian.
