@@ -159,7 +159,8 @@ class MirrorStatement(PoseTracker):
         )
         linear, angular = ca.norm_2(feedback[:3]), ca.norm_2(feedback[3:])
         excess = ca.fmax(linear / (HASTE * self.linear_speed), angular / (HASTE * self.angular_speed))
-        return twist + feedback / ca.fmax(excess, 1), ca.SX(1)
+        asked = twist + feedback / ca.fmax(excess, 1)
+        return asked, asked
 
     def command(self, tick: Tick, inputs: Inputs, velocity: ca.SX) -> ca.SX:
         """(n,) the QP's velocity: it is shortened after the tick, by `keeping`."""

@@ -101,7 +101,7 @@ class Motion(NamedTuple):
     delivered: ca.SX
     """(6,) twist of the command, weighted."""
     commanded: ca.SX
-    """(6,) twist, weighted."""
+    """(6,) twist, with all feedback, weighted."""
     rows: Rows
 
 
@@ -223,8 +223,7 @@ class PoseTracker(VelocityController):
         inputs = Inputs(q, _pose(entries), twist, others, others[-1] if self.limits.moving else ca.SX(0, 1), memory)
 
         J = tick.once(ca.diag(weights) @ self.chain.jacobian_expression(q))
-        unweighted, slowdown = self._led_twist(inputs, J, self.guided(memory))
-        commanded, slowdown = tick.once((weights * unweighted, slowdown))
+        commanded, whole = tick.once(tuple(weights * each for each in self._led_twist(inputs, J, self.guided(memory))))
         rows = tick.once(self.rows(tick, inputs, self.bounds(q, memory)))
         w, delivered = ReferenceVelocity(
             J, commanded, self._drift(q), rows.bounds, self.chain.velocity, self.chain.locked, rows.matrix, rows.upper
@@ -249,7 +248,7 @@ class PoseTracker(VelocityController):
             + (DIRECTION_KEEPING + calm) * ca.sumsqr(progress.symbol - speed)
         )
         command = self.command(tick, inputs, u)
-        motion = Motion(u, command, s, speed, J @ command, slowdown * commanded, rows)
+        motion = Motion(u, command, s, speed, J @ command, whole, rows)
         report, remember = self.outcome(tick, inputs, motion)
         return Statement(
             name=self.name,
@@ -419,18 +418,18 @@ class PoseTracker(VelocityController):
             return self._asked_twist(jacobian, chain.pose_expression(inputs.q), inputs.target, inputs.twist)
         early = 1 + self._settling * guided.early
         pose = chain.pose_expression(inputs.q + guided.strays)
-        asked, slowdown = self._asked_twist(jacobian, pose, inputs.target, early * inputs.twist)
+        asked, whole = self._asked_twist(jacobian, pose, inputs.target, early * inputs.twist)
         excess = ca.fmax(ca.norm_2(asked[:3]) / self.linear_speed, ca.norm_2(asked[3:]) / self.angular_speed)
         slower = ca.if_else(guided.held, ca.fmax(excess / self.recovery_speed, 1), 1)
         asked = asked / slower
         over = ca.fmax(ca.dot(guided.way, asked[:3]) - min(self.feedback.most_gain, 1 / self.dt) * guided.room, 0)
         asked[:3] -= ca.if_else(guided.held, over, 0) * guided.way
-        return asked, slowdown * slower
+        return asked, whole
 
     def _asked_twist(self, jacobian: ca.SX, pose: ca.SX, target: ca.SX, twist: ca.SX) -> tuple[ca.SX, ca.SX]:
         """(6,) twist plus feedback on the pose error, slowed to what can be braked and to the hand speeds.
 
-        And by how much, which `Command.scale` counts as not delivered.
+        And all of it, of which `Command.scale` says how much is delivered.
         """
         position_error = target[:3, 3] - pose[:3, 3]
         rotation_error = rotation_vector(target[:3, :3] @ pose[:3, :3].T)
@@ -438,10 +437,8 @@ class PoseTracker(VelocityController):
         feedback = controlled * self._settling * ca.vertcat(position_error, rotation_error)
         whole = controlled * twist + feedback
         asked = whole - (1 - self._braked(jacobian, feedback)) * feedback
-        braked = ca.fmax(ca.norm_2(whole) / ca.fmax(ca.norm_2(asked), TINY), 1)
         excess = ca.fmax(ca.norm_2(asked[:3]) / self.linear_speed, ca.norm_2(asked[3:]) / self.angular_speed)
-        slowdown = ca.fmax(excess, 1)
-        return asked / slowdown, slowdown * braked
+        return asked / ca.fmax(excess, 1), whole
 
     def _braked(self, jacobian: ca.SX, feedback: ca.SX) -> ca.SX:
         """Share of the feedback (6,) that lets the joints still stop at the target, at the weighted Jacobian.

@@ -1,7 +1,8 @@
 """What `PoseTracker` says about its task, and that it does it.
 
-Judged by the flange's twist from the judge's own Jacobian, against the asked one: twist plus what removes a share
-1 - exp(-gain dt) of the pose error in a tick. `scale` and `Bound.TASK` must be what is true of them. Where nothing
+Judged by the flange's twist from the judge's own Jacobian, against the whole of it: twist plus what removes a share
+1 - exp(-gain dt) of the pose error in a tick. `scale` and `Bound.TASK` must be what is true of them. What is asked has
+less feedback where the joints could not stop at the target. Where nothing
 yields for ten time constants the pose error is what the reference's own change within a tick leaves. Where
 the hand could go straight along what is asked, it leaves that by a fiftieth in one tick of fifty at most (the price of
 slowing down is finite); in the others it is never led faster than it may be by a hundredth.
@@ -19,9 +20,10 @@ from tests.judge.verdict import Promise, Verdict
 PROMISES = (
     Promise("rehab_opt/control/command.py", "Fraction of the commanded motion that is delivered, 0 to 1, 1 where none "
             "is commanded; of a tracker: along the reference twist, feedback included"),
-    Promise("rehab_opt/control/pose_tracker.py", "the asked twist is `twist` plus `gain` times the pose error, no "
-            "faster than the hand speeds allow."),
-    Promise("rehab_opt/control/pose_tracker.py", "[1/s] rate at which a pose error decays."),
+    Promise("rehab_opt/control/pose_tracker.py", "the asked twist is `twist` plus `gain` times the pose error, less "
+            "where the joints could not stop at the target, and no faster than the hand speeds allow."),
+    Promise("rehab_opt/control/pose_tracker.py", "[1/s] rate at which a pose error decays; slower from farther off "
+            "than the accelerations can brake from."),
     Promise("rehab_opt/control/pose_tracker.py", "largest asked hand speeds; faster requests are slowed, not cut."),
     Promise("docs/capabilities/certificates.md", "Then the task: the hand keeps its direction and slows down."),
 )  # fmt: skip
@@ -56,18 +58,18 @@ def judge(verdict: Verdict, one: Run) -> None:
     error = np.concatenate(
         [one.poses[:, :3, 3] - here[:, :3, 3], turn_between(one.poses[:, :3, :3], here[:, :3, :3])], axis=1
     )
-    asked = (given.weights > 0) * (one.twists + (1 - np.exp(-given.gain * dt)) / dt * error)
-    done = hand_twist(one.q[:-1], value)
-    weigh = np.sqrt(given.weights)
-    asked, felt = weigh * asked, weigh * done
-    size, off = np.linalg.norm(asked, axis=1), np.linalg.norm(felt - asked, axis=1)
+    weigh, rate = np.sqrt(given.weights), (1 - np.exp(-given.gain * dt)) / dt
+    feedback, done = weigh * rate * error, hand_twist(one.q[:-1], value)
+    whole, felt = weigh * one.twists + feedback, weigh * done
+    asked = whole - (1 - braked(one, rate, feedback))[:, None] * feedback
+    size, off = np.linalg.norm(whole, axis=1), np.linalg.norm(felt - whole, axis=1)
     slack = MISSED * size + STILL
     turned = np.abs(np.linalg.norm(error[:, 3:], axis=1)) < 3.1  # a half turn has two ways round
     ok = np.isin(answers.status, ("ok", "backup")) & turned
     flagged = answers.yielded & 4 != 0
     verdict.holds("a task that is missed is flagged", flagged | (off <= 1.001 * slack + 1e-9) | ~ok)
     verdict.holds("what is flagged is missed", ~flagged | (off >= 0.7 * slack) | ~ok)
-    along = np.clip(np.einsum("ni,ni->n", felt, asked) / np.maximum(size, STILL) ** 2, 0, 1)
+    along = np.clip(np.einsum("ni,ni->n", felt, whole) / np.maximum(size, STILL) ** 2, 0, 1)
     told = np.where(along > MISSED, along, 0.0)  # less is nothing
     edge = np.abs(along - MISSED) < 1e-6
     true = np.where(flagged & (size > STILL), np.where(edge, answers.scale, told), 1.0)  # 1 where nothing is commanded
@@ -77,12 +79,13 @@ def judge(verdict: Verdict, one: Run) -> None:
     # Where some speed of the arm, within every bound, goes straight along what is asked: so must the hand.
     fast = np.maximum(np.linalg.norm(done[:, :3], axis=1) / given.linear_speed,
                       np.linalg.norm(done[:, 3:], axis=1) / given.angular_speed)  # fmt: skip
-    whole = bool((given.weights == 1).all()) and given.posture is None
-    if whole:
+    every = bool((given.weights == 1).all()) and given.posture is None
+    if every:
+        along = np.einsum("ni,ni->n", felt, asked) / np.maximum(np.linalg.norm(asked, axis=1), STILL) ** 2
         slowed = np.maximum(np.linalg.norm(asked[:, :3], axis=1) / given.linear_speed,
                             np.linalg.norm(asked[:, 3:], axis=1) / given.angular_speed)  # fmt: skip
         share, straight = along_asked(one, asked, slowed, last)
-        straight &= ok & (size > 1e-3) & (not one.pushed.any())
+        straight &= ok & (np.linalg.norm(asked, axis=1) > 1e-3) & (not one.pushed.any())
         beside = felt - asked * along[:, None]
         across = np.linalg.norm(beside, axis=1) / np.maximum(np.linalg.norm(felt, axis=1), 1e-9)
         wide = np.maximum(np.linalg.norm(beside[:, :3], axis=1) / given.linear_speed,
@@ -101,14 +104,30 @@ def judge(verdict: Verdict, one: Run) -> None:
     bend = np.linalg.norm(np.diff(one.twists, axis=0), axis=1).max(initial=0.0) * dt
     curve = (np.abs(value).sum(axis=1).max() * dt) ** 2
     left = (bend + curve + slack.max() * dt) / (1 - np.exp(-given.gain * dt)) + 1e-9
-    if whole and one.kind != "sudden" and not one.pushed.any():
+    if every and one.kind != "sudden" and not one.pushed.any():
         verdict.within("pose error of what is followed freely [m, rad], over what a tick's curve leaves",
                        np.where(steady, np.linalg.norm(error, axis=1), 0.0) / left, 1.0)  # fmt: skip
         verdict.during("settled on the reference", steady, dt)
     verdict.during("task yielded", flagged, dt)
     verdict.during("task delivered", ok & ~flagged & (size > STILL), dt)
     verdict.during("nothing of the task delivered", ok & (answers.scale == 0), dt)
-    verdict.during("slowed to the hand speed", whole & (np.abs(fast - 1) < 1e-3), dt)
+    verdict.during("slowed to the hand speed", every & (np.abs(fast - 1) < 1e-3), dt)
+
+
+def braked(one: Run, rate: float, feedback: Array) -> Array:
+    """(N,) share of the feedback (N, 6), weighted, from which the joints can stop with 0.7 of their accelerations.
+
+    By its damped joint velocities: at the rate of feedback they may take 1.4 of the time in which the error would fade.
+    """
+    given = one.settings
+    moves = np.sqrt(given.weights)[:, None] * jacobian(one.q[:-1]) * (given.lower < given.upper)
+    inverse = np.linalg.inv(moves @ moves.transpose(0, 2, 1) + 4e-4 * np.eye(6))
+    once = np.einsum("nij,nj->ni", inverse, feedback)
+    twice = np.einsum("nij,nj->ni", inverse, once)
+    solved = once + 4e-4 * twice + 4e-4**2 * np.einsum("nij,nj->ni", inverse, twice)
+    velocity = np.einsum("nji,nj->ni", moves, solved)
+    r = np.maximum(rate * (np.abs(velocity) / given.acceleration).max(axis=1) / 0.7, 1)
+    return np.asarray(np.sqrt(2 * r - 1) / r)
 
 
 def along_asked(one: Run, asked: Array, slowed: Array, last: Array) -> tuple[Array, NDArray[np.bool_]]:
