@@ -219,3 +219,14 @@ def test_a_path_that_cannot_be_used_is_refused_by_its_key(tmp_path: Path, text: 
     points[-1, 0] += 300.0
     with pytest.raises(ProblemFileError, match=said):
         checked(load_problem(written(tmp_path, points, text)))
+
+
+@pytest.mark.parametrize("last", [61, None])
+def test_a_path_that_jumps_is_refused_and_what_is_strange_is_told(tmp_path: Path, last: int | None) -> None:
+    """A spike, or all from a point on: the run of it ended in a ValueError of json."""
+    points = eight(np.random.default_rng(8), 4.0)
+    small = np.column_stack((points[:, 0], 0.01 * points[:, 1:]))
+    assert checked(load_problem(written(tmp_path, small)))
+    points[60:last, 1] += 0.4
+    with pytest.raises(ProblemFileError, match=r"path\.csv: points = 'a jump at [0-9.]+ s': expected a path without"):
+        checked(load_problem(written(tmp_path, points)))

@@ -23,6 +23,7 @@ from rehab_opt.kinematics.vr import quaternions_of
 from rehab_opt.plants.plant import Measurement, Plant
 from rehab_opt.plants.touched import TouchedPlant
 from rehab_opt.recordings.reading import read_recording
+from rehab_opt.recordings.recording import Recording
 from rehab_opt.session.clearance import (
     ClearanceSection,
     NearestBodies,
@@ -120,8 +121,8 @@ STAYS = 1.0
 """[s] for which a path's end is asked for, so that the tool comes to it."""
 
 
-def path_reference(loaded: ProblemFile[PoseTracking], start: Array, path: PathSection) -> tuple[Array, Array]:
-    """Poses (N, 4, 4) and twists (N, 6) along the file's points, turned as the starting pose (4, 4).
+def recorded_path(loaded: ProblemFile[PoseTracking], path: PathSection) -> Recording:
+    """The file's points in space, with notes on what was strange about them.
 
     Raises
     ------
@@ -140,6 +141,16 @@ def path_reference(loaded: ProblemFile[PoseTracking], start: Array, path: PathSe
     if recording.duration * rate > MOST_TICKS:
         expected = f"at most {MOST_TICKS} ticks in the path's {recording.duration:g} s"
         raise ProblemFileError(loaded.file, "tracker.rate_hz", rate, expected)
+    return recording
+
+
+def path_reference(recording: Recording, path: PathSection, start: Array, rate: float) -> tuple[Array, Array]:
+    """Poses (N, 4, 4) and twists (N, 6) along the points at `rate` [Hz], turned as the starting pose (4, 4).
+
+    Raises
+    ------
+    ProblemFileError : points that jump, or too few of them.
+    """
     points = np.zeros((len(recording.time) + 1, 3))
     points[:-1, : recording.points.shape[1]] = recording.points
     points[-1] = points[-2]
@@ -149,6 +160,9 @@ def path_reference(loaded: ProblemFile[PoseTracking], start: Array, path: PathSe
     turn = np.tile(quaternions_of(start[None, :3, :3]), (len(time), 1))
     with refused_as(path.file):
         found = conditioned(time, points, turn, dt=1 / rate, cutoff_hz=path.cutoff_hz, max_gap=time[-1] - time[0] + 1)
+    if found.lost.any():
+        jump = recording.time[0] + float(found.times[found.lost.argmax()] - found.times[0])
+        raise ProblemFileError(path.file, "points", f"a jump at {jump:.6g} s", "a path without, at most 5 m/s fast")
     return found.poses, found.twists
 
 
@@ -169,12 +183,18 @@ class LivePoseTracking(LiveProblem):
             self.layout["bodies"] = self._moving.told(0.0).size
 
     @cached_property
+    def recording(self) -> Recording | None:
+        """What the path's file holds; none of a circle."""
+        path = self._loaded.problem.path
+        return None if path is None else recorded_path(self._loaded, path)
+
+    @cached_property
     def reference(self) -> tuple[Array, Array]:
         """Poses (N, 4, 4) and twists (N, 6) of one pass of the path, from rest to rest."""
         problem = self._loaded.problem
         start, rate, circle = self.robot.pose(self.start), problem.tracker.rate_hz, problem.circle
-        if problem.path is not None:
-            return path_reference(self._loaded, start, problem.path)
+        if problem.path is not None and self.recording is not None:
+            return path_reference(self.recording, problem.path, start, rate)
         assert circle is not None  # the schema asks for either
         times = self.dt * np.arange(round(circle.duration_s * rate) + 1, dtype=np.float64)
         return circle_reference(start, circle, times)
@@ -342,7 +362,8 @@ class PoseTrackingSystem(System[PoseTracking, RobotOutcome]):
         live = LivePoseTracking(loaded, solver=None)
         tracker_of(loaded.problem, live.robot, file=loaded.file)
         _ = live.reference  # its file is read, or refused
-        return (*live.robot.notes, *start_notes(loaded.problem.clearance, loaded.file, live.robot, live.start))
+        told = () if live.recording is None else live.recording.notes
+        return (*told, *live.robot.notes, *start_notes(loaded.problem.clearance, loaded.file, live.robot, live.start))
 
     def run(self, loaded: ProblemFile[PoseTracking], *, options: Mapping[str, str], progress: Progress) -> RobotOutcome:
         """Options: `solver` of the tracker, `plant`."""
@@ -389,6 +410,7 @@ class PoseTrackingSystem(System[PoseTracking, RobotOutcome]):
             time=times,
             notes=(
                 plant_note(problem.plant, "the robot is simulated: its joints move exactly as commanded"),
+                *(() if live.recording is None else live.recording.notes),
                 *robot.notes,
                 *left_behind(robot, times, position_error, ran.q, command, tool[:, :3, 3]),
             )
