@@ -161,7 +161,7 @@ class SerialChain:
         Frame i of `frames_expression` lies in the origin of joint i + 1, the last but one in that of the tip link;
         their z axes are those of the joints. Angles are taken as they are written: a rounded 3.1416 stays one. Meshes
         are not opened, soft limits not read. `notes` says what was corrected; `bodies` holds the masses of
-        the links on the way.
+        the links on the way and of what they carry besides: a camera, or a gripper, whose own joints are taken at zero.
 
         Parameters
         ----------

@@ -141,6 +141,10 @@ def _joints_and_frames(
     frames: list[_Fixed] = []
     here = np.eye(4)  # of what comes next, in the axes of the last joint that moves
     for step in steps:
+        if step.aside:
+            if joints:  # what the base carries does not move
+                frames.append(_Fixed(len(joints), here @ step.origin, step))
+            continue
         here = here @ step.origin
         joint = step.joint
         if joint is not None and joint.name in locked:

@@ -28,7 +28,7 @@ from rehab_opt.kinematics.robot_file.xml_tree import FARTHEST, Element, Source, 
 from rehab_opt.text_file import number_in, shown
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Container, Iterator, Mapping
 
 __all__ = ["mjcf_steps"]
 
@@ -100,7 +100,7 @@ def mjcf_steps(
     if 0.0 < widest <= TWO_TURNS and "radian" not in (each.attributes.get("angle") for each in root.each("compiler")):
         degrees = 'read as degrees, as MuJoCo does without <compiler angle="radian">'
         notes.append(f"joint ranges of at most {widest:.6g} look like radians, but are {degrees}")
-    return _steps(mujoco, model, source, base, tip), notes
+    return _steps(mujoco, model, source, base, tip, notes), notes
 
 
 def _include(root: Element, source: Source, read: list[Element]) -> None:
@@ -164,7 +164,9 @@ def _kinematics(element: Element, source: Source) -> Iterator[str]:
         yield f'<compiler boundmass="{MUCH_TOO_LIGHT}" boundinertia="{MUCH_TOO_LIGHT}"/>'
 
 
-def _steps(mujoco: Any, model: Any, source: Source, base: str | None, tip: str | None) -> list[Step]:
+def _steps(
+    mujoco: Any, model: Any, source: Source, base: str | None, tip: str | None, notes: list[str]
+) -> list[Step]:
     site = -1
     if tip is None:
         bodies = set(range(model.nbody)) - set(model.body_parentid.tolist())
@@ -191,6 +193,7 @@ def _steps(mujoco: Any, model: Any, source: Source, base: str | None, tip: str |
     steps = [Step(np.eye(4), None, model.body(first).name, None)]
     for body in reversed(way[:-1]):
         steps += _body_steps(mujoco, model, body, coupled, source)
+        steps += _carried(model, body, way, notes)
     if site >= 0:
         steps.append(Step(_pose(model.site_pos[site], model.site_quat[site]), None, model.site(site).name))
     return steps
@@ -227,13 +230,31 @@ def _body_steps(mujoco: Any, model: Any, body: int, coupled: dict[int, str], sou
         else:
             here[:3, :3] = turned_about(axis, -reference)
         here = here @ moved(*-model.jnt_pos[j])
+    yield Step(here, None, name, _inertial(model, body))
+
+
+def _carried(model: Any, link: int, way: Container[int], notes: list[str]) -> Iterator[Step]:
+    """All that hangs on a body but what is on the way, where its own joints are as the file leaves them."""
+    poses = {link: np.eye(4)}
+    for body in range(link + 1, int(model.nbody)):  # a body comes after the one that carries it
+        parent = int(model.body_parentid[body])
+        if parent in poses and body not in way:
+            name = model.body(body).name
+            poses[body] = poses[parent] @ _pose(model.body_pos[body], model.body_quat[body])
+            start = int(model.body_jntadr[body])
+            for j in range(start, start + int(model.body_jntnum[body])):
+                joint = model.joint(j).name or f"{name}_joint_{j - start + 1}"
+                notes.append(f"joint {joint} is not between base and tip: body {name} is taken where it is at first")
+            yield Step(poses[body], None, name, _inertial(model, body), aside=True)
+
+
+def _inertial(model: Any, body: int) -> Inertial | None:
     mass = float(model.body_mass[body])
-    inertial = None
-    if mass > 10 * MUCH_TOO_LIGHT:
-        turn = turned_by_quaternion(model.body_iquat[body])
-        matrix = turn @ np.diag(model.body_inertia[body]) @ turn.T
-        inertial = Inertial(mass, np.array(model.body_ipos[body]), matrix)
-    yield Step(here, None, name, inertial)
+    if not mass > 10 * MUCH_TOO_LIGHT:
+        return None
+    turn = turned_by_quaternion(model.body_iquat[body])
+    matrix = turn @ np.diag(model.body_inertia[body]) @ turn.T
+    return Inertial(mass, np.array(model.body_ipos[body]), matrix)
 
 
 def _pose(place: Array, quaternion: Array) -> Array:

@@ -59,7 +59,11 @@ class Inertial(NamedTuple):
 
 
 class Step(NamedTuple):
-    """A fixed transform, then a joint or none, then a link or none."""
+    """A fixed transform, then a joint or none, then a link or none.
+
+    One that is `aside` begins at the last link before it that is not, and the next step does not begin at its link: a
+    camera or a gripper's finger, which a link on the way from base to tip carries.
+    """
 
     origin: Array
     """(4, 4)"""
@@ -69,6 +73,7 @@ class Step(NamedTuple):
     inertial: Inertial | None = None
     bodies: tuple[CapsuleOnLink, ...] = ()
     """Capsules about the link's collision geometry, where they are asked for."""
+    aside: bool = False
 
 
 def moved(x: float, y: float, z: float) -> Array:

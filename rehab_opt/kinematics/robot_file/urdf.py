@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from difflib import get_close_matches
 from typing import NamedTuple
 
@@ -53,10 +53,11 @@ _NO_NUMBER = np.array([math.nan])
 
 
 class _Tree(NamedTuple):
-    """Links by name, and the joint that carries each link but the root."""
+    """Links by name, the joint that carries each link but the root, and the links that each carries."""
 
     links: Mapping[str, Element]
     carriers: Mapping[str, Element]
+    carried: Mapping[str, Sequence[str]]
 
 
 def urdf_steps(
@@ -64,8 +65,8 @@ def urdf_steps(
 ) -> tuple[list[Step], list[str]]:
     """Steps from `base` (the root by default) to `tip` (the only leaf by default), and notes.
 
-    With `bodies`, links have capsules about their <collision>. What is not on the way, a gripper's coupled fingers say,
-    is not looked at beyond the names of its links.
+    With `bodies`, links have capsules about their <collision>. What links behind a joint carry besides, a camera or a
+    gripper's fingers, follows them, where its own joints are at zero.
 
     Raises
     ------
@@ -81,13 +82,36 @@ def urdf_steps(
     _refuse_early_quaternions(root, source)
     notes: list[str] = []
     way = _way(tree, base, tip, source)
-    steps = [_step(joint, tree.links, source, notes) for joint in way]
+    steps, moves = list[Step](), False
+    on_way = {_child(joint) for joint in way}
+    for joint in way:
+        steps.append(_step(joint, tree.links, source, notes))
+        moves = moves or steps[-1].joint is not None
+        if moves:
+            steps += _carried(steps[-1].link, on_way, tree, source, notes)
     if way:
         first = _parent(way[0])
         steps.insert(0, Step(np.eye(4), None, first, _inertial(tree.links[first], source, notes)))
     if bodies:
-        steps = [each._replace(bodies=tuple(_bodies(tree.links[each.link], source, notes))) for each in steps]
+        steps = [each._replace(bodies=tuple(_bodies(tree.links[each.link], each.aside, source, notes))) for each in steps]
     return steps, notes
+
+
+def _carried(link: str, way: Container[str], tree: _Tree, source: Source, notes: list[str]) -> Iterator[Step]:
+    """All that hangs on a link but what is on the way."""
+    hanging = [(link, np.eye(4))]
+    while hanging:
+        at, pose = hanging.pop()
+        for child in tree.carried[at]:
+            if child in way:
+                continue
+            joint = tree.carriers[child]
+            name = joint.attributes["name"]
+            there = pose @ _origin(joint, source, f"joint {name}", notes)
+            if joint.attributes.get("type") != "fixed":
+                notes.append(f"joint {name} is not between base and tip: link {child} is taken where it is at zero")
+            hanging.append((child, there))
+            yield Step(there, None, child, _inertial(tree.links[child], source, notes), aside=True)
 
 
 def _refuse_xacro(root: Element, source: Source) -> None:
@@ -127,6 +151,7 @@ def _tree(root: Element, source: Source) -> _Tree:
             raise source.refuse(f"line {link.line}, link.name", name, "a name that no other link has")
         links[name] = link
     carriers: dict[str, Element] = {}
+    carried: dict[str, list[str]] = {name: [] for name in links}
     names: set[str] = set()
     for joint in root.each("joint"):
         name = joint.text("name", source, f"line {joint.line}")
@@ -140,7 +165,8 @@ def _tree(root: Element, source: Source) -> _Tree:
         if parent == child:
             raise source.refuse(f"joint {name}, child.link", child, "another link than its parent")
         carriers[child] = joint
-    return _Tree(links, carriers)
+        carried[parent].append(child)
+    return _Tree(links, carriers, carried)
 
 
 def _end(joint: Element, end: str, links: Mapping[str, Element], source: Source) -> str:
@@ -158,8 +184,7 @@ def _way(tree: _Tree, base: str | None, tip: str | None, source: Source) -> list
         if name is not None and name not in tree.links:
             raise source.refuse(argument, name, f"one of the links {_listed(tree.links)}")
     if tip is None:
-        bearing = {_parent(joint) for joint in tree.carriers.values()}
-        leaves = [name for name in tree.links if name not in bearing]
+        leaves = [name for name in tree.links if not tree.carried[name]]
         if not leaves:
             expected = "links of which one bears no other" if tree.links else "links and joints"
             raise source.refuse("tip", None, f"{expected}: {'these are a loop' if tree.links else 'there are none'}")
@@ -183,6 +208,10 @@ def _parent(joint: Element) -> str:
     return next(joint.each("parent")).attributes["link"]
 
 
+def _child(joint: Element) -> str:
+    return next(joint.each("child")).attributes["link"]
+
+
 def _listed(names: Iterable[str]) -> str:
     known = list(names)
     return shown(", ".join(known), 120) + ("" if len(known) < 8 else f" ({len(known)})")
@@ -190,7 +219,7 @@ def _listed(names: Iterable[str]) -> str:
 
 def _step(joint: Element, links: Mapping[str, Element], source: Source, notes: list[str]) -> Step:
     owner = f"joint {joint.attributes['name']}"
-    child = next(joint.each("child")).attributes["link"]
+    child = _child(joint)
     origin = _origin(joint, source, owner, notes)
     kind = joint.attributes.get("type")
     if kind not in (*TURNING, *SLIDING, "fixed"):
@@ -249,7 +278,7 @@ def _origin(element: Element, source: Source, owner: str, notes: list[str]) -> A
     return pose
 
 
-def _bodies(link: Element, source: Source, notes: list[str]) -> Iterator[CapsuleOnLink]:
+def _bodies(link: Element, aside: bool, source: Source, notes: list[str]) -> Iterator[CapsuleOnLink]:
     """The smallest capsules of the same axis about a link's boxes (along their longest side), cylinders and balls."""
     name = link.attributes["name"]
     owner = f"link {name}"
@@ -259,6 +288,9 @@ def _bodies(link: Element, source: Source, notes: list[str]) -> Iterator[Capsule
             if shape.tag not in SHAPES:
                 value = shape.attributes.get("filename", f"<{shape.tag}>")
                 expected = f"{', '.join(SHAPES)}; or give the link's capsules, by CapsuleOnLink({name!r}, ...)"
+                if aside:
+                    notes.append(f"{owner}, collision.{shape.tag} = {value}: nothing is kept clear of it; read are {expected}")
+                    continue
                 raise source.refuse(f"{owner}, collision.{shape.tag}", value, expected)
             sizes = [shape.numbers(key, source, owner, np.full(n, math.nan)) for key, n in SHAPES[shape.tag]]
             if not all(np.all(each > 0.0) for each in sizes):  # what is absent is NaN

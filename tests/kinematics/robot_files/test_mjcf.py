@@ -97,6 +97,30 @@ def chain_inertia(chain: SerialChain, q: Array) -> Array:
     return np.array(ca.DM(inertia_expression(chain, chain.bodies, np.zeros(chain.n), ca.SX(ca.DM(q)))))
 
 
+@pytest.mark.parametrize("seed", range(6))
+def test_bodies_aside_are_carried(tmp_path: Path, seed: int) -> None:
+    """Also such as have joints, at their reference, and bear others."""
+    rng = np.random.default_rng(40 + seed)
+    text = random_mjcf(rng, 4, degrees=False)
+    for i in range(4):
+        own = '<joint type="slide" axis="1 0 0" ref="0.3"/>' if rng.random() < 0.5 else ""
+        place = f'pos="{written(rng.uniform(-0.3, 0.3, 3))}" quat="{written(rng.standard_normal(4))}"'
+        mass = '<inertial pos="0 0.1 0" mass="2" diaginertia="0.02 0.03 0.04"/>'
+        where = f'<body name="{rng.choice(["body", "aside"]) if i else "body"}_{rng.integers(i or 4)}" '
+        at = text.index(">", text.index(where)) + 1
+        text = f'{text[:at]}<body name="aside_{i}" {place}>{own}{mass}</body>{text[at:]}'
+    file = tmp_path / "arm.xml"
+    file.write_text(text)
+    chain, model = SerialChain.from_mjcf(file, tip="tool", **LIMITS), whole(text)
+    data = mujoco.MjData(model)
+    at = [model.joint(name).id for name in chain.names]
+    data.qpos[at] = q = rng.uniform(-2, 2, chain.n)
+    mujoco.mj_forward(model, data)
+    expected = np.zeros((model.nv, model.nv))
+    mujoco.mj_fullM(model, data, expected)
+    np.testing.assert_allclose(chain_inertia(chain, q), expected[np.ix_(at, at)], atol=1e-9)
+
+
 ARM = (
     '<mujoco><worldbody><body name="a"><joint name="one" axis="0 0 1" range="-90 90"/>'
     '<body name="b" pos="0 0 1" quat="0.7071 0 0.7071 0"><joint name="two" range="-90 90"/></body></body></worldbody>'

@@ -21,6 +21,7 @@ from rehab_opt.kinematics.link_capsules import CapsuleOnLink
 from tests.kinematics.dh_oracle import differentiated
 from tests.kinematics.robot_files.known_arms import UR5_TOOL, gen3, vendors_ur5
 from tests.kinematics.robot_files.random_arms import (
+    KINDS,
     Edge,
     moving,
     pose_of,
@@ -79,21 +80,54 @@ def test_mujoco_reads_the_same_pose_and_jacobian(arm_file: Path, seed: int) -> N
         np.testing.assert_allclose(chain.jacobian(q), np.vstack([linear, angular]), atol=1e-12)
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(8))
 def test_masses_give_the_inertia_that_mujoco_has(arm_file: Path, seed: int) -> None:
+    """Those of links that are carried aside too, behind the tip and within trees; joints of their own are at zero."""
     rng = np.random.default_rng(200 + seed)
     edges = random_arm(rng, 4)
-    chain = read(arm_file, edges)
-    text = urdf(edges).replace("<visual>", "<!--").replace("</visual>", "-->")
+    aside = list[Edge]()
+    for i in range(0 if seed == 0 else int(rng.integers(1, 9))):
+        parent = str(rng.choice(["base", *(edge.child for edge in (*edges, *aside))]))
+        aside.append(random_edge(rng, f"own_{i}", str(rng.choice(KINDS)), parent, f"aside_{i}"))
+    together = [*edges, *aside]
+    rng.shuffle(together)
+    arm_file.write_text(urdf(together))
+    chain = SerialChain.from_urdf(arm_file, acceleration=10.0, tip=edges[-1].child)
+    text = urdf(together).replace("<visual>", "<!--").replace("</visual>", "-->")
     text = text.replace('<robot name="random">', '<robot name="random"><mujoco><compiler fusestatic="false"/></mujoco>')
     model = mujoco.MjModel.from_xml_string(text)
     data = mujoco.MjData(model)
-    data.qpos[:] = q = random_postures(edges, rng, 1)[0]
+    at = [model.joint(edge.name).id for edge in moving(edges)]
+    data.qpos[at] = q = random_postures(edges, rng, 1)[0]
     mujoco.mj_forward(model, data)
-    expected = np.zeros((4, 4))
+    expected = np.zeros((model.nv, model.nv))
     mujoco.mj_fullM(model, data, expected)
     found = np.array(ca.DM(inertia_expression(chain, chain.bodies, np.zeros(4), ca.SX(q))))
-    np.testing.assert_allclose(found, expected, atol=1e-9)
+    np.testing.assert_allclose(found, expected[np.ix_(at, at)], atol=1e-9)
+    said = {note.split()[1] for note in chain.notes if "is not between base and tip" in note}
+    assert said <= {edge.name for edge in moving(aside)}
+    assert all(each.link > 0 or "aside" not in each.name for each in chain.bodies)
+
+
+def test_what_a_link_carries_aside_has_its_capsules(arm_file: Path) -> None:
+    rng = np.random.default_rng(31)
+    edges = random_arm(rng, 3)
+    camera = random_edge(rng, "holder", "fixed", edges[-1].child, "camera")
+    ball = '<collision><geometry><sphere radius="0.04"/></geometry></collision>'
+    arm_file.write_text(urdf([*edges, camera]).replace('<link name="camera">', f'<link name="camera">{ball}'))
+    options = {"acceleration": 10.0, "tip": edges[-1].child}
+    chain = SerialChain.from_urdf(arm_file, capsules="collision", **options)
+    own = SerialChain.from_urdf(arm_file, capsules=[CapsuleOnLink("camera", (0, 0, 0), (0, 0, 0), 0.04)], **options)
+    for each in (chain, own):
+        (capsule,) = each.capsules
+        for q in random_postures(edges, rng, 5):
+            at = (frames_of(each, q)[capsule.frame] @ [*capsule.start, 1.0])[:3]
+            np.testing.assert_allclose(at, pose_of([*edges, camera], q)[:3, 3], atol=1e-12)
+        assert capsule.radius == 0.04
+    mesh = '<collision><geometry><mesh filename="a.stl"/></geometry></collision>'
+    arm_file.write_text(arm_file.read_text().replace(ball, ball + mesh))
+    (note,) = SerialChain.from_urdf(arm_file, capsules="collision", **options).notes
+    assert note.startswith("link camera, collision.mesh = a.stl: nothing is kept clear of it")
 
 
 def test_rounded_angles_stay_as_they_are_written_and_no_frame_is_far_away(arm_file: Path) -> None:
