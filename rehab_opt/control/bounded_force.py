@@ -249,7 +249,7 @@ class BoundedForce(OneThread):
         told |= dict.fromkeys(("lately", "swing"), math.hypot(*force))
         full: dict[str, ArrayLike] = dict.fromkeys(tank_record(self.slots).places, 0.0)
         return watched_record(self.slots).numbers(
-            stamps=STAMPS.numbers(last=_NAN, lag=0, stamped=0),
+            stamps=STAMPS.numbers(last=_NAN, lag=0, stamped=0, ahead=0),
             hand=HAND.numbers(x=_NAN, v=0, estimated=0, halfway=0, scatter=0, stamp=_NAN),
             tank=tank_record(self.slots).numbers(**full | told),
             felt=math.hypot(*force),

@@ -214,7 +214,7 @@ def anew(slots: int) -> ca.Function:
     tank = _tank(watched.tank, model, slots).left_alone(forces[:2], model.dt, forces[2:])
     none = ca.SX(math.nan)
     after = watched_record(slots).of(
-        stamps=STAMPS.of(last=none, lag=ca.SX(0), stamped=ca.SX(0)),
+        stamps=STAMPS.of(last=none, lag=ca.SX(0), stamped=ca.SX(0), ahead=ca.SX(0)),
         hand=HAND.of(
             x=ca.vertcat(none, none),
             v=ca.SX.zeros(2),

@@ -31,7 +31,10 @@ REASONS = (
     Reason("STAMP_BACKWARDS", "stamp went backwards", "stamp went backwards", "stamp went backwards by {:.3g} s"),
     Reason("STAMP_REPEATED", "stamp repeated", "stamp repeated"),
     Reason(
-        "STATE_STALE", "state is stale", "state is stale", "state is stale: {:.3g} s behind the ticks, at most {:.3g} s"
+        "STATE_STALE",
+        "state is stale, or the loop faster than dt",
+        "state is stale",
+        "state is stale, or the loop faster than dt: {:.3g} s behind the ticks, at most {:.3g} s",
     ),
     Reason("INPUT_UNUSABLE", "an input is not a usable number", "not a usable number"),
     Reason(
@@ -94,6 +97,12 @@ REASONS = (
         "the hand stood under force",
     ),
     Reason("NOT_FOLLOWED", "a joint does not follow: `element` says which", "does not follow"),
+    Reason(
+        "LOOP_SLOW",
+        "the loop is slower than dt",
+        "the loop is slower than dt",
+        "the loop is slower than dt: stamps advance by {:.3g} s a tick, dt is {:.3g} s",
+    ),
 )
 """In the order of their numbers, which never change."""
 NUMBER = {reason.name: number for number, reason in enumerate(REASONS)}

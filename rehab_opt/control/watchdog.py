@@ -22,11 +22,13 @@ __all__ = ["SHORTEST_TICK", "STAMPS", "Watchdog", "checked_stamp", "default_max_
 
 DRIFT = 1e-3
 """Share by which the stamps' clock may run slower than the ticks for ever, ten times what two quartz clocks do."""
+SLOWEST = 1.5
+"""Stamps that for long advance by more than so many ticks a tick are those of a loop that is slower than dt."""
 SHORTEST_TICK = 1e-9
 """[s] No controller ticks faster; of much shorter ones rates to the third power are no numbers any more."""
-STAMPS = Record(last=1, lag=1, stamped=1)
-"""What is remembered of the stamps: the last [s], how far they have fallen behind the ticks [s], whether there was one.
-At first NaN, 0, 0."""
+STAMPS = Record(last=1, lag=1, stamped=1, ahead=1)
+"""What is remembered of the stamps: the last [s], how far they have fallen behind the ticks [s], whether there was one,
+how far they have run ahead of `SLOWEST` ticks [s]. At first NaN, 0, 0, 0."""
 NO_STAMP, NUMBER_OF_SECONDS, NO_NUMBER = range(3)
 """Kinds of stamps."""
 
@@ -74,6 +76,8 @@ def checked_stamp(memory: Values, stamp: ca.SX, kind: ca.SX, *, dt: ca.SX, max_a
     advance = stamp - memory.last
     lag = memory.lag + gained - advance
     usual = ca.logic_and(advance > 0, advance <= max_age)
+    ahead = memory.ahead - SLOWEST * dt + ca.if_else(ca.logic_and(finite, usual), advance, 0)
+    ahead = ca.fmin(ca.fmax(ahead, -max_age), SLOWEST * max_age)
     nothing, no_stamp, no_number = ca.SX.zeros(2), kind == NO_STAMP, kind == NO_NUMBER
     waiting, caught_up, behind = memory.lag + gained, ca.fmax(lag, 0), ca.vertcat(advance, max_age)
     cases = [
@@ -82,6 +86,7 @@ def checked_stamp(memory: Values, stamp: ca.SX, kind: ca.SX, *, dt: ca.SX, max_a
         (no_number, "STAMP_NO_NUMBER", waiting, nothing),
         (ca.logic_not(finite), "STAMP_NOT_FINITE", waiting, nothing),
         (first, "FINE", memory.lag, nothing),
+        (all_true(usual, ahead > max_age), "LOOP_SLOW", caught_up, ca.vertcat(advance, dt)),
         (all_true(usual, lag <= max_age), "FINE", caught_up, nothing),
         (usual, "STATE_STALE", lag, ca.vertcat(lag, max_age)),
         (advance > max_age, "STAMP_GAP", caught_up, behind),
@@ -93,6 +98,7 @@ def checked_stamp(memory: Values, stamp: ca.SX, kind: ca.SX, *, dt: ca.SX, max_a
         last=ca.if_else(finite, stamp, memory.last),
         lag=first_of([(when, then) for when, _, then, _ in cases]),
         stamped=ca.logic_or(memory.stamped, ca.logic_not(no_stamp)),
+        ahead=ahead,
     )
     reason = first_of([(when, ca.SX(NUMBER[name])) for when, name, _, _ in cases])
     return Judged(after, reason, first_of([(when, details) for when, _, _, details in cases]))
@@ -121,7 +127,9 @@ class Watchdog(OneThread):
     No clock is read, so that a replayed session is judged as the live one was: a delayed stream shows as stamps that
     advance by less than the ticks do, and the lag so gathered is held against `max_age`. It is paid back only by
     stamps that advance by more. Stamps that jump back by more than `max_age` are a restarted stream: one fault, and
-    the count begins anew. An object belongs to one thread: see `OneThread`.
+    the count begins anew. Stamps that gain more than `max_age` on one and a half of the ticks are those of a loop that
+    is slower than `dt`: an arm that is led 20 ms with the steps of 1 ms brakes too late. An object belongs to one
+    thread: see `OneThread`.
 
     Parameters
     ----------
@@ -161,7 +169,7 @@ class Watchdog(OneThread):
     def reset(self) -> None:
         """Forget every stamp: the next one is the first."""
         self._claim()
-        self._memory[:] = math.nan, 0.0, 0.0
+        self._memory[:] = math.nan, 0.0, 0.0, 0.0
         self.stamped = False
         self._give_away()
 

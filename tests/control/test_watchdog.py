@@ -102,6 +102,33 @@ def test_a_frozen_stream_that_goes_on_where_it_stood_is_stale():
     assert all("stale" in reason for reason in faults(stamps)[110:])
 
 
+@pytest.mark.parametrize("slower", [1.6, 2.0, 5.0, 20.0, 45.0])
+@pytest.mark.parametrize("dt", [0.0005, 0.001, 0.02])
+def test_a_loop_that_is_slower_than_dt_is_told_so_before_long(dt, slower):
+    """Within 50 ms, or three ticks, more than one and a half of the ticks that there were; and not for good."""
+    most = default_max_age(dt)
+    rng = np.random.default_rng(int(1e3 * slower))
+    period = dt * slower if dt * slower < most else 0.9 * most
+    every = period * np.cumsum(rng.uniform(0.9, 1.1, 2000))
+    dog = Watchdog(dt=dt)
+    found = [dog.check(stamp) for stamp in every.tolist()]
+    first = next(k for k, reason in enumerate(found) if reason)
+    assert first <= 2 + most / (0.85 * period - 1.5 * dt) if 0.85 * period > 1.5 * dt else first < 2000
+    assert "the loop is slower than dt" in found[first]
+    assert all(found[first:])
+    after = [dog.check(every[-1] + (k + 1) * dt) for k in range(int(2 * most / dt))]
+    assert not after[-1]
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_ticks_that_are_late_now_and_then_are_no_slow_loop(seed):
+    """A fifth of the samples lost or late, and a stall of less than the largest age now and then."""
+    rng = np.random.default_rng(seed)
+    period = np.where(rng.random(20_000) < 0.2, rng.uniform(1.0, 3.0, 20_000), rng.uniform(0.95, 1.05, 20_000))
+    period[500::1000] = 45.0
+    assert not any(faults(DT * np.cumsum(period)))
+
+
 def test_a_restarted_stream_begins_anew():
     stamps = [100.0 + k * DT for k in range(10)] + [k * DT for k in range(10)]
     assert [bool(reason) for reason in faults(stamps)] == [False] * 10 + [True] + [False] * 9

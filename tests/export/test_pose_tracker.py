@@ -136,9 +136,9 @@ def test_any_stamps_are_judged_as_in_python(library: ctypes.CDLL, tracker: PoseT
     q = np.array([0.0, -1.2, 1.5, -1.8, -1.57, 0.0])
     pose, twist = tracker.chain.pose(q), np.zeros(6)
     for _ in range(12):
-        kind = rng.integers(7)
+        kind = rng.integers(8)
         for _ in range(int(rng.choice([1, 20, 100]))):
-            advance = (0.001, 0.0001, np.nan, 0.0, -0.0005, rng.uniform(0.051, 0.2), 0.002)[kind]
+            advance = (0.001, 0.0001, np.nan, 0.0, -0.0005, rng.uniform(0.051, 0.2), 0.002, 0.01)[kind]
             told = {"enable": 1, "stamp": float(stamp + advance)}
             assert_same(c.step(q, pose, twist, **told), tracker.step(q, pose, twist, **told))
             stamp += 0.0 if np.isnan(advance) else advance

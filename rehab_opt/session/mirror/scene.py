@@ -16,6 +16,7 @@ from rehab_opt.control.foreseen import angles_between
 from rehab_opt.errors import ProblemFileError
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.kinematics.vr import FrameFit, Mirror, fit_frame, quaternions_of, robot_from_unity, rotations_of
+from rehab_opt.measures.samples import low_passed
 from rehab_opt.recordings.recording import Recording, size_note, strange_sizes
 from rehab_opt.session.files import ProblemFile, recording_path
 from rehab_opt.session.mirror.hand_poses import HandPoses, calibration_points, read_hand_poses
@@ -42,6 +43,8 @@ the fingers; of a left hand -y, of a right one +y is the back."""
 
 ARM_NEAR = 5e-3, math.radians(5.0)
 """[m, rad] up to which an arm does a pose."""
+SLOW, TREMBLES = 2.0, 0.05
+"""[Hz] A hand that reaches goes hardly any way faster; share of its way from which on that is said."""
 TOGETHER = 0.5
 """[s] of the recording within which changes of posture are told as one."""
 
@@ -187,6 +190,12 @@ def path_notes(scene: Scene) -> Iterator[str]:
     reference = Recording("the reference", times[seen], scene.reference.poses[seen, :3, 3])
     yield size_note(reference)
     yield from strange_sizes(reference)
+    slow = _way(low_passed(reference.points, 1.0 / (times[1] - times[0]), cutoff_hz=SLOW))
+    if (more := _way(reference.points) - slow) > TREMBLES * slow:
+        yield (
+            f"the hand's way is {1e2 * more / slow:.0f} % longer for what is faster than {SLOW:g} Hz: tremor, or noise "
+            "of its sensor, which slow what is led; a lower conditioning.cutoff_hz takes them off, and lags more"
+        )
     if scene.person is None:
         return
     own = np.append(True, np.diff(scene.asked) > 0) & ~scene.led.lost
@@ -201,6 +210,11 @@ def path_notes(scene: Scene) -> Iterator[str]:
             f"{waits.size * (times[1] - times[0]):.1f} s in all; meanwhile the hand is led up to "
             f"{1e3 * scene.beyond[waits, 0].max():.0f} mm off its path"
         )
+
+
+def _way(points: Array) -> float:
+    """[m] along points (N, 3)."""
+    return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
 
 
 def hand_axes(section: PoseRecordingSection) -> Array:
