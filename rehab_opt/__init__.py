@@ -22,6 +22,7 @@ from rehab_opt.kinematics.human_arm import human_arm
 from rehab_opt.kinematics.link import Link
 from rehab_opt.kinematics.link_capsules import Capsule, CapsuleOnLink, LinkCapsule
 from rehab_opt.kinematics.ur5 import ur5
+from rehab_opt.version import __version__ as __version__
 
 if TYPE_CHECKING:
     from rehab_opt import measures as measures
@@ -61,8 +62,6 @@ if TYPE_CHECKING:
     from rehab_opt.workspace.used_range import range_of_motion
     from rehab_opt.workspace.variation import reachability_map
     from rehab_opt.workspace.volume import reachable_volume
-
-__version__ = "0.1.0"
 
 __all__ = [
     "DH",

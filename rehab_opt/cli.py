@@ -17,7 +17,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from rehab_opt import __version__
 from rehab_opt.errors import ConfigurationError, RehabOptError, printable
 from rehab_opt.study.commands import app as study_app
 from rehab_opt.study.commands import report
@@ -38,6 +37,7 @@ from rehab_opt.terminal import (
     undisturbed,
     writable,
 )
+from rehab_opt.version import __version__
 
 if TYPE_CHECKING:
     from rehab_opt.session.files import ProblemFile

@@ -20,7 +20,7 @@ from rehab_opt.control.foreseen import turns_between
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.symbolic.buffered import mapped
 
-__all__ = ["ArmPath", "arm_path"]
+__all__ = ["ArmPath", "Postures", "arm_path"]
 
 Array = NDArray[np.float64]
 
@@ -58,7 +58,7 @@ class ArmPath(NamedTuple):
 
 def arm_path(arm: SerialChain, grip: Array, tools: Array, *, dt: float, seed: int = 0) -> ArmPath:
     """Postures of `arm`, which holds the tool by `grip` (4, 4), along tool poses (N, 4, 4) `dt` [s] apart."""
-    moves = _Arm(replace(arm, tool=arm.tool @ grip))
+    moves = Postures(replace(arm, tool=arm.tool @ grip))
     knots = np.unique(np.linspace(0, len(tools) - 1, KNOTS).astype(int))
     best = np.zeros((len(knots), arm.n))
     for count in TRACKS:
@@ -88,7 +88,7 @@ def arm_path(arm: SerialChain, grip: Array, tools: Array, *, dt: float, seed: in
     return ArmPath(joints, poses, twists, np.concatenate([*asked, np.arange(begun, len(q))]))
 
 
-class _Arm:
+class Postures:
     """Many postures of one arm at once."""
 
     def __init__(self, chain: SerialChain) -> None:

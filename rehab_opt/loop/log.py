@@ -12,11 +12,11 @@ from typing import Any, Self
 
 import numpy as np
 
-from rehab_opt import __version__
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.loop.companion import Companion
 from rehab_opt.loop.log_file import mcap_module
 from rehab_opt.loop.shared_ring import SharedRing
+from rehab_opt.version import __version__
 
 __all__ = ["DEPTH", "Log"]
 

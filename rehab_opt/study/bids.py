@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from rehab_opt import __version__
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.recordings.motion_bids import MISSING, REQUIRED
 from rehab_opt.recordings.reading import read_recording
@@ -18,6 +17,7 @@ from rehab_opt.recordings.recording import Recording
 from rehab_opt.study.person import RECORDING, new_folder, private_text
 from rehab_opt.study.store import Study
 from rehab_opt.study.summary import FROM, IN_ORDER, of_person
+from rehab_opt.version import __version__
 
 __all__ = ["write_bids"]
 

@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 
-from rehab_opt import __version__
 from rehab_opt.measures.score import Measure
 from rehab_opt.recordings.recording import Recording
 from rehab_opt.session.files import ProblemFile
@@ -24,6 +23,7 @@ from rehab_opt.session.scoring import Scored
 from rehab_opt.study.person import RECORDING
 from rehab_opt.study.trial import Bound, Event, ProblemText, StoredFile, Trial
 from rehab_opt.text_file import LARGEST_RECORDING, file_content
+from rehab_opt.version import __version__
 
 __all__ = ["metric_trials", "outline", "run_trials", "score_trials", "versions"]
 

@@ -13,7 +13,6 @@ from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple, TypeVar
 
-from rehab_opt import __version__
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.study.drawing import (
     COLOURS,
@@ -42,6 +41,7 @@ from rehab_opt.study.summary import (
     slopes,
     trend,
 )
+from rehab_opt.version import __version__
 
 __all__ = ["report_html", "write_pdf"]
 

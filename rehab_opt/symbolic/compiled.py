@@ -66,6 +66,8 @@ EARLY_RETURN = re.compile(
     r"\s*\} else \{\s*return [^;]+;\s*\}"
 )
 """What CasADi writes behind each call of its qrqp."""
+SOLVE = "casadi_qrqp_reset(&d)"
+"""Such a call, of which its own definition has none."""
 
 _log = logging.getLogger(__name__)
 
@@ -317,8 +319,15 @@ def going_on_after_failed_solves(code: str) -> str:
     As it comes it returns an error, whatever `error_on_fail` says, and with it every function around it before anything
     is written: no certificate judges that point, and what was stated for the case of a failure never runs. An arm that
     starts singular was seen to stay there for that.
+
+    Raises
+    ------
+    ConfigurationError : an installed CasADi that writes another form of them.
     """
-    return EARLY_RETURN.sub("", code)
+    edited, count = EARLY_RETURN.subn("", code)
+    if count != edited.count(SOLVE):
+        raise ConfigurationError("casadi", ca.CasadiMeta.version(), "a version that writes C of the form known here")
+    return edited
 
 
 def table_size(count: int) -> int:

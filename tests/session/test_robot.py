@@ -196,6 +196,15 @@ def test_a_path_in_the_robots_frame_is_come_to(tmp_path: Path) -> None:
     assert any("NOT FOLLOWED" in each and "0.00 s" in each for each in outcome.notes)
 
 
+def test_check_says_what_is_out_of_reach(tmp_path: Path) -> None:
+    """A path of 2.4 m, of an arm of 0.9; and nothing where all of it is in reach."""
+    points = eight(np.random.default_rng(7), 6.0)
+    assert not any("REACH" in each for each in checked(load_problem(written(tmp_path, points))))
+    points[:, 1:] *= [12.0, 1.0, 1.0]
+    (note,) = (each for each in checked(load_problem(written(tmp_path, points))) if "REACH" in each)
+    assert "NOT IN REACH" in note and "singular" in note
+
+
 def test_what_kept_a_tool_from_its_path_is_said(tmp_path: Path) -> None:
     slow = PATH.replace('model = "ur5"', 'model = "ur5"\njoint_speed_deg_s = 5.0')
     outcome = run_problem(load_problem(written(tmp_path, eight(np.random.default_rng(6), 3.0), slow)))

@@ -15,7 +15,15 @@ import pytest
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.optim.qrqp import qrqp
 from rehab_opt.symbolic import BufferedFunction, compiled
-from rehab_opt.symbolic.compiled import FLAGS, MODES, _compiler, _digest, cache_folder, compilation_wanted
+from rehab_opt.symbolic.compiled import (
+    FLAGS,
+    MODES,
+    _compiler,
+    _digest,
+    cache_folder,
+    compilation_wanted,
+    going_on_after_failed_solves,
+)
 
 needs_compiler = pytest.mark.skipif(_compiler() is None, reason="no C compiler on this machine")
 MACHINE_CODE, VIRTUAL_MACHINE = "External", "SXFunction"
@@ -34,6 +42,17 @@ def look_again() -> Iterator[Callable[[], None]]:
     _compiler.cache_clear()
     yield _compiler.cache_clear
     _compiler.cache_clear()
+
+
+def test_a_casadi_whose_solves_end_in_another_way_is_refused() -> None:
+    """Else a failed solve would end the tick around it, with nothing written and no certificate."""
+    generator = ca.CodeGenerator("two")
+    for each in (qrqp("one", 3, 2), qrqp("other", 4, 1)):
+        generator.add(each)
+    code = generator.dump()
+    assert going_on_after_failed_solves(code) != code
+    with pytest.raises(ConfigurationError, match="casadi"):
+        going_on_after_failed_solves(code.replace("d.status == QP_NO_SEARCH_DIR", "d.status == QP_NO_DIRECTION", 1))
 
 
 def square(name: str = "square") -> ca.Function:

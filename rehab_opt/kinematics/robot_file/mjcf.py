@@ -100,7 +100,7 @@ def mjcf_steps(
     if 0.0 < widest <= TWO_TURNS and "radian" not in (each.attributes.get("angle") for each in root.each("compiler")):
         degrees = 'read as degrees, as MuJoCo does without <compiler angle="radian">'
         notes.append(f"joint ranges of at most {widest:.6g} look like radians, but are {degrees}")
-    return _steps(mujoco, model, source, base, tip, notes), notes
+    return _steps(mujoco, model, source, base, tip, notes=notes), notes
 
 
 def _include(root: Element, source: Source, read: list[Element]) -> None:
@@ -165,7 +165,7 @@ def _kinematics(element: Element, source: Source) -> Iterator[str]:
 
 
 def _steps(
-    mujoco: Any, model: Any, source: Source, base: str | None, tip: str | None, notes: list[str]
+    mujoco: Any, model: Any, source: Source, base: str | None, tip: str | None, *, notes: list[str]
 ) -> list[Step]:
     site = -1
     if tip is None:

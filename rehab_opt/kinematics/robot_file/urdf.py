@@ -93,7 +93,9 @@ def urdf_steps(
         first = _parent(way[0])
         steps.insert(0, Step(np.eye(4), None, first, _inertial(tree.links[first], source, notes)))
     if bodies:
-        steps = [each._replace(bodies=tuple(_bodies(tree.links[each.link], each.aside, source, notes))) for each in steps]
+        steps = [
+            each._replace(bodies=tuple(_bodies(tree.links[each.link], each.aside, source, notes))) for each in steps
+        ]
     return steps, notes
 
 
@@ -289,7 +291,9 @@ def _bodies(link: Element, aside: bool, source: Source, notes: list[str]) -> Ite
                 value = shape.attributes.get("filename", f"<{shape.tag}>")
                 expected = f"{', '.join(SHAPES)}; or give the link's capsules, by CapsuleOnLink({name!r}, ...)"
                 if aside:
-                    notes.append(f"{owner}, collision.{shape.tag} = {value}: nothing is kept clear of it; read are {expected}")
+                    notes.append(
+                        f"{owner}, collision.{shape.tag} = {value}: nothing is kept clear of it; read are {expected}"
+                    )
                     continue
                 raise source.refuse(f"{owner}, collision.{shape.tag}", value, expected)
             sizes = [shape.numbers(key, source, owner, np.full(n, math.nan)) for key, n in SHAPES[shape.tag]]

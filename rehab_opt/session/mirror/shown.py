@@ -69,7 +69,7 @@ def figures(outcome: MirrorOutcome) -> dict[str, Figure]:
 
 def _manipulability(outcome: MirrorOutcome) -> Figure:
     """Against the reference's own time, so that the same moments of the motion stand above each other."""
-    figure = framed(f"{outcome.title}\nManipulability before and after", 9.0, 5.0)
+    figure = framed(f"{outcome.title}\nManipulability, with the floor and without", 9.0, 5.0)
     axes, end = figure.add_subplot(), float(outcome.time[-1])
     for name, drive in outcome.drives.items():
         moment = drive.time - drive.lag
@@ -113,11 +113,11 @@ def _scale_distances(axes: Axes, outcome: MirrorOutcome) -> None:
     if allowed <= top:
         axes.axhline(allowed, color=REFERENCE, linewidth=1, linestyle=":")
         place: dict[str, Any] = {"xycoords": ("axes fraction", "data"), "ha": "right", "va": "bottom", "fontsize": 9}
-        axes.annotate("largest deviation", (0.995, allowed), **place)
+        axes.annotate("largest allowed deviation", (0.995, allowed), **place)
     else:
-        beyond.append(f"largest deviation: {allowed:.0f} mm")
+        beyond.append(f"largest allowed deviation {allowed:.0f} mm")
     if furthest[BEFORE] > top:
-        beyond.append(f"before: up to {furthest[BEFORE]:.0f} mm")
+        beyond.append(f"{LABELS[BEFORE]} up to {furthest[BEFORE]:.0f} mm")
     if beyond:
         text = "above this panel: " + ", ".join(beyond)
         axes.annotate(text, (0.995, 0.96), xycoords="axes fraction", ha="right", va="top", fontsize=9)
@@ -139,7 +139,7 @@ def _pace(outcome: MirrorOutcome) -> Figure:
     speed.set_ylim(0, 3 * outcome.linear_speed)
     before = outcome.metrics["laws"][BEFORE]["drive"]["tool_speed_max_m_s"]
     if before > 3 * outcome.linear_speed:
-        text = f"above this panel: before, up to {before:.2g} m/s"
+        text = f"above this panel: {LABELS[BEFORE]}, up to {before:.2g} m/s"
         speed.annotate(text, (0.995, 0.96), xycoords="axes fraction", ha="right", va="top", fontsize=9)
     pace.set_ylim(0, 110 * max(float(drive.pace.max()) for drive in outcome.drives.values()))
     lag.set_ylim(bottom=0)

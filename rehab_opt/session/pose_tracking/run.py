@@ -7,11 +7,12 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property, partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from rehab_opt.control.arm_path import Postures
 from rehab_opt.control.command import Command
 from rehab_opt.control.conditioning import conditioned
 from rehab_opt.control.joint_feedback import JointFeedback
@@ -317,30 +318,58 @@ OFTEN, LOOKED_AT = 0.1, 200
 """Share of the time behind in which a cause is one; ticks of it whose postures are looked at."""
 
 
-def left_behind(  # noqa: PLR0917  (columns of a trace)
-    robot: SerialChain, times: Array, error: Array, q: Array, command: Array, tool: Array
-) -> tuple[str, ...]:
+class _Followed(NamedTuple):
+    """N moments of a path: times (N,) [s], joints (N, n) [rad], their velocities, tools (N, 4, 4), errors (N,) [m]."""
+
+    times: Array
+    q: Array
+    velocity: Array
+    tool: Array
+    error: Array
+
+
+def _reached(live: LivePoseTracking) -> _Followed:
+    """The path followed within the joint limits, without dynamics, from the start on."""
+    each = max(1, round(LOOKED_EVERY / live.dt))
+    poses, postures = live.reference[0][::each], Postures(live.robot)
+    q, here = np.empty((len(poses), live.robot.n)), live.start[None]
+    for k, pose in enumerate(poses):
+        here, _ = postures.nearest(here, pose[None], rounds=ROUNDS)
+        q[k] = here[0]
+    tool, times = postures.at(q)[0], each * live.dt * np.arange(len(q))
+    error = np.linalg.norm(tool[:, :3, 3] - poses[:, :3, 3], axis=1)
+    return _Followed(times, q, np.gradient(q, times, axis=0), tool, error)
+
+
+def _left_behind(robot: SerialChain, followed: _Followed, said: str = "NOT FOLLOWED") -> tuple[str, ...]:
     """A note on a tool that was not on its path, and on what stood in its way meanwhile; or none."""
+    times, q, velocity, tool, error = followed
     behind = np.flatnonzero(~(error <= BEHIND))
     if not behind.size:
         return ()
     at_limit = np.minimum(q - robot.lower, robot.upper - q)[behind] < AT_LIMIT
-    fast = (np.abs(command) / robot.velocity)[behind] > AT_SPEED
+    fast = (np.abs(velocity) / robot.velocity)[behind] > AT_SPEED
     rank, most = min(robot.n, 6) - 1, inspect.signature(PoseTracker).parameters["linear_speed"].default
-    speed = np.linalg.norm(np.gradient(tool, times, axis=0), axis=1)[behind]
+    speed = np.linalg.norm(np.gradient(tool[:, :3, 3], times, axis=0), axis=1)[behind]
     some = behind[:: math.ceil(behind.size / LOOKED_AT)]
     stretched = [np.linalg.svd(robot.jacobian(each), compute_uv=False)[rank] < SINGULAR for each in q[some]]
     shares = {f"{name} at its limit": share for name, share in zip(robot.names, at_limit.mean(axis=0), strict=True)}
     shares |= {f"{name} as fast as it may": share for name, share in zip(robot.names, fast.mean(axis=0), strict=True)}
+    hard = np.abs(np.gradient(velocity, times, axis=0)) / robot.acceleration > AT_SPEED
+    shares["the joints accelerate as they may"] = hard.any(axis=1)[behind].mean()
     shares[f"the tool at its {most:g} m/s"] = np.mean(speed > AT_SPEED * most)
     shares["the posture nearly singular"] = np.mean(stretched)
     causes = [f"{cause} ({share:.0%})" for cause, share in shares.items() if share >= OFTEN]
     k = int(np.argmax(error))
     return (
-        f"NOT FOLLOWED: for {behind.size / error.size:.0%} of the time the tool was more than {1e3 * BEHIND:g} mm from "
+        f"{said}: for {behind.size / error.size:.0%} of the time the tool was more than {1e3 * BEHIND:g} mm from "
         f"its path, at most {1e3 * error[k]:.3g} mm, after {times[k]:.2f} s; meanwhile "
-        + (", ".join(causes) or "no joint was at its limit or as fast as it may, nor the posture singular"),
+        + (", ".join(causes) or "no joint was at a limit of its own, nor the posture singular: is the way free?"),
     )
+
+
+LOOKED_EVERY, ROUNDS = 0.02, 20
+"""[s] At which `check` looks whether a path is in reach; steps to each of its poses."""
 
 
 class PoseTrackingSystem(System[PoseTracking, RobotOutcome]):
@@ -358,12 +387,12 @@ class PoseTrackingSystem(System[PoseTracking, RobotOutcome]):
         return (*path, *robot_files(problem.robot))
 
     def check(self, loaded: ProblemFile[PoseTracking]) -> tuple[str, ...]:
-        """Builds the robot and the tracker."""
+        """Builds the robot and the tracker, and sees whether the path is in reach from the start."""
         live = LivePoseTracking(loaded, solver=None)
         tracker_of(loaded.problem, live.robot, file=loaded.file)
-        _ = live.reference  # its file is read, or refused
         told = () if live.recording is None else live.recording.notes
-        return (*told, *live.robot.notes, *start_notes(loaded.problem.clearance, loaded.file, live.robot, live.start))
+        within = start_notes(loaded.problem.clearance, loaded.file, live.robot, live.start)
+        return (*told, *live.robot.notes, *within, *_left_behind(live.robot, _reached(live), "NOT IN REACH"))
 
     def run(self, loaded: ProblemFile[PoseTracking], *, options: Mapping[str, str], progress: Progress) -> RobotOutcome:
         """Options: `solver` of the tracker, `plant`."""
@@ -412,7 +441,7 @@ class PoseTrackingSystem(System[PoseTracking, RobotOutcome]):
                 plant_note(problem.plant, "the robot is simulated: its joints move exactly as commanded"),
                 *(() if live.recording is None else live.recording.notes),
                 *robot.notes,
-                *left_behind(robot, times, position_error, ran.q, command, tool[:, :3, 3]),
+                *_left_behind(robot, _Followed(times, ran.q, command, tool, position_error)),
             )
             + (() if near is None else (near.note,)),
             metrics={
