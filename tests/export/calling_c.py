@@ -23,7 +23,8 @@ Exported = Callable[[str], Path]
 
 ROBOT = "robot/ur5_circle"
 SECONDS = 900.0
-SAME = 1e-9
+SAME = 1e-12
+"""[rad/s, m/s, N]"""
 LEVELS = {"redundancy_mecanum": "-O0", "redundancy_differential": "-O0", "mirror_tracker": "-O1"}
 """Of what would take ten seconds or half a minute at that of the CMake file, -O2, at which the others are built."""
 SIZE = """\

@@ -15,7 +15,7 @@ from bench.scenarios import changed
 from rehab_opt.errors import ProblemFileError
 from rehab_opt.export.export_c import export_c
 from rehab_opt.session.workspaces import reached as sets
-from tests.export.calling_c import Built
+from tests.export.calling_c import SAME, Built
 
 
 def test_a_scenario_with_a_solver_that_does_not_become_c_is_refused() -> None:
@@ -62,7 +62,7 @@ def test_a_scenario_s_assistance_repeats_its_trial_in_c(scenario: str, tmp_path:
     replay = subprocess.run([example, "0"], capture_output=True, text=True, check=False)
     assert replay.returncode == 0, replay.stdout + replay.stderr
     difference = float(replay.stdout.split("largest difference from Python ")[1].split()[0])
-    assert difference <= 1e-9
+    assert difference <= SAME
     with (tmp_path / "recorded_run.csv").open() as table:
         ticks = list(csv.DictReader(table))
     if scenario == "scenario_4_follow":  # the hand passes from piece to piece

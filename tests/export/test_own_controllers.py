@@ -15,6 +15,7 @@ from rehab_opt import (
     Clearance,
     ConfigurationError,
     JointFeedback,
+    Limit,
     MirrorTracker,
     PoseTracker,
     Smoother,
@@ -29,12 +30,9 @@ from rehab_opt.kinematics.ardis import ardis
 from rehab_opt.session.files import load_problem
 from tests.control.test_limit import TABLE, elbow_above
 from tests.export.assisting import made, made_along_a_path
-from tests.export.calling_c import Built, largest_difference, shared
+from tests.export.calling_c import SAME, Built, largest_difference, shared
 from tests.export.mirroring import redundant
 from tests.export.pairing import sides
-
-ALIKE = 1e-12
-"""[rad/s, m/s, N]"""
 
 
 def with_a_table(**options: object) -> PoseTracker:
@@ -60,7 +58,7 @@ def hostile_run(seed: int, ticks: int) -> list[dict[str, np.ndarray]]:
 
 def test_a_tracker_with_a_limit_of_its_own_commands_the_same_in_c(built: Built, tmp_path: Path) -> None:
     export_c(with_a_table(), tmp_path, run=hostile_run(7, 1500))
-    assert largest_difference(tmp_path, "pose_tracker", built) <= ALIKE
+    assert largest_difference(tmp_path, "pose_tracker", built) <= SAME
     statuses = {line.split(",")[-4] for line in (tmp_path / "recorded_run.csv").read_text().splitlines()[1:]}
     assert statuses >= {"0", "2", "3"}  # solved, braking, holding
 
@@ -83,8 +81,10 @@ def led_on_a_chair() -> RedundancyResolver:
 
 
 def fixed() -> RedundancyResolver:
-    """An arm on a chair that stands."""
-    return RedundancyResolver(ardis(), drive="fixed", row_sets=[("x", "y"), ("z",)], keep_out=False, compile=False)
+    """An arm on a chair that stands, its elbow above a table."""
+    above = Limit(lambda chain, q: chain.frames_expression(q)[6][2, 3] - 0.95)
+    options = {"row_sets": [("x", "y"), ("z",)], "keep_out": False, "limits": [above]}
+    return RedundancyResolver(ardis(), drive="fixed", compile=False, **options)  # type: ignore[arg-type]
 
 
 def arms_and_hands() -> dict[str, tuple[Callable[[], object], tuple[str, ...]]]:
@@ -103,7 +103,7 @@ def test_without_a_run_of_its_own_it_repeats_a_random_one(kind: str, built: Buil
     make, folders = arms_and_hands()[kind]
     export_c(make(), tmp_path / "c")
     for folder in folders:
-        assert largest_difference(tmp_path / "c" / folder, folder or kind, built) <= ALIKE
+        assert largest_difference(tmp_path / "c" / folder, folder or kind, built) <= SAME
 
 
 @pytest.mark.parametrize(
@@ -115,7 +115,7 @@ def test_led_joints_are_led_in_c(
 ) -> None:
     """Late joints, encoder noise, a hand that is held for a while, encoders that stand still, `enable` released."""
     export_c(make(), tmp_path)
-    assert largest_difference(tmp_path, name, built) <= ALIKE
+    assert largest_difference(tmp_path, name, built) <= SAME
     run = list(csv.DictReader((tmp_path / "recorded_run.csv").read_text().splitlines()))
     lost, held = str(NUMBER["NOT_FOLLOWED"]), 2 ** [note.name for note in NOTES].index("HELD_BACK")
     after = [k for k, tick in enumerate(run) if tick["reason"] == lost]
@@ -169,7 +169,7 @@ def test_a_mirror_keeps_to_its_memory_and_says_when_samples_go(
     export_c(tracker, tmp_path, memory=memory)
     library = shared(tmp_path, "mirror_tracker", built, level="-O0")
     assert library.controller_size() <= (memory or 64_000)
-    assert largest_difference(tmp_path, "mirror_tracker", built) <= ALIKE
+    assert largest_difference(tmp_path, "mirror_tracker", built) <= SAME
     notes = [int(line.rsplit(",", 1)[1]) for line in (tmp_path / "recorded_run.csv").read_text().splitlines()[1:]]
     assert any(note & 8 for note in notes)
     assert "REHAB_THINNED = 8, /* no more samples fit" in (tmp_path / "rehab_mirror_tracker.h").read_text()

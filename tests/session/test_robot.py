@@ -202,7 +202,8 @@ def test_check_says_what_is_out_of_reach(tmp_path: Path) -> None:
     assert not any("REACH" in each for each in checked(load_problem(written(tmp_path, points))))
     points[:, 1:] *= [12.0, 1.0, 1.0]
     (note,) = (each for each in checked(load_problem(written(tmp_path, points))) if "REACH" in each)
-    assert "NOT IN REACH" in note and "singular" in note
+    assert "NOT IN REACH" in note
+    assert "singular" in note
 
 
 def test_what_kept_a_tool_from_its_path_is_said(tmp_path: Path) -> None:

@@ -336,9 +336,9 @@ def _reached(live: LivePoseTracking) -> _Followed:
     for k, pose in enumerate(poses):
         here, _ = postures.nearest(here, pose[None], rounds=ROUNDS)
         q[k] = here[0]
-    tool, times = postures.at(q)[0], each * live.dt * np.arange(len(q))
+    tool, times = postures.at(q)[0], each * live.dt * np.arange(len(q), dtype=np.float64)
     error = np.linalg.norm(tool[:, :3, 3] - poses[:, :3, 3], axis=1)
-    return _Followed(times, q, np.gradient(q, times, axis=0), tool, error)
+    return _Followed(times, q, np.asarray(np.gradient(q, times, axis=0)), tool, error)
 
 
 def _left_behind(robot: SerialChain, followed: _Followed, said: str = "NOT FOLLOWED") -> tuple[str, ...]:
@@ -355,7 +355,7 @@ def _left_behind(robot: SerialChain, followed: _Followed, said: str = "NOT FOLLO
     stretched = [np.linalg.svd(robot.jacobian(each), compute_uv=False)[rank] < SINGULAR for each in q[some]]
     shares = {f"{name} at its limit": share for name, share in zip(robot.names, at_limit.mean(axis=0), strict=True)}
     shares |= {f"{name} as fast as it may": share for name, share in zip(robot.names, fast.mean(axis=0), strict=True)}
-    hard = np.abs(np.gradient(velocity, times, axis=0)) / robot.acceleration > AT_SPEED
+    hard = np.abs(np.asarray(np.gradient(velocity, times, axis=0))) / robot.acceleration > AT_SPEED
     shares["the joints accelerate as they may"] = hard.any(axis=1)[behind].mean()
     shares[f"the tool at its {most:g} m/s"] = np.mean(speed > AT_SPEED * most)
     shares["the posture nearly singular"] = np.mean(stretched)
