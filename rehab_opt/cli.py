@@ -307,6 +307,37 @@ def list_problems() -> None:
 
 
 @app.command()
+def keys(
+    system: Annotated[
+        str, typer.Argument(help="As `system` in problem files; robot for robot files.", metavar="SYSTEM")
+    ],
+) -> None:
+    """Say every key that a problem file of a system may have: its values, its default, what it means."""
+    from rich.box import SIMPLE  # noqa: PLC0415
+    from rich.table import Column, Table  # noqa: PLC0415
+
+    from rehab_opt.session.keys import keys_of  # noqa: PLC0415
+    from rehab_opt.session.robot_file import RobotFile  # noqa: PLC0415
+    from rehab_opt.session.systems import system_named  # noqa: PLC0415
+
+    plain = str.maketrans("", "", "`*")
+    for each in keys_of(RobotFile if system == "robot" else system_named(system).schema):
+        say(" ".join(each.head.translate(plain).split()))
+        table = Table(
+            Column("key", no_wrap=True),
+            Column("meaning", ratio=3, overflow="fold"),
+            Column("values", ratio=2, overflow="fold"),
+            box=SIMPLE,
+        )
+        for key, values, default, meaning in each.rows:
+            of = "required: " if default == "required" else f"{default} by default: " if default else ""
+            table.add_row(*(cell.translate(plain) for cell in (key.rpartition(".")[2], meaning, of + values)))
+        printer().print(table)
+        if each.refused:
+            say(each.refused.translate(plain))
+
+
+@app.command()
 def check(
     file: Problem,
     picture: Annotated[

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -23,6 +24,9 @@ from rehab_opt.cli import app, main
 from rehab_opt.kinematics.human_arm import ARM_JOINTS
 from rehab_opt.recordings.data_folder import ENVIRONMENT
 from rehab_opt.session.files import shipped_problems
+from rehab_opt.session.keys import keys_of
+from rehab_opt.session.robot_file import RobotFile
+from rehab_opt.session.systems import system_named
 from rehab_opt.terminal import bars, grouped
 
 PROBLEM = """
@@ -70,6 +74,21 @@ def change(folder: Path, old: str, new: str) -> None:
 def test_the_version_is_that_of_the_package(capsys: pytest.CaptureFixture[str]) -> None:
     assert ended("--version") == 0
     assert capsys.readouterr().out == f"rehab-opt {rehab_opt.__version__}\n"
+
+
+@pytest.mark.parametrize("system", ["pose_tracking", "mirror", "ardis", "robot"])
+def test_every_key_of_a_system_is_said_whole(
+    system: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    assert ended("keys", system) == 0
+    said = capsys.readouterr().out
+    schema = RobotFile if system == "robot" else system_named(system).schema
+    words = set(said.split())
+    for each in keys_of(schema):
+        assert {key.rpartition(".")[2] for key, *_ in each.rows} <= words
+    assert not re.search(r"[`*]|\\n|None", said)
+    assert max(map(len, (line for line in said.splitlines() if line.startswith("  ")))) <= 80
 
 
 @pytest.mark.parametrize("command", ["run", "list", "check", "record", "many", "bench", "export-c"])

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from types import FunctionType, MappingProxyType
 from typing import Any
 
-from problem_keys import attribute_docstrings
+from rehab_opt.session.keys import attribute_docstrings
 
 __all__ = ["api_markdown", "docstring_markdown"]
 

@@ -12,7 +12,8 @@ from pathlib import Path
 from typing import Any
 
 from docstring_text import api_markdown
-from problem_keys import keys_markdown
+
+from rehab_opt.session.keys import keys_markdown
 
 ROOT = Path(__file__).parents[2]
 FENCE = re.compile(r"^```\{(keys|api|file)\} *(\S*)\n(.*?)^```$", re.DOTALL | re.MULTILINE)

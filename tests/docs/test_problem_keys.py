@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-import importlib
 import re
-import sys
 from collections.abc import Iterator
 
 import pytest
 from pydantic import BaseModel
 
+from rehab_opt.session import keys
 from rehab_opt.session.systems import SHIPPED, system_named
 from tests.docs.pages import ROOT
 
-sys.path.insert(0, str(ROOT / "docs" / "extensions"))
 REFERENCE = (ROOT / "docs" / "reference" / "problem_files.md").read_text(encoding="utf-8")
-problem_keys = importlib.import_module("problem_keys")
 SCHEMAS = {name: system_named(name).schema for name in SHIPPED}
 
 
@@ -23,14 +20,14 @@ def sections(schema: type[BaseModel]) -> Iterator[type[BaseModel]]:
     """The schema and every table in it."""
     yield schema
     for field in schema.model_fields.values():
-        for section in problem_keys.sections_within(field.annotation):
+        for section in keys.sections_within(field.annotation):
             yield from sections(section)
 
 
 @pytest.mark.parametrize("system", SHIPPED)
 def test_every_key_has_a_meaning_below_it(system: str) -> None:
     for section in dict.fromkeys(sections(SCHEMAS[system])):
-        said = problem_keys.attribute_docstrings(section)
+        said = keys.attribute_docstrings(section)
         missing = [key for key in section.model_fields if not said.get(key)]
         assert not missing, f"{section.__module__}.{section.__name__}: a docstring below {', '.join(missing)}"
         assert section.__doc__
@@ -44,7 +41,7 @@ def test_the_reference_names_every_system(system: str) -> None:
 
 
 def test_a_table_tells_type_bounds_default_and_meaning() -> None:
-    text = problem_keys.keys_markdown("rehab_opt.session.pose_tracking.problem.PoseTracking", without=["plant"])
+    text = keys.keys_markdown("rehab_opt.session.pose_tracking.problem.PoseTracking", without=["plant"])
     assert "| `circle.radius_m` | number, > 0, ≤ 1 | required | Of the tool's path. |" in text
     assert "| `circle.turns` | number, > 0, ≤ 100 | `1` |" in text
     assert '| `robot.model` | `"ur5"` |' in text
@@ -53,9 +50,9 @@ def test_a_table_tells_type_bounds_default_and_meaning() -> None:
 
 
 def test_lists_and_tables_by_name_are_told_apart() -> None:
-    chair = problem_keys.keys_markdown("rehab_opt.session.ardis.problem.ArdisProblem", without=["plant"])
+    chair = keys.keys_markdown("rehab_opt.session.ardis.problem.ArdisProblem", without=["plant"])
     assert "| `goals[].hand_m` |" in chair
     assert "| `stick.modes[].rows` |" in chair
-    robot = problem_keys.keys_markdown("rehab_opt.session.robot_file.RobotFile", without=[])
+    robot = keys.keys_markdown("rehab_opt.session.robot_file.RobotFile", without=[])
     assert "| `joints.NAME.locked_deg` |" in robot
     assert "| `capsules[].radius_m` |" in robot

@@ -1,4 +1,4 @@
-"""The keys of a problem file as Markdown tables, from the schema that reads such files."""
+"""The keys of a problem file from the schema that reads such files."""
 
 from __future__ import annotations
 
@@ -6,21 +6,38 @@ import ast
 import importlib
 import inspect
 import textwrap
+from collections import defaultdict
 from collections.abc import Iterator
 from functools import cache
-from typing import Any, get_args
+from typing import Any, NamedTuple, get_args
 
 from pydantic import BaseModel
 
-__all__ = ["attribute_docstrings", "keys_markdown", "sections_within"]
+__all__ = ["Keys", "attribute_docstrings", "keys_markdown", "keys_of", "sections_within"]
 
 HIDDEN = ("system",)
+
+
+class Keys(NamedTuple):
+    """The keys of one table of a problem file."""
+
+    head: str
+    """Which table, and what it is; empty for the file itself."""
+    rows: list[tuple[str, str, str, str]]
+    """Key, values, default, meaning."""
+    refused: str
+    """What is refused of several keys together; or empty."""
 
 
 def keys_markdown(schema: str, *, without: list[str]) -> str:
     """A table for each section of a schema, `module.Class`; of sections named in `without` only their name."""
     module, _, name = schema.rpartition(".")
-    return "\n\n".join(_tables(getattr(importlib.import_module(module), name), "", frozenset(without)))
+    parts: list[str] = []
+    for each in keys_of(getattr(importlib.import_module(module), name), without=frozenset(without)):
+        rows = ["| " + " | ".join((f"`{key}`", *more)) + " |" for key, *more in each.rows]
+        table = "\n".join(["| key | values | default | meaning |", "|---|---|---|---|", *rows]) if rows else ""
+        parts += filter(None, (each.head, table, each.refused))
+    return "\n\n".join(parts)
 
 
 def sections_within(annotation: Any) -> list[type[BaseModel]]:
@@ -34,7 +51,7 @@ def attribute_docstrings(owner: type) -> dict[str, str]:
     """What stands below each attribute of a class, those it inherits included."""
     said: dict[str, str] = {}
     for each in reversed(owner.__mro__[:-1]):
-        if each is not BaseModel and each.__module__.startswith("rehab_opt"):
+        if not each.__module__.startswith("pydantic"):
             said |= _own_docstrings(each)
     return said
 
@@ -51,9 +68,12 @@ def _own_docstrings(owner: type) -> dict[str, str]:
     return said
 
 
-def _tables(schema: type[BaseModel], prefix: str, without: frozenset[str]) -> Iterator[str]:
-    said, described = attribute_docstrings(schema), schema.model_json_schema()
-    rows = ["| key | values | default | meaning |", "|---|---|---|---|"]
+def keys_of(
+    schema: type[BaseModel], prefix: str = "", head: str = "", without: frozenset[str] = frozenset()
+) -> Iterator[Keys]:
+    """The keys of a schema, then those of each table in it; texts in Markdown."""
+    said, described = defaultdict(str, attribute_docstrings(schema)), schema.model_json_schema()
+    rows: list[tuple[str, str, str, str]] = []
     within: list[tuple[str, str, type[BaseModel]]] = []
     for key, field in schema.model_fields.items():
         if key in HIDDEN:
@@ -62,29 +82,25 @@ def _tables(schema: type[BaseModel], prefix: str, without: frozenset[str]) -> It
         plain = described["properties"][key]
         sections = sections_within(field.annotation)
         if sections and named in without:
-            rows.append(f"| `{named}` | a table | {_default(field, plain)} | {said[key]} |")
+            rows.append((named, "a table", _default(field, plain), said[key]))
             continue
         listed = _is_list(plain, described)
         within += [(f"{named}{_element(plain, described)}.", named, section) for section in sections]
         if sections and not listed and len(_forms(plain, described)) == len(sections):
             continue  # nothing but a table of its own
-        rows.append(f"| `{named}` | {_values(plain, described)} | {_default(field, plain)} | {said[key]} |")
-    if len(rows) > 2:
-        yield "\n".join(rows)
-    yield from _refusals(schema)
+        rows.append((named, _values(plain, described), _default(field, plain), said[key]))
+    yield Keys(head, rows, _refusals(schema))
     for below, named, section in within:
-        head = f"`{named}`: {inspect.cleandoc(section.__doc__ or '')}"
         optional = not schema.model_fields[named.removeprefix(prefix)].is_required()
-        yield f"**{head}**" + (" The table may be left out." if optional else "")
-        yield from _tables(section, below, without)
+        head = f"**`{named}`: {inspect.cleandoc(section.__doc__ or '')}**"
+        yield from keys_of(section, below, head + (" The table may be left out." if optional else ""), without)
 
 
-def _refusals(schema: type[BaseModel]) -> Iterator[str]:
+def _refusals(schema: type[BaseModel]) -> str:
     """What the checks over several keys refuse, in their own words."""
     checks = schema.__pydantic_decorators__.model_validators.values()
     lines = [inspect.getdoc(check.func) or "" for check in checks if check.info.mode == "after"]
-    if lines:
-        yield "Refused: " + "; ".join(line.removeprefix("Refuse ").rstrip(".") for line in lines) + "."
+    return "Refused: " + "; ".join(line.removeprefix("Refuse ").rstrip(".") for line in lines) + "." if lines else ""
 
 
 def _element(plain: dict[str, Any], whole: dict[str, Any]) -> str:
