@@ -33,11 +33,11 @@ def main(_: Sequence[str] | None = None) -> int:
         Verdict("README.md", (ROOT / "README.md").stat().st_size, "<=", 6000, "bytes"),
         Verdict("session/, thousand lines", sum(map(_lines, session)) / 1e3, "<=", 9.5),
         Verdict("session/, files", len(session), "<=", 85),
+        Verdict("rehab_opt, thousand lines", sum(map(_lines, every)) / 1e3, "<=", 33.2),  # 7 fewer than on 2026-11-22
     ]
     told = [
         Reported("session/, thousand lines without docstrings, comments, imports, empty ones", _code(session)),
         Reported("session/, files that hold more than a docstring", sum(_code_lines(each) > 0 for each in session)),
-        Reported("rehab_opt, thousand lines", sum(map(_lines, every)) / 1e3),
         Reported("rehab_opt, thousand lines without docstrings, comments, imports, empty ones", _code(every)),
     ]
     with tempfile.TemporaryDirectory() as scratch:
