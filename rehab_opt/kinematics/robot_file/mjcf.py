@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.errors import ConfigurationError
-from rehab_opt.kinematics.rigid import EXACT
 from rehab_opt.kinematics.robot_file.steps import (
+    BARELY,
     TWO_TURNS,
     Inertial,
     Joint,
@@ -138,7 +138,7 @@ def _rounded(root: Element) -> Iterator[str]:
             off = abs(length - 1.0)
             if worst < off <= 1e-3:
                 worst, where = off, f"{element.tag} {element.attributes.get('name', f'in line {element.line}')}, {key}"
-    if worst > EXACT:
+    if worst > BARELY:
         yield f"{where}: the length is off by {worst:.2g}, as rounded numbers are, the largest such one; 1 is used"
 
 

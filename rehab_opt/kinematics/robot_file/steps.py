@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 
 from rehab_opt.kinematics.denavit_hartenberg import exact
 from rehab_opt.kinematics.link_capsules import CapsuleOnLink
-from rehab_opt.kinematics.rigid import EXACT, ROUNDED
+from rehab_opt.kinematics.rigid import ROUNDED
 from rehab_opt.kinematics.robot_file.xml_tree import Source
 
 __all__ = [
+    "BARELY",
     "TWO_TURNS",
     "Inertial",
     "Joint",
@@ -27,6 +28,8 @@ __all__ = [
 
 Array = NDArray[np.float64]
 
+BARELY = 1e-7
+"""By which a vector of length 1 that was rounded to eight digits is off: nothing to speak of."""
 TWO_TURNS = 4 * math.pi
 """[rad] An angle beyond is in degrees; a joint limit beyond may also stand for none. No arm is faster in a second."""
 
@@ -126,6 +129,6 @@ def unit_vector(vector: Array, source: Source, key: str) -> tuple[Array, str]:
     if not abs(length - 1.0) <= ROUNDED:
         written = " ".join(f"{each:.6g}" for each in vector)
         raise source.refuse(key, written, f"a vector of length 1 (its length is {length:.6g})")
-    if abs(length - 1.0) <= EXACT:
+    if abs(length - 1.0) <= BARELY:
         return vector / length if length != 1.0 else vector, ""
     return vector / length, f"{key}: the length is off by {abs(length - 1.0):.2g}, as rounded numbers are; 1 is used"
