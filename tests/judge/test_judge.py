@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import re
+import subprocess
+import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from tests.judge.__main__ import parts
 from tests.judge.numbering import FIXED_SEED, seed_of_the_code
-from tests.judge.verdict import Promise, Verdict, judges
+from tests.judge.verdict import ROOT, Promise, Verdict, judges
 
 JUDGES = judges()
 FEWEST_RUNS = 76
@@ -104,3 +108,18 @@ def test_judge_imports_only_public_controllers_and_value_types() -> None:
             named = line.partition("from ")[2] if line.startswith(("from rehab_opt", "    from rehab_opt")) else ""
             assert not line.startswith("import rehab_opt"), f"{path.name}: {line}"
             assert not named or named.startswith(allowed), f"{path.name}: {line}"
+
+
+def test_commands_of_another_version_are_compared_tick_by_tick(tmp_path: Path) -> None:
+    file, name = str(tmp_path / "commands.npz"), "smoother_bounds"
+    command = [sys.executable, "-m", "tests.judge.same_commands", file, "--ticks", "100", "--only", name]
+    written, same = (subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False) for _ in range(2))
+    assert (written.returncode, same.returncode) == (0, 0), written.stderr + same.stderr
+    assert re.match(rf"same {name}: \d\d+ commands alike, at most 0 apart", same.stdout)
+    with np.load(file) as kept:
+        content = dict(kept)
+    content[f"{name} values"][37] += 1e-9
+    np.savez(file, **content)
+    other = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert other.returncode == 1
+    assert re.match(rf"OTHER {name}: tick \d+ of \d+: \S+ apart", other.stdout)
