@@ -128,11 +128,14 @@ class MirrorStatement(PoseTracker):
         faster that way than commanded: so much is kept free of `linear_speed`, at most half of it, without what all
         are behind alike, as while a hand slows.
         """
-        unweighted = ca.diag(1 / ca.sqrt(ca.DM(self.task_weights))) @ jacobian
-        turning, guided, q = ca.norm_2(unweighted[3:, :] @ velocity), self.guided(inputs.memory), inputs.q
-        linear = speed_ahead(self.chain, q, unweighted, velocity, self.dt)
+        guided, q = self.guided(inputs.memory), inputs.q
         if guided is None or self.approach == math.inf:
-            return ca.fmax(linear / self.linear_speed, turning / self.angular_speed)
+            return super().excess(inputs, jacobian, velocity)
+        unweighted = self._unweighted(q, jacobian)
+        turning, linear = (
+            ca.norm_2(unweighted[3:, :] @ velocity),
+            speed_ahead(self.chain, q, unweighted, velocity, self.dt),
+        )
         way = unweighted[:3, :] @ velocity
         way /= ca.fmax(ca.norm_2(way), TINY)
         along = way.T @ unweighted[:3, :]

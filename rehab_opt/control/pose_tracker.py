@@ -20,7 +20,7 @@ from rehab_opt.control.joint_feedback import JointFeedback
 from rehab_opt.control.limit import Limit, Limits, all_limits
 from rehab_opt.control.reference_velocity import CALMING, MISSED, ReferenceVelocity
 from rehab_opt.control.stopping import VelocityBounds
-from rehab_opt.control.tool_speed import tool_acceleration
+from rehab_opt.control.tool_speed import speed_ahead, tool_acceleration
 from rehab_opt.control.velocity_controller import VelocityController, checked_number
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import SerialChain, per_joint
@@ -134,7 +134,8 @@ class PoseTracker(VelocityController):
     chain : any serial chain with its limits.
     lower, upper, velocity, acceleration : (n,) or scalar; replace the chain's limits.
     gain : [1/s] rate at which a pose error decays; slower from farther off than the accelerations can brake from.
-    linear_speed, angular_speed : [m/s, rad/s] largest asked hand speeds; faster requests are slowed, not cut.
+    linear_speed, angular_speed : [m/s, rad/s] largest hand speeds; faster requests are slowed, not cut. A hand is
+        faster only where joints that are too fast already cannot brake sooner: `Bound.TASK` is flagged then.
     task_weights : (6,) weights of the twist's components in the base frame; a zero frees one.
     jerk : (n,) or scalar [rad/s^3, m/s^3] largest jerk, for drives that stop on more: of the finite differences of what
         is sent, braking and fallbacks included. Velocity, acceleration and jerk then never yield; a joint that is put
@@ -336,12 +337,15 @@ class PoseTracker(VelocityController):
         nearest = ca.Function("contacts", given, [self.limits.contacts(*given, ticks=ticks)])
         return tick.call(nearest, q, last, moving)[0]
 
-    def excess(self, inputs: Inputs, jacobian: ca.SX, velocity: ca.SX) -> ca.SX | None:
+    def excess(self, inputs: Inputs, jacobian: ca.SX, velocity: ca.SX) -> ca.SX:
         """By how much a reference velocity (n,) is too fast, at the weighted Jacobian (6, n): it is slowed by that.
 
-        None where nothing but the commanded twist is slowed.
+        The asked twist is within the hand speeds, but the motion nearest to it, where a joint is held at its limit,
+        may move the hand faster: turning is traded for it.
         """
-        return None
+        J = self._unweighted(inputs.q, jacobian)
+        linear = speed_ahead(self.chain, inputs.q, J, velocity, self.dt)
+        return ca.fmax(linear / self.linear_speed, ca.norm_2(J[3:, :] @ velocity) / self.angular_speed)
 
     def command(self, tick: Tick, inputs: Inputs, velocity: ca.SX) -> ca.SX:
         """(n,) the QP's velocity, or what of it keeps the user's limits: its rows are tangents.
@@ -402,10 +406,13 @@ class PoseTracker(VelocityController):
 
     def _bend(self, q: ca.SX, jacobian: ca.SX, way: ca.SX) -> ca.SX:
         """(6,) by which the weighted twist of a motion of one rad changes before its error is gone, see `damped`."""
-        weights = np.sqrt(self.task_weights)
-        # What is weighed by zero cannot be told from the weighted Jacobian.
-        plain = ca.diag(1 / ca.DM(weights)) @ jacobian if np.all(weights > 0) else self.chain.jacobian_expression(q)
-        return ca.DM(weights) * tool_acceleration(plain, way) / self._settling
+        turned = tool_acceleration(self._unweighted(q, jacobian), way)
+        return ca.sqrt(ca.DM(self.task_weights)) * turned / self._settling
+
+    def _unweighted(self, q: ca.SX, jacobian: ca.SX) -> ca.SX:
+        """(6, n) Jacobian, from the weighted one where that has all of it."""
+        weights = ca.sqrt(ca.DM(self.task_weights))
+        return ca.diag(1 / weights) @ jacobian if np.all(self.task_weights > 0) else self.chain.jacobian_expression(q)
 
     def _led_twist(self, inputs: Inputs, jacobian: ca.SX, guided: Values | None) -> tuple[ca.SX, ca.SX]:
         """As `_asked_twist`, of where the joints are by what is measured, the commands' delay ahead of the target.

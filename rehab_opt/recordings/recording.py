@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.errors import ProblemFileError
-from rehab_opt.text_file import shown
+from rehab_opt.text_file import shown, times
 
-__all__ = ["Recording", "size_note", "strange_sizes"]
+__all__ = ["Recording", "gap_notes", "size_note", "strange_sizes", "without_spikes"]
 
 Array = NDArray[np.float64]
 
@@ -66,6 +66,78 @@ class Recording:
     def noting(self, *notes: str) -> Recording:
         """The same recording with more notes."""
         return replace(self, joints=dict(self.joints), notes=(*self.notes, *notes))
+
+
+BUNCHED = 0.1
+"""Of the usual step: stamps that are nearer are those of when samples arrived, in bunches."""
+ASIDE, HURLED = 0.02, 150.0
+"""[m, m/s^2] No hand goes aside so far and comes back, so hard, from one sample to the next."""
+FEW = 0.05
+"""Share of the samples up to which such are left out: where there are more, it is the recording that is strange."""
+LONG_STEP = 0.1, 5.0
+"""[s] and of the usual steps, from which on a step is a gap."""
+
+
+def without_spikes(recording: Recording) -> Recording:
+    """Without the first of two samples whose stamps bunch, and without a sensor's spikes; notes say how many.
+
+    Either would be a jump of who follows it, and a spike the largest extent of what is scaled to fit.
+    """
+    if not recording.points.shape[1]:
+        return recording
+    steps = np.diff(recording.time)
+    bunched = np.append(steps < BUNCHED * np.median(steps), False)  # the first of two came late, not the second early
+    kept = _some(recording, ~bunched)
+    spikes = np.zeros(len(kept.time), dtype=bool)
+    while (more := _spikes(kept.time[~spikes], kept.points[~spikes])).any() and spikes.mean() <= FEW:
+        spikes[np.flatnonzero(~spikes)[more]] = True
+    if spikes.mean() > FEW or bunched.mean() > FEW:
+        return recording
+    notes = []
+    if bunched.any():
+        notes.append(f"samples left out whose stamps bunch with the next: {int(bunched.sum())}")
+    if spikes.any():
+        at = float(kept.time[spikes.argmax()] - recording.time[0])
+        notes.append(f"samples left out as spikes: {int(spikes.sum())}, the first after {at:.3g} s")
+    return _some(kept, ~spikes).noting(*notes)
+
+
+def _spikes(time: Array, points: Array) -> NDArray[np.bool_]:
+    """(N,) samples, alone or two together, that are off the line between those about them: of neighbours the worst."""
+    found = np.zeros(len(time), dtype=bool)
+    for width in (1, 2):
+        count = len(time) - width - 1
+        if count < 1:
+            continue
+        steps, off = np.diff(time), np.full(count, np.inf)
+        for j in range(1, width + 1):
+            share = (time[j : count + j] - time[:count]) / (time[width + 1 :] - time[:count])
+            line = points[:count] + share[:, None] * (points[width + 1 :] - points[:count])
+            off = np.minimum(off, np.linalg.norm(points[j : count + j] - line, axis=1))
+        about = np.pad(off, 2, constant_values=0.0)
+        worst = off >= np.max([about[k : count + k] for k in range(5)], axis=0)
+        spike = worst & (off > ASIDE) & (2 * off > HURLED * steps[:count] * steps[width:])
+        for j in range(1, width + 1):
+            found[j : count + j] |= spike
+        if spike.any():
+            break
+    return found
+
+
+def gap_notes(recording: Recording) -> Iterator[str]:
+    """A note on steps so long that a straight line bridges a movement."""
+    steps = np.diff(recording.time)
+    long = steps > max(LONG_STEP[0], LONG_STEP[1] * float(np.median(steps)))
+    if long.any():
+        at = float(recording.time[steps.argmax()] - recording.time[0])
+        longest = f"the longest of {steps.max():.3g} s after {at:.3g} s"
+        yield f"{times(int(long.sum()))} no samples, {longest}: bridged by straight lines"
+
+
+def _some(recording: Recording, kept: NDArray[np.bool_]) -> Recording:
+    joints = {name: values[kept] for name, values in recording.joints.items()}
+    arrays = {"time": recording.time[kept], "points": recording.points[kept], "forces": recording.forces[kept]}
+    return replace(recording, **arrays, joints=joints)
 
 
 SMALLEST, LARGEST = 5e-3, 2.5

@@ -50,8 +50,9 @@ def sections_within(annotation: Any) -> list[type[BaseModel]]:
 def attribute_docstrings(owner: type) -> dict[str, str]:
     """What stands below each attribute of a class, those it inherits included."""
     said: dict[str, str] = {}
-    for each in reversed(owner.__mro__[:-1]):
-        if not each.__module__.startswith("pydantic"):
+    ours = {"rehab_opt", owner.__module__.partition(".")[0]}
+    for each in reversed(owner.__mro__):
+        if each.__module__.partition(".")[0] in ours:
             said |= _own_docstrings(each)
     return said
 

@@ -47,7 +47,7 @@ class PathSection(RecordedSection):
 
     from_start: bool = True
     """The first point lies where the tool starts; where false, points are in the robot's base frame, and the tool
-    comes to the first one."""
+    comes to the first one, straight and at 0.1 m/s, before the path begins."""
     cutoff_hz: float = Field(default=8.0, gt=0, le=1000)
     """Of the two equal poles of the filter that smooths it; the tool is as much later."""
 
@@ -59,6 +59,8 @@ class TrackerSection(Section):
     """Ticks a second."""
     gain_per_s: float | None = Field(default=None, gt=0, le=10000)
     """Rate at which a pose error decays, by default `PoseTracker`'s."""
+    linear_speed_m_s: float = Field(default=1.0, gt=0, le=10)
+    """Largest speed of the tool."""
     solver: SolverName | None = None
     """By default `PoseTracker`'s; `--solver` replaces it."""
 

@@ -24,7 +24,7 @@ from rehab_opt.kinematics.vr import quaternions_of
 from rehab_opt.plants.plant import Measurement, Plant
 from rehab_opt.plants.touched import TouchedPlant
 from rehab_opt.recordings.reading import read_recording
-from rehab_opt.recordings.recording import Recording
+from rehab_opt.recordings.recording import Recording, gap_notes, without_spikes
 from rehab_opt.session.clearance import (
     ClearanceSection,
     NearestBodies,
@@ -59,7 +59,7 @@ from rehab_opt.session.systems import Needed, System
 __all__ = ["LivePoseTracking", "PoseTrackingSystem", "RobotOutcome", "circle_reference", "tracker_of"]
 
 
-KEYS = {"gain": "tracker.gain_per_s", "dt": "tracker.rate_hz"}
+KEYS = {"gain": "tracker.gain_per_s", "dt": "tracker.rate_hz", "linear_speed": "tracker.linear_speed_m_s"}
 """Where the problem file says what the tracker calls by its own name."""
 
 
@@ -79,7 +79,9 @@ def tracker_of(
     ProblemFileError : it refuses a value of the file.
     ConfigurationError : it refuses `solver`.
     """
-    chosen = problem.tracker.arguments("gain_per_s", "solver") | ({"solver": solver} if solver else {})
+    chosen = problem.tracker.arguments("gain_per_s", "linear_speed_m_s", "solver") | (
+        {"solver": solver} if solver else {}
+    )
     with refused_as(file, lambda name: clearance_key(name) or KEYS.get(name, f"tracker.{name}"), option=solver):
         limits = clearance_of(problem.clearance, file, moving=True)
         return PoseTracker(
@@ -120,6 +122,10 @@ def circle_reference(start: Array, circle: CircleSection, times: Array) -> tuple
 
 STAYS = 1.0
 """[s] for which a path's end is asked for, so that the tool comes to it."""
+FASTEST, NOISE, NO_SPEED = 5.0, 0.02, 1e6
+"""[m/s, m] From one sample of a path to the next, and what a sensor's noise may add; no such bound."""
+APPROACH, STEP = 0.1, 0.02
+"""[m/s] At most, of a tool that comes to its path's beginning, in minimum jerk; [s] between its places on the way."""
 
 
 def recorded_path(loaded: ProblemFile[PoseTracking], path: PathSection) -> Recording:
@@ -131,7 +137,8 @@ def recorded_path(loaded: ProblemFile[PoseTracking], path: PathSection) -> Recor
     """
     rate = loaded.problem.tracker.rate_hz
     try:
-        recording = read_recording(recording_path(loaded, path.file, key="path.file"), name=path.file, **path.reading())
+        read = read_recording(recording_path(loaded, path.file, key="path.file"), name=path.file, **path.reading())
+        recording = without_spikes(read).noting(*gap_notes(read))
     except ProblemFileError as refused:
         if not refused.key.startswith("recording."):
             raise  # a line or a column of the file itself
@@ -155,15 +162,23 @@ def path_reference(recording: Recording, path: PathSection, start: Array, rate: 
     points = np.zeros((len(recording.time) + 1, 3))
     points[:-1, : recording.points.shape[1]] = recording.points
     points[-1] = points[-2]
+    time = np.append(recording.time, recording.time[-1] + STAYS)
     if path.from_start:
         points += start[:3, 3] - points[0]
-    time = np.append(recording.time, recording.time[-1] + STAYS)
+    else:
+        away = float(np.linalg.norm(points[0] - start[:3, 3]))
+        u = np.linspace(0.0, 1.0, 2 + math.ceil(1.875 * away / (APPROACH * STEP)))
+        come = (10 * u**3 - 15 * u**4 + 6 * u**5)[:-1, None]
+        points = np.concatenate([start[:3, 3] + come * (points[0] - start[:3, 3]), points])
+        time = np.concatenate([time[0] + STEP * np.arange(1 - len(u), 0), time])
     turn = np.tile(quaternions_of(start[None, :3, :3]), (len(time), 1))
+    jumps = np.linalg.norm(np.diff(points, axis=0), axis=1) > FASTEST * np.diff(time) + NOISE
+    if jumps.any():
+        value = f"a jump at {time[jumps.argmax()]:.6g} s"
+        raise ProblemFileError(path.file, "points", value, f"a path without, at most {FASTEST:g} m/s fast")
+    whole = {"max_gap": time[-1] - time[0] + 1, "largest_speed": NO_SPEED}
     with refused_as(path.file):
-        found = conditioned(time, points, turn, dt=1 / rate, cutoff_hz=path.cutoff_hz, max_gap=time[-1] - time[0] + 1)
-    if found.lost.any():
-        jump = recording.time[0] + float(found.times[found.lost.argmax()] - found.times[0])
-        raise ProblemFileError(path.file, "points", f"a jump at {jump:.6g} s", "a path without, at most 5 m/s fast")
+        found = conditioned(time, points, turn, dt=1 / rate, cutoff_hz=path.cutoff_hz, **whole)
     return found.poses, found.twists
 
 
@@ -341,7 +356,9 @@ def _reached(live: LivePoseTracking) -> _Followed:
     return _Followed(times, q, np.asarray(np.gradient(q, times, axis=0)), tool, error)
 
 
-def _left_behind(robot: SerialChain, followed: _Followed, said: str = "NOT FOLLOWED") -> tuple[str, ...]:
+def _left_behind(
+    robot: SerialChain, followed: _Followed, *, most: float, said: str = "NOT FOLLOWED"
+) -> tuple[str, ...]:
     """A note on a tool that was not on its path, and on what stood in its way meanwhile; or none."""
     times, q, velocity, tool, error = followed
     behind = np.flatnonzero(~(error <= BEHIND))
@@ -349,7 +366,7 @@ def _left_behind(robot: SerialChain, followed: _Followed, said: str = "NOT FOLLO
         return ()
     at_limit = np.minimum(q - robot.lower, robot.upper - q)[behind] < AT_LIMIT
     fast = (np.abs(velocity) / robot.velocity)[behind] > AT_SPEED
-    rank, most = min(robot.n, 6) - 1, inspect.signature(PoseTracker).parameters["linear_speed"].default
+    rank = min(robot.n, 6) - 1
     speed = np.linalg.norm(np.gradient(tool[:, :3, 3], times, axis=0), axis=1)[behind]
     some = behind[:: math.ceil(behind.size / LOOKED_AT)]
     stretched = [np.linalg.svd(robot.jacobian(each), compute_uv=False)[rank] < SINGULAR for each in q[some]]
@@ -392,7 +409,9 @@ class PoseTrackingSystem(System[PoseTracking, RobotOutcome]):
         tracker_of(loaded.problem, live.robot, file=loaded.file)
         told = () if live.recording is None else live.recording.notes
         within = start_notes(loaded.problem.clearance, loaded.file, live.robot, live.start)
-        return (*told, *live.robot.notes, *within, *_left_behind(live.robot, _reached(live), "NOT IN REACH"))
+        most = loaded.problem.tracker.linear_speed_m_s
+        beyond = _left_behind(live.robot, _reached(live), most=most, said="NOT IN REACH")
+        return (*told, *live.robot.notes, *within, *beyond)
 
     def run(self, loaded: ProblemFile[PoseTracking], *, options: Mapping[str, str], progress: Progress) -> RobotOutcome:
         """Options: `solver` of the tracker, `plant`."""
@@ -441,7 +460,11 @@ class PoseTrackingSystem(System[PoseTracking, RobotOutcome]):
                 plant_note(problem.plant, "the robot is simulated: its joints move exactly as commanded"),
                 *(() if live.recording is None else live.recording.notes),
                 *robot.notes,
-                *_left_behind(robot, _Followed(times, ran.q, command, tool, position_error)),
+                *_left_behind(
+                    robot,
+                    _Followed(times, ran.q, command, tool, position_error),
+                    most=problem.tracker.linear_speed_m_s,
+                ),
             )
             + (() if near is None else (near.note,)),
             metrics={
