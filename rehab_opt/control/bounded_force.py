@@ -196,11 +196,11 @@ class BoundedForce(OneThread):
         self._judge, self._conclude = (BufferedFunction(each, compile=compile) for each in (tick.judge, tick.conclude))
         rest = [
             BufferedFunction(each)
-            for each in (tick.prepare, tick.finish, *(part(self.slots) for part in (affordable, give, take, anew)))
+            for each in (tick.precompute, tick.finish, *(part(self.slots) for part in (affordable, give, take, anew)))
         ]
         for function in (self._judge, self._conclude, *rest):
             function.inputs[0][:] = self.model
-        self._prepare, self._finish, self._affordable, self._give, self._take, self._anew = rest
+        self._precompute, self._finish, self._affordable, self._give, self._take, self._anew = rest
         (_, watched, last, sample), (watched_next, judged) = self._judge.inputs, self._judge.outputs
         (_, state, view, asked), (state_next, solved) = self._conclude.inputs, self._conclude.outputs
         at = watched_record(self.slots)["tank"]
@@ -297,7 +297,7 @@ class BoundedForce(OneThread):
             x=point, v=velocity, reason=0, details=0, at_once=0, ceiling=ceiling, left=left, repeats=0, grown=grown
         )
         wanted = self._wanted(*point.tolist(), *velocity.tolist())
-        return self.stated.instance(self._prepare.of(self.model, view, wanted), memory=self._force)
+        return self.stated.instance(self._precompute.of(self.model, view, wanted), memory=self._force)
 
     def to_qpsolvers(self, x: ArrayLike, v: ArrayLike = (0.0, 0.0)) -> qpsolvers.Problem:
         """The same as a `qpsolvers.Problem`."""
@@ -354,11 +354,11 @@ class BoundedForce(OneThread):
 
     def _by_other_solvers(self) -> Command:
         """The tick with the QP solved outside of it."""
-        solvers, prepare, finish = self._solvers, self._prepare, self._finish
-        parameters = prepare.of(self.model, self._view, self._asked)
+        solvers, precompute, finish = self._solvers, self._precompute, self._finish
+        parameters = precompute.of(self.model, self._view, self._asked)
         solver = ""
         solvers.verdict[:] = array("d", [_NAN] * len(solvers.verdict))
-        if prepare.outputs[1][0]:
+        if precompute.outputs[1][0]:
             solvers.parameters[:], solvers.keep[:] = parameters, self._state
             solver = solvers.solve_with_fallback() if self._inside else solvers()
         finish.of(self.model, self._state, self._view, self._asked, solvers.answer, solvers.verdict)
