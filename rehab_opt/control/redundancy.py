@@ -37,7 +37,7 @@ __all__ = ["RedundancyResolver"]
 Array = NDArray[np.float64]
 
 STICK_ROWS = (("x", "y", "z"), ("x", "y"), ("z", "roll7"))
-"""Sets of rows that are prepared where nothing else is said: reaching, and the paper's two modes of the stick."""
+"""Default sets of task rows with compiled functions: reaching, and the paper's two modes of the stick."""
 CHASSIS = ("forward", "sideways", "turning")
 LONGEST_TICK = 0.02
 """[s] The law holds up to it."""
@@ -156,7 +156,7 @@ class RedundancyResolver(OneThread):
         self.obstacles = obstacles
         self._compile = compile
         for rows in row_sets:
-            self._prepare(checked_rows(rows, "row_sets"), compile=compile)
+            self._add_rows(checked_rows(rows, "row_sets"), compile=compile)
         self._active = next(iter(self._sets.values()))
         self._reaching: Reaching | None = None
         self.reset()
@@ -320,7 +320,7 @@ class RedundancyResolver(OneThread):
         chosen = self._sets.get(names)
         if chosen is None:
             self._refuse_others()
-            chosen = self._prepare(names, compile=False)
+            chosen = self._add_rows(names, compile=False)
         around = np.append(self._numbers, np.zeros(self.limits.told))
         inputs = (joints, asked, np.array([world]), around)[: 4 if around.size else 3]
         return chosen.instance_after(self._active, *inputs)
@@ -354,8 +354,8 @@ class RedundancyResolver(OneThread):
             if other is None:
                 if active.velocity.any():
                     active.tell(q, np.zeros(len(active.rows)), 0.0, bodies)
-                    return active.brake(f"rows {', '.join(names)} are prepared at rest")
-                other = self._prepare(names, compile=False)
+                    return active.brake(f"rows {', '.join(names)} are not in row_sets: usable once at rest")
+                other = self._add_rows(names, compile=False)
             if other is not active:
                 other.take_over(active)
                 self._active = active = other
@@ -364,7 +364,7 @@ class RedundancyResolver(OneThread):
         active.tell(q, twist, 0.0 if frame == "chassis" else frame_number(frame), bodies)
         return active.tick(enable, stamp)
 
-    def _prepare(self, rows: tuple[str, ...], *, compile: Compile) -> ChairAndArm:
+    def _add_rows(self, rows: tuple[str, ...], *, compile: Compile) -> ChairAndArm:
         chosen = ChairAndArm(self.robot, rows, compile=compile, **self._options)  # type: ignore[arg-type]
         chosen.set_obstacles(self._numbers)
         self._sets[rows] = chosen
