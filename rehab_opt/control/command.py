@@ -15,7 +15,7 @@ class Status(Enum):
     """Which stage of the fallback chain answered."""
 
     OK = "ok"  #: solved by the primary solver, certified
-    BACKUP = "backup"  #: by the backup solver, or with a lesser claim, which the reason names; its bounds certified
+    BACKUP = "backup"  #: by the backup solver, or feasible, not certified optimal (see `reason`); its bounds certified
     BLOCKED = "blocked"  #: certified, but the bounds leave nothing of the commanded motion, or a hand that stood under
     # force is let go; the robot may still move
     UNREACHABLE = "unreachable"  #: the nearest reachable point is given instead (inverse kinematics)

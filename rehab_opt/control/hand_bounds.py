@@ -160,7 +160,7 @@ class HandBounds:
         share = (1 - math.exp(-self.rate * self.dt)) / self.dt
         w, slope_of_w = self.manipulability(q)
         gradient = slope_of_w + lead
-        climb = share * (self.floor + ABOVE - w + ca.dot(ca.fabs(slope_of_w), astray)) + loss / self.dt
+        ascent = share * (self.floor + ABOVE - w + ca.dot(ca.fabs(slope_of_w), astray)) + loss / self.dt
         frames = self.chain.frames_expression(q)
         pose = frames[-1]
         normals, most = [], []
@@ -178,7 +178,7 @@ class HandBounds:
         slow = ca.DM(self.recovery_speed * self.chain.velocity)
         calm = ca.dot(ca.fabs(gradient), slow)
         rows = feasible_rows(
-            gradient, climb, calm=calm, normals=ca.vertcat(*normals), most=ca.vertcat(*most), bounds=bounds,
+            gradient, ascent, calm=calm, normals=ca.vertcat(*normals), most=ca.vertcat(*most), bounds=bounds,
             braking=self.braking(last), leading=len(self.distances),
         )  # fmt: skip
         return *rows, Now(w, slope_of_w, pose)
@@ -262,7 +262,7 @@ class HandBounds:
 
 def feasible_rows(
     gradient: ca.SX,
-    climb: ca.SX,
+    ascent: ca.SX,
     *,
     calm: ca.SX,
     normals: ca.SX,
@@ -273,32 +273,32 @@ def feasible_rows(
 ) -> tuple[ca.SX, ca.SX]:
     """Rows that some velocity within the intervals satisfies, always.
 
-    The floor's row asks for gradient . q' >= climb; where that is positive, at most for `calm`, and for what the joints
-    can do in this tick. The others are `normals` q' <= `most`, of which the last `leading` may be below zero. The
-    witness is `braking` (n,), moved towards the fastest climb as far as the floor asks, then across each
-    row that is below zero, past the floor's, and back as far as the other rows ask. No row asks for more than the
-    witness does; `HandBounds.kept` sees to the rest.
+    The floor's row is gradient . q' >= ascent, a positive `ascent` being capped by `calm` and by what the joints can do
+    in this tick. The others are `normals` q' <= `most`, of which the last `leading` may be negative. The feasible
+    velocity is `braking` (n,), moved towards the fastest ascent as far as the floor's row requires, then across each
+    negative row, orthogonally to `gradient`, and back as far as the other rows require. No row is tighter than this
+    velocity allows; `HandBounds.kept` checks the rest.
     """
     lower, upper = bounds.lower, bounds.upper
     rest = clipped(braking, lower, upper)
     fastest = ca.if_else(gradient > 0, upper, lower)
-    slope, most_climb = ca.dot(gradient, rest), ca.dot(gradient, fastest)
-    asked = ca.if_else(climb > 0, ca.fmin(ca.fmin(climb, calm), SHARE * ca.fmax(most_climb, 0)), climb)
-    part = clipped((asked - slope) / ca.fmax(most_climb - slope, TINY), 0, 1)
-    witness = rest + part * (fastest - rest)
+    slope, most_ascent = ca.dot(gradient, rest), ca.dot(gradient, fastest)
+    asked = ca.if_else(ascent > 0, ca.fmin(ca.fmin(ascent, calm), SHARE * ca.fmax(most_ascent, 0)), ascent)
+    part = clipped((asked - slope) / ca.fmax(most_ascent - slope, TINY), 0, 1)
+    feasible = rest + part * (fastest - rest)
     lead = range(most.numel() - leading, most.numel())
     pushes = [_past(normals[i, :].T, gradient) for i in lead]
     for i, push in list(zip(lead, pushes, strict=True)) * min(leading, PASSES):
-        over = ca.if_else(most[i] < 0, ca.fmax(normals[i, :] @ witness - most[i], 0), 0)
-        witness = clipped(witness - over * push, lower, upper)
-    slowest, speeds, share = normals @ rest, normals @ witness, ca.SX(1)
+        over = ca.if_else(most[i] < 0, ca.fmax(normals[i, :] @ feasible - most[i], 0), 0)
+        feasible = clipped(feasible - over * push, lower, upper)
+    slowest, speeds, share = normals @ rest, normals @ feasible, ca.SX(1)
     for i in range(most.numel()):
         most_here = ca.fmax(ca.fmax(most[i], 0) if i in lead else most[i], slowest[i])
         part = (most_here - slowest[i]) / ca.fmax(speeds[i] - slowest[i], TINY)
         share = ca.fmin(share, ca.if_else(speeds[i] > most_here, part, 1))
-    witness = rest + share * (witness - rest)
-    least = ca.fmin(asked, ca.dot(gradient, witness))
-    return ca.vertcat(-gradient.T, normals), ca.vertcat(-least, ca.fmax(most, normals @ witness))
+    feasible = rest + share * (feasible - rest)
+    least = ca.fmin(asked, ca.dot(gradient, feasible))
+    return ca.vertcat(-gradient.T, normals), ca.vertcat(-least, ca.fmax(most, normals @ feasible))
 
 
 def _past(normal: ca.SX, gradient: ca.SX) -> ca.SX:

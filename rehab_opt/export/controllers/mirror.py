@@ -13,7 +13,7 @@ from rehab_opt.control import mirror_following, mirror_statement
 from rehab_opt.control.between_poses import moving_tool_function, rigid_function
 from rehab_opt.control.damped import PASSES
 from rehab_opt.control.interaction import AT_LIMIT, FELT, UNUSABLE
-from rehab_opt.control.manipulability import DISTANCES, DRAWN, climb_function, known_ways
+from rehab_opt.control.manipulability import DISTANCES, DRAWN, ascent_function, known_ways
 from rehab_opt.control.mirror import MirrorTracker
 from rehab_opt.control.mirror_pace import AIMED, PACE, PACES, SAID, TRIED
 from rehab_opt.control.mirror_statement import HELD
@@ -104,7 +104,7 @@ class ExportedMirror(ExportedVelocity):
         extra = {
             "keeping": tracker.keeping(),
             "moving_tool": moving_tool_function(tracker.chain),
-            "climb": climb_function(tracker.chain),
+            "ascent": ascent_function(tracker.chain),
             "felt_force": tracker._interaction.law.felt_function(tracker.dt),
             "is_rigid": rigid_function(),
             "taken": clock.taken_function(*speeds),
@@ -175,11 +175,11 @@ def exported_mirror(
     pieces |= {"way_out": "way_out.c", "person_limit": "no_person.c"}
     values = {"one_tick": "", **moving_values(tracker.limits, "parameters + MOVING")}
     more, solves = MEMBERS, 2 * (PASSES + 1)
-    ladders = [tracker._solvers]
+    fallback_chains = [tracker._solvers]
     if limit is not None:
         laws += [Law("following", limit._tracker), Law("settling", limit._settler)]
         pieces |= {"one_tick": "one_tick.c", "person_limit": "person_limit.c"}
-        ladders += [limit._tracker._solvers, limit._settler._solvers]
+        fallback_chains += [limit._tracker._solvers, limit._settler._solvers]
         values |= _person(limit)
         more += PERSON_MEMBERS.format(limit.chain.n)
         solves *= max(2, mirror_following.SETTLING_TICKS)  # the model's beside the robot's, or its alone
@@ -203,7 +203,7 @@ def exported_mirror(
         needed = exported.bytes + BYTES * SAMPLE.size * LEAST
         raise ConfigurationError("memory", memory, f"at least {needed} bytes, {LEAST} samples that wait among them")
     try:
-        with as_in_c(*ladders):
+        with as_in_c(*fallback_chains):
             tracker.clock.most = waiting
             recording = mirror_run(tracker, start, poses, twists, bodies, source=source, progress=progress)
     finally:

@@ -36,7 +36,7 @@ DIFFERENCES = (
     f"(`REHAB_BACKUP`), as Python does where {BACKUP} fails, and to the safe command where that is not certified; the "
     "recorded run is of a Python controller without the backup, too.",
     "Only the sets of rows of the problem's stick are there. Others give the safe command and `REHAB_ROWS_UNKNOWN`; "
-    "Python prepares them when the robot is at rest.",
+    "Python makes their functions when the robot is at rest.",
     "`reset` is to rest. In Python it may be told a velocity.",
     "`reach`, which leads the hand to a place, is not there: it needs Ruckig. Neither is the stick itself.",
     "A stamp is always asked for and checked. In Python it may be left out.",
@@ -94,7 +94,7 @@ def exported_resolver(resolver: RedundancyResolver, run: Sequence[Tick], *, titl
     return ExportedVelocity(
         name=name,
         title=f"{title}: joint velocities of a chair with an arm, {resolver.drive} drive",
-        laws=[Law(f"law_{i}", law, lesser=law._braking_together.function) for i, law in enumerate(active)],
+        laws=[Law(f"law_{i}", law, fallback=law._braking_together.function) for i, law in enumerate(active)],
         interface="redundancy",
         call=f"rehab_{name}_step(&controller, tick->q, tick->twist, tick->rows, tick->frame,"
         f"{moving_argument(resolver.limits, 'tick->')} tick->enable, tick->stamp, out);",
