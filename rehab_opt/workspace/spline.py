@@ -121,11 +121,11 @@ class ThinPlateSpline:
         Parameters
         ----------
         points : wanted images [m].
-        start : a first guess of the same shape, or (2,) for all [m]; the last answer, along a path.
+        start : an initial guess of the same shape, or (2,) for all [m]; the last answer, along a path.
         """
         array = point_array(points)
         if start is not None:
-            start = _first_guess(start, array.shape)
+            start = _initial_guess(start, array.shape)
         if array.ndim == 1:
             return self._inverse_of_one(array, start)
         found = np.empty_like(array)
@@ -248,7 +248,7 @@ def _is_point(points: ArrayLike) -> TypeGuard[Array]:
     return type(points) is np.ndarray and points.shape == (2,) and points.dtype is _FLOATS
 
 
-def _first_guess(start: ArrayLike, shape: tuple[int, ...]) -> Array:
+def _initial_guess(start: ArrayLike, shape: tuple[int, ...]) -> Array:
     guess = point_array(start, "start")
     if guess.shape not in {shape, (2,)}:
         raise ConfigurationError("start", f"an array of shape {guess.shape}", f"a point (2,), or of shape {shape}")

@@ -18,7 +18,7 @@ __all__ = ["preimage", "preimages", "tolerance_terms"]
 
 Array = NDArray[np.float64]
 Starts = Callable[[Array], Array]
-"""Wanted images (K, 2) -> first guesses (K, 2)."""
+"""Wanted images (K, 2) -> initial guesses (K, 2)."""
 
 ITERATIONS = 40
 HALVINGS = 12
