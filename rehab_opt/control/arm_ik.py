@@ -32,7 +32,7 @@ JUMP = 0.3
 
 
 class _Question(NamedTuple):
-    """One sample's target, what it is asked of, and where from."""
+    """Target (3,) [m] of one sample, posture cost, and start posture."""
 
     target: Array
     goal: Array

@@ -1,4 +1,4 @@
-"""One side of helper and participant at one task: a bounded force of its own, and what it tells the other side."""
+"""One side of helper and participant at one task: its bounded force, and its messages to the other side."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ POINT = 0.01
 
 
 class FromHelper(NamedTuple):
-    """What the helper's side says in a tick: where the hand is [m], the energy given [J], and the message's number."""
+    """Message of the helper's side: where the hand is [m], energy given [J], and a number."""
 
     x: float
     y: float
@@ -42,7 +42,7 @@ class FromHelper(NamedTuple):
 
 
 class FromParticipant(NamedTuple):
-    """What the participant's side says: where the hand is [m], force on it [N], energy given [J], and a number."""
+    """Message of the participant's side: where the hand is [m], force on it [N], energy given [J], and a number."""
 
     x: float
     y: float
@@ -53,9 +53,9 @@ class FromParticipant(NamedTuple):
 
 
 class _Serials:
-    """Numbers what a side says, and tells what it hears for the first time.
+    """Numbers a side's messages, and recognises received ones that are new.
 
-    A reset does not touch them: a message from before it could be taken once more.
+    `reset` leaves the numbers: with new ones, a message from before it could be taken twice.
     """
 
     def __init__(self) -> None:

@@ -1,4 +1,4 @@
-"""A wanted force on a hand, as much of it as the bounds on a person's side allow."""
+"""Force on a hand: the desired one as far as the bounds for a person allow."""
 
 from __future__ import annotations
 
@@ -68,9 +68,9 @@ class ForceBounds(TypedDict, total=False):
 
 
 class BoundedForce(OneThread):
-    """Force on a hand [N]: the wanted one as far as bounds on its size, its change and its energy allow.
+    """Force on a hand [N]: the desired one as far as bounds on its size, its change and its energy allow.
 
-    min  |F - F_wanted|^2
+    min  |F - F_desired|^2
     s.t. |F| <= force_limit, |F - F_last| <= slew_limit dt, F.v dt <= energy left in the tank,
          |F| <= largest force of late + growth_limit dt
 
@@ -90,7 +90,7 @@ class BoundedForce(OneThread):
 
     Parameters
     ----------
-    wanted : x, y [m], velocity [m/s] -> the force that is wanted [N], before any bound; may be no number.
+    wanted : x, y [m], velocity [m/s] -> desired force [N], before any bound; may be no number.
     force_limit : [N] largest size of the force.
     slew_limit : [N/s] largest change, as the length of a vector, per nominal tick. It is what lets a spring hold a hand
         still: the force must follow the swing that it is to damp, see `rehab_opt.field.settling`.

@@ -1,4 +1,4 @@
-"""How the chair approaches one obstacle: where its outline comes nearest now, and on the way to where braking ends."""
+"""Rows of one obstacle for the chair: at its outline's nearest points now, and on the way to the stop posture."""
 
 from __future__ import annotations
 

@@ -51,7 +51,7 @@ THERE = MOVING - 1
 
 
 class Kind(NamedTuple):
-    """Functions of one pair's column of numbers, and but for the distance of its `Approach`."""
+    """Functions of one pair's column of numbers; `room` and `contacts` also take its `Approach`."""
 
     distance: ca.Function
     room: ca.Function

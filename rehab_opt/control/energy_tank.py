@@ -1,4 +1,4 @@
-"""How much energy a force may still deliver to a hand, counted so that no motion of the hand can draw more."""
+"""Energy that a force may still deliver to a hand: a bound that no motion of the hand can exceed."""
 
 from __future__ import annotations
 

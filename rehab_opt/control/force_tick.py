@@ -1,6 +1,6 @@
-"""One tick of a bounded force as functions of (model, memory, inputs): the hand is judged, then the force is given.
+"""One tick of a bounded force as functions of (model, memory, inputs): check the hand's sample, then bound the force.
 
-Between the two stands what force is wanted, which whoever builds on it says. C is generated from the same functions.
+In between, the controller computes the desired force. C is generated from the same functions.
 """
 
 from __future__ import annotations

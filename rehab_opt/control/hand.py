@@ -1,4 +1,4 @@
-"""Where a hand is and how it moves, as far as its sensor can be believed, with the energy accounted for meanwhile."""
+"""Position and velocity of a hand, as far as its sensor is plausible, with the energy drawn meanwhile."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ SCATTER_RATE, LARGEST_SCATTER = 0.01, 2e-3
 SCATTER_PEAK = 3.6
 """Peak of the noise between two samples over the scatter: six standard deviations, where the median is 1.67 of them."""
 SAMPLE = Record(x=2, v=2, v_given=1, stamp=1, kind=1, enable=1)
-"""What a tick is told of a hand: position [m], velocity [m/s] and whether it is given, stamp [s] and its kind (see
+"""Sample of a hand: position [m], velocity [m/s] and whether it is given, stamp [s] and its kind (see
 `stamp_and_kind`), whether the dead-man input is held."""
 HAND = Record(x=2, v=2, estimated=2, halfway=2, scatter=1, stamp=1)
-"""What is remembered of it: where it was seen last [m], NaN at first; velocity as given or estimated, as estimated, and
+"""Memory of a hand: where it was seen last [m], NaN at first; velocity as given or estimated, as estimated, and
 behind the first of two filters [m/s]; median of how far a sample is from where the hand was expected [m]; its stamp
 [s], NaN at first."""
 
 
 class Seen(NamedTuple):
-    """A hand after one sample."""
+    """State of a hand after one sample."""
 
     memory: ca.SX
     """`HAND`"""

@@ -1,4 +1,4 @@
-"""What a stick commands of chair and arm: task rows, direction and speed, what is off them, Honzik's Eq. (1) for it."""
+"""Task of chair and arm for a stick's twist: rows, direction, speed, motion off the direction, Honzik's Eq. (1)."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ POSTURES, DEPENDENT = 3, 1e-6
 
 
 class Last(NamedTuple):
-    """What the last tick left behind, velocities with the chair's in the chassis frame."""
+    """Result of the last tick, velocities with the chair's in the chassis frame."""
 
     velocity: ca.SX
     """(7,)"""

@@ -1,4 +1,4 @@
-"""A hand that runs into something: noticed by where it is left behind, long before a joint is far from where it is led.
+"""Contact of the hand detected by its lag in space, long before a joint's following error is large.
 
 The joints' following error is e (n,). A joint under dry friction follows f behind, and where it turns round it stands
 still until it is led from f on one side to f on the other: a play y, y' = q' within -f <= y <= f; f is learned while it
@@ -65,7 +65,7 @@ def hand_memory(n: int) -> Record:
 
 
 class Felt(NamedTuple):
-    """What a tick says of the hand."""
+    """Result of one tick of the contact watch."""
 
     memory: ca.SX
     """What `hand_memory` names."""
@@ -81,7 +81,7 @@ def held_hand(  # noqa: PLR0917  (what is known, then what a tick brings)
     chain: SerialChain, contact: float, patience: float, pole: float, dt: float, memory: Values, q: ca.SX,
     error: ca.SX, velocity: ca.SX,
 ) -> Felt:  # fmt: skip
-    """One tick of watching the hand.
+    """One tick of the contact watch.
 
     Parameters
     ----------

@@ -25,7 +25,7 @@ DEBOUNCE = 0.15
 
 
 class StickMode(NamedTuple):
-    """What the two axes of the stick, forward and left, move."""
+    """Task rows that the two axes of the stick, forward and left, move."""
 
     name: str
     rows: tuple[str, str]

@@ -1,4 +1,4 @@
-"""The largest manipulability of a chain: what a floor is a share of."""
+"""Largest manipulability w_max of a chain, which scales a floor, and directions out of singular postures."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A mirrored hand's reference clock at work: what is followed in a tick, and how fast."""
+"""Tick of a mirrored hand: which pose of the reference is tracked, and at what pace of its clock."""
 
 from __future__ import annotations
 
@@ -95,8 +95,8 @@ class MirrorFollowing(MirrorStatement):
     def _tracked(self, here: Array, hand: Array, *, foreseen: bool = False, note: str = "") -> Command:
         """One tick of following what the clock holds, at a pace that deviation and braking allow; see `MirrorPace`.
 
-        Where not even the reference as it is does, because the model of the person's arm moves, it stands, too. What is
-        foreseen is not late.
+        Where even a standing reference is not allowed, since the model of the person's arm moves, the model stands,
+        too. With `foreseen`, the clock makes up no lag.
         """
         clock, limit, tried, aimed = self.clock, self._limit, self._tried, self._aimed
         posture, q, led = None if limit is None else limit.q, self._q.copy(), limit is not None

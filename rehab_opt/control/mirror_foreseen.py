@@ -1,4 +1,4 @@
-"""A mirrored hand that follows a recording whose future is known: most ticks are laid out beforehand."""
+"""Tick of a mirrored hand along a recording known in advance: most ticks come from its preview."""
 
 from __future__ import annotations
 
@@ -33,9 +33,9 @@ _NOTHING = Layout(np.zeros((0, 4, 4)), np.zeros((0, 6)), [], [])
 
 
 class MirrorForeseen(MirrorFollowing):
-    """The tick of a plan.
+    """The tick of a plan, along the preview of its recording.
 
-    While nothing is unusual the clock goes on as it was laid out, and the tick is the fused function alone, with the
+    While nothing is unusual the clock follows the preview, and the tick is the fused function alone, with the
     same verdict on residual and true bounds as in `MirrorTracker.step`. Everything else is `MirrorFollowing`'s.
     """
 
@@ -69,7 +69,7 @@ class MirrorForeseen(MirrorFollowing):
         )
 
     def follow(self, q: Array) -> Command:
-        """One tick along what the clock foresees."""
+        """One tick along the clock's preview."""
         if self._resting > 0 or not self._verdict[USUAL]:
             self._resting -= 1
         elif self._next < len(self._laid.paces) or self._lay_out():

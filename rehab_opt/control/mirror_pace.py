@@ -1,6 +1,6 @@
-"""A mirrored hand's reference, tick by tick: how fast it is followed, where, and what the hand stays short of.
+"""Reference of a mirrored hand in one tick: its pace, its pose, and the distance by which the hand stays short of it.
 
-One function of the samples that wait, of what is remembered and of the hand, which Python evaluates and C has, too.
+Functions of the queued samples, the memory and the hand, evaluated in Python and exported to C.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ AIMED = Record(kept=1, pose=16, twist=6, offset=3)
 
 @dataclass(frozen=True, kw_only=True)
 class MirrorPace:
-    """Numbers of a tracker: see `MirrorTracker`."""
+    """Parameters of a tracker's pace: see `MirrorTracker`."""
 
     dt: float
     linear_speed: float

@@ -1,4 +1,4 @@
-"""The QP of a mirrored hand, and what is true at the end of its tick."""
+"""The QP of a mirrored hand, and its bounds checked on the true state at the end of the tick."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ it may be turned from by so much [rad]; NaN where nothing is known."""
 
 
 class Posture(NamedTuple):
-    """What is known of the posture at the beginning of a tick, in expressions."""
+    """Quantities of the posture at the beginning of a tick, as expressions."""
 
     w: ca.SX
     """W / w_max."""

@@ -57,14 +57,14 @@ _ndarray = np.ndarray
 
 
 class Inputs(NamedTuple):
-    """What comes in a tick, in expressions."""
+    """Inputs of a tick, as expressions."""
 
     q: ca.SX
     target: ca.SX
     """(4, 4)"""
     twist: ca.SX
     others: list[ca.SX]
-    """What a tracker with more bounds takes besides."""
+    """Further inputs of a tracker with more bounds."""
     moving: ca.SX
     """Numbers of the moving capsules, none where there are no such."""
     memory: ca.SX
@@ -84,11 +84,11 @@ class Rows(NamedTuple):
     """(m,) r"""
     bounds: VelocityBounds
     posture: tuple[ca.SX, ...] = ()
-    """What else is known of the posture, for `outcome`."""
+    """Further quantities of the posture, for `outcome`."""
 
 
 class Motion(NamedTuple):
-    """What is decided in a tick, in expressions."""
+    """Solution of a tick, as expressions."""
 
     velocity: ca.SX
     """(n,) of the QP."""
@@ -111,23 +111,23 @@ class PoseTracker(VelocityController):
     min  |J (q' - s w)|^2 + small |q' - s w|^2 + price |w|^2 (1 - s)^2   over q', 0 <= s <= 1
     s.t. lower(q, q'_last) <= q' <= upper(q, q'_last),  grad h . q' >= -rate h  of each of `limits`
 
-    w are the joint velocities that would deliver the asked twist, or as much of it as the arm can at this pose
-    (`damped_velocity`); the asked twist is `twist` plus `gain` times the pose error, less where the joints could not
-    stop at the target, and no faster than the hand speeds allow. s slows the motion down where the bounds demand, so
-    that its direction is kept. The interval is that of `velocity_bounds`: it is never empty. An object belongs to one
-    thread: see `OneThread`.
+    w are the joint velocities that would deliver the reference twist, or as much of it as the arm can at this pose
+    (`damped_velocity`); the reference twist is `twist` plus `gain` times the pose error, less where the joints could
+    not stop at the target, and no faster than the hand speeds allow. s slows the motion down where the bounds demand,
+    so that its direction is kept. The interval is that of `velocity_bounds`: it is never empty. An object belongs to
+    one thread: see `OneThread`.
 
-    The direction of the asked twist is left where
+    The direction of the reference twist is left where
     - w would bring a joint to its position limit faster than it can stop there: w is then the nearest motion with that
       joint slow enough (`ReferenceVelocity`); keeping the direction would stop the whole arm. In the tick in which this
-      begins, up to 0.4 of the hand's motion was seen across what is asked;
+      begins, up to 0.4 of the hand's motion was seen across the reference;
     - a joint is too fast to be brought into the direction within its acceleration bound and the hand speeds;
     - the pose is nearly singular, a singular value of J below 0.03, and lost directions are left out of w.
 
     A joint that moves less than 8 % of the way that it is commanded is blocked, its encoder stands still, or it turns
     the wrong way: the arm brakes within 0.2 s and 0.03 rad over the commanded speed, the reason says which joint, and
-    it rests until `reset`, or until `enable` was released. Call `reset` between states that are not one motion:
-    the same one, asked about again and again, is an arm that stands still.
+    it rests until `reset`, or until `enable` was released. Call `reset` between states that are not one motion: the
+    same state passed repeatedly is an arm that stands still.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Why a command is not a plain OK, and what is said of it besides: numbers as C has them, words as Python has."""
+"""Reasons why a command is not a plain OK, and notes on it: numbers for C, text for Python."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ __all__ = ["HELD_BACK", "NOTES", "NUMBER", "REASONS", "Note", "Reason", "notes_o
 
 
 class Reason(NamedTuple):
-    """One reason."""
+    """Why a command is not a plain OK."""
 
     name: str
     """Of the constant in C, behind REHAB_."""
@@ -132,7 +132,7 @@ def reason_number(reason: str) -> int:
 
 
 class Note(NamedTuple):
-    """Something that is said of a command without being a fault."""
+    """A remark on a command that is no fault."""
 
     name: str
     """Of the constant in C, behind REHAB_."""

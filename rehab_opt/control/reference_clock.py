@@ -1,4 +1,4 @@
-"""The time at which a reference is followed: it waits, slows down and catches up; the path itself is kept."""
+"""Clock by which a reference is read: it waits, slows down and catches up; the path is unchanged."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ CLOCK = Record(ahead=1, fraction=1, lag=1)
 
 
 class ClockStatement:
-    """What a clock does with the samples from the one at hand on, `window` of them: Python and C evaluate it.
+    """A clock's functions of the `window` samples from the current one on, evaluated in Python and in C.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Joint velocities for a twist when speed is no matter: damped at singular poses, joints at their limits held."""
+"""Joint velocities for a twist before speed bounds: damped at singular poses, joints at their limits held."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ Excess = Callable[[ca.SX], ca.SX | None]
 
 
 class ReferenceVelocity(NamedTuple):
-    """Joint velocities that a controller's task asks for, before they are slowed to its bounds; in expressions.
+    """Joint velocities of a controller's task before they are slowed to its bounds, as expressions.
 
     Where a joint would move faster than it can still stop at its position limit, they are those of
 

@@ -1,6 +1,6 @@
-"""Positions with bounded velocity, acceleration and jerk, axis by axis: what goes out to free axes.
+"""Positions with bounded velocity, acceleration and jerk, axis by axis, for axes that no constraint couples.
 
-Free are the joint trajectories of a plan, targets, reference clocks. Where constraints couple axes, smoothing after the
+Such are the joint trajectories of a plan, targets, reference clocks. Where constraints couple axes, smoothing after the
 controller would break them.
 """
 

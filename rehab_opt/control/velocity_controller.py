@@ -56,8 +56,8 @@ class VelocityController(OneThread, ABC):
 
     A subclass states its QP. Its first parameter is q (n,), its first variables are the joint velocities (n,), and its
     memory begins with the last velocity and the position it leads to (2 n,): `remember` gives both. Its `step` writes
-    the inputs into `_views`, or through `_write`, and calls `_tick`. What is sent is the part `sent` of the memory,
-    the last velocity where nothing else is said, with the part `wheels` beside it.
+    the inputs into `_views`, or through `_write`, and calls `_tick`. The command is the part `sent` of the memory, by
+    default the last velocity, with the part `wheels` beside it.
 
     The velocity last commanded is part of the state: a new controller is at rest, `reset` says otherwise. An object
     belongs to one thread: see `OneThread`.
