@@ -16,7 +16,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from rehab_opt.control.foreseen import turns_between
+from rehab_opt.control.preview import turns_between
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.symbolic.buffered import mapped
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.control.between_poses import angle_of, calm_way, distance_of, part_way
-from rehab_opt.control.foreseen import Foreseen, turned_each, turns_between
+from rehab_opt.control.preview import Preview, turned_each, turns_between
 from rehab_opt.optim.certificate import all_true
 from rehab_opt.symbolic import BufferedFunction
 from rehab_opt.symbolic.record import Record, Values
@@ -259,13 +259,13 @@ class ReferenceClock:
         self.stand(samples, fraction, self.lag - seconds)
         self.lag = 0.0 if self.current else self.lag
 
-    def foreseen(self, *, linear_speed: float, angular_speed: float) -> Foreseen:
+    def preview(self, *, linear_speed: float, angular_speed: float) -> Preview:
         """The samples from the one at hand on, to be laid out in time, at most at these speeds [m/s, rad/s]."""
         samples = self._table[self._at : self._end]
         poses = np.tile(np.eye(4), (len(samples), 1, 1))
         poses[:, :3] = samples[:, :12].reshape(-1, 3, 4)
         seconds, paces = samples[:, SAMPLE["seconds"]].copy(), np.array(self._paces[self._at :])
-        return Foreseen(
+        return Preview(
             poses, samples[:, 12:18].copy(), seconds, paces, linear_speed=linear_speed, angular_speed=angular_speed
         )
 

@@ -9,8 +9,8 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from rehab_opt.control.foreseen import turns_between
 from rehab_opt.control.mirror import MirrorTracker
+from rehab_opt.control.preview import turns_between
 from rehab_opt.symbolic.buffered import mapped
 
 __all__ = ["Seats", "Walk"]

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.control.arm_path import arm_path
 from rehab_opt.control.conditioning import Conditioned, conditioned
-from rehab_opt.control.foreseen import angles_between
+from rehab_opt.control.preview import angles_between
 from rehab_opt.errors import ProblemFileError
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.kinematics.vr import FrameFit, Mirror, fit_frame, quaternions_of, robot_from_unity, rotations_of

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Foreseen", "Layout", "angles_between", "turned_each", "turns_between"]
+__all__ = ["Layout", "Preview", "angles_between", "turned_each", "turns_between"]
 
 Array = NDArray[np.float64]
 
@@ -28,7 +28,7 @@ class Layout(NamedTuple):
     """Sample, and share of the way to the next one, after the tick."""
 
 
-class Foreseen:
+class Preview:
     """A whole recording of N samples, joined by straight lines and even turns.
 
     Parameters
