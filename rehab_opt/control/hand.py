@@ -12,7 +12,7 @@ from rehab_opt.control.watchdog import NUMBER_OF_SECONDS, first_of
 from rehab_opt.optim.certificate import all_true, clipped
 from rehab_opt.symbolic.record import Record, Values
 
-__all__ = ["HAND", "SAMPLE", "Seen", "looked_at"]
+__all__ = ["HAND", "SAMPLE", "HandState", "looked_at"]
 
 FURTHEST = 1e3
 """[m] A position beyond this is a broken sensor."""
@@ -31,7 +31,7 @@ behind the first of two filters [m/s]; median of how far a sample is from where 
 [s], NaN at first."""
 
 
-class Seen(NamedTuple):
+class HandState(NamedTuple):
     """State of a hand after one sample."""
 
     memory: ca.SX
@@ -47,7 +47,7 @@ class Seen(NamedTuple):
 
 def looked_at(
     memory: Values, tank: EnergyTank, sample: Values, *, force: ca.SX, stale: tuple[ca.SX, ca.SX], model: Values
-) -> Seen:
+) -> HandState:
     """Take one sample of a hand, after `force` (2,) [N] has acted since the last one.
 
     `stale` is the watchdog's reason and details. `model` has dt [s], the speed cap [m/s] from which on a hand is let
@@ -106,7 +106,7 @@ def looked_at(
         (ca.logic_not(slow), "VELOCITY_UNUSABLE", (sample.v[0], sample.v[1], 0)),
         (ca.SX(1), "FINE", (0, 0, 0)),
     ]
-    return Seen(
+    return HandState(
         memory=HAND.of(
             x=ca.if_else(looks, sample.x, memory.x),
             v=velocity,

@@ -1,7 +1,7 @@
 """Bounds of a hand-holding arm besides its joints': manipulability floor, hand speed, keep-out planes, deviation.
 
 Each is stated twice. As a row R q' <= r of the QP, linear about the present state, that slows the approach to the bound
-exponentially, and leads away from it again where the tangent would promise too much (`Limits.falls`). And as a
+exponentially, and leads away from it again where the tangent would promise too much (`PostureLimits.falls`). And as a
 condition on the true state at the end of the tick, `kept`: the rows are about a tangent. The hand speed holds at every
 instant of the tick (`tool_speed`), and at the end of one of braking behind it, the others at its ends; those of place
 and posture also on the way to rest of an arm that brakes from there on, so that what is kept in a tick can be kept in
@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.control.clearance_pairs import ClearancePairs
-from rehab_opt.control.limit import ROWS, Limit, Limits
+from rehab_opt.control.limit import ROWS, Limit, PostureLimits
 from rehab_opt.control.stopping import VelocityBounds
 from rehab_opt.control.tool_speed import tool_jerk
 from rehab_opt.kinematics.chain import SerialChain
@@ -102,11 +102,11 @@ class HandBounds:
         return 2 + len(self.distances)
 
     @cached_property
-    def distances(self) -> Limits:
+    def distances(self) -> PostureLimits:
         """What the arm keeps to the planes, a user's own limits, and clearance."""
         planes = [Limit(partial(self._above, plane)) for plane in self.planes]
         own = [each if each.rate is not None else replace(each, rate=self.rate) for each in (*planes, *self.limits)]
-        return Limits(
+        return PostureLimits(
             own, self.chain, self.dt, self.clearance, recovery_speed=self.recovery_speed, fastest_rate=self.rate
         )
 
@@ -152,7 +152,7 @@ class HandBounds:
         lead : (n,) stands for the gradient of w where that vanishes, else zero.
         loss : what the last tick lost of w / w_max against its tangent: counted on again.
         bounds : of the joint velocities.
-        contacts : the nearest, see `Limits.contacts`.
+        contacts : the nearest, see `PostureLimits.contacts`.
         strays : (n,) from q, where the joints are led, to where they are. Floor, planes and a user's limits have room
             for it either way, as friction does. None for joints that move as commanded.
         """
@@ -232,7 +232,7 @@ class HandBounds:
                     there = self.heights(self.chain.frames_expression(end), plane)
                     conditions += [b >= ca.fmin(a, 0) - ROUNDING for a, b in zip(before, there, strict=True)]
             if self.limits:
-                own = Limits(self.limits, self.chain, self.dt)
+                own = PostureLimits(self.limits, self.chain, self.dt)
                 conditions += [own.kept(q, way * velocity) for way in ways[some]]
         slope = ca.dot(gradient, velocity) * self.dt
         loss = ca.SX(0)

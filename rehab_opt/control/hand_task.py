@@ -17,7 +17,7 @@ from rehab_opt.kinematics.mobile_arm import CHAIR, MobileArm
 from rehab_opt.optim.certificate import clipped
 from rehab_opt.optim.factor import solver_of, upper_triangle
 from rehab_opt.optim.rows import PLAUSIBLE, Row
-from rehab_opt.symbolic.tick import Tick
+from rehab_opt.symbolic.tick import Stages
 
 __all__ = ["AHEAD", "FRAMES", "PROGRESS", "ROWS", "HandTask", "Last", "Task", "checked_rows", "frame_number"]
 
@@ -149,7 +149,7 @@ class HandTask:
 
     def task(
         self,
-        tick: Tick,
+        tick: Stages,
         q: ca.SX,
         twist: ca.SX,
         world: ca.SX,
@@ -259,7 +259,7 @@ class HandTask:
 
     def _rows_ahead(
         self,
-        tick: Tick,
+        tick: Stages,
         q: ca.SX,
         last: ca.SX,
         direction: ca.SX,

@@ -19,7 +19,7 @@ from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.kinematics.room import MovingCapsule, moving_numbers
 from rehab_opt.optim.certificate import all_true, clipped
 
-__all__ = ["Limit", "Limits", "all_limits", "checked_limits"]
+__all__ = ["Limit", "PostureLimits", "all_limits", "checked_limits"]
 
 Array = NDArray[np.float64]
 
@@ -126,7 +126,9 @@ def checked_limits(limits: Sequence[Limit], chain: SerialChain) -> tuple[Limit, 
     return tuple(limits)
 
 
-def all_limits(limits: Sequence[Limit | Clearance], chain: SerialChain, dt: float, recovery_speed: float) -> Limits:
+def all_limits(
+    limits: Sequence[Limit | Clearance], chain: SerialChain, dt: float, recovery_speed: float
+) -> PostureLimits:
     """The limits of an arm, one `Clearance` among them or none.
 
     Raises
@@ -141,10 +143,10 @@ def all_limits(limits: Sequence[Limit | Clearance], chain: SerialChain, dt: floa
     pairs = [ClearancePairs(checked_clearance(name, each, chain), chain) for name, each in found]
     others = checked_limits([each for each in limits if isinstance(each, Limit)], chain)
     found_pairs = next((each for each in pairs if each.names), None)
-    return Limits(others, chain, dt, found_pairs, recovery_speed=recovery_speed)
+    return PostureLimits(others, chain, dt, found_pairs, recovery_speed=recovery_speed)
 
 
-class Limits:
+class PostureLimits:
     """The limits of one arm in one tick.
 
     A row is about the tangent at the beginning of a tick, and the arm is judged at its end. So a margin is kept, about

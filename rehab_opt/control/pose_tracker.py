@@ -17,7 +17,7 @@ from rehab_opt.control.command import Command
 from rehab_opt.control.damped import damped_velocity
 from rehab_opt.control.jerk_bounds import JerkBounds
 from rehab_opt.control.joint_feedback import JointFeedback
-from rehab_opt.control.limit import Limit, Limits, all_limits
+from rehab_opt.control.limit import Limit, PostureLimits, all_limits
 from rehab_opt.control.reference_velocity import CALMING, MISSED, ReferenceVelocity
 from rehab_opt.control.stopping import VelocityBounds
 from rehab_opt.control.tool_speed import tool_acceleration
@@ -30,9 +30,9 @@ from rehab_opt.optim.qp import Statement
 from rehab_opt.optim.rows import parameter, variable, within
 from rehab_opt.symbolic import Compile
 from rehab_opt.symbolic.record import Values
-from rehab_opt.symbolic.tick import Tick
+from rehab_opt.symbolic.tick import Stages
 
-__all__ = ["Inputs", "Motion", "PoseTracker", "Rows"]
+__all__ = ["Inputs", "PoseTracker", "Rows", "TickSolution"]
 
 DIRECTION_KEEPING = 1e-5
 """Price of slowing down against leaving the asked direction: at a twentieth of the speed it is left by 0.01 deg."""
@@ -87,7 +87,7 @@ class Rows(NamedTuple):
     """Further quantities of the posture, for `outcome`."""
 
 
-class Motion(NamedTuple):
+class TickSolution(NamedTuple):
     """Solution of a tick, as expressions."""
 
     velocity: ca.SX
@@ -173,7 +173,7 @@ class PoseTracker(VelocityController):
         task_weights: ArrayLike = 1.0,
         jerk: ArrayLike | None = None,
         posture: ArrayLike | None = None,
-        limits: Sequence[Limit | Clearance] | Limits = (),
+        limits: Sequence[Limit | Clearance] | PostureLimits = (),
         dt: float = 0.001,
         recovery_speed: float = 0.1,
         solver: str = "qrqp",
@@ -195,7 +195,7 @@ class PoseTracker(VelocityController):
         limited = chain.with_limits(lower=lower, upper=upper, velocity=velocity, acceleration=acceleration)
         checked_number("dt", dt, above=0.0, below=1.0)
         checked_number("recovery_speed", recovery_speed, above=0.0, below=1.0)
-        self.limits = limits if isinstance(limits, Limits) else all_limits(limits, limited, dt, recovery_speed)
+        self.limits = limits if isinstance(limits, PostureLimits) else all_limits(limits, limited, dt, recovery_speed)
         self.jerk = None
         if jerk is not None:
             self._check_jerk_alone(jerk, feedback)
@@ -217,7 +217,7 @@ class PoseTracker(VelocityController):
 
     def statement(self) -> Statement:
         """The QP of one tick; parameters q (n,), pose (16, by rows), twist (6,); memory as `VelocityController`."""
-        tick, n, weights = Tick(), self.chain.n, ca.sqrt(ca.DM(self.task_weights))
+        tick, n, weights = Stages(), self.chain.n, ca.sqrt(ca.DM(self.task_weights))
         q, entries, twist, others = parameter("q", n), parameter("pose", POSE), parameter("twist", TWIST), self.others()
         memory = parameter("memory", self._memory_size)
         inputs = Inputs(q, _pose(entries), twist, others, others[-1] if self.limits.moving else ca.SX(0, 1), memory)
@@ -248,7 +248,7 @@ class PoseTracker(VelocityController):
             + (DIRECTION_KEEPING + calm) * ca.sumsqr(progress.symbol - speed)
         )
         command = self.command(tick, inputs, u)
-        motion = Motion(u, command, s, speed, J @ command, whole, rows)
+        motion = TickSolution(u, command, s, speed, J @ command, whole, rows)
         report, remember = self.outcome(tick, inputs, motion)
         return Statement(
             name=self.name,
@@ -289,7 +289,7 @@ class PoseTracker(VelocityController):
         """Parameters besides q, pose and twist."""
         return [parameter("obstacles", self.limits.told)] if self.limits.moving else []
 
-    def outcome(self, tick: Tick, inputs: Inputs, motion: Motion) -> tuple[ca.SX, ca.SX]:
+    def outcome(self, tick: Stages, inputs: Inputs, motion: TickSolution) -> tuple[ca.SX, ca.SX]:
         """The report of a tick, what yielded and the scale first; and the memory that it leaves."""
         outside = motion.rows.bounds.outside
         report = self.report(inputs.last, motion.command, motion.delivered, motion.commanded, outside)
@@ -321,15 +321,15 @@ class PoseTracker(VelocityController):
             if given:
                 raise ConfigurationError("jerk", jerk, f"None with {name}, which has bounds that come before a drive's")
 
-    def rows(self, tick: Tick, inputs: Inputs, bounds: VelocityBounds) -> Rows:
+    def rows(self, tick: Stages, inputs: Inputs, bounds: VelocityBounds) -> Rows:
         """The linear bounds, and the intervals `bounds` opened where they have to yield."""
         if not len(self.limits):
             return Rows(ca.SX(0, self.chain.n), ca.SX(0, 1), bounds)
         contacts = self.contacts(tick, inputs.q, inputs.last, inputs.moving, ticks=1)
         return Rows(*self.limits.rows(inputs.q, inputs.last, bounds, contacts))
 
-    def contacts(self, tick: Tick, q: ca.SX, last: ca.SX, moving: ca.SX, *, ticks: int) -> ca.SX:
-        """Nearest contacts within that many ticks, see `Limits.contacts`."""
+    def contacts(self, tick: Stages, q: ca.SX, last: ca.SX, moving: ca.SX, *, ticks: int) -> ca.SX:
+        """Nearest contacts within that many ticks, see `PostureLimits.contacts`."""
         if not self.limits.contacts_size:
             return ca.SX(0, 1)
         given = [ca.MX.sym(name, each.numel()) for name, each in (("q", q), ("last", last), ("moving", moving))]
@@ -343,7 +343,7 @@ class PoseTracker(VelocityController):
         """
         return None
 
-    def command(self, tick: Tick, inputs: Inputs, velocity: ca.SX) -> ca.SX:
+    def command(self, tick: Stages, inputs: Inputs, velocity: ca.SX) -> ca.SX:
         """(n,) the QP's velocity, or what of it keeps the user's limits: its rows are tangents.
 
         To what comes by itself it gives way by more than the acceleration, where the rows' tangents do not.
@@ -369,7 +369,7 @@ class PoseTracker(VelocityController):
 
         return tick.when(tick.call(limits.all_clear, *state, velocity)[0], velocity, otherwise)
 
-    def _slowed(self, tick: Tick, q: ca.SX, moving: ca.SX, memory: ca.SX) -> ca.SX:
+    def _slowed(self, tick: Stages, q: ca.SX, moving: ca.SX, memory: ca.SX) -> ca.SX:
         """(n,) the velocity nearest to rest that keeps the limits."""
         last = memory[: self.chain.n]
         contacts = self.contacts(tick, q, last, moving, ticks=1)
@@ -385,7 +385,7 @@ class PoseTracker(VelocityController):
         """As a controller's without limits, but for moving capsules, where there are such, as a third input."""
         if not self.slows_before_limits:
             return super().braking()
-        tick, q, memory = Tick(), ca.SX.sym("q", self.chain.n), ca.SX.sym("memory", self._memory_size)
+        tick, q, memory = Stages(), ca.SX.sym("q", self.chain.n), ca.SX.sym("memory", self._memory_size)
         last, moving = memory[: self.chain.n], ca.SX.sym("moving", self.limits.told)
         rest, contacts = self._slowed(tick, q, moving, memory), self.contacts(tick, q, last, moving, ticks=1)
         outside = ca.logic_or(self.bounds(q, memory).outside, self.limits.inside(contacts))

@@ -19,7 +19,7 @@ from rehab_opt.control.watched_joints import memory_of_watch, patience_of
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.export.c_text import filled, indented, initialiser, number
 from rehab_opt.export.generated import renamed
-from rehab_opt.export.recording import Recording
+from rehab_opt.export.recording import Run
 from rehab_opt.optim.fused import fused
 from rehab_opt.optim.qrqp import QRQP_ITERATIONS
 from rehab_opt.optim.rows import PLAUSIBLE
@@ -126,7 +126,7 @@ class ExportedController(ABC):
     interface: str
     call: str
     usage: str
-    recording: Recording
+    recording: Run
     differences: Sequence[str]
     solves: int
     values: Mapping[str, str] = field(default_factory=dict)

@@ -15,7 +15,7 @@ from rehab_opt.errors import ConfigurationError
 from rehab_opt.symbolic import PerThread
 from rehab_opt.workspace.point_arguments import point_array, single_point
 from rehab_opt.workspace.spline_cells import Cells
-from rehab_opt.workspace.spline_fit import Fit, checked_landmarks, checked_smoothing, fitted
+from rehab_opt.workspace.spline_fit import SplineFit, checked_landmarks, checked_smoothing, fitted
 from rehab_opt.workspace.spline_inverse import Starts, preimage, preimages, tolerance_terms
 from rehab_opt.workspace.spline_kernel import jacobians, values
 from rehab_opt.workspace.spline_point import PointFunction, cells_worth_having, point_map
@@ -68,7 +68,7 @@ class ThinPlateSpline:
     weights: Array = field(init=False)
     affine: Array = field(init=False)
     bending_energy: float = field(init=False)
-    _fit: Fit = field(init=False, repr=False)
+    _fit: SplineFit = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         """Check, freeze and fit."""
@@ -233,7 +233,7 @@ class ThinPlateSpline:
         self._freeze()  # pickle forgets it
 
 
-def _in_given_units(fit: Fit) -> tuple[Array, Array]:
+def _in_given_units(fit: SplineFit) -> tuple[Array, Array]:
     """Weights (N, 2) and affine part (3, 2) for distances in metres, not in units of the spread.
 
     ln r^2 shifts by ln sigma^2; under the side conditions sum w |s - s_i|^2 is the constant sum w |s_i|^2.

@@ -25,7 +25,7 @@ from rehab_opt.export.controllers.mirror_run import mirror_run
 from rehab_opt.export.controllers.pose_tracker import moving_argument, moving_values
 from rehab_opt.export.exported import BYTES, ExportedVelocity, Law
 from rehab_opt.export.generated import renamed
-from rehab_opt.export.recording import Recording
+from rehab_opt.export.recording import Run
 from rehab_opt.optim.fallback_chain import BACKUP, as_in_c
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.mirror.laws import tracker_of
@@ -191,7 +191,7 @@ def exported_mirror(
         interface="mirror",
         call=CALL.format(moving=moving_argument(tracker.limits, "tick->")),
         usage=USAGE.format(moving=moving_argument(tracker.limits)),
-        recording=Recording((), (), "", ()),
+        recording=Run((), (), "", ()),
         differences=(),
         solves=solves,
         values=values,

@@ -27,7 +27,7 @@ from rehab_opt.session.drawing import (
     legend_below,
 )
 from rehab_opt.session.outcome import Array, Outcome
-from rehab_opt.session.upper_limb.outcome import DRIVEN_DEG, ArmOutcome, Drive
+from rehab_opt.session.upper_limb.outcome import DRIVEN_DEG, ArmOutcome, DrivenArm
 
 __all__ = ["brief", "figures", "table"]
 
@@ -118,7 +118,7 @@ def figures(outcome: ArmOutcome) -> dict[str, Figure]:
     }
 
 
-def _drives(outcome: ArmOutcome) -> Iterator[tuple[str, Drive]]:
+def _drives(outcome: ArmOutcome) -> Iterator[tuple[str, DrivenArm]]:
     """Each law that was driven: the figures show what a drive would do."""
     for run in outcome.laws:
         if run.drive is not None:
