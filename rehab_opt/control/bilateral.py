@@ -71,7 +71,7 @@ class Bilateral(OneThread):
 
     @property
     def under_way(self) -> tuple[FromParticipant | None, FromHelper | None]:
-        """What the helper's and the participant's side are told in the next tick."""
+        """Messages that the helper's and the participant's side receive in the next tick."""
         return self._back[0], self._there[0]
 
     def step(

@@ -68,7 +68,7 @@ class _Serials:
         return self._said
 
     def fresh(self, serial: float) -> bool:
-        """Whether a message is later than all that were heard before."""
+        """Whether a message is newer than all received before."""
         if not serial > self._newest:  # NaN fails
             return False
         self._newest = serial
@@ -117,7 +117,7 @@ class ParticipantSide(OneThread):
         self.reset()
 
     def reset(self) -> None:
-        """No force, a full tank, nothing heard.
+        """No force, a full tank, no message received.
 
         The numbers of messages go on; where the other side is made anew, whose count begins again, make this one anew.
         """
@@ -198,7 +198,7 @@ class HelperSide(OneThread):
         self._serials = _Serials()
 
     def reset(self) -> None:
-        """No force, a full tank, nothing heard; see `ParticipantSide.reset`."""
+        """No force, a full tank, no message received; see `ParticipantSide.reset`."""
         self._claim()
         self.force.reset()
         self._felt[:] = math.nan
@@ -207,7 +207,7 @@ class HelperSide(OneThread):
 
     @property
     def partner(self) -> Array:
-        """(2,) [m] the participant's hand, as last heard, in the helper's workspace: g inverse; NaN where it is not.
+        """(2,) [m] the participant's hand, as last received, in the helper's workspace: g inverse; NaN where it is not.
 
         For a display: a Newton solve.
         """
@@ -247,7 +247,7 @@ class HelperSide(OneThread):
 
 
 def _place(x: ArrayLike, force: BoundedForce) -> tuple[float, float]:
-    """Where a hand is; nowhere when its side had to let go, so that the other side does too."""
+    """Position of a hand; NaN when its side had to let go, so that the other side does too."""
     if not force.usable:
         return NO_FORCE
     at_x, at_y = np.asarray(x, dtype=np.float64).tolist()
@@ -255,7 +255,7 @@ def _place(x: ArrayLike, force: BoundedForce) -> tuple[float, float]:
 
 
 def _floats(x: float, y: float) -> Array:
-    """Two numbers of a message; none where one cannot be meant."""
+    """Two numbers of a message, NaN where one is out of range."""
     return np.array((x, y) if -BEYOND < x < BEYOND and -BEYOND < y < BEYOND else NO_FORCE)
 
 

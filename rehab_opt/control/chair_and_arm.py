@@ -323,10 +323,10 @@ class ChairAndArm(VelocityController):
             self._write((q, twist, [world], *self._inputs[2:]))
 
     tick = VelocityController._tick
-    """One step on what was told."""
+    """One step on the inputs that were set."""
 
     def brake(self, reason: str) -> Command:
-        """The safe command at what was told."""
+        """The safe command at the inputs that were set."""
         return self._safe(reason)
 
     def begin(self, velocity: Array, heading: float) -> None:

@@ -127,7 +127,7 @@ def capsule_and_capsule(
 
 
 def _behind_those_beside(contacts: list[ca.SX], places: list[ca.SX], apart: list[ca.SX], told: list[ca.SX]) -> None:
-    """Give contacts whose place [m] is that of a nearer one, or of one that another pair tells of, more room."""
+    """Give contacts whose place [m] is that of a nearer one, or of one that another pair covers, more room."""
     for j, place in enumerate(places):
         for i, beside in enumerate(places):
             nearer = apart[i] <= apart[j] if i < j else apart[i] < apart[j]

@@ -36,7 +36,7 @@ __all__ = [
 ]
 
 MUCH = 1e3
-"""[J] More than any tick could take: what is beyond it need not be said to the QP."""
+"""[J] More than any tick could take: energy beyond it need not enter the QP."""
 MISSED = 1e-6
 """Share of the wanted force by which the commanded one must differ for the task to count as yielding."""
 MODEL = Record(

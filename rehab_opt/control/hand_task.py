@@ -348,7 +348,7 @@ class HandTask:
 
 
 def frame_number(frame: str) -> float:
-    """The parameter that says in which frame rows are meant: 0 in the chassis frame, 1 in the world's."""
+    """Frame of the task rows as a parameter of the QP: 0 the chassis frame, 1 the world's."""
     world = FRAMES.get(frame) if isinstance(frame, str) else None
     if world is None:
         raise ConfigurationError("frame", frame, "chassis or world")
@@ -356,7 +356,7 @@ def frame_number(frame: str) -> float:
 
 
 def checked_rows(rows: Sequence[str], argument: str = "rows") -> tuple[str, ...]:
-    """Rows that can be asked for together; `argument` is whose they are, one set of them where it has several."""
+    """Task rows that can be commanded together; `argument` is the one they come from, alone or as one set."""
     names = tuple(rows) if isinstance(rows, (tuple, list)) else ()
     known = all(isinstance(name, str) and name in ROWS for name in names)
     if not names or not known or len(set(names)) != len(names):

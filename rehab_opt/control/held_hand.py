@@ -45,7 +45,7 @@ USUAL = 20.0
 INERTIA = 0.5
 """Share of its own inertia by which a joint's differs from what the servo was tuned to, by posture and coupling."""
 LATE = 0.003
-"""[s] By which the delay may be another one than was told."""
+"""[s] Largest error of the given delay."""
 SLOWEST = 0.02
 """[m/s] Hands that are slower have no way that they could be held on."""
 CALM = 2.0

@@ -40,7 +40,7 @@ SLACK = 1e-5
 ROWS = 3
 """Distances of a limit that make rows: along an edge of two an arm slides into a corner."""
 MATTERS = 0.05
-"""Of a slope's largest entry: a joint below it is not asked to keep a limit."""
+"""Of a slope's largest entry: a joint below it takes no part in keeping a limit."""
 TINY = 1e-300
 
 
@@ -173,7 +173,7 @@ class PostureLimits:
     ) -> None:
         self.limits, self.chain, self.dt, self.clearance = tuple(limits), chain, dt, clearance
         self.moving = 0 if clearance is None else clearance.clearance.moving
-        """How many moving capsules a tick is told of."""
+        """Largest number of moving capsules in a tick."""
         self._calm = ca.DM(recovery_speed * chain.velocity)
         together = max(float(np.max(chain.velocity / chain.acceleration)), dt)
         rates = [each.rate for each in self.limits for _ in range(each.count(chain))]
@@ -485,10 +485,10 @@ class PostureLimits:
     def _tangents(
         self, q: ca.SX, last: ca.SX, ways: Sequence[float], ticks: ca.SX | float = 1.0
     ) -> tuple[ca.SX, ca.SX, ca.SX]:
-        """Slopes (m, n) of the least distances, these (m,), and what of their fall the tangents do not tell (m,).
+        """Slopes (m, n) of the least distances, these (m,), and by how much their fall exceeds the tangents' (m,).
 
         That is what the last velocity would lose against them in so many ticks, and a margin for what a change of it
-        may lose; what lacks of that is asked for in these ticks: an arm at a limit is free to begin to move along it.
+        may lose; what lacks of that is regained in these ticks: an arm at a limit is free to begin to move along it.
         """
         seconds = ticks * self.dt
         found = [one.nearest(self.chain, q, seconds * last, k) for one, k in zip(self.limits, ways, strict=True)]

@@ -52,7 +52,7 @@ pose of what the hand is led to now, which may be what the person's arm can do o
 SAID = Record(passed=1, fraction=1, lag=1, bridging=1, waits=1, cuts=1, short=1)
 """Samples passed, where the clock then is, and whether it bridges a jump, stood, a hand was cut short, and is short."""
 AIMED = Record(kept=1, pose=16, twist=6, offset=3)
-"""Whether an arm that brakes keeps what it is held near, and pose, twist and offset [m] that the QP is told."""
+"""Whether a braking arm stays near what `HELD` names, and pose, twist and offset [m] for the QP."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -25,7 +25,7 @@ SPAN = 64, 128
 REST = 32
 """Ticks at most after something unusual until a layout is tried again: one at first, then twice as many."""
 USUAL = 5
-"""Where the verdict on a tick says that nothing about it was unusual."""
+"""Index in a tick's verdict: whether nothing about the tick was unusual."""
 
 _OK, _NAN, _new, _read_only = Status.OK, math.nan, tuple.__new__, np.frombuffer
 _BOUNDS, _TASK = tuple(Bound(i) for i in range(8)), int(Bound.TASK)

@@ -121,7 +121,7 @@ class MirrorStatement(PoseTracker):
         return Rows(matrix, upper, bounds, Posture(now.w, now.gradient, now.pose[:3, 3], turned))
 
     def excess(self, inputs: Inputs, jacobian: ca.SX, velocity: ca.SX) -> ca.SX:
-        """The wanted motion is slowed, not the asked one: what the floor takes from it must not slow the rest.
+        """Hand speeds of `velocity`, not the reference, over their limits: what a floor takes must not slow the rest.
 
         From its speed that way on, the hand comes to `SERVO` of the largest one at the rate `approach`: servos
         overshoot the end of an acceleration. Where joints take over from others whose servos are behind, the hand is
@@ -153,7 +153,7 @@ class MirrorStatement(PoseTracker):
         """[1/s] as `PoseTracker`'s, and slower in long ticks."""
         return min(super()._settling, AT_MOST / self.dt)
 
-    def _asked_twist(self, jacobian: ca.SX, pose: ca.SX, target: ca.SX, twist: ca.SX) -> tuple[ca.SX, ca.SX]:
+    def _reference_twist(self, jacobian: ca.SX, pose: ca.SX, target: ca.SX, twist: ca.SX) -> tuple[ca.SX, ca.SX]:
         feedback = self._settling * ca.vertcat(
             target[:3, 3] - pose[:3, 3], rotation_vector(target[:3, :3] @ pose[:3, :3].T)
         )

@@ -76,7 +76,7 @@ def obstacle_numbers(obstacles: Sequence[Obstacle], max_obstacles: int) -> Array
     if not isinstance(obstacles, (list, tuple)) or isinstance(obstacles, Obstacle):
         raise ConfigurationError("obstacles", obstacles, "a list or tuple of HalfPlane and Disc")
     if len(obstacles) > max_obstacles:
-        raise ConfigurationError("obstacles", len(obstacles), f"at most {max_obstacles}, as told at construction")
+        raise ConfigurationError("obstacles", len(obstacles), f"at most {max_obstacles}, as given at construction")
     numbers = np.zeros((max_obstacles, NUMBERS))
     for i, obstacle in enumerate(obstacles):
         row = _row(obstacle)

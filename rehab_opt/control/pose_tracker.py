@@ -35,7 +35,7 @@ from rehab_opt.symbolic.tick import Stages
 __all__ = ["Inputs", "PoseTracker", "Rows", "TickSolution"]
 
 DIRECTION_KEEPING = 1e-5
-"""Price of slowing down against leaving the asked direction: at a twentieth of the speed it is left by 0.01 deg."""
+"""Price of slowing down against leaving the reference direction: at a twentieth of the speed it is left by 0.01 deg."""
 STEADYING = 1e-5
 """Weight of the joint velocities against the squared twist error: it settles what the task leaves open."""
 DRIFT_SPEED = 0.1
@@ -408,37 +408,37 @@ class PoseTracker(VelocityController):
         return ca.DM(weights) * tool_acceleration(plain, way) / self._settling
 
     def _led_twist(self, inputs: Inputs, jacobian: ca.SX, guided: Values | None) -> tuple[ca.SX, ca.SX]:
-        """As `_asked_twist`, of where the joints are by what is measured, the commands' delay ahead of the target.
+        """As `_reference_twist`, of where the joints are by what is measured, the commands' delay ahead of the target.
 
-        A hand that is held asks for no more than the speeds of recovery, and along the way that it is held on for what
-        brings it to where it may press.
+        A held hand moves no faster than the speeds of recovery, and along its way of contact only to where it may
+        press.
         """
         chain = self.chain
         if guided is None or self.feedback is None:
-            return self._asked_twist(jacobian, chain.pose_expression(inputs.q), inputs.target, inputs.twist)
+            return self._reference_twist(jacobian, chain.pose_expression(inputs.q), inputs.target, inputs.twist)
         early = 1 + self._settling * guided.early
         pose = chain.pose_expression(inputs.q + guided.strays)
-        asked, whole = self._asked_twist(jacobian, pose, inputs.target, early * inputs.twist)
-        excess = ca.fmax(ca.norm_2(asked[:3]) / self.linear_speed, ca.norm_2(asked[3:]) / self.angular_speed)
+        reference, whole = self._reference_twist(jacobian, pose, inputs.target, early * inputs.twist)
+        excess = ca.fmax(ca.norm_2(reference[:3]) / self.linear_speed, ca.norm_2(reference[3:]) / self.angular_speed)
         slower = ca.if_else(guided.held, ca.fmax(excess / self.recovery_speed, 1), 1)
-        asked = asked / slower
-        over = ca.fmax(ca.dot(guided.way, asked[:3]) - min(self.feedback.most_gain, 1 / self.dt) * guided.room, 0)
-        asked[:3] -= ca.if_else(guided.held, over, 0) * guided.way
-        return asked, whole
+        reference = reference / slower
+        over = ca.fmax(ca.dot(guided.way, reference[:3]) - min(self.feedback.most_gain, 1 / self.dt) * guided.room, 0)
+        reference[:3] -= ca.if_else(guided.held, over, 0) * guided.way
+        return reference, whole
 
-    def _asked_twist(self, jacobian: ca.SX, pose: ca.SX, target: ca.SX, twist: ca.SX) -> tuple[ca.SX, ca.SX]:
+    def _reference_twist(self, jacobian: ca.SX, pose: ca.SX, target: ca.SX, twist: ca.SX) -> tuple[ca.SX, ca.SX]:
         """(6,) twist plus feedback on the pose error, slowed to what can be braked and to the hand speeds.
 
-        And all of it, of which `Command.scale` says how much is delivered.
+        And the same before slowing, of which `Command.scale` is the delivered fraction.
         """
         position_error = target[:3, 3] - pose[:3, 3]
         rotation_error = rotation_vector(target[:3, :3] @ pose[:3, :3].T)
         controlled = ca.DM(self.task_weights > 0)
         feedback = controlled * self._settling * ca.vertcat(position_error, rotation_error)
         whole = controlled * twist + feedback
-        asked = whole - (1 - self._braked(jacobian, feedback)) * feedback
-        excess = ca.fmax(ca.norm_2(asked[:3]) / self.linear_speed, ca.norm_2(asked[3:]) / self.angular_speed)
-        return asked / ca.fmax(excess, 1), whole
+        reference = whole - (1 - self._braked(jacobian, feedback)) * feedback
+        excess = ca.fmax(ca.norm_2(reference[:3]) / self.linear_speed, ca.norm_2(reference[3:]) / self.angular_speed)
+        return reference / ca.fmax(excess, 1), whole
 
     def _braked(self, jacobian: ca.SX, feedback: ca.SX) -> ca.SX:
         """Share of the feedback (6,) that lets the joints still stop at the target, at the weighted Jacobian.

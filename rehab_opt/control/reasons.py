@@ -16,11 +16,11 @@ class Reason(NamedTuple):
     name: str
     """Of the constant in C, behind REHAB_."""
     text: str
-    """What `rehab_reason` says."""
+    """As `rehab_reason` gives it."""
     python: str | None
-    """Part of what Python says then; None where Python never does."""
+    """Part of Python's text; None where Python has no such reason."""
     told: str = ""
-    """What Python says of a tick that gives the number, and details of it, where `text` is not all."""
+    """Format of Python's text, with details of the tick; empty where that is `text`."""
 
 
 REASONS = (
@@ -110,7 +110,7 @@ NUMBER = {reason.name: number for number, reason in enumerate(REASONS)}
 
 
 def reason_text(number: float, details: Iterable[float]) -> str:
-    """What Python says of a reason that a tick gave, with as many details of it as there are in the words."""
+    """Python's text of a tick's reason, with as many of its details as the format takes."""
     reason = REASONS[int(number)]
     return reason.told.format(*details) if reason.told else reason.text
 
@@ -139,7 +139,7 @@ class Note(NamedTuple):
     text: str
     """What it means."""
     python: str
-    """Part of what Python says then."""
+    """Part of Python's text."""
 
 
 HELD_BACK = "the hand was held back: led at recovery speed until it is free for two seconds"

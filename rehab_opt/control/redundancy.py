@@ -64,8 +64,8 @@ class RedundancyResolver(OneThread):
     late for that, within 2 mm, or on the way out of an obstacle. Under a constant command the hand, after T + 1 s, is
     no faster than commanded by more than 2 % and moves no faster than 2 % of that against it. While it brakes before a
     bound it may leave the direction, by less than 15 % of the commanded speed across and against it, since the Jacobian
-    changes on the way. Where the bounds leave nothing of the command, the status is `BLOCKED`. What is delivered is
-    said of the middle of the tick, to where the last velocity leads by then, and of velocities that are held through
+    changes on the way. Where the bounds leave nothing of the command, the status is `BLOCKED`. The delivered twist is
+    that at the middle of the tick, to where the last velocity leads by then, and of velocities that are held through
     it: wheels that hold their speeds instead turn the chair's way within a tick, by half of what the chair turns.
 
     A joint outside its limits comes back where the task moves it, or the posture cost does, and is not moved by itself:
@@ -248,7 +248,7 @@ class RedundancyResolver(OneThread):
         Parameters
         ----------
         q : (7,) joint positions now [m, rad].
-        twist : (k,) asked hand velocity, one number a row [m/s, rad/s].
+        twist : (k,) commanded hand velocity, one number a row [m/s, rad/s].
         rows : any of x, y, z, rx, ry, rz in `frame`, and roll7 about the z axis of the tool, which is ARDIS's wrist
             axis; all else is free.
         frame : "chassis", which turns with the chair, or "world"; at the hand, both.

@@ -115,7 +115,7 @@ class ClockStatement:
     def taken_function(linear_speed: float, angular_speed: float) -> ca.Function:
         """Newest sample, pose, twist, [seconds, of them lost, bridge] -> newest, two samples more, whether both are.
 
-        A jump is bridged, and what else is told to be: then the sample is as late as a calm way to it at these speeds
+        A jump is bridged, and so is any sample with `bridge`: then it is as late as a calm way to it at these speeds
         takes, and in between there is one of the way. What was lost before it counts in its stamp.
         """
         newest, pose, twist = SAMPLE.symbols("newest"), ca.SX.sym("pose", 16), ca.SX.sym("twist", 6)

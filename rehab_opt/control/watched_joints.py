@@ -26,7 +26,7 @@ __all__ = [
 Array = NDArray[np.float64]
 
 NOT_FOLLOWED = "does not follow"
-"""What a reason says of a joint at fault."""
+"""Text of the reason for a joint at fault."""
 SHARE = 0.08
 """A joint follows that has moved this share of the way that it was commanded: a caller may integrate a tenth of it."""
 TOLERANCE = 0.03
@@ -159,5 +159,5 @@ class WatchedJoints:
 
 
 def not_followed(name: str, far: float) -> str:
-    """What is said of a joint at fault, `far` [rad or m] from where it was led."""
+    """Reason for a joint at fault, `far` [rad or m] from where it was led."""
     return f"{name} {NOT_FOLLOWED}: {far:.2g} rad or m from where it was led"
