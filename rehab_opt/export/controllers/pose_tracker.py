@@ -128,7 +128,7 @@ def moving_values(limits: PostureLimits, where: str) -> dict[str, str]:
     return {
         "moving_argument": " const double *obstacles," if told else "",
         "moving_input": MOVING_INPUT.format(size=told) if told else "",
-        "moving_told": f"\n    told({where}, obstacles, {told});" if told else "",
+        "set_moving": f"\n    set_inputs({where}, obstacles, {told});" if told else "",
     }
 
 
