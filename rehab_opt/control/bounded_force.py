@@ -99,11 +99,11 @@ class BoundedForce(OneThread):
         changes as fast as the slew limit allows. The slew limit or more for no such bound.
     energy_budget : [J] what may be delivered to the hand until `reset`, net of what the hand puts in; see `EnergyTank`.
     speed_cap : [m/s] hand speed from which on the force is let go.
-    actuation_delay : [s] from a command until its force acts, and from a position until it is told, together.
+    actuation_delay : [s] from a command until its force acts, and from a position until `step` gets it, together.
     actuation_lag : [s] time constant at which the acting force follows.
-    actuation_uncertainty : [s] by which each of them may be more than was told. Energy is counted by all forces that
+    actuation_uncertainty : [s] by which each of them may be more than was given. Energy is counted by all forces that
         may act, of the last delay + 5 lag (18 ms by default), see `EnergyTank`; where all three are zero, as of an
-        ideal plant, by the one that was sent.
+        ideal plant, by the last command.
     position_noise : [m] standard deviation of each coordinate: positions may jump by six of them; learnt from the
         positions by default, in 0.2 s and up to 1.2 mm. A hand that moves on and on above the speed cap is found by its
         estimated velocity then, as soon as that is beyond the cap by the jump over `velocity_lag`. For the energy,

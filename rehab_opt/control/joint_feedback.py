@@ -55,8 +55,8 @@ class JointFeedback:
 
     Parameters
     ----------
-    delay : [s] from a command until the joint moves, and from a position until it is told, together; at most 128 ticks.
-        3 ms more or less are no harm.
+    delay : [s] from a command until the joint moves, and from a position until `step` gets it, together; at most 128
+        ticks. 3 ms more or less are no harm.
     servo_hz : [Hz] bandwidth of the velocity servo; infinite for joints that move as commanded.
     correction : [1/s] rate at which the reference comes to the measured positions. Slow: noise passes by its square
         root, and an error that a joint makes at less than `correction` times `tolerance` is no fault.

@@ -60,13 +60,14 @@ class RedundancyResolver(OneThread):
 
     The law. Every limit, keep-out and obstacle is approached so that the whole robot can brake together, all velocities
     to zero in proportion in 1.1 T, with all of them kept (`BrakingTogether`); T is the time in which every joint stops
-    from its largest speed. Accelerations therefore yield only where an obstacle, or a velocity that was told, came too
-    late for that, within 2 mm, or on the way out of an obstacle. Under a constant command the hand, after T + 1 s, is
-    no faster than commanded by more than 2 % and moves no faster than 2 % of that against it. While it brakes before a
-    bound it may leave the direction, by less than 15 % of the commanded speed across and against it, since the Jacobian
-    changes on the way. Where the bounds leave nothing of the command, the status is `BLOCKED`. The delivered twist is
-    that at the middle of the tick, to where the last velocity leads by then, and of velocities that are held through
-    it: wheels that hold their speeds instead turn the chair's way within a tick, by half of what the chair turns.
+    from its largest speed. Accelerations therefore yield only where an obstacle, or a velocity given to `reset`, came
+    too late for that, within 2 mm, or on the way out of an obstacle. Under a constant command the hand, after T + 1 s,
+    is no faster than commanded by more than 2 % and moves no faster than 2 % of that against it. While it brakes before
+    a bound it may leave the direction, by less than 15 % of the commanded speed across and against it, since the
+    Jacobian changes on the way. Where the bounds leave nothing of the command, the status is `BLOCKED`. The delivered
+    twist is that at the middle of the tick, to where the last velocity leads by then, and of velocities that are held
+    through it: wheels that hold their speeds instead turn the chair's way within a tick, by half of what the chair
+    turns.
 
     A joint outside its limits comes back where the task moves it, or the posture cost does, and is not moved by itself:
     without a command there is no motion.
