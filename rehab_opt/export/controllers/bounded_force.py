@@ -25,9 +25,9 @@ __all__ = ["DIFFERENCES", "ENERGY", "ExportedForce", "faulty_ticks"]
 Array = NDArray[np.float64]
 
 DIFFERENCES = (
-    f"There is no backup solver. Where Python would ask {BACKUP}, C releases the force and says `REHAB_NOT_CERTIFIED`; "
+    f"There is no backup solver. Where Python would use {BACKUP}, C releases the force with `REHAB_NOT_CERTIFIED`; "
     "the recorded run is of a Python controller without the backup, too.",
-    "A stamp is always asked for and checked. In Python it may be left out.",
+    "A stamp is always required and checked. In Python it may be left out.",
     "An x that is NULL counts as not a number; Python raises an error for an argument of the wrong shape.",
 )
 """Of every force."""

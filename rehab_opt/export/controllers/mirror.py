@@ -57,22 +57,22 @@ for (;;) {{{{ /* every tick */
     send(command.value); /* joint velocities, rad/s */
 }}}}"""
 DIFFERENCES = (
-    f"There is no backup solver. Where Python would ask {BACKUP}, C gives the safe command and "
+    f"There is no backup solver. Where Python would use {BACKUP}, C gives the safe command and "
     "`REHAB_NOT_CERTIFIED`; the recorded run is of a Python controller without the backup, too.",
     "`plan`, which knows the whole recording, is not there. A law that may wait for a file may run in Python.",
-    "What Python says in words of a command that is no fault (a shortened step, a slowed reference, a bridge) is "
-    "`notes`, without the numbers in it; `reason` is why it is the safe command.",
-    "A stamp is always asked for and checked. In Python it may be left out.",
+    "Python's remarks on a command that is no fault (a shortened step, a slowed reference, a bridge) are "
+    "`notes`, without their numbers; `reason` is why it is the safe command.",
+    "A stamp is always required and checked. In Python it may be left out.",
     "Another input than force that is NULL counts as not a number; Python raises an error for an argument of the "
     "wrong shape. A force that is NULL is one that nothing measures, as None is in Python.",
-    "`iterations` of Python's command is not told.",
+    "`iterations` of Python's command is not there.",
 )
 SAME = (
     "At most {0} samples of the reference wait here while the clock does, in Python {1}. Where one more arrives, every "
     "second one of those that wait is left out, with `REHAB_THINNED`, and the path between its neighbours is straight; "
     "their time is kept, and nothing is dropped at either end. `memory` of `export_c` has room for more; in Python "
     "`clock.most` is the number.",
-    "The same in both: where the gradient of the manipulability vanishes below the floor, a tick looks for a way out "
+    "The same in both: where the gradient of the manipulability vanishes below the floor, a tick looks for an escape "
     "among thousands of postures: half a millisecond where the others take microseconds, and it may come again after "
     f"{mirror_statement.STALE} ticks without gain. An arm that starts above its floor does not come there.",
 )

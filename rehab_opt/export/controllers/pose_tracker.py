@@ -37,11 +37,11 @@ MOVING_INPUT = """
  * obstacles[{size}]  what moves, 14 numbers each: start and end [m], their velocities [m/s], radius [m], and 1;
  *           0 in the last place says that there is none"""
 DIFFERENCES = (
-    f"There is no backup solver. Where Python would ask {BACKUP}, C gives the safe command and "
+    f"There is no backup solver. Where Python would use {BACKUP}, C gives the safe command and "
     "`REHAB_NOT_CERTIFIED`; the recorded run is of a Python controller without the backup, too.",
-    "A stamp is always asked for and checked. In Python it may be left out.",
+    "A stamp is always required and checked. In Python it may be left out.",
     "An input that is NULL counts as not a number; Python raises an error for an argument of the wrong shape.",
-    "`iterations` of Python's command is not told.",
+    "`iterations` of Python's command is not there.",
 )
 
 

@@ -32,16 +32,16 @@ __all__ = ["exported_resolver", "exported_resolvers"]
 Array = NDArray[np.float64]
 
 DIFFERENCES = (
-    f"There is no backup solver. Where Python would ask {BACKUP}, C goes on to a tick of braking together "
+    f"There is no backup solver. Where Python would use {BACKUP}, C goes on to a tick of braking together "
     f"(`REHAB_BACKUP`), as Python does where {BACKUP} fails, and to the safe command where that is not certified; the "
     "recorded run is of a Python controller without the backup, too.",
     "Only the sets of rows of the problem's stick are there. Others give the safe command and `REHAB_ROWS_UNKNOWN`; "
     "Python makes their functions when the robot is at rest.",
-    "`reset` is to rest. In Python it may be told a velocity.",
+    "`reset` is to rest. In Python it takes a velocity, too.",
     "`reach`, which leads the hand to a place, is not there: it needs Ruckig. Neither is the stick itself.",
-    "A stamp is always asked for and checked. In Python it may be left out.",
+    "A stamp is always required and checked. In Python it may be left out.",
     "A q or twist that is NULL counts as not a number; Python raises an error for an argument of the wrong shape.",
-    "`iterations` of Python's command is not told.",
+    "`iterations` of Python's command is not there.",
 )
 
 

@@ -151,7 +151,7 @@ def _notes(problem: MirrorProblem, scene: Setup, laws: dict[str, Led], tracker: 
     if away > FAR:
         yield f"the robot starts {1e3 * away:.0f} mm from the first pose, and goes there first; '{BEFORE}' begins there"
     if scene.person is not None:
-        yield "the reference is limited to the range of motion of the arm that is led; distances are to what was asked"
+        yield "the reference is limited to the led arm's range of motion; distances are to the mirrored one"
     w = scene.robot.manipulability(scene.start) / tracker.max_manipulability
     if w < problem.tracker.floor:
         yield f"the robot starts below the floor, at {w:.3f}"

@@ -131,7 +131,7 @@ def _hand_path(outcome: ArmOutcome) -> Figure:
     figure = framed(f"{outcome.title}\nPath of the driven hand seen from above, in the plane {where}", 7.5, 6.5)
     axes = figure.add_subplot()
     path = MM * outcome.path
-    axes.plot(path[:, 0], path[:, 1], color=REFERENCE, linewidth=4.5, alpha=0.25, label="path asked for")
+    axes.plot(path[:, 0], path[:, 1], color=REFERENCE, linewidth=4.5, alpha=0.25, label="reference path")
     axes.plot(*path[0, :2], "o", color=REFERENCE, markersize=6, label="start")
     if outcome.reachable is not None and not outcome.reachable.all():
         missed = path[~outcome.reachable]
