@@ -56,9 +56,9 @@ class EnergyTank:
     two positions counts by its sum.
 
     A force acts late: up to `window` after it was sent, all of it but what lags. So a step dx is charged with the most
-    that any force under way delivers, max F.dx over those of the window, and with a tail: of what lags, exp(-TAIL) is
-    of forces before, which were another. What is sent is delivered once: no more than its impulse times the speed cap
-    is still to come. `ceiling` is the largest force F from which a release within the slew bound is affordable beside
+    that any force under way delivers, max F.dx over those of the window, and with a tail: exp(-TAIL) of a lagging force
+    stems from forces before the window. What is sent is delivered once: no more than its impulse times the speed cap is
+    still to come. `ceiling` is the largest force F from which a release within the slew bound is affordable beside
     that, after one tick that lasts `late`:
 
         speed_cap (sum of |F_j| dt_j under way + F late + F^2 / (2 slew)) <= energy left

@@ -33,7 +33,7 @@ class JointFeedback:
         q_model = q_led, `delay` late and behind the servo, moved by the same corrections
 
     - The task's error is that of q_led + d: what friction holds back is led after. Joints that hardly move leave d as
-      it is: led after by its integral, what sticks would be hunted to and fro, and noise be motion.
+      it is: integrated there, it would make sticking joints hunt, and turn noise into motion.
     - Position limits hold for q_led and for q_led + e (at the same rate, at rest, too), and joints come to them no
       nearer than others that brake may throw them off (`thrown`).
     - The target is taken to be where its twist leads it while a command is on its way (`command_delay`).

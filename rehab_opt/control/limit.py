@@ -149,7 +149,7 @@ def all_limits(
 class PostureLimits:
     """The limits of one arm in one tick.
 
-    A row is about the tangent at the beginning of a tick, and the arm is judged at its end. So a margin is kept, about
+    A row is the tangent at the beginning of a tick, and the distance is checked at its end. So a margin is kept, about
     the square of the joints' way in a tick, within which the row leads the arm away again. Limits come before
     accelerations, also while braking, and after speeds and joint limits.
 
