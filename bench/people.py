@@ -30,7 +30,7 @@ from bench.machine import machine, resident_megabytes
 from bench.verdict import Reported, Verdict
 from bench.workspace_maps import arms_of
 from rehab_opt.errors import ConfigurationError
-from rehab_opt.session.many.participant import Answer, Participant
+from rehab_opt.session.many.participant import Participant, PersonResult
 from rehab_opt.session.many.run import run_many
 from rehab_opt.workspace.mapping import WorkspaceMap
 from rehab_opt.workspace.reach import planar_workspace
@@ -78,10 +78,10 @@ def whole_sets(count: int, seed: int) -> Iterator[Verdict | Reported]:
     yield Verdict(f"whole set, median of {count} people", statistics.median(map(sum, taken[1:])), "<=", 5.0, "s")
 
 
-def stand_in(person: Participant) -> Answer:
+def stand_in(person: Participant) -> PersonResult:
     """A result of a size that a run has."""
     numbers = {f"sets.regular.number_{i}_m": float(person.name[1:]) + i for i in range(60)}
-    return Answer({"metrics.json": b"{}", "figure.png": os.urandom(100_000)}, numbers, 0.001)
+    return PersonResult({"metrics.json": b"{}", "figure.png": os.urandom(100_000)}, numbers, 0.001)
 
 
 def memory(count: int) -> Iterator[Verdict | Reported]:

@@ -23,7 +23,7 @@ from rehab_opt.session.plant import KINDS, on_plant
 from rehab_opt.session.run import run_problem
 from rehab_opt.session.scenario.loop import ran
 from rehab_opt.session.scenario.outcome import ScenarioOutcome
-from rehab_opt.session.scenario.prepared import prepared
+from rehab_opt.session.scenario.precomputed import precompute
 from rehab_opt.session.scenario.run import law_of, scene_of
 
 __all__ = ["SCENARIOS", "changed", "judged", "main"]
@@ -115,7 +115,7 @@ def judged(name: str, outcome: ScenarioOutcome) -> list[Verdict]:
 def session() -> Verdict:
     """A minute at 1 kHz beside the time it takes to simulate: participant, robot and assistance."""
     loaded = changed("scenario_4_follow", task={"movement_s": 60.0, "rest_s": 0.0, "trials": 1})
-    ready = prepared(loaded, progress=_silent)
+    ready = precompute(loaded, progress=_silent)
     scene, law = scene_of(loaded, ready), law_of("assisted", loaded, ready)
     ran(scene, law, name="assisted", number=0, seed=1)  # what is loaded late is loaded now
     began, processor = time.perf_counter(), time.process_time()

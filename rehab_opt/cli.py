@@ -613,7 +613,7 @@ def export_controller(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of the C files; made where it is absent.")],
     memory: Annotated[
         int | None,
-        typer.Option(metavar="BYTES", help="Of its struct at most; a mirror's is 64000 where nothing is said."),
+        typer.Option(metavar="BYTES", help="Of its struct at most; a mirror's is 64000 by default."),
     ] = None,
 ) -> None:
     """Write a problem's controller as C: one source and header, a recorded run that it repeats, and how to build it."""

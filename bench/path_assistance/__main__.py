@@ -35,7 +35,7 @@ from rehab_opt.plants.simulated_person import Person
 from rehab_opt.session.files import load_problem
 from rehab_opt.session.scenario.laws import Assisted, ForceLaw, Unassisted
 from rehab_opt.session.scenario.loop import Scene, ran
-from rehab_opt.session.scenario.prepared import prepared
+from rehab_opt.session.scenario.precomputed import precompute
 
 __all__ = ["Measured", "main", "measured", "verdicts"]
 
@@ -81,7 +81,7 @@ def workspace(*, wide: bool) -> Workspace:
 def trace_of(seed: int, *, wide: bool) -> tuple[Array, Workspace, float]:
     """(N, 2) [m] a trace, where it is traced, and in how many seconds."""
     if seed == RECORDED:
-        ready = prepared(load_problem("upper_limb/scenario_4_pen_trace"), progress=lambda *_: None)
+        ready = precompute(load_problem("upper_limb/scenario_4_pen_trace"), progress=lambda *_: None)
         return ready.reference, ready.comfortable, 30.0
     rng = np.random.default_rng((seed, 7))
     sizes = ((0.08, 0.2), (0.06, 0.15)) if wide else ((0.012, 0.03), (0.03, 0.045))

@@ -10,7 +10,7 @@ from rehab_opt.plants.mujoco_arm import MujocoArm
 from rehab_opt.plants.plant import Plant
 from rehab_opt.session.files import load_problem
 from rehab_opt.session.mirror.laws import followed, tracker_of
-from rehab_opt.session.mirror.scene import Scene, laid_out
+from rehab_opt.session.mirror.scene import Setup, laid_out
 
 __all__ = ["mirrored"]
 
@@ -36,7 +36,7 @@ def mirrored(setting: Setting) -> Numbers:
     return {"mirror: lag": _lag(tracker, scene, plant) / (1.2 * ideal + 0.1)}
 
 
-def _lag(tracker: MirrorTracker, scene: Scene, plant: Plant) -> float:
+def _lag(tracker: MirrorTracker, scene: Setup, plant: Plant) -> float:
     """[s] mean."""
     led = followed(tracker, scene, plant, patience=STALLED, progress=lambda *_: None)
     late: float = float(led.lag.mean())

@@ -32,7 +32,7 @@ JUMP = 0.3
 
 
 class _Question(NamedTuple):
-    """One sample's target, what it is asked of, and where from."""
+    """Target (3,) [m] of one sample, posture cost, and start posture."""
 
     target: Array
     goal: Array
@@ -197,9 +197,9 @@ class ArmIK(OneThread):
         best = search.posture(asked.goal, near)
         if best is not None:
             return self._found(best, asked), best.multipliers
-        return self._second_rung(search, asked, near)
+        return self._second_stage(search, asked, near)
 
-    def _second_rung(self, search: IKSearch, asked: _Question, near: Array | None) -> tuple[IKSolution, Array | float]:
+    def _second_stage(self, search: IKSearch, asked: _Question, near: Array | None) -> tuple[IKSolution, Array | float]:
         """The nearest reachable position first: it tells an unreachable target from a solver's failure."""
         nearest = search.nearest(asked.goal, near)
         if nearest is None:

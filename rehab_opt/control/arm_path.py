@@ -1,9 +1,9 @@
-"""What a person's arm does of a recorded path of hand poses: its postures, found for the whole of it beforehand.
+"""Postures of a person's arm along a recorded path of hand poses, planned for the whole path beforehand.
 
-An arm that goes on from where it is, always to the nearest, ends in a corner of its range where another posture would
-have gone on. So many postures are led along the path at once, each from a start of its own, and the best way through
-all of them is found by dynamic programming: a knot that is reached counts 1, a change of posture `CHANGE` a radian.
-Where the posture changes, the arm goes straight to the next, within its range (a box), and the recording waits.
+An arm that always moves to the nearest posture ends in a corner of its range where another posture would have gone on.
+So many postures track the path in parallel, each from a start of its own, and dynamic programming finds the best
+sequence through all of them: a knot that is reached counts 1, a change of posture `CHANGE` a radian. Where the posture
+changes, the arm moves straight to the next one, within its range (a box), while the recording waits.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from rehab_opt.control.foreseen import turns_between
+from rehab_opt.control.preview import turns_between
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.symbolic.buffered import mapped
 
@@ -44,7 +44,7 @@ DAMPING, PULL = 1e-5, 1e-5
 
 
 class ArmPath(NamedTuple):
-    """N samples of a path that an arm goes along."""
+    """Postures and tool poses of an arm along a path, N samples."""
 
     q: Array
     """(N, m) [rad] postures."""
@@ -89,7 +89,7 @@ def arm_path(arm: SerialChain, grip: Array, tools: Array, *, dt: float, seed: in
 
 
 class Postures:
-    """Many postures of one arm at once."""
+    """Kinematics and least squares of one arm for M postures at once."""
 
     def __init__(self, chain: SerialChain) -> None:
         self.chain, q = chain, ca.SX.sym("q", chain.n)

@@ -1,4 +1,4 @@
-"""Bounds of free axes: how far, how fast, and how suddenly each may move."""
+"""Position, velocity, acceleration and jerk bounds of free axes."""
 
 from __future__ import annotations
 

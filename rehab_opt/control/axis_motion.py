@@ -1,4 +1,4 @@
-"""Motion of one axis in pieces of constant jerk: how far it reaches, and the shortest one that ends at rest."""
+"""Motion of one axis in pieces of constant jerk: the range of its positions, and the time-optimal stop."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ __all__ = ["AxisStop", "Piece", "planned_range", "position_range", "stopping_dis
 
 
 class Piece(NamedTuple):
-    """A time of constant jerk, and the state in which it begins; u = rad or m."""
+    """An interval of constant jerk and the state at its start; u = rad or m."""
 
     seconds: float
     position: float
@@ -64,13 +64,13 @@ def planned_range(profile: Any, extent: Any) -> tuple[float, float]:
 
 
 class AxisStop:
-    """The fastest motion of one axis to rest: acceleration ramps to its bound, stays there, and ramps to zero.
+    """Time-optimal stop of one axis: acceleration ramps to its bound, stays there, and ramps to zero.
 
-    It needs no planner, so that an axis can be stopped whatever a planner answers.
+    It needs no planner, so that an axis can be stopped when a planner fails.
 
     Parameters
     ----------
-    position, velocity, acceleration : where it begins [u, u/s, u/s^2].
+    position, velocity, acceleration : initial state [u, u/s, u/s^2].
     most, jerk : bounds of acceleration and jerk [u/s^2, u/s^3].
     """
 

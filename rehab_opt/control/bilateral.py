@@ -2,8 +2,8 @@
 
 The helper's hand x_h is mapped to g(x_h), and a spring draws the participant's hand there. The participant's force goes
 back as J(x_h)' F, the transpose of the map's Jacobian, so that power is the same on both sides. Each side has a force
-with bounds and a tank of its own; the sides exchange messages, which may take time. A tank gives a share of its energy
-with every message and takes what it is told was given: what one hand puts in can move the other, and whatever the delay
+with bounds and a tank of its own; the sides exchange messages, which may take time. A tank sends a fraction of its
+energy with every message and adds what it receives: what one hand puts in can move the other, and whatever the delay
 and the hands do, no more leaves than the tanks held at first and the hands put in since. Messages are numbered: one
 that comes twice, or after a later one, counts as none, so that no energy is taken twice; what is lost with one is lost.
 """
@@ -71,7 +71,7 @@ class Bilateral(OneThread):
 
     @property
     def under_way(self) -> tuple[FromParticipant | None, FromHelper | None]:
-        """What the helper's and the participant's side are told in the next tick."""
+        """Messages that the helper's and the participant's side receive in the next tick."""
         return self._back[0], self._there[0]
 
     def step(

@@ -1,4 +1,4 @@
-"""One side of helper and participant at one task: a bounded force of its own, and what it tells the other side."""
+"""One side of helper and participant at one task: its bounded force, and its messages to the other side."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ POINT = 0.01
 
 
 class FromHelper(NamedTuple):
-    """What the helper's side says in a tick: where the hand is [m], the energy given [J], and the message's number."""
+    """Message of the helper's side: where the hand is [m], energy given [J], and a number."""
 
     x: float
     y: float
@@ -42,7 +42,7 @@ class FromHelper(NamedTuple):
 
 
 class FromParticipant(NamedTuple):
-    """What the participant's side says: where the hand is [m], force on it [N], energy given [J], and a number."""
+    """Message of the participant's side: where the hand is [m], force on it [N], energy given [J], and a number."""
 
     x: float
     y: float
@@ -53,9 +53,9 @@ class FromParticipant(NamedTuple):
 
 
 class _Serials:
-    """Numbers what a side says, and tells what it hears for the first time.
+    """Numbers a side's messages, and recognises received ones that are new.
 
-    A reset does not touch them: a message from before it could be taken once more.
+    `reset` leaves the numbers: with new ones, a message from before it could be taken twice.
     """
 
     def __init__(self) -> None:
@@ -68,7 +68,7 @@ class _Serials:
         return self._said
 
     def fresh(self, serial: float) -> bool:
-        """Whether a message is later than all that were heard before."""
+        """Whether a message is newer than all received before."""
         if not serial > self._newest:  # NaN fails
             return False
         self._newest = serial
@@ -117,7 +117,7 @@ class ParticipantSide(OneThread):
         self.reset()
 
     def reset(self) -> None:
-        """No force, a full tank, nothing heard.
+        """No force, a full tank, no message received.
 
         The numbers of messages go on; where the other side is made anew, whose count begins again, make this one anew.
         """
@@ -198,7 +198,7 @@ class HelperSide(OneThread):
         self._serials = _Serials()
 
     def reset(self) -> None:
-        """No force, a full tank, nothing heard; see `ParticipantSide.reset`."""
+        """No force, a full tank, no message received; see `ParticipantSide.reset`."""
         self._claim()
         self.force.reset()
         self._felt[:] = math.nan
@@ -207,7 +207,7 @@ class HelperSide(OneThread):
 
     @property
     def partner(self) -> Array:
-        """(2,) [m] the participant's hand, as last heard, in the helper's workspace: g inverse; NaN where it is not.
+        """(2,) [m] the participant's hand, as last received, in the helper's workspace: g inverse; NaN where it is not.
 
         For a display: a Newton solve.
         """
@@ -247,7 +247,7 @@ class HelperSide(OneThread):
 
 
 def _place(x: ArrayLike, force: BoundedForce) -> tuple[float, float]:
-    """Where a hand is; nowhere when its side had to let go, so that the other side does too."""
+    """Position of a hand; NaN when its side had to let go, so that the other side does too."""
     if not force.usable:
         return NO_FORCE
     at_x, at_y = np.asarray(x, dtype=np.float64).tolist()
@@ -255,7 +255,7 @@ def _place(x: ArrayLike, force: BoundedForce) -> tuple[float, float]:
 
 
 def _floats(x: float, y: float) -> Array:
-    """Two numbers of a message; none where one cannot be meant."""
+    """Two numbers of a message, NaN where one is out of range."""
     return np.array((x, y) if -BEYOND < x < BEYOND and -BEYOND < y < BEYOND else NO_FORCE)
 
 

@@ -1,4 +1,4 @@
-"""A wanted force on a hand, as much of it as the bounds on a person's side allow."""
+"""Force on a hand: the desired one as far as the bounds for a person allow."""
 
 from __future__ import annotations
 
@@ -68,9 +68,9 @@ class ForceBounds(TypedDict, total=False):
 
 
 class BoundedForce(OneThread):
-    """Force on a hand [N]: the wanted one as far as bounds on its size, its change and its energy allow.
+    """Force on a hand [N]: the desired one as far as bounds on its size, its change and its energy allow.
 
-    min  |F - F_wanted|^2
+    min  |F - F_desired|^2
     s.t. |F| <= force_limit, |F - F_last| <= slew_limit dt, F.v dt <= energy left in the tank,
          |F| <= largest force of late + growth_limit dt
 
@@ -90,7 +90,7 @@ class BoundedForce(OneThread):
 
     Parameters
     ----------
-    wanted : x, y [m], velocity [m/s] -> the force that is wanted [N], before any bound; may be no number.
+    wanted : x, y [m], velocity [m/s] -> desired force [N], before any bound; may be no number.
     force_limit : [N] largest size of the force.
     slew_limit : [N/s] largest change, as the length of a vector, per nominal tick. It is what lets a spring hold a hand
         still: the force must follow the swing that it is to damp, see `rehab_opt.field.settling`.
@@ -99,11 +99,11 @@ class BoundedForce(OneThread):
         changes as fast as the slew limit allows. The slew limit or more for no such bound.
     energy_budget : [J] what may be delivered to the hand until `reset`, net of what the hand puts in; see `EnergyTank`.
     speed_cap : [m/s] hand speed from which on the force is let go.
-    actuation_delay : [s] from a command until its force acts, and from a position until it is told, together.
+    actuation_delay : [s] from a command until its force acts, and from a position until `step` gets it, together.
     actuation_lag : [s] time constant at which the acting force follows.
-    actuation_uncertainty : [s] by which each of them may be more than was told. Energy is counted by all forces that
+    actuation_uncertainty : [s] by which each of them may be more than was given. Energy is counted by all forces that
         may act, of the last delay + 5 lag (18 ms by default), see `EnergyTank`; where all three are zero, as of an
-        ideal plant, by the one that was sent.
+        ideal plant, by the last command.
     position_noise : [m] standard deviation of each coordinate: positions may jump by six of them; learnt from the
         positions by default, in 0.2 s and up to 1.2 mm. A hand that moves on and on above the speed cap is found by its
         estimated velocity then, as soon as that is beyond the cap by the jump over `velocity_lag`. For the energy,
@@ -196,11 +196,11 @@ class BoundedForce(OneThread):
         self._judge, self._conclude = (BufferedFunction(each, compile=compile) for each in (tick.judge, tick.conclude))
         rest = [
             BufferedFunction(each)
-            for each in (tick.prepare, tick.finish, *(part(self.slots) for part in (affordable, give, take, anew)))
+            for each in (tick.precompute, tick.finish, *(part(self.slots) for part in (affordable, give, take, anew)))
         ]
         for function in (self._judge, self._conclude, *rest):
             function.inputs[0][:] = self.model
-        self._prepare, self._finish, self._affordable, self._give, self._take, self._anew = rest
+        self._precompute, self._finish, self._affordable, self._give, self._take, self._anew = rest
         (_, watched, last, sample), (watched_next, judged) = self._judge.inputs, self._judge.outputs
         (_, state, view, asked), (state_next, solved) = self._conclude.inputs, self._conclude.outputs
         at = watched_record(self.slots)["tank"]
@@ -297,7 +297,7 @@ class BoundedForce(OneThread):
             x=point, v=velocity, reason=0, details=0, at_once=0, ceiling=ceiling, left=left, repeats=0, grown=grown
         )
         wanted = self._wanted(*point.tolist(), *velocity.tolist())
-        return self.stated.instance(self._prepare.of(self.model, view, wanted), memory=self._force)
+        return self.stated.instance(self._precompute.of(self.model, view, wanted), memory=self._force)
 
     def to_qpsolvers(self, x: ArrayLike, v: ArrayLike = (0.0, 0.0)) -> qpsolvers.Problem:
         """The same as a `qpsolvers.Problem`."""
@@ -354,11 +354,11 @@ class BoundedForce(OneThread):
 
     def _by_other_solvers(self) -> Command:
         """The tick with the QP solved outside of it."""
-        solvers, prepare, finish = self._solvers, self._prepare, self._finish
-        parameters = prepare.of(self.model, self._view, self._asked)
+        solvers, precompute, finish = self._solvers, self._precompute, self._finish
+        parameters = precompute.of(self.model, self._view, self._asked)
         solver = ""
         solvers.verdict[:] = array("d", [_NAN] * len(solvers.verdict))
-        if prepare.outputs[1][0]:
+        if precompute.outputs[1][0]:
             solvers.parameters[:], solvers.keep[:] = parameters, self._state
             solver = solvers.solve_with_fallback() if self._inside else solvers()
         finish.of(self.model, self._state, self._view, self._asked, solvers.answer, solvers.verdict)

@@ -10,7 +10,7 @@ from rehab_opt.control.chair_limits import ChairLimits, Limits
 from rehab_opt.control.command import Bound, Command, Status
 from rehab_opt.control.hand_task import AHEAD, PROGRESS, HandTask, Last, Task
 from rehab_opt.control.joint_feedback import JointFeedback
-from rehab_opt.control.limit import Limits as OwnLimits
+from rehab_opt.control.limit import PostureLimits as OwnLimits
 from rehab_opt.control.obstacles import NUMBERS
 from rehab_opt.control.velocity_controller import VelocityController
 from rehab_opt.errors import ConfigurationError
@@ -21,7 +21,7 @@ from rehab_opt.optim.factor import symmetric
 from rehab_opt.optim.qp import Statement
 from rehab_opt.optim.rows import PLAUSIBLE, Instance, Row, equal, parameter, variable, within
 from rehab_opt.symbolic import BufferedFunction, Compile
-from rehab_opt.symbolic.tick import Tick
+from rehab_opt.symbolic.tick import Stages as Tick
 
 __all__ = ["ChairAndArm"]
 
@@ -323,10 +323,10 @@ class ChairAndArm(VelocityController):
             self._write((q, twist, [world], *self._inputs[2:]))
 
     tick = VelocityController._tick
-    """One step on what was told."""
+    """One step on the inputs that were set."""
 
     def brake(self, reason: str) -> Command:
-        """The safe command at what was told."""
+        """The safe command at the inputs that were set."""
         return self._safe(reason)
 
     def begin(self, velocity: Array, heading: float) -> None:

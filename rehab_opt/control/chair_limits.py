@@ -12,7 +12,7 @@ import numpy as np
 from rehab_opt.control.braking_together import BrakingTogether
 from rehab_opt.control.chair_obstacles import INTO, ROWS, TIGHTER, ChairObstacles, mean_velocity
 from rehab_opt.control.keep_out import arm_gaps, closing_rows
-from rehab_opt.control.limit import Limits as OwnLimits
+from rehab_opt.control.limit import PostureLimits as OwnLimits
 from rehab_opt.control.limit import kept_within
 from rehab_opt.control.obstacles import NUMBERS
 from rehab_opt.control.stopping import FAR, velocity_bounds
@@ -20,7 +20,7 @@ from rehab_opt.kinematics.drive import Drive
 from rehab_opt.kinematics.mobile_arm import CHAIR, MobileArm
 from rehab_opt.optim.certificate import all_true, clipped
 from rehab_opt.optim.rows import Row, within
-from rehab_opt.symbolic.tick import Tick
+from rehab_opt.symbolic.tick import Stages as Tick
 
 __all__ = ["ChairLimits", "Limits"]
 
@@ -118,7 +118,7 @@ class ChairLimits:
     the robot out in this tick. Of braking, what leads into an obstacle, or deeper, is taken: there only acceleration
     yields.
 
-    A user's limits and a `Clearance` make the rows that they make everywhere (`control.limit.Limits`), and are kept on
+    A user's limits and a `Clearance` make the rows that they make everywhere (`PostureLimits`), and are kept on
     the way to z, too, the chair on its arc, bodies where they are now. While the stick commands, `base` is led out of
     the way of what comes nearer by itself, and acceleration yields to it.
 
@@ -198,7 +198,7 @@ class ChairLimits:
         """Limits at joint values q (7,) after the command `last` (7,), among obstacles and moving capsules.
 
         surroundings : numbers of the obstacles, then of the capsules. mean : (7,) about which limits on the way are
-        stated. gives_way : see `Limits.beside` of `control.limit`. apart : (n,) from q to where the joints are, where
+        stated. gives_way : see `PostureLimits.beside`. apart : (n,) from q to where the joints are, where
         joint limits hold, too. What is far makes no rows.
         """
         lower, upper, hard_lower, hard_upper, outside = tick.once(self._joints(q, last, apart))

@@ -1,4 +1,4 @@
-"""How the chair approaches one obstacle: where its outline comes nearest now, and on the way to where braking ends."""
+"""Rows of one obstacle for the chair: at its outline's nearest points now, and on the way to the stop posture."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.control.braking_together import BrakingTogether
-from rehab_opt.control.obstacles import NUMBERS, Approach, approach, outward_normal
+from rehab_opt.control.obstacles import NUMBERS, ObstacleRows, approach, outward_normal
 from rehab_opt.control.stopping import FAR
 from rehab_opt.kinematics.mobile_arm import CHAIR, MobileArm, Outline
 from rehab_opt.optim.certificate import all_true, clipped, first_true
-from rehab_opt.symbolic.tick import Tick
+from rehab_opt.symbolic.tick import Stages
 
 __all__ = ["INTO", "ROWS", "ChairObstacles"]
 
@@ -59,7 +59,12 @@ class ChairObstacles:
     @cached_property
     def rows(self) -> ca.Function:
         """Obstacle (4,), place (3,), last command (3,) -> `column`; nothing is worked out for one that is far."""
-        tick, one, place, last = Tick(), ca.SX.sym("one", NUMBERS), ca.SX.sym("place", CHAIR), ca.SX.sym("last", CHAIR)
+        tick, one, place, last = (
+            Stages(),
+            ca.SX.sym("one", NUMBERS),
+            ca.SX.sym("place", CHAIR),
+            ca.SX.sym("last", CHAIR),
+        )
         found = tick.when(self.near(one, place, last), self.column(one, place, last), self.far())
         return tick.function("obstacle", [one, place, last], [found])
 
@@ -113,7 +118,7 @@ class ChairObstacles:
         """[m/s^2] what the tangents of a corner's way promise too much in a tick, over the square of the way's time."""
         return self._lever * min(float(self.braking.change[2]), self._turn) ** 2 / 2
 
-    def _approach(self, one: ca.SX, place: ca.SX, last: ca.SX, horizon: float) -> Approach:
+    def _approach(self, one: ca.SX, place: ca.SX, last: ca.SX, horizon: float) -> ObstacleRows:
         turn = self._turning(last)  # chords from rest to turns that cannot be would stop a chair that turns a little
         drive = self._drive(last)
         return approach(one, place, self.outline, dt=self.dt, horizon=horizon, turn=turn, drive=drive)
@@ -126,20 +131,20 @@ class ChairObstacles:
         """[m/s] no less than the fastest speed in a tick after a command `last` (3,)."""
         return ca.fabs(last[0]) + ca.fabs(last[1]) + 2 * self.braking.change[0]
 
-    def _gaps(self, each: Approach) -> ca.SX:
+    def _gaps(self, each: ObstacleRows) -> ca.SX:
         return each.wall[2] - ca.DM(self.outline.corners) @ each.wall[:2]
 
-    def _swept(self, each: Approach, last: ca.SX) -> ca.SX:
+    def _swept(self, each: ObstacleRows, last: ca.SX) -> ca.SX:
         """[m] by which the outline may leave its straight way in a tick after a command `last` (3,)."""
         turn, drive = self._turning(last), self._drive(last)
         lever = ca.if_else(each.is_post, ca.norm_2(each.post[:2]), self._lever)
         return turn * (lever * turn + 2 * drive) * self.dt**2 / 2
 
-    def _apart(self, each: Approach, last: ca.SX) -> ca.SX:
+    def _apart(self, each: ObstacleRows, last: ca.SX) -> ca.SX:
         """1 where no turn within a tick takes the outline to the obstacle."""
         return ca.mmin(self._gaps(each)) > 2 * self._swept(each, last)
 
-    def _towards(self, each: Approach, last: ca.SX) -> list[tuple[ca.SX, ca.SX]]:
+    def _towards(self, each: ObstacleRows, last: ca.SX) -> list[tuple[ca.SX, ca.SX]]:
         slower, margin = self.braking.slower(last), CLEAR + 2 * self._swept(each, last)
         corners = [self._approached(partial(_corner, each.wall, one), slower, margin) for one in self.outline.corners]
         keys, rows, apart = ca.vertcat(*(key for _, key in corners)), [], self._apart(each, last)
@@ -152,7 +157,7 @@ class ChairObstacles:
             rows += [(row[:3], row[3]) for row in (ca.if_else(apart, found[:4], touching), found[4:])]
         return rows
 
-    def _past(self, each: Approach, slower: ca.SX, margin: ca.SX) -> list[ca.SX]:
+    def _past(self, each: ObstacleRows, slower: ca.SX, margin: ca.SX) -> list[ca.SX]:
         """Two columns (8,) for a post: a row now and one half-way to the stop posture; nothing and one at its end."""
         centre, radius = each.post[:2], each.post[2]
         far, towards = _post(each.post, self.outline)
@@ -166,7 +171,7 @@ class ChairObstacles:
             columns.append(ca.vertcat(first, closing, (gap - margin - part * CLEAR) / time - self._bent * time))
         return columns
 
-    def _beside(self, each: Approach, slower: ca.SX) -> ca.SX:
+    def _beside(self, each: ObstacleRows, slower: ca.SX) -> ca.SX:
         """(2,) normal, fixed in the chassis, of the wall between the outline and a post's way past it while it brakes.
 
         The one with the most room, from the nearest point of the hull of all differences of a corner and a place of the

@@ -31,7 +31,7 @@ class Clearance:
     with the least room before their barriers at the last velocity make the rows of the QP, several of one pair where
     bodies lie along each other (`control.contacts`); all pairs are judged at the end of the tick.
 
-    The promise, at the ends of ticks, where joints move as commanded and moving bodies as told:
+    The promise, at the ends of ticks, where joints move as commanded and moving bodies as given:
     - among bodies that stand still, no pair that was clear comes nearer than `margin`, and one that was nearer gets no
       nearer, in any tick, braking ones included;
     - a body that moves is given way to within speed and joint limits: accelerations yield to it. As long as some
@@ -45,7 +45,7 @@ class Clearance:
     self_margin : [m] the same between links.
     planes : what a half-space keeps free, by `KeepOut.through`; each link counts, whole.
     capsules, boxes : bodies that stand still, in the base frame.
-    moving : how many moving capsules a tick is told of at most, see `PoseTracker.step`; a person's arm is three of
+    moving : largest number of moving capsules in a tick, see `PoseTracker.step`; a person's arm is three of
         them, by `arm_capsules`.
     pairs : names of links that keep clear of each other, or None for those that neither are neighbours nor overlap at
         half of all postures; the tuple () for none.

@@ -51,7 +51,7 @@ THERE = MOVING - 1
 
 
 class Kind(NamedTuple):
-    """Functions of one pair's column of numbers, and but for the distance of its `Approach`."""
+    """Functions of one pair's column of numbers; `room` and `contacts` also take its `Approach`."""
 
     distance: ca.Function
     room: ca.Function
@@ -228,9 +228,9 @@ class ClearancePairs:
 
     @cached_property
     def _told(self) -> tuple[Array, Array]:
-        """(4, pairs) of each kind: 0 for an end that another pair tells of, see `Approach`.
+        """(4, pairs) of each kind: 0 for an end that another pair covers, see `Approach`.
 
-        Of bodies that are joined in an end, the thickest tells of it.
+        Of bodies that are joined in an end, the pair of the thickest covers it.
         """
         bodies = [("link", i) for i in self.free], [("body", i) for i, _ in enumerate(self.clearance.capsules)]
         moving = [("moving", i) for i in range(self.clearance.moving)]

@@ -1,4 +1,4 @@
-"""What a controller answers: a value that is safe to send, and how it came about."""
+"""A controller's output: a value that is safe to send, its status, certificate and reason."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ class Status(Enum):
     """Which stage of the fallback chain answered."""
 
     OK = "ok"  #: solved by the primary solver, certified
-    BACKUP = "backup"  #: by the backup solver, or with a lesser claim, which the reason names; its bounds certified
+    BACKUP = "backup"  #: by the backup solver, or feasible, not certified optimal (see `reason`); its bounds certified
     BLOCKED = "blocked"  #: certified, but the bounds leave nothing of the commanded motion, or a hand that stood under
     # force is let go; the robot may still move
     UNREACHABLE = "unreachable"  #: the nearest reachable point is given instead (inverse kinematics)
@@ -31,17 +31,17 @@ class Status(Enum):
 
 
 class Bound(IntFlag):
-    """What had to give way in this tick; velocity and force bounds never do."""
+    """Which bounds were relaxed in this tick; velocity and force bounds never do."""
 
     NOTHING = 0
     POSITION = 1  #: outside a joint limit, beyond a plane or `Limit`, within an obstacle; led back where stated
     ACCELERATION = 2  #: the change was larger than the acceleration bound, to keep a bound above it
-    TASK = 4  #: the hand moves slower than asked, or off the asked direction; or another force than the wanted one
+    TASK = 4  #: the hand moves slower than commanded, or off that direction; or the force is not the desired one
     SLEW = 8  #: the force was let go faster than its slew bound; it ranks with ACCELERATION
 
 
 class Command(NamedTuple):
-    """One answer of a controller; frozen, its array read-only and its own."""
+    """Output of one tick; frozen, its array read-only and its own."""
 
     value: NDArray[np.float64]
     """What to send: joint velocity (n,) in rad/s or m/s for a tracker, force (2,) in N of assistance; always finite."""

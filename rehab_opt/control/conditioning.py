@@ -1,4 +1,4 @@
-"""From what a tracker delivers to what a controller needs: even samples, lost sight made known, noise filtered.
+"""A motion tracker's samples made fit for a controller: resampled evenly, lost sight as NaN, noise filtered.
 
 The whole recording at once (`conditioned`) and sample by sample (`Conditioner`) give the same numbers.
 """

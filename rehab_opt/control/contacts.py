@@ -39,10 +39,10 @@ BESIDE, AGAIN = 5e-4, 1.0
 
 
 class Approach(NamedTuple):
-    """How two bodies move against each other, and what of them another pair tells.
+    """Relative motion of two bodies, and which of their ends another pair covers.
 
-    Of two bodies that come nearer at a speed, the room is their distance less `lead` times that: the row of the nearest
-    one may wait, that of what comes fast may not. A pair's room is that of its nearest contact.
+    The room of a contact is its distance less `lead` times its closing speed: a near body that stands can wait for its
+    row, a fast one cannot. A pair's room is that of its nearest contact.
     """
 
     twist: ca.SX
@@ -51,7 +51,7 @@ class Approach(NamedTuple):
     lead: ca.SX
     """[s]"""
     told: ca.SX
-    """(4,) 0 for an end of the first and of the other body that a body beside it has, too, whose pair tells of it."""
+    """(4,) 0 for an end of the first and of the other body that an adjacent body has, too, whose pair covers it."""
 
     def room(self, distance: ca.SX, normal: ca.SX, moment: ca.SX, speed: ca.SX | float) -> ca.SX:
         """[m] of a contact."""
@@ -127,7 +127,7 @@ def capsule_and_capsule(
 
 
 def _behind_those_beside(contacts: list[ca.SX], places: list[ca.SX], apart: list[ca.SX], told: list[ca.SX]) -> None:
-    """Give contacts whose place [m] is that of a nearer one, or of one that another pair tells of, more room."""
+    """Give contacts whose place [m] is that of a nearer one, or of one that another pair covers, more room."""
     for j, place in enumerate(places):
         for i, beside in enumerate(places):
             nearer = apart[i] <= apart[j] if i < j else apart[i] < apart[j]

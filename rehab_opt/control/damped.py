@@ -1,10 +1,10 @@
-"""Joint velocities for a twist by damped least squares, and the damping where the hand cannot have its target.
+"""Joint velocities for a twist by damped least squares, and the damping for a target out of reach.
 
-A twist v removes an error e at the rate g, v = g e. Gauss and Newton's step takes the hand to go on as it begins. It
-does not: along a motion d its twist changes by J' d, and where the answer leaves r = v - J q' of the twist, beside a
-joint at its limit or with a stretched arm, that takes -r . J' d / g off the error's descent, as damping does. Without
-it every step is too long, joints run past the nearest posture, back, and so on: up to 2 rad/s to and fro, of an arm
-whose hand hardly moves. Sugihara (IEEE T-RO 27(5), 2011) damps by the squared error, also where targets can be had.
+A twist v removes an error e at the rate g, v = g e. A Gauss-Newton step assumes a constant Jacobian. But along a motion
+d it changes by J' d, and where a joint limit or a stretched arm leaves a residual r = v - J q' of the twist, that takes
+-r . J' d / g off the error's descent, as damping does. Without it every step is too long, and the joints oscillate
+about the nearest posture at up to 2 rad/s while the hand hardly moves. Sugihara (IEEE T-RO 27(5), 2011) damps by the
+squared error, also where targets are within reach.
 """
 
 from __future__ import annotations

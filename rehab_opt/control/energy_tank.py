@@ -1,4 +1,4 @@
-"""How much energy a force may still deliver to a hand, counted so that no motion of the hand can draw more."""
+"""Energy that a force may still deliver to a hand: a bound that no motion of the hand can exceed."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def tank_record(slots: int) -> Record:
 
 
 class EnergyTank:
-    """Energy left of a budget, from the forces that were sent and the displacements that were then seen.
+    """Energy left of a budget, from commanded forces and the displacements measured while they acted.
 
     A force that acts while the hand goes dx delivers F.dx, which is known only afterwards. While a position is missing,
     or repeats itself exactly as that of a frozen sensor does, the most that a hand no faster than `speed_cap` could
@@ -56,9 +56,9 @@ class EnergyTank:
     two positions counts by its sum.
 
     A force acts late: up to `window` after it was sent, all of it but what lags. So a step dx is charged with the most
-    that any force under way delivers, max F.dx over those of the window, and with a tail: of what lags, exp(-TAIL) is
-    of forces before, which were another. What is sent is delivered once: no more than its impulse times the speed cap
-    is still to come. `ceiling` is the largest force F from which a release within the slew bound is affordable beside
+    that any force under way delivers, max F.dx over those of the window, and with a tail: exp(-TAIL) of a lagging force
+    stems from forces before the window. What is sent is delivered once: no more than its impulse times the speed cap is
+    still to come. `ceiling` is the largest force F from which a release within the slew bound is affordable beside
     that, after one tick that lasts `late`:
 
         speed_cap (sum of |F_j| dt_j under way + F late + F^2 / (2 slew)) <= energy left
@@ -105,7 +105,7 @@ class EnergyTank:
 
     @property
     def ceiling(self) -> ca.SX:
-        """[N] the largest force that may be sent now; zero where nothing is left."""
+        """[N] the largest force that may be commanded now; zero where nothing is left."""
         slow, free = self._slew * self.late, ca.fmax(self.left - self._to_come, 0)
         return ca.sqrt(slow * slow + 2.0 * self._slew * free / self._speed) - slow
 
@@ -124,12 +124,12 @@ class EnergyTank:
         return ca.vertcat(*itertools.accumulate(seconds))
 
     def _most(self, each: ca.SX) -> ca.SX:
-        """The largest of what each piece (slots,) says, of those that may have acted since the hand was seen."""
+        """Largest value `each` (slots,) of those pieces that may have acted since the hand was seen."""
         acts = self._ages() < self._window + self.numbers.unseen
         return ca.mmax(ca.vertcat(each[0], *(ca.if_else(acts[i], each[i], each[0]) for i in range(1, self._slots))))
 
     def _sent(self, force: ca.SX, seconds: ca.SX, at_most: ca.SX) -> EnergyTank:
-        """The force was sent for so long, and at most so long: of the newest piece, or a new one where that is full."""
+        """Add a force (2,), sent for `seconds` or at most `at_most`, to the newest piece; to a new one if full."""
         now, x, y = self.numbers, force[0], force[1]
         impulse = ca.norm_2(force) * ca.fmin(at_most, self._window)
         fits = now.seconds[0] < self._window / max(self._slots - 2, 1)  # so all pieces together are longer than that

@@ -67,7 +67,7 @@ class FollowedJoints:
     touched: bool = False
     """Whether the hand is held from the last tick on."""
     note: str = ""
-    """What is to be said of a tick without a fault."""
+    """Note on a tick without a fault."""
 
     def __init__(
         self, feedback: JointFeedback, names: tuple[str, ...], *, dt: float, chain: SerialChain | None = None

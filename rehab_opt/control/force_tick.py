@@ -1,6 +1,6 @@
-"""One tick of a bounded force as functions of (model, memory, inputs): the hand is judged, then the force is given.
+"""One tick of a bounded force as functions of (model, memory, inputs): check the hand's sample, then bound the force.
 
-Between the two stands what force is wanted, which whoever builds on it says. C is generated from the same functions.
+In between, the controller computes the desired force. C is generated from the same functions.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ __all__ = [
 ]
 
 MUCH = 1e3
-"""[J] More than any tick could take: what is beyond it need not be said to the QP."""
+"""[J] More than any tick could take: energy beyond it need not enter the QP."""
 MISSED = 1e-6
 """Share of the wanted force by which the commanded one must differ for the task to count as yielding."""
 MODEL = Record(
@@ -70,7 +70,7 @@ class ForceTick(NamedTuple):
 
     judge: ca.Function
     """`MODEL`, `watched_record`, last force (2,), `SAMPLE` -> `watched_record`, `VIEW`."""
-    prepare: ca.Function
+    precompute: ca.Function
     """`MODEL`, `VIEW`, wanted force (2,) -> parameters of the QP, whether there is one."""
     conclude: ca.Function
     """`MODEL`, state, `VIEW`, wanted force (2,) -> state, `SOLVED`; solved inside."""
@@ -86,14 +86,14 @@ def force_tick(slots: int) -> ForceTick:
         fused(statement),
         [ca.MX.sym("input", size) for size in (MODEL.size, statement.state_size, VIEW.size, 2)],
     )
-    prepare, finish = _prepare(), _finish(statement.state_size, 2 * statement.n + statement.m)
+    precompute, finish = _precompute(), _finish(statement.state_size, 2 * statement.n + statement.m)
     model, state, view, wanted = inputs
-    parameters, solves = prepare(model, view, wanted)
+    parameters, solves = precompute(model, view, wanted)
     p, last = (ca.MX.sym("argument", solve.sparsity_in(i)) for i in range(2))
     skip = ca.Function("skip", [p, last], [last, ca.DM.nan(solve.size1_out(1))])
     answer, verdict = ca.Function.if_else("force_solve", solve, skip)(solves, parameters, state)
     conclude = ca.Function("force_conclude", inputs, list(finish(model, state, view, wanted, answer, verdict)))
-    return ForceTick(_judge(slots), prepare, conclude, finish)
+    return ForceTick(_judge(slots), precompute, conclude, finish)
 
 
 def _judge(slots: int) -> ca.Function:
@@ -128,15 +128,15 @@ def _judge(slots: int) -> ca.Function:
     return ca.Function("force_judge", inputs, [after, view], {"cse": True})
 
 
-def _prepare() -> ca.Function:
-    """What the QP is told: a wanted force no larger than energy and growth allow."""
+def _precompute() -> ca.Function:
+    """Parameters of the QP: the desired force, capped by what energy and growth allow, and the bounds."""
     model, view, wanted = MODEL.symbols("model"), VIEW.symbols("view"), ca.SX.sym("wanted", 2)
     size, ceiling = ca.norm_2(wanted), ca.fmin(view.ceiling, view.grown)
     fitting = ca.if_else(size <= ceiling, 1, ceiling / size * EXACT)
     step = model.slew_limit * model.dt
     parameters = ca.vertcat(wanted * fitting, view.v, ceiling, view.left, model.force_limit, step, model.dt)
     solves = all_true(view.reason == 0, size < ca.inf)
-    return ca.Function("force_prepare", [model.column, view.column, wanted], [parameters, solves], {"cse": True})
+    return ca.Function("force_precompute", [model.column, view.column, wanted], [parameters, solves], {"cse": True})
 
 
 def _finish(state_size: int, memory_at: int) -> ca.Function:

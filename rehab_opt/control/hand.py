@@ -1,4 +1,4 @@
-"""Where a hand is and how it moves, as far as its sensor can be believed, with the energy accounted for meanwhile."""
+"""Position and velocity of a hand, as far as its sensor is plausible, with the energy drawn meanwhile."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from rehab_opt.control.watchdog import NUMBER_OF_SECONDS, first_of
 from rehab_opt.optim.certificate import all_true, clipped
 from rehab_opt.symbolic.record import Record, Values
 
-__all__ = ["HAND", "SAMPLE", "Seen", "looked_at"]
+__all__ = ["HAND", "SAMPLE", "HandState", "looked_at"]
 
 FURTHEST = 1e3
 """[m] A position beyond this is a broken sensor."""
@@ -23,16 +23,16 @@ SCATTER_RATE, LARGEST_SCATTER = 0.01, 2e-3
 SCATTER_PEAK = 3.6
 """Peak of the noise between two samples over the scatter: six standard deviations, where the median is 1.67 of them."""
 SAMPLE = Record(x=2, v=2, v_given=1, stamp=1, kind=1, enable=1)
-"""What a tick is told of a hand: position [m], velocity [m/s] and whether it is given, stamp [s] and its kind (see
+"""Sample of a hand: position [m], velocity [m/s] and whether it is given, stamp [s] and its kind (see
 `stamp_and_kind`), whether the dead-man input is held."""
 HAND = Record(x=2, v=2, estimated=2, halfway=2, scatter=1, stamp=1)
-"""What is remembered of it: where it was seen last [m], NaN at first; velocity as given or estimated, as estimated, and
+"""Memory of a hand: where it was seen last [m], NaN at first; velocity as given or estimated, as estimated, and
 behind the first of two filters [m/s]; median of how far a sample is from where the hand was expected [m]; its stamp
 [s], NaN at first."""
 
 
-class Seen(NamedTuple):
-    """A hand after one sample."""
+class HandState(NamedTuple):
+    """State of a hand after one sample."""
 
     memory: ca.SX
     """`HAND`"""
@@ -47,7 +47,7 @@ class Seen(NamedTuple):
 
 def looked_at(
     memory: Values, tank: EnergyTank, sample: Values, *, force: ca.SX, stale: tuple[ca.SX, ca.SX], model: Values
-) -> Seen:
+) -> HandState:
     """Take one sample of a hand, after `force` (2,) [N] has acted since the last one.
 
     `stale` is the watchdog's reason and details. `model` has dt [s], the speed cap [m/s] from which on a hand is let
@@ -106,7 +106,7 @@ def looked_at(
         (ca.logic_not(slow), "VELOCITY_UNUSABLE", (sample.v[0], sample.v[1], 0)),
         (ca.SX(1), "FINE", (0, 0, 0)),
     ]
-    return Seen(
+    return HandState(
         memory=HAND.of(
             x=ca.if_else(looks, sample.x, memory.x),
             v=velocity,

@@ -1,7 +1,7 @@
 """Bounds of a hand-holding arm besides its joints': manipulability floor, hand speed, keep-out planes, deviation.
 
 Each is stated twice. As a row R q' <= r of the QP, linear about the present state, that slows the approach to the bound
-exponentially, and leads away from it again where the tangent would promise too much (`Limits.falls`). And as a
+exponentially, and leads away from it again where the tangent would promise too much (`PostureLimits.falls`). And as a
 condition on the true state at the end of the tick, `kept`: the rows are about a tangent. The hand speed holds at every
 instant of the tick (`tool_speed`), and at the end of one of braking behind it, the others at its ends; those of place
 and posture also on the way to rest of an arm that brakes from there on, so that what is kept in a tick can be kept in
@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.control.clearance_pairs import ClearancePairs
-from rehab_opt.control.limit import ROWS, Limit, Limits
+from rehab_opt.control.limit import ROWS, Limit, PostureLimits
 from rehab_opt.control.stopping import VelocityBounds
 from rehab_opt.control.tool_speed import tool_jerk
 from rehab_opt.kinematics.chain import SerialChain
@@ -102,11 +102,11 @@ class HandBounds:
         return 2 + len(self.distances)
 
     @cached_property
-    def distances(self) -> Limits:
+    def distances(self) -> PostureLimits:
         """What the arm keeps to the planes, a user's own limits, and clearance."""
         planes = [Limit(partial(self._above, plane)) for plane in self.planes]
         own = [each if each.rate is not None else replace(each, rate=self.rate) for each in (*planes, *self.limits)]
-        return Limits(
+        return PostureLimits(
             own, self.chain, self.dt, self.clearance, recovery_speed=self.recovery_speed, fastest_rate=self.rate
         )
 
@@ -152,7 +152,7 @@ class HandBounds:
         lead : (n,) stands for the gradient of w where that vanishes, else zero.
         loss : what the last tick lost of w / w_max against its tangent: counted on again.
         bounds : of the joint velocities.
-        contacts : the nearest, see `Limits.contacts`.
+        contacts : the nearest, see `PostureLimits.contacts`.
         strays : (n,) from q, where the joints are led, to where they are. Floor, planes and a user's limits have room
             for it either way, as friction does. None for joints that move as commanded.
         """
@@ -160,7 +160,7 @@ class HandBounds:
         share = (1 - math.exp(-self.rate * self.dt)) / self.dt
         w, slope_of_w = self.manipulability(q)
         gradient = slope_of_w + lead
-        climb = share * (self.floor + ABOVE - w + ca.dot(ca.fabs(slope_of_w), astray)) + loss / self.dt
+        ascent = share * (self.floor + ABOVE - w + ca.dot(ca.fabs(slope_of_w), astray)) + loss / self.dt
         frames = self.chain.frames_expression(q)
         pose = frames[-1]
         normals, most = [], []
@@ -178,7 +178,7 @@ class HandBounds:
         slow = ca.DM(self.recovery_speed * self.chain.velocity)
         calm = ca.dot(ca.fabs(gradient), slow)
         rows = feasible_rows(
-            gradient, climb, calm=calm, normals=ca.vertcat(*normals), most=ca.vertcat(*most), bounds=bounds,
+            gradient, ascent, calm=calm, normals=ca.vertcat(*normals), most=ca.vertcat(*most), bounds=bounds,
             braking=self.braking(last), leading=len(self.distances),
         )  # fmt: skip
         return *rows, Now(w, slope_of_w, pose)
@@ -232,7 +232,7 @@ class HandBounds:
                     there = self.heights(self.chain.frames_expression(end), plane)
                     conditions += [b >= ca.fmin(a, 0) - ROUNDING for a, b in zip(before, there, strict=True)]
             if self.limits:
-                own = Limits(self.limits, self.chain, self.dt)
+                own = PostureLimits(self.limits, self.chain, self.dt)
                 conditions += [own.kept(q, way * velocity) for way in ways[some]]
         slope = ca.dot(gradient, velocity) * self.dt
         loss = ca.SX(0)
@@ -262,7 +262,7 @@ class HandBounds:
 
 def feasible_rows(
     gradient: ca.SX,
-    climb: ca.SX,
+    ascent: ca.SX,
     *,
     calm: ca.SX,
     normals: ca.SX,
@@ -273,32 +273,32 @@ def feasible_rows(
 ) -> tuple[ca.SX, ca.SX]:
     """Rows that some velocity within the intervals satisfies, always.
 
-    The floor's row asks for gradient . q' >= climb; where that is positive, at most for `calm`, and for what the joints
-    can do in this tick. The others are `normals` q' <= `most`, of which the last `leading` may be below zero. The
-    witness is `braking` (n,), moved towards the fastest climb as far as the floor asks, then across each
-    row that is below zero, past the floor's, and back as far as the other rows ask. No row asks for more than the
-    witness does; `HandBounds.kept` sees to the rest.
+    The floor's row is gradient . q' >= ascent, a positive `ascent` being capped by `calm` and by what the joints can do
+    in this tick. The others are `normals` q' <= `most`, of which the last `leading` may be negative. The feasible
+    velocity is `braking` (n,), moved towards the fastest ascent as far as the floor's row requires, then across each
+    negative row, orthogonally to `gradient`, and back as far as the other rows require. No row is tighter than this
+    velocity allows; `HandBounds.kept` checks the rest.
     """
     lower, upper = bounds.lower, bounds.upper
     rest = clipped(braking, lower, upper)
     fastest = ca.if_else(gradient > 0, upper, lower)
-    slope, most_climb = ca.dot(gradient, rest), ca.dot(gradient, fastest)
-    asked = ca.if_else(climb > 0, ca.fmin(ca.fmin(climb, calm), SHARE * ca.fmax(most_climb, 0)), climb)
-    part = clipped((asked - slope) / ca.fmax(most_climb - slope, TINY), 0, 1)
-    witness = rest + part * (fastest - rest)
+    slope, most_ascent = ca.dot(gradient, rest), ca.dot(gradient, fastest)
+    asked = ca.if_else(ascent > 0, ca.fmin(ca.fmin(ascent, calm), SHARE * ca.fmax(most_ascent, 0)), ascent)
+    part = clipped((asked - slope) / ca.fmax(most_ascent - slope, TINY), 0, 1)
+    feasible = rest + part * (fastest - rest)
     lead = range(most.numel() - leading, most.numel())
     pushes = [_past(normals[i, :].T, gradient) for i in lead]
     for i, push in list(zip(lead, pushes, strict=True)) * min(leading, PASSES):
-        over = ca.if_else(most[i] < 0, ca.fmax(normals[i, :] @ witness - most[i], 0), 0)
-        witness = clipped(witness - over * push, lower, upper)
-    slowest, speeds, share = normals @ rest, normals @ witness, ca.SX(1)
+        over = ca.if_else(most[i] < 0, ca.fmax(normals[i, :] @ feasible - most[i], 0), 0)
+        feasible = clipped(feasible - over * push, lower, upper)
+    slowest, speeds, share = normals @ rest, normals @ feasible, ca.SX(1)
     for i in range(most.numel()):
         most_here = ca.fmax(ca.fmax(most[i], 0) if i in lead else most[i], slowest[i])
         part = (most_here - slowest[i]) / ca.fmax(speeds[i] - slowest[i], TINY)
         share = ca.fmin(share, ca.if_else(speeds[i] > most_here, part, 1))
-    witness = rest + share * (witness - rest)
-    least = ca.fmin(asked, ca.dot(gradient, witness))
-    return ca.vertcat(-gradient.T, normals), ca.vertcat(-least, ca.fmax(most, normals @ witness))
+    feasible = rest + share * (feasible - rest)
+    least = ca.fmin(asked, ca.dot(gradient, feasible))
+    return ca.vertcat(-gradient.T, normals), ca.vertcat(-least, ca.fmax(most, normals @ feasible))
 
 
 def _past(normal: ca.SX, gradient: ca.SX) -> ca.SX:

@@ -1,4 +1,4 @@
-"""What a stick commands of chair and arm: task rows, direction and speed, what is off them, Honzik's Eq. (1) for it."""
+"""Task of chair and arm for a stick's twist: rows, direction, speed, motion off the direction, Honzik's Eq. (1)."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from rehab_opt.kinematics.mobile_arm import CHAIR, MobileArm
 from rehab_opt.optim.certificate import clipped
 from rehab_opt.optim.factor import solver_of, upper_triangle
 from rehab_opt.optim.rows import PLAUSIBLE, Row
-from rehab_opt.symbolic.tick import Tick
+from rehab_opt.symbolic.tick import Stages
 
 __all__ = ["AHEAD", "FRAMES", "PROGRESS", "ROWS", "HandTask", "Last", "Task", "checked_rows", "frame_number"]
 
@@ -72,7 +72,7 @@ POSTURES, DEPENDENT = 3, 1e-6
 
 
 class Last(NamedTuple):
-    """What the last tick left behind, velocities with the chair's in the chassis frame."""
+    """Result of the last tick, velocities with the chair's in the chassis frame."""
 
     velocity: ca.SX
     """(7,)"""
@@ -149,7 +149,7 @@ class HandTask:
 
     def task(
         self,
-        tick: Tick,
+        tick: Stages,
         q: ca.SX,
         twist: ca.SX,
         world: ca.SX,
@@ -259,7 +259,7 @@ class HandTask:
 
     def _rows_ahead(
         self,
-        tick: Tick,
+        tick: Stages,
         q: ca.SX,
         last: ca.SX,
         direction: ca.SX,
@@ -348,7 +348,7 @@ class HandTask:
 
 
 def frame_number(frame: str) -> float:
-    """The parameter that says in which frame rows are meant: 0 in the chassis frame, 1 in the world's."""
+    """Frame of the task rows as a parameter of the QP: 0 the chassis frame, 1 the world's."""
     world = FRAMES.get(frame) if isinstance(frame, str) else None
     if world is None:
         raise ConfigurationError("frame", frame, "chassis or world")
@@ -356,7 +356,7 @@ def frame_number(frame: str) -> float:
 
 
 def checked_rows(rows: Sequence[str], argument: str = "rows") -> tuple[str, ...]:
-    """Rows that can be asked for together; `argument` is whose they are, one set of them where it has several."""
+    """Task rows that can be commanded together; `argument` is the one they come from, alone or as one set."""
     names = tuple(rows) if isinstance(rows, (tuple, list)) else ()
     known = all(isinstance(name, str) and name in ROWS for name in names)
     if not names or not known or len(set(names)) != len(names):

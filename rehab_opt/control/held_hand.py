@@ -1,9 +1,9 @@
-"""A hand that runs into something: noticed by where it is left behind, long before a joint is far from where it is led.
+"""Contact of the hand detected by its lag in space, long before a joint's following error is large.
 
 The joints' following error is e (n,). A joint under dry friction follows f behind, and where it turns round it stands
 still until it is led from f on one side to f on the other: a play y, y' = q' within -f <= y <= f; f is learned while it
-slips. What else a steady motion makes of the hand's d = J (e + y) changes slowly; what is left of d after its slow part
-is taken away, against the way the hand goes, is
+slips. The rest of the hand's lag d = J (e + y) changes slowly in a steady motion. Without that slow part, against the
+direction of motion, it is
 
     s = -(d - d_usual) . v / |v|,   v = J q',
 
@@ -11,8 +11,8 @@ of a hand that is free at most
 
     min(|J' v| / |v|, 1) contact + INERTIA sum_j |J_j| |q''_j| / p^2 + LATE |v - v_usual|:
 
-a servo that was tuned to another inertia is behind by a share of p^-2 q'', and a delay that is another one shows where
-the speed changes. A servo lags by 2 q' / p: a joint that brakes hard may rest elsewhere within f than y says, and is in
+a servo tuned to another inertia lags by a fraction of p^-2 q'', and an error of the delay shows where the speed
+changes. A servo lags by 2 q' / p: a joint that brakes hard may rest elsewhere within f than y says, and is in
 doubt by u until it has slipped as far again,
 
     u' = 2 |q''| / p - |q'|   within 0 <= u <= f;
@@ -22,7 +22,7 @@ may lie), the hand is held. Then
 
 - the joints' commands begin anew at rest: what was stopped may be stopped in the command, too;
 - along the way v the hand may be led no further than 0.75 `contact` ahead of where it usually is, `room`;
-- all asked speeds are those of recovery, until the hand has been free for CALM.
+- commanded speeds are those of recovery, until the hand has been free for CALM.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ USUAL = 20.0
 INERTIA = 0.5
 """Share of its own inertia by which a joint's differs from what the servo was tuned to, by posture and coupling."""
 LATE = 0.003
-"""[s] By which the delay may be another one than was told."""
+"""[s] Largest error of the given delay."""
 SLOWEST = 0.02
 """[m/s] Hands that are slower have no way that they could be held on."""
 CALM = 2.0
@@ -65,7 +65,7 @@ def hand_memory(n: int) -> Record:
 
 
 class Felt(NamedTuple):
-    """What a tick says of the hand."""
+    """Result of one tick of the contact watch."""
 
     memory: ca.SX
     """What `hand_memory` names."""
@@ -81,7 +81,7 @@ def held_hand(  # noqa: PLR0917  (what is known, then what a tick brings)
     chain: SerialChain, contact: float, patience: float, pole: float, dt: float, memory: Values, q: ca.SX,
     error: ca.SX, velocity: ca.SX,
 ) -> Felt:  # fmt: skip
-    """One tick of watching the hand.
+    """One tick of the contact watch.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What inverse kinematics answers: a posture, or a path of them, and how each came about."""
+"""Results of inverse kinematics: a posture or a path of postures, with status and residuals."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where to look for a posture: start, solve, compare. Finds; what an answer is called is `arm_ik`'s business."""
+"""Search for a posture from several starts: pick starts, solve, keep the best. The status is set in `arm_ik`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The three nonlinear programmes of an arm's inverse kinematics, over the joints that can move.
+"""The three NLPs of an arm's inverse kinematics, over the joints that can move.
 
     posture   min posture cost        s.t.  hand at the target, handle within its tilt of vertical, joint limits
     nearest   min distance^2          s.t.                      handle within its tilt of vertical, joint limits

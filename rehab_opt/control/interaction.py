@@ -1,4 +1,4 @@
-"""What a measured force does to a led hand: it gives way, its reference slows down, and at last the arm stops."""
+"""Response of a led hand to a measured force: admittance, a slower reference, and a stop."""
 
 from __future__ import annotations
 

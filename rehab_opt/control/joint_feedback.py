@@ -33,7 +33,7 @@ class JointFeedback:
         q_model = q_led, `delay` late and behind the servo, moved by the same corrections
 
     - The task's error is that of q_led + d: what friction holds back is led after. Joints that hardly move leave d as
-      it is: led after by its integral, what sticks would be hunted to and fro, and noise be motion.
+      it is: integrated there, it would make sticking joints hunt, and turn noise into motion.
     - Position limits hold for q_led and for q_led + e (at the same rate, at rest, too), and joints come to them no
       nearer than others that brake may throw them off (`thrown`).
     - The target is taken to be where its twist leads it while a command is on its way (`command_delay`).
@@ -55,8 +55,8 @@ class JointFeedback:
 
     Parameters
     ----------
-    delay : [s] from a command until the joint moves, and from a position until it is told, together; at most 128 ticks.
-        3 ms more or less are no harm.
+    delay : [s] from a command until the joint moves, and from a position until `step` gets it, together; at most 128
+        ticks. 3 ms more or less are no harm.
     servo_hz : [Hz] bandwidth of the velocity servo; infinite for joints that move as commanded.
     correction : [1/s] rate at which the reference comes to the measured positions. Slow: noise passes by its square
         root, and an error that a joint makes at less than `correction` times `tolerance` is no fault.

@@ -25,7 +25,7 @@ DEBOUNCE = 0.15
 
 
 class StickMode(NamedTuple):
-    """What the two axes of the stick, forward and left, move."""
+    """Task rows that the two axes of the stick, forward and left, move."""
 
     name: str
     rows: tuple[str, str]
@@ -45,17 +45,17 @@ STICK_MODES = (StickMode("plane", ("x", "y"), (0.25, 0.25)), StickMode("lift", (
 
 
 class StickCommand(NamedTuple):
-    """What the user asks for, in the arguments of `RedundancyResolver.step`."""
+    """The user's command, as arguments of `RedundancyResolver.step`."""
 
     twist: Array
-    """(k,) [m/s or rad/s], read-only; zero where nothing is asked, and of rows that the mode holds."""
+    """(k,) [m/s or rad/s], read-only; zero where nothing is commanded, and of rows that the mode holds."""
     rows: tuple[str, ...]
     frame: str
     """Always the chair's, so that the stick keeps its meaning as the chair turns."""
     gripper_closed: bool
     """What the gripper should be."""
     reason: str
-    """Why nothing is asked although the user may want something; empty otherwise."""
+    """Why nothing is commanded although the user may want motion; empty otherwise."""
 
 
 class Joystick(OneThread):

@@ -19,7 +19,7 @@ from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.kinematics.room import MovingCapsule, moving_numbers
 from rehab_opt.optim.certificate import all_true, clipped
 
-__all__ = ["Limit", "Limits", "all_limits", "checked_limits"]
+__all__ = ["Limit", "PostureLimits", "all_limits", "checked_limits"]
 
 Array = NDArray[np.float64]
 
@@ -40,7 +40,7 @@ SLACK = 1e-5
 ROWS = 3
 """Distances of a limit that make rows: along an edge of two an arm slides into a corner."""
 MATTERS = 0.05
-"""Of a slope's largest entry: a joint below it is not asked to keep a limit."""
+"""Of a slope's largest entry: a joint below it takes no part in keeping a limit."""
 TINY = 1e-300
 
 
@@ -126,7 +126,9 @@ def checked_limits(limits: Sequence[Limit], chain: SerialChain) -> tuple[Limit, 
     return tuple(limits)
 
 
-def all_limits(limits: Sequence[Limit | Clearance], chain: SerialChain, dt: float, recovery_speed: float) -> Limits:
+def all_limits(
+    limits: Sequence[Limit | Clearance], chain: SerialChain, dt: float, recovery_speed: float
+) -> PostureLimits:
     """The limits of an arm, one `Clearance` among them or none.
 
     Raises
@@ -141,13 +143,13 @@ def all_limits(limits: Sequence[Limit | Clearance], chain: SerialChain, dt: floa
     pairs = [ClearancePairs(checked_clearance(name, each, chain), chain) for name, each in found]
     others = checked_limits([each for each in limits if isinstance(each, Limit)], chain)
     found_pairs = next((each for each in pairs if each.names), None)
-    return Limits(others, chain, dt, found_pairs, recovery_speed=recovery_speed)
+    return PostureLimits(others, chain, dt, found_pairs, recovery_speed=recovery_speed)
 
 
-class Limits:
+class PostureLimits:
     """The limits of one arm in one tick.
 
-    A row is about the tangent at the beginning of a tick, and the arm is judged at its end. So a margin is kept, about
+    A row is the tangent at the beginning of a tick, and the distance is checked at its end. So a margin is kept, about
     the square of the joints' way in a tick, within which the row leads the arm away again. Limits come before
     accelerations, also while braking, and after speeds and joint limits.
 
@@ -171,7 +173,7 @@ class Limits:
     ) -> None:
         self.limits, self.chain, self.dt, self.clearance = tuple(limits), chain, dt, clearance
         self.moving = 0 if clearance is None else clearance.clearance.moving
-        """How many moving capsules a tick is told of."""
+        """Largest number of moving capsules in a tick."""
         self._calm = ca.DM(recovery_speed * chain.velocity)
         together = max(float(np.max(chain.velocity / chain.acceleration)), dt)
         rates = [each.rate for each in self.limits for _ in range(each.count(chain))]
@@ -483,10 +485,10 @@ class Limits:
     def _tangents(
         self, q: ca.SX, last: ca.SX, ways: Sequence[float], ticks: ca.SX | float = 1.0
     ) -> tuple[ca.SX, ca.SX, ca.SX]:
-        """Slopes (m, n) of the least distances, these (m,), and what of their fall the tangents do not tell (m,).
+        """Slopes (m, n) of the least distances, these (m,), and by how much their fall exceeds the tangents' (m,).
 
         That is what the last velocity would lose against them in so many ticks, and a margin for what a change of it
-        may lose; what lacks of that is asked for in these ticks: an arm at a limit is free to begin to move along it.
+        may lose; what lacks of that is regained in these ticks: an arm at a limit is free to begin to move along it.
         """
         seconds = ticks * self.dt
         found = [one.nearest(self.chain, q, seconds * last, k) for one, k in zip(self.limits, ways, strict=True)]

@@ -1,4 +1,4 @@
-"""The largest manipulability of a chain: what a floor is a share of."""
+"""Largest manipulability w_max of a chain, which scales a floor, and directions out of singular postures."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ __all__ = [
     "DISTANCES",
     "DRAWN",
     "SingularityEscape",
-    "climb_function",
+    "ascent_function",
     "drawn_ways",
     "known_ways",
     "largest_manipulability",
@@ -78,18 +78,18 @@ class SingularityEscape:
     """
 
     def __init__(self, chain: SerialChain) -> None:
-        self._n, self._climb = chain.n, BufferedFunction(climb_function(chain))
+        self._n, self._ascent = chain.n, BufferedFunction(ascent_function(chain))
 
     def of(self, q: Array, *, turn: int = 0) -> Array:
         """(n,) of length 1/2, zero where none is found; `turn` is the seed."""
-        n, climb = self._n, self._climb
-        at, way, distance, found = climb.inputs
+        n, ascent = self._n, self._ascent
+        at, way, distance, found = ascent.inputs
         at[:] = q
         for distance[:] in DISTANCES:
             found[:] = 0.0
             for way[:] in (*known_ways(n), *drawn_ways(DRAWN * n, n, seed=turn)):
-                climb.evaluate()
-                found[:] = climb.outputs[0]
+                ascent.evaluate()
+                found[:] = ascent.outputs[0]
             if found[1:].any():
                 break
         return found[1:].copy()
@@ -102,7 +102,7 @@ def known_ways(n: int) -> Array:
     return np.array([*axes, *pairs])
 
 
-def climb_function(chain: SerialChain) -> ca.Function:
+def ascent_function(chain: SerialChain) -> ca.Function:
     """Posture q, way (n,), distance [rad or m], what was found so far -> the same with this way, one way and the other.
 
     What is found is its gain of w, and its direction of length 1/2: a way counts where it gains more than the best so
@@ -131,7 +131,7 @@ def climb_function(chain: SerialChain) -> ca.Function:
     either = ca.Function.if_else("either", looked, same)
     one = ca.Function("one", inputs, [either(gain > found[0] + GAIN, *inputs)])
     unit = way / ca.norm_2(way)
-    return ca.Function("climb", inputs, [one(q, unit, -distance, one(q, unit, distance, found))])
+    return ca.Function("ascent", inputs, [one(q, unit, -distance, one(q, unit, distance, found))])
 
 
 def drawn_ways(count: int, n: int, *, seed: int) -> Array:

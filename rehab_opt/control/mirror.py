@@ -25,9 +25,9 @@ from rehab_opt.control.joint_feedback import JointFeedback
 from rehab_opt.control.limit import Limit, all_limits
 from rehab_opt.control.manipulability import SingularityEscape, largest_manipulability
 from rehab_opt.control.mirror_following import BRIDGE
-from rehab_opt.control.mirror_foreseen import MirrorForeseen
 from rehab_opt.control.mirror_pace import MirrorPace
 from rehab_opt.control.mirror_plan import MirrorPath, plan
+from rehab_opt.control.mirror_preview import MirrorPreview
 from rehab_opt.control.person_limit import PersonLimit
 from rehab_opt.control.reference_clock import ReferenceClock
 from rehab_opt.control.velocity_controller import checked_number
@@ -46,7 +46,7 @@ _BOUNDS, _SOLVERS = {float(i): Bound(i) for i in range(8)}, {float(i): name for 
 _ndarray, _SQUARE = np.ndarray, (4, 4)
 
 
-class MirrorTracker(MirrorForeseen):
+class MirrorTracker(MirrorPreview):
     """Joint velocities for a hand that is led along a mirrored path, kept out of singular postures.
 
     `PoseTracker`'s QP with the rows of `HandBounds`: w(q) + grad w . q' dt stays above the floor as a discrete barrier,

@@ -1,4 +1,4 @@
-"""A mirrored hand's reference clock at work: what is followed in a tick, and how fast."""
+"""Tick of a mirrored hand: which pose of the reference is tracked, and at what pace of its clock."""
 
 from __future__ import annotations
 
@@ -92,18 +92,18 @@ class MirrorFollowing(MirrorStatement):
         """What the hand is held near, where it followed as usual."""
         self._held = HELD.numbers(centre=pose[:3, 3], target=pose.reshape(-1), turn=self.max_turn)
 
-    def _tracked(self, here: Array, hand: Array, *, foreseen: bool = False, note: str = "") -> Command:
+    def _tracked(self, here: Array, hand: Array, *, previewed: bool = False, note: str = "") -> Command:
         """One tick of following what the clock holds, at a pace that deviation and braking allow; see `MirrorPace`.
 
-        Where not even the reference as it is does, because the model of the person's arm moves, it stands, too. What is
-        foreseen is not late.
+        Where even a standing reference is not allowed, since the model of the person's arm moves, the model stands,
+        too. With `previewed`, the clock makes up no lag.
         """
         clock, limit, tried, aimed = self.clock, self._limit, self._tried, self._aimed
         posture, q, led = None if limit is None else limit.q, self._q.copy(), limit is not None
         self._last_before = self._last.copy()
         at = clock.waiting, clock.fraction, clock.lag
         pace = self._rate, self._share, self._waited, self._stood, self._apart, self._aside
-        others = self._interaction.pace, not foreseen, clock.pace
+        others = self._interaction.pace, not previewed, clock.pace
         felt, around = self._interaction.state[: FELT["away"]], self._usable_obstacles()
 
         def aim(target: Array, motion: Array, *, stays: bool) -> bool:

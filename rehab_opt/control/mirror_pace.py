@@ -1,6 +1,6 @@
-"""A mirrored hand's reference, tick by tick: how fast it is followed, where, and what the hand stays short of.
+"""Reference of a mirrored hand in one tick: its pace, its pose, and the distance by which the hand stays short of it.
 
-One function of the samples that wait, of what is remembered and of the hand, which Python evaluates and C has, too.
+Functions of the queued samples, the memory and the hand, evaluated in Python and exported to C.
 """
 
 from __future__ import annotations
@@ -52,12 +52,12 @@ pose of what the hand is led to now, which may be what the person's arm can do o
 SAID = Record(passed=1, fraction=1, lag=1, bridging=1, waits=1, cuts=1, short=1)
 """Samples passed, where the clock then is, and whether it bridges a jump, stood, a hand was cut short, and is short."""
 AIMED = Record(kept=1, pose=16, twist=6, offset=3)
-"""Whether an arm that brakes keeps what it is held near, and pose, twist and offset [m] that the QP is told."""
+"""Whether a braking arm stays near what `HELD` names, and pose, twist and offset [m] for the QP."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class MirrorPace:
-    """Numbers of a tracker: see `MirrorTracker`."""
+    """Parameters of a tracker's pace: see `MirrorTracker`."""
 
     dt: float
     linear_speed: float

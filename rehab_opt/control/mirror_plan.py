@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.control.command import Bound
-from rehab_opt.control.foreseen import angles_between
 from rehab_opt.control.mirror_retiming import retimed
+from rehab_opt.control.preview import angles_between
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.real_array import real_array
 
@@ -98,7 +98,7 @@ def plan(tracker: MirrorTracker, poses: ArrayLike, twists: ArrayLike, q: ArrayLi
         raise ConfigurationError("poses", reference.shape, "at least one usable sample")
     tracker.reset()
     dt = tracker.dt
-    tracker.foresee(joints, reference[usable], motion[usable], np.asarray(dt * usable, dtype=np.float64))
+    tracker.preview(joints, reference[usable], motion[usable], np.asarray(dt * usable, dtype=np.float64))
     most = math.ceil((PATIENCE + PATIENCE * tracker.clock.lag) / dt)
     path, speeds, clock, left, short, person, shown, w, yielded = [], [], [], [], [], [], [], [], []
     complete, reference_clock, follow = False, tracker.clock, tracker.follow

@@ -1,9 +1,9 @@
-"""A plan passed as fast as its bounds allow: the same joint path, at a time of its own.
+"""Time-optimal retiming of a plan: the same joint path, passed as fast as its bounds allow.
 
-What is decided tick by tick stops, looks, and goes on. Along the joint path that came of it, with the reference's clock
-and the hand's way as two more axes, `fastest_timing` is the passage of least time: joint speed and acceleration, the
-hand's speed, and a clock that runs at most at the recording's pace. Ticks of it are then looked at as commands are; a
-passage that would break a bound is not taken.
+A plan made tick by tick stops and hesitates. Along its joint path, with the reference's clock and the hand's way as two
+more axes, `fastest_timing` gives the passage of least time within joint speed and acceleration, the hand's speed, and
+a clock that runs at most at the recording's pace. Its ticks are then checked as commands are; a passage that would
+break a bound is rejected.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The QP of a mirrored hand, and what is true at the end of its tick."""
+"""The QP of a mirrored hand, and its bounds checked on the true state at the end of the tick."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from rehab_opt.control.command import Bound
 from rehab_opt.control.hand_bounds import HandBounds
 from rehab_opt.control.manipulability import SingularityEscape
-from rehab_opt.control.pose_tracker import Inputs, Motion, PoseTracker, Rows
+from rehab_opt.control.pose_tracker import Inputs, PoseTracker, Rows, TickSolution
 from rehab_opt.control.stopping import VelocityBounds
 from rehab_opt.control.tool_speed import speed_ahead
 from rehab_opt.kinematics.frames import rotation_vector
@@ -22,7 +22,7 @@ from rehab_opt.optim.certificate import all_true, clipped
 from rehab_opt.optim.rows import PLAUSIBLE, Instance, parameter
 from rehab_opt.symbolic import BufferedFunction
 from rehab_opt.symbolic.record import Record
-from rehab_opt.symbolic.tick import Tick
+from rehab_opt.symbolic.tick import Stages
 
 __all__ = ["CALM", "HELD", "SPARE", "WHOLE", "MirrorStatement"]
 
@@ -56,7 +56,7 @@ it may be turned from by so much [rad]; NaN where nothing is known."""
 
 
 class Posture(NamedTuple):
-    """What is known of the posture at the beginning of a tick, in expressions."""
+    """Quantities of the posture at the beginning of a tick, as expressions."""
 
     w: ca.SX
     """W / w_max."""
@@ -101,7 +101,7 @@ class MirrorStatement(PoseTracker):
         pose, twist, *moving = super().shapes
         return (pose, twist, (3,), (self.chain.n,), *moving)
 
-    def rows(self, tick: Tick, inputs: Inputs, bounds: VelocityBounds) -> Rows:
+    def rows(self, tick: Stages, inputs: Inputs, bounds: VelocityBounds) -> Rows:
         """See `HandBounds.rows`."""
         offset, lead, *_ = inputs.others
         guided = self.guided(inputs.memory)
@@ -121,7 +121,7 @@ class MirrorStatement(PoseTracker):
         return Rows(matrix, upper, bounds, Posture(now.w, now.gradient, now.pose[:3, 3], turned))
 
     def excess(self, inputs: Inputs, jacobian: ca.SX, velocity: ca.SX) -> ca.SX:
-        """The wanted motion is slowed, not the asked one: what the floor takes from it must not slow the rest.
+        """Hand speeds of `velocity`, not the reference, over their limits: what a floor takes must not slow the rest.
 
         From its speed that way on, the hand comes to `SERVO` of the largest one at the rate `approach`: servos
         overshoot the end of an acceleration. Where joints take over from others whose servos are behind, the hand is
@@ -156,7 +156,7 @@ class MirrorStatement(PoseTracker):
         """[1/s] as `PoseTracker`'s, and slower in long ticks."""
         return min(super()._settling, AT_MOST / self.dt)
 
-    def _asked_twist(self, jacobian: ca.SX, pose: ca.SX, target: ca.SX, twist: ca.SX) -> tuple[ca.SX, ca.SX]:
+    def _reference_twist(self, jacobian: ca.SX, pose: ca.SX, target: ca.SX, twist: ca.SX) -> tuple[ca.SX, ca.SX]:
         feedback = self._settling * ca.vertcat(
             target[:3, 3] - pose[:3, 3], rotation_vector(target[:3, :3] @ pose[:3, :3].T)
         )
@@ -165,11 +165,11 @@ class MirrorStatement(PoseTracker):
         asked = twist + feedback / ca.fmax(excess, 1)
         return asked, asked
 
-    def command(self, tick: Tick, inputs: Inputs, velocity: ca.SX) -> ca.SX:
+    def command(self, tick: Stages, inputs: Inputs, velocity: ca.SX) -> ca.SX:
         """(n,) the QP's velocity: it is shortened after the tick, by `keeping`."""
         return velocity
 
-    def outcome(self, tick: Tick, inputs: Inputs, motion: Motion) -> tuple[ca.SX, ca.SX]:
+    def outcome(self, tick: Stages, inputs: Inputs, motion: TickSolution) -> tuple[ca.SX, ca.SX]:
         """Yielded, fraction of the reference, nothing unusual, bounds truly kept, w before and after, w is flat.
 
         The memory has the loss of w against its tangent behind `PoseTracker`'s.
@@ -203,7 +203,7 @@ class MirrorStatement(PoseTracker):
         """Before bodies alone: what else there is to keep, the braking of all joints alike does."""
         return self.among_bodies
 
-    def _clear(self, tick: Tick, q: ca.SX, moving: ca.SX, velocity: ca.SX, *, braked: bool) -> ca.SX:
+    def _clear(self, tick: Stages, q: ca.SX, moving: ca.SX, velocity: ca.SX, *, braked: bool) -> ca.SX:
         """Whether bodies are clear of each other where it leads, and on the way to rest unless it is `braked`."""
         ways = self.hand_bounds.ways(velocity)[: 1 if braked else None]
         return all_true(*(tick.call(self.limits.clear, q, moving, way * velocity)[0] for way in ways))
@@ -232,7 +232,7 @@ class MirrorStatement(PoseTracker):
         least = ca.if_else(w < self.floor, -2, least)  # the way back above the floor comes first
         turns = [each >= least - ROUNDING for each in cosines[1:]]
         outputs = ca.logic_and(kept, all_true(*turns)), braking
-        verdicts, tick, moving = [outputs[0], outputs[1]], Tick(), ca.SX.sym("moving", self.limits.told)
+        verdicts, tick, moving = [outputs[0], outputs[1]], Stages(), ca.SX.sym("moving", self.limits.told)
         if self.among_bodies:
             for i, braked in enumerate((False, True)):
                 verdicts[i] = ca.logic_and(verdicts[i], self._clear(tick, q, moving, velocity, braked=braked))

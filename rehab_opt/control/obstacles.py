@@ -16,7 +16,7 @@ from rehab_opt.kinematics.mobile_arm import Outline
 from rehab_opt.kinematics.real_array import is_real
 from rehab_opt.optim.rows import PLAUSIBLE
 
-__all__ = ["NUMBERS", "Approach", "Disc", "HalfPlane", "Obstacle", "approach", "obstacle_numbers", "outward_normal"]
+__all__ = ["NUMBERS", "Disc", "HalfPlane", "Obstacle", "ObstacleRows", "approach", "obstacle_numbers", "outward_normal"]
 
 Array = NDArray[np.float64]
 
@@ -48,7 +48,7 @@ class Disc(NamedTuple):
 Obstacle = HalfPlane | Disc
 
 
-class Approach(NamedTuple):
+class ObstacleRows(NamedTuple):
     """Rows matrix @ (forward, left, turn) <= room of one obstacle; at rest they always hold."""
 
     matrix: ca.SX
@@ -76,7 +76,7 @@ def obstacle_numbers(obstacles: Sequence[Obstacle], max_obstacles: int) -> Array
     if not isinstance(obstacles, (list, tuple)) or isinstance(obstacles, Obstacle):
         raise ConfigurationError("obstacles", obstacles, "a list or tuple of HalfPlane and Disc")
     if len(obstacles) > max_obstacles:
-        raise ConfigurationError("obstacles", len(obstacles), f"at most {max_obstacles}, as told at construction")
+        raise ConfigurationError("obstacles", len(obstacles), f"at most {max_obstacles}, as given at construction")
     numbers = np.zeros((max_obstacles, NUMBERS))
     for i, obstacle in enumerate(obstacles):
         row = _row(obstacle)
@@ -114,7 +114,7 @@ def _number(value: object) -> float:
 def approach(
     numbers: ca.SX, place: ca.SX, outline: Outline, *, dt: float, horizon: float, turn: ca.SX | float,
     drive: ca.SX | float,
-) -> Approach:  # fmt: skip
+) -> ObstacleRows:  # fmt: skip
     """Rows that keep the chair's outline out of one obstacle, wherever its corners turn to within the tick.
 
     Parameters
@@ -177,7 +177,7 @@ def approach(
     )
     inside = ca.logic_and(there, least < -OUTSIDE)
     wall, post = ca.vertcat(*normal, offset), ca.vertcat(*centre, numbers[2])
-    return Approach(matrix, ca.vertcat(still, still), inside, wall, post, disc)
+    return ObstacleRows(matrix, ca.vertcat(still, still), inside, wall, post, disc)
 
 
 def outward_normal(outline: Outline, x: ca.SX, y: ca.SX) -> list[ca.SX]:

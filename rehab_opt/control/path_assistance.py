@@ -35,9 +35,9 @@ STANDS = reason_text(NUMBER["HAND_STANDS"], ())
 class PathAssistance(BoundedForce):
     """Force on a hand [N] along a path: a spring to where on the path the hand has come to; bounded as `BoundedForce`.
 
-    min  |F - F_wanted|^2  within the bounds of `BoundedForce`, where inside the comfortable workspace
+    min  |F - F_desired|^2  within the bounds of `BoundedForce`, where inside the comfortable workspace
 
-        F_wanted = S (p(s) - x) - D (v - (v.t) t),
+        F_desired = S (p(s) - x) - D (v - (v.t) t),
 
     p(s) the place of the path and t its direction there, so that along the path the hand moves freely.
     Outside the workspace there is a pull back to it, as with `Assistance` in mode "follow".

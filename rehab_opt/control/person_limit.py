@@ -1,4 +1,4 @@
-"""What a person's own arm can do of a pose: a model of the arm follows it, and its hand is the pose that is asked."""
+"""A reference pose limited to a person's range of motion: the hand of a model arm that tracks it."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ GAIN = 30.0
 
 
 class _Model(PoseTracker):
-    """Its joints are where they are put, and back where they were after a try: none of them can fail to follow."""
+    """Tracker of the model arm: its joints are set, and set back after a trial tick, so that none is watched."""
 
     watched: ClassVar[bool] = False
 

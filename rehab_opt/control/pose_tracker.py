@@ -17,7 +17,7 @@ from rehab_opt.control.command import Command
 from rehab_opt.control.damped import damped_velocity
 from rehab_opt.control.jerk_bounds import JerkBounds
 from rehab_opt.control.joint_feedback import JointFeedback
-from rehab_opt.control.limit import Limit, Limits, all_limits
+from rehab_opt.control.limit import Limit, PostureLimits, all_limits
 from rehab_opt.control.reference_velocity import CALMING, MISSED, ReferenceVelocity
 from rehab_opt.control.stopping import VelocityBounds
 from rehab_opt.control.tool_speed import speed_ahead, tool_acceleration
@@ -30,12 +30,12 @@ from rehab_opt.optim.qp import Statement
 from rehab_opt.optim.rows import parameter, variable, within
 from rehab_opt.symbolic import Compile
 from rehab_opt.symbolic.record import Values
-from rehab_opt.symbolic.tick import Tick
+from rehab_opt.symbolic.tick import Stages
 
-__all__ = ["Inputs", "Motion", "PoseTracker", "Rows"]
+__all__ = ["Inputs", "PoseTracker", "Rows", "TickSolution"]
 
 DIRECTION_KEEPING = 1e-5
-"""Price of slowing down against leaving the asked direction: at a twentieth of the speed it is left by 0.01 deg."""
+"""Price of slowing down against leaving the reference direction: at a twentieth of the speed it is left by 0.01 deg."""
 STEADYING = 1e-5
 """Weight of the joint velocities against the squared twist error: it settles what the task leaves open."""
 DRIFT_SPEED = 0.1
@@ -57,14 +57,14 @@ _ndarray = np.ndarray
 
 
 class Inputs(NamedTuple):
-    """What comes in a tick, in expressions."""
+    """Inputs of a tick, as expressions."""
 
     q: ca.SX
     target: ca.SX
     """(4, 4)"""
     twist: ca.SX
     others: list[ca.SX]
-    """What a tracker with more bounds takes besides."""
+    """Further inputs of a tracker with more bounds."""
     moving: ca.SX
     """Numbers of the moving capsules, none where there are no such."""
     memory: ca.SX
@@ -84,11 +84,11 @@ class Rows(NamedTuple):
     """(m,) r"""
     bounds: VelocityBounds
     posture: tuple[ca.SX, ...] = ()
-    """What else is known of the posture, for `outcome`."""
+    """Further quantities of the posture, for `outcome`."""
 
 
-class Motion(NamedTuple):
-    """What is decided in a tick, in expressions."""
+class TickSolution(NamedTuple):
+    """Solution of a tick, as expressions."""
 
     velocity: ca.SX
     """(n,) of the QP."""
@@ -111,23 +111,23 @@ class PoseTracker(VelocityController):
     min  |J (q' - s w)|^2 + small |q' - s w|^2 + price |w|^2 (1 - s)^2   over q', 0 <= s <= 1
     s.t. lower(q, q'_last) <= q' <= upper(q, q'_last),  grad h . q' >= -rate h  of each of `limits`
 
-    w are the joint velocities that would deliver the asked twist, or as much of it as the arm can at this pose
-    (`damped_velocity`); the asked twist is `twist` plus `gain` times the pose error, less where the joints could not
-    stop at the target, and no faster than the hand speeds allow. s slows the motion down where the bounds demand, so
-    that its direction is kept. The interval is that of `velocity_bounds`: it is never empty. An object belongs to one
-    thread: see `OneThread`.
+    w are the joint velocities that would deliver the reference twist, or as much of it as the arm can at this pose
+    (`damped_velocity`); the reference twist is `twist` plus `gain` times the pose error, less where the joints could
+    not stop at the target, and no faster than the hand speeds allow. s slows the motion down where the bounds demand,
+    so that its direction is kept. The interval is that of `velocity_bounds`: it is never empty. An object belongs to
+    one thread: see `OneThread`.
 
-    The direction of the asked twist is left where
+    The direction of the reference twist is left where
     - w would bring a joint to its position limit faster than it can stop there: w is then the nearest motion with that
       joint slow enough (`ReferenceVelocity`); keeping the direction would stop the whole arm. In the tick in which this
-      begins, up to 0.4 of the hand's motion was seen across what is asked;
+      begins, up to 0.4 of the hand's motion was seen across the reference;
     - a joint is too fast to be brought into the direction within its acceleration bound and the hand speeds;
     - the pose is nearly singular, a singular value of J below 0.03, and lost directions are left out of w.
 
     A joint that moves less than 8 % of the way that it is commanded is blocked, its encoder stands still, or it turns
     the wrong way: the arm brakes within 0.2 s and 0.03 rad over the commanded speed, the reason says which joint, and
-    it rests until `reset`, or until `enable` was released. Call `reset` between states that are not one motion:
-    the same one, asked about again and again, is an arm that stands still.
+    it rests until `reset`, or until `enable` was released. Call `reset` between states that are not one motion: the
+    same state passed repeatedly is an arm that stands still.
 
     Parameters
     ----------
@@ -174,7 +174,7 @@ class PoseTracker(VelocityController):
         task_weights: ArrayLike = 1.0,
         jerk: ArrayLike | None = None,
         posture: ArrayLike | None = None,
-        limits: Sequence[Limit | Clearance] | Limits = (),
+        limits: Sequence[Limit | Clearance] | PostureLimits = (),
         dt: float = 0.001,
         recovery_speed: float = 0.1,
         solver: str = "qrqp",
@@ -196,7 +196,7 @@ class PoseTracker(VelocityController):
         limited = chain.with_limits(lower=lower, upper=upper, velocity=velocity, acceleration=acceleration)
         checked_number("dt", dt, above=0.0, below=1.0)
         checked_number("recovery_speed", recovery_speed, above=0.0, below=1.0)
-        self.limits = limits if isinstance(limits, Limits) else all_limits(limits, limited, dt, recovery_speed)
+        self.limits = limits if isinstance(limits, PostureLimits) else all_limits(limits, limited, dt, recovery_speed)
         self.jerk = None
         if jerk is not None:
             self._check_jerk_alone(jerk, feedback)
@@ -218,7 +218,7 @@ class PoseTracker(VelocityController):
 
     def statement(self) -> Statement:
         """The QP of one tick; parameters q (n,), pose (16, by rows), twist (6,); memory as `VelocityController`."""
-        tick, n, weights = Tick(), self.chain.n, ca.sqrt(ca.DM(self.task_weights))
+        tick, n, weights = Stages(), self.chain.n, ca.sqrt(ca.DM(self.task_weights))
         q, entries, twist, others = parameter("q", n), parameter("pose", POSE), parameter("twist", TWIST), self.others()
         memory = parameter("memory", self._memory_size)
         inputs = Inputs(q, _pose(entries), twist, others, others[-1] if self.limits.moving else ca.SX(0, 1), memory)
@@ -249,7 +249,7 @@ class PoseTracker(VelocityController):
             + (DIRECTION_KEEPING + calm) * ca.sumsqr(progress.symbol - speed)
         )
         command = self.command(tick, inputs, u)
-        motion = Motion(u, command, s, speed, J @ command, whole, rows)
+        motion = TickSolution(u, command, s, speed, J @ command, whole, rows)
         report, remember = self.outcome(tick, inputs, motion)
         return Statement(
             name=self.name,
@@ -290,7 +290,7 @@ class PoseTracker(VelocityController):
         """Parameters besides q, pose and twist."""
         return [parameter("obstacles", self.limits.told)] if self.limits.moving else []
 
-    def outcome(self, tick: Tick, inputs: Inputs, motion: Motion) -> tuple[ca.SX, ca.SX]:
+    def outcome(self, tick: Stages, inputs: Inputs, motion: TickSolution) -> tuple[ca.SX, ca.SX]:
         """The report of a tick, what yielded and the scale first; and the memory that it leaves."""
         outside = motion.rows.bounds.outside
         report = self.report(inputs.last, motion.command, motion.delivered, motion.commanded, outside)
@@ -322,15 +322,15 @@ class PoseTracker(VelocityController):
             if given:
                 raise ConfigurationError("jerk", jerk, f"None with {name}, which has bounds that come before a drive's")
 
-    def rows(self, tick: Tick, inputs: Inputs, bounds: VelocityBounds) -> Rows:
+    def rows(self, tick: Stages, inputs: Inputs, bounds: VelocityBounds) -> Rows:
         """The linear bounds, and the intervals `bounds` opened where they have to yield."""
         if not len(self.limits):
             return Rows(ca.SX(0, self.chain.n), ca.SX(0, 1), bounds)
         contacts = self.contacts(tick, inputs.q, inputs.last, inputs.moving, ticks=1)
         return Rows(*self.limits.rows(inputs.q, inputs.last, bounds, contacts))
 
-    def contacts(self, tick: Tick, q: ca.SX, last: ca.SX, moving: ca.SX, *, ticks: int) -> ca.SX:
-        """Nearest contacts within that many ticks, see `Limits.contacts`."""
+    def contacts(self, tick: Stages, q: ca.SX, last: ca.SX, moving: ca.SX, *, ticks: int) -> ca.SX:
+        """Nearest contacts within that many ticks, see `PostureLimits.contacts`."""
         if not self.limits.contacts_size:
             return ca.SX(0, 1)
         given = [ca.MX.sym(name, each.numel()) for name, each in (("q", q), ("last", last), ("moving", moving))]
@@ -347,7 +347,7 @@ class PoseTracker(VelocityController):
         linear = speed_ahead(self.chain, inputs.q, J, velocity, self.dt)
         return ca.fmax(linear / self.linear_speed, ca.norm_2(J[3:, :] @ velocity) / self.angular_speed)
 
-    def command(self, tick: Tick, inputs: Inputs, velocity: ca.SX) -> ca.SX:
+    def command(self, tick: Stages, inputs: Inputs, velocity: ca.SX) -> ca.SX:
         """(n,) the QP's velocity, or what of it keeps the user's limits: its rows are tangents.
 
         To what comes by itself it gives way by more than the acceleration, where the rows' tangents do not.
@@ -373,7 +373,7 @@ class PoseTracker(VelocityController):
 
         return tick.when(tick.call(limits.all_clear, *state, velocity)[0], velocity, otherwise)
 
-    def _slowed(self, tick: Tick, q: ca.SX, moving: ca.SX, memory: ca.SX) -> ca.SX:
+    def _slowed(self, tick: Stages, q: ca.SX, moving: ca.SX, memory: ca.SX) -> ca.SX:
         """(n,) the velocity nearest to rest that keeps the limits."""
         last = memory[: self.chain.n]
         contacts = self.contacts(tick, q, last, moving, ticks=1)
@@ -389,7 +389,7 @@ class PoseTracker(VelocityController):
         """As a controller's without limits, but for moving capsules, where there are such, as a third input."""
         if not self.slows_before_limits:
             return super().braking()
-        tick, q, memory = Tick(), ca.SX.sym("q", self.chain.n), ca.SX.sym("memory", self._memory_size)
+        tick, q, memory = Stages(), ca.SX.sym("q", self.chain.n), ca.SX.sym("memory", self._memory_size)
         last, moving = memory[: self.chain.n], ca.SX.sym("moving", self.limits.told)
         rest, contacts = self._slowed(tick, q, moving, memory), self.contacts(tick, q, last, moving, ticks=1)
         outside = ca.logic_or(self.bounds(q, memory).outside, self.limits.inside(contacts))
@@ -415,37 +415,37 @@ class PoseTracker(VelocityController):
         return ca.diag(1 / weights) @ jacobian if np.all(self.task_weights > 0) else self.chain.jacobian_expression(q)
 
     def _led_twist(self, inputs: Inputs, jacobian: ca.SX, guided: Values | None) -> tuple[ca.SX, ca.SX]:
-        """As `_asked_twist`, of where the joints are by what is measured, the commands' delay ahead of the target.
+        """As `_reference_twist`, of where the joints are by what is measured, the commands' delay ahead of the target.
 
-        A hand that is held asks for no more than the speeds of recovery, and along the way that it is held on for what
-        brings it to where it may press.
+        A held hand moves no faster than the speeds of recovery, and along its way of contact only to where it may
+        press.
         """
         chain = self.chain
         if guided is None or self.feedback is None:
-            return self._asked_twist(jacobian, chain.pose_expression(inputs.q), inputs.target, inputs.twist)
+            return self._reference_twist(jacobian, chain.pose_expression(inputs.q), inputs.target, inputs.twist)
         early = 1 + self._settling * guided.early
         pose = chain.pose_expression(inputs.q + guided.strays)
-        asked, whole = self._asked_twist(jacobian, pose, inputs.target, early * inputs.twist)
-        excess = ca.fmax(ca.norm_2(asked[:3]) / self.linear_speed, ca.norm_2(asked[3:]) / self.angular_speed)
+        reference, whole = self._reference_twist(jacobian, pose, inputs.target, early * inputs.twist)
+        excess = ca.fmax(ca.norm_2(reference[:3]) / self.linear_speed, ca.norm_2(reference[3:]) / self.angular_speed)
         slower = ca.if_else(guided.held, ca.fmax(excess / self.recovery_speed, 1), 1)
-        asked = asked / slower
-        over = ca.fmax(ca.dot(guided.way, asked[:3]) - min(self.feedback.most_gain, 1 / self.dt) * guided.room, 0)
-        asked[:3] -= ca.if_else(guided.held, over, 0) * guided.way
-        return asked, whole
+        reference = reference / slower
+        over = ca.fmax(ca.dot(guided.way, reference[:3]) - min(self.feedback.most_gain, 1 / self.dt) * guided.room, 0)
+        reference[:3] -= ca.if_else(guided.held, over, 0) * guided.way
+        return reference, whole
 
-    def _asked_twist(self, jacobian: ca.SX, pose: ca.SX, target: ca.SX, twist: ca.SX) -> tuple[ca.SX, ca.SX]:
+    def _reference_twist(self, jacobian: ca.SX, pose: ca.SX, target: ca.SX, twist: ca.SX) -> tuple[ca.SX, ca.SX]:
         """(6,) twist plus feedback on the pose error, slowed to what can be braked and to the hand speeds.
 
-        And all of it, of which `Command.scale` says how much is delivered.
+        And the same before slowing, of which `Command.scale` is the delivered fraction.
         """
         position_error = target[:3, 3] - pose[:3, 3]
         rotation_error = rotation_vector(target[:3, :3] @ pose[:3, :3].T)
         controlled = ca.DM(self.task_weights > 0)
         feedback = controlled * self._settling * ca.vertcat(position_error, rotation_error)
         whole = controlled * twist + feedback
-        asked = whole - (1 - self._braked(jacobian, feedback)) * feedback
-        excess = ca.fmax(ca.norm_2(asked[:3]) / self.linear_speed, ca.norm_2(asked[3:]) / self.angular_speed)
-        return asked / ca.fmax(excess, 1), whole
+        reference = whole - (1 - self._braked(jacobian, feedback)) * feedback
+        excess = ca.fmax(ca.norm_2(reference[:3]) / self.linear_speed, ca.norm_2(reference[3:]) / self.angular_speed)
+        return reference / ca.fmax(excess, 1), whole
 
     def _braked(self, jacobian: ca.SX, feedback: ca.SX) -> ca.SX:
         """Share of the feedback (6,) that lets the joints still stop at the target, at the weighted Jacobian.

@@ -24,10 +24,10 @@ ROUNDING = 32.0 * float(np.finfo(np.float64).eps)  # of a position, as a share o
 
 
 class Profiles:
-    """The motion in hand: a state, the profile it follows, and the finite differences of what came out.
+    """Current motion of the axes: state, the profile it follows, and finite differences of the output.
 
     The position bounds hold by induction: a profile is taken into use only when all of it is inside and its axes can
-    be stopped inside from its end. Otherwise the one in hand, known to be safe, goes on. Which positions a profile
+    be stopped inside from its end. Otherwise the current one, known to be safe, goes on. Which positions a profile
     comes to is computed here: Ruckig's own extrema leave out where an axis turns round at constant acceleration.
 
     A stop is planned without Ruckig and axis by axis. An axis whose stop would leave its bounds is one that turns

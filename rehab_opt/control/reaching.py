@@ -40,8 +40,8 @@ class Reaching:
     """Twist of the hand that follows a smoothed target along the straight way.
 
     Where bounds slow the hand by more than `LEASH`, the target starts again from the hand, along the straight way from
-    there: so a hand that bounds hold asks for that direction and no other. Axes that each go as fast as they may ask
-    for up to 55 degrees off it, and then a hand stops where the straight way is free.
+    there: so the commanded direction stays that one. Axes that each go as fast as they may would command up to 55
+    degrees off it, and the hand would stop where the straight way is free.
     """
 
     def __init__(self, robot: MobileArm, *, dt: float) -> None:

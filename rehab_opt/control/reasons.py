@@ -1,4 +1,4 @@
-"""Why a command is not a plain OK, and what is said of it besides: numbers as C has them, words as Python has."""
+"""Reasons why a command is not a plain OK, and notes on it: numbers for C, text for Python."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ __all__ = ["HELD_BACK", "NOTES", "NUMBER", "REASONS", "Note", "Reason", "notes_o
 
 
 class Reason(NamedTuple):
-    """One reason."""
+    """Why a command is not a plain OK."""
 
     name: str
     """Of the constant in C, behind REHAB_."""
     text: str
-    """What `rehab_reason` says."""
+    """As `rehab_reason` gives it."""
     python: str | None
-    """Part of what Python says then; None where Python never does."""
+    """Part of Python's text; None where Python has no such reason."""
     told: str = ""
-    """What Python says of a tick that gives the number, and details of it, where `text` is not all."""
+    """Format of Python's text, with details of the tick; empty where that is `text`."""
 
 
 REASONS = (
@@ -110,7 +110,7 @@ NUMBER = {reason.name: number for number, reason in enumerate(REASONS)}
 
 
 def reason_text(number: float, details: Iterable[float]) -> str:
-    """What Python says of a reason that a tick gave, with as many details of it as there are in the words."""
+    """Python's text of a tick's reason, with as many of its details as the format takes."""
     reason = REASONS[int(number)]
     return reason.told.format(*details) if reason.told else reason.text
 
@@ -132,14 +132,14 @@ def reason_number(reason: str) -> int:
 
 
 class Note(NamedTuple):
-    """Something that is said of a command without being a fault."""
+    """A remark on a command that is no fault."""
 
     name: str
     """Of the constant in C, behind REHAB_."""
     text: str
     """What it means."""
     python: str
-    """Part of what Python says then."""
+    """Part of Python's text."""
 
 
 HELD_BACK = "the hand was held back: led at recovery speed until it is free for two seconds"

@@ -37,7 +37,7 @@ __all__ = ["RedundancyResolver"]
 Array = NDArray[np.float64]
 
 STICK_ROWS = (("x", "y", "z"), ("x", "y"), ("z", "roll7"))
-"""Sets of rows that are prepared where nothing else is said: reaching, and the paper's two modes of the stick."""
+"""Default sets of task rows with compiled functions: reaching, and the paper's two modes of the stick."""
 CHASSIS = ("forward", "sideways", "turning")
 LONGEST_TICK = 0.02
 """[s] The law holds up to it."""
@@ -60,13 +60,14 @@ class RedundancyResolver(OneThread):
 
     The law. Every limit, keep-out and obstacle is approached so that the whole robot can brake together, all velocities
     to zero in proportion in 1.1 T, with all of them kept (`BrakingTogether`); T is the time in which every joint stops
-    from its largest speed. Accelerations therefore yield only where an obstacle, or a velocity that was told, came too
-    late for that, within 2 mm, or on the way out of an obstacle. Under a constant command the hand, after T + 1 s, is
-    no faster than commanded by more than 2 % and moves no faster than 2 % of that against it. While it brakes before a
-    bound it may leave the direction, by less than 15 % of the commanded speed across and against it, since the Jacobian
-    changes on the way. Where the bounds leave nothing of the command, the status is `BLOCKED`. What is delivered is
-    said of the middle of the tick, to where the last velocity leads by then, and of velocities that are held through
-    it: wheels that hold their speeds instead turn the chair's way within a tick, by half of what the chair turns.
+    from its largest speed. Accelerations therefore yield only where an obstacle, or a velocity given to `reset`, came
+    too late for that, within 2 mm, or on the way out of an obstacle. Under a constant command the hand, after T + 1 s,
+    is no faster than commanded by more than 2 % and moves no faster than 2 % of that against it. While it brakes before
+    a bound it may leave the direction, by less than 15 % of the commanded speed across and against it, since the
+    Jacobian changes on the way. Where the bounds leave nothing of the command, the status is `BLOCKED`. The delivered
+    twist is that at the middle of the tick, to where the last velocity leads by then, and of velocities that are held
+    through it: wheels that hold their speeds instead turn the chair's way within a tick, by half of what the chair
+    turns.
 
     A joint outside its limits comes back where the task moves it, or the posture cost does, and is not moved by itself:
     without a command there is no motion.
@@ -156,7 +157,7 @@ class RedundancyResolver(OneThread):
         self.obstacles = obstacles
         self._compile = compile
         for rows in row_sets:
-            self._prepare(checked_rows(rows, "row_sets"), compile=compile)
+            self._add_rows(checked_rows(rows, "row_sets"), compile=compile)
         self._active = next(iter(self._sets.values()))
         self._reaching: Reaching | None = None
         self.reset()
@@ -248,7 +249,7 @@ class RedundancyResolver(OneThread):
         Parameters
         ----------
         q : (7,) joint positions now [m, rad].
-        twist : (k,) asked hand velocity, one number a row [m/s, rad/s].
+        twist : (k,) commanded hand velocity, one number a row [m/s, rad/s].
         rows : any of x, y, z, rx, ry, rz in `frame`, and roll7 about the z axis of the tool, which is ARDIS's wrist
             axis; all else is free.
         frame : "chassis", which turns with the chair, or "world"; at the hand, both.
@@ -320,7 +321,7 @@ class RedundancyResolver(OneThread):
         chosen = self._sets.get(names)
         if chosen is None:
             self._refuse_others()
-            chosen = self._prepare(names, compile=False)
+            chosen = self._add_rows(names, compile=False)
         around = np.append(self._numbers, np.zeros(self.limits.told))
         inputs = (joints, asked, np.array([world]), around)[: 4 if around.size else 3]
         return chosen.instance_after(self._active, *inputs)
@@ -354,8 +355,8 @@ class RedundancyResolver(OneThread):
             if other is None:
                 if active.velocity.any():
                     active.tell(q, np.zeros(len(active.rows)), 0.0, bodies)
-                    return active.brake(f"rows {', '.join(names)} are prepared at rest")
-                other = self._prepare(names, compile=False)
+                    return active.brake(f"rows {', '.join(names)} are not in row_sets: usable once at rest")
+                other = self._add_rows(names, compile=False)
             if other is not active:
                 other.take_over(active)
                 self._active = active = other
@@ -364,7 +365,7 @@ class RedundancyResolver(OneThread):
         active.tell(q, twist, 0.0 if frame == "chassis" else frame_number(frame), bodies)
         return active.tick(enable, stamp)
 
-    def _prepare(self, rows: tuple[str, ...], *, compile: Compile) -> ChairAndArm:
+    def _add_rows(self, rows: tuple[str, ...], *, compile: Compile) -> ChairAndArm:
         chosen = ChairAndArm(self.robot, rows, compile=compile, **self._options)  # type: ignore[arg-type]
         chosen.set_obstacles(self._numbers)
         self._sets[rows] = chosen

@@ -1,4 +1,4 @@
-"""The time at which a reference is followed: it waits, slows down and catches up; the path itself is kept."""
+"""Clock by which a reference is read: it waits, slows down and catches up; the path is unchanged."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.control.between_poses import angle_of, calm_way, distance_of, part_way
-from rehab_opt.control.foreseen import Foreseen, turned_each, turns_between
+from rehab_opt.control.preview import Preview, turned_each, turns_between
 from rehab_opt.optim.certificate import all_true
 from rehab_opt.symbolic import BufferedFunction
 from rehab_opt.symbolic.record import Record, Values
@@ -40,7 +40,7 @@ CLOCK = Record(ahead=1, fraction=1, lag=1)
 
 
 class ClockStatement:
-    """What a clock does with the samples from the one at hand on, `window` of them: Python and C evaluate it.
+    """A clock's functions of the `window` samples from the current one on, evaluated in Python and in C.
 
     Parameters
     ----------
@@ -115,7 +115,7 @@ class ClockStatement:
     def taken_function(linear_speed: float, angular_speed: float) -> ca.Function:
         """Newest sample, pose, twist, [seconds, of them lost, bridge] -> newest, two samples more, whether both are.
 
-        A jump is bridged, and what else is told to be: then the sample is as late as a calm way to it at these speeds
+        A jump is bridged, and so is any sample with `bridge`: then it is as late as a calm way to it at these speeds
         takes, and in between there is one of the way. What was lost before it counts in its stamp.
         """
         newest, pose, twist = SAMPLE.symbols("newest"), ca.SX.sym("pose", 16), ca.SX.sym("twist", 6)
@@ -259,13 +259,13 @@ class ReferenceClock:
         self.stand(samples, fraction, self.lag - seconds)
         self.lag = 0.0 if self.current else self.lag
 
-    def foreseen(self, *, linear_speed: float, angular_speed: float) -> Foreseen:
+    def preview(self, *, linear_speed: float, angular_speed: float) -> Preview:
         """The samples from the one at hand on, to be laid out in time, at most at these speeds [m/s, rad/s]."""
         samples = self._table[self._at : self._end]
         poses = np.tile(np.eye(4), (len(samples), 1, 1))
         poses[:, :3] = samples[:, :12].reshape(-1, 3, 4)
         seconds, paces = samples[:, SAMPLE["seconds"]].copy(), np.array(self._paces[self._at :])
-        return Foreseen(
+        return Preview(
             poses, samples[:, 12:18].copy(), seconds, paces, linear_speed=linear_speed, angular_speed=angular_speed
         )
 

@@ -1,4 +1,4 @@
-"""Joint velocities for a twist when speed is no matter: damped at singular poses, joints at their limits held."""
+"""Joint velocities for a twist before speed bounds: damped at singular poses, joints at their limits held."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from rehab_opt.optim.dual_active_set import dual_active_set
 from rehab_opt.optim.qp import Statement
 from rehab_opt.optim.qrqp import qrqp
 from rehab_opt.optim.rows import PLAUSIBLE, parameter, variable, within
-from rehab_opt.symbolic.tick import Tick
+from rehab_opt.symbolic.tick import Stages
 
 __all__ = ["ReferenceVelocity"]
 
@@ -44,7 +44,7 @@ Excess = Callable[[ca.SX], ca.SX | None]
 
 
 class ReferenceVelocity(NamedTuple):
-    """Joint velocities that a controller's task asks for, before they are slowed to its bounds; in expressions.
+    """Joint velocities of a controller's task before they are slowed to its bounds, as expressions.
 
     Where a joint would move faster than it can still stop at its position limit, they are those of
 
@@ -73,7 +73,7 @@ class ReferenceVelocity(NamedTuple):
     upper: ca.SX
     """(m,) r"""
 
-    def stated(self, tick: Tick, q: ca.SX, last: ca.SX, *, excess: Excess, bend: Bend) -> tuple[ca.SX, ca.SX]:
+    def stated(self, tick: Stages, q: ca.SX, last: ca.SX, *, excess: Excess, bend: Bend) -> tuple[ca.SX, ca.SX]:
         """(n,) velocities at q (n,) after `last` (n,), and the twist (k,) that they deliver.
 
         Where `excess` of these velocities is above 1, they are slowed by it. `bend` says how the hand's twist changes
@@ -100,7 +100,7 @@ class ReferenceVelocity(NamedTuple):
         return motion[:n], motion[n:]
 
     def within_rows(
-        self, tick: Tick, free: ca.SX, low: ca.SX, high: ca.SX, last: ca.SX, *, needed: ca.SX | int = 1
+        self, tick: Stages, free: ca.SX, low: ca.SX, high: ca.SX, last: ca.SX, *, needed: ca.SX | int = 1
     ) -> ca.SX:
         """(n + k,) velocities within stopping speeds (n,) and rows, and their twist; not `needed` where `free` are.
 
@@ -131,7 +131,7 @@ class ReferenceVelocity(NamedTuple):
         some = ca.logic_and(left > 0, left <= PLAUSIBLE)
         return tick.when(some, lambda: solved(about, damping, motion[:n]), motion)
 
-    def _held_joints(self, tick: Tick, free: ca.SX, low: ca.SX, high: ca.SX) -> ca.SX:
+    def _held_joints(self, tick: Stages, free: ca.SX, low: ca.SX, high: ca.SX) -> ca.SX:
         """Without rows: the claim where it is the bounded QP's solution, else the free answer moved into the bounds."""
         n = free.numel()
         low, high = (ca.DM(~self.locked) * each for each in (low, high))

@@ -1,4 +1,4 @@
-"""Seats and grips by the hundred: how much of a hand's path a robot goes along from one posture, above its floor."""
+"""Seats and grips by the hundred: how much of a hand's path a robot can follow above its manipulability floor."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from rehab_opt.control.foreseen import turns_between
 from rehab_opt.control.mirror import MirrorTracker
+from rehab_opt.control.preview import turns_between
 from rehab_opt.symbolic.buffered import mapped
 
 __all__ = ["Seats", "Walk"]
@@ -53,16 +53,16 @@ class Walk:
 
 
 class Seats:
-    """What a robot does of paths of poses, for many paths at once, without time.
+    """How far a robot follows paths of poses, for many paths at once, by kinematics alone, without time.
 
     From the posture at one pose of the path on, each next posture is the nearest to the next pose by damped
-    Gauss-Newton steps, within the joint limits, with what is under the floor as one more error: where a pose is out of
-    reach, the walk goes on from the nearest posture of the same branch. A joint that goes all the way round begins as
-    many turns on as keep the whole walk within its limits.
+    Gauss-Newton steps, within the joint limits, with the shortfall below the floor as one more error: where a pose is
+    out of reach, the walk goes on from the nearest posture of the same branch. A joint that goes all the way round
+    begins as many turns on as keep the whole walk within its limits.
 
     Parameters
     ----------
-    tracker : whose robot, floor and planes are meant.
+    tracker : its robot, floor and planes are used.
     """
 
     def __init__(self, tracker: MirrorTracker) -> None:

@@ -1,6 +1,6 @@
-"""Positions with bounded velocity, acceleration and jerk, axis by axis: what goes out to free axes.
+"""Positions with bounded velocity, acceleration and jerk, axis by axis, for axes that no constraint couples.
 
-Free are the joint trajectories of a plan, targets, reference clocks. Where constraints couple axes, smoothing after the
+Such are the joint trajectories of a plan, targets, reference clocks. Where constraints couple axes, smoothing after the
 controller would break them.
 """
 
@@ -12,11 +12,11 @@ from threading import get_ident
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rehab_opt.control.asked_position import AT_REST, brought_within, copied, finite_numbers
 from rehab_opt.control.axis_bounds import axis_bounds
 from rehab_opt.control.axis_motion import stopping_distance
 from rehab_opt.control.command import Bound, Command, Status
 from rehab_opt.control.profiles import CERTIFIED, Profiles
+from rehab_opt.control.smoother_target import AT_REST, brought_within, copied, finite_numbers
 from rehab_opt.control.thread_owner import OneThread
 from rehab_opt.control.watchdog import Watchdog
 from rehab_opt.errors import ConfigurationError

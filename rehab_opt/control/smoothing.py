@@ -1,4 +1,4 @@
-"""A whole path for a drive: kept as it is, and passed as fast as its axes may, no faster than it was recorded."""
+"""Retiming of a whole path for a drive: the same path, as fast as its axes may move, no faster than recorded."""
 
 from __future__ import annotations
 

@@ -38,9 +38,9 @@ __all__ = ["VelocityController", "checked_number", "real_numbers"]
 
 Array = NDArray[np.float64]
 MISSED = 1e-3
-"""Share of the asked motion by which the delivered one must differ for the task to yield; less than it is nothing."""
+"""Fraction of the reference motion by which the delivered one must differ for the task to count as relaxed."""
 ROUNDED = 1e-6
-"""A bound as little below zero as that lets rounding through: zero is meant."""
+"""A bound by so much below zero is zero but for rounding."""
 NOTHING_LEFT = "the bounds leave nothing of the commanded motion"
 STILL = 1e-6
 """[m/s] Motions below this are none."""
@@ -56,8 +56,8 @@ class VelocityController(OneThread, ABC):
 
     A subclass states its QP. Its first parameter is q (n,), its first variables are the joint velocities (n,), and its
     memory begins with the last velocity and the position it leads to (2 n,): `remember` gives both. Its `step` writes
-    the inputs into `_views`, or through `_write`, and calls `_tick`. What is sent is the part `sent` of the memory,
-    the last velocity where nothing else is said, with the part `wheels` beside it.
+    the inputs into `_views`, or through `_write`, and calls `_tick`. The command is the part `sent` of the memory, by
+    default the last velocity, with the part `wheels` beside it.
 
     The velocity last commanded is part of the state: a new controller is at rest, `reset` says otherwise. An object
     belongs to one thread: see `OneThread`.
@@ -129,7 +129,7 @@ class VelocityController(OneThread, ABC):
     requirement: ClassVar[str] = ""
     """What is wrong when the statement's requirements are not met."""
     sent: slice | None = None
-    """Part of the memory (n,) that is sent, None for the last velocity."""
+    """Part of the memory (n,) that is the command, None for the last velocity."""
     wheels: slice | None = None
     """Part of the memory that goes to wheels, None where there are none."""
     base: ClassVar[int] = 0
@@ -177,12 +177,12 @@ class VelocityController(OneThread, ABC):
         return 0 if self.feedback is None else guidance(self.chain.n).size
 
     def guided(self, memory: ca.SX) -> Values | None:
-        """What `guidance` names, of a memory; None where joints are not led."""
+        """Values of `guidance` in a memory; None where joints are not led."""
         n = self.chain.n
         return guidance(n).parts(memory[2 * n : 2 * n + self.guidance_size]) if self.guidance_size else None
 
     def report(self, last: ca.SX, velocity: ca.SX, delivered: ca.SX, asked: ca.SX, outside: ca.SX) -> ca.SX:
-        """What yielded, as a number of `Bound`, and the fraction of the asked motion that is delivered, 1 if none is.
+        """Relaxed bounds, a number of `Bound`, and the delivered fraction of the reference motion, 1 where it is zero.
 
         `delivered` and `asked` are twists, weighted alike; `outside` says that a joint is beyond its limit.
         """
@@ -205,7 +205,7 @@ class VelocityController(OneThread, ABC):
         return ca.Function("hurried", [last, velocity], [self.hurried(last, velocity)])
 
     def remember(self, q: ca.SX, velocity: ca.SX) -> ca.SX:
-        """The velocity, where it leads by the next tick, and room for what that tick is told of led joints."""
+        """The velocity, where it leads by the next tick, and space for that tick's `guidance` of led joints."""
         return ca.vertcat(velocity, q + velocity * self.dt, ca.SX.zeros(self.guidance_size))
 
     def memory_after(self, q: ca.SX, last: ca.SX, velocity: ca.SX) -> ca.SX:
@@ -223,7 +223,7 @@ class VelocityController(OneThread, ABC):
         return ca.Function("braking", [q, memory], outputs, {"cse": True})
 
     def fallback_command(self) -> Command | None:
-        """What may be sent where every solver failed and the parameters are sound; the safe command if None."""
+        """Command where every solver failed and the parameters are valid; None for the safe command."""
         return None
 
     def stopping(self) -> ca.Function:
@@ -376,7 +376,7 @@ class VelocityController(OneThread, ABC):
         return Command(value, status, solver, residual, solvers.iterations, reason, bound, scale, wheels)
 
     def _sent_now(self) -> tuple[Array, Array | None]:
-        """What is sent, copied, read-only and without negative zeros."""
+        """Copy of the command and the wheel speeds, read-only and without negative zeros."""
         value, wheels = self._sent + 0.0, None
         value.setflags(write=False)
         if self._wheels is not None:

@@ -1,4 +1,4 @@
-"""Whether the state a controller is handed is fresh, from nothing but its time stamps."""
+"""Freshness of a controller's input state, from its time stamps alone."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def stamp_and_kind(stamp: object) -> tuple[float, int]:
 
 
 class Judged(NamedTuple):
-    """What a watchdog says of a stamp."""
+    """A watchdog's verdict on one stamp."""
 
     memory: ca.SX
     """`STAMPS`"""

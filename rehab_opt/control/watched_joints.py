@@ -1,4 +1,4 @@
-"""Whether joints follow their commands: from the ways that they were commanded and moved, where no robot is known."""
+"""Whether joints follow their commands, from commanded and measured travel alone, without a model of the robot."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ __all__ = [
 Array = NDArray[np.float64]
 
 NOT_FOLLOWED = "does not follow"
-"""What a reason says of a joint at fault."""
+"""Text of the reason for a joint at fault."""
 SHARE = 0.08
 """A joint follows that has moved this share of the way that it was commanded: a caller may integrate a tenth of it."""
 TOLERANCE = 0.03
@@ -109,13 +109,13 @@ def watched_joints(chain: SerialChain, *, dt: float, base: int, base_alone: bool
 class WatchedJoints:
     """Finds joints that do not follow: blocked, measured by an encoder that stands still, or turning the wrong way.
 
-    A joint's way as it was commanded, beyond TOLERANCE / 2, is held beside the way that it is measured to have moved
-    since. A joint that moved SHARE of it, in its direction, follows, and both ways begin anew; one that does not for
-    PATIENCE is at fault. So a fault is seen PATIENCE and TOLERANCE / speed after it begins at the latest, while neither
-    a servo of 24 Hz, a delay of 50 ms, encoder noise of 0.2 mrad, nor a caller that integrates another dt is one.
+    A joint's commanded travel, beyond TOLERANCE / 2, is compared with its measured travel since. A joint that moved
+    SHARE of it, in its direction, follows, and both restart from zero; one that does not for PATIENCE is at fault. So a
+    fault is seen PATIENCE and TOLERANCE / speed after it begins at the latest, while neither a servo of 24 Hz, a delay
+    of 50 ms, encoder noise of 0.2 mrad, nor a caller that integrates another dt is one.
 
-    A joint that has gone farther than it can begins anew: such states are not one motion. The same state, asked about
-    again and again, is one in which nothing moves. While positions are not usable, joints are led on and not judged.
+    A joint that moved farther than it can restarts: such states are not one motion. The same state passed repeatedly is
+    one in which nothing moves. While positions are not usable, joints are led on and not judged.
 
     Parameters
     ----------
@@ -159,5 +159,5 @@ class WatchedJoints:
 
 
 def not_followed(name: str, far: float) -> str:
-    """What is said of a joint at fault, `far` [rad or m] from where it was led."""
+    """Reason for a joint at fault, `far` [rad or m] from where it was led."""
     return f"{name} {NOT_FOLLOWED}: {far:.2g} rad or m from where it was led"

@@ -19,7 +19,7 @@ from rehab_opt.control.watched_joints import memory_of_watch, patience_of
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.export.c_text import filled, indented, initialiser, number
 from rehab_opt.export.generated import renamed
-from rehab_opt.export.recording import Recording
+from rehab_opt.export.recording import Run
 from rehab_opt.optim.fused import fused
 from rehab_opt.optim.qrqp import QRQP_ITERATIONS
 from rehab_opt.optim.rows import PLAUSIBLE
@@ -50,12 +50,12 @@ class Law:
     ----------
     name : identifier, different from those of other laws of the same file.
     controller : what answers in Python.
-    lesser : (parameters, memory) -> report, memory, violation: what may be sent where the solver failed, or None.
+    fallback : (parameters, memory) -> report, memory, violation: a command where the solver failed; or None.
     """
 
     name: str
     controller: VelocityController
-    lesser: ca.Function | None = None
+    fallback: ca.Function | None = None
 
     @property
     def iterations(self) -> int:
@@ -78,9 +78,9 @@ class Law:
         return int(self.controller.stated.report.numel())
 
     def functions(self) -> list[ca.Function]:
-        """Its tick, its safe command, and its lesser law where there is one."""
+        """Its tick, its safe command, and its fallback law where there is one."""
         of = self.controller
-        pairs = {"tick": fused(of.stated), "stop": of.stopping(), "faulty": of.faulty(), "lesser": self.lesser}
+        pairs = {"tick": fused(of.stated), "stop": of.stopping(), "faulty": of.faulty(), "fallback": self.fallback}
         return [renamed(function, f"{self.name}_{what}") for what, function in pairs.items() if function is not None]
 
     def row(self) -> str:
@@ -92,7 +92,7 @@ class Law:
         cells = (
             *(n, stated.parameter_size, self.state - self.memory, self.memory, self.reported),
             *(sent.start or 0, begin, count, f"{self.name}_tick", f"{self.name}_stop", f"{self.name}_faulty"),
-            f"{self.name}_lesser" if self.lesser else "NULL",
+            f"{self.name}_fallback" if self.fallback else "NULL",
         )
         return "{" + ", ".join(map(str, cells)) + "}"
 
@@ -126,7 +126,7 @@ class ExportedController(ABC):
     interface: str
     call: str
     usage: str
-    recording: Recording
+    recording: Run
     differences: Sequence[str]
     solves: int
     values: Mapping[str, str] = field(default_factory=dict)
@@ -215,7 +215,7 @@ class ExportedVelocity(ExportedController):
         return max(law.iterations for law in self.laws)
 
     def functions(self) -> list[ca.Function]:
-        """Of each law its tick, its safe command, and its lesser law where there is one."""
+        """Of each law its tick, its safe command, and its fallback law where there is one."""
         watchdog = renamed(watched(), f"{self.name}_watched")
         first = self.laws[0].controller
         joints = {"followed": first.watch}

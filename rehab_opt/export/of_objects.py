@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from rehab_opt.control.assistance import Assistance
 from rehab_opt.control.bilateral import Bilateral
 from rehab_opt.control.hand_task import checked_rows, frame_number
-from rehab_opt.control.limit import Limits
+from rehab_opt.control.limit import PostureLimits
 from rehab_opt.control.mirror import MirrorTracker
 from rehab_opt.control.path_assistance import PathAssistance
 from rehab_opt.control.pose_tracker import PoseTracker
@@ -90,7 +90,7 @@ def _numbers(where: str, tick: Mapping[str, Any], name: str, shape: tuple[int, .
     return real_numbers(f"{where}[{name!r}]", tick[name], shape)
 
 
-def _bodies(where: str, tick: Mapping[str, Any], name: str, limits: Limits) -> dict[str, Array]:
+def _bodies(where: str, tick: Mapping[str, Any], name: str, limits: PostureLimits) -> dict[str, Array]:
     """What moves, where it is told of that."""
     given = tick.get(name)
     if given is None and not limits.moving:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from rehab_opt.control.bilateral import Bilateral
 from rehab_opt.control.hand_task import FRAMES
-from rehab_opt.control.limit import Limits
+from rehab_opt.control.limit import PostureLimits
 from rehab_opt.control.pose_tracker import PoseTracker
 from rehab_opt.control.redundancy import RedundancyResolver
 from rehab_opt.control.velocity_controller import VelocityController
@@ -43,7 +43,7 @@ def tracker_run(tracker: PoseTracker) -> Ticks:
     return ticks
 
 
-def bodies_about(place: Array, limits: Limits, rng: np.random.Generator) -> Array:
+def bodies_about(place: Array, limits: PostureLimits, rng: np.random.Generator) -> Array:
     """(k, 14) moving capsules about a place (3,) [m], some of which are not there."""
     most = limits.moving
     bodies = np.zeros((most, limits.told // most))

@@ -22,8 +22,8 @@ from rehab_opt.export.c_text import indented, initialiser, number
 __all__ = [
     "MOST_TICKS",
     "Joints",
-    "Recording",
-    "Tick",
+    "Run",
+    "RunTick",
     "about_run",
     "as_it_moves",
     "encoders",
@@ -34,7 +34,7 @@ __all__ = [
 ]
 
 Array = NDArray[np.float64]
-Tick = dict[str, Any]
+RunTick = dict[str, Any]
 """Inputs of a tick by name: arrays, whole numbers (int), and `enable` (int) and `stamp` (float) [s]."""
 
 MOST_TICKS = 4000
@@ -53,7 +53,7 @@ STATUSES = {
 
 
 @dataclass(frozen=True, eq=False)
-class Recording:
+class Run:
     """A run, N ticks.
 
     Parameters
@@ -64,7 +64,7 @@ class Recording:
     more : numbers that the controller says besides each command; none, or as many in every tick.
     """
 
-    ticks: Sequence[Tick]
+    ticks: Sequence[RunTick]
     commands: Sequence[Command]
     about: str
     more: Sequence[Sequence[float]]
@@ -154,14 +154,14 @@ class Joints:
 
 
 def recorded(
-    step: Callable[[Tick], Command],
-    ticks: Sequence[Tick],
+    step: Callable[[RunTick], Command],
+    ticks: Sequence[RunTick],
     about: str,
     *,
     joints: Joints | None = None,
     more: Callable[[], Sequence[float]] = tuple,
     progress: Callable[[int], None] = lambda _: None,
-) -> Recording:
+) -> Run:
     """What `step` answers to every tick, and `more` says after it.
 
     With `joints` these fill in q wherever a tick has their start.
@@ -175,7 +175,7 @@ def recorded(
         told.append(tick)
         besides.append(tuple(more()))
         progress(k)
-    return Recording(told, commands, about, besides)
+    return Run(told, commands, about, besides)
 
 
 def thinned(count: int) -> NDArray[np.intp]:
@@ -191,8 +191,8 @@ def encoder_noise(ticks: int, joints: int) -> Array:
 
 
 def encoders(
-    run: Sequence[Tick], *, dt: float, feedback: JointFeedback | None, base: int = 0
-) -> tuple[list[Tick], Joints | None, Tick]:
+    run: Sequence[RunTick], *, dt: float, feedback: JointFeedback | None, base: int = 0
+) -> tuple[list[RunTick], Joints | None, RunTick]:
     """The run with `encoder_noise`; of led joints, which must follow what is commanded, with nothing but the first.
 
     Besides, what fills them in as it goes, see `recorded`, and the tick in which a joint is fastest.
@@ -207,8 +207,8 @@ def encoders(
 
 
 def with_faults(
-    ticks: Sequence[Tick], *, dt: float, max_age: float, more: Sequence[Callable[[Tick], Tick]] = ()
-) -> list[Tick]:
+    ticks: Sequence[RunTick], *, dt: float, max_age: float, more: Sequence[Callable[[RunTick], RunTick]] = ()
+) -> list[RunTick]:
     """The ticks with everything that can be wrong with one, spread among them; stamps are made here.
 
     Parameters
@@ -218,7 +218,10 @@ def with_faults(
     more : faults besides: each takes a sound tick.
     """
     arrays = [name for name, value in ticks[0].items() if isinstance(value, np.ndarray) and value.size]
-    faults: list[Callable[[Tick], Tick]] = [lambda tick: {**tick, "enable": 0}, lambda tick: {**tick, "enable": 2}]
+    faults: list[Callable[[RunTick], RunTick]] = [
+        lambda tick: {**tick, "enable": 0},
+        lambda tick: {**tick, "enable": 2},
+    ]
     for name in arrays:
         faults += [_element(name, 0, np.nan), _element(name, -1, np.inf), _element(name, -1, -1.1e6)]
     faults.append(lambda tick: {**tick, **{name: np.full_like(tick[name], 9e5) for name in arrays}})
@@ -236,7 +239,7 @@ def with_faults(
     return result
 
 
-def standing(ticks: Sequence[Tick], moving: Tick, *, dt: float) -> list[Tick]:
+def standing(ticks: Sequence[RunTick], moving: RunTick, *, dt: float) -> list[RunTick]:
     """Ticks behind `ticks`: encoders that stand still in a tick that moves for STANDS, then no enable input."""
     last, count = ticks[-1]["stamp"], math.ceil(STANDS / dt)
     return [{**moving, "enable": int(k <= count), "stamp": float(last + k * dt)} for k in range(1, count + count // 2)]
@@ -256,10 +259,10 @@ def as_it_moves(feedback: JointFeedback | None) -> str:
     return "as commanded" if feedback is None else "late and behind its servos, and held by something once"
 
 
-def _element(name: str, index: int, value: float) -> Callable[[Tick], Tick]:
+def _element(name: str, index: int, value: float) -> Callable[[RunTick], RunTick]:
     """One number of an input replaced."""
 
-    def replaced(tick: Tick) -> Tick:
+    def replaced(tick: RunTick) -> RunTick:
         array = np.array(tick[name])
         array.flat[index] = value
         return {**tick, name: array}

@@ -1,4 +1,4 @@
-"""How well a field reproduces what it was learnt from, and what the data could not tell."""
+"""How well a field reproduces its demonstrations, and which parameters they do not determine."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ __all__ = ["Fit", "Identified", "constant_stiffness_error", "identified", "rms"]
 Array = NDArray[np.float64]
 
 WEAK = 1e-3
-"""Share of the largest singular value: what changes the recorded forces by less than this is not told by them."""
+"""Share of the largest singular value: what changes the recorded forces by less is not determined by them."""
 PARTS = 8
 """Of a demonstration, a few tenths of a second each: longer than what a hand does at one stroke."""
 TAKES_PART = 0.3

@@ -45,7 +45,7 @@ class Solution(NamedTuple):
     active: int
 
 
-class Problem(NamedTuple):
+class FitProblem(NamedTuple):
     """min mean |design theta - forces|^2,  theta >= 0,  along theta >= 0."""
 
     design: Array
@@ -187,12 +187,12 @@ def _learnt(task: Task, paths: Sequence[SampledPath], width: float) -> Potential
     v = np.concatenate([each.velocities for each in task.training])
     forces = np.concatenate([each.forces for each in task.training]).reshape(-1)
     model = shared_model(paths, width, rest_on_target=task.rest_on_target)
-    problem = Problem(model.design(x, v).reshape(len(forces), -1), forces, _along_path(model))
+    problem = FitProblem(model.design(x, v).reshape(len(forces), -1), forces, _along_path(model))
     solution = problem.solved(task.solvers)
     if task.stations:
         model = station_model(paths, width, task.stations, rest_on_target=task.rest_on_target)
         prior = _as_stations(solution.parameters, paths, task.stations)
-        problem = Problem(model.design(x, v).reshape(len(forces), -1), forces, _along_path(model))
+        problem = FitProblem(model.design(x, v).reshape(len(forces), -1), forces, _along_path(model))
         solution = problem.solved(
             task.solvers, _roughness(task.stations, prior, problem.unit, task.regularisation), prior
         )

@@ -1,4 +1,4 @@
-"""What a field keeps of its paths: points spread evenly along them, and how far each is from the end."""
+"""Samples of a field's paths: points spread evenly along them, and how far each is from the end."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What stands for an arm on a chair: its links as capsules, and the joints that move its hand about."""
+"""Geometry of an arm on a chair: its links as capsules, and the joints that move its hand about."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a caller hands over as numbers, as floats: nothing is read through a mask, no text, time or boolean counts."""
+"""A caller's numbers as floats: nothing is read through a mask, no text, time or boolean counts."""
 
 from __future__ import annotations
 

@@ -110,7 +110,7 @@ def moving_numbers(obstacles: Sequence[MovingCapsule] | Array, count: int, argum
             return obstacles
         raise ConfigurationError(argument, obstacles, f"an array of shape ({count}, {MOVING}), or MovingCapsules")
     if not isinstance(obstacles, (list, tuple)) or not len(obstacles) <= count:
-        raise ConfigurationError(argument, obstacles, f"at most {count} MovingCapsules, as told at construction")
+        raise ConfigurationError(argument, obstacles, f"at most {count} MovingCapsules, as given at construction")
     numbers = np.zeros((count, MOVING))
     for i, each in enumerate(obstacles):
         if not isinstance(each, MovingCapsule):

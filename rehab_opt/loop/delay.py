@@ -1,4 +1,4 @@
-"""How late a robot is: what a controller that acts on its joints has to be told."""
+"""Measured delay of a robot, as a `JointFeedback` needs it."""
 
 from __future__ import annotations
 

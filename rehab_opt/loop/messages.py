@@ -1,4 +1,4 @@
-"""The messages of ROS 2 in which joints, velocities and forces are told: their definitions and their bytes."""
+"""ROS 2 messages of joints, velocities and forces: their definitions and their bytes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a controller is given in a tick, and the records of a loop: what it did in it, what its operator wants."""
+"""Inputs of a controller in a tick, and a loop's records of its ticks and of its operator's commands."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A logged session computed again: every command from what the controller was given then."""
+"""A logged session computed again: every command from the controller's logged inputs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What this process may ask of the operating system to be in time, and what it was refused."""
+"""Real-time settings of this process: what is requested of the operating system, and what it refuses."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A QP by guessing which bounds are active and correcting the guess: a few matrix products where a solver iterates.
+"""A QP by primal-dual rounds on its active set: a few matrix products where a solver iterates.
 
 From tick to tick the active bounds seldom change. A round takes them for equalities, which leaves a linear system; its
 answer tells which of them push the wrong way and which others it breaks, for the next round (the primal-dual active

@@ -1,4 +1,4 @@
-"""What a solver claims, and what is asked of one."""
+"""A solver's claimed solution, and the interface of a QP solver."""
 
 from __future__ import annotations
 

@@ -72,7 +72,7 @@ class ProxqpBackend:
     eps_primal_inf and eps_dual_inf are 0 since at their defaults it calls feasible problems infeasible; both
     iteration counts are capped since without that a NaN cost has held it for 47 s. The duality gap is checked, since
     without that 8 % of our ticks end at bounds that are pressed on from a distance: of a bound that is s away and
-    pressed by z it is s z, and the certificate asks that the lesser is below 1e-8, whose square is asked of the gap.
+    pressed by z it is s z, and the certificate bounds the smaller of the two by 1e-8: the gap is bounded by its square.
 
     Not repeatable to the last bit, even when made anew: its sums depend on where in memory its workspace lies. Equal
     sequences of problems were seen to give answers that differ by 1e-11.

@@ -1,4 +1,4 @@
-"""Equality rows of a statement, and those of them that say nothing new.
+"""Equality rows of a statement, and which of them are redundant.
 
 qrqp fails where equalities depend on each other: a row that stands twice, or one over variables that their bounds hold
 already. What a row says that depends on others, those say; it is let go before the solver sees it, and the certificate,

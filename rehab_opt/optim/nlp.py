@@ -1,4 +1,4 @@
-"""A nonlinear programme stated once, symbolically; what every solver needs, and its certificate, are derived."""
+"""A nonlinear program (NLP) stated once, symbolically; what every solver needs, and its certificate, are derived."""
 
 from __future__ import annotations
 

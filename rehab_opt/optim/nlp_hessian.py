@@ -1,4 +1,4 @@
-"""A positive definite Hessian for sequential quadratic programming that stays exact where exactness counts."""
+"""A positive definite Hessian for sequential quadratic programming, exact along the active rows."""
 
 from __future__ import annotations
 

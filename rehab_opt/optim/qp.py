@@ -14,7 +14,7 @@ from rehab_opt.optim.analytic import screened_analytic
 from rehab_opt.optim.certificate import all_true, certificate_function
 from rehab_opt.optim.rows import PLAUSIBLE, Instance, Row, Variable, check_that_it_is_a_qp, with_numeric_bounds
 from rehab_opt.symbolic.shared import read_back
-from rehab_opt.symbolic.tick import Tick
+from rehab_opt.symbolic.tick import Stages
 
 __all__ = ["Statement"]
 
@@ -65,7 +65,7 @@ class Statement:
     report: ca.SX = field(default_factory=lambda: ca.SX(0, 1))
     analytic: ca.SX | None = None
     dual: ca.SX | None = None
-    tick: Tick = field(default_factory=Tick)
+    tick: Stages = field(default_factory=Stages)
     memory: ca.SX = field(default_factory=lambda: ca.SX(0, 1))
     remember: ca.SX = field(default_factory=lambda: ca.SX(0, 1))
     violation: ca.SX = field(default_factory=lambda: ca.SX(1, 1))

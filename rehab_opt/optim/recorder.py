@@ -1,4 +1,4 @@
-"""The QPs that solvers meet while a controller runs, kept for inspection; nothing is paid where nobody asks.
+"""Recorder of the QPs that a running controller solves, for inspection; without cost where it is off.
 
 A solver made within `recording_qps` tells of every problem before it solves it. Whether anybody listens is decided
 where the solver is made, so that a tick without a recorder is the same machine code as before.

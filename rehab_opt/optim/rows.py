@@ -1,4 +1,4 @@
-"""What a QP is stated with: variables and rows as expressions, and one QP as numbers; and what makes it one."""
+"""Elements of a QP: variables and rows as expressions, one QP as numbers, and the check that it is one."""
 
 from __future__ import annotations
 

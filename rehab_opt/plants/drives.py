@@ -1,4 +1,4 @@
-"""What makes torques of a command: velocity servos, position servos, a force at the hand with or without a sensor."""
+"""Drives, from commands to torques: velocity servos, position servos, a force at the hand with or without a sensor."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Joints that move exactly as commanded, now: what every proof of this library is about."""
+"""Joints that move exactly as commanded, without delay, as every proof of this library assumes."""
 
 from __future__ import annotations
 

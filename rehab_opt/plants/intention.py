@@ -1,4 +1,4 @@
-"""What a person means to do in a trial: places over time, by the clock or by where they see themselves on the path."""
+"""A person's intended motion in a trial: places over time, by the clock or by where they see themselves on the path."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A robot that lives in steps of the physics, behind a channel that is sampled in ticks."""
+"""A robot simulated in steps of the physics, behind a channel that is sampled in ticks."""
 
 from __future__ import annotations
 

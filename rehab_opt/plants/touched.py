@@ -1,4 +1,4 @@
-"""A plant whose sensors somebody spoils while it runs: a frozen encoder, noise, delay."""
+"""A plant with sensor faults added while it runs: a frozen encoder, noise, delay."""
 
 from __future__ import annotations
 

@@ -31,7 +31,7 @@ from rehab_opt.text_file import FARTHEST
 __all__ = [
     "HEADER",
     "Described",
-    "Row",
+    "ScoreRow",
     "Scored",
     "described",
     "score_recordings",
@@ -44,7 +44,7 @@ ALL = "all"
 """In place of a trial's number: a measure of all trials together."""
 
 
-class Row(NamedTuple):
+class ScoreRow(NamedTuple):
     """One measure of one trial; `value` is NaN where there is none."""
 
     recording: str
@@ -69,7 +69,7 @@ class Described(NamedTuple):
 class Scored(NamedTuple):
     """What was measured, and what a reader of it has to know; each trial: its source, number in it, samples, score."""
 
-    rows: tuple[Row, ...]
+    rows: tuple[ScoreRow, ...]
     notes: tuple[str, ...]
     trials: tuple[tuple[Described, int, Recording, Score], ...]
 
@@ -104,7 +104,7 @@ def score_recordings(
     if target is not None and not all(abs(x) <= FARTHEST for x in target):
         expected = f"coordinates of at most {FARTHEST:g} m (millimetres taken for metres?)"
         raise ConfigurationError("--target", ",".join(f"{x:g}" for x in target), expected)
-    rows: list[Row] = []
+    rows: list[ScoreRow] = []
     notes: list[str] = []
     measured: list[tuple[Described, int, Recording, Score]] = []
     for given in files:
@@ -124,10 +124,10 @@ def score_recordings(
             with _refused(trial, f"trial {number}, "):
                 scored = score(trial.time, trial.points, target=target, joints=trial.joints, **how)
             measured.append((source, number, trial, scored))
-            rows += (Row(file, str(number), *measure) for measure in scored.measures)
+            rows += (ScoreRow(file, str(number), *measure) for measure in scored.measures)
             notes += (f"{file}, trial {number}: {note}" for note in scored.notes)
     if repeats:
-        rows += (Row(ALL, ALL, *measure) for measure in _variability([scored.movement for *_, scored in measured]))
+        rows += (ScoreRow(ALL, ALL, *measure) for measure in _variability([scored.movement for *_, scored in measured]))
         first = measured[0][-1].movement
         for source, number, _, scored in measured[1:]:
             there, back = (path_variability([first, scored.movement[::step]]) for step in (1, -1))
@@ -175,7 +175,7 @@ def trials_between_pauses(
     return [_part(recording, first, last) for first, last in itertools.pairwise(bounds)]
 
 
-def write_rows(rows: Sequence[Row], file: TextIO) -> None:
+def write_rows(rows: Sequence[ScoreRow], file: TextIO) -> None:
     """Rows as comma-separated values under `HEADER`; a value that is not there is an empty cell."""
     writer = csv.writer(file, lineterminator="\n")
     writer.writerow(HEADER)

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from rehab_opt.errors import ConfigurationError, RehabOptError
 from rehab_opt.session.many.participant import Participant
-from rehab_opt.session.many.results import DONE, Row
+from rehab_opt.session.many.results import DONE, ResultRow
 from rehab_opt.session.report import METRICS
 from rehab_opt.study.options import Covariates, covariates_of
 from rehab_opt.study.person import TABLE
@@ -50,7 +50,7 @@ class Recorder:
             replace(each, error=f"{each.file}: {errors[each.name]}") if each.name in errors else each for each in people
         ]
 
-    def __call__(self, person: Participant, row: Row, folder: Path, digest: str) -> None:
+    def __call__(self, person: Participant, row: ResultRow, folder: Path, digest: str) -> None:
         """Write a row; what was computed before and is in the study stays as it is.
 
         Raises

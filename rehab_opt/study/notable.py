@@ -13,7 +13,7 @@ __all__ = [
     "Extreme",
     "Happened",
     "Neared",
-    "Outline",
+    "TrialOutlines",
     "bounds",
     "events",
     "extreme",
@@ -60,7 +60,7 @@ class Neared(NamedTuple):
     trials: int
 
 
-class Outline(NamedTuple):
+class TrialOutlines(NamedTuple):
     """The corners [m] of all outlines of a session's trials."""
 
     session: str
@@ -108,15 +108,15 @@ def stating_safety(study: Study, person: str | None = None) -> tuple[int, int]:
     return stating, trials
 
 
-def outlines(study: Study, person: str) -> list[Outline]:
+def outlines(study: Study, person: str) -> list[TrialOutlines]:
     """A person's sessions in order, with the ground that the hand covered in them."""
-    found: dict[int, Outline] = {}
+    found: dict[int, TrialOutlines] = {}
     question = (
         f"SELECT s.id, s.name, s.date, o.points {FROM} JOIN outlines o ON o.trial = t.id "
         f"WHERE p.name = ? AND t.status = ? ORDER BY {IN_ORDER}, t.number"
     )
     for session, name, date, points in study.rows(question, (person, DONE)):
-        found.setdefault(session, Outline(name, date, [])).points.extend((x, y) for x, y in json.loads(points))
+        found.setdefault(session, TrialOutlines(name, date, [])).points.extend((x, y) for x, y in json.loads(points))
     return list(found.values())
 
 

@@ -32,7 +32,7 @@ def write_parquet(table: Path) -> Path:
     except ModuleNotFoundError as absent:
         needed = "csv, or the extra parquet: pip install 'rehab_opt[parquet]'"
         raise ConfigurationError("--format", "parquet", needed) from absent
-    types = {name: pyarrow.string() for name in COLUMNS}  # said, not guessed: a pseudonym 007 is no 7
+    types = {name: pyarrow.string() for name in COLUMNS}  # declared, not inferred: a pseudonym 007 is no 7
     types |= dict.fromkeys(WHOLE, pyarrow.int64()) | dict.fromkeys(REAL, pyarrow.float64())
     how = pyarrow.csv.ConvertOptions(column_types=types, null_values=[""], strings_can_be_null=True)
     file = table.with_suffix(".parquet")

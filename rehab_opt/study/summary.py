@@ -19,7 +19,7 @@ __all__ = [
     "IN_ORDER",
     "Interval",
     "Overview",
-    "Person",
+    "PersonSummary",
     "Quantity",
     "SessionMean",
     "interval",
@@ -60,7 +60,7 @@ class Overview(NamedTuple):
     last: str | None
 
 
-class Person(NamedTuple):
+class PersonSummary(NamedTuple):
     """One person: how many sessions and trials, and when last."""
 
     name: str
@@ -133,13 +133,13 @@ def overview(study: Study) -> Overview:
     return Overview(people, sessions, trials, failed, first, last)
 
 
-def people(study: Study) -> list[Person]:
+def people(study: Study) -> list[PersonSummary]:
     """Everybody, by name."""
     question = (
         'SELECT p.name, p."group", count(DISTINCT s.id), count(t.id), max(s.date) FROM people p '
         "LEFT JOIN sessions s ON s.person = p.id LEFT JOIN trials t ON t.session = s.id GROUP BY p.id ORDER BY p.name"
     )
-    return [Person(*row) for row in study.rows(question)]
+    return [PersonSummary(*row) for row in study.rows(question)]
 
 
 def quantities(study: Study, person: str | None = None) -> list[Quantity]:

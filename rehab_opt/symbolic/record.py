@@ -1,4 +1,4 @@
-"""Named numbers that stand one behind another in a column: what a function of a tick takes and gives."""
+"""Columns of numbers with named parts: inputs and outputs of a tick's functions."""
 
 from __future__ import annotations
 

@@ -10,12 +10,12 @@ from typing import Any, NamedTuple, TypeVar, cast
 
 import casadi as ca
 
-__all__ = ["Tick"]
+__all__ = ["Stages"]
 
 Marked = TypeVar("Marked")
 
 
-class Tick:
+class Stages:
     """Marks in the expressions of one tick.
 
     `once(value)` gives symbols that stand for a value: it is evaluated once a tick, however often they are used.

@@ -1,4 +1,4 @@
-"""A map as a controller holds it: one point at a time, never raising, never outside the target."""
+"""A workspace map for use in a tick: one point at a time, never raising, never outside the target."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The boundary of a polygon as a table of edges, and which of them say little about sides."""
+"""The boundary of a polygon as a table of edges, and edges that cannot decide between inside and outside."""
 
 from __future__ import annotations
 

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
 
-from rehab_opt.workspace.triangulation import Mesh, mesh_of
+from rehab_opt.workspace.triangulation import PlaneMesh, mesh_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -36,7 +36,7 @@ NEIGHBOURS = 32
 class DiscMap(NamedTuple):
     """A mesh and where the harmonic map takes its points on the unit disc, (n, 2)."""
 
-    mesh: Mesh
+    mesh: PlaneMesh
     images: NDArray[np.float64]
 
 
@@ -67,7 +67,7 @@ def harmonic_images(
     return answers
 
 
-def disc_map(mesh: Mesh) -> DiscMap:
+def disc_map(mesh: PlaneMesh) -> DiscMap:
     """The discrete harmonic map onto the unit disc whose outline is spread evenly."""
     from scipy.sparse.linalg import splu  # noqa: PLC0415  (slow to import)
 
@@ -79,7 +79,7 @@ def disc_map(mesh: Mesh) -> DiscMap:
     return DiscMap(mesh, np.concatenate([rim, inside]))
 
 
-def turns(source: Mesh, target: Mesh, rotation: float | Literal["best"]) -> list[float]:
+def turns(source: PlaneMesh, target: PlaneMesh, rotation: float | Literal["best"]) -> list[float]:
     """Turns [rad] of the source's disc after which pairs on the outlines fit a similarity best.
 
     The fit's residual is smallest where the sum of conj(z) w over centred pairs, as complex numbers, is largest in the
@@ -96,7 +96,7 @@ def turns(source: Mesh, target: Mesh, rotation: float | Literal["best"]) -> list
     return [float(2.0 * np.pi * share[k]) for k in best] or [0.0]
 
 
-def _along(mesh: Mesh, share: NDArray[np.float64]) -> NDArray[np.complex128]:
+def _along(mesh: PlaneMesh, share: NDArray[np.float64]) -> NDArray[np.complex128]:
     """Centred points of the outline at these shares of its length, as complex numbers."""
     outline = mesh.points[: mesh.boundary]
     closed = np.concatenate([outline, outline[:1]])
@@ -132,7 +132,7 @@ def carried(
     return np.asarray((images[triangles[near[row, best]]] * share[..., None]).sum(axis=1))
 
 
-def _laplacian(mesh: Mesh):  # type: ignore[no-untyped-def]
+def _laplacian(mesh: PlaneMesh):  # type: ignore[no-untyped-def]
     """Cotangent weights: positive on a Delaunay mesh, up to rounding."""
     from scipy.sparse import coo_array, diags_array  # noqa: PLC0415  (slow to import)
 

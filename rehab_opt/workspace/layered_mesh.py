@@ -13,7 +13,7 @@ from rehab_opt.errors import ConfigurationError
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
 
-__all__ = ["MOST_NODES", "Mesh", "closed_mesh", "edges_of_slabs", "enclosed_volume", "signed_distances"]
+__all__ = ["MOST_NODES", "SurfaceMesh", "closed_mesh", "edges_of_slabs", "enclosed_volume", "signed_distances"]
 
 Array = NDArray[np.float64]
 
@@ -25,7 +25,7 @@ FAR = 1.0
 """[m] Distance of a layer that is empty like its neighbours."""
 
 
-class Mesh(NamedTuple):
+class SurfaceMesh(NamedTuple):
     """Triangles of a surface."""
 
     vertices: Array
@@ -68,7 +68,7 @@ def padded(layers: Array) -> Array:
     return result
 
 
-def closed_mesh(polygons: Sequence[BaseGeometry], heights: Array, *, spacing: float) -> Mesh:
+def closed_mesh(polygons: Sequence[BaseGeometry], heights: Array, *, spacing: float) -> SurfaceMesh:
     """Surface around n >= 2 layers: every edge belongs to two triangles, whatever parts and tunnels there are.
 
     Parameters
@@ -96,7 +96,7 @@ def closed_mesh(polygons: Sequence[BaseGeometry], heights: Array, *, spacing: fl
     field = padded(layers)
     field = np.where(np.abs(field) < ON_SURFACE, ON_SURFACE, field)
     if not (field < 0).any():
-        return Mesh(np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64))
+        return SurfaceMesh(np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64))
     found, triangles, _, _ = marching_cubes(field, 0.0, gradient_direction="ascent")  # type: ignore[no-untyped-call]
     places = found.astype(np.float64)
     below, above = 2 * heights[0] - heights[1], 2 * heights[-1] - heights[-2]
@@ -109,11 +109,11 @@ def closed_mesh(polygons: Sequence[BaseGeometry], heights: Array, *, spacing: fl
         ],
         axis=1,
     )
-    mesh = Mesh(vertices, triangles.astype(np.int64))
-    return mesh if enclosed_volume(mesh) >= 0 else Mesh(vertices, mesh.triangles[:, ::-1].copy())
+    mesh = SurfaceMesh(vertices, triangles.astype(np.int64))
+    return mesh if enclosed_volume(mesh) >= 0 else SurfaceMesh(vertices, mesh.triangles[:, ::-1].copy())
 
 
-def enclosed_volume(mesh: Mesh) -> float:
+def enclosed_volume(mesh: SurfaceMesh) -> float:
     """[m^3] by the divergence theorem; negative where the triangles face inwards."""
     if not len(mesh.triangles):
         return 0.0

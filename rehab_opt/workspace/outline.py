@@ -96,7 +96,7 @@ def _wide(polygon: BaseGeometry) -> bool:
 def _foot(search: PlaneSearch, lattice: Lattice, crossing: Crossing) -> Nearest | None:
     """Nearest point of the slice to a point of the curve, as near as those its two nodes know; None without one.
 
-    From where the node is, a programme may end in a local minimum millimetres off, a notch that is not there: what is
+    From where the node is, the NLP may end in a local minimum millimetres off, a notch that is not there: what is
     further than known is approached first, and left out where that does not help.
     """
     nodes = [node for key in (crossing.outer, crossing.inner) if (node := lattice.nodes[key]).posture is not None]

@@ -1,7 +1,7 @@
 """Postures brought near a slice and near probes from anywhere, many at once: damped least squares within joint limits.
 
-A step takes a microsecond, where one of the programme takes ten. Far from the slice, or near a folded elbow, where the
-programme's linearised rows have no common point or its full steps go round and round, it arrives all the same.
+A step takes a microsecond, where one of the NLP takes ten. Far from the slice, or near a folded elbow, where the
+NLP's linearised rows have no common point or its full steps go round and round, it arrives all the same.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The nonlinear programmes of a reachable slice, over the joints that can move.
+"""The NLPs of a reachable slice, over the joints that can move.
 
     nearest    min distance^2 of the hand to a probe   s.t.  hand in the plane, handle within its tilt, joint limits
     vertical   min -+ z                                s.t.                     handle within its tilt, joint limits
@@ -82,8 +82,8 @@ class PlaneStatement:
         kind = _Kind(arm, handle_tilt)
         self.measure = _posed(kind).measure
         self._find_what_moves()
-        programmes = _programmes(kind, self.constant_height is None, self.constant_tilt is None)
-        self.nearest, self.approach, self.vertical, self.vertical_free, self.upright = programmes
+        nlps = _nlps(kind, self.constant_height is None, self.constant_tilt is None)
+        self.nearest, self.approach, self.vertical, self.vertical_free, self.upright = nlps
 
     def _find_what_moves(self) -> None:
         """A row that no joint changes has no gradient, and no solver should meet it: a planar chain's height, say."""
@@ -130,7 +130,7 @@ class _Posed(NamedTuple):
     """From x and the fixed parameters: hand, axis, and the slopes of the hand's height and of the axis."""
 
 
-class _Programmes(NamedTuple):
+class _NLPs(NamedTuple):
     nearest: NLP
     approach: ca.Function
     vertical: NLP
@@ -157,7 +157,7 @@ def _posed(kind: _Kind) -> _Posed:
 
 
 @lru_cache(maxsize=KINDS)
-def _programmes(kind: _Kind, rises: bool, tilts: bool) -> _Programmes:
+def _nlps(kind: _Kind, rises: bool, tilts: bool) -> _NLPs:
     """Those of an arm whose joints move the hand up and down or do not, and tilt the handle or do not."""
     fixed, x, hand, axis, _ = _posed(kind)
     height, probe, scale, sign = (
@@ -187,7 +187,7 @@ def _programmes(kind: _Kind, rises: bool, tilts: bool) -> _Programmes:
     )
     tilt = ca.atan2(ca.norm_2(axis[:2]), axis[2])
     upright = NLP("plane_upright", parameters=fixed, variables=[x], minimise=1 - axis[2], report=tilt)
-    return _Programmes(nearest, approach, vertical, vertical_free, upright)
+    return _NLPs(nearest, approach, vertical, vertical_free, upright)
 
 
 def _with_lengths(arm: SerialChain, lengths: ca.SX) -> list[ChainRow]:

@@ -155,7 +155,7 @@ class SliceSearch:
         return wrong, count
 
     def _reached_after_all(self, x: float, y: float) -> bool:
-        """What nothing approached, by the programme itself."""
+        """Whether the NLP itself reaches a probe that `PlaneApproach` did not."""
         probe = np.array([[x, y]])
         answers = (self.search.nearest(x, y, start[0]) for start in self._inside_near(probe) + self._seeds_near(probe))
         return any(answer is not None and answer.distance == 0.0 for answer in answers)

@@ -15,7 +15,7 @@ from rehab_opt.errors import ConfigurationError
 from rehab_opt.symbolic import PerThread
 from rehab_opt.workspace.point_arguments import point_array, single_point
 from rehab_opt.workspace.spline_cells import Cells
-from rehab_opt.workspace.spline_fit import Fit, checked_landmarks, checked_smoothing, fitted
+from rehab_opt.workspace.spline_fit import SplineFit, checked_landmarks, checked_smoothing, fitted
 from rehab_opt.workspace.spline_inverse import Starts, preimage, preimages, tolerance_terms
 from rehab_opt.workspace.spline_kernel import jacobians, values
 from rehab_opt.workspace.spline_point import PointFunction, cells_worth_having, point_map
@@ -68,7 +68,7 @@ class ThinPlateSpline:
     weights: Array = field(init=False)
     affine: Array = field(init=False)
     bending_energy: float = field(init=False)
-    _fit: Fit = field(init=False, repr=False)
+    _fit: SplineFit = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         """Check, freeze and fit."""
@@ -121,11 +121,11 @@ class ThinPlateSpline:
         Parameters
         ----------
         points : wanted images [m].
-        start : a first guess of the same shape, or (2,) for all [m]; the last answer, along a path.
+        start : an initial guess of the same shape, or (2,) for all [m]; the last answer, along a path.
         """
         array = point_array(points)
         if start is not None:
-            start = _first_guess(start, array.shape)
+            start = _initial_guess(start, array.shape)
         if array.ndim == 1:
             return self._inverse_of_one(array, start)
         found = np.empty_like(array)
@@ -233,7 +233,7 @@ class ThinPlateSpline:
         self._freeze()  # pickle forgets it
 
 
-def _in_given_units(fit: Fit) -> tuple[Array, Array]:
+def _in_given_units(fit: SplineFit) -> tuple[Array, Array]:
     """Weights (N, 2) and affine part (3, 2) for distances in metres, not in units of the spread.
 
     ln r^2 shifts by ln sigma^2; under the side conditions sum w |s - s_i|^2 is the constant sum w |s_i|^2.
@@ -248,7 +248,7 @@ def _is_point(points: ArrayLike) -> TypeGuard[Array]:
     return type(points) is np.ndarray and points.shape == (2,) and points.dtype is _FLOATS
 
 
-def _first_guess(start: ArrayLike, shape: tuple[int, ...]) -> Array:
+def _initial_guess(start: ArrayLike, shape: tuple[int, ...]) -> Array:
     guess = point_array(start, "start")
     if guess.shape not in {shape, (2,)}:
         raise ConfigurationError("start", f"an array of shape {guess.shape}", f"a point (2,), or of shape {shape}")

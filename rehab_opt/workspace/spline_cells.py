@@ -20,7 +20,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from rehab_opt.workspace.spline_fit import TINY, Fit
+from rehab_opt.workspace.spline_fit import TINY, SplineFit
 
 __all__ = ["MANY", "Cells", "cell_function", "cells_of"]
 
@@ -52,7 +52,7 @@ class Cells(NamedTuple):
     """Centre (2), 1 / radius, E and H (2 * 2 * TERMS complex numbers), near landmarks and their weights (4 * near)."""
 
 
-def cells_of(fit: Fit) -> Cells:
+def cells_of(fit: SplineFit) -> Cells:
     """The cells of a fitted spline, in its coordinates of unit spread but for the corner."""
     low, size = fit.landmarks.min(axis=0), np.ptp(fit.landmarks, axis=0)
     low, size = low - MARGIN * size, (1 + 2 * MARGIN) * size
@@ -86,13 +86,13 @@ def cells_of(fit: Fit) -> Cells:
     )
 
 
-def _close(fit: Fit, centres: Array, distance: float) -> NDArray[np.bool_]:
+def _close(fit: SplineFit, centres: Array, distance: float) -> NDArray[np.bool_]:
     """(cells, N) whether a landmark is nearer to a centre than that."""
     offset = centres[:, np.newaxis] - fit.landmarks
     return np.hypot(offset[..., 0], offset[..., 1]) < distance
 
 
-def _rows(fit: Fit, centres: Array, close: NDArray[np.bool_], radius: float, near: int) -> Array:
+def _rows(fit: SplineFit, centres: Array, close: NDArray[np.bool_], radius: float, near: int) -> Array:
     cells = len(centres)
     offset = centres[:, np.newaxis] - fit.landmarks
     d = np.where(close, 1.0, offset[..., 0] + 1j * offset[..., 1])  # near ones are masked below, and must not be zero

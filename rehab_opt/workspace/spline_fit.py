@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.real_array import checked_array
 
-__all__ = ["TINY", "Fit", "checked_landmarks", "checked_smoothing", "fitted"]
+__all__ = ["TINY", "SplineFit", "checked_landmarks", "checked_smoothing", "fitted"]
 
 Array = NDArray[np.float64]
 
@@ -34,7 +34,7 @@ RESIDUAL = 1e-8
 """Largest share of the target's spread by which a fit may miss its equations."""
 
 
-class Fit(NamedTuple):
+class SplineFit(NamedTuple):
     """A spline in the coordinates s = (x - centre) / scale, in which its landmarks have unit spread.
 
     g = affine[0] + s_x affine[1] + s_y affine[2] + sum_i weights[i] U(|s - landmarks[i]|), in the target's unit.
@@ -54,7 +54,7 @@ class Fit(NamedTuple):
     """Of both coordinates, [m^2 of the target per m^2 of the source]."""
 
 
-def fitted(source: Array, target: Array, smoothing: float) -> Fit:
+def fitted(source: Array, target: Array, smoothing: float) -> SplineFit:
     """The spline through the landmarks: Eqs. (24)-(30), with U on unit spread for the sake of the solve's conditioning.
 
     The side conditions sum w = 0, sum w x' = 0 are eliminated by a QR of R (Eq. 28): w = Q_2 c, where Q_2' K Q_2 is
@@ -98,7 +98,7 @@ def fitted(source: Array, target: Array, smoothing: float) -> Fit:
         # w' K w without the smoothing's share of the diagonal; w is orthogonal to the affine part.
         energy = float(np.sum(weights * (departure - smoothing * weights)))
     affine[0] += middle
-    return Fit(centre, scale, landmarks, weights, affine, max(0.0, 16 * math.pi * energy / scale**2))
+    return SplineFit(centre, scale, landmarks, weights, affine, max(0.0, 16 * math.pi * energy / scale**2))
 
 
 def _solver(K: Array, R: Array) -> Callable[[Array], tuple[Array, Array]]:

@@ -12,13 +12,13 @@ from collections.abc import Callable, Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-from rehab_opt.workspace.spline_fit import Fit
+from rehab_opt.workspace.spline_fit import SplineFit
 
 __all__ = ["preimage", "preimages", "tolerance_terms"]
 
 Array = NDArray[np.float64]
 Starts = Callable[[Array], Array]
-"""Wanted images (K, 2) -> first guesses (K, 2)."""
+"""Wanted images (K, 2) -> initial guesses (K, 2)."""
 
 ITERATIONS = 40
 HALVINGS = 12
@@ -28,7 +28,7 @@ SHARE = 1e-13
 EPSILON = float(np.finfo(np.float64).eps)
 
 
-def tolerance_terms(fit: Fit) -> tuple[float, float]:
+def tolerance_terms(fit: SplineFit) -> tuple[float, float]:
     """Distance [m] between a wanted image and one that rounding lets us tell from it, with a margin.
 
     Returns
@@ -39,7 +39,9 @@ def tolerance_terms(fit: Fit) -> tuple[float, float]:
     return constant, SHARE
 
 
-def preimages(evaluate: Callable[[Array], tuple[Array, Array]], fit: Fit, images: Array, starts: list[Starts]) -> Array:
+def preimages(
+    evaluate: Callable[[Array], tuple[Array, Array]], fit: SplineFit, images: Array, starts: list[Starts]
+) -> Array:
     """(M, 2) points whose images are (M, 2); NaN rows where no start led to one.
 
     Parameters

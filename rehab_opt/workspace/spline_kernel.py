@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from rehab_opt.symbolic import BufferedFunction
 from rehab_opt.symbolic.compiled import table_size, table_step
-from rehab_opt.workspace.spline_fit import TINY, Fit
+from rehab_opt.workspace.spline_fit import TINY, SplineFit
 
 __all__ = ["jacobians", "point_function", "point_inputs", "point_statement", "values"]
 
@@ -27,7 +27,7 @@ BLOCK = 16
 
 
 # ------------------------------------------------------------------------------------------------------ one point
-def point_function(fit: Fit, *, with_jacobian: bool) -> BufferedFunction:
+def point_function(fit: SplineFit, *, with_jacobian: bool) -> BufferedFunction:
     """Point (2,) in `inputs[0]` -> `outputs[0]` (2,) and, where asked for, the Jacobian `outputs[1]` (2, 2).
 
     The landmarks stand in the other inputs. Code is compiled for a few landmark counts only, at most an eighth apart
@@ -40,12 +40,12 @@ def point_function(fit: Fit, *, with_jacobian: bool) -> BufferedFunction:
     return evaluated
 
 
-def point_statement(fit: Fit, *, with_jacobian: bool) -> ca.Function:
+def point_statement(fit: SplineFit, *, with_jacobian: bool) -> ca.Function:
     """The same function, not compiled; its inputs behind the point are `point_inputs`."""
     return _stated(*_rounded(_bending_landmarks(fit)), with_jacobian)
 
 
-def point_inputs(fit: Fit) -> tuple[Array, Array, Array, Array]:
+def point_inputs(fit: SplineFit) -> tuple[Array, Array, Array, Array]:
     """Frame (3,), affine part (2, 3), landmarks and weights (2, count)."""
     n = _bending_landmarks(fit)
     landmarks, weights = np.zeros((2, 2, _rounded(n)[0]))
@@ -53,7 +53,7 @@ def point_inputs(fit: Fit) -> tuple[Array, Array, Array, Array]:
     return np.array((*fit.centre, 1 / fit.scale)), fit.affine.T, landmarks, weights
 
 
-def _bending_landmarks(fit: Fit) -> int:
+def _bending_landmarks(fit: SplineFit) -> int:
     """How many there are; none where the map is affine."""
     return len(fit.landmarks) if np.any(fit.weights) else 0
 
@@ -101,7 +101,7 @@ def _bending(block: int, with_jacobian: bool) -> ca.Function:
 
 
 # ---------------------------------------------------------------------------------------------------- many points
-def values(fit: Fit, points: Array) -> Array:
+def values(fit: SplineFit, points: Array) -> Array:
     """(M, 2) images of points (M, 2)."""
     with np.errstate(invalid="ignore", over="ignore"):  # what is infinite ends as NaN, without a word in a loop
         s = (points - fit.centre) / fit.scale
@@ -112,7 +112,7 @@ def values(fit: Fit, points: Array) -> Array:
     return images  # type: ignore[no-any-return]
 
 
-def jacobians(fit: Fit, points: Array) -> tuple[Array, Array]:
+def jacobians(fit: SplineFit, points: Array) -> tuple[Array, Array]:
     """(M, 2) images and (M, 2, 2) Jacobians of points (M, 2)."""
     with np.errstate(invalid="ignore", over="ignore"):
         s = (points - fit.centre) / fit.scale
@@ -129,7 +129,7 @@ def jacobians(fit: Fit, points: Array) -> tuple[Array, Array]:
     return images, slopes
 
 
-def _distances(fit: Fit, s: Array) -> Iterator[tuple[slice, Array]]:
+def _distances(fit: SplineFit, s: Array) -> Iterator[tuple[slice, Array]]:
     """Chunk by chunk: which rows, and x, y, r^2 and ln r^2 between them and all landmarks, to be overwritten."""
     across, along = np.ascontiguousarray(fit.landmarks.T)
     n = len(across)

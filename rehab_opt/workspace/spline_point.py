@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from rehab_opt.symbolic import BufferedFunction, PerThread
 from rehab_opt.workspace.spline_cells import MANY, Cells, cell_function, cells_of
-from rehab_opt.workspace.spline_fit import Fit
+from rehab_opt.workspace.spline_fit import SplineFit
 from rehab_opt.workspace.spline_kernel import point_function
 
 __all__ = ["PointFunction", "cells_worth_having", "point_map"]
@@ -20,12 +20,12 @@ PointFunction = Callable[[Array], Any]
 """Array (2,) -> image (2,), or image and Jacobian (2, 2) where that was asked for; all its caller's own."""
 
 
-def cells_worth_having(fit: Fit) -> Cells | None:
+def cells_worth_having(fit: SplineFit) -> Cells | None:
     """The cells of a map through many landmarks; None where summing over all of them is as quick."""
     return cells_of(fit) if len(fit.landmarks) >= MANY and np.any(fit.weights) else None
 
 
-def point_map(fit: Fit, cells: Cells | None, *, with_jacobian: bool) -> PerThread[PointFunction]:
+def point_map(fit: SplineFit, cells: Cells | None, *, with_jacobian: bool) -> PerThread[PointFunction]:
     """The compiled map of the thread that asks; maps of one size share the code, which is kept."""
 
     def made() -> PointFunction:
@@ -50,7 +50,7 @@ def _direct(function: BufferedFunction) -> PointFunction:
     return at
 
 
-def _by_cell(function: BufferedFunction, fit: Fit, cells: Cells, direct: PointFunction) -> PointFunction:
+def _by_cell(function: BufferedFunction, fit: SplineFit, cells: Cells, direct: PointFunction) -> PointFunction:
     copies = _copies(function)
     point_of, frame, affine, row_of = function.inputs
     frame[:] = *fit.centre, 1 / fit.scale

@@ -12,13 +12,13 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
     from shapely import Polygon
 
-__all__ = ["Mesh", "grown", "inradius", "mesh_of", "shrunk"]
+__all__ = ["PlaneMesh", "grown", "inradius", "mesh_of", "shrunk"]
 
 # Segments in a quarter of a rounded corner.
 ROUNDNESS = 16
 
 
-class Mesh(NamedTuple):
+class PlaneMesh(NamedTuple):
     """Triangles of one simply connected set.
 
     points : (n, 2) [m], the `boundary` ones first, counterclockwise and evenly along the outline.
@@ -64,7 +64,7 @@ def shrunk(polygon: Polygon, by: float) -> Polygon:
             raise ConfigurationError("polygon", polygon, "a set that stays in one piece when it is shrunk a little")
 
 
-def mesh_of(polygon: Polygon, spacing: float) -> Mesh:
+def mesh_of(polygon: Polygon, spacing: float) -> PlaneMesh:
     """A mesh whose outline is sampled every `spacing` [m] and whose inside is a hexagonal pattern as fine.
 
     Every edge of the outline's samples is an edge of the mesh: the spacing is halved until it is.
@@ -86,7 +86,7 @@ def mesh_of(polygon: Polygon, spacing: float) -> Mesh:
         triangles[area < 0.0] = triangles[area < 0.0][:, ::-1]
         triangles = triangles[np.abs(area) > 1e-6 * spacing**2]  # between points of one straight line
         if _is_disc(triangles, len(points), count):
-            return Mesh(points, triangles.astype(np.intp), count)
+            return PlaneMesh(points, triangles.astype(np.intp), count)
         spacing /= 2.0
     raise ConfigurationError("polygon", polygon, "an outline whose narrowest part is not much thinner than the set")
 

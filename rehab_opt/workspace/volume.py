@@ -16,7 +16,7 @@ from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.kinematics.real_array import checked_array, real_array
 from rehab_opt.symbolic import Compile
-from rehab_opt.workspace.layered_mesh import Mesh, closed_mesh, edges_of_slabs, padded, signed_distances
+from rehab_opt.workspace.layered_mesh import SurfaceMesh, closed_mesh, edges_of_slabs, padded, signed_distances
 from rehab_opt.workspace.placement import ShoulderPlacement
 from rehab_opt.workspace.plane_statement import PlaneStatement
 from rehab_opt.workspace.point_arguments import real_number
@@ -176,7 +176,7 @@ def reachable_volume(
         slices = tuple(task.result() for task in tasks)
     if all(each.empty for each in slices):
         return ReachableVolume(levels, slices, nothing, nothing.astype(np.int64), slices[len(slices) // 2].reason)
-    mesh: Mesh = closed_mesh([each.polygon for each in slices], levels, spacing=accuracy)
+    mesh: SurfaceMesh = closed_mesh([each.polygon for each in slices], levels, spacing=accuracy)
     mesh.vertices[:, 2] += placement.position[2]
     return ReachableVolume(levels, slices, mesh.vertices, mesh.triangles)
 

@@ -1,4 +1,4 @@
-"""Why a slice is empty: the height, the handle, or only both together; and a last try before it is said."""
+"""Why a slice is empty: the height, the handle, or only both together; and a last search before that is reported."""
 
 from __future__ import annotations
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from rehab_opt import Bound, ConfigurationError, RedundancyResolver, Status, ardis
 from rehab_opt.control.chair_limits import ChairLimits
-from rehab_opt.control.limit import Limits
+from rehab_opt.control.limit import PostureLimits
 from rehab_opt.kinematics import DRIVES, DriveName
 from rehab_opt.kinematics.ardis import ARDIS_READY
 from rehab_opt.plants.wheelchair import Wheelchair
@@ -233,7 +233,7 @@ def test_more_rows_than_joints_that_move_are_refused() -> None:
 @pytest.mark.parametrize("drive", DRIVES)
 def test_a_joint_that_stands_does_not_make_braking_longer(drive: DriveName) -> None:
     robot = ardis()
-    nothing = Limits((), robot.chain, DT)
+    nothing = PostureLimits((), robot.chain, DT)
     limits = ChairLimits(robot, robot.drive(drive), max_obstacles=0, dt=DT, recovery_speed=0.1, own=nothing)
     slowest = 0.8 if FREE[drive] else 0.3  # [s] the chair forward, or the elbow
     assert limits.braking.time == pytest.approx(1.1 * slowest)

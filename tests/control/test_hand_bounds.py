@@ -33,15 +33,15 @@ ROWS = function()
 
 
 def drawn(seed: int) -> tuple[np.ndarray, ...]:
-    """Gradient, climb, calm, normals, most, lower and upper: at rest, moving, with no room left."""
+    """Gradient, ascent, calm, normals, most, lower and upper: at rest, moving, with no room left."""
     rng = np.random.default_rng(seed)
     centre = rng.standard_normal(N) * rng.choice([0.0, 0.3, 1.0])
     half = rng.uniform(0, 0.1, N) * rng.choice([0.0, 1.0, 10.0])
     gradient = rng.standard_normal(N) * rng.choice([0.0, 1e-3, 1.0])
     most = np.maximum(rng.standard_normal(M), 0.0) * rng.choice([0.01, 1.0])
-    climb = rng.standard_normal() * rng.choice([0.0, 0.1, 5.0])
+    ascent = rng.standard_normal() * rng.choice([0.0, 0.1, 5.0])
     calm = np.abs(gradient).sum() * 0.3
-    return gradient, climb, calm, rng.standard_normal((M, N)), most, centre - half, centre + half
+    return gradient, ascent, calm, rng.standard_normal((M, N)), most, centre - half, centre + half
 
 
 @given(st.integers(0, 2**32 - 1))
@@ -56,24 +56,24 @@ def test_some_velocity_keeps_every_row_whatever_the_state(seed: int) -> None:
     answer = linprog(np.zeros(N), A_ub=rows, b_ub=most + 1e-9, bounds=list(zip(lower, upper, strict=True)))
     assert answer.status == 0
     # What the floor asks for is asked for in full, as far as accelerations allow it together with the other rows.
-    gradient, climb, _, _, others = given[:5]
+    gradient, ascent, _, _, others = given[:5]
     fastest = np.where(gradient > 0, upper, lower) @ gradient
-    if climb <= min(fastest, 0.0) and np.all(others > 1e3):
-        assert -most[0] >= climb - 1e-9
+    if ascent <= min(fastest, 0.0) and np.all(others > 1e3):
+        assert -most[0] >= ascent - 1e-9
     assert np.all(most[1:] >= others)
 
 
 @given(st.integers(0, 2**32 - 1))
 @settings(max_examples=300, deadline=None)
 def test_rows_that_lead_away_leave_a_velocity_and_ask_for_all_there_is_room_for(seed: int) -> None:
-    gradient, climb, calm, normals, most, lower, upper = drawn(seed)
+    gradient, ascent, calm, normals, most, lower, upper = drawn(seed)
     rng = np.random.default_rng(seed + 1)
     alone, push = bool(rng.random() < 0.5), rng.uniform(0, 1, 2) * rng.choice([1e-6, 1e-3, 0.1])
     most[1:] = [100.0, -push[1]] if alone else -push
     if alone:  # with room for it
-        lower, upper, most[0], climb = np.full(N, -2.0), np.full(N, 2.0), 100.0, min(climb, -100.0)
+        lower, upper, most[0], ascent = np.full(N, -2.0), np.full(N, 2.0), 100.0, min(ascent, -100.0)
         normals[2] *= max(1.0, 1 / np.linalg.norm(normals[2]))
-    given = gradient, climb, calm, normals, most, lower, upper
+    given = gradient, ascent, calm, normals, most, lower, upper
     for target, value in zip(ROWS.inputs, given, strict=True):
         target[...] = value
     ROWS()
@@ -92,12 +92,12 @@ def test_rows_that_lead_away_leave_a_velocity_and_ask_for_all_there_is_room_for(
 @given(st.integers(0, 2**32 - 1))
 @settings(max_examples=200, deadline=None)
 def test_the_floor_alone_is_asked_for_as_far_as_accelerations_allow(seed: int) -> None:
-    gradient, climb, calm, normals, most, lower, upper = drawn(seed)
-    for target, value in zip(ROWS.inputs, (gradient, climb, calm, normals, most + 1e3, lower, upper), strict=True):
+    gradient, ascent, calm, normals, most, lower, upper = drawn(seed)
+    for target, value in zip(ROWS.inputs, (gradient, ascent, calm, normals, most + 1e3, lower, upper), strict=True):
         target[...] = value
     ROWS()
     fastest = np.where(gradient > 0, upper, lower) @ gradient
-    asked = min(climb, calm, 0.9 * fastest if fastest > 0 else fastest) if climb > 0 else min(climb, fastest)
+    asked = min(ascent, calm, 0.9 * fastest if fastest > 0 else fastest) if ascent > 0 else min(ascent, fastest)
     assert -ROWS.outputs[1][0] >= asked - 1e-9
 
 

@@ -16,9 +16,9 @@ from problems.mirror import motions
 from rehab_opt import Bound, ConfigurationError, MirrorTracker, Smoother, ur5
 from rehab_opt.control import mirror_plan, mirror_retiming
 from rehab_opt.control.conditioning import Conditioned, conditioned
-from rehab_opt.control.foreseen import Foreseen
 from rehab_opt.control.hand_bounds import KeepOut
 from rehab_opt.control.path_timing import PathTiming
+from rehab_opt.control.preview import Preview
 from rehab_opt.control.reference_clock import ReferenceClock
 from rehab_opt.kinematics.vr import fit_frame, poses_of, quaternions_of, robot_from_unity
 from tests.control.mirror_campaign import LARGEST, closed_form, random_path
@@ -150,8 +150,8 @@ def test_ticks_that_are_laid_out_lead_where_the_others_do(task: str, monkeypatch
     monkeypatch.setattr(ReferenceClock, "go_on", lambda *given: seen.append(True) or go_on(*given))
     quick = robot.plan(given.poses, given.twists, motions.START)
     assert len(seen) > 0.9 * len(quick.q)  # else this says nothing
-    ahead = Foreseen.ahead
-    monkeypatch.setattr(Foreseen, "ahead", lambda self, place, pace, most, **more: ahead(self, place, pace, 0, **more))
+    ahead = Preview.ahead
+    monkeypatch.setattr(Preview, "ahead", lambda self, place, pace, most, **more: ahead(self, place, pace, 0, **more))
     seen.clear()
     slow = robot.plan(given.poses, given.twists, motions.START)
     assert slow.complete

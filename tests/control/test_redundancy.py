@@ -428,13 +428,13 @@ def test_a_change_of_rows_while_moving_changes_no_joint_faster_than_it_may() -> 
         q, last = q + command.value * robot.dt, now
 
 
-def test_rows_that_are_not_prepared_are_made_at_rest_only() -> None:
+def test_rows_that_are_not_in_row_sets_get_their_functions_at_rest_only() -> None:
     robot, q = resolver(row_sets=[("x", "y")]), ARDIS_READY.copy()
     for _ in range(30):
         q = q + robot.step(q, [0.1, 0.0], ("x", "y")).value * robot.dt
     command = robot.step(q, [0.1], ("rz",))
     assert command.status is Status.BRAKING
-    assert "prepared at rest" in command.reason
+    assert command.reason == "rows rz are not in row_sets: usable once at rest"
     assert ("rz",) not in robot.row_sets
     while command.status is not Status.OK:
         q = q + command.value * robot.dt

@@ -115,9 +115,7 @@ def test_what_is_laid_out_is_where_the_clock_comes_to(seed: int) -> None:
     made.slow_ahead(linear_speed=0.25, angular_speed=1.5, quickening=0.1)
     for _ in range(7):
         made.advance(0.37 * DT)
-    laid = made.foreseen(linear_speed=0.25, angular_speed=1.5).ahead(
-        (0, made.fraction), 0.3, 200, dt=DT, quickening=0.1
-    )
+    laid = made.preview(linear_speed=0.25, angular_speed=1.5).ahead((0, made.fraction), 0.3, 200, dt=DT, quickening=0.1)
     assert len(laid.paces) == 200
     before, rate = made.passed, 0.3
     for there, twist, pace in zip(laid.poses, laid.twists, laid.paces, strict=True):

@@ -7,7 +7,7 @@ from scipy.optimize import nnls
 
 from rehab_opt.control.reference_velocity import ReferenceVelocity
 from rehab_opt.control.stopping import FAR
-from rehab_opt.symbolic.tick import Tick
+from rehab_opt.symbolic.tick import Stages
 
 N, M = 6, 4
 
@@ -16,7 +16,7 @@ def held() -> ca.Function:
     """J, v, velocity without bounds, stopping speeds, drift, last velocity, R, r -> velocity within both, its twist."""
     sizes = {"v": 6, "free": N, "low": N, "high": N, "drift": N, "last": N}
     twist, free, low, high, drift, last = (ca.SX.sym(name, size) for name, size in sizes.items())
-    matrix, rows, upper, tick = ca.SX.sym("J", 6, N), ca.SX.sym("R", M, N), ca.SX.sym("r", M), Tick()
+    matrix, rows, upper, tick = ca.SX.sym("J", 6, N), ca.SX.sym("R", M, N), ca.SX.sym("r", M), Stages()
     of = ReferenceVelocity(matrix, twist, drift, None, np.ones(N), np.zeros(N, dtype=bool), rows, upper)  # type: ignore[arg-type]
     inputs = [ca.vec(matrix), twist, free, low, high, drift, last, ca.vec(rows), upper]
     return tick.function("held", inputs, [of.within_rows(tick, free, low, high, last)])

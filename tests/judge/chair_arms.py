@@ -36,7 +36,7 @@ PROMISES = (
     Promise("rehab_opt/control/redundancy.py", "roll7 about the z axis of the tool, which is ARDIS's wrist axis"),
     Promise("rehab_opt/control/redundancy.py", "Never broken, in this order: joint and chassis speeds"),
     Promise("rehab_opt/control/redundancy.py", "Accelerations therefore yield only where an obstacle, or a velocity "
-            "that was told, came too late for that, within 2 mm, or on the way out of an obstacle."),
+            "given to `reset`, came too late for that, within 2 mm, or on the way out of an obstacle."),
 )  # fmt: skip
 LEAST = {"a keep-out near": 30_000, "stopped before a keep-out": 5000, "capsules of the file": 200_000,
          "segments from joint to joint": 100_000, "the hand as asked": 20_000, "law judged": 50_000}  # fmt: skip

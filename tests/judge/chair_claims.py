@@ -134,7 +134,7 @@ def _judge_gaps(run: Run, verdict: Verdict, obstacles: Obstacles, ticks: slice) 
 def judge_acceleration(run: Run, verdict: Verdict, found: Answers, u: Array, before: Array, late: Array) -> None:
     """Never more than a dt a tick, but where an obstacle came too late or a joint, or the arm, was outside.
 
-    And while a velocity that was told brakes, T, where on that way the arm passes a keep-out within `STAND_OFF`: it
+    And while a velocity given to `reset` brakes, T, where on that way the arm passes a keep-out within `STAND_OFF`: it
     comes too late for the room that the controller keeps there, as the docstring says. All else is judged there, too.
     """
     chair, dt = run.chair, run.dt

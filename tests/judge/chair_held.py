@@ -58,8 +58,8 @@ PROMISES = (
     ),
     Promise(
         "rehab_opt/control/redundancy.py",
-        "Accelerations therefore yield only where an obstacle, or a velocity that was told, came too late for that, "
-        "within 2 mm, or on the way out of an obstacle.",
+        "Accelerations therefore yield only where an obstacle, or a velocity given to `reset`, came too late for "
+        "that, within 2 mm, or on the way out of an obstacle.",
     ),
     Promise(
         "rehab_opt/control/redundancy.py", "Where the bounds leave nothing of the command, the status is `BLOCKED`."

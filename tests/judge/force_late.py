@@ -18,9 +18,9 @@ from tests.judge.verdict import Promise, Verdict
 
 PROMISES = (
     Promise("rehab_opt/control/bounded_force.py", "[s] from a command until its force acts, and from a position until "
-            "it is told, together."),
+            "`step` gets it, together."),
     Promise("rehab_opt/control/bounded_force.py", "[s] time constant at which the acting force follows."),
-    Promise("rehab_opt/control/bounded_force.py", "[s] by which each of them may be more than was told."),
+    Promise("rehab_opt/control/bounded_force.py", "[s] by which each of them may be more than was given."),
     Promise("rehab_opt/control/bounded_force.py", "what may be delivered to the hand until `reset`, net of what the "
             "hand puts in"),
 )  # fmt: skip

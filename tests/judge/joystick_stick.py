@@ -27,8 +27,8 @@ PROMISES = (
     Promise("rehab_opt/control/joystick.py", "the button that changes the mode, on the press. gripper : the one that "
             "opens and closes it."),
     Promise("rehab_opt/control/joystick.py", "What the user asks for now. Never raises on numbers."),
-    Promise("rehab_opt/control/joystick.py", "[m/s or rad/s], read-only; zero where nothing is asked, and of rows that "
-            "the mode holds."),
+    Promise("rehab_opt/control/joystick.py", "[m/s or rad/s], read-only; zero where nothing is commanded, and of rows "
+            "that the mode holds."),
 )  # fmt: skip
 LEAST = {"moving": 57_000, "in the dead zone": 50_000, "to be let go first": 5000, "numbers that are none": 518,
          "mode changed": 500, "rate limited": 9000, "gripper changed": 1000}  # fmt: skip

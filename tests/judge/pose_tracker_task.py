@@ -20,8 +20,8 @@ from tests.judge.verdict import Promise, Verdict
 PROMISES = (
     Promise("rehab_opt/control/command.py", "Fraction of the commanded motion that is delivered, 0 to 1, 1 where none "
             "is commanded; of a tracker: along the reference twist, feedback included"),
-    Promise("rehab_opt/control/pose_tracker.py", "the asked twist is `twist` plus `gain` times the pose error, less "
-            "where the joints could not stop at the target, and no faster than the hand speeds allow."),
+    Promise("rehab_opt/control/pose_tracker.py", "the reference twist is `twist` plus `gain` times the pose error, "
+            "less where the joints could not stop at the target, and no faster than the hand speeds allow."),
     Promise("rehab_opt/control/pose_tracker.py", "[1/s] rate at which a pose error decays; slower from farther off "
             "than the accelerations can brake from."),
     Promise("rehab_opt/control/pose_tracker.py", "largest asked hand speeds; faster requests are slowed, not cut."),

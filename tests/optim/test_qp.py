@@ -12,7 +12,7 @@ from rehab_opt.optim.backends import to_qpsolvers
 from rehab_opt.optim.fallback_chain import FallbackChain
 from rehab_opt.optim.qp import Statement
 from rehab_opt.optim.rows import PLAUSIBLE, equal, parameter, variable, within
-from rehab_opt.symbolic.tick import Tick
+from rehab_opt.symbolic.tick import Stages
 from tests.optim.random_qps import general_statement, parameters_of, random_qp, seeds, sizes, solved
 
 numbers = st.floats(-5, 5)
@@ -76,7 +76,7 @@ def test_memory_enters_the_instance() -> None:
 
 
 def test_what_is_marked_is_a_number_of_the_problem() -> None:
-    p, memory, tick = parameter("p", 2), ca.SX.sym("memory", 1), Tick()
+    p, memory, tick = parameter("p", 2), ca.SX.sym("memory", 1), Stages()
     x, doubled = variable("x", 2), tick.once(2 * p + memory)
     cost = 0.5 * ca.sumsqr(x.symbol - doubled)
     statement = Statement("marked", [p], [x], cost, tick=tick, memory=memory, remember=memory)

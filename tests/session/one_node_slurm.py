@@ -30,7 +30,7 @@ from pathlib import Path
 
 from rehab_opt.session.many.participant import Participant
 from rehab_opt.session.many.pools import cores
-from rehab_opt.session.many.results import Row
+from rehab_opt.session.many.results import ResultRow
 from rehab_opt.session.many.run import run_many
 from tests.session.stand_in_work import person, quick
 
@@ -134,7 +134,7 @@ class Slurm:
         self.control()
 
 
-def run_on_slurm(people: list[Participant], out: Path, jobs: int) -> tuple[Row, ...]:
+def run_on_slurm(people: list[Participant], out: Path, jobs: int) -> tuple[ResultRow, ...]:
     """The run, as a user of a cluster writes it."""
     from dask_jobqueue import SLURMCluster  # noqa: PLC0415
     from distributed import Client  # noqa: PLC0415

@@ -8,7 +8,7 @@ import time
 from pathlib import Path
 
 from rehab_opt.errors import ConfigurationError
-from rehab_opt.session.many.participant import Answer, Participant
+from rehab_opt.session.many.participant import Participant, PersonResult
 
 __all__ = ["blas_threads", "person", "quick"]
 
@@ -26,7 +26,7 @@ def person(name: str, title: str = "fine") -> Participant:
     return Participant(name, content, f"{name}.toml", Path(f"{name}.toml"))
 
 
-def quick(participant: Participant) -> Answer:
+def quick(participant: Participant) -> PersonResult:
     """What the title says; leaves a line in the file that follows it, if any, to be counted."""
     what, _, log = str(participant.content["title"]).partition(" ")
     if log:
@@ -42,7 +42,7 @@ def quick(participant: Participant) -> Answer:
         raise ConfigurationError("hand", 3, "one of two")
     if what == "slow":
         time.sleep(60.0)
-    return Answer({"metrics.json": participant.name.encode()}, {"letters": len(participant.name)}, 0.001)
+    return PersonResult({"metrics.json": participant.name.encode()}, {"letters": len(participant.name)}, 0.001)
 
 
 def blas_threads(_: object) -> str | None:

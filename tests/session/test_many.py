@@ -20,12 +20,12 @@ from rehab_opt.errors import ConfigurationError, ProblemFileError
 from rehab_opt.session.many.participant import Participant
 from rehab_opt.session.many.participants import participants_of
 from rehab_opt.session.many.pools import answers
-from rehab_opt.session.many.results import Row
+from rehab_opt.session.many.results import ResultRow
 from rehab_opt.session.many.run import GROUPS, PARQUET, RESULTS, run_many
 from tests.session.stand_in_work import blas_threads, person, quick
 
 
-def done(people: Sequence[Participant], out: Path, *, executor: Executor | None = None) -> dict[str, Row]:
+def done(people: Sequence[Participant], out: Path, *, executor: Executor | None = None) -> dict[str, ResultRow]:
     rows = run_many(people, out=out, executor=executor, workers=2, work=quick)
     assert [row.participant for row in rows] == [each.name for each in people]
     with (out / RESULTS).open(encoding="utf-8", newline="") as file:
@@ -83,7 +83,7 @@ def test_rows_are_written_as_they_end_and_told_of(tmp_path: Path, monkeypatch: p
     people = [person(f"P{i}") for i in range(4)]
     seen: list[tuple[str, list[str]]] = []
 
-    def record(who: Participant, row: Row, folder: Path, digest: str) -> None:
+    def record(who: Participant, row: ResultRow, folder: Path, digest: str) -> None:
         table = tmp_path / RESULTS
         text = table.read_text(encoding="utf-8").splitlines() if table.exists() else []
         seen.append((who.name, [each["status"] for each in csv.DictReader(text)]))

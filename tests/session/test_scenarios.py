@@ -23,7 +23,7 @@ from rehab_opt.session.files import load_problem
 from rehab_opt.session.run import run_problem
 from rehab_opt.session.scenario.loop import ran
 from rehab_opt.session.scenario.outcome import ScenarioOutcome
-from rehab_opt.session.scenario.prepared import prepared
+from rehab_opt.session.scenario.precomputed import precompute
 from rehab_opt.session.scenario.run import law_of, scene_of
 from rehab_opt.session.scenario.system import ScenarioSystem
 from rehab_opt.workspace.mapping import WorkspaceMap
@@ -380,7 +380,7 @@ def test_a_robot_that_is_unstable_in_the_helpers_hand_alone_is_refused_by_key() 
 def test_a_real_pen_trace_is_the_helpers_path(recorded: Callable[[str], Path]) -> None:
     recorded("pen_trace/signal.svc")
     loaded = load_problem("upper_limb/scenario_4_pen_trace")
-    ready = prepared(loaded, progress=lambda *_: None)
+    ready = precompute(loaded, progress=lambda *_: None)
     assert np.all(ready.comfortable.contains(ready.reference))
     scene = scene_of(loaded, ready)
     means = []

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from rehab_opt.errors import ConfigurationError
-from rehab_opt.session.many.participant import Answer, Participant
+from rehab_opt.session.many.participant import Participant, PersonResult
 from rehab_opt.session.many.run import RESULTS, run_many
 from rehab_opt.study.many import study_of_many
 from rehab_opt.study.person import removed
@@ -19,10 +19,10 @@ from rehab_opt.study.store import Study
 from tests.session.stand_in_work import person
 
 
-def work(participant: Participant) -> Answer:
+def work(participant: Participant) -> PersonResult:
     """A run that measured how long a name is."""
     metrics = f'{{"metrics": {{"name_m": {len(participant.name)}, "status": {{"ok": 3, "backup": 1}}}}}}'
-    return Answer({"metrics.json": metrics.encode(), "trace.csv": b"t_s\n0\n"}, {"name_m": 1}, 0.1)
+    return PersonResult({"metrics.json": metrics.encode(), "trace.csv": b"t_s\n0\n"}, {"name_m": 1}, 0.1)
 
 
 def of(name: str, **covariates: str) -> Participant:
@@ -33,7 +33,9 @@ def of(name: str, **covariates: str) -> Participant:
 def run(tmp_path: Path) -> Callable[..., list[str]]:
     """Status of each of some people, whose results went into a study."""
 
-    def ran(*people: Participant, session: str | None = "s", work: Callable[[Participant], Answer] = work) -> list[str]:
+    def ran(
+        *people: Participant, session: str | None = "s", work: Callable[[Participant], PersonResult] = work
+    ) -> list[str]:
         with ExitStack() as opened, ThreadPoolExecutor(1) as pool:
             recorder = study_of_many(opened, tmp_path / "study.db", session, table=tmp_path / "out" / RESULTS)
             assert recorder is not None
@@ -60,7 +62,7 @@ def test_results_go_into_the_study_with_covariates_and_once(run: Callable[..., l
     ]
 
 
-def broken(participant: Participant) -> Answer:
+def broken(participant: Participant) -> PersonResult:
     raise ZeroDivisionError
 
 

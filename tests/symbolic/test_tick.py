@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from rehab_opt.symbolic.tick import Tick
+from rehab_opt.symbolic.tick import Stages
 
 OPERATIONS: tuple[Callable[[ca.SX, ca.SX], ca.SX], ...] = (
     lambda a, b: a * b, lambda a, b: ca.sin(a) - b, ca.fmax, lambda a, b: ca.if_else(a > b, a, -b),
@@ -41,7 +41,7 @@ class Plain:
         return tuple(function.call(list(arguments)))
 
 
-def drawn(tick: Tick | Plain, rng: np.random.Generator, known: list[ca.SX], depth: int = 2) -> list[ca.SX]:
+def drawn(tick: Stages | Plain, rng: np.random.Generator, known: list[ca.SX], depth: int = 2) -> list[ca.SX]:
     """Expressions of columns (3,) in which each may use any before it; the same for the same numbers drawn."""
     x = ca.SX.sym("x", 3)
     other = ca.Function("other", [x], [x[::-1], ca.sumsqr(x)])
@@ -68,7 +68,7 @@ def drawn(tick: Tick | Plain, rng: np.random.Generator, known: list[ca.SX], dept
 @pytest.mark.parametrize("seed", range(40))
 def test_marks_change_no_number(seed: int) -> None:
     p, memory = ca.SX.sym("p", 3), ca.SX.sym("memory", 3)
-    tick = Tick()
+    tick = Stages()
     marked = drawn(tick, np.random.default_rng(seed), [p, memory])[2:]
     plain = drawn(Plain(), np.random.default_rng(seed), [p, memory])[2:]
     inputs = [p, memory]
@@ -81,7 +81,7 @@ def test_marks_change_no_number(seed: int) -> None:
 @pytest.mark.parametrize("seed", range(20))
 def test_what_does_not_wait_for_the_answer_comes_before_it(seed: int) -> None:
     p, x = ca.SX.sym("p", 3), ca.SX.sym("x", 3)
-    tick, rng = Tick(), np.random.default_rng(seed)
+    tick, rng = Stages(), np.random.default_rng(seed)
     before = drawn(tick, rng, [p])
     after = drawn(tick, rng, [*before, x])[len(before) + 1 :]
     column, precompute = tick.precomputed([p], after, later=x)
@@ -95,7 +95,7 @@ def test_what_does_not_wait_for_the_answer_comes_before_it(seed: int) -> None:
 
 @pytest.mark.parametrize("value", [1.0, -1.0])
 def test_only_the_branch_that_is_taken_is_evaluated(value: float) -> None:
-    tick, p, counted = Tick(), ca.SX.sym("p"), (Counted(), Counted())
+    tick, p, counted = Stages(), ca.SX.sym("p"), (Counted(), Counted())
     chosen = tick.when(p > 0, lambda: tick.call(counted[0], p)[0], lambda: -tick.call(counted[1], p)[0])
     function = tick.function("f", [p], [tick.once(chosen) + chosen])
     assert float(function(value)) == 4 * abs(value)
@@ -103,7 +103,7 @@ def test_only_the_branch_that_is_taken_is_evaluated(value: float) -> None:
 
 
 def test_a_value_that_is_used_twice_is_evaluated_once() -> None:
-    tick, p, counted = Tick(), ca.SX.sym("p", 2), Counted()
+    tick, p, counted = Stages(), ca.SX.sym("p", 2), Counted()
     (twice,) = tick.call(counted, p[0])
     function = tick.function("f", [p], [twice + p[1], twice**2])
     assert [float(each) for each in function.call([[1.0, 2.0]])] == [4.0, 4.0]
@@ -111,13 +111,13 @@ def test_a_value_that_is_used_twice_is_evaluated_once() -> None:
 
 
 def test_constants_stay_as_they_are_and_zeros_keep_their_place() -> None:
-    tick, p = Tick(), ca.SX.sym("p", 2)
+    tick, p = Stages(), ca.SX.sym("p", 2)
     assert float(tick.once(ca.SX(3))) == 3
     assert tick.once(ca.diag(p)).nnz() == 2
 
 
 def test_what_depends_on_nothing_is_evaluated_like_all_else() -> None:
-    tick, p = Tick(), ca.SX.sym("p", 2)
+    tick, p = Stages(), ca.SX.sym("p", 2)
     square = ca.Function("square", [p], [p**2])
     constant = tick.when(ca.SX(1), lambda: tick.call(square, ca.SX([1, 2]))[0], lambda: ca.SX([0, 0]))
     function = tick.function("f", [p], [constant + tick.call(square, ca.SX([3, 0]))[0] + p])

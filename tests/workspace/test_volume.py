@@ -10,7 +10,7 @@ import shapely
 from numpy.typing import NDArray
 
 from rehab_opt import DH, ConfigurationError, SerialChain, human_arm
-from rehab_opt.workspace.layered_mesh import Mesh, closed_mesh, enclosed_volume
+from rehab_opt.workspace.layered_mesh import SurfaceMesh, closed_mesh, enclosed_volume
 from rehab_opt.workspace.placement import ShoulderPlacement
 from rehab_opt.workspace.region import Workspace
 from rehab_opt.workspace.volume import ReachableVolume, reachable_volume
@@ -40,7 +40,7 @@ class TestClosedForms:
         turn, pitch, near, far = 1.0, 0.6, 0.2, 0.4
         found = reachable_volume(spherical(turn, pitch, near, far), handle_tilt=None, spacing=0.05, accuracy=8e-3)
         true = 2 * turn * 2 * math.sin(pitch) * (far**3 - near**3) / 3
-        mesh = Mesh(found.vertices, found.triangles)
+        mesh = SurfaceMesh(found.vertices, found.triangles)
         assert found.volume == pytest.approx(true, rel=0.03)
         assert abs(enclosed_volume(mesh) - found.volume) <= found.volume_bound
         assert np.all(edge_counts(found.triangles) == 1)
@@ -94,7 +94,7 @@ class TestTheParticipant:
 
     def test_the_mesh_is_closed_and_holds_the_volume(self, upright: ReachableVolume) -> None:
         assert np.all(edge_counts(upright.triangles) == 1)
-        inside = enclosed_volume(Mesh(upright.vertices, upright.triangles))
+        inside = enclosed_volume(SurfaceMesh(upright.vertices, upright.triangles))
         assert abs(inside - upright.volume) <= upright.volume_bound
 
     def test_other_threads_find_the_same_and_it_may_be_pickled(self, upright: ReachableVolume) -> None:

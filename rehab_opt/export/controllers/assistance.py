@@ -12,7 +12,7 @@ from rehab_opt.control.command import Command
 from rehab_opt.control.gate import FIELD, gated_force, numbers_of
 from rehab_opt.export.c_text import Evaluated
 from rehab_opt.export.controllers.bounded_force import DIFFERENCES, ENERGY, ExportedForce, faulty_ticks
-from rehab_opt.export.recording import Tick, recorded
+from rehab_opt.export.recording import RunTick, recorded
 from rehab_opt.field.energy import field_table, filled_up
 from rehab_opt.field.potential import PotentialField
 from rehab_opt.optim.fallback_chain import as_in_c
@@ -74,7 +74,7 @@ def exported_assistance(
     all_fields = (helper.field, *fields)
     wanted = gated_fields(helper, all_fields, name=NAME)
     there = np.zeros_like(path) if carried is None else np.asarray(carried, dtype=np.float64)
-    others: list[Tick] = [{"aimed": 0, "carried": by} for by in there]
+    others: list[RunTick] = [{"aimed": 0, "carried": by} for by in there]
     ticks = faulty_ticks(
         helper, path, others,
         (
@@ -84,7 +84,7 @@ def exported_assistance(
     )  # fmt: skip
     helper.reset()
 
-    def answer(tick: Tick) -> Command:
+    def answer(tick: RunTick) -> Command:
         helper.aim(all_fields[tick["aimed"]])
         helper.carry(*tick["carried"].tolist())
         v = tick["v"] if tick["with_v"] else None

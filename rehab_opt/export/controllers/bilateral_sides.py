@@ -15,7 +15,7 @@ from rehab_opt.control.gate import reflected_force
 from rehab_opt.export.c_text import Evaluated, number
 from rehab_opt.export.controllers.assistance import MEMORY, gated_fields
 from rehab_opt.export.controllers.bounded_force import DIFFERENCES, ExportedForce, faulty_ticks
-from rehab_opt.export.recording import Recording, Tick, recorded
+from rehab_opt.export.recording import Run, RunTick, recorded
 from rehab_opt.optim.fallback_chain import as_in_c
 from rehab_opt.workspace.controller_map import ControllerMap
 from rehab_opt.workspace.edge_distance import edge_columns, nearest_point_function
@@ -92,7 +92,7 @@ def exported_helper_side(
     side.reset()
     ticks = _ticks(side, positions, heard, len(PARTICIPANT_SAYS))
 
-    def answer(tick: Tick) -> tuple[Command, FromHelper]:
+    def answer(tick: RunTick) -> tuple[Command, FromHelper]:
         message = FromParticipant._make((*tick["heard"].tolist(), tick["serial"])) if tick["with_heard"] else None
         return side.step(tick["x"], message, _v(tick), enable=tick["enable"], stamp=tick["stamp"])
 
@@ -131,7 +131,7 @@ def exported_participant_side(
     side.reset()
     ticks = _ticks(side, positions, heard, len(HELPER_SAYS))
 
-    def answer(tick: Tick) -> tuple[Command, FromParticipant]:
+    def answer(tick: RunTick) -> tuple[Command, FromParticipant]:
         message = FromHelper._make((*tick["heard"].tolist(), tick["serial"])) if tick["with_heard"] else None
         return side.step(tick["x"], message, _v(tick), enable=tick["enable"], stamp=tick["stamp"])
 
@@ -157,7 +157,7 @@ def _exported(
     wanted: Evaluated,
     image: Evaluated | None = None,
     more_memory: str,
-    recording: Recording,
+    recording: Run,
     differences: Sequence[str],
     says: tuple[Sequence[str], Sequence[str]],
     means: Mapping[str, str],
@@ -215,10 +215,10 @@ def _ticks(
     positions: Array,
     heard: Sequence[FromHelper | FromParticipant | None],
     numbers: int,
-) -> list[Tick]:
+) -> list[RunTick]:
     """The ticks of a hand and of what it hears, with messages that are lost, doubled, late or broken among them."""
     nothing = (*[0.0] * numbers, 0)
-    others: list[Tick] = [
+    others: list[RunTick] = [
         {"heard": np.array((message or nothing)[:-1]), "with_heard": int(message is not None),
          "serial": (message or nothing)[-1]}
         for message in heard
@@ -238,13 +238,13 @@ def _ticks(
 
 def _recording(
     side: HelperSide | ParticipantSide,
-    ticks: Sequence[Tick],
-    answer: Callable[[Tick], tuple[Command, FromHelper | FromParticipant]],
-) -> Recording:
+    ticks: Sequence[RunTick],
+    answer: Callable[[RunTick], tuple[Command, FromHelper | FromParticipant]],
+) -> Run:
     """The commands, and besides each the energy that is left and what the side said."""
     said: list[FromHelper | FromParticipant] = []
 
-    def command_of(tick: Tick) -> Command:
+    def command_of(tick: RunTick) -> Command:
         command, message = answer(tick)
         said.append(message)
         return command
@@ -260,5 +260,5 @@ def _recording(
         side.reset()
 
 
-def _v(tick: Tick) -> Array | None:
+def _v(tick: RunTick) -> Array | None:
     return tick["v"] if tick["with_v"] else None

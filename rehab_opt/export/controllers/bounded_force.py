@@ -16,7 +16,7 @@ from rehab_opt.control.force_tick import MODEL, SOLVED, VIEW, anew, force_tick, 
 from rehab_opt.export.c_text import Evaluated, initialiser, number
 from rehab_opt.export.exported import ExportedController
 from rehab_opt.export.generated import renamed
-from rehab_opt.export.recording import Tick, with_faults
+from rehab_opt.export.recording import RunTick, with_faults
 from rehab_opt.optim.fallback_chain import BACKUP
 from rehab_opt.optim.qrqp import QRQP_ITERATIONS
 
@@ -25,9 +25,9 @@ __all__ = ["DIFFERENCES", "ENERGY", "ExportedForce", "faulty_ticks"]
 Array = NDArray[np.float64]
 
 DIFFERENCES = (
-    f"There is no backup solver. Where Python would ask {BACKUP}, C releases the force and says `REHAB_NOT_CERTIFIED`; "
+    f"There is no backup solver. Where Python would use {BACKUP}, C releases the force with `REHAB_NOT_CERTIFIED`; "
     "the recorded run is of a Python controller without the backup, too.",
-    "A stamp is always asked for and checked. In Python it may be left out.",
+    "A stamp is always required and checked. In Python it may be left out.",
     "An x that is NULL counts as not a number; Python raises an error for an argument of the wrong shape.",
 )
 """Of every force."""
@@ -109,8 +109,11 @@ class ExportedForce(ExportedController):
 
 
 def faulty_ticks(
-    force: BoundedForce, positions: Array, others: Sequence[Tick], faults: Sequence[Callable[[Tick], Tick]] = ()
-) -> list[Tick]:
+    force: BoundedForce,
+    positions: Array,
+    others: Sequence[RunTick],
+    faults: Sequence[Callable[[RunTick], RunTick]] = (),
+) -> list[RunTick]:
     """The ticks of a hand along positions (N, 2) [m], with faults of all kinds spread among them.
 
     Its velocity is given in the first half, then estimated.
@@ -121,7 +124,7 @@ def faulty_ticks(
     faults : more of them, each takes a sound tick.
     """
     velocities = np.gradient(positions, force.dt, axis=0)
-    sound: list[Tick] = [
+    sound: list[RunTick] = [
         {"x": x, "v": v, "with_v": int(i < len(positions) / 2), **other}
         for i, (x, v, other) in enumerate(zip(positions, velocities, others, strict=True))
     ]

@@ -13,7 +13,7 @@ from rehab_opt.control import mirror_following, mirror_statement
 from rehab_opt.control.between_poses import moving_tool_function, rigid_function
 from rehab_opt.control.damped import PASSES
 from rehab_opt.control.interaction import AT_LIMIT, FELT, UNUSABLE
-from rehab_opt.control.manipulability import DISTANCES, DRAWN, climb_function, known_ways
+from rehab_opt.control.manipulability import DISTANCES, DRAWN, ascent_function, known_ways
 from rehab_opt.control.mirror import MirrorTracker
 from rehab_opt.control.mirror_pace import AIMED, PACE, PACES, SAID, TRIED
 from rehab_opt.control.mirror_statement import HELD
@@ -25,7 +25,7 @@ from rehab_opt.export.controllers.mirror_run import mirror_run
 from rehab_opt.export.controllers.pose_tracker import moving_argument, moving_values
 from rehab_opt.export.exported import BYTES, ExportedVelocity, Law
 from rehab_opt.export.generated import renamed
-from rehab_opt.export.recording import Recording
+from rehab_opt.export.recording import Run
 from rehab_opt.optim.fallback_chain import BACKUP, as_in_c
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.mirror.laws import tracker_of
@@ -57,22 +57,22 @@ for (;;) {{{{ /* every tick */
     send(command.value); /* joint velocities, rad/s */
 }}}}"""
 DIFFERENCES = (
-    f"There is no backup solver. Where Python would ask {BACKUP}, C gives the safe command and "
+    f"There is no backup solver. Where Python would use {BACKUP}, C gives the safe command and "
     "`REHAB_NOT_CERTIFIED`; the recorded run is of a Python controller without the backup, too.",
     "`plan`, which knows the whole recording, is not there. A law that may wait for a file may run in Python.",
-    "What Python says in words of a command that is no fault (a shortened step, a slowed reference, a bridge) is "
-    "`notes`, without the numbers in it; `reason` is why it is the safe command.",
-    "A stamp is always asked for and checked. In Python it may be left out.",
+    "Python's remarks on a command that is no fault (a shortened step, a slowed reference, a bridge) are "
+    "`notes`, without their numbers; `reason` is why it is the safe command.",
+    "A stamp is always required and checked. In Python it may be left out.",
     "Another input than force that is NULL counts as not a number; Python raises an error for an argument of the "
     "wrong shape. A force that is NULL is one that nothing measures, as None is in Python.",
-    "`iterations` of Python's command is not told.",
+    "`iterations` of Python's command is not there.",
 )
 SAME = (
     "At most {0} samples of the reference wait here while the clock does, in Python {1}. Where one more arrives, every "
     "second one of those that wait is left out, with `REHAB_THINNED`, and the path between its neighbours is straight; "
     "their time is kept, and nothing is dropped at either end. `memory` of `export_c` has room for more; in Python "
     "`clock.most` is the number.",
-    "The same in both: where the gradient of the manipulability vanishes below the floor, a tick looks for a way out "
+    "The same in both: where the gradient of the manipulability vanishes below the floor, a tick looks for an escape "
     "among thousands of postures: half a millisecond where the others take microseconds, and it may come again after "
     f"{mirror_statement.STALE} ticks without gain. An arm that starts above its floor does not come there.",
 )
@@ -104,7 +104,7 @@ class ExportedMirror(ExportedVelocity):
         extra = {
             "keeping": tracker.keeping(),
             "moving_tool": moving_tool_function(tracker.chain),
-            "climb": climb_function(tracker.chain),
+            "ascent": ascent_function(tracker.chain),
             "felt_force": tracker._interaction.law.felt_function(tracker.dt),
             "is_rigid": rigid_function(),
             "taken": clock.taken_function(*speeds),
@@ -175,11 +175,11 @@ def exported_mirror(
     pieces |= {"way_out": "way_out.c", "person_limit": "no_person.c"}
     values = {"one_tick": "", **moving_values(tracker.limits, "parameters + MOVING")}
     more, solves = MEMBERS, 2 * (PASSES + 1)
-    ladders = [tracker._solvers]
+    fallback_chains = [tracker._solvers]
     if limit is not None:
         laws += [Law("following", limit._tracker), Law("settling", limit._settler)]
         pieces |= {"one_tick": "one_tick.c", "person_limit": "person_limit.c"}
-        ladders += [limit._tracker._solvers, limit._settler._solvers]
+        fallback_chains += [limit._tracker._solvers, limit._settler._solvers]
         values |= _person(limit)
         more += PERSON_MEMBERS.format(limit.chain.n)
         solves *= max(2, mirror_following.SETTLING_TICKS)  # the model's beside the robot's, or its alone
@@ -191,7 +191,7 @@ def exported_mirror(
         interface="mirror",
         call=CALL.format(moving=moving_argument(tracker.limits, "tick->")),
         usage=USAGE.format(moving=moving_argument(tracker.limits)),
-        recording=Recording((), (), "", ()),
+        recording=Run((), (), "", ()),
         differences=(),
         solves=solves,
         values=values,
@@ -203,7 +203,7 @@ def exported_mirror(
         needed = exported.bytes + BYTES * SAMPLE.size * LEAST
         raise ConfigurationError("memory", memory, f"at least {needed} bytes, {LEAST} samples that wait among them")
     try:
-        with as_in_c(*ladders):
+        with as_in_c(*fallback_chains):
             tracker.clock.most = waiting
             recording = mirror_run(tracker, start, poses, twists, bodies, source=source, progress=progress)
     finally:

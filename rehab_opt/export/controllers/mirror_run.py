@@ -13,8 +13,8 @@ from rehab_opt.control.mirror import MirrorTracker
 from rehab_opt.export.recording import (
     MOST_TICKS,
     Joints,
-    Recording,
-    Tick,
+    Run,
+    RunTick,
     as_it_moves,
     recorded,
     standing,
@@ -33,7 +33,7 @@ PUSH = 12.0
 def mirror_run(
     tracker: MirrorTracker, start: Array, poses: Array, twists: Array, bodies: Array | None, *, source: str,
     progress: Progress,
-) -> Recording:  # fmt: skip
+) -> Run:  # fmt: skip
     """What the tracker answers along poses (N, 4, 4), (N, 6) from q = start, as many as a recorded run holds.
 
     `bodies` (N, k, 14) is what moves, None where it is told of nothing that does.
@@ -42,7 +42,7 @@ def mirror_run(
     """
     count = min(len(poses), MOST_TICKS)
     pushed, strong = range(count // 2, 5 * count // 8), 1.1 * tracker._interaction.law.stop_at
-    sound: list[Tick] = [
+    sound: list[RunTick] = [
         {"q": start, "pose": pose, "twist": twist, "force": _force(k, pushed, strong), "with_force": int(k in pushed)}
         for k, (pose, twist) in enumerate(zip(poses[:count], twists[:count], strict=True))
     ]
@@ -63,7 +63,7 @@ def mirror_run(
     )  # fmt: skip
 
 
-def _answer(tracker: MirrorTracker, tick: Tick) -> Command:
+def _answer(tracker: MirrorTracker, tick: RunTick) -> Command:
     force = tick["force"] if tick["with_force"] else None
     return tracker.step(
         tick["q"], tick["pose"], tick["twist"], obstacles=tick.get("obstacles"), force=force, enable=tick["enable"],
@@ -80,11 +80,11 @@ def _force(k: int, pushed: range, strong: float) -> Array:
     return np.array([0.6, -0.8, 0.2]) * size
 
 
-def _faults(tracker: MirrorTracker) -> tuple[Callable[[Tick], Tick], ...]:
+def _faults(tracker: MirrorTracker) -> tuple[Callable[[RunTick], RunTick], ...]:
     """What can be wrong with a tick besides, and what is only strange."""
     chain, jump = tracker.chain, np.array([0.1, -0.1, 0.05])
 
-    def jumped(tick: Tick) -> Tick:
+    def jumped(tick: RunTick) -> RunTick:
         pose = np.array(tick["pose"])
         pose[:3, 3] += jump
         return {**tick, "pose": pose}

@@ -11,7 +11,7 @@ from rehab_opt.control.path_assistance import PathAssistance
 from rehab_opt.control.path_progress import PATH_MODEL, PROGRESS, progress_function
 from rehab_opt.export.c_text import Evaluated
 from rehab_opt.export.controllers.bounded_force import DIFFERENCES, ENERGY, ExportedForce, faulty_ticks
-from rehab_opt.export.recording import Tick, recorded
+from rehab_opt.export.recording import RunTick, recorded
 from rehab_opt.optim.fallback_chain import as_in_c
 from rehab_opt.workspace.edge_distance import edge_columns
 
@@ -66,7 +66,7 @@ def exported_path_assistance(helper: PathAssistance, positions: Array, *, title:
     places = ", ".join(f"{each.upper()} = {PROGRESS[each]}" for each in ("at", "away", "looked", "furthest"))
     ticks = faulty_ticks(helper, positions, [{} for _ in positions])
 
-    def answer(tick: Tick) -> Command:
+    def answer(tick: RunTick) -> Command:
         v = tick["v"] if tick["with_v"] else None
         return helper.step(tick["x"], v, enable=tick["enable"], stamp=tick["stamp"])
 

@@ -8,11 +8,11 @@ import numpy as np
 
 from rehab_opt.control.command import Command
 from rehab_opt.control.damped import PASSES
-from rehab_opt.control.limit import Limits
+from rehab_opt.control.limit import PostureLimits
 from rehab_opt.control.pose_tracker import PoseTracker
 from rehab_opt.errors import ProblemFileError
 from rehab_opt.export.exported import ExportedController, ExportedVelocity, Law
-from rehab_opt.export.recording import Tick, about_run, encoders, recorded, standing, thinned, with_faults
+from rehab_opt.export.recording import RunTick, about_run, encoders, recorded, standing, thinned, with_faults
 from rehab_opt.optim.fallback_chain import BACKUP, FUSED, as_in_c
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.outcome import Progress
@@ -37,11 +37,11 @@ MOVING_INPUT = """
  * obstacles[{size}]  what moves, 14 numbers each: start and end [m], their velocities [m/s], radius [m], and 1;
  *           0 in the last place says that there is none"""
 DIFFERENCES = (
-    f"There is no backup solver. Where Python would ask {BACKUP}, C gives the safe command and "
+    f"There is no backup solver. Where Python would use {BACKUP}, C gives the safe command and "
     "`REHAB_NOT_CERTIFIED`; the recorded run is of a Python controller without the backup, too.",
-    "A stamp is always asked for and checked. In Python it may be left out.",
+    "A stamp is always required and checked. In Python it may be left out.",
     "An input that is NULL counts as not a number; Python raises an error for an argument of the wrong shape.",
-    "`iterations` of Python's command is not told.",
+    "`iterations` of Python's command is not there.",
 )
 
 
@@ -62,7 +62,7 @@ def exported_pose_tracker(loaded: ProblemFile[PoseTracking], *, progress: Progre
     kept = thinned(len(run.time))
     step = 1 if len(kept) < 2 else int(kept[1])
     part = "" if step == 1 else f" (one tick of {step}, since the run is longer)"
-    sound: list[Tick] = [{"q": run.q[i], "pose": poses[i], "twist": twists[i]} for i in kept]
+    sound: list[RunTick] = [{"q": run.q[i], "pose": poses[i], "twist": twists[i]} for i in kept]
     if problem.clearance is not None and problem.clearance.moving:
         sound = [
             {**each, "obstacles": told}
@@ -72,7 +72,7 @@ def exported_pose_tracker(loaded: ProblemFile[PoseTracking], *, progress: Progre
     return exported_tracker(tracker, sound, title=title, of=f"`rehab-opt run {loaded.name}`{part}")
 
 
-def exported_tracker(tracker: PoseTracker, run: Sequence[Tick], *, title: str, of: str) -> ExportedController:
+def exported_tracker(tracker: PoseTracker, run: Sequence[RunTick], *, title: str, of: str) -> ExportedController:
     """Any tracker, a user's own limits included.
 
     Parameters
@@ -92,7 +92,7 @@ def exported_tracker(tracker: PoseTracker, run: Sequence[Tick], *, title: str, o
     ticks += standing(ticks, moves, dt=tracker.dt)
     about = about_run(len(ticks), of, tracker.feedback)
 
-    def answer(tick: Tick) -> Command:
+    def answer(tick: RunTick) -> Command:
         around = {"obstacles": tick["obstacles"]} if tracker.limits.moving else {}
         return tracker.step(
             tick["q"], tick["pose"], tick["twist"], **around, enable=tick["enable"], stamp=tick["stamp"]
@@ -117,22 +117,22 @@ def exported_tracker(tracker: PoseTracker, run: Sequence[Tick], *, title: str, o
     )
 
 
-def moving_argument(limits: Limits, owner: str = "") -> str:
+def moving_argument(limits: PostureLimits, owner: str = "") -> str:
     """The argument of a call in C with which moving capsules are told; nothing where there are none."""
     return f" {owner}obstacles," if limits.told else ""
 
 
-def moving_values(limits: Limits, where: str) -> dict[str, str]:
+def moving_values(limits: PostureLimits, where: str) -> dict[str, str]:
     """What the templates hold for them; `where` they stand among the parameters, in C."""
     told = limits.told
     return {
         "moving_argument": " const double *obstacles," if told else "",
         "moving_input": MOVING_INPUT.format(size=told) if told else "",
-        "moving_told": f"\n    told({where}, obstacles, {told});" if told else "",
+        "set_moving": f"\n    set_inputs({where}, obstacles, {told});" if told else "",
     }
 
 
-def _faults(tracker: PoseTracker) -> tuple[Callable[[Tick], Tick], ...]:
+def _faults(tracker: PoseTracker) -> tuple[Callable[[RunTick], RunTick], ...]:
     """What can be wrong with a tick of a tracker besides, and what is only strange."""
     chain = tracker.chain
     return (

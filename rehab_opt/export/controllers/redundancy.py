@@ -17,7 +17,7 @@ from rehab_opt.errors import ProblemFileError
 from rehab_opt.export.c_text import indented, initialiser, number
 from rehab_opt.export.controllers.pose_tracker import moving_argument, moving_values
 from rehab_opt.export.exported import ExportedController, ExportedVelocity, Law
-from rehab_opt.export.recording import Recording, Tick, about_run, encoders, recorded, standing, thinned, with_faults
+from rehab_opt.export.recording import Run, RunTick, about_run, encoders, recorded, standing, thinned, with_faults
 from rehab_opt.optim.fallback_chain import BACKUP, FUSED, as_in_c
 from rehab_opt.session.ardis.outcome import moved
 from rehab_opt.session.ardis.problem import ArdisProblem, DriveName
@@ -32,16 +32,16 @@ __all__ = ["exported_resolver", "exported_resolvers"]
 Array = NDArray[np.float64]
 
 DIFFERENCES = (
-    f"There is no backup solver. Where Python would ask {BACKUP}, C goes on to a tick of braking together "
+    f"There is no backup solver. Where Python would use {BACKUP}, C goes on to a tick of braking together "
     f"(`REHAB_BACKUP`), as Python does where {BACKUP} fails, and to the safe command where that is not certified; the "
     "recorded run is of a Python controller without the backup, too.",
     "Only the sets of rows of the problem's stick are there. Others give the safe command and `REHAB_ROWS_UNKNOWN`; "
-    "Python prepares them when the robot is at rest.",
-    "`reset` is to rest. In Python it may be told a velocity.",
+    "Python makes their functions when the robot is at rest.",
+    "`reset` is to rest. In Python it takes a velocity, too.",
     "`reach`, which leads the hand to a place, is not there: it needs Ruckig. Neither is the stick itself.",
-    "A stamp is always asked for and checked. In Python it may be left out.",
+    "A stamp is always required and checked. In Python it may be left out.",
     "A q or twist that is NULL counts as not a number; Python raises an error for an argument of the wrong shape.",
-    "`iterations` of Python's command is not told.",
+    "`iterations` of Python's command is not there.",
 )
 
 
@@ -50,7 +50,7 @@ class Listening:
 
     def __init__(self, resolver: RedundancyResolver) -> None:
         self._resolver = resolver
-        self.ticks: list[Tick] = []
+        self.ticks: list[RunTick] = []
 
     def step(self, q: Array, twist: Array, rows: tuple[str, ...], frame: str, **given: Any) -> Command:
         """Its command."""
@@ -72,7 +72,9 @@ def exported_resolvers(loaded: ProblemFile[ArdisProblem], *, progress: Progress)
     return [_of_a_file(loaded, drive, progress=progress) for drive in sticks_of(loaded)]
 
 
-def exported_resolver(resolver: RedundancyResolver, run: Sequence[Tick], *, title: str, of: str) -> ExportedController:
+def exported_resolver(
+    resolver: RedundancyResolver, run: Sequence[RunTick], *, title: str, of: str
+) -> ExportedController:
     """Any resolver, with the sets of rows that it has.
 
     Parameters
@@ -94,7 +96,7 @@ def exported_resolver(resolver: RedundancyResolver, run: Sequence[Tick], *, titl
     return ExportedVelocity(
         name=name,
         title=f"{title}: joint velocities of a chair with an arm, {resolver.drive} drive",
-        laws=[Law(f"law_{i}", law, lesser=law._braking_together.function) for i, law in enumerate(active)],
+        laws=[Law(f"law_{i}", law, fallback=law._braking_together.function) for i, law in enumerate(active)],
         interface="redundancy",
         call=f"rehab_{name}_step(&controller, tick->q, tick->twist, tick->rows, tick->frame,"
         f"{moving_argument(resolver.limits, 'tick->')} tick->enable, tick->stamp, out);",
@@ -126,7 +128,7 @@ def _of_a_file(loaded: ProblemFile[ArdisProblem], drive: DriveName, *, progress:
     )  # fmt: skip
 
 
-def _recording(resolver: RedundancyResolver, run: Sequence[Tick], of: str) -> Recording:
+def _recording(resolver: RedundancyResolver, run: Sequence[RunTick], of: str) -> Run:
     """What it answers to the run, with faults in it."""
     robot = resolver.robot
     law = next(iter(resolver._sets.values()))
@@ -142,7 +144,7 @@ def _recording(resolver: RedundancyResolver, run: Sequence[Tick], of: str) -> Re
     ticks += standing(ticks, moves, dt=resolver.dt)
     frames = {int(value): name for name, value in FRAMES.items()}
 
-    def answer(tick: Tick) -> Command:
+    def answer(tick: RunTick) -> Command:
         rows = resolver.row_sets[tick["rows"]]
         return resolver.step(
             tick["q"], tick["twist"][: len(rows)], rows, frames[tick["frame"]], moving=tick.get("obstacles"),

@@ -24,7 +24,7 @@ from rehab_opt.session.outcome import Progress
 from rehab_opt.session.scenario.laws import Assisted, ForceLaw
 from rehab_opt.session.scenario.loop import ran
 from rehab_opt.session.scenario.pair import sides_of, together_of
-from rehab_opt.session.scenario.prepared import Prepared, prepared
+from rehab_opt.session.scenario.precomputed import Precomputed, precompute
 from rehab_opt.session.scenario.problem import ScenarioProblem
 from rehab_opt.session.scenario.run import assistance_of, assisted_law, scene_of
 
@@ -80,14 +80,14 @@ def exported_scenario(loaded: ProblemFile[ScenarioProblem], *, progress: Progres
     solver = loaded.problem.run.solver
     if solver not in (None, FUSED):
         raise ProblemFileError(loaded.file, "run.solver", solver, f"{FUSED}, which can become C")
-    ready = prepared(loaded, progress=progress)
+    ready = precompute(loaded, progress=progress)
     laws = loaded.problem.run.laws
     pairs = [law for law in laws if law in ("together", "delayed")]
     helpers = [_assistance(loaded, ready)] if "assisted" in laws or not pairs else []
     return [*helpers, *(_sides(loaded, ready, delayed="delayed" in pairs) if pairs else ())]
 
 
-def _assistance(loaded: ProblemFile[ScenarioProblem], ready: Prepared) -> ExportedController:
+def _assistance(loaded: ProblemFile[ScenarioProblem], ready: Precomputed) -> ExportedController:
     problem = loaded.problem
     helper = assistance_of(problem, ready, solver=FUSED, backup=FUSED)
     if isinstance(helper, PathAssistance):
@@ -99,7 +99,7 @@ def _assistance(loaded: ProblemFile[ScenarioProblem], ready: Prepared) -> Export
     return exported_assistance(helper, trial.position, title=problem.title, fields=ready.fields[1:], carried=carried)
 
 
-def _sides(loaded: ProblemFile[ScenarioProblem], ready: Prepared, *, delayed: bool) -> Sequence[ExportedController]:
+def _sides(loaded: ProblemFile[ScenarioProblem], ready: Precomputed, *, delayed: bool) -> Sequence[ExportedController]:
     problem = loaded.problem
     delay = problem.helper.delay_s if delayed else 0.0
     both = Overheard(*sides_of(loaded, ready, solver=FUSED), delay=delay)

@@ -113,7 +113,7 @@ class Motion:
     velocity : (N, 7) what was sent [m/s, rad/s], the chair's in the world frame; chassis : the same in its own.
     wheels : (N, w) [rad/s]. hand : (N, 3) [m]. poses : (N, 4, 4) of the hand. jacobians : (N, 6, 7).
     sticks : (N, 2) deflections. asked : (N,) whether anything was asked for. closed : (N,) the gripper.
-    mode, status, yielded : (N,) each. scale : (N,) share of the asked motion that was delivered.
+    mode, status, yielded : (N,) each. scale : (N,) fraction of the commanded motion that was delivered.
     motion : commanded and true, of a robot that does not move exactly as commanded.
     """
 

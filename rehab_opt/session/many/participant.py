@@ -17,9 +17,9 @@ from rehab_opt.text_file import is_formula, shown
 
 __all__ = [
     "COVARIATES",
-    "Answer",
     "Cell",
     "Participant",
+    "PersonResult",
     "checked_name",
     "flat_numbers",
     "unnamed",
@@ -119,7 +119,7 @@ Cell = str | float | int | bool | None
 
 
 @dataclass(frozen=True)
-class Answer:
+class PersonResult:
     """A person's result.
 
     Parameters
@@ -134,7 +134,7 @@ class Answer:
     seconds: float
 
 
-def work_on(participant: Participant) -> Answer:
+def work_on(participant: Participant) -> PersonResult:
     """Run a person's problem.
 
     Raises
@@ -147,7 +147,7 @@ def work_on(participant: Participant) -> Answer:
         written = write_results(outcome, Path(scratch))
         files = {path.name: path.read_bytes() for path in written}
     numbers = dict(flat_numbers({key: value for key, value in outcome.metrics.items() if key != "parameters"}))
-    return Answer(files, numbers, time.perf_counter() - began)
+    return PersonResult(files, numbers, time.perf_counter() - began)
 
 
 def flat_numbers(metrics: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, Cell]]:

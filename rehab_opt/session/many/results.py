@@ -17,11 +17,11 @@ import numpy as np
 from rich.table import Table
 from rich.text import Text
 
-from rehab_opt.session.many.participant import Answer, Cell
+from rehab_opt.session.many.participant import Cell, PersonResult
 from rehab_opt.text_file import is_formula
 
 __all__ = [
-    "DONE", "FAILED", "NOT_RUN", "REFUSED", "Row", "counted", "failed_table", "forget", "keep", "kept_row",
+    "DONE", "FAILED", "NOT_RUN", "REFUSED", "ResultRow", "counted", "failed_table", "forget", "keep", "kept_row",
     "write_groups", "write_parquet", "write_rows",
 ]  # fmt: skip
 
@@ -32,7 +32,7 @@ MARK = "result.json"
 
 
 @dataclass(frozen=True)
-class Row:
+class ResultRow:
     """One person's line of results.csv.
 
     Parameters
@@ -55,7 +55,7 @@ class Row:
     covariates: Mapping[str, str] = field(default_factory=dict)
 
 
-def keep(participant: str, answer: Answer, folder: Path, digest: str) -> Row:
+def keep(participant: str, answer: PersonResult, folder: Path, digest: str) -> ResultRow:
     """Put a person's result into their folder: each file whole or not at all, and the mark that they count last."""
     forget(folder)
     folder.mkdir(parents=True, exist_ok=True)
@@ -68,15 +68,15 @@ def keep(participant: str, answer: Answer, folder: Path, digest: str) -> Row:
         "numbers": dict(answer.numbers),
     }
     _replace(folder / MARK, (json.dumps(mark, indent=2) + "\n").encode())
-    return Row(participant, DONE, seconds=answer.seconds, numbers=_named_once(answer.numbers))
+    return ResultRow(participant, DONE, seconds=answer.seconds, numbers=_named_once(answer.numbers))
 
 
-def kept_row(participant: str, folder: Path, digest: str) -> Row | None:
+def kept_row(participant: str, folder: Path, digest: str) -> ResultRow | None:
     """The row of a result of the same inputs that is there already; None where there is none."""
     mark = _mark(folder)
     if mark is None or mark["digest"] != digest or not all((folder / name).is_file() for name in mark["files"]):
         return None
-    return Row(participant, DONE, seconds=mark["seconds"], numbers=_named_once(mark["numbers"]), kept=True)
+    return ResultRow(participant, DONE, seconds=mark["seconds"], numbers=_named_once(mark["numbers"]), kept=True)
 
 
 def _named_once(numbers: Mapping[str, Cell]) -> dict[str, Cell]:
@@ -94,13 +94,13 @@ def forget(folder: Path) -> None:
         folder.rmdir()
 
 
-def write_rows(rows: Sequence[Row], file: Path) -> None:
+def write_rows(rows: Sequence[ResultRow], file: Path) -> None:
     """All rows; columns are what any of them has: covariates, inputs under `input.`, numbers."""
     table = _columns(rows)
     _write_csv(file, list(table), list(zip(*table.values(), strict=True)))
 
 
-def write_parquet(rows: Sequence[Row], file: Path) -> None:
+def write_parquet(rows: Sequence[ResultRow], file: Path) -> None:
     """The same rows with typed columns, of numbers, of truth values or of texts; without pyarrow, no file."""
     file.unlink(missing_ok=True)
     if importlib.util.find_spec("pyarrow") is None:
@@ -113,7 +113,7 @@ def write_parquet(rows: Sequence[Row], file: Path) -> None:
     _replace(file, content.getvalue())
 
 
-def _columns(rows: Sequence[Row]) -> dict[str, list[Cell]]:
+def _columns(rows: Sequence[ResultRow]) -> dict[str, list[Cell]]:
     covariates = dict.fromkeys(key for row in rows for key in row.covariates)
     inputs = dict.fromkeys(key for row in rows for key in row.inputs)
     numbers = dict.fromkeys(key for row in rows for key in row.numbers)
@@ -138,7 +138,7 @@ def _typed(cells: Sequence[Cell]) -> Sequence[Cell]:
     return cells if len(kinds) == 1 else [None if cell is None else str(cell) for cell in cells]
 
 
-def write_groups(rows: Sequence[Row], file: Path) -> None:
+def write_groups(rows: Sequence[ResultRow], file: Path) -> None:
     """Every number of the rows that are done over each group and condition: how many, mean, spread, quartiles."""
     of: dict[tuple[str, str, str], list[float]] = {}
     for row in rows:
@@ -190,14 +190,14 @@ def _mark(folder: Path) -> dict[str, Any] | None:
 MOST_LISTED = 20
 
 
-def counted(rows: Sequence[Row]) -> str:
+def counted(rows: Sequence[ResultRow]) -> str:
     """How many are done, and how many of them were so before."""
     failed, kept = sum(bool(row.error) for row in rows), sum(row.kept for row in rows)
     said = f"{len(rows) - failed} of {len(rows)} participants done"
     return f"{said}, {kept} of them from an earlier run" if kept else said
 
 
-def failed_table(rows: Sequence[Row]) -> Table:
+def failed_table(rows: Sequence[ResultRow]) -> Table:
     """Those that are not done and why, the first ones of them."""
     failed = [row for row in rows if row.error]
     more = len(failed) - MOST_LISTED

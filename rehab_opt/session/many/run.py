@@ -12,13 +12,13 @@ from pathlib import Path
 
 from rehab_opt.errors import ConfigurationError, RehabOptError, printable
 from rehab_opt.session.inputs import inputs_digest
-from rehab_opt.session.many.participant import Answer, Participant, work_on
+from rehab_opt.session.many.participant import Participant, PersonResult, work_on
 from rehab_opt.session.many.pools import answers
 from rehab_opt.session.many.results import (
     FAILED,
     NOT_RUN,
     REFUSED,
-    Row,
+    ResultRow,
     forget,
     keep,
     kept_row,
@@ -42,10 +42,10 @@ def run_many(
     executor: Executor | None = None,
     workers: int | None = None,
     progress: Progress = lambda *_: None,
-    work: Callable[[Participant], Answer] = work_on,
+    work: Callable[[Participant], PersonResult] = work_on,
     timeout_s: float | None = None,
-    record: Callable[[Participant, Row, Path, str], None] = lambda *_: None,
-) -> tuple[Row, ...]:
+    record: Callable[[Participant, ResultRow, Path, str], None] = lambda *_: None,
+) -> tuple[ResultRow, ...]:
     """Run every person's problem; write a folder for each, results.csv with a row for each, and groups.csv.
 
     Where pyarrow is there (extra `parquet`), results.parquet has the same rows, with columns of one type each.
@@ -88,7 +88,7 @@ def run_many(
         raise ConfigurationError("--workers", workers, "a number of processes, 1 or more")
     if timeout_s is not None and (executor is not None or not 0 < timeout_s < math.inf):
         raise ConfigurationError("--timeout", timeout_s, "seconds above zero, and processes of this machine")
-    rows: dict[str, Row] = {}
+    rows: dict[str, ResultRow] = {}
     digests: dict[str, str] = {}
     first: RehabOptError | None = None
     for person in participants:
@@ -96,7 +96,7 @@ def run_many(
             digests[person.name] = _digest(person)
         except RehabOptError as refused:
             first = first or refused
-            rows[person.name] = Row(person.name, REFUSED, _one_line(refused))
+            rows[person.name] = ResultRow(person.name, REFUSED, _one_line(refused))
     if first is not None and len(rows) == len(names):
         raise first
     try:
@@ -105,8 +105,8 @@ def run_many(
             with suppress(OSError):  # what is no folder of ours holds no result of ours
                 forget(out / name)
 
-        def table(why: str) -> tuple[Row, ...]:
-            said = (rows.get(each.name, Row(each.name, NOT_RUN, why)) for each in participants)
+        def table(why: str) -> tuple[ResultRow, ...]:
+            said = (rows.get(each.name, ResultRow(each.name, NOT_RUN, why)) for each in participants)
             pairs = zip(said, participants, strict=True)
             return tuple(replace(row, inputs=each.inputs, covariates=each.covariates) for row, each in pairs)
 
@@ -162,15 +162,15 @@ class UnusableParticipantError(RehabOptError):
     """A row or a file was refused when it was read; the message is that refusal."""
 
 
-def _row(name: str, answer: Answer | BaseException, folder: Path, digest: str) -> Row:
+def _row(name: str, answer: PersonResult | BaseException, folder: Path, digest: str) -> ResultRow:
     """The row of an answer, which is kept; what cannot be written is one person's failure."""
     try:
-        if isinstance(answer, Answer):
+        if isinstance(answer, PersonResult):
             return keep(name, answer, folder, digest)
         forget(folder)
     except OSError as problem:
-        return Row(name, FAILED, f"{folder} cannot be written to: {problem.strerror}")
-    return Row(name, REFUSED if isinstance(answer, RehabOptError) else FAILED, _one_line(answer))
+        return ResultRow(name, FAILED, f"{folder} cannot be written to: {problem.strerror}")
+    return ResultRow(name, REFUSED if isinstance(answer, RehabOptError) else FAILED, _one_line(answer))
 
 
 def _one_line(problem: BaseException) -> str:

@@ -23,7 +23,7 @@ from rehab_opt.session.closed_loop import Ran, simulate, yielded_words
 from rehab_opt.session.live.problem import Following, LiveInputs
 from rehab_opt.session.mirror.outcome import Led
 from rehab_opt.session.mirror.problem import MirrorProblem, MirrorTrackerSection
-from rehab_opt.session.mirror.scene import Scene
+from rehab_opt.session.mirror.scene import Setup
 from rehab_opt.session.outcome import Array, Progress
 from rehab_opt.session.refusals import refused_as
 from rehab_opt.session.schema import keys_of
@@ -54,7 +54,7 @@ KEYS = keys_of(tracker=MirrorTrackerSection) | {
 
 
 def tracker_of(
-    problem: MirrorProblem, scene: Scene, *, file: str, backup: str | None = None, live: bool = False, **options: Any
+    problem: MirrorProblem, scene: Setup, *, file: str, backup: str | None = None, live: bool = False, **options: Any
 ) -> MirrorTracker:
     """The tracker with the file's parameters; `backup` as for `FallbackChain`, `options` are others of `MirrorTracker`.
 
@@ -89,7 +89,7 @@ def tracker_of(
 
 
 def _led(
-    scene: Scene, ran: Ran, dt: float, *, max_manipulability: float, complete: bool, counts: dict[str, int], **of: Array
+    scene: Setup, ran: Ran, dt: float, *, max_manipulability: float, complete: bool, counts: dict[str, int], **of: Array
 ) -> Led:
     """A run along the scene's reference; `of` are the fields of `Led` that a `Ran` has not."""
     robot = scene.robot
@@ -114,7 +114,7 @@ _said = partial(yielded_words, between="+")
 
 
 def without_floor(
-    scene: Scene, plant: Plant, *, max_manipulability: float, progress: Progress, feedback: JointFeedback | None = None
+    scene: Setup, plant: Plant, *, max_manipulability: float, progress: Progress, feedback: JointFeedback | None = None
 ) -> Led:
     """The reference at its own pace, within the robot's limits alone, from its first pose: the paper's before."""
     dt, (poses, twists) = plant.dt, (scene.reference.poses, scene.reference.twists)
@@ -132,7 +132,7 @@ def without_floor(
     )  # fmt: skip
 
 
-def followed(tracker: MirrorTracker, scene: Scene, plant: Plant, *, patience: float, progress: Progress) -> Led:
+def followed(tracker: MirrorTracker, scene: Setup, plant: Plant, *, patience: float, progress: Progress) -> Led:
     """Closed loop: tick by tick, the future unknown.
 
     After the recording's end its last pose stays, until the clock has passed it or `patience` recordings have passed.
@@ -162,7 +162,7 @@ def followed(tracker: MirrorTracker, scene: Scene, plant: Plant, *, patience: fl
     )  # fmt: skip
 
 
-def planned(tracker: MirrorTracker, scene: Scene, *, progress: Progress) -> Led:
+def planned(tracker: MirrorTracker, scene: Setup, *, progress: Progress) -> Led:
     """The whole motion, the future known."""
     progress("plan", 0, 1)
     tracker.counts.clear()
@@ -191,7 +191,7 @@ def planned(tracker: MirrorTracker, scene: Scene, *, progress: Progress) -> Led:
 
 
 def searched(
-    problem: MirrorProblem, scene: Scene, *, max_manipulability: float, progress: Progress
+    problem: MirrorProblem, scene: Setup, *, max_manipulability: float, progress: Progress
 ) -> AStarPath | None:
     """The published A*, where it was asked for, from the first posture that reaches the reference."""
     section = problem.astar

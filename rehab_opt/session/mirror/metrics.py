@@ -13,7 +13,7 @@ from rehab_opt.control.mirror_statement import WHOLE
 from rehab_opt.control.smoothing import smooth_path
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.published.astar import AStarPath
-from rehab_opt.session.mirror.outcome import Drive, Led
+from rehab_opt.session.mirror.outcome import DrivenJoints, Led
 from rehab_opt.session.outcome import Array, error_metrics, joint_metrics, reason_counts, status_counts, time_metrics
 from rehab_opt.session.upper_limb.problem import SmoothingSection
 
@@ -29,7 +29,7 @@ AT_FLOOR, AT_PLANE = 0.02, 0.005
 """Of w / w_max from the floor, and [m] above a plane, up to which it counts as what is in the way."""
 
 
-def causes(led: Led, drive: Drive, bounds: HandBounds) -> NDArray[np.int_]:
+def causes(led: Led, drive: DrivenJoints, bounds: HandBounds) -> NDArray[np.int_]:
     """(M,) place in `CAUSES` of each sample of the drive: what kept the law there, or the drive from keeping up."""
     person = (led.person[:, 0] > NEAR) | (led.person[:, 1] > TURNED)
     robot = (led.short - led.person > (NEAR, TURNED)).any(axis=1) & ~person
@@ -63,14 +63,14 @@ AGAIN = 20
 
 def driven(
     led: Led, robot: SerialChain, bounds: SmoothingSection, *, linear_speed: float, max_manipulability: float
-) -> Drive:
+) -> DrivenJoints:
     """The law's joints passed by `smooth_path`: all of them wait for the slowest, and for the hand.
 
     The way of the hand is one more axis, no faster than `linear_speed` [m/s]. Between two samples it is the joints' and
     not its own that counts: where that is faster, all is passed again, slower by as much.
     """
     if led.motion is not None:
-        return Drive(led.time, led.q, led.tool, led.deviation, led.manipulability, led.time, led.lag, led.pace)
+        return DrivenJoints(led.time, led.q, led.tool, led.deviation, led.manipulability, led.time, led.lag, led.pace)
     share = 1.0
     for _ in range(AGAIN):
         times, q, when = _passed(led, robot, bounds, linear_speed=share * linear_speed)
@@ -80,7 +80,7 @@ def driven(
             break
         share *= linear_speed / fastest * (1 - 1e-6)
     asked = np.column_stack([np.interp(when, led.time, axis) for axis in led.reference[:, :3, 3].T])
-    return Drive(
+    return DrivenJoints(
         times, q, tool, np.linalg.norm(tool[:, :3, 3] - asked, axis=1),
         np.array([robot.manipulability(each) for each in q]) / max_manipulability, when,
         times - np.interp(when, led.time, led.time - led.lag),
@@ -114,7 +114,7 @@ SAMPLES = 400
 
 
 def led_metrics(
-    led: Led, drive: Drive, bounds: HandBounds, asked: Array, *, cause: NDArray[np.int_], rate: float
+    led: Led, drive: DrivenJoints, bounds: HandBounds, asked: Array, *, cause: NDArray[np.int_], rate: float
 ) -> dict[str, Any]:
     """Of one law and its `drive`; where sight was lost there is no reference, and no distance to it.
 

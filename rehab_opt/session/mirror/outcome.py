@@ -24,7 +24,7 @@ from rehab_opt.session.outcome import (
     turn_angles,
 )
 
-__all__ = ["Drive", "Led", "MirrorOutcome"]
+__all__ = ["DrivenJoints", "Led", "MirrorOutcome"]
 
 
 BEFORE, STEP, PLAN = "without floor", "step", "plan"
@@ -83,7 +83,7 @@ class Led:
         return turn_angles(self.tool[:, :3, :3], self.reference[:, :3, :3])
 
 
-class Drive(NamedTuple):
+class DrivenJoints(NamedTuple):
     """What a drive does with a law's joints, M samples; where the robot has servos, what it did."""
 
     time: Array
@@ -127,7 +127,7 @@ class MirrorOutcome(MovementOutcome):
     asked: Array = field(kw_only=True)
     recorded: Array = field(kw_only=True)
     laws: dict[str, Led] = field(kw_only=True)
-    drives: dict[str, Drive] = field(kw_only=True)
+    drives: dict[str, DrivenJoints] = field(kw_only=True)
     causes: dict[str, NDArray[np.int_]] = field(kw_only=True)
     astar: AStarPath | None = field(kw_only=True)
     max_deviation: float = field(kw_only=True)

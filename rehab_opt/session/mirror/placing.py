@@ -24,7 +24,7 @@ from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.mirror.laws import followed, tracker_of
 from rehab_opt.session.mirror.metrics import passed_share
 from rehab_opt.session.mirror.problem import MirrorProblem
-from rehab_opt.session.mirror.scene import Scene, laid_out
+from rehab_opt.session.mirror.scene import Setup, laid_out
 from rehab_opt.session.outcome import Array, Progress
 from rehab_opt.session.robot_file import pose_of
 from rehab_opt.session.systems import OutOfReach
@@ -148,7 +148,7 @@ def achieved(loaded: ProblemFile[MirrorProblem]) -> float:
     return passed_share(led.tool, scene.reference.poses[~scene.reference.lost])
 
 
-def reach_note(problem: MirrorProblem, scene: Scene, tracker: MirrorTracker) -> str:
+def reach_note(problem: MirrorProblem, scene: Setup, tracker: MirrorTracker) -> str:
     """How much of the reference is in reach of robot and led arm, from where the robot starts."""
     search = _Search(problem, scene, tracker, np.random.default_rng(0), poses=ALL_POSES)
     search.seats.floor, search.seats.near = tracker.floor, 3  # nothing is to be kept for a run
@@ -165,7 +165,7 @@ class _Search:
     """
 
     def __init__(
-        self, problem: MirrorProblem, scene: Scene, tracker: MirrorTracker, rng: np.random.Generator, poses: int = POSES
+        self, problem: MirrorProblem, scene: Setup, tracker: MirrorTracker, rng: np.random.Generator, poses: int = POSES
     ) -> None:
         self.problem, self.chain, self.rng = problem, scene.robot, rng
         self.seats, self.w_max = Seats(tracker), tracker.max_manipulability

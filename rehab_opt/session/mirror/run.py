@@ -25,7 +25,7 @@ from rehab_opt.session.mirror.metrics import astar_metrics, causes, driven, led_
 from rehab_opt.session.mirror.outcome import BEFORE, PLAN, STEP, Led, MirrorOutcome
 from rehab_opt.session.mirror.placing import reach_note
 from rehab_opt.session.mirror.problem import MirrorProblem
-from rehab_opt.session.mirror.scene import Scene, laid_out, path_notes
+from rehab_opt.session.mirror.scene import Setup, laid_out, path_notes
 from rehab_opt.session.outcome import Array, Progress
 from rehab_opt.session.plant import device_of, joint_feedback, joint_plant, plant_note
 from rehab_opt.session.robot_file import robot_files
@@ -141,7 +141,7 @@ FAR = 1e-3
 """[m] from the first reference pose, where a start is told to be elsewhere."""
 
 
-def _notes(problem: MirrorProblem, scene: Scene, laws: dict[str, Led], tracker: MirrorTracker) -> Iterator[str]:
+def _notes(problem: MirrorProblem, scene: Setup, laws: dict[str, Led], tracker: MirrorTracker) -> Iterator[str]:
     yield "a reconstruction: the equations of the paper (Xu, Guo, Zhang 2021) are lost from the text at hand"
     yield plant_note(problem.plant, "the robot is simulated: its joints move exactly as commanded")
     if problem.plant.kind != "ideal":
@@ -151,7 +151,7 @@ def _notes(problem: MirrorProblem, scene: Scene, laws: dict[str, Led], tracker: 
     if away > FAR:
         yield f"the robot starts {1e3 * away:.0f} mm from the first pose, and goes there first; '{BEFORE}' begins there"
     if scene.person is not None:
-        yield "the reference is limited to the range of motion of the arm that is led; distances are to what was asked"
+        yield "the reference is limited to the led arm's range of motion; distances are to the mirrored one"
     w = scene.robot.manipulability(scene.start) / tracker.max_manipulability
     if w < problem.tracker.floor:
         yield f"the robot starts below the floor, at {w:.3f}"

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.control.arm_path import arm_path
 from rehab_opt.control.conditioning import Conditioned, conditioned
-from rehab_opt.control.foreseen import angles_between
+from rehab_opt.control.preview import angles_between
 from rehab_opt.errors import ProblemFileError
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.kinematics.vr import FrameFit, Mirror, fit_frame, quaternions_of, robot_from_unity, rotations_of
@@ -29,7 +29,7 @@ from rehab_opt.session.robot_file import pose_of, robot_at_start
 from rehab_opt.session.schema import Side
 from rehab_opt.text_file import times
 
-__all__ = ["Scene", "laid_out", "path_notes"]
+__all__ = ["Setup", "laid_out", "path_notes"]
 
 UNITY_AXES = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 """Unity's axes in a frame of robots: p = (z, -x, y)."""
@@ -50,7 +50,7 @@ TOGETHER = 0.5
 
 
 @dataclass(frozen=True, eq=False)
-class Scene:
+class Setup:
     """What a run needs of its surroundings.
 
     Parameters
@@ -121,7 +121,7 @@ class Scene:
         return np.where(np.isnan(found), led, found), self.beyond[k]
 
 
-def laid_out(loaded: ProblemFile[MirrorProblem]) -> Scene:
+def laid_out(loaded: ProblemFile[MirrorProblem]) -> Setup:
     """Read the recording and lay everything out.
 
     Raises
@@ -172,7 +172,7 @@ def laid_out(loaded: ProblemFile[MirrorProblem]) -> Scene:
         )
     if reference.dropped > late.size or reference.gaps:
         notes.append(f"samples left out as spikes: {reference.dropped - late.size}; sight lost {times(reference.gaps)}")
-    return Scene(
+    return Setup(
         robot=robot,
         start=start,
         mirror=mirror,
@@ -184,7 +184,7 @@ def laid_out(loaded: ProblemFile[MirrorProblem]) -> Scene:
     )
 
 
-def path_notes(scene: Scene) -> Iterator[str]:
+def path_notes(scene: Setup) -> Iterator[str]:
     """How large and fast the reference is, how much of it the led arm does, and when that changes its posture."""
     seen, times = ~scene.reference.lost, scene.reference.times
     reference = Recording("the reference", times[seen], scene.reference.poses[seen, :3, 3])

@@ -42,7 +42,7 @@ def _tool_path(outcome: RobotOutcome) -> Figure:
     above, side = figure.subplots(1, 2)
     for axes, (a, b), labels in ((above, (0, 1), ("x", "y")), (side, (0, 2), ("x", "z"))):
         reference, tool = MM * outcome.reference, MM * outcome.tool
-        axes.plot(reference[:, a], reference[:, b], color=REFERENCE, linewidth=4.5, alpha=0.25, label="path asked for")
+        axes.plot(reference[:, a], reference[:, b], color=REFERENCE, linewidth=4.5, alpha=0.25, label="reference path")
         axes.plot(tool[:, a], tool[:, b], **LAW_STYLES["optimised"], label="tool")
         axes.plot(reference[0, a], reference[0, b], "o", color=REFERENCE, markersize=6, label="start")
         axes.set(aspect="equal", adjustable="datalim", xlabel=f"{labels[0]} [mm]", ylabel=f"{labels[1]} [mm]")
@@ -89,7 +89,7 @@ FIRST_ROWS: shown.Rows = (
     ("position error mean / p95 / max, mm", shown.millimetres("position_error")),
     ("orientation error mean / p95 / max, deg", shown.spread("orientation_error", "deg")),
     ("smallest joint-limit margin, deg", shown.margin),
-    ("least share of the asked motion delivered, %", _delivered),
+    ("smallest fraction of the commanded motion delivered, %", _delivered),
     ("ticks by status", shown.statuses),
 )
 MORE_ROWS: shown.Rows = (

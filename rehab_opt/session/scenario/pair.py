@@ -17,7 +17,7 @@ from rehab_opt.session.refusals import refused_as
 from rehab_opt.session.scenario.laws import ForceLaw, bounds_of, bounds_refusals
 from rehab_opt.session.scenario.loop import hand_robot_of
 from rehab_opt.session.scenario.outcome import HelperTrace, Trial
-from rehab_opt.session.scenario.prepared import Prepared
+from rehab_opt.session.scenario.precomputed import Precomputed
 from rehab_opt.session.scenario.problem import ScenarioProblem
 from rehab_opt.workspace.region import Workspace
 
@@ -95,7 +95,7 @@ class Together(ForceLaw):
         return HelperTrace(table[:, 0:2], meant, table[:, 2:4], table[:, 4])
 
 
-def pair_of(loaded: ProblemFile[ScenarioProblem], ready: Prepared, *, delay: float, solver: str | None) -> Together:
+def pair_of(loaded: ProblemFile[ScenarioProblem], ready: Precomputed, *, delay: float, solver: str | None) -> Together:
     """The pair of a mapped path, `delay` [s] apart.
 
     Raises
@@ -107,7 +107,7 @@ def pair_of(loaded: ProblemFile[ScenarioProblem], ready: Prepared, *, delay: flo
 
 
 def sides_of(
-    loaded: ProblemFile[ScenarioProblem], ready: Prepared, *, solver: str | None, backup: str | None = None
+    loaded: ProblemFile[ScenarioProblem], ready: Precomputed, *, solver: str | None, backup: str | None = None
 ) -> tuple[HelperSide, ParticipantSide]:
     """Both sides of a mapped path; raises as `pair_of`."""
     problem, said, helper = loaded.problem, loaded.problem.assistance, loaded.problem.helper
@@ -132,7 +132,7 @@ def sides_of(
         )
 
 
-def together_of(both: Bilateral, loaded: ProblemFile[ScenarioProblem], ready: Prepared) -> Together:
+def together_of(both: Bilateral, loaded: ProblemFile[ScenarioProblem], ready: Precomputed) -> Together:
     """The pair as a law, with a simulated helper.
 
     Raises

@@ -290,7 +290,7 @@ class ScenarioProblem(Problem):
         if self.mode == "resist" and not drives.resistance_N:
             raise refusal("field.resistance_N", drives.resistance_N, "the force against the motion, at the target")
         if self.mode == "resist" and drives.drag_N_m:
-            raise refusal("field.drag_N_m", drives.drag_N_m, "0: what resists is said by resistance_N")
+            raise refusal("field.drag_N_m", drives.drag_N_m, "0: resistance is set by resistance_N")
         if self.mode == "hold" and drives.drag_N_m:
             raise refusal("field.drag_N_m", drives.drag_N_m, "0: a point has no way to be dragged along")
         if self.mode != "hold" and task.points_m is not None and len(task.points_m) < 2:

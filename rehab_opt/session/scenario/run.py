@@ -32,7 +32,7 @@ from rehab_opt.session.scenario.loop import INDEX, Arrival, Scene, hand_robot_of
 from rehab_opt.session.scenario.measures import COVERED, law_summary, trial_measures
 from rehab_opt.session.scenario.outcome import Law, ScenarioOutcome, Trial
 from rehab_opt.session.scenario.pair import pair_measures, pair_of
-from rehab_opt.session.scenario.prepared import Prepared, prepared
+from rehab_opt.session.scenario.precomputed import Precomputed, precompute
 from rehab_opt.session.scenario.problem import REACHES, THERAPY, ScenarioProblem
 
 __all__ = ["assistance_of", "assisted_law", "law_of", "run_scenario", "scene_of"]
@@ -61,7 +61,7 @@ def run_scenario(loaded: ProblemFile[ScenarioProblem], *, solver: str | None, pr
     problem = loaded.problem
     robot_model_of(loaded)  # refused before the workspaces take their seconds
     check_bounds(loaded, solver=solver)
-    ready = prepared(loaded, progress=progress)
+    ready = precompute(loaded, progress=progress)
     scene = scene_of(loaded, ready)
     task = problem.task
     trials: dict[Law, tuple[Trial, ...]] = {}
@@ -138,7 +138,7 @@ def _pair_notes(problem: ScenarioProblem, measures: Mapping[Law, tuple[Mapping[s
 
 
 def _along(
-    problem: ScenarioProblem, ready: Prepared, measures: Mapping[Law, Sequence[Mapping[str, Any]]],
+    problem: ScenarioProblem, ready: Precomputed, measures: Mapping[Law, Sequence[Mapping[str, Any]]],
     trials: Mapping[Law, tuple[Trial, ...]],
 ) -> Iterator[str]:  # fmt: skip
     """Along a path: what was not covered; help that was worse than none, or let a hand go."""
@@ -168,7 +168,7 @@ def _along(
             yield f"{law}: the hand left the comfortable workspace, by up to {far:.2g} mm"
 
 
-def _runaways(problem: ScenarioProblem, ready: Prepared, trials: Mapping[Law, tuple[Trial, ...]]) -> Iterator[str]:
+def _runaways(problem: ScenarioProblem, ready: Precomputed, trials: Mapping[Law, tuple[Trial, ...]]) -> Iterator[str]:
     """Trials that no person can have done, and a law that makes the hand run away."""
     cap = problem.assistance.speed_cap_m_s
     for law, done in trials.items():
@@ -182,7 +182,7 @@ def _runaways(problem: ScenarioProblem, ready: Prepared, trials: Mapping[Law, tu
             yield f"{law}: the simulated hand was {far:.3g} m outside the reachable workspace; no arm goes there"
 
 
-def scene_of(loaded: ProblemFile[ScenarioProblem], ready: Prepared) -> Scene:
+def scene_of(loaded: ProblemFile[ScenarioProblem], ready: Precomputed) -> Scene:
     """What all trials share."""
     problem = loaded.problem
     arrival = Arrival(1e-3 * problem.task.within_mm, REST) if problem.mode in REACHES else None
@@ -196,7 +196,9 @@ def scene_of(loaded: ProblemFile[ScenarioProblem], ready: Prepared) -> Scene:
     )
 
 
-def law_of(name: Law, loaded: ProblemFile[ScenarioProblem], ready: Prepared, *, solver: str | None = None) -> ForceLaw:
+def law_of(
+    name: Law, loaded: ProblemFile[ScenarioProblem], ready: Precomputed, *, solver: str | None = None
+) -> ForceLaw:
     """A law as the loop calls it.
 
     Raises
@@ -217,7 +219,7 @@ def law_of(name: Law, loaded: ProblemFile[ScenarioProblem], ready: Prepared, *, 
     return assisted_law(problem, ready, assistance)
 
 
-def assisted_law(problem: ScenarioProblem, ready: Prepared, assistance: Assistance | PathAssistance) -> Assisted:
+def assisted_law(problem: ScenarioProblem, ready: Precomputed, assistance: Assistance | PathAssistance) -> Assisted:
     """Ours as the loop calls it: with its field where it is, or carried from point to point."""
     if problem.mode != "hold" or isinstance(assistance, PathAssistance):
         return Assisted(assistance)
@@ -225,7 +227,7 @@ def assisted_law(problem: ScenarioProblem, ready: Prepared, assistance: Assistan
 
 
 def assistance_of(
-    problem: ScenarioProblem, ready: Prepared, *, solver: str | None = None, backup: str | None = None
+    problem: ScenarioProblem, ready: Precomputed, *, solver: str | None = None, backup: str | None = None
 ) -> Assistance | PathAssistance:
     """Ours, of the whole field; along a path that may cross itself, by progress along it.
 
@@ -269,7 +271,7 @@ def _pace(problem: ScenarioProblem, points: Array) -> Smoother:
     )
 
 
-def _field_law(problem: ScenarioProblem, ready: Prepared) -> FieldLaw:
+def _field_law(problem: ScenarioProblem, ready: Precomputed) -> FieldLaw:
     """The paper's field of the same numbers; in "resist" k1 < 0 gives the same force where the path begins."""
     field, numbers = ready.fields[0], ready.numbers
     drag = -field.drag if problem.mode == "resist" else numbers.drag

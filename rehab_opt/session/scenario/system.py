@@ -22,7 +22,7 @@ from rehab_opt.session.scenario.demonstrated import learnt, needed_demonstration
 from rehab_opt.session.scenario.laws import check_bounds
 from rehab_opt.session.scenario.loop import Helping, robot_model_of
 from rehab_opt.session.scenario.outcome import Law, ScenarioOutcome
-from rehab_opt.session.scenario.prepared import Prepared, given_path, prepared
+from rehab_opt.session.scenario.precomputed import Precomputed, given_path, precompute
 from rehab_opt.session.scenario.problem import ScenarioProblem
 from rehab_opt.session.scenario.run import law_of, run_scenario, scene_of
 from rehab_opt.session.systems import Needed, System
@@ -60,9 +60,9 @@ class LiveScenario(LiveProblem):
         self.layout = {"hand": 2, "meant": 2, "force": 2, "wanted": 2, "exerted": 2, "energy": 1, "along": 4}
 
     @cached_property
-    def ready(self) -> Prepared:
+    def ready(self) -> Precomputed:
         """Workspaces, fields and the person's intention."""
-        return prepared(self._loaded, progress=lambda *_: None)
+        return precompute(self._loaded, progress=lambda *_: None)
 
     def control(self, plant: Plant | None = None) -> LiveControl:
         """The law "assisted" of `rehab-opt run`, or else of a pair, at the person and robot of its trials."""
@@ -168,7 +168,7 @@ def _outlines(workspace: Workspace) -> list[list[list[float]]]:
     return [_flat(np.array(ring.coords)[:, :2]).tolist() for ring in rings]
 
 
-def _arrows(ready: Prepared, low: Array, high: Array, reach: float) -> list[list[Any]]:
+def _arrows(ready: Precomputed, low: Array, high: Array, reach: float) -> list[list[Any]]:
     """The pull of the field (its first, where there are many) on a hand at rest; not gated."""
     middle, half = 0.5 * (low + high)[:2], 0.5 * reach
     axis = np.linspace(-half, half, ARROWS)

@@ -18,7 +18,7 @@ from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.outcome import Array, Progress
 from rehab_opt.session.refusals import refused_as
 from rehab_opt.session.schema import keys_of
-from rehab_opt.session.upper_limb.outcome import Drive, LawResult
+from rehab_opt.session.upper_limb.outcome import DrivenArm, LawResult
 from rehab_opt.session.upper_limb.problem import OptimisedSection, PublishedSection, SmoothingSection, UpperLimb
 
 __all__ = ["LAWS", "driven", "followed", "follower", "hand_and_tilt"]
@@ -110,7 +110,7 @@ HALVINGS, STEPS = 6, 20
 
 def driven(
     chain: SerialChain, q: Array, times: Array, path: Array, bounds: SmoothingSection, *, handle_tilt: float
-) -> tuple[Drive, dict[str, Any]]:
+) -> tuple[DrivenArm, dict[str, Any]]:
     """The joints q (N, n) [rad] at `times` (N,) [s] of a hand path (N, 3) [m], passed by `smooth_path`; its numbers.
 
     The bounds of speed and acceleration are the smaller of the file's and the chain's. All joints wait for the slowest
@@ -130,7 +130,7 @@ def driven(
     begins = np.searchsorted(found.phase, np.append(times[0], (times[1:] + times[:-1]) / 2))
     begins = np.minimum(begins, len(hand) - 1)
     passes = np.interp(times, found.phase, found.times)
-    drive = Drive(
+    drive = DrivenArm(
         path=found,
         hand=hand,
         passes=passes,

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from rehab_opt.control.smoothing import SmoothPath
 from rehab_opt.session.outcome import Array, Column, MovementOutcome, joint_columns, point_columns
 
-__all__ = ["DRIVEN_DEG", "ArmOutcome", "Drive", "LawResult", "drive_note", "hurried", "law_notes"]
+__all__ = ["DRIVEN_DEG", "ArmOutcome", "DrivenArm", "LawResult", "drive_note", "hurried", "law_notes"]
 
 
-class Drive(NamedTuple):
+class DrivenArm(NamedTuple):
     """What a drive does with the joints of N samples, in M ticks."""
 
     path: SmoothPath
@@ -59,7 +59,7 @@ class LawResult:
     reason: tuple[str, ...]
     seconds: Array
     metrics: Mapping[str, Any]
-    drive: Drive | None = None
+    drive: DrivenArm | None = None
 
 
 @dataclass(frozen=True, eq=False)

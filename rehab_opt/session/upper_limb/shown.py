@@ -27,7 +27,7 @@ from rehab_opt.session.drawing import (
     legend_below,
 )
 from rehab_opt.session.outcome import Array, Outcome
-from rehab_opt.session.upper_limb.outcome import DRIVEN_DEG, ArmOutcome, Drive
+from rehab_opt.session.upper_limb.outcome import DRIVEN_DEG, ArmOutcome, DrivenArm
 
 __all__ = ["brief", "figures", "table"]
 
@@ -118,7 +118,7 @@ def figures(outcome: ArmOutcome) -> dict[str, Figure]:
     }
 
 
-def _drives(outcome: ArmOutcome) -> Iterator[tuple[str, Drive]]:
+def _drives(outcome: ArmOutcome) -> Iterator[tuple[str, DrivenArm]]:
     """Each law that was driven: the figures show what a drive would do."""
     for run in outcome.laws:
         if run.drive is not None:
@@ -131,7 +131,7 @@ def _hand_path(outcome: ArmOutcome) -> Figure:
     figure = framed(f"{outcome.title}\nPath of the driven hand seen from above, in the plane {where}", 7.5, 6.5)
     axes = figure.add_subplot()
     path = MM * outcome.path
-    axes.plot(path[:, 0], path[:, 1], color=REFERENCE, linewidth=4.5, alpha=0.25, label="path asked for")
+    axes.plot(path[:, 0], path[:, 1], color=REFERENCE, linewidth=4.5, alpha=0.25, label="reference path")
     axes.plot(*path[0, :2], "o", color=REFERENCE, markersize=6, label="start")
     if outcome.reachable is not None and not outcome.reachable.all():
         missed = path[~outcome.reachable]

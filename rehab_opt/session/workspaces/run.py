@@ -122,7 +122,7 @@ def plane_notes(section: ArmInPlane, spaces: Mapping[str, Workspace]) -> Iterato
         elif workspace.accuracy > WORSE * 1e-3 * section.accuracy_mm:
             yield (
                 f"{name}: its boundary could be confirmed to {1e3 * workspace.accuracy:.3g} mm only, "
-                f"{section.accuracy_mm:g} mm were asked for"
+                f"{section.accuracy_mm:g} mm were required"
             )
     if any(section.shoulder_m) or section.shoulder_turn_deg:
         place = ", ".join(f"{each:g}" for each in section.shoulder_m)

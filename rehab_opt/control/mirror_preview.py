@@ -1,4 +1,4 @@
-"""A mirrored hand that follows a recording whose future is known: most ticks are laid out beforehand."""
+"""Tick of a mirrored hand along a recording known in advance: most ticks come from its preview."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.control.command import Bound, Command, Status
-from rehab_opt.control.foreseen import Foreseen, Layout
 from rehab_opt.control.mirror_following import MirrorFollowing
 from rehab_opt.control.mirror_pace import QUICKENING
 from rehab_opt.control.mirror_statement import SPARE, WHOLE
+from rehab_opt.control.preview import Layout, Preview
 from rehab_opt.control.reference_clock import JUMP, SPIN
 from rehab_opt.optim.fused import FUSED_SOLVERS
 
-__all__ = ["MirrorForeseen"]
+__all__ = ["MirrorPreview"]
 
 Array = NDArray[np.float64]
 
@@ -25,17 +25,17 @@ SPAN = 64, 128
 REST = 32
 """Ticks at most after something unusual until a layout is tried again: one at first, then twice as many."""
 USUAL = 5
-"""Where the verdict on a tick says that nothing about it was unusual."""
+"""Index in a tick's verdict: whether nothing about the tick was unusual."""
 
 _OK, _NAN, _new, _read_only = Status.OK, math.nan, tuple.__new__, np.frombuffer
 _BOUNDS, _TASK = tuple(Bound(i) for i in range(8)), int(Bound.TASK)
 _NOTHING = Layout(np.zeros((0, 4, 4)), np.zeros((0, 6)), [], [])
 
 
-class MirrorForeseen(MirrorFollowing):
-    """The tick of a plan.
+class MirrorPreview(MirrorFollowing):
+    """The tick of a plan, along the preview of its recording.
 
-    While nothing is unusual the clock goes on as it was laid out, and the tick is the fused function alone, with the
+    While nothing is unusual the clock follows the preview, and the tick is the fused function alone, with the
     same verdict on residual and true bounds as in `MirrorTracker.step`. Everything else is `MirrorFollowing`'s.
     """
 
@@ -43,12 +43,12 @@ class MirrorForeseen(MirrorFollowing):
 
     def _begin(self) -> None:
         super()._begin()
-        self._foreseen: Foreseen | None = None
+        self._preview: Preview | None = None
         self._laid, self._flat, self._next = _NOTHING, np.zeros((0, 16)), 0
         self._span, self._rest, self._resting = SPAN[0], 1, 0
         self._origin = 0
 
-    def foresee(self, q: Array, poses: Array, twists: Array, stamps: Array) -> None:
+    def preview(self, q: Array, poses: Array, twists: Array, stamps: Array) -> None:
         """Hand a whole recording (N, 4, 4), (N, 6), stamped (N,) [s], to the clock."""
         self._claim()  # the ticks of a plan do not ask
         clock, here = self.clock, self.chain.pose(q)
@@ -69,7 +69,7 @@ class MirrorForeseen(MirrorFollowing):
         )
 
     def follow(self, q: Array) -> Command:
-        """One tick along what the clock foresees."""
+        """One tick along the clock's preview."""
         if self._resting > 0 or not self._verdict[USUAL]:
             self._resting -= 1
         elif self._next < len(self._laid.paces) or self._lay_out():
@@ -80,7 +80,7 @@ class MirrorForeseen(MirrorFollowing):
             self._laid, self._span = _NOTHING, SPAN[0]
             self._resting, self._rest = self._rest, min(2 * self._rest, REST)
         self._q[:] = q
-        return self._tracked(*self._hand(), foreseen=True)
+        return self._tracked(*self._hand(), previewed=True)
 
     def brake(self, q: Array) -> Command:
         """One tick towards rest, within the bounds."""
@@ -104,14 +104,14 @@ class MirrorForeseen(MirrorFollowing):
         plain = self._limit is None and not self._interaction.active and self._fused and not self._inputs[3].any()
         if not plain or clock.bridging:
             return False
-        if self._foreseen is None:
-            self._foreseen = clock.foreseen(
+        if self._preview is None:
+            self._preview = clock.preview(
                 linear_speed=SPARE * self.linear_speed, angular_speed=SPARE * self.angular_speed
             )
             self._origin = clock.passed
         before = self._rate * (self._share if self._share < WHOLE else 1.0)
         place = clock.passed - self._origin, clock.fraction
-        self._laid = self._foreseen.ahead(place, before, self._span, dt=self.dt, quickening=QUICKENING)
+        self._laid = self._preview.ahead(place, before, self._span, dt=self.dt, quickening=QUICKENING)
         self._flat, self._next, self._span = self._laid.poses.reshape(-1, 16), 0, min(2 * self._span, SPAN[1])
         self._place = place[0]
         self._inputs[2][:] = 0.0

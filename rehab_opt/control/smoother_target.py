@@ -1,4 +1,4 @@
-"""What axes are asked for: a position and its velocity, as numbers, brought inside the bounds."""
+"""Target position and velocity of a smoother's axes, as finite numbers inside the bounds."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ AT_REST = "target is about to leave the bounds: approached as if at rest"
 
 
 def brought_within(profiles: Profiles, goal: list[float], speed: list[float]) -> str:
-    """Bring goal and speed inside the bounds; what had to be changed."""
+    """Bring goal and speed inside the bounds; a note on what was changed."""
     note = ""
     for i, (low, high, fastest, _, _) in enumerate(zip(*profiles.bounds, strict=True)):
         if not low <= goal[i] <= high:
@@ -35,7 +35,7 @@ def brought_within(profiles: Profiles, goal: list[float], speed: list[float]) ->
 
 
 def copied(value: ArrayLike | None) -> object:
-    """What was asked, to be compared with the next: the caller may overwrite its array, or one in its list."""
+    """Copy of a target, to be compared with the next: the caller may overwrite its array, or one in its list."""
     if value is None:
         return None
     if isinstance(value, (list, tuple)) and NUMBERS.issuperset(map(type, value)):

@@ -24,7 +24,7 @@ from rehab_opt.workspace.controller_map import ControllerMap
 from rehab_opt.workspace.mapping import WorkspaceMap
 from rehab_opt.workspace.region import Workspace
 
-__all__ = ["FieldNumbers", "Prepared", "given_path", "prepared"]
+__all__ = ["FieldNumbers", "Precomputed", "given_path", "precompute"]
 
 
 SHORTEST = 1e-3
@@ -93,7 +93,7 @@ class FieldNumbers(NamedTuple):
     damping: float
 
 
-class Prepared(NamedTuple):
+class Precomputed(NamedTuple):
     """All places in the robot's frame."""
 
     comfortable: Workspace
@@ -112,7 +112,7 @@ class Prepared(NamedTuple):
     notes: tuple[str, ...]
 
 
-def prepared(loaded: ProblemFile[ScenarioProblem], *, progress: Progress) -> Prepared:
+def precompute(loaded: ProblemFile[ScenarioProblem], *, progress: Progress) -> Precomputed:
     """Workspaces, map, field and intention.
 
     Raises
@@ -148,7 +148,7 @@ def prepared(loaded: ProblemFile[ScenarioProblem], *, progress: Progress) -> Pre
         path = nearest_next(path)
     with refused_as(loaded.file, "field, {}".format):
         fields = _fields(problem, path) if led is None else (led.field,)
-    return Prepared(
+    return Precomputed(
         comfortable=comfortable,
         reachable=reachable,
         reference=path,

@@ -1,4 +1,4 @@
-"""A recording whose end is known, laid out in time: where the clock is in each tick if nothing comes in its way."""
+"""Preview of a whole recording: place and speed of the reference clock in each tick if nothing slows it down."""
 
 from __future__ import annotations
 
@@ -7,16 +7,16 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Foreseen", "Layout", "angles_between", "turned_each", "turns_between"]
+__all__ = ["Layout", "Preview", "angles_between", "turned_each", "turns_between"]
 
 Array = NDArray[np.float64]
 
 NEAR = 1e-12
-"""Share by which what is laid out stays below the hand speeds it may take: rounding must not decide."""
+"""Fraction by which the preview stays below the hand speeds, against rounding."""
 
 
 class Layout(NamedTuple):
-    """K ticks."""
+    """Reference of the next K ticks."""
 
     poses: Array
     """(K, 4, 4) of the reference."""
@@ -28,14 +28,14 @@ class Layout(NamedTuple):
     """Sample, and share of the way to the next one, after the tick."""
 
 
-class Foreseen:
-    """N samples, joined by straight lines and even turns.
+class Preview:
+    """A whole recording of N samples, joined by straight lines and even turns.
 
     Parameters
     ----------
     poses, twists : (N, 4, 4), (N, 6).
     seconds : (N,) [s] since the sample before.
-    paces : (N,) the most that what follows allows.
+    paces : (N,) largest pace that later samples allow.
     linear_speed, angular_speed : [m/s, rad/s] that the reference may take.
     """
 
