@@ -318,8 +318,10 @@ def keys(
 
     from rehab_opt.session.keys import keys_of  # noqa: PLC0415
     from rehab_opt.session.robot_file import RobotFile  # noqa: PLC0415
-    from rehab_opt.session.systems import system_named  # noqa: PLC0415
+    from rehab_opt.session.systems import system_named, systems  # noqa: PLC0415
 
+    if system not in (*systems(), "robot"):
+        raise ConfigurationError("SYSTEM", system, f"one of {', '.join(systems())}, robot")
     plain = str.maketrans("", "", "`*")
     for each in keys_of(RobotFile if system == "robot" else system_named(system).schema):
         say(" ".join(each.head.translate(plain).split()))

@@ -26,8 +26,11 @@ __all__ = ["MJCF", "URDF", "Given", "Metres", "Radians", "chain_arguments"]
 Array = NDArray[np.float64]
 PerJoint = ArrayLike | Mapping[str, float]
 
-HARD = 100.0
-"""[rad/s^2] No arm's joint speeds up as hard; 300 deg/s^2 taken for radians would."""
+HARD, SOFT = 100.0, 0.1
+"""[rad/s^2] No arm's joint speeds up as hard; 300 deg/s^2 taken for radians would. Nor as softly: 5 rad/s^2 taken for
+degrees would."""
+FAST, LONG = 5.0, 5.0
+"""[m/s, m] No arm's joint slides as fast, or as far, but one in millimetres."""
 COLLISION = "collision"
 """In place of capsules: those about the collision geometry of the file."""
 
@@ -236,9 +239,18 @@ def _limits(
             raise refused(k, expected if not of_file[k] else f"no more than {keys[1]} = {high:.6g}")
         if low == high and np.all(of_file[:2]):
             notes.append(f"joint {joint.name}, {keys[0]} = {keys[1]} = {low:.6g}: it does not move")
-        if speed > TWO_TURNS and not joint.prismatic:
+        if speed > (FAST if joint.prismatic else TWO_TURNS):
             key = keys[2] if of_file[2] else "velocity"
-            notes.append(f"joint {joint.name}, {key} = {speed:.6g} rad/s: more than two turns a second")
+            most = f"{FAST:g} m/s" if joint.prismatic else "two turns a second"
+            notes.append(f"joint {joint.name}, {key} = {speed:.6g} {unit}/s: more than {most}")
+        if joint.prismatic and max(abs(low), abs(high)) < math.inf and high - low > LONG:
+            notes.append(f"joint {joint.name} slides by {high - low:.6g} m: more than {LONG:g} (in millimetres?)")
+        for k, further in enumerate((low < found[0, i], high > found[1, i], speed > found[2, i])):
+            value, theirs = float(limits[k, i]), float(found[k, i])
+            if further and not of_file[k] and math.isfinite(value):  # not where the file has none, NaN
+                notes.append(
+                    f"joint {joint.name}, {arguments[k]} = {value:.6g}: beyond its file's {keys[k]} = {theirs:.6g}"
+                )
     return limits[0], limits[1], limits[2]
 
 
@@ -256,6 +268,11 @@ def _accelerations(given: PerJoint, joints: Sequence[Joint], notes: list[str]) -
         raise ConfigurationError("acceleration", given, f"a limit of {missing[0]} too: robot files have none")
     hard = [i for i, joint in enumerate(joints) if HARD < values[i] < math.inf and not joint.prismatic]
     notes += [f"joint {names[i]}, acceleration = {values[i]:.6g} rad/s^2: more than {HARD:g}" for i in hard]
+    soft = [i for i, joint in enumerate(joints) if values[i] < SOFT and not joint.prismatic]
+    notes += [
+        f"joint {names[i]}, acceleration = {values[i]:.6g} rad/s^2: less than {SOFT:g} (taken for degrees?)"
+        for i in soft
+    ]
     return values
 
 

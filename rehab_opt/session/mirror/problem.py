@@ -180,7 +180,8 @@ class MirrorTrackerSection(Section):
     floor: float = Field(default=0.3, gt=0, lt=1)
     """Least w / w_max, of the robot's own largest w."""
     max_deviation_mm: float = Field(default=50.0, gt=0, le=1000)
-    """Distance to the reference that is never exceeded; near it the clock slows, and waits."""
+    """Distance to what is followed of the reference, which slows and waits as it comes near; while braking, and on the
+    way to the first pose, it may be more."""
     max_turn_deg: float = Field(default=45.0, gt=0, lt=180)
     """Turn from the reference, likewise."""
     linear_speed_m_s: float = Field(default=0.25, gt=0, le=3)

@@ -143,7 +143,8 @@ def recorded_path(loaded: ProblemFile[PoseTracking], path: PathSection) -> Recor
         if not refused.key.startswith("recording."):
             raise  # a line or a column of the file itself
         key = refused.key.replace("recording", "path", 1)
-        raise ProblemFileError(loaded.file, key, refused.value, refused.expected) from refused
+        expected = refused.expected.replace("recording.", "path.")
+        raise ProblemFileError(loaded.file, key, refused.value, expected) from refused
     if recording.points.shape[1] < 2:
         raise ProblemFileError(loaded.file, "path.columns", path.columns, "the columns that hold x, y (and z)")
     if recording.duration * rate > MOST_TICKS:

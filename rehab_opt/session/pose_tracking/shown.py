@@ -38,16 +38,16 @@ def figures(outcome: RobotOutcome) -> dict[str, Figure]:
 
 
 def _tool_path(outcome: RobotOutcome) -> Figure:
-    figure = framed(f"{outcome.title}\nTool path seen from above and from the side", 9.0, 5.5)
-    above, side = figure.subplots(1, 2)
-    for axes, (a, b), labels in ((above, (0, 1), ("x", "y")), (side, (0, 2), ("x", "z"))):
+    figure = framed(f"{outcome.title}\nTool path seen from above, from the side and from behind", 11.0, 4.5)
+    panels = figure.subplots(1, 3)
+    for axes, (a, b), labels in zip(panels, ((0, 1), (0, 2), (1, 2)), ("xy", "xz", "yz"), strict=True):
         reference, tool = MM * outcome.reference, MM * outcome.tool
         axes.plot(reference[:, a], reference[:, b], color=REFERENCE, linewidth=4.5, alpha=0.25, label="reference path")
         axes.plot(tool[:, a], tool[:, b], **LAW_STYLES["optimised"], label="tool")
         axes.plot(reference[0, a], reference[0, b], "o", color=REFERENCE, markersize=6, label="start")
         axes.set(aspect="equal", adjustable="datalim", xlabel=f"{labels[0]} [mm]", ylabel=f"{labels[1]} [mm]")
         axes.grid(**GRID)
-    return legend_below(figure, above, 3)
+    return legend_below(figure, panels[0], 3)
 
 
 def _robot_error(outcome: RobotOutcome) -> Figure:

@@ -174,7 +174,8 @@ def test_ranges_in_radians_that_are_read_in_degrees_are_noted(
         bodies += f'<body name="b{i}" pos="0 0 0.3"><joint name="j{i}" axis="0 1 0" {limit}/>'
     slide = '<body name="b2"><joint name="j2" type="slide" limited="true" range="0 0.3"/></body>'
     file.write_text(f"<mujoco>{compiler}<worldbody>{bodies}{slide}</body></body></worldbody></mujoco>")
-    chain = SerialChain.from_mjcf(file, **LIMITS, **({} if ranges[0] else {"lower": -1.0, "upper": 1.0}))
+    ends = {} if ranges[0] else {"lower": {"j0": -1.0, "j1": -1.0}, "upper": {"j0": 1.0, "j1": 1.0}}
+    chain = SerialChain.from_mjcf(file, **LIMITS, **ends)
     said = [note for note in chain.notes if "look like radians" in note]
     assert len(said) == len(chain.notes) == noted
     if noted:

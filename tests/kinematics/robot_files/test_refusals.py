@@ -195,11 +195,19 @@ def test_degrees_for_radians_in_arguments_are_noted_where_they_may_be_true(good:
     fast = SerialChain.from_urdf(good(), acceleration={"joint_a": 1.0, "joint_b": 300.0}, velocity={"joint_a": 180.0})
     assert fast.notes == (
         "joint joint_a, velocity = 180 rad/s: more than two turns a second",
+        "joint joint_a, velocity = 180: beyond its file's limit.velocity = 1.5",
         "joint joint_b, acceleration = 300 rad/s^2: more than 100",
     )
     endless = SerialChain.from_urdf(good(), acceleration=np.inf, upper={"joint_a": np.inf})
     assert endless.notes == ()
     assert endless.upper[0] == np.inf
+    slide = good('type="revolute"', 'type="prismatic"')  # millimetres
+    long = SerialChain.from_urdf(slide, acceleration={"joint_a": 0.01, "joint_b": 0.05}, upper={"joint_a": 350.0})
+    assert long.notes == (
+        "joint joint_a slides by 352 m: more than 5 (in millimetres?)",
+        "joint joint_a, upper = 350: beyond its file's limit.upper = 2",
+        "joint joint_b, acceleration = 0.05 rad/s^2: less than 0.1 (taken for degrees?)",
+    )
     with pytest.raises(ConfigurationError, match=r"locked\['joint_a'\] = 90.0: expected radians within two turns"):
         SerialChain.from_urdf(good('type="revolute"', 'type="continuous"'), acceleration=1.0, locked={"joint_a": 90.0})
 
