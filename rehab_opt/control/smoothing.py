@@ -99,8 +99,8 @@ def smooth_path(
     needed = np.maximum(np.diff(t), (np.abs(np.diff(x, axis=0)) / bounds.velocity).max(axis=1))
     _check_length(window * dt + float(needed.sum()), dt, ("dt", dt), ("velocity", velocity), ("jerk", jerk))
     parts = np.ceil(needed / (CELL * dt)).astype(int)
-    knots = np.append(np.concatenate([np.linspace(a, b, n, endpoint=False)
-                                      for a, b, n in zip(t[:-1], t[1:], parts, strict=True)]), t[-1])  # fmt: skip
+    within = np.arange(parts.sum()) - np.repeat(np.cumsum(parts) - parts, parts)  # which part of its piece each is
+    knots = np.append(within * np.repeat(np.diff(t) / parts, parts) + np.repeat(t[:-1], parts), t[-1])
     cells = PathCells(knots, *(path.derivative(order)(knots[:-1]) for order in (1, 2, 3)))
     timing = fastest_timing(cells, velocity=np.array(bounds.velocity), acceleration=gentle)
 

@@ -220,7 +220,7 @@ class VelocityController(OneThread, ABC):
         rest = nearest_to_rest(bounds)
         report = self.report(last, rest, ca.SX(0), ca.SX(1), bounds.outside)  # nothing of the task is delivered
         outputs = [ca.densify(self.memory_after(q, last, rest)), report]
-        return ca.Function("braking", [q, memory], outputs, {"cse": True})
+        return ca.Function("braking", [q, memory], outputs)
 
     def fallback_command(self) -> Command | None:
         """Command where every solver failed and the parameters are valid; None for the safe command."""

@@ -101,9 +101,7 @@ def watched_joints(chain: SerialChain, *, dt: float, base: int, base_alone: bool
         wrong=one_motion * time_apart(memory.wrong, lost, dt * usable), apart=goes_on * apart, led=goes_on * led,
         seen=seen, since=ca.logic_or(usable, known) * (dt + still * ca.fmin(memory.since, STANDS)), placed=placed,
     )  # fmt: skip
-    return ca.Function(
-        "watched_joints", [memory.column, measured, command], [after, ca.mmax(after[:n])], {"cse": True}
-    )  # fmt: skip
+    return ca.Function("watched_joints", [memory.column, measured, command], [after, ca.mmax(after[:n])])
 
 
 class WatchedJoints:

@@ -21,7 +21,7 @@ SOLVERS = (*FUSED_SOLVERS, "braking together")
 
 def files_of(exported: ExportedController, *, problem: str) -> dict[str, str]:
     """Content of every file by its name; `problem` is what the controller was made from."""
-    functions = exported.functions()
+    functions = exported.generated
     code = generated(functions)
     values = _values(exported, code, problem)
     values["work_functions"] = ", ".join(f"{function.name()}_work" for function in functions)

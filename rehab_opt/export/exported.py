@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import ClassVar
 
 import casadi as ca
@@ -145,7 +146,7 @@ class ExportedController(ABC):
     @property
     def bytes(self) -> int:
         """Of its struct, to within a kilobyte and not less."""
-        functions = self.functions()
+        functions = self.generated
         work = (max(3, *(each.sz_arg() for each in functions)), max(3, *(each.sz_res() for each in functions)))
         numbers = max(each.sz_iw() for each in functions) + max(1, *(each.sz_w() for each in functions))
         return BYTES * (int(self.shape()["numbers"]) + sum(work) + numbers + SPARE)
@@ -158,6 +159,11 @@ class ExportedController(ABC):
     @abstractmethod
     def functions(self) -> list[ca.Function]:
         """All that is generated, each under a name of its own."""
+
+    @cached_property
+    def generated(self) -> list[ca.Function]:
+        """The same, made once: that takes as long as making the controller."""
+        return self.functions()
 
     @abstractmethod
     def shape(self) -> dict[str, str]:

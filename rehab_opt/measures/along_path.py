@@ -68,10 +68,8 @@ def covered_in_order(position: Array, path: Array, *, within: float, jump: float
     counted = np.full(len(places), -np.inf)  # the most that is counted where the hand has come to each place
     counted[0] = 0.0
     behind = np.full(len(places) + reach, -np.inf)
-    for hand in position[:: _stride(position)]:
-        near = ((places - hand) ** 2).sum(axis=1) <= within**2
-        if not near.any():
-            continue
+    beside = _squared_distances(position[:: _stride(position)], places) <= within**2
+    for near in beside[beside.any(axis=1)]:
         edges = np.flatnonzero(np.diff(np.concatenate(([False], near, [False])).astype(np.int8)))
         for first, last in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
             entered = counted[first:last].copy()
@@ -97,10 +95,11 @@ def deviation_in_order(position: Array, path: Array) -> Array:
     came_from = np.empty((len(hands), len(places)), dtype=np.int32)
     cost = np.full(len(places), np.inf)
     cost[0] = 0.0
-    for t, hand in enumerate(hands):
+    number = np.arange(len(places))
+    for t, away in enumerate(_squared_distances(hands, places)):
         least = np.minimum.accumulate(cost)
-        came_from[t] = np.maximum.accumulate(np.where(cost <= least, np.arange(len(places)), 0))
-        cost = least + ((places - hand) ** 2).sum(axis=1)
+        came_from[t] = np.maximum.accumulate(np.where(cost <= least, number, 0))
+        cost = least + away
     due = np.empty(len(hands), dtype=np.int64)
     at = int(np.argmin(cost))
     for t in range(len(hands) - 1, -1, -1):
@@ -110,6 +109,12 @@ def deviation_in_order(position: Array, path: Array) -> Array:
     between = np.interp(ticks, ticks[:: _stride(position)], due)
     along = np.column_stack([np.interp(between, np.arange(len(places)), places[:, axis]) for axis in (0, 1)])
     return np.asarray(np.linalg.norm(position - along, axis=1))
+
+
+def _squared_distances(hands: Array, places: Array) -> Array:
+    """(N, M) [m^2] of hands (N, 2) from places (M, 2)."""
+    x, y = (np.subtract.outer(hands[:, axis], places[:, axis]) for axis in (0, 1))
+    return np.asarray(x**2 + y**2)
 
 
 def _stride(position: Array) -> int:

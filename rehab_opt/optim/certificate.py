@@ -40,7 +40,7 @@ def certificate_function(n: int, m: int) -> ca.Function:
 
     data = [hessian, gradient, matrix, rows_lower, rows_upper, lower, upper, sound]
     outputs = certified_expressions(data, claim, bound_multiplier, row_multiplier)
-    return ca.Function("certificate", [*data, claim, bound_multiplier, row_multiplier], outputs, {"cse": True})
+    return ca.Function("certificate", [*data, claim, bound_multiplier, row_multiplier], outputs)
 
 
 def certified_expressions(

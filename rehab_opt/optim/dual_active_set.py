@@ -121,7 +121,7 @@ def _first(statement: Statement) -> ca.Function:
     none = ca.SX.zeros(most)
     state = _State(nothing, x, ca.SX.zeros(most, n), ca.SX.zeros(triangle(most)), none, none, nothing, zero, zero)
     shared = ca.densify(ca.vertcat(upper_triangle(free), upper_triangle(along)))
-    return ca.Function(f"{statement.name}_dual_first", [of.full, of.memory], [shared, state.column()], {"cse": True})
+    return ca.Function(f"{statement.name}_dual_first", [of.full, of.memory], [shared, state.column()])
 
 
 def _step(statement: Statement) -> ca.Function:
@@ -175,7 +175,7 @@ def _step(statement: Statement) -> ca.Function:
         done=ca.logic_not(goes),
     )
     inputs = [of.full, of.memory, shared, column]
-    return ca.Function(f"{statement.name}_dual_step", inputs, [following.column()], {"cse": True})
+    return ca.Function(f"{statement.name}_dual_step", inputs, [following.column()])
 
 
 def _next(of: _Numbers, state: _State) -> tuple[ca.SX, ca.SX]:

@@ -115,7 +115,7 @@ class Statement:
             self.analytic, self.dual,
             cost=self.minimise, x=self._x, rows=self._rows, bounds=self._bounds, sound=self._sound,
         )  # fmt: skip
-        return ca.Function(f"{self.name}_screen", [self._p, self.memory], [told, residual, self._sound], {"cse": True})
+        return ca.Function(f"{self.name}_screen", [self._p, self.memory], [told, residual, self._sound])
 
     @cached_property
     def certify(self) -> ca.Function:

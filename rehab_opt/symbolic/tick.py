@@ -199,7 +199,7 @@ def _entries(matrix: ca.SX) -> ca.SX:
 
 def _hashes(*expressions: ca.SX) -> set[int]:
     """Symbols in expressions."""
-    return {each.element_hash() for each in ca.symvar(ca.vertcat(ca.SX(0, 1), *(ca.vec(each) for each in expressions)))}
+    return {each.element_hash() for each in ca.symvar(ca.veccat(ca.SX(0, 1), *expressions))}
 
 
 def _function(

@@ -36,8 +36,8 @@ size_t controller_size(void) {{ return sizeof(rehab_{0}); }}
 
 
 def compiled_once(folder: Path, name: str, built: Built, *, level: str | None = None) -> str:
-    """Name of the controller's object file, which every test of it may link."""
-    flags = (level or LEVELS.get(name, "-O2"), "-fPIC")
+    """Name of the controller's object file, which any test may link; where no `level` is said, with all warnings."""
+    flags = (level or LEVELS.get(name, "-O2"), "-fPIC", *(() if level else ("-Wmisleading-indentation",)))
     return built(folder, "controller.o", "-c", f"rehab_{name}.c", flags=flags).name
 
 

@@ -197,14 +197,9 @@ class Chair:
         if not self.keep_out:
             return np.full((*q.shape[:-1], 1), math.inf)
         shoulder, elbow, hand = self.joints(q)
-        return np.stack(
-            [
-                segments_apart(begin, end, np.array(start), np.array(stop)) - radius - ARM_RADIUS
-                for start, stop, radius in KEEP_OUT
-                for begin, end in ((shoulder, elbow), (elbow, hand))
-            ],
-            -1,
-        )
+        begin, end = (np.stack(each * len(KEEP_OUT), -2) for each in ([shoulder, elbow], [elbow, hand]))
+        start, stop, radius = (np.repeat(each, 2, axis=0) for each in zip(*KEEP_OUT, strict=True))
+        return segments_apart(begin, end, start, stop) - radius - ARM_RADIUS
 
     def obstacle_gaps(self, q: Array, obstacles: Obstacles) -> Array:
         """(..., m) distances of the outline from each obstacle [m], negative inside; how deep for discs, too."""
@@ -247,13 +242,11 @@ class Chair:
         """(82, 7) the way from q while u, after two more ticks of it, is scaled to zero in T."""
         steps = np.linspace(0.0, 1.0, 81)
         length = 2 * dt + self.braking_time * (steps - steps**2 / 2)
-        path = np.empty((len(steps) + 1, len(q)))
-        path[0] = q
-        for i, step in enumerate(np.diff(length, prepend=0.0)):
-            middle = path[i].copy()
-            middle[2] += u[2] * step / 2
-            path[i + 1] = path[i] + step * self.world(middle, u)
-        return path
+        share = np.diff(length, prepend=0.0)
+        middle = np.zeros((len(share), len(q)))
+        middle[:, 2] = np.cumsum([q[2], *(share * u[2])])[:-1] + u[2] * share / 2
+        value = self.world(middle, np.tile(u, (len(share), 1)))
+        return np.cumsum([q, *(share[:, None] * value)], axis=0)
 
     def fastest(
         self, q: Array, twist: Array, rows: Sequence[str], frame: str, obstacles: Obstacles = (), dt: float = 0.01

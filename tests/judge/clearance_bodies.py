@@ -127,18 +127,20 @@ def segments_apart(one: Array, other: Array) -> Array:
 def box_apart(segments: Array, box: tuple[Array, Array, Array]) -> Array:
     """(N,) [m] of segments (N, 2, 3) from a box, 0 where they cut it: convex along the segment, searched by thirds."""
     centre, half, axes = box
-    local = (segments - centre) @ axes
-    low, high = np.zeros(len(local)), np.ones(len(local))
+    begin, end = ((segments - centre) @ axes).transpose(1, 2, 0)[:, :, None]
+    way, room = end - begin, half[:, None, None]
+    low, high = np.zeros(len(segments)), np.ones(len(segments))
 
-    def away(t: Array) -> Array:
-        point = local[:, 0] + t[:, None] * (local[:, 1] - local[:, 0])
-        return np.linalg.norm(np.maximum(np.abs(point) - half, 0.0), axis=1)
+    def away(*t: Array) -> Array:
+        beyond = np.maximum(np.abs(begin + np.stack(t) * way) - room, 0.0)
+        return np.asarray(np.sqrt((beyond * beyond).sum(axis=0)))
 
     for _ in range(60):
-        one, other = low + (high - low) / 3, high - (high - low) / 3
-        left = away(one) <= away(other)
+        third = (high - low) / 3
+        one, other = low + third, high - third
+        left = np.less_equal(*away(one, other))
         low, high = np.where(left, low, one), np.where(left, other, high)
-    return np.min([away(low), away(high), away(np.zeros_like(low)), away(np.ones_like(low))], axis=0)
+    return np.asarray(away(low, high, np.zeros_like(low), np.ones_like(low)).min(axis=0))
 
 
 def segments_of(scene: Scene, q: Array) -> list[Array]:
