@@ -136,8 +136,8 @@ def gap_notes(recording: Recording) -> Iterator[str]:
 
 def _some(recording: Recording, kept: NDArray[np.bool_]) -> Recording:
     joints = {name: values[kept] for name, values in recording.joints.items()}
-    arrays = {"time": recording.time[kept], "points": recording.points[kept], "forces": recording.forces[kept]}
-    return replace(recording, **arrays, joints=joints)
+    time, points, forces = (each[kept] for each in (recording.time, recording.points, recording.forces))
+    return replace(recording, time=time, points=points, forces=forces, joints=joints)
 
 
 SMALLEST, LARGEST = 5e-3, 2.5
