@@ -69,7 +69,8 @@ def active_set_round(
     sideways = solve(free @ rows.T)
     alone = fixed - solve(free @ (gradient + hessian @ fixed))
     stiffness = ca.triu2symm(ca.triu((rows @ free) @ sideways))  # half the entries need computing
-    held = solver_of(stiffness + ca.diag(ca.if_else(used, softened * ca.diag(stiffness), 1)))
+    yielding = softened * ca.diag(stiffness)  # zero of a row over variables that are all held: nothing can meet it
+    held = solver_of(stiffness + ca.diag(ca.if_else(ca.logic_and(used, yielding > 0), yielding, 1)))
     pushing = held(rows @ alone - wanted)
     x = alone - sideways @ pushing
     for _ in range(passes):  # on what x misses: multipliers of nearly dependent rows are too large to tell
