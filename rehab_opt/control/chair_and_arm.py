@@ -6,6 +6,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rehab_opt.control.braking_together import ticks_to_rest
 from rehab_opt.control.chair_limits import ChairLimits, Limits
 from rehab_opt.control.command import Bound, Command, Status
 from rehab_opt.control.hand_task import AHEAD, PROGRESS, HandTask, Last, Task
@@ -239,7 +240,7 @@ class ChairAndArm(VelocityController):
             beyond = ca.fmax(beyond, ca.mmax(ratios))
         surroundings = [excess(row, ca.jacobian(row.expression, u)) for row in limits.surrounding_rows(u)]
         met = ca.mmax(ca.vertcat(ca.SX(0), *surroundings)) > 0
-        going = ca.fmin(ca.mmax(ca.fabs(last) / braking.change) / GOING, 1)
+        going = ca.fmin(ticks_to_rest(last, braking.change) / GOING, 1)
         part = ca.if_else(beyond > 0, going * ca.fmax(1 - beyond, 0), 1)
         part = ca.if_else(met, 0, part)
         slower = braking.slower(last)
