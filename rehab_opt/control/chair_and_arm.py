@@ -190,7 +190,7 @@ class ChairAndArm(VelocityController):
             + (task.dear * off - price * progress + PROGRESS * (missing**2 + off**2) / 2),
             subject_to=[
                 equal(J @ u, task.turning + progress * task.direction + off * task.error),
-                *limits.chassis_rows(u),
+                *limits.chassis.rows(u),
                 *seldom,
             ],
             lazy_rows=sum(row.expression.numel() for row in seldom),
@@ -234,7 +234,7 @@ class ChairAndArm(VelocityController):
 
         # Beyond its own bounds, as a fraction of what the accelerations can do in a tick.
         beyond = ca.if_else(all_true(ca.fabs(analytic) <= PLAUSIBLE), 0, ca.inf)
-        for row in (within(u, *ends), *limits.chassis_rows(u), self._hand_row(u, task)):
+        for row in (within(u, *ends), *limits.chassis.rows(u), self._hand_row(u, task)):
             matrix = ca.jacobian(row.expression, u)
             ratios = excess(row, matrix) / ca.fmax(ca.fabs(matrix) @ braking.change, TINY)
             beyond = ca.fmax(beyond, ca.mmax(ratios))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cached_property, partial
 
 import casadi as ca
@@ -10,13 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.control.braking_together import BrakingTogether
+from rehab_opt.control.linear_limit import LinearLimit
 from rehab_opt.control.obstacles import NUMBERS, Approach, approach, outward_normal
 from rehab_opt.control.stopping import FAR
 from rehab_opt.kinematics.mobile_arm import CHAIR, MobileArm, Outline
 from rehab_opt.optim.certificate import all_true, clipped, first_true
 from rehab_opt.symbolic.tick import Tick
 
-__all__ = ["INTO", "ROWS", "ChairObstacles"]
+__all__ = ["ROWS", "ChairObstacles"]
 
 Array = NDArray[np.float64]
 
@@ -53,6 +54,7 @@ class ChairObstacles:
 
     def __init__(self, robot: MobileArm, braking: BrakingTogether, dt: float) -> None:
         self.outline, self.braking, self.dt = robot.outline, braking, dt
+        self._joints = robot.chain.n
         self._turn = float(robot.chain.velocity[2])
         self._lever = float(np.linalg.norm(robot.outline.corners, axis=1).max())
 
@@ -84,11 +86,21 @@ class ChairObstacles:
         row = ca.vertcat(ca.SX.zeros(CHAIR), FAR)
         return ca.densify(ca.vertcat(*[row] * (ROWS + INTO), 0))
 
-    @staticmethod
-    def read(column: ca.SX, first: int, count: int) -> tuple[ca.SX, ca.SX]:
-        """(count, 3) rows of a column from the first on, and (count,) what stands behind each."""
-        cells = ca.reshape(column[(CHAIR + 1) * first : (CHAIR + 1) * (first + count)], CHAIR + 1, count)
-        return cells[:CHAIR, :].T, cells[CHAIR, :].T
+    def limits(
+        self, tick: Tick, obstacles: Sequence[ca.SX], place: ca.SX, last: ca.SX
+    ) -> tuple[LinearLimit, LinearLimit, list[ca.SX]]:
+        """Limits towards all obstacles (4,), beyond a tick of braking; into them; and 1 for each that the chair is in.
+
+        place, last : (3,) of the chair, and its last command.
+        """
+        columns = [tick.call(self.rows, one, place, last)[0] for one in obstacles]
+
+        def read(first: int, count: int) -> LinearLimit:
+            cells = [each[(CHAIR + 1) * first : (CHAIR + 1) * (first + count)] for each in columns]
+            found = ca.vertcat(ca.SX(0, CHAIR + 1), *(ca.reshape(each, CHAIR + 1, count).T for each in cells))
+            return LinearLimit.of_joints(0, self._joints, found[:, :CHAIR], found[:, CHAIR])
+
+        return read(0, ROWS), read(ROWS, INTO), [each[-1] for each in columns]
 
     @cached_property
     def no_deeper(self) -> ca.Function:

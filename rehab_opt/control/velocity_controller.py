@@ -6,7 +6,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
 import casadi as ca
 import numpy as np
@@ -37,6 +37,7 @@ if TYPE_CHECKING:
 __all__ = ["VelocityController", "checked_number", "real_numbers"]
 
 Array = NDArray[np.float64]
+Column = TypeVar("Column", ca.SX, ca.MX)
 MISSED = 1e-3
 """Share of the asked motion by which the delivered one must differ for the task to yield; less than it is nothing."""
 ROUNDED = 1e-6
@@ -194,7 +195,7 @@ class VelocityController(OneThread, ABC):
         yielded = int(Bound.POSITION) * outside + int(Bound.ACCELERATION) * hurried + int(Bound.TASK) * missed
         return ca.vertcat(yielded, ca.if_else(ca.logic_and(missed, size > STILL**2), along, 1))
 
-    def hurried(self, last: ca.SX, velocity: ca.SX) -> ca.SX:
+    def hurried(self, last: Column, velocity: Column) -> Column:
         """1 where joints go from one velocity (n,) to the other faster than their accelerations allow."""
         allowed = largest_change(self.chain, self.dt) * (1 + 1e-9) + 1e-12
         return ca.sum1(ca.fabs(velocity - last) > allowed) > 0
