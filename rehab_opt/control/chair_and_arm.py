@@ -251,8 +251,9 @@ class ChairAndArm(VelocityController):
         outside = self.limits.clear_of_obstacles(tick, surroundings, q, limits, u) if self.max_obstacles else u
         command = tick.once(ca.if_else(moving, outside, limits.base))
         if self.robot.keep_out:
-            clear = self.limits.clear(command, limits.clearance)
-            command = tick.when(clear, command, self.limits.unhindered(limits.base, command, q[CHAIR:]))
+            keep_outs = self.limits.keep_outs
+            clear = keep_outs.clear(command, limits.clearance)
+            command = tick.when(clear, command, keep_outs.unhindered(limits.base, command, q[CHAIR:]))
         return self._kept(tick, q, surroundings, command, limits.base)
 
     def _kept(self, tick: Tick, q: ca.SX, surroundings: ca.SX, u: ca.SX, base: ca.SX) -> ca.SX:
@@ -296,7 +297,7 @@ class ChairAndArm(VelocityController):
         limits = self._limits(tick, q, memory, surroundings, gives_way=ca.SX(0))
         rest = limits.base
         if self.robot.keep_out:
-            rest = tick.once(self.limits.unhindered(rest, rest, q[CHAIR:]))
+            rest = tick.once(self.limits.keep_outs.unhindered(rest, rest, q[CHAIR:]))
         command = self._kept(tick, q, surroundings, rest, rest)
         report = self.report(memory[: self.chain.n], command, ca.SX(0), ca.SX(1), limits.outside)  # none of the task
         forgotten = ca.SX.zeros(len(self.rows)), ca.SX(0), ca.SX(UNKNOWN)

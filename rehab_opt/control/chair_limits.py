@@ -9,9 +9,9 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 
+from rehab_opt.control.arm_keep_outs import ALONG, ArmKeepOuts
 from rehab_opt.control.braking_together import BrakingTogether
 from rehab_opt.control.chair_obstacles import ROWS, TIGHTER, ChairObstacles, mean_velocity
-from rehab_opt.control.keep_out import arm_gaps, closing_rows
 from rehab_opt.control.limit import Limits as OwnLimits
 from rehab_opt.control.limit import kept_within
 from rehab_opt.control.linear_limit import LinearLimit, SymmetricLimit
@@ -25,14 +25,6 @@ from rehab_opt.symbolic.tick import Tick
 
 __all__ = ["ChairLimits", "Limits"]
 
-ALONG = (0.25, 0.5, 0.75, 1.0)
-"""Places on the way to the stop posture where the keep-outs are looked at, besides its beginning."""
-MARGIN = 12e-3
-"""[m] The stop posture stays further from a keep-out by this than the posture now: links turn; rows are tangents."""
-FAST = 0.4
-"""[m] Way of a hand to the stop posture from which on that margin is whole, before in its square, as links turn."""
-CLEAR = 5e-4
-"""[m] The arm stays clear of keep-outs by this, and by twice as much at the stop posture."""
 ROUNDED = 1e-10
 """[m/s] By which a solver may pass a row: at a limit of zero, less would stop the chair at once."""
 LATE = 1e-6
@@ -95,10 +87,8 @@ class ChairLimits:
     Each limit is kept by the stop posture z of `BrakingTogether`, so that braking together breaks none of them:
 
     - joint limits: lower <= q + T u <= upper;
-    - keep-outs: the arm's distance at that of the places `ALONG` the way to z where least is left is above a margin
-      that grows on the way, to first order in the change of u; at q it falls no faster than what is left divided by T,
-      and within the margin, where an arm slides along, no faster than braking leaves of it while `CLEAR` is left;
-    - obstacles: the gap of each corner of the chair at z, or half-way there where less is left, likewise.
+    - keep-outs: the arm's distance where least of it is left on the way to z, see `ArmKeepOuts`;
+    - obstacles: the gap of each corner of the chair at z, or half-way there where less is left, see `ChairObstacles`.
 
     Where a state comes too late for that (an obstacle that appears, a velocity that is told, rounding), a limit asks
     for braking as hard as the accelerations allow, until it is kept again; and the command is shortened to what keeps
@@ -123,61 +113,12 @@ class ChairLimits:
         self.dt, self.recovery_speed = dt, recovery_speed
         self.braking = BrakingTogether(robot.chain, dt, moving=self.moving)
         self.obstacles = ChairObstacles(robot, self.braking, dt)
-        arm = ca.SX.sym("arm", robot.chain.n - CHAIR)
-        gaps = ca.densify(arm_gaps(robot, arm)) if robot.keep_out else arm
-        self._gaps = ca.Function("gaps", [arm], [gaps])
-        self._closing = ca.Function("closing", [arm], list(closing_rows(robot, arm)) if robot.keep_out else [arm])
-        self._swinging = [i for i, moves in enumerate(ca.which_depends(gaps, arm, 1, False)) if moves]
-        """Joints of the arm, from 0, that move its links: not the last, where the hand lies on its axis."""
+        self.keep_outs = ArmKeepOuts(robot, self.braking, dt)
 
     @property
     def moving(self) -> list[int]:
         """Joints that the drive allows to move, by number from 0: Eq. (4) in the chassis frame."""
         return [*self.wheels.moving, *range(CHAIR, self.robot.chain.n)]
-
-    def near(self, arm: ca.SX, fastest: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """Whether a keep-out can matter at arm joints (4,) after speeds (4,) at most; the arm's clearance [m]."""
-        if not self.robot.keep_out:
-            return ca.SX(0), ca.SX(FAR)
-        clearance = ca.mmin(self._gaps(arm))
-        speed = ca.sum1(fastest + self.braking.change[CHAIR:])
-        return clearance <= self._margin(1.0, fastest) + self.robot.reach * self.braking.time * speed, clearance
-
-    def keep_outs(self, arm: ca.SX, last: ca.SX, mean: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """Rows (c, k) towards the keep-outs at arm joints (k,) after a command's (k,), and their free speeds (c,).
-
-        First those of the posture now, negative within its margin; then, for each, of the place where least is left on
-        the way to rest from the `mean` (k,).
-        """
-        if not self.robot.keep_out:
-            return self.far()
-        slower, time = self.braking.slower(mean), self.braking.time
-        apart = time / len(ALONG)
-        # In the middle of the tick: there a link that slides along a keep-out comes no nearer.
-        opening, gaps = self._closing(arm + last * (self.dt / 2))
-        now, free = -opening, (gaps - self._margin(0.0, last)) / time
-        then, left = 0 * opening, ca.SX.inf(now.size1())
-        before, falls = opening, ca.fmin(opening @ slower, 0)
-        for part in ALONG:
-            margin = self._margin(part, mean)
-            opening, here = self._closing(arm + part * time * slower)
-            rises = ca.fmax(opening @ slower, 0)
-            # Where it falls and then rises from the place before, the least of a parabola; else this place.
-            dips = ca.logic_and(falls < 0, rises > 0)
-            share = ca.if_else(dips, -falls / ca.fmax(rises - falls, TINY), 1)
-            least = ca.if_else(dips, gaps + falls * share * apart / 2, here)
-            then_time = ca.fmax(part * time - (1 - share) * apart, apart / 4)
-            nearest = before + share * (opening - before)
-            less = (least - margin) / then_time
-            then = ca.if_else(ca.repmat(less < left, 1, now.size2()), nearest, then)
-            left = ca.fmin(less, left)
-            before, gaps, falls = opening, here, ca.fmin(opening @ slower, 0)
-        return ca.vertcat(now, -then), ca.vertcat(free, left)
-
-    def far(self) -> tuple[ca.SX, ca.SX]:
-        """Those where no keep-out matters."""
-        count = 2 * len(self.robot.keep_out) * len(self.robot.links)
-        return ca.SX.zeros(count, self.robot.chain.n - CHAIR), FAR * ca.SX.ones(count)
 
     def limits(
         self, tick: Tick, q: ca.SX, last: ca.SX, surroundings: ca.SX, *, mean: ca.SX, gives_way: ca.SX, apart: ca.SX
@@ -189,41 +130,27 @@ class ChairLimits:
         joint limits hold, too. What is far makes no rows.
         """
         lower, upper, hard_lower, hard_upper, outside = tick.once(self._joints(q, last, apart))
-        arm, swing = q[CHAIR:], last[CHAIR:]
-        each = ca.vertsplit(surroundings[: NUMBERS * self.max_obstacles], NUMBERS) if self.max_obstacles else []
-        towards, into, inside = self.obstacles.limits(tick, each, q[:CHAIR], last[:CHAIR])
-        fastest = ca.fmax(ca.fabs(last), ca.fabs(mean))
-        is_near, clearance = self.near(arm, fastest[CHAIR:])
-        closing, free = self.keep_outs(arm, swing, mean[CHAIR:])
-        if self.robot.keep_out:
-            found = tick.when(is_near, ca.horzcat(closing, free), ca.horzcat(*self.far()))
-            closing, free = found[:, :-1], found[:, -1]
-        contacts, told = ca.SX(0, 1), surroundings[NUMBERS * self.max_obstacles :]
+        obstacles, told = ca.vertsplit(surroundings, [0, NUMBERS * self.max_obstacles, surroundings.numel()])
+        towards, into, inside = self.obstacles.limits(tick, obstacles, q, last)
+        now, then, clearance = self.keep_outs.limits(tick, q, last, mean)
+        contacts = ca.SX(0, 1)
         if self.own.contacts_size:
             (contacts,) = tick.call(self.contacts, q, last, told)
-        count = closing.size1() // 2
-        now, then = (
-            LinearLimit.of_joints(CHAIR, q.numel(), closing[each, :], free[each])
-            for each in (slice(count), slice(count, None))
-        )
-        slower, about, slowest = self.braking.slower(last), self.braking.slower(mean), self.braking.slowest(last)
+        slowest = self.braking.slowest(last)
         chassis = self._chassis(slowest)
-        hard = ca.fmax(now.upper * self.braking.time + CLEAR, 0) / self.dt
-        now = now._replace(upper=ca.fmax(ca.fmax(now.upper, 0), ca.fmin(now.matrix @ slowest, hard)))
 
         slowed, tight = self._kept_out(
-            tick, clipped(slowest, hard_lower, hard_upper), q=q, last=last, surroundings=surroundings, into=into,
+            tick, clipped(slowest, hard_lower, hard_upper), q=q, last=last, obstacles=obstacles, into=into,
             chassis=chassis,
         )  # fmt: skip
         into = into.relaxed(slowed)
         base = ca.vertcat(slowed[:CHAIR], slowed[CHAIR:] * now.largest_part(slowed))
         beside = LinearLimit(ca.SX(0, q.numel()), ca.SX(0, 1))
         if len(self.own):
-            still = [i for i in range(q.numel()) if i not in self.moving]
             turn = self.world(q[2], q.numel())
-            turn[:, still] = 0
-            change = self.braking.change
-            bodies = self._touched(tick, q, about, contacts, told, fastest=fastest)
+            turn[:, self.wheels.still()] = 0
+            about, change = self.braking.slower(mean), self.braking.change
+            bodies = self._touched(tick, q, about, contacts, told, fastest=ca.fmax(ca.fabs(last), ca.fabs(mean)))
             ahead = LinearLimit(*self.own.on_the_way(
                 q, about, bodies=bodies, way=self.led, seconds=self._times, change=change,
                 astray=ca.mmax(ca.fmax(ca.fabs(last - mean) - change, 0)),
@@ -243,7 +170,6 @@ class ChairLimits:
             beside = LinearLimit.stacked(LinearLimit(*here), ahead).relaxed(base)
             lower, upper = ca.fmin(lower, base), ca.fmax(upper, base)
             outside = ca.sum1(ca.vertcat(outside, self.own.beyond(q), self.own.inside(contacts))) > 0
-        towards = towards.beyond(slower)
         over = ca.vertsplit(towards.excess(base), ROWS) if inside else []
         late = ca.sum1(ca.vertcat(0, *(ca.mmax(each) > LATE for each in over))) > 1
         lower, upper = (ca.vertcat(ca.if_else(late, base[:CHAIR], end[:CHAIR]), end[CHAIR:]) for end in (lower, upper))
@@ -255,7 +181,7 @@ class ChairLimits:
             towards=towards._replace(upper=ca.if_else(late, FAR, towards.upper)),
             into=into,
             tight=tight,
-            closing=LinearLimit.stacked(now, then.beyond(about).relaxed(base)),
+            closing=LinearLimit.stacked(now, then.relaxed(base)),
             beside=beside,
             base=base,
             clearance=clearance,
@@ -263,7 +189,7 @@ class ChairLimits:
         )
 
     def _kept_out(
-        self, tick: Tick, slowed: ca.SX, *, q: ca.SX, last: ca.SX, surroundings: ca.SX, into: LinearLimit,
+        self, tick: Tick, slowed: ca.SX, *, q: ca.SX, last: ca.SX, obstacles: ca.SX, into: LinearLimit,
         chassis: SymmetricLimit,
     ) -> tuple[ca.SX, ca.SX]:  # fmt: skip
         """(7,) `slowed` without what truly leads the chair into an obstacle; see `Limits.tight`."""
@@ -273,39 +199,21 @@ class ChairLimits:
 
         def led_out() -> ca.SX:
             slopes, rest = -into.matrix[:, :CHAIR], (ca.fmin(before, 0), ca.fmax(before, 0))  # braking only slows
-            slopes[:, [i for i in range(CHAIR) if i not in self.moving]] = 0
+            slopes[:, self.wheels.still()] = 0
             ends = clipped(before - change, *rest), clipped(before + change, *rest)
             led = kept_within((slopes, into.upper, into.upper + ROUNDED), chair, ends, rest)
             out = led * chassis.largest_part(ca.vertcat(led, arm))
-            return ca.if_else(self.no_deeper(tick, surroundings, q, chair), chair, out)
+            return ca.if_else(self.obstacles.none_deeper(tick, obstacles, q[:CHAIR], chair), chair, out)
 
         kept = ca.vertcat(tick.when(ca.mmax(into.excess(slowed)) > ROUNDED, led_out, chair), arm)
         return kept, tick.once(ca.mmax(into.excess(kept)) > ROUNDED)
-
-    def no_deeper(self, tick: Tick, surroundings: ca.SX, q: ca.SX, u: ca.SX) -> ca.SX:
-        """1 where the velocity (3,) leads into no obstacle in this tick, nor deeper."""
-        each = ca.vertsplit(surroundings[: NUMBERS * self.max_obstacles], NUMBERS)
-        return all_true(*(tick.call(self.obstacles.no_deeper, one, q[:CHAIR], u)[0] for one in each))
 
     def clear_of_obstacles(self, tick: Tick, surroundings: ca.SX, q: ca.SX, limits: Limits, u: ca.SX) -> ca.SX:
         """(7,) the command on the way from `base` to u (7,) that leads the chair into no obstacle in this tick."""
         base, way = limits.base, u - limits.base
         command = tick.once(base + limits.into.largest_part(way, base, ROUNDED) * way)
-        keeps = (tick, surroundings, q, command[:CHAIR])
-        return tick.when(limits.tight, lambda: ca.if_else(self.no_deeper(*keeps), command, base), command)
-
-    def unhindered(self, base: ca.SX, wanted: ca.SX, arm: ca.SX) -> ca.SX:
-        """(7,) the first of `wanted`, half-way to `base`, that, its half and its chair alone that keeps the arm out.
-
-        The rows say so to first order only.
-        """
-        half = ca.vertcat(base[:CHAIR], 0.5 * base[CHAIR:])
-        chosen = ca.vertcat(base[:CHAIR], ca.SX.zeros(self.robot.chain.n - CHAIR))
-        now = ca.fmin(self._gaps(arm), 0)
-        for u in (half, base, (base + wanted) / 2, wanted):
-            then = self._gaps(arm + self.dt * u[CHAIR:])
-            chosen = ca.if_else(all_true(then >= now), u, chosen)
-        return chosen
+        there = tick, surroundings[: NUMBERS * self.max_obstacles], q[:CHAIR], command[:CHAIR]
+        return tick.when(limits.tight, lambda: ca.if_else(self.obstacles.none_deeper(*there), command, base), command)
 
     @staticmethod
     def world(heading: ca.SX, joints: int) -> ca.SX:
@@ -368,29 +276,10 @@ class ChairLimits:
         sent = ca.Function("sent", [here, velocity], [self.world(here[2], n) @ velocity])
         verdict = own.judged(q, told, sent(q, u))
         if self.robot.keep_out:
-            then, now = (self._gaps(arm) for arm in ((here + self.dt * velocity)[CHAIR:], here[CHAIR:]))
-            out = ca.Function("out", [here, velocity], [all_true(then >= ca.fmin(now, 0))], {"cse": True})
+            no_deeper = self.keep_outs.no_deeper(here[CHAIR:], velocity)
+            out = ca.Function("out", [here, velocity], [no_deeper], {"cse": True})
             verdict = ca.logic_and(verdict, out(q, u))
         return own.first_kept(ca.Function("judged", inputs, [verdict]))
-
-    def clear(self, u: ca.SX, clearance: ca.SX) -> ca.SX:
-        """1 where no keep-out is as near as a tick of u (7,) reaches, or of half the arm's."""
-        return clearance > 1.01 * self.robot.reach * self.dt * ca.sum1(ca.fabs(u[CHAIR:])) + TINY
-
-    def _margin(self, part: float, velocity: ca.SX) -> ca.SX:
-        """[m] at a part of the way to the stop posture: what tangents promise too much in a tick, and `MARGIN`."""
-        swinging, time = self._swinging, self.braking.time
-        change = np.asarray(self.braking.change).ravel()[CHAIR:][swinging]
-        speed = ca.sum1(ca.fabs(velocity[swinging]))
-        within = self.robot.reach * (self.dt * (speed + np.sum(change))) ** 2 / 2
-        step = part * time * float(np.max(change))
-        fastest = part * time * float(np.max(self.robot.chain.velocity[CHAIR:][swinging]))
-        return (
-            within
-            + (1 + part) * CLEAR
-            + part * MARGIN * ca.fmin(1, (self.robot.reach * time * speed / FAST) ** 2)
-            + self.robot.reach * min(step, fastest) ** 2 / 2
-        )
 
     def _joints(self, q: ca.SX, last: ca.SX, apart: ca.SX) -> tuple[ca.SX, ...]:
         chain, time, slowest = self.robot.chain, self.braking.time, self.braking.slowest(last)

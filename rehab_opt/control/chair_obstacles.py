@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import cached_property, partial
 
 import casadi as ca
@@ -54,7 +54,6 @@ class ChairObstacles:
 
     def __init__(self, robot: MobileArm, braking: BrakingTogether, dt: float) -> None:
         self.outline, self.braking, self.dt = robot.outline, braking, dt
-        self._joints = robot.chain.n
         self._turn = float(robot.chain.velocity[2])
         self._lever = float(np.linalg.norm(robot.outline.corners, axis=1).max())
 
@@ -87,20 +86,25 @@ class ChairObstacles:
         return ca.densify(ca.vertcat(*[row] * (ROWS + INTO), 0))
 
     def limits(
-        self, tick: Tick, obstacles: Sequence[ca.SX], place: ca.SX, last: ca.SX
+        self, tick: Tick, obstacles: ca.SX, q: ca.SX, last: ca.SX
     ) -> tuple[LinearLimit, LinearLimit, list[ca.SX]]:
-        """Limits towards all obstacles (4,), beyond a tick of braking; into them; and 1 for each that the chair is in.
+        """Limits [m/s] towards obstacles (4 k,), and into them in this tick; for each, 1 where the chair is within it.
 
-        place, last : (3,) of the chair, and its last command.
+        At joint values q (n,), after the command `last` (n,).
         """
-        columns = [tick.call(self.rows, one, place, last)[0] for one in obstacles]
+        columns = [tick.call(self.rows, one, q[:CHAIR], last[:CHAIR])[0] for one in _each(obstacles)]
 
         def read(first: int, count: int) -> LinearLimit:
             cells = [each[(CHAIR + 1) * first : (CHAIR + 1) * (first + count)] for each in columns]
             found = ca.vertcat(ca.SX(0, CHAIR + 1), *(ca.reshape(each, CHAIR + 1, count).T for each in cells))
-            return LinearLimit.of_joints(0, self._joints, found[:, :CHAIR], found[:, CHAIR])
+            return LinearLimit.of_joints(0, q.numel(), found[:, :CHAIR], found[:, CHAIR])
 
-        return read(0, ROWS), read(ROWS, INTO), [each[-1] for each in columns]
+        towards = read(0, ROWS).beyond(self.braking.slower(last))
+        return towards, read(ROWS, INTO), [each[-1] for each in columns]
+
+    def none_deeper(self, tick: Tick, obstacles: ca.SX, place: ca.SX, u: ca.SX) -> ca.SX:
+        """1 where `no_deeper` holds of all obstacles (4 k,), at place (3,) and velocity (3,)."""
+        return all_true(*(tick.call(self.no_deeper, one, place, u)[0] for one in _each(obstacles)))
 
     @cached_property
     def no_deeper(self) -> ca.Function:
@@ -221,6 +225,11 @@ class ChairObstacles:
             then, left = ca.if_else(here < left, closing, then), ca.fmin(here, left)
             least = ca.fmin(least, gap)
         return ca.vertcat(first, then, left), least
+
+
+def _each(obstacles: ca.SX) -> list[ca.SX]:
+    """(4,) each."""
+    return ca.vertsplit(obstacles, NUMBERS) if obstacles.numel() else []
 
 
 def _corner(wall: ca.SX, corner: Array, velocity: ca.SX, time: float) -> tuple[ca.SX, ca.SX]:
