@@ -77,5 +77,5 @@ def slowed_together(velocity: ca.SX, change: ca.DM) -> ca.SX:
 
 
 def _taken_away(velocity: ca.SX, change: ca.DM) -> ca.SX:
-    """That fraction."""
+    """Fraction that such a tick takes away."""
     return 1 / ca.fmax(ticks_to_rest(velocity, change), 1)

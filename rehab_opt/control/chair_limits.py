@@ -9,9 +9,9 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 
-from rehab_opt.control.arm_keep_outs import ALONG, ArmKeepOuts
 from rehab_opt.control.braking_together import BrakingTogether
 from rehab_opt.control.chair_obstacles import ROWS, TIGHTER, ChairObstacles, mean_velocity
+from rehab_opt.control.keep_out import ALONG, ArmKeepOuts
 from rehab_opt.control.limit import Limits as OwnLimits
 from rehab_opt.control.limit import kept_within
 from rehab_opt.control.linear_limit import LinearLimit, SymmetricLimit

@@ -33,6 +33,11 @@ class LinearLimit(NamedTuple):
         return cls(*(ca.vertcat(*column) for column in zip(*limits, strict=True)))
 
     @property
+    def one_sided(self) -> LinearLimit:
+        """The same with an upper end alone."""
+        return self
+
+    @property
     def row_count(self) -> int:
         """Number of rows k."""
         return int(self.upper.numel())
@@ -58,10 +63,11 @@ class LinearLimit(NamedTuple):
 
         It may pass by `slack`; from beyond the limit, where it goes no further, it is kept.
         """
+        matrix, upper = self.one_sided
         if not self.row_count:
             return ca.SX(1)
-        speeds = self.matrix @ way
-        room = self.upper if begin is None else ca.fmax(self.upper - self.matrix @ begin, 0) + slack
+        speeds = matrix @ way
+        room = upper if begin is None else ca.fmax(upper - matrix @ begin, 0) + slack
         return ca.fmin(1, ca.mmin(ca.if_else(speeds > room, room / ca.fmax(speeds, TINY), 1)))
 
 
@@ -70,7 +76,7 @@ class SymmetricLimit(LinearLimit):
 
     @property
     def one_sided(self) -> LinearLimit:
-        """The same in 2 k rows."""
+        """See `LinearLimit`; it has 2 k rows."""
         return LinearLimit(ca.vertcat(self.matrix, -self.matrix), ca.vertcat(self.upper, self.upper))
 
     def rows(self, u: ca.SX) -> list[Row]:
@@ -80,7 +86,3 @@ class SymmetricLimit(LinearLimit):
     def excess(self, u: ca.SX) -> ca.SX:
         """See `LinearLimit`."""
         return ca.fabs(self.matrix @ u) - self.upper
-
-    def largest_part(self, way: ca.SX, begin: ca.SX | None = None, slack: float = 0.0) -> ca.SX:
-        """See `LinearLimit`."""
-        return self.one_sided.largest_part(way, begin, slack)
