@@ -17,9 +17,10 @@ from collections.abc import Sequence
 import casadi as ca
 import numpy as np
 
+from rehab_opt.control.stopping import largest_change
 from rehab_opt.kinematics.chain import SerialChain
 
-__all__ = ["BrakingTogether"]
+__all__ = ["BrakingTogether", "slowed_together", "ticks_to_rest"]
 
 SLACK = 1.1
 """T is longer by this than stopping takes: a task and a limit that turn on the way need acceleration, too."""
@@ -43,7 +44,7 @@ class BrakingTogether:
         self.time = SLACK * max(dt, float(np.max((chain.velocity / chain.acceleration)[moving])))
         """T [s]."""
         farthest = np.maximum(FARTHEST, SLACK * chain.velocity * dt) / self.time
-        self.change = ca.DM(np.minimum.reduce([chain.acceleration * dt, 2 * chain.velocity, farthest]))
+        self.change = ca.fmin(largest_change(chain, dt), ca.DM(farthest))
         """(n,) largest change of a velocity in a tick: the acceleration's, and z moves by `FARTHEST` at most."""
         self._left = 1 - dt / self.time
         stopping = self.time / SLACK
@@ -55,15 +56,26 @@ class BrakingTogether:
 
     def slowest(self, velocity: ca.SX) -> ca.SX:
         """(n,) velocities after a tick of the hardest braking; it ends at rest, on the way to the stop posture."""
-        return velocity * (1 - self._hardest(velocity))
+        return slowed_together(velocity, self.change)
 
     def leaves(self, velocity: ca.SX) -> ca.SX:
         """Fraction that is left of a velocity that must go, at most, so that it is gone `LATER` than T / 1.1.
 
         `slower` alone never ends.
         """
-        return ca.fmin(self._left, 1 - self._part * self._hardest(velocity))
+        return ca.fmin(self._left, 1 - self._part * _taken_away(velocity, self.change))
 
-    def _hardest(self, velocity: ca.SX) -> ca.SX:
-        """Fraction of all velocities that the accelerations take away in a tick."""
-        return 1 / ca.fmax(ca.mmax(ca.fabs(velocity) / self.change), 1)
+
+def ticks_to_rest(velocity: ca.SX, change: ca.DM) -> ca.SX:
+    """Ticks in which velocities (n,) come to rest that change by `change` (n,) a tick at most: the slowest one's."""
+    return ca.mmax(ca.fabs(velocity) / change)
+
+
+def slowed_together(velocity: ca.SX, change: ca.DM) -> ca.SX:
+    """(n,) velocities after a tick in which all shrink by the same fraction, as large as `change` (n,) allows."""
+    return velocity * (1 - _taken_away(velocity, change))
+
+
+def _taken_away(velocity: ca.SX, change: ca.DM) -> ca.SX:
+    """Fraction that such a tick takes away."""
+    return 1 / ca.fmax(ticks_to_rest(velocity, change), 1)

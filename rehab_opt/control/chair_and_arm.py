@@ -6,11 +6,12 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rehab_opt.control.braking_together import ticks_to_rest
 from rehab_opt.control.chair_limits import ChairLimits, Limits
 from rehab_opt.control.command import Bound, Command, Status
 from rehab_opt.control.hand_task import AHEAD, PROGRESS, HandTask, Last, Task
 from rehab_opt.control.joint_feedback import JointFeedback
-from rehab_opt.control.limit import PostureLimits as OwnLimits
+from rehab_opt.control.limit import PostureLimits
 from rehab_opt.control.obstacles import NUMBERS
 from rehab_opt.control.velocity_controller import VelocityController
 from rehab_opt.errors import ConfigurationError
@@ -21,7 +22,7 @@ from rehab_opt.optim.factor import symmetric
 from rehab_opt.optim.qp import Statement
 from rehab_opt.optim.rows import PLAUSIBLE, Instance, Row, equal, parameter, variable, within
 from rehab_opt.symbolic import BufferedFunction, Compile
-from rehab_opt.symbolic.tick import Stages as Tick
+from rehab_opt.symbolic.tick import Stages
 
 __all__ = ["ChairAndArm"]
 
@@ -112,7 +113,7 @@ class ChairAndArm(VelocityController):
         tolerance: float,
         max_age: float | None,
         compile: Compile,
-        own: OwnLimits,
+        own: PostureLimits,
         feedback: JointFeedback | None = None,
     ) -> None:
         self.robot, self.rows, self.drive, self.max_obstacles = robot, rows, drive, max_obstacles
@@ -155,7 +156,7 @@ class ChairAndArm(VelocityController):
     # --------------------------------------------------------------------------------------------- the task
     def statement(self) -> Statement:
         """The QP of one tick."""
-        tick, n, k = Tick(), self.chain.n, len(self.rows)
+        tick, n, k = Stages(), self.chain.n, len(self.rows)
         q, twist, world = parameter("q", n), parameter("twist", k), parameter("frame", 1)
         surroundings, memory = parameter("obstacles", self.surroundings), parameter("last", self._memory_size)
         last, moving = Last(memory[:n], memory[-2 - k : -2], memory[-2], memory[-1]), ca.sumsqr(twist) > 0
@@ -189,7 +190,7 @@ class ChairAndArm(VelocityController):
             + (task.dear * off - price * progress + PROGRESS * (missing**2 + off**2) / 2),
             subject_to=[
                 equal(J @ u, task.turning + progress * task.direction + off * task.error),
-                *limits.chassis_rows(u),
+                *limits.chassis.rows(u),
                 *seldom,
             ],
             lazy_rows=sum(row.expression.numel() for row in seldom),
@@ -204,7 +205,7 @@ class ChairAndArm(VelocityController):
             violation=limits.violation(command),
         )
 
-    def _limits(self, tick: Tick, q: ca.SX, memory: ca.SX, surroundings: ca.SX, *, gives_way: ca.SX) -> Limits:
+    def _limits(self, tick: Stages, q: ca.SX, memory: ca.SX, surroundings: ca.SX, *, gives_way: ca.SX) -> Limits:
         apart, last, mean = self._apart(memory), memory[: self.chain.n], self._mean(memory)
         return self.limits.limits(tick, q, last, surroundings, mean=mean, gives_way=gives_way, apart=apart)
 
@@ -233,28 +234,31 @@ class ChairAndArm(VelocityController):
 
         # Beyond its own bounds, as a fraction of what the accelerations can do in a tick.
         beyond = ca.if_else(all_true(ca.fabs(analytic) <= PLAUSIBLE), 0, ca.inf)
-        for row in (within(u, *ends), *limits.chassis_rows(u), self._hand_row(u, task)):
+        for row in (within(u, *ends), *limits.chassis.rows(u), self._hand_row(u, task)):
             matrix = ca.jacobian(row.expression, u)
             ratios = excess(row, matrix) / ca.fmax(ca.fabs(matrix) @ braking.change, TINY)
             beyond = ca.fmax(beyond, ca.mmax(ratios))
         surroundings = [excess(row, ca.jacobian(row.expression, u)) for row in limits.surrounding_rows(u)]
         met = ca.mmax(ca.vertcat(ca.SX(0), *surroundings)) > 0
-        going = ca.fmin(ca.mmax(ca.fabs(last) / braking.change) / GOING, 1)
+        going = ca.fmin(ticks_to_rest(last, braking.change) / GOING, 1)
         part = ca.if_else(beyond > 0, going * ca.fmax(1 - beyond, 0), 1)
         part = ca.if_else(met, 0, part)
         slower = braking.slower(last)
         return ca.if_else(part > 0, slower + part * (analytic - slower), slower), part
 
-    def _command(self, tick: Tick, q: ca.SX, u: ca.SX, surroundings: ca.SX, *, limits: Limits, moving: ca.SX) -> ca.SX:
+    def _command(
+        self, tick: Stages, q: ca.SX, u: ca.SX, surroundings: ca.SX, *, limits: Limits, moving: ca.SX
+    ) -> ca.SX:
         """(7,) u, shortened to what keeps chair and arm out of everything; exactly `base` without a command."""
         outside = self.limits.clear_of_obstacles(tick, surroundings, q, limits, u) if self.max_obstacles else u
         command = tick.once(ca.if_else(moving, outside, limits.base))
         if self.robot.keep_out:
-            clear = self.limits.clear(command, limits.clearance)
-            command = tick.when(clear, command, self.limits.unhindered(limits.base, command, q[CHAIR:]))
+            keep_outs = self.limits.keep_outs
+            clear = keep_outs.clear(command, limits.clearance)
+            command = tick.when(clear, command, keep_outs.unhindered(limits.base, command, q[CHAIR:]))
         return self._kept(tick, q, surroundings, command, limits.base)
 
-    def _kept(self, tick: Tick, q: ca.SX, surroundings: ca.SX, u: ca.SX, base: ca.SX) -> ca.SX:
+    def _kept(self, tick: Stages, q: ca.SX, surroundings: ca.SX, u: ca.SX, base: ca.SX) -> ca.SX:
         """(7,) u, or what of it keeps a user's limits."""
         if not len(self.limits.own):
             return u
@@ -290,12 +294,12 @@ class ChairAndArm(VelocityController):
 
     def braking(self) -> ca.Function:
         """q, memory, obstacles -> see `VelocityController`."""
-        tick, q = Tick(), ca.SX.sym("q", self.chain.n)
+        tick, q = Stages(), ca.SX.sym("q", self.chain.n)
         surroundings, memory = ca.SX.sym("obstacles", self.surroundings), ca.SX.sym("memory", self._memory_size)
         limits = self._limits(tick, q, memory, surroundings, gives_way=ca.SX(0))
         rest = limits.base
         if self.robot.keep_out:
-            rest = tick.once(self.limits.unhindered(rest, rest, q[CHAIR:]))
+            rest = tick.once(self.limits.keep_outs.unhindered(rest, rest, q[CHAIR:]))
         command = self._kept(tick, q, surroundings, rest, rest)
         report = self.report(memory[: self.chain.n], command, ca.SX(0), ca.SX(1), limits.outside)  # none of the task
         forgotten = ca.SX.zeros(len(self.rows)), ca.SX(0), ca.SX(UNKNOWN)

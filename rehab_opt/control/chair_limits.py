@@ -10,28 +10,20 @@ import casadi as ca
 import numpy as np
 
 from rehab_opt.control.braking_together import BrakingTogether
-from rehab_opt.control.chair_obstacles import INTO, ROWS, TIGHTER, ChairObstacles, mean_velocity
-from rehab_opt.control.keep_out import arm_gaps, closing_rows
-from rehab_opt.control.limit import PostureLimits as OwnLimits
-from rehab_opt.control.limit import kept_within
+from rehab_opt.control.chair_obstacles import ROWS, TIGHTER, ChairObstacles, mean_velocity
+from rehab_opt.control.keep_out import ALONG, ArmKeepOuts
+from rehab_opt.control.limit import PostureLimits, kept_within
+from rehab_opt.control.linear_limit import LinearLimit, SymmetricLimit
 from rehab_opt.control.obstacles import NUMBERS
 from rehab_opt.control.stopping import FAR, velocity_bounds
 from rehab_opt.kinematics.drive import Drive
 from rehab_opt.kinematics.mobile_arm import CHAIR, MobileArm
 from rehab_opt.optim.certificate import all_true, clipped
-from rehab_opt.optim.rows import Row, within
-from rehab_opt.symbolic.tick import Stages as Tick
+from rehab_opt.optim.rows import Row
+from rehab_opt.symbolic.tick import Stages
 
 __all__ = ["ChairLimits", "Limits"]
 
-ALONG = (0.25, 0.5, 0.75, 1.0)
-"""Places on the way to the stop posture where the keep-outs are looked at, besides its beginning."""
-MARGIN = 12e-3
-"""[m] The stop posture stays further from a keep-out by this than the posture now: links turn; rows are tangents."""
-FAST = 0.4
-"""[m] Way of a hand to the stop posture from which on that margin is whole, before in its square, as links turn."""
-CLEAR = 5e-4
-"""[m] The arm stays clear of keep-outs by this, and by twice as much at the stop posture."""
 ROUNDED = 1e-10
 """[m/s] By which a solver may pass a row: at a limit of zero, less would stop the chair at once."""
 LATE = 1e-6
@@ -48,23 +40,18 @@ class Limits(NamedTuple):
     lower: ca.SX
     """(7,) of each joint: its speed, its stop posture within its limits; see `LATE`."""
     upper: ca.SX
-    chair: ca.SX
-    """(a, 3) rows of rim speeds and of the chassis speed, both ways within chair_limit (a,) [m/s]."""
-    chair_limit: ca.SX
-    towards: ca.SX
-    """(b, 3) rows of the chair's corners towards obstacles, at most towards_limit (b,) [m/s], where braking ends."""
-    towards_limit: ca.SX
-    into: ca.SX
-    """(d, 3) rows that lead into no obstacle in this tick, at most into_limit (d,) [m/s]; part of no problem."""
-    into_limit: ca.SX
+    chassis: SymmetricLimit
+    """Rim speeds and the chassis speed [m/s]; of a base that stands there are none."""
+    towards: LinearLimit
+    """The chair's corners towards obstacles [m/s], where braking ends."""
+    into: LinearLimit
+    """The chair into an obstacle in this tick [m/s]; part of no problem."""
     tight: ca.SX
     """1 where `base` keeps out and these, which bound how it bows, do not tell."""
-    closing: ca.SX
-    """(c, 4) rows of the arm towards its keep-outs, at most closing_limit (c,) [m/s]; of the posture now first."""
-    closing_limit: ca.SX
-    beside: ca.SX
-    """(e, 7) rows of a user's limits and of what keeps clear of each other, at most beside_limit (e,)."""
-    beside_limit: ca.SX
+    closing: LinearLimit
+    """The arm towards its keep-outs [m/s]: from the posture now, see `now`, and from places on the way."""
+    beside: LinearLimit
+    """A user's limits, and what keeps clear of each other."""
     base: ca.SX
     """(7,) one tick of the hardest braking together: the safe command; see `ChairLimits` for what comes nearer."""
     clearance: ca.SX
@@ -75,30 +62,21 @@ class Limits(NamedTuple):
     @property
     def row_count(self) -> int:
         """Number of rows."""
-        return int(sum(each.size1() for each in (self.chair, self.towards, self.closing, self.beside)))
+        return sum(each.row_count for each in (self.chassis, self.towards, self.closing, self.beside))
 
-    def chassis_rows(self, u: ca.SX) -> list[Row]:
-        """The rows of the drive; none of a base that stands."""
-        return [within(self.chair @ u[:CHAIR], -self.chair_limit, self.chair_limit)] if self.chair.size1() else []
+    @property
+    def now(self) -> LinearLimit:
+        """The first half of `closing`: the arm into a keep-out in this tick."""
+        return LinearLimit(*(column[: self.closing.row_count // 2, :] for column in self.closing))
 
     def surrounding_rows(self, u: ca.SX) -> list[Row]:
         """Those of obstacles and keep-outs."""
-        every = (
-            (self.towards, u[:CHAIR], self.towards_limit), (self.closing, u[CHAIR:], self.closing_limit),
-            (self.beside, u, self.beside_limit),
-        )  # fmt: skip
-        return [within(rows @ of, -np.inf, limit) for rows, of, limit in every if rows.size1()]
+        return [row for each in (self.towards, self.closing, self.beside) for row in each.rows(u)]
 
     def violation(self, u: ca.SX) -> ca.SX:
         """By how much u breaks those of this tick, not of the way to the stop posture; infinite for NaN."""
-        chair, now = u[:CHAIR], slice(self.closing.size1() // 2)
-        over = ca.vertcat(
-            u - self.upper,
-            self.lower - u,
-            ca.fabs(self.chair @ chair) - self.chair_limit,
-            self.into @ chair - self.into_limit,
-            self.closing[now, :] @ u[CHAIR:] - self.closing_limit[now],
-        )
+        linear = [each.excess(u) for each in (self.chassis, self.into, self.now)]
+        over = ca.vertcat(u - self.upper, self.lower - u, *linear)
         return ca.if_else(all_true(ca.fabs(over) < ca.inf), ca.norm_2(ca.fmax(over, 0)), ca.inf)
 
 
@@ -108,10 +86,8 @@ class ChairLimits:
     Each limit is kept by the stop posture z of `BrakingTogether`, so that braking together breaks none of them:
 
     - joint limits: lower <= q + T u <= upper;
-    - keep-outs: the arm's distance at that of the places `ALONG` the way to z where least is left is above a margin
-      that grows on the way, to first order in the change of u; at q it falls no faster than what is left divided by T,
-      and within the margin, where an arm slides along, no faster than braking leaves of it while `CLEAR` is left;
-    - obstacles: the gap of each corner of the chair at z, or half-way there where less is left, likewise.
+    - keep-outs: the arm's distance where least of it is left on the way to z, see `ArmKeepOuts`;
+    - obstacles: the gap of each corner of the chair at z, or half-way there where less is left, see `ChairObstacles`.
 
     Where a state comes too late for that (an obstacle that appears, a velocity that is told, rounding), a limit asks
     for braking as hard as the accelerations allow, until it is kept again; and the command is shortened to what keeps
@@ -130,70 +106,28 @@ class ChairLimits:
     """
 
     def __init__(
-        self, robot: MobileArm, wheels: Drive, *, max_obstacles: int, dt: float, recovery_speed: float, own: OwnLimits
+        self,
+        robot: MobileArm,
+        wheels: Drive,
+        *,
+        max_obstacles: int,
+        dt: float,
+        recovery_speed: float,
+        own: PostureLimits,
     ) -> None:
         self.robot, self.wheels, self.max_obstacles, self.own = robot, wheels, max_obstacles, own
         self.dt, self.recovery_speed = dt, recovery_speed
         self.braking = BrakingTogether(robot.chain, dt, moving=self.moving)
         self.obstacles = ChairObstacles(robot, self.braking, dt)
-        arm = ca.SX.sym("arm", robot.chain.n - CHAIR)
-        gaps = ca.densify(arm_gaps(robot, arm)) if robot.keep_out else arm
-        self._gaps = ca.Function("gaps", [arm], [gaps])
-        self._closing = ca.Function("closing", [arm], list(closing_rows(robot, arm)) if robot.keep_out else [arm])
-        self._swinging = [i for i, moves in enumerate(ca.which_depends(gaps, arm, 1, False)) if moves]
-        """Joints of the arm, from 0, that move its links: not the last, where the hand lies on its axis."""
+        self.keep_outs = ArmKeepOuts(robot, self.braking, dt)
 
     @property
     def moving(self) -> list[int]:
         """Joints that the drive allows to move, by number from 0: Eq. (4) in the chassis frame."""
         return [*self.wheels.moving, *range(CHAIR, self.robot.chain.n)]
 
-    def near(self, arm: ca.SX, fastest: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """Whether a keep-out can matter at arm joints (4,) after speeds (4,) at most; the arm's clearance [m]."""
-        if not self.robot.keep_out:
-            return ca.SX(0), ca.SX(FAR)
-        clearance = ca.mmin(self._gaps(arm))
-        speed = ca.sum1(fastest + self.braking.change[CHAIR:])
-        return clearance <= self._margin(1.0, fastest) + self.robot.reach * self.braking.time * speed, clearance
-
-    def keep_outs(self, arm: ca.SX, last: ca.SX, mean: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """Rows (c, k) towards the keep-outs at arm joints (k,) after a command's (k,), and their free speeds (c,).
-
-        First those of the posture now, negative within its margin; then, for each, of the place where least is left on
-        the way to rest from the `mean` (k,).
-        """
-        if not self.robot.keep_out:
-            return self.far()
-        slower, time = self.braking.slower(mean), self.braking.time
-        apart = time / len(ALONG)
-        # In the middle of the tick: there a link that slides along a keep-out comes no nearer.
-        opening, gaps = self._closing(arm + last * (self.dt / 2))
-        now, free = -opening, (gaps - self._margin(0.0, last)) / time
-        then, left = 0 * opening, ca.SX.inf(now.size1())
-        before, falls = opening, ca.fmin(opening @ slower, 0)
-        for part in ALONG:
-            margin = self._margin(part, mean)
-            opening, here = self._closing(arm + part * time * slower)
-            rises = ca.fmax(opening @ slower, 0)
-            # Where it falls and then rises from the place before, the least of a parabola; else this place.
-            dips = ca.logic_and(falls < 0, rises > 0)
-            share = ca.if_else(dips, -falls / ca.fmax(rises - falls, TINY), 1)
-            least = ca.if_else(dips, gaps + falls * share * apart / 2, here)
-            then_time = ca.fmax(part * time - (1 - share) * apart, apart / 4)
-            nearest = before + share * (opening - before)
-            less = (least - margin) / then_time
-            then = ca.if_else(ca.repmat(less < left, 1, now.size2()), nearest, then)
-            left = ca.fmin(less, left)
-            before, gaps, falls = opening, here, ca.fmin(opening @ slower, 0)
-        return ca.vertcat(now, -then), ca.vertcat(free, left)
-
-    def far(self) -> tuple[ca.SX, ca.SX]:
-        """Those where no keep-out matters."""
-        count = 2 * len(self.robot.keep_out) * len(self.robot.links)
-        return ca.SX.zeros(count, self.robot.chain.n - CHAIR), FAR * ca.SX.ones(count)
-
     def limits(
-        self, tick: Tick, q: ca.SX, last: ca.SX, surroundings: ca.SX, *, mean: ca.SX, gives_way: ca.SX, apart: ca.SX
+        self, tick: Stages, q: ca.SX, last: ca.SX, surroundings: ca.SX, *, mean: ca.SX, gives_way: ca.SX, apart: ca.SX
     ) -> Limits:
         """Limits at joint values q (7,) after the command `last` (7,), among obstacles and moving capsules.
 
@@ -202,128 +136,90 @@ class ChairLimits:
         joint limits hold, too. What is far makes no rows.
         """
         lower, upper, hard_lower, hard_upper, outside = tick.once(self._joints(q, last, apart))
-        read, arm, swing = self.obstacles.read, q[CHAIR:], last[CHAIR:]
-        each = ca.vertsplit(surroundings[: NUMBERS * self.max_obstacles], NUMBERS) if self.max_obstacles else []
-        around = [tick.call(self.obstacles.rows, one, q[:CHAIR], last[:CHAIR])[0] for one in each]
-        fastest = ca.fmax(ca.fabs(last), ca.fabs(mean))
-        is_near, clearance = self.near(arm, fastest[CHAIR:])
-        closing, free = self.keep_outs(arm, swing, mean[CHAIR:])
-        if self.robot.keep_out:
-            found = tick.when(is_near, ca.horzcat(closing, free), ca.horzcat(*self.far()))
-            closing, free = found[:, :-1], found[:, -1]
-        contacts, told = ca.SX(0, 1), surroundings[NUMBERS * self.max_obstacles :]
+        obstacles, told = ca.vertsplit(surroundings, [0, NUMBERS * self.max_obstacles, surroundings.numel()])
+        towards, into, inside = self.obstacles.limits(tick, obstacles, q, last)
+        now, then, clearance = self.keep_outs.limits(tick, q, last, mean)
+        contacts = ca.SX(0, 1)
         if self.own.contacts_size:
             (contacts,) = tick.call(self.contacts, q, last, told)
-        into, into_limit = _stacked([read(each, ROWS, INTO) for each in around])
-        count = closing.size1() // 2
-        now, then = closing[:count, :], closing[count:, :]
-        slower, about, slowest = self.braking.slower(last), self.braking.slower(mean), self.braking.slowest(last)
-        chair, chair_limit = self._chassis(slowest[:CHAIR])
-        hard = ca.fmax(free[:count] * self.braking.time + CLEAR, 0) / self.dt
-        now_limit = ca.fmax(ca.fmax(free[:count], 0), ca.fmin(now @ slowest[CHAIR:], hard))
+        slowest = self.braking.slowest(last)
+        chassis = self._chassis(slowest)
 
-        base = clipped(slowest, hard_lower, hard_upper)
         slowed, tight = self._kept_out(
-            tick, base[:CHAIR], q=q, last=last[:CHAIR], surroundings=surroundings, into=(into, into_limit),
-            chassis=(chair, chair_limit),
+            tick, clipped(slowest, hard_lower, hard_upper), q=q, last=last, obstacles=obstacles, into=into,
+            chassis=chassis,
         )  # fmt: skip
-        into_limit = ca.fmax(into_limit, into @ slowed)
-        base = ca.vertcat(slowed, base[CHAIR:] * largest_part(now @ base[CHAIR:], now_limit))
-        beside, beside_limit = ca.SX(0, q.numel()), ca.SX(0, 1)
+        into = into.relaxed(slowed)
+        base = ca.vertcat(slowed[:CHAIR], slowed[CHAIR:] * now.largest_part(slowed))
+        beside = LinearLimit(ca.SX(0, q.numel()), ca.SX(0, 1))
         if len(self.own):
-            still = [i for i in range(q.numel()) if i not in self.moving]
             turn = self.world(q[2], q.numel())
-            turn[:, still] = 0
-            change = self.braking.change
-            bodies = self._touched(tick, q, about, contacts, told, fastest=fastest)
-            ahead, free_ahead = self.own.on_the_way(
+            turn[:, self.wheels.still()] = 0
+            about, change = self.braking.slower(mean), self.braking.change
+            bodies = self._touched(tick, q, about, contacts, told, fastest=ca.fmax(ca.fabs(last), ca.fabs(mean)))
+            ahead = LinearLimit(*self.own.on_the_way(
                 q, about, bodies=bodies, way=self.led, seconds=self._times, change=change,
                 astray=ca.mmax(ca.fmax(ca.fabs(last - mean) - change, 0)),
-            )  # fmt: skip
+            ))  # fmt: skip
             ends = _reached(last, change, base, (lower, upper))
-            led = kept_within((-ahead, free_ahead, ca.SX.inf(free_ahead.size1())), base, ends, ends)
+            led = kept_within((-ahead.matrix, ahead.upper, ca.SX.inf(ahead.row_count)), base, ends, ends)
             braked, base = base, ca.if_else(gives_way, led, base)
-            beside, free_beside, base = self.own.beside(
+            *here, base = self.own.beside(
                 q, turn @ last, contacts, turn=turn, base=base, ends=ends, hard=(hard_lower, hard_upper),
                 gives_way=gives_way,
             )  # fmt: skip
             # As far from there as wheels, chassis, obstacles and keep-outs let it: both are within the accelerations.
-            both, most = ca.vertcat(chair, -chair, into), ca.vertcat(chair_limit, chair_limit, into_limit)
-            led = as_far(braked[:CHAIR], base[:CHAIR], both, most)
-            base = ca.vertcat(ca.if_else(tight, slowed, led), as_far(braked[CHAIR:], base[CHAIR:], now, now_limit))
-            beside, free_beside = ca.vertcat(beside, ahead), ca.vertcat(free_beside, free_ahead)
-            beside_limit = ca.fmax(free_beside, beside @ base)
+            way = base - braked
+            driven = LinearLimit.stacked(chassis.one_sided, into).largest_part(way, braked) * way[:CHAIR]
+            swung = now.largest_part(way, braked) * way[CHAIR:]
+            base = ca.vertcat(ca.if_else(tight, slowed[:CHAIR], braked[:CHAIR] + driven), braked[CHAIR:] + swung)
+            beside = LinearLimit.stacked(LinearLimit(*here), ahead).relaxed(base)
             lower, upper = ca.fmin(lower, base), ca.fmax(upper, base)
             outside = ca.sum1(ca.vertcat(outside, self.own.beyond(q), self.own.inside(contacts))) > 0
-        towards, left = _stacked([read(each, 0, ROWS) for each in around])
-        asked, held = left + towards @ slower[:CHAIR], towards @ base[:CHAIR]
-        over = ca.vertsplit(held - asked, ROWS) if around else []
+        over = ca.vertsplit(towards.excess(base), ROWS) if inside else []
         late = ca.sum1(ca.vertcat(0, *(ca.mmax(each) > LATE for each in over))) > 1
         lower, upper = (ca.vertcat(ca.if_else(late, base[:CHAIR], end[:CHAIR]), end[CHAIR:]) for end in (lower, upper))
+        towards = towards.relaxed(base)
         return Limits(
             lower=lower,
             upper=upper,
-            chair=chair,
-            chair_limit=chair_limit,
-            towards=towards,
-            towards_limit=ca.if_else(late, FAR, ca.fmax(asked, held)),
+            chassis=chassis,
+            towards=towards._replace(upper=ca.if_else(late, FAR, towards.upper)),
             into=into,
-            into_limit=into_limit,
             tight=tight,
-            closing=closing,
+            closing=LinearLimit.stacked(now, then.relaxed(base)),
             beside=beside,
-            beside_limit=beside_limit,
-            closing_limit=ca.vertcat(now_limit, ca.fmax(free[count:] + then @ about[CHAIR:], then @ base[CHAIR:])),
             base=base,
             clearance=clearance,
-            outside=ca.sum1(ca.vertcat(outside, *(each[-1] for each in around), clearance < 0)) > 0,
+            outside=ca.sum1(ca.vertcat(outside, *inside, clearance < 0)) > 0,
         )
 
     def _kept_out(
-        self, tick: Tick, slowed: ca.SX, *, q: ca.SX, last: ca.SX, surroundings: ca.SX, into: tuple[ca.SX, ca.SX],
-        chassis: tuple[ca.SX, ca.SX],
+        self, tick: Stages, slowed: ca.SX, *, q: ca.SX, last: ca.SX, obstacles: ca.SX, into: LinearLimit,
+        chassis: SymmetricLimit,
     ) -> tuple[ca.SX, ca.SX]:  # fmt: skip
-        """(3,) `slowed` without what truly leads into an obstacle; see `Limits.tight`."""
-        (rows, limit), (drive, drive_limit), change = into, chassis, self.braking.change[:CHAIR]
+        """(7,) `slowed` without what truly leads the chair into an obstacle; see `Limits.tight`."""
+        chair, arm, before, change = slowed[:CHAIR], slowed[CHAIR:], last[:CHAIR], self.braking.change[:CHAIR]
         if not self.max_obstacles:
             return slowed, ca.SX(0)
 
         def led_out() -> ca.SX:
-            slopes, rest = -rows, (ca.fmin(last, 0), ca.fmax(last, 0))  # braking only slows
-            slopes[:, [i for i in range(CHAIR) if i not in self.moving]] = 0
-            ends = clipped(last - change, *rest), clipped(last + change, *rest)
-            led = kept_within((slopes, limit, limit + ROUNDED), slowed, ends, rest)
-            out = led * largest_part(ca.fabs(drive @ led), drive_limit)
-            return ca.if_else(self.no_deeper(tick, surroundings, q, slowed), slowed, out)
+            slopes, rest = -into.matrix[:, :CHAIR], (ca.fmin(before, 0), ca.fmax(before, 0))  # braking only slows
+            slopes[:, self.wheels.still()] = 0
+            ends = clipped(before - change, *rest), clipped(before + change, *rest)
+            led = kept_within((slopes, into.upper, into.upper + ROUNDED), chair, ends, rest)
+            out = led * chassis.largest_part(ca.vertcat(led, arm))
+            return ca.if_else(self.obstacles.none_deeper(tick, obstacles, q[:CHAIR], chair), chair, out)
 
-        kept = tick.when(ca.mmax(rows @ slowed - limit) > ROUNDED, led_out, slowed)
-        return kept, tick.once(ca.mmax(rows @ kept - limit) > ROUNDED)
+        kept = ca.vertcat(tick.when(ca.mmax(into.excess(slowed)) > ROUNDED, led_out, chair), arm)
+        return kept, tick.once(ca.mmax(into.excess(kept)) > ROUNDED)
 
-    def no_deeper(self, tick: Tick, surroundings: ca.SX, q: ca.SX, u: ca.SX) -> ca.SX:
-        """1 where the velocity (3,) leads into no obstacle in this tick, nor deeper."""
-        each = ca.vertsplit(surroundings[: NUMBERS * self.max_obstacles], NUMBERS)
-        return all_true(*(tick.call(self.obstacles.no_deeper, one, q[:CHAIR], u)[0] for one in each))
-
-    def clear_of_obstacles(self, tick: Tick, surroundings: ca.SX, q: ca.SX, limits: Limits, u: ca.SX) -> ca.SX:
+    def clear_of_obstacles(self, tick: Stages, surroundings: ca.SX, q: ca.SX, limits: Limits, u: ca.SX) -> ca.SX:
         """(7,) the command on the way from `base` to u (7,) that leads the chair into no obstacle in this tick."""
         base, way = limits.base, u - limits.base
-        free = limits.into_limit - limits.into @ base[:CHAIR] + ROUNDED
-        command = tick.once(base + largest_part(limits.into @ way[:CHAIR], free) * way)
-        keeps = (tick, surroundings, q, command[:CHAIR])
-        return tick.when(limits.tight, lambda: ca.if_else(self.no_deeper(*keeps), command, base), command)
-
-    def unhindered(self, base: ca.SX, wanted: ca.SX, arm: ca.SX) -> ca.SX:
-        """(7,) the first of `wanted`, half-way to `base`, that, its half and its chair alone that keeps the arm out.
-
-        The rows say so to first order only.
-        """
-        half = ca.vertcat(base[:CHAIR], 0.5 * base[CHAIR:])
-        chosen = ca.vertcat(base[:CHAIR], ca.SX.zeros(self.robot.chain.n - CHAIR))
-        now = ca.fmin(self._gaps(arm), 0)
-        for u in (half, base, (base + wanted) / 2, wanted):
-            then = self._gaps(arm + self.dt * u[CHAIR:])
-            chosen = ca.if_else(all_true(then >= now), u, chosen)
-        return chosen
+        command = tick.once(base + limits.into.largest_part(way, base, ROUNDED) * way)
+        there = tick, surroundings[: NUMBERS * self.max_obstacles], q[:CHAIR], command[:CHAIR]
+        return tick.when(limits.tight, lambda: ca.if_else(self.obstacles.none_deeper(*there), command, base), command)
 
     @staticmethod
     def world(heading: ca.SX, joints: int) -> ca.SX:
@@ -352,7 +248,7 @@ class ChairLimits:
         inputs = [ca.MX.sym(name, size) for name, size in (("q", n), ("last", n), ("moving", own.told))]
         return ca.Function("contacts", inputs, [own.contacts(inputs[0], sent(*inputs[:2]), inputs[2])])
 
-    def _touched(self, tick: Tick, q: ca.SX, u: ca.SX, contacts: ca.SX, told: ca.SX, *, fastest: ca.SX) -> ca.SX:
+    def _touched(self, tick: Stages, q: ca.SX, u: ca.SX, contacts: ca.SX, told: ca.SX, *, fastest: ca.SX) -> ca.SX:
         """What is left before bodies on the way of u, and slopes; of none where all are far."""
         slots = 0 if self.own.clearance is None else self.own.clearance.slots
         none = ca.horzcat(FAR * ca.SX.ones(slots), ca.SX.zeros(slots, q.numel()))
@@ -386,29 +282,10 @@ class ChairLimits:
         sent = ca.Function("sent", [here, velocity], [self.world(here[2], n) @ velocity])
         verdict = own.judged(q, told, sent(q, u))
         if self.robot.keep_out:
-            then, now = (self._gaps(arm) for arm in ((here + self.dt * velocity)[CHAIR:], here[CHAIR:]))
-            out = ca.Function("out", [here, velocity], [all_true(then >= ca.fmin(now, 0))], {"cse": True})
+            no_deeper = self.keep_outs.no_deeper(here[CHAIR:], velocity)
+            out = ca.Function("out", [here, velocity], [no_deeper], {"cse": True})
             verdict = ca.logic_and(verdict, out(q, u))
         return own.first_kept(ca.Function("judged", inputs, [verdict]))
-
-    def clear(self, u: ca.SX, clearance: ca.SX) -> ca.SX:
-        """1 where no keep-out is as near as a tick of u (7,) reaches, or of half the arm's."""
-        return clearance > 1.01 * self.robot.reach * self.dt * ca.sum1(ca.fabs(u[CHAIR:])) + TINY
-
-    def _margin(self, part: float, velocity: ca.SX) -> ca.SX:
-        """[m] at a part of the way to the stop posture: what tangents promise too much in a tick, and `MARGIN`."""
-        swinging, time = self._swinging, self.braking.time
-        change = np.asarray(self.braking.change).ravel()[CHAIR:][swinging]
-        speed = ca.sum1(ca.fabs(velocity[swinging]))
-        within = self.robot.reach * (self.dt * (speed + np.sum(change))) ** 2 / 2
-        step = part * time * float(np.max(change))
-        fastest = part * time * float(np.max(self.robot.chain.velocity[CHAIR:][swinging]))
-        return (
-            within
-            + (1 + part) * CLEAR
-            + part * MARGIN * ca.fmin(1, (self.robot.reach * time * speed / FAST) ** 2)
-            + self.robot.reach * min(step, fastest) ** 2 / 2
-        )
 
     def _joints(self, q: ca.SX, last: ca.SX, apart: ca.SX) -> tuple[ca.SX, ...]:
         chain, time, slowest = self.robot.chain, self.braking.time, self.braking.slowest(last)
@@ -423,48 +300,29 @@ class ChairLimits:
         pairs = [(ca.vertcat(-speed, a[CHAIR:]), ca.vertcat(speed, b[CHAIR:])) for a, b in (ends, hard)]
         return *pairs[0], *pairs[1], bounds.outside
 
-    def _chassis(self, slowest: ca.SX) -> tuple[ca.SX, ca.SX]:
+    def _chassis(self, slowest: ca.SX) -> SymmetricLimit:
         """Rim speeds, and the polygon of chassis speeds where there are two of them; none of a base that stands.
 
         Where a velocity that is told lies beyond a side of the polygon, in the circle, that side lies where the hardest
         braking is, and the one across it where the corner between them is in the circle.
         """
-        wheels, speed = self.wheels, float(self.robot.chain.velocity[0]) * (1 - TIGHTER)
-        rows, rims = wheels.rims
-        if not wheels.holonomic:
-            return ca.sparsify(ca.SX(ca.DM(rows))), ca.SX(ca.DM(rims * (1 - TIGHTER)))
+        chain, (rows, upper) = self.robot.chain, self.wheels.rims
+        rims = SymmetricLimit.of_joints(0, chain.n, ca.sparsify(ca.SX(rows)), ca.SX(upper * (1 - TIGHTER)))
+        if not self.wheels.holonomic:
+            return rims
+        speed = float(chain.velocity[0]) * (1 - TIGHTER)
         angles = (np.arange(FACETS // 2) + 0.5) * 2 * np.pi / FACETS
         sides = np.stack([np.cos(angles), np.sin(angles), 0 * angles], axis=1)
         inner = speed * math.cos(np.pi / FACETS)
-        needed = ca.fmax(ca.fabs(ca.DM(sides) @ slowest), inner)
+        needed = ca.fmax(ca.fabs(ca.DM(sides) @ slowest[:CHAIR]), inner)
         across = ca.vertcat(needed[FACETS // 4 :], needed[: FACETS // 4])
         room = ca.sqrt(ca.fmax(speed**2 - across**2, 0))
         limits = ca.if_else(across > inner, ca.fmin(needed, room), needed)
-        return ca.sparsify(ca.SX(ca.DM(np.vstack([rows, sides])))), ca.vertcat(ca.DM(rims * (1 - TIGHTER)), limits)
-
-
-def _stacked(rows: list[tuple[ca.SX, ca.SX]]) -> tuple[ca.SX, ca.SX]:
-    """Rows of all obstacles in one matrix and one column."""
-    matrices, columns = [each for each, _ in rows], [each for _, each in rows]
-    return ca.vertcat(ca.SX(0, CHAIR), *matrices), ca.vertcat(ca.SX(0, 1), *columns)
+        polygon = SymmetricLimit.of_joints(0, chain.n, ca.sparsify(ca.SX(sides)), limits)
+        return SymmetricLimit.stacked(rims, polygon)
 
 
 def _reached(last: ca.SX, change: ca.DM, base: ca.SX, ends: tuple[ca.SX, ca.SX]) -> tuple[ca.SX, ca.SX]:
     """What a change of velocity leads to within `ends`, `base` included."""
     lower, upper = (clipped(end, *ends) for end in (last - change, last + change))
     return ca.fmin(lower, base), ca.fmax(upper, base)
-
-
-def as_far(begin: ca.SX, end: ca.SX, rows: ca.SX, limits: ca.SX) -> ca.SX:
-    """(n,) from `begin` towards `end` as far as rows (k, n) let it."""
-    return begin + largest_part(rows @ (end - begin), ca.fmax(limits - rows @ begin, 0)) * (end - begin)
-
-
-def largest_part(values: ca.SX, limits: ca.SX, rounded: float = 0.0) -> ca.SX:
-    """Largest fraction, at most 1, of values that passes no limit, zero or more.
-
-    A limit that they pass by `rounded` at most counts as kept.
-    """
-    if not values.numel():
-        return ca.SX(1)
-    return ca.fmin(1, ca.mmin(ca.if_else(values > limits + rounded, limits / ca.fmax(values, TINY), 1)))

@@ -10,13 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.control.braking_together import BrakingTogether
+from rehab_opt.control.linear_limit import LinearLimit
 from rehab_opt.control.obstacles import NUMBERS, ObstacleRows, approach, outward_normal
 from rehab_opt.control.stopping import FAR
 from rehab_opt.kinematics.mobile_arm import CHAIR, MobileArm, Outline
 from rehab_opt.optim.certificate import all_true, clipped, first_true
 from rehab_opt.symbolic.tick import Stages
 
-__all__ = ["INTO", "ROWS", "ChairObstacles"]
+__all__ = ["ROWS", "ChairObstacles"]
 
 Array = NDArray[np.float64]
 
@@ -89,11 +90,26 @@ class ChairObstacles:
         row = ca.vertcat(ca.SX.zeros(CHAIR), FAR)
         return ca.densify(ca.vertcat(*[row] * (ROWS + INTO), 0))
 
-    @staticmethod
-    def read(column: ca.SX, first: int, count: int) -> tuple[ca.SX, ca.SX]:
-        """(count, 3) rows of a column from the first on, and (count,) what stands behind each."""
-        cells = ca.reshape(column[(CHAIR + 1) * first : (CHAIR + 1) * (first + count)], CHAIR + 1, count)
-        return cells[:CHAIR, :].T, cells[CHAIR, :].T
+    def limits(
+        self, tick: Stages, obstacles: ca.SX, q: ca.SX, last: ca.SX
+    ) -> tuple[LinearLimit, LinearLimit, list[ca.SX]]:
+        """Limits [m/s] towards obstacles (4 k,), and into them in this tick; for each, 1 where the chair is within it.
+
+        At joint values q (n,), after the command `last` (n,).
+        """
+        columns = [tick.call(self.rows, one, q[:CHAIR], last[:CHAIR])[0] for one in _each(obstacles)]
+
+        def read(first: int, count: int) -> LinearLimit:
+            cells = [each[(CHAIR + 1) * first : (CHAIR + 1) * (first + count)] for each in columns]
+            found = ca.vertcat(ca.SX(0, CHAIR + 1), *(ca.reshape(each, CHAIR + 1, count).T for each in cells))
+            return LinearLimit.of_joints(0, q.numel(), found[:, :CHAIR], found[:, CHAIR])
+
+        towards = read(0, ROWS).beyond(self.braking.slower(last))
+        return towards, read(ROWS, INTO), [each[-1] for each in columns]
+
+    def none_deeper(self, tick: Stages, obstacles: ca.SX, place: ca.SX, u: ca.SX) -> ca.SX:
+        """1 where `no_deeper` holds of all obstacles (4 k,), at place (3,) and velocity (3,)."""
+        return all_true(*(tick.call(self.no_deeper, one, place, u)[0] for one in _each(obstacles)))
 
     @cached_property
     def no_deeper(self) -> ca.Function:
@@ -214,6 +230,11 @@ class ChairObstacles:
             then, left = ca.if_else(here < left, closing, then), ca.fmin(here, left)
             least = ca.fmin(least, gap)
         return ca.vertcat(first, then, left), least
+
+
+def _each(obstacles: ca.SX) -> list[ca.SX]:
+    """(4,) each."""
+    return ca.vertsplit(obstacles, NUMBERS) if obstacles.numel() else []
 
 
 def _corner(wall: ca.SX, corner: Array, velocity: ca.SX, time: float) -> tuple[ca.SX, ca.SX]:

@@ -20,9 +20,10 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from rehab_opt.control.braking_together import slowed_together, ticks_to_rest
 from rehab_opt.control.clearance_pairs import ClearancePairs
 from rehab_opt.control.limit import ROWS, Limit, PostureLimits
-from rehab_opt.control.stopping import VelocityBounds
+from rehab_opt.control.stopping import VelocityBounds, largest_change
 from rehab_opt.control.tool_speed import tool_jerk
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.kinematics.room import KeepOut
@@ -189,19 +190,19 @@ class HandBounds:
         With N the ticks in which the slowest joint to stop stops, velocities fall by 1/N of `velocity` a tick: further
         ones lead as far as N - (N + 1)/2 of it. Braking stays on that line, and comes to rest where it ends.
         """
-        ticks = ca.mmax(ca.fabs(velocity) / self.change)
+        ticks = ticks_to_rest(velocity, self.change)
         whole = ca.floor(ticks)
         further = whole - whole * (whole + 1) / (2 * ca.fmax(ticks, TINY))
         return [1 + further * part for part in PARTS]
 
     def braking(self, last: ca.SX) -> ca.SX:
         """(n,) the velocity after a tick of braking of all joints alike, as fast as their accelerations allow."""
-        return last * ca.fmax(0, 1 - 1 / ca.fmax(ca.mmax(ca.fabs(last) / self.change), 1))
+        return slowed_together(last, self.change)
 
     @cached_property
     def change(self) -> ca.DM:
         """(n,) largest change of a velocity in a tick."""
-        return ca.DM(np.minimum(self.chain.acceleration * self.dt, 2 * self.chain.velocity))
+        return largest_change(self.chain, self.dt)
 
     def kept(
         self, q: ca.SX, velocity: ca.SX, centre: ca.SX, *, w: ca.SX, gradient: ca.SX, here: ca.SX, hand: ca.SX

@@ -213,7 +213,7 @@ class HandTask:
         # Where the law is far away, what is off the command goes sooner than on the way to it.
         left = (1 - part) * gently
         goes = firmness(aside)
-        hurry = 0 if limits.beside.size1() else ca.fmax(1 - HURRY * size / ca.fmax(ca.norm_2(aside), TINY), 0)
+        hurry = 0 if limits.beside.row_count else ca.fmax(1 - HURRY * size / ca.fmax(ca.norm_2(aside), TINY), 0)
         keeps = 1 - hurry * (1 - braking.leaves(self._spread(soft @ goes)))
         sooner = ca.fmax(left - ca.fmin(braking.leaves(last.velocity), keeps), 0)
         turning = tick.once(ca.if_else(usable, (left - sooner) * aside, 0))

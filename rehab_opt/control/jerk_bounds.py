@@ -22,7 +22,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rehab_opt.control.stopping import FAR, OUTSIDE, VelocityBounds
+from rehab_opt.control.stopping import FAR, OUTSIDE, VelocityBounds, largest_change
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import SerialChain, per_joint
 from rehab_opt.optim.certificate import clipped
@@ -73,8 +73,8 @@ class JerkBounds(NamedTuple):
 
     @property
     def _change(self) -> ca.DM:
-        """(n,) acceleration; changes beyond 2 V a tick are none that a bound could forbid."""
-        return ca.DM(np.minimum(self.chain.acceleration, 2 * self.chain.velocity / self.dt))
+        """(n,) acceleration."""
+        return largest_change(self.chain, self.dt) / self.dt
 
     @property
     def _jerk(self) -> ca.DM:

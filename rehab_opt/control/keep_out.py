@@ -1,34 +1,152 @@
-"""Where the arm must not be: capsules of chair and user, as rows on the arm's joint velocities."""
+"""Where the arm must not be: capsules of chair and user, as limits now and on the way to where braking ends."""
 
 from __future__ import annotations
 
 import casadi as ca
+import numpy as np
 
+from rehab_opt.control.braking_together import BrakingTogether
+from rehab_opt.control.linear_limit import LinearLimit
+from rehab_opt.control.stopping import FAR
 from rehab_opt.kinematics.arm_links import LinkEnd
 from rehab_opt.kinematics.mobile_arm import CHAIR, Capsule, MobileArm
-from rehab_opt.optim.certificate import clipped
+from rehab_opt.optim.certificate import all_true, clipped
+from rehab_opt.symbolic.tick import Stages
 
-__all__ = ["arm_gaps", "closing_rows"]
+__all__ = ["ALONG", "ArmKeepOuts"]
 
-TINY = 1e-9
+ALONG = (0.25, 0.5, 0.75, 1.0)
+"""Places on the way to the stop posture where the keep-outs are looked at, besides its beginning."""
+MARGIN = 12e-3
+"""[m] The stop posture stays further from a keep-out by this than the posture now: links turn; rows are tangents."""
+FAST = 0.4
+"""[m] Way of a hand to the stop posture from which on that margin is whole, before in its square, as links turn."""
+CLEAR = 5e-4
+"""[m] The arm stays clear of keep-outs by this, and by twice as much at the stop posture."""
+TINY = 1e-12
+TOUCHING = 1e-9
 """[m] A distance that gives no direction."""
 
 
-def arm_gaps(robot: MobileArm, arm: ca.SX) -> ca.SX:
-    """(k l,) distances [m] of the arm's l links from the k keep-outs at arm joints; negative inside."""
-    return ca.vertcat(*(distance for distance, _ in _pairs(robot, arm)))
+class ArmKeepOuts:
+    """Every distance h of a link from a keep-out is zero or more at the end of a tick, or no less than now.
+
+    `limits` are linear: at q, h falls no faster than what is left of it divided by T, and within the margin, where an
+    arm slides along, no faster than braking leaves of it while `CLEAR` is left; and at that of the places `ALONG` the
+    way to the stop posture where least is left, h is above a margin that grows on the way, to first order in the change
+    of u. `no_deeper` is of the true posture.
+
+    Parameters
+    ----------
+    robot : its links and keep-outs. braking : see `BrakingTogether`. dt : tick [s].
+    """
+
+    def __init__(self, robot: MobileArm, braking: BrakingTogether, dt: float) -> None:
+        self.robot, self.braking, self.dt = robot, braking, dt
+        arm = ca.SX.sym("arm", robot.chain.n - CHAIR)
+        opening, gaps = _opening(robot, arm)
+        self._gaps = ca.Function("gaps", [arm], [gaps])
+        self._opening = ca.Function("opening", [arm], [opening, gaps])
+        self._swinging = [i for i, moves in enumerate(ca.which_depends(gaps, arm, 1, False)) if moves]
+        """Joints of the arm, from 0, that move its links: not the last, where the hand lies on its axis."""
+
+    def limits(self, tick: Stages, q: ca.SX, last: ca.SX, mean: ca.SX) -> tuple[LinearLimit, LinearLimit, ca.SX]:
+        """Limits [m/s] of this tick and of the way to the stop posture; the arm's clearance [m], negative inside.
+
+        At joint values q (n,), after the command `last` (n,); the way is that of the `mean` (n,). Rows are worked out
+        where a keep-out can matter.
+        """
+        n, count = q.numel(), len(self.robot.keep_out) * len(self.robot.links)
+        if not count:
+            none = LinearLimit(ca.SX(0, n), ca.SX(0, 1))
+            return none, none, ca.SX(FAR)
+        is_near, clearance = self.near(q[CHAIR:], ca.fmax(ca.fabs(last), ca.fabs(mean))[CHAIR:])
+        far = ca.horzcat(ca.SX.zeros(2 * count, n - CHAIR), FAR * ca.SX.ones(2 * count))
+        found = tick.when(is_near, self._rows(q[CHAIR:], last[CHAIR:], mean[CHAIR:]), far)
+        now, then = (
+            LinearLimit.of_joints(CHAIR, n, found[some, :-1], found[some, -1])
+            for some in (slice(count), slice(count, None))
+        )
+        hard = ca.fmax(now.upper * self.braking.time + CLEAR, 0) / self.dt
+        slides = ca.fmin(now.matrix @ self.braking.slowest(last), hard)
+        now = now._replace(upper=ca.fmax(ca.fmax(now.upper, 0), slides))
+        return now, then.beyond(self.braking.slower(mean)), clearance
+
+    def near(self, arm: ca.SX, fastest: ca.SX) -> tuple[ca.SX, ca.SX]:
+        """Whether a keep-out can matter at arm joints (4,) after speeds (4,) at most; the arm's clearance [m]."""
+        clearance = ca.mmin(self._gaps(arm))
+        speed = ca.sum1(fastest + self.braking.change[CHAIR:])
+        return clearance <= self._margin(1.0, fastest) + self.robot.reach * self.braking.time * speed, clearance
+
+    def clear(self, u: ca.SX, clearance: ca.SX) -> ca.SX:
+        """1 where no keep-out is as near as a tick of u (n,) reaches, or of half the arm's."""
+        return clearance > 1.01 * self.robot.reach * self.dt * ca.sum1(ca.fabs(u[CHAIR:])) + TINY
+
+    def no_deeper(self, arm: ca.SX, u: ca.SX) -> ca.SX:
+        """1 where a tick of u (n,) leads the arm from its joints (4,) into no keep-out, nor deeper."""
+        return all_true(self._gaps(arm + self.dt * u[CHAIR:]) >= ca.fmin(self._gaps(arm), 0))
+
+    def unhindered(self, base: ca.SX, wanted: ca.SX, arm: ca.SX) -> ca.SX:
+        """(n,) the first of `wanted`, half-way to `base`, that, its half and its chair alone that keeps the arm out.
+
+        The limits say so to first order only.
+        """
+        half = ca.vertcat(base[:CHAIR], 0.5 * base[CHAIR:])
+        chosen = ca.vertcat(base[:CHAIR], ca.SX.zeros(arm.numel()))
+        for u in (half, base, (base + wanted) / 2, wanted):
+            chosen = ca.if_else(self.no_deeper(arm, u), u, chosen)
+        return chosen
+
+    def _rows(self, arm: ca.SX, last: ca.SX, mean: ca.SX) -> ca.SX:
+        """(2 c, k + 1) how c distances close with the arm's k joints, and the speeds [m/s] at which they may.
+
+        First those of the posture now, negative within its margin; then, for each, of the place where least is left on
+        the way to rest from the `mean` (k,), and beyond what braking takes of it.
+        """
+        slower, time = self.braking.slower(mean), self.braking.time
+        apart = time / len(ALONG)
+        # In the middle of the tick: there a link that slides along a keep-out comes no nearer.
+        opening, gaps = self._opening(arm + last * (self.dt / 2))
+        now, free = -opening, (gaps - self._margin(0.0, last)) / time
+        then, left = 0 * opening, ca.SX.inf(now.size1())
+        before, falls = opening, ca.fmin(opening @ slower, 0)
+        for part in ALONG:
+            margin = self._margin(part, mean)
+            opening, here = self._opening(arm + part * time * slower)
+            rises = ca.fmax(opening @ slower, 0)
+            # Where it falls and then rises from the place before, the least of a parabola; else this place.
+            dips = ca.logic_and(falls < 0, rises > 0)
+            share = ca.if_else(dips, -falls / ca.fmax(rises - falls, TINY), 1)
+            least = ca.if_else(dips, gaps + falls * share * apart / 2, here)
+            then_time = ca.fmax(part * time - (1 - share) * apart, apart / 4)
+            nearest = before + share * (opening - before)
+            less = (least - margin) / then_time
+            then = ca.if_else(ca.repmat(less < left, 1, now.size2()), nearest, then)
+            left = ca.fmin(less, left)
+            before, gaps, falls = opening, here, ca.fmin(opening @ slower, 0)
+        return ca.horzcat(ca.vertcat(now, -then), ca.vertcat(free, left))
+
+    def _margin(self, part: float, velocity: ca.SX) -> ca.SX:
+        """[m] at a part of the way to the stop posture: what tangents promise too much in a tick, and `MARGIN`."""
+        swinging, time = self._swinging, self.braking.time
+        change = np.asarray(self.braking.change).ravel()[CHAIR:][swinging]
+        speed = ca.sum1(ca.fabs(velocity[swinging]))
+        within = self.robot.reach * (self.dt * (speed + np.sum(change))) ** 2 / 2
+        step = part * time * float(np.max(change))
+        fastest = part * time * float(np.max(self.robot.chain.velocity[CHAIR:][swinging]))
+        return (
+            within
+            + (1 + part) * CLEAR
+            + part * MARGIN * ca.fmin(1, (self.robot.reach * time * speed / FAST) ** 2)
+            + self.robot.reach * min(step, fastest) ** 2 / 2
+        )
 
 
-def closing_rows(robot: MobileArm, arm: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """(k l, joints) change of each distance with the arm's joints [m/rad], and the distances (k l,) [m].
+def _opening(robot: MobileArm, arm: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """(c, k) change of each link's distance from each keep-out with the arm's k joints [m/rad], and those (c,) [m].
 
     The points nearest to each other move with their links; that they change does not matter to first order.
     """
-    pairs = _pairs(robot, arm)
-    return ca.vertcat(*(row for _, row in pairs)), ca.vertcat(*(distance for distance, _ in pairs))
-
-
-def _pairs(robot: MobileArm, arm: ca.SX) -> list[tuple[ca.SX, ca.SX]]:
     chain = robot.chain
     frames = chain.frames_expression(ca.vertcat(ca.SX.zeros(CHAIR), arm))
     count = chain.n - CHAIR
@@ -43,28 +161,29 @@ def _pairs(robot: MobileArm, arm: ca.SX) -> list[tuple[ca.SX, ca.SX]]:
         return point, ca.horzcat(*columns, *[ca.SX.zeros(3)] * (count - joints))
 
     links = [(ends(link.begin), ends(link.end), link.radius) for link in robot.links]
-    pairs = []
+    opening, gaps = ca.SX(0, count), ca.SX(0, 1)
     for capsule in robot.keep_out:
         for (begin, begin_moves), (end, end_moves), radius in links:
             share, apart = _nearest(begin, end, capsule)
             size = ca.norm_2(apart)
             moves = begin_moves + share * (end_moves - begin_moves)
-            pairs.append((size - capsule.radius - radius, (apart / ca.fmax(size, TINY)).T @ moves))
-    return pairs
+            opening = ca.vertcat(opening, (apart / ca.fmax(size, TOUCHING)).T @ moves)
+            gaps = ca.vertcat(gaps, size - capsule.radius - radius)
+    return opening, gaps
 
 
 def _nearest(begin: ca.SX, end: ca.SX, capsule: Capsule) -> tuple[ca.SX, ca.SX]:
     """Where on the segment from `begin` to `end` it is nearest to the capsule's, 0 to 1; and the way there (3,)."""
     start, other = ca.DM(capsule.start), ca.DM(capsule.end) - ca.DM(capsule.start)
     along, gap = end - begin, begin - start
-    a, e = ca.fmax(ca.sumsqr(along), TINY**2), float(ca.sumsqr(other))  # of a link that is a ball any share will do
+    a, e = ca.fmax(ca.sumsqr(along), TOUCHING**2), float(ca.sumsqr(other))  # of a link that is a ball any share will do
     c, f = ca.dot(along, gap), ca.dot(other, gap)
-    if e < TINY**2:  # the capsule is a ball
+    if e < TOUCHING**2:  # the capsule is a ball
         share = clipped(-c / a, 0, 1)
         return share, gap + share * along
     b = ca.dot(along, other)
     across = a * e - b * b  # zero where they are parallel: then any point will do to begin with
-    first = ca.if_else(across > TINY, clipped((b * f - c * e) / ca.fmax(across, TINY), 0, 1), 0)
+    first = ca.if_else(across > TOUCHING, clipped((b * f - c * e) / ca.fmax(across, TOUCHING), 0, 1), 0)
     place = clipped((b * first + f) / e, 0, 1)
     share = clipped((b * place - c) / a, 0, 1)
     return share, gap + share * along - place * other

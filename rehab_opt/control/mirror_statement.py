@@ -269,8 +269,7 @@ class MirrorStatement(PoseTracker):
         upwards = ca.Function.if_else("upwards", longest, ca.Function("stays", same, [same[1], 0]))
         stuck = ca.logic_and(ca.logic_and(broken, brakes), ca.logic_not(some))
         part = upwards(stuck, q, part, self.ascent(q, before), held, moving, brakes)[0]
-        changes = ca.fabs(part - before) > self.chain.acceleration * self.dt * (1 + 1e-9) + 1e-12
-        said = ca.vertcat(audit(q, part, held, moving)[2], 1, ca.sum1(changes) > 0)
+        said = ca.vertcat(audit(q, part, held, moving)[2], 1, self.hurried(before, part))
         shortened = ca.Function("shortened", given, [part, said])
         whole = ca.Function("whole", given, [value, ca.vertcat(then, 0, 0)])
         ends = audit(q, value, held, moving)

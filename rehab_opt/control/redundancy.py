@@ -210,13 +210,13 @@ class RedundancyResolver(OneThread):
         turned[2] = checked_number("heading", heading, above=-1e6, below=1e6)
         chassis = self.robot.chassis_velocity(turned, given)
         wheels = self.robot.drive(self.drive)
+        (rims, rim_speeds), still = wheels.rims, wheels.still()
         limits = np.concatenate([self.robot.chain.velocity, [self.robot.chain.velocity[0]]])
         speeds = np.append(np.abs(chassis), np.hypot(*chassis[:2]))
         if not np.all(speeds <= limits * (1 + FASTER)):
             raise ConfigurationError("velocity", velocity, "joint and chassis speeds within their limits")
-        if not np.all(np.abs(wheels.wheel_speeds(chassis[:CHAIR])) <= wheels.limit * (1 + FASTER)):
+        if not np.all(np.abs(rims @ chassis[:CHAIR]) <= rim_speeds * (1 + FASTER)):
             raise ConfigurationError("velocity", velocity, "wheel speeds within their limit")
-        still = [i for i in range(CHAIR) if i not in wheels.moving]
         if not np.all(np.abs(chassis[still]) <= FASTER):
             expected = f"no speed {' or '.join(CHASSIS[i] for i in still)}: a {self.drive} drive has none"
             raise ConfigurationError("velocity", velocity, expected)

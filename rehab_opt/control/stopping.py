@@ -15,7 +15,7 @@ import numpy as np
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.optim.certificate import clipped
 
-__all__ = ["VelocityBounds", "nearest_to_rest", "stopping_speed", "velocity_bounds"]
+__all__ = ["VelocityBounds", "largest_change", "nearest_to_rest", "stopping_speed", "velocity_bounds"]
 
 OUTSIDE = 1e-9
 """[rad or m] A joint less than this beyond its limit stands at it: rounding is no excursion."""
@@ -84,8 +84,7 @@ def velocity_bounds(
     dt (the recursion is over ticks, not over continuous time). Other states brake at the largest deceleration.
     """
     speed = ca.DM(chain.velocity)
-    # A change beyond 2 v_max a tick is no change a bound could forbid; so infinite accelerations become finite.
-    change = ca.DM(np.minimum(chain.acceleration * dt, 2 * chain.velocity))
+    change = largest_change(chain, dt)
     # Infinite limits become ones that are never felt.
     high, low = (q, q) if strays is None else (q + ca.fmax(strays, 0), q + ca.fmin(strays, 0))
     room_up = ca.DM(np.clip(chain.upper, -FAR, FAR)) - high
@@ -121,6 +120,14 @@ def velocity_bounds(
         hard_lower=hard_lower,
         hard_upper=hard_upper,
     )
+
+
+def largest_change(chain: SerialChain, dt: float) -> ca.DM:
+    """(n,) largest change of each joint's velocity in a tick of dt [s]: what its acceleration limit allows.
+
+    One beyond 2 v_max no bound could forbid; so infinite accelerations become finite.
+    """
+    return ca.DM(np.minimum(chain.acceleration * dt, 2 * chain.velocity))
 
 
 def stopping_speed(room: ca.SX, change: ca.DM, dt: float) -> ca.SX:

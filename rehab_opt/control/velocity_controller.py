@@ -6,7 +6,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
 import casadi as ca
 import numpy as np
@@ -16,7 +16,7 @@ from rehab_opt.control.command import Bound, Command, Status
 from rehab_opt.control.followed_joints import FollowedJoints, guidance
 from rehab_opt.control.joint_feedback import JointFeedback
 from rehab_opt.control.reasons import NUMBER, reason_number, reason_text
-from rehab_opt.control.stopping import VelocityBounds, nearest_to_rest, velocity_bounds
+from rehab_opt.control.stopping import VelocityBounds, largest_change, nearest_to_rest, velocity_bounds
 from rehab_opt.control.thread_owner import OneThread
 from rehab_opt.control.watchdog import Watchdog
 from rehab_opt.control.watched_joints import WatchedJoints, patience_of, watched_joints
@@ -37,6 +37,7 @@ if TYPE_CHECKING:
 __all__ = ["VelocityController", "checked_number", "real_numbers"]
 
 Array = NDArray[np.float64]
+Column = TypeVar("Column", ca.SX, ca.MX)
 MISSED = 1e-3
 """Fraction of the reference motion by which the delivered one must differ for the task to count as relaxed."""
 ROUNDED = 1e-6
@@ -194,10 +195,10 @@ class VelocityController(OneThread, ABC):
         yielded = int(Bound.POSITION) * outside + int(Bound.ACCELERATION) * hurried + int(Bound.TASK) * missed
         return ca.vertcat(yielded, ca.if_else(ca.logic_and(missed, size > STILL**2), along, 1))
 
-    def hurried(self, last: ca.SX, velocity: ca.SX) -> ca.SX:
-        """Whether joints go from one velocity (n,) to the other faster than their accelerations allow."""
-        allowed = ca.DM(np.minimum(self.chain.acceleration * self.dt, 2 * self.chain.velocity))
-        return ca.sum1(ca.fabs(velocity - last) > allowed * (1 + 1e-9) + 1e-12) > 0
+    def hurried(self, last: Column, velocity: Column) -> Column:
+        """1 where joints go from one velocity (n,) to the other faster than their accelerations allow."""
+        allowed = largest_change(self.chain, self.dt) * (1 + 1e-9) + 1e-12
+        return ca.sum1(ca.fabs(velocity - last) > allowed) > 0
 
     def hurrying(self) -> ca.Function:
         """`hurried` of two velocities (n,)."""

@@ -50,6 +50,11 @@ class Drive(ABC):
     def motion(self, wheels: ArrayLike) -> ChassisMotion:
         """The chassis motion of wheel speeds (w,) [rad/s], and how much they slip."""
 
+    @classmethod
+    def still(cls) -> list[int]:
+        """Of forward, left and turn, what the drive does not allow."""
+        return [i for i in range(3) if i not in cls.moving]
+
     @property
     def holonomic(self) -> bool:
         """Whether the chassis goes forward and to the left at once, so that its speed is bounded as a whole."""
@@ -80,7 +85,7 @@ class Drive(ABC):
         cos, sin = np.cos(joints[2]), np.sin(joints[2])
         rows = np.zeros((3, joints.size))
         rows[0, :2], rows[1, :2], rows[2, 2] = (-cos, -sin), (sin, -cos), -1.0
-        return rows[[i for i in range(3) if i not in cls.moving]]
+        return rows[cls.still()]
 
 
 class Omnidirectional(Drive):

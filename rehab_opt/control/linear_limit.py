@@ -1,0 +1,88 @@
+"""Limits that are linear in the velocities of one tick: each says its rows of the QP, and what of a step keeps it."""
+
+from __future__ import annotations
+
+from typing import NamedTuple, Self
+
+import casadi as ca
+
+from rehab_opt.optim.rows import Row, within
+
+__all__ = ["LinearLimit", "SymmetricLimit"]
+
+TINY = 1e-12
+
+
+class LinearLimit(NamedTuple):
+    """matrix u <= upper, for the velocities u (n,) of one tick."""
+
+    matrix: ca.SX
+    """(k, n), zero by structure where no joint is concerned: that costs nothing."""
+    upper: ca.SX
+    """(k,) in the rows' units, [m/s] of distances."""
+
+    @classmethod
+    def of_joints(cls, first: int, n: int, matrix: ca.SX, upper: ca.SX) -> Self:
+        """The limit of a matrix (k, m) for m of n joints, from `first` on, counted from 0."""
+        k, m = matrix.shape
+        return cls(ca.horzcat(ca.SX(k, first), matrix, ca.SX(k, n - first - m)), upper)
+
+    @classmethod
+    def stacked(cls, *limits: LinearLimit) -> Self:
+        """All of them as one."""
+        return cls(*(ca.vertcat(*column) for column in zip(*limits, strict=True)))
+
+    @property
+    def one_sided(self) -> LinearLimit:
+        """The same with an upper end alone."""
+        return self
+
+    @property
+    def row_count(self) -> int:
+        """Number of rows k."""
+        return int(self.upper.numel())
+
+    def rows(self, u: ca.SX) -> list[Row]:
+        """Its rows in a QP; an empty list where there are none."""
+        return [within(self.matrix @ u, -ca.inf, self.upper)] if self.row_count else []
+
+    def excess(self, u: ca.SX) -> ca.SX:
+        """(k,) by how much velocities u pass it; below zero where they keep it."""
+        return self.matrix @ u - self.upper
+
+    def beyond(self, u: ca.SX) -> LinearLimit:
+        """The limit whose upper end is what this one leaves beyond velocities u (n,)."""
+        return self._replace(upper=self.upper + self.matrix @ u)
+
+    def relaxed(self, u: ca.SX) -> LinearLimit:
+        """The limit, opened as far as velocities u (n,) need to keep it."""
+        return self._replace(upper=ca.fmax(self.upper, self.matrix @ u))
+
+    def largest_part(self, way: ca.SX, begin: ca.SX | None = None, slack: float = 0.0) -> ca.SX:
+        """Largest fraction, at most 1, of a way (n,) from velocities `begin` (n,), or rest, that keeps the limit.
+
+        It may pass by `slack`; from beyond the limit, where it goes no further, it is kept.
+        """
+        matrix, upper = self.one_sided
+        if not self.row_count:
+            return ca.SX(1)
+        speeds = matrix @ way
+        room = upper if begin is None else ca.fmax(upper - matrix @ begin, 0) + slack
+        return ca.fmin(1, ca.mmin(ca.if_else(speeds > room, room / ca.fmax(speeds, TINY), 1)))
+
+
+class SymmetricLimit(LinearLimit):
+    """-upper <= matrix u <= upper."""
+
+    @property
+    def one_sided(self) -> LinearLimit:
+        """See `LinearLimit`; it has 2 k rows."""
+        return LinearLimit(ca.vertcat(self.matrix, -self.matrix), ca.vertcat(self.upper, self.upper))
+
+    def rows(self, u: ca.SX) -> list[Row]:
+        """See `LinearLimit`."""
+        return [within(self.matrix @ u, -self.upper, self.upper)] if self.row_count else []
+
+    def excess(self, u: ca.SX) -> ca.SX:
+        """See `LinearLimit`."""
+        return ca.fabs(self.matrix @ u) - self.upper
