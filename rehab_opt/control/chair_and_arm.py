@@ -225,7 +225,9 @@ class ChairAndArm(VelocityController):
 
     def _calm(self, last: ca.SX, task: Task, limits: Limits, ends: tuple[ca.SX, ca.SX]) -> tuple[ca.SX, ca.SX]:
         """(7,) b of the class, within the intervals' `ends`; how much of it is analytic."""
-        analytic, u, braking = task.analytic, ca.SX.sym("u", self.chain.n), self.limits.braking
+        u, braking = ca.SX.sym("u", self.chain.n), self.limits.braking
+        sound = all_true(ca.fabs(task.analytic) <= PLAUSIBLE)  # not at a singular posture: NaN goes nowhere from here
+        analytic = ca.if_else(sound, task.analytic, 0)
 
         def excess(row: Row, matrix: ca.SX) -> ca.SX:
             """How far the analytic answer is beyond a row's bounds."""
@@ -233,7 +235,7 @@ class ChairAndArm(VelocityController):
             return ca.fmax(there - row.upper, row.lower - there)
 
         # Beyond its own bounds, as a fraction of what the accelerations can do in a tick.
-        beyond = ca.if_else(all_true(ca.fabs(analytic) <= PLAUSIBLE), 0, ca.inf)
+        beyond = ca.if_else(sound, 0, ca.inf)
         for row in (within(u, *ends), *limits.chassis.rows(u), self._hand_row(u, task)):
             matrix = ca.jacobian(row.expression, u)
             ratios = excess(row, matrix) / ca.fmax(ca.fabs(matrix) @ braking.change, TINY)
