@@ -110,7 +110,7 @@ class MirrorFollowing(MirrorStatement):
         at = clock.waiting, clock.fraction, clock.lag
         pace = self._rate, self._share, self._waited, self._stood, self._apart, self._aside
         others = self._interaction.pace, not foreseen, clock.pace
-        felt, around = self._interaction.state[: FELT["away"]], self._usable_obstacles()
+        felt, around = self._interaction.state[: FELT["away"]], self._bodies()
 
         def aim(target: Array, motion: Array, *, stays: bool) -> bool:
             poses = here.reshape(-1), target.reshape(-1)

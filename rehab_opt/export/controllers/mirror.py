@@ -27,7 +27,6 @@ from rehab_opt.export.exported import BYTES, ExportedVelocity, Law
 from rehab_opt.export.generated import renamed
 from rehab_opt.export.recording import Recording
 from rehab_opt.optim.fallback_chain import BACKUP, as_in_c
-from rehab_opt.optim.rows import PLAUSIBLE
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.mirror.laws import tracker_of
 from rehab_opt.session.mirror.problem import MirrorProblem
@@ -287,7 +286,6 @@ def _constants(tracker: MirrorTracker) -> dict[str, str]:
     doubles = {
         "whole": mirror_statement.WHOLE, "reserve": tracker._interaction.law.reserve,
         "stop_at": tracker._interaction.law.stop_at, "max_turn": tracker.max_turn,
-        "plausible": PLAUSIBLE,
     }  # fmt: skip
     arrays: dict[str, Iterable[float]] = {
         "distances": DISTANCES, "paces": PACES, "ways": known_ways(chain.n).ravel(),
