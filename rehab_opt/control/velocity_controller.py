@@ -27,7 +27,7 @@ from rehab_opt.control.velocity_tick import (
     VelocityTick,
     velocity_tick,
 )
-from rehab_opt.control.watchdog import Watchdog, stamp_and_kind
+from rehab_opt.control.watchdog import NUMBER_OF_SECONDS, Watchdog, stamp_and_kind
 from rehab_opt.control.watched_joints import not_followed, watched_joints
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import SerialChain, per_joint
@@ -329,7 +329,7 @@ class VelocityController(OneThread, ABC):
     def _tell(self, enable: object, stamp: float | None) -> None:
         """Write enable input and stamp; they are the usual ones where that is true and there is none."""
         given = self._given
-        given[0], given[1] = stamp_and_kind(stamp)
+        given[0], given[1] = (stamp, NUMBER_OF_SECONDS) if type(stamp) is float else stamp_and_kind(stamp)
         given[2] = enable is True or (isinstance(enable, np.bool_ | int | float) and enable == 1)
         self._usual = enable is True and stamp is None
 
