@@ -14,11 +14,12 @@ from rehab_opt.control.hand_task import FRAMES
 from rehab_opt.control.obstacles import NUMBERS
 from rehab_opt.control.redundancy import RedundancyResolver
 from rehab_opt.errors import ProblemFileError
-from rehab_opt.export.c_text import indented, initialiser
+from rehab_opt.export.c_text import indented, initialiser, number
 from rehab_opt.export.controllers.pose_tracker import moving_argument, moving_values
 from rehab_opt.export.exported import ExportedController, ExportedVelocity, Law
 from rehab_opt.export.recording import Recording, Tick, about_run, encoders, recorded, standing, thinned, with_faults
 from rehab_opt.optim.fallback_chain import BACKUP, FUSED, as_in_c
+from rehab_opt.optim.rows import PLAUSIBLE
 from rehab_opt.session.ardis.outcome import moved
 from rehab_opt.session.ardis.problem import ArdisProblem, DriveName
 from rehab_opt.session.ardis.robot import joystick_of, resolver_of, robot_of, start_of
@@ -168,6 +169,7 @@ def _values(
         "row_counts": "{" + ", ".join(str(len(law.rows)) for law in laws) + "}",
         "obstacle_numbers": str(NUMBERS * max_obstacles),
         "max_obstacles": str(max_obstacles),
+        "plausible": number(PLAUSIBLE),
         "room": initialiser(resolver._numbers if max_obstacles else [0.0]),
         **moving_values(resolver.limits, "parameters + JOINTS + ROWS[which] + 1 + ROOM"),
     }
