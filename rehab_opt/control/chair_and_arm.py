@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.control.braking_together import ticks_to_rest
 from rehab_opt.control.chair_limits import ChairLimits, Limits
-from rehab_opt.control.command import Bound, Command, Status
+from rehab_opt.control.command import Command
 from rehab_opt.control.hand_task import AHEAD, PROGRESS, HandTask, Last, Task
 from rehab_opt.control.joint_feedback import JointFeedback
 from rehab_opt.control.limit import PostureLimits
@@ -21,7 +21,7 @@ from rehab_opt.optim.certificate import all_true
 from rehab_opt.optim.factor import symmetric
 from rehab_opt.optim.qp import Statement
 from rehab_opt.optim.rows import PLAUSIBLE, Instance, Row, equal, parameter, variable, within
-from rehab_opt.symbolic import BufferedFunction, Compile
+from rehab_opt.symbolic import Compile
 from rehab_opt.symbolic.tick import Stages
 
 __all__ = ["ChairAndArm"]
@@ -131,13 +131,14 @@ class ChairAndArm(VelocityController):
         # What is remembered: u, where it leads, from where the arm is led to where it is, the command, the wheels' part
         # of it, the mean of u, and of the hand its velocity, the insistence on its progress, and the frame.
         first = 2 * n + (0 if feedback is None else n - CHAIR)
-        self.sent, self.wheels = slice(first, first + n), slice(first + n, first + n + wheels)
+        self.sent: slice = slice(first, first + n)
+        self.wheels = slice(first + n, first + n + wheels)
         self.mean = slice(self.wheels.stop, self.wheels.stop + n)
         super().__init__(
             robot.chain, dt=dt, recovery_speed=recovery_speed, solver=solver, backup=backup, tolerance=tolerance,
             max_age=max_age, compile=compile, feedback=feedback,
         )  # fmt: skip
-        self._braking_together = BufferedFunction(self.stated.finish_at(ca.vertcat(self._base, 0, 0)))
+        self._goes_on = self.going_on()
 
     @property
     def guidance_size(self) -> int:
@@ -276,23 +277,18 @@ class ChairAndArm(VelocityController):
         mean += (u - mean) / MEAN
         return ca.densify(ca.vertcat(u, q + value * self.dt, led, value, wheels, mean, hand, insistence, frame))
 
-    def fallback_command(self) -> Command | None:
+    def fallback_law(self) -> ca.Function:
         """One tick of braking together."""
-        law, solvers = self._braking_together, self._solvers
-        if not solvers.sound[0]:
-            return None
-        law.inputs[0][:], law.inputs[1][:] = solvers.parameters, solvers.memory
-        law()
-        (yielded, scale), memory, (violation,) = law.outputs
-        if not 0.0 <= violation <= self.tolerance:
-            return None
-        solvers.memory[:] = memory
-        solvers.warm_start(0.0)
-        value, wheels = self._sent_now()
-        bound, reason = Bound(int(yielded)), f"{self._fault()}: braking together"
-        return Command(
-            value, Status.BACKUP, "braking together", float(violation), -1, reason, bound, float(scale), wheels
-        )
+        stated = self.stated
+        return stated.finish_at(ca.vertcat(self._base, 0, 0))
+
+    def beginning(self) -> ca.Function:
+        """Velocity (7,), the chair's share in its own frame, and heading [rad] -> see `VelocityController`."""
+        velocity, heading = ca.SX.sym("velocity", self.chain.n), ca.SX.sym("heading")
+        state, possible = super().beginning()(velocity)
+        state[self.memory_at + self.chain.n + 2] = heading  # should the first position be unusable
+        state[self.stated.state_size - 1] = UNKNOWN
+        return ca.Function("begin", [velocity, heading], [state, all_true(possible, ca.fabs(heading) < PLAUSIBLE)])
 
     def braking(self) -> ca.Function:
         """q, memory, obstacles -> see `VelocityController`."""
@@ -335,30 +331,39 @@ class ChairAndArm(VelocityController):
         """The safe command at the inputs that were set."""
         return self._safe(reason)
 
-    def begin(self, velocity: Array, heading: float) -> None:
-        """Forget the past; `velocity` (7,) has the chair's share in its own frame."""
-        self.reset(velocity)
-        self._predicted[2] = heading  # should the first position be unusable
-        self._solvers.memory[-1] = UNKNOWN
+    def reset(self, velocity: ArrayLike | None = None, heading: float = 0.0) -> None:
+        """Forget the past: at rest, or at a velocity (7,), the chair's share in its own frame."""
+        self._began(np.zeros(self.chain.n) if velocity is None else velocity, heading)
 
     def take_over(self, other: ChairAndArm) -> None:
-        """Go on where another set of rows ends: its velocity, position and stamps are this one's."""
-        self._solvers.memory[:] = self._memory_after(other)
-        self._solvers.warm_start(0.0)
-        self._watchdog, self.led = other._watchdog, other.led
-        self._watch.take_over(other._watch)
+        """Go on where another set of rows ends: its velocity, position and what it knows of states are this one's."""
+        self._solvers.everything[:] = self._going_on_after(other)
 
     def instance_after(self, other: ChairAndArm, *inputs: ArrayLike) -> Instance:
         """The QP of a tick after `other`, as numbers."""
-        return self.stated.instance(*inputs, memory=self._memory_after(other))
+        memory = self._solvers.memory if other is self else self._going_on_after(other)[self.memory_at :]
+        return self.stated.instance(*inputs, memory=memory[: self._memory_size].copy())
 
-    def _memory_after(self, other: ChairAndArm) -> Array:
-        memory, first = self._solvers.memory.copy(), self.chain.n * 2
-        if other is not self:
-            theirs = other._solvers.memory.copy()
-            memory[:first], memory[self.sent] = theirs[:first], theirs[self.sent]
-            memory[-1] = UNKNOWN
-        return memory
+    def going_on(self) -> ca.Function:
+        """State, memory to the end of what was sent, and `judged_memory` of another set of rows -> state after that.
+
+        Velocity, position and command are its. So is what is known of stamps and joints.
+        """
+        size, n, sent = self.stated.state_size, self.chain.n, self.sent
+        ours, own = ca.SX.sym("ours", size + self.judged.size), ca.SX.sym("own", self.judged.size)
+        theirs, memory = ca.SX.sym("theirs", sent.stop), ours[self.memory_at : size]
+        memory[: 2 * n], memory[sent], memory[-1] = theirs[: 2 * n], theirs[sent], UNKNOWN
+        after = ca.vertcat(ca.SX.zeros(self.memory_at), memory, own)
+        return ca.Function("going_on", [ours, theirs, own], [ca.densify(after)])
+
+    def _going_on_after(self, other: ChairAndArm) -> Array:
+        theirs = other._solvers.memory[: self.sent.stop], other._judge.inputs[2]
+        return np.asarray(self._goes_on(self._solvers.everything, *theirs)).ravel()  # any thread may inspect
+
+    @property
+    def memory_at(self) -> int:
+        """Where the memory begins in the state."""
+        return self.stated.state_size - self._memory_size
 
     @property
     def velocity(self) -> Array:

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Bound", "Command", "Status"]
+__all__ = ["NUMBERED", "Bound", "Command", "Status"]
 
 
 class Status(Enum):
@@ -28,6 +28,12 @@ class Status(Enum):
     def certified(self) -> bool:
         """Whether a certificate of every bound stands behind the value."""
         return self in (Status.OK, Status.BACKUP, Status.BLOCKED)
+
+
+NUMBERED = (
+    Status.OK, Status.BACKUP, Status.BRAKING, Status.HOLDING, Status.RELEASING, Status.RELEASED, Status.BLOCKED,
+)  # fmt: skip
+"""In the order of their numbers in C, and in what a tick tells; there is no number for others."""
 
 
 class Bound(IntFlag):

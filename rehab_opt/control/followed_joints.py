@@ -6,30 +6,22 @@ import math
 from functools import cache
 
 import casadi as ca
-import numpy as np
-from numpy.typing import NDArray
 
 from rehab_opt.control.held_hand import HELD, hand_memory, held_hand, largest
 from rehab_opt.control.joint_feedback import JointFeedback, pole
-from rehab_opt.control.reasons import HELD_BACK
-from rehab_opt.control.watched_joints import NOT_FOLLOWED, not_followed, time_apart
+from rehab_opt.control.watched_joints import HAND_HELD, time_apart
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.optim.certificate import all_true, clipped
 from rehab_opt.optim.rows import PLAUSIBLE
-from rehab_opt.symbolic import BufferedFunction
 from rehab_opt.symbolic.record import Record
 
 __all__ = ["SAID", "FollowedJoints", "guidance"]
-
-Array = NDArray[np.float64]
 
 MOST_TICKS = 128
 """Longest delay, in ticks."""
 LIVELY = 0.1
 """[rad/s or m/s] Joints that are slower are followed slower, by the square of their speed."""
-HAND_HELD = 2.0
-"""The fault of a hand that was held for too long; that of a joint that was too far off for too long is 1."""
 SAID = Record(fault=1, joint=1, far=1, touched=1, held=1)
 """Of a tick: the fault, 0 for none, the joint that it is of, by how much that does not follow [rad or m]; whether the
 hand is held from now on, and whether it is held."""
@@ -46,11 +38,11 @@ def guidance(n: int) -> Record:
 
 
 class FollowedJoints:
-    """The memory of a `JointFeedback`; call it once a tick.
+    """What follows n led joints, once a tick.
 
     Parameters
     ----------
-    feedback : what is known of the robot. names : (n,) of its joints. dt : [s] a tick.
+    feedback : what is known of the robot. n : how many joints. dt : [s] a tick.
     chain : of the hand that is watched for contact; None for none.
 
     Raises
@@ -59,70 +51,26 @@ class FollowedJoints:
 
     Attributes
     ----------
+    size : how many numbers are remembered. hand : whether a hand is watched.
     tick : memory, measured positions, last command (n,) -> memory, where the joints are led (n,), what `guidance` names
         (without a hand, where they are from there on (n,), as limits have it), the command to go on from (n,), `SAID`.
     start : velocities (n,) -> the memory of joints of which nothing is known but these.
     """
 
-    touched: bool = False
-    """Whether the hand is held from the last tick on."""
-    note: str = ""
-    """Note on a tick without a fault."""
-
-    def __init__(
-        self, feedback: JointFeedback, names: tuple[str, ...], *, dt: float, chain: SerialChain | None = None
-    ) -> None:
+    def __init__(self, feedback: JointFeedback, n: int, *, dt: float, chain: SerialChain | None = None) -> None:
         if not isinstance(feedback, JointFeedback):
             raise ConfigurationError("feedback", feedback, "a JointFeedback, or None for measured positions")
         ticks = round(feedback.delay / dt)
         if ticks > MOST_TICKS:
             raise ConfigurationError("feedback.delay", feedback.delay, f"at most {MOST_TICKS} ticks of {dt:g} s")
-        self._names, self._fault = names, ""
-        self._memory = _memory(len(names), ticks, hand=chain is not None)
+        self._n, self.hand = n, chain is not None
+        self.memory = _memory(n, ticks, hand=self.hand)
+        self.size = self.memory.size
         self.tick = self._tick(feedback, dt=dt, chain=chain)
         self.start = self._start()
-        self._function, self._begin = BufferedFunction(self.tick), BufferedFunction(self.start)
-
-    @property
-    def errors(self) -> Array:
-        """(n,) following errors of the last tick [rad or m]."""
-        return self._function.inputs[0][self._memory.places["error"]]
-
-    @property
-    def measured(self) -> Array:
-        """(n,) positions of the last tick, as they were measured."""
-        return self._function.inputs[1]
-
-    @property
-    def before(self) -> Array:
-        """(n,) the command before the last tick."""
-        return self._function.inputs[2]
-
-    def reset(self, velocity: Array) -> None:
-        """Nothing is known but what the joints do now (n,)."""
-        self._function.inputs[0][:] = self._begin.of(velocity)
-        self.touched, self.note, self._fault = False, "", ""
-
-    def lead(self, q: Array, last: Array, guided: Array) -> str:
-        """One tick: what `tick` gives, of and into q, the last command and the guidance.
-
-        Returns why the joints do not follow; empty where they do.
-        """
-        memory, measured, command = self._function.inputs
-        measured[:], command[:] = q, last
-        self._function.evaluate()
-        after, q[:], guided[:], last[:], said = self._function.outputs
-        memory[:] = after
-        fault, joint, far, self.touched, held = said.tolist()
-        self.note = HELD_BACK if held else ""
-        if fault and not self._fault:
-            name = self._names[int(joint)]
-            hand = f"{name} {NOT_FOLLOWED}: the hand is held back, the joint by {far:.2g} rad or m"
-            self._fault = hand if fault == HAND_HELD else not_followed(name, far)
-        return self._fault
 
     def _start(self) -> ca.Function:
-        n, record = len(self._names), self._memory
+        n, record = self._n, self.memory
         velocity, column = ca.SX.sym("velocity", n), ca.SX.zeros(record.size)
         for name in ("v", "sent"):
             place = record.places[name]
@@ -133,7 +81,7 @@ class FollowedJoints:
         return ca.Function("led_from", [velocity], [column])
 
     def _tick(self, feedback: JointFeedback, *, dt: float, chain: SerialChain | None) -> ca.Function:
-        n, record = len(self._names), self._memory
+        n, record = self._n, self.memory
         memory = record.symbols("memory")
         measured, command = ca.SX.sym("measured", n), ca.SX.sym("command", n)
         servo, tolerance = servo_rates(feedback.servo_hz, dt), feedback.tolerance

@@ -22,13 +22,15 @@ from rehab_opt.control.command import Bound, Command, Status
 from rehab_opt.control.hand_bounds import HandBounds, KeepOut
 from rehab_opt.control.interaction import Interaction
 from rehab_opt.control.joint_feedback import JointFeedback
+from rehab_opt.control.judged_state import GIVEN
 from rehab_opt.control.limit import Limit, all_limits
 from rehab_opt.control.manipulability import SingularityEscape, largest_manipulability
 from rehab_opt.control.mirror_following import BRIDGE
 from rehab_opt.control.mirror_pace import MirrorPace
 from rehab_opt.control.mirror_plan import MirrorPath, plan
-from rehab_opt.control.mirror_preview import MirrorPreview
+from rehab_opt.control.mirror_preview import THEN, USUAL, MirrorPreview
 from rehab_opt.control.person_limit import PersonLimit
+from rehab_opt.control.reasons import HELD_BACK
 from rehab_opt.control.reference_clock import ReferenceClock
 from rehab_opt.control.velocity_controller import checked_number
 from rehab_opt.errors import ConfigurationError
@@ -43,7 +45,7 @@ Array = NDArray[np.float64]
 
 _OK, _NAN, _new, _read_only = Status.OK, math.nan, tuple.__new__, np.frombuffer
 _BOUNDS, _SOLVERS = {float(i): Bound(i) for i in range(8)}, {float(i): name for i, name in enumerate(FUSED_SOLVERS)}
-_ndarray, _SQUARE = np.ndarray, (4, 4)
+_JUDGED = GIVEN["judged"]
 
 
 class MirrorTracker(MirrorPreview):
@@ -186,6 +188,7 @@ class MirrorTracker(MirrorPreview):
         self._tool = BufferedFunction(tool, compile=compile)
         self._moving = BufferedFunction(moving_tool_function(self.chain))
         self._rigid = BufferedFunction(rigid_function())
+        self._faulty, self._hurried = BufferedFunction(self.faulty()), BufferedFunction(self.hurried)
         self.pace = MirrorPace(
             dt=dt, linear_speed=linear_speed, angular_speed=angular_speed, max_deviation=max_deviation,
             max_turn=max_turn, catch_up=catch_up,
@@ -203,9 +206,6 @@ class MirrorTracker(MirrorPreview):
         """Where the reference is read."""
         self.counts: Counter[str] = Counter()
         """How many ticks yielded acceleration, were shortened, waited, braked, and how often the hand was cut short."""
-        self._hot: tuple[Any, ...] = (
-            *self._views[:3], self._solvers.parameters.data, self._verdict, self._keep, self._answer, self._velocity,
-        )  # fmt: skip
         self._begin()
 
     # ------------------------------------------------------------------------------------------------ the user's
@@ -288,45 +288,24 @@ class MirrorTracker(MirrorPreview):
         """
         if self._owner != get_ident():
             self._claim()
-        q_view, pose_view, twist_view, *_ = self._hot
-        usual = False
-        # A masked array would be read through its mask.
-        if q.__class__ is _ndarray and twist.__class__ is _ndarray and pose.__class__ is _ndarray:
-            try:
-                q_view[:] = q
-                twist_view[:] = twist
-                pose_view[:] = pose.ravel()
-                usual = pose.shape == _SQUARE
-            except (ValueError, TypeError):
-                usual = False
-        if not usual:
-            self._write((q, pose, twist, *self._inputs[2:]))
-        if obstacles is not None or self.limits.moving:
-            self._inputs[-1][:] = self.limits.capsule_numbers("obstacles", obstacles)
-        usual = enable is True and stamp is None and not self._watchdog.stamped
-        if self.led is None:
-            return self._mirrored(force, ("" if usual else self._refusal(enable, stamp)) or self._watch.known)
-        # A fault is acknowledged by a released `enable` once the joints are led, as in any controller's tick.
-        return self._led(
-            lambda fault, note: self._mirrored(force, ("" if usual else self._refusal(enable, stamp)) or fault, note)
-        )
-
-    def _mirrored(self, force: ArrayLike | None, reason: str, note: str = "") -> Command:
-        """The command on what stands in the parameters; the safe one where there is a reason."""
-        if self._live and force is None and not reason:
+        self._take(q, pose, twist, obstacles)
+        if enable is not True or stamp is not None or not self._usual:
+            self._tell(enable, stamp)
+        self._given[_JUDGED] = 0.0
+        if self._live and force is None:
             # The usual way, without the layers of Python: they would cost as much as the solve.
-            *_, given, verdict, keep, answer, velocity = self._hot
-            verdict[0] = _NAN  # see `FallbackChain`: a failure inside leaves the outputs as they are
+            verdict = self._verdict
+            self._told[0] = verdict[0] = _NAN  # see `FallbackChain`: a failure inside leaves the outputs as they are
             self._function.evaluate()
-            residual, _, who, yielded, scale, usual, _, _, then, _, apart = verdict.tolist()
-            if usual and 0.0 <= residual <= self.tolerance and 0.0 <= apart <= self._patience:
-                self._then = then
-                keep[:] = answer
-                self._good = given.tobytes()
-                value = _read_only(velocity.tobytes())
-                name, bound = _SOLVERS[who], _BOUNDS[yielded]
+            left, residual, who, yielded, scale, _ = self._head.tolist()
+            if not left and verdict[USUAL]:
+                self._then = verdict[THEN]
+                self._keep[:] = self._answer
+                self._good = self._solvers.parameters.tobytes()
+                value = _read_only(self._velocity.tobytes())
+                name, bound, note = _SOLVERS[who], _BOUNDS[yielded], HELD_BACK if self._own["held"][0] else ""
                 return _new(Command, (value, _OK, name, residual, -1, note, bound, scale, None))
-        return self._followed(force, reason or self._not_following(), note)
+        return self._told_of_hand(self._followed(force, self._judged()))
 
     # ----------------------------------------------------------------------------------------------- whole motions
     def plan(self, poses: ArrayLike, twists: ArrayLike, q: ArrayLike) -> MirrorPath:

@@ -10,10 +10,13 @@ from numpy.typing import ArrayLike, NDArray
 from rehab_opt.control.between_poses import angle_between, distance_between
 from rehab_opt.control.command import Bound, Command, Status
 from rehab_opt.control.interaction import FELT, AdmittanceState
+from rehab_opt.control.judged_state import GIVEN
 from rehab_opt.control.mirror_pace import PACES, TRIED
 from rehab_opt.control.mirror_statement import HELD, WHOLE, MirrorStatement
 from rehab_opt.control.person_limit import PersonLimit
+from rehab_opt.control.reasons import HELD_BACK, NUMBER
 from rehab_opt.control.reference_clock import ReferenceClock
+from rehab_opt.optim.fallback_chain import FUSED
 from rehab_opt.symbolic import BufferedFunction
 
 __all__ = ["BRIDGE", "MirrorFollowing"]
@@ -38,6 +41,8 @@ class MirrorFollowing(MirrorStatement):
     _moving: BufferedFunction
     _tool: BufferedFunction
     _rigid: BufferedFunction
+    _faulty: BufferedFunction
+    _hurried: BufferedFunction
 
     def _begin(self) -> None:
         self.clock.reset()
@@ -55,9 +60,10 @@ class MirrorFollowing(MirrorStatement):
         self.followed: Array = np.full((4, 4), math.nan)
         """(4, 4) the reference of the last tick with a clock, before the range of motion and forces."""
         self._lead_w, self._lead_age = -1.0, 0
+        self._given[GIVEN["judged"]] = 1.0  # but in `step`, where a state is measured
         self._inputs[2][:] = self._inputs[3][:] = 0.0
 
-    def _followed(self, force: ArrayLike | None, reason: str, note: str) -> Command:
+    def _followed(self, force: ArrayLike | None, reason: str) -> Command:
         """One tick with the clock, on what stands in the parameters."""
         self._inputs[2][:] = 0.0
         pose, twist = self._inputs[0].copy(), self._inputs[1].copy()
@@ -68,9 +74,9 @@ class MirrorFollowing(MirrorStatement):
             self._hold(last)
         here, hand = self._hand()
         # Work is done where the hand is measured, also where its joints are led ahead of that.
-        seen = here if self.led is None else self._tool.of(self.led.measured)
+        seen = here if self.led is None else self._tool.of(self._judge.inputs[0])
         pushed = self._interaction.feel(force, seen[:3, 3] - self._held[:3])
-        reason = reason or self._unusable(sound=True) or self._bent(pose) or pushed
+        reason = reason or self._unusable() or pushed
         if reason:
             self.clock.lost += self.dt
             return self._safe(reason)
@@ -81,7 +87,7 @@ class MirrorFollowing(MirrorStatement):
         if first:
             self.clock.start(here, np.zeros(6))
         self.clock.push(pose, twist, bridge=first)
-        return self._tracked(here, hand, note=note)
+        return self._tracked(here, hand)
 
     def _hand(self) -> tuple[Array, Array]:
         """Pose (4, 4) of the tool, and how it moves (6,)."""
@@ -92,7 +98,7 @@ class MirrorFollowing(MirrorStatement):
         """What the hand is held near, where it followed as usual."""
         self._held = HELD.numbers(centre=pose[:3, 3], target=pose.reshape(-1), turn=self.max_turn)
 
-    def _tracked(self, here: Array, hand: Array, *, previewed: bool = False, note: str = "") -> Command:
+    def _tracked(self, here: Array, hand: Array, *, previewed: bool = False) -> Command:
         """One tick of following what the clock holds, at a pace that deviation and braking allow; see `MirrorPace`.
 
         Where even a standing reference is not allowed, since the model of the person's arm moves, the model stands,
@@ -104,7 +110,7 @@ class MirrorFollowing(MirrorStatement):
         at = clock.waiting, clock.fraction, clock.lag
         pace = self._rate, self._share, self._waited, self._stood, self._apart, self._aside
         others = self._interaction.pace, not previewed, clock.pace
-        felt, around = self._interaction.state[: FELT["away"]], self._usable_obstacles()
+        felt, around = self._interaction.state[: FELT["away"]], self._bodies()
 
         def aim(target: Array, motion: Array, *, stays: bool) -> bool:
             poses = here.reshape(-1), target.reshape(-1)
@@ -144,14 +150,14 @@ class MirrorFollowing(MirrorStatement):
         self._beyond_person, self._short_by = beyond, (self._apart + beyond[0], self._aside + beyond[1])
         solver = self._solvers()
         if not solver:
-            return self._safe(self._fault())
-        return self._delivered(solver, note)
+            return self._safe("")
+        return self._delivered(solver)
 
-    def _delivered(self, solver: str, note: str) -> Command:
+    def _delivered(self, solver: str) -> Command:
         """The command of a certified answer, shortened where the true state asks for it."""
         solvers = self._solvers
-        residual, _, _, yielded, share, _, kept, w, then, flat, _ = solvers.verdict.tolist()
-        status, notes = Status.OK, [note] if note else []
+        residual, _, _, yielded, share, _, kept, w, then, flat = solvers.verdict.tolist()
+        status, notes = Status.OK, [HELD_BACK] if self._own["held"][0] else []
         if solver == solvers.backup != solvers.solver:
             status, notes = Status.BACKUP, [f"{solvers.solver} gave no certified answer"]
         value = np.frombuffer(self._velocity.tobytes())
@@ -181,7 +187,7 @@ class MirrorFollowing(MirrorStatement):
             pose, twist = self.clock.read()
             self._inputs[0][:], self._inputs[1][:] = pose, twist
             self._inputs[2][:] = self._inputs[3][:] = 0.0
-            self._good, self._live, self._rate = self._solvers.parameters.tobytes(), self._fused, 1.0
+            self._good, self._live, self._rate = self._solvers.parameters.tobytes(), solvers.solver == FUSED, 1.0
         return Command(value, status, solver, residual, solvers.iterations, "; ".join(notes), flags, slow)
 
     def _accepted(self) -> tuple[Array, Array]:
@@ -196,7 +202,7 @@ class MirrorFollowing(MirrorStatement):
         self.counts["braked"] += 1
         self._last_before = self._last.copy()
         command = super()._safe(reason)
-        q, held = self._stopping.outputs[2].copy(), self._held
+        q, held = self._finish.outputs[2].copy(), self._held
         if math.isnan(held[0]):
             self._hold(self.chain.pose(q))
             held, self._held = self._held, held
@@ -211,6 +217,15 @@ class MirrorFollowing(MirrorStatement):
             command = command._replace(value=value, yielded=flags, status=status)
         return command
 
-    def _bent(self, pose: Array) -> str:
-        """What is wrong with a pose of usable numbers, or nothing."""
-        return "" if self._rigid.of(pose.ravel())[0] else self.requirement
+    def _told_of_hand(self, command: Command) -> Command:
+        """The same; from rest, where whatever holds the hand has stopped the joints in this tick."""
+        own = self._own
+        if own["touched"][0] and self._hurried.of(own["before"], self._last):
+            command = command._replace(yielded=command.yielded | Bound.ACCELERATION)
+        return command
+
+    def _unusable(self) -> str:
+        """What is wrong with the parameters, the pose among them, or nothing."""
+        rigid = self._rigid.of(self._inputs[0].ravel())
+        reason, i, k = self._faulty.of(self._solvers.parameters, rigid).tolist()
+        return "" if reason == NUMBER["NOT_CERTIFIED"] else self._words(reason, i, k, ())

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +13,7 @@ from rehab_opt.control.mirror_pace import QUICKENING
 from rehab_opt.control.mirror_statement import SPARE, WHOLE
 from rehab_opt.control.preview import Layout, Preview
 from rehab_opt.control.reference_clock import JUMP, SPIN
+from rehab_opt.optim.fallback_chain import FUSED
 from rehab_opt.optim.fused import FUSED_SOLVERS
 
 __all__ = ["MirrorPreview"]
@@ -24,8 +24,8 @@ SPAN = 64, 128
 """Ticks laid out at first, and at most: twice as many each time that all of them were taken."""
 REST = 32
 """Ticks at most after something unusual until a layout is tried again: one at first, then twice as many."""
-USUAL = 5
-"""Index in a tick's verdict: whether nothing about the tick was unusual."""
+USUAL, THEN = 5, 8
+"""Where the verdict on a tick says whether nothing about it was unusual, and w / w_max where the command leads."""
 
 _OK, _NAN, _new, _read_only = Status.OK, math.nan, tuple.__new__, np.frombuffer
 _BOUNDS, _TASK = tuple(Bound(i) for i in range(8)), int(Bound.TASK)
@@ -38,8 +38,6 @@ class MirrorPreview(MirrorFollowing):
     While nothing is unusual the clock follows the preview, and the tick is the fused function alone, with the
     same verdict on residual and true bounds as in `MirrorTracker.step`. Everything else is `MirrorFollowing`'s.
     """
-
-    _hot: tuple[Any, ...]
 
     def _begin(self) -> None:
         super()._begin()
@@ -101,8 +99,8 @@ class MirrorPreview(MirrorFollowing):
     def _lay_out(self) -> bool:
         """Lay out the next ticks from where the clock stands, if they may be taken one after the other."""
         clock = self.clock
-        plain = self._limit is None and not self._interaction.active and self._fused and not self._inputs[3].any()
-        if not plain or clock.bridging:
+        plain = self._limit is None and not self._interaction.active and not self._inputs[3].any()
+        if not plain or clock.bridging or self._solvers.solver != FUSED:
             return False
         if self._preview is None:
             self._preview = clock.preview(
@@ -120,20 +118,20 @@ class MirrorPreview(MirrorFollowing):
     def _as_laid_out(self, q: Array) -> Command | None:
         """The command of the next tick that is laid out, or None where something about it is unusual."""
         k, laid = self._next, self._laid
-        q_view, pose_view, twist_view, _, verdict, _, _, velocity = self._hot
-        q_view[:] = q
-        pose_view[:] = self._flat[k]
-        twist_view[:] = laid.twists[k]
-        verdict[0] = _NAN  # see `FallbackChain`: a failure inside leaves the outputs as they are
+        verdict = self._verdict
+        self._q[:] = q
+        self._views[1][:] = self._flat[k].data
+        self._views[2][:] = laid.twists[k].data
+        self._told[0] = _NAN  # see `FallbackChain`: a failure inside leaves the outputs as they are
         self._function.evaluate()
-        residual, _, who, yielded, share, usual, _, _, then, _, _ = verdict.tolist()
-        if not (usual and 0.0 <= residual <= self.tolerance):
+        left, residual, who, yielded, share, _ = self._head.tolist()
+        if left or not verdict[USUAL]:
             return None
-        self._solvers.keep[:] = self._solvers.answer  # nothing was measured that could be watched
+        self._solvers.keep[:] = self._solvers.answer
         self._next = k + 1
         pace, (at, fraction) = laid.paces[k], laid.places[k]
         self.clock.go_on(at - self._place, fraction, pace * self.dt)
-        self._place, self._then, self._rate, self._share = at, then, pace, share
+        self._place, self._then, self._rate, self._share = at, verdict[THEN], pace, share
         self.followed = pose = laid.poses[k]
         self._hold(pose)
         self._short_by = self._beyond_person = (0.0, 0.0)
@@ -141,6 +139,6 @@ class MirrorPreview(MirrorFollowing):
         if pace < WHOLE:
             self.counts["slowed"] += 1
             flags |= _TASK
-        value = _read_only(velocity.tobytes())
+        value = _read_only(self._velocity.tobytes())
         solver = FUSED_SOLVERS[int(who)]
         return _new(Command, (value, _OK, solver, residual, -1, "", _BOUNDS[flags], pace * share, None))

@@ -234,8 +234,9 @@ class MirrorStatement(PoseTracker):
         outputs = ca.logic_and(kept, all_true(*turns)), braking
         verdicts, tick, moving = [outputs[0], outputs[1]], Stages(), ca.SX.sym("moving", self.limits.told)
         if self.among_bodies:
+            told = tick.once(ca.if_else(all_true(ca.fabs(moving) <= PLAUSIBLE), moving, 0))  # or nothing is there
             for i, braked in enumerate((False, True)):
-                verdicts[i] = ca.logic_and(verdicts[i], self._clear(tick, q, moving, velocity, braked=braked))
+                verdicts[i] = ca.logic_and(verdicts[i], self._clear(tick, q, told, velocity, braked=braked))
         return tick.function("audit", [q, velocity, held.column, moving], [ca.vertcat(*verdicts, then)])
 
     @cached_property
@@ -317,16 +318,15 @@ class MirrorStatement(PoseTracker):
         return super().instance(q, *inputs, *(np.zeros(shape) for shape in self.shapes[len(inputs) :]))
 
     # --------------------------------------------------------------------------------------------- true bounds
-    def _usable_obstacles(self) -> Array:
-        """(14 k,) the moving capsules, none where they cannot be used."""
-        told = self._inputs[-1].reshape(-1)[: self.limits.told]
-        return told if not told.size or np.all(np.abs(told) <= PLAUSIBLE) else np.zeros(told.size)
+    def _bodies(self) -> Array:
+        """(14 k,) the moving capsules."""
+        return self._inputs[-1].reshape(-1)[: self.limits.told]
 
     def _shortened(
         self, q: Array, value: Array, held: Array, flags: Bound, *, broken: bool
     ) -> tuple[Array, Bound, bool]:
         """See `keeping`: the velocity, what yields to it, and whether it is shorter."""
-        part: Array = self._keeping.of(q, value, held, self._last_before, broken, self._usable_obstacles()) + 0.0
+        part: Array = self._keeping.of(q, value, held, self._last_before, broken, self._bodies()) + 0.0
         self._then, shorter, hurried = self._keeping.outputs[1].tolist()
         if not shorter:
             return value, flags, False

@@ -498,38 +498,28 @@ class PoseTracker(VelocityController):
         """
         if self._owner != get_ident():
             self._claim()
-        if obstacles is not None or self.limits.moving:
-            given: tuple[Any, ...] = (q, pose, twist, self.limits.capsule_numbers("obstacles", obstacles))
-            into: tuple[Any, ...] = self._views
-            if all(each.__class__ is _ndarray for each in given) and [each.shape for each in given[:3]] == [
-                (self.chain.n,),
-                (4, 4),
-                (TWIST,),
-            ]:
-                try:
-                    for view, each in zip(into, given, strict=True):  # see below
-                        view[:] = each.ravel()
-                    return self._tick(enable, stamp)
-                except (ValueError, TypeError):
-                    pass  # numbers of another type
-            self._write(given)
-            return self._tick(enable, stamp)
+        self._take(q, pose, twist, obstacles)
+        return self._tick(enable, stamp)
+
+    def _take(
+        self, q: ArrayLike, pose: ArrayLike, twist: ArrayLike, obstacles: Sequence[MovingCapsule] | Array | None
+    ) -> None:
+        """Write what `step` was told, or say what is wrong with it."""
         usual = False
         # A masked array would be read through its mask.
         if q.__class__ is _ndarray and twist.__class__ is _ndarray and pose.__class__ is _ndarray:
             try:
                 # From view to view: half of numpy's cost, and any other type or size is refused.
                 views: tuple[Any, ...] = self._views
-                q_view, pose_view, twist_view = views
-                q_view[:] = q
-                twist_view[:] = twist
-                pose_view[:] = pose.ravel()
+                views[0][:], views[2][:] = q, twist
+                views[1][:] = pose.ravel()
                 usual = pose.ndim == 2 and len(pose) == 4
             except (ValueError, TypeError):
                 usual = False
         if not usual:
-            self._write((q, pose, twist))
-        return self._tick(enable, stamp)
+            self._write((q, pose, twist, *self._inputs[2:]))
+        if obstacles is not None or self.limits.moving:
+            self._inputs[-1][:] = self.limits.capsule_numbers("obstacles", obstacles)
 
 
 def _pose(entries: ca.SX) -> ca.SX:

@@ -225,7 +225,7 @@ class RedundancyResolver(OneThread):
         for each in self._sets.values():
             each.reset()  # those that do not act now, too: their solvers remember
         self._active = next(iter(self._sets.values()))
-        self._active.begin(np.clip(chassis, -self.robot.chain.velocity, self.robot.chain.velocity), turned[2])
+        self._active.reset(np.clip(chassis, -self.robot.chain.velocity, self.robot.chain.velocity), turned[2])
         self._reaching = None  # its smoother belongs to the thread that reaches
         self._give_away()
 

@@ -4,32 +4,41 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Sequence
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, cast
 
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rehab_opt.control.command import Bound, Command, Status
+from rehab_opt.control.command import NUMBERED, Bound, Command, Status
 from rehab_opt.control.followed_joints import FollowedJoints, guidance
 from rehab_opt.control.joint_feedback import JointFeedback
-from rehab_opt.control.reasons import NUMBER, reason_number, reason_text
+from rehab_opt.control.judged_state import GIVEN, judged_memory, judged_state, nothing_known
+from rehab_opt.control.reasons import HELD_BACK, NUMBER, reason_number, reason_text
 from rehab_opt.control.stopping import VelocityBounds, largest_change, nearest_to_rest, velocity_bounds
 from rehab_opt.control.thread_owner import OneThread
-from rehab_opt.control.watchdog import Watchdog
-from rehab_opt.control.watched_joints import WatchedJoints, patience_of, watched_joints
+from rehab_opt.control.velocity_tick import (
+    LEFT_TO_OTHERS,
+    NOTHING_TO_SOLVE,
+    TOLD,
+    VELOCITY_SOLVERS,
+    VelocityTick,
+    velocity_tick,
+)
+from rehab_opt.control.watchdog import NUMBER_OF_SECONDS, Watchdog, stamp_and_kind
+from rehab_opt.control.watched_joints import not_followed, watched_joints
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import SerialChain, per_joint
 from rehab_opt.kinematics.real_array import is_finite, real_array
-from rehab_opt.optim.certificate import clipped
+from rehab_opt.optim.certificate import all_true, clipped
 from rehab_opt.optim.fallback_chain import FUSED, FallbackChain
 from rehab_opt.optim.fused import FUSED_SOLVERS
 from rehab_opt.optim.qp import Statement
 from rehab_opt.optim.rows import PLAUSIBLE, Instance
 from rehab_opt.symbolic import BufferedFunction, Compile
-from rehab_opt.symbolic.record import Values
+from rehab_opt.symbolic.record import Record, Values
 
 if TYPE_CHECKING:
     import qpsolvers
@@ -37,19 +46,20 @@ if TYPE_CHECKING:
 __all__ = ["VelocityController", "checked_number", "real_numbers"]
 
 Array = NDArray[np.float64]
-Column = TypeVar("Column", ca.SX, ca.MX)
 MISSED = 1e-3
 """Fraction of the reference motion by which the delivered one must differ for the task to count as relaxed."""
 ROUNDED = 1e-6
-"""A bound by so much below zero is zero but for rounding."""
-NOTHING_LEFT = "the bounds leave nothing of the commanded motion"
+"""A bound as little below zero as that lets rounding through: zero is meant."""
 STILL = 1e-6
 """[m/s] Motions below this are none."""
 
 # Bound once: each look-up of an attribute in the hot path would cost a hundredth of the tick.
-_OK, _BLOCKED, _NAN, _new, _read_only = Status.OK, Status.BLOCKED, math.nan, tuple.__new__, np.frombuffer
+_OK, _NAN, _new, _read_only, _JUDGED = Status.OK, math.nan, tuple.__new__, np.frombuffer, GIVEN["judged"]
 # Looked up, since making an IntFlag costs half a microsecond; by the numbers of a verdict as they come.
-_BOUNDS, _SOLVERS = {float(i): Bound(i) for i in range(8)}, {float(i): name for i, name in enumerate(FUSED_SOLVERS)}
+_BOUNDS, _SOLVERS = (
+    {float(i): Bound(i) for i in range(8)},
+    {float(i): name for i, name in enumerate(VELOCITY_SOLVERS)} | {-1.0: ""},
+)
 
 
 class VelocityController(OneThread, ABC):
@@ -63,7 +73,7 @@ class VelocityController(OneThread, ABC):
     The velocity last commanded is part of the state: a new controller is at rest, `reset` says otherwise. An object
     belongs to one thread: see `OneThread`.
 
-    Positions that do not follow the commands are a fault (`WatchedJoints`; with a `JointFeedback`, a following error):
+    Positions that do not follow the commands are a fault (`watched_joints`; with a `JointFeedback`, a following error):
     the robot brakes, the reason says which joint, and it rests until `reset`, or until `enable` was released. Call
     `reset` between states that are not one motion.
     """
@@ -87,41 +97,46 @@ class VelocityController(OneThread, ABC):
         self.dt = checked_number("dt", dt, above=0.0, below=1.0)
         self.tolerance = tolerance
         self.recovery_speed = checked_number("recovery_speed", recovery_speed, above=0.0, below=1.0)
-        self._watchdog = Watchdog(dt=dt, max_age=max_age)
-        self.max_age = self._watchdog.max_age
+        self.max_age = Watchdog(dt=dt, max_age=max_age).max_age
         self.feedback = feedback
         self.led: FollowedJoints | None = None
         """Where a `feedback` leads the joints."""
         if feedback is not None:  # a hand that a base moves, too, is not watched
-            hand = None if self.base else chain
-            self.led = FollowedJoints(feedback, chain.names[self.base :], dt=self.dt, chain=hand)
-            self._hurried = BufferedFunction(self.hurrying())
+            self.led = FollowedJoints(feedback, chain.n - self.base, dt=self.dt, chain=None if self.base else chain)
         self.approach = math.inf if feedback is None else feedback.approach
         """[1/s] see `velocity_bounds`."""
-        self._solvers = FallbackChain(
-            self.stated, solver=solver, backup=backup, tolerance=tolerance, compile=compile, beside=self.beside()
+        self.functions = self._functions()
+        """What a tick is made of."""
+        self._solvers = solvers = FallbackChain(
+            self.stated, solver=solver, backup=backup, tolerance=tolerance, compile=compile, tick=self.functions.tick
         )
-        self._stopping = BufferedFunction(self.stopping())
-        self._faulty = BufferedFunction(self.faulty())
-        solvers, n = self._solvers, chain.n
+        self._inside = solver == FUSED and not solvers.is_recorded()
+        """Whether the QP is solved inside the tick; a recorder looks at the QP alone."""
+        self._function, n = solvers.function, chain.n
+        (parameters, everything, given), (after, verdict, told) = self._function.inputs, self._function.outputs
+        own = everything[self.stated.state_size :]
+        seldom: Compile = False if solver == FUSED else compile
+        inputs = dict(enumerate((parameters, everything, given, after[: self.stated.state_size], verdict)))
+        self._finish = BufferedFunction(self.functions.finish, compile=seldom, inputs=inputs)
+        inputs = {1: solvers.memory, 2: own, 3: given}
+        self._judge = BufferedFunction(self.functions.judge, compile=seldom, inputs=inputs)
+        self._begin_anew = BufferedFunction(self.beginning())
         ends = np.cumsum([symbol.numel() for symbol in self.stated.parameters])
-        first, *others = np.split(solvers.parameters, ends[:-1])
+        first, *others = np.split(parameters, ends[:-1])
         self._q = first
         self._inputs = tuple(part.reshape(shape) for part, shape in zip(others, self.shapes, strict=True))
-        self._fused, self._function, self._verdict = solver == FUSED, solvers.function, solvers.verdict
-        before, after = solvers.everything
-        self._keep, self._answer = before.data, after.data
         self._views: tuple[memoryview[Any], ...] = tuple(part.data for part in (first, *others))
         self._names = tuple(symbol[0].name().rsplit("_", 1)[0] for symbol in self.stated.parameters)
-        self._last, self._predicted = solvers.memory[:n], solvers.memory[n : 2 * n]
-        self._guided = solvers.memory[2 * n : 2 * n + self.guidance_size]
+        # Views of views: reading and assigning through them costs half of numpy's.
+        views = (cast("memoryview[float]", each.data) for each in (everything, after, given, told))
+        self._keep, self._answer, self._given, self._told = views
+        self._verdict, self._head = solvers.verdict, self._told[: TOLD["unusual"] + 1]
+        self._own = {name: own[place] for name, place in self.judged.places.items()}
+        self._last = solvers.memory[:n]
         self._sent = solvers.memory[slice(n) if self.sent is None else self.sent]
         self._velocity: memoryview[Any] = self._sent.data
         self._wheels = None if self.wheels is None else solvers.memory[self.wheels].data
-        self._patience = patience_of(self.dt)
-        self._watch = WatchedJoints(
-            self.watch, chain.names, before[self.stated.state_size :], self._q, self._sent, patience=self._patience
-        )
+        self._tell(enable=True, stamp=None)
         self.reset()
 
     # ------------------------------------------------------------------------------------------- for subclasses
@@ -139,19 +154,24 @@ class VelocityController(OneThread, ABC):
     """Whether a joint that does not follow is a fault, where there is no `feedback`."""
 
     @property
-    def watch(self) -> ca.Function:
-        """What finds joints that do not follow, see `watched_joints`."""
-        return watched_joints(self.chain, dt=self.dt, base=self.base, base_alone=self.feedback is not None)
+    def judged(self) -> Record:
+        """See `judged_memory`."""
+        led = self.led
+        return judged_memory(self.chain.n, led.size if led else 0, self.chain.n if led and led.hand else 0)
 
-    def beside(self) -> ca.Function:
-        """See `fused`: `watch` on the positions and the command that led there, where those are watched."""
-        n, watch = self.chain.n, self.watch
-        p, memory = ca.MX.sym("p", self.stated.parameter_size), ca.MX.sym("memory", self.stated.memory.numel())
-        watched = ca.MX.sym("watched", watch.numel_in(0))
-        after, apart = watched, ca.MX(0)
-        if self.watched and self.feedback is None:
-            after, apart = watch(watched, p[:n], memory[slice(n) if self.sent is None else self.sent])
-        return ca.Function("beside", [p, memory, watched], [after, apart])
+    def _functions(self) -> VelocityTick:
+        stated, chain, led = self.stated, self.chain, self.led
+        watch = None
+        if self.base or (self.watched and led is None):
+            watch = watched_joints(chain, dt=self.dt, base=self.base, base_alone=led is not None)
+        judge = judged_state(
+            chain.n, int(stated.memory.numel()), dt=self.dt, max_age=self.max_age, watch=watch, led=led,
+            base=self.base, sent=slice(chain.n) if self.sent is None else self.sent,
+        )  # fmt: skip
+        return velocity_tick(
+            stated, judge, self.judged, stop=self.stopping(), faulty=self.faulty(), law=self.fallback_law(),
+            hurried=self.hurried, tolerance=self.tolerance,
+        )  # fmt: skip
 
     @abstractmethod
     def statement(self) -> Statement:
@@ -195,15 +215,12 @@ class VelocityController(OneThread, ABC):
         yielded = int(Bound.POSITION) * outside + int(Bound.ACCELERATION) * hurried + int(Bound.TASK) * missed
         return ca.vertcat(yielded, ca.if_else(ca.logic_and(missed, size > STILL**2), along, 1))
 
-    def hurried(self, last: Column, velocity: Column) -> Column:
-        """1 where joints go from one velocity (n,) to the other faster than their accelerations allow."""
-        allowed = largest_change(self.chain, self.dt) * (1 + 1e-9) + 1e-12
-        return ca.sum1(ca.fabs(velocity - last) > allowed) > 0
-
-    def hurrying(self) -> ca.Function:
-        """`hurried` of two velocities (n,)."""
+    @cached_property
+    def hurried(self) -> ca.Function:
+        """Whether joints go from one velocity (n,) to the other faster than their accelerations allow."""
         last, velocity = ca.SX.sym("last", self.chain.n), ca.SX.sym("velocity", self.chain.n)
-        return ca.Function("hurried", [last, velocity], [self.hurried(last, velocity)])
+        faster = ca.sum1(ca.fabs(velocity - last) > largest_change(self.chain, self.dt) * (1 + 1e-9) + 1e-12) > 0
+        return ca.Function("hurried", [last, velocity], [faster])
 
     def remember(self, q: ca.SX, velocity: ca.SX) -> ca.SX:
         """The velocity, where it leads by the next tick, and space for that tick's `guidance` of led joints."""
@@ -223,9 +240,24 @@ class VelocityController(OneThread, ABC):
         outputs = [ca.densify(self.memory_after(q, last, rest)), report]
         return ca.Function("braking", [q, memory], outputs)
 
-    def fallback_command(self) -> Command | None:
-        """Command where every solver failed and the parameters are valid; None for the safe command."""
+    def fallback_law(self) -> ca.Function | None:
+        """Parameters, memory -> report, memory, violation: what may be sent where every solver failed, or None."""
         return None
+
+    def beginning(self) -> ca.Function:
+        """Velocity (n,) now -> state of which nothing else is known; whether the joints may be so fast.
+
+        Until a position can be read, the middle of a joint's range is taken for it.
+        """
+        velocity = ca.SX.sym("velocity", self.chain.n)
+        lower, upper = np.maximum(self.chain.lower, -PLAUSIBLE), np.minimum(self.chain.upper, PLAUSIBLE)
+        n, memory, nothing = self.chain.n, int(self.stated.memory.numel()), ca.SX.zeros
+        led = ca.SX(0, 1) if self.led is None else self.led.start(velocity[self.base :])
+        start = ca.vertcat(velocity, nothing(self.stated.state_size - memory - n))
+        remembered = ca.vertcat(velocity, (lower + upper) / 2, nothing(memory - 2 * n))
+        known = ca.vertcat(start, remembered, nothing_known(self.judged, led))
+        possible = all_true(ca.fabs(velocity) <= ca.DM(self.chain.velocity))
+        return ca.Function("begin", [velocity], [ca.densify(known), possible])
 
     def stopping(self) -> ca.Function:
         """Parameters, state -> state after a tick of the safe command; what yielded and whether it moves; q (n,).
@@ -267,17 +299,20 @@ class VelocityController(OneThread, ABC):
         """Forget the past, that of the solvers too; `velocity` (n,) is what the joints do now, rest by default."""
         n = self.chain.n
         speed = np.zeros(n) if velocity is None else per_joint("velocity", velocity, n, finite=True)
-        if np.any(np.abs(speed) > self.chain.velocity):
+        if not self._began(speed):
             raise ConfigurationError("velocity", velocity, "joint speeds within their limits")
+
+    def _began(self, *given: ArrayLike) -> bool:
+        """Whether there is a state that begins so, see `beginning`: it is the one of now, and the past is forgotten."""
+        self._refuse_others()
+        state = self._begin_anew.of(*given)
+        if not self._begin_anew.outputs[1][0]:
+            return False
         self._claim()
-        self._solvers.memory[:] = 0.0
-        self._last[:] = speed
-        self._solvers.forget(np.append(speed, np.zeros(self.stated.n - n)))
-        lower, upper = np.maximum(self.chain.lower, -PLAUSIBLE), np.minimum(self.chain.upper, PLAUSIBLE)
-        self._predicted[:] = (lower + upper) / 2
-        self._watchdog.reset()
-        self._forget_joints(speed)
+        self._solvers.forget()
+        self._solvers.everything[:] = state
         self._give_away()
+        return True
 
     def instance(self, q: ArrayLike, *inputs: ArrayLike) -> Instance:
         """The QP that `step` would solve now, as numbers, for inspection."""
@@ -290,137 +325,94 @@ class VelocityController(OneThread, ABC):
         return to_qpsolvers(self.instance(q, *inputs))
 
     # ---------------------------------------------------------------------------------------------------- one tick
-    def _refusal(self, enable: object, stamp: float | None) -> str:
-        """Why this state must not be acted on, or nothing."""
-        reason = self._watchdog.check(stamp)
-        if enable is not True and not (isinstance(enable, np.bool_ | int | float) and enable == 1):
-            reason = "not enabled"
-            if not self._sent.any():  # an arm that was switched off may be moved by hand, and a fault is acknowledged
-                self._forget_joints(np.zeros(self.chain.n))
-                return reason
-        if reason:
-            self._not_following()
-        return reason
-
-    def _forget_joints(self, velocity: Array) -> None:
-        """Where the joints were is forgotten; they move at `velocity` (n,) now."""
-        self._watch.reset()
-        if self.led is not None:
-            self.led.reset(velocity[self.base :])
+    def _tell(self, enable: object, stamp: float | None) -> None:
+        """Write enable input and stamp; they are the usual ones where that is true and there is none."""
+        given = self._given
+        given[0], given[1] = (stamp, NUMBER_OF_SECONDS) if type(stamp) is float else stamp_and_kind(stamp)
+        given[2] = enable is True or (isinstance(enable, np.bool_ | int | float) and enable == 1)
+        self._usual = enable is True and stamp is None
 
     def _tick(self, enable: object, stamp: float | None) -> Command:
         """One step on what stands in the parameters."""
-        if self.led is None:
-            return self._decided(enable, stamp, self._watch.known)
-        return self._led(lambda fault, note: self._decided(enable, stamp, fault, note))
+        if enable is not True or stamp is not None or not self._usual:
+            self._tell(enable, stamp)
+        if not self._inside:
+            return self._otherwise(LEFT_TO_OTHERS)
+        self._told[0] = self._verdict[0] = _NAN  # see `FallbackChain`: a failure inside leaves the outputs as they are
+        self._function.evaluate()
+        left, residual, who, yielded, scale, unusual = self._head.tolist()
+        if left:  # NaN, too
+            return self._otherwise(left)
+        self._keep[:] = self._answer
+        if unusual:
+            return self._as_told(self._told)
+        value = _read_only(self._velocity.tobytes())  # a copy
+        wheels = None if self._wheels is None else _read_only(self._wheels.tobytes())
+        return _new(Command, (value, _OK, _SOLVERS[who], residual, -1, "", _BOUNDS[yielded], scale, wheels))
 
-    def _not_following(self) -> str:
-        """Which joint does not follow, asked in each tick whose fused answer is not taken: with it, the function asks.
+    def _judged(self) -> str:
+        """Judge the state, once in a tick: why it must not be acted on, or nothing."""
+        self._judge.inputs[0][:] = self._q
+        self._judge.evaluate()
+        self._q[:], self._solvers.memory[:], self._judge.inputs[2][:] = self._judge.outputs
+        self._given[_JUDGED] = 1.0
+        own = self._own
+        return self._words(own["reason"][0], -1, own["element"][0], own["details"].tolist())
 
-        Empty where all do, where none is `watched`, and where joints are led: see `_led`.
-        """
-        return self._watch.fault() if self.watched and self.led is None else ""
-
-    def _led(self, decided: Callable[[str, str], Command]) -> Command:
-        """What `decided` makes of where the joints are led, put in place of what was measured, of a fault and a note.
-
-        Every controller passes here once a tick, after the positions are written and before anything acts on them.
-        """
-        if self.led is None:
-            return decided("", "")
-        watched = self._watch.fault() if self.base else ""  # of which no model is known
-        led = self.led
-        fault = led.lead(self._q[self.base :], self._last[self.base :], self._guided) or watched
-        if not led.touched:
-            return decided(fault, led.note)
-        command = decided(fault, led.note)  # from rest: whatever held the hand has stopped the joints
-        if self._hurried.of(led.before, self._last):
-            command = command._replace(yielded=command.yielded | Bound.ACCELERATION)
-        return command
-
-    def _decided(self, enable: object, stamp: float | None, reason: str = "", note: str = "") -> Command:
-        """The command on what stands in the parameters and in the memory; the safe one where there is a reason."""
-        if enable is not True or stamp is not None or self._watchdog.stamped:
-            reason = self._refusal(enable, stamp) or reason
-        if reason:
-            return self._safe(reason)
-        if self._fused:  # the usual way, without the layers of Python: they would cost as much as the solve
-            verdict = self._verdict
-            verdict[0] = _NAN  # see `FallbackChain`: a failure inside leaves the outputs as they are
-            self._function.evaluate()
-            residual, _, who, yielded, scale, apart = verdict.tolist()
-            if 0.0 <= residual <= self.tolerance and 0.0 <= apart <= self._patience:
-                self._keep[:] = self._answer
-                value = _read_only(self._velocity.tobytes())  # a copy
-                wheels = None if self._wheels is None else _read_only(self._wheels.tobytes())
-                name, bound = _SOLVERS[who], _BOUNDS[yielded]
-                if scale:
-                    return _new(Command, (value, _OK, name, residual, -1, note, bound, scale, wheels))
-                return Command(value, _BLOCKED, name, residual, -1, _blocked(note), bound, scale, wheels)
-        reason, solvers = self._not_following(), self._solvers
-        if reason:
-            return self._safe(reason)
-        solver = solvers.solve_with_fallback() if self._fused else solvers()
+    def _otherwise(self, left: float) -> Command:
+        """The tick with other solvers, or the safe command."""
+        solver, solvers = "", self._solvers
+        if left != NOTHING_TO_SOLVE and not self._judged():
+            solver = solvers.solve_with_fallback() if self._inside else solvers()
+        command = self._finished()
+        self._given[_JUDGED] = 0.0
         if not solver:
-            return self.fallback_command() or self._safe(self._fault())
-        status, reason = Status.OK, note
+            return command
         if solver == solvers.backup != solvers.solver:
-            status, reason = (
-                Status.BACKUP,
-                "; ".join(filter(None, (f"{solvers.solver} gave no certified answer", note))),
-            )
-        residual, _, _, yielded, scale, _ = solvers.verdict.tolist()
-        if status is Status.OK and not scale:
-            status, reason = Status.BLOCKED, _blocked(note)
-        bound = _BOUNDS[yielded]
-        value, wheels = self._sent_now()
-        return Command(value, status, solver, residual, solvers.iterations, reason, bound, scale, wheels)
+            words = f"{solvers.solver} gave no certified answer"
+            note = HELD_BACK if self._own["held"][0] else ""
+            command = command._replace(status=Status.BACKUP, reason="; ".join(filter(None, (words, note))))
+        return command._replace(solver=solver, iterations=solvers.iterations)
 
-    def _sent_now(self) -> tuple[Array, Array | None]:
-        """Copy of the command and the wheel speeds, read-only and without negative zeros."""
-        value, wheels = self._sent + 0.0, None
-        value.setflags(write=False)
-        if self._wheels is not None:
-            wheels = np.frombuffer(self._wheels.tobytes()) + 0.0
-            wheels.setflags(write=False)
-        return value, wheels
+    def _finished(self) -> Command:
+        """What `VelocityTick.finish` makes of the answer and the verdict at hand."""
+        self._finish.evaluate()
+        after, told, _ = self._finish.outputs
+        self._solvers.everything[:] = after
+        return self._as_told(cast("memoryview[float]", told.data))
+
+    def _safe(self, reason: str) -> Command:
+        """The safe command at a state that was judged, or that no one measures, for a reason of one's own if any."""
+        judged, self._given[_JUDGED], self._own["reason"][:] = self._given[_JUDGED], 1.0, bool(reason)
+        command = self._finished()
+        self._given[_JUDGED], self._own["reason"][:] = judged, 0.0
+        return command._replace(reason=reason) if reason else command
+
+    def _as_told(self, told: memoryview[float]) -> Command:
+        """What a tick has `TOLD`."""
+        _, residual, who, yielded, scale, _, status, reason, where, element, *details, note = told.tolist()
+        name, words = _SOLVERS[who], self._words(reason, where, element, details)
+        if who == len(FUSED_SOLVERS):
+            words = f"{words}: {name}"
+        words = "; ".join(filter(None, (words, HELD_BACK if note else "")))
+        value = _read_only((np.frombuffer(self._velocity) + 0.0).tobytes())  # no negative zeros
+        wheels = None if self._wheels is None else _read_only((np.frombuffer(self._wheels) + 0.0).tobytes())
+        return Command(value, NUMBERED[int(status)], name, residual, -1, words, _BOUNDS[yielded], scale, wheels)
+
+    def _words(self, reason: float, where: float, element: float, details: Sequence[float]) -> str:
+        """What is said of a reason, see `TOLD`; nothing where there is none."""
+        if reason == NUMBER["NOT_FOLLOWED"]:
+            return not_followed(self.chain.names[int(element)], *details)
+        if reason == NUMBER["INPUT_UNUSABLE"]:
+            values = (self._q, *self._inputs)[int(where)]
+            place = ", ".join(map(str, np.unravel_index(int(element), values.shape)))
+            return f"{self._names[int(where)]}[{place}] is {values.flat[int(element)]}, not a usable number"
+        return reason_text(reason, details)
 
     def _write(self, values: tuple[ArrayLike, ...]) -> None:
         """Copy what is not a float array, or say what is wrong with it; numbers are judged by the certificate."""
         for target, value, name in zip((self._q, *self._inputs), values, self._names, strict=True):
             target[...] = real_numbers(name, value, target.shape)
-
-    def _safe(self, reason: str) -> Command:
-        """Decelerate within the bounds, from the last good position where this one is unusable."""
-        stopping, solvers = self._stopping, self._solvers
-        stopping.inputs[0][:], stopping.inputs[1][:] = solvers.parameters, solvers.state
-        stopping()
-        state, (yielded, moves), _ = stopping.outputs
-        solvers.keep[:] = state.data
-        value, wheels = self._sent_now()
-        status = Status.BRAKING if moves else Status.HOLDING
-        return Command(value, status, "", math.inf, -1, reason, _BOUNDS[yielded], 0.0, wheels)
-
-    def _fault(self) -> str:
-        return self._unusable(sound=bool(self._solvers.sound[0])) or reason_text(
-            NUMBER["NOT_CERTIFIED"], self._solvers.residual
-        )
-
-    def _unusable(self, *, sound: bool) -> str:
-        """What is wrong with the parameters; nothing where they are `sound` and every number is usable."""
-        reason, i, k = self._faulty.of(self._solvers.parameters, sound).astype(int).tolist()
-        if reason == NUMBER["NOT_CERTIFIED"]:
-            return ""
-        if i < 0:
-            return reason_text(reason, ())
-        array = (self._q, *self._inputs)[i]
-        where = ", ".join(map(str, np.unravel_index(k, array.shape)))
-        return f"{self._names[i]}[{where}] is {array.flat[k]}, not a usable number"
-
-
-def _blocked(note: str) -> str:
-    """Why nothing of the commanded motion is left, and what else is to be said."""
-    return f"{NOTHING_LEFT}; {note}" if note else NOTHING_LEFT
 
 
 def real_numbers(argument: str, value: ArrayLike, shape: tuple[int, ...]) -> Array:

@@ -6,16 +6,13 @@ from functools import cache
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.optim.rows import PLAUSIBLE
-from rehab_opt.symbolic import BufferedFunction
 from rehab_opt.symbolic.record import Record
 
 __all__ = [
-    "NOT_FOLLOWED",
-    "WatchedJoints",
+    "HAND_HELD",
     "memory_of_watch",
     "not_followed",
     "patience_of",
@@ -23,10 +20,8 @@ __all__ = [
     "watched_joints",
 ]
 
-Array = NDArray[np.float64]
-
-NOT_FOLLOWED = "does not follow"
-"""Text of the reason for a joint at fault."""
+HAND_HELD = 2.0
+"""The fault of a hand that was held for too long; that of a joint that was too far off for too long is 1."""
 SHARE = 0.08
 """A joint follows that has moved this share of the way that it was commanded: a caller may integrate a tenth of it."""
 TOLERANCE = 0.03
@@ -51,7 +46,7 @@ def memory_of_watch(n: int) -> Record:
 def time_apart(wrong: ca.SX, apart: ca.SX, dt: float | ca.SX) -> ca.SX:
     """(n,) [s] for which each joint does not follow, after one more tick in which those of `apart` (n,) do not.
 
-    A joint that does not follow for longer than its patience is at fault, until a reset (`WatchedJoints.named`). Time
+    A joint that does not follow for longer than its patience is at fault, until a reset (`judged_state`). Time
     in which it does comes off again, so that what shows one time in two is no fault and what shows more often is.
     """
     return ca.fmax(wrong + dt * (2 * apart - 1), 0)
@@ -65,7 +60,15 @@ def patience_of(dt: float) -> float:
 def watched_joints(chain: SerialChain, *, dt: float, base: int, base_alone: bool = False) -> ca.Function:
     """`memory_of_watch`, measured positions, last command (n,) -> memory, longest time that one does not follow [s].
 
-    While positions are not usable, what is commanded counts and nothing is judged. Written for few operations.
+    A joint's way as it was commanded, beyond TOLERANCE / 2, is held beside the way that it is measured to have moved
+    since. A joint that moved SHARE of it, in its direction, follows, and both ways begin anew; one that does not for
+    PATIENCE is at fault: blocked, measured by an encoder that stands still, or turning the wrong way. A fault is seen
+    PATIENCE and TOLERANCE / speed after it begins at the latest, while neither a servo of 24 Hz, a delay of 50 ms,
+    encoder noise of 0.2 mrad, nor a caller that integrates another dt is one.
+
+    A joint that has gone farther than it can begins anew: such states are not one motion. The same state, asked about
+    again and again, is one in which nothing moves. While positions are not usable, joints are led on and not judged.
+    Written for few operations.
 
     Parameters
     ----------
@@ -104,58 +107,8 @@ def watched_joints(chain: SerialChain, *, dt: float, base: int, base_alone: bool
     return ca.Function("watched_joints", [memory.column, measured, command], [after, ca.mmax(after[:n])])
 
 
-class WatchedJoints:
-    """Finds joints that do not follow: blocked, measured by an encoder that stands still, or turning the wrong way.
-
-    A joint's commanded travel, beyond TOLERANCE / 2, is compared with its measured travel since. A joint that moved
-    SHARE of it, in its direction, follows, and both restart from zero; one that does not for PATIENCE is at fault. So a
-    fault is seen PATIENCE and TOLERANCE / speed after it begins at the latest, while neither a servo of 24 Hz, a delay
-    of 50 ms, encoder noise of 0.2 mrad, nor a caller that integrates another dt is one.
-
-    A joint that moved farther than it can restarts: such states are not one motion. The same state passed repeatedly is
-    one in which nothing moves. While positions are not usable, joints are led on and not judged.
-
-    Parameters
-    ----------
-    watched : what `watched_joints` makes. names : (n,) of the joints. patience : [s] see `patience_of`.
-    memory, measured, command : arrays in which `memory_of_watch`, the positions now (n,), and the command that led
-        there (n,), stand at each call.
-
-    Attributes
-    ----------
-    known : which joint was found not to follow, since the last `reset`; empty for none.
-    """
-
-    def __init__(
-        self, watched: ca.Function, names: tuple[str, ...], memory: Array, measured: Array, command: Array, *,
-        patience: float,
-    ) -> None:  # fmt: skip
-        self._names, self._patience = names, patience
-        self._function = BufferedFunction(watched, inputs={0: memory, 1: measured, 2: command})
-        self._memory, self._after, self._said = memory.data, *(each.data for each in self._function.outputs)
-        self.known = ""
-
-    def reset(self) -> None:
-        """Nothing is known."""
-        self._function.inputs[0][:], self.known = 0.0, ""
-
-    def take_over(self, other: WatchedJoints) -> None:
-        """Go on where another watch of the same joints ends."""
-        self._memory[:], self.known = other._memory, other.known
-
-    def fault(self) -> str:
-        """Which joint does not follow, once a tick: empty for none, the same until `reset`."""
-        if self.known:
-            return self.known
-        self._function.evaluate()
-        self._memory[:] = self._after
-        if self._said[0] > self._patience:
-            n, memory = len(self._names), self._function.inputs[0]
-            joint = int(np.argmax(memory[:n]))  # for longest
-            self.known = not_followed(self._names[joint], abs(memory[n + joint]))
-        return self.known
-
-
-def not_followed(name: str, far: float) -> str:
-    """Reason for a joint at fault, `far` [rad or m] from where it was led."""
-    return f"{name} {NOT_FOLLOWED}: {far:.2g} rad or m from where it was led"
+def not_followed(name: str, far: float, fault: float) -> str:
+    """What is said of a joint at fault, `far` [rad or m] from where it was led, by the kind of fault."""
+    if fault == HAND_HELD:
+        return f"{name} does not follow: the hand is held back, the joint by {far:.2g} rad or m"
+    return f"{name} does not follow: {far:.2g} rad or m from where it was led"

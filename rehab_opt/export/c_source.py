@@ -7,15 +7,15 @@ import hashlib
 import casadi as ca
 
 from rehab_opt.control.reasons import NOTES, REASONS
+from rehab_opt.control.velocity_tick import VELOCITY_SOLVERS
 from rehab_opt.export.c_text import comment, filled, indented, number
 from rehab_opt.export.exported import ExportedController
 from rehab_opt.export.generated import Generated, generated
-from rehab_opt.optim.fused import FUSED_SOLVERS
 from rehab_opt.version import __version__
 
 __all__ = ["SOLVERS", "files_of"]
 
-SOLVERS = (*FUSED_SOLVERS, "braking together")
+SOLVERS = VELOCITY_SOLVERS
 """What Python calls who answered, by the number that C gives; -1 is nobody."""
 
 

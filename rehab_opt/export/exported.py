@@ -9,21 +9,15 @@ from functools import cached_property
 from typing import ClassVar
 
 import casadi as ca
-import numpy as np
-from numpy.typing import NDArray
 
-from rehab_opt.control.followed_joints import SAID
 from rehab_opt.control.pose_tracker import PoseTracker
 from rehab_opt.control.velocity_controller import VelocityController
-from rehab_opt.control.watchdog import watched
-from rehab_opt.control.watched_joints import memory_of_watch, patience_of
+from rehab_opt.control.velocity_tick import TOLD
 from rehab_opt.errors import ConfigurationError
-from rehab_opt.export.c_text import filled, indented, initialiser, number
+from rehab_opt.export.c_text import indented, number
 from rehab_opt.export.generated import renamed
 from rehab_opt.export.recording import Run
-from rehab_opt.optim.fused import fused
 from rehab_opt.optim.qrqp import QRQP_ITERATIONS
-from rehab_opt.optim.rows import PLAUSIBLE
 
 __all__ = ["ExportedController", "ExportedVelocity", "Law"]
 
@@ -36,12 +30,6 @@ SPARE = 100
 VERDICT = 3
 """Numbers of a verdict before its report."""
 
-LED = """\
-    double led[{led}]; /* of the joints that are led, and of what their encoders said */
-    double measured[{joints}], before[{joints}]; /* positions of the last tick, and the command before it */
-    int touched, hand_held;  /* whether the hand is held from the last tick on, and whether it is held */
-"""
-
 
 @dataclass(frozen=True, eq=False)
 class Law:
@@ -51,12 +39,12 @@ class Law:
     ----------
     name : identifier, different from those of other laws of the same file.
     controller : what answers in Python.
-    fallback : (parameters, memory) -> report, memory, violation: a command where the solver failed; or None.
+    more : functions besides those of every law, by what they are.
     """
 
     name: str
     controller: VelocityController
-    fallback: ca.Function | None = None
+    more: Mapping[str, ca.Function] = field(default_factory=dict)
 
     @property
     def iterations(self) -> int:
@@ -64,14 +52,9 @@ class Law:
         return self.controller.stated.iterations or QRQP_ITERATIONS
 
     @property
-    def memory(self) -> int:
-        """How many numbers pass from tick to tick, besides the warm start."""
-        return int(self.controller.stated.memory.numel())
-
-    @property
     def state(self) -> int:
-        """The same with the warm start."""
-        return self.controller.stated.state_size
+        """How many numbers pass from tick to tick."""
+        return self.controller.stated.state_size + self.controller.judged.size
 
     @property
     def reported(self) -> int:
@@ -79,21 +62,21 @@ class Law:
         return int(self.controller.stated.report.numel())
 
     def functions(self) -> list[ca.Function]:
-        """Its tick, its safe command, and its fallback law where there is one."""
+        """Its tick, what is sent where that gives no command, where it begins, and those besides."""
         of = self.controller
-        pairs = {"tick": fused(of.stated), "stop": of.stopping(), "faulty": of.faulty(), "fallback": self.fallback}
-        return [renamed(function, f"{self.name}_{what}") for what, function in pairs.items() if function is not None]
+        pairs = {"tick": of.functions.tick, "finish": of.functions.finish, "begin": of.beginning()}
+        return [renamed(function, f"{self.name}_{what}") for what, function in (pairs | dict(self.more)).items()]
 
     def row(self) -> str:
         """The C initialiser of its `law_shape`."""
-        controller, stated, n = self.controller, self.controller.stated, self.controller.chain.n
-        sent = controller.sent or slice(n)
-        wheels = controller.wheels
-        begin, count = (-1, 0) if wheels is None else (wheels.start, wheels.stop - wheels.start)
+        controller, n, own_at = self.controller, self.controller.chain.n, self.controller.stated.state_size
+        memory_at = own_at - int(controller.stated.memory.numel())
+        sent, wheels = controller.sent or slice(n), controller.wheels or slice(0, 0)
         cells = (
-            *(n, stated.parameter_size, self.state - self.memory, self.memory, self.reported),
-            *(sent.start or 0, begin, count, f"{self.name}_tick", f"{self.name}_stop", f"{self.name}_faulty"),
-            f"{self.name}_fallback" if self.fallback else "NULL",
+            *(n, memory_at, own_at, own_at + controller.judged["reason"], self.state),
+            *(memory_at + (sent.start or 0), memory_at + wheels.start, wheels.stop - wheels.start),
+            *(f"{self.name}_{what}" for what in ("tick", "finish", "begin")),
+            f"{self.name}_going_on" if "going_on" in self.more else "NULL",
         )
         return "{" + ", ".join(map(str, cells)) + "}"
 
@@ -221,62 +204,28 @@ class ExportedVelocity(ExportedController):
         return max(law.iterations for law in self.laws)
 
     def functions(self) -> list[ca.Function]:
-        """Of each law its tick, its safe command, and its fallback law where there is one."""
-        watchdog = renamed(watched(), f"{self.name}_watched")
-        first = self.laws[0].controller
-        joints = {"followed": first.watch}
-        if first.led is not None:
-            joints |= {"led": first.led.tick, "led_from": first.led.start, "hurried": first.hurrying()}
-        of_joints = [renamed(function, f"{self.name}_{what}") for what, function in joints.items()]
-        return [watchdog, *of_joints, *(function for law in self.laws for function in law.functions())]
+        """Those of its laws."""
+        return [function for law in self.laws for function in law.functions()]
 
     def shape(self) -> dict[str, str]:
         """Sizes, limits and the table of the laws."""
         laws, first = self.laws, self.laws[0].controller
         chain, wheels = first.chain, first.wheels
-        joints = max(law.controller.chain.n for law in laws)
         sizes = {
             "joints": chain.n,
-            "joints_most": joints,
             "laws": len(laws),
             "parameters_most": max(law.controller.stated.parameter_size for law in laws),
             "state_most": max(law.state for law in laws),
-            "memory_most": max(law.memory for law in laws),
             "verdict_most": VERDICT + max(law.reported for law in laws),
+            "told_size": TOLD.size,
             "values": chain.n,
             "wheels": 0 if wheels is None else wheels.stop - wheels.start,
-            "watch": memory_of_watch(chain.n).size,
-            "watched": int(first.led is None or first.base > 0),
-            "guided": first.guidance_size,
         }
         sizes["numbers"] = len(laws) * (sizes["parameters_most"] + 2 * sizes["state_most"] + sizes["verdict_most"])
-        sizes["numbers"] += sizes["watch"]
-        led = {"led": 0, "said_size": SAID.size, "base": first.base}
-        led |= {f"said_{name}": SAID[name] for name in SAID.places}
-        if first.led is not None:
-            led["led"] = first.led.tick.numel_in(0)
-            sizes["numbers"] += led["led"] + 2 * chain.n
-        texts = {name: str(size) for name, size in (sizes | led).items()} | {"name": self.name}
         return {
-            **texts,
-            "lead": filled("not_led.c" if first.led is None else "led.c", texts),
-            "seen": "parameters" if first.led is None else "self->measured",
-            "led_memory": "" if first.led is None else LED.format(**texts),
+            **{name: str(size) for name, size in sizes.items()},
+            "told_places": ", ".join(f"TOLD_{name.upper()} = {TOLD[name]}" for name in TOLD.places),
+            "name": self.name,
             "dt": number(first.dt),
-            "patience": number(patience_of(first.dt)),
-            "watchdog": filled(
-                "watchdog.c", {"name": self.name, "dt": number(first.dt), "max_age": number(first.max_age)}
-            ),
             "law_shapes": indented(law.row() + "," for law in laws).rstrip(","),
-            "plausible": number(PLAUSIBLE),
-            "tolerance": number(first.tolerance),
-            "middle": "{" + ", ".join(initialiser(_middle(law.controller)) for law in laws) + "}",
-            "fastest": initialiser(chain.velocity),
         }
-
-
-def _middle(controller: VelocityController) -> NDArray[np.float64]:
-    """(n,) what stands in for positions before the first."""
-    chain = controller.chain
-    lower, upper = np.maximum(chain.lower, -PLAUSIBLE), np.minimum(chain.upper, PLAUSIBLE)
-    return np.asarray((lower + upper) / 2)

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rehab_opt.control.command import Command, Status
+from rehab_opt.control.command import NUMBERED, Command
 from rehab_opt.control.followed_joints import servo_rates
 from rehab_opt.control.joint_feedback import JointFeedback
 from rehab_opt.control.reasons import notes_of, reason_number
@@ -45,10 +45,7 @@ STOPPED = 0.03
 """[s] for which something holds the joints of a `JointFeedback` in a recorded run: no fault yet."""
 NOISE = 1e-4
 """[rad or m] Standard deviation of the encoders in a recorded run."""
-STATUSES = {
-    Status.OK: 0, Status.BACKUP: 1, Status.BRAKING: 2, Status.HOLDING: 3, Status.RELEASING: 4, Status.RELEASED: 5,
-    Status.BLOCKED: 6,
-}  # fmt: skip
+STATUSES = {status: number for number, status in enumerate(NUMBERED)}
 """Numbers of `enum rehab_status`."""
 
 

@@ -47,8 +47,8 @@ class FallbackChain:
         None is daqp, and qrqp behind daqp.
     tolerance : largest certificate residual that is accepted, in the statement's units.
     compile : see `BufferedFunction`.
-    beside : what the function evaluates besides, see `fused`; `everything` are state and answer with its memory behind
-        them. What it leaves is the caller's to keep.
+    tick : a function that solves inside, in place of `fused`: its first inputs and outputs are those of `fused`, where
+        more may stand behind the state; the other inputs are the caller's to write.
     """
 
     def __init__(
@@ -59,19 +59,18 @@ class FallbackChain:
         backup: str | None,
         tolerance: float,
         compile: Compile = None,
-        beside: ca.Function | None = None,
+        tick: ca.Function | None = None,
     ) -> None:
         if not (isinstance(tolerance, float) and 0 < tolerance < 1):
             raise ConfigurationError("tolerance", tolerance, "a number above 0 and below 1")
         if backup is None:
             backup = BACKUP if solver != BACKUP else FUSED
         self.statement, self.solver, self.backup, self.tolerance = statement, solver, backup, tolerance
-        self.function = function = BufferedFunction(fused(statement, beside), compile=compile)
+        self.function = function = BufferedFunction(tick or fused(statement), compile=compile)
         """The whole tick; what it evaluates may be exchanged between two ticks."""
-        self.parameters, before = function.inputs
-        after, self._verdict = function.outputs
-        self.everything: tuple[NDArray[np.float64], NDArray[np.float64]] = before, after
-        self.state, self._answer = before[: statement.state_size], after[: statement.state_size]
+        self.parameters, self.everything = function.inputs[:2]
+        after, self._verdict = function.outputs[:2]
+        self.state, self._answer = (each[: statement.state_size] for each in (self.everything, after))
         self.residual, self.sound, self.report = self._verdict[:1], self._verdict[1:2], self._verdict[3:]
         # Views of views: reading and assigning through them costs half of numpy's.
         self.verdict = cast("memoryview[float]", self._verdict.data)

@@ -34,20 +34,17 @@ PASSES = 2
 """Corrections of what that takes away."""
 
 
-def fused(statement: Statement, beside: ca.Function | None = None) -> ca.Function:
+def fused(statement: Statement) -> ca.Function:
     """Parameters, state -> state, verdict.
 
     A state stacks x (n,), the multipliers of its bounds (n,) and of the rows (m,), and the memory: the warm start and
     all that is known of the last tick. The verdict stacks the residual, whether the parameters are sound, who answered
     (an index of `FUSED_SOLVERS`), and the statement's report. The solver is CasADi's qrqp, an active-set method that
     generates C.
-
-    beside : parameters, memory, a memory of its own -> its memory, what it says. It is evaluated in the same call: its
-        memory stands behind the state, what it says behind the report.
     """
     n, m, size = statement.n, statement.m, statement.state_size
-    p, last = ca.MX.sym("p", statement.parameter_size), ca.MX.sym("last", size + (beside.numel_in(2) if beside else 0))
-    start, memory, own = last[: 2 * n + m], last[2 * n + m : size], last[size:]
+    p, last = ca.MX.sym("p", statement.parameter_size), ca.MX.sym("last", size)
+    start, memory = last[: 2 * n + m], last[2 * n + m :]
     full = statement.complete(p, memory)
     analytic, residual, sound = statement.screen(full, memory)
 
@@ -59,9 +56,6 @@ def fused(statement: Statement, beside: ca.Function | None = None) -> ca.Functio
     report, after, violation = statement.finish(full, memory, x)
     state = ca.vertcat(answer[: 2 * n + m], after)
     verdict = ca.vertcat(answer[-2] + violation, sound, answer[-1], report)
-    if beside is not None:
-        own, said = beside(p, memory, own)
-        state, verdict = ca.vertcat(state, own), ca.vertcat(verdict, said)
     return ca.Function(statement.name, [p, last], [state, verdict])
 
 

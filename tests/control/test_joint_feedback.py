@@ -187,22 +187,18 @@ def test_the_servo_of_the_model_is_a_proportional_integral_loop(dt: float) -> No
     """Beside the loop's differential equations, integrated by another library."""
     hz, rng = 17.0, np.random.default_rng(6)
     commands = rng.normal(size=(40, 1))
-    joints = FollowedJoints(JointFeedback(delay=0.0, servo_hz=hz, correction=1e-9, tolerance=1e3), ("a",), dt=dt)
-    joints.reset(np.zeros(1))
+    joints = FollowedJoints(JointFeedback(delay=0.0, servo_hz=hz, correction=1e-9, tolerance=1e3), 1, dt=dt)
     p, state = pole(hz), np.zeros(3)
-    q, told = np.zeros(1), np.zeros(1)
-    joints.lead(q, np.zeros(1), told)
+    memory, *_ = joints.tick(joints.start(0.0), 0.0, 0.0)
     for u in commands:
 
         def rates(_: float, s: Array, u: float = u[0]) -> list[float]:
             return [s[1], 2 * p * (u - s[1]) + p * p * s[2], u - s[1]]
 
         state = solve_ivp(rates, (0, dt), state, rtol=1e-10, atol=1e-12).y[:, -1]
-        q = np.array([state[0]])
-        measured = q.copy()
-        joints.lead(q, u, told)
-        assert joints.errors[0] == pytest.approx(0.0, abs=1e-7)
-        assert q[0] == pytest.approx(measured[0] + state[2], abs=1e-7)  # where it comes to: the sum of the commands
+        memory, q, *_ = joints.tick(memory, state[0], u)
+        assert float(memory[joints.memory["error"]]) == pytest.approx(0.0, abs=1e-7)
+        assert float(q) == pytest.approx(state[0] + state[2], abs=1e-7)  # where it comes to: the sum of the commands
 
 
 def test_on_a_simulated_arm_a_limit_is_held_without_shaking() -> None:

@@ -755,12 +755,12 @@ def test_where_every_solver_fails_the_whole_robot_brakes_together() -> None:
 
 
 def test_the_safe_command_answers_when_even_that_fails(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(ChairAndArm, "fallback_law", lambda self: None)
     with failing_solvers() as failures:
         robot, q = new(), ARDIS_READY.copy()
     for _ in range(30):
         q = q + robot.step(q, [0.2, 0.1, 0.1]).value * robot.dt
     failures.every = True
-    monkeypatch.setattr(ChairAndArm, "fallback_command", lambda self: None)
     last = robot.chassis_velocity
     command = robot.step(q, [0.2, 0.1, 0.1])
     assert command.status is Status.BRAKING

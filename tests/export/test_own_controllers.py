@@ -159,7 +159,7 @@ def test_the_header_names_the_bound_of_jerk_where_there_is_one(tmp_path: Path) -
     assert [float(line.split()[-1]) for line in lines[begin + 1 : begin + 7]] == jerk.tolist()
 
 
-@pytest.mark.parametrize("memory", [None, 54_000])
+@pytest.mark.parametrize("memory", [None, 56_000])
 def test_a_mirror_keeps_to_its_memory_and_says_when_samples_go(
     memory: int | None, built: Built, tmp_path: Path
 ) -> None:

@@ -227,7 +227,7 @@ period_s = 4.0
         (PROBLEM, "fixed = ", "tracks = ", "stick.tracks = 'kinova_drink_fixed.csv': expected one of the keys"),
         (PROBLEM, "[stick]", f"{MOVING}[stick]", "clearance.moving = ['tray']: expected none: bodies that move"),
         (ROBOT, "[[caps", "[joints.joint_1]\nlower_deg = -90.0\n[[caps", "on_chair.toml: joint joint_1, lower"),
-        (ROBOT, 'tip = "end_effector_link"', 'tip = XX,
+        (ROBOT, 'tip = "end_effector_link"', 'tip = "half_arm_2_link"', "4 or more joints"),
         (URDF, 'velocity="1.3963"', 'velocity="-1"', "gen3.urdf: joint joint_1, limit.velocity = -1.0: expected"),
         (URDF, 'xyz="0 0 1"', 'xyz="0 0 2"', "gen3.urdf: joint joint_1, axis.xyz = '0 0 2': expected a vector of"),
     ],

@@ -171,14 +171,15 @@ def exported_mirror(
         memory than it takes.
     """
     limit = tracker._limit
-    laws, pieces = [Law("mirror", tracker)], {"types": "mirror_types.h", "at_start": "at_start.c"}
+    own = {"judge": tracker.functions.judge, "faulty": tracker.faulty(), "hurried": tracker.hurried}
+    laws, pieces = [Law("mirror", tracker, own)], {"types": "mirror_types.h"}
     pieces |= {"way_out": "way_out.c", "person_limit": "no_person.c"}
-    values = {"one_tick": "", **moving_values(tracker.limits, "parameters + MOVING")}
+    values = moving_values(tracker.limits, "parameters + MOVING")
     more, solves = MEMBERS, 2 * (PASSES + 1)
     fallback_chains = [tracker._solvers]
     if limit is not None:
         laws += [Law("following", limit._tracker), Law("settling", limit._settler)]
-        pieces |= {"one_tick": "one_tick.c", "person_limit": "person_limit.c"}
+        pieces |= {"person_limit": "person_limit.c"}
         fallback_chains += [limit._tracker._solvers, limit._settler._solvers]
         values |= _person(limit)
         more += PERSON_MEMBERS.format(limit.chain.n)
@@ -241,6 +242,7 @@ double held[{held}];                   /* what the hand is held near; NaN likewi
 double felt[{felt}];                   /* the admittance: by which forces turn the reference aside, and how fast */
 double pace[{pace}];                   /* how fast the reference is followed, and what the hand stays short of */
 double last_before[{joints}];      /* velocities of the tick before */
+double measured[{joints}];         /* positions of this one, where joints are led to others */
 double then, lead_w;
 int live, lead_age;
 """
@@ -278,7 +280,8 @@ def _constants(tracker: MirrorTracker) -> dict[str, str]:
     whole = {
         "drawn": DRAWN, "stale": mirror_statement.STALE, "unusable": UNUSABLE, "at_limit": AT_LIMIT,
         "window": tracker.pace.window, "with_person": int(tracker._limit is not None),
-        "told": tracker.limits.told,
+        "told": tracker.limits.told, "guided": tracker.guidance_size, "own_at": tracker.stated.state_size,
+        **{f"own_{name}": tracker.judged[name] for name in ("touched", "before")},
     }  # fmt: skip
     doubles = {
         "whole": mirror_statement.WHOLE, "reserve": tracker._interaction.law.reserve,

@@ -112,7 +112,6 @@ def exported_tracker(tracker: PoseTracker, run: Sequence[RunTick], *, title: str
         values=moving_values(tracker.limits, "self->law[0].parameters + JOINTS + 22"),
         recording=recording,
         differences=DIFFERENCES,
-        pieces={"one_tick": "one_tick.c", "at_start": "at_start.c"},
         solves=2 * (PASSES + 1),  # of the wanted motion and of the QP, and all again from a cold start
     )
 

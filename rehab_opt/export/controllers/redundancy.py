@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rehab_opt.control.chair_and_arm import UNKNOWN, ChairAndArm
+from rehab_opt.control.chair_and_arm import ChairAndArm
 from rehab_opt.control.command import Command
 from rehab_opt.control.hand_task import FRAMES
 from rehab_opt.control.obstacles import NUMBERS
@@ -19,6 +19,7 @@ from rehab_opt.export.controllers.pose_tracker import moving_argument, moving_va
 from rehab_opt.export.exported import ExportedController, ExportedVelocity, Law
 from rehab_opt.export.recording import Run, RunTick, about_run, encoders, recorded, standing, thinned, with_faults
 from rehab_opt.optim.fallback_chain import BACKUP, FUSED, as_in_c
+from rehab_opt.optim.rows import PLAUSIBLE
 from rehab_opt.session.ardis.outcome import moved
 from rehab_opt.session.ardis.problem import ArdisProblem, DriveName
 from rehab_opt.session.ardis.robot import joystick_of, resolver_of, robot_of, start_of
@@ -96,14 +97,13 @@ def exported_resolver(
     return ExportedVelocity(
         name=name,
         title=f"{title}: joint velocities of a chair with an arm, {resolver.drive} drive",
-        laws=[Law(f"law_{i}", law, fallback=law._braking_together.function) for i, law in enumerate(active)],
+        laws=[Law(f"law_{i}", law, {"going_on": law.going_on()}) for i, law in enumerate(active)],
         interface="redundancy",
         call=f"rehab_{name}_step(&controller, tick->q, tick->twist, tick->rows, tick->frame,"
         f"{moving_argument(resolver.limits, 'tick->')} tick->enable, tick->stamp, out);",
         usage=_usage(name, rows[0], moving_argument(resolver.limits)),
         recording=_recording(resolver, run, of),
         differences=DIFFERENCES,
-        pieces={"one_tick": "one_tick.c"},
         solves=2 * 2,  # without the rows that are seldom active and with them, and both again from a cold start
         values=_values(rows, active, max_obstacles, resolver),
         more_memory=f"double obstacles[{max(1, NUMBERS * max_obstacles)}]; /* four numbers each */",
@@ -171,8 +171,8 @@ def _values(
         "row_counts": "{" + ", ".join(str(len(law.rows)) for law in laws) + "}",
         "obstacle_numbers": str(NUMBERS * max_obstacles),
         "max_obstacles": str(max_obstacles),
+        "plausible": number(PLAUSIBLE),
         "room": initialiser(resolver._numbers if max_obstacles else [0.0]),
-        "unknown": number(UNKNOWN),
         **moving_values(resolver.limits, "parameters + JOINTS + ROWS[which] + 1 + ROOM"),
     }
 

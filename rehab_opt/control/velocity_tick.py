@@ -1,0 +1,171 @@
+"""One tick of a velocity QP as functions of (parameters, memory, given) -> (memory, command).
+
+A state is judged, the QP solved where it may be acted on, and what is certified is the command. Where nothing is,
+whoever ticks asks another solver or begins cold, and `finish` says what is sent. C is generated from these functions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import casadi as ca
+
+from rehab_opt.control.command import NUMBERED, Bound, Status
+from rehab_opt.control.judged_state import GIVEN
+from rehab_opt.control.reasons import HELD_BACK, NUMBER, notes_of
+from rehab_opt.optim.certificate import all_true
+from rehab_opt.optim.fused import FUSED_SOLVERS, fused
+from rehab_opt.optim.qp import Statement
+from rehab_opt.symbolic.record import Record, Values
+
+__all__ = ["DONE", "LEFT_TO_OTHERS", "NOTHING_TO_SOLVE", "TOLD", "VELOCITY_SOLVERS", "VelocityTick", "velocity_tick"]
+
+VELOCITY_SOLVERS = (*FUSED_SOLVERS, "braking together")
+"""Who answered, by the number of `TOLD`; -1 is nobody."""
+TOLD = Record(
+    left=1, residual=1, solver=1, yielded=1, scale=1, unusual=1, status=1, reason=1, input=1, element=1, details=2,
+    note=1,
+)  # fmt: skip
+"""What is left to do for a command; its residual, who answered, what yielded, and the share of the task; whether any of
+the others is not that of a plain OK: the status, a place in `NUMBERED`, the reason's number, which input and which of
+its elements that is of, -1 for none, its details, and the sum of the notes."""
+DONE, LEFT_TO_OTHERS, NOTHING_TO_SOLVE = range(3)
+"""What is left: nothing; an answer that another solver, or a cold start, may have; the safe command."""
+
+
+_Branch = Callable[..., list[Any]]
+
+
+class VelocityTick(NamedTuple):
+    """The functions of a tick; a state is that of `fused` with a `judged_memory` behind it."""
+
+    judge: ca.Function
+    """See `judged_state`."""
+    tick: ca.Function
+    """Parameters, state, `GIVEN` -> state, verdict of `fused`, `TOLD`; solved inside."""
+    finish: ca.Function
+    """Parameters, state, `GIVEN`, the QP's answer (a state of `fused`) and verdict -> state, `TOLD`, positions (n,).
+
+    The answer where it is certified; else what `law` makes, where that is; else the safe command."""
+
+
+def velocity_tick(
+    stated: Statement, judge: ca.Function, record: Record, *, stop: ca.Function, faulty: ca.Function,
+    law: ca.Function | None, hurried: ca.Function, tolerance: float,
+) -> VelocityTick:  # fmt: skip
+    """The functions of a controller.
+
+    Parameters
+    ----------
+    stated : its QP. judge, record : see `judged_state`, and its memory.
+    stop, faulty, law, hurried : see `VelocityController`: `stopping`, `faulty`, `fallback_law`, `hurried`.
+    tolerance : largest residual, and violation, that is accepted.
+    """
+    name, n, size = stated.name, int(judge.numel_in(0)), stated.state_size
+    begin, report = size - int(stated.memory.numel()), int(stated.report.numel())
+    velocity = slice(begin, begin + n)
+    p, everything = ca.MX.sym("p", stated.parameter_size), ca.MX.sym("state", size + record.size)
+    given, answer, verdict = (ca.MX.sym("argument", each) for each in (GIVEN.size, size, 3 + report))
+
+    certified = _certified(record, n, 3 + report, hurried, tolerance)
+    fallen_back = _fallen_back(record, n, 3 + report, hurried, faulty)
+
+    q, memory, own = judge(p[:n], everything[begin:size], everything[size:], given)
+    state, parameters = everything[:size], p
+    if record["led"] != record["reason"]:  # joints are led: that is put in place of what was measured
+        state, parameters = ca.vertcat(everything[:begin], memory), ca.vertcat(q, p[n:])
+
+    solve = fused(stated)
+    skip = _function("skip", lambda _, state: [state, ca.DM.nan(3 + report)], p, state)
+    may_act = own[record["reason"]] == 0
+    solved, found = ca.Function.if_else(f"{name}_solve", solve, skip)(may_act, parameters, state)
+    outputs = [ca.vertcat(solved, own), found, certified(own, solved[velocity], found)]
+    tick = ca.Function(name, [p, everything, given], outputs)
+
+    def stopped(p: ca.MX, state: ca.MX, own: ca.MX, verdict: ca.MX, *_: ca.MX) -> list[ca.MX]:
+        after, said, at = stop(p, state)
+        status = ca.if_else(said[1], NUMBERED.index(Status.BRAKING), NUMBERED.index(Status.HOLDING))
+        said = ca.vertcat(status, ca.inf, -1, said[0], 0)
+        return [after, fallen_back(own, after[velocity], verdict, p, said), at]
+
+    def slowed(p: ca.MX, _: ca.MX, own: ca.MX, verdict: ca.MX, *made: ca.MX) -> list[ca.MX]:
+        report, memory, violation = made
+        said = ca.vertcat(NUMBERED.index(Status.BACKUP), violation, len(FUSED_SOLVERS), report)
+        return [ca.vertcat(ca.MX.zeros(begin), memory), fallen_back(own, memory[:n], verdict, p, said), p[:n]]
+
+    def uncertified(p: ca.MX, state: ca.MX, own: ca.MX, verdict: ca.MX, *_: ca.MX) -> list[ca.MX]:
+        if law is None:
+            return stopped(p, state, own, verdict)
+        none = _function("none", lambda *_: [ca.DM.nan(law.size1_out(i)) for i in range(3)], p, state[begin:])
+        wanted = ca.logic_and(own[record["reason"]] == 0, verdict[1])
+        made = ca.Function.if_else(f"{name}_law", law, none)(wanted, p, state[begin:])
+        holds = ca.logic_and(made[2] >= 0, made[2] <= tolerance)
+        return _either(holds, slowed, stopped, p, state, own, verdict, *made)
+
+    told = certified(own, answer[velocity], verdict)
+    outputs = _either(
+        told[TOLD["left"]] == DONE, lambda p, *others: [*others[-2:], p[:n]], uncertified,
+        parameters, state, own, verdict, answer, told,
+    )  # fmt: skip
+    outputs[0] = ca.vertcat(outputs[0], own)
+    finish = ca.Function(f"{name}_finish", [p, everything, given, answer, verdict], outputs)
+    return VelocityTick(judge, tick, finish)
+
+
+def _either(condition: ca.MX, this: _Branch, that: _Branch, *given: ca.MX) -> list[ca.MX]:
+    """What one of the two gives; only that one is evaluated."""
+    first, second = _function("this", this, *given), _function("that", that, *given)
+    return list(ca.Function.if_else("either", first, second)(condition, *given))
+
+
+def _function(name: str, of: _Branch, *like: ca.MX) -> ca.Function:
+    """What `of` gives of columns as long as those of `like`."""
+    columns = [ca.MX.sym("column", each.numel()) for each in like]
+    return ca.Function(name, columns, of(*columns))
+
+
+def _columns(*sizes: int) -> list[ca.SX]:
+    return [ca.SX.sym("column", size) for size in sizes]
+
+
+def _yielded(own: Values, last: ca.SX, yielded: ca.SX, hurried: ca.Function) -> ca.SX:
+    """The same, and accelerations where joints began anew at rest: whatever holds the hand has stopped them."""
+    if not own.before.numel():
+        return yielded
+    there = ca.fmod(ca.floor(yielded / int(Bound.ACCELERATION)), 2)
+    more = all_true(own.touched, hurried(own.before, last), ca.logic_not(there))
+    return yielded + int(Bound.ACCELERATION) * more
+
+
+def _certified(record: Record, n: int, size: int, hurried: ca.Function, tolerance: float) -> ca.Function:
+    """`judged_memory`, velocity (n,), verdict (size,) -> `TOLD`; what is left says whether the answer is certified."""
+    column, last, verdict = inputs = _columns(record.size, n, size)
+    own, (residual, sound, who, yielded, scale) = record.parts(column), ca.vertsplit(verdict)[:5]
+    meant, blocked = own.reason == 0, scale == 0
+    holds = all_true(meant, residual >= 0, residual <= tolerance)
+    told = TOLD.of(
+        left=ca.if_else(holds, DONE, ca.if_else(ca.logic_and(meant, sound), LEFT_TO_OTHERS, NOTHING_TO_SOLVE)),
+        residual=residual, solver=who, yielded=_yielded(own, last, yielded, hurried), scale=scale,
+        unusual=ca.logic_or(blocked, own.held),
+        status=ca.if_else(blocked, NUMBERED.index(Status.BLOCKED), NUMBERED.index(Status.OK)),
+        reason=NUMBER["NOTHING_LEFT"] * blocked,
+        input=ca.SX(-1), element=ca.SX(-1), details=ca.SX.zeros(2), note=notes_of(HELD_BACK) * own.held,
+    )  # fmt: skip
+    return ca.Function("certified", inputs, [told], {"cse": True})
+
+
+def _fallen_back(record: Record, n: int, size: int, hurried: ca.Function, faulty: ca.Function) -> ca.Function:
+    """The same, parameters, status, residual, solver, what yielded and the scale -> `TOLD` where none is certified."""
+    column, last, verdict, p, said = inputs = _columns(record.size, n, size, faulty.numel_in(0), 5)
+    own, (status, residual, solver, yielded, scale) = record.parts(column), ca.vertsplit(said)
+    refused, joint = own.reason != 0, own.reason == NUMBER["NOT_FOLLOWED"]
+    reason, where, element = ca.vertsplit(faulty(p, verdict[1]))
+    told = TOLD.of(
+        left=ca.SX(DONE), residual=residual, solver=solver, yielded=_yielded(own, last, yielded, hurried),
+        scale=scale, unusual=ca.SX(1), status=status, reason=ca.if_else(refused, own.reason, reason),
+        input=ca.if_else(refused, -1, where),
+        element=ca.if_else(refused, ca.if_else(joint, own.element, -1), element),
+        details=ca.if_else(refused, own.details, ca.vertcat(verdict[0], 0)), note=ca.SX(0),
+    )  # fmt: skip
+    return ca.Function("fallen_back", inputs, [told], {"cse": True})
