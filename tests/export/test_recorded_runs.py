@@ -131,7 +131,7 @@ def test_the_backup_that_c_has_not_is_the_one_that_python_has(name: str, exporte
     failures.primary = True
     backup = tracker.step(np.zeros(6), ur5().pose(np.zeros(6)), np.zeros(6)).solver
     assert backup
-    assert f"There is no backup solver. Where Python would ask {backup}, C" in readme
+    assert f"There is no backup solver. Where Python would use {backup}, C" in readme
     assert readme.count("proxqp") == 0
 
 
