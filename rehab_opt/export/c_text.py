@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import importlib.resources
 import math
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cache
 from string import Template
 
 import casadi as ca
@@ -43,14 +45,26 @@ def indented(lines: Iterable[str]) -> str:
 
 
 def filled(template: str, values: Mapping[str, str]) -> str:
-    """The file `template`.in of this package with its names replaced, without an empty line at its end.
+    """The file `template`.in of this package, or the part of that name in parts.in, with its names replaced.
+
+    Without an empty line at its end.
 
     Raises
     ------
     KeyError : a name that nothing is given for.
     """
-    text = (importlib.resources.files("rehab_opt.export") / "templates" / f"{template}.in").read_text(encoding="utf-8")
-    return Template(text).substitute(values).rstrip("\n")
+    return Template(_parts()[template] if template in _parts() else _read(template)).substitute(values).rstrip("\n")
+
+
+@cache
+def _parts() -> dict[str, str]:
+    """Headers and other short parts by their names: each stands below a line that says its name."""
+    parts = re.split(r"^=== (.*)\n", _read("parts"), flags=re.MULTILINE)
+    return dict(zip(parts[1::2], parts[2::2], strict=True))
+
+
+def _read(name: str) -> str:
+    return (importlib.resources.files("rehab_opt.export") / "templates" / f"{name}.in").read_text(encoding="utf-8")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
