@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rehab_opt.control.between_poses import turn_between, turned
 from rehab_opt.control.mirror import MirrorTracker
 from rehab_opt.control.seats import Seats, Walk
 from rehab_opt.errors import ProblemFileError
@@ -148,12 +149,22 @@ def achieved(loaded: ProblemFile[MirrorProblem]) -> float:
     return passed_share(led.tool, scene.reference.poses[~scene.reference.lost])
 
 
+COMES = 20
+"""Poses on the straight way from where the robot starts to the first of a reference."""
+
+
 def reach_note(problem: MirrorProblem, scene: Setup, tracker: MirrorTracker) -> str:
     """How much of the reference is in reach of robot and led arm, from where the robot starts."""
     search = _Search(problem, scene, tracker, np.random.default_rng(0), poses=ALL_POSES)
     search.seats.floor, search.seats.near = tracker.floor, 3  # nothing is to be kept for a run
-    walk = search.seats.walk((search.hands @ search.grip)[:, None], scene.start[None], 0)
-    share = float((walk.done[:, 0] & search.wanted).sum() / search.counted_on.sum())
+    hands, here = search.hands @ search.grip, scene.robot.pose(scene.start)
+    way, turn = hands[0, :3, 3] - here[:3, 3], turn_between(here, hands[0])
+    to_the_first = np.tile(here, (COMES, 1, 1))
+    for pose, share in zip(to_the_first, np.arange(COMES) / COMES, strict=True):
+        pose[:3, 3] += share * way
+        pose[:3, :3] = turned(here[:3, :3], share * turn)
+    walk = search.seats.walk(np.concatenate([to_the_first, hands])[:, None], scene.start[None], 0)
+    share = float((walk.done[COMES:, 0] & search.wanted).sum() / search.counted_on.sum())
     said = f"in reach, above the floor, from this start: {100 * share:.0f} % of it; `rehab-opt place` may find more"
     return said if share >= SEEN else OutOfReach(said)
 
