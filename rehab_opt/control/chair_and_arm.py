@@ -345,9 +345,10 @@ class ChairAndArm(VelocityController):
         return self.stated.instance(*inputs, memory=memory[: self._memory_size].copy())
 
     def going_on(self) -> ca.Function:
-        """State, memory to the end of what was sent, and `judged_memory` of another set of rows -> state after that.
+        """State, memory of another set of rows to the end of what was sent, its `judged_memory` -> state after that.
 
-        Velocity, position and command are its. So is what is known of stamps and joints.
+        Go on where another set of rows ends: its velocity, position and stamps are this one's. So are its command, and
+        what is known of its joints.
         """
         size, n, sent = self.stated.state_size, self.chain.n, self.sent
         ours, own = ca.SX.sym("ours", size + self.judged.size), ca.SX.sym("own", self.judged.size)

@@ -24,7 +24,7 @@ PROMISES = (
             "less where the joints could not stop at the target, and no faster than the hand speeds allow."),
     Promise("rehab_opt/control/pose_tracker.py", "[1/s] rate at which a pose error decays; slower from farther off "
             "than the accelerations can brake from."),
-    Promise("rehab_opt/control/pose_tracker.py", "largest asked hand speeds; faster requests are slowed, not cut."),
+    Promise("rehab_opt/control/pose_tracker.py", "largest hand speeds; faster requests are slowed, not cut."),
     Promise("docs/capabilities/certificates.md", "Then the task: the hand keeps its direction and slows down."),
 )  # fmt: skip
 LEAST = {"solver closed form": 3e5, "solver active set": 5e4, "solver qrqp": 5e3,
