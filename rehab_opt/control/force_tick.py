@@ -100,7 +100,8 @@ def _judge(slots: int) -> ca.Function:
     """Whether a sample of the hand can be acted on, and how much force may be given."""
     model, watched, sample = MODEL.symbols("model"), watched_record(slots).symbols("watched"), SAMPLE.symbols("sample")
     force = ca.SX.sym("force", 2)
-    stamps = checked_stamp(STAMPS.parts(watched.stamps), sample.stamp, sample.kind, dt=model.dt, max_age=model.max_age)
+    stamped, limits = STAMPS.parts(watched.stamps), {"dt": model.dt, "max_age": model.max_age}
+    stamps = checked_stamp(stamped, sample.stamp, sample.kind, **limits, any_period=True)
     tank = _tank(watched.tank, model, slots)
     stale = stamps.reason, stamps.details
     hand = looked_at(HAND.parts(watched.hand), tank, sample, force=force, stale=stale, model=model)

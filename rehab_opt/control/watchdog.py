@@ -68,8 +68,13 @@ class Judged(NamedTuple):
     """(2,) of the reason [s]."""
 
 
-def checked_stamp(memory: Values, stamp: ca.SX, kind: ca.SX, *, dt: ca.SX, max_age: ca.SX) -> Judged:
-    """Judge one stamp [s, any origin] a tick, of a kind that `stamp_and_kind` tells; see `Watchdog`."""
+def checked_stamp(
+    memory: Values, stamp: ca.SX, kind: ca.SX, *, dt: ca.SX, max_age: ca.SX, any_period: bool = False
+) -> Judged:
+    """Judge one stamp [s, any origin] a tick, of a kind that `stamp_and_kind` tells; see `Watchdog`.
+
+    any_period : whether ticks may come as slowly as `max_age` allows: those of a law that counts the time itself.
+    """
     gained = dt * (1.0 - DRIFT)
     finite = ca.logic_and(kind == NUMBER_OF_SECONDS, ca.fabs(stamp) < ca.inf)
     first = ca.logic_not(ca.fabs(memory.last) < ca.inf)
@@ -77,7 +82,7 @@ def checked_stamp(memory: Values, stamp: ca.SX, kind: ca.SX, *, dt: ca.SX, max_a
     lag = memory.lag + gained - advance
     usual = ca.logic_and(advance > 0, advance <= max_age)
     ahead = memory.ahead - SLOWEST * dt + ca.if_else(ca.logic_and(finite, usual), advance, 0)
-    ahead = ca.fmin(ca.fmax(ahead, -max_age), SLOWEST * max_age)
+    ahead = ca.SX(0) if any_period else ca.fmin(ca.fmax(ahead, -max_age), SLOWEST * max_age)
     nothing, no_stamp, no_number = ca.SX.zeros(2), kind == NO_STAMP, kind == NO_NUMBER
     waiting, caught_up, behind = memory.lag + gained, ca.fmax(lag, 0), ca.vertcat(advance, max_age)
     cases = [
