@@ -10,7 +10,7 @@ import numpy as np
 from bench.physics.following import follow
 from bench.physics.setting import Array, Numbers, Setting
 from rehab_opt import Interaction, MirrorTracker, PoseTracker, Status
-from rehab_opt.control.watched_joints import NOT_FOLLOWED
+from rehab_opt.control.reasons import NUMBER, REASONS
 from rehab_opt.plants.contacts import Wall
 from rehab_opt.plants.drives import DriveState, VelocityServo
 from rehab_opt.plants.mujoco_arm import MujocoArm
@@ -18,6 +18,7 @@ from rehab_opt.plants.plant import Measurement, Plant
 
 __all__ = ["blocked", "frozen", "pushed"]
 
+NOT_FOLLOWED = str(REASONS[NUMBER["NOT_FOLLOWED"]].python)
 SPEED = 0.25
 """[m/s] of the hand towards the wall."""
 STOPPED = (Status.BRAKING, Status.HOLDING)

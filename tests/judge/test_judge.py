@@ -112,7 +112,7 @@ def test_judge_imports_only_public_controllers_and_value_types() -> None:
 
 def test_commands_of_another_version_are_compared_tick_by_tick(tmp_path: Path) -> None:
     file, name = str(tmp_path / "commands.npz"), "smoother_bounds"
-    command = [sys.executable, "-m", "tests.judge.same_commands", file, "--ticks", "100", "--only", name]
+    command = [sys.executable, "-m", "tests.same_commands", file, "--ticks", "100", "--only", name]
     written, same = (subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False) for _ in range(2))
     assert (written.returncode, same.returncode) == (0, 0), written.stderr + same.stderr
     assert re.match(rf"same {name}: \d\d+ commands alike, at most 0 apart", same.stdout)

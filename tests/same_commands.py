@@ -1,7 +1,7 @@
 """Whether another version of the library commands the same in every tick of the judges' runs.
 
-    python -m tests.judge.same_commands commands.npz --ticks 100000 --seed 7    # in the tree before: writes the file
-    python -m tests.judge.same_commands commands.npz                            # in the tree after: compares with it
+    python -m tests.same_commands commands.npz --ticks 100000 --seed 7    # in the tree before: writes the file
+    python -m tests.same_commands commands.npz                            # in the tree after: compares with it
 
 The runs are closed loops: what differs in one tick comes back in the next, so the first tick that differs is told, of
 each judge. Ends with 1 where a status, a reason or a number of commands is another, or values are further apart than
@@ -71,7 +71,7 @@ def commands_of(judge: str, ticks: int, seed: int) -> dict[str, NDArray[Any]]:
 
     with heard(tick):
         hearing(judge, ticks, seed, None)
-    lengths = np.array([len(each) for each in values])
+    lengths = np.array([len(each) for each in values], dtype=int)
     return {"lengths": lengths, "values": np.concatenate([*values, []]), "said": np.array(said or [""])}
 
 
@@ -96,7 +96,7 @@ def compared(before: dict[str, NDArray[Any]], after: dict[str, NDArray[Any]], wi
 
 def main() -> int:
     """Record, or compare where the file is there."""
-    parser = argparse.ArgumentParser(prog="python -m tests.judge.same_commands", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m tests.same_commands", description=__doc__)
     parser.add_argument("file", type=Path, help="written where it is absent, else compared with")
     parser.add_argument("--ticks", type=int, default=100_000, help="of all judges together")
     parser.add_argument("--seed", type=int, default=1)
