@@ -23,8 +23,8 @@ Exported = Callable[[str], Path]
 
 ROBOT = "robot/ur5_circle"
 SECONDS = 900.0
-SAME = 1e-12
-"""[rad/s, m/s, N]"""
+SAME, BESIDE = 1e-12, 1e-9
+"""[rad/s, m/s, N] Of recorded runs; of loops side by side, where rounding may grow from tick to tick."""
 LEVELS = {"redundancy_mecanum": "-O0", "redundancy_differential": "-O0", "mirror_tracker": "-O1"}
 """Of what would take ten seconds or half a minute at that of the CMake file, -O2, at which the others are built."""
 SIZE = """\
@@ -101,7 +101,7 @@ def doubles(values: Any) -> Any:
     return (ctypes.c_double * flat.size)(*flat)
 
 
-def assert_same(answer: CCommand, command: Command, tolerance: float = SAME) -> None:
+def assert_same(answer: CCommand, command: Command, tolerance: float = BESIDE) -> None:
     """C commands what Python does, and says the same of it."""
     n, wheels = command.value.size, np.empty(0) if command.wheels is None else command.wheels
     np.testing.assert_allclose(answer.value[:n], command.value, rtol=0, atol=tolerance)
@@ -113,7 +113,7 @@ def assert_same(answer: CCommand, command: Command, tolerance: float = SAME) -> 
     assert (answer.status, answer.yielded) == (STATUSES[command.status], int(command.yielded))
     assert answer.solver == (SOLVERS.index(command.solver) if command.solver else -1)
     assert abs(answer.scale - command.scale) <= tolerance
-    assert answer.residual == pytest.approx(command.residual, abs=SAME)
+    assert answer.residual == pytest.approx(command.residual, abs=BESIDE)
 
 
 def largest_difference(folder: Path, name: str, built: Built) -> float:

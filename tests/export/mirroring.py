@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from rehab_opt import DH, Command, Interaction, KeepOut, MirrorTracker, SerialChain, human_arm, ur5
 from rehab_opt.export.controllers.mirror import exported_mirror
 from rehab_opt.export.export_c import written_files
-from tests.export.calling_c import SAME, CCommand, assert_same, doubles
+from tests.export.calling_c import BESIDE, CCommand, assert_same, doubles
 
 Array = NDArray[np.float64]
 
@@ -71,9 +71,9 @@ class Twins:
         answer = self.c.step(q, pose, twist, force, enable=enable, stamp=stamp)
         assert_same(answer, command)
         told, python = self.c.following(), self.python
-        np.testing.assert_allclose(told.reference, python.reference.ravel(), rtol=0, atol=SAME)
+        np.testing.assert_allclose(told.reference, python.reference.ravel(), rtol=0, atol=BESIDE)
         one = (told.time_scale, told.lag, told.manipulability)
-        np.testing.assert_allclose(one, (python.time_scale, python.lag, python.manipulability), rtol=0, atol=SAME)
+        np.testing.assert_allclose(one, (python.time_scale, python.lag, python.manipulability), rtol=0, atol=BESIDE)
         names = ("acceleration", "shortened", "slowed", "waited", "braked", "cut")
         assert [getattr(told, name) for name in names] == [python.counts[name.replace("_", " ")] for name in names]
         return command
