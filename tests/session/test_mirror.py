@@ -295,6 +295,26 @@ def shortly(folder: Path, given: dict[str, Any]) -> MirrorOutcome:
     return outcome
 
 
+def test_a_recording_of_a_few_samples_is_checked_and_one_that_trembles_told_of(tmp_path: Path) -> None:
+    header, *rows = (FOLDER / "pick_fruit.csv").read_text().splitlines()
+    (tmp_path / "calibration_points.csv").write_text((FOLDER / "calibration_points.csv").read_text())
+
+    def notes(rows: list[str]) -> tuple[str, ...]:
+        (tmp_path / "short.csv").write_text("\n".join([header, *rows]) + "\n")
+        given = content()
+        given["recording"]["file"] = "short.csv"
+        return checked(problem_of(given, name="short", file="short.toml", path=tmp_path / "short.toml"))
+
+    assert not any("tremor" in note for note in (*notes(rows[:4]), *notes(rows[:450])))
+    noise, shaken = np.random.default_rng(2).normal(scale=2e-3, size=(450, 3)), []
+    for row, by in zip(rows, noise, strict=False):
+        cells = row.split(",")
+        shaken.append(
+            ",".join([cells[0], *(f"{float(x) + d:.6f}" for x, d in zip(cells[1:4], by, strict=True)), *cells[4:]])
+        )
+    assert any("tremor" in note for note in notes(shaken))
+
+
 def test_a_start_inside_a_keep_out_is_told(tmp_path: Path) -> None:
     given = content()
     given["tracker"]["keep_out"][1]["point_m"] = [0.4, 0.0, 0.0]

@@ -190,11 +190,14 @@ def path_notes(scene: Setup) -> Iterator[str]:
     reference = Recording("the reference", times[seen], scene.reference.poses[seen, :3, 3])
     yield size_note(reference)
     yield from strange_sizes(reference)
-    slow = _way(low_passed(reference.points, 1.0 / (times[1] - times[0]), cutoff_hz=SLOW))
-    if (more := _way(reference.points) - slow) > TREMBLES * slow:
+    rate, whole = 1.0 / (times[1] - times[0]), _way(reference.points)
+    # Of less than a period nothing can be told.
+    slow = _way(low_passed(reference.points, rate, cutoff_hz=SLOW)) if len(reference.points) > rate else whole
+    if whole - slow > TREMBLES * slow:
+        longer = f"{1e2 * (whole - slow) / slow:.0f} % longer for what is faster than {SLOW:g} Hz"
         yield (
-            f"the hand's way is {1e2 * more / slow:.0f} % longer for what is faster than {SLOW:g} Hz: tremor, or noise "
-            "of its sensor, which slow what is led; a lower conditioning.cutoff_hz takes them off, and lags more"
+            f"the hand's way is {longer}: tremor, or noise of its sensor, which slow what is led; a lower "
+            "conditioning.cutoff_hz takes them off, and lags more"
         )
     if scene.person is None:
         return
