@@ -21,15 +21,17 @@ import subprocess
 import tempfile
 import time
 import weakref
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import Literal, NamedTuple
 
 import casadi as ca
+import numpy as np
 
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.symbolic.background import idle, later
+from rehab_opt.symbolic.constant_table import SETTER, shape_of, with_table
 
 __all__ = [
     "MODES", "Compile", "cache_folder", "compilation_wanted", "compiled", "going_on_after_failed_solves", "how",
@@ -60,6 +62,8 @@ LEVELS = ("0", "1", "2", "3")
 COMPILE_SECONDS, IDLE_SECONDS = 300.0, 1800.0
 """After which a compiler is given up; one at idle priority waits for others."""
 WORKPLACE = "building-"
+DIGEST = hashlib.sha256().digest_size
+"""Bytes of the digest, of the library's code, with which a table of constants begins."""
 EARLY_RETURN = re.compile(
     r"if \(d\.status == QP_SUCCESS\) \{;?\s*return 0;"
     r"\s*\} else if \(d\.status == QP_NO_SEARCH_DIR\) \{\s*return [^;]+;"
@@ -166,13 +170,17 @@ def _said() -> str:
 
 
 class _Code(NamedTuple):
-    """C, and where its library goes."""
+    """C of a function, and who compiles it."""
 
     function: str
     source: str
     compiler: tuple[str, ...]
     """With its flags."""
-    name: str
+    version: str
+
+    def digest(self, text: str) -> bytes:
+        """Of a text as this compiler makes code of it on this machine."""
+        return hashlib.sha256("\0".join((text, self.version, *self.compiler[1:], platform.machine())).encode()).digest()
 
 
 @functools.lru_cache(maxsize=8)
@@ -181,32 +189,69 @@ def _code_of(function: ca.Function) -> _Code | None:
     if compiler is None:
         _log.info("no C compiler: %s stays in the virtual machine", function.name())
         return None
-    generator = ca.CodeGenerator(function.name())
+    generator = ca.CodeGenerator(function.name(), {"verbose": False})
     generator.add(function)
     source = going_on_after_failed_solves(generator.dump())
-    flags = f"-O{optimisation()}", *FLAGS
-    key = hashlib.sha256("\0".join((source, compiler[1], *flags, platform.machine())).encode()).hexdigest()[:32]
-    return _Code(function.name(), source, (compiler[0], *flags), f"{function.name()}-{key}")
+    return _Code(function.name(), source, (compiler[0], f"-O{optimisation()}", *FLAGS), compiler[1])
 
 
 def _attempt(code: _Code, *, build: bool = True, hurry: bool = False) -> ca.Function | None:
     """The function from the cache, or built; None where it is not there or that failed."""
     try:
-        folder = _folder()
-        library = _cached(folder, code.name)
+        folder, pause = _folder(), None if hurry else _pause
+        own_name = _name(code.function, code.digest(code.source))
+        table = known = _cached(folder, own_name, ".table")
+        if table is None and build:
+            source, constants = with_table(code.source, pause=pause)
+            table = code.digest(shape_of(source)) + constants
+        if table is None:
+            return None
+        name = _name(code.function, table[:DIGEST])
+        library = _cached(folder, name, ".so")
         if library is None and build:
             with _waiting[-1](code.function) if hurry and _waiting else nullcontext():
-                library = _build(folder, code, hurry=hurry)
+                library = _build(folder, name, with_table(code.source, pause=pause)[0], code.compiler, hurry=hurry)
         if library is None:
             return None
-        try:
-            return ca.external(code.function, str(library))
-        except RuntimeError:
-            library.unlink(missing_ok=True)  # no code of this machine: the next process builds it again
-            raise
+        if known is None:
+            with _workplace(folder) as workplace:
+                (workplace / "table").write_bytes(table)
+                _keep(workplace / "table", folder, own_name, ".table")
+        return _loaded(folder, code.function, name, library, table[DIGEST:])
     except (OSError, subprocess.SubprocessError, RuntimeError) as problem:
         _log.info("%s stays in the virtual machine: %s", code.function, problem)
     return None
+
+
+def _loaded(folder: Path, function: str, name: str, library: bytes, constants: bytes) -> ca.Function:
+    """The function with these constants: of a copy of its library, since each copy has one table."""
+    with _workplace(folder) as workplace:
+        copy = workplace / f"{function}.so"
+        copy.write_bytes(library)
+        try:
+            loaded = ca.external(function, str(copy))
+            ca.external(SETTER, str(copy))(ca.DM(np.frombuffer(constants)))
+        except RuntimeError:
+            for each in folder.glob(f"{name}-*.so"):  # no code of this machine: the next process builds it again
+                each.unlink(missing_ok=True)
+            raise
+    return loaded
+
+
+def _name(function: str, digest: bytes) -> str:
+    return f"{function}-{digest.hex()[:32]}"
+
+
+def _pause() -> None:
+    """Let other threads go on: a loop that never waits is given its turn back only so."""
+    time.sleep(1e-4)
+
+
+@contextmanager
+def _workplace(folder: Path) -> Iterator[Path]:
+    """A folder for what is not finished."""
+    with tempfile.TemporaryDirectory(dir=folder, prefix=WORKPLACE, ignore_cleanup_errors=True) as workplace:
+        yield Path(workplace)
 
 
 def cache_folder() -> Path:
@@ -251,16 +296,25 @@ def _private_folder() -> Path:
     return folder
 
 
-def _cached(folder: Path, name: str) -> Path | None:
-    """The library of that name, this user's and undamaged: its own digest ends its name.
+def _cached(folder: Path, name: str, kind: str) -> bytes | None:
+    """Content of the file of that name, this user's and undamaged: its own digest ends its name.
 
     Loading a cut one would end the process.
     """
-    for library in folder.glob(f"{name}-*.so"):
-        if library.stem.rpartition("-")[2] == _digest(library):
-            return library
-        library.unlink(missing_ok=True)
+    for file in folder.glob(f"{name}-*{kind}"):
+        content = _own_content(file)
+        if content is not None and file.stem.rpartition("-")[2] == _digest(content):
+            return content
+        file.unlink(missing_ok=True)
     return None
+
+
+def _keep(product: Path, folder: Path, name: str, kind: str) -> bytes:
+    """Move a file to where it is looked for, in one step: two processes may build at once."""
+    product.chmod(0o700)  # whatever the umask: see `_own_content`
+    content = product.read_bytes()
+    product.replace(folder / f"{name}-{_digest(content)}{kind}")
+    return content
 
 
 def _clear(folder: Path) -> None:
@@ -271,33 +325,37 @@ def _clear(folder: Path) -> None:
                 shutil.rmtree(workplace, ignore_errors=True)
 
 
-def _digest(library: Path) -> str:
-    """Of the library's content; nothing where it is a link or not this user's alone."""
+def _digest(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()[:16]
+
+
+def _own_content(file: Path) -> bytes | None:
+    """A file's content; None where it is a link or not this user's alone."""
     try:
-        with open(library, "rb", opener=_without_links) as file:
-            return hashlib.sha256(file.read()).hexdigest()[:16] if owned(file.fileno()) else ""
+        with open(file, "rb", opener=_without_links) as opened:
+            return opened.read() if owned(opened.fileno()) else None
     except OSError:
-        return ""
+        return None
 
 
 def _without_links(path: str, flags: int) -> int:
     return os.open(path, flags | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0))
 
 
-def _build(folder: Path, code: _Code, *, hurry: bool) -> Path:
-    """Compile beside the target and move it there in one step: two processes may build at once."""
+def _build(folder: Path, name: str, source: str, compiler: Sequence[str], *, hurry: bool) -> bytes:
+    """Compile beside the target, and move it there."""
     _clear(folder)
-    with tempfile.TemporaryDirectory(dir=folder, prefix=WORKPLACE) as workplace:
-        written, product = Path(workplace) / "code.c", Path(workplace) / "code.so"
-        written.write_text(code.source)
-        command = [*code.compiler, str(written), "-o", str(product), "-lm"]
-        environment = os.environ | {"TMPDIR": workplace}  # what it leaves behind when it is killed goes with the rest
+    with _workplace(folder) as workplace:
+        written, product = workplace / "code.c", workplace / "code.so"
+        written.write_text(source)
+        command = [*compiler, str(written), "-o", str(product), "-lm"]
+        # What a compiler leaves behind when it is killed goes with the rest.
+        environment = os.environ | {"TMPDIR": str(workplace)}
         if hurry:
             subprocess.run(command, check=True, capture_output=True, timeout=COMPILE_SECONDS, env=environment)
         else:
             idle(command, environment=environment, seconds=IDLE_SECONDS)
-        product.chmod(0o700)  # whatever the umask: see `_digest`
-        return product.replace(folder / f"{code.name}-{_digest(product)}.so")
+        return _keep(product, folder, name, ".so")
 
 
 @functools.cache

@@ -1,0 +1,97 @@
+"""C that CasADi wrote, with its constants in a table: one library serves all functions that differ in numbers alone.
+
+CasADi writes limits, lengths, gains and time steps into the code as literals, and lets equal ones share a variable, so
+that the text changes with them. Here each variable is assigned once, and each use of a constant reads an entry of its
+own: two controllers of one structure have one text, unless CasADi writes another operation for a number, as it does for
+0, 1 and 2 and, in functions of matrices, for one that is not positive.
+"""
+
+from __future__ import annotations
+
+import re
+from array import array
+from collections.abc import Callable
+
+__all__ = ["SETTER", "shape_of", "with_table"]
+
+LITERAL = re.compile(r"-?\d+\.\d*(?:e[+-]\d+)?")
+ASSIGNMENT = re.compile(r"  ([aw]\d+) ?= ?(.*);")
+DECLARATION = re.compile(r"  casadi_real a\d+(?:, a\d+)*;")
+VARIABLE = re.compile(r"\ba\d+\b")
+FILLED = re.compile(r"(?m)(?<=^  casadi_fill\()([^;]*, )(-?\d+\.\d*(?:e[+-]\d+)?)(?=\);$)")
+ARRAY = re.compile(r"static const casadi_real (casadi_c\d+)\[(\d+)\] =\s*\{([^c}]*)\};")
+CONSTANT = re.compile("\0([^\0]*)\0")
+WORKSPACE = re.compile(r"(?<=\*sz_w = )\d+|(?<=\bw\+)\d+")
+SLICE = 64
+"""Lines that are written at once."""
+SETTER = "rehab_constants"
+"""The function of such a library that takes the table (N,)."""
+AROUND = f"""static double {SETTER}_table[%(count)d];
+%(code)s
+static const casadi_int {SETTER}_size[3] = {{%(count)d, 1, 1}};
+CASADI_SYMBOL_EXPORT int {SETTER}(const double** arg, double** res, casadi_int* iw, double* w, int mem) {{
+  int i;
+  for (i = 0; i < %(count)d; ++i) {SETTER}_table[i] = arg[0][i];
+  return 0;
+}}
+CASADI_SYMBOL_EXPORT casadi_int {SETTER}_n_in(void) {{ return 1; }}
+CASADI_SYMBOL_EXPORT casadi_int {SETTER}_n_out(void) {{ return 0; }}
+CASADI_SYMBOL_EXPORT const casadi_int* {SETTER}_sparsity_in(casadi_int i) {{ return {SETTER}_size; }}
+"""
+
+
+def with_table(code: str, *, pause: Callable[[], None] | None = None) -> tuple[str, bytes]:
+    """C whose constants are read from a table, and that table, as doubles of this machine.
+
+    Parameters
+    ----------
+    code : of functions, as `casadi.CodeGenerator` writes it without its notes (`verbose` false); what it writes for its
+        solvers is left as it is.
+    pause : called now and then, so that other threads go on.
+    """
+    lines: list[str] = []
+    now: dict[str, str] = {}
+
+    def current(match: re.Match[str]) -> str:
+        return now[match[0]]
+
+    for place, line in enumerate(code.split("\n")):
+        if pause is not None and place % SLICE == 0:
+            pause()
+        start = line[:3]
+        if start in {"  a", "  w"} and (found := ASSIGNMENT.fullmatch(line)):
+            variable, value = found.groups()
+            constant = f"\0{value}\0" if LITERAL.fullmatch(value) else ""
+            if variable[0] == "w":
+                lines.append(f"  {variable} = {constant or value};")
+            elif constant:
+                now[variable] = constant
+            else:
+                value = VARIABLE.sub(current, value)
+                now[variable] = f"a{len(lines)}"
+                lines.append(f"  const casadi_real a{len(lines)}={value};")
+        elif line.startswith("  if (res["):
+            lines.append(VARIABLE.sub(current, line))
+        elif start != "  c" or not DECLARATION.fullmatch(line):
+            lines.append(line)
+    table = array("d")
+
+    def entry(match: re.Match[str]) -> str:
+        table.append(float(match[1]))
+        return f"{SETTER}_table[{len(table) - 1}]"
+
+    def named(match: re.Match[str]) -> str:
+        name, size, values = match.groups()
+        first, given = len(table), [float(each) for each in values.split(",")]
+        table.extend(given + [0.0] * (int(size) - len(given)))
+        return f"#undef {name}\n#define {name} ({SETTER}_table + {first})"
+
+    written = FILLED.sub("\\1\0\\2\0", "\n".join(lines))
+    written = ARRAY.sub(named, CONSTANT.sub(entry, written))
+    table.append(0.0)  # C knows no empty table
+    return AROUND % {"count": len(table), "code": written}, table.tobytes()
+
+
+def shape_of(code: str) -> str:
+    """The same without the sizes of workspaces, which count constants: no number decides what is computed."""
+    return WORKSPACE.sub("", code)
