@@ -10,7 +10,7 @@ import math
 from collections import Counter
 from collections.abc import Sequence
 from threading import get_ident
-from typing import Any, ClassVar, cast
+from typing import Any, ClassVar
 
 import casadi as ca
 import numpy as np
@@ -184,16 +184,14 @@ class MirrorTracker(MirrorPreview):
             )
         self._interaction = Interaction() if interaction is None else interaction
         self._memory = np.zeros(REMEMBERED.size)
-        self._remembered = cast(
-            "memoryview[float]", self._memory.data
-        )  # a tick reads and writes it at half of numpy's cost
+        self._remembered = self._memory.data  # a tick reads and writes it at half of numpy's cost
         self._felt, self._held = (self._memory[REMEMBERED.places[name]] for name in ("felt", "held"))
         self._moving = BufferedFunction(moving_tool_function(self.chain), compile=compile)
         self.pace = MirrorPace(
             dt=dt, linear_speed=linear_speed, angular_speed=angular_speed, max_deviation=max_deviation,
             max_turn=max_turn, catch_up=catch_up,
         )  # fmt: skip
-        self.parts = mirror_tick(self, self.pace, self._interaction, person=person is not None)
+        self.parts = parts = mirror_tick(self, self.pace, self._interaction, person=person is not None)
         """What a tick with the clock is made of."""
         (parameters, state, given), verdict = self._function.inputs, self._function.outputs[1]
 
@@ -201,11 +199,10 @@ class MirrorTracker(MirrorPreview):
             own = {0: parameters, 1: state, 2: third, function.n_in() - 1: self._memory}
             return BufferedFunction(function, compile=compile, inputs=own)
 
-        self._notice = shared(self.parts.notice, given, compile)
-        self._deliver = shared(self.parts.deliver, verdict, compile)
-        self._brake = shared(self.parts.brake, verdict, False)
-        chosen = (BufferedFunction(each, compile=compile) for each in self.parts[1:4])
-        self._tried, self._aimed, self._concluded = chosen
+        self._notice = shared(parts.notice, given, compile)
+        self._deliver = shared(parts.deliver, verdict, compile)
+        self._brake = shared(parts.brake, verdict, False)
+        self._tried, self._aimed, self._concluded = (BufferedFunction(each, compile=compile) for each in parts[1:4])
         self.clock = ReferenceClock(
             dt, linear_speed=BRIDGE * linear_speed, angular_speed=BRIDGE * angular_speed, window=self.pace.window
         )

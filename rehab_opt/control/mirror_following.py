@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rehab_opt.control.between_poses import angle_between, distance_between
 from rehab_opt.control.command import Command, Status
 from rehab_opt.control.interaction import Interaction
 from rehab_opt.control.judged_state import GIVEN
@@ -31,8 +31,6 @@ SETTLING_TICKS = 3
 """Of the model of the led arm while it finds its posture, in each tick: more would not fit into a quick one."""
 BRIDGE = 0.5
 """Share of the hand speeds at which a jump is bridged."""
-WHY = slice(0, NOTICED["here"])
-"""Of `NOTICED`: the reason, and which number is not usable."""
 THEN, LIVE = REMEMBERED["then"], REMEMBERED["live"]
 RATE, SHARE, APART, ASIDE = (REMEMBERED["pace"] + PACE[name] for name in ("rate", "share", "apart", "aside"))
 
@@ -53,7 +51,7 @@ class MirrorFollowing(MirrorStatement):
     _brake: BufferedFunction
     _memory: Array
     """`REMEMBERED`, also as `_remembered`; parts of it are what forces led to and what the hand is held near."""
-    _remembered: memoryview[float]
+    _remembered: memoryview[Any]
     _felt: Array
     _held: Array
 
@@ -97,7 +95,7 @@ class MirrorFollowing(MirrorStatement):
             said[0] = NUMBER["MODEL_SETTLES"]
         if said[0]:
             clock.lost += self.dt
-            return self._stopped(said[WHY])
+            return self._stopped(said[: NOTICED["here"]])
         pose, twist, first = self._inputs[0], self._inputs[1], clock.empty
         if first:
             clock.start(here, np.zeros(6))
@@ -129,15 +127,13 @@ class MirrorFollowing(MirrorStatement):
             aimed.of(self._q, before, entries, target.reshape(-1), motion, near, memory, part is None, around)
             if aimed.outputs[1][0]:
                 break
-        led = limit is not None or part is None
         self.followed, (held, told) = taken[:16].reshape(4, 4).copy(), aimed.outputs
         self._inputs[0][:], self._inputs[1][:], self._inputs[2][:] = told[1:17].reshape(4, 4), told[17:23], told[23:]
         memory[:] = self._concluded.of(samples, at, near, entries, hand, taken, target.reshape(-1), held, memory)
         said = self._concluded.outputs[1]
-        passed, _, fraction, lag, *_ = said.tolist()
+        passed, _, fraction, lag, _, _, far, turned = said.tolist()
         clock.stand(int(passed), fraction, lag)
-        beyond = (distance_between(self.followed, target), angle_between(self.followed, target)) if led else (0.0, 0.0)
-        self._beyond_person, self._short_by = beyond, (memory[APART] + beyond[0], memory[ASIDE] + beyond[1])
+        self._beyond_person, self._short_by = (far, turned), (memory[APART] + far, memory[ASIDE] + turned)
         solver = self._solvers()
         return self._delivered(solver, before, said) if solver else self._stopped(np.array([0.0, -1.0, -1.0]))
 
@@ -145,7 +141,8 @@ class MirrorFollowing(MirrorStatement):
         """The command of a certified answer of a solver, shortened where the true state asks for it."""
         deliver, solvers, clock = self._deliver, self._solvers, self.clock
         _, _, _, *inputs, _ = deliver.inputs
-        inputs[0][:], inputs[1][:], inputs[2][:], inputs[3][:] = before, said, clock.window[0], clock.thinned
+        for array, values in zip(inputs, (before, said, clock.window[0], clock.thinned), strict=True):
+            array[:] = values
         deliver.evaluate()
         solvers.parameters[:], solvers.everything[:], told, self._memory[:] = deliver.outputs
         self._live = bool(self._memory[LIVE]) and solvers.solver == FUSED
@@ -158,7 +155,7 @@ class MirrorFollowing(MirrorStatement):
         return command
 
     def _stopped(self, why: Array) -> Command:
-        """The safe command, for what `NOTICED` begins with (3,)."""
+        """The safe command, for the first three of `NOTICED`."""
         self._live = False
         self._brake.inputs[3][:] = why
         self._brake.evaluate()
@@ -176,8 +173,8 @@ class MirrorFollowing(MirrorStatement):
 
     def _accepted(self) -> tuple[Array, Array]:
         """Pose (4, 4) and twist (6,) of the last tick that needed no clock."""
-        _, pose, twist, _ = np.split(np.frombuffer(self._good), np.cumsum((self.chain.n, 16, 6)))
-        return pose.reshape(4, 4).copy(), twist.copy()
+        good = np.frombuffer(self._good)[self.chain.n :].copy()
+        return good[:16].reshape(4, 4), good[16:22]
 
     def _noted(self, notes: int) -> str:
         if not notes:

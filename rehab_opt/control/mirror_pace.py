@@ -50,8 +50,9 @@ out. They shrink as the hand comes nearer."""
 TRIED = Record(pose=16, twist=6, seconds=1, fits=1, goal=12)
 """What may be followed: pose, twist at the clock's pace, [s] that it goes on by, whether the deviation allows it; and
 pose of what the hand is led to now, which may be what the person's arm can do of the reference."""
-SAID = Record(passed=1, ahead=1, fraction=1, lag=1, bridging=1, short=1)
-"""Samples passed, where the clock then is, and whether it bridges a jump, and the hand is short."""
+SAID = Record(passed=1, ahead=1, fraction=1, lag=1, bridging=1, short=1, beyond=2)
+"""Samples passed, where the clock then is, whether it bridges a jump, and the hand is short; [m, rad] by which the
+person's arm stays short of what is followed."""
 AIMED = Record(kept=1, pose=16, twist=6, offset=3)
 """Whether an arm that brakes stays near `HELD`, or nothing else is left; pose, twist and offset [m] for the QP."""
 COUNTED = Record(acceleration=1, shortened=1, slowed=1, waited=1, braked=1, cut=1)
@@ -117,6 +118,7 @@ class MirrorPace:
         yielding = FELT.parts(old.felt).pace
         after, waits, cuts = self._waited(near, then.ahead <= 0, yielding, hand, here, tried.goal)
         bridging = ca.logic_and(clock.ahead > 0, lengths[1] > LONGEST * self.dt)
+        beyond = ca.vertcat(distance_of(tried.pose, target), angle_of(tried.pose, target))
         said = SAID.of(
             passed=passed,
             ahead=then.ahead,
@@ -124,6 +126,7 @@ class MirrorPace:
             lag=then.lag,
             bridging=bridging,
             short=_short(after),
+            beyond=ca.if_else(all_true(target == tried.pose), 0, beyond),
         )
         memory = REMEMBERED.changed(
             old, pace=after.column, held=held, aim=target if person else old.aim,

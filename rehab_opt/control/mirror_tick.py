@@ -1,8 +1,7 @@
 """One tick of a mirrored hand as functions of (parameters, state, memory, inputs) -> (memory, command).
 
-What arrives is judged, the pace and the pose to be tracked are chosen, and what the QP answers is delivered, or the arm
-brakes. In between, whoever ticks keeps the samples of the reference, asks the model of a led arm, and solves the QP.
-Python and the exported C evaluate the same functions.
+In between, whoever ticks keeps the samples of the reference, asks the model of a led arm, and solves the QP. C is
+generated from these functions.
 """
 
 from __future__ import annotations
@@ -63,8 +62,7 @@ class MirrorTick(NamedTuple):
     """Parameters, state after a certified answer, its verdict, velocity (n,) before it, `SAID`, the sample at hand,
     whether samples were left out, `REMEMBERED` -> parameters, state, `TOLD`, `REMEMBERED`.
 
-    The step is shortened where the true state requires it. Where all is usual the parameters and what is remembered are
-    those of a tick that needs no clock."""
+    The step is shortened where the true state requires it. Where all is usual, the next tick needs no clock."""
     brake: ca.Function
     """Parameters, state, the QP's verdict, the first three of `NOTICED`, `REMEMBERED` -> state, `TOLD`, `REMEMBERED`.
 
@@ -129,8 +127,7 @@ def _brake(of: MirrorStatement, keeping: ca.Function) -> ca.Function:
         of.stated.parameter_size, size + of.judged.size, VERDICT.size, 3, REMEMBERED.size
     )
     refused = ca.vertcat(state[:reason], why[0], state[reason + 1 :])
-    judged = ca.DM(GIVEN.numbers(stamp=0.0, kind=0.0, enable=0.0, judged=1.0))
-    after, told, q = of.functions.finish(p, refused, judged, state[:size], verdict)
+    after, told, q = of.functions.finish(p, refused, ca.DM([0, 0, 0, 1]), state[:size], verdict)  # judged before
     value, pose, old = after[begin : begin + n], ca.SX.sym("pose", 16), ca.SX.sym("held", HELD.size)
     near = ca.Function("near", [old, pose], [ca.if_else(ca.fabs(old[0]) < ca.inf, old, _held(of, pose))])
     held = near(memory[_HELD], moving_tool_function(of.chain)(q, value)[0])
@@ -141,14 +138,14 @@ def _brake(of: MirrorStatement, keeping: ca.Function) -> ca.Function:
         moves, q, value, held, state[begin : begin + n], 0, p[p.numel() - of.limits.told :]
     )
     told, memory = _braked(of)(told, state[size:], memory, part, ends, moves, why)
-    led, nothing = _led_by(of, part, q, after)[: begin + 2 * n], ca.MX.zeros(size - begin - 2 * n)
-    after = ca.vertcat(led, nothing, state[size:reason], 0, state[reason + 1 :])
+    nothing, own = ca.MX.zeros(size - begin - 2 * n), (state[size:reason], 0, state[reason + 1 :])
+    after = ca.vertcat(after[:begin], part, q + of.dt * part, nothing, *own)
     return ca.Function("brake", inputs, [after, told, memory])
 
 
 def _braked(of: MirrorStatement) -> ca.Function:
-    """`TOLD` of the safe command, state of the joints, `REMEMBERED`, the velocity that keeps the bounds and what
-    `keeping` says of it, whether it was asked, the first three of `NOTICED` -> `TOLD`, `REMEMBERED`.
+    """`TOLD` of the safe command, `judged_memory`, `REMEMBERED`, what `keeping` gives (n,), (3,), whether it was asked,
+    three of `NOTICED` -> `TOLD`, `REMEMBERED`.
     """
     told, own, past = TOLD.symbols("told"), of.judged.symbols("own"), REMEMBERED.symbols("memory")
     velocity, ends, moves, why = others = [ca.SX.sym("argument", size) for size in (of.chain.n, 3, 1, 3)]
@@ -182,15 +179,14 @@ def _deliver(of: MirrorStatement, keeping: ca.Function) -> ca.Function:
     )
     nothing = ca.Function("nothing", _columns(n, 1), [ca.DM.zeros(n)])
     leads += ca.Function.if_else("escape", escape_function(of.chain), nothing)(looks, p[:n], again)
-    outputs = [ca.vertcat(p[:n], aimed, leads, p[lead.stop :]), _led_by(of, part, p[:n], state), told, memory]
-    return ca.Function("deliver", inputs, outputs)
+    state = ca.vertcat(state[:begin], part, p[:n] + of.dt * part, state[begin + 2 * n :])
+    return ca.Function("deliver", inputs, [ca.vertcat(p[:n], aimed, leads, p[lead.stop :]), state, told, memory])
 
 
 def _delivered(of: MirrorStatement) -> ca.Function:
-    """`VERDICT`, state of the joints, `REMEMBERED`, `SAID`, sample, whether some were left out, the velocity that keeps
-    the bounds and what `keeping` says of it, pose, twist and offset (25,), way out -> `TOLD`, `REMEMBERED`.
-
-    And the (25,) of the next tick, whether it needs a way out, whether that is another one; the way where it stays.
+    """`VERDICT`, `judged_memory`, `REMEMBERED`, `SAID`, sample, whether some were left out, what `keeping` gives (n,),
+    (3,), pose, twist and offset (25,), way out (n,) -> `TOLD`, `REMEMBERED`; for the next tick the (25,), whether a way
+    out is looked for, whether another one, and the way that stays.
     """
     verdict, own, past = VERDICT.symbols("verdict"), of.judged.symbols("own"), REMEMBERED.symbols("memory")
     said, sample, (fewer, velocity, ends, aimed, lead) = SAID.symbols("said"), SAMPLE.symbols("sample"), (
@@ -244,12 +240,6 @@ def _columns(*sizes: int) -> list[ca.MX]:
 def _held(of: MirrorStatement, pose: ca.SX) -> ca.SX:
     """`HELD` of a hand that followed as usual."""
     return HELD.of(centre=pose[ORIGIN], target=pose[:16], turn=ca.SX(of.max_turn))
-
-
-def _led_by(of: MirrorStatement, velocity: ca.MX, q: ca.MX, state: ca.MX) -> ca.MX:
-    """The state, where the joints at q have this velocity (n,) from now on."""
-    begin, n = _begin(of), of.chain.n
-    return ca.vertcat(state[:begin], velocity, q + of.dt * velocity, state[begin + 2 * n :])
 
 
 def _shortened(yielded: ca.SX, ends: ca.SX) -> ca.SX:

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation, Slerp
 
 from rehab_opt.control import reference_clock
-from rehab_opt.control.between_poses import angle_between, distance_between, turn_between, turned
+from rehab_opt.control.between_poses import angle_of, distance_of, turn_between, turned
 from rehab_opt.control.reference_clock import CLOCK, SAMPLE, WINDOW, ClockStatement, ReferenceClock
 from rehab_opt.symbolic import BufferedFunction
 
@@ -114,8 +114,9 @@ def test_turns_between_poses_are_scipys(seed: int) -> None:
     b[:3, :3] = (Rotation.from_rotvec(vector) * first).as_matrix()
     a[:3, 3], b[:3, 3] = rng.standard_normal((2, 3))
     np.testing.assert_allclose(turned(a[:3, :3], turn_between(a, b)), b[:3, :3], atol=1e-7)
-    assert angle_between(a, b) == pytest.approx(np.linalg.norm(vector), abs=1e-6)
-    assert distance_between(a, b) == pytest.approx(np.linalg.norm(a[:3, 3] - b[:3, 3]))
+    columns = [ca.DM(each.ravel()) for each in (a, b)]
+    assert float(angle_of(*columns)) == pytest.approx(np.linalg.norm(vector), abs=1e-6)
+    assert float(distance_of(*columns)) == pytest.approx(np.linalg.norm(a[:3, 3] - b[:3, 3]))
 
 
 @given(st.integers(0, 2**32 - 1))
