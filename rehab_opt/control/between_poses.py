@@ -1,13 +1,9 @@
-"""Distances and turns between two poses (4, 4): in plain Python where a tick waits for them, else as expressions.
+"""Distances and turns between two poses (4, 4).
 
 Functions that C is generated from take a pose as a column of its first 12 entries by rows; those behind never change.
 """
 
 from __future__ import annotations
-
-import math
-from collections.abc import Sequence
-from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -19,10 +15,8 @@ from rehab_opt.optim.certificate import clipped
 from rehab_opt.symbolic import Evaluator
 
 __all__ = [
-    "angle_between",
     "angle_of",
     "calm_way",
-    "distance_between",
     "distance_of",
     "moving_tool_function",
     "part_way",
@@ -37,19 +31,6 @@ NO_TURN = 1e-300
 """[rad] In place of an angle that is zero, in a quotient."""
 
 _numbers = Evaluator()
-
-
-def distance_between(a: Array, b: Array) -> float:
-    """[m] between the origins of two poses."""
-    (_, _, _, ax), (_, _, _, ay), (_, _, _, az), _ = a.tolist()
-    (_, _, _, bx), (_, _, _, by), (_, _, _, bz), _ = b.tolist()
-    x, y, z = ax - bx, ay - by, az - bz
-    return math.sqrt(x * x + y * y + z * z)
-
-
-def angle_between(one: Array, other: Array) -> float:
-    """[rad] between the axes of two poses, to 1e-7: from the trace of one's inverse times the other."""
-    return math.acos(min(max(_cosine(one[:3].tolist(), other[:3].tolist()), -1.0), 1.0))
 
 
 def turn_between(a: Array, b: Array) -> Array:
@@ -78,14 +59,16 @@ def moving_tool_function(chain: SerialChain) -> ca.Function:
 
 # -------------------------------------------------------------------------------------------------- expressions
 def distance_of(a: ca.SX, b: ca.SX) -> ca.SX:
-    """`distance_between` two poses, columns of at least 12 entries."""
+    """[m] between the origins of two poses, columns of at least 12 entries."""
     return ca.norm_2(a[[3, 7, 11]] - b[[3, 7, 11]])
 
 
 def angle_of(a: ca.SX, b: ca.SX) -> ca.SX:
-    """`angle_between` two poses, columns of at least 12 entries."""
-    rows = ([[pose[4 * i + j] for j in range(4)] for i in range(3)] for pose in (a, b))
-    return ca.acos(clipped(_cosine(*rows), -1, 1))
+    """[rad] between the axes of two poses, columns of at least 12 entries, to 1e-7: from a trace."""
+    trace = ca.SX(0)
+    for i in (0, 1, 2, 4, 5, 6, 8, 9, 10):
+        trace += a[i] * b[i]
+    return ca.acos(clipped(0.5 * (trace - 1), -1, 1))
 
 
 def part_way(a: ca.SX, b: ca.SX, share: ca.SX) -> ca.SX:
@@ -104,14 +87,6 @@ def calm_way(a: ca.SX, b: ca.SX, least: ca.SX, *, linear_speed: float, angular_s
 
 def _by_rows(entries: ca.SX) -> ca.SX:
     return ca.reshape(entries, 4, 3).T
-
-
-def _cosine(one: Sequence[Sequence[Any]], other: Sequence[Sequence[Any]]) -> Any:
-    """Of the angle between the axes of two poses, three rows of numbers or of expressions each."""
-    (a, b, c, _), (d, e, f, _), (g, h, i, _) = one
-    (j, k, u, _), (m, n, o, _), (p, q, r, _) = other
-    trace = a * j + b * k + c * u + d * m + e * n + f * o + g * p + h * q + i * r
-    return 0.5 * (trace - 1.0)
 
 
 def _turn(a: ca.SX, b: ca.SX) -> ca.SX:

@@ -7,15 +7,14 @@ from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from rehab_opt.control.velocity_controller import checked_number, real_numbers
+from rehab_opt.control.velocity_controller import checked_number
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.optim.certificate import all_true, clipped
-from rehab_opt.symbolic import BufferedFunction
 from rehab_opt.symbolic.record import Record
 
-__all__ = ["FELT", "AdmittanceState", "Interaction"]
+__all__ = ["AT_LIMIT", "FELT", "UNUSABLE", "Interaction"]
 
 Array = NDArray[np.float64]
 
@@ -173,66 +172,17 @@ class Interaction:
         outward = ca.if_else(excess > 0, ca.fmax(ca.dot(velocity, way), 0), 0)
         return moved - excess * way, velocity - outward * way
 
-    def started(self, dt: float) -> AdmittanceState:
-        """The state of a hand at rest on its reference, for ticks of dt [s]."""
-        return AdmittanceState(self, dt)
-
-
-class AdmittanceState:
-    """Displacement and pace that the forces so far lead to."""
-
-    def __init__(self, law: Interaction, dt: float) -> None:
-        self.law, self._felt = law, BufferedFunction(law.felt_function(dt))
-        self.reset()
-
-    def reset(self) -> None:
-        """No force was felt."""
-        self.state: Array = FELT.numbers(**{**dict.fromkeys(FELT.places, 0.0), "pace": 1.0, "tank": self.law.reserve})
-        """`FELT`"""
-
     @property
-    def active(self) -> bool:
-        """Whether forces are measured, or the last of them is not over yet."""
-        return bool(self.state[FELT["active"]])
+    def start(self) -> Array:
+        """`FELT` of a hand at rest on its reference, that no force was felt of."""
+        return FELT.numbers(**{**dict.fromkeys(FELT.places, 0.0), "pace": 1.0, "tank": self.reserve})
 
-    @property
-    def offset(self) -> Array:
-        """(3,) [m] displacement of the reference."""
-        return self.state[:3]
-
-    @property
-    def velocity(self) -> Array:
-        """(3,) [m/s] of the displacement."""
-        return self.state[3:6]
-
-    @property
-    def pace(self) -> float:
-        """Share of its pace that the reference keeps."""
-        return float(self.state[FELT["pace"]])
-
-    @property
-    def energy(self) -> float:
-        """[J] left in the tank; below zero it owes."""
-        return float(self.state[FELT["tank"]])
-
-    def feel(self, force: ArrayLike | None, away: Array) -> str:
-        """Take one measurement (3,) [N], None for none; why the arm must stop, or nothing.
-
-        `away` (3,) [m] is how far the hand is off the reference of the last tick, NaN where that is not known.
-        """
-        if force is None and not self.active:
-            return ""
-        felt = np.zeros(3) if force is None else real_numbers("force", force, (3,))
-        self.state = self._felt.of(felt, force is not None, self.state, away)
-        reason = int(self._felt.outputs[1][0])
-        if not reason:
-            return ""
-        if reason == UNUSABLE:
-            return "force is not a usable number"
-        law, size = self.law, math.hypot(*felt.tolist())
-        if size >= law.stop_at:
-            return f"interaction force of {size:.1f} N, at most {law.stop_at:g} N"
+    def too_large(self, felt: Array) -> str:
+        """Why the arm stops for the force in a `FELT`."""
+        size = math.hypot(*felt[FELT.places["force"]].tolist())
+        if size >= self.stop_at:
+            return f"interaction force of {size:.1f} N, at most {self.stop_at:g} N"
         return (
-            f"interaction force of {size:.1f} N after one of {law.stop_at:g} N: the arm moves on after {law.hold:g} s "
-            f"below {law.release * law.stop_at:g} N"
+            f"interaction force of {size:.1f} N after one of {self.stop_at:g} N: the arm moves on after {self.hold:g} s"
+            f" below {self.release * self.stop_at:g} N"
         )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import reduce
 
 import casadi as ca
 import numpy as np
@@ -10,14 +11,13 @@ from numpy.typing import NDArray
 
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import SerialChain
-from rehab_opt.symbolic import BufferedFunction
 
 __all__ = [
     "DISTANCES",
     "DRAWN",
-    "SingularityEscape",
     "ascent_function",
     "drawn_ways",
+    "escape_function",
     "known_ways",
     "largest_manipulability",
 ]
@@ -29,6 +29,10 @@ SHARES = (0.002, 0.006, 0.02, 0.06, 0.2, 0.5)
 """Of a way out, where w must have grown: next to a posture singular twice it may fall first."""
 DISTANCES, DRAWN, GAIN = (0.05, 0.1, 0.2, 0.4, 0.8), 16, 1e-9
 """[rad or m] How far ways are tried, how many are drawn a joint, and what counts as a gain of w."""
+TOGETHER = 10
+"""Ways of a group that C evaluates one after the other."""
+SEEDS = 0, 201
+"""Of the directions that are drawn at first, and where another way is looked for."""
 ALL_BITS = 2**64 - 1
 TURN, SLIDE = math.pi, 1.0
 """[rad, m] Where a joint without limits is looked at: a full turn, and a metre either way."""
@@ -70,29 +74,34 @@ def largest_manipulability(chain: SerialChain, *, starts: int = STARTS, seed: in
     return best, where
 
 
-class SingularityEscape:
-    """Directions in which w grows from a posture where its gradient shows none.
+def escape_function(chain: SerialChain) -> ca.Function:
+    """Posture q (n,), whether another way is looked for -> a direction in which w grows though its gradient vanishes.
 
-    The best of the joint axes, their pairs and a few directions drawn by a seed, either way, at the smallest distance
-    at which any of them gains without losing before: the same in every run, and in C.
+    Of length 1/2, zero where none is found: the best of the joint axes, their pairs and a few directions drawn by a
+    seed, another one for another way; each either way, at the smallest distance at which any gains without losing
+    before. The same in every run, and in C.
     """
+    n, ascent = chain.n, ascent_function(chain)
+    at, far, known = inputs = [ca.MX.sym(name, size) for name, size in (("q", n), ("far", 1), ("found", n + 1))]
 
-    def __init__(self, chain: SerialChain) -> None:
-        self._n, self._ascent = chain.n, BufferedFunction(ascent_function(chain))
+    def best(ways: Array) -> ca.Function:
+        found = known
+        for some in np.split(ways, range(TOGETHER, len(ways), TOGETHER)):  # all at once would take more memory
+            columns = ca.MX.sym("ways", n, len(some))
+            better = reduce(lambda so_far, way: ascent(at, way, far, so_far), ca.horzsplit(columns), known)
+            together = ca.Function(f"best_of_{len(some)}", [*inputs, columns], [better])
+            found = together(at, far, found, ca.DM(some.T))
+        return ca.Function("best", inputs, [found])
 
-    def of(self, q: Array, *, turn: int = 0) -> Array:
-        """(n,) of length 1/2, zero where none is found; `turn` is the seed."""
-        n, ascent = self._n, self._ascent
-        at, way, distance, found = ascent.inputs
-        at[:] = q
-        for distance[:] in DISTANCES:
-            found[:] = 0.0
-            for way[:] in (*known_ways(n), *drawn_ways(DRAWN * n, n, seed=turn)):
-                ascent.evaluate()
-                found[:] = ascent.outputs[0]
-            if found[1:].any():
-                break
-        return found[1:].copy()
+    first, other = (best(np.vstack([known_ways(n), drawn_ways(DRAWN * n, n, seed=seed)])) for seed in SEEDS)
+    looked = ca.Function.if_else("looked", other, first)
+    q, again, found = ca.MX.sym("q", n), ca.MX.sym("again"), ca.MX.zeros(n + 1)
+    columns = looked.mx_in()
+    looks, same = ca.Function("looks", columns, looked.call(columns)), ca.Function("same", columns, [columns[3]])
+    either = ca.Function.if_else("either", same, looks)
+    for distance in DISTANCES:
+        found = either(found[0] > 0, again, q, distance, found)
+    return ca.Function("escape", [q, again], [found[1:]])
 
 
 def known_ways(n: int) -> Array:
@@ -135,7 +144,7 @@ def ascent_function(chain: SerialChain) -> ca.Function:
 
 
 def drawn_ways(count: int, n: int, *, seed: int) -> Array:
-    """(count, n) numbers evenly from -1 to 1: SplitMix64, which C draws as well."""
+    """(count, n) numbers evenly from -1 to 1, of SplitMix64."""
     state, numbers = seed & ALL_BITS, np.empty(count * n)
     for i in range(count * n):
         state = (state + 0x9E3779B97F4A7C15) & ALL_BITS

@@ -16,7 +16,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rehab_opt.control.between_poses import moving_tool_function, rigid_function
+from rehab_opt.control.between_poses import moving_tool_function
 from rehab_opt.control.clearance import Clearance
 from rehab_opt.control.command import Bound, Command, Status
 from rehab_opt.control.hand_bounds import HandBounds, KeepOut
@@ -24,11 +24,12 @@ from rehab_opt.control.interaction import Interaction
 from rehab_opt.control.joint_feedback import JointFeedback
 from rehab_opt.control.judged_state import GIVEN
 from rehab_opt.control.limit import Limit, all_limits
-from rehab_opt.control.manipulability import SingularityEscape, largest_manipulability
-from rehab_opt.control.mirror_following import BRIDGE
-from rehab_opt.control.mirror_pace import MirrorPace
+from rehab_opt.control.manipulability import largest_manipulability
+from rehab_opt.control.mirror_following import BRIDGE, RATE, THEN
+from rehab_opt.control.mirror_pace import REMEMBERED, MirrorPace
 from rehab_opt.control.mirror_plan import MirrorPath, plan
-from rehab_opt.control.mirror_preview import THEN, USUAL, MirrorPreview
+from rehab_opt.control.mirror_preview import MirrorPreview
+from rehab_opt.control.mirror_tick import VERDICT, mirror_tick
 from rehab_opt.control.person_limit import PersonLimit
 from rehab_opt.control.reasons import HELD_BACK
 from rehab_opt.control.reference_clock import ReferenceClock
@@ -45,7 +46,7 @@ Array = NDArray[np.float64]
 
 _OK, _NAN, _new, _read_only = Status.OK, math.nan, tuple.__new__, np.frombuffer
 _BOUNDS, _SOLVERS = {float(i): Bound(i) for i in range(8)}, {float(i): name for i, name in enumerate(FUSED_SOLVERS)}
-_JUDGED = GIVEN["judged"]
+_JUDGED, _USUAL, _LEADS_TO = GIVEN["judged"], VERDICT["usual"], VERDICT["then"]
 
 
 class MirrorTracker(MirrorPreview):
@@ -181,25 +182,27 @@ class MirrorTracker(MirrorPreview):
                 backup=options.get("backup"),
                 compile=compile,
             )
-        self._interaction = (Interaction() if interaction is None else interaction).started(dt)
-        self._keeping, self._escape = BufferedFunction(self.keeping()), SingularityEscape(self.chain)
-        symbol = ca.SX.sym("q", self.chain.n)
-        tool = ca.Function("tool", [symbol], [ca.densify(self.chain.pose_expression(symbol))], {"cse": True})
-        self._tool = BufferedFunction(tool, compile=compile)
-        self._moving = BufferedFunction(moving_tool_function(self.chain))
-        self._rigid = BufferedFunction(rigid_function())
-        self._faulty, self._hurried = BufferedFunction(self.faulty()), BufferedFunction(self.hurried)
+        self._interaction = Interaction() if interaction is None else interaction
+        self._memory = np.zeros(REMEMBERED.size)
+        self._remembered = self._memory.data  # a tick reads and writes it at half of numpy's cost
+        self._felt, self._held = (self._memory[REMEMBERED.places[name]] for name in ("felt", "held"))
+        self._moving = BufferedFunction(moving_tool_function(self.chain), compile=compile)
         self.pace = MirrorPace(
             dt=dt, linear_speed=linear_speed, angular_speed=angular_speed, max_deviation=max_deviation,
             max_turn=max_turn, catch_up=catch_up,
         )  # fmt: skip
-        self._tried, self._concluded, self._aimed = (
-            BufferedFunction(each, compile=compile)
-            for each in (
-                self.pace.tried_function(), self.pace.concluded_function(),
-                self.pace.aimed_function(self.audit, self.braked, person=person is not None),
-            )
-        )  # fmt: skip
+        self.parts = parts = mirror_tick(self, self.pace, self._interaction, person=person is not None)
+        """What a tick with the clock is made of."""
+        (parameters, state, given), verdict = self._function.inputs, self._function.outputs[1]
+
+        def shared(function: ca.Function, third: Array, compile: Compile) -> BufferedFunction:
+            own = {0: parameters, 1: state, 2: third, function.n_in() - 1: self._memory}
+            return BufferedFunction(function, compile=compile, inputs=own)
+
+        self._notice = shared(parts.notice, given, compile)
+        self._deliver = shared(parts.deliver, verdict, compile)
+        self._brake = shared(parts.brake, verdict, False)
+        self._tried, self._aimed, self._concluded = (BufferedFunction(each, compile=compile) for each in parts[1:4])
         self.clock = ReferenceClock(
             dt, linear_speed=BRIDGE * linear_speed, angular_speed=BRIDGE * angular_speed, window=self.pace.window
         )
@@ -227,7 +230,7 @@ class MirrorTracker(MirrorPreview):
     @property
     def time_scale(self) -> float:
         """Seconds of the reference, or of a bridge, followed in a second, about."""
-        return self._rate
+        return float(self._memory[RATE])
 
     @property
     def lag(self) -> float:
@@ -253,7 +256,7 @@ class MirrorTracker(MirrorPreview):
     @property
     def manipulability(self) -> float:
         """W / w_max where the last command leads."""
-        return self._then
+        return float(self._memory[THEN])
 
     def step(
         self,
@@ -298,14 +301,14 @@ class MirrorTracker(MirrorPreview):
             self._told[0] = verdict[0] = _NAN  # see `FallbackChain`: a failure inside leaves the outputs as they are
             self._function.evaluate()
             left, residual, who, yielded, scale, _ = self._head.tolist()
-            if not left and verdict[USUAL]:
-                self._then = verdict[THEN]
+            if not left and verdict[_USUAL]:
+                self._remembered[THEN] = verdict[_LEADS_TO]
                 self._keep[:] = self._answer
                 self._good = self._solvers.parameters.tobytes()
                 value = _read_only(self._velocity.tobytes())
                 name, bound, note = _SOLVERS[who], _BOUNDS[yielded], HELD_BACK if self._own["held"][0] else ""
                 return _new(Command, (value, _OK, name, residual, -1, note, bound, scale, None))
-        return self._told_of_hand(self._followed(force, self._judged()))
+        return self._followed(force)
 
     # ----------------------------------------------------------------------------------------------- whole motions
     def plan(self, poses: ArrayLike, twists: ArrayLike, q: ArrayLike) -> MirrorPath:

@@ -11,12 +11,13 @@ from dataclasses import dataclass
 import casadi as ca
 
 from rehab_opt.control.between_poses import angle_of, distance_of
+from rehab_opt.control.interaction import FELT
 from rehab_opt.control.mirror_statement import CALM, HELD, SPARE, WHOLE
 from rehab_opt.control.reference_clock import CLOCK, LONGEST, SAMPLE, ClockStatement
 from rehab_opt.optim.certificate import all_true, clipped
 from rehab_opt.symbolic.record import Record, Values
 
-__all__ = ["AIMED", "PACE", "PACES", "QUICKENING", "SAID", "TRIED", "MirrorPace"]
+__all__ = ["AIMED", "COUNTED", "PACE", "PACES", "QUICKENING", "REMEMBERED", "SAID", "TRIED", "MirrorPace", "counted"]
 
 WAITS = 0.9
 """Share of the largest deviation from which the clock waits."""
@@ -49,10 +50,19 @@ out. They shrink as the hand comes nearer."""
 TRIED = Record(pose=16, twist=6, seconds=1, fits=1, goal=12)
 """What may be followed: pose, twist at the clock's pace, [s] that it goes on by, whether the deviation allows it; and
 pose of what the hand is led to now, which may be what the person's arm can do of the reference."""
-SAID = Record(passed=1, fraction=1, lag=1, bridging=1, waits=1, cuts=1, short=1)
-"""Samples passed, where the clock then is, and whether it bridges a jump, stood, a hand was cut short, and is short."""
+SAID = Record(passed=1, ahead=1, fraction=1, lag=1, bridging=1, short=1, beyond=2)
+"""Samples passed, where the clock then is, whether it bridges a jump, and the hand is short; [m, rad] by which the
+person's arm stays short of what is followed."""
 AIMED = Record(kept=1, pose=16, twist=6, offset=3)
-"""Whether a braking arm stays near what `HELD` names, and pose, twist and offset [m] for the QP."""
+"""Whether an arm that brakes stays near `HELD`, or nothing else is left; pose, twist and offset [m] for the QP."""
+COUNTED = Record(acceleration=1, shortened=1, slowed=1, waited=1, braked=1, cut=1)
+"""How many ticks yielded acceleration, were shortened, slowed, waited, braked, and how often the hand was cut short."""
+REMEMBERED = Record(
+    pace=PACE.size, held=HELD.size, felt=FELT.size, aim=16, then=1, live=1, lead_w=1, lead_age=1, counted=COUNTED.size
+)
+"""What a tracker remembers besides its QP's state and clock. Behind pace, hand and forces: what the person's arm can do
+of the reference, NaN where nothing is known of one; w / w_max where the last command leads; whether the next tick
+needs no clock; the largest w of the way out at hand, and for how many ticks that did not grow; and counts."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,15 +87,15 @@ class MirrorPace:
         return ClockStatement(self.dt, window=self.window)
 
     def tried_function(self) -> ca.Function:
-        """Samples, `CLOCK`, `PACE`, others, hand's pose (16,), aim (16,), share of the pace -> `PACE`, `TRIED`.
+        """Samples, `CLOCK`, `REMEMBERED`, others, hand's pose (16,), share of the pace -> `PACE`, `TRIED`.
 
-        The others are the share of its pace that forces leave the reference, whether it makes up for a lag, and the
-        most that what follows allows. The aim is what the person's arm can do of the reference; NaN where nothing is
-        known of one.
+        The others are whether the clock makes up for a lag, and the most that what follows allows.
         """
-        sizes = {"clock": CLOCK.size, "pace": PACE.size, "others": 3, "here": 16, "aim": 16, "part": 1}
+        sizes = {"clock": CLOCK.size, "memory": REMEMBERED.size, "others": 2, "here": 16, "part": 1}
         samples = ca.MX.sym("samples", SAMPLE.size, self.window)
-        clock, pace, others, here, aim, part = given = [ca.MX.sym(name, size) for name, size in sizes.items()]
+        clock, memory, others, here, part = given = [ca.MX.sym(name, size) for name, size in sizes.items()]
+        pace, felt, aim = (memory[REMEMBERED.places[name]] for name in ("pace", "felt", "aim"))
+        others = ca.vertcat(felt[FELT["pace"]], others)
         near, rate, goal, allowed = self._rated()(samples[:, 0], samples[:, 1], clock, pace, others, here, aim)
         rate *= part
         pose, twist = self.clock.read_function()(samples, clock, rate * self.dt)
@@ -96,26 +106,37 @@ class MirrorPace:
         near = ca.vertcat(rate, near[1:])
         return ca.Function("tried", [samples, *given], [near, tried])
 
-    def concluded_function(self) -> ca.Function:
-        """Samples, `CLOCK`, `PACE`, share that forces leave, hand's pose and twist, `TRIED` -> `PACE`, `SAID`.
+    def concluded_function(self, *, person: bool) -> ca.Function:
+        """Samples, `CLOCK`, `PACE`, hand's pose and twist, `TRIED`, target (16,), `HELD`, `REMEMBERED` -> that, `SAID`.
 
-        The clock goes on by the seconds of what was tried and taken.
+        The clock goes on by the seconds of what was tried and taken. The target is what a `person`'s arm does of it.
         """
         samples, clock, near = ca.SX.sym("samples", SAMPLE.size, self.window), CLOCK.symbols("c"), PACE.symbols("p")
-        yielding, here, hand = (ca.SX.sym("given", size) for size in (1, 16, 6))
-        tried, lengths = TRIED.symbols("tried"), samples[SAMPLE["seconds"], :].T
+        here, hand, target, held = others = [ca.SX.sym("given", size) for size in (16, 6, 16, HELD.size)]
+        tried, old, lengths = TRIED.symbols("tried"), REMEMBERED.symbols("memory"), samples[SAMPLE["seconds"], :].T
         passed, then = self.clock.advanced(lengths, clock, tried.seconds, tried.seconds > 0)
+        yielding = FELT.parts(old.felt).pace
         after, waits, cuts = self._waited(near, then.ahead <= 0, yielding, hand, here, tried.goal)
         bridging = ca.logic_and(clock.ahead > 0, lengths[1] > LONGEST * self.dt)
+        beyond = ca.vertcat(distance_of(tried.pose, target), angle_of(tried.pose, target))
         said = SAID.of(
-            passed=passed, fraction=then.fraction, lag=then.lag, bridging=bridging, waits=waits, cuts=cuts,
+            passed=passed,
+            ahead=then.ahead,
+            fraction=then.fraction,
+            lag=then.lag,
+            bridging=bridging,
             short=_short(after),
+            beyond=ca.if_else(all_true(target == tried.pose), 0, beyond),
+        )
+        memory = REMEMBERED.changed(
+            old, pace=after.column, held=held, aim=target if person else old.aim,
+            counted=counted(old, waited=waits, cut=cuts),
         )  # fmt: skip
-        inputs = [samples, clock.column, near.column, yielding, here, hand, tried.column]
-        return ca.Function("concluded", inputs, [after.column, said], {"cse": True})
+        inputs = [samples, clock.column, near.column, *others[:2], tried.column, *others[2:], old.column]
+        return ca.Function("concluded", inputs, [memory.column, said], {"cse": True})
 
     def aimed_function(self, audit: ca.Function, braked: ca.Function, *, person: bool) -> ca.Function:
-        """q, last velocity, hand's pose, target's, twist, `PACE`, displacement (6,), `HELD`, stays, moving -> both.
+        """q, last velocity, hand's pose, target's, twist, `PACE`, `REMEMBERED`, stays, moving -> `HELD`, `AIMED`.
 
         `HELD` is what the hand is then held near: the target, from there towards the hand by what it stays short of at
         best. With `stays` it is held as it was, and rests. Of `AIMED` pose and twist are displaced by forces, and the
@@ -123,15 +144,16 @@ class MirrorPace:
         `person`'s arm does is kept to where it stays within the hand's bounds, or comes nearer to the hand.
         """
         here, to, twist = ca.SX.sym("here", 16), ca.SX.sym("target", 16), ca.SX.sym("twist", 6)
-        pace, felt, old, stays = PACE.symbols("pace"), ca.SX.sym("felt", 6), HELD.symbols("held"), ca.SX.sym("stays")
+        pace, memory, stays = PACE.symbols("pace"), REMEMBERED.symbols("memory"), ca.SX.sym("stays")
+        old, felt = HELD.parts(memory.held), FELT.parts(memory.felt)
         origin, target = [3, 7, 11], ca.if_else(stays, old.target, to)
         part = ca.fmin(pace.apart / ca.fmax(distance_of(here, target), 1e-12), 1)
         cut = target[origin] + part * (here[origin] - target[origin])
         centre = ca.if_else(stays, old.centre, cut)
         turn = ca.if_else(stays, old.turn, self.max_turn + pace.aside)
         pose, motion = ca.SX(target), ca.if_else(stays, 0, twist)
-        pose[origin] += felt[:3]
-        motion[:3] += felt[3:]
+        pose[origin] += felt.moved
+        motion[:3] += felt.velocity
         held = HELD.of(centre=centre, target=target, turn=turn)
         known, near = ca.fabs(old.turn) < ca.inf, ca.SX(1)
         if person:
@@ -141,7 +163,7 @@ class MirrorPace:
                 away[0] <= ca.fmax(WAITS * self.max_deviation, away[1]),
                 turned[0] <= ca.fmax(WAITS * self.max_turn + pace.aside, turned[1]),
             )
-        inputs = [here, to, twist, pace.column, felt, old.column, stays]
+        inputs = [here, to, twist, pace.column, memory.column, stays]
         parts = ca.Function(
             "parts", inputs, [held, ca.vertcat(pose, motion, centre - pose[origin]), known, near], {"cse": True}
         )
@@ -149,7 +171,7 @@ class MirrorPace:
         given = [ca.MX.sym("given", each.numel()) for each in inputs]
         column, told, begun, there = parts.call(given)
         kept = ca.logic_and(there, audit(q, braked(q, last), column, moving)[0])
-        kept = ca.logic_or(ca.logic_not(begun), kept)
+        kept = ca.logic_or(ca.logic_or(ca.logic_not(begun), kept), given[-1])
         return ca.Function("aimed", [q, last, *given, moving], [column, ca.vertcat(kept, told)])
 
     # ---------------------------------------------------------------------------------------------------- its parts
@@ -217,3 +239,9 @@ class MirrorPace:
 def _short(pace: Values) -> ca.SX:
     """Whether the hand follows at a distance, because it stood there."""
     return ca.logic_or(pace.apart > SHORT[0], pace.aside > SHORT[1])
+
+
+def counted(memory: Values, **more: ca.SX) -> ca.SX:
+    """`COUNTED` of a `REMEMBERED`, with what this tick adds."""
+    before = COUNTED.parts(memory.counted)
+    return COUNTED.changed(before, **{name: getattr(before, name) + each for name, each in more.items()}).column

@@ -8,10 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.control.command import Bound, Command, Status
-from rehab_opt.control.mirror_following import MirrorFollowing
+from rehab_opt.control.interaction import FELT
+from rehab_opt.control.mirror_following import RATE, SHARE, THEN, MirrorFollowing
 from rehab_opt.control.mirror_pace import QUICKENING
 from rehab_opt.control.mirror_statement import SPARE, WHOLE
+from rehab_opt.control.mirror_tick import VERDICT
 from rehab_opt.control.preview import Layout, Preview
+from rehab_opt.control.reasons import NUMBER
 from rehab_opt.control.reference_clock import JUMP, SPIN
 from rehab_opt.optim.fallback_chain import FUSED
 from rehab_opt.optim.fused import FUSED_SOLVERS
@@ -24,11 +27,10 @@ SPAN = 64, 128
 """Ticks laid out at first, and at most: twice as many each time that all of them were taken."""
 REST = 32
 """Ticks at most after something unusual until a layout is tried again: one at first, then twice as many."""
-USUAL, THEN = 5, 8
-"""Where the verdict on a tick says whether nothing about it was unusual, and w / w_max where the command leads."""
 
 _OK, _NAN, _new, _read_only = Status.OK, math.nan, tuple.__new__, np.frombuffer
 _BOUNDS, _TASK = tuple(Bound(i) for i in range(8)), int(Bound.TASK)
+_USUAL, _LEADS_TO = VERDICT["usual"], VERDICT["then"]
 _NOTHING = Layout(np.zeros((0, 4, 4)), np.zeros((0, 6)), [], [])
 
 
@@ -68,7 +70,7 @@ class MirrorPreview(MirrorFollowing):
 
     def follow(self, q: Array) -> Command:
         """One tick along the clock's preview."""
-        if self._resting > 0 or not self._verdict[USUAL]:
+        if self._resting > 0 or not self._verdict[_USUAL]:
             self._resting -= 1
         elif self._next < len(self._laid.paces) or self._lay_out():
             command = self._as_laid_out(q)
@@ -78,20 +80,21 @@ class MirrorPreview(MirrorFollowing):
             self._laid, self._span = _NOTHING, SPAN[0]
             self._resting, self._rest = self._rest, min(2 * self._rest, REST)
         self._q[:] = q
-        return self._tracked(*self._hand(), previewed=True)
+        here = self._moving.of(q, self._last).reshape(4, 4)
+        return self._tracked(here, self._moving.outputs[1].copy(), previewed=True)
 
     def brake(self, q: Array) -> Command:
         """One tick towards rest, within the bounds."""
         self._q[:] = q
-        return self._safe("the plan ends here")
+        return self._stopped(np.array([NUMBER["NOT_ENABLED"], -1.0, -1.0]))._replace(reason="the plan ends here")
 
     def tools(self, path: list[Array]) -> Array:
         """(M, 4, 4) poses of the tool, as `chain.pose` of each (n,), faster."""
-        (q,), (pose,) = self._tool.inputs, self._tool.outputs
+        q, pose = self._moving.inputs[0], self._moving.outputs[0].reshape(4, 4)
         found = np.empty((len(path), 4, 4))
         for i, each in enumerate(path):
             q[:] = each
-            self._tool.evaluate()
+            self._moving.evaluate()
             found[i] = pose
         return found
 
@@ -99,7 +102,7 @@ class MirrorPreview(MirrorFollowing):
     def _lay_out(self) -> bool:
         """Lay out the next ticks from where the clock stands, if they may be taken one after the other."""
         clock = self.clock
-        plain = self._limit is None and not self._interaction.active and not self._inputs[3].any()
+        plain = self._limit is None and not self._felt[FELT["active"]] and not self._inputs[3].any()
         if not plain or clock.bridging or self._solvers.solver != FUSED:
             return False
         if self._preview is None:
@@ -107,7 +110,8 @@ class MirrorPreview(MirrorFollowing):
                 linear_speed=SPARE * self.linear_speed, angular_speed=SPARE * self.angular_speed
             )
             self._origin = clock.passed
-        before = self._rate * (self._share if self._share < WHOLE else 1.0)
+        rate, share = self._remembered[RATE], self._remembered[SHARE]
+        before = rate * (share if share < WHOLE else 1.0)
         place = clock.passed - self._origin, clock.fraction
         self._laid = self._preview.ahead(place, before, self._span, dt=self.dt, quickening=QUICKENING)
         self._flat, self._next, self._span = self._laid.poses.reshape(-1, 16), 0, min(2 * self._span, SPAN[1])
@@ -125,15 +129,16 @@ class MirrorPreview(MirrorFollowing):
         self._told[0] = _NAN  # see `FallbackChain`: a failure inside leaves the outputs as they are
         self._function.evaluate()
         left, residual, who, yielded, share, _ = self._head.tolist()
-        if left or not verdict[USUAL]:
+        if left or not verdict[_USUAL]:
             return None
         self._solvers.keep[:] = self._solvers.answer
         self._next = k + 1
         pace, (at, fraction) = laid.paces[k], laid.places[k]
         self.clock.go_on(at - self._place, fraction, pace * self.dt)
-        self._place, self._then, self._rate, self._share = at, verdict[THEN], pace, share
-        self.followed = pose = laid.poses[k]
-        self._hold(pose)
+        memory, self._place, self.followed = self._remembered, at, laid.poses[k]
+        memory[THEN], memory[RATE], memory[SHARE] = verdict[_LEADS_TO], pace, share
+        entries = self._held
+        entries[:3], entries[3:19], entries[19] = laid.poses[k][:3, 3], self._flat[k], self.max_turn
         self._short_by = self._beyond_person = (0.0, 0.0)
         flags = int(yielded)
         if pace < WHOLE:

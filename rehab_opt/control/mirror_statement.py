@@ -13,14 +13,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.control.command import Bound
 from rehab_opt.control.hand_bounds import HandBounds
-from rehab_opt.control.manipulability import SingularityEscape
 from rehab_opt.control.pose_tracker import Inputs, PoseTracker, Rows, TickSolution
 from rehab_opt.control.stopping import VelocityBounds
 from rehab_opt.control.tool_speed import speed_ahead
 from rehab_opt.kinematics.frames import rotation_vector
 from rehab_opt.optim.certificate import all_true, clipped
 from rehab_opt.optim.rows import PLAUSIBLE, Instance, parameter
-from rehab_opt.symbolic import BufferedFunction
 from rehab_opt.symbolic.record import Record
 from rehab_opt.symbolic.tick import Stages
 
@@ -46,10 +44,6 @@ what that adds to its own curvature a hand at rest goes to and fro (0.26 rad/s a
 HALVINGS = 12
 ROUNDING, TINY = 1e-12, 1e-12
 """[m/s] A speed that is no motion."""
-STALE = 200
-"""Ticks without gain after which another way out is looked for."""
-
-
 HELD = Record(centre=3, target=16, turn=1)
 """What the hand is held near: the centre [m] of the places that it may have, and the pose, by rows, whose orientation
 it may be turned from by so much [rad]; NaN where nothing is known."""
@@ -78,13 +72,6 @@ class MirrorStatement(PoseTracker):
     max_turn: float
     hand_bounds: HandBounds
     counts: Counter[str]
-    _keeping: BufferedFunction
-    _escape: SingularityEscape
-    _last_before: Array
-    """(n,) the velocity before this tick's."""
-    _then: float
-    _lead_w: float
-    _lead_age: int
 
     @property
     def row_count(self) -> int:
@@ -316,34 +303,3 @@ class MirrorStatement(PoseTracker):
     def instance(self, q: ArrayLike, *inputs: ArrayLike) -> Instance:
         """The QP of a tick at q, pose and twist, as numbers, for inspection; nothing moves where nothing is said."""
         return super().instance(q, *inputs, *(np.zeros(shape) for shape in self.shapes[len(inputs) :]))
-
-    # --------------------------------------------------------------------------------------------- true bounds
-    def _bodies(self) -> Array:
-        """(14 k,) the moving capsules."""
-        return self._inputs[-1].reshape(-1)[: self.limits.told]
-
-    def _shortened(
-        self, q: Array, value: Array, held: Array, flags: Bound, *, broken: bool
-    ) -> tuple[Array, Bound, bool]:
-        """See `keeping`: the velocity, what yields to it, and whether it is shorter."""
-        part: Array = self._keeping.of(q, value, held, self._last_before, broken, self._bodies()) + 0.0
-        self._then, shorter, hurried = self._keeping.outputs[1].tolist()
-        if not shorter:
-            return value, flags, False
-        part.setflags(write=False)
-        self.counts["shortened"] += 1
-        self._solvers.memory[: 2 * self.chain.n] = np.concatenate([part, q + part * self.dt])
-        said = Bound.TASK | (Bound.ACCELERATION if hurried else Bound.NOTHING)
-        return part, flags & ~Bound.ACCELERATION | said, True
-
-    def _find_escape(self, flat: bool, w: float) -> None:
-        """What stands for the gradient in the next tick, where there is none."""
-        lead = self._inputs[3]
-        if not flat:
-            lead[:] = 0.0
-            return
-        self._lead_age = 0 if w > self._lead_w + 1e-7 else self._lead_age + 1
-        self._lead_w = max(w, self._lead_w) if lead.any() else w
-        if not lead.any() or self._lead_age > STALE:
-            lead[:] = self._escape.of(self._q, turn=self._lead_age)
-            self._lead_age = 0

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import ClassVar
 
+import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -14,9 +15,10 @@ from rehab_opt.control.velocity_controller import real_numbers
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.kinematics.rigid import rigid
+from rehab_opt.optim.certificate import all_true, clipped
 from rehab_opt.symbolic import BufferedFunction, Compile
 
-__all__ = ["PersonLimit"]
+__all__ = ["PersonLimit", "model_tick"]
 
 Array = NDArray[np.float64]
 
@@ -28,6 +30,18 @@ SETTLED = 1e-6
 """[rad/s] Joint speeds at which it has come there, as near as it goes."""
 GAIN = 30.0
 """[1/s]"""
+
+
+def model_tick(chain: SerialChain) -> ca.Function:
+    """Posture (n,) of a model arm, joint velocities (n,), [s] -> posture after, whether it stands, hand and its motion.
+
+    The hand is the pose, all 16 entries, and the motion (6,), linear [m/s] first.
+    """
+    q, velocity, seconds = ca.SX.sym("q", chain.n), ca.SX.sym("velocity", chain.n), ca.SX.sym("seconds")
+    after = clipped(q + velocity * seconds, ca.DM(chain.lower), ca.DM(chain.upper))
+    stands = all_true(ca.fabs(velocity) <= SETTLED)
+    outputs = [after, stands, *moving_tool_function(chain)(after, velocity)]
+    return ca.Function("model_tick", [q, velocity, seconds], outputs)
 
 
 class _Model(PoseTracker):
@@ -80,7 +94,7 @@ class PersonLimit:
             )  # fmt: skip
 
         self._tracker, self._settler = tracker(dt), tracker(SETTLING_DT)
-        self._moving = BufferedFunction(moving_tool_function(chain))
+        self._tick = BufferedFunction(model_tick(chain))
         self.reset()
 
     def reset(self) -> None:
@@ -99,20 +113,17 @@ class PersonLimit:
         while self._settling > 0 and ticks > 0:
             ticks -= 1
             self._settling -= 1
-            if np.all(np.abs(self._go(self._settler, pose, np.zeros(6))) <= SETTLED):
+            if self._go(self._settler, pose, np.zeros(6))[1]:
                 self._settling = 0
         return self._settling == 0
 
     def limited(self, pose: Array, twist: Array) -> tuple[Array, Array]:
         """Pose (4, 4) and twist (6,) of the model's hand after this tick."""
         self.settle(pose)
-        assert self.q is not None
-        velocity = self._go(self._tracker, pose, twist)
-        pose = self._moving.of(self.q, velocity).reshape(4, 4)
-        return pose, self._moving.outputs[1].copy()
+        *_, pose, twist = self._go(self._tracker, pose, twist)
+        return pose.reshape(4, 4).copy(), twist.copy()
 
-    def _go(self, tracker: PoseTracker, pose: Array, twist: Array) -> Array:
+    def _go(self, tracker: PoseTracker, pose: Array, twist: Array) -> tuple[Array, ...]:
         assert self.q is not None
-        velocity = tracker.step(self.q, pose, twist).value
-        self.q = np.clip(self.q + velocity * tracker.dt, self.chain.lower, self.chain.upper)
-        return velocity
+        self.q = self._tick.of(self.q, tracker.step(self.q, pose, twist).value, tracker.dt)
+        return self._tick.outputs

@@ -104,13 +104,6 @@ class ClockStatement:
         )
         return passed, after
 
-    def advanced_function(self) -> ca.Function:
-        """Samples, `CLOCK`, [s] -> samples passed, `CLOCK`."""
-        samples, clock = ca.SX.sym("samples", SAMPLE.size, self.window), CLOCK.symbols("clock")
-        seconds = ca.SX.sym("seconds")
-        passed, after = self.advanced(samples[SAMPLE["seconds"], :].T, clock, seconds, ca.SX(1))
-        return ca.Function("advanced", [samples, clock.column, seconds], [passed, after.column], {"cse": True})
-
     @staticmethod
     def taken_function(linear_speed: float, angular_speed: float) -> ca.Function:
         """Newest sample, pose, twist, [seconds, of them lost, bridge] -> newest, two samples more, whether both are.
@@ -154,7 +147,6 @@ class ReferenceClock:
         self.dt, self._window = dt, window
         stated = ClockStatement(dt, window=window)
         self._reading = BufferedFunction(stated.read_function())
-        self._advanced = BufferedFunction(stated.advanced_function())
         self._taken = BufferedFunction(stated.taken_function(linear_speed, angular_speed))
         self.most = THINNED
         """Samples that wait at most; may be set between two ticks."""
@@ -285,25 +277,11 @@ class ReferenceClock:
         stamp = SAMPLE["stamp"]
         return poses, here[:, stamp] + share * (there[:, stamp] - here[:, stamp])
 
-    def advance(self, seconds: float) -> None:
-        """Go on by this much reference time, at most to the newest sample and over as many as the window has."""
-        self._looked_at(self._advanced, seconds)
-        passed, (_, fraction, lag) = self._advanced.outputs
-        self.stand(int(passed[0]), float(fraction), float(lag))
-
     def read(self, ahead: float = 0.0) -> tuple[Array, Array]:
         """Pose (4, 4) and twist (6,), `ahead` seconds of reference time from now; the clock stays where it is."""
-        self._looked_at(self._reading, ahead)
-        pose, twist = self._reading.outputs
         found = np.eye(4)
-        found[:3] = pose.reshape(3, 4)
-        return found, twist.copy()
-
-    def _looked_at(self, function: BufferedFunction, seconds: float) -> None:
-        function.inputs[0][...] = self.window.T
-        function.inputs[1][:] = self.waiting, self.fraction, self.lag
-        function.inputs[2][:] = seconds
-        function.evaluate()
+        found[:3] = self._reading.of(self.window.T, (self.waiting, self.fraction, self.lag), ahead).reshape(3, 4)
+        return found, self._reading.outputs[1].copy()
 
     @property
     def pace(self) -> float:

@@ -379,7 +379,7 @@ class VelocityController(OneThread, ABC):
         self._finish.evaluate()
         after, told, _ = self._finish.outputs
         self._solvers.everything[:] = after
-        return self._as_told(cast("memoryview[float]", told.data))
+        return self._as_told(told.data)
 
     def _safe(self, reason: str) -> Command:
         """The safe command at a state that was judged, or that no one measures, for a reason of one's own if any."""
@@ -388,16 +388,20 @@ class VelocityController(OneThread, ABC):
         self._given[_JUDGED], self._own["reason"][:] = judged, 0.0
         return command._replace(reason=reason) if reason else command
 
-    def _as_told(self, told: memoryview[float]) -> Command:
+    def _as_told(self, told: memoryview[Any]) -> Command:
         """What a tick has `TOLD`."""
         _, residual, who, yielded, scale, _, status, reason, where, element, *details, note = told.tolist()
         name, words = _SOLVERS[who], self._words(reason, where, element, details)
         if who == len(FUSED_SOLVERS):
             words = f"{words}: {name}"
-        words = "; ".join(filter(None, (words, HELD_BACK if note else "")))
+        words = "; ".join(filter(None, (words, self._noted(int(note)))))
         value = _read_only((np.frombuffer(self._velocity) + 0.0).tobytes())  # no negative zeros
         wheels = None if self._wheels is None else _read_only((np.frombuffer(self._wheels) + 0.0).tobytes())
         return Command(value, NUMBERED[int(status)], name, residual, -1, words, _BOUNDS[yielded], scale, wheels)
+
+    def _noted(self, notes: int) -> str:
+        """What is said besides, see `Note`; nothing where there is nothing to be noted."""
+        return HELD_BACK if notes else ""
 
     def _words(self, reason: float, where: float, element: float, details: Sequence[float]) -> str:
         """What is said of a reason, see `TOLD`; nothing where there is none."""

@@ -19,7 +19,10 @@ from rehab_opt.optim.fused import FUSED_SOLVERS, fused
 from rehab_opt.optim.qp import Statement
 from rehab_opt.symbolic.record import Record, Values
 
-__all__ = ["DONE", "LEFT_TO_OTHERS", "NOTHING_TO_SOLVE", "TOLD", "VELOCITY_SOLVERS", "VelocityTick", "velocity_tick"]
+__all__ = [
+    "DONE", "LEFT_TO_OTHERS", "NOTHING_TO_SOLVE", "TOLD", "VELOCITY_SOLVERS", "VelocityTick", "velocity_tick",
+    "yielded_from_rest",
+]  # fmt: skip
 
 VELOCITY_SOLVERS = (*FUSED_SOLVERS, "braking together")
 """Who answered, by the number of `TOLD`; -1 is nobody."""
@@ -129,7 +132,7 @@ def _columns(*sizes: int) -> list[ca.SX]:
     return [ca.SX.sym("column", size) for size in sizes]
 
 
-def _yielded(own: Values, last: ca.SX, yielded: ca.SX, hurried: ca.Function) -> ca.SX:
+def yielded_from_rest(own: Values, last: ca.SX, yielded: ca.SX, hurried: ca.Function) -> ca.SX:
     """The same, and accelerations where joints began anew at rest: whatever holds the hand has stopped them."""
     if not own.before.numel():
         return yielded
@@ -146,7 +149,7 @@ def _certified(record: Record, n: int, size: int, hurried: ca.Function, toleranc
     holds = all_true(meant, residual >= 0, residual <= tolerance)
     told = TOLD.of(
         left=ca.if_else(holds, DONE, ca.if_else(ca.logic_and(meant, sound), LEFT_TO_OTHERS, NOTHING_TO_SOLVE)),
-        residual=residual, solver=who, yielded=_yielded(own, last, yielded, hurried), scale=scale,
+        residual=residual, solver=who, yielded=yielded_from_rest(own, last, yielded, hurried), scale=scale,
         unusual=ca.logic_or(blocked, own.held),
         status=ca.if_else(blocked, NUMBERED.index(Status.BLOCKED), NUMBERED.index(Status.OK)),
         reason=NUMBER["NOTHING_LEFT"] * blocked,
@@ -162,7 +165,7 @@ def _fallen_back(record: Record, n: int, size: int, hurried: ca.Function, faulty
     refused, joint = own.reason != 0, own.reason == NUMBER["NOT_FOLLOWED"]
     reason, where, element = ca.vertsplit(faulty(p, verdict[1]))
     told = TOLD.of(
-        left=ca.SX(DONE), residual=residual, solver=solver, yielded=_yielded(own, last, yielded, hurried),
+        left=ca.SX(DONE), residual=residual, solver=solver, yielded=yielded_from_rest(own, last, yielded, hurried),
         scale=scale, unusual=ca.SX(1), status=status, reason=ca.if_else(refused, own.reason, reason),
         input=ca.if_else(refused, -1, where),
         element=ca.if_else(refused, ca.if_else(joint, own.element, -1), element),

@@ -8,9 +8,11 @@ import math
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt import ConfigurationError, Interaction, KeepOut, MirrorTracker, SerialChain, Status, ur5
+from rehab_opt.control.interaction import FELT
+from rehab_opt.symbolic import BufferedFunction
 from tests.control.mirror_campaign import LARGEST
 from tests.export.mirroring import seven_joints
 
@@ -31,6 +33,46 @@ def stored(law: Interaction, x: Array, v: Array) -> float:
 
 
 # ------------------------------------------------------------------------------------------------------ the law alone
+class Felt:
+    """Displacement and pace that the forces so far lead to."""
+
+    def __init__(self, law: Interaction, dt: float) -> None:
+        self.law, self.state, self._felt = law, law.start, BufferedFunction(law.felt_function(dt))
+
+    @property
+    def offset(self) -> Array:
+        """(3,) [m] displacement of the reference."""
+        return self.state[:3]
+
+    @property
+    def velocity(self) -> Array:
+        """(3,) [m/s] of the displacement."""
+        return self.state[3:6]
+
+    @property
+    def pace(self) -> float:
+        """Share of its pace that the reference keeps."""
+        return float(self.state[FELT["pace"]])
+
+    @property
+    def energy(self) -> float:
+        """[J] left in the tank; below zero it owes."""
+        return float(self.state[FELT["tank"]])
+
+    @property
+    def active(self) -> bool:
+        """Whether forces are measured, or the last of them is not over yet."""
+        return bool(self.state[FELT["active"]])
+
+    def feel(self, force: ArrayLike | None, away: Array) -> str:
+        """Take one measurement (3,) [N], None for none; why the arm must stop, or nothing.
+
+        `away` (3,) [m] is how far the hand is off the reference of the last tick, NaN where that is not known.
+        """
+        self.state = self._felt.of(np.zeros(3) if force is None else force, force is not None, self.state, away)
+        return ("", "force is not a usable number", self.law.too_large(self.state))[int(self._felt.outputs[1][0])]
+
+
 def pushes(rng: np.random.Generator, ticks: int, dt: float) -> dict[str, Array]:
     """(ticks, 3) [N] of several kinds."""
     t = dt * np.arange(ticks)[:, None]
@@ -51,7 +93,7 @@ def test_a_hand_that_follows_gives_out_no_more_than_was_put_in_tick_by_tick(dt: 
     rng = np.random.default_rng(3)
     for law in (Interaction(), Interaction(most=0.01, speed=0.05), Interaction(mass=0.1, damping=20.0)):
         for force in pushes(rng, round(3.0 / dt), dt).values():
-            felt, x, v = law.started(dt), np.zeros(3), np.zeros(3)
+            felt, x, v = Felt(law, dt), np.zeros(3), np.zeros(3)
             for each in force:
                 assert felt.feel(each, x) == ""
                 after, speed = felt.offset.copy(), felt.velocity.copy()
@@ -67,7 +109,7 @@ def test_a_late_hand_gives_out_no_more_than_the_reserve(late: int) -> None:
     """Shaken at the frequencies where a delay is worst, for long."""
     dt, law, rng = 1e-3, Interaction(), np.random.default_rng(late)
     for hertz in (3.0, 8.0, 15.0, 25.0):
-        felt, way = law.started(dt), direction(rng)
+        felt, way = Felt(law, dt), direction(rng)
         places, given, worst = [np.zeros(3)] * (late + 1), 0.0, 0.0
         for k in range(8000):
             force = 60.0 * way * math.sin(2 * math.pi * hertz * k * dt)
@@ -82,7 +124,7 @@ def test_a_late_hand_gives_out_no_more_than_the_reserve(late: int) -> None:
 def test_a_hand_that_goes_against_every_push_empties_the_tank_and_stands_then() -> None:
     """As with a force sensor of the wrong sign."""
     dt, law, way = 1e-3, Interaction(), np.array([1.0, 0.0, 0.0])
-    felt, hand, given = law.started(dt), np.zeros(3), 0.0
+    felt, hand, given = Felt(law, dt), np.zeros(3), 0.0
     for k in range(20_000):
         force, before = 100.0 * math.sin(40.0 * k * dt) * way, hand
         felt.feel(force, hand)
@@ -97,7 +139,7 @@ def test_a_hand_that_goes_against_every_push_empties_the_tank_and_stands_then() 
 @pytest.mark.parametrize("most", [0.05, 0.01])
 def test_a_step_of_force_follows_the_closed_form_of_mass_damper_and_spring(most: float) -> None:
     dt, law, force = 1e-4, Interaction(most=most), 15.0
-    felt, x = law.started(dt), np.zeros(3)
+    felt, x = Felt(law, dt), np.zeros(3)
     slow, fast = np.roots([law.mass, law.damping, law.stiffness])
     for k in range(1, 10_001):
         felt.feel([0.0, force, 0.0], x)
@@ -114,7 +156,7 @@ def test_what_is_refused_is_not_wound_up_and_what_is_not_refused_is_given(dt: fl
     for _ in range(20):
         law, normal, force = Interaction(), direction(rng), 28.0 * direction(rng)
         room = rng.uniform(0.0, 0.02)  # the hand goes no farther than this along the normal
-        felt, hand = law.started(dt), np.zeros(3)
+        felt, hand = Felt(law, dt), np.zeros(3)
         for _ in range(round(2.0 / dt)):
             felt.feel(force, hand)
             wanted = felt.offset
@@ -129,7 +171,7 @@ def test_a_push_is_answered_where_the_hand_is_behind_its_reference() -> None:
     law, dt = Interaction(), 1e-3
     behind = np.array([-0.04, 0.0, 0.0])  # the hand waits before a bound
     for way, gives in (([0, 1.0, 0], True), ([-1.0, 0, 0], True), ([1.0, 0, 0], False)):
-        felt, hand = law.started(dt), behind
+        felt, hand = Felt(law, dt), behind
         for _ in range(1500):
             felt.feel(25.0 * np.array(way), hand)
             hand = behind + felt.offset * gives
@@ -140,7 +182,7 @@ def test_a_push_is_answered_where_the_hand_is_behind_its_reference() -> None:
 @pytest.mark.parametrize("stop_at", [30.0, 140.0])
 def test_a_force_at_the_stop_does_not_chatter_and_is_released_with_hysteresis(stop_at: float, dt: float) -> None:
     law, rng = Interaction(stop_at=stop_at), np.random.default_rng(1)
-    felt, way = law.started(dt), direction(rng)
+    felt, way = Felt(law, dt), direction(rng)
     rise = np.linspace(0.0, stop_at, round(2 / dt))
     sizes = np.concatenate([rise, np.full(round(3 / dt), stop_at), rise[::-1]])
     said = [bool(felt.feel(size * way + rng.normal(size=3) * 2.0, felt.offset)) for size in sizes.tolist()]
@@ -154,7 +196,7 @@ def test_a_force_at_the_stop_does_not_chatter_and_is_released_with_hysteresis(st
 @pytest.mark.parametrize("dt", [1e-3, 3e-3, 2e-2])
 def test_after_a_shock_the_arm_stands_for_the_least_time(dt: float) -> None:
     law = Interaction()
-    felt = law.started(dt)
+    felt = Felt(law, dt)
     assert "at most 140 N" in felt.feel([0.0, 150.0, 0.0], np.zeros(3))
     said = [felt.feel(force, np.zeros(3)) for force in ([0.0] * 3, None) for _ in range(round(0.2 / dt))]
     stopped = sum(map(bool, said))
@@ -165,7 +207,7 @@ def test_after_a_shock_the_arm_stands_for_the_least_time(dt: float) -> None:
 
 def test_the_pace_falls_at_once_stands_at_the_limit_and_comes_back_gently() -> None:
     law, dt = Interaction(), 1e-3
-    felt = law.started(dt)
+    felt = Felt(law, dt)
     felt.feel([0.0, 0.0, 19.0], np.zeros(3))
     assert felt.pace == pytest.approx(0.5)
     felt.feel([0.0, 31.0, 0.0], np.zeros(3))
@@ -185,7 +227,7 @@ def test_the_pace_falls_at_once_stands_at_the_limit_and_comes_back_gently() -> N
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf, 1e308])
 def test_a_force_that_is_no_number_stops_and_leaves_no_speed(bad: float) -> None:
-    felt = Interaction().started(1e-3)
+    felt = Felt(Interaction(), 1e-3)
     for _ in range(100):
         felt.feel([20.0, 0.0, 0.0], felt.offset.copy())
     before = felt.offset.copy()

@@ -1,7 +1,9 @@
 """The clock gives back the path it was handed, at whatever pace; jumps become bridges."""
 
+import functools
 import math
 
+import casadi as ca
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -9,10 +11,26 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation, Slerp
 
 from rehab_opt.control import reference_clock
-from rehab_opt.control.between_poses import angle_between, distance_between, turn_between, turned
-from rehab_opt.control.reference_clock import ReferenceClock
+from rehab_opt.control.between_poses import angle_of, distance_of, turn_between, turned
+from rehab_opt.control.reference_clock import CLOCK, SAMPLE, WINDOW, ClockStatement, ReferenceClock
+from rehab_opt.symbolic import BufferedFunction
 
 DT = 0.01
+
+
+@functools.cache
+def advanced() -> BufferedFunction:
+    """Samples' seconds, `CLOCK`, [s] -> samples passed, `CLOCK`."""
+    lengths, at, seconds = ca.SX.sym("lengths", WINDOW), CLOCK.symbols("clock"), ca.SX.sym("seconds")
+    passed, after = ClockStatement(DT).advanced(lengths, at, seconds, ca.SX(1))
+    return BufferedFunction(ca.Function("advanced", [lengths, at.column, seconds], [passed, after.column]))
+
+
+def advance(made: ReferenceClock, seconds: float) -> None:
+    """Go on by this much reference time, at most to the newest sample and over as many as the window has."""
+    advanced().of(made.window[:, SAMPLE["seconds"]], (made.waiting, made.fraction, made.lag), seconds)
+    passed, (_, fraction, lag) = advanced().outputs
+    made.stand(int(passed[0]), float(fraction), float(lag))
 
 
 def pose(x: float, angle: float = 0.0) -> np.ndarray:
@@ -35,7 +53,7 @@ def clock(n: int, *, speed: float = 0.1) -> ReferenceClock:
 def test_read_where_the_paces_add_up_to(paces: list[float]) -> None:
     made, gone = clock(300), 0.0
     for pace in paces:
-        made.advance(pace * DT)
+        advance(made, pace * DT)
         gone = min(gone + pace * DT, 299 * DT)
         assert made.read()[0][0, 3] == pytest.approx(0.1 * gone, abs=1e-12)
         assert made.lag == pytest.approx(299 * DT - gone, abs=1e-9)
@@ -47,7 +65,7 @@ def test_read_where_the_paces_add_up_to(paces: list[float]) -> None:
 def test_a_bridge_is_straight_even_and_calm() -> None:
     made = clock(2)
     made.push(pose(0.501, math.pi / 2), np.zeros(6), bridge=True)
-    made.advance(DT)
+    advance(made, DT)
     assert made.bridging
     turns = Slerp([0, 1], Rotation.from_rotvec([[0, 0, 0], [0, math.pi / 2, 0]]))
     duration = made.lag
@@ -64,7 +82,7 @@ def test_a_clock_that_waits_for_ever_keeps_the_path_and_bounds_its_memory(monkey
     made = clock(1000)
     assert made.waiting <= 100
     assert made.lag == pytest.approx(999 * DT)
-    made.advance(4.56)
+    advance(made, 4.56)
     assert made.read()[0][0, 3] == pytest.approx(0.456, abs=1e-9)
 
 
@@ -77,7 +95,7 @@ def test_looking_ahead_the_pace_falls_in_time() -> None:
     paces = []
     for _ in range(199):
         paces.append(made.pace)
-        made.advance(DT)
+        advance(made, DT)
     assert paces[150] == pytest.approx(0.25)
     assert paces[50] >= 1.0
     assert paces[98] < 1.0
@@ -96,8 +114,9 @@ def test_turns_between_poses_are_scipys(seed: int) -> None:
     b[:3, :3] = (Rotation.from_rotvec(vector) * first).as_matrix()
     a[:3, 3], b[:3, 3] = rng.standard_normal((2, 3))
     np.testing.assert_allclose(turned(a[:3, :3], turn_between(a, b)), b[:3, :3], atol=1e-7)
-    assert angle_between(a, b) == pytest.approx(np.linalg.norm(vector), abs=1e-6)
-    assert distance_between(a, b) == pytest.approx(np.linalg.norm(a[:3, 3] - b[:3, 3]))
+    columns = [ca.DM(each.ravel()) for each in (a, b)]
+    assert float(angle_of(*columns)) == pytest.approx(np.linalg.norm(vector), abs=1e-6)
+    assert float(distance_of(*columns)) == pytest.approx(np.linalg.norm(a[:3, 3] - b[:3, 3]))
 
 
 @given(st.integers(0, 2**32 - 1))
@@ -114,13 +133,13 @@ def test_what_is_laid_out_is_where_the_clock_comes_to(seed: int) -> None:
     made.extend(poses[1:], twists[1:], np.full(119, DT))
     made.slow_ahead(linear_speed=0.25, angular_speed=1.5, quickening=0.1)
     for _ in range(7):
-        made.advance(0.37 * DT)
+        advance(made, 0.37 * DT)
     laid = made.preview(linear_speed=0.25, angular_speed=1.5).ahead((0, made.fraction), 0.3, 200, dt=DT, quickening=0.1)
     assert len(laid.paces) == 200
     before, rate = made.passed, 0.3
     for there, twist, pace in zip(laid.poses, laid.twists, laid.paces, strict=True):
         assert pace <= min(1.0, made.pace, rate + 0.1) + 1e-12
-        made.advance(pace * DT)
+        advance(made, pace * DT)
         found, motion = made.read()
         np.testing.assert_allclose(there, found, atol=3e-4)  # entries of near turns stand for the arc there
         assert math.hypot(*twist[:3]) <= 0.25

@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from rehab_opt.control import mirror_following, mirror_statement
-from rehab_opt.control.between_poses import moving_tool_function, rigid_function
+from rehab_opt.control import mirror_following, mirror_tick
 from rehab_opt.control.damped import PASSES
-from rehab_opt.control.interaction import AT_LIMIT, FELT, UNUSABLE
-from rehab_opt.control.manipulability import DISTANCES, DRAWN, ascent_function, known_ways
 from rehab_opt.control.mirror import MirrorTracker
-from rehab_opt.control.mirror_pace import AIMED, PACE, PACES, SAID, TRIED
+from rehab_opt.control.mirror_pace import AIMED, COUNTED, PACE, PACES, REMEMBERED, SAID, TRIED
 from rehab_opt.control.mirror_statement import HELD
-from rehab_opt.control.person_limit import SETTLED, SETTLING, SETTLING_DT, PersonLimit
+from rehab_opt.control.mirror_tick import NOTICED, VERDICT
+from rehab_opt.control.person_limit import SETTLING, SETTLING_DT, PersonLimit, model_tick
 from rehab_opt.control.reference_clock import SAMPLE
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.export.c_text import initialiser, number
@@ -74,7 +71,7 @@ SAME = (
     "`clock.most` is the number.",
     "The same in both: where the gradient of the manipulability vanishes below the floor, a tick looks for an escape "
     "among thousands of postures: half a millisecond where the others take microseconds, and it may come again after "
-    f"{mirror_statement.STALE} ticks without gain. An arm that starts above its floor does not come there.",
+    f"{mirror_tick.STALE} ticks without gain. An arm that starts above its floor does not come there.",
 )
 OF_A_PERSON = (
     "The same in both: the reference is limited by a model of the led arm, a QP of its own in every tick. At first it "
@@ -100,21 +97,19 @@ class ExportedMirror(ExportedVelocity):
         """The laws' functions, and what the clock, the true bounds and the way out are made of."""
         tracker = self.tracker
         speeds = mirror_following.BRIDGE * tracker.linear_speed, mirror_following.BRIDGE * tracker.angular_speed
-        clock = tracker.pace.clock
+        clock, parts = tracker.pace.clock, tracker.parts
         extra = {
-            "keeping": tracker.keeping(),
-            "moving_tool": moving_tool_function(tracker.chain),
-            "ascent": ascent_function(tracker.chain),
-            "felt_force": tracker._interaction.law.felt_function(tracker.dt),
-            "is_rigid": rigid_function(),
             "taken": clock.taken_function(*speeds),
             "read_at": clock.read_function(),
-            "tried_pace": tracker.pace.tried_function(),
-            "aimed_at": tracker.pace.aimed_function(tracker.audit, tracker.braked, person=tracker._limit is not None),
-            "concluded": tracker.pace.concluded_function(),
+            "notices": parts.notice,
+            "tried_pace": parts.tried,
+            "aimed_at": parts.aimed,
+            "concluded": parts.concluded,
+            "delivers": parts.deliver,
+            "brakes": parts.brake,
         }
         if tracker._limit is not None:
-            extra["person_moving"] = moving_tool_function(tracker._limit.chain)
+            extra["person_tick"] = model_tick(tracker._limit.chain)
         return [*super().functions(), *(renamed(function, name) for name, function in extra.items())]
 
     def shape(self) -> dict[str, str]:
@@ -171,9 +166,7 @@ def exported_mirror(
         memory than it takes.
     """
     limit = tracker._limit
-    own = {"judge": tracker.functions.judge, "faulty": tracker.faulty(), "hurried": tracker.hurried}
-    laws, pieces = [Law("mirror", tracker, own)], {"types": "mirror_types.h"}
-    pieces |= {"way_out": "way_out.c", "person_limit": "no_person.c"}
+    laws, pieces = [Law("mirror", tracker)], {"types": "mirror_types.h", "person_limit": "no_person.c"}
     values = moving_values(tracker.limits, "parameters + MOVING")
     more, solves = MEMBERS, 2 * (PASSES + 1)
     fallback_chains = [tracker._solvers]
@@ -217,16 +210,17 @@ def exported_mirror(
         differences=(*DIFFERENCES, *same),
         waiting=waiting,
         more_memory=more.format(
-            name=NAME,
             slots=waiting + _besides(tracker),
-            joints=tracker.chain.n,
             **{record: each.size for record, each in RECORDS.items()},
         ),
     )
 
 
 # ------------------------------------------------------------------------------------------------ what C is told
-RECORDS = {"sample": SAMPLE, "pace": PACE, "tried": TRIED, "aimed": AIMED, "held": HELD, "said": SAID, "felt": FELT}
+RECORDS = {
+    "sample": SAMPLE, "pace": PACE, "tried": TRIED, "aimed": AIMED, "held": HELD, "said": SAID, "noticed": NOTICED,
+    "verdict": VERDICT, "counted": COUNTED, "remembered": REMEMBERED,
+}  # fmt: skip
 MEMBERS = """\
 struct {{
     double sample[{slots}][{sample}]; /* of the reference: pose's rows, twist, [s] since the one before, stamp */
@@ -235,16 +229,8 @@ struct {{
     double fraction;               /* of the way to the next one */
     double lag, lost;              /* [s] to the newest, and not taken since */
 }} clock;
-rehab_{name}_following following;  /* its counts; the rest is made when it is asked for */
 double accepted[22];               /* pose and twist of the last tick that needed no clock */
-double aim[16];                    /* what the person's arm can do of the reference; NaN where nothing is known */
-double held[{held}];                   /* what the hand is held near; NaN likewise */
-double felt[{felt}];                   /* the admittance: by which forces turn the reference aside, and how fast */
-double pace[{pace}];                   /* how fast the reference is followed, and what the hand stays short of */
-double last_before[{joints}];      /* velocities of the tick before */
-double measured[{joints}];         /* positions of this one, where joints are led to others */
-double then, lead_w;
-int live, lead_age;
+double memory[{remembered}];       /* pace, forces, what the hand is held near, the way out, counts */
 """
 PERSON_MEMBERS = (
     "double person[{0}], posture[{0}]; /* of the model of the led arm, and before what is tried */\n"
@@ -258,41 +244,25 @@ def _besides(tracker: MirrorTracker) -> int:
 
 
 def _person(limit: PersonLimit) -> dict[str, str]:
-    chain = limit.chain
     return {
         "settling_ticks": str(mirror_following.SETTLING_TICKS),
         "settling_most": str(SETTLING),
-        "settled": number(SETTLED),
         "settling_dt": number(SETTLING_DT),
-        "person_joints": str(chain.n),
-        "person_lower": initialiser(chain.lower),
-        "person_upper": initialiser(chain.upper),
+        "person_joints": str(limit.chain.n),
         "person_start": initialiser(limit.start),
     }
 
 
 def _constants(tracker: MirrorTracker) -> dict[str, str]:
     """What the templates of clock, pace, forces and way out hold; each product as Python makes it."""
-    chain = tracker.chain
     places = [
         f"{name.upper()}_{each.upper()} = {record[each]}" for name, record in RECORDS.items() for each in record.places
     ]
-    whole = {
-        "drawn": DRAWN, "stale": mirror_statement.STALE, "unusable": UNUSABLE, "at_limit": AT_LIMIT,
-        "window": tracker.pace.window, "with_person": int(tracker._limit is not None),
-        "told": tracker.limits.told, "guided": tracker.guidance_size, "own_at": tracker.stated.state_size,
-        **{f"own_{name}": tracker.judged[name] for name in ("touched", "before")},
-    }  # fmt: skip
-    doubles = {
-        "whole": mirror_statement.WHOLE, "reserve": tracker._interaction.law.reserve,
-        "stop_at": tracker._interaction.law.stop_at, "max_turn": tracker.max_turn,
-    }  # fmt: skip
-    arrays: dict[str, Iterable[float]] = {
-        "distances": DISTANCES, "paces": PACES, "ways": known_ways(chain.n).ravel(),
-    }  # fmt: skip
     return {
-        **{name: number(value) for name, value in doubles.items()},
-        **{name: str(value) for name, value in whole.items()},
-        **{name: initialiser(value) for name, value in arrays.items()},
+        "stop_at": number(tracker._interaction.stop_at),
+        "window": str(tracker.pace.window),
+        "told": str(tracker.limits.told),
+        "paces": initialiser(PACES),
+        "remembered": initialiser(tracker.beginning_of_memory()),
         "places": ", ".join([*places, *(f"{name.upper()}_SIZE = {record.size}" for name, record in RECORDS.items())]),
     }

@@ -41,7 +41,7 @@ def mirror_run(
     The joints are filled in as it goes. `source` says where the poses come from.
     """
     count = min(len(poses), MOST_TICKS)
-    pushed, strong = range(count // 2, 5 * count // 8), 1.1 * tracker._interaction.law.stop_at
+    pushed, strong = range(count // 2, 5 * count // 8), 1.1 * tracker._interaction.stop_at
     sound: list[RunTick] = [
         {"q": start, "pose": pose, "twist": twist, "force": _force(k, pushed, strong), "with_force": int(k in pushed)}
         for k, (pose, twist) in enumerate(zip(poses[:count], twists[:count], strict=True))
