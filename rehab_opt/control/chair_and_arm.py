@@ -11,12 +11,11 @@ from rehab_opt.control.chair_limits import ChairLimits, Limits
 from rehab_opt.control.command import Command
 from rehab_opt.control.hand_task import AHEAD, PROGRESS, HandTask, Last, Task
 from rehab_opt.control.joint_feedback import JointFeedback
-from rehab_opt.control.limit import PostureLimits
 from rehab_opt.control.obstacles import NUMBERS
 from rehab_opt.control.velocity_controller import VelocityController
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics import DriveName
-from rehab_opt.kinematics.mobile_arm import CHAIR, MobileArm
+from rehab_opt.kinematics.mobile_arm import CHAIR
 from rehab_opt.optim.certificate import all_true
 from rehab_opt.optim.factor import symmetric
 from rehab_opt.optim.qp import Statement
@@ -100,29 +99,23 @@ class ChairAndArm(VelocityController):
 
     def __init__(
         self,
-        robot: MobileArm,
+        limits: ChairLimits,
         rows: tuple[str, ...],
         *,
         drive: DriveName,
         self_motion: float,
-        max_obstacles: int,
-        dt: float,
-        recovery_speed: float,
         solver: str,
         backup: str | None,
         tolerance: float,
         max_age: float | None,
         compile: Compile,
-        own: PostureLimits,
         feedback: JointFeedback | None = None,
     ) -> None:
+        robot, max_obstacles = limits.robot, limits.max_obstacles
         self.robot, self.rows, self.drive, self.max_obstacles = robot, rows, drive, max_obstacles
-        self.wheelset = robot.drive(drive)
-        self.limits = ChairLimits(
-            robot, self.wheelset, max_obstacles=max_obstacles, dt=dt, recovery_speed=recovery_speed, own=own
-        )
+        self.limits, self.wheelset = limits, limits.wheels
         n, k, wheels = robot.chain.n, len(rows), len(self.wheelset.rolling)
-        self.surroundings = NUMBERS * max_obstacles + own.told
+        self.surroundings = NUMBERS * max_obstacles + limits.own.told
         """Numbers of the obstacles, and behind them of the moving capsules."""
         self.shapes = ((k,), (1,), *([(self.surroundings,)] if self.surroundings else []))  # type: ignore[misc]
         self.task = HandTask(robot, rows, moving=self.limits.moving, self_motion=self_motion)
@@ -135,8 +128,8 @@ class ChairAndArm(VelocityController):
         self.wheels = slice(first + n, first + n + wheels)
         self.mean = slice(self.wheels.stop, self.wheels.stop + n)
         super().__init__(
-            robot.chain, dt=dt, recovery_speed=recovery_speed, solver=solver, backup=backup, tolerance=tolerance,
-            max_age=max_age, compile=compile, feedback=feedback,
+            robot.chain, dt=limits.dt, recovery_speed=limits.recovery_speed, solver=solver, backup=backup,
+            tolerance=tolerance, max_age=max_age, compile=compile, feedback=feedback,
         )  # fmt: skip
         self._goes_on = self.going_on()
 
@@ -258,7 +251,9 @@ class ChairAndArm(VelocityController):
         if self.robot.keep_out:
             keep_outs = self.limits.keep_outs
             clear = keep_outs.clear(command, limits.clearance)
-            command = tick.when(clear, command, keep_outs.unhindered(limits.base, command, q[CHAIR:]))
+            command = tick.when(
+                clear, command, lambda: tick.call(keep_outs.unhindered, limits.base, command, q[CHAIR:])[0]
+            )
         return self._kept(tick, q, surroundings, command, limits.base)
 
     def _kept(self, tick: Stages, q: ca.SX, surroundings: ca.SX, u: ca.SX, base: ca.SX) -> ca.SX:
@@ -297,7 +292,7 @@ class ChairAndArm(VelocityController):
         limits = self._limits(tick, q, memory, surroundings, gives_way=ca.SX(0))
         rest = limits.base
         if self.robot.keep_out:
-            rest = tick.once(self.limits.keep_outs.unhindered(rest, rest, q[CHAIR:]))
+            (rest,) = tick.call(self.limits.keep_outs.unhindered, rest, rest, q[CHAIR:])
         command = self._kept(tick, q, surroundings, rest, rest)
         report = self.report(memory[: self.chain.n], command, ca.SX(0), ca.SX(1), limits.outside)  # none of the task
         forgotten = ca.SX.zeros(len(self.rows)), ca.SX(0), ca.SX(UNKNOWN)

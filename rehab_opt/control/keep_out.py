@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import casadi as ca
 import numpy as np
 
@@ -45,8 +47,8 @@ class ArmKeepOuts:
         self.robot, self.braking, self.dt = robot, braking, dt
         arm = ca.SX.sym("arm", robot.chain.n - CHAIR)
         opening, gaps = _opening(robot, arm)
-        self._gaps = ca.Function("gaps", [arm], [gaps])
-        self._opening = ca.Function("opening", [arm], [opening, gaps])
+        self._gaps = ca.Function("gaps", [arm], [gaps], {"cse": True})
+        self._opening = ca.Function("opening", [arm], [opening, gaps], {"cse": True})
         self._swinging = [i for i, moves in enumerate(ca.which_depends(gaps, arm, 1, False)) if moves]
         """Joints of the arm, from 0, that move its links: not the last, where the hand lies on its axis."""
 
@@ -62,7 +64,8 @@ class ArmKeepOuts:
             return none, none, ca.SX(FAR)
         is_near, clearance = self.near(q[CHAIR:], ca.fmax(ca.fabs(last), ca.fabs(mean))[CHAIR:])
         far = ca.horzcat(ca.SX.zeros(2 * count, n - CHAIR), FAR * ca.SX.ones(2 * count))
-        found = tick.when(is_near, self._rows(q[CHAIR:], last[CHAIR:], mean[CHAIR:]), far)
+        arm = [each[CHAIR:] for each in (q, last, mean)]
+        found = tick.when(is_near, lambda: tick.call(self._rows, *arm)[0], far)
         now, then = (
             LinearLimit.of_joints(CHAIR, n, found[some, :-1], found[some, -1])
             for some in (slice(count), slice(count, None))
@@ -86,23 +89,27 @@ class ArmKeepOuts:
         """1 where a tick of u (n,) leads the arm from its joints (4,) into no keep-out, nor deeper."""
         return all_true(self._gaps(arm + self.dt * u[CHAIR:]) >= ca.fmin(self._gaps(arm), 0))
 
-    def unhindered(self, base: ca.SX, wanted: ca.SX, arm: ca.SX) -> ca.SX:
-        """(n,) the first of `wanted`, half-way to `base`, that, its half and its chair alone that keeps the arm out.
-
-        The limits say so to first order only.
+    @cached_property
+    def unhindered(self) -> ca.Function:
+        """Base, wanted (n,), arm (4,) -> the first of `wanted`, half-way to `base`, that, its half and its chair alone
+        that keeps the arm out. The limits say so to first order only.
         """
+        n = self.robot.chain.n
+        base, wanted, arm = inputs = [ca.SX.sym("base", n), ca.SX.sym("wanted", n), ca.SX.sym("arm", n - CHAIR)]
         half = ca.vertcat(base[:CHAIR], 0.5 * base[CHAIR:])
         chosen = ca.vertcat(base[:CHAIR], ca.SX.zeros(arm.numel()))
         for u in (half, base, (base + wanted) / 2, wanted):
             chosen = ca.if_else(self.no_deeper(arm, u), u, chosen)
-        return chosen
+        return ca.Function("unhindered", inputs, [ca.densify(chosen)], {"cse": True})
 
-    def _rows(self, arm: ca.SX, last: ca.SX, mean: ca.SX) -> ca.SX:
-        """(2 c, k + 1) how c distances close with the arm's k joints, and the speeds [m/s] at which they may.
+    @cached_property
+    def _rows(self) -> ca.Function:
+        """Arm, last, mean (k,) -> (2 c, k + 1) how c distances close with its joints, and the speeds [m/s] they may.
 
         First those of the posture now, negative within its margin; then, for each, of the place where least is left on
         the way to rest from the `mean` (k,), and beyond what braking takes of it.
         """
+        arm, last, mean = inputs = [ca.SX.sym(name, self.robot.chain.n - CHAIR) for name in ("arm", "last", "mean")]
         slower, time = self.braking.slower(mean), self.braking.time
         apart = time / len(ALONG)
         # In the middle of the tick: there a link that slides along a keep-out comes no nearer.
@@ -113,7 +120,8 @@ class ArmKeepOuts:
         for part in ALONG:
             margin = self._margin(part, mean)
             opening, here = self._opening(arm + part * time * slower)
-            rises = ca.fmax(opening @ slower, 0)
+            changes = opening @ slower
+            rises = ca.fmax(changes, 0)
             # Where it falls and then rises from the place before, the least of a parabola; else this place.
             dips = ca.logic_and(falls < 0, rises > 0)
             share = ca.if_else(dips, -falls / ca.fmax(rises - falls, TINY), 1)
@@ -123,8 +131,9 @@ class ArmKeepOuts:
             less = (least - margin) / then_time
             then = ca.if_else(ca.repmat(less < left, 1, now.size2()), nearest, then)
             left = ca.fmin(less, left)
-            before, gaps, falls = opening, here, ca.fmin(opening @ slower, 0)
-        return ca.horzcat(ca.vertcat(now, -then), ca.vertcat(free, left))
+            before, gaps, falls = opening, here, ca.fmin(changes, 0)
+        found = ca.horzcat(ca.vertcat(now, -then), ca.vertcat(free, left))
+        return ca.Function("keep_out_rows", inputs, [ca.densify(found)])
 
     def _margin(self, part: float, velocity: ca.SX) -> ca.SX:
         """[m] at a part of the way to the stop posture: what tangents promise too much in a tick, and `MARGIN`."""

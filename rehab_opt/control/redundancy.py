@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.control.chair_and_arm import ChairAndArm
+from rehab_opt.control.chair_limits import ChairLimits
 from rehab_opt.control.clearance import Clearance
 from rehab_opt.control.command import Command
 from rehab_opt.control.hand_task import checked_rows, frame_number
@@ -147,10 +148,13 @@ class RedundancyResolver(OneThread):
             checked_number("self_motion", self_motion, above=0.0)
         checked_number("recovery_speed", recovery_speed, above=0.0, below=1.0)
         self.limits = all_limits(limits, self.robot.bodied_chain, self.dt, recovery_speed)
+        self._kept = ChairLimits(
+            self.robot, robot.drive(drive), max_obstacles=int(max_obstacles), dt=self.dt, recovery_speed=recovery_speed,
+            own=self.limits,
+        )  # fmt: skip
         self._options = {
-            "drive": drive, "self_motion": float(self_motion), "max_obstacles": int(max_obstacles), "dt": dt,
-            "recovery_speed": recovery_speed, "solver": solver, "backup": backup, "tolerance": tolerance,
-            "max_age": max_age, "own": self.limits, "feedback": feedback,
+            "drive": drive, "self_motion": float(self_motion), "solver": solver, "backup": backup,
+            "tolerance": tolerance, "max_age": max_age, "feedback": feedback,
         }  # fmt: skip
         self._max_obstacles = int(max_obstacles)
         self._sets: dict[tuple[str, ...], ChairAndArm] = {}
@@ -366,7 +370,7 @@ class RedundancyResolver(OneThread):
         return active.tick(enable, stamp)
 
     def _add_rows(self, rows: tuple[str, ...], *, compile: Compile) -> ChairAndArm:
-        chosen = ChairAndArm(self.robot, rows, compile=compile, **self._options)  # type: ignore[arg-type]
+        chosen = ChairAndArm(self._kept, rows, compile=compile, **self._options)  # type: ignore[arg-type]
         chosen.set_obstacles(self._numbers)
         self._sets[rows] = chosen
         return chosen

@@ -17,6 +17,7 @@ from rehab_opt.optim.dual_active_set import dual_active_set
 from rehab_opt.optim.qp import Statement
 from rehab_opt.optim.qrqp import qrqp
 from rehab_opt.optim.rows import PLAUSIBLE, parameter, variable, within
+from rehab_opt.symbolic.shared import remembered
 from rehab_opt.symbolic.tick import Stages
 
 __all__ = ["ReferenceVelocity"]
@@ -109,7 +110,7 @@ class ReferenceVelocity(NamedTuple):
         """
         low, high = (ca.DM(~self.locked) * each for each in (low, high))
         (k, n), m = self.jacobian.shape, self.rows.size1()
-        solver = _solver(n, k, m)
+        solver = remembered(("bounded", n, k, m), lambda: _solver(n, k, m))
         task = ca.vertcat(ca.vec(ca.densify(self.jacobian)), self.twist)
         rows = ca.vertcat(ca.vec(ca.densify(self.rows)), self.upper)
 
@@ -206,7 +207,8 @@ def _solver(n: int, k: int, m: int) -> ca.Function:
     # Just inside the rows, so that rounding does not make the analytic answer look as if it were outside.
     over = within(ca.reshape(rows[: m * n], m, n) @ velocity.symbol, -ca.inf, rows[m * n :] - INSIDE)
     stated = Statement("bounded", [task, about, low, high, rows, damping], [velocity], cost / 2, [over])
-    exact = active_set_round(stated, looking=False, together=n, passes=2, softened=1e-13)
+    form, numbers = stated.form()
+    exact = active_set_round(form, looking=False, together=n, passes=2, softened=1e-13)
     inputs = [ca.MX.sym("p", each.numel()) for each in stated.parameters]
-    full, memory = ca.vertcat(*inputs), ca.MX(0, 1)
-    return ca.Function("bounded", inputs, [exact(full, memory, dual_active_set(stated)(full, memory))[0]])
+    qp = numbers(ca.vertcat(*inputs), ca.MX(0, 1))
+    return ca.Function("bounded", inputs, [exact(qp, dual_active_set(form)(qp))[0]])

@@ -39,6 +39,7 @@ from rehab_opt.optim.qp import Statement
 from rehab_opt.optim.rows import PLAUSIBLE, Instance
 from rehab_opt.symbolic import BufferedFunction, Compile
 from rehab_opt.symbolic.record import Record, Values
+from rehab_opt.symbolic.shared import form_of_parts, remembered
 
 if TYPE_CHECKING:
     import qpsolvers
@@ -105,8 +106,13 @@ class VelocityController(OneThread, ABC):
             self.led = FollowedJoints(feedback, chain.n - self.base, dt=self.dt, chain=None if self.base else chain)
         self.approach = math.inf if feedback is None else feedback.approach
         """[1/s] see `velocity_bounds`."""
-        self.functions = self._functions()
-        """What a tick is made of."""
+        parts = dict(vars(self))
+
+        def made() -> dict[str, Any]:
+            self.functions = self._functions()
+            return {name: each for name, each in vars(self).items() if name not in parts}
+
+        vars(self).update(remembered(form_of_parts(type(self), parts), made))
         self._solvers = solvers = FallbackChain(
             self.stated, solver=solver, backup=backup, tolerance=tolerance, compile=compile, tick=self.functions.tick
         )
@@ -158,6 +164,9 @@ class VelocityController(OneThread, ABC):
         """See `judged_memory`."""
         led = self.led
         return judged_memory(self.chain.n, led.size if led else 0, self.chain.n if led and led.hand else 0)
+
+    functions: VelocityTick
+    """What a tick is made of, made once for all controllers of equal parts."""
 
     def _functions(self) -> VelocityTick:
         stated, chain, led = self.stated, self.chain, self.led

@@ -12,11 +12,10 @@ from typing import TYPE_CHECKING
 import casadi as ca
 
 from rehab_opt.optim.certificate import certified_expressions
-from rehab_opt.optim.equalities import equality_rows
 from rehab_opt.optim.factor import solver_of
 
 if TYPE_CHECKING:
-    from rehab_opt.optim.qp import Statement
+    from rehab_opt.optim.qp import Form
 
 __all__ = ["BROKEN", "TOGETHER", "active_set_round"]
 
@@ -29,11 +28,11 @@ TOGETHER = 3
 
 
 def active_set_round(
-    statement: Statement, *, looking: bool, together: int, passes: int = 1, softened: float = SOFTENED
+    form: Form, *, looking: bool, together: int, passes: int = 1, softened: float = SOFTENED
 ) -> ca.Function:
     """One round.
 
-    Inputs: complete parameters, memory, multipliers of the bounds and rows (n + m,), and a point (n,) where `looking`.
+    Inputs: numbers, multipliers of the bounds and rows (n + m,), and a point (n,) where `looking`.
     Bounds with a multiplier are active, and those that the point breaks.
 
     Outputs: x, multipliers of bounds and rows, the certificate's residual in one column; and the multipliers (n + m,)
@@ -42,13 +41,10 @@ def active_set_round(
     Of the inequality rows, only the first `together` that are active are taken, and never more than can be independent.
     `passes` correct what `softened` takes away; where the rows are independent for certain, it can be tiny.
     """
-    n, m = statement.n, statement.m
-    full, memory = ca.SX.sym("full", statement.build.sparsity_in(0)), ca.SX.sym("memory", statement.memory.numel())
+    n, m, (numbers, data) = form.n, form.m, form.symbols()
     multipliers, point = ca.SX.sym("multipliers", n + m), ca.SX.sym("point", n)
-    *data, _ = statement.build.call([full, memory])
     hessian, gradient, matrix, rows_lower, rows_upper, lower, upper = data
-    equalities = equality_rows(rows_lower, rows_upper)
-    others = [i for i in range(m) if i not in equalities]
+    equalities, others = form.rows()
 
     low, high, values = ca.vertcat(lower, rows_lower), ca.vertcat(upper, rows_upper), ca.vertcat(point, matrix @ point)
     at_high, at_low = multipliers > 0, multipliers < 0
@@ -86,8 +82,8 @@ def active_set_round(
     right = ca.if_else(at_high, every > 0, every < 0)
     right[[n + i for i in equalities]] = 1
     outputs = [ca.densify(ca.vertcat(x, every, residual)), ca.densify(ca.if_else(right, every, 0))]
-    inputs = [full, memory, multipliers, *([point] if looking else [])]
-    return ca.Function(f"{statement.name}_round_{together}{'_looking' * looking}", inputs, outputs)
+    inputs = [numbers, multipliers, *([point] if looking else [])]
+    return ca.Function(f"{form.name}_round_{together}{'_looking' * looking}", inputs, outputs)
 
 
 def picked(active: ca.SX, count: int) -> ca.SX:

@@ -15,11 +15,10 @@ import casadi as ca
 
 from rehab_opt.optim.active_set import BROKEN
 from rehab_opt.optim.certificate import first_true
-from rehab_opt.optim.equalities import equality_rows
 from rehab_opt.optim.factor import solver_of, symmetric, triangle, upper_triangle
 
 if TYPE_CHECKING:
-    from rehab_opt.optim.qp import Statement
+    from rehab_opt.optim.qp import Form
 
 __all__ = ["dual_active_set"]
 
@@ -33,36 +32,33 @@ An arm in a corner of three joint limits keeps above the manipulability floor by
 """
 
 
-def dual_active_set(statement: Statement) -> ca.Function:
-    """Complete parameters, memory -> which bounds and rows (n + m,) are active: 1 at the upper, -1 at the lower one.
+def dual_active_set(form: Form) -> ca.Function:
+    """Numbers -> which bounds and rows (n + m,) are active: 1 at the upper, -1 at the lower one.
 
-    None of the equalities is. The statement's cost must be strictly convex, and its equalities independent.
+    None of the equalities is. The cost must be strictly convex, and its equalities independent.
     """
-    n, m = statement.n, statement.m
-    full, memory = ca.MX.sym("full", statement.build.sparsity_in(0)), ca.MX.sym("memory", statement.memory.numel())
-    shared, state = _first(statement)(full, memory)
-    step = _step(statement)
+    numbers = ca.MX.sym("numbers", form.build.numel_in(0))
+    shared, state = _first(form)(numbers)
+    step = _step(form)
     old, known = ca.MX.sym("old", state.numel()), ca.MX.sym("known", shared.numel())
-    keep = ca.Function("keep", [old, full, memory, known], [old])
-    go_on = ca.Function("go_on", [old, full, memory, known], [step(full, memory, known, old)])
-    either = ca.Function.if_else(f"{statement.name}_unless_done", keep, go_on)
+    keep = ca.Function("keep", [old, numbers, known], [old])
+    go_on = ca.Function("go_on", [old, numbers, known], [step(numbers, known, old)])
+    either = ca.Function.if_else(f"{form.name}_unless_done", keep, go_on)
     for _ in range(STEPS):
-        state = either(state[-1], state, full, memory, shared)
-    return ca.Function(f"{statement.name}_dual", [full, memory], [state[: n + m]])
+        state = either(state[-1], state, numbers, shared)
+    return ca.Function(f"{form.name}_dual", [numbers], [state[: form.n + form.m]])
 
 
 class _Numbers:
-    """The QP with its bounds as the first rows, all in expressions of complete parameters and memory."""
+    """The QP with its bounds as the first rows, all in expressions of its numbers."""
 
-    def __init__(self, statement: Statement) -> None:
-        n, m = statement.n, statement.m
+    def __init__(self, form: Form) -> None:
+        n, m = form.n, form.m
         self.n, self.size = n, n + m
-        self.full = ca.SX.sym("full", statement.build.sparsity_in(0))
-        self.memory = ca.SX.sym("memory", statement.memory.numel())
-        self.hessian, self.gradient, matrix, low, high, lower, upper, _ = statement.build.call([self.full, self.memory])
+        self.numbers, (self.hessian, self.gradient, matrix, low, high, lower, upper) = form.symbols()
         self.rows = ca.vertcat(ca.SX.eye(n), ca.sparsify(matrix))
         self.low, self.high = ca.vertcat(lower, low), ca.vertcat(upper, high)
-        self.equal = [n + i for i in equality_rows(low, high)]
+        self.equal = [n + i for i in form.rows()[0]]
         self.other = [i for i in range(n + m) if i not in self.equal]
         self.most = max(n - len(self.equal), 0)
 
@@ -106,9 +102,9 @@ def _state_of(of: _Numbers) -> tuple[ca.SX, _State]:
     return column, _State(*parts)
 
 
-def _first(statement: Statement) -> ca.Function:
-    """Complete parameters, memory -> inverses of the Hessian, free and along the equalities; the first state."""
-    of = _Numbers(statement)
+def _first(form: Form) -> ca.Function:
+    """Numbers -> inverses of the Hessian, free and along the equalities; the first state."""
+    of = _Numbers(form)
     n, most, size, rows = of.n, of.most, of.size, of.rows[of.equal, :]
     free = solver_of(of.hessian)(ca.SX.eye(n))
     along, x = free, -free @ of.gradient
@@ -121,12 +117,12 @@ def _first(statement: Statement) -> ca.Function:
     none = ca.SX.zeros(most)
     state = _State(nothing, x, ca.SX.zeros(most, n), ca.SX.zeros(triangle(most)), none, none, nothing, zero, zero)
     shared = ca.densify(ca.vertcat(upper_triangle(free), upper_triangle(along)))
-    return ca.Function(f"{statement.name}_dual_first", [of.full, of.memory], [shared, state.column()])
+    return ca.Function(f"{form.name}_dual_first", [of.numbers], [shared, state.column()])
 
 
-def _step(statement: Statement) -> ca.Function:
-    """Complete parameters, memory, the inverses, state -> the next state."""
-    of = _Numbers(statement)
+def _step(form: Form) -> ca.Function:
+    """Numbers, the inverses, state -> the next state."""
+    of = _Numbers(form)
     n, most = of.n, of.most
     column, state = _state_of(of)
     shared = ca.SX.sym("shared", 2 * triangle(n))
@@ -174,8 +170,8 @@ def _step(statement: Statement) -> ca.Function:
         begun=ca.if_else(held, 0, begun),
         done=ca.logic_not(goes),
     )
-    inputs = [of.full, of.memory, shared, column]
-    return ca.Function(f"{statement.name}_dual_step", inputs, [following.column()])
+    inputs = [of.numbers, shared, column]
+    return ca.Function(f"{form.name}_dual_step", inputs, [following.column()])
 
 
 def _next(of: _Numbers, state: _State) -> tuple[ca.SX, ca.SX]:

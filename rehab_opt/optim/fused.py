@@ -15,12 +15,11 @@ import casadi as ca
 
 from rehab_opt.optim.active_set import TOGETHER, active_set_round
 from rehab_opt.optim.dual_active_set import dual_active_set
-from rehab_opt.optim.equalities import dependent_equalities, inequality_rows
-from rehab_opt.optim.qrqp import QRQP_ITERATIONS, qrqp
-from rehab_opt.symbolic.shared import read_back
+from rehab_opt.optim.qrqp import QRQP_ITERATIONS, dependent_equalities, qrqp
+from rehab_opt.symbolic.shared import remembered
 
 if TYPE_CHECKING:
-    from rehab_opt.optim.qp import Statement
+    from rehab_opt.optim.qp import Form, Statement
 
 __all__ = ["ANALYTIC_TOLERANCE", "FUSED_SOLVERS", "fused"]
 
@@ -71,76 +70,72 @@ def _choice(name: str, otherwise: ca.Function) -> ca.Function:
 def _solve(statement: Statement) -> ca.Function:
     """Complete parameters, memory, start -> x, multipliers, residual, who answered.
 
-    It is most of a controller's making, and depends on the QP's form alone.
+    A third of a controller's making, which depends on the QP's form alone.
     """
-    limits = (statement.lazy_rows, statement.active_set_iterations, statement.iterations)
-    form = ("solve", statement.name, *limits, statement.build.serialize())
-    return read_back(form, lambda: _made(statement))
+    form, numbers = statement.form()
+    solve = remembered((*form[:-2], form.build.serialize()), lambda: _made(form))
+    full, memory = (ca.MX.sym("column", statement.build.numel_in(i)) for i in range(2))
+    start = _inputs(form)[1]
+    return ca.Function("solve", [full, memory, start], [solve(numbers(full, memory), start)])
 
 
-def _made(statement: Statement) -> ca.Function:
-    """What `_solve` gives, made of the statement."""
-    solver = _qrqp(statement, statement.m)
-    full, memory, start = _inputs(statement)
-    if statement.lazy_rows:
-        likely = _qrqp(statement, statement.m - statement.lazy_rows)(full, memory, start)
-        choice = _choice(f"{statement.name}_likely", solver)
-        answer = choice(likely[-2] <= ANALYTIC_TOLERANCE, likely, full, memory, start)
-        solver = ca.Function(f"{statement.name}_any", [full, memory, start], [answer])
-    if statement.active_set_iterations:
-        answer = _rounds(statement, solver)(full, memory, start)
-    elif statement.m:
-        answer = solver(full, memory, start)
+def _made(form: Form) -> ca.Function:
+    """Numbers, start -> what `_solve` gives."""
+    solver = _qrqp(form, form.m)
+    numbers, start = _inputs(form)
+    if form.lazy_rows:
+        likely = _qrqp(form, form.m - form.lazy_rows)(numbers, start)
+        choice = _choice(f"{form.name}_likely", solver)
+        answer = choice(likely[-2] <= ANALYTIC_TOLERANCE, likely, numbers, start)
+        solver = ca.Function(f"{form.name}_any", [numbers, start], [answer])
+    if form.active_set_iterations:
+        answer = _rounds(form, solver)(numbers, start)
+    elif form.m:
+        answer = solver(numbers, start)
     else:
-        x, bounds, residual = _last_active_set(statement)(full, memory, start[statement.n :])
+        x, bounds, residual = _last_active_set(form)(numbers, start[form.n :])
         held = ca.vertcat(x, bounds, residual, 2)
-        choice = _choice(f"{statement.name}_active_set", solver)
-        answer = choice(residual <= ANALYTIC_TOLERANCE, held, full, memory, start)
-    return ca.Function(f"{statement.name}_solve", [full, memory, start], [answer])
+        choice = _choice(f"{form.name}_active_set", solver)
+        answer = choice(residual <= ANALYTIC_TOLERANCE, held, numbers, start)
+    return ca.Function(f"{form.name}_solver", [numbers, start], [answer])
 
 
-def _rounds(statement: Statement, solver: ca.Function) -> ca.Function:
+def _rounds(form: Form, solver: ca.Function) -> ca.Function:
     """As `solver`, after `active_set_round`s and `dual_active_set`, each only where what came before failed."""
-    n = statement.n
-    first, looking = _first_round(statement), active_set_round(statement, looking=True, together=TOGETHER)
-    whole = active_set_round(statement, looking=False, together=n, passes=PASSES, softened=INDEPENDENT)
-    full, memory, start = _inputs(statement)
-    multipliers, point = ca.MX.sym("multipliers", n + statement.m), ca.MX.sym("point", n)
-    arguments = [full, memory, start, multipliers, point]
+    n = form.n
+    first, looking = _first_round(form), active_set_round(form, looking=True, together=TOGETHER)
+    whole = active_set_round(form, looking=False, together=n, passes=PASSES, softened=INDEPENDENT)
+    numbers, start = _inputs(form)
+    multipliers, point = ca.MX.sym("multipliers", n + form.m), ca.MX.sym("point", n)
+    arguments = [numbers, start, multipliers, point]
     # What the rounds do not find, the slower method that cannot cycle does; a round makes its answer exact.
-    dual, _ = whole(full, memory, dual_active_set(statement)(full, memory))
-    choice = _choice(f"{statement.name}_dual_choice", solver)
-    answer = choice(dual[-1] <= ANALYTIC_TOLERANCE, ca.vertcat(dual, 3), full, memory, start)
+    dual, _ = whole(numbers, dual_active_set(form)(numbers))
+    choice = _choice(f"{form.name}_dual_choice", solver)
+    answer = choice(dual[-1] <= ANALYTIC_TOLERANCE, ca.vertcat(dual, 3), numbers, start)
     otherwise = ca.Function("solver", arguments, [answer])
-    for k in reversed(range(statement.active_set_iterations)):
-        found, following = looking(full, memory, multipliers, point) if k else first(full, memory, multipliers)
-        choice = _choice(f"{statement.name}_round_{k}", otherwise)
-        answer = choice(
-            found[-1] <= ANALYTIC_TOLERANCE, ca.vertcat(found, 2), full, memory, start, following, found[:n]
-        )
-        otherwise = ca.Function(f"{statement.name}_rounds_{k}", arguments, [answer])
-    answer = otherwise(full, memory, start, start[n:], start[:n])
-    return ca.Function(f"{statement.name}_rounds", [full, memory, start], [answer])
+    for k in reversed(range(form.active_set_iterations)):
+        found, following = looking(numbers, multipliers, point) if k else first(numbers, multipliers)
+        choice = _choice(f"{form.name}_round_{k}", otherwise)
+        answer = choice(found[-1] <= ANALYTIC_TOLERANCE, ca.vertcat(found, 2), numbers, start, following, found[:n])
+        otherwise = ca.Function(f"{form.name}_rounds_{k}", arguments, [answer])
+    answer = otherwise(numbers, start, start[n:], start[:n])
+    return ca.Function(f"{form.name}_rounds", [numbers, start], [answer])
 
 
-def _first_round(statement: Statement) -> ca.Function:
+def _first_round(form: Form) -> ca.Function:
     """The round that only looks whether the same bounds are active again; half the work where no row was."""
-    n, m = statement.n, statement.m
-    full, memory, multipliers = *_inputs(statement)[:2], ca.MX.sym("multipliers", n + m)
-    some, none = (active_set_round(statement, looking=False, together=together) for together in (TOGETHER, 0))
-    either = ca.Function.if_else(f"{statement.name}_first_round", some, none)
-    rows = multipliers[[n + i for i in inequality_rows(statement)]]
-    answer = either(ca.sumsqr(rows) > 0, full, memory, multipliers)
-    return ca.Function(f"{statement.name}_first", [full, memory, multipliers], list(answer))
+    numbers, multipliers = _inputs(form)[0], ca.MX.sym("multipliers", form.n + form.m)
+    some, none = (active_set_round(form, looking=False, together=together) for together in (TOGETHER, 0))
+    either = ca.Function.if_else(f"{form.name}_first_round", some, none)
+    rows = multipliers[[form.n + i for i in form.rows()[1]]]
+    answer = either(ca.sumsqr(rows) > 0, numbers, multipliers)
+    return ca.Function(f"{form.name}_first", [numbers, multipliers], list(answer))
 
 
-def _last_active_set(statement: Statement) -> ca.Function:
-    """Parameters, memory, last multipliers -> x, multipliers, residual if the same bounds are active again; m = 0."""
-    n = statement.n
-    full, memory = ca.SX.sym("full", statement.build.sparsity_in(0)), ca.SX.sym("memory", statement.memory.numel())
-    multipliers = ca.SX.sym("multipliers", n)
-    *data, _ = statement.build.call([full, memory])
-    hessian, gradient, _, _, _, lower, upper = data
+def _last_active_set(form: Form) -> ca.Function:
+    """Numbers, last multipliers -> x, multipliers, residual if the same bounds are active again; m = 0."""
+    (numbers, qp), multipliers = form.symbols(), ca.SX.sym("multipliers", form.n)
+    hessian, gradient, _, _, _, lower, upper = qp
     at_upper, at_lower = multipliers > 0, multipliers < 0
     free = ca.logic_not(ca.logic_or(at_upper, at_lower))
     fixed = ca.if_else(at_upper, upper, ca.if_else(at_lower, lower, 0))
@@ -149,39 +144,37 @@ def _last_active_set(statement: Statement) -> ca.Function:
     diagonal, factor, order = ca.ldl(ca.densify(masked), False)
     x = ca.ldl_solve(fixed - free * (gradient + hessian @ fixed), diagonal, factor, order)
     balance = -(1 - free) * (hessian @ x + gradient)
-    # Only sound parameters come here.
-    x, residual = statement.certify.call([*data, ca.SX(1), x, balance, ca.SX(0, 1)])
+    x, residual = form.certify.call([*qp, ca.SX(1), x, balance, ca.SX(0, 1)])
     outputs = [ca.densify(each) for each in (x, balance, residual)]
-    return ca.Function("last_active_set", [full, memory, multipliers], outputs)
+    return ca.Function("last_active_set", [numbers, multipliers], outputs)
 
 
-def _qrqp(statement: Statement, m: int) -> ca.Function:
-    """Complete parameters, memory, start -> x, multipliers, residual, who answered; with the first m rows only.
+def _qrqp(form: Form, m: int) -> ca.Function:
+    """Numbers, start -> x, multipliers, residual, who answered; with the first m rows only.
 
     The certificate is that of all rows.
     """
-    n, all_rows = statement.n, statement.m
-    full, memory, start = _inputs(statement)
-    data = statement.build(full, memory)
-    hessian, gradient, matrix, rows_lower, rows_upper, lower, upper, _ = data
-    cap = statement.iterations or QRQP_ITERATIONS
+    n, all_rows = form.n, form.m
+    numbers, start = _inputs(form)
+    qp = form.build(numbers)
+    hessian, gradient, matrix, rows_lower, rows_upper, lower, upper = qp
+    cap = form.iterations or QRQP_ITERATIONS
     low, high, pushing = rows_lower, rows_upper, start[2 * n :]
-    dependent = dependent_equalities(statement)
+    dependent = dependent_equalities(form)
     if dependent is not None:
-        let_go = dependent(full, memory)
+        let_go = dependent(numbers)
         low, high = ca.if_else(let_go, -ca.inf, low), ca.if_else(let_go, ca.inf, high)
         pushing = ca.if_else(let_go, 0, pushing)
-    solution = qrqp(f"{statement.name}_qp_{m}", n, m, iterations=cap)(
+    solution = qrqp(f"{form.name}_qp_{m}", n, m, iterations=cap)(
         h=hessian, g=gradient, a=matrix[:m, :], lba=low[:m], uba=high[:m], lbx=lower, ubx=upper,
         x0=start[:n], lam_x0=start[n : 2 * n], lam_a0=pushing[:m],
     )  # fmt: skip
     rows = ca.vertcat(solution["lam_a"], ca.MX.zeros(all_rows - m))
-    x, residual = statement.certify(*data, solution["x"], solution["lam_x"], rows)
+    x, residual = form.certify(*qp, 1, solution["x"], solution["lam_x"], rows)
     answer = ca.vertcat(x, solution["lam_x"], rows, residual, 0)
-    return ca.Function(f"{statement.name}_qrqp_{m}", [full, memory, start], [answer])
+    return ca.Function(f"{form.name}_qrqp_{m}", [numbers, start], [answer])
 
 
-def _inputs(statement: Statement) -> list[ca.MX]:
-    """Complete parameters, memory, start (x and multipliers)."""
-    sizes = (statement.memory.numel(), 2 * statement.n + statement.m)
-    return [ca.MX.sym("full", statement.build.sparsity_in(0)), *(ca.MX.sym("column", size) for size in sizes)]
+def _inputs(form: Form) -> list[ca.MX]:
+    """Numbers; start: x and multipliers."""
+    return [ca.MX.sym("column", size) for size in (form.build.numel_in(0), 2 * form.n + form.m)]

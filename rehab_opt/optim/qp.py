@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import accumulate
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -13,10 +15,35 @@ from numpy.typing import ArrayLike
 from rehab_opt.optim.analytic import screened_analytic
 from rehab_opt.optim.certificate import all_true, certificate_function
 from rehab_opt.optim.rows import PLAUSIBLE, Instance, Row, Variable, check_that_it_is_a_qp, with_numeric_bounds
-from rehab_opt.symbolic.shared import read_back
+from rehab_opt.symbolic.shared import remembered
 from rehab_opt.symbolic.tick import Stages
 
-__all__ = ["Statement"]
+__all__ = ["Form", "Statement"]
+
+
+class Form(NamedTuple):
+    """What the solvers of a `Statement` are made of. Its numbers are one column, in which none stands twice."""
+
+    name: str
+    n: int
+    m: int
+    lazy_rows: int
+    active_set_iterations: int
+    iterations: int | None
+    build: ca.Function
+    """Numbers -> H, g, A, rows_lower, rows_upper, lower, upper, with constants; they are sound."""
+    certify: ca.Function
+
+    def symbols(self) -> tuple[ca.SX, list[ca.SX]]:
+        """A column of numbers, and what `build` gives."""
+        numbers = ca.SX.sym("numbers", self.build.numel_in(0))
+        return numbers, self.build.call([numbers])
+
+    def rows(self) -> tuple[list[int], list[int]]:
+        """Indices of equalities, of which both bounds are one expression, and of the other rows."""
+        low, high = self.symbols()[1][3:5]
+        equal = [i for i in range(self.m) if ca.is_equal(low[i], high[i], 10)]
+        return equal, [i for i in range(self.m) if i not in equal]
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,6 +135,24 @@ class Statement:
         outputs = [ca.densify(each) for each in numbers]
         return ca.Function(f"{self.name}_build", [self._p, self.memory], outputs, {"cse": True})
 
+    def form(self) -> tuple[Form, ca.Function]:
+        """The QP without its numbers; and complete parameters, memory -> these."""
+        full, memory = ca.SX.sym("full", self.build.sparsity_in(0)), ca.SX.sym("memory", self.memory.numel())
+        *data, _ = self.build.call([full, memory])
+        entries = ca.vertsplit(ca.veccat(*data))
+        kept = [0 if each.is_constant() else each.element_hash() for each in entries]
+        numbers = {key: each for key, each in zip(kept, entries, strict=True) if key}
+        column = ca.SX.sym("numbers", len(numbers))
+        symbols = dict(zip(numbers, ca.vertsplit(column) if numbers else [], strict=True))
+        whole = ca.vertcat(*(symbols.get(key, each) for key, each in zip(kept, entries, strict=True)))
+        ends = [0, *accumulate(each.numel() for each in data)]
+        parts = [ca.reshape(part, *each.shape) for part, each in zip(ca.vertsplit(whole, ends), data, strict=True)]
+        build = ca.Function("build", [column], [ca.densify(each) for each in parts])
+        limits = self.lazy_rows, self.active_set_iterations, self.iterations
+        outputs = [ca.densify(ca.vertcat(ca.SX(0, 1), *numbers.values()))]
+        form = Form(self.name, self.n, self.m, *limits, build, self.certify)
+        return form, ca.Function(f"{self.name}_numbers", [full, memory], outputs)
+
     @cached_property
     def screen(self) -> ca.Function:
         """Complete parameters, memory -> see `screened_analytic`; whether the parameters are sound."""
@@ -120,7 +165,7 @@ class Statement:
     @cached_property
     def certify(self) -> ca.Function:
         """See `certificate_function`."""
-        return read_back(("certificate", self.n, self.m), lambda: certificate_function(self.n, self.m))
+        return remembered(("certificate", self.n, self.m), lambda: certificate_function(self.n, self.m))
 
     @cached_property
     def finish(self) -> ca.Function:

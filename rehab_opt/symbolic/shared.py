@@ -1,9 +1,14 @@
-"""What threads share: one CasADi function for all, arrays to evaluate it on for each; or the text of a function."""
+"""What threads share: one CasADi function for all, arrays to evaluate it on for each; functions of equal form."""
 
 from __future__ import annotations
 
+import hashlib
+import io
+import pickle
 import threading
 from collections.abc import Callable, Hashable
+from functools import cached_property
+from types import FunctionType
 from typing import Any, Generic, TypeVar
 
 import casadi as ca
@@ -11,15 +16,17 @@ from numpy.typing import NDArray
 
 from rehab_opt.symbolic.buffered import BufferedFunction
 
-__all__ = ["REMEMBERED", "Evaluator", "PerThread", "read_back"]
+__all__ = ["ATOMIC", "REMEMBERED", "Evaluator", "PerThread", "form_of_parts", "remembered"]
 
 T = TypeVar("T")
 
-REMEMBERED = 32
-"""Forms that are remembered; the text of one takes up to 3 MB."""
+REMEMBERED = 64
+"""Forms that are remembered; one takes 1 to 5 MB."""
+HOMES = {"rehab_opt", "numpy", "casadi", "builtins", "copyreg"}
+ATOMIC = "-DCASADI_WITH_THREADSAFE_SYMBOLICS" in ca.CasadiMeta.compiler_flags()
 
-_texts: dict[Hashable, str | None] = {}
-"""By form, that of the last use last; None where it was made once."""
+_made: dict[Hashable, Any] = {}
+"""By form, that of the last use last."""
 
 
 class PerThread(threading.local, Generic[T]):
@@ -55,16 +62,40 @@ class Evaluator:
         return known.mine.of(*values)
 
 
-def read_back(form: Hashable, make: Callable[[], ca.Function]) -> ca.Function:
-    """What `make` gives, or a copy of what it gave for an equal form, which must say all that it depends on.
+def remembered(form: Hashable, make: Callable[[], T]) -> T:
+    """What `make` gives, or gave for an equal form, which must say all that it depends on: functions and expressions.
 
-    A copy computes the same to the last bit, and generates the same C. It is not the first function itself, since
-    CasADi counts references without a lock, and threads may use their functions at once. Text is written the second
-    time: it takes a while, which is lost where nothing is made again.
+    Threads may use them at once: each evaluation takes work space of its own, and CasADi's wheels count references
+    atomically. Where CasADi was built otherwise, or for the form None, nothing is remembered.
     """
-    text = _texts.pop(form, "")
-    function = ca.Function.deserialize(text) if text else make()
-    for oldest in list(_texts)[: 1 - REMEMBERED]:
-        _texts.pop(oldest, None)
-    _texts[form] = text or (function.serialize() if text is None else None)
-    return function
+    if form is None or not ATOMIC:
+        return make()
+    made = _made.pop(form, None) or make()
+    for oldest in list(_made)[: 1 - REMEMBERED]:
+        _made.pop(oldest, None)
+    _made[form] = made
+    return made
+
+
+def form_of_parts(*parts: object) -> bytes | None:
+    """A form that says all of them; None where a user's code is among them, which may change under its name."""
+    written = io.BytesIO()
+    try:
+        _Parts(written).dump(parts)
+    except (pickle.PicklingError, TypeError, AttributeError):
+        return None
+    return hashlib.sha256(written.getvalue()).digest()
+
+
+class _Parts(pickle.Pickler):
+    def reducer_override(self, part: Any) -> Any:
+        home = getattr(part, "__module__", None) or type(part).__module__
+        if home.partition(".")[0] not in HOMES or isinstance(part, ca.SX | ca.MX):
+            raise pickle.PicklingError(home)
+        if isinstance(part, type | FunctionType) or not home.startswith("rehab_opt"):
+            return NotImplemented
+        reduced = part.__reduce_ex__(4)
+        if len(reduced) < 3 or not isinstance(reduced[2], dict):
+            return reduced
+        own = {k: v for k, v in reduced[2].items() if not isinstance(getattr(type(part), k, None), cached_property)}
+        return *reduced[:2], own, *reduced[3:]

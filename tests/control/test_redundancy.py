@@ -23,6 +23,7 @@ from rehab_opt.kinematics.ardis import ARDIS_READY
 from rehab_opt.kinematics.differential import Differential
 from rehab_opt.kinematics.mobile_arm import MobileArm
 from rehab_opt.published.pseudoinverse_law import PseudoinverseLaw
+from rehab_opt.symbolic import shared
 from tests.control import redundancy_campaign
 from tests.control.redundancy_campaign import gaps, hand_twist
 from tests.failing_solvers import failing_solvers
@@ -756,6 +757,7 @@ def test_where_every_solver_fails_the_whole_robot_brakes_together() -> None:
 
 def test_the_safe_command_answers_when_even_that_fails(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(ChairAndArm, "fallback_law", lambda self: None)
+    monkeypatch.setattr(shared, "_made", {})
     with failing_solvers() as failures:
         robot, q = new(), ARDIS_READY.copy()
     for _ in range(30):

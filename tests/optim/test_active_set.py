@@ -12,7 +12,7 @@ from rehab_opt.optim.active_set import active_set_round
 from rehab_opt.optim.dual_active_set import dual_active_set
 from rehab_opt.optim.fallback_chain import FallbackChain
 from rehab_opt.optim.fused import ANALYTIC_TOLERANCE, INDEPENDENT, PASSES
-from rehab_opt.optim.qp import Statement
+from rehab_opt.optim.qp import Form, Statement
 from rehab_opt.optim.rows import Instance, equal, parameter, variable, within
 from tests.optim.random_qps import general_statement, parameters_of, random_qp, seeds, solved
 
@@ -20,29 +20,34 @@ N, M = 5, 6
 
 
 @cache
-def stated() -> Statement:
-    return general_statement(N, M)
+def stated() -> tuple[Form, ca.Function]:
+    return general_statement(N, M).form()
+
+
+def numbers_of(qp: Instance | np.ndarray) -> ca.DM:
+    """Of a QP, or of its parameters."""
+    return stated()[1](qp if isinstance(qp, np.ndarray) else parameters_of(qp), [])
 
 
 @cache
 def whole() -> ca.Function:
-    return active_set_round(stated(), looking=False, together=N, passes=3)
+    return active_set_round(stated()[0], looking=False, together=N, passes=3)
 
 
 @cache
 def dual() -> ca.Function:
-    return dual_active_set(stated())
+    return dual_active_set(stated()[0])
 
 
 @cache
 def last_round() -> ca.Function:
     """As the fused function makes the dual method's answer exact."""
-    return active_set_round(stated(), looking=False, together=N, passes=PASSES, softened=INDEPENDENT)
+    return active_set_round(stated()[0], looking=False, together=N, passes=PASSES, softened=INDEPENDENT)
 
 
 @cache
 def without_rows() -> ca.Function:
-    return active_set_round(stated(), looking=False, together=0, passes=3)
+    return active_set_round(stated()[0], looking=False, together=0, passes=3)
 
 
 def with_a_corner(qp: Instance, answer: np.ndarray) -> Instance:
@@ -60,8 +65,8 @@ def with_a_corner(qp: Instance, answer: np.ndarray) -> Instance:
 def test_the_dual_method_finds_the_answer_whatever_bounds_meet(seed: int) -> None:
     plain = random_qp(seed, N, M, unbounded=False)
     for qp in (plain, with_a_corner(plain, solved(plain).x)):
-        p = parameters_of(qp)
-        found = np.array(last_round()(p, [], dual()(p, []))[0]).ravel()
+        p = numbers_of(qp)
+        found = np.array(last_round()(p, dual()(p))[0]).ravel()
         assert 0.0 <= found[-1] <= 1e-8
         np.testing.assert_allclose(found[:N], solved(qp).x, atol=1e-6)
 
@@ -73,7 +78,7 @@ def test_with_the_right_bounds_one_round_is_the_answer(seed: int) -> None:
     answer = solved(qp)
     active = np.concatenate([answer.bounds, answer.rows])
     active[np.abs(active) < 1e-7] = 0.0
-    found = np.array(whole()(parameters_of(qp), [], active)[0]).ravel()
+    found = np.array(whole()(numbers_of(qp), active)[0]).ravel()
     assert 0.0 <= found[-1] <= 1e-6
     np.testing.assert_allclose(found[:N], answer.x, atol=1e-5)
 
@@ -83,7 +88,7 @@ def test_with_the_right_bounds_one_round_is_the_answer(seed: int) -> None:
 def test_a_wrong_set_is_never_certified_and_what_pushes_the_wrong_way_is_dropped(seed: int) -> None:
     qp, rng = random_qp(seed, N, M, unbounded=False), np.random.default_rng(seed)
     start = rng.choice([-1.0, 0.0, 1.0], N + M)
-    found, following = (np.array(each).ravel() for each in whole()(parameters_of(qp), [], start))
+    found, following = (np.array(each).ravel() for each in whole()(numbers_of(qp), start))
     right = np.allclose(found[:N], solved(qp).x, atol=1e-6)
     assert right or not 0.0 <= found[-1] <= 1e-9
     assert np.all((following == 0) | ~np.isfinite(following) | (np.sign(following) == start))
@@ -94,7 +99,7 @@ def test_a_number_that_is_none_is_never_certified() -> None:
     for k in range(parameters_of(qp).size):
         p = parameters_of(qp)
         p[k] = np.nan
-        residual = float(whole()(p, [], dual()(p, []))[0][-1])
+        residual = float(whole()(numbers_of(p), dual()(numbers_of(p)))[0][-1])
         assert not 0.0 <= residual <= 1e-8, k
 
 
@@ -143,7 +148,7 @@ def test_rows_that_nearly_depend_are_held_as_exactly_as_others(seed: int) -> Non
     high[:2] = matrix[:2] @ inside
     gradient = -qp.H @ inside - matrix[:2].T @ rng.uniform(0.5, 2.0, 2) * 100
     qp = Instance(qp.H, gradient, matrix, -far, high, np.full(N, -1e3), np.full(N, 1e3))
-    answer = np.array(last_round()(parameters_of(qp), [], dual()(parameters_of(qp), []))[0]).ravel()
+    answer = np.array(last_round()(numbers_of(qp), dual()(numbers_of(qp)))[0]).ravel()
     assert 0.0 <= answer[-1] <= ANALYTIC_TOLERANCE
     np.testing.assert_allclose(answer[:N], inside, atol=1e-9)
 
@@ -154,10 +159,10 @@ def test_where_no_point_keeps_all_bounds_the_dual_method_ends_and_nothing_is_cer
     qp = random_qp(seed, N, M, unbounded=False)
     matrix, low, high = qp.A.copy(), qp.rows_lower.copy(), qp.rows_upper.copy()
     matrix[1], low[1], high[1] = matrix[0], high[0] + 1.0, high[0] + 2.0
-    p = parameters_of(qp._replace(A=matrix, rows_lower=low, rows_upper=high))
-    active = np.array(dual()(p, [])).ravel()
+    p = numbers_of(qp._replace(A=matrix, rows_lower=low, rows_upper=high))
+    active = np.array(dual()(p)).ravel()
     assert set(active) <= {-1.0, 0.0, 1.0}
-    assert not 0.0 <= float(last_round()(p, [], active)[0][-1]) <= 1e-6
+    assert not 0.0 <= float(last_round()(p, active)[0][-1]) <= 1e-6
 
 
 @given(seeds)
@@ -165,7 +170,7 @@ def test_where_no_point_keeps_all_bounds_the_dual_method_ends_and_nothing_is_cer
 def test_where_no_row_is_active_a_round_without_rows_says_the_same(seed: int) -> None:
     qp, rng = random_qp(seed, N, M, unbounded=False), np.random.default_rng(seed)
     start = np.concatenate([rng.choice([-1.0, 0.0, 1.0], N), np.zeros(M)])
-    answers = (each(parameters_of(qp), [], start) for each in (without_rows(), whole()))
+    answers = (each(numbers_of(qp), start) for each in (without_rows(), whole()))
     for short, long in zip(*answers, strict=True):
         np.testing.assert_allclose(np.array(short), np.array(long), rtol=1e-9, atol=1e-9)
 

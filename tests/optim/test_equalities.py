@@ -6,10 +6,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rehab_opt.optim.equalities import dependent_equalities, equality_rows
 from rehab_opt.optim.fallback_chain import FallbackChain
 from rehab_opt.optim.fused import FUSED_SOLVERS
 from rehab_opt.optim.qp import Statement
+from rehab_opt.optim.qrqp import dependent_equalities
 from rehab_opt.optim.rows import equal, parameter, variable, within
 
 N, ROWS = 5, 4
@@ -29,7 +29,8 @@ def statement() -> Statement:
 
 STATEMENT = statement()
 CHAIN = FallbackChain(STATEMENT, solver="qrqp", backup="osqp", tolerance=1e-8, compile=False)
-DEPENDENT = dependent_equalities(STATEMENT)
+FORM, NUMBERS = STATEMENT.form()
+DEPENDENT = dependent_equalities(FORM)
 FREE = np.full(N, -2.0)
 
 
@@ -39,7 +40,7 @@ def asked(p: Array, rows: Array, levels: Array, held: Array = FREE) -> Array:
 
 def dependent(rows: Array, held: Array = FREE) -> list[int]:
     assert DEPENDENT is not None
-    found = DEPENDENT(asked(np.zeros(N), rows, np.zeros(ROWS), held), np.zeros(0))
+    found = DEPENDENT(NUMBERS(asked(np.zeros(N), rows, np.zeros(ROWS), held), []))
     return np.flatnonzero(np.array(found).reshape(-1)).tolist()
 
 
@@ -103,5 +104,5 @@ def test_rows_that_contradict_each_other_are_no_answer(apart: float) -> None:
 def test_nothing_is_asked_of_a_statement_without_equalities() -> None:
     x = variable("x", 2)
     plain = Statement("plain", [], [x], ca.sumsqr(x.symbol), [within(ca.sum1(x.symbol), -1, 1)])
-    assert dependent_equalities(plain) is None
-    assert equality_rows(ca.SX([1, 2]), ca.SX([1, 3])) == [0]
+    assert dependent_equalities(plain.form()[0]) is None
+    assert (plain.form()[0].rows(), FORM.rows()) == (([], [0]), ([*range(ROWS)], [ROWS]))

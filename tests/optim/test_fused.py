@@ -52,7 +52,7 @@ def test_leaving_out_rows_that_are_seldom_active_finds_the_same_answer(seed: int
 
 
 def test_the_third_chain_of_a_statement_answers_as_the_first_to_the_last_bit_and_as_no_other_statement() -> None:
-    """Its solver is read back from text; what differs in one number of the QP is another one."""
+    """They share a solver; what differs in one number of the QP has other answers."""
     rng = np.random.default_rng(8)
     cases = [(2 * rng.standard_normal(3), rng.uniform(0.2, 2.0, 4)) for _ in range(60)]
 
