@@ -206,7 +206,7 @@ def _solver(n: int, k: int, m: int) -> ca.Function:
     # Just inside the rows, so that rounding does not make the analytic answer look as if it were outside.
     over = within(ca.reshape(rows[: m * n], m, n) @ velocity.symbol, -ca.inf, rows[m * n :] - INSIDE)
     stated = Statement("bounded", [task, about, low, high, rows, damping], [velocity], cost / 2, [over])
-    exact = active_set_round(stated, looking=False, together=n, passes=2, softened=1e-13)
+    exact = active_set_round(stated, together=n, passes=2, softened=1e-13)
     inputs = [ca.MX.sym("p", each.numel()) for each in stated.parameters]
     full, memory = ca.vertcat(*inputs), ca.MX(0, 1)
-    return ca.Function("bounded", inputs, [exact(full, memory, dual_active_set(stated)(full, memory))[0]])
+    return ca.Function("bounded", inputs, [exact(full, memory, dual_active_set(stated)(full, memory))])

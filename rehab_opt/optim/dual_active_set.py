@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import casadi as ca
 
-from rehab_opt.optim.active_set import BROKEN
 from rehab_opt.optim.certificate import first_true
 from rehab_opt.optim.equalities import equality_rows
 from rehab_opt.optim.factor import solver_of, symmetric, triangle, upper_triangle
@@ -21,8 +20,10 @@ from rehab_opt.optim.factor import solver_of, symmetric, triangle, upper_triangl
 if TYPE_CHECKING:
     from rehab_opt.optim.qp import Statement
 
-__all__ = ["dual_active_set"]
+__all__ = ["STEPS", "dual_active_set"]
 
+BROKEN = 1e-11
+"""By how much a bound must be passed to become active: less is rounding."""
 STEPS = 48
 """Bounds taken in or dropped; random states among walls and keep-outs needed 5 in the median and 18 at most."""
 DEPENDENT = 1e-13
