@@ -57,12 +57,13 @@ def dense_statement(n: int, m: int, *, equalities: Collection[int] = ()) -> Stat
         minimise=0.5 * x.symbol.T @ ca.reshape(hessian, n, n) @ x.symbol + gradient.T @ x.symbol,
         subject_to=[within(ca.reshape(matrix, m, n) @ x.symbol, rows_lower, rows_upper)] if m else [],
         requires=[ca.sumsqr(costs) < math.inf, rows_lower <= rows_upper, lower <= upper, *held],
+        active_set=not m,
         memory=data,
     )
 
 
 class DenseQP:
-    """The fused function of `dense_statement`: last tick's bounds where there are no rows, then qrqp; certified.
+    """The fused function of `dense_statement`: by active sets where there are no rows, else by qrqp; certified.
 
     Parameters
     ----------

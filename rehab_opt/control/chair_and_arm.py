@@ -46,10 +46,6 @@ MEAN = 8.0
 """Ticks in which a mean of u follows it. Own limits and keep-outs on the way are tangents about that: about u each tick
 undid the one before, where a limit bends or a margin grows, and arms trembled.
 """
-ROUNDS = 2
-"""Corrections of the last tick's active set."""
-ITERATIONS = 20
-"""Of qrqp's active set: more are a cycle."""
 TINY = 1e-12
 """[m/s, rad/s] A change of velocity that is none."""
 
@@ -171,7 +167,6 @@ class ChairAndArm(VelocityController):
         across = variable("off", 1, lower=0, upper=task.off)
         u, progress, off = velocity.symbol, along.symbol, across.symbol
         away, missing = u - task.target, task.speed - progress
-        seldom = [self._hand_row(u, task), *limits.surrounding_rows(u)]
         command = self._command(tick, q, u, surroundings, limits=limits, moving=moving)
         self._base = limits.base
         return Statement(
@@ -185,11 +180,10 @@ class ChairAndArm(VelocityController):
             subject_to=[
                 equal(J @ u, task.turning + progress * task.direction + off * task.error),
                 *limits.chassis.rows(u),
-                *seldom,
+                self._hand_row(u, task),
+                *limits.surrounding_rows(u),
             ],
-            lazy_rows=sum(row.expression.numel() for row in seldom),
-            active_set_iterations=ROUNDS,
-            iterations=ITERATIONS,
+            active_set=True,
             analytic=ca.vertcat(task.analytic, task.speed, 0),
             dual=ca.vertcat(task.dual, ca.SX.zeros(limits.row_count + len(AHEAD) * k)),
             tick=tick,

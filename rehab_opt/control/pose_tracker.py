@@ -42,8 +42,6 @@ DRIFT_SPEED = 0.1
 """Share of the velocity limits at which a redundant chain drifts to its posture."""
 DRIFT_SIZE = 1e-2
 """[m] Joint velocities count as this much of a hand speed each."""
-ROUNDS = 2
-"""Corrections of the last tick's active set, where there are rows: those that are active stay so for long."""
 BRAKES = 0.7
 """Share of the accelerations with which a hand brakes towards its target: the rest is for how the target goes on."""
 TINY = 1e-12
@@ -257,7 +255,7 @@ class PoseTracker(VelocityController):
             variables=[velocity, progress],
             minimise=cost / 2,
             subject_to=[within(rows.matrix @ u, -ca.inf, rows.upper)] if self.row_count else [],
-            active_set_iterations=ROUNDS if self.row_count else 0,
+            active_set=True,
             requires=[is_rigid(inputs.target)],
             analytic=ca.vertcat(w, speed),
             tick=tick,

@@ -208,7 +208,7 @@ def _solver(n: int, k: int, m: int) -> ca.Function:
     over = within(ca.reshape(rows[: m * n], m, n) @ velocity.symbol, -ca.inf, rows[m * n :] - INSIDE)
     stated = Statement("bounded", [task, about, low, high, rows, damping], [velocity], cost / 2, [over])
     form, numbers = stated.form()
-    exact = active_set_round(form, looking=False, together=n, passes=2, softened=1e-13)
+    exact = active_set_round(form, together=n, passes=2, softened=1e-13)
     inputs = [ca.MX.sym("p", each.numel()) for each in stated.parameters]
     qp = numbers(ca.vertcat(*inputs), ca.MX(0, 1))
-    return ca.Function("bounded", inputs, [exact(qp, dual_active_set(form)(qp))[0]])
+    return ca.Function("bounded", inputs, [exact(qp, dual_active_set(form)(qp))])

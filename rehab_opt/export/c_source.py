@@ -11,6 +11,8 @@ from rehab_opt.control.velocity_tick import VELOCITY_SOLVERS
 from rehab_opt.export.c_text import comment, filled, indented, number
 from rehab_opt.export.exported import ExportedController
 from rehab_opt.export.generated import Generated, generated
+from rehab_opt.optim.dual_active_set import STEPS
+from rehab_opt.optim.qrqp import QRQP_ITERATIONS
 from rehab_opt.version import __version__
 
 __all__ = ["SOLVERS", "files_of"]
@@ -62,7 +64,7 @@ def _values(exported: ExportedController, code: Generated, problem: str) -> dict
         "notice": "\n".join(f" *     {line}" for line in code.notice.splitlines()),
         "notice_quoted": "\n".join(f"> {line}  " for line in code.notice.splitlines()),
         "generated": code.code,
-        "iterations": str(exported.iterations),
+        "iterations": str(max(STEPS, QRQP_ITERATIONS)),
         "solves": str(exported.solves),
         "reason_constants": indented(
             f"REHAB_{reason.name}{',' if reason is not REASONS[-1] else ''}" for reason in REASONS

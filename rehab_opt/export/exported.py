@@ -17,7 +17,6 @@ from rehab_opt.errors import ConfigurationError
 from rehab_opt.export.c_text import indented, number
 from rehab_opt.export.generated import renamed
 from rehab_opt.export.recording import Run
-from rehab_opt.optim.qrqp import QRQP_ITERATIONS
 
 __all__ = ["ExportedController", "ExportedVelocity", "Law"]
 
@@ -45,11 +44,6 @@ class Law:
     name: str
     controller: VelocityController
     more: Mapping[str, ca.Function] = field(default_factory=dict)
-
-    @property
-    def iterations(self) -> int:
-        """Cap on the active-set changes of a solve."""
-        return self.controller.stated.iterations or QRQP_ITERATIONS
 
     @property
     def state(self) -> int:
@@ -134,11 +128,6 @@ class ExportedController(ABC):
         numbers = max(each.sz_iw() for each in functions) + max(1, *(each.sz_w() for each in functions))
         return BYTES * (int(self.shape()["numbers"]) + sum(work) + numbers + SPARE)
 
-    @property
-    @abstractmethod
-    def iterations(self) -> int:
-        """Cap on the active-set changes of a solve."""
-
     @abstractmethod
     def functions(self) -> list[ca.Function]:
         """All that is generated, each under a name of its own."""
@@ -197,11 +186,6 @@ class ExportedVelocity(ExportedController):
         if isinstance(first, PoseTracker):
             lines.append(f"hand: at most {first.linear_speed:.9g} m/s and {first.angular_speed:.9g} rad/s")
         return lines
-
-    @property
-    def iterations(self) -> int:
-        """The largest of its laws."""
-        return max(law.iterations for law in self.laws)
 
     def functions(self) -> list[ca.Function]:
         """Those of its laws."""

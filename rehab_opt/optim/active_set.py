@@ -1,8 +1,7 @@
-"""A QP by primal-dual rounds on its active set: a few matrix products where a solver iterates.
+"""A QP's solution for a given active set: a few matrix products where a solver iterates.
 
-From tick to tick the active bounds seldom change. A round takes them for equalities, which leaves a linear system; its
-answer tells which of them push the wrong way and which others it breaks, for the next round (the primal-dual active
-set method of Hintermueller, Ito and Kunisch). It may cycle: an answer counts only by its certificate.
+From tick to tick the active bounds seldom change. Taken for equalities they leave a linear system, whose solution
+counts only by its certificate.
 """
 
 from __future__ import annotations
@@ -17,41 +16,29 @@ from rehab_opt.optim.factor import solver_of
 if TYPE_CHECKING:
     from rehab_opt.optim.qp import Form
 
-__all__ = ["BROKEN", "TOGETHER", "active_set_round"]
+__all__ = ["TOGETHER", "active_set_round"]
 
-BROKEN = 1e-11
-"""By how much a bound must be passed to become active: less is rounding."""
 SOFTENED = 1e-9
 """Share by which rows yield, so that dependent ones leave a system that can be solved."""
 TOGETHER = 3
 """Inequality rows that may be active together; what needs more is seldom, and `dual_active_set` finds it."""
 
 
-def active_set_round(
-    form: Form, *, looking: bool, together: int, passes: int = 1, softened: float = SOFTENED
-) -> ca.Function:
-    """One round.
+def active_set_round(form: Form, *, together: int, passes: int = 1, softened: float = SOFTENED) -> ca.Function:
+    """Numbers, multipliers (n + m,) -> x, multipliers and the certificate's residual, one column.
 
-    Inputs: numbers, multipliers of the bounds and rows (n + m,), and a point (n,) where `looking`.
-    Bounds with a multiplier are active, and those that the point breaks.
-
-    Outputs: x, multipliers of bounds and rows, the certificate's residual in one column; and the multipliers (n + m,)
-    of the next round, those that push the wrong way being zero.
+    Bounds and rows with a multiplier are active, and so is every equality.
 
     Of the inequality rows, only the first `together` that are active are taken, and never more than can be independent.
     `passes` correct what `softened` takes away; where the rows are independent for certain, it can be tiny.
     """
     n, m, (numbers, data) = form.n, form.m, form.symbols()
-    multipliers, point = ca.SX.sym("multipliers", n + m), ca.SX.sym("point", n)
+    multipliers = ca.SX.sym("multipliers", n + m)
     hessian, gradient, matrix, rows_lower, rows_upper, lower, upper = data
     equalities, others = form.rows()
 
-    low, high, values = ca.vertcat(lower, rows_lower), ca.vertcat(upper, rows_upper), ca.vertcat(point, matrix @ point)
+    low, high = ca.vertcat(lower, rows_lower), ca.vertcat(upper, rows_upper)
     at_high, at_low = multipliers > 0, multipliers < 0
-    if looking:
-        look = multipliers == 0
-        at_high = ca.logic_or(at_high, ca.logic_and(look, values > high + BROKEN))
-        at_low = ca.logic_or(at_low, ca.logic_and(look, values < low - BROKEN))
     active = ca.logic_or(at_high, at_low)
     target = ca.if_else(at_high, high, ca.if_else(at_low, low, 0))
 
@@ -78,12 +65,8 @@ def active_set_round(
     found[equalities, 0] = pushing[: len(equalities), 0]
     found[others, 0] = taken.T @ pushing[len(equalities) :, 0]
     x, residual = certified_expressions([*data, ca.SX(1)], x, balance, found)  # only sound parameters come here
-    every = ca.vertcat(balance, found)
-    right = ca.if_else(at_high, every > 0, every < 0)
-    right[[n + i for i in equalities]] = 1
-    outputs = [ca.densify(ca.vertcat(x, every, residual)), ca.densify(ca.if_else(right, every, 0))]
-    inputs = [numbers, multipliers, *([point] if looking else [])]
-    return ca.Function(f"{form.name}_round_{together}{'_looking' * looking}", inputs, outputs)
+    output = ca.densify(ca.vertcat(x, balance, found, residual))
+    return ca.Function(f"round_{together}", [numbers, multipliers], [output])
 
 
 def picked(active: ca.SX, count: int) -> ca.SX:

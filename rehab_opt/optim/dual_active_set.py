@@ -13,15 +13,16 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import casadi as ca
 
-from rehab_opt.optim.active_set import BROKEN
 from rehab_opt.optim.certificate import first_true
 from rehab_opt.optim.factor import solver_of, symmetric, triangle, upper_triangle
 
 if TYPE_CHECKING:
     from rehab_opt.optim.qp import Form
 
-__all__ = ["dual_active_set"]
+__all__ = ["STEPS", "dual_active_set"]
 
+BROKEN = 1e-11
+"""By how much a bound must be passed to become active: less is rounding."""
 STEPS = 48
 """Bounds taken in or dropped; random states among walls and keep-outs needed 5 in the median and 18 at most."""
 DEPENDENT = 1e-13
@@ -43,10 +44,10 @@ def dual_active_set(form: Form) -> ca.Function:
     old, known = ca.MX.sym("old", state.numel()), ca.MX.sym("known", shared.numel())
     keep = ca.Function("keep", [old, numbers, known], [old])
     go_on = ca.Function("go_on", [old, numbers, known], [step(numbers, known, old)])
-    either = ca.Function.if_else(f"{form.name}_unless_done", keep, go_on)
+    either = ca.Function.if_else("unless_done", keep, go_on)
     for _ in range(STEPS):
         state = either(state[-1], state, numbers, shared)
-    return ca.Function(f"{form.name}_dual", [numbers], [state[: form.n + form.m]])
+    return ca.Function("dual", [numbers], [state[: form.n + form.m]])
 
 
 class _Numbers:
@@ -117,7 +118,7 @@ def _first(form: Form) -> ca.Function:
     none = ca.SX.zeros(most)
     state = _State(nothing, x, ca.SX.zeros(most, n), ca.SX.zeros(triangle(most)), none, none, nothing, zero, zero)
     shared = ca.densify(ca.vertcat(upper_triangle(free), upper_triangle(along)))
-    return ca.Function(f"{form.name}_dual_first", [of.numbers], [shared, state.column()])
+    return ca.Function("dual_first", [of.numbers], [shared, state.column()])
 
 
 def _step(form: Form) -> ca.Function:
@@ -171,7 +172,7 @@ def _step(form: Form) -> ca.Function:
         done=ca.logic_not(goes),
     )
     inputs = [of.numbers, shared, column]
-    return ca.Function(f"{form.name}_dual_step", inputs, [following.column()])
+    return ca.Function("dual_step", inputs, [following.column()])
 
 
 def _next(of: _Numbers, state: _State) -> tuple[ca.SX, ca.SX]:

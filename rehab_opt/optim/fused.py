@@ -1,7 +1,8 @@
 """One tick in one function: kinematics, solve and certificate, without leaving compiled code.
 
 An answer is looked for where it is cheapest, and certified wherever it was found: the statement's analytic answer, then
-the bounds that were active in the last tick, then the solver.
+the bounds that were active in the last tick, then the dual active set method; or, for other statements than those of
+velocities, CasADi's qrqp behind the analytic answer.
 
 CasADi's search for common subexpressions takes most of a function's making. It is not asked for where it finds a
 hundredth or nothing, since the statement's numbers come without any.
@@ -15,7 +16,7 @@ import casadi as ca
 
 from rehab_opt.optim.active_set import TOGETHER, active_set_round
 from rehab_opt.optim.dual_active_set import dual_active_set
-from rehab_opt.optim.qrqp import QRQP_ITERATIONS, dependent_equalities, qrqp
+from rehab_opt.optim.qrqp import qrqp
 from rehab_opt.symbolic.shared import remembered
 
 if TYPE_CHECKING:
@@ -38,8 +39,7 @@ def fused(statement: Statement) -> ca.Function:
 
     A state stacks x (n,), the multipliers of its bounds (n,) and of the rows (m,), and the memory: the warm start and
     all that is known of the last tick. The verdict stacks the residual, whether the parameters are sound, who answered
-    (an index of `FUSED_SOLVERS`), and the statement's report. The solver is CasADi's qrqp, an active-set method that
-    generates C.
+    (an index of `FUSED_SOLVERS`), and the statement's report. All of it generates C.
     """
     n, m, size = statement.n, statement.m, statement.state_size
     p, last = ca.MX.sym("p", statement.parameter_size), ca.MX.sym("last", size)
@@ -81,98 +81,46 @@ def _solve(statement: Statement) -> ca.Function:
 
 def _made(form: Form) -> ca.Function:
     """Numbers, start -> what `_solve` gives."""
-    solver = _qrqp(form, form.m)
+    if not form.active_set:
+        return _qrqp(form)
     numbers, start = _inputs(form)
-    if form.lazy_rows:
-        likely = _qrqp(form, form.m - form.lazy_rows)(numbers, start)
-        choice = _choice(f"{form.name}_likely", solver)
-        answer = choice(likely[-2] <= ANALYTIC_TOLERANCE, likely, numbers, start)
-        solver = ca.Function(f"{form.name}_any", [numbers, start], [answer])
-    if form.active_set_iterations:
-        answer = _rounds(form, solver)(numbers, start)
-    elif form.m:
-        answer = solver(numbers, start)
-    else:
-        x, bounds, residual = _last_active_set(form)(numbers, start[form.n :])
-        held = ca.vertcat(x, bounds, residual, 2)
-        choice = _choice(f"{form.name}_active_set", solver)
-        answer = choice(residual <= ANALYTIC_TOLERANCE, held, numbers, start)
-    return ca.Function(f"{form.name}_solver", [numbers, start], [answer])
-
-
-def _rounds(form: Form, solver: ca.Function) -> ca.Function:
-    """As `solver`, after `active_set_round`s and `dual_active_set`, each only where what came before failed."""
-    n = form.n
-    first, looking = _first_round(form), active_set_round(form, looking=True, together=TOGETHER)
-    whole = active_set_round(form, looking=False, together=n, passes=PASSES, softened=INDEPENDENT)
-    numbers, start = _inputs(form)
-    multipliers, point = ca.MX.sym("multipliers", n + form.m), ca.MX.sym("point", n)
-    arguments = [numbers, start, multipliers, point]
-    # What the rounds do not find, the slower method that cannot cycle does; a round makes its answer exact.
-    dual, _ = whole(numbers, dual_active_set(form)(numbers))
-    choice = _choice(f"{form.name}_dual_choice", solver)
-    answer = choice(dual[-1] <= ANALYTIC_TOLERANCE, ca.vertcat(dual, 3), numbers, start)
-    otherwise = ca.Function("solver", arguments, [answer])
-    for k in reversed(range(form.active_set_iterations)):
-        found, following = looking(numbers, multipliers, point) if k else first(numbers, multipliers)
-        choice = _choice(f"{form.name}_round_{k}", otherwise)
-        answer = choice(found[-1] <= ANALYTIC_TOLERANCE, ca.vertcat(found, 2), numbers, start, following, found[:n])
-        otherwise = ca.Function(f"{form.name}_rounds_{k}", arguments, [answer])
-    answer = otherwise(numbers, start, start[n:], start[:n])
-    return ca.Function(f"{form.name}_rounds", [numbers, start], [answer])
-
-
-def _first_round(form: Form) -> ca.Function:
-    """The round that only looks whether the same bounds are active again; half the work where no row was."""
-    numbers, multipliers = _inputs(form)[0], ca.MX.sym("multipliers", form.n + form.m)
-    some, none = (active_set_round(form, looking=False, together=together) for together in (TOGETHER, 0))
-    either = ca.Function.if_else(f"{form.name}_first_round", some, none)
-    rows = multipliers[[form.n + i for i in form.rows()[1]]]
-    answer = either(ca.sumsqr(rows) > 0, numbers, multipliers)
-    return ca.Function(f"{form.name}_first", [numbers, multipliers], list(answer))
+    found = _last_active_set(form)(numbers, start[form.n :])
+    choice = _choice("choice", _dual_active_set(form))
+    answer = choice(found[-1] <= ANALYTIC_TOLERANCE, ca.vertcat(found, 2), numbers)
+    return ca.Function("solver", [numbers, start], [answer])
 
 
 def _last_active_set(form: Form) -> ca.Function:
-    """Numbers, last multipliers -> x, multipliers, residual if the same bounds are active again; m = 0."""
-    (numbers, qp), multipliers = form.symbols(), ca.SX.sym("multipliers", form.n)
-    hessian, gradient, _, _, _, lower, upper = qp
-    at_upper, at_lower = multipliers > 0, multipliers < 0
-    free = ca.logic_not(ca.logic_or(at_upper, at_lower))
-    fixed = ca.if_else(at_upper, upper, ca.if_else(at_lower, lower, 0))
-    # The free rows and columns of H, and the identity for the others, which keep their bound.
-    masked = ca.diag(free) @ hessian @ ca.diag(free) + ca.diag(1 - free)
-    diagonal, factor, order = ca.ldl(ca.densify(masked), False)
-    x = ca.ldl_solve(fixed - free * (gradient + hessian @ fixed), diagonal, factor, order)
-    balance = -(1 - free) * (hessian @ x + gradient)
-    x, residual = form.certify.call([*qp, ca.SX(1), x, balance, ca.SX(0, 1)])
-    outputs = [ca.densify(each) for each in (x, balance, residual)]
-    return ca.Function("last_active_set", [numbers, multipliers], outputs)
+    """The round with the bounds that were active in the last tick; half the work where no row was."""
+    some, none = (active_set_round(form, together=together) for together in (TOGETHER, 0))
+    if not form.m:
+        return none
+    numbers, multipliers = _inputs(form)[0], ca.MX.sym("multipliers", form.n + form.m)
+    rows = multipliers[[form.n + i for i in form.rows()[1]]]
+    answer = ca.Function.if_else("last_either", some, none)(ca.sumsqr(rows) > 0, numbers, multipliers)
+    return ca.Function("last", [numbers, multipliers], [answer])
 
 
-def _qrqp(form: Form, m: int) -> ca.Function:
-    """Numbers, start -> x, multipliers, residual, who answered; with the first m rows only.
+def _dual_active_set(form: Form) -> ca.Function:
+    """Numbers -> x, multipliers, residual, who answered; a round makes what it finds exact."""
+    numbers, _ = _inputs(form)
+    exact = active_set_round(form, together=form.n, passes=PASSES, softened=INDEPENDENT)
+    answer = ca.vertcat(exact(numbers, dual_active_set(form)(numbers)), 3)
+    return ca.Function("by_dual", [numbers], [answer])
 
-    The certificate is that of all rows.
-    """
-    n, all_rows = form.n, form.m
-    numbers, start = _inputs(form)
+
+def _qrqp(form: Form) -> ca.Function:
+    """Numbers, start -> x, multipliers, residual, who answered."""
+    n, m, (numbers, start) = form.n, form.m, _inputs(form)
     qp = form.build(numbers)
     hessian, gradient, matrix, rows_lower, rows_upper, lower, upper = qp
-    cap = form.iterations or QRQP_ITERATIONS
-    low, high, pushing = rows_lower, rows_upper, start[2 * n :]
-    dependent = dependent_equalities(form)
-    if dependent is not None:
-        let_go = dependent(numbers)
-        low, high = ca.if_else(let_go, -ca.inf, low), ca.if_else(let_go, ca.inf, high)
-        pushing = ca.if_else(let_go, 0, pushing)
-    solution = qrqp(f"{form.name}_qp_{m}", n, m, iterations=cap)(
-        h=hessian, g=gradient, a=matrix[:m, :], lba=low[:m], uba=high[:m], lbx=lower, ubx=upper,
-        x0=start[:n], lam_x0=start[n : 2 * n], lam_a0=pushing[:m],
+    solution = qrqp("qp", n, m)(
+        h=hessian, g=gradient, a=matrix, lba=rows_lower, uba=rows_upper, lbx=lower, ubx=upper,
+        x0=start[:n], lam_x0=start[n : 2 * n], lam_a0=start[2 * n :],
     )  # fmt: skip
-    rows = ca.vertcat(solution["lam_a"], ca.MX.zeros(all_rows - m))
-    x, residual = form.certify(*qp, 1, solution["x"], solution["lam_x"], rows)
-    answer = ca.vertcat(x, solution["lam_x"], rows, residual, 0)
-    return ca.Function(f"{form.name}_qrqp_{m}", [numbers, start], [answer])
+    x, residual = form.certify(*qp, 1, solution["x"], solution["lam_x"], solution["lam_a"])
+    answer = ca.vertcat(x, solution["lam_x"], solution["lam_a"], residual, 0)
+    return ca.Function("qrqp", [numbers, start], [answer])
 
 
 def _inputs(form: Form) -> list[ca.MX]:

@@ -24,12 +24,10 @@ __all__ = ["Form", "Statement"]
 class Form(NamedTuple):
     """What the solvers of a `Statement` are made of. Its numbers are one column, in which none stands twice."""
 
-    name: str
     n: int
     m: int
-    lazy_rows: int
-    active_set_iterations: int
-    iterations: int | None
+    active_set: bool
+    """See `Statement`."""
     build: ca.Function
     """Numbers -> H, g, A, rows_lower, rows_upper, lower, upper, with constants; they are sound."""
     certify: ca.Function
@@ -57,12 +55,8 @@ class Statement:
     variables : what is decided.
     minimise : scalar, quadratic in the variables.
     subject_to : rows linear in the variables.
-    lazy_rows : how many of the last rows are seldom active: the fused function solves without them first, and again
-        with them only where the certificate, which always has all rows, says that one was missed.
-    active_set_iterations : how often the fused function corrects the active set of the last tick before the solver
-        runs.
-    iterations : cap on the active-set changes of the fused solver, None for its own: what is not found soon is seldom
-        found later, and the backup waits.
+    active_set : whether the fused function solves by the active set of the last tick and the dual active set method,
+        for which the cost must be strictly convex and the equalities independent, or by qrqp.
     requires : conditions on the parameters without which no answer is certified.
     report : column of expressions of parameters and variables, evaluated at the answer; keep it cheap.
     analytic : (n,) expression of the answer when no bound is active, or None. It is certified like any other answer;
@@ -85,9 +79,7 @@ class Statement:
     variables: Sequence[Variable]
     minimise: ca.SX
     subject_to: Sequence[Row] = ()
-    lazy_rows: int = 0
-    active_set_iterations: int = 0
-    iterations: int | None = None
+    active_set: bool = False
     requires: Sequence[ca.SX] = ()
     report: ca.SX = field(default_factory=lambda: ca.SX(0, 1))
     analytic: ca.SX | None = None
@@ -148,9 +140,8 @@ class Statement:
         ends = [0, *accumulate(each.numel() for each in data)]
         parts = [ca.reshape(part, *each.shape) for part, each in zip(ca.vertsplit(whole, ends), data, strict=True)]
         build = ca.Function("build", [column], [ca.densify(each) for each in parts])
-        limits = self.lazy_rows, self.active_set_iterations, self.iterations
         outputs = [ca.densify(ca.vertcat(ca.SX(0, 1), *numbers.values()))]
-        form = Form(self.name, self.n, self.m, *limits, build, self.certify)
+        form = Form(self.n, self.m, self.active_set, build, self.certify)
         return form, ca.Function(f"{self.name}_numbers", [full, memory], outputs)
 
     @cached_property

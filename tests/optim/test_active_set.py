@@ -31,7 +31,7 @@ def numbers_of(qp: Instance | np.ndarray) -> ca.DM:
 
 @cache
 def whole() -> ca.Function:
-    return active_set_round(stated()[0], looking=False, together=N, passes=3)
+    return active_set_round(stated()[0], together=N, passes=3)
 
 
 @cache
@@ -42,12 +42,12 @@ def dual() -> ca.Function:
 @cache
 def last_round() -> ca.Function:
     """As the fused function makes the dual method's answer exact."""
-    return active_set_round(stated()[0], looking=False, together=N, passes=PASSES, softened=INDEPENDENT)
+    return active_set_round(stated()[0], together=N, passes=PASSES, softened=INDEPENDENT)
 
 
 @cache
 def without_rows() -> ca.Function:
-    return active_set_round(stated()[0], looking=False, together=0, passes=3)
+    return active_set_round(stated()[0], together=0, passes=3)
 
 
 def with_a_corner(qp: Instance, answer: np.ndarray) -> Instance:
@@ -66,7 +66,7 @@ def test_the_dual_method_finds_the_answer_whatever_bounds_meet(seed: int) -> Non
     plain = random_qp(seed, N, M, unbounded=False)
     for qp in (plain, with_a_corner(plain, solved(plain).x)):
         p = numbers_of(qp)
-        found = np.array(last_round()(p, dual()(p))[0]).ravel()
+        found = np.array(last_round()(p, dual()(p))).ravel()
         assert 0.0 <= found[-1] <= 1e-8
         np.testing.assert_allclose(found[:N], solved(qp).x, atol=1e-6)
 
@@ -78,20 +78,19 @@ def test_with_the_right_bounds_one_round_is_the_answer(seed: int) -> None:
     answer = solved(qp)
     active = np.concatenate([answer.bounds, answer.rows])
     active[np.abs(active) < 1e-7] = 0.0
-    found = np.array(whole()(numbers_of(qp), active)[0]).ravel()
+    found = np.array(whole()(numbers_of(qp), active)).ravel()
     assert 0.0 <= found[-1] <= 1e-6
     np.testing.assert_allclose(found[:N], answer.x, atol=1e-5)
 
 
 @given(seeds)
 @settings(max_examples=50, deadline=None)
-def test_a_wrong_set_is_never_certified_and_what_pushes_the_wrong_way_is_dropped(seed: int) -> None:
+def test_a_wrong_set_is_never_certified(seed: int) -> None:
     qp, rng = random_qp(seed, N, M, unbounded=False), np.random.default_rng(seed)
     start = rng.choice([-1.0, 0.0, 1.0], N + M)
-    found, following = (np.array(each).ravel() for each in whole()(numbers_of(qp), start))
+    found = np.array(whole()(numbers_of(qp), start)).ravel()
     right = np.allclose(found[:N], solved(qp).x, atol=1e-6)
     assert right or not 0.0 <= found[-1] <= 1e-9
-    assert np.all((following == 0) | ~np.isfinite(following) | (np.sign(following) == start))
 
 
 def test_a_number_that_is_none_is_never_certified() -> None:
@@ -99,29 +98,32 @@ def test_a_number_that_is_none_is_never_certified() -> None:
     for k in range(parameters_of(qp).size):
         p = parameters_of(qp)
         p[k] = np.nan
-        residual = float(whole()(numbers_of(p), dual()(numbers_of(p)))[0][-1])
+        residual = float(whole()(numbers_of(p), dual()(numbers_of(p)))[-1])
         assert not 0.0 <= residual <= 1e-8, k
 
 
-def nearest_in_a_box(*, rounds: int) -> FallbackChain:
+def nearest_in_a_box(*, active_set: bool) -> FallbackChain:
     """The point nearest to p on a plane, in a box, behind six walls that meet in corners."""
     p, x = parameter("p", 3), variable("x", 3, lower=-1, upper=1)
     walls = np.vstack([np.random.default_rng(0).standard_normal((4, 3)), np.ones((2, 3))])
     statement = Statement(
-        name=f"nearest_{rounds}",
+        name=f"nearest_{active_set:d}",
         parameters=[p],
         variables=[x],
         minimise=ca.sumsqr(x.symbol - p) / 2,
         subject_to=[equal(x.symbol[0] - x.symbol[1], 0.1), within(ca.DM(walls) @ x.symbol, -np.inf, 0.5)],
     )
     return FallbackChain(
-        replace(statement, active_set_iterations=rounds), solver="qrqp", backup=None, tolerance=1e-8, compile=False
+        replace(statement, active_set=active_set), solver="qrqp", backup=None, tolerance=1e-8, compile=False
     )
 
 
-@pytest.mark.parametrize("rounds", [1, 3])
-def test_rounds_give_the_solver_s_answers_along_jumps_and_leave_it_little_to_do(rounds: int) -> None:
-    rng, by_rounds, by_solver = np.random.default_rng(3), nearest_in_a_box(rounds=rounds), nearest_in_a_box(rounds=0)
+def test_active_sets_give_the_solver_s_answers_along_jumps() -> None:
+    rng, by_rounds, by_solver = (
+        np.random.default_rng(3),
+        nearest_in_a_box(active_set=True),
+        nearest_in_a_box(active_set=False),
+    )
     names = []
     for _ in range(200):
         point = 2 * rng.standard_normal(3)
@@ -130,8 +132,7 @@ def test_rounds_give_the_solver_s_answers_along_jumps_and_leave_it_little_to_do(
         names.append(by_rounds())
         assert by_solver()
         np.testing.assert_allclose(by_rounds.x, by_solver.x, atol=1e-7)
-    assert {"active set", "dual active set"} <= set(names)
-    assert names.count("qrqp") + names.count("proxqp") <= 2
+    assert {"active set", "dual active set"} == set(names)
 
 
 @given(seeds)
@@ -148,7 +149,7 @@ def test_rows_that_nearly_depend_are_held_as_exactly_as_others(seed: int) -> Non
     high[:2] = matrix[:2] @ inside
     gradient = -qp.H @ inside - matrix[:2].T @ rng.uniform(0.5, 2.0, 2) * 100
     qp = Instance(qp.H, gradient, matrix, -far, high, np.full(N, -1e3), np.full(N, 1e3))
-    answer = np.array(last_round()(numbers_of(qp), dual()(numbers_of(qp)))[0]).ravel()
+    answer = np.array(last_round()(numbers_of(qp), dual()(numbers_of(qp)))).ravel()
     assert 0.0 <= answer[-1] <= ANALYTIC_TOLERANCE
     np.testing.assert_allclose(answer[:N], inside, atol=1e-9)
 
@@ -170,16 +171,15 @@ def test_where_no_point_keeps_all_bounds_the_dual_method_ends_and_nothing_is_cer
 def test_where_no_row_is_active_a_round_without_rows_says_the_same(seed: int) -> None:
     qp, rng = random_qp(seed, N, M, unbounded=False), np.random.default_rng(seed)
     start = np.concatenate([rng.choice([-1.0, 0.0, 1.0], N), np.zeros(M)])
-    answers = (each(numbers_of(qp), start) for each in (without_rows(), whole()))
-    for short, long in zip(*answers, strict=True):
-        np.testing.assert_allclose(np.array(short), np.array(long), rtol=1e-9, atol=1e-9)
+    short, long = (np.array(each(numbers_of(qp), start)) for each in (without_rows(), whole()))
+    np.testing.assert_allclose(short, long, rtol=1e-9, atol=1e-9)
 
 
 @pytest.mark.parametrize("m", [1, 2])
 def test_rounds_of_few_rows_find_the_answer(m: int) -> None:
     rng, rounds = np.random.default_rng(m), 0
     chain = FallbackChain(
-        replace(general_statement(N, m), active_set_iterations=2),
+        replace(general_statement(N, m), active_set=True),
         solver="qrqp",
         backup="daqp",
         tolerance=1e-8,

@@ -220,7 +220,7 @@ ACTIVE = made(general_statement(N, 0))
 
 def test_bounds_that_stay_active_need_no_solver() -> None:
     p, x = parameter("p", 2), variable("x", 2, lower=-1, upper=1)
-    chain = made(Statement("stay", [p], [x], 0.5 * ca.sumsqr(x.symbol - p)))
+    chain = made(Statement("stay", [p], [x], 0.5 * ca.sumsqr(x.symbol - p), active_set=True))
     answers = []
     for first in (3.0, 3.1, 3.2):
         chain.parameters[:] = first, 0.2

@@ -18,7 +18,6 @@ from rehab_opt.export.exported import ExportedController
 from rehab_opt.export.generated import renamed
 from rehab_opt.export.recording import RunTick, with_faults
 from rehab_opt.optim.fallback_chain import BACKUP
-from rehab_opt.optim.qrqp import QRQP_ITERATIONS
 
 __all__ = ["DIFFERENCES", "ENERGY", "ExportedForce", "faulty_ticks"]
 
@@ -63,11 +62,6 @@ class ExportedForce(ExportedController):
     def limits(self) -> list[str]:
         """Bounds of force, speed and energy."""
         return [f"{name} {self.force.model[MODEL[name]]:.9g} {unit}" for name, unit in UNITS.items()]
-
-    @property
-    def iterations(self) -> int:
-        """Cap on the active-set changes of a solve."""
-        return self.force.stated.iterations or QRQP_ITERATIONS
 
     @property
     def slots(self) -> int:
