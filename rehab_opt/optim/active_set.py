@@ -83,7 +83,7 @@ def active_set_round(
     right[[n + i for i in equalities]] = 1
     outputs = [ca.densify(ca.vertcat(x, every, residual)), ca.densify(ca.if_else(right, every, 0))]
     inputs = [numbers, multipliers, *([point] if looking else [])]
-    return ca.Function(f"{form.name}_round_{together}{'_looking' * looking}", inputs, outputs)
+    return ca.Function(f"round_{together}{'_looking' * looking}", inputs, outputs)
 
 
 def picked(active: ca.SX, count: int) -> ca.SX:

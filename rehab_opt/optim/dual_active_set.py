@@ -43,10 +43,10 @@ def dual_active_set(form: Form) -> ca.Function:
     old, known = ca.MX.sym("old", state.numel()), ca.MX.sym("known", shared.numel())
     keep = ca.Function("keep", [old, numbers, known], [old])
     go_on = ca.Function("go_on", [old, numbers, known], [step(numbers, known, old)])
-    either = ca.Function.if_else(f"{form.name}_unless_done", keep, go_on)
+    either = ca.Function.if_else("unless_done", keep, go_on)
     for _ in range(STEPS):
         state = either(state[-1], state, numbers, shared)
-    return ca.Function(f"{form.name}_dual", [numbers], [state[: form.n + form.m]])
+    return ca.Function("dual", [numbers], [state[: form.n + form.m]])
 
 
 class _Numbers:
@@ -117,7 +117,7 @@ def _first(form: Form) -> ca.Function:
     none = ca.SX.zeros(most)
     state = _State(nothing, x, ca.SX.zeros(most, n), ca.SX.zeros(triangle(most)), none, none, nothing, zero, zero)
     shared = ca.densify(ca.vertcat(upper_triangle(free), upper_triangle(along)))
-    return ca.Function(f"{form.name}_dual_first", [of.numbers], [shared, state.column()])
+    return ca.Function("dual_first", [of.numbers], [shared, state.column()])
 
 
 def _step(form: Form) -> ca.Function:
@@ -171,7 +171,7 @@ def _step(form: Form) -> ca.Function:
         done=ca.logic_not(goes),
     )
     inputs = [of.numbers, shared, column]
-    return ca.Function(f"{form.name}_dual_step", inputs, [following.column()])
+    return ca.Function("dual_step", inputs, [following.column()])
 
 
 def _next(of: _Numbers, state: _State) -> tuple[ca.SX, ca.SX]:

@@ -15,13 +15,13 @@ import casadi as ca
 
 from rehab_opt.optim.active_set import TOGETHER, active_set_round
 from rehab_opt.optim.dual_active_set import dual_active_set
-from rehab_opt.optim.qrqp import QRQP_ITERATIONS, dependent_equalities, qrqp
+from rehab_opt.optim.qrqp import QRQP_ITERATIONS, qrqp
 from rehab_opt.symbolic.shared import remembered
 
 if TYPE_CHECKING:
     from rehab_opt.optim.qp import Form, Statement
 
-__all__ = ["ANALYTIC_TOLERANCE", "FUSED_SOLVERS", "fused"]
+__all__ = ["ANALYTIC_TOLERANCE", "FUSED_SOLVERS", "dependent_equalities", "fused"]
 
 FUSED_SOLVERS = ("qrqp", "closed form", "active set", "dual active set")
 """Who answered, by the number that the fused function gives."""
@@ -29,6 +29,8 @@ ANALYTIC_TOLERANCE = 1e-10
 """Residual to which an analytic answer counts as the answer: as exact as what the solver is asked for."""
 INDEPENDENT = 1e-13
 """Share by which rows yield that the dual method found: they are independent by more than this."""
+DEPENDENT = 1e-10
+"""Share of an equality that must be left beside those before it; rounding leaves 1e-15."""
 PASSES = 2
 """Corrections of what that takes away."""
 
@@ -85,9 +87,9 @@ def _made(form: Form) -> ca.Function:
     numbers, start = _inputs(form)
     if form.lazy_rows:
         likely = _qrqp(form, form.m - form.lazy_rows)(numbers, start)
-        choice = _choice(f"{form.name}_likely", solver)
+        choice = _choice("likely", solver)
         answer = choice(likely[-2] <= ANALYTIC_TOLERANCE, likely, numbers, start)
-        solver = ca.Function(f"{form.name}_any", [numbers, start], [answer])
+        solver = ca.Function("any", [numbers, start], [answer])
     if form.active_set_iterations:
         answer = _rounds(form, solver)(numbers, start)
     elif form.m:
@@ -95,9 +97,9 @@ def _made(form: Form) -> ca.Function:
     else:
         x, bounds, residual = _last_active_set(form)(numbers, start[form.n :])
         held = ca.vertcat(x, bounds, residual, 2)
-        choice = _choice(f"{form.name}_active_set", solver)
+        choice = _choice("active_set", solver)
         answer = choice(residual <= ANALYTIC_TOLERANCE, held, numbers, start)
-    return ca.Function(f"{form.name}_solver", [numbers, start], [answer])
+    return ca.Function("solver", [numbers, start], [answer])
 
 
 def _rounds(form: Form, solver: ca.Function) -> ca.Function:
@@ -110,26 +112,26 @@ def _rounds(form: Form, solver: ca.Function) -> ca.Function:
     arguments = [numbers, start, multipliers, point]
     # What the rounds do not find, the slower method that cannot cycle does; a round makes its answer exact.
     dual, _ = whole(numbers, dual_active_set(form)(numbers))
-    choice = _choice(f"{form.name}_dual_choice", solver)
+    choice = _choice("dual_choice", solver)
     answer = choice(dual[-1] <= ANALYTIC_TOLERANCE, ca.vertcat(dual, 3), numbers, start)
     otherwise = ca.Function("solver", arguments, [answer])
     for k in reversed(range(form.active_set_iterations)):
         found, following = looking(numbers, multipliers, point) if k else first(numbers, multipliers)
-        choice = _choice(f"{form.name}_round_{k}", otherwise)
+        choice = _choice(f"round_{k}", otherwise)
         answer = choice(found[-1] <= ANALYTIC_TOLERANCE, ca.vertcat(found, 2), numbers, start, following, found[:n])
-        otherwise = ca.Function(f"{form.name}_rounds_{k}", arguments, [answer])
+        otherwise = ca.Function(f"rounds_{k}", arguments, [answer])
     answer = otherwise(numbers, start, start[n:], start[:n])
-    return ca.Function(f"{form.name}_rounds", [numbers, start], [answer])
+    return ca.Function("rounds", [numbers, start], [answer])
 
 
 def _first_round(form: Form) -> ca.Function:
     """The round that only looks whether the same bounds are active again; half the work where no row was."""
     numbers, multipliers = _inputs(form)[0], ca.MX.sym("multipliers", form.n + form.m)
     some, none = (active_set_round(form, looking=False, together=together) for together in (TOGETHER, 0))
-    either = ca.Function.if_else(f"{form.name}_first_round", some, none)
+    either = ca.Function.if_else("first_round", some, none)
     rows = multipliers[[form.n + i for i in form.rows()[1]]]
     answer = either(ca.sumsqr(rows) > 0, numbers, multipliers)
-    return ca.Function(f"{form.name}_first", [numbers, multipliers], list(answer))
+    return ca.Function("first", [numbers, multipliers], list(answer))
 
 
 def _last_active_set(form: Form) -> ca.Function:
@@ -165,14 +167,35 @@ def _qrqp(form: Form, m: int) -> ca.Function:
         let_go = dependent(numbers)
         low, high = ca.if_else(let_go, -ca.inf, low), ca.if_else(let_go, ca.inf, high)
         pushing = ca.if_else(let_go, 0, pushing)
-    solution = qrqp(f"{form.name}_qp_{m}", n, m, iterations=cap)(
+    solution = qrqp(f"qp_{m}", n, m, iterations=cap)(
         h=hessian, g=gradient, a=matrix[:m, :], lba=low[:m], uba=high[:m], lbx=lower, ubx=upper,
         x0=start[:n], lam_x0=start[n : 2 * n], lam_a0=pushing[:m],
     )  # fmt: skip
     rows = ca.vertcat(solution["lam_a"], ca.MX.zeros(all_rows - m))
     x, residual = form.certify(*qp, 1, solution["x"], solution["lam_x"], rows)
     answer = ca.vertcat(x, solution["lam_x"], rows, residual, 0)
-    return ca.Function(f"{form.name}_qrqp_{m}", [numbers, start], [answer])
+    return ca.Function(f"qrqp_{m}", [numbers, start], [answer])
+
+
+def dependent_equalities(form: Form) -> ca.Function | None:
+    """Numbers -> (m,) 1 for an equality that depends on those before it, and held variables; None without equalities.
+
+    qrqp fails on these: it does not see them, and the certificate, which has every row, tells whether rows contradict
+    each other. By Gram and Schmidt over the columns of the variables that can move.
+    """
+    (equalities, _), (numbers, (_, _, matrix, _, _, lower, upper)) = form.rows(), form.symbols()
+    if not equalities:
+        return None
+    moves = lower < upper
+    dependent, directions = ca.SX.zeros(form.m), list[ca.SX]()
+    for i in equalities:
+        left = matrix[i, :].T * moves
+        for direction in directions:
+            left -= direction * ca.dot(direction, left)
+        new = ca.sumsqr(left) > DEPENDENT**2 * ca.sumsqr(matrix[i, :])
+        directions.append(ca.if_else(new, left / ca.norm_2(left), 0))
+        dependent[i] = ca.logic_not(new)
+    return ca.Function("dependent", [numbers], [ca.densify(dependent)], {"cse": True})
 
 
 def _inputs(form: Form) -> list[ca.MX]:

@@ -24,7 +24,6 @@ __all__ = ["Form", "Statement"]
 class Form(NamedTuple):
     """What the solvers of a `Statement` are made of. Its numbers are one column, in which none stands twice."""
 
-    name: str
     n: int
     m: int
     lazy_rows: int
@@ -150,7 +149,7 @@ class Statement:
         build = ca.Function("build", [column], [ca.densify(each) for each in parts])
         limits = self.lazy_rows, self.active_set_iterations, self.iterations
         outputs = [ca.densify(ca.vertcat(ca.SX(0, 1), *numbers.values()))]
-        form = Form(self.name, self.n, self.m, *limits, build, self.certify)
+        form = Form(self.n, self.m, *limits, build, self.certify)
         return form, ca.Function(f"{self.name}_numbers", [full, memory], outputs)
 
     @cached_property

@@ -8,27 +8,19 @@ failed solve ends every function around it, unless the code goes through `going_
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import casadi as ca
 
 from rehab_opt.symbolic.compiled import going_on_after_failed_solves
 
-if TYPE_CHECKING:
-    from rehab_opt.optim.qp import Form
-
-__all__ = [
-    "DEPENDENT", "QRQP_ITERATIONS", "dependent_equalities", "going_on_after_failed_solves", "qrqp", "qrqp_options",
-    "with_spare_room",
-]  # fmt: skip
+__all__ = ["QRQP_ITERATIONS", "going_on_after_failed_solves", "qrqp", "qrqp_options", "with_spare_room"]
 
 QRQP_ITERATIONS = 50
 """Cap on active-set changes; what is not solved by then fails its certificate. Each costs up to
 13 us, and the backup answers in tens."""
 FINITE = 1e30
 """Of a bound that cannot be met."""
-DEPENDENT = 1e-10
-"""Share of a row's length that must be left beside the rows before it; rounding leaves 1e-15."""
 SPARE = 2
 """Integers more than the function says it needs; one is written."""
 
@@ -79,25 +71,3 @@ def with_spare_room(function: ca.Function) -> ca.Function:
     first = next(i for i, given in enumerate(inputs) if given.nnz())
     outputs[0] = outputs[0] + never(inputs[first].nz[0] < -1e300, 0)
     return ca.Function(function.name(), inputs, outputs, names_in, names_out)
-
-
-def dependent_equalities(form: Form) -> ca.Function | None:
-    """Numbers -> (m,) 1 for an equality that depends on those before it, and held variables; None without equalities.
-
-    qrqp fails on a row that stands twice, or one over variables that their bounds hold already. It is let go before the
-    solver sees it, and the certificate, which has every row, tells whether rows contradict each other. By Gram and
-    Schmidt over the columns of the variables that can move.
-    """
-    (equalities, _), (numbers, (_, _, matrix, _, _, lower, upper)) = form.rows(), form.symbols()
-    if not equalities:
-        return None
-    moves = lower < upper
-    dependent, directions = ca.SX.zeros(form.m), list[ca.SX]()
-    for i in equalities:
-        left = matrix[i, :].T * moves
-        for direction in directions:
-            left -= direction * ca.dot(direction, left)
-        new = ca.sumsqr(left) > DEPENDENT**2 * ca.sumsqr(matrix[i, :])
-        directions.append(ca.if_else(new, left / ca.norm_2(left), 0))
-        dependent[i] = ca.logic_not(new)
-    return ca.Function(f"{form.name}_dependent", [numbers], [ca.densify(dependent)], {"cse": True})

@@ -7,9 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rehab_opt.optim.fallback_chain import FallbackChain
-from rehab_opt.optim.fused import FUSED_SOLVERS
+from rehab_opt.optim.fused import FUSED_SOLVERS, dependent_equalities
 from rehab_opt.optim.qp import Statement
-from rehab_opt.optim.qrqp import dependent_equalities
 from rehab_opt.optim.rows import equal, parameter, variable, within
 
 N, ROWS = 5, 4
