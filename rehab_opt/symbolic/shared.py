@@ -8,7 +8,6 @@ import pickle
 import threading
 from collections.abc import Callable, Hashable
 from functools import cached_property
-from types import FunctionType
 from typing import Any, Generic, TypeVar
 
 import casadi as ca
@@ -22,7 +21,6 @@ T = TypeVar("T")
 
 REMEMBERED = 64
 """Forms that are remembered; one takes 1 to 5 MB."""
-HOMES = {"rehab_opt", "numpy", "casadi", "builtins", "copyreg"}
 ATOMIC = "-DCASADI_WITH_THREADSAFE_SYMBOLICS" in ca.CasadiMeta.compiler_flags()
 
 _made: dict[Hashable, Any] = {}
@@ -90,9 +88,10 @@ def form_of_parts(*parts: object) -> bytes | None:
 class _Parts(pickle.Pickler):
     def reducer_override(self, part: Any) -> Any:
         home = getattr(part, "__module__", None) or type(part).__module__
-        if home.partition(".")[0] not in HOMES or isinstance(part, ca.SX | ca.MX):
+        known = home.partition(".")[0] in {"rehab_opt", "numpy", "casadi", "builtins", "copyreg"}
+        if isinstance(part, ca.SX | ca.MX) or not known:
             raise pickle.PicklingError(home)
-        if isinstance(part, type | FunctionType) or not home.startswith("rehab_opt"):
+        if isinstance(part, type) or not home.startswith("rehab_opt"):
             return NotImplemented
         reduced = part.__reduce_ex__(4)
         if len(reduced) < 3 or not isinstance(reduced[2], dict):

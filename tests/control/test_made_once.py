@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from typing import Any
 
@@ -129,3 +130,17 @@ def test_a_user_s_code_is_read_again_each_time() -> None:
 
     functions = [Slower(ARM, compile=False).functions.tick for _ in range(2)]
     assert functions[0].__hash__() != functions[1].__hash__()
+
+
+def test_four_of_equal_parts_in_four_threads_command_what_one_alone_commands() -> None:
+    def commands(_: int) -> list[bytes]:
+        control, q = PoseTracker(ARM, dt=0.002, compile=False), READY
+        values = []
+        for k in range(400):
+            values.append(control.step(q, POSE, np.full(6, 0.3 * np.sin(0.05 * k))).value)
+            q = q + 0.002 * values[-1]
+        return [each.tobytes() for each in values]
+
+    alone = commands(0)
+    with ThreadPoolExecutor(4) as pool:
+        assert list(pool.map(commands, range(4))) == [alone] * 4
