@@ -99,8 +99,8 @@ class PlainAssistance:
 def hand(ticks: int) -> list[Array]:
     """Back and forth along the path, inside and outside the comfortable workspace, with a tremor."""
     t = np.arange(ticks) * DT
-    share = 0.5 - 0.5 * np.cos(2 * np.pi * 0.3 * t)
-    x = np.column_stack([np.interp(share, S, column) for column in PATH.T])
+    fraction = 0.5 - 0.5 * np.cos(2 * np.pi * 0.3 * t)
+    x = np.column_stack([np.interp(fraction, S, column) for column in PATH.T])
     x += 4e-3 * np.column_stack([np.sin(2 * np.pi * 5 * t), np.cos(2 * np.pi * 4 * t)])
     return list(x)
 
@@ -134,9 +134,9 @@ def beside_numpy(ticks: int, count: int) -> tuple[list[Verdict], list[str]]:
         f"answered by {solvers}; sizes of the two forces differ by at most {apart:.2g} N "
         "(their polygon of 16 sides loses 0.6 N, their slew box is wider on its diagonals)",
     ]
-    share = float(np.median(a) / np.median(b))
+    fraction = float(np.median(a) / np.median(b))
     return [
-        Verdict(f"tick with {used} samples, share of numpy and quadprog", share, "<=", 0.2),
+        Verdict(f"tick with {used} samples, share of numpy and quadprog", fraction, "<=", 0.2),
         Verdict("the same outside the comfortable workspace", in_use / theirs_in_use, "<=", 0.2),
     ], lines
 
@@ -230,7 +230,7 @@ def learning() -> tuple[list[Verdict], list[str]]:
             how = "per point" if per_point else "shared"
             lines.append(
                 f"{how}, noise {noise:g} N: {seconds:.2f} s, condition {fit.condition:.3g}, held-out error "
-                f"{fit.held_out_error:.3g} N ({100 * fit.held_out_share:.2g} %), "
+                f"{fit.held_out_error:.3g} N ({100 * fit.held_out_fraction:.2g} %), "
                 f"constant stiffness {fit.constant_stiffness_error:.3g} N"
             )
             verdicts.append(
@@ -238,7 +238,7 @@ def learning() -> tuple[list[Verdict], list[str]]:
             )
             if not noise:
                 verdicts.append(
-                    Verdict(f"held-out force, {how}, without noise", 100 * fit.held_out_share, "<=", 2.0, "%")
+                    Verdict(f"held-out force, {how}, without noise", 100 * fit.held_out_fraction, "<=", 2.0, "%")
                 )
             if not noise and not per_point:
                 worst = max(abs(fit.parameters[name] / value - 1) for name, value in true.items())

@@ -265,12 +265,12 @@ def _guarded(tracker: PoseTracker) -> list[tuple[int, int]]:
 
 
 def closed_loop(
-    kind: str, ticks: int, seed: int, dt: float, *, slots: int = Clearance.slots, compile: object = "wait"
+    kind: str, ticks: int, seed: int, dt: float, *, max_contacts: int = Clearance.max_contacts, compile: object = "wait"
 ) -> Run:
     """A robot sent from random pose to random pose, among bodies that stand still and two that move."""
     rng = np.random.default_rng(seed)
     chain = robot(kind, rng)
-    given = replace(room(chain, rng, moving=2), slots=slots)
+    given = replace(room(chain, rng, moving=2), max_contacts=max_contacts)
     tracker = PoseTracker(chain, dt=dt, limits=[given], compile=compile)  # type: ignore[arg-type]
     judge, links = Judge(chain, given), _guarded(tracker)
     total = Run(0, 0, np.inf, 0, 0, 0, 0)
@@ -430,7 +430,9 @@ def main() -> None:
     parser.add_argument("--worlds", type=int, default=3, help="of each robot")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--dt", type=float, default=0.001)
-    parser.add_argument("--slots", type=int, default=Clearance.slots, help="rows of a tick, in the closed loop")
+    parser.add_argument(
+        "--max-contacts", type=int, default=Clearance.max_contacts, help="rows of a tick, in the closed loop"
+    )
     parser.add_argument("--no-compile", action="store_true")
     given = parser.parse_args()
     console, code = Console(width=150), False if given.no_compile else "wait"
@@ -442,7 +444,9 @@ def main() -> None:
         runs = []
         for kind, k in product(ROBOTS, range(given.worlds)):
             began = time.perf_counter()
-            runs.append(closed_loop(kind, each, given.seed + 100 * k, given.dt, slots=given.slots, compile=code))
+            runs.append(
+                closed_loop(kind, each, given.seed + 100 * k, given.dt, max_contacts=given.max_contacts, compile=code)
+            )
             print(kind, k, runs[-1], f"{time.perf_counter() - began:.0f} s", flush=True)
         ticks, below, near = (sum(getattr(run, name) for run in runs) for name in ("ticks", "below", "near"))
         least, held, reversals = (
@@ -464,9 +468,9 @@ def main() -> None:
             for kind, k in product(ROBOTS, range(given.worlds))
         ]
         count, without, among = (sum(getattr(work, name) for work in works) for name in ("free", "without", "among"))
-        share = among / without if without else np.nan
+        fraction = among / without if without else np.nan
         verdicts += [
-            Verdict(f"{count} moves whose way is free: work done of that without bodies", share, ">=", 0.9),
+            Verdict(f"{count} moves whose way is free: work done of that without bodies", fraction, ">=", 0.9),
             Reported("the same of the worst of them", min(work.least for work in works)),
         ]
     console.print(machine())

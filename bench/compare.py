@@ -23,7 +23,7 @@ from typing import Any, NamedTuple
 from rich.console import Console
 from rich.table import Table
 
-from bench.corpus import along, certified_share, read, representatives
+from bench.corpus import along, certified_fraction, read, representatives
 from bench.machine import machine
 from bench.solvers.entrants import entrants
 from bench.solvers.record import versions_of
@@ -107,14 +107,14 @@ def changes(
     """Every pair of sequence and solver that stands on either side, with the shares of ticks that it certifies."""
     absent = math.nan
 
-    def share(side: Ratios | None, name: str, solver: str, unknown: float) -> float:
+    def fraction(side: Ratios | None, name: str, solver: str, unknown: float) -> float:
         return (side or {}).get(name, {}).get(solver, unknown)
 
     pairs = {(name, solver): None for side in (before, now) for name, each in side.items() for solver in each}
     return [
         Change(
             name, solver, before.get(name, {}).get(solver, absent), now.get(name, {}).get(solver, absent),
-            share(certified_before, name, solver, 0.0), share(certified_now, name, solver, 1.0),
+            fraction(certified_before, name, solver, 0.0), fraction(certified_now, name, solver, 1.0),
         )
         for name, solver in pairs
     ]  # fmt: skip
@@ -123,7 +123,7 @@ def changes(
 def _certified(name: str) -> dict[str, float]:
     """Of each watched solver: the share of the sequence's ticks that it certifies, warm."""
     by_name = {entrant.name: entrant for entrant in entrants()}
-    return {solver: round(certified_share(by_name[solver], read(name)), 4) for solver in WATCHED}
+    return {solver: round(certified_fraction(by_name[solver], read(name)), 4) for solver in WATCHED}
 
 
 def _ratios(name: str, rounds: int) -> dict[str, float]:

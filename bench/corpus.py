@@ -13,7 +13,7 @@ from bench.solvers.shipped import shipped_sequences
 from rehab_opt.optim.certificate import is_certified
 from rehab_opt.qp_recording.sequence import QPSequence, read_sequence
 
-__all__ = ["along", "certified_share", "read", "representatives"]
+__all__ = ["along", "certified_fraction", "read", "representatives"]
 
 
 def representatives() -> list[str]:
@@ -40,7 +40,7 @@ def along(entrant: Entrant, sequence: QPSequence) -> Callable[[], Any]:
     return lambda: solver.solve(next(stream), warm=True)
 
 
-def certified_share(entrant: Entrant, sequence: QPSequence) -> float:
+def certified_fraction(entrant: Entrant, sequence: QPSequence) -> float:
     """Of the ticks, one after the other and warm: the share whose answer our certificate accepts."""
     recorded = RecordedQPs(sequence)
     solver = entrant.make(recorded, entrant.solver)

@@ -146,7 +146,7 @@ def _process(command: list[str], *, fifo: int | None = None) -> Iterator[None]:
 
 def _behind_rtde(console: Console, seconds: float) -> int:
     """A joint swings for so long, its commands and positions through ur_rtde and `tests/loop/rtde_server.py`."""
-    from rehab_opt.control.command import Bound, Command, Status  # noqa: PLC0415
+    from rehab_opt.control.command import Command, Relaxed, Status  # noqa: PLC0415
     from rehab_opt.loop.delay import measured_delay  # noqa: PLC0415
     from rehab_opt.loop.records import Tick  # noqa: PLC0415
     from rehab_opt.loop.ur import connect_ur  # noqa: PLC0415  (its extra)
@@ -156,7 +156,7 @@ def _behind_rtde(console: Console, seconds: float) -> int:
         value = np.zeros(6)
         value[1] = 0.1 * np.sin(tick.time) * tick.enabled
         status = Status.OK if tick.enabled else Status.HOLDING
-        return Command(value, status, "", 0.0, 0, "", Bound.NOTHING, 1.0)
+        return Command(value, status, "", 0.0, 0, "", Relaxed.NOTHING, 1.0)
 
     with ExitStack() as stack:
         truth, orders = (stack.enter_context(SharedRing.create(each)) for each in (TRUTH, ORDERS))

@@ -211,7 +211,7 @@ def judge(tracker: MirrorTracker, q: Array, poses: Array, problem: dict[str, Any
     """Of positions (M, n) in ticks, the last of them at rest."""
     velocities = np.append(np.diff(q, axis=0), np.zeros((1, q.shape[1])), axis=0) / tracker.dt
     found = broken(q, velocities, tracker.dt, problem, acceleration=ACCELERATION)
-    planes = [-tracker.hand_bounds.least_heights(q, plane).min() for plane in tracker.hand_bounds.planes]
+    planes = [-tracker.hand_bounds.min_heights(q, plane).min() for plane in tracker.hand_bounds.planes]
     outside = max(*(tracker.chain.lower - q).max(axis=1), *(q - tracker.chain.upper).max(axis=1), *planes)
     return Judged(tracker.dt * (len(q) - 1), float(passed(q, judged(poses)).mean()), off, *found, float(outside))
 
@@ -246,10 +246,10 @@ def recordings(options: argparse.Namespace, folder: Path) -> Iterator[tuple[str,
     firsts = np.random.default_rng(options.seed).integers(JUDGED[0], JUDGED[1] - rows + 2, options.slices).tolist()
     unseen += [(f"real hand, rows {k} to {k + rows - 1}", slice_recording(k, rows=rows)) for k in firsts]
     for name, recording in unseen:
-        loaded = problem_with(recording, folder)
+        config = problem_with(recording, folder)
         if options.placed:
-            loaded = placed(loaded, found_place(loaded, seed=options.seed, progress=lambda *_: None).keys)
-        yield name, loaded
+            config = placed(config, found_place(config, seed=options.seed, progress=lambda *_: None).keys)
+        yield name, config
 
 
 TITLES = (
@@ -276,9 +276,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     print("| " + " | ".join(TITLES) + " |", "|---" * len(TITLES) + "|", sep="\n")
     refused, built = Counter(dict.fromkeys(options.solvers, 0)), dict[tuple[Any, ...], Programme]()
     with tempfile.TemporaryDirectory() as scratch:
-        for name, loaded in recordings(options, Path(scratch)):
-            scene, content = laid_out(loaded), loaded.problem.model_dump(mode="json")
-            tracker = tracker_of(loaded.problem, scene, file=name)
+        for name, config in recordings(options, Path(scratch)):
+            scene, content = laid_out(config), config.problem.model_dump(mode="json")
+            tracker = tracker_of(config.problem, scene, file=name)
             poses, start, cpu = scene.led.poses, scene.start, []
             about = f"| {name} | {tracker.dt * len(poses):.1f}"
             for _ in range(2):

@@ -21,7 +21,7 @@ from bench.verdict import Verdict, all_met, print_verdicts
 from rehab_opt.session.files import ProblemFile, problem_content, problem_of, problem_path
 from rehab_opt.session.plant import KINDS, on_plant
 from rehab_opt.session.run import run_problem
-from rehab_opt.session.scenario.loop import ran
+from rehab_opt.session.scenario.loop import simulate_trial
 from rehab_opt.session.scenario.outcome import ScenarioOutcome
 from rehab_opt.session.scenario.precomputed import precompute
 from rehab_opt.session.scenario.run import law_of, scene_of
@@ -46,8 +46,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     verdicts: list[Verdict] = []
     if "people" in options.parts:
         for name in SCENARIOS:
-            loaded = changed(name, task={"trials": options.people}, run={"laws": LAWS})
-            measured = judged(name, run_problem(on_plant(loaded, options.plant)))
+            config = changed(name, task={"trials": options.people}, run={"laws": LAWS})
+            measured = judged(name, run_problem(on_plant(config, options.plant)))
             print_verdicts(console, measured)
             verdicts += measured
     if "session" in options.parts:
@@ -77,7 +77,7 @@ def judged(name: str, outcome: ScenarioOutcome) -> list[Verdict]:
         bounds, tick = parameters["assistance"], 1 / parameters["run"]["rate_hz"]
         soonest = bounds["force_limit_N"] / bounds["slew_limit_N_s"] + 2 * tick
         verdicts = [
-            _worst(f"{scenario} wanted inside W_c", ours, "force_wanted_inside_max_N", 0.0, "N"),
+            _worst(f"{scenario} desired inside W_c", ours, "force_desired_inside_max_N", 0.0, "N"),
             _worst(f"{scenario} growth of the force inside W_c", ours, "force_growth_inside_max_N", 0.0, "N"),
             _worst(f"{scenario} zero after entering W_c", ours, "time_to_zero_force_after_entry_max_s", soonest, "s"),
         ]
@@ -114,12 +114,12 @@ def judged(name: str, outcome: ScenarioOutcome) -> list[Verdict]:
 
 def session() -> Verdict:
     """A minute at 1 kHz beside the time it takes to simulate: participant, robot and assistance."""
-    loaded = changed("scenario_4_follow", task={"movement_s": 60.0, "rest_s": 0.0, "trials": 1})
-    ready = precompute(loaded, progress=_silent)
-    scene, law = scene_of(loaded, ready), law_of("assisted", loaded, ready)
-    ran(scene, law, name="assisted", number=0, seed=1)  # what is loaded late is loaded now
+    config = changed("scenario_4_follow", task={"movement_s": 60.0, "rest_s": 0.0, "trials": 1})
+    context = precompute(config, progress=_silent)
+    scene, law = scene_of(config, context), law_of("assisted", config, context)
+    simulate_trial(scene, law, name="assisted", number=0, seed=1)  # what is loaded late is loaded now
     began, processor = time.perf_counter(), time.process_time()
-    trial = ran(scene, law, name="assisted", number=0, seed=0)
+    trial = simulate_trial(scene, law, name="assisted", number=0, seed=0)
     seconds, processor = time.perf_counter() - began, time.process_time() - processor
     print(f"60 s session: {seconds:.1f} s by the wall clock, {processor:.1f} s of the processor")
     return Verdict(

@@ -41,9 +41,9 @@ def test_what_is_no_longer_measured_fails_and_what_is_new_does_not() -> None:
 
 def test_what_became_quicker_by_certifying_less_fails() -> None:
     now = {"pose/free": {"qrqp-fused": 0.01, "osqp-kept": 2.0}}
-    shares = {"pose/free": {"qrqp-fused": 1.0, "osqp-kept": 0.98}}
+    fractions = {"pose/free": {"qrqp-fused": 1.0, "osqp-kept": 0.98}}
     less = {"pose/free": {"qrqp-fused": 0.995, "osqp-kept": 0.98}}
-    found = changes(BEFORE, now, certified_before=shares, certified_now=less)
+    found = changes(BEFORE, now, certified_before=fractions, certified_now=less)
     assert [each.verdict(1.5) for each in found] == ["certifies 99.50%", ""]
 
 

@@ -87,10 +87,10 @@ def measured(arm: SerialChain, options: argparse.Namespace) -> tuple[list[Verdic
     ours = float(np.median(seconds))
     wrong, probed = _wrong_probes(arm, found, options.probes)
     sampled = _monte_carlo(arm, options.factor * ours)
-    rate, share = sampled.samples / sampled.seconds, len(sampled.hits) / sampled.samples
+    rate, fraction = sampled.samples / sampled.seconds, len(sampled.hits) / sampled.samples
     cells = found.polygon.area / ACCURACY**2
     # Coupon collector: hits until every cell has one, were they spread evenly; they are not, so it takes longer.
-    needed = cells * (math.log(cells) + 0.5772) / share if share else math.inf
+    needed = cells * (math.log(cells) + 0.5772) / fraction if fraction else math.inf
     hours = needed / rate / 3600
     gap, seen = _unseen(found, sampled.hits)
     lines = [
@@ -100,7 +100,7 @@ def measured(arm: SerialChain, options: argparse.Namespace) -> tuple[list[Verdic
         f"area {1e4 * found.polygon.area:.2f} cm^2, accuracy {1e3 * found.accuracy:g} mm; {found.solves} solver calls, "
         f"certified minima {1 - (found.uncertified + found.failures) / found.solves:.2%}, "
         f"no answer {found.failures / found.solves:.2%}; own probes {found.probes}, contradicting {found.failed}",
-        f"Monte Carlo: {rate:.3g} samples/s, {share:.2e} of them within 1 mm of the plane and 2 deg of vertical",
+        f"Monte Carlo: {rate:.3g} samples/s, {fraction:.2e} of them within 1 mm of the plane and 2 deg of vertical",
         f"Monte Carlo for a hit in each of {cells:.0f} cells of 1 mm: at least {needed:.2g} samples, {hours:.3g} h "
         "(extrapolated from the rates measured, for hits spread evenly, which favours it)",
         f"Monte Carlo after {sampled.seconds:.0f} s, {sampled.seconds / ours:.0f} x our time: {len(sampled.hits)} "

@@ -28,7 +28,7 @@ from bench.machine import machine
 from bench.verdict import Verdict, all_met, print_verdicts
 from rehab_opt import SerialChain, human_arm
 from rehab_opt.kinematics.human_arm import ARM_SEGMENTS
-from rehab_opt.workspace.audit import LARGEST_STRETCH, Audit
+from rehab_opt.workspace.audit import MAX_STRETCH, Audit
 from rehab_opt.workspace.mapping import WorkspaceMap
 from rehab_opt.workspace.reach import planar_workspace
 from rehab_opt.workspace.region import Workspace
@@ -160,7 +160,7 @@ def row(outcome: Outcome, source: Workspace, target: Workspace) -> list[str]:
         f"{1e4 * source.area:.0f}->{1e4 * target.area:.0f}",
         f"{safe.folded:.2%}",
         f"{safe.outside:.2%}",
-        f"{safe.smallest_stretch / ratio:.2f}..{safe.largest_stretch / ratio:.2f}",
+        f"{safe.min_stretch / ratio:.2f}..{safe.max_stretch / ratio:.2f}",
         f"{safe.coverage:.0%}",
         f"{proven.determinant / ratio**2:.3f} r2" if proven.valid else "no",
         f"{1e3 * proven.margin:.2f}" if proven.valid else "no",
@@ -199,14 +199,14 @@ def people_verdicts(outcomes: list[Outcome], count: int) -> list[Verdict]:
 
 def _verdicts(name: str, outcomes: list[Outcome]) -> list[Verdict]:
     safe = [each.safe for each in outcomes]
-    extreme = [max(a.largest_stretch / a.overall_ratio, a.overall_ratio / a.smallest_stretch) for a in safe]
+    extreme = [max(a.max_stretch / a.overall_ratio, a.overall_ratio / a.min_stretch) for a in safe]
     return [
         Verdict(f"{name}: worst folded share", max(a.folded for a in safe), "<=", 0.0),
         Verdict(f"{name}: worst share outside", max(a.outside for a in safe), "<=", 0.0),
         Verdict(f"{name}: share certified", float(np.mean([a.certificate.valid for a in safe])), ">=", 1.0),
         Verdict(f"{name}: worst round trip", max(a.round_trip for a in safe), "<=", 1e-9, "m"),
         Verdict(f"{name}: share that a controller accepts", float(np.mean([a.passed for a in safe])), ">=", 1.0),
-        Verdict(f"{name}: largest stretch or squeeze over the overall ratio", max(extreme), "<=", LARGEST_STRETCH),
+        Verdict(f"{name}: largest stretch or squeeze over the overall ratio", max(extreme), "<=", MAX_STRETCH),
     ]
 
 

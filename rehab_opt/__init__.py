@@ -4,7 +4,7 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 from rehab_opt.control.arm_ik import ArmIK, IKPath, IKSolution
-from rehab_opt.control.command import Bound, Command, Status
+from rehab_opt.control.command import Command, Relaxed, Status
 from rehab_opt.control.pose_tracker import PoseTracker
 from rehab_opt.control.smoother import Smoother
 from rehab_opt.control.smoothing import smooth_path
@@ -68,7 +68,6 @@ __all__ = [
     "ArmIK",
     "Assistance",
     "Bilateral",
-    "Bound",
     "BoundedForce",
     "Box",
     "Capsule",
@@ -99,6 +98,7 @@ __all__ = [
     "ProblemFileError",
     "RedundancyResolver",
     "RehabOptError",
+    "Relaxed",
     "RobotFileError",
     "SerialChain",
     "SharedRing",

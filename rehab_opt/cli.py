@@ -121,19 +121,19 @@ def run(
     from rehab_opt.session.report import FIGURE_FORMATS, free_folder, write_report  # noqa: PLC0415
     from rehab_opt.session.systems import system_named  # noqa: PLC0415
 
-    loaded = load_problem(file)
+    config = load_problem(file)
     formats = [] if also is None else [one_of("--also", each, FIGURE_FORMATS) for each in also.split(",")]
     into = destination(study, person, session, covariate)
-    chosen = out if out is not None else Path("out") / loaded.name
+    chosen = out if out is not None else Path("out") / config.name
     folder = writable(chosen) if force else free_folder(writable(chosen))
     began, options = time.perf_counter(), {"law": law, "plant": plant, "solver": solver}
-    outcome = _run_with_progress(loaded, **options)
+    outcome = _run_with_progress(config, **options)
     with undisturbed():
         written = write_report(outcome, folder, also=formats)
         if into is not None:
             from rehab_opt.study.record import run_trials  # noqa: PLC0415
 
-            new = into.add(run_trials(loaded, outcome, options, files=written, seconds=time.perf_counter() - began))
+            new = into.add(run_trials(config, outcome, options, files=written, seconds=time.perf_counter() - began))
     console, system = printer(), system_named(outcome.system)
     few = None if whole else system.brief(outcome)
     console.print(few if few is not None else system.table(outcome))
@@ -219,11 +219,11 @@ def film(
     from rehab_opt.session.files import load_problem  # noqa: PLC0415
     from rehab_opt.session.run import live_problem  # noqa: PLC0415
 
-    loaded = load_problem(file)
-    place = output_file(out, loaded.name, ".gif")
+    config = load_problem(file)
+    place = output_file(out, config.name, ".gif")
     not_there_yet(place, force=force)
     with bars() as progress:
-        problem = live_problem(loaded, plant=plant)
+        problem = live_problem(config, plant=plant)
         place.parent.mkdir(parents=True, exist_ok=True)
         count = write_film(problem, place, seconds=seconds, progress=progress)
     say(f"written to {place}: {count} pictures, {place.stat().st_size / 1e3:.0f} kB")
@@ -246,10 +246,10 @@ def loop(
     from rehab_opt.loop.of_problem import run_in_time  # noqa: PLC0415  (loads solvers)
     from rehab_opt.session.files import load_problem  # noqa: PLC0415
 
-    loaded = load_problem(file)
+    config = load_problem(file)
     _log_folder(log)
     report, lost = run_in_time(
-        loaded, seconds=seconds, plant=plant, solver=solver, log=log, fifo=fifo, gamepad=gamepad
+        config, seconds=seconds, plant=plant, solver=solver, log=log, fifo=fifo, gamepad=gamepad
     )  # fmt: skip
     for line in str(report).splitlines():
         say(line)
@@ -301,8 +301,8 @@ def list_problems() -> None:
 
     table = Table(Column("problem", no_wrap=True), "title", "recording")
     for name in shipped_problems():
-        loaded = load_problem(name)
-        table.add_row(name, loaded.problem.title, recording_state(loaded))
+        config = load_problem(name)
+        table.add_row(name, config.problem.title, recording_state(config))
     printer().print(table)
 
 
@@ -353,28 +353,28 @@ def check(
     from rehab_opt.session.run import arms_of, checked  # noqa: PLC0415
     from rehab_opt.session.systems import OutOfReach  # noqa: PLC0415
 
-    loaded = load_problem(file)
-    notes = checked(loaded)
-    arms, pictures = arms_of(loaded), []
+    config = load_problem(file)
+    notes = checked(config)
+    arms, pictures = arms_of(config), []
     if picture is not None:
         if not arms:
-            expected = f"a problem that states a range of motion, which {loaded.problem.system!r} does not"
+            expected = f"a problem that states a range of motion, which {config.problem.system!r} does not"
             raise ConfigurationError("--picture", str(picture), expected)
         folder = writable(picture, argument="--picture")
         pictures = [folder / f"arm_{number}.png" for number in range(1, len(arms) + 1)]
         for path in pictures:
             not_there_yet(path, force=force, argument="--picture")
-    say(f"{loaded.name}: {loaded.problem.title}")
+    say(f"{config.name}: {config.problem.title}")
     for note in notes:
         say(f"- {note}")
     if arms:
         from rehab_opt.session.arm_picture import range_note, write_range_figures  # noqa: PLC0415
 
-        side = getattr(getattr(loaded.problem, "arm", None), "side", "")
+        side = getattr(getattr(config.problem, "arm", None), "side", "")
         for name, arm in arms.items():
             say(f"- {range_note(name, arm, side=side)}")
         if pictures:
-            write_range_figures(arms, pictures, title=loaded.problem.title)
+            write_range_figures(arms, pictures, title=config.problem.title)
             say(f"written to {folder}: {', '.join(path.name for path in pictures)}")
     reached = not any(isinstance(note, OutOfReach) for note in notes)
     say("ok" if reached else "to be read and run, but nothing of it is in reach")
@@ -400,19 +400,19 @@ def place(
     )
     from rehab_opt.session.mirror.problem import MirrorProblem  # noqa: PLC0415
 
-    loaded = load_problem(file)
-    if not isinstance(loaded.problem, MirrorProblem):
+    config = load_problem(file)
+    if not isinstance(config.problem, MirrorProblem):
         raise ConfigurationError("FILE", file, 'a problem of system = "mirror"')
     if out is not None:
         no_folder(out)
         writable(out.parent)
-        recording = loaded.problem.recording.file
-        beside = out.parent.resolve() == loaded.path.parent.resolve()
+        recording = config.problem.recording.file
+        beside = out.parent.resolve() == config.path.parent.resolve()
         if not (beside or recording.startswith("data:") or Path(recording).is_absolute()):
             raise ConfigurationError("--out", str(out), f"a file beside {file}, from where {recording} is found")
-        not_there_yet(out, force=force, inputs=(loaded.path, loaded.path.parent / recording))
+        not_there_yet(out, force=force, inputs=(config.path, config.path.parent / recording))
     with bars() as progress:
-        found = found_place(loaded, seats=seats, seed=seed, progress=progress)
+        found = found_place(config, seats=seats, seed=seed, progress=progress)
     for section, values in found.keys.items():
         say(f"[{section}]")
         for key, value in values.items():
@@ -444,10 +444,10 @@ def record(
     from rehab_opt.qp_recording.sequence import write_sequence  # noqa: PLC0415
     from rehab_opt.session.files import load_problem  # noqa: PLC0415
 
-    loaded = load_problem(file)
-    place = output_file(out, loaded.name, ".npz")
+    config = load_problem(file)
+    place = output_file(out, config.name, ".npz")
     with bars() as progress:
-        sequences = recorded_run(loaded, skip=skip, ticks=ticks, progress=progress, solver=solver)
+        sequences = recorded_run(config, skip=skip, ticks=ticks, progress=progress, solver=solver)
     paths = file_names(place, sequences)
     for path in paths:  # before any of them is written
         no_folder(path)
@@ -622,10 +622,10 @@ def export_controller(
     from rehab_opt.export.export_c import export_c  # noqa: PLC0415
     from rehab_opt.session.files import load_problem  # noqa: PLC0415
 
-    loaded = load_problem(file)
+    config = load_problem(file)
     with bars() as progress:
         place = writable(folder, argument="DIR")
-        written = export_c(loaded, place, memory=memory, progress=progress, writing=undisturbed())
+        written = export_c(config, place, memory=memory, progress=progress, writing=undisturbed())
     for place in sorted({path.parent for path in written}):
         say(f"written to {place}: {', '.join(path.name for path in written if path.parent == place)}")
         source, build = shlex.quote(str(place)), shlex.quote(str(place / "build"))
@@ -641,8 +641,8 @@ def _log_folder(log: Path | None) -> None:
         log.parent.mkdir(parents=True, exist_ok=True)
 
 
-def _run_with_progress(loaded: ProblemFile[Any], **options: str | None) -> Outcome:
+def _run_with_progress(config: ProblemFile[Any], **options: str | None) -> Outcome:
     from rehab_opt.session.run import run_problem  # noqa: PLC0415
 
     with bars() as progress:
-        return run_problem(loaded, progress=progress, **options)
+        return run_problem(config, progress=progress, **options)

@@ -37,7 +37,7 @@ __all__ = [
     "writable",
 ]
 
-MOST_OF_A_VALUE = 120  # characters of a message
+MAX_OF_A_VALUE = 120  # characters of a message
 BETWEEN_LINES = 60.0
 """[s] from one line of progress to the next, where there is no terminal to draw bars on."""
 
@@ -187,8 +187,8 @@ def one_of(argument: str, value: str, known: Collection[str]) -> str:
 def refuse(problem: RehabOptError) -> NoReturn:
     """One line on the error stream, whatever a file or its name holds, and exit code 2."""
     text, value = (" ".join(each.splitlines()) for each in (str(problem), repr(getattr(problem, "value", ""))))
-    if len(value) > MOST_OF_A_VALUE:
-        text = text.replace(value, value[:MOST_OF_A_VALUE] + "...")
+    if len(value) > MAX_OF_A_VALUE:
+        text = text.replace(value, value[:MAX_OF_A_VALUE] + "...")
     print(f"rehab-opt: {printable(text)}", file=sys.stderr)
     sys.exit(2)
 

@@ -17,11 +17,11 @@ from rehab_opt.errors import ProblemFileError
 __all__ = [
     "DEEPEST_KEY",
     "FARTHEST",
-    "LARGEST_PROBLEM",
-    "LARGEST_RECORDING",
-    "LARGEST_TABLE",
     "LATEST",
-    "MOST_COLUMNS",
+    "MAX_COLUMNS",
+    "MAX_PROBLEM_SIZE",
+    "MAX_RECORDING_SIZE",
+    "MAX_TABLE_SIZE",
     "brief",
     "check_key_depth",
     "file_content",
@@ -58,8 +58,8 @@ def regular_file(path: Path, name: str) -> Iterator[BinaryIO]:
         raise ProblemFileError(name, "file", path.name, expected) from problem
 
 
-def file_content(path: Path, name: str, *, largest: int) -> bytes:
-    """Content of a regular file of at most `largest` bytes; `name` is what errors call the file.
+def file_content(path: Path, name: str, *, max_size: int) -> bytes:
+    """Content of a regular file of at most `max_size` bytes; `name` is what errors call the file.
 
     Raises
     ------
@@ -67,10 +67,10 @@ def file_content(path: Path, name: str, *, largest: int) -> bytes:
     """
     with regular_file(path, name) as file:
         size = os.fstat(file.fileno()).st_size
-        content = file.read(largest + 1)  # more than was said where it grows meanwhile
+        content = file.read(max_size + 1)  # more than was said where it grows meanwhile
     size = max(size, len(content))
-    if size > largest:
-        expected = f"at most {_megabytes(largest)}: split the file, or leave out what is not needed"
+    if size > max_size:
+        expected = f"at most {_megabytes(max_size)}: split the file, or leave out what is not needed"
         raise ProblemFileError(name, "file size", _megabytes(size), expected)
     return content
 
@@ -84,14 +84,14 @@ def _megabytes(size: int) -> str:
     return f"{size / 1e6:.6g} MB"
 
 
-def whole_text(path: Path, name: str, *, largest: int) -> str:
-    """Content of a UTF-8 text file of at most `largest` bytes.
+def whole_text(path: Path, name: str, *, max_size: int) -> str:
+    """Content of a UTF-8 text file of at most `max_size` bytes.
 
     Raises
     ------
     ProblemFileError : as `file_content`; empty, or not text.
     """
-    content = file_content(path, name, largest=largest)
+    content = file_content(path, name, max_size=max_size)
     try:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError as problem:
@@ -132,13 +132,13 @@ def shown(text: str, most: int = 40) -> str:
     return text if len(text) <= most else text[: most - 3] + "..."
 
 
-LARGEST_PROBLEM = 256_000
+MAX_PROBLEM_SIZE = 256_000
 """[byte] The shipped problem files have 3000 at most."""
-LARGEST_TABLE = 4_000_000
+MAX_TABLE_SIZE = 4_000_000
 """[byte] of a table of participants: 10 000 people with 40 cells each."""
-LARGEST_RECORDING = 50_000_000
+MAX_RECORDING_SIZE = 50_000_000
 """[byte] An hour at 100 Hz with ten columns has 36 million."""
-MOST_COLUMNS = 5000
+MAX_COLUMNS = 5000
 DEEPEST_KEY = 32
 """Parts of a dotted key. Reading one takes time that grows with their square."""
 
@@ -175,17 +175,17 @@ def header_cells(cells: Sequence[str], *, name: str, line: int) -> list[str]:
 
     Raises
     ------
-    ProblemFileError : more than `MOST_COLUMNS`.
+    ProblemFileError : more than `MAX_COLUMNS`.
     """
-    if len(cells) > MOST_COLUMNS:
-        expected = f"at most {MOST_COLUMNS} columns: leave out those that are not needed"
+    if len(cells) > MAX_COLUMNS:
+        expected = f"at most {MAX_COLUMNS} columns: leave out those that are not needed"
         raise ProblemFileError(name, f"line {line}", f"{len(cells)} columns", expected)
     return [cell.strip() for cell in cells]
 
 
 def text_lines(path: Path, name: str) -> list[str]:
     """Lines of a text file without their ends and without empty ones at the end; raises as `whole_text`."""
-    lines = whole_text(path, name, largest=LARGEST_RECORDING).splitlines()
+    lines = whole_text(path, name, max_size=MAX_RECORDING_SIZE).splitlines()
     while not lines[-1].strip():
         lines.pop()
     return lines

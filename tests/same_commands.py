@@ -67,7 +67,7 @@ def commands_of(judge: str, ticks: int, seed: int) -> dict[str, NDArray[Any]]:
     def tick(answer: Any) -> None:
         for command in commands_in(answer):
             values.append(np.array(command.value, dtype=np.float64))
-            said.append(f"{command.status.name} {int(command.yielded)} {command.scale:.9g} {command.reason}")
+            said.append(f"{command.status.name} {int(command.relaxed)} {command.scale:.9g} {command.reason}")
 
     with heard(tick):
         hearing(judge, ticks, seed, None)

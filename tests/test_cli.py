@@ -138,7 +138,7 @@ def test_run_writes_numbers_trace_and_figures(folder: Path, capsys: pytest.Captu
     assert files(folder / "result") == {"metrics.json", "trace.csv", "hand_path.png", "joints.png", "error.png"}
     content = json.loads((folder / "result/metrics.json").read_text(encoding="utf-8"))
     assert {"optimised", "published"} <= content["metrics"].keys()
-    assert content["metrics"]["reachable_share_of_length"] == 1.0
+    assert content["metrics"]["reachable_fraction_of_length"] == 1.0
     assert content["metrics"]["optimised"]["position_error_max_m"] < 1e-6
     with (folder / "result/trace.csv").open(encoding="utf-8") as trace:
         rows = list(csv.DictReader(trace))
@@ -169,7 +169,7 @@ def test_one_law_alone_can_be_run(folder: Path, law: str, capsys: pytest.Capture
     metrics = content["metrics"]
     assert content["options"] == {"law": law}
     assert {"published", "optimised"} & metrics.keys() == {law}
-    assert (metrics["reachable_share_of_length"] is None) == (law == "published")
+    assert (metrics["reachable_fraction_of_length"] is None) == (law == "published")
 
 
 def test_second_run_gets_a_number_or_replaces_its_files_and_leaves_others(folder: Path) -> None:

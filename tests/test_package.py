@@ -147,8 +147,8 @@ def modules(file: Path) -> Iterator[str]:
 def test_importing_loads_no_solver_and_no_plot(module: str) -> None:
     needed = {"typer", "rich"} if module == "rehab_opt.cli" else set()
     code = f"import sys, casadi, numpy; before = set(sys.modules); import {module}; print(*set(sys.modules) - before)"
-    loaded = {name.partition(".")[0] for name in fresh(code).split()}
-    assert sorted(loaded & HEAVY - needed) == []
+    config = {name.partition(".")[0] for name in fresh(code).split()}
+    assert sorted(config & HEAVY - needed) == []
 
 
 def private_names(*folders: Path) -> set[str]:

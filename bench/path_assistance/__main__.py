@@ -34,7 +34,7 @@ from rehab_opt.plants.intention import AIMS, Aims, traced
 from rehab_opt.plants.simulated_person import Person
 from rehab_opt.session.files import load_problem
 from rehab_opt.session.scenario.laws import Assisted, ForceLaw, Unassisted
-from rehab_opt.session.scenario.loop import Scene, ran
+from rehab_opt.session.scenario.loop import Scene, simulate_trial
 from rehab_opt.session.scenario.precomputed import precompute
 
 __all__ = ["Measured", "main", "measured", "verdicts"]
@@ -106,7 +106,7 @@ def measured(seed: int, aims: Aims, *, trials: int, wide: bool = False) -> Measu
     laws: dict[str, ForceLaw] = {"unassisted": Unassisted(), "assisted": Assisted(helper)}
     found = {}
     for name, law in laws.items():
-        seen = [ran(scene, law, name=name, number=k, seed=abs(seed) * 10 + k) for k in range(trials)]  # type: ignore[arg-type]
+        seen = [simulate_trial(scene, law, name=name, number=k, seed=abs(seed) * 10 + k) for k in range(trials)]  # type: ignore[arg-type]
         found[name] = np.array(
             [judged(Seen(each.position, each.commanded, each.intended, DT), path, width=WIDTH) for each in seen]
         )
@@ -117,12 +117,12 @@ def measured(seed: int, aims: Aims, *, trials: int, wide: bool = False) -> Measu
 
 def verdicts(results: Sequence[Measured]) -> list[Verdict]:
     """What was asked of one person."""
-    share = sum(each.covers for each in results) / len(results)
+    fraction = sum(each.covers for each in results) / len(results)
     lost = max(each.without - each.helped for each in results)
     ratios = [each.ratio for each in results]
     of = f"{results[0].aims}: "
     return [
-        Verdict(of + "traces covered as without help, or 98 %", share, ">=", 0.95),
+        Verdict(of + "traces covered as without help, or 98 %", fraction, ">=", 0.95),
         Verdict(of + "largest loss of coverage", lost, "<=", 0.05),
         Verdict(of + "deviation, with help / without, median", float(np.median(ratios)), "<=", 0.5),
         Verdict(of + "deviation, with help / without, largest", max(ratios), "<=", 1.0),

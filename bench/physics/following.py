@@ -55,7 +55,7 @@ class Run:
         moves = jacobians(self.chain, self.q[ticks])[:, :3] @ self.velocity[ticks, :, None]
         return np.asarray(np.linalg.norm(moves[..., 0], axis=1))
 
-    def share(self, *of: Status) -> float:
+    def fraction(self, *of: Status) -> float:
         """Of the ticks, with one of these statuses."""
         return sum(each in of for each in self.status) / len(self.status)
 

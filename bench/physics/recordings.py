@@ -9,7 +9,7 @@ from rehab_opt.plants.ideal import IdealJoints
 from rehab_opt.plants.mujoco_arm import MujocoArm
 from rehab_opt.plants.plant import Plant
 from rehab_opt.session.files import load_problem
-from rehab_opt.session.mirror.laws import followed, tracker_of
+from rehab_opt.session.mirror.laws import track_reference, tracker_of
 from rehab_opt.session.mirror.scene import Setup, laid_out
 
 __all__ = ["mirrored"]
@@ -22,11 +22,11 @@ STALLED = 2.0
 def mirrored(setting: Setting) -> Numbers:
     """Mean lag at the file's rate, over 1.2 times the ideal robot's and 0.1 s; infinite where it stalls."""
     name = PROBLEMS[int(setting.rng.integers(len(PROBLEMS)))]
-    loaded = load_problem(name)
-    problem, told = loaded.problem, setting.told(MirrorTracker)
+    config = load_problem(name)
+    problem, told = config.problem, setting.told(MirrorTracker)
     dt, key = 1.0 / problem.tracker.rate_hz, (name, repr(told))
     if key not in setting.kept:
-        scene = laid_out(loaded)
+        scene = laid_out(config)
         tracker = tracker_of(problem, scene, file=name, **told)
         setting.kept[key] = scene, tracker, _lag(tracker, scene, IdealJoints(dt))
     scene, tracker, ideal = setting.kept[key]
@@ -38,6 +38,6 @@ def mirrored(setting: Setting) -> Numbers:
 
 def _lag(tracker: MirrorTracker, scene: Setup, plant: Plant) -> float:
     """[s] mean."""
-    led = followed(tracker, scene, plant, patience=STALLED, progress=lambda *_: None)
+    led = track_reference(tracker, scene, plant, patience=STALLED, progress=lambda *_: None)
     late: float = float(led.lag.mean())
     return late if led.complete else float("inf")

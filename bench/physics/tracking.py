@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from bench.physics.following import ASKED_BACKUP, follow
 from bench.physics.setting import Array, Numbers, Setting
 from rehab_opt import Command, PoseTracker
-from rehab_opt.control.command import Bound, Status
+from rehab_opt.control.command import Relaxed, Status
 
 __all__ = ["GAINS", "PEERS", "tracked"]
 
@@ -36,7 +36,7 @@ def tracked(setting: Setting) -> Numbers:
         rng.bit_generator.state = noise
         run = follow(setting.plant(), chain, start, len(poses), step)
         error = np.linalg.norm(run.hand[settled:] - poses[settled:, :3, 3], axis=1)
-        return float(np.sqrt(np.mean(error**2))), run.share(*ASKED_BACKUP)
+        return float(np.sqrt(np.mean(error**2))), run.fraction(*ASKED_BACKUP)
 
     for gain in GAINS:
         tracker = setting.controller(PoseTracker, chain, gain=gain)
@@ -63,7 +63,7 @@ def _peer(solve: Solve, poses: Array, gain: float, dt: float) -> Callable[[int, 
         before = last[0] if k else np.zeros_like(seen.position)
         value = solve(seen.position, ahead, before)
         last[0] = before if value is None else value  # noise can leave the limits without an answer: on as before
-        return Command(last[0], Status.OK, "", 0.0, -1, "", Bound.NOTHING, 1.0)
+        return Command(last[0], Status.OK, "", 0.0, -1, "", Relaxed.NOTHING, 1.0)
 
     return step
 

@@ -75,8 +75,8 @@ def mirror(name: str, *, task: str, floor: float, skip: int, ticks: int, about: 
 def swaying_hand(ticks: int, *, speed: float) -> Iterator[Array]:
     """Forth and back along the reach, with a tremor; `speed` 1 takes 3.3 s for both ways."""
     t = np.arange(ticks) * FORCE_DT
-    share = 0.5 - 0.5 * np.cos(2 * np.pi * 0.3 * speed * t)
-    x = np.column_stack([np.interp(share, SHARE, column) for column in REACH.T])
+    fraction = 0.5 - 0.5 * np.cos(2 * np.pi * 0.3 * speed * t)
+    x = np.column_stack([np.interp(fraction, SHARE, column) for column in REACH.T])
     yield from x + 4e-3 * np.column_stack([np.sin(2 * np.pi * 5 * t), np.cos(2 * np.pi * 4 * t)])
 
 

@@ -22,9 +22,9 @@ __all__ = ["figures_of"]
 COLOURS = ("#000000", "#E69F00", "#56B4E9", "#009E73", "#0072B2", "#D55E00", "#CC79A7")
 DASHES = ("-", "--", ":")
 MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*", "<", ">", "h")
-LEAST_FACTOR = 10.0
+MIN_FACTOR = 10.0
 """To which a profile is drawn at least; further where a solver that solves everything needs longer."""
-LEAST_ERROR = 1e-17
+MIN_ERROR = 1e-17
 """What is exact is drawn here: a logarithm has no zero."""
 
 Times = Mapping[str, NDArray[np.float64]]
@@ -61,14 +61,14 @@ def _profile(family: str, times: Mapping[str, Times], styles: Styles) -> Figure:
     panels = _panels(figure, times)
     for mode, axes in panels.items():
         profiles = performance_profile(times[mode])
-        largest = max([LEAST_FACTOR, *(float(factors[-1]) for factors, _ in profiles.values() if factors.size)])
+        largest = max([MIN_FACTOR, *(float(factors[-1]) for factors, _ in profiles.values() if factors.size)])
         axes.set(xscale="log", xlim=(1.0, largest), ylim=(0.0, 1.03))
         axes.set_title(mode, fontsize=10, loc="left")
         axes.set_xlabel("time beside the fastest solver of each instance [times]", fontsize=9)
         axes.yaxis.set_major_formatter(PercentFormatter(1.0))
-        for name, (factors, shares) in profiles.items():
+        for name, (factors, fractions) in profiles.items():
             x = np.concatenate(([1.0], factors, [largest]))
-            y = np.concatenate(([0.0], shares, [shares[-1] if shares.size else 0.0]))
+            y = np.concatenate(([0.0], fractions, [fractions[-1] if fractions.size else 0.0]))
             style = {key: value for key, value in styles[name].items() if key != "marker"}
             axes.step(x, y, where="post", label=name, linewidth=1.6, **style)
     next(iter(panels.values())).set_ylabel("certified instances", fontsize=9)
@@ -89,7 +89,7 @@ def _distribution(family: str, times: Mapping[str, Times]) -> Figure:
             solved = 1e6 * of_mode[np.isfinite(of_mode)]
             if solved.size:
                 least, low, middle, high, most, largest = (
-                    percentile(solved, share) for share in (0.0, 0.25, 0.5, 0.75, 0.99, 1.0)
+                    percentile(solved, fraction) for fraction in (0.0, 0.25, 0.5, 0.75, 0.99, 1.0)
                 )
                 axes.plot([least, most], [i, i], color="#555555", linewidth=1.0)
                 axes.plot([low, high], [i, i], color="#56B4E9", linewidth=7.0, solid_capstyle="butt")
@@ -113,7 +113,7 @@ def _accuracy(family: str, rows: Sequence[Row], styles: Styles) -> Figure:
         axes.set_xlabel("shifted geometric mean of the time, failures as the limit [us]", fontsize=9)
         for row in rows:
             if row.mode == mode and row.ticks and np.isfinite(row.largest_error):
-                error = max(row.error, LEAST_ERROR), max(row.largest_error, LEAST_ERROR)
+                error = max(row.error, MIN_ERROR), max(row.largest_error, MIN_ERROR)
                 style = {key: value for key, value in styles[row.solver].items() if key != "linestyle"}
                 axes.plot([1e6 * row.mean] * 2, error, color=style["color"], linewidth=0.8)
                 axes.plot(1e6 * row.mean, error[0], linestyle="none", markersize=8, label=row.solver, **style)

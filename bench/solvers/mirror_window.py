@@ -32,7 +32,7 @@ Array = NDArray[np.float64]
 
 STEADYING = 1e-3
 """[m^2/rad^2] c: what a change of velocity costs beside the error; it makes the answer unique."""
-MOST_KNOTS = 100
+MAX_KNOTS = 100
 
 
 class MirrorWindow:
@@ -50,8 +50,8 @@ class MirrorWindow:
     """
 
     def __init__(self, bounds: HandBounds, *, knots: int, turn_length: float = 0.1) -> None:
-        if not isinstance(knots, int) or not 1 <= knots <= MOST_KNOTS:
-            raise ConfigurationError("knots", knots, f"an integer from 1 to {MOST_KNOTS}")
+        if not isinstance(knots, int) or not 1 <= knots <= MAX_KNOTS:
+            raise ConfigurationError("knots", knots, f"an integer from 1 to {MAX_KNOTS}")
         if bounds.planes:
             raise ConfigurationError("bounds", len(bounds.planes), "no planes")
         self.bounds, self.knots = bounds, knots
@@ -70,13 +70,13 @@ class MirrorWindow:
         pose = ca.Function("pose", [here], [chain.pose_expression(here)])
         measure = ca.Function("measure", [here], [bounds.manipulability(here)[0]])
 
-        cost, rows, shares = ca.SX(0), [], []
+        cost, rows, fractions = ca.SX(0), [], []
         last, last_but_one, last_hand = here, before, pose(here)[:3, 3]
         least = ca.fmin(bounds.floor, measure(here))
         away = ca.fmax(bounds.deviation, ca.norm_2(last_hand - wanted[0][:3, 3]))
         reach = bounds.linear_speed * bounds.dt
         for q, target in zip(steps, wanted, strict=True):
-            tool, share, step = pose(q), measure(q), q - last
+            tool, fraction, step = pose(q), measure(q), q - last
             error, turn = tool[:3, 3] - target[:3, 3], tool[:3, :3] - target[:3, :3]
             change, moved = step - (last - last_but_one), tool[:3, 3] - last_hand
             cost += ca.sumsqr(error) / 2 + self.turn_length**2 * ca.sumsqr(turn) / 4 + STEADYING * ca.sumsqr(change) / 2
@@ -84,16 +84,16 @@ class MirrorWindow:
             rows += [
                 within(step, -speed, speed),
                 within(change, -hurry, hurry),
-                within(share, least, ca.inf),
+                within(fraction, least, ca.inf),
                 # Squares over the length they are bounded by, so that their slopes are of order one like the others'.
                 within(ca.sumsqr(moved) / (2 * reach), -ca.inf, reach / 2),
                 within(ca.sumsqr(error) / (2 * away), -ca.inf, away / 2),
             ]
-            shares.append(share)
+            fractions.append(fraction)
             last, last_but_one, last_hand = q, last, tool[:3, 3]
         return NLP(
             "mirror_window", parameters=[here, before, poses], variables=[joints], minimise=cost, subject_to=rows,
-            report=ca.vertcat(*shares),
+            report=ca.vertcat(*fractions),
         )  # fmt: skip
 
     def parameters_of(self, here: ArrayLike, before: ArrayLike, poses: ArrayLike) -> Array:

@@ -21,7 +21,7 @@ BLOCKS = (250, 25, 1)
 share one limit: where it is passed, the next smaller number shows whether a tick hangs or all of them are slow."""
 SMALL = 20
 """Variables above which every tick reports: it takes milliseconds, and many of them would not keep to one limit."""
-MOST_TOO_LATE = 3
+MAX_TOO_LATE = 3
 """Ticks of a pass that may be too late before the rest is not tried."""
 SETUP_SECONDS = 120.0
 """Limit of making a solver: its imports, and a compiler."""
@@ -94,7 +94,7 @@ def _once(
     done: list[Judged] = []
     begun, blocks, late = False, list(BLOCKS if sequence.sizes[0] <= SMALL else BLOCKS[-1:]), 0
     while len(done) < whole:
-        if late >= MOST_TOO_LATE:
+        if late >= MAX_TOO_LATE:
             why = f"{late} ticks before it were too late"
             done += [Judged(Outcome.NOT_TRIED, math.inf, math.inf, math.nan, why)] * (whole - len(done))
             break

@@ -29,11 +29,11 @@ class ProblemRun(NamedTuple):
 
     def sequence(self, name: str) -> QPSequence:
         """The QPs of the window."""
-        found = recorded_run(self._loaded(), skip=self.skip, ticks=self.ticks)
+        found = recorded_run(self._config(), skip=self.skip, ticks=self.ticks)
         kept = next(each for each in found if each.name.endswith(self.stream))
         return dataclasses.replace(kept, name=name, command=regenerate_command(name), about=self.about)
 
-    def _loaded(self) -> Any:
+    def _config(self) -> Any:
         if not self.changes:
             return load_problem(self.problem)
         name, path = problem_path(self.problem)

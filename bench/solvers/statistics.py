@@ -16,16 +16,16 @@ SHIFT = 10e-6
 """[s] Shift of the geometric mean: what is quicker than this hardly counts as quicker, a tick costs as much anyway."""
 
 
-def percentile(seconds: ArrayLike, share: float) -> float:
-    """The smallest time that at least `share` (0 to 1) of the solves kept to; infinite where too many failed."""
+def percentile(seconds: ArrayLike, fraction: float) -> float:
+    """The smallest time that at least `fraction` (0 to 1) of the solves kept to; infinite where too many failed."""
     times = np.asarray(seconds, dtype=np.float64)
-    return float(np.quantile(times, share, method="inverted_cdf")) if times.size else float("nan")
+    return float(np.quantile(times, fraction, method="inverted_cdf")) if times.size else float("nan")
 
 
-def tail(seconds: ArrayLike, share: float) -> float:
+def tail(seconds: ArrayLike, fraction: float) -> float:
     """`percentile` of so many solves that one of them may lie beyond it; NaN for fewer: it would be the largest."""
-    few = np.size(seconds) * (1.0 - share) < 1.0 - 1e-9
-    return float("nan") if few else percentile(seconds, share)
+    few = np.size(seconds) * (1.0 - fraction) < 1.0 - 1e-9
+    return float("nan") if few else percentile(seconds, fraction)
 
 
 def shifted_geometric_mean(seconds: ArrayLike, *, limit: float, shift: float = SHIFT) -> float:

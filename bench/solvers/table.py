@@ -150,9 +150,9 @@ def _cells(row: Row) -> tuple[str, ...]:
     )  # fmt: skip
 
 
-def share_text(share: float) -> str:
+def share_text(fraction: float) -> str:
     """In per cent, and 100 only for all of them."""
-    return f"{math.floor(1e4 * share) / 100:g} %"
+    return f"{math.floor(1e4 * fraction) / 100:g} %"
 
 
 def _microseconds(seconds: float) -> str:

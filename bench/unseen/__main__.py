@@ -33,7 +33,7 @@ from bench.unseen.ur5_branches import branch_of, flange, manipulability, posture
 from bench.verdict import Verdict, all_met, print_verdicts
 from rehab_opt.plants.ideal import IdealJoints
 from rehab_opt.session.files import ProblemFile, problem_of, shipped_problems
-from rehab_opt.session.mirror.laws import followed, planned, tracker_of
+from rehab_opt.session.mirror.laws import planned, track_reference, tracker_of
 from rehab_opt.session.mirror.metrics import driven
 from rehab_opt.session.mirror.placing import found_place, placed
 from rehab_opt.session.mirror.scene import laid_out
@@ -108,15 +108,15 @@ def problem_with(recording: dict[str, Any], folder: Path) -> ProblemFile[Any]:
     return problem_of(content, name="unseen", file="unseen.toml", path=folder / "unseen.toml")
 
 
-def measured(loaded: ProblemFile[Any], name: str, *, random_seats: int, seed: int) -> Row:
+def measured(config: ProblemFile[Any], name: str, *, random_seats: int, seed: int) -> Row:
     """Place, run and judge one recording."""
-    place = found_place(loaded, seed=seed, progress=lambda *_: None)
-    there = placed(loaded, place.keys)
+    place = found_place(config, seed=seed, progress=lambda *_: None)
+    there = placed(config, place.keys)
     content = there.problem.model_dump(mode="json")
     scene = laid_out(there)
     tracker = tracker_of(there.problem, scene, file=name)
     patience = there.problem.tracker.patience
-    step = followed(tracker, scene, IdealJoints(tracker.dt), patience=patience, progress=lambda *_: None)
+    step = track_reference(tracker, scene, IdealJoints(tracker.dt), patience=patience, progress=lambda *_: None)
     plan = planned(tracker, scene, progress=lambda *_: None)
     poses = judged(scene.reference.poses)
     found = reach(poses, content)
@@ -159,7 +159,7 @@ def best_random(
     middle, floor = np.median(poses[:, :3, 3], axis=0), content["tracker"]["floor"]
     some = np.unique(np.linspace(0, len(poses) - 1, SOME).astype(int))
 
-    def share(seat: tuple[Array, Array, Array], among: NDArray[np.int_]) -> float:
+    def fraction(seat: tuple[Array, Array, Array], among: NDArray[np.int_]) -> float:
         turn, goal, grip = seat
         moved = poses[among]
         moved[:, :3, 3] = (moved[:, :3, 3] - middle) @ turn.T + goal
@@ -181,9 +181,9 @@ def best_random(
             continue
         grip = np.linalg.qr(rng.standard_normal((3, 3)))[0]
         seat = turn, goal, grip * np.sign(np.linalg.det(grip))
-        seats.append((share(seat, some), len(seats), seat))
+        seats.append((fraction(seat, some), len(seats), seat))
     best = sorted(seats, reverse=True)[:FINALISTS]
-    return max((share(seat, np.arange(len(poses))) for *_, seat in best), default=0.0)
+    return max((fraction(seat, np.arange(len(poses))) for *_, seat in best), default=0.0)
 
 
 def verdicts(rows: list[Row]) -> list[Verdict]:
@@ -216,8 +216,8 @@ def _mean(flags: NDArray[np.bool_], among: NDArray[np.bool_]) -> float:
     return float(flags[among].mean()) if among.any() else 1.0
 
 
-def _weighted(shares: Array, weights: Array) -> float:
-    return float(np.average(shares, weights=weights))
+def _weighted(fractions: Array, weights: Array) -> float:
+    return float(np.average(fractions, weights=weights))
 
 
 def main() -> int:
@@ -264,8 +264,8 @@ def of_recording(task: tuple[int, int], *, seed: int, random_seats: int, until: 
             recording, name = slice_recording(first, rows=ROWS), f"real hand, rows {first} to {first + ROWS - 1}"
         else:
             recording, name = reach_recording(Path(scratch), seed + k), f"reaches, seed {seed + k}"
-        loaded = problem_with(recording, Path(scratch))
-        return measured(loaded, name, random_seats=random_seats, seed=seed + k), time.time() - began
+        config = problem_with(recording, Path(scratch))
+        return measured(config, name, random_seats=random_seats, seed=seed + k), time.time() - began
 
 
 def _write(lines: list[str], found: list[Verdict], options: argparse.Namespace) -> None:

@@ -48,18 +48,18 @@ def loop_log() -> Figure:
 
 def _run(path: Path) -> None:
     """The loop of the problem, its operator at the switch, and its log."""
-    loaded = load_problem(PROBLEM)
-    problem = live_problem(loaded, plant=PLANT)
+    config = load_problem(PROBLEM)
+    problem = live_problem(config, plant=PLANT)
     with ExitStack() as stack:
         control = stack.enter_context(control_of(problem))
         wants = operator_layout(problem.encoders, axes=2, force=problem.force)
         operator = stack.enter_context(SharedRing.create(wants))
         layout = state_layout(problem.encoders, wants, force=problem.force)
         state = stack.enter_context(SharedRing.create(layout, depth=DEPTH))
-        log = stack.enter_context(log_of(loaded, problem, state, path, {"plant": PLANT}))
+        log = stack.enter_context(log_of(config, problem, state, path, {"plant": PLANT}))
         loop = Loop(
             control.plant, decide_of(problem, control), state=state, operator=operator, watches=(log.watch,),
-            sent=control.sent,
+            plant_command=control.plant_command,
         )  # fmt: skip
         with _operated(operator):
             print(loop.run(seconds=SECONDS))

@@ -34,7 +34,7 @@ class Mean(NamedTuple):
     """Mean time [us] and share of what was certified [%]."""
 
     us: float
-    share: float
+    fraction: float
 
 
 def solver_times() -> Figure:
@@ -55,7 +55,7 @@ def solver_times() -> Figure:
                 style = {"color": GREY, "marker": "D", "markersize": 5, "zorder": 2}
             else:
                 continue
-            whole = {} if mean.share == 100 else {"markerfacecolor": "white"}
+            whole = {} if mean.fraction == 100 else {"markerfacecolor": "white"}
             axes.plot(mean.us, row, linestyle="none", markeredgewidth=1.5, **style, **whole)
         ours, other = table[family][default].us, table[family][best].us
         near = max(ours, other) / min(ours, other) < CLOSE

@@ -40,8 +40,8 @@ def report_page() -> Image.Image:
                 changed = text.replace("\ntrials = 4\n", f"\ntrials = {TRIALS}\nseed = {TRIALS * week}\n")
                 changed += f'\n[person]\nweak_strength_N = {strength}\n\n[run]\nlaws = ["unassisted", "assisted"]\n'
                 problem.write_text(changed, encoding="utf-8")
-                loaded = load_problem(str(problem))
-                trials = run_trials(loaded, run_problem(loaded), {}, files=(), seconds=0.0)
+                config = load_problem(str(problem))
+                trials = run_trials(config, run_problem(config), {}, files=(), seconds=0.0)
                 day = FIRST + datetime.timedelta(weeks=week)
                 study.add(Session("P01", f"week {week + 1}", visit=week + 1, date=day.isoformat()), trials)
             page = folder / "P01.html"

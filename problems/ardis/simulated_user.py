@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.control.joystick import StickMode
-from rehab_opt.session.ardis.outcome import Motion, moved
+from rehab_opt.session.ardis.outcome import Motion, simulate_motion
 from rehab_opt.session.ardis.problem import ArdisProblem, DriveName, GoalSection
 from rehab_opt.session.ardis.robot import joystick_of, resolver_of, robot_of, start_of
 from rehab_opt.session.ardis.stick import HEADER, Moment, StickSample
@@ -74,8 +74,8 @@ class User:
             # What is in hand is finished before changing over.
             if mine <= 0.6 * near or (mine <= near and other > 3 * near):
                 return self.press("switch", moment.time)
-            share = DEAD + (1 - DEAD) * min(SLOW * mine / self.modes[moment.mode].speeds[0], 1.0)
-            return StickSample((round(share * ways[0] / mine, 2) + 0.0, round(share * ways[1] / mine, 2) + 0.0))
+            fraction = DEAD + (1 - DEAD) * min(SLOW * mine / self.modes[moment.mode].speeds[0], 1.0)
+            return StickSample((round(fraction * ways[0] / mine, 2) + 0.0, round(fraction * ways[1] / mine, 2) + 0.0))
         if self.done_at is None:
             self.done_at = moment.time
         return StickSample((0.0, 0.0))
@@ -93,12 +93,12 @@ class User:
         return float(along.get(first, 0.0)), float(along.get(second, 0.0))
 
 
-def steered(loaded: ProblemFile[ArdisProblem], drive: DriveName) -> tuple[User, Motion]:
+def steered(config: ProblemFile[ArdisProblem], drive: DriveName) -> tuple[User, Motion]:
     """The user at the stick of one drive."""
-    robot, joystick = robot_of(loaded), joystick_of(loaded)
-    user = User(loaded.problem.goals, joystick.modes)
-    law = resolver_of(loaded, robot, drive)
-    motion = moved(robot, law, joystick, user, start_of(loaded, robot), dt=1 / loaded.problem.run.rate_hz)
+    robot, joystick = robot_of(config), joystick_of(config)
+    user = User(config.problem.goals, joystick.modes)
+    law = resolver_of(config, robot, drive)
+    motion = simulate_motion(robot, law, joystick, user, start_of(config, robot), dt=1 / config.problem.run.rate_hz)
     return user, motion
 
 

@@ -58,11 +58,11 @@ def line(a: Array, b: Array, speed: float) -> list[Array]:
     return [between(a, b, turn, s) for s in minimum_jerk(seconds)] + [b] * round(REST * RATE)
 
 
-def between(a: Array, b: Array, turn: Array, share: float) -> Array:
+def between(a: Array, b: Array, turn: Array, fraction: float) -> Array:
     """The pose a share of the way from a to b."""
     pose = np.eye(4)
-    pose[:3, :3] = turned(a[:3, :3], share * turn)
-    pose[:3, 3] = a[:3, 3] + share * (b[:3, 3] - a[:3, 3])
+    pose[:3, :3] = turned(a[:3, :3], fraction * turn)
+    pose[:3, 3] = a[:3, 3] + fraction * (b[:3, 3] - a[:3, 3])
     return pose
 
 

@@ -144,7 +144,7 @@ class ArmIK(OneThread):
 
         Returns
         -------
-        One answer a sample. A posture is left for another branch only where it cannot be continued; `largest_step`
+        One answer a sample. A posture is left for another branch only where it cannot be continued; `max_step`
         and `steps` show it.
         """
         targets = _numbers("path", path, (-1, 3))
@@ -179,76 +179,76 @@ class ArmIK(OneThread):
         quadratic = self.cost.quadratic(history)
         start = history.previous
         if not np.isfinite(target).all():
-            asked = _Question(target, target, quadratic, start)
-            return self._at(self._start_of(asked), asked, Status.HOLDING, "position is not a number"), 0.0
-        asked = _Question(target, within_reason(target), quadratic, start)
+            query = _Question(target, target, quadratic, start)
+            return self._at(self._start_of(query), query, Status.HOLDING, "position is not a number"), 0.0
+        query = _Question(target, within_reason(target), quadratic, start)
         if search is None:
-            return self._immovable(asked), 0.0
+            return self._immovable(query), 0.0
         near = None if start is None else start[search.free]
-        search.pose_posture(asked.goal, quadratic)
+        search.pose_posture(query.goal, quadratic)
         if near is not None:
             answer = search.posture_from(near, multipliers)
             if answer.certified and not (continuing and np.abs(answer.x - near).max() > JUMP):
-                return self._found(answer, asked), answer.multipliers
-        if search.least_tilt is not None:
+                return self._found(answer, query), answer.multipliers
+        if search.min_tilt is not None:
             assert self.handle_tilt is not None
             reason = f"no posture holds the handle within {math.degrees(self.handle_tilt):.3g} deg: most upright one"
-            return self._found(search.least_tilt, asked, Status.UNREACHABLE, reason), 0.0
-        best = search.posture(asked.goal, near)
+            return self._found(search.min_tilt, query, Status.UNREACHABLE, reason), 0.0
+        best = search.posture(query.goal, near)
         if best is not None:
-            return self._found(best, asked), best.multipliers
-        return self._second_stage(search, asked, near)
+            return self._found(best, query), best.multipliers
+        return self._second_stage(search, query, near)
 
-    def _second_stage(self, search: IKSearch, asked: _Question, near: Array | None) -> tuple[IKSolution, Array | float]:
+    def _second_stage(self, search: IKSearch, query: _Question, near: Array | None) -> tuple[IKSolution, Array | float]:
         """The nearest reachable position first: it tells an unreachable target from a solver's failure."""
-        nearest = search.nearest(asked.goal, near)
+        nearest = search.nearest(query.goal, near)
         if nearest is None:
             reason = "no solver kept the handle within its tilt"
-            return self._at(self._start_of(asked), asked, Status.HOLDING, reason), 0.0
+            return self._at(self._start_of(query), query, Status.HOLDING, reason), 0.0
         if nearest.report[0] > POSITION_TOLERANCE:
             note = "" if nearest.certified else ", not certified"
-            solution = self._found(nearest, asked, Status.UNREACHABLE, "out of reach")
+            solution = self._found(nearest, query, Status.UNREACHABLE, "out of reach")
             reason = f"out of reach by {solution.position_error:.3g} m: nearest posture{note}"
             return solution._replace(reason=reason), 0.0
         answer: NLPAnswer | None = search.posture_from(nearest.x)
         if answer is None or not answer.certified:
-            answer = search.posture(asked.goal, near, patient=True)
+            answer = search.posture(query.goal, near, patient=True)
         if answer is not None and answer.certified:
-            return self._found(answer, asked), answer.multipliers
+            return self._found(answer, query), answer.multipliers
         answer = search.posture_from(nearest.x, backup=True)
         if not answer.certified and np.isfinite(answer.residual):  # fatrop ends an order of magnitude short of 1e-9
             answer = search.posture_from(answer.x, answer.multipliers)
         if answer.certified:
             reason = "no certified answer from the primary solver"
-            return self._found(answer, asked, Status.BACKUP, reason), answer.multipliers
+            return self._found(answer, query, Status.BACKUP, reason), answer.multipliers
         reason = "hand and handle are in place; that no posture costs less is not certified"
-        return self._found(nearest, asked, Status.BACKUP, reason), 0.0
+        return self._found(nearest, query, Status.BACKUP, reason), 0.0
 
-    def _found(self, answer: NLPAnswer, asked: _Question, status: Status = Status.OK, reason: str = "") -> IKSolution:
+    def _found(self, answer: NLPAnswer, query: _Question, status: Status = Status.OK, reason: str = "") -> IKSolution:
         search = self._search
         assert search is not None
         q = search.still.copy()
         q[search.free] = answer.x
         error, tilt = answer.report.tolist()
         if status is Status.UNREACHABLE:  # the search's goal may have been another
-            error = self._distance(q, asked.target)
-        cost = self._cost_of(q, asked.quadratic)
+            error = self._distance(q, query.target)
+        cost = self._cost_of(q, query.quadratic)
         return IKSolution(q, status, error, tilt, answer.residual, answer.solver, answer.iterations, reason, cost)
 
-    def _at(self, q: Array, asked: _Question, status: Status, reason: str, residual: float = math.inf) -> IKSolution:
-        error = self._distance(q, asked.target) if np.isfinite(asked.target).all() else math.inf
-        cost = self._cost_of(q, asked.quadratic)
+    def _at(self, q: Array, query: _Question, status: Status, reason: str, residual: float = math.inf) -> IKSolution:
+        error = self._distance(q, query.target) if np.isfinite(query.target).all() else math.inf
+        cost = self._cost_of(q, query.quadratic)
         return IKSolution(q.copy(), status, error, self._tilt(q), residual, "", 0, reason, cost)
 
-    def _immovable(self, asked: _Question) -> IKSolution:
+    def _immovable(self, query: _Question) -> IKSolution:
         q = self.arm.lower
         held = self.handle_tilt is None or self._tilt(q) <= self.handle_tilt + self._tolerance
-        if held and self._distance(q, asked.target) <= POSITION_TOLERANCE:
-            return self._at(q, asked, Status.OK, "", residual=0.0)
-        return self._at(q, asked, Status.UNREACHABLE, "every joint is locked")
+        if held and self._distance(q, query.target) <= POSITION_TOLERANCE:
+            return self._at(q, query, Status.OK, "", residual=0.0)
+        return self._at(q, query, Status.UNREACHABLE, "every joint is locked")
 
-    def _start_of(self, asked: _Question) -> Array:
-        return self.cost.rest if asked.start is None else asked.start
+    def _start_of(self, query: _Question) -> Array:
+        return self.cost.rest if query.start is None else query.start
 
     # ----------------------------------------------------------------------------------------------- quantities
     def _cost_of(self, q: Array, quadratic: Quadratic) -> float:

@@ -52,7 +52,7 @@ class ArmPath(NamedTuple):
     """(N, 4, 4) of the tool that the hand holds."""
     twists: Array
     """(N, 6) [m/s, rad/s] mean over the tick before; at the first zero."""
-    asked: NDArray[np.int_]
+    reference_index: NDArray[np.int_]
     """(N,) which sample of what was asked: the same again while the posture changes."""
 
 
@@ -73,19 +73,19 @@ def arm_path(arm: SerialChain, grip: Array, tools: Array, *, dt: float, seed: in
     part = (np.arange(len(tools)) - knots[begin]) / np.maximum(knots[after] - knots[begin], 1)
     part[np.append(changed, False)[begin]] = 0.0  # the posture stays until the knot at which it is another one
     about = best[begin] + part[:, None] * (best[after] - best[begin])
-    q, parts, asked = moves.nearest(about, tools, rounds=2 * ROUNDS, pull=PULL)[0], [], []
+    q, parts, reference_index = moves.nearest(about, tools, rounds=2 * ROUNDS, pull=PULL)[0], [], []
     begun = 0
     for k in (np.flatnonzero(np.abs(np.diff(q, axis=0)).max(axis=1, initial=0.0) > STEP) + 1).tolist():
         way = q[k] - q[k - 1]
         count = math.ceil(float(np.abs(way).max()) / (SPEED * dt))
         s = np.arange(1, count) / count
         parts += [q[begun:k], q[k - 1] + (s**3 * (10 - 15 * s + 6 * s**2))[:, None] * way]
-        asked += [np.arange(begun, k), np.full(len(s), k)]
+        reference_index += [np.arange(begun, k), np.full(len(s), k)]
         begun = k
     joints = np.vstack([*parts, q[begun:]])
     poses = moves.at(joints)[0]
     twists = _ways(np.concatenate([poses[:1], poses[:-1]]), poses) / dt
-    return ArmPath(joints, poses, twists, np.concatenate([*asked, np.arange(begun, len(q))]))
+    return ArmPath(joints, poses, twists, np.concatenate([*reference_index, np.arange(begun, len(q))]))
 
 
 class Postures:

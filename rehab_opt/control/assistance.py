@@ -9,7 +9,7 @@ from weakref import WeakKeyDictionary
 
 from rehab_opt.control.assistance_statement import TINY
 from rehab_opt.control.bounded_force import BoundedForce, ForceBounds
-from rehab_opt.control.gate import GATE, PULL_BACK, Mode, WantedForce, check_mode, gated_force, numbers_of
+from rehab_opt.control.gate import GATE, PULL_BACK, DesiredForce, Mode, check_mode, gated_force, numbers_of
 from rehab_opt.control.velocity_controller import checked_number
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.field.energy import arranged_samples
@@ -30,7 +30,7 @@ class Assistance(BoundedForce):
 
     Parameters
     ----------
-    field : what to follow; `aim` exchanges it.
+    field : what to follow; `set_field` exchanges it.
     comfortable : workspace of the gate; not empty.
     mode : "stretch", "assist", "resist", "follow", "hold": see `gated_force`.
     force_limit : [N] largest size of the force.
@@ -69,11 +69,11 @@ class Assistance(BoundedForce):
         )
         """`GATE` of this one."""
         self._edges, self._compile = edge_columns(comfortable.polygon), bounds.get("compile")
-        self._known: WeakKeyDictionary[PotentialField, tuple[WantedForce, memoryview[float]]] = WeakKeyDictionary()
-        self.aim(field)
-        super().__init__(self._wanted, force_limit=force_limit, **bounds)
+        self._known: WeakKeyDictionary[PotentialField, tuple[DesiredForce, memoryview[float]]] = WeakKeyDictionary()
+        self.set_field(field)
+        super().__init__(self._desired, force_limit=force_limit, **bounds)
 
-    def aim(self, field: PotentialField) -> None:
+    def set_field(self, field: PotentialField) -> None:
         """Another field from now on: the next target of a grid, say; the slew bound makes the change smooth."""
         if not isinstance(field, PotentialField):
             raise ConfigurationError("field", field, "a PotentialField")
@@ -81,10 +81,10 @@ class Assistance(BoundedForce):
         if field not in self._known:
             check_mode(self.mode, field)
             self._known[field] = self._gated(field)
-        self.field, (self._wanted, self._by) = field, self._known[field]
+        self.field, (self._desired, self._by) = field, self._known[field]
         self._by[0] = self._by[1] = 0.0
 
-    def _gated(self, field: PotentialField) -> tuple[WantedForce, memoryview[float]]:
+    def _gated(self, field: PotentialField) -> tuple[DesiredForce, memoryview[float]]:
         """What is wanted of a field, and how far [m] it stands from where it was made."""
         samples, in_blocks = arranged_samples(field.samples, compile=self._compile)
         statement = gated_force(len(self._edges), samples.shape[int(in_blocks)], in_blocks=in_blocks)
@@ -92,16 +92,16 @@ class Assistance(BoundedForce):
         for held, values in zip(function.inputs[2:], (self.gate, self._edges, numbers_of(field), samples), strict=True):
             held[...] = values
         # Views: assigning and reading through them costs half of numpy's.
-        hand, carried, force = (
+        hand, offset, force = (
             cast("memoryview[float]", array.data) for array in (*function.inputs[:2], function.outputs[0])
         )
 
-        def wanted(x: float, y: float, vx: float, vy: float) -> tuple[float, float]:
+        def desired(x: float, y: float, vx: float, vy: float) -> tuple[float, float]:
             hand[0], hand[1], hand[2], hand[3] = x, y, vx, vy
             function.evaluate()
             return force[0], force[1]
 
-        return wanted, carried
+        return desired, offset
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -117,12 +117,12 @@ class Assistance(BoundedForce):
         return tuple(note for each in dampings for note in settling_notes(stiffness, each, **bounds, **self._late_by))
 
     @property
-    def carried(self) -> tuple[float, float]:
+    def offset(self) -> tuple[float, float]:
         """[m] how far the field stands from where it was made."""
         return self._by[0], self._by[1]
 
-    def carry(self, dx: float, dy: float) -> None:
-        """Let the field stand (dx, dy) [m] from where it was made, for a target that moves; `aim` puts it back.
+    def shift(self, dx: float, dy: float) -> None:
+        """Let the field stand (dx, dy) [m] from where it was made, for a target that moves; `set_field` puts it back.
 
         Called in every tick, with a motion that is smooth: the force follows as fast as its slew bound allows. Where
         the target is no number, the force is released.

@@ -23,25 +23,25 @@ ENERGY_ROUNDING = 1e-9
 
 @cache
 def assistance_statement() -> Statement:
-    """Min |F - F_wanted|^2  s.t.  |F| <= ceiling, |F - F_last| <= step, F.v dt <= energy left.
+    """Min |F - F_desired|^2  s.t.  |F| <= ceiling, |F - F_last| <= step, F.v dt <= energy left.
 
-    Parameters are the wanted force (2,), velocity (2,), ceiling, energy left, force limit, step and dt; the memory is
+    Parameters are the desired force (2,), velocity (2,), ceiling, energy left, force limit, step and dt; the memory is
     the last force; the report says whether every bound holds for the force that is remembered, which is the one to
     send.
 
-    The wanted force comes no larger than the ceiling, the smaller of `force_limit` and what the tank affords: the
+    The desired force comes no larger than the ceiling, the smaller of `force_limit` and what the tank affords: the
     nearest point of a disc is known. The disc of the slew bound is replaced by the square inside it that has a corner
-    on the way to the wanted force, which therefore is approached at full rate; on the way to none, where only that is
+    on the way to the desired force, which therefore is approached at full rate; on the way to none, where only that is
     fast enough for a ceiling that fell. What the ceiling's tangent leaves outside the disc, and solvers outside the
     square, is shrunk after the solve, and judged again.
     """
-    wanted, velocity = parameter("wanted", 2), parameter("velocity", 2)
+    desired, velocity = parameter("desired", 2), parameter("velocity", 2)
     ceiling, left, last = parameter("ceiling", 1), parameter("left", 1), parameter("last", 2)
     force_limit, step, dt = (parameter(name, 1) for name in ("force_limit", "step", "dt"))
     force = variable("force", 2)
     F = force.symbol
     falls = ca.norm_2(last) - ceiling > math.sqrt(0.5) * step
-    along = _direction(ca.if_else(falls, -last, wanted - last))
+    along = _direction(ca.if_else(falls, -last, desired - last))
     diagonals = ca.vertcat(ca.horzcat(along[0] - along[1], along[1] + along[0]),
                            ca.horzcat(along[0] + along[1], along[1] - along[0]))  # fmt: skip
     # Both shrinkings keep what the other bounds say: F_last is in the disc, and so is what lies between.
@@ -55,16 +55,16 @@ def assistance_statement() -> Statement:
     )
     return Statement(
         name="assistance",
-        parameters=[wanted, velocity, ceiling, left, force_limit, step, dt],
+        parameters=[desired, velocity, ceiling, left, force_limit, step, dt],
         variables=[force],
-        minimise=ca.sumsqr(F - wanted) / 2,
+        minimise=ca.sumsqr(F - desired) / 2,
         subject_to=[
             within(diagonals @ (F - last), -step, step),
             within(ca.dot(_direction(last), F), -ca.inf, ceiling),
             within(ca.dot(F, velocity) * dt, -ca.inf, left),
         ],
         requires=[ceiling >= 0, left >= 0],
-        analytic=wanted,
+        analytic=desired,
         memory=last,
         remember=bounded,
         report=holds,

@@ -15,7 +15,7 @@ from rehab_opt.kinematics.real_array import checked_array
 __all__ = ["AxisBounds", "axis_bounds"]
 
 
-MOST_AXES = 10_000
+MAX_AXES = 10_000
 
 
 class AxisBounds(NamedTuple):
@@ -46,8 +46,8 @@ def axis_bounds(
         "jerk": jerk,
     }
     n = axes if axes is not None else max(checked_array(name, value, "numbers").size for name, value in given.items())
-    if not (isinstance(n, (int, np.integer)) and not isinstance(n, bool) and 1 <= n <= MOST_AXES):
-        raise ConfigurationError("axes", axes, f"a whole number of axes from 1 to {MOST_AXES}")
+    if not (isinstance(n, (int, np.integer)) and not isinstance(n, bool) and 1 <= n <= MAX_AXES):
+        raise ConfigurationError("axes", axes, f"a whole number of axes from 1 to {MAX_AXES}")
     bounds = AxisBounds(**{name: per_joint(name, value, n).tolist() for name, value in given.items()})
     for name in ("velocity", "acceleration", "jerk"):
         if not all(0.0 < number < math.inf for number in getattr(bounds, name)):

@@ -71,10 +71,10 @@ def angle_of(a: ca.SX, b: ca.SX) -> ca.SX:
     return ca.acos(clipped(0.5 * (trace - 1), -1, 1))
 
 
-def part_way(a: ca.SX, b: ca.SX, share: ca.SX) -> ca.SX:
+def part_way(a: ca.SX, b: ca.SX, fraction: ca.SX) -> ca.SX:
     """Axes (9,), by rows, of the first of two poses (12,) turned evenly towards the second by this share."""
     one, other = (_by_rows(pose)[:3, :3] for pose in (a, b))
-    return ca.vec(_turned(one, share * _turn(one, other)).T)
+    return ca.vec(_turned(one, fraction * _turn(one, other)).T)
 
 
 def calm_way(a: ca.SX, b: ca.SX, least: ca.SX, *, linear_speed: float, angular_speed: float) -> tuple[ca.SX, ca.SX]:

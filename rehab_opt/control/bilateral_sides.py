@@ -82,7 +82,7 @@ class ParticipantSide(OneThread):
 
     Parameters
     ----------
-    carry : from the helper's workspace to the participant's.
+    workspace_map : from the helper's workspace to the participant's.
     comfortable : of the participant; outside it there is a bounded pull back, see `Assistance`.
     stiffness, damping : [N/m], [N s/m] of the spring.
     exchange : [1/s] share of the tank's energy that is given away a second, beyond what its force may still draw.
@@ -95,7 +95,7 @@ class ParticipantSide(OneThread):
 
     def __init__(
         self,
-        carry: ControllerMap,
+        workspace_map: ControllerMap,
         *,
         comfortable: Workspace,
         stiffness: float = 400.0,
@@ -104,7 +104,7 @@ class ParticipantSide(OneThread):
         force_limit: float = 30.0,
         **bounds: Unpack[ForceBounds],
     ) -> None:
-        self.carry = _checked_map(carry)
+        self.workspace_map = _checked_map(workspace_map)
         spring = PotentialField(
             np.zeros((1, 2)),
             stiffness=checked_number("stiffness", stiffness, above=0.0),
@@ -112,7 +112,7 @@ class ParticipantSide(OneThread):
             width=POINT,
         )
         self.force = Assistance(spring, comfortable=comfortable, mode="hold", force_limit=force_limit, **bounds)
-        self._share = _checked_share(exchange, self.force.dt)
+        self._fraction = _checked_fraction(exchange, self.force.dt)
         self._serials = _Serials()
         self.reset()
 
@@ -123,13 +123,13 @@ class ParticipantSide(OneThread):
         """
         self._claim()
         self.force.reset()
-        self.force.carry(*NO_FORCE)
+        self.force.shift(*NO_FORCE)
         self._give_away()
 
     def step(
         self,
         x: ArrayLike,
-        heard: FromHelper | None,
+        received: FromHelper | None,
         v: ArrayLike | None = None,
         *,
         enable: object = True,
@@ -142,13 +142,13 @@ class ParticipantSide(OneThread):
         if self._owner != get_ident():
             self._claim()
         target: tuple[float, ...] = NO_FORCE
-        if heard is not None and self._serials.fresh(heard.serial):
-            self.force.take_energy(heard.energy)
-            target = tuple(self.carry.image(_floats(heard.x, heard.y)).tolist())
-        self.force.carry(*target)
+        if received is not None and self._serials.fresh(received.serial):
+            self.force.take_energy(received.energy)
+            target = tuple(self.workspace_map.image(_floats(received.x, received.y)).tolist())
+        self.force.shift(*target)
         command = self.force.step(x, v, enable=enable, stamp=stamp)
         force_x, force_y = command.value.tolist()
-        given = self.force.give_energy(self._share)
+        given = self.force.give_energy(self._fraction)
         return command, FromParticipant(*_place(x, self.force), force_x, force_y, given, self._serials.next())
 
 
@@ -159,7 +159,7 @@ class HelperSide(OneThread):
 
     Parameters
     ----------
-    carry, exchange, force_limit, bounds : as `ParticipantSide`.
+    workspace_map, exchange, force_limit, bounds : as `ParticipantSide`.
     damping : [N s/m] of the helper's hand.
     return_stiffness, return_force : [N/m, N] outside the map's source.
 
@@ -170,7 +170,7 @@ class HelperSide(OneThread):
 
     def __init__(
         self,
-        carry: ControllerMap,
+        workspace_map: ControllerMap,
         *,
         damping: float = 2.0,
         exchange: float = 5.0,
@@ -179,7 +179,7 @@ class HelperSide(OneThread):
         return_force: float = 10.0,
         **bounds: Unpack[ForceBounds],
     ) -> None:
-        self.carry = _checked_map(carry)
+        self.workspace_map = _checked_map(workspace_map)
         self.damping = checked_number("damping", damping, above=-1e-12)
         self._partner = NO_FORCE
         self.back = PULL_BACK.numbers(
@@ -187,14 +187,14 @@ class HelperSide(OneThread):
             force=checked_number("return_force", return_force, above=0.0),
         )
         """`PULL_BACK` outside the map's source."""
-        edges = edge_columns(carry.source.polygon)
+        edges = edge_columns(workspace_map.source.polygon)
         function = BufferedFunction(reflected_force(len(edges)), compile=bounds.get("compile"))
         self._hand, self._jacobian, self._felt, *held = function.inputs
         held[0][:], held[1][:], held[2][:] = self.damping, self.back, edges
         self._felt[:] = math.nan
         self._reflected = function
-        self.force = BoundedForce(self._wanted, force_limit=force_limit, **bounds)
-        self._share = _checked_share(exchange, self.force.dt)
+        self.force = BoundedForce(self._desired, force_limit=force_limit, **bounds)
+        self._fraction = _checked_fraction(exchange, self.force.dt)
         self._serials = _Serials()
 
     def reset(self) -> None:
@@ -211,12 +211,12 @@ class HelperSide(OneThread):
 
         For a display: a Newton solve.
         """
-        return self.carry.preimage(_floats(*self._partner))
+        return self.workspace_map.preimage(_floats(*self._partner))
 
     def step(
         self,
         x: ArrayLike,
-        heard: FromParticipant | None,
+        received: FromParticipant | None,
         v: ArrayLike | None = None,
         *,
         enable: object = True,
@@ -228,19 +228,19 @@ class HelperSide(OneThread):
         """
         if self._owner != get_ident():
             self._claim()
-        if heard is None or not self._serials.fresh(heard.serial):
+        if received is None or not self._serials.fresh(received.serial):
             self._felt[:] = math.nan
         else:
-            self.force.take_energy(heard.energy)
-            self._felt[:] = _floats(heard.force_x, heard.force_y)
-            self._partner = (heard.x, heard.y)
+            self.force.take_energy(received.energy)
+            self._felt[:] = _floats(received.force_x, received.force_y)
+            self._partner = (received.x, received.y)
         command = self.force.step(x, v, enable=enable, stamp=stamp)
-        given = self.force.give_energy(self._share)
+        given = self.force.give_energy(self._fraction)
         return command, FromHelper(*_place(x, self.force), given, self._serials.next())
 
-    def _wanted(self, *hand: float) -> tuple[float, float]:
+    def _desired(self, *hand: float) -> tuple[float, float]:
         self._hand[:] = hand
-        self._jacobian[...] = self.carry.spline.value_and_jacobian(self._hand[:2])[1]
+        self._jacobian[...] = self.workspace_map.spline.value_and_jacobian(self._hand[:2])[1]
         self._reflected.evaluate()
         x, y = self._reflected.outputs[0].tolist()
         return x, y
@@ -248,7 +248,7 @@ class HelperSide(OneThread):
 
 def _place(x: ArrayLike, force: BoundedForce) -> tuple[float, float]:
     """Position of a hand; NaN when its side had to let go, so that the other side does too."""
-    if not force.usable:
+    if not force.valid:
         return NO_FORCE
     at_x, at_y = np.asarray(x, dtype=np.float64).tolist()
     return at_x, at_y
@@ -259,11 +259,11 @@ def _floats(x: float, y: float) -> Array:
     return np.array((x, y) if -BEYOND < x < BEYOND and -BEYOND < y < BEYOND else NO_FORCE)
 
 
-def _checked_map(carry: object) -> ControllerMap:
-    if not isinstance(carry, ControllerMap):
-        raise ConfigurationError("carry", carry, "a ControllerMap, from WorkspaceMap.for_controller()")
-    return carry
+def _checked_map(workspace_map: object) -> ControllerMap:
+    if not isinstance(workspace_map, ControllerMap):
+        raise ConfigurationError("workspace_map", workspace_map, "a ControllerMap, from WorkspaceMap.for_controller()")
+    return workspace_map
 
 
-def _checked_share(exchange: float, dt: float) -> float:
+def _checked_fraction(exchange: float, dt: float) -> float:
     return min(checked_number("exchange", exchange, above=-1e-12, below=1e4) * dt, 1.0)

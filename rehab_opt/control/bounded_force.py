@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.control.assistance_statement import assistance_statement
-from rehab_opt.control.command import Bound, Command, Status
+from rehab_opt.control.command import Command, Relaxed, Status
 from rehab_opt.control.energy_tank import LAGS, SLOTS, TAIL, tank_record
 from rehab_opt.control.force_tick import MODEL, VIEW, affordable, anew, force_tick, give, take, watched_record
-from rehab_opt.control.gate import WantedForce
+from rehab_opt.control.gate import DesiredForce
 from rehab_opt.control.hand import HAND
 from rehab_opt.control.reasons import reason_text
 from rehab_opt.control.thread_owner import OneThread
@@ -40,7 +40,7 @@ Array = NDArray[np.float64]
 _FLOATS = np.dtype(np.float64)
 _NAN, _new, _read_only = math.nan, tuple.__new__, np.frombuffer
 _STATUS = Status.OK, Status.RELEASING, Status.RELEASED
-_BOUNDS = tuple(Bound(i) for i in range(16))  # looked up, since making an IntFlag costs half a microsecond
+_BOUNDS = tuple(Relaxed(i) for i in range(16))  # looked up, since making an IntFlag costs half a microsecond
 _REASON, _PLACE = VIEW["reason"], STAMPS.size + HAND["x"]
 NOISE_PEAK = 6.0
 """Standard deviations of noise that a position may move by between two samples, of two positions and both axes."""
@@ -74,7 +74,7 @@ class BoundedForce(OneThread):
     s.t. |F| <= force_limit, |F - F_last| <= slew_limit dt, F.v dt <= energy left in the tank,
          |F| <= largest force of late + growth_limit dt
 
-    The force bound holds exactly and always. The slew bound holds but for a flagged release (`Bound.SLEW`): the force
+    The force bound holds exactly and always. The slew bound holds but for a flagged release (`Relaxed.SLEW`): the force
     is zero at once when the hand moves faster than `speed_cap`, or the energy left no longer affords a release within
     the slew bound. The energy delivered stays within the budget as long as the hand stays below the speed cap and
     ticks come within `max_age`; a faster hand can draw the force limit times its jump more, once, before the release.
@@ -90,7 +90,7 @@ class BoundedForce(OneThread):
 
     Parameters
     ----------
-    wanted : x, y [m], velocity [m/s] -> desired force [N], before any bound; may be no number.
+    desired_force : x, y [m], velocity [m/s] -> desired force [N], before any bound; may be no number.
     force_limit : [N] largest size of the force.
     slew_limit : [N/s] largest change, as the length of a vector, per nominal tick. It is what lets a spring hold a hand
         still: the force must follow the swing that it is to damp, see `rehab_opt.field.settling`.
@@ -120,14 +120,14 @@ class BoundedForce(OneThread):
     ConfigurationError : an argument that cannot be used.
     """
 
-    usable: bool
+    valid: bool
     """Whether the last tick's state and inputs could be acted on."""
-    wanted: tuple[float, float]
+    desired_force: tuple[float, float]
     """[N] what was wanted in the last tick, before any bound; zero where the state was not usable."""
 
     def __init__(
         self,
-        wanted: WantedForce,
+        desired_force: DesiredForce,
         *,
         force_limit: float = 30.0,
         slew_limit: float = 2500.0,
@@ -147,9 +147,9 @@ class BoundedForce(OneThread):
         tolerance: float = 1e-8,
         compile: Compile = None,
     ) -> None:
-        if not callable(wanted):
-            raise ConfigurationError("wanted", wanted, "a function of place and velocity, a WantedForce")
-        self._wanted = wanted
+        if not callable(desired_force):
+            raise ConfigurationError("desired_force", desired_force, "a function of place and velocity, a DesiredForce")
+        self._desired = desired_force
         self.force_limit = checked_number("force_limit", force_limit, above=0.0, below=1e4)
         self.slew_limit = checked_number("slew_limit", slew_limit, above=0.0, below=1e6)
         self.growth_limit = checked_number("growth_limit", growth_limit, above=0.0, below=1e6)
@@ -202,13 +202,13 @@ class BoundedForce(OneThread):
             function.inputs[0][:] = self.model
         self._precompute, self._finish, self._affordable, self._give, self._take, self._anew = rest
         (_, watched, last, sample), (watched_next, judged) = self._judge.inputs, self._judge.outputs
-        (_, state, view, asked), (state_next, solved) = self._conclude.inputs, self._conclude.outputs
+        (_, state, view, desired), (state_next, solved) = self._conclude.inputs, self._conclude.outputs
         at = watched_record(self.slots)["tank"]
         self._level, self._pending = (at + tank_record(self.slots)[name] for name in ("level", "pending"))
         self._watched, self._force = watched, state[-2:]
         # Views of views: reading and assigning through them costs half of numpy's.
         self._now, self._next, self._judged, self._sample = map(_view, (watched, watched_next, judged, sample))
-        self._last, self._held, self._view, self._asked = map(_view, (last, self._force, view, asked))
+        self._last, self._held, self._view, self._desired_view = map(_view, (last, self._force, view, desired))
         self._state, self._state_next, self._solved = map(_view, (state, state_next, solved))
         self.reset()
 
@@ -235,7 +235,7 @@ class BoundedForce(OneThread):
         self._watched[:] = (
             self.nothing_seen(acting) if energy else self._anew.of(self.model, self._watched, (*self._force, *acting))
         )
-        self.wanted, self.usable = (0.0, 0.0), False
+        self.desired_force, self.valid = (0.0, 0.0), False
         self._conclude.inputs[1][:] = 0.0
         self._force[:] = acting
         self._solvers.forget()
@@ -262,10 +262,10 @@ class BoundedForce(OneThread):
 
     @property
     def place(self) -> tuple[float, float]:
-        """[m] where the hand was in the last tick that was `usable`; NaN before the first."""
+        """[m] where the hand was in the last tick that was `valid`; NaN before the first."""
         return self._now[_PLACE], self._now[_PLACE + 1]
 
-    def give_energy(self, share: float) -> float:
+    def give_energy(self, fraction: float) -> float:
         """[J] taken from the tank for another one: a share, at most all, beyond what its force may draw.
 
         Raises
@@ -274,7 +274,7 @@ class BoundedForce(OneThread):
         """
         if self._owner != get_ident():
             self._refuse_others()
-        part = checked_number("share", share, above=-1e-12)
+        part = checked_number("fraction", fraction, above=-1e-12)
         self._watched[:] = self._give.of(self.model, self._watched, self._force, part)
         return float(self._give.outputs[1][0])
 
@@ -296,8 +296,8 @@ class BoundedForce(OneThread):
         view = VIEW.numbers(
             x=point, v=velocity, reason=0, details=0, at_once=0, ceiling=ceiling, left=left, repeats=0, grown=grown
         )
-        wanted = self._wanted(*point.tolist(), *velocity.tolist())
-        return self.stated.instance(self._precompute.of(self.model, view, wanted), memory=self._force)
+        desired = self._desired(*point.tolist(), *velocity.tolist())
+        return self.stated.instance(self._precompute.of(self.model, view, desired), memory=self._force)
 
     def to_qpsolvers(self, x: ArrayLike, v: ArrayLike = (0.0, 0.0)) -> qpsolvers.Problem:
         """The same as a `qpsolvers.Problem`."""
@@ -338,13 +338,13 @@ class BoundedForce(OneThread):
         self._now[:] = self._next
         view = self._view
         view[:] = self._judged
-        self.usable = not view[_REASON]
-        if self.usable:
-            x_wanted, y_wanted = self._wanted(view[0], view[1], view[2], view[3])
+        self.valid = not view[_REASON]
+        if self.valid:
+            x_wanted, y_wanted = self._desired(view[0], view[1], view[2], view[3])
             try:
-                self._asked[0], self._asked[1] = x_wanted, y_wanted
+                self._desired_view[0], self._desired_view[1] = x_wanted, y_wanted
             except (OverflowError, ValueError):  # an integer too large for a float
-                self._asked[0] = _NAN
+                self._desired_view[0] = _NAN
         if self._inside:  # the usual way, without the layers of Python
             self._solved[0] = _NAN  # see `FallbackChain`: a failure inside leaves the outputs as they are
             self._conclude.evaluate()
@@ -355,13 +355,13 @@ class BoundedForce(OneThread):
     def _by_other_solvers(self) -> Command:
         """The tick with the QP solved outside of it."""
         solvers, precompute, finish = self._solvers, self._precompute, self._finish
-        parameters = precompute.of(self.model, self._view, self._asked)
+        parameters = precompute.of(self.model, self._view, self._desired_view)
         solver = ""
         solvers.verdict[:] = array("d", [_NAN] * len(solvers.verdict))
         if precompute.outputs[1][0]:
             solvers.parameters[:], solvers.keep[:] = parameters, self._state
             solver = solvers.solve_with_fallback() if self._inside else solvers()
-        finish.of(self.model, self._state, self._view, self._asked, solvers.answer, solvers.verdict)
+        finish.of(self.model, self._state, self._view, self._desired_view, solvers.answer, solvers.verdict)
         state, solved = map(_view, finish.outputs)
         command = self._command(solved, state, (solver,) * len(FUSED_SOLVERS))
         if solver == solvers.backup != solvers.solver and command.status is Status.OK:
@@ -371,13 +371,13 @@ class BoundedForce(OneThread):
     def _command(self, solved: memoryview[float], state: memoryview[float], names: Sequence[str]) -> Command:
         """What a tick has `SOLVED`; it is the last one from now on."""
         self._state[:] = state
-        _, _, _, status, residual, solver, yielded, scale, reason, *rest = solved.tolist()
-        self.wanted = rest[3], rest[4]
+        _, _, _, status, residual, solver, relaxed, scale, reason, *rest = solved.tolist()
+        self.desired_force = rest[3], rest[4]
         value = _read_only(self._held.tobytes())  # a copy
         name = names[int(solver)] if solver >= 0.0 else ""
         words = reason_text(reason, rest) if reason else ""
         return _new(
-            Command, (value, _STATUS[int(status)], name, residual, -1, words, _BOUNDS[int(yielded)], scale, None)
+            Command, (value, _STATUS[int(status)], name, residual, -1, words, _BOUNDS[int(relaxed)], scale, None)
         )
 
 

@@ -17,7 +17,7 @@ from collections.abc import Sequence
 import casadi as ca
 import numpy as np
 
-from rehab_opt.control.stopping import largest_change
+from rehab_opt.control.stopping import max_change
 from rehab_opt.kinematics.chain import SerialChain
 
 __all__ = ["BrakingTogether", "slowed_together", "ticks_to_rest"]
@@ -44,7 +44,7 @@ class BrakingTogether:
         self.time = SLACK * max(dt, float(np.max((chain.velocity / chain.acceleration)[moving])))
         """T [s]."""
         farthest = np.maximum(FARTHEST, SLACK * chain.velocity * dt) / self.time
-        self.change = ca.fmin(largest_change(chain, dt), ca.DM(farthest))
+        self.change = ca.fmin(max_change(chain, dt), ca.DM(farthest))
         """(n,) largest change of a velocity in a tick: the acceleration's, and z moves by `FARTHEST` at most."""
         self._left = 1 - dt / self.time
         stopping = self.time / SLACK

@@ -19,7 +19,7 @@ from rehab_opt.kinematics.mobile_arm import CHAIR
 from rehab_opt.optim.certificate import all_true
 from rehab_opt.optim.factor import symmetric
 from rehab_opt.optim.qp import Statement
-from rehab_opt.optim.rows import PLAUSIBLE, Instance, Row, equal, parameter, variable, within
+from rehab_opt.optim.rows import MAX_MAGNITUDE, Instance, Row, equal, parameter, variable, within
 from rehab_opt.symbolic import Compile
 from rehab_opt.symbolic.tick import Stages
 
@@ -111,7 +111,7 @@ class ChairAndArm(VelocityController):
         self.robot, self.rows, self.drive, self.max_obstacles = robot, rows, drive, max_obstacles
         self.limits, self.wheelset = limits, limits.wheels
         n, k, wheels = robot.chain.n, len(rows), len(self.wheelset.rolling)
-        self.surroundings = NUMBERS * max_obstacles + limits.own.told
+        self.surroundings = NUMBERS * max_obstacles + limits.own.moving_size
         """Numbers of the obstacles, and behind them of the moving capsules."""
         self.shapes = ((k,), (1,), *([(self.surroundings,)] if self.surroundings else []))  # type: ignore[misc]
         self.task = HandTask(robot, rows, moving=self.limits.moving, self_motion=self_motion)
@@ -120,7 +120,7 @@ class ChairAndArm(VelocityController):
         # What is remembered: u, where it leads, from where the arm is led to where it is, the command, the wheels' part
         # of it, the mean of u, and of the hand its velocity, the insistence on its progress, and the frame.
         first = 2 * n + (0 if feedback is None else n - CHAIR)
-        self.sent: slice = slice(first, first + n)
+        self.command_slice: slice = slice(first, first + n)
         self.wheels = slice(first + n, first + n + wheels)
         self.mean = slice(self.wheels.stop, self.wheels.stop + n)
         super().__init__(
@@ -214,8 +214,10 @@ class ChairAndArm(VelocityController):
     def _calm(self, last: ca.SX, task: Task, limits: Limits, ends: tuple[ca.SX, ca.SX]) -> tuple[ca.SX, ca.SX]:
         """(7,) b of the class, within the intervals' `ends`; how much of it is analytic."""
         u, braking = ca.SX.sym("u", self.chain.n), self.limits.braking
-        sound = all_true(ca.fabs(task.analytic) <= PLAUSIBLE)  # not at a singular posture: NaN goes nowhere from here
-        analytic = ca.if_else(sound, task.analytic, 0)
+        finite = all_true(
+            ca.fabs(task.analytic) <= MAX_MAGNITUDE
+        )  # not at a singular posture: NaN goes nowhere from here
+        analytic = ca.if_else(finite, task.analytic, 0)
 
         def excess(row: Row, matrix: ca.SX) -> ca.SX:
             """How far the analytic answer is beyond a row's bounds."""
@@ -223,7 +225,7 @@ class ChairAndArm(VelocityController):
             return ca.fmax(there - row.upper, row.lower - there)
 
         # Beyond its own bounds, as a fraction of what the accelerations can do in a tick.
-        beyond = ca.if_else(sound, 0, ca.inf)
+        beyond = ca.if_else(finite, 0, ca.inf)
         for row in (within(u, *ends), *limits.chassis.rows(u), self._hand_row(u, task)):
             matrix = ca.jacobian(row.expression, u)
             ratios = excess(row, matrix) / ca.fmax(ca.fabs(matrix) @ braking.change, TINY)
@@ -277,7 +279,7 @@ class ChairAndArm(VelocityController):
         state, possible = super().beginning()(velocity)
         state[self.memory_at + self.chain.n + 2] = heading  # should the first position be unusable
         state[self.stated.state_size - 1] = UNKNOWN
-        return ca.Function("begin", [velocity, heading], [state, all_true(possible, ca.fabs(heading) < PLAUSIBLE)])
+        return ca.Function("begin", [velocity, heading], [state, all_true(possible, ca.fabs(heading) < MAX_MAGNITUDE)])
 
     def braking(self) -> ca.Function:
         """q, memory, obstacles -> see `VelocityController`."""
@@ -300,7 +302,7 @@ class ChairAndArm(VelocityController):
         if self.max_obstacles:
             self._inputs[2][: numbers.size] = numbers
 
-    def tell(self, q: ArrayLike, twist: ArrayLike, world: float, moving: Array | None) -> None:
+    def set_inputs(self, q: ArrayLike, twist: ArrayLike, world: float, moving: Array | None) -> None:
         """Write the other parameters of a tick, `moving` by `moving_numbers`, or raise a `ConfigurationError`."""
         if moving is not None:
             self._inputs[2][-moving.size :] = moving.reshape(-1)
@@ -339,15 +341,15 @@ class ChairAndArm(VelocityController):
         Go on where another set of rows ends: its velocity, position and stamps are this one's. So are its command, and
         what is known of its joints.
         """
-        size, n, sent = self.stated.state_size, self.chain.n, self.sent
+        size, n, command_slice = self.stated.state_size, self.chain.n, self.command_slice
         ours, own = ca.SX.sym("ours", size + self.judged.size), ca.SX.sym("own", self.judged.size)
-        theirs, memory = ca.SX.sym("theirs", sent.stop), ours[self.memory_at : size]
-        memory[: 2 * n], memory[sent], memory[-1] = theirs[: 2 * n], theirs[sent], UNKNOWN
+        theirs, memory = ca.SX.sym("theirs", command_slice.stop), ours[self.memory_at : size]
+        memory[: 2 * n], memory[command_slice], memory[-1] = theirs[: 2 * n], theirs[command_slice], UNKNOWN
         after = ca.vertcat(ca.SX.zeros(self.memory_at), memory, own)
         return ca.Function("going_on", [ours, theirs, own], [ca.densify(after)])
 
     def _going_on_after(self, other: ChairAndArm) -> Array:
-        theirs = other._solvers.memory[: self.sent.stop], other._judge.inputs[2]
+        theirs = other._solvers.memory[: self.command_slice.stop], other._judge.inputs[2]
         return np.asarray(self._goes_on(self._solvers.everything, *theirs)).ravel()  # any thread may inspect
 
     @property

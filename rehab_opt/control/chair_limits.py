@@ -150,7 +150,7 @@ class ChairLimits:
             chassis=chassis,
         )  # fmt: skip
         into = into.relaxed(slowed)
-        base = ca.vertcat(slowed[:CHAIR], slowed[CHAIR:] * now.largest_part(slowed))
+        base = ca.vertcat(slowed[:CHAIR], slowed[CHAIR:] * now.max_step_size(slowed))
         beside = LinearLimit(ca.SX(0, q.numel()), ca.SX(0, 1))
         if len(self.own):
             turn = self.world(q[2], q.numel())
@@ -170,8 +170,8 @@ class ChairLimits:
             )  # fmt: skip
             # As far from there as wheels, chassis, obstacles and keep-outs let it: both are within the accelerations.
             way = base - braked
-            driven = LinearLimit.stacked(chassis.one_sided, into).largest_part(way, braked) * way[:CHAIR]
-            swung = now.largest_part(way, braked) * way[CHAIR:]
+            driven = LinearLimit.stacked(chassis.one_sided, into).max_step_size(way, braked) * way[:CHAIR]
+            swung = now.max_step_size(way, braked) * way[CHAIR:]
             base = ca.vertcat(ca.if_else(tight, slowed[:CHAIR], braked[:CHAIR] + driven), braked[CHAIR:] + swung)
             beside = LinearLimit.stacked(LinearLimit(*here), ahead).relaxed(base)
             lower, upper = ca.fmin(lower, base), ca.fmax(upper, base)
@@ -208,7 +208,7 @@ class ChairLimits:
             slopes[:, self.wheels.still()] = 0
             ends = clipped(before - change, *rest), clipped(before + change, *rest)
             led = kept_within((slopes, into.upper, into.upper + ROUNDED), chair, ends, rest)
-            out = led * chassis.largest_part(ca.vertcat(led, arm))
+            out = led * chassis.max_step_size(ca.vertcat(led, arm))
             return ca.if_else(self.obstacles.none_deeper(tick, obstacles, q[:CHAIR], chair), chair, out)
 
         kept = ca.vertcat(tick.when(ca.mmax(into.excess(slowed)) > ROUNDED, led_out, chair), arm)
@@ -217,7 +217,7 @@ class ChairLimits:
     def clear_of_obstacles(self, tick: Stages, surroundings: ca.SX, q: ca.SX, limits: Limits, u: ca.SX) -> ca.SX:
         """(7,) the command on the way from `base` to u (7,) that leads the chair into no obstacle in this tick."""
         base, way = limits.base, u - limits.base
-        command = tick.once(base + limits.into.largest_part(way, base, ROUNDED) * way)
+        command = tick.once(base + limits.into.max_step_size(way, base, ROUNDED) * way)
         there = tick, surroundings[: NUMBERS * self.max_obstacles], q[:CHAIR], command[:CHAIR]
         return tick.when(limits.tight, lambda: ca.if_else(self.obstacles.none_deeper(*there), command, base), command)
 
@@ -245,14 +245,14 @@ class ChairLimits:
         own, n = self.own, self.robot.chain.n
         here, last = ca.SX.sym("q", n), ca.SX.sym("last", n)
         sent = ca.Function("sent", [here, last], [self.world(here[2], n) @ last])
-        inputs = [ca.MX.sym(name, size) for name, size in (("q", n), ("last", n), ("moving", own.told))]
+        inputs = [ca.MX.sym(name, size) for name, size in (("q", n), ("last", n), ("moving", own.moving_size))]
         return ca.Function("contacts", inputs, [own.contacts(inputs[0], sent(*inputs[:2]), inputs[2])])
 
     def _touched(self, tick: Stages, q: ca.SX, u: ca.SX, contacts: ca.SX, told: ca.SX, *, fastest: ca.SX) -> ca.SX:
         """What is left before bodies on the way of u, and slopes; of none where all are far."""
-        slots = 0 if self.own.clearance is None else self.own.clearance.slots
-        none = ca.horzcat(FAR * ca.SX.ones(slots), ca.SX.zeros(slots, q.numel()))
-        if not slots:
+        max_contacts = 0 if self.own.clearance is None else self.own.clearance.max_contacts
+        none = ca.horzcat(FAR * ca.SX.ones(max_contacts), ca.SX.zeros(max_contacts, q.numel()))
+        if not max_contacts:
             return none
         way = self.braking.time * (1 + self.robot.reach) * ca.sum1(fastest + self.braking.change)
         return tick.when(contacts[-1] <= way, lambda: tick.call(self.bodies_on_the_way, q, u, told)[0], none)
@@ -271,10 +271,10 @@ class ChairLimits:
     def keeping(self) -> ca.Function:
         """Q, moving capsules, wanted u (7,), braking -> `first_kept` of `control.limit`.
 
-        It leads the arm into no keep-out, nor deeper; without limits it is `wanted`.
+        It leads the arm into no keep-out, nor deeper; without limits it is `unconstrained`.
         """
         own, n = self.own, self.robot.chain.n
-        inputs = [ca.MX.sym(name, size) for name, size in (("q", n), ("moving", own.told), ("u", n))]
+        inputs = [ca.MX.sym(name, size) for name, size in (("q", n), ("moving", own.moving_size), ("u", n))]
         q, told, u = inputs
         if not len(own):
             return ca.Function("keeping", [*inputs, ca.MX.sym("braking", n)], [u])

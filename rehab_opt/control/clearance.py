@@ -27,7 +27,7 @@ class Clearance:
 
     grad d . q' + n . (-v) >= -rate (d - margin)
 
-    with n the direction from the body to the link and v the velocity of the body's nearest point. The `slots` contacts
+    with n the direction from the body to the link and v the velocity of the body's nearest point. The `max_contacts` contacts
     with the least room before their barriers at the last velocity make the rows of the QP, several of one pair where
     bodies lie along each other (`control.contacts`); all pairs are judged at the end of the tick.
 
@@ -37,7 +37,7 @@ class Clearance:
     - a body that moves is given way to within speed and joint limits: accelerations yield to it. As long as some
       velocity within them keeps every pair, none comes nearer than `margin`. Where the arm has nowhere to go, or no
       joint moves what is touched, or it brakes because it is not enabled, the body comes nearer by its own motion: the
-      arm's own motion never adds to that, and `Bound.POSITION` says so.
+      arm's own motion never adds to that, and `Relaxed.POSITION` says so.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ class Clearance:
         them, by `arm_capsules`.
     pairs : names of links that keep clear of each other, or None for those that neither are neighbours nor overlap at
         half of all postures; the tuple () for none.
-    slots : how many contacts a tick has rows for. Those beyond are judged at the tick's end, so that the arm stops
+    max_contacts : how many contacts a tick has rows for. Those beyond are judged at the tick's end, so that the arm stops
         before them, but does not slide; a chair's law is promised of no fewer than by default.
     rate : [1/s] at which the distance to the margin may decay; by default that of a `Limit`.
     """
@@ -61,7 +61,7 @@ class Clearance:
     boxes: Sequence[Box] = ()
     moving: int = 0
     pairs: Sequence[tuple[str, str]] | None = None
-    slots: int = 8
+    max_contacts: int = 8
     rate: float | None = None
 
 
@@ -87,7 +87,7 @@ def checked_clearance(argument: str, given: Clearance, chain: SerialChain) -> Cl
         ("margin", 0, 10, False),
         ("self_margin", 0, 10, False),
         ("moving", 0, 100, True),
-        ("slots", 1, 100, True),
+        ("max_contacts", 1, 100, True),
     ):
         value = getattr(given, name)
         kinds = (int, np.integer) if whole else (int, float, np.number)

@@ -107,25 +107,25 @@ class ClearancePairs:
         return (*pairs, *((links[i].name, f"plane {j}") for i, _, j in self._before_planes))
 
     @cached_property
-    def slots(self) -> int:
+    def max_contacts(self) -> int:
         """Number of contacts that have rows."""
         contacts = self._spans_of_balls.shape[1] + CONTACTS * sum(self._looked_at)
-        return int(min(self.clearance.slots, contacts))
+        return int(min(self.clearance.max_contacts, contacts))
 
     @property
     def size(self) -> int:
         """Numbers of the column of `nearest`."""
-        return self.slots * (self.chain.n + 2) + 1
+        return self.max_contacts * (self.chain.n + 2) + 1
 
     @property
-    def told(self) -> int:
+    def moving_size(self) -> int:
         """Numbers of the moving capsules."""
         return MOVING * self.clearance.moving
 
     @cached_property
     def distances(self) -> ca.Function:
         """Q, moving capsules, time -> distance of every pair less the margin [m]."""
-        q, told, time = ca.MX.sym("q", self.chain.n), ca.MX.sym("moving", self.told), ca.MX.sym("time")
+        q, told, time = ca.MX.sym("q", self.chain.n), ca.MX.sym("moving", self.moving_size), ca.MX.sym("time")
         *columns, _, heights, _ = self._placed(q, told, time)
         apart = [each for cells, kind in zip(columns, KINDS, strict=True) for each in _mapped(kind.distance, cells)]
         return ca.Function("distances", [q, told, time], [ca.vertcat(*(each.T for each in apart), heights)])
@@ -138,9 +138,9 @@ class ClearancePairs:
         contacts are those of half the time on, where q and the last velocity lead by then, but for their distances,
         which are led back from there. Of every kind, pairs that are not among the least are left out.
         """
-        n, k = self.chain.n, self.slots
+        n, k = self.chain.n, self.max_contacts
         q, last = ca.MX.sym("q", n), ca.MX.sym("last", n)
-        told, time = ca.MX.sym("moving", self.told), ca.MX.sym("time")
+        told, time = ca.MX.sym("moving", self.moving_size), ca.MX.sym("time")
         *columns, balls, _, screws = self._placed(q + last * time / 2, told, time / 2)
         *approaches, rooms = self._approaches(screws, last, balls)
         contacts, spans = [ca.vertcat(balls, rooms)], [ca.MX(ca.DM(self._spans_of_balls))]
@@ -161,7 +161,7 @@ class ClearancePairs:
 
     def read(self, column: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
         """Of a column of `nearest`: distances less the margin (k,), slopes (k, n), and how fast they change besides."""
-        k = self.slots
+        k = self.max_contacts
         return column[:k], ca.reshape(column[2 * k : -1], k, self.chain.n), column[k : 2 * k]
 
     # --------------------------------------------------------------------------------------------- which pairs
@@ -179,7 +179,7 @@ class ClearancePairs:
     @cached_property
     def _looked_at(self) -> tuple[int, int]:
         """Of how many pairs of capsules, and of capsules and boxes, contacts are looked for."""
-        most = self.clearance.slots
+        most = self.clearance.max_contacts
         return min(self._spans[0].shape[1], most), min(self._spans[1].shape[1], max(1, most // 2))
 
     @cached_property
@@ -275,7 +275,7 @@ class ClearancePairs:
     def _placed(self) -> ca.Function:
         """Q, moving, time -> columns of capsule pairs, of pairs with boxes, contacts with planes, heights; screws."""
         chain, given = self.chain, self.clearance
-        q, told, time = ca.SX.sym("q", chain.n), ca.SX.sym("moving", self.told), ca.SX.sym("time")
+        q, told, time = ca.SX.sym("q", chain.n), ca.SX.sym("moving", self.moving_size), ca.SX.sym("time")
         frames, links, margin = chain.frames_expression(q), chain.capsules, given.margin
         ends = _ends(chain, frames)
         still = ca.SX.zeros(6)

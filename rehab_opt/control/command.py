@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["NUMBERED", "Bound", "Command", "Status"]
+__all__ = ["NUMBERED", "Command", "Relaxed", "Status"]
 
 
 class Status(Enum):
@@ -36,7 +36,7 @@ NUMBERED = (
 """In the order of their numbers in C, and in what a tick tells; there is no number for others."""
 
 
-class Bound(IntFlag):
+class Relaxed(IntFlag):
     """Which bounds were relaxed in this tick; velocity and force bounds never do."""
 
     NOTHING = 0
@@ -61,7 +61,7 @@ class Command(NamedTuple):
     """Iterations of the solver; -1 where it does not tell."""
     reason: str
     """Why this is not a plain OK, or what holds help back; empty otherwise."""
-    yielded: Bound
+    relaxed: Relaxed
     """Which bounds or tasks gave way."""
     scale: float
     """Fraction of the commanded motion that is delivered, 0 to 1, 1 where none is commanded; of a tracker: along the

@@ -57,7 +57,7 @@ class Conditioner(OneThread):
     dt : [s] between even samples.
     cutoff_hz : [Hz] of each pole; infinite for no filter.
     max_gap : [s]
-    largest_speed, largest_turn : [m/s, rad/s] of a hand.
+    max_speed, max_turn_rate : [m/s, rad/s] of a hand.
     """
 
     def __init__(
@@ -66,16 +66,16 @@ class Conditioner(OneThread):
         *,
         cutoff_hz: float = 8.0,
         max_gap: float = 0.1,
-        largest_speed: float = 5.0,
-        largest_turn: float = 30.0,
+        max_speed: float = 5.0,
+        max_turn_rate: float = 30.0,
     ) -> None:
         self.dt = checked_number("dt", dt, above=0.0, below=1.0)
         if not (is_real(cutoff_hz) and cutoff_hz > 0.0):
             raise ConfigurationError("cutoff_hz", cutoff_hz, "a positive frequency")
         self.gain = -math.expm1(-2.0 * math.pi * float(cutoff_hz) * self.dt)
         self.max_gap = checked_number("max_gap", max_gap, above=0.0)
-        self.largest_speed = checked_number("largest_speed", largest_speed, above=0.0)
-        self.largest_turn = checked_number("largest_turn", largest_turn, above=0.0)
+        self.max_speed = checked_number("max_speed", max_speed, above=0.0)
+        self.max_turn_rate = checked_number("max_turn_rate", max_turn_rate, above=0.0)
         self.reset()
 
     @property
@@ -181,8 +181,8 @@ def conditioned(
     dt: float,
     cutoff_hz: float = 8.0,
     max_gap: float = 0.1,
-    largest_speed: float = 5.0,
-    largest_turn: float = 30.0,
+    max_speed: float = 5.0,
+    max_turn_rate: float = 30.0,
 ) -> Conditioned:
     """A whole recording: stamps (N,) [s], positions (N, 3) [m], quaternions (N, 4); see `Conditioner`.
 
@@ -192,7 +192,7 @@ def conditioned(
     """
     from scipy.signal import lfilter  # noqa: PLC0415  (loaded when used)
 
-    rule = Conditioner(dt, cutoff_hz=cutoff_hz, max_gap=max_gap, largest_speed=largest_speed, largest_turn=largest_turn)
+    rule = Conditioner(dt, cutoff_hz=cutoff_hz, max_gap=max_gap, max_speed=max_speed, max_turn_rate=max_turn_rate)
     given = {"times": times, "positions": positions, "quaternions": quaternions}
     t, *given_poses = (checked_array(name, value, "numbers") for name, value in given.items())
     x = np.concatenate(given_poses, axis=1)
@@ -245,7 +245,7 @@ def _joined(times: Array, samples: Array, rule: Conditioner) -> NDArray[np.bool_
     way = np.linalg.norm(np.diff(samples[:, :3], axis=0), axis=1)
     half = np.clip(np.abs(np.sum(samples[1:, 3:] * samples[:-1, 3:], axis=1)), 0.0, 1.0)
     turn = 2.0 * np.arccos(half)
-    near = (way <= rule.largest_speed * seconds + 1e-3) & (turn <= rule.largest_turn * seconds + 1e-2)
+    near = (way <= rule.max_speed * seconds + 1e-3) & (turn <= rule.max_turn_rate * seconds + 1e-2)
     return np.asarray(near & (seconds <= rule.max_gap))
 
 

@@ -192,18 +192,18 @@ class EnergyTank:
         blind = self.elapsed(force, seconds, seconds).jumped(ca.SX(0))
         return blind._sent(following, ca.SX(0), self._window)
 
-    def given(self, share: ca.SX, force: ca.SX) -> tuple[EnergyTank, ca.SX]:
+    def given(self, fraction: ca.SX, force: ca.SX) -> tuple[EnergyTank, ca.SX]:
         """What is left when a share goes of what neither a dispute nor `force` (2,) may still draw; that share [J]."""
         size = ca.norm_2(force)
         draws = self._to_come + self._speed * size * (self.late + size / (2.0 * self._slew))
-        gone = ca.fmax(clipped(share, 0, 1) * (self.left - draws - self.numbers.disputed), 0)
+        gone = ca.fmax(clipped(fraction, 0, 1) * (self.left - draws - self.numbers.disputed), 0)
         return self._with(level=self.numbers.level - gone), gone
 
     def filled(self, joules: ca.SX) -> EnergyTank:
         """With what another tank gave [J], up to the budget; the rest is lost, and so is what is no number."""
-        level, usable = self.numbers.level, ca.logic_and(joules > 0, joules < math.inf)
+        level, valid = self.numbers.level, ca.logic_and(joules > 0, joules < math.inf)
         full = ca.fmin(level + ca.fmin(joules, self._budget), self._budget)
-        return self._with(level=ca.if_else(usable, full, level))
+        return self._with(level=ca.if_else(valid, full, level))
 
     def _settled(self) -> EnergyTank:
         nothing = ca.SX(0)

@@ -13,12 +13,12 @@ from rehab_opt.control.watched_joints import HAND_HELD, time_apart
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.optim.certificate import all_true, clipped
-from rehab_opt.optim.rows import PLAUSIBLE
+from rehab_opt.optim.rows import MAX_MAGNITUDE
 from rehab_opt.symbolic.record import Record
 
 __all__ = ["SAID", "FollowedJoints", "guidance"]
 
-MOST_TICKS = 128
+MAX_TICKS = 128
 """Longest delay, in ticks."""
 LIVELY = 0.1
 """[rad/s or m/s] Joints that are slower are followed slower, by the square of their speed."""
@@ -61,8 +61,8 @@ class FollowedJoints:
         if not isinstance(feedback, JointFeedback):
             raise ConfigurationError("feedback", feedback, "a JointFeedback, or None for measured positions")
         ticks = round(feedback.delay / dt)
-        if ticks > MOST_TICKS:
-            raise ConfigurationError("feedback.delay", feedback.delay, f"at most {MOST_TICKS} ticks of {dt:g} s")
+        if ticks > MAX_TICKS:
+            raise ConfigurationError("feedback.delay", feedback.delay, f"at most {MAX_TICKS} ticks of {dt:g} s")
         self._n, self.hand = n, chain is not None
         self.memory = _memory(n, ticks, hand=self.hand)
         self.size = self.memory.size
@@ -72,7 +72,7 @@ class FollowedJoints:
     def _start(self) -> ca.Function:
         n, record = self._n, self.memory
         velocity, column = ca.SX.sym("velocity", n), ca.SX.zeros(record.size)
-        for name in ("v", "sent"):
+        for name in ("v", "commands"):
             place = record.places[name]
             column[place] = ca.repmat(velocity, (place.stop - place.start) // n, 1)
         if record["hand"] < record.size:
@@ -85,30 +85,30 @@ class FollowedJoints:
         memory = record.symbols("memory")
         measured, command = ca.SX.sym("measured", n), ca.SX.sym("command", n)
         servo, tolerance = servo_rates(feedback.servo_hz, dt), feedback.tolerance
-        usable = all_true(ca.fabs(measured) <= PLAUSIBLE)
-        sent = ca.vertcat(command, memory.sent)
-        under_way, arrived = sent[:-n], sent[-n:]
+        valid = all_true(ca.fabs(measured) <= MAX_MAGNITUDE)
+        commands = ca.vertcat(command, memory.commands)
+        under_way, arrived = commands[:-n], commands[-n:]
         # Of a servo with v = u and w = 0 at rest in u, what differs from that fades as its double pole says.
         short = memory.v - arrived
         v = arrived + servo["v_v"] * short + servo["v_w"] * memory.w
         w = servo["w_v"] * short + servo["w_w"] * memory.w
         expected = memory.q + dt * arrived + memory.w - w
-        anew = ca.logic_and(usable, ca.logic_not(memory.known))
-        error = ca.if_else(ca.logic_and(usable, memory.known), measured - expected, 0)
+        anew = ca.logic_and(valid, ca.logic_not(memory.known))
+        error = ca.if_else(ca.logic_and(valid, memory.known), measured - expected, 0)
         follows = ca.fabs(error) <= tolerance
-        wrong = ca.if_else(usable, time_apart(memory.wrong, 1 - follows, dt), memory.wrong)
+        wrong = ca.if_else(valid, time_apart(memory.wrong, 1 - follows, dt), memory.wrong)
         q = ca.if_else(anew, measured, expected + min(feedback.correction * dt, 1) * follows * error)
         pace = ca.fmin(ca.mmax(ca.fabs(v)) / LIVELY, 1) ** 2
-        used = -math.expm1(-feedback.following * dt) * ca.logic_and(usable, follows)
+        used = -math.expm1(-feedback.following * dt) * ca.logic_and(valid, follows)
         after = {
-            "wrong": wrong, "error": error, "q": q, "v": v, "w": w, "sent": under_way,
+            "wrong": wrong, "error": error, "q": q, "v": v, "w": w, "commands": under_way,
             "strays": memory.strays + pace * used * (error - memory.strays),
             "apart": memory.apart + used * (error - memory.apart),
-            "known": ca.logic_or(memory.known, usable),
+            "known": ca.logic_or(memory.known, valid),
         }  # fmt: skip
         # What is no position stays what it is, for whoever names it; so do its others while none is known.
         led = q + dt * ca.sum2(ca.reshape(under_way, n, under_way.numel() // n)) + w
-        led = ca.if_else(ca.logic_and(ca.fabs(measured) <= PLAUSIBLE, after["known"]), led, measured)
+        led = ca.if_else(ca.logic_and(ca.fabs(measured) <= MAX_MAGNITUDE, after["known"]), led, measured)
         longest, joint = largest(wrong)
         fault, guided, touched, held = longest > feedback.patience, after["apart"], ca.SX(0), ca.SX(0)
         after["hand"] = memory.hand
@@ -119,8 +119,8 @@ class FollowedJoints:
                 chain, feedback.contact, feedback.patience, pole(feedback.servo_hz), dt, before, led, seen, v
             )
             # A sample that is no number says nothing of the hand, and must not be remembered.
-            after["hand"] = ca.if_else(usable, felt.memory, memory.hand)
-            touched, stuck = ca.logic_and(usable, felt.touched), usable * felt.stuck * (1 - fault)
+            after["hand"] = ca.if_else(valid, felt.memory, memory.hand)
+            touched, stuck = ca.logic_and(valid, felt.touched), valid * felt.stuck * (1 - fault)
             joint, fault = ca.if_else(stuck, felt.joint, joint), fault + HAND_HELD * stuck
             state = HELD.parts(after["hand"][: HELD.size])
             held, early = state.held, ca.SX(feedback.command_delay)
@@ -143,7 +143,7 @@ def _memory(n: int, ticks: int, *, hand: bool) -> Record:
     know it; commands under way, the newest first; the first three of `SAID`, kept; what the hand's watch remembers.
     """
     size = hand_memory(n).size if hand else 0
-    return Record(wrong=n, error=n, q=n, v=n, w=n, strays=n, apart=n, sent=n * ticks, known=1, fault=3, hand=size)
+    return Record(wrong=n, error=n, q=n, v=n, w=n, strays=n, apart=n, commands=n * ticks, known=1, fault=3, hand=size)
 
 
 def servo_rates(hz: float, dt: float) -> dict[str, float]:

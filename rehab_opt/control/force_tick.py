@@ -12,7 +12,7 @@ from typing import NamedTuple
 import casadi as ca
 
 from rehab_opt.control.assistance_statement import EXACT, TINY, assistance_statement
-from rehab_opt.control.command import Bound
+from rehab_opt.control.command import Relaxed
 from rehab_opt.control.energy_tank import EnergyTank, tank_record
 from rehab_opt.control.hand import HAND, SAMPLE, looked_at
 from rehab_opt.control.reasons import NUMBER
@@ -38,7 +38,7 @@ __all__ = [
 MUCH = 1e3
 """[J] More than any tick could take: energy beyond it need not enter the QP."""
 MISSED = 1e-6
-"""Share of the wanted force by which the commanded one must differ for the task to count as yielding."""
+"""Share of the desired force by which the commanded one must differ for the task to count as yielding."""
 MODEL = Record(
     dt=1, max_age=1, force_limit=1, slew_limit=1, growth_limit=1, speed_cap=1, velocity_lag=1, trust_stillness=1,
     budget=1, window=1, tail=1, jitter=1, learns=1, tolerance=1,
@@ -49,10 +49,10 @@ VIEW = Record(x=2, v=2, reason=1, details=3, at_once=1, ceiling=1, left=1, repea
 """A hand as it was judged: position [m] and velocity [m/s], why it cannot be acted on and whether the force goes at
 once, largest force [N] and energy [J] that may be given, whether the position repeats itself, and the largest force [N]
 that the growth limit allows."""
-SOLVED = Record(asks=1, value=2, status=1, residual=1, solver=1, yielded=1, scale=1, reason=1, details=3, wanted=2)
+SOLVED = Record(asks=1, value=2, status=1, residual=1, solver=1, relaxed=1, scale=1, reason=1, details=3, desired=2)
 """A command: whether a certified answer is missing that another solver might have; the force [N]; whether it is OK (0),
-RELEASING (1) or RELEASED (2); the certificate's residual, infinite for a release, and who answered; what yielded, the
-share of the wanted force, the reason; and what was wanted [N], zero where the hand could not be acted on."""
+RELEASING (1) or RELEASED (2); the certificate's residual, infinite for a release, and who answered; what was relaxed, the
+share of the desired force, the reason; and what was wanted [N], zero where the hand could not be acted on."""
 FORGOTTEN = 2.0
 """[s] in which a person forgets the largest force: until then less than it does not come as a surprise."""
 LATEST = 1.0
@@ -71,11 +71,11 @@ class ForceTick(NamedTuple):
     judge: ca.Function
     """`MODEL`, `watched_record`, last force (2,), `SAMPLE` -> `watched_record`, `VIEW`."""
     precompute: ca.Function
-    """`MODEL`, `VIEW`, wanted force (2,) -> parameters of the QP, whether there is one."""
+    """`MODEL`, `VIEW`, desired force (2,) -> parameters of the QP, whether there is one."""
     conclude: ca.Function
-    """`MODEL`, state, `VIEW`, wanted force (2,) -> state, `SOLVED`; solved inside."""
+    """`MODEL`, state, `VIEW`, desired force (2,) -> state, `SOLVED`; solved inside."""
     finish: ca.Function
-    """`MODEL`, state, `VIEW`, wanted force, the QP's answer (a state) and verdict -> state, `SOLVED`."""
+    """`MODEL`, state, `VIEW`, desired force, the QP's answer (a state) and verdict -> state, `SOLVED`."""
 
 
 @cache
@@ -87,12 +87,12 @@ def force_tick(slots: int) -> ForceTick:
         [ca.MX.sym("input", size) for size in (MODEL.size, statement.state_size, VIEW.size, 2)],
     )
     precompute, finish = _precompute(), _finish(statement.state_size, 2 * statement.n + statement.m)
-    model, state, view, wanted = inputs
-    parameters, solves = precompute(model, view, wanted)
+    model, state, view, desired = inputs
+    parameters, solves = precompute(model, view, desired)
     p, last = (ca.MX.sym("argument", solve.sparsity_in(i)) for i in range(2))
     skip = ca.Function("skip", [p, last], [last, ca.DM.nan(solve.size1_out(1))])
     answer, verdict = ca.Function.if_else("force_solve", solve, skip)(solves, parameters, state)
-    conclude = ca.Function("force_conclude", inputs, list(finish(model, state, view, wanted, answer, verdict)))
+    conclude = ca.Function("force_conclude", inputs, list(finish(model, state, view, desired, answer, verdict)))
     return ForceTick(_judge(slots), precompute, conclude, finish)
 
 
@@ -131,32 +131,32 @@ def _judge(slots: int) -> ca.Function:
 
 def _precompute() -> ca.Function:
     """Parameters of the QP: the desired force, capped by what energy and growth allow, and the bounds."""
-    model, view, wanted = MODEL.symbols("model"), VIEW.symbols("view"), ca.SX.sym("wanted", 2)
-    size, ceiling = ca.norm_2(wanted), ca.fmin(view.ceiling, view.grown)
+    model, view, desired = MODEL.symbols("model"), VIEW.symbols("view"), ca.SX.sym("desired", 2)
+    size, ceiling = ca.norm_2(desired), ca.fmin(view.ceiling, view.grown)
     fitting = ca.if_else(size <= ceiling, 1, ceiling / size * EXACT)
     step = model.slew_limit * model.dt
-    parameters = ca.vertcat(wanted * fitting, view.v, ceiling, view.left, model.force_limit, step, model.dt)
+    parameters = ca.vertcat(desired * fitting, view.v, ceiling, view.left, model.force_limit, step, model.dt)
     solves = all_true(view.reason == 0, size < ca.inf)
-    return ca.Function("force_precompute", [model.column, view.column, wanted], [parameters, solves], {"cse": True})
+    return ca.Function("force_precompute", [model.column, view.column, desired], [parameters, solves], {"cse": True})
 
 
 def _finish(state_size: int, memory_at: int) -> ca.Function:
     """The command: a certified force, or none, as fast as the slew bound allows or at once."""
-    model, view, wanted = MODEL.symbols("model"), VIEW.symbols("view"), ca.SX.sym("wanted", 2)
+    model, view, desired = MODEL.symbols("model"), VIEW.symbols("view"), ca.SX.sym("desired", 2)
     state, answer, verdict = ca.SX.sym("state", state_size), ca.SX.sym("answer", state_size), ca.SX.sym("verdict", 4)
-    last, given, size = state[memory_at:], answer[memory_at:], ca.norm_2(wanted)
+    last, given, size = state[memory_at:], answer[memory_at:], ca.norm_2(desired)
     residual, _, who, holds = ca.vertsplit(verdict)
     meant = all_true(view.reason == 0, size < ca.inf)
     found = all_true(meant, residual >= 0, residual <= model.tolerance, holds == 1)
 
-    missed = ca.norm_2(given - wanted) > MISSED * size + TINY
-    along = ca.if_else(size > TINY, clipped(ca.dot(given, wanted) / size**2, 0, 1), 0)
+    missed = ca.norm_2(given - desired) > MISSED * size + TINY
+    along = ca.if_else(size > TINY, clipped(ca.dot(given, desired) / size**2, 0, 1), 0)
     # The last stage: no force.
     strength, step = ca.norm_2(last), model.slew_limit * model.dt
     hasty = ca.logic_and(view.at_once, view.reason != 0)
     keep = ca.if_else(ca.logic_or(hasty, strength <= step), 0, 1 - step * EXACT / strength)
     weaker = ca.if_else(keep > 0, last * keep, ca.SX.zeros(2))
-    torn = int(Bound.TASK) + int(Bound.SLEW) * ca.logic_and(hasty, strength > step)
+    torn = int(Relaxed.TASK) + int(Relaxed.SLEW) * ca.logic_and(hasty, strength > step)
     field = ca.logic_not(size < ca.inf)
     short, allowed = view.ceiling < ca.fmin(size, model.force_limit), ca.vertcat(view.left, view.ceiling, 0)
     reasons = [
@@ -173,14 +173,14 @@ def _finish(state_size: int, memory_at: int) -> ca.Function:
         status=ca.if_else(found, 0, ca.if_else(keep > 0, 1, 2)),
         residual=ca.if_else(found, residual, ca.inf),
         solver=ca.if_else(found, who, -1),
-        yielded=ca.if_else(found, int(Bound.TASK) * missed, torn),
+        relaxed=ca.if_else(found, int(Relaxed.TASK) * missed, torn),
         scale=ca.if_else(found, ca.if_else(missed, along, 1), 0),
         reason=first_of([(when, reason) for when, reason, _ in reasons]),
         details=first_of([(when, details) for when, _, details in reasons]),
-        wanted=ca.if_else(found, wanted, ca.SX.zeros(2)),
+        desired=ca.if_else(found, desired, ca.SX.zeros(2)),
     )
     cold = ca.vertcat(ca.SX.zeros(memory_at), weaker)
-    inputs = [model.column, state, view.column, wanted, answer, verdict]
+    inputs = [model.column, state, view.column, desired, answer, verdict]
     return ca.Function("force_finish", inputs, [ca.if_else(found, answer, cold), solved], {"cse": True})
 
 
@@ -233,11 +233,11 @@ def anew(slots: int) -> ca.Function:
 @cache
 def give(slots: int) -> ca.Function:
     """`MODEL`, `watched_record`, last force (2,), share -> `watched_record`, the energy [J] for another tank."""
-    model, watched, share = MODEL.symbols("model"), watched_record(slots).symbols("watched"), ca.SX.sym("share")
+    model, watched, fraction = MODEL.symbols("model"), watched_record(slots).symbols("watched"), ca.SX.sym("fraction")
     force = ca.SX.sym("force", 2)
-    tank, given = _tank(watched.tank, model, slots).given(share, force)
+    tank, given = _tank(watched.tank, model, slots).given(fraction, force)
     after = watched_record(slots).changed(watched, tank=tank.numbers.column).column
-    return ca.Function("give_energy", [model.column, watched.column, force, share], [after, given])
+    return ca.Function("give_energy", [model.column, watched.column, force, fraction], [after, given])
 
 
 @cache

@@ -26,8 +26,8 @@ __all__ = [
     "GATE",
     "PULL_BACK",
     "SPRING",
+    "DesiredForce",
     "Mode",
-    "WantedForce",
     "check_mode",
     "gated_force",
     "guided_force",
@@ -37,7 +37,7 @@ __all__ = [
 
 Array = NDArray[np.float64]
 Mode = Literal["stretch", "assist", "resist", "follow", "hold"]
-WantedForce = Callable[[float, float, float, float], tuple[float, float]]
+DesiredForce = Callable[[float, float, float, float], tuple[float, float]]
 """x, y [m] and velocity [m/s] of the hand -> the force that is wanted [N], before any bound."""
 
 PULL_BACK = Record(stiffness=1, force=1)
@@ -92,38 +92,38 @@ def gated_force(edges: int, samples: int, *, in_blocks: bool = True) -> ca.Funct
     Returns
     -------
     Position [m] and velocity [m/s] of the hand (4,), how far the field stands from where it was made (2,) [m], `GATE`,
-    `edge_columns` of the workspace, `FIELD`, its samples -> wanted force (2,) [N].
+    `edge_columns` of the workspace, `FIELD`, its samples -> desired force (2,) [N].
     """
     pull = field_function_in_blocks(samples) if in_blocks else field_function(samples)
     inputs = [ca.MX.sym("input", pull.sparsity_in(i)) for i in range(3)]
     field = ca.Function("field", inputs, [pull(*inputs)[1]])
     nothing = ca.Function("no_field", inputs, [ca.MX(ca.DM.nan(2))])
-    hand, carried, numbers, table, of_field = (
+    hand, offset, numbers, table, of_field = (
         ca.MX.sym("input", n, m) for n, m in ((4, 1), (2, 1), (GATE.size, 1), (edges, COLUMNS), (FIELD.size, 1))
     )
     held = inputs[1]
-    signed, foot = distance_function(edges)(hand[:2], table)
-    where = ca.vertcat(signed, foot)
+    signed, closest = distance_function(edges)(hand[:2], table)
+    where = ca.vertcat(signed, closest)
     acts = (where[0] <= 0) == numbers[GATE["acts_inside"]]
     elastic = ca.Function.if_else("field_where_it_acts", field, nothing)(
-        acts, hand[:2] - carried, held, of_field[FIELD["sharpness"]]
+        acts, hand[:2] - offset, held, of_field[FIELD["sharpness"]]
     )
-    force = _gated()(hand, carried, numbers, of_field, where, acts, elastic)
-    return ca.Function(f"gated_force_{edges}_{samples}", [hand, carried, numbers, table, of_field, held], [force])
+    force = _gated()(hand, offset, numbers, of_field, where, acts, elastic)
+    return ca.Function(f"gated_force_{edges}_{samples}", [hand, offset, numbers, table, of_field, held], [force])
 
 
 @cache
 def _gated() -> ca.Function:
-    hand, carried, where, elastic = (ca.SX.sym("input", n) for n in (4, 2, 3, 2))
+    hand, offset, where, elastic = (ca.SX.sym("input", n) for n in (4, 2, 3, 2))
     acts, gate, field = ca.SX.sym("acts"), GATE.symbols("gate"), FIELD.symbols("field")
     size = ca.hypot(elastic[0], elastic[1])
     damped = ca.if_else(size > gate.pull_limit, elastic * (gate.pull_limit / size), elastic) - field.damping * hand[2:]
-    share = ca.if_else(ca.logic_or(gate.acts_inside, where[0] >= gate.onset), 1, where[0] / gate.onset)
+    fraction = ca.if_else(ca.logic_or(gate.acts_inside, where[0] >= gate.onset), 1, where[0] / gate.onset)
     back = ca.if_else(
-        all_true(ca.fabs(carried) < ca.inf), _pulled_back(PULL_BACK.parts(gate.back), hand, where), math.nan
+        all_true(ca.fabs(offset) < ca.inf), _pulled_back(PULL_BACK.parts(gate.back), hand, where), math.nan
     )
-    force = ca.if_else(acts, share * damped, ca.if_else(gate.acts_inside, back, ca.SX.zeros(2)))
-    inputs = [hand, carried, gate.column, field.column, where, acts, elastic]
+    force = ca.if_else(acts, fraction * damped, ca.if_else(gate.acts_inside, back, ca.SX.zeros(2)))
+    inputs = [hand, offset, gate.column, field.column, where, acts, elastic]
     return ca.Function("gated", inputs, [force], {"cse": True})
 
 
@@ -134,17 +134,17 @@ def guided_force(edges: int) -> ca.Function:
     Returns
     -------
     Position [m] and velocity [m/s] of the hand (4,), place (2,) [m], direction of the path there (2,), share that is
-    applied, `SPRING`, `GATE`, `edge_columns` of the workspace -> wanted force (2,) [N].
+    applied, `SPRING`, `GATE`, `edge_columns` of the workspace -> desired force (2,) [N].
     """
-    hand, place, along, share = (ca.SX.sym("input", n) for n in (4, 2, 2, 1))
+    hand, place, along, fraction = (ca.SX.sym("input", n) for n in (4, 2, 2, 1))
     spring, gate, where = SPRING.symbols("spring"), GATE.symbols("gate"), ca.SX.sym("where", 3)
     across = hand[2:] - along * ca.dot(along, hand[2:])
     acts = (where[0] <= 0) == gate.acts_inside
     damping = FIELD.of(sharpness=ca.SX(0), damping=ca.vertcat(spring.damping, spring.damping))
     pull = spring.stiffness * (place - hand[:2])
     moving = ca.vertcat(hand[:2], across)
-    force = share * _gated()(moving, ca.SX.zeros(2), gate.column, damping, where, acts, pull)
-    inputs = [hand, place, along, share, spring.column, gate.column]
+    force = fraction * _gated()(moving, ca.SX.zeros(2), gate.column, damping, where, acts, pull)
+    inputs = [hand, place, along, fraction, spring.column, gate.column]
     inner = ca.Function("guided", [*inputs, where], [force], {"cse": True})
     told = [ca.MX.sym("input", each.numel()) for each in inputs]
     table = ca.MX.sym("edges", edges, COLUMNS)
@@ -162,7 +162,7 @@ def reflected_force(edges: int) -> ca.Function:
     Returns
     -------
     Position [m] and velocity [m/s] of the hand (4,), Jacobian there (2, 2), felt force (2,) [N], damping [N s/m],
-    `PULL_BACK`, `edge_columns` of the workspace -> wanted force (2,) [N].
+    `PULL_BACK`, `edge_columns` of the workspace -> desired force (2,) [N].
     """
     hand, jacobian, felt, damping = (ca.SX.sym("input", *size) for size in ((4, 1), (2, 2), (2, 1), (1, 1)))
     back, where = PULL_BACK.symbols("back"), ca.SX.sym("where", 3)

@@ -18,7 +18,7 @@ FURTHEST = 1e3
 """[m] A position beyond this is a broken sensor."""
 ROUNDING = 1e-12
 """[m] By what a step at the speed cap may exceed it."""
-SCATTER_RATE, LARGEST_SCATTER = 0.01, 2e-3
+SCATTER_RATE, MAX_SCATTER = 0.01, 2e-3
 """[m/s], [m] How fast the scatter of positions is learnt, and how much of it is taken for noise."""
 SCATTER_PEAK = 3.6
 """Peak of the noise between two samples over the scatter: six standard deviations, where the median is 1.67 of them."""
@@ -67,8 +67,8 @@ def looked_at(
     surely = ca.if_else(all_true(timed, advance > 0, advance < ca.inf), advance, 0)
     waiting = tank.elapsed(force, seconds, ca.if_else(told, surely, model.dt))
 
-    usable = all_true(*(ca.fabs(sample.x[i]) <= FURTHEST for i in range(2)))
-    looks = ca.logic_and(stale[0] == 0, usable)
+    valid = all_true(*(ca.fabs(sample.x[i]) <= FURTHEST for i in range(2)))
+    looks = ca.logic_and(stale[0] == 0, valid)
     moved, unseen = sample.x - memory.x, waiting.numbers.unseen
     distance = ca.hypot(moved[0], moved[1])
     first, still = ca.logic_not(distance < ca.inf), all_true(moved[0] == 0, moved[1] == 0)
@@ -76,16 +76,16 @@ def looked_at(
     within = distance <= cap * unseen * (1 + 1e-9) + ROUNDING + jitter
     jumped = all_true(looks, ca.logic_not(first), ca.logic_not(still), ca.logic_not(within))
     # Differences through two equal low-passes, which leave half of the noise of one that lags as much.
-    share, fresh = unseen / (0.5 * model.velocity_lag + unseen), ca.logic_or(first, jumped)
-    halfway = memory.halfway + share * (moved / unseen - memory.halfway)
-    slower = memory.estimated + share * (halfway - memory.estimated)
+    fraction, fresh = unseen / (0.5 * model.velocity_lag + unseen), ca.logic_or(first, jumped)
+    halfway = memory.halfway + fraction * (moved / unseen - memory.halfway)
+    slower = memory.estimated + fraction * (halfway - memory.estimated)
     halfway, estimated = (
         ca.if_else(looks, ca.if_else(fresh, ca.SX.zeros(2), now), before)
         for now, before in ((halfway, memory.halfway), (slower, memory.estimated))
     )
     stray = ca.norm_2(moved - memory.estimated * unseen)
     learnt = memory.scatter + SCATTER_RATE * unseen * ca.sign(stray - memory.scatter)
-    scatter = ca.if_else(ca.logic_and(looks, stray < ca.inf), clipped(learnt, 0, LARGEST_SCATTER), memory.scatter)
+    scatter = ca.if_else(ca.logic_and(looks, stray < ca.inf), clipped(learnt, 0, MAX_SCATTER), memory.scatter)
     here = waiting.or_else(first, waiting.jumped(ca.SX(0)))
     here = here.or_else(within, waiting.seen(moved))
     here = here.or_else(jumped, waiting.jumped(distance))
@@ -102,8 +102,8 @@ def looked_at(
         (fast, "HAND_TOO_FAST", (speed, cap, 0)),
         (jumped, "POSITION_JUMPED", (distance, unseen, cap)),
         (stale[0] != 0, "", (stale[1][0], stale[1][1], 0)),
-        (ca.logic_not(usable), "POSITION_UNUSABLE", (sample.x[0], sample.x[1], 0)),
-        (ca.logic_not(slow), "VELOCITY_UNUSABLE", (sample.v[0], sample.v[1], 0)),
+        (ca.logic_not(valid), "POSITION_INVALID", (sample.x[0], sample.x[1], 0)),
+        (ca.logic_not(slow), "VELOCITY_INVALID", (sample.v[0], sample.v[1], 0)),
         (ca.SX(1), "FINE", (0, 0, 0)),
     ]
     return HandState(

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from rehab_opt.control.braking_together import slowed_together, ticks_to_rest
 from rehab_opt.control.clearance_pairs import ClearancePairs
 from rehab_opt.control.limit import ROWS, Limit, PostureLimits
-from rehab_opt.control.stopping import VelocityBounds, largest_change
+from rehab_opt.control.stopping import VelocityBounds, max_change
 from rehab_opt.control.tool_speed import tool_jerk
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.kinematics.room import KeepOut
@@ -115,7 +115,7 @@ class HandBounds:
     def _margins(self) -> list[float]:
         """[m] for every row of `distances`: none of a user's own limits, whose units are not known."""
         planes = len(self.planes) * min(len(self.guarded), ROWS)
-        bodies = 0 if self.clearance is None else self.clearance.slots
+        bodies = 0 if self.clearance is None else self.clearance.max_contacts
         others = len(self.distances) - planes - bodies
         return [max(self.margin, ABOVE)] * planes + [0.0] * others + [self.margin] * bodies
 
@@ -158,10 +158,10 @@ class HandBounds:
             for it either way, as friction does. None for joints that move as commanded.
         """
         astray = ca.SX(self.chain.n, 1) if strays is None else ca.fabs(strays)
-        share = (1 - math.exp(-self.rate * self.dt)) / self.dt
+        fraction = (1 - math.exp(-self.rate * self.dt)) / self.dt
         w, slope_of_w = self.manipulability(q)
         gradient = slope_of_w + lead
-        ascent = share * (self.floor + ABOVE - w + ca.dot(ca.fabs(slope_of_w), astray)) + loss / self.dt
+        ascent = fraction * (self.floor + ABOVE - w + ca.dot(ca.fabs(slope_of_w), astray)) + loss / self.dt
         frames = self.chain.frames_expression(q)
         pose = frames[-1]
         normals, most = [], []
@@ -170,7 +170,7 @@ class HandBounds:
         unit = away / ca.fmax(distance, 1e-9)
         far = distance > 0.25 * self.deviation  # a row at the very centre has no direction
         normals.append(unit.T @ self.chain.jacobian_expression(q)[:3, :])
-        most.append(ca.if_else(far, share * ca.fmax(self.deviation - distance, 0), FREE))
+        most.append(ca.if_else(far, fraction * ca.fmax(self.deviation - distance, 0), FREE))
         slopes, falls = self.distances.falls(
             q, last, contacts, astray=astray, margins=ca.DM(self._margins), ticks=self.ways(last)[-1]
         )
@@ -202,7 +202,7 @@ class HandBounds:
     @cached_property
     def change(self) -> ca.DM:
         """(n,) largest change of a velocity in a tick."""
-        return largest_change(self.chain, self.dt)
+        return max_change(self.chain, self.dt)
 
     def kept(
         self, q: ca.SX, velocity: ca.SX, centre: ca.SX, *, w: ca.SX, gradient: ca.SX, here: ca.SX, hand: ca.SX
@@ -215,14 +215,14 @@ class HandBounds:
         """
         ways = self.ways(velocity)
         ends = [q + self.dt * way * velocity for way in ways]
-        shares = [self.chain.manipulability_expression(end) / self.max_manipulability for end in ends]
+        fractions = [self.chain.manipulability_expression(end) / self.max_manipulability for end in ends]
         places = [self.chain.pose_expression(end)[:3, 3] for end in ends]
         fast = [ca.norm_2(each) for each in (hand, self.chain.jacobian_expression(ends[0])[:3, :] @ velocity)]
         reach = self.linear_speed * (1 + 1e-9) - self.dt**2 / 8 * tool_jerk(self.chain, q, velocity, self.dt)
         away = ca.fmax(ca.norm_2(here - centre), self.deviation) + ROUNDING
         lower, upper = ca.fmin(q, self.chain.lower) - ROUNDING, ca.fmax(q, self.chain.upper) + ROUNDING
-        now = [shares[0] >= ca.fmin(w, self.floor) - ROUNDING, *(each <= reach for each in fast)]
-        later = [share >= ca.fmin(w, self.floor + ABOVE / 2) - ROUNDING for share in shares[1:]]
+        now = [fractions[0] >= ca.fmin(w, self.floor) - ROUNDING, *(each <= reach for each in fast)]
+        later = [fraction >= ca.fmin(w, self.floor + ABOVE / 2) - ROUNDING for fraction in fractions[1:]]
         slower = self.braking(velocity)
         later.append(ca.norm_2(self.chain.jacobian_expression(ends[0] + self.dt * slower)[:3, :] @ slower) <= reach)
         later += [ends[-1] >= lower, ends[-1] <= upper, *(ca.norm_2(place - centre) <= away for place in places)]
@@ -237,12 +237,12 @@ class HandBounds:
                 conditions += [own.kept(q, way * velocity) for way in ways[some]]
         slope = ca.dot(gradient, velocity) * self.dt
         loss = ca.SX(0)
-        for way, share in zip(ways, shares, strict=True):
-            loss = ca.fmax(loss, (w + way * slope - share) / way)
+        for way, fraction in zip(ways, fractions, strict=True):
+            loss = ca.fmax(loss, (w + way * slope - fraction) / way)
         braking = all_true(*now)
-        return ca.logic_and(braking, all_true(*later)), braking, shares[0], loss
+        return ca.logic_and(braking, all_true(*later)), braking, fractions[0], loss
 
-    def least_heights(self, q: Array, plane: KeepOut) -> Array:
+    def min_heights(self, q: Array, plane: KeepOut) -> Array:
         """(M,) [m] of what is guarded above a plane at q (M, n); negative where the arm is in the keep-out."""
         symbol = ca.SX.sym("q", self.chain.n)
         heights = ca.vertcat(*self.heights(self.chain.frames_expression(symbol), plane))
@@ -283,22 +283,22 @@ def feasible_rows(
     lower, upper = bounds.lower, bounds.upper
     rest = clipped(braking, lower, upper)
     fastest = ca.if_else(gradient > 0, upper, lower)
-    slope, most_ascent = ca.dot(gradient, rest), ca.dot(gradient, fastest)
-    asked = ca.if_else(ascent > 0, ca.fmin(ca.fmin(ascent, calm), SHARE * ca.fmax(most_ascent, 0)), ascent)
-    part = clipped((asked - slope) / ca.fmax(most_ascent - slope, TINY), 0, 1)
+    slope, max_ascent = ca.dot(gradient, rest), ca.dot(gradient, fastest)
+    required = ca.if_else(ascent > 0, ca.fmin(ca.fmin(ascent, calm), SHARE * ca.fmax(max_ascent, 0)), ascent)
+    part = clipped((required - slope) / ca.fmax(max_ascent - slope, TINY), 0, 1)
     feasible = rest + part * (fastest - rest)
     lead = range(most.numel() - leading, most.numel())
     pushes = [_past(normals[i, :].T, gradient) for i in lead]
     for i, push in list(zip(lead, pushes, strict=True)) * min(leading, PASSES):
         over = ca.if_else(most[i] < 0, ca.fmax(normals[i, :] @ feasible - most[i], 0), 0)
         feasible = clipped(feasible - over * push, lower, upper)
-    slowest, speeds, share = normals @ rest, normals @ feasible, ca.SX(1)
+    slowest, speeds, fraction = normals @ rest, normals @ feasible, ca.SX(1)
     for i in range(most.numel()):
-        most_here = ca.fmax(ca.fmax(most[i], 0) if i in lead else most[i], slowest[i])
-        part = (most_here - slowest[i]) / ca.fmax(speeds[i] - slowest[i], TINY)
-        share = ca.fmin(share, ca.if_else(speeds[i] > most_here, part, 1))
-    feasible = rest + share * (feasible - rest)
-    least = ca.fmin(asked, ca.dot(gradient, feasible))
+        max_here = ca.fmax(ca.fmax(most[i], 0) if i in lead else most[i], slowest[i])
+        part = (max_here - slowest[i]) / ca.fmax(speeds[i] - slowest[i], TINY)
+        fraction = ca.fmin(fraction, ca.if_else(speeds[i] > max_here, part, 1))
+    feasible = rest + fraction * (feasible - rest)
+    least = ca.fmin(required, ca.dot(gradient, feasible))
     return ca.vertcat(-gradient.T, normals), ca.vertcat(-least, ca.fmax(most, normals @ feasible))
 
 

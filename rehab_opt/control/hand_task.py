@@ -16,7 +16,7 @@ from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.mobile_arm import CHAIR, MobileArm
 from rehab_opt.optim.certificate import clipped
 from rehab_opt.optim.factor import solver_of, upper_triangle
-from rehab_opt.optim.rows import PLAUSIBLE, Row
+from rehab_opt.optim.rows import MAX_MAGNITUDE, Row
 from rehab_opt.symbolic.tick import Stages
 
 __all__ = ["AHEAD", "FRAMES", "PROGRESS", "ROWS", "HandTask", "Last", "Task", "checked_rows", "frame_number"]
@@ -190,7 +190,7 @@ class HandTask:
         # Faster than the joints can be it is a direction. Near singular postures it is far faster, and turns round from
         # one side to the other: joints went to and fro at their accelerations between them.
         faster = ca.fmax(ca.mmax(ca.fabs(target) / self.robot.chain.velocity), 1)
-        towards = ca.if_else(ca.sumsqr(target) <= PLAUSIBLE**2, target / faster, 0)
+        towards = ca.if_else(ca.sumsqr(target) <= MAX_MAGNITUDE**2, target / faster, 0)
         soft, firmness = firm(jacobian)
         change = firmness(commanded - jacobian @ target)
         law = target + self._spread(soft @ change)
@@ -206,18 +206,18 @@ class HandTask:
         ahead, behind = last.velocity + braking.change - kept, kept - (last.velocity - braking.change)
         free = ca.fmax(ca.if_else(way > 0, ahead, behind), 0) / ca.fmax(ca.fabs(way), TINY)
         part = ca.fmin(1, (1 - ROUNDING) * ca.mmin(ca.if_else(ca.fabs(way) > TINY, free, 2)))
-        usable = ca.logic_and(
-            ca.sumsqr(law) + ca.sumsqr(kept) <= PLAUSIBLE**2, size > 0
+        valid = ca.logic_and(
+            ca.sumsqr(law) + ca.sumsqr(kept) <= MAX_MAGNITUDE**2, size > 0
         )  # no law at a singular posture
-        part = ca.if_else(usable, part, 1)
+        part = ca.if_else(valid, part, 1)
         # Where the law is far away, what is off the command goes sooner than on the way to it.
         left = (1 - part) * gently
         goes = firmness(aside)
         hurry = 0 if limits.beside.row_count else ca.fmax(1 - HURRY * size / ca.fmax(ca.norm_2(aside), TINY), 0)
         keeps = 1 - hurry * (1 - braking.leaves(self._spread(soft @ goes)))
         sooner = ca.fmax(left - ca.fmin(braking.leaves(last.velocity), keeps), 0)
-        turning = tick.once(ca.if_else(usable, (left - sooner) * aside, 0))
-        pull = ca.if_else(usable, sooner * goes, 0)
+        turning = tick.once(ca.if_else(valid, (left - sooner) * aside, 0))
+        pull = ca.if_else(valid, sooner * goes, 0)
         speed = tick.once(along + part * (size - along))
         # What braking leaves of the hand's velocity besides: that can be had in any case.
         hard, gentle = (

@@ -56,7 +56,7 @@ class IKPath:
     reason: list[str]
 
     @property
-    def largest_step(self) -> float:
+    def max_step(self) -> float:
         """[rad] Largest change of a joint between two samples: a jump to another branch shows here."""
         return float(self.steps.max(initial=0.0))
 

@@ -159,7 +159,7 @@ class IKSearch:
     def table(self) -> PostureTable:
         """Start postures, built with the first search."""
         table = PostureTable(self.arm, self.statements, handle_tilt=self.handle_tilt, size=self.table_size)
-        self._least_tilt: NLPAnswer | None = None
+        self._min_tilt: NLPAnswer | None = None
         if not table.within:
             answers = [self._upright_from(start) for start in table.most_upright]
             answers = [answer for answer in answers if np.all(np.isfinite(answer.x))]
@@ -172,14 +172,14 @@ class IKSearch:
                 )[0]
                 table.extend(postures, hands.full().T)
             else:
-                self._least_tilt = min(answers, key=lambda answer: float(answer.report[1]))
+                self._min_tilt = min(answers, key=lambda answer: float(answer.report[1]))
         return table
 
     @property
-    def least_tilt(self) -> NLPAnswer | None:
+    def min_tilt(self) -> NLPAnswer | None:
         """Posture with the most upright handle where none is within the cone; None where some is."""
         _ = self.table
-        return self._least_tilt
+        return self._min_tilt
 
     # ------------------------------------------------------------------------------------------------- plumbing
     @cached_property

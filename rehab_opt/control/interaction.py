@@ -14,7 +14,7 @@ from rehab_opt.errors import ConfigurationError
 from rehab_opt.optim.certificate import all_true, clipped
 from rehab_opt.symbolic.record import Record
 
-__all__ = ["AT_LIMIT", "FELT", "UNUSABLE", "Interaction"]
+__all__ = ["AT_LIMIT", "FELT", "INVALID", "Interaction"]
 
 Array = NDArray[np.float64]
 
@@ -36,7 +36,7 @@ FELT = Record(moved=3, velocity=3, away=3, pace=1, tank=1, stopped=1, force=3, a
 """An admittance's state: displacement [m], its velocity [m/s], the hand off its reference [m], the share of its pace
 that the reference keeps, [J] left in the tank, [s] of the stop, the last force [N], and whether forces are measured, or
 the last of them is not over yet."""
-FINE, UNUSABLE, AT_LIMIT = range(3)
+FINE, INVALID, AT_LIMIT = range(3)
 """Why the arm must stop."""
 
 
@@ -90,7 +90,7 @@ class Interaction:
     """[N s/m] B"""
     mass: float = 4.0
     """[kg] M"""
-    most: float = 0.05
+    max_offset: float = 0.05
     """[m] largest displacement of the reference."""
     speed: float = 0.15
     """[m/s] largest speed of the displacement."""
@@ -98,7 +98,7 @@ class Interaction:
     """[J] of the tank, when full."""
 
     def __post_init__(self) -> None:
-        for name in ("limit", "stop_at", "hold", "stiffness", "damping", "mass", "most", "speed", "reserve"):
+        for name in ("limit", "stop_at", "hold", "stiffness", "damping", "mass", "max_offset", "speed", "reserve"):
             checked_number(name, getattr(self, name), above=0.0)
         checked_number("release", self.release, above=0.0, below=1.0)
         checked_number("slow_from", self.slow_from, above=-1e-12, below=self.limit)
@@ -108,7 +108,7 @@ class Interaction:
     def felt_function(self, dt: float) -> ca.Function:
         """Force [N] (3,), whether it is measured, state (`FELT`), hand off the reference [m] (3,) -> state, the reason.
 
-        The state is that after a tick dt [s]; the reason why the arm must stop is `FINE`, `UNUSABLE` or `AT_LIMIT`. The
+        The state is that after a tick dt [s]; the reason why the arm must stop is `FINE`, `INVALID` or `AT_LIMIT`. The
         hand is where it is now, off the reference that the last tick followed; NaN where that is not known.
         """
         force, measured, seen = ca.SX.sym("force", 3), ca.SX.sym("measured"), ca.SX.sym("seen", 3)
@@ -138,10 +138,10 @@ class Interaction:
         )  # fmt: skip
         # Of a force that is no number nothing is known but that there is one.
         blind = FELT.changed(old, velocity=ca.SX.zeros(3), pace=ca.SX(0), active=ca.SX(1)).column
-        usable = all_true(ca.fabs(force) < ca.inf)
+        valid = all_true(ca.fabs(force) < ca.inf)
         idle = ca.logic_not(ca.logic_or(measured, old.active))
-        state = ca.if_else(idle, old.column, ca.if_else(usable, after, blind))
-        reason = ca.if_else(idle, FINE, ca.if_else(usable, ca.if_else(stopped > 0, AT_LIMIT, FINE), UNUSABLE))
+        state = ca.if_else(idle, old.column, ca.if_else(valid, after, blind))
+        reason = ca.if_else(idle, FINE, ca.if_else(valid, ca.if_else(stopped > 0, AT_LIMIT, FINE), INVALID))
         inputs = [force, measured, old.column, seen]
         return ca.Function("felt", inputs, [ca.densify(state), reason], {"cse": True})
 
@@ -152,10 +152,10 @@ class Interaction:
         """Displacement (3,) [m] and velocity (3,) [m/s] after a tick, where nothing refuses them."""
         damping = self.damping / clipped(tank / self.reserve, STIFFER, 1)
         resistance = self.mass + dt * damping + dt**2 * self.stiffness
-        wanted = (self.mass * v + dt * (force - self.stiffness * x)) / resistance
-        wanted = wanted * ca.fmin(1, self.speed / ca.fmax(ca.norm_2(wanted), 1e-12))
-        moved = x + dt * wanted
-        moved = moved * ca.fmin(1, self.most / ca.fmax(ca.norm_2(moved), 1e-12))
+        unconstrained = (self.mass * v + dt * (force - self.stiffness * x)) / resistance
+        unconstrained = unconstrained * ca.fmin(1, self.speed / ca.fmax(ca.norm_2(unconstrained), 1e-12))
+        moved = x + dt * unconstrained
+        moved = moved * ca.fmin(1, self.max_offset / ca.fmax(ca.norm_2(moved), 1e-12))
         return moved, (moved - x) / dt
 
     def _delivered(self, moved: ca.SX, velocity: ca.SX, away: ca.SX, dt: float) -> tuple[ca.SX, ca.SX]:

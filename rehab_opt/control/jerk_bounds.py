@@ -22,7 +22,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rehab_opt.control.stopping import FAR, OUTSIDE, VelocityBounds, largest_change
+from rehab_opt.control.stopping import FAR, OUTSIDE, VelocityBounds, max_change
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import SerialChain, per_joint
 from rehab_opt.optim.certificate import clipped
@@ -74,7 +74,7 @@ class JerkBounds(NamedTuple):
     @property
     def _change(self) -> ca.DM:
         """(n,) acceleration."""
-        return largest_change(self.chain, self.dt) / self.dt
+        return max_change(self.chain, self.dt) / self.dt
 
     @property
     def _jerk(self) -> ca.DM:
@@ -129,11 +129,11 @@ class JerkBounds(NamedTuple):
             hard_upper=kept[1],
         )
 
-    def towards(self, last: ca.SX, lower: ca.SX, upper: ca.SX, wanted: ca.SX) -> tuple[ca.SX, ca.SX]:
+    def towards(self, last: ca.SX, lower: ca.SX, upper: ca.SX, unconstrained: ca.SX) -> tuple[ca.SX, ca.SX]:
         """The interval without what would pass the wanted velocities (n,): a change needs time to end."""
-        slower = last <= wanted
-        most = ca.if_else(slower, clipped(self._up_to(last, wanted), lower, upper), upper)
-        least = ca.if_else(slower, lower, clipped(-self._up_to(-last, -wanted), lower, upper))
+        slower = last <= unconstrained
+        most = ca.if_else(slower, clipped(self._up_to(last, unconstrained), lower, upper), upper)
+        least = ca.if_else(slower, lower, clipped(-self._up_to(-last, -unconstrained), lower, upper))
         return least, most
 
     def _up_to(self, last: ca.SX, ceiling: ca.SX | float) -> ca.SX:

@@ -35,13 +35,13 @@ class JointFeedback:
     - The task's error is that of q_led + d: what friction holds back is led after. Joints that hardly move leave d as
       it is: integrated there, it would make sticking joints hunt, and turn noise into motion.
     - Position limits hold for q_led and for q_led + e (at the same rate, at rest, too), and joints come to them no
-      nearer than others that brake may throw them off (`thrown`).
+      nearer than others that brake may throw them off (`deviation`).
     - The target is taken to be where its twist leads it while a command is on its way (`command_delay`).
     - A hand that runs into something is noticed by where it is left behind (`held_hand`): the joints are led from rest
       anew, back to where the hand presses hardly, and no faster than `recovery_speed` (a share of the hand speeds, too)
       until the hand has been free for two seconds. One that is held for longer than `patience`, or not let go of in
       2.25 times that, is a fault. Where they begin anew faster than accelerations allow, that yields
-      (`Bound.ACCELERATION`).
+      (`Relaxed.ACCELERATION`).
 
     The watch does not see what anything but the hand runs into, nor hands slower than 0.02 m/s. It is late where joints
     turn faster and faster, near a singular posture. A UR5 and an iiwa simulated with MuJoCo ran into a wall of 30 kN/m
@@ -95,7 +95,7 @@ class JointFeedback:
         """[s] from a command until the joint moves: half of the delay, which is all that is known of it."""
         return self.delay / 2
 
-    def thrown(self, chain: SerialChain, last: ca.SX) -> ca.SX:
+    def deviation(self, chain: SerialChain, last: ca.SX) -> ca.SX:
         """[rad or m] by which a joint may be thrown off where it is led, by any that brakes from `last` (n,).
 
         A servo with both poles at -p is thrown off by a/p^2 of an acceleration a that lasts, and by v/(e p) of a speed
@@ -106,7 +106,7 @@ class JointFeedback:
         return COUPLED * ca.mmax(each)
 
     @property
-    def most_gain(self) -> float:
+    def max_gain(self) -> float:
         """[1/s] 2/(3 (T + 1/p)) of the delay T and the servo's pole p: largest gain on what is measured.
 
         An integrator with this gain crosses unity there; T takes at most 2/3 rad of its phase, and the servo,

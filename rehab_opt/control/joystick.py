@@ -14,7 +14,7 @@ from rehab_opt.control.hand_task import ROWS, checked_rows
 from rehab_opt.control.thread_owner import OneThread
 from rehab_opt.control.velocity_controller import checked_number, real_numbers
 from rehab_opt.errors import ConfigurationError
-from rehab_opt.optim.rows import PLAUSIBLE
+from rehab_opt.optim.rows import MAX_MAGNITUDE
 
 __all__ = ["STICK_MODES", "Button", "Joystick", "StickCommand", "StickMode", "checked_modes", "pressed"]
 
@@ -129,7 +129,7 @@ class Joystick(OneThread):
             self._free = self._free or not told.any()
             if not self._free:
                 reason, told = "the stick must be let go first", np.zeros(2)
-        self._deflection = moved_towards(self._deflection, told, self._rate * self._dt)
+        self._deflection = stepped_towards(self._deflection, told, self._rate * self._dt)
         rows = self._rows[self._mode]
         twist = np.zeros(len(rows))
         twist[self._places[self._mode]] = self._deflection * self.mode.speeds + 0.0
@@ -143,12 +143,12 @@ class Joystick(OneThread):
         return axes / size * min((size - self._dead) / (1.0 - self._dead), 1.0)
 
 
-def moved_towards(last: Array, wanted: Array, most: float) -> Array:
-    """`wanted`, or as far on the way there from `last` as `most`; nothing wanted is nothing at once."""
-    way = wanted - last
+def stepped_towards(last: Array, target: Array, most: float) -> Array:
+    """`target`, or as far on the way there from `last` as `most`; nothing wanted is nothing at once."""
+    way = target - last
     size = float(np.linalg.norm(way))
-    if size <= most or not wanted.any():
-        return wanted.copy()
+    if size <= most or not target.any():
+        return target.copy()
     return np.asarray(last + way * (most / size))
 
 
@@ -194,7 +194,7 @@ def _checked_mode(argument: str, mode: object) -> StickMode:
     sizes = tuple(speeds) if isinstance(speeds, (list, tuple, np.ndarray)) else ()
     if len(sizes) != 2:
         raise ConfigurationError(f"{argument}.speeds", speeds, "two numbers")
-    one, two = (checked_number(f"{argument}.speeds", each, above=-PLAUSIBLE, below=PLAUSIBLE) for each in sizes)
+    one, two = (checked_number(f"{argument}.speeds", each, above=-MAX_MAGNITUDE, below=MAX_MAGNITUDE) for each in sizes)
     still = tuple(held) if isinstance(held, (list, tuple)) else (held,)
     if still:
         checked_rows((*pair, *still), f"{argument}.held")

@@ -44,7 +44,7 @@ def nothing_known(record: Record, led: ca.SX) -> ca.SX:
 
 def judged_state(
     n: int, size: int, *, dt: float, max_age: float, watch: ca.Function | None, led: FollowedJoints | None, base: int,
-    sent: slice,
+    command_slice: slice,
 ) -> ca.Function:  # fmt: skip
     """Positions (n,), memory of a controller (size,), `judged_memory`, `GIVEN` -> the first three.
 
@@ -55,7 +55,7 @@ def judged_state(
     ----------
     dt, max_age : see `Watchdog`.
     watch : see `watched_joints`; None where joints are not watched so. led : see `FollowedJoints`, of the joints behind
-        `base`. sent : part of the controller's memory that was sent.
+        `base`. command_slice : part of the controller's memory that was sent.
     """
     record = judged_memory(n, led.size if led else 0, n if led and led.hand else 0)
     q, memory = ca.SX.sym("q", n), ca.SX.sym("memory", size)
@@ -66,7 +66,7 @@ def judged_state(
 
     after, lost = own.watch, own.lost
     if watch is not None:
-        after, longest = watch(own.watch, q, memory[sent])
+        after, longest = watch(own.watch, q, memory[command_slice])
         joints = memory_of_watch(n).parts(after)
         joint = largest(joints.wrong)[1]
         far = sum((ca.if_else(joint == i, ca.fabs(joints.apart[i]), 0) for i in range(n)), ca.SX(0))
@@ -83,7 +83,7 @@ def judged_state(
         remembered = ca.vertcat(memory[:base], goes_on, memory[n : 2 * n], guided, memory[place.stop :])
 
     enabled = given.enable == 1
-    at_rest = ca.sum1(ca.fabs(remembered[sent])) == 0
+    at_rest = ca.sum1(ca.fabs(remembered[command_slice])) == 0
     kept = ca.logic_or(enabled, ca.logic_not(at_rest))
     reason = first_of([
         (ca.logic_not(enabled), ca.SX(NUMBER["NOT_ENABLED"])),

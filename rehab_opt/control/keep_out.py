@@ -91,14 +91,18 @@ class ArmKeepOuts:
 
     @cached_property
     def unhindered(self) -> ca.Function:
-        """Base, wanted (n,), arm (4,) -> the first of `wanted`, half-way to `base`, that, its half and its chair alone
+        """Base, wanted (n,), arm (4,) -> the first of `unconstrained`, half-way to `base`, that, its half and its chair alone
         that keeps the arm out. The limits say so to first order only.
         """
         n = self.robot.chain.n
-        base, wanted, arm = inputs = [ca.SX.sym("base", n), ca.SX.sym("wanted", n), ca.SX.sym("arm", n - CHAIR)]
+        base, unconstrained, arm = inputs = [
+            ca.SX.sym("base", n),
+            ca.SX.sym("unconstrained", n),
+            ca.SX.sym("arm", n - CHAIR),
+        ]
         half = ca.vertcat(base[:CHAIR], 0.5 * base[CHAIR:])
         chosen = ca.vertcat(base[:CHAIR], ca.SX.zeros(arm.numel()))
-        for u in (half, base, (base + wanted) / 2, wanted):
+        for u in (half, base, (base + unconstrained) / 2, unconstrained):
             chosen = ca.if_else(self.no_deeper(arm, u), u, chosen)
         return ca.Function("unhindered", inputs, [ca.densify(chosen)], {"cse": True})
 
@@ -124,10 +128,10 @@ class ArmKeepOuts:
             rises = ca.fmax(changes, 0)
             # Where it falls and then rises from the place before, the least of a parabola; else this place.
             dips = ca.logic_and(falls < 0, rises > 0)
-            share = ca.if_else(dips, -falls / ca.fmax(rises - falls, TINY), 1)
-            least = ca.if_else(dips, gaps + falls * share * apart / 2, here)
-            then_time = ca.fmax(part * time - (1 - share) * apart, apart / 4)
-            nearest = before + share * (opening - before)
+            fraction = ca.if_else(dips, -falls / ca.fmax(rises - falls, TINY), 1)
+            least = ca.if_else(dips, gaps + falls * fraction * apart / 2, here)
+            then_time = ca.fmax(part * time - (1 - fraction) * apart, apart / 4)
+            nearest = before + fraction * (opening - before)
             less = (least - margin) / then_time
             then = ca.if_else(ca.repmat(less < left, 1, now.size2()), nearest, then)
             left = ca.fmin(less, left)
@@ -173,9 +177,9 @@ def _opening(robot: MobileArm, arm: ca.SX) -> tuple[ca.SX, ca.SX]:
     opening, gaps = ca.SX(0, count), ca.SX(0, 1)
     for capsule in robot.keep_out:
         for (begin, begin_moves), (end, end_moves), radius in links:
-            share, apart = _nearest(begin, end, capsule)
+            fraction, apart = _nearest(begin, end, capsule)
             size = ca.norm_2(apart)
-            moves = begin_moves + share * (end_moves - begin_moves)
+            moves = begin_moves + fraction * (end_moves - begin_moves)
             opening = ca.vertcat(opening, (apart / ca.fmax(size, TOUCHING)).T @ moves)
             gaps = ca.vertcat(gaps, size - capsule.radius - radius)
     return opening, gaps
@@ -188,11 +192,11 @@ def _nearest(begin: ca.SX, end: ca.SX, capsule: Capsule) -> tuple[ca.SX, ca.SX]:
     a, e = ca.fmax(ca.sumsqr(along), TOUCHING**2), float(ca.sumsqr(other))  # of a link that is a ball any share will do
     c, f = ca.dot(along, gap), ca.dot(other, gap)
     if e < TOUCHING**2:  # the capsule is a ball
-        share = clipped(-c / a, 0, 1)
-        return share, gap + share * along
+        fraction = clipped(-c / a, 0, 1)
+        return fraction, gap + fraction * along
     b = ca.dot(along, other)
     across = a * e - b * b  # zero where they are parallel: then any point will do to begin with
     first = ca.if_else(across > TOUCHING, clipped((b * f - c * e) / ca.fmax(across, TOUCHING), 0, 1), 0)
     place = clipped((b * first + f) / e, 0, 1)
-    share = clipped((b * place - c) / a, 0, 1)
-    return share, gap + share * along - place * other
+    fraction = clipped((b * place - c) / a, 0, 1)
+    return fraction, gap + fraction * along - place * other

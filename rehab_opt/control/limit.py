@@ -48,7 +48,7 @@ TINY = 1e-300
 class Limit:
     """What a posture has to keep: every distance h(q) at zero or above, at the end of every tick.
 
-    h(q) >= 0, met as the barrier  grad h . q' >= -rate h;  `Bound.POSITION` says that h(q) is below zero
+    h(q) >= 0, met as the barrier  grad h . q' >= -rate h;  `Relaxed.POSITION` says that h(q) is below zero
 
     A `MirrorTracker`, whose accelerations do not yield to it, meets it faster where braking of all joints alike does.
 
@@ -80,12 +80,12 @@ class Limit:
         symbol, ahead = ca.SX.sym("q", chain.n), ca.SX.sym("ahead", chain.n)
         each, then = self.at(chain, symbol), self.at(chain, ahead)
         rows = ca.horzcat(each + (then - each) * ways, each, then, ca.jacobian(each, symbol))
-        found = ca.Function("nearest", [symbol, ahead], [least_rows(rows, ROWS)])(q, q + way)
+        found = ca.Function("nearest", [symbol, ahead], [smallest_rows(rows, ROWS)])(q, q + way)
         least, then, slopes = found[:, 1], found[:, 2], found[:, 3:]
         return least, slopes, ca.fmax(least + slopes @ way - then, 0)
 
 
-def least_rows(rows: ca.SX, k: int) -> ca.SX:
+def smallest_rows(rows: ca.SX, k: int) -> ca.SX:
     """The k rows whose first number is least, in order."""
     kept: list[ca.SX] = []
     for each in ca.vertsplit(ca.densify(rows)):
@@ -178,22 +178,22 @@ class PostureLimits:
         together = max(float(np.max(chain.velocity / chain.acceleration)), dt)
         rates = [each.rate for each in self.limits for _ in range(each.count(chain))]
         self._own = len(rates)
-        rates += [] if clearance is None else [clearance.clearance.rate] * clearance.slots
+        rates += [] if clearance is None else [clearance.clearance.rate] * clearance.max_contacts
         usual = min(1 / together, fastest_rate)
-        shares = {rate: (1 - np.exp(-(usual if rate is None else rate) * dt)) / dt for rate in rates}
-        self._shares = ca.DM([shares[rate] for rate in rates])
-        self._ways = [1 / (shares[each.rate] * dt) for each in self.limits]
+        fractions = {rate: (1 - np.exp(-(usual if rate is None else rate) * dt)) / dt for rate in rates}
+        self._fractions = ca.DM([fractions[rate] for rate in rates])
+        self._ways = [1 / (fractions[each.rate] * dt) for each in self.limits]
         """Ticks in which what falls at its rate is gone: what falls faster has its row before it is among the least."""
         self._begun = float(np.sum(np.minimum(chain.acceleration * dt, START * chain.velocity)))
 
     def __len__(self) -> int:
         """How many rows they make."""
-        return self._shares.numel()
+        return self._fractions.numel()
 
     @property
-    def told(self) -> int:
+    def moving_size(self) -> int:
         """Numbers of those."""
-        return 0 if self.clearance is None else self.clearance.told
+        return 0 if self.clearance is None else self.clearance.moving_size
 
     def capsule_numbers(self, argument: str, bodies: Sequence[MovingCapsule] | Array | None) -> Array:
         """(k, 14) of what moves, by `moving_numbers`.
@@ -248,7 +248,7 @@ class PostureLimits:
         if self.limits:
             slopes, least, spent = self._tangents(q, last, [0] * len(self.limits), ticks)
             least -= ca.fmax(ca.fabs(slopes) @ astray, margins[own])
-            parts.append((slopes, self._shares[own] * ca.fmax(least, 0) - spent))
+            parts.append((slopes, self._fractions[own] * ca.fmax(least, 0) - spent))
         if self.clearance is not None:
             distances, slopes, changes = self.clearance.read(contacts)
             distances -= ca.fmax(ca.fabs(slopes) @ astray, margins[self._own :])
@@ -323,7 +323,7 @@ class PostureLimits:
             dips = [ca.fmax(a - 2 * b + c, 0) / 8 for a, b, c in zip([now, *ahead], ahead, ahead[1:], strict=False)]
             for t, there, dip in zip(seconds, ahead, [*dips, dips[-1]], strict=True):
                 left = _left(t, there - dip, ca.jacobian(there, u), u, change)
-                rows.append(least_rows(left, each.count(self.chain)))
+                rows.append(smallest_rows(left, each.count(self.chain)))
         found = ca.vertcat(ca.Function("on_the_way", [here, u], [ca.vertcat(*rows)])(q, last), bodies)
         left, slopes = found[:, 0], found[:, 1:]
         back = astray**2 * max(seconds) * ca.sqrt(ca.sum2(slopes**2))
@@ -337,9 +337,9 @@ class PostureLimits:
         Of contacts at rest on the way, see `on_the_way`, those where least is left.
         """
         assert self.clearance is not None
-        n, k = self.chain.n, self.clearance.slots
+        n, k = self.chain.n, self.clearance.max_contacts
         here, u, column = ca.SX.sym("q", n), ca.SX.sym("u", n), ca.SX.sym("contacts", self.contacts_size)
-        inputs = [ca.MX.sym(name, size) for name, size in (("q", n), ("u", n), ("moving", self.told))]
+        inputs = [ca.MX.sym(name, size) for name, size in (("q", n), ("u", n), ("moving", self.moving_size))]
         distances, slopes, _ = self.clearance.read(column)
         candidates = []
         for t in seconds:
@@ -369,13 +369,13 @@ class PostureLimits:
     def first_kept(self, judged: ca.Function) -> ca.Function:
         """Q, moving capsules, wanted, braking -> the first velocity (n,) for which `judged` gives 1.
 
-        Of `wanted`, parts of the way there from `braking`, and parts of that; each is judged where those before failed.
+        Of `unconstrained`, parts of the way there from `braking`, and parts of that; each is judged where those before failed.
         """
         n = self.chain.n
-        q, told = ca.MX.sym("q", n), ca.MX.sym("moving", self.told)
-        wanted, braking = ca.MX.sym("wanted", n), ca.MX.sym("braking", n)
-        inputs = [q, told, wanted, braking]
-        tried = [wanted, *(braking + part * (wanted - braking) for part in PARTS), braking]
+        q, told = ca.MX.sym("q", n), ca.MX.sym("moving", self.moving_size)
+        unconstrained, braking = ca.MX.sym("unconstrained", n), ca.MX.sym("braking", n)
+        inputs = [q, told, unconstrained, braking]
+        tried = [unconstrained, *(braking + part * (unconstrained - braking) for part in PARTS), braking]
         tried += [part * braking for part in PARTS]
         otherwise = ca.Function("rest", inputs, [ca.MX.zeros(n)])
         for i, u in reversed(list(enumerate(tried))):
@@ -413,7 +413,7 @@ class PostureLimits:
     def _tick_symbols(self) -> list[ca.MX]:
         """Q, moving capsules, velocity."""
         n = self.chain.n
-        return [ca.MX.sym("q", n), ca.MX.sym("moving", self.told), ca.MX.sym("velocity", n)]
+        return [ca.MX.sym("q", n), ca.MX.sym("moving", self.moving_size), ca.MX.sym("velocity", n)]
 
     @cached_property
     def _none_below(self) -> ca.Function:
@@ -463,7 +463,7 @@ class PostureLimits:
         parts = [(ca.SX(0, self.chain.n), ca.SX(0, 1), ca.SX(0, 1))]
         if self.limits:
             slopes, least, spent = self._tangents(q, last, self._ways)
-            free = self._shares[: self._own] * ca.fmax(least, lowest) - spent
+            free = self._fractions[: self._own] * ca.fmax(least, lowest) - spent
             parts.append((slopes, free, ca.fmax(least, 0) / self.dt))
         if self.clearance is not None:
             distances, slopes, changes = self.clearance.read(contacts)
@@ -479,7 +479,7 @@ class PostureLimits:
         margin = ca.sqrt(ca.sum2(slopes**2)) * way**2 / 2 + SLACK
         # Where a distance is nearly as large as a posture can make it, no joint goes to and fro about that posture.
         steep = ca.fabs(slopes) * ca.fmin(ca.fabs(slopes) / FLAT, 1)
-        free = ca.fmax(self._shares[self._own :] * (distances - SLACK / 2 - margin), -steep @ self._calm)
+        free = ca.fmax(self._fractions[self._own :] * (distances - SLACK / 2 - margin), -steep @ self._calm)
         return slopes, free + changes, ca.fmax(distances - SLACK / 2, 0) / self.dt + changes
 
     def _tangents(
@@ -496,7 +496,7 @@ class PostureLimits:
         way, begun = seconds * ca.sum1(ca.fabs(last)), seconds * self._begun
         margin = ca.sqrt(ca.sum2(slopes**2)) * (way + begun / 2) * begun
         lacking = clipped(margin - least, 0, margin)
-        return slopes, least, self._shares[: self._own] * (margin - lacking) + (lacking + lost) / seconds
+        return slopes, least, self._fractions[: self._own] * (margin - lacking) + (lacking + lost) / seconds
 
 
 def _left(t: float, distances: ca.SX, changes: ca.SX, u: ca.SX, change: ca.DM) -> ca.SX:

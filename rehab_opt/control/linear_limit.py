@@ -58,7 +58,7 @@ class LinearLimit(NamedTuple):
         """The limit, opened as far as velocities u (n,) need to keep it."""
         return self._replace(upper=ca.fmax(self.upper, self.matrix @ u))
 
-    def largest_part(self, way: ca.SX, begin: ca.SX | None = None, slack: float = 0.0) -> ca.SX:
+    def max_step_size(self, way: ca.SX, begin: ca.SX | None = None, slack: float = 0.0) -> ca.SX:
         """Largest fraction, at most 1, of a way (n,) from velocities `begin` (n,), or rest, that keeps the limit.
 
         It may pass by `slack`; from beyond the limit, where it goes no further, it is kept.

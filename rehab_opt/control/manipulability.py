@@ -19,7 +19,7 @@ __all__ = [
     "drawn_ways",
     "escape_function",
     "known_ways",
-    "largest_manipulability",
+    "maximise_manipulability",
 ]
 
 Array = NDArray[np.float64]
@@ -38,7 +38,7 @@ TURN, SLIDE = math.pi, 1.0
 """[rad, m] Where a joint without limits is looked at: a full turn, and a metre either way."""
 
 
-def largest_manipulability(chain: SerialChain, *, starts: int = STARTS, seed: int = 0) -> tuple[float, Array]:
+def maximise_manipulability(chain: SerialChain, *, starts: int = STARTS, seed: int = 0) -> tuple[float, Array]:
     """Yoshikawa's measure at its maximum within the joint limits, and a posture (n,) that has it.
 
     The best of bounded quasi-Newton ascents from the `starts` best of seeded random postures: the same answer in every
@@ -130,8 +130,8 @@ def ascent_function(chain: SerialChain) -> ca.Function:
 
     last = ahead(distance)
     gain, rises, before = last - w(q), ca.MX(1), w(q)
-    for share in SHARES:
-        there = ahead(share * distance)
+    for fraction in SHARES:
+        there = ahead(fraction * distance)
         rises, before = ca.logic_and(rises, before <= there), there
     better = ca.vertcat(gain, 0.5 * distance / ca.fabs(distance) * way)
     inputs = [q, way, distance, found]

@@ -18,13 +18,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.control.between_poses import moving_tool_function
 from rehab_opt.control.clearance import Clearance
-from rehab_opt.control.command import Bound, Command, Status
+from rehab_opt.control.command import Command, Relaxed, Status
 from rehab_opt.control.hand_bounds import HandBounds, KeepOut
 from rehab_opt.control.interaction import Interaction
 from rehab_opt.control.joint_feedback import JointFeedback
 from rehab_opt.control.judged_state import GIVEN
 from rehab_opt.control.limit import Limit, all_limits
-from rehab_opt.control.manipulability import largest_manipulability
+from rehab_opt.control.manipulability import maximise_manipulability
 from rehab_opt.control.mirror_following import BRIDGE, RATE, THEN
 from rehab_opt.control.mirror_pace import REMEMBERED, MirrorPace
 from rehab_opt.control.mirror_plan import MirrorPath, plan
@@ -45,7 +45,7 @@ __all__ = ["MirrorTracker"]
 Array = NDArray[np.float64]
 
 _OK, _NAN, _new, _read_only = Status.OK, math.nan, tuple.__new__, np.frombuffer
-_BOUNDS, _SOLVERS = {float(i): Bound(i) for i in range(8)}, {float(i): name for i, name in enumerate(FUSED_SOLVERS)}
+_BOUNDS, _SOLVERS = {float(i): Relaxed(i) for i in range(8)}, {float(i): name for i, name in enumerate(FUSED_SOLVERS)}
 _JUDGED, _USUAL, _LEADS_TO = GIVEN["judged"], VERDICT["usual"], VERDICT["then"]
 
 
@@ -80,7 +80,7 @@ class MirrorTracker(MirrorPreview):
     keep_out : planes, by `KeepOut.through(point, normal)`, beyond which at the end of no tick there is a link's capsule
         (`SerialChain.capsules`: the UR5's whole body), the origin of a frame, or the tool's. Without capsules nothing
         is known of the links between those origins. What starts beyond a plane goes no deeper, and
-        `Bound.POSITION` says so; what no joint moves, the led hand and what is mounted on the flange are not guarded,
+        `Relaxed.POSITION` says so; what no joint moves, the led hand and what is mounted on the flange are not guarded,
         unless a capsule stands for them.
     limits : what else the posture has to keep: see `Limit`, whose rate of None is `rate` here, and `Clearance`. Where
         four distances of one limit, or four points of the arm and one plane, are met at once, the hand may stand short
@@ -153,7 +153,7 @@ class MirrorTracker(MirrorPreview):
         self.catch_up = checked_number("catch_up", catch_up, above=-1e-9, below=10.0)
         turn_length = checked_number("turn_length", turn_length, above=0.0)
         self.max_manipulability = (
-            largest_manipulability(limited)[0]
+            maximise_manipulability(limited)[0]
             if max_manipulability is None
             else checked_number("max_manipulability", max_manipulability, above=0.0)
         )
@@ -208,7 +208,7 @@ class MirrorTracker(MirrorPreview):
         )
         """Where the reference is read."""
         self.counts: Counter[str] = Counter()
-        """How many ticks yielded acceleration, were shortened, waited, braked, and how often the hand was cut short."""
+        """How many ticks relaxed acceleration, were shortened, waited, braked, and how often the hand was cut short."""
         self._begin()
 
     # ------------------------------------------------------------------------------------------------ the user's
@@ -293,20 +293,20 @@ class MirrorTracker(MirrorPreview):
             self._claim()
         self._take(q, pose, twist, obstacles)
         if enable is not True or stamp is not None or not self._usual:
-            self._tell(enable, stamp)
+            self._set_enable(enable, stamp)
         self._given[_JUDGED] = 0.0
         if self._live and force is None:
             # The usual way, without the layers of Python: they would cost as much as the solve.
             verdict = self._verdict
             self._told[0] = verdict[0] = _NAN  # see `FallbackChain`: a failure inside leaves the outputs as they are
             self._function.evaluate()
-            left, residual, who, yielded, scale, _ = self._head.tolist()
+            left, residual, who, relaxed, scale, _ = self._head.tolist()
             if not left and verdict[_USUAL]:
                 self._remembered[THEN] = verdict[_LEADS_TO]
                 self._keep[:] = self._answer
                 self._good = self._solvers.parameters.tobytes()
                 value = _read_only(self._velocity.tobytes())
-                name, bound, note = _SOLVERS[who], _BOUNDS[yielded], HELD_BACK if self._own["held"][0] else ""
+                name, bound, note = _SOLVERS[who], _BOUNDS[relaxed], HELD_BACK if self._own["held"][0] else ""
                 return _new(Command, (value, _OK, name, residual, -1, note, bound, scale, None))
         return self._followed(force)
 

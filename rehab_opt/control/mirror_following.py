@@ -111,7 +111,11 @@ class MirrorFollowing(MirrorStatement):
         clock, limit, tried, aimed, memory = self.clock, self._limit, self._tried, self._aimed, self._memory
         posture, before = None if limit is None else limit.q, self._last.copy()
         at, others = (clock.waiting, clock.fraction, clock.lag), (not previewed, clock.pace)
-        samples, entries, around = clock.window.T, here.reshape(-1), self._inputs[-1].reshape(-1)[: self.limits.told]
+        samples, entries, around = (
+            clock.window.T,
+            here.reshape(-1),
+            self._inputs[-1].reshape(-1)[: self.limits.moving_size],
+        )
         for part in (*PACES, None):
             if part is not None:
                 near = tried.of(samples, at, memory, others, entries, part)
@@ -193,6 +197,6 @@ class MirrorFollowing(MirrorStatement):
         """What is said of a reason; `where` counts the arguments of `step`, obstacles and force behind the others."""
         if reason == NUMBER["FORCE_AT_LIMIT"]:
             return self._interaction.too_large(self._felt)
-        if reason == NUMBER["INPUT_UNUSABLE"] and where == 3 + (self.limits.told > 0):
+        if reason == NUMBER["INPUT_INVALID"] and where == 3 + (self.limits.moving_size > 0):
             return "force is not a usable number"
         return super()._words(reason, where if where < 3 else -1, element, details)

@@ -56,7 +56,7 @@ person's arm stays short of what is followed."""
 AIMED = Record(kept=1, pose=16, twist=6, offset=3)
 """Whether an arm that brakes stays near `HELD`, or nothing else is left; pose, twist and offset [m] for the QP."""
 COUNTED = Record(acceleration=1, shortened=1, slowed=1, waited=1, braked=1, cut=1)
-"""How many ticks yielded acceleration, were shortened, slowed, waited, braked, and how often the hand was cut short."""
+"""How many ticks relaxed acceleration, were shortened, slowed, waited, braked, and how often the hand was cut short."""
 REMEMBERED = Record(
     pace=PACE.size, held=HELD.size, felt=FELT.size, aim=16, then=1, live=1, lead_w=1, lead_age=1, counted=COUNTED.size
 )

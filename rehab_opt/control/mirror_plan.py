@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rehab_opt.control.command import Bound
+from rehab_opt.control.command import Relaxed
 from rehab_opt.control.mirror_retiming import retimed
 from rehab_opt.control.preview import angles_between
 from rehab_opt.errors import ConfigurationError
@@ -57,7 +57,7 @@ class MirrorPath(NamedTuple):
     pace; less where the bridge over a jump takes longer than the recording, 0 once the clock stands at its end."""
     manipulability: Array
     """(M,) w / w_max where the tick leads."""
-    yielded: list[Bound]
+    relaxed: list[Relaxed]
     """What had to give way in each tick."""
     complete: bool
     """Whether the reference's end was reached; where it was not, the motion ends early, and at rest too."""
@@ -93,14 +93,14 @@ def plan(tracker: MirrorTracker, poses: ArrayLike, twists: ArrayLike, q: ArrayLi
     if joints.shape != (tracker.chain.n,) or not np.all(np.isfinite(joints)):
         raise ConfigurationError("q", q, f"{tracker.chain.n} finite numbers")
     begun = time.perf_counter()
-    usable = np.flatnonzero(np.all(np.isfinite(reference), axis=(1, 2)) & np.all(np.isfinite(motion), axis=1))
-    if not len(usable):
+    valid = np.flatnonzero(np.all(np.isfinite(reference), axis=(1, 2)) & np.all(np.isfinite(motion), axis=1))
+    if not len(valid):
         raise ConfigurationError("poses", reference.shape, "at least one usable sample")
     tracker.reset()
     dt = tracker.dt
-    tracker.preview(joints, reference[usable], motion[usable], np.asarray(dt * usable, dtype=np.float64))
+    tracker.preview(joints, reference[valid], motion[valid], np.asarray(dt * valid, dtype=np.float64))
     most = math.ceil((PATIENCE + PATIENCE * tracker.clock.lag) / dt)
-    path, speeds, clock, left, short, person, shown, w, yielded = [], [], [], [], [], [], [], [], []
+    path, speeds, clock, left, short, person, shown, w, relaxed = [], [], [], [], [], [], [], [], []
     complete, reference_clock, follow = False, tracker.clock, tracker.follow
     ending, arrived, before = False, 0, reference_clock.stamp
     for tick in range(most + math.ceil(ENDING / dt)):
@@ -116,7 +116,7 @@ def plan(tracker: MirrorTracker, poses: ArrayLike, twists: ArrayLike, q: ArrayLi
         short.append(tracker.short)
         person.append(tracker.beyond_person)
         w.append(tracker.manipulability)
-        yielded.append(command.yielded)
+        relaxed.append(command.relaxed)
         joints = joints + value * dt
         arrived += reference_clock.current
         if (ending or reference_clock.current) and float(np.abs(value).max()) < STANDING:
@@ -126,7 +126,7 @@ def plan(tracker: MirrorTracker, poses: ArrayLike, twists: ArrayLike, q: ArrayLi
     planned = MirrorPath(
         np.asarray(dt * np.arange(len(path)), dtype=np.float64), np.array(path), np.array(speeds), found,
         np.array(shown), np.array(clock), np.array(short), np.array(person),
-        np.diff(clock, prepend=before) / dt, np.array(w), yielded, complete, counts, 0.0,
+        np.diff(clock, prepend=before) / dt, np.array(w), relaxed, complete, counts, 0.0,
     )  # fmt: skip
     if quick:
         planned = retimed(tracker, planned, np.array(left))

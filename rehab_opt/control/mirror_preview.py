@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from rehab_opt.control.command import Bound, Command, Status
+from rehab_opt.control.command import Command, Relaxed, Status
 from rehab_opt.control.interaction import FELT
 from rehab_opt.control.mirror_following import RATE, SHARE, THEN, MirrorFollowing
 from rehab_opt.control.mirror_pace import QUICKENING
@@ -29,7 +29,7 @@ REST = 32
 """Ticks at most after something unusual until a layout is tried again: one at first, then twice as many."""
 
 _OK, _NAN, _new, _read_only = Status.OK, math.nan, tuple.__new__, np.frombuffer
-_BOUNDS, _TASK = tuple(Bound(i) for i in range(8)), int(Bound.TASK)
+_BOUNDS, _TASK = tuple(Relaxed(i) for i in range(8)), int(Relaxed.TASK)
 _USUAL, _LEADS_TO = VERDICT["usual"], VERDICT["then"]
 _NOTHING = Layout(np.zeros((0, 4, 4)), np.zeros((0, 6)), [], [])
 
@@ -128,7 +128,7 @@ class MirrorPreview(MirrorFollowing):
         self._views[2][:] = laid.twists[k].data
         self._told[0] = _NAN  # see `FallbackChain`: a failure inside leaves the outputs as they are
         self._function.evaluate()
-        left, residual, who, yielded, share, _ = self._head.tolist()
+        left, residual, who, relaxed, share, _ = self._head.tolist()
         if left or not verdict[_USUAL]:
             return None
         self._solvers.keep[:] = self._solvers.answer
@@ -140,7 +140,7 @@ class MirrorPreview(MirrorFollowing):
         entries = self._held
         entries[:3], entries[3:19], entries[19] = laid.poses[k][:3, 3], self._flat[k], self.max_turn
         self._short_by = self._beyond_person = (0.0, 0.0)
-        flags = int(yielded)
+        flags = int(relaxed)
         if pace < WHOLE:
             self.counts["slowed"] += 1
             flags |= _TASK

@@ -16,7 +16,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from rehab_opt.control.command import Bound
+from rehab_opt.control.command import Relaxed
 from rehab_opt.control.mirror_statement import HELD, WHOLE
 from rehab_opt.control.path_timing import PathCells, fastest_timing
 from rehab_opt.control.tool_speed import tool_jerk
@@ -57,7 +57,7 @@ def retimed(tracker: MirrorTracker, plan: MirrorPath, left: Array) -> MirrorPath
     left : (M,) [s] that the clock needs in each tick to the reference's end, bridges included.
     """
     way = np.abs(np.diff(plan.q, axis=0)).max(axis=1, initial=0.0)
-    if not plan.complete or any(each & Bound.ACCELERATION for each in set(plan.yielded)) or way.sum() < APART:
+    if not plan.complete or any(each & Relaxed.ACCELERATION for each in set(plan.relaxed)) or way.sum() < APART:
         return plan
     ways, slow = np.full(len(plan.times), CURVED), np.ones(len(plan.times))
     for _ in range(TRIES):
@@ -132,8 +132,8 @@ def _passed(
     begins = np.interp(np.interp(place, knots, passed[at]), passed, np.arange(len(passed)))
     k = begins.astype(int)
     slowed = (paces < WHOLE) & (clock < clock[-1])
-    said = {each: (each & ~Bound.TASK, each | Bound.TASK) for each in set(plan.yielded)}
-    bounds = [said[plan.yielded[i]][late] for i, late in zip(k.tolist(), slowed.tolist(), strict=True)]
+    said = {each: (each & ~Relaxed.TASK, each | Relaxed.TASK) for each in set(plan.relaxed)}
+    bounds = [said[plan.relaxed[i]][late] for i, late in zip(k.tolist(), slowed.tolist(), strict=True)]
     w = tracker.hand_bounds.manipulability
     share_of = ca.Function("w", [symbol], [w(symbol)[0]]).map(len(q))(np.vstack([q[1:], q[-1:]]).T)
     # What the hand stays short of grows at once: between two ticks it is what it grows to. Turns are looked at where a
@@ -144,7 +144,7 @@ def _passed(
     found = plan._replace(
         times=np.asarray(dt * np.arange(len(q)), dtype=np.float64), q=q, velocities=velocities,
         poses=tracker.tools(list(q)), references=references, clock=clock, short=short, person=person, paces=paces,
-        manipulability=np.array(share_of).ravel(), yielded=bounds,
+        manipulability=np.array(share_of).ravel(), relaxed=bounds,
         counts=Counter(plan.counts | {"slowed": int(slowed.sum())}),
     )  # fmt: skip
     return found, k
@@ -168,7 +168,7 @@ def _broken(tracker: MirrorTracker, found: MirrorPath, plan: MirrorPath) -> NDAr
     held = HELD.numbers(centre=np.full(3, np.nan), target=np.eye(4).reshape(-1), turn=math.pi)
     held = np.tile(held, (len(found.q), 1))
     held[:, :3] = found.poses[:, :3, 3]
-    moving = np.zeros((tracker.limits.told, len(found.q)))
+    moving = np.zeros((tracker.limits.moving_size, len(found.q)))
     kept = np.array(tracker.audit.map(len(found.q))(found.q.T, found.velocities.T, held.T, moving))[1] > 0.5
     ends = np.vstack([found.poses[1:], found.poses[-1:]])[:, :3, 3]
     apart = np.linalg.norm(ends - found.references[:, :3, 3], axis=1) - found.short[:, 0]

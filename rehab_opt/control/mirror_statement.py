@@ -11,14 +11,14 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rehab_opt.control.command import Bound
+from rehab_opt.control.command import Relaxed
 from rehab_opt.control.hand_bounds import HandBounds
 from rehab_opt.control.pose_tracker import Inputs, PoseTracker, Rows, TickSolution
 from rehab_opt.control.stopping import VelocityBounds
 from rehab_opt.control.tool_speed import speed_ahead
 from rehab_opt.kinematics.frames import rotation_vector
 from rehab_opt.optim.certificate import all_true, clipped
-from rehab_opt.optim.rows import PLAUSIBLE, Instance, parameter
+from rehab_opt.optim.rows import MAX_MAGNITUDE, Instance, parameter
 from rehab_opt.symbolic.record import Record
 from rehab_opt.symbolic.tick import Stages
 
@@ -149,8 +149,8 @@ class MirrorStatement(PoseTracker):
         )
         linear, angular = ca.norm_2(feedback[:3]), ca.norm_2(feedback[3:])
         excess = ca.fmax(linear / (HASTE * self.linear_speed), angular / (HASTE * self.angular_speed))
-        asked = twist + feedback / ca.fmax(excess, 1)
-        return asked, asked
+        commanded = twist + feedback / ca.fmax(excess, 1)
+        return commanded, commanded
 
     def command(self, tick: Stages, inputs: Inputs, velocity: ca.SX) -> ca.SX:
         """(n,) the QP's velocity: it is shortened after the tick, by `keeping`."""
@@ -163,7 +163,7 @@ class MirrorStatement(PoseTracker):
         """
         centre, now = inputs.target[:3, 3] + inputs.others[0], Posture(*motion.rows.posture)
         report, memory = super().outcome(tick, inputs, motion)
-        yielded, outside = report[0], motion.rows.bounds.outside
+        relaxed, outside = report[0], motion.rows.bounds.outside
         part = ca.if_else(motion.speed > 1e-9, motion.scale, 1)
         kept, _, then, loss = self.hand_bounds.kept(
             inputs.q, motion.velocity, centre, w=now.w, gradient=now.gradient, here=now.place,
@@ -176,13 +176,13 @@ class MirrorStatement(PoseTracker):
         flat = ca.logic_and(ca.sumsqr(now.gradient) < FLAT**2, now.w < self.floor)
         usual = [
             kept, part >= WHOLE, ca.logic_not(flat), outside < 0.5,
-            ca.logic_or(yielded == int(Bound.NOTHING), yielded == int(Bound.TASK)),
+            ca.logic_or(relaxed == int(Relaxed.NOTHING), relaxed == int(Relaxed.TASK)),
             ca.sumsqr(now.place - centre) <= (CALM * self.max_deviation) ** 2,
             now.turned <= (CALM * self.max_turn) ** 2,
             ca.sumsqr(inputs.twist[:3]) <= (SPARE * self.linear_speed) ** 2,
             ca.sumsqr(inputs.twist[3:]) <= (SPARE * self.angular_speed) ** 2,
         ]  # fmt: skip
-        report = ca.vertcat(yielded, part, reduce(ca.logic_and, usual), kept, now.w, then, flat)
+        report = ca.vertcat(relaxed, part, reduce(ca.logic_and, usual), kept, now.w, then, flat)
         return report, ca.vertcat(memory, ca.fmin(loss, self.floor))
 
     @property
@@ -219,9 +219,9 @@ class MirrorStatement(PoseTracker):
         least = ca.if_else(w < self.floor, -2, least)  # the way back above the floor comes first
         turns = [each >= least - ROUNDING for each in cosines[1:]]
         outputs = ca.logic_and(kept, all_true(*turns)), braking
-        verdicts, tick, moving = [outputs[0], outputs[1]], Stages(), ca.SX.sym("moving", self.limits.told)
+        verdicts, tick, moving = [outputs[0], outputs[1]], Stages(), ca.SX.sym("moving", self.limits.moving_size)
         if self.among_bodies:
-            told = tick.once(ca.if_else(all_true(ca.fabs(moving) <= PLAUSIBLE), moving, 0))  # or nothing is there
+            told = tick.once(ca.if_else(all_true(ca.fabs(moving) <= MAX_MAGNITUDE), moving, 0))  # or nothing is there
             for i, braked in enumerate((False, True)):
                 verdicts[i] = ca.logic_and(verdicts[i], self._clear(tick, q, told, velocity, braked=braked))
         return tick.function("audit", [q, velocity, held.column, moving], [ca.vertcat(*verdicts, then)])
@@ -246,7 +246,15 @@ class MirrorStatement(PoseTracker):
         besides: w / w_max where it leads, whether it is shorter, whether the acceleration yields.
         """
         n, audit = self.chain.n, self.audit
-        sizes = {"q": n, "v": n, "held": HELD.size, "before": n, "broken": 1, "moving": self.limits.told, "then": 1}
+        sizes = {
+            "q": n,
+            "v": n,
+            "held": HELD.size,
+            "before": n,
+            "broken": 1,
+            "moving": self.limits.moving_size,
+            "then": 1,
+        }
         q, value, held, before, broken, moving, then = given = [ca.MX.sym(name, size) for name, size in sizes.items()]
         braked = self.braked(q, before)
         brakes = audit(q, braked, held, moving)[1]
@@ -273,7 +281,7 @@ class MirrorStatement(PoseTracker):
         By halving, the one furthest from the first towards the second that keeps every bound; new if not the first.
         """
         n, audit = self.chain.n, self.audit
-        sizes = {"q": n, "begin": n, "end": n, "held": HELD.size, "moving": self.limits.told, "brakes": 1}
+        sizes = {"q": n, "begin": n, "end": n, "held": HELD.size, "moving": self.limits.moving_size, "brakes": 1}
         q, begin, end, held, moving, brakes = inputs = [ca.MX.sym(name, size) for name, size in sizes.items()]
         short, long = ca.MX(0), ca.MX(1)
         for _ in range(HALVINGS):

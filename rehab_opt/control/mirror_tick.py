@@ -11,15 +11,15 @@ from typing import TYPE_CHECKING, NamedTuple
 import casadi as ca
 
 from rehab_opt.control.between_poses import moving_tool_function, rigid_function
-from rehab_opt.control.command import NUMBERED, Bound, Status
-from rehab_opt.control.interaction import AT_LIMIT, FELT, UNUSABLE, Interaction
+from rehab_opt.control.command import NUMBERED, Relaxed, Status
+from rehab_opt.control.interaction import AT_LIMIT, FELT, INVALID, Interaction
 from rehab_opt.control.judged_state import GIVEN
 from rehab_opt.control.manipulability import escape_function
 from rehab_opt.control.mirror_pace import PACE, REMEMBERED, SAID, MirrorPace, counted
 from rehab_opt.control.mirror_statement import HELD, WHOLE
 from rehab_opt.control.reasons import NOTES, NUMBER
 from rehab_opt.control.reference_clock import SAMPLE
-from rehab_opt.control.velocity_tick import DONE, TOLD, yielded_from_rest
+from rehab_opt.control.velocity_tick import DONE, REPORT, relaxed_from_rest
 from rehab_opt.control.watchdog import first_of
 from rehab_opt.optim.certificate import all_true
 from rehab_opt.symbolic.record import Record
@@ -33,14 +33,14 @@ STALE = 200
 """Ticks without gain after which another way out is looked for."""
 GAINED = 1e-7
 """Growth of w / w_max that counts as a gain."""
-VERDICT = Record(residual=1, sound=1, solver=1, yielded=1, scale=1, usual=1, kept=1, w=1, then=1, flat=1)
-"""Of the QP, its report from `yielded` on: see `MirrorStatement.outcome`."""
+VERDICT = Record(residual=1, valid=1, solver=1, relaxed=1, scale=1, usual=1, kept=1, w=1, then=1, flat=1)
+"""Of the QP, its report from `relaxed` on: see `MirrorStatement.outcome`."""
 NOTICED = Record(reason=1, input=1, element=1, here=16, hand=6)
 """The number of the reason why the arm must brake, 0 for none; of an unusable number which argument of `step` it is in,
 counted from 0, and which of its elements it is, -1 for none; the tool's pose, and how it moves."""
 ORIGIN = [3, 7, 11]
 """Where it stands in a pose by rows."""
-ACCELERATION, TASK = int(Bound.ACCELERATION), int(Bound.TASK)
+ACCELERATION, TASK = int(Relaxed.ACCELERATION), int(Relaxed.TASK)
 """The last two of what can yield here, as numbers."""
 NOTE = {note.name: 2**i for i, note in enumerate(NOTES)}
 _FELT, _HELD = REMEMBERED.places["felt"], REMEMBERED.places["held"]
@@ -60,11 +60,11 @@ class MirrorTick(NamedTuple):
     """See `MirrorPace.concluded_function`."""
     deliver: ca.Function
     """Parameters, state after a certified answer, its verdict, velocity (n,) before it, `SAID`, the sample at hand,
-    whether samples were left out, `REMEMBERED` -> parameters, state, `TOLD`, `REMEMBERED`.
+    whether samples were left out, `REMEMBERED` -> parameters, state, `REPORT`, `REMEMBERED`.
 
     The step is shortened where the true state requires it. Where all is usual, the next tick needs no clock."""
     brake: ca.Function
-    """Parameters, state, the QP's verdict, the first three of `NOTICED`, `REMEMBERED` -> state, `TOLD`, `REMEMBERED`.
+    """Parameters, state, the QP's verdict, the first three of `NOTICED`, `REMEMBERED` -> state, `REPORT`, `REMEMBERED`.
 
     The safe command, and faster where the floor or the planes ask for it."""
 
@@ -114,7 +114,7 @@ def _first_reason(of: MirrorStatement) -> ca.Function:
     why = first_of([
         (own != 0, ca.vertcat(own, -1, joint)),
         (found[0] != NUMBER["NOT_CERTIFIED"], ca.vertcat(found[0], ca.fmin(found[1], 3), found[2])),
-        (stop == UNUSABLE, ca.vertcat(NUMBER["INPUT_UNUSABLE"], 3 + (of.limits.told > 0), element)),
+        (stop == INVALID, ca.vertcat(NUMBER["INPUT_INVALID"], 3 + (of.limits.moving_size > 0), element)),
         (ca.SX(1), ca.vertcat(ca.if_else(stop == AT_LIMIT, NUMBER["FORCE_AT_LIMIT"], 0), -1, -1)),
     ])  # fmt: skip
     return ca.Function("first_reason", inputs, [ca.densify(why)], {"cse": True})
@@ -135,7 +135,7 @@ def _brake(of: MirrorStatement, keeping: ca.Function) -> ca.Function:
     still = ca.Function("still", same, [same[1], ca.DM.zeros(3)])
     moves = ca.sum1(value != 0) > 0
     part, ends = ca.Function.if_else("keeps", keeping, still)(
-        moves, q, value, held, state[begin : begin + n], 0, p[p.numel() - of.limits.told :]
+        moves, q, value, held, state[begin : begin + n], 0, p[p.numel() - of.limits.moving_size :]
     )
     told, memory = _braked(of)(told, state[size:], memory, part, ends, moves, why)
     nothing, own = ca.MX.zeros(size - begin - 2 * n), (state[size:reason], 0, state[reason + 1 :])
@@ -144,24 +144,24 @@ def _brake(of: MirrorStatement, keeping: ca.Function) -> ca.Function:
 
 
 def _braked(of: MirrorStatement) -> ca.Function:
-    """`TOLD` of the safe command, `judged_memory`, `REMEMBERED`, what `keeping` gives (n,), (3,), whether it was asked,
-    three of `NOTICED` -> `TOLD`, `REMEMBERED`.
+    """`REPORT` of the safe command, `judged_memory`, `REMEMBERED`, what `keeping` gives (n,), (3,), whether it was asked,
+    three of `NOTICED` -> `REPORT`, `REMEMBERED`.
     """
-    told, own, past = TOLD.symbols("told"), of.judged.symbols("own"), REMEMBERED.symbols("memory")
+    told, own, past = REPORT.symbols("told"), of.judged.symbols("own"), REMEMBERED.symbols("memory")
     velocity, ends, moves, why = others = [ca.SX.sym("argument", size) for size in (of.chain.n, 3, 1, 3)]
     then, shorter, _ = ca.vertsplit(ends)
-    yielded = _shortened(told.yielded, ends)
+    relaxed = _shortened(told.relaxed, ends)
     status = ca.if_else(ca.sum1(velocity != 0) > 0, NUMBERED.index(Status.BRAKING), NUMBERED.index(Status.HOLDING))
-    unusable = why[0] == NUMBER["INPUT_UNUSABLE"]
-    after = TOLD.changed(
+    unusable = why[0] == NUMBER["INPUT_INVALID"]
+    after = REPORT.changed(
         told, status=ca.if_else(shorter, status, told.status),
-        yielded=yielded_from_rest(own, velocity, yielded, of.hurried),
+        relaxed=relaxed_from_rest(own, velocity, relaxed, of.hurried),
         input=ca.if_else(unusable, why[1], told.input), element=ca.if_else(unusable, why[2], told.element),
     )  # fmt: skip
     pace = PACE.changed(PACE.parts(past.pace), rate=ca.SX(0), waited=ca.SX(0), stood=ca.SX(0))
     memory = REMEMBERED.changed(
         past, pace=pace.column, live=ca.SX(0), then=ca.if_else(moves, then, past.then),
-        counted=counted(past, braked=ca.SX(1), shortened=shorter, acceleration=all_true(shorter, _hurried(yielded))),
+        counted=counted(past, braked=ca.SX(1), shortened=shorter, acceleration=all_true(shorter, _hurried(relaxed))),
     )  # fmt: skip
     inputs = [told.column, own.column, past.column, *others]
     return ca.Function("braked", inputs, [after.column, memory.column], {"cse": True})
@@ -172,7 +172,7 @@ def _deliver(of: MirrorStatement, keeping: ca.Function) -> ca.Function:
     p, state, verdict, before, said, sample, thinned, memory = inputs = _columns(
         of.stated.parameter_size, size + of.judged.size, VERDICT.size, n, SAID.size, SAMPLE.size, 1, REMEMBERED.size
     )
-    broken, around = verdict[VERDICT["kept"]] == 0, p[p.numel() - of.limits.told :]
+    broken, around = verdict[VERDICT["kept"]] == 0, p[p.numel() - of.limits.moving_size :]
     part, ends = keeping(p[:n], state[begin : begin + n], memory[_HELD], before, broken, around)
     told, memory, aimed, looks, again, leads = _delivered(of)(
         verdict, state[size:], memory, said, sample, thinned, part, ends, p[n : lead.start], p[lead]
@@ -185,7 +185,7 @@ def _deliver(of: MirrorStatement, keeping: ca.Function) -> ca.Function:
 
 def _delivered(of: MirrorStatement) -> ca.Function:
     """`VERDICT`, `judged_memory`, `REMEMBERED`, `SAID`, sample, whether some were left out, what `keeping` gives (n,),
-    (3,), pose, twist and offset (25,), way out (n,) -> `TOLD`, `REMEMBERED`; for the next tick the (25,), whether a way
+    (3,), pose, twist and offset (25,), way out (n,) -> `REPORT`, `REMEMBERED`; for the next tick the (25,), whether a way
     out is looked for, whether another one, and the way that stays.
     """
     verdict, own, past = VERDICT.symbols("verdict"), of.judged.symbols("own"), REMEMBERED.symbols("memory")
@@ -194,14 +194,14 @@ def _delivered(of: MirrorStatement) -> ca.Function:
     )  # fmt: skip
     then, shorter, _ = ca.vertsplit(ends)
     pace = PACE.changed(PACE.parts(past.pace), share=verdict.scale)
-    yielded, slowed = _shortened(verdict.yielded, ends), pace.rate < WHOLE
-    asked = ca.if_else(slowed, ca.fmod(yielded, TASK) + TASK, yielded)
+    relaxed, slowed = _shortened(verdict.relaxed, ends), pace.rate < WHOLE
+    asked = ca.if_else(slowed, ca.fmod(relaxed, TASK) + TASK, relaxed)
     notes = {
         "SHORTENED": shorter, "SLOWED": slowed, "BRIDGING": said.bridging, "THINNED": fewer, "HELD_BACK": own.held
     }  # fmt: skip
-    told = TOLD.of(
+    told = REPORT.of(
         left=ca.SX(DONE), residual=verdict.residual, solver=verdict.solver,
-        yielded=yielded_from_rest(own, velocity, asked, of.hurried), scale=ca.fmin(pace.rate, 1) * verdict.scale,
+        relaxed=relaxed_from_rest(own, velocity, asked, of.hurried), scale=ca.fmin(pace.rate, 1) * verdict.scale,
         unusual=ca.SX(1), status=ca.SX(NUMBERED.index(Status.OK)), reason=ca.SX(0), input=ca.SX(-1), element=ca.SX(-1),
         details=ca.SX.zeros(2), note=sum((NOTE[name] * (each != 0) for name, each in notes.items()), ca.SX(0)),
     )  # fmt: skip
@@ -218,7 +218,7 @@ def _delivered(of: MirrorStatement) -> ca.Function:
         then=ca.if_else(shorter, then, verdict.then),
         lead_w=ca.if_else(flat, ca.if_else(led, ca.fmax(verdict.w, past.lead_w), verdict.w), past.lead_w),
         lead_age=ca.if_else(flat, ca.if_else(looks, 0, age), past.lead_age),
-        counted=counted(past, acceleration=_hurried(yielded), shortened=shorter, slowed=slowed),
+        counted=counted(past, acceleration=_hurried(relaxed), shortened=shorter, slowed=slowed),
     )  # fmt: skip
     at_hand = ca.vertcat(sample.pose, ca.DM([0, 0, 0, 1]), sample.twist, ca.SX.zeros(3))
     inputs = [verdict.column, own.column, past.column, said.column, sample.column, fewer, velocity, ends, aimed, lead]
@@ -242,11 +242,11 @@ def _held(of: MirrorStatement, pose: ca.SX) -> ca.SX:
     return HELD.of(centre=pose[ORIGIN], target=pose[:16], turn=ca.SX(of.max_turn))
 
 
-def _shortened(yielded: ca.SX, ends: ca.SX) -> ca.SX:
+def _shortened(relaxed: ca.SX, ends: ca.SX) -> ca.SX:
     """What yields, where `keeping` says that the step is shorter and whether its acceleration yields."""
     _, shorter, hurried = ca.vertsplit(ends)
-    return ca.if_else(shorter, ca.fmod(yielded, ACCELERATION) + TASK + ACCELERATION * hurried, yielded)
+    return ca.if_else(shorter, ca.fmod(relaxed, ACCELERATION) + TASK + ACCELERATION * hurried, relaxed)
 
 
-def _hurried(yielded: ca.SX) -> ca.SX:
-    return ca.fmod(yielded, TASK) >= ACCELERATION
+def _hurried(relaxed: ca.SX) -> ca.SX:
+    return ca.fmod(relaxed, TASK) >= ACCELERATION

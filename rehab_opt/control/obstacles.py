@@ -14,7 +14,7 @@ from rehab_opt.control.stopping import OUTSIDE
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.mobile_arm import Outline
 from rehab_opt.kinematics.real_array import is_real
-from rehab_opt.optim.rows import PLAUSIBLE
+from rehab_opt.optim.rows import MAX_MAGNITUDE
 
 __all__ = ["NUMBERS", "Disc", "HalfPlane", "Obstacle", "ObstacleRows", "approach", "obstacle_numbers", "outward_normal"]
 
@@ -82,7 +82,7 @@ def obstacle_numbers(obstacles: Sequence[Obstacle], max_obstacles: int) -> Array
         row = _row(obstacle)
         if row is None:
             expected = (
-                f"a HalfPlane of two numbers, not both zero, and one, or a Disc of two and one, up to {PLAUSIBLE:g}"
+                f"a HalfPlane of two numbers, not both zero, and one, or a Disc of two and one, up to {MAX_MAGNITUDE:g}"
             )
             raise ConfigurationError(f"obstacles[{i}]", obstacle, expected)
         numbers[i] = row
@@ -99,10 +99,10 @@ def _row(obstacle: object) -> tuple[float, ...] | None:
         row = (x / length, y / length, size / length)
     except (TypeError, ValueError, ArithmeticError):
         return None
-    usable = all(abs(number) <= PLAUSIBLE for number in row)  # NaN fails
+    valid = all(abs(number) <= MAX_MAGNITUDE for number in row)  # NaN fails
     if isinstance(obstacle, HalfPlane):
-        return (*row, _HALF_PLANE) if usable and 0.0 < length < math.inf else None
-    return (*row, _DISC) if usable and size >= 0.0 else None
+        return (*row, _HALF_PLANE) if valid and 0.0 < length < math.inf else None
+    return (*row, _DISC) if valid and size >= 0.0 else None
 
 
 def _number(value: object) -> float:

@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.control.assistance_statement import TINY
 from rehab_opt.control.bounded_force import BoundedForce, ForceBounds
-from rehab_opt.control.command import Bound, Command, Status
-from rehab_opt.control.gate import GATE, PULL_BACK, SPRING, WantedForce, guided_force
+from rehab_opt.control.command import Command, Relaxed, Status
+from rehab_opt.control.gate import GATE, PULL_BACK, SPRING, DesiredForce, guided_force
 from rehab_opt.control.path_progress import AHEAD, PATH_MODEL, PLACES, PROGRESS, SEARCHED, progress_function
 from rehab_opt.control.reasons import NUMBER, reason_text
 from rehab_opt.control.velocity_controller import checked_number
@@ -28,7 +28,7 @@ __all__ = ["PathAssistance"]
 
 Array = NDArray[np.float64]
 
-MOST_WIDTHS = 250_000
+MAX_WIDTHS = 250_000
 STANDS = reason_text(NUMBER["HAND_STANDS"], ())
 
 
@@ -48,7 +48,7 @@ class PathAssistance(BoundedForce):
     `rehab_opt.control.path_progress` states the law, why a steady push cannot hold a hand whose person means to go on,
     and what the law cannot see. A hand that stands under more than 0.3 of `force_limit` all the same, with less
     progress than a width, is let go within 2 s: the force fades, the command says BLOCKED, its scale is 0, its
-    `yielded` holds `Bound.TASK`, and its reason says why, until the hand comes to a place further along the path, where
+    `relaxed` holds `Relaxed.TASK`, and its reason says why, until the hand comes to a place further along the path, where
     the force grows again within 0.3 s. Begin anew by `reset`.
 
     Parameters
@@ -85,8 +85,8 @@ class PathAssistance(BoundedForce):
         if len(points) < 2:
             raise ConfigurationError("path", points.shape, "at least two points (N, 2) in metres")
         length = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
-        if not (is_real(width) and 0 < width < math.inf and length <= MOST_WIDTHS * width):
-            raise ConfigurationError("width", width, f"metres above zero, {MOST_WIDTHS:g} of them the path at most")
+        if not (is_real(width) and 0 < width < math.inf and length <= MAX_WIDTHS * width):
+            raise ConfigurationError("width", width, f"metres above zero, {MAX_WIDTHS:g} of them the path at most")
         sampled = resampled_path(points, width / SAMPLES_PER_WIDTH)
         if len(sampled.points) < 2:
             raise ConfigurationError("path", points[0].tolist(), "a path, not one place")
@@ -129,17 +129,17 @@ class PathAssistance(BoundedForce):
         self._proceed.inputs[0][:] = self.path_model
         self._begin()
 
-    def _pulled(self) -> WantedForce:
+    def _pulled(self) -> DesiredForce:
         hand, force = (cast("memoryview[float]", each.data) for each in (self._pull.inputs[0], self._pull.outputs[0]))
         for held, values in zip(self._pull.inputs[4:], (self.spring, self.gate, self._edges), strict=True):
             held[...] = values
 
-        def wanted(x: float, y: float, vx: float, vy: float) -> tuple[float, float]:
+        def desired(x: float, y: float, vx: float, vy: float) -> tuple[float, float]:
             hand[0], hand[1], hand[2], hand[3] = x, y, vx, vy
             self._pull.evaluate()
             return force[0], force[1]
 
-        return wanted
+        return desired
 
     @property
     def progress(self) -> float:
@@ -147,7 +147,7 @@ class PathAssistance(BoundedForce):
         return float(self._state_of_path[PROGRESS["furthest"]] / self.path_model[PATH_MODEL["last"]])
 
     @property
-    def led_to(self) -> float:
+    def reference_progress(self) -> float:
         """Share of the path, 0 to 1, where the spring leads to."""
         return float(self._state_of_path[PROGRESS["at"]] / self.path_model[PATH_MODEL["last"]])
 
@@ -182,12 +182,12 @@ class PathAssistance(BoundedForce):
     ) -> Command:
         """As `BoundedForce.step`; the progress goes on where the tick's position was usable."""
         command = super().step(x, v, enable=enable, stamp=stamp)
-        if not self.usable:
+        if not self.valid:
             return command
         state = self._state_of_path
         if state[PROGRESS["away"]] and command.status is Status.OK:
-            yielded = command.yielded | Bound.TASK
-            command = command._replace(status=Status.BLOCKED, reason=STANDS, yielded=yielded, scale=0.0)
+            relaxed = command.relaxed | Relaxed.TASK
+            command = command._replace(status=Status.BLOCKED, reason=STANDS, relaxed=relaxed, scale=0.0)
         proceed, at, looked = self._proceed, int(state[PROGRESS["at"]]), int(state[PROGRESS["looked"]])
         _, old, hand, force, ahead, searched = proceed.inputs
         old[:], hand[:], force[:] = state, self.place, self._force
@@ -202,6 +202,6 @@ class PathAssistance(BoundedForce):
 
     def _lead(self, state: Array) -> None:
         self._state_of_path = state.copy()
-        _, place, along, share, *_ = self._pull.inputs
+        _, place, along, fraction, *_ = self._pull.inputs
         place[:], along[:] = state[PROGRESS.places["place"]], state[PROGRESS.places["along"]]
-        share[:] = state[PROGRESS.places["grip"]]
+        fraction[:] = state[PROGRESS.places["grip"]]

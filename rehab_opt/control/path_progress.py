@@ -155,12 +155,12 @@ def progress_function() -> ca.Function:
     mark = ca.if_else(ca.logic_or(went_on, returns), ca.fmax(old.furthest, at), old.mark)
 
     # Place and direction there; of a hand that has come back from the next tick on, when it is first led again.
-    way, corner, share = ahead[:, 1] - ahead[:, 0], ahead[:, 0], clipped(at - first, 0, 1)
+    way, corner, fraction = ahead[:, 1] - ahead[:, 0], ahead[:, 0], clipped(at - first, 0, 1)
     for i in range(1, PIECES + 1):
         inside = all_true(at - first >= i, first + i < model.last)
         way, corner = ca.if_else(inside, ahead[:, i + 1] - ahead[:, i], way), ca.if_else(inside, ahead[:, i], corner)
-        share = ca.if_else(inside, clipped(at - first - i, 0, 1), share)
-    place, along = corner + share * way, way / ca.fmax(ca.norm_2(way), 1e-300)
+        fraction = ca.if_else(inside, clipped(at - first - i, 0, 1), fraction)
+    place, along = corner + fraction * way, way / ca.fmax(ca.norm_2(way), 1e-300)
     after = PROGRESS.of(
         at=at,
         drive=drive,
@@ -189,11 +189,11 @@ def _chosen(
     for i in range(PIECES):
         way, off = ahead[:, i + 1] - ahead[:, i], hand - ahead[:, i]
         on, square = ca.dot(off, way) + gain, ca.sumsqr(way) + 1e-300
-        share = clipped(clipped(begin - i, on / square, (on + friction) / square), clipped(low - i, 0, 1), 1)
-        further = i + share - begin
-        energy = ca.sumsqr(off - share * way) / 2 - gain * further + friction * ca.fmax(-further, 0)
+        fraction = clipped(clipped(begin - i, on / square, (on + friction) / square), clipped(low - i, 0, 1), 1)
+        further = i + fraction - begin
+        energy = ca.sumsqr(off - fraction * way) / 2 - gain * further + friction * ca.fmax(-further, 0)
         better = all_true(energy < best, i < last, low <= i + 1)
-        best, found = ca.if_else(better, energy, best), ca.if_else(better, i + share, found)
+        best, found = ca.if_else(better, energy, best), ca.if_else(better, i + fraction, found)
     return found
 
 

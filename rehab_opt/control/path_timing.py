@@ -131,5 +131,5 @@ def _bounded(cells: PathCells, velocity: Array, acceleration: Array) -> tuple[Ar
     start, end = 0.5 * first / length, 0.5 * last / length
     before = np.hstack([second - start, 0.25 * second + 0.5 * third * length - start, -end])
     after = np.hstack([start, start + 0.75 * second, end + second + third * length])
-    share = np.tile(1.0 / acceleration[bounded], 3)
-    return most, before * share, after * share
+    fraction = np.tile(1.0 / acceleration[bounded], 3)
+    return most, before * fraction, after * fraction

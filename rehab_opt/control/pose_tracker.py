@@ -133,7 +133,7 @@ class PoseTracker(VelocityController):
     lower, upper, velocity, acceleration : (n,) or scalar; replace the chain's limits.
     gain : [1/s] rate at which a pose error decays; slower from farther off than the accelerations can brake from.
     linear_speed, angular_speed : [m/s, rad/s] largest hand speeds; faster requests are slowed, not cut. A hand is
-        faster only where joints that are too fast already cannot brake sooner: `Bound.TASK` is flagged then.
+        faster only where joints that are too fast already cannot brake sooner: `Relaxed.TASK` is flagged then.
     task_weights : (6,) weights of the twist's components in the base frame; a zero frees one.
     jerk : (n,) or scalar [rad/s^3, m/s^3] largest jerk, for drives that stop on more: of the finite differences of what
         is sent, braking and fallbacks included. Velocity, acceleration and jerk then never yield; a joint that is put
@@ -286,10 +286,10 @@ class PoseTracker(VelocityController):
 
     def others(self) -> list[ca.SX]:
         """Parameters besides q, pose and twist."""
-        return [parameter("obstacles", self.limits.told)] if self.limits.moving else []
+        return [parameter("obstacles", self.limits.moving_size)] if self.limits.moving else []
 
     def outcome(self, tick: Stages, inputs: Inputs, motion: TickSolution) -> tuple[ca.SX, ca.SX]:
-        """The report of a tick, what yielded and the scale first; and the memory that it leaves."""
+        """The report of a tick, what was relaxed and the scale first; and the memory that it leaves."""
         outside = motion.rows.bounds.outside
         report = self.report(inputs.last, motion.command, motion.delivered, motion.commanded, outside)
         return report, self.memory_after(inputs.q, inputs.last, motion.command)
@@ -388,7 +388,7 @@ class PoseTracker(VelocityController):
         if not self.slows_before_limits:
             return super().braking()
         tick, q, memory = Stages(), ca.SX.sym("q", self.chain.n), ca.SX.sym("memory", self._memory_size)
-        last, moving = memory[: self.chain.n], ca.SX.sym("moving", self.limits.told)
+        last, moving = memory[: self.chain.n], ca.SX.sym("moving", self.limits.moving_size)
         rest, contacts = self._slowed(tick, q, moving, memory), self.contacts(tick, q, last, moving, ticks=1)
         outside = ca.logic_or(self.bounds(q, memory).outside, self.limits.inside(contacts))
         report = self.report(last, rest, ca.SX(0), ca.SX(1), outside)  # nothing of the task is delivered
@@ -427,7 +427,7 @@ class PoseTracker(VelocityController):
         excess = ca.fmax(ca.norm_2(reference[:3]) / self.linear_speed, ca.norm_2(reference[3:]) / self.angular_speed)
         slower = ca.if_else(guided.held, ca.fmax(excess / self.recovery_speed, 1), 1)
         reference = reference / slower
-        over = ca.fmax(ca.dot(guided.way, reference[:3]) - min(self.feedback.most_gain, 1 / self.dt) * guided.room, 0)
+        over = ca.fmax(ca.dot(guided.way, reference[:3]) - min(self.feedback.max_gain, 1 / self.dt) * guided.room, 0)
         reference[:3] -= ca.if_else(guided.held, over, 0) * guided.way
         return reference, whole
 

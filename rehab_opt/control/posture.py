@@ -142,10 +142,10 @@ def rest_posture(arm: SerialChain, rest: ArrayLike | None = None) -> Array:
 def _joint_weights(arm: SerialChain, name: str, weight: float | Mapping[str, float]) -> Array:
     if isinstance(weight, Mapping):
         weights = np.zeros(arm.n)
-        for joint, share in weight.items():
+        for joint, fraction in weight.items():
             if joint not in arm.names:
                 raise ConfigurationError(f"posture_cost[{name!r}]", joint, f"joints among {', '.join(arm.names)}")
-            weights[arm.names.index(joint)] = _weight(f"{name}.{joint}", share)
+            weights[arm.names.index(joint)] = _weight(f"{name}.{joint}", fraction)
         return weights
     weights = np.full(arm.n, _weight(name, weight))
     if name != "elbow":

@@ -16,7 +16,7 @@ __all__ = ["PostureTable"]
 Array = NDArray[np.float64]
 
 ALIGNMENT_STEPS = 10
-LARGEST_STEP = 0.5
+MAX_STEP = 0.5
 """[rad] of a joint in one alignment step."""
 SLACK = math.radians(3.0)
 """A start this much outside the handle's cone is still a good one."""
@@ -94,5 +94,5 @@ def _alignment(axes: Array, slopes: Array, limit: float) -> Array:
     excess = np.where(axes[:, 2:] < 0, -axes[:, :2] / np.maximum(horizontal, 1e-12)[:, None] * 0.5, excess)
     gram = slopes @ slopes.transpose(0, 2, 1) + 1e-4 * np.eye(2)
     step = -np.einsum("nij,ni->nj", slopes, np.linalg.solve(gram, excess[..., None])[..., 0])
-    clipped: Array = np.clip(step, -LARGEST_STEP, LARGEST_STEP)
+    clipped: Array = np.clip(step, -MAX_STEP, MAX_STEP)
     return clipped

@@ -58,45 +58,45 @@ class Preview:
 
         The pace rises by at most 1 in `quickening` seconds, and nowhere exceeds what the speeds allow.
         """
-        at, share = place
+        at, fraction = place
         last, rise = len(self._seconds) - 1, dt / quickening
         seconds, fastest, paces = self._seconds, self._fastest, self._paces
         taken, places, longest = [], [], 1.5 * dt
         for _ in range(most):
-            fast = fastest[at] if share == 0.0 else fastest[at] + share * (fastest[at + 1] - fastest[at])
+            fast = fastest[at] if fraction == 0.0 else fastest[at] + fraction * (fastest[at + 1] - fastest[at])
             pace = min(1.0, paces[at], 1.0 / fast if fast > 1.0 else 1.0, pace + rise)
             left = pace * dt
-            if at < last and left < (1.0 - share) * seconds[at + 1] <= longest:  # the usual way, and the quick one
-                share += left / seconds[at + 1]
+            if at < last and left < (1.0 - fraction) * seconds[at + 1] <= longest:  # the usual way, and the quick one
+                fraction += left / seconds[at + 1]
                 taken.append(pace)
-                places.append((at, share))
+                places.append((at, fraction))
                 continue
             while at < last and left > 0.0:
                 length = seconds[at + 1]
                 if length > longest:
                     break
-                to_next = length * (1.0 - share)
+                to_next = length * (1.0 - fraction)
                 if left < to_next:
-                    share += left / length
+                    fraction += left / length
                     left = 0.0
                     break
                 left -= to_next
-                at, share = at + 1, 0.0
+                at, fraction = at + 1, 0.0
             if at < last and left > 0.0:
                 break  # before a bridge
             taken.append(pace)
-            places.append((at, share))
+            places.append((at, fraction))
         return Layout(*self._read(places, np.array(taken)), taken, places)
 
     def _read(self, places: list[tuple[int, float]], paces: Array) -> tuple[Array, Array]:
         """Poses (K, 4, 4) and twists (K, 6) at places."""
         at = np.array([each[0] for each in places], dtype=np.int64)
-        share = np.array([each[1] for each in places])
+        fraction = np.array([each[1] for each in places])
         after = np.minimum(at + 1, len(self._poses) - 1)
         poses, here = self._poses[at], self._poses[at]
-        poses[:, :3, 3] += share[:, None] * (self._poses[after, :3, 3] - here[:, :3, 3])
-        poses[:, :3, :3] = turned_each(here[:, :3, :3], share[:, None] * self._turns[at])
-        twists = self._twists[at] + share[:, None] * (self._twists[after] - self._twists[at])
+        poses[:, :3, 3] += fraction[:, None] * (self._poses[after, :3, 3] - here[:, :3, 3])
+        poses[:, :3, :3] = turned_each(here[:, :3, :3], fraction[:, None] * self._turns[at])
+        twists = self._twists[at] + fraction[:, None] * (self._twists[after] - self._twists[at])
         twists *= (paces / np.maximum(1.0, paces * self._speeds(twists)))[:, None]
         return poses, twists
 

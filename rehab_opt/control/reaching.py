@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from rehab_opt.control.smoother import Smoother
 from rehab_opt.kinematics.mobile_arm import MobileArm
-from rehab_opt.optim.rows import PLAUSIBLE
+from rehab_opt.optim.rows import MAX_MAGNITUDE
 
 __all__ = ["Reaching"]
 
@@ -70,10 +70,10 @@ class Reaching:
         last : (7,) joint velocities of the last tick, the chair's in its own frame.
         """
         self.refused = ""
-        usable = np.all(np.abs(q) <= PLAUSIBLE) and np.all(np.abs(target) <= PLAUSIBLE)  # NaN fails
-        if not (moving and usable):
+        valid = np.all(np.abs(q) <= MAX_MAGNITUDE) and np.all(np.abs(target) <= MAX_MAGNITUDE)  # NaN fails
+        if not (moving and valid):
             self._begun = False
-            wrong = np.flatnonzero(~(np.abs(target) <= PLAUSIBLE))
+            wrong = np.flatnonzero(~(np.abs(target) <= MAX_MAGNITUDE))
             if wrong.size:
                 self.refused = f"target[{wrong[0]}] is {target[wrong[0]]}, not a usable number"
             return np.full(3, math.nan) if moving else np.zeros(3)

@@ -36,7 +36,7 @@ REASONS = (
         "state is stale",
         "state is stale, or the loop faster than dt: {:.3g} s behind the ticks, at most {:.3g} s",
     ),
-    Reason("INPUT_UNUSABLE", "an input is not a usable number", "not a usable number"),
+    Reason("INPUT_INVALID", "an input is not a usable number", "not a usable number"),
     Reason(
         "NOT_CERTIFIED",
         "no certified answer",
@@ -49,13 +49,13 @@ REASONS = (
     Reason("ROWS_UNKNOWN", "rows or frame that this controller was not made for", None),
     Reason("NOT_INITIALISED", "the controller was not initialised", None),
     Reason(
-        "POSITION_UNUSABLE",
+        "POSITION_INVALID",
         "x is not a usable position",
         "not a usable position",
         "x is ({}, {}), not a usable position",
     ),
     Reason(
-        "VELOCITY_UNUSABLE",
+        "VELOCITY_INVALID",
         "v is not a usable velocity",
         "not a usable velocity",
         "v is ({}, {}), not a usable velocity",

@@ -92,7 +92,7 @@ class RedundancyResolver(OneThread):
     keep_out : whether the arm is kept from the robot's keep-outs.
     limits : what the posture has to keep besides, in the world frame: `Limit`, and a `Clearance` of the arm, of which
         links are pairs that chair and arm move. See `PoseTracker`. Without a command nothing is given way to.
-        Beyond one already, and beside a body that comes, accelerations yield to it, which `Bound.ACCELERATION` says,
+        Beyond one already, and beside a body that comes, accelerations yield to it, which `Relaxed.ACCELERATION` says,
         and so do the rates of others; beside such a body the law is not promised. Where a link comes round an edge of
         one that stands, the hand may be 0.3 of its command across, for T.
     self_motion : weight of grad c in Eq. (1): v(r') = self_motion |r'|.
@@ -321,13 +321,13 @@ class RedundancyResolver(OneThread):
         """
         names, world = checked_rows(rows), frame_number(frame)
         joints = real_numbers("q", q, (self.robot.chain.n,))
-        asked = real_numbers("twist", twist, (len(names),))
+        commanded = real_numbers("twist", twist, (len(names),))
         chosen = self._sets.get(names)
         if chosen is None:
             self._refuse_others()
             chosen = self._add_rows(names, compile=False)
-        around = np.append(self._numbers, np.zeros(self.limits.told))
-        inputs = (joints, asked, np.array([world]), around)[: 4 if around.size else 3]
+        around = np.append(self._numbers, np.zeros(self.limits.moving_size))
+        inputs = (joints, commanded, np.array([world]), around)[: 4 if around.size else 3]
         return chosen.instance_after(self._active, *inputs)
 
     def to_qpsolvers(
@@ -358,7 +358,7 @@ class RedundancyResolver(OneThread):
             other = self._sets.get(names)
             if other is None:
                 if active.velocity.any():
-                    active.tell(q, np.zeros(len(active.rows)), 0.0, bodies)
+                    active.set_inputs(q, np.zeros(len(active.rows)), 0.0, bodies)
                     return active.brake(f"rows {', '.join(names)} are not in row_sets: usable once at rest")
                 other = self._add_rows(names, compile=False)
             if other is not active:
@@ -366,7 +366,7 @@ class RedundancyResolver(OneThread):
                 self._active = active = other
         if type(twist) is not np.ndarray:
             twist = real_numbers("twist", twist, (len(active.rows),))
-        active.tell(q, twist, 0.0 if frame == "chassis" else frame_number(frame), bodies)
+        active.set_inputs(q, twist, 0.0 if frame == "chassis" else frame_number(frame), bodies)
         return active.tick(enable, stamp)
 
     def _add_rows(self, rows: tuple[str, ...], *, compile: Compile) -> ChairAndArm:

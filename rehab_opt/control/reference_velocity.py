@@ -16,7 +16,7 @@ from rehab_opt.optim.certificate import clipped
 from rehab_opt.optim.dual_active_set import dual_active_set
 from rehab_opt.optim.qp import Statement
 from rehab_opt.optim.qrqp import qrqp
-from rehab_opt.optim.rows import PLAUSIBLE, parameter, variable, within
+from rehab_opt.optim.rows import MAX_MAGNITUDE, parameter, variable, within
 from rehab_opt.symbolic.shared import remembered
 from rehab_opt.symbolic.tick import Stages
 
@@ -87,7 +87,7 @@ class ReferenceVelocity(NamedTuple):
         high = ca.if_else(self.bounds.stop_upper >= self.speed, FAR, self.bounds.stop_upper)
         free, low, high = tick.once((free, low, high))
         leaves = ca.sum1(ca.vertcat(free > high, free < low, self.rows @ free > self.upper)) > 0
-        finite = ca.sumsqr(ca.vertcat(q, free)) <= PLAUSIBLE**2  # no solver sees what cannot be used
+        finite = ca.sumsqr(ca.vertcat(q, free)) <= MAX_MAGNITUDE**2  # no solver sees what cannot be used
         needed = ca.logic_and(leaves, finite)
         if self.rows.size1():
             motion = self.within_rows(tick, free, low, high, last, needed=needed)
@@ -129,7 +129,7 @@ class ReferenceVelocity(NamedTuple):
         left = ca.norm_2(self.twist - motion[n:]) - MISSED * ca.norm_2(self.twist)
         damping = DAMPING + CALMING * left
         about = self.drift + MOMENTUM * CALMING * left / damping * (last - self.drift)  # of nothing left as it was
-        some = ca.logic_and(left > 0, left <= PLAUSIBLE)
+        some = ca.logic_and(left > 0, left <= MAX_MAGNITUDE)
         return tick.when(some, lambda: solved(about, damping, motion[:n]), motion)
 
     def _held_joints(self, tick: Stages, free: ca.SX, low: ca.SX, high: ca.SX) -> ca.SX:

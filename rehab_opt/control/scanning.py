@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rehab_opt.control.joystick import STICK_MODES, Button, StickCommand, StickMode, checked_modes, moved_towards
+from rehab_opt.control.joystick import STICK_MODES, Button, StickCommand, StickMode, checked_modes, stepped_towards
 from rehab_opt.control.thread_owner import OneThread
 from rehab_opt.control.velocity_controller import checked_number
 from rehab_opt.errors import ConfigurationError
@@ -112,8 +112,8 @@ class Scanning(OneThread):
         option, begun = self.lit, (self._puff.press(way > 0), self._sipped.press(way < 0))
         if any(begun) and option.mode is None:
             self._closed = not self._closed
-        wanted = way * np.array(option.deflection)
-        self._deflection = moved_towards(self._deflection, wanted, self._rate * self._dt)
+        target = way * np.array(option.deflection)
+        self._deflection = stepped_towards(self._deflection, target, self._rate * self._dt)
         mode = option.mode or next(each.mode for each in self.options if each.mode)
         twist = self._deflection * mode.speeds + 0.0
         twist.flags.writeable = False

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.control.axis_bounds import axis_bounds
 from rehab_opt.control.axis_motion import stopping_distance
-from rehab_opt.control.command import Bound, Command, Status
+from rehab_opt.control.command import Command, Relaxed, Status
 from rehab_opt.control.profiles import CERTIFIED, Profiles
 from rehab_opt.control.smoother_target import AT_REST, brought_within, copied, finite_numbers
 from rehab_opt.control.thread_owner import OneThread
@@ -88,7 +88,7 @@ class Smoother(OneThread):
         self._bounds = bounds
         self._n = len(bounds.velocity)
         self._dt, self._ready = float(dt), False
-        self._asked: tuple[object, object] | None = None
+        self._request: tuple[object, object] | None = None
         self._note = ""
         self._moving = self._returning = False
         self._old: tuple[object, object] | None = None
@@ -194,18 +194,18 @@ class Smoother(OneThread):
         outside = outside or profiles.outside
         value = np.array(profiles.p)
         value.flags.writeable = False
-        yielded = Bound.POSITION if outside else Bound.NOTHING
+        relaxed = Relaxed.POSITION if outside else Relaxed.NOTHING
         if not residual <= CERTIFIED:
             self._forget()
             reason = reason or f"certificate failed: {residual:.3g} over the bounds"
         if reason:
             status = Status.BRAKING if any(profiles.v) else Status.HOLDING
-            return Command(value, status, "", math.inf, -1, reason, yielded | Bound.TASK, 0.0)
+            return Command(value, status, "", math.inf, -1, reason, relaxed | Relaxed.TASK, 0.0)
         if outside:
-            return Command(value, Status.OK, "ruckig", residual, -1, "led back into the bounds", yielded, 1.0)
+            return Command(value, Status.OK, "ruckig", residual, -1, "led back into the bounds", relaxed, 1.0)
         if self._note:
-            return Command(value, Status.OK, "ruckig", residual, -1, self._note, Bound.TASK, 1.0)
-        return Command(value, Status.OK, "ruckig", residual, -1, "", Bound.NOTHING, 1.0)
+            return Command(value, Status.OK, "ruckig", residual, -1, self._note, Relaxed.TASK, 1.0)
+        return Command(value, Status.OK, "ruckig", residual, -1, "", Relaxed.NOTHING, 1.0)
 
     def lag(self, speed: ArrayLike) -> Array:
         """(n,) time [s] by which the output trails a target moving steadily at `speed` (n,) [u/s].
@@ -221,12 +221,12 @@ class Smoother(OneThread):
     def _aim(self, target: ArrayLike, target_velocity: ArrayLike | None) -> str:
         """Plan to the target where it is a new one; why it cannot be followed, or nothing."""
         profiles = self._profiles
-        asked = copied(target), copied(target_velocity)
-        if asked == self._asked and not (profiles.stopping or self._returning):
+        request = copied(target), copied(target_velocity)
+        if request == self._request and not (profiles.stopping or self._returning):
             if not (self._moving and self._has_grown_old()):
                 return ""
-            self._old = asked
-        if asked == self._old:
+            self._old = request
+        if request == self._old:
             return NOT_RENEWED
         goal = finite_numbers(target, self._n)
         speed = [0.0] * self._n if target_velocity is None else finite_numbers(target_velocity, self._n)
@@ -240,7 +240,7 @@ class Smoother(OneThread):
             speed = [0.0] * self._n
             if not profiles.move(goal, speed):
                 return "too fast to reach the target inside the bounds"
-        self._asked, self._note = asked, note
+        self._request, self._note = request, note
         self._moving, self._returning = any(speed), profiles.outside
         return ""
 
@@ -252,7 +252,7 @@ class Smoother(OneThread):
         )
 
     def _forget(self) -> None:
-        self._asked = None
+        self._request = None
         self._note = ""
         self._moving = self._returning = False
 

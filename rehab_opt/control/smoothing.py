@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 
 CELL = 2.0
 """Ticks: on stretches that take up to so long the square of the pace changes evenly along the path."""
-MOST_TICKS = 10_000_000
+MAX_TICKS = 10_000_000
 """Of a path: close to three hours at 1 kHz."""
 
 
@@ -121,15 +121,15 @@ def smooth_path(
 
 def _check_length(seconds: float, dt: float, *given: tuple[str, object]) -> None:
     """Refuse a path that takes more ticks than a memory holds; `given` is what makes it so long."""
-    if not seconds <= MOST_TICKS * dt:  # NaN, too
+    if not seconds <= MAX_TICKS * dt:  # NaN, too
         names, values = zip(*given, strict=True)
-        expected = f"a path of at most {MOST_TICKS} ticks; this one takes {seconds:.3g} s"
+        expected = f"a path of at most {MAX_TICKS} ticks; this one takes {seconds:.3g} s"
         raise ConfigurationError(", ".join(names), values, expected)
 
 
 def _window(acceleration: Array, jerk: Array, dt: float, tolerance: float) -> tuple[int, Array]:
     """Ticks to average over, an odd number, and the accelerations (n,) for which that keeps `jerk` and `tolerance`."""
     longest = float(np.max(np.minimum(2.0 * acceleration / jerk, np.cbrt(48.0 * tolerance / jerk))))
-    window = 2 * math.ceil(min(max(longest / dt - 1.0, 0.0), float(2 * MOST_TICKS)) / 2.0) + 1  # more is refused
+    window = 2 * math.ceil(min(max(longest / dt - 1.0, 0.0), float(2 * MAX_TICKS)) / 2.0) + 1  # more is refused
     span = np.float64(window * dt)
     return window, np.minimum.reduce([acceleration, jerk * span / 2.0, np.full_like(jerk, 24.0 * tolerance / span**2)])

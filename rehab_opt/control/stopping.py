@@ -15,7 +15,7 @@ import numpy as np
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.optim.certificate import clipped
 
-__all__ = ["VelocityBounds", "largest_change", "nearest_to_rest", "stopping_speed", "velocity_bounds"]
+__all__ = ["VelocityBounds", "max_change", "nearest_to_rest", "stopping_speed", "velocity_bounds"]
 
 OUTSIDE = 1e-9
 """[rad or m] A joint less than this beyond its limit stands at it: rounding is no excursion."""
@@ -84,7 +84,7 @@ def velocity_bounds(
     dt (the recursion is over ticks, not over continuous time). Other states brake at the largest deceleration.
     """
     speed = ca.DM(chain.velocity)
-    change = largest_change(chain, dt)
+    change = max_change(chain, dt)
     # Infinite limits become ones that are never felt.
     high, low = (q, q) if strays is None else (q + ca.fmax(strays, 0), q + ca.fmin(strays, 0))
     room_up = ca.DM(np.clip(chain.upper, -FAR, FAR)) - high
@@ -122,7 +122,7 @@ def velocity_bounds(
     )
 
 
-def largest_change(chain: SerialChain, dt: float) -> ca.DM:
+def max_change(chain: SerialChain, dt: float) -> ca.DM:
     """(n,) largest change of each joint's velocity in a tick of dt [s]: what its acceleration limit allows.
 
     One beyond 2 v_max no bound could forbid; so infinite accelerations become finite.

@@ -12,17 +12,17 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rehab_opt.control.command import NUMBERED, Bound, Command, Status
+from rehab_opt.control.command import NUMBERED, Command, Relaxed, Status
 from rehab_opt.control.followed_joints import FollowedJoints, guidance
 from rehab_opt.control.joint_feedback import JointFeedback
 from rehab_opt.control.judged_state import GIVEN, judged_memory, judged_state, nothing_known
 from rehab_opt.control.reasons import HELD_BACK, NUMBER, reason_number, reason_text
-from rehab_opt.control.stopping import VelocityBounds, largest_change, nearest_to_rest, velocity_bounds
+from rehab_opt.control.stopping import VelocityBounds, max_change, nearest_to_rest, velocity_bounds
 from rehab_opt.control.thread_owner import OneThread
 from rehab_opt.control.velocity_tick import (
     LEFT_TO_OTHERS,
     NOTHING_TO_SOLVE,
-    TOLD,
+    REPORT,
     VELOCITY_SOLVERS,
     VelocityTick,
     velocity_tick,
@@ -36,7 +36,7 @@ from rehab_opt.optim.certificate import all_true, clipped
 from rehab_opt.optim.fallback_chain import FUSED, FallbackChain
 from rehab_opt.optim.fused import FUSED_SOLVERS
 from rehab_opt.optim.qp import Statement
-from rehab_opt.optim.rows import PLAUSIBLE, Instance
+from rehab_opt.optim.rows import MAX_MAGNITUDE, Instance
 from rehab_opt.symbolic import BufferedFunction, Compile
 from rehab_opt.symbolic.record import Record, Values
 from rehab_opt.symbolic.shared import form_of_parts, remembered
@@ -58,7 +58,7 @@ STILL = 1e-6
 _OK, _NAN, _new, _read_only, _JUDGED = Status.OK, math.nan, tuple.__new__, np.frombuffer, GIVEN["judged"]
 # Looked up, since making an IntFlag costs half a microsecond; by the numbers of a verdict as they come.
 _BOUNDS, _SOLVERS = (
-    {float(i): Bound(i) for i in range(8)},
+    {float(i): Relaxed(i) for i in range(8)},
     {float(i): name for i, name in enumerate(VELOCITY_SOLVERS)} | {-1.0: ""},
 )
 
@@ -68,7 +68,7 @@ class VelocityController(OneThread, ABC):
 
     A subclass states its QP. Its first parameter is q (n,), its first variables are the joint velocities (n,), and its
     memory begins with the last velocity and the position it leads to (2 n,): `remember` gives both. Its `step` writes
-    the inputs into `_views`, or through `_write`, and calls `_tick`. The command is the part `sent` of the memory, by
+    the inputs into `_views`, or through `_write`, and calls `_tick`. The command is the part `command_slice` of the memory, by
     default the last velocity, with the part `wheels` beside it.
 
     The velocity last commanded is part of the state: a new controller is at rest, `reset` says otherwise. An object
@@ -136,13 +136,13 @@ class VelocityController(OneThread, ABC):
         # Views of views: reading and assigning through them costs half of numpy's.
         views = (cast("memoryview[float]", each.data) for each in (everything, after, given, told))
         self._keep, self._answer, self._given, self._told = views
-        self._verdict, self._head = solvers.verdict, self._told[: TOLD["unusual"] + 1]
+        self._verdict, self._head = solvers.verdict, self._told[: REPORT["unusual"] + 1]
         self._own = {name: own[place] for name, place in self.judged.places.items()}
         self._last = solvers.memory[:n]
-        self._sent = solvers.memory[slice(n) if self.sent is None else self.sent]
-        self._velocity: memoryview[Any] = self._sent.data
+        self._command_view = solvers.memory[slice(n) if self.command_slice is None else self.command_slice]
+        self._velocity: memoryview[Any] = self._command_view.data
         self._wheels = None if self.wheels is None else solvers.memory[self.wheels].data
-        self._tell(enable=True, stamp=None)
+        self._set_enable(enable=True, stamp=None)
         self.reset()
 
     # ------------------------------------------------------------------------------------------- for subclasses
@@ -150,7 +150,7 @@ class VelocityController(OneThread, ABC):
     """Shapes of the statement's parameters after q, as `step` takes them."""
     requirement: ClassVar[str] = ""
     """What is wrong when the statement's requirements are not met."""
-    sent: slice | None = None
+    command_slice: slice | None = None
     """Part of the memory (n,) that is the command, None for the last velocity."""
     wheels: slice | None = None
     """Part of the memory that goes to wheels, None where there are none."""
@@ -175,7 +175,7 @@ class VelocityController(OneThread, ABC):
             watch = watched_joints(chain, dt=self.dt, base=self.base, base_alone=led is not None)
         judge = judged_state(
             chain.n, int(stated.memory.numel()), dt=self.dt, max_age=self.max_age, watch=watch, led=led,
-            base=self.base, sent=slice(chain.n) if self.sent is None else self.sent,
+            base=self.base, command_slice=slice(chain.n) if self.command_slice is None else self.command_slice,
         )  # fmt: skip
         return velocity_tick(
             stated, judge, self.judged, stop=self.stopping(), faulty=self.faulty(), law=self.fallback_law(),
@@ -195,7 +195,7 @@ class VelocityController(OneThread, ABC):
         """Intervals of the joint velocities."""
         last, guided = memory[: self.chain.n], self.guided(memory)
         led = {} if guided is None or self.feedback is None else {
-            "strays": guided.apart, "margin": self.feedback.thrown(self.chain, last)
+            "strays": guided.apart, "margin": self.feedback.deviation(self.chain, last)
         }  # fmt: skip
         return velocity_bounds(
             self.chain, q, last, dt=self.dt, recovery_speed=self.recovery_speed, approach=self.approach, **led
@@ -211,24 +211,24 @@ class VelocityController(OneThread, ABC):
         n = self.chain.n
         return guidance(n).parts(memory[2 * n : 2 * n + self.guidance_size]) if self.guidance_size else None
 
-    def report(self, last: ca.SX, velocity: ca.SX, delivered: ca.SX, asked: ca.SX, outside: ca.SX) -> ca.SX:
-        """Relaxed bounds, a number of `Bound`, and the delivered fraction of the reference motion, 1 where it is zero.
+    def report(self, last: ca.SX, velocity: ca.SX, delivered: ca.SX, commanded: ca.SX, outside: ca.SX) -> ca.SX:
+        """Relaxed bounds, a number of `Relaxed`, and the delivered fraction of the reference motion, 1 where it is zero.
 
-        `delivered` and `asked` are twists, weighted alike; `outside` says that a joint is beyond its limit.
+        `delivered` and `commanded` are twists, weighted alike; `outside` says that a joint is beyond its limit.
         """
         hurried = self.hurried(last, velocity)
-        size = ca.sumsqr(asked)
-        missed = ca.sumsqr(delivered - asked) > MISSED**2 * size + STILL**2
-        along = clipped(ca.dot(delivered, asked) / ca.fmax(size, STILL**2), 0, 1)
+        size = ca.sumsqr(commanded)
+        missed = ca.sumsqr(delivered - commanded) > MISSED**2 * size + STILL**2
+        along = clipped(ca.dot(delivered, commanded) / ca.fmax(size, STILL**2), 0, 1)
         along = ca.if_else(along > MISSED, along, 0)
-        yielded = int(Bound.POSITION) * outside + int(Bound.ACCELERATION) * hurried + int(Bound.TASK) * missed
-        return ca.vertcat(yielded, ca.if_else(ca.logic_and(missed, size > STILL**2), along, 1))
+        relaxed = int(Relaxed.POSITION) * outside + int(Relaxed.ACCELERATION) * hurried + int(Relaxed.TASK) * missed
+        return ca.vertcat(relaxed, ca.if_else(ca.logic_and(missed, size > STILL**2), along, 1))
 
     @cached_property
     def hurried(self) -> ca.Function:
         """Whether joints go from one velocity (n,) to the other faster than their accelerations allow."""
         last, velocity = ca.SX.sym("last", self.chain.n), ca.SX.sym("velocity", self.chain.n)
-        faster = ca.sum1(ca.fabs(velocity - last) > largest_change(self.chain, self.dt) * (1 + 1e-9) + 1e-12) > 0
+        faster = ca.sum1(ca.fabs(velocity - last) > max_change(self.chain, self.dt) * (1 + 1e-9) + 1e-12) > 0
         return ca.Function("hurried", [last, velocity], [faster])
 
     def remember(self, q: ca.SX, velocity: ca.SX) -> ca.SX:
@@ -259,7 +259,7 @@ class VelocityController(OneThread, ABC):
         Until a position can be read, the middle of a joint's range is taken for it.
         """
         velocity = ca.SX.sym("velocity", self.chain.n)
-        lower, upper = np.maximum(self.chain.lower, -PLAUSIBLE), np.minimum(self.chain.upper, PLAUSIBLE)
+        lower, upper = np.maximum(self.chain.lower, -MAX_MAGNITUDE), np.minimum(self.chain.upper, MAX_MAGNITUDE)
         n, memory, nothing = self.chain.n, int(self.stated.memory.numel()), ca.SX.zeros
         led = ca.SX(0, 1) if self.led is None else self.led.start(velocity[self.base :])
         start = ca.vertcat(velocity, nothing(self.stated.state_size - memory - n))
@@ -269,7 +269,7 @@ class VelocityController(OneThread, ABC):
         return ca.Function("begin", [velocity], [ca.densify(known), possible])
 
     def stopping(self) -> ca.Function:
-        """Parameters, state -> state after a tick of the safe command; what yielded and whether it moves; q (n,).
+        """Parameters, state -> state after a tick of the safe command; what was relaxed and whether it moves; q (n,).
 
         The last good position stands in for one that is unusable, and of what else `braking` needs, the last
         parameters, nothing is there where one of its numbers is. The warm start is forgotten.
@@ -277,16 +277,16 @@ class VelocityController(OneThread, ABC):
         stated, n, brake = self.stated, self.chain.n, self.braking()
         p, state = ca.MX.sym("p", stated.parameter_size), ca.MX.sym("state", stated.state_size)
         memory = state[stated.state_size - stated.memory.numel() :]
-        q = ca.if_else(ca.fabs(p[:n]) <= PLAUSIBLE, p[:n], memory[n : 2 * n])
+        q = ca.if_else(ca.fabs(p[:n]) <= MAX_MAGNITUDE, p[:n], memory[n : 2 * n])
         given = [q, memory]
         if brake.n_in() > len(given):
             around = p[p.numel() - brake.size1_in(2) :]
-            usable = ca.sum1(ca.fabs(around) <= PLAUSIBLE) == around.numel()
-            given.append(ca.if_else(usable, around, 0))
+            valid = ca.sum1(ca.fabs(around) <= MAX_MAGNITUDE) == around.numel()
+            given.append(ca.if_else(valid, around, 0))
         kept, report = brake.call(given)
         after = ca.vertcat(kept, memory[kept.numel() :])  # what else a subclass remembers is its own to forget
         start = ca.vertcat(kept[:n], ca.MX.zeros(state.numel() - memory.numel() - n))
-        moves = ca.sum1(after[slice(n) if self.sent is None else self.sent] != 0) > 0
+        moves = ca.sum1(after[slice(n) if self.command_slice is None else self.command_slice] != 0) > 0
         said = ca.vertcat(report[0], moves)
         return ca.Function("stopping", [p, state], [ca.vertcat(start, after), said, q])
 
@@ -295,13 +295,13 @@ class VelocityController(OneThread, ABC):
 
         Input and element, both counted from 0, are those of the first number that is not usable, else -1.
         """
-        p, sound = ca.SX.sym("p", self.stated.parameter_size), ca.SX.sym("sound")
+        p, valid = ca.SX.sym("p", self.stated.parameter_size), ca.SX.sym("valid")
         where = [(i, k) for i, each in enumerate(self.stated.parameters) for k in range(each.numel())]
-        reason = ca.if_else(ca.norm_2(p) <= PLAUSIBLE, reason_number(self.requirement), NUMBER["INPUT_TOO_LARGE"])
-        found = ca.vertcat(ca.if_else(sound, NUMBER["NOT_CERTIFIED"], reason), -1, -1)
+        reason = ca.if_else(ca.norm_2(p) <= MAX_MAGNITUDE, reason_number(self.requirement), NUMBER["INPUT_TOO_LARGE"])
+        found = ca.vertcat(ca.if_else(valid, NUMBER["NOT_CERTIFIED"], reason), -1, -1)
         for at, (i, k) in reversed(list(enumerate(where))):
-            found = ca.if_else(ca.fabs(p[at]) <= PLAUSIBLE, found, ca.DM([NUMBER["INPUT_UNUSABLE"], i, k]))
-        return ca.Function("faulty", [p, sound], [found])
+            found = ca.if_else(ca.fabs(p[at]) <= MAX_MAGNITUDE, found, ca.DM([NUMBER["INPUT_INVALID"], i, k]))
+        return ca.Function("faulty", [p, valid], [found])
 
     # -------------------------------------------------------------------------------------------------- the user's
     def reset(self, velocity: ArrayLike | None = None) -> None:
@@ -334,7 +334,7 @@ class VelocityController(OneThread, ABC):
         return to_qpsolvers(self.instance(q, *inputs))
 
     # ---------------------------------------------------------------------------------------------------- one tick
-    def _tell(self, enable: object, stamp: float | None) -> None:
+    def _set_enable(self, enable: object, stamp: float | None) -> None:
         """Write enable input and stamp; they are the usual ones where that is true and there is none."""
         given = self._given
         given[0], given[1] = (stamp, NUMBER_OF_SECONDS) if type(stamp) is float else stamp_and_kind(stamp)
@@ -344,12 +344,12 @@ class VelocityController(OneThread, ABC):
     def _tick(self, enable: object, stamp: float | None) -> Command:
         """One step on what stands in the parameters."""
         if enable is not True or stamp is not None or not self._usual:
-            self._tell(enable, stamp)
+            self._set_enable(enable, stamp)
         if not self._inside:
             return self._otherwise(LEFT_TO_OTHERS)
         self._told[0] = self._verdict[0] = _NAN  # see `FallbackChain`: a failure inside leaves the outputs as they are
         self._function.evaluate()
-        left, residual, who, yielded, scale, unusual = self._head.tolist()
+        left, residual, who, relaxed, scale, unusual = self._head.tolist()
         if left:  # NaN, too
             return self._otherwise(left)
         self._keep[:] = self._answer
@@ -357,7 +357,7 @@ class VelocityController(OneThread, ABC):
             return self._as_told(self._told)
         value = _read_only(self._velocity.tobytes())  # a copy
         wheels = None if self._wheels is None else _read_only(self._wheels.tobytes())
-        return _new(Command, (value, _OK, _SOLVERS[who], residual, -1, "", _BOUNDS[yielded], scale, wheels))
+        return _new(Command, (value, _OK, _SOLVERS[who], residual, -1, "", _BOUNDS[relaxed], scale, wheels))
 
     def _judged(self) -> str:
         """Judge the state, once in a tick: why it must not be acted on, or nothing."""
@@ -398,25 +398,25 @@ class VelocityController(OneThread, ABC):
         return command._replace(reason=reason) if reason else command
 
     def _as_told(self, told: memoryview[Any]) -> Command:
-        """What a tick has `TOLD`."""
-        _, residual, who, yielded, scale, _, status, reason, where, element, *details, note = told.tolist()
+        """The `REPORT` of a tick."""
+        _, residual, who, relaxed, scale, _, status, reason, where, element, *details, note = told.tolist()
         name, words = _SOLVERS[who], self._words(reason, where, element, details)
         if who == len(FUSED_SOLVERS):
             words = f"{words}: {name}"
         words = "; ".join(filter(None, (words, self._noted(int(note)))))
         value = _read_only((np.frombuffer(self._velocity) + 0.0).tobytes())  # no negative zeros
         wheels = None if self._wheels is None else _read_only((np.frombuffer(self._wheels) + 0.0).tobytes())
-        return Command(value, NUMBERED[int(status)], name, residual, -1, words, _BOUNDS[yielded], scale, wheels)
+        return Command(value, NUMBERED[int(status)], name, residual, -1, words, _BOUNDS[relaxed], scale, wheels)
 
     def _noted(self, notes: int) -> str:
         """What is said besides, see `Note`; nothing where there is nothing to be noted."""
         return HELD_BACK if notes else ""
 
     def _words(self, reason: float, where: float, element: float, details: Sequence[float]) -> str:
-        """What is said of a reason, see `TOLD`; nothing where there is none."""
+        """What is said of a reason, see `REPORT`; nothing where there is none."""
         if reason == NUMBER["NOT_FOLLOWED"]:
             return not_followed(self.chain.names[int(element)], *details)
-        if reason == NUMBER["INPUT_UNUSABLE"]:
+        if reason == NUMBER["INPUT_INVALID"]:
             values = (self._q, *self._inputs)[int(where)]
             place = ", ".join(map(str, np.unravel_index(int(element), values.shape)))
             return f"{self._names[int(where)]}[{place}] is {values.flat[int(element)]}, not a usable number"

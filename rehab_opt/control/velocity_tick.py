@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import casadi as ca
 
-from rehab_opt.control.command import NUMBERED, Bound, Status
+from rehab_opt.control.command import NUMBERED, Relaxed, Status
 from rehab_opt.control.judged_state import GIVEN
 from rehab_opt.control.reasons import HELD_BACK, NUMBER, notes_of
 from rehab_opt.optim.certificate import all_true
@@ -20,17 +20,23 @@ from rehab_opt.optim.qp import Statement
 from rehab_opt.symbolic.record import Record, Values
 
 __all__ = [
-    "DONE", "LEFT_TO_OTHERS", "NOTHING_TO_SOLVE", "TOLD", "VELOCITY_SOLVERS", "VelocityTick", "velocity_tick",
-    "yielded_from_rest",
+    "DONE",
+    "LEFT_TO_OTHERS",
+    "NOTHING_TO_SOLVE",
+    "REPORT",
+    "VELOCITY_SOLVERS",
+    "VelocityTick",
+    "relaxed_from_rest",
+    "velocity_tick",
 ]  # fmt: skip
 
 VELOCITY_SOLVERS = (*FUSED_SOLVERS, "braking together")
-"""Who answered, by the number of `TOLD`; -1 is nobody."""
-TOLD = Record(
-    left=1, residual=1, solver=1, yielded=1, scale=1, unusual=1, status=1, reason=1, input=1, element=1, details=2,
+"""Who answered, by the number of `REPORT`; -1 is nobody."""
+REPORT = Record(
+    left=1, residual=1, solver=1, relaxed=1, scale=1, unusual=1, status=1, reason=1, input=1, element=1, details=2,
     note=1,
 )  # fmt: skip
-"""What is left to do for a command; its residual, who answered, what yielded, and the share of the task; whether any of
+"""What is left to do for a command; its residual, who answered, what was relaxed, and the share of the task; whether any of
 the others is not that of a plain OK: the status, a place in `NUMBERED`, the reason's number, which input and which of
 its elements that is of, -1 for none, its details, and the sum of the notes."""
 DONE, LEFT_TO_OTHERS, NOTHING_TO_SOLVE = range(3)
@@ -46,9 +52,9 @@ class VelocityTick(NamedTuple):
     judge: ca.Function
     """See `judged_state`."""
     tick: ca.Function
-    """Parameters, state, `GIVEN` -> state, verdict of `fused`, `TOLD`; solved inside."""
+    """Parameters, state, `GIVEN` -> state, verdict of `fused`, `REPORT`; solved inside."""
     finish: ca.Function
-    """Parameters, state, `GIVEN`, the QP's answer (a state of `fused`) and verdict -> state, `TOLD`, positions (n,).
+    """Parameters, state, `GIVEN`, the QP's answer (a state of `fused`) and verdict -> state, `REPORT`, positions (n,).
 
     The answer where it is certified; else what `law` makes, where that is; else the safe command."""
 
@@ -108,7 +114,7 @@ def velocity_tick(
 
     told = certified(own, answer[velocity], verdict)
     outputs = _either(
-        told[TOLD["left"]] == DONE, lambda p, *others: [*others[-2:], p[:n]], uncertified,
+        told[REPORT["left"]] == DONE, lambda p, *others: [*others[-2:], p[:n]], uncertified,
         parameters, state, own, verdict, answer, told,
     )  # fmt: skip
     outputs[0] = ca.vertcat(outputs[0], own)
@@ -132,24 +138,24 @@ def _columns(*sizes: int) -> list[ca.SX]:
     return [ca.SX.sym("column", size) for size in sizes]
 
 
-def yielded_from_rest(own: Values, last: ca.SX, yielded: ca.SX, hurried: ca.Function) -> ca.SX:
+def relaxed_from_rest(own: Values, last: ca.SX, relaxed: ca.SX, hurried: ca.Function) -> ca.SX:
     """The same, and accelerations where joints began anew at rest: whatever holds the hand has stopped them."""
     if not own.before.numel():
-        return yielded
-    there = ca.fmod(ca.floor(yielded / int(Bound.ACCELERATION)), 2)
+        return relaxed
+    there = ca.fmod(ca.floor(relaxed / int(Relaxed.ACCELERATION)), 2)
     more = all_true(own.touched, hurried(own.before, last), ca.logic_not(there))
-    return yielded + int(Bound.ACCELERATION) * more
+    return relaxed + int(Relaxed.ACCELERATION) * more
 
 
 def _certified(record: Record, n: int, size: int, hurried: ca.Function, tolerance: float) -> ca.Function:
-    """`judged_memory`, velocity (n,), verdict (size,) -> `TOLD`; what is left says whether the answer is certified."""
+    """`judged_memory`, velocity (n,), verdict (size,) -> `REPORT`; what is left says whether the answer is certified."""
     column, last, verdict = inputs = _columns(record.size, n, size)
-    own, (residual, sound, who, yielded, scale) = record.parts(column), ca.vertsplit(verdict)[:5]
+    own, (residual, valid, who, relaxed, scale) = record.parts(column), ca.vertsplit(verdict)[:5]
     meant, blocked = own.reason == 0, scale == 0
     holds = all_true(meant, residual >= 0, residual <= tolerance)
-    told = TOLD.of(
-        left=ca.if_else(holds, DONE, ca.if_else(ca.logic_and(meant, sound), LEFT_TO_OTHERS, NOTHING_TO_SOLVE)),
-        residual=residual, solver=who, yielded=yielded_from_rest(own, last, yielded, hurried), scale=scale,
+    told = REPORT.of(
+        left=ca.if_else(holds, DONE, ca.if_else(ca.logic_and(meant, valid), LEFT_TO_OTHERS, NOTHING_TO_SOLVE)),
+        residual=residual, solver=who, relaxed=relaxed_from_rest(own, last, relaxed, hurried), scale=scale,
         unusual=ca.logic_or(blocked, own.held),
         status=ca.if_else(blocked, NUMBERED.index(Status.BLOCKED), NUMBERED.index(Status.OK)),
         reason=NUMBER["NOTHING_LEFT"] * blocked,
@@ -159,13 +165,13 @@ def _certified(record: Record, n: int, size: int, hurried: ca.Function, toleranc
 
 
 def _fallen_back(record: Record, n: int, size: int, hurried: ca.Function, faulty: ca.Function) -> ca.Function:
-    """The same, parameters, status, residual, solver, what yielded and the scale -> `TOLD` where none is certified."""
+    """The same, parameters, status, residual, solver, what was relaxed and the scale -> `REPORT` where none is certified."""
     column, last, verdict, p, said = inputs = _columns(record.size, n, size, faulty.numel_in(0), 5)
-    own, (status, residual, solver, yielded, scale) = record.parts(column), ca.vertsplit(said)
+    own, (status, residual, solver, relaxed, scale) = record.parts(column), ca.vertsplit(said)
     refused, joint = own.reason != 0, own.reason == NUMBER["NOT_FOLLOWED"]
     reason, where, element = ca.vertsplit(faulty(p, verdict[1]))
-    told = TOLD.of(
-        left=ca.SX(DONE), residual=residual, solver=solver, yielded=yielded_from_rest(own, last, yielded, hurried),
+    told = REPORT.of(
+        left=ca.SX(DONE), residual=residual, solver=solver, relaxed=relaxed_from_rest(own, last, relaxed, hurried),
         scale=scale, unusual=ca.SX(1), status=status, reason=ca.if_else(refused, own.reason, reason),
         input=ca.if_else(refused, -1, where),
         element=ca.if_else(refused, ca.if_else(joint, own.element, -1), element),

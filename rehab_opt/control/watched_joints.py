@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 
 from rehab_opt.kinematics.chain import SerialChain
-from rehab_opt.optim.rows import PLAUSIBLE
+from rehab_opt.optim.rows import MAX_MAGNITUDE
 from rehab_opt.symbolic.record import Record
 
 __all__ = [
@@ -80,11 +80,11 @@ def watched_joints(chain: SerialChain, *, dt: float, base: int, base_alone: bool
     """
     n, window, keep = chain.n, TOLERANCE / 2, 1 - FADING * dt
     memory, measured, command = memory_of_watch(n).symbols("memory"), ca.SX.sym("measured", n), ca.SX.sym("command", n)
-    usable, known = ca.sum1(ca.fabs(measured)) <= PLAUSIBLE, memory.since > 0
-    seen = ca.if_else(usable, measured, memory.seen)
+    valid, known = ca.sum1(ca.fabs(measured)) <= MAX_MAGNITUDE, memory.since > 0
+    seen = ca.if_else(valid, measured, memory.seen)
     step = seen - memory.seen
     # Farther than a joint goes, or never seen before: states that are not one motion of it. The way begins anew.
-    most = ca.DM(2 * np.minimum(chain.velocity, PLAUSIBLE)) * memory.since + window * known
+    most = ca.DM(2 * np.minimum(chain.velocity, MAX_MAGNITUDE)) * memory.since + window * known
     one_motion = ca.fabs(step) <= most
     way = dt * command
     led, apart = keep * memory.led + way, ca.if_else(one_motion, keep * memory.apart + way - step, 0)
@@ -95,14 +95,14 @@ def watched_joints(chain: SerialChain, *, dt: float, base: int, base_alone: bool
     if base_alone:
         one_motion[base:] = 0
     led *= one_motion
-    judged = usable * (ca.fabs(led) > window)
+    judged = valid * (ca.fabs(led) > window)
     # moved sign(led) < SHARE |led|, with moved = led - apart
     lost = ca.logic_and(judged, led * (apart - (1 - SHARE) * led) > 0)
     goes_on = 1 - judged + lost
     still = ca.sum1(ca.fabs(step)) == 0
     after = memory_of_watch(n).of(
-        wrong=one_motion * time_apart(memory.wrong, lost, dt * usable), apart=goes_on * apart, led=goes_on * led,
-        seen=seen, since=ca.logic_or(usable, known) * (dt + still * ca.fmin(memory.since, STANDS)), placed=placed,
+        wrong=one_motion * time_apart(memory.wrong, lost, dt * valid), apart=goes_on * apart, led=goes_on * led,
+        seen=seen, since=ca.logic_or(valid, known) * (dt + still * ca.fmin(memory.since, STANDS)), placed=placed,
     )  # fmt: skip
     return ca.Function("watched_joints", [memory.column, measured, command], [after, ca.mmax(after[:n])])
 

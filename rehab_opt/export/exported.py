@@ -12,7 +12,7 @@ import casadi as ca
 
 from rehab_opt.control.pose_tracker import PoseTracker
 from rehab_opt.control.velocity_controller import VelocityController
-from rehab_opt.control.velocity_tick import TOLD
+from rehab_opt.control.velocity_tick import REPORT
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.export.c_text import indented, number
 from rehab_opt.export.generated import renamed
@@ -20,8 +20,8 @@ from rehab_opt.export.recording import Run
 
 __all__ = ["ExportedController", "ExportedVelocity", "Law"]
 
-MOST_VALUES = 12
-"""Of a command: `REHAB_MOST_VALUES`."""
+MAX_VALUES = 12
+"""Of a command: `REHAB_MAX_VALUES`."""
 BYTES = 8
 """Of a number or an address."""
 SPARE = 100
@@ -65,10 +65,10 @@ class Law:
         """The C initialiser of its `law_shape`."""
         controller, n, own_at = self.controller, self.controller.chain.n, self.controller.stated.state_size
         memory_at = own_at - int(controller.stated.memory.numel())
-        sent, wheels = controller.sent or slice(n), controller.wheels or slice(0, 0)
+        command_slice, wheels = controller.command_slice or slice(n), controller.wheels or slice(0, 0)
         cells = (
             *(n, memory_at, own_at, own_at + controller.judged["reason"], self.state),
-            *(memory_at + (sent.start or 0), memory_at + wheels.start, wheels.stop - wheels.start),
+            *(memory_at + (command_slice.start or 0), memory_at + wheels.start, wheels.stop - wheels.start),
             *(f"{self.name}_{what}" for what in ("tick", "finish", "begin")),
             f"{self.name}_going_on" if "going_on" in self.more else "NULL",
         )
@@ -162,8 +162,8 @@ class ExportedVelocity(ExportedController):
     def __post_init__(self) -> None:
         """Check that every command fits."""
         for law in self.laws:
-            if law.controller.chain.n > MOST_VALUES:
-                raise ConfigurationError("chain", law.controller.chain.n, f"at most {MOST_VALUES} joints, as C has")
+            if law.controller.chain.n > MAX_VALUES:
+                raise ConfigurationError("chain", law.controller.chain.n, f"at most {MAX_VALUES} joints, as C has")
 
     @property
     def dt(self) -> float:
@@ -198,17 +198,17 @@ class ExportedVelocity(ExportedController):
         sizes = {
             "joints": chain.n,
             "laws": len(laws),
-            "parameters_most": max(law.controller.stated.parameter_size for law in laws),
-            "state_most": max(law.state for law in laws),
-            "verdict_most": VERDICT + max(law.reported for law in laws),
-            "told_size": TOLD.size,
+            "max_parameters": max(law.controller.stated.parameter_size for law in laws),
+            "max_state": max(law.state for law in laws),
+            "max_verdict": VERDICT + max(law.reported for law in laws),
+            "report_size": REPORT.size,
             "values": chain.n,
             "wheels": 0 if wheels is None else wheels.stop - wheels.start,
         }
-        sizes["numbers"] = len(laws) * (sizes["parameters_most"] + 2 * sizes["state_most"] + sizes["verdict_most"])
+        sizes["numbers"] = len(laws) * (sizes["max_parameters"] + 2 * sizes["max_state"] + sizes["max_verdict"])
         return {
             **{name: str(size) for name, size in sizes.items()},
-            "told_places": ", ".join(f"TOLD_{name.upper()} = {TOLD[name]}" for name in TOLD.places),
+            "report_layout": ", ".join(f"REPORT_{name.upper()} = {REPORT[name]}" for name in REPORT.places),
             "name": self.name,
             "dt": number(first.dt),
             "law_shapes": indented(law.row() + "," for law in laws).rstrip(","),

@@ -21,7 +21,7 @@ Exporter = Callable[[ProblemFile[Any], Progress, int | None], Sequence[ExportedC
 
 
 def exported_controllers(
-    loaded: ProblemFile[Any], *, memory: int | None = None, progress: Progress
+    config: ProblemFile[Any], *, memory: int | None = None, progress: Progress
 ) -> Sequence[ExportedController]:
     """The controllers of a problem file, each with the run that it has to repeat.
 
@@ -29,36 +29,36 @@ def exported_controllers(
     ------
     ProblemFileError : a system without a controller that can be exported, or a value of the file that cannot be used.
     """
-    system = loaded.problem.system
+    system = config.problem.system
     if system not in EXPORTERS:
         expected = f"a system whose controller can be exported: {', '.join(EXPORTERS)}"
-        raise ProblemFileError(loaded.file, "system", system, expected)
-    return EXPORTERS[system](loaded, progress, memory)
+        raise ProblemFileError(config.file, "system", system, expected)
+    return EXPORTERS[system](config, progress, memory)
 
 
-def _pose_tracking(loaded: ProblemFile[Any], progress: Progress, _: int | None) -> Sequence[ExportedController]:
+def _pose_tracking(config: ProblemFile[Any], progress: Progress, _: int | None) -> Sequence[ExportedController]:
     from rehab_opt.export.controllers.pose_tracker import exported_pose_tracker  # noqa: PLC0415  (loads solvers)
 
-    return (exported_pose_tracker(loaded, progress=progress),)
+    return (exported_pose_tracker(config, progress=progress),)
 
 
-def _ardis(loaded: ProblemFile[Any], progress: Progress, _: int | None) -> Sequence[ExportedController]:
+def _ardis(config: ProblemFile[Any], progress: Progress, _: int | None) -> Sequence[ExportedController]:
     from rehab_opt.export.controllers.redundancy import exported_resolvers  # noqa: PLC0415
 
-    return exported_resolvers(loaded, progress=progress)
+    return exported_resolvers(config, progress=progress)
 
 
-def _scenario(loaded: ProblemFile[Any], progress: Progress, _: int | None) -> Sequence[ExportedController]:
+def _scenario(config: ProblemFile[Any], progress: Progress, _: int | None) -> Sequence[ExportedController]:
     from rehab_opt.export.controllers.scenario import exported_scenario  # noqa: PLC0415
 
-    return exported_scenario(loaded, progress=progress)
+    return exported_scenario(config, progress=progress)
 
 
-def _mirror(loaded: ProblemFile[Any], progress: Progress, memory: int | None) -> Sequence[ExportedController]:
+def _mirror(config: ProblemFile[Any], progress: Progress, memory: int | None) -> Sequence[ExportedController]:
     from rehab_opt.export.controllers.mirror import MEMORY, exported_mirror_problem  # noqa: PLC0415
 
     given = MEMORY if memory is None else memory
-    return (exported_mirror_problem(loaded, memory=given, progress=progress),)
+    return (exported_mirror_problem(config, memory=given, progress=progress),)
 
 
 EXPORTERS: Mapping[str, Exporter] = MappingProxyType(

@@ -46,7 +46,7 @@ def tracker_run(tracker: PoseTracker) -> Ticks:
 def bodies_about(place: Array, limits: PostureLimits, rng: np.random.Generator) -> Array:
     """(k, 14) moving capsules about a place (3,) [m], some of which are not there."""
     most = limits.moving
-    bodies = np.zeros((most, limits.told // most))
+    bodies = np.zeros((most, limits.moving_size // most))
     for body in bodies[: rng.integers(most + 1)]:
         body[:6], body[6:12] = np.tile(place + 0.3 * rng.normal(size=3), 2), 0.1 * rng.normal(size=6)
         body[12:] = 0.05, 1.0
@@ -99,17 +99,17 @@ def hand_run(region: Workspace, dt: float) -> Array:
 
 def pair_run(pair: Bilateral) -> tuple[Array, Array, Sequence[Any], Sequence[Any]]:
     """Hands (N, 2) [m] of helper and participant, who follows where the other leads, and what each of them hears."""
-    carry = pair.helper.carry
-    hands = hand_run(carry.source, pair.dt)
-    drawn = np.array([carry.image(hand) for hand in hands])
+    workspace_map = pair.helper.workspace_map
+    hands = hand_run(workspace_map.source, pair.dt)
+    drawn = np.array([workspace_map.image(hand) for hand in hands])
     drawn += 0.004 * np.sin(4 * np.pi * pair.dt * np.arange(TICKS))[:, None]
     pair.reset()
-    heard = []
+    received = []
     for hand, other in zip(hands, drawn, strict=True):
-        heard.append(pair.under_way)
+        received.append(pair.under_way)
         pair.step(hand, other)
     pair.reset()
-    return hands, drawn, [each[0] for each in heard], [each[1] for each in heard]
+    return hands, drawn, [each[0] for each in received], [each[1] for each in received]
 
 
 def middle(lower: Array, upper: Array) -> Array:

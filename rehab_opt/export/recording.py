@@ -20,7 +20,7 @@ from rehab_opt.control.reasons import notes_of, reason_number
 from rehab_opt.export.c_text import indented, initialiser, number
 
 __all__ = [
-    "MOST_TICKS",
+    "MAX_TICKS",
     "Joints",
     "Run",
     "RunTick",
@@ -37,7 +37,7 @@ Array = NDArray[np.float64]
 RunTick = dict[str, Any]
 """Inputs of a tick by name: arrays, whole numbers (int), and `enable` (int) and `stamp` (float) [s]."""
 
-MOST_TICKS = 4000
+MAX_TICKS = 4000
 """Of a run; a longer one is thinned, or its header would be read for minutes."""
 STANDS = 0.6
 """[s] A hand at some 5 cm/s has joints by then that are seen not to follow."""
@@ -75,7 +75,7 @@ class Run:
         first = self.commands[0]
         lines += [f"double more[{max(1, len(self.more[0]))}];", f"double value[{first.value.size}];"]
         lines.append(f"double wheels[{max(1, _wheels(first).size)}];")
-        return indented([*lines, "double scale;", "int status, yielded, reason, notes;"])
+        return indented([*lines, "double scale;", "int status, relaxed, reason, notes;"])
 
     def initialisers(self) -> Iterator[str]:
         """One C initialiser a tick."""
@@ -96,7 +96,7 @@ class Run:
         first = self.commands[0]
         header += [f"value_{i}" for i in range(first.value.size)] + [f"wheel_{i}" for i in range(_wheels(first).size)]
         header += [f"more_{i}" for i in range(len(self.more[0]))]
-        writer.writerow([*header, "scale", "status", "yielded", "reason", "notes"])
+        writer.writerow([*header, "scale", "status", "relaxed", "reason", "notes"])
         for tick, command, more in zip(self.ticks, self.commands, self.more, strict=True):
             row: list[Any] = []
             for value in tick.values():
@@ -177,7 +177,7 @@ def recorded(
 
 def thinned(count: int) -> NDArray[np.intp]:
     """Which of `count` ticks are kept: all, or every second, third and so on."""
-    return np.arange(0, count, -(-count // MOST_TICKS))
+    return np.arange(0, count, -(-count // MAX_TICKS))
 
 
 def encoder_noise(ticks: int, joints: int) -> Array:
@@ -272,9 +272,9 @@ def _wheels(command: Command) -> Array:
 
 
 def _said(command: Command) -> tuple[int, ...]:
-    """Status, what yielded, the reason and the notes, in the numbers of C."""
+    """Status, what was relaxed, the reason and the notes, in the numbers of C."""
     reason = command.reason
-    return STATUSES[command.status], int(command.yielded), reason_number(reason), notes_of(reason)
+    return STATUSES[command.status], int(command.relaxed), reason_number(reason), notes_of(reason)
 
 
 def _c(value: Any) -> str:

@@ -57,8 +57,8 @@ def at_rest(samples: Samples, target: Array, width: float) -> Samples:
     force = energies_and_forces(whole, width, target[None])[1][0]
     square = ((whole.points - target) ** 2).sum(axis=1) / (2 * width**2)
     weights = np.exp(whole.log_weights - square)
-    share = weights[len(samples.points) :].sum() / weights.sum()
-    lean = np.broadcast_to(force / share, mirrored.points.shape)
+    fraction = weights[len(samples.points) :].sum() / weights.sum()
+    lean = np.broadcast_to(force / fraction, mirrored.points.shape)
     away = target - mirrored.points
     # A slope about the target, not about the sample: at the target it changes the force, not the energy.
     return samples.joined(mirrored._replace(lean=lean, offsets=mirrored.offsets - (lean * away).sum(axis=1)))

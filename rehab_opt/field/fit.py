@@ -38,7 +38,7 @@ class Fit(NamedTuple):
     """Numbers of the demonstrations that were kept back."""
     held_out_error: float
     """[N] the training error, on those; NaN where none were."""
-    held_out_share: float
+    held_out_fraction: float
     """That as a share of the root mean square of their forces."""
     chosen_on_held_out: bool
     """Whether the width was chosen by the held-out error, which then flatters the field a little."""

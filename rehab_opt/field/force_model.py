@@ -81,15 +81,15 @@ def station_model(paths: Sequence[SampledPath], width: float, stations: int, *, 
     Parameters are the steps by which phi_0 falls from station to station, so that it never rises along the
     demonstration, and the stiffness at each; from the target backwards.
     """
-    shares = np.linspace(0.0, 1.0, stations)
+    fractions = np.linspace(0.0, 1.0, stations)
 
     def profile(path: SampledPath, parameters: Array) -> tuple[Array, Array]:
         falls, stiffness = parameters[: stations - 1], parameters[stations - 1 : -1]
-        share = path.remaining / max(float(path.remaining[0]), 1e-12)
-        offsets = np.interp(share, shares, np.concatenate(([0.0], np.cumsum(falls))))
-        return offsets, np.repeat(np.interp(share, shares, stiffness)[:, None], 2, axis=1)
+        fraction = path.remaining / max(float(path.remaining[0]), 1e-12)
+        offsets = np.interp(fraction, fractions, np.concatenate(([0.0], np.cumsum(falls))))
+        return offsets, np.repeat(np.interp(fraction, fractions, stiffness)[:, None], 2, axis=1)
 
-    names = [f"fall of phi_0 at {(low + high) / 2:.2f} of the way left" for low, high in pairwise(shares)]
-    names += [f"stiffness at {share:.2f} of the way left" for share in shares]
+    names = [f"fall of phi_0 at {(low + high) / 2:.2f} of the way left" for low, high in pairwise(fractions)]
+    names += [f"stiffness at {fraction:.2f} of the way left" for fraction in fractions]
     target = rest_point(paths, "remaining", width) if rest_on_target else None
     return ForceModel(paths, width, target, (*names, "damping"), profile)

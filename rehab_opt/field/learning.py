@@ -30,7 +30,7 @@ Array = NDArray[np.float64]
 
 TOLERANCE = 1e-6
 """Certificate residual of the scaled QP, whose numbers are about one."""
-MOST_ROWS = 400
+MAX_ROWS = 400
 """Samples of the path at which the force may not point backwards; evenly among more."""
 RIDGE = 1e-12
 """Weight of the parameters, in units of their effect, against the data: it settles what nothing else does."""
@@ -220,7 +220,7 @@ def _learnt(task: Task, paths: Sequence[SampledPath], width: float) -> Potential
         training_error=rms(errors.reshape(-1, 2)),
         held_out=task.kept,
         held_out_error=error,
-        held_out_share=error / size if size else math.nan,
+        held_out_fraction=error / size if size else math.nan,
         chosen_on_held_out=task.widths > 1 and bool(wrong),
         constant_stiffness_error=constant_stiffness_error(points, task.training, task.tested),
         singular_values=told.singular_values,
@@ -244,7 +244,7 @@ def _along_path(model: ForceModel) -> Array:
     counted = np.flatnonzero(np.linalg.norm(points - ends.mean(axis=0), axis=1) > spread + 1e-9)
     if not len(counted):
         return np.zeros((0, len(model.names)))
-    chosen = counted[np.unique(np.linspace(0, len(counted) - 1, min(len(counted), MOST_ROWS)).astype(int))]
+    chosen = counted[np.unique(np.linspace(0, len(counted) - 1, min(len(counted), MAX_ROWS)).astype(int))]
     rows: Array = np.einsum("ki,kin->kn", tangents[chosen], model.design(points[chosen]))
     return rows
 

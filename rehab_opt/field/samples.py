@@ -27,7 +27,7 @@ Array = NDArray[np.float64]
 
 MEAN_POINTS = 400
 """Points of a mean path."""
-PLAUSIBLE = 1e3
+MAX_MAGNITUDE = 1e3
 """[m] A path that leaves this is in another unit."""
 
 
@@ -97,9 +97,9 @@ def checked_paths(path: ArrayLike | Sequence[ArrayLike], argument: str = "path")
         points = np.array(checked_array(name, each, "points (N, 2) in metres"))
         if points.ndim != 2 or points.shape[1] != 2 or not len(points):
             raise ConfigurationError(name, f"an array of shape {points.shape}", "points (N, 2) in metres")
-        if not np.all(np.abs(points) <= PLAUSIBLE):
-            worst = points[~(np.abs(points) <= PLAUSIBLE)][0]
-            raise ConfigurationError(name, float(worst), f"finite coordinates within {PLAUSIBLE:g} m")
+        if not np.all(np.abs(points) <= MAX_MAGNITUDE):
+            worst = points[~(np.abs(points) <= MAX_MAGNITUDE)][0]
+            raise ConfigurationError(name, float(worst), f"finite coordinates within {MAX_MAGNITUDE:g} m")
         paths.append(points)
     return tuple(paths)
 
@@ -160,9 +160,9 @@ def mean_path(paths: Sequence[Array], smoothing: float) -> Array:
     It begins and ends at the mean of their starts and ends. Lengths are of steps of half of `smoothing`: a sensor's
     noise while the hand rests would else be a way of metres, and the shares of the paths would not correspond.
     """
-    shares = np.linspace(0.0, 1.0, MEAN_POINTS)
+    fractions = np.linspace(0.0, 1.0, MEAN_POINTS)
     paths = [strides(each, smoothing / 2) for each in paths]
-    mean: Array = np.mean([interpolated(each, each, shares * arc_length(each)[-1]) for each in paths], axis=0)
+    mean: Array = np.mean([interpolated(each, each, fractions * arc_length(each)[-1]) for each in paths], axis=0)
     for _ in range(2):  # what bends back and forth is shorter once it is smooth
         length = arc_length(mean)[-1]
         reach = int(np.ceil(4 * smoothing / max(length, smoothing) * MEAN_POINTS))
@@ -172,5 +172,5 @@ def mean_path(paths: Sequence[Array], smoothing: float) -> Array:
         before, after = 2 * mean[0] - mean[reach:0:-1], 2 * mean[-1] - mean[-2 : -2 - reach : -1]
         longer = np.concatenate((before, mean, after))
         mean = np.column_stack([np.convolve(column, kernel / kernel.sum(), "valid") for column in longer.T])
-        mean = interpolated(mean, mean, shares * arc_length(mean)[-1])
+        mean = interpolated(mean, mean, fractions * arc_length(mean)[-1])
     return mean

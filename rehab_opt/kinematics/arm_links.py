@@ -14,7 +14,7 @@ from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.kinematics.determinant import determinant
 from rehab_opt.kinematics.link_capsules import LinkCapsule
 
-__all__ = ["ArmLink", "LinkEnd", "arm_links", "arm_reach", "hand_volume", "largest_hand_volume", "links_as_capsules"]
+__all__ = ["ArmLink", "LinkEnd", "arm_links", "arm_reach", "hand_volume", "links_as_capsules", "maximise_hand_volume"]
 
 Array = NDArray[np.float64]
 
@@ -106,7 +106,7 @@ def hand_volume(chain: SerialChain, q: ca.SX, *, first: int) -> ca.SX:
     return determinant(columns[:, moving] @ columns[:, moving].T)
 
 
-def largest_hand_volume(chain: SerialChain, *, first: int) -> float:
+def maximise_hand_volume(chain: SerialChain, *, first: int) -> float:
     """[m^3] root of `hand_volume` at its largest within the joint limits; zero where it is zero at every posture.
 
     The best of bounded ascents from the best of seeded random postures: the same in every run.

@@ -14,7 +14,7 @@ from rehab_opt.kinematics.chain import SerialChain, per_joint
 from rehab_opt.kinematics.differential import Differential
 from rehab_opt.kinematics.link import Link
 from rehab_opt.kinematics.mecanum import Mecanum, checked_amounts, checked_lengths
-from rehab_opt.kinematics.mobile_arm import CHAIR, LEAST_JOINTS, Capsule, MobileArm, Outline
+from rehab_opt.kinematics.mobile_arm import CHAIR, MIN_JOINTS, Capsule, MobileArm, Outline
 from rehab_opt.kinematics.real_array import is_real
 from rehab_opt.kinematics.rigid import inverse_pose, rigid
 
@@ -70,11 +70,11 @@ def arm_on_chair(
     """
     if not isinstance(arm, SerialChain):
         raise ConfigurationError("arm", arm, "a SerialChain")
-    if arm.n < LEAST_JOINTS or any(row.prismatic for row in arm.rows):
+    if arm.n < MIN_JOINTS or any(row.prismatic for row in arm.rows):
         said = ", ".join(
             f"{name} {'slides' if row.prismatic else 'turns'}" for name, row in zip(arm.names, arm.rows, strict=True)
         )
-        raise ConfigurationError("arm", said, f"{LEAST_JOINTS} or more joints, all of which turn")
+        raise ConfigurationError("arm", said, f"{MIN_JOINTS} or more joints, all of which turn")
     checked_lengths(chair_mass=chair_mass)
     checked_amounts(chair_turn_inertia=chair_turn_inertia)
     foot = rigid("mount", mount) @ arm.base

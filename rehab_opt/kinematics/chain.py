@@ -29,7 +29,7 @@ __all__ = ["SerialChain", "per_joint"]
 
 Array = NDArray[np.float64]
 Expression = TypeVar("Expression", bound=Callable[..., Any])
-MOST_WRITTEN = 64
+MAX_WRITTEN = 64
 """Expressions that are kept."""
 _written: PerThread[dict[tuple[Any, ...], ca.Function]] = PerThread(dict)
 
@@ -50,7 +50,7 @@ def _written_once(expression: Expression) -> Expression:
             return expression(chain, q)
         known, key = _written.mine, (expression, chain.rows, chain.base.tobytes(), chain.tool.tobytes())
         if key not in known:
-            if len(known) == MOST_WRITTEN:
+            if len(known) == MAX_WRITTEN:
                 known.clear()
             symbol = ca.SX.sym("q", chain.n)
             found = expression(chain, symbol)

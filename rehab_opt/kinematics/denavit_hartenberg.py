@@ -72,10 +72,10 @@ def checked_rows(rows: object) -> tuple[ChainRow, ...]:
             continue
         try:
             dh = DH(*row)
-            usable = all(math.isfinite(number) for number in dh[:4])
+            valid = all(math.isfinite(number) for number in dh[:4])
         except (TypeError, ValueError, OverflowError):
-            usable = False
-        if not usable:
+            valid = False
+        if not valid:
             expected = "finite numbers a, alpha, d, theta, and whether it is prismatic; or a Link"
             raise ConfigurationError(f"rows[{i}]", row, expected)
         checked.append(dh)

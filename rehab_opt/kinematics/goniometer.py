@@ -46,7 +46,7 @@ class Movement(NamedTuple):
     offset_deg : [deg] of the joint where the goniometer reads zero; scapular_retraction is counted from its rest.
     positive, negative : what the movement is called either way.
     zero : where it reads zero.
-    plausible_deg : [deg] what somebody very mobile has, with a margin; beyond is another unit or zero.
+    range_deg : [deg] what somebody very mobile has, with a margin; beyond is another unit or zero.
     """
 
     joint: str
@@ -55,7 +55,7 @@ class Movement(NamedTuple):
     positive: str
     negative: str
     zero: str
-    plausible_deg: tuple[float, float]
+    range_deg: tuple[float, float]
 
 
 GONIOMETER: Mapping[str, Movement] = MappingProxyType(
@@ -212,7 +212,7 @@ def _pair(name: str, pair: Sequence[float]) -> tuple[float, float]:
 def _looks_like(name: str, lower: float, upper: float) -> str:
     """What is wrong with a range [deg] of a movement; empty where nothing is."""
     movement = GONIOMETER[name]
-    least, most = movement.plausible_deg
+    least, most = movement.range_deg
     if least <= lower and upper <= most:
         return ""
     expected = f"within {least:g} to {most:g} deg, zero: {movement.zero}, positive: {movement.positive}"

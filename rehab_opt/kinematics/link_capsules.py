@@ -54,13 +54,13 @@ def checked_capsules(capsules: object, frames: int) -> tuple[LinkCapsule, ...]:
             name, frame, start, end, radius = given
             (ax, ay, az), (bx, by, bz) = (map(float, point) for point in (start, end))
             capsule = LinkCapsule(name, frame, (ax, ay, az), (bx, by, bz), float(radius))
-            usable = isinstance(name, str) and type(frame) is int and 0 <= frame < frames and capsule.radius >= 0.0
-            usable = usable and all(map(math.isfinite, (*capsule.start, *capsule.end, capsule.radius)))
+            valid = isinstance(name, str) and type(frame) is int and 0 <= frame < frames and capsule.radius >= 0.0
+            valid = valid and all(map(math.isfinite, (*capsule.start, *capsule.end, capsule.radius)))
         except (TypeError, ValueError, OverflowError):
-            usable = False
+            valid = False
         if isinstance(given, LinkCapsule) and not (is_real(given.radius) and 0.0 <= given.radius < math.inf):
             raise ConfigurationError(f"capsules[{i}].radius", given.radius, "0 m or more")
-        if not usable:
+        if not valid:
             expected = f"LinkCapsule(name, frame from 0 to {frames - 1}, start (3,), end (3,), radius of 0 or more [m])"
             raise ConfigurationError(f"capsules[{i}]", given, expected)
         checked.append(capsule)

@@ -19,8 +19,8 @@ from rehab_opt.kinematics.arm_links import (
     arm_links,
     arm_reach,
     hand_volume,
-    largest_hand_volume,
     links_as_capsules,
+    maximise_hand_volume,
 )
 from rehab_opt.kinematics.body import Body, checked_bodies
 from rehab_opt.kinematics.chain import SerialChain, per_joint
@@ -37,7 +37,7 @@ Array = NDArray[np.float64]
 
 CHAIR = 3
 """Joints of the chair: forward, left, turn. Those of the arm follow."""
-LEAST_JOINTS = 4
+MIN_JOINTS = 4
 """Joints of an arm: three place a hand, one turns it."""
 SATURATED = 1.5
 """Share of half its range at which a joint's posture cost stops growing steeper: a start far outside stays sane."""
@@ -102,8 +102,8 @@ class MobileArm:
         """Check what the controller rests on."""
         chain = self.chain
         kinds = [row.prismatic for row in chain.rows] if isinstance(chain, SerialChain) else []
-        if len(kinds) < CHAIR + LEAST_JOINTS or kinds != [True] * 2 + [False] * (len(kinds) - 2):
-            expected = f"two joints that slide, and {LEAST_JOINTS + 1} or more that turn"
+        if len(kinds) < CHAIR + MIN_JOINTS or kinds != [True] * 2 + [False] * (len(kinds) - 2):
+            expected = f"two joints that slide, and {MIN_JOINTS + 1} or more that turn"
             said = [f"{name} {'slides' if kind else 'turns'}" for name, kind in zip(chain.names, kinds, strict=True)]
             raise (
                 ConfigurationError("chain", ", ".join(said), expected)
@@ -130,7 +130,7 @@ class MobileArm:
         object.__setattr__(self, "rotors", rotors)
         volume = self.hand_volume
         if volume is None:
-            found = largest_hand_volume(chain, first=CHAIR)
+            found = maximise_hand_volume(chain, first=CHAIR)
             volume = found if found > FLAT * self.reach**3 else 0.0
         checked_amounts(hand_volume=volume)
         object.__setattr__(self, "hand_volume", volume)
@@ -229,8 +229,8 @@ class MobileArm:
         still = ca.vertcat(ca.SX.zeros(CHAIR), q[CHAIR:])  # the chair's place changes no posture
         if not self.hand_volume:
             return cost
-        share = hand_volume(chain, still, first=CHAIR) / self.hand_volume**2
-        return cost + self.singular_cost * (1 - share) ** 2 / 2
+        fraction = hand_volume(chain, still, first=CHAIR) / self.hand_volume**2
+        return cost + self.singular_cost * (1 - fraction) ** 2 / 2
 
     def posture_gradient_expression(self, q: ca.SX) -> ca.SX:
         """(7,) expression of `posture_gradient`."""

@@ -176,12 +176,12 @@ def continuous_quaternions(quaternions: ArrayLike, last: ArrayLike | None = None
     """
     q = _columns("quaternions", quaternions, 4)
     length = np.linalg.norm(q, axis=-1, keepdims=True)
-    usable = np.isfinite(length[:, 0]) & (length[:, 0] > 1e-9)
-    unit = np.where(usable[:, None], q / np.where(usable[:, None], length, 1.0), q)
-    chain = unit[usable] if last is None else np.concatenate([_columns("last", last, 4)[None], unit[usable]])
+    valid = np.isfinite(length[:, 0]) & (length[:, 0] > 1e-9)
+    unit = np.where(valid[:, None], q / np.where(valid[:, None], length, 1.0), q)
+    chain = unit[valid] if last is None else np.concatenate([_columns("last", last, 4)[None], unit[valid]])
     # A sign is the product of the signs of all neighbours' products so far; a product of zero keeps it.
     signs = np.cumprod(np.where(np.sum(chain[1:] * chain[:-1], axis=1) < 0.0, -1.0, 1.0))
-    unit[usable] *= (np.concatenate([[1.0], signs]) if last is None else signs)[:, None]
+    unit[valid] *= (np.concatenate([[1.0], signs]) if last is None else signs)[:, None]
     return np.asarray(unit)
 
 

@@ -21,7 +21,7 @@ from rehab_opt.loop.logged import Logged, operator_of, read_log
 from rehab_opt.loop.loop import Loop
 from rehab_opt.loop.of_problem import control_again, control_of, decide_of, log_of, logged_problem
 from rehab_opt.loop.records import Tick, operator_layout, state_layout
-from rehab_opt.loop.replay import asked
+from rehab_opt.loop.replay import replayed_command
 from rehab_opt.loop.shared_ring import SharedRing
 from rehab_opt.session.files import load_problem
 from rehab_opt.session.live.problem import LiveProblem
@@ -100,8 +100,8 @@ def control_live(
                 if logged is not None:
                     _run_again(problem, logged, rings)
                     return
-                loaded, state = load_problem(file), rings.state
-                with nullcontext() if log is None else log_of(loaded, problem, state, log, options) as written:
+                config, state = load_problem(file), rings.state
+                with nullcontext() if log is None else log_of(config, problem, state, log, options) as written:
                     _run(problem, rings, fifo=fifo, watches=() if written is None else (written.watch,))
         except RehabOptError as refused:
             page.send(str(refused))
@@ -124,7 +124,7 @@ def _run(problem: LiveProblem, rings: Rings, *, fifo: int | None, watches: Seque
     with control_of(problem, fifo=fifo) as control:
         loop = Loop(
             control.plant, decide_of(problem, control, then=show), state=rings.state, operator=rings.given,
-            watches=watches, sent=control.sent, fifo=fifo,
+            watches=watches, plant_command=control.plant_command, fifo=fifo,
         )  # fmt: skip
         loop.run(until=lambda: "the page's process is gone" if os.getppid() != parent.pid else "")
 
@@ -143,7 +143,7 @@ def _run_again(problem: LiveProblem, logged: Logged, rings: Rings) -> None:
             if os.getppid() != parent.pid:
                 return
             show(record)
-            asked(record, operator, decide)
+            replayed_command(record, operator, decide)
             if record["tick"] % every == 0:
                 rings.shown.write(mode=control.mode, **control.shown())
             state.write(**{name: record[name] for name in names})

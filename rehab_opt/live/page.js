@@ -258,9 +258,9 @@ const good = ["ok", "backup"], stopped = ["braking", "holding", "releasing", "re
 function show(message) {
   const first = !frame; frame = message.frame; live.frames++;
   $("wait").hidden = true;
-  const w = message.words, state = stopped.includes(w.status) ? "stop" : good.includes(w.status) && !w.yielded ? "ok" : "warn";
+  const w = message.words, state = stopped.includes(w.status) ? "stop" : good.includes(w.status) && !w.relaxed ? "ok" : "warn";
   $("status").textContent = w.status; $("status").className = state;
-  $("reason").textContent = [w.reason, w.yielded && "gave way: " + w.yielded].filter(Boolean).join(" · ") || (w.status === "ok" ? "every bound certified" : "");
+  $("reason").textContent = [w.reason, w.relaxed && "gave way: " + w.relaxed].filter(Boolean).join(" · ") || (w.status === "ok" ? "every bound certified" : "");
   $("mode").textContent = w.mode ? "stick: " + w.mode : ""; $("clock").textContent = message.late;
   if (inputs.enable && message.lapsed) { inputs.enable = false; $("why").textContent = message.lapsed; shown(); }
   const h = frame.handles && frame.handles.hand;

@@ -175,7 +175,7 @@ class Seats:
             self._hands[tab] = hand
 
     @property
-    def wanted(self) -> LiveInputs:
+    def current(self) -> LiveInputs:
         """Of the tab that commands, with the hand that a participant leads; of two, its target is the helper's."""
         inputs = self.inputs if self._of == 1 else self.inputs._replace(target=NOWHERE, helper=self.inputs.target)
         hands = list(self._hands.values())

@@ -17,7 +17,7 @@ from urllib.parse import parse_qs
 
 import numpy as np
 
-from rehab_opt.control.command import Bound
+from rehab_opt.control.command import Relaxed
 from rehab_opt.errors import ConfigurationError, RehabOptError
 from rehab_opt.live.control import Rings
 from rehab_opt.live.seats import Gate, Seats, inputs_of
@@ -169,15 +169,15 @@ class LivePage:
 
     def _pass_on(self) -> None:
         """To the controller's process, at once."""
-        wanted, record = self._seats.wanted, self._given.record
+        current, record = self._seats.current, self._given.record
         record["heartbeat"] = self._seats.heartbeat
         record["target"][...] = np.eye(4)
-        for pose, place in zip(record["target"], (wanted.target, wanted.helper), strict=False):
+        for pose, place in zip(record["target"], (current.target, current.helper), strict=False):
             pose[:3, 3] = place
-        record["push"][...], record["stick"][...] = wanted.push[: self._problem.force], wanted.stick
-        record["buttons"] = sum(bit for name, bit in BUTTONS.items() if getattr(wanted, name))
-        record["frozen"][...] = np.arange(self._problem.encoders) == wanted.frozen
-        record["noise"], record["delay"] = wanted.noise, wanted.delay
+        record["push"][...], record["stick"][...] = current.push[: self._problem.force], current.stick
+        record["buttons"] = sum(bit for name, bit in BUTTONS.items() if getattr(current, name))
+        record["frozen"][...] = np.arange(self._problem.encoders) == current.frozen
+        record["noise"], record["delay"] = current.noise, current.delay
         self._given.publish()
 
     def _seat(self) -> None:
@@ -231,11 +231,11 @@ class LivePage:
         if self._watching is not None:
             self._watching.see(_seen(state, frame))
         frame["numbers"] = [*frame["numbers"], 1e3 * float(state["tick_time"])]
-        yielded = (Bound(int(state["yielded"])).name or "").lower().replace("|", ", ")
+        relaxed = (Relaxed(int(state["relaxed"])).name or "").lower().replace("|", ", ")
         words = {
             "status": _text(state["status"]),
             "reason": _text(state["reason"]),
-            "yielded": "" if yielded == "nothing" else yielded,
+            "relaxed": "" if relaxed == "nothing" else relaxed,
             "mode": _text(shown["mode"]),
         }
         late = f"{state['time']:.1f} s · {int(state['missed'])} ticks left out · {int(state['stale'])} stale"

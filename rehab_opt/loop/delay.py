@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from rehab_opt.control.command import Bound, Command, Status
+from rehab_opt.control.command import Command, Relaxed, Status
 from rehab_opt.errors import ConfigurationError, DeviceLostError
 from rehab_opt.loop.loop import Loop
 from rehab_opt.loop.records import Tick
@@ -60,7 +60,7 @@ def measured_delay(plant: Plant, *, joint: int = 0, speed: float = 0.2, fifo: in
             command[joint] = speed * _fraction(now)
         seen.append((now, float(tick.seen.position[joint]), float(command[joint])))
         status = Status.OK if tick.enabled else Status.HOLDING
-        return Command(command, status, "", 0.0, 0, "", Bound.NOTHING, 1.0)
+        return Command(command, status, "", 0.0, 0, "", Relaxed.NOTHING, 1.0)
 
     over = len(STEPS) * HELD
     report = Loop(plant, move, fifo=fifo).run(until=lambda: since() >= over)

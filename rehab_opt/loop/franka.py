@@ -106,7 +106,7 @@ class FrankaDriver:
         """All joints to rest; franky's own stop knows no limits but its own, which are beyond a Research 3's."""
         self._move(self._franky.JointVelocityWaypointMotion([self._rest]))
 
-    def keep(self) -> None:
+    def keep_alive(self) -> None:
         """Nothing: without a motion the robot holds by itself."""
 
     def close(self) -> None:

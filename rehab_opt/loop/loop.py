@@ -70,7 +70,7 @@ class Loop:
     max_age : [s] by default as the controllers', 50 ms or three ticks.
     dead_man : [s]
     watches : each says why the robot must brake, as a log that is broken does; empty text while it may move.
-    sent : what the plant takes of a command; its `value` by default.
+    plant_command : what the plant takes of a command; its `value` by default.
     fifo : priority 1 to 99 of SCHED_FIFO; None for a usual thread. The rest of the machine waits while such a thread
         runs: a controller that takes longer than a tick stops a core.
 
@@ -89,7 +89,7 @@ class Loop:
         max_age: float | None = None,
         dead_man: float = DEAD_MAN,
         watches: Sequence[Callable[[], str]] = (),
-        sent: Callable[[Command], Array] = lambda command: command.value,
+        plant_command: Callable[[Command], Array] = lambda command: command.value,
         fifo: int | None = None,
     ) -> None:
         self.dt = plant.dt
@@ -101,7 +101,7 @@ class Loop:
         if operator is not None and "heartbeat" not in (operator.layout.names or ()):
             raise ConfigurationError("operator", operator.name, "a ring of operator_layout records")
         self._plant, self._decide, self._operator = plant, decide, operator
-        self._dead_man, self._watches, self._sent, self._fifo = dead_man, tuple(watches), sent, fifo
+        self._dead_man, self._watches, self._plant_command, self._fifo = dead_man, tuple(watches), plant_command, fifo
         layout = None if operator is None else operator.layout
         self._state = None if state is None else StateRecord(state, layout)
 
@@ -164,11 +164,11 @@ class Loop:
             command = self._decide(tick)
         if fault:
             command = command._replace(reason=fault)
-        sent = self._sent(command)
-        if not np.isfinite(sent).all():
-            raise ConfigurationError("command", sent, f"finite numbers, in tick {tick.number}")
+        plant_command = self._plant_command(command)
+        if not np.isfinite(plant_command).all():
+            raise ConfigurationError("command", plant_command, f"finite numbers, in tick {tick.number}")
         run.told = _Told(tick, truth, command)
-        plant.step(sent, _push(tick.operator))
+        plant.step(plant_command, _push(tick.operator))
         took = monotonic() - begin
         run.tick_time.add(took)
         run.ticks += 1

@@ -106,7 +106,7 @@ def _place(pose: NDArray[np.float64]) -> tuple[float, float, float]:
 
 
 def run_in_time(
-    loaded: ProblemFile[Any],
+    config: ProblemFile[Any],
     *,
     seconds: float,
     log: Path | None = None,
@@ -130,7 +130,7 @@ def run_in_time(
     ConfigurationError, ProblemFileError : as `live_problem`; a device is not where the problem begins.
     DeviceLostError : it cannot be connected.
     """
-    problem = live_problem(loaded, **options)
+    problem = live_problem(config, **options)
     with ExitStack() as stack:
         control, ring, written = stack.enter_context(control_of(problem, fifo=fifo)), None, None
         operator = None if gamepad is None else stack.enter_context(_operated_by(gamepad, problem))
@@ -138,11 +138,11 @@ def run_in_time(
             given = None if operator is None else operator.layout
             layout = state_layout(problem.encoders, given, force=problem.force)
             ring = stack.enter_context(SharedRing.create(layout, depth=DEPTH))
-            written = stack.enter_context(log_of(loaded, problem, ring, log, options))
+            written = stack.enter_context(log_of(config, problem, ring, log, options))
         watches = () if written is None else (written.watch,)
         loop = Loop(
             control.plant, decide_of(problem, control), state=ring, operator=operator, watches=watches,
-            sent=control.sent, fifo=fifo,
+            plant_command=control.plant_command, fifo=fifo,
         )  # fmt: skip
         report = loop.run(seconds=seconds)
     return report, 0 if written is None else written.lost
@@ -160,7 +160,7 @@ def _operated_by(gamepad: Path, problem: LiveProblem) -> Iterator[SharedRing]:
             reader.end(PATIENCE)
 
 
-def delay_of(loaded: ProblemFile[Any], *, joint: int, fifo: int | None = None, **options: str | None) -> float:
+def delay_of(config: ProblemFile[Any], *, joint: int, fifo: int | None = None, **options: str | None) -> float:
     """[s] by which a problem's robot is late, see `measured_delay`.
 
     Raises
@@ -168,9 +168,9 @@ def delay_of(loaded: ProblemFile[Any], *, joint: int, fifo: int | None = None, *
     ConfigurationError, ProblemFileError, DeviceLostError : as `run_in_time` and `measured_delay`; a robot that takes no
         joint velocities.
     """
-    problem = live_problem(loaded, **options)
+    problem = live_problem(config, **options)
     if problem.force != 3 or "stick" in problem.controls:
-        raise ConfigurationError("FILE", loaded.name, "a problem whose robot takes joint velocities")
+        raise ConfigurationError("FILE", config.name, "a problem whose robot takes joint velocities")
     if problem.device is not None:
         with connected(problem, fifo=fifo) as device:
             return measured_delay(device, joint=joint, fifo=fifo)
@@ -179,11 +179,11 @@ def delay_of(loaded: ProblemFile[Any], *, joint: int, fifo: int | None = None, *
 
 
 def log_of(
-    loaded: ProblemFile[Any], problem: LiveProblem, ring: SharedRing, path: Path, options: Mapping[str, str | None]
+    config: ProblemFile[Any], problem: LiveProblem, ring: SharedRing, path: Path, options: Mapping[str, str | None]
 ) -> Log:
     """A log of a problem's loop that can be run again; raises as `Log`."""
-    about = {name: value for name, value in options.items() if value is not None} | {HOME: str(_home(loaded))}
-    return Log(ring, path, names=problem.names, problem=loaded.name, files=files_of(loaded), about=about)
+    about = {name: value for name, value in options.items() if value is not None} | {HOME: str(_home(config))}
+    return Log(ring, path, names=problem.names, problem=config.name, files=files_of(config), about=about)
 
 
 @contextmanager
@@ -255,8 +255,8 @@ def logged_problem(logged: Logged, folder: Path) -> LiveProblem:
         path = folder / place
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(data)
-    loaded = load_problem(str(folder / home / TEXT))
-    return live_problem(loaded, **{name: logged.about.get(name) for name in ("plant", "solver")})
+    config = load_problem(str(folder / home / TEXT))
+    return live_problem(config, **{name: logged.about.get(name) for name in ("plant", "solver")})
 
 
 def control_again(
@@ -275,16 +275,16 @@ def replay_problem(logged: Logged) -> Replay:
         return replayed(logged.records, decide, before=show)
 
 
-def files_of(loaded: ProblemFile[Any]) -> dict[str, bytes]:
+def files_of(config: ProblemFile[Any]) -> dict[str, bytes]:
     """The problem's text, and the recordings, robot files, URDF or MJCF beside it that it names, by their places.
 
     What lies in the data folder stays there: it is other people's.
     """
-    files, home = {TEXT: loaded.path.read_bytes()}, _home(loaded)
-    for needed in system_named(loaded.problem.system).recordings(loaded.problem):
+    files, home = {TEXT: config.path.read_bytes()}, _home(config)
+    for needed in system_named(config.problem.system).recordings(config.problem):
         if needed.reference.startswith(PREFIX):
             continue
-        path = recording_path(loaded, needed.reference, key=needed.key)
+        path = recording_path(config, needed.reference, key=needed.key)
         place = home / needed.reference
         named = {place: path}
         if path.suffix == ".toml":
@@ -294,8 +294,8 @@ def files_of(loaded: ProblemFile[Any]) -> dict[str, bytes]:
     return files
 
 
-def _home(loaded: ProblemFile[Any]) -> PurePosixPath:
+def _home(config: ProblemFile[Any]) -> PurePosixPath:
     """The problem's own folder below the one in which all of its files are."""
-    needed = system_named(loaded.problem.system).recordings(loaded.problem)
+    needed = system_named(config.problem.system).recordings(config.problem)
     above = max((PurePosixPath(each.reference).parts.count("..") for each in needed), default=0)
-    return PurePosixPath(*loaded.path.resolve().parent.parts[-above:]) if above else PurePosixPath()
+    return PurePosixPath(*config.path.resolve().parent.parts[-above:]) if above else PurePosixPath()

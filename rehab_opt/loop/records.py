@@ -88,7 +88,7 @@ def state_layout(
         told not to move at first, 2 if it was told to. age : [s] of the measurement when the command was sent.
     held : 1 while the dead man's switch is. operated : 1 once the operator has written anything. All fields of
         `operator`, with `operator_` before their names.
-    command (command,) : what was answered, and wheels (wheels,). scale, residual, yielded : see `Command`.
+    command (command,) : what was answered, and wheels (wheels,). scale, residual, relaxed : see `Command`.
     true_position, true_velocity, effort (joints,), true_force (force,) : the plant's truth; of a device, what it says.
     lateness : [s] from the deadline to the begin of the tick. tick_time : [s] from there until the command was sent.
     missed : ticks left out so far. stale : commands refused so far because their state was too old.
@@ -117,7 +117,7 @@ def state_layout(
         ("wheels", "<f8", (wheels,)),
         ("scale", "<f8"),
         ("residual", "<f8"),
-        ("yielded", "<u8"),
+        ("relaxed", "<u8"),
         ("true_position", "<f8", (joints,)),
         ("true_velocity", "<f8", (joints,)),
         ("effort", "<f8", (joints,)),
@@ -168,7 +168,7 @@ class StateRecord:
         if command.wheels is not None and "wheels" in fields:
             fields["wheels"][:] = command.wheels
         fields["scale"][()], fields["residual"][()] = command.scale, command.residual
-        fields["yielded"][()] = command.yielded.value
+        fields["relaxed"][()] = command.relaxed.value
         fields["true_position"][:], fields["true_velocity"][:] = truth.position, truth.velocity
         fields["effort"][:], fields["true_force"][:] = truth.effort, truth.force
         for name, number in others.items():

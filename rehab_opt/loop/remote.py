@@ -46,7 +46,7 @@ class Driver(Protocol):
         """To rest, by the device's own means."""
         ...
 
-    def keep(self) -> None:
+    def keep_alive(self) -> None:
         """Tell the device's watchdog that its driver is still there."""
         ...
 

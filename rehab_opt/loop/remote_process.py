@@ -58,7 +58,7 @@ def drive(driver: Driver, sensed: SharedRing, commanded: SharedRing, *, silent: 
             driver.brake()
             moving, kept = False, now
         elif now - kept > KEEP:
-            driver.keep()
+            driver.keep_alive()
             kept = now
 
 

@@ -13,7 +13,7 @@ from rehab_opt.loop.logged import operator_of
 from rehab_opt.loop.records import Decide, Tick
 from rehab_opt.plants.plant import Measurement
 
-__all__ = ["SAME", "Replay", "asked", "replayed", "tick_of"]
+__all__ = ["SAME", "Replay", "replayed", "replayed_command", "tick_of"]
 
 SAME = 1e-12
 """Commands that differ by no more [their own units] are the same."""
@@ -49,7 +49,7 @@ def replayed(
         if gap := _gap(records, i):
             return Replay(i, len(records), worst, gap)
         before(record)
-        command = asked(record, operator, decide)
+        command = replayed_command(record, operator, decide)
         apart = _apart(command, record)
         if not apart <= SAME or command.status.value != record["status"].decode():
             return Replay(i, len(records), worst, _words(record, command, apart))
@@ -57,7 +57,7 @@ def replayed(
     return Replay(len(records), len(records), worst, "")
 
 
-def asked(record: np.void, operator: np.dtype[np.void], decide: Decide) -> Command:
+def replayed_command(record: np.void, operator: np.dtype[np.void], decide: Decide) -> Command:
     """What a controller answers to what it was asked in a logged tick; `operator` as of `tick_of`."""
     tick = tick_of(record, operator)
     if record["asked_before"]:

@@ -100,7 +100,7 @@ class Ros2Driver:
         """Zeros: the controller of the robot knows how fast it may stop."""
         self.send([0.0] * len(self._names))
 
-    def keep(self) -> None:
+    def keep_alive(self) -> None:
         """Zeros again, for a controller with a time-out."""
         self.brake()
 

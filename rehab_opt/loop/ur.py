@@ -93,7 +93,7 @@ class UrDriver:
         if not self._control.speedStop(BRAKE):
             raise DeviceLostError(self._why())
 
-    def keep(self) -> None:
+    def keep_alive(self) -> None:
         """Kick the watchdog of the program on the robot."""
         if not self._control.kickWatchdog():
             raise DeviceLostError(self._why())

@@ -44,10 +44,10 @@ def projected(points: Array, path: Array) -> Projection:
     segments = shapely.STRtree(shapely.linestrings(np.stack((starts, corners[1:]), axis=1)))
     nearest = segments.query_nearest(shapely.points(points), all_matches=False)[1]
     start, tangent, length = starts[nearest], steps[nearest] / lengths[nearest, None], lengths[nearest]
-    share = np.clip(((points - start) * tangent).sum(axis=1), 0.0, length)
-    distance = np.linalg.norm(points - start - share[:, None] * tangent, axis=1)
+    fraction = np.clip(((points - start) * tangent).sum(axis=1), 0.0, length)
+    distance = np.linalg.norm(points - start - fraction[:, None] * tangent, axis=1)
     before = np.concatenate(([0.0], np.cumsum(lengths)))
-    return Projection(distance, before[nearest] + share, tangent, float(before[-1]))
+    return Projection(distance, before[nearest] + fraction, tangent, float(before[-1]))
 
 
 SAMPLES = 3000

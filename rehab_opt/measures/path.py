@@ -91,9 +91,9 @@ def path_variability(trials: Sequence[ArrayLike]) -> float:
     ----------
     trials : K >= 2 of (N_k, d) [m], evenly sampled, N_k >= 2, of any lengths.
     """
-    shares = np.linspace(0.0, 1.0, INSTANTS)
+    fractions = np.linspace(0.0, 1.0, INSTANTS)
     at = [
-        np.column_stack([np.interp(shares, np.linspace(0.0, 1.0, len(path)), column) for column in path.T])
+        np.column_stack([np.interp(fractions, np.linspace(0.0, 1.0, len(path)), column) for column in path.T])
         for path in _trials(trials)
     ]
     return float(np.sqrt(_spread(np.stack(at)).mean()))

@@ -13,7 +13,7 @@ from rehab_opt.kinematics.real_array import checked_array, positive
 __all__ = [
     "CUT_OFF_HZ",
     "FEWEST",
-    "LARGEST_CUT_OFF",
+    "MAX_CUT_OFF",
     "EvenSamples",
     "evenly_sampled",
     "hand_velocity",
@@ -62,7 +62,7 @@ CUT_OFF_HZ = 10.0
 """[Hz] Voluntary movement of the arm lies below."""
 FEWEST = 10
 """Samples; measures of fewer mean nothing."""
-LARGEST_CUT_OFF = 0.4
+MAX_CUT_OFF = 0.4
 """Fraction of the rate; the corrected cut-off has to stay below half of it."""
 SMALLEST_CUT_OFF = 1e-6
 """Fraction of the rate; below it the filter's poles are too near one for numbers of 64 bits."""
@@ -151,8 +151,8 @@ def low_passed(points: ArrayLike, rate_hz: float, *, cutoff_hz: float | None = C
     p, rate = vectors("points", points, fewest=FEWEST), positive("rate_hz", rate_hz)
     if cutoff_hz is None:
         return p
-    if not positive("cutoff_hz", cutoff_hz) < LARGEST_CUT_OFF * rate:
-        expected = f"less than {LARGEST_CUT_OFF:g} of the {rate:.6g} Hz of the samples, or None"
+    if not positive("cutoff_hz", cutoff_hz) < MAX_CUT_OFF * rate:
+        expected = f"less than {MAX_CUT_OFF:g} of the {rate:.6g} Hz of the samples, or None"
         raise ConfigurationError("cutoff_hz", cutoff_hz, expected)
     if cutoff_hz < SMALLEST_CUT_OFF * rate:
         expected = f"{SMALLEST_CUT_OFF:g} of the {rate:.6g} Hz of the samples, or more (are the times in seconds?)"

@@ -15,7 +15,7 @@ from rehab_opt.measures.path import end_error, path_length, path_ratio, range_us
 from rehab_opt.measures.samples import (
     CUT_OFF_HZ,
     FEWEST,
-    LARGEST_CUT_OFF,
+    MAX_CUT_OFF,
     EvenSamples,
     evenly_sampled,
     low_passed,
@@ -149,8 +149,8 @@ def score(
     sharp = noise_of_derivative(noise, rate, cutoff_hz=cutoff, order=3)
     of_noise = (end - begin) ** 4 / peak_speed(v) ** 2 * v.shape[1] * sharp**2
     if of_noise > 0.2 * jerks[0]:
-        share = "all" if of_noise > CHANCE * jerks[0] else f"{100 * of_noise / jerks[0]:.0f} %"
-        notes.append(f"noise of {1e3 * noise:.2g} mm may make up {share} of dimensionless_jerk")
+        fraction = "all" if of_noise > CHANCE * jerks[0] else f"{100 * of_noise / jerks[0]:.0f} %"
+        notes.append(f"noise of {1e3 * noise:.2g} mm may make up {fraction} of dimensionless_jerk")
     measures = [
         Measure("duration", float(even.time[-1] - even.time[0]), "s"),
         Measure("movement_time", end - begin, "s"),
@@ -242,9 +242,9 @@ def _longest_step(time: Array, begin: float, end: float) -> float:
 
 
 def _cutoff(rate: float, cutoff_hz: float, notes: list[str]) -> float | None:
-    if positive("cutoff_hz", cutoff_hz) < LARGEST_CUT_OFF * rate or cutoff_hz > CUT_OFF_HZ:
+    if positive("cutoff_hz", cutoff_hz) < MAX_CUT_OFF * rate or cutoff_hz > CUT_OFF_HZ:
         return cutoff_hz  # which `low_passed` refuses if it was asked for what filters nothing
-    below = f"(one below {LARGEST_CUT_OFF * rate:.3g} Hz can be)"
+    below = f"(one below {MAX_CUT_OFF * rate:.3g} Hz can be)"
     notes.append(f"sampled at {rate:.4g} Hz, too slowly for a low-pass at {cutoff_hz:g} Hz: not filtered {below}")
     return None
 
@@ -253,8 +253,8 @@ def _cut_notes(speed: Array, threshold: float) -> Iterator[str]:
     least = threshold * speed.max()
     for place, what in ((0, "begins"), (-1, "ends")):
         if speed[place] > least:
-            share = 100 * speed[place] / speed.max()
-            yield f"the trial {what} in motion, at {share:.0f} % of its peak speed: a part of it may be missing"
+            fraction = 100 * speed[place] / speed.max()
+            yield f"the trial {what} in motion, at {fraction:.0f} % of its peak speed: a part of it may be missing"
 
 
 def _ratio(path: Array, notes: list[str]) -> float:

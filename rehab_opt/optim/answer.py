@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from rehab_opt.optim.rows import Instance
 
-__all__ = ["Answer", "Backend", "no_answer", "usable"]
+__all__ = ["Answer", "Backend", "has_finite_data", "no_answer"]
 
 Array = NDArray[np.float64]
 
@@ -42,7 +42,7 @@ def no_answer(n: int, m: int) -> Answer:
     return Answer(np.full(n, np.nan), np.full(n, np.nan), np.full(m, np.nan), -1)
 
 
-def usable(qp: Instance) -> bool:
+def has_finite_data(qp: Instance) -> bool:
     """Whether a solver may see this: NaN hangs some, and a NaN bound is no bound to others."""
     costs_finite = np.isfinite(qp.H).all() and np.isfinite(qp.g).all() and np.isfinite(qp.A).all()
     bounds_ordered = (qp.lower <= qp.upper).all() and (qp.rows_lower <= qp.rows_upper).all()

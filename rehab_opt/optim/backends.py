@@ -11,7 +11,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from rehab_opt.errors import ConfigurationError
-from rehab_opt.optim.answer import Answer, Backend, no_answer, usable
+from rehab_opt.optim.answer import Answer, Backend, has_finite_data, no_answer
 from rehab_opt.optim.daqp_backend import DaqpBackend
 from rehab_opt.optim.rows import Instance
 
@@ -101,7 +101,7 @@ class ProxqpBackend:
     def solve(self, qp: Instance) -> Answer:
         """Claimed solution of `qp`."""
         n, m = self._n, self._m
-        if not usable(qp):
+        if not has_finite_data(qp):
             return no_answer(n, m)
         fresh = not self._ready
         matrices = {
@@ -145,7 +145,7 @@ class OsqpBackend:
     def solve(self, qp: Instance) -> Answer:
         """Claimed solution of `qp`."""
         n, m = self._n, self._m
-        if not usable(qp):
+        if not has_finite_data(qp):
             return no_answer(n, m)
         lower = np.concatenate([qp.rows_lower, qp.lower])
         upper = np.concatenate([qp.rows_upper, qp.upper])
@@ -202,7 +202,7 @@ class QpsolversBackend:
     def solve(self, qp: Instance) -> Answer:
         """Claimed solution of `qp`."""
         n, m = qp.g.size, qp.rows_lower.size
-        if not usable(qp):
+        if not has_finite_data(qp):
             return no_answer(n, m)
         problem = to_qpsolvers(qp)
         try:

@@ -35,10 +35,10 @@ def certificate_function(n: int, m: int) -> ca.Function:
     """
     hessian, gradient, matrix = ca.SX.sym("H", n, n), ca.SX.sym("g", n), ca.SX.sym("A", m, n)
     rows_lower, rows_upper = ca.SX.sym("rows_lower", m), ca.SX.sym("rows_upper", m)
-    lower, upper, sound = ca.SX.sym("lower", n), ca.SX.sym("upper", n), ca.SX.sym("sound")
+    lower, upper, valid = ca.SX.sym("lower", n), ca.SX.sym("upper", n), ca.SX.sym("valid")
     claim, bound_multiplier, row_multiplier = ca.SX.sym("x", n), ca.SX.sym("y_x", n), ca.SX.sym("y_A", m)
 
-    data = [hessian, gradient, matrix, rows_lower, rows_upper, lower, upper, sound]
+    data = [hessian, gradient, matrix, rows_lower, rows_upper, lower, upper, valid]
     outputs = certified_expressions(data, claim, bound_multiplier, row_multiplier)
     return ca.Function("certificate", [*data, claim, bound_multiplier, row_multiplier], outputs)
 
@@ -47,7 +47,7 @@ def certified_expressions(
     data: Sequence[ca.SX], claim: ca.SX, bound_multiplier: ca.SX, row_multiplier: ca.SX
 ) -> tuple[ca.SX, ca.SX]:
     """What `certificate_function` gives, of expressions: what is zero or infinite by its form costs nothing there."""
-    hessian, gradient, matrix, rows_lower, rows_upper, lower, upper, sound = data
+    hessian, gradient, matrix, rows_lower, rows_upper, lower, upper, valid = data
     x = clipped(claim, lower, upper)
     rows = matrix @ x
     stationarity = hessian @ x + gradient + bound_multiplier + matrix.T @ row_multiplier
@@ -57,7 +57,7 @@ def certified_expressions(
     outside = violation(rows, rows_lower, rows_upper)
     residual = ca.sqrt(ca.sumsqr(stationarity) + ca.sumsqr(outside) + ca.sumsqr(complementarity))
     sane = all_true(
-        sound > 0, ca.fabs(claim) <= 1e30, x <= upper, x >= lower, ca.fabs(rows) <= 1e30, rows_lower <= rows_upper
+        valid > 0, ca.fabs(claim) <= 1e30, x <= upper, x >= lower, ca.fabs(rows) <= 1e30, rows_lower <= rows_upper
     )
     return x, residual / sane
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rehab_opt.optim.answer import Answer, no_answer, usable
+from rehab_opt.optim.answer import Answer, has_finite_data, no_answer
 from rehab_opt.optim.rows import Instance
 
 __all__ = ["DaqpBackend"]
@@ -49,7 +49,7 @@ class DaqpBackend:
     def solve(self, qp: Instance) -> Answer:
         """Claimed solution of `qp`."""
         n, m = self._n, self._m
-        if not usable(qp):
+        if not has_finite_data(qp):
             return no_answer(n, m)
         curvatures = qp.H.diagonal()
         largest = curvatures.max()

@@ -71,7 +71,7 @@ class FallbackChain:
         self.parameters, self.everything = function.inputs[:2]
         after, self._verdict = function.outputs[:2]
         self.state, self._answer = (each[: statement.state_size] for each in (self.everything, after))
-        self.residual, self.sound, self.report = self._verdict[:1], self._verdict[1:2], self._verdict[3:]
+        self.residual, self.valid, self.report = self._verdict[:1], self._verdict[1:2], self._verdict[3:]
         # Views of views: reading and assigning through them costs half of numpy's.
         self.verdict = cast("memoryview[float]", self._verdict.data)
         self.answer, self.keep = self._answer.data, self.state.data
@@ -102,7 +102,7 @@ class FallbackChain:
 
     def solve_with_fallback(self) -> str:
         """Name of a solver that is certified where the first attempt was not, or ""."""
-        if not (self.sound[0] or math.isnan(self.verdict[0])):  # NaN: nothing was written, so nothing is known of them
+        if not (self.valid[0] or math.isnan(self.verdict[0])):  # NaN: nothing was written, so nothing is known of them
             return ""  # the parameters themselves cannot be used
         self.warm_start(0.0)
         self._same_problem = True
@@ -173,15 +173,15 @@ class FallbackChain:
         """What the fused function does, with another solver in its middle."""
         complete, build, certify, finish = self._complete, self._build, self._certify, self._finish
         full = _outputs(complete, self.parameters, self.memory)[0]
-        *qp, sound = _outputs(build, full, self.memory)
+        *qp, valid = _outputs(build, full, self.memory)
         solver, n, m = self._backends[name], self.statement.n, self.statement.m
         assert solver is not None
         # A matrix of one column comes flat.
         claim = solver.solve(Instance(qp[0].reshape(n, n), qp[1], qp[2].reshape(m, n), *qp[3:]))
-        x, residual = _outputs(certify, *qp, sound, *claim[:3])
+        x, residual = _outputs(certify, *qp, valid, *claim[:3])
         report, memory, violation = _outputs(finish, full, self.memory, x)
         self._answer[:] = np.concatenate([x, *claim[1:3], memory])
-        self._verdict[: 3 + len(report)] = np.concatenate([residual + violation, sound, [0.0], report])
+        self._verdict[: 3 + len(report)] = np.concatenate([residual + violation, valid, [0.0], report])
         self.iterations = claim.iterations
 
     def _backend(self, argument: str, name: str) -> Backend | None:

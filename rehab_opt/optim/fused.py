@@ -45,16 +45,16 @@ def fused(statement: Statement) -> ca.Function:
     p, last = ca.MX.sym("p", statement.parameter_size), ca.MX.sym("last", size)
     start, memory = last[: 2 * n + m], last[2 * n + m :]
     full = statement.complete(p, memory)
-    analytic, residual, sound = statement.screen(full, memory)
+    analytic, residual, valid = statement.screen(full, memory)
 
     held = ca.vertcat(analytic, residual, 1)
-    answered = ca.logic_or(residual <= ANALYTIC_TOLERANCE, ca.logic_not(sound))  # no solver sees unusable parameters
+    answered = ca.logic_or(residual <= ANALYTIC_TOLERANCE, ca.logic_not(valid))  # no solver sees unusable parameters
     answer = _choice(f"{statement.name}_closed_form", _solve(statement))(answered, held, full, memory, start)
 
     x = answer[:n]
     report, after, violation = statement.finish(full, memory, x)
     state = ca.vertcat(answer[: 2 * n + m], after)
-    verdict = ca.vertcat(answer[-2] + violation, sound, answer[-1], report)
+    verdict = ca.vertcat(answer[-2] + violation, valid, answer[-1], report)
     return ca.Function(statement.name, [p, last], [state, verdict])
 
 

@@ -15,11 +15,11 @@ from rehab_opt.errors import ConfigurationError
 from rehab_opt.optim.certificate import all_true, clipped
 from rehab_opt.optim.rows import Row, Variable
 
-__all__ = ["NLP", "PLAUSIBLE", "NLPAnswer"]
+__all__ = ["MAX_MAGNITUDE", "NLP", "NLPAnswer"]
 
 Array = NDArray[np.float64]
 
-PLAUSIBLE = 1e9
+MAX_MAGNITUDE = 1e9
 """An answer with a number beyond this size, or a parameter beyond it, is never certified."""
 
 
@@ -165,7 +165,7 @@ class NLP:
             _slackness(of_rows, rows, low, high),
         )
         sane = all_true(
-            *(ca.fabs(each) <= PLAUSIBLE for each in (claim, multipliers, rows, cost, self.p)),
+            *(ca.fabs(each) <= MAX_MAGNITUDE for each in (claim, multipliers, rows, cost, self.p)),
             self.lower <= self.upper,
             low <= high,
         )

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.optim.certificate import is_certified
-from rehab_opt.optim.nlp import NLP, PLAUSIBLE, NLPAnswer
+from rehab_opt.optim.nlp import MAX_MAGNITUDE, NLP, NLPAnswer
 from rehab_opt.optim.nlp_hessian import convexified
 from rehab_opt.optim.nlp_sqp import SQP
 from rehab_opt.optim.qrqp import qrqp_options, with_spare_room
@@ -96,7 +96,7 @@ class NLPSolver:
         x, y = np.zeros(n), np.zeros(n + self.nlp.m)
         x[:], y[:] = start, multipliers
         # fatrop was seen to run for ever on NaN, its iteration cap notwithstanding: such data reach no solver.
-        if not all(np.all(np.abs(each) <= PLAUSIBLE) for each in (self.parameters, x, y)):
+        if not all(np.all(np.abs(each) <= MAX_MAGNITUDE) for each in (self.parameters, x, y)):
             return self._certified(x, y, 0)
         self._bounds.inputs[0][:] = self.parameters
         self._bounds()

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from rehab_opt.optim.analytic import screened_analytic
 from rehab_opt.optim.certificate import all_true, certificate_function
-from rehab_opt.optim.rows import PLAUSIBLE, Instance, Row, Variable, check_that_it_is_a_qp, with_numeric_bounds
+from rehab_opt.optim.rows import MAX_MAGNITUDE, Instance, Row, Variable, check_that_it_is_a_qp, with_numeric_bounds
 from rehab_opt.symbolic.shared import remembered
 from rehab_opt.symbolic.tick import Stages
 
@@ -123,7 +123,7 @@ class Statement:
         matrix = ca.jacobian(rows.expression, x)
         offset = ca.substitute(rows.expression, x, origin)
         lower, upper = self._bounds
-        numbers = [hessian, gradient, matrix, rows.lower - offset, rows.upper - offset, lower, upper, self._sound]
+        numbers = [hessian, gradient, matrix, rows.lower - offset, rows.upper - offset, lower, upper, self._valid]
         outputs = [ca.densify(each) for each in numbers]
         return ca.Function(f"{self.name}_build", [self._p, self.memory], outputs, {"cse": True})
 
@@ -149,9 +149,9 @@ class Statement:
         """Complete parameters, memory -> see `screened_analytic`; whether the parameters are sound."""
         told, residual = screened_analytic(
             self.analytic, self.dual,
-            cost=self.minimise, x=self._x, rows=self._rows, bounds=self._bounds, sound=self._sound,
+            cost=self.minimise, x=self._x, rows=self._rows, bounds=self._bounds, valid=self._valid,
         )  # fmt: skip
-        return ca.Function(f"{self.name}_screen", [self._p, self.memory], [told, residual, self._sound])
+        return ca.Function(f"{self.name}_screen", [self._p, self.memory], [told, residual, self._valid])
 
     @cached_property
     def certify(self) -> ca.Function:
@@ -190,8 +190,8 @@ class Statement:
         return ca.vertcat(*(v.lower for v in self.variables)), ca.vertcat(*(v.upper for v in self.variables))
 
     @cached_property
-    def _sound(self) -> ca.SX:
-        return all_true(ca.sumsqr(ca.vertcat(*self.parameters)) <= PLAUSIBLE**2, *self.requires)
+    def _valid(self) -> ca.SX:
+        return all_true(ca.sumsqr(ca.vertcat(*self.parameters)) <= MAX_MAGNITUDE**2, *self.requires)
 
     @cached_property
     def _x(self) -> ca.SX:

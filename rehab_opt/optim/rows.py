@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 from rehab_opt.errors import ConfigurationError
 
 __all__ = [
-    "PLAUSIBLE", "Instance", "Row", "Variable", "check_that_it_is_a_qp", "equal", "parameter", "variable",
+    "MAX_MAGNITUDE", "Instance", "Row", "Variable", "check_that_it_is_a_qp", "equal", "parameter", "variable",
     "with_numeric_bounds", "within",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
 
-PLAUSIBLE = 1e6
+MAX_MAGNITUDE = 1e6
 """Parameters beyond this size, in SI units, are a broken sensor or a broken caller, not a robot."""
 
 

@@ -74,9 +74,9 @@ class VelocityServo:
         """Of joint velocities (n,) [rad/s, m/s]."""
         error = command - state.velocity
         summed = self._summed + (self._rate**2 / 4 * self._step) * error
-        wanted = feedforward + self._inertia * (self._rate * error + summed)
-        given: Array = np.clip(wanted, -self._limit, self._limit)
-        self._summed = np.where(given == wanted, summed, self._summed)
+        unsaturated = feedforward + self._inertia * (self._rate * error + summed)
+        given: Array = np.clip(unsaturated, -self._limit, self._limit)
+        self._summed = np.where(given == unsaturated, summed, self._summed)
         return given
 
 

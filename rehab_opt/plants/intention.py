@@ -33,9 +33,9 @@ class Intention:
     active: NDArray[np.bool_]
 
 
-def minimum_jerk(share: ArrayLike) -> Array:
+def minimum_jerk(fraction: ArrayLike) -> Array:
     """Share of the way at a share of the time: 10 u^3 - 15 u^4 + 6 u^5 (Flash and Hogan 1985)."""
-    u = np.clip(np.asarray(share, dtype=np.float64), 0.0, 1.0)
+    u = np.clip(np.asarray(fraction, dtype=np.float64), 0.0, 1.0)
     way: Array = u**3 * (10.0 + u * (-15.0 + 6.0 * u))
     return way
 

@@ -85,7 +85,7 @@ class SimulatedPerson:
         self, person: Person, comfortable: Workspace, *, dt: float, ticks: int, seed: int | tuple[int, ...]
     ) -> None:
         self.person = person
-        self._where = comfortable.signed_distance_and_foot
+        self._where = comfortable.signed_distance_and_closest_point
         self._dt = dt
         rng = np.random.default_rng(seed)
         self._wander: list[list[float]] = _wander(person, ticks, dt, rng).tolist()
@@ -107,7 +107,7 @@ class SimulatedPerson:
         self._tick += 1
         wander_x, wander_y = self._wander[tick]
         pushed_x, pushed_y = self._involuntary[tick]
-        beyond, foot_x, foot_y = self._where((x, y))
+        beyond, closest_x, closest_y = self._where((x, y))
         self.beyond = beyond
         spring, damper = person.stiffness, person.damping
         off_x, off_y = to_x + wander_x - x, to_y + wander_y - y
@@ -118,8 +118,8 @@ class SimulatedPerson:
         if beyond > 0.0:
             left = 1.0 - beyond / person.fades_over
             most = person.weak_strength + ((most - person.weak_strength) * left if left > 0.0 else 0.0)
-            pushed_x -= person.passive_stiffness * (x - foot_x)
-            pushed_y -= person.passive_stiffness * (y - foot_y)
+            pushed_x -= person.passive_stiffness * (x - closest_x)
+            pushed_y -= person.passive_stiffness * (y - closest_y)
         size = math.hypot(will_x, will_y)
         if size > most:  # the effort stops growing where nothing is left to give
             will_x *= most / size
@@ -177,7 +177,7 @@ class PersonAtRobot:
 
     Attributes
     ----------
-    aim : (x, y, vx, vy) [m, m/s] where the hand is meant to be, and how fast; None: nowhere, the person lets it rest.
+    target : (x, y, vx, vy) [m, m/s] where the hand is meant to be, and how fast; None: nowhere, the person lets it rest.
     exerted : (2,) [N] by the person in the last tick.
 
     Parameters
@@ -192,7 +192,7 @@ class PersonAtRobot:
     ) -> None:
         self.dt, self.person, self._comfortable, self._kind = dt, person, comfortable, robot
         self._first, self._most = seed, ticks
-        self.aim: tuple[float, float, float, float] | None = None
+        self.target: tuple[float, float, float, float] | None = None
         self.exerted = (0.0, 0.0)
         self._time = 0.0
         self.reset((0.0, 0.0))
@@ -227,7 +227,7 @@ class PersonAtRobot:
             self._begin((self._robot.x, self._robot.y))
         self._left -= 1
         robot, (force_x, force_y) = self._robot, np.asarray(command, dtype=np.float64).tolist()
-        to = (robot.x, robot.y, 0.0, 0.0) if self.aim is None else self.aim
+        to = (robot.x, robot.y, 0.0, 0.0) if self.target is None else self.target
         will_x, will_y = self._moods.force(robot.x, robot.y, robot.vx, robot.vy, *to)
         if push is not None:
             more_x, more_y = np.asarray(push, dtype=np.float64)[:2].tolist()

@@ -61,8 +61,8 @@ class AStarPath:
         length = np.maximum(np.sum(way**2, axis=1), 1e-18)
         found = np.empty(len(points))
         for i, point in enumerate(points):
-            share = np.clip(np.sum((point - a) * way, axis=1) / length, 0.0, 1.0)
-            found[i] = np.linalg.norm(a + share[:, None] * way - point, axis=1).min()
+            fraction = np.clip(np.sum((point - a) * way, axis=1) / length, 0.0, 1.0)
+            found[i] = np.linalg.norm(a + fraction[:, None] * way - point, axis=1).min()
         return found
 
 
@@ -76,7 +76,7 @@ def astar_path(
     resolution: float = 0.002,
     stretch: float = 0.03,
     pull: float = 4.0,
-    most: int = 200_000,
+    max_expansions: int = 200_000,
 ) -> AStarPath:
     """Path of hand positions along a reference, its manipulability above a threshold.
 
@@ -89,14 +89,16 @@ def astar_path(
     resolution : [m] of the lattice; a choice.
     stretch : [m] of reference path searched at a time; a choice. A stretch ends at a free reference pose.
     pull : weight of the distance to the nearest reference position in f; a choice.
-    most : positions expanded a stretch at most.
+    max_expansions : positions expanded a stretch at most.
     """
     reference = np.array(poses, dtype=np.float64)
     q = np.array(start, dtype=np.float64)
     if reference.ndim != 3 or reference.shape[1:] != (4, 4) or q.shape != (chain.n,):
         raise ConfigurationError("poses, start", (reference.shape, q.shape), f"(N, 4, 4) and ({chain.n},)")
     begun = time.perf_counter()
-    search = _Search(chain, reference, floor * max_manipulability, resolution=resolution, pull=pull, most=most)
+    search = _Search(
+        chain, reference, floor * max_manipulability, resolution=resolution, pull=pull, max_expansions=max_expansions
+    )
     result_q, result_at, first, complete = [q], [0], 0, True
     for last in _ends(reference, stretch):
         goal = search.free_from(last, result_q[-1])
@@ -125,10 +127,17 @@ def _ends(reference: Array, stretch: float) -> list[int]:
 
 class _Search:
     def __init__(
-        self, chain: SerialChain, reference: Array, threshold: float, *, resolution: float, pull: float, most: int
+        self,
+        chain: SerialChain,
+        reference: Array,
+        threshold: float,
+        *,
+        resolution: float,
+        pull: float,
+        max_expansions: int,
     ) -> None:
         self.chain, self.reference, self.threshold = chain, reference, threshold
-        self.resolution, self.pull, self.most = resolution, pull, most
+        self.resolution, self.pull, self.max_expansions = resolution, pull, max_expansions
         self.expanded = self.blocked = 0
         self.places = reference[:, :3, 3]
 
@@ -151,7 +160,7 @@ class _Search:
         costs, parents, joints, samples = {start: 0.0}, {start: start}, {start: q}, {start: first}
         closed: set[Cell] = set()
         heapq.heappush(open_list, (0.0, next(order), start))
-        for _ in range(self.most):
+        for _ in range(self.max_expansions):
             if not open_list:
                 return None
             _, _, cell = heapq.heappop(open_list)

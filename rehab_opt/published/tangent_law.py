@@ -34,7 +34,7 @@ DAMPING = 1e-6
 SATURATION = 1e6
 """Largest |v|: a millionth of a radian from the limit."""
 STEP = 0.05  # largest k0 h of an integration step h
-PLAUSIBLE = 1e6  # [m] a target beyond is no number a hand can be asked to
+MAX_MAGNITUDE = 1e6  # [m] a target beyond is no number a hand can be asked to
 SETTLING = 20.0  # [1/k0] for the start, where none is given
 
 
@@ -125,8 +125,8 @@ class TangentLaw:
     # ------------------------------------------------------------------------------------------- the equations
     def transformed(self, q: ArrayLike) -> Array:
         """Variables v (m,) of the joints that are not locked, Eq. (8); q (n,) [rad] counts as inside the limits."""
-        share = 2.0 * (np.asarray(q, dtype=np.float64) - self._middle)[self._free] / self._width
-        v = np.tan(0.5 * math.pi * np.clip(share, -1.0, 1.0))
+        fraction = 2.0 * (np.asarray(q, dtype=np.float64) - self._middle)[self._free] / self._width
+        v = np.tan(0.5 * math.pi * np.clip(fraction, -1.0, 1.0))
         return np.clip(v, -self.saturation, self.saturation)
 
     def joints(self, v: Array) -> Array:
@@ -174,7 +174,7 @@ class TangentLaw:
         targets = _numbers("path", path, "numbers of shape (N, 3)")
         if targets.ndim != 2 or targets.shape[1] != 3:
             raise ConfigurationError("path", targets.shape, "shape (N, 3)")
-        known = np.all(np.abs(targets) <= PLAUSIBLE, axis=1)
+        known = np.all(np.abs(targets) <= MAX_MAGNITUDE, axis=1)
         v = np.zeros(self._width.shape)
         if start is not None:
             q = _numbers("start", start, f"{self.arm.n} finite joint angles")

@@ -38,7 +38,7 @@ def versions_now() -> dict[str, str]:
 META = "meta"
 """Key of the JSON text; every other key holds float64 numbers."""
 SUFFIX = ".npy"
-MOST_BYTES = 500_000_000
+MAX_BYTES = 500_000_000
 """Of an unpacked file: a small one may claim to hold more than any memory."""
 UNREADABLE = (
     OSError, EOFError, NotImplementedError, RuntimeError, UnicodeDecodeError, struct.error,
@@ -92,8 +92,8 @@ def read_arrays(path: Path | str) -> ArrayFile:
     try:
         with zipfile.ZipFile(path) as archive:
             whole = sum(member.file_size for member in archive.infolist())
-            if whole > MOST_BYTES:
-                raise ProblemFileError(path, "file", f"{whole} bytes unpacked", f"at most {MOST_BYTES}")
+            if whole > MAX_BYTES:
+                raise ProblemFileError(path, "file", f"{whole} bytes unpacked", f"at most {MAX_BYTES}")
             for member in archive.infolist():
                 key = member.filename.removesuffix(SUFFIX)
                 with archive.open(member) as stream:

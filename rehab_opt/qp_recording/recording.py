@@ -23,7 +23,7 @@ TICKS = 1000
 
 
 def recorded_run(
-    loaded: ProblemFile[Any],
+    config: ProblemFile[Any],
     *,
     skip: int = 0,
     ticks: int = TICKS,
@@ -36,7 +36,7 @@ def recorded_run(
 
     Parameters
     ----------
-    loaded : from `load_problem`.
+    config : from `load_problem`.
     skip, ticks : of each solver's QPs, how many are let pass first, and how many are then kept at most.
     progress, options : see `run_problem`.
 
@@ -48,30 +48,30 @@ def recorded_run(
     for argument, value, least in (("--skip", skip, 0), ("--ticks", ticks, 1)):
         if not value >= least:
             raise ConfigurationError(argument, value, f"a number of ticks, {least} or more")
-    name = loaded.problem.system
+    name = config.problem.system
     system = system_named(name)
-    dt = system.seconds_a_tick(loaded.problem)
+    dt = system.seconds_a_tick(config.problem)
     if dt is None:
-        raise ProblemFileError(loaded.file, "system", name, "one whose controllers solve a QP every tick")
+        raise ProblemFileError(config.file, "system", name, "one whose controllers solve a QP every tick")
     with recording_qps(skip=skip, most=ticks) as recorder:
-        run_problem(loaded, progress=progress, **options)
+        run_problem(config, progress=progress, **options)
     streams = [stream for stream in recorder.streams if len(stream)]
     if not streams:
         met = max((stream.met for stream in recorder.streams), default=0)
-        raise ProblemFileError(loaded.file, "system", name, f"a run of more QPs than --skip {skip}: it had {met}")
-    command = _command(loaded, skip=skip, ticks=ticks, **options)
+        raise ProblemFileError(config.file, "system", name, f"a run of more QPs than --skip {skip}: it had {met}")
+    command = _command(config, skip=skip, ticks=ticks, **options)
     return [
         sequence_of_stream(
-            stream, name=f"{name}/{_last(loaded.name)}_{apart}", dt=dt if stream.ticks else math.nan, command=command,
-            about=f"{loaded.problem.title}: {apart}, {len(stream)} of {stream.met} QPs",
+            stream, name=f"{name}/{_last(config.name)}_{apart}", dt=dt if stream.ticks else math.nan, command=command,
+            about=f"{config.problem.title}: {apart}, {len(stream)} of {stream.met} QPs",
         )
         for stream, apart in zip(streams, _names_apart(streams), strict=True)
     ]  # fmt: skip
 
 
-def _command(loaded: ProblemFile[Any], *, skip: int, ticks: int, **options: str | None) -> str:
+def _command(config: ProblemFile[Any], *, skip: int, ticks: int, **options: str | None) -> str:
     """What records it again, on a shell."""
-    file = loaded.name if loaded.name in shipped_problems() else loaded.file
+    file = config.name if config.name in shipped_problems() else config.file
     chosen = [f"--{name}={value}" for name, value in options.items() if value is not None]
     return shlex.join(["rehab-opt", "record", file, "--skip", str(skip), "--ticks", str(ticks), *chosen])
 

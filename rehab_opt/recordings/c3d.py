@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from rehab_opt.errors import ProblemFileError
 from rehab_opt.recordings.markers import LENGTH, marker_place, seen_marker
 from rehab_opt.recordings.recording import Recording
-from rehab_opt.text_file import FARTHEST, LARGEST_RECORDING, file_content
+from rehab_opt.text_file import FARTHEST, MAX_RECORDING_SIZE, file_content
 
 __all__ = ["read_c3d"]
 
@@ -46,7 +46,7 @@ def read_c3d(path: Path, *, name: str, marker: str | None, count_mm: float | Non
     ------
     ProblemFileError : no C3D or one cut short, no such marker, unit or rate, a marker hidden for more than 0.2 s.
     """
-    content = file_content(path, name, largest=LARGEST_RECORDING)
+    content = file_content(path, name, max_size=MAX_RECORDING_SIZE)
     header, parameters = _read_header(content, name)
     labels = [label for key in ("LABELS", "LABELS2") for label in _texts(parameters.get(f"POINT:{key}"))]
     unit = next(iter(_texts(parameters.get("POINT:UNITS"))), None)

@@ -16,8 +16,8 @@ from rehab_opt.recordings.recording import Recording
 from rehab_opt.recordings.tables import ANGLE, LENGTH, TIME
 from rehab_opt.text_file import (
     FARTHEST,
-    LARGEST_PROBLEM,
     LATEST,
+    MAX_PROBLEM_SIZE,
     finite_number,
     header_cells,
     shown,
@@ -145,7 +145,7 @@ def _rate(path: Path, name: str) -> float:
     beside = _beside(path, "_motion.json")
     said = f"{name}, {beside.name}"
     try:
-        content = json.loads(whole_text(beside, said, largest=LARGEST_PROBLEM))
+        content = json.loads(whole_text(beside, said, max_size=MAX_PROBLEM_SIZE))
     except (ValueError, RecursionError) as problem:
         if isinstance(problem, ProblemFileError):
             raise

@@ -25,7 +25,7 @@ __all__ = ["FORMATS", "read_recording", "resampled"]
 Array = NDArray[np.float64]
 
 FORMATS = (".csv", ".svc", ".mot", ".sto", ".trc", ".c3d", ".tsv", ".xdf")
-MOST_SAMPLES = 200_000  # a longer path is far more likely a wrong time unit than a session
+MAX_SAMPLES = 200_000  # a longer path is far more likely a wrong time unit than a session
 
 
 def read_recording(
@@ -95,12 +95,12 @@ def resampled(recording: Recording, rate: float) -> Recording:
     ProblemFileError : the recording is shorter than one sample period, or so long that its times cannot be seconds.
     """
     wanted = recording.duration * rate
-    if not 1 <= wanted + 1e-9 <= MOST_SAMPLES:
+    if not 1 <= wanted + 1e-9 <= MAX_SAMPLES:
         raise ProblemFileError(
             recording.file,
             "duration",
             f"{recording.duration:.6g} s",
-            f"1 to {MOST_SAMPLES} samples at {rate:g} Hz (are the times in seconds?)",
+            f"1 to {MAX_SAMPLES} samples at {rate:g} Hz (are the times in seconds?)",
         )
     time = np.arange(int(np.floor(wanted + 1e-9)) + 1) / rate
     source = recording.time - recording.time[0]

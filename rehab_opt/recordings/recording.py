@@ -111,8 +111,8 @@ def _spikes(time: Array, points: Array) -> NDArray[np.bool_]:
             continue
         steps, off = np.diff(time), np.full(count, np.inf)
         for j in range(1, width + 1):
-            share = (time[j : count + j] - time[:count]) / (time[width + 1 :] - time[:count])
-            line = points[:count] + share[:, None] * (points[width + 1 :] - points[:count])
+            fraction = (time[j : count + j] - time[:count]) / (time[width + 1 :] - time[:count])
+            line = points[:count] + fraction[:, None] * (points[width + 1 :] - points[:count])
             off = np.minimum(off, np.linalg.norm(points[j : count + j] - line, axis=1))
         about = np.pad(off, 2, constant_values=0.0)
         worst = off >= np.max([about[k : count + k] for k in range(5)], axis=0)
@@ -145,7 +145,7 @@ SMALLEST, LARGEST = 5e-3, 2.5
 FASTEST, SLOWEST = 4.0, 1e-3
 """[m/s] A hand is hardly faster for a tenth of its time but in sports, or slower throughout."""
 
-LARGEST_TURN, SMALLEST_TURN = 4 * math.pi, math.radians(2.0)
+MAX_TURN, SMALLEST_TURN = 4 * math.pi, math.radians(2.0)
 """[rad] No joint reads more; where none turns by as much, a movement of up to 115 deg is called degrees, in radians."""
 UNEVEN, EVEN = 1.1, 1e-2
 """Of steps from sample to sample: the largest over the smallest, and how much they differ, over their mean."""
@@ -195,7 +195,7 @@ def _strange_angles(joints: Mapping[str, Array]) -> Iterator[str]:
     worst = max(joints, key=lambda joint: float(np.abs(joints[joint]).max()))
     largest = float(np.abs(joints[worst]).max())
     turn = max(float(np.ptp(angles)) for angles in joints.values())
-    if largest > LARGEST_TURN:
+    if largest > MAX_TURN:
         degrees = f"{math.degrees(largest):.4g} deg"
         yield f"{shown(worst, 40)} reads up to {largest:.3g} rad, {degrees}: degrees taken for radians, or no angles?"
     elif 0 < turn < SMALLEST_TURN:

@@ -14,7 +14,7 @@ import numpy as np
 from rehab_opt.errors import ConfigurationError, ProblemFileError
 from rehab_opt.recordings.recording import Recording
 from rehab_opt.recordings.tables import LENGTH, SPELLINGS
-from rehab_opt.text_file import FARTHEST, LARGEST_RECORDING, file_content, shown
+from rehab_opt.text_file import FARTHEST, MAX_RECORDING_SIZE, file_content, shown
 
 __all__ = ["read_xdf"]
 
@@ -47,7 +47,7 @@ def read_xdf(path: Path, *, name: str, columns: Sequence[str] | None) -> Recordi
         import pyxdf  # noqa: PLC0415
     except ModuleNotFoundError as absent:
         raise ConfigurationError("recording", name, "the extra xdf: pip install 'rehab_opt[xdf]'") from absent
-    content = file_content(path, name, largest=LARGEST_RECORDING)
+    content = file_content(path, name, max_size=MAX_RECORDING_SIZE)
     if not content.startswith(b"XDF:"):
         raise ProblemFileError(name, "byte 1", shown(repr(content[:4])), "XDF:, as in every XDF file")
     logging.getLogger("pyxdf").setLevel(logging.CRITICAL)

@@ -29,7 +29,7 @@ __all__ = [
 
 RADIANS = 2 * math.pi
 """[deg] A person none of whose joints gets further than this from any zero was measured in radians."""
-PLAUSIBLE_DEG: Mapping[str, tuple[float, float]] = {
+RANGE_DEG: Mapping[str, tuple[float, float]] = {
     "scapular_retraction": (-60, 60),
     "glenohumeral_rotation": (-150, 150),
     "shoulder_adduction": (-110, 180),
@@ -114,7 +114,7 @@ class TableOneRange(RangeOfMotion):
     @model_validator(mode="after")
     def limits_are_counted_as_table_i(self) -> Self:
         """Refuse angles that no joint has, counted so."""
-        for joint, (least, most) in PLAUSIBLE_DEG.items():
+        for joint, (least, most) in RANGE_DEG.items():
             pair = getattr(self, f"{joint}_deg")
             if not (least <= pair[0] and pair[1] <= most):
                 expected = f"within {least:g} to {most:g} deg, counted as in Table I ({LOOKS})"

@@ -123,7 +123,7 @@ class ClearanceSection(Section):
     moving: list[ClearMovingSection] = Field(default=[], max_length=20)
     """Bars and balls that move; the controller is told where they are and how fast."""
 
-    def told(self, time: ArrayLike) -> Array:
+    def moving_at(self, time: ArrayLike) -> Array:
         """(N, k, 14) numbers of what moves at times (N,) [s] after the run began, see `moving_numbers`."""
         clock, found = np.atleast_1d(np.asarray(time, dtype=np.float64)), []
         for each in self.moving:
@@ -162,7 +162,7 @@ class NearestBodies:
         """The least distance beyond the margin, of whom and when."""
         tick, pair = np.unravel_index(np.argmin(self.distances), self.distances.shape)
         return {
-            "least_beyond_margin_m": float(self.distances[tick, pair]),
+            "min_beyond_margin_m": float(self.distances[tick, pair]),
             "of": list(self.names[pair]),
             "at_s": float(self.time[tick]),
             "margin_m": self.pairs.clearance.margin,
@@ -180,7 +180,7 @@ class NearestBodies:
     def note(self) -> str:
         """The same of the run in a sentence, after where it starts within the margin."""
         of = self.metrics
-        least, names = MM * of["least_beyond_margin_m"], " and ".join(of["of"])
+        least, names = MM * of["min_beyond_margin_m"], " and ".join(of["of"])
         how = f"{-least:.3g} mm within" if least < 0 else f"no nearer than {least:.3g} mm beyond"
         said = f"bodies came {how} the margin: {names}, at {of['at_s']:.3g} s"
         return "; ".join((*self.start_notes, said))
@@ -193,7 +193,7 @@ class NearestBodies:
         panels = figure.subplot_mosaic([["above", "side"], ["over", "over"]])
         tick = int(self.distances.min(axis=1).argmin())
         for key, across, up in (("above", 0, 1), ("side", 0, 2)):
-            _draw(panels[key], self.pairs, self.q[tick], self.section.told(self.time[tick])[0], across, up)
+            _draw(panels[key], self.pairs, self.q[tick], self.section.moving_at(self.time[tick])[0], across, up)
         axes = panels["over"]
         nearest = np.argsort(self.distances.min(axis=0), kind="stable")[:SHOWN]
         for pair, colour in zip(nearest, COLOURS, strict=False):
@@ -245,7 +245,7 @@ def clearance_of(section: ClearanceSection | None, file: str, *, moving: bool = 
             boxes=[Box.at(each.name, pose_of(each.turn_deg, each.centre_m), each.size_m) for each in section.boxes],
             moving=len(section.moving),
             pairs=None if section.pairs is None else [(one, other) for one, other in section.pairs],
-            slots=section.rows,
+            max_contacts=section.rows,
         )
     ]
 
@@ -265,7 +265,7 @@ def nearest_bodies(
     if section is None:
         return None
     pairs = ClearancePairs(clearance_of(section, file, moving=True)[0], chain)
-    told = section.told(time).reshape(len(q), -1)
+    told = section.moving_at(time).reshape(len(q), -1)
     found = np.array(pairs.distances.map(len(q))(q.T, told.T, np.zeros((1, len(q)))))
     return NearestBodies(pairs, section, q, time, found.T)
 

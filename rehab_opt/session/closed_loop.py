@@ -8,14 +8,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rehab_opt.control.command import Bound, Command
+from rehab_opt.control.command import Command, Relaxed
 from rehab_opt.plants.ideal import IdealJoints
 from rehab_opt.plants.plant import Measurement, Truth
 from rehab_opt.plants.touched import TouchedPlant
 from rehab_opt.session.live.problem import LiveControl, LiveInputs
 from rehab_opt.session.outcome import Array
 
-__all__ = ["JointMotion", "Ran", "simulate", "yielded_words"]
+__all__ = ["ClosedLoopRun", "JointMotion", "relaxed_words", "simulate"]
 
 TICKS_A_REPORT = 100
 
@@ -35,7 +35,7 @@ class JointMotion(NamedTuple):
     """(N, n) [N m, N] of the drives in the tick before"""
 
 
-class Ran(NamedTuple):
+class ClosedLoopRun(NamedTuple):
     """A run of N ticks; everything holds at the beginning of its tick, commands are held during it."""
 
     q: Array
@@ -64,14 +64,14 @@ class Ran(NamedTuple):
         return tuple(command.status.value for command in self.commands)
 
     @property
-    def yielded(self) -> tuple[str, ...]:
+    def relaxed(self) -> tuple[str, ...]:
         """(N,) what gave way, in words; empty where nothing did."""
-        return tuple(yielded_words(command.yielded) for command in self.commands)
+        return tuple(relaxed_words(command.relaxed) for command in self.commands)
 
 
-def yielded_words(yielded: Bound, *, between: str = ", ") -> str:
+def relaxed_words(relaxed: Relaxed, *, between: str = ", ") -> str:
     """What gave way, in words; empty where nothing did."""
-    return str(yielded.name).lower().replace("|", between) if yielded else ""
+    return str(relaxed.name).lower().replace("|", between) if relaxed else ""
 
 
 def simulate(
@@ -81,7 +81,7 @@ def simulate(
     ticks: int,
     note: Callable[[int, Command], None] = lambda *_: None,
     progress: Callable[[int, int], None] = lambda *_: None,
-) -> Ran:
+) -> ClosedLoopRun:
     """Run until `inputs` gives None, or for so many ticks, from the control's start at rest.
 
     Parameters
@@ -102,7 +102,7 @@ def simulate(
         seconds.append(time.perf_counter() - began)
         rows.append((truth, seen, command))
         note(k, command)
-        seen = plant.step(control.sent(command))
+        seen = plant.step(control.plant_command(command))
         truth = plant.truth
         if k % TICKS_A_REPORT == 0:
             progress(k, ticks)
@@ -118,4 +118,4 @@ def simulate(
             effort=np.array([each.effort for each in truths]),
         )
     force = np.array([*(each.force for each in truths[1:]), truth.force])
-    return Ran(np.array([each.position for each in truths]), commands, np.array(seconds), motion, force)
+    return ClosedLoopRun(np.array([each.position for each in truths]), commands, np.array(seconds), motion, force)

@@ -190,7 +190,7 @@ ROOM = 0.97
 """Fraction of the figure's width, or of a panel's, that a text may fill."""
 LINE = 1.3
 """Height of a line in sizes of its letters."""
-MOST_COLUMNS = 6
+MAX_COLUMNS = 6
 FEWEST_LETTERS = 8
 
 
@@ -240,7 +240,7 @@ def _fit_legend(figure: Figure, legend: Legend) -> None:
     if not labels or _width(legend) <= room:
         return
     handles, size, before = legend.legend_handles, legend.get_texts()[0].get_fontsize(), _height(legend)
-    for columns in range(min(MOST_COLUMNS, len(labels)), 0, -1):
+    for columns in range(min(MAX_COLUMNS, len(labels)), 0, -1):
         legend.remove()
         legend = figure.legend(
             handles=handles,

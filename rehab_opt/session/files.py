@@ -15,7 +15,7 @@ from rehab_opt.errors import ProblemFileError
 from rehab_opt.recordings.data_folder import ENVIRONMENT, PREFIX, data_file
 from rehab_opt.session.schema import FORMS, Problem
 from rehab_opt.session.systems import ROBOT_FILE, ProblemFile, system_named, systems
-from rehab_opt.text_file import LARGEST_PROBLEM, brief, check_key_depth, shown, whole_text
+from rehab_opt.text_file import MAX_PROBLEM_SIZE, brief, check_key_depth, shown, whole_text
 
 __all__ = [
     "ProblemFile",
@@ -126,7 +126,7 @@ def _with_descriptions(content: Any, folder: Path, file: str) -> Any:
 
 
 def _toml_content(path: Path, file: str) -> dict[str, Any]:
-    text = whole_text(path, file, largest=LARGEST_PROBLEM)
+    text = whole_text(path, file, max_size=MAX_PROBLEM_SIZE)
     check_key_depth(text, name=file)
     try:
         return tomllib.loads(text)
@@ -189,7 +189,7 @@ def shipped_problems() -> dict[str, Path]:
     return {str(path.relative_to(folder).with_suffix("").as_posix()): path for path in sorted(folder.glob("*/*.toml"))}
 
 
-def recording_path(loaded: ProblemFile[Problem], reference: str, *, key: str = "recording.file") -> Path:
+def recording_path(config: ProblemFile[Problem], reference: str, *, key: str = "recording.file") -> Path:
     """Where the recording that a problem names under `key` lies: beside its file, or in the data folder (`data:`).
 
     Raises
@@ -197,22 +197,22 @@ def recording_path(loaded: ProblemFile[Problem], reference: str, *, key: str = "
     ProblemFileError : it is absent.
     """
     if reference.startswith(PREFIX):
-        return data_file(reference, problem=loaded.file, key=key)
-    path = loaded.path.parent / reference
+        return data_file(reference, problem=config.file, key=key)
+    path = config.path.parent / reference
     if not os.path.exists(path):
         kind = "robot file" if key == ROBOT_FILE else "recording"
-        raise ProblemFileError(loaded.file, key, reference, f"a {kind} beside the problem file, or data:folder/file")
+        raise ProblemFileError(config.file, key, reference, f"a {kind} beside the problem file, or data:folder/file")
     if path.is_dir():
-        raise ProblemFileError(loaded.file, key, reference, "a file, this is a directory")
+        raise ProblemFileError(config.file, key, reference, "a file, this is a directory")
     return path
 
 
-def recording_state(loaded: ProblemFile[Problem]) -> str:
+def recording_state(config: ProblemFile[Problem]) -> str:
     """Whether the recordings of a problem are there, in a few words."""
-    needed = system_named(loaded.problem.system).recordings(loaded.problem)
+    needed = system_named(config.problem.system).recordings(config.problem)
     for each in needed:
         try:
-            recording_path(loaded, each.reference, key=each.key)
+            recording_path(config, each.reference, key=each.key)
         except ProblemFileError:
             return f"absent: {each.reference} (set {ENVIRONMENT})"
     if not needed:

@@ -17,14 +17,14 @@ from rehab_opt.session.files import ProblemFile, recording_path
 from rehab_opt.session.robot_file import robot_text
 from rehab_opt.session.schema import Problem
 from rehab_opt.session.systems import ROBOT_FILE, Needed, system_named
-from rehab_opt.text_file import LARGEST_RECORDING, file_content
+from rehab_opt.text_file import MAX_RECORDING_SIZE, file_content
 
 __all__ = ["input_files", "inputs_digest", "software_digest"]
 
 NUMERICS = ("casadi", "numpy", "scipy", "shapely")
 
 
-def input_files(loaded: ProblemFile[Any]) -> dict[str, dict[str, str]]:
+def input_files(config: ProblemFile[Any]) -> dict[str, dict[str, str]]:
     """The files that a problem is made of, by key: what it calls each, and the SHA-256 of its content.
 
     Of a robot file, which names others, it is that of the arm's numbers, as `inputs_digest` counts them.
@@ -33,13 +33,13 @@ def input_files(loaded: ProblemFile[Any]) -> dict[str, dict[str, str]]:
     ------
     ProblemFileError : a recording is absent or cannot be read.
     """
-    contents = [(each.key, each.reference, content) for each, content in _contents(loaded)]
-    if loaded.path.is_file():
-        contents.insert(0, ("problem", loaded.file, loaded.path.read_bytes()))
+    contents = [(each.key, each.reference, content) for each, content in _contents(config)]
+    if config.path.is_file():
+        contents.insert(0, ("problem", config.file, config.path.read_bytes()))
     return {key: {"file": file, "sha256": hashlib.sha256(content).hexdigest()} for key, file, content in contents}
 
 
-def inputs_digest(loaded: ProblemFile[Problem]) -> str:
+def inputs_digest(config: ProblemFile[Problem]) -> str:
     """SHA-256 of a problem, its recordings, the source of its kind and of this library, and versions of its numerics.
 
     Raises
@@ -47,22 +47,22 @@ def inputs_digest(loaded: ProblemFile[Problem]) -> str:
     ProblemFileError : a recording is absent or cannot be read.
     """
     digest = hashlib.sha256(software_digest().encode())
-    problem = loaded.problem
+    problem = config.problem
     digest.update(_source_outside(type(system_named(problem.system))))
-    said = {"name": loaded.name, "problem": problem.model_dump(mode="json")}
+    said = {"name": config.name, "problem": problem.model_dump(mode="json")}
     digest.update(json.dumps(said, sort_keys=True).encode())
-    for _, content in _contents(loaded):
+    for _, content in _contents(config):
         digest.update(content)
     return digest.hexdigest()
 
 
-def _contents(loaded: ProblemFile[Any]) -> Iterator[tuple[Needed, bytes]]:
-    for needed in system_named(loaded.problem.system).recordings(loaded.problem):
+def _contents(config: ProblemFile[Any]) -> Iterator[tuple[Needed, bytes]]:
+    for needed in system_named(config.problem.system).recordings(config.problem):
         if needed.key == ROBOT_FILE:
-            yield needed, robot_text(loaded, needed.reference).encode()
+            yield needed, robot_text(config, needed.reference).encode()
         else:
-            path = recording_path(loaded, needed.reference, key=needed.key)
-            yield needed, file_content(path, needed.reference, largest=LARGEST_RECORDING)
+            path = recording_path(config, needed.reference, key=needed.key)
+            yield needed, file_content(path, needed.reference, max_size=MAX_RECORDING_SIZE)
 
 
 def _source_outside(kind: type) -> bytes:

@@ -25,14 +25,14 @@ __all__ = [
     "finite",
     "joint_columns",
     "joint_metrics",
-    "path_shares",
+    "path_fractions",
     "point_columns",
     "reason_counts",
     "stacked",
     "status_counts",
     "time_metrics",
-    "told",
     "turn_angles",
+    "with_progress",
 ]
 
 T = TypeVar("T")
@@ -46,7 +46,7 @@ Progress = Callable[[str, int, int], None]
 """Called with what is being done, how much of it is done, and how much there is."""
 
 
-def told(progress: Progress, what: str, items: Collection[T]) -> Iterator[T]:
+def with_progress(progress: Progress, what: str, items: Collection[T]) -> Iterator[T]:
     """Item after item; `progress` is told of each when its turn comes, and when all are done."""
     for done, item in enumerate(items):
         progress(what, done, len(items))
@@ -114,7 +114,7 @@ MEASURED = re.compile(r" by \S+ m(?=:)|(?<=failed:) \S+ over(?= the bounds)")
 """What a reason measures, which differs from sample to sample."""
 
 
-def path_shares(path: Array, met: NDArray[np.bool_]) -> tuple[float, float]:
+def path_fractions(path: Array, met: NDArray[np.bool_]) -> tuple[float, float]:
     """Share of the path's length, and of its samples (time), over which `met` (N,) holds.
 
     A step of the path counts half for either of its ends; where the hand rests the length share ignores it.
@@ -158,7 +158,7 @@ def joint_metrics(chain: SerialChain, q: Array, rate: float) -> dict[str, Any]:
     return numbers | {
         "joint_speed_max_deg_s": float(np.rad2deg(speed[fastest])),
         "joint_speed_max_joint": chain.names[fastest],
-        "joint_speed_max_share_of_limit": float(speed[fastest] / chain.velocity[fastest]),
+        "joint_speed_max_fraction_of_limit": float(speed[fastest] / chain.velocity[fastest]),
     }
 
 

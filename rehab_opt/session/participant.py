@@ -119,7 +119,7 @@ def _scale(placement: PlanarPlacement, extent: Array, *, file: str) -> float:
 
 
 def placed_recording(
-    loaded: ProblemFile[Problem],
+    config: ProblemFile[Problem],
     source: RecordingSection,
     placement: PlanarPlacement | PlacementSection,
     *,
@@ -139,13 +139,13 @@ def placed_recording(
     ProblemFileError : it is absent, unreadable, or of the other hand and not mirrored.
     """
     try:
-        checked_hand(source, side=side, file=loaded.file)
-        path = recording_path(loaded, source.file)
+        checked_hand(source, side=side, file=config.file)
+        path = recording_path(config, source.file)
         recording = without_spikes(read_recording(path, name=source.file, **source.reading()))
         recording = resampled(recording, rate)
-        points, sentence = placed_path(recording, placement, mirror=source.mirror, file=loaded.file)
+        points, sentence = placed_path(recording, placement, mirror=source.mirror, file=config.file)
     except ProblemFileError as refused:
         if not refused.key.startswith(("recording.", "placement")):
             raise  # a line or a column of the recording itself
-        raise ProblemFileError(loaded.file, keys + refused.key, refused.value, refused.expected) from refused
+        raise ProblemFileError(config.file, keys + refused.key, refused.value, refused.expected) from refused
     return recording.noting(sentence), points

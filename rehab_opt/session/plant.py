@@ -188,7 +188,7 @@ class ChairPlant(PlantTable):
         return f"{noise}, {lag}; the optimised law knows delays and servo"
 
 
-def on_plant(loaded: ProblemFile[P], kind: str | None) -> ProblemFile[P]:
+def on_plant(config: ProblemFile[P], kind: str | None) -> ProblemFile[P]:
     """The problem on the kind of plant that `--plant` asks for; as the file says where it asks for nothing.
 
     Raises
@@ -197,16 +197,16 @@ def on_plant(loaded: ProblemFile[P], kind: str | None) -> ProblemFile[P]:
     """
     if kind is not None and kind not in KINDS:
         raise ConfigurationError("--plant", kind, f"one of {', '.join(KINDS)}")
-    table: PlantTable = loaded.problem.plant  # type: ignore[attr-defined]  # of every system that takes the option
+    table: PlantTable = config.problem.plant  # type: ignore[attr-defined]  # of every system that takes the option
     if kind is not None and kind != table.kind:
         # A robot that moves as commanded has no delays: those of the file are left out with it.
         table = type(table)(kind="ideal") if kind == "ideal" else type(table)(kind="mujoco")
-        loaded = replace(loaded, problem=loaded.problem.model_copy(update={"plant": table}))
+        config = replace(config, problem=config.problem.model_copy(update={"plant": table}))
     if table.kind == "mujoco":
         from rehab_opt.plants.mujoco_arm import mujoco_module  # noqa: PLC0415  (loads slowly)
 
         mujoco_module()
-    return loaded
+    return config
 
 
 def joint_plant(table: JointPlant, chain: SerialChain, dt: float) -> Plant:

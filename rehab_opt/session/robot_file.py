@@ -161,7 +161,7 @@ class RobotFile(Section):
         return self
 
 
-def robot_at_start(loaded: ProblemFile[Any]) -> tuple[SerialChain, Array]:
+def robot_at_start(config: ProblemFile[Any]) -> tuple[SerialChain, Array]:
     """The robot of a problem with the file's limits, and its starting joint values (n,) [rad].
 
     Raises
@@ -169,19 +169,19 @@ def robot_at_start(loaded: ProblemFile[Any]) -> tuple[SerialChain, Array]:
     ProblemFileError : it starts outside its limits, or in another number of joints than it has; its robot file cannot
         be used.
     """
-    section: RobotSection = loaded.problem.robot
+    section: RobotSection = config.problem.robot
     speed, acceleration = math.radians(section.joint_speed_deg_s), section.joint_acceleration_deg_s2
     if section.file is None:
         robot = ur5(velocity=speed)
         if acceleration is not None:
             robot = robot.with_limits(acceleration=np.full(robot.n, math.radians(acceleration)))
     else:
-        robot = robot_of(loaded, section.file)
+        robot = robot_of(config, section.file)
         slower = math.inf if acceleration is None else math.radians(acceleration)
         robot = robot.with_limits(
             velocity=np.minimum(robot.velocity, speed), acceleration=np.minimum(robot.acceleration, slower)
         )
-    return robot, posture_of(robot, section.start_deg, file=loaded.file, key="robot.start_deg")
+    return robot, posture_of(robot, section.start_deg, file=config.file, key="robot.start_deg")
 
 
 def robot_files(section: RobotSection) -> tuple[Needed, ...]:
@@ -189,14 +189,14 @@ def robot_files(section: RobotSection) -> tuple[Needed, ...]:
     return () if section.file is None else (Needed(ROBOT_FILE, section.file),)
 
 
-def robot_of(loaded: ProblemFile[Any], reference: str) -> SerialChain:
+def robot_of(config: ProblemFile[Any], reference: str) -> SerialChain:
     """The arm of the robot file that a problem names by `robot.file`.
 
     Raises
     ------
     ProblemFileError : it is absent or says something that cannot be used. RobotFileError : so does its URDF or MJCF.
     """
-    path = recording_path(loaded, reference, key=ROBOT_FILE)
+    path = recording_path(config, reference, key=ROBOT_FILE)
     try:
         said = RobotFile.model_validate(problem_content(path, reference))
     except ValidationError as problem:
@@ -204,9 +204,9 @@ def robot_of(loaded: ProblemFile[Any], reference: str) -> SerialChain:
     return _arm(said, path, reference)
 
 
-def robot_text(loaded: ProblemFile[Problem], reference: str) -> str:
+def robot_text(config: ProblemFile[Problem], reference: str) -> str:
     """Every number of the arm that a problem names, as one text: the same where no file that it is made of differs."""
-    arm = robot_of(loaded, reference)
+    arm = robot_of(config, reference)
     bodies = [(each.name, each.link, each.mass, each.centre.tolist(), each.inertia.tolist()) for each in arm.bodies]
     parts = [
         arm.names, *((row.prismatic, np.array(row.after).tolist()) for row in arm.rows),

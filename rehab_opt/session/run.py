@@ -21,13 +21,13 @@ __all__ = ["arms_of", "checked", "live_problem", "run_problem"]
 
 
 def run_problem(
-    loaded: ProblemFile[Problem], *, progress: Progress = lambda *_: None, **options: str | None
+    config: ProblemFile[Problem], *, progress: Progress = lambda *_: None, **options: str | None
 ) -> Outcome:
     """Run a problem from its recordings to its numbers.
 
     Parameters
     ----------
-    loaded : from `load_problem`.
+    config : from `load_problem`.
     progress : told about the run as it goes.
     options : of the system, such as `law` and `solver` of an upper limb; those that are None are not given.
 
@@ -36,7 +36,7 @@ def run_problem(
     ProblemFileError : a recording or a value of the file cannot be used.
     ConfigurationError : an option that the system does not know, or a value that it cannot use.
     """
-    with _given(loaded, options) as (system, on, given):
+    with _given(config, options) as (system, on, given):
         outcome: Outcome = system.run(on, options=given, progress=progress)
     problem = on.problem
     return replace(
@@ -50,7 +50,7 @@ def run_problem(
     )
 
 
-def live_problem(loaded: ProblemFile[Problem], **options: str | None) -> LiveProblem:
+def live_problem(config: ProblemFile[Problem], **options: str | None) -> LiveProblem:
     """A problem to be run in real time, for `rehab-opt live`, `film` and `loop`; `options` as of `run_problem`.
 
     Raises
@@ -58,22 +58,22 @@ def live_problem(loaded: ProblemFile[Problem], **options: str | None) -> LivePro
     ProblemFileError : a recording or a value of the file cannot be used.
     ConfigurationError : no problem of its kind runs live; an option that the system does not know or cannot use.
     """
-    system = system_named(loaded.problem.system)
+    system = system_named(config.problem.system)
     if type(system).live is System.live:
         able = ", ".join(repr(each) for each in SHIPPED if type(system_named(each)).live is not System.live)
         expected = (
             f"a problem with a controller in a loop, as those of system {able} are; one of system "
-            f"{loaded.problem.system!r} has none: rehab-opt run"
+            f"{config.problem.system!r} has none: rehab-opt run"
         )
-        raise ConfigurationError("FILE", loaded.name, expected)
-    with _given(loaded, options) as (system, on, given):
+        raise ConfigurationError("FILE", config.name, expected)
+    with _given(config, options) as (system, on, given):
         made: LiveProblem = system.live(on, options=given)
     return made
 
 
 @contextmanager
 def _given(
-    loaded: ProblemFile[Problem], options: Mapping[str, str | None]
+    config: ProblemFile[Problem], options: Mapping[str, str | None]
 ) -> Iterator[tuple[System[Any, Any], ProblemFile[Any], dict[str, str]]]:
     """The system, the problem on the plant of `--plant`, and the options; refusals of a solver name who asked for it.
 
@@ -82,7 +82,7 @@ def _given(
     ConfigurationError : an option that the system does not know or cannot use.
     ProblemFileError : the file's solver cannot be used.
     """
-    name = loaded.problem.system
+    name = config.problem.system
     system = system_named(name)
     given = {option: value for option, value in options.items() if value is not None}
     for option, value in given.items():
@@ -97,29 +97,29 @@ def _given(
     if "plant" in system.options:
         from rehab_opt.session.plant import on_plant  # noqa: PLC0415  (loads what plants need)
 
-        loaded = on_plant(loaded, given.get("plant"))
+        config = on_plant(config, given.get("plant"))
     key = system.solver_key
-    named = value_at(loaded.problem, key) if key else None
-    with solver_refusals(solver, file=loaded.file, key=key, value=named) if key else nullcontext():
-        yield system, loaded, given
+    named = value_at(config.problem, key) if key else None
+    with solver_refusals(solver, file=config.file, key=key, value=named) if key else nullcontext():
+        yield system, config, given
 
 
-def checked(loaded: ProblemFile[Problem]) -> tuple[str, ...]:
+def checked(config: ProblemFile[Problem]) -> tuple[str, ...]:
     """Everything of a problem that can be checked without running it; what was noticed on the way.
 
     Raises
     ------
     ProblemFileError : as `run_problem`.
     """
-    with _given(loaded, {}) as (system, on, _):
+    with _given(config, {}) as (system, on, _):
         return system.check(on)
 
 
-def arms_of(loaded: ProblemFile[Problem]) -> dict[str, SerialChain]:
+def arms_of(config: ProblemFile[Problem]) -> dict[str, SerialChain]:
     """The arms whose range of motion a problem states, by what these ranges are called; none where it states none.
 
     Raises
     ------
     ProblemFileError : as `run_problem`.
     """
-    return system_named(loaded.problem.system).arms(loaded)
+    return system_named(config.problem.system).arms(config)

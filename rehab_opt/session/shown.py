@@ -76,10 +76,8 @@ def margin(of: Numbers) -> str:
 
 def speed(of: Numbers) -> str:
     """Speed of the fastest joint."""
-    share = 100 * of["joint_speed_max_share_of_limit"]
-    return (
-        f"{of['joint_speed_max_deg_s']:.3g} ({share:.0f} % of limit, {of['joint_speed_max_joint'].replace('_', ' ')})"
-    )
+    fraction = 100 * of["joint_speed_max_fraction_of_limit"]
+    return f"{of['joint_speed_max_deg_s']:.3g} ({fraction:.0f} % of limit, {of['joint_speed_max_joint'].replace('_', ' ')})"
 
 
 def statuses(of: Numbers) -> str:

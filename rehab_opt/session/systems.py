@@ -124,7 +124,7 @@ class System(Generic[P, O]):
         """The recordings and robot files it needs; none by default."""
         return ()
 
-    def check(self, loaded: ProblemFile[P]) -> tuple[str, ...]:
+    def check(self, config: ProblemFile[P]) -> tuple[str, ...]:
         """Everything that can be checked without running it; what was noticed on the way.
 
         Raises
@@ -133,7 +133,7 @@ class System(Generic[P, O]):
         """
         return ()
 
-    def arms(self, loaded: ProblemFile[P]) -> dict[str, SerialChain]:
+    def arms(self, config: ProblemFile[P]) -> dict[str, SerialChain]:
         """The arms whose range of motion it states, by what these ranges are called; none by default.
 
         Raises
@@ -142,7 +142,7 @@ class System(Generic[P, O]):
         """
         return {}
 
-    def run(self, loaded: ProblemFile[P], *, options: Mapping[str, str], progress: Progress) -> O:
+    def run(self, config: ProblemFile[P], *, options: Mapping[str, str], progress: Progress) -> O:
         """The problem from its file to its numbers; nothing is written.
 
         Raises
@@ -152,7 +152,7 @@ class System(Generic[P, O]):
         """
         raise NotImplementedError
 
-    def live(self, loaded: ProblemFile[P], *, options: Mapping[str, str]) -> LiveProblem:
+    def live(self, config: ProblemFile[P], *, options: Mapping[str, str]) -> LiveProblem:
         """The problem to be run in real time; problems of most kinds are not. Ask `live_problem`, which says so.
 
         Raises
@@ -218,11 +218,11 @@ def system_named(name: str) -> System[Any, Any]:
         return made
     for entry in entry_points(group=GROUP):
         if entry.name == name:
-            return _loaded(entry)
+            return _config(entry)
     raise ConfigurationError("system", name, f"one of {', '.join(systems())}")
 
 
-def _loaded(entry: EntryPoint) -> System[Any, Any]:
+def _config(entry: EntryPoint) -> System[Any, Any]:
     expected = f"an entry point {entry.value!r} that leads to a class derived from System"
     try:
         found = entry.load()

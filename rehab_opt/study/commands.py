@@ -22,7 +22,7 @@ app = typer.Typer(help="A study's people, sessions and trials, in one file.", no
 
 StudyFile = Annotated[Path, typer.Argument(metavar="STUDY", help="File of the study.")]
 Somebody = Annotated[str | None, typer.Option("--person", help="One person; everybody by default.")]
-MOST_LISTED = 40
+MAX_LISTED = 40
 """Rows of a table that a terminal is told; all of them are in what `export` writes."""
 
 
@@ -53,14 +53,14 @@ def show(study: StudyFile, person: Somebody = None) -> None:
             if all_of.failed:
                 say(f"{all_of.failed} trials are not done")
             known = [f"{each.name} [{each.unit}]" if each.unit else each.name for each in quantities(store)]
-            say(f"measures: {', '.join(known[:MOST_LISTED])}{', ...' if len(known) > MOST_LISTED else ''}")
+            say(f"measures: {', '.join(known[:MAX_LISTED])}{', ...' if len(known) > MAX_LISTED else ''}")
             return
         check_there(store, person)
         table = Table("session", "visit", "day", "condition", "trials", "not done")
         for row in sessions(store, person):
             table.add_row(*("-" if each is None else str(each) for each in row))
         numbers = Table("measure", "condition", "first session", "last session")
-        for each, means in session_means(store, quantities(store, person)[:MOST_LISTED], person).items():
+        for each, means in session_means(store, quantities(store, person)[:MAX_LISTED], person).items():
             for condition in dict.fromkeys(mean.condition for mean in means):
                 under = [mean.of for mean in means if mean.condition == condition]
                 numbers.add_row(_label(each), condition or "-", _written(under[0]), _written(under[-1]))

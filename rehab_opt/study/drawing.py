@@ -178,15 +178,15 @@ def area(corners: Sequence[tuple[float, float]]) -> float:
     return abs(sum(x * v - u * y for (x, y), (u, v) in ends)) / 2
 
 
-def bars(shares: Iterable[tuple[str, float]]) -> str:
+def bars(fractions: Iterable[tuple[str, float]]) -> str:
     """Shares of a bound, each as a bar that ends red where it passes 100 %."""
     parts, y = [], 8
-    for label, share in shares:
-        filled = 260 * min(share, 1.25) / 1.25
-        colour = COLOURS[1] if share > 1 else COLOURS[2]
+    for label, fraction in fractions:
+        filled = 260 * min(fraction, 1.25) / 1.25
+        colour = COLOURS[1] if fraction > 1 else COLOURS[2]
         parts.append(f'<text x="0" y="{y + 10}">{escaped(shown(label, 34))}<title>{escaped(label)}</title></text>')
         parts.append(f'<rect x="230" y="{y}" width="{filled:.1f}" height="12" fill="{colour}"/>')
-        parts.append(f'<text x="{238 + filled:.1f}" y="{y + 10}">{100 * share:.0f} %</text>')
+        parts.append(f'<text x="{238 + filled:.1f}" y="{y + 10}">{100 * fraction:.0f} %</text>')
         y += 22
     x = 230 + 260 / 1.25
     parts.append(f'<path d="M{x:.1f} 2V{y}" class="scale"/><text x="{x:.1f}" y="{y + 12}" class="middle">bound</text>')

@@ -22,7 +22,7 @@ from rehab_opt.session.schema import Problem
 from rehab_opt.session.scoring import Scored
 from rehab_opt.study.person import RECORDING
 from rehab_opt.study.trial import Bound, Event, ProblemText, StoredFile, Trial
-from rehab_opt.text_file import LARGEST_RECORDING, file_content
+from rehab_opt.text_file import MAX_RECORDING_SIZE, file_content
 from rehab_opt.version import __version__
 
 __all__ = ["metric_trials", "outline", "run_trials", "score_trials", "versions"]
@@ -35,15 +35,15 @@ UNITS = {
 }  # fmt: skip
 """Ends of the keys of metrics.json, as units."""
 _UNIT = re.compile(rf"(.+?)_({'|'.join(sorted(UNITS, key=len, reverse=True))})")
-COUNTED = {"status": "ticks", "reasons": "ticks", "yielded": "ticks", "status_share": "% of ticks"}
+COUNTED = {"status": "ticks", "reasons": "ticks", "relaxed": "ticks", "status_fraction": "% of ticks"}
 """Tables of how often something happened, and in what that is counted."""
 USUAL = "ok"
-SHARE, OF_LIMIT = "_share", "_share_of_limit"
+SHARE, OF_LIMIT = "_fraction", "_fraction_of_limit"
 TRACE = "trace.csv"
 
 
 def run_trials(
-    loaded: ProblemFile[Problem],
+    config: ProblemFile[Problem],
     outcome: Outcome,
     options: Mapping[str, str | None],
     *,
@@ -59,15 +59,15 @@ def run_trials(
     seconds : that it took.
     """
     given = {key: value for key, value in options.items() if value is not None}
-    text = loaded.path.read_text(encoding="utf-8")
+    text = config.path.read_text(encoding="utf-8")
     said = [f"# --{key} {value}" for key, value in given.items()]
     if ".toml" in text:  # a recording's description is not in it
-        said.append(f"# as it was read: {loaded.problem.model_dump_json(exclude_defaults=True)}")
+        said.append(f"# as it was read: {config.problem.model_dump_json(exclude_defaults=True)}")
     text = "\n".join([*said, text])
     run = Trial(
         "run",
-        digest=" ".join([inputs_digest(loaded), *(f"{key}={value}" for key, value in given.items())]),
-        problem=ProblemText(loaded.name, text),
+        digest=" ".join([inputs_digest(config), *(f"{key}={value}" for key, value in given.items())]),
+        problem=ProblemText(config.name, text),
         software=versions(),
         notes=outcome.notes,
         seconds=seconds,
@@ -117,7 +117,7 @@ def score_trials(scored: Scored, how: Mapping[str, Any]) -> list[Trial]:
     contents: dict[str, str] = {}
     for source, number, recording, score in scored.trials:
         if source.file not in contents:
-            content = file_content(source.path, source.file, largest=LARGEST_RECORDING)
+            content = file_content(source.path, source.file, max_size=MAX_RECORDING_SIZE)
             contents[source.file] = hashlib.sha256(content).hexdigest()
         text = json.dumps({**how, "reading": source.reading}, sort_keys=True)
         begun = [hashlib.sha256(text.encode()).hexdigest(), software_digest()]
@@ -200,10 +200,10 @@ def _events(metrics: Mapping[str, Any], above: str = "") -> Iterator[Event]:
     """Ticks that were not "ok", reasons, bounds that gave way, and forces let go."""
     for key, value in metrics.items():
         if key in COUNTED and isinstance(value, Mapping):
-            share = key.endswith(SHARE)
+            fraction = key.endswith(SHARE)
             for what, times in value.items():
                 if what != USUAL and times:
-                    yield Event(f"{above}{what}", 100.0 * times if share else times, COUNTED[key])
+                    yield Event(f"{above}{what}", 100.0 * times if fraction else times, COUNTED[key])
         elif isinstance(value, Mapping):
             if key != "parameters":
                 yield from _events(value, f"{above}{key}: ")

@@ -75,9 +75,9 @@ PLAIN = {
 }
 """Measures that a report draws, in its order; others are drawn where none of these is there."""
 SCALES = {"m": (1e3, "mm"), "m^2": (1e4, "cm²"), "m^3": (1e6, "cm³"), "m/s": (1e3, "mm/s"), "1": (1.0, "")}
-MOST_DRAWN = 8
-MOST_CONDITIONS = 6
-MOST_OUTLINED = 40
+MAX_DRAWN = 8
+MAX_CONDITIONS = 6
+MAX_OUTLINED = 40
 """People of a group whose outlines are drawn: more hide one another."""
 DAYS_OF_A_WEEK = 7
 NAMED_CONDITION = "all"
@@ -178,7 +178,7 @@ def _drawn(known: Sequence[Quantity]) -> list[Quantity]:
     """The measures to draw, best known first."""
     order = list(PLAIN)
     found = sorted((each for each in known if _plain(each) is not None), key=lambda each: order.index(_key(each)))
-    return (found or list(known))[:MOST_DRAWN]
+    return (found or list(known))[:MAX_DRAWN]
 
 
 def _key(of: Quantity) -> str:
@@ -264,7 +264,7 @@ def _progress(means: dict[Quantity, list[SessionMean]], *, single: bool) -> str:
 
     weeks = None if single else _weeks(means)
     names = sorted({series_of(each) for of in means.values() for each in of})
-    shown, hidden = names[:MOST_CONDITIONS], names[MOST_CONDITIONS:]
+    shown, hidden = names[:MAX_CONDITIONS], names[MAX_CONDITIONS:]
     for measure, of in means.items():
         factor, unit = SCALES.get(measure.unit, (1.0, measure.unit))
         places: dict[float, str] = {}
@@ -305,7 +305,7 @@ def _progress(means: dict[Quantity, list[SessionMean]], *, single: bool) -> str:
 def _growth(study: Study) -> str:
     """Of each group the ground that its people's hands covered at first and at last."""
     figures = []
-    for group, grown in growth(study, most=MOST_OUTLINED).items():
+    for group, grown in growth(study, most=MAX_OUTLINED).items():
         outlines_of = [(name, hull(first), hull(last)) for name, first, last in grown]
         first = interval([1e4 * area(corners) for _, corners, _ in outlines_of])
         last = interval([1e4 * area(corners) for *_, corners in outlines_of])
@@ -318,7 +318,7 @@ def _growth(study: Study) -> str:
         return ""
     note = (
         "<p><small>Convex outlines of each person's first session (orange) and last one (blue), laid over one "
-        f"another by the middle of the first; of {MOST_OUTLINED} people of a group at most.</small></p>"
+        f"another by the middle of the first; of {MAX_OUTLINED} people of a group at most.</small></p>"
     )
     return f"<h2>Ground that hands covered</h2><div class=charts>{''.join(figures)}</div>{note}"
 

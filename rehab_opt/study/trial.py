@@ -19,7 +19,7 @@ __all__ = ["DONE", "Bound", "Event", "ProblemText", "Session", "StoredFile", "Tr
 
 DONE = "done"
 LONGEST_LABEL = 100
-LARGEST_VISIT = 10_000
+MAX_VISIT = 10_000
 
 
 class Bound(NamedTuple):
@@ -84,8 +84,8 @@ class Session:
         checked_label("session", self.name)
         if self.group is not None:
             checked_label("group", self.group)
-        if self.visit is not None and not (type(self.visit) is int and 0 <= self.visit <= LARGEST_VISIT):
-            raise ConfigurationError("visit", self.visit, f"a whole number from 0 to {LARGEST_VISIT}")
+        if self.visit is not None and not (type(self.visit) is int and 0 <= self.visit <= MAX_VISIT):
+            raise ConfigurationError("visit", self.visit, f"a whole number from 0 to {MAX_VISIT}")
         if self.date is not None:
             try:
                 ok = datetime.date.fromisoformat(self.date).isoformat() == self.date

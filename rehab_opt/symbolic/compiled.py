@@ -217,25 +217,25 @@ def _attempt(code: _Code, *, build: bool = True, hurry: bool = False) -> ca.Func
             with _workplace(folder) as workplace:
                 (workplace / "table").write_bytes(table)
                 _keep(workplace / "table", folder, own_name, ".table")
-        return _loaded(folder, code.function, name, library, table[DIGEST:])
+        return _config(folder, code.function, name, library, table[DIGEST:])
     except (OSError, subprocess.SubprocessError, RuntimeError) as problem:
         _log.info("%s stays in the virtual machine: %s", code.function, problem)
     return None
 
 
-def _loaded(folder: Path, function: str, name: str, library: bytes, constants: bytes) -> ca.Function:
+def _config(folder: Path, function: str, name: str, library: bytes, constants: bytes) -> ca.Function:
     """The function with these constants: of a copy of its library, since each copy has one table."""
     with _workplace(folder) as workplace:
         copy = workplace / f"{function}.so"
         copy.write_bytes(library)
         try:
-            loaded = ca.external(function, str(copy))
+            config = ca.external(function, str(copy))
             ca.external(SETTER, str(copy))(ca.DM(np.frombuffer(constants)))
         except RuntimeError:
             for each in folder.glob(f"{name}-*.so"):  # no code of this machine: the next process builds it again
                 each.unlink(missing_ok=True)
             raise
-    return loaded
+    return config
 
 
 def _name(function: str, digest: bytes) -> str:

@@ -13,13 +13,13 @@ if TYPE_CHECKING:
     from rehab_opt.workspace.certificate import Certificate
     from rehab_opt.workspace.region import Workspace
 
-__all__ = ["LARGEST_STRETCH", "ROUND_TRIP", "SMALLEST_STRETCH", "Audit", "random_points"]
+__all__ = ["MAX_STRETCH", "ROUND_TRIP", "SMALLEST_STRETCH", "Audit", "random_points"]
 
 # Local stretch over the pair's overall ratio from which a map is refused. Between a disc and a set ten times as long as
 # wide a map of equal areas must stretch by sqrt(10) = 3.2 somewhere; half as much again is left for shape. Where W_c
 # (6 cm) drives W_r (overall 5.4) a tremor of 2 mm then moves the other side by 5.4 cm at most.
-LARGEST_STRETCH = 5.0
-SMALLEST_STRETCH = 1.0 / LARGEST_STRETCH
+MAX_STRETCH = 5.0
+SMALLEST_STRETCH = 1.0 / MAX_STRETCH
 # [m], asked for by the issue.
 ROUND_TRIP = 1e-9
 
@@ -31,7 +31,7 @@ class Audit:
     samples : points drawn evenly over the source.
     folded : share of them where det J <= 0 or is not a number.
     outside : share of them mapped outside the target.
-    largest_stretch, smallest_stretch : singular values of J over the samples [-].
+    max_stretch, min_stretch : singular values of J over the samples [-].
     overall_ratio : sqrt(area of the target / area of the source) [-].
     round_trip : largest |inverse(map(x)) - x| [m]; inf where an inverse was not found.
     coverage : share of the target's area that is the image of the source.
@@ -43,8 +43,8 @@ class Audit:
     samples: int
     folded: float
     outside: float
-    largest_stretch: float
-    smallest_stretch: float
+    max_stretch: float
+    min_stretch: float
     overall_ratio: float
     round_trip: float
     coverage: float
@@ -60,12 +60,12 @@ class Audit:
     def reasons(self) -> tuple[str, ...]:
         """Why it may not: one sentence for each number that is not within its threshold. A NaN never is."""
         ratio, margin, accuracy = self.overall_ratio, self.certificate.margin, self.target_accuracy
-        largest, smallest = self.largest_stretch / ratio, self.smallest_stretch / ratio
+        largest, smallest = self.max_stretch / ratio, self.min_stretch / ratio
         found = {
             f"folded over {self.folded:.3%} of the source (0 allowed)": self.folded <= 0.0,
             f"{self.outside:.3%} of the source is mapped outside the target (0 allowed)": self.outside <= 0.0,
-            f"stretches {largest:.3g} times the overall ratio {ratio:.3g} (at most {LARGEST_STRETCH:.3g})": (
-                largest <= LARGEST_STRETCH
+            f"stretches {largest:.3g} times the overall ratio {ratio:.3g} (at most {MAX_STRETCH:.3g})": (
+                largest <= MAX_STRETCH
             ),
             f"squeezes to {smallest:.3g} of the overall ratio {ratio:.3g} (at least {SMALLEST_STRETCH:.3g})": (
                 smallest >= SMALLEST_STRETCH
@@ -80,7 +80,7 @@ class Audit:
         proven, ratio = self.certificate, self.overall_ratio
         lines = [
             f"folded {self.folded:.3%}, outside {self.outside:.3%} of {self.samples} points",
-            f"stretch {self.smallest_stretch / ratio:.3g} to {self.largest_stretch / ratio:.3g}"
+            f"stretch {self.min_stretch / ratio:.3g} to {self.max_stretch / ratio:.3g}"
             f" times the overall ratio {ratio:.4g}",
             f"round trip {self.round_trip:.2g} m; {self.coverage:.1%} of the target used",
             f"proven: det J >= {proven.determinant:.3g}, {1e3 * proven.margin:.3g} mm inside, one-to-one"
@@ -94,9 +94,9 @@ def random_points(workspace: Workspace, samples: int, seed: int) -> NDArray[np.f
     """Points (samples, 2) [m] drawn evenly from a workspace that is not empty."""
     random = np.random.default_rng(seed)
     left, bottom, right, top = workspace.polygon.bounds
-    share = workspace.area / ((right - left) * (top - bottom))
+    fraction = workspace.area / ((right - left) * (top - bottom))
     found = np.empty((0, 2))
     while len(found) < samples:
-        drawn = random.uniform((left, bottom), (right, top), (int(1.1 * samples / share) + 16, 2))
+        drawn = random.uniform((left, bottom), (right, top), (int(1.1 * samples / fraction) + 16, 2))
         found = np.concatenate([found, drawn[workspace.contains(drawn)]])
     return found[:samples]

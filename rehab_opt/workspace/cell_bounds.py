@@ -76,7 +76,7 @@ def cell_bounds(spline: PlaneSpline, cells: NDArray[np.float64]) -> CellBounds:
     determinant = np.minimum(at_corners, between).min(axis=0) - size * left_out - 0.5 * left_out**2
     return CellBounds(
         determinant=determinant,
-        stretch=_largest_stretch(corners).max(axis=0) + left_out,
+        stretch=_max_stretch(corners).max(axis=0) + left_out,
         turned_back=_turned_back(corners) - left_out,
         corner_determinant=at_corners.min(axis=0),
     )
@@ -119,7 +119,7 @@ def _mixed(A: NDArray[np.float64], B: NDArray[np.float64]) -> NDArray[np.float64
     )
 
 
-def _largest_stretch(J: NDArray[np.float64]) -> NDArray[np.float64]:
+def _max_stretch(J: NDArray[np.float64]) -> NDArray[np.float64]:
     """Largest singular value of each matrix (..., 2, 2)."""
     mean, half = 0.5 * (J[..., 0, 0] + J[..., 1, 1]), 0.5 * (J[..., 0, 0] - J[..., 1, 1])
     turn, shear = 0.5 * (J[..., 1, 0] - J[..., 0, 1]), 0.5 * (J[..., 1, 0] + J[..., 0, 1])

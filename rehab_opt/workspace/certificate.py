@@ -32,7 +32,7 @@ __all__ = ["Certificate", "certificate", "covering", "examined"]
 ACROSS = 24
 HALVINGS = 7
 # Cells given up when they are so many: the bounds do not close.
-MOST_CELLS = 60_000
+MAX_CELLS = 60_000
 # A bound is kept as soon as it is this share of the value at the cell's own points; a margin also above this share of
 # the size.
 KEPT = 0.3
@@ -75,7 +75,7 @@ def examined(spline: PlaneSpline, source: Workspace, target: Workspace) -> tuple
     """The certificate, and points (m, 2) [m] of the source around which the proof fails; none where it is valid."""
     cells = covering(source)
     size = np.sqrt(target.area)
-    least_determinant = least_margin = np.inf
+    min_determinant = min_margin = np.inf
     looked_at = 0
     for halving in range(HALVINGS + 1):
         looked_at += len(cells)
@@ -87,21 +87,21 @@ def examined(spline: PlaneSpline, source: Workspace, target: Workspace) -> tuple
         margin_kept = (margin > 0.0) & ((margin >= MARGIN_KEPT * room) | (margin >= WIDE_MARGIN * size))
         kept = determinant_kept & margin_kept
         if kept.any():
-            least_determinant = min(least_determinant, float(bounds.determinant[kept].min()))
-            least_margin = min(least_margin, float(margin[kept].min()))
+            min_determinant = min(min_determinant, float(bounds.determinant[kept].min()))
+            min_margin = min(min_margin, float(margin[kept].min()))
         if kept.all():
             meeting = _meeting(spline, source)
             reason = "the image of the outline could not be proven to keep clear of itself" if len(meeting) else ""
-            return Certificate(least_determinant, least_margin, not reason, looked_at, reason), meeting
+            return Certificate(min_determinant, min_margin, not reason, looked_at, reason), meeting
         refuted, at = _refuted(bounds.corner_determinant, room, centres, ~kept, source)
-        if refuted or halving == HALVINGS or 4 * (~kept).sum() > MOST_CELLS:
+        if refuted or halving == HALVINGS or 4 * (~kept).sum() > MAX_CELLS:
             break
         cells = _touching(_quarters(cells[~kept]), source)
         if not len(cells):
             break
     worst = int(np.argmin(np.where(kept, np.inf, np.minimum(bounds.determinant, margin / size))))
-    low = float(np.minimum(bounds.determinant[~kept].min(), least_determinant))
-    near = float(np.minimum(margin[~kept].min(), least_margin))
+    low = float(np.minimum(bounds.determinant[~kept].min(), min_determinant))
+    near = float(np.minimum(margin[~kept].min(), min_margin))
     x, y = centres[worst]
     reason = refuted or f"det J > 0 and containment could not be bounded near ({x:.4f}, {y:.4f}) m"
     return Certificate(low, near, False, looked_at, reason), at if refuted else centres[~kept]

@@ -101,6 +101,6 @@ def _edge(one: Key, other: Key) -> Edge:
 def _crossing(lattice: Lattice, edge: Edge, level: float) -> Crossing:
     inner, outer = sorted(edge, key=lambda key: lattice.nodes[key].distance)
     near, far = lattice.nodes[inner].distance, lattice.nodes[outer].distance
-    share = 1.0 if far == near or far == float("inf") else (level - near) / (far - near)
-    x, y = (lattice.spacing * (a + share * (b - a)) for a, b in zip(inner, outer, strict=True))
+    fraction = 1.0 if far == near or far == float("inf") else (level - near) / (far - near)
+    x, y = (lattice.spacing * (a + fraction * (b - a)) for a, b in zip(inner, outer, strict=True))
     return Crossing(x, y, outer, inner)

@@ -79,14 +79,14 @@ def descent(
 
 def _solved(slope: Array, moves: list[Array], bends: list[Array], metric: Callable[[Array], Array]) -> Array:
     """The inverse of the approximate second derivative times the slope: the two-loop recursion."""
-    q, shares = slope.copy(), []
+    q, fractions = slope.copy(), []
     for move, bend in zip(reversed(moves), reversed(bends), strict=True):
-        share = (move * q).sum() / (move * bend).sum()
-        shares.append(share)
-        q -= share * bend
+        fraction = (move * q).sum() / (move * bend).sum()
+        fractions.append(fraction)
+        q -= fraction * bend
     r = metric(q)
     if moves:
         r *= (moves[-1] * bends[-1]).sum() / (bends[-1] * metric(bends[-1])).sum()
-    for move, bend, share in zip(moves, bends, reversed(shares), strict=True):
-        r += move * (share - (bend * r).sum() / (move * bend).sum())
+    for move, bend, fraction in zip(moves, bends, reversed(fractions), strict=True):
+        r += move * (fraction - (bend * r).sum() / (move * bend).sum())
     return r

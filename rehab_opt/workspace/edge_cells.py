@@ -98,15 +98,15 @@ def filled_grid(
         possible = np.flatnonzero(apart <= np.repeat(least * (1 + ROUNDING) + 2 * half + slack, count))
         edge, apart = edge[possible], apart[possible]
         cell = np.repeat(np.arange(len(count)), count)[possible]
-        least_here = least[cell]
-        at_least = apart == least_here
+        min_here = least[cell]
+        at_least = apart == min_here
         rival = np.empty(len(count), dtype=np.int64)
         rival[cell[at_least]] = edge[at_least]
         rival = rival[cell]
         spread = np.hypot(middle_x[edge] - middle_x[rival], middle_y[edge] - middle_y[rival])
         spread += half_length[edge] + half_length[rival]
-        slope = np.minimum(2.0, spread / np.maximum(least_here - half, 1e-300))
-        kept = apart - least_here <= half * slope + ROUNDING * least_here + slack
+        slope = np.minimum(2.0, spread / np.maximum(min_here - half, 1e-300))
+        kept = apart - min_here <= half * slope + ROUNDING * min_here + slack
         edge, count = edge[kept], np.bincount(cell[kept], minlength=len(count))
     inside = np.where(shapely.contains_xy(polygon, x, y), INSIDE, OUTSIDE)
     near = np.where(np.logical_or.reduceat(doubtful[edge], np.cumsum(count) - count), ASK, COMPARE)

@@ -46,16 +46,16 @@ def distance_function(size: int) -> ca.Function:
     point, table = ca.MX.sym("point", 2), ca.MX.sym("edges", size, COLUMNS)
     start_x, start_y, along_x, along_y, inverse, *_ = ca.horzsplit(table)
     to_x, to_y = point[0] - start_x, point[1] - start_y
-    share = ca.fmin(ca.fmax((to_x * along_x + to_y * along_y) * inverse, 0), 1)
-    off_x, off_y = to_x - share * along_x, to_y - share * along_y
+    fraction = ca.fmin(ca.fmax((to_x * along_x + to_y * along_y) * inverse, 0), 1)
+    off_x, off_y = to_x - fraction * along_x, to_y - fraction * along_y
     squares = off_x * off_x + off_y * off_y
     edge = table[ca.find(squares <= ca.mmin(squares)), :]  # the first of them
-    signed, foot = _from_edge()(point, edge)
+    signed, closest = _from_edge()(point, edge)
     argument = ca.MX.sym("signed")
     clear = ca.Function("clear", [argument, point, table], [argument])
     counted = ca.Function("counted", [argument, point, table], [ca.fabs(argument) * _counted_side(size)(point, table)])
     signed = ca.Function.if_else("sided", counted, clear)(edge[COLUMNS - 1], signed, point, table)
-    return ca.Function(f"edge_distance_{size}", [point, table], [signed, foot])
+    return ca.Function(f"edge_distance_{size}", [point, table], [signed, closest])
 
 
 @cache
@@ -65,12 +65,12 @@ def _from_edge() -> ca.Function:
     start, along, inverse, at_start, at_end = ca.vertsplit(edge, [0, 2, 4, 5, 7, 9, COLUMNS])[:5]
     known = all_true(ca.fabs(point) < ca.inf)
     part = ca.if_else(known, clipped(ca.dot(point - start, along) * inverse, 0, 1), math.nan)
-    foot = start + part * along
+    closest = start + part * along
     off = point - start - part * along
     within = ca.vertcat(along[1], -along[0])
     beside = ca.dot(off, ca.if_else(part <= 0, at_start, ca.if_else(part >= 1, at_end, within))) > 0
     distance = ca.sqrt(ca.sumsqr(off))
-    return ca.Function("from_edge", [point, edge], [ca.if_else(beside, distance, -distance), foot], {"cse": True})
+    return ca.Function("from_edge", [point, edge], [ca.if_else(beside, distance, -distance), closest], {"cse": True})
 
 
 def _counted_side(size: int) -> ca.Function:
@@ -87,6 +87,6 @@ def _counted_side(size: int) -> ca.Function:
 def nearest_point_function(size: int) -> ca.Function:
     """Point (2,) [m], edges (size, 11) -> the polygon's point (2,) that is nearest: itself inside, see `Workspace`."""
     point, table = ca.MX.sym("point", 2), ca.MX.sym("edges", size, COLUMNS)
-    distance, foot = distance_function(size)(point, table)
+    distance, closest = distance_function(size)(point, table)
     inside = distance <= ON_BOUNDARY * (1 + ca.fabs(point[0]) + ca.fabs(point[1]))
-    return ca.Function(f"nearest_point_{size}", [point, table], [ca.if_else(inside, point, foot)])
+    return ca.Function(f"nearest_point_{size}", [point, table], [ca.if_else(inside, point, closest)])

@@ -89,10 +89,10 @@ class EdgeLookup:
         """`distance`, and x and y of the boundary's nearest point: NaN where the point is not finite."""
         square, edge, side = self._nearest(x, y)
         start_x, start_y, along_x, along_y, inverse, _ = edge
-        share = min(max(((x - start_x) * along_x + (y - start_y) * along_y) * inverse, 0.0), 1.0)
+        fraction = min(max(((x - start_x) * along_x + (y - start_y) * along_y) * inverse, 0.0), 1.0)
         outside = side == OUTSIDE if side >= 0 else self._outside(x, y, edge, side)
         distance = math.sqrt(square)
-        return (distance if outside else -distance), start_x + share * along_x, start_y + share * along_y
+        return (distance if outside else -distance), start_x + fraction * along_x, start_y + fraction * along_y
 
     def _nearest(self, x: float, y: float) -> tuple[float, Edge, int]:
         """Squared distance [m^2], the nearest edge, and the side of the cell."""
@@ -112,14 +112,14 @@ class EdgeLookup:
         for edge in edges:
             start_x, start_y, along_x, along_y, inverse, _ = edge
             off_x, off_y = x - start_x, y - start_y
-            share = (off_x * along_x + off_y * along_y) * inverse
-            if share > 0.0:
-                if share >= 1.0:
+            fraction = (off_x * along_x + off_y * along_y) * inverse
+            if fraction > 0.0:
+                if fraction >= 1.0:
                     off_x -= along_x
                     off_y -= along_y
                 else:
-                    off_x -= share * along_x
-                    off_y -= share * along_y
+                    off_x -= fraction * along_x
+                    off_y -= fraction * along_y
             square = off_x * off_x + off_y * off_y
             if square < best:
                 best, nearest = square, edge
@@ -131,12 +131,12 @@ class EdgeLookup:
             return not self._contains_xy(self._polygon, x, y)
         start_x, start_y, along_x, along_y, inverse, (start_nx, start_ny, end_nx, end_ny) = edge
         off_x, off_y = x - start_x, y - start_y
-        share = (off_x * along_x + off_y * along_y) * inverse
-        if share <= 0.0:
+        fraction = (off_x * along_x + off_y * along_y) * inverse
+        if fraction <= 0.0:
             return off_x * start_nx + off_y * start_ny > 0.0
-        if share >= 1.0:
+        if fraction >= 1.0:
             return (off_x - along_x) * end_nx + (off_y - along_y) * end_ny > 0.0
-        return (off_x - share * along_x) * along_y - (off_y - share * along_y) * along_x > 0.0
+        return (off_x - fraction * along_x) * along_y - (off_y - fraction * along_y) * along_x > 0.0
 
     def side(self, x: float, y: float) -> int:
         """`INSIDE` or `OUTSIDE` where the whole cell of the point lies there; below zero where edges must be asked.
@@ -209,8 +209,8 @@ class EdgeLookup:
         along_x, along_y = edges[:, 2], edges[:, 3]
         off_x, off_y = x - edges[:, 0], y - edges[:, 1]
         raw = (off_x * along_x + off_y * along_y) * edges[:, 4]
-        share = np.clip(raw, 0.0, 1.0)
-        off_x, off_y = off_x - share * along_x, off_y - share * along_y
+        fraction = np.clip(raw, 0.0, 1.0)
+        off_x, off_y = off_x - fraction * along_x, off_y - fraction * along_y
         start, end = raw <= 0.0, raw >= 1.0
         normal_x = np.select((start, end), (edges[:, 5], edges[:, 7]), along_y)
         normal_y = np.select((start, end), (edges[:, 6], edges[:, 8]), -along_x)
@@ -219,8 +219,8 @@ class EdgeLookup:
         if asked.any():
             outside[asked] = ~self._contains_xy(self._polygon, x[asked], y[asked])
         distance = np.sqrt(off_x**2 + off_y**2)
-        foot_x, foot_y = edges[:, 0] + share * along_x, edges[:, 1] + share * along_y
-        return np.column_stack((np.where(outside, distance, -distance), foot_x, foot_y))
+        closest_x, closest_y = edges[:, 0] + fraction * along_x, edges[:, 1] + fraction * along_y
+        return np.column_stack((np.where(outside, distance, -distance), closest_x, closest_y))
 
     def _listed(
         self, x: float, y: float, rows: Integers, lists: list[list[Edge] | None], cell: int

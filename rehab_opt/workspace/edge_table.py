@@ -50,9 +50,9 @@ def edge_squares(table: Array, edges: NDArray[np.int64], x: Array | float, y: Ar
     """(N,) squared distances [m^2] of points from those rows of the table, one each; one point stands for all."""
     start_x, start_y, along_x, along_y, inverse = (table[:, i].take(edges) for i in range(5))
     off_x, off_y = x - start_x, y - start_y
-    share = np.minimum(np.maximum((off_x * along_x + off_y * along_y) * inverse, 0.0), 1.0)
-    off_x -= share * along_x
-    off_y -= share * along_y
+    fraction = np.minimum(np.maximum((off_x * along_x + off_y * along_y) * inverse, 0.0), 1.0)
+    off_x -= fraction * along_x
+    off_y -= fraction * along_y
     squares: Array = off_x * off_x + off_y * off_y
     return squares
 

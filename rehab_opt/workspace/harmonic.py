@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
     from shapely import Polygon
 
-__all__ = ["DiscMap", "carried", "disc_map", "harmonic_images", "turns"]
+__all__ = ["DiscMap", "disc_map", "harmonic_images", "interpolate", "turns"]
 
 # Points of each mesh, roughly.
 MESH_POINTS = 2500
@@ -28,7 +28,7 @@ MESH_POINTS = 2500
 TURNS = 720
 # Smallest weight of an edge, relative to that of an edge between equilateral triangles: keeps weights positive in
 # floating point.
-LEAST_WEIGHT = 1e-6
+MIN_WEIGHT = 1e-6
 # Triangles looked at around a point that is to be located.
 NEIGHBOURS = 32
 
@@ -58,12 +58,12 @@ def harmonic_images(
     """
     meshes = [mesh_of(each, float(np.sqrt(each.area / MESH_POINTS))) for each in (source, target)]
     discs = [disc_map(mesh) for mesh in meshes]
-    on_disc = carried(meshes[0].points, meshes[0].triangles, discs[0].images, points)
+    on_disc = interpolate(meshes[0].points, meshes[0].triangles, discs[0].images, points)
     answers = []
     for turn in turns(meshes[0], meshes[1], rotation):
         c, s = np.cos(turn), np.sin(turn)
         turned = on_disc @ np.array([[c, s], [-s, c]])
-        answers.append(carried(discs[1].images, meshes[1].triangles, meshes[1].points, turned))
+        answers.append(interpolate(discs[1].images, meshes[1].triangles, meshes[1].points, turned))
     return answers
 
 
@@ -85,27 +85,27 @@ def turns(source: PlaneMesh, target: PlaneMesh, rotation: float | Literal["best"
     The fit's residual is smallest where the sum of conj(z) w over centred pairs, as complex numbers, is largest in the
     wanted direction, or in modulus where any rotation will do.
     """
-    share = np.arange(TURNS) / TURNS
-    z, w = (_along(mesh, share) for mesh in (source, target))
+    fraction = np.arange(TURNS) / TURNS
+    z, w = (_along(mesh, fraction) for mesh in (source, target))
     fit = np.fft.ifft(np.conj(np.fft.fft(z)) * np.fft.fft(w))  # at k: sum of conj(z_j) w_{j+k}, over TURNS points
     if rotation != "best":
-        return [float(2.0 * np.pi * share[np.argmax((fit * np.exp(-1j * rotation)).real)])]
+        return [float(2.0 * np.pi * fraction[np.argmax((fit * np.exp(-1j * rotation)).real)])]
     size = np.abs(fit)
     peaks = np.flatnonzero((size >= np.roll(size, 1)) & (size > np.roll(size, -1)))
     best = peaks[np.argsort(-size[peaks])][:4]
-    return [float(2.0 * np.pi * share[k]) for k in best] or [0.0]
+    return [float(2.0 * np.pi * fraction[k]) for k in best] or [0.0]
 
 
-def _along(mesh: PlaneMesh, share: NDArray[np.float64]) -> NDArray[np.complex128]:
+def _along(mesh: PlaneMesh, fraction: NDArray[np.float64]) -> NDArray[np.complex128]:
     """Centred points of the outline at these shares of its length, as complex numbers."""
     outline = mesh.points[: mesh.boundary]
     closed = np.concatenate([outline, outline[:1]])
-    at = share * mesh.boundary
+    at = fraction * mesh.boundary
     z = np.interp(at, np.arange(len(closed)), closed[:, 0]) + 1j * np.interp(at, np.arange(len(closed)), closed[:, 1])
     return np.asarray(z - z.mean())
 
 
-def carried(
+def interpolate(
     points: NDArray[np.float64],
     triangles: NDArray[np.intp],
     images: NDArray[np.float64],
@@ -123,13 +123,13 @@ def carried(
     a, b, c = (corners[near, k] for k in range(3))
     x = at[:, None]
     area = _cross(b - a, c - a)
-    shares = np.stack([_cross(b - x, c - x), _cross(c - x, a - x), _cross(a - x, b - x)], axis=-1)
-    shares /= np.where(area > 0.0, area, np.nan)[..., None]
-    least = np.where(np.isnan(shares[..., 0]), -np.inf, shares.min(axis=-1))
+    fractions = np.stack([_cross(b - x, c - x), _cross(c - x, a - x), _cross(a - x, b - x)], axis=-1)
+    fractions /= np.where(area > 0.0, area, np.nan)[..., None]
+    least = np.where(np.isnan(fractions[..., 0]), -np.inf, fractions.min(axis=-1))
     row, best = np.arange(len(at)), np.argmax(least, axis=1)
-    share = np.clip(shares[row, best], 0.0, None)
-    share /= share.sum(axis=1, keepdims=True)
-    return np.asarray((images[triangles[near[row, best]]] * share[..., None]).sum(axis=1))
+    fraction = np.clip(fractions[row, best], 0.0, None)
+    fraction /= fraction.sum(axis=1, keepdims=True)
+    return np.asarray((images[triangles[near[row, best]]] * fraction[..., None]).sum(axis=1))
 
 
 def _laplacian(mesh: PlaneMesh):  # type: ignore[no-untyped-def]
@@ -145,7 +145,7 @@ def _laplacian(mesh: PlaneMesh):  # type: ignore[no-untyped-def]
         weights.append(0.5 * (u * v).sum(axis=1) / _cross(u, v))
     half = coo_array((np.concatenate(weights), (np.concatenate(rows), np.concatenate(columns))), shape=(n, n)).tocsr()
     edges = half + half.T
-    edges.data = np.maximum(edges.data, LEAST_WEIGHT)
+    edges.data = np.maximum(edges.data, MIN_WEIGHT)
     return (diags_array(edges.sum(axis=1)) - edges).tocsr()
 
 

@@ -21,7 +21,7 @@ IMPROVED = 1e-7
 """[m] An answer counts as better from here on."""
 SAME = 0.02
 """[rad or m] Postures nearer to each other than this lead to the same answer."""
-MOST_NODES = 2_000_000
+MAX_NODES = 2_000_000
 
 
 class TooManyNodesError(Exception):
@@ -52,7 +52,7 @@ class Lattice:
     spacing : [m].
     others : from a point, further postures to start from where the first offer did not reach it.
     spreads : from a node, whether its neighbours are to be made.
-    most_offers : postures of neighbours that a node outside tries although they promise nothing.
+    max_offers : postures of neighbours that a node outside tries although they promise nothing.
     """
 
     def __init__(
@@ -62,9 +62,9 @@ class Lattice:
         *,
         others: Callable[[float, float], Iterable[Array]],
         spreads: Callable[[Node], bool],
-        most_offers: int,
+        max_offers: int,
     ) -> None:
-        self.search, self.spacing, self.most_offers = search, spacing, most_offers
+        self.search, self.spacing, self.max_offers = search, spacing, max_offers
         self._others, self._spreads = others, spreads
         self.nodes: dict[Key, Node] = {}
         self._waiting: dict[Key, None] = {}
@@ -85,7 +85,7 @@ class Lattice:
         for key, posture in offers:
             asked.setdefault(key, []).append(posture)
         new = [key for key in asked if key not in self.nodes]
-        if len(self.nodes) + len(new) > MOST_NODES:
+        if len(self.nodes) + len(new) > MAX_NODES:
             raise TooManyNodesError
         known = [(key, posture) for key in asked if key in self.nodes for posture in asked[key]]
         for i, j in new:
@@ -125,7 +125,7 @@ class Lattice:
                 # The slice's point that belongs to this node may be nearer than what the other one knows.
                 if math.hypot(i * spacing - node.x, j * spacing - node.y) < known.distance - IMPROVED:
                     offers.append((other, posture))
-                elif known.offers < self.most_offers:
+                elif known.offers < self.max_offers:
                     others.append((known, other, posture))
 
     def _worth_a_try(self, others: list[tuple[Node, Key, Array]]) -> Iterator[tuple[Key, Array]]:
@@ -135,7 +135,7 @@ class Lattice:
         own = np.array([posture if known.posture is None else known.posture for known, _, posture in others])
         unlike = np.abs(own - np.array([posture for _, _, posture in others])).max(axis=1) >= SAME
         for (known, key, posture), new in zip(others, unlike.tolist(), strict=True):
-            if (new or known.posture is None) and known.offers < self.most_offers:
+            if (new or known.posture is None) and known.offers < self.max_offers:
                 known.offers += 1
                 yield key, posture
 

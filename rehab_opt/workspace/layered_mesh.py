@@ -13,13 +13,13 @@ from rehab_opt.errors import ConfigurationError
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
 
-__all__ = ["MOST_NODES", "SurfaceMesh", "closed_mesh", "edges_of_slabs", "enclosed_volume", "signed_distances"]
+__all__ = ["MAX_NODES", "SurfaceMesh", "closed_mesh", "edges_of_slabs", "enclosed_volume", "signed_distances"]
 
 Array = NDArray[np.float64]
 
 ON_SURFACE = 1e-6
 """[m] A node nearer than this to the surface is moved off it: triangles without area would follow."""
-MOST_NODES = 50_000_000
+MAX_NODES = 50_000_000
 """Of a mesh's lattice, all layers together: 400 MB each of several arrays."""
 FAR = 1.0
 """[m] Distance of a layer that is empty like its neighbours."""
@@ -79,7 +79,7 @@ def closed_mesh(polygons: Sequence[BaseGeometry], heights: Array, *, spacing: fl
 
     Raises
     ------
-    ConfigurationError : more than `MOST_NODES` nodes, naming `accuracy`, which is where the spacing comes from.
+    ConfigurationError : more than `MAX_NODES` nodes, naming `accuracy`, which is where the spacing comes from.
     """
     import shapely  # noqa: PLC0415  (heavy)
     from skimage.measure import marching_cubes  # noqa: PLC0415  (heavy)
@@ -87,10 +87,8 @@ def closed_mesh(polygons: Sequence[BaseGeometry], heights: Array, *, spacing: fl
     west, south, east, north = shapely.total_bounds(list(polygons))
     x = np.arange(west - 2 * spacing, east + 3 * spacing, spacing)
     y = np.arange(south - 2 * spacing, north + 3 * spacing, spacing)
-    if len(x) * len(y) * (len(polygons) + 2) > MOST_NODES:
-        raise ConfigurationError(
-            "accuracy", spacing, f"a coarser one, or fewer heights: {MOST_NODES} nodes at the most"
-        )
+    if len(x) * len(y) * (len(polygons) + 2) > MAX_NODES:
+        raise ConfigurationError("accuracy", spacing, f"a coarser one, or fewer heights: {MAX_NODES} nodes at the most")
     nodes = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
     layers = np.stack([signed_distances(polygon, nodes).reshape(len(x), len(y)) for polygon in polygons])
     field = padded(layers)

@@ -41,20 +41,20 @@ ROTATION_WEIGHT = 100.0
 ALLOWED_OUTSIDE = 0.004
 # det J from which a map counts as unfolded, and the least eps.
 UNFOLDED = 1e-3
-LEAST_EPS = 1e-4
+MIN_EPS = 1e-4
 
 
 class Sampled(NamedTuple):
     """A spline's Jacobian and values as linear functions of its landmarks' images; lengths over sqrt(area).
 
     gradient : (2 m, n): d/dx at all m points, then d/dy.
-    shares : (m,) share of the area of each point.
+    fractions : (m,) share of the area of each point.
     outline : (b, n): values at points along the outline.
     before : (b, 2): those points.
     """
 
     gradient: NDArray[np.float64]
-    shares: NDArray[np.float64]
+    fractions: NDArray[np.float64]
     outline: NDArray[np.float64]
     before: NDArray[np.float64]
 
@@ -66,7 +66,7 @@ class Sampled(NamedTuple):
 def sampled(
     landmarks: NDArray[np.float64],
     points: NDArray[np.float64],
-    shares: NDArray[np.float64],
+    fractions: NDArray[np.float64],
     outline: NDArray[np.float64],
 ) -> Sampled:
     """The spline through landmarks (n, 2), sampled at points (m, 2) and along the outline (b, 2)."""
@@ -77,12 +77,12 @@ def sampled(
     cardinal = np.linalg.inv(system)[:, :n]
     dx, dy = _slopes(landmarks, points)
     gradient = np.concatenate([dx @ cardinal, dy @ cardinal])
-    return Sampled(gradient, shares, _values(landmarks, outline) @ cardinal, outline)
+    return Sampled(gradient, fractions, _values(landmarks, outline) @ cardinal, outline)
 
 
-def distortion(jacobians: NDArray[np.float64], shares: NDArray[np.float64], eps: float) -> float:
+def distortion(jacobians: NDArray[np.float64], fractions: NDArray[np.float64], eps: float) -> float:
     """Mean of (f / 4)^2; infinite where a map folds and eps is 0."""
-    return _distortion(jacobians, shares, eps)[0]
+    return _distortion(jacobians, fractions, eps)[0]
 
 
 def least_distorted(
@@ -99,31 +99,31 @@ def least_distorted(
     pull : weight of the pull to the outline from inside.
     """
     outline = OutlinePull(target, spline.outline, spline.before, inside=pull, outside=PULL_OUTSIDE)
-    curvature = 0.5 * spline.gradient.T @ (np.tile(spline.shares, 2)[:, None] * spline.gradient)
+    curvature = 0.5 * spline.gradient.T @ (np.tile(spline.fractions, 2)[:, None] * spline.gradient)
     curvature += pull / len(spline.outline) * spline.outline.T @ spline.outline
 
     def cost(eps: float, Y: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
         jacobians = spline.jacobians(Y)
-        value, slope = _distortion(jacobians, spline.shares, eps)
+        value, slope = _distortion(jacobians, spline.fractions, eps)
         if not np.isfinite(value):
             return np.inf, Y
         if rotation is not None:
-            more, by = _rotation_penalty(jacobians, spline.shares, rotation)
+            more, by = _rotation_penalty(jacobians, spline.fractions, rotation)
             value, slope = value + more, slope + by
         more, by = outline(Y)
         return value + more, spline.gradient.T @ slope.reshape(-1, 2) + by
 
-    def least_determinant(Y: NDArray[np.float64]) -> float:
+    def min_determinant(Y: NDArray[np.float64]) -> float:
         return float(_determinant(spline.jacobians(Y)).min())
 
-    folded = least_determinant(images)
+    folded = min_determinant(images)
     eps = 0.0 if folded > UNFOLDED else max(-folded, 1e-2)
     for _ in range(30):
         if eps == 0.0:
             break
         images, _ = descent(partial(cost, eps), images, curvature, steps=12, enough=1e-3)
-        folded = least_determinant(images)
-        eps = 0.0 if folded > UNFOLDED else max((0.5 if folded > -eps else 0.8) * eps, LEAST_EPS)
+        folded = min_determinant(images)
+        eps = 0.0 if folded > UNFOLDED else max((0.5 if folded > -eps else 0.8) * eps, MIN_EPS)
     if eps > 0.0:
         return images
     for _ in range(ROUNDS):
@@ -137,7 +137,9 @@ def least_distorted(
     return images
 
 
-def _distortion(J: NDArray[np.float64], shares: NDArray[np.float64], eps: float) -> tuple[float, NDArray[np.float64]]:
+def _distortion(
+    J: NDArray[np.float64], fractions: NDArray[np.float64], eps: float
+) -> tuple[float, NDArray[np.float64]]:
     """Mean of (f / 4)^2 and its derivative with respect to J, shaped as J."""
     det = _determinant(J)
     if eps == 0.0 and not det.min() > 0.0:
@@ -152,18 +154,18 @@ def _distortion(J: NDArray[np.float64], shares: NDArray[np.float64], eps: float)
     cofactors = np.empty_like(J)
     cofactors[0, :, 0], cofactors[1, :, 1] = J[1, :, 1], J[0, :, 0]
     cofactors[0, :, 1], cofactors[1, :, 0] = -J[1, :, 0], -J[0, :, 1]
-    slope = (2.0 * shares * f)[None, :, None] * (0.5 * J / below[None, :, None] + by_det[None, :, None] * cofactors)
-    return float(shares @ f**2), slope
+    slope = (2.0 * fractions * f)[None, :, None] * (0.5 * J / below[None, :, None] + by_det[None, :, None] * cofactors)
+    return float(fractions @ f**2), slope
 
 
 def _rotation_penalty(
-    J: NDArray[np.float64], shares: NDArray[np.float64], rotation: float
+    J: NDArray[np.float64], fractions: NDArray[np.float64], rotation: float
 ) -> tuple[float, NDArray[np.float64]]:
     """Weighted square of the mean of J's part across the wanted rotation, and its derivative with respect to J."""
     c, s = np.cos(rotation), np.sin(rotation)
     across = 0.5 * np.array([[-s, c], [-c, -s]])  # at [j, i], as J is stored
-    off = float((across[:, None] * J).sum(axis=(0, 2)) @ shares)
-    return ROTATION_WEIGHT * off**2, 2.0 * ROTATION_WEIGHT * off * shares[None, :, None] * across[:, None]
+    off = float((across[:, None] * J).sum(axis=(0, 2)) @ fractions)
+    return ROTATION_WEIGHT * off**2, 2.0 * ROTATION_WEIGHT * off * fractions[None, :, None] * across[:, None]
 
 
 def _determinant(J: NDArray[np.float64]) -> NDArray[np.float64]:

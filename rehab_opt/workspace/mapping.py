@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from rehab_opt.errors import ConfigurationError
-from rehab_opt.workspace.audit import LARGEST_STRETCH, SMALLEST_STRETCH, Audit, random_points
+from rehab_opt.workspace.audit import MAX_STRETCH, SMALLEST_STRETCH, Audit, random_points
 from rehab_opt.workspace.certificate import Certificate, certificate, examined
 from rehab_opt.workspace.controller_map import ControllerMap
 from rehab_opt.workspace.point_arguments import point_array, real_number
@@ -168,8 +168,8 @@ class WorkspaceMap:
             samples=samples,
             folded=float(np.mean(~(determinant > 0.0))),
             outside=float(np.mean(~self.target.contains(images))),
-            largest_stretch=float(stretch.max()),
-            smallest_stretch=float(stretch.min()),
+            max_stretch=float(stretch.max()),
+            min_stretch=float(stretch.min()),
             overall_ratio=float(np.sqrt(self.target.area / self.source.area)),
             round_trip=float(np.where(np.isnan(back), np.inf, back).max()),
             coverage=float(np.abs(determinant).mean() * self.source.area / self.target.area),
@@ -195,7 +195,7 @@ class WorkspaceMap:
         """Points (m, 2) [m], of a few, that are stretched or squeezed by more than an audit allows."""
         points, ratio = random_points(self.source, STARTS, 0), np.sqrt(self.target.area / self.source.area)
         over = np.linalg.svd(self.spline.jacobian(points), compute_uv=False) / ratio
-        return np.asarray(points[(over[:, 0] > LARGEST_STRETCH) | (over[:, 1] < SMALLEST_STRETCH)])
+        return np.asarray(points[(over[:, 0] > MAX_STRETCH) | (over[:, 1] < SMALLEST_STRETCH)])
 
     @cached_property
     def _starts(self) -> tuple[Any, NDArray[np.float64]]:

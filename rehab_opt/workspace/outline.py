@@ -20,7 +20,7 @@ __all__ = ["boundary_ring", "polygon_of_rings"]
 
 Array = NDArray[np.float64]
 
-MOST_STEPS = 400
+MAX_STEPS = 400
 """Vertices added between two neighbours: a notch is followed so far."""
 SAME, KNOWN = 1e-6, 1.1
 """A foot is as near as known within so much [m]; one further than so many times as far is another's."""
@@ -36,13 +36,13 @@ def boundary_ring(search: PlaneSearch, lattice: Lattice, curve: Sequence[Crossin
     tolerance : [m] by which the chord between two vertices may leave the slice at its middle. Where it does, as at a
         notch that is narrower than the curve's distance, vertices are added on either side down to its tip.
     """
-    feet = [foot for crossing in curve if (foot := _foot(search, lattice, crossing)) is not None]
+    feet = [closest for crossing in curve if (closest := _closest(search, lattice, crossing)) is not None]
     ring: list[Nearest] = []
     following = [*feet[1:], *feet[:1]]
-    for foot, after, left in zip(feet, following, _chords_leave(search, feet, following, tolerance), strict=True):
-        ring.append(foot)
+    for closest, after, left in zip(feet, following, _chords_leave(search, feet, following, tolerance), strict=True):
+        ring.append(closest)
         if left:
-            ring.extend(_between(search, foot, after, tolerance))
+            ring.extend(_between(search, closest, after, tolerance))
     return ring
 
 
@@ -69,7 +69,7 @@ def polygon_of_rings(rings: Sequence[Sequence[Nearest]]) -> BaseGeometry:
     whole: BaseGeometry = shapely.Polygon()
     polygons = []
     for ring in rings:
-        points = np.array([(foot.x, foot.y) for foot in ring])
+        points = np.array([(closest.x, closest.y) for closest in ring])
         if len(points) >= 3:
             valid = shapely.make_valid(shapely.Polygon(points))
             polygons.append(_surfaces(valid))
@@ -93,7 +93,7 @@ def _wide(polygon: BaseGeometry) -> bool:
     return bool(polygon.area > THINNEST * polygon.length / 2)
 
 
-def _foot(search: PlaneSearch, lattice: Lattice, crossing: Crossing) -> Nearest | None:
+def _closest(search: PlaneSearch, lattice: Lattice, crossing: Crossing) -> Nearest | None:
     """Nearest point of the slice to a point of the curve, as near as those its two nodes know; None without one.
 
     From where the node is, the NLP may end in a local minimum millimetres off, a notch that is not there: what is
@@ -121,7 +121,7 @@ def _foot(search: PlaneSearch, lattice: Lattice, crossing: Crossing) -> Nearest 
 def _between(search: PlaneSearch, first: Nearest, last: Nearest, tolerance: float) -> list[Nearest]:
     """Vertices that follow the slice from `first` to `last`, neither of them included."""
     done, ahead = [first], [last]
-    for _ in range(MOST_STEPS):
+    for _ in range(MAX_STEPS):
         if not ahead:
             break
         inserted = _inserted(search, done[-1], ahead[-1], tolerance)
@@ -142,8 +142,8 @@ def _inserted(search: PlaneSearch, a: Nearest, b: Nearest, tolerance: float) -> 
     best = _from_either(search, (x, y), (a, b), tolerance)
     if best is None or best.distance <= tolerance:
         return None
-    for share in (1.0, 0.5, 0.25):
-        deeper = _from_either(search, (x - share * dy, y + share * dx), (a, b), tolerance)
+    for fraction in (1.0, 0.5, 0.25):
+        deeper = _from_either(search, (x - fraction * dy, y + fraction * dx), (a, b), tolerance)
         if deeper is not None and deeper.distance > tolerance:
             best = deeper
             break

@@ -42,7 +42,7 @@ GROUPS = ("typically developing", "dyskinetic cerebral palsy")
 """By the number in column 0."""
 SAMPLES = 101
 COLUMNS = (*(angle.column for angle in CLINICAL_ANGLES), *WITHOUT_A_JOINT)
-MOST_DEG = 360.0
+MAX_DEG = 360.0
 FEWEST = 5
 """Rows a group needs before its typical row says anything."""
 CLEAR, CLOSE, SIGNED = 4.0, 3.0, 2.0
@@ -181,7 +181,7 @@ def _table(path: Path) -> tuple[NDArray[np.int64], NDArray[np.int64], Array]:
         groups.append(int(group))
         angles.append(
             [
-                math.radians(finite_number(cell, name=name, line=number, column=str(i), most=MOST_DEG))
+                math.radians(finite_number(cell, name=name, line=number, column=str(i), most=MAX_DEG))
                 for i, cell in enumerate(cells[1:], start=2)
             ]
         )

@@ -17,7 +17,7 @@ from rehab_opt.workspace.point_arguments import point_array, real_number
 if TYPE_CHECKING:
     from rehab_opt.workspace.region import Workspace
 
-__all__ = ["ReachabilityMap", "shares"]
+__all__ = ["ReachabilityMap", "fractions"]
 
 Array = NDArray[np.float64]
 
@@ -66,7 +66,7 @@ class ReachabilityMap:
     def probability(self, points: ArrayLike) -> Array | float:
         """Share of the trials, exactly, at (2,) -> float or (N, 2) -> (N,) points [m]; 0 where a point is NaN."""
         at = point_array(points)
-        found = shares(self.workspaces, self.weights, at.reshape(-1, 2))
+        found = fractions(self.workspaces, self.weights, at.reshape(-1, 2))
         return float(found[0]) if at.ndim == 1 else found
 
     def standard_error(self, points: ArrayLike) -> Array | float:
@@ -135,10 +135,10 @@ class ReachabilityMap:
             else np.array([])
         )
         inside = shapely.get_coordinates(shapely.point_on_surface(faces)) if len(faces) else np.empty((0, 2))
-        return np.asarray(faces), shares(self.workspaces, self.weights, inside)
+        return np.asarray(faces), fractions(self.workspaces, self.weights, inside)
 
 
-def shares(workspaces: Sequence[Workspace], weights: Array, points: Array) -> Array:
+def fractions(workspaces: Sequence[Workspace], weights: Array, points: Array) -> Array:
     """(N,) weighted share of the workspaces that contain each of the points (N, 2)."""
     total = np.zeros(len(points))
     for workspace, weight in zip(workspaces, weights, strict=True):
@@ -155,11 +155,11 @@ def _union(faces: NDArray[Any]) -> Any:
     return union if isinstance(union, shapely.Polygon | shapely.MultiPolygon) else shapely.Polygon()
 
 
-def _wilson(share: Array, trials: float, confidence: float) -> tuple[Array, Array]:
+def _wilson(fraction: Array, trials: float, confidence: float) -> tuple[Array, Array]:
     """Wilson's score interval (E. B. Wilson, 1927) for shares of `trials` trials."""
     if not 0 < real_number(confidence) < 1:
         raise ConfigurationError("confidence", confidence, "a probability between 0 and 1")
     z = NormalDist().inv_cdf((1 + confidence) / 2)
-    middle = (share + z**2 / (2 * trials)) / (1 + z**2 / trials)
-    half = z * np.sqrt(share * (1 - share) / trials + z**2 / (4 * trials**2)) / (1 + z**2 / trials)
-    return np.asarray(np.clip(middle - half, 0, share)), np.asarray(np.clip(middle + half, share, 1))
+    middle = (fraction + z**2 / (2 * trials)) / (1 + z**2 / trials)
+    half = z * np.sqrt(fraction * (1 - fraction) / trials + z**2 / (4 * trials**2)) / (1 + z**2 / trials)
+    return np.asarray(np.clip(middle - half, 0, fraction)), np.asarray(np.clip(middle + half, fraction, 1))

@@ -163,14 +163,14 @@ class Workspace:
         NaN where the workspace is empty or the point is not finite.
         """
         x, y = single_point(point)
-        distance, foot_x, foot_y = self.signed_distance_and_foot((x, y))
+        distance, closest_x, closest_y = self.signed_distance_and_closest_point((x, y))
         inside = distance <= ON_BOUNDARY * (1.0 + abs(x) + abs(y)) and distance < math.inf
-        return np.array((x, y) if inside else (foot_x, foot_y))
+        return np.array((x, y) if inside else (closest_x, closest_y))
 
-    def signed_distance_and_foot(self, point: ArrayLike) -> tuple[float, float, float]:
+    def signed_distance_and_closest_point(self, point: ArrayLike) -> tuple[float, float, float]:
         """`distance` of a point (2,), and the x and y of the boundary's nearest point: one look-up for both.
 
-        Away from the boundary the distance's gradient is (point - foot) / distance.
+        Away from the boundary the distance's gradient is (point - closest point) / distance.
         """
         x, y = single_point(point)
         lookup = self._lookup

@@ -27,7 +27,7 @@ __all__ = ["LandmarkPairs", "safe_landmarks"]
 Array = NDArray[np.float64]
 
 # The source grows by this share of sqrt(area), the target shrinks by this share of its inradius.
-GROWTH, SHRINKAGE, MOST_SHRINKAGE = 0.04, 0.04, 0.3
+GROWTH, SHRINKAGE, MAX_SHRINKAGE = 0.04, 0.04, 0.3
 # Where the outline's image is drawn to the target's outline: on the source grown by this share of sqrt(area).
 DRAWN = 0.01
 # Points at which distortion is summed, for each landmark, and points along the outline.
@@ -66,7 +66,7 @@ def safe_landmarks(
     ----------
     source, target : sets without holes [m].
     unproven : gets what was found; points (m, 2) [m] of the source around which it is not good enough, none to end.
-    accuracy : how far the true target may lie from the polygon [m]: kept clear of as well, up to `MOST_SHRINKAGE`.
+    accuracy : how far the true target may lie from the polygon [m]: kept clear of as well, up to `MAX_SHRINKAGE`.
     landmarks : roughly how many at first; None: 300.
     rotation : angle [rad], counterclockwise, by which directions turn on average; "best": the one that distorts least.
     """
@@ -81,7 +81,7 @@ def safe_landmarks(
         for each, at, size in zip((source, target), middle, unit, strict=True)
     )
     wide, radius = grown(start, GROWTH), inradius(goal)
-    narrow = shrunk(goal, min(SHRINKAGE * radius + 1.6 * accuracy / unit[1], MOST_SHRINKAGE * radius))
+    narrow = shrunk(goal, min(SHRINKAGE * radius + 1.6 * accuracy / unit[1], MAX_SHRINKAGE * radius))
     count = landmarks or LANDMARKS
     # Euler: about 1.15 times the area of a hexagonal pattern's cells, of which those on the outline are halves.
     points = mesh_of(wide, float(np.sqrt(1.15 * wide.area / count) * 1.07)).points
@@ -89,7 +89,7 @@ def safe_landmarks(
     spline, turn, pull = samples.through(points), None if rotation == "best" else rotation, PULL_INSIDE
     begun = harmonic_images(wide, narrow, points, rotation)
     ended = [least_distorted(spline, each, narrow, turn) for each in begun]
-    images = min(ended, key=lambda each: distortion(spline.jacobians(each), spline.shares, 0.0))
+    images = min(ended, key=lambda each: distortion(spline.jacobians(each), spline.fractions, 0.0))
     for left in reversed(range(REFINEMENTS + 1)):
         at = unproven(LandmarkPairs(points * unit[0] + middle[0], images * unit[1] + middle[1]))
         if not len(at) or not left:
@@ -104,13 +104,13 @@ def safe_landmarks(
 class _Samples(NamedTuple):
     """Where distortion is summed, and where the outline's image is drawn to the target's; lengths over sqrt(area).
 
-    inside, shares : points (m, 2) and the areas (m,) that they stand for.
+    inside, fractions : points (m, 2) and the areas (m,) that they stand for.
     outline, along : the curve, and the shares of its length at which it is looked at, ascending.
     spacing : distance between points, where they are next added.
     """
 
     inside: Array
-    shares: Array
+    fractions: Array
     outline: LinearRing
     along: Array
     spacing: float
@@ -121,22 +121,22 @@ class _Samples(NamedTuple):
         over = mesh_of(wide.buffer(-0.3 * GROWTH), spacing)
         a, b, c = (over.points[over.triangles[:, k]] for k in range(3))
         areas = (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]
-        shares = np.bincount(over.triangles.ravel(), np.repeat(areas, 3), len(over.points)).astype(np.float64)
+        fractions = np.bincount(over.triangles.ravel(), np.repeat(areas, 3), len(over.points)).astype(np.float64)
         along = np.arange(OUTLINE_SAMPLES) / OUTLINE_SAMPLES
-        return cls(over.points, shares, source.buffer(DRAWN).exterior, along, spacing)
+        return cls(over.points, fractions, source.buffer(DRAWN).exterior, along, spacing)
 
     def refined(self, at: Array) -> _Samples:
         """With more of them around these points (m, 2), and twice as near to each other the next time."""
         from shapely import points  # noqa: PLC0415
 
         more = _apart(at, self.inside, APART_SAMPLES * self.spacing)
-        shares = np.concatenate([self.shares, np.full(len(more), self.shares.mean())])
+        fractions = np.concatenate([self.fractions, np.full(len(more), self.fractions.mean())])
         places = points(at)
         near = places[self.outline.distance(places) < self.spacing]
         steps = OUTLINE_SAMPLES / APART_SAMPLES
         along = np.union1d(self.along, np.round(self.outline.project(near, normalized=True) * steps) % steps / steps)
         inside = np.concatenate([self.inside, more])
-        return _Samples(inside, shares, self.outline, along, 0.5 * self.spacing)
+        return _Samples(inside, fractions, self.outline, along, 0.5 * self.spacing)
 
     def through(self, landmarks: Array) -> Sampled:
         """The spline through landmarks (n, 2), seen here."""
@@ -144,8 +144,8 @@ class _Samples(NamedTuple):
 
         outline = get_coordinates(self.outline.interpolate(self.along, normalized=True))
         # Folds begin at the outline, so its points count too, for little area.
-        shares = np.concatenate([self.shares, np.full(len(outline), OUTLINE_SHARE * self.shares.mean())])
-        return sampled(landmarks, np.concatenate([self.inside, outline]), shares / shares.sum(), outline)
+        fractions = np.concatenate([self.fractions, np.full(len(outline), OUTLINE_SHARE * self.fractions.mean())])
+        return sampled(landmarks, np.concatenate([self.inside, outline]), fractions / fractions.sum(), outline)
 
 
 def _apart(points: Array, others: Array, distance: float) -> Array:

@@ -80,14 +80,14 @@ class SliceSearch:
             spacing,
             others=lambda x, y: [*self._seeds_at(x, y), *itertools.islice(self._others, OTHERS)],
             spreads=lambda node: node.distance <= spacing,
-            most_offers=2 * FEW,
+            max_offers=2 * FEW,
         )
         self.fine = Lattice(
             search,
             self.fine_spacing,
             others=self._inside_of_cell,
             spreads=self._is_near,
-            most_offers=FEW,
+            max_offers=FEW,
         )
         self._inside: list[tuple[cKDTree, Array]] = []
         """Of either lattice what is inside, found by place."""
@@ -176,7 +176,7 @@ class SliceSearch:
 
     def repair(self, wrong: list[tuple[float, float, Array]]) -> None:
         """Look closer around probes that contradicted."""
-        self.fine.most_offers = MANY
+        self.fine.max_offers = MANY
         for x, y, posture in wrong:
             self.fine.offer((key, posture) for key in self.fine.keys_around(x, y))
         self.close()

@@ -29,7 +29,7 @@ Array = NDArray[np.float64]
 MANY = 64
 """Landmarks from which on cells are worth their table."""
 FAR, TERMS = 4.0, 23
-CELLS_A_LANDMARK, MOST_CELLS = 5.0, 2048
+CELLS_A_LANDMARK, MAX_CELLS = 5.0, 2048
 MARGIN = 0.1
 """Share of the landmarks' box by which the grid reaches beyond it on each side."""
 CHUNK = 2**16
@@ -56,14 +56,14 @@ def cells_of(fit: SplineFit) -> Cells:
     """The cells of a fitted spline, in its coordinates of unit spread but for the corner."""
     low, size = fit.landmarks.min(axis=0), np.ptp(fit.landmarks, axis=0)
     low, size = low - MARGIN * size, (1 + 2 * MARGIN) * size
-    count = min(MOST_CELLS, CELLS_A_LANDMARK * len(fit.landmarks))
+    count = min(MAX_CELLS, CELLS_A_LANDMARK * len(fit.landmarks))
     side = math.sqrt(float(size[0] * size[1]) / count)
     side = max(side, float(size.max()) / count)  # of a thin box
     columns, rows = (int(n) for n in np.ceil(size / side))
     radius = side / math.sqrt(2)
     x, y = (np.arange(columns * rows) % columns), (np.arange(columns * rows) // columns)
     centres = low + side * (np.column_stack((x, y)) + 0.5)
-    near = 16 if len(fit.landmarks) <= MOST_CELLS / CELLS_A_LANDMARK else 48
+    near = 16 if len(fit.landmarks) <= MAX_CELLS / CELLS_A_LANDMARK else 48
 
     table, place = [], []
     step = max(1, CHUNK // len(fit.landmarks))

@@ -15,7 +15,7 @@ from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.kinematics.human_arm import ARM_SEGMENTS, human_arm
 from rehab_opt.kinematics.real_array import real_array
 from rehab_opt.workspace.point_arguments import real_number
-from rehab_opt.workspace.reachability import ReachabilityMap, shares
+from rehab_opt.workspace.reachability import ReachabilityMap, fractions
 from rehab_opt.workspace.used_range import named_ranges
 
 if TYPE_CHECKING:
@@ -99,7 +99,7 @@ def _deviations(name: str, given: float | Sequence[float]) -> tuple[float, float
     return lower, upper
 
 
-MOST_NODES = 4_000_000
+MAX_NODES = 4_000_000
 
 
 def reachability_map(
@@ -158,7 +158,7 @@ def reachability_map(
     _check_one_plane(workspaces)
     x, y = _nodes(workspaces, spacing)
     nodes = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
-    grid = shares(workspaces, given, nodes).reshape(len(y), len(x))
+    grid = fractions(workspaces, given, nodes).reshape(len(y), len(x))
     return ReachabilityMap(x, y, grid, workspaces, given)
 
 
@@ -192,6 +192,6 @@ def _nodes(workspaces: Sequence[Workspace], spacing: float) -> tuple[Array, Arra
     if not len(bounds):
         return np.empty(0), np.empty(0)
     low, high = np.floor(bounds[:, :2].min(axis=0) / spacing), np.ceil(bounds[:, 2:].max(axis=0) / spacing)
-    if not np.prod(high - low + 1) <= MOST_NODES:
-        raise ConfigurationError("spacing", spacing, f"at most {MOST_NODES} nodes around the workspaces")
+    if not np.prod(high - low + 1) <= MAX_NODES:
+        raise ConfigurationError("spacing", spacing, f"at most {MAX_NODES} nodes around the workspaces")
     return spacing * np.arange(low[0], high[0] + 1), spacing * np.arange(low[1], high[1] + 1)

@@ -32,7 +32,7 @@ Array = NDArray[np.float64]
 
 SLABS = 24
 """Slices between the lowest and the highest hand, by default."""
-MOST_SLABS = 10_000
+MAX_SLABS = 10_000
 ACROSS = 4.0
 """Spacing of the nodes inside a slice, in accuracies."""
 
@@ -114,9 +114,9 @@ class ReachableVolume:
             flat = points[here, :2]
             first, last = max(i - 3, 0), min(i + 1, len(self.slices))  # with the neighbours that fill an empty one
             layers = padded(np.stack([signed_distances(each.polygon, flat) for each in self.slices[first:last]]))
-            share = (z[here] - levels[i - 1]) / (levels[i] - levels[i - 1])
+            fraction = (z[here] - levels[i - 1]) / (levels[i] - levels[i - 1])
             below = layers[i - 1 - first]
-            inside[here] = (1 - share) * below + share * layers[i - first] < 0
+            inside[here] = (1 - fraction) * below + fraction * layers[i - first] < 0
         return inside
 
     @cached_property
@@ -193,8 +193,8 @@ def _spread(arm: SerialChain, handle_tilt: float | None, spacing: float | None) 
     if not top - bottom > 1e-6:
         return f"the hand stays at {bottom:.4g} m"
     count = SLABS if spacing is None else max(2, math.ceil((top - bottom) / spacing))
-    if count > MOST_SLABS:
-        raise ConfigurationError("spacing", spacing, f"at most {MOST_SLABS} slices")
+    if count > MAX_SLABS:
+        raise ConfigurationError("spacing", spacing, f"at most {MAX_SLABS} slices")
     return bottom + (top - bottom) * (np.arange(count) + 0.5) / count
 
 

@@ -38,7 +38,7 @@ def test_the_mean_of_equal_times_is_that_time(time: float, count: int) -> None:
 
 def test_percentiles_are_times_that_were_measured() -> None:
     times = np.arange(1.0, 1001.0)
-    assert [percentile(times, share) for share in (0.5, 0.99, 0.999, 1.0)] == [500.0, 990.0, 999.0, 1000.0]
+    assert [percentile(times, fraction) for fraction in (0.5, 0.99, 0.999, 1.0)] == [500.0, 990.0, 999.0, 1000.0]
 
 
 def test_one_failure_in_a_hundred_spoils_what_is_beyond_99_percent() -> None:
@@ -47,11 +47,11 @@ def test_one_failure_in_a_hundred_spoils_what_is_beyond_99_percent() -> None:
     assert percentile(times, 0.999) == np.inf
 
 
-@pytest.mark.parametrize(("share", "enough"), [(0.99, 100), (0.999, 1000)])
-def test_of_too_few_solves_no_percentile_is_told(share: float, enough: int) -> None:
+@pytest.mark.parametrize(("fraction", "enough"), [(0.99, 100), (0.999, 1000)])
+def test_of_too_few_solves_no_percentile_is_told(fraction: float, enough: int) -> None:
     times = np.arange(1.0, enough + 1.0)
-    assert tail(times, share) == enough - 1
-    assert np.isnan(tail(times[:-1], share))
+    assert tail(times, fraction) == enough - 1
+    assert np.isnan(tail(times[:-1], fraction))
     rows = [row_of("f", "s", "warm", [(judged(Outcome.SOLVED), False)] * n, limit=1.0) for n in (enough - 1, enough)]
     few, many = (as_markdown(family_grids([row])[0]) for row in rows)
     assert few.count(" - |") == many.count(" - |") + 1

@@ -50,7 +50,7 @@ def test_where_there_is_room_a_table_is_one() -> None:
 
 
 def test_all_of_them_is_written_as_all_of_them() -> None:
-    assert [share_text(share) for share in (1.0, 0.99999, 0.145, 0.0)] == ["100 %", "99.99 %", "14.5 %", "0 %"]
+    assert [share_text(fraction) for fraction in (1.0, 0.99999, 0.145, 0.0)] == ["100 %", "99.99 %", "14.5 %", "0 %"]
 
 
 def test_a_default_that_solves_nothing_does_not_stay() -> None:

@@ -15,8 +15,8 @@ from dataclasses import dataclass, field
 import numpy as np
 import shapely
 
-from rehab_opt import Assistance, Bound, Command, PotentialField, Workspace
-from rehab_opt.control.hand import LARGEST_SCATTER, SCATTER_PEAK
+from rehab_opt import Assistance, Command, PotentialField, Relaxed, Workspace
+from rehab_opt.control.hand import MAX_SCATTER, SCATTER_PEAK
 from rehab_opt.symbolic import Compile
 from tests.control.campaign import HOSTILE, ROUNDING, Array, Tally, main
 
@@ -92,7 +92,7 @@ def _plants(compile: Compile) -> list[Plant]:
                 solver="proxqp" if i == j == 1 else "qrqp", position_noise=None if learns else 0.0,
             )  # fmt: skip
             name = f"{mode} dt={dt:g} budget={budget:g}"
-            noise = SCATTER_PEAK * LARGEST_SCATTER if learns else 0.0
+            noise = SCATTER_PEAK * MAX_SCATTER if learns else 0.0
             plant = Plant(name, assistance, budget, (i + j) % 2 == 0, (i + 2 * j) % 3 != 0, bursts, noise, np.zeros(2))
             _begin(plant, np.random.default_rng(0))
             plants.append(plant)
@@ -215,7 +215,7 @@ def _judge(plant: Plant, command: Command, x: Array, fault: str, tally: Tally) -
     size = math.hypot(*force)
     check(tally.worst("force", size - limit) <= 0.0, "the force bound never yields")
     change = float(np.linalg.norm(force - last))
-    if command.yielded & Bound.SLEW:
+    if command.relaxed & Relaxed.SLEW:
         tally.seen[command.reason.split(" ")[0]] += 1
         check(size == 0.0, "only a release breaks the slew bound")
         check(not command.status.certified and command.reason != "", "a release says why")

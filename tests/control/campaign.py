@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from rehab_opt import Bound, Command, SerialChain, Status
+from rehab_opt import Command, Relaxed, SerialChain, Status
 
 Array = NDArray[np.float64]
 HOSTILE = (math.nan, math.inf, -math.inf, 1e300, -1e300, 1e7, 1e-320)
@@ -26,7 +26,7 @@ class Tally:
     cases: int = 0
     statuses: Counter[Status] = field(default_factory=Counter)
     solvers: Counter[str] = field(default_factory=Counter)
-    yielded: Counter[Bound] = field(default_factory=Counter)
+    relaxed: Counter[Relaxed] = field(default_factory=Counter)
     faults: Counter[str] = field(default_factory=Counter)
     seen: Counter[str] = field(default_factory=Counter)
     largest: dict[str, float] = field(default_factory=dict)
@@ -37,7 +37,7 @@ class Tally:
         self.cases += 1
         self.statuses[command.status] += 1
         self.solvers[command.solver] += 1
-        self.yielded[command.yielded] += 1
+        self.relaxed[command.relaxed] += 1
 
     def worst(self, name: str, value: float) -> float:
         """`value`, kept where it is the largest of this name; one that is no number stays the largest."""
@@ -49,7 +49,7 @@ class Tally:
         """Print it all, with the first broken claims."""
         print(f"{self.cases} ticks; faults {dict(self.faults)}")
         print("answers", {status.value: count for status, count in self.statuses.items()}, dict(self.solvers))
-        print("yielded", {str(bound): count for bound, count in self.yielded.items()}, dict(self.seen))
+        print("relaxed", {str(bound): count for bound, count in self.relaxed.items()}, dict(self.seen))
         print("largest", {name: f"{value:.3g}" for name, value in self.largest.items()})
         print(f"broken claims: {len(self.broken)}", dict(Counter(line.partition(":")[0] for line in self.broken)))
         for line in self.broken[:10]:

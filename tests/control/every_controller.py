@@ -62,7 +62,7 @@ def assistance(**options: Any) -> Assistance:
 
 
 @cache
-def carry() -> ControllerMap:
+def workspace_map() -> ControllerMap:
     here, there = (Workspace(shapely.box(0, 0, size, size), accuracy=1e-3) for size in (0.4, 0.3))
     return WorkspaceMap.between(here, there, rule="polar").for_controller(unsafe=True)
 
@@ -73,7 +73,7 @@ NUMBERS = itertools.count(1)
 
 def bilateral() -> Bilateral:
     room = Workspace(shapely.box(0, 0, 0.3, 0.3), accuracy=1e-3)
-    return Bilateral(HelperSide(carry(), **FORCE), ParticipantSide(carry(), comfortable=room, **FORCE))
+    return Bilateral(HelperSide(workspace_map(), **FORCE), ParticipantSide(workspace_map(), comfortable=room, **FORCE))
 
 
 def smoother() -> Smoother:
@@ -112,12 +112,12 @@ CASES: dict[str, Case] = {
         lambda made, *given, **more: made.step(*given, **more),
     ),
     "helper_side": Case(
-        lambda **options: HelperSide(carry(), **FORCE, **options),
+        lambda **options: HelperSide(workspace_map(), **FORCE, **options),
         (HAND, np.zeros(2)),
         lambda made, x, v, **more: made.step(x, FromParticipant(*HAND, 1.0, 0.0, 0.0, next(NUMBERS)), v, **more)[0],
     ),
     "participant_side": Case(
-        lambda **options: ParticipantSide(carry(), comfortable=carry().source, **FORCE, **options),
+        lambda **options: ParticipantSide(workspace_map(), comfortable=workspace_map().source, **FORCE, **options),
         (HAND, np.zeros(2)),
         lambda made, x, v, **more: made.step(x, FromHelper(*HAND, 0.0, next(NUMBERS)), v, **more)[0],
     ),

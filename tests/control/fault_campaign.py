@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from rehab_opt import DH, Bound, Command, PoseTracker, SerialChain, human_arm, ur5
+from rehab_opt import DH, Command, PoseTracker, Relaxed, SerialChain, human_arm, ur5
 from rehab_opt.symbolic import Compile
 from tests.control.campaign import HOSTILE, ROUNDING, Array, Tally, main, must_exceed
 from tests.kinematics.robot_files.known_arms import gen3
@@ -145,10 +145,10 @@ def _one_tick(plant: Plant, rng: np.random.Generator, tally: Tally) -> None:
             fault, stamp = "no stamp", None
     tally.faults[fault] += 1
     command = tracker.step(q, pose, twist, enable=enable, stamp=stamp)
-    usable = bool(np.all(np.abs(q) <= 1e6))
-    plant.unseen &= not usable
+    valid = bool(np.all(np.abs(q) <= 1e6))
+    plant.unseen &= not valid
     plant.fresh = stamp != plant.stamp
-    _judge(plant, q if usable else plant.q, command, usable, fault, tally)
+    _judge(plant, q if valid else plant.q, command, valid, fault, tally)
     plant.last = command.value.copy()
     plant.q = plant.q + command.value * tracker.dt
 
@@ -160,7 +160,7 @@ def _target(plant: Plant, rng: np.random.Generator) -> tuple[Array, Array]:
     return chain.pose(near), twist
 
 
-def _judge(plant: Plant, q: Array, command: Command, usable: bool, fault: str, tally: Tally) -> None:
+def _judge(plant: Plant, q: Array, command: Command, valid: bool, fault: str, tally: Tally) -> None:
     """The order of bounds, written down once more without the controller's arithmetic."""
     chain, dt = plant.tracker.chain, plant.tracker.dt
     v, last = command.value, plant.last
@@ -181,14 +181,14 @@ def _judge(plant: Plant, q: Array, command: Command, usable: bool, fault: str, t
     back = plant.tracker.recovery_speed * chain.velocity
     check(plant.unseen or bool(np.all(np.abs(v[outside]) <= back[outside] + 1e-12)), "slow way back")
     change = np.abs(v - last) - chain.acceleration * dt
-    if command.yielded & Bound.ACCELERATION:
+    if command.relaxed & Relaxed.ACCELERATION:
         # It may only yield to a bound above it: with the largest change, a joint would be further outside.
         needed = must_exceed(chain, q, last, dt, back)
         check(plant.unseen or bool(np.all((change <= 1e-9) | needed)), "acceleration yields only where it must")
     else:
         check(tally.worst("acceleration", float(np.max(change))) <= 1e-9, "acceleration")
-    if usable:
-        check(bool(command.yielded & Bound.POSITION) == bool(outside.any()), "outside is flagged")
+    if valid:
+        check(bool(command.relaxed & Relaxed.POSITION) == bool(outside.any()), "outside is flagged")
     if command.status.certified:
         check(0.0 <= command.residual <= plant.tracker.tolerance, "certified")
         check(0.0 <= command.scale <= 1.0, "scale")

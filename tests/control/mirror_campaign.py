@@ -14,7 +14,7 @@ import math
 
 import numpy as np
 
-from rehab_opt import Bound, Command, MirrorTracker, SerialChain, ur5
+from rehab_opt import Command, MirrorTracker, Relaxed, SerialChain, ur5
 from rehab_opt.symbolic import Compile
 from tests.control.campaign import Array, Tally, main
 
@@ -46,11 +46,11 @@ def singular_postures(rng: np.random.Generator) -> Array:
     return q
 
 
-def start_above(rng: np.random.Generator, share: float) -> Array:
-    """A posture with w at least `share` of the maximum."""
+def start_above(rng: np.random.Generator, fraction: float) -> Array:
+    """A posture with w at least `fraction` of the maximum."""
     while True:
         q = rng.uniform(-1, 1, 6) * [2.0, 1.0, 2.4, 2.0, 2.6, 2.0] + [0, -1.3, 0, -1.5, 0, 0]
-        if closed_form(q) >= share:
+        if closed_form(q) >= fraction:
             return q
 
 
@@ -156,7 +156,7 @@ def judge(
     tally.worst("below the floor", min(FLOOR, now) - then)
     check(then >= min(FLOOR, now) - 1e-9, "floor")
     over = float(np.max(np.abs(v - last) - chain.acceleration * dt))
-    if not command.yielded & Bound.ACCELERATION:
+    if not command.relaxed & Relaxed.ACCELERATION:
         tally.worst("acceleration over", over)
         check(over <= 1e-9, "acceleration")
     elif over > 0:

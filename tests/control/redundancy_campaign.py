@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 
-from rehab_opt import Bound, Command, RedundancyResolver, ardis
+from rehab_opt import Command, RedundancyResolver, Relaxed, ardis
 from rehab_opt.control.obstacles import Disc, HalfPlane, Obstacle
 from rehab_opt.kinematics.mobile_arm import Capsule, MobileArm
 from rehab_opt.symbolic import Compile
@@ -176,20 +176,20 @@ def _one_tick(plant: Plant, rng: np.random.Generator, tally: Tally) -> None:
             fault, stamp = "no stamp", None
     tally.faults[fault] += 1
     command = resolver.step(q, twist, plant.rows, frame, enable=enable, stamp=stamp)
-    usable = bool(np.all(np.abs(q) <= 1e6))
-    plant.unseen &= not usable
+    valid = bool(np.all(np.abs(q) <= 1e6))
+    plant.unseen &= not valid
     plant.fresh = stamp != plant.stamp
-    seen = q if usable else plant.q
-    _judge(plant, seen, command, usable, fault, twist, frame, tally)
+    seen = q if valid else plant.q
+    _judge(plant, seen, command, valid, fault, twist, frame, tally)
     plant.last = resolver.chassis_velocity if plant.unseen else resolver.robot.chassis_velocity(seen, command.value)
     plant.jumped &= plant.unseen or bool(np.any(plant.last))
     plant.q = plant.q + command.value * resolver.dt
-    if not usable and np.any(np.abs(plant.q - q)[np.isfinite(q)] > 1e3):
+    if not valid and np.any(np.abs(plant.q - q)[np.isfinite(q)] > 1e3):
         plant.jumped = True
 
 
 def _judge(
-    plant: Plant, q: Array, command: Command, usable: bool, fault: str, twist: Array, frame: str, tally: Tally
+    plant: Plant, q: Array, command: Command, valid: bool, fault: str, twist: Array, frame: str, tally: Tally
 ) -> None:
     """The order of bounds, written down once more."""
     resolver, robot = plant.resolver, plant.resolver.robot
@@ -232,9 +232,11 @@ def _judge(
     allowed = np.minimum(chain.acceleration * dt, 2 * chain.velocity)
     change = np.abs(u - plant.last) - allowed
     hurried = bool(np.max(change) > 1e-9)
-    tally.worst("acceleration, unflagged", -math.inf if command.yielded & Bound.ACCELERATION else float(np.max(change)))
+    tally.worst(
+        "acceleration, unflagged", -math.inf if command.relaxed & Relaxed.ACCELERATION else float(np.max(change))
+    )
     if hurried:
-        check(bool(command.yielded & Bound.ACCELERATION), "acceleration yields flagged")
+        check(bool(command.relaxed & Relaxed.ACCELERATION), "acceleration yields flagged")
         _judge_hurry(plant, q, change, allowed, now_arm, tally, check)
     # No harder than that the stop posture moves by 0.2 rad or m in a tick, or by a tick of the fastest: `FARTHEST`.
     stops = 1.1 * max(dt, float(np.max((chain.velocity / chain.acceleration)[3 * (plant.resolver.drive == "fixed") :])))
@@ -327,15 +329,15 @@ def segment_distance(begin: Array, end: Array, capsule: Capsule) -> float:
         _from_point(p, begin, one) for p in (start, stop)
     ]
     system = np.stack([one, -two], axis=1)
-    share, *_ = np.linalg.lstsq(system, start - begin, rcond=None)
-    if np.all((share >= 0) & (share <= 1)):
-        candidates.append(float(np.linalg.norm(begin + share[0] * one - start - share[1] * two)))
+    fraction, *_ = np.linalg.lstsq(system, start - begin, rcond=None)
+    if np.all((fraction >= 0) & (fraction <= 1)):
+        candidates.append(float(np.linalg.norm(begin + fraction[0] * one - start - fraction[1] * two)))
     return min(candidates)
 
 
 def _from_point(point: Array, start: Array, along: Array) -> float:
-    share = np.clip((point - start) @ along / (along @ along), 0, 1)
-    return float(np.linalg.norm(point - start - share * along))
+    fraction = np.clip((point - start) @ along / (along @ along), 0, 1)
+    return float(np.linalg.norm(point - start - fraction * along))
 
 
 if __name__ == "__main__":

@@ -90,8 +90,8 @@ def drawn(kind: str, seed: int, *, told: bool, ticks: int = 800) -> tuple[float,
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_no_hand_draws_more_from_a_late_force_than_the_budget(kind: str) -> None:
-    shares, forces = zip(*(drawn(kind, seed, told=True) for seed in range(25)), strict=True)
-    assert max(shares) <= 1.0 + 1e-9
+    fractions, forces = zip(*(drawn(kind, seed, told=True) for seed in range(25)), strict=True)
+    assert max(fractions) <= 1.0 + 1e-9
     assert sorted(forces)[5] > 1.0
 
 

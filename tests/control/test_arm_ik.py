@@ -449,7 +449,7 @@ class TestFollow:
         assert path.reached == 1.0
         np.testing.assert_allclose([at(q)[0] for q in path.q], CIRCLE, atol=1e-6)
         assert path.handle_tilt.max() <= TILT + 2e-9
-        assert path.largest_step < 0.02
+        assert path.max_step < 0.02
         assert path.residual.max() <= 1e-9
         assert np.all(path.seconds > 0)
 
@@ -457,8 +457,8 @@ class TestFollow:
         arm = human_arm(range_of_motion="restricted")
         inside = reachable(arm, 1, seed=3)[0][0]
         away = inside + np.array([0.0, 0.15, 0.0])
-        share = np.abs(np.linspace(-1, 1, 121))[:, None]
-        path = ArmIK(arm).follow(share * inside + (1 - share) * away)
+        fraction = np.abs(np.linspace(-1, 1, 121))[:, None]
+        path = ArmIK(arm).follow(fraction * inside + (1 - fraction) * away)
         assert path.status[0] is path.status[-1] is Status.OK
         assert path.status[60] is Status.UNREACHABLE
         assert path.position_error[60] > 0.05
@@ -471,7 +471,7 @@ class TestFollow:
         hands = reachable(arm, 2, seed=1)[0]
         path: IKPath = ArmIK(arm, compile=False).follow([hands[0], hands[0], hands[1], hands[1]])
         assert path.status == [Status.OK] * 4
-        assert path.largest_step == path.steps[1]
+        assert path.max_step == path.steps[1]
         assert path.steps[1] > 10 * max(path.steps[0], path.steps[2], 1e-9)
 
     def test_a_start_is_taken_up(self) -> None:
@@ -483,7 +483,7 @@ class TestFollow:
     def test_an_empty_path_is_followed(self) -> None:
         path = SHARED.follow(np.zeros((0, 3)))
         assert path.q.shape == (0, 8)
-        assert path.largest_step == 0.0
+        assert path.max_step == 0.0
 
     def test_a_single_bad_sample_does_not_end_a_path(self) -> None:
         broken = CIRCLE[:9].copy()

@@ -25,8 +25,8 @@ def solved(cost: dict[str, object], **options: object) -> Array:
 
 
 def path(count: int = 60) -> Array:
-    share = np.linspace(0, 1, count)[:, None]
-    return TARGET + share * [0.05, -0.05, 0.0]
+    fraction = np.linspace(0, 1, count)[:, None]
+    return TARGET + fraction * [0.05, -0.05, 0.0]
 
 
 def test_the_elbow_stays_flexed_when_asked_to() -> None:

@@ -12,8 +12,8 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from rehab_opt import Bound, CapsuleOnLink, ConfigurationError, RedundancyResolver, SerialChain, Status, ardis, ur5
-from rehab_opt.kinematics.arm_links import largest_hand_volume
+from rehab_opt import CapsuleOnLink, ConfigurationError, RedundancyResolver, Relaxed, SerialChain, Status, ardis, ur5
+from rehab_opt.kinematics.arm_links import maximise_hand_volume
 from rehab_opt.kinematics.arm_on_chair import arm_on_chair
 from rehab_opt.kinematics.mobile_arm import CHAIR, Capsule, MobileArm
 from tests.kinematics.robot_files.known_arms import gen3
@@ -127,7 +127,7 @@ def test_the_chair_with_its_own_arm_is_as_it_was() -> None:
     robot = ardis()
     assert robot.reach == 0.45 + 0.50
     assert [(link.begin[0], link.end[0], link.radius) for link in robot.links] == [(4, 5, 0.05), (5, 7, 0.05)]
-    found = largest_hand_volume(robot.chain.with_limits(lower=-np.pi, upper=np.pi), first=CHAIR)
+    found = maximise_hand_volume(robot.chain.with_limits(lower=-np.pi, upper=np.pi), first=CHAIR)
     assert found <= robot.hand_volume * (1 + 1e-9)  # type: ignore[operator]
 
 
@@ -139,8 +139,8 @@ def nearest_to_user(edges: list[Edge], q: Array) -> float:
         count = int(link[1:]) + 1
         pose = np.linalg.inv(chassis(q)) @ link_pose(edges, q, count)
         points = pose[:3, 3] + np.linspace(0, 1, 200)[:, None] * (pose[:3, :3] @ offset)
-        share = np.clip((points - start) @ (end - start) / ((end - start) @ (end - start)), 0, 1)
-        apart = np.linalg.norm(points - start - share[:, None] * (end - start), axis=1)
+        fraction = np.clip((points - start) @ (end - start) / ((end - start) @ (end - start)), 0, 1)
+        apart = np.linalg.norm(points - start - fraction[:, None] * (end - start), axis=1)
         least = min(least, float(apart.min()) - USER.radius - RADIUS)
     return least
 
@@ -168,7 +168,7 @@ def test_a_stick_moves_chair_and_arm_within_every_limit_and_never_into_the_user(
         assert np.all(np.abs(here[2:]) <= chain.velocity[2:] * (1 + 1e-9))
         if drive == "differential":
             assert abs(here[1]) <= 1e-9
-        if not command.yielded & Bound.ACCELERATION:
+        if not command.relaxed & Relaxed.ACCELERATION:
             assert np.all(np.abs(here - before) <= chain.acceleration * DT + 1e-6)
         hand, last = link_pose(edges, q, 7)[:3, 3], here
         q = q + value * DT

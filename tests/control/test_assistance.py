@@ -9,7 +9,7 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rehab_opt import Assistance, Bound, ConfigurationError, PotentialField, Status, Workspace
+from rehab_opt import Assistance, ConfigurationError, PotentialField, Relaxed, Status, Workspace
 from rehab_opt.control.bounded_force import BoundedForce
 from tests.control import assistance_campaign
 
@@ -52,7 +52,7 @@ def test_no_fault_of_the_campaign_breaks_a_bound() -> None:
     assert tally.broken == []
     assert set(tally.statuses) >= {Status.OK, Status.RELEASING, Status.RELEASED}
     assert set(tally.faults) == {*assistance_campaign.FAULTS, "none"}
-    assert tally.yielded[Bound.TASK | Bound.SLEW] > 10
+    assert tally.relaxed[Relaxed.TASK | Relaxed.SLEW] > 10
     assert {"position", "energy"} <= set(tally.seen)
     assert tally.largest["force"] <= 0.0
     assert tally.largest["share of a budget"] > 0.5  # the hands did draw on the budget
@@ -69,7 +69,7 @@ def test_a_number_that_is_none_releases_within_the_slew_bound_and_says_so(bad: f
     assert math.hypot(*command.value) == pytest.approx(0.0 if at_once else before - SLEW * DT, abs=1e-9)
     assert command.status is (Status.RELEASED if at_once else Status.RELEASING)
     assert command.reason != ""
-    assert bool(command.yielded & Bound.SLEW) == at_once
+    assert bool(command.relaxed & Relaxed.SLEW) == at_once
 
 
 @pytest.mark.parametrize(
@@ -140,7 +140,7 @@ def test_outside_the_force_is_that_of_the_field(mode: str) -> None:
         for _ in range(30):
             command = helper.step(x)
         np.testing.assert_allclose(command.value, READY[mode].force(x), rtol=1e-9, atol=1e-9)
-        assert command.yielded == Bound.NOTHING
+        assert command.relaxed == Relaxed.NOTHING
         assert command.scale == 1.0
 
 
@@ -207,7 +207,7 @@ def test_a_large_force_keeps_its_direction_and_the_bound_exactly() -> None:
     assert math.hypot(*command.value) == pytest.approx(LIMIT, rel=1e-9)
     wanted = field.force(x)
     assert command.value @ wanted == pytest.approx(LIMIT * np.linalg.norm(wanted), rel=1e-3)
-    assert command.yielded == Bound.TASK
+    assert command.relaxed == Relaxed.TASK
     assert command.scale == pytest.approx(LIMIT / np.linalg.norm(wanted), rel=1e-2)
 
 
@@ -225,7 +225,7 @@ def test_a_hand_beyond_the_speed_cap_is_let_go_at_once() -> None:
         sizes(helper, [OUTSIDE] * 100)
         command = helper.step(OUTSIDE, [0.8, 0.8]) if given_velocity else helper.step(OUTSIDE + [0.01, 0.0])
         assert not command.value.any()
-        assert command.yielded == Bound.TASK | Bound.SLEW
+        assert command.relaxed == Relaxed.TASK | Relaxed.SLEW
         assert "at most" in command.reason
         after = helper.step(OUTSIDE + ([0.0, 0.0] if given_velocity else [0.01, 0.0]))
         assert after.status is Status.OK
@@ -240,7 +240,7 @@ def test_a_budget_that_is_spent_ends_the_force_gently(unsure: float, least: floa
     for _ in range(4000):
         command = helper.step(x)
         assert np.linalg.norm(command.value - last) <= SLEW * DT + 1e-12
-        assert not command.yielded & Bound.SLEW
+        assert not command.relaxed & Relaxed.SLEW
         last = command.value
         size = np.linalg.norm(last)
         moved = 0.99 * DT * last / size if size else np.array([1e-6, 0.0])
@@ -334,7 +334,7 @@ def test_another_field_takes_over_within_the_slew_bound() -> None:
     first, second = (PotentialField(point, stiffness=3500.0, width=0.04, compile=False) for point in points)
     helper = assistance("hold", each=first)
     before = [helper.step(INSIDE) for _ in range(400)][-1].value
-    helper.aim(second)
+    helper.set_field(second)
     after = helper.step(INSIDE).value
     assert np.linalg.norm(after - before) <= SLEW * DT + 1e-12
     settled = [helper.step(INSIDE) for _ in range(600)][-1].value
@@ -362,7 +362,7 @@ def test_safety_arguments_are_keyword_only() -> None:
     with pytest.raises(TypeError):
         Assistance(READY["assist"], COMFORTABLE)  # type: ignore[misc]
     with pytest.raises(ConfigurationError, match="field"):
-        assistance().aim("a field")  # type: ignore[arg-type]
+        assistance().set_field("a field")  # type: ignore[arg-type]
 
 
 def test_a_command_is_its_own() -> None:
@@ -383,13 +383,13 @@ def test_a_field_carried_nowhere_is_let_go_and_one_carried_back_pulls_again(bad:
     assert np.any(held.value)
     sizes_then, last = [], held.value
     for _ in range(300):
-        helper.carry(bad, 0.0)
+        helper.shift(bad, 0.0)
         command = helper.step(INSIDE)
         assert np.linalg.norm(command.value - last) <= SLEW * DT * (1 + 1e-9)
         last = command.value
         sizes_then.append(math.hypot(*last))
     assert sizes_then[-1] == 0.0
-    helper.carry(0.0, 0.0)
+    helper.shift(0.0, 0.0)
     for _ in range(100):
         command = helper.step(INSIDE)
     assert command.status is Status.OK
@@ -400,10 +400,10 @@ def test_a_field_carried_nowhere_is_let_go_and_one_carried_back_pulls_again(bad:
 def test_what_a_field_cannot_be_carried_by_is_named_before_a_tick(bad: object) -> None:
     helper = assistance("hold")
     with pytest.raises(ConfigurationError, match="dx, dy"):
-        helper.carry(bad, 0.0)  # type: ignore[arg-type]
+        helper.shift(bad, 0.0)  # type: ignore[arg-type]
     assert helper.step(INSIDE).status is Status.OK
 
 
 def test_a_wanted_force_that_is_no_function_is_named() -> None:
-    with pytest.raises(ConfigurationError, match="wanted"):
+    with pytest.raises(ConfigurationError, match="desired_force"):
         BoundedForce(None)  # type: ignore[arg-type]

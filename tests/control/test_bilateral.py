@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from rehab_opt import Bound, ConfigurationError, Status
+from rehab_opt import ConfigurationError, Relaxed, Status
 from rehab_opt.control.bilateral import Bilateral
 from rehab_opt.control.bilateral_sides import FromHelper, FromParticipant, HelperSide, ParticipantSide
 from rehab_opt.workspace.controller_map import ControllerMap
@@ -23,20 +23,20 @@ HELPER = np.array([-0.17, 0.49])  # inside the regular workspace
 
 
 @cache
-def carry() -> ControllerMap:
+def workspace_map() -> ControllerMap:
     return mapped("regular", "restricted").for_controller()
 
 
 def pair(*, delay: float = 0.0, helper: dict[str, float] | None = None, **participant: float) -> Bilateral:
     return Bilateral(
-        HelperSide(carry(), **{**BOUNDS, **(helper or {})}),  # type: ignore[arg-type]
-        ParticipantSide(carry(), comfortable=shape("restricted"), **{**BOUNDS, **participant}),  # type: ignore[arg-type]
+        HelperSide(workspace_map(), **{**BOUNDS, **(helper or {})}),  # type: ignore[arg-type]
+        ParticipantSide(workspace_map(), comfortable=shape("restricted"), **{**BOUNDS, **participant}),  # type: ignore[arg-type]
         delay=delay,
     )
 
 
 def test_at_rest_on_the_image_there_is_no_force() -> None:
-    both, there = pair(), carry().image(HELPER)
+    both, there = pair(), workspace_map().image(HELPER)
     for _ in range(50):
         forces = both.step(HELPER, there)
     assert forces.helper.status is forces.participant.status is Status.OK
@@ -44,13 +44,13 @@ def test_at_rest_on_the_image_there_is_no_force() -> None:
 
 
 def test_power_is_the_same_on_both_sides() -> None:
-    both, there = pair(helper={"damping": 0.0}, damping=0.0), carry().image(HELPER) + [0.004, -0.003]
+    both, there = pair(helper={"damping": 0.0}, damping=0.0), workspace_map().image(HELPER) + [0.004, -0.003]
     for _ in range(200):
         forces = both.step(HELPER, there)
     np.testing.assert_allclose(np.linalg.norm(forces.participant.value), 400.0 * 0.005, rtol=1e-6)
     for way in ([1.0, 0.0], [0.0, 1.0], [0.6, -0.8]):
         step = 1e-6 * np.array(way)
-        moved = (carry().image(HELPER + step) - carry().image(HELPER - step)) / 2
+        moved = (workspace_map().image(HELPER + step) - workspace_map().image(HELPER - step)) / 2
         assert forces.helper.value @ step == pytest.approx(-forces.participant.value @ moved, rel=1e-5)
 
 
@@ -60,7 +60,7 @@ def drawn(delay: float, budget: float) -> float:
     The helper's shuttles and goes with every force it feels, the participant's goes with every force.
     """
     both = pair(delay=delay, stiffness=4000.0, energy_budget=budget, helper={"energy_budget": budget})
-    helper, participant = HELPER.copy(), carry().image(HELPER)
+    helper, participant = HELPER.copy(), workspace_map().image(HELPER)
     total = most = 0.0
     for k in range(3000):
         forces = both.step(helper, participant)
@@ -93,7 +93,7 @@ def test_what_the_helper_puts_in_moves_the_participant_beyond_their_own_tank() -
     def delivered(exchange: float) -> float:
         budget = {"energy_budget": 0.3}
         both = pair(helper={"exchange": exchange, **budget}, exchange=exchange, stiffness=2000.0, damping=0.0, **budget)
-        participant, total = carry().image(HELPER), 0.0
+        participant, total = workspace_map().image(HELPER), 0.0
         for k in range(20_000):
             angle = 2 * math.pi * k * DT / 2.0
             helper = HELPER + [0.10 * math.sin(angle), 0.03 * math.sin(2 * angle)]
@@ -109,17 +109,17 @@ def test_what_the_helper_puts_in_moves_the_participant_beyond_their_own_tank() -
 
 @pytest.mark.parametrize("lose", ["message", "helper", "participant"])
 def test_whatever_is_lost_both_sides_let_go_and_resume_within_the_slew_bound(lose: str) -> None:
-    both, there = pair(), carry().image(HELPER) + [0.008, 0.0]
+    both, there = pair(), workspace_map().image(HELPER) + [0.008, 0.0]
     last, released, nowhere = np.zeros((2, 2)), [False, False], np.full(2, math.nan)
     said, answer = None, None
     for k in range(900):
         lost = lose if 300 <= k < 600 else ""
         hands = nowhere if lost == "helper" else HELPER, nowhere if lost == "participant" else there
         if lose == "message":  # what is between the sides is the test's
-            heard = (None, None) if lost else (answer, said)
+            received = (None, None) if lost else (answer, said)
             (felt, said), (led, answer) = (
-                both.helper.step(hands[0], heard[0]),
-                both.participant.step(hands[1], heard[1]),
+                both.helper.step(hands[0], received[0]),
+                both.participant.step(hands[1], received[1]),
             )
         else:
             felt, led = both.step(*hands)
@@ -154,9 +154,9 @@ def test_a_side_that_hears_nothing_exerts_no_force_inside_nor_outside_its_worksp
         led, _ = participant.step(outside, None)
         assert math.hypot(*led.value) <= max(before - 0.99 * SLEW * DT * k, 0.0)
     assert led.status is Status.RELEASED
-    for heard in (None, FromParticipant(0.0, 0.0, math.nan, 0.0, 0.0, 10_000)):
+    for received in (None, FromParticipant(0.0, 0.0, math.nan, 0.0, 0.0, 10_000)):
         for _ in range(100):
-            felt, _ = helper.step(np.array([-1.0, 1.0]), heard)
+            felt, _ = helper.step(np.array([-1.0, 1.0]), received)
         assert not felt.value.any()
     for k in range(50):
         felt, _ = helper.step(np.array([-1.0, 1.0]), FromParticipant(0.0, 0.0, 0.0, 0.0, 0.0, 20_000 + k))
@@ -165,32 +165,32 @@ def test_a_side_that_hears_nothing_exerts_no_force_inside_nor_outside_its_worksp
 
 @pytest.mark.parametrize("delay", [0.0, 0.01])
 def test_a_message_takes_the_delay_and_a_tick(delay: float) -> None:
-    both, there = pair(delay=delay), carry().image(HELPER) + [0.004, 0.0]
+    both, there = pair(delay=delay), workspace_map().image(HELPER) + [0.004, 0.0]
     first = next(k for k in range(100) if np.any(both.step(HELPER, there).participant.value))
     assert first == round(delay / DT) + 1
 
 
 def test_the_helper_sees_the_participant_in_their_own_workspace() -> None:
-    both, there = pair(), carry().image(HELPER) + [0.003, -0.002]
+    both, there = pair(), workspace_map().image(HELPER) + [0.003, -0.002]
     for _ in range(3):
         both.step(HELPER, there)
-    np.testing.assert_allclose(carry().image(both.helper.partner), there, atol=1e-9)
+    np.testing.assert_allclose(workspace_map().image(both.helper.partner), there, atol=1e-9)
     both.reset()
     assert np.isnan(both.helper.partner).all()
 
 
 @pytest.mark.parametrize("energy", [math.nan, math.inf, -5.0, 1e9, 10**400, "3", None, 1j, [1.0]])
 def test_energy_that_cannot_have_been_given_is_not_taken_beyond_the_budget(energy: float) -> None:
-    side = ParticipantSide(carry(), comfortable=shape("restricted"), **BOUNDS)  # type: ignore[arg-type]
-    side.step(carry().image(HELPER), FromHelper(*HELPER, energy, 1))
+    side = ParticipantSide(workspace_map(), comfortable=shape("restricted"), **BOUNDS)  # type: ignore[arg-type]
+    side.step(workspace_map().image(HELPER), FromHelper(*HELPER, energy, 1))
     assert 0.9 * BUDGET < side.force.energy_left <= BUDGET
 
 
-@pytest.mark.parametrize("share", ["x", None, math.nan, -0.5])
-def test_a_share_of_energy_that_is_none_is_refused_by_name(share: object) -> None:
-    side = ParticipantSide(carry(), comfortable=shape("restricted"), **BOUNDS)  # type: ignore[arg-type]
-    with pytest.raises(ConfigurationError, match="share"):
-        side.force.give_energy(share)  # type: ignore[arg-type]
+@pytest.mark.parametrize("fraction", ["x", None, math.nan, -0.5])
+def test_a_fraction_of_energy_that_is_none_is_refused_by_name(fraction: object) -> None:
+    side = ParticipantSide(workspace_map(), comfortable=shape("restricted"), **BOUNDS)  # type: ignore[arg-type]
+    with pytest.raises(ConfigurationError, match="fraction"):
+        side.force.give_energy(fraction)  # type: ignore[arg-type]
     assert side.force.give_energy(2.0) == BUDGET  # all of it, no more
     assert side.force.energy_left == 0.0
 
@@ -200,16 +200,16 @@ def test_a_share_of_energy_that_is_none_is_refused_by_name(share: object) -> Non
 def test_a_side_that_gives_all_away_keeps_what_its_force_may_still_draw(late: float, trust: bool) -> None:
     """The hand stands under a force that has grown, and goes with it for a tick, which may come late."""
     bounds = {**BOUNDS, "trust_stillness": trust}
-    side = ParticipantSide(carry(), comfortable=shape("restricted"), exchange=1.0 / DT, **bounds)  # type: ignore[arg-type]
-    at, left, last, stamp = carry().image(HELPER) + [0.02, 0.0], BUDGET, np.zeros(2), 0.0
+    side = ParticipantSide(workspace_map(), comfortable=shape("restricted"), exchange=1.0 / DT, **bounds)  # type: ignore[arg-type]
+    at, left, last, stamp = workspace_map().image(HELPER) + [0.02, 0.0], BUDGET, np.zeros(2), 0.0
     for k in range(60):
-        heard, seconds = None if k >= 40 else FromHelper(*HELPER, 0.1, k + 1), late if k == 30 else DT
+        received, seconds = None if k >= 40 else FromHelper(*HELPER, 0.1, k + 1), late if k == 30 else DT
         moved = last * (0.999 * seconds / math.hypot(*last)) if k >= 30 and last.any() else np.zeros(2)
         stamp, at = stamp + seconds, at + moved
-        command, message = side.step(at, heard, stamp=stamp)
-        left = min(left + (heard.energy if heard else 0.0), BUDGET) - last @ moved - message.energy
+        command, message = side.step(at, received, stamp=stamp)
+        left = min(left + (received.energy if received else 0.0), BUDGET) - last @ moved - message.energy
         assert left >= -1e-12
-        assert late > DT or not command.yielded & Bound.SLEW
+        assert late > DT or not command.relaxed & Relaxed.SLEW
         assert k != 29 or math.hypot(*command.value) > 1.0
         last = command.value
 
@@ -217,8 +217,8 @@ def test_a_side_that_gives_all_away_keeps_what_its_force_may_still_draw(late: fl
 def sides(budget: float, **participant: float) -> tuple[HelperSide, ParticipantSide]:
     bounds = {**BOUNDS, "energy_budget": budget}
     return (
-        HelperSide(carry(), exchange=50.0, **bounds),  # type: ignore[arg-type]
-        ParticipantSide(carry(), comfortable=shape("restricted"), exchange=50.0, **{**bounds, **participant}),  # type: ignore[arg-type]
+        HelperSide(workspace_map(), exchange=50.0, **bounds),  # type: ignore[arg-type]
+        ParticipantSide(workspace_map(), comfortable=shape("restricted"), exchange=50.0, **{**bounds, **participant}),  # type: ignore[arg-type]
     )
 
 
@@ -228,7 +228,7 @@ def test_messages_lost_doubled_late_and_out_of_order_give_no_energy(resets: bool
     budget, rng = 0.1, np.random.default_rng(4)
     one, two = sides(budget, stiffness=4000.0)
     there, back = [], []
-    helper, participant = HELPER.copy(), carry().image(HELPER)
+    helper, participant = HELPER.copy(), workspace_map().image(HELPER)
     total, most, refilled = 0.0, 0.0, 0.0
     for k in range(4000):
         pick = [None if not box or rng.random() < 0.2 else box[rng.integers(max(0, len(box) - 300), len(box))]
@@ -252,7 +252,7 @@ def test_messages_lost_doubled_late_and_out_of_order_give_no_energy(resets: bool
 def test_a_message_that_is_repeated_counts_as_none_before_and_after_a_reset() -> None:
     one, two = sides(1.0)
     said = [one.step(HELPER, None)[1] for _ in range(3)]
-    at = carry().image(HELPER) + [0.01, 0.0]
+    at = workspace_map().image(HELPER) + [0.01, 0.0]
     two.step(at, None)
     two.force.give_energy(0.5)
     two.step(at, said[2])
@@ -272,7 +272,7 @@ def test_a_message_that_is_repeated_counts_as_none_before_and_after_a_reset() ->
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf, 1e300, 10**400])
 def test_no_number_in_a_message_raises_or_moves_a_hand(bad: float) -> None:
     one, two = sides(1.0)
-    at = carry().image(HELPER)
+    at = workspace_map().image(HELPER)
     for k in range(1, 20):
         felt, _ = one.step(HELPER, FromParticipant(bad, bad, bad, bad, bad, k))
         led, _ = two.step(at, FromHelper(bad, bad, bad, k))
@@ -289,7 +289,7 @@ def test_an_argument_that_is_refused_moves_nothing_on(wrong: dict[str, object]) 
     both, other, rng = pair(delay=0.003), pair(delay=0.003), np.random.default_rng(8)
     hand = np.array([-0.17, 0.49])
     for k in range(40):
-        said = {"helper": hand + 1e-4 * rng.standard_normal(2), "participant": carry().image(hand)}
+        said = {"helper": hand + 1e-4 * rng.standard_normal(2), "participant": workspace_map().image(hand)}
         if k % 3 == 0:
             with pytest.raises(ConfigurationError, match=next(iter(wrong))):
                 both.step(**(said | wrong))  # type: ignore[arg-type]
@@ -301,10 +301,10 @@ def test_an_argument_that_is_refused_moves_nothing_on(wrong: dict[str, object]) 
 
 
 def test_bad_configuration_is_named() -> None:
-    with pytest.raises(ConfigurationError, match="carry"):
+    with pytest.raises(ConfigurationError, match="workspace_map"):
         HelperSide("map")  # type: ignore[arg-type]
     with pytest.raises(ConfigurationError, match="stiffness"):
-        ParticipantSide(carry(), comfortable=shape("restricted"), stiffness=-1.0)
+        ParticipantSide(workspace_map(), comfortable=shape("restricted"), stiffness=-1.0)
     with pytest.raises(ConfigurationError, match="helper"):
         Bilateral(None, None)  # type: ignore[arg-type]
     with pytest.raises(ConfigurationError, match="participant"):

@@ -11,7 +11,6 @@ import pytest
 
 from rehab_opt import (
     DH,
-    Bound,
     Box,
     Capsule,
     Clearance,
@@ -23,6 +22,7 @@ from rehab_opt import (
     MovingCapsule,
     PoseTracker,
     RedundancyResolver,
+    Relaxed,
     SerialChain,
     Status,
     arm_capsules,
@@ -139,8 +139,8 @@ def test_link_that_is_pressed_towards_its_axis_gives_way_by_more_than_its_tangen
     body = MovingCapsule(start, end, apart - upper_arm.radius - MARGIN, *ways)
     tracker = PoseTracker(chain, dt=dt, gain=20.0, limits=[Clearance(margin=MARGIN, moving=1)], compile=False)
     last = np.array([-0.577414, -0.197829, 0.392097, 0.061937, 0.176073, 0.597945])
-    for share in (0.0, 0.5, 1.0, 2.0):
-        tracker.reset(share * last)
+    for fraction in (0.0, 0.5, 1.0, 2.0):
+        tracker.reset(fraction * last)
         command = tracker.step(q, chain.pose(q), np.zeros(6), obstacles=[body])
         there = ends(chain, q + dt * command.value)[0]
         assert segments_apart(*there, start + dt * ways[0], end + dt * ways[1]) >= apart - 1e-9
@@ -185,7 +185,7 @@ def test_chair_and_arm_keep_clear_of_what_stands_and_give_way_to_what_comes(driv
     robot_on_chair, dt = ardis(), 0.01
     chain = robot_on_chair.bodied_chain
     table = Box("table", (1.1, 0.0, 0.6), (0.3, 2.0, 0.2))
-    given = Clearance(margin=MARGIN, boxes=[table], moving=1, slots=3, rate=8.0)
+    given = Clearance(margin=MARGIN, boxes=[table], moving=1, max_contacts=3, rate=8.0)
     rows = [("x", "y", "z")]
     resolver = RedundancyResolver(robot_on_chair, drive=drive, row_sets=rows, dt=dt, limits=[given], compile=False)
     q, links, pressed = np.array([0.0, 0.0, 0.0, -0.3, 0.4, 1.2, 0.0]), np.arange(len(chain.capsules)), 350
@@ -259,7 +259,7 @@ def test_arm_that_is_not_enabled_does_not_go_away_from_what_comes_and_says_that_
         )
         assert not command.value.any()
         assert command.status is Status.HOLDING
-    assert command.yielded & Bound.POSITION
+    assert command.relaxed & Relaxed.POSITION
 
 
 def test_arm_brakes_before_a_body_that_stands_still_within_its_acceleration() -> None:
@@ -402,8 +402,8 @@ def test_spoilt_numbers_take_no_body_away(at: int, number: float) -> None:
     asked = pose.copy()
     asked[2, 3] += 0.05
     seen = [tracker.step(START, asked, np.zeros(6), obstacles=each) for each in (np.zeros((1, MOVING)), spoilt)]
-    assert Bound.POSITION not in seen[0].yielded
-    assert Bound.POSITION in seen[1].yielded
+    assert Relaxed.POSITION not in seen[0].relaxed
+    assert Relaxed.POSITION in seen[1].relaxed
 
 
 @pytest.mark.parametrize(
@@ -412,7 +412,7 @@ def test_spoilt_numbers_take_no_body_away(at: int, number: float) -> None:
         ({"margin": -0.1}, "margin"),
         ({"margin": float("nan")}, "margin"),
         ({"moving": 1.5}, "moving"),
-        ({"slots": 0}, "slots"),
+        ({"max_contacts": 0}, "max_contacts"),
         ({"rate": 0.0}, "rate"),
         ({"planes": [1.0]}, r"planes\[0\]"),
         ({"capsules": [Capsule("a", (0, 0, 0), (0, 0, float("inf")), 0.1)]}, r"capsules\[0\]"),

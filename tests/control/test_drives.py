@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from rehab_opt import Bound, ConfigurationError, RedundancyResolver, Status, ardis
+from rehab_opt import ConfigurationError, RedundancyResolver, Relaxed, Status, ardis
 from rehab_opt.control.chair_limits import ChairLimits
 from rehab_opt.control.limit import PostureLimits
 from rehab_opt.kinematics import DRIVES, DriveName
@@ -101,7 +101,7 @@ def test_with_no_bound_active_the_command_is_the_published_law_under_the_constra
         np.testing.assert_allclose(robot.chassis_velocity(q, law.rate(q, twist, ROWS)), expected, atol=1e-9)
         resolver.reset(robot.world_velocity(q, expected), heading=q[2])
         command = resolver.step(q, twist, ROWS)
-        if command.yielded is Bound.NOTHING and command.status is Status.OK:
+        if command.relaxed is Relaxed.NOTHING and command.status is Status.OK:
             # The command is of the middle of the tick; to the law at q it is as near as that has turned.
             near = 2e-3 * np.linalg.norm(twist) + 1e-6
             np.testing.assert_allclose(robot.chassis_velocity(q, command.value), expected, atol=near)
@@ -123,7 +123,7 @@ def test_planar_speed_and_turning_are_bounded_whatever_the_stick_says(drive: Dri
         assert math.hypot(u[0], u[1]) <= chain.velocity[0] + 1e-9
         assert np.all(np.abs(u[2:]) <= chain.velocity[2:] + 1e-12)
         assert np.all(np.abs(u - last) <= chain.acceleration * DT + 1e-9)
-        assert not command.yielded & Bound.ACCELERATION
+        assert not command.relaxed & Relaxed.ACCELERATION
         assert np.all(u[[i for i in range(3) if i not in FREE[drive]]] == 0.0)
         assert command.wheels is not None
         np.testing.assert_allclose(command.wheels, u[list(FREE[drive])], atol=1e-12)

@@ -12,7 +12,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-from rehab_opt import Bound, Command, JointFeedback, PoseTracker, Status, ur5
+from rehab_opt import Command, JointFeedback, PoseTracker, Relaxed, Status, ur5
 from rehab_opt.control.joint_feedback import COUPLED, pole
 from tests.failing_solvers import failing_solvers
 
@@ -201,9 +201,9 @@ def test_joints_that_begin_anew_at_rest_say_that_the_acceleration_yields() -> No
     last = np.zeros(6)
     for each in commands:
         hurried = bool(np.any(np.abs(each.value - last) > ROBOT.acceleration * DT * (1 + 1e-9) + 1e-12))
-        assert bool(each.yielded & Bound.ACCELERATION) == hurried
+        assert bool(each.relaxed & Relaxed.ACCELERATION) == hurried
         last = each.value
-    assert any(each.yielded & Bound.ACCELERATION for each in commands)
+    assert any(each.relaxed & Relaxed.ACCELERATION for each in commands)
 
 
 def test_another_solver_hides_no_contact() -> None:
@@ -232,7 +232,7 @@ def test_a_joint_is_thrown_off_by_no_more_than_its_margin() -> None:
         return float(np.abs(solve_ivp(rates, (0, 0.3), np.zeros(2), max_step=1e-4).y[0]).max())
 
     for speed in (0.01, 0.1, 0.5, 2.0):
-        margin = float(LED.thrown(ROBOT, np.eye(6)[1] * speed))
+        margin = float(LED.deviation(ROBOT, np.eye(6)[1] * speed))
         assert thrown(speed / a) <= margin / COUPLED * 1.001
         assert thrown(speed / a) >= margin / COUPLED * 0.6  # and not by much less
-    assert float(LED.thrown(ROBOT, np.zeros(6))) == 0.0
+    assert float(LED.deviation(ROBOT, np.zeros(6))) == 0.0

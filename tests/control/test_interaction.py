@@ -91,7 +91,7 @@ def pushes(rng: np.random.Generator, ticks: int, dt: float) -> dict[str, Array]:
 @pytest.mark.parametrize("dt", [1e-3, 5e-3, 2e-2])
 def test_a_hand_that_follows_gives_out_no_more_than_was_put_in_tick_by_tick(dt: float) -> None:
     rng = np.random.default_rng(3)
-    for law in (Interaction(), Interaction(most=0.01, speed=0.05), Interaction(mass=0.1, damping=20.0)):
+    for law in (Interaction(), Interaction(max_offset=0.01, speed=0.05), Interaction(mass=0.1, damping=20.0)):
         for force in pushes(rng, round(3.0 / dt), dt).values():
             felt, x, v = Felt(law, dt), np.zeros(3), np.zeros(3)
             for each in force:
@@ -99,7 +99,7 @@ def test_a_hand_that_follows_gives_out_no_more_than_was_put_in_tick_by_tick(dt: 
                 after, speed = felt.offset.copy(), felt.velocity.copy()
                 put_in = each @ (after - x) - (stored(law, after, speed) - stored(law, x, v))
                 assert put_in >= law.damping * speed @ speed * dt - 1e-9
-                assert np.linalg.norm(after) <= law.most + 1e-12
+                assert np.linalg.norm(after) <= law.max_offset + 1e-12
                 assert np.linalg.norm(after - x) <= law.speed * dt * (1 + 1e-9)
                 x, v = after, speed
 
@@ -138,15 +138,15 @@ def test_a_hand_that_goes_against_every_push_empties_the_tank_and_stands_then() 
 
 @pytest.mark.parametrize("most", [0.05, 0.01])
 def test_a_step_of_force_follows_the_closed_form_of_mass_damper_and_spring(most: float) -> None:
-    dt, law, force = 1e-4, Interaction(most=most), 15.0
+    dt, law, force = 1e-4, Interaction(max_offset=most), 15.0
     felt, x = Felt(law, dt), np.zeros(3)
     slow, fast = np.roots([law.mass, law.damping, law.stiffness])
     for k in range(1, 10_001):
         felt.feel([0.0, force, 0.0], x)
         x = felt.offset.copy()
         t = k * dt
-        share = 1 + (fast * math.exp(slow * t) - slow * math.exp(fast * t)) / (slow - fast)
-        assert x[1] == pytest.approx(min(force / law.stiffness * share, most), abs=2e-5)
+        fraction = 1 + (fast * math.exp(slow * t) - slow * math.exp(fast * t)) / (slow - fast)
+        assert x[1] == pytest.approx(min(force / law.stiffness * fraction, most), abs=2e-5)
         assert not x[[0, 2]].any()
 
 

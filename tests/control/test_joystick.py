@@ -69,8 +69,8 @@ def test_tremor_within_the_dead_zone_moves_nothing_and_beyond_it_the_direction_i
     if size <= 0.2:
         assert not command.twist.any()
     else:
-        share = np.hypot(*command.twist) / 0.25
-        assert share == pytest.approx(min((size - 0.2) / 0.8, 1.0), abs=1e-12)
+        fraction = np.hypot(*command.twist) / 0.25
+        assert fraction == pytest.approx(min((size - 0.2) / 0.8, 1.0), abs=1e-12)
         clipped = np.clip(axes, -1, 1)
         assert abs(command.twist[0] * clipped[1] - command.twist[1] * clipped[0]) < 1e-12
 

@@ -7,7 +7,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from rehab_opt import Bound, ConfigurationError, Limit, MirrorTracker, PoseTracker, SerialChain, Status, ur5
+from rehab_opt import ConfigurationError, Limit, MirrorTracker, PoseTracker, Relaxed, SerialChain, Status, ur5
 from rehab_opt.control.limit import all_limits
 from tests.judge.references import minimum_jerk
 from tests.judge.ur5_numbers import frames, tool
@@ -144,11 +144,11 @@ def test_arm_that_starts_beyond_a_limit_goes_no_further() -> None:
     for goal in goals(1, 3):
         control.reset()
         braking = control.step(START, tool(goal[None])[0], np.zeros(6), enable=False)
-        assert braking.yielded & Bound.POSITION
+        assert braking.relaxed & Relaxed.POSITION
         path, _, commands = led(control, goal, ticks=400)
         heights = elbow(path)
         assert np.all(np.diff(heights) >= -1e-9)
-        told = np.array([bool(each.yielded & Bound.POSITION) for each in commands])
+        told = np.array([bool(each.relaxed & Relaxed.POSITION) for each in commands])
         np.testing.assert_array_equal(told, heights[: len(told)] < 0.6 - 1e-9)
 
 
@@ -159,10 +159,10 @@ def test_acceleration_yields_to_a_limit_that_came_too_late_and_says_so() -> None
     assert elbow(START + 0.1 * down)[0] < elbow(START)[0] - 0.005
     control.reset(down)
     command = control.step(START, tool(START[None])[0], np.zeros(6))
-    q, hurried = START + 0.005 * command.value, bool(command.yielded & Bound.ACCELERATION)
+    q, hurried = START + 0.005 * command.value, bool(command.relaxed & Relaxed.ACCELERATION)
     for _ in range(50):
         command = control.step(q, tool(START[None])[0], np.zeros(6))
-        hurried |= bool(command.yielded & Bound.ACCELERATION)
+        hurried |= bool(command.relaxed & Relaxed.ACCELERATION)
         q = q + 0.005 * command.value
         assert elbow(q)[0] >= elbow(START)[0] - 0.005 - 1e-9
     assert hurried
@@ -191,7 +191,7 @@ def test_tool_slides_along_a_limit_that_its_reference_lies_beyond(dt: float, abo
         reference = pose.copy()
         reference[:3, 3] += 0.0, 0.1 * math.sin(3.0 * k * dt), -0.01 - above
         command = control.step(q, reference, np.array([0.0, 0.3 * math.cos(3.0 * k * dt), 0.0, 0.0, 0.0, 0.0]))
-        assert not command.yielded & Bound.ACCELERATION
+        assert not command.relaxed & Relaxed.ACCELERATION
         velocities.append(command.value)
         q = q + dt * command.value
         places.append(tool(q[None])[0, :3, 3])

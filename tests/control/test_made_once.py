@@ -11,7 +11,17 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from rehab_opt import Bound, Clearance, JointFeedback, Limit, MirrorTracker, PoseTracker, RedundancyResolver, ardis, ur5
+from rehab_opt import (
+    Clearance,
+    JointFeedback,
+    Limit,
+    MirrorTracker,
+    PoseTracker,
+    RedundancyResolver,
+    Relaxed,
+    ardis,
+    ur5,
+)
 from rehab_opt.control import velocity_controller
 from rehab_opt.control.obstacles import HalfPlane
 from rehab_opt.kinematics.chain import SerialChain
@@ -122,7 +132,7 @@ def test_a_user_s_code_is_read_again_each_time() -> None:
         distances.__qualname__ = "distances"
         control = PoseTracker(ARM, limits=[Limit(distances)], compile=False)
         commands.append(control.step(READY, POSE, np.zeros(6)))
-    assert [bool(each.yielded & Bound.POSITION) for each in commands] == [True, False]
+    assert [bool(each.relaxed & Relaxed.POSITION) for each in commands] == [True, False]
 
     class Slower(PoseTracker):
         def excess(self, inputs: Any, jacobian: ca.SX, velocity: ca.SX) -> ca.SX:

@@ -12,17 +12,17 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from rehab_opt import (
-    Bound,
     ConfigurationError,
     Interaction,
     KeepOut,
     MirrorTracker,
     PoseTracker,
+    Relaxed,
     Status,
     human_arm,
     ur5,
 )
-from rehab_opt.control.manipulability import drawn_ways, escape_function, largest_manipulability
+from rehab_opt.control.manipulability import drawn_ways, escape_function, maximise_manipulability
 from rehab_opt.control.person_limit import PersonLimit
 from rehab_opt.symbolic import BufferedFunction
 from tests.control import mirror_campaign
@@ -100,7 +100,7 @@ def test_braking_keeps_the_floor_and_acceleration_yields_to_it(dt: float) -> Non
         command = robot.step(q, ur5().pose(q), REST, enable=k > 300)
         change = np.abs(command.value - last)
         over = bool(np.any(change > ur5().acceleration * dt + 1e-9))
-        assert over <= bool(command.yielded & Bound.ACCELERATION)
+        assert over <= bool(command.relaxed & Relaxed.ACCELERATION)
         flagged |= over
         q, last = q + command.value * dt, command.value
         assert closed_form(q) >= robot.floor - 1e-9
@@ -153,10 +153,10 @@ def test_a_way_out_is_deterministic_and_gains() -> None:
 
 
 def test_the_largest_manipulability_of_the_ur5_is_the_closed_forms() -> None:
-    largest, q = largest_manipulability(ur5())
+    largest, q = maximise_manipulability(ur5())
     assert largest == pytest.approx(LARGEST, abs=1e-9)
     assert closed_form(q) == pytest.approx(1.0, abs=1e-7)
-    arm, posture = largest_manipulability(human_arm())  # any chain: nothing near it is better
+    arm, posture = maximise_manipulability(human_arm())  # any chain: nothing near it is better
     assert arm > 0.09
     assert np.all((posture >= human_arm().lower - 1e-12) & (posture <= human_arm().upper + 1e-12))
 
@@ -544,7 +544,7 @@ def test_the_model_of_the_arm_goes_on_after_tries_that_were_not_taken() -> None:
 
 def test_a_push_slows_the_clock_yields_stands_still_at_the_limit_and_stops_beyond() -> None:
     dt, chain = 5e-3, ur5()
-    law = Interaction(slow_from=5.0, limit=25.0, stop_at=40.0, stiffness=1000.0, damping=200.0, most=0.03)
+    law = Interaction(slow_from=5.0, limit=25.0, stop_at=40.0, stiffness=1000.0, damping=200.0, max_offset=0.03)
     robot, q, centre = tracker(dt=dt, interaction=law), START.copy(), ur5().pose(START)
     for _ in range(300):
         q = q + robot.step(q, centre, REST, force=[0.0, 0.0, 15.0]).value * dt
@@ -600,15 +600,15 @@ def test_the_qp_can_be_inspected_and_its_floor_row_is_the_gradient() -> None:
     h = 1e-6
     gradient = [(closed_form(START + h * e) - closed_form(START - h * e)) / (2 * h) for e in np.eye(6)]
     np.testing.assert_allclose(numbers.A[0, :6], -np.array(gradient), atol=1e-6)
-    share = (1 - math.exp(-20 * 1e-3)) / 1e-3
-    assert numbers.rows_upper[0] == pytest.approx(share * (closed_form(START) - 0.3), rel=1e-3)
+    fraction = (1 - math.exp(-20 * 1e-3)) / 1e-3
+    assert numbers.rows_upper[0] == pytest.approx(fraction * (closed_form(START) - 0.3), rel=1e-3)
 
 
 @pytest.mark.parametrize("side", ["left", "right"])
 def test_any_chain_can_be_led(side: str) -> None:
     arm = human_arm(side=side)  # type: ignore[arg-type]
     robot = MirrorTracker(arm, floor=0.2, dt=5e-3, compile=False)
-    q = largest_manipulability(arm)[1]
+    q = maximise_manipulability(arm)[1]
     q = np.clip(q, arm.lower + 0.05, arm.upper - 0.05)
     pose = arm.pose(q)
     for k in range(300):

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from rehab_opt import Bound, Command, JointFeedback, KeepOut, MirrorTracker, Status, ur5
+from rehab_opt import Command, JointFeedback, KeepOut, MirrorTracker, Relaxed, Status, ur5
 from tests.control.mirror_campaign import LARGEST
 from tests.judge.joint_feedback import Servo
 
@@ -135,7 +135,7 @@ def test_the_true_hand_is_no_faster_than_its_bound(hz: float, seed: int) -> None
     for k in range(500):  # up to 1.4 m/s are asked for
         pose, twist = moved(way, k * DT / seconds, seconds)
         command = led.step(seen, pose, twist)
-        assert not command.yielded & Bound.ACCELERATION
+        assert not command.relaxed & Relaxed.ACCELERATION
         seen = robot.step(command.value)
         fastest = max(fastest, robot.hand_speed)
     assert 0.8 * FAST <= fastest <= 1.02 * FAST
@@ -157,7 +157,7 @@ def test_the_true_arm_stays_out_of_what_it_must_not_enter(seed: int) -> None:
         off = off + 0.05 * (-friction * np.tanh(robot.servo.v / 0.01) - off)
         seen = seen + off
         if k > 300 and k % 10 == 0:
-            heights.append(led.hand_bounds.least_heights(robot.servo.q + off, PLANE).item())
+            heights.append(led.hand_bounds.min_heights(robot.servo.q + off, PLANE).item())
     assert min(heights) <= 2e-3  # it came there
     assert min(heights) >= -5e-4
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from rehab_opt import Bound, KeepOut, MirrorTracker, ur5
+from rehab_opt import KeepOut, MirrorTracker, Relaxed, ur5
 from tests.control.mirror_campaign import LARGEST
 from tests.control.ur5_body import Array, clearances, heights, tool_motion
 
@@ -133,12 +133,12 @@ def test_the_upper_arm_beside_the_line_of_its_frames_stays_out_of_a_plane() -> N
     tool, q = np.zeros(3), STRETCHED_BESIDE
     beside = KeepOut.through([0, -0.112, 0], [0, 1, 0])
     bare = MirrorTracker(ur5(capsules=()), dt=5e-3, max_manipulability=LARGEST, keep_out=[beside], compile=False)
-    assert bare.hand_bounds.least_heights(q, beside) == pytest.approx(0.112 - 0.10915, abs=1e-4)
+    assert bare.hand_bounds.min_heights(q, beside) == pytest.approx(0.112 - 0.10915, abs=1e-4)
     assert heights(q, np.array([0, 1.0, 0]), -0.112, tool)["tube of upper_arm"].min() < -0.0778
     arm = MirrorTracker(ur5(), dt=5e-3, max_manipulability=LARGEST, keep_out=[beside], compile=False)
-    assert arm.hand_bounds.least_heights(q, beside) == pytest.approx(0.112 - 0.149 - 0.073, abs=1e-9)
+    assert arm.hand_bounds.min_heights(q, beside) == pytest.approx(0.112 - 0.149 - 0.073, abs=1e-9)
     for enable in (True, False):  # beyond it, which is said
-        assert arm.step(q, ur5().pose(q), np.zeros(6), enable=enable).yielded & Bound.POSITION
+        assert arm.step(q, ur5().pose(q), np.zeros(6), enable=enable).relaxed & Relaxed.POSITION
     # A plane that the whole arm is clear of by 5 mm: turning the base towards it stops there.
     plane = KeepOut.through([0, -0.227, 0], [0, 1, 0])
     robot = MirrorTracker(

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from bench.measured_lag import measured_lag
 from problems.mirror import motions
-from rehab_opt import Bound, ConfigurationError, MirrorTracker, Smoother, ur5
+from rehab_opt import ConfigurationError, MirrorTracker, Relaxed, Smoother, ur5
 from rehab_opt.control import mirror_plan, mirror_retiming
 from rehab_opt.control.conditioning import Conditioned, conditioned
 from rehab_opt.control.hand_bounds import KeepOut
@@ -82,8 +82,8 @@ def test_every_bound_holds_in_every_tick_of_a_plan(task: str, dt: float) -> None
     hands = path.poses[:, :3, 3]
     assert np.linalg.norm(np.diff(hands, axis=0), axis=1).max() <= 0.25 * dt * (1 + 1e-9)
     change = np.abs(np.diff(path.velocities, axis=0, prepend=0.0)).max(axis=1)
-    for over, flags in zip(change > 15.0 * dt + 1e-9, path.yielded, strict=True):
-        assert not over or flags & Bound.ACCELERATION
+    for over, flags in zip(change > 15.0 * dt + 1e-9, path.relaxed, strict=True):
+        assert not over or flags & Relaxed.ACCELERATION
     assert np.all(np.diff(path.clock) >= -1e-9)
     assert path.clock[-1] == pytest.approx(given.times[-1] - given.times[0], abs=2 * dt) or not path.complete
     np.testing.assert_allclose(path.q[1:] - path.q[:-1], path.velocities[:-1] * dt, atol=1e-12)
@@ -185,7 +185,7 @@ def test_a_plan_that_ends_incomplete_ends_at_rest(monkeypatch: pytest.MonkeyPatc
     assert speeds[-1] < 1e-3
     braked = path.counts["braked"]
     assert speeds[-braked - 1] > 0.1  # it was moving when it was given up
-    eased = np.array([not flags & Bound.ACCELERATION for flags in path.yielded[-braked:]])
+    eased = np.array([not flags & Relaxed.ACCELERATION for flags in path.relaxed[-braked:]])
     changes = np.abs(np.diff(path.velocities[-braked - 1 :], axis=0))[eased]
     assert np.all(changes <= chain.acceleration * 0.05 + 1e-9)
 
@@ -291,7 +291,7 @@ def test_between_the_places_of_a_hand_that_slides_along_a_plane_there_is_room() 
     poses, twists = sliding(5e-3)
     poses[:, 2, 3] -= 0.3 * (ur5().pose(motions.START)[2, 3] - poses[:, 2, 3])
     path = robot.plan(poses, twists, motions.START)
-    heights = robot.hand_bounds.least_heights(path.q, table)
+    heights = robot.hand_bounds.min_heights(path.q, table)
     assert 2e-5 < heights.min() < 5.1e-5
 
 
@@ -351,8 +351,8 @@ def test_how_deep_an_arm_stands_in_a_keep_out_is_its_deepest_links_depth() -> No
     outside = KeepOut.through(place - 0.05 * np.array(away) / np.linalg.norm(away), away)
     bounds = tracker(5e-3).hand_bounds
     bare = replace(bounds, chain=ur5(capsules=()))
-    assert bare.least_heights(motions.START, inside) == pytest.approx(-0.08, abs=1e-9)
-    assert bare.least_heights(motions.START, outside) == pytest.approx(0.05, abs=1e-9)
+    assert bare.min_heights(motions.START, inside) == pytest.approx(-0.08, abs=1e-9)
+    assert bare.min_heights(motions.START, outside) == pytest.approx(0.05, abs=1e-9)
     for plane in (inside, outside):
         deepest = min(clearances(motions.START, np.array(plane.normal), plane.offset, np.zeros(3)).values())
-        assert bounds.least_heights(motions.START, plane) == pytest.approx(deepest, abs=1e-9)
+        assert bounds.min_heights(motions.START, plane) == pytest.approx(deepest, abs=1e-9)

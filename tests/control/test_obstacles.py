@@ -136,8 +136,8 @@ def random_ticks(rng: np.random.Generator, count: int, *, dt: float, at_once: bo
     twists[backing, :2] -= retreat[backing]
     towards = np.einsum("nij,nj->ni", matrix, twists)
     with np.errstate(divide="ignore", invalid="ignore"):
-        share = np.where(towards > room, room / towards, 1.0).min(axis=1)
-    twists *= share[:, None]
+        fraction = np.where(towards > room, room / towards, 1.0).min(axis=1)
+    twists *= fraction[:, None]
     return outline, Ticks(obstacles, places, twists / np.maximum(np.hypot(*twists[:, :2].T) / DRIVE, 1)[:, None])
 
 

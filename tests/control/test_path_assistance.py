@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import shapely
 
-from rehab_opt import Assistance, Bound, ConfigurationError, PotentialField, Status, Workspace
+from rehab_opt import Assistance, ConfigurationError, PotentialField, Relaxed, Status, Workspace
 from rehab_opt.control.path_assistance import PathAssistance
 from rehab_opt.control.path_progress import INSISTS, RATHER
 
@@ -87,7 +87,7 @@ def test_the_progress_never_goes_back_and_begins_anew_when_reset() -> None:
     assert np.diff(seen).min() >= 0.0
     assert helper.progress >= 0.08 / 0.204 - 0.01
     helper.reset()
-    assert helper.progress == helper.led_to == 0.0
+    assert helper.progress == helper.reference_progress == 0.0
 
 
 AHEAD_OF_A_CROSSING = np.array([[0.0, 0.0], [0.1, 0.0], [0.1, 0.04], [0.06, 0.04], [0.06, -0.04]])
@@ -107,7 +107,7 @@ def test_a_hand_that_is_ahead_of_its_person_goes_back_freely_before_a_crossing()
         assert k < 700 or np.linalg.norm(value) < 2.2
     assert abs(x[0] - goal) < 2.1 / 200.0  # up to `push`
     assert helper.progress == pytest.approx(reached, abs=0.01)
-    assert helper.led_to < reached - 0.02 / 0.32
+    assert helper.reference_progress < reached - 0.02 / 0.32
 
 
 @pytest.mark.parametrize(("ahead", "back"), [(0.5, False), (0.3, True)])
@@ -119,7 +119,7 @@ def test_a_push_moves_s_back_where_it_answers_2_5_times_as_much_to_the_way_back(
         helper.step([x, 0.0])
     for k in range(1000):
         helper.step([0.056, 1e-6 * (k % 2)])
-    assert (helper.led_to < 0.0585 / 0.26) is back
+    assert (helper.reference_progress < 0.0585 / 0.26) is back
     said = " ".join(str(PathAssistance.__doc__).split())
     assert f"longer than {INSISTS:g} s and answers more than {RATHER:g} times as much to the way back as to any" in said
 
@@ -132,7 +132,7 @@ def test_a_spasm_neither_throws_a_hand_back_nor_leads_it_on() -> None:
     for k in range(1000):
         back = 0.004 * math.sin(math.pi * k / 280) if k < 280 else 0.0  # 8 N
         helper.step([0.06 - back, 1e-6 * (k % 2)])
-        assert helper.led_to == pytest.approx(reached, abs=0.01)
+        assert helper.reference_progress == pytest.approx(reached, abs=0.01)
 
 
 def pushed(path: np.ndarray, force: np.ndarray, seconds: float, *, begin: float, goal: np.ndarray) -> list[float]:
@@ -152,7 +152,7 @@ def pushed(path: np.ndarray, force: np.ndarray, seconds: float, *, begin: float,
         value = helper.step(x).value
         v = v + dt * (value + force - 15.0 * v) / 2.0
         x = x + dt * v
-        progress.append(helper.led_to * length)
+        progress.append(helper.reference_progress * length)
         if np.linalg.norm(x - goal) < 0.004 and len(progress) > 100:
             break
     return progress
@@ -186,7 +186,7 @@ def test_a_push_back_along_a_path_that_does_not_return_moves_nothing_on_and_is_l
     held = [k for k, each in enumerate(commands) if np.linalg.norm(each.value) >= 10.0]
     assert max(held) < 2000
     assert commands[-1].status is Status.BLOCKED
-    assert commands[-1].yielded & Bound.TASK
+    assert commands[-1].relaxed & Relaxed.TASK
     assert commands[-1].scale == 0.0
     assert "stood under force" in commands[-1].reason
     np.testing.assert_array_equal(commands[-1].value, [0.0, 0.0])

@@ -9,7 +9,7 @@ import qpsolvers
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from rehab_opt import Bound, ConfigurationError, PoseTracker, SerialChain, Status, human_arm, ur5
+from rehab_opt import ConfigurationError, PoseTracker, Relaxed, SerialChain, Status, human_arm, ur5
 from rehab_opt.control.command import Command
 from tests.control import fault_campaign
 from tests.failing_solvers import failing_solvers
@@ -94,7 +94,7 @@ def test_the_direction_is_kept_when_a_velocity_limit_slows_the_hand() -> None:
     command = robot.step(START, chain.pose(START), twist)
     achieved = chain.jacobian(START) @ command.value
     assert np.max(np.abs(command.value)) == pytest.approx(0.1, abs=1e-12)
-    assert command.yielded & Bound.TASK
+    assert command.relaxed & Relaxed.TASK
     assert 0.05 < command.scale < 0.5
     cosine = achieved @ twist / np.linalg.norm(achieved) / np.linalg.norm(twist)
     assert math.degrees(math.acos(min(cosine, 1.0))) < 0.1
@@ -141,7 +141,7 @@ def test_from_every_state_that_can_stop_all_bounds_hold_together(dt: float) -> N
             twist = rng.standard_normal(6) * rng.choice([0.1, 1.0, 10.0])
         command = robot.step(q, chain.pose(q), twist)
         v = command.value
-        assert not command.yielded & (Bound.POSITION | Bound.ACCELERATION)
+        assert not command.relaxed & (Relaxed.POSITION | Relaxed.ACCELERATION)
         assert np.all(np.abs(v) <= chain.velocity)
         assert np.all(np.abs(v - last) <= chain.acceleration * dt * (1 + 1e-9) + 1e-12)
         q, last = q + v * dt, v
@@ -165,19 +165,21 @@ def test_a_state_that_cannot_stop_brakes_at_the_maximum_and_then_stands_at_the_l
     assert speeds[-1] == pytest.approx(0.0, abs=1e-9)
 
 
-@given(beyond=st.floats(1e-6, 1.0), joint=st.integers(0, 5), up=st.booleans(), share=st.sampled_from([0.05, 0.1, 0.5]))
+@given(
+    beyond=st.floats(1e-6, 1.0), joint=st.integers(0, 5), up=st.booleans(), fraction=st.sampled_from([0.05, 0.1, 0.5])
+)
 @settings(max_examples=25, deadline=None)
 def test_outside_a_limit_the_way_back_is_slow_and_ends_inside(
-    beyond: float, joint: int, up: bool, share: float
+    beyond: float, joint: int, up: bool, fraction: float
 ) -> None:
     chain = ur5().with_limits(lower=START - 0.3, upper=START + 0.3)
-    robot, q = tracker(chain, recovery_speed=share, dt=4e-3), START.copy()
+    robot, q = tracker(chain, recovery_speed=fraction, dt=4e-3), START.copy()
     q[joint] = chain.upper[joint] + beyond if up else chain.lower[joint] - beyond
-    for _ in range(round(beyond / (share * math.pi * 4e-3)) + 60):
+    for _ in range(round(beyond / (fraction * math.pi * 4e-3)) + 60):
         command = robot.step(q, chain.pose(START), REST)
         outside = (q > chain.upper + 1e-9) | (q < chain.lower - 1e-9)
-        assert np.all(np.abs(command.value[outside]) <= share * math.pi + 1e-12)
-        assert bool(command.yielded & Bound.POSITION) == outside.any()
+        assert np.all(np.abs(command.value[outside]) <= fraction * math.pi + 1e-12)
+        assert bool(command.relaxed & Relaxed.POSITION) == outside.any()
         q = q + command.value * robot.dt
     assert np.all(q <= chain.upper + 1e-9)
     assert np.all(q >= chain.lower - 1e-9)
@@ -450,7 +452,7 @@ def test_one_joint_obeys_the_order_of_bounds(
         ahead = q + v * dt
         assert ahead[0] <= max(lower + width, q[0]) + 1e-9
         assert ahead[0] >= min(lower, q[0]) - 1e-9
-        if not command.yielded & Bound.ACCELERATION:
+        if not command.relaxed & Relaxed.ACCELERATION:
             assert abs(v[0] - last) <= change * dt + 1e-9
         q, last = ahead, float(v[0])
 
@@ -471,13 +473,13 @@ def test_what_is_not_delivered_is_said() -> None:
     for _ in range(300):
         command = robot.step(q, chain.pose(q), [0.25, 0, 0, 0, 0, 0])
         q = q + command.value * robot.dt
-    assert command.yielded is Bound.NOTHING
+    assert command.relaxed is Relaxed.NOTHING
     assert command.scale == 1.0
     still = robot.step(q, chain.pose(q), REST)  # asked to stand, it can only brake
-    assert still.yielded & Bound.TASK
+    assert still.relaxed & Relaxed.TASK
     assert still.scale == 1.0  # nothing was commanded, and nothing is missing of it
     fast = robot.step(q, chain.pose(q), [10.0, 0, 0, 0, 0, 0])
-    assert fast.yielded & Bound.TASK
+    assert fast.relaxed & Relaxed.TASK
     assert fast.scale < 0.03
 
 

@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from rehab_opt import Bound, ConfigurationError, Joystick, Limit, RedundancyResolver, SerialChain, Status, ardis
+from rehab_opt import ConfigurationError, Joystick, Limit, RedundancyResolver, Relaxed, SerialChain, Status, ardis
 from rehab_opt.control.chair_and_arm import ChairAndArm
 from rehab_opt.control.joystick import STICK_MODES
 from rehab_opt.control.obstacles import Disc, HalfPlane, obstacle_numbers
@@ -70,9 +70,9 @@ def unhurried(drive: str) -> RedundancyResolver:
     return resolver(robot=light(), drive=drive, keep_out=False)
 
 
-def posture(rng: np.random.Generator, robot: MobileArm, share: float = 1.0) -> np.ndarray:
+def posture(rng: np.random.Generator, robot: MobileArm, fraction: float = 1.0) -> np.ndarray:
     middle = (robot.chain.lower[3:] + robot.chain.upper[3:]) / 2
-    half = share * (robot.chain.upper[3:] - robot.chain.lower[3:]) / 2
+    half = fraction * (robot.chain.upper[3:] - robot.chain.lower[3:]) / 2
     return np.concatenate([rng.uniform(-3, 3, 3), middle + half * rng.uniform(-1, 1, 4)])
 
 
@@ -104,7 +104,7 @@ def test_with_no_bound_active_the_command_is_the_published_law(drive: str, frame
             continue
         command = robot.step(q, twist, rows, frame)
         np.testing.assert_allclose(command.value, published, rtol=0, atol=1e-9)
-        assert command.yielded == Bound.NOTHING
+        assert command.relaxed == Relaxed.NOTHING
         assert command.scale == 1.0
         compared += 1
     assert compared > 20
@@ -117,7 +117,7 @@ def test_the_law_is_met_along_a_motion_with_all_bounds_at_hand(drive: str) -> No
     for k in range(400):
         twist = 0.08 * np.array([math.sin(0.02 * k), math.cos(0.03 * k), 0.5 * math.sin(0.05 * k)])
         command = robot.step(q, twist)
-        if command.yielded == Bound.NOTHING and k > 20:
+        if command.relaxed == Relaxed.NOTHING and k > 20:
             # Eq. (1) at q; by the least change, the hand then moves so in the middle of the tick, where the last
             # command leads the posture. Stick and wheels mean q.
             middle, cos, sin = q + last * robot.dt / 2, math.cos(q[2]), math.sin(q[2])
@@ -262,7 +262,7 @@ def test_a_hand_held_back_by_accelerations_loses_what_is_off_the_new_twist(drive
         assert -1e-9 <= left <= 1 - 0.01 / (1.1 * 0.8) + 1e-9  # as braking together, or faster
         assert now @ along <= max(size, before @ along) + 1e-9
         assert now @ along >= min(before @ along, 0.0) - 1e-9
-        assert bool(command.yielded & Bound.TASK)
+        assert bool(command.relaxed & Relaxed.TASK)
         held += np.max(change) > 1 - 1e-6
     assert held > 50
 
@@ -409,7 +409,7 @@ def test_a_stick_or_a_switch_drives_the_hand_in_both_modes(user: Joystick | Scan
         hand = np.array([[cos, sin, 0], [-sin, cos, 0], [0, 0, 1]]) @ way / robot.dt
         mode = int(told.rows == ("z", "roll7"))
         if mode == 0 and abs(hand[1]) > 2e-3 * np.hypot(*hand[:2]):  # off the way asked: never unflagged
-            assert command.yielded & Bound.TASK
+            assert command.relaxed & Relaxed.TASK
         asked[mode] += told.twist[0] * robot.dt
         gained += hand * robot.dt * ([1, 1, 0] if mode == 0 else [0, 0, 1])
         q = q + command.value * robot.dt
@@ -541,7 +541,7 @@ def test_a_chair_within_an_obstacle_may_leave_it_and_not_go_deeper() -> None:
     robot = resolver(robot=light(), obstacles=[HalfPlane((1, 0), 0.4)], keep_out=False)  # type: ignore[arg-type]
     q = ARDIS_READY.copy()  # the front is at 0.55
     command = robot.step(q, [1.0, 0.0, 0.0])
-    assert command.yielded & Bound.POSITION
+    assert command.relaxed & Relaxed.POSITION
     assert command.value[0] <= 1e-9
     robot.reset()
     assert robot.step(q, [-2.0, 0.0, 0.0]).value[0] < -0.1
@@ -704,7 +704,7 @@ def test_a_hand_released_beside_a_quick_limit_of_the_users_own_brakes_within_its
         sent = made.step(q, stick, names, enable=k < held)
         if k >= held:
             harder.append(np.max(np.abs(made.chassis_velocity - last) / (robot.chain.acceleration * dt)))
-            assert Bound.ACCELERATION not in sent.yielded
+            assert Relaxed.ACCELERATION not in sent.relaxed
         q, last = q + dt * sent.value, np.array(made.chassis_velocity)
     assert max(harder) <= 1 + 1e-6
     assert not last.any()
@@ -752,7 +752,7 @@ def test_where_every_solver_fails_the_whole_robot_brakes_together() -> None:
         assert command.solver == "braking together"
         hardest = np.max(np.abs(moving) / (chain.acceleration * robot.dt))  # ticks to rest
         np.testing.assert_allclose(robot.chassis_velocity, moving * max(0.0, 1 - 1 / hardest), rtol=1e-12)
-        assert bool(command.yielded & Bound.TASK)
+        assert bool(command.relaxed & Relaxed.TASK)
 
 
 def test_the_safe_command_answers_when_even_that_fails(monkeypatch: pytest.MonkeyPatch) -> None:

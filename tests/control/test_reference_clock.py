@@ -70,10 +70,10 @@ def test_a_bridge_is_straight_even_and_calm() -> None:
     turns = Slerp([0, 1], Rotation.from_rotvec([[0, 0, 0], [0, math.pi / 2, 0]]))
     duration = made.lag
     assert duration == pytest.approx(max(0.5 / 0.1, math.pi / 2 / 0.5))
-    for share in (0.1, 0.5, 0.9):
-        between, twist = made.read(share * duration)
-        assert between[0, 3] == pytest.approx(0.001 + 0.5 * share)
-        np.testing.assert_allclose(between[:3, :3], turns(share).as_matrix(), atol=1e-9)
+    for fraction in (0.1, 0.5, 0.9):
+        between, twist = made.read(fraction * duration)
+        assert between[0, 3] == pytest.approx(0.001 + 0.5 * fraction)
+        np.testing.assert_allclose(between[:3, :3], turns(fraction).as_matrix(), atol=1e-9)
         assert np.linalg.norm(twist[:3]) <= 0.1 + 1e-9
 
 
@@ -144,8 +144,8 @@ def test_what_is_laid_out_is_where_the_clock_comes_to(seed: int) -> None:
         np.testing.assert_allclose(there, found, atol=3e-4)  # entries of near turns stand for the arc there
         assert math.hypot(*twist[:3]) <= 0.25
         assert math.hypot(*twist[3:]) <= 1.5
-        share = float(np.linalg.norm(twist)) / max(float(np.linalg.norm(pace * motion)), 1e-12)
-        assert share <= 1 + 1e-9
-        np.testing.assert_allclose(twist, share * pace * motion, atol=1e-9)
+        fraction = float(np.linalg.norm(twist)) / max(float(np.linalg.norm(pace * motion)), 1e-12)
+        assert fraction <= 1 + 1e-9
+        np.testing.assert_allclose(twist, fraction * pace * motion, atol=1e-9)
         rate = pace
     assert made.current == (before + laid.places[-1][0] == 119)

@@ -109,14 +109,14 @@ def test_no_timing_is_much_faster_than_the_one_found(seed):
     timing = fastest_timing(cells, velocity=velocity, acceleration=acceleration)
     rows, most, top = [], [], np.ones(count + 1)
     for k in range(count):
-        for share in np.linspace(1e-9, 1 - 1e-9, 9):
-            s = knots[k] + share / count
+        for fraction in np.linspace(1e-9, 1 - 1e-9, 9):
+            s = knots[k] + fraction / count
             first, second = path(s, 1), path(s, 2)
             for i in range(n):
                 row = np.zeros(count + 1)
                 row[k], row[k + 1] = -first[i] * count / 2, first[i] * count / 2
-                row[k] += second[i] * (1 - share)
-                row[k + 1] += second[i] * share
+                row[k] += second[i] * (1 - fraction)
+                row[k + 1] += second[i] * fraction
                 rows += [row, -row]
                 most += [acceleration[i]] * 2
             top[k : k + 2] = np.minimum(top[k : k + 2], ((velocity / np.maximum(np.abs(first), 1e-9)) ** 2).min())

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from rehab_opt.control.axis_bounds import axis_bounds
 from rehab_opt.control.axis_motion import AxisStop
-from rehab_opt.control.command import Bound, Status
+from rehab_opt.control.command import Relaxed, Status
 from rehab_opt.control.profiles import Profiles
 from rehab_opt.control.smoother import Smoother
 from rehab_opt.errors import ConfigurationError
@@ -172,7 +172,7 @@ def test_no_bound_is_exceeded_whatever_is_asked(*, n, limits, dt, change, bounde
         asked = faults[rng.integers(len(faults))] if rng.random() < 0.05 else target
         command = s.step(asked, speed, enable=bool(rng.random() < 0.95), stamp=stamp)
         assert np.all(np.isfinite(command.value))
-        assert Bound.POSITION not in command.yielded
+        assert Relaxed.POSITION not in command.relaxed
         assert command.residual == 0.0 or not command.status.certified
         assert "certificate" not in command.reason
         positions.append(command.value)
@@ -215,7 +215,7 @@ def test_a_target_outside_the_bounds_is_clipped_and_flagged():
     assert commands[-1].value[0] == 0.2
     assert commands[-1].status is Status.OK
     assert "clipped" in commands[-1].reason
-    assert Bound.TASK in commands[-1].yielded
+    assert Relaxed.TASK in commands[-1].relaxed
 
 
 def test_a_start_too_fast_for_the_bound_brakes_and_says_so():
@@ -225,7 +225,7 @@ def test_a_start_too_fast_for_the_bound_brakes_and_says_so():
     positions = np.array([command.value for command in commands])
     assert positions.max() > 0.05  # physically unavoidable
     assert commands[0].status is Status.BRAKING
-    assert any(Bound.POSITION in command.yielded for command in commands)
+    assert any(Relaxed.POSITION in command.relaxed for command in commands)
     assert_within_bounds(positions, V, A, J, DT)
     assert commands[-1].value[0] == pytest.approx(0.0, abs=1e-12)
     assert commands[-1].status is Status.OK
@@ -239,7 +239,7 @@ def test_an_axis_outside_its_bounds_is_led_back_slowly_and_flagged():
     outside = positions[:, 0] > 0.1
     assert np.all(np.diff(positions[outside, 0]) <= 1e-15)
     assert np.abs(np.diff(positions[outside, 0])).max() <= 0.1 * V * DT * (1 + 1e-9)
-    assert np.all([Bound.POSITION in command.yielded for command in commands[: int(outside.sum())]])
+    assert np.all([Relaxed.POSITION in command.relaxed for command in commands[: int(outside.sum())]])
     assert commands[-1].reason == ""
     np.testing.assert_allclose(positions[-1], [0.0, 0.05], atol=1e-12)
     assert_within_bounds(positions, V, A, J, DT)
@@ -353,10 +353,10 @@ def test_an_axis_that_turns_round_before_its_bound_does_not_keep_another_one_fro
 
 
 @settings(deadline=None, max_examples=300)
-@given(limits=limits, share=st.floats(-1, 1), ramp=st.floats(-1, 1), far=st.floats(-50.0, 50.0))
-def test_the_stop_of_an_axis_is_the_time_optimal_one_and_its_range_is_true(limits, share, ramp, far):
+@given(limits=limits, fraction=st.floats(-1, 1), ramp=st.floats(-1, 1), far=st.floats(-50.0, 50.0))
+def test_the_stop_of_an_axis_is_the_time_optimal_one_and_its_range_is_true(limits, fraction, ramp, far):
     v, a, j = limits
-    speed, acceleration = share * v, ramp * a
+    speed, acceleration = fraction * v, ramp * a
     stop = AxisStop(far, speed, acceleration, most=a, jerk=j)
     question, found = ruckig.InputParameter(1), ruckig.Trajectory(1)
     question.control_interface = ruckig.ControlInterface.Velocity
@@ -380,12 +380,12 @@ def test_the_stop_of_an_axis_is_the_time_optimal_one_and_its_range_is_true(limit
 
 
 @settings(deadline=None, max_examples=300)
-@given(limits=limits, share=st.floats(-1, 1), ramp=st.floats(-1, 1), room=st.floats(-5.0, 0.0), seed=seeds)
-def test_a_plan_is_refused_where_any_instant_of_it_is_outside(limits, share, ramp, room, seed):
+@given(limits=limits, fraction=st.floats(-1, 1), ramp=st.floats(-1, 1), room=st.floats(-5.0, 0.0), seed=seeds)
+def test_a_plan_is_refused_where_any_instant_of_it_is_outside(limits, fraction, ramp, room, seed):
     """Ruckig's own extrema leave out where an axis turns round at constant acceleration."""
     v, a, j = limits
     rng = np.random.default_rng(seed)
-    speed, acceleration = share * v, ramp * a
+    speed, acceleration = fraction * v, ramp * a
     assume(abs(speed + acceleration * abs(acceleration) / (2 * j)) <= v)
     seconds = v / a + a / j
     start, goal, reach = *rng.uniform(-1, 1, 2) * v * seconds, 2 * v * seconds
@@ -547,11 +547,11 @@ def test_a_profile_that_breaks_a_bound_is_replaced_by_the_stop(monkeypatch):
 
 
 # ----------------------------------------------------------------------------------------- moving targets
-@given(share=st.floats(0.05, 0.9), limits=limits)
+@given(fraction=st.floats(0.05, 0.9), limits=limits)
 @settings(deadline=None, max_examples=20)
-def test_the_lag_behind_a_steady_target_is_as_documented_and_zero_with_its_velocity(share, limits):
+def test_the_lag_behind_a_steady_target_is_as_documented_and_zero_with_its_velocity(fraction, limits):
     v, a, j = limits
-    speed = share * v
+    speed = fraction * v
     plain = Smoother(velocity=v, acceleration=a, jerk=j)
     lag = plain.lag(speed)[0]
     assert lag == pytest.approx(
@@ -561,15 +561,15 @@ def test_the_lag_behind_a_steady_target_is_as_documented_and_zero_with_its_veloc
     for velocity, expected in ((None, lag), ([speed], 0.0)):
         s = Smoother(velocity=v, acceleration=a, jerk=j, dt=dt)
         s.reset([0.0])
-        ticks = int(4000 / (1 - share) ** 0.5)
+        ticks = int(4000 / (1 - fraction) ** 0.5)
         positions = run(s, speed * dt * np.arange(1, ticks + 1)[:, None], target_velocity=velocity)
         assert ticks * dt - positions[-1, 0] / speed == pytest.approx(expected, abs=dt)
 
 
-@pytest.mark.parametrize("share", [0.6, 0.9, 0.98])
-def test_a_target_that_sets_off_is_caught_up_with_in_the_time_of_the_closed_form(share):
+@pytest.mark.parametrize("fraction", [0.6, 0.9, 0.98])
+def test_a_target_that_sets_off_is_caught_up_with_in_the_time_of_the_closed_form(fraction):
     """By speeding up the axis falls behind; at its bound it gains on the target; then it slows down to its speed."""
-    speed = share * V
+    speed = fraction * V
     up, down = V / A + A / J, 2 * math.sqrt((V - speed) / J)
     seconds = up + ((speed - V / 2) * up - (V - speed) * down / 2) / (V - speed) + down
     s = Smoother(velocity=V, acceleration=A, jerk=J, dt=0.01)

@@ -19,7 +19,7 @@ from rehab_opt.control.ik_search import IKSearch
 from rehab_opt.control.thread_owner import OneThread
 from rehab_opt.kinematics.ardis import ARDIS_READY
 from rehab_opt.symbolic import BufferedFunction
-from tests.control.every_controller import CASES, HAND, POSE, READY, as_new, assistance, carry, made
+from tests.control.every_controller import CASES, HAND, POSE, READY, as_new, assistance, made, workspace_map
 
 
 class Other:
@@ -131,7 +131,12 @@ def test_no_buffers_are_copied(again: Callable[[Any], Any]) -> None:
 
 @pytest.mark.parametrize(
     "change",
-    [lambda a: a.aim(a.field), lambda a: a.carry(0.0, 0.0), lambda a: a.take_energy(1.0), lambda a: a.give_energy(0.1)],
+    [
+        lambda a: a.set_field(a.field),
+        lambda a: a.shift(0.0, 0.0),
+        lambda a: a.take_energy(1.0),
+        lambda a: a.give_energy(0.1),
+    ],
 )
 def test_another_thread_changes_no_setting_of_assistance(change: Callable[[Any], Any], other: Other) -> None:
     helper = assistance()
@@ -220,7 +225,7 @@ def test_a_plan_belongs_to_its_thread_too(other: Other) -> None:
 
 def test_both_sides_may_run_in_two_threads_with_one_map(other: Other) -> None:
     (_, helper), (_, participant) = made("helper_side"), made("participant_side")
-    assert carry() is carry()
+    assert workspace_map() is workspace_map()
     helper()
     other.does(participant)
     helper()

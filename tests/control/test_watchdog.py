@@ -152,7 +152,7 @@ def test_nothing_a_stamp_can_be_raises(stamps, dt, extra):
 
 @given(dt=st.floats(1e-4, 0.1), jitter=st.lists(st.floats(-0.4, 0.4), min_size=2))
 def test_jitter_below_half_a_tick_is_fine(dt, jitter):
-    assert not any(faults([(k + share) * dt for k, share in enumerate(jitter)], dt=dt, max_age=None))
+    assert not any(faults([(k + fraction) * dt for k, fraction in enumerate(jitter)], dt=dt, max_age=None))
 
 
 def test_reset_forgets_the_last_stamp():

@@ -15,9 +15,9 @@ TEXTS = [
     *(ROOT / file for file in ("CHANGELOG.md", "CONTRIBUTING.md", "INTENDED_USE.md", "problems/README.md")),
     *sorted((ROOT / "bench").rglob("*.md")),
 ]
-LARGEST_README = 6000
+MAX_README = 6000
 """[bytes]"""
-LARGEST_PICTURE = 150_000
+MAX_PICTURE = 150_000
 """[bytes]"""
 
 
@@ -45,11 +45,9 @@ def test_links_lead_somewhere(text: Path) -> None:
 
 
 def test_the_readme_is_short_and_pictures_are_small() -> None:
-    assert (ROOT / "README.md").stat().st_size <= LARGEST_README
+    assert (ROOT / "README.md").stat().st_size <= MAX_README
     pictures = sorted((ROOT / "docs" / "pictures").iterdir())
     assert pictures
-    assert {
-        picture.name: picture.stat().st_size for picture in pictures if picture.stat().st_size > LARGEST_PICTURE
-    } == {}
+    assert {picture.name: picture.stat().st_size for picture in pictures if picture.stat().st_size > MAX_PICTURE} == {}
     shown = {Path(target).name for page in pages() for target in targets(page)}
     assert {picture.name for picture in pictures} <= shown

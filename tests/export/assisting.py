@@ -57,9 +57,9 @@ def exported_to(folder: Path, mode: str) -> Path:
         round_and_round = EIGHT[(np.arange(3000) // 7) % len(EIGHT)] + 0.002 * np.sin(9 * t)[:, None]
         controller = exported_path_assistance(made_along_a_path(), round_and_round, title="round and round")
     else:
-        carried = np.column_stack([0.02 * np.sin(3 * t), 0.01 * np.cos(3 * t)])
+        offset = np.column_stack([0.02 * np.sin(3 * t), 0.01 * np.cos(3 * t)])
         controller = exported_assistance(
-            made(mode), hand, title="a hand in and out", fields=[field_of(mode, 1)], carried=carried
+            made(mode), hand, title="a hand in and out", fields=[field_of(mode, 1)], offset=offset
         )
     written_files({folder: controller}, folder, problem="a library call")
     return folder

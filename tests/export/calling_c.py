@@ -15,7 +15,7 @@ import pytest
 from rehab_opt.control.command import Command
 from rehab_opt.control.reasons import REASONS, notes_of, reason_number
 from rehab_opt.export.c_source import SOLVERS
-from rehab_opt.export.exported import MOST_VALUES
+from rehab_opt.export.exported import MAX_VALUES
 from rehab_opt.export.recording import STATUSES
 
 Built = Callable[..., Path]
@@ -80,11 +80,11 @@ class CCommand(ctypes.Structure):
     """`rehab_command`."""
 
     _fields_ = [
-        ("value", ctypes.c_double * MOST_VALUES),
+        ("value", ctypes.c_double * MAX_VALUES),
         ("wheels", ctypes.c_double * 4),
         ("scale", ctypes.c_double),
         ("residual", ctypes.c_double),
-        *((name, ctypes.c_int) for name in ("status", "yielded", "reason", "solver", "input", "element", "notes")),
+        *((name, ctypes.c_int) for name in ("status", "relaxed", "reason", "solver", "input", "element", "notes")),
     ]
 
     @property
@@ -110,7 +110,7 @@ def assert_same(answer: CCommand, command: Command, tolerance: float = BESIDE) -
     assert not any(answer.wheels[wheels.size :])
     assert answer.reason == reason_number(command.reason), (answer.why, command.reason)
     assert answer.notes == notes_of(command.reason)
-    assert (answer.status, answer.yielded) == (STATUSES[command.status], int(command.yielded))
+    assert (answer.status, answer.relaxed) == (STATUSES[command.status], int(command.relaxed))
     assert answer.solver == (SOLVERS.index(command.solver) if command.solver else -1)
     assert abs(answer.scale - command.scale) <= tolerance
     assert answer.residual == pytest.approx(command.residual, abs=BESIDE)

@@ -50,7 +50,7 @@ class CMirror:
 
     def following(self) -> Following:
         out = Following()
-        self.library.rehab_mirror_tracker_tell(self.memory, ctypes.byref(out))
+        self.library.rehab_mirror_tracker_get_following(self.memory, ctypes.byref(out))
         return out
 
 

@@ -38,34 +38,34 @@ def participants() -> Workspace:
 
 
 @cache
-def carry() -> ControllerMap:
+def workspace_map() -> ControllerMap:
     return WorkspaceMap.between(shape("blob"), participants()).for_controller().summed()
 
 
 def sides() -> tuple[HelperSide, ParticipantSide]:
     """Made new, with the stages that C has."""
     return (
-        HelperSide(carry(), return_stiffness=300.0, **BOUNDS),
-        ParticipantSide(carry(), comfortable=participants(), stiffness=1500.0, **BOUNDS),
+        HelperSide(workspace_map(), return_stiffness=300.0, **BOUNDS),
+        ParticipantSide(workspace_map(), comfortable=participants(), stiffness=1500.0, **BOUNDS),
     )
 
 
 def exported_side_to(folder: Path, name: str) -> Path:
     """Folder of the C files of a side, which repeats its part of what both do for three seconds."""
     sent, said, answered = sides(), deque([None] * 11), deque([None] * 11)  # a message takes 0.01 s and a tick
-    heard: list[tuple[FromParticipant | None, FromHelper | None]] = []
+    received: list[tuple[FromParticipant | None, FromHelper | None]] = []
     t = np.minimum(DT * np.arange(3000), 2.5)  # at rest where the stamps have a gap, which energy must last for
     hands = HELPER + np.column_stack([0.05 * np.sin(3 * t), 0.06 * np.cos(4 * t)])  # and out of it
-    drawn = np.array([carry().image(hand) for hand in hands]) + 0.004 * np.sin(4 * np.pi * t)[:, None]
+    drawn = np.array([workspace_map().image(hand) for hand in hands]) + 0.004 * np.sin(4 * np.pi * t)[:, None]
     for hand, other in zip(hands, drawn, strict=True):
-        heard.append((answered.popleft(), said.popleft()))
-        for side, x, hears, says in zip(sent, (hand, other), heard[-1], (said, answered), strict=True):
+        received.append((answered.popleft(), said.popleft()))
+        for side, x, hears, says in zip(sent, (hand, other), received[-1], (said, answered), strict=True):
             says.append(side.step(x, hears)[1])
     helper, participant = sides()
     if name == "helper_side":
-        controller = exported_helper_side(helper, hands, [each[0] for each in heard], title="a pair")
+        controller = exported_helper_side(helper, hands, [each[0] for each in received], title="a pair")
     else:
-        controller = exported_participant_side(participant, drawn, [each[1] for each in heard], title="a pair")
+        controller = exported_participant_side(participant, drawn, [each[1] for each in received], title="a pair")
     written_files({folder: controller}, folder, problem="a library call")
     return folder
 
@@ -81,10 +81,10 @@ def ready_for(problem: ScenarioProblem) -> Precomputed:
     """A scenario of these workspaces: a helper who goes round in theirs."""
     turn = np.linspace(0.0, 2 * np.pi, 100)
     there = HELPER + 0.03 * np.column_stack([np.cos(turn), np.sin(turn)])
-    path, task = np.array([carry().image(point) for point in there]), problem.task
+    path, task = np.array([workspace_map().image(point) for point in there]), problem.task
     intention = traced(path, seconds=task.movement_s, rest=task.rest_s, dt=1 / problem.run.rate_hz)
     return Precomputed(
-        comfortable=participants(), reachable=shape("blob"), reference=path, demonstrated=there, carry=carry(),
+        comfortable=participants(), reachable=shape("blob"), reference=path, demonstrated=there, workspace_map=workspace_map(),
         fields=(), numbers=FieldNumbers(stiffness=1500.0, drag=0.0, width=0.01, damping=10.0), shown=(),
         intention=intention, notes=(),
     )  # fmt: skip

@@ -16,7 +16,7 @@ from rehab_opt import Assistance, ConfigurationError, PotentialField, Workspace
 from rehab_opt.control.command import Status
 from rehab_opt.control.path_assistance import PathAssistance
 from rehab_opt.export.controllers.assistance import exported_assistance
-from rehab_opt.export.exported import MOST_VALUES
+from rehab_opt.export.exported import MAX_VALUES
 from tests.export.assisting import DT, EIGHT, exported_to, field_of, made, made_along_a_path
 from tests.export.calling_c import Built, CCommand, Exported, assert_same, doubles, giving_up, shared
 from tests.failing_solvers import failing_solvers
@@ -75,7 +75,7 @@ def helper(made_once: Assistance, mode: str) -> Assistance:
 
 def begun(helper: Assistance, mode: str) -> Assistance:
     helper.reset()
-    helper.aim(field_of(mode))
+    helper.set_field(field_of(mode))
     return helper
 
 
@@ -118,14 +118,14 @@ def test_any_motion_of_a_hand_gives_the_forces_of_python(
     for x, v, told in wandering(rng, start, 120):
         if rng.random() < 0.05:
             field = int(rng.integers(2))
-            assert c.call("aim", field) == 0
-            helper.aim(fields[field])
+            assert c.call("set_field", field) == 0
+            helper.set_field(fields[field])
         if rng.random() < 0.3:
             by = (0.02 * rng.normal(size=2)).tolist()
             if rng.random() < 0.1:
                 by[rng.integers(2)] = float(rng.choice([np.nan, np.inf, -1e300]))
-            assert c.call("carry", *by) == 0
-            helper.carry(*by)
+            assert c.call("shift", *by) == 0
+            helper.shift(*by)
         assert_same(c.step(x, v, **told), helper.step(x, v, **told))
         assert c.energy_left == pytest.approx(helper.energy_left, abs=1e-9)
         if rng.random() < 0.02:
@@ -203,9 +203,9 @@ def test_a_solver_that_writes_nothing_releases(exported: Exported, built: Built)
 
 def test_a_hand_that_is_not_there_and_a_controller_that_was_not_made_apply_nothing(library: ctypes.CDLL) -> None:
     answer = CAssistance(library).step(None, None, stamp=0.0)
-    assert (answer.why, answer.status, list(answer.value)) == ("POSITION_UNUSABLE", 5, [0.0] * MOST_VALUES)
+    assert (answer.why, answer.status, list(answer.value)) == ("POSITION_INVALID", 5, [0.0] * MAX_VALUES)
     answer = CAssistance(library, initialise=False).step([0.1, 0.4], None, stamp=0.0)
-    assert (answer.why, answer.status, list(answer.value)) == ("NOT_INITIALISED", 5, [0.0] * MOST_VALUES)
+    assert (answer.why, answer.status, list(answer.value)) == ("NOT_INITIALISED", 5, [0.0] * MAX_VALUES)
 
 
 def test_what_c_cannot_do_is_refused() -> None:
@@ -219,12 +219,12 @@ def test_what_c_cannot_do_is_refused() -> None:
 
 def test_a_workspace_with_a_spike_becomes_c() -> None:
     sharp = Workspace(shapely.Polygon([(0, 0), (1, 0), (0, 1e-3)]), accuracy=0.0)
-    assert exported_assistance(made("assist", sharp), np.zeros((10, 2)), title="t").wanted.function.n_in() == 6
+    assert exported_assistance(made("assist", sharp), np.zeros((10, 2)), title="t").desired.function.n_in() == 6
 
 
 def test_a_field_that_is_not_there_is_not_aimed_at(library: ctypes.CDLL, helper: Assistance, mode: str) -> None:
     c, x = CAssistance(library), np.array([0.02, 0.45]) if mode == "assist" else np.array([-0.08, 0.43])
-    helper.carry(0.01, 0.0)
-    assert [c.call("carry", 0.01, 0.0), c.call("aim", 2), c.call("aim", -1)] == [0, 1, 1]
+    helper.shift(0.01, 0.0)
+    assert [c.call("shift", 0.01, 0.0), c.call("set_field", 2), c.call("set_field", -1)] == [0, 1, 1]
     for k in range(60):
         assert_same(c.step(x, None, stamp=DT * k), helper.step(x, stamp=DT * k))

@@ -22,11 +22,11 @@ from rehab_opt.control.bilateral import Bilateral
 from rehab_opt.control.bilateral_sides import FromHelper, FromParticipant, HelperSide, ParticipantSide
 from rehab_opt.control.command import Status
 from rehab_opt.export.export_c import written_files
-from rehab_opt.export.exported import MOST_VALUES
+from rehab_opt.export.exported import MAX_VALUES
 from rehab_opt.export.exporters import exported_controllers
 from rehab_opt.workspace.spline import ThinPlateSpline
 from tests.export.calling_c import Built, CCommand, Exported, assert_same, doubles, shared
-from tests.export.pairing import DT, EGG, HELPER, SIDES, broken, carry, ready_for, sides
+from tests.export.pairing import DT, EGG, HELPER, SIDES, broken, ready_for, sides, workspace_map
 
 
 class CFromHelper(ctypes.Structure):
@@ -65,9 +65,9 @@ class CSide:
         asked.restype = ctypes.c_double
         return float(asked(self.memory))
 
-    def step(self, x: Any, heard: Any, v: Any, *, enable: int = 1, stamp: float) -> tuple[CCommand, Any]:
+    def step(self, x: Any, received: Any, v: Any, *, enable: int = 1, stamp: float) -> tuple[CCommand, Any]:
         out, said = CCommand(), self.says()
-        message = None if heard is None else ctypes.byref(self.hears(*heard))
+        message = None if received is None else ctypes.byref(self.hears(*received))
         self.call(
             "step", doubles(x), message, doubles(v), enable, ctypes.c_double(stamp), ctypes.byref(out),
             ctypes.byref(said),
@@ -98,12 +98,14 @@ HEARD = itertools.count(1)
 
 def test_the_sums_that_c_has_are_the_map_of_python() -> None:
     """Python's own map, of so many landmarks, takes series."""
-    series = replace(carry(), spline=ThinPlateSpline(carry().spline.source, carry().spline.target))
+    series = replace(
+        workspace_map(), spline=ThinPlateSpline(workspace_map().spline.source, workspace_map().spline.target)
+    )
     assert series.spline._cells is not None
     rng = np.random.default_rng(0)
     for point in HELPER + 0.08 * rng.normal(size=(500, 2)):
-        np.testing.assert_allclose(carry().image(point), series.image(point), rtol=0, atol=1e-13)
-        np.testing.assert_allclose(carry().jacobian(point), series.jacobian(point), atol=1e-11)
+        np.testing.assert_allclose(workspace_map().image(point), series.image(point), rtol=0, atol=1e-13)
+        np.testing.assert_allclose(workspace_map().jacobian(point), series.jacobian(point), atol=1e-11)
 
 
 @pytest.mark.parametrize("name", SIDES)
@@ -130,14 +132,14 @@ def test_any_hand_and_any_messages_give_the_forces_and_messages_of_python(
             FromParticipant(*other, *(5.0 * way), energy, serial) if of_helper else FromHelper(*other, energy, serial)
         )
         box.append(broken(sent, rng) if rng.random() < 0.03 else sent)
-        heard = None if rng.random() < 0.03 else box[-1 if rng.random() < 0.9 else rng.integers(len(box))]
+        received = None if rng.random() < 0.03 else box[-1 if rng.random() < 0.9 else rng.integers(len(box))]
         seen = x.copy()
         if rng.random() < 0.02:
             seen[rng.integers(2)] = rng.choice([np.nan, np.inf, 1e4, 0.3])
         stamp += DT if rng.random() < 0.95 else rng.choice([0.01, 0.0, -DT, 0.2, -0.2])
         told = {"enable": int(rng.random() < 0.97), "stamp": float(stamp)}
         v = DT * 300 * way if with_v else None
-        (answer, said), (command, message) = c.step(seen, heard, v, **told), side.step(seen, heard, v, **told)
+        (answer, said), (command, message) = c.step(seen, received, v, **told), side.step(seen, received, v, **told)
         assert_same(answer, command)
         assert_said(said, message)
         assert c.energy_left == pytest.approx(side.force.energy_left, abs=1e-9)
@@ -152,7 +154,7 @@ def test_two_sides_in_c_do_what_the_pair_does_in_python(libraries: dict[str, cty
     both = Bilateral(*sides(), delay=delay * DT)
     one, two = (CSide(libraries[name], name) for name in SIDES)
     there, back = (deque([None] * (delay + 1)) for _ in range(2))
-    helper, participant = HELPER.copy(), carry().image(HELPER)
+    helper, participant = HELPER.copy(), workspace_map().image(HELPER)
     forces = []
     for k in range(1500):
         felt, drawn = both.step(helper, participant)
@@ -176,13 +178,20 @@ def test_a_tank_that_is_overdrawn_is_not_filled_by_more_energy_than_a_tank_holds
     libraries: dict[str, ctypes.CDLL],
 ) -> None:
     """A hand that is lost while a force is on it, and found elsewhere; messages that claim to give a gigajoule."""
-    c, side, target = CSide(libraries["participant_side"], "participant_side"), sides()[1], carry().image(HELPER)
+    c, side, target = (
+        CSide(libraries["participant_side"], "participant_side"),
+        sides()[1],
+        workspace_map().image(HELPER),
+    )
     least = math.inf
     for k in range(600):
         lost, found = 100 <= k < 130, k >= 130
         x = np.full(2, np.nan) if lost else target + [0.2 if found else 0.006, 1e-5 * (k % 2)]
-        heard = FromHelper(*HELPER, 1e9 if k % 100 == 31 else 0.02 * (k < 100), k + 1)
-        (answer, said), (command, message) = c.step(x, heard, None, stamp=DT * k), side.step(x, heard, stamp=DT * k)
+        received = FromHelper(*HELPER, 1e9 if k % 100 == 31 else 0.02 * (k < 100), k + 1)
+        (answer, said), (command, message) = (
+            c.step(x, received, None, stamp=DT * k),
+            side.step(x, received, stamp=DT * k),
+        )
         assert_same(answer, command)
         assert_said(said, message)
         assert c.energy_left == pytest.approx(side.force.energy_left, abs=1e-9)
@@ -194,14 +203,14 @@ def test_a_side_that_was_not_made_says_nothing(libraries: dict[str, ctypes.CDLL]
     for name in SIDES:
         side = CSide(libraries[name], name, initialise=False)
         answer, said = side.step(HELPER, None, None, stamp=0.0)
-        assert (answer.why, list(answer.value)) == ("NOT_INITIALISED", [0.0] * MOST_VALUES)
+        assert (answer.why, list(answer.value)) == ("NOT_INITIALISED", [0.0] * MAX_VALUES)
         assert math.isnan(said.x)
         assert (said.energy, said.serial) == (0.0, 0)
 
 
 def test_a_newer_message_is_not_held_up_by_a_reset_and_an_old_one_not_let_in(libraries: dict[str, ctypes.CDLL]) -> None:
     side = CSide(libraries["participant_side"], "participant_side")
-    target, x = FromHelper(*HELPER, 0.0, 7), carry().image(HELPER) + [0.004, 0.0]
+    target, x = FromHelper(*HELPER, 0.0, 7), workspace_map().image(HELPER) + [0.004, 0.0]
     for k, (serial, taken) in enumerate([(7, True), (7, False), (6, False), (8, True)]):
         answer, _ = side.step(x, target._replace(serial=serial), None, stamp=DT * k)
         assert (answer.status == 0) == taken  # of the participant: OK
@@ -246,14 +255,14 @@ def test_a_scenario_of_two_becomes_two_controllers(
     """And one more where the file asks for assistance too. The map of the file takes seconds: that of these tests
     stands for it."""
     task = {"movement_s": 3.0, "rest_s": 0.5}
-    loaded = changed("scenario_together", run={"rate_hz": 200.0, "laws": laws}, task=task)
-    monkeypatch.setattr("rehab_opt.export.controllers.scenario.precompute", lambda *_, **__: ready_for(loaded.problem))
-    *alone, helper, participant = exported_controllers(loaded, progress=lambda *_: None)
+    config = changed("scenario_together", run={"rate_hz": 200.0, "laws": laws}, task=task)
+    monkeypatch.setattr("rehab_opt.export.controllers.scenario.precompute", lambda *_, **__: ready_for(config.problem))
+    *alone, helper, participant = exported_controllers(config, progress=lambda *_: None)
     assert (helper.name, participant.name) == SIDES
     assert [each.name for each in alone] == (["path_assistance"] if "assisted" in laws else [])
     late = 1 + (20 if "delayed" in laws else 0)  # ticks that a message is under way
     ticks = participant.recording.ticks
-    assert [tick["with_heard"] for tick in ticks[: late + 2]] == [0] * late + [1, 1]
+    assert [tick["with_received"] for tick in ticks[: late + 2]] == [0] * late + [1, 1]
     np.testing.assert_array_equal([tick["serial"] for tick in ticks[late : late + 9]], np.arange(1, 10))
     for side in (helper, participant):
         commands = side.recording.commands

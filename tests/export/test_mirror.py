@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from rehab_opt import MirrorTracker
 from rehab_opt.control import reference_clock
 from rehab_opt.export.controllers.mirror import NAME
-from rehab_opt.export.exported import MOST_VALUES
+from rehab_opt.export.exported import MAX_VALUES
 from tests.export.calling_c import Built, giving_up, ran, shared
 from tests.export.mirroring import MADE, START, Array, CMirror, Twins, seven_joints, wave, written
 from tests.failing_solvers import failing_solvers
@@ -235,15 +235,15 @@ def test_inputs_that_are_not_there_are_named(libraries: dict[str, ctypes.CDLL]) 
     ]  # fmt: skip
     for inputs, where in holes:
         answer = CMirror(libraries["redundant"]).step(*inputs, stamp=0.0)  # type: ignore[arg-type]
-        assert answer.why == "INPUT_UNUSABLE"
+        assert answer.why == "INPUT_INVALID"
         assert (answer.input, answer.element) == where
-        assert list(answer.value) == [0.0] * MOST_VALUES
+        assert list(answer.value) == [0.0] * MAX_VALUES
 
 
 def test_a_tracker_that_was_not_initialised_holds(libraries: dict[str, ctypes.CDLL]) -> None:
     tracker = CMirror(libraries["led"], initialise=False)
     answer = tracker.step(START["led"], np.eye(4), np.ones(6), stamp=0.0)
-    assert (answer.why, answer.status, list(answer.value)) == ("NOT_INITIALISED", 3, [0.0] * MOST_VALUES)
+    assert (answer.why, answer.status, list(answer.value)) == ("NOT_INITIALISED", 3, [0.0] * MAX_VALUES)
     assert tracker.reset() == 1
     tracker.memory.raw = b"\x5a" * len(tracker.memory)  # what a stack may hold: counts that lead anywhere
     told = tracker.following()

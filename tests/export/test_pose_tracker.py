@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rehab_opt import PoseTracker
-from rehab_opt.export.exported import MOST_VALUES
+from rehab_opt.export.exported import MAX_VALUES
 from rehab_opt.session.files import load_problem
 from rehab_opt.session.pose_tracking.run import tracker_of
 from rehab_opt.session.robot_file import robot_at_start
@@ -64,9 +64,9 @@ def tracker() -> PoseTracker:
 
 def made() -> PoseTracker:
     """The same controller in Python, with the stages that C has."""
-    loaded = load_problem(ROBOT)
-    robot, _ = robot_at_start(loaded)
-    return tracker_of(loaded.problem, robot, file=ROBOT, backup="qrqp")
+    config = load_problem(ROBOT)
+    robot, _ = robot_at_start(config)
+    return tracker_of(config.problem, robot, file=ROBOT, backup="qrqp")
 
 
 def test_a_changed_command_is_found(exported: Exported, built: Built, tmp_path: Path) -> None:
@@ -202,15 +202,15 @@ def test_an_input_that_is_not_there_is_named(library: ctypes.CDLL, tracker: Pose
     holes = [((None, pose, np.zeros(6)), (0, 0)), ((q, None, np.zeros(6)), (1, 0)), ((q, pose, np.zeros(6)), (1, 6))]
     for inputs, where in holes:
         answer = CTracker(library).step(*inputs, enable=1, stamp=0.0)
-        assert answer.why == "INPUT_UNUSABLE"
+        assert answer.why == "INPUT_INVALID"
         assert (answer.input, answer.element) == where
-        assert list(answer.value) == [0.0] * MOST_VALUES
+        assert list(answer.value) == [0.0] * MAX_VALUES
 
 
 def test_a_tracker_that_was_not_initialised_holds(library: ctypes.CDLL) -> None:
     tracker = CTracker(library, initialise=False)
     answer = tracker.step(np.zeros(6), np.eye(4), np.ones(6), enable=1, stamp=0.0)
-    assert (answer.why, answer.status, list(answer.value)) == ("NOT_INITIALISED", 3, [0.0] * MOST_VALUES)
+    assert (answer.why, answer.status, list(answer.value)) == ("NOT_INITIALISED", 3, [0.0] * MAX_VALUES)
     assert tracker.reset(np.zeros(6)) == 1
 
 

@@ -24,8 +24,8 @@ from tests.failing_solvers import failing_solvers
 CONTROLLERS = ("pose_tracker", "redundancy_mecanum", "redundancy_differential", "mirror_tracker", *FORCES, *SIDES)
 INTERFACE = {
     "pose_tracker": ("init", "reset", "step"),
-    "mirror_tracker": ("init", "reset", "step", "tell"),
-    "assistance": ("aim", "carry", "energy_left", "init", "reset", "step"),
+    "mirror_tracker": ("get_following", "init", "reset", "step"),
+    "assistance": ("set_field", "shift", "energy_left", "init", "reset", "step"),
     "path_assistance": ("energy_left", "init", "progress", "reset", "step"),
     **dict.fromkeys(SIDES, ("energy_left", "init", "reset", "step")),
 }
@@ -96,12 +96,12 @@ def test_half_of_the_recorded_run_has_encoders_with_noise(name: str, exported: E
     q = np.array([[float(row[key]) for key in row if key.startswith("q_")] for row in rows])
     bends = np.abs(q[2:] - 2 * q[1:-1] + q[:-2]) / math.sqrt(6.0)  # of white noise, as large as itself
     moves = bends.max(axis=1) > 0  # which encoders that stand still, at the end, do not
-    sound = bends[moves]
-    quiet, noisy = np.nanmedian(sound[: len(sound) // 3], axis=0), np.nanmedian(sound[2 * len(sound) // 3 :], axis=0)
+    valid = bends[moves]
+    quiet, noisy = np.nanmedian(valid[: len(valid) // 3], axis=0), np.nanmedian(valid[2 * len(valid) // 3 :], axis=0)
     assert np.median(quiet) < 2e-5
     assert 5e-5 < noisy.min() <= noisy.max() < 1e-4
     certified = np.array([float(row["scale"]) > 0 for row in rows])[1:-1][moves]
-    assert np.mean(certified[2 * len(sound) // 3 :]) > 0.9
+    assert np.mean(certified[2 * len(valid) // 3 :]) > 0.9
 
 
 def test_a_changed_number_beside_the_command_is_found(exported: Exported, built: Built, tmp_path: Path) -> None:
@@ -155,11 +155,11 @@ def test_the_recorded_run_has_the_faults_of_every_tick(name: str, exported: Expo
     assert met >= {
         "FINE", "NOT_ENABLED", "STAMP_NOT_FINITE", "STAMP_GAP", "STAMP_BACKWARDS", "STAMP_REPEATED", "STATE_STALE",
     }  # fmt: skip
-    of_numbers = {"POSITION_UNUSABLE", "VELOCITY_UNUSABLE", "HAND_TOO_FAST", "POSITION_JUMPED"}
+    of_numbers = {"POSITION_INVALID", "VELOCITY_INVALID", "HAND_TOO_FAST", "POSITION_JUMPED"}
     if name == "mirror_tracker":
-        of_numbers = {"INPUT_UNUSABLE"}  # of what is too large together the pose is not rigid, which it looks at first
+        of_numbers = {"INPUT_INVALID"}  # of what is too large together the pose is not rigid, which it looks at first
     others = {*FORCES, *SIDES, "mirror_tracker"}
-    assert met >= (of_numbers if name in others else {"INPUT_UNUSABLE", "INPUT_TOO_LARGE"})
+    assert met >= (of_numbers if name in others else {"INPUT_INVALID", "INPUT_TOO_LARGE"})
     assert ("POSE_NOT_RIGID" in met) == (name in ("pose_tracker", "mirror_tracker"))
     assert ("FORCE_AT_LIMIT" in met) == (name == "mirror_tracker")
 

@@ -65,8 +65,8 @@ def failures() -> Iterator[Failures]:
 @pytest.fixture(scope="module")
 def made(drive: str, chair: str, failures: Failures) -> RedundancyResolver:
     """The same controller in Python, with the stages that C has."""
-    loaded = load_problem(chair)
-    return resolver_of(loaded, robot_of(loaded), drive, backup="qrqp")  # type: ignore[arg-type]
+    config = load_problem(chair)
+    return resolver_of(config, robot_of(config), drive, backup="qrqp")  # type: ignore[arg-type]
 
 
 @pytest.fixture
@@ -193,7 +193,7 @@ def test_what_is_not_there_is_named(library: ctypes.CDLL, drive: str) -> None:
     q, twist = np.array(ARDIS_READY), np.zeros(2)
     for inputs, where in (((None, twist), (0, 0)), ((q, None), (1, 0)), ((q, [0.0, np.inf]), (1, 1))):
         answer = CResolver(library, drive).step(*inputs, 0, 0, enable=1, stamp=0.0)
-        assert (answer.why, answer.input, answer.element) == ("INPUT_UNUSABLE", *where)
+        assert (answer.why, answer.input, answer.element) == ("INPUT_INVALID", *where)
         assert not any(answer.value)
     answer = CResolver(library, drive, initialise=False).step(q, twist, 0, 0, enable=1, stamp=0.0)
     assert (answer.why, answer.status) == ("NOT_INITIALISED", 3)

@@ -29,7 +29,7 @@ def test_without_noise_stiffness_drag_and_damping_are_recovered(rest_on_target: 
     fit = learnt(led_hands(truth(rest_on_target=rest_on_target)), rest_on_target=rest_on_target).fit
     assert fit.parameters == pytest.approx(TRUE, rel=1e-6)
     assert fit.held_out == (4, 9)
-    assert fit.held_out_share < 1e-6
+    assert fit.held_out_fraction < 1e-6
     assert fit.unidentified == ()
     assert 0.0 <= fit.residual <= 1e-6
 
@@ -56,7 +56,7 @@ def test_a_hidden_truth_is_found_from_the_demonstrations_alone() -> None:
     field = learnt(led_hands(truth(), noise=0.5), path=None)
     assert len(field.paths) == 1
     assert np.linalg.norm(field.paths[0].points[:, None] - WAY, axis=2).min(axis=1).max() < 0.005
-    assert field.fit.held_out_share < 0.1
+    assert field.fit.held_out_fraction < 0.1
     assert field.fit.held_out_error < 0.1 * field.fit.constant_stiffness_error
 
 

@@ -27,11 +27,11 @@ SPREAD = 1_000_003
 
 def parts(names: list[str], ticks: int, seed: int, pieces: int) -> list[tuple[str, int, int]]:
     """Promise, ticks and seed of each piece of work; the promises share the ticks by their `SHARE`."""
-    shares = {name: float(getattr(module, "SHARE", 1.0)) for name, module in judges(names).items()}
-    total = sum(shares.values())
+    fractions = {name: float(getattr(module, "SHARE", 1.0)) for name, module in judges(names).items()}
+    total = sum(fractions.values())
     return [
-        (name, round(ticks * share / total / pieces), seed + SPREAD * piece)
-        for name, share in shares.items()
+        (name, round(ticks * fraction / total / pieces), seed + SPREAD * piece)
+        for name, fraction in fractions.items()
         for piece in range(pieces)
     ]
 

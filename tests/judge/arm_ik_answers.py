@@ -157,7 +157,7 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
     verdict.within(
         "error of a path's steps [rad]", np.abs(np.abs(np.diff(followed.q, axis=0)).max(1) - followed.steps), 1e-12
     )
-    verdict.within("error of its largest [rad]", abs(followed.steps.max() - followed.largest_step), 1e-12)
+    verdict.within("error of its largest [rad]", abs(followed.steps.max() - followed.max_step), 1e-12)
     verdict.within("error of the share reached", abs(np.mean(solved[40:]) - followed.reached), 1e-12)
     drawn = rng.uniform(lower, upper, (20_000, 8))
     where, upright = hand(drawn)

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rehab_opt import Bound, Capsule, CapsuleOnLink, RedundancyResolver, SerialChain, arm_on_chair
+from rehab_opt import Capsule, CapsuleOnLink, RedundancyResolver, Relaxed, SerialChain, arm_on_chair
 from tests.judge.chair_held import BRAKING, SIZE
 from tests.judge.chair_robot import STAND_OFF, segments_apart
 from tests.judge.numbering import numbered
@@ -213,7 +213,7 @@ def one_arm(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
     """One robot, and sticks that are held."""
     rows, drive = ROWS[int(rng.integers(len(ROWS)))], ("fixed", "fixed", "differential", "mecanum")[number % 4]
     arm = drawn(rng, bodies=number % 3 > 0)
-    while (start := free_posture(arm, rng)) is None or not usable(arm, drive, rows):
+    while (start := free_posture(arm, rng)) is None or not valid(arm, drive, rows):
         arm = drawn(rng, bodies=number % 3 > 0)
     dt = float(rng.choice([0.01, 0.01, 0.02]))
     made = RedundancyResolver(arm.robot(), drive=drive, row_sets=[rows], dt=dt, max_obstacles=0, compile=False)  # type: ignore[arg-type]
@@ -225,7 +225,7 @@ def one_arm(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
         episode(verdict, arm, made, q, twist, rows, drive, dt)
 
 
-def usable(arm: Arm, drive: str, rows: tuple[str, ...]) -> bool:
+def valid(arm: Arm, drive: str, rows: tuple[str, ...]) -> bool:
     """Whether the rows are independent, and the arm alone moves its hand every way somewhere: else it is refused."""
     velocity = partial(hand_velocity, arm)
     return independent(velocity, arm, drive, rows) and independent(velocity, arm, "fixed", ("x", "y", "z"))
@@ -313,7 +313,7 @@ def episode(
     nearest = gaps.min(axis=1)
     verdict.within("keep-outs", np.minimum(gaps[:-1], 0) - gaps[1:], ROUNDING)
     hurried = (np.abs(u - before) > quickest * dt * (1 + 1e-6) + ROUNDING).any(axis=1)
-    flagged = found.yielded & Bound.ACCELERATION.value != 0
+    flagged = found.relaxed & Relaxed.ACCELERATION.value != 0
     verdict.holds("a change beyond the acceleration is flagged", ~hurried | flagged)
     verdict.holds("accelerations yield within 2 mm of a keep-out alone", ~hurried | (nearest[:-1] < STAND_OFF))
     verdict.holds("all is acted on", np.isin(found.status, ("ok", "backup", "blocked")))

@@ -103,6 +103,6 @@ def on_standing_chair(dt: float) -> tuple[Chair, RedundancyResolver]:
 
 def shaken_ticks(chair: Chair, u: Array, dt: float) -> NDArray[np.bool_]:
     """(n - 2,) where a joint of the arm turns round; u (n, 7)."""
-    share = np.diff(u[:, 3:], axis=0) / (chair.acceleration[3:] * dt)
-    turns = (share[1:] * share[:-1] < 0) & (np.minimum(np.abs(share[1:]), np.abs(share[:-1])) > SHAKE)
+    fraction = np.diff(u[:, 3:], axis=0) / (chair.acceleration[3:] * dt)
+    turns = (fraction[1:] * fraction[:-1] < 0) & (np.minimum(np.abs(fraction[1:]), np.abs(fraction[:-1])) > SHAKE)
     return np.asarray(turns.any(axis=1))

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from rehab_opt import Bound
+from rehab_opt import Relaxed
 from tests.judge.chair_robot import LACKING, STAND_OFF, WHEEL_LIMIT, Array, Obstacles
 from tests.judge.chair_runs import Part, Run, rolled
 from tests.judge.verdict import Answers, Verdict
@@ -78,7 +78,7 @@ def judge_ticks(
 
     slows = np.isin(found.status, ("ok", "backup", "blocked"))[:, None] | (np.abs(u) <= np.abs(before) + 1e-12)
     whole, was = (np.linalg.norm(each / np.maximum(chair.velocity, 1e-300), axis=1) for each in (u, before))
-    across = np.broadcast_to(excused, len(u)) & (found.yielded & Bound.ACCELERATION.value != 0) & (whole <= was)
+    across = np.broadcast_to(excused, len(u)) & (found.relaxed & Relaxed.ACCELERATION.value != 0) & (whole <= was)
     verdict.holds("what is not certified only slows", slows | (across | np.broadcast_to(led, len(u)))[:, None])
     late = np.logical_or(judge_obstacles(run, verdict, u, before), excused)
     judge_acceleration(run, verdict, found, u, before, late)
@@ -141,7 +141,7 @@ def judge_acceleration(run: Run, verdict: Verdict, found: Answers, u: Array, bef
     allowed = np.minimum(chair.acceleration * dt, 2 * chair.velocity)
     change = np.abs(u - before)
     hurried = np.any(change > allowed * (1 + 1e-6) + ROUNDING, axis=1)
-    flagged = (found.yielded & Bound.ACCELERATION.value) != 0
+    flagged = (found.relaxed & Relaxed.ACCELERATION.value) != 0
     verdict.holds("a change beyond the acceleration is flagged", ~hurried | flagged)
     arm = run.q[:-1, 3:]
     outside = np.any((arm > chair.upper + ROUNDING) | (arm < chair.lower - ROUNDING), axis=1)
@@ -156,9 +156,9 @@ def judge_acceleration(run: Run, verdict: Verdict, found: Answers, u: Array, bef
 
 
 def judge_words(run: Run, verdict: Verdict, found: Answers, u: Array, before: Array, part: Part, ticks: slice) -> None:
-    """Status, reason, scale and what yielded, against what the hand did."""
+    """Status, reason, scale and what was relaxed, against what the hand did."""
     chair, dt = run.chair, run.dt
-    status, scale, yielded = found.status[ticks], found.scale[ticks], found.yielded[ticks]
+    status, scale, relaxed = found.status[ticks], found.scale[ticks], found.relaxed[ticks]
     certified = (status == "ok") | (status == "backup") | (status == "blocked")
     moving = np.max(np.abs(u[ticks]), axis=1) > STILL
     verdict.holds("a plain OK gives no reason, all else does", (status == "ok") == (found.reason[ticks] == ""))
@@ -201,7 +201,7 @@ def judge_words(run: Run, verdict: Verdict, found: Answers, u: Array, before: Ar
     verdict.within("scale is the fraction of the command that the hand does", np.where(told, off, 0.0), MISSED)
     short = [np.linalg.norm(hand - part.twist, axis=1) > MISSED * size + near for hand in hands]
     missed = np.all(short, axis=0)
-    flagged = (yielded & Bound.TASK.value) != 0
+    flagged = (relaxed & Relaxed.TASK.value) != 0
     verdict.holds("a hand that does another thing than asked is flagged", ~(told & missed) | flagged)
     verdict.during("the hand slowed", told & (scale < 0.9), dt)
     verdict.during("the hand as asked", told & ~missed, dt)

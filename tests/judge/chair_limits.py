@@ -18,7 +18,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from rehab_opt import Bound, JointFeedback, Limit, MovingCapsule, RedundancyResolver
+from rehab_opt import JointFeedback, Limit, MovingCapsule, RedundancyResolver, Relaxed
 from tests.judge.chair_arms import Arm, drawn, free_posture, independent
 from tests.judge.chair_calm import OFTEN, shaken_ticks
 from tests.judge.chair_claims import judge_ticks
@@ -48,7 +48,7 @@ PROMISES = (
             "a `Clearance` of the arm, of which links are pairs that chair and arm move."),
     Promise("rehab_opt/control/redundancy.py", "Without a command nothing is given way to."),
     Promise("rehab_opt/control/redundancy.py", "Beyond one already, and beside a body that comes, "
-            "accelerations yield to it, which `Bound.ACCELERATION` says, and so do the rates of others; beside such a "
+            "accelerations yield to it, which `Relaxed.ACCELERATION` says, and so do the rates of others; beside such a "
             "body the law is not promised."),
     Promise("rehab_opt/control/redundancy.py", "Where a link comes round an edge of one that stands, the hand may be "
             "0.3 of its command across, for T."),
@@ -61,12 +61,12 @@ PROMISES = (
     Promise("docs/capabilities/clearance.md", "of chair and arm without any they are segments from joint to joint, "
             "also the column, which the chair alone moves"),
     Promise("rehab_opt/control/limit.py", "every distance h(q) at zero or above, at the end of every tick."),
-    Promise("rehab_opt/control/limit.py", "`Bound.POSITION` says that h(q) is below zero"),
+    Promise("rehab_opt/control/limit.py", "`Relaxed.POSITION` says that h(q) is below zero"),
     Promise("rehab_opt/control/limit.py", "by default 1/T, T the longest of the joints' speeds over their "
             "accelerations, so that all joints can brake together before it."),
     Promise("rehab_opt/control/clearance.py", "among bodies that stand still, no pair that was clear comes nearer than "
             "`margin`, and one that was nearer gets no nearer, in any tick, braking ones included"),
-    Promise("rehab_opt/control/clearance.py", "the arm's own motion never adds to that, and `Bound.POSITION` says so."),
+    Promise("rehab_opt/control/clearance.py", "the arm's own motion never adds to that, and `Relaxed.POSITION` says so."),
     Promise("rehab_opt/control/redundancy.py", "Never broken, in this order: joint and chassis speeds"),
     Promise("rehab_opt/control/redundancy.py", "Until a position can be read, the middle of a joint's range is taken "
             "for it, where limits hold and accelerations yield to them."),
@@ -93,7 +93,7 @@ FASTER = 0.1
 """[m/s, rad/s] By so much braking together may be faster than a barrier: ways bend."""
 ROUNDING, TRUE = 1e-9, 1e-9
 """[rad, m] What sums may miss a limit by; two kinematics may differ by."""
-PLAUSIBLE = 1e6
+MAX_MAGNITUDE = 1e6
 """A number beyond it is no position."""
 UNSURE = 5e-3
 """[rad] Between where a joint is led and where it is measured."""
@@ -365,15 +365,15 @@ def draw(rng: np.random.Generator, number: int) -> tuple[Case, Array]:
         plan = late(rng, chair, dt)
     places = PLACES if rng.random() < 0.25 and not alone(number) else 0
     limits: list[Any] = [each.limit() for each in wishes]
-    slots = 8
+    max_contacts = 8
     if scene is not None:
-        place, slots = int(rng.integers(len(limits) + 1)), int(rng.choice([2, slots]))
-        limits.insert(place, clearance_of(scene, slots))
+        place, max_contacts = int(rng.integers(len(limits) + 1)), int(rng.choice([2, max_contacts]))
+        limits.insert(place, clearance_of(scene, max_contacts))
     made = RedundancyResolver(
         chair.robot(), drive=drive, row_sets=sets, dt=dt, max_obstacles=places, limits=limits, compile=False,  # type: ignore[arg-type]
         feedback=None if plan is None else plan.told,
     )  # fmt: skip
-    return Case(chair, made, dt, sets, wishes, scene, plan, places, alone(number), slots < 8), q
+    return Case(chair, made, dt, sets, wishes, scene, plan, places, alone(number), max_contacts < 8), q
 
 
 def around(rng: np.random.Generator, number: int, chair: Chair, q: Array, dt: float) -> Scene:
@@ -515,7 +515,7 @@ def judge(verdict: Verdict, case: Case, run: Run, places: list[Array], there: ND
     inside, edge, near, beyond = (np.zeros(n, dtype=bool) for _ in range(4))
     slowest, falls = longest(chair), np.full(n, -math.inf)
     readable = np.concatenate([np.ones(len(part.twist), dtype=bool) if part.hostile is None else
-                               (np.abs(part.hostile) < PLAUSIBLE).all(axis=1) for part in run.parts])  # fmt: skip
+                               (np.abs(part.hostile) < MAX_MAGNITUDE).all(axis=1) for part in run.parts])  # fmt: skip
     known = np.logical_or.accumulate(readable)  # where the robot is, since a first sample that could be read
     for each in case.wishes:
         stated = case.made.robot.bodied_chain, each.limit()
@@ -559,7 +559,7 @@ def judge(verdict: Verdict, case: Case, run: Run, places: list[Array], there: ND
     hurries = told & comes_near(case, q[0], run.start)
     excused = gives_way | beyond | hurries | (beside & case.few) | ~known
     found, u = judge_ticks(run, verdict, excused=excused, led=hurries)
-    hurried = found.yielded & Bound.ACCELERATION.value != 0  # where that may be is judged with the accelerations
+    hurried = found.relaxed & Relaxed.ACCELERATION.value != 0  # where that may be is judged with the accelerations
     met = np.where(gives_way | inside | told | hurried, -math.inf, falls)
     verdict.during("a velocity told that leads at a limit", hurries & near, dt)
     verdict.within("come to faster than its barrier [m/s or rad/s]", met, FASTER)
@@ -569,7 +569,7 @@ def judge(verdict: Verdict, case: Case, run: Run, places: list[Array], there: ND
     unsure = EDGE if case.plan is None or case.plan.exact else UNSURE
     inside, edge = inside | (rooms < 0), edge | (np.abs(rooms) < unsure)
     if not case.places:
-        flagged = found.yielded & Bound.POSITION.value != 0
+        flagged = found.relaxed & Relaxed.POSITION.value != 0
         # Before the first position that it can read, a controller knows no posture to speak of.
         unknown = ~np.logical_or.accumulate(np.isin(found.status, ("ok", "backup", "blocked")))
         verdict.holds("beyond a limit or within a margin is flagged, and nothing else is",
@@ -696,7 +696,7 @@ def judge_servos(verdict: Verdict, case: Case, run: Run, servos: Servos) -> None
     begun = np.fmax(servos.begun - chair.upper, chair.lower - servos.begun)
     beyond -= np.minimum.accumulate(np.maximum(np.vstack([begun, beyond[:-1]]), 0), axis=0)
     # One that is stopped at once, since a body comes, swings on as far as its servo does.
-    hurried = since(np.array([Bound.ACCELERATION in each.yielded for each in run.commands]), round(0.2 / case.dt))
+    hurried = since(np.array([Relaxed.ACCELERATION in each.relaxed for each in run.commands]), round(0.2 / case.dt))
     swings = chair.velocity[3:] / (2 * math.pi * plan.told.servo_hz) if plan is not None else 0.0
     beyond -= np.where(hurried[:, None], swings, 0.0)
     if plan is not None and plan.exact:

@@ -67,9 +67,9 @@ LEAST = {
     "the hand as asked": 5e4,
     "at rest after the command": 1e3,
     "rows switched while moving": 100,
-    "yielded position": 50,
-    "yielded acceleration": 10,
-    "yielded task": 1e4,
+    "relaxed position": 50,
+    "relaxed acceleration": 10,
+    "relaxed task": 1e4,
     "wheels rolled along arcs": 5e4,
     "law judged": 5e3,
 }

@@ -116,7 +116,7 @@ def judge_target(run: Run, verdict: Verdict, found: Answers, part: Part, ticks: 
     velocity = np.diff(hand, axis=0) / dt
     speed, fastest = np.linalg.norm(velocity, axis=1), np.abs(velocity).max(axis=1)
     number = np.arange(len(speed))
-    short = (found.status[ticks] != "ok") | (found.yielded[ticks] != 0) | (number == 0)
+    short = (found.status[ticks] != "ok") | (found.relaxed[ticks] != 0) | (number == 0)
     done = (number - np.maximum.accumulate(np.where(short, number, 0))) * dt
     gained = np.abs(np.diff(velocity, axis=0, prepend=velocity[:1])).max(axis=1) / 2
     keeps = math.exp(-FADES * dt)

@@ -242,11 +242,11 @@ class Chair:
         """(82, 7) the way from q while u, after two more ticks of it, is scaled to zero in T."""
         steps = np.linspace(0.0, 1.0, 81)
         length = 2 * dt + self.braking_time * (steps - steps**2 / 2)
-        share = np.diff(length, prepend=0.0)
-        middle = np.zeros((len(share), len(q)))
-        middle[:, 2] = np.cumsum([q[2], *(share * u[2])])[:-1] + u[2] * share / 2
-        value = self.world(middle, np.tile(u, (len(share), 1)))
-        return np.cumsum([q, *(share[:, None] * value)], axis=0)
+        fraction = np.diff(length, prepend=0.0)
+        middle = np.zeros((len(fraction), len(q)))
+        middle[:, 2] = np.cumsum([q[2], *(fraction * u[2])])[:-1] + u[2] * fraction / 2
+        value = self.world(middle, np.tile(u, (len(fraction), 1)))
+        return np.cumsum([q, *(fraction[:, None] * value)], axis=0)
 
     def fastest(
         self, q: Array, twist: Array, rows: Sequence[str], frame: str, obstacles: Obstacles = (), dt: float = 0.01
@@ -309,8 +309,8 @@ class Chair:
         # To first order a turning corner and a swinging link lose no room: on the way on which they brake they do.
         # And the hand, that the law would let go against its command or across it no further, may have to turn back.
         # Of the velocities that do a part of it, that whose fastest joint is slowest: corners of programmes are wild.
-        share = np.vstack([np.eye(7), -np.eye(7)])
-        each = np.vstack([np.column_stack([share, -np.tile(speed, 2)]), np.column_stack([np.vstack(rows_a), np.zeros(
+        fraction = np.vstack([np.eye(7), -np.eye(7)])
+        each = np.vstack([np.column_stack([fraction, -np.tile(speed, 2)]), np.column_stack([np.vstack(rows_a), np.zeros(
             sum(map(len, rows_a)))])])  # fmt: skip
         # And a tick is no moment: turning, the hand leaves the direction that it has at its begin.
         for part in PARTS:
@@ -368,8 +368,8 @@ def segments_apart(begin: Array, end: Array, start: Array, stop: Array) -> Array
     """(...,) distance of two segments: from an end of one to the other, or between the lines where both are met."""
 
     def from_point(point: Array, origin: Array, along: Array) -> Array:
-        share = np.clip(np.sum((point - origin) * along, -1) / np.sum(along * along, -1), 0, 1)
-        return np.linalg.norm(point - origin - share[..., None] * along, axis=-1)
+        fraction = np.clip(np.sum((point - origin) * along, -1) / np.sum(along * along, -1), 0, 1)
+        return np.linalg.norm(point - origin - fraction[..., None] * along, axis=-1)
 
     one, two, gap = end - begin, stop - start, start - begin
     ends = [from_point(begin, start, two), from_point(end, start, two)]

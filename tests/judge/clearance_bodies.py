@@ -28,7 +28,7 @@ PROMISES = (
             "`margin`."),
     Promise("rehab_opt/control/pose_tracker.py", "s slows the motion down where the bounds demand, so that its "
             "direction is kept."),
-    Promise("rehab_opt/control/clearance.py", "the arm's own motion never adds to that, and `Bound.POSITION` says so."),
+    Promise("rehab_opt/control/clearance.py", "the arm's own motion never adds to that, and `Relaxed.POSITION` says so."),
     Promise("rehab_opt/control/clearance.py", "names of links that keep clear of each other, or None for those that "
             "neither are neighbours nor overlap at half of all postures; the tuple () for none."),
     Promise("rehab_opt/control/clearance.py", "a number that cannot be used, a body that is none, a robot without "
@@ -106,8 +106,8 @@ def ends_of(link: tuple[int, Array, float], q: Array) -> Array:
 def point_to_segment(points: Array, segments: Array) -> Array:
     """(N,) [m] from points (N, 3) to segments (N, 2, 3)."""
     a, way = segments[:, 0], segments[:, 1] - segments[:, 0]
-    share = np.einsum("nx,nx->n", points - a, way) / np.maximum((way**2).sum(1), 1e-30)
-    return np.linalg.norm(points - a - np.clip(share, 0, 1)[:, None] * way, axis=1)
+    fraction = np.einsum("nx,nx->n", points - a, way) / np.maximum((way**2).sum(1), 1e-30)
+    return np.linalg.norm(points - a - np.clip(fraction, 0, 1)[:, None] * way, axis=1)
 
 
 def segments_apart(one: Array, other: Array) -> Array:
@@ -242,15 +242,15 @@ def put_around(
     return scene
 
 
-def tracker(rng: np.random.Generator, scene: Scene, dt: float, slots: int) -> PoseTracker:
+def tracker(rng: np.random.Generator, scene: Scene, dt: float, max_contacts: int) -> PoseTracker:
     """A tracker told of them."""
     capsules = [LinkCapsule(name, frame, *map(tuple, ends.tolist()), radius)  # type: ignore[arg-type]
                 for name, (frame, ends, radius) in zip(LINKS, scene.links, strict=True)]  # fmt: skip
     arm = ur5(velocity=rng.uniform(1.0, 3.0), acceleration=rng.uniform(5.0, 30.0), capsules=tuple(capsules))
-    return PoseTracker(arm, gain=GAIN, dt=dt, limits=[clearance_of(scene, slots)], compile=False)
+    return PoseTracker(arm, gain=GAIN, dt=dt, limits=[clearance_of(scene, max_contacts)], compile=False)
 
 
-def clearance_of(scene: Scene, slots: int) -> Clearance:
+def clearance_of(scene: Scene, max_contacts: int) -> Clearance:
     """What a controller is told of the scene."""
     return Clearance(
         margin=scene.margin, self_margin=scene.self_margin,
@@ -260,7 +260,7 @@ def clearance_of(scene: Scene, slots: int) -> Clearance:
                   for i, (ends, radius) in enumerate(scene.capsules)],
         boxes=[Box(f"box {i}", tuple(c.tolist()), tuple((2 * half).tolist()), tuple(map(tuple, axes.tolist())))  # type: ignore[arg-type]
                for i, (c, half, axes) in enumerate(scene.boxes)],
-        moving=len(scene.moving), slots=slots,
+        moving=len(scene.moving), max_contacts=max_contacts,
     )  # fmt: skip
 
 
@@ -274,8 +274,8 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
     if folds(number):
         joints[:, 2] += minimum_jerk(TICKS) * (np.copysign(2.9, start[2]) - joints[:, 2])
     scene = draw(rng, number, joints)
-    slots = int(rng.choice([2, SLOTS]))
-    control = tracker(rng, scene, dt, slots)
+    max_contacts = int(rng.choice([2, SLOTS]))
+    control = tracker(rng, scene, dt, max_contacts)
     poses, twists = tool(joints), hand_twist(joints, np.gradient(joints, dt, axis=0))
     faulty = number % 3 == 1
     wrong: Schedule = schedule(rng, TICKS, dt, FAULTS, every=0.3 if faulty else np.inf)
@@ -307,7 +307,7 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
         )
     verdict.within("nearer to a moving body than it came itself [m]", np.minimum(stays, 0) - moved[1:], SLACK)
     every = np.column_stack([*still.values(), moved])
-    inside, flagged = (every[:-1] < -SLACK).any(axis=1), answers.yielded & 1 != 0
+    inside, flagged = (every[:-1] < -SLACK).any(axis=1), answers.relaxed & 1 != 0
     edge = (np.abs(every[:-1]) < EDGE).any(axis=1)
     verdict.holds("a link within a margin is flagged, and nothing else is", (inside == flagged) | edge)
     acts = np.isin(answers.status, ("ok", "backup", "blocked"))
@@ -326,7 +326,7 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
     for kind, apart in {**still, "body that moves": moved}.items():
         verdict.during(f"at the margin of a {kind}", (np.abs(apart[:-1]) < NEAR).any(axis=1), dt)
     verdict.during("braking near a body", ~acts & (np.abs(every[:-1]) < NEAR).any(axis=1), dt)
-    verdict.during("nothing near, all of the task", (every[:-1] > 0.1).all(axis=1) & (answers.yielded == 0) & acts, dt)
+    verdict.during("nothing near, all of the task", (every[:-1] > 0.1).all(axis=1) & (answers.relaxed == 0) & acts, dt)
 
 
 def could(

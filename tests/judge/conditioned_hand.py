@@ -65,7 +65,7 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
     """One recording."""
     dt, max_gap = float(rng.choice([0.002, 0.005, 0.01])), float(rng.choice([0.05, 0.1, 0.2]))
     cutoff = (20.0, math.inf, 8.0, 4.0)[number % 4]
-    options = {"dt": dt, "cutoff_hz": cutoff, "max_gap": max_gap, "largest_speed": 3.0, "largest_turn": 12.0}
+    options = {"dt": dt, "cutoff_hz": cutoff, "max_gap": max_gap, "max_speed": 3.0, "max_turn_rate": 12.0}
     stretches: list[Stretch] = []
     times, places, turns, spoilt = [], [], [], 0
     t = 5.0

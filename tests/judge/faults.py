@@ -108,7 +108,7 @@ def slices(seed: int) -> list[Hearing]:
 
 def campaign(ticks: int, seed: int) -> dict[str, Hearing]:
     """What `python -m tests.judge --ticks N --seed S` hears, by judge."""
-    return {name: Hearing(name, share, each) for name, share, each in parts(list(judges()), ticks, seed, 1)}
+    return {name: Hearing(name, fraction, each) for name, fraction, each in parts(list(judges()), ticks, seed, 1)}
 
 
 def without_fault(seed: int, processes: int = 1) -> Sound:

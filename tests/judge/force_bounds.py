@@ -19,7 +19,7 @@ from tests.judge.verdict import Promise, Verdict
 
 PROMISES = (
     Promise("rehab_opt/control/bounded_force.py", "The force bound holds exactly and always. The slew bound holds but "
-            "for a flagged release (`Bound.SLEW`): the force is zero at once when the hand moves faster than "
+            "for a flagged release (`Relaxed.SLEW`): the force is zero at once when the hand moves faster than "
             "`speed_cap`, or the energy left no longer affords a release within the slew bound."),
     Promise("rehab_opt/control/bounded_force.py", "a jump after samples that were not usable, or a rest so exact that "
             "the sensor may have been frozen, which counts as the motion of all that time"),
@@ -35,7 +35,7 @@ PROMISES = (
     Promise("rehab_opt/control/command.py", "of assistance: of the desired force, along it."),
 )  # fmt: skip
 LEAST = {"solver closed form": 4e5, "solver qrqp": 5e4,
-         "at the force limit": 2000, "at the slew limit": 14_000, "held back by its growth": 5000, "yielded slew": 50,
+         "at the force limit": 2000, "at the slew limit": 14_000, "held back by its growth": 5000, "relaxed slew": 50,
          "wanted in full": 14_000, "status releasing": 81, "status released": 5000, "reason not enabled": 300,
          "reason x is (#, #), not a usable position": 300,
          "held back by energy": 300, "a gap just too long": 800, "a gap not quite too long": 800}  # fmt: skip
@@ -90,7 +90,7 @@ def judge(verdict: Verdict, one: Run) -> None:
     grown = felt + given.growth_limit * dt
     verdict.within("force over what it may grow to", size / grown, 1 + 1e-9)
     verdict.during("held back by its growth", (size > 0.999 * grown) & (size < 0.999 * given.force_limit), dt)
-    slewed = answers.yielded & 8 != 0
+    slewed = answers.relaxed & 8 != 0
     verdict.within("change of force over the slew bound", np.where(slewed, 0.0, change / step), 1 + 1e-9)
     verdict.holds("what is flagged is a release at once", ~slewed | ((size == 0) & (change > step * (1 - 1e-12))))
     sudden = np.isin(reasons, ("energy left does not afford a slower release", "hand moves at # m/s, at most # m/s",
@@ -125,7 +125,7 @@ def judge(verdict: Verdict, one: Run) -> None:
 
     # A hand that stood under force along a path is let go by a force that fades, of which nothing is wanted any more.
     safe = safe | (status == "blocked")
-    asked, flagged = one.wanted, answers.yielded & 4 != 0
+    asked, flagged = one.desired_force, answers.relaxed & 4 != 0
     need, off = np.linalg.norm(asked, axis=1), np.linalg.norm(force - asked, axis=1)
     verdict.holds("a force other than the wanted one is flagged", flagged | (off <= 1.001e-6 * need + 2e-12) | safe)
     verdict.holds("what is flagged is another force", ~flagged | (off > 0.999e-6 * need + 0.9e-12) | safe)

@@ -86,7 +86,7 @@ def judge(verdict: Verdict, one: Run) -> None:
         left = given.budget - np.r_[0.0, total[:-1]]
         verdict.within("energy told to be left beyond what is in all [J]", one.left - left, 1e-9)
     verdict.within("energy told to be left over the budget", one.left / given.budget, 1 + 1e-12)
-    size, need = np.linalg.norm(answers.value, axis=1), np.linalg.norm(one.wanted, axis=1)
+    size, need = np.linalg.norm(answers.value, axis=1), np.linalg.norm(one.desired_force, axis=1)
     tight = (size < 0.9 * np.minimum(need, given.force_limit)) & (one.left < 0.3 * given.budget)
     verdict.during("the tank holds the force back", tight, one.seconds)
     verdict.during("nine tenths of the budget drawn", taken[1:] > 0.9 * given.budget, one.seconds)

@@ -67,8 +67,8 @@ def run(ticks: int, seed: int, *, only: int | None = None) -> Verdict:
 def settles(verdict: Verdict, rng: np.random.Generator) -> None:
     """One spring, whose damping differs along the axes, from none to far more than suits its stiffness."""
     stiffness, dt = float(10 ** rng.uniform(2.0, 3.6)), float(rng.choice([1e-3, 2e-3, 5e-3]))
-    share = rng.permutation([float(rng.choice([0.0, 0.1, 0.5, 1.0])), float(rng.choice([1.0, 1.0, 3.0, 10.0]))])
-    damping = share * math.sqrt(stiffness * math.sqrt(math.prod(MASSES)))
+    fraction = rng.permutation([float(rng.choice([0.0, 0.1, 0.5, 1.0])), float(rng.choice([1.0, 1.0, 3.0, 10.0]))])
+    damping = fraction * math.sqrt(stiffness * math.sqrt(math.prod(MASSES)))
     delay, lag = float(rng.uniform(0.0, 0.01)), float(rng.choice([0.0, 0.005]))
     control = Assistance(
         PotentialField(POINT[None], stiffness=stiffness, damping=damping, width=0.03, compile=False),
@@ -95,13 +95,13 @@ def carried(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
     given, by = draw(rng, number), rng.uniform(-0.05, 0.05, 2)
     verdict.begin(number, f"{given.mode}, carried by {by[0]:.3g}, {by[1]:.3g} m")
     twins = assistance(given), assistance(given, by=by)
-    twins[0].carry(*by)
+    twins[0].shift(*by)
     path = hand_path(rng, "person", CARRIED, given.dt)
     found = [[each.step(x, np.zeros(2)) for x in path[:CARRIED]] for each in twins]
     answers = verdict.answers(found[0], given.dt)
     apart = np.abs(answers.value - np.array([each.value for each in found[1]]))
     verdict.within("force of a field that is carried, from one made there [N]", apart, 1e-6 * (given.stiffness + 1))
-    verdict.holds("a field that is carried says where it stands", [tuple(twins[0].carried) == tuple(by.tolist())])
+    verdict.holds("a field that is carried says where it stands", [tuple(twins[0].offset) == tuple(by.tolist())])
     verdict.during("a carried field acts", (answers.value != 0).any(axis=1), given.dt)
 
 
@@ -121,7 +121,7 @@ def judge(verdict: Verdict, one: Run) -> None:
         deep = np.zeros(len(x), dtype=bool)
         deep[long:] = count[long:] - count[:-long] == long
         verdict.within("therapy's force long inside [N]", np.where(deep, size, 0.0), 0.0)
-        wants = np.where(inside[:, None], one.wanted, 0.0)
+        wants = np.where(inside[:, None], one.desired_force, 0.0)
         verdict.within("force wanted by a therapy inside [N]", np.abs(wants), 0.0)
         verdict.during("therapy inside", inside, dt)
         verdict.during("therapy outside", outside, dt)
@@ -131,14 +131,14 @@ def judge(verdict: Verdict, one: Run) -> None:
         field, pulls = inside, outside
         strong = np.minimum(given.return_stiffness * beyond, given.return_force)
         back = strong[:, None] * (foot - x) / np.maximum(beyond, 1e-12)[:, None]
-        error = np.abs(one.wanted - back).max(axis=1)
+        error = np.abs(one.desired_force - back).max(axis=1)
         corner = _two_feet(given.outline, x, beyond)
         verdict.within("pull back to the workspace: error [N]", np.where(pulls & acted & ~corner, error, 0.0), 1e-6)
         verdict.during("task inside", inside, dt)
         verdict.during("task outside", outside, dt)
         verdict.during("pull back at its largest", pulls & (given.return_stiffness * beyond > given.return_force), dt)
     known = ~np.isnan(one.velocity[:, 0]) | (given.damping == 0)
-    damped = one.wanted + given.damping * np.nan_to_num(one.velocity)
+    damped = one.desired_force + given.damping * np.nan_to_num(one.velocity)
     asked = field & acted & known
     scale = 1e-6 * (given.stiffness + 1)
     if given.mode == "hold":

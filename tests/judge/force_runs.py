@@ -188,7 +188,7 @@ def follow(
         seen = k if k == 0 or (shown[k] != shown[k - 1]).any() else seen
         command = force.step(here, **options)
         commands.append(command)
-        wanted[k], left[k] = force.wanted, force.energy_left
+        wanted[k], left[k] = force.desired_force, force.energy_left
         x[k + 1] = _moved(hand, x[k], path[k + 1], command.value, pace * seconds[k], k // period)
         if hand == "fast" and rng.random() < 0.002:
             x[k + 1] += rng.uniform(-0.2, 0.2, 2)
@@ -234,8 +234,8 @@ def signed_distance(corners: Array, points: Array) -> tuple[Array, Array]:
     """(N,) [m] from a polygon's edge, negative inside, and the nearest points (N, 2) of the edge."""
     a, b = corners, np.roll(corners, -1, axis=0)
     way = b - a
-    share = np.clip(np.einsum("nkx,kx->nk", points[:, None] - a, way) / (way**2).sum(1), 0, 1)
-    feet = a + share[..., None] * way
+    fraction = np.clip(np.einsum("nkx,kx->nk", points[:, None] - a, way) / (way**2).sum(1), 0, 1)
+    feet = a + fraction[..., None] * way
     far = np.linalg.norm(points[:, None] - feet, axis=2)
     x, y = points[:, 0, None], points[:, 1, None]
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -65,8 +65,8 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
         control = PoseTracker(ur5(**ROBOT), dt=dt, linear_speed=1.0, compile=False, feedback=JointFeedback(
             delay=delay, servo_hz=math.inf, correction=1e-3, contact=contact, tolerance=1.0, patience=1e3))  # fmt: skip
         if contact == large:
-            for share in (LESS, MORE):
-                stopped(verdict, control, start, way, contact, share, once=share == MORE)
+            for fraction in (LESS, MORE):
+                stopped(verdict, control, start, way, contact, fraction, once=fraction == MORE)
         ahead.append(stopped(verdict, control, start, way, contact, MORE * large / contact))
     verdict.within("how far a held hand is led on, over 0.75 contact, away from 1",
                    abs((ahead[0] - ahead[1]) / (0.75 * (contacts[0] - contacts[1])) - 1), 4e-3)  # fmt: skip
@@ -78,7 +78,7 @@ def stopped(
     start: Array,
     way: Array,
     contact: float,
-    share: float,
+    fraction: float,
     *,
     once: bool = False,
 ) -> float:
@@ -110,20 +110,20 @@ def stopped(
             direction /= np.linalg.norm(direction)
         if k == FREE:
             lever = min(float(np.linalg.norm(rows.T @ direction)), 1.0)
-            off = -np.linalg.pinv(rows) @ direction * share * lever * contact
+            off = -np.linalg.pinv(rows) @ direction * fraction * lever * contact
             measured = model + off
         elif k < FREE or once:
             measured = model.copy()
         ahead.append(float(rows @ (model - measured) @ direction))
     verdict.answers(commands, dt)
     verdict.holds("a hand that goes on steadily is not held", not any(held[: FREE + 1]))
-    if once or share < 1:
+    if once or fraction < 1:
         if once:
             verdict.holds("one sample that lies is no held hand", not any(held))
         else:
             verdict.holds("a hand left behind by less than is said is not held", not any(held[: FREE + 3]))
     else:
         verdict.holds("a hand left behind by more than is said is held in the second tick", held[FREE + 2])
-    name = "one sample that lies" if once else "left behind by less" if share < 1 else "held"
+    name = "one sample that lies" if once else "left behind by less" if fraction < 1 else "held"
     verdict.during(name, np.arange(len(held)) > FREE, dt)
     return float(np.median(ahead[-STANDS // 2 :]))

@@ -221,20 +221,20 @@ class Observer:
     def reference(self, measured: Array, command: Array) -> Array:
         """(n,) after a tick of a command; what is no number stays so."""
         self.model.move(command)
-        usable = np.isfinite(measured)
-        self.error = measured - self.model.q if usable.all() and self.known else np.zeros_like(self.error)
+        valid = np.isfinite(measured)
+        self.error = measured - self.model.q if valid.all() and self.known else np.zeros_like(self.error)
         lively = min(float(np.abs(self.model.v).max()) / 0.1, 1.0) ** 2
-        share = -math.expm1(-self.told.following * self.dt) * lively * usable.all()
-        taken = share * (np.abs(self.error) <= self.told.tolerance)
+        fraction = -math.expm1(-self.told.following * self.dt) * lively * valid.all()
+        taken = fraction * (np.abs(self.error) <= self.told.tolerance)
         self.strays = self.strays + taken * (self.error - self.strays)
-        if usable.all():
+        if valid.all():
             if not self.known:
                 self.model.q = measured.copy()
             self.known = True
             large = np.abs(self.error) > self.told.tolerance
-            share = min(self.told.correction * self.dt, 1.0)
-            self.model.q = self.model.q + np.where(large, 0.0, share * self.error)
-        return np.asarray(np.where(usable, self.model.q + self.model.under_way, measured))
+            fraction = min(self.told.correction * self.dt, 1.0)
+            self.model.q = self.model.q + np.where(large, 0.0, fraction * self.error)
+        return np.asarray(np.where(valid, self.model.q + self.model.under_way, measured))
 
 
 def seen_from(led: Array, there: Array, target: Array) -> Array:
@@ -328,7 +328,7 @@ def rates(verdict: Verdict, rng: np.random.Generator, told: JointFeedback) -> No
     each = [dataclasses.replace(told, servo_hz=float(one)) for one in hz]
     late, slow = told.delay, POLE / (2 * math.pi * hz)
     with np.errstate(divide="ignore"):
-        said = np.array([[one.most_gain, one.approach, one.command_delay] for one in each])
+        said = np.array([[one.max_gain, one.approach, one.command_delay] for one in each])
         due = np.column_stack([2 / (3 * (late + slow)), 1 / (3 * slow), np.full(len(hz), late / 2)])
     verdict.holds("gains and delays are those that are said", np.isclose(said, due, rtol=1e-4, atol=0.0))
 
@@ -339,7 +339,7 @@ def untold(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
     kinds = (LOST, FOUND)[number % 2]
     kind, dt = str(rng.choice(list(kinds))), float(rng.choice([5e-3, 1e-2]))
     begins, ends, ticks = round(0.5 / dt), round(1.5 / dt), round(1.7 / dt)
-    start, joint, share = good_posture(rng, 0.3), int(rng.integers(6)), kinds[kind]
+    start, joint, fraction = good_posture(rng, 0.3), int(rng.integers(6)), kinds[kind]
     late = round(rng.uniform(0.0, 0.04) / dt) if kind == "late" else 0
     servo = Servo(start, late, 24.0 if kind == "late" else math.inf, dt)
     noise = 2e-4 if kind in ("blocked", "late") else 0.0
@@ -350,9 +350,9 @@ def untold(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
     commands, follows, measured, released = [], np.ones(6), start, bool(rng.random() < 0.5)
     for k in range(ticks):
         wrong = begins <= k < (begins + round(0.1 / dt) if kind == "sticking for 0.1 s" else ends)
-        follows[joint] = share if wrong else 1.0
+        follows[joint] = fraction if wrong else 1.0
         if kind in ("a tenth", "ten times"):
-            follows[:] = share
+            follows[:] = fraction
         if k == ends and not released:
             control.reset(commands[-1].value)
         pose = tool((start + rate * k * dt)[None])[0]

@@ -81,13 +81,13 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
     bad |= ~np.isfinite(axes).all(axis=1)
     shown = np.clip(np.where(bad[:, None], 0.0, axes), -1, 1)
     size = np.hypot(*shown.T)
-    share = np.where(size > dead, np.minimum((size - dead) / (1 - dead), 1), 0.0)
-    want = shown * (share / np.maximum(size, 1e-12))[:, None]
+    fraction = np.where(size > dead, np.minimum((size - dead) / (1 - dead), 1), 0.0)
+    want = shown * (fraction / np.maximum(size, 1e-12))[:, None]
     changed = np.r_[False, np.diff(mode) != 0]
     free, may = False, np.zeros(ticks, dtype=bool)
     for k in range(ticks):  # let go since the beginning, the last fault and the last change of mode
         free = False if bad[k] or changed[k] else free
-        free = free or (not bad[k] and share[k] == 0)
+        free = free or (not bad[k] and fraction[k] == 0)
         may[k] = free
     want = np.where(may[:, None], want, 0.0)
     given = twist / speeds
@@ -120,7 +120,7 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
     verdict.holds("a twist cannot be written to", [not each.twist.flags.writeable for each in found])
     verdict.holds("the frame is the chair's", [each.frame == "chassis" for each in found])
     verdict.during("moving", twist.any(axis=1), dt)
-    verdict.during("in the dead zone", share == 0, dt)
+    verdict.during("in the dead zone", fraction == 0, dt)
     verdict.during("to be let go first", reason == "the stick must be let go first", dt)
     verdict.during("numbers that are none", bad, dt)
     verdict.during("mode changed", changed, dt)

@@ -29,7 +29,7 @@ PROMISES = (
 )  # fmt: skip
 LEAST = {"at the floor": 250, "below the floor": 250, "back above the floor": 40, "above the floor": 103_000,
          "20 s after a start below the floor": 40,
-         "yielded acceleration": 40, "reason step shortened: the bounds' tangents promised too much": 50,
+         "relaxed acceleration": 40, "reason step shortened: the bounds' tangents promised too much": 50,
          "status braking": 100}  # fmt: skip
 CI_TICKS = 4000
 SHARE = 0.2
@@ -72,10 +72,10 @@ def joint_bounds(verdict: Verdict, one: Run) -> tuple[np.ndarray, np.ndarray]:
     change = np.abs(value - last)
     allowed = np.minimum(given.acceleration * dt, 2 * given.velocity)
     hurried = (change > allowed * (1 + 2e-9) + 2e-12).any(axis=1)
-    flagged = answers.yielded & 2 != 0
-    verdict.holds("acceleration that yielded is flagged", flagged | ~hurried)
-    verdict.holds("acceleration that is flagged yielded", ~flagged | (change > allowed).any(axis=1))
-    verdict.holds("acceleration that yielded is counted", int(flagged.sum()) == one.counts.get("acceleration", 0))
+    flagged = answers.relaxed & 2 != 0
+    verdict.holds("acceleration that was relaxed is flagged", flagged | ~hurried)
+    verdict.holds("acceleration that is flagged was relaxed", ~flagged | (change > allowed).any(axis=1))
+    verdict.holds("acceleration that was relaxed is counted", int(flagged.sum()) == one.counts.get("acceleration", 0))
     return value, last
 
 

@@ -21,7 +21,7 @@ PROMISES = (
             "from where it is: once it stands short of the reference, or the clock has waited for a second longer than "
             "it went on, deviations count from there on (`short`), and the clock goes on."),
     Promise("rehab_opt/control/mirror.py", "the joint path is passed in the least time within the same bounds"),
-    Promise("rehab_opt/control/mirror.py", "How many ticks yielded acceleration, were shortened, waited, braked, and "
+    Promise("rehab_opt/control/mirror.py", "How many ticks relaxed acceleration, were shortened, waited, braked, and "
             "how often the hand was cut short."),
 )  # fmt: skip
 LEAST = {"cut": 200, "waited": 5000, "short": 50_000, "judged at the end": 10_000, "planned to the end": 50_000}

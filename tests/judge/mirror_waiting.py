@@ -55,12 +55,12 @@ CLEAR = 0.1
 def run(ticks: int, seed: int, *, only: int | None = None) -> Verdict:
     """Undisturbed, pushed, and with faults; hands that give way, and some that are held long enough to catch up."""
     verdict = Verdict("mirror_waiting", seed, LEAST)
-    share = (ticks - 2 * (ticks // 6)) // 3
-    for each in runs(verdict, share, only, below=0.0):
+    fraction = (ticks - 2 * (ticks // 6)) // 3
+    for each in runs(verdict, fraction, only, below=0.0):
         judge(verdict, each)
-    for each in runs(verdict, share, only, below=0.0, pushed=True, first=1_000_000):
+    for each in runs(verdict, fraction, only, below=0.0, pushed=True, first=1_000_000):
         judge(verdict, each)
-    for each in runs(verdict, share, only, below=0.0, faults=0.3, first=2_000_000):
+    for each in runs(verdict, fraction, only, below=0.0, faults=0.3, first=2_000_000):
         judge(verdict, each)
     for each in runs(verdict, ticks // 6, only, below=0.0, held=12.0, first=4_000_000):
         judge(verdict, each)
@@ -82,33 +82,33 @@ def stops(forces: Array, stop_at: float, dt: float) -> NDArray[np.bool_]:
     return found
 
 
-def least_share(q: Array, way: Array) -> float:
+def least_fraction(q: Array, way: Array) -> float:
     """Least w over the largest where the flange is led that way (3,) [m] aside, turned as at q, by 1 mm at a time."""
-    begin, shares = tool(q[None]), []
+    begin, fractions = tool(q[None]), []
     for part in np.linspace(0.0, 1.0, 2 + int(1e3 * np.linalg.norm(way))):
         here = tool(q[None])
         turn = turn_between(begin[:, :3, :3], here[:, :3, :3])[0]
         lacks = np.r_[(begin - here)[0, :3, 3] + part * way, turn]
         q = q + np.linalg.lstsq(jacobian(q[None])[0], lacks, rcond=None)[0]
-        shares.append(manipulability(q[None])[0])
-    return float(min(shares))
+        fractions.append(manipulability(q[None])[0])
+    return float(min(fractions))
 
 
 def gives_way(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
     """A hand on a reference that stands gives way to a steady push by F / K, at most by the largest displacement."""
     stiffness, most, dt = float(rng.uniform(300, 1500)), float(rng.uniform(0.02, 0.06)), 0.01
     damping, push = float(rng.uniform(0.15, 0.3) * stiffness), float(rng.uniform(10, 130))
-    law = Interaction(stiffness=stiffness, damping=damping, mass=float(rng.uniform(1, 5)), most=most)
+    law = Interaction(stiffness=stiffness, damping=damping, mass=float(rng.uniform(1, 5)), max_offset=most)
     control = MirrorTracker(
         ur5(velocity=2.0, acceleration=15.0), floor=FLOOR, max_deviation=0.2, linear_speed=1.0, angular_speed=3.0,
         max_manipulability=LARGEST, interaction=law, dt=dt, compile=False,
     )  # fmt: skip
     ideal = min(push / stiffness, most)
-    share = 0.0
-    while share < CLEAR:  # 50 mm may stretch the elbow
+    fraction = 0.0
+    while fraction < CLEAR:  # 50 mm may stretch the elbow
         q, way = good_posture(rng, 0.4), rng.standard_normal(3)
         way /= np.linalg.norm(way)
-        share = least_share(q, ideal * way)
+        fraction = least_fraction(q, ideal * way)
     pose, force = tool(q[None])[0], push * way
     verdict.begin(number, f"a push of {push:.0f} N, {stiffness:.0f} N/m, at most {most:.3f} m")
     commands = []
@@ -151,8 +151,8 @@ def judge(verdict: Verdict, one: Run) -> None:
     verdict.within("scale over the time scaling", np.where(safe, 0.0, scale - np.minimum(pace, 1)), 1e-12)
     verdict.within("lag below zero [s]", np.where(known, -lag, 0.0), 1e-9)
     felt = np.where(np.isnan(one.forces), 0.0, one.forces)
-    share = np.clip((given.force_limit - felt) / (given.force_limit - given.slow_from), 0, 1)
-    verdict.within("pace while pushed", np.where((share < 1) & ~safe, pace - share, 0.0), 1e-9)
+    fraction = np.clip((given.force_limit - felt) / (given.force_limit - given.slow_from), 0, 1)
+    verdict.within("pace while pushed", np.where((fraction < 1) & ~safe, pace - fraction, 0.0), 1e-9)
 
     bridged = np.flatnonzero((np.char.find(reasons, "bridging") >= 0) | safe)
     since = int(bridged[-1]) + 2 if len(bridged) else 2

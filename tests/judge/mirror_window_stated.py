@@ -71,17 +71,17 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
             each.full().ravel() for each in numbers(q.ravel(), window.parameters_of(here, before, poses))
         )
         every = np.vstack([before, here, q])
-        hands, shares = tool(every[1:]), manipulability(every[1:])
+        hands, fractions = tool(every[1:]), manipulability(every[1:])
         error = hands[1:, :3, 3] - poses[:, :3, 3]
         change = np.diff(every, 2, axis=0)
         true = 0.5 * np.sum(error**2) + 0.25 * turn**2 * np.sum((hands[1:, :3, :3] - poses[:, :3, :3]) ** 2)
         verdict.within("error of the cost", abs(cost[0] - true - 0.5 * STEADYING * np.sum(change**2)), 1e-12)
-        verdict.within("error of the manipulability told", np.abs(report - shares[1:]), 1e-9)
+        verdict.within("error of the manipulability told", np.abs(report - fractions[1:]), 1e-9)
         lengths = np.linalg.norm(np.diff(hands[:, :3, 3], axis=0), axis=1)
         away = max(deviation, float(np.linalg.norm(hands[0, :3, 3] - poses[0, :3, 3])))
         margins = [
             velocity * h - np.abs(np.diff(every[1:], axis=0)), acceleration * h**2 - np.abs(change),
-            (shares[1:] - min(floor, shares[0]))[:, None], (linear * h - lengths)[:, None],
+            (fractions[1:] - min(floor, fractions[0]))[:, None], (linear * h - lengths)[:, None],
             (away - np.linalg.norm(error, axis=1))[:, None],
         ]  # fmt: skip
         held, at = (value >= low) & (value <= high), 0

@@ -61,15 +61,15 @@ def run(ticks: int, seed: int, *, only: int | None = None) -> Verdict:
 
 def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
     """One pair."""
-    dt, carry = float(rng.choice([1e-3, 2e-3, 5e-3])), mapped().for_controller()
+    dt, workspace_map = float(rng.choice([1e-3, 2e-3, 5e-3])), mapped().for_controller()
     limit, slew = float(rng.choice([10.0, 30.0])), float(rng.choice([200.0, 1000.0]))
     budgets = rng.choice([0.05, 0.5, 5.0], 2)
     bounds = {"dt": dt, "slew_limit": slew, "force_limit": limit, "compile": False}
     damping, stiffness = float(rng.choice([0.0, 2.0])), float(rng.choice([400.0, 4000.0]))
     both = Bilateral(
-        HelperSide(carry, damping=damping, energy_budget=budgets[0],
+        HelperSide(workspace_map, damping=damping, energy_budget=budgets[0],
                    exchange=float(rng.choice([0.0, 5.0, 50.0, 5000.0])), **bounds),  # type: ignore[arg-type]
-        ParticipantSide(carry, comfortable=ellipse(*TARGET), stiffness=stiffness, damping=0.0,
+        ParticipantSide(workspace_map, comfortable=ellipse(*TARGET), stiffness=stiffness, damping=0.0,
                         energy_budget=budgets[1], exchange=float(rng.choice([0.0, 5.0, 50.0, 5000.0])),
                         **bounds),  # type: ignore[arg-type]
         delay=float(rng.choice([0.0, 0.02, 0.3])),
@@ -96,7 +96,7 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
     size = np.linalg.norm(values, axis=2)
     verdict.within("force over its limit", size / limit, 1.0)
     change = np.linalg.norm(np.diff(values, axis=0, prepend=np.zeros((1, 2, 2))), axis=2)
-    slewed = np.stack([felt.yielded, drawn.yielded], axis=1) & 8 != 0
+    slewed = np.stack([felt.relaxed, drawn.relaxed], axis=1) & 8 != 0
     verdict.within("change of force over the slew bound", np.where(slewed, 0.0, change / (slew * dt)), 1 + 1e-9)
     total = np.cumsum(np.einsum("nij,nij->n", values, moved))
     verdict.within("energy drawn by both hands over what the tanks held", total.max() / budgets.sum(), 1 + 1e-9)
@@ -112,12 +112,12 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
 
     # What the helper feels is -J' of the participant's force of a message ago: the same power, the other way.
     late = round(both.delay / dt) + 1
-    free = (felt.status == "ok") & (felt.yielded == 0) & (np.arange(ticks) >= late) & (damping == 0.0)
+    free = (felt.status == "ok") & (felt.relaxed == 0) & (np.arange(ticks) >= late) & (damping == 0.0)
     way, step = np.array([[1.0, 0.0], [0.0, 1.0]]), 1e-6
     inside = np.linalg.norm((x[:-1, 0] - centres[0]) / SOURCE[0], axis=1) < 0.95
     picked = np.flatnonzero(free & inside)[:: max(1, ticks // 50)]
     # The participant is drawn by the image of where the helper was a message ago, as far as no bound is in the way.
-    plain = (drawn.status == "ok") & (drawn.yielded == 0) & (np.arange(ticks) >= late) & within[:, 1]
+    plain = (drawn.status == "ok") & (drawn.relaxed == 0) & (np.arange(ticks) >= late) & within[:, 1]
     for k in np.flatnonzero(plain)[:: max(1, int(plain.sum()) // 50)].tolist():
         pull = stiffness * (mapped()(x[k - late, 0]) - x[k, 1])
         pull *= min(1.0, limit / max(float(np.linalg.norm(pull)), 1e-12))

@@ -55,16 +55,16 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
     """One side, one hand."""
     helps, dt, hand = number % 2 == 0, float(rng.choice([1e-3, 2e-3, 5e-3])), HANDS[number % len(HANDS)]
     exchange, budget = float(rng.choice([0.0, 5.0, 50.0, 5000.0])), float(rng.choice([0.05, 0.5, 5.0]))
-    limit, speed_cap, carry = float(rng.choice([10.0, 30.0])), 1.0, mapped().for_controller()
+    limit, speed_cap, workspace_map = float(rng.choice([10.0, 30.0])), 1.0, mapped().for_controller()
     unsure = (0.0, 0.003)[number // 2 % 2]  # known to act at once, or not
     bounds = {"dt": dt, "force_limit": limit, "energy_budget": budget, "exchange": exchange, "compile": False,
               "speed_cap": speed_cap, "damping": float(rng.choice([0.0, 2.0])),
               "actuation_uncertainty": unsure}  # fmt: skip
     side: HelperSide | ParticipantSide
     if helps:
-        side = HelperSide(carry, **bounds)  # type: ignore[arg-type]
+        side = HelperSide(workspace_map, **bounds)  # type: ignore[arg-type]
     else:
-        side = ParticipantSide(carry, comfortable=ellipse(*TARGET), stiffness=float(rng.choice([50.0, 1000.0])),
+        side = ParticipantSide(workspace_map, comfortable=ellipse(*TARGET), stiffness=float(rng.choice([50.0, 1000.0])),
                                **bounds)  # type: ignore[arg-type]  # fmt: skip
     verdict.begin(number, f"{'helper' if helps else 'participant'}, {hand}, exchange {exchange:g}, dt {dt:g}")
     ticks = min(run_length(rng, number, dt), 1500)
@@ -72,7 +72,7 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
     x = _slowly(centre + 0.3 * hand_path(rng, hand, ticks, dt), 0.9 * speed_cap * dt)
     theirs = other + 0.3 * hand_path(rng, "person", ticks, dt)
     silent = int(rng.integers(ticks // 4, ticks // 2))  # until then they say nothing of where they are
-    share, filled = min(exchange * dt, 1.0), float(rng.choice([0.001, 0.1, 1.0]))
+    fraction, filled = min(exchange * dt, 1.0), float(rng.choice([0.001, 0.1, 1.0]))
     kinds = rng.choice(["", "lost", "twice", "late", "broken", "no place"], ticks, p=[0.5, 0.1, 0.1, 0.1, 0.1, 0.1])
     account, moved, newest, last = budget, np.diff(x, axis=0), 0, None
     acted, commands, force = False, [], np.zeros(2)
@@ -83,11 +83,11 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
         energy = float(rng.choice(BROKEN)) if kinds[k] == "broken" else energy
         place = (math.nan, math.nan) if k < silent or kinds[k] == "no place" else tuple(theirs[k].tolist())
         push = tuple((0.5 * limit * rng.uniform(-1, 1, 2)).tolist())
-        heard = FromParticipant(*place, *(push if k >= silent else place), energy, k + 1) if helps else (
+        received = FromParticipant(*place, *(push if k >= silent else place), energy, k + 1) if helps else (
             FromHelper(*place, energy, k + 1))  # fmt: skip
         if kinds[k] == "late":
-            heard = heard._replace(serial=int(rng.integers(0, newest + 1)))
-        told = None if kinds[k] == "lost" else last if kinds[k] == "twice" else heard
+            received = received._replace(serial=int(rng.integers(0, newest + 1)))
+        told = None if kinds[k] == "lost" else last if kinds[k] == "twice" else received
         command, message = side.step(x[k], told)  # type: ignore[arg-type]
         if told is not None and told.serial > newest:
             newest, fresh[k] = told.serial, True
@@ -100,7 +100,7 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
         force, acted = command.value, acted or bool(command.value.any())
         size = math.hypot(*force)  # of which a hand draws so much until it is released, and in a tick before that
         draws = speed_cap * size * (max(0.05, 3 * dt) + size / (2.0 * SLEW))
-        most[k], gave[k], exact[k] = share * (account - draws), message.energy, not acted
+        most[k], gave[k], exact[k] = fraction * (account - draws), message.energy, not acted
         account -= message.energy
         held[k], level[k] = side.force.energy_left, account
         commands.append(command)
@@ -108,7 +108,7 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
         if isinstance(message, FromParticipant):
             verdict.holds("the force that is told is the one that acts", (message.force_x, message.force_y) ==
                           tuple(command.value.tolist()))  # fmt: skip
-        if side.force.usable:
+        if side.force.valid:
             verdict.holds("the place that is told is the hand's", (message.x, message.y) == tuple(x[k].tolist()))
     answers = verdict.answers(commands, dt)
     sizes = np.linalg.norm(answers.value, axis=1)
@@ -129,7 +129,7 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
     verdict.within("force over its limit", sizes / limit, 1.0)
     verdict.during("no force so far", exact, dt)
     verdict.during("force", sizes > 0, dt)
-    verdict.during("all given at once", np.full(ticks, share == 1.0), dt)
+    verdict.during("all given at once", np.full(ticks, fraction == 1.0), dt)
     verdict.during("message lost", kinds == "lost", dt)
     verdict.during("message twice", kinds == "twice", dt)
     verdict.during("message late", kinds == "late", dt)

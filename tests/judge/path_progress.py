@@ -101,10 +101,10 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
     step = np.linalg.norm(np.diff(x, axis=0), axis=1)
     commands, progress, wanted = [], np.empty((ticks + 1, 2)), np.empty((ticks, 2))
     told = np.vstack([np.zeros(2), np.diff(x[:-1], axis=0) / dt])
-    progress[0] = force.progress, force.led_to
+    progress[0] = force.progress, force.reference_progress
     for k in range(ticks):
         commands.append(force.step(x[k], told[k]))
-        progress[k + 1], wanted[k] = (force.progress, force.led_to), force.wanted
+        progress[k + 1], wanted[k] = (force.progress, force.reference_progress), force.desired_force
     given = Settings(dt, "follow", 30.0, slew, growth, 1000.0, 1.0, stiffness, damping, 500.0, 10.0, knots, 0.003)
     none = schedule(rng, ticks, dt, ("",), every=math.inf)
     judge_bounds(verdict, Run(given, shape, x, x[:-1], np.full(ticks, dt), commands, wanted, np.full(ticks, 1000.0),
@@ -246,5 +246,5 @@ def _at(knots: np.ndarray, lengths: np.ndarray, along: np.ndarray) -> np.ndarray
 
 
 def _nearest(a: np.ndarray, b: np.ndarray, x: np.ndarray) -> np.ndarray:
-    share = np.clip((x - a) @ (b - a) / ((b - a) @ (b - a)), 0, 1)
-    return np.asarray(a + share[:, None] * (b - a))
+    fraction = np.clip((x - a) @ (b - a) / ((b - a) @ (b - a)), 0, 1)
+    return np.asarray(a + fraction[:, None] * (b - a))

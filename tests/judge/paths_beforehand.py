@@ -97,8 +97,8 @@ def an_arm(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
     verdict.begin(number, f"an arm, {len(tools)} samples")
     done = along(verdict, lower, upper, grip, tools, number)
     verdict.within("of the poses that some posture reaches, lost", 1 - done[within].mean(), MISSED)
-    shares = [through_the_wrist(verdict, rng, number) for _ in range(CROSSING)]
-    verdict.within("of the poses of a wrist that stretches on the way, lost", 1 - np.mean(shares), MISSED)
+    fractions = [through_the_wrist(verdict, rng, number) for _ in range(CROSSING)]
+    verdict.within("of the poses of a wrist that stretches on the way, lost", 1 - np.mean(fractions), MISSED)
 
 
 def through_the_wrist(verdict: Verdict, rng: np.random.Generator, number: int) -> float:
@@ -127,17 +127,17 @@ def along(verdict: Verdict, lower: Array, upper: Array, grip: Array, tools: Arra
     step = np.abs(np.diff(path.q, axis=0)).max(axis=1)
     verdict.within("a posture jumps [rad]", step, STEP + ROUNDING)
     verdict.holds("each sample is asked for, in order, and the same again while the posture changes",
-                  np.diff(path.asked, prepend=-1) >= 0)  # fmt: skip
-    verdict.holds("nothing of the recording is left out", np.isin(np.arange(len(tools)), path.asked))
+                  np.diff(path.reference_index, prepend=-1) >= 0)  # fmt: skip
+    verdict.holds("nothing of the recording is left out", np.isin(np.arange(len(tools)), path.reference_index))
     shown = tool(path.q) @ grip
     verdict.within("the tool elsewhere than the hand holds it [m, 1]", np.abs(path.poses - shown), ROUNDING)
     moved = np.diff(shown[:, :3, 3], axis=0, prepend=shown[:1, :3, 3])
     turned = turn_between(shown[:, :3, :3], np.concatenate([shown[:1], shown[:-1]])[:, :3, :3])
     off = np.abs(path.twists - np.column_stack([moved, turned]) / DT)
     verdict.within("twists of another motion [m/s, rad/s]", off, ROUNDING / DT)
-    away, turned = missing(shown, tools[path.asked])
+    away, turned = missing(shown, tools[path.reference_index])
     done = np.zeros(len(tools), dtype=bool)
-    np.logical_or.at(done, path.asked, (away <= SURE * REACHED[0]) & (turned <= SURE * REACHED[1]))
+    np.logical_or.at(done, path.reference_index, (away <= SURE * REACHED[0]) & (turned <= SURE * REACHED[1]))
     return done
 
 

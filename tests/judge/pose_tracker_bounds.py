@@ -34,7 +34,7 @@ PROMISES = (
             "when no bound is active, the bounds that were active in the last tick, the solver (qrqp)"),
     Promise("rehab_opt/control/command.py", "always finite"),
 )  # fmt: skip
-LEAST = {"status ok": 190_000, "yielded position": 1000, "yielded acceleration": 50, "yielded task": 50_000,
+LEAST = {"status ok": 190_000, "relaxed position": 1000, "relaxed acceleration": 50, "relaxed task": 50_000,
          "at a joint limit": 5000, "at a joint speed": 5000, "at a joint acceleration": 18_000,
          "outside a joint limit": 2000, "solver qrqp": 100,
          "at a jerk": 20_000, "jerk bounded: at rest, braked": 3000, "jerk bounded: at a joint limit": 4000,
@@ -89,11 +89,11 @@ def judge(verdict: Verdict, one: Run, *, calm: bool) -> None:
     change = np.abs(value - last)
     allowed = np.minimum(given.acceleration * dt, 2 * given.velocity)
     hurried = change > allowed * (1 + 2e-9) + 2e-12
-    flagged = answers.yielded & 2 != 0
-    verdict.holds("acceleration that yielded is flagged", flagged | ~hurried.any(axis=1))
-    verdict.holds("what is flagged yielded", ~flagged | (change > allowed).any(axis=1))
+    flagged = answers.relaxed & 2 != 0
+    verdict.holds("acceleration that was relaxed is flagged", flagged | ~hurried.any(axis=1))
+    verdict.holds("what is flagged was relaxed", ~flagged | (change > allowed).any(axis=1))
     verdict.holds("a joint outside is flagged, and nothing else is",
-                  ((answers.yielded & 1 != 0) == (above | below).any(axis=1)) | ~known)  # fmt: skip
+                  ((answers.relaxed & 1 != 0) == (above | below).any(axis=1)) | ~known)  # fmt: skip
     if calm:
         verdict.within("change of speed of a robot that can stop", change / allowed, 1 + 1e-9)
     # Where the bounds above acceleration leave no speed that it allows, theirs is the nearest to it.
@@ -144,14 +144,14 @@ def judge_jerk(verdict: Verdict, one: Run, *, calm: bool) -> None:
     verdict.within("jerk bounded: joint speed", np.abs(value) / given.velocity, 1 + 1e-12)
     verdict.within("jerk bounded: acceleration", np.abs(change) / given.acceleration, 1 + 1e-9)
     verdict.within("jerk", np.abs(jerk), 1 + 1e-9)
-    verdict.holds("jerk bounded: acceleration is not said to yield", answers.yielded & 2 == 0)
+    verdict.holds("jerk bounded: acceleration is not said to yield", answers.relaxed & 2 == 0)
     q, known = one.q, ~np.isin(one.faults.kind, ("q", "all"))
     beyond = np.maximum(q - given.upper, given.lower - q)
     outside = beyond > AT
     if calm:
         verdict.within("jerk bounded: outside a joint limit [rad]", beyond, AT)
     verdict.holds("jerk bounded: a joint outside is flagged, and nothing else is",
-                  ((answers.yielded & 1 != 0) == outside[:-1].any(axis=1)) | ~known)  # fmt: skip
+                  ((answers.relaxed & 1 != 0) == outside[:-1].any(axis=1)) | ~known)  # fmt: skip
     safe = np.isin(answers.status, ("braking", "holding"))
     braking = np.arange(len(safe)) - np.maximum.accumulate(np.where(safe, -1, np.arange(len(safe))))
     fastest = np.maximum.accumulate(np.where(safe[:, None], 0.0, np.abs(value)))  # ever since the start: easily enough
@@ -165,7 +165,7 @@ def judge_jerk(verdict: Verdict, one: Run, *, calm: bool) -> None:
     verdict.during("jerk bounded: at an acceleration",
                    (np.abs(change) > given.acceleration * (1 - 1e-6)).any(axis=1), dt)  # fmt: skip
     verdict.during("at a jerk", (np.abs(jerk) > 1 - 1e-6).any(axis=1), dt)
-    verdict.during("jerk bounded: all of the task", (answers.yielded == 0) & (answers.scale == 1), dt)
+    verdict.during("jerk bounded: all of the task", (answers.relaxed == 0) & (answers.scale == 1), dt)
 
 
 def judge_arrival(verdict: Verdict, number: int, rng: np.random.Generator) -> None:

@@ -1,7 +1,7 @@
 """What `PoseTracker` says about its task, and that it does it.
 
 Judged by the flange's twist from the judge's own Jacobian, against the whole of it: twist plus what removes a share
-1 - exp(-gain dt) of the pose error in a tick. `scale` and `Bound.TASK` must be what is true of them. What is asked has
+1 - exp(-gain dt) of the pose error in a tick. `scale` and `Relaxed.TASK` must be what is true of them. What is asked has
 less feedback where the joints could not stop at the target. Where nothing
 yields for ten time constants the pose error is what the reference's own change within a tick leaves. Where
 the hand could go straight along what is asked, it leaves that by a fiftieth in one tick of fifty at most (the price of
@@ -28,7 +28,7 @@ PROMISES = (
     Promise("docs/capabilities/certificates.md", "Then the task: the hand keeps its direction and slows down."),
 )  # fmt: skip
 LEAST = {"solver closed form": 3e5, "solver active set": 5e4, "solver qrqp": 5e3,
-         "task yielded": 96_000, "task delivered": 36_000, "slowed to the hand speed": 2000,
+         "task relaxed": 96_000, "task delivered": 36_000, "slowed to the hand speed": 2000,
          "straight possible, slowed by the joints": 80,
          "settled on the reference": 80, "nothing of the task delivered": 30}  # fmt: skip
 CI_TICKS = 16_000
@@ -66,7 +66,7 @@ def judge(verdict: Verdict, one: Run) -> None:
     slack = MISSED * size + STILL
     turned = np.abs(np.linalg.norm(error[:, 3:], axis=1)) < 3.1  # a half turn has two ways round
     ok = np.isin(answers.status, ("ok", "backup")) & turned
-    flagged = answers.yielded & 4 != 0
+    flagged = answers.relaxed & 4 != 0
     verdict.holds("a task that is missed is flagged", flagged | (off <= 1.001 * slack + 1e-9) | ~ok)
     verdict.holds("what is flagged is missed", ~flagged | (off >= 0.7 * slack) | ~ok)
     along = np.clip(np.einsum("ni,ni->n", felt, whole) / np.maximum(size, STILL) ** 2, 0, 1)
@@ -84,7 +84,7 @@ def judge(verdict: Verdict, one: Run) -> None:
         along = np.einsum("ni,ni->n", felt, asked) / np.maximum(np.linalg.norm(asked, axis=1), STILL) ** 2
         slowed = np.maximum(np.linalg.norm(asked[:, :3], axis=1) / given.linear_speed,
                             np.linalg.norm(asked[:, 3:], axis=1) / given.angular_speed)  # fmt: skip
-        share, straight = along_asked(one, asked, slowed, last)
+        fraction, straight = along_asked(one, asked, slowed, last)
         straight &= ok & (np.linalg.norm(asked, axis=1) > 1e-3) & (not one.pushed.any())
         beside = felt - asked * along[:, None]
         across = np.linalg.norm(beside, axis=1) / np.maximum(np.linalg.norm(felt, axis=1), 1e-9)
@@ -92,10 +92,10 @@ def judge(verdict: Verdict, one: Run) -> None:
                           np.linalg.norm(beside[:, 3:], axis=1) / given.angular_speed)  # fmt: skip
         bent = straight & ((across > 0.02) | (wide > 0.01))
         verdict.within("share of the ticks across what is asked where it could go straight", float(bent.mean()), 0.02)
-        short = np.minimum(share, 1 / np.maximum(slowed, 1)) - along
+        short = np.minimum(fraction, 1 / np.maximum(slowed, 1)) - along
         verdict.within("share of the ticks slower than the arm could", float((straight & (short > 0.02)).mean()), 0.02)
         verdict.within("hand speed over the largest asked", np.where(straight & ~bent, fast, 0.0), 1.01)
-        verdict.during("straight possible, slowed by the joints", straight & (share < 0.99), dt)
+        verdict.during("straight possible, slowed by the joints", straight & (fraction < 0.99), dt)
     # A reference that was followed freely for ten time constants is where the hand is.
     quiet = np.cumsum(~flagged & ok)
     long = max(round(10 / (given.gain * dt)), 10)
@@ -108,7 +108,7 @@ def judge(verdict: Verdict, one: Run) -> None:
         verdict.within("pose error of what is followed freely [m, rad], over what a tick's curve leaves",
                        np.where(steady, np.linalg.norm(error, axis=1), 0.0) / left, 1.0)  # fmt: skip
         verdict.during("settled on the reference", steady, dt)
-    verdict.during("task yielded", flagged, dt)
+    verdict.during("task relaxed", flagged, dt)
     verdict.during("task delivered", ok & ~flagged & (size > STILL), dt)
     verdict.during("nothing of the task delivered", ok & (answers.scale == 0), dt)
     verdict.during("slowed to the hand speed", every & (np.abs(fast - 1) < 1e-3), dt)

@@ -76,11 +76,11 @@ def singular_posture(rng: np.random.Generator, kind: int | None = None) -> Array
     return q
 
 
-def good_posture(rng: np.random.Generator, share: float) -> Array:
+def good_posture(rng: np.random.Generator, fraction: float) -> Array:
     """A posture with at least that share of the largest w."""
     for _ in range(200):
         q = rng.uniform(-1, 1, 6) * [2.0, 1.0, 2.4, 2.0, 2.6, 2.0] + [0, -1.3, 0, -1.5, 0, 0]
-        if manipulability(q[None])[0] >= share:
+        if manipulability(q[None])[0] >= fraction:
             return q
     return READY.copy()
 

@@ -54,8 +54,8 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
         times = 3.0 + np.cumsum(rng.uniform(0.1, 1.0, rng.integers(4, 9)))
         points = velocity * np.cumsum(rng.uniform(-1, 1, (len(times), axes)), axis=0)
     else:  # reaches of least jerk, there and back
-        share = np.linspace(0.0, 1.0, 41)
-        reach = share**3 * (10 + share * (6 * share - 15))
+        fraction = np.linspace(0.0, 1.0, 41)
+        reach = fraction**3 * (10 + fraction * (6 * fraction - 15))
         times = 3.0 + rng.uniform(2.0, 4.0) * np.linspace(0.0, 1.0, 81)
         points = (
             velocity * (0.02, 0.3)[number // 4 % 2] * rng.uniform(-1, 1, axes) * np.r_[reach, reach[-2::-1]][:, None]

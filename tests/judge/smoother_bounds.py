@@ -131,11 +131,11 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator, *, faults: 
     x = np.vstack([begin, begin, begin, begin, answers.value])
     size = 16 * EPSILON * np.maximum(np.abs(x).max(), 1.0)
     changes = [np.diff(x, order, axis=0) / dt**order for order in (1, 2, 3)]
-    shares = []
+    fractions = []
     for name, order, bound in (("velocity", 1, velocity), ("acceleration", 2, acceleration), ("jerk", 3, jerk)):
-        shares.append(np.abs(changes[order - 1][-ticks:]) / bound)
+        fractions.append(np.abs(changes[order - 1][-ticks:]) / bound)
         slack = size * 2**order / dt**order / bound
-        verdict.within(f"{name} over its bound", shares[-1], 1 + 1e-6 + slack)
+        verdict.within(f"{name} over its bound", fractions[-1], 1 + 1e-6 + slack)
     verdict.holds("the command is finite", np.isfinite(answers.value))
     q, ahead = x[3:-1], x[4:]
     beyond = np.maximum(ahead - np.maximum(upper, q), np.minimum(lower, q) - ahead)
@@ -143,7 +143,7 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator, *, faults: 
     out = (q > upper + 1e-9) | (q < lower - 1e-9)
     back = np.where(out, np.abs(changes[0][-ticks:]) / (recovery_speed * velocity), 0.0)
     verdict.within("speed of the way back", back, 1 + 1e-6 + 2 * size / dt / (recovery_speed * velocity))
-    verdict.holds("an axis outside is flagged", (answers.yielded & 1 != 0) | ~out.any(axis=1))
+    verdict.holds("an axis outside is flagged", (answers.relaxed & 1 != 0) | ~out.any(axis=1))
 
     safe, bad = np.isin(answers.status, ("braking", "holding")), expected(wrong)
     verdict.holds("what cannot be used is not followed", safe | ~bad)
@@ -186,8 +186,8 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator, *, faults: 
         how = "moves steadily is followed without lag" if steady else "is held is reached"
         verdict.holds(f"a target that {how}", met.all(axis=1) | ~late)
         verdict.during(f"on a target that {'moves' if steady else 'is held'}", late, dt)
-    for name, share in zip(("velocity", "acceleration", "jerk"), shares, strict=True):
-        verdict.during(f"at the {name} bound", (share > 1 - 1e-3).any(axis=1), dt)
+    for name, fraction in zip(("velocity", "acceleration", "jerk"), fractions, strict=True):
+        verdict.during(f"at the {name} bound", (fraction > 1 - 1e-3).any(axis=1), dt)
     verdict.during("at a position bound", (np.minimum(ahead - lower, upper - ahead) < 1e-9).any(axis=1), dt)
     verdict.during("long after a fault", after, dt)
     verdict.during("outside a position bound", out.any(axis=1), dt)
@@ -197,10 +197,10 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator, *, faults: 
 def farthest(verdict: Verdict, smoother: Smoother, velocity: np.ndarray) -> None:
     """From rest at zero: targets that are further away than is said are refused, and one that is no further is not."""
     told = []
-    for share in (1e9, 1.0, 1.0 + 1e-9):
+    for fraction in (1e9, 1.0, 1.0 + 1e-9):
         smoother.reset(np.zeros(len(velocity)))
         seconds = float(told[0][1]) if told and told[0] else 1.0
-        told.append(FARTHER.match(smoother.step(share * (seconds * velocity)).reason))
+        told.append(FARTHER.match(smoother.step(fraction * (seconds * velocity)).reason))
     verdict.holds("a target is further away than is said if it is refused for that", [bool(each) for each in told]
                   == [True, False, True], str(told))  # fmt: skip
 

@@ -64,7 +64,7 @@ def turn_between(target: Array, here: Array) -> Array:
     return np.where(sine[:, None] > 1e-9, 0.5 * skew * (angle / np.maximum(sine, 1e-12))[:, None], 0.5 * skew)
 
 
-def _share(q: Array) -> Array:
+def _fraction(q: Array) -> Array:
     reach = A[1] * np.cos(q[:, 1]) + A[2] * np.cos(q[:, 1] + q[:, 2]) + D[4] * np.sin(q[:, 1] + q[:, 2] + q[:, 3])
     return np.asarray(np.abs(A[1] * A[2] * np.sin(q[:, 2]) * np.sin(q[:, 4]) * reach))
 
@@ -82,7 +82,7 @@ LARGEST = _largest()
 
 def manipulability(q: Array) -> Array:
     """(N,) w = |det J| over its largest."""
-    return _share(q) / LARGEST
+    return _fraction(q) / LARGEST
 
 
 def links(q: Array) -> Array:

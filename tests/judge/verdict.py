@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rehab_opt import Bound, Command
+from rehab_opt import Command, Relaxed
 
 ROOT = Path(__file__).resolve().parents[2]
 NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*(?:e[-+]?\d+)?|\binf\b|\bnan\b)", re.IGNORECASE)
@@ -154,17 +154,17 @@ class Verdict:
         self.seen.setdefault(situation, Seen()).add(found)
 
     def answers(self, commands: Sequence[Command], dt: ArrayLike) -> Answers:
-        """Count status, solver, reason and what yielded of a run's commands; they come back as arrays."""
+        """Count status, solver, reason and what was relaxed of a run's commands; they come back as arrays."""
         found = Answers.of(commands)
         self.ticks += len(commands)
         for label, values in (("status", found.status), ("solver", found.solver), ("reason", found.reason)):
             for each in np.unique(values):
                 if each:
                     self.during(f"{label} {each}", values == each, dt)
-        self.during("yielded nothing", found.yielded == 0, dt)
-        for bound in Bound:
+        self.during("relaxed nothing", found.relaxed == 0, dt)
+        for bound in Relaxed:
             if bound:
-                self.during(f"yielded {str(bound.name).lower()}", found.yielded & bound.value != 0, dt)
+                self.during(f"relaxed {str(bound.name).lower()}", found.relaxed & bound.value != 0, dt)
         return found
 
     def seldom_by_backup(self) -> None:
@@ -219,7 +219,7 @@ class Answers(NamedTuple):
     solver: NDArray[np.str_]
     reason: NDArray[np.str_]
     """Numbers are written as #."""
-    yielded: NDArray[np.int64]
+    relaxed: NDArray[np.int64]
     scale: NDArray[np.float64]
     residual: NDArray[np.float64]
     wheels: NDArray[np.float64] | None
@@ -227,7 +227,7 @@ class Answers(NamedTuple):
     @staticmethod
     def of(commands: Sequence[Command]) -> Answers:
         """The arrays of these commands."""
-        value, status, solver, residual, _, reason, yielded, scale, wheels = zip(*commands, strict=True)
+        value, status, solver, residual, _, reason, relaxed, scale, wheels = zip(*commands, strict=True)
         names = {each: str(each.value) for each in set(status)}
         plain = {each: NUMBER.sub("#", each) for each in set(reason)}
         return Answers(
@@ -235,7 +235,7 @@ class Answers(NamedTuple):
             np.array([names[each] for each in status]),
             np.array(solver),
             np.array([plain[each] for each in reason]),
-            np.array(yielded, dtype=np.int64),
+            np.array(relaxed, dtype=np.int64),
             np.array(scale, dtype=float),
             np.array(residual, dtype=float),
             None if wheels[0] is None else np.array(wheels, dtype=float),

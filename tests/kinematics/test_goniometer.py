@@ -107,7 +107,7 @@ def test_postures_convert_there_and_back(values: list[float]) -> None:
 @given(seed=st.integers(0, 2**32 - 1))
 def test_ranges_convert_there_and_back_and_hold_the_postures_between(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    measured = {name: tuple(np.sort(np.deg2rad(rng.uniform(*of.plausible_deg, 2)))) for name, of in GONIOMETER.items()}
+    measured = {name: tuple(np.sort(np.deg2rad(rng.uniform(*of.range_deg, 2)))) for name, of in GONIOMETER.items()}
     ranges = arm_range_of_motion(measured)
     assert tuple(ranges) == ARM_JOINTS
     back = goniometer_range(ranges)

@@ -15,7 +15,7 @@ from rehab_opt import ConfigurationError, ur5
 from tests.kinematics.dh_oracle import Array, moved
 
 configurations = st.lists(st.floats(-2 * np.pi, 2 * np.pi), min_size=6, max_size=6).map(np.array)
-LARGEST_MANIPULABILITY = 0.11988
+MAX_MANIPULABILITY = 0.11988
 ROBOT = ur5()
 
 
@@ -49,7 +49,7 @@ def test_largest_manipulability_is_the_one_computed_before() -> None:
             bounds=list(zip(ROBOT.lower, ROBOT.upper, strict=True)),
         )
         best = max(best, -found.fun)
-    assert best == pytest.approx(LARGEST_MANIPULABILITY, abs=5e-6)
+    assert best == pytest.approx(MAX_MANIPULABILITY, abs=5e-6)
     assert max(map(closed_form, rng.uniform(-np.pi, np.pi, (20_000, 6)))) <= best
 
 

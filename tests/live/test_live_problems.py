@@ -32,7 +32,7 @@ def ticks(control: LiveControl, inputs: LiveInputs, count: int) -> list[Command]
         plant = control.plant
         plant.frozen, plant.noise, plant.delay = inputs.frozen, inputs.noise, inputs.delay
         command = control.step(inputs, plant.measured)
-        plant.step(control.sent(command), inputs.push if any(inputs.push) else None)
+        plant.step(control.plant_command(command), inputs.push if any(inputs.push) else None)
         commands.append(command)
     return commands
 
@@ -58,11 +58,11 @@ def test_the_participant_of_a_chair_sees_one_goal_after_the_other() -> None:
     control.step(AT_REST, control.plant.measured)
     shown = {key: np.atleast_1d(np.asarray(value, dtype=np.float64)) for key, value in control.shown().items()}
     first = problem.frame(shown)
-    loaded = load_problem("ardis/through_doorway")
-    goals = loaded.problem.goals
+    config = load_problem("ardis/through_doorway")
+    goals = config.problem.goals
     assert first["goal"] == goals[0].hand_m
     here = goals[0].model_copy(update={"hand_m": first["handles"]["hand"]})
-    problem = live_problem(replace(loaded, problem=loaded.problem.model_copy(update={"goals": [here, *goals[1:]]})))
+    problem = live_problem(replace(config, problem=config.problem.model_copy(update={"goals": [here, *goals[1:]]})))
     assert problem.frame(shown)["goal"] == goals[1].hand_m
 
 
@@ -87,7 +87,7 @@ def test_every_robot_can_be_drawn_and_comes_to_rest_when_the_dead_man_is_release
 def test_a_person_is_helped_where_the_participant_points_and_let_go_with_the_dead_man() -> None:
     problem, control = begun("upper_limb/scenario_2_assist")
     outside = np.array([-0.22, 0.49])  # of the comfortable workspace, where the hand is weak
-    assert not problem.ready.comfortable.contains(outside)
+    assert not problem.context.comfortable.contains(outside)
     led = LiveInputs(enable=True, target=(*outside.tolist(), 0.0))
     commands = ticks(control, led, 2500)
     sizes = [float(np.linalg.norm(each.value)) for each in commands]
@@ -115,7 +115,7 @@ def test_two_hands_are_led_each_in_its_own_workspace() -> None:
     ticks(control, LiveInputs(enable=True, helper=(*place.tolist(), 0.0)), 4000)
     shown = {key: np.atleast_1d(np.asarray(value, dtype=np.float64)) for key, value in control.shown().items()}
     assert {key: value.size for key, value in shown.items()} == dict(problem.layout)
-    frame, image = problem.frame(shown), problem.ready.carry.image(place)
+    frame, image = problem.frame(shown), problem.context.workspace_map.image(place)
     assert frame["handles"]["target"] == pytest.approx([*place.tolist(), 0.0], abs=0.02)
     assert frame["goal"] == pytest.approx([*image.tolist(), 0.0], abs=0.02)
     led = np.array(frame["handles"]["hand"][:2])
@@ -164,7 +164,7 @@ def test_bodies_are_where_the_chain_says() -> None:
 
 def test_all_that_is_kept_off_is_drawn_and_what_moves_where_it_is() -> None:
     problem, control = begun("robot/ur5_among_bodies")
-    around, scene = problem._loaded.problem.clearance, problem.scene()
+    around, scene = problem._config.problem.clearance, problem.scene()
     assert [len(each["points"]) for each in scene["lines"][1:]] == [5]  # the floor
     assert np.array(scene["lines"][1]["points"])[:, 2] == pytest.approx(-0.2)
     box, corners = around.boxes[0], np.array([each["points"] for each in scene["fills"]])
@@ -188,10 +188,10 @@ def test_all_that_is_kept_off_is_drawn_and_what_moves_where_it_is() -> None:
 
 @pytest.mark.parametrize("name", ["ardis/through_doorway", "mirror/pick_fruit"])
 def test_a_box_beside_any_robot_is_drawn(name: str) -> None:
-    loaded, clear = load_problem(name), load_problem("robot/ur5_among_bodies").problem.clearance
+    config, clear = load_problem(name), load_problem("robot/ur5_among_bodies").problem.clearance
     around = clear.model_copy(update={"moving": []})
-    here = live_problem(replace(loaded, problem=loaded.problem.model_copy(update={"clearance": around}))).scene()
-    bare = live_problem(loaded).scene()
+    here = live_problem(replace(config, problem=config.problem.model_copy(update={"clearance": around}))).scene()
+    bare = live_problem(config).scene()
     more = {part: len(here[part]) - len(bare.get(part, [])) for part in ("fills", "capsules", "lines")}
     assert more == {"fills": 6, "capsules": 4, "lines": 1}
 

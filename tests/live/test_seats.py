@@ -28,7 +28,7 @@ def test_the_first_tab_commands_and_the_next_ones_watch() -> None:
     seats = Seats()
     first, second = seats.join(participant=False), seats.join(participant=False)
     seats.hear(second, HELD, now=1.0)
-    assert (seats.commander, seats.wanted.enable) == (first, False)
+    assert (seats.commander, seats.current.enable) == (first, False)
     assert seats.state(second) == {"commands": False, "tabs": 2, "participants": 0}
 
 
@@ -39,7 +39,7 @@ def test_a_tab_that_takes_the_command_begins_released() -> None:
     seats.take(second)
     assert math.isnan(seats.heartbeat)
     seats.hear(first, HELD, now=1.01)
-    assert (seats.commander, seats.wanted.enable) == (second, False)
+    assert (seats.commander, seats.current.enable) == (second, False)
 
 
 def test_a_participant_never_commands() -> None:
@@ -48,7 +48,7 @@ def test_a_participant_never_commands() -> None:
     seats.take(tab)
     seats.hear(tab, HELD, now=1.0)
     assert seats.commander is None
-    assert not seats.wanted.enable
+    assert not seats.current.enable
 
 
 def test_a_tab_that_is_gone_holds_nothing() -> None:
@@ -57,7 +57,7 @@ def test_a_tab_that_is_gone_holds_nothing() -> None:
     seats.hear(tab, HELD, now=1.0)
     assert seats.heartbeat == 1.0
     seats.leave(tab)
-    assert (seats.commander, seats.wanted.enable, math.isnan(seats.heartbeat)) == (None, False, True)
+    assert (seats.commander, seats.current.enable, math.isnan(seats.heartbeat)) == (None, False, True)
 
 
 @settings(max_examples=60, deadline=None)
@@ -70,12 +70,12 @@ def test_a_page_that_was_silent_has_to_let_go_before_it_holds_again(gaps: list[f
         before, now = now, now + gap
         lapsed = lapsed or not now - before <= DEAD_MAN
         seats.hear(tab, HELD, now=now)
-        assert seats.wanted.enable is not lapsed
+        assert seats.current.enable is not lapsed
         assert (seats.lapsed != "") is lapsed
         assert math.isnan(seats.heartbeat) is lapsed
     seats.hear(tab, LET_GO, now=now + 1.0)
     seats.hear(tab, HELD, now=now + 2.0)
-    assert seats.wanted.enable
+    assert seats.current.enable
 
 
 @settings(max_examples=60, deadline=None)
@@ -85,35 +85,35 @@ def test_a_heartbeat_is_as_old_as_what_was_sent_however_late_it_is_heard(waited:
     tab = seats.join(participant=False)
     seats.hear(tab, HELD, now=10.0 + waited, sent=10.0)
     late = not 10.0 + waited - 10.0 <= DEAD_MAN
-    assert (seats.wanted.enable, math.isnan(seats.heartbeat)) == (not late, late)
+    assert (seats.current.enable, math.isnan(seats.heartbeat)) == (not late, late)
     assert late or seats.heartbeat == 10.0
     seats.hear(tab, LET_GO, now=11.0, sent=11.0)
     seats.hear(tab, HELD, now=12.0, sent=12.0 + ahead)  # a clock that runs ahead makes nothing fresher
     assert seats.heartbeat == 12.0
     seats.hear(tab, HELD, now=12.01, sent=math.nan)
-    assert not seats.wanted.enable
+    assert not seats.current.enable
 
 
 def test_a_participant_leads_the_hand_only_in_a_tab_of_the_participant() -> None:
     seats = Seats()
     main, theirs = seats.join(participant=False), seats.join(participant=True)
     seats.point(main, (1.0, 0.0, 0.0))
-    assert not seats.wanted.dragged
+    assert not seats.current.dragged
     seats.point(theirs, (0.1, 0.2, 0.0))
-    assert seats.wanted.target == (0.1, 0.2, 0.0)
+    assert seats.current.target == (0.1, 0.2, 0.0)
     seats.point(theirs, None)
-    assert not seats.wanted.dragged
+    assert not seats.current.dragged
 
 
 def test_of_two_hands_the_page_leads_the_helper_s_and_the_participant_theirs() -> None:
     seats = Seats(hands=2)
     main, theirs = seats.join(participant=False), seats.join(participant=True)
     seats.hear(main, HELD._replace(target=(0.3, 0.4, 0.0)), now=1.0)
-    assert (seats.wanted.helper, seats.wanted.dragged) == ((0.3, 0.4, 0.0), False)
+    assert (seats.current.helper, seats.current.dragged) == ((0.3, 0.4, 0.0), False)
     seats.point(theirs, (0.1, 0.2, 0.0))
-    assert (seats.wanted.helper, seats.wanted.target) == ((0.3, 0.4, 0.0), (0.1, 0.2, 0.0))
+    assert (seats.current.helper, seats.current.target) == ((0.3, 0.4, 0.0), (0.1, 0.2, 0.0))
     seats.leave(main)
-    assert math.isnan(seats.wanted.helper[0])
+    assert math.isnan(seats.current.helper[0])
 
 
 def test_what_the_page_sends_is_understood() -> None:
@@ -155,9 +155,9 @@ def test_a_tab_that_sends_too_much_has_let_go() -> None:
     tab = seats.join(participant=False)
     for i in range(5000):
         seats.hear(tab, HELD, now=1.0 + 1e-4 * i)
-    assert not seats.wanted.enable
+    assert not seats.current.enable
     assert math.isnan(seats.heartbeat)
     assert "too much" in seats.lapsed
     seats.hear(tab, LET_GO, now=2.0)
     seats.hear(tab, HELD, now=2.025)
-    assert seats.wanted.enable
+    assert seats.current.enable

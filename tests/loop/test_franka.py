@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 import pytest
 
-from rehab_opt.control.command import Bound, Command, Status
+from rehab_opt.control.command import Command, Relaxed, Status
 from rehab_opt.errors import ConfigurationError, DeviceLostError
 from rehab_opt.loop import franka
 from rehab_opt.loop.franka import FrankaDriver, connect_franka
@@ -45,7 +45,7 @@ def test_a_robot_is_led_and_rests_where_nothing_is_sent() -> None:
             value = np.zeros(7)
             value[3] = 0.2 * tick.enabled
             status = Status.OK if tick.enabled else Status.HOLDING
-            return Command(value, status, "", 0.0, 0, "", Bound.NOTHING, 1.0)
+            return Command(value, status, "", 0.0, 0, "", Relaxed.NOTHING, 1.0)
 
         loop = Loop(device, turn, max_age=WATCHDOG)
         report = loop.run(seconds=60.0, until=lambda: bool(device.measured.position[3] > start[3] + 0.1))

@@ -12,7 +12,7 @@ import pytest
 from numpy.typing import ArrayLike
 
 from rehab_opt import PoseTracker, ur5
-from rehab_opt.control.command import Bound, Command, Status
+from rehab_opt.control.command import Command, Relaxed, Status
 from rehab_opt.errors import ConfigurationError, DeviceLostError
 from rehab_opt.loop import scheduling
 from rehab_opt.loop.loop import Loop
@@ -63,7 +63,7 @@ class Robot:
 def one_or_none(tick: Tick) -> Command:
     """Moves with 1 rad/s while it may."""
     status = Status.OK if tick.enabled else Status.HOLDING
-    return Command(np.array([float(tick.enabled)]), status, "", 0.0, 0, "", Bound.NOTHING, 1.0)
+    return Command(np.array([float(tick.enabled)]), status, "", 0.0, 0, "", Relaxed.NOTHING, 1.0)
 
 
 @pytest.fixture

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rehab_opt.control.command import Bound, Command, Status
+from rehab_opt.control.command import Command, Relaxed, Status
 from rehab_opt.errors import ConfigurationError, DeviceLostError
 from rehab_opt.loop import ros2
 from rehab_opt.loop.loop import Loop
@@ -39,7 +39,7 @@ def test_a_robot_in_another_process_is_led_and_its_end_is_told() -> None:
     def move(tick: Tick) -> Command:
         status = Status.OK if tick.enabled else Status.HOLDING
         value = np.array([0.1, -0.2, 0.3]) * tick.enabled
-        return Command(value, status, "", 0.0, 0, "", Bound.NOTHING, 1.0)
+        return Command(value, status, "", 0.0, 0, "", Relaxed.NOTHING, 1.0)
 
     with SharedRing.create(TRUTH) as truth:
         command = [sys.executable, "-m", "tests.loop.ros2_robot", str(port), truth.name]

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rehab_opt.control.command import Bound, Command, Status
+from rehab_opt.control.command import Command, Relaxed, Status
 from rehab_opt.errors import ConfigurationError, DeviceLostError, RehabOptError
 from rehab_opt.loop import ur
 from rehab_opt.loop.delay import measured_delay
@@ -92,7 +92,7 @@ def moving(tick: Tick) -> Command:
     """The second joint turns at 0.1 rad/s while it may."""
     value = np.array([0.0, 0.1 * tick.enabled, 0.0, 0.0, 0.0, 0.0])
     status = Status.OK if tick.enabled else Status.HOLDING
-    return Command(value, status, "", 0.0, 0, "", Bound.NOTHING, 1.0)
+    return Command(value, status, "", 0.0, 0, "", Relaxed.NOTHING, 1.0)
 
 
 def test_a_robot_is_led_and_its_delay_measured(robot: RemoteDevice, server: Server) -> None:
@@ -134,8 +134,8 @@ def test_a_problem_file_that_names_the_robot_is_run_on_it_and_again_from_its_log
     text = text.replace("[0.0, -90.0, 90.0, -90.0, -90.0, 0.0]", str(np.rad2deg(START).tolist()))
     text = text.replace("rate_hz = 1000.0", "rate_hz = 500.0")
     (tmp_path / "mine.toml").write_text(f'{text}\n[plant]\nkind = "ur"\naddress = "{HOST}"\ndelay_ms = 30.0\n')
-    loaded, before = load_problem(str(tmp_path / "mine.toml")), server.position
-    report, lost = run_in_time(loaded, seconds=3.0, log=tmp_path / "trace.mcap", fifo=1)
+    config, before = load_problem(str(tmp_path / "mine.toml")), server.position
+    report, lost = run_in_time(config, seconds=3.0, log=tmp_path / "trace.mcap", fifo=1)
     assert (report.lost, lost) == (False, 0)
     assert server.comes_to_rest()
     assert np.abs(server.position - before).max() > 0.01

@@ -14,7 +14,7 @@ from tests.optim.random_qps import Array, Solution, random_qp, seeds, sizes, sol
 
 TOLERANCE = 1e-6
 N, M = 3, 2
-INPUTS = ("H", "g", "A", "rows_lower", "rows_upper", "lower", "upper", "sound", "x", "y_x", "y_A")
+INPUTS = ("H", "g", "A", "rows_lower", "rows_upper", "lower", "upper", "valid", "x", "y_x", "y_A")
 
 Certify = Callable[..., tuple[Array, float]]
 
@@ -22,8 +22,8 @@ Certify = Callable[..., tuple[Array, float]]
 def certificate(n: int, m: int, *, compile: bool = False) -> Certify:
     function = BufferedFunction(compiled(certificate_function(n, m), compile=compile))
 
-    def certify(qp: Instance, claim: Solution, sound: float = 1.0) -> tuple[Array, float]:
-        for target, value in zip(function.inputs, [*qp, sound, *claim], strict=True):
+    def certify(qp: Instance, claim: Solution, valid: float = 1.0) -> tuple[Array, float]:
+        for target, value in zip(function.inputs, [*qp, valid, *claim], strict=True):
             target[...] = np.reshape(value, target.shape)
         function()
         return function.outputs[0].copy(), float(function.outputs[1][0])
@@ -163,7 +163,7 @@ def at_its_lower_bounds() -> tuple[Instance, Solution]:
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
 def test_one_number_that_is_none_is_never_certified(both: list[Certify], name: str, bad: float) -> None:
     if (bad, name) in {
-        (np.inf, "upper"), (np.inf, "rows_upper"), (np.inf, "sound"), (-np.inf, "lower"), (-np.inf, "rows_lower"),
+        (np.inf, "upper"), (np.inf, "rows_upper"), (np.inf, "valid"), (-np.inf, "lower"), (-np.inf, "rows_lower"),
     }:  # fmt: skip
         return  # no bound, and a way to say yes
     cases = [at_its_lower_bounds()]
@@ -193,9 +193,9 @@ def test_nan_in_several_places_is_never_certified(both: list[Certify], hit: int,
 
 @given(seeds, st.sampled_from([0.0, -1.0]))
 @settings(max_examples=10)
-def test_unsound_data_are_never_certified(seed: int, sound: float) -> None:
+def test_unsound_data_are_never_certified(seed: int, valid: float) -> None:
     qp = random_qp(seed, N, M)
-    assert not is_certified(CERTIFICATES[N, M](qp, solved(qp), sound)[1], TOLERANCE)
+    assert not is_certified(CERTIFICATES[N, M](qp, solved(qp), valid)[1], TOLERANCE)
 
 
 @pytest.mark.parametrize("residual", [np.nan, np.inf, -np.inf, -1e-12, 1.1e-6])

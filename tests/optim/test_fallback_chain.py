@@ -16,7 +16,7 @@ from rehab_opt.optim.backends import QpsolversBackend, backend
 from rehab_opt.optim.fallback_chain import FallbackChain
 from rehab_opt.optim.fused import FUSED_SOLVERS
 from rehab_opt.optim.qp import Statement
-from rehab_opt.optim.rows import PLAUSIBLE, Instance, parameter, variable, within
+from rehab_opt.optim.rows import MAX_MAGNITUDE, Instance, parameter, variable, within
 from tests.optim.random_qps import Array, general_statement, parameters_of, random_qp, seeds, solved
 
 TOLERANCE = 1e-6
@@ -176,7 +176,7 @@ def test_a_wrong_guess_is_not_the_answer(wrong: float) -> None:
 
 
 @pytest.mark.usefixtures("shipped")
-@pytest.mark.parametrize("bad", [np.nan, np.inf, 1e300, 2 * PLAUSIBLE])
+@pytest.mark.parametrize("bad", [np.nan, np.inf, 1e300, 2 * MAX_MAGNITUDE])
 @pytest.mark.parametrize("rows", [False, True])
 @pytest.mark.parametrize("compile", [False, "wait"])
 def test_a_guess_without_gradient_by_its_form_is_not_certified_for_bad_parameters(
@@ -346,7 +346,7 @@ def used(request: pytest.FixtureRequest) -> Iterator[FallbackChain]:
 
 
 @pytest.mark.parametrize(
-    "bad", [np.nan, np.inf, -np.inf, 1e300, -1e300, 1e200, 1e150, PLAUSIBLE * 1.001, -PLAUSIBLE * 1.001]
+    "bad", [np.nan, np.inf, -np.inf, 1e300, -1e300, 1e200, 1e150, MAX_MAGNITUDE * 1.001, -MAX_MAGNITUDE * 1.001]
 )
 @pytest.mark.parametrize("place", [0, 1])
 def test_a_parameter_that_is_no_plausible_number_gives_no_answer(used: FallbackChain, bad: float, place: int) -> None:

@@ -11,7 +11,7 @@ from rehab_opt.errors import ConfigurationError
 from rehab_opt.optim.backends import to_qpsolvers
 from rehab_opt.optim.fallback_chain import FallbackChain
 from rehab_opt.optim.qp import Statement
-from rehab_opt.optim.rows import PLAUSIBLE, equal, parameter, variable, within
+from rehab_opt.optim.rows import MAX_MAGNITUDE, equal, parameter, variable, within
 from rehab_opt.symbolic.tick import Stages
 from tests.optim.random_qps import general_statement, parameters_of, random_qp, seeds, sizes, solved
 
@@ -196,8 +196,8 @@ FUSED = FallbackChain(GENERAL[4, 2], solver="qrqp", backup="proxqp", tolerance=1
     st.integers(0, 3),
     st.one_of(
         st.sampled_from([np.nan, np.inf, -np.inf]),
-        st.floats(min_value=1.0001 * PLAUSIBLE, max_value=1e308),
-        st.floats(max_value=-1.0001 * PLAUSIBLE, min_value=-1e308),
+        st.floats(min_value=1.0001 * MAX_MAGNITUDE, max_value=1e308),
+        st.floats(max_value=-1.0001 * MAX_MAGNITUDE, min_value=-1e308),
     ),
 )
 def test_implausible_parameters_are_unsound(place: int, bad: float) -> None:
@@ -207,7 +207,7 @@ def test_implausible_parameters_are_unsound(place: int, bad: float) -> None:
     assert float(REACH.screen(values, [])[2]) == 0
 
 
-@given(st.lists(st.floats(-PLAUSIBLE / 2, PLAUSIBLE / 2), min_size=4, max_size=4))
+@given(st.lists(st.floats(-MAX_MAGNITUDE / 2, MAX_MAGNITUDE / 2), min_size=4, max_size=4))
 def test_plausible_parameters_are_sound(values: list[float]) -> None:
     assert float(REACH.build(values, [])[7]) == 1
     assert float(REACH.screen(values, [])[2]) == 1

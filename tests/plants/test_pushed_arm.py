@@ -47,9 +47,9 @@ def test_it_gives_way_calmly_and_comes_back(name: str, delay: float) -> None:
         each=lambda k, _: 28.0 * way if begin <= k < end else None,
     )  # fmt: skip
     places = run.hand - pose[:3, 3]
-    share = places[begin + round(1.0 / DT) : end] @ way * law.stiffness / 28.0
+    fraction = places[begin + round(1.0 / DT) : end] @ way * law.stiffness / 28.0
     assert law.stiffness <= 600.0
-    assert 0.8 <= share.min() <= share.max() <= 1.2
+    assert 0.8 <= fraction.min() <= fraction.max() <= 1.2
     assert run.hand_speed().max() <= 0.25
     assert np.linalg.norm(places[-1]) <= 5e-3
     assert sum(a is not b for a, b in itertools.pairwise(run.status)) <= 4

@@ -180,7 +180,7 @@ def test_the_command_names_a_file_of_one_s_own_and_the_solver(tmp_path: Path) ->
 class TwoSearches:
     """A run in which two solvers of one name iterate beside a controller that ticks."""
 
-    def __call__(self, loaded: object, **_: object) -> None:
+    def __call__(self, config: object, **_: object) -> None:
         recorder = recorder_now()
         assert recorder is not None
         qp = Instance(np.eye(1), np.zeros(1), np.zeros((0, 1)), np.zeros(0), np.zeros(0), np.zeros(1), np.ones(1))

@@ -270,7 +270,7 @@ def test_an_array_that_claims_more_than_there_is_takes_no_memory(tmp_path: Path)
 def test_a_small_file_that_unpacks_to_more_than_is_sane_is_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(array_file, "MOST_BYTES", 100_000)
+    monkeypatch.setattr(array_file, "MAX_BYTES", 100_000)
     path = written(tmp_path / "bomb.npz", content(gradient=np.zeros((100_000, 2))))
     assert path.stat().st_size < 10_000
     with pytest.raises(ProblemFileError, match="unpacked"):

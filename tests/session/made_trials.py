@@ -26,9 +26,9 @@ ALONE: tuple[Law, ...] = ("unassisted", "assisted", "published")
 """Laws without a helper."""
 
 
-def minimum_jerk_speed(share: ArrayLike) -> Array:
+def minimum_jerk_speed(fraction: ArrayLike) -> Array:
     """Speed of a reach of length 1 in time 1 at a share of its time, zero before and after."""
-    u = np.clip(np.asarray(share, dtype=np.float64), 0.0, 1.0)
+    u = np.clip(np.asarray(fraction, dtype=np.float64), 0.0, 1.0)
     speed: Array = 30.0 * (u * (1.0 - u)) ** 2
     return speed
 
@@ -41,8 +41,8 @@ def trial_of(position: ArrayLike, *, dt: float = 0.01, **given: Any) -> Trial:
     velocity = np.gradient(places, dt, axis=0)
     values: dict[str, Any] = {
         "law": "assisted", "number": 0, "time": dt * np.arange(count), "position": places, "velocity": velocity,
-        "intended": places, "wanted": none, "commanded": none, "measured": none, "inside": np.zeros(count, dtype=bool),
-        "status": np.zeros(count, dtype=np.uint8), "yielded": np.zeros(count, dtype=np.uint8),
+        "intended": places, "desired_force": none, "commanded": none, "measured": none, "inside": np.zeros(count, dtype=bool),
+        "status": np.zeros(count, dtype=np.uint8), "relaxed": np.zeros(count, dtype=np.uint8),
         "energy_left": np.full(count, 20.0), "goal": np.full((count, 2), np.nan), "ended": "done",
     }  # fmt: skip
     return Trial(**{**values, **given})
@@ -72,7 +72,7 @@ def wavering_trial(law: Law, number: int, mode: Mode, points: Array, *, seconds:
         places = points[slot] + waver
     helper = HelperTrace(3.0 * places, 3.0 * meant, force / 3.0, np.full(count, 4.0)) if law == "together" else None
     return trial_of(
-        places, dt=1 / rate, law=law, number=number, intended=meant, wanted=force, commanded=force, goal=goal,
+        places, dt=1 / rate, law=law, number=number, intended=meant, desired_force=force, commanded=force, goal=goal,
         measured=force + 0.05 * rng.standard_normal((count, 2)), inside=inside,
         energy_left=np.full(count, 15.0 if law in ("assisted", "together") else np.nan), helper=helper,
         ended="late" if number else "done",

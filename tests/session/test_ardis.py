@@ -20,8 +20,8 @@ from rehab_opt.control.obstacles import Disc, HalfPlane
 from rehab_opt.errors import ConfigurationError, ProblemFileError
 from rehab_opt.kinematics.ardis import ARDIS_READY, ardis
 from rehab_opt.session.ardis.clearance import arm_gaps, arm_points, chair_corners, chair_gaps
-from rehab_opt.session.ardis.measures import KEPT, excesses, goals_met, hand_shares, kinetic_energies
-from rehab_opt.session.ardis.outcome import ArdisOutcome, moved
+from rehab_opt.session.ardis.measures import KEPT, excesses, goals_met, hand_fractions, kinetic_energies
+from rehab_opt.session.ardis.outcome import ArdisOutcome, simulate_motion
 from rehab_opt.session.ardis.robot import joystick_of, resolver_of, robot_of, room_of, start_of
 from rehab_opt.session.ardis.shown import brief, motion_film
 from rehab_opt.session.ardis.shown import figures as ardis_figures
@@ -71,7 +71,7 @@ def test_shipped_sticks_reach_their_goals_with_both_drives_and_break_no_limit(
     for numbers in outcome.metrics["drives"].values():
         ours = numbers["optimised"]
         assert ours["goals_met"] == len(outcome.goals) > 0
-        assert ours["broken_any_share"] == 0.0
+        assert ours["broken_any_fraction"] == 0.0
         assert max(value for value in ours["excess_max"].values() if value is not None) <= 1e-6
         assert sum(ours["status"].values()) == ours["ticks"]
         assert set(ours["status"]) <= {"ok", "backup"}
@@ -90,7 +90,7 @@ def test_wheels_that_roll_never_slip(beyond: ArdisOutcome, doorway: ArdisOutcome
 
 def test_published_law_breaks_limits_under_the_same_stick(beyond: ArdisOutcome) -> None:
     for numbers in beyond.metrics["drives"].values():
-        assert numbers["published"]["broken_share"]["velocity"] > 0.005
+        assert numbers["published"]["broken_fraction"]["velocity"] > 0.005
 
 
 def test_arm_alone_works_within_its_reach_with_less_energy_and_beyond_it_the_chair_comes_along(
@@ -99,9 +99,9 @@ def test_arm_alone_works_within_its_reach_with_less_energy_and_beyond_it_the_cha
     for numbers in beyond.metrics["drives"].values():
         legs = numbers["optimised"]["legs"]
         near, far = legs["within reach"], legs["beyond reach"]
-        assert near["hand_path_arm_share"] > 0.95
+        assert near["hand_path_arm_fraction"] > 0.95
         assert near["kinetic_energy_mean_J"] < 0.1 * near["kinetic_energy_chair_alone_mean_J"]
-        assert far["hand_path_chair_share"] > 0.7
+        assert far["hand_path_chair_fraction"] > 0.7
         assert far["chair_path_m"] > 1.5
 
 
@@ -119,15 +119,15 @@ def test_chair_passes_between_the_posts(doorway: ArdisOutcome) -> None:
     ("name", "pattern"), [("pick_from_floor", [False, True]), ("place_on_table", [False, True, False])]
 )
 def test_gripper_closes_on_the_cup_and_opens_on_the_table(name: str, pattern: list[bool]) -> None:
-    loaded = load_problem(f"ardis/{name}")
-    robot = robot_of(loaded)
-    law = resolver_of(loaded, robot, "mecanum")
-    stick = sticks_of(loaded)["mecanum"]
-    motion = moved(robot, law, joystick_of(loaded), stick, start_of(loaded, robot), dt=0.01)
+    config = load_problem(f"ardis/{name}")
+    robot = robot_of(config)
+    law = resolver_of(config, robot, "mecanum")
+    stick = sticks_of(config)["mecanum"]
+    motion = simulate_motion(robot, law, joystick_of(config), stick, start_of(config, robot), dt=0.01)
     changes = motion.closed[np.concatenate([[True], np.diff(motion.closed)])]
     assert changes.tolist() == pattern
-    assert None not in goals_met(motion, loaded.problem.goals)
-    for limit, over in excesses(robot, "mecanum", motion, room_of(loaded)).items():
+    assert None not in goals_met(motion, config.problem.goals)
+    for limit, over in excesses(robot, "mecanum", motion, room_of(config)).items():
         assert over.max() <= KEPT, limit
 
 
@@ -173,12 +173,12 @@ def test_no_words_of_film_and_top_view_lie_on_each_other_where_goals_do(button: 
 
 def test_shares_of_arm_and_chair_explain_the_hand(beyond: ArdisOutcome) -> None:
     motion = beyond.drives["mecanum"].optimised
-    numbers = hand_shares(motion, slice(None))
+    numbers = hand_fractions(motion, slice(None))
     assert numbers["hand_path_m"] == pytest.approx(
         float(np.linalg.norm(np.diff(motion.hand, axis=0), axis=1).sum()), rel=5e-3
     )
-    held = hand_shares(motion, slice(0, 2))  # nothing moves yet
-    assert held["hand_path_arm_share"] is None
+    held = hand_fractions(motion, slice(0, 2))  # nothing moves yet
+    assert held["hand_path_arm_fraction"] is None
     energy, alone = kinetic_energies(beyond.robot, "mecanum", motion)
     assert np.all(energy >= 0)
     # A chair that carries a held arm straight ahead at v has half of m v^2, apart from its turning.
@@ -213,8 +213,8 @@ def test_clearances_are_those_of_shapely() -> None:
 def test_user_who_is_simulated_again_still_reaches_the_goals() -> None:
     folder = shipped_problems()["ardis/press_lift_button"].parent
     script = runpy.run_path(str(folder / "simulated_user.py"))
-    loaded = load_problem("ardis/press_lift_button")
-    user, _ = script["steered"](loaded, "mecanum")
+    config = load_problem("ardis/press_lift_button")
+    user, _ = script["steered"](config, "mecanum")
     assert user.goals == []
     shipped = read_stick(folder / "press_lift_button_mecanum.csv", name="shipped")
     # What is shipped is what the generator wrote, as far as rounding of the robot's motion allows.

@@ -54,8 +54,8 @@ def test_some_keys_are_asked_for_and_called_otherwise() -> None:
 
 
 def test_the_person_and_the_robot_of_a_file_that_says_nothing_are_the_library_s_own() -> None:
-    loaded = load_problem("upper_limb/scenario_5_hold")
-    silent = loaded.problem.model_copy(update={"person": PersonSection()})
+    config = load_problem("upper_limb/scenario_5_hold")
+    silent = config.problem.model_copy(update={"person": PersonSection()})
     assert person_of(silent) == Person()
     own = RobotSection().arguments(sensor_noise_N="noise")
     assert RobotModel(**own) == RobotModel(lower=(-10.0, -10.0), upper=(10.0, 10.0))

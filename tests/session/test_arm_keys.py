@@ -33,8 +33,8 @@ def keys(ranges: dict[str, tuple[float, float]], *, convention: bool, scale: flo
 
 
 def test_goniometer_keys_make_the_arm_that_was_measured(written: Write) -> None:
-    loaded = load_problem(str(written("p.toml", WORKSPACE + keys(HEALTHY, convention=True))))
-    (arm,) = arms_of(loaded).values()
+    config = load_problem(str(written("p.toml", WORKSPACE + keys(HEALTHY, convention=True))))
+    (arm,) = arms_of(config).values()
     low = arm_posture({"elbow_flexion": 0.0, "shoulder_external_rotation": np.radians(-70)})
     assert arm.lower[ARM_JOINTS.index("forearm_extension")] == pytest.approx(low[4])
     assert arm.lower[ARM_JOINTS.index("glenohumeral_rotation")] == pytest.approx(low[1])

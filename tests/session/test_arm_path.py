@@ -48,8 +48,8 @@ def test_every_posture_is_within_the_range_and_none_is_jumped_to(case: tuple[np.
     _, _, path = case
     assert np.all((path.q >= ARM.lower - 1e-12) & (path.q <= ARM.upper + 1e-12))
     assert np.abs(np.diff(path.q, axis=0)).max() <= 0.03 + 1e-12  # 3 rad/s, also from one posture to another
-    assert np.all(np.diff(path.asked) >= 0)
-    assert set(path.asked) == set(range(240))  # nothing of the recording is left out
+    assert np.all(np.diff(path.reference_index) >= 0)
+    assert set(path.reference_index) == set(range(240))  # nothing of the recording is left out
 
 
 def test_what_is_led_along_is_where_the_hand_of_these_postures_is(case: tuple[np.ndarray, np.ndarray, ArmPath]) -> None:
@@ -63,11 +63,11 @@ def test_what_is_led_along_is_where_the_hand_of_these_postures_is(case: tuple[np
 
 def test_nearly_all_that_some_posture_reaches_is_reached(case: tuple[np.ndarray, np.ndarray, ArmPath]) -> None:
     tools, within, path = case
-    asked = tools[path.asked]
+    asked = tools[path.reference_index]
     near = np.linalg.norm(path.poses[:, :3, 3] - asked[:, :3, 3], axis=1) < 2e-3
     cosine = (np.einsum("nij,nij->n", path.poses[:, :3, :3], asked[:, :3, :3]) - 1) / 2
     done = np.zeros(len(tools), dtype=bool)
-    np.logical_or.at(done, path.asked, near & (cosine > math.cos(math.radians(2.0))))
+    np.logical_or.at(done, path.reference_index, near & (cosine > math.cos(math.radians(2.0))))
     assert done[within].mean() > 0.98
 
 

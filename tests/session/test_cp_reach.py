@@ -171,7 +171,7 @@ def test_elevation_plane_and_axial_rotation_are_of_the_same_limbs(recorded: Reco
     assert np.mean(np.array(shuffled) <= found) < 0.05
 
 
-def test_ranges_grow_with_the_share_of_limbs_they_cover(recorded: Recorded) -> None:
+def test_ranges_grow_with_the_fraction_of_limbs_they_cover(recorded: Recorded) -> None:
     reach = read_cp_reach(recorded("cp_dyskinetic_reach"), "RGV")[1]
     ranges = [group_range(reach, cover=cover).used for cover in (0.5, 0.7, 0.9)]
     for narrow, wide in itertools.pairwise(ranges):

@@ -32,7 +32,7 @@ def content() -> dict[str, Any]:
     return tomllib.loads((SHIPPED / f"{NAME}.toml").read_text(encoding="utf-8"))
 
 
-def loaded(change: dict[str, dict[str, Any]], path: Path = SHIPPED / f"{NAME}.toml") -> Any:
+def config(change: dict[str, dict[str, Any]], path: Path = SHIPPED / f"{NAME}.toml") -> Any:
     whole = content()
     for section, keys in change.items():
         whole[section] = {**whole.get(section, {}), **keys}
@@ -41,7 +41,7 @@ def loaded(change: dict[str, dict[str, Any]], path: Path = SHIPPED / f"{NAME}.to
 
 @cache
 def outcome() -> ScenarioOutcome:
-    found = run_problem(loaded({"task": {"trials": 3}, "run": {"rate_hz": 200.0}}))
+    found = run_problem(config({"task": {"trials": 3}, "run": {"rate_hz": 200.0}}))
     assert isinstance(found, ScenarioOutcome)
     return found
 
@@ -85,7 +85,7 @@ def test_quality_on_what_was_held_out_is_told_in_notes_and_metrics() -> None:
     (held_out,) = [note for note in found.notes if note.startswith("of the 1 held out")]
     told = found.metrics["learnt"]
     assert f"S = {told['stiffness_N_m']:.3g}" in learning
-    assert f"{100 * told['held_out_share']:.0f} %" in held_out
+    assert f"{100 * told['held_out_fraction']:.0f} %" in held_out
     assert told["held_out"] == [5]
     assert told["held_out_error_N"] < told["constant_stiffness_error_N"]
     assert "NaN" not in metrics_json(found)
@@ -94,7 +94,7 @@ def test_quality_on_what_was_held_out_is_told_in_notes_and_metrics() -> None:
 
 def test_points_of_the_task_are_the_path_that_the_field_is_learnt_around() -> None:
     points = content_of("scenario_2_assist")["task"]["points_m"]
-    led = learnt(loaded({"task": {"points_m": points}}), np.array(points))
+    led = learnt(config({"task": {"points_m": points}}), np.array(points))
     assert led is not None
     np.testing.assert_allclose(led.field.paths[0].points[[0, -1]], np.array(points)[[0, -1]])
 
@@ -121,7 +121,7 @@ def content_of(name: str) -> dict[str, Any]:
 )
 def test_keys_that_contradict_each_other_are_refused(change: dict[str, dict[str, Any]], key: str) -> None:
     with pytest.raises(ProblemFileError) as refused:
-        loaded(change)
+        config(change)
     assert refused.value.key == key
 
 
@@ -154,7 +154,7 @@ def table(rows: list[tuple[float, ...]], header: str = HEADER) -> str:
 def test_a_recording_that_teaches_nothing_is_named(written: Write, text: str, said: str) -> None:
     file = written("lead.csv", text)
     with pytest.raises(ProblemFileError, match=said):
-        checked(loaded({"task": {"demonstrations": {"files": ["lead.csv"]}}}, file.parent / "problem.toml"))
+        checked(config({"task": {"demonstrations": {"files": ["lead.csv"]}}}, file.parent / "problem.toml"))
 
 
 def lead_files(folder: Path, count: int, change: Callable[[int, np.ndarray], np.ndarray]) -> Any:
@@ -163,7 +163,7 @@ def lead_files(folder: Path, count: int, change: Callable[[int, np.ndarray], np.
     for i, name in enumerate(names):
         rows = np.loadtxt(SHIPPED / "demonstrations" / name, delimiter=",", skiprows=1)
         (folder / name).write_text(table([tuple(row) for row in change(i, rows)]), encoding="utf-8")
-    return loaded({"task": {"demonstrations": {"files": names}}}, folder / "problem.toml")
+    return config({"task": {"demonstrations": {"files": names}}}, folder / "problem.toml")
 
 
 def test_forces_of_the_other_sign_or_with_a_large_offset_teach_no_stiffness_not_even_a_rounding_one(
@@ -191,7 +191,7 @@ def test_a_movement_the_other_way_is_refused_by_its_file(tmp_path: Path, turned:
 )
 def test_a_path_that_is_not_the_one_that_was_shown_is_refused(path: list[list[float]], said: str) -> None:
     with pytest.raises(ProblemFileError, match=said):
-        learnt(loaded({}), np.array(path))
+        learnt(config({}), np.array(path))
 
 
 @pytest.mark.parametrize(
@@ -210,7 +210,7 @@ def test_a_slip_of_a_unit_is_refused(tmp_path: Path, scales: tuple[float, ...], 
 
 def test_the_notes_tell_that_sigma_was_chosen_by_what_was_held_out_and_only_if_it_was() -> None:
     for widths, chosen in (([10.0, 20.0], True), ([10.0], False)):
-        led = learnt(loaded({"field": {"widths_mm": widths}}), None)
+        led = learnt(config({"field": {"widths_mm": widths}}), None)
         assert led is not None
         assert any("by which sigma was chosen" in note for note in led.notes) is chosen
 
@@ -228,7 +228,7 @@ def test_a_hand_that_mostly_rests_and_forces_that_the_limit_cuts_are_noted(tmp_p
 
 
 def test_an_absent_recording_is_named_before_anything_is_learnt(tmp_path: Path) -> None:
-    absent = loaded({}, tmp_path / "problem.toml")
+    absent = config({}, tmp_path / "problem.toml")
     assert recording_state(absent).startswith("absent: demonstrations/lead_1.csv")
     with pytest.raises(ProblemFileError, match=r"task\.demonstrations\.files"):
         checked(absent)
@@ -238,7 +238,7 @@ def test_a_path_that_no_arm_reaches_is_refused_by_its_demonstrations(written: Wr
     away = [(t, x + 0.6, y, fx, fy) for t, x, y, fx, fy in shipped_rows()]
     file = written("lead.csv", table(away))
     with pytest.raises(ProblemFileError) as refused:
-        run_problem(loaded({"task": {"demonstrations": {"files": ["lead.csv"]}}}, file.parent / "problem.toml"))
+        run_problem(config({"task": {"demonstrations": {"files": ["lead.csv"]}}}, file.parent / "problem.toml"))
     assert refused.value.key == "task.demonstrations"
 
 

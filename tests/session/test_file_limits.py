@@ -29,10 +29,10 @@ from rehab_opt.session.mirror.hand_poses import calibration_points
 from rehab_opt.terminal import printer
 from rehab_opt.text_file import (
     DEEPEST_KEY,
-    LARGEST_PROBLEM,
-    LARGEST_RECORDING,
-    LARGEST_TABLE,
-    MOST_COLUMNS,
+    MAX_COLUMNS,
+    MAX_PROBLEM_SIZE,
+    MAX_RECORDING_SIZE,
+    MAX_TABLE_SIZE,
     check_key_depth,
     file_content,
     number_in,
@@ -90,9 +90,9 @@ def test_a_pipe_is_no_recording(pipe: Callable[[str], Path], suffix: str) -> Non
 
 def test_a_digest_of_a_pipe_is_refused_too(pipe: Callable[[str], Path], written: Write) -> None:
     pipe("path.csv")
-    loaded = load_problem(str(written("problem.toml", ARM)))
+    config = load_problem(str(written("problem.toml", ARM)))
     with within(LIMIT), pytest.raises(ProblemFileError, match="'a pipe'"):
-        inputs_digest(loaded)
+        inputs_digest(config)
 
 
 @pytest.mark.skipif(not Path("/dev/zero").exists(), reason="needs /dev/zero")
@@ -105,9 +105,9 @@ def test_a_link_to_a_device_is_no_recording(tmp_path: Path) -> None:
 
 def test_a_huge_file_is_refused_with_its_size_and_the_limit(tmp_path: Path) -> None:
     for name, largest, read in (
-        ("a.toml", LARGEST_PROBLEM, lambda path: load_problem(str(path))),
-        ("people.csv", LARGEST_TABLE, participants_of),
-        ("path.csv", LARGEST_RECORDING, read_recording),
+        ("a.toml", MAX_PROBLEM_SIZE, lambda path: load_problem(str(path))),
+        ("people.csv", MAX_TABLE_SIZE, participants_of),
+        ("path.csv", MAX_RECORDING_SIZE, read_recording),
     ):
         with (tmp_path / name).open("wb") as file:
             file.truncate(30_000_000_000)  # sparse: it takes no place
@@ -120,9 +120,9 @@ def test_a_huge_file_is_refused_with_its_size_and_the_limit(tmp_path: Path) -> N
 
 def test_a_file_of_just_the_largest_size_is_read(written: Write) -> None:
     path = written("a.csv", b"12345")
-    assert file_content(path, "a.csv", largest=5) == b"12345"
+    assert file_content(path, "a.csv", max_size=5) == b"12345"
     with pytest.raises(ProblemFileError, match="file size"):
-        file_content(path, "a.csv", largest=4)
+        file_content(path, "a.csv", max_size=4)
 
 
 # ------------------------------------------------------------------------------------------------ columns and keys
@@ -140,16 +140,16 @@ def header_of(suffix: str, more: int) -> str:
 @pytest.mark.parametrize("suffix", ["csv", "mot", "trc"])
 def test_a_hundred_thousand_columns_are_refused_with_the_limit(written: Write, suffix: str) -> None:
     path = written(f"path.{suffix}", header_of(suffix, 100_000))
-    with within(LIMIT), pytest.raises(ProblemFileError, match=f"columns': expected at most {MOST_COLUMNS} columns"):
+    with within(LIMIT), pytest.raises(ProblemFileError, match=f"columns': expected at most {MAX_COLUMNS} columns"):
         read_recording(path, marker="x")
 
 
 def test_as_many_columns_as_may_be_are_read_within_seconds(written: Write) -> None:
-    lines = header_of("csv", MOST_COLUMNS - 3).splitlines()
+    lines = header_of("csv", MAX_COLUMNS - 3).splitlines()
     rows = [lines[1].replace("0", str(k), 1) for k in range(10)]
     with within(LIMIT):
         recording = read_recording(written("path.csv", "\n".join([lines[0], *rows])))
-    assert len(recording.joints) == MOST_COLUMNS - 3
+    assert len(recording.joints) == MAX_COLUMNS - 3
 
 
 def test_tables_of_people_and_of_points_have_no_more_columns_than_recordings(written: Write) -> None:

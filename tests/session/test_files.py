@@ -74,9 +74,9 @@ def test_problem_shipped_for_the_first_run_needs_no_data_folder(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setenv(ENVIRONMENT, str(tmp_path))
-    loaded = load_problem("upper_limb/figure_eight")
-    assert recording_state(loaded) == "shipped"
-    checked(loaded)
+    config = load_problem("upper_limb/figure_eight")
+    assert recording_state(config) == "shipped"
+    checked(config)
 
 
 def test_shipped_path_is_what_its_generator_writes() -> None:
@@ -273,19 +273,19 @@ def test_near_miss_of_a_shipped_name_is_pointed_out() -> None:
 
 def test_absent_recording_says_where_it_comes_from(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv(ENVIRONMENT, str(tmp_path))
-    loaded = load_problem("upper_limb/pen_trace")
-    assert recording_state(loaded).startswith("absent")
+    config = load_problem("upper_limb/pen_trace")
+    assert recording_state(config).startswith("absent")
     with pytest.raises(ProblemFileError, match="BDALab/handwriting-sample") as refusal:
-        checked(loaded)
+        checked(config)
     assert refusal.value.key == "recording.file"
     assert ENVIRONMENT in refusal.value.expected
 
 
 @pytest.mark.parametrize("reference", ["data:../../etc/passwd", "data:/etc/passwd", "data:x", "data:a/\\u0000"])
 def test_reference_stays_within_the_data_folder(written: Write, reference: str) -> None:
-    loaded = load_problem(str(written("problem.toml", ARM.replace("path.csv", reference))))
+    config = load_problem(str(written("problem.toml", ARM.replace("path.csv", reference))))
     with pytest.raises(ProblemFileError):
-        checked(loaded)
+        checked(config)
 
 
 def test_recording_lies_beside_its_problem_file(written: Write) -> None:
@@ -300,9 +300,9 @@ def test_directory_is_no_recording(written: Write, monkeypatch: pytest.MonkeyPat
     (tmp_path / "a" / "b.csv").mkdir(parents=True)
     monkeypatch.setenv(ENVIRONMENT, str(tmp_path))
     for reference in (".", "a/b.csv", "data:a/b.csv"):
-        loaded = load_problem(str(written("problem.toml", ARM.replace("path.csv", reference))))
+        config = load_problem(str(written("problem.toml", ARM.replace("path.csv", reference))))
         with pytest.raises(ProblemFileError) as refusal:
-            checked(loaded)
+            checked(config)
         assert (refusal.value.key, refusal.value.expected) == ("recording.file", "a file, this is a directory")
 
 

@@ -14,7 +14,7 @@ from rehab_opt.kinematics.human_arm import human_arm
 from rehab_opt.session.outcome import (
     error_metrics,
     joint_metrics,
-    path_shares,
+    path_fractions,
     reason_counts,
     status_counts,
     time_metrics,
@@ -25,21 +25,21 @@ from rehab_opt.session.upper_limb.problem import SmoothingSection
 ARM = human_arm(range_of_motion="restricted")
 
 
-def test_share_of_length_ignores_where_the_hand_rests() -> None:
+def test_fraction_of_length_ignores_where_the_hand_rests() -> None:
     path = np.array([[0.0, 0, 0], [0.0, 0, 0], [0.0, 0, 0], [1.0, 0, 0], [2.0, 0, 0]])
-    of_length, of_time = path_shares(path, np.array([True, True, True, False, False]))
+    of_length, of_time = path_fractions(path, np.array([True, True, True, False, False]))
     assert of_length == pytest.approx(0.25)
     assert of_time == pytest.approx(0.6)
 
 
-def test_share_of_a_path_that_is_one_point_is_that_of_its_time() -> None:
-    assert path_shares(np.zeros((4, 3)), np.array([True, False, False, False])) == (0.25, 0.25)
+def test_fraction_of_a_path_that_is_one_point_is_that_of_its_time() -> None:
+    assert path_fractions(np.zeros((4, 3)), np.array([True, False, False, False])) == (0.25, 0.25)
 
 
 @given(st.lists(st.tuples(st.floats(-1, 1), st.floats(-1, 1), st.booleans()), min_size=2, max_size=20))
 def test_shares_of_a_part_and_of_the_rest_make_one(samples: list[tuple[float, float, bool]]) -> None:
     path, met = np.array([(x, y, 0.0) for x, y, _ in samples]), np.array([part for *_, part in samples])
-    for part, rest in zip(path_shares(path, met), path_shares(path, ~met), strict=True):
+    for part, rest in zip(path_fractions(path, met), path_fractions(path, ~met), strict=True):
         assert part + rest == pytest.approx(1.0)
         assert -1e-12 <= part <= 1 + 1e-12
 
@@ -53,7 +53,7 @@ def test_margin_is_that_of_the_nearest_free_joint_and_negative_outside() -> None
     assert numbers["joint_limit_margin_min_deg"] == pytest.approx(-1.5)
     assert numbers["joint_speed_max_joint"] == "forearm_extension"
     assert numbers["joint_speed_max_deg_s"] == pytest.approx(165.0)
-    assert numbers["joint_speed_max_share_of_limit"] == pytest.approx(np.deg2rad(165.0) / 3.0)
+    assert numbers["joint_speed_max_fraction_of_limit"] == pytest.approx(np.deg2rad(165.0) / 3.0)
 
 
 def test_unlimited_and_locked_joints_give_strict_json() -> None:
@@ -91,7 +91,7 @@ def test_arm_slower_to_accelerate_than_the_file_says_is_driven_at_its_own_accele
     assert numbers["bounds"]["acceleration_deg_s2"] == pytest.approx(100.0)
     acceleration = np.abs(np.diff(drive.path.positions[:, 3], 2)).max() * 1000.0**2
     assert np.rad2deg(acceleration) <= 100.0 * (1 + 1e-6)
-    assert numbers["joint_acceleration_max_share_of_limit"] <= 1.0 + 1e-6
+    assert numbers["joint_acceleration_max_fraction_of_limit"] <= 1.0 + 1e-6
 
 
 def test_driven_joints_keep_limits_and_speed_and_arrive_late() -> None:

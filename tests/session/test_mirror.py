@@ -23,7 +23,7 @@ from bench.measured_lag import measured_lag
 from rehab_opt.errors import ProblemFileError
 from rehab_opt.session.files import load_problem, problem_of, shipped_problems
 from rehab_opt.session.mirror import placing
-from rehab_opt.session.mirror.metrics import CAUSES, causes, passed_share
+from rehab_opt.session.mirror.metrics import CAUSES, causes, passed_fraction
 from rehab_opt.session.mirror.outcome import BEFORE, PLAN, STEP, Led, MirrorOutcome
 from rehab_opt.session.mirror.scene import laid_out, path_notes
 from rehab_opt.session.mirror.shown import brief, table
@@ -93,7 +93,7 @@ def test_floor_deviation_speeds_and_planes_hold_at_every_tick(
     assert np.all(np.abs(led.command) <= robot.velocity)
     assert np.all((after >= robot.lower - 1e-9) & (after <= robot.upper + 1e-9))
     change = np.abs(np.diff(led.command, axis=0, prepend=np.zeros((1, robot.n))))
-    for over, what in zip(np.any(change > robot.acceleration * dt + 1e-9, axis=1), led.yielded, strict=True):
+    for over, what in zip(np.any(change > robot.acceleration * dt + 1e-9, axis=1), led.relaxed, strict=True):
         assert not over or "acceleration" in what
 
     symbol = ca.SX.sym("q", robot.n)
@@ -120,9 +120,9 @@ def test_a_drive_passes_what_the_law_does_within_every_bound_and_is_what_the_tab
     jerk = math.radians(outcome.metrics["parameters"]["smoothing"]["jerk_deg_s3"])
     assert np.abs(np.diff(drive.q, 3, axis=0)).max() <= jerk * dt**3 * (1 + 1e-6)
     assert np.nanmax(np.abs(drive.deviation)) <= np.nanmax(led.deviation) + 1e-3
-    asked = outcome.asked[~np.isnan(outcome.asked[:, 0, 0])]
-    assert numbers["drive"]["passed_share_of_time"] == passed_share(drive.tool, asked)
-    assert numbers["drive"]["passed_share_of_time"] >= 0.99 * numbers["passed_share_of_time"]
+    asked = outcome.reference[~np.isnan(outcome.reference[:, 0, 0])]
+    assert numbers["drive"]["passed_fraction_of_time"] == passed_fraction(drive.tool, asked)
+    assert numbers["drive"]["passed_fraction_of_time"] >= 0.99 * numbers["passed_fraction_of_time"]
     assert led.time[-1] <= drive.time[-1] + dt <= 1.1 * led.time[-1]
     seconds = numbers["drive"]["seconds_by_cause"]
     assert sum(seconds.values()) == pytest.approx(len(drive.time) * dt)
@@ -130,13 +130,15 @@ def test_a_drive_passes_what_the_law_does_within_every_bound_and_is_what_the_tab
     if name != "vr_hand":  # whose arm does not come to all that is asked
         when = drive.time - drive.lag
         begun = when > 0.05  # before, the reference is on its way from the hand
-        known = ~np.isnan(outcome.asked[:, 0, 3])
-        places = np.column_stack([np.interp(when, outcome.time[known], outcome.asked[known, i, 3]) for i in range(3)])
+        known = ~np.isnan(outcome.reference[:, 0, 3])
+        places = np.column_stack(
+            [np.interp(when, outcome.time[known], outcome.reference[known, i, 3]) for i in range(3)]
+        )
         apart = np.linalg.norm(drive.tool[:, :3, 3] - places, axis=1)
         np.testing.assert_allclose(apart[begun], drive.deviation[begun], atol=1e-5)
         assert drive.pace[begun].sum() * dt == pytest.approx(np.ptp(when[begun]), abs=0.05)
     cells = list(brief(outcome).columns[1 + list(outcome.laws).index(law)].cells)
-    assert str(cells[0]) == f"{100 * numbers['drive']['passed_share_of_time']:.0f}"
+    assert str(cells[0]) == f"{100 * numbers['drive']['passed_fraction_of_time']:.0f}"
     assert str(cells[2]) == f"{drive.time[-1]:.1f}"
 
 
@@ -147,9 +149,9 @@ def test_without_a_floor_the_same_reference_goes_below_it_and_is_not_led_slowly(
     outcome = ran(name)
     before = outcome.metrics["laws"][BEFORE]
     assert before["manipulability_min"] < 0.2
-    assert before["below_floor_share_of_time"] > 0.05
+    assert before["below_floor_fraction_of_time"] > 0.05
     for law in (STEP, PLAN):
-        assert outcome.metrics["laws"][law]["below_floor_share_of_time"] == 0.0
+        assert outcome.metrics["laws"][law]["below_floor_fraction_of_time"] == 0.0
 
 
 # ------------------------------------------------------------------------------------------- keeping to the reference
@@ -196,14 +198,14 @@ def test_what_is_too_fast_is_late_and_says_by_how_much(name: str, ran: Callable[
 def test_what_is_left_out_is_seen_in_the_share_that_is_passed(ran: Callable[[str], MirrorOutcome]) -> None:
     for name, least in (("pick_fruit", 0.4), ("open_refrigerator", 0.8), ("vr_hand", 0.4)):
         outcome = ran(name)
-        share = outcome.metrics["laws"][PLAN]["passed_share_of_time"]
-        assert least < share <= 1.0
-    path, asked = outcome.laws[PLAN].tool, outcome.asked[~np.isnan(outcome.asked[:, 0, 0])]
+        fraction = outcome.metrics["laws"][PLAN]["passed_fraction_of_time"]
+        assert least < fraction <= 1.0
+    path, asked = outcome.laws[PLAN].tool, outcome.reference[~np.isnan(outcome.reference[:, 0, 0])]
     moved = asked.copy()
     moved[: len(asked) // 2, 2, 3] += 5.0
-    assert passed_share(asked, asked) == 1.0
-    assert passed_share(asked, moved) == pytest.approx(0.5, abs=0.01)
-    assert passed_share(path, asked) == share
+    assert passed_fraction(asked, asked) == 1.0
+    assert passed_fraction(asked, moved) == pytest.approx(0.5, abs=0.01)
+    assert passed_fraction(path, asked) == fraction
 
 
 @pytest.mark.parametrize("name", NAMES[:2])
@@ -229,13 +231,13 @@ def test_the_real_hand_is_mirrored_scaled_limited_to_an_arm_and_its_rate_assumed
     assert float(changes.split(" mm off")[0].split()[-1]) == pytest.approx(
         1e3 * outcome.laws[STEP].deviation.max(), abs=1
     )
-    size = " x ".join(f"{1e3 * side:.3g}" for side in np.ptp(outcome.asked[:, :3, 3], axis=0))
+    size = " x ".join(f"{1e3 * side:.3g}" for side in np.ptp(outcome.reference[:, :3, 3], axis=0))
     assert any(f"over 7.985 s; {size} mm large" in note for note in outcome.notes)
     (arm,) = (note for note in outcome.notes if note.startswith("the led arm, by its range of motion, does"))
-    assert outcome.metrics["laws"][PLAN]["passed_share_of_time"] < percent(arm) < 1.0  # it passes nothing else
+    assert outcome.metrics["laws"][PLAN]["passed_fraction_of_time"] < percent(arm) < 1.0  # it passes nothing else
     assert outcome.metrics["reference"]["scale"] == pytest.approx(0.59 / 0.98)
     assert outcome.metrics["reference"]["speed_max_m_s"] > 1.5
-    asked, mirrored = outcome.asked[:, :3, 3], outcome.mirror.positions(outcome.recorded)
+    asked, mirrored = outcome.reference[:, :3, 3], outcome.mirror.positions(outcome.recorded)
     assert 0.5 < np.ptp(asked, axis=0).max() < 1.2  # metres, of an arm of 0.59
     assert np.abs(asked.min(axis=0) - mirrored.min(axis=0)).max() < 0.05  # but for the filter
 
@@ -245,14 +247,14 @@ def test_check_says_how_much_is_in_reach_and_the_run_passes_that(
     name: str, ran: Callable[[str], MirrorOutcome]
 ) -> None:
     (reach,) = (note for note in checked(load_problem(f"mirror/{name}")) if note.startswith("in reach"))
-    assert percent(reach) == pytest.approx(ran(name).metrics["laws"][PLAN]["passed_share_of_time"], abs=0.08)
+    assert percent(reach) == pytest.approx(ran(name).metrics["laws"][PLAN]["passed_fraction_of_time"], abs=0.08)
 
 
 def test_a_mirrored_hand_out_of_reach_is_noted_as_such(monkeypatch: pytest.MonkeyPatch) -> None:
-    loaded = load_problem(f"mirror/{NAMES[0]}")
-    assert not any(isinstance(note, OutOfReach) for note in checked(loaded))
+    config = load_problem(f"mirror/{NAMES[0]}")
+    assert not any(isinstance(note, OutOfReach) for note in checked(config))
     monkeypatch.setattr(placing, "SEEN", 1.01)
-    (note,) = (note for note in checked(loaded) if isinstance(note, OutOfReach))
+    (note,) = (note for note in checked(config) if isinstance(note, OutOfReach))
     assert note.startswith("in reach, above the floor")
 
 
@@ -345,7 +347,7 @@ def test_lost_sight_is_held_told_and_gone_on_from(blinded: MirrorOutcome, tmp_pa
         assert np.linalg.norm(np.diff(led.tool[:, :3, 3], axis=0), axis=1).max() <= SPEED / 200 * (1 + 1e-6)
     led = blinded.laws[STEP]
     change = np.abs(np.diff(led.command, axis=0)).max(axis=1)
-    for over, what in zip(change > 15.0 / 200 + 1e-9, led.yielded[1:], strict=True):
+    for over, what in zip(change > 15.0 / 200 + 1e-9, led.relaxed[1:], strict=True):
         assert not over or "acceleration" in what
     lost = np.flatnonzero(np.isin(led.status, ("braking", "holding")))
     assert len(lost) > 0.4 * 200
@@ -507,7 +509,7 @@ def test_a_hand_that_a_bound_holds_off_is_not_late() -> None:
         manipulability=np.array([0.3, 0.31, 0.6, 0.6, 0.1, 0.3]), q=np.array([1.0, 1.0, 1.0, 0.0, 1.0, 0.0]),
     )  # fmt: skip
     led.person[0] = 0.02, 0.0
-    bounds = SimpleNamespace(planes=[plane], least_heights=lambda q, _: q, floor=0.3)
+    bounds = SimpleNamespace(planes=[plane], min_heights=lambda q, _: q, floor=0.3)
     led.time = 0.01 * np.arange(ticks)
     drive = SimpleNamespace(law_time=led.time, pace=led.pace)
     said = [CAUSES[k] for k in causes(led, drive, bounds)]  # type: ignore[arg-type]

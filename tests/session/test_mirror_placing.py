@@ -23,7 +23,7 @@ from rehab_opt.errors import ProblemFileError
 from rehab_opt.plants.ideal import IdealJoints
 from rehab_opt.session.files import ProblemFile, load_problem, shipped_problems
 from rehab_opt.session.mirror import placing
-from rehab_opt.session.mirror.laws import followed, planned, tracker_of
+from rehab_opt.session.mirror.laws import planned, track_reference, tracker_of
 from rehab_opt.session.mirror.placing import found_place, replaced_keys
 from rehab_opt.session.mirror.problem import MirrorProblem
 from rehab_opt.session.mirror.scene import laid_out
@@ -97,17 +97,17 @@ def test_what_is_patients_moves_as_one_and_the_rest_of_the_file_stays(folder: Pa
 
 
 def test_what_is_promised_is_what_a_run_achieves(placed: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    loaded = load_problem(str(placed))
-    scene = laid_out(loaded)
-    tracker = tracker_of(loaded.problem, scene, file="placed")
-    led = followed(tracker, scene, IdealJoints(tracker.dt), patience=10.0, progress=lambda *_: None)
+    config = load_problem(str(placed))
+    scene = laid_out(config)
+    tracker = tracker_of(config.problem, scene, file="placed")
+    led = track_reference(tracker, scene, IdealJoints(tracker.dt), patience=10.0, progress=lambda *_: None)
     poses = judged(scene.reference.poses)
     found = reach(poses, content(placed))
     ours = passed(led.q, poses)
     assert led.complete
     assert found.anyhow.mean() > 0.8
     assert ours[found.anyhow].mean() >= 0.9
-    again = found_place(loaded, seats=20, progress=lambda *_: None)
+    again = found_place(config, seats=20, progress=lambda *_: None)
     assert 0.0 < again.passed <= 1.0
 
 
@@ -117,15 +117,15 @@ def test_seats_that_are_run_are_apart_and_more_of_them_where_none_does_what_was_
     """Of seats side by side all runs may come out of what is out of reach with the same joint wound up."""
     run: list[list[float]] = []
 
-    def achieved(loaded: ProblemFile[MirrorProblem]) -> float:
-        run.append([*(loaded.problem.robot.start_deg or []), loaded.problem.patient.facing_deg])
-        return shares[len(run) - 1]
+    def achieved(config: ProblemFile[MirrorProblem]) -> float:
+        run.append([*(config.problem.robot.start_deg or []), config.problem.patient.facing_deg])
+        return fractions[len(run) - 1]
 
     monkeypatch.setattr(placing, "achieved", achieved)
-    for shares in ([0.0, 1.0, 0.1], [0.1, 0.0, 0.1, 1.0], [0.1, 0.0, 0.1, 0.2, *[0.1] * 8]):
+    for fractions in ([0.0, 1.0, 0.1], [0.1, 0.0, 0.1, 1.0], [0.1, 0.0, 0.1, 0.2, *[0.1] * 8]):
         run.clear()
         found = found_place(load_problem(str(folder / "reaches.toml")), seats=20, progress=lambda *_: None)
-        assert (found.passed, len(run)) == (max(shares), len(shares))
+        assert (found.passed, len(run)) == (max(fractions), len(fractions))
         for a, b in itertools.combinations(np.array(run), 2):
             assert np.abs((a - b + 180.0) % 360.0 - 180.0).max() > 15.0  # at the first pose; 29 at the middle one
 
@@ -158,8 +158,8 @@ def test_a_search_that_ends_short_is_begun_again(
     """One in three of a real hand's ended near a seat with 0.88 to 0.97 of what another seat does; of this 0.89."""
     recorded("vr_hand_tracker/tracker_record_rows_1_3000.csv")
     monkeypatch.setattr(placing, "achieved", lambda _: 1.0)
-    loaded = placing.placed(load_problem("mirror/vr_hand"), {"recording": {"rows": [2432, 2911]}})
-    assert found_place(loaded, seed=26119061, progress=lambda *_: None).counted > 0.6
+    config = placing.placed(load_problem("mirror/vr_hand"), {"recording": {"rows": [2432, 2911]}})
+    assert found_place(config, seed=26119061, progress=lambda *_: None).counted > 0.6
 
 
 def test_a_plan_is_passed_sooner_though_eight_passages_break_a_bound_each(recorded: Callable[[str], Path]) -> None:
@@ -172,9 +172,9 @@ def test_a_plan_is_passed_sooner_though_eight_passages_break_a_bound_each(record
         "robot": {"start_deg": [29.2, 28.7, -97.6, 18.7, 142.5, 155.5], "grip_deg": [-79.6, 18.9, -139.1]},
         "patient.arm": {"shoulder_m": [0.073, -0.48, 0.219]},
     }
-    loaded = placing.placed(load_problem("mirror/vr_hand"), seat)
-    scene = laid_out(loaded)
-    plan = planned(tracker_of(loaded.problem, scene, file="rows"), scene, progress=lambda *_: None)
+    config = placing.placed(load_problem("mirror/vr_hand"), seat)
+    scene = laid_out(config)
+    plan = planned(tracker_of(config.problem, scene, file="rows"), scene, progress=lambda *_: None)
     assert plan.complete
     assert plan.time[-1] < 1.06 * 51.26  # the least of its joint path, by toppra
 

@@ -127,5 +127,5 @@ def test_fitted_path_fills_its_box_and_no_more(
     if np.ptp(source.points, axis=0).max() < 1e-3:
         return
     path, _ = placed_path(source, placement, mirror=False, file="f")
-    share = np.ptp(path, axis=0)[:2] / fit
-    assert share.max() == pytest.approx(1.0, abs=1e-6)
+    fraction = np.ptp(path, axis=0)[:2] / fit
+    assert fraction.max() == pytest.approx(1.0, abs=1e-6)

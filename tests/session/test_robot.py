@@ -63,18 +63,18 @@ def test_shipped_circle_is_tracked_within_the_limits() -> None:
     numbers = outcome.metrics["optimised"]
     assert numbers["position_error_max_m"] < 1e-4
     assert numbers["orientation_error_max_deg"] < 0.01
-    assert numbers["joint_speed_max_share_of_limit"] <= 1.0
-    assert numbers["joint_acceleration_max_share_of_limit"] <= 1.0
+    assert numbers["joint_speed_max_fraction_of_limit"] <= 1.0
+    assert numbers["joint_acceleration_max_fraction_of_limit"] <= 1.0
     assert sum(numbers["status"].values()) == numbers["ticks"] == 8001
     assert numbers["status"].get("braking", 0) == numbers["status"].get("holding", 0) == 0
     assert numbers["parameters"]["joint_speed_deg_s"] == pytest.approx([180.0] * 6)
 
 
 def test_limits_are_spoken_of_only_where_a_panel_shows_one() -> None:
-    loaded = load_problem("robot/ur5_circle")
-    assert isinstance(loaded.problem, PoseTracking)
-    tracker = loaded.problem.tracker.model_copy(update={"rate_hz": 100.0})
-    outcome = run_problem(replace(loaded, problem=loaded.problem.model_copy(update={"tracker": tracker})))
+    config = load_problem("robot/ur5_circle")
+    assert isinstance(config.problem, PoseTracking)
+    tracker = config.problem.tracker.model_copy(update={"rate_hz": 100.0})
+    outcome = run_problem(replace(config, problem=config.problem.model_copy(update={"tracker": tracker})))
     joints = robot_figures(outcome)["joints"]
     assert [text.get_text() for text in joints.legends[0].get_texts()] == ["PoseTracker"]
     assert "all limits lie outside" in joints.get_suptitle()
@@ -85,12 +85,12 @@ def test_limits_are_spoken_of_only_where_a_panel_shows_one() -> None:
 
 
 def test_slow_robot_falls_behind_but_keeps_its_speed_limit() -> None:
-    loaded = load_problem("robot/ur5_circle")
-    assert isinstance(loaded.problem, PoseTracking)
-    robot = loaded.problem.robot.model_copy(update={"joint_speed_deg_s": 20.0})
-    slow = replace(loaded, problem=loaded.problem.model_copy(update={"robot": robot}))
+    config = load_problem("robot/ur5_circle")
+    assert isinstance(config.problem, PoseTracking)
+    robot = config.problem.robot.model_copy(update={"joint_speed_deg_s": 20.0})
+    slow = replace(config, problem=config.problem.model_copy(update={"robot": robot}))
     numbers = run_problem(slow).metrics["optimised"]
-    assert numbers["joint_speed_max_share_of_limit"] <= 1.0 + 1e-9
+    assert numbers["joint_speed_max_fraction_of_limit"] <= 1.0 + 1e-9
     assert numbers["scale_min"] < 1.0
 
 
@@ -107,14 +107,14 @@ def test_a_start_within_a_margin_is_said_by_check_and_by_the_run_of_whom_and_by_
     assert checked(shipped) == ()
     file = tmp_path / "within.toml"
     file.write_text(shipped.path.read_text().replace("centre_m = [-0.5, 0.0, 0.1]", "centre_m = [-0.5, -0.1, 0.45]"))
-    loaded = load_problem(str(file))
-    (note,) = checked(loaded)
+    config = load_problem(str(file))
+    (note,) = checked(config)
     said = re.fullmatch(r"the robot starts (\d+(?:\.\d+)?) mm within the margin: (.+) and table", note)
     assert said is not None, note
     start = np.deg2rad([[0.0, -90.0, 90.0, -90.0, -90.0, 0.0]])
-    near = nearest_bodies(loaded.problem.clearance, loaded.file, ur5(), start, np.zeros(1))
+    near = nearest_bodies(config.problem.clearance, config.file, ur5(), start, np.zeros(1))
     assert near is not None
-    deepest = near.metrics["least_beyond_margin_m"]
+    deepest = near.metrics["min_beyond_margin_m"]
     assert -1e3 * deepest == pytest.approx(float(said[1]), rel=1e-2)
     assert float(said[1]) > 40.0  # half of the table's thickness and the margin, at least
     assert near.note == f"{note}; bodies came {said[1]} mm within the margin: {said[2]} and table, at 0 s"
@@ -138,7 +138,7 @@ def test_shipped_robot_among_bodies_comes_to_its_margin_and_goes_on() -> None:
     assert min(found) == pytest.approx(
         outcome.near.distances[::10, len(pairs.linked) :].min(), abs=1e-6
     )  # of the links among each other nothing is asked here
-    assert outcome.metrics["optimised"]["clearance"]["least_beyond_margin_m"] == pytest.approx(
+    assert outcome.metrics["optimised"]["clearance"]["min_beyond_margin_m"] == pytest.approx(
         outcome.near.distances.min()
     )
     assert outcome.metrics["optimised"]["scale_min"] < 0.5

@@ -89,17 +89,17 @@ def test_the_ur5_from_its_file_does_what_the_ur5_does(problem: Callable[..., str
 
 
 def test_an_arm_of_ones_own_is_run_reported_and_recorded(problem: Callable[..., str], tmp_path: Path) -> None:
-    loaded = load_problem(problem(MINE + "[joints.joint_2]\nlocked_deg = 180.0\n"))
+    config = load_problem(problem(MINE + "[joints.joint_2]\nlocked_deg = 180.0\n"))
     with pytest.raises(ProblemFileError, match="expected 6 entries, of joint_0, joint_1, joint_3"):
-        checked(loaded)
-    loaded = load_problem(problem())
-    outcome = run_problem(loaded)
+        checked(config)
+    config = load_problem(problem())
+    outcome = run_problem(config)
     assert isinstance(outcome, RobotOutcome)
     assert outcome.chain.n == 7
     assert outcome.metrics["optimised"]["position_error_max_m"] < 1e-3
     files = write_report(outcome, tmp_path / "out")
     assert {file.suffix for file in files} == {".json", ".csv", ".png"}
-    (sequence,) = recorded_run(loaded, ticks=5)
+    (sequence,) = recorded_run(config, ticks=5)
     assert sequence.name.endswith("pose_tracker")
 
 

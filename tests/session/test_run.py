@@ -55,11 +55,11 @@ def test_shipped_path_is_followed_to_a_micrometre_within_every_limit(figure_eigh
     assert (optimised.law, published.law) == ("optimised", "published")
     for law in figure_eight.laws:
         check_law(figure_eight, law)
-    assert figure_eight.metrics["reachable_share_of_length"] == 1.0
+    assert figure_eight.metrics["reachable_fraction_of_length"] == 1.0
     assert optimised.position_error.max() <= 1e-6
     assert optimised.handle_tilt.max() <= figure_eight.handle_tilt_limit + 1e-6
     assert optimised.metrics["status_refuted"] == 0
-    assert optimised.metrics["joint_speed_max_share_of_limit"] < 1.0
+    assert optimised.metrics["joint_speed_max_fraction_of_limit"] < 1.0
     assert optimised.metrics["drive"]["position_error_max_m"] < 1e-5
 
 
@@ -80,7 +80,7 @@ def test_claim_that_the_kinematics_does_not_bear_out_is_not_believed(figure_eigh
 def test_haste_is_said(figure_eight: ArmOutcome) -> None:
     law = figure_eight.laws[0]
     assert hurried(law) == []
-    hasty = replace(law, metrics={**law.metrics, "joint_speed_max_share_of_limit": 2.5})
+    hasty = replace(law, metrics={**law.metrics, "joint_speed_max_fraction_of_limit": 2.5})
     assert "2.5 times its speed limit" in hurried(hasty)[0]
 
 
@@ -109,9 +109,9 @@ def test_numbers_of_a_drive_are_those_of_its_joints(figure_eight: ArmOutcome) ->
             assert drive.position_error[k] >= away[at].max() - 1e-12
         np.testing.assert_allclose(drive.q, law.q, atol=2e-4)  # each sample is passed, late or not
         assert told["delay_s"] == pytest.approx(drive.path.times[-1] - times[-1], abs=1e-9)
-        assert told["joint_acceleration_max_share_of_limit"] <= 1.0
-        assert told["kept_share"] >= 0.99
-    assert figure_eight.laws[0].metrics["drive"]["followed_share_of_length"] == 1.0
+        assert told["joint_acceleration_max_fraction_of_limit"] <= 1.0
+        assert told["kept_fraction"] >= 0.99
+    assert figure_eight.laws[0].metrics["drive"]["followed_fraction_of_length"] == 1.0
 
 
 def test_result_tells_what_it_was_run_with(figure_eight: ArmOutcome) -> None:
@@ -124,21 +124,21 @@ def test_result_tells_what_it_was_run_with(figure_eight: ArmOutcome) -> None:
     assert any("k0 = 50/s and mu = 1e-06: choices" in note for note in figure_eight.notes)
 
 
-@pytest.mark.parametrize(("gain", "share"), [(200.0, 0.989), (500.0, 1.0)])
-def test_published_law_depends_on_its_gain_as_the_note_says(gain: float, share: float) -> None:
-    loaded = load_problem("upper_limb/figure_eight")
-    assert isinstance(loaded.problem, UpperLimb)
-    published = loaded.problem.published.model_copy(update={"gain_per_s": gain})
-    faster = replace(loaded, problem=loaded.problem.model_copy(update={"published": published}))
+@pytest.mark.parametrize(("gain", "fraction"), [(200.0, 0.989), (500.0, 1.0)])
+def test_published_law_depends_on_its_gain_as_the_note_says(gain: float, fraction: float) -> None:
+    config = load_problem("upper_limb/figure_eight")
+    assert isinstance(config.problem, UpperLimb)
+    published = config.problem.published.model_copy(update={"gain_per_s": gain})
+    faster = replace(config, problem=config.problem.model_copy(update={"published": published}))
     numbers = run_problem(faster, law="published").metrics["published"]
-    assert numbers["followed_share_of_length"] == pytest.approx(share, abs=1e-3)
+    assert numbers["followed_fraction_of_length"] == pytest.approx(fraction, abs=1e-3)
 
 
 def test_tilt_that_no_posture_keeps_is_the_reason_that_is_given() -> None:
-    loaded = load_problem("upper_limb/figure_eight")
-    assert isinstance(loaded.problem, UpperLimb)
-    arm = loaded.problem.arm.model_copy(update={"handle_tilt_deg": 0.01})
-    upright = replace(loaded, problem=loaded.problem.model_copy(update={"arm": arm}))
+    config = load_problem("upper_limb/figure_eight")
+    assert isinstance(config.problem, UpperLimb)
+    arm = config.problem.arm.model_copy(update={"handle_tilt_deg": 0.01})
+    upright = replace(config, problem=config.problem.model_copy(update={"arm": arm}))
     outcome = run_problem(upright, law="optimised")
     ((reason, count),) = outcome.metrics["optimised"]["reasons"].items()
     assert reason == "no posture holds the handle within 0.01 deg: most upright one"
@@ -203,7 +203,7 @@ def test_recording_is_followed_where_it_is_within_reach(
         check_law(outcome, law)
     optimised = outcome.laws[0]
     assert outcome.reachable is not None
-    assert least <= outcome.metrics["reachable_share_of_length"] <= most
+    assert least <= outcome.metrics["reachable_fraction_of_length"] <= most
     assert optimised.metrics["status_refuted"] == 0
     assert optimised.position_error[outcome.reachable].max() <= 1e-6
     assert optimised.handle_tilt.max() <= outcome.handle_tilt_limit + 1e-6
@@ -211,8 +211,8 @@ def test_recording_is_followed_where_it_is_within_reach(
         told = law.metrics["drive"]
         beyond = told["handle_tilt_max_deg"] > law.metrics["handle_tilt_limit_deg"] + 0.01
         assert any("HANDLE BEYOND" in note and law.law in note for note in outcome.notes) == beyond
-        assert told["kept_share"] is None or told["kept_share"] >= 0.99
-    assert optimised.metrics["drive"]["kept_share"] == 1.0
+        assert told["kept_fraction"] is None or told["kept_fraction"] >= 0.99
+    assert optimised.metrics["drive"]["kept_fraction"] == 1.0
     drawn = figures(outcome)
     if not outcome.reachable.all():
         assert optimised.position_error[~outcome.reachable].min() > 1e-6

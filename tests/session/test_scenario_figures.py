@@ -14,7 +14,7 @@ from matplotlib.text import Text
 from PIL import Image
 from rich.console import Console
 
-from rehab_opt.control.command import Bound
+from rehab_opt.control.command import Relaxed
 from rehab_opt.control.gate import Mode
 from rehab_opt.session.scenario.field_figures import (
     along_figure,
@@ -28,7 +28,7 @@ from rehab_opt.session.scenario.figures import figures
 from rehab_opt.session.scenario.outcome import RATE, ScenarioOutcome, thinned_ticks
 from rehab_opt.session.scenario.plane_drawing import LAW_NAMES, mean_over_trials
 from rehab_opt.session.scenario.table import brief, table
-from rehab_opt.session.scenario.trials_figures import largest_between, trials_figure
+from rehab_opt.session.scenario.trials_figures import max_between, trials_figure
 from tests.session.made_trials import ALONE, COMFORTABLE, REACHABLE, WITHIN, made_outcome, trial_of
 
 NAMES: dict[Mode, set[str]] = {
@@ -92,7 +92,7 @@ def test_every_trial_is_a_line_and_no_peak_of_a_force_is_lost() -> None:
 
 def test_largest_between_two_kept_ticks_is_kept() -> None:
     values = np.array([1.0, 5.0, 2.0, 0.0, 7.0, 3.0])
-    assert largest_between(values, np.array([0, 2, 5])).tolist() == [1.0, 5.0, 7.0]
+    assert max_between(values, np.array([0, 2, 5])).tolist() == [1.0, 5.0, 7.0]
 
 
 def test_mean_over_trials_is_of_those_under_way_and_ends_with_half_of_them() -> None:
@@ -144,13 +144,13 @@ def test_parameters_change_one_at_a_time() -> None:
 
 def test_published_resistance_falls_to_nothing_at_the_target_and_ours_is_largest_there() -> None:
     outcome = made_outcome("resist", trials=1)
-    share = np.array([0.3, 0.6, 0.9])
-    points = outcome.reference[0] + share[:, None] * np.diff(outcome.reference, axis=0)
+    fraction = np.array([0.3, 0.6, 0.9])
+    points = outcome.reference[0] + fraction[:, None] * np.diff(outcome.reference, axis=0)
     whole, without = fields_along(outcome), fields_along(outcome, drags=False)
     ours, published = (force_along(whole[law], points) - force_along(without[law], points) for law in whole)
     # Without the smoothing of width sigma: -2 k1 travelled, and Eq. (21)'s -2 |k1| remaining.
-    assert np.allclose(ours, -2 * 40.0 * 0.2 * share, atol=2.0)
-    assert np.allclose(published, -2 * 40.0 * 0.2 * (1 - share), atol=2.0)
+    assert np.allclose(ours, -2 * 40.0 * 0.2 * fraction, atol=2.0)
+    assert np.allclose(published, -2 * 40.0 * 0.2 * (1 - fraction), atol=2.0)
     assert np.all(np.diff(ours) < -2.0)
     assert np.all(np.diff(published) > 2.0)
 
@@ -204,7 +204,7 @@ def test_trace_has_a_row_a_kept_tick_and_a_unit_in_every_header() -> None:
     trials = [trial for of in outcome.trials.values() for trial in of]
     assert lengths == {sum(len(thinned_ticks(trial)) for trial in trials)}
     assert set(columns["law"]) == set(outcome.trials)
-    bare = {"law", "trial", "inside", "status", "yielded"}
+    bare = {"law", "trial", "inside", "status", "relaxed"}
     for name in set(columns) - bare:
         assert name.endswith(("_m", "_m_s", "_N", "_J", "_s")), name
     assert np.isnan(columns["goal_x_m"]).any()
@@ -231,9 +231,9 @@ def test_trace_is_thinned_to_at_most_a_hundred_rows_a_second_with_both_ends() ->
 
 
 def test_a_bound_that_yields_between_two_rows_is_in_the_second_and_in_no_other() -> None:
-    yielded = np.zeros(41, dtype=np.uint8)
-    yielded[13], yielded[17], yielded[30] = int(Bound.SLEW), int(Bound.TASK), int(Bound.SLEW)
+    relaxed = np.zeros(41, dtype=np.uint8)
+    relaxed[13], relaxed[17], relaxed[30] = int(Relaxed.SLEW), int(Relaxed.TASK), int(Relaxed.SLEW)
     outcome = made_outcome("assist", trials=1, laws=("assisted",))
-    outcome.trials["assisted"] = (trial_of(np.zeros((41, 2)), dt=0.001, yielded=yielded),)  # type: ignore[index]
-    said = dict(outcome.trace())["yielded"]
+    outcome.trials["assisted"] = (trial_of(np.zeros((41, 2)), dt=0.001, relaxed=relaxed),)  # type: ignore[index]
+    said = dict(outcome.trace())["relaxed"]
     assert list(said) == ["", "", "task, slew", "slew", ""]

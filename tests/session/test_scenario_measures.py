@@ -36,8 +36,8 @@ def test_distance_to_a_path_is_the_least_over_all_of_its_segments(seed: int) -> 
     path, points = rng.uniform(-1, 1, (rng.integers(1, 12), 2)), rng.uniform(-1.5, 1.5, (20, 2))
     path = np.repeat(path, rng.integers(1, 3, len(path)), axis=0)
     found = projected(points, path)
-    shares = np.linspace(0, 1, 2001)[:, None]
-    pieces = [a + shares * (b - a) for a, b in zip(path, np.vstack((path[1:], path[-1:])), strict=True)]
+    fractions = np.linspace(0, 1, 2001)[:, None]
+    pieces = [a + fractions * (b - a) for a, b in zip(path, np.vstack((path[1:], path[-1:])), strict=True)]
     dense = np.vstack(pieces)
     brute = np.array([np.linalg.norm(dense - point, axis=1).min() for point in points])
     assert np.all(found.distance <= brute + 1e-12)
@@ -71,8 +71,8 @@ def test_of_points_to_be_held_only_the_time_counts_in_which_they_were() -> None:
     )
     assert numbers["deviation_max_m"] == pytest.approx(0.007)
     assert numbers["time_on_target_s"] == pytest.approx(0.20)
-    assert numbers["time_on_target_share"] == pytest.approx(20 / 41)
-    assert numbers["goals_reached_share"] == 0.5
+    assert numbers["time_on_target_fraction"] == pytest.approx(20 / 41)
+    assert numbers["goals_reached_fraction"] == 0.5
     assert not numbers["success"]
     assert numbers["smoothness_sparc"] is None
 
@@ -121,9 +121,9 @@ def test_a_part_of_a_path_that_is_left_out_shows_though_the_hand_stays_near() ->
     half = np.vstack((ALONG, ALONG[::-1]))  # twice along the first side
     whole = measured(trial_of(there_and_back), "follow", target=None, reference=there_and_back)
     left_out = measured(trial_of(half, intended=there_and_back), "follow", target=None, reference=there_and_back)
-    assert whole["reference_covered_share"] == 1.0
+    assert whole["reference_covered_fraction"] == 1.0
     assert left_out["deviation_max_m"] == pytest.approx(0.02, abs=1e-3)  # from where it was due, not the nearest side
-    assert left_out["reference_covered_share"] == pytest.approx((0.2 + 2 * 0.005) / 0.42, abs=0.02)
+    assert left_out["reference_covered_fraction"] == pytest.approx((0.2 + 2 * 0.005) / 0.42, abs=0.02)
     assert left_out["from_intended_max_m"] == pytest.approx(0.02)
 
 
@@ -144,9 +144,9 @@ def test_force_that_is_wanted_or_grows_inside_is_seen() -> None:
     force[50:53] = [(6.0, 0.0), (3.0, 0.0), (4.0, 0.0)]
     wanted = np.zeros((101, 2))
     wanted[:50], wanted[70] = 9.0, (0.3, 0.4)
-    numbers = measured(trial_of(STILL, inside=inside, commanded=force, wanted=wanted))
+    numbers = measured(trial_of(STILL, inside=inside, commanded=force, desired_force=wanted))
     assert numbers["force_growth_inside_max_N"] == pytest.approx(1.0)
-    assert numbers["force_wanted_inside_max_N"] == pytest.approx(0.5)
+    assert numbers["force_desired_inside_max_N"] == pytest.approx(0.5)
 
 
 def test_resistance_is_told_apart_near_the_target_and_before_it() -> None:
@@ -165,8 +165,8 @@ def test_releases_are_counted_once_each() -> None:
     status = np.array([list(Status).index(name) for name in names + [Status.OK] * (101 - len(names))], dtype=np.uint8)
     numbers = measured(trial_of(STILL, status=status))
     assert numbers["releases"] == 2
-    assert sum(numbers["status_share"].values()) == pytest.approx(1.0)
-    assert numbers["status_share"]["backup"] == pytest.approx(10 / 101)
+    assert sum(numbers["status_fraction"].values()) == pytest.approx(1.0)
+    assert numbers["status_fraction"]["backup"] == pytest.approx(10 / 101)
     assert measured(trial_of(STILL[20:], status=status[20:]))["releases"] == 2  # the first of them from the first tick
 
 
@@ -189,19 +189,25 @@ def test_a_hand_that_never_moves_has_numbers_too() -> None:
 
 def test_summary_is_mean_and_worst_and_a_time_that_was_never_reached_is_the_worst() -> None:
     numbers: list[dict[str, Any]] = [
-        {"success": True, "a_N": 1.0, "smoothness_sparc": -2.0, "time_to_target_s": 3.0, "status_share": {"ok": 1.0}},
+        {
+            "success": True,
+            "a_N": 1.0,
+            "smoothness_sparc": -2.0,
+            "time_to_target_s": 3.0,
+            "status_fraction": {"ok": 1.0},
+        },
         {
             "success": False,
             "a_N": 4.0,
             "smoothness_sparc": -5.0,
             "time_to_target_s": None,
-            "status_share": {"backup": 1.0},
+            "status_fraction": {"backup": 1.0},
         },
     ]
     summary = law_summary(numbers)
     assert summary["success_rate"] == 0.5
     assert summary["mean"] == {
-        "a_N": 2.5, "smoothness_sparc": -3.5, "time_to_target_s": 3.0, "status_share": {"ok": 0.5, "backup": 0.5},
+        "a_N": 2.5, "smoothness_sparc": -3.5, "time_to_target_s": 3.0, "status_fraction": {"ok": 0.5, "backup": 0.5},
     }  # fmt: skip
     assert summary["worst"] == {"a_N": 4.0, "smoothness_sparc": -5.0, "time_to_target_s": None}
 

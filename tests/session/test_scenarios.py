@@ -21,7 +21,7 @@ from rehab_opt.plants.intention import held, nearest_next, reached
 from rehab_opt.plants.simulated_person import Person, SimulatedPerson
 from rehab_opt.session.files import load_problem
 from rehab_opt.session.run import run_problem
-from rehab_opt.session.scenario.loop import ran
+from rehab_opt.session.scenario.loop import simulate_trial
 from rehab_opt.session.scenario.outcome import ScenarioOutcome
 from rehab_opt.session.scenario.precomputed import precompute
 from rehab_opt.session.scenario.run import law_of, scene_of
@@ -55,8 +55,8 @@ def _between(source: object, target: object) -> object:
 @cache
 def outcome(name: str) -> ScenarioOutcome:
     task = {"trials": PEOPLE.get(name, 3), **SHORTER.get(name, {})}
-    loaded = changed(name, task=task, run=FAST)
-    found = run_problem(loaded)
+    config = changed(name, task=task, run=FAST)
+    found = run_problem(config)
     assert isinstance(found, ScenarioOutcome)
     return found
 
@@ -259,7 +259,7 @@ trials = 1
     without, helped = (found.measures[law][0]["deviation_mean_m"] for law in ("unassisted", "assisted"))
     worse = "assisted: with this help the hand deviated more than without any, in 1 of 1 trials"
     assert (worse == found.notes[0]) == (helped > without)  # the law may come to know better
-    gone = found.measures["assisted"][0]["status_share"].get("blocked", 0.0)
+    gone = found.measures["assisted"][0]["status_fraction"].get("blocked", 0.0)
     assert any(f"let go, for {100 * gone:.2g} % of the time" in note for note in found.notes) == (gone > 0)
 
 
@@ -379,21 +379,21 @@ def test_a_robot_that_is_unstable_in_the_helpers_hand_alone_is_refused_by_key() 
 
 def test_a_real_pen_trace_is_the_helpers_path(recorded: Callable[[str], Path]) -> None:
     recorded("pen_trace/signal.svc")
-    loaded = load_problem("upper_limb/scenario_4_pen_trace")
-    ready = precompute(loaded, progress=lambda *_: None)
-    assert np.all(ready.comfortable.contains(ready.reference))
-    scene = scene_of(loaded, ready)
+    config = load_problem("upper_limb/scenario_4_pen_trace")
+    context = precompute(config, progress=lambda *_: None)
+    assert np.all(context.comfortable.contains(context.reference))
+    scene = scene_of(config, context)
     means = []
     for name in ("unassisted", "assisted"):
-        trial = ran(scene, law_of(name, loaded, ready), name=name, number=0, seed=0)  # type: ignore[arg-type]
-        away = np.linalg.norm(trial.position[::50, None] - ready.reference[None, :], axis=2).min(axis=1)
+        trial = simulate_trial(scene, law_of(name, config, context), name=name, number=0, seed=0)  # type: ignore[arg-type]
+        away = np.linalg.norm(trial.position[::50, None] - context.reference[None, :], axis=2).min(axis=1)
         means.append(away.mean())
     assert means[1] <= 0.5 * means[0]
 
 
 def test_with_a_helper_the_participant_keeps_to_the_path_and_no_delay_makes_the_pair_active() -> None:
-    loaded = changed("scenario_together", task={"trials": 2, "movement_s": 8.0}, run={"rate_hz": 400.0})
-    found = run_problem(loaded)
+    config = changed("scenario_together", task={"trials": 2, "movement_s": 8.0}, run={"rate_hz": 400.0})
+    found = run_problem(config)
     assert isinstance(found, ScenarioOutcome)
     budget = found.metrics["parameters"]["assistance"]["energy_budget_J"]
     for law in ("together", "delayed"):
@@ -412,14 +412,14 @@ def test_with_a_helper_the_participant_keeps_to_the_path_and_no_delay_makes_the_
 @pytest.mark.parametrize(("slew", "swings"), [(200.0, True), (1000.0, False)])
 def test_a_slew_limit_that_does_not_go_with_the_spring_is_noted(slew: float, swings: bool) -> None:
     """The hand then swings on a force that comes too late until the tank is empty; with a larger limit it arrives."""
-    loaded = changed(
+    config = changed(
         "scenario_2_assist",
         field={"stiffness_N_m": 3000.0, "damping_Ns_m": 5.0},
         assistance={"slew_limit_N_s": slew},
         task={"trials": 1},
         run={"laws": ["assisted"]},
     )
-    found = run_problem(loaded)
+    found = run_problem(config)
     assert isinstance(found, ScenarioOutcome)
     said = [note for note in found.notes if "assistance.slew_limit_N_s = 200" in note]
     assert bool(said) is swings

@@ -65,11 +65,11 @@ class CountSystem(System[CountProblem, Outcome]):
     schema = CountProblem
     options = frozenset({"speed"})
 
-    def check(self, loaded):
-        return (f"counts to {loaded.problem.count}",)
+    def check(self, config):
+        return (f"counts to {config.problem.count}",)
 
-    def run(self, loaded, *, options, progress):
-        numbers = [float(n) for n in range(loaded.problem.count)]
+    def run(self, config, *, options, progress):
+        numbers = [float(n) for n in range(config.problem.count)]
         columns = {"t_s": numbers, "count_m": numbers, "word": ["n"] * len(numbers)}
         metrics = {"last_m": numbers[-1], "options": dict(options)}
         return Outcome((), metrics, columns=columns)
@@ -132,10 +132,10 @@ def test_a_changed_kind_is_computed_again(count: Path) -> None:
 
 
 def test_options_reach_the_system_that_knows_them_and_no_other(count: Path) -> None:
-    loaded = load_problem("count.toml")
-    assert run_problem(loaded, speed="high", law=None).metrics["options"] == {"speed": "high"}
+    config = load_problem("count.toml")
+    assert run_problem(config, speed="high", law=None).metrics["options"] == {"speed": "high"}
     with pytest.raises(ConfigurationError, match="--law = 'both': expected another option"):
-        run_problem(loaded, law="both")
+        run_problem(config, law="both")
 
 
 def test_it_is_named_among_the_kinds_there_are(count: Path) -> None:

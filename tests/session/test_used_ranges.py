@@ -56,7 +56,7 @@ def test_groups_stand_side_by_side_and_the_words_are_range_used(recorded: Callab
     Console(file=text, width=120).print(used_ranges_table(outcome))
     assert "workspace of the range used" in text.getvalue()
     drawn = used_ranges_figures(outcome)
-    assert set(drawn) == {"range_used", "workspace_of_range_used", "share_of_people"}
+    assert set(drawn) == {"range_used", "workspace_of_range_used", "fraction_of_people"}
     assert all("ange used" in figure.get_suptitle() for figure in drawn.values())
 
 
@@ -80,23 +80,23 @@ def test_range_that_holds_no_handle_upright_is_an_answer(recorded: Callable[[str
     outcome = run(content)
     assert all(numbers["empty"] for numbers in outcome.metrics["groups"].values())
     assert sum("EMPTY, no posture holds the handle" in note for note in outcome.notes) == 2
-    assert "share_of_people" not in used_ranges_figures(outcome)
+    assert "fraction_of_people" not in used_ranges_figures(outcome)
 
 
 def test_plane_that_nobody_reaches_is_an_answer(recorded: Callable[[str], Path]) -> None:
     recorded(f"{FOLDER}/RF_MEAN_ShEl.csv")
     outcome = run({**CONTENT, "arm": {**CONTENT["arm"], "plane_height_m": 1.5}})
     assert all(numbers["people_who_reach_nothing"] == 2 for numbers in outcome.metrics["groups"].values())
-    for panel in used_ranges_figures(outcome)["share_of_people"].axes[:2]:
+    for panel in used_ranges_figures(outcome)["fraction_of_people"].axes[:2]:
         assert any("nobody reaches this plane" in text.get_text() for text in panel.texts)
 
 
 def test_absent_recordings_are_said_with_their_origin(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv(ENVIRONMENT, str(tmp_path))
-    loaded = load_problem("upper_limb/cp_reach")
-    assert recording_state(loaded).startswith("absent: data:cp_dyskinetic_reach/RF_MEAN_")
+    config = load_problem("upper_limb/cp_reach")
+    assert recording_state(config).startswith("absent: data:cp_dyskinetic_reach/RF_MEAN_")
     with pytest.raises(ProblemFileError, match="IntiVM/SPM_UL_DyskineticCP") as refusal:
-        checked(loaded)
+        checked(config)
     assert refusal.value.key == "recorded.folder"
 
 

@@ -48,16 +48,16 @@ def test_safe_rule_folds_nowhere_and_stays_inside_both_ways_where_the_published_
     assert list(maps) == ["source_to_target", "target_to_source"]
     for numbers in maps.values():
         safe, polar = numbers["safe"], numbers["polar"]
-        assert (safe["folded_share"], safe["outside_share"]) == (0.0, 0.0)
+        assert (safe["folded_fraction"], safe["outside_fraction"]) == (0.0, 0.0)
         assert safe["certificate"]["valid"]
         assert safe["certificate"]["margin_m"] >= safe["target_accuracy_m"] == pytest.approx(1e-3)
         assert safe["passed"]
         assert safe["round_trip_max_m"] <= 1e-9
-        assert polar["folded_share"] > 0.1
-        assert polar["outside_share"] > 0.1
+        assert polar["folded_fraction"] > 0.1
+        assert polar["outside_fraction"] > 0.1
         assert not polar["passed"]
         assert polar["landmarks"] == 20
-    assert 0.25 <= maps["source_to_target"]["polar"]["folded_share"] <= 0.45
+    assert 0.25 <= maps["source_to_target"]["polar"]["folded_fraction"] <= 0.45
     json.loads(metrics_json(shipped), parse_constant=pytest.fail)
 
 
@@ -118,7 +118,7 @@ def test_path_outside_its_set_is_mapped_from_the_nearest_points_and_said(tmp_pat
     }
     outcome = run({**CONTENT, "trajectory": [line]}, tmp_path / "test.toml")
     numbers = outcome.metrics["maps"]["source_to_target"]["trajectories"]["line"]
-    assert 0.2 < numbers["outside_start_share"] < 0.8
+    assert 0.2 < numbers["outside_start_fraction"] < 0.8
     assert any("line: " in note and "nearest point of the set" in note for note in outcome.notes)
     (path,) = outcome.directions[0].paths
     assert path.before[0, 0] > path.before[-1, 0]  # mirrored

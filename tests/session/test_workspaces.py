@@ -40,8 +40,8 @@ def test_shipped_problem_gives_both_sets_of_table_i_one_inside_the_other(shipped
     numbers = shipped.metrics["sets"]
     assert numbers["regular"]["area_m2"] == pytest.approx(0.1037, rel=0.01)
     assert numbers["restricted"]["area_m2"] == pytest.approx(0.00331, rel=0.02)
-    assert numbers["restricted"]["share_inside"]["regular"] == pytest.approx(1.0, abs=1e-3)
-    assert numbers["regular"]["share_inside"]["restricted"] == pytest.approx(0.0319, abs=1e-3)
+    assert numbers["restricted"]["fraction_inside"]["regular"] == pytest.approx(1.0, abs=1e-3)
+    assert numbers["regular"]["fraction_inside"]["restricted"] == pytest.approx(0.0319, abs=1e-3)
     assert [of["components"] for of in numbers.values()] == [1, 1]
     json.loads(metrics_json(shipped), parse_constant=pytest.fail)
 

@@ -185,7 +185,7 @@ def test_slopes_are_least_squares_of_each_person(tmp_path: Path) -> None:
 def test_numbers_of_a_run_keep_units_bounds_and_events() -> None:
     law = {
         "trials": [
-            {"force_commanded_max_N": 12.0, "speed_mean_m_s": 0.1, "status_share": {"ok": 0.75, "released": 0.25},
+            {"force_commanded_max_N": 12.0, "speed_mean_m_s": 0.1, "status_fraction": {"ok": 0.75, "released": 0.25},
              "releases": 2, "time_to_target_s": None, "success": True},
         ]
     }  # fmt: skip
@@ -206,7 +206,7 @@ def test_numbers_of_a_run_keep_units_bounds_and_events() -> None:
     flat = {
         "tilt_max_deg": 1.0,
         "tilt_limit_deg": 2.0,
-        "speed_max_share_of_limit": 0.5,
+        "speed_max_fraction_of_limit": 0.5,
         "status": {"ok": 9, "backup": 1},
     }
     (one,) = metric_trials({"optimised": flat}, Trial("run"))

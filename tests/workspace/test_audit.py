@@ -15,7 +15,7 @@ from rehab_opt.workspace.controller_map import ControllerMap
 from tests.workspace.mapped import ell, mapped, shape, sliver, workspace
 
 GOOD = Audit(
-    samples=10, folded=0.0, outside=0.0, largest_stretch=0.4, smallest_stretch=0.1, overall_ratio=0.2, round_trip=1e-12,
+    samples=10, folded=0.0, outside=0.0, max_stretch=0.4, min_stretch=0.1, overall_ratio=0.2, round_trip=1e-12,
     coverage=0.8, certificate=Certificate(0.01, 0.002, True, 100, ""), target_accuracy=0.001,
 )  # fmt: skip
 
@@ -57,8 +57,8 @@ def test_the_published_rule_folds_and_leaves_the_target_and_its_audit_says_so():
     [
         ({"folded": 1e-4}, "folded"),
         ({"outside": 5e-5}, "outside"),
-        ({"largest_stretch": 0.2 * 5.01}, "stretches"),
-        ({"smallest_stretch": 0.2 / 5.01}, "squeezes"),
+        ({"max_stretch": 0.2 * 5.01}, "stretches"),
+        ({"min_stretch": 0.2 / 5.01}, "squeezes"),
         ({"round_trip": 1.1e-9}, "round trip"),
         ({"certificate": Certificate(-1.0, 0.002, True, 1, "")}, "not certified"),
         ({"certificate": Certificate(0.1, 0.002, False, 1, "")}, "not certified"),
@@ -76,7 +76,7 @@ def test_each_figure_alone_refuses_a_map(wrong, word):
 
 @given(
     st.sampled_from(
-        ["folded", "outside", "largest_stretch", "smallest_stretch", "round_trip", "overall_ratio", "target_accuracy"]
+        ["folded", "outside", "max_stretch", "min_stretch", "round_trip", "overall_ratio", "target_accuracy"]
     )
 )
 def test_a_figure_that_is_not_a_number_refuses_a_map(name):

@@ -22,9 +22,9 @@ def grid(steps: int, low: float = -0.1, high: float = 1.1) -> np.ndarray:
 def inside_of(cells: np.ndarray, steps: int = 12) -> np.ndarray:
     """Points all over each triangle, its corners and edges too: (t, k, 2)."""
     a, b = np.meshgrid(*(np.linspace(0.0, 1.0, steps),) * 2)
-    shares = np.stack([a[a + b <= 1.0], b[a + b <= 1.0]], axis=1)
-    shares = np.column_stack([shares, 1.0 - shares.sum(axis=1)])
-    return np.einsum("kc,tcx->tkx", shares, cells)
+    fractions = np.stack([a[a + b <= 1.0], b[a + b <= 1.0]], axis=1)
+    fractions = np.column_stack([fractions, 1.0 - fractions.sum(axis=1)])
+    return np.einsum("kc,tcx->tkx", fractions, cells)
 
 
 @settings(max_examples=20, deadline=None)

@@ -168,8 +168,10 @@ def test_the_gradient_of_the_distance_points_away_from_the_foot(polygon: shapely
     low_x, low_y, high_x, high_y = polygon.bounds
     step = 1e-6 * max(high_x - low_x, high_y - low_y)
     for point in around(polygon, 20, 3.0, seed):
-        distance, *foot = asked.signed_distance_and_foot(point)
-        beside = [asked.signed_distance_and_foot(point + (dx, dy)) for dx, dy in step * np.array([[1, 0], [0, 1]])]
+        distance, *foot = asked.signed_distance_and_closest_point(point)
+        beside = [
+            asked.signed_distance_and_closest_point(point + (dx, dy)) for dx, dy in step * np.array([[1, 0], [0, 1]])
+        ]
         if any(math.dist(other[1:], foot) > 2 * step for other in beside) or abs(distance) < 1e3 * step:
             continue  # another foot: a ridge of the distance lies between
         gradient = [(other[0] - distance) / step for other in beside]

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from shapely import Point, Polygon, affinity
 
 from rehab_opt.errors import ConfigurationError
-from rehab_opt.workspace.harmonic import carried, disc_map, harmonic_images
+from rehab_opt.workspace.harmonic import disc_map, harmonic_images, interpolate
 from rehab_opt.workspace.triangulation import grown, inradius, mesh_of, shrunk
 from tests.workspace.mapped import blob, crescent, ell, sliver
 
@@ -53,7 +53,7 @@ def test_affine_data_are_carried_exactly(seed):
     matrix = random.normal(size=(2, 2))
     inside = mesh.points[random.integers(len(mesh.points), size=(20, 3))].mean(axis=1)
     inside = inside[[blob().buffer(-0.001).contains(Point(p)) for p in inside]]
-    assert carried(mesh.points, mesh.triangles, mesh.points @ matrix, inside) == pytest.approx(
+    assert interpolate(mesh.points, mesh.triangles, mesh.points @ matrix, inside) == pytest.approx(
         inside @ matrix, abs=1e-12
     )
 

@@ -34,9 +34,9 @@ def test_what_folds_anywhere_costs_without_bound(seed):
     random = np.random.default_rng(seed)
     matrices = np.tile(np.eye(2), (5, 1, 1))
     matrices[random.integers(5)] = np.diag([1.0, -random.uniform(0.0, 1.0)])
-    shares = np.full(5, 0.2)
-    assert distortion(stored(matrices), shares, 0.0) == np.inf
-    assert np.isfinite(distortion(stored(matrices), shares, 0.1))
+    fractions = np.full(5, 0.2)
+    assert distortion(stored(matrices), fractions, 0.0) == np.inf
+    assert np.isfinite(distortion(stored(matrices), fractions, 0.1))
 
 
 @settings(max_examples=50)
@@ -45,9 +45,9 @@ def test_derivatives_of_distortion_are_those_of_differences(seed, eps):
     random = np.random.default_rng(seed)
     spread = 0.2 if eps == 0.0 else 0.8
     J = stored(np.eye(2) + spread * np.clip(random.normal(size=(4, 2, 2)), -1.5, 1.5))
-    shares = random.dirichlet(np.ones(4))
+    fractions = random.dirichlet(np.ones(4))
     step = 1e-6 * random.normal(size=J.shape)
-    for value in (lambda K: _distortion(K, shares, eps), lambda K: _rotation_penalty(K, shares, 0.3)):
+    for value in (lambda K: _distortion(K, fractions, eps), lambda K: _rotation_penalty(K, fractions, 0.3)):
         by_difference = (value(J + step)[0] - value(J - step)[0]) / 2.0
         assert float((value(J)[1] * step).sum()) == pytest.approx(by_difference, rel=1e-4, abs=1e-10)
 
@@ -123,7 +123,7 @@ def test_a_folded_start_is_unfolded_and_brought_home():
     spline = sampled(landmarks, points, np.full(len(points), 1.0 / len(points)), outline)
     start = landmarks.copy()
     start[[27, 28]] = start[[28, 27]]  # two neighbours swapped
-    assert distortion(spline.jacobians(start), spline.shares, 0.0) == np.inf
+    assert distortion(spline.jacobians(start), spline.fractions, 0.0) == np.inf
     ended = least_distorted(spline, start, box(-0.5, -0.5, 0.5, 0.5), 0.0)
-    assert distortion(spline.jacobians(ended), spline.shares, 0.0) < 1.05
+    assert distortion(spline.jacobians(ended), spline.fractions, 0.0) < 1.05
     assert np.abs(ended - landmarks).max() < 0.05

@@ -80,7 +80,7 @@ def test_directions_turn_by_the_wanted_rotation(turn):
     # A set mapped onto a smaller, turned copy of itself is hardly distorted at all.
     audit = made.audit(2000)
     assert audit.passed
-    assert audit.largest_stretch / audit.smallest_stretch < 1.3
+    assert audit.max_stretch / audit.min_stretch < 1.3
 
 
 def test_the_best_rotation_distorts_less_than_none_where_the_sets_lie_across_each_other():
@@ -88,7 +88,7 @@ def test_the_best_rotation_distorts_less_than_none_where_the_sets_lie_across_eac
     kept, best = (WorkspaceMap.between(lying, standing, rotation=turn, landmarks=120) for turn in (0.0, "best"))
     assert abs(kept.rotation) < 0.1
     assert abs(abs(best.rotation) - np.pi / 2.0) < 0.1
-    assert best.audit(2000).largest_stretch < 0.7 * kept.audit(2000).largest_stretch
+    assert best.audit(2000).max_stretch < 0.7 * kept.audit(2000).max_stretch
 
 
 def test_the_number_of_landmarks_can_be_chosen():

@@ -131,7 +131,7 @@ def test_what_is_no_point_is_refused_by_name(points: object) -> None:
         for question in (asked.contains, asked.distance):
             with pytest.raises(ConfigurationError, match=r"^points"):
                 question(points)
-        for question in (asked.nearest, asked.signed_distance_and_foot):
+        for question in (asked.nearest, asked.signed_distance_and_closest_point):
             with pytest.raises(ConfigurationError, match=r"^point "):
                 question(points)
 
@@ -245,6 +245,6 @@ def test_thousands_of_corners_are_searched_exactly_from_near_and_far() -> None:
 @pytest.mark.parametrize("xy", [(0.01, 0.02), (5.0, -3.0), (math.nan, 0.0), (math.inf, 0.0)])
 def test_a_point_is_the_same_as_a_tuple_a_list_and_an_array(xy: tuple[float, float]) -> None:
     square = Workspace(shapely.box(0.0, 0.0, 0.1, 0.1), accuracy=1e-3)
-    told = [square.signed_distance_and_foot(each) for each in (xy, list(xy), np.array(xy))]
+    told = [square.signed_distance_and_closest_point(each) for each in (xy, list(xy), np.array(xy))]
     np.testing.assert_array_equal(told[0], told[1])
     np.testing.assert_array_equal(told[0], told[2])

@@ -38,54 +38,54 @@ boxes = st.tuples(corner, corner, st.integers(1, 8), st.integers(1, 8)).map(
 
 
 # ------------------------------------------------------------------------------------------------------------- shares
-def test_the_share_of_a_point_is_that_of_the_trials_that_reach_it() -> None:
-    shares = reachability_map(THREE)
+def test_the_fraction_of_a_point_is_that_of_the_trials_that_reach_it() -> None:
+    fractions = reachability_map(THREE)
     points = [[0.05, 0.05], [0.15, 0.05], [0.15, 0.15], [0.25, 0.25], [0.4, 0.4], [math.nan, 0.1]]
-    np.testing.assert_allclose(shares.probability(points), [1 / 3, 2 / 3, 1, 1 / 3, 0, 0])
-    assert shares.probability([0.15, 0.05]) == pytest.approx(2 / 3)
+    np.testing.assert_allclose(fractions.probability(points), [1 / 3, 2 / 3, 1, 1 / 3, 0, 0])
+    assert fractions.probability([0.15, 0.05]) == pytest.approx(2 / 3)
     weighted = reachability_map(THREE, weights=[2, 1, 1])
     np.testing.assert_allclose(weighted.probability(points), [0.5, 0.75, 1, 0.25, 0, 0])
 
 
 def test_a_trial_that_reaches_nothing_counts_against_every_point() -> None:
-    shares = reachability_map([*THREE, NOTHING])
-    assert shares.probability([0.15, 0.15]) == pytest.approx(0.75)
-    assert shares.empty == 1
-    assert shares.region(0.76).empty
-    assert "no point" in shares.region(0.76).reason
+    fractions = reachability_map([*THREE, NOTHING])
+    assert fractions.probability([0.15, 0.15]) == pytest.approx(0.75)
+    assert fractions.empty == 1
+    assert fractions.region(0.76).empty
+    assert "no point" in fractions.region(0.76).reason
 
 
 def test_where_no_trial_reaches_anything_the_map_is_empty() -> None:
-    shares = reachability_map([NOTHING, NOTHING])
-    assert shares.grid.shape == (0, 0)
-    assert shares.probability([0.0, 0.0]) == 0
-    assert shares.region(0.1).empty
+    fractions = reachability_map([NOTHING, NOTHING])
+    assert fractions.grid.shape == (0, 0)
+    assert fractions.probability([0.0, 0.0]) == 0
+    assert fractions.region(0.1).empty
 
 
 def test_the_grid_samples_the_probability_and_surrounds_the_workspaces() -> None:
-    shares = reachability_map(THREE, spacing=0.07)
-    assert shares.grid.shape == (len(shares.y), len(shares.x))
+    fractions = reachability_map(THREE, spacing=0.07)
+    assert fractions.grid.shape == (len(fractions.y), len(fractions.x))
     for i, j in [(0, 0), (1, 2), (3, 1), (-1, -1)]:
-        assert shares.grid[i, j] == shares.probability([shares.x[j], shares.y[i]])
-    for nodes in (shares.x, shares.y):
+        assert fractions.grid[i, j] == fractions.probability([fractions.x[j], fractions.y[i]])
+    for nodes in (fractions.x, fractions.y):
         assert nodes[0] <= 0
         assert nodes[-1] >= 0.3
-    np.testing.assert_allclose(np.diff(shares.x), 0.07)
+    np.testing.assert_allclose(np.diff(fractions.x), 0.07)
 
 
 # ------------------------------------------------------------------------------------------------------------ regions
 @settings(max_examples=40, deadline=None)
 @given(st.lists(boxes, min_size=1, max_size=7), st.data())
-def test_a_region_has_exactly_the_points_of_that_share(limits: list[tuple[float, ...]], data: Any) -> None:
+def test_a_region_has_exactly_the_points_of_that_fraction(limits: list[tuple[float, ...]], data: Any) -> None:
     """The oracle counts cells of the lattice that all corners lie on."""
     weights = data.draw(st.lists(st.integers(1, 5), min_size=len(limits), max_size=len(limits)))
-    share = data.draw(st.sampled_from([0.1, 0.25, 0.5, 0.6, 0.75, 0.9, 1.0]))
-    shares = reachability_map([box(*b) for b in limits], weights=weights, spacing=0.1)
+    fraction = data.draw(st.sampled_from([0.1, 0.25, 0.5, 0.6, 0.75, 0.9, 1.0]))
+    fractions = reachability_map([box(*b) for b in limits], weights=weights, spacing=0.1)
     centres = (np.arange(24) + 0.5) / 40
     x, y = np.meshgrid(centres, centres)
     counts = sum(w * ((b[0] < x) & (x < b[2]) & (b[1] < y) & (y < b[3])) for w, b in zip(weights, limits, strict=True))
-    wanted = np.asarray(counts) >= share * sum(weights) - 1e-9
-    region = shares.region(share)
+    wanted = np.asarray(counts) >= fraction * sum(weights) - 1e-9
+    region = fractions.region(fraction)
     assert region.area == pytest.approx(wanted.sum() / 1600, abs=1e-9)
     inside = shapely.contains_xy(region.polygon, x, y)
     np.testing.assert_array_equal(inside, wanted)
@@ -97,11 +97,11 @@ def test_one_hundred_percent_is_the_intersection_and_any_share_the_union() -> No
     circle = np.column_stack([np.cos(angles), np.sin(angles)])
     radii, shifts = 0.3 + 0.02 * rng.standard_normal((12, 120, 1)), 0.1 * rng.standard_normal((12, 1, 2))
     polygons = [shapely.Polygon(outline) for outline in shifts + radii * circle]
-    shares = reachability_map([Workspace(p, accuracy=1e-10) for p in polygons])
-    every, some = shares.region(1.0), shares.region(1e-6)
+    fractions = reachability_map([Workspace(p, accuracy=1e-10) for p in polygons])
+    every, some = fractions.region(1.0), fractions.region(1e-6)
     assert every.polygon.symmetric_difference(shapely.intersection_all(polygons)).area < 1e-9
     assert some.polygon.symmetric_difference(shapely.union_all(polygons)).area < 1e-9
-    areas = [shares.region(k / 12).area for k in range(1, 13)]
+    areas = [fractions.region(k / 12).area for k in range(1, 13)]
     assert areas == sorted(areas, reverse=True)
     # Every square metre is counted once for each trial that reaches it.
     assert sum(areas) == pytest.approx(sum(p.area for p in polygons), rel=1e-9)
@@ -113,18 +113,18 @@ def test_boundaries_that_coincide_but_for_their_accuracy_do_not_multiply() -> No
     angles = np.linspace(0, 2 * np.pi, 300, endpoint=False)
     circle = 0.2 * np.column_stack([np.cos(angles), np.sin(angles)])
     noisy = [shapely.Polygon(circle * (1 + 1e-6 * rng.standard_normal((300, 1)))) for _ in range(12)]
-    shares = reachability_map([Workspace(polygon, accuracy=1e-3) for polygon in noisy])
-    for share in (0.1, 0.9, 1.0):
-        region = shares.region(share)
+    fractions = reachability_map([Workspace(polygon, accuracy=1e-3) for polygon in noisy])
+    for fraction in (0.1, 0.9, 1.0):
+        region = fractions.region(fraction)
         assert region.polygon.geom_type == "Polygon"
-        assert shapely.hausdorff_distance(region.polygon, shapely.Polygon(circle)) < shares.snapping
+        assert shapely.hausdorff_distance(region.polygon, shapely.Polygon(circle)) < fractions.snapping
         assert region.accuracy == pytest.approx(1.1e-3)
-    assert shares.snapping == pytest.approx(1e-4)
+    assert fractions.snapping == pytest.approx(1e-4)
 
 
 def test_nine_of_ten_trials_are_at_least_nine_tenths() -> None:
-    shares = reachability_map([box(0, 0, 0.1, 0.1)] * 9 + [NOTHING])
-    assert shares.region(0.9).area == pytest.approx(0.01)
+    fractions = reachability_map([box(0, 0, 0.1, 0.1)] * 9 + [NOTHING])
+    assert fractions.region(0.9).area == pytest.approx(0.01)
 
 
 def test_a_region_is_of_the_plane_of_its_trials_and_no_more_accurate() -> None:
@@ -139,12 +139,12 @@ def test_a_region_is_of_the_plane_of_its_trials_and_no_more_accurate() -> None:
 @given(st.integers(1, 40), st.data())
 def test_the_interval_is_wilson_s(n: int, data: Any) -> None:
     k = data.draw(st.integers(0, n))
-    shares = reachability_map([box(0, 0, 0.1, 0.1)] * k + [NOTHING] * (n - k))
-    low, high = shares.interval([0.05, 0.05], confidence=0.9)
+    fractions = reachability_map([box(0, 0, 0.1, 0.1)] * k + [NOTHING] * (n - k))
+    low, high = fractions.interval([0.05, 0.05], confidence=0.9)
     expected = binomtest(k, n).proportion_ci(confidence_level=0.9, method="wilson")
     assert (float(low), float(high)) == pytest.approx((expected.low, expected.high), abs=1e-9)
-    assert shares.standard_error([0.05, 0.05]) == pytest.approx(math.sqrt(k * (n - k) / n**3))
-    assert shares.trials == pytest.approx(n)
+    assert fractions.standard_error([0.05, 0.05]) == pytest.approx(math.sqrt(k * (n - k) / n**3))
+    assert fractions.trials == pytest.approx(n)
 
 
 def test_few_trials_promise_little() -> None:
@@ -155,10 +155,10 @@ def test_few_trials_promise_little() -> None:
 
 
 def test_a_map_survives_a_process_pool_and_cannot_be_changed() -> None:
-    shares = reachability_map(THREE)
-    again = pickle.loads(pickle.dumps(shares))
-    np.testing.assert_array_equal(again.grid, shares.grid)
-    assert again.region(0.5).area == pytest.approx(shares.region(0.5).area)
+    fractions = reachability_map(THREE)
+    again = pickle.loads(pickle.dumps(fractions))
+    np.testing.assert_array_equal(again.grid, fractions.grid)
+    assert again.region(0.5).area == pytest.approx(fractions.region(0.5).area)
     with pytest.raises(ValueError, match="read-only"):
         again.grid[0, 0] = 1.0
 
@@ -200,15 +200,15 @@ def test_ranges_and_arms_become_workspaces_here_or_elsewhere_in_the_given_order(
 def test_drawn_ranges_become_true_workspaces_in_other_processes() -> None:
     ranges = varied_ranges("regular", spread=0.05, count=2, seed=2)
     with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
-        shares = reachability_map(ranges, accuracy=5e-3, spacing=0.01, executor=pool)
-    for drawn, workspace in zip(ranges, shares.workspaces, strict=True):
+        fractions = reachability_map(ranges, accuracy=5e-3, spacing=0.01, executor=pool)
+    for drawn, workspace in zip(ranges, fractions.workspaces, strict=True):
         alone = planar_workspace(human_arm(range_of_motion=drawn), accuracy=5e-3)
         assert alone.area == pytest.approx(workspace.area, rel=1e-6)
-    always, ever = shares.region(1.0), shares.region(0.1)
+    always, ever = fractions.region(1.0), fractions.region(0.1)
     assert 0.01 < always.area < ever.area
-    sizes = [w.area for w in shares.workspaces]
+    sizes = [w.area for w in fractions.workspaces]
     assert always.area + ever.area == pytest.approx(sum(sizes), rel=1e-3)
-    assert shares.grid.max() == pytest.approx(1.0)
+    assert fractions.grid.max() == pytest.approx(1.0)
 
 
 def test_drawn_limits_follow_the_stated_truncated_normal() -> None:
@@ -281,15 +281,15 @@ def test_a_share_is_above_zero_and_at_most_one(at_least: Any) -> None:
 
 
 def test_points_and_confidence_are_checked() -> None:
-    shares: ReachabilityMap = reachability_map(THREE)
+    fractions: ReachabilityMap = reachability_map(THREE)
     with pytest.raises(ConfigurationError, match="points"):
-        shares.probability([1.0, 2.0, 3.0])
+        fractions.probability([1.0, 2.0, 3.0])
     for bad in ("here", [10**400, 0]):
         with pytest.raises(ConfigurationError, match="points"):
-            shares.probability(bad)
+            fractions.probability(bad)
     for confidence in (1.0, "sure"):
         with pytest.raises(ConfigurationError, match="confidence"):
-            shares.interval([0.0, 0.0], confidence=confidence)  # type: ignore[arg-type]
+            fractions.interval([0.0, 0.0], confidence=confidence)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(

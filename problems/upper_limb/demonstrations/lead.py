@@ -40,9 +40,9 @@ def lead_csv(number: int) -> str:
         t = i * TICK
         at = min(range(max(at - 20, 0), min(at + 21, 1001)), key=lambda j: math.dist(bend[j], x))
         left, before, after = whole * (1 - at / 1000), bend[max(at - 1, 0)], bend[min(at + 1, 1000)]
-        share = pull * left / whole / math.dist(before, after)
+        fraction = pull * left / whole / math.dist(before, after)
         force = [
-            STIFFNESS * (bend[at][k] + therapist[k](t) - x[k]) + share * (after[k] - before[k]) - DAMPING * v[k]
+            STIFFNESS * (bend[at][k] + therapist[k](t) - x[k]) + fraction * (after[k] - before[k]) - DAMPING * v[k]
             for k in range(2)
         ]
         if i % round(1 / RATE / TICK) == 0:

@@ -24,11 +24,11 @@ Array = NDArray[np.float64]
 
 NAME = "assistance"
 MEMORY = """\
-    int aimed;               /* the field in use */
-    double carried[2];       /* from where it was made [m] */"""
+    int field;               /* the field in use */
+    double offset[2];        /* from where it was made [m] */"""
 CALL = """\
-(void)rehab_assistance_aim(&controller, tick->aimed);
-    (void)rehab_assistance_carry(&controller, tick->carried[0], tick->carried[1]);
+(void)rehab_assistance_set_field(&controller, tick->field);
+    (void)rehab_assistance_shift(&controller, tick->offset[0], tick->offset[1]);
     rehab_assistance_step(&controller, tick->x, tick->with_v ? tick->v : NULL, tick->enable, tick->stamp, out);
     more[0] = rehab_assistance_energy_left(&controller);"""
 USAGE = """\
@@ -37,15 +37,15 @@ rehab_command command;
 
 rehab_assistance_init(&controller);
 for (;;) {{ /* every tick */
-{carried}    rehab_assistance_step(&controller, x, NULL, enable, stamp, &command);
+{offset}    rehab_assistance_step(&controller, x, NULL, enable, stamp, &command);
     apply(command.value); /* force, N */
 }}"""
-CARRY = "    rehab_assistance_carry(&controller, dx, dy); /* where the field is to stand */\n"
+SHIFT = "    rehab_assistance_shift(&controller, dx, dy); /* where the field is to stand */\n"
 CARRIER = (
     "What moves the field from point to point, a `Smoother` with Ruckig in it, is not there: the caller carries the "
-    "field. Its motion stands in the recorded run as `carried`."
+    "field. Its motion stands in the recorded run as `offset`."
 )
-FIELDS = "`aim` takes the number of an exported field, of which there {}. In Python it takes any field."
+FIELDS = "`set_field` takes the number of an exported field, of which there {}. In Python it takes any field."
 
 
 def exported_assistance(
@@ -54,7 +54,7 @@ def exported_assistance(
     *,
     title: str,
     fields: Sequence[PotentialField] = (),
-    carried: ArrayLike | None = None,
+    offset: ArrayLike | None = None,
 ) -> ExportedForce:
     """The controller, and what it answers along a path of the hand.
 
@@ -63,8 +63,8 @@ def exported_assistance(
     helper : it is reset.
     positions : (N, 2) [m] where the hand is in each tick. In the first half its velocity is given, then estimated.
     title : what it is, in a few words.
-    fields : further ones that `aim` may take, numbered from 1; the helper's own is 0.
-    carried : (N, 2) [m] how far the field then stands from where it was made.
+    fields : further ones that `set_field` may take, numbered from 1; the helper's own is 0.
+    offset : (N, 2) [m] how far the field then stands from where it was made.
 
     Raises
     ------
@@ -72,39 +72,39 @@ def exported_assistance(
     """
     path = np.asarray(positions, dtype=np.float64)
     all_fields = (helper.field, *fields)
-    wanted = gated_fields(helper, all_fields, name=NAME)
-    there = np.zeros_like(path) if carried is None else np.asarray(carried, dtype=np.float64)
-    others: list[RunTick] = [{"aimed": 0, "carried": by} for by in there]
+    desired = gated_fields(helper, all_fields, name=NAME)
+    there = np.zeros_like(path) if offset is None else np.asarray(offset, dtype=np.float64)
+    others: list[RunTick] = [{"field": 0, "offset": by} for by in there]
     ticks = faulty_ticks(
         helper, path, others,
         (
-            lambda tick: {**tick, "aimed": len(all_fields) - 1, "carried": np.zeros(2)},
-            lambda tick: {**tick, "carried": tick["carried"] + 0.05},
+            lambda tick: {**tick, "field": len(all_fields) - 1, "offset": np.zeros(2)},
+            lambda tick: {**tick, "offset": tick["offset"] + 0.05},
         ),
     )  # fmt: skip
     helper.reset()
 
     def answer(tick: RunTick) -> Command:
-        helper.aim(all_fields[tick["aimed"]])
-        helper.carry(*tick["carried"].tolist())
+        helper.set_field(all_fields[tick["field"]])
+        helper.shift(*tick["offset"].tolist())
         v = tick["v"] if tick["with_v"] else None
         return helper.step(tick["x"], v, enable=tick["enable"], stamp=tick["stamp"])
 
     about = f"{len(ticks)} ticks of a hand's path, with faults among them"
     with as_in_c(helper._solvers):
         recording = recorded(answer, ticks, about, more=lambda: (helper.energy_left,))
-    helper.aim(all_fields[0])
+    helper.set_field(all_fields[0])
     helper.reset()
-    there_too = () if carried is None else (CARRIER,)
+    there_too = () if offset is None else (CARRIER,)
     count = "is 1" if len(all_fields) == 1 else f"are {len(all_fields)}"
     return ExportedForce(
         name=NAME,
         title=f"{title}: force-bounded assistance, mode {helper.mode}",
         force=helper,
-        wanted=wanted,
+        desired=desired,
         interface="assistance",
         call=CALL,
-        usage=USAGE.format(carried="" if carried is None else CARRY),
+        usage=USAGE.format(offset="" if offset is None else SHIFT),
         recording=recording,
         differences=(*DIFFERENCES, FIELDS.format(count), *there_too),
         solves=2,  # and again from a cold start
@@ -120,7 +120,7 @@ def exported_assistance(
 
 
 def gated_fields(helper: Assistance, fields: Sequence[PotentialField], *, name: str) -> Evaluated:
-    """The wanted force of a helper, whose struct has `MEMORY`, with all fields that may be aimed at.
+    """The desired force of a helper, whose struct has `MEMORY`, with all fields that may be set.
 
     Raises
     ------
@@ -128,18 +128,18 @@ def gated_fields(helper: Assistance, fields: Sequence[PotentialField], *, name: 
     """
     held = helper.field
     for field in fields:
-        helper.aim(field)  # refuses what Python refuses
-    helper.aim(held)
+        helper.set_field(field)  # refuses what Python refuses
+    helper.set_field(held)
     tables = [field_table(field.samples) for field in fields]
     most, edges = max(map(len, tables)), edge_columns(helper.comfortable.polygon)
     return Evaluated(
         controller=name,
-        name="wanted",
-        about="the force of the field that is aimed at, where the gate lets it act [N]",
+        name="desired",
+        about="the force of the field in use, where the gate lets it act [N]",
         function=gated_force(len(edges), most),
         inputs=(
-            *("self->view + X", "self->carried", "GATE", "COMFORTABLE"),
-            *(f"FIELDS + {FIELD.size} * self->aimed", f"SAMPLES + {8 * most} * self->aimed"),
+            *("self->view + X", "self->offset", "GATE", "COMFORTABLE"),
+            *(f"FIELDS + {FIELD.size} * self->field", f"SAMPLES + {8 * most} * self->field"),
         ),
         tables={
             "GATE": helper.gate,

@@ -28,13 +28,13 @@ Array = NDArray[np.float64]
 HELPER, PARTICIPANT = "helper_side", "participant_side"
 TABLES = ("FRAME", "AFFINE", "LANDMARKS", "WEIGHTS")
 """Of the map, as `point_inputs` gives them."""
-NUMBERS = "    long long said, newest;  /* numbers of the last message, and of the newest that was heard */"
+NUMBERS = "    long long said, newest;  /* numbers of the last message, and of the newest that was received */"
 FELT = "    double felt[2];          /* on the participant's hand [N]; NaN where it is not known */"
 FORCE_TOO = "    said->force_x = out->value[0];\n    said->force_y = out->value[1];"
 CALL = """\
-rehab_from_{other} heard = {{{heard}, tick->serial}};
+rehab_from_{other} received = {{{received}, tick->serial}};
     rehab_from_{own} said;
-    rehab_{name}_step(&controller, tick->x, tick->with_heard ? &heard : NULL, tick->with_v ? tick->v : NULL,
+    rehab_{name}_step(&controller, tick->x, tick->with_received ? &received : NULL, tick->with_v ? tick->v : NULL,
                       tick->enable, tick->stamp, out, &said);
     more[0] = rehab_{name}_energy_left(&controller);
     {said}
@@ -42,12 +42,12 @@ rehab_from_{other} heard = {{{heard}, tick->serial}};
 USAGE = """\
 static rehab_{name} controller;
 rehab_command command;
-rehab_from_{other} heard;
+rehab_from_{other} received;
 rehab_from_{own} said;
 
 rehab_{name}_init(&controller);
 for (;;) {{ /* every tick */
-    rehab_{name}_step(&controller, x, received(&heard) ? &heard : NULL, NULL, enable, stamp, &command, &said);
+    rehab_{name}_step(&controller, x, receive(&received) ? &received : NULL, NULL, enable, stamp, &command, &said);
     apply(command.value); /* force, N */
     send(&said);
 }}"""
@@ -62,7 +62,7 @@ HELPER_SAYS, PARTICIPANT_SAYS = ("x", "y", "energy"), ("x", "y", "force_x", "for
 
 
 def exported_helper_side(
-    side: HelperSide, positions: Array, heard: Sequence[FromParticipant | None], *, title: str
+    side: HelperSide, positions: Array, received: Sequence[FromParticipant | None], *, title: str
 ) -> ExportedForce:
     """The helper's side, and what it answers to a hand (N, 2) [m] and to what it hears.
 
@@ -74,33 +74,33 @@ def exported_helper_side(
     ------
     ConfigurationError : a solver that does not become C.
     """
-    fit, edges = side.carry.spline._fit, edge_columns(side.carry.source.polygon)
+    fit, edges = side.workspace_map.spline._fit, edge_columns(side.workspace_map.source.polygon)
     spline, force = point_statement(fit, with_jacobian=True), reflected_force(len(edges))
     at, felt, *numbers = (ca.MX.sym("input", force.sparsity_in(i)) for i in (0, *range(2, force.n_in())))
     table = [ca.MX.sym("input", spline.sparsity_in(i)) for i in range(1, spline.n_in())]
     function = ca.Function(
-        "wanted", [at, felt, *numbers, *table], [force(at, spline(at[:2], *table)[1], felt, *numbers)]
+        "desired", [at, felt, *numbers, *table], [force(at, spline(at[:2], *table)[1], felt, *numbers)]
     )
-    wanted = Evaluated(
+    desired = Evaluated(
         controller=HELPER,
-        name="wanted",
+        name="desired",
         about="the participant's force as it is felt in the helper's workspace; outside, what brings the hand back [N]",
         function=function,
         inputs=("self->view + X", "self->felt", "DAMPING", "BACK", "SOURCE", *TABLES),
-        tables={"DAMPING": np.array([side.damping]), "BACK": side.back, "SOURCE": edges, **_tables(side.carry)},
+        tables={"DAMPING": np.array([side.damping]), "BACK": side.back, "SOURCE": edges, **_tables(side.workspace_map)},
     )
     side.reset()
-    ticks = _ticks(side, positions, heard, len(PARTICIPANT_SAYS))
+    ticks = _ticks(side, positions, received, len(PARTICIPANT_SAYS))
 
     def answer(tick: RunTick) -> tuple[Command, FromHelper]:
-        message = FromParticipant._make((*tick["heard"].tolist(), tick["serial"])) if tick["with_heard"] else None
+        message = FromParticipant._make((*tick["received"].tolist(), tick["serial"])) if tick["with_received"] else None
         return side.step(tick["x"], message, _v(tick), enable=tick["enable"], stamp=tick["stamp"])
 
     return _exported(
         side,
         HELPER,
         title=f"{title}: the helper's side",
-        wanted=wanted,
+        desired=desired,
         more_memory=f"{NUMBERS}\n{FELT}",
         recording=_recording(side, ticks, answer),
         differences=(*DIFFERENCES, *OF_THE_PAIR, PARTNER),
@@ -110,11 +110,11 @@ def exported_helper_side(
 
 
 def exported_participant_side(
-    side: ParticipantSide, positions: Array, heard: Sequence[FromHelper | None], *, title: str
+    side: ParticipantSide, positions: Array, received: Sequence[FromHelper | None], *, title: str
 ) -> ExportedForce:
     """The participant's side, likewise."""
     spline, edges = (
-        point_statement(side.carry.spline._fit, with_jacobian=False), edge_columns(side.carry.source.polygon),
+        point_statement(side.workspace_map.spline._fit, with_jacobian=False), edge_columns(side.workspace_map.source.polygon),
     )  # fmt: skip
     inside = nearest_point_function(len(edges))
     point, *table = (ca.MX.sym("input", spline.sparsity_in(i)) for i in range(spline.n_in()))
@@ -125,27 +125,27 @@ def exported_participant_side(
         about="the image of a point of the helper's workspace, or of its point nearest to it [m]",
         function=ca.Function("image", [point, held, *table], [spline(inside(point, held), *table)]),
         inputs=("at", "SOURCE", *TABLES),
-        tables={"SOURCE": edges, **_tables(side.carry)},
+        tables={"SOURCE": edges, **_tables(side.workspace_map)},
         arguments="const double *at, ",
     )
     side.reset()
-    ticks = _ticks(side, positions, heard, len(HELPER_SAYS))
+    ticks = _ticks(side, positions, received, len(HELPER_SAYS))
 
     def answer(tick: RunTick) -> tuple[Command, FromParticipant]:
-        message = FromHelper._make((*tick["heard"].tolist(), tick["serial"])) if tick["with_heard"] else None
+        message = FromHelper._make((*tick["received"].tolist(), tick["serial"])) if tick["with_received"] else None
         return side.step(tick["x"], message, _v(tick), enable=tick["enable"], stamp=tick["stamp"])
 
     return _exported(
         side,
         PARTICIPANT,
         title=f"{title}: the participant's side",
-        wanted=gated_fields(side.force, (side.force.field,), name=PARTICIPANT),
+        desired=gated_fields(side.force, (side.force.field,), name=PARTICIPANT),
         image=image,
         more_memory=f"{MEMORY}\n{NUMBERS}",
         recording=_recording(side, ticks, answer),
         differences=(*DIFFERENCES, *OF_THE_PAIR),
         says=(PARTICIPANT_SAYS, HELPER_SAYS),
-        means={"target": "carried", "told": "", "listen": "image(self, told, self->carried);", "say": FORCE_TOO},
+        means={"target": "offset", "told": "", "listen": "image(self, told, self->offset);", "say": FORCE_TOO},
     )
 
 
@@ -154,7 +154,7 @@ def _exported(
     name: str,
     *,
     title: str,
-    wanted: Evaluated,
+    desired: Evaluated,
     image: Evaluated | None = None,
     more_memory: str,
     recording: Run,
@@ -163,7 +163,7 @@ def _exported(
     means: Mapping[str, str],
 ) -> ExportedForce:
     """What both sides have in common; `says` is what it says, and what it hears; `means` is C of what that does."""
-    own, heard = says
+    own, received = says
     names = {
         "own": name.removesuffix("_side"),
         "other": (PARTICIPANT if name == HELPER else HELPER).removesuffix("_side"),
@@ -172,7 +172,7 @@ def _exported(
         name=name,
         title=title,
         force=side.force,
-        wanted=wanted,
+        desired=desired,
         parts={
             **{what: part(side.force.slots) for what, part in (("give", give), ("take", take))},
             **({image.name: image.function} if image else {}),
@@ -180,7 +180,7 @@ def _exported(
         interface="side",
         call=CALL.format(
             name=name,
-            heard=", ".join(f"tick->heard[{i}]" for i in range(len(heard))),
+            received=", ".join(f"tick->received[{i}]" for i in range(len(received))),
             said="\n    ".join(f"more[{i + 1}] = said.{each};" for i, each in enumerate(own)),
             last=len(own) + 1,
             **names,
@@ -199,39 +199,39 @@ def _exported(
             "fills": "1",
             "on_reset": f"\n    self->{means['target']}[0] = self->{means['target']}[1] = NAN;",
             "image": f"{image.code}\n\n" if image else "",
-            "share": number(side._share),
+            "fraction": number(side._fraction),
             "beyond": number(BEYOND),
         },
     )
 
 
-def _tables(carry: ControllerMap) -> dict[str, Array]:
+def _tables(workspace_map: ControllerMap) -> dict[str, Array]:
     """Of a map from the helper's workspace to the participant's, a thin-plate spline through landmarks."""
-    return dict(zip(TABLES, point_inputs(carry.spline._fit), strict=True))
+    return dict(zip(TABLES, point_inputs(workspace_map.spline._fit), strict=True))
 
 
 def _ticks(
     side: HelperSide | ParticipantSide,
     positions: Array,
-    heard: Sequence[FromHelper | FromParticipant | None],
+    received: Sequence[FromHelper | FromParticipant | None],
     numbers: int,
 ) -> list[RunTick]:
     """The ticks of a hand and of what it hears, with messages that are lost, doubled, late or broken among them."""
     nothing = (*[0.0] * numbers, 0)
     others: list[RunTick] = [
-        {"heard": np.array((message or nothing)[:-1]), "with_heard": int(message is not None),
+        {"received": np.array((message or nothing)[:-1]), "with_received": int(message is not None),
          "serial": (message or nothing)[-1]}
-        for message in heard
+        for message in received
     ]  # fmt: skip
     return faulty_ticks(
         side.force, positions, others,
         (
-            lambda tick: {**tick, "with_heard": 0},
+            lambda tick: {**tick, "with_received": 0},
             lambda tick: {**tick, "serial": tick["serial"] - 1},
             lambda tick: {**tick, "serial": max(tick["serial"] - 7, 0)},
-            lambda tick: {**tick, "heard": np.full(numbers, np.nan)},
-            lambda tick: {**tick, "heard": np.where(np.arange(numbers) == numbers - 2, np.inf, tick["heard"])},
-            lambda tick: {**tick, "heard": np.where(np.arange(numbers) == numbers - 1, 1e9, tick["heard"])},
+            lambda tick: {**tick, "received": np.full(numbers, np.nan)},
+            lambda tick: {**tick, "received": np.where(np.arange(numbers) == numbers - 2, np.inf, tick["received"])},
+            lambda tick: {**tick, "received": np.where(np.arange(numbers) == numbers - 1, 1e9, tick["received"])},
         ),
     )  # fmt: skip
 

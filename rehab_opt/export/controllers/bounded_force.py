@@ -43,14 +43,14 @@ class ExportedForce(ExportedController):
     Parameters
     ----------
     force : what answers in Python.
-    wanted : what it wants: `wanted`.
+    desired : what it wants: `desired`.
     parts : further functions of a tick by their names.
     """
 
     core: ClassVar[str] = "bounded_force"
     contents: ClassVar[str] = "what force is wanted, QP solve, certificate, energy tank, watchdog, safe command"
     force: BoundedForce
-    wanted: Evaluated
+    desired: Evaluated
     parts: Mapping[str, ca.Function] = field(default_factory=dict)
     pieces: Mapping[str, str] = field(default_factory=lambda: {"begin": "force_begin.c", "declared": "force.h"})
 
@@ -69,10 +69,10 @@ class ExportedForce(ExportedController):
         return self.force.slots
 
     def functions(self) -> list[ca.Function]:
-        """The parts of a tick, and what is asked for the wanted force."""
+        """The parts of a tick, and what is asked for the desired force."""
         tick = force_tick(self.slots)
         parts = {"judge": tick.judge, "conclude": tick.conclude, "finish": tick.finish, "anew": anew(self.slots)}
-        parts |= {"wanted": self.wanted.function, **self.parts}
+        parts |= {"desired": self.desired.function, **self.parts}
         return [renamed(part, f"{self.name}_{what}") for what, part in parts.items()]
 
     def shape(self) -> dict[str, str]:
@@ -86,7 +86,7 @@ class ExportedForce(ExportedController):
             "watched": watched.size, "view": VIEW.size, "solved": SOLVED.size,
             "level": level, "pending": pending,
             **{f"view_{each}": VIEW[each] for each in ("x", "v", "reason")},
-            **{each: SOLVED[each] for each in ("value", "status", "residual", "solver", "yielded", "scale", "reason")},
+            **{each: SOLVED[each] for each in ("value", "status", "residual", "solver", "relaxed", "scale", "reason")},
             "values": 2,
             "wheels": 0,
             "numbers": 2 * stated.state_size + 2 * watched.size + VIEW.size + SOLVED.size + 6,
@@ -98,7 +98,7 @@ class ExportedForce(ExportedController):
             "dt": number(self.force.dt),
             "model": initialiser(self.force.model),
             "nothing_seen": initialiser(self.force.nothing_seen()),
-            "wanted": self.wanted.code,
+            "desired": self.desired.code,
         }
 
 
@@ -118,12 +118,12 @@ def faulty_ticks(
     faults : more of them, each takes a sound tick.
     """
     velocities = np.gradient(positions, force.dt, axis=0)
-    sound: list[RunTick] = [
+    valid: list[RunTick] = [
         {"x": x, "v": v, "with_v": int(i < len(positions) / 2), **other}
         for i, (x, v, other) in enumerate(zip(positions, velocities, others, strict=True))
     ]
     return with_faults(
-        sound, dt=force.dt, max_age=force.max_age,
+        valid, dt=force.dt, max_age=force.max_age,
         more=(
             lambda tick: {**tick, "x": tick["x"] + 0.3},  # a jump, and back
             lambda tick: {**tick, "v": np.array([2.0 * force.speed_cap, 0.0]), "with_v": 1},

@@ -120,7 +120,7 @@ class ExportedMirror(ExportedVelocity):
 
 
 def exported_mirror_problem(
-    loaded: ProblemFile[MirrorProblem], *, memory: int = MEMORY, progress: Progress
+    config: ProblemFile[MirrorProblem], *, memory: int = MEMORY, progress: Progress
 ) -> ExportedMirror:
     """The tracker of a problem file, and what it does along the recording.
 
@@ -128,11 +128,11 @@ def exported_mirror_problem(
     ------
     ProblemFileError : a recording or a value of the file that cannot be used.
     """
-    problem, scene = loaded.problem, laid_out(loaded)
-    tracker = tracker_of(problem, scene, file=loaded.file, feedback=joint_feedback(problem.plant))
+    problem, scene = config.problem, laid_out(config)
+    tracker = tracker_of(problem, scene, file=config.file, feedback=joint_feedback(problem.plant))
     poses, twists = scene.reference.poses, scene.reference.twists
     return exported_mirror(
-        tracker, scene.start, poses, twists, title=problem.title, source=f"the recording of `{loaded.name}`",
+        tracker, scene.start, poses, twists, title=problem.title, source=f"the recording of `{config.name}`",
         memory=memory, progress=progress,
     )  # fmt: skip
 
@@ -246,7 +246,7 @@ def _besides(tracker: MirrorTracker) -> int:
 def _person(limit: PersonLimit) -> dict[str, str]:
     return {
         "settling_ticks": str(mirror_following.SETTLING_TICKS),
-        "settling_most": str(SETTLING),
+        "max_settling": str(SETTLING),
         "settling_dt": number(SETTLING_DT),
         "person_joints": str(limit.chain.n),
         "person_start": initialiser(limit.start),
@@ -261,7 +261,7 @@ def _constants(tracker: MirrorTracker) -> dict[str, str]:
     return {
         "stop_at": number(tracker._interaction.stop_at),
         "window": str(tracker.pace.window),
-        "told": str(tracker.limits.told),
+        "moving_size": str(tracker.limits.moving_size),
         "paces": initialiser(PACES),
         "remembered": initialiser(tracker.beginning_of_memory()),
         "places": ", ".join([*places, *(f"{name.upper()}_SIZE = {record.size}" for name, record in RECORDS.items())]),

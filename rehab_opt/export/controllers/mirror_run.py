@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from rehab_opt.control.command import Command
 from rehab_opt.control.mirror import MirrorTracker
 from rehab_opt.export.recording import (
-    MOST_TICKS,
+    MAX_TICKS,
     Joints,
     Run,
     RunTick,
@@ -40,16 +40,16 @@ def mirror_run(
 
     The joints are filled in as it goes. `source` says where the poses come from.
     """
-    count = min(len(poses), MOST_TICKS)
+    count = min(len(poses), MAX_TICKS)
     pushed, strong = range(count // 2, 5 * count // 8), 1.1 * tracker._interaction.stop_at
-    sound: list[RunTick] = [
+    valid: list[RunTick] = [
         {"q": start, "pose": pose, "twist": twist, "force": _force(k, pushed, strong), "with_force": int(k in pushed)}
         for k, (pose, twist) in enumerate(zip(poses[:count], twists[:count], strict=True))
     ]
     if bodies is not None:
-        sound = [{**tick, "obstacles": told} for tick, told in zip(sound, bodies[:count], strict=True)]
-    faulty = with_faults(sound, dt=tracker.dt, max_age=tracker.max_age, more=_faults(tracker))
-    faulty += standing(faulty, sound[-1], dt=tracker.dt) if tracker.led else []
+        valid = [{**tick, "obstacles": told} for tick, told in zip(valid, bodies[:count], strict=True)]
+    faulty = with_faults(valid, dt=tracker.dt, max_age=tracker.max_age, more=_faults(tracker))
+    faulty += standing(faulty, valid[-1], dt=tracker.dt) if tracker.led else []
     tracker.reset()
     about = (
         f"{len(faulty)} ticks along {source}, the robot moving {as_it_moves(tracker.feedback)}, with faults among "
@@ -75,8 +75,8 @@ def _force(k: int, pushed: range, strong: float) -> Array:
     """(3,) [N] a push that comes and goes, for five ticks as strong as that."""
     if k not in pushed:
         return np.zeros(3)
-    share = (k - pushed.start) / len(pushed)
-    size = strong if abs(k - pushed.start - len(pushed) // 3) < 3 else PUSH * math.sin(math.pi * share)
+    fraction = (k - pushed.start) / len(pushed)
+    size = strong if abs(k - pushed.start - len(pushed) // 3) < 3 else PUSH * math.sin(math.pi * fraction)
     return np.array([0.6, -0.8, 0.2]) * size
 
 

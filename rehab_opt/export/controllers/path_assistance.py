@@ -46,9 +46,9 @@ def exported_path_assistance(helper: PathAssistance, positions: Array, *, title:
     helper.reset()
     edges = edge_columns(helper.comfortable.polygon)
     at = {each: f"self->path + {PROGRESS[each]}" for each in ("place", "along", "grip")}
-    wanted = Evaluated(
+    desired = Evaluated(
         controller=NAME,
-        name="wanted",
+        name="desired",
         about="the spring towards the place of the path to which the hand has come [N]",
         function=guided_force(len(edges)),
         inputs=("self->view + X", at["place"], at["along"], at["grip"], "SPRING", "GATE", "COMFORTABLE"),
@@ -79,7 +79,7 @@ def exported_path_assistance(helper: PathAssistance, positions: Array, *, title:
         name=NAME,
         title=f"{title}: force-bounded assistance along a path of {last + 1} samples",
         force=helper,
-        wanted=wanted,
+        desired=desired,
         interface="path_assistance",
         call=CALL,
         usage=USAGE,

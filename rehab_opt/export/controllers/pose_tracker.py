@@ -45,31 +45,31 @@ DIFFERENCES = (
 )
 
 
-def exported_pose_tracker(loaded: ProblemFile[PoseTracking], *, progress: Progress) -> ExportedController:
+def exported_pose_tracker(config: ProblemFile[PoseTracking], *, progress: Progress) -> ExportedController:
     """The tracker of a problem file, and the run of its session.
 
     Raises
     ------
     ProblemFileError : a solver that does not generate C, or a value of the file that cannot be used.
     """
-    problem = loaded.problem
+    problem = config.problem
     if problem.tracker.solver not in (None, FUSED):
-        raise ProblemFileError(loaded.file, "tracker.solver", problem.tracker.solver, f"{FUSED}, which can become C")
-    robot, _ = robot_at_start(loaded)
-    tracker = tracker_of(problem, robot, file=loaded.file, feedback=joint_feedback(problem.plant))
-    run = PoseTrackingSystem().run(loaded, options={}, progress=progress)
-    poses, twists = LivePoseTracking(loaded, solver=None).reference
+        raise ProblemFileError(config.file, "tracker.solver", problem.tracker.solver, f"{FUSED}, which can become C")
+    robot, _ = robot_at_start(config)
+    tracker = tracker_of(problem, robot, file=config.file, feedback=joint_feedback(problem.plant))
+    run = PoseTrackingSystem().run(config, options={}, progress=progress)
+    poses, twists = LivePoseTracking(config, solver=None).reference
     kept = thinned(len(run.time))
     step = 1 if len(kept) < 2 else int(kept[1])
     part = "" if step == 1 else f" (one tick of {step}, since the run is longer)"
-    sound: list[RunTick] = [{"q": run.q[i], "pose": poses[i], "twist": twists[i]} for i in kept]
+    valid: list[RunTick] = [{"q": run.q[i], "pose": poses[i], "twist": twists[i]} for i in kept]
     if problem.clearance is not None and problem.clearance.moving:
-        sound = [
+        valid = [
             {**each, "obstacles": told}
-            for each, told in zip(sound, problem.clearance.told(run.time[kept]), strict=True)
+            for each, told in zip(valid, problem.clearance.moving_at(run.time[kept]), strict=True)
         ]
     title = f"{problem.title}: joint velocities that make a tool follow a pose"
-    return exported_tracker(tracker, sound, title=title, of=f"`rehab-opt run {loaded.name}`{part}")
+    return exported_tracker(tracker, valid, title=title, of=f"`rehab-opt run {config.name}`{part}")
 
 
 def exported_tracker(tracker: PoseTracker, run: Sequence[RunTick], *, title: str, of: str) -> ExportedController:
@@ -87,8 +87,8 @@ def exported_tracker(tracker: PoseTracker, run: Sequence[RunTick], *, title: str
     ------
     ConfigurationError : a solver that does not become C, or a chain of more joints than a command has room for.
     """
-    sound, joints, moves = encoders(run, dt=tracker.dt, feedback=tracker.feedback)
-    ticks = with_faults(sound, dt=tracker.dt, max_age=tracker.max_age, more=_faults(tracker))
+    valid, joints, moves = encoders(run, dt=tracker.dt, feedback=tracker.feedback)
+    ticks = with_faults(valid, dt=tracker.dt, max_age=tracker.max_age, more=_faults(tracker))
     ticks += standing(ticks, moves, dt=tracker.dt)
     about = about_run(len(ticks), of, tracker.feedback)
 
@@ -118,12 +118,12 @@ def exported_tracker(tracker: PoseTracker, run: Sequence[RunTick], *, title: str
 
 def moving_argument(limits: PostureLimits, owner: str = "") -> str:
     """The argument of a call in C with which moving capsules are told; nothing where there are none."""
-    return f" {owner}obstacles," if limits.told else ""
+    return f" {owner}obstacles," if limits.moving_size else ""
 
 
 def moving_values(limits: PostureLimits, where: str) -> dict[str, str]:
     """What the templates hold for them; `where` they stand among the parameters, in C."""
-    told = limits.told
+    told = limits.moving_size
     return {
         "moving_argument": " const double *obstacles," if told else "",
         "moving_input": MOVING_INPUT.format(size=told) if told else "",

@@ -19,8 +19,8 @@ from rehab_opt.export.controllers.pose_tracker import moving_argument, moving_va
 from rehab_opt.export.exported import ExportedController, ExportedVelocity, Law
 from rehab_opt.export.recording import Run, RunTick, about_run, encoders, recorded, standing, thinned, with_faults
 from rehab_opt.optim.fallback_chain import BACKUP, FUSED, as_in_c
-from rehab_opt.optim.rows import PLAUSIBLE
-from rehab_opt.session.ardis.outcome import moved
+from rehab_opt.optim.rows import MAX_MAGNITUDE
+from rehab_opt.session.ardis.outcome import simulate_motion
 from rehab_opt.session.ardis.problem import ArdisProblem, DriveName
 from rehab_opt.session.ardis.robot import joystick_of, resolver_of, robot_of, start_of
 from rehab_opt.session.ardis.stick import sticks_of
@@ -60,17 +60,17 @@ class Listening:
         return self._resolver.step(q, twist, rows, frame, **given)
 
 
-def exported_resolvers(loaded: ProblemFile[ArdisProblem], *, progress: Progress) -> Sequence[ExportedController]:
+def exported_resolvers(config: ProblemFile[ArdisProblem], *, progress: Progress) -> Sequence[ExportedController]:
     """The controllers of a problem file, and the runs of its session.
 
     Raises
     ------
     ProblemFileError : a solver that does not generate C, or a value of the file that cannot be used.
     """
-    solver = loaded.problem.run.solver
+    solver = config.problem.run.solver
     if solver not in (None, FUSED):
-        raise ProblemFileError(loaded.file, "run.solver", solver, f"{FUSED}, which can become C")
-    return [_of_a_file(loaded, drive, progress=progress) for drive in sticks_of(loaded)]
+        raise ProblemFileError(config.file, "run.solver", solver, f"{FUSED}, which can become C")
+    return [_of_a_file(config, drive, progress=progress) for drive in sticks_of(config)]
 
 
 def exported_resolver(
@@ -110,21 +110,21 @@ def exported_resolver(
     )
 
 
-def _of_a_file(loaded: ProblemFile[ArdisProblem], drive: DriveName, *, progress: Progress) -> ExportedController:
+def _of_a_file(config: ProblemFile[ArdisProblem], drive: DriveName, *, progress: Progress) -> ExportedController:
     """The session's run with a controller of its own, repeated by another."""
-    resolver = resolver_of(loaded, robot_of(loaded), drive, feedback=joint_feedback(loaded.problem.plant))
-    robot, dt = resolver.robot, 1 / loaded.problem.run.rate_hz
-    listening = Listening(resolver_of(loaded, robot, drive))
-    moved(
-        robot, listening, joystick_of(loaded), sticks_of(loaded)[drive], start_of(loaded, robot), dt=dt,
+    resolver = resolver_of(config, robot_of(config), drive, feedback=joint_feedback(config.problem.plant))
+    robot, dt = resolver.robot, 1 / config.problem.run.rate_hz
+    listening = Listening(resolver_of(config, robot, drive))
+    simulate_motion(
+        robot, listening, joystick_of(config), sticks_of(config)[drive], start_of(config, robot), dt=dt,
         progress=lambda done, of: progress(f"{drive}, recorded", done, of),
     )  # fmt: skip
     kept = thinned(len(listening.ticks))
     step = 1 if len(kept) < 2 else int(kept[1])
     part = "" if step == 1 else f" (one of {step}, since the run is longer)"
     return exported_resolver(
-        resolver, [listening.ticks[i] for i in kept], title=loaded.problem.title,
-        of=f"`rehab-opt run {loaded.name}`, {drive} drive{part}",
+        resolver, [listening.ticks[i] for i in kept], title=config.problem.title,
+        of=f"`rehab-opt run {config.name}`, {drive} drive{part}",
     )  # fmt: skip
 
 
@@ -132,9 +132,9 @@ def _recording(resolver: RedundancyResolver, run: Sequence[RunTick], of: str) ->
     """What it answers to the run, with faults in it."""
     robot = resolver.robot
     law = next(iter(resolver._sets.values()))
-    sound, joints, moves = encoders(run, dt=resolver.dt, feedback=law.feedback, base=law.base)
+    valid, joints, moves = encoders(run, dt=resolver.dt, feedback=law.feedback, base=law.base)
     ticks = with_faults(
-        sound, dt=resolver.dt, max_age=law.max_age,
+        valid, dt=resolver.dt, max_age=law.max_age,
         more=(
             lambda tick: {**tick, "twist": 1e4 * np.ones_like(tick["twist"])},
             lambda tick: {**tick, "frame": 1},
@@ -171,7 +171,7 @@ def _values(
         "row_counts": "{" + ", ".join(str(len(law.rows)) for law in laws) + "}",
         "obstacle_numbers": str(NUMBERS * max_obstacles),
         "max_obstacles": str(max_obstacles),
-        "plausible": number(PLAUSIBLE),
+        "max_magnitude": number(MAX_MAGNITUDE),
         "room": initialiser(resolver._numbers if max_obstacles else [0.0]),
         **moving_values(resolver.limits, "parameters + JOINTS + ROWS[which] + 1 + ROOM"),
     }

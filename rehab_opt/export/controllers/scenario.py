@@ -22,7 +22,7 @@ from rehab_opt.optim.fallback_chain import FUSED
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.outcome import Progress
 from rehab_opt.session.scenario.laws import Assisted, ForceLaw
-from rehab_opt.session.scenario.loop import ran
+from rehab_opt.session.scenario.loop import simulate_trial
 from rehab_opt.session.scenario.pair import sides_of, together_of
 from rehab_opt.session.scenario.precomputed import Precomputed, precompute
 from rehab_opt.session.scenario.problem import ScenarioProblem
@@ -32,25 +32,25 @@ __all__ = ["exported_scenario"]
 
 
 class Listening(ForceLaw):
-    """An assisting law, and how far it let the field be carried in each tick."""
+    """An assisting law, and how far it let the field be shifted in each tick."""
 
     def __init__(self, law: ForceLaw, assistance: Assistance) -> None:
         self._law, self._assistance = law, assistance
-        self.carried: list[tuple[float, float]] = []
+        self.offsets: list[tuple[float, float]] = []
 
     def start(self, number: int) -> None:
         """A trial begins."""
         self._law.start(number)
-        self.carried.clear()
+        self.offsets.clear()
 
-    def aim(self, goal: int) -> None:
+    def set_goal(self, goal: int) -> None:
         """The goal has changed."""
-        self._law.aim(goal)
+        self._law.set_goal(goal)
 
     def command(self, x: float, y: float, *, enable: object = True, stamp: float | None = None) -> Command:
         """Its command."""
         command = self._law.command(x, y, enable=enable, stamp=stamp)
-        self.carried.append(self._assistance.carried)
+        self.offsets.append(self._assistance.offset)
         return command
 
 
@@ -61,55 +61,61 @@ class Overheard(Bilateral):
         """Nothing is under way, and nothing was said."""
         super().reset()
         self.hands: list[tuple[ArrayLike, ArrayLike]] = []
-        self.heard: list[tuple[FromParticipant | None, FromHelper | None]] = []
+        self.received: list[tuple[FromParticipant | None, FromHelper | None]] = []
 
     def step(self, helper: ArrayLike, participant: ArrayLike, *rest: Any, **options: Any) -> BilateralCommand:
         """Its forces."""
         self.hands.append((helper, participant))
-        self.heard.append(self.under_way)
+        self.received.append(self.under_way)
         return super().step(helper, participant, *rest, **options)
 
 
-def exported_scenario(loaded: ProblemFile[ScenarioProblem], *, progress: Progress) -> Sequence[ExportedController]:
+def exported_scenario(config: ProblemFile[ScenarioProblem], *, progress: Progress) -> Sequence[ExportedController]:
     """The controllers of a scenario.
 
     Raises
     ------
     ProblemFileError : a solver that does not generate C, or a value of the file that cannot be used.
     """
-    solver = loaded.problem.run.solver
+    solver = config.problem.run.solver
     if solver not in (None, FUSED):
-        raise ProblemFileError(loaded.file, "run.solver", solver, f"{FUSED}, which can become C")
-    ready = precompute(loaded, progress=progress)
-    laws = loaded.problem.run.laws
+        raise ProblemFileError(config.file, "run.solver", solver, f"{FUSED}, which can become C")
+    context = precompute(config, progress=progress)
+    laws = config.problem.run.laws
     pairs = [law for law in laws if law in ("together", "delayed")]
-    helpers = [_assistance(loaded, ready)] if "assisted" in laws or not pairs else []
-    return [*helpers, *(_sides(loaded, ready, delayed="delayed" in pairs) if pairs else ())]
+    helpers = [_assistance(config, context)] if "assisted" in laws or not pairs else []
+    return [*helpers, *(_sides(config, context, delayed="delayed" in pairs) if pairs else ())]
 
 
-def _assistance(loaded: ProblemFile[ScenarioProblem], ready: Precomputed) -> ExportedController:
-    problem = loaded.problem
-    helper = assistance_of(problem, ready, solver=FUSED, backup=FUSED)
+def _assistance(config: ProblemFile[ScenarioProblem], context: Precomputed) -> ExportedController:
+    problem = config.problem
+    helper = assistance_of(problem, context, solver=FUSED, backup=FUSED)
     if isinstance(helper, PathAssistance):
-        trial = ran(scene_of(loaded, ready), Assisted(helper), name="assisted", number=0, seed=problem.task.seed)
+        trial = simulate_trial(
+            scene_of(config, context), Assisted(helper), name="assisted", number=0, seed=problem.task.seed
+        )
         return exported_path_assistance(helper, trial.position, title=problem.title)
-    law = Listening(assisted_law(problem, ready, helper), helper)
-    trial = ran(scene_of(loaded, ready), law, name="assisted", number=0, seed=problem.task.seed)
-    carried = law.carried if problem.mode == "hold" else None
-    return exported_assistance(helper, trial.position, title=problem.title, fields=ready.fields[1:], carried=carried)
+    law = Listening(assisted_law(problem, context, helper), helper)
+    trial = simulate_trial(scene_of(config, context), law, name="assisted", number=0, seed=problem.task.seed)
+    offset = law.offsets if problem.mode == "hold" else None
+    return exported_assistance(helper, trial.position, title=problem.title, fields=context.fields[1:], offset=offset)
 
 
-def _sides(loaded: ProblemFile[ScenarioProblem], ready: Precomputed, *, delayed: bool) -> Sequence[ExportedController]:
-    problem = loaded.problem
+def _sides(
+    config: ProblemFile[ScenarioProblem], context: Precomputed, *, delayed: bool
+) -> Sequence[ExportedController]:
+    problem = config.problem
     delay = problem.helper.delay_s if delayed else 0.0
-    both = Overheard(*sides_of(loaded, ready, solver=FUSED), delay=delay)
-    law = together_of(both, loaded, ready)
-    ran(scene_of(loaded, ready), law, name="together", number=0, seed=problem.task.seed)
-    hands, heard = np.array(both.hands), list(zip(*both.heard, strict=True))
-    assert ready.carry is not None  # the schema refuses a pair without a map
-    alike = ready._replace(carry=ready.carry.summed())  # rounding may decide whether a solver gives up
-    helper, participant = sides_of(loaded, alike, solver=FUSED, backup=FUSED)
+    both = Overheard(*sides_of(config, context, solver=FUSED), delay=delay)
+    law = together_of(both, config, context)
+    simulate_trial(scene_of(config, context), law, name="together", number=0, seed=problem.task.seed)
+    hands, received = np.array(both.hands), list(zip(*both.received, strict=True))
+    assert context.workspace_map is not None  # the schema refuses a pair without a map
+    alike = context._replace(
+        workspace_map=context.workspace_map.summed()
+    )  # rounding may decide whether a solver gives up
+    helper, participant = sides_of(config, alike, solver=FUSED, backup=FUSED)
     return (
-        exported_helper_side(helper, hands[:, 0], heard[0], title=problem.title),
-        exported_participant_side(participant, hands[:, 1], heard[1], title=problem.title),
+        exported_helper_side(helper, hands[:, 0], received[0], title=problem.title),
+        exported_participant_side(participant, hands[:, 1], received[1], title=problem.title),
     )

@@ -57,7 +57,7 @@ UNIT: Mapping[str, Mapping[str, int]] = {
 """Attributes of elements whose first so many numbers have a length of 1."""
 LOOPS = ("connect", "weld", "tendon")
 """Equalities that tie bodies or several joints to one another."""
-MOST_INCLUDES = 20
+MAX_INCLUDES = 20
 MUCH_TOO_LIGHT = 1e-9
 """[kg, kg m^2] MuJoCo wants masses that its dynamics would need; they are not used."""
 
@@ -116,8 +116,8 @@ def _include(root: Element, source: Source, read: list[Element]) -> None:
                 continue
             read.append(child)
             name = child.text("file", source, f"line {child.line}")
-            if len(read) > MOST_INCLUDES:
-                raise source.refuse(f"line {child.line}, include.file", name, f"at most {MOST_INCLUDES} files")
+            if len(read) > MAX_INCLUDES:
+                raise source.refuse(f"line {child.line}, include.file", name, f"at most {MAX_INCLUDES} files")
             path = source.path.parent / name
             other = Source(path, f"{source.name}: {name}")
             inside = xml_root(other)

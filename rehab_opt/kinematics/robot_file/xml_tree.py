@@ -27,7 +27,7 @@ LARGEST = 10_000_000
 """[byte] Descriptions of whole humanoids have less than a tenth of it."""
 DEEPEST = 200
 """Elements within one another: MJCF nests bodies."""
-MOST_ELEMENTS = 30_000
+MAX_ELEMENTS = 30_000
 LONGEST_KEY = 100
 """Letters of a key in a message."""
 FARTHEST = 100.0
@@ -124,7 +124,7 @@ def xml_root(source: Source) -> Element:
     ProblemFileError : no regular file, or larger than any robot's. RobotFileError : not XML, with a document type, in
         which entities would be declared, or nested deeper than any robot.
     """
-    content = file_content(source.path, source.name, largest=LARGEST)
+    content = file_content(source.path, source.name, max_size=LARGEST)
     open_elements: list[Element] = []
     roots: list[Element] = []
     count = 0
@@ -134,8 +134,8 @@ def xml_root(source: Source) -> Element:
         nonlocal count
         count += 1
         element = Element(tag, attributes, parser.CurrentLineNumber)
-        if count > MOST_ELEMENTS or len(open_elements) >= DEEPEST:
-            what = f"{MOST_ELEMENTS} elements, {DEEPEST} deep"
+        if count > MAX_ELEMENTS or len(open_elements) >= DEEPEST:
+            what = f"{MAX_ELEMENTS} elements, {DEEPEST} deep"
             raise source.refuse(f"line {element.line}", f"<{tag}>", f"a robot's description, of at most {what}")
         (open_elements[-1].children if open_elements else roots).append(element)
         open_elements.append(element)

@@ -116,5 +116,5 @@ def _between_segments(begin: Array, end: Array, capsule: Capsule) -> Array:
 
 def _from_segment(point: Array, start: Array, stop: Array) -> Array:
     way = stop - start
-    share = np.clip(np.sum((point - start) * way, axis=1) / np.maximum(np.sum(way * way, axis=1), 1e-12), 0, 1)
-    return np.asarray(np.linalg.norm(point - start - share[:, None] * way, axis=1))
+    fraction = np.clip(np.sum((point - start) * way, axis=1) / np.maximum(np.sum(way * way, axis=1), 1e-12), 0, 1)
+    return np.asarray(np.linalg.norm(point - start - fraction[:, None] * way, axis=1))

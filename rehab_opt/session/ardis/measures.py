@@ -15,7 +15,7 @@ from rehab_opt.session.ardis.outcome import Motion
 from rehab_opt.session.ardis.problem import DriveName, GoalSection
 from rehab_opt.session.outcome import Array, finite, status_counts
 
-__all__ = ["KEPT", "excesses", "goals_met", "hand_shares", "kinetic_energies", "motion_metrics"]
+__all__ = ["KEPT", "excesses", "goals_met", "hand_fractions", "kinetic_energies", "motion_metrics"]
 
 KEPT = 1e-6
 """[m, rad, and the same per s or s^2] What passes a limit by less keeps it: rounding, and what a certificate allows."""
@@ -33,7 +33,7 @@ def motion_metrics(
     over = excesses(robot, drive, motion, room)
     broken = {name: values > KEPT for name, values in over.items()}
     met = goals_met(motion, goals)
-    moving = motion.asked
+    moving = motion.commanded
     energy, alone = kinetic_energies(robot, drive, motion)
     chassis = motion.chassis[:, :CHAIR]
     base = robot.drive(drive)
@@ -46,14 +46,14 @@ def motion_metrics(
         "duration_s": float(motion.time[-1]),
         "goals": {goal.name: when for goal, when in zip(goals, met, strict=True)},
         "goals_met": sum(when is not None for when in met),
-        **hand_shares(motion, slice(None)),
+        **hand_fractions(motion, slice(None)),
         "kinetic_energy_mean_J": _mean(energy[moving]),
         "kinetic_energy_max_J": float(energy.max()),
         "kinetic_energy_chair_alone_mean_J": _mean(alone[moving]),
         "legs": _legs(motion, goals, met, energy, alone),
         "excess_max": {name: finite(values.max()) for name, values in over.items()},
-        "broken_share": {name: float(np.mean(of)) for name, of in broken.items()},
-        "broken_any_share": float(np.mean(np.logical_or.reduce(list(broken.values())))),
+        "broken_fraction": {name: float(np.mean(of)) for name, of in broken.items()},
+        "broken_any_fraction": float(np.mean(np.logical_or.reduce(list(broken.values())))),
         # The rolling row of Eq. (4) is a left speed of zero in the chassis frame, at each tick's heading.
         "rolling_residual_max_m_s": _rolling(base, motion) if base.moving != (0, 1, 2) else None,
         "wheel_residual_max_m_s": float(np.abs(rolled - chassis).max()),
@@ -63,7 +63,7 @@ def motion_metrics(
         "at_rest_at_the_end": not motion.velocity[-1].any(),
         "scale_min": float(motion.scale.min()),
         "status": status_counts(motion.status),
-        "yielded": status_counts(text for text in motion.yielded if text),
+        "relaxed": status_counts(text for text in motion.relaxed if text),
     }
 
 
@@ -89,7 +89,7 @@ def excesses(robot: MobileArm, drive: DriveName, motion: Motion, room: Sequence[
     return over
 
 
-def hand_shares(motion: Motion, when: slice) -> dict[str, float | None]:
+def hand_fractions(motion: Motion, when: slice) -> dict[str, float | None]:
     """What arm and chair gave to the hand's path and turning; the shares of both add up to one.
 
     The hand's velocity is the sum of what the chair's joints and the arm's give it. The share of one is its part along
@@ -104,10 +104,10 @@ def hand_shares(motion: Motion, when: slice) -> dict[str, float | None]:
         size = np.linalg.norm(whole, axis=1)
         along = np.sum(arm[:, part] * whole, axis=1) / np.where(size > MOVING, size, 1.0)
         total = float(size.sum() * motion.dt)
-        share = float(np.where(size > MOVING, along, 0.0).sum() * motion.dt / total) if total > MOVING else None
+        fraction = float(np.where(size > MOVING, along, 0.0).sum() * motion.dt / total) if total > MOVING else None
         numbers[f"hand_{name}_{unit}"] = total
-        numbers[f"hand_{name}_arm_share"] = share
-        numbers[f"hand_{name}_chair_share"] = None if share is None else 1.0 - share
+        numbers[f"hand_{name}_arm_fraction"] = fraction
+        numbers[f"hand_{name}_chair_fraction"] = None if fraction is None else 1.0 - fraction
     numbers["chair_path_m"] = float(np.hypot(*motion.velocity[when, :2].T).sum() * motion.dt)
     numbers["chair_turn_rad"] = float(np.abs(motion.velocity[when, 2]).sum() * motion.dt)
     return numbers
@@ -161,9 +161,9 @@ def _legs(
             break
         end = round(when / motion.dt)
         if end > begin:
-            moving = motion.asked[begin:end]
+            moving = motion.commanded[begin:end]
             legs[goal.name] = {
-                **hand_shares(motion, slice(begin, end)),
+                **hand_fractions(motion, slice(begin, end)),
                 "kinetic_energy_mean_J": _mean(energy[begin:end][moving]),
                 "kinetic_energy_chair_alone_mean_J": _mean(alone[begin:end][moving]),
             }

@@ -11,7 +11,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rehab_opt.control.command import Bound, Command, Status
+from rehab_opt.control.command import Command, Relaxed, Status
 from rehab_opt.control.joystick import Joystick, StickCommand
 from rehab_opt.control.obstacles import Obstacle
 from rehab_opt.kinematics.mobile_arm import CHAIR, MobileArm
@@ -26,7 +26,17 @@ from rehab_opt.session.closed_loop import JointMotion, simulate
 from rehab_opt.session.live.problem import LiveControl, LiveInputs
 from rehab_opt.session.outcome import Array, Column, Columns, Outcome, point_columns, stacked
 
-__all__ = ["LAWS", "LET_GO", "ArdisOutcome", "DriveOutcome", "Motion", "Published", "Steering", "StickLaw", "moved"]
+__all__ = [
+    "LAWS",
+    "LET_GO",
+    "ArdisOutcome",
+    "DriveOutcome",
+    "Motion",
+    "Published",
+    "Steering",
+    "StickLaw",
+    "simulate_motion",
+]
 
 
 STANDSTILL = 1.0
@@ -62,7 +72,7 @@ class Published:
         status, reason = (Status.OK, "") if answered else (Status.HOLDING, NO_ANSWER)
         velocity = velocity if answered else np.zeros(len(q))
         wheels = self._law.wheels(q, velocity)
-        return Command(velocity, status, "", math.inf, -1, reason, Bound.NOTHING, 1.0, wheels)
+        return Command(velocity, status, "", math.inf, -1, reason, Relaxed.NOTHING, 1.0, wheels)
 
 
 class Steering(LiveControl):
@@ -78,20 +88,25 @@ class Steering(LiveControl):
         super().__init__(plant, start)
         self._joystick, self._law, self._wheels = joystick, law, wheels
         self.mode = joystick.mode.name
-        self.asked: StickCommand
+        self.commanded: StickCommand
 
     def step(self, inputs: LiveInputs, seen: Measurement) -> Command:
         """The law's, of what the stick asks for."""
         # NaN while the dead-man is released: afterwards the stick has to be let go before it moves anything.
         axes = inputs.stick if inputs.enable else (math.nan, math.nan)
-        asked = self.asked = self._joystick.step(axes, switch=inputs.switch, gripper=inputs.gripper)
+        commanded = self.commanded = self._joystick.step(axes, switch=inputs.switch, gripper=inputs.gripper)
         self.mode = self._joystick.mode.name
         command = self._law.step(
-            seen.position, asked.twist, asked.rows, asked.frame, enable=inputs.enable, stamp=self.stamp(seen)
+            seen.position,
+            commanded.twist,
+            commanded.rows,
+            commanded.frame,
+            enable=inputs.enable,
+            stamp=self.stamp(seen),
         )
-        return command._replace(reason=asked.reason) if inputs.enable and not command.reason else command
+        return command._replace(reason=commanded.reason) if inputs.enable and not command.reason else command
 
-    def sent(self, command: Command) -> Array:
+    def plant_command(self, command: Command) -> Array:
         """Wheel speeds in place of the chair's velocity where the plant has wheels."""
         if not self._wheels or command.wheels is None:
             return command.value
@@ -100,7 +115,7 @@ class Steering(LiveControl):
     def shown(self) -> dict[str, ArrayLike]:
         """Where the robot is, the push, the gripper."""
         truth = self.plant.truth
-        return {"q": truth.position, "force": truth.force, "closed": self.asked.gripper_closed}
+        return {"q": truth.position, "force": truth.force, "closed": self.commanded.gripper_closed}
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,8 +127,8 @@ class Motion:
     dt : [s]. time : (N,) [s]. q : (N, 7) [m, rad] at the beginning of each tick.
     velocity : (N, 7) what was sent [m/s, rad/s], the chair's in the world frame; chassis : the same in its own.
     wheels : (N, w) [rad/s]. hand : (N, 3) [m]. poses : (N, 4, 4) of the hand. jacobians : (N, 6, 7).
-    sticks : (N, 2) deflections. asked : (N,) whether anything was asked for. closed : (N,) the gripper.
-    mode, status, yielded : (N,) each. scale : (N,) fraction of the commanded motion that was delivered.
+    sticks : (N, 2) deflections. commanded : (N,) whether anything was asked for. closed : (N,) the gripper.
+    mode, status, relaxed : (N,) each. scale : (N,) fraction of the commanded motion that was delivered.
     motion : commanded and true, of a robot that does not move exactly as commanded.
     """
 
@@ -126,11 +141,11 @@ class Motion:
     poses: Array
     jacobians: Array
     sticks: Array
-    asked: NDArray[np.bool_]
+    commanded: NDArray[np.bool_]
     closed: NDArray[np.bool_]
     mode: tuple[str, ...]
     status: tuple[str, ...]
-    yielded: tuple[str, ...]
+    relaxed: tuple[str, ...]
     scale: Array
     motion: JointMotion | None = None
 
@@ -140,7 +155,7 @@ class Motion:
         return self.poses[:, :3, 3]
 
 
-def moved(
+def simulate_motion(
     robot: MobileArm,
     law: StickLaw,
     joystick: Joystick,
@@ -180,9 +195,9 @@ def moved(
 
     ran = simulate(
         control, steer, ticks=math.ceil((stick.duration + STANDSTILL) / dt) + 1, progress=progress,
-        note=lambda *_: rows.append((sample.axes, control.asked, control.mode)),
+        note=lambda *_: rows.append((sample.axes, control.commanded, control.mode)),
     )  # fmt: skip
-    sticks, asked, modes = zip(*rows, strict=True)
+    sticks, commanded, modes = zip(*rows, strict=True)
     return Motion(
         dt=dt,
         time=dt * np.arange(len(rows), dtype=np.float64),
@@ -193,11 +208,11 @@ def moved(
         poses=np.array(poses),
         jacobians=np.array([robot.chain.jacobian(each) for each in ran.q]),
         sticks=np.array(sticks),
-        asked=np.array([bool(each.twist.any()) for each in asked]),
-        closed=np.array([each.gripper_closed for each in asked]),
+        commanded=np.array([bool(each.twist.any()) for each in commanded]),
+        closed=np.array([each.gripper_closed for each in commanded]),
         mode=modes,
         status=tuple(NO_ANSWER if each.reason == NO_ANSWER else each.status.value for each in ran.commands),
-        yielded=ran.yielded,
+        relaxed=ran.relaxed,
         scale=ran.scales,
         motion=ran.motion,
     )
@@ -263,5 +278,5 @@ class ArdisOutcome(Outcome):
             **{f"wheel_{i + 1}_rad_s": of for i, of in enumerate(turning.T)},
             "scale": motion.scale,
             "status": motion.status,
-            "yielded": motion.yielded,
+            "relaxed": motion.relaxed,
         }

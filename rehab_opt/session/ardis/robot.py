@@ -32,69 +32,69 @@ KEYS = keys_of(robot=RobotSection, stick=StickSection, run=RunSection) | {
 """Where the problem file says what the library calls by its own name."""
 
 
-def robot_of(loaded: ProblemFile[ArdisProblem]) -> MobileArm:
+def robot_of(config: ProblemFile[ArdisProblem]) -> MobileArm:
     """The robot with the file's masses: ARDIS, or the arm of a robot file on its chair.
 
     Raises
     ------
     ProblemFileError : a value of the file, or of the robot file, cannot be used.
     """
-    section = loaded.problem.robot
+    section = config.problem.robot
     if section.file is not None:
-        arm = arm_of(loaded, section.file)
+        arm = arm_of(config, section.file)
         with refused_as(section.file, error=RobotFileError):
             return arm_on_chair(arm, mount=np.eye(4), chair_mass=section.chair_mass_kg)
-    with refused_as(loaded.file, _key):
+    with refused_as(config.file, _key):
         return ardis(mount_height=section.mount_height_m, chair_mass=section.chair_mass_kg, payload=section.payload_kg)
 
 
-def start_of(loaded: ProblemFile[ArdisProblem], robot: MobileArm) -> Array:
+def start_of(config: ProblemFile[ArdisProblem], robot: MobileArm) -> Array:
     """(7,) [m, rad] where it begins.
 
     Raises
     ------
     ProblemFileError : outside a joint's limits, or within an obstacle.
     """
-    section, chain = loaded.problem.robot, robot.chain
+    section, chain = config.problem.robot, robot.chain
     arm = ARDIS_READY[CHAIR:]
     if section.arm_deg is not None:
-        arm = posture_of(chain, section.arm_deg, file=loaded.file, key="robot.arm_deg", first=CHAIR)
+        arm = posture_of(chain, section.arm_deg, file=config.file, key="robot.arm_deg", first=CHAIR)
     q = np.array([*section.start_m, np.deg2rad(section.heading_deg), *arm])
-    gaps = chair_gaps(robot.outline, room_of(loaded), q[None, :])
+    gaps = chair_gaps(robot.outline, room_of(config), q[None, :])
     if gaps.size and gaps.min() < 0:
         raise ProblemFileError(
-            loaded.file, "robot.start_m", section.start_m, "a place where the chair is clear of walls and posts"
+            config.file, "robot.start_m", section.start_m, "a place where the chair is clear of walls and posts"
         )
     return q
 
 
-def room_of(loaded: ProblemFile[ArdisProblem]) -> tuple[Obstacle, ...]:
+def room_of(config: ProblemFile[ArdisProblem]) -> tuple[Obstacle, ...]:
     """Walls and posts, in the order of the file."""
-    room = loaded.problem.room
+    room = config.problem.room
     walls = [HalfPlane((wall.normal[0], wall.normal[1]), wall.offset_m) for wall in room.walls]
     return (*walls, *(Disc((post.centre_m[0], post.centre_m[1]), post.radius_m) for post in room.posts))
 
 
-def joystick_of(loaded: ProblemFile[ArdisProblem]) -> Joystick:
+def joystick_of(config: ProblemFile[ArdisProblem]) -> Joystick:
     """The stick with the file's modes.
 
     Raises
     ------
     ProblemFileError : a value it refuses.
     """
-    section = loaded.problem.stick
+    section = config.problem.stick
     modes: tuple[StickMode, ...] = STICK_MODES
     if section.modes is not None:
         modes = tuple(
             StickMode(mode.name, (mode.rows[0], mode.rows[1]), (mode.speeds[0], mode.speeds[1]), tuple(mode.held))
             for mode in section.modes
         )
-    with refused_as(loaded.file, _key):
-        return Joystick(modes, dt=1 / loaded.problem.run.rate_hz, **section.arguments("dead_zone", "rate_per_s"))
+    with refused_as(config.file, _key):
+        return Joystick(modes, dt=1 / config.problem.run.rate_hz, **section.arguments("dead_zone", "rate_per_s"))
 
 
 def resolver_of(
-    loaded: ProblemFile[ArdisProblem],
+    config: ProblemFile[ArdisProblem],
     robot: MobileArm,
     drive: DriveName,
     *,
@@ -109,15 +109,15 @@ def resolver_of(
     ProblemFileError : it refuses a value of the file.
     ConfigurationError : it refuses `solver`.
     """
-    run = loaded.problem.run
+    run = config.problem.run
     chosen = run.arguments("self_motion", "solver") | ({"solver": solver} if solver else {})
-    with refused_as(loaded.file, _key, option=solver):
+    with refused_as(config.file, _key, option=solver):
         return RedundancyResolver(
             robot,
             drive=drive,
-            row_sets=list(dict.fromkeys(mode.task_rows for mode in joystick_of(loaded).modes)),
-            obstacles=room_of(loaded),
-            limits=clearance_of(loaded.problem.clearance, loaded.file),
+            row_sets=list(dict.fromkeys(mode.task_rows for mode in joystick_of(config).modes)),
+            obstacles=room_of(config),
+            limits=clearance_of(config.problem.clearance, config.file),
             dt=1 / run.rate_hz,
             backup=backup,
             feedback=feedback,

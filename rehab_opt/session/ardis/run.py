@@ -25,7 +25,7 @@ from rehab_opt.session.ardis.outcome import (
     Published,
     Steering,
     StickLaw,
-    moved,
+    simulate_motion,
 )
 from rehab_opt.session.ardis.problem import ArdisProblem, DriveName
 from rehab_opt.session.ardis.robot import joystick_of, resolver_of, robot_of, room_of, start_of
@@ -50,13 +50,13 @@ class LiveArdis(LiveProblem):
 
     controls = frozenset({"stick", "push", "faults"})
 
-    def __init__(self, loaded: ProblemFile[ArdisProblem], *, solver: str | None) -> None:
-        self._loaded, self._solver = loaded, solver
-        problem = loaded.problem
+    def __init__(self, config: ProblemFile[ArdisProblem], *, solver: str | None) -> None:
+        self._config, self._solver = config, solver
+        problem = config.problem
         self.drive = next(iter(problem.stick.recordings))
         self.title, self.dt = f"{problem.title} ({self.drive} drive)", 1 / problem.run.rate_hz
-        self.robot, self.room = robot_of(loaded), room_of(loaded)
-        self.start = start_of(loaded, self.robot)
+        self.robot, self.room = robot_of(config), room_of(config)
+        self.start = start_of(config, self.robot)
         self.names = tuple(self.robot.chain.names)
         self.layout = {"q": self.encoders, "force": 3, "closed": 1}
         self._arm = ArmBodies(self.robot.chain, first=CHAIR, radius=self.robot.arm_radius)
@@ -64,13 +64,13 @@ class LiveArdis(LiveProblem):
 
     def control(self, plant: Plant | None = None) -> LiveControl:
         """The joystick and resolver of `rehab-opt run`."""
-        table, robot, own = self._loaded.problem.plant, self.robot, self._loaded.problem.robot.file is not None
+        table, robot, own = self._config.problem.plant, self.robot, self._config.problem.robot.file is not None
         wheels, ideal = robot.drive(self.drive), table.kind == "ideal"
         if plant is None:
             made = IdealJoints(self.dt) if ideal else chair_plant(table, robot, wheels, self.dt, own_arm=own)
             plant = TouchedPlant(made)
-        resolver = resolver_of(self._loaded, robot, self.drive, solver=self._solver, feedback=joint_feedback(table))
-        return Steering(joystick_of(self._loaded), resolver, plant, self.start, wheels=not ideal)
+        resolver = resolver_of(self._config, robot, self.drive, solver=self._solver, feedback=joint_feedback(table))
+        return Steering(joystick_of(self._config), resolver, plant, self.start, wheels=not ideal)
 
     def untouched(self, time: float) -> LiveInputs:
         """The file's recording of the stick."""
@@ -79,16 +79,16 @@ class LiveArdis(LiveProblem):
 
     @cached_property
     def _recorded(self) -> StickRecording:
-        return sticks_of(self._loaded)[self.drive]
+        return sticks_of(self._config)[self.drive]
 
     def scene(self) -> dict[str, Any]:
         """Walls, posts, bodies that the arm keeps off, and goals."""
         walls = [each for each in self.room if isinstance(each, HalfPlane)]
         posts = [each for each in self.room if isinstance(each, Disc)]
-        goals = [(*goal.hand_m, *goal.hand_m, 0.5 * goal.within_m, GREEN) for goal in self._loaded.problem.goals]
+        goals = [(*goal.hand_m, *goal.hand_m, 0.5 * goal.within_m, GREEN) for goal in self._config.problem.goals]
         hand, chair = self._arm.tool(self.start)[:, 3], [*self.start[:2], 0.5]
-        places = np.array([hand, chair, *([*goal.hand_m] for goal in self._loaded.problem.goals)])
-        around = kept_off(hand, clearance_of(self._loaded.problem.clearance, self._loaded.file))
+        places = np.array([hand, chair, *([*goal.hand_m] for goal in self._config.problem.goals)])
+        around = kept_off(hand, clearance_of(self._config.problem.clearance, self._config.file))
         shapes = {
             "fills": [{"points": _wall(each), "colour": "#c3ccd5"} for each in walls],
             "capsules": [[*each.centre, 0.0, *each.centre, POST, each.radius, GREY] for each in posts] + goals,
@@ -111,7 +111,7 @@ class LiveArdis(LiveProblem):
 
     def _goal(self, hand: Array, *, closed: bool) -> dict[str, Any]:
         """Where the participant's screen shows that the hand is to go: the first goal that it was not at."""
-        goals = self._loaded.problem.goals
+        goals = self._config.problem.goals
         while self._reached < len(goals) - 1 and goals[self._reached].met(hand, closed):
             self._reached += 1
         return {"goal": goals[self._reached].hand_m} if goals else {}
@@ -178,28 +178,28 @@ class ArdisSystem(System[ArdisProblem, ArdisOutcome]):
         sticks = tuple(Needed(f"stick.{drive}", file) for drive, file in problem.stick.recordings.items())
         return sticks if problem.robot.file is None else (*sticks, Needed(ROBOT_FILE, problem.robot.file))
 
-    def check(self, loaded: ProblemFile[ArdisProblem]) -> tuple[str, ...]:
+    def check(self, config: ProblemFile[ArdisProblem]) -> tuple[str, ...]:
         """Reads the sticks, builds the robot and its controllers."""
-        robot = robot_of(loaded)
-        start = start_of(loaded, robot)
-        joystick_of(loaded)
-        for drive in sticks_of(loaded):
-            resolver_of(loaded, robot, drive)
-        within = start_notes(loaded.problem.clearance, loaded.file, robot.bodied_chain, start)
+        robot = robot_of(config)
+        start = start_of(config, robot)
+        joystick_of(config)
+        for drive in sticks_of(config):
+            resolver_of(config, robot, drive)
+        within = start_notes(config.problem.clearance, config.file, robot.bodied_chain, start)
         return (*robot.chain.notes, *within)
 
-    def run(self, loaded: ProblemFile[ArdisProblem], *, options: Mapping[str, str], progress: Progress) -> ArdisOutcome:
+    def run(self, config: ProblemFile[ArdisProblem], *, options: Mapping[str, str], progress: Progress) -> ArdisOutcome:
         """Options: `solver` of the controller, `plant`."""
-        problem, robot = loaded.problem, robot_of(loaded)
-        start, room, sticks = start_of(loaded, robot), room_of(loaded), sticks_of(loaded)
+        problem, robot = config.problem, robot_of(config)
+        start, room, sticks = start_of(config, robot), room_of(config), sticks_of(config)
         dt = 1 / problem.run.rate_hz
 
         def run(drive: DriveName, name: str, law: StickLaw) -> Motion:
             table, plant = problem.plant, None
             if table.kind != "ideal":
                 plant = chair_plant(table, robot, robot.drive(drive), dt, own_arm=problem.robot.file is not None)
-            return moved(
-                robot, law, joystick_of(loaded), sticks[drive], start, dt=dt, plant=plant,
+            return simulate_motion(
+                robot, law, joystick_of(config), sticks[drive], start, dt=dt, plant=plant,
                 progress=lambda done, of: progress(f"{drive}, {name} law", done, of),
             )  # fmt: skip
 
@@ -207,14 +207,14 @@ class ArdisSystem(System[ArdisProblem, ArdisOutcome]):
         near: dict[DriveName, NearestBodies] = {}
         for drive in sticks:
             ours = resolver_of(
-                loaded, robot, drive, solver=options.get("solver"), feedback=joint_feedback(problem.plant)
+                config, robot, drive, solver=options.get("solver"), feedback=joint_feedback(problem.plant)
             )
             theirs = Published(PseudoinverseLaw(robot, drive=drive, self_motion=problem.run.self_motion))
             drives[drive] = DriveOutcome(
                 published=run(drive, "published", theirs), optimised=run(drive, "optimised", ours)
             )
             ran = drives[drive].optimised
-            seen = nearest_bodies(problem.clearance, loaded.file, robot.bodied_chain, ran.q, ran.time)
+            seen = nearest_bodies(problem.clearance, config.file, robot.bodied_chain, ran.q, ran.time)
             near |= {} if seen is None else {drive: seen}
         metrics = {
             drive: {law: motion_metrics(robot, drive, of, room, problem.goals) for law, of in outcome.by_law.items()}
@@ -243,6 +243,6 @@ class ArdisSystem(System[ArdisProblem, ArdisOutcome]):
             near=near,
         )
 
-    def live(self, loaded: ProblemFile[ArdisProblem], *, options: Mapping[str, str]) -> LiveProblem:
+    def live(self, config: ProblemFile[ArdisProblem], *, options: Mapping[str, str]) -> LiveProblem:
         """The stick in somebody's hand; options as of `run`."""
-        return LiveArdis(loaded, solver=options.get("solver"))
+        return LiveArdis(config, solver=options.get("solver"))

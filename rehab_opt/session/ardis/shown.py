@@ -192,10 +192,10 @@ def _limits(outcome: ArdisOutcome) -> Figure:
             last = np.vstack([np.zeros(chain.n), motion.chassis[:-1]])
             accelerations = np.abs(motion.chassis - last) / motion.dt / chain.acceleration
             ranges = np.abs(motion.q[:, arm] - middle) / half
-            for axes, shares in zip(column, (ranges, speeds, accelerations), strict=True):
+            for axes, fractions in zip(column, (ranges, speeds, accelerations), strict=True):
                 axes.plot(
                     motion.time,
-                    100 * shares.max(axis=1, initial=0.0),
+                    100 * fractions.max(axis=1, initial=0.0),
                     **{**LAW_STYLES[law], "linewidth": 1.0},
                     label=NAMES[law],
                     zorder=ORDER[law],
@@ -272,8 +272,8 @@ def table(outcome: ArdisOutcome) -> Table:
     columns = _columns(outcome)
     grid = law_table(outcome.title, columns, (*FIRST_ROWS, *MORE_ROWS))
     for goal in outcome.goals:
-        shares = (_leg(of["legs"].get(goal.name)) for of in columns.values())
-        grid.add_row(Text(f"  on the way to: {goal.name}"), *shares)
+        fractions = (_leg(of["legs"].get(goal.name)) for of in columns.values())
+        grid.add_row(Text(f"  on the way to: {goal.name}"), *fractions)
     return grid
 
 
@@ -287,9 +287,9 @@ def _columns(outcome: ArdisOutcome) -> dict[str, Numbers]:
     return {f"{drive}\n{law}": drives[drive][law] for drive in drives for law in LAWS}
 
 
-def _shares(name: str) -> Callable[[Numbers], str]:
+def _fractions(name: str) -> Callable[[Numbers], str]:
     def cell(of: Numbers) -> str:
-        arm = of[f"hand_{name}_arm_share"]
+        arm = of[f"hand_{name}_arm_fraction"]
         return "-" if arm is None else f"{100 * arm:z.0f} / {100 * (1 - arm):z.0f}"
 
     return cell
@@ -299,7 +299,7 @@ def _leg(of: Numbers | None) -> str:
     if of is None:
         return "not reached"
     energy, alone = of["kinetic_energy_mean_J"], of["kinetic_energy_chair_alone_mean_J"]
-    return f"{_shares('path')(of)}; {_joules(energy)} / {_joules(alone)}"
+    return f"{_fractions('path')(of)}; {_joules(energy)} / {_joules(alone)}"
 
 
 def _joules(energy: float | None) -> str:
@@ -310,7 +310,7 @@ def _margin(kind: str) -> Callable[[Numbers], str]:
     def cell(of: Numbers) -> str:
         if of["excess_max"].get(kind) is None:
             return "-"
-        return f"{-of['excess_max'][kind] + 0.0:.3g} ({100 * of['broken_share'][kind]:.1f} %)"
+        return f"{-of['excess_max'][kind] + 0.0:.3g} ({100 * of['broken_fraction'][kind]:.1f} %)"
 
     return cell
 
@@ -323,7 +323,7 @@ def _residual(of: Numbers) -> str:
 FIRST_ROWS: Rows = (
     ("goals reached", lambda of: f"{of['goals_met']} of {len(of['goals'])}"),
     ("duration, s", lambda of: f"{of['duration_s']:.1f}"),
-    ("ticks that break a limit, %", lambda of: f"{100 * of['broken_any_share']:.2f}"),
+    ("ticks that break a limit, %", lambda of: f"{100 * of['broken_any_fraction']:.2f}"),
     ("room to joint limits, rad (ticks beyond)", _margin("position")),
     ("arm to chair and user, m", _margin("keep_out")),
     ("chair to obstacles, m", _margin("obstacles")),
@@ -331,8 +331,8 @@ FIRST_ROWS: Rows = (
 )
 MORE_ROWS: Rows = (
     ("path of the hand; of the chair, m", lambda of: f"{of['hand_path_m']:.2f}; {of['chair_path_m']:.2f}"),
-    ("hand's path given by arm / chair, %", _shares("path")),
-    ("hand's turning given by arm / chair, %", _shares("turn")),
+    ("hand's path given by arm / chair, %", _fractions("path")),
+    ("hand's turning given by arm / chair, %", _fractions("turn")),
     (
         "mean kinetic energy / chair alone, J",
         lambda of: f"{_joules(of['kinetic_energy_mean_J'])} / {_joules(of['kinetic_energy_chair_alone_mean_J'])}",
@@ -342,6 +342,6 @@ MORE_ROWS: Rows = (
     ("to wheel speeds, rad/s", _margin("wheels")),
     ("motion that the drive does not allow, m/s", _residual),
     ("largest tilt of the hand from its start, deg", lambda of: f"{of['hand_tilt_max_deg']:.2g}"),
-    ("ticks in which something yielded", lambda of: counts(of["yielded"]) or "0"),
+    ("ticks in which something was relaxed", lambda of: counts(of["relaxed"]) or "0"),
     ("ways: arm / chair, %; mean energy / chair alone, J", lambda of: ""),
 )

@@ -18,9 +18,9 @@ from rehab_opt.text_file import LATEST, shown, text_lines
 __all__ = ["HEADER", "Moment", "Stick", "StickRecording", "StickSample", "read_stick", "sticks_of"]
 
 HEADER = ("t_s", "forward", "left", "switch", "gripper")
-MOST_TICKS = 500_000
+MAX_TICKS = 500_000
 """More keep more than a gigabyte of poses and Jacobians."""
-MOST_SAMPLES = 200_000
+MAX_SAMPLES = 200_000
 LONGEST = 3600.0
 """[s] A recording that takes longer has its times in another unit."""
 
@@ -101,8 +101,8 @@ def read_stick(path: Path, *, name: str) -> StickRecording:
         raise ProblemFileError(name, "line 1", shown(lines[0]), f"the header {','.join(HEADER)}")
     most = dict(zip(HEADER, (LATEST, 1.0, 1.0, 1.0, 1.0), strict=True))
     values = numbers_below(lines[1:], HEADER, HEADER, most, name=name, first=2, separator=",")
-    if not 2 <= len(values) <= MOST_SAMPLES:
-        raise ProblemFileError(name, "samples", len(values), f"2 to {MOST_SAMPLES}")
+    if not 2 <= len(values) <= MAX_SAMPLES:
+        raise ProblemFileError(name, "samples", len(values), f"2 to {MAX_SAMPLES}")
     for row, button in np.argwhere(~np.isin(values[:, 3:], (0.0, 1.0))).tolist():
         found = float(values[row, 3 + button])
         raise ProblemFileError(name, f"line {row + 2}, column {HEADER[3 + button]}", found, "0 or 1")
@@ -117,7 +117,7 @@ def read_stick(path: Path, *, name: str) -> StickRecording:
     return StickRecording(time, values[:, 1:3], values[:, 3] == 1.0, values[:, 4] == 1.0)
 
 
-def sticks_of(loaded: ProblemFile[ArdisProblem]) -> dict[DriveName, StickRecording]:
+def sticks_of(config: ProblemFile[ArdisProblem]) -> dict[DriveName, StickRecording]:
     """The recordings of the sticks.
 
     Raises
@@ -125,11 +125,11 @@ def sticks_of(loaded: ProblemFile[ArdisProblem]) -> dict[DriveName, StickRecordi
     ProblemFileError : absent, not a stick's, or as long as the run is dense.
     """
     sticks = {}
-    for drive, file in loaded.problem.stick.recordings.items():
-        stick = read_stick(recording_path(loaded, file, key=f"stick.{drive}"), name=file)
-        rate = loaded.problem.run.rate_hz
-        if stick.duration * rate > MOST_TICKS:
-            expected = f"at most {MOST_TICKS} ticks in the {stick.duration:.6g} s of stick.{drive}"
-            raise ProblemFileError(loaded.file, "run.rate_hz", rate, expected)
+    for drive, file in config.problem.stick.recordings.items():
+        stick = read_stick(recording_path(config, file, key=f"stick.{drive}"), name=file)
+        rate = config.problem.run.rate_hz
+        if stick.duration * rate > MAX_TICKS:
+            expected = f"at most {MAX_TICKS} ticks in the {stick.duration:.6g} s of stick.{drive}"
+            raise ProblemFileError(config.file, "run.rate_hz", rate, expected)
         sticks[drive] = stick
     return sticks

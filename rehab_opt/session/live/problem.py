@@ -81,7 +81,7 @@ class LiveControl(ABC):
     def step(self, inputs: LiveInputs, seen: Measurement) -> Command:
         """The command of a tick, of what is done at the page and what the sensors say."""
 
-    def sent(self, command: Command) -> Array:
+    def plant_command(self, command: Command) -> Array:
         """What the plant takes of a command."""
         return command.value
 

@@ -18,7 +18,7 @@ from rehab_opt.errors import ConfigurationError, ProblemFileError, RehabOptError
 from rehab_opt.kinematics.human_arm import RANGES_OF_MOTION_DEG
 from rehab_opt.session.files import problem_content, problem_path
 from rehab_opt.session.many.participant import COVARIATES, Participant, checked_name, unnamed, without_twins
-from rehab_opt.text_file import DEEPEST_KEY, LARGEST_TABLE, check_key_depth, header_cells, number_in, shown, whole_text
+from rehab_opt.text_file import DEEPEST_KEY, MAX_TABLE_SIZE, check_key_depth, header_cells, number_in, shown, whole_text
 
 __all__ = ["cell_value", "participants_in_folder", "participants_of", "replaced"]
 
@@ -64,7 +64,7 @@ def participants_in_table(table: Path, *, problem: str = BASE) -> tuple[Particip
 
 
 def _rows(table: Path, file: str) -> tuple[list[str], list[tuple[int, list[str]]]]:
-    text = whole_text(table, file, largest=LARGEST_TABLE)
+    text = whole_text(table, file, max_size=MAX_TABLE_SIZE)
     reader = csv.reader(text.splitlines(keepends=True), strict=True)
     rows: list[tuple[int, list[str]]] = []
     try:

@@ -143,7 +143,7 @@ class _Worker(Generic[T, A]):
         self.pool = ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), initializer=_end_with_parent)
         self._work = work
         with _one_thread():
-            self._loaded = _submitted(self.pool, callable, work)
+            self._config = _submitted(self.pool, callable, work)
         self._began: float | None = None
 
     def begin(self, task: T) -> Future[A]:
@@ -152,7 +152,7 @@ class _Worker(Generic[T, A]):
 
     def left(self, timeout_s: float) -> float:
         """[s] until the task is late, or until it is time to ask again."""
-        if self._began is None and self._loaded.done():
+        if self._began is None and self._config.done():
             self._began = time.monotonic()
         return ASK_AGAIN if self._began is None else max(self._began + timeout_s - time.monotonic(), 0.0)
 

@@ -187,7 +187,7 @@ def _mark(folder: Path) -> dict[str, Any] | None:
     return mark if there else None
 
 
-MOST_LISTED = 20
+MAX_LISTED = 20
 
 
 def counted(rows: Sequence[ResultRow]) -> str:
@@ -200,10 +200,10 @@ def counted(rows: Sequence[ResultRow]) -> str:
 def failed_table(rows: Sequence[ResultRow]) -> Table:
     """Those that are not done and why, the first ones of them."""
     failed = [row for row in rows if row.error]
-    more = len(failed) - MOST_LISTED
+    more = len(failed) - MAX_LISTED
     table = Table(caption=f"{more} more are not done: see results.csv" if more > 0 else None)
     for column in ("participant", "status", "error"):
         table.add_column(column, overflow="fold")
-    for row in failed[:MOST_LISTED]:
+    for row in failed[:MAX_LISTED]:
         table.add_row(Text(row.participant), row.status, Text(row.error))
     return table

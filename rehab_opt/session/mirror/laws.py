@@ -19,7 +19,7 @@ from rehab_opt.plants.plant import Plant
 from rehab_opt.plants.touched import TouchedPlant
 from rehab_opt.published.astar import AStarPath, astar_path
 from rehab_opt.session.clearance import clearance_key, clearance_of
-from rehab_opt.session.closed_loop import Ran, simulate, yielded_words
+from rehab_opt.session.closed_loop import ClosedLoopRun, relaxed_words, simulate
 from rehab_opt.session.live.problem import Following, LiveInputs
 from rehab_opt.session.mirror.outcome import Led
 from rehab_opt.session.mirror.problem import MirrorProblem, MirrorTrackerSection
@@ -28,7 +28,7 @@ from rehab_opt.session.outcome import Array, Progress
 from rehab_opt.session.refusals import refused_as
 from rehab_opt.session.schema import keys_of
 
-__all__ = ["ANY_SPEED", "followed", "planned", "searched", "tracker_of", "without_floor"]
+__all__ = ["ANY_SPEED", "planned", "searched", "track_reference", "tracker_of", "without_floor"]
 
 HELD = LiveInputs(enable=True)
 ANY_SPEED = 3.0
@@ -89,9 +89,16 @@ def tracker_of(
 
 
 def _led(
-    scene: Setup, ran: Ran, dt: float, *, max_manipulability: float, complete: bool, counts: dict[str, int], **of: Array
+    scene: Setup,
+    ran: ClosedLoopRun,
+    dt: float,
+    *,
+    max_manipulability: float,
+    complete: bool,
+    counts: dict[str, int],
+    **of: Array,
 ) -> Led:
-    """A run along the scene's reference; `of` are the fields of `Led` that a `Ran` has not."""
+    """A run along the scene's reference; `of` are the fields of `Led` that a `ClosedLoopRun` has not."""
     robot = scene.robot
     return Led(
         time=np.asarray(dt * np.arange(len(ran.q)), dtype=np.float64),
@@ -100,7 +107,7 @@ def _led(
         tool=np.array([robot.pose(each) for each in ran.q]),
         manipulability=np.array([robot.manipulability(each) for each in ran.q]) / max_manipulability,
         status=ran.status,
-        yielded=tuple(map(_said, (command.yielded for command in ran.commands))),
+        relaxed=tuple(map(_said, (command.relaxed for command in ran.commands))),
         reasons=tuple(command.reason for command in ran.commands),
         seconds=ran.seconds,
         complete=complete,
@@ -110,7 +117,7 @@ def _led(
     )
 
 
-_said = partial(yielded_words, between="+")
+_said = partial(relaxed_words, between="+")
 
 
 def without_floor(
@@ -132,7 +139,7 @@ def without_floor(
     )  # fmt: skip
 
 
-def followed(tracker: MirrorTracker, scene: Setup, plant: Plant, *, patience: float, progress: Progress) -> Led:
+def track_reference(tracker: MirrorTracker, scene: Setup, plant: Plant, *, patience: float, progress: Progress) -> Led:
     """Closed loop: tick by tick, the future unknown.
 
     After the recording's end its last pose stays, until the clock has passed it or `patience` recordings have passed.
@@ -155,10 +162,10 @@ def followed(tracker: MirrorTracker, scene: Setup, plant: Plant, *, patience: fl
         progress=lambda done, _: progress("step", min(done, total), total),
     )  # fmt: skip
     references, lag, pace, short = (np.array(of) for of in zip(*rows, strict=True))
-    asked, person = scene.asked_of(references, dt * np.arange(len(lag)) - lag)
+    reference, person = scene.reference_of(references, dt * np.arange(len(lag)) - lag)
     return _led(
         scene, ran, dt, max_manipulability=tracker.max_manipulability, complete=complete, counts=dict(tracker.counts),
-        reference=asked, lag=lag, pace=pace, short=short + person, person=person,
+        reference=reference, lag=lag, pace=pace, short=short + person, person=person,
     )  # fmt: skip
 
 
@@ -168,13 +175,13 @@ def planned(tracker: MirrorTracker, scene: Setup, *, progress: Progress) -> Led:
     tracker.counts.clear()
     path = tracker.plan(scene.led.poses, scene.led.twists, scene.start)
     progress("plan", 1, 1)
-    robot, (asked, person) = scene.robot, scene.asked_of(path.references, path.clock)
+    robot, (reference, person) = scene.robot, scene.reference_of(path.references, path.clock)
     return Led(
         time=path.times,
         q=path.q,
         command=path.velocities,
         tool=path.poses,
-        reference=asked,
+        reference=reference,
         manipulability=np.array([robot.manipulability(each) for each in path.q]) / tracker.max_manipulability,
         lag=path.times - path.clock,
         # At its end the reference stands still: a hand that settles there is not held back.
@@ -182,7 +189,7 @@ def planned(tracker: MirrorTracker, scene: Setup, *, progress: Progress) -> Led:
         short=path.short + person,
         person=person,
         status=("planned",) * len(path.q),
-        yielded=tuple(map(_said, path.yielded)),
+        relaxed=tuple(map(_said, path.relaxed)),
         reasons=("",) * len(path.q),
         seconds=np.array([path.seconds]),
         complete=path.complete,

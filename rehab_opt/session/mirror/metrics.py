@@ -17,7 +17,7 @@ from rehab_opt.session.mirror.outcome import DrivenJoints, Led
 from rehab_opt.session.outcome import Array, error_metrics, joint_metrics, reason_counts, status_counts, time_metrics
 from rehab_opt.session.upper_limb.problem import SmoothingSection
 
-__all__ = ["CAUSES", "astar_metrics", "causes", "driven", "led_metrics", "passed_share"]
+__all__ = ["CAUSES", "astar_metrics", "causes", "driven", "led_metrics", "passed_fraction"]
 
 
 CAUSES = ("followed", "late", "person's arm", "floor", "keep-out", "robot's reach", "stopped")
@@ -39,7 +39,7 @@ def causes(led: Led, drive: DrivenJoints, bounds: HandBounds) -> NDArray[np.int_
     # A hand held off within the largest deviation is not told to be short: where a bound is at hand, that is why.
     off = robot | (behind & ~person)
     for plane in bounds.planes:
-        found[off & (bounds.least_heights(led.q, plane) < AT_PLANE)] = 4
+        found[off & (bounds.min_heights(led.q, plane) < AT_PLANE)] = 4
     found[off & (np.abs(led.manipulability - bounds.floor) < AT_FLOOR)] = 3
     found[person] = 2
     found[np.isin(led.status, ("braking", "holding"))] = 6
@@ -71,17 +71,17 @@ def driven(
     """
     if led.motion is not None:
         return DrivenJoints(led.time, led.q, led.tool, led.deviation, led.manipulability, led.time, led.lag, led.pace)
-    share = 1.0
+    fraction = 1.0
     for _ in range(AGAIN):
-        times, q, when = _passed(led, robot, bounds, linear_speed=share * linear_speed)
+        times, q, when = _passed(led, robot, bounds, linear_speed=fraction * linear_speed)
         tool = np.array([robot.pose(each) for each in q])
         fastest = float(np.linalg.norm(np.diff(tool[:, :3, 3], axis=0), axis=1).max(initial=0.0)) / (EVERY * DT)
         if fastest <= linear_speed:
             break
-        share *= linear_speed / fastest * (1 - 1e-6)
-    asked = np.column_stack([np.interp(when, led.time, axis) for axis in led.reference[:, :3, 3].T])
+        fraction *= linear_speed / fastest * (1 - 1e-6)
+    reference = np.column_stack([np.interp(when, led.time, axis) for axis in led.reference[:, :3, 3].T])
     return DrivenJoints(
-        times, q, tool, np.linalg.norm(tool[:, :3, 3] - asked, axis=1),
+        times, q, tool, np.linalg.norm(tool[:, :3, 3] - reference, axis=1),
         np.array([robot.manipulability(each) for each in q]) / max_manipulability, when,
         times - np.interp(when, led.time, led.time - led.lag),
         led.pace[_ticks(led, when)] * np.diff(when, append=when[-1]) / (EVERY * DT),
@@ -114,11 +114,11 @@ SAMPLES = 400
 
 
 def led_metrics(
-    led: Led, drive: DrivenJoints, bounds: HandBounds, asked: Array, *, cause: NDArray[np.int_], rate: float
+    led: Led, drive: DrivenJoints, bounds: HandBounds, reference: Array, *, cause: NDArray[np.int_], rate: float
 ) -> dict[str, Any]:
     """Of one law and its `drive`; where sight was lost there is no reference, and no distance to it.
 
-    `asked` (N, 4, 4) are the poses asked for, those of lost sight left out; `cause` (K,) are the drive's `causes`.
+    `reference` (N, 4, 4) are the poses asked for, those of lost sight left out; `cause` (K,) are the drive's `causes`.
     """
     seen, robot = np.isfinite(led.deviation), bounds.chain
     q = np.concatenate([led.q, led.q[-1:] + led.command[-1:] / rate])  # and where the last tick leads
@@ -132,7 +132,7 @@ def led_metrics(
     return {
         "drive": {
             "duration_s": float(drive.time[-1]),
-            "passed_share_of_time": passed_share(drive.tool, asked),
+            "passed_fraction_of_time": passed_fraction(drive.tool, reference),
             **error_metrics(drive.deviation[np.isfinite(drive.deviation)], "deviation", "m"),
             "manipulability_min": float(drive.manipulability.min()),
             "tool_speed_max_m_s": float(moves.max()),
@@ -146,13 +146,13 @@ def led_metrics(
         "complete": led.complete,
         "manipulability_min": float(w.min()),
         "manipulability_median": float(np.median(w)),
-        "below_floor_share_of_time": float(np.mean(w < bounds.floor - BELOW)),
-        "passed_share_of_time": passed_share(led.tool, asked),
+        "below_floor_fraction_of_time": float(np.mean(w < bounds.floor - BELOW)),
+        "passed_fraction_of_time": passed_fraction(led.tool, reference),
         **error_metrics(led.deviation[seen], "deviation", "m"),
         **error_metrics(np.rad2deg(led.turn[seen]), "turn", "deg"),
         "tool_speed_max_m_s": float(speed.max()),
         **joint_metrics(robot, q, rate),
-        "joint_acceleration_max_share_of_limit": float(change.max()),
+        "joint_acceleration_max_fraction_of_limit": float(change.max()),
         "joint_acceleration_above_limit_ticks": int(np.sum(change > 1.0 + 1e-6)),
         **_lags(led.lag),
         "pace_mean": float(led.pace.mean()),
@@ -160,7 +160,7 @@ def led_metrics(
         "computing_s": float(led.seconds.sum()),
         **times,
         "status": status_counts(led.status),
-        "yielded": status_counts(text for text in led.yielded if text),
+        "relaxed": status_counts(text for text in led.relaxed if text),
         "reasons": reason_counts(_kind(text) for text in led.reasons),
         "counts": led.counts,
     }
@@ -170,9 +170,9 @@ def _lags(lag: Array) -> dict[str, float]:
     return {"lag_mean_s": float(lag.mean()), "lag_max_s": float(lag.max()), "lag_at_end_s": float(lag[-1])}
 
 
-def passed_share(tool: Array, asked: Array) -> float:
+def passed_fraction(tool: Array, reference: Array) -> float:
     """Share of poses asked for (N, 4, 4) that a path (M, 4, 4) passes, at whatever time."""
-    poses = asked[:: math.ceil(len(asked) / SAMPLES)]
+    poses = reference[:: math.ceil(len(reference) / SAMPLES)]
     met = 0
     for pose in poses:
         near = np.linalg.norm(tool[:, :3, 3] - pose[:3, 3], axis=1) <= NEAR

@@ -46,7 +46,7 @@ class Led:
     pace : (M,) seconds of the reference in a second.
     short : (M, 2) [m, rad] by which person and robot stay short of the reference at best, from where they are.
     person : (M, 2) [m, rad] of that which are the person's arm's.
-    status, yielded : (M,) of each command.
+    status, relaxed : (M,) of each command.
     reasons : (M,) why a command is not a plain one.
     seconds : (M,) computing time of each tick, or (1,) of all of them.
     complete : whether the reference's end was reached.
@@ -65,7 +65,7 @@ class Led:
     short: Array
     person: Array
     status: tuple[str, ...]
-    yielded: tuple[str, ...]
+    relaxed: tuple[str, ...]
     reasons: tuple[str, ...]
     seconds: Array
     complete: bool
@@ -112,7 +112,7 @@ class MirrorOutcome(MovementOutcome):
     ----------
     floor : least w / w_max.
     mirror : of the patient.
-    asked : (N, 4, 4) the mirrored poses of the tool, even samples at `time`; NaN where sight was lost.
+    reference : (N, 4, 4) the mirrored poses of the tool, even samples at `time`; NaN where sight was lost.
     recorded : (K, 3) [m] the healthy hand in the robot's frame.
     laws : what was run, by its name among `LAWS`.
     drives : of each law, what a drive does with its joints.
@@ -124,7 +124,7 @@ class MirrorOutcome(MovementOutcome):
 
     floor: float = field(kw_only=True)
     mirror: Mirror = field(kw_only=True)
-    asked: Array = field(kw_only=True)
+    reference: Array = field(kw_only=True)
     recorded: Array = field(kw_only=True)
     laws: dict[str, Led] = field(kw_only=True)
     drives: dict[str, DrivenJoints] = field(kw_only=True)
@@ -150,7 +150,7 @@ class MirrorOutcome(MovementOutcome):
             "turn_rad": led.turn,
             "manipulability": led.manipulability,
             "status": led.status,
-            "yielded": led.yielded,
+            "relaxed": led.relaxed,
             **dict(joint_columns("joint", self.chain, led.q, "rad")),
             **dict(joint_columns("command", self.chain, led.command, "rad_s")),
         }

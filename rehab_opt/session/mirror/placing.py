@@ -22,8 +22,8 @@ from rehab_opt.control.seats import Seats, Walk
 from rehab_opt.errors import ProblemFileError
 from rehab_opt.plants.ideal import IdealJoints
 from rehab_opt.session.files import ProblemFile
-from rehab_opt.session.mirror.laws import followed, tracker_of
-from rehab_opt.session.mirror.metrics import passed_share
+from rehab_opt.session.mirror.laws import track_reference, tracker_of
+from rehab_opt.session.mirror.metrics import passed_fraction
 from rehab_opt.session.mirror.problem import MirrorProblem
 from rehab_opt.session.mirror.scene import Setup, laid_out
 from rehab_opt.session.outcome import Array, Progress
@@ -67,7 +67,7 @@ class Place(NamedTuple):
 
 
 def found_place(
-    loaded: ProblemFile[MirrorProblem], *, seats: int = ANYWHERE, seed: int = 0, progress: Progress
+    config: ProblemFile[MirrorProblem], *, seats: int = ANYWHERE, seed: int = 0, progress: Progress
 ) -> Place:
     """Seat, direction, grip and starting posture with which the robot passes most of the recording.
 
@@ -81,14 +81,14 @@ def found_place(
     ProblemFileError : a recording or a value that cannot be used; a frame that is calibrated, and so not to be chosen;
         no seat from which the robot does any of it.
     """
-    if loaded.problem.placement.origin_m is None:
+    if config.problem.placement.origin_m is None:
         raise ProblemFileError(
-            loaded.file, "placement.calibration_file", loaded.problem.placement.calibration_file,
+            config.file, "placement.calibration_file", config.problem.placement.calibration_file,
             "origin_m: where the recording lies was measured, and is not to be chosen",
         )  # fmt: skip
-    scene = laid_out(loaded)
-    tracker = tracker_of(loaded.problem, scene, file=loaded.file)
-    search = _Search(loaded.problem, scene, tracker, np.random.default_rng(seed))
+    scene = laid_out(config)
+    tracker = tracker_of(config.problem, scene, file=config.file)
+    search = _Search(config.problem, scene, tracker, np.random.default_rng(seed))
     drawn, scores = np.empty((0, search.chain.n + 1)), np.empty(0)
     for number in range(SEARCHES):
         progress("seats", number, SEARCHES)
@@ -104,14 +104,14 @@ def found_place(
     progress("seats", 1, 1)
     if not tried:
         expected = "a recording of which the robot, above its floor, and the person's arm can do some"
-        raise ProblemFileError(loaded.file, "recording.file", loaded.problem.recording.file, expected)
+        raise ProblemFileError(config.file, "recording.file", config.problem.recording.file, expected)
     best = Place({}, -math.inf, 0.0)
     for number, seat in enumerate(tried):
         if number >= ENOUGH and best.passed >= search.most - SHORT:
             break
         progress("runs", number, TRIED)
         keys = search.keys(seat)
-        place = Place(keys, achieved(placed(loaded, keys)), search.counted(seat))
+        place = Place(keys, achieved(placed(config, keys)), search.counted(seat))
         best = max(best, place, key=lambda each: each.passed)
     progress("runs", 1, 1)
     return best
@@ -127,26 +127,26 @@ def _apart(drawn: Array, scores: Array) -> list[Array]:
     return found
 
 
-def placed(loaded: ProblemFile[MirrorProblem], keys: dict[str, dict[str, Any]]) -> ProblemFile[MirrorProblem]:
+def placed(config: ProblemFile[MirrorProblem], keys: dict[str, dict[str, Any]]) -> ProblemFile[MirrorProblem]:
     """The same problem with these keys."""
-    content = loaded.problem.model_dump(mode="json", exclude_unset=True)
+    content = config.problem.model_dump(mode="json", exclude_unset=True)
     for section, values in keys.items():
         where = content
         for name in section.split("."):
             where = where[name]
         where.update(values)
-    return dataclasses.replace(loaded, problem=type(loaded.problem).model_validate(content))
+    return dataclasses.replace(config, problem=type(config.problem).model_validate(content))
 
 
-def achieved(loaded: ProblemFile[MirrorProblem]) -> float:
+def achieved(config: ProblemFile[MirrorProblem]) -> float:
     """Share of the reference's poses that `step` passes on a robot that moves as commanded."""
-    scene = laid_out(loaded)
-    tracker = tracker_of(loaded.problem, scene, file=loaded.file)
-    led = followed(
-        tracker, scene, IdealJoints(tracker.dt), patience=loaded.problem.tracker.patience,
+    scene = laid_out(config)
+    tracker = tracker_of(config.problem, scene, file=config.file)
+    led = track_reference(
+        tracker, scene, IdealJoints(tracker.dt), patience=config.problem.tracker.patience,
         progress=lambda *_: None,
     )  # fmt: skip
-    return passed_share(led.tool, scene.reference.poses[~scene.reference.lost])
+    return passed_fraction(led.tool, scene.reference.poses[~scene.reference.lost])
 
 
 COMES = 20
@@ -160,13 +160,13 @@ def reach_note(problem: MirrorProblem, scene: Setup, tracker: MirrorTracker) -> 
     hands, here = search.hands @ search.grip, scene.robot.pose(scene.start)
     way, turn = hands[0, :3, 3] - here[:3, 3], turn_between(here, hands[0])
     to_the_first = np.tile(here, (COMES, 1, 1))
-    for pose, share in zip(to_the_first, np.arange(COMES) / COMES, strict=True):
-        pose[:3, 3] += share * way
-        pose[:3, :3] = turned(here[:3, :3], share * turn)
+    for pose, fraction in zip(to_the_first, np.arange(COMES) / COMES, strict=True):
+        pose[:3, 3] += fraction * way
+        pose[:3, :3] = turned(here[:3, :3], fraction * turn)
     walk = search.seats.walk(np.concatenate([to_the_first, hands])[:, None], scene.start[None], 0)
-    share = float((walk.done[COMES:, 0] & search.wanted).sum() / search.counted_on.sum())
-    said = f"in reach, above the floor, from this start: {100 * share:.0f} % of it; `rehab-opt place` may find more"
-    return said if share >= SEEN else OutOfReach(said)
+    fraction = float((walk.done[COMES:, 0] & search.wanted).sum() / search.counted_on.sum())
+    said = f"in reach, above the floor, from this start: {100 * fraction:.0f} % of it; `rehab-opt place` may find more"
+    return said if fraction >= SEEN else OutOfReach(said)
 
 
 class _Search:
@@ -183,7 +183,7 @@ class _Search:
         self.grip = pose_of(problem.robot.grip_deg, problem.robot.grip_m)
         # Samples where the person's arm does what is asked, and where it changes its posture.
         seen = np.flatnonzero(~scene.led.lost)
-        goes_on = np.diff(scene.asked[seen], append=len(scene.reference.poses)) > 0
+        goes_on = np.diff(scene.reference_index[seen], append=len(scene.reference.poses)) > 0
         own = seen[goes_on][np.unique(np.linspace(0, goes_on.sum() - 1, poses).astype(int))]
         every = math.ceil(CHANGING / float(scene.led.times[1] - scene.led.times[0]))
         where = np.union1d(own, seen[~goes_on][::every])

@@ -83,9 +83,9 @@ class ConditioningSection(Section):
     """Of the filter's two equal poles; its lag is reported."""
     max_gap_s: float = Field(default=0.1, gt=0, le=10)
     """Longer gaps count as lost sight."""
-    largest_speed_m_s: float = Field(default=5.0, gt=0, le=100)
+    max_speed_m_s: float = Field(default=5.0, gt=0, le=100)
     """Faster samples count as lost sight."""
-    largest_turn_deg_s: float = Field(default=1720.0, gt=0, le=36000)
+    max_turn_rate_deg_s: float = Field(default=1720.0, gt=0, le=36000)
     """Likewise."""
 
 
@@ -205,7 +205,7 @@ class AStarSection(Section):
     """Path searched at a time. This and the next are choices: the paper's numbers are lost."""
     pull: float = Field(default=4.0, ge=0, le=1000)
     """Weight of the reference path in f."""
-    most: int = Field(default=200_000, ge=1, le=10_000_000)
+    max_expansions: int = Field(default=200_000, ge=1, le=10_000_000)
     """Positions expanded a stretch at most."""
 
 

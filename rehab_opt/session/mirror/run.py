@@ -20,7 +20,7 @@ from rehab_opt.session.clearance import clearance_of, nearest_bodies, start_note
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.live.bodies import BLUE, GREEN, ORANGE, ArmBodies, joint_rows, kept_off, near_limit, screen
 from rehab_opt.session.live.problem import Following, LiveControl, LiveProblem
-from rehab_opt.session.mirror.laws import ANY_SPEED, followed, planned, searched, tracker_of, without_floor
+from rehab_opt.session.mirror.laws import ANY_SPEED, planned, searched, track_reference, tracker_of, without_floor
 from rehab_opt.session.mirror.metrics import astar_metrics, causes, driven, led_metrics
 from rehab_opt.session.mirror.outcome import BEFORE, PLAN, STEP, Led, MirrorOutcome
 from rehab_opt.session.mirror.placing import reach_note
@@ -42,24 +42,24 @@ class LiveMirror(LiveProblem):
 
     controls = frozenset({"target", "push", "faults"})
 
-    def __init__(self, loaded: ProblemFile[MirrorProblem]) -> None:
-        self._loaded, self.title, self.dt = loaded, loaded.problem.title, 1 / loaded.problem.tracker.rate_hz
-        self._scene, self.device = laid_out(loaded), device_of(loaded.problem.plant)
+    def __init__(self, config: ProblemFile[MirrorProblem]) -> None:
+        self._config, self.title, self.dt = config, config.problem.title, 1 / config.problem.tracker.rate_hz
+        self._scene, self.device = laid_out(config), device_of(config.problem.plant)
         self.robot = self._scene.robot
         self.names = tuple(self.robot.names)
-        self.layout = {"q": self.robot.n, "asked": 3, "target": 3, "force": 3, "lag": 1, "manipulability": 1}
+        self.layout = {"q": self.robot.n, "reference": 3, "target": 3, "force": 3, "lag": 1, "manipulability": 1}
         self._arm = ArmBodies(self.robot)
         self._person: tuple[ArmBodies, PersonLimit] | None = None
         if self._scene.person is not None:
             person, grip = self._scene.person
-            said = loaded.problem.patient.arm
+            said = config.problem.patient.arm
             start = None if said is None or said.start_deg is None else np.deg2rad(said.start_deg)
             self._person = ArmBodies(person), PersonLimit(person, grip=grip, dt=FRAME, start=start, backup=None)
 
     def control(self, plant: Plant | None = None) -> LiveControl:
         """The tracker of `rehab-opt run`."""
-        problem, scene = self._loaded.problem, self._scene
-        tracker = tracker_of(problem, scene, file=self._loaded.file, live=True, feedback=joint_feedback(problem.plant))
+        problem, scene = self._config.problem, self._scene
+        tracker = tracker_of(problem, scene, file=self._config.file, live=True, feedback=joint_feedback(problem.plant))
         plant = TouchedPlant(joint_plant(problem.plant, self.robot, self.dt)) if plant is None else plant
         reference = scene.reference
         seen = ~reference.lost
@@ -67,10 +67,10 @@ class LiveMirror(LiveProblem):
 
     def scene(self) -> dict[str, Any]:
         """The mirrored path, planes that are kept clear of, limits of the person or else the robot."""
-        reference, section = self._scene.reference, self._loaded.problem.tracker
+        reference, section = self._scene.reference, self._config.problem.tracker
         path = reference.poses[~reference.lost][:: max(1, round(0.05 / self.dt)), :3, 3]
         planes = [KeepOut.through(each.point_m, each.normal) for each in section.keep_out]
-        bodies = kept_off(path.mean(axis=0), clearance_of(self._loaded.problem.clearance, self._loaded.file), planes)
+        bodies = kept_off(path.mean(axis=0), clearance_of(self._config.problem.clearance, self._config.file), planes)
         shown = joint_rows(self.robot if self._person is None else self._person[0].chain)
         return {
             **super().scene(),
@@ -108,7 +108,7 @@ class LiveMirror(LiveProblem):
             capsules += bodies.capsules(joints, colours)
         margin = np.minimum(joints - chain.lower, chain.upper - joints)[chain.lower < chain.upper].min()
         numbers = (
-            1e3 * float(np.linalg.norm(hand - shown["asked"])), float(shown["manipulability"][0]),
+            1e3 * float(np.linalg.norm(hand - shown["reference"])), float(shown["manipulability"][0]),
             float(shown["lag"][0]), math.degrees(margin), float(np.linalg.norm(force)),
         )  # fmt: skip
         return {
@@ -133,7 +133,7 @@ class _Mirroring(Following):
     def shown(self) -> dict[str, ArrayLike]:
         tracker = self._mirror
         return super().shown() | {
-            "asked": tracker.reference[:3, 3], "lag": tracker.lag, "manipulability": tracker.manipulability
+            "reference": tracker.reference[:3, 3], "lag": tracker.lag, "manipulability": tracker.manipulability
         }  # fmt: skip
 
 
@@ -156,7 +156,7 @@ def _notes(problem: MirrorProblem, scene: Setup, laws: dict[str, Led], tracker: 
     if w < problem.tracker.floor:
         yield f"the robot starts below the floor, at {w:.3f}"
     for i, plane in enumerate(tracker.hand_bounds.planes):
-        height = tracker.hand_bounds.least_heights(scene.start[None], plane).item()
+        height = tracker.hand_bounds.min_heights(scene.start[None], plane).item()
         if height < 0.0:
             yield f"the robot starts {-1e3 * height:.3g} mm inside tracker.keep_out.{i}, and goes no deeper"
     for name, led in laws.items():
@@ -178,28 +178,28 @@ class MirrorSystem(System[MirrorProblem, MirrorOutcome]):
         points = problem.placement.calibration_file
         return needed if points is None else (*needed, Needed("placement.calibration_file", points))
 
-    def check(self, loaded: ProblemFile[MirrorProblem]) -> tuple[str, ...]:
+    def check(self, config: ProblemFile[MirrorProblem]) -> tuple[str, ...]:
         """Reads the recording, lays it out, builds the tracker, and counts what the robot reaches."""
-        scene = laid_out(loaded)
-        tracker = tracker_of(loaded.problem, scene, file=loaded.file)
-        within = start_notes(loaded.problem.clearance, loaded.file, scene.robot, scene.start)
-        return (*scene.notes, *within, *path_notes(scene), reach_note(loaded.problem, scene, tracker))
+        scene = laid_out(config)
+        tracker = tracker_of(config.problem, scene, file=config.file)
+        within = start_notes(config.problem.clearance, config.file, scene.robot, scene.start)
+        return (*scene.notes, *within, *path_notes(scene), reach_note(config.problem, scene, tracker))
 
     def run(
-        self, loaded: ProblemFile[MirrorProblem], *, options: Mapping[str, str], progress: Progress
+        self, config: ProblemFile[MirrorProblem], *, options: Mapping[str, str], progress: Progress
     ) -> MirrorOutcome:
         """The option is `plant`."""
-        problem, scene = loaded.problem, laid_out(loaded)
+        problem, scene = config.problem, laid_out(config)
         section, reference, robot = problem.tracker, scene.reference, scene.robot
         feedback = joint_feedback(problem.plant)
-        tracker = tracker_of(problem, scene, file=loaded.file, feedback=feedback)
+        tracker = tracker_of(problem, scene, file=config.file, feedback=feedback)
         max_manipulability, rate, bounds = tracker.max_manipulability, section.rate_hz, tracker.hand_bounds
         plant = joint_plant(problem.plant, robot, 1.0 / rate)
         laws = {
             BEFORE: without_floor(
                 scene, plant, max_manipulability=max_manipulability, progress=progress, feedback=feedback
             ),
-            STEP: followed(tracker, scene, plant, patience=section.patience, progress=progress),
+            STEP: track_reference(tracker, scene, plant, patience=section.patience, progress=progress),
             PLAN: planned(tracker, scene, progress=progress),
         }
         speeds = {BEFORE: ANY_SPEED, STEP: section.linear_speed_m_s, PLAN: section.linear_speed_m_s}
@@ -210,9 +210,9 @@ class MirrorSystem(System[MirrorProblem, MirrorOutcome]):
             for name, led in laws.items()
         }
         why = {name: causes(led, drives[name], bounds) for name, led in laws.items()}
-        near = nearest_bodies(problem.clearance, loaded.file, robot, laws[STEP].q, laws[STEP].time)
+        near = nearest_bodies(problem.clearance, config.file, robot, laws[STEP].q, laws[STEP].time)
         astar = searched(problem, scene, max_manipulability=max_manipulability, progress=progress)
-        asked = reference.poses[~reference.lost]
+        references = reference.poses[~reference.lost]
         fast = np.linalg.norm(reference.twists[~reference.lost, :3], axis=1)
         metrics: dict[str, Any] = {
             "reference": {
@@ -222,17 +222,17 @@ class MirrorSystem(System[MirrorProblem, MirrorOutcome]):
                 "samples_dropped": reference.dropped,
                 "gaps": reference.gaps,
                 "speed_max_m_s": float(fast.max()),
-                "faster_than_cap_share_of_time": float(np.mean(fast > section.linear_speed_m_s)),
+                "faster_than_cap_fraction_of_time": float(np.mean(fast > section.linear_speed_m_s)),
                 "filter_lag_s": Conditioner(1 / rate, cutoff_hz=problem.conditioning.cutoff_hz).lag,
                 "calibration_rms_m": scene.fit.rms if scene.fit is not None else None,
                 "scale": problem.placement.scale,
             },
-            "manipulability_largest": max_manipulability,
+            "manipulability_max": max_manipulability,
             "laws": {
-                name: led_metrics(led, drives[name], bounds, asked, cause=why[name], rate=rate)
+                name: led_metrics(led, drives[name], bounds, references, cause=why[name], rate=rate)
                 for name, led in laws.items()
             },
-            "astar": None if astar is None else astar_metrics(astar, bounds, asked[:, :3, 3]),
+            "astar": None if astar is None else astar_metrics(astar, bounds, references[:, :3, 3]),
             **({} if near is None else {"clearance": near.metrics}),
         }
         return MirrorOutcome(
@@ -246,7 +246,7 @@ class MirrorSystem(System[MirrorProblem, MirrorOutcome]):
             ),
             metrics=metrics,
             mirror=scene.mirror,
-            asked=reference.poses,
+            reference=reference.poses,
             recorded=scene.recorded,
             laws=laws,
             drives=drives,
@@ -256,6 +256,6 @@ class MirrorSystem(System[MirrorProblem, MirrorOutcome]):
             near=near,
         )
 
-    def live(self, loaded: ProblemFile[MirrorProblem], *, options: Mapping[str, str]) -> LiveProblem:
+    def live(self, config: ProblemFile[MirrorProblem], *, options: Mapping[str, str]) -> LiveProblem:
         """The mirrored recording to and fro, until somebody drags the hand; the option is `plant`."""
-        return LiveMirror(loaded)
+        return LiveMirror(config)

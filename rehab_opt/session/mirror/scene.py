@@ -23,7 +23,7 @@ from rehab_opt.session.mirror.hand_poses import HandPoses, calibration_points, r
 from rehab_opt.session.mirror.problem import MirrorProblem, PatientSection, PoseRecordingSection
 from rehab_opt.session.outcome import Array
 from rehab_opt.session.participant import arm_of
-from rehab_opt.session.pose_tracking.problem import MOST_TICKS
+from rehab_opt.session.pose_tracking.problem import MAX_TICKS
 from rehab_opt.session.refusals import refused_as
 from rehab_opt.session.robot_file import pose_of, robot_at_start
 from rehab_opt.session.schema import Side
@@ -80,18 +80,18 @@ class Setup:
             return reference, np.arange(len(reference.poses))
         dt, seen = float(reference.times[1] - reference.times[0]), np.flatnonzero(~reference.lost)
         path = arm_path(*self.person, reference.poses[seen], dt=dt)
-        first = np.searchsorted(path.asked, np.arange(len(seen)))
+        first = np.searchsorted(path.reference_index, np.arange(len(seen)))
         gaps = np.flatnonzero(reference.lost)
-        where = np.append(first, len(path.asked))[np.searchsorted(seen, gaps)]
+        where = np.append(first, len(path.reference_index))[np.searchsorted(seen, gaps)]
         twists = path.twists.copy()
         twists[first[1:][np.diff(seen) > 1]] = 0.0  # nothing is known of how the hand came there
-        asked = np.insert(seen[path.asked], where, gaps)
+        index = np.insert(seen[path.reference_index], where, gaps)
         return reference._replace(
-            times=reference.times[0] + dt * np.arange(len(asked)),
+            times=reference.times[0] + dt * np.arange(len(index)),
             poses=np.insert(path.poses, where, math.nan, axis=0),
             twists=np.insert(twists, where, math.nan, axis=0),
-            lost=np.insert(np.zeros(len(path.asked), dtype=bool), where, True),
-        ), asked
+            lost=np.insert(np.zeros(len(path.reference_index), dtype=bool), where, True),
+        ), index
 
     @property
     def led(self) -> Conditioned:
@@ -99,57 +99,57 @@ class Setup:
         return self._path[0]
 
     @property
-    def asked(self) -> NDArray[np.int_]:
+    def reference_index(self) -> NDArray[np.int_]:
         """(M,) which sample of the reference each of `led` is; the same again while the arm changes its posture."""
         return self._path[1]
 
     @cached_property
     def beyond(self) -> Array:
         """(M, 2) [m, rad] from each pose of `led` to the reference; zero where sight was lost."""
-        asked, led = self.reference.poses[self.asked], self.led.poses
-        away = np.linalg.norm(led[:, :3, 3] - asked[:, :3, 3], axis=1)
-        turned = angles_between(asked[:, :3, :3], led[:, :3, :3])
+        reference, led = self.reference.poses[self.reference_index], self.led.poses
+        away = np.linalg.norm(led[:, :3, 3] - reference[:, :3, 3], axis=1)
+        turned = angles_between(reference[:, :3, :3], led[:, :3, :3])
         return np.asarray(np.nan_to_num(np.column_stack([away, turned])))
 
-    def asked_of(self, led: Array, seconds: ArrayLike) -> tuple[Array, Array]:
+    def reference_of(self, led: Array, seconds: ArrayLike) -> tuple[Array, Array]:
         """The reference (K, 4, 4) where `led` (K, 4, 4) was followed, at seconds from its beginning, and `beyond`."""
         step = float(self.led.times[1] - self.led.times[0])
-        k = np.clip(np.rint(np.nan_to_num(np.asarray(seconds)) / step).astype(int), 0, len(self.asked) - 1)
-        wanted, done, found = self.reference.poses[self.asked[k]], self.led.poses[k], led.copy()
+        k = np.clip(np.rint(np.nan_to_num(np.asarray(seconds)) / step).astype(int), 0, len(self.reference_index) - 1)
+        wanted, done, found = self.reference.poses[self.reference_index[k]], self.led.poses[k], led.copy()
         found[:, :3, 3] += wanted[:, :3, 3] - done[:, :3, 3]
         found[:, :3, :3] = wanted[:, :3, :3] @ done[:, :3, :3].transpose(0, 2, 1) @ led[:, :3, :3]
         return np.where(np.isnan(found), led, found), self.beyond[k]
 
 
-def laid_out(loaded: ProblemFile[MirrorProblem]) -> Setup:
+def laid_out(config: ProblemFile[MirrorProblem]) -> Setup:
     """Read the recording and lay everything out.
 
     Raises
     ------
     ProblemFileError : a recording or a value that cannot be used.
     """
-    problem, file = loaded.problem, loaded.file
-    robot, start = robot_at_start(loaded)
+    problem, file = config.problem, config.file
+    robot, start = robot_at_start(config)
     section = problem.recording
-    seen = read_hand_poses(recording_path(loaded, section.file), section, file=file)
-    fit = _frame(loaded)
+    seen = read_hand_poses(recording_path(config, section.file), section, file=file)
+    fit = _frame(config)
     poses = fit.poses(_robot_axes(seen, section))
     mirror = patient_mirror(problem.patient)
     grip = pose_of(problem.robot.grip_deg, problem.robot.grip_m)
     tools = mirror.poses(poses) @ grip
-    usable = np.flatnonzero(np.all(np.isfinite(tools), axis=(1, 2)) & np.isfinite(seen.times))
-    if not usable.size:
+    valid = np.flatnonzero(np.all(np.isfinite(tools), axis=(1, 2)) & np.isfinite(seen.times))
+    if not valid.size:
         raise ProblemFileError(section.file, "samples", 0, "at least 3 usable samples together")
-    seconds, rate = float(np.ptp(seen.times[usable])), problem.tracker.rate_hz
-    if seconds * rate > MOST_TICKS:
-        expected = f"at most {MOST_TICKS} ticks in the recording's {seconds:g} s"
+    seconds, rate = float(np.ptp(seen.times[valid])), problem.tracker.rate_hz
+    if seconds * rate > MAX_TICKS:
+        expected = f"at most {MAX_TICKS} ticks in the recording's {seconds:g} s"
         raise ProblemFileError(file, "tracker.rate_hz", rate, expected)
     # The filter comes last, so that what is filtered is what the robot is asked for.
     with refused_as(section.file):
         reference = conditioned(
-            seen.times[usable],
-            tools[usable, :3, 3],
-            quaternions_of(tools[usable, :3, :3]),
+            seen.times[valid],
+            tools[valid, :3, 3],
+            quaternions_of(tools[valid, :3, :3]),
             dt=1.0 / rate,
             **problem.conditioning.arguments(),
         )
@@ -161,11 +161,11 @@ def laid_out(loaded: ProblemFile[MirrorProblem]) -> Setup:
         )
     elif problem.placement.scale != 1.0:
         notes.append(f"the recording is scaled by {problem.placement.scale:.4g}, the arms' lengths")
-    stamps = seen.times[usable]
+    stamps = seen.times[valid]
     newest = np.maximum.accumulate(stamps)
     late = np.flatnonzero(stamps[1:] <= newest[:-1]) + 1
     if late.size:
-        row = usable[late[0]] + (section.rows or [1])[0]
+        row = valid[late[0]] + (section.rows or [1])[0]
         notes.append(
             f"samples left out: {late.size} whose stamps are not after all before them, the first in row {row}: "
             f"{stamps[late[0]]:.9g} s after {newest[late[0]]:.9g} s (did the clock begin anew?)"
@@ -177,7 +177,7 @@ def laid_out(loaded: ProblemFile[MirrorProblem]) -> Setup:
         start=start,
         mirror=mirror,
         reference=reference,
-        recorded=poses[usable, :3, 3],
+        recorded=poses[valid, :3, 3],
         person=_person(problem, grip, file=file),
         fit=fit if problem.placement.calibration_file is not None else None,
         notes=tuple(notes),
@@ -201,12 +201,12 @@ def path_notes(scene: Setup) -> Iterator[str]:
         )
     if scene.person is None:
         return
-    own = np.append(True, np.diff(scene.asked) > 0) & ~scene.led.lost
-    share = float((scene.beyond[own] <= ARM_NEAR).all(axis=1).mean())
-    yield f"the led arm, by its range of motion, does {100 * share:.0f} % of it within 5 mm and 5 deg"
-    waits = np.flatnonzero(np.diff(scene.asked) == 0)
+    own = np.append(True, np.diff(scene.reference_index) > 0) & ~scene.led.lost
+    fraction = float((scene.beyond[own] <= ARM_NEAR).all(axis=1).mean())
+    yield f"the led arm, by its range of motion, does {100 * fraction:.0f} % of it within 5 mm and 5 deg"
+    waits = np.flatnonzero(np.diff(scene.reference_index) == 0)
     if waits.size:
-        moments = times[scene.asked[waits]] - times[0]
+        moments = times[scene.reference_index[waits]] - times[0]
         at = ", ".join(f"{moment:.1f}" for moment in moments[np.diff(moments, prepend=-math.inf) > TOGETHER])
         yield (
             f"that arm changes its posture at {at} s of the recording, which waits "
@@ -250,16 +250,16 @@ def _robot_axes(seen: HandPoses, section: PoseRecordingSection) -> Array:
     return poses
 
 
-def _frame(loaded: ProblemFile[MirrorProblem]) -> FrameFit:
-    placement = loaded.problem.placement
+def _frame(config: ProblemFile[MirrorProblem]) -> FrameFit:
+    placement = config.problem.placement
     if placement.calibration_file is None:
         assert placement.origin_m is not None  # the schema asks for either
         pose = pose_of([0.0, 0.0, placement.turn_deg], placement.origin_m)
         return FrameFit(pose, placement.scale, np.zeros(0))
     key = "placement.calibration_file"
-    path = recording_path(loaded, placement.calibration_file, key=key)
+    path = recording_path(config, placement.calibration_file, key=key)
     source, target = calibration_points(path, name=placement.calibration_file)
-    if loaded.problem.recording.frame == "unity":
+    if config.problem.recording.frame == "unity":
         source = source @ UNITY_AXES.T
     with refused_as(placement.calibration_file):
         return fit_frame(source, target)

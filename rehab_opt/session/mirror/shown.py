@@ -77,9 +77,9 @@ def _manipulability(outcome: MirrorOutcome) -> Figure:
         axes.plot(moment, drive.manipulability, **STYLES[name], label=LABELS[name])
     path = outcome.astar
     if path is not None:
-        largest = outcome.metrics["manipulability_largest"]
+        largest = outcome.metrics["manipulability_max"]
         w = np.array([outcome.chain.manipulability(q) for q in path.q]) / largest
-        seen = outcome.time[np.isfinite(outcome.asked[:, 0, 3])]
+        seen = outcome.time[np.isfinite(outcome.reference[:, 0, 3])]
         axes.plot(seen[path.nearest], w, **ASTAR, label="published A*")
     axes.axhspan(-1, outcome.floor, color=LIMIT, alpha=0.4, linewidth=0, zorder=0, label="below the floor")
     axes.set(xlim=(-0.01 * end, 1.01 * end), xlabel="time in the reference [s]")
@@ -92,8 +92,8 @@ def _position(outcome: MirrorOutcome) -> Figure:
     figure = framed(f"{outcome.title}\nPosition of the driven hand, and its distance to the reference", 9.0, 9.0)
     panels = figure.subplots(4, 1, sharex=True)
     for i, axes in enumerate(panels[:3]):
-        asked = MM * outcome.asked[:, i, 3]
-        axes.plot(outcome.time, asked, color=REFERENCE, linewidth=4.0, alpha=0.25, label="mirrored hand")
+        reference = MM * outcome.reference[:, i, 3]
+        axes.plot(outcome.time, reference, color=REFERENCE, linewidth=4.0, alpha=0.25, label="mirrored hand")
         for name, led in outcome.drives.items():
             axes.plot(led.time, MM * led.tool[:, i, 3], **STYLES[name], label=LABELS[name])
     for name, led in outcome.drives.items():
@@ -124,7 +124,7 @@ def _scale_distances(axes: Axes, outcome: MirrorOutcome) -> None:
 
 
 def _pace(outcome: MirrorOutcome) -> Figure:
-    figure = framed(f"{outcome.title}\nHow the reference is slowed in time, and what yielded", 9.0, 9.5)
+    figure = framed(f"{outcome.title}\nHow the reference is slowed in time, and what was relaxed", 9.0, 9.5)
     pace, lag, speed, events = figure.subplots(4, 1, sharex=True, height_ratios=(1, 1, 1, 1.1))
     for name, drive in outcome.drives.items():
         tool = np.linalg.norm(np.diff(drive.tool[:, :3, 3], axis=0), axis=1) / np.diff(drive.time)
@@ -185,7 +185,7 @@ def _events(axes: Axes, outcome: MirrorOutcome) -> None:
         led, drive = outcome.laws[name], outcome.drives[name]
         for event in EVENTS:
             ticks = np.array(
-                [event == status or event in said for status, said in zip(led.status, led.yielded, strict=True)]
+                [event == status or event in said for status, said in zip(led.status, led.relaxed, strict=True)]
             )
             if ticks.any():
                 at = np.interp(led.time[ticks], drive.law_time, drive.time)
@@ -196,17 +196,17 @@ def _events(axes: Axes, outcome: MirrorOutcome) -> None:
     axes.set_ylim(len(rows) - 0.5, -0.5)
     if not rows:
         axes.set_ylim(0, 1)
-        axes.annotate("nothing yielded", (0.5, 0.5), xycoords="axes fraction", ha="center")
+        axes.annotate("nothing was relaxed", (0.5, 0.5), xycoords="axes fraction", ha="center")
 
 
 def _space(outcome: MirrorOutcome) -> Figure:
     """In the robot's frame; the robot stands as at the motion's end."""
     figure = framed(f"{outcome.title}\nThe healthy hand, its mirror image, and the hand that is led", 9.0, 8.0)
     axes = figure.add_subplot(projection="3d")
-    healthy, asked = MM * outcome.recorded, MM * outcome.asked[:, :3, 3]
+    healthy, reference = MM * outcome.recorded, MM * outcome.reference[:, :3, 3]
     axes.plot(*healthy.T, color="#CC79A7", linewidth=1.2, label="healthy hand")
-    axes.plot(*asked.T, color=REFERENCE, linewidth=4.0, alpha=0.25, label="mirrored hand")
-    drawn = [healthy, asked]
+    axes.plot(*reference.T, color=REFERENCE, linewidth=4.0, alpha=0.25, label="mirrored hand")
+    drawn = [healthy, reference]
     for name, led in outcome.drives.items():
         if name == BEFORE:
             continue
@@ -266,7 +266,7 @@ def _table(outcome: MirrorOutcome, rows: shown.Rows) -> Table:
     caption = (
         f"floor {outcome.floor:g} of the robot's largest manipulability; reference of {reference['duration_s']:.1f} s, "
         f"up to {reference['speed_max_m_s']:.2g} m/s, above the cap "
-        f"{100 * reference['faster_than_cap_share_of_time']:.0f} % of the time; "
+        f"{100 * reference['faster_than_cap_fraction_of_time']:.0f} % of the time; "
         f"filter lag {1e3 * reference['filter_lag_s']:.0f} ms"
     )
     laws = dict(numbers["laws"])
@@ -284,7 +284,7 @@ def _of_astar(label: str, value: shown.Cell, astar: shown.Numbers) -> shown.Cell
 
 
 def _passed(of: shown.Numbers) -> str:
-    return f"{100 * of['passed_share_of_time']:.0f}"
+    return f"{100 * of['passed_fraction_of_time']:.0f}"
 
 
 def _law(of: shown.Numbers) -> str:
@@ -302,7 +302,7 @@ def _kept_off(of: shown.Numbers) -> str:
 
 
 def _acceleration(of: shown.Numbers) -> str:
-    return f"{of['joint_acceleration_max_share_of_limit']:.2f} ({of['joint_acceleration_above_limit_ticks']})"
+    return f"{of['joint_acceleration_max_fraction_of_limit']:.2f} ({of['joint_acceleration_above_limit_ticks']})"
 
 
 SHORT = ("person's arm", "floor", "keep-out", "robot's reach")
@@ -319,7 +319,7 @@ FIRST_ROWS: shown.Rows = (
     (DISTANCE, lambda of: shown.millimetres("deviation")(of["drive"])),
     ("   duration, s", lambda of: f"{of['drive']['duration_s']:.1f}{'' if of['complete'] else ' INCOMPLETE'}"),
     ("   least manipulability, share of largest", lambda of: f"{of['drive']['manipulability_min']:.4f}"),
-    ("time below the floor, %", lambda of: f"{100 * of['below_floor_share_of_time']:.1f}"),
+    ("time below the floor, %", lambda of: f"{100 * of['below_floor_fraction_of_time']:.1f}"),
     ("seconds late / stopped / short, most for", _kept_off),
     ("smallest joint-limit margin, deg", shown.margin),
     ("ticks by status", shown.statuses),
@@ -338,7 +338,7 @@ MORE_ROWS: shown.Rows = (
     ("reference held back, s", lambda of: f"{of['reference_held_back_s']:.2f}"),
     ("fastest joint, deg/s (share of limit)", shown.speed),
     ("largest joint acceleration, share of limit (ticks above)", _acceleration),
-    ("ticks in which something yielded", lambda of: shown.counts(of["yielded"]) or "0"),
+    ("ticks in which something was relaxed", lambda of: shown.counts(of["relaxed"]) or "0"),
     ("events", lambda of: shown.counts({key: n for key, n in of["counts"].items() if n}) or "none"),
     ("tick time median / p99 / max, ms", lambda of: shown.times("tick")(of) if "tick_median_ms" in of else "-"),
     ("computing time, s", lambda of: f"{of['computing_s']:.3g}"),

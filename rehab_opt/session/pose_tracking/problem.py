@@ -12,9 +12,9 @@ from rehab_opt.session.plant import JointPlant
 from rehab_opt.session.robot_file import RobotSection
 from rehab_opt.session.schema import Problem, RecordedSection, Section, SolverName, Triple, refusal
 
-__all__ = ["MOST_TICKS", "CircleSection", "PathSection", "PoseTracking"]
+__all__ = ["MAX_TICKS", "CircleSection", "PathSection", "PoseTracking"]
 
-MOST_TICKS = 2_000_000
+MAX_TICKS = 2_000_000
 
 
 class CircleSection(Section):
@@ -88,6 +88,6 @@ class PoseTracking(Problem):
         if (self.circle is None) == (self.path is None):
             raise refusal("circle", self.circle, "a table [circle] or a table [path], one of them")
         rate, duration = self.tracker.rate_hz, 0.0 if self.circle is None else self.circle.duration_s
-        if rate * duration > MOST_TICKS:
-            raise refusal("tracker.rate_hz", rate, f"at most {MOST_TICKS} ticks in circle.duration_s = {duration:g}")
+        if rate * duration > MAX_TICKS:
+            raise refusal("tracker.rate_hz", rate, f"at most {MAX_TICKS} ticks in circle.duration_s = {duration:g}")
         return self

@@ -51,7 +51,7 @@ from rehab_opt.session.outcome import (
     turn_angles,
 )
 from rehab_opt.session.plant import device_of, joint_feedback, joint_plant, plant_note
-from rehab_opt.session.pose_tracking.problem import MOST_TICKS, CircleSection, PathSection, PoseTracking
+from rehab_opt.session.pose_tracking.problem import MAX_TICKS, CircleSection, PathSection, PoseTracking
 from rehab_opt.session.refusals import refused_as
 from rehab_opt.session.robot_file import robot_at_start, robot_files
 from rehab_opt.session.systems import Needed, System
@@ -128,28 +128,28 @@ APPROACH, STEP = 0.1, 0.02
 """[m/s] At most, of a tool that comes to its path's beginning, in minimum jerk; [s] between its places on the way."""
 
 
-def recorded_path(loaded: ProblemFile[PoseTracking], path: PathSection) -> Recording:
+def recorded_path(config: ProblemFile[PoseTracking], path: PathSection) -> Recording:
     """The file's points in space, with notes on what was strange about them.
 
     Raises
     ------
     ProblemFileError : a file that is absent, cannot be read, or is too long.
     """
-    rate = loaded.problem.tracker.rate_hz
+    rate = config.problem.tracker.rate_hz
     try:
-        read = read_recording(recording_path(loaded, path.file, key="path.file"), name=path.file, **path.reading())
+        read = read_recording(recording_path(config, path.file, key="path.file"), name=path.file, **path.reading())
         recording = without_spikes(read).noting(*gap_notes(read))
     except ProblemFileError as refused:
         if not refused.key.startswith("recording."):
             raise  # a line or a column of the file itself
         key = refused.key.replace("recording", "path", 1)
         expected = refused.expected.replace("recording.", "path.")
-        raise ProblemFileError(loaded.file, key, refused.value, expected) from refused
+        raise ProblemFileError(config.file, key, refused.value, expected) from refused
     if recording.points.shape[1] < 2:
-        raise ProblemFileError(loaded.file, "path.columns", path.columns, "the columns that hold x, y (and z)")
-    if recording.duration * rate > MOST_TICKS:
-        expected = f"at most {MOST_TICKS} ticks in the path's {recording.duration:g} s"
-        raise ProblemFileError(loaded.file, "tracker.rate_hz", rate, expected)
+        raise ProblemFileError(config.file, "path.columns", path.columns, "the columns that hold x, y (and z)")
+    if recording.duration * rate > MAX_TICKS:
+        expected = f"at most {MAX_TICKS} ticks in the path's {recording.duration:g} s"
+        raise ProblemFileError(config.file, "tracker.rate_hz", rate, expected)
     return recording
 
 
@@ -177,7 +177,7 @@ def path_reference(recording: Recording, path: PathSection, start: Array, rate: 
     if jumps.any():
         value = f"a jump at {time[jumps.argmax()]:.6g} s"
         raise ProblemFileError(path.file, "points", value, f"a path without, at most {FASTEST:g} m/s fast")
-    whole = {"max_gap": time[-1] - time[0] + 1, "largest_speed": NO_SPEED}
+    whole = {"max_gap": time[-1] - time[0] + 1, "max_speed": NO_SPEED}
     with refused_as(path.file):
         found = conditioned(time, points, turn, dt=1 / rate, cutoff_hz=path.cutoff_hz, **whole)
     return found.poses, found.twists
@@ -188,27 +188,27 @@ class LivePoseTracking(LiveProblem):
 
     controls = frozenset({"target", "push", "faults"})
 
-    def __init__(self, loaded: ProblemFile[PoseTracking], *, solver: str | None) -> None:
-        self._loaded, self._solver, self.title = loaded, solver, loaded.problem.title
-        self.robot, self.start = robot_at_start(loaded)
-        self.dt, self.device = 1 / loaded.problem.tracker.rate_hz, device_of(loaded.problem.plant)
+    def __init__(self, config: ProblemFile[PoseTracking], *, solver: str | None) -> None:
+        self._config, self._solver, self.title = config, solver, config.problem.title
+        self.robot, self.start = robot_at_start(config)
+        self.dt, self.device = 1 / config.problem.tracker.rate_hz, device_of(config.problem.plant)
         self.names = tuple(self.robot.names)
         self.layout = {"q": self.robot.n, "target": 3, "force": 3}
-        self._arm, around = ArmBodies(self.robot), loaded.problem.clearance
+        self._arm, around = ArmBodies(self.robot), config.problem.clearance
         self._moving = around if around is not None and around.moving else None
         if self._moving is not None:
-            self.layout["bodies"] = self._moving.told(0.0).size
+            self.layout["bodies"] = self._moving.moving_at(0.0).size
 
     @cached_property
     def recording(self) -> Recording | None:
         """What the path's file holds; none of a circle."""
-        path = self._loaded.problem.path
-        return None if path is None else recorded_path(self._loaded, path)
+        path = self._config.problem.path
+        return None if path is None else recorded_path(self._config, path)
 
     @cached_property
     def reference(self) -> tuple[Array, Array]:
         """Poses (N, 4, 4) and twists (N, 6) of one pass of the path, from rest to rest."""
-        problem = self._loaded.problem
+        problem = self._config.problem
         start, rate, circle = self.robot.pose(self.start), problem.tracker.rate_hz, problem.circle
         if problem.path is not None and self.recording is not None:
             return path_reference(self.recording, problem.path, start, rate)
@@ -218,9 +218,9 @@ class LivePoseTracking(LiveProblem):
 
     def control(self, plant: Plant | None = None) -> LiveControl:
         """The tracker of `rehab-opt run`."""
-        problem = self._loaded.problem
+        problem = self._config.problem
         feedback = joint_feedback(problem.plant)
-        tracker = tracker_of(problem, self.robot, file=self._loaded.file, solver=self._solver, feedback=feedback)
+        tracker = tracker_of(problem, self.robot, file=self._config.file, solver=self._solver, feedback=feedback)
         plant = TouchedPlant(joint_plant(problem.plant, self.robot, self.dt)) if plant is None else plant
         followed = plant, self.start, *self.reference
         if self._moving is None:
@@ -230,7 +230,7 @@ class LivePoseTracking(LiveProblem):
     def scene(self) -> dict[str, Any]:
         """The path, what stands still, the joints' limits, what is plotted."""
         path = self.reference[0][:: max(1, round(0.05 / self.dt)), :3, 3]
-        around = clearance_of(self._loaded.problem.clearance, self._loaded.file, moving=True)
+        around = clearance_of(self._config.problem.clearance, self._config.file, moving=True)
         bodies = kept_off(path.mean(axis=0), around)
         return {
             **super().scene(),
@@ -270,10 +270,10 @@ class _AmongMoving(Following):
 
     def __init__(self, tracker: PoseTracker, section: ClearanceSection, *followed: Any) -> None:
         super().__init__(tracker, *followed, then="again")
-        self._among, self._section, self._ticks, self._told = tracker, section, 0, section.told(0.0)[0]
+        self._among, self._section, self._ticks, self._told = tracker, section, 0, section.moving_at(0.0)[0]
 
     def track(self, seen: Measurement, twist: Array, *, enable: bool) -> Command:
-        self._told = self._section.told(self.plant.dt * self._ticks)[0]
+        self._told = self._section.moving_at(self.plant.dt * self._ticks)[0]
         self._ticks += 1
         return self._among.step(
             seen.position, self.target, twist, obstacles=self._told, enable=enable, stamp=self.stamp(seen)
@@ -371,13 +371,17 @@ def _left_behind(
     speed = np.linalg.norm(np.gradient(tool[:, :3, 3], times, axis=0), axis=1)[behind]
     some = behind[:: math.ceil(behind.size / LOOKED_AT)]
     stretched = [np.linalg.svd(robot.jacobian(each), compute_uv=False)[rank] < SINGULAR for each in q[some]]
-    shares = {f"{name} at its limit": share for name, share in zip(robot.names, at_limit.mean(axis=0), strict=True)}
-    shares |= {f"{name} as fast as it may": share for name, share in zip(robot.names, fast.mean(axis=0), strict=True)}
+    fractions = {
+        f"{name} at its limit": fraction for name, fraction in zip(robot.names, at_limit.mean(axis=0), strict=True)
+    }
+    fractions |= {
+        f"{name} as fast as it may": fraction for name, fraction in zip(robot.names, fast.mean(axis=0), strict=True)
+    }
     hard = np.abs(np.asarray(np.gradient(velocity, times, axis=0))) / robot.acceleration > AT_SPEED
-    shares["the joints accelerate as they may"] = hard.any(axis=1)[behind].mean()
-    shares[f"the tool at its {most:g} m/s"] = np.mean(speed > AT_SPEED * most)
-    shares["the posture nearly singular"] = np.mean(stretched)
-    causes = [f"{cause} ({share:.0%})" for cause, share in shares.items() if share >= OFTEN]
+    fractions["the joints accelerate as they may"] = hard.any(axis=1)[behind].mean()
+    fractions[f"the tool at its {most:g} m/s"] = np.mean(speed > AT_SPEED * most)
+    fractions["the posture nearly singular"] = np.mean(stretched)
+    causes = [f"{cause} ({fraction:.0%})" for cause, fraction in fractions.items() if fraction >= OFTEN]
     k = int(np.argmax(error))
     return (
         f"{said}: for {behind.size / error.size:.0%} of the time the tool was more than {1e3 * BEHIND:g} mm from "
@@ -404,20 +408,20 @@ class PoseTrackingSystem(System[PoseTracking, RobotOutcome]):
         path = () if problem.path is None else (Needed("path.file", problem.path.file),)
         return (*path, *robot_files(problem.robot))
 
-    def check(self, loaded: ProblemFile[PoseTracking]) -> tuple[str, ...]:
+    def check(self, config: ProblemFile[PoseTracking]) -> tuple[str, ...]:
         """Builds the robot and the tracker, and sees whether the path is in reach from the start."""
-        live = LivePoseTracking(loaded, solver=None)
-        tracker_of(loaded.problem, live.robot, file=loaded.file)
+        live = LivePoseTracking(config, solver=None)
+        tracker_of(config.problem, live.robot, file=config.file)
         told = () if live.recording is None else live.recording.notes
-        within = start_notes(loaded.problem.clearance, loaded.file, live.robot, live.start)
-        most = loaded.problem.tracker.linear_speed_m_s
+        within = start_notes(config.problem.clearance, config.file, live.robot, live.start)
+        most = config.problem.tracker.linear_speed_m_s
         beyond = _left_behind(live.robot, _reached(live), most=most, said="NOT IN REACH")
         return (*told, *live.robot.notes, *within, *beyond)
 
-    def run(self, loaded: ProblemFile[PoseTracking], *, options: Mapping[str, str], progress: Progress) -> RobotOutcome:
+    def run(self, config: ProblemFile[PoseTracking], *, options: Mapping[str, str], progress: Progress) -> RobotOutcome:
         """Options: `solver` of the tracker, `plant`."""
         solver = options.get("solver")
-        problem, live = loaded.problem, LivePoseTracking(loaded, solver=solver)
+        problem, live = config.problem, LivePoseTracking(config, solver=solver)
         robot, rate, (poses, twists) = live.robot, problem.tracker.rate_hz, live.reference
         ran = simulate(
             live.control(), lambda _: LiveInputs(enable=True), ticks=len(poses),
@@ -428,7 +432,7 @@ class PoseTrackingSystem(System[PoseTracking, RobotOutcome]):
         position_error = np.linalg.norm(tool[:, :3, 3] - poses[:, :3, 3], axis=1)
         orientation_error = turn_angles(tool[:, :3, :3], poses[:, :3, :3])
         acceleration = np.abs(np.diff(command, axis=0, prepend=np.zeros((1, robot.n)))) * rate
-        near = nearest_bodies(problem.clearance, loaded.file, robot, ran.q, times)
+        near = nearest_bodies(problem.clearance, config.file, robot, ran.q, times)
         moving = np.maximum(np.linalg.norm(twists[:, :3], axis=1), np.linalg.norm(twists[:, 3:], axis=1)) >= STILL
         own = inspect.signature(PoseTracker).parameters
         metrics: dict[str, Any] = {
@@ -445,13 +449,13 @@ class PoseTrackingSystem(System[PoseTracking, RobotOutcome]):
             **error_metrics(position_error, "position_error", "m"),
             **error_metrics(np.rad2deg(orientation_error), "orientation_error", "deg"),
             **joint_metrics(robot, ran.q, rate),
-            "joint_acceleration_max_share_of_limit": float((acceleration / robot.acceleration).max()),
+            "joint_acceleration_max_fraction_of_limit": float((acceleration / robot.acceleration).max()),
             **time_metrics(ran.seconds, "tick"),
             "tick_p99_9_ms": float(1e3 * np.percentile(ran.seconds, 99.9)),
             "scale_min": float(scales.min()),
             "scale_min_moving": float(scales[moving].min()) if moving.any() else None,
             "status": status_counts(ran.status),
-            "yielded": status_counts(text for text in ran.yielded if text),
+            "relaxed": status_counts(text for text in ran.relaxed if text),
             **({} if near is None else {"clearance": near.metrics}),
         }
         return RobotOutcome(
@@ -482,6 +486,6 @@ class PoseTrackingSystem(System[PoseTracking, RobotOutcome]):
             near=near,
         )
 
-    def live(self, loaded: ProblemFile[PoseTracking], *, options: Mapping[str, str]) -> LiveProblem:
+    def live(self, config: ProblemFile[PoseTracking], *, options: Mapping[str, str]) -> LiveProblem:
         """The path, until somebody drags the target; options as of `run`."""
-        return LivePoseTracking(loaded, solver=options.get("solver"))
+        return LivePoseTracking(config, solver=options.get("solver"))

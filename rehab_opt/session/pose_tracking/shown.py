@@ -96,5 +96,5 @@ MORE_ROWS: shown.Rows = (
     ("parameters", lambda of: f"solver {of['parameters']['solver']}"),
     ("fastest joint, deg/s (share of limit)", shown.speed),
     ("tick time median / p99 / max, ms", shown.times("tick")),
-    ("ticks in which something yielded", lambda of: shown.counts(of["yielded"]) or "0"),
+    ("ticks in which something was relaxed", lambda of: shown.counts(of["relaxed"]) or "0"),
 )

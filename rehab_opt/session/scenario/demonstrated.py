@@ -48,7 +48,7 @@ def needed_demonstrations(problem: ScenarioProblem) -> tuple[Needed, ...]:
     return () if told is None else tuple(Needed(f"{KEY}.files", file) for file in told.files)
 
 
-def learnt(loaded: ProblemFile[ScenarioProblem], path: Array | None) -> Learnt | None:
+def learnt(config: ProblemFile[ScenarioProblem], path: Array | None) -> Learnt | None:
     """The field of the demonstrations around `path` (N, 2) [m] or, without one, their mean; None if none is named.
 
     Raises
@@ -56,12 +56,12 @@ def learnt(loaded: ProblemFile[ScenarioProblem], path: Array | None) -> Learnt |
     ProblemFileError : a recording is absent, cannot be used, or has no forces; they cannot be learnt from, or what they
         show has no rest at its end.
     """
-    if loaded.problem.task.demonstrations is None:
+    if config.problem.task.demonstrations is None:
         return None
-    shown, notes = _shown(loaded)
-    field = _field(loaded, shown, path, rests=loaded.problem.mode == "assist")
+    shown, notes = _shown(config)
+    field = _field(config, shown, path, rests=config.problem.mode == "assist")
     assert field.fit is not None
-    said = *_fit_notes(field.fit, len(shown)), *_data_notes(loaded.problem, shown)
+    said = *_fit_notes(field.fit, len(shown)), *_data_notes(config.problem, shown)
     return Learnt(field, shown, (*notes, *said))
 
 
@@ -75,7 +75,7 @@ def fit_metrics(fit: Fit) -> dict[str, Any]:
         "training_error_N": fit.training_error,
         "held_out": [1 + number for number in fit.held_out],
         "held_out_error_N": finite(fit.held_out_error),
-        "held_out_share": finite(fit.held_out_share),
+        "held_out_fraction": finite(fit.held_out_fraction),
         "width_chosen_on_held_out": fit.chosen_on_held_out,
         "constant_stiffness_error_N": finite(fit.constant_stiffness_error),
         "condition": finite(fit.condition),
@@ -88,11 +88,11 @@ def fit_metrics(fit: Fit) -> dict[str, Any]:
     }
 
 
-def _shown(loaded: ProblemFile[ScenarioProblem]) -> tuple[tuple[Demonstration, ...], list[str]]:
+def _shown(config: ProblemFile[ScenarioProblem]) -> tuple[tuple[Demonstration, ...], list[str]]:
     shown, notes = [], []
-    for needed in needed_demonstrations(loaded.problem):
+    for needed in needed_demonstrations(config.problem):
         file = needed.reference
-        recording = read_recording(recording_path(loaded, file, key=needed.key), name=file)
+        recording = read_recording(recording_path(config, file, key=needed.key), name=file)
         if not recording.forces.size:
             raise ProblemFileError(file, "columns", "no forces", "fx_N and fy_N beside t, x and y")
         notes += [f"{file}: {note}" for note in recording.notes]
@@ -100,7 +100,7 @@ def _shown(loaded: ProblemFile[ScenarioProblem]) -> tuple[tuple[Demonstration, .
             shown.append(
                 Demonstration(positions=recording.points[:, :2], forces=recording.forces[:, :2], times=recording.time)
             )
-        _check_sizes(loaded.file, file, shown[-1])
+        _check_sizes(config.file, file, shown[-1])
     return tuple(shown), notes
 
 
@@ -122,15 +122,15 @@ def _check_sizes(problem: str, file: str, shown: Demonstration) -> None:
 
 
 def _field(
-    loaded: ProblemFile[ScenarioProblem], shown: tuple[Demonstration, ...], path: Array | None, *, rests: bool
+    config: ProblemFile[ScenarioProblem], shown: tuple[Demonstration, ...], path: Array | None, *, rests: bool
 ) -> PotentialField:
-    widths = [1e-3 * width for width in loaded.problem.field.widths_mm or ()]
+    widths = [1e-3 * width for width in config.problem.field.widths_mm or ()]
     try:
         field = PotentialField.learn(shown, width=widths, path=path, rest_on_target=rests)
     except ConfigurationError as refused:
-        raise _as_key(loaded, refused) from refused
+        raise _as_key(config, refused) from refused
     except RehabOptError as refused:
-        raise ProblemFileError(loaded.file, KEY, str(refused), "forces that a field can be fitted to") from refused
+        raise ProblemFileError(config.file, KEY, str(refused), "forces that a field can be fitted to") from refused
     assert field.fit is not None
     said, spread = field.fit.parameters, field.fit.standard_error
     # A stiffness of zero is 1e-12 N/m to a solver, and noise alone gives a little more.
@@ -140,31 +140,31 @@ def _field(
         expected = (
             "movements that were led, and strayed from the path a little; force on the hand, sensor's offset removed"
         )
-        raise ProblemFileError(loaded.file, KEY, value, expected)
+        raise ProblemFileError(config.file, KEY, value, expected)
     for name, key, unit in (("stiffness", "S", "N/m"), ("drag", "k1", "N/m"), ("damping", "D", "N s/m")):
         if not said[name] <= MOST[name]:
             raise ProblemFileError(
-                loaded.file, KEY, f"{key} = {said[name]:.3g} {unit}", f"at most {MOST[name]:g} {unit}"
+                config.file, KEY, f"{key} = {said[name]:.3g} {unit}", f"at most {MOST[name]:g} {unit}"
             )
     if rests and not field.rests:
         value = f"a field that curves by {field.rest_stiffness:.3g} N/m at the end"
-        raise ProblemFileError(loaded.file, KEY, value, "movements that come to rest at their end")
+        raise ProblemFileError(config.file, KEY, value, "movements that come to rest at their end")
     return field
 
 
-def _as_key(loaded: ProblemFile[ScenarioProblem], refused: ConfigurationError) -> ProblemFileError:
+def _as_key(config: ProblemFile[ScenarioProblem], refused: ConfigurationError) -> ProblemFileError:
     """A refusal of what is learnt from, by the key and the recording that it is about."""
     number = re.fullmatch(r"demonstrations\[(\d+)\]", refused.argument)
     if number is None:
         key = "field.widths_mm" if refused.argument == "width" else f"{KEY}, {refused.argument}"
-        return ProblemFileError(loaded.file, key, refused.value, refused.expected)
-    assert loaded.problem.task.demonstrations is not None
-    files = loaded.problem.task.demonstrations.files
+        return ProblemFileError(config.file, key, refused.value, refused.expected)
+    assert config.problem.task.demonstrations is not None
+    files = config.problem.task.demonstrations.files
     value, expected = (
         re.sub(r"demonstrations\[(\d+)\]", lambda found: files[int(found[1])], str(text))
         for text in (refused.value, refused.expected)
     )
-    return ProblemFileError(loaded.file, f"{KEY}.files", f"{files[int(number[1])]}: {value}", expected)
+    return ProblemFileError(config.file, f"{KEY}.files", f"{files[int(number[1])]}: {value}", expected)
 
 
 RESTING, MOSTLY = 0.005, 0.6
@@ -207,10 +207,10 @@ def _fit_notes(fit: Fit, shown: int) -> Iterator[str]:
     )
     if held:
         flattered = ", by which sigma was chosen" if fit.chosen_on_held_out else ""
-        bad = ": it does not reproduce them well" if not fit.held_out_share <= WORST else ""
+        bad = ": it does not reproduce them well" if not fit.held_out_fraction <= WORST else ""
         yield (
             f"of the {held} held out{flattered}, its forces are {fit.held_out_error:.2g} N off, "
-            f"{100 * fit.held_out_share:.0f} % of what was recorded (a constant stiffness: "
+            f"{100 * fit.held_out_fraction:.0f} % of what was recorded (a constant stiffness: "
             f"{fit.constant_stiffness_error:.2g} N){bad}"
         )
     if not said["stiffness"] > CLEARLY * spread["stiffness"]:

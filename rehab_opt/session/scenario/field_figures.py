@@ -62,7 +62,7 @@ FINE, COARSE = 161, 21
 
 
 def field_figure(outcome: ScenarioOutcome) -> Figure:
-    """Colours say how large the wanted force is, arrows its direction, for a hand at rest."""
+    """Colours say how large the desired force is, arrows its direction, for a hand at rest."""
     mapped = outcome.demonstrated is not None
     acts = "none within $W_c$" if outcome.mode in THERAPY else "within $W_c$; outside there is only a pull back into it"
     leads = "to the nearest of them" if len(outcome.fields) > 1 else "there"
@@ -87,7 +87,7 @@ def field_figure(outcome: ScenarioOutcome) -> Figure:
 
 
 def gated_forces(outcome: ScenarioOutcome, points: Array) -> Array:
-    """(N, 2) [N] the force that is wanted for a hand at rest at points (N, 2) [m], where the mode lets it act.
+    """(N, 2) [N] the desired force for a hand at rest at points (N, 2) [m], where the mode lets it act.
 
     NaN beyond W_r, where no hand comes, and outside W_c in "follow" and "hold", where there is only a pull back.
     """
@@ -123,7 +123,7 @@ def _draw_sizes(axes: Axes, outcome: ScenarioOutcome, box: Box) -> None:
     if therapy:  # no force within W_c: its colour again
         axes.add_patch(PathPatch(region_path(outcome.comfortable), facecolor="white", edgecolor="none", zorder=1.6))
         draw_workspace(axes, outcome, "comfortable", zorder=1.7)
-    words = f"wanted force [N]; of more than {most:g} only {most:g} is given"
+    words = f"desired force [N]; of more than {most:g} only {most:g} is given"
     axes.figure.colorbar(mesh, ax=axes, shrink=0.8, label=words)
 
 

@@ -65,7 +65,7 @@ def compared(outcome: ScenarioOutcome) -> tuple[tuple[str, str, float], ...]:
             ("deviation, mean [mm]", "deviation_mean_m", MM),
             ("measured force\nwhile holding, mean [N]", "force_measured_held_mean_N", 1.0),
             ("speed while holding,\nmean [mm/s]", "speed_held_mean_m_s", MM),
-            ("time on target [%]", "time_on_target_share", PERCENT),
+            ("time on target [%]", "time_on_target_fraction", PERCENT),
         )
     whole = (
         ("deviation, mean [mm]", "deviation_mean_m", MM),
@@ -76,7 +76,10 @@ def compared(outcome: ScenarioOutcome) -> tuple[tuple[str, str, float], ...]:
     if outcome.mode in THERAPY:
         outside = ("deviation outside $W_c$,\nmean [mm]", "deviation_outside_mean_m", MM)
         return (outside, *whole[1:], ("distance to the target\nat the end [mm]", "final_distance_m", MM))
-    return (*whole, (f"path {outcome.coverage} [%]".replace("order,", "order,\n"), "reference_covered_share", PERCENT))
+    return (
+        *whole,
+        (f"path {outcome.coverage} [%]".replace("order,", "order,\n"), "reference_covered_fraction", PERCENT),
+    )
 
 
 def comparison_figure(outcome: ScenarioOutcome) -> Figure:

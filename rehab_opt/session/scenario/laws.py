@@ -11,7 +11,7 @@ import numpy as np
 
 from rehab_opt.control.assistance import Assistance
 from rehab_opt.control.bounded_force import BoundedForce, ForceBounds
-from rehab_opt.control.command import Bound, Command, Status
+from rehab_opt.control.command import Command, Relaxed, Status
 from rehab_opt.control.path_assistance import PathAssistance
 from rehab_opt.control.smoother import Smoother
 from rehab_opt.optim.fallback_chain import FUSED
@@ -44,7 +44,7 @@ class ForceLaw(ABC):
 
     notes: tuple[str, ...] = ()
     """What of its numbers does not go together."""
-    wanted: tuple[float, float] = NONE
+    desired_force: tuple[float, float] = NONE
     """[N] desired in the last tick, before bounds."""
     energy_left: float = math.nan
     """[J] in the tank; NaN where there is none."""
@@ -56,7 +56,7 @@ class ForceLaw(ABC):
     def start(self, number: int) -> None:  # noqa: B027  (most have nothing to forget)
         """A trial begins."""
 
-    def aim(self, goal: int) -> None:  # noqa: B027  (most have one field for all)
+    def set_goal(self, goal: int) -> None:  # noqa: B027  (most have one field for all)
         """The goal has changed."""
 
     @abstractmethod
@@ -78,7 +78,7 @@ class Unassisted(ForceLaw):
 
 def uncertified(force: tuple[float, float]) -> Command:
     """A force [N] of a law that certifies nothing."""
-    return Command(np.array(force), Status.OK, "", math.inf, -1, "", Bound.NOTHING, 1.0)
+    return Command(np.array(force), Status.OK, "", math.inf, -1, "", Relaxed.NOTHING, 1.0)
 
 
 class Assisted(ForceLaw):
@@ -90,28 +90,28 @@ class Assisted(ForceLaw):
     def start(self, number: int) -> None:
         """No force yet, and a full tank."""
         self._assistance.reset()
-        self.wanted, self.energy_left = NONE, self._assistance.energy_left
+        self.desired_force, self.energy_left = NONE, self._assistance.energy_left
 
     def command(self, x: float, y: float, *, enable: object = True, stamp: float | None = None) -> Command:
         """The certified force with how it came about."""
         command = self._assistance.step((x, y), enable=enable, stamp=stamp)
-        self.wanted, self.energy_left = self._assistance.wanted, self._assistance.energy_left
+        self.desired_force, self.energy_left = self._assistance.desired_force, self._assistance.energy_left
         return command
 
 
 class AssistedAtPoints(Assisted):
-    """Holds one point after the other; on the way from one to the next the field is carried by a `Smoother`.
+    """Holds one point after the other; on the way from one to the next the field is shifted by a `Smoother`.
 
     A field that jumped to the next point would pull the hand there as fast as its force allows.
 
     Parameters
     ----------
-    assistance : with the field of points[0]. points : (M, 2) [m]. pace : how fast the field is carried.
+    assistance : with the field of points[0]. points : (M, 2) [m]. pace : how fast the field is shifted.
     """
 
     def __init__(self, assistance: Assistance, points: Array, pace: Smoother) -> None:
         super().__init__(assistance)
-        self._carried = assistance
+        self._shifting = assistance
         self._points, self._pace = points, pace
 
     def start(self, number: int) -> None:
@@ -120,7 +120,7 @@ class AssistedAtPoints(Assisted):
         self._goal, self._there = self._points[0], False
         self._pace.reset(self._points[0])
 
-    def aim(self, goal: int) -> None:
+    def set_goal(self, goal: int) -> None:
         """To the next one."""
         self._goal, self._there = self._points[goal], False
 
@@ -128,7 +128,7 @@ class AssistedAtPoints(Assisted):
         """The certified force towards where the field now is."""
         if not self._there:
             to_x, to_y = (self._pace.step(self._goal).value - self._points[0]).tolist()
-            self._carried.carry(to_x, to_y)
+            self._shifting.shift(to_x, to_y)
             self._there = self._pace.arrived
         return super().command(x, y, enable=enable, stamp=stamp)
 
@@ -150,8 +150,8 @@ class Published(ForceLaw):
         self._last = (x, y)
         velocity = ((x - before[0]) / self._dt, (y - before[1]) / self._dt)
         force_x, force_y = self._law.force(np.array((x, y)), np.array(velocity)).tolist()
-        self.wanted = (force_x, force_y)
-        return uncertified(self.wanted)
+        self.desired_force = (force_x, force_y)
+        return uncertified(self.desired_force)
 
 
 BOUNDED: tuple[Law, ...] = ("assisted", "together", "delayed")
@@ -177,7 +177,7 @@ def bounds_of(problem: ScenarioProblem, *, solver: str | None) -> ForceBounds:
 
 
 @contextmanager
-def bounds_refusals(loaded: ProblemFile[ScenarioProblem], *, solver: str | None, section: str) -> Iterator[None]:
+def bounds_refusals(config: ProblemFile[ScenarioProblem], *, solver: str | None, section: str) -> Iterator[None]:
     """Name the file's key, or `--solver`, where a law cannot be made.
 
     Raises
@@ -187,16 +187,16 @@ def bounds_refusals(loaded: ProblemFile[ScenarioProblem], *, solver: str | None,
     """
     own = {"solver": "run.solver"}
     with (
-        solver_refusals(solver, file=loaded.file, key="run.solver", value=loaded.problem.run.solver),
-        refused_as(loaded.file, lambda name: own.get(name, f"{section}, {name}"), option=solver),
+        solver_refusals(solver, file=config.file, key="run.solver", value=config.problem.run.solver),
+        refused_as(config.file, lambda name: own.get(name, f"{section}, {name}"), option=solver),
     ):
         yield
 
 
-def check_bounds(loaded: ProblemFile[ScenarioProblem], *, solver: str | None) -> None:
+def check_bounds(config: ProblemFile[ScenarioProblem], *, solver: str | None) -> None:
     """Refuse solver and bounds before anything is computed; see `bounds_refusals`."""
-    problem = loaded.problem
-    with bounds_refusals(loaded, solver=solver, section="assistance"):
+    problem = config.problem
+    with bounds_refusals(config, solver=solver, section="assistance"):
         BoundedForce(
             lambda *_: (0.0, 0.0), force_limit=problem.assistance.force_limit_N, **bounds_of(problem, solver=solver)
         )

@@ -26,7 +26,7 @@ from rehab_opt.session.scenario.outcome import Law, Trial
 from rehab_opt.session.scenario.problem import ScenarioProblem
 from rehab_opt.workspace.region import Workspace
 
-__all__ = ["INDEX", "Arrival", "Helping", "Scene", "hand_robot_of", "person_of", "ran", "robot_model_of"]
+__all__ = ["INDEX", "Arrival", "Helping", "Scene", "hand_robot_of", "person_of", "robot_model_of", "simulate_trial"]
 
 
 STABLE = 1 + 1e-6
@@ -39,16 +39,16 @@ def person_of(problem: ScenarioProblem) -> Person:
     return Person(**problem.person.arguments(**own))
 
 
-def robot_model_of(loaded: ProblemFile[ScenarioProblem]) -> RobotModel:
+def robot_model_of(config: ProblemFile[ScenarioProblem]) -> RobotModel:
     """The simulated robot's numbers.
 
     Raises
     ------
     ProblemFileError : its force loop is unstable with this hand, or a simulation in ticks so long is.
     """
-    person, rate = loaded.problem.person, loaded.problem.run.rate_hz
-    model = RobotModel(**loaded.problem.robot.arguments(sensor_noise_N="noise"))
-    with refused_as(loaded.file, "robot.{}".format):
+    person, rate = config.problem.person, config.problem.run.rate_hz
+    model = RobotModel(**config.problem.robot.arguments(sensor_noise_N="noise"))
+    with refused_as(config.file, "robot.{}".format):
         model.check(person.hand_mass_kg, dt=1 / rate)
     stiff, tough = person.stiffness_N_m, person.damping_Ns_m
     held = (
@@ -64,13 +64,13 @@ def robot_model_of(loaded: ProblemFile[ScenarioProblem]) -> RobotModel:
     if not grows <= STABLE:
         expected = "a higher rate, or softer robot and person (springs, dampers, viscous_Ns_m, gains; heavier masses)"
         value = f"{rate:g}, at which their simulation grows {grows:.3g}-fold a tick"
-        raise ProblemFileError(loaded.file, "run.rate_hz", value, expected)
+        raise ProblemFileError(config.file, "run.rate_hz", value, expected)
     return model
 
 
-def hand_robot_of(loaded: ProblemFile[ScenarioProblem]) -> MakesRobots:
+def hand_robot_of(config: ProblemFile[ScenarioProblem]) -> MakesRobots:
     """The simulated robot on the file's plant; raises as `robot_model_of`."""
-    model, table = robot_model_of(loaded), loaded.problem.plant
+    model, table = robot_model_of(config), config.problem.plant
     if table.kind == "ideal":
         return WithoutDelay(model)
     return OnMujoco(model, channel_of(table), ms(table.force_lag_ms), ms(table.physics_step_ms), table.seed)
@@ -129,7 +129,7 @@ class Helping(LiveControl):
     ) -> None:
         intention = scene.intention
         self.law, self.pace, self.now = law, scene.pace, 0
-        self._scene, self._endless, self._aimed, self._force = scene, endless, -1, np.zeros(2)
+        self._scene, self._endless, self._current_goal, self._force = scene, endless, -1, np.zeros(2)
         self._meant: list[tuple[float, float, float, float]] = list(
             zip(*intention.places.T.tolist(), *intention.velocities.T.tolist(), strict=True)
         )
@@ -144,17 +144,17 @@ class Helping(LiveControl):
     def step(self, inputs: LiveInputs, seen: Measurement) -> Command:
         """The law's; the person means nothing unless they are enabled, or somebody points."""
         person = self.person
-        person.aim = (*inputs.target[:2], 0.0, 0.0) if inputs.dragged else None
+        person.target = (*inputs.target[:2], 0.0, 0.0) if inputs.dragged else None
         self.law.led = inputs.helper[:2] if all(map(math.isfinite, inputs.helper)) else None
         if inputs.enable:
             if self._endless and self.pace.over:
-                self.pace, self._aimed = self._scene.pace, -1
+                self.pace, self._current_goal = self._scene.pace, -1
             now, goes_on = self.pace.meant(*person.hand[:2])
             if not inputs.dragged:
-                person.aim = self._meant[now] if goes_on else (*self._meant[now][:2], 0.0, 0.0)
-            if self._goals[now] != self._aimed:
-                self._aimed = self._goals[now]
-                self.law.aim(self._aimed)
+                person.target = self._meant[now] if goes_on else (*self._meant[now][:2], 0.0, 0.0)
+            if self._goals[now] != self._current_goal:
+                self._current_goal = self._goals[now]
+                self.law.set_goal(self._current_goal)
             self.now = now
         command = self.law.command(*seen.position.tolist(), enable=inputs.enable, stamp=self.stamp(seen))
         self._force = command.value
@@ -164,12 +164,12 @@ class Helping(LiveControl):
         """Hand, what is meant, the forces."""
         return {
             "hand": self.person.hand[:2], "meant": self._meant[self.now][:2], "force": self._force,
-            "wanted": self.law.wanted, "exerted": self.person.exerted, "energy": self.law.energy_left,
+            "desired": self.law.desired_force, "exerted": self.person.exerted, "energy": self.law.energy_left,
             "along": self.law.along,
         }  # fmt: skip
 
 
-def ran(scene: Scene, law: ForceLaw, *, name: Law, number: int, seed: int) -> Trial:
+def simulate_trial(scene: Scene, law: ForceLaw, *, name: Law, number: int, seed: int) -> Trial:
     """One trial from rest at the intention's first place; the seed decides the person's moods and the sensor's."""
     intention, arrival = scene.intention, scene.arrival
     control = Helping(law, scene, number=number, seed=seed, endless=False)
@@ -194,7 +194,9 @@ def ran(scene: Scene, law: ForceLaw, *, name: Law, number: int, seed: int) -> Tr
         control,
         inputs,
         ticks=control.pace.ticks,
-        note=lambda _, command: kept.append((control.now, *law.wanted, law.energy_left, command.yielded._value_)),
+        note=lambda _, command: kept.append(
+            (control.now, *law.desired_force, law.energy_left, command.relaxed._value_)
+        ),
     )
     if len(kept) == control.pace.ticks:
         arrived()
@@ -209,12 +211,12 @@ def ran(scene: Scene, law: ForceLaw, *, name: Law, number: int, seed: int) -> Tr
         position=found.q,
         velocity=motion.velocity,
         intended=intention.places[at],
-        wanted=table[:, 1:3],
+        desired_force=table[:, 1:3],
         commanded=found.values,
         measured=found.force,
         inside=np.asarray(scene.comfortable.distance(found.q)) <= 0.0,
         status=np.array([INDEX[command.status] for command in found.commands], dtype=np.uint8),
-        yielded=table[:, 4].astype(np.uint8),
+        relaxed=table[:, 4].astype(np.uint8),
         energy_left=table[:, 3],
         goal=np.where(intention.active[at, None], intention.goals[intention.goal[at]], np.nan),
         ended="late" if arrival is not None and calm < needed else "done",

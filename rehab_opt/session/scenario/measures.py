@@ -69,7 +69,7 @@ def trial_measures(
         where = where._replace(distance=deviation_in_order(trial.position, path))
     deviation, counts = deviation_of(trial, where.distance, mode)
     return {
-        "reference_covered_share": covered,
+        "reference_covered_fraction": covered,
         **_deviations(deviation, counts, trial.inside),
         **_forces(trial),
         **_motion(trial, mode, counts),
@@ -148,17 +148,17 @@ def _arrival(  # noqa: PLR0917  (what the trial was judged by)
     )
     on_target = counts & ((to_target if mode in THERAPY else aimed) <= within)
     last = float(to_target[counts][-1]) if counts.any() else math.nan
-    reached_share = _reached_share(trial, on_target) if mode == "hold" else None
+    reached_fraction = _reached_fraction(trial, on_target) if mode == "hold" else None
     first = np.flatnonzero(on_target)
-    met = last <= within if reached_share is None else reached_share == 1.0
+    met = last <= within if reached_fraction is None else reached_fraction == 1.0
     met = met and (covered is None or covered >= COVERED)
     return {
         "success": bool(trial.ended == "done" and met),
         "final_distance_m": finite(last),
         "time_to_target_s": float(trial.time[first[0]] - trial.time[0]) if mode in THERAPY and len(first) else None,
         "time_on_target_s": float(on_target.sum() * _tick(trial)),
-        "time_on_target_share": float(on_target.sum() / counts.sum()) if counts.any() else None,
-        "goals_reached_share": reached_share,
+        "time_on_target_fraction": float(on_target.sum() / counts.sum()) if counts.any() else None,
+        "goals_reached_fraction": reached_fraction,
     }
 
 
@@ -168,7 +168,7 @@ def _from_intended(trial: Trial) -> Numbers:
     return {"from_intended_mean_m": float(behind.mean()), "from_intended_max_m": float(behind.max())}
 
 
-def _reached_share(trial: Trial, on_target: Ticks) -> float:
+def _reached_fraction(trial: Trial, on_target: Ticks) -> float:
     """Of the points that were to be held, how many the hand was at while it was to be there."""
     goals = {tuple(goal) for goal in trial.goal[np.isfinite(trial.goal).all(axis=1)].tolist()}
     reached = {tuple(goal) for goal in trial.goal[on_target].tolist()}
@@ -183,9 +183,11 @@ def _statuses(trial: Trial) -> Numbers:
     counts = np.bincount(trial.status, minlength=len(Status)) / len(trial.status)
     let_go = np.isin(trial.status, [i for i, status in enumerate(Status) if status in LETTING_GO])
     return {
-        "status_share": {status.value: float(share) for status, share in zip(Status, counts, strict=True) if share},
+        "status_fraction": {
+            status.value: float(fraction) for status, fraction in zip(Status, counts, strict=True) if fraction
+        },
         "releases": int(let_go[0]) + int((let_go[1:] & ~let_go[:-1]).sum()),
-        "inside_share": float(trial.inside.mean()),
+        "inside_fraction": float(trial.inside.mean()),
     }
 
 
@@ -203,14 +205,14 @@ def promised(trial: Trial, where: Projection, mode: Mode) -> dict[str, Any]:
 
     The size of the commanded force may not grow inside. Along the reference, towards its end, only outside W_c counts.
     """
-    wanted, commanded = np.linalg.norm(trial.wanted, axis=1), np.linalg.norm(trial.commanded, axis=1)
+    desired, commanded = np.linalg.norm(trial.desired_force, axis=1), np.linalg.norm(trial.commanded, axis=1)
     growth = np.diff(np.concatenate(([0.0], commanded)))
     inside, outside = trial.inside, ~trial.inside
     along = (trial.commanded * where.tangent).sum(axis=1)
     led = mode != "hold" and bool(outside.any())
     near = where.length - where.along <= NEAR * where.length
     return {
-        "force_wanted_inside_max_N": float(wanted[inside].max()) if inside.any() else None,
+        "force_desired_inside_max_N": float(desired[inside].max()) if inside.any() else None,
         "force_growth_inside_max_N": float(growth[inside].max()) if inside.any() else None,
         "time_to_zero_force_after_entry_max_s": time_to_zero_force(trial),
         "force_along_reference_outside_min_N": float(along[outside].min()) if led else None,
@@ -243,10 +245,10 @@ LESS_IS_WORSE = frozenset(
     {
         "smoothness_sparc",
         "time_on_target_s",
-        "time_on_target_share",
-        "goals_reached_share",
-        "reference_covered_share",
-        "inside_share",
+        "time_on_target_fraction",
+        "goals_reached_fraction",
+        "reference_covered_fraction",
+        "inside_fraction",
         "pair_energy_left_min_J",
     }
 )

@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from rehab_opt.control.command import Bound, Status
+from rehab_opt.control.command import Relaxed, Status
 from rehab_opt.control.gate import Mode
 from rehab_opt.field.demonstration import Demonstration
 from rehab_opt.field.potential import PotentialField
@@ -56,10 +56,10 @@ class Trial:
     time : (N,) [s] from the start.
     position, velocity : (N, 2) [m], [m/s] of the hand.
     intended : (N, 2) [m] where the person means to be.
-    wanted, commanded, measured : (N, 2) [N] the law's force before bounds (zero where nothing is wanted), the force
+    desired, commanded, measured : (N, 2) [N] the law's force before bounds (zero where nothing is wanted), the force
         given to the robot's loop, and the force on the hand by the sensor.
     inside : (N,) whether the hand is in the comfortable workspace.
-    status, yielded : (N,) index into `tuple(Status)`, and `Bound` flags; 0 for laws that have none.
+    status, relaxed : (N,) index into `tuple(Status)`, and `Relaxed` flags; 0 for laws that have none.
     energy_left : (N,) [J] in the tank; NaN for laws that have none.
     goal : (N, 2) [m] the point that was to be reached or held; NaN where there is none.
     seen, acting : (N, 2) [m] where the law saw the hand, [N] the motors' force when the tick began; None where the hand
@@ -74,12 +74,12 @@ class Trial:
     position: Array
     velocity: Array
     intended: Array
-    wanted: Array
+    desired_force: Array
     commanded: Array
     measured: Array
     inside: NDArray[np.bool_]
     status: NDArray[np.uint8]
-    yielded: NDArray[np.uint8]
+    relaxed: NDArray[np.uint8]
     energy_left: Array
     goal: Array
     ended: Literal["done", "late"]
@@ -126,13 +126,13 @@ class ScenarioOutcome(Outcome):
 
     @property
     def coverage(self) -> str:
-        """What `reference_covered_share` is called, with the tolerance that it is judged with."""
+        """What `reference_covered_fraction` is called, with the tolerance that it is judged with."""
         return f"covered in order, within {1e3 * self.within:g} mm"
 
     def trace(self) -> Iterable[Column]:
         """One row a law, trial and tick that is kept; a cell is empty where there is no such number.
 
-        Between two rows nothing is averaged, but for `yielded`, which holds all that gave way since the row before.
+        Between two rows nothing is averaged, but for `relaxed`, which holds all that gave way since the row before.
         """
         trials = [trial for of in self.trials.values() for trial in of]
         helped = any(trial.helper is not None for trial in trials)
@@ -143,7 +143,7 @@ def _columns(trial: Trial, *, helped: bool) -> Columns:
     ticks, words = thinned_ticks(trial), tuple(status.value for status in Status)
     vectors = {
         "{}_m": trial.position, "velocity_{}_m_s": trial.velocity, "intended_{}_m": trial.intended,
-        "force_wanted_{}_N": trial.wanted, "force_commanded_{}_N": trial.commanded,
+        "force_desired_{}_N": trial.desired_force, "force_commanded_{}_N": trial.commanded,
         "force_measured_{}_N": trial.measured,
     }  # fmt: skip
     numbers = {
@@ -165,7 +165,7 @@ def _columns(trial: Trial, *, helped: bool) -> Columns:
         "inside": trial.inside[ticks].astype(int),
         **{name: of[ticks] for name, of in later.items()},
         "status": [words[i] for i in trial.status[ticks]],
-        "yielded": list(_yielded(trial, ticks)),
+        "relaxed": list(_relaxed(trial, ticks)),
     }
 
 
@@ -177,9 +177,9 @@ def thinned_ticks(trial: Trial, rate: float = RATE) -> NDArray[np.intp]:
     return np.unique(np.append(np.arange(0, len(trial.time), stride), len(trial.time) - 1))
 
 
-def _yielded(trial: Trial, ticks: NDArray[np.intp]) -> Iterator[str]:
+def _relaxed(trial: Trial, ticks: NDArray[np.intp]) -> Iterator[str]:
     start = 0
     for tick in ticks:
-        flags = Bound(int(np.bitwise_or.reduce(trial.yielded[start : tick + 1])))
+        flags = Relaxed(int(np.bitwise_or.reduce(trial.relaxed[start : tick + 1])))
         yield ", ".join(bound.name.lower() for bound in flags if bound.name)
         start = tick + 1

@@ -75,7 +75,7 @@ class Together(ForceLaw):
         robot.step(felt_x, felt_y, *push)
         self._rows.append((at_x, at_y, felt_x, felt_y, both.helper.force.energy_left))
         self.along = (at_x, at_y, felt_x, felt_y)
-        self.wanted, self.energy_left = both.participant.force.wanted, both.participant.force.energy_left
+        self.desired_force, self.energy_left = both.participant.force.desired_force, both.participant.force.energy_left
         return drawn
 
     def _means(self, enable: object) -> list[float]:
@@ -95,7 +95,9 @@ class Together(ForceLaw):
         return HelperTrace(table[:, 0:2], meant, table[:, 2:4], table[:, 4])
 
 
-def pair_of(loaded: ProblemFile[ScenarioProblem], ready: Precomputed, *, delay: float, solver: str | None) -> Together:
+def pair_of(
+    config: ProblemFile[ScenarioProblem], context: Precomputed, *, delay: float, solver: str | None
+) -> Together:
     """The pair of a mapped path, `delay` [s] apart.
 
     Raises
@@ -103,28 +105,28 @@ def pair_of(loaded: ProblemFile[ScenarioProblem], ready: Precomputed, *, delay: 
     ProblemFileError : a value of the file cannot be used.
     ConfigurationError : `solver` cannot be used.
     """
-    return together_of(Bilateral(*sides_of(loaded, ready, solver=solver), delay=delay), loaded, ready)
+    return together_of(Bilateral(*sides_of(config, context, solver=solver), delay=delay), config, context)
 
 
 def sides_of(
-    loaded: ProblemFile[ScenarioProblem], ready: Precomputed, *, solver: str | None, backup: str | None = None
+    config: ProblemFile[ScenarioProblem], context: Precomputed, *, solver: str | None, backup: str | None = None
 ) -> tuple[HelperSide, ParticipantSide]:
     """Both sides of a mapped path; raises as `pair_of`."""
-    problem, said, helper = loaded.problem, loaded.problem.assistance, loaded.problem.helper
-    assert ready.carry is not None  # the schema refuses a pair without a map
+    problem, said, helper = config.problem, config.problem.assistance, config.problem.helper
+    assert context.workspace_map is not None  # the schema refuses a pair without a map
     bounds = bounds_of(problem, solver=solver)
     bounds["backup"] = backup
-    with bounds_refusals(loaded, solver=solver, section="helper or assistance"):
+    with bounds_refusals(config, solver=solver, section="helper or assistance"):
         return (
             HelperSide(
-                ready.carry,
+                context.workspace_map,
                 **helper.arguments("hand_damping_Ns_m", "exchange_per_s", hand_damping_Ns_m="damping"),
                 force_limit=said.force_limit_N,
                 **bounds,
             ),
             ParticipantSide(
-                ready.carry,
-                comfortable=ready.comfortable,
+                context.workspace_map,
+                comfortable=context.comfortable,
                 **helper.arguments("stiffness_N_m", "damping_Ns_m", "exchange_per_s"),
                 force_limit=said.force_limit_N,
                 **bounds,
@@ -132,21 +134,21 @@ def sides_of(
         )
 
 
-def together_of(both: Bilateral, loaded: ProblemFile[ScenarioProblem], ready: Precomputed) -> Together:
+def together_of(both: Bilateral, config: ProblemFile[ScenarioProblem], context: Precomputed) -> Together:
     """The pair as a law, with a simulated helper.
 
     Raises
     ------
     ProblemFileError : a value of the file cannot be used.
     """
-    task, helper, dt = loaded.problem.task, loaded.problem.helper, both.dt
-    assert ready.demonstrated is not None
-    meant = traced(ready.demonstrated, seconds=task.movement_s, rest=task.rest_s, dt=dt)
+    task, helper, dt = config.problem.task, config.problem.helper, both.dt
+    assert context.demonstrated is not None
+    meant = traced(context.demonstrated, seconds=task.movement_s, rest=task.rest_s, dt=dt)
     healthy = Person(wander=1e-3 * helper.wander_mm, tremor=0.0, spasm_rate=0.0)
-    robot = hand_robot_of(loaded)
-    with refused_as(loaded.file, "robot.{}, with the helper's hand".format):
+    robot = hand_robot_of(config)
+    with refused_as(config.file, "robot.{}, with the helper's hand".format):
         robot.model.check(healthy.hand_mass, dt=dt)
-    return Together(both, Helper(healthy, robot, ready.reachable, meant), seed=task.seed)
+    return Together(both, Helper(healthy, robot, context.reachable, meant), seed=task.seed)
 
 
 def pair_measures(trial: Trial) -> dict[str, Any]:

@@ -14,7 +14,7 @@ from rehab_opt.measures.path import path_length
 from rehab_opt.plants.intention import Intention, held, nearest_next, reached, traced
 from rehab_opt.recordings.recording import size_note
 from rehab_opt.session.files import ProblemFile
-from rehab_opt.session.outcome import Array, Progress, told
+from rehab_opt.session.outcome import Array, Progress, with_progress
 from rehab_opt.session.participant import placed_recording
 from rehab_opt.session.refusals import refused_as
 from rehab_opt.session.scenario.demonstrated import learnt
@@ -31,14 +31,14 @@ SHORTEST = 1e-3
 """[m] A path is longer."""
 
 
-def given_path(loaded: ProblemFile[ScenarioProblem]) -> tuple[Array | None, list[str]]:
+def given_path(config: ProblemFile[ScenarioProblem]) -> tuple[Array | None, list[str]]:
     """The task's points (N, 2) [m] in the robot's frame, and what was noticed; None where demonstrations show them.
 
     Raises
     ------
     ProblemFileError : the recording cannot be used, a path is none.
     """
-    task, arm = loaded.problem.task, loaded.problem.arm
+    task, arm = config.problem.task, config.problem.arm
     if task.points_m is not None:
         points, notes = np.array(task.points_m), []
     elif task.recording is None:
@@ -46,17 +46,17 @@ def given_path(loaded: ProblemFile[ScenarioProblem]) -> tuple[Array | None, list
     else:
         assert task.placement is not None
         recording, placed = placed_recording(
-            loaded, task.recording, task.placement, side=arm.side, rate=task.record_rate_hz, keys="task."
+            config, task.recording, task.placement, side=arm.side, rate=task.record_rate_hz, keys="task."
         )
         points = placed[:, :2]
         notes = [f"{recording.file}: {note}" for note in (*recording.notes, size_note(recording))]
-    if loaded.problem.mode != "hold" and not (length := path_length(points)) >= SHORTEST:
-        key, value = _path_key(loaded.problem), f"a path of {1e3 * length:.3g} mm"
-        raise ProblemFileError(loaded.file, key, value, "1 mm or more")
+    if config.problem.mode != "hold" and not (length := path_length(points)) >= SHORTEST:
+        key, value = _path_key(config.problem), f"a path of {1e3 * length:.3g} mm"
+        raise ProblemFileError(config.file, key, value, "1 mm or more")
     return sets.placement_of(arm).to_robot(points), notes
 
 
-def refuse_outside(loaded: ProblemFile[ScenarioProblem], path: Array, where: Workspace) -> None:
+def refuse_outside(config: ProblemFile[ScenarioProblem], path: Array, where: Workspace) -> None:
     """A person is led nowhere where the arm does not go: a path (N, 2) [m], robot's frame, leaves `where`.
 
     Raises
@@ -66,14 +66,14 @@ def refuse_outside(loaded: ProblemFile[ScenarioProblem], path: Array, where: Wor
     away = np.asarray(where.distance(path))
     worst = int(np.argmax(away))
     if not away[worst] <= where.accuracy:
-        key = _path_key(loaded.problem)
+        key = _path_key(config.problem)
         value = f"a point {1e3 * away[worst]:.1f} mm outside, at {np.round(path[worst], 4).tolist()} m (robot's frame)"
         low_x, low_y, high_x, high_y = where.polygon.bounds
         expected = (
             f"points that the arm reaches: between {low_x:.3f} and {high_x:.3f} m along x, {low_y:.3f} and "
             f"{high_y:.3f} m along y, within the outline"
         )
-        raise ProblemFileError(loaded.file, key, value, expected)
+        raise ProblemFileError(config.file, key, value, expected)
 
 
 def _path_key(problem: ScenarioProblem) -> str:
@@ -102,7 +102,7 @@ class Precomputed(NamedTuple):
     """(N, 2) [m] path, or points in the order in which they are held."""
     demonstrated: Array | None
     """(N, 2) [m] what the reference was mapped from."""
-    carry: ControllerMap | None
+    workspace_map: ControllerMap | None
     """The map."""
     fields: tuple[PotentialField, ...]
     numbers: FieldNumbers
@@ -112,7 +112,7 @@ class Precomputed(NamedTuple):
     notes: tuple[str, ...]
 
 
-def precompute(loaded: ProblemFile[ScenarioProblem], *, progress: Progress) -> Precomputed:
+def precompute(config: ProblemFile[ScenarioProblem], *, progress: Progress) -> Precomputed:
     """Workspaces, map, field and intention.
 
     Raises
@@ -120,40 +120,40 @@ def precompute(loaded: ProblemFile[ScenarioProblem], *, progress: Progress) -> P
     ProblemFileError : a value of the file or a recording cannot be used; a workspace is empty; the task lies where it
         cannot be done.
     """
-    problem = loaded.problem
-    path, notes = given_path(loaded)
-    led = learnt(loaded, path)
+    problem = config.problem
+    path, notes = given_path(config)
+    led = learnt(config, path)
     if led is not None:
         path = led.field.paths[0].points
         notes += led.notes
     assert path is not None
     there: dict[str, Workspace] = {}
-    for name in told(progress, "workspaces", ("comfortable", "reachable")):
-        found = sets.reached(problem.arm, getattr(problem.arm, name), file=loaded.file, key="arm").workspace
+    for name in with_progress(progress, "workspaces", ("comfortable", "reachable")):
+        found = sets.reached(problem.arm, getattr(problem.arm, name), file=config.file, key="arm").workspace
         if found.empty:
-            raise ProblemFileError(loaded.file, f"arm.{name}", "an empty workspace", found.reason)
+            raise ProblemFileError(config.file, f"arm.{name}", "an empty workspace", found.reason)
         there[name] = found
     comfortable, reachable = there["comfortable"], there["reachable"]
-    refuse_outside(loaded, path, reachable)
-    _refuse_stops(loaded, comfortable)
-    demonstrated = carry = None
+    refuse_outside(config, path, reachable)
+    _refuse_stops(config, comfortable)
+    demonstrated = workspace_map = None
     if problem.mode not in THERAPY and problem.task.mapped:
         progress("map", 0, 1)
-        carry = _safe_map(loaded, reachable, comfortable)
-        demonstrated, path = path, np.array([carry.image(point) for point in path])
+        workspace_map = _safe_map(config, reachable, comfortable)
+        demonstrated, path = path, np.array([workspace_map.image(point) for point in path])
         progress("map", 1, 1)
     elif problem.mode not in THERAPY:
-        refuse_outside(loaded, path, comfortable)
+        refuse_outside(config, path, comfortable)
     if problem.mode == "hold":
         path = nearest_next(path)
-    with refused_as(loaded.file, "field, {}".format):
+    with refused_as(config.file, "field, {}".format):
         fields = _fields(problem, path) if led is None else (led.field,)
     return Precomputed(
         comfortable=comfortable,
         reachable=reachable,
         reference=path,
         demonstrated=demonstrated,
-        carry=carry,
+        workspace_map=workspace_map,
         fields=fields,
         numbers=_numbers(problem, fields[0]),
         shown=() if led is None else led.shown,
@@ -162,23 +162,23 @@ def precompute(loaded: ProblemFile[ScenarioProblem], *, progress: Progress) -> P
     )
 
 
-def _refuse_stops(loaded: ProblemFile[ScenarioProblem], comfortable: Workspace) -> None:
+def _refuse_stops(config: ProblemFile[ScenarioProblem], comfortable: Workspace) -> None:
     """The robot must reach what is comfortable, or the shoulder is placed wrongly."""
     low, high = np.array(comfortable.polygon.bounds).reshape(2, 2)
-    robot = loaded.problem.robot
+    robot = config.problem.robot
     if not (np.all(low >= robot.lower_m) and np.all(high <= robot.upper_m)):
         value = f"comfortable workspace from {np.round(low, 3).tolist()} to {np.round(high, 3).tolist()} m"
         expected = f"within the robot's stops {robot.lower_m} to {robot.upper_m}"
-        raise ProblemFileError(loaded.file, "arm.shoulder_m", value, expected)
+        raise ProblemFileError(config.file, "arm.shoulder_m", value, expected)
 
 
-def _safe_map(loaded: ProblemFile[ScenarioProblem], source: Workspace, target: Workspace) -> ControllerMap:
+def _safe_map(config: ProblemFile[ScenarioProblem], source: Workspace, target: Workspace) -> ControllerMap:
     """The map of the workspaces; one that is not safe is refused."""
     try:
         return WorkspaceMap.between(source, target).for_controller()
     except ConfigurationError as refused:
         value, expected = f"{refused.argument}: {refused.value}", refused.expected
-        raise ProblemFileError(loaded.file, "task.mapped", value, expected) from refused
+        raise ProblemFileError(config.file, "task.mapped", value, expected) from refused
 
 
 def _fields(problem: ScenarioProblem, path: Array) -> tuple[PotentialField, ...]:

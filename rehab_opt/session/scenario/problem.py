@@ -36,7 +36,7 @@ LEARNT: tuple[Mode, ...] = ("stretch", "assist")
 Point = Annotated[list[Length], Field(min_length=2, max_length=2)]
 Seconds = Annotated[float, Field(ge=0.1, le=600)]
 Width = Annotated[float, Field(ge=1, le=1000)]
-MOST_TICKS = 2_000_000
+MAX_TICKS = 2_000_000
 """Of all trials: each tick is kept."""
 
 
@@ -322,9 +322,9 @@ class ScenarioProblem(Problem):
             count = len(task.points_m or ())
             seconds = count * task.dwell_s + (count - 1) * task.movement_s
         ticks = seconds * rate * task.trials * len(self.run.laws) * (LONGER if self.person.aims == "path" else 1)
-        if not ticks <= MOST_TICKS:
-            told = f"at most {int(MOST_TICKS / (seconds * rate * len(self.run.laws)))}"
-            if ticks > task.trials * MOST_TICKS:
+        if not ticks <= MAX_TICKS:
+            told = f"at most {int(MAX_TICKS / (seconds * rate * len(self.run.laws)))}"
+            if ticks > task.trials * MAX_TICKS:
                 told = "shorter trials or a lower run.rate_hz"
-            raise refusal("task.trials", task.trials, f"{told}: {ticks:.3g} ticks of all laws, {MOST_TICKS} fit")
+            raise refusal("task.trials", task.trials, f"{told}: {ticks:.3g} ticks of all laws, {MAX_TICKS} fit")
         return self

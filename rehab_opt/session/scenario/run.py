@@ -14,7 +14,7 @@ from rehab_opt.control.path_assistance import PathAssistance
 from rehab_opt.control.smoother import Smoother
 from rehab_opt.published.field_law import FieldLaw
 from rehab_opt.session.files import ProblemFile
-from rehab_opt.session.outcome import Array, Progress, told
+from rehab_opt.session.outcome import Array, Progress, with_progress
 from rehab_opt.session.plant import plant_note
 from rehab_opt.session.scenario.demonstrated import fit_metrics
 from rehab_opt.session.scenario.laws import (
@@ -28,7 +28,15 @@ from rehab_opt.session.scenario.laws import (
     check_bounds,
     swinging_notes,
 )
-from rehab_opt.session.scenario.loop import INDEX, Arrival, Scene, hand_robot_of, person_of, ran, robot_model_of
+from rehab_opt.session.scenario.loop import (
+    INDEX,
+    Arrival,
+    Scene,
+    hand_robot_of,
+    person_of,
+    robot_model_of,
+    simulate_trial,
+)
 from rehab_opt.session.scenario.measures import COVERED, law_summary, trial_measures
 from rehab_opt.session.scenario.outcome import Law, ScenarioOutcome, Trial
 from rehab_opt.session.scenario.pair import pair_measures, pair_of
@@ -50,7 +58,7 @@ ASSUMPTIONS = (
 )
 
 
-def run_scenario(loaded: ProblemFile[ScenarioProblem], *, solver: str | None, progress: Progress) -> ScenarioOutcome:
+def run_scenario(config: ProblemFile[ScenarioProblem], *, solver: str | None, progress: Progress) -> ScenarioOutcome:
     """Every trial under every law of the file.
 
     Raises
@@ -58,31 +66,31 @@ def run_scenario(loaded: ProblemFile[ScenarioProblem], *, solver: str | None, pr
     ProblemFileError : a value of the file or a recording cannot be used.
     ConfigurationError : `solver` cannot be used.
     """
-    problem = loaded.problem
-    robot_model_of(loaded)  # refused before the workspaces take their seconds
-    check_bounds(loaded, solver=solver)
-    ready = precompute(loaded, progress=progress)
-    scene = scene_of(loaded, ready)
+    problem = config.problem
+    robot_model_of(config)  # refused before the workspaces take their seconds
+    check_bounds(config, solver=solver)
+    context = precompute(config, progress=progress)
+    scene = scene_of(config, context)
     task = problem.task
     trials: dict[Law, tuple[Trial, ...]] = {}
     laws: dict[Law, ForceLaw] = {}
     for name in problem.run.laws:
-        law = laws[name] = law_of(name, loaded, ready, solver=solver)
+        law = laws[name] = law_of(name, config, context, solver=solver)
         trials[name] = tuple(
-            ran(scene, law, name=name, number=number, seed=task.seed + number)
-            for number in told(progress, f"trials, {name}", range(task.trials))
+            simulate_trial(scene, law, name=name, number=number, seed=task.seed + number)
+            for number in with_progress(progress, f"trials, {name}", range(task.trials))
         )
-    fit = ready.fields[0].fit
-    target = ready.reference[-1] if problem.mode in REACHES else None
+    fit = context.fields[0].fit
+    target = context.reference[-1] if problem.mode in REACHES else None
     measures = {
         name: tuple(
             trial_measures(
                 trial,
-                reference=ready.reference,
+                reference=context.reference,
                 mode=problem.mode,
                 target=target,
                 within=1e-3 * task.within_mm,
-                jump=2 * ready.numbers.width,
+                jump=2 * context.numbers.width,
             )
             | pair_measures(trial)
             for trial in done
@@ -91,29 +99,29 @@ def run_scenario(loaded: ProblemFile[ScenarioProblem], *, solver: str | None, pr
     }
     return ScenarioOutcome(
         notes=(
-            *_along(problem, ready, measures, trials),
-            *ready.notes,
+            *_along(problem, context, measures, trials),
+            *context.notes,
             *ASSUMPTIONS[: 2 if fit is None else 1],
             *(() if problem.plant.kind == "ideal" else (plant_note(problem.plant, ""),)),
             *_pair_notes(problem, measures),
-            *_runaways(problem, ready, trials),
+            *_runaways(problem, context, trials),
             *swinging_notes(laws),
         ),
         metrics={
             "laws": {name: law_summary(list(of)) | {"trials": list(of)} for name, of in measures.items()},
             "workspaces": {
-                "comfortable_cm2": 1e4 * ready.comfortable.area,
-                "reachable_cm2": 1e4 * ready.reachable.area,
+                "comfortable_cm2": 1e4 * context.comfortable.area,
+                "reachable_cm2": 1e4 * context.reachable.area,
             },
             **({} if fit is None else {"learnt": fit_metrics(fit)}),
         },
         mode=problem.mode,
-        comfortable=ready.comfortable,
-        reachable=ready.reachable,
-        reference=ready.reference,
-        demonstrated=ready.demonstrated,
-        fields=ready.fields,
-        shown=ready.shown,
+        comfortable=context.comfortable,
+        reachable=context.reachable,
+        reference=context.reference,
+        demonstrated=context.demonstrated,
+        fields=context.fields,
+        shown=context.shown,
         within=1e-3 * task.within_mm,
         force_limit=problem.assistance.force_limit_N,
         trials=trials,
@@ -138,23 +146,23 @@ def _pair_notes(problem: ScenarioProblem, measures: Mapping[Law, tuple[Mapping[s
 
 
 def _along(
-    problem: ScenarioProblem, ready: Precomputed, measures: Mapping[Law, Sequence[Mapping[str, Any]]],
+    problem: ScenarioProblem, context: Precomputed, measures: Mapping[Law, Sequence[Mapping[str, Any]]],
     trials: Mapping[Law, tuple[Trial, ...]],
 ) -> Iterator[str]:  # fmt: skip
     """Along a path: what was not covered; help that was worse than none, or let a hand go."""
     if problem.mode != "follow":
         return
     for law, of in measures.items():
-        shares = [each["reference_covered_share"] for each in of]
-        short = sum(share < COVERED for share in shares)
+        fractions = [each["reference_covered_fraction"] for each in of]
+        short = sum(fraction < COVERED for fraction in fractions)
         if short:
             yield (
                 f"{law}: {short} of {len(of)} trials did not cover the path in order, the worst of them "
-                f"{100 * min(shares):.0f} % of it"
+                f"{100 * min(fractions):.0f} % of it"
             )
         if law == "unassisted":
             continue
-        for key, sign in (("deviation_mean_m", 1), ("reference_covered_share", -1)):
+        for key, sign in (("deviation_mean_m", 1), ("reference_covered_fraction", -1)):
             both = zip(of, measures.get("unassisted", ()), strict=False)
             worse = sum(sign * (each[key] - free[key]) > 0.01 * free[key] for each, free in both)
             if worse:
@@ -163,12 +171,12 @@ def _along(
         let_go = np.concatenate([trial.status for trial in trials[law]]) == INDEX[Status.BLOCKED]
         if let_go.any():
             yield f"{law}: a hand that stood under force was let go, for {100 * let_go.mean():.2g} % of the time"
-        far = 1e3 * max(float(np.max(ready.comfortable.distance(trial.position))) for trial in trials[law])
+        far = 1e3 * max(float(np.max(context.comfortable.distance(trial.position))) for trial in trials[law])
         if far > problem.task.within_mm:
             yield f"{law}: the hand left the comfortable workspace, by up to {far:.2g} mm"
 
 
-def _runaways(problem: ScenarioProblem, ready: Precomputed, trials: Mapping[Law, tuple[Trial, ...]]) -> Iterator[str]:
+def _runaways(problem: ScenarioProblem, context: Precomputed, trials: Mapping[Law, tuple[Trial, ...]]) -> Iterator[str]:
     """Trials that no person can have done, and a law that makes the hand run away."""
     cap = problem.assistance.speed_cap_m_s
     for law, done in trials.items():
@@ -177,27 +185,27 @@ def _runaways(problem: ScenarioProblem, ready: Precomputed, trials: Mapping[Law,
             yield f"{law}: the simulated hand reached {fast:.3g} m/s; no hand is faster than {HAND_SPEED:g} m/s"
         elif fast > cap and law != "unassisted":
             yield f"{law}: the hand reached {fast:.3g} m/s, beyond the speed cap of {cap:g} m/s"
-        far = max(float(np.max(ready.reachable.distance(trial.position))) for trial in done)
+        far = max(float(np.max(context.reachable.distance(trial.position))) for trial in done)
         if far > FAR:
             yield f"{law}: the simulated hand was {far:.3g} m outside the reachable workspace; no arm goes there"
 
 
-def scene_of(loaded: ProblemFile[ScenarioProblem], ready: Precomputed) -> Scene:
+def scene_of(config: ProblemFile[ScenarioProblem], context: Precomputed) -> Scene:
     """What all trials share."""
-    problem = loaded.problem
+    problem = config.problem
     arrival = Arrival(1e-3 * problem.task.within_mm, REST) if problem.mode in REACHES else None
     return Scene(
-        comfortable=ready.comfortable,
+        comfortable=context.comfortable,
         person=person_of(problem),
-        robot=hand_robot_of(loaded),
-        intention=ready.intention,
+        robot=hand_robot_of(config),
+        intention=context.intention,
         arrival=arrival,
         dt=1 / problem.run.rate_hz,
     )
 
 
 def law_of(
-    name: Law, loaded: ProblemFile[ScenarioProblem], ready: Precomputed, *, solver: str | None = None
+    name: Law, config: ProblemFile[ScenarioProblem], context: Precomputed, *, solver: str | None = None
 ) -> ForceLaw:
     """A law as the loop calls it.
 
@@ -206,28 +214,28 @@ def law_of(
     ProblemFileError : a value of the file cannot be used.
     ConfigurationError : `solver` cannot be used.
     """
-    problem = loaded.problem
+    problem = config.problem
     dt = 1 / problem.run.rate_hz
     if name == "unassisted":
         return Unassisted()
     if name == "published":
-        return Published(_field_law(problem, ready), dt=dt)
+        return Published(_field_law(problem, context), dt=dt)
     if name in ("together", "delayed"):
-        return pair_of(loaded, ready, delay=problem.helper.delay_s if name == "delayed" else 0.0, solver=solver)
-    with bounds_refusals(loaded, solver=solver, section="assistance"):
-        assistance = assistance_of(problem, ready, solver=solver)
-    return assisted_law(problem, ready, assistance)
+        return pair_of(config, context, delay=problem.helper.delay_s if name == "delayed" else 0.0, solver=solver)
+    with bounds_refusals(config, solver=solver, section="assistance"):
+        assistance = assistance_of(problem, context, solver=solver)
+    return assisted_law(problem, context, assistance)
 
 
-def assisted_law(problem: ScenarioProblem, ready: Precomputed, assistance: Assistance | PathAssistance) -> Assisted:
+def assisted_law(problem: ScenarioProblem, context: Precomputed, assistance: Assistance | PathAssistance) -> Assisted:
     """Ours as the loop calls it: with its field where it is, or carried from point to point."""
     if problem.mode != "hold" or isinstance(assistance, PathAssistance):
         return Assisted(assistance)
-    return AssistedAtPoints(assistance, ready.reference, _pace(problem, ready.reference))
+    return AssistedAtPoints(assistance, context.reference, _pace(problem, context.reference))
 
 
 def assistance_of(
-    problem: ScenarioProblem, ready: Precomputed, *, solver: str | None = None, backup: str | None = None
+    problem: ScenarioProblem, context: Precomputed, *, solver: str | None = None, backup: str | None = None
 ) -> Assistance | PathAssistance:
     """Ours, of the whole field; along a path that may cross itself, by progress along it.
 
@@ -235,22 +243,22 @@ def assistance_of(
     ------
     ConfigurationError : a value that cannot be used.
     """
-    said, numbers = problem.assistance, ready.numbers
+    said, numbers = problem.assistance, context.numbers
     bounds = bounds_of(problem, solver=solver)
     bounds["backup"] = backup
     if problem.mode == "follow" and not numbers.drag:
         return PathAssistance(
-            ready.reference,
+            context.reference,
             stiffness=numbers.stiffness,
             width=numbers.width,
             damping=numbers.damping,
-            comfortable=ready.comfortable,
+            comfortable=context.comfortable,
             force_limit=said.force_limit_N,
             **bounds,
         )
     return Assistance(
-        ready.fields[0],
-        comfortable=ready.comfortable,
+        context.fields[0],
+        comfortable=context.comfortable,
         mode=problem.mode,
         **said.arguments("force_limit_N", "onset_mm"),
         **bounds,
@@ -271,16 +279,16 @@ def _pace(problem: ScenarioProblem, points: Array) -> Smoother:
     )
 
 
-def _field_law(problem: ScenarioProblem, ready: Precomputed) -> FieldLaw:
+def _field_law(problem: ScenarioProblem, context: Precomputed) -> FieldLaw:
     """The paper's field of the same numbers; in "resist" k1 < 0 gives the same force where the path begins."""
-    field, numbers = ready.fields[0], ready.numbers
+    field, numbers = context.fields[0], context.numbers
     drag = -field.drag if problem.mode == "resist" else numbers.drag
     return FieldLaw(
-        path=ready.reference if problem.mode == "hold" else field.paths[0].points,
+        path=context.reference if problem.mode == "hold" else field.paths[0].points,
         stiffness=numbers.stiffness,
         drag=drag,
         width=numbers.width,
         damping=numbers.damping,
-        released=(lambda x: bool(ready.comfortable.contains(x))) if problem.mode in THERAPY else None,
+        released=(lambda x: bool(context.comfortable.contains(x))) if problem.mode in THERAPY else None,
         force_limit=problem.assistance.force_limit_N,
     )

@@ -47,35 +47,35 @@ class LiveScenario(LiveProblem):
 
     controls = frozenset({"target", "push", "faults"})
 
-    def __init__(self, loaded: ProblemFile[ScenarioProblem], *, solver: str | None) -> None:
-        problem = loaded.problem
+    def __init__(self, config: ProblemFile[ScenarioProblem], *, solver: str | None) -> None:
+        problem = config.problem
         able = [law for law in LIVE if law in problem.run.laws]
         if not able:
-            raise ProblemFileError(loaded.file, "run.laws", problem.run.laws, f"one of {', '.join(LIVE)} among them")
-        self._loaded, self._solver, self._law = loaded, solver, able[0]
+            raise ProblemFileError(config.file, "run.laws", problem.run.laws, f"one of {', '.join(LIVE)} among them")
+        self._config, self._solver, self._law = config, solver, able[0]
         self.hands = 1 if self._law == "assisted" else 2
         self.title, self.dt = problem.title, 1 / problem.run.rate_hz
         self.names, self.force = ("x", "y"), 2
         self._q: Array | None = None
-        self.layout = {"hand": 2, "meant": 2, "force": 2, "wanted": 2, "exerted": 2, "energy": 1, "along": 4}
+        self.layout = {"hand": 2, "meant": 2, "force": 2, "desired": 2, "exerted": 2, "energy": 1, "along": 4}
 
     @cached_property
-    def ready(self) -> Precomputed:
+    def context(self) -> Precomputed:
         """Workspaces, fields and the person's intention."""
-        return precompute(self._loaded, progress=lambda *_: None)
+        return precompute(self._config, progress=lambda *_: None)
 
     def control(self, plant: Plant | None = None) -> LiveControl:
         """The law "assisted" of `rehab-opt run`, or else of a pair, at the person and robot of its trials."""
-        ready, problem = self.ready, self._loaded.problem
-        law = law_of(self._law, self._loaded, ready, solver=self._solver)
-        scene = scene_of(self._loaded, ready)
+        context, problem = self.context, self._config.problem
+        law = law_of(self._law, self._config, context, solver=self._solver)
+        scene = scene_of(self._config, context)
         return Helping(law, scene, number=0, seed=problem.task.seed, endless=True, plant=plant)
 
     @cached_property
     def _person(self) -> tuple[ArmBodies, ArmIK]:
         """The arm within what is helped, in the robot's frame, its hand at height zero; what postures it may have."""
-        section = self._loaded.problem.arm
-        arm = arm_of(section.side, section.segments, section.reachable, file=self._loaded.file)
+        section = self._config.problem.arm
+        arm = arm_of(section.side, section.segments, section.reachable, file=self._config.file)
         place = placement_of(section).pose
         place[2, 3] = -section.plane_height_m
         arm = replace(arm, base=place @ arm.base)
@@ -83,11 +83,11 @@ class LiveScenario(LiveProblem):
 
     def scene(self) -> dict[str, Any]:
         """W_c, W_r, the reference, the field's pull on a hand at rest."""
-        ready, said = self.ready, self._loaded.problem.assistance
-        reference = _flat(ready.reference)
+        context, said = self.context, self._config.problem.assistance
+        reference = _flat(context.reference)
         pair = self.hands == 2
-        shown = [] if ready.demonstrated is None or not pair else [_flat(ready.demonstrated).tolist()]
-        wide = ready.reachable if pair else ready.comfortable
+        shown = [] if context.demonstrated is None or not pair else [_flat(context.demonstrated).tolist()]
+        wide = context.reachable if pair else context.comfortable
         around = np.vstack([reference, _flat(np.array(wide.polygon.bounds).reshape(2, 2))])
         low, high = around.min(axis=0), around.max(axis=0)
         reach = 1.15 * float((high - low).max())
@@ -97,15 +97,15 @@ class LiveScenario(LiveProblem):
             "springy": True,
             "handled": True,
             "lines": [
-                *({"points": each, "colour": GREEN} for each in _outlines(ready.comfortable)),
-                *({"points": each, "colour": GREY} for each in _outlines(ready.reachable)),
-                *([] if self._loaded.problem.mode == "hold" else [{"points": reference.tolist(), "colour": BLUE}]),
+                *({"points": each, "colour": GREEN} for each in _outlines(context.comfortable)),
+                *({"points": each, "colour": GREY} for each in _outlines(context.reachable)),
+                *([] if self._config.problem.mode == "hold" else [{"points": reference.tolist(), "colour": BLUE}]),
                 *({"points": each, "colour": GREY} for each in shown),
             ],
             "capsules": [[*each, *each, 0.004, BLUE] for each in reference.tolist()]
-            if self._loaded.problem.mode == "hold"
+            if self._config.problem.mode == "hold"
             else [],
-            "arrows": [] if pair else _arrows(ready, low, high, reach),
+            "arrows": [] if pair else _arrows(context, low, high, reach),
             "led": "the helper's hand" if pair else "the hand",
             "arrow": 0.3 * reach / said.force_limit_N,
             "legend": [
@@ -135,12 +135,12 @@ class LiveScenario(LiveProblem):
         arrows = [
             [*hand, *shown[name].tolist(), 0.0, colour] for name, colour in (("force", PURPLE), ("exerted", ORANGE))
         ]
-        second, goal = shown["wanted"], {}
+        second, goal = shown["desired"], {}
         if self.hands == 2:
-            carry, along = self.ready.carry, shown["along"]
-            assert carry is not None
+            workspace_map, along = self.context.workspace_map, shown["along"]
+            assert workspace_map is not None
             second, target = along[2:], [*along[:2].tolist(), 0.0]
-            goal = {"goal": [*carry.image(along[:2]).tolist(), 0.0]}
+            goal = {"goal": [*workspace_map.image(along[:2]).tolist(), 0.0]}
             arrows.append([*target, *second.tolist(), 0.0, PURPLE])
         sizes = [float(np.linalg.norm(each)) for each in (shown["force"], second, shown["exerted"])]
         bodies, postures = self._person
@@ -168,12 +168,12 @@ def _outlines(workspace: Workspace) -> list[list[list[float]]]:
     return [_flat(np.array(ring.coords)[:, :2]).tolist() for ring in rings]
 
 
-def _arrows(ready: Precomputed, low: Array, high: Array, reach: float) -> list[list[Any]]:
+def _arrows(context: Precomputed, low: Array, high: Array, reach: float) -> list[list[Any]]:
     """The pull of the field (its first, where there are many) on a hand at rest; not gated."""
     middle, half = 0.5 * (low + high)[:2], 0.5 * reach
     axis = np.linspace(-half, half, ARROWS)
     places = [middle + np.array((x, y)) for x in axis for y in axis]
-    forces = [np.array(ready.fields[0].pull(*place.tolist())) for place in places]
+    forces = [np.array(context.fields[0].pull(*place.tolist())) for place in places]
     largest = max(float(np.linalg.norm(force)) for force in forces) or 1.0
     return [
         [*place.round(5).tolist(), 0.0, *(0.06 * reach * force / largest).round(5).tolist(), 0.0, "#a9b8c6"]
@@ -196,31 +196,31 @@ class ScenarioSystem(System[ScenarioProblem, ScenarioOutcome]):
         helper = () if recording is None else (Needed("task.recording.file", recording.file),)
         return helper + needed_demonstrations(problem)
 
-    def check(self, loaded: ProblemFile[ScenarioProblem]) -> tuple[str, ...]:
+    def check(self, config: ProblemFile[ScenarioProblem]) -> tuple[str, ...]:
         """Builds arm, robot and the force's bounds, reads recordings, learns; the run sees where the task lies."""
-        self.arms(loaded)
-        robot_model_of(loaded)
-        check_bounds(loaded, solver=None)
-        path, notes = given_path(loaded)
-        led = learnt(loaded, path)
+        self.arms(config)
+        robot_model_of(config)
+        check_bounds(config, solver=None)
+        path, notes = given_path(config)
+        led = learnt(config, path)
         return (*notes, *(() if led is None else led.notes))
 
-    def arms(self, loaded: ProblemFile[ScenarioProblem]) -> dict[str, SerialChain]:
+    def arms(self, config: ProblemFile[ScenarioProblem]) -> dict[str, SerialChain]:
         """The arm within what is comfortable, and within what can be helped."""
-        arm = loaded.problem.arm
+        arm = config.problem.arm
         return {
-            name: arm_of(arm.side, arm.segments, getattr(arm, name), file=loaded.file)
+            name: arm_of(arm.side, arm.segments, getattr(arm, name), file=config.file)
             for name in ("comfortable", "reachable")
         }
 
     def run(
-        self, loaded: ProblemFile[ScenarioProblem], *, options: Mapping[str, str], progress: Progress
+        self, config: ProblemFile[ScenarioProblem], *, options: Mapping[str, str], progress: Progress
     ) -> ScenarioOutcome:
         """Options: `solver`, `plant`."""
-        return run_scenario(loaded, solver=options.get("solver"), progress=progress)
+        return run_scenario(config, solver=options.get("solver"), progress=progress)
 
-    def live(self, loaded: ProblemFile[ScenarioProblem], *, options: Mapping[str, str]) -> LiveProblem:
+    def live(self, config: ProblemFile[ScenarioProblem], *, options: Mapping[str, str]) -> LiveProblem:
         """The person as the file has them, until somebody points where the hand shall be; options as of `run`."""
-        robot_model_of(loaded)
-        check_bounds(loaded, solver=options.get("solver"))
-        return LiveScenario(loaded, solver=options.get("solver"))
+        robot_model_of(config)
+        check_bounds(config, solver=options.get("solver"))
+        return LiveScenario(config, solver=options.get("solver"))

@@ -79,7 +79,7 @@ def _percent(key: str) -> Cell:
 
 
 def _statuses(of: Numbers) -> str:
-    return "\n".join(f"{100 * share:.3g} {status}" for status, share in of["mean"]["status_share"].items())
+    return "\n".join(f"{100 * fraction:.3g} {status}" for status, fraction in of["mean"]["status_fraction"].items())
 
 
 def _success(of: Numbers) -> str:
@@ -88,7 +88,7 @@ def _success(of: Numbers) -> str:
 
 def _covered(outcome: ScenarioOutcome, of: str = "") -> list[tuple[str, Cell]]:
     """How much of a path was, for a path."""
-    return [(f"{of}{outcome.coverage}, %", _percent("reference_covered_share"))] if outcome.mode == "follow" else []
+    return [(f"{of}{outcome.coverage}, %", _percent("reference_covered_fraction"))] if outcome.mode == "follow" else []
 
 
 def _groups(outcome: ScenarioOutcome, *, pairs: bool) -> list[tuple[str, list[tuple[str, Cell]]]]:
@@ -113,7 +113,7 @@ def _groups(outcome: ScenarioOutcome, *, pairs: bool) -> list[tuple[str, list[tu
     ]
     if reaches:
         force += [
-            ("wanted inside W_c, largest, N", _number("force_wanted_inside_max_N")),
+            ("desired inside W_c, largest, N", _number("force_desired_inside_max_N")),
             ("zero after entering W_c, s", _number("time_to_zero_force_after_entry_max_s")),
         ]
     if mode == "resist":
@@ -141,13 +141,13 @@ def _groups(outcome: ScenarioOutcome, *, pairs: bool) -> list[tuple[str, list[tu
     if reaches:
         clinical.insert(3, ("time to the target, s", _number("time_to_target_s")))
     else:
-        clinical.append(("time on target, %", _percent("time_on_target_share")))
+        clinical.append(("time on target, %", _percent("time_on_target_fraction")))
     if not holds:
         clinical.insert(1, ("smoothness (SPARC; nearer 0 is smoother)", _number("smoothness_sparc")))
     if holds:
-        clinical.append(("points reached, %", _percent("goals_reached_share")))
+        clinical.append(("points reached, %", _percent("goals_reached_fraction")))
     law: list[tuple[str, Cell]] = [
-        ("ticks inside W_c, %", _percent("inside_share")),
+        ("ticks inside W_c, %", _percent("inside_fraction")),
         ("ticks by status, %", _statuses),
         ("releases", _number("releases")),
     ]

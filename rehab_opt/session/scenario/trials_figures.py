@@ -28,7 +28,7 @@ from rehab_opt.session.scenario.plane_drawing import (
 )
 from rehab_opt.session.scenario.problem import THERAPY
 
-__all__ = ["deviation_figure", "largest_between", "trials_figure"]
+__all__ = ["deviation_figure", "max_between", "trials_figure"]
 
 
 MEAN_PLACE: Mapping[str, Any] = {"markersize": 11, "markerfacecolor": "none", "markeredgewidth": 1.5, "linestyle": ""}
@@ -65,7 +65,7 @@ def trials_figure(outcome: ScenarioOutcome) -> Figure:
     return legend_below(figure, grid[0, 0], 4)
 
 
-def largest_between(values: Array, ticks: NDArray[np.intp]) -> Array:
+def max_between(values: Array, ticks: NDArray[np.intp]) -> Array:
     """(K,) the largest of `values` (N,) since the kept tick before, so that no peak is lost."""
     return np.maximum.reduceat(values, np.concatenate(([0], ticks[:-1] + 1)))
 
@@ -110,7 +110,7 @@ def _draw_over_time(axes: Axes, law: Law, trials: Sequence[Trial], values: Seque
     """A thin line for `values` (N,) of each trial, a thick one for their mean."""
     for trial, of in zip(trials, values, strict=True):
         ticks = thinned_ticks(trial)
-        axes.plot(trial.time[ticks], largest_between(of, ticks), color=LAW_COLOURS[law], linewidth=0.8, alpha=0.6)
+        axes.plot(trial.time[ticks], max_between(of, ticks), color=LAW_COLOURS[law], linewidth=0.8, alpha=0.6)
     axes.plot(*mean_over_trials(trials, values), color=LAW_COLOURS[law], linewidth=2.2)
 
 

@@ -21,15 +21,15 @@ from rehab_opt.session.schema import keys_of
 from rehab_opt.session.upper_limb.outcome import DrivenArm, LawResult
 from rehab_opt.session.upper_limb.problem import OptimisedSection, PublishedSection, SmoothingSection, UpperLimb
 
-__all__ = ["LAWS", "driven", "followed", "follower", "hand_and_tilt"]
+__all__ = ["LAWS", "driven", "follower", "hand_and_tilt", "track_reference"]
 
 LAWS = ("optimised", "published")
 KEYS = keys_of(arm=ArmSection, optimised=OptimisedSection, published=PublishedSection)
 """Where the problem file says what a law calls by its own name."""
 
 
-def followed(
-    law: str, arm: SerialChain, path: Array, loaded: ProblemFile[UpperLimb], *, solver: str | None, progress: Progress
+def track_reference(
+    law: str, arm: SerialChain, path: Array, config: ProblemFile[UpperLimb], *, solver: str | None, progress: Progress
 ) -> LawResult:
     """Run a law along the path (N, 3) [m]; positions and tilts are recomputed from its joint values.
 
@@ -38,9 +38,9 @@ def followed(
     ProblemFileError : the law refuses a value of the file.
     ConfigurationError : the law refuses `solver`.
     """
-    law_of_arm = follower(law, arm, loaded, solver=solver)
+    law_of_arm = follower(law, arm, config, solver=solver)
     progress(f"{law} law", 0, 1)
-    with _refused(law, loaded.file, solver):
+    with _refused(law, config.file, solver):
         answer = law_of_arm.follow(path)  # in one piece: posture costs refer to the samples before
     progress(f"{law} law", 1, 1)
     hand, tilt = hand_and_tilt(arm, answer.q)
@@ -53,7 +53,7 @@ def followed(
         status=tuple(status.value for status in answer.status),
         reason=tuple(getattr(answer, "reason", [""] * len(path))),
         seconds=answer.seconds,
-        metrics={"parameters": _parameters(law_of_arm, loaded.problem, solver)},
+        metrics={"parameters": _parameters(law_of_arm, config.problem, solver)},
     )
 
 
@@ -64,10 +64,10 @@ def hand_and_tilt(arm: SerialChain, q: Array) -> tuple[Array, Array]:
     return hand, np.arctan2(np.hypot(handle[:, 0], handle[:, 1]), handle[:, 2])
 
 
-def follower(law: str, arm: SerialChain, loaded: ProblemFile[UpperLimb], *, solver: str | None = None) -> Any:
-    """The law with the file's parameters, ready to `follow` a path; raises as `followed`."""
-    problem, tilt = loaded.problem, math.radians(loaded.problem.arm.handle_tilt_deg)
-    with _refused(law, loaded.file, solver):
+def follower(law: str, arm: SerialChain, config: ProblemFile[UpperLimb], *, solver: str | None = None) -> Any:
+    """The law with the file's parameters, ready to `follow` a path; raises as `track_reference`."""
+    problem, tilt = config.problem, math.radians(config.problem.arm.handle_tilt_deg)
+    with _refused(law, config.file, solver):
         if law == "published":
             return TangentLaw(arm, dt=1 / problem.run.rate_hz, handle_tilt=tilt, **problem.published.arguments())
         given = problem.optimised.arguments() | ({"solver": solver} if solver else {})
@@ -147,8 +147,8 @@ def driven(
         },
         "delay_s": found.delay,
         "joint_deviation_max_deg": float(np.rad2deg(found.deviation.max())),
-        "joint_speed_max_share_of_limit": float((np.abs(moved) / speed).max()),
-        "joint_acceleration_max_share_of_limit": float((np.abs(change) / acceleration).max(initial=0.0)),
+        "joint_speed_max_fraction_of_limit": float((np.abs(moved) / speed).max()),
+        "joint_acceleration_max_fraction_of_limit": float((np.abs(change) / acceleration).max(initial=0.0)),
     }
 
 

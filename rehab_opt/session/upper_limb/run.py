@@ -23,15 +23,15 @@ from rehab_opt.session.outcome import (
     Progress,
     error_metrics,
     joint_metrics,
-    path_shares,
+    path_fractions,
     reason_counts,
     status_counts,
     time_metrics,
-    told,
+    with_progress,
 )
 from rehab_opt.session.participant import participant_arm, placed_recording
 from rehab_opt.session.systems import Needed, OutOfReach, System
-from rehab_opt.session.upper_limb.laws import LAWS, driven, followed, follower, hand_and_tilt
+from rehab_opt.session.upper_limb.laws import LAWS, driven, follower, hand_and_tilt, track_reference
 from rehab_opt.session.upper_limb.outcome import DRIVEN_DEG, ArmOutcome, LawResult, drive_note, law_notes
 from rehab_opt.session.upper_limb.problem import UpperLimb
 
@@ -67,24 +67,24 @@ def _measured(
     """The run with its drive and its numbers."""
     rate, limit = problem.run.rate_hz, math.radians(problem.arm.handle_tilt_deg)
     met = _met(run.position_error, run.handle_tilt, limit + ROUNDING)
-    of_length, of_time = path_shares(path, met)
+    of_length, of_time = path_fractions(path, met)
     drive, of_drive = driven(arm, run.q, times, path, problem.smoothing, handle_tilt=limit)
     allowed = limit + math.radians(DRIVEN_DEG)
-    drive_of_length, drive_of_time = path_shares(path, _met(drive.position_error, drive.handle_tilt, allowed))
+    drive_of_length, drive_of_time = path_fractions(path, _met(drive.position_error, drive.handle_tilt, allowed))
     hand, tilt = hand_and_tilt(arm, drive.q)
     kept = _met(np.linalg.norm(hand - path, axis=1), tilt, allowed)
     of_drive |= {
-        "followed_share_of_length": drive_of_length,
-        "followed_share_of_time": drive_of_time,
-        "kept_share": float(np.mean(kept[met])) if met.any() else None,
+        "followed_fraction_of_length": drive_of_length,
+        "followed_fraction_of_time": drive_of_time,
+        "kept_fraction": float(np.mean(kept[met])) if met.any() else None,
         **error_metrics(drive.position_error, "position_error", "m"),
         "height_off_plane_max_m": float(np.abs(drive.hand[:, 2] - path[0, 2]).max()),
         "handle_tilt_max_deg": float(np.rad2deg(drive.handle_tilt.max())),
     }
     numbers: dict[str, Any] = {
         "parameters": run.metrics["parameters"],
-        "followed_share_of_length": of_length,
-        "followed_share_of_time": of_time,
+        "followed_fraction_of_length": of_length,
+        "followed_fraction_of_time": of_time,
         **error_metrics(run.position_error, "position_error", "m"),
         "position_error_reachable_max_m": None,
         "height_off_plane_max_m": float(np.abs(run.hand[:, 2] - path[:, 2]).max()),
@@ -147,24 +147,24 @@ class UpperLimbSystem(System[UpperLimb, ArmOutcome]):
         """The recorded path."""
         return (Needed("recording.file", problem.recording.file),)
 
-    def check(self, loaded: ProblemFile[UpperLimb]) -> tuple[str, ...]:
+    def check(self, config: ProblemFile[UpperLimb]) -> tuple[str, ...]:
         """Reads the recording and builds the laws."""
-        problem = loaded.problem
-        (arm,) = self.arms(loaded).values()
+        problem = config.problem
+        (arm,) = self.arms(config).values()
         recording, path = placed_recording(
-            loaded, problem.recording, problem.placement, side=problem.arm.side, rate=problem.run.rate_hz
+            config, problem.recording, problem.placement, side=problem.arm.side, rate=problem.run.rate_hz
         )
         for law in LAWS:
-            follower(law, arm, loaded)
+            follower(law, arm, config)
         return (*recording.notes, size_note(recording), reach_note(arm, path, handle_tilt=problem.arm.handle_tilt_deg))
 
-    def arms(self, loaded: ProblemFile[UpperLimb]) -> dict[str, SerialChain]:
+    def arms(self, config: ProblemFile[UpperLimb]) -> dict[str, SerialChain]:
         """The participant's one."""
-        section = loaded.problem.arm
+        section = config.problem.arm
         (name,) = ranges_by_name(section.range_of_motion)
-        return {name: participant_arm(section, file=loaded.file)}
+        return {name: participant_arm(section, file=config.file)}
 
-    def run(self, loaded: ProblemFile[UpperLimb], *, options: Mapping[str, str], progress: Progress) -> ArmOutcome:
+    def run(self, config: ProblemFile[UpperLimb], *, options: Mapping[str, str], progress: Progress) -> ArmOutcome:
         """Options: `law` ("optimised", "published", "both") and `solver` of the optimised one."""
         law, solver = options.get("law", BOTH), options.get("solver")
         if law not in (BOTH, *LAWS):
@@ -172,18 +172,18 @@ class UpperLimbSystem(System[UpperLimb, ArmOutcome]):
         if solver is not None and law == "published":
             raise ConfigurationError("--solver", solver, "no such option with --law published, which needs no solver")
         laws = LAWS if law == BOTH else (law,)
-        problem = loaded.problem
-        arm = participant_arm(problem.arm, file=loaded.file)
+        problem = config.problem
+        arm = participant_arm(problem.arm, file=config.file)
         recording, path = placed_recording(
-            loaded, problem.recording, problem.placement, side=problem.arm.side, rate=problem.run.rate_hz
+            config, problem.recording, problem.placement, side=problem.arm.side, rate=problem.run.rate_hz
         )
-        runs = [followed(law, arm, path, loaded, solver=solver, progress=progress) for law in laws]
+        runs = [track_reference(law, arm, path, config, solver=solver, progress=progress) for law in laws]
         reachable = next((verified(run) for run in runs if run.law == "optimised"), None)
         results = [
             _measured(run, arm, recording.time, path, problem, reachable=reachable)
-            for run in told(progress, "drive", runs)
+            for run in with_progress(progress, "drive", runs)
         ]
-        shares = (None, None) if reachable is None else path_shares(path, reachable)
+        fractions = (None, None) if reachable is None else path_fractions(path, reachable)
         within_reach = reachable is not None and bool(reachable.all())
         return ArmOutcome(
             chain=arm,
@@ -198,8 +198,8 @@ class UpperLimbSystem(System[UpperLimb, ArmOutcome]):
                 "samples": len(path),
                 "duration_s": recording.duration,
                 "path_length_m": path_length(path),
-                "reachable_share_of_length": shares[0],
-                "reachable_share_of_time": shares[1],
+                "reachable_fraction_of_length": fractions[0],
+                "reachable_fraction_of_time": fractions[1],
                 **{result.law: dict(result.metrics) for result in results},
             },
             path=path,

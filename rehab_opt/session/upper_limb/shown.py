@@ -48,13 +48,11 @@ def _table(outcome: ArmOutcome, rows: shown.Rows) -> Table:
 
 
 def _caption(outcome: Outcome) -> str:
-    share, of_time = (outcome.metrics[f"reachable_share_of_{of}"] for of in ("length", "time"))
-    if share is None:
+    fraction, of_time = (outcome.metrics[f"reachable_fraction_of_{of}"] for of in ("length", "time"))
+    if fraction is None:
         return "the share of the path within reach is not known: run the optimised law"
     length = 1e3 * outcome.metrics["path_length_m"]
-    return (
-        f"within this arm's reach: {100 * share:.1f} % of the path's {length:.0f} mm, {100 * of_time:.1f} % of its time"
-    )
+    return f"within this arm's reach: {100 * fraction:.1f} % of the path's {length:.0f} mm, {100 * of_time:.1f} % of its time"
 
 
 def _reachable_error(of: shown.Numbers) -> str:
@@ -74,17 +72,17 @@ def _tilt(of: shown.Numbers, limit: float, rounding: float) -> str:
     return f"{tilt:.3g} ({limit:g})" + (" BEYOND" if tilt > limit + rounding else "")
 
 
-def _share(of: shown.Numbers) -> str:
-    return f"{100 * of['followed_share_of_length']:.1f}"
+def _fraction(of: shown.Numbers) -> str:
+    return f"{100 * of['followed_fraction_of_length']:.1f}"
 
 
 def _hurry(of: shown.Numbers) -> str:
-    shares = (of["drive"][f"joint_{of_what}_max_share_of_limit"] for of_what in ("speed", "acceleration"))
-    return "; ".join(f"{share:.2f}" for share in shares)
+    fractions = (of["drive"][f"joint_{of_what}_max_fraction_of_limit"] for of_what in ("speed", "acceleration"))
+    return "; ".join(f"{fraction:.2f}" for fraction in fractions)
 
 
 FIRST_ROWS: shown.Rows = (
-    ("path followed by a drive to 1 mm, % of length", lambda of: _share(of["drive"])),
+    ("path followed by a drive to 1 mm, % of length", lambda of: _fraction(of["drive"])),
     ("   later than the recording at its end, s", lambda of: f"{of['drive']['delay_s']:.3g}"),
     ("   position error mean / p95 / max, mm", lambda of: shown.millimetres("position_error")(of["drive"])),
     ("   handle tilt max (limit), deg", lambda of: _tilt(of["drive"], of["handle_tilt_limit_deg"], DRIVEN_DEG)),
@@ -94,7 +92,7 @@ FIRST_ROWS: shown.Rows = (
 MORE_ROWS: shown.Rows = (
     ("parameters", _parameters),
     ("driven: fastest joint; acceleration, share of limit", _hurry),
-    ("path followed by the law to 1 mm, % of length", _share),
+    ("path followed by the law to 1 mm, % of length", _fraction),
     ("   position error mean / p95 / max, mm", shown.millimetres("position_error")),
     ("   max where the path is within reach, mm", _reachable_error),
     ("   handle tilt max (limit), deg", lambda of: _tilt(of, of["handle_tilt_limit_deg"], shown.ROUNDING_DEG)),
@@ -135,8 +133,8 @@ def _hand_path(outcome: ArmOutcome) -> Figure:
     axes.plot(*path[0, :2], "o", color=REFERENCE, markersize=6, label="start")
     if outcome.reachable is not None and not outcome.reachable.all():
         missed = path[~outcome.reachable]
-        share = 100 * (1 - outcome.metrics["reachable_share_of_length"])
-        label = f"out of this arm's reach ({share:.0f} % of the path)"
+        fraction = 100 * (1 - outcome.metrics["reachable_fraction_of_length"])
+        label = f"out of this arm's reach ({fraction:.0f} % of the path)"
         axes.plot(missed[:, 0], missed[:, 1], "x", color=MISSED, markersize=5, label=label)
     for law, drive in _drives(outcome):
         label = f"hand, {law} law{_off_plane(outcome, law)}"

@@ -13,11 +13,11 @@ from pydantic import Discriminator, Field, Tag
 
 from rehab_opt.session.arm_keys import ArmInPlane
 from rehab_opt.session.files import ProblemFile, recording_path
-from rehab_opt.session.outcome import Column, Outcome, Progress, told
+from rehab_opt.session.outcome import Column, Outcome, Progress, with_progress
 from rehab_opt.session.schema import NAME, TABLE, Once, Problem, Section
 from rehab_opt.session.systems import Needed, System
 from rehab_opt.session.workspaces.reached import Reached, plane_of, reached
-from rehab_opt.session.workspaces.run import boundary_columns, plane_notes, share_inside, workspace_metrics
+from rehab_opt.session.workspaces.run import boundary_columns, fraction_inside, plane_notes, workspace_metrics
 from rehab_opt.workspace.clinical_angles import CLINICAL_ANGLES
 from rehab_opt.workspace.cp_reach import ReachGroup, reach_groups
 from rehab_opt.workspace.reach_rows import GROUPS, task_title
@@ -84,7 +84,7 @@ class GroupResult:
     label: str
     group: ReachGroup
     reached: Reached
-    shares: ReachabilityMap | None
+    fractions: ReachabilityMap | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,10 +109,10 @@ def needed_files(problem: UsedRangesProblem) -> tuple[Needed, ...]:
     )
 
 
-def groups_of(loaded: ProblemFile[UsedRangesProblem]) -> dict[tuple[str, str], ReachGroup]:
+def groups_of(config: ProblemFile[UsedRangesProblem]) -> dict[tuple[str, str], ReachGroup]:
     """The range used by (task, group); raises as `recording_path` and `reach_groups`."""
-    recorded = loaded.problem.recorded
-    files = [recording_path(loaded, each.reference, key=each.key) for each in needed_files(loaded.problem)]
+    recorded = config.problem.recorded
+    files = [recording_path(config, each.reference, key=each.key) for each in needed_files(config.problem)]
     zero = recorded.pronation_zero_deg
     return reach_groups(
         Path(files[0]).parent,
@@ -122,7 +122,7 @@ def groups_of(loaded: ProblemFile[UsedRangesProblem]) -> dict[tuple[str, str], R
     )
 
 
-def _shares(section: ArmInPlane, group: ReachGroup, variation: VariationSection | None) -> ReachabilityMap | None:
+def _fractions(section: ArmInPlane, group: ReachGroup, variation: VariationSection | None) -> ReachabilityMap | None:
     if variation is None:
         return None
     drawn = varied_ranges(group.used, spread=group.spread, count=variation.people, seed=variation.seed)
@@ -143,14 +143,14 @@ def _group_metrics(of: GroupResult, other: GroupResult, variation: VariationSect
         },
         "limbs": dict(of.group.rows),
         **workspace_metrics(of.reached.workspace),
-        "share_inside_other_group": share_inside(of.reached.workspace, other.reached.workspace),
+        "fraction_inside_other_group": fraction_inside(of.reached.workspace, other.reached.workspace),
         "seconds": of.reached.seconds,
     }
-    if of.shares is not None and variation is not None:
-        numbers["reached_by_share_of_people"] = variation.at_least
-        numbers["area_reached_by_them_m2"] = of.shares.region(variation.at_least).area
-        numbers["people_drawn"] = len(of.shares.workspaces)
-        numbers["people_who_reach_nothing"] = of.shares.empty
+    if of.fractions is not None and variation is not None:
+        numbers["reached_by_fraction_of_people"] = variation.at_least
+        numbers["area_reached_by_them_m2"] = of.fractions.region(variation.at_least).area
+        numbers["people_drawn"] = len(of.fractions.workspaces)
+        numbers["people_who_reach_nothing"] = of.fractions.empty
     return numbers
 
 
@@ -178,25 +178,25 @@ class UsedRangesSystem(System[UsedRangesProblem, UsedRangesOutcome]):
         """The files of every angle that the model needs."""
         return needed_files(problem)
 
-    def check(self, loaded: ProblemFile[UsedRangesProblem]) -> tuple[str, ...]:
+    def check(self, config: ProblemFile[UsedRangesProblem]) -> tuple[str, ...]:
         """Reads the files."""
-        groups = groups_of(loaded)
+        groups = groups_of(config)
         return tuple(dict.fromkeys(note for group in groups.values() for note in group.notes))
 
     def run(
-        self, loaded: ProblemFile[UsedRangesProblem], *, options: Mapping[str, str], progress: Progress
+        self, config: ProblemFile[UsedRangesProblem], *, options: Mapping[str, str], progress: Progress
     ) -> UsedRangesOutcome:
         """No options."""
-        problem = loaded.problem
-        groups = groups_of(loaded)
+        problem = config.problem
+        groups = groups_of(config)
         results: dict[str, tuple[GroupResult, ...]] = {}
-        for task, name in told(progress, "groups", list(product(problem.recorded.tasks, GROUPS))):
+        for task, name in with_progress(progress, "groups", list(product(problem.recorded.tasks, GROUPS))):
             group = groups[task, name]
             found = GroupResult(
                 label=f"{task_title(task)}, {name}",
                 group=group,
-                reached=reached(problem.arm, group.used, file=loaded.file, key="arm"),
-                shares=_shares(problem.arm, group, problem.variation),
+                reached=reached(problem.arm, group.used, file=config.file, key="arm"),
+                fractions=_fractions(problem.arm, group, problem.variation),
             )
             results[task] = (*results.get(task, ()), found)
         return UsedRangesOutcome(

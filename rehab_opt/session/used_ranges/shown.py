@@ -37,7 +37,7 @@ def figures(outcome: UsedRangesOutcome) -> dict[str, Figure]:
     """The figures by file name (without suffix)."""
     drawn = {"range_used": _ranges(outcome), "workspace_of_range_used": _workspaces(outcome)}
     if outcome.variation is not None:
-        drawn["share_of_people"] = _shares(outcome)
+        drawn["fraction_of_people"] = _fractions(outcome)
     for figure in drawn.values():
         for _ in range(2):  # panels that share axes of equal scales find their place in the third layout
             figure.draw_without_rendering()
@@ -80,7 +80,7 @@ def _workspaces(outcome: UsedRangesOutcome) -> Figure:
     return legend_below(figure, panels[0], 3)
 
 
-def _shares(outcome: UsedRangesOutcome) -> Figure:
+def _fractions(outcome: UsedRangesOutcome) -> Figure:
     variation = outcome.variation
     assert variation is not None
     figure = framed(
@@ -93,23 +93,27 @@ def _shares(outcome: UsedRangesOutcome) -> Figure:
     shown = None
     for row, of_task in zip(grid, outcome.tasks.values(), strict=True):
         for axes, of in zip(row, of_task, strict=True):
-            shown = _draw_shares(axes, of, variation.at_least) or shown
+            shown = _draw_fractions(axes, of, variation.at_least) or shown
             _finish(axes, outcome, of.label)
     if shown is not None:
         figure.colorbar(shown, ax=grid, shrink=0.7).set_label("share of the people who reach the point")
     return legend_below(figure, grid[0][0], 2)
 
 
-def _draw_shares(axes: Axes, of: GroupResult, at_least: float) -> Any:
+def _draw_fractions(axes: Axes, of: GroupResult, at_least: float) -> Any:
     """The shares as an image; None where nobody reaches anything."""
     label = f"reached by {100 * at_least:g} % of them or more"
     axes.plot([], [], color=REFERENCE, linewidth=1.5, label=label)
-    if of.shares is None or of.shares.grid.size == 0:
+    if of.fractions is None or of.fractions.grid.size == 0:
         axes.annotate("nobody reaches this plane", (0.5, 0.5), xycoords="axes fraction", ha="center")
         return None
-    held = np.where(of.shares.grid > 0, of.shares.grid, np.nan)
-    image = axes.pcolormesh(MM * of.shares.x, MM * of.shares.y, held, cmap="cividis", vmin=0, vmax=1, shading="nearest")
-    axes.add_patch(PathPatch(region_path(of.shares.region(at_least)), fill=False, edgecolor=REFERENCE, linewidth=1.5))
+    held = np.where(of.fractions.grid > 0, of.fractions.grid, np.nan)
+    image = axes.pcolormesh(
+        MM * of.fractions.x, MM * of.fractions.y, held, cmap="cividis", vmin=0, vmax=1, shading="nearest"
+    )
+    axes.add_patch(
+        PathPatch(region_path(of.fractions.region(at_least)), fill=False, edgecolor=REFERENCE, linewidth=1.5)
+    )
     return image
 
 
@@ -135,6 +139,6 @@ def table(outcome: UsedRangesOutcome) -> Table:
         grid.add_row(Text("workspace of the range used", style="bold"))
         for label, value in AREA_ROWS:
             grid.add_row(f"   {label}", *(value(numbers) for numbers in groups))
-        shares = (percent(numbers["share_inside_other_group"]) for numbers in groups)
-        grid.add_row("   share of it inside the other's, %", *shares)
+        fractions = (percent(numbers["fraction_inside_other_group"]) for numbers in groups)
+        grid.add_row("   share of it inside the other's, %", *fractions)
     return grid

@@ -20,7 +20,7 @@ from rehab_opt.session.schema import (
 
 __all__ = ["MapSection", "TrajectorySection", "WorkspaceMapProblem"]
 
-MOST_TRAJECTORIES = 12
+MAX_TRAJECTORIES = 12
 
 End = Literal["source", "target"]
 MappedSet = Annotated[
@@ -81,7 +81,7 @@ class WorkspaceMapProblem(Problem):
     """Whose arm; needed where a set is named."""
     map: MapSection = MapSection()
     """How the sets are mapped."""
-    trajectory: Annotated[list[TrajectorySection], Field(max_length=MOST_TRAJECTORIES)] = Field(default=[])
+    trajectory: Annotated[list[TrajectorySection], Field(max_length=MAX_TRAJECTORIES)] = Field(default=[])
     """Movements to be carried over, each a `[[trajectory]]`."""
 
     @model_validator(mode="after")

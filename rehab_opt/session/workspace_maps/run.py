@@ -16,7 +16,7 @@ from rehab_opt.measures.path import path_length
 from rehab_opt.recordings.recording import Recording, size_note
 from rehab_opt.session.arm_keys import ArmInPlane, RangeOfMotion, ranges_by_name
 from rehab_opt.session.files import ProblemFile
-from rehab_opt.session.outcome import Array, Column, Outcome, Progress, finite, told
+from rehab_opt.session.outcome import Array, Column, Outcome, Progress, finite, with_progress
 from rehab_opt.session.participant import arm_of, placed_recording
 from rehab_opt.session.systems import Needed, System
 from rehab_opt.session.workspace_maps.problem import MapSection, TrajectorySection, WorkspaceMapProblem
@@ -131,12 +131,12 @@ def arm_of_set(problem: WorkspaceMapProblem, end: End) -> ArmOfSet:
     return ArmOfSet(said, problem.arm, ranges_by_name(problem.arm.range_of_motion)[said], "arm")
 
 
-def placed_trajectory(loaded: ProblemFile[WorkspaceMapProblem], index: int) -> tuple[Recording, Array]:
+def placed_trajectory(config: ProblemFile[WorkspaceMapProblem], index: int) -> tuple[Recording, Array]:
     """A trajectory's recording, and its path (N, 2) [m] in the frame of its set; raises as `placed_recording`."""
-    trajectory = loaded.problem.trajectory[index]
-    section = arm_of_set(loaded.problem, trajectory.set).section
+    trajectory = config.problem.trajectory[index]
+    section = arm_of_set(config.problem, trajectory.set).section
     recording, path = placed_recording(
-        loaded,
+        config,
         trajectory.recording,
         trajectory.placement,
         side=section.side,
@@ -218,15 +218,15 @@ def map_metrics(made: MadeMap) -> dict[str, Any]:
         "passed": audit.passed,
         "reasons": list(audit.reasons),
         "samples": audit.samples,
-        "folded_share": audit.folded,
-        "outside_share": audit.outside,
-        "stretch_max": finite(audit.largest_stretch),
-        "stretch_min": finite(audit.smallest_stretch),
+        "folded_fraction": audit.folded,
+        "outside_fraction": audit.outside,
+        "stretch_max": finite(audit.max_stretch),
+        "stretch_min": finite(audit.min_stretch),
         "overall_ratio": audit.overall_ratio,
-        "stretch_max_relative": finite(audit.largest_stretch / audit.overall_ratio),
-        "stretch_min_relative": finite(audit.smallest_stretch / audit.overall_ratio),
+        "stretch_max_relative": finite(audit.max_stretch / audit.overall_ratio),
+        "stretch_min_relative": finite(audit.min_stretch / audit.overall_ratio),
         "round_trip_max_m": finite(audit.round_trip),
-        "coverage_share": audit.coverage,
+        "coverage_fraction": audit.coverage,
         "target_accuracy_m": audit.target_accuracy,
         "landmarks": len(made.mapped.spline.source),
         "rotation_deg": math.degrees(made.mapped.rotation),
@@ -246,7 +246,7 @@ def _path_metrics(path: CarriedPath, direction: MapDirection) -> dict[str, Any]:
     inside = np.asarray(direction.start.reached.workspace.contains(path.before))
     numbers: dict[str, Any] = {
         "samples": len(path.before),
-        "outside_start_share": float(np.mean(~inside)),
+        "outside_start_fraction": float(np.mean(~inside)),
         "length_before_m": path_length(path.before),
     }
     for made in direction.maps:
@@ -255,8 +255,8 @@ def _path_metrics(path: CarriedPath, direction: MapDirection) -> dict[str, Any]:
         after = path.after[made.rule]
         numbers[made.rule] = {
             "length_after_m": path_length(after),
-            "outside_end_share": float(np.mean(~np.asarray(direction.end.reached.workspace.contains(after)))),
-            "folded_share": float(np.mean(~(np.linalg.det(made.mapped.jacobian(path.before)) > 0))),
+            "outside_end_fraction": float(np.mean(~np.asarray(direction.end.reached.workspace.contains(after)))),
+            "folded_fraction": float(np.mean(~(np.linalg.det(made.mapped.jacobian(path.before)) > 0))),
         }
     return numbers
 
@@ -274,31 +274,31 @@ class WorkspaceMapSystem(System[WorkspaceMapProblem, MapOutcome]):
             for i, trajectory in enumerate(problem.trajectory)
         )
 
-    def check(self, loaded: ProblemFile[WorkspaceMapProblem]) -> tuple[str, ...]:
+    def check(self, config: ProblemFile[WorkspaceMapProblem]) -> tuple[str, ...]:
         """Builds the arms and reads the trajectories."""
         for end in ENDS:
-            said = arm_of_set(loaded.problem, end)
-            arm_of(said.section.side, said.section.segments, said.ranges, file=loaded.file, key=said.key)
-        recordings = [placed_trajectory(loaded, i)[0] for i in range(len(loaded.problem.trajectory))]
+            said = arm_of_set(config.problem, end)
+            arm_of(said.section.side, said.section.segments, said.ranges, file=config.file, key=said.key)
+        recordings = [placed_trajectory(config, i)[0] for i in range(len(config.problem.trajectory))]
         return tuple(
             f"{recording.file}: {note}" for recording in recordings for note in (*recording.notes, size_note(recording))
         )
 
     def run(
-        self, loaded: ProblemFile[WorkspaceMapProblem], *, options: Mapping[str, str], progress: Progress
+        self, config: ProblemFile[WorkspaceMapProblem], *, options: Mapping[str, str], progress: Progress
     ) -> MapOutcome:
         """No options."""
-        problem = loaded.problem
-        placed = [placed_trajectory(loaded, i) for i in range(len(problem.trajectory))]
+        problem = config.problem
+        placed = [placed_trajectory(config, i) for i in range(len(problem.trajectory))]
         sets: dict[End, MappedSet] = {}
-        for end in told(progress, "workspaces", ENDS):
+        for end in with_progress(progress, "workspaces", ENDS):
             said = arm_of_set(problem, end)
-            found = reached(said.section, said.ranges, file=loaded.file, key=said.key)
+            found = reached(said.section, said.ranges, file=config.file, key=said.key)
             sets[end] = MappedSet(said.name, said.section, found)
         starts = ENDS if problem.map.directions == "both" else ENDS[:1]
         made: dict[End, list[MadeMap]] = {start: [] for start in starts}
-        for start, rule in told(progress, "maps", list(product(starts, problem.map.rules))):
-            made[start].append(_made(rule, start, sets, problem.map, file=loaded.file))
+        for start, rule in with_progress(progress, "maps", list(product(starts, problem.map.rules))):
+            made[start].append(_made(rule, start, sets, problem.map, file=config.file))
         directions: list[MapDirection] = []
         for start, maps in made.items():
             paths = [

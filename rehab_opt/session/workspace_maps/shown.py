@@ -223,8 +223,8 @@ def _proof(of: Numbers) -> str:
 VERDICT = "may go to a controller"
 MAP_ROWS: Rows = (
     (VERDICT, lambda of: "yes" if of["passed"] else "NO"),
-    ("folded, % of the set", lambda of: f"{100 * of['folded_share']:.3g}"),
-    ("mapped outside, % of the set", lambda of: f"{100 * of['outside_share']:.3g}"),
+    ("folded, % of the set", lambda of: f"{100 * of['folded_fraction']:.3g}"),
+    ("mapped outside, % of the set", lambda of: f"{100 * of['outside_fraction']:.3g}"),
     ("stretch, least to largest", lambda of: f"{of['stretch_min']:.3g} to {of['stretch_max']:.3g}"),
     (
         "   in overall ratios",
@@ -234,7 +234,7 @@ MAP_ROWS: Rows = (
     ),
     ("proven everywhere, one-to-one", _proof),
     ("there and back, nm", _round_trip),
-    ("share of the other set used, %", lambda of: f"{100 * of['coverage_share']:.1f}"),
+    ("share of the other set used, %", lambda of: f"{100 * of['coverage_fraction']:.1f}"),
     ("landmarks; mean turn, deg", lambda of: f"{of['landmarks']}; {of['rotation_deg']:.1f}"),
     ("time to make it, s", lambda of: f"{of['seconds']:.2f}"),
 )

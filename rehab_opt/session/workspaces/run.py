@@ -12,7 +12,7 @@ from pydantic import Field
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.session.arm_keys import ArmInPlane, ArmOfRanges, ranges_by_name
 from rehab_opt.session.files import ProblemFile
-from rehab_opt.session.outcome import Column, Outcome, Progress, told
+from rehab_opt.session.outcome import Column, Outcome, Progress, with_progress
 from rehab_opt.session.participant import arm_of
 from rehab_opt.session.schema import Problem
 from rehab_opt.session.systems import System
@@ -25,9 +25,9 @@ __all__ = [
     "WorkspaceProblem",
     "WorkspaceSystem",
     "boundary_columns",
+    "fraction_inside",
     "plane_notes",
     "rings",
-    "share_inside",
     "workspace_metrics",
 ]
 
@@ -105,7 +105,7 @@ def workspace_metrics(workspace: Workspace) -> dict[str, Any]:
     }
 
 
-def share_inside(workspace: Workspace, larger: Workspace) -> float | None:
+def fraction_inside(workspace: Workspace, larger: Workspace) -> float | None:
     """Share of a workspace's area that lies in another one; None where it has no area."""
     if workspace.empty:
         return None
@@ -150,33 +150,33 @@ class WorkspaceSystem(System[WorkspaceProblem, WorkspaceOutcome]):
     schema = WorkspaceProblem
     shown = ("rehab_opt.session.workspaces.shown",)
 
-    def check(self, loaded: ProblemFile[WorkspaceProblem]) -> tuple[str, ...]:
+    def check(self, config: ProblemFile[WorkspaceProblem]) -> tuple[str, ...]:
         """Builds the arms."""
-        self.arms(loaded)
+        self.arms(config)
         return ()
 
-    def arms(self, loaded: ProblemFile[WorkspaceProblem]) -> dict[str, SerialChain]:
+    def arms(self, config: ProblemFile[WorkspaceProblem]) -> dict[str, SerialChain]:
         """An arm for each range of motion."""
-        arm = loaded.problem.arm
+        arm = config.problem.arm
         return {
-            name: arm_of(arm.side, arm.segments, limits, file=loaded.file)
+            name: arm_of(arm.side, arm.segments, limits, file=config.file)
             for name, limits in ranges_by_name(arm.range_of_motion).items()
         }
 
     def run(
-        self, loaded: ProblemFile[WorkspaceProblem], *, options: Mapping[str, str], progress: Progress
+        self, config: ProblemFile[WorkspaceProblem], *, options: Mapping[str, str], progress: Progress
     ) -> WorkspaceOutcome:
         """No options."""
-        problem = loaded.problem
+        problem = config.problem
         ranges = ranges_by_name(problem.arm.range_of_motion)
         sets = {
-            name: reached(problem.arm, limits, file=loaded.file, key="arm")
-            for name, limits in told(progress, "workspaces", ranges.items())
+            name: reached(problem.arm, limits, file=config.file, key="arm")
+            for name, limits in with_progress(progress, "workspaces", ranges.items())
         }
         volumes: dict[tuple[str, bool], ReachableVolume] = {}
         if problem.volume:
             held = (True, False) if tilt_of(problem.arm) is not None else (False,)
-            for name, upright in told(progress, "volumes", list(product(sets, held))):
+            for name, upright in with_progress(progress, "volumes", list(product(sets, held))):
                 volumes[name, upright] = reachable_volume(
                     sets[name].arm,
                     spacing=1e-3 * problem.volume_spacing_mm,
@@ -192,8 +192,8 @@ class WorkspaceSystem(System[WorkspaceProblem, WorkspaceOutcome]):
                     name: workspace_metrics(of.workspace)
                     | {
                         "seconds": of.seconds,
-                        "share_inside": {
-                            other: share_inside(of.workspace, larger)
+                        "fraction_inside": {
+                            other: fraction_inside(of.workspace, larger)
                             for other, larger in spaces.items()
                             if other != name
                         },

@@ -172,8 +172,8 @@ def table(outcome: WorkspaceOutcome) -> Table:
     caption = f"plane {plane_words(outcome.section)}, {handle_words(outcome.section)}"
     grid = law_table(outcome.title, sets, AREA_ROWS, caption=caption)
     for other in sets if len(sets) > 1 else ():
-        shares = (numbers["share_inside"].get(other) for numbers in sets.values())
-        grid.add_row(Text(f"share of it inside {other}, %"), *map(percent, shares))
+        fractions = (numbers["fraction_inside"].get(other) for numbers in sets.values())
+        grid.add_row(Text(f"share of it inside {other}, %"), *map(percent, fractions))
     grid.add_row("time to find it, s", *(f"{numbers['seconds']:.2f}" for numbers in sets.values()))
     volumes = outcome.metrics["volumes"]
     for key, label in (("handle_held", "volume, handle held as above, l"), ("handle_free", "volume, handle free, l")):
@@ -190,9 +190,9 @@ def _extent(axis: str) -> Callable[[Numbers], str]:
     return cell
 
 
-def percent(share: float | None) -> str:
+def percent(fraction: float | None) -> str:
     """A share, or that there is none."""
-    return "-" if share is None else f"{100 * share:.1f}"
+    return "-" if fraction is None else f"{100 * fraction:.1f}"
 
 
 def _litres(of: Numbers | None) -> str:
