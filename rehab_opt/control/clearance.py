@@ -27,9 +27,9 @@ class Clearance:
 
     grad d . q' + n . (-v) >= -rate (d - margin)
 
-    with n the direction from the body to the link and v the velocity of the body's nearest point. The `max_contacts` contacts
-    with the least room before their barriers at the last velocity make the rows of the QP, several of one pair where
-    bodies lie along each other (`control.contacts`); all pairs are judged at the end of the tick.
+    with n the direction from body to link and v the velocity of the body's nearest point. Rows of the QP are those
+    `max_contacts` contacts nearest to their barriers at the last velocity, several of one pair where bodies lie along
+    each other (`control.contacts`); all pairs are judged at the end of the tick.
 
     The promise, at the ends of ticks, where joints move as commanded and moving bodies as given:
     - among bodies that stand still, no pair that was clear comes nearer than `margin`, and one that was nearer gets no
@@ -49,8 +49,8 @@ class Clearance:
         them, by `arm_capsules`.
     pairs : names of links that keep clear of each other, or None for those that neither are neighbours nor overlap at
         half of all postures; the tuple () for none.
-    max_contacts : how many contacts a tick has rows for. Those beyond are judged at the tick's end, so that the arm stops
-        before them, but does not slide; a chair's law is promised of no fewer than by default.
+    max_contacts : contacts that have rows in a tick. Others are judged at its end: the arm stops before them, but does
+        not slide; a chair's law is promised of no fewer than by default.
     rate : [1/s] at which the distance to the margin may decay; by default that of a `Limit`.
     """
 

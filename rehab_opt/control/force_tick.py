@@ -38,7 +38,7 @@ __all__ = [
 MUCH = 1e3
 """[J] More than any tick could take: energy beyond it need not enter the QP."""
 MISSED = 1e-6
-"""Share of the desired force by which the commanded one must differ for the task to count as yielding."""
+"""Fraction of the desired force from which on the difference of the commanded one relaxes the task."""
 MODEL = Record(
     dt=1, max_age=1, force_limit=1, slew_limit=1, growth_limit=1, speed_cap=1, velocity_lag=1, trust_stillness=1,
     budget=1, window=1, tail=1, jitter=1, learns=1, tolerance=1,
@@ -51,8 +51,8 @@ once, largest force [N] and energy [J] that may be given, whether the position r
 that the growth limit allows."""
 SOLVED = Record(asks=1, value=2, status=1, residual=1, solver=1, relaxed=1, scale=1, reason=1, details=3, desired=2)
 """A command: whether a certified answer is missing that another solver might have; the force [N]; whether it is OK (0),
-RELEASING (1) or RELEASED (2); the certificate's residual, infinite for a release, and who answered; what was relaxed, the
-share of the desired force, the reason; and what was wanted [N], zero where the hand could not be acted on."""
+RELEASING (1) or RELEASED (2); the certificate's residual, infinite for a release; the solver; the relaxed bounds; the
+delivered fraction of the desired force; the reason; and the desired force [N], zero where the state is not valid."""
 FORGOTTEN = 2.0
 """[s] in which a person forgets the largest force: until then less than it does not come as a surprise."""
 LATEST = 1.0

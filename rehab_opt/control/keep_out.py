@@ -91,8 +91,8 @@ class ArmKeepOuts:
 
     @cached_property
     def unhindered(self) -> ca.Function:
-        """Base, wanted (n,), arm (4,) -> the first of `unconstrained`, half-way to `base`, that, its half and its chair alone
-        that keeps the arm out. The limits say so to first order only.
+        """Base, unconstrained (n,), arm (4,) -> the first that keeps the arm out: `unconstrained`, half-way to `base`,
+        that, its half, its chair alone. The limits say so to first order only.
         """
         n = self.robot.chain.n
         base, unconstrained, arm = inputs = [

@@ -367,9 +367,9 @@ class PostureLimits:
         return self.first_kept(self.judged)
 
     def first_kept(self, judged: ca.Function) -> ca.Function:
-        """Q, moving capsules, wanted, braking -> the first velocity (n,) for which `judged` gives 1.
+        """Q, moving capsules, unconstrained, braking -> the first velocity (n,) for which `judged` gives 1.
 
-        Of `unconstrained`, parts of the way there from `braking`, and parts of that; each is judged where those before failed.
+        Of `unconstrained`, parts of the way there from `braking`, and parts of that, in this order.
         """
         n = self.chain.n
         q, told = ca.MX.sym("q", n), ca.MX.sym("moving", self.moving_size)

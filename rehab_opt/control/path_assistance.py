@@ -48,7 +48,7 @@ class PathAssistance(BoundedForce):
     `rehab_opt.control.path_progress` states the law, why a steady push cannot hold a hand whose person means to go on,
     and what the law cannot see. A hand that stands under more than 0.3 of `force_limit` all the same, with less
     progress than a width, is let go within 2 s: the force fades, the command says BLOCKED, its scale is 0, its
-    `relaxed` holds `Relaxed.TASK`, and its reason says why, until the hand comes to a place further along the path, where
+    `relaxed` holds `Relaxed.TASK`, its reason says why, until the hand comes to a place further along the path, where
     the force grows again within 0.3 s. Begin anew by `reset`.
 
     Parameters
@@ -143,12 +143,12 @@ class PathAssistance(BoundedForce):
 
     @property
     def progress(self) -> float:
-        """Share of the path, 0 to 1, to which the hand has come. It stands while a hand is let go."""
+        """Fraction of the path, 0 to 1, that the hand has covered. It stands while a hand is let go."""
         return float(self._state_of_path[PROGRESS["furthest"]] / self.path_model[PATH_MODEL["last"]])
 
     @property
     def reference_progress(self) -> float:
-        """Share of the path, 0 to 1, where the spring leads to."""
+        """Fraction of the path, 0 to 1, of the point that the spring pulls to."""
         return float(self._state_of_path[PROGRESS["at"]] / self.path_model[PATH_MODEL["last"]])
 
     @property

@@ -68,8 +68,8 @@ class VelocityController(OneThread, ABC):
 
     A subclass states its QP. Its first parameter is q (n,), its first variables are the joint velocities (n,), and its
     memory begins with the last velocity and the position it leads to (2 n,): `remember` gives both. Its `step` writes
-    the inputs into `_views`, or through `_write`, and calls `_tick`. The command is the part `command_slice` of the memory, by
-    default the last velocity, with the part `wheels` beside it.
+    the inputs into `_views`, or through `_write`, and calls `_tick`. The command is `memory[command_slice]`, by default
+    the last velocity; `memory[wheels]` are wheel speeds.
 
     The velocity last commanded is part of the state: a new controller is at rest, `reset` says otherwise. An object
     belongs to one thread: see `OneThread`.
@@ -212,7 +212,7 @@ class VelocityController(OneThread, ABC):
         return guidance(n).parts(memory[2 * n : 2 * n + self.guidance_size]) if self.guidance_size else None
 
     def report(self, last: ca.SX, velocity: ca.SX, delivered: ca.SX, commanded: ca.SX, outside: ca.SX) -> ca.SX:
-        """Relaxed bounds, a number of `Relaxed`, and the delivered fraction of the reference motion, 1 where it is zero.
+        """Number of `Relaxed`, and the delivered fraction of the reference motion, 1 where it is zero.
 
         `delivered` and `commanded` are twists, weighted alike; `outside` says that a joint is beyond its limit.
         """
@@ -398,7 +398,7 @@ class VelocityController(OneThread, ABC):
         return command._replace(reason=reason) if reason else command
 
     def _as_told(self, told: memoryview[Any]) -> Command:
-        """The `REPORT` of a tick."""
+        """The command that a `REPORT` describes."""
         _, residual, who, relaxed, scale, _, status, reason, where, element, *details, note = told.tolist()
         name, words = _SOLVERS[who], self._words(reason, where, element, details)
         if who == len(FUSED_SOLVERS):

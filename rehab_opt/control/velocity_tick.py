@@ -36,8 +36,8 @@ REPORT = Record(
     left=1, residual=1, solver=1, relaxed=1, scale=1, unusual=1, status=1, reason=1, input=1, element=1, details=2,
     note=1,
 )  # fmt: skip
-"""What is left to do for a command; its residual, who answered, what was relaxed, and the share of the task; whether any of
-the others is not that of a plain OK: the status, a place in `NUMBERED`, the reason's number, which input and which of
+"""What is left to do for a command; its residual, solver, relaxed bounds and fraction of the task; whether any of the
+others is not that of a plain OK: the status, a place in `NUMBERED`, the reason's number, which input and which of
 its elements that is of, -1 for none, its details, and the sum of the notes."""
 DONE, LEFT_TO_OTHERS, NOTHING_TO_SOLVE = range(3)
 """What is left: nothing; an answer that another solver, or a cold start, may have; the safe command."""
@@ -148,7 +148,7 @@ def relaxed_from_rest(own: Values, last: ca.SX, relaxed: ca.SX, hurried: ca.Func
 
 
 def _certified(record: Record, n: int, size: int, hurried: ca.Function, tolerance: float) -> ca.Function:
-    """`judged_memory`, velocity (n,), verdict (size,) -> `REPORT`; what is left says whether the answer is certified."""
+    """`judged_memory`, velocity (n,), verdict (size,) -> `REPORT`, `left` is `DONE` if the answer is certified."""
     column, last, verdict = inputs = _columns(record.size, n, size)
     own, (residual, valid, who, relaxed, scale) = record.parts(column), ca.vertsplit(verdict)[:5]
     meant, blocked = own.reason == 0, scale == 0
@@ -165,7 +165,7 @@ def _certified(record: Record, n: int, size: int, hurried: ca.Function, toleranc
 
 
 def _fallen_back(record: Record, n: int, size: int, hurried: ca.Function, faulty: ca.Function) -> ca.Function:
-    """The same, parameters, status, residual, solver, what was relaxed and the scale -> `REPORT` where none is certified."""
+    """The same, parameters, status, residual, solver, relaxed and scale -> `REPORT` where nothing is certified."""
     column, last, verdict, p, said = inputs = _columns(record.size, n, size, faulty.numel_in(0), 5)
     own, (status, residual, solver, relaxed, scale) = record.parts(column), ca.vertsplit(said)
     refused, joint = own.reason != 0, own.reason == NUMBER["NOT_FOLLOWED"]

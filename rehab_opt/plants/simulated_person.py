@@ -177,7 +177,7 @@ class PersonAtRobot:
 
     Attributes
     ----------
-    target : (x, y, vx, vy) [m, m/s] where the hand is meant to be, and how fast; None: nowhere, the person lets it rest.
+    target : (x, y, vx, vy) [m, m/s] of the hand, as the person means it to move; None: it is left to rest.
     exerted : (2,) [N] by the person in the last tick.
 
     Parameters

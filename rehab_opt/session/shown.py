@@ -76,8 +76,8 @@ def margin(of: Numbers) -> str:
 
 def speed(of: Numbers) -> str:
     """Speed of the fastest joint."""
-    fraction = 100 * of["joint_speed_max_fraction_of_limit"]
-    return f"{of['joint_speed_max_deg_s']:.3g} ({fraction:.0f} % of limit, {of['joint_speed_max_joint'].replace('_', ' ')})"
+    percent, joint = 100 * of["joint_speed_max_fraction_of_limit"], of["joint_speed_max_joint"].replace("_", " ")
+    return f"{of['joint_speed_max_deg_s']:.3g} ({percent:.0f} % of limit, {joint})"
 
 
 def statuses(of: Numbers) -> str:

@@ -84,7 +84,8 @@ def ready_for(problem: ScenarioProblem) -> Precomputed:
     path, task = np.array([workspace_map().image(point) for point in there]), problem.task
     intention = traced(path, seconds=task.movement_s, rest=task.rest_s, dt=1 / problem.run.rate_hz)
     return Precomputed(
-        comfortable=participants(), reachable=shape("blob"), reference=path, demonstrated=there, workspace_map=workspace_map(),
+        comfortable=participants(), reachable=shape("blob"), reference=path, demonstrated=there,
+        workspace_map=workspace_map(),
         fields=(), numbers=FieldNumbers(stiffness=1500.0, drag=0.0, width=0.01, damping=10.0), shown=(),
         intention=intention, notes=(),
     )  # fmt: skip

@@ -48,8 +48,8 @@ PROMISES = (
             "a `Clearance` of the arm, of which links are pairs that chair and arm move."),
     Promise("rehab_opt/control/redundancy.py", "Without a command nothing is given way to."),
     Promise("rehab_opt/control/redundancy.py", "Beyond one already, and beside a body that comes, "
-            "accelerations yield to it, which `Relaxed.ACCELERATION` says, and so do the rates of others; beside such a "
-            "body the law is not promised."),
+            "accelerations yield to it, which `Relaxed.ACCELERATION` says, and so do the rates of others; beside such "
+            "a body the law is not promised."),
     Promise("rehab_opt/control/redundancy.py", "Where a link comes round an edge of one that stands, the hand may be "
             "0.3 of its command across, for T."),
     Promise("rehab_opt/control/clearance.py", "a chair's law is promised of no fewer than by default."),
@@ -66,7 +66,8 @@ PROMISES = (
             "accelerations, so that all joints can brake together before it."),
     Promise("rehab_opt/control/clearance.py", "among bodies that stand still, no pair that was clear comes nearer than "
             "`margin`, and one that was nearer gets no nearer, in any tick, braking ones included"),
-    Promise("rehab_opt/control/clearance.py", "the arm's own motion never adds to that, and `Relaxed.POSITION` says so."),
+    Promise("rehab_opt/control/clearance.py", "the arm's own motion never adds to that, and `Relaxed.POSITION` says "
+            "so."),
     Promise("rehab_opt/control/redundancy.py", "Never broken, in this order: joint and chassis speeds"),
     Promise("rehab_opt/control/redundancy.py", "Until a position can be read, the middle of a joint's range is taken "
             "for it, where limits hold and accelerations yield to them."),

@@ -28,7 +28,8 @@ PROMISES = (
             "`margin`."),
     Promise("rehab_opt/control/pose_tracker.py", "s slows the motion down where the bounds demand, so that its "
             "direction is kept."),
-    Promise("rehab_opt/control/clearance.py", "the arm's own motion never adds to that, and `Relaxed.POSITION` says so."),
+    Promise("rehab_opt/control/clearance.py", "the arm's own motion never adds to that, and `Relaxed.POSITION` says "
+            "so."),
     Promise("rehab_opt/control/clearance.py", "names of links that keep clear of each other, or None for those that "
             "neither are neighbours nor overlap at half of all postures; the tuple () for none."),
     Promise("rehab_opt/control/clearance.py", "a number that cannot be used, a body that is none, a robot without "

@@ -1,8 +1,8 @@
 """What `PoseTracker` says about its task, and that it does it.
 
 Judged by the flange's twist from the judge's own Jacobian, against the whole of it: twist plus what removes a share
-1 - exp(-gain dt) of the pose error in a tick. `scale` and `Relaxed.TASK` must be what is true of them. What is asked has
-less feedback where the joints could not stop at the target. Where nothing
+1 - exp(-gain dt) of the pose error in a tick. `scale` and `Relaxed.TASK` must be what is true of them. What is asked
+has less feedback where the joints could not stop at the target. Where nothing
 yields for ten time constants the pose error is what the reference's own change within a tick leaves. Where
 the hand could go straight along what is asked, it leaves that by a fiftieth in one tick of fifty at most (the price of
 slowing down is finite); in the others it is never led faster than it may be by a hundredth.

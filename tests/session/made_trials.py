@@ -41,7 +41,8 @@ def trial_of(position: ArrayLike, *, dt: float = 0.01, **given: Any) -> Trial:
     velocity = np.gradient(places, dt, axis=0)
     values: dict[str, Any] = {
         "law": "assisted", "number": 0, "time": dt * np.arange(count), "position": places, "velocity": velocity,
-        "intended": places, "desired_force": none, "commanded": none, "measured": none, "inside": np.zeros(count, dtype=bool),
+        "intended": places, "desired_force": none, "commanded": none, "measured": none,
+        "inside": np.zeros(count, dtype=bool),
         "status": np.zeros(count, dtype=np.uint8), "relaxed": np.zeros(count, dtype=np.uint8),
         "energy_left": np.full(count, 20.0), "goal": np.full((count, 2), np.nan), "ended": "done",
     }  # fmt: skip

@@ -113,9 +113,8 @@ def exported_participant_side(
     side: ParticipantSide, positions: Array, received: Sequence[FromHelper | None], *, title: str
 ) -> ExportedForce:
     """The participant's side, likewise."""
-    spline, edges = (
-        point_statement(side.workspace_map.spline._fit, with_jacobian=False), edge_columns(side.workspace_map.source.polygon),
-    )  # fmt: skip
+    spline = point_statement(side.workspace_map.spline._fit, with_jacobian=False)
+    edges = edge_columns(side.workspace_map.source.polygon)
     inside = nearest_point_function(len(edges))
     point, *table = (ca.MX.sym("input", spline.sparsity_in(i)) for i in range(spline.n_in()))
     held = ca.MX.sym("edges", inside.sparsity_in(1))

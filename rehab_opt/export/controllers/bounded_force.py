@@ -43,7 +43,7 @@ class ExportedForce(ExportedController):
     Parameters
     ----------
     force : what answers in Python.
-    desired : what it wants: `desired`.
+    desired : its desired force.
     parts : further functions of a tick by their names.
     """
 
@@ -69,7 +69,7 @@ class ExportedForce(ExportedController):
         return self.force.slots
 
     def functions(self) -> list[ca.Function]:
-        """The parts of a tick, and what is asked for the desired force."""
+        """The functions of a tick."""
         tick = force_tick(self.slots)
         parts = {"judge": tick.judge, "conclude": tick.conclude, "finish": tick.finish, "anew": anew(self.slots)}
         parts |= {"desired": self.desired.function, **self.parts}

@@ -109,12 +109,12 @@ def law_notes(run: LawResult, *, within_reach: bool) -> Iterator[str]:
 
 def hurried(run: LawResult) -> list[str]:
     """What to say where a law's joints are faster than the arm may be: between samples nothing bounds them."""
-    fraction = run.metrics["joint_speed_max_fraction_of_limit"]
-    if fraction <= 1:
+    ratio = run.metrics["joint_speed_max_fraction_of_limit"]
+    if ratio <= 1:
         return []
     joint, late = run.metrics["joint_speed_max_joint"].replace("_", " "), run.metrics["drive"]["delay_s"]
     return [
-        f"the {run.law} law asks {joint} for {fraction:.1f} times its speed limit: a drive takes {late:.3g} s longer than "
+        f"the {run.law} law asks {joint} for {ratio:.1f} times its speed limit: a drive takes {late:.3g} s longer than "
         "the recording"
     ]
 

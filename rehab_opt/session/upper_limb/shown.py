@@ -48,11 +48,12 @@ def _table(outcome: ArmOutcome, rows: shown.Rows) -> Table:
 
 
 def _caption(outcome: Outcome) -> str:
-    fraction, of_time = (outcome.metrics[f"reachable_fraction_of_{of}"] for of in ("length", "time"))
-    if fraction is None:
-        return "the share of the path within reach is not known: run the optimised law"
+    part, of_time = (outcome.metrics[f"reachable_fraction_of_{of}"] for of in ("length", "time"))
+    if part is None:
+        return "the fraction of the path within reach is not known: run the optimised law"
     length = 1e3 * outcome.metrics["path_length_m"]
-    return f"within this arm's reach: {100 * fraction:.1f} % of the path's {length:.0f} mm, {100 * of_time:.1f} % of its time"
+    reach = f"within this arm's reach: {100 * part:.1f} % of the path's {length:.0f} mm"
+    return f"{reach}, {100 * of_time:.1f} % of its time"
 
 
 def _reachable_error(of: shown.Numbers) -> str:
