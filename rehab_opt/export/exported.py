@@ -25,7 +25,7 @@ MAX_VALUES = 12
 BYTES = 8
 """Of a number or an address."""
 SPARE = 100
-"""Numbers that a struct has besides those that are counted; with them it is not larger than said."""
+"""Numbers of a struct beyond those that are counted."""
 VERDICT = 3
 """Numbers of a verdict before its report."""
 
@@ -56,7 +56,7 @@ class Law:
         return int(self.controller.stated.report.numel())
 
     def functions(self) -> list[ca.Function]:
-        """Its tick, what is sent where that gives no command, where it begins, and those besides."""
+        """Functions of the tick, the fallback command and the reset, and further ones."""
         of = self.controller
         pairs = {"tick": of.functions.tick, "finish": of.functions.finish, "begin": of.beginning()}
         return [renamed(function, f"{self.name}_{what}") for what, function in (pairs | dict(self.more)).items()]
@@ -139,7 +139,7 @@ class ExportedController(ABC):
 
     @abstractmethod
     def shape(self) -> dict[str, str]:
-        """What the templates of the core hold; `numbers` among it, the doubles of its memory."""
+        """Fields of the core's templates; `numbers` are the doubles of its memory."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -98,7 +98,7 @@ def hand_run(region: Workspace, dt: float) -> Array:
 
 
 def pair_run(pair: Bilateral) -> tuple[Array, Array, Sequence[Any], Sequence[Any]]:
-    """Hands (N, 2) [m] of helper and participant, who follows where the other leads, and what each of them hears."""
+    """Hands (N, 2) [m] of helper and participant, who follows, and the messages that each receives."""
     workspace_map = pair.helper.workspace_map
     hands = hand_run(workspace_map.source, pair.dt)
     drawn = np.array([workspace_map.image(hand) for hand in hands])

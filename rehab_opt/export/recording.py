@@ -1,4 +1,4 @@
-"""A run that C repeats: what a controller was told, tick by tick, and what Python commanded."""
+"""A run that C repeats: inputs of each tick, and the commands of Python."""
 
 from __future__ import annotations
 
@@ -129,7 +129,7 @@ class Joints:
         self._seen = start.copy()
 
     def seen(self, told: Array) -> Array:
-        """(n,) what the encoders say in this tick, where `told` is `start`; else what is told of them."""
+        """(n,) encoders in this tick where `told` is `start`, else `told`."""
         if self._tick < self._ticks:
             self._seen = self._q + self._noise[self._tick]
         return np.where(told == self.start, self._seen, told)

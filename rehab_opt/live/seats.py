@@ -20,8 +20,8 @@ __all__ = ["Gate", "Seats", "inputs_of"]
 class Gate:
     """Answers whether a request may pass; everything that serves the page asks it first.
 
-    A browser names the page that a request comes from (`Origin`) and the name under which it found this machine
-    (`Host`): a page of elsewhere, or a foreign name that leads to 127.0.0.1, cannot change either.
+    A browser names the page of a request (`Origin`) and the name of this machine (`Host`): another page, or a foreign
+    name that leads to 127.0.0.1, cannot change either.
 
     Parameters
     ----------
@@ -176,7 +176,7 @@ class Seats:
 
     @property
     def current(self) -> LiveInputs:
-        """Of the tab that commands, with the hand that a participant leads; of two, its target is the helper's."""
+        """Of the tab that commands; of two, its target is the helper's, and the participant's the hand's."""
         inputs = self.inputs if self._of == 1 else self.inputs._replace(target=NOWHERE, helper=self.inputs.target)
         hands = list(self._hands.values())
         return inputs._replace(target=hands[0]) if hands else inputs

@@ -1,4 +1,4 @@
-"""The page's server: it gives the page out behind a gate, tells tabs what is so, and hears what they want."""
+"""The page's server: it serves the page behind a gate, sends tabs the state, and receives their inputs."""
 
 from __future__ import annotations
 
@@ -248,7 +248,7 @@ class LivePage:
 
 
 class _Tab:
-    """What is still to be told to one tab: frames that it was too slow for are left out."""
+    """Messages that wait for one tab; it misses frames that it is too slow for."""
 
     def __init__(self, connection: ServerConnection) -> None:
         self._connection, self._waiting = connection, asyncio.Event()

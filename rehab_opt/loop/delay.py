@@ -26,10 +26,9 @@ SETTLED = 0.2
 def measured_delay(plant: Plant, *, joint: int = 0, speed: float = 0.2, fifo: int | None = None) -> float:
     """[s] from a command until its motion is measured, for `JointFeedback(delay=...)`.
 
-    A joint goes out and back, at a quarter of `speed` and at `speed`. At a steady speed v a robot that is T
-    late is v T behind its commands, and behind by what dry friction has held back, which is about the same at both
-    speeds: T is by how much farther it is behind, over how much faster it is. A velocity servo of two equal poles, as
-    `JointFeedback` assumes one, adds nothing.
+    A joint goes out and back, at a quarter of `speed` and at `speed`. At a steady speed v it lags by v T, T the delay,
+    and by dry friction's part, which is about the same at both speeds: T is the difference of the lags over that of
+    the speeds. A velocity servo of two equal poles, as `JointFeedback` assumes, adds nothing.
 
     Parameters
     ----------

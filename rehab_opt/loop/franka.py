@@ -31,8 +31,8 @@ def connect_franka(
 
     franky runs in a process of its own. Its loop of 1 kHz, in C++, leads the joints to each velocity within the
     robot's acceleration and jerk: what steps arrives as a ramp, a few milliseconds late. Each velocity is meant for
-    half of `watchdog` and followed by rest, so that the robot brakes where nothing is sent any more; where that process
-    is killed the robot does it, after 20 ms. A reflex ends it: what tripped it is told in the robot's own words.
+    half of `watchdog` and followed by rest: without commands the robot brakes; where that process is killed, after
+    20 ms. A reflex ends it, with the robot's own words for the reason.
 
     Parameters
     ----------

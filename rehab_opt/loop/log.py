@@ -32,8 +32,8 @@ PROGRESS = np.dtype([("alive", "<f8"), ("written", "<u8"), ("lost", "<u8"), ("fa
 class Log:
     """Writes the records of a loop's ring to an MCAP file, from the first one on, in a process of its own.
 
-    Give `watch` to the loop's `watches`, and the robot brakes where the log ends: a full disk, a killed process. What
-    was logged by then stays readable. Records that the writer was too late for are counted (`lost`), never waited for.
+    With `watch` among the loop's `watches` the robot brakes where the log ends: a full disk, a killed process. What was
+    logged by then stays readable. Records that the writer missed are counted in `lost`.
 
     Parameters
     ----------

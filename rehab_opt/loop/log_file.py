@@ -46,11 +46,9 @@ def mcap_module(name: str) -> ModuleType:
 class LogFile:
     """Ticks as `rehab_opt/msg/Tick`, joints as `sensor_msgs/JointState`, the force on the hand as `WrenchStamped`.
 
-    Messages are of ROS 2 (CDR, definitions in the file): a record's numbers are copied as they are, which JSON would
-    have to print and to read again, and 3-D views know what joints are.
+    Messages are of ROS 2 (CDR, definitions in the file): numbers are copied, not printed, and 3-D views know joints.
 
-    After each `flush` the file is readable whatever happens: it consists of whole chunks. A write that fails, on a full
-    disk, is taken back to the last one.
+    After each `flush` the file is whole chunks, and readable. A write that fails, on a full disk, is undone.
 
     Parameters
     ----------

@@ -38,7 +38,7 @@ STOPPING = 3.0
 """[s] A robot that has not come to rest by then is stopped as it is."""
 AT_REST = (Status.HOLDING, Status.RELEASED)
 ASKED = {False: 1, True: 2}
-"""How the controller was asked before in a tick, by what it was told."""
+"""`asked_before` by the enable input of the tick's first call."""
 COLLECTED = 64
 """Ticks between two looks for garbage, in which a tick's own few objects are looked at, some 20 us."""
 
@@ -217,7 +217,7 @@ class Loop:
         return f"the measured state is {1e3 * age:.0f} ms old, at most {1e3 * self.max_age:.0f} ms"
 
     def _tell_lost(self, run: _Run, reason: str) -> None:
-        """To whoever reads the state: what the controller would have the robot do, which nobody hears any more."""
+        """Publish the command that the lost robot no longer receives."""
         if self._state is None or run.told is None:
             return
         last = run.told.tick

@@ -262,7 +262,7 @@ def logged_problem(logged: Logged, folder: Path) -> LiveProblem:
 def control_again(
     problem: LiveProblem, *, then: Callable[[Tick, Command], None] = lambda *_: None
 ) -> tuple[LiveControl, Decide, Callable[[np.void], None]]:
-    """A problem's control on a robot that is where a log says: it, how it is asked, and what is told each record."""
+    """A problem's control on the robot of a log; how it is called; and the function that takes each record."""
     robot = _LoggedRobot(problem.dt)
     control = problem.control(robot)
     return control, decide_of(problem, control, then=then), robot.show

@@ -26,7 +26,7 @@ class Tick(NamedTuple):
     seen: Measurement
     """What the sensors say."""
     operator: np.void | None
-    """What the operator wants, see `operator_layout`; None where nobody operates, or has yet."""
+    """The operator's inputs, see `operator_layout`; None before the first."""
     enabled: bool
     """The dead-man input of `step`."""
 
@@ -41,7 +41,7 @@ STATUS, REASON = 16, 240
 
 
 def operator_layout(joints: int, *, axes: int = 4, targets: int = 1, force: int = 3) -> np.dtype[Any]:
-    """What whoever operates a robot may want, as a page, a stick or a program of one's own writes it.
+    """Inputs of a robot's operator, as a page, a stick or a program writes them.
 
     Fields
     ------
@@ -75,7 +75,7 @@ def operator_layout(joints: int, *, axes: int = 4, targets: int = 1, force: int 
 def state_layout(
     joints: int, operator: np.dtype[Any] | None = None, *, command: int | None = None, wheels: int = 0, force: int = 3
 ) -> np.dtype[Any]:
-    """One tick of a loop: what the controller was given, what it answered, what is so, and how the time was kept.
+    """One tick of a loop: the controller's inputs and command, the true state, and timing.
 
     Numbers of 8 bytes each, then texts: the order in which `rehab_opt.loop.cdr` writes them.
 

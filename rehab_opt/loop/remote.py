@@ -71,8 +71,8 @@ def commanded_layout(joints: int) -> np.dtype[Any]:
 class RemoteDevice:
     """A `Device` of joint velocities; see its maker, such as `connect_ur`.
 
-    Readings are stamped when they arrive. Where no command comes any more, because the loop is stopped or killed, the
-    driver's process brakes the robot. Where that process is gone, the robot's own watchdog does.
+    Readings are stamped when they arrive. Without commands, the loop stopped or killed, the driver's process brakes the
+    robot; without that process the robot's own watchdog does.
 
     Parameters
     ----------

@@ -58,7 +58,7 @@ def replayed(
 
 
 def replayed_command(record: np.void, operator: np.dtype[np.void], decide: Decide) -> Command:
-    """What a controller answers to what it was asked in a logged tick; `operator` as of `tick_of`."""
+    """A controller's command in a logged tick; `operator` as of `tick_of`."""
     tick = tick_of(record, operator)
     if record["asked_before"]:
         decide(tick._replace(enabled=record["asked_before"] == 2))
@@ -66,7 +66,7 @@ def replayed_command(record: np.void, operator: np.dtype[np.void], decide: Decid
 
 
 def tick_of(record: np.void, operator: np.dtype[np.void]) -> Tick:
-    """What the controller was given in a logged tick; `operator` is the layout of `operator_of`."""
+    """Inputs of the controller in a logged tick; `operator` is the layout of `operator_of`."""
     wants = None
     if operator.names and record["operated"]:
         row: np.void = np.zeros(1, dtype=operator)[0]

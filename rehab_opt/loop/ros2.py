@@ -35,8 +35,8 @@ def connect_ros2(
     """A robot of ROS 2 as a `Device`: `sensor_msgs/JointState` in, `std_msgs/Float64MultiArray` out, as bytes of CDR.
 
     They go through zenoh as its bridge for ROS 2 (zenoh-bridge-ros2dds) hands them on, under the topics' names. The
-    controller there has to have a time-out of its own: ros2_control's forward controllers hold the last velocity when
-    nobody commands any more. Forces are not read, and told as zero.
+    controller there needs a time-out of its own: without commands ros2_control's forward controllers hold the last
+    velocity. Forces are not read: they are zero.
 
     Parameters
     ----------

@@ -53,14 +53,12 @@ class News(NamedTuple):
 class SharedRing:
     """The last `depth` records of one writer, for any number of readers in any process.
 
-    The writer writes to the slot after the newest one, whatever readers do; a reader copies a slot and believes it only
-    if its number and CRC are right, whatever the writer does meanwhile. So neither waits, no record is ever seen half
-    written, on processors that reorder stores, too, and a process that is killed in the middle of a write leaves the
-    record before it readable. On Linux, times of all processes are of one clock.
+    The writer writes to the slot after the newest one; a reader copies a slot and takes it only if its number and CRC
+    are right. So neither waits, no record is read half written, on processors that reorder stores, too, and a process
+    that is killed while it writes leaves the record before it readable. On Linux all processes have one clock.
 
     Make one with `create` and give its `name`, or the object itself, to processes that `attach`: the layout goes with
-    it. It is removed when its maker closes it or ends, however that ends. One thread writes, one thread reads with
-    one object.
+    it. It is removed when its maker closes it or ends. One thread writes, one thread reads with one object.
     """
 
     def __init__(self, memory: SharedMemory, *, owner: bool) -> None:

@@ -27,9 +27,8 @@ def screened_analytic(
 ) -> tuple[ca.SX, ca.SX]:
     """The analytic answer, the multipliers of its bounds and of the rows in one column (n + n + m,); and its residual.
 
-    Within its bounds and rows, a point without gradient is the answer: that is its certificate, and needs no
-    Hessian. So is one whose gradient the multipliers balance, or press against a bound. Outside, or where none is
-    stated, the residual is infinite.
+    A point within its bounds and rows is certified without the Hessian where its gradient is zero, or balanced by
+    multipliers, or presses against a bound. Elsewhere, or where none is stated, the residual is infinite.
     """
     nothing = ca.SX.zeros(x.numel() + rows.expression.numel())
     if analytic is None:

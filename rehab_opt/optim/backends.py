@@ -74,8 +74,8 @@ class ProxqpBackend:
     without that 8 % of our ticks end at bounds that are pressed on from a distance: of a bound that is s away and
     pressed by z it is s z, and the certificate bounds the smaller of the two by 1e-8: the gap is bounded by its square.
 
-    Not repeatable to the last bit, even when made anew: its sums depend on where in memory its workspace lies. Equal
-    sequences of problems were seen to give answers that differ by 1e-11.
+    Not repeatable to the last bit, even when made anew: its sums depend on the address of its workspace. Answers to
+    equal sequences differed by 1e-11.
     """
 
     name = "proxqp"

@@ -23,7 +23,7 @@ __all__ = [
 def certificate_function(n: int, m: int) -> ca.Function:
     """Certificate of x for  min 1/2 x'Hx + g'x,  lower <= x <= upper,  rows_lower <= A x <= rows_upper.
 
-    Inputs: H (n, n), g (n,), A (m, n), rows_lower, rows_upper (m,), lower, upper (n,), sound (1 where the data may be
+    Inputs: H (n, n), g (n,), A (m, n), rows_lower, rows_upper (m,), lower, upper (n,), valid (1 where the data may be
     used at all, else 0), x (n,) and the multipliers of its bounds (n,) and rows (m,), positive at an upper bound.
 
     Outputs: x clipped into its bounds (that x is what is certified and used), and the residual, the 2-norm of

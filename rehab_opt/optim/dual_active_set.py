@@ -1,10 +1,9 @@
 """A QP by the dual active set method of Goldfarb and Idnani: it cannot cycle, whatever bounds meet in a corner.
 
-It begins at the answer of the equalities alone and takes in one broken bound after the other, dropping those that stop
-pushing on the way; the cost only rises, so no set of active bounds comes twice. Active bounds are independent at each
-step, so that there are no more of them than variables. What the steps share, the inverse of the Hessian on the
-equalities, is made once. A step is a function without branches; the steps follow one another in compiled code until
-none is broken.
+It begins at the answer of the equalities alone and adds one broken bound after the other, dropping those whose
+multiplier vanishes on the way; the cost only rises, so no active set comes twice. Active bounds are independent at each
+step, so they are no more than the variables. The inverse of the Hessian on the equalities is made once. A step is a
+function without branches; compiled code repeats it until no bound is broken.
 """
 
 from __future__ import annotations

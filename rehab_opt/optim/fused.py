@@ -1,8 +1,7 @@
 """One tick in one function: kinematics, solve and certificate, without leaving compiled code.
 
-An answer is looked for where it is cheapest, and certified wherever it was found: the statement's analytic answer, then
-the bounds that were active in the last tick, then the dual active set method; or, for other statements than those of
-velocities, CasADi's qrqp behind the analytic answer.
+Candidates, each certified, from the cheapest on: the statement's analytic answer, the last tick's active bounds, the
+dual active set method; or, for statements that are not of velocities, CasADi's qrqp behind the analytic answer.
 
 CasADi's search for common subexpressions takes most of a function's making. It is not asked for where it finds a
 hundredth or nothing, since the statement's numbers come without any.
@@ -38,7 +37,7 @@ def fused(statement: Statement) -> ca.Function:
     """Parameters, state -> state, verdict.
 
     A state stacks x (n,), the multipliers of its bounds (n,) and of the rows (m,), and the memory: the warm start and
-    all that is known of the last tick. The verdict stacks the residual, whether the parameters are sound, who answered
+    all that is known of the last tick. The verdict stacks the residual, whether the parameters are valid, who answered
     (an index of `FUSED_SOLVERS`), and the statement's report. All of it generates C.
     """
     n, m, size = statement.n, statement.m, statement.state_size

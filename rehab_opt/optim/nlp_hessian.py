@@ -19,8 +19,8 @@ def model(nlp: NLP, multipliers: ca.SX) -> tuple[ca.SX, ca.SX]:
 
     The Hessian of the Lagrangian is indefinite at most solutions; it only has to be positive definite along the
     active rows. So PENALTY/2 |row + J dx - bound|^2 is added for every equality and for every bound with a multiplier.
-    These terms and their gradients vanish where the row holds in the QP's solution: its step and multipliers are
-    those of the exact Hessian, and convergence stays quadratic. What is indefinite still is `convexified`.
+    These terms vanish where the row holds in the QP's solution: its step and multipliers are those of the exact
+    Hessian, and convergence stays quadratic. What is still indefinite is `convexified`.
 
     Parameters
     ----------

@@ -28,8 +28,8 @@ SPARE = 2
 def qrqp(name: str, n: int, m: int, *, iterations: int = QRQP_ITERATIONS) -> ca.Function:
     """Solver of a dense QP with n variables and m rows that generates C; inputs and outputs as `casadi.conic`.
 
-    It is quiet, capped, asked for more than our tolerance, and a failure is an answer that the certificate rejects.
-    So are bounds that are no numbers, or cross, for which CasADi would raise: it sees others.
+    Quiet, its iterations capped, its tolerance below ours; a failure is an answer that the certificate rejects. So is
+    that of bounds that are NaN, or cross, which are replaced: CasADi would raise.
     """
     shape = {"h": ca.Sparsity.dense(n, n), "a": ca.Sparsity.dense(m, n)}
     solver = ca.conic(name, "qrqp", shape, qrqp_options(iterations))

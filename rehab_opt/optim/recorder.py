@@ -1,7 +1,7 @@
 """Recorder of the QPs that a running controller solves, for inspection; without cost where it is off.
 
-A solver made within `recording_qps` tells of every problem before it solves it. Whether anybody listens is decided
-where the solver is made, so that a tick without a recorder is the same machine code as before.
+A solver made within `recording_qps` records every problem before it solves it; one made elsewhere is the same machine
+code as without a recorder.
 """
 
 from __future__ import annotations

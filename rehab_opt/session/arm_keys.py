@@ -1,4 +1,4 @@
-"""What problem files say of an arm: its segments, its range of motion as counted in one of two ways, and its plane."""
+"""Keys of an arm: segments, range of motion counted in one of two ways, plane."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`[clearance]` of problem files: what an arm keeps clear of, how near it came, and a picture of both."""
+"""`[clearance]` of problem files: bodies, distances of a run, and a figure of both."""
 
 from __future__ import annotations
 
@@ -251,7 +251,7 @@ def clearance_of(section: ClearanceSection | None, file: str, *, moving: bool = 
 
 
 def clearance_key(argument: str) -> str | None:
-    """Where the problem file says what a controller calls `argument`, if that is about clearance."""
+    """Key of the problem file for a controller's `argument`, if that is of the clearance."""
     first, _, rest = argument.partition("limits[0]")
     if not first and rest:
         return "clearance" + rest.replace("[", ".").replace("]", "")

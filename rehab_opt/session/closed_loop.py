@@ -1,4 +1,4 @@
-"""The closed loop of a run, the one that is live but without waiting, and what was commanded and so in it."""
+"""The closed loop of a run, as live, without waiting; its commands and true motion."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class ClosedLoopRun(NamedTuple):
     seconds: Array
     """(N,) [s] that the controller took."""
     motion: JointMotion | None
-    """What was commanded and what was so; None of an ideal plant, which does as it is told."""
+    """Commanded and true motion; None of an ideal plant."""
     force: Array
     """(N, 2) or (N, 3) [N] on the hand during each tick."""
 

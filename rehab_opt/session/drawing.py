@@ -1,4 +1,4 @@
-"""What all figures share: their frame and colours, joints over time, servos, and room for their legends."""
+"""Common to all figures: frame, colours, joints over time, servos, legends."""
 
 from __future__ import annotations
 

@@ -49,7 +49,7 @@ TOML = {
     "Cannot": "each key and table once",
     "Duplicate": "each key and table once",
 }
-"""What Python's reader says of a file that is no TOML, by how it begins, in this project's words."""
+"""Beginnings of errors of Python's TOML reader, and plainer words for them."""
 
 
 def load_problem(file: str) -> ProblemFile[Any]:

@@ -1,4 +1,4 @@
-"""What a result depends on: its files, and one number of all, of which equal ones need no second computation."""
+"""Files that a result depends on, and a digest of them: equal digests need no second run."""
 
 from __future__ import annotations
 

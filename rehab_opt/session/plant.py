@@ -59,7 +59,7 @@ class PlantTable(Section):
     kind: Kind = "ideal"
     """Which robot."""
     command_delay_ms: Milliseconds = 3.0
-    """A command acts so long after it was sent."""
+    """From a command until it acts."""
     command_jitter_ms: Milliseconds = 0.0
     """Up to so much longer, drawn evenly; no command overtakes another."""
     measurement_delay_ms: Milliseconds = 2.0

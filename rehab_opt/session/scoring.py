@@ -158,8 +158,8 @@ def trials_between_pauses(
 ) -> list[Recording]:
     """The recording, cut in the middle of every rest of `pause` [s] or longer.
 
-    The hand rests while it is slower than `threshold` times its largest speed in the recording, or than noise may be,
-    and where all that moves is noise (`HandMotion.goes`). Rest at either end belongs to the first and the last trial.
+    The hand rests while it is slower than `threshold` times its largest speed, or than noise (`HandMotion.goes`). Rest
+    at either end belongs to the first and the last trial.
     """
     if not 0 < pause < math.inf:
         raise ConfigurationError("pause", pause, "seconds above zero")

@@ -6,7 +6,7 @@ points of the group `rehab_opt.systems` of the distribution that it comes with,
     [project.entry-points."rehab_opt.systems"]
     circle = "my_package.circle:CircleSystem"
 
-Nothing else has to know it, and nothing of it is imported before it is asked for.
+It is imported when it is used.
 """
 
 from __future__ import annotations

@@ -28,8 +28,8 @@ SYSTEM = "hand"
 def write_bids(study: Study, folder: Path, *, person: str | None = None, task: str = "movement") -> tuple[Path, ...]:
     """Write the recordings whose trials were scored, each once: hand [m], joint angles [deg] and times [s].
 
-    Pseudonyms and sessions lose what is neither letter nor digit, as the standard asks; participants.tsv and
-    sessions.tsv keep what they were. Forces are left out: the standard has no such channel.
+    Names of people and sessions keep letters and digits alone, as the standard asks; participants.tsv and sessions.tsv
+    have the originals. Forces are left out: the standard has no such channel.
 
     Parameters
     ----------

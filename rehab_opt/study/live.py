@@ -29,9 +29,8 @@ USUAL = "ok"
 class LiveTrials:
     """What a live page shows, 30 times a second, as trials of a study; `LivePage` tells it.
 
-    Of a trial it keeps the largest and the mean of each number that the page plots, those with a limit as bounds; how
-    often the page saw another status than "ok", and why, as events; where the problem shows a hand, the measures of
-    its path; all samples.
+    Of a trial it keeps maximum and mean of each plotted number, those with a limit as bounds; statuses other than "ok"
+    with their reasons as events; where the problem shows a hand, the measures of its path; all samples.
 
     Parameters
     ----------

@@ -189,8 +189,8 @@ def session_means(
 ) -> dict[Quantity, list[SessionMean]]:
     """Of each measure every session's mean under each condition, in the order of the sessions.
 
-    Trials that are not done, and those without the number, do not count. The trials' values, and the interval of their
-    mean, are there for one person alone: of everybody they would be millions.
+    Trials that are not done, or without the number, do not count. The trials' values, and the interval of their mean,
+    are there for one person alone.
     """
     of, bound = of_person(person)
     order = _session_order(study, person)

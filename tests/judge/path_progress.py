@@ -35,8 +35,8 @@ PROMISES = (
             "so that along the path the hand moves freely."),
     Promise("rehab_opt/control/path_assistance.py", "until the hand comes to a place further along the path, where the "
             "force grows again within 0.3 s."),
-    Promise("rehab_opt/control/path_assistance.py", "Share of the path, 0 to 1, to which the hand has come. It stands "
-            "while a hand is let go."),
+    Promise("rehab_opt/control/path_assistance.py", "Fraction of the path, 0 to 1, that the hand has covered. It "
+            "stands while a hand is let go."),
     Promise("rehab_opt/control/path_progress.py", "less than F/S and three widths, of a hand that rests, and each "
             "place that s passes on the way within one width more"),
     Promise("rehab_opt/control/path_progress.py", "Where it goes on along the straight stretch on which the hand is, "

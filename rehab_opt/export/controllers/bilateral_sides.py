@@ -161,7 +161,7 @@ def _exported(
     says: tuple[Sequence[str], Sequence[str]],
     means: Mapping[str, str],
 ) -> ExportedForce:
-    """What both sides have in common; `says` is what it says, and what it hears; `means` is C of what that does."""
+    """Common to both sides; `says` are the fields it sends and receives, `means` is C for them."""
     own, received = says
     names = {
         "own": name.removesuffix("_side"),
@@ -205,7 +205,7 @@ def _exported(
 
 
 def _tables(workspace_map: ControllerMap) -> dict[str, Array]:
-    """Of a map from the helper's workspace to the participant's, a thin-plate spline through landmarks."""
+    """Of a `ControllerMap`, a thin-plate spline."""
     return dict(zip(TABLES, point_inputs(workspace_map.spline._fit), strict=True))
 
 
@@ -215,7 +215,7 @@ def _ticks(
     received: Sequence[FromHelper | FromParticipant | None],
     numbers: int,
 ) -> list[RunTick]:
-    """The ticks of a hand and of what it hears, with messages that are lost, doubled, late or broken among them."""
+    """Ticks of a hand and messages, some of them lost, doubled, late or broken."""
     nothing = (*[0.0] * numbers, 0)
     others: list[RunTick] = [
         {"received": np.array((message or nothing)[:-1]), "with_received": int(message is not None),

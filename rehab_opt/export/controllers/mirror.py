@@ -94,7 +94,7 @@ class ExportedMirror(ExportedVelocity):
     waiting: int = 0
 
     def functions(self) -> list[ca.Function]:
-        """The laws' functions, and what the clock, the true bounds and the way out are made of."""
+        """Functions of the laws, the clock, the true bounds and the singularity escape."""
         tracker = self.tracker
         speeds = mirror_following.BRIDGE * tracker.linear_speed, mirror_following.BRIDGE * tracker.angular_speed
         clock, parts = tracker.pace.clock, tracker.parts
@@ -254,7 +254,7 @@ def _person(limit: PersonLimit) -> dict[str, str]:
 
 
 def _constants(tracker: MirrorTracker) -> dict[str, str]:
-    """What the templates of clock, pace, forces and way out hold; each product as Python makes it."""
+    """Fields of the templates of clock, pace, forces and singularity escape."""
     places = [
         f"{name.upper()}_{each.upper()} = {record[each]}" for name, record in RECORDS.items() for each in record.places
     ]

@@ -34,11 +34,9 @@ def mirror_run(
     tracker: MirrorTracker, start: Array, poses: Array, twists: Array, bodies: Array | None, *, source: str,
     progress: Progress,
 ) -> Run:  # fmt: skip
-    """What the tracker answers along poses (N, 4, 4), (N, 6) from q = start, as many as a recorded run holds.
+    """The tracker's run along poses (N, 4, 4), twists (N, 6) from q = start, as many as a recorded run holds.
 
-    `bodies` (N, k, 14) is what moves, None where it is told of nothing that does.
-
-    The joints are filled in as it goes. `source` says where the poses come from.
+    `bodies` (N, k, 14) are those that move, None where there are none. `source` says where the poses come from.
     """
     count = min(len(poses), MAX_TICKS)
     pushed, strong = range(count // 2, 5 * count // 8), 1.1 * tracker._interaction.stop_at

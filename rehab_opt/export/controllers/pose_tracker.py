@@ -117,7 +117,7 @@ def exported_tracker(tracker: PoseTracker, run: Sequence[RunTick], *, title: str
 
 
 def moving_argument(limits: PostureLimits, owner: str = "") -> str:
-    """The argument of a call in C with which moving capsules are told; nothing where there are none."""
+    """The moving capsules as an argument of a call in C; empty where there are none."""
     return f" {owner}obstacles," if limits.moving_size else ""
 
 

@@ -32,7 +32,7 @@ __all__ = ["exported_scenario"]
 
 
 class Listening(ForceLaw):
-    """An assisting law, and how far it let the field be shifted in each tick."""
+    """An assisting law that records the offset of its field in each tick."""
 
     def __init__(self, law: ForceLaw, assistance: Assistance) -> None:
         self._law, self._assistance = law, assistance
@@ -55,7 +55,7 @@ class Listening(ForceLaw):
 
 
 class Overheard(Bilateral):
-    """A pair, and what each side was told in each tick: where its hand is, and the message of the other side."""
+    """A pair that records each side's hand and received message of each tick."""
 
     def reset(self) -> None:
         """Nothing is under way, and nothing was said."""

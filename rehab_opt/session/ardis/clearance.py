@@ -1,4 +1,4 @@
-"""Distances of chair and arm from what they must not touch, by plain geometry: the controller is not asked."""
+"""Distances of chair and arm from obstacles and keep-outs, independent of the controller."""
 
 from __future__ import annotations
 

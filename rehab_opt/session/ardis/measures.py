@@ -1,4 +1,4 @@
-"""Numbers of a run: who moved the hand, what it cost, which limits were kept; judged from what was sent alone."""
+"""Metrics of a run, from its commands alone: who moved the hand, effort, and limits."""
 
 from __future__ import annotations
 
@@ -90,11 +90,10 @@ def excesses(robot: MobileArm, drive: DriveName, motion: Motion, room: Sequence[
 
 
 def hand_fractions(motion: Motion, when: slice) -> dict[str, float | None]:
-    """What arm and chair gave to the hand's path and turning; the shares of both add up to one.
+    """Fractions of the hand's path and turning by arm and chair; both add up to one.
 
-    The hand's velocity is the sum of what the chair's joints and the arm's give it. The share of one is its part along
-    the hand's own direction, added up over the path: negative where it went against it, above one where it had to make
-    up for the other.
+    The hand's velocity is the sum of the chair's and the arm's parts. The fraction of one is its part along the hand's
+    direction, integrated over the path: negative where it went against it, above one where it made up for the other.
     """
     chair = np.einsum("nij,nj->ni", motion.jacobians[when, :, :CHAIR], motion.velocity[when, :CHAIR])
     arm = np.einsum("nij,nj->ni", motion.jacobians[when, :, CHAIR:], motion.velocity[when, CHAIR:])

@@ -46,7 +46,7 @@ NO_ANSWER = "no answer"
 
 
 class StickLaw(Protocol):
-    """Something that makes joint velocities of what the stick asks for, such as a `RedundancyResolver`."""
+    """A controller of the stick's twist, such as a `RedundancyResolver`."""
 
     def step(
         self, q: Array, twist: Array, rows: tuple[str, ...], frame: str, *, enable: object, stamp: float | None
@@ -56,7 +56,7 @@ class StickLaw(Protocol):
 
 
 class Published:
-    """Eq. (1), Honzik, as it is; where it has no answer the robot is told to stand still."""
+    """Eq. (1), Honzik; where it has no answer the robot rests."""
 
     def __init__(self, law: PseudoinverseLaw) -> None:
         self._law = law

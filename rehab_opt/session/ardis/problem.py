@@ -111,7 +111,7 @@ class GoalSection(Section):
     hand_m: Triple
     """Where the hand is to be, in the world frame."""
     within_m: float = Field(default=0.03, gt=0, le=1)
-    """Reached when the hand is within this and the gripper as asked. Goals are judged, they steer nothing."""
+    """Reached when the hand is within this, the gripper as stated. Goals are judged; they steer nothing."""
     gripper: Literal["open", "closed"] | None = None
     """As it has to be, where it matters."""
 

@@ -66,8 +66,8 @@ def driven(
 ) -> DrivenJoints:
     """The law's joints passed by `smooth_path`: all of them wait for the slowest, and for the hand.
 
-    The way of the hand is one more axis, no faster than `linear_speed` [m/s]. Between two samples it is the joints' and
-    not its own that counts: where that is faster, all is passed again, slower by as much.
+    The hand's way is one more axis, no faster than `linear_speed` [m/s]. Where the joints move the hand faster between
+    two samples, all is passed again, slower by as much.
     """
     if led.motion is not None:
         return DrivenJoints(led.time, led.q, led.tool, led.deviation, led.manipulability, led.time, led.lag, led.pace)

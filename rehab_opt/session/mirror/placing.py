@@ -1,8 +1,8 @@
 """Where the patient of a mirrored recording sits, and how the robot holds the hand: found, and then run.
 
-What is looked for is a rigid motion of all of the patient's (a place and a direction) and the grip: a posture of the
-robot at one pose of the path and a direction fix them. How much of the path it goes along is counted without time
-(`Seats`). The best seats, apart from each other, are run as `rehab-opt run` does, and what that achieves decides.
+Sought are a rigid motion of the patient (place and direction) and the grip: a posture of the robot at one pose of the
+path and a direction fix them. The fraction of the path that it follows is counted without time (`Seats`). The best
+seats, apart from each other, are run as by `rehab-opt run`, and the best run decides.
 """
 
 from __future__ import annotations

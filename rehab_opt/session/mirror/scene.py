@@ -57,7 +57,7 @@ class Setup:
     ----------
     robot, start : the arm, and its joint positions (n,) [rad] at the beginning.
     mirror : of the patient.
-    reference : poses of the tool that are asked for, the recording mirrored; even samples.
+    reference : poses of the tool, the recording mirrored; even samples.
     recorded : (N, 3) [m] the healthy hand in the robot's frame, where it was seen; not filtered.
     person : the arm that is led, in the robot's base frame, and the tool's pose (4, 4) in its hand frame; or None.
     fit : of the recording's frame, where points fix it.

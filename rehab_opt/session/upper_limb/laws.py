@@ -113,9 +113,9 @@ def driven(
 ) -> tuple[DrivenArm, dict[str, Any]]:
     """The joints q (N, n) [rad] at `times` (N,) [s] of a hand path (N, 3) [m], passed by `smooth_path`; its numbers.
 
-    The bounds of speed and acceleration are the smaller of the file's and the chain's. All joints wait for the slowest
-    one, so that hand and handle keep their way; the hand is compared with the path where the drive is in it. Where a
-    straight line of the joints would lead the hand off its way, or the handle (largest tilt `handle_tilt` [rad])
+    Speed and acceleration are bounded by the smaller of the file's and the chain's. All joints wait for the slowest,
+    so that hand and handle keep their way; the hand is compared with the path at the drive's phase. Where a straight
+    line of the joints would lead the hand off its way, or the handle (largest tilt `handle_tilt` [rad])
     further over, from one sample to the next, postures in between are found (`_with_between`).
     """
     speed = np.minimum(math.radians(bounds.speed_deg_s), chain.velocity)
