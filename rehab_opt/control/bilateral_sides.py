@@ -85,7 +85,7 @@ class ParticipantSide(OneThread):
     workspace_map : from the helper's workspace to the participant's.
     comfortable : of the participant; outside it there is a bounded pull back, see `Assistance`.
     stiffness, damping : [N/m], [N s/m] of the spring.
-    exchange : [1/s] share of the tank's energy that is given away a second, beyond what its force may still draw.
+    exchange : [1/s] fraction of the tank's energy, beyond what its force may still draw, that is given away a second.
     force_limit : [N]. bounds : see `BoundedForce`.
 
     Raises

@@ -266,11 +266,11 @@ class BoundedForce(OneThread):
         return self._now[_PLACE], self._now[_PLACE + 1]
 
     def give_energy(self, fraction: float) -> float:
-        """[J] taken from the tank for another one: a share, at most all, beyond what its force may draw.
+        """[J] taken from the tank for another one: a fraction of what its force may not draw, at most all.
 
         Raises
         ------
-        ConfigurationError : a share that is no number of zero or more.
+        ConfigurationError : no number of zero or more.
         """
         if self._owner != get_ident():
             self._refuse_others()

@@ -21,8 +21,8 @@ from tests.judge.verdict import Promise, Verdict
 PROMISES = (
     Promise("rehab_opt/control/bilateral_sides.py", "Draws the participant's hand to the image of the helper's, inside "
             "the participant's comfortable workspace."),
-    Promise("rehab_opt/control/bilateral_sides.py", "[1/s] share of the tank's energy that is given away a second, "
-            "beyond what its force may still draw."),
+    Promise("rehab_opt/control/bilateral_sides.py", "[1/s] fraction of the tank's energy, beyond what its force may "
+            "still draw, that is given away a second."),
     Promise("rehab_opt/control/bilateral.py", "Messages are numbered: one that comes twice, or after a later one, "
             "counts as none, so that no energy is taken twice; what is lost with one is lost."),
     Promise("rehab_opt/control/bilateral_sides.py", "Without a new message the force is released, inside the workspace "
