@@ -144,8 +144,8 @@ def _brake(of: MirrorStatement, keeping: ca.Function) -> ca.Function:
 
 
 def _braked(of: MirrorStatement) -> ca.Function:
-    """`REPORT` of the safe command, `judged_memory`, `REMEMBERED`, what `keeping` gives (n,), (3,), whether it was asked,
-    three of `NOTICED` -> `REPORT`, `REMEMBERED`.
+    """`REPORT` of the safe command, `judged_memory`, `REMEMBERED`, what `keeping` gives (n,), (3,), whether it was
+    asked, three of `NOTICED` -> `REPORT`, `REMEMBERED`.
     """
     told, own, past = REPORT.symbols("told"), of.judged.symbols("own"), REMEMBERED.symbols("memory")
     velocity, ends, moves, why = others = [ca.SX.sym("argument", size) for size in (of.chain.n, 3, 1, 3)]
@@ -185,8 +185,8 @@ def _deliver(of: MirrorStatement, keeping: ca.Function) -> ca.Function:
 
 def _delivered(of: MirrorStatement) -> ca.Function:
     """`VERDICT`, `judged_memory`, `REMEMBERED`, `SAID`, sample, whether some were left out, what `keeping` gives (n,),
-    (3,), pose, twist and offset (25,), way out (n,) -> `REPORT`, `REMEMBERED`; for the next tick the (25,), whether a way
-    out is looked for, whether another one, and the way that stays.
+    (3,), pose, twist and offset (25,), way out (n,) -> `REPORT`, `REMEMBERED`; for the next tick the (25,), whether a
+    way out is looked for, whether another one, and the way that stays.
     """
     verdict, own, past = VERDICT.symbols("verdict"), of.judged.symbols("own"), REMEMBERED.symbols("memory")
     said, sample, (fewer, velocity, ends, aimed, lead) = SAID.symbols("said"), SAMPLE.symbols("sample"), (
