@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.errors import ConfigurationError, RehabOptError
-from rehab_opt.field.agreement import check_agreement, check_closeness
-from rehab_opt.field.demonstration import Demonstration
+from rehab_opt.field.demonstration import Demonstration, check_agreement, check_closeness
 from rehab_opt.field.fit import Fit, constant_stiffness_error, identified, rms
 from rehab_opt.field.force_model import ForceModel, shared_model, station_model
 from rehab_opt.field.potential import SAMPLES_PER_WIDTH, PotentialField

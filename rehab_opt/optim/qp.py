@@ -12,8 +12,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rehab_opt.optim.analytic import screened_analytic
-from rehab_opt.optim.certificate import all_true, certificate_function
+from rehab_opt.optim.certificate import all_true, certificate_function, screened_analytic
 from rehab_opt.optim.rows import MAX_MAGNITUDE, Instance, Row, Variable, check_that_it_is_a_qp, with_numeric_bounds
 from rehab_opt.symbolic.shared import remembered
 from rehab_opt.symbolic.tick import Stages

@@ -226,7 +226,7 @@ def joint_plant(table: JointPlant, chain: SerialChain, dt: float) -> Plant:
     from rehab_opt.plants.arm_model import own_arm_model, ur5_model  # noqa: PLC0415
     from rehab_opt.plants.drives import PositionServo, VelocityServo  # noqa: PLC0415  (loads MuJoCo)
     from rehab_opt.plants.mujoco_arm import MujocoArm  # noqa: PLC0415
-    from rehab_opt.plants.streaming import PositionStream  # noqa: PLC0415
+    from rehab_opt.plants.plant import PositionStream  # noqa: PLC0415
 
     servo = VelocityServo if table.servo == "velocity" else PositionServo
     arm = MujocoArm(

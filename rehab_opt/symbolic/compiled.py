@@ -210,7 +210,9 @@ def _attempt(code: _Code, *, build: bool = True, hurry: bool = False) -> ca.Func
         library = _cached(folder, name, ".so")
         if library is None and build:
             with _waiting[-1](code.function) if hurry and _waiting else nullcontext():
-                library = _build(folder, name, with_table(code.source, pause=pause)[0], code.compiler, hurry=hurry)
+                library = build_library(
+                    folder, name, with_table(code.source, pause=pause)[0], code.compiler, hurry=hurry
+                )
         if library is None:
             return None
         if known is None:
@@ -342,7 +344,7 @@ def _without_links(path: str, flags: int) -> int:
     return os.open(path, flags | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0))
 
 
-def _build(folder: Path, name: str, source: str, compiler: Sequence[str], *, hurry: bool) -> bytes:
+def build_library(folder: Path, name: str, source: str, compiler: Sequence[str], *, hurry: bool) -> bytes:
     """Compile beside the target, and move it there."""
     _clear(folder)
     with _workplace(folder) as workplace:

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from rehab_opt import ConfigurationError, PotentialField, RehabOptError
-from rehab_opt.field.agreement import check_agreement
-from rehab_opt.field.demonstration import Demonstration
+from rehab_opt.field.demonstration import Demonstration, check_agreement
 from rehab_opt.field.force_model import shared_model, station_model
 from rehab_opt.field.samples import arc_length, mean_path, resampled_path
 from rehab_opt.optim.recorder import recording_qps

@@ -15,7 +15,7 @@ from rehab_opt.plants.contacts import Push, SpringDamper, Wall
 from rehab_opt.plants.drives import DriveState, HandForce, PositionServo, VelocityServo
 from rehab_opt.plants.ideal import IdealJoints
 from rehab_opt.plants.mujoco_arm import MujocoArm
-from rehab_opt.plants.streaming import PositionStream
+from rehab_opt.plants.plant import PositionStream
 from rehab_opt.plants.wheelchair import Wheelchair
 
 pytest.importorskip("mujoco")

@@ -47,7 +47,7 @@ def no_compiler(monkeypatch: pytest.MonkeyPatch) -> Callable[[], None]:
     def compiles(*_: object, **__: object) -> bytes:
         pytest.fail("a compiler was asked")
 
-    return lambda: monkeypatch.setattr(import_module("rehab_opt.symbolic.compiled"), "_build", compiles)
+    return lambda: monkeypatch.setattr(import_module("rehab_opt.symbolic.compiled"), "build_library", compiles)
 
 
 def weighted(weights: NDArray[np.float64]) -> ca.Function:
