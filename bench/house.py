@@ -64,7 +64,6 @@ def _passed() -> set[str]:
     from rehab_opt.kinematics.ardis import ARDIS_READY  # noqa: PLC0415
 
     robot, files = ardis(), set[str]()
-    RedundancyResolver(robot, compile=False)  # what is made once for all
     sys.setprofile(lambda frame, *_: files.add(frame.f_code.co_filename))
     try:
         RedundancyResolver(robot, compile=False).step(ARDIS_READY, [0.1, 0.05, 0.0])
