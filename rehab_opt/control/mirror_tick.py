@@ -19,7 +19,7 @@ from rehab_opt.control.mirror_pace import PACE, REMEMBERED, SAID, MirrorPace, co
 from rehab_opt.control.mirror_statement import HELD, WHOLE
 from rehab_opt.control.reasons import NOTES, NUMBER
 from rehab_opt.control.reference_clock import SAMPLE
-from rehab_opt.control.velocity_tick import DONE, REPORT, relaxed_from_rest
+from rehab_opt.control.velocity_tick import DONE, REPORT, below, relaxed_from_rest
 from rehab_opt.control.watchdog import first_of
 from rehab_opt.optim.certificate import all_true
 from rehab_opt.symbolic.record import Record
@@ -195,7 +195,7 @@ def _delivered(of: MirrorStatement) -> ca.Function:
     then, shorter, _ = ca.vertsplit(ends)
     pace = PACE.changed(PACE.parts(past.pace), share=verdict.scale)
     relaxed, slowed = _shortened(verdict.relaxed, ends), pace.rate < WHOLE
-    asked = ca.if_else(slowed, ca.fmod(relaxed, TASK) + TASK, relaxed)
+    asked = ca.if_else(slowed, below(relaxed, TASK) + TASK, relaxed)
     notes = {
         "SHORTENED": shorter, "SLOWED": slowed, "BRIDGING": said.bridging, "THINNED": fewer, "HELD_BACK": own.held
     }  # fmt: skip
@@ -245,8 +245,8 @@ def _held(of: MirrorStatement, pose: ca.SX) -> ca.SX:
 def _shortened(relaxed: ca.SX, ends: ca.SX) -> ca.SX:
     """What yields, where `keeping` says that the step is shorter and whether its acceleration yields."""
     _, shorter, hurried = ca.vertsplit(ends)
-    return ca.if_else(shorter, ca.fmod(relaxed, ACCELERATION) + TASK + ACCELERATION * hurried, relaxed)
+    return ca.if_else(shorter, below(relaxed, ACCELERATION) + TASK + ACCELERATION * hurried, relaxed)
 
 
 def _hurried(relaxed: ca.SX) -> ca.SX:
-    return ca.fmod(relaxed, TASK) >= ACCELERATION
+    return below(relaxed, TASK) >= ACCELERATION

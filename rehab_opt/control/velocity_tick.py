@@ -26,6 +26,7 @@ __all__ = [
     "REPORT",
     "VELOCITY_SOLVERS",
     "VelocityTick",
+    "below",
     "relaxed_from_rest",
     "velocity_tick",
 ]  # fmt: skip
@@ -142,7 +143,7 @@ def relaxed_from_rest(own: Values, last: ca.SX, relaxed: ca.SX, hurried: ca.Func
     """The same, and accelerations where joints began anew at rest: whatever holds the hand has stopped them."""
     if not own.before.numel():
         return relaxed
-    there = ca.fmod(ca.floor(relaxed / int(Relaxed.ACCELERATION)), 2)
+    there = below(relaxed, 2 * int(Relaxed.ACCELERATION)) >= int(Relaxed.ACCELERATION)
     more = all_true(own.touched, hurried(own.before, last), ca.logic_not(there))
     return relaxed + int(Relaxed.ACCELERATION) * more
 
@@ -178,3 +179,8 @@ def _fallen_back(record: Record, n: int, size: int, hurried: ca.Function, faulty
         details=ca.if_else(refused, own.details, ca.vertcat(verdict[0], 0)), note=ca.SX(0),
     )  # fmt: skip
     return ca.Function("fallen_back", inputs, [told], {"cse": True})
+
+
+def below(relaxed: ca.SX, part: int) -> ca.SX:
+    """Of a number of `Relaxed`, what is below one of its parts."""
+    return relaxed - part * ca.floor(relaxed / part)

@@ -59,7 +59,7 @@ class Run(NamedTuple):
     seconds: Array
     """(N,) [s] from each tick to the next."""
     commands: list[Command]
-    wanted: Array
+    desired_force: Array
     """(N, 2) [N]"""
     left: Array
     """(N,) [J]"""

@@ -31,7 +31,7 @@ PROMISES = (
     Promise("docs/capabilities/pose_tracking.md", "A joint that alone is led against its limit is within $J dt^3$ of "
             "it when the shortest such way ends, two ticks more, and in the mean as near while it is held there."),
     Promise("docs/capabilities/certificates.md", "An answer comes from the cheapest place that passes: a closed form "
-            "when no bound is active, the bounds that were active in the last tick, the solver (qrqp)"),
+            "when no bound is active, the bounds that were active in the last tick, the solver (dual active set"),
     Promise("rehab_opt/control/command.py", "always finite"),
 )  # fmt: skip
 LEAST = {"status ok": 190_000, "relaxed position": 1000, "relaxed acceleration": 50, "relaxed task": 50_000,
