@@ -107,12 +107,13 @@ class VelocityController(OneThread, ABC):
         self.approach = math.inf if feedback is None else feedback.approach
         """[1/s] see `velocity_bounds`."""
         parts = dict(vars(self))
+        self._code = [each for kind in type(self).__mro__ for each in vars(kind).values()]  # classes may be changed
 
         def made() -> dict[str, Any]:
             self.functions = self._functions()
             return {name: each for name, each in vars(self).items() if name not in parts}
 
-        vars(self).update(remembered(form_of_parts(type(self), parts), made))
+        vars(self).update(remembered(form_of_parts(type(self), parts, list(map(id, self._code))), made))
         self._solvers = solvers = FallbackChain(
             self.stated, solver=solver, backup=backup, tolerance=tolerance, compile=compile, tick=self.functions.tick
         )

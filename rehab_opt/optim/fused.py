@@ -1,7 +1,7 @@
 """One tick in one function: kinematics, solve and certificate, without leaving compiled code.
 
-Candidates, each certified, from the cheapest on: the statement's analytic answer, the last tick's active bounds, the
-dual active set method; or, for statements that are not of velocities, CasADi's qrqp behind the analytic answer.
+Candidates, each certified, from the cheapest on: the statement's analytic answer; of velocities the last tick's active
+bounds and the dual active set method; CasADi's qrqp.
 
 CasADi's search for common subexpressions takes most of a function's making. It is not asked for where it finds a
 hundredth or nothing, since the statement's numbers come without any.
@@ -83,9 +83,12 @@ def _made(form: Form) -> ca.Function:
     if not form.active_set:
         return _qrqp(form)
     numbers, start = _inputs(form)
-    found = _last_active_set(form)(numbers, start[form.n :])
-    choice = _choice("choice", _dual_active_set(form))
-    answer = choice(found[-1] <= ANALYTIC_TOLERANCE, ca.vertcat(found, 2), numbers)
+    dual = _dual_active_set(form)(numbers)
+    # qrqp answers where rows leave a corner of the bounds alone: rounding ends the dual method beyond it.
+    answer = _choice("qrqp", _qrqp(form))(dual[-1] <= ANALYTIC_TOLERANCE, ca.vertcat(dual, 3), numbers, start)
+    by_solvers = ca.Function("by_solvers", [numbers, start], [answer])
+    last = _last_active_set(form)(numbers, start[form.n :])
+    answer = _choice("last", by_solvers)(last[-1] <= ANALYTIC_TOLERANCE, ca.vertcat(last, 2), numbers, start)
     return ca.Function("solver", [numbers, start], [answer])
 
 
@@ -101,11 +104,10 @@ def _last_active_set(form: Form) -> ca.Function:
 
 
 def _dual_active_set(form: Form) -> ca.Function:
-    """Numbers -> x, multipliers, residual, who answered; a round makes what it finds exact."""
+    """Numbers -> x, multipliers, residual; a round makes what it finds exact."""
     numbers, _ = _inputs(form)
     exact = active_set_round(form, together=form.n, passes=PASSES, softened=INDEPENDENT)
-    answer = ca.vertcat(exact(numbers, dual_active_set(form)(numbers)), 3)
-    return ca.Function("by_dual", [numbers], [answer])
+    return ca.Function("by_dual", [numbers], [exact(numbers, dual_active_set(form)(numbers))])
 
 
 def _qrqp(form: Form) -> ca.Function:

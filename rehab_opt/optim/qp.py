@@ -54,8 +54,8 @@ class Statement:
     variables : what is decided.
     minimise : scalar, quadratic in the variables.
     subject_to : rows linear in the variables.
-    active_set : whether the fused function solves by the active set of the last tick and the dual active set method,
-        for which the cost must be strictly convex and the equalities independent, or by qrqp.
+    active_set : whether the fused function asks the active set of the last tick and the dual active set method before
+        qrqp: for these the cost must be strictly convex and the equalities independent.
     requires : conditions on the parameters without which no answer is certified.
     report : column of expressions of parameters and variables, evaluated at the answer; keep it cheap.
     analytic : (n,) expression of the answer when no bound is active, or None. It is certified like any other answer;

@@ -215,29 +215,30 @@ def _attempt(code: _Code, *, build: bool = True, hurry: bool = False) -> ca.Func
                 )
         if library is None:
             return None
+        try:
+            function = _load(folder, code.function, library, table[DIGEST:])
+        except RuntimeError:  # no code of this machine, or not its constants: the next process builds them again
+            for each in (*folder.glob(f"{name}-*.so"), *folder.glob(f"{own_name}-*.table")):
+                each.unlink(missing_ok=True)
+            raise
         if known is None:
-            with _workplace(folder) as workplace:
+            with suppress(OSError), _workplace(folder) as workplace:  # or it is written anew each time
                 (workplace / "table").write_bytes(table)
                 _keep(workplace / "table", folder, own_name, ".table")
-        return _config(folder, code.function, name, library, table[DIGEST:])
     except (OSError, subprocess.SubprocessError, RuntimeError) as problem:
         _log.info("%s stays in the virtual machine: %s", code.function, problem)
-    return None
+        return None
+    return function
 
 
-def _config(folder: Path, function: str, name: str, library: bytes, constants: bytes) -> ca.Function:
+def _load(folder: Path, function: str, library: bytes, constants: bytes) -> ca.Function:
     """The function with these constants: of a copy of its library, since each copy has one table."""
     with _workplace(folder) as workplace:
         copy = workplace / f"{function}.so"
         copy.write_bytes(library)
-        try:
-            config = ca.external(function, str(copy))
-            ca.external(SETTER, str(copy))(ca.DM(np.frombuffer(constants)))
-        except RuntimeError:
-            for each in folder.glob(f"{name}-*.so"):  # no code of this machine: the next process builds it again
-                each.unlink(missing_ok=True)
-            raise
-    return config
+        loaded = ca.external(function, str(copy))
+        ca.external(SETTER, str(copy))(ca.DM(np.frombuffer(constants)))
+    return loaded
 
 
 def _name(function: str, digest: bytes) -> str:
@@ -251,8 +252,12 @@ def _pause() -> None:
 
 @contextmanager
 def _workplace(folder: Path) -> Iterator[Path]:
-    """A folder for what is not finished."""
-    with tempfile.TemporaryDirectory(dir=folder, prefix=WORKPLACE, ignore_cleanup_errors=True) as workplace:
+    """A folder for what is not finished, in this one where it can be written to."""
+    try:
+        made = tempfile.TemporaryDirectory(dir=folder, prefix=WORKPLACE, ignore_cleanup_errors=True)
+    except OSError:
+        made = tempfile.TemporaryDirectory(dir=_private_folder(), prefix=WORKPLACE, ignore_cleanup_errors=True)
+    with made as workplace:
         yield Path(workplace)
 
 

@@ -301,3 +301,36 @@ def test_elbow_stretched_before_a_ball_comes_to_rest() -> None:
     assert max(speeds) > 0.5
     assert max(speeds[-200:]) < 0.01
     assert -1e-9 <= np.linalg.norm(tool(q[None])[0, :3, 3] - centre) - radius < 1e-3
+
+
+def test_arm_that_begins_beyond_three_limits_comes_back_without_another_solver() -> None:
+    """As in C: rows there leave one corner of the bounds alone, and rounding ends a dual method beyond it."""
+    robot = ur5(velocity=1.0, acceleration=3.0)
+    rng = np.random.default_rng(6)
+    q = np.array([0.0, -1.2, 1.5, -1.8, -1.57, 0.0]) + rng.normal(size=6) * 0.4
+    limits = []
+    for _ in range(3):
+        normal = rng.normal(size=3)
+        normal /= np.linalg.norm(normal)
+        at_wrist = int(rng.choice([3, 6])) == 3
+        depth = rng.uniform(-0.03, 0.03)
+
+        def place(chain: SerialChain, q: ca.SX, at_wrist: bool = at_wrist) -> ca.SX:
+            return (chain.frames_expression(q)[3] if at_wrist else chain.pose_expression(q))[:3, 3]
+
+        here = float(normal @ np.array(ca.evalf(place(robot, ca.SX(q)))).ravel())
+
+        def distance(
+            chain: SerialChain, q: ca.SX, place: Any = place, normal: Any = normal, least: float = here - depth
+        ) -> ca.SX:
+            return place(chain, q).T @ ca.DM(normal) - least
+
+        limits.append(Limit(distance))
+    tracker = PoseTracker(robot, dt=0.008, backup="qrqp", limits=limits, compile=False)
+    tracker.reset(rng.uniform(-1.0, 1.0, 6))
+    target = robot.pose(q + rng.normal(size=6) * 0.3)
+    for k in range(60):
+        command = tracker.step(q, target, np.zeros(6))
+        assert command.status in {Status.OK, Status.BLOCKED}, (k, command)
+        q = q + 0.008 * command.value
+    assert command.status is Status.OK

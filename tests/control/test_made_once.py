@@ -154,3 +154,11 @@ def test_four_of_equal_parts_in_four_threads_command_what_one_alone_commands() -
     alone = commands(0)
     with ThreadPoolExecutor(4) as pool:
         assert list(pool.map(commands, range(4))) == [alone] * 4
+
+
+def test_a_class_that_is_changed_makes_other_functions(monkeypatch: pytest.MonkeyPatch) -> None:
+    before = form_of(pose_tracker)
+    with monkeypatch.context() as patched:
+        patched.setattr(PoseTracker, "watched", False)
+        assert form_of(pose_tracker) != before
+    assert form_of(pose_tracker) == before

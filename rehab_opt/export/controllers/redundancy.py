@@ -104,7 +104,7 @@ def exported_resolver(
         usage=_usage(name, rows[0], moving_argument(resolver.limits)),
         recording=_recording(resolver, run, of),
         differences=DIFFERENCES,
-        solves=2,  # and again from a cold start
+        solves=2 * 2,  # by the dual active set and by qrqp, and both again from a cold start
         values=_values(rows, active, max_obstacles, resolver),
         more_memory=f"double obstacles[{max(1, NUMBERS * max_obstacles)}]; /* four numbers each */",
     )
