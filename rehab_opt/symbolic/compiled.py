@@ -198,21 +198,19 @@ def _code_of(function: ca.Function) -> _Code | None:
 def _attempt(code: _Code, *, build: bool = True, hurry: bool = False) -> ca.Function | None:
     """The function from the cache, or built; None where it is not there or that failed."""
     try:
-        folder, pause = _folder(), None if hurry else _pause
+        folder, source = _folder(), ""
         own_name = _name(code.function, code.digest(code.source))
         table = known = _cached(folder, own_name, ".table")
-        if table is None and build:
-            source, constants = with_table(code.source, pause=pause)
-            table = code.digest(shape_of(source)) + constants
         if table is None:
-            return None
+            if not build and not any(folder.glob(f"{code.function}-*.so")):
+                return None
+            source, constants = with_table(code.source)
+            table = code.digest(shape_of(source)) + constants
         name = _name(code.function, table[:DIGEST])
         library = _cached(folder, name, ".so")
         if library is None and build:
             with _waiting[-1](code.function) if hurry and _waiting else nullcontext():
-                library = build_library(
-                    folder, name, with_table(code.source, pause=pause)[0], code.compiler, hurry=hurry
-                )
+                library = build_library(folder, name, source or with_table(code.source)[0], code.compiler, hurry=hurry)
         if library is None:
             return None
         try:
@@ -243,11 +241,6 @@ def _load(folder: Path, function: str, library: bytes, constants: bytes) -> ca.F
 
 def _name(function: str, digest: bytes) -> str:
     return f"{function}-{digest.hex()[:32]}"
-
-
-def _pause() -> None:
-    """Let other threads go on: a loop that never waits is given its turn back only so."""
-    time.sleep(1e-4)
 
 
 @contextmanager

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import re
 from array import array
-from collections.abc import Callable
 
 __all__ = ["SETTER", "shape_of", "with_table"]
 
@@ -22,8 +21,6 @@ FILLED = re.compile(r"(?m)(?<=^  casadi_fill\()([^;]*, )(-?\d+\.\d*(?:e[+-]\d+)?
 ARRAY = re.compile(r"static const casadi_real (casadi_c\d+)\[(\d+)\] =\s*\{([^c}]*)\};")
 CONSTANT = re.compile("\0([^\0]*)\0")
 WORKSPACE = re.compile(r"(?<=\*sz_w = )\d+|(?<=\bw\+)\d+")
-SLICE = 64
-"""Lines that are written at once."""
 SETTER = "rehab_constants"
 """The function of such a library that takes the table (N,)."""
 AROUND = f"""static double {SETTER}_table[%(count)d];
@@ -40,14 +37,13 @@ CASADI_SYMBOL_EXPORT const casadi_int* {SETTER}_sparsity_in(casadi_int i) {{ ret
 """
 
 
-def with_table(code: str, *, pause: Callable[[], None] | None = None) -> tuple[str, bytes]:
+def with_table(code: str) -> tuple[str, bytes]:
     """C whose constants are read from a table, and that table, as doubles of this machine.
 
     Parameters
     ----------
     code : of functions, as `casadi.CodeGenerator` writes it without its notes (`verbose` false); what it writes for its
         solvers is left as it is.
-    pause : called now and then, so that other threads go on.
     """
     lines: list[str] = []
     now: dict[str, str] = {}
@@ -55,9 +51,7 @@ def with_table(code: str, *, pause: Callable[[], None] | None = None) -> tuple[s
     def current(match: re.Match[str]) -> str:
         return now[match[0]]
 
-    for place, line in enumerate(code.split("\n")):
-        if pause is not None and place % SLICE == 0:
-            pause()
+    for line in code.split("\n"):
         start = line[:3]
         if start in {"  a", "  w"} and (found := ASSIGNMENT.fullmatch(line)):
             variable, value = found.groups()

@@ -207,3 +207,11 @@ def test_library_that_is_none_is_built_again(empty_cache: Path) -> None:
     rubbish.chmod(0o700)
     assert compiled(function, compile="wait").class_name() == VIRTUAL_MACHINE
     assert compiled(function, compile="wait").class_name() == MACHINE_CODE
+
+
+def test_a_loop_is_asked_for_its_turn_soon_while_there_is_work_and_as_usual_afterwards() -> None:
+    """A tick of 1 ms that lets others run for a moment never lasted the usual 5 ms, after which a turn is asked for."""
+    before, seen = sys.getswitchinterval(), list[float]()
+    later(lambda: seen.append(sys.getswitchinterval()))
+    assert finished(10.0)
+    assert seen[0] <= 5e-4 < before == sys.getswitchinterval()

@@ -4,9 +4,11 @@ import os
 import re
 import shutil
 import subprocess
+import tempfile
 from collections.abc import Callable, Iterator
 from multiprocessing import get_context
 from pathlib import Path
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -197,6 +199,23 @@ def test_a_read_only_cache_is_done_without(cache: Path) -> None:
     cache.chmod(0o500)
     assert compiled(square(), compile="wait").class_name() == VIRTUAL_MACHINE
     cache.chmod(0o700)
+
+
+@needs_compiler
+def test_a_cache_that_can_be_read_alone_serves(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As one that root has filled for others: what is loaded is a copy, in a folder of this process."""
+    compiled(square(), compile="wait")
+    made = tempfile.TemporaryDirectory
+
+    def refused(*, dir: Path, **options: Any) -> tempfile.TemporaryDirectory[str]:
+        if Path(dir) == cache.resolve():
+            raise PermissionError(13, "Permission denied", str(dir))
+        return made(dir=dir, **options)
+
+    monkeypatch.setattr(tempfile, "TemporaryDirectory", refused)
+    function = compiled(square(), compile="wait")
+    assert function.class_name() == MACHINE_CODE
+    assert BufferedFunction(function).of([2.0, 3.0]).tolist() == [5.0, 10.0]
 
 
 @needs_compiler
