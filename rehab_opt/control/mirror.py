@@ -320,8 +320,8 @@ class MirrorTracker(MirrorPreview):
 
         Parameters
         ----------
-        poses, twists : (N, 4, 4), (N, 6) mirrored poses of the tool and how they move, `dt` apart; samples with NaN are
-            lost sight, and bridged.
+        poses, twists : (N, 4, 4), (N, 6) mirrored poses of the tool and how they move, `dt` apart; samples that `step`
+            would refuse, such as NaN, are bridged.
         q : (n,) joint positions at the start, at rest.
 
         Raises

@@ -10,11 +10,14 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rehab_opt.control.between_poses import rigid_function
 from rehab_opt.control.command import Relaxed
 from rehab_opt.control.mirror_retiming import retimed
 from rehab_opt.control.preview import angles_between
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.real_array import real_array
+from rehab_opt.optim.rows import MAX_MAGNITUDE
+from rehab_opt.symbolic.buffered import mapped
 
 if TYPE_CHECKING:
     from rehab_opt.control.mirror import MirrorTracker
@@ -62,7 +65,7 @@ class MirrorPath(NamedTuple):
     complete: bool
     """Whether the reference's end was reached; where it was not, the motion ends early, and at rest too."""
     counts: Counter[str]
-    """See `MirrorTracker.counts`."""
+    """See `MirrorTracker.counts`; `lost` samples, too."""
     seconds: float
     """Computing time."""
 
@@ -93,9 +96,12 @@ def plan(tracker: MirrorTracker, poses: ArrayLike, twists: ArrayLike, q: ArrayLi
     if joints.shape != (tracker.chain.n,) or not np.all(np.isfinite(joints)):
         raise ConfigurationError("q", q, f"{tracker.chain.n} finite numbers")
     begun = time.perf_counter()
-    valid = np.flatnonzero(np.all(np.isfinite(reference), axis=(1, 2)) & np.all(np.isfinite(motion), axis=1))
+    numbers = np.hstack([reference.reshape(-1, 16), motion])
+    valid = np.flatnonzero(np.linalg.norm(numbers, axis=1) <= MAX_MAGNITUDE)
+    if len(valid):
+        valid = valid[mapped(rigid_function())(numbers[valid, :16])[:, 0] == 1]
     if not len(valid):
-        raise ConfigurationError("poses", reference.shape, "at least one usable sample")
+        raise ConfigurationError("poses", reference.shape, "a usable sample at least, that is a rigid transform")
     tracker.reset()
     dt = tracker.dt
     tracker.preview(joints, reference[valid], motion[valid], np.asarray(dt * valid, dtype=np.float64))
@@ -123,6 +129,8 @@ def plan(tracker: MirrorTracker, poses: ArrayLike, twists: ArrayLike, q: ArrayLi
             complete = reference_clock.current
             break
     found, counts = tracker.tools(path), Counter(tracker.counts)
+    if len(valid) < len(numbers):
+        counts["lost"] = len(numbers) - len(valid)
     planned = MirrorPath(
         np.asarray(dt * np.arange(len(path)), dtype=np.float64), np.array(path), np.array(speeds), found,
         np.array(shown), np.array(clock), np.array(short), np.array(person),

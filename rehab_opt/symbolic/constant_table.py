@@ -40,10 +40,8 @@ CASADI_SYMBOL_EXPORT const casadi_int* {SETTER}_sparsity_in(casadi_int i) {{ ret
 def with_table(code: str) -> tuple[str, bytes]:
     """C whose constants are read from a table, and that table, as doubles of this machine.
 
-    Parameters
-    ----------
-    code : of functions, as `casadi.CodeGenerator` writes it without its notes (`verbose` false); what it writes for its
-        solvers is left as it is.
+    `code` is of functions, as `casadi.CodeGenerator` writes it without its notes (`verbose` false); what it writes for
+    its solvers is left as it is.
     """
     lines: list[str] = []
     now: dict[str, str] = {}

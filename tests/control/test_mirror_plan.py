@@ -202,6 +202,20 @@ def test_a_plans_paces_are_the_steps_of_its_clock_also_in_a_bridge() -> None:
     assert path.complete
 
 
+def test_samples_that_a_tick_would_refuse_are_lost_to_a_plan_too() -> None:
+    """Of zeros it led the hand 0.45 m away from a recording that stands still."""
+    poses, twists = np.tile(ur5().pose(motions.START), (50, 1, 1)), np.zeros((50, 6))
+    poses[20:23], poses[25, :3, :3], poses[26, 0, 0], twists[27] = 0.0, -poses[25, :3, :3], math.nan, 1e9
+    path = tracker(5e-3).plan(poses, twists, motions.START)
+    assert path.complete
+    assert path.counts["lost"] == 6
+    np.testing.assert_allclose(path.q, np.tile(motions.START, (len(path.q), 1)), atol=1e-9)
+    rng = np.random.default_rng(3)
+    for wrong in (np.zeros((5, 4, 4)), poses[:5] * 2.0, poses[:5] + rng.normal(scale=0.1, size=(5, 4, 4))):
+        with pytest.raises(ConfigurationError, match="rigid transform"):
+            tracker(5e-3).plan(wrong, twists[:5], motions.START)
+
+
 def hurried(dt: float) -> tuple[np.ndarray, np.ndarray]:
     """Poses and twists of a hand that goes 0.24 m to and fro, six times as fast as it is led."""
     seconds = np.arange(round(1.2 / dt)) * dt
