@@ -20,7 +20,7 @@ PROMISES = (
     Promise("rehab_opt/control/mirror.py", "The whole motion along a recording, with every guarantee of `step` and the "
             "future known."),
     Promise("rehab_opt/control/mirror.py", "Jumps of the reference are bridged, at half the hand speeds"),
-    Promise("rehab_opt/control/mirror.py", "samples with NaN are lost sight, and bridged."),
+    Promise("rehab_opt/control/mirror.py", "samples that `step` would refuse, such as NaN, are bridged."),
     Promise("rehab_opt/control/mirror_plan.py", "Whether the reference's end was reached; where it was not, the motion "
             "ends early, and at rest too."),
     Promise("rehab_opt/control/mirror_plan.py", "(M,) [s] of the reference's own time; over a jump it runs as the "
