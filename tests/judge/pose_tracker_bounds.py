@@ -36,7 +36,7 @@ PROMISES = (
 )  # fmt: skip
 LEAST = {"status ok": 190_000, "relaxed position": 1000, "relaxed acceleration": 50, "relaxed task": 50_000,
          "at a joint limit": 5000, "at a joint speed": 5000, "at a joint acceleration": 18_000,
-         "outside a joint limit": 2000, "solver qrqp": 100,
+         "outside a joint limit": 2000, "solver dual active set": 100,
          "at a jerk": 20_000, "jerk bounded: at rest, braked": 3000, "jerk bounded: at a joint limit": 4000,
          "jerk bounded: at a joint speed": 1000, "jerk bounded: at an acceleration": 4000,
          "jerk bounded: all of the task": 2000, "jerk bounded: led against a limit": 5000,

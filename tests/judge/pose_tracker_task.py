@@ -27,7 +27,7 @@ PROMISES = (
     Promise("rehab_opt/control/pose_tracker.py", "largest hand speeds; faster requests are slowed, not cut."),
     Promise("docs/capabilities/certificates.md", "Then the task: the hand keeps its direction and slows down."),
 )  # fmt: skip
-LEAST = {"solver closed form": 3e5, "solver active set": 5e4, "solver qrqp": 5e3,
+LEAST = {"solver closed form": 3e5, "solver active set": 5e4, "solver dual active set": 5e3,
          "task relaxed": 96_000, "task delivered": 36_000, "slowed to the hand speed": 2000,
          "straight possible, slowed by the joints": 80,
          "settled on the reference": 80, "nothing of the task delivered": 30}  # fmt: skip
