@@ -49,7 +49,7 @@ class Mirroring(Contender):
         self.name = "MirrorTracker, compiled" if compiled else "MirrorTracker, virtual machine"
         self.versions = {}
         self.chain = chain
-        self.tracker = MirrorTracker(chain, floor=floor, dt=DT, compile=compiled)
+        self.tracker = MirrorTracker(chain, floor=floor, dt=DT, compile="wait" if compiled else False)
         self.least, self.not_ok = math.inf, 0
 
     def pose(self, q: Array) -> Array:

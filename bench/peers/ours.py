@@ -23,7 +23,7 @@ class Ours(Contender):
         self.name = "rehab_opt, compiled" if compiled else "rehab_opt, virtual machine"
         self.versions = {name: _version(name) for name in ("rehab_opt", "casadi", "numpy")}
         self.chain, self.dt = chain, dt
-        self.tracker = PoseTracker(chain, dt=dt, compile=compiled)
+        self.tracker = PoseTracker(chain, dt=dt, compile="wait" if compiled else False)
         self.not_ok = 0
 
     def pose(self, q: Array) -> Array:
