@@ -300,13 +300,14 @@ class MirrorTracker(MirrorPreview):
             verdict = self._verdict
             self._told[0] = verdict[0] = _NAN  # see `FallbackChain`: a failure inside leaves the outputs as they are
             self._function.evaluate()
-            left, residual, who, relaxed, scale, _ = self._head.tolist()
+            left, residual, who, relaxed, scale, unusual = self._head.tolist()
             if not left and verdict[_USUAL]:
                 self._remembered[THEN] = verdict[_LEADS_TO]
                 self._keep[:] = self._answer
                 self._good = self._solvers.parameters.tobytes()
                 value = _read_only(self._velocity.tobytes())
-                name, bound, note = _SOLVERS[who], _BOUNDS[relaxed], HELD_BACK if self._own["held"][0] else ""
+                name, bound = _SOLVERS[who], _BOUNDS[relaxed]
+                note = HELD_BACK if unusual and self._own["held"][0] else ""
                 return _new(Command, (value, _OK, name, residual, -1, note, bound, scale, None))
         return self._followed(force)
 

@@ -14,6 +14,7 @@ from rehab_opt.control.stopping import FAR, VelocityBounds
 from rehab_opt.optim.active_set import active_set_round
 from rehab_opt.optim.certificate import clipped
 from rehab_opt.optim.dual_active_set import dual_active_set
+from rehab_opt.optim.fused import ANALYTIC_TOLERANCE
 from rehab_opt.optim.qp import Statement
 from rehab_opt.optim.qrqp import qrqp
 from rehab_opt.optim.rows import MAX_MAGNITUDE, parameter, variable, within
@@ -114,12 +115,11 @@ class ReferenceVelocity(NamedTuple):
         task = ca.vertcat(ca.vec(ca.densify(self.jacobian)), self.twist)
         rows = ca.vertcat(ca.vec(ca.densify(self.rows)), self.upper)
 
-        def solved(about: ca.SX, damping: ca.SX | float, otherwise: ca.SX) -> ca.SX:
+        def solved(about: ca.SX, damping: ca.SX | float, nearly: ca.SX) -> ca.SX:
             """Certified by the multipliers: rows leave no other way to tell a solution."""
-            found = ca.vertcat(about, 0)
-            for _ in range(PASSES):
-                (found,) = tick.call(solver, task, found[:n], low, high, rows, ca.SX(damping))
-            return self._delivered(ca.if_else(found[-1] <= CLAIM_TOLERANCE, found[:n], clipped(otherwise, low, high)))
+            reached = ca.vertcat((nearly >= high) - (nearly <= low), self.rows @ nearly > self.upper - 2 * INSIDE)
+            (found,) = tick.call(solver, task, about, low, high, rows, ca.SX(damping), reached)
+            return self._delivered(ca.if_else(found[-1] <= CLAIM_TOLERANCE, found[:n], clipped(nearly, low, high)))
 
         def held() -> ca.SX:
             closed, right = self._by_the_first_row(low, high)
@@ -193,7 +193,11 @@ class ReferenceVelocity(NamedTuple):
 
 
 def _solver(n: int, k: int, m: int) -> ca.Function:
-    """Task, what the damping is about, low, high, rows, damping -> x, multipliers, and the certificate's residual."""
+    """Task, what the damping is about, low, high, rows, damping, reached -> x, multipliers, and their residual.
+
+    Of the last of the passes, each damped about what the one before found. `reached` (n + m,) has the signs of the
+    multipliers that are expected; a pass that they do not fit, or those of the pass before, asks the dual method.
+    """
     task, about, low, high = (
         parameter("task", k * n + k),
         parameter("about", n),
@@ -208,7 +212,18 @@ def _solver(n: int, k: int, m: int) -> ca.Function:
     over = within(ca.reshape(rows[: m * n], m, n) @ velocity.symbol, -ca.inf, rows[m * n :] - INSIDE)
     stated = Statement("bounded", [task, about, low, high, rows, damping], [velocity], cost / 2, [over])
     form, numbers = stated.form()
-    exact = active_set_round(form, together=n, passes=2, softened=1e-13)
-    inputs = [ca.MX.sym("p", each.numel()) for each in stated.parameters]
-    qp = numbers(ca.vertcat(*inputs), ca.MX(0, 1))
-    return ca.Function("bounded", inputs, [exact(qp, dual_active_set(form)(qp))])
+    exact, dual = active_set_round(form, together=n, passes=2, softened=1e-13), dual_active_set(form)
+    inputs = task, about, *others = [ca.MX.sym("p", each.numel()) for each in stated.parameters]
+
+    qp, found = ca.MX.sym("qp", numbers.numel_out(0)), ca.MX.sym("found", 2 * n + m + 1)
+    keep = ca.Function("keep", [qp, found], [found])
+    anew = ca.Function("anew", [qp, found], [exact(qp, dual(qp))])
+    otherwise = ca.Function.if_else("if_certified", keep, anew)
+
+    active = reached = ca.MX.sym("reached", n + m)
+    for _ in range(PASSES):
+        qp = numbers(ca.vertcat(task, about, *others), ca.MX(0, 1))
+        found = exact(qp, active)
+        found = otherwise(found[-1] <= ANALYTIC_TOLERANCE, qp, found)
+        about, active = found[:n], found[n:-1]
+    return ca.Function("bounded", [*inputs, reached], [found])

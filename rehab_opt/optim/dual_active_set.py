@@ -22,8 +22,9 @@ __all__ = ["STEPS", "dual_active_set"]
 
 BROKEN = 1e-11
 """By how much a bound must be passed to become active: less is rounding."""
-STEPS = 48
-"""Bounds taken in or dropped; random states among walls and keep-outs needed 5 in the median and 18 at most."""
+DOUBLINGS = 6
+STEPS = 2**DOUBLINGS
+"""Bounds taken in or dropped at most; random states among walls and keep-outs needed 5 in the median and 18 at most."""
 DEPENDENT = 1e-13
 """Share of a bound's curvature that must be left beside the active ones, or it depends on them.
 
@@ -40,12 +41,13 @@ def dual_active_set(form: Form) -> ca.Function:
     numbers = ca.MX.sym("numbers", form.build.numel_in(0))
     shared, state = _first(form)(numbers)
     step = _step(form)
-    old, known = ca.MX.sym("old", state.numel()), ca.MX.sym("known", shared.numel())
-    keep = ca.Function("keep", [old, numbers, known], [old])
-    go_on = ca.Function("go_on", [old, numbers, known], [step(numbers, known, old)])
-    either = ca.Function.if_else("unless_done", keep, go_on)
-    for _ in range(STEPS):
-        state = either(state[-1], state, numbers, shared)
+    inputs = old, numbers, known = [ca.MX.sym("old", state.numel()), numbers, ca.MX.sym("known", shared.numel())]
+    keep, steps = ca.Function("keep", inputs, [old]), ca.Function("step", inputs, [step(numbers, known, old)])
+    for _ in range(DOUBLINGS):  # nested, since passing over steps one by one takes longer than the few that are needed
+        either = ca.Function.if_else("unless_done", keep, steps)
+        once = either(old[-1], *inputs)
+        steps = ca.Function("steps", inputs, [either(once[-1], once, numbers, known)])
+    state = steps(state, numbers, shared)
     return ca.Function("dual", [numbers], [state[: form.n + form.m]])
 
 
