@@ -67,12 +67,12 @@ class ChairAndArm(VelocityController):
     as near singular postures, its direction; from one of its answers to a distant one, as after a turn of the stick, t
     is so far from u_last to Eq. (1) as the accelerations allow (`HandTask`). b is the answer of the first term alone
     where that keeps all bounds, so that it stays the answer; u_last after a tick of braking where an obstacle or
-    keep-out is in its way, or it passes another bound by what a tick's accelerations can do; in between, between them:
-    light joints stay calm. y is the size of the multipliers of J u = r at that price. At the end of a hand's reach
-    they are a spring, of which what steadies is the mass. c is the critical damping of its joints u_a, (0.03 T
-    stiffness)^1/2, as far as the hand lacks of its command and b is not the analytic answer; none where what J u is
-    worth rises, as where a stretched arm comes back. The price of progress grows while the hand creeps although its
-    joints could be faster to good effect (`hand_task.CREEPS`).
+    keep-out is in its way, or it passes another bound by what a tick's accelerations can do, or the hand stands; in
+    between, between them: light joints stay calm, and a chair whose hand stands comes to rest. y is the size of the
+    multipliers of J u = r at that price. At the end of a hand's reach they are a spring, of which what steadies is the
+    mass. c is the critical damping of its joints u_a, (0.03 T stiffness)^1/2, as far as the hand lacks of its command
+    and b is not the analytic answer; none where what J u is worth rises, as where a stretched arm comes back. The price
+    of progress grows while the hand creeps although its joints could be faster to good effect (`hand_task.CREEPS`).
 
     **What decreases.** Let d be the part of the hand's last velocity that is no part of r between none and all of it,
     and c one tick of the hardest braking together. c is feasible: its changes are within the accelerations, it lies on
@@ -233,7 +233,7 @@ class ChairAndArm(VelocityController):
         surroundings = [excess(row, ca.jacobian(row.expression, u)) for row in limits.surrounding_rows(u)]
         met = ca.mmax(ca.vertcat(ca.SX(0), *surroundings)) > 0
         going = ca.fmin(ticks_to_rest(last, braking.change) / GOING, 1)
-        part = ca.if_else(beyond > 0, going * ca.fmax(1 - beyond, 0), 1)
+        part = ca.if_else(beyond > 0, going * ca.fmax(1 - beyond, 0) * (1 - task.missing), 1)
         part = ca.if_else(met, 0, part)
         slower = braking.slower(last)
         return ca.if_else(part > 0, slower + part * (analytic - slower), slower), part

@@ -10,6 +10,7 @@ of consecutive ticks that are not strict lasts at most T, and in it along <= 1.0
 Where the hand does less than 2 % of the command for the last second of a run, and for T where that is longer, it has
 stopped, and then no velocity within the true bounds leads the hand exactly along the command at 5 % of it: see
 `Chair.fastest`. A robot that brakes is led for up to T to where it rests, and may pass places where more is possible.
+After `RESTED` of the status `BLOCKED` the chair has come to rest but for self-motion: see `TURNS` and `GOES`.
 
 Now and then an arm alone, slow to stop, is led at keep-outs: see `judge_standing`.
 """
@@ -19,7 +20,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from rehab_opt import RedundancyResolver
+from rehab_opt import RedundancyResolver, Status
 from tests.judge.chair_claims import judge_ticks
 from tests.judge.chair_robot import Array, Chair, Obstacles
 from tests.judge.chair_runs import (
@@ -64,6 +65,7 @@ PROMISES = (
     Promise(
         "rehab_opt/control/redundancy.py", "Where the bounds leave nothing of the command, the status is `BLOCKED`."
     ),
+    Promise("rehab_opt/control/redundancy.py", "the chair turns at 0.1 rad/s and goes 0.05 m/s at most"),
     Promise("rehab_opt/control/redundancy.py", "1 mm + reach ((1.1 T a dt)^2 + (sum a dt^2)^2) / 2 before it"),
     Promise("rehab_opt/control/redundancy.py", "Forget the past."),
     Promise(
@@ -80,6 +82,7 @@ LEAST = {
     "the hand as asked": 2e5,
     "the hand slowed": 2e4,
     "the hand stopped, asked of the linear programme": 5,
+    "blocked, and the chair to rest": 1e5,
     "begun in motion": 20,
     "run again after a reset": 5e3,
     "status ok": 5e5,
@@ -92,6 +95,8 @@ SIZE, AGAINST, ACROSS = 0.02, 0.02, 0.05
 """Of the command at ticks of up to `DT`, above by dt: the chord of a turning hand's way is up to 3 % off."""
 BRAKING = 0.15
 STOPPED, POSSIBLE = 0.02, 0.05
+RESTED, TURNS, GOES = 4.0, 0.1, 0.05
+"""[s, rad/s, m/s] Of a chair that has been blocked for the first."""
 SAME, AGAIN = 1e-6, 5
 """[m/s, rad/s] between a run and the same again, of one run in so many: a solver may begin from another guess."""
 OTHERS = 13
@@ -242,6 +247,14 @@ def judge_law(run: Run, verdict: Verdict, part: Part, span: slice, obstacles: Ob
     verdict.within("law: across the command, braking", across - arc, BRAKING)
     verdict.during("law judged", np.ones(len(along), dtype=bool), dt)
     verdict.during("a braking episode", braking, dt)
+    blocked = np.array([command.status is Status.BLOCKED for command in run.commands[begin : span.stop]])
+    since = round(RESTED / dt)
+    rests = np.array([np.all(blocked[k - since : k]) for k in range(since, len(blocked) + 1)])  # from tick since - 1 on
+    if rests.any():
+        chair_at = value[since - 1 :][rests]
+        verdict.within("law: a blocked chair turns no faster [rad/s]", np.abs(chair_at[:, 2]), TURNS)
+        verdict.within("law: a blocked chair goes no faster [m/s]", np.hypot(chair_at[:, 0], chair_at[:, 1]), GOES)
+    verdict.during("blocked, and the chair to rest", rests, dt)
     stood = round(max(1.0, chair.braking_time) / dt)
     if len(along) >= stood and np.all(np.abs(along[-stood:]) < STOPPED):
         # The less of both ends: arms that move while their hand hardly does pass postures where more would be possible.
