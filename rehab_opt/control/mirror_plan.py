@@ -148,4 +148,4 @@ def _usable(tracker: MirrorTracker, poses: Array, twists: Array) -> NDArray[np.i
     if away.min() > tracker.farthest:
         expected = f"places within {tracker.farthest:.3g} m of the base, ten times the arm's reach: are they in metres?"
         raise ConfigurationError("poses", f"{away.min():.6g} m away and more", expected)
-    return valid[away <= tracker.farthest]
+    return np.asarray(valid[away <= tracker.farthest])
