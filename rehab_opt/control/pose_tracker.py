@@ -136,9 +136,9 @@ class PoseTracker(VelocityController):
     chain : any serial chain with its limits.
     lower, upper, velocity, acceleration : (n,) or scalar; replace the chain's limits.
     gain : [1/s] rate at which a pose error decays; slower from farther off than the accelerations can brake from.
-    linear_speed, angular_speed : [m/s, rad/s] largest hand speeds; faster requests are slowed, not cut. They
-        bound what is commanded, the linear one all through a tick. What comes first may exceed them, and
-        `Relaxed.TASK` is flagged: joints that brake for their position limits, `limits`, `jerk`.
+    linear_speed, angular_speed : [m/s, rad/s] largest hand speeds; faster requests are slowed, not cut. A hand is
+        commanded faster, and `Relaxed.TASK` flagged, only where joints that are fast against each other cannot brake
+        sooner, and where `limits` or `jerk` come first.
     task_weights : (6,) weights of the twist's components in the base frame; a zero frees one.
     jerk : (n,) or scalar [rad/s^3, m/s^3] largest jerk, for drives that stop on more: of the finite differences of what
         is sent, braking and fallbacks included. Velocity, acceleration and jerk then never yield; a joint that is put
