@@ -88,7 +88,7 @@ class FollowedJoints:
         valid = all_true(ca.fabs(measured) <= MAX_MAGNITUDE)
         commands = ca.vertcat(command, memory.commands)
         under_way, arrived = commands[:-n], commands[-n:]
-        # Where the delay ends within a tick, the oldest command acts for a part of it, the next one from there on.
+        # Where the delay ends within a tick, the oldest command acts until then, the next one for the rest.
         rest = under_way.numel() // n * dt - feedback.delay
         rest = rest if rest > ROUNDING * dt else 0.0
         acting = [(arrived, dt - rest), *([(under_way[-n:], rest)] if rest else [])]

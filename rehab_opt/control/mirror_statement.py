@@ -43,7 +43,7 @@ AT_MOST = 0.4
 """Share of an error that feedback removes in a tick. A floor is curved, of which the QP knows nothing: beyond two over
 what that adds to its own curvature a hand at rest goes to and fro (0.26 rad/s at 20 ms and a share of 0.63)."""
 FAR = 10.0
-"""Times the arm's reach, from its base, beyond which a pose is a mistake: millimetres, say."""
+"""Times the arm's reach beyond which a pose is a mistake."""
 HALVINGS = 12
 ROUNDING, TINY = 1e-12, 1e-12
 """[m/s] A speed that is no motion."""
@@ -93,7 +93,7 @@ class MirrorStatement(PoseTracker):
 
     @cached_property
     def farthest(self) -> float:
-        """[m] from the base to a pose, at most: `FAR` times the links' lengths, with sliding joints at their limits."""
+        """[m] from the base to a pose, at most: `FAR` times the links' lengths, sliding joints at their limits."""
         chain, longest = self.chain, np.zeros(self.chain.n + 1)
         for end in (chain.lower, chain.upper):
             q = np.where([row.prismatic for row in chain.rows], np.clip(end, -MAX_MAGNITUDE, MAX_MAGNITUDE), 0.0)

@@ -357,9 +357,8 @@ class PoseTracker(VelocityController):
     ) -> ca.SX:
         """(n,) the velocity; where it is too fast, as little of the way from it to braking as ends that.
 
-        The QP knows the hand's speed by its reference alone, which joints that accelerate as they may do not follow.
-        Braking of all joints alike has the hand no faster than before; where a position limit does not allow that,
-        each may brake as it can.
+        The QP bounds the reference alone, which joints that accelerate as they may do not follow. Braking of all alike
+        has the hand no faster than before; where position limits do not allow that, each brakes as it can.
         """
         fast = tick.once(self.excess(inputs, jacobian, velocity))
 

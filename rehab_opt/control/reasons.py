@@ -106,7 +106,7 @@ REASONS = (
     Reason(
         "POSE_TOO_FAR",
         "pose is farther than ten times the arm's reach: is it in metres?",
-        "pose is farther than ten times the arm's reach",
+        "ten times the arm's reach",
     ),
 )
 """In the order of their numbers, which never change."""

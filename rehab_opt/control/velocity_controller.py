@@ -74,9 +74,7 @@ class VelocityController(OneThread, ABC):
     The velocity last commanded is part of the state: a new controller is at rest, `reset` says otherwise. An object
     belongs to one thread: see `OneThread`.
 
-    Positions that do not follow the commands are a fault (`watched_joints`; with a `JointFeedback`, a following error):
-    the robot brakes, the reason says which joint, and it rests until `reset`, or until `enable` was released. Call
-    `reset` between states that are not one motion.
+    Positions that do not follow the commands are a fault (`watched_joints`), see `PoseTracker`.
     """
 
     def __init__(

@@ -7,7 +7,7 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -332,23 +332,14 @@ OFTEN, LOOKED_AT = 0.1, 200
 """Share of the time behind in which a cause is one; ticks of it whose postures are looked at."""
 
 
-class _Followed(NamedTuple):
-    """N ticks: times (N,) [s], joints (N, n) [rad], their velocities, tools (N, 4, 4), errors (N,) [m] and [rad]."""
+def _left_behind(
+    robot: SerialChain, *, times: Array, q: Array, velocity: Array, tool: Array, error: Array, turned: Array,
+    most: float, bodies: bool,
+) -> tuple[str, ...]:  # fmt: skip
+    """A note on a tool (N, 4, 4) that was off its path by error and turn (N,), and on what kept it; or none.
 
-    times: Array
-    q: Array
-    velocity: Array
-    tool: Array
-    error: Array
-    turned: Array
-
-
-def _left_behind(robot: SerialChain, followed: _Followed, *, most: float, bodies: bool) -> tuple[str, ...]:
-    """A note on a tool that was not on its path, and on what stood in its way meanwhile; or none.
-
-    `bodies` says whether the robot keeps clear of some.
+    `most` is the tool's largest speed; `bodies` says whether the robot keeps clear of some.
     """
-    times, q, velocity, tool, error, turned = followed
     behind = np.flatnonzero(~((error <= BEHIND) & (turned <= TURNED)))
     if not behind.size:
         return ()
@@ -384,7 +375,7 @@ def _left_behind(robot: SerialChain, followed: _Followed, *, most: float, bodies
 
 
 CHECKED_HZ = 50.0
-"""At most, of the run whose notes `check` reports."""
+"""At most, of the run that `check` reports."""
 
 
 class PoseTrackingSystem(System[PoseTracking, RobotOutcome]):
@@ -427,6 +418,10 @@ class PoseTrackingSystem(System[PoseTracking, RobotOutcome]):
         acceleration = np.abs(np.diff(command, axis=0, prepend=np.zeros((1, robot.n)))) * rate
         near = nearest_bodies(problem.clearance, config.file, robot, ran.q, times)
         moving = np.maximum(np.linalg.norm(twists[:, :3], axis=1), np.linalg.norm(twists[:, 3:], axis=1)) >= STILL
+        behind = _left_behind(
+            robot, times=times, q=ran.q, velocity=command, tool=tool, error=position_error, turned=orientation_error,
+            most=problem.tracker.linear_speed_m_s, bodies=problem.clearance is not None,
+        )  # fmt: skip
         own = inspect.signature(PoseTracker).parameters
         metrics: dict[str, Any] = {
             "parameters": {
@@ -458,14 +453,9 @@ class PoseTrackingSystem(System[PoseTracking, RobotOutcome]):
                 plant_note(problem.plant, "the robot is simulated: its joints move exactly as commanded"),
                 *(() if live.recording is None else live.recording.notes),
                 *robot.notes,
-                *_left_behind(
-                    robot,
-                    _Followed(times, ran.q, command, tool, position_error, orientation_error),
-                    most=problem.tracker.linear_speed_m_s,
-                    bodies=problem.clearance is not None,
-                ),
-            )
-            + (() if near is None else (near.note,)),
+                *behind,
+                *(() if near is None else (near.note,)),
+            ),
             metrics={
                 "optimised": metrics,
             },
