@@ -348,7 +348,7 @@ def check(
     *,
     force: Annotated[bool, typer.Option("--force", help="Replace the pictures where there are any.")] = False,
 ) -> None:
-    """Check a problem file and its recording without running it; say the range of motion as a goniometer reads it."""
+    """Check a problem file and its recordings; say the range of motion as a goniometer reads it."""
     from rehab_opt.session.files import load_problem  # noqa: PLC0415
     from rehab_opt.session.run import arms_of, checked  # noqa: PLC0415
     from rehab_opt.session.systems import NotMet  # noqa: PLC0415

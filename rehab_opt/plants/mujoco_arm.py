@@ -90,6 +90,15 @@ class MujocoArm(SampledPlant):
         height = self._arm.body_mass @ data.xipos @ np.array(self.model.gravity)
         return float(0.5 * momentum @ data.qvel - height)
 
+    @property
+    def hand_pose(self) -> Array:
+        """(4, 4) of the tool in the base frame, by MuJoCo's kinematics."""
+        self._mujoco.mj_kinematics(self._arm, self._data)
+        pose = np.eye(4)
+        pose[:3, :3] = self._data.site_xmat[self._hand].reshape(3, 3)
+        pose[:3, 3] = self._data.site_xpos[self._hand]
+        return pose
+
     def inertia(self, position: ArrayLike) -> Array:
         """(n, n) [kg m^2, kg] of the arm with its rotors at `position` (n,)."""
         mujoco, data = self._mujoco, self._mujoco.MjData(self._arm)

@@ -241,7 +241,7 @@ def schema_error(problem: ValidationError, file: str) -> ProblemFileError:
     elif first["type"] == "missing":
         value, expected = None, "this key"
     elif first["type"] in ("float_type", "int_type") and isinstance(value, str):
-        expected = "a number, without quotation marks"
+        expected += ", without quotation marks"
     elif first["type"] == "model_type":
         expected = "a table of keys"
     elif first["type"] in ("too_short", "too_long"):

@@ -12,7 +12,6 @@ from rehab_opt.plants.arm_model import ArmModel, point_mass_model, ur5_model
 from rehab_opt.plants.mujoco_arm import MujocoArm
 from rehab_opt.plants.wheelchair import chair_arm_model
 from tests.kinematics.dh_oracle import moved, turned
-from tests.plants.true_hand import hand_pose
 
 pytest.importorskip("mujoco")
 
@@ -51,7 +50,7 @@ def test_the_hand_is_where_the_chain_says(name: str) -> None:
     plant, rng = MujocoArm(model, dt=0.001), np.random.default_rng(3)
     for q in rng.uniform(-2, 2, (20, model.chain.n)):
         plant.reset(q)
-        np.testing.assert_allclose(hand_pose(plant), model.chain.pose(q), atol=1e-9)
+        np.testing.assert_allclose(plant.hand_pose, model.chain.pose(q), atol=1e-9)
 
 
 @pytest.mark.parametrize("name", MODELS)
@@ -75,7 +74,7 @@ def test_pose_inertia_and_gravity_are_pinocchios(name: str) -> None:
     for q, v in rng.uniform(-2, 2, (10, 2, n)):
         pin.framesForwardKinematics(arm, data, q)
         plant.reset(q, v)
-        np.testing.assert_allclose(hand_pose(plant), data.oMf[tool].homogeneous, atol=1e-9)
+        np.testing.assert_allclose(plant.hand_pose, data.oMf[tool].homogeneous, atol=1e-9)
         upper = np.triu(pin.crba(arm, data, q))
         inertia = upper + np.triu(upper, 1).T + np.diag(model.rotors)
         np.testing.assert_allclose(plant.inertia(q), inertia, atol=2e-7)  # links of no mass weigh 1e-9 kg in MuJoCo

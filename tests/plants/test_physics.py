@@ -19,7 +19,6 @@ from rehab_opt.plants.ideal import IdealJoints
 from rehab_opt.plants.mujoco_arm import MujocoArm
 from rehab_opt.plants.plant import PositionStream
 from rehab_opt.plants.wheelchair import Wheelchair
-from tests.plants.true_hand import hand_pose
 
 pytest.importorskip("mujoco")
 READY = np.array([0.0, -1.2, 1.5, -1.8, -1.57, 0.0])
@@ -160,7 +159,7 @@ def test_force_at_the_hand_of_an_arm_is_the_transpose_jacobians() -> None:
     plant.reset(q)
     for _ in range(4000):
         plant.step([6.0, -4.0])
-    moved = hand_pose(plant)[:3, 3] - anchor
+    moved = plant.hand_pose[:3, 3] - anchor
     np.testing.assert_allclose(moved[:2], np.array([6.0, -4.0]) / 500.0, rtol=1e-3)
 
 
