@@ -348,10 +348,10 @@ def check(
     *,
     force: Annotated[bool, typer.Option("--force", help="Replace the pictures where there are any.")] = False,
 ) -> None:
-    """Check a problem file and its recording without running it; say the range of motion as a goniometer reads it."""
+    """Check a problem file and its recordings; say the range of motion as a goniometer reads it."""
     from rehab_opt.session.files import load_problem  # noqa: PLC0415
     from rehab_opt.session.run import arms_of, checked  # noqa: PLC0415
-    from rehab_opt.session.systems import OutOfReach  # noqa: PLC0415
+    from rehab_opt.session.systems import NotMet  # noqa: PLC0415
 
     config = load_problem(file)
     notes = checked(config)
@@ -376,8 +376,8 @@ def check(
         if pictures:
             write_range_figures(arms, pictures, title=config.problem.title)
             say(f"written to {folder}: {', '.join(path.name for path in pictures)}")
-    reached = not any(isinstance(note, OutOfReach) for note in notes)
-    say("ok" if reached else "to be read and run, but nothing of it is in reach")
+    met = not any(isinstance(note, NotMet) for note in notes)
+    say("ok" if met else "to be read and run, but not as it asks: see above")
 
 
 @app.command()

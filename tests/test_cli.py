@@ -226,7 +226,7 @@ def test_check_accepts_a_sound_problem_and_writes_nothing(folder: Path, capsys: 
 def test_check_does_not_call_ok_what_is_all_out_of_reach(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     change(folder, "[-0.172, 0.502]", "[0.5, 0.502]")
     assert ended("check", "problem.toml") == 0
-    assert capsys.readouterr().out.endswith("to be read and run, but nothing of it is in reach\n")
+    assert capsys.readouterr().out.endswith("to be read and run, but not as it asks: see above\n")
 
 
 def spoil_limit(folder: Path) -> None:

@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt import DH, SerialChain, ur5
-from rehab_opt.plants.arm_model import ArmModel, rods_along, ur5_model
+from rehab_opt.kinematics.body import Body
+from rehab_opt.kinematics.inertia import rod
+from rehab_opt.plants.arm_model import ArmModel, ur5_model
 
-__all__ = ["ARMS", "Arm", "iiwa"]
+__all__ = ["ARMS", "Arm", "iiwa", "rods_along"]
 
 Array = NDArray[np.float64]
 
@@ -80,3 +82,23 @@ def _iiwa() -> Arm:
 
 
 ARMS: Mapping[str, Callable[[], Arm]] = MappingProxyType({"ur5": _ur5, "iiwa": _iiwa})
+
+
+def rods_along(chain: SerialChain, masses: Sequence[float] | ArrayLike, *, radius: float) -> tuple[Body, ...]:
+    """An assumption where no inertias are published: each link a solid rod from one joint's axis to the next one's.
+
+    A link of less than a radius' length becomes a ball of that radius about its frame.
+
+    Parameters
+    ----------
+    chain : whose rows give the rods. masses : (n,) [kg]. radius : [m] of all of them.
+    """
+    bodies = []
+    for i, (row, mass) in enumerate(zip(chain.rows, np.asarray(masses, dtype=np.float64).tolist(), strict=True)):
+        # From the frame before the joint to the one behind it, in the axes of the latter: whatever the joint's value.
+        after = np.array(row.after, dtype=np.float64)
+        along = after[:3, :3].T @ np.append(after[:2, 3], 0.0 if row.prismatic else after[2, 3])
+        ball = float(np.linalg.norm(along)) <= radius
+        inertia = 0.4 * mass * radius**2 * np.eye(3) if ball else rod(mass, along, radius)
+        bodies.append(Body(chain.names[i], i + 1, mass, np.zeros(3) if ball else -0.5 * along, inertia))
+    return tuple(bodies)

@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from bench.physics.setting import Cell, Numbers, Setting
 from rehab_opt import Assistance, BoundedForce, PotentialField, Workspace
 from rehab_opt.plants.arm_model import point_mass_model
 from rehab_opt.plants.channel import Channel
-from rehab_opt.plants.contacts import Push, SpringDamper
 from rehab_opt.plants.drives import HandForce
 from rehab_opt.plants.mujoco_arm import MujocoArm
 
-__all__ = ["delivered", "needed", "reached"]
+__all__ = ["Push", "SpringDamper", "delivered", "needed", "reached"]
 
 Array = NDArray[np.float64]
 
@@ -33,6 +33,46 @@ UNAIDED, PATIENCE, STAYS = 4.0, 8.0, 1.0
 """[s] in which who needs no help arrives, who is helped may, and for which the hand stays there."""
 START = np.array([-0.17, 0.50])
 PATH = START + np.outer(np.linspace(0, 1, 50), [WAY, 0.0])
+
+
+class SpringDamper:
+    """A person who holds the hand: a spring to `anchor`, which may be moved, and a damper.
+
+    Parameters
+    ----------
+    anchor : (k,) [m]. stiffness : [N/m]. damping : [N s/m]. strength : [N] the largest force of the spring.
+    """
+
+    def __init__(
+        self, anchor: ArrayLike, *, stiffness: float = 300.0, damping: float = 20.0, strength: float = math.inf
+    ) -> None:
+        self.anchor: Array = np.array(anchor, dtype=np.float64)
+        self._stiffness, self._damping, self._strength = stiffness, damping, strength
+
+    def force(self, time: float, position: Array, velocity: Array) -> Array:
+        """Towards the anchor, against the motion."""
+        pull = self._stiffness * (self.anchor - position)
+        size = float(np.linalg.norm(pull))
+        if size > self._strength:
+            pull = pull * (self._strength / size)
+        given: Array = pull - self._damping * velocity
+        return given
+
+
+class Push:
+    """A force that is given over time, whatever the hand does.
+
+    Parameters
+    ----------
+    of : time [s] -> (k,) [N].
+    """
+
+    def __init__(self, of: Callable[[float], ArrayLike]) -> None:
+        self._of = of
+
+    def force(self, time: float, position: Array, velocity: Array) -> Array:
+        """What is given now."""
+        return np.asarray(self._of(time), dtype=np.float64)
 
 
 def delivered(setting: Setting) -> Numbers:

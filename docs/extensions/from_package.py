@@ -7,13 +7,14 @@
 
 from __future__ import annotations
 
+import importlib
 import re
 from pathlib import Path
 from typing import Any
 
 from docstring_text import api_markdown
 
-from rehab_opt.session.keys import keys_markdown
+from rehab_opt.session.keys import keys_of
 
 ROOT = Path(__file__).parents[2]
 FENCE = re.compile(r"^```\{(keys|api|file)\} *(\S*)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
@@ -49,6 +50,17 @@ def _content(fence: re.Match[str]) -> str:
     if kind == "file":
         return _linked_from_here((ROOT / argument).read_text(encoding="utf-8"))
     return "\n\n".join(api_markdown(argument, name) for name in body.split())
+
+
+def keys_markdown(schema: str, *, without: list[str]) -> str:
+    """A table for each section of a schema, `module.Class`; of sections named in `without` only their name."""
+    module, _, name = schema.rpartition(".")
+    parts: list[str] = []
+    for each in keys_of(getattr(importlib.import_module(module), name), without=frozenset(without)):
+        rows = ["| " + " | ".join((f"`{key}`", *more)) + " |" for key, *more in each.rows]
+        table = "\n".join(["| key | values | default | meaning |", "|---|---|---|---|", *rows]) if rows else ""
+        parts += filter(None, (each.head, table, each.refused))
+    return "\n\n".join(parts)
 
 
 def _linked_from_here(text: str) -> str:

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from rehab_opt import ur5
 from rehab_opt.control.between_poses import turn_between, turned
-from rehab_opt.kinematics.vr import Mirror, quaternions_of, unity_from_robot
+from rehab_opt.kinematics.vr import Mirror, quaternions_of
 
 Array = NDArray[np.float64]
 
@@ -96,6 +96,15 @@ def around(pose: Array, hinge: Array, angle: float) -> Array:
     found[:3, :3] = rotation @ pose[:3, :3]
     found[:3, 3] = hinge + rotation @ (pose[:3, 3] - hinge)
     return found
+
+
+def unity_from_robot(positions: Array, quaternions: Array) -> tuple[Array, Array]:
+    """Inverse of `robot_from_unity`."""
+    p, q = positions, quaternions
+    return (
+        np.stack([-p[..., 1], p[..., 2], p[..., 0]], axis=-1),
+        np.stack([q[..., 1], -q[..., 2], -q[..., 0], q[..., 3]], axis=-1),
+    )
 
 
 def recorded(poses: list[Array]) -> str:

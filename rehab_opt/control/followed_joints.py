@@ -18,8 +18,8 @@ from rehab_opt.symbolic.record import Record
 
 __all__ = ["SAID", "FollowedJoints", "guidance"]
 
-MAX_TICKS = 128
-"""Longest delay, in ticks."""
+MAX_TICKS, ROUNDING = 128, 1e-6
+"""Longest delay, in ticks; what of a tick is none."""
 LIVELY = 0.1
 """[rad/s or m/s] Joints that are slower are followed slower, by the square of their speed."""
 SAID = Record(fault=1, joint=1, far=1, touched=1, held=1)
@@ -60,7 +60,7 @@ class FollowedJoints:
     def __init__(self, feedback: JointFeedback, n: int, *, dt: float, chain: SerialChain | None = None) -> None:
         if not isinstance(feedback, JointFeedback):
             raise ConfigurationError("feedback", feedback, "a JointFeedback, or None for measured positions")
-        ticks = round(feedback.delay / dt)
+        ticks = max(math.ceil(feedback.delay / dt - ROUNDING), 0)
         if ticks > MAX_TICKS:
             raise ConfigurationError("feedback.delay", feedback.delay, f"at most {MAX_TICKS} ticks of {dt:g} s")
         self._n, self.hand = n, chain is not None
@@ -84,15 +84,22 @@ class FollowedJoints:
         n, record = self._n, self.memory
         memory = record.symbols("memory")
         measured, command = ca.SX.sym("measured", n), ca.SX.sym("command", n)
-        servo, tolerance = servo_rates(feedback.servo_hz, dt), feedback.tolerance
+        tolerance = feedback.tolerance
         valid = all_true(ca.fabs(measured) <= MAX_MAGNITUDE)
         commands = ca.vertcat(command, memory.commands)
         under_way, arrived = commands[:-n], commands[-n:]
-        # Of a servo with v = u and w = 0 at rest in u, what differs from that fades as its double pole says.
-        short = memory.v - arrived
-        v = arrived + servo["v_v"] * short + servo["v_w"] * memory.w
-        w = servo["w_v"] * short + servo["w_w"] * memory.w
-        expected = memory.q + dt * arrived + memory.w - w
+        # Where the delay ends within a tick, the oldest command acts until then, the next one for the rest.
+        rest = under_way.numel() // n * dt - feedback.delay
+        rest = rest if rest > ROUNDING * dt else 0.0
+        acting = [(arrived, dt - rest), *([(under_way[-n:], rest)] if rest else [])]
+        v, w, expected = memory.v, memory.w, memory.q
+        for arrived, seconds in acting:
+            # Of a servo with v = u and w = 0 at rest in u, what differs from that fades as its double pole says.
+            servo, short = servo_rates(feedback.servo_hz, seconds), v - arrived
+            v = arrived + servo["v_v"] * short + servo["v_w"] * w
+            w = servo["w_v"] * short + servo["w_w"] * w
+            expected += seconds * arrived
+        expected += memory.w - w
         anew = ca.logic_and(valid, ca.logic_not(memory.known))
         error = ca.if_else(ca.logic_and(valid, memory.known), measured - expected, 0)
         follows = ca.fabs(error) <= tolerance
@@ -107,7 +114,7 @@ class FollowedJoints:
             "known": ca.logic_or(memory.known, valid),
         }  # fmt: skip
         # What is no position stays what it is, for whoever names it; so do its others while none is known.
-        led = q + dt * ca.sum2(ca.reshape(under_way, n, under_way.numel() // n)) + w
+        led = q + dt * ca.sum2(ca.reshape(under_way, n, under_way.numel() // n)) - rest * arrived + w
         led = ca.if_else(ca.logic_and(ca.fabs(measured) <= MAX_MAGNITUDE, after["known"]), led, measured)
         longest, joint = largest(wrong)
         fault, guided, touched, held = longest > feedback.patience, after["apart"], ca.SX(0), ca.SX(0)

@@ -12,8 +12,7 @@ of a hand that is free at most
     min(|J' v| / |v|, 1) contact + INERTIA sum_j |J_j| |q''_j| / p^2 + LATE |v - v_usual|:
 
 a servo tuned to another inertia lags by a fraction of p^-2 q'', and an error of the delay shows where the speed
-changes. A servo lags by 2 q' / p: a joint that brakes hard may rest elsewhere within f than y says, and is in
-doubt by u until it has slipped as far again,
+changes. A joint that brakes hard may rest elsewhere within f than y says, and is in doubt by u until it has slipped,
 
     u' = 2 |q''| / p - |q'|   within 0 <= u <= f;
 
@@ -49,7 +48,7 @@ LATE = 0.003
 SLOWEST = 0.02
 """[m/s] Hands that are slower have no way that they could be held on."""
 CALM = 2.0
-"""[s] for which a hand must be free until it is led at its usual speed again: a person's time to draw back."""
+"""[s] for which a hand must be free until it is led as usual: a person's time to draw back."""
 NOT_FREE, MEAN, LONGER = 0.6, 0.02, 2.25
 """Of `contact`, what a hand that is let go of has as room, in the mean of so many seconds, before that many times the
 patience; a hand that other joints lead round one that is jammed has not."""

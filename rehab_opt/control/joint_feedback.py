@@ -43,10 +43,8 @@ class JointFeedback:
       2.25 times that, is a fault. Where they begin anew faster than accelerations allow, that yields
       (`Relaxed.ACCELERATION`).
 
-    The watch does not see what anything but the hand runs into, nor hands slower than 0.02 m/s. It is late where joints
-    turn faster and faster, near a singular posture. A UR5 and an iiwa simulated with MuJoCo ran into a wall of 30 kN/m
-    at 0.25 m/s with 106 N in the median, 168 N at the worst, and let go; with its elbow stretched a UR5 pressed 600 N,
-    and 425 N until `reset`. Where that is too much, measure forces.
+    The watch sees the hand alone, from 0.02 m/s on, and late near a singular posture. Where that is too much (see "Real
+    servos" of the documentation), measure forces.
 
     A following error above `tolerance` for longer than `patience` is a joint that is blocked, an encoder that stands
     still, or an axis that turns the wrong way: the controller brakes, says which joint, and rests until `reset`, or
@@ -56,7 +54,7 @@ class JointFeedback:
     Parameters
     ----------
     delay : [s] from a command until the joint moves, and from a position until `step` gets it, together; at most 128
-        ticks. 3 ms more or less are no harm.
+        ticks, whole or not. Rather too much than too little: 3 ms more are no harm.
     servo_hz : [Hz] bandwidth of the velocity servo; infinite for joints that move as commanded.
     correction : [1/s] rate at which the reference comes to the measured positions. Slow: noise passes by its square
         root, and an error that a joint makes at less than `correction` times `tolerance` is no fault.

@@ -327,8 +327,8 @@ class MirrorTracker(MirrorPreview):
 
         Raises
         ------
-        ConfigurationError : wrong shapes, or nothing usable; a tracker that is told of bodies that move, since where
-            they will be is not known.
+        ConfigurationError : wrong shapes, nothing usable, all of it ten times farther than the arm reaches; a tracker
+            that is told of bodies that move, since where they will be is not known.
         """
         if self.limits.moving:
             expected = "a Clearance without moving capsules: where they will be is not known"

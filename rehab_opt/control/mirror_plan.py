@@ -96,12 +96,7 @@ def plan(tracker: MirrorTracker, poses: ArrayLike, twists: ArrayLike, q: ArrayLi
     if joints.shape != (tracker.chain.n,) or not np.all(np.isfinite(joints)):
         raise ConfigurationError("q", q, f"{tracker.chain.n} finite numbers")
     begun = time.perf_counter()
-    numbers = np.hstack([reference.reshape(-1, 16), motion])
-    valid = np.flatnonzero(np.linalg.norm(numbers, axis=1) <= MAX_MAGNITUDE)
-    if len(valid):
-        valid = valid[mapped(rigid_function())(numbers[valid, :16])[:, 0] == 1]
-    if not len(valid):
-        raise ConfigurationError("poses", reference.shape, "a usable sample at least, that is a rigid transform")
+    valid = _usable(tracker, reference, motion)
     tracker.reset()
     dt = tracker.dt
     tracker.preview(joints, reference[valid], motion[valid], np.asarray(dt * valid, dtype=np.float64))
@@ -129,8 +124,8 @@ def plan(tracker: MirrorTracker, poses: ArrayLike, twists: ArrayLike, q: ArrayLi
             complete = reference_clock.current
             break
     found, counts = tracker.tools(path), Counter(tracker.counts)
-    if len(valid) < len(numbers):
-        counts["lost"] = len(numbers) - len(valid)
+    if len(valid) < len(reference):
+        counts["lost"] = len(reference) - len(valid)
     planned = MirrorPath(
         np.asarray(dt * np.arange(len(path)), dtype=np.float64), np.array(path), np.array(speeds), found,
         np.array(shown), np.array(clock), np.array(short), np.array(person),
@@ -139,3 +134,18 @@ def plan(tracker: MirrorTracker, poses: ArrayLike, twists: ArrayLike, q: ArrayLi
     if quick:
         planned = retimed(tracker, planned, np.array(left))
     return planned._replace(seconds=time.perf_counter() - begun)
+
+
+def _usable(tracker: MirrorTracker, poses: Array, twists: Array) -> NDArray[np.intp]:
+    """Which samples `step` would not refuse."""
+    numbers = np.hstack([poses.reshape(-1, 16), twists])
+    valid = np.flatnonzero(np.linalg.norm(numbers, axis=1) <= MAX_MAGNITUDE)
+    if len(valid):
+        valid = valid[mapped(rigid_function())(numbers[valid, :16])[:, 0] == 1]
+    if not len(valid):
+        raise ConfigurationError("poses", poses.shape, "a usable sample at least, that is a rigid transform")
+    away = np.linalg.norm(poses[valid, :3, 3] - tracker.chain.base[:3, 3], axis=1)
+    if away.min() > tracker.farthest:
+        expected = f"places within {tracker.farthest:.3g} m of the base, ten times the arm's reach: are they in metres?"
+        raise ConfigurationError("poses", f"{away.min():.6g} m away and more", expected)
+    return np.asarray(valid[away <= tracker.farthest])

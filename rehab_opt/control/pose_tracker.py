@@ -12,6 +12,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rehab_opt.control.braking_together import slowed_together
 from rehab_opt.control.clearance import Clearance
 from rehab_opt.control.command import Command
 from rehab_opt.control.damped import damped_velocity
@@ -19,13 +20,14 @@ from rehab_opt.control.jerk_bounds import JerkBounds
 from rehab_opt.control.joint_feedback import JointFeedback
 from rehab_opt.control.limit import Limit, PostureLimits, all_limits
 from rehab_opt.control.reference_velocity import CALMING, MISSED, ReferenceVelocity
-from rehab_opt.control.stopping import VelocityBounds
+from rehab_opt.control.stopping import VelocityBounds, max_change
 from rehab_opt.control.tool_speed import speed_ahead, tool_acceleration
 from rehab_opt.control.velocity_controller import VelocityController, checked_number
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import SerialChain, per_joint
 from rehab_opt.kinematics.frames import is_rigid, rotation_vector
 from rehab_opt.kinematics.room import MOVING, MovingCapsule
+from rehab_opt.optim.certificate import clipped
 from rehab_opt.optim.qp import Statement
 from rehab_opt.optim.rows import parameter, variable, within
 from rehab_opt.symbolic import Compile
@@ -46,6 +48,8 @@ BRAKES = 0.7
 """Share of the accelerations with which a hand brakes towards its target: the rest is for how the target goes on."""
 TINY = 1e-12
 """[m/s] A speed that is no motion."""
+OVER, CHORDS = 1e-6, 3
+"""Of the hand speeds, what rounding may add; rounds in which a motion that is too fast is slowed."""
 
 POSE, TWIST = 16, 6
 """Numbers of each."""
@@ -133,7 +137,8 @@ class PoseTracker(VelocityController):
     lower, upper, velocity, acceleration : (n,) or scalar; replace the chain's limits.
     gain : [1/s] rate at which a pose error decays; slower from farther off than the accelerations can brake from.
     linear_speed, angular_speed : [m/s, rad/s] largest hand speeds; faster requests are slowed, not cut. A hand is
-        faster only where joints that are too fast already cannot brake sooner: `Relaxed.TASK` is flagged then.
+        commanded faster, and `Relaxed.TASK` flagged, only where joints that are fast against each other cannot brake
+        sooner, and where `limits` or `jerk` come first.
     task_weights : (6,) weights of the twist's components in the base frame; a zero frees one.
     jerk : (n,) or scalar [rad/s^3, m/s^3] largest jerk, for drives that stop on more: of the finite differences of what
         is sent, braking and fallbacks included. Velocity, acceleration and jerk then never yield; a joint that is put
@@ -247,6 +252,8 @@ class PoseTracker(VelocityController):
             + (DIRECTION_KEEPING + calm) * ca.sumsqr(progress.symbol - speed)
         )
         command = self.command(tick, inputs, u)
+        if not self.row_count:
+            command = self._slow_enough(tick, inputs, J, rows.bounds, tick.once(command))
         motion = TickSolution(u, command, s, speed, J @ command, whole, rows)
         report, remember = self.outcome(tick, inputs, motion)
         return Statement(
@@ -344,6 +351,30 @@ class PoseTracker(VelocityController):
         J = self._unweighted(inputs.q, jacobian)
         linear = speed_ahead(self.chain, inputs.q, J, velocity, self.dt)
         return ca.fmax(linear / self.linear_speed, ca.norm_2(J[3:, :] @ velocity) / self.angular_speed)
+
+    def _slow_enough(
+        self, tick: Stages, inputs: Inputs, jacobian: ca.SX, bounds: VelocityBounds, velocity: ca.SX
+    ) -> ca.SX:
+        """(n,) the velocity; where it is too fast, as little of the way from it to braking as ends that.
+
+        The QP bounds the reference alone, which joints that accelerate as they may do not follow. Braking of all alike
+        has the hand no faster than before; where position limits do not allow that, each brakes as it can.
+        """
+        fast = tick.once(self.excess(inputs, jacobian, velocity))
+
+        def slower() -> ca.SX:
+            alike = slowed_together(inputs.last, max_change(self.chain, self.dt))
+            braked, each = (clipped(way, bounds.lower, bounds.upper) for way in (alike, ca.SX.zeros(self.chain.n)))
+            slow, other = (self.excess(inputs, jacobian, way) for way in (braked, each))
+            better = ca.logic_and(slow > 1, other < slow)
+            braked, slow = ca.if_else(better, each, braked), ca.if_else(better, other, slow)
+            part, high = ca.SX(1), slow
+            for _ in range(CHORDS):  # convex: where a chord is at the bound, the speed is below it
+                part = part * clipped((fast - 1) / ca.fmax(fast - high, TINY), 0, 1)
+                high = self.excess(inputs, jacobian, velocity + part * (braked - velocity))
+            return velocity + ca.if_else(slow < 1, part, slow < fast) * (braked - velocity)
+
+        return tick.when(fast > 1 + OVER, slower, velocity)
 
     def command(self, tick: Stages, inputs: Inputs, velocity: ca.SX) -> ca.SX:
         """(n,) the QP's velocity, or what of it keeps the user's limits: its rows are tangents.

@@ -103,6 +103,11 @@ REASONS = (
         "the loop is slower than dt",
         "the loop is slower than dt: stamps advance by {:.3g} s a tick, dt is {:.3g} s",
     ),
+    Reason(
+        "POSE_TOO_FAR",
+        "pose is farther than ten times the arm's reach: is it in metres?",
+        "ten times the arm's reach",
+    ),
 )
 """In the order of their numbers, which never change."""
 NUMBER = {reason.name: number for number, reason in enumerate(REASONS)}

@@ -71,12 +71,9 @@ class VelocityController(OneThread, ABC):
     the inputs into `_views`, or through `_write`, and calls `_tick`. The command is `memory[command_slice]`, by default
     the last velocity; `memory[wheels]` are wheel speeds.
 
-    The velocity last commanded is part of the state: a new controller is at rest, `reset` says otherwise. An object
-    belongs to one thread: see `OneThread`.
+    The velocity last commanded is part of the state: a new controller is at rest, `reset` says otherwise.
 
-    Positions that do not follow the commands are a fault (`watched_joints`; with a `JointFeedback`, a following error):
-    the robot brakes, the reason says which joint, and it rests until `reset`, or until `enable` was released. Call
-    `reset` between states that are not one motion.
+    Positions that do not follow the commands are a fault (`watched_joints`), see `PoseTracker`.
     """
 
     def __init__(

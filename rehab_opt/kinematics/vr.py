@@ -24,7 +24,6 @@ __all__ = [
     "quaternions_of",
     "robot_from_unity",
     "rotations_of",
-    "unity_from_robot",
 ]
 
 Array = NDArray[np.float64]
@@ -42,15 +41,6 @@ def robot_from_unity(positions: ArrayLike, quaternions: ArrayLike) -> tuple[Arra
     return (
         np.stack([p[..., 2], -p[..., 0], p[..., 1]], axis=-1),
         np.stack([-q[..., 2], q[..., 0], -q[..., 1], q[..., 3]], axis=-1),
-    )
-
-
-def unity_from_robot(positions: ArrayLike, quaternions: ArrayLike) -> tuple[Array, Array]:
-    """The inverse of `robot_from_unity`."""
-    p, q = _columns("positions", positions, 3), _columns("quaternions", quaternions, 4)
-    return (
-        np.stack([-p[..., 1], p[..., 2], p[..., 0]], axis=-1),
-        np.stack([q[..., 1], -q[..., 2], -q[..., 0], q[..., 3]], axis=-1),
     )
 
 

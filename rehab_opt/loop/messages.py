@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from rehab_opt.loop.cdr import Cdr
 
-__all__ = ["FLOATS", "JOINT_STATE", "WRENCH", "MessageType", "floats", "joint_state", "wrench"]
+__all__ = ["JOINT_STATE", "WRENCH", "MessageType", "floats", "joint_state", "wrench"]
 
 
 class MessageType(NamedTuple):
@@ -40,13 +40,6 @@ WRENCH = _with(
     geometry_msgs__Vector3="float64 x\nfloat64 y\nfloat64 z",
     **_STAMPED,
 )
-FLOATS = _with(
-    "std_msgs/msg/Float64MultiArray",
-    "std_msgs/MultiArrayLayout layout\nfloat64[] data",
-    std_msgs__MultiArrayLayout="std_msgs/MultiArrayDimension[] dim\nuint32 data_offset",
-    std_msgs__MultiArrayDimension="string label\nuint32 size\nuint32 stride",
-)
-"""What velocity controllers of ros2_control take."""
 
 
 def joint_state(
@@ -66,7 +59,7 @@ def wrench(nanoseconds: int, frame: str, force: Sequence[float]) -> bytes:
 
 
 def floats(values: ArrayLike) -> bytes:
-    """Numbers without a layout."""
+    """Numbers without a layout, as velocity controllers of ros2_control take them."""
     return Cdr().number("I", 0).number("I", 0).numbers(values).done()
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,7 +15,7 @@ from rehab_opt.kinematics.denavit_hartenberg import DH
 from rehab_opt.kinematics.inertia import rod
 from rehab_opt.kinematics.ur5 import ur5
 
-__all__ = ["ArmModel", "own_arm_model", "point_mass_model", "rods_along", "ur5_model"]
+__all__ = ["ArmModel", "own_arm_model", "point_mass_model", "ur5_model"]
 
 Array = NDArray[np.float64]
 
@@ -71,26 +70,6 @@ class ArmModel:
         tip = sum(body.mass for body in bodies if body.link == n)
         if not (tip > 0.0 or self.rotors[-1] > 0.0):
             raise ConfigurationError("bodies, rotors", (bodies, self.rotors), "a mass that the last joint moves")
-
-
-def rods_along(chain: SerialChain, masses: Sequence[float] | ArrayLike, *, radius: float) -> tuple[Body, ...]:
-    """An assumption where no inertias are published: each link a solid rod from one joint's axis to the next one's.
-
-    A link of less than a radius' length becomes a ball of that radius about its frame.
-
-    Parameters
-    ----------
-    chain : whose rows give the rods. masses : (n,) [kg]. radius : [m] of all of them.
-    """
-    bodies = []
-    for i, (row, mass) in enumerate(zip(chain.rows, np.asarray(masses, dtype=np.float64).tolist(), strict=True)):
-        # From the frame before the joint to the one behind it, in the axes of the latter: whatever the joint's value.
-        after = np.array(row.after, dtype=np.float64)
-        along = after[:3, :3].T @ np.append(after[:2, 3], 0.0 if row.prismatic else after[2, 3])
-        ball = float(np.linalg.norm(along)) <= radius
-        inertia = 0.4 * mass * radius**2 * np.eye(3) if ball else rod(mass, along, radius)
-        bodies.append(Body(chain.names[i], i + 1, mass, np.zeros(3) if ball else -0.5 * along, inertia))
-    return tuple(bodies)
 
 
 COULOMB_SHARE, VISCOUS_SHARE, ROTOR_SHARE = 0.04, 0.04, 0.003

@@ -1,13 +1,12 @@
-"""What may touch a hand: a wall, a person who holds it, a push that is given over time.
+"""What may touch a hand.
 
-Forces of springs and dampers, whose stiffness is a number that is said, rather than MuJoCo's own contacts, whose
-stiffness follows from the solver's: an impact's peak force is to be compared with a formula.
+Forces of springs and dampers of a stiffness that is said, not MuJoCo's own contacts, whose stiffness follows from the
+solver's: an impact's peak force is to be compared with a formula.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from typing import Protocol
 
 import numpy as np
@@ -16,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.real_array import real_array
 
-__all__ = ["Contact", "Push", "SpringDamper", "Wall"]
+__all__ = ["Contact", "Wall"]
 
 Array = NDArray[np.float64]
 
@@ -59,49 +58,6 @@ class Wall:
         sinking = max(0.0, -float(self._normal @ velocity))  # a wall that is left lets go
         pushed: Array = (self._stiffness * depth + self._damping * sinking) * self._normal
         return pushed
-
-
-class SpringDamper:
-    """A person who holds the hand: a spring to `anchor`, which may be moved, and a damper.
-
-    Parameters
-    ----------
-    anchor : (k,) [m]. stiffness : [N/m]. damping : [N s/m]. strength : [N] the largest force of the spring.
-    """
-
-    def __init__(
-        self, anchor: ArrayLike, *, stiffness: float = 300.0, damping: float = 20.0, strength: float = math.inf
-    ) -> None:
-        self.anchor: Array = np.array(real_array(anchor))
-        self._stiffness, self._damping = _amount("stiffness", stiffness), _amount("damping", damping)
-        if not strength > 0.0:
-            raise ConfigurationError("strength", strength, "newtons above zero")
-        self._strength = strength
-
-    def force(self, time: float, position: Array, velocity: Array) -> Array:
-        """Towards the anchor, against the motion."""
-        pull = self._stiffness * (self.anchor - position)
-        size = float(np.linalg.norm(pull))
-        if size > self._strength:
-            pull = pull * (self._strength / size)
-        given: Array = pull - self._damping * velocity
-        return given
-
-
-class Push:
-    """A force that is given over time, whatever the hand does.
-
-    Parameters
-    ----------
-    of : time [s] -> (k,) [N].
-    """
-
-    def __init__(self, of: Callable[[float], ArrayLike]) -> None:
-        self._of = of
-
-    def force(self, time: float, position: Array, velocity: Array) -> Array:
-        """What is given now."""
-        return np.asarray(self._of(time), dtype=np.float64)
 
 
 def _amount(name: str, value: float) -> float:

@@ -201,7 +201,8 @@ def recording_path(config: ProblemFile[Problem], reference: str, *, key: str = "
     path = config.path.parent / reference
     if not os.path.exists(path):
         kind = "robot file" if key == ROBOT_FILE else "recording"
-        raise ProblemFileError(config.file, key, reference, f"a {kind} beside the problem file, or data:folder/file")
+        expected = f"a {kind} beside the problem file, in {path.parent.resolve()}, or data:folder/file"
+        raise ProblemFileError(config.file, key, reference, expected)
     if path.is_dir():
         raise ProblemFileError(config.file, key, reference, "a file, this is a directory")
     return path
@@ -239,6 +240,8 @@ def schema_error(problem: ValidationError, file: str) -> ProblemFileError:
         value, expected = context["value"], context["expected"]
     elif first["type"] == "missing":
         value, expected = None, "this key"
+    elif first["type"] in ("float_type", "int_type") and isinstance(value, str):
+        expected += ", without quotation marks"
     elif first["type"] == "model_type":
         expected = "a table of keys"
     elif first["type"] in ("too_short", "too_long"):

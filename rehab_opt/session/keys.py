@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ast
-import importlib
 import inspect
 import textwrap
 from collections import defaultdict
@@ -13,7 +12,7 @@ from typing import Any, NamedTuple, get_args
 
 from pydantic import BaseModel
 
-__all__ = ["Keys", "attribute_docstrings", "keys_markdown", "keys_of", "sections_within"]
+__all__ = ["Keys", "attribute_docstrings", "keys_of", "sections_within"]
 
 HIDDEN = ("system",)
 
@@ -27,17 +26,6 @@ class Keys(NamedTuple):
     """Key, values, default, meaning."""
     refused: str
     """What is refused of several keys together; or empty."""
-
-
-def keys_markdown(schema: str, *, without: list[str]) -> str:
-    """A table for each section of a schema, `module.Class`; of sections named in `without` only their name."""
-    module, _, name = schema.rpartition(".")
-    parts: list[str] = []
-    for each in keys_of(getattr(importlib.import_module(module), name), without=frozenset(without)):
-        rows = ["| " + " | ".join((f"`{key}`", *more)) + " |" for key, *more in each.rows]
-        table = "\n".join(["| key | values | default | meaning |", "|---|---|---|---|", *rows]) if rows else ""
-        parts += filter(None, (each.head, table, each.refused))
-    return "\n\n".join(parts)
 
 
 def sections_within(annotation: Any) -> list[type[BaseModel]]:

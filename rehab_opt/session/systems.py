@@ -38,7 +38,7 @@ __all__ = [
     "SHIPPED",
     "Column",
     "Needed",
-    "OutOfReach",
+    "NotMet",
     "ProblemFile",
     "System",
     "system_named",
@@ -93,8 +93,8 @@ class ProblemFile(Generic[P_co]):
     problem: P_co
 
 
-class OutOfReach(str):
-    """A note that nothing of a recording is in reach."""
+class NotMet(str):
+    """A note that a run would not do what its file asks."""
 
     __slots__ = ()
 

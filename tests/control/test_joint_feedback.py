@@ -201,6 +201,35 @@ def test_the_servo_of_the_model_is_a_proportional_integral_loop(dt: float) -> No
         assert float(q) == pytest.approx(state[0] + state[2], abs=1e-7)  # where it comes to: the sum of the commands
 
 
+@pytest.mark.parametrize("dt", [0.001, 0.005, 0.01, 0.02])
+@pytest.mark.parametrize("delay", [0.0, 0.0025, 0.005, 0.013, 0.03])
+def test_a_delay_that_ends_within_a_tick_is_followed_exactly(delay: float, dt: float) -> None:
+    """Rounded to ticks, 5 ms were none at 10 and 20 ms: a free hand that sped up was behind, and taken for held."""
+    hz, rng = 24.0, np.random.default_rng(8)
+    commands = rng.normal(size=60)
+    joints = FollowedJoints(JointFeedback(delay=delay, servo_hz=hz, correction=1e-9, tolerance=1e3), 1, dt=dt)
+    p, state, now, acts = pole(hz), np.zeros(3), 0.0, 0.0
+    arrivals = deque((k * dt + delay, u) for k, u in enumerate(commands))
+    memory, *_ = joints.tick(joints.start(0.0), 0.0, 0.0)
+
+    def go_on(seconds: float) -> None:
+        nonlocal state
+        if seconds > 1e-12:
+            rates = lambda _, s: [s[1], 2 * p * (acts - s[1]) + p * p * s[2], acts - s[1]]  # noqa: E731
+            state = solve_ivp(rates, (0, seconds), state, rtol=1e-10, atol=1e-12).y[:, -1]
+
+    for k, u in enumerate(commands):
+        while arrivals and arrivals[0][0] < (k + 1) * dt - 1e-9:
+            at, command = arrivals.popleft()
+            go_on(at - now)
+            now, acts = at, command
+        go_on((k + 1) * dt - now)
+        now = (k + 1) * dt
+        memory, q, *_ = joints.tick(memory, state[0], u)
+        assert float(memory[joints.memory["error"]]) == pytest.approx(0.0, abs=1e-7)
+        assert float(q) == pytest.approx(dt * commands[: k + 1].sum(), abs=1e-7)  # where all commands lead
+
+
 def test_on_a_simulated_arm_a_limit_is_held_without_shaking() -> None:
     pytest.importorskip("mujoco")
     from rehab_opt.plants.arm_model import ur5_model  # noqa: PLC0415

@@ -316,7 +316,7 @@ def test_half_turns_and_sign_flips_of_quaternions_make_no_step(axis: list[float]
 
 
 # -------------------------------------------------------------------------------------------------- what goes wrong
-@pytest.mark.parametrize("fault", ["nan", "jump", "repeated", "gone", "mirrored"])
+@pytest.mark.parametrize("fault", ["nan", "jump", "repeated", "gone", "mirrored", "millimetres"])
 def test_lost_tracking_decelerates_says_why_and_resumes_without_a_jump(fault: str) -> None:
     dt, chain = 5e-3, ur5()
     robot, q, last, centre = tracker(dt=dt), START.copy(), np.zeros(6), ur5().pose(START)
@@ -335,6 +335,8 @@ def test_lost_tracking_decelerates_says_why_and_resumes_without_a_jump(fault: st
                 shown = 200 * dt
             elif fault == "gone":
                 shown = None
+            elif fault == "millimetres":
+                pose[:3, 3] *= 1e3
             else:
                 pose[:3, 0] *= -1
         command = robot.step(q, pose, twist, stamp=shown)
@@ -351,6 +353,28 @@ def test_lost_tracking_decelerates_says_why_and_resumes_without_a_jump(fault: st
     assert any("jump" in reason for reason in reasons) if fault == "jump" else all(reasons)
     assert errors(chain.pose(q), robot.reference)[0] < 1.0
     assert robot.lag < (2.5 if fault == "jump" else 0.02)  # two bridges, made up for by a half
+
+
+def test_a_pose_ten_times_farther_than_the_arm_reaches_is_a_mistake_and_one_nearer_is_not() -> None:
+    """Millimetres were bridged, at 0.12 m/s for an hour."""
+    chain, at = ur5(base=np.array([[0, -1, 0, 5.0], [1, 0, 0, 2.0], [0, 0, 1, 0], [0, 0, 0, 1]])), []
+    robot = MirrorTracker(chain, dt=0.01, max_manipulability=0.1, compile=False)
+    straight = 0.425 + 0.39225 + 0.09465 + 0.10915 + 0.0823 + 0.089159
+    assert robot.farthest == pytest.approx(10 * straight)
+    for away in (0.999, 1.001):
+        robot.reset()
+        pose = chain.pose(START)
+        for k in range(3):
+            if k:
+                pose[:3, 3] = [5.0, 2.0 + away * robot.farthest, 0.0]
+            command = robot.step(START, pose, REST)
+        at.append(command)
+    assert "bridging a jump" in at[0].reason
+    assert at[1].reason == "pose is farther than ten times the arm's reach: is it in metres?"
+    assert not at[1].status.certified
+    robot.step(START, np.full((4, 4), np.nan), REST)
+    pose[0, 0] = np.nan
+    assert robot.step(START, pose, REST).reason == "pose[0, 0] is nan, not a usable number"
 
 
 @pytest.mark.parametrize("fault", ["push", "nan", "disabled"])

@@ -209,6 +209,12 @@ def test_samples_that_a_tick_would_refuse_are_lost_to_a_plan_too() -> None:
     path = tracker(5e-3).plan(poses, twists, motions.START)
     assert path.complete
     assert path.counts["lost"] == 6
+    poses[30:33, :3, 3] *= 1e3  # millimetres
+    assert tracker(5e-3).plan(poses, twists, motions.START).counts["lost"] == 9
+    poses[:, :3, 3] *= 1e3
+    with pytest.raises(ConfigurationError, match=r"poses = '[0-9.]+ m away and more': expected .* in metres"):
+        tracker(5e-3).plan(poses, twists, motions.START)
+    poses[:, :3, 3] /= 1e3
     np.testing.assert_allclose(path.q, np.tile(motions.START, (len(path.q), 1)), atol=1e-9)
     rng = np.random.default_rng(3)
     for wrong in (np.zeros((5, 4, 4)), poses[:5] * 2.0, poses[:5] + rng.normal(scale=0.1, size=(5, 4, 4))):

@@ -48,6 +48,29 @@ def test_a_pose_within_reach_is_reached_at_any_tick_length(dt: float) -> None:
 GEN3 = Path(__file__).parents[2] / "problems/robots/kinova_gen3/gen3.urdf"
 
 
+@pytest.mark.parametrize(("arm", "dt"), [("ur5", 2e-3), ("ur5", 2e-2), ("gen3", 1e-2)])
+def test_no_command_moves_the_hand_faster_than_its_bound_wherever_targets_jump(arm: str, dt: float) -> None:
+    """Joints that accelerated as they might were out of step: hands went at up to twice `linear_speed`."""
+    chain = ur5(acceleration=np.full(6, 3.0))
+    if arm == "gen3":
+        chain = SerialChain.from_urdf(GEN3, tip="end_effector_link", acceleration=2.0)
+    rng, most = np.random.default_rng(65), [0.0, 0.0]
+    lower, upper = np.maximum(chain.lower, -2.0), np.minimum(chain.upper, 2.0)
+    for _ in range(4):
+        robot, q = tracker(chain, dt=dt, linear_speed=0.25, angular_speed=1.0), rng.uniform(0.5 * lower, 0.5 * upper)
+        for k in range(round(6.0 / dt)):
+            if k % round(1.5 / dt) == 0:
+                target = chain.pose(rng.uniform(lower, upper))
+            value = robot.step(q, target, REST).value
+            for part in (0.0, 0.5, 1.0):
+                hand = chain.jacobian(q + part * dt * value) @ value
+                most[0] = max(most[0], float(np.linalg.norm(hand[:3])))
+                most[1] = max(most[1], float(np.linalg.norm(hand[3:])) * (part == 0.0))
+            q = q + dt * value
+    assert 0.24 < most[0] <= 0.25 * (1 + 5e-3)  # beside a stretched elbow it bends faster than accelerations slow it
+    assert 0.9 < most[1] <= 1.0 + 1e-4
+
+
 @pytest.mark.parametrize("seed", range(8))
 def test_a_target_that_jumps_is_come_to_and_not_passed(seed: int) -> None:
     """A Gen3 that accelerates at 2 rad/s^2 swung past it by 30 of 50 mm, to and fro for three seconds."""

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import importlib
 import re
+import sys
 from collections.abc import Iterator
 
 import pytest
@@ -12,6 +14,8 @@ from rehab_opt.session import keys
 from rehab_opt.session.systems import SHIPPED, system_named
 from tests.docs.pages import ROOT
 
+sys.path.insert(0, str(ROOT / "docs" / "extensions"))
+keys_markdown = importlib.import_module("from_package").keys_markdown
 REFERENCE = (ROOT / "docs" / "reference" / "problem_files.md").read_text(encoding="utf-8")
 SCHEMAS = {name: system_named(name).schema for name in SHIPPED}
 
@@ -41,7 +45,7 @@ def test_the_reference_names_every_system(system: str) -> None:
 
 
 def test_a_table_tells_type_bounds_default_and_meaning() -> None:
-    text = keys.keys_markdown("rehab_opt.session.pose_tracking.problem.PoseTracking", without=["plant"])
+    text = keys_markdown("rehab_opt.session.pose_tracking.problem.PoseTracking", without=["plant"])
     assert "| `circle.radius_m` | number, > 0, ≤ 1 | required | Of the tool's path. |" in text
     assert "| `circle.turns` | number, > 0, ≤ 100 | `1` |" in text
     assert '| `robot.model` | `"ur5"` |' in text
@@ -50,9 +54,9 @@ def test_a_table_tells_type_bounds_default_and_meaning() -> None:
 
 
 def test_lists_and_tables_by_name_are_told_apart() -> None:
-    chair = keys.keys_markdown("rehab_opt.session.ardis.problem.ArdisProblem", without=["plant"])
+    chair = keys_markdown("rehab_opt.session.ardis.problem.ArdisProblem", without=["plant"])
     assert "| `goals[].hand_m` |" in chair
     assert "| `stick.modes[].rows` |" in chair
-    robot = keys.keys_markdown("rehab_opt.session.robot_file.RobotFile", without=[])
+    robot = keys_markdown("rehab_opt.session.robot_file.RobotFile", without=[])
     assert "| `joints.NAME.locked_deg` |" in robot
     assert "| `capsules[].radius_m` |" in robot

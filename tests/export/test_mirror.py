@@ -112,6 +112,19 @@ def test_any_motion_with_faults_and_forces_gives_the_commands_of_python(
     assert said >= {"OK", "BRAKING", "step shortened: the bo", "the reference is follo", "bridging a jump of the"}
 
 
+def test_millimetres_are_told_alike(libraries: dict[str, ctypes.CDLL], trackers: dict[str, MirrorTracker]) -> None:
+    tracker = trackers["redundant"]
+    twins, q = Twins(libraries["redundant"], tracker), START["redundant"]
+    pose, reasons = tracker.chain.pose(q), []
+    for k in range(40):
+        shown = pose.copy()
+        shown[:3, 3] *= 1e3 if 20 <= k < 30 else 1.0
+        command = twins.step(q, shown, np.zeros(6))
+        reasons.append(command.reason)
+        q = q + command.value * tracker.dt
+    assert [k for k, each in enumerate(reasons) if "in metres?" in each] == list(range(20, 30))
+
+
 def test_samples_that_do_not_fit_are_thinned_alike(
     libraries: dict[str, ctypes.CDLL], trackers: dict[str, MirrorTracker]
 ) -> None:

@@ -27,6 +27,7 @@ Array = NDArray[np.float64]
 PROMISES = (
     Promise("rehab_opt/control/joint_feedback.py", "Here it acts on its own reference q_led instead, the joints' "
             "positions once all commands have arrived"),
+    Promise("rehab_opt/control/joint_feedback.py", "at most 128 ticks, whole or not."),
     Promise("rehab_opt/control/joint_feedback.py", "The task's error is that of q_led + d"),
     Promise("rehab_opt/control/joint_feedback.py", "The target is taken to be where its twist leads it while a command "
             "is on its way"),
@@ -82,12 +83,17 @@ OVERSHOOT = 1e-4
 class Servo:
     """Velocity loops of proportional and integral gain, both poles at -p, behind commands under way."""
 
-    def __init__(self, q: Array, ticks: int, hz: float, dt: float) -> None:
+    def __init__(self, q: Array, late: float, hz: float, dt: float) -> None:
+        """Commands act `late` ticks later, which need be no whole number."""
         self.q, self.dt, self.lag = q.copy(), dt, np.zeros((2, len(q)))
         """Speed less the command [rad/s], and what the integral holds [rad]."""
+        ticks = math.ceil(late - 1e-6)
         self.v, self.late = np.zeros(len(q)), [np.zeros(len(q)) for _ in range(ticks)]
+        self.ahead = dt * max(ticks - late, 0.0)
+        """[s] of a tick in which the next command acts already."""
         p = 2 * math.pi * hz / POLE if math.isfinite(hz) else 0.0
-        self.fades = expm(dt * np.array([[-2 * p, p * p], [-1.0, 0.0]])) if p else np.zeros((2, 2))
+        rates = np.array([[-2 * p, p * p], [-1.0, 0.0]])
+        self.fades = [expm(t * rates) if p else np.zeros((2, 2)) for t in (dt - self.ahead, self.ahead)]
 
     def set_out(self, velocity: Array) -> None:
         """It has moved like that for long."""
@@ -97,18 +103,23 @@ class Servo:
     def move(self, command: Array) -> Array:
         """(n,) by how much the joints move in a tick."""
         self.late.insert(0, command.copy())
-        arrived = self.late.pop()
-        self.lag[0] = self.v - arrived
-        after = self.fades @ self.lag
-        moved = np.asarray(self.dt * arrived + self.lag[1] - after[1])
-        self.v, self.lag = arrived + after[0], after
+        parts = [(self.late.pop(), self.dt - self.ahead, self.fades[0])]
+        if self.ahead:
+            parts.append((self.late[-1], self.ahead, self.fades[1]))
+        moved = np.zeros(len(self.q))
+        for arrived, seconds, fades in parts:
+            self.lag[0] = self.v - arrived
+            after = fades @ self.lag
+            moved += seconds * arrived + self.lag[1] - after[1]
+            self.v, self.lag = arrived + after[0], after
         self.q = self.q + moved
         return moved
 
     @property
     def under_way(self) -> Array:
         """(n,) [rad] by how much they will still move."""
-        return np.asarray(self.dt * np.sum(self.late, axis=0) + self.lag[1])
+        acted = self.ahead * self.late[-1] if self.late else 0.0
+        return np.asarray(self.dt * np.sum(self.late, axis=0) - acted + self.lag[1])
 
 
 class Plan(NamedTuple):
@@ -117,7 +128,7 @@ class Plan(NamedTuple):
     kind: str
     dt: float
     told: JointFeedback
-    late: int
+    late: float
     """Ticks that commands truly take."""
     noise: float
     joint: int
@@ -127,9 +138,9 @@ class Plan(NamedTuple):
     acceleration: Array
 
     @property
-    def ticks(self) -> int:
+    def ticks(self) -> float:
         """Those that the model counts."""
-        return round(self.told.delay / self.dt)
+        return round(self.told.delay / self.dt, 6)
 
     @property
     def exact(self) -> bool:
@@ -150,7 +161,8 @@ def draw(rng: np.random.Generator, number: int, start: Array) -> Plan:
         contact=1e3,  # what holds a hand is another matter
     )
     change = round(3e-3 / dt) * int(rng.choice([-1, 1]))
-    late = ticks + (change if ticks + change >= 0 else -change) if other else ticks
+    late = round(told.delay / dt, 6)
+    late += (change if late + change >= 0 else -change) if other else 0
     narrow = kind == "limits"
     room = rng.uniform(0.02, 0.2, (2, 6)) if narrow else np.full((2, 6), 9.0)
     return Plan(

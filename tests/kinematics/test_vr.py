@@ -6,6 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from problems.mirror.motions import unity_from_robot
 from rehab_opt import ConfigurationError
 from rehab_opt.kinematics.vr import (
     Mirror,
@@ -15,7 +16,6 @@ from rehab_opt.kinematics.vr import (
     quaternions_of,
     robot_from_unity,
     rotations_of,
-    unity_from_robot,
 )
 
 seeds = st.integers(0, 2**32 - 1)

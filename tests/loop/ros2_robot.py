@@ -11,9 +11,15 @@ import numpy as np
 import zenoh
 from mcap_ros2._dynamic import generate_dynamic, serialize_dynamic
 
-from rehab_opt.loop.messages import FLOATS, JOINT_STATE
+from rehab_opt.loop.messages import JOINT_STATE
 from rehab_opt.loop.shared_ring import SharedRing
 
+FLOATS, LINE = "std_msgs/msg/Float64MultiArray", "\n" + "=" * 80 + "\n"
+DEFINITION = LINE.join((
+    "std_msgs/MultiArrayLayout layout\nfloat64[] data",
+    "MSG: std_msgs/MultiArrayLayout\nstd_msgs/MultiArrayDimension[] dim\nuint32 data_offset",
+    "MSG: std_msgs/MultiArrayDimension\nstring label\nuint32 size\nuint32 stride\n",
+))  # fmt: skip
 NAMES = ("wrist", "elbow", "shoulder")
 START = (0.3, -0.2, 0.1)
 TRUTH = np.dtype([("position", "<f8", (3,)), ("velocity", "<f8", (3,)), ("came", "<u8")])
@@ -27,7 +33,7 @@ def main() -> None:
     config.insert_json5("listen/endpoints", f'["tcp/127.0.0.1:{sys.argv[1]}"]')
     config.insert_json5("scouting/multicast/enabled", "false")
     state_bytes = serialize_dynamic(JOINT_STATE.name, JOINT_STATE.definition)[JOINT_STATE.name]
-    command_of = generate_dynamic(FLOATS.name, FLOATS.definition)[FLOATS.name]
+    command_of = generate_dynamic(FLOATS, DEFINITION)[FLOATS]
     told = [np.zeros(3), 0]
 
     def came(sample: zenoh.Sample) -> None:

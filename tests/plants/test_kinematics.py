@@ -3,11 +3,12 @@
 import numpy as np
 import pytest
 
+from bench.physics.arms import rods_along
 from rehab_opt import ardis, ur5
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.kinematics.denavit_hartenberg import DH
 from rehab_opt.kinematics.inertia import Body
-from rehab_opt.plants.arm_model import ArmModel, point_mass_model, rods_along, ur5_model
+from rehab_opt.plants.arm_model import ArmModel, point_mass_model, ur5_model
 from rehab_opt.plants.mujoco_arm import MujocoArm
 from rehab_opt.plants.wheelchair import chair_arm_model
 from tests.kinematics.dh_oracle import moved, turned

@@ -6,12 +6,14 @@ import sys
 import numpy as np
 import pytest
 
+from bench.physics.arms import rods_along
+from bench.physics.forces import Push, SpringDamper
 from rehab_opt import ConfigurationError, SerialChain, ardis, ur5
 from rehab_opt.kinematics.ardis import ARDIS_READY
 from rehab_opt.kinematics.body import Body
 from rehab_opt.kinematics.denavit_hartenberg import DH
-from rehab_opt.plants.arm_model import ArmModel, point_mass_model, rods_along, ur5_model
-from rehab_opt.plants.contacts import Push, SpringDamper, Wall
+from rehab_opt.plants.arm_model import ArmModel, point_mass_model, ur5_model
+from rehab_opt.plants.contacts import Wall
 from rehab_opt.plants.drives import DriveState, HandForce, PositionServo, VelocityServo
 from rehab_opt.plants.ideal import IdealJoints
 from rehab_opt.plants.mujoco_arm import MujocoArm

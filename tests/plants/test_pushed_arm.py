@@ -11,9 +11,9 @@ import pytest
 
 from bench.physics.arms import ARMS
 from bench.physics.following import follow
+from bench.physics.forces import SpringDamper
 from rehab_opt import Interaction, JointFeedback, MirrorTracker
 from rehab_opt.plants.channel import Channel
-from rehab_opt.plants.contacts import SpringDamper
 from rehab_opt.plants.mujoco_arm import MujocoArm
 from rehab_opt.plants.plant import Measurement
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import runpy
 import tomllib
 from collections.abc import Callable, Iterator
@@ -182,7 +183,7 @@ FAULTS = [
     (ARM.replace('"restricted"', "5"), "arm.range_of_motion", "'regular' or 'restricted'"),
     (ARM.replace("[-0.172, 0.502]", "[-0.172]"), "placement.centre_m", "at least 2"),
     (ARM.replace("[-0.172, 0.502]", "[-0.172, 1, 2]"), "placement.centre_m", "at most 2"),
-    (ARM.replace("[-0.172, 0.502]", '["a", 1]'), "placement.centre_m.0", "a valid number"),
+    (ARM.replace("[-0.172, 0.502]", '["a", 1]'), "placement.centre_m.0", "a valid number, without quotation marks"),
     (ARM.replace("[-0.172, 0.502]", "[-172, 502]"), "placement.centre_m.0", "greater than or equal to -10"),
     (ARM.replace("[-0.172, 0.502]", "[nan, 0.5]"), "placement.centre_m.0", "finite"),
     (ARM + "scale = 0\n", "placement.scale", "greater than 0"),
@@ -290,7 +291,7 @@ def test_reference_stays_within_the_data_folder(written: Write, reference: str) 
 
 def test_recording_lies_beside_its_problem_file(written: Write) -> None:
     path = written("problem.toml", ARM)
-    with pytest.raises(ProblemFileError, match="beside the problem file"):
+    with pytest.raises(ProblemFileError, match=f"beside the problem file, in {re.escape(str(path.parent))}"):
         checked(load_problem(str(path)))
     csv = written("path.csv", CSV)
     assert recording_path(load_problem(str(path)), "path.csv") == csv

@@ -29,7 +29,7 @@ from rehab_opt.session.mirror.scene import laid_out, path_notes
 from rehab_opt.session.mirror.shown import brief, table
 from rehab_opt.session.report import metrics_json, write_report
 from rehab_opt.session.run import checked, run_problem
-from rehab_opt.session.systems import OutOfReach
+from rehab_opt.session.systems import NotMet
 from tests.control.mirror_campaign import closed_form
 
 Array = np.ndarray
@@ -252,9 +252,9 @@ def test_check_says_how_much_is_in_reach_and_the_run_passes_that(
 
 def test_a_mirrored_hand_out_of_reach_is_noted_as_such(monkeypatch: pytest.MonkeyPatch) -> None:
     config = load_problem(f"mirror/{NAMES[0]}")
-    assert not any(isinstance(note, OutOfReach) for note in checked(config))
+    assert not any(isinstance(note, NotMet) for note in checked(config))
     monkeypatch.setattr(placing, "SEEN", 1.01)
-    (note,) = (note for note in checked(config) if isinstance(note, OutOfReach))
+    (note,) = (note for note in checked(config) if isinstance(note, NotMet))
     assert note.startswith("in reach, above the floor")
 
 

@@ -14,11 +14,12 @@ from hypothesis import strategies as st
 from rehab_opt import Clearance, MovingCapsule, ProblemFileError
 from rehab_opt.kinematics.ur5 import ur5
 from rehab_opt.session.clearance import nearest_bodies
-from rehab_opt.session.files import load_problem
+from rehab_opt.session.files import load_problem, shipped_folder
 from rehab_opt.session.pose_tracking.problem import CircleSection, PoseTracking
 from rehab_opt.session.pose_tracking.run import RobotOutcome, circle_reference
 from rehab_opt.session.pose_tracking.shown import figures as robot_figures
 from rehab_opt.session.run import checked, run_problem
+from rehab_opt.session.systems import NotMet
 from tests.control.clearance_world import least_distance, link_ends
 
 START = ur5().pose(np.deg2rad([0.0, -90.0, 90.0, -90.0, -90.0, 0.0]))
@@ -104,11 +105,12 @@ def test_solver_that_leaves_the_slowest_motion_undelivered_is_not_taken_for_one_
 
 def test_a_start_within_a_margin_is_said_by_check_and_by_the_run_of_whom_and_by_how_much(tmp_path: Path) -> None:
     shipped = load_problem("robot/ur5_among_bodies")
-    assert checked(shipped) == ()
+    assert not any("starts" in each for each in checked(shipped))
     file = tmp_path / "within.toml"
     file.write_text(shipped.path.read_text().replace("centre_m = [-0.5, 0.0, 0.1]", "centre_m = [-0.5, -0.1, 0.45]"))
     config = load_problem(str(file))
-    (note,) = checked(config)
+    (whole,) = (each for each in checked(config) if "starts" in each)
+    note = whole.split("; ")[0]
     said = re.fullmatch(r"the robot starts (\d+(?:\.\d+)?) mm within the margin: (.+) and table", note)
     assert said is not None, note
     start = np.deg2rad([[0.0, -90.0, 90.0, -90.0, -90.0, 0.0]])
@@ -223,11 +225,45 @@ def test_stamps_of_when_samples_arrive_and_spikes_are_no_jumps(tmp_path: Path, s
 def test_check_says_what_is_out_of_reach(tmp_path: Path) -> None:
     """A path of 2.4 m, of an arm of 0.9; and nothing where all of it is in reach."""
     points = eight(np.random.default_rng(7), 6.0)
-    assert not any("REACH" in each for each in checked(load_problem(written(tmp_path, points))))
+    assert not any(isinstance(each, NotMet) for each in checked(load_problem(written(tmp_path, points))))
     points[:, 1:] *= [12.0, 1.0, 1.0]
-    (note,) = (each for each in checked(load_problem(written(tmp_path, points))) if "REACH" in each)
-    assert "NOT IN REACH" in note
+    (note,) = (each for each in checked(load_problem(written(tmp_path, points))) if isinstance(each, NotMet))
+    assert "NOT FOLLOWED" in note
     assert "singular" in note
+    assert "is the way free" not in note
+
+
+@pytest.mark.parametrize(
+    ("robot", "stretch", "cause"),
+    [
+        ("joint_speed_deg_s = 8.0", 1.0, "as fast as it may"),
+        ("joint_acceleration_deg_s2 = 10.0", 1.0, "accelerate as they may"),
+        ("", 12.0, "singular"),
+        ("five", 1.0, "an arm of 5 joints, which cannot hold every orientation"),
+    ],
+)
+def test_check_reports_what_the_run_reports(tmp_path: Path, robot: str, stretch: float, cause: str) -> None:
+    """With an arm of five joints it looked at places alone, and as if a turn counted for 0.1 m/rad: 14 mm for 64."""
+    points = eight(np.random.default_rng(17), 4.0) * [1.0, stretch, 1.0, 1.0]
+    text = PATH.replace('model = "ur5"', f'model = "ur5"\n{robot}')
+    if robot == "five":
+        model = Path(shipped_folder()) / "robots" / "kinova_gen3" / "gen3.urdf"
+        (tmp_path / "gen3.urdf").write_bytes(model.read_bytes())
+        (tmp_path / "five.toml").write_text(
+            'urdf = "gen3.urdf"\ntip = "end_effector_link"\nacceleration_deg_s2 = 300.0\n'
+            "[joints.joint_3]\nlocked_deg = 0.0\n[joints.joint_5]\nlocked_deg = 0.0\n"
+        )
+        text = PATH.replace('model = "ur5"', 'file = "five.toml"').replace(
+            "[0.0, -70.0, 90.0, -110.0, -90.0, 0.0]", "[0.0, 28.6, 86.0, 10.0, 0.0]"
+        )
+    config = load_problem(written(tmp_path, points, text))
+    (quick,) = (each for each in checked(config) if isinstance(each, NotMet))
+    (whole,) = (each for each in run_problem(config).notes if isinstance(each, NotMet))
+    assert cause in quick
+    assert cause in whole
+    number = re.compile(r"for (\d+)% of the time .* at most ([\d.]+) mm and ([\d.e-]+) deg")
+    found = [np.array(number.search(each).groups(), dtype=float) for each in (quick, whole)]  # type: ignore[union-attr]
+    np.testing.assert_allclose(*found, rtol=0.1, atol=1.0)
 
 
 def test_what_kept_a_tool_from_its_path_is_said(tmp_path: Path) -> None:

@@ -28,7 +28,7 @@ from rehab_opt.session.mirror.problem import MirrorProblem
 from rehab_opt.session.mirror.scene import Setup, laid_out
 from rehab_opt.session.outcome import Array, Progress
 from rehab_opt.session.robot_file import pose_of
-from rehab_opt.session.systems import OutOfReach
+from rehab_opt.session.systems import NotMet
 
 __all__ = ["Place", "found_place", "placed", "reach_note", "replaced_keys", "value_text"]
 
@@ -166,7 +166,7 @@ def reach_note(problem: MirrorProblem, scene: Setup, tracker: MirrorTracker) -> 
     walk = search.seats.walk(np.concatenate([to_the_first, hands])[:, None], scene.start[None], 0)
     fraction = float((walk.done[COMES:, 0] & search.wanted).sum() / search.counted_on.sum())
     said = f"in reach, above the floor, from this start: {100 * fraction:.0f} % of it; `rehab-opt place` may find more"
-    return said if fraction >= SEEN else OutOfReach(said)
+    return said if fraction >= SEEN else NotMet(said)
 
 
 class _Search:

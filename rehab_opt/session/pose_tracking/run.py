@@ -5,14 +5,13 @@ from __future__ import annotations
 import inspect
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rehab_opt.control.arm_path import Postures
 from rehab_opt.control.command import Command
 from rehab_opt.control.conditioning import conditioned
 from rehab_opt.control.joint_feedback import JointFeedback
@@ -31,7 +30,6 @@ from rehab_opt.session.clearance import (
     clearance_key,
     clearance_of,
     nearest_bodies,
-    start_notes,
 )
 from rehab_opt.session.closed_loop import JointMotion, simulate
 from rehab_opt.session.files import ProblemFile, recording_path
@@ -50,11 +48,11 @@ from rehab_opt.session.outcome import (
     time_metrics,
     turn_angles,
 )
-from rehab_opt.session.plant import device_of, joint_feedback, joint_plant, plant_note
+from rehab_opt.session.plant import JointPlant, device_of, joint_feedback, joint_plant, plant_note
 from rehab_opt.session.pose_tracking.problem import MAX_TICKS, CircleSection, PathSection, PoseTracking
 from rehab_opt.session.refusals import refused_as
 from rehab_opt.session.robot_file import robot_at_start, robot_files
-from rehab_opt.session.systems import Needed, System
+from rehab_opt.session.systems import Needed, NotMet, System
 
 __all__ = ["LivePoseTracking", "PoseTrackingSystem", "RobotOutcome", "circle_reference", "tracker_of"]
 
@@ -326,51 +324,31 @@ class RobotOutcome(MovementOutcome):
             yield from joint_columns("velocity", self.chain, self.motion.velocity, "rad_s")
 
 
-BEHIND = 5e-3
-"""[m] A tool farther from its path did not follow it."""
+BEHIND, TURNED = 5e-3, math.radians(3.0)
+"""[m, rad] A tool farther from its path, or turned so much from it, did not follow it."""
 AT_LIMIT, AT_SPEED, SINGULAR = math.radians(0.5), 0.98, 0.03
 """[rad] From its limit, of a joint that is there; share of the largest speed; least singular value of the Jacobian."""
 OFTEN, LOOKED_AT = 0.1, 200
 """Share of the time behind in which a cause is one; ticks of it whose postures are looked at."""
 
 
-class _Followed(NamedTuple):
-    """N moments of a path: times (N,) [s], joints (N, n) [rad], their velocities, tools (N, 4, 4), errors (N,) [m]."""
-
-    times: Array
-    q: Array
-    velocity: Array
-    tool: Array
-    error: Array
-
-
-def _reached(live: LivePoseTracking) -> _Followed:
-    """The path followed within the joint limits, without dynamics, from the start on."""
-    each = max(1, round(LOOKED_EVERY / live.dt))
-    poses, postures = live.reference[0][::each], Postures(live.robot)
-    q, here = np.empty((len(poses), live.robot.n)), live.start[None]
-    for k, pose in enumerate(poses):
-        here, _ = postures.nearest(here, pose[None], rounds=ROUNDS)
-        q[k] = here[0]
-    tool, times = postures.at(q)[0], each * live.dt * np.arange(len(q), dtype=np.float64)
-    error = np.linalg.norm(tool[:, :3, 3] - poses[:, :3, 3], axis=1)
-    return _Followed(times, q, np.asarray(np.gradient(q, times, axis=0)), tool, error)
-
-
 def _left_behind(
-    robot: SerialChain, followed: _Followed, *, most: float, said: str = "NOT FOLLOWED"
-) -> tuple[str, ...]:
-    """A note on a tool that was not on its path, and on what stood in its way meanwhile; or none."""
-    times, q, velocity, tool, error = followed
-    behind = np.flatnonzero(~(error <= BEHIND))
+    robot: SerialChain, *, times: Array, q: Array, velocity: Array, tool: Array, error: Array, turned: Array,
+    most: float, bodies: bool,
+) -> tuple[str, ...]:  # fmt: skip
+    """A note on a tool (N, 4, 4) that was off its path by error and turn (N,), and on what kept it; or none.
+
+    `most` is the tool's largest speed; `bodies` says whether the robot keeps clear of some.
+    """
+    behind = np.flatnonzero(~((error <= BEHIND) & (turned <= TURNED)))
     if not behind.size:
         return ()
     at_limit = np.minimum(q - robot.lower, robot.upper - q)[behind] < AT_LIMIT
     fast = (np.abs(velocity) / robot.velocity)[behind] > AT_SPEED
-    rank = min(robot.n, 6) - 1
+    free = int(np.count_nonzero(~robot.locked))
     speed = np.linalg.norm(np.gradient(tool[:, :3, 3], times, axis=0), axis=1)[behind]
     some = behind[:: math.ceil(behind.size / LOOKED_AT)]
-    stretched = [np.linalg.svd(robot.jacobian(each), compute_uv=False)[rank] < SINGULAR for each in q[some]]
+    values = np.array([np.linalg.svd(robot.jacobian(each), compute_uv=False) for each in q[some]])
     fractions = {
         f"{name} at its limit": fraction for name, fraction in zip(robot.names, at_limit.mean(axis=0), strict=True)
     }
@@ -380,18 +358,24 @@ def _left_behind(
     hard = np.abs(np.asarray(np.gradient(velocity, times, axis=0))) / robot.acceleration > AT_SPEED
     fractions["the joints accelerate as they may"] = hard.any(axis=1)[behind].mean()
     fractions[f"the tool at its {most:g} m/s"] = np.mean(speed > AT_SPEED * most)
-    fractions["the posture nearly singular"] = np.mean(stretched)
+    fractions["the posture nearly singular"] = np.mean(values[:, min(free, 6) - 1] < SINGULAR)
     causes = [f"{cause} ({fraction:.0%})" for cause, fraction in fractions.items() if fraction >= OFTEN]
-    k = int(np.argmax(error))
+    if free < 6:
+        causes.append(f"an arm of {free} joints, which cannot hold every orientation")
+    otherwise = "no joint was at a limit of its own, nor the posture singular" + ": is the way free?" * bodies
+    k = int(np.argmax(np.maximum(error / BEHIND, turned / TURNED)))
     return (
-        f"{said}: for {behind.size / error.size:.0%} of the time the tool was more than {1e3 * BEHIND:g} mm from "
-        f"its path, at most {1e3 * error[k]:.3g} mm, after {times[k]:.2f} s; meanwhile "
-        + (", ".join(causes) or "no joint was at a limit of its own, nor the posture singular: is the way free?"),
+        NotMet(
+            f"NOT FOLLOWED: for {behind.size / error.size:.0%} of the time the tool was more than {1e3 * BEHIND:g} mm "
+            f"or {math.degrees(TURNED):g} deg from its path, at most {1e3 * error.max():.3g} mm and "
+            f"{math.degrees(turned.max()):.3g} deg, after {times[k]:.2f} s; meanwhile "
+            + (", ".join(causes) or otherwise)
+        ),
     )
 
 
-LOOKED_EVERY, ROUNDS = 0.02, 20
-"""[s] At which `check` looks whether a path is in reach; steps to each of its poses."""
+CHECKED_HZ = 50.0
+"""At most, of the run that `check` reports."""
 
 
 class PoseTrackingSystem(System[PoseTracking, RobotOutcome]):
@@ -409,14 +393,14 @@ class PoseTrackingSystem(System[PoseTracking, RobotOutcome]):
         return (*path, *robot_files(problem.robot))
 
     def check(self, config: ProblemFile[PoseTracking]) -> tuple[str, ...]:
-        """Builds the robot and the tracker, and sees whether the path is in reach from the start."""
-        live = LivePoseTracking(config, solver=None)
-        tracker_of(config.problem, live.robot, file=config.file)
-        told = () if live.recording is None else live.recording.notes
-        within = start_notes(config.problem.clearance, config.file, live.robot, live.start)
-        most = config.problem.tracker.linear_speed_m_s
-        beyond = _left_behind(live.robot, _reached(live), most=most, said="NOT IN REACH")
-        return (*told, *live.robot.notes, *within, *beyond)
+        """Builds robot and tracker; what `run` would note where joints move as commanded, at `CHECKED_HZ`."""
+        live, problem = LivePoseTracking(config, solver=None), config.problem
+        tracker_of(problem, live.robot, file=config.file)
+        _ = live.recording  # refused where the file's own rate makes it too long
+        tracker = problem.tracker.model_copy(update={"rate_hz": min(problem.tracker.rate_hz, CHECKED_HZ)})
+        quick = problem.model_copy(update={"tracker": tracker, "plant": JointPlant()})
+        _, *notes = self.run(replace(config, problem=quick), options={}, progress=lambda *_: None).notes
+        return tuple(notes)
 
     def run(self, config: ProblemFile[PoseTracking], *, options: Mapping[str, str], progress: Progress) -> RobotOutcome:
         """Options: `solver` of the tracker, `plant`."""
@@ -434,6 +418,10 @@ class PoseTrackingSystem(System[PoseTracking, RobotOutcome]):
         acceleration = np.abs(np.diff(command, axis=0, prepend=np.zeros((1, robot.n)))) * rate
         near = nearest_bodies(problem.clearance, config.file, robot, ran.q, times)
         moving = np.maximum(np.linalg.norm(twists[:, :3], axis=1), np.linalg.norm(twists[:, 3:], axis=1)) >= STILL
+        behind = _left_behind(
+            robot, times=times, q=ran.q, velocity=command, tool=tool, error=position_error, turned=orientation_error,
+            most=problem.tracker.linear_speed_m_s, bodies=problem.clearance is not None,
+        )  # fmt: skip
         own = inspect.signature(PoseTracker).parameters
         metrics: dict[str, Any] = {
             "parameters": {
@@ -465,13 +453,9 @@ class PoseTrackingSystem(System[PoseTracking, RobotOutcome]):
                 plant_note(problem.plant, "the robot is simulated: its joints move exactly as commanded"),
                 *(() if live.recording is None else live.recording.notes),
                 *robot.notes,
-                *_left_behind(
-                    robot,
-                    _Followed(times, ran.q, command, tool, position_error),
-                    most=problem.tracker.linear_speed_m_s,
-                ),
-            )
-            + (() if near is None else (near.note,)),
+                *behind,
+                *(() if near is None else (near.note,)),
+            ),
             metrics={
                 "optimised": metrics,
             },

@@ -30,7 +30,7 @@ from rehab_opt.session.outcome import (
     with_progress,
 )
 from rehab_opt.session.participant import participant_arm, placed_recording
-from rehab_opt.session.systems import Needed, OutOfReach, System
+from rehab_opt.session.systems import Needed, NotMet, System
 from rehab_opt.session.upper_limb.laws import LAWS, driven, follower, hand_and_tilt, track_reference
 from rehab_opt.session.upper_limb.outcome import DRIVEN_DEG, ArmOutcome, LawResult, drive_note, law_notes
 from rehab_opt.session.upper_limb.problem import UpperLimb
@@ -129,7 +129,7 @@ def reach_note(arm: SerialChain, path: Array, *, handle_tilt: float) -> str:
         return said
     away = np.linalg.norm([arm.pose(q)[:3, 3] for q in answer.q] - places, axis=1)[~near]
     said += f"; from the others the hand stays {1e3 * away.min():.3g} to {1e3 * away.max():.3g} mm away"
-    return said if near.any() else OutOfReach(said)
+    return said if near.any() else NotMet(said)
 
 
 BOTH = "both"
