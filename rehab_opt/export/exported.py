@@ -67,7 +67,7 @@ class Law:
         memory_at = own_at - int(controller.stated.memory.numel())
         command_slice, wheels = controller.command_slice or slice(n), controller.wheels or slice(0, 0)
         cells = (
-            *(n, memory_at, own_at, own_at + controller.judged["reason"], self.state),
+            *(n, memory_at, own_at, own_at + controller.judged["reason"]),
             *(memory_at + (command_slice.start or 0), memory_at + wheels.start, wheels.stop - wheels.start),
             *(f"{self.name}_{what}" for what in ("tick", "finish", "begin")),
             f"{self.name}_going_on" if "going_on" in self.more else "NULL",
@@ -210,6 +210,7 @@ class ExportedVelocity(ExportedController):
             **{name: str(size) for name, size in sizes.items()},
             "report_layout": ", ".join(f"REPORT_{name.upper()} = {REPORT[name]}" for name in REPORT.places),
             "name": self.name,
+            "status": "REHAB_HOLDING",
             "dt": number(first.dt),
             "law_shapes": indented(law.row() + "," for law in laws).rstrip(","),
         }

@@ -45,6 +45,7 @@ class Generated(NamedTuple):
 def generated(functions: Sequence[ca.Function]) -> Generated:
     """C of all functions, each static and called by its name.
 
+    Each that is `renamed` reads its inputs before it writes an output: an output may stand in the place of an input.
     The sizes are those of the virtual machine, which are never smaller than the code's: they hold the integers that
     `optim/qrqp.py` asks for beyond CasADi's count, since qrqp writes one too many.
 
@@ -59,7 +60,8 @@ def generated(functions: Sequence[ca.Function]) -> Generated:
         generator.generate(f"{folder}/")
         text = (Path(folder) / "generated.c").read_text(encoding="utf-8")
     notice, end, code = text.partition("*/")
-    if not (notice.startswith("/*") and end and OLD_C in code):
+    in_place = (_reads_before_it_writes(code, function.name()) for function in functions)
+    if not (notice.startswith("/*") and end and OLD_C in code and all(in_place)):
         raise ConfigurationError("casadi", ca.CasadiMeta.version(), "a version that writes C of the form known here")
     for unused in UNUSED:
         code = code.replace(unused, "")
@@ -73,6 +75,13 @@ def generated(functions: Sequence[ca.Function]) -> Generated:
         integers=max(function.sz_iw() for function in functions),
         reals=max(function.sz_w() for function in functions),
     )
+
+
+def _reads_before_it_writes(code: str, name: str) -> bool:
+    """Whether a function of this C writes its outputs last."""
+    calls = re.search(rf" int {name}\(.*\n  return (casadi_f\d+)\(arg, res", code)
+    body = calls and re.search(rf"^static int {calls[1]}\(.*?^}}", code, re.MULTILINE | re.DOTALL)
+    return body is not None and re.search(r"\bres\[.*\b(?:arg\d*\[|wr\d)", body[0], re.DOTALL) is None
 
 
 def _each_once(code: str) -> str:

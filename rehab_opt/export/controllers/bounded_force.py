@@ -89,12 +89,13 @@ class ExportedForce(ExportedController):
             **{each: SOLVED[each] for each in ("value", "status", "residual", "solver", "relaxed", "scale", "reason")},
             "values": 2,
             "wheels": 0,
-            "numbers": 2 * stated.state_size + 2 * watched.size + VIEW.size + SOLVED.size + 6,
+            "numbers": 2 * stated.state_size + watched.size + VIEW.size + SOLVED.size + 6,
         }  # fmt: skip
         records = {"model": MODEL, "watched": watched, "view": VIEW, "solved": SOLVED}
         return {
             **{name: str(size) for name, size in sizes.items()},
             **{f"{name}_names": ", ".join(record.places) for name, record in records.items()},
+            "status": "REHAB_RELEASED",
             "dt": number(self.force.dt),
             "model": initialiser(self.force.model),
             "nothing_seen": initialiser(self.force.nothing_seen()),

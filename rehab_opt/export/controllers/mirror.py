@@ -261,7 +261,6 @@ def _constants(tracker: MirrorTracker) -> dict[str, str]:
     return {
         "stop_at": number(tracker._interaction.stop_at),
         "window": str(tracker.pace.window),
-        "moving_size": str(tracker.limits.moving_size),
         "paces": initialiser(PACES),
         "remembered": initialiser(tracker.beginning_of_memory()),
         "places": ", ".join([*places, *(f"{name.upper()}_SIZE = {record.size}" for name, record in RECORDS.items())]),
