@@ -210,7 +210,7 @@ class ExportedVelocity(ExportedController):
             **{name: str(size) for name, size in sizes.items()},
             "report_layout": ", ".join(f"REPORT_{name.upper()} = {REPORT[name]}" for name in REPORT.places),
             "name": self.name,
-            "status": "REHAB_HOLDING",
+            "at_rest": "REHAB_HOLDING",
             "dt": number(first.dt),
             "law_shapes": indented(law.row() + "," for law in laws).rstrip(","),
         }

@@ -95,7 +95,7 @@ class ExportedForce(ExportedController):
         return {
             **{name: str(size) for name, size in sizes.items()},
             **{f"{name}_names": ", ".join(record.places) for name, record in records.items()},
-            "status": "REHAB_RELEASED",
+            "at_rest": "REHAB_RELEASED",
             "dt": number(self.force.dt),
             "model": initialiser(self.force.model),
             "nothing_seen": initialiser(self.force.nothing_seen()),

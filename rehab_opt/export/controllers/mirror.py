@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 from rehab_opt.control import mirror_following, mirror_tick
 from rehab_opt.control.damped import PASSES
 from rehab_opt.control.mirror import MirrorTracker
-from rehab_opt.control.mirror_pace import AIMED, COUNTED, PACE, PACES, REMEMBERED, SAID, TRIED
+from rehab_opt.control.mirror_pace import AIMED, COUNTED, PACE, REMEMBERED, SAID, TRIED
 from rehab_opt.control.mirror_statement import HELD
 from rehab_opt.control.mirror_tick import NOTICED, VERDICT
 from rehab_opt.control.person_limit import SETTLING, SETTLING_DT, PersonLimit, model_tick
-from rehab_opt.control.reference_clock import SAMPLE
+from rehab_opt.control.reference_clock import CLOCK, KEPT, SAMPLE
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.export.c_text import initialiser, number
 from rehab_opt.export.controllers.mirror_run import mirror_run
@@ -99,6 +99,8 @@ class ExportedMirror(ExportedVelocity):
         speeds = mirror_following.BRIDGE * tracker.linear_speed, mirror_following.BRIDGE * tracker.angular_speed
         clock, parts = tracker.pace.clock, tracker.parts
         extra = {
+            "started": clock.started_function(),
+            "behind": clock.behind_function(),
             "taken": clock.taken_function(*speeds),
             "read_at": clock.read_function(),
             "notices": parts.notice,
@@ -219,22 +221,21 @@ def exported_mirror(
 # ------------------------------------------------------------------------------------------------ what C is told
 RECORDS = {
     "sample": SAMPLE, "pace": PACE, "tried": TRIED, "aimed": AIMED, "held": HELD, "said": SAID, "noticed": NOTICED,
-    "verdict": VERDICT, "counted": COUNTED, "remembered": REMEMBERED,
+    "clock": CLOCK, "verdict": VERDICT, "counted": COUNTED, "remembered": REMEMBERED,
 }  # fmt: skip
 MEMBERS = """\
 struct {{
     double sample[{slots}][{sample}]; /* of the reference: pose's rows, twist, [s] since the one before, stamp */
-    int first, count;              /* the one at hand, and how many there are from it on */
+    double now[{clock}];           /* ahead, fraction, lag, lost, newest: see CLOCK in Python */
+    int first;                     /* the one at hand */
     int thinned;                   /* whether the last sample made every second one go that waited */
-    double fraction;               /* of the way to the next one */
-    double lag, lost;              /* [s] to the newest, and not taken since */
 }} clock;
 double accepted[22];               /* pose and twist of the last tick that needed no clock */
 double memory[{remembered}];       /* pace, forces, what the hand is held near, the way out, counts */
 """
 PERSON_MEMBERS = (
     "double person[{0}], posture[{0}]; /* of the model of the led arm, and before what is tried */\n"
-    "int settling; /* ticks left to find it */\n"
+    "double settling; /* ticks left to find it */\n"
 )
 
 
@@ -261,7 +262,7 @@ def _constants(tracker: MirrorTracker) -> dict[str, str]:
     return {
         "stop_at": number(tracker._interaction.stop_at),
         "window": str(tracker.pace.window),
-        "paces": initialiser(PACES),
+        "kept": str(KEPT),
         "remembered": initialiser(tracker.beginning_of_memory()),
         "places": ", ".join([*places, *(f"{name.upper()}_SIZE = {record.size}" for name, record in RECORDS.items())]),
     }
