@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.control.assistance_statement import assistance_statement
-from rehab_opt.control.command import Command, Relaxed, Status
+from rehab_opt.control.command import NUMBERED, Command, Relaxed, Status
 from rehab_opt.control.energy_tank import LAGS, SLOTS, TAIL, tank_record
 from rehab_opt.control.force_tick import MODEL, VIEW, affordable, anew, force_tick, give, take, watched_record
 from rehab_opt.control.gate import DesiredForce
@@ -39,7 +39,6 @@ Array = NDArray[np.float64]
 
 _FLOATS = np.dtype(np.float64)
 _NAN, _new, _read_only = math.nan, tuple.__new__, np.frombuffer
-_STATUS = Status.OK, Status.RELEASING, Status.RELEASED
 _BOUNDS = tuple(Relaxed(i) for i in range(16))  # looked up, since making an IntFlag costs half a microsecond
 _REASON, _PLACE = VIEW["reason"], STAMPS.size + HAND["x"]
 NOISE_PEAK = 6.0
@@ -296,7 +295,7 @@ class BoundedForce(OneThread):
         view = VIEW.numbers(
             x=point, v=velocity, reason=0, details=0, at_once=0, ceiling=ceiling, left=left, repeats=0, grown=grown
         )
-        desired = self._desired(*point.tolist(), *velocity.tolist())
+        desired = *self._desired(*point.tolist(), *velocity.tolist()), 0.0
         return self.stated.instance(self._precompute.of(self.model, view, desired), memory=self._force)
 
     def to_qpsolvers(self, x: ArrayLike, v: ArrayLike = (0.0, 0.0)) -> qpsolvers.Problem:
@@ -377,7 +376,7 @@ class BoundedForce(OneThread):
         name = names[int(solver)] if solver >= 0.0 else ""
         words = reason_text(reason, rest) if reason else ""
         return _new(
-            Command, (value, _STATUS[int(status)], name, residual, -1, words, _BOUNDS[int(relaxed)], scale, None)
+            Command, (value, NUMBERED[int(status)], name, residual, -1, words, _BOUNDS[int(relaxed)], scale, None)
         )
 
 

@@ -69,7 +69,7 @@ def _read(name: str) -> str:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Evaluated:
-    """What stands in C as `name(self, ..., result)`.
+    """What stands in C as `name(self, result)`.
 
     Parameters
     ----------
@@ -77,7 +77,6 @@ class Evaluated:
     function : evaluated; its first output is the result.
     inputs : of each of its inputs the address in C: what the controller remembers, an argument, a table.
     tables : columns of numbers by their name in C, (n,), or (n, count) where one of them is chosen in a tick.
-    arguments : C of further arguments, each with a comma behind it.
     """
 
     controller: str
@@ -86,7 +85,6 @@ class Evaluated:
     function: ca.Function
     inputs: Sequence[str]
     tables: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
-    arguments: str = ""
 
     def __post_init__(self) -> None:
         """Every input has an address."""
@@ -106,7 +104,6 @@ class Evaluated:
                 "about": self.about,
                 "name": self.controller,
                 "what": self.name,
-                "more": self.arguments,
                 "inputs": ", ".join(self.inputs),
             },
         )

@@ -8,9 +8,9 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from rehab_opt.control.bilateral_sides import BEYOND, FromHelper, FromParticipant, HelperSide, ParticipantSide
+from rehab_opt.control.bilateral_sides import FromHelper, FromParticipant, HelperSide, ParticipantSide
 from rehab_opt.control.command import Command
-from rehab_opt.control.force_tick import give, take
+from rehab_opt.control.force_tick import MESSAGE, hear, say
 from rehab_opt.control.gate import reflected_force
 from rehab_opt.export.c_text import Evaluated, number
 from rehab_opt.export.controllers.assistance import MEMORY, gated_fields
@@ -28,9 +28,10 @@ Array = NDArray[np.float64]
 HELPER, PARTICIPANT = "helper_side", "participant_side"
 TABLES = ("FRAME", "AFFINE", "LANDMARKS", "WEIGHTS")
 """Of the map, as `point_inputs` gives them."""
-NUMBERS = "    long long said, newest;  /* numbers of the last message, and of the newest that was received */"
+NUMBERS = "    double numbers[2];       /* of the last message, and of the newest that was received */"
 FELT = "    double felt[2];          /* on the participant's hand [N]; NaN where it is not known */"
-FORCE_TOO = "    said->force_x = out->value[0];\n    said->force_y = out->value[1];"
+IMAGE = "\n        image(self, self->offset);"
+FORCE_TOO = "    said->force_x = message[MESSAGE_FORCE];\n    said->force_y = message[MESSAGE_FORCE + 1];"
 CALL = """\
 rehab_from_{other} received = {{{received}, tick->serial}};
     rehab_from_{own} said;
@@ -105,7 +106,7 @@ def exported_helper_side(
         recording=_recording(side, ticks, answer),
         differences=(*DIFFERENCES, *OF_THE_PAIR, PARTNER),
         says=(HELPER_SAYS, PARTICIPANT_SAYS),
-        means={"target": "felt", "told": "force_", "listen": "memcpy(self->felt, told, sizeof told);", "say": ""},
+        means={"target": "felt", "told": "force_", "listen": "", "say": ""},
     )
 
 
@@ -121,11 +122,10 @@ def exported_participant_side(
     image = Evaluated(
         controller=PARTICIPANT,
         name="image",
-        about="the image of a point of the helper's workspace, or of its point nearest to it [m]",
-        function=ca.Function("image", [point, held, *table], [spline(inside(point, held), *table)]),
-        inputs=("at", "SOURCE", *TABLES),
+        about="the image of a point of the helper's workspace, or of its point nearest to it [m]; of NaN, NaN",
+        function=ca.Function("image", [point, held, *table], [spline(inside(point, held), *table) + 0 * point]),
+        inputs=("self->offset", "SOURCE", *TABLES),
         tables={"SOURCE": edges, **_tables(side.workspace_map)},
-        arguments="const double *at, ",
     )
     side.reset()
     ticks = _ticks(side, positions, received, len(HELPER_SAYS))
@@ -144,7 +144,7 @@ def exported_participant_side(
         recording=_recording(side, ticks, answer),
         differences=(*DIFFERENCES, *OF_THE_PAIR),
         says=(PARTICIPANT_SAYS, HELPER_SAYS),
-        means={"target": "offset", "told": "", "listen": "image(self, told, self->offset);", "say": FORCE_TOO},
+        means={"target": "offset", "told": "", "listen": IMAGE, "say": FORCE_TOO},
     )
 
 
@@ -173,7 +173,7 @@ def _exported(
         force=side.force,
         desired=desired,
         parts={
-            **{what: part(side.force.slots) for what, part in (("give", give), ("take", take))},
+            **{what: part(side.force.slots) for what, part in (("hear", hear), ("say", say))},
             **({image.name: image.function} if image else {}),
         },
         interface="side",
@@ -198,8 +198,9 @@ def _exported(
             "fills": "1",
             "on_reset": f"\n    self->{means['target']}[0] = self->{means['target']}[1] = NAN;",
             "image": f"{image.code}\n\n" if image else "",
-            "fraction": number(side._fraction),
-            "beyond": number(BEYOND),
+            "fraction": number(side._messages.fraction),
+            "message_layout": ", ".join(f"MESSAGE_{each.upper()} = {MESSAGE[each]}" for each in MESSAGE.places)
+            + f", MESSAGE_SIZE = {MESSAGE.size}",
         },
     )
 
@@ -249,13 +250,13 @@ def _recording(
         return command
 
     about = f"{len(ticks)} ticks of a hand's path and of messages, with faults among them"
-    numbers = side._serials  # they go on through a reset, and C begins anew
+    numbers = side._messages.numbers.copy()  # they go on through a reset, and C begins anew
     try:
-        side._serials = type(numbers)()
+        side._messages.numbers[:] = 0.0
         with as_in_c(side.force._solvers):
             return recorded(command_of, ticks, about, more=lambda: (side.force.energy_left, *said[-1]))
     finally:
-        side._serials = numbers
+        side._messages.numbers[:] = numbers
         side.reset()
 
 

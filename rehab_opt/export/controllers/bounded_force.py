@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from rehab_opt.control.bounded_force import BoundedForce
 from rehab_opt.control.energy_tank import tank_record
-from rehab_opt.control.force_tick import MODEL, SOLVED, VIEW, anew, force_tick, watched_record
+from rehab_opt.control.force_tick import DESIRED, MODEL, SOLVED, VIEW, anew, force_tick, watched_record
 from rehab_opt.export.c_text import Evaluated, initialiser, number
 from rehab_opt.export.exported import ExportedController
 from rehab_opt.export.generated import renamed
@@ -83,15 +83,15 @@ class ExportedForce(ExportedController):
         sizes = {
             "memory_at": stated.state_size - int(stated.memory.numel()),
             "state_count": stated.state_size,
-            "watched": watched.size, "view": VIEW.size, "solved": SOLVED.size,
+            "watched": watched.size, "view": VIEW.size, "desired_size": DESIRED.size, "solved": SOLVED.size,
             "level": level, "pending": pending,
             **{f"view_{each}": VIEW[each] for each in ("x", "v", "reason")},
             **{each: SOLVED[each] for each in ("value", "status", "residual", "solver", "relaxed", "scale", "reason")},
             "values": 2,
             "wheels": 0,
-            "numbers": 2 * stated.state_size + watched.size + VIEW.size + SOLVED.size + 6,
+            "numbers": 2 * stated.state_size + watched.size + VIEW.size + SOLVED.size + 7,
         }  # fmt: skip
-        records = {"model": MODEL, "watched": watched, "view": VIEW, "solved": SOLVED}
+        records = {"model": MODEL, "watched": watched, "view": VIEW, "desired": DESIRED, "solved": SOLVED}
         return {
             **{name: str(size) for name, size in sizes.items()},
             **{f"{name}_names": ", ".join(record.places) for name, record in records.items()},
