@@ -28,7 +28,8 @@ def files_of(exported: ExportedController, *, problem: str) -> dict[str, str]:
     values = _values(exported, code, problem)
     values["work_functions"] = ", ".join(f"{function.name()}_work" for function in functions)
     values["command"] = filled("rehab_command.h", values)
-    values |= {name: filled(part, values) for name, part in exported.pieces.items()}
+    for name, part in exported.pieces.items():
+        values[name] = filled(part, values)
     values["types"] += "\n\n" if values["types"] else ""
     values |= {"memory": filled(f"{exported.core}.h", values), "core": filled(f"{exported.core}.c", values)}
     computes = (code.code, values["core"], filled(f"{exported.interface}.c", values))

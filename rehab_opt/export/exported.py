@@ -91,7 +91,8 @@ class ExportedController(ABC):
     solves : most solves of a tick.
     values : what the templates of the interface hold besides.
     more_memory : members of the C struct besides.
-    pieces : templates (without .in) that those of core and interface hold, by the name they have there.
+    pieces : templates (without .in) that those of core and interface hold, by the name they have there, and that
+        pieces behind them may hold, too.
     """
 
     core: ClassVar[str]

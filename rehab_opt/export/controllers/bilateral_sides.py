@@ -52,6 +52,8 @@ for (;;) {{ /* every tick */
     apply(command.value); /* force, N */
     send(&said);
 }}"""
+AT_FIRST = "no message received: their numbers\n * begin anew, so the other side has to begin anew, too"
+RECEIVED = "\n * received the other side's message; NULL where none came. Without a new message the force is released"
 OF_THE_PAIR = (
     "The map sums over all its landmarks. Python sums series, where there are many: the same but for rounding, which "
     "in 1 of 120 000 random ticks decided whether the solver gave up. The recorded run is of Python with sums, too.",
@@ -189,13 +191,20 @@ def _exported(
         differences=differences,
         solves=2,  # and again from a cold start
         more_memory=more_memory,
-        pieces={"begin": "force_begin.c", "messages": "messages.h"},
+        pieces={"begin": "force_begin.c", "messages": "messages.h", "declared": "force.h"},
         values={
             **names,
             **means,
             "full": "",
             "energy": "",
             "fills": "1",
+            "at_first": AT_FIRST,
+            "after_reset": "a full tank, no message. The numbers of messages go on",
+            "on_hand": f" on the {names['own']}'s hand",
+            "received_input": RECEIVED,
+            "received_argument": f" const rehab_from_{names['other']} *received,",
+            "said_output": "; said is the message to the other side, and not NULL either",
+            "said_argument": f", rehab_from_{names['own']} *said",
             "on_reset": f"\n    self->{means['target']}[0] = self->{means['target']}[1] = NAN;",
             "image": f"{image.code}\n\n" if image else "",
             "fraction": number(side._messages.fraction),

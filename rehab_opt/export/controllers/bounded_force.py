@@ -19,7 +19,7 @@ from rehab_opt.export.generated import renamed
 from rehab_opt.export.recording import RunTick, with_faults
 from rehab_opt.optim.fallback_chain import BACKUP
 
-__all__ = ["DIFFERENCES", "ENERGY", "ExportedForce", "faulty_ticks"]
+__all__ = ["ALONE", "DIFFERENCES", "ExportedForce", "faulty_ticks"]
 
 Array = NDArray[np.float64]
 
@@ -30,8 +30,11 @@ DIFFERENCES = (
     "An x that is NULL counts as not a number; Python raises an error for an argument of the wrong shape.",
 )
 """Of every force."""
-ENERGY = {"full": ", 1", "energy": ", int energy", "fills": "energy"}
-"""Of a force whose reset says whether it fills the tank."""
+ALONE = {
+    "full": ", 1", "energy": ", int energy", "fills": "energy", "on_hand": "",
+    **dict.fromkeys(("received_input", "received_argument", "said_output", "said_argument"), ""),
+}  # fmt: skip
+"""Of a force that hears no other, and whose reset says whether it fills the tank."""
 UNITS = {"force_limit": "N", "slew_limit": "N/s", "growth_limit": "N/s", "speed_cap": "m/s", "budget": "J"}
 """Of what stands in the header."""
 

@@ -19,7 +19,7 @@ from rehab_opt.control.reference_clock import CLOCK, KEPT, SAMPLE
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.export.c_text import initialiser, number
 from rehab_opt.export.controllers.mirror_run import mirror_run
-from rehab_opt.export.controllers.pose_tracker import moving_argument, moving_values
+from rehab_opt.export.controllers.pose_tracker import TRACKER, moving_argument, moving_values
 from rehab_opt.export.exported import BYTES, ExportedVelocity, Law
 from rehab_opt.export.generated import renamed
 from rehab_opt.export.recording import Run
@@ -53,6 +53,11 @@ for (;;) {{{{ /* every tick */
     rehab_{NAME}_step(&controller, q, pose, twist,{{moving}} NULL, enable, stamp, &command);
     send(command.value); /* joint velocities, rad/s */
 }}}}"""
+FORCED = {
+    "pose": "the mirrored pose of the tool now", "force_argument": "const double *force,",
+    "scale": "; scale: the time scaling, at most 1",
+}  # fmt: skip
+"""What its step takes and says besides that of a `PoseTracker`."""
 DIFFERENCES = (
     f"There is no backup solver. Where Python would use {BACKUP}, C gives the safe command and "
     "`REHAB_NOT_CERTIFIED`; the recorded run is of a Python controller without the backup, too.",
@@ -168,8 +173,9 @@ def exported_mirror(
         memory than it takes.
     """
     limit = tracker._limit
-    laws, pieces = [Law("mirror", tracker)], {"types": "mirror_types.h", "person_limit": "no_person.c"}
-    values = moving_values(tracker.limits, "parameters + MOVING")
+    laws = [Law("mirror", tracker)]
+    pieces = {"types": "mirror_types.h", "person_limit": "no_person.c", "force_input": "force_input.h", **TRACKER}
+    values = moving_values(tracker.limits, "parameters + MOVING") | FORCED
     more, solves = MEMBERS, 2 * (PASSES + 1)
     fallback_chains = [tracker._solvers]
     if limit is not None:

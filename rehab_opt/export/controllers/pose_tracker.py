@@ -21,7 +21,7 @@ from rehab_opt.session.pose_tracking.problem import PoseTracking
 from rehab_opt.session.pose_tracking.run import LivePoseTracking, PoseTrackingSystem, tracker_of
 from rehab_opt.session.robot_file import robot_at_start
 
-__all__ = ["exported_pose_tracker", "exported_tracker", "moving_argument", "moving_values"]
+__all__ = ["TRACKER", "exported_pose_tracker", "exported_tracker", "moving_argument", "moving_values"]
 
 CALL = "rehab_pose_tracker_step(&controller, tick->q, tick->pose, tick->twist,{moving} tick->enable, tick->stamp, out);"
 USAGE = """\
@@ -36,6 +36,10 @@ for (;;) {{ /* every tick */
 MOVING_INPUT = """
  * obstacles[{size}]  what moves, 14 numbers each: start and end [m], their velocities [m/s], radius [m], and 1;
  *           0 in the last place says that there is none"""
+PLAIN = {"pose": "where the tool should be now", "force_input": "", "force_argument": "", "scale": ""}
+"""Of a tracker that no force is told of."""
+TRACKER = {"declared": "tracker.h", "begin": "tracker.c"}
+"""Templates of every tracker of poses."""
 DIFFERENCES = (
     f"There is no backup solver. Where Python would use {BACKUP}, C gives the safe command and "
     "`REHAB_NOT_CERTIFIED`; the recorded run is of a Python controller without the backup, too.",
@@ -109,7 +113,8 @@ def exported_tracker(tracker: PoseTracker, run: Sequence[RunTick], *, title: str
         interface="pose_tracker",
         call=CALL.format(moving=moving_argument(tracker.limits, "tick->")),
         usage=USAGE.format(moving=moving_argument(tracker.limits)),
-        values=moving_values(tracker.limits, "self->law[0].parameters + JOINTS + 22"),
+        values=moving_values(tracker.limits, "parameters + JOINTS + 22") | PLAIN,
+        pieces=TRACKER,
         recording=recording,
         differences=DIFFERENCES,
         solves=2 * (PASSES + 1),  # of the wanted motion and of the QP, and all again from a cold start
