@@ -15,8 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.errors import ConfigurationError
+from rehab_opt.symbolic.record import Record
 
-__all__ = ["Evaluated", "comment", "filled", "indented", "initialiser", "number"]
+__all__ = ["Evaluated", "comment", "filled", "indented", "initialiser", "layout", "number"]
 
 
 def number(value: float) -> str:
@@ -31,6 +32,12 @@ def number(value: float) -> str:
 def initialiser(values: Iterable[float]) -> str:
     """{a, b, c}"""
     return "{" + ", ".join(number(value) for value in values) + "}"
+
+
+def layout(name: str, record: Record) -> str:
+    """Where the numbers of a record stand, and how many there are, as constants of C."""
+    places = (*((each, record[each]) for each in record.places), ("size", record.size))
+    return ", ".join(f"{name.upper()}_{each.upper()} = {place}" for each, place in places)
 
 
 def comment(text: str) -> str:

@@ -12,9 +12,9 @@ import casadi as ca
 
 from rehab_opt.control.pose_tracker import PoseTracker
 from rehab_opt.control.velocity_controller import VelocityController
-from rehab_opt.control.velocity_tick import REPORT
+from rehab_opt.control.velocity_tick import DONE, NOTHING_TO_SOLVE, REPORT
 from rehab_opt.errors import ConfigurationError
-from rehab_opt.export.c_text import indented, number
+from rehab_opt.export.c_text import indented, layout, number
 from rehab_opt.export.generated import renamed
 from rehab_opt.export.recording import Run
 
@@ -209,7 +209,9 @@ class ExportedVelocity(ExportedController):
         sizes["numbers"] = len(laws) * (sizes["max_parameters"] + 2 * sizes["max_state"] + sizes["max_verdict"])
         return {
             **{name: str(size) for name, size in sizes.items()},
-            "report_layout": ", ".join(f"REPORT_{name.upper()} = {REPORT[name]}" for name in REPORT.places),
+            "report_layout": layout("REPORT", REPORT),
+            "done": str(DONE),
+            "nothing_to_solve": str(NOTHING_TO_SOLVE),
             "name": self.name,
             "at_rest": "REHAB_HOLDING",
             "dt": number(first.dt),

@@ -12,7 +12,7 @@ from rehab_opt.control.bilateral_sides import FromHelper, FromParticipant, Helpe
 from rehab_opt.control.command import Command
 from rehab_opt.control.force_tick import MESSAGE, hear, say
 from rehab_opt.control.gate import reflected_force
-from rehab_opt.export.c_text import Evaluated, number
+from rehab_opt.export.c_text import Evaluated, layout, number
 from rehab_opt.export.controllers.assistance import MEMORY, gated_fields
 from rehab_opt.export.controllers.bounded_force import DIFFERENCES, ExportedForce, faulty_ticks
 from rehab_opt.export.recording import Run, RunTick, recorded
@@ -208,8 +208,7 @@ def _exported(
             "on_reset": f"\n    self->{means['target']}[0] = self->{means['target']}[1] = NAN;",
             "image": f"{image.code}\n\n" if image else "",
             "fraction": number(side._messages.fraction),
-            "message_layout": ", ".join(f"MESSAGE_{each.upper()} = {MESSAGE[each]}" for each in MESSAGE.places)
-            + f", MESSAGE_SIZE = {MESSAGE.size}",
+            "message_layout": layout("MESSAGE", MESSAGE),
         },
     )
 

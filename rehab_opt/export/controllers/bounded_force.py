@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from rehab_opt.control.bounded_force import BoundedForce
 from rehab_opt.control.energy_tank import tank_record
 from rehab_opt.control.force_tick import DESIRED, MODEL, SOLVED, VIEW, anew, force_tick, watched_record
-from rehab_opt.export.c_text import Evaluated, initialiser, number
+from rehab_opt.export.c_text import Evaluated, initialiser, layout, number
 from rehab_opt.export.exported import ExportedController
 from rehab_opt.export.generated import renamed
 from rehab_opt.export.recording import RunTick, with_faults
@@ -89,7 +89,6 @@ class ExportedForce(ExportedController):
             "watched": watched.size, "view": VIEW.size, "desired_size": DESIRED.size, "solved": SOLVED.size,
             "level": level, "pending": pending,
             **{f"view_{each}": VIEW[each] for each in ("x", "v", "reason")},
-            **{each: SOLVED[each] for each in ("value", "status", "residual", "solver", "relaxed", "scale", "reason")},
             "values": 2,
             "wheels": 0,
             "numbers": 2 * stated.state_size + watched.size + VIEW.size + SOLVED.size + 7,
@@ -100,6 +99,7 @@ class ExportedForce(ExportedController):
             **{f"{name}_names": ", ".join(record.places) for name, record in records.items()},
             "at_rest": "REHAB_RELEASED",
             "dt": number(self.force.dt),
+            "report_layout": layout("REPORT", SOLVED),
             "model": initialiser(self.force.model),
             "nothing_seen": initialiser(self.force.nothing_seen()),
             "desired": self.desired.code,

@@ -17,7 +17,7 @@ from rehab_opt.control.mirror_tick import NOTICED, VERDICT
 from rehab_opt.control.person_limit import SETTLING, SETTLING_DT, PersonLimit, model_tick
 from rehab_opt.control.reference_clock import CLOCK, KEPT, SAMPLE
 from rehab_opt.errors import ConfigurationError
-from rehab_opt.export.c_text import initialiser, number
+from rehab_opt.export.c_text import initialiser, layout, number
 from rehab_opt.export.controllers.mirror_run import mirror_run
 from rehab_opt.export.controllers.pose_tracker import TRACKER, moving_argument, moving_values
 from rehab_opt.export.exported import BYTES, ExportedVelocity, Law
@@ -55,7 +55,7 @@ for (;;) {{{{ /* every tick */
 }}}}"""
 FORCED = {
     "pose": "the mirrored pose of the tool now", "force_argument": "const double *force,",
-    "scale": "; scale: the time scaling, at most 1",
+    "scale": "; scale: the time scaling, at most 1", "null_input": "An input other than force",
 }  # fmt: skip
 """What its step takes and says besides that of a `PoseTracker`."""
 DIFFERENCES = (
@@ -262,13 +262,10 @@ def _person(limit: PersonLimit) -> dict[str, str]:
 
 def _constants(tracker: MirrorTracker) -> dict[str, str]:
     """Fields of the templates of clock, pace, forces and singularity escape."""
-    places = [
-        f"{name.upper()}_{each.upper()} = {record[each]}" for name, record in RECORDS.items() for each in record.places
-    ]
     return {
         "stop_at": number(tracker._interaction.stop_at),
         "window": str(tracker.pace.window),
         "kept": str(KEPT),
         "remembered": initialiser(tracker.beginning_of_memory()),
-        "places": ", ".join([*places, *(f"{name.upper()}_SIZE = {record.size}" for name, record in RECORDS.items())]),
+        "places": ", ".join(layout(name, record) for name, record in RECORDS.items()),
     }

@@ -36,7 +36,7 @@ for (;;) {{ /* every tick */
 MOVING_INPUT = """
  * obstacles[{size}]  what moves, 14 numbers each: start and end [m], their velocities [m/s], radius [m], and 1;
  *           0 in the last place says that there is none"""
-PLAIN = {"pose": "where the tool should be now", "force_input": "", "force_argument": "", "scale": ""}
+PLAIN = {"pose": "where the tool should be now", "null_input": "An input", **dict.fromkeys(("force_input", "force_argument", "scale"), "")}
 """Of a tracker that no force is told of."""
 TRACKER = {"declared": "tracker.h", "begin": "tracker.c"}
 """Templates of every tracker of poses."""
