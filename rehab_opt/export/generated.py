@@ -26,6 +26,9 @@ FUNCTION = re.compile(r"(?:^/\*[^\n]*\*/\n)?^static int (casadi_f\d+)(\(.*?^}\n\
 NAME = re.compile(r"(#define )?\b(casadi_f\d+)\b(?(1).*\n)")
 """Such a function's, or the line that gives it its prefix."""
 
+WORK = re.compile(r"\*sz_(arg|res|iw|w) = (\d+);")
+"""What a function says that it needs."""
+
 UNUSED = ("#include <stdarg.h>\n", "#include <stdio.h>\n")
 """Nothing is printed; a robot's processor may have no such thing."""
 
@@ -60,8 +63,10 @@ def generated(functions: Sequence[ca.Function]) -> Generated:
         generator.generate(f"{folder}/")
         text = (Path(folder) / "generated.c").read_text(encoding="utf-8")
     notice, end, code = text.partition("*/")
+    sizes = {each: max(getattr(function, f"sz_{each}")() for function in functions) for each in ("arg", "res", "iw", "w")}
+    fits = (int(size) <= sizes[each] for each, size in WORK.findall(code))
     in_place = (_reads_before_it_writes(code, function.name()) for function in functions)
-    if not (notice.startswith("/*") and end and OLD_C in code and all(in_place)):
+    if not (notice.startswith("/*") and end and OLD_C in code and all(fits) and all(in_place)):
         raise ConfigurationError("casadi", ca.CasadiMeta.version(), "a version that writes C of the form known here")
     for unused in UNUSED:
         code = code.replace(unused, "")
@@ -70,10 +75,10 @@ def generated(functions: Sequence[ca.Function]) -> Generated:
     return Generated(
         code=DEFINITION.sub("static ", code.replace(OLD_C, COMPARISONS)).strip() + "\n",
         notice="\n".join(line for line in lines if line),
-        arguments=max(function.sz_arg() for function in functions),
-        results=max(function.sz_res() for function in functions),
-        integers=max(function.sz_iw() for function in functions),
-        reals=max(function.sz_w() for function in functions),
+        arguments=sizes["arg"],
+        results=sizes["res"],
+        integers=sizes["iw"],
+        reals=sizes["w"],
     )
 
 
