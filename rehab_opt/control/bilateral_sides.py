@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from rehab_opt.control.assistance import Assistance
 from rehab_opt.control.bounded_force import BoundedForce, ForceBounds
 from rehab_opt.control.command import Command
-from rehab_opt.control.force_tick import BEYOND, hear, say
+from rehab_opt.control.force_tick import BEYOND
 from rehab_opt.control.gate import PULL_BACK, reflected_force
 from rehab_opt.control.thread_owner import OneThread
 from rehab_opt.control.velocity_controller import checked_number
@@ -53,7 +53,7 @@ class FromParticipant(NamedTuple):
 
 
 class _Messages:
-    """What a side hears and says, by functions that C has, too.
+    """What a side hears and says.
 
     `reset` leaves the numbers: with new ones, a message from before it could be taken twice.
     """
@@ -64,27 +64,24 @@ class _Messages:
         """Share of the energy that is given with a message."""
         self.numbers: Array = np.zeros(2)
         """Of the last message that was said, and of the newest that was heard."""
-        self._hear, self._say = (BufferedFunction(each(force.slots)) for each in (hear, say))
 
-    def hear(self, energy: float, serial: float, x: float, y: float) -> Array:
-        """Take the energy of a message, if it is newer than all before; (2,) the other numbers, NaN if they are none."""
+    def hear(self, *message: float) -> Array:
+        """Take the energy of a message: that, its number and two more, which are given back; see `force_tick.hear`."""
         force = self._force
         if force._owner != get_ident():
             force._refuse_others()
-        force._watched[:] = self._hear.of(
-            force.model, force._watched, self.numbers, [_float(each) for each in (energy, serial, x, y)]
-        )
-        self.numbers[:] = self._hear.outputs[1]
-        return self._hear.outputs[2].copy()
+        heard = [_float(each) for each in message]
+        force._watched[:] = force._hear.of(force.model, force._watched, self.numbers, heard)
+        _, self.numbers[:], told = force._hear.outputs
+        return told
 
     def say(self) -> list[float]:
-        """`MESSAGE` after a tick, its serial a float."""
-        force, function = self._force, self._say
-        force._watched[:] = function.of(
-            force.model, force._watched, force._force, self.fraction, force._view, self.numbers
-        )
-        self.numbers[:] = function.outputs[1]
-        return cast("list[float]", function.outputs[2].tolist())
+        """`MESSAGE` after a tick."""
+        force = self._force
+        given = force.model, force._watched, force._force, self.fraction, force._view, self.numbers
+        force._watched[:] = force._say.of(*given)
+        _, self.numbers[:], message = force._say.outputs
+        return cast("list[float]", message.tolist())
 
 
 class ParticipantSide(OneThread):
@@ -159,7 +156,7 @@ class ParticipantSide(OneThread):
         self.force.shift(*target)
         command = self.force.step(x, v, enable=enable, stamp=stamp)
         *said, serial = self._messages.say()
-        return command, FromParticipant(*said, int(serial))
+        return command, FromParticipant._make((*said, int(serial)))
 
 
 class HelperSide(OneThread):
@@ -240,9 +237,7 @@ class HelperSide(OneThread):
         self._felt[:] = math.nan
         if received is not None:
             newest = float(self._messages.numbers[1])
-            self._felt[:] = self._messages.hear(
-                received.energy, received.serial, received.force_x, received.force_y
-            )
+            self._felt[:] = self._messages.hear(received.energy, received.serial, received.force_x, received.force_y)
             if self._messages.numbers[1] != newest:
                 self._partner = (received.x, received.y)
         command = self.force.step(x, v, enable=enable, stamp=stamp)

@@ -33,10 +33,8 @@ __all__ = [
     "affordable",
     "anew",
     "force_tick",
-    "give",
     "hear",
     "say",
-    "take",
     "watched_record",
 ]
 
@@ -57,9 +55,9 @@ that the growth limit allows."""
 DESIRED = Record(force=2, lets_go=1)
 """[N] before any bound, which may be no number; whether the hand is let go, so that a certified force is `BLOCKED`."""
 SOLVED = Record(asks=1, value=2, status=1, residual=1, solver=1, relaxed=1, scale=1, reason=1, details=3, desired=2)
-"""A command: whether a certified answer is missing that another solver might have; the force [N]; the status, a place in
-`NUMBERED`; the certificate's residual, infinite for a release; the solver; the relaxed bounds; the
-delivered fraction of the desired force; the reason; and the desired force [N], zero where the state is not valid."""
+"""A command: whether a certified answer is missing that another solver might have; the force [N]; the status's place in
+`NUMBERED`; the certificate's residual, infinite for a release; the solver; the relaxed bounds; the delivered
+fraction of the desired force; the reason; and the desired force [N], zero where the state is not valid."""
 FORGOTTEN = 2.0
 """[s] in which a person forgets the largest force: until then less than it does not come as a surprise."""
 BEYOND = 1e6
@@ -150,7 +148,9 @@ def _precompute() -> ca.Function:
     step = model.slew_limit * model.dt
     parameters = ca.vertcat(desired * fitting, view.v, ceiling, view.left, model.force_limit, step, model.dt)
     solves = all_true(view.reason == 0, size < ca.inf)
-    return ca.Function("force_precompute", [model.column, view.column, wanted.column], [parameters, solves], {"cse": True})
+    return ca.Function(
+        "force_precompute", [model.column, view.column, wanted.column], [parameters, solves], {"cse": True}
+    )
 
 
 def _finish(state_size: int, memory_at: int) -> ca.Function:
@@ -182,14 +182,14 @@ def _finish(state_size: int, memory_at: int) -> ca.Function:
         (field, ca.SX(NUMBER["FIELD_NO_NUMBER"]), ca.SX.zeros(3)),
         (ca.SX(1), ca.SX(NUMBER["NOT_CERTIFIED"]), ca.vertcat(residual, 0, 0)),
     ]
-    certified, releasing, released, lets_go = (
-        NUMBERED.index(each) for each in (Status.OK, Status.RELEASING, Status.RELEASED, Status.BLOCKED)
-    )
+    number = NUMBERED.index
     solved = SOLVED.of(
         asks=ca.logic_and(meant, ca.logic_not(found)),
         value=ca.if_else(found, given, weaker),
         status=ca.if_else(
-            found, ca.if_else(blocked, lets_go, certified), ca.if_else(keep > 0, releasing, released)
+            found,
+            ca.if_else(blocked, number(Status.BLOCKED), number(Status.OK)),
+            ca.if_else(keep > 0, number(Status.RELEASING), number(Status.RELEASED)),
         ),
         residual=ca.if_else(found, residual, ca.inf),
         solver=ca.if_else(found, who, -1),
@@ -251,30 +251,10 @@ def anew(slots: int) -> ca.Function:
 
 
 @cache
-def give(slots: int) -> ca.Function:
-    """`MODEL`, `watched_record`, last force (2,), share -> `watched_record`, the energy [J] for another tank."""
-    model, watched, fraction = MODEL.symbols("model"), watched_record(slots).symbols("watched"), ca.SX.sym("fraction")
-    force = ca.SX.sym("force", 2)
-    tank, given = _tank(watched.tank, model, slots).given(fraction, force)
-    after = watched_record(slots).changed(watched, tank=tank.numbers.column).column
-    return ca.Function("give_energy", [model.column, watched.column, force, fraction], [after, given])
-
-
-@cache
-def take(slots: int) -> ca.Function:
-    """`MODEL`, `watched_record`, energy [J] that another tank gave -> `watched_record`."""
-    model, watched, joules = MODEL.symbols("model"), watched_record(slots).symbols("watched"), ca.SX.sym("joules")
-    tank = _tank(watched.tank, model, slots).filled(joules)
-    after = watched_record(slots).changed(watched, tank=tank.numbers.column).column
-    return ca.Function("take_energy", [model.column, watched.column, joules], [after])
-
-
-@cache
 def hear(slots: int) -> ca.Function:
-    """`MODEL`, `watched_record`, numbers (2,), what is heard (4,) -> `watched_record`, numbers, what was told (2,).
+    """`MODEL`, `watched_record`, numbers (2,), energy [J], serial, two more -> `watched_record`, numbers, those two.
 
-    The numbers are those of the last message that was said, and of the newest that was heard. What is heard is an
-    energy [J], a number and two more, in metres or newtons: NaN where one is out of range, or the message is not new.
+    Numbers are the serials of the last message said and of the newest heard: an older one gives no energy, and NaN.
     """
     model, watched = MODEL.symbols("model"), watched_record(slots).symbols("watched")
     numbers, (energy, serial, *told) = ca.SX.sym("numbers", 2), ca.vertsplit(heard := ca.SX.sym("heard", 4))
@@ -282,24 +262,25 @@ def hear(slots: int) -> ca.Function:
     tank = _tank(watched.tank, model, slots).filled(ca.if_else(new, energy, 0))
     after = watched_record(slots).changed(watched, tank=tank.numbers.column).column
     known = all_true(new, *(ca.fabs(each) < BEYOND for each in told))
-    outputs = [after, ca.vertcat(numbers[0], ca.if_else(new, serial, numbers[1])), ca.if_else(known, heard[2:], math.nan)]
-    inputs = [model.column, watched.column, numbers, heard]
-    return ca.Function("hear", inputs, [ca.densify(each) for each in outputs])
+    newest = ca.if_else(new, serial, numbers[1])
+    outputs = [after, ca.vertcat(numbers[0], newest), ca.if_else(known, heard[2:], math.nan)]
+    return ca.Function("hear", [model.column, watched.column, numbers, heard], outputs)
 
 
 @cache
 def say(slots: int) -> ca.Function:
-    """`MODEL`, `watched_record`, last force (2,), share, `VIEW`, numbers (2,) -> `watched_record`, numbers, `MESSAGE`.
+    """`MODEL`, `watched_record`, last force (2,), share, `VIEW`, numbers -> `watched_record`, numbers, `MESSAGE`.
 
-    The share of the energy, see `give`, is given with it; the numbers are those of `hear`.
+    The share of the energy goes to another tank; the numbers are those of `hear`.
     """
-    view, numbers, given = VIEW.symbols("view"), ca.SX.sym("numbers", 2), give(slots)
-    inputs = [ca.SX.sym("input", given.sparsity_in(i)) for i in range(given.n_in())]
-    after, energy = given.call(inputs)
+    model, watched, fraction = MODEL.symbols("model"), watched_record(slots).symbols("watched"), ca.SX.sym("fraction")
+    force, view, numbers = ca.SX.sym("force", 2), VIEW.symbols("view"), ca.SX.sym("numbers", 2)
+    tank, energy = _tank(watched.tank, model, slots).given(fraction, force)
+    after = watched_record(slots).changed(watched, tank=tank.numbers.column).column
     place, serial = ca.if_else(view.reason == 0, view.x, math.nan), numbers[0] + 1
-    message = MESSAGE.of(place=place, force=inputs[2], energy=energy, serial=serial)
-    outputs = [after, ca.vertcat(serial, numbers[1]), message]
-    return ca.Function("say", [*inputs, view.column, numbers], outputs)
+    message = MESSAGE.of(place=place, force=force, energy=energy, serial=serial)
+    inputs = [model.column, watched.column, force, fraction, view.column, numbers]
+    return ca.Function("say", inputs, [after, ca.vertcat(serial, numbers[1]), message])
 
 
 def _tank(numbers: ca.SX, model: Values, slots: int) -> EnergyTank:

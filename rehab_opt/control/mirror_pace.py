@@ -50,9 +50,8 @@ it is. Deviations count from there on, so that a stretch out of reach is followe
 out. They shrink as the hand comes nearer."""
 TRIED = Record(pose=16, twist=6, seconds=1, fits=1, goal=12, target=16, motion=6, place=1, stays=1)
 """What may be followed: pose, twist at the clock's pace, [s] that it goes on by, whether the deviation allows it; pose
-of what the hand is led to now, which may be what the person's arm can do of the reference; pose and twist of the hand,
-those of the reference until a model of that arm changes them; the place of the pace in `PACES`; and whether even those
-are no longer followed: the hand stays at what it was held near."""
+of what the hand is led to now, which may be what the person's arm can do of the reference; pose and twist for the hand,
+which a model of that arm may change; the pace's place in `PACES`; whether the hand stays at what it was held near."""
 SAID = Record(passed=1, ahead=1, bridging=1, short=1, beyond=2)
 """Samples passed and those still ahead, whether it bridges a jump, and the hand is short; [m, rad] by which the
 person's arm stays short of what is followed."""
@@ -92,9 +91,9 @@ class MirrorPace:
     def tried_function(self) -> ca.Function:
         """Samples, `CLOCK`, `REMEMBERED`, others, hand's pose (16,), a place in `PACES` -> `PACE`, `TRIED`.
 
-        Of the first pace from that place on that fits. At a place behind the last, where even a standing reference is
-        not allowed since the model of the person's arm moves, the hand stays.
-        The others are whether the clock makes up for a lag, and the most that what follows allows.
+        Of the first pace from that place on that fits; behind the last, where not even a standing reference is allowed
+        since the model of the person's arm moves, the hand stays. The others are whether the clock makes up for a lag,
+        and the most that what follows allows.
         """
         sizes = {"clock": CLOCK.size, "memory": REMEMBERED.size, "others": 2, "here": 16, "place": 1}
         samples = ca.MX.sym("samples", SAMPLE.size, self.window)
@@ -110,22 +109,22 @@ class MirrorPace:
             missing = found[PACE.size + TRIED["fits"]] == 0
             looks = ca.logic_and(missing, first <= place) if place + 1 < len(PACES) else missing
             found = either(looks, found, samples, clock, rated, here, part, place)
-        near, tried, place = ca.vertsplit(found, [0, PACE.size, found.numel() - 1, found.numel()])
+        near, tried, which = ca.vertsplit(found, [0, PACE.size, found.numel() - 1, found.numel()])
         stays = first >= len(PACES)
         target = ca.if_else(stays, held[HELD.places["target"]], tried[TRIED.places["pose"]])
-        tried = ca.vertcat(tried, target, tried[TRIED.places["twist"]], place, stays)
+        tried = ca.vertcat(tried, target, tried[TRIED.places["twist"]], which, stays)
         return ca.Function("tried", [samples, *given], [near, tried])
 
-    def _at_pace(self, rated: int) -> ca.Function:
-        """What was found, samples, `CLOCK`, `_rated` (rated,), hand's pose, share of the pace, its place -> found.
+    def _at_pace(self, size: int) -> ca.Function:
+        """What was found, samples, `CLOCK`, `_rated` (size,), hand's pose, a pace, its place -> what is found with it.
 
-        That is `PACE`, `TRIED` up to the goal, and the place.
+        That is `PACE`, `TRIED` to its goal, and the place.
         """
         samples, (old, clock, rated, here, part, place) = ca.MX.sym("samples", SAMPLE.size, self.window), (
-            ca.MX.sym("given", size) for size in (PACE.size + TRIED["target"] + 1, CLOCK.size, rated, 16, 1, 1)
+            ca.MX.sym("given", each) for each in (PACE.size + TRIED["target"] + 1, CLOCK.size, size, 16, 1, 1)
         )  # fmt: skip
         near, rate, goal, allowed = ca.vertsplit(rated, [0, *np.cumsum([PACE.size, 1, 12, 1])])
-        rate *= part
+        rate = rate * part
         pose, twist = self.clock.read_function()(samples, clock, rate * self.dt)
         a, b = (ca.SX.sym("pose", 16) for _ in range(2))
         distance = ca.Function("distance", [a, b], [distance_of(a, b)])

@@ -35,7 +35,8 @@ GAIN = 30.0
 def model_tick(chain: SerialChain) -> ca.Function:
     """Posture (n,) of a model arm, joint velocities (n,), [s], ticks left -> posture, ticks left, hand and its motion.
 
-    Those are for finding to the first pose: none where it stands. The hand is the pose, all 16 entries, and the motion (6,), linear [m/s] first.
+    Those are for finding to the first pose: none where it stands. The hand is the pose, all 16 entries, and the motion
+    (6,), linear [m/s] first.
     """
     q, velocity, seconds = ca.SX.sym("q", chain.n), ca.SX.sym("velocity", chain.n), ca.SX.sym("seconds")
     ticks = ca.SX.sym("ticks")

@@ -19,8 +19,8 @@ __all__ = ["CLOCK", "JUMP", "KEPT", "SAMPLE", "SPIN", "ClockStatement", "Referen
 Array = NDArray[np.float64]
 
 THINNED, KEPT = 4096, 2
-"""Samples that wait at most; beyond, every second one is left out, but for these at hand. What arrives at 200 Hz waits 20 s until then, and is
-still sampled at 100 Hz afterwards: far above what a tracker's filter lets through. C has room for fewer."""
+"""Samples that wait at most; beyond, every second one is left out, but for the first. What arrives at 200 Hz waits 20 s
+until then, and is still sampled at 100 Hz afterwards: far above what a tracker's filter lets through. C has fewer."""
 CURVED = 0.02
 """[rad] Turns between samples up to this are interpolated by entries, larger ones along the arc: what entries miss of a
 rotation is an eighth of the angle's square."""
@@ -108,15 +108,12 @@ class ClockStatement:
 
     @staticmethod
     def behind_function() -> ca.Function:
-        """Sample at hand and the next (40,), `CLOCK` -> stamp where it stands; [s] by which that is behind.
-
-        Of what arrives now, taken or not; and no less than its lag.
-        """
+        """Sample at hand and the next (40,), `CLOCK` -> `ReferenceClock.behind`."""
         samples, clock = ca.SX.sym("samples", SAMPLE.size, 2), CLOCK.symbols("clock")
         here, there = ca.horzsplit(samples[SAMPLE["stamp"], :])
         stamp = ca.if_else(clock.fraction == 0, here, here + clock.fraction * (there - here))
         behind = ca.if_else(clock.ahead < 0, 0, ca.fmax(clock.lag, clock.newest + clock.lost - stamp))
-        return ca.Function("behind", [ca.vec(samples), clock.column], [stamp, behind])
+        return ca.Function("behind", [ca.vec(samples), clock.column], [behind])
 
     @staticmethod
     def started_function() -> ca.Function:
@@ -172,9 +169,8 @@ class ReferenceClock:
     def __init__(self, dt: float, *, linear_speed: float, angular_speed: float, window: int = WINDOW) -> None:
         self.dt, self._window = dt, window
         stated = ClockStatement(dt, window=window)
-        self._reading, self._standing, self._started = (
-            BufferedFunction(each())
-            for each in (stated.read_function, stated.behind_function, stated.started_function)
+        self._reading, self._behind, self._started = (
+            BufferedFunction(each()) for each in (stated.read_function, stated.behind_function, stated.started_function)
         )
         self._taken = BufferedFunction(stated.taken_function(linear_speed, angular_speed))
         self.most = THINNED
@@ -231,19 +227,16 @@ class ReferenceClock:
     @property
     def stamp(self) -> float:
         """[s] of the reference's own time, from the first sample on, where the clock stands; in a bridge, between."""
-        return self._stands()[0]
+        at, next_one = self._table[self._at : self._at + 2, SAMPLE["stamp"]].tolist()
+        return float(at if self.fraction == 0.0 else at + self.fraction * (next_one - at))
 
     @property
     def behind(self) -> float:
         """[s] by which what is read is older than what arrives now, taken or not; and no less than `lag`."""
-        return self._stands()[1]
-
-    def _stands(self) -> tuple[float, float]:
-        standing = self._standing
-        standing.inputs[0][:] = self._table[self._at : self._at + 2].reshape(-1)
-        standing.inputs[1][:] = self.now
-        standing.evaluate()
-        return float(standing.outputs[0][0]), float(standing.outputs[1][0])
+        behind = self._behind
+        behind.inputs[0][:], behind.inputs[1][:] = self._table[self._at : self._at + 2].reshape(-1), self.now
+        behind.evaluate()
+        return float(behind.outputs[0][0])
 
     def start(self, pose: Array, twist: Array, *, stamp: float = 0.0) -> None:
         """Stand at one sample, and forget the others."""

@@ -48,7 +48,7 @@ class Generated(NamedTuple):
 def generated(functions: Sequence[ca.Function]) -> Generated:
     """C of all functions, each static and called by its name.
 
-    Each that is `renamed` reads its inputs before it writes an output: an output may stand in the place of an input.
+    An output may stand in the place of an input.
     The sizes are those of the virtual machine, which are never smaller than the code's: they hold the integers that
     `optim/qrqp.py` asks for beyond CasADi's count, since qrqp writes one too many.
 
@@ -63,10 +63,9 @@ def generated(functions: Sequence[ca.Function]) -> Generated:
         generator.generate(f"{folder}/")
         text = (Path(folder) / "generated.c").read_text(encoding="utf-8")
     notice, end, code = text.partition("*/")
-    sizes = {each: max(getattr(function, f"sz_{each}")() for function in functions) for each in ("arg", "res", "iw", "w")}
-    fits = (int(size) <= sizes[each] for each, size in WORK.findall(code))
-    in_place = (_reads_before_it_writes(code, function.name()) for function in functions)
-    if not (notice.startswith("/*") and end and OLD_C in code and all(fits) and all(in_place)):
+    sizes = {each: max(getattr(one, f"sz_{each}")() for one in functions) for each in ("arg", "res", "iw", "w")}
+    fits = all(int(size) <= sizes[each] for each, size in WORK.findall(code))
+    if not (notice.startswith("/*") and end and OLD_C in code and fits and _writes_last(code)):
         raise ConfigurationError("casadi", ca.CasadiMeta.version(), "a version that writes C of the form known here")
     for unused in UNUSED:
         code = code.replace(unused, "")
@@ -82,11 +81,11 @@ def generated(functions: Sequence[ca.Function]) -> Generated:
     )
 
 
-def _reads_before_it_writes(code: str, name: str) -> bool:
-    """Whether a function of this C writes its outputs last."""
-    calls = re.search(rf" int {name}\(.*\n  return (casadi_f\d+)\(arg, res", code)
-    body = calls and re.search(rf"^static int {calls[1]}\(.*?^}}", code, re.MULTILINE | re.DOTALL)
-    return body is not None and re.search(r"\bres\[.*\b(?:arg\d*\[|wr\d)", body[0], re.DOTALL) is None
+def _writes_last(code: str) -> bool:
+    """Whether every function that is called by its name has read its inputs before it writes an output."""
+    called = re.findall(r"return (casadi_f\d+)\(arg, res, iw, w, mem\)", code)
+    bodies = (code.partition(f"static int {each}(")[2].partition("\n}")[0] for each in called)
+    return bool(called) and not any(re.search(r"\b(arg|wr)\d*\b", body.partition(" res[")[2]) for body in bodies)
 
 
 def _each_once(code: str) -> str:

@@ -16,7 +16,7 @@ from rehab_opt.control.force_tick import DESIRED, MODEL, SOLVED, VIEW, anew, for
 from rehab_opt.export.c_text import Evaluated, initialiser, layout, number
 from rehab_opt.export.exported import ExportedController
 from rehab_opt.export.generated import renamed
-from rehab_opt.export.recording import RunTick, with_faults
+from rehab_opt.export.recording import STAMPED, RunTick, with_faults
 from rehab_opt.optim.fallback_chain import BACKUP
 
 __all__ = ["ALONE", "DIFFERENCES", "ExportedForce", "faulty_ticks"]
@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 DIFFERENCES = (
     f"There is no backup solver. Where Python would use {BACKUP}, C releases the force with `REHAB_NOT_CERTIFIED`; "
     "the recorded run is of a Python controller without the backup, too.",
-    "A stamp is always required and checked. In Python it may be left out.",
+    STAMPED,
     "An x that is NULL counts as not a number; Python raises an error for an argument of the wrong shape.",
 )
 """Of every force."""
@@ -89,6 +89,7 @@ class ExportedForce(ExportedController):
             "watched": watched.size, "view": VIEW.size, "desired_size": DESIRED.size, "solved": SOLVED.size,
             "level": level, "pending": pending,
             **{f"view_{each}": VIEW[each] for each in ("x", "v", "reason")},
+            "lets_go": DESIRED["lets_go"],
             "values": 2,
             "wheels": 0,
             "numbers": 2 * stated.state_size + watched.size + VIEW.size + SOLVED.size + 7,

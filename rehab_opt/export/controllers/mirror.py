@@ -19,11 +19,11 @@ from rehab_opt.control.reference_clock import CLOCK, KEPT, SAMPLE
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.export.c_text import initialiser, layout, number
 from rehab_opt.export.controllers.mirror_run import mirror_run
-from rehab_opt.export.controllers.pose_tracker import TRACKER, moving_argument, moving_values
+from rehab_opt.export.controllers.pose_tracker import NO_BACKUP, TRACKER, moving_argument, moving_values
 from rehab_opt.export.exported import BYTES, ExportedVelocity, Law
 from rehab_opt.export.generated import renamed
-from rehab_opt.export.recording import Run
-from rehab_opt.optim.fallback_chain import BACKUP, as_in_c
+from rehab_opt.export.recording import NO_ITERATIONS, STAMPED, Run
+from rehab_opt.optim.fallback_chain import as_in_c
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.mirror.laws import tracker_of
 from rehab_opt.session.mirror.problem import MirrorProblem
@@ -59,15 +59,14 @@ FORCED = {
 }  # fmt: skip
 """What its step takes and says besides that of a `PoseTracker`."""
 DIFFERENCES = (
-    f"There is no backup solver. Where Python would use {BACKUP}, C gives the safe command and "
-    "`REHAB_NOT_CERTIFIED`; the recorded run is of a Python controller without the backup, too.",
+    NO_BACKUP,
     "`plan`, which knows the whole recording, is not there. A law that may wait for a file may run in Python.",
     "Python's remarks on a command that is no fault (a shortened step, a slowed reference, a bridge) are "
     "`notes`, without their numbers; `reason` is why it is the safe command.",
-    "A stamp is always required and checked. In Python it may be left out.",
+    STAMPED,
     "Another input than force that is NULL counts as not a number; Python raises an error for an argument of the "
     "wrong shape. A force that is NULL is one that nothing measures, as None is in Python.",
-    "`iterations` of Python's command is not there.",
+    NO_ITERATIONS,
 )
 SAME = (
     "At most {0} samples of the reference wait here while the clock does, in Python {1}. Where one more arrives, every "

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
@@ -46,15 +45,13 @@ def exported_path_assistance(helper: PathAssistance, positions: Array, *, title:
     """
     helper.reset()
     edges = edge_columns(helper.comfortable.polygon)
-    at = {each: f"self->path + {PROGRESS[each]}" for each in ("place", "along", "grip", "away")}
-    pull = guided_force(len(edges))
-    *inputs, away = (ca.MX.sym("input", *size) for size in (*(pull.size_in(i) for i in range(pull.n_in())), (1, 1)))
+    at = {each: f"self->path + {PROGRESS[each]}" for each in ("place", "along", "grip")}
     desired = Evaluated(
         controller=NAME,
         name="desired",
-        about="the spring towards the place of the path to which the hand has come [N], and whether it is let go",
-        function=ca.Function("desired", [*inputs, away], [ca.vertcat(pull(*inputs), away)]),
-        inputs=("self->view + X", at["place"], at["along"], at["grip"], "SPRING", "GATE", "COMFORTABLE", at["away"]),
+        about="the spring towards the place of the path to which the hand has come [N]",
+        function=guided_force(len(edges)),
+        inputs=("self->view + X", at["place"], at["along"], at["grip"], "SPRING", "GATE", "COMFORTABLE"),
         tables={"SPRING": helper.spring, "GATE": helper.gate, "COMFORTABLE": edges},
     )
     seen = ("self->path", "self->view + X", "self->state + MEMORY_AT")
@@ -66,7 +63,7 @@ def exported_path_assistance(helper: PathAssistance, positions: Array, *, title:
         inputs=("PATH_MODEL", *seen, "PATH + 2 * (int)self->path[AT]", "PATH + 2 * (int)self->path[LOOKED] + 2"),
         tables={"PATH_MODEL": helper.path_model, "AT_START": helper.at_start, "PATH": helper.track.T},
     )
-    places = ", ".join(f"{each.upper()} = {PROGRESS[each]}" for each in ("at", "looked", "furthest"))
+    places = ", ".join(f"{each.upper()} = {PROGRESS[each]}" for each in ("at", "away", "looked", "furthest"))
     ticks = faulty_ticks(helper, positions, [{} for _ in positions])
 
     def answer(tick: RunTick) -> Command:
