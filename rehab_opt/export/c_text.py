@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.errors import ConfigurationError
-from rehab_opt.symbolic.record import Record
 
 __all__ = ["Evaluated", "comment", "filled", "indented", "initialiser", "layout", "number"]
 
@@ -34,10 +33,10 @@ def initialiser(values: Iterable[float]) -> str:
     return "{" + ", ".join(number(value) for value in values) + "}"
 
 
-def layout(name: str, record: Record) -> str:
+def layout(name: str, places: Mapping[str, slice]) -> str:
     """Where the numbers of a record stand, and how many there are, as constants of C."""
-    places = (*((each, record[each]) for each in record.places), ("size", record.size))
-    return ", ".join(f"{name.upper()}_{each.upper()} = {place}" for each, place in places)
+    found = {each: place.start for each, place in places.items()} | {"size": max(at.stop for at in places.values())}
+    return ", ".join(f"{name.upper()}_{each.upper()} = {at}" for each, at in found.items())
 
 
 def comment(text: str) -> str:

@@ -209,7 +209,7 @@ class ExportedVelocity(ExportedController):
         sizes["numbers"] = len(laws) * (sizes["max_parameters"] + 2 * sizes["max_state"] + sizes["max_verdict"])
         return {
             **{name: str(size) for name, size in sizes.items()},
-            "report_layout": layout("REPORT", REPORT),
+            "report_layout": layout("REPORT", REPORT.places),
             "done": str(DONE),
             "nothing_to_solve": str(NOTHING_TO_SOLVE),
             "name": self.name,

@@ -208,7 +208,7 @@ def _exported(
             "on_reset": f"\n    self->{means['target']}[0] = self->{means['target']}[1] = NAN;",
             "image": f"{image.code}\n\n" if image else "",
             "fraction": number(side._messages.fraction),
-            "message_layout": layout("MESSAGE", MESSAGE),
+            "message_layout": layout("MESSAGE", MESSAGE.places),
         },
     )
 

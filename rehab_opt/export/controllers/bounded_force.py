@@ -100,7 +100,7 @@ class ExportedForce(ExportedController):
             **{f"{name}_names": ", ".join(record.places) for name, record in records.items()},
             "at_rest": "REHAB_RELEASED",
             "dt": number(self.force.dt),
-            "report_layout": layout("REPORT", SOLVED),
+            "report_layout": layout("REPORT", SOLVED.places),
             "model": initialiser(self.force.model),
             "nothing_seen": initialiser(self.force.nothing_seen()),
             "desired": self.desired.code,

@@ -266,5 +266,5 @@ def _constants(tracker: MirrorTracker) -> dict[str, str]:
         "window": str(tracker.pace.window),
         "kept": str(KEPT),
         "remembered": initialiser(tracker.beginning_of_memory()),
-        "places": ", ".join(layout(name, record) for name, record in RECORDS.items()),
+        "places": ", ".join(layout(name, record.places) for name, record in RECORDS.items()),
     }
