@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from threading import get_ident
-from typing import NamedTuple, Unpack
+from typing import NamedTuple, Unpack, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,11 +12,13 @@ from numpy.typing import ArrayLike, NDArray
 from rehab_opt.control.assistance import Assistance
 from rehab_opt.control.bounded_force import BoundedForce, ForceBounds
 from rehab_opt.control.command import Command
+from rehab_opt.control.force_tick import BEYOND
 from rehab_opt.control.gate import PULL_BACK, reflected_force
 from rehab_opt.control.thread_owner import OneThread
 from rehab_opt.control.velocity_controller import checked_number
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.field.potential import PotentialField
+from rehab_opt.kinematics.real_array import is_real
 from rehab_opt.symbolic import BufferedFunction
 from rehab_opt.workspace.controller_map import ControllerMap
 from rehab_opt.workspace.edge_distance import edge_columns
@@ -26,8 +28,6 @@ __all__ = ["FromHelper", "FromParticipant", "HelperSide", "ParticipantSide"]
 
 Array = NDArray[np.float64]
 NO_FORCE = (math.nan, math.nan)
-BEYOND = 1e6
-"""[m, N] A message with such a number is broken."""
 POINT = 0.01
 """[m] Width of a field of one point: it has no meaning there."""
 
@@ -52,27 +52,36 @@ class FromParticipant(NamedTuple):
     serial: int
 
 
-class _Serials:
-    """Numbers a side's messages, and recognises received ones that are new.
+class _Messages:
+    """What a side hears and says.
 
     `reset` leaves the numbers: with new ones, a message from before it could be taken twice.
     """
 
-    def __init__(self) -> None:
-        self._said = 0
-        self._newest: float = 0
+    def __init__(self, force: BoundedForce, exchange: float) -> None:
+        self._force = force
+        self.fraction = min(checked_number("exchange", exchange, above=-1e-12, below=1e4) * force.dt, 1.0)
+        """Share of the energy that is given with a message."""
+        self.numbers: Array = np.zeros(2)
+        """Of the last message that was said, and of the newest that was heard."""
 
-    def next(self) -> int:
-        """The number of the next message, from 1."""
-        self._said += 1
-        return self._said
+    def hear(self, *message: float) -> Array:
+        """Take the energy of a message: that, its number and two more, which are given back; see `force_tick.hear`."""
+        force = self._force
+        if force._owner != get_ident():
+            force._refuse_others()
+        heard = [_float(each) for each in message]
+        force._watched[:] = force._hear.of(force.model, force._watched, self.numbers, heard)
+        _, self.numbers[:], told = force._hear.outputs
+        return told
 
-    def fresh(self, serial: float) -> bool:
-        """Whether a message is newer than all received before."""
-        if not serial > self._newest:  # NaN fails
-            return False
-        self._newest = serial
-        return True
+    def say(self) -> list[float]:
+        """`MESSAGE` after a tick."""
+        force = self._force
+        given = force.model, force._watched, force._force, self.fraction, force._view, self.numbers
+        force._watched[:] = force._say.of(*given)
+        _, self.numbers[:], message = force._say.outputs
+        return cast("list[float]", message.tolist())
 
 
 class ParticipantSide(OneThread):
@@ -112,8 +121,7 @@ class ParticipantSide(OneThread):
             width=POINT,
         )
         self.force = Assistance(spring, comfortable=comfortable, mode="hold", force_limit=force_limit, **bounds)
-        self._fraction = _checked_fraction(exchange, self.force.dt)
-        self._serials = _Serials()
+        self._messages = _Messages(self.force, exchange)
         self.reset()
 
     def reset(self) -> None:
@@ -142,14 +150,13 @@ class ParticipantSide(OneThread):
         if self._owner != get_ident():
             self._claim()
         target: tuple[float, ...] = NO_FORCE
-        if received is not None and self._serials.fresh(received.serial):
-            self.force.take_energy(received.energy)
-            target = tuple(self.workspace_map.image(_floats(received.x, received.y)).tolist())
+        if received is not None:
+            told = self._messages.hear(received.energy, received.serial, received.x, received.y)
+            target = tuple(self.workspace_map.image(told).tolist())
         self.force.shift(*target)
         command = self.force.step(x, v, enable=enable, stamp=stamp)
-        force_x, force_y = command.value.tolist()
-        given = self.force.give_energy(self._fraction)
-        return command, FromParticipant(*_place(x, self.force), force_x, force_y, given, self._serials.next())
+        *said, serial = self._messages.say()
+        return command, FromParticipant._make((*said, int(serial)))
 
 
 class HelperSide(OneThread):
@@ -194,8 +201,7 @@ class HelperSide(OneThread):
         self._felt[:] = math.nan
         self._reflected = function
         self.force = BoundedForce(self._desired, force_limit=force_limit, **bounds)
-        self._fraction = _checked_fraction(exchange, self.force.dt)
-        self._serials = _Serials()
+        self._messages = _Messages(self.force, exchange)
 
     def reset(self) -> None:
         """No force, a full tank, no message received; see `ParticipantSide.reset`."""
@@ -228,15 +234,15 @@ class HelperSide(OneThread):
         """
         if self._owner != get_ident():
             self._claim()
-        if received is None or not self._serials.fresh(received.serial):
-            self._felt[:] = math.nan
-        else:
-            self.force.take_energy(received.energy)
-            self._felt[:] = _floats(received.force_x, received.force_y)
-            self._partner = (received.x, received.y)
+        self._felt[:] = math.nan
+        if received is not None:
+            newest = float(self._messages.numbers[1])
+            self._felt[:] = self._messages.hear(received.energy, received.serial, received.force_x, received.force_y)
+            if self._messages.numbers[1] != newest:
+                self._partner = (received.x, received.y)
         command = self.force.step(x, v, enable=enable, stamp=stamp)
-        given = self.force.give_energy(self._fraction)
-        return command, FromHelper(*_place(x, self.force), given, self._serials.next())
+        at_x, at_y, _, _, given, serial = self._messages.say()
+        return command, FromHelper(at_x, at_y, given, int(serial))
 
     def _desired(self, *hand: float) -> tuple[float, float]:
         self._hand[:] = hand
@@ -246,24 +252,22 @@ class HelperSide(OneThread):
         return x, y
 
 
-def _place(x: ArrayLike, force: BoundedForce) -> tuple[float, float]:
-    """Position of a hand; NaN when its side had to let go, so that the other side does too."""
-    if not force.valid:
-        return NO_FORCE
-    at_x, at_y = np.asarray(x, dtype=np.float64).tolist()
-    return at_x, at_y
-
-
 def _floats(x: float, y: float) -> Array:
     """Two numbers of a message, NaN where one is out of range."""
     return np.array((x, y) if -BEYOND < x < BEYOND and -BEYOND < y < BEYOND else NO_FORCE)
+
+
+def _float(value: object) -> float:
+    """A number of a message, which may hold anything; NaN where it is none."""
+    if not is_real(value):
+        return math.nan
+    try:
+        return float(value)
+    except OverflowError:
+        return math.inf if value > 0 else -math.inf
 
 
 def _checked_map(workspace_map: object) -> ControllerMap:
     if not isinstance(workspace_map, ControllerMap):
         raise ConfigurationError("workspace_map", workspace_map, "a ControllerMap, from WorkspaceMap.for_controller()")
     return workspace_map
-
-
-def _checked_fraction(exchange: float, dt: float) -> float:
-    return min(checked_number("exchange", exchange, above=-1e-12, below=1e4) * dt, 1.0)

@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.control.assistance_statement import assistance_statement
-from rehab_opt.control.command import Command, Relaxed, Status
+from rehab_opt.control.command import NUMBERED, Command, Relaxed, Status
 from rehab_opt.control.energy_tank import LAGS, SLOTS, TAIL, tank_record
-from rehab_opt.control.force_tick import MODEL, VIEW, affordable, anew, force_tick, give, take, watched_record
+from rehab_opt.control.force_tick import MESSAGE, MODEL, VIEW, affordable, anew, force_tick, hear, say, watched_record
 from rehab_opt.control.gate import DesiredForce
 from rehab_opt.control.hand import HAND
 from rehab_opt.control.reasons import reason_text
@@ -39,7 +39,6 @@ Array = NDArray[np.float64]
 
 _FLOATS = np.dtype(np.float64)
 _NAN, _new, _read_only = math.nan, tuple.__new__, np.frombuffer
-_STATUS = Status.OK, Status.RELEASING, Status.RELEASED
 _BOUNDS = tuple(Relaxed(i) for i in range(16))  # looked up, since making an IntFlag costs half a microsecond
 _REASON, _PLACE = VIEW["reason"], STAMPS.size + HAND["x"]
 NOISE_PEAK = 6.0
@@ -196,11 +195,11 @@ class BoundedForce(OneThread):
         self._judge, self._conclude = (BufferedFunction(each, compile=compile) for each in (tick.judge, tick.conclude))
         rest = [
             BufferedFunction(each)
-            for each in (tick.precompute, tick.finish, *(part(self.slots) for part in (affordable, give, take, anew)))
+            for each in (tick.precompute, tick.finish, *(part(self.slots) for part in (affordable, say, hear, anew)))
         ]
         for function in (self._judge, self._conclude, *rest):
             function.inputs[0][:] = self.model
-        self._precompute, self._finish, self._affordable, self._give, self._take, self._anew = rest
+        self._precompute, self._finish, self._affordable, self._say, self._hear, self._anew = rest
         (_, watched, last, sample), (watched_next, judged) = self._judge.inputs, self._judge.outputs
         (_, state, view, desired), (state_next, solved) = self._conclude.inputs, self._conclude.outputs
         at = watched_record(self.slots)["tank"]
@@ -275,8 +274,8 @@ class BoundedForce(OneThread):
         if self._owner != get_ident():
             self._refuse_others()
         part = checked_number("fraction", fraction, above=-1e-12)
-        self._watched[:] = self._give.of(self.model, self._watched, self._force, part)
-        return float(self._give.outputs[1][0])
+        self._watched[:] = self._say.of(self.model, self._watched, self._force, part, self._view, 0.0)
+        return float(self._say.outputs[2][MESSAGE["energy"]])
 
     def take_energy(self, joules: float) -> None:
         """What another tank has given [J].
@@ -287,7 +286,7 @@ class BoundedForce(OneThread):
             self._refuse_others()
         if is_real(joules):  # a message may hold anything
             with suppress(OverflowError):
-                self._watched[:] = self._take.of(self.model, self._watched, joules)
+                self._watched[:] = self._hear.of(self.model, self._watched, 0.0, (joules, 1.0, 0.0, 0.0))
 
     def instance(self, x: ArrayLike, v: ArrayLike = (0.0, 0.0)) -> Instance:
         """The QP for a hand at x (2,) moving at v (2,), with the last force and the energy of now, for inspection."""
@@ -296,7 +295,7 @@ class BoundedForce(OneThread):
         view = VIEW.numbers(
             x=point, v=velocity, reason=0, details=0, at_once=0, ceiling=ceiling, left=left, repeats=0, grown=grown
         )
-        desired = self._desired(*point.tolist(), *velocity.tolist())
+        desired = *self._desired(*point.tolist(), *velocity.tolist()), 0.0
         return self.stated.instance(self._precompute.of(self.model, view, desired), memory=self._force)
 
     def to_qpsolvers(self, x: ArrayLike, v: ArrayLike = (0.0, 0.0)) -> qpsolvers.Problem:
@@ -377,7 +376,7 @@ class BoundedForce(OneThread):
         name = names[int(solver)] if solver >= 0.0 else ""
         words = reason_text(reason, rest) if reason else ""
         return _new(
-            Command, (value, _STATUS[int(status)], name, residual, -1, words, _BOUNDS[int(relaxed)], scale, None)
+            Command, (value, NUMBERED[int(status)], name, residual, -1, words, _BOUNDS[int(relaxed)], scale, None)
         )
 
 

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import casadi as ca
 
 from rehab_opt.control.assistance_statement import EXACT, TINY, assistance_statement
-from rehab_opt.control.command import Relaxed
+from rehab_opt.control.command import NUMBERED, Relaxed, Status
 from rehab_opt.control.energy_tank import EnergyTank, tank_record
 from rehab_opt.control.hand import HAND, SAMPLE, looked_at
 from rehab_opt.control.reasons import NUMBER
@@ -22,6 +22,9 @@ from rehab_opt.optim.fused import fused
 from rehab_opt.symbolic.record import Record, Values
 
 __all__ = [
+    "BEYOND",
+    "DESIRED",
+    "MESSAGE",
     "MODEL",
     "MUCH",
     "SOLVED",
@@ -30,8 +33,8 @@ __all__ = [
     "affordable",
     "anew",
     "force_tick",
-    "give",
-    "take",
+    "hear",
+    "say",
     "watched_record",
 ]
 
@@ -49,12 +52,19 @@ VIEW = Record(x=2, v=2, reason=1, details=3, at_once=1, ceiling=1, left=1, repea
 """A hand as it was judged: position [m] and velocity [m/s], why it cannot be acted on and whether the force goes at
 once, largest force [N] and energy [J] that may be given, whether the position repeats itself, and the largest force [N]
 that the growth limit allows."""
+DESIRED = Record(force=2, lets_go=1)
+"""[N] before any bound, which may be no number; whether the hand is let go, so that a certified force is `BLOCKED`."""
 SOLVED = Record(asks=1, value=2, status=1, residual=1, solver=1, relaxed=1, scale=1, reason=1, details=3, desired=2)
-"""A command: whether a certified answer is missing that another solver might have; the force [N]; whether it is OK (0),
-RELEASING (1) or RELEASED (2); the certificate's residual, infinite for a release; the solver; the relaxed bounds; the
-delivered fraction of the desired force; the reason; and the desired force [N], zero where the state is not valid."""
+"""A command: whether a certified answer is missing that another solver might have; the force [N]; the status's place in
+`NUMBERED`; the certificate's residual, infinite for a release; the solver; the relaxed bounds; the delivered
+fraction of the desired force; the reason; and the desired force [N], zero where the state is not valid."""
 FORGOTTEN = 2.0
 """[s] in which a person forgets the largest force: until then less than it does not come as a surprise."""
+BEYOND = 1e6
+"""[m, N] A message with such a number is broken."""
+MESSAGE = Record(place=2, force=2, energy=1, serial=1)
+"""What a side says: where its hand is [m], NaN where it cannot be acted on; force on it [N]; energy given [J]; its
+number."""
 LATEST = 1.0
 """[s] The longest time between two ticks that energy is set aside for."""
 
@@ -71,11 +81,11 @@ class ForceTick(NamedTuple):
     judge: ca.Function
     """`MODEL`, `watched_record`, last force (2,), `SAMPLE` -> `watched_record`, `VIEW`."""
     precompute: ca.Function
-    """`MODEL`, `VIEW`, desired force (2,) -> parameters of the QP, whether there is one."""
+    """`MODEL`, `VIEW`, `DESIRED` -> parameters of the QP, whether there is one."""
     conclude: ca.Function
-    """`MODEL`, state, `VIEW`, desired force (2,) -> state, `SOLVED`; solved inside."""
+    """`MODEL`, state, `VIEW`, `DESIRED` -> state, `SOLVED`; solved inside."""
     finish: ca.Function
-    """`MODEL`, state, `VIEW`, desired force, the QP's answer (a state) and verdict -> state, `SOLVED`."""
+    """`MODEL`, state, `VIEW`, `DESIRED`, the QP's answer (a state) and verdict -> state, `SOLVED`."""
 
 
 @cache
@@ -84,7 +94,7 @@ def force_tick(slots: int) -> ForceTick:
     statement = assistance_statement()
     solve, inputs = (
         fused(statement),
-        [ca.MX.sym("input", size) for size in (MODEL.size, statement.state_size, VIEW.size, 2)],
+        [ca.MX.sym("input", size) for size in (MODEL.size, statement.state_size, VIEW.size, DESIRED.size)],
     )
     precompute, finish = _precompute(), _finish(statement.state_size, 2 * statement.n + statement.m)
     model, state, view, desired = inputs
@@ -131,18 +141,22 @@ def _judge(slots: int) -> ca.Function:
 
 def _precompute() -> ca.Function:
     """Parameters of the QP: the desired force, capped by what energy and growth allow, and the bounds."""
-    model, view, desired = MODEL.symbols("model"), VIEW.symbols("view"), ca.SX.sym("desired", 2)
+    model, view, wanted = MODEL.symbols("model"), VIEW.symbols("view"), DESIRED.symbols("desired")
+    desired = wanted.force
     size, ceiling = ca.norm_2(desired), ca.fmin(view.ceiling, view.grown)
     fitting = ca.if_else(size <= ceiling, 1, ceiling / size * EXACT)
     step = model.slew_limit * model.dt
     parameters = ca.vertcat(desired * fitting, view.v, ceiling, view.left, model.force_limit, step, model.dt)
     solves = all_true(view.reason == 0, size < ca.inf)
-    return ca.Function("force_precompute", [model.column, view.column, desired], [parameters, solves], {"cse": True})
+    return ca.Function(
+        "force_precompute", [model.column, view.column, wanted.column], [parameters, solves], {"cse": True}
+    )
 
 
 def _finish(state_size: int, memory_at: int) -> ca.Function:
     """The command: a certified force, or none, as fast as the slew bound allows or at once."""
-    model, view, desired = MODEL.symbols("model"), VIEW.symbols("view"), ca.SX.sym("desired", 2)
+    model, view, wanted = MODEL.symbols("model"), VIEW.symbols("view"), DESIRED.symbols("desired")
+    desired, blocked = wanted.force, wanted.lets_go != 0
     state, answer, verdict = ca.SX.sym("state", state_size), ca.SX.sym("answer", state_size), ca.SX.sym("verdict", 4)
     last, given, size = state[memory_at:], answer[memory_at:], ca.norm_2(desired)
     residual, _, who, holds = ca.vertsplit(verdict)
@@ -160,6 +174,7 @@ def _finish(state_size: int, memory_at: int) -> ca.Function:
     field = ca.logic_not(size < ca.inf)
     short, allowed = view.ceiling < ca.fmin(size, model.force_limit), ca.vertcat(view.left, view.ceiling, 0)
     reasons = [
+        (all_true(found, blocked), ca.SX(NUMBER["HAND_STANDS"]), ca.SX.zeros(3)),
         (all_true(found, short, view.repeats), ca.SX(NUMBER["POSITION_REPEATS"]), allowed),
         (all_true(found, short), ca.SX(NUMBER["ENERGY_LOW"]), allowed),
         (found, ca.SX(0), ca.SX.zeros(3)),
@@ -167,20 +182,25 @@ def _finish(state_size: int, memory_at: int) -> ca.Function:
         (field, ca.SX(NUMBER["FIELD_NO_NUMBER"]), ca.SX.zeros(3)),
         (ca.SX(1), ca.SX(NUMBER["NOT_CERTIFIED"]), ca.vertcat(residual, 0, 0)),
     ]
+    number = NUMBERED.index
     solved = SOLVED.of(
         asks=ca.logic_and(meant, ca.logic_not(found)),
         value=ca.if_else(found, given, weaker),
-        status=ca.if_else(found, 0, ca.if_else(keep > 0, 1, 2)),
+        status=ca.if_else(
+            found,
+            ca.if_else(blocked, number(Status.BLOCKED), number(Status.OK)),
+            ca.if_else(keep > 0, number(Status.RELEASING), number(Status.RELEASED)),
+        ),
         residual=ca.if_else(found, residual, ca.inf),
         solver=ca.if_else(found, who, -1),
-        relaxed=ca.if_else(found, int(Relaxed.TASK) * missed, torn),
-        scale=ca.if_else(found, ca.if_else(missed, along, 1), 0),
+        relaxed=ca.if_else(found, int(Relaxed.TASK) * ca.logic_or(missed, blocked), torn),
+        scale=ca.if_else(ca.logic_and(found, ca.logic_not(blocked)), ca.if_else(missed, along, 1), 0),
         reason=first_of([(when, reason) for when, reason, _ in reasons]),
         details=first_of([(when, details) for when, _, details in reasons]),
         desired=ca.if_else(found, desired, ca.SX.zeros(2)),
     )
     cold = ca.vertcat(ca.SX.zeros(memory_at), weaker)
-    inputs = [model.column, state, view.column, desired, answer, verdict]
+    inputs = [model.column, state, view.column, wanted.column, answer, verdict]
     return ca.Function("force_finish", inputs, [ca.if_else(found, answer, cold), solved], {"cse": True})
 
 
@@ -231,22 +251,36 @@ def anew(slots: int) -> ca.Function:
 
 
 @cache
-def give(slots: int) -> ca.Function:
-    """`MODEL`, `watched_record`, last force (2,), share -> `watched_record`, the energy [J] for another tank."""
-    model, watched, fraction = MODEL.symbols("model"), watched_record(slots).symbols("watched"), ca.SX.sym("fraction")
-    force = ca.SX.sym("force", 2)
-    tank, given = _tank(watched.tank, model, slots).given(fraction, force)
+def hear(slots: int) -> ca.Function:
+    """`MODEL`, `watched_record`, numbers (2,), energy [J], serial, two more -> `watched_record`, numbers, those two.
+
+    Numbers are the serials of the last message said and of the newest heard: an older one gives no energy, and NaN.
+    """
+    model, watched = MODEL.symbols("model"), watched_record(slots).symbols("watched")
+    numbers, (energy, serial, *told) = ca.SX.sym("numbers", 2), ca.vertsplit(heard := ca.SX.sym("heard", 4))
+    new = serial > numbers[1]  # NaN fails
+    tank = _tank(watched.tank, model, slots).filled(ca.if_else(new, energy, 0))
     after = watched_record(slots).changed(watched, tank=tank.numbers.column).column
-    return ca.Function("give_energy", [model.column, watched.column, force, fraction], [after, given])
+    known = all_true(new, *(ca.fabs(each) < BEYOND for each in told))
+    newest = ca.if_else(new, serial, numbers[1])
+    outputs = [after, ca.vertcat(numbers[0], newest), ca.if_else(known, heard[2:], math.nan)]
+    return ca.Function("hear", [model.column, watched.column, numbers, heard], outputs)
 
 
 @cache
-def take(slots: int) -> ca.Function:
-    """`MODEL`, `watched_record`, energy [J] that another tank gave -> `watched_record`."""
-    model, watched, joules = MODEL.symbols("model"), watched_record(slots).symbols("watched"), ca.SX.sym("joules")
-    tank = _tank(watched.tank, model, slots).filled(joules)
+def say(slots: int) -> ca.Function:
+    """`MODEL`, `watched_record`, last force (2,), share, `VIEW`, numbers -> `watched_record`, numbers, `MESSAGE`.
+
+    The share of the energy goes to another tank; the numbers are those of `hear`.
+    """
+    model, watched, fraction = MODEL.symbols("model"), watched_record(slots).symbols("watched"), ca.SX.sym("fraction")
+    force, view, numbers = ca.SX.sym("force", 2), VIEW.symbols("view"), ca.SX.sym("numbers", 2)
+    tank, energy = _tank(watched.tank, model, slots).given(fraction, force)
     after = watched_record(slots).changed(watched, tank=tank.numbers.column).column
-    return ca.Function("take_energy", [model.column, watched.column, joules], [after])
+    place, serial = ca.if_else(view.reason == 0, view.x, math.nan), numbers[0] + 1
+    message = MESSAGE.of(place=place, force=force, energy=energy, serial=serial)
+    inputs = [model.column, watched.column, force, fraction, view.column, numbers]
+    return ca.Function("say", inputs, [after, ca.vertcat(serial, numbers[1]), message])
 
 
 def _tank(numbers: ca.SX, model: Values, slots: int) -> EnergyTank:

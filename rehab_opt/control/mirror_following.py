@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from rehab_opt.control.command import Command, Status
 from rehab_opt.control.interaction import Interaction
 from rehab_opt.control.judged_state import GIVEN
-from rehab_opt.control.mirror_pace import COUNTED, PACE, PACES, REMEMBERED, TRIED
+from rehab_opt.control.mirror_pace import COUNTED, PACE, REMEMBERED, TRIED
 from rehab_opt.control.mirror_statement import MirrorStatement
 from rehab_opt.control.mirror_tick import NOTE, NOTICED
 from rehab_opt.control.person_limit import PersonLimit
@@ -32,6 +32,7 @@ SETTLING_TICKS = 3
 BRIDGE = 0.5
 """Share of the hand speeds at which a jump is bridged."""
 THEN, LIVE = REMEMBERED["then"], REMEMBERED["live"]
+TARGET, MOTION = TRIED.places["target"], TRIED.places["motion"]
 RATE, SHARE, APART, ASIDE = (REMEMBERED["pace"] + PACE[name] for name in ("rate", "share", "apart", "aside"))
 
 
@@ -105,37 +106,33 @@ class MirrorFollowing(MirrorStatement):
     def _tracked(self, here: Array, hand: Array, *, previewed: bool = False) -> Command:
         """One tick of following what the clock holds, at a pace that deviation and braking allow; see `MirrorPace`.
 
-        Where even a standing reference is not allowed, since the model of the person's arm moves, the model stands,
-        too. With `previewed`, the clock makes up no lag. `here` (4, 4) is the tool's pose, `hand` (6,) its motion.
+        With `previewed`, the clock makes up no lag. `here` (4, 4) is the tool's pose, `hand` (6,) its motion.
         """
         clock, limit, tried, aimed, memory = self.clock, self._limit, self._tried, self._aimed, self._memory
         posture, before = None if limit is None else limit.q, self._last.copy()
-        at, others = (clock.waiting, clock.fraction, clock.lag), (not previewed, clock.pace)
+        at, others, place = clock.now, (not previewed, clock.pace), 0.0
         samples, entries, around = (
             clock.window.T,
             here.reshape(-1),
             self._inputs[-1].reshape(-1)[: self.limits.moving_size],
         )
-        for part in (*PACES, None):
-            if part is not None:
-                near = tried.of(samples, at, memory, others, entries, part)
-                taken = tried.outputs[1].copy()
-                if not taken[TRIED["fits"]]:
-                    continue
-            target, motion = self._held[3:19] if part is None else taken[:16], taken[16:22]
+        while True:
+            near, taken = tried.of(samples, at, memory, others, entries, place), tried.outputs[1].copy()
             if limit is not None:
                 limit.q = posture
-                if part is not None:
-                    target, motion = limit.limited(target.reshape(4, 4), motion)
-            target = target.reshape(4, 4).copy()
-            aimed.of(self._q, before, entries, target.reshape(-1), motion, near, memory, part is None, around)
+                if not taken[TRIED["stays"]]:
+                    target, taken[MOTION] = limit.limited(taken[TARGET].reshape(4, 4), taken[MOTION])
+                    taken[TARGET] = target.reshape(-1)
+            aimed.of(self._q, before, entries, taken, near, memory, around)
             if aimed.outputs[1][0]:
                 break
+            place = float(taken[TRIED["place"]]) + 1.0
         self.followed, (held, told) = taken[:16].reshape(4, 4).copy(), aimed.outputs
         self._inputs[0][:], self._inputs[1][:], self._inputs[2][:] = told[1:17].reshape(4, 4), told[17:23], told[23:]
-        memory[:] = self._concluded.of(samples, at, near, entries, hand, taken, target.reshape(-1), held, memory)
-        said = self._concluded.outputs[1]
-        passed, _, fraction, lag, _, _, far, turned = said.tolist()
+        memory[:] = self._concluded.of(samples, at, near, entries, hand, taken, held, memory)
+        _, said, after = self._concluded.outputs
+        passed, *_, far, turned = said.tolist()
+        _, fraction, lag, *_ = after.tolist()
         clock.stand(int(passed), fraction, lag)
         self._beyond_person, self._short_by = (far, turned), (memory[APART] + far, memory[ASIDE] + turned)
         solver = self._solvers()

@@ -9,6 +9,7 @@ import math
 from dataclasses import dataclass
 
 import casadi as ca
+import numpy as np
 
 from rehab_opt.control.between_poses import angle_of, distance_of
 from rehab_opt.control.interaction import FELT
@@ -47,11 +48,12 @@ PACE = Record(rate=1, share=1, waited=1, stood=1, apart=1, aside=1)
 that the hand stood, and [m, rad] that it then was apart from the reference: the nearest that it comes, seen from where
 it is. Deviations count from there on, so that a stretch out of reach is followed along its edge and none of it is left
 out. They shrink as the hand comes nearer."""
-TRIED = Record(pose=16, twist=6, seconds=1, fits=1, goal=12)
-"""What may be followed: pose, twist at the clock's pace, [s] that it goes on by, whether the deviation allows it; and
-pose of what the hand is led to now, which may be what the person's arm can do of the reference."""
-SAID = Record(passed=1, ahead=1, fraction=1, lag=1, bridging=1, short=1, beyond=2)
-"""Samples passed, where the clock then is, whether it bridges a jump, and the hand is short; [m, rad] by which the
+TRIED = Record(pose=16, twist=6, seconds=1, fits=1, goal=12, target=16, motion=6, place=1, stays=1)
+"""What may be followed: pose, twist at the clock's pace, [s] that it goes on by, whether the deviation allows it; pose
+of what the hand is led to now, which may be what the person's arm can do of the reference; pose and twist for the hand,
+which a model of that arm may change; the pace's place in `PACES`; whether the hand stays at what it was held near."""
+SAID = Record(passed=1, ahead=1, bridging=1, short=1, beyond=2)
+"""Samples passed and those still ahead, whether it bridges a jump, and the hand is short; [m, rad] by which the
 person's arm stays short of what is followed."""
 AIMED = Record(kept=1, pose=16, twist=6, offset=3)
 """Whether an arm that brakes stays near `HELD`, or nothing else is left; pose, twist and offset [m] for the QP."""
@@ -87,33 +89,58 @@ class MirrorPace:
         return ClockStatement(self.dt, window=self.window)
 
     def tried_function(self) -> ca.Function:
-        """Samples, `CLOCK`, `REMEMBERED`, others, hand's pose (16,), share of the pace -> `PACE`, `TRIED`.
+        """Samples, `CLOCK`, `REMEMBERED`, others, hand's pose (16,), a place in `PACES` -> `PACE`, `TRIED`.
 
-        The others are whether the clock makes up for a lag, and the most that what follows allows.
+        Of the first pace from that place on that fits; behind the last, where not even a standing reference is allowed
+        since the model of the person's arm moves, the hand stays. The others are whether the clock makes up for a lag,
+        and the most that what follows allows.
         """
-        sizes = {"clock": CLOCK.size, "memory": REMEMBERED.size, "others": 2, "here": 16, "part": 1}
+        sizes = {"clock": CLOCK.size, "memory": REMEMBERED.size, "others": 2, "here": 16, "place": 1}
         samples = ca.MX.sym("samples", SAMPLE.size, self.window)
-        clock, memory, others, here, part = given = [ca.MX.sym(name, size) for name, size in sizes.items()]
-        pace, felt, aim = (memory[REMEMBERED.places[name]] for name in ("pace", "felt", "aim"))
+        clock, memory, others, here, first = given = [ca.MX.sym(name, size) for name, size in sizes.items()]
+        pace, felt, aim, held = (memory[REMEMBERED.places[name]] for name in ("pace", "felt", "aim", "held"))
         others = ca.vertcat(felt[FELT["pace"]], others)
-        near, rate, goal, allowed = self._rated()(samples[:, 0], samples[:, 1], clock, pace, others, here, aim)
-        rate *= part
-        pose, twist = self.clock.read_function()(samples, clock, rate * self.dt)
-        a, b = ca.SX.sym("a", 12), ca.SX.sym("b", 16)
-        distance = ca.Function("distance", [a, b], [distance_of(a, b)])
-        fits = ca.logic_or(distance(pose, here) <= allowed, rate <= 0)
-        tried = ca.vertcat(pose, ca.DM([0, 0, 0, 1]), rate * twist, rate * self.dt, fits, goal)
-        near = ca.vertcat(rate, near[1:])
+        rated = ca.vertcat(*self._rated()(samples[:, 0], samples[:, 1], clock, pace, others, here, aim))
+        tries = self._at_pace(rated.numel())
+        inputs = [ca.MX.sym("input", tries.sparsity_in(i)) for i in range(tries.n_in())]
+        same = ca.Function("same", inputs, [inputs[0]])
+        found, either = ca.MX.zeros(tries.numel_out(0)), ca.Function.if_else("tries", tries, same)
+        for place, part in enumerate(PACES):
+            missing = found[PACE.size + TRIED["fits"]] == 0
+            looks = ca.logic_and(missing, first <= place) if place + 1 < len(PACES) else missing
+            found = either(looks, found, samples, clock, rated, here, part, place)
+        near, tried, which = ca.vertsplit(found, [0, PACE.size, found.numel() - 1, found.numel()])
+        stays = first >= len(PACES)
+        target = ca.if_else(stays, held[HELD.places["target"]], tried[TRIED.places["pose"]])
+        tried = ca.vertcat(tried, target, tried[TRIED.places["twist"]], which, stays)
         return ca.Function("tried", [samples, *given], [near, tried])
 
+    def _at_pace(self, size: int) -> ca.Function:
+        """What was found, samples, `CLOCK`, `_rated` (size,), hand's pose, a pace, its place -> what is found with it.
+
+        That is `PACE`, `TRIED` to its goal, and the place.
+        """
+        samples, (old, clock, rated, here, part, place) = ca.MX.sym("samples", SAMPLE.size, self.window), (
+            ca.MX.sym("given", each) for each in (PACE.size + TRIED["target"] + 1, CLOCK.size, size, 16, 1, 1)
+        )  # fmt: skip
+        near, rate, goal, allowed = ca.vertsplit(rated, [0, *np.cumsum([PACE.size, 1, 12, 1])])
+        rate = rate * part
+        pose, twist = self.clock.read_function()(samples, clock, rate * self.dt)
+        a, b = (ca.SX.sym("pose", 16) for _ in range(2))
+        distance = ca.Function("distance", [a, b], [distance_of(a, b)])
+        fits = ca.logic_or(distance(pose, here) <= allowed, rate <= 0)
+        found = ca.vertcat(rate, near[1:], pose, rate * twist, rate * self.dt, fits, goal, place)
+        return ca.Function("at_pace", [old, samples, clock, rated, here, part, place], [found])
+
     def concluded_function(self, *, person: bool) -> ca.Function:
-        """Samples, `CLOCK`, `PACE`, hand's pose and twist, `TRIED`, target (16,), `HELD`, `REMEMBERED` -> that, `SAID`.
+        """Samples, `CLOCK`, `PACE`, hand's pose and twist, `TRIED`, `HELD`, `REMEMBERED` -> that, `SAID`, `CLOCK`.
 
         The clock goes on by the seconds of what was tried and taken. The target is what a `person`'s arm does of it.
         """
         samples, clock, near = ca.SX.sym("samples", SAMPLE.size, self.window), CLOCK.symbols("c"), PACE.symbols("p")
-        here, hand, target, held = others = [ca.SX.sym("given", size) for size in (16, 6, 16, HELD.size)]
+        here, hand, held = others = [ca.SX.sym("given", size) for size in (16, 6, HELD.size)]
         tried, old, lengths = TRIED.symbols("tried"), REMEMBERED.symbols("memory"), samples[SAMPLE["seconds"], :].T
+        target = tried.target
         passed, then = self.clock.advanced(lengths, clock, tried.seconds, tried.seconds > 0)
         yielding = FELT.parts(old.felt).pace
         after, waits, cuts = self._waited(near, then.ahead <= 0, yielding, hand, here, tried.goal)
@@ -122,8 +149,6 @@ class MirrorPace:
         said = SAID.of(
             passed=passed,
             ahead=then.ahead,
-            fraction=then.fraction,
-            lag=then.lag,
             bridging=bridging,
             short=_short(after),
             beyond=ca.if_else(all_true(target == tried.pose), 0, beyond),
@@ -133,25 +158,25 @@ class MirrorPace:
             counted=counted(old, waited=waits, cut=cuts),
         )  # fmt: skip
         inputs = [samples, clock.column, near.column, *others[:2], tried.column, *others[2:], old.column]
-        return ca.Function("concluded", inputs, [memory.column, said], {"cse": True})
+        return ca.Function("concluded", inputs, [memory.column, said, then.column], {"cse": True})
 
     def aimed_function(self, audit: ca.Function, braked: ca.Function, *, person: bool) -> ca.Function:
-        """q, last velocity, hand's pose, target's, twist, `PACE`, `REMEMBERED`, stays, moving -> `HELD`, `AIMED`.
+        """q, last velocity, hand's pose, `TRIED`, `PACE`, `REMEMBERED`, moving -> `HELD`, `AIMED`.
 
         `HELD` is what the hand is then held near: the target, from there towards the hand by what it stays short of at
-        best. With `stays` it is held as it was, and rests. Of `AIMED` pose and twist are displaced by forces, and the
+        best. Where it stays it is held as it was, and rests. Of `AIMED` pose and twist are displaced by forces, and the
         offset leads from there to the centre. Audit, braking and what moves are those of `MirrorStatement`. What a
         `person`'s arm does is kept to where it stays within the hand's bounds, or comes nearer to the hand.
         """
-        here, to, twist = ca.SX.sym("here", 16), ca.SX.sym("target", 16), ca.SX.sym("twist", 6)
-        pace, memory, stays = PACE.symbols("pace"), REMEMBERED.symbols("memory"), ca.SX.sym("stays")
+        here, tried = ca.SX.sym("here", 16), TRIED.symbols("tried")
+        pace, memory, stays = PACE.symbols("pace"), REMEMBERED.symbols("memory"), tried.stays
         old, felt = HELD.parts(memory.held), FELT.parts(memory.felt)
-        origin, target = [3, 7, 11], ca.if_else(stays, old.target, to)
+        origin, target = [3, 7, 11], ca.if_else(stays, old.target, tried.target)
         part = ca.fmin(pace.apart / ca.fmax(distance_of(here, target), 1e-12), 1)
         cut = target[origin] + part * (here[origin] - target[origin])
         centre = ca.if_else(stays, old.centre, cut)
         turn = ca.if_else(stays, old.turn, self.max_turn + pace.aside)
-        pose, motion = ca.SX(target), ca.if_else(stays, 0, twist)
+        pose, motion = ca.SX(target), ca.if_else(stays, 0, tried.motion)
         pose[origin] += felt.moved
         motion[:3] += felt.velocity
         held = HELD.of(centre=centre, target=target, turn=turn)
@@ -163,7 +188,7 @@ class MirrorPace:
                 away[0] <= ca.fmax(WAITS * self.max_deviation, away[1]),
                 turned[0] <= ca.fmax(WAITS * self.max_turn + pace.aside, turned[1]),
             )
-        inputs = [here, to, twist, pace.column, memory.column, stays]
+        inputs = [here, tried.column, pace.column, memory.column]
         parts = ca.Function(
             "parts", inputs, [held, ca.vertcat(pose, motion, centre - pose[origin]), known, near], {"cse": True}
         )
@@ -171,7 +196,7 @@ class MirrorPace:
         given = [ca.MX.sym("given", each.numel()) for each in inputs]
         column, told, begun, there = parts.call(given)
         kept = ca.logic_and(there, audit(q, braked(q, last), column, moving)[0])
-        kept = ca.logic_or(ca.logic_or(ca.logic_not(begun), kept), given[-1])
+        kept = ca.logic_or(ca.logic_or(ca.logic_not(begun), kept), given[1][TRIED["stays"]])
         return ca.Function("aimed", [q, last, *given, moving], [column, ca.vertcat(kept, told)])
 
     # ---------------------------------------------------------------------------------------------------- its parts

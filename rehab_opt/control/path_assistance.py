@@ -10,10 +10,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.control.assistance_statement import TINY
 from rehab_opt.control.bounded_force import BoundedForce, ForceBounds
-from rehab_opt.control.command import Command, Relaxed, Status
+from rehab_opt.control.command import Command
+from rehab_opt.control.force_tick import DESIRED
 from rehab_opt.control.gate import GATE, PULL_BACK, SPRING, DesiredForce, guided_force
 from rehab_opt.control.path_progress import AHEAD, PATH_MODEL, PLACES, PROGRESS, SEARCHED, progress_function
-from rehab_opt.control.reasons import NUMBER, reason_text
 from rehab_opt.control.velocity_controller import checked_number
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.field.potential import SAMPLES_PER_WIDTH
@@ -29,7 +29,6 @@ __all__ = ["PathAssistance"]
 Array = NDArray[np.float64]
 
 MAX_WIDTHS = 250_000
-STANDS = reason_text(NUMBER["HAND_STANDS"], ())
 
 
 class PathAssistance(BoundedForce):
@@ -185,9 +184,6 @@ class PathAssistance(BoundedForce):
         if not self.valid:
             return command
         state = self._state_of_path
-        if state[PROGRESS["away"]] and command.status is Status.OK:
-            relaxed = command.relaxed | Relaxed.TASK
-            command = command._replace(status=Status.BLOCKED, reason=STANDS, relaxed=relaxed, scale=0.0)
         proceed, at, looked = self._proceed, int(state[PROGRESS["at"]]), int(state[PROGRESS["looked"]])
         _, old, hand, force, ahead, searched = proceed.inputs
         old[:], hand[:], force[:] = state, self.place, self._force
@@ -205,3 +201,4 @@ class PathAssistance(BoundedForce):
         _, place, along, fraction, *_ = self._pull.inputs
         place[:], along[:] = state[PROGRESS.places["place"]], state[PROGRESS.places["along"]]
         fraction[:] = state[PROGRESS.places["grip"]]
+        self._desired_view[DESIRED["lets_go"]] = state[PROGRESS["away"]]

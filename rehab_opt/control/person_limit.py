@@ -33,15 +33,17 @@ GAIN = 30.0
 
 
 def model_tick(chain: SerialChain) -> ca.Function:
-    """Posture (n,) of a model arm, joint velocities (n,), [s] -> posture after, whether it stands, hand and its motion.
+    """Posture (n,) of a model arm, joint velocities (n,), [s], ticks left -> posture, ticks left, hand and its motion.
 
-    The hand is the pose, all 16 entries, and the motion (6,), linear [m/s] first.
+    Those are for finding to the first pose: none where it stands. The hand is the pose, all 16 entries, and the motion
+    (6,), linear [m/s] first.
     """
     q, velocity, seconds = ca.SX.sym("q", chain.n), ca.SX.sym("velocity", chain.n), ca.SX.sym("seconds")
+    ticks = ca.SX.sym("ticks")
     after = clipped(q + velocity * seconds, ca.DM(chain.lower), ca.DM(chain.upper))
     stands = all_true(ca.fabs(velocity) <= SETTLED)
-    outputs = [after, stands, *moving_tool_function(chain)(after, velocity)]
-    return ca.Function("model_tick", [q, velocity, seconds], outputs)
+    outputs = [after, ca.if_else(stands, 0, ca.fmax(ticks - 1, 0)), *moving_tool_function(chain)(after, velocity)]
+    return ca.Function("model_tick", [q, velocity, seconds, ticks], outputs)
 
 
 class _Model(PoseTracker):
@@ -103,7 +105,7 @@ class PersonLimit:
         """(n,) posture of the model [rad]; None before the first pose."""
         self._tracker.reset()
         self._settler.reset()
-        self._settling = SETTLING
+        self._settling = float(SETTLING)
         """Ticks that are left for finding to the first pose; none once it is found."""
 
     def settle(self, pose: Array, *, ticks: int = SETTLING) -> bool:
@@ -112,10 +114,8 @@ class PersonLimit:
             self.q = self.start.copy()
         while self._settling > 0 and ticks > 0:
             ticks -= 1
-            self._settling -= 1
-            if self._go(self._settler, pose, np.zeros(6))[1]:
-                self._settling = 0
-        return self._settling == 0
+            self._settling = float(self._go(self._settler, pose, np.zeros(6))[1][0])
+        return self._settling == 0.0
 
     def limited(self, pose: Array, twist: Array) -> tuple[Array, Array]:
         """Pose (4, 4) and twist (6,) of the model's hand after this tick."""
@@ -125,5 +125,5 @@ class PersonLimit:
 
     def _go(self, tracker: PoseTracker, pose: Array, twist: Array) -> tuple[Array, ...]:
         assert self.q is not None
-        self.q = self._tick.of(self.q, tracker.step(self.q, pose, twist).value, tracker.dt)
+        self.q = self._tick.of(self.q, tracker.step(self.q, pose, twist).value, tracker.dt, self._settling)
         return self._tick.outputs

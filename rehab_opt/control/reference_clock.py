@@ -14,13 +14,13 @@ from rehab_opt.optim.certificate import all_true
 from rehab_opt.symbolic import BufferedFunction
 from rehab_opt.symbolic.record import Record, Values
 
-__all__ = ["CLOCK", "JUMP", "SAMPLE", "SPIN", "ClockStatement", "ReferenceClock"]
+__all__ = ["CLOCK", "JUMP", "KEPT", "SAMPLE", "SPIN", "ClockStatement", "ReferenceClock"]
 
 Array = NDArray[np.float64]
 
-THINNED = 4096
-"""Samples that wait at most; beyond, every second one is left out. What arrives at 200 Hz waits 20 s until then, and is
-still sampled at 100 Hz afterwards: far above what a tracker's filter lets through. C has room for fewer."""
+THINNED, KEPT = 4096, 2
+"""Samples that wait at most; beyond, every second one is left out, but for the first. What arrives at 200 Hz waits 20 s
+until then, and is still sampled at 100 Hz afterwards: far above what a tracker's filter lets through. C has fewer."""
 CURVED = 0.02
 """[rad] Turns between samples up to this are interpolated by entries, larger ones along the arc: what entries miss of a
 rotation is an eighth of the angle's square."""
@@ -35,8 +35,9 @@ WINDOW = 12
 
 SAMPLE = Record(pose=12, twist=6, seconds=1, stamp=1)
 """First three rows [m], [m/s, rad/s], since the sample before [s], of the reference's own time [s]."""
-CLOCK = Record(ahead=1, fraction=1, lag=1)
-"""Samples behind the one at hand, share of the way to the next, and [s] to the newest."""
+CLOCK = Record(ahead=1, fraction=1, lag=1, lost=1, newest=1)
+"""Samples behind the one at hand, -1 where there is none, share of the way to the next, [s] that the clock needs to the
+newest, bridges included, [s] of the reference since then that were not taken, and the newest one's stamp."""
 
 
 class ClockStatement:
@@ -61,7 +62,7 @@ class ClockStatement:
         return ca.if_else(share == 0, a.pose, pose), ca.if_else(share == 0, a.twist, twist)
 
     def read_function(self) -> ca.Function:
-        """Samples (20, window), `CLOCK`, [s] ahead of where it stands -> pose (12,) and twist."""
+        """Samples (20, window), `CLOCK`, [s] ahead of where it stands -> pose (16,) and twist."""
         lengths, clock, ahead = ca.SX.sym("seconds", self.window), CLOCK.symbols("clock"), ca.SX.sym("ahead")
         passed, fraction, left, going = ca.SX(0), clock.fraction, ahead, ahead > 0
         for i in range(self.window - 2):  # generated code looks beyond an array that is asked for more
@@ -80,7 +81,8 @@ class ClockStatement:
         samples = ca.MX.sym("samples", SAMPLE.size, self.window)
         given = [ca.MX.sym("clock", CLOCK.size), ca.MX.sym("ahead")]
         at, way = find(samples[SAMPLE["seconds"], :].T, *given)
-        return ca.Function("read", [samples, *given], between.call([samples[:, at], samples[:, at + 1], way]))
+        pose, twist = between.call([samples[:, at], samples[:, at + 1], way])
+        return ca.Function("read", [samples, *given], [ca.vertcat(pose, ca.DM([0, 0, 0, 1])), twist])
 
     def advanced(self, lengths: ca.SX, clock: Values, seconds: ca.SX, goes: ca.SX) -> tuple[ca.SX, Values]:
         """Samples passed in so much reference time, at most to the newest, where it `goes`; and the clock then.
@@ -105,16 +107,34 @@ class ClockStatement:
         return passed, after
 
     @staticmethod
+    def behind_function() -> ca.Function:
+        """Sample at hand and the next (40,), `CLOCK` -> `ReferenceClock.behind`."""
+        samples, clock = ca.SX.sym("samples", SAMPLE.size, 2), CLOCK.symbols("clock")
+        here, there = ca.horzsplit(samples[SAMPLE["stamp"], :])
+        stamp = ca.if_else(clock.fraction == 0, here, here + clock.fraction * (there - here))
+        behind = ca.if_else(clock.ahead < 0, 0, ca.fmax(clock.lag, clock.newest + clock.lost - stamp))
+        return ca.Function("behind", [ca.vec(samples), clock.column], [behind])
+
+    @staticmethod
+    def started_function() -> ca.Function:
+        """Pose (16,), twist, stamp -> the only sample, `CLOCK`."""
+        pose, twist, stamp, zero = ca.SX.sym("pose", 16), ca.SX.sym("twist", 6), ca.SX.sym("stamp"), ca.SX(0)
+        sample = SAMPLE.of(pose=pose[:12], twist=twist, seconds=zero, stamp=stamp)
+        clock = CLOCK.of(ahead=zero, fraction=zero, lag=zero, lost=zero, newest=stamp)
+        return ca.Function("started", [pose, twist, stamp], [sample, clock])
+
+    @staticmethod
     def taken_function(linear_speed: float, angular_speed: float) -> ca.Function:
-        """Newest sample, pose, twist, [seconds, of them lost, bridge] -> newest, two samples more, whether both are.
+        """Newest sample, pose, twist, `CLOCK`, [seconds, bridge] -> newest and two samples more (60,), `CLOCK`.
 
         A jump is bridged, and so is any sample with `bridge`: then it is as late as a calm way to it at these speeds
-        takes, and in between there is one of the way. What was lost before it counts in its stamp.
+        takes, and in between there is one of the way; else the last of them is none. What was lost before it counts in
+        its stamp.
         """
         newest, pose, twist = SAMPLE.symbols("newest"), ca.SX.sym("pose", 16), ca.SX.sym("twist", 6)
-        seconds, lost, bridge = ca.vertsplit(told := ca.SX.sym("told", 3))
+        clock, (seconds, bridge) = CLOCK.symbols("clock"), ca.vertsplit(told := ca.SX.sym("told", 2))
         entries = pose[:12]
-        stamp = newest.stamp + lost + seconds
+        stamp = newest.stamp + clock.lost + seconds
         jumps = ca.logic_or(
             distance_of(entries, newest.pose) > JUMP * seconds + 1e-3,
             angle_of(entries, newest.pose) > SPIN * seconds + 1e-2,
@@ -127,8 +147,11 @@ class ClockStatement:
         )
         way = SAMPLE.of(pose=entries, twist=between, seconds=calm, stamp=stamp)
         own = SAMPLE.of(pose=entries, twist=twist, seconds=ca.if_else(both, 0, seconds), stamp=stamp)
-        more = ca.vertcat(ca.if_else(both, way, own), ca.if_else(both, own, 0))
-        return ca.Function("taken", [newest.column, pose, twist, told], [before, more, both], {"cse": True})
+        samples = ca.vertcat(before, ca.if_else(both, way, own), ca.if_else(both, own, 0))
+        lag = clock.lag + ca.if_else(both, calm, seconds)
+        after = CLOCK.changed(clock, ahead=clock.ahead + 1 + both, lag=lag, lost=ca.SX(0), newest=stamp)
+        inputs = [newest.column, pose, twist, clock.column, told]
+        return ca.Function("taken", inputs, [samples, after.column], {"cse": True})
 
 
 class ReferenceClock:
@@ -146,7 +169,9 @@ class ReferenceClock:
     def __init__(self, dt: float, *, linear_speed: float, angular_speed: float, window: int = WINDOW) -> None:
         self.dt, self._window = dt, window
         stated = ClockStatement(dt, window=window)
-        self._reading = BufferedFunction(stated.read_function())
+        self._reading, self._behind, self._started = (
+            BufferedFunction(each()) for each in (stated.read_function, stated.behind_function, stated.started_function)
+        )
         self._taken = BufferedFunction(stated.taken_function(linear_speed, angular_speed))
         self.most = THINNED
         """Samples that wait at most; may be set between two ticks."""
@@ -194,6 +219,12 @@ class ReferenceClock:
         return not self.current and float(self._table[self._at + 1, SAMPLE["seconds"]]) > LONGEST * self.dt
 
     @property
+    def now(self) -> tuple[float, ...]:
+        """`CLOCK`."""
+        newest = float(self._table[self._end - 1, SAMPLE["stamp"]])
+        return self._end - 1 - self._at, self.fraction, self.lag, self.lost, newest
+
+    @property
     def stamp(self) -> float:
         """[s] of the reference's own time, from the first sample on, where the clock stands; in a bridge, between."""
         at, next_one = self._table[self._at : self._at + 2, SAMPLE["stamp"]].tolist()
@@ -202,13 +233,15 @@ class ReferenceClock:
     @property
     def behind(self) -> float:
         """[s] by which what is read is older than what arrives now, taken or not; and no less than `lag`."""
-        newest = float(self._table[self._end - 1, SAMPLE["stamp"]])
-        return 0.0 if self.empty else max(self.lag, newest + self.lost - self.stamp)
+        behind = self._behind
+        behind.inputs[0][:], behind.inputs[1][:] = self._table[self._at : self._at + 2].reshape(-1), self.now
+        behind.evaluate()
+        return float(behind.outputs[0][0])
 
     def start(self, pose: Array, twist: Array, *, stamp: float = 0.0) -> None:
         """Stand at one sample, and forget the others."""
         self.reset()
-        self._append(SAMPLE.numbers(pose=pose.reshape(-1)[:12], twist=twist, seconds=0.0, stamp=stamp)[None])
+        self._append(self._started.of(pose.reshape(-1), twist, stamp)[None])
 
     def push(
         self,
@@ -224,12 +257,15 @@ class ReferenceClock:
         What was lost between them is left out: its time counts in `behind` until the clock has passed it.
         `thinning` bounds the samples that wait.
         """
-        taken, newest = self._taken, self._table[self._end - 1]
-        taken.inputs[0][:], taken.inputs[1][:], taken.inputs[2][:] = newest, pose.reshape(-1), twist
-        taken.inputs[3][:] = self.dt if seconds is None else seconds, self.lost, bridge
+        self._enlarge(2)
+        taken, newest = self._taken, self._end - 1
+        inputs, (samples, after) = taken.inputs, taken.outputs
+        inputs[0][:], inputs[1][:], inputs[2][:] = self._table[newest], pose.reshape(-1), twist
+        inputs[3][:], inputs[4][:] = self.now, (self.dt if seconds is None else seconds, bridge)
         taken.evaluate()
-        newest[:], self.lost = taken.outputs[0], 0.0
-        self._append(taken.outputs[1].reshape(2, -1)[: 1 + int(taken.outputs[2][0])])
+        self._table[newest : newest + 3] = samples.reshape(3, -1)
+        ahead, _, self.lag, self.lost, _ = after.tolist()
+        self._end = self._at + int(ahead) + 1
         self.thinned = thinning and self._end - self._at > self.most
         if self.thinned:
             self._thin()
@@ -279,8 +315,7 @@ class ReferenceClock:
 
     def read(self, ahead: float = 0.0) -> tuple[Array, Array]:
         """Pose (4, 4) and twist (6,), `ahead` seconds of reference time from now; the clock stays where it is."""
-        found = np.eye(4)
-        found[:3] = self._reading.of(self.window.T, (self.waiting, self.fraction, self.lag), ahead).reshape(3, 4)
+        found = self._reading.of(self.window.T, self.now, ahead).reshape(4, 4)
         return found, self._reading.outputs[1].copy()
 
     @property
@@ -305,17 +340,22 @@ class ReferenceClock:
 
     def _append(self, samples: Array) -> None:
         """Samples (N, 20) behind the newest."""
+        self._enlarge(len(samples))
         end = self._end + len(samples)
-        if end + self._window > len(self._table):
-            self._table = np.concatenate([self._table, np.zeros((end + self._window, SAMPLE.size))])
         self._table[self._end : end] = samples
         self._end = end
         for seconds in samples[:, SAMPLE["seconds"]].tolist():
             self.lag += seconds
 
+    def _enlarge(self, more: int) -> None:
+        """Make room for so many samples and a window."""
+        end = self._end + more + self._window
+        if end > len(self._table):
+            self._table = np.concatenate([self._table, np.zeros((end, SAMPLE.size))])
+
     def _thin(self) -> None:
         """Leave out every second sample that waits; their time is kept."""
-        seconds, first = self._table[:, SAMPLE["seconds"]], self._at + 2
+        seconds, first = self._table[:, SAMPLE["seconds"]], self._at + KEPT
         gone = np.arange(first, self._end - 1, 2)
         seconds[gone + 1] += seconds[gone]
         kept = np.delete(self._table[: self._end], gone, axis=0)

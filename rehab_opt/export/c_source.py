@@ -6,6 +6,7 @@ import hashlib
 
 import casadi as ca
 
+from rehab_opt.control.command import NUMBERED, Relaxed
 from rehab_opt.control.reasons import NOTES, REASONS
 from rehab_opt.control.velocity_tick import VELOCITY_SOLVERS
 from rehab_opt.export.c_text import comment, filled, indented, number
@@ -26,9 +27,9 @@ def files_of(exported: ExportedController, *, problem: str) -> dict[str, str]:
     functions = exported.generated
     code = generated(functions)
     values = _values(exported, code, problem)
-    values["work_functions"] = ", ".join(f"{function.name()}_work" for function in functions)
     values["command"] = filled("rehab_command.h", values)
-    values |= {name: filled(part, values) for name, part in exported.pieces.items()}
+    for name, part in exported.pieces.items():
+        values[name] = filled(part, values)
     values["types"] += "\n\n" if values["types"] else ""
     values |= {"memory": filled(f"{exported.core}.h", values), "core": filled(f"{exported.core}.c", values)}
     computes = (code.code, values["core"], filled(f"{exported.interface}.c", values))
@@ -66,6 +67,8 @@ def _values(exported: ExportedController, code: Generated, problem: str) -> dict
         "generated": code.code,
         "iterations": str(max(STEPS, QRQP_ITERATIONS)),
         "solves": str(exported.solves),
+        "status_constants": ", ".join(f"REHAB_{status.name} = {i}" for i, status in enumerate(NUMBERED)),
+        "relaxed_constants": ", ".join(f"REHAB_{each.name} = {int(each)}" for each in Relaxed),
         "reason_constants": indented(
             f"REHAB_{reason.name}{',' if reason is not REASONS[-1] else ''}" for reason in REASONS
         ),

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from rehab_opt.errors import ConfigurationError
 
-__all__ = ["Evaluated", "comment", "filled", "indented", "initialiser", "number"]
+__all__ = ["Evaluated", "comment", "filled", "indented", "initialiser", "layout", "number"]
 
 
 def number(value: float) -> str:
@@ -31,6 +31,12 @@ def number(value: float) -> str:
 def initialiser(values: Iterable[float]) -> str:
     """{a, b, c}"""
     return "{" + ", ".join(number(value) for value in values) + "}"
+
+
+def layout(name: str, places: Mapping[str, slice]) -> str:
+    """Where the numbers of a record stand, and how many there are, as constants of C."""
+    found = {each: place.start for each, place in places.items()} | {"size": max(at.stop for at in places.values())}
+    return ", ".join(f"{name.upper()}_{each.upper()} = {at}" for each, at in found.items())
 
 
 def comment(text: str) -> str:
@@ -69,7 +75,7 @@ def _read(name: str) -> str:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Evaluated:
-    """What stands in C as `name(self, ..., result)`.
+    """What stands in C as `name(self, result)`.
 
     Parameters
     ----------
@@ -77,7 +83,6 @@ class Evaluated:
     function : evaluated; its first output is the result.
     inputs : of each of its inputs the address in C: what the controller remembers, an argument, a table.
     tables : columns of numbers by their name in C, (n,), or (n, count) where one of them is chosen in a tick.
-    arguments : C of further arguments, each with a comma behind it.
     """
 
     controller: str
@@ -86,7 +91,6 @@ class Evaluated:
     function: ca.Function
     inputs: Sequence[str]
     tables: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
-    arguments: str = ""
 
     def __post_init__(self) -> None:
         """Every input has an address."""
@@ -106,7 +110,6 @@ class Evaluated:
                 "about": self.about,
                 "name": self.controller,
                 "what": self.name,
-                "more": self.arguments,
                 "inputs": ", ".join(self.inputs),
             },
         )

@@ -12,9 +12,9 @@ import casadi as ca
 
 from rehab_opt.control.pose_tracker import PoseTracker
 from rehab_opt.control.velocity_controller import VelocityController
-from rehab_opt.control.velocity_tick import REPORT
+from rehab_opt.control.velocity_tick import DONE, NOTHING_TO_SOLVE, REPORT
 from rehab_opt.errors import ConfigurationError
-from rehab_opt.export.c_text import indented, number
+from rehab_opt.export.c_text import indented, layout, number
 from rehab_opt.export.generated import renamed
 from rehab_opt.export.recording import Run
 
@@ -67,7 +67,7 @@ class Law:
         memory_at = own_at - int(controller.stated.memory.numel())
         command_slice, wheels = controller.command_slice or slice(n), controller.wheels or slice(0, 0)
         cells = (
-            *(n, memory_at, own_at, own_at + controller.judged["reason"], self.state),
+            *(n, memory_at, own_at, own_at + controller.judged["reason"]),
             *(memory_at + (command_slice.start or 0), memory_at + wheels.start, wheels.stop - wheels.start),
             *(f"{self.name}_{what}" for what in ("tick", "finish", "begin")),
             f"{self.name}_going_on" if "going_on" in self.more else "NULL",
@@ -91,7 +91,8 @@ class ExportedController(ABC):
     solves : most solves of a tick.
     values : what the templates of the interface hold besides.
     more_memory : members of the C struct besides.
-    pieces : templates (without .in) that those of core and interface hold, by the name they have there.
+    pieces : templates (without .in) that those of core and interface hold, by the name they have there, and that
+        pieces behind them may hold, too.
     """
 
     core: ClassVar[str]
@@ -208,8 +209,11 @@ class ExportedVelocity(ExportedController):
         sizes["numbers"] = len(laws) * (sizes["max_parameters"] + 2 * sizes["max_state"] + sizes["max_verdict"])
         return {
             **{name: str(size) for name, size in sizes.items()},
-            "report_layout": ", ".join(f"REPORT_{name.upper()} = {REPORT[name]}" for name in REPORT.places),
+            "report_layout": layout("REPORT", REPORT.places),
+            "done": str(DONE),
+            "nothing_to_solve": str(NOTHING_TO_SOLVE),
             "name": self.name,
+            "at_rest": "REHAB_HOLDING",
             "dt": number(first.dt),
             "law_shapes": indented(law.row() + "," for law in laws).rstrip(","),
         }

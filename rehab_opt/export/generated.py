@@ -26,6 +26,9 @@ FUNCTION = re.compile(r"(?:^/\*[^\n]*\*/\n)?^static int (casadi_f\d+)(\(.*?^}\n\
 NAME = re.compile(r"(#define )?\b(casadi_f\d+)\b(?(1).*\n)")
 """Such a function's, or the line that gives it its prefix."""
 
+WORK = re.compile(r"\*sz_(arg|res|iw|w) = (\d+);")
+"""What a function says that it needs."""
+
 UNUSED = ("#include <stdarg.h>\n", "#include <stdio.h>\n")
 """Nothing is printed; a robot's processor may have no such thing."""
 
@@ -45,6 +48,7 @@ class Generated(NamedTuple):
 def generated(functions: Sequence[ca.Function]) -> Generated:
     """C of all functions, each static and called by its name.
 
+    An output may stand in the place of an input.
     The sizes are those of the virtual machine, which are never smaller than the code's: they hold the integers that
     `optim/qrqp.py` asks for beyond CasADi's count, since qrqp writes one too many.
 
@@ -59,7 +63,9 @@ def generated(functions: Sequence[ca.Function]) -> Generated:
         generator.generate(f"{folder}/")
         text = (Path(folder) / "generated.c").read_text(encoding="utf-8")
     notice, end, code = text.partition("*/")
-    if not (notice.startswith("/*") and end and OLD_C in code):
+    sizes = {each: max(getattr(one, f"sz_{each}")() for one in functions) for each in ("arg", "res", "iw", "w")}
+    fits = all(int(size) <= sizes[each] for each, size in WORK.findall(code))
+    if not (notice.startswith("/*") and end and OLD_C in code and fits and _writes_last(code)):
         raise ConfigurationError("casadi", ca.CasadiMeta.version(), "a version that writes C of the form known here")
     for unused in UNUSED:
         code = code.replace(unused, "")
@@ -68,11 +74,18 @@ def generated(functions: Sequence[ca.Function]) -> Generated:
     return Generated(
         code=DEFINITION.sub("static ", code.replace(OLD_C, COMPARISONS)).strip() + "\n",
         notice="\n".join(line for line in lines if line),
-        arguments=max(function.sz_arg() for function in functions),
-        results=max(function.sz_res() for function in functions),
-        integers=max(function.sz_iw() for function in functions),
-        reals=max(function.sz_w() for function in functions),
+        arguments=sizes["arg"],
+        results=sizes["res"],
+        integers=sizes["iw"],
+        reals=sizes["w"],
     )
+
+
+def _writes_last(code: str) -> bool:
+    """Whether every function that is called by its name has read its inputs before it writes an output."""
+    called = re.findall(r"return (casadi_f\d+)\(arg, res, iw, w, mem\)", code)
+    bodies = (code.partition(f"static int {each}(")[2].partition("\n}")[0] for each in called)
+    return bool(called) and not any(re.search(r"\b(arg|wr)\d*\b", body.partition(" res[")[2]) for body in bodies)
 
 
 def _each_once(code: str) -> str:

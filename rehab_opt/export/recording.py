@@ -21,6 +21,8 @@ from rehab_opt.export.c_text import indented, initialiser, number
 
 __all__ = [
     "MAX_TICKS",
+    "NO_ITERATIONS",
+    "STAMPED",
     "Joints",
     "Run",
     "RunTick",
@@ -37,6 +39,8 @@ Array = NDArray[np.float64]
 RunTick = dict[str, Any]
 """Inputs of a tick by name: arrays, whole numbers (int), and `enable` (int) and `stamp` (float) [s]."""
 
+STAMPED = "A stamp is always required and checked. In Python it may be left out."
+NO_ITERATIONS = "`iterations` of Python's command is not there."
 MAX_TICKS = 4000
 """Of a run; a longer one is thinned, or its header would be read for minutes."""
 STANDS = 0.6

@@ -28,8 +28,8 @@ def advanced() -> BufferedFunction:
 
 def advance(made: ReferenceClock, seconds: float) -> None:
     """Go on by this much reference time, at most to the newest sample and over as many as the window has."""
-    advanced().of(made.window[:, SAMPLE["seconds"]], (made.waiting, made.fraction, made.lag), seconds)
-    passed, (_, fraction, lag) = advanced().outputs
+    advanced().of(made.window[:, SAMPLE["seconds"]], made.now, seconds)
+    passed, (_, fraction, lag, *_) = advanced().outputs
     made.stand(int(passed[0]), float(fraction), float(lag))
 
 

@@ -11,7 +11,7 @@ from rehab_opt.control.assistance import Assistance
 from rehab_opt.control.command import Command
 from rehab_opt.control.gate import FIELD, gated_force, numbers_of
 from rehab_opt.export.c_text import Evaluated
-from rehab_opt.export.controllers.bounded_force import DIFFERENCES, ENERGY, ExportedForce, faulty_ticks
+from rehab_opt.export.controllers.bounded_force import ALONE, DIFFERENCES, ExportedForce, faulty_ticks
 from rehab_opt.export.recording import RunTick, recorded
 from rehab_opt.field.energy import field_table, filled_up
 from rehab_opt.field.potential import PotentialField
@@ -110,10 +110,10 @@ def exported_assistance(
         solves=2,  # and again from a cold start
         more_memory=MEMORY,
         values={
-            **ENERGY,
+            **ALONE,
             "on_reset": "",
             "at_first": "the first field where it was made",
-            "after_reset": "the field stays",
+            "after_reset": "the field stays. energy: 1 fills the tank, too",
             "last_field": str(len(all_fields) - 1),
         },
     )

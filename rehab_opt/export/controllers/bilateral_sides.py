@@ -8,11 +8,11 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from rehab_opt.control.bilateral_sides import BEYOND, FromHelper, FromParticipant, HelperSide, ParticipantSide
+from rehab_opt.control.bilateral_sides import FromHelper, FromParticipant, HelperSide, ParticipantSide
 from rehab_opt.control.command import Command
-from rehab_opt.control.force_tick import give, take
+from rehab_opt.control.force_tick import MESSAGE, hear, say
 from rehab_opt.control.gate import reflected_force
-from rehab_opt.export.c_text import Evaluated, number
+from rehab_opt.export.c_text import Evaluated, layout, number
 from rehab_opt.export.controllers.assistance import MEMORY, gated_fields
 from rehab_opt.export.controllers.bounded_force import DIFFERENCES, ExportedForce, faulty_ticks
 from rehab_opt.export.recording import Run, RunTick, recorded
@@ -28,9 +28,10 @@ Array = NDArray[np.float64]
 HELPER, PARTICIPANT = "helper_side", "participant_side"
 TABLES = ("FRAME", "AFFINE", "LANDMARKS", "WEIGHTS")
 """Of the map, as `point_inputs` gives them."""
-NUMBERS = "    long long said, newest;  /* numbers of the last message, and of the newest that was received */"
+NUMBERS = "    double numbers[2];       /* of the last message, and of the newest that was received */"
 FELT = "    double felt[2];          /* on the participant's hand [N]; NaN where it is not known */"
-FORCE_TOO = "    said->force_x = out->value[0];\n    said->force_y = out->value[1];"
+IMAGE = "\n        image(self, self->offset);"
+FORCE_TOO = "    said->force_x = message[MESSAGE_FORCE];\n    said->force_y = message[MESSAGE_FORCE + 1];"
 CALL = """\
 rehab_from_{other} received = {{{received}, tick->serial}};
     rehab_from_{own} said;
@@ -51,6 +52,8 @@ for (;;) {{ /* every tick */
     apply(command.value); /* force, N */
     send(&said);
 }}"""
+AT_FIRST = "no message received: their numbers\n * begin anew, so the other side has to begin anew, too"
+RECEIVED = "\n * received the other side's message; NULL where none came. Without a new message the force is released"
 OF_THE_PAIR = (
     "The map sums over all its landmarks. Python sums series, where there are many: the same but for rounding, which "
     "in 1 of 120 000 random ticks decided whether the solver gave up. The recorded run is of Python with sums, too.",
@@ -105,7 +108,7 @@ def exported_helper_side(
         recording=_recording(side, ticks, answer),
         differences=(*DIFFERENCES, *OF_THE_PAIR, PARTNER),
         says=(HELPER_SAYS, PARTICIPANT_SAYS),
-        means={"target": "felt", "told": "force_", "listen": "memcpy(self->felt, told, sizeof told);", "say": ""},
+        means={"target": "felt", "told": "force_", "listen": "", "say": ""},
     )
 
 
@@ -121,11 +124,10 @@ def exported_participant_side(
     image = Evaluated(
         controller=PARTICIPANT,
         name="image",
-        about="the image of a point of the helper's workspace, or of its point nearest to it [m]",
-        function=ca.Function("image", [point, held, *table], [spline(inside(point, held), *table)]),
-        inputs=("at", "SOURCE", *TABLES),
+        about="the image of a point of the helper's workspace, or of its point nearest to it [m]; of NaN, NaN",
+        function=ca.Function("image", [point, held, *table], [spline(inside(point, held), *table) + 0 * point]),
+        inputs=("self->offset", "SOURCE", *TABLES),
         tables={"SOURCE": edges, **_tables(side.workspace_map)},
-        arguments="const double *at, ",
     )
     side.reset()
     ticks = _ticks(side, positions, received, len(HELPER_SAYS))
@@ -144,7 +146,7 @@ def exported_participant_side(
         recording=_recording(side, ticks, answer),
         differences=(*DIFFERENCES, *OF_THE_PAIR),
         says=(PARTICIPANT_SAYS, HELPER_SAYS),
-        means={"target": "offset", "told": "", "listen": "image(self, told, self->offset);", "say": FORCE_TOO},
+        means={"target": "offset", "told": "", "listen": IMAGE, "say": FORCE_TOO},
     )
 
 
@@ -173,7 +175,7 @@ def _exported(
         force=side.force,
         desired=desired,
         parts={
-            **{what: part(side.force.slots) for what, part in (("give", give), ("take", take))},
+            **{what: part(side.force.slots) for what, part in (("hear", hear), ("say", say))},
             **({image.name: image.function} if image else {}),
         },
         interface="side",
@@ -189,17 +191,24 @@ def _exported(
         differences=differences,
         solves=2,  # and again from a cold start
         more_memory=more_memory,
-        pieces={"begin": "force_begin.c", "messages": "messages.h"},
+        pieces={"begin": "force_begin.c", "messages": "messages.h", "declared": "force.h"},
         values={
             **names,
             **means,
             "full": "",
             "energy": "",
             "fills": "1",
+            "at_first": AT_FIRST,
+            "after_reset": "a full tank, no message. The numbers of messages go on",
+            "on_hand": f" on the {names['own']}'s hand",
+            "received_input": RECEIVED,
+            "received_argument": f" const rehab_from_{names['other']} *received,",
+            "said_output": "; said is the message to the other side, and not NULL either",
+            "said_argument": f", rehab_from_{names['own']} *said",
             "on_reset": f"\n    self->{means['target']}[0] = self->{means['target']}[1] = NAN;",
             "image": f"{image.code}\n\n" if image else "",
-            "fraction": number(side._fraction),
-            "beyond": number(BEYOND),
+            "fraction": number(side._messages.fraction),
+            "message_layout": layout("MESSAGE", MESSAGE.places),
         },
     )
 
@@ -249,13 +258,13 @@ def _recording(
         return command
 
     about = f"{len(ticks)} ticks of a hand's path and of messages, with faults among them"
-    numbers = side._serials  # they go on through a reset, and C begins anew
+    numbers = side._messages.numbers.copy()  # they go on through a reset, and C begins anew
     try:
-        side._serials = type(numbers)()
+        side._messages.numbers[:] = 0.0
         with as_in_c(side.force._solvers):
             return recorded(command_of, ticks, about, more=lambda: (side.force.energy_left, *said[-1]))
     finally:
-        side._serials = numbers
+        side._messages.numbers[:] = numbers
         side.reset()
 
 

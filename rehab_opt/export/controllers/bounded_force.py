@@ -12,26 +12,29 @@ from numpy.typing import NDArray
 
 from rehab_opt.control.bounded_force import BoundedForce
 from rehab_opt.control.energy_tank import tank_record
-from rehab_opt.control.force_tick import MODEL, SOLVED, VIEW, anew, force_tick, watched_record
-from rehab_opt.export.c_text import Evaluated, initialiser, number
+from rehab_opt.control.force_tick import DESIRED, MODEL, SOLVED, VIEW, anew, force_tick, watched_record
+from rehab_opt.export.c_text import Evaluated, initialiser, layout, number
 from rehab_opt.export.exported import ExportedController
 from rehab_opt.export.generated import renamed
-from rehab_opt.export.recording import RunTick, with_faults
+from rehab_opt.export.recording import STAMPED, RunTick, with_faults
 from rehab_opt.optim.fallback_chain import BACKUP
 
-__all__ = ["DIFFERENCES", "ENERGY", "ExportedForce", "faulty_ticks"]
+__all__ = ["ALONE", "DIFFERENCES", "ExportedForce", "faulty_ticks"]
 
 Array = NDArray[np.float64]
 
 DIFFERENCES = (
     f"There is no backup solver. Where Python would use {BACKUP}, C releases the force with `REHAB_NOT_CERTIFIED`; "
     "the recorded run is of a Python controller without the backup, too.",
-    "A stamp is always required and checked. In Python it may be left out.",
+    STAMPED,
     "An x that is NULL counts as not a number; Python raises an error for an argument of the wrong shape.",
 )
 """Of every force."""
-ENERGY = {"full": ", 1", "energy": ", int energy", "fills": "energy"}
-"""Of a force whose reset says whether it fills the tank."""
+ALONE = {
+    "full": ", 1", "energy": ", int energy", "fills": "energy", "on_hand": "",
+    **dict.fromkeys(("received_input", "received_argument", "said_output", "said_argument"), ""),
+}  # fmt: skip
+"""Of a force that hears no other, and whose reset says whether it fills the tank."""
 UNITS = {"force_limit": "N", "slew_limit": "N/s", "growth_limit": "N/s", "speed_cap": "m/s", "budget": "J"}
 """Of what stands in the header."""
 
@@ -83,19 +86,21 @@ class ExportedForce(ExportedController):
         sizes = {
             "memory_at": stated.state_size - int(stated.memory.numel()),
             "state_count": stated.state_size,
-            "watched": watched.size, "view": VIEW.size, "solved": SOLVED.size,
+            "watched": watched.size, "view": VIEW.size, "desired_size": DESIRED.size, "solved": SOLVED.size,
             "level": level, "pending": pending,
             **{f"view_{each}": VIEW[each] for each in ("x", "v", "reason")},
-            **{each: SOLVED[each] for each in ("value", "status", "residual", "solver", "relaxed", "scale", "reason")},
+            "lets_go": DESIRED["lets_go"],
             "values": 2,
             "wheels": 0,
-            "numbers": 2 * stated.state_size + 2 * watched.size + VIEW.size + SOLVED.size + 6,
+            "numbers": 2 * stated.state_size + watched.size + VIEW.size + SOLVED.size + 7,
         }  # fmt: skip
-        records = {"model": MODEL, "watched": watched, "view": VIEW, "solved": SOLVED}
+        records = {"model": MODEL, "watched": watched, "view": VIEW, "desired": DESIRED, "solved": SOLVED}
         return {
             **{name: str(size) for name, size in sizes.items()},
             **{f"{name}_names": ", ".join(record.places) for name, record in records.items()},
+            "at_rest": "REHAB_RELEASED",
             "dt": number(self.force.dt),
+            "report_layout": layout("REPORT", SOLVED.places),
             "model": initialiser(self.force.model),
             "nothing_seen": initialiser(self.force.nothing_seen()),
             "desired": self.desired.code,

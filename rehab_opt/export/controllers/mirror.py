@@ -11,19 +11,19 @@ from numpy.typing import NDArray
 from rehab_opt.control import mirror_following, mirror_tick
 from rehab_opt.control.damped import PASSES
 from rehab_opt.control.mirror import MirrorTracker
-from rehab_opt.control.mirror_pace import AIMED, COUNTED, PACE, PACES, REMEMBERED, SAID, TRIED
+from rehab_opt.control.mirror_pace import AIMED, COUNTED, PACE, REMEMBERED, SAID, TRIED
 from rehab_opt.control.mirror_statement import HELD
 from rehab_opt.control.mirror_tick import NOTICED, VERDICT
 from rehab_opt.control.person_limit import SETTLING, SETTLING_DT, PersonLimit, model_tick
-from rehab_opt.control.reference_clock import SAMPLE
+from rehab_opt.control.reference_clock import CLOCK, KEPT, SAMPLE
 from rehab_opt.errors import ConfigurationError
-from rehab_opt.export.c_text import initialiser, number
+from rehab_opt.export.c_text import initialiser, layout, number
 from rehab_opt.export.controllers.mirror_run import mirror_run
-from rehab_opt.export.controllers.pose_tracker import moving_argument, moving_values
+from rehab_opt.export.controllers.pose_tracker import NO_BACKUP, TRACKER, moving_argument, moving_values
 from rehab_opt.export.exported import BYTES, ExportedVelocity, Law
 from rehab_opt.export.generated import renamed
-from rehab_opt.export.recording import Run
-from rehab_opt.optim.fallback_chain import BACKUP, as_in_c
+from rehab_opt.export.recording import NO_ITERATIONS, STAMPED, Run
+from rehab_opt.optim.fallback_chain import as_in_c
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.mirror.laws import tracker_of
 from rehab_opt.session.mirror.problem import MirrorProblem
@@ -53,16 +53,20 @@ for (;;) {{{{ /* every tick */
     rehab_{NAME}_step(&controller, q, pose, twist,{{moving}} NULL, enable, stamp, &command);
     send(command.value); /* joint velocities, rad/s */
 }}}}"""
+FORCED = {
+    "pose": "the mirrored pose of the tool now", "force_argument": "const double *force,",
+    "scale": "; scale: the time scaling, at most 1", "null_input": "An input other than force",
+}  # fmt: skip
+"""What its step takes and says besides that of a `PoseTracker`."""
 DIFFERENCES = (
-    f"There is no backup solver. Where Python would use {BACKUP}, C gives the safe command and "
-    "`REHAB_NOT_CERTIFIED`; the recorded run is of a Python controller without the backup, too.",
+    NO_BACKUP,
     "`plan`, which knows the whole recording, is not there. A law that may wait for a file may run in Python.",
     "Python's remarks on a command that is no fault (a shortened step, a slowed reference, a bridge) are "
     "`notes`, without their numbers; `reason` is why it is the safe command.",
-    "A stamp is always required and checked. In Python it may be left out.",
+    STAMPED,
     "Another input than force that is NULL counts as not a number; Python raises an error for an argument of the "
     "wrong shape. A force that is NULL is one that nothing measures, as None is in Python.",
-    "`iterations` of Python's command is not there.",
+    NO_ITERATIONS,
 )
 SAME = (
     "At most {0} samples of the reference wait here while the clock does, in Python {1}. Where one more arrives, every "
@@ -99,6 +103,8 @@ class ExportedMirror(ExportedVelocity):
         speeds = mirror_following.BRIDGE * tracker.linear_speed, mirror_following.BRIDGE * tracker.angular_speed
         clock, parts = tracker.pace.clock, tracker.parts
         extra = {
+            "started": clock.started_function(),
+            "behind": clock.behind_function(),
             "taken": clock.taken_function(*speeds),
             "read_at": clock.read_function(),
             "notices": parts.notice,
@@ -166,8 +172,9 @@ def exported_mirror(
         memory than it takes.
     """
     limit = tracker._limit
-    laws, pieces = [Law("mirror", tracker)], {"types": "mirror_types.h", "person_limit": "no_person.c"}
-    values = moving_values(tracker.limits, "parameters + MOVING")
+    laws = [Law("mirror", tracker)]
+    pieces = {"types": "mirror_types.h", "person_limit": "no_person.c", "force_input": "force_input.h", **TRACKER}
+    values = moving_values(tracker.limits, "parameters + MOVING") | FORCED
     more, solves = MEMBERS, 2 * (PASSES + 1)
     fallback_chains = [tracker._solvers]
     if limit is not None:
@@ -219,22 +226,21 @@ def exported_mirror(
 # ------------------------------------------------------------------------------------------------ what C is told
 RECORDS = {
     "sample": SAMPLE, "pace": PACE, "tried": TRIED, "aimed": AIMED, "held": HELD, "said": SAID, "noticed": NOTICED,
-    "verdict": VERDICT, "counted": COUNTED, "remembered": REMEMBERED,
+    "clock": CLOCK, "verdict": VERDICT, "counted": COUNTED, "remembered": REMEMBERED,
 }  # fmt: skip
 MEMBERS = """\
 struct {{
     double sample[{slots}][{sample}]; /* of the reference: pose's rows, twist, [s] since the one before, stamp */
-    int first, count;              /* the one at hand, and how many there are from it on */
+    double now[{clock}];           /* ahead, fraction, lag, lost, newest: see CLOCK in Python */
+    int first;                     /* the one at hand */
     int thinned;                   /* whether the last sample made every second one go that waited */
-    double fraction;               /* of the way to the next one */
-    double lag, lost;              /* [s] to the newest, and not taken since */
 }} clock;
 double accepted[22];               /* pose and twist of the last tick that needed no clock */
 double memory[{remembered}];       /* pace, forces, what the hand is held near, the way out, counts */
 """
 PERSON_MEMBERS = (
     "double person[{0}], posture[{0}]; /* of the model of the led arm, and before what is tried */\n"
-    "int settling; /* ticks left to find it */\n"
+    "double settling; /* ticks left to find it */\n"
 )
 
 
@@ -255,14 +261,10 @@ def _person(limit: PersonLimit) -> dict[str, str]:
 
 def _constants(tracker: MirrorTracker) -> dict[str, str]:
     """Fields of the templates of clock, pace, forces and singularity escape."""
-    places = [
-        f"{name.upper()}_{each.upper()} = {record[each]}" for name, record in RECORDS.items() for each in record.places
-    ]
     return {
         "stop_at": number(tracker._interaction.stop_at),
         "window": str(tracker.pace.window),
-        "moving_size": str(tracker.limits.moving_size),
-        "paces": initialiser(PACES),
+        "kept": str(KEPT),
         "remembered": initialiser(tracker.beginning_of_memory()),
-        "places": ", ".join([*places, *(f"{name.upper()}_SIZE = {record.size}" for name, record in RECORDS.items())]),
+        "places": ", ".join(layout(name, record.places) for name, record in RECORDS.items()),
     }

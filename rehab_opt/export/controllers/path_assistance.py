@@ -10,7 +10,7 @@ from rehab_opt.control.gate import guided_force
 from rehab_opt.control.path_assistance import PathAssistance
 from rehab_opt.control.path_progress import PATH_MODEL, PROGRESS, progress_function
 from rehab_opt.export.c_text import Evaluated
-from rehab_opt.export.controllers.bounded_force import DIFFERENCES, ENERGY, ExportedForce, faulty_ticks
+from rehab_opt.export.controllers.bounded_force import ALONE, DIFFERENCES, ExportedForce, faulty_ticks
 from rehab_opt.export.recording import RunTick, recorded
 from rehab_opt.optim.fallback_chain import as_in_c
 from rehab_opt.workspace.edge_distance import edge_columns
@@ -89,10 +89,10 @@ def exported_path_assistance(helper: PathAssistance, positions: Array, *, title:
         more_memory=MEMORY,
         parts={proceed.name: proceed.function},
         values={
-            **ENERGY,
+            **ALONE,
             "on_reset": "\n    memcpy(self->path, AT_START, sizeof self->path);",
             "at_first": "at the path's start",
-            "after_reset": "and the hand is at the path's start",
+            "after_reset": "and the hand is at the path's start. energy: 1 fills the tank, too",
             "proceed": f"enum {{ {places} }};\n{proceed.code}",
             "last_place": f"{last}.0",
         },

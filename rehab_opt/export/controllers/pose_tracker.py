@@ -12,7 +12,17 @@ from rehab_opt.control.limit import PostureLimits
 from rehab_opt.control.pose_tracker import PoseTracker
 from rehab_opt.errors import ProblemFileError
 from rehab_opt.export.exported import ExportedController, ExportedVelocity, Law
-from rehab_opt.export.recording import RunTick, about_run, encoders, recorded, standing, thinned, with_faults
+from rehab_opt.export.recording import (
+    NO_ITERATIONS,
+    STAMPED,
+    RunTick,
+    about_run,
+    encoders,
+    recorded,
+    standing,
+    thinned,
+    with_faults,
+)  # fmt: skip
 from rehab_opt.optim.fallback_chain import BACKUP, FUSED, as_in_c
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.outcome import Progress
@@ -21,7 +31,7 @@ from rehab_opt.session.pose_tracking.problem import PoseTracking
 from rehab_opt.session.pose_tracking.run import LivePoseTracking, PoseTrackingSystem, tracker_of
 from rehab_opt.session.robot_file import robot_at_start
 
-__all__ = ["exported_pose_tracker", "exported_tracker", "moving_argument", "moving_values"]
+__all__ = ["NO_BACKUP", "TRACKER", "exported_pose_tracker", "exported_tracker", "moving_argument", "moving_values"]
 
 CALL = "rehab_pose_tracker_step(&controller, tick->q, tick->pose, tick->twist,{moving} tick->enable, tick->stamp, out);"
 USAGE = """\
@@ -36,12 +46,21 @@ for (;;) {{ /* every tick */
 MOVING_INPUT = """
  * obstacles[{size}]  what moves, 14 numbers each: start and end [m], their velocities [m/s], radius [m], and 1;
  *           0 in the last place says that there is none"""
-DIFFERENCES = (
+PLAIN = {
+    "pose": "where the tool should be now",
+    "null_input": "An input",
+    **dict.fromkeys(("force_input", "force_argument", "scale"), ""),
+}
+TRACKER = {"declared": "tracker.h", "begin": "tracker.c"}
+NO_BACKUP = (
     f"There is no backup solver. Where Python would use {BACKUP}, C gives the safe command and "
-    "`REHAB_NOT_CERTIFIED`; the recorded run is of a Python controller without the backup, too.",
-    "A stamp is always required and checked. In Python it may be left out.",
+    "`REHAB_NOT_CERTIFIED`; the recorded run is of a Python controller without the backup, too."
+)
+DIFFERENCES = (
+    NO_BACKUP,
+    STAMPED,
     "An input that is NULL counts as not a number; Python raises an error for an argument of the wrong shape.",
-    "`iterations` of Python's command is not there.",
+    NO_ITERATIONS,
 )
 
 
@@ -109,7 +128,8 @@ def exported_tracker(tracker: PoseTracker, run: Sequence[RunTick], *, title: str
         interface="pose_tracker",
         call=CALL.format(moving=moving_argument(tracker.limits, "tick->")),
         usage=USAGE.format(moving=moving_argument(tracker.limits)),
-        values=moving_values(tracker.limits, "self->law[0].parameters + JOINTS + 22"),
+        values=moving_values(tracker.limits, "parameters + JOINTS + 22") | PLAIN,
+        pieces=TRACKER,
         recording=recording,
         differences=DIFFERENCES,
         solves=2 * (PASSES + 1),  # of the wanted motion and of the QP, and all again from a cold start

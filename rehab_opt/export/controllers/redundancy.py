@@ -17,7 +17,18 @@ from rehab_opt.errors import ProblemFileError
 from rehab_opt.export.c_text import indented, initialiser, number
 from rehab_opt.export.controllers.pose_tracker import moving_argument, moving_values
 from rehab_opt.export.exported import ExportedController, ExportedVelocity, Law
-from rehab_opt.export.recording import Run, RunTick, about_run, encoders, recorded, standing, thinned, with_faults
+from rehab_opt.export.recording import (
+    NO_ITERATIONS,
+    STAMPED,
+    Run,
+    RunTick,
+    about_run,
+    encoders,
+    recorded,
+    standing,
+    thinned,
+    with_faults,
+)  # fmt: skip
 from rehab_opt.optim.fallback_chain import BACKUP, FUSED, as_in_c
 from rehab_opt.optim.rows import MAX_MAGNITUDE
 from rehab_opt.session.ardis.outcome import simulate_motion
@@ -40,9 +51,9 @@ DIFFERENCES = (
     "Python makes their functions when the robot is at rest.",
     "`reset` is to rest. In Python it takes a velocity, too.",
     "`reach`, which leads the hand to a place, is not there: it needs Ruckig. Neither is the stick itself.",
-    "A stamp is always required and checked. In Python it may be left out.",
+    STAMPED,
     "A q or twist that is NULL counts as not a number; Python raises an error for an argument of the wrong shape.",
-    "`iterations` of Python's command is not there.",
+    NO_ITERATIONS,
 )
 
 
