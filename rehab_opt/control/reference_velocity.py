@@ -213,17 +213,18 @@ def _solver(n: int, k: int, m: int) -> ca.Function:
     stated = Statement("bounded", [task, about, low, high, rows, damping], [velocity], cost / 2, [over])
     form, numbers = stated.form()
     exact, dual = active_set_round(form, together=n, passes=2, softened=1e-13), dual_active_set(form)
-    inputs = task, about, *others = [ca.MX.sym("p", each.numel()) for each in stated.parameters]
 
     qp, found = ca.MX.sym("qp", numbers.numel_out(0)), ca.MX.sym("found", 2 * n + m + 1)
     keep = ca.Function("keep", [qp, found], [found])
     anew = ca.Function("anew", [qp, found], [exact(qp, dual(qp))])
     otherwise = ca.Function.if_else("if_certified", keep, anew)
 
-    active = reached = ca.MX.sym("reached", n + m)
+    inputs = [ca.MX.sym("p", each.numel()) for each in stated.parameters]
+    centre, active = inputs[1], ca.MX.sym("reached", n + m)
+    inputs.append(active)
     for _ in range(PASSES):
-        qp = numbers(ca.vertcat(task, about, *others), ca.MX(0, 1))
+        qp = numbers(ca.vertcat(inputs[0], centre, *inputs[2:-1]), ca.MX(0, 1))
         found = exact(qp, active)
         found = otherwise(found[-1] <= ANALYTIC_TOLERANCE, qp, found)
-        about, active = found[:n], found[n:-1]
-    return ca.Function("bounded", [*inputs, reached], [found])
+        centre, active = found[:n], found[n:-1]
+    return ca.Function("bounded", inputs, [found])
