@@ -65,7 +65,7 @@ class RedundancyResolver(OneThread):
     too late for that, within 2 mm, or on the way out of an obstacle. Under a constant command the hand, after T + 1 s,
     is no faster than commanded by more than 2 % and moves no faster than 2 % of that against it. While it brakes before
     a bound it may leave the direction, by less than 15 % of the commanded speed across and against it, since the
-    Jacobian changes on the way. Where the bounds leave nothing of the command, the status is `BLOCKED`; after 4 s of it
+    Jacobian changes on the way. Where the bounds leave nothing of the command, the status is `BLOCKED`. After 4 s of it
     the chair turns at 0.1 rad/s and goes 0.05 m/s at most, as Eq. (1) moves the arm to a better posture. The delivered
     twist is that at the middle of the tick, to where the last velocity leads by then, and of velocities that are held
     through it: wheels that hold their speeds instead turn the chair's way within a tick, by half of what the chair
