@@ -174,8 +174,14 @@ class MirrorStatement(PoseTracker):
         commanded = twist + feedback / ca.fmax(excess, 1)
         return commanded, commanded
 
-    def command(self, tick: Stages, inputs: Inputs, velocity: ca.SX) -> ca.SX:
+    def slow_enough(
+        self, tick: Stages, inputs: Inputs, jacobian: ca.SX, bounds: VelocityBounds, velocity: ca.SX
+    ) -> ca.SX:
         """(n,) the QP's velocity: it is shortened after the tick, by `keeping`."""
+        return velocity
+
+    def command(self, tick: Stages, inputs: Inputs, velocity: ca.SX) -> ca.SX:
+        """(n,) as `slow_enough`."""
         return velocity
 
     def outcome(self, tick: Stages, inputs: Inputs, motion: TickSolution) -> tuple[ca.SX, ca.SX]:

@@ -138,7 +138,7 @@ class PoseTracker(VelocityController):
     gain : [1/s] rate at which a pose error decays; slower from farther off than the accelerations can brake from.
     linear_speed, angular_speed : [m/s, rad/s] largest hand speeds; faster requests are slowed, not cut. A hand is
         commanded faster, and `Relaxed.TASK` flagged, only where joints that are fast against each other cannot brake
-        sooner, and where `limits` or `jerk` come first.
+        sooner, and where keeping `limits` or `jerk` asks for it.
     task_weights : (6,) weights of the twist's components in the base frame; a zero frees one.
     jerk : (n,) or scalar [rad/s^3, m/s^3] largest jerk, for drives that stop on more: of the finite differences of what
         is sent, braking and fallbacks included. Velocity, acceleration and jerk then never yield; a joint that is put
@@ -251,9 +251,7 @@ class PoseTracker(VelocityController):
             + (STEADYING + calm) * ca.sumsqr(u - s * w)
             + (DIRECTION_KEEPING + calm) * ca.sumsqr(progress.symbol - speed)
         )
-        command = self.command(tick, inputs, u)
-        if not self.row_count:
-            command = self._slow_enough(tick, inputs, J, rows.bounds, tick.once(command))
+        command = self.command(tick, inputs, self.slow_enough(tick, inputs, J, rows.bounds, u))
         motion = TickSolution(u, command, s, speed, J @ command, whole, rows)
         report, remember = self.outcome(tick, inputs, motion)
         return Statement(
@@ -352,7 +350,7 @@ class PoseTracker(VelocityController):
         linear = speed_ahead(self.chain, inputs.q, J, velocity, self.dt)
         return ca.fmax(linear / self.linear_speed, ca.norm_2(J[3:, :] @ velocity) / self.angular_speed)
 
-    def _slow_enough(
+    def slow_enough(
         self, tick: Stages, inputs: Inputs, jacobian: ca.SX, bounds: VelocityBounds, velocity: ca.SX
     ) -> ca.SX:
         """(n,) the velocity; where it is too fast, as little of the way from it to braking as ends that.

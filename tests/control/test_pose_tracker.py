@@ -9,7 +9,7 @@ import qpsolvers
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from rehab_opt import ConfigurationError, PoseTracker, Relaxed, SerialChain, Status, human_arm, ur5
+from rehab_opt import ConfigurationError, Limit, PoseTracker, Relaxed, SerialChain, Status, human_arm, ur5
 from rehab_opt.control.command import Command
 from tests.control import fault_campaign
 from tests.failing_solvers import failing_solvers
@@ -48,16 +48,26 @@ def test_a_pose_within_reach_is_reached_at_any_tick_length(dt: float) -> None:
 GEN3 = Path(__file__).parents[2] / "problems/robots/kinova_gen3/gen3.urdf"
 
 
-@pytest.mark.parametrize(("arm", "dt"), [("ur5", 2e-3), ("ur5", 2e-2), ("gen3", 1e-2)])
-def test_no_command_moves_the_hand_faster_than_its_bound_wherever_targets_jump(arm: str, dt: float) -> None:
-    """Joints that accelerated as they might were out of step: hands went at up to twice `linear_speed`."""
+@pytest.mark.parametrize(
+    ("arm", "dt", "limited"),
+    [("ur5", 2e-3, False), ("ur5", 2e-2, False), ("gen3", 1e-2, False), ("ur5", 5e-3, True), ("gen3", 5e-3, True)],
+)
+def test_no_command_moves_the_hand_faster_than_its_bound_wherever_targets_jump(
+    arm: str, dt: float, limited: bool
+) -> None:
+    """Joints that accelerated as they might were out of step: hands went at up to twice `linear_speed`.
+
+    Beside a limit that is never near, too.
+    """
+    limits = [Limit(lambda chain, q: chain.pose_expression(q)[2, 3] + 10.0)] if limited else []
     chain = ur5(acceleration=np.full(6, 3.0))
     if arm == "gen3":
         chain = SerialChain.from_urdf(GEN3, tip="end_effector_link", acceleration=2.0)
     rng, most = np.random.default_rng(65), [0.0, 0.0]
     lower, upper = np.maximum(chain.lower, -2.0), np.minimum(chain.upper, 2.0)
     for _ in range(4):
-        robot, q = tracker(chain, dt=dt, linear_speed=0.25, angular_speed=1.0), rng.uniform(0.5 * lower, 0.5 * upper)
+        robot = tracker(chain, dt=dt, linear_speed=0.25, angular_speed=1.0, limits=limits)
+        q = rng.uniform(0.5 * lower, 0.5 * upper)
         for k in range(round(6.0 / dt)):
             if k % round(1.5 / dt) == 0:
                 target = chain.pose(rng.uniform(lower, upper))
