@@ -22,8 +22,8 @@ __all__ = ["STEPS", "dual_active_set"]
 
 BROKEN = 1e-11
 """By how much a bound must be passed to become active: less is rounding."""
-DOUBLINGS = 6
-STEPS = 2**DOUBLINGS
+NESTED = 7
+STEPS = NESTED**2
 """Bounds taken in or dropped at most; random states among walls and keep-outs needed 5 in the median and 18 at most."""
 DEPENDENT = 1e-13
 """Share of a bound's curvature that must be left beside the active ones, or it depends on them.
@@ -43,10 +43,11 @@ def dual_active_set(form: Form) -> ca.Function:
     step = _step(form)
     inputs = old, numbers, known = [ca.MX.sym("old", state.numel()), numbers, ca.MX.sym("known", shared.numel())]
     keep, steps = ca.Function("keep", inputs, [old]), ca.Function("step", inputs, [step(numbers, known, old)])
-    for _ in range(DOUBLINGS):  # nested, since passing over steps one by one takes longer than the few that are needed
-        either = ca.Function.if_else("unless_done", keep, steps)
-        once = either(old[-1], *inputs)
-        steps = ca.Function("steps", inputs, [either(once[-1], once, numbers, known)])
+    for _ in range(2):  # nested: to pass over what is left step by step takes longer than the few that are needed
+        either, now = ca.Function.if_else("unless_done", keep, steps), old
+        for _ in range(NESTED):
+            now = either(now[-1], now, numbers, known)
+        steps = ca.Function("steps", inputs, [now])
     state = steps(state, numbers, shared)
     return ca.Function("dual", [numbers], [state[: form.n + form.m]])
 
