@@ -50,6 +50,7 @@ HURRY = 0.3
 
 Not beside limits of a user's own and a `Clearance`: giving way to what comes is off the command.
 """
+LEAST, CALM, UPHILL = 0.01, 0.1, 0.05
 BACK = 0.05
 """Fraction of it by which it may move against that: stretched, a hand must turn back to go on."""
 LIVELY = 1.0
@@ -185,7 +186,11 @@ class HandTask:
             return soft, solver_of(ca.triu2symm(ca.triu(rows @ soft)))
 
         soft, firmness = firm(here)
-        y = firmness(commanded + lively * (here @ gradient))
+        y = firmness(commanded)
+        aimed = self._chosen(soft @ y, gradient)
+        commanded, size = aimed * commanded, ca.fabs(aimed) * size
+        direction = ca.if_else(aimed < 0, -direction, direction)
+        y = aimed * y + lively * firmness(here @ gradient)
         target = self._spread(soft @ y - lively * gradient[moving])
         # Faster than the joints can be it is a direction. Near singular postures it is far faster, and turns round from
         # one side to the other: joints went to and fro at their accelerations between them.
@@ -299,6 +304,13 @@ class HandTask:
         """(k,) multipliers y of the task's rows where a m/s of progress is worth 1; the direction where unusable."""
         y = ca.if_else(ca.sumsqr(y) < FAR**4, y, direction)
         return y / ca.fmax(ca.fabs(ca.dot(direction, y)), ca.norm_2(y) / DEAREST + TINY)
+
+    def _chosen(self, joints: ca.SX, gradient: ca.SX) -> ca.SX:
+        speeds = self.robot.chain.velocity[self.moving]
+        worth = 1 / ca.mmax(ca.fabs(joints) / speeds)
+        uphill = clipped(worth * ca.dot(gradient[self.moving], joints) / UPHILL, 0, 1)
+        slowed = ca.fmin(CALM * worth * (worth / LEAST - 1), 1)
+        return ca.if_else(uphill > 0, 1 - uphill * (1 - slowed), 1)
 
     def _stiffness(self, posture: ca.SX, last: ca.SX, multipliers: ca.SX, turning: ca.SX) -> ca.SX:
         """(4,) see `Task`, where J turns by `turning` (k, n) a second."""
