@@ -34,6 +34,12 @@ CREEPS, GOES, WORTH = 0.2, 0.5, 0.025
 as fast as a joint allows, would give it the third, and falls where not; past the second it falls, too. Half a m/s of
 the chair for a twentieth of the hand's is else too dear, and the hand stops.
 """
+ASIDE, UPHILL = 0.1, 0.05
+"""[m/s, 1/s] Where all that joints can do, as fast as they may, is less than `WORTH`, and Eq. (1) leads up c by more than
+the second, arms go to where it is half of that: at (h - h') / `ASIDE` of those speeds, h [m/s] what a hand could do here,
+h' there. So it stays on the side of a singular posture that c prefers, and goes back across it. At the posture itself
+the hand can leave to both sides alike, rounding decides, and on one of them a limit may end its way.
+"""
 GROWING, FIRST, DEAREST = 0.5, 0.37, 100.0
 """[s] in which that price grows or falls e-fold; least factor on `PROGRESS`, below 1 as 1; the most, of a row's too."""
 STEEP = 1e3
@@ -50,7 +56,6 @@ HURRY = 0.3
 
 Not beside limits of a user's own and a `Clearance`: giving way to what comes is off the command.
 """
-LEAST, CALM, UPHILL = 0.01, 0.1, 0.05
 BACK = 0.05
 """Fraction of it by which it may move against that: stretched, a hand must turn back to go on."""
 LIVELY = 1.0
@@ -187,10 +192,10 @@ class HandTask:
 
         soft, firmness = firm(here)
         y = firmness(commanded)
-        aimed = self._chosen(soft @ y, gradient)
-        commanded, size = aimed * commanded, ca.fabs(aimed) * size
-        direction = ca.if_else(aimed < 0, -direction, direction)
-        y = aimed * y + lively * firmness(here @ gradient)
+        factor = self._kept_aside(soft @ y, gradient, size)
+        commanded, sought = factor * commanded, ca.fabs(factor) * size
+        direction = ca.if_else(factor < 0, -direction, direction)
+        y = factor * y + lively * firmness(here @ gradient)
         target = self._spread(soft @ y - lively * gradient[moving])
         # Faster than the joints can be it is a direction. Near singular postures it is far faster, and turns round from
         # one side to the other: joints went to and fro at their accelerations between them.
@@ -201,7 +206,7 @@ class HandTask:
         law = target + self._spread(soft @ change)
         # Going on as before, with the hand's velocity as the last tick meant it: the Jacobian has turned since.
         before = ca.if_else(last.frame == world, last.hand, jacobian @ last.velocity)
-        along = clipped(ca.dot(direction, before), 0, size)
+        along = clipped(ca.dot(direction, before), 0, sought)
         aside = before - along * direction
         x = firmness(along * direction + gently * aside - jacobian @ last.velocity)
         kept = last.velocity + self._spread(soft @ x)
@@ -223,7 +228,7 @@ class HandTask:
         sooner = ca.fmax(left - ca.fmin(braking.leaves(last.velocity), keeps), 0)
         turning = tick.once(ca.if_else(valid, (left - sooner) * aside, 0))
         pull = ca.if_else(valid, sooner * goes, 0)
-        speed = tick.once(along + part * (size - along))
+        speed = tick.once(along + part * (sought - along))
         # What braking leaves of the hand's velocity besides: that can be had in any case.
         hard, gentle = (
             besides - clipped(ca.dot(direction, besides), 0, speed) * direction
@@ -305,12 +310,12 @@ class HandTask:
         y = ca.if_else(ca.sumsqr(y) < FAR**4, y, direction)
         return y / ca.fmax(ca.fabs(ca.dot(direction, y)), ca.norm_2(y) / DEAREST + TINY)
 
-    def _chosen(self, joints: ca.SX, gradient: ca.SX) -> ca.SX:
-        speeds = self.robot.chain.velocity[self.moving]
-        worth = 1 / ca.mmax(ca.fabs(joints) / speeds)
-        uphill = clipped(worth * ca.dot(gradient[self.moving], joints) / UPHILL, 0, 1)
-        slowed = ca.fmin(CALM * worth * (worth / LEAST - 1), 1)
-        return ca.if_else(uphill > 0, 1 - uphill * (1 - slowed), 1)
+    def _kept_aside(self, joints: ca.SX, gradient: ca.SX, size: ca.SX) -> ca.SX:
+        """Factor on a command of `size` that moves joints so: see `ASIDE`."""
+        worth = 1 / ca.mmax(ca.fabs(joints) / self.robot.chain.velocity[self.moving])
+        uphill = ca.fmin(worth * ca.dot(gradient[self.moving], joints) / UPHILL, 1)
+        aside = worth * (worth - WORTH / 2) * size / ASIDE
+        return ca.if_else(ca.logic_and(worth < WORTH, uphill > 0), 1 - uphill * (1 - aside), 1)
 
     def _stiffness(self, posture: ca.SX, last: ca.SX, multipliers: ca.SX, turning: ca.SX) -> ca.SX:
         """(4,) see `Task`, where J turns by `turning` (k, n) a second."""
