@@ -34,11 +34,11 @@ CREEPS, GOES, WORTH = 0.2, 0.5, 0.025
 as fast as a joint allows, would give it the third, and falls where not; past the second it falls, too. Half a m/s of
 the chair for a twentieth of the hand's is else too dear, and the hand stops.
 """
-ASIDE, UPHILL = 0.1, 0.05
-"""[m/s, 1/s] Where all that joints can do, as fast as they may, is less than `WORTH`, and Eq. (1) leads up c by more than
-the second, arms go to where it is half of that: at (h - h') / `ASIDE` of those speeds, h [m/s] what a hand could do here,
-h' there. So it stays on the side of a singular posture that c prefers, and goes back across it. At the posture itself
-the hand can leave to both sides alike, rounding decides, and on one of them a limit may end its way.
+BARELY, ASIDE, UPHILL = 0.01, 0.06, 0.05
+"""Near a singular posture Eq. (1) may lead up c, by more than the third a second. There joints go at no more than
+(h^2 / h' - h') / `ASIDE` of their speeds, h [m/s] what those give the hand, h' the first fraction of its command, and so
+rest where h = h', or go back there. A reversed stick then leads to the side that c prefers: at the posture itself
+rounding decides, and on the other side a joint limit may be the end of the way.
 """
 GROWING, FIRST, DEAREST = 0.5, 0.37, 100.0
 """[s] in which that price grows or falls e-fold; least factor on `PROGRESS`, below 1 as 1; the most, of a row's too."""
@@ -313,9 +313,9 @@ class HandTask:
     def _kept_aside(self, joints: ca.SX, gradient: ca.SX, size: ca.SX) -> ca.SX:
         """Factor on a command of `size` that moves joints so: see `ASIDE`."""
         worth = 1 / ca.mmax(ca.fabs(joints) / self.robot.chain.velocity[self.moving])
-        uphill = ca.fmin(worth * ca.dot(gradient[self.moving], joints) / UPHILL, 1)
-        aside = worth * (worth - WORTH / 2) * size / ASIDE
-        return ca.if_else(ca.logic_and(worth < WORTH, uphill > 0), 1 - uphill * (1 - aside), 1)
+        uphill = clipped(worth * ca.dot(gradient[self.moving], joints) / UPHILL, 0, 1)
+        aside = ca.fmin(worth * (worth**2 - BARELY**2) * size / (BARELY * ASIDE), 1)
+        return ca.if_else(uphill > 0, 1 - uphill * (1 - aside), 1)
 
     def _stiffness(self, posture: ca.SX, last: ca.SX, multipliers: ca.SX, turning: ca.SX) -> ca.SX:
         """(4,) see `Task`, where J turns by `turning` (k, n) a second."""
