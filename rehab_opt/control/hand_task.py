@@ -193,9 +193,8 @@ class HandTask:
         soft, firmness = firm(here)
         y = firmness(commanded)
         factor = self._kept_aside(soft @ y, gradient, size)
-        commanded, sought = factor * commanded, ca.fabs(factor) * size
-        direction = ca.if_else(factor < 0, -direction, direction)
-        y = factor * y + lively * firmness(here @ gradient)
+        y, commanded = factor * y + lively * firmness(here @ gradient), factor * commanded
+        direction, sought = ca.if_else(factor < 0, -direction, direction), ca.fabs(factor) * size
         target = self._spread(soft @ y - lively * gradient[moving])
         # Faster than the joints can be it is a direction. Near singular postures it is far faster, and turns round from
         # one side to the other: joints went to and fro at their accelerations between them.
@@ -221,8 +220,7 @@ class HandTask:
         )  # no law at a singular posture
         part = ca.if_else(valid, part, 1)
         # Where the law is far away, what is off the command goes sooner than on the way to it.
-        left = (1 - part) * gently
-        goes = firmness(aside)
+        left, goes = (1 - part) * gently, firmness(aside)
         hurry = 0 if limits.beside.row_count else ca.fmax(1 - HURRY * size / ca.fmax(ca.norm_2(aside), TINY), 0)
         keeps = 1 - hurry * (1 - braking.leaves(self._spread(soft @ goes)))
         sooner = ca.fmax(left - ca.fmin(braking.leaves(last.velocity), keeps), 0)
@@ -311,7 +309,9 @@ class HandTask:
         return y / ca.fmax(ca.fabs(ca.dot(direction, y)), ca.norm_2(y) / DEAREST + TINY)
 
     def _kept_aside(self, joints: ca.SX, gradient: ca.SX, size: ca.SX) -> ca.SX:
-        """Factor on a command of `size` that moves joints so: see `ASIDE`."""
+        """Factor on a command of `size` that moves joints so: see `ASIDE`. Fewer rows leave them self-motion."""
+        if not {"x", "y", "z"} <= set(self.rows):
+            return ca.SX(1)
         worth = 1 / ca.mmax(ca.fabs(joints) / self.robot.chain.velocity[self.moving])
         uphill = clipped(worth * ca.dot(gradient[self.moving], joints) / UPHILL, 0, 1)
         aside = ca.fmin(worth * (worth**2 - BARELY**2) * size / (BARELY * ASIDE), 1)
