@@ -35,10 +35,9 @@ as fast as a joint allows, would give it the third, and falls where not; past th
 the chair for a twentieth of the hand's is else too dear, and the hand stops.
 """
 BARELY, ASIDE, UPHILL = 0.01, 0.06, 0.05
-"""Near a singular posture Eq. (1) may lead up c, by more than the third a second. There joints go at no more than
-(h^2 / h' - h') / `ASIDE` of their speeds, h [m/s] what those give the hand, h' the first fraction of its command, and so
-rest where h = h', or go back there. A reversed stick then leads to the side that c prefers: at the posture itself
-rounding decides, and on the other side a joint limit may be the end of the way.
+"""Where Eq. (1) leads up c by more than the third a second, joints go at (h^2 / h' - h') / `ASIDE` of their speeds at
+most, h [m/s] what those give the hand, h' the first of its command: they rest where h = h', on the side of a singular
+posture that c prefers, to which a reversed stick leads. At it rounding decides, and one way may end at a joint limit.
 """
 GROWING, FIRST, DEAREST = 0.5, 0.37, 100.0
 """[s] in which that price grows or falls e-fold; least factor on `PROGRESS`, below 1 as 1; the most, of a row's too."""
@@ -175,7 +174,6 @@ class HandTask:
         jacobian = tick.once(self.task_jacobian((q + half)[CHAIR:], turned=half[2], heading=heading))
         here, posture = self.task_jacobian(q[CHAIR:], turned=ca.SX(0), heading=heading), ca.vertcat(0, 0, 0, q[CHAIR:])
         inertia = self.robot.inertia_expression(posture) / self.robot.mass
-        gradient = self.self_motion * self.robot.posture_gradient_expression(posture)
 
         commanded = twist / ca.fmax(ca.norm_2(twist) / self.fastest, 1)
         size, gently = ca.norm_2(commanded), braking.slower(ca.SX(1))
@@ -190,7 +188,7 @@ class HandTask:
             soft = weigh(rows.T)
             return soft, solver_of(ca.triu2symm(ca.triu(rows @ soft)))
 
-        soft, firmness = firm(here)
+        (soft, firmness), gradient = firm(here), self.self_motion * self.robot.posture_gradient_expression(posture)
         y = firmness(commanded)
         factor = self._kept_aside(soft @ y, gradient, size)
         y, commanded = factor * y + lively * firmness(here @ gradient), factor * commanded
@@ -208,7 +206,7 @@ class HandTask:
         along = clipped(ca.dot(direction, before), 0, sought)
         aside = before - along * direction
         x = firmness(along * direction + gently * aside - jacobian @ last.velocity)
-        kept = last.velocity + self._spread(soft @ x)
+        kept, goes = last.velocity + self._spread(soft @ x), firmness(aside)
 
         # As far from the one to the other as the accelerations allow.
         way = clipped(law, limits.lower, limits.upper) - kept
@@ -220,12 +218,11 @@ class HandTask:
         )  # no law at a singular posture
         part = ca.if_else(valid, part, 1)
         # Where the law is far away, what is off the command goes sooner than on the way to it.
-        left, goes = (1 - part) * gently, firmness(aside)
+        left = (1 - part) * gently
         hurry = 0 if limits.beside.row_count else ca.fmax(1 - HURRY * size / ca.fmax(ca.norm_2(aside), TINY), 0)
         keeps = 1 - hurry * (1 - braking.leaves(self._spread(soft @ goes)))
         sooner = ca.fmax(left - ca.fmin(braking.leaves(last.velocity), keeps), 0)
-        turning = tick.once(ca.if_else(valid, (left - sooner) * aside, 0))
-        pull = ca.if_else(valid, sooner * goes, 0)
+        turning, pull = tick.once(ca.if_else(valid, (left - sooner) * aside, 0)), ca.if_else(valid, sooner * goes, 0)
         speed = tick.once(along + part * (sought - along))
         # What braking leaves of the hand's velocity besides: that can be had in any case.
         hard, gentle = (
@@ -240,8 +237,8 @@ class HandTask:
             tick, q, last.velocity, direction, size, left=ca.norm_2(turning), world=world, base=base, braking=braking
         )
         insistence = self._insistence(last, along, size, dt)
-        price = PROGRESS * ca.fmax(insistence, 1)
-        price += 2 * ca.fmin(ca.fabs(ca.dot(direction, part * y + (1 - part) * x)), STEEP)
+        steep = ca.fabs(ca.dot(direction, part * y + (1 - part) * x))
+        price = PROGRESS * ca.fmax(insistence, 1) + 2 * ca.fmin(steep, STEEP)
         multipliers = price * self._of_progress(y, direction)
         return Task(
             jacobian=ca.densify(jacobian),
@@ -309,7 +306,7 @@ class HandTask:
         return y / ca.fmax(ca.fabs(ca.dot(direction, y)), ca.norm_2(y) / DEAREST + TINY)
 
     def _kept_aside(self, joints: ca.SX, gradient: ca.SX, size: ca.SX) -> ca.SX:
-        """Factor on a command of `size` that moves joints so: see `ASIDE`. Fewer rows leave them self-motion."""
+        """Factor on a command: see `ASIDE`. Fewer rows leave self-motion."""
         if not {"x", "y", "z"} <= set(self.rows):
             return ca.SX(1)
         worth = 1 / ca.mmax(ca.fabs(joints) / self.robot.chain.velocity[self.moving])

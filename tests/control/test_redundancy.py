@@ -211,6 +211,30 @@ def test_a_hand_that_creeps_goes_on_where_the_chair_s_turn_helps_and_else_the_ch
         assert command.scale > 0.95 * possible if worth else abs(command.value[2]) < 0.2 * stiff.chain.velocity[2]
 
 
+@pytest.mark.parametrize(
+    ("arm", "twist"),
+    [
+        ([-1.386, -0.363, -0.144, 0.412], [0.0529, 0.1291, 0.0021]),
+        ([-1.005, 0.35, 0.322, 0.02], [0.0527, 0.114, -0.0069]),
+        ([-0.72, 0.005, -0.232, -0.07], [0.0328, 0.1621, -0.0296]),
+    ],
+)
+def test_an_arm_led_to_rest_at_a_singular_posture_follows_the_reversed_stick(
+    arm: list[float], twist: list[float]
+) -> None:
+    """Not into the ten degrees to a joint limit beyond it, where rounding led it; its hand gets half of the command."""
+    resolver = RedundancyResolver(ardis(), drive="fixed", row_sets=[("x", "y", "z")], compile=False)
+    q, fastest = np.array([0.0, 0.0, 0.0, *arm]), 0.0
+    for k in range(1600):
+        command = resolver.step(q, np.array(twist) if k < 1000 else -np.array(twist))
+        q += 0.01 * command.value
+        if k == 999:
+            assert command.status is Status.BLOCKED
+            assert np.abs(command.value).max() < 0.01
+        fastest = max(fastest, command.scale if k >= 1000 else 0.0)
+    assert fastest > 0.5
+
+
 def test_no_other_command_within_the_bounds_moves_the_hand_faster_in_the_direction_asked() -> None:
     robot, rng = unhurried("mecanum"), np.random.default_rng(3)
     for _ in range(40):
