@@ -177,7 +177,7 @@ class HandTask:
 
         commanded = twist / ca.fmax(ca.norm_2(twist) / self.fastest, 1)
         size, gently = ca.norm_2(commanded), braking.slower(ca.SX(1))
-        direction, lively = commanded / ca.fmax(size, TINY), ca.fmin(size, LIVELY)
+        direction = commanded / ca.fmax(size, TINY)
 
         # Eq. (1), and (5) by leaving out the left speed: u = W^-1 J' y - v grad c with J u = r. Then by the least
         # change to the same r in the middle of the tick.
@@ -191,8 +191,9 @@ class HandTask:
         (soft, firmness), gradient = firm(here), self.self_motion * self.robot.posture_gradient_expression(posture)
         y = firmness(commanded)
         factor = self._kept_aside(soft @ y, gradient, size)
-        y, commanded = factor * y + lively * firmness(here @ gradient), factor * commanded
         direction, sought = ca.if_else(factor < 0, -direction, direction), ca.fabs(factor) * size
+        lively, commanded = ca.fmin(sought, LIVELY), factor * commanded
+        y = factor * y + lively * firmness(here @ gradient)
         target = self._spread(soft @ y - lively * gradient[moving])
         # Faster than the joints can be it is a direction. Near singular postures it is far faster, and turns round from
         # one side to the other: joints went to and fro at their accelerations between them.
@@ -236,9 +237,8 @@ class HandTask:
         on_the_way = self._rows_ahead(
             tick, q, last.velocity, direction, size, left=ca.norm_2(turning), world=world, base=base, braking=braking
         )
-        insistence = self._insistence(last, along, size, dt)
-        steep = ca.fabs(ca.dot(direction, part * y + (1 - part) * x))
-        price = PROGRESS * ca.fmax(insistence, 1) + 2 * ca.fmin(steep, STEEP)
+        insistence, cost = self._insistence(last, along, size, dt), ca.dot(direction, part * y + (1 - part) * x)
+        price = PROGRESS * ca.fmax(insistence, 1) + 2 * ca.fmin(ca.fabs(cost), STEEP)
         multipliers = price * self._of_progress(y, direction)
         return Task(
             jacobian=ca.densify(jacobian),
