@@ -65,7 +65,7 @@ def main(_: Sequence[str] | None = None) -> int:
 
 
 def _passed() -> tuple[set[str], set[str]]:
-    """Files of rehab_opt that run between a twist and its command: from the making of the tick on, and in a later tick."""
+    """Files of rehab_opt that run between a twist and its command: with the making of the tick, and without."""
     import numpy as np  # noqa: PLC0415  (heavy)
 
     from rehab_opt import RedundancyResolver, ardis  # noqa: PLC0415
