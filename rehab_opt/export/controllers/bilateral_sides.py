@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from rehab_opt.control.bilateral_sides import FromHelper, FromParticipant, HelperSide, ParticipantSide
 from rehab_opt.control.command import Command
-from rehab_opt.control.force_tick import MESSAGE, hear, say
+from rehab_opt.control.force_tick import MESSAGE, NUMBERS, hear, say
 from rehab_opt.control.gate import reflected_force
 from rehab_opt.export.c_text import Evaluated, layout, number
 from rehab_opt.export.controllers.assistance import MEMORY, gated_fields
@@ -28,7 +28,7 @@ Array = NDArray[np.float64]
 HELPER, PARTICIPANT = "helper_side", "participant_side"
 TABLES = ("FRAME", "AFFINE", "LANDMARKS", "WEIGHTS")
 """Of the map, as `point_inputs` gives them."""
-NUMBERS = "    double numbers[2];       /* of the last message, and of the newest that was received */"
+SERIALS = f"    double numbers[{NUMBERS.size}];       /* of messages: {', '.join(NUMBERS.places)} */"
 FELT = "    double felt[2];          /* on the participant's hand [N]; NaN where it is not known */"
 IMAGE = "\n        image(self, self->offset);"
 FORCE_TOO = "    said->force_x = message[MESSAGE_FORCE];\n    said->force_y = message[MESSAGE_FORCE + 1];"
@@ -104,7 +104,7 @@ def exported_helper_side(
         HELPER,
         title=f"{title}: the helper's side",
         desired=desired,
-        more_memory=f"{NUMBERS}\n{FELT}",
+        more_memory=f"{SERIALS}\n{FELT}",
         recording=_recording(side, ticks, answer),
         differences=(*DIFFERENCES, *OF_THE_PAIR, PARTNER),
         says=(HELPER_SAYS, PARTICIPANT_SAYS),
@@ -142,7 +142,7 @@ def exported_participant_side(
         title=f"{title}: the participant's side",
         desired=gated_fields(side.force, (side.force.field,), name=PARTICIPANT),
         image=image,
-        more_memory=f"{MEMORY}\n{NUMBERS}",
+        more_memory=f"{MEMORY}\n{SERIALS}",
         recording=_recording(side, ticks, answer),
         differences=(*DIFFERENCES, *OF_THE_PAIR),
         says=(PARTICIPANT_SAYS, HELPER_SAYS),
@@ -237,6 +237,7 @@ def _ticks(
             lambda tick: {**tick, "with_received": 0},
             lambda tick: {**tick, "serial": tick["serial"] - 1},
             lambda tick: {**tick, "serial": max(tick["serial"] - 7, 0)},
+            lambda tick: {**tick, "serial": 2**31 - 1},
             lambda tick: {**tick, "received": np.full(numbers, np.nan)},
             lambda tick: {**tick, "received": np.where(np.arange(numbers) == numbers - 2, np.inf, tick["received"])},
             lambda tick: {**tick, "received": np.where(np.arange(numbers) == numbers - 1, 1e9, tick["received"])},
