@@ -22,7 +22,7 @@ from rehab_opt.control.thread_owner import OneThread
 from rehab_opt.control.velocity_controller import checked_number
 from rehab_opt.control.watchdog import NO_STAMP, STAMPS, Watchdog, stamp_and_kind
 from rehab_opt.errors import ConfigurationError
-from rehab_opt.kinematics.real_array import float_or_nan, real_array
+from rehab_opt.kinematics.real_array import float_or_nan, is_true, real_array
 from rehab_opt.optim.fallback_chain import FUSED, FallbackChain
 from rehab_opt.optim.fused import FUSED_SOLVERS
 from rehab_opt.optim.qp import Statement
@@ -328,7 +328,7 @@ class BoundedForce(OneThread):
             sample[2], sample[3] = velocity
         sample[4] = velocity is not None
         sample[5], sample[6] = (_NAN, NO_STAMP) if stamp is None else stamp_and_kind(stamp)
-        sample[7] = enable is True or (isinstance(enable, np.bool_ | int | float) and enable == 1)
+        sample[7] = is_true(enable)
         self._last[:] = self._held
         self._judge.evaluate()
         self._now[:] = self._next

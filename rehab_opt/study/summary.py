@@ -99,7 +99,7 @@ def interval(values: Sequence[float]) -> Interval:
         return Interval(mean, math.nan, math.nan, count)
     # hypot, since squares of what is absurdly large are no numbers any more
     from_mean = math.hypot(*(value - mean for value in values))
-    half = _quantile(count - 1) * from_mean / math.sqrt((count - 1) * count) if count > 1 else math.nan
+    half = _quantile(count - 1) * from_mean / math.sqrt((count - 1) * count)
     return Interval(mean, mean - half, mean + half, count)
 
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -92,20 +93,13 @@ def exported_helper_side(
         inputs=("self->view + X", "self->felt", "DAMPING", "BACK", "SOURCE", *TABLES),
         tables={"DAMPING": np.array([side.damping]), "BACK": side.back, "SOURCE": edges, **_tables(side.workspace_map)},
     )
-    side.reset()
-    ticks = _ticks(side, positions, received, len(PARTICIPANT_SAYS))
-
-    def answer(tick: RunTick) -> tuple[Command, FromHelper]:
-        message = FromParticipant._make((*tick["received"].tolist(), tick["serial"])) if tick["with_received"] else None
-        return side.step(tick["x"], message, _v(tick), enable=tick["enable"], stamp=tick["stamp"])
-
     return _exported(
         side,
         HELPER,
         title=f"{title}: the helper's side",
         desired=desired,
         more_memory=f"{SERIALS}\n{FELT}",
-        recording=_recording(side, ticks, answer),
+        recording=_recording(side, positions, received),
         differences=(*DIFFERENCES, *OF_THE_PAIR, PARTNER),
         says=(HELPER_SAYS, PARTICIPANT_SAYS),
         means={"target": "felt", "told": "force_", "listen": "", "say": ""},
@@ -129,13 +123,6 @@ def exported_participant_side(
         inputs=("self->offset", "SOURCE", *TABLES),
         tables={"SOURCE": edges, **_tables(side.workspace_map)},
     )
-    side.reset()
-    ticks = _ticks(side, positions, received, len(HELPER_SAYS))
-
-    def answer(tick: RunTick) -> tuple[Command, FromParticipant]:
-        message = FromHelper._make((*tick["received"].tolist(), tick["serial"])) if tick["with_received"] else None
-        return side.step(tick["x"], message, _v(tick), enable=tick["enable"], stamp=tick["stamp"])
-
     return _exported(
         side,
         PARTICIPANT,
@@ -143,7 +130,7 @@ def exported_participant_side(
         desired=gated_fields(side.force, (side.force.field,), name=PARTICIPANT),
         image=image,
         more_memory=f"{MEMORY}\n{SERIALS}",
-        recording=_recording(side, ticks, answer),
+        recording=_recording(side, positions, received),
         differences=(*DIFFERENCES, *OF_THE_PAIR),
         says=(PARTICIPANT_SAYS, HELPER_SAYS),
         means={"target": "offset", "told": "", "listen": IMAGE, "say": FORCE_TOO},
@@ -247,17 +234,22 @@ def _ticks(
 
 def _recording(
     side: HelperSide | ParticipantSide,
-    ticks: Sequence[RunTick],
-    answer: Callable[[RunTick], tuple[Command, FromHelper | FromParticipant]],
+    positions: Array,
+    received: Sequence[FromHelper | FromParticipant | None],
 ) -> Run:
     """The commands, and besides each the energy that is left and what the side said."""
+    hears: Any = FromParticipant if isinstance(side, HelperSide) else FromHelper
     said: list[FromHelper | FromParticipant] = []
 
     def command_of(tick: RunTick) -> Command:
-        command, message = answer(tick)
-        said.append(message)
+        message = hears._make((*tick["received"].tolist(), tick["serial"])) if tick["with_received"] else None
+        v = tick["v"] if tick["with_v"] else None
+        command, answer = side.step(tick["x"], message, v, enable=tick["enable"], stamp=tick["stamp"])
+        said.append(answer)
         return command
 
+    side.reset()
+    ticks = _ticks(side, positions, received, len(hears._fields) - 1)
     about = f"{len(ticks)} ticks of a hand's path and of messages, with faults among them"
     numbers = side._messages.numbers.copy()  # they go on through a reset, and C begins anew
     try:
@@ -267,7 +259,3 @@ def _recording(
     finally:
         side._messages.numbers[:] = numbers
         side.reset()
-
-
-def _v(tick: RunTick) -> Array | None:
-    return tick["v"] if tick["with_v"] else None
