@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable
 from functools import cache
 from typing import Any, NamedTuple
@@ -29,6 +28,7 @@ from rehab_opt import (
 )
 from rehab_opt.control.bilateral_sides import FromHelper, FromParticipant
 from rehab_opt.control.conditioning import Conditioner
+from rehab_opt.control.force_tick import NUMBERS
 from rehab_opt.control.scanning import Scanning
 from rehab_opt.control.watchdog import Watchdog
 from rehab_opt.kinematics.ardis import ARDIS_READY
@@ -67,8 +67,9 @@ def workspace_map() -> ControllerMap:
     return WorkspaceMap.between(here, there, rule="polar").for_controller(unsafe=True)
 
 
-NUMBERS = itertools.count(1)
-"""Of messages: each later than all before it, whichever side hears it."""
+def next_number(side: HelperSide | ParticipantSide) -> int:
+    """Of the message that follows on those that a side has heard."""
+    return int(side._messages.numbers[NUMBERS["newest"]]) + 1
 
 
 def bilateral() -> Bilateral:
@@ -114,12 +115,12 @@ CASES: dict[str, Case] = {
     "helper_side": Case(
         lambda **options: HelperSide(workspace_map(), **FORCE, **options),
         (HAND, np.zeros(2)),
-        lambda made, x, v, **more: made.step(x, FromParticipant(*HAND, 1.0, 0.0, 0.0, next(NUMBERS)), v, **more)[0],
+        lambda made, x, v, **more: made.step(x, FromParticipant(*HAND, 1.0, 0.0, 0.0, next_number(made)), v, **more)[0],
     ),
     "participant_side": Case(
         lambda **options: ParticipantSide(workspace_map(), comfortable=workspace_map().source, **FORCE, **options),
         (HAND, np.zeros(2)),
-        lambda made, x, v, **more: made.step(x, FromHelper(*HAND, 0.0, next(NUMBERS)), v, **more)[0],
+        lambda made, x, v, **more: made.step(x, FromHelper(*HAND, 0.0, next_number(made)), v, **more)[0],
     ),
     "bilateral": Case(bilateral, (HAND, HAND), lambda made, *given, **more: made.step(*given, **more).helper),
     "smoother": Case(
