@@ -12,8 +12,7 @@ from threading import get_ident
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rehab_opt.control.axis_bounds import axis_bounds
-from rehab_opt.control.axis_motion import stopping_distance
+from rehab_opt.control.axis_motion import axis_bounds, stopping_distance
 from rehab_opt.control.command import Command, Relaxed, Status
 from rehab_opt.control.profiles import CERTIFIED, Profiles
 from rehab_opt.control.smoother_target import AT_REST, brought_within, copied, finite_numbers
