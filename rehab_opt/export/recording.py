@@ -17,7 +17,6 @@ from rehab_opt.control.followed_joints import FollowedJoints
 from rehab_opt.control.joint_feedback import JointFeedback
 from rehab_opt.control.reasons import notes_of, reason_number
 from rehab_opt.export.c_text import indented, initialiser, number
-from rehab_opt.symbolic import BufferedFunction
 
 __all__ = [
     "MAX_TICKS",
@@ -126,9 +125,9 @@ class Joints:
         self._noise, self._base, self._q = encoder_noise(ticks, start.size), base, start.copy()
         n, moving = start.size - base, JointFeedback(delay=0.0, servo_hz=math.inf) if feedback is None else feedback
         model = FollowedJoints(moving, n, dt=dt)
-        self._go, self._of = BufferedFunction(model.tick), model.memory.places
-        self._memory, measured, self._command = self._go.inputs
-        self._memory[self._of["q"]], measured[:] = start[base:], math.nan
+        self._go, self._of, self._unmeasured = model.tick, model.memory.places, np.full(n, math.nan)
+        self._memory = np.zeros(model.size)
+        self._memory[self._of["q"]] = start[base:]
         held = 0 if feedback is None else math.ceil(STOPPED / dt)
         self._held = range(ticks // 3, ticks // 3 + held)
         self._seen = start.copy()
@@ -141,11 +140,9 @@ class Joints:
 
     def go(self, command: Array) -> None:
         """One tick at these velocities (n,)."""
-        base, memory, of = self._base, self._memory, self._of
+        base, of = self._base, self._of
         self._q[:base] += self._dt * command[:base]
-        self._command[:] = command[base:]
-        self._go()
-        memory[:] = self._go.outputs[0]
+        self._memory = memory = np.array(self._go(self._memory, self._unmeasured, command[base:])[0]).ravel()
         if self._tick in self._held:  # the servos push for the way that they cannot go
             memory[of["w"]] += memory[of["q"]] - self._q[base:]
             memory[of["q"]], memory[of["v"]] = self._q[base:], 0.0

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import itertools
+from collections.abc import Callable, Iterator
 from functools import cache
 from typing import Any, NamedTuple
+from weakref import WeakKeyDictionary
 
 import numpy as np
 import shapely
@@ -28,7 +30,6 @@ from rehab_opt import (
 )
 from rehab_opt.control.bilateral_sides import FromHelper, FromParticipant
 from rehab_opt.control.conditioning import Conditioner
-from rehab_opt.control.force_tick import NUMBERS
 from rehab_opt.control.scanning import Scanning
 from rehab_opt.control.watchdog import Watchdog
 from rehab_opt.kinematics.ardis import ARDIS_READY
@@ -67,9 +68,12 @@ def workspace_map() -> ControllerMap:
     return WorkspaceMap.between(here, there, rule="polar").for_controller(unsafe=True)
 
 
+NUMBERS: WeakKeyDictionary[object, Iterator[int]] = WeakKeyDictionary()
+
+
 def next_number(side: HelperSide | ParticipantSide) -> int:
     """Of the message that follows on those that a side has heard."""
-    return int(side._messages.numbers[NUMBERS["newest"]]) + 1
+    return next(NUMBERS.setdefault(side, itertools.count(1)))
 
 
 def bilateral() -> Bilateral:
