@@ -12,8 +12,7 @@ from threading import get_ident
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rehab_opt.control.axis_bounds import axis_bounds
-from rehab_opt.control.axis_motion import stopping_distance
+from rehab_opt.control.axis_motion import axis_bounds, stopping_distance
 from rehab_opt.control.command import Command, Relaxed, Status
 from rehab_opt.control.profiles import CERTIFIED, Profiles
 from rehab_opt.control.smoother_target import AT_REST, brought_within, copied, finite_numbers
@@ -21,7 +20,7 @@ from rehab_opt.control.thread_owner import OneThread
 from rehab_opt.control.watchdog import Watchdog
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import per_joint
-from rehab_opt.kinematics.real_array import is_real
+from rehab_opt.kinematics.real_array import is_real, is_true
 
 __all__ = ["Smoother"]
 
@@ -181,7 +180,7 @@ class Smoother(OneThread):
             self._claim()
         profiles = self._started()
         reason = self._watchdog.check(stamp)
-        if not _is_true(enable):
+        if not is_true(enable):
             reason = "disabled"
         if not reason:
             reason = self._aim(target, target_velocity)
@@ -260,8 +259,3 @@ class Smoother(OneThread):
         if not self._ready:
             raise ConfigurationError("position", None, "reset(position) before the first step")
         return self._profiles
-
-
-def _is_true(signal: object) -> bool:
-    """A dead-man input is given by true and by nothing else: NaN, text and None are not."""
-    return signal is True or (isinstance(signal, (bool, np.bool_, int, float)) and bool(signal == 1))

@@ -14,10 +14,9 @@ from rehab_opt.control.command import Command
 from rehab_opt.control.hand_task import FRAMES
 from rehab_opt.control.obstacles import DISC, HALF_PLANE, NUMBERS, obstacle_function
 from rehab_opt.control.redundancy import RedundancyResolver
-from rehab_opt.errors import ProblemFileError
 from rehab_opt.export.c_text import indented, initialiser, number
 from rehab_opt.export.controllers.pose_tracker import moving_argument, moving_values
-from rehab_opt.export.exported import ExportedController, ExportedVelocity, Law
+from rehab_opt.export.exported import ExportedController, ExportedVelocity, Law, refuse_other_solvers
 from rehab_opt.export.generated import renamed
 from rehab_opt.export.recording import (
     NO_ITERATIONS,
@@ -31,7 +30,7 @@ from rehab_opt.export.recording import (
     thinned,
     with_faults,
 )  # fmt: skip
-from rehab_opt.optim.fallback_chain import BACKUP, FUSED, as_in_c
+from rehab_opt.optim.fallback_chain import BACKUP, as_in_c
 from rehab_opt.session.ardis.outcome import simulate_motion
 from rehab_opt.session.ardis.problem import ArdisProblem, DriveName
 from rehab_opt.session.ardis.robot import joystick_of, resolver_of, robot_of, start_of
@@ -87,9 +86,7 @@ def exported_resolvers(config: ProblemFile[ArdisProblem], *, progress: Progress)
     ------
     ProblemFileError : a solver that does not generate C, or a value of the file that cannot be used.
     """
-    solver = config.problem.run.solver
-    if solver not in (None, FUSED):
-        raise ProblemFileError(config.file, "run.solver", solver, f"{FUSED}, which can become C")
+    refuse_other_solvers(config, "run.solver")
     return [_of_a_file(config, drive, progress=progress) for drive in sticks_of(config)]
 
 
