@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.control.command import NUMBERED, Command
-from rehab_opt.control.followed_joints import servo_rates
+from rehab_opt.control.followed_joints import servo_after
 from rehab_opt.control.joint_feedback import JointFeedback
 from rehab_opt.control.reasons import notes_of, reason_number
 from rehab_opt.export.c_text import indented, initialiser, number
@@ -125,7 +125,7 @@ class Joints:
         self.start, self._dt, self._ticks, self._tick = start, dt, ticks, 0
         self._noise, self._led = encoder_noise(ticks, start.size), slice(base, None)
         self._q, self._v, self._w = start.copy(), np.zeros(start.size - base), np.zeros(start.size - base)
-        self._servo = servo_rates(math.inf if feedback is None else feedback.servo_hz, dt)
+        self._feedback = JointFeedback(servo_hz=math.inf) if feedback is None else feedback
         late = 0 if feedback is None else round(feedback.delay / dt)
         self._sent = deque([np.zeros(start.size - base)] * late)
         held = 0 if feedback is None else math.ceil(STOPPED / dt)
@@ -143,13 +143,12 @@ class Joints:
         if self._led.start:
             self._q[: self._led.start] += self._dt * command[: self._led.start]
         self._sent.append(command[self._led])
-        arrived, servo = self._sent.popleft(), self._servo
-        short, lacks = self._v - arrived, self._w + self._dt * arrived
+        arrived = self._sent.popleft()
+        lacks = self._w + self._dt * arrived
         if self._tick in self._held:
             self._v, self._w = np.zeros_like(arrived), lacks  # for which the servos push
         else:
-            self._v = arrived + servo["v_v"] * short + servo["v_w"] * self._w
-            self._w = servo["w_v"] * short + servo["w_w"] * self._w
+            self._v, self._w = servo_after(self._feedback, self._v, self._w, arrived, self._dt)
         self._q[self._led] += lacks - self._w
         self._tick += 1
 

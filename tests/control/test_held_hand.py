@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from rehab_opt import Command, JointFeedback, PoseTracker, Relaxed, Status, ur5
-from rehab_opt.control.joint_feedback import COUPLED, pole
+from rehab_opt.control.joint_feedback import COUPLED
 from tests.failing_solvers import failing_solvers
 
 Array = NDArray[np.float64]
@@ -223,7 +223,7 @@ def test_another_solver_hides_no_contact() -> None:
 
 def test_a_joint_is_thrown_off_by_no_more_than_its_margin() -> None:
     """Of the largest acceleration, for as long as a speed takes to end: the servo's equations, integrated."""
-    p, a = pole(LED.servo_hz), 10.0
+    p, a = LED.pole, 10.0
 
     def thrown(ends_after: float) -> float:
         def rates(t: float, s: Array) -> list[float]:
