@@ -231,7 +231,7 @@ class PoseTracker(VelocityController):
         rows = tick.once(self.rows(tick, inputs, self.bounds(q, memory)))
         w, delivered = ReferenceVelocity(
             J, commanded, self._drift(q), rows.bounds, self.chain.velocity, self.chain.locked, rows.matrix, rows.upper
-        ).stated(tick, q, inputs.last, excess=partial(self.excess, inputs, J), bend=lambda way: self._bend(q, J, way))
+        ).stated(tick, q, inputs.last, excess=partial(self.excess, inputs, J), bend=lambda way: self._bend(q, J, way, commanded, whole))
         lower, upper = rows.bounds.lower, rows.bounds.upper
         if self.jerk is not None:
             lower, upper = tick.once(self.jerk.towards(inputs.last, lower, upper, w))
@@ -431,10 +431,14 @@ class PoseTracker(VelocityController):
         drift = ca.DM(~self.chain.locked * self._settling) * (ca.DM(self.posture) - q)
         return drift / ca.fmax(ca.mmax(ca.fabs(drift) / ca.DM(DRIFT_SPEED * self.chain.velocity)), 1)
 
-    def _bend(self, q: ca.SX, jacobian: ca.SX, way: ca.SX) -> ca.SX:
-        """(6,) by which the weighted twist of a motion of one rad changes before its error is gone, see `damped`."""
+    def _bend(self, q: ca.SX, jacobian: ca.SX, way: ca.SX, slowed: ca.SX, whole: ca.SX) -> ca.SX:
+        """(6,) by which the weighted twist of a motion of one rad changes before its error is gone, see `damped`.
+
+        A twist that was `slowed` takes as much longer: were that not counted, steps would be too long to brake in.
+        """
         turned = tool_acceleration(self._unweighted(q, jacobian), way)
-        return ca.sqrt(ca.DM(self.task_weights)) * turned / self._settling
+        longer = ca.norm_2(whole) / ca.fmax(ca.norm_2(slowed), TINY)
+        return ca.sqrt(ca.DM(self.task_weights)) * turned * longer / self._settling
 
     def _unweighted(self, q: ca.SX, jacobian: ca.SX) -> ca.SX:
         """(6, n) Jacobian, from the weighted one where that has all of it."""
