@@ -31,15 +31,15 @@ hand is held from now on, and whether it is held."""
 @cache
 def guidance(n: int) -> Record:
     """What a tick knows of led joints: from there to where they are, as task and as limits have it (n,); by how much
-    servos are behind the command that has come to them [rad/s or m/s] (n,); how early a target must be taken [s];
-    and `HELD`. All of it is zero where nothing is measured, as in a plan.
+    servos are slower than the command at them [rad/s or m/s] (n,); how early a target must be taken [s]; and `HELD`.
+    All zero where nothing is measured, as in a plan.
     """
     held = {name: place.stop - place.start for name, place in HELD.places.items()}
     return Record(strays=n, apart=n, behind=n, early=1, **held)
 
 
 class FollowedJoints:
-    """What follows n led joints, once a tick.
+    """n led joints, once a tick.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ class FollowedJoints:
     size : how many numbers are remembered. hand : whether a hand is watched.
     tick : memory, measured positions, last command (n,) -> memory, where the joints are led (n,), what `guidance` names
         (without a hand, where they are from there on (n,), as limits have it), the command to go on from (n,), `SAID`.
-    start : velocities (n,) -> the memory of joints of which nothing is known but these.
+    start : velocities (n,) -> memory where nothing else is known.
     """
 
     def __init__(self, feedback: JointFeedback, n: int, *, dt: float, chain: SerialChain | None = None) -> None:
@@ -121,7 +121,7 @@ class FollowedJoints:
         if chain is not None:
             before = hand_memory(n).parts(memory.hand)
             seen = clipped(error, -tolerance, tolerance)
-            felt = held_hand(chain, feedback.contact, feedback.patience, feedback.pole, dt, before, led, seen, v)
+            felt = held_hand(chain, feedback, dt, before, led, seen, v)
             # A sample that is no number says nothing of the hand, and must not be remembered.
             after["hand"] = ca.if_else(valid, felt.memory, memory.hand)
             touched, stuck = ca.logic_and(valid, felt.touched), valid * felt.stuck * (1 - fault)
@@ -151,10 +151,10 @@ def _memory(n: int, ticks: int, *, hand: bool) -> Record:
 
 
 def servo_after(feedback: JointFeedback, v: Any, w: Any, u: Any, seconds: float) -> tuple[Any, Any]:
-    """Velocity v and position error w of servos after that long at a command u, solved exactly.
+    """Velocity v and position error w of servos some seconds into a command u, solved exactly.
 
-    v' = 2 p (u - v) + p^2 w, w' = u - v, of a proportional-integral loop with both poles at -p, at rest in v = u and
-    w = 0; without integral action v = p w, at rest in w = u/p. What differs from rest fades.
+    v' = 2 p (u - v) + p^2 w, w' = u - v, of a proportional-integral loop with both poles at -p; without integral action
+    v = p w. What differs from rest, in v = u and w = 0 or u/p, fades.
     """
     p, t = feedback.pole, seconds
     rest = 0 * u if feedback.integral_action else u / p

@@ -8,14 +8,13 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
+from rehab_opt.control.stopping import FAR
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.kinematics.real_array import is_real
 
 __all__ = ["JointFeedback"]
 
-FAR = 1e9
-"""[rad/s^2 or m/s^2] Stands for accelerations without a limit."""
 COUPLED = 0.5
 """Share of the inertia a servo is tuned to that a posture, or the motion of another joint, adds or takes away."""
 
@@ -101,8 +100,8 @@ class JointFeedback:
     def deviation(self, chain: SerialChain, last: ca.SX) -> ca.SX:
         """[rad or m] by which a joint may be thrown off where it is led, by any that brakes from `last` (n,).
 
-        A servo with both poles at -p is thrown off by a/p^2 of an acceleration a that lasts, and by v/(e p) of a speed
-        v that ends at once. A posture or another joint makes the share COUPLED of it.
+        A servo is thrown off by a/p^2 of an acceleration a that lasts, and by v/(e p) of a speed v that ends at once. A
+        posture or another joint makes the share COUPLED of it.
         """
         p = self.pole
         each = ca.fmin(ca.DM(np.minimum(chain.acceleration, FAR) / p**2), ca.fabs(last) / (math.e * p))
@@ -115,7 +114,8 @@ class JointFeedback:
         An integrator with this gain crosses unity there; T takes at most 2/3 rad of its phase, and the servo,
         (2 p s + p^2)/(s + p)^2, nearly none: 50 degrees remain, enough for 3 ms and for inertias unlike its own.
         """
-        return 2 / (3 * (self.delay + 1 / self.pole)) if self.delay + 1 / self.pole > 0 else math.inf
+        late = self.delay + 1 / self.pole
+        return 2 / (3 * late) if late > 0 else math.inf
 
     @property
     def approach(self) -> float:
@@ -124,5 +124,5 @@ class JointFeedback:
 
     @property
     def pole(self) -> float:
-        """[1/s] p, of a proportional-integral velocity servo with both poles at -p: -3 dB at 2.48 p; or k."""
+        """[1/s] p of a servo with both poles at -p, -3 dB at 2.48 p; or k."""
         return 2 * math.pi * self.servo_hz / (2.4818 if self.integral_action else 1)

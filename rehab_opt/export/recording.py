@@ -125,9 +125,8 @@ class Joints:
         self.start, self._dt, self._ticks, self._tick = start, dt, ticks, 0
         self._noise, self._led = encoder_noise(ticks, start.size), slice(base, None)
         self._q, self._v, self._w = start.copy(), np.zeros(start.size - base), np.zeros(start.size - base)
-        self._feedback = JointFeedback(servo_hz=math.inf) if feedback is None else feedback
-        late = 0 if feedback is None else round(feedback.delay / dt)
-        self._sent = deque([np.zeros(start.size - base)] * late)
+        self._told = feedback or JointFeedback(delay=0.0, servo_hz=math.inf)
+        self._sent = deque([np.zeros(start.size - base)] * round(self._told.delay / dt))
         held = 0 if feedback is None else math.ceil(STOPPED / dt)
         self._held = range(ticks // 3, ticks // 3 + held)
         self._seen = start.copy()
@@ -148,7 +147,7 @@ class Joints:
         if self._tick in self._held:
             self._v, self._w = np.zeros_like(arrived), lacks  # for which the servos push
         else:
-            self._v, self._w = servo_after(self._feedback, self._v, self._w, arrived, self._dt)
+            self._v, self._w = servo_after(self._told, self._v, self._w, arrived, self._dt)
         self._q[self._led] += lacks - self._w
         self._tick += 1
 
