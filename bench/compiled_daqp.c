@@ -69,7 +69,7 @@ static void by_daqp(const double *full, const double *memory, const double *star
     const double *data[] = {H, g, A, rows_lower, rows_upper, lower, upper, sound, x, pushes, pushes + VARS};
     double *built[] = {H, g, A, rows_lower, rows_upper, lower, upper, sound}, *certified[] = {answer, residual};
     call(BUILD, (const double *[]){full, memory}, 2, built, 8);
-    /* As optim/daqp_backend.py: where curvatures are uneven, in units in which each is 1. */
+    /* As optim/backends.py: where curvatures are uneven, in units in which each is 1. */
     double most = 0.0, least = 1.0 / 0.0, units[VARS];
     for (int i = 0; i < VARS; i++) {
         most = fmax(most, H[i * VARS + i]);

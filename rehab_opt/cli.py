@@ -1,6 +1,8 @@
 """The command `rehab-opt`: run, list and check problem files, one or many; export their controllers.
 
-Bad input ends with one line on the error stream and exit code 2; nothing is written then.
+Bad input ends with one line on the error stream and exit code 2; nothing is written then. Exit code 0 says that the
+command was carried out, not that a hand got where it was to go: of that tell notes, numbers and the last line of
+`check`. So `check` ends with 0 where `run` does.
 """
 
 from __future__ import annotations

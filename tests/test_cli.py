@@ -223,10 +223,15 @@ def test_check_accepts_a_sound_problem_and_writes_nothing(folder: Path, capsys: 
     assert files(folder) == before
 
 
-def test_check_does_not_call_ok_what_is_all_out_of_reach(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_is_all_out_of_reach_is_not_called_ok_by_check_and_runs(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It can be run, so both say 0: how far the hand got is a result, not an error."""
     change(folder, "[-0.172, 0.502]", "[0.5, 0.502]")
     assert ended("check", "problem.toml") == 0
     assert capsys.readouterr().out.endswith("to be read and run, but not as it asks: see above\n")
+    assert ended("run", "problem.toml") == 0
+    assert (folder / "out" / "problem" / "metrics.json").is_file()
 
 
 def spoil_limit(folder: Path) -> None:

@@ -6,6 +6,8 @@ with bounds and a tank of its own; the sides exchange messages, which may take t
 energy with every message and adds what it receives: what one hand puts in can move the other, and whatever the delay
 and the hands do, no more leaves than the tanks held at first and the hands put in since. Messages are numbered: one
 that comes twice, or after a later one, counts as none, so that no energy is taken twice; what is lost with one is lost.
+One whose number leaps by more than 100 counts as none until the next follows on it: a corrupted number silences no
+side, and one that was cut off for long hears the other again from the second message on.
 """
 
 from __future__ import annotations

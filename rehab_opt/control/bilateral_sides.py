@@ -12,13 +12,13 @@ from numpy.typing import ArrayLike, NDArray
 from rehab_opt.control.assistance import Assistance
 from rehab_opt.control.bounded_force import BoundedForce, ForceBounds
 from rehab_opt.control.command import Command
-from rehab_opt.control.force_tick import BEYOND
+from rehab_opt.control.force_tick import BEYOND, NUMBERS, hear, say
 from rehab_opt.control.gate import PULL_BACK, reflected_force
 from rehab_opt.control.thread_owner import OneThread
 from rehab_opt.control.velocity_controller import checked_number
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.field.potential import PotentialField
-from rehab_opt.kinematics.real_array import is_real
+from rehab_opt.kinematics.real_array import float_or_nan
 from rehab_opt.symbolic import BufferedFunction
 from rehab_opt.workspace.controller_map import ControllerMap
 from rehab_opt.workspace.edge_distance import edge_columns
@@ -62,25 +62,26 @@ class _Messages:
         self._force = force
         self.fraction = min(checked_number("exchange", exchange, above=-1e-12, below=1e4) * force.dt, 1.0)
         """Share of the energy that is given with a message."""
-        self.numbers: Array = np.zeros(2)
-        """Of the last message that was said, and of the newest that was heard."""
+        self.numbers: Array = np.zeros(NUMBERS.size)
+        """`NUMBERS`"""
+        self._hear, self._say = (BufferedFunction(part(force.slots)) for part in (hear, say))
 
     def hear(self, *message: float) -> Array:
         """Take the energy of a message: that, its number and two more, which are given back; see `force_tick.hear`."""
         force = self._force
         if force._owner != get_ident():
             force._refuse_others()
-        heard = [_float(each) for each in message]
-        force._watched[:] = force._hear.of(force.model, force._watched, self.numbers, heard)
-        _, self.numbers[:], told = force._hear.outputs
+        heard = [float_or_nan(each) for each in message]
+        force._watched[:] = self._hear.of(force.model, force._watched, self.numbers, heard)
+        _, self.numbers[:], told = self._hear.outputs
         return told
 
     def say(self) -> list[float]:
         """`MESSAGE` after a tick."""
         force = self._force
         given = force.model, force._watched, force._force, self.fraction, force._view, self.numbers
-        force._watched[:] = force._say.of(*given)
-        _, self.numbers[:], message = force._say.outputs
+        force._watched[:] = self._say.of(*given)
+        _, self.numbers[:], message = self._say.outputs
         return cast("list[float]", message.tolist())
 
 
@@ -236,10 +237,11 @@ class HelperSide(OneThread):
             self._claim()
         self._felt[:] = math.nan
         if received is not None:
-            newest = float(self._messages.numbers[1])
+            numbers = self._messages.numbers
+            newest = float(numbers[NUMBERS["newest"]])
             self._felt[:] = self._messages.hear(received.energy, received.serial, received.force_x, received.force_y)
-            if self._messages.numbers[1] != newest:
-                self._partner = (received.x, received.y)
+            if numbers[NUMBERS["newest"]] != newest:
+                self._partner = float_or_nan(received.x), float_or_nan(received.y)
         command = self.force.step(x, v, enable=enable, stamp=stamp)
         at_x, at_y, _, _, given, serial = self._messages.say()
         return command, FromHelper(at_x, at_y, given, int(serial))
@@ -255,16 +257,6 @@ class HelperSide(OneThread):
 def _floats(x: float, y: float) -> Array:
     """Two numbers of a message, NaN where one is out of range."""
     return np.array((x, y) if -BEYOND < x < BEYOND and -BEYOND < y < BEYOND else NO_FORCE)
-
-
-def _float(value: object) -> float:
-    """A number of a message, which may hold anything; NaN where it is none."""
-    if not is_real(value):
-        return math.nan
-    try:
-        return float(value)
-    except OverflowError:
-        return math.inf if value > 0 else -math.inf
 
 
 def _checked_map(workspace_map: object) -> ControllerMap:

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from functools import cache
+from typing import Any
 
 import casadi as ca
 
 from rehab_opt.control.held_hand import HELD, hand_memory, held_hand, largest
-from rehab_opt.control.joint_feedback import JointFeedback, pole
+from rehab_opt.control.joint_feedback import JointFeedback
 from rehab_opt.control.watched_joints import HAND_HELD, time_apart
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import SerialChain
@@ -30,15 +31,15 @@ hand is held from now on, and whether it is held."""
 @cache
 def guidance(n: int) -> Record:
     """What a tick knows of led joints: from there to where they are, as task and as limits have it (n,); by how much
-    servos are behind the command that has come to them [rad/s or m/s] (n,); how early a target must be taken [s];
-    and `HELD`. All of it is zero where nothing is measured, as in a plan.
+    servos are slower than the command at them [rad/s or m/s] (n,); how early a target must be taken [s]; and `HELD`.
+    All zero where nothing is measured, as in a plan.
     """
     held = {name: place.stop - place.start for name, place in HELD.places.items()}
     return Record(strays=n, apart=n, behind=n, early=1, **held)
 
 
 class FollowedJoints:
-    """What follows n led joints, once a tick.
+    """n led joints, once a tick.
 
     Parameters
     ----------
@@ -54,7 +55,7 @@ class FollowedJoints:
     size : how many numbers are remembered. hand : whether a hand is watched.
     tick : memory, measured positions, last command (n,) -> memory, where the joints are led (n,), what `guidance` names
         (without a hand, where they are from there on (n,), as limits have it), the command to go on from (n,), `SAID`.
-    start : velocities (n,) -> the memory of joints of which nothing is known but these.
+    start : velocities (n,) -> memory where nothing else is known.
     """
 
     def __init__(self, feedback: JointFeedback, n: int, *, dt: float, chain: SerialChain | None = None) -> None:
@@ -67,14 +68,15 @@ class FollowedJoints:
         self.memory = _memory(n, ticks, hand=self.hand)
         self.size = self.memory.size
         self.tick = self._tick(feedback, dt=dt, chain=chain)
-        self.start = self._start()
+        self.start = self._start(feedback)
 
-    def _start(self) -> ca.Function:
+    def _start(self, feedback: JointFeedback) -> ca.Function:
         n, record = self._n, self.memory
         velocity, column = ca.SX.sym("velocity", n), ca.SX.zeros(record.size)
         for name in ("v", "commands"):
             place = record.places[name]
             column[place] = ca.repmat(velocity, (place.stop - place.start) // n, 1)
+        column[record.places["w"]] = servo_after(feedback, velocity, velocity, velocity, math.inf)[1]
         if record["hand"] < record.size:
             at = record["hand"] + hand_memory(n)["velocity"]
             column[at : at + n] = velocity
@@ -94,10 +96,7 @@ class FollowedJoints:
         acting = [(arrived, dt - rest), *([(under_way[-n:], rest)] if rest else [])]
         v, w, expected = memory.v, memory.w, memory.q
         for arrived, seconds in acting:
-            # Of a servo with v = u and w = 0 at rest in u, what differs from that fades as its double pole says.
-            servo, short = servo_rates(feedback.servo_hz, seconds), v - arrived
-            v = arrived + servo["v_v"] * short + servo["v_w"] * w
-            w = servo["w_v"] * short + servo["w_w"] * w
+            v, w = servo_after(feedback, v, w, arrived, seconds)
             expected += seconds * arrived
         expected += memory.w - w
         anew = ca.logic_and(valid, ca.logic_not(memory.known))
@@ -122,9 +121,7 @@ class FollowedJoints:
         if chain is not None:
             before = hand_memory(n).parts(memory.hand)
             seen = clipped(error, -tolerance, tolerance)
-            felt = held_hand(
-                chain, feedback.contact, feedback.patience, pole(feedback.servo_hz), dt, before, led, seen, v
-            )
+            felt = held_hand(chain, feedback, dt, before, led, seen, v)
             # A sample that is no number says nothing of the hand, and must not be remembered.
             after["hand"] = ca.if_else(valid, felt.memory, memory.hand)
             touched, stuck = ca.logic_and(valid, felt.touched), valid * felt.stuck * (1 - fault)
@@ -153,15 +150,18 @@ def _memory(n: int, ticks: int, *, hand: bool) -> Record:
     return Record(wrong=n, error=n, q=n, v=n, w=n, strays=n, apart=n, commands=n * ticks, known=1, fault=3, hand=size)
 
 
-def servo_rates(hz: float, dt: float) -> dict[str, float]:
-    """How what a velocity servo lacks fades in a tick: of a proportional-integral loop with both poles at -p.
+def servo_after(feedback: JointFeedback, v: Any, w: Any, u: Any, seconds: float) -> tuple[Any, Any]:
+    """Velocity v and position error w of servos some seconds into a command u, solved exactly.
 
-    v' = 2 p (u - v) + p^2 w, w' = u - v for a command u, solved exactly.
+    v' = 2 p (u - v) + p^2 w, w' = u - v, of a proportional-integral loop with both poles at -p; without integral action
+    v = p w. What differs from rest, in v = u and w = 0 or u/p, fades.
     """
-    p = pole(hz)
-    if not p * dt < 700.0:
-        return dict.fromkeys(("v_v", "v_w", "w_v", "w_w"), 0.0)
-    fading = math.exp(-p * dt)
-    return {
-        "v_v": fading * (1 - p * dt), "v_w": fading * p * p * dt, "w_v": -fading * dt, "w_w": fading * (1 + p * dt),
-    }  # fmt: skip
+    p, t = feedback.pole, seconds
+    rest = 0 * u if feedback.integral_action else u / p
+    if not p * t < 700.0:
+        return u, rest
+    short, lacks, fading = v - u, w - rest, math.exp(-p * t)
+    if not feedback.integral_action:
+        return u + fading * p * lacks, rest + fading * lacks
+    faster = fading * (1 - p * t) * short + fading * p * p * t * lacks
+    return u + faster, -fading * t * short + fading * (1 + p * t) * lacks

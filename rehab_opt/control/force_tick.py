@@ -24,17 +24,21 @@ from rehab_opt.symbolic.record import Record, Values
 __all__ = [
     "BEYOND",
     "DESIRED",
+    "LEAP",
     "MESSAGE",
     "MODEL",
     "MUCH",
+    "NUMBERS",
     "SOLVED",
     "VIEW",
     "ForceTick",
     "affordable",
     "anew",
     "force_tick",
+    "give",
     "hear",
     "say",
+    "take",
     "watched_record",
 ]
 
@@ -65,6 +69,10 @@ BEYOND = 1e6
 MESSAGE = Record(place=2, force=2, energy=1, serial=1)
 """What a side says: where its hand is [m], NaN where it cannot be acted on; force on it [N]; energy given [J]; its
 number."""
+LEAP = 100
+"""Messages in a row that may be lost, and the next one still counts; one that leaps further waits for its successor."""
+NUMBERS = Record(said=1, newest=1, heard=1)
+"""Serials of the last message said, of the newest heard that counted, and of the last heard, if it counted or not."""
 LATEST = 1.0
 """[s] The longest time between two ticks that energy is set aside for."""
 
@@ -252,35 +260,51 @@ def anew(slots: int) -> ca.Function:
 
 @cache
 def hear(slots: int) -> ca.Function:
-    """`MODEL`, `watched_record`, numbers (2,), energy [J], serial, two more -> `watched_record`, numbers, those two.
+    """`MODEL`, `watched_record`, `NUMBERS`, energy [J], serial, two more -> `watched_record`, `NUMBERS`, those two.
 
-    Numbers are the serials of the last message said and of the newest heard: an older one gives no energy, and NaN.
+    A message is new if its serial exceeds that of every message that was, and follows, by no more than `LEAP`, on the
+    newest or on the last heard. Any other gives no energy, and NaN. So nothing counts twice, and one corrupted serial,
+    on which none follows, keeps no later message out.
     """
-    model, watched = MODEL.symbols("model"), watched_record(slots).symbols("watched")
-    numbers, (energy, serial, *told) = ca.SX.sym("numbers", 2), ca.vertsplit(heard := ca.SX.sym("heard", 4))
-    new = serial > numbers[1]  # NaN fails
-    tank = _tank(watched.tank, model, slots).filled(ca.if_else(new, energy, 0))
-    after = watched_record(slots).changed(watched, tank=tank.numbers.column).column
+    model, watched = MODEL.symbols("model").column, watched_record(slots).symbols("watched").column
+    numbers, (energy, serial, *told) = NUMBERS.symbols("numbers"), ca.vertsplit(heard := ca.SX.sym("heard", 4))
+    follows = [ca.logic_and(serial > each, serial <= each + LEAP) for each in (numbers.newest, numbers.heard)]
+    new = ca.logic_and(serial > numbers.newest, ca.logic_or(*follows))  # NaN fails
+    after = take(slots)(model, watched, ca.if_else(new, energy, 0))
     known = all_true(new, *(ca.fabs(each) < BEYOND for each in told))
-    newest = ca.if_else(new, serial, numbers[1])
-    outputs = [after, ca.vertcat(numbers[0], newest), ca.if_else(known, heard[2:], math.nan)]
-    return ca.Function("hear", [model.column, watched.column, numbers, heard], outputs)
+    counted = NUMBERS.changed(numbers, newest=ca.if_else(new, serial, numbers.newest), heard=serial)
+    outputs = [after, counted.column, ca.if_else(known, heard[2:], math.nan)]
+    return ca.Function("hear", [model, watched, numbers.column, heard], outputs)
 
 
 @cache
 def say(slots: int) -> ca.Function:
-    """`MODEL`, `watched_record`, last force (2,), share, `VIEW`, numbers -> `watched_record`, numbers, `MESSAGE`.
+    """Inputs of `give`, `VIEW`, `NUMBERS` -> `watched_record`, `NUMBERS`, `MESSAGE`."""
+    energies, view, numbers = give(slots).sx_in(), VIEW.symbols("view"), NUMBERS.symbols("numbers")
+    after, energy = give(slots)(*energies)
+    place, serial = ca.if_else(view.reason == 0, view.x, math.nan), numbers.said + 1
+    message = MESSAGE.of(place=place, force=energies[2], energy=energy, serial=serial)
+    inputs = [*energies, view.column, numbers.column]
+    return ca.Function("say", inputs, [after, NUMBERS.changed(numbers, said=serial).column, message])
 
-    The share of the energy goes to another tank; the numbers are those of `hear`.
-    """
-    model, watched, fraction = MODEL.symbols("model"), watched_record(slots).symbols("watched"), ca.SX.sym("fraction")
-    force, view, numbers = ca.SX.sym("force", 2), VIEW.symbols("view"), ca.SX.sym("numbers", 2)
+
+@cache
+def give(slots: int) -> ca.Function:
+    """`MODEL`, `watched_record`, last force (2,), fraction of the energy for another tank -> `watched_record`, that."""
+    model, watched = MODEL.symbols("model"), watched_record(slots).symbols("watched")
+    force, fraction = ca.SX.sym("force", 2), ca.SX.sym("fraction")
     tank, energy = _tank(watched.tank, model, slots).given(fraction, force)
     after = watched_record(slots).changed(watched, tank=tank.numbers.column).column
-    place, serial = ca.if_else(view.reason == 0, view.x, math.nan), numbers[0] + 1
-    message = MESSAGE.of(place=place, force=force, energy=energy, serial=serial)
-    inputs = [model.column, watched.column, force, fraction, view.column, numbers]
-    return ca.Function("say", inputs, [after, ca.vertcat(serial, numbers[1]), message])
+    return ca.Function("give", [model.column, watched.column, force, fraction], [after, energy])
+
+
+@cache
+def take(slots: int) -> ca.Function:
+    """`MODEL`, `watched_record`, energy from another tank [J] -> `watched_record`."""
+    model, watched, energy = MODEL.symbols("model"), watched_record(slots).symbols("watched"), ca.SX.sym("energy")
+    tank = _tank(watched.tank, model, slots).filled(energy)
+    after = watched_record(slots).changed(watched, tank=tank.numbers.column).column
+    return ca.Function("take", [model.column, watched.column, energy], [after])
 
 
 def _tank(numbers: ca.SX, model: Values, slots: int) -> EnergyTank:

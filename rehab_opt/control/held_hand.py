@@ -9,7 +9,7 @@ direction of motion, it is
 
 of a hand that is free at most
 
-    min(|J' v| / |v|, 1) contact + INERTIA sum_j |J_j| |q''_j| / p^2 + LATE |v - v_usual|:
+    min(|J' v| / |v|, 1) contact + COUPLED sum_j |J_j| |q''_j| / p^2 + LATE |v - v_usual|:
 
 a servo tuned to another inertia lags by a fraction of p^-2 q'', and an error of the delay shows where the speed
 changes. A joint that brakes hard may rest elsewhere within f than y says, and is in doubt by u until it has slipped,
@@ -32,6 +32,7 @@ from typing import NamedTuple
 
 import casadi as ca
 
+from rehab_opt.control.joint_feedback import COUPLED, JointFeedback
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.symbolic.record import Record, Values
 
@@ -41,8 +42,6 @@ SLIPS = 2.0
 """[1/s] Rate at which f is learned: a contact is noticed long before it is taken for friction."""
 USUAL = 20.0
 """[1/s] Rate at which a following error becomes the usual one: a contact outgrows it within a third of that time."""
-INERTIA = 0.5
-"""Share of its own inertia by which a joint's differs from what the servo was tuned to, by posture and coupling."""
 LATE = 0.003
 """[s] Largest error of the given delay."""
 SLOWEST = 0.02
@@ -77,18 +76,17 @@ class Felt(NamedTuple):
 
 
 def held_hand(  # noqa: PLR0917  (what is known, then what a tick brings)
-    chain: SerialChain, contact: float, patience: float, pole: float, dt: float, memory: Values, q: ca.SX,
-    error: ca.SX, velocity: ca.SX,
+    chain: SerialChain, feedback: JointFeedback, dt: float, memory: Values, q: ca.SX, error: ca.SX, velocity: ca.SX
 ) -> Felt:  # fmt: skip
     """One tick of the contact watch.
 
     Parameters
     ----------
-    chain : the arm. contact : [m] following error that a free hand at a steady speed does not have. patience : [s] for
-        which a hand may be held before that is a fault. pole : [1/s] p of the servos. dt : [s] a tick.
+    chain : the arm. feedback : what is known of it. dt : [s] a tick.
     memory : what `hand_memory` names. q : (n,) where the joints are led.
     error, velocity : (n,) their following error, and how fast they should be.
     """
+    contact, patience, pole = feedback.contact, feedback.patience, feedback.pole
     usually, fades = -math.expm1(-USUAL * dt), math.exp(-min(pole / 2, 1 / dt) * dt)
     moves = chain.jacobian_expression(q)[:3, :]
     play, friction = memory.play + dt * velocity, memory.friction
@@ -103,7 +101,7 @@ def held_hand(  # noqa: PLR0917  (what is known, then what a tick brings)
     was_held = memory.held > 0
     usual = ca.if_else(memory.known, memory.usual, behind)
     lever = ca.fmin(ca.norm_2(moves.T @ along), 1)  # what encoders' noise makes of the hand on this way
-    explained = lever * contact + INERTIA * swing + LATE * ca.norm_2(motion - memory.going)
+    explained = lever * contact + COUPLED * swing + LATE * ca.norm_2(motion - memory.going)
     doubt = ca.fmax(ca.fmin(memory.doubt + 2 * change / pole - dt * ca.fabs(velocity), friction), 0)
     ahead = ca.dot(usual, along)
     ahead -= ca.fmin(ca.fmax(ahead, 0), ca.dot(ca.fabs(moves.T @ along), doubt))

@@ -8,14 +8,13 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
+from rehab_opt.control.stopping import FAR
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.kinematics.real_array import is_real
 
-__all__ = ["JointFeedback", "pole"]
+__all__ = ["JointFeedback"]
 
-FAR = 1e9
-"""[rad/s^2 or m/s^2] Stands for accelerations without a limit."""
 COUPLED = 0.5
 """Share of the inertia a servo is tuned to that a posture, or the motion of another joint, adds or takes away."""
 
@@ -55,7 +54,9 @@ class JointFeedback:
     ----------
     delay : [s] from a command until the joint moves, and from a position until `step` gets it, together; at most 128
         ticks, whole or not. Rather too much than too little: 3 ms more are no harm.
-    servo_hz : [Hz] bandwidth of the velocity servo; infinite for joints that move as commanded.
+    servo_hz : [Hz] bandwidth of the velocity servo, -3 dB; infinite for joints that move as commanded.
+    integral_action : whether a joint that moves steadily is where its commands lead: its servo has integral action, or
+        feeds the speed forward. Without, as q' = k (q_commanded - q), it is behind by speed / k, k = 2 pi `servo_hz`.
     correction : [1/s] rate at which the reference comes to the measured positions. Slow: noise passes by its square
         root, and an error that a joint makes at less than `correction` times `tolerance` is no fault.
     following : [1/s] rate c at which the task's error takes over the following error of joints that move. With a gain
@@ -74,6 +75,7 @@ class JointFeedback:
 
     delay: float = 0.005
     servo_hz: float = 24.0
+    integral_action: bool = True
     correction: float = 0.05
     following: float = 200.0
     contact: float = 0.001
@@ -81,7 +83,9 @@ class JointFeedback:
     patience: float = 0.1
 
     def __post_init__(self) -> None:
-        for name in self.__dataclass_fields__:
+        if not isinstance(self.integral_action, bool):
+            raise ConfigurationError("feedback.integral_action", self.integral_action, "True or False")
+        for name in self.__dataclass_fields__.keys() - {"integral_action"}:
             least = -1e-12 if name in ("delay", "patience") else 0.0
             value = getattr(self, name)
             most = math.inf if name == "servo_hz" else 1e3
@@ -96,10 +100,10 @@ class JointFeedback:
     def deviation(self, chain: SerialChain, last: ca.SX) -> ca.SX:
         """[rad or m] by which a joint may be thrown off where it is led, by any that brakes from `last` (n,).
 
-        A servo with both poles at -p is thrown off by a/p^2 of an acceleration a that lasts, and by v/(e p) of a speed
-        v that ends at once. A posture or another joint makes the share COUPLED of it.
+        A servo is thrown off by a/p^2 of an acceleration a that lasts, and by v/(e p) of a speed v that ends at once. A
+        posture or another joint makes the share COUPLED of it.
         """
-        p = pole(self.servo_hz)
+        p = self.pole
         each = ca.fmin(ca.DM(np.minimum(chain.acceleration, FAR) / p**2), ca.fabs(last) / (math.e * p))
         return COUPLED * ca.mmax(each)
 
@@ -110,14 +114,15 @@ class JointFeedback:
         An integrator with this gain crosses unity there; T takes at most 2/3 rad of its phase, and the servo,
         (2 p s + p^2)/(s + p)^2, nearly none: 50 degrees remain, enough for 3 ms and for inertias unlike its own.
         """
-        return 2 / (3 * (self.delay + 1 / pole(self.servo_hz))) if self.delay + 1 / self.servo_hz > 0 else math.inf
+        late = self.delay + 1 / self.pole
+        return 2 / (3 * late) if late > 0 else math.inf
 
     @property
     def approach(self) -> float:
         """[1/s] rate at which limits are approached: a third of the servo's pole, so that it does not run past them."""
-        return pole(self.servo_hz) / 3
+        return self.pole / 3
 
-
-def pole(servo_hz: float) -> float:
-    """[1/s] p, of a proportional-integral velocity servo with both poles at -p: -3 dB at 2.48 p."""
-    return 2 * math.pi * servo_hz / 2.4818
+    @property
+    def pole(self) -> float:
+        """[1/s] p of a servo with both poles at -p, -3 dB at 2.48 p; or k."""
+        return 2 * math.pi * self.servo_hz / (2.4818 if self.integral_action else 1)

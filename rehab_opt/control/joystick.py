@@ -14,9 +14,10 @@ from rehab_opt.control.hand_task import ROWS, checked_rows
 from rehab_opt.control.thread_owner import OneThread
 from rehab_opt.control.velocity_controller import checked_number, real_numbers
 from rehab_opt.errors import ConfigurationError
+from rehab_opt.kinematics.real_array import is_true
 from rehab_opt.optim.rows import MAX_MAGNITUDE
 
-__all__ = ["STICK_MODES", "Button", "Joystick", "StickCommand", "StickMode", "checked_modes", "pressed"]
+__all__ = ["STICK_MODES", "Button", "Joystick", "StickCommand", "StickMode", "checked_modes"]
 
 Array = NDArray[np.float64]
 
@@ -162,18 +163,13 @@ class Button:
 
     def press(self, down: object) -> bool:
         """Whether a press begins now; call it every tick."""
-        now = pressed(down)
+        now = is_true(down)
         if self._down is None:
             self._down = now  # one that is down from the beginning is stuck, not pressed
         begun = now and not self._down and self._since >= self._ticks
         self._since = 0 if now != self._down else self._since + 1
         self._down = now
         return begun
-
-
-def pressed(value: object) -> bool:
-    """Whether a button's value says that it is pressed: true or 1; anything else, NaN too, does not."""
-    return value is True or (isinstance(value, (np.bool_, int, float)) and value == 1)
 
 
 def checked_modes(modes: Sequence[StickMode]) -> tuple[StickMode, ...]:

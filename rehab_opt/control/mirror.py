@@ -26,7 +26,7 @@ from rehab_opt.control.judged_state import GIVEN
 from rehab_opt.control.limit import Limit, all_limits
 from rehab_opt.control.manipulability import maximise_manipulability
 from rehab_opt.control.mirror_following import BRIDGE, RATE, THEN
-from rehab_opt.control.mirror_pace import REMEMBERED, MirrorPace
+from rehab_opt.control.mirror_pace import FOLLOWED, REMEMBERED, MirrorPace
 from rehab_opt.control.mirror_plan import MirrorPath, plan
 from rehab_opt.control.mirror_preview import MirrorPreview
 from rehab_opt.control.mirror_tick import VERDICT, mirror_tick
@@ -207,6 +207,7 @@ class MirrorTracker(MirrorPreview):
             dt, linear_speed=BRIDGE * linear_speed, angular_speed=BRIDGE * angular_speed, window=self.pace.window
         )
         """Where the reference is read."""
+        self._reading = BufferedFunction(self.pace.followed_function())
         self.counts: Counter[str] = Counter()
         """How many ticks relaxed acceleration, were shortened, waited, braked, and how often the hand was cut short."""
         self._begin()
@@ -223,9 +224,13 @@ class MirrorTracker(MirrorPreview):
     @property
     def reference(self) -> Array:
         """(4, 4) the pose that the clock stands at, before the person's range of motion and forces are considered."""
-        if self._live:
-            return self._accepted()[0]
-        return np.full((4, 4), math.nan) if self.clock.empty else self.clock.read()[0].copy()
+        return self._read()[FOLLOWED.places["reference"]].reshape(4, 4)
+
+    def _read(self) -> Array:
+        """`FOLLOWED` but for its counts, which are in `counts`."""
+        accepted = np.hstack([each.reshape(-1) for each in self._accepted()]) if self._live else np.zeros(22)
+        clock = self.clock
+        return self._reading.of(clock.window.T, clock.now, self._live, accepted, self._memory).copy()
 
     @property
     def time_scale(self) -> float:
@@ -238,7 +243,7 @@ class MirrorTracker(MirrorPreview):
 
         While bridges are ahead, no less than what the clock needs to the newest.
         """
-        return 0.0 if self._live else self.clock.behind
+        return float(self._read()[FOLLOWED["lag"]])
 
     @property
     def short(self) -> tuple[float, float]:

@@ -18,7 +18,10 @@ from rehab_opt.control.reference_clock import CLOCK, LONGEST, SAMPLE, ClockState
 from rehab_opt.optim.certificate import all_true, clipped
 from rehab_opt.symbolic.record import Record, Values
 
-__all__ = ["AIMED", "COUNTED", "PACE", "PACES", "QUICKENING", "REMEMBERED", "SAID", "TRIED", "MirrorPace", "counted"]
+__all__ = [
+    "AIMED", "COUNTED", "FOLLOWED", "PACE", "PACES", "QUICKENING", "REMEMBERED", "SAID", "TRIED", "MirrorPace",
+    "counted",
+]  # fmt: skip
 
 WAITS = 0.9
 """Share of the largest deviation from which the clock waits."""
@@ -65,6 +68,8 @@ REMEMBERED = Record(
 """What a tracker remembers besides its QP's state and clock. Behind pace, hand and forces: what the person's arm can do
 of the reference, NaN where nothing is known of one; w / w_max where the last command leads; whether the next tick
 needs no clock; the largest w of the way out at hand, and for how many ticks that did not grow; and counts."""
+FOLLOWED = Record(reference=16, time_scale=1, lag=1, manipulability=1, counted=COUNTED.size)
+"""How a reference is followed: see the properties of `MirrorTracker`; and counts."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -87,6 +92,21 @@ class MirrorPace:
     def clock(self) -> ClockStatement:
         """What the clock does."""
         return ClockStatement(self.dt, window=self.window)
+
+    def followed_function(self) -> ca.Function:
+        """Samples, `CLOCK`, whether the tick needs no clock, pose and twist of the last such tick, `REMEMBERED` ->
+        `FOLLOWED`.
+        """
+        sizes = {"clock": CLOCK.size, "live": 1, "accepted": 22, "memory": REMEMBERED.size}
+        samples = ca.MX.sym("samples", SAMPLE.size, self.window)
+        clock, live, accepted, memory = given = [ca.MX.sym(name, size) for name, size in sizes.items()]
+        empty, at = clock[CLOCK["ahead"]] < 0, REMEMBERED.places
+        read = ca.if_else(empty, math.nan, self.clock.read_function()(samples, clock, 0)[0])
+        behind = self.clock.behind_function()(ca.vec(samples[:, :2]), clock)
+        reference, lag = ca.if_else(live, accepted[:16], read), ca.if_else(live, 0, behind)
+        rate = memory[at["pace"]][PACE["rate"]]
+        followed = ca.vertcat(reference, rate, lag, memory[at["then"]], memory[at["counted"]])
+        return ca.Function("followed", [samples, *given], [followed])
 
     def tried_function(self) -> ca.Function:
         """Samples, `CLOCK`, `REMEMBERED`, others, hand's pose (16,), a place in `PACES` -> `PACE`, `TRIED`.

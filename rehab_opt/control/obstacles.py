@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
+from functools import cache
 from typing import NamedTuple
 
 import casadi as ca
@@ -14,9 +14,13 @@ from rehab_opt.control.stopping import OUTSIDE
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.mobile_arm import Outline
 from rehab_opt.kinematics.real_array import is_real
+from rehab_opt.optim.certificate import all_true
 from rehab_opt.optim.rows import MAX_MAGNITUDE
 
-__all__ = ["NUMBERS", "Disc", "HalfPlane", "Obstacle", "ObstacleRows", "approach", "obstacle_numbers", "outward_normal"]
+__all__ = [
+    "DISC", "HALF_PLANE", "NUMBERS", "Disc", "HalfPlane", "Obstacle", "ObstacleRows", "approach", "obstacle_function",
+    "obstacle_numbers", "outward_normal",
+]  # fmt: skip
 
 Array = NDArray[np.float64]
 
@@ -24,7 +28,7 @@ NUMBERS = 4
 """How many numbers one obstacle is."""
 TINY = 1e-100
 """[m] A distance whose square is no number above zero."""
-_NONE, _HALF_PLANE, _DISC = 0.0, 1.0, 2.0
+_NONE, HALF_PLANE, DISC = 0.0, 1.0, 2.0
 
 
 class HalfPlane(NamedTuple):
@@ -89,20 +93,32 @@ def obstacle_numbers(obstacles: Sequence[Obstacle], max_obstacles: int) -> Array
     return numbers.reshape(-1)
 
 
-def _row(obstacle: object) -> tuple[float, ...] | None:
+@cache
+def obstacle_function() -> ca.Function:
+    """Kind, x, y and size of an obstacle (4,) -> its numbers (4,), and whether it is refused.
+
+    Those of a half-plane are divided by the length of its normal; a kind of zero says that there is nothing.
+    """
+    told = ca.SX.sym("told", 4)
+    kind, x, y, size = ca.vertsplit(told)
+    largest = ca.fmax(ca.fabs(x), ca.fabs(y))  # so that no square is too large or too small
+    length = ca.if_else(kind == HALF_PLANE, largest * ca.sqrt((x / largest) ** 2 + (y / largest) ** 2), 1)
+    row = told[1:] / length
+    valid = all_true(length < ca.inf, *(ca.fabs(each) <= MAX_MAGNITUDE for each in ca.vertsplit(row)))  # NaN fails
+    valid = ca.logic_and(valid, ca.logic_or(kind != DISC, size >= 0))
+    return ca.Function("obstacle", [told], [ca.vertcat(row, kind), ca.logic_not(valid)])
+
+
+def _row(obstacle: object) -> Array | None:
     """(4,) the numbers of one obstacle, None where it is none."""
     if not isinstance(obstacle, Obstacle):
         return None
     try:
         (x, y), size = (_number(each) for each in obstacle[0]), _number(obstacle[1])
-        length = math.hypot(x, y) if isinstance(obstacle, HalfPlane) else 1.0
-        row = (x / length, y / length, size / length)
-    except (TypeError, ValueError, ArithmeticError):
+    except (TypeError, ValueError, OverflowError):
         return None
-    valid = all(abs(number) <= MAX_MAGNITUDE for number in row)  # NaN fails
-    if isinstance(obstacle, HalfPlane):
-        return (*row, _HALF_PLANE) if valid and 0.0 < length < math.inf else None
-    return (*row, _DISC) if valid and size >= 0.0 else None
+    row, refused = obstacle_function()([HALF_PLANE if isinstance(obstacle, HalfPlane) else DISC, x, y, size])
+    return None if refused else np.asarray(row).reshape(-1)
 
 
 def _number(value: object) -> float:
@@ -141,7 +157,7 @@ def approach(
     the fastest turns.
     """
     cos, sin = ca.cos(place[2]), ca.sin(place[2])
-    disc = numbers[3] == _DISC
+    disc = numbers[3] == DISC
 
     def to_chassis(x: ca.SX, y: ca.SX) -> tuple[ca.SX, ca.SX]:
         return cos * x + sin * y, cos * y - sin * x

@@ -229,9 +229,10 @@ class PoseTracker(VelocityController):
         J = tick.once(ca.diag(weights) @ self.chain.jacobian_expression(q))
         commanded, whole = tick.once(tuple(weights * each for each in self._led_twist(inputs, J, self.guided(memory))))
         rows = tick.once(self.rows(tick, inputs, self.bounds(q, memory)))
+        bend = partial(self._bend, q, J, ca.norm_2(whole) / ca.fmax(ca.norm_2(commanded), TINY))
         w, delivered = ReferenceVelocity(
             J, commanded, self._drift(q), rows.bounds, self.chain.velocity, self.chain.locked, rows.matrix, rows.upper
-        ).stated(tick, q, inputs.last, excess=partial(self.excess, inputs, J), bend=lambda way: self._bend(q, J, way))
+        ).stated(tick, q, inputs.last, excess=partial(self.excess, inputs, J), bend=bend)
         lower, upper = rows.bounds.lower, rows.bounds.upper
         if self.jerk is not None:
             lower, upper = tick.once(self.jerk.towards(inputs.last, lower, upper, w))
@@ -431,10 +432,13 @@ class PoseTracker(VelocityController):
         drift = ca.DM(~self.chain.locked * self._settling) * (ca.DM(self.posture) - q)
         return drift / ca.fmax(ca.mmax(ca.fabs(drift) / ca.DM(DRIFT_SPEED * self.chain.velocity)), 1)
 
-    def _bend(self, q: ca.SX, jacobian: ca.SX, way: ca.SX) -> ca.SX:
-        """(6,) by which the weighted twist of a motion of one rad changes before its error is gone, see `damped`."""
+    def _bend(self, q: ca.SX, jacobian: ca.SX, slower: ca.SX, way: ca.SX) -> ca.SX:
+        """(6,) by which the weighted twist of a motion of one rad changes before its error is gone, see `damped`.
+
+        A twist `slower` than its error asks takes longer: not counted, steps would be too long to brake in.
+        """
         turned = tool_acceleration(self._unweighted(q, jacobian), way)
-        return ca.sqrt(ca.DM(self.task_weights)) * turned / self._settling
+        return ca.sqrt(ca.DM(self.task_weights)) * turned * slower / self._settling
 
     def _unweighted(self, q: ca.SX, jacobian: ca.SX) -> ca.SX:
         """(6, n) Jacobian, from the weighted one where that has all of it."""
@@ -453,9 +457,8 @@ class PoseTracker(VelocityController):
         early = 1 + self._settling * guided.early
         pose = chain.pose_expression(inputs.q + guided.strays)
         reference, whole = self._reference_twist(jacobian, pose, inputs.target, early * inputs.twist)
-        excess = ca.fmax(ca.norm_2(reference[:3]) / self.linear_speed, ca.norm_2(reference[3:]) / self.angular_speed)
-        slower = ca.if_else(guided.held, ca.fmax(excess / self.recovery_speed, 1), 1)
-        reference = reference / slower
+        slower = ca.if_else(guided.held, ca.fmax(self._over(reference) / self.recovery_speed, 1), 1)
+        reference /= slower
         over = ca.fmax(ca.dot(guided.way, reference[:3]) - min(self.feedback.max_gain, 1 / self.dt) * guided.room, 0)
         reference[:3] -= ca.if_else(guided.held, over, 0) * guided.way
         return reference, whole
@@ -471,8 +474,11 @@ class PoseTracker(VelocityController):
         feedback = controlled * self._settling * ca.vertcat(position_error, rotation_error)
         whole = controlled * twist + feedback
         reference = whole - (1 - self._braked(jacobian, feedback)) * feedback
-        excess = ca.fmax(ca.norm_2(reference[:3]) / self.linear_speed, ca.norm_2(reference[3:]) / self.angular_speed)
-        return reference / ca.fmax(excess, 1), whole
+        return reference / ca.fmax(self._over(reference), 1), whole
+
+    def _over(self, twist: ca.SX) -> ca.SX:
+        """Hand speeds of a twist (6,) over their limits."""
+        return ca.fmax(ca.norm_2(twist[:3]) / self.linear_speed, ca.norm_2(twist[3:]) / self.angular_speed)
 
     def _braked(self, jacobian: ca.SX, feedback: ca.SX) -> ca.SX:
         """Share of the feedback (6,) that lets the joints still stop at the target, at the weighted Jacobian.

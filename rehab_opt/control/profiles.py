@@ -6,8 +6,7 @@ import math
 
 import numpy as np
 
-from rehab_opt.control.axis_bounds import AxisBounds
-from rehab_opt.control.axis_motion import AxisStop, planned_range, stopping_distance
+from rehab_opt.control.axis_motion import AxisBounds, AxisStop, planned_range, stopping_distance
 
 __all__ = ["CERTIFIED", "Profiles"]
 

@@ -16,7 +16,6 @@ from rehab_opt.control.clearance import Clearance
 from rehab_opt.control.command import Command
 from rehab_opt.control.hand_task import checked_rows, frame_number
 from rehab_opt.control.joint_feedback import JointFeedback
-from rehab_opt.control.joystick import pressed
 from rehab_opt.control.limit import Limit, all_limits
 from rehab_opt.control.obstacles import Obstacle, obstacle_numbers
 from rehab_opt.control.reaching import Reaching
@@ -26,6 +25,7 @@ from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics import DriveName
 from rehab_opt.kinematics.chain import per_joint
 from rehab_opt.kinematics.mobile_arm import CHAIR, MobileArm
+from rehab_opt.kinematics.real_array import is_true
 from rehab_opt.kinematics.room import MovingCapsule
 from rehab_opt.optim.rows import Instance
 from rehab_opt.symbolic import Compile
@@ -304,7 +304,7 @@ class RedundancyResolver(OneThread):
         if self._reaching is None:
             self._reaching = Reaching(self.robot, dt=self.dt)
         place, joints = real_numbers("target", target, (3,)), real_numbers("q", q, (self.robot.chain.n,))
-        twist = self._reaching.twist(joints, place, last=self._active.velocity, moving=pressed(enable))
+        twist = self._reaching.twist(joints, place, last=self._active.velocity, moving=is_true(enable))
         command = self._step(q, twist, ("x", "y", "z"), "world", moving, enable, stamp)
         if not command.status.certified:
             self._reaching.forget()

@@ -11,10 +11,8 @@ from numpy.typing import NDArray
 
 from rehab_opt.control.damped import DAMPING, PASSES, Bend, bent_velocity, damped_velocity
 from rehab_opt.control.stopping import FAR, VelocityBounds
-from rehab_opt.optim.active_set import active_set_round
 from rehab_opt.optim.certificate import clipped
-from rehab_opt.optim.dual_active_set import dual_active_set
-from rehab_opt.optim.fused import ANALYTIC_TOLERANCE
+from rehab_opt.optim.fused import ANALYTIC_TOLERANCE, by_dual_active_set, choice, exact_round
 from rehab_opt.optim.qp import Statement
 from rehab_opt.optim.qrqp import qrqp
 from rehab_opt.optim.rows import MAX_MAGNITUDE, parameter, variable, within
@@ -212,12 +210,8 @@ def _solver(n: int, k: int, m: int) -> ca.Function:
     over = within(ca.reshape(rows[: m * n], m, n) @ velocity.symbol, -ca.inf, rows[m * n :] - INSIDE)
     stated = Statement("bounded", [task, about, low, high, rows, damping], [velocity], cost / 2, [over])
     form, numbers = stated.form()
-    exact, dual = active_set_round(form, together=n, passes=2, softened=1e-13), dual_active_set(form)
-
-    qp, found = ca.MX.sym("qp", numbers.numel_out(0)), ca.MX.sym("found", 2 * n + m + 1)
-    keep = ca.Function("keep", [qp, found], [found])
-    anew = ca.Function("anew", [qp, found], [exact(qp, dual(qp))])
-    otherwise = ca.Function.if_else("if_certified", keep, anew)
+    exact = exact_round(form)
+    otherwise = choice("if_certified", by_dual_active_set(form, exact))
 
     inputs = [ca.MX.sym("p", each.numel()) for each in stated.parameters]
     centre, active = inputs[1], ca.MX.sym("reached", n + m)
@@ -225,6 +219,6 @@ def _solver(n: int, k: int, m: int) -> ca.Function:
     for _ in range(PASSES):
         qp = numbers(ca.vertcat(inputs[0], centre, *inputs[2:-1]), ca.MX(0, 1))
         found = exact(qp, active)
-        found = otherwise(found[-1] <= ANALYTIC_TOLERANCE, qp, found)
+        found = otherwise(found[-1] <= ANALYTIC_TOLERANCE, found, qp)
         centre, active = found[:n], found[n:-1]
     return ca.Function("bounded", inputs, [found])

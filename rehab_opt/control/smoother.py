@@ -12,16 +12,14 @@ from threading import get_ident
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rehab_opt.control.axis_bounds import axis_bounds
-from rehab_opt.control.axis_motion import stopping_distance
+from rehab_opt.control.axis_motion import axis_bounds, stopping_distance
 from rehab_opt.control.command import Command, Relaxed, Status
 from rehab_opt.control.profiles import CERTIFIED, Profiles
-from rehab_opt.control.smoother_target import AT_REST, brought_within, copied, finite_numbers
 from rehab_opt.control.thread_owner import OneThread
 from rehab_opt.control.watchdog import Watchdog
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import per_joint
-from rehab_opt.kinematics.real_array import is_real
+from rehab_opt.kinematics.real_array import is_real, is_true, real_array
 
 __all__ = ["Smoother"]
 
@@ -32,6 +30,10 @@ RETURN_SPEED = 0.1
 HORIZON = 3600.0
 """[s] A target further away than this at full speed is a fault, not a target; Ruckig itself ends at 7.6e3 s."""
 NOT_RENEWED = "moving target was not renewed in time"
+HEADROOM = 0.99
+"""Largest share of the velocity bound that a target's own velocity counts for: the rest is for catching up with it."""
+NUMBERS = {float, int}
+AT_REST = "target is about to leave the bounds: approached as if at rest"
 
 
 class Smoother(OneThread):
@@ -181,7 +183,7 @@ class Smoother(OneThread):
             self._claim()
         profiles = self._started()
         reason = self._watchdog.check(stamp)
-        if not _is_true(enable):
+        if not is_true(enable):
             reason = "disabled"
         if not reason:
             reason = self._aim(target, target_velocity)
@@ -221,20 +223,20 @@ class Smoother(OneThread):
     def _aim(self, target: ArrayLike, target_velocity: ArrayLike | None) -> str:
         """Plan to the target where it is a new one; why it cannot be followed, or nothing."""
         profiles = self._profiles
-        request = copied(target), copied(target_velocity)
+        request = _copied(target), _copied(target_velocity)
         if request == self._request and not (profiles.stopping or self._returning):
             if not (self._moving and self._has_grown_old()):
                 return ""
             self._old = request
         if request == self._old:
             return NOT_RENEWED
-        goal = finite_numbers(target, self._n)
-        speed = [0.0] * self._n if target_velocity is None else finite_numbers(target_velocity, self._n)
+        goal = _finite_numbers(target, self._n)
+        speed = [0.0] * self._n if target_velocity is None else _finite_numbers(target_velocity, self._n)
         if goal is None or speed is None:
             return f"target{' velocity' if goal else ''} is not {self._n} finite numbers"
         if not all(abs(x - y) <= HORIZON * v for x, y, v in zip(goal, profiles.p, self._bounds.velocity, strict=True)):
             return f"target is more than {HORIZON:g} s away"
-        note = brought_within(profiles, goal, speed)
+        note = _brought_within(profiles, goal, speed)
         if not profiles.move(goal, speed):
             note = note or AT_REST
             speed = [0.0] * self._n
@@ -262,6 +264,44 @@ class Smoother(OneThread):
         return self._profiles
 
 
-def _is_true(signal: object) -> bool:
-    """A dead-man input is given by true and by nothing else: NaN, text and None are not."""
-    return signal is True or (isinstance(signal, (bool, np.bool_, int, float)) and bool(signal == 1))
+def _brought_within(profiles: Profiles, goal: list[float], speed: list[float]) -> str:
+    """Bring goal and speed inside the bounds; a note on what was changed."""
+    note = ""
+    for i, (low, high, fastest, _, _) in enumerate(zip(*profiles.bounds, strict=True)):
+        if not low <= goal[i] <= high:
+            goal[i], speed[i] = min(max(goal[i], low), high), 0.0
+            note = "target is outside the bounds: clipped"
+        if not -fastest <= speed[i] <= fastest:
+            note = note or "target is faster than the velocity bound"
+        limit = HEADROOM * fastest
+        speed[i] = min(max(speed[i], -limit), limit)
+        if speed[i] and profiles.leads_out(i, goal[i], speed[i]):
+            speed[i] = 0.0
+            note = note or AT_REST
+    return note
+
+
+def _copied(value: ArrayLike | None) -> object:
+    """Copy of a target, to be compared with the next: the caller may overwrite its array, or one in its list."""
+    if value is None:
+        return None
+    if isinstance(value, (list, tuple)) and NUMBERS.issuperset(map(type, value)):
+        return list(value)
+    try:
+        return real_array(value).tolist()
+    except (TypeError, ValueError, OverflowError):
+        return object()  # equal to nothing
+
+
+def _finite_numbers(value: ArrayLike, n: int) -> list[float] | None:
+    """`value` as n finite numbers, or None."""
+    try:
+        array = real_array(value)
+    except (TypeError, ValueError, OverflowError):
+        return None
+    if array.ndim == 0 and n == 1:
+        array = array.reshape(1)
+    if array.shape != (n,):
+        return None
+    numbers: list[float] = array.tolist()
+    return numbers if all(map(math.isfinite, numbers)) else None

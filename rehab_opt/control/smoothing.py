@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rehab_opt.control.axis_bounds import axis_bounds
+from rehab_opt.control.axis_motion import axis_bounds
 from rehab_opt.control.path_timing import PathCells, fastest_timing
 from rehab_opt.control.velocity_controller import checked_number
 from rehab_opt.control.watchdog import SHORTEST_TICK

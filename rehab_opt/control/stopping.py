@@ -25,8 +25,7 @@ ROUNDED = 1e-11
 last would have to brake harder for it."""
 
 FAR = 1e9
-"""[rad or m] A position limit that is never felt."""
-
+"""A limit that is never felt."""
 
 GENTLE = 0.7
 """Share of the acceleration limit that braking before a limit takes where servos follow late."""

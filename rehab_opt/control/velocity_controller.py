@@ -31,7 +31,7 @@ from rehab_opt.control.watchdog import NUMBER_OF_SECONDS, Watchdog, stamp_and_ki
 from rehab_opt.control.watched_joints import not_followed, watched_joints
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import SerialChain, per_joint
-from rehab_opt.kinematics.real_array import is_finite, real_array
+from rehab_opt.kinematics.real_array import is_finite, is_true, real_array
 from rehab_opt.optim.certificate import all_true, clipped
 from rehab_opt.optim.fallback_chain import FUSED, FallbackChain
 from rehab_opt.optim.fused import FUSED_SOLVERS
@@ -336,7 +336,7 @@ class VelocityController(OneThread, ABC):
         """Write enable input and stamp; they are the usual ones where that is true and there is none."""
         given = self._given
         given[0], given[1] = (stamp, NUMBER_OF_SECONDS) if type(stamp) is float else stamp_and_kind(stamp)
-        given[2] = enable is True or (isinstance(enable, np.bool_ | int | float) and enable == 1)
+        given[2] = is_true(enable)
         self._usual = enable is True and stamp is None
 
     def _tick(self, enable: object, stamp: float | None) -> Command:

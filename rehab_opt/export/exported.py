@@ -13,12 +13,16 @@ import casadi as ca
 from rehab_opt.control.pose_tracker import PoseTracker
 from rehab_opt.control.velocity_controller import VelocityController
 from rehab_opt.control.velocity_tick import DONE, NOTHING_TO_SOLVE, REPORT
-from rehab_opt.errors import ConfigurationError
+from rehab_opt.errors import ConfigurationError, ProblemFileError
 from rehab_opt.export.c_text import indented, layout, number
 from rehab_opt.export.generated import renamed
 from rehab_opt.export.recording import Run
+from rehab_opt.optim.fallback_chain import FUSED
+from rehab_opt.session.files import ProblemFile
+from rehab_opt.session.schema import Problem
+from rehab_opt.session.systems import value_at
 
-__all__ = ["ExportedController", "ExportedVelocity", "Law"]
+__all__ = ["ExportedController", "ExportedVelocity", "Law", "refuse_other_solvers"]
 
 MAX_VALUES = 12
 """Of a command: `REHAB_MAX_VALUES`."""
@@ -28,6 +32,13 @@ SPARE = 100
 """Numbers of a struct beyond those that are counted."""
 VERDICT = 3
 """Numbers of a verdict before its report."""
+
+
+def refuse_other_solvers(config: ProblemFile[Problem], key: str) -> None:
+    """Raise a `ProblemFileError` where a file names a solver that does not become C."""
+    solver = value_at(config.problem, key)
+    if solver not in (None, FUSED):
+        raise ProblemFileError(config.file, key, solver, f"{FUSED}, which can become C")
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import io
 import math
-from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -14,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.control.command import NUMBERED, Command
-from rehab_opt.control.followed_joints import servo_rates
+from rehab_opt.control.followed_joints import FollowedJoints
 from rehab_opt.control.joint_feedback import JointFeedback
 from rehab_opt.control.reasons import notes_of, reason_number
 from rehab_opt.export.c_text import indented, initialiser, number
@@ -111,7 +110,7 @@ class Run:
 
 
 class Joints:
-    """A robot's joints in a recorded run: as commanded, or late and behind their servos as a feedback knows them.
+    """A robot's joints in a recorded run: as commanded, or late and behind their servos as `FollowedJoints` has them.
 
     Then something holds them once for a while, so that the hand's watch has what it is for.
 
@@ -123,11 +122,12 @@ class Joints:
 
     def __init__(self, start: Array, *, dt: float, ticks: int, feedback: JointFeedback | None, base: int = 0) -> None:
         self.start, self._dt, self._ticks, self._tick = start, dt, ticks, 0
-        self._noise, self._led = encoder_noise(ticks, start.size), slice(base, None)
-        self._q, self._v, self._w = start.copy(), np.zeros(start.size - base), np.zeros(start.size - base)
-        self._servo = servo_rates(math.inf if feedback is None else feedback.servo_hz, dt)
-        late = 0 if feedback is None else round(feedback.delay / dt)
-        self._sent = deque([np.zeros(start.size - base)] * late)
+        self._noise, self._base, self._q = encoder_noise(ticks, start.size), base, start.copy()
+        n, moving = start.size - base, JointFeedback(delay=0.0, servo_hz=math.inf) if feedback is None else feedback
+        model = FollowedJoints(moving, n, dt=dt)
+        self._go, self._of, self._unmeasured = model.tick, model.memory.places, np.full(n, math.nan)
+        self._memory = np.zeros(model.size)
+        self._memory[self._of["q"]] = start[base:]
         held = 0 if feedback is None else math.ceil(STOPPED / dt)
         self._held = range(ticks // 3, ticks // 3 + held)
         self._seen = start.copy()
@@ -140,17 +140,13 @@ class Joints:
 
     def go(self, command: Array) -> None:
         """One tick at these velocities (n,)."""
-        if self._led.start:
-            self._q[: self._led.start] += self._dt * command[: self._led.start]
-        self._sent.append(command[self._led])
-        arrived, servo = self._sent.popleft(), self._servo
-        short, lacks = self._v - arrived, self._w + self._dt * arrived
-        if self._tick in self._held:
-            self._v, self._w = np.zeros_like(arrived), lacks  # for which the servos push
-        else:
-            self._v = arrived + servo["v_v"] * short + servo["v_w"] * self._w
-            self._w = servo["w_v"] * short + servo["w_w"] * self._w
-        self._q[self._led] += lacks - self._w
+        base, of = self._base, self._of
+        self._q[:base] += self._dt * command[:base]
+        self._memory = memory = np.array(self._go(self._memory, self._unmeasured, command[base:])[0]).ravel()
+        if self._tick in self._held:  # the servos push for the way that they cannot go
+            memory[of["w"]] += memory[of["q"]] - self._q[base:]
+            memory[of["q"]], memory[of["v"]] = self._q[base:], 0.0
+        self._q[base:] = memory[of["q"]]
         self._tick += 1
 
 

@@ -23,7 +23,7 @@ from rehab_opt.kinematics.link_capsules import CapsuleOnLink, LinkCapsule, check
 from rehab_opt.kinematics.real_array import checked_array
 from rehab_opt.kinematics.rigid import nearest_rigid
 from rehab_opt.kinematics.robot_file.links import MJCF, URDF, Given, chain_arguments
-from rehab_opt.symbolic.shared import Evaluator, PerThread
+from rehab_opt.symbolic.shared import Evaluated, PerThread
 
 __all__ = ["SerialChain", "per_joint"]
 
@@ -62,7 +62,7 @@ def _written_once(expression: Expression) -> Expression:
 
 
 @dataclass(frozen=True, eq=False)
-class SerialChain:
+class SerialChain(Evaluated):
     """A chain of n revolute or prismatic joints with its limits; immutable, any thread may use it.
 
     Parameters
@@ -337,19 +337,6 @@ class SerialChain:
     # ------------------------------------------------------------------------------------------------ plumbing
     def _evaluate(self, expression: Callable[[ca.SX], ca.SX], q: ArrayLike) -> Array:
         return self._evaluator.of(expression, per_joint("q", q, self.n, finite=False))
-
-    @cached_property
-    def _evaluator(self) -> Evaluator:
-        return Evaluator()
-
-    def __getstate__(self) -> dict[str, Any]:
-        return {name: value for name, value in self.__dict__.items() if name != "_evaluator"}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        for value in state.values():
-            if isinstance(value, np.ndarray):
-                value.flags.writeable = False  # pickle forgets it
-        self.__dict__.update(state)
 
 
 def per_joint(argument: str, value: ArrayLike, n: int, *, finite: bool = False) -> Array:

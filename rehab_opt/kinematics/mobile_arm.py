@@ -29,7 +29,7 @@ from rehab_opt.kinematics.drive import Drive, Fixed, Omnidirectional
 from rehab_opt.kinematics.inertia import inertia_expression
 from rehab_opt.kinematics.link_capsules import Capsule
 from rehab_opt.kinematics.mecanum import Mecanum, checked_amounts
-from rehab_opt.symbolic.shared import Evaluator
+from rehab_opt.symbolic.shared import Evaluated
 
 __all__ = ["CHAIR", "Capsule", "MobileArm", "Outline"]
 
@@ -60,7 +60,7 @@ class Outline(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class MobileArm:
+class MobileArm(Evaluated):
     """Chair forward q1 and left q2 [m] in the world, turn q3, and an arm of at least four joints q4 to qn [rad].
 
     World and chassis frames have x forward, y left, z up, the floor at z = 0; at q = 0 they coincide. The speed of
@@ -240,17 +240,6 @@ class MobileArm:
     # ------------------------------------------------------------------------------------------------ plumbing
     def _evaluate(self, expression: Callable[[ca.SX], ca.SX], q: ArrayLike) -> Array:
         return self._evaluator.of(expression, per_joint("q", q, self.chain.n))
-
-    @cached_property
-    def _evaluator(self) -> Evaluator:
-        return Evaluator()
-
-    def __getstate__(self) -> dict[str, Any]:
-        return {name: value for name, value in self.__dict__.items() if name != "_evaluator"}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        state["rotors"].flags.writeable = False  # pickle forgets it
-        self.__dict__.update(state)
 
 
 def _check_outline(outline: object) -> None:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from rehab_opt.errors import ConfigurationError
 
-__all__ = ["checked_array", "is_finite", "is_real", "positive", "real_array"]
+__all__ = ["checked_array", "float_or_nan", "is_finite", "is_real", "is_true", "positive", "real_array"]
 
 Array = NDArray[np.float64]
 _FLOATS = np.dtype(np.float64)
@@ -69,6 +69,21 @@ def is_finite(value: object) -> TypeGuard[float]:
     """Whether it is one, and a float holds it: an integer may be larger."""
     largest = sys.float_info.max
     return is_real(value) and -largest <= (value if isinstance(value, int) else float(value)) <= largest
+
+
+def float_or_nan(value: object) -> float:
+    """`value` as a float, NaN where it is no real number; of an integer that no float holds, infinite."""
+    if not is_real(value):
+        return math.nan
+    try:
+        return float(value)
+    except OverflowError:
+        return math.inf if value > 0 else -math.inf
+
+
+def is_true(value: object) -> bool:
+    """Whether a switch is held: true or 1; anything else, NaN and text too, is not."""
+    return value is True or (isinstance(value, (np.bool_, int, float)) and bool(value == 1))
 
 
 def positive(argument: str, value: object) -> float:

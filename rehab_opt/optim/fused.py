@@ -21,7 +21,7 @@ from rehab_opt.symbolic.shared import remembered
 if TYPE_CHECKING:
     from rehab_opt.optim.qp import Form, Statement
 
-__all__ = ["ANALYTIC_TOLERANCE", "FUSED_SOLVERS", "fused"]
+__all__ = ["ANALYTIC_TOLERANCE", "FUSED_SOLVERS", "by_dual_active_set", "choice", "exact_round", "fused"]
 
 FUSED_SOLVERS = ("qrqp", "closed form", "active set", "dual active set")
 """Who answered, by the number that the fused function gives."""
@@ -48,7 +48,7 @@ def fused(statement: Statement) -> ca.Function:
 
     held = ca.vertcat(analytic, residual, 1)
     answered = ca.logic_or(residual <= ANALYTIC_TOLERANCE, ca.logic_not(valid))  # no solver sees unusable parameters
-    answer = _choice(f"{statement.name}_closed_form", _solve(statement))(answered, held, full, memory, start)
+    answer = choice(f"{statement.name}_closed_form", _solve(statement))(answered, held, full, memory, start)
 
     x = answer[:n]
     report, after, violation = statement.finish(full, memory, x)
@@ -57,7 +57,7 @@ def fused(statement: Statement) -> ca.Function:
     return ca.Function(statement.name, [p, last], [state, verdict])
 
 
-def _choice(name: str, otherwise: ca.Function) -> ca.Function:
+def choice(name: str, otherwise: ca.Function) -> ca.Function:
     """Condition, held, arguments -> held where the condition is true, else what `otherwise` gives for the arguments."""
     held = ca.MX.sym("held", otherwise.sparsity_out(0))
     arguments = [ca.MX.sym("argument", otherwise.sparsity_in(i)) for i in range(otherwise.n_in())]
@@ -83,12 +83,12 @@ def _made(form: Form) -> ca.Function:
     if not form.active_set:
         return _qrqp(form)
     numbers, start = _inputs(form)
-    dual = _dual_active_set(form)(numbers)
+    dual = by_dual_active_set(form, exact_round(form))(numbers)
     # qrqp answers where rows leave a corner of the bounds alone: rounding ends the dual method beyond it.
-    answer = _choice("qrqp", _qrqp(form))(dual[-1] <= ANALYTIC_TOLERANCE, ca.vertcat(dual, 3), numbers, start)
+    answer = choice("qrqp", _qrqp(form))(dual[-1] <= ANALYTIC_TOLERANCE, ca.vertcat(dual, 3), numbers, start)
     by_solvers = ca.Function("by_solvers", [numbers, start], [answer])
     last = _last_active_set(form)(numbers, start[form.n :])
-    answer = _choice("last", by_solvers)(last[-1] <= ANALYTIC_TOLERANCE, ca.vertcat(last, 2), numbers, start)
+    answer = choice("last", by_solvers)(last[-1] <= ANALYTIC_TOLERANCE, ca.vertcat(last, 2), numbers, start)
     return ca.Function("solver", [numbers, start], [answer])
 
 
@@ -103,10 +103,14 @@ def _last_active_set(form: Form) -> ca.Function:
     return ca.Function("last", [numbers, multipliers], [answer])
 
 
-def _dual_active_set(form: Form) -> ca.Function:
-    """Numbers -> x, multipliers, residual; a round makes what it finds exact."""
+def exact_round(form: Form) -> ca.Function:
+    """`active_set_round` where what is active is independent."""
+    return active_set_round(form, together=form.n, passes=PASSES, softened=INDEPENDENT)
+
+
+def by_dual_active_set(form: Form, exact: ca.Function) -> ca.Function:
+    """Numbers -> x, multipliers, residual; `exact_round` makes what the dual method finds exact."""
     numbers, _ = _inputs(form)
-    exact = active_set_round(form, together=form.n, passes=PASSES, softened=INDEPENDENT)
     return ca.Function("by_dual", [numbers], [exact(numbers, dual_active_set(form)(numbers))])
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any
 
@@ -29,6 +30,7 @@ __all__ = [
     "clearance_key",
     "clearance_of",
     "nearest_bodies",
+    "planes_of",
     "start_notes",
 ]
 Name = Annotated[str, Field(min_length=1, max_length=60)]
@@ -207,6 +209,17 @@ class NearestBodies:
         return legend_below(figure, axes, 3)
 
 
+def planes_of(sections: Sequence[Any], file: str, key: str) -> list[KeepOut]:
+    """Planes that a problem file states under `key`. Raises a `ProblemFileError` for a normal that is none."""
+    planes = []
+    for i, each in enumerate(sections):
+        try:
+            planes.append(KeepOut.through(each.point_m, each.normal))
+        except ConfigurationError as refused:
+            raise ProblemFileError(file, f"{key}.{i}.normal", each.normal, "a direction") from refused
+    return planes
+
+
 def clearance_of(section: ClearanceSection | None, file: str, *, moving: bool = False) -> list[Any]:
     """The `Clearance` that a problem file states, as `limits` of a controller; none without such a table.
 
@@ -219,12 +232,6 @@ def clearance_of(section: ClearanceSection | None, file: str, *, moving: bool = 
     if section.moving and not moving:
         expected = 'none: bodies that move are told in runs of system = "pose_tracking"'
         raise ProblemFileError(file, "clearance.moving", [each.name for each in section.moving], expected)
-    planes = []
-    for i, each in enumerate(section.planes):
-        try:
-            planes.append(KeepOut.through(each.point_m, each.normal))
-        except ConfigurationError as refused:
-            raise ProblemFileError(file, f"clearance.planes.{i}.normal", each.normal, "a direction") from refused
     capsules = [
         Capsule(each.name, _point(each.start_m), _point(each.end_m or each.start_m), each.radius_m)
         for each in section.capsules
@@ -240,7 +247,7 @@ def clearance_of(section: ClearanceSection | None, file: str, *, moving: bool = 
     return [
         Clearance(
             **section.arguments("margin_mm", "self_margin_mm"),
-            planes=planes,
+            planes=planes_of(section.planes, file, "clearance.planes"),
             capsules=capsules,
             boxes=[Box.at(each.name, pose_of(each.turn_deg, each.centre_m), each.size_m) for each in section.boxes],
             moving=len(section.moving),

@@ -84,8 +84,8 @@ class SessionMean(NamedTuple):
     person: str
     group: str | None
     session: str
-    order: int
     date: str | None
+    order: int
     condition: str | None
     values: tuple[float, ...]
     of: Interval
@@ -99,7 +99,7 @@ def interval(values: Sequence[float]) -> Interval:
         return Interval(mean, math.nan, math.nan, count)
     # hypot, since squares of what is absurdly large are no numbers any more
     from_mean = math.hypot(*(value - mean for value in values))
-    half = _quantile(count - 1) * from_mean / math.sqrt((count - 1) * count) if count > 1 else math.nan
+    half = _quantile(count - 1) * from_mean / math.sqrt((count - 1) * count)
     return Interval(mean, mean - half, mean + half, count)
 
 
@@ -197,7 +197,7 @@ def session_means(
     question = (
         f'SELECT s.id, p.name, p."group", s.name, s.date FROM people p JOIN sessions s ON s.person = p.id WHERE {of}'
     )
-    who = {row[0]: row[1:] for row in study.rows(question, bound)}
+    who = {key: (name, group, session, day) for key, name, group, session, day in study.rows(question, bound)}
     by_id = {each.id: each for each in measures}
     among = (
         f"{FROM} JOIN measures m ON m.trial = t.id WHERE {of} AND t.status = ? AND m.value IS NOT NULL "
@@ -208,28 +208,17 @@ def session_means(
         asked = f"SELECT m.quantity, s.id, t.condition, avg(m.value), count(*) {among} GROUP BY 1, 2, 3"
         for measure, session, condition, mean, count in study.each(asked, (DONE, *by_id)):
             interval_of = Interval(mean, math.nan, math.nan, count)
-            found[measure].append(_session_mean(who[session], order[session], condition, (), interval_of))
+            found[measure].append(SessionMean(*who[session], order[session], condition, (), interval_of))
     else:
         values: dict[tuple[int, int, str | None], list[float]] = defaultdict(list)
         for *key, value in study.rows(f"SELECT m.quantity, s.id, t.condition, m.value {among}", (*bound, DONE, *by_id)):
             values[key[0], key[1], key[2]].append(value)
         for (measure, session, condition), of_trials in values.items():
-            mean_of = _session_mean(who[session], order[session], condition, tuple(of_trials), interval(of_trials))
-            found[measure].append(mean_of)
+            of_session = *who[session], order[session], condition
+            found[measure].append(SessionMean(*of_session, tuple(of_trials), interval(of_trials)))
     for means in found.values():
         means.sort(key=lambda each: (each.person, each.order, each.condition or ""))
     return {by_id[measure]: means for measure, means in found.items()}
-
-
-def _session_mean(
-    who: tuple[str, str | None, str, str | None],
-    order: int,
-    condition: str | None,
-    values: tuple[float, ...],
-    of: Interval,
-) -> SessionMean:
-    name, group, session, date = who
-    return SessionMean(name, group, session, order, date, condition, values, of)
 
 
 def of_person(person: str | None) -> tuple[str, tuple[str, ...]]:

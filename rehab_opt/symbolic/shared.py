@@ -11,11 +11,12 @@ from functools import cached_property
 from typing import Any, Generic, TypeVar
 
 import casadi as ca
+import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.symbolic.buffered import BufferedFunction
 
-__all__ = ["ATOMIC", "REMEMBERED", "Evaluator", "PerThread", "form_of_parts", "remembered"]
+__all__ = ["ATOMIC", "REMEMBERED", "Evaluated", "Evaluator", "PerThread", "form_of_parts", "remembered"]
 
 T = TypeVar("T")
 
@@ -58,6 +59,23 @@ class Evaluator:
             made = PerThread(lambda: BufferedFunction(function))
             known = self._functions.setdefault(expression.__name__, made)  # should two threads have built it at once
         return known.mine.of(*values)
+
+
+class Evaluated:
+    """Base of an immutable object that evaluates expressions of its own; what is built for that is not pickled."""
+
+    @cached_property
+    def _evaluator(self) -> Evaluator:
+        return Evaluator()
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in self.__dict__.items() if name != "_evaluator"}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        for value in state.values():
+            if isinstance(value, np.ndarray):
+                value.flags.writeable = False  # pickle forgets it
+        self.__dict__.update(state)
 
 
 def remembered(form: Hashable, make: Callable[[], T]) -> T:

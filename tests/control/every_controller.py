@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import cache
 from typing import Any, NamedTuple
+from weakref import WeakKeyDictionary
 
 import numpy as np
 import shapely
@@ -67,8 +68,12 @@ def workspace_map() -> ControllerMap:
     return WorkspaceMap.between(here, there, rule="polar").for_controller(unsafe=True)
 
 
-NUMBERS = itertools.count(1)
-"""Of messages: each later than all before it, whichever side hears it."""
+NUMBERS: WeakKeyDictionary[object, Iterator[int]] = WeakKeyDictionary()
+
+
+def next_number(side: HelperSide | ParticipantSide) -> int:
+    """Of the message that follows on those that a side has heard."""
+    return next(NUMBERS.setdefault(side, itertools.count(1)))
 
 
 def bilateral() -> Bilateral:
@@ -114,12 +119,12 @@ CASES: dict[str, Case] = {
     "helper_side": Case(
         lambda **options: HelperSide(workspace_map(), **FORCE, **options),
         (HAND, np.zeros(2)),
-        lambda made, x, v, **more: made.step(x, FromParticipant(*HAND, 1.0, 0.0, 0.0, next(NUMBERS)), v, **more)[0],
+        lambda made, x, v, **more: made.step(x, FromParticipant(*HAND, 1.0, 0.0, 0.0, next_number(made)), v, **more)[0],
     ),
     "participant_side": Case(
         lambda **options: ParticipantSide(workspace_map(), comfortable=workspace_map().source, **FORCE, **options),
         (HAND, np.zeros(2)),
-        lambda made, x, v, **more: made.step(x, FromHelper(*HAND, 0.0, next(NUMBERS)), v, **more)[0],
+        lambda made, x, v, **more: made.step(x, FromHelper(*HAND, 0.0, next_number(made)), v, **more)[0],
     ),
     "bilateral": Case(bilateral, (HAND, HAND), lambda made, *given, **more: made.step(*given, **more).helper),
     "smoother": Case(

@@ -11,6 +11,7 @@ import pytest
 from rehab_opt import ConfigurationError, Relaxed, Status
 from rehab_opt.control.bilateral import Bilateral
 from rehab_opt.control.bilateral_sides import FromHelper, FromParticipant, HelperSide, ParticipantSide
+from rehab_opt.control.force_tick import LEAP
 from rehab_opt.workspace.controller_map import ControllerMap
 from tests.workspace.mapped import mapped, shape
 
@@ -267,6 +268,43 @@ def test_a_message_that_is_repeated_counts_as_none_before_and_after_a_reset() ->
     two.step(at, said[2])
     assert two.step(at, said[2])[0].status is Status.RELEASED
     assert two.step(at, one.step(HELPER, None)[1])[0].status is Status.OK
+
+
+@pytest.mark.parametrize("corrupted", [2**62, 10**400, math.inf, 4 + LEAP, 10**6])
+def test_one_corrupted_number_of_a_message_silences_no_side(corrupted: float) -> None:
+    one, two = sides(1.0)
+    at = workspace_map().image(HELPER) + [0.01, 0.0]
+    said = [one.step(HELPER, None)[1] for _ in range(5)]
+    for message in said[:3]:
+        assert two.step(at, message)[0].status is Status.OK
+    two.force.give_energy(1.0)
+    left = two.force.energy_left
+    for _ in range(50):
+        refused, _ = two.step(at, said[3]._replace(serial=corrupted, energy=0.5))  # type: ignore[arg-type]
+        assert refused.status is not Status.OK
+        assert two.force.energy_left <= left
+    for message in said[:3]:
+        assert two.step(at, message)[0].status is not Status.OK
+    assert two.step(at, said[3])[0].status is Status.OK
+    assert two.step(at, said[4])[0].status is Status.OK
+
+
+def test_a_side_that_has_missed_many_messages_hears_the_second_again_and_nothing_counts_twice() -> None:
+    _, two = sides(1.0)
+    at = workspace_map().image(HELPER) + [0.01, 0.0]
+    for first, lost in ((1, 0), (10**6, 1), (10**6 + LEAP, 0), (10**9, 1)):
+        two.force.give_energy(1.0)
+        for k in range(20):
+            left = two.force.energy_left
+            command, _ = two.step(at, FromHelper(*HELPER, 0.01, first + k))
+            taken = k >= lost
+            assert (command.status is Status.OK) == taken
+            assert (two.force.energy_left > left) == taken
+        for k in range(20):  # and none of them again, in turn
+            left = two.force.energy_left
+            command, _ = two.step(at, FromHelper(*HELPER, 0.01, first + k))
+            assert command.status is not Status.OK
+            assert two.force.energy_left <= left
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf, 1e300, 10**400])

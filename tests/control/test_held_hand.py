@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from rehab_opt import Command, JointFeedback, PoseTracker, Relaxed, Status, ur5
-from rehab_opt.control.joint_feedback import COUPLED, pole
+from rehab_opt.control.joint_feedback import COUPLED
 from tests.failing_solvers import failing_solvers
 
 Array = NDArray[np.float64]
@@ -108,6 +108,34 @@ def test_a_free_hand_is_never_held(late: float) -> None:
         command = led.step(seen.position, pose, STILL)
         assert "held" not in command.reason
         seen = robot.step(command.value)
+
+
+def by_proportional_servos(told: JointFeedback, rate: float, dt: float, stopped: float = math.inf) -> list[str]:
+    """Reasons of 4 s in which the target jumps; joints move at q' = rate (q_commanded - q), and not once `stopped`."""
+    led, rng = PoseTracker(ROBOT, dt=dt, feedback=told, linear_speed=0.5, compile=False), np.random.default_rng(21)
+    q, late, reasons = START.copy(), [np.zeros(6)] * round(told.delay / dt), []
+    behind = np.zeros(6)
+    for k in range(round(4 / dt)):
+        if k % round(0.8 / dt) == 0:
+            pose = ROBOT.pose(START + rng.uniform(-0.6, 0.6, 6))
+        command = led.step(q + 1e-4 * rng.normal(size=6), pose, STILL)
+        reasons.append(command.reason)
+        late.append(command.value)
+        arrived = late.pop(0)
+        moved = dt * arrived + (behind - arrived / rate) * -math.expm1(-rate * dt)
+        q, behind = q + moved * (k * dt < stopped), behind + dt * arrived - moved
+    return reasons
+
+
+@pytest.mark.parametrize("dt", [0.001, 0.005, 0.02])
+@pytest.mark.parametrize("rate", [20.0, 61.0, 120.0])
+def test_a_servo_without_integral_action_holds_no_free_hand_and_hides_none_that_is_held(rate: float, dt: float) -> None:
+    told = JointFeedback(delay=dt, servo_hz=rate / (2 * math.pi), integral_action=False)
+    assert not any("held" in each or "follow" in each for each in by_proportional_servos(told, rate, dt))
+    said = ["held" in each for each in by_proportional_servos(told, rate, dt, stopped=1.75)]
+    assert 1.75 < said.index(True) * dt < 1.85
+    untold = by_proportional_servos(JointFeedback(delay=dt), rate, dt)  # the claim can fail
+    assert any("held" in each for each in untold)
 
 
 def test_joints_that_turn_round_under_friction_hold_no_hand_and_hide_no_wall() -> None:
@@ -223,7 +251,7 @@ def test_another_solver_hides_no_contact() -> None:
 
 def test_a_joint_is_thrown_off_by_no_more_than_its_margin() -> None:
     """Of the largest acceleration, for as long as a speed takes to end: the servo's equations, integrated."""
-    p, a = pole(LED.servo_hz), 10.0
+    p, a = LED.pole, 10.0
 
     def thrown(ends_after: float) -> float:
         def rates(t: float, s: Array) -> list[float]:

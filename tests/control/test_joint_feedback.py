@@ -12,7 +12,6 @@ from scipy.integrate import solve_ivp
 
 from rehab_opt import ConfigurationError, JointFeedback, PoseTracker, Status, ur5
 from rehab_opt.control.followed_joints import FollowedJoints
-from rehab_opt.control.joint_feedback import pole
 
 Array = NDArray[np.float64]
 START, DT = np.array([0.0, -1.2, 1.5, -1.8, -1.57, 0.0]), 1e-3
@@ -182,18 +181,28 @@ def test_a_position_that_is_no_number_brakes(bad: float) -> None:
     assert led.step(seen, turned(0, 0.3), STILL).status.certified
 
 
+def servo_rates(told: JointFeedback, s: Array, u: float) -> list[float]:
+    """Of position, velocity and position error of a servo, see `JointFeedback.integral_action`."""
+    p = told.pole
+    if told.integral_action:
+        return [s[1], 2 * p * (u - s[1]) + p * p * s[2], u - s[1]]
+    return [p * s[2], 0.0, u - p * s[2]]
+
+
+@pytest.mark.parametrize("integral_action", [True, False])
 @pytest.mark.parametrize("dt", [5e-4, 2e-3, 0.02])
-def test_the_servo_of_the_model_is_a_proportional_integral_loop(dt: float) -> None:
+def test_the_servo_of_the_model_is_a_proportional_loop_with_and_without_integral_action(
+    dt: float, integral_action: bool
+) -> None:
     """Beside the loop's differential equations, integrated by another library."""
-    hz, rng = 17.0, np.random.default_rng(6)
-    commands = rng.normal(size=(40, 1))
-    joints = FollowedJoints(JointFeedback(delay=0.0, servo_hz=hz, correction=1e-9, tolerance=1e3), 1, dt=dt)
-    p, state = pole(hz), np.zeros(3)
+    told = JointFeedback(delay=0.0, servo_hz=17.0, integral_action=integral_action, correction=1e-9, tolerance=1e3)
+    commands, joints = np.random.default_rng(6).normal(size=(40, 1)), FollowedJoints(told, 1, dt=dt)
+    state = np.zeros(3)
     memory, *_ = joints.tick(joints.start(0.0), 0.0, 0.0)
     for u in commands:
 
         def rates(_: float, s: Array, u: float = u[0]) -> list[float]:
-            return [s[1], 2 * p * (u - s[1]) + p * p * s[2], u - s[1]]
+            return servo_rates(told, s, u)
 
         state = solve_ivp(rates, (0, dt), state, rtol=1e-10, atol=1e-12).y[:, -1]
         memory, q, *_ = joints.tick(memory, state[0], u)
@@ -203,19 +212,19 @@ def test_the_servo_of_the_model_is_a_proportional_integral_loop(dt: float) -> No
 
 @pytest.mark.parametrize("dt", [0.001, 0.005, 0.01, 0.02])
 @pytest.mark.parametrize("delay", [0.0, 0.0025, 0.005, 0.013, 0.03])
-def test_a_delay_that_ends_within_a_tick_is_followed_exactly(delay: float, dt: float) -> None:
+@pytest.mark.parametrize("integral_action", [True, False])
+def test_a_delay_that_ends_within_a_tick_is_followed_exactly(delay: float, dt: float, integral_action: bool) -> None:
     """Rounded to ticks, 5 ms were none at 10 and 20 ms: a free hand that sped up was behind, and taken for held."""
-    hz, rng = 24.0, np.random.default_rng(8)
-    commands = rng.normal(size=60)
-    joints = FollowedJoints(JointFeedback(delay=delay, servo_hz=hz, correction=1e-9, tolerance=1e3), 1, dt=dt)
-    p, state, now, acts = pole(hz), np.zeros(3), 0.0, 0.0
+    told = JointFeedback(delay=delay, integral_action=integral_action, correction=1e-9, tolerance=1e3)
+    commands, joints = np.random.default_rng(8).normal(size=60), FollowedJoints(told, 1, dt=dt)
+    state, now, acts = np.zeros(3), 0.0, 0.0
     arrivals = deque((k * dt + delay, u) for k, u in enumerate(commands))
     memory, *_ = joints.tick(joints.start(0.0), 0.0, 0.0)
 
     def go_on(seconds: float) -> None:
         nonlocal state
         if seconds > 1e-12:
-            rates = lambda _, s: [s[1], 2 * p * (acts - s[1]) + p * p * s[2], acts - s[1]]  # noqa: E731
+            rates = lambda _, s: servo_rates(told, s, acts)  # noqa: E731
             state = solve_ivp(rates, (0, seconds), state, rtol=1e-10, atol=1e-12).y[:, -1]
 
     for k, u in enumerate(commands):
@@ -258,7 +267,15 @@ def test_on_a_simulated_arm_a_limit_is_held_without_shaking() -> None:
 
 @pytest.mark.parametrize(
     ("name", "value"),
-    [("delay", -0.1), ("delay", math.nan), ("servo_hz", 0.0), ("correction", 0.0), ("tolerance", "x")],
+    [
+        ("delay", -0.1),
+        ("delay", math.nan),
+        ("servo_hz", 0.0),
+        ("correction", 0.0),
+        ("tolerance", "x"),
+        ("integral_action", 1),
+        ("integral_action", None),
+    ],
 )
 def test_a_number_that_cannot_be_is_named(name: str, value: object) -> None:
     with pytest.raises(ConfigurationError, match=f"feedback.{name}"):

@@ -47,7 +47,8 @@ class Late:
 
     def __init__(self, delay: float, hz: float, noise: float, seed: int) -> None:
         ticks = round(delay / DT)
-        self.servo, self.rng, self.noise = Servo(START, ticks - ticks // 2, hz, DT), np.random.default_rng(seed), noise
+        self.servo = Servo(START, ticks - ticks // 2, JointFeedback(servo_hz=hz), DT)
+        self.rng, self.noise = np.random.default_rng(seed), noise
         self.told = [START.copy() for _ in range(ticks // 2)]
         self.before = START.copy()
         self.still: Array | None = None

@@ -8,8 +8,7 @@ import ruckig
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
-from rehab_opt.control.axis_bounds import axis_bounds
-from rehab_opt.control.axis_motion import AxisStop
+from rehab_opt.control.axis_motion import AxisStop, axis_bounds
 from rehab_opt.control.command import Relaxed, Status
 from rehab_opt.control.profiles import Profiles
 from rehab_opt.control.smoother import Smoother

@@ -25,7 +25,7 @@ class Following(ctypes.Structure):
     _fields_ = [
         ("reference", ctypes.c_double * 16),
         *((name, ctypes.c_double) for name in ("time_scale", "lag", "manipulability")),
-        *((name, ctypes.c_ulong) for name in ("acceleration", "shortened", "slowed", "waited", "braked", "cut")),
+        *((name, ctypes.c_double) for name in ("acceleration", "shortened", "slowed", "waited", "braked", "cut")),
     ]
 
 

@@ -211,7 +211,7 @@ def test_a_side_that_was_not_made_says_nothing(libraries: dict[str, ctypes.CDLL]
 def test_a_newer_message_is_not_held_up_by_a_reset_and_an_old_one_not_let_in(libraries: dict[str, ctypes.CDLL]) -> None:
     side = CSide(libraries["participant_side"], "participant_side")
     target, x = FromHelper(*HELPER, 0.0, 7), workspace_map().image(HELPER) + [0.004, 0.0]
-    for k, (serial, taken) in enumerate([(7, True), (7, False), (6, False), (8, True)]):
+    for k, (serial, taken) in enumerate([(7, True), (2**62, False), (7, False), (6, False), (8, True)]):
         answer, _ = side.step(x, target._replace(serial=serial), None, stamp=DT * k)
         assert (answer.status == 0) == taken  # of the participant: OK
     assert side.call("reset") == 0

@@ -69,6 +69,12 @@ def led() -> PoseTracker:
     return PoseTracker(robot, dt=0.005, feedback=JointFeedback(delay=0.015, servo_hz=15.0), compile=False)
 
 
+def led_proportionally() -> PoseTracker:
+    """A tracker of joints that trail their commands."""
+    feedback = JointFeedback(delay=0.012, servo_hz=10.0, integral_action=False)
+    return PoseTracker(ur5(acceleration=np.full(6, 10.0)), dt=0.005, feedback=feedback, compile=False)
+
+
 def led_mirror() -> MirrorTracker:
     """A mirror of late joints."""
     return MirrorTracker(ur5(), dt=0.005, feedback=JointFeedback(), linear_speed=0.5, floor=0.2, compile=False)
@@ -108,7 +114,12 @@ def test_without_a_run_of_its_own_it_repeats_a_random_one(kind: str, built: Buil
 
 @pytest.mark.parametrize(
     ("make", "name", "reasons"),
-    [(led, "pose_tracker", True), (led_mirror, "mirror_tracker", True), (led_on_a_chair, "redundancy_mecanum", False)],
+    [
+        (led, "pose_tracker", True),
+        (led_proportionally, "pose_tracker", True),
+        (led_mirror, "mirror_tracker", True),
+        (led_on_a_chair, "redundancy_mecanum", False),
+    ],
 )
 def test_led_joints_are_led_in_c(
     make: Callable[[], VelocityController], name: str, reasons: bool, built: Built, tmp_path: Path

@@ -13,8 +13,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rehab_opt import PoseTracker, ur5
+from rehab_opt import JointFeedback, PoseTracker, ur5
 from rehab_opt.control.reasons import REASONS
+from rehab_opt.export.recording import Joints
 from rehab_opt.optim.qrqp import QRQP_ITERATIONS
 from tests.export.assisting import FORCES
 from tests.export.calling_c import SAME, Built, Exported, compiled_once, ran
@@ -52,6 +53,21 @@ SANITIZED = (
     "--param=asan-instrumentation-with-call-threshold=0",
 )  # fmt: skip
 """Every check, but as a call or a trap that only ends the program: their text would double the compiler's time."""
+
+
+@pytest.mark.parametrize("servo_hz", [24.0, math.inf])
+def test_joints_of_a_recorded_run_are_late_by_the_delay_to_the_fraction_of_a_tick(servo_hz: float) -> None:
+    """Two ticks and a half are five of half a tick."""
+    feedback, start, rng = JointFeedback(delay=0.025, servo_hz=servo_hz), np.zeros(3), np.random.default_rng(1)
+    whole = Joints(start, dt=0.01, ticks=600, feedback=feedback, base=1)
+    halves = Joints(start, dt=0.005, ticks=600, feedback=feedback, base=1)
+    for _ in range(100):
+        command = rng.normal(size=3)
+        whole.go(command)
+        halves.go(command)
+        halves.go(command)
+        np.testing.assert_allclose(whole.seen(start), halves.seen(start), rtol=0, atol=1e-12)
+    assert np.abs(whole.seen(start)).min() > 0.01
 
 
 @pytest.mark.parametrize("name", CONTROLLERS)

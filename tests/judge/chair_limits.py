@@ -246,7 +246,7 @@ class Servos:
 
     def __init__(self, rng: np.random.Generator, plan: Plan, q: Array, velocity: Array) -> None:
         self.rng, self.plan, self.base = rng, plan, q[:3].copy()
-        self.arm, self.observer = Servo(q[3:], plan.late, plan.told.servo_hz, plan.dt), Observer(plan, q[3:])
+        self.arm, self.observer = Servo(q[3:], plan.late, plan.told, plan.dt), Observer(plan, q[3:])
         self.last = velocity[3:].copy()
         self.arm.set_out(self.last)
         self.observer.reset(self.last)

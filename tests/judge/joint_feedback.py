@@ -28,6 +28,9 @@ PROMISES = (
     Promise("rehab_opt/control/joint_feedback.py", "Here it acts on its own reference q_led instead, the joints' "
             "positions once all commands have arrived"),
     Promise("rehab_opt/control/joint_feedback.py", "at most 128 ticks, whole or not."),
+    Promise("rehab_opt/control/joint_feedback.py", "whether a joint that moves steadily is where its commands lead: "
+            "its servo has integral action, or feeds the speed forward. Without, as q' = k (q_commanded - q), it is "
+            "behind by speed / k, k = 2 pi `servo_hz`."),
     Promise("rehab_opt/control/joint_feedback.py", "The task's error is that of q_led + d"),
     Promise("rehab_opt/control/joint_feedback.py", "The target is taken to be where its twist leads it while a command "
             "is on its way"),
@@ -56,7 +59,8 @@ KINDS = ("blocked", "nothing", "wrong way", "limits", "encoder still", "knocked"
 NAMES = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
 FOR_GOOD = ("blocked", "wrong way", "encoder still")
 LEAST = {"fault told": 30_000, "after a reset": 10_000, "a joint at its limit": 2000, "no numbers": 2000,
-         "beyond the tolerance, no fault": 1000, "servo in the model": 50_000, "late by more or less": 50_000,
+         "beyond the tolerance, no fault": 1000, "servo in the model": 50_000, "servo without integral action": 15_000,
+         "late by more or less": 50_000,
          "compared with one that is not late": 150_000, "not told of the robot, fault told": 4000,
          "not told of the robot, due": 100, "not told of the robot, no fault": 10_000}  # fmt: skip
 CI_TICKS = 4400
@@ -81,23 +85,24 @@ OVERSHOOT = 1e-4
 
 
 class Servo:
-    """Velocity loops of proportional and integral gain, both poles at -p, behind commands under way."""
+    """Velocity loops of proportional and integral gain, both poles at -p, or q' = k (q_commanded - q), behind commands
+    under way."""
 
-    def __init__(self, q: Array, late: float, hz: float, dt: float) -> None:
+    def __init__(self, q: Array, late: float, told: JointFeedback, dt: float) -> None:
         """Commands act `late` ticks later, which need be no whole number."""
         self.q, self.dt, self.lag = q.copy(), dt, np.zeros((2, len(q)))
-        """Speed less the command [rad/s], and what the integral holds [rad]."""
+        """Speed less the command [rad/s], and by how much the position is behind [rad]."""
         ticks = math.ceil(late - 1e-6)
         self.v, self.late = np.zeros(len(q)), [np.zeros(len(q)) for _ in range(ticks)]
         self.ahead = dt * max(ticks - late, 0.0)
         """[s] of a tick in which the next command acts already."""
-        p = 2 * math.pi * hz / POLE if math.isfinite(hz) else 0.0
-        rates = np.array([[-2 * p, p * p], [-1.0, 0.0]])
-        self.fades = [expm(t * rates) if p else np.zeros((2, 2)) for t in (dt - self.ahead, self.ahead)]
+        slow = slowness(told)
+        self.trails = 0.0 if told.integral_action else slow
+        self.fades = [faded(t / slow, slow, told) if slow else np.zeros((2, 2)) for t in (dt - self.ahead, self.ahead)]
 
     def set_out(self, velocity: Array) -> None:
         """It has moved like that for long."""
-        self.v, self.lag = velocity.copy(), np.zeros_like(self.lag)
+        self.v, self.lag = velocity.copy(), np.stack([np.zeros_like(velocity), self.trails * velocity])
         self.late = [velocity.copy() for _ in self.late]
 
     def move(self, command: Array) -> Array:
@@ -108,10 +113,10 @@ class Servo:
             parts.append((self.late[-1], self.ahead, self.fades[1]))
         moved = np.zeros(len(self.q))
         for arrived, seconds, fades in parts:
-            self.lag[0] = self.v - arrived
-            after = fades @ self.lag
+            rest = np.stack([arrived, self.trails * arrived])
+            after = rest + fades @ (np.stack([self.v, self.lag[1]]) - rest)
             moved += seconds * arrived + self.lag[1] - after[1]
-            self.v, self.lag = arrived + after[0], after
+            self.v, self.lag = after[0], after - [arrived, 0 * arrived]
         self.q = self.q + moved
         return moved
 
@@ -120,6 +125,19 @@ class Servo:
         """(n,) [rad] by how much they will still move."""
         acted = self.ahead * self.late[-1] if self.late else 0.0
         return np.asarray(self.dt * np.sum(self.late, axis=0) - acted + self.lag[1])
+
+
+def faded(times: float, slow: float, told: JointFeedback) -> Array:
+    """(2, 2) what is left of speed and position error after so many times `slow` [s]."""
+    if not told.integral_action:
+        return math.exp(-times) * np.array([[0.0, 1 / slow], [0.0, 1.0]])
+    return np.asarray(expm(times * slow * np.array([[-2 / slow, slow**-2], [-1.0, 0.0]])))
+
+
+def slowness(told: JointFeedback) -> float:
+    """[s] 1/p, or 1/k without integral action."""
+    with np.errstate(divide="ignore"):
+        return float((POLE if told.integral_action else 1.0) / (2 * math.pi * np.float64(told.servo_hz)))
 
 
 class Plan(NamedTuple):
@@ -155,6 +173,7 @@ def draw(rng: np.random.Generator, number: int, start: Array) -> Plan:
     told = JointFeedback(
         delay=(ticks + rng.uniform(-0.4, 0.4) * (ticks > 0)) * dt,
         servo_hz=float(rng.choice([math.inf, 10.0, 24.0, 60.0])) if kind != "limits" else float(rng.choice([10, 24])),
+        integral_action=bool(rng.random() < 0.7),
         correction=float(rng.choice([0.05, 1.0, 20.0])),
         tolerance=float(rng.choice([0.03, 0.05])),
         patience=float(rng.choice([0.05, 0.1])),
@@ -186,7 +205,7 @@ class Encoders:
 
     def __init__(self, rng: np.random.Generator, plan: Plan, start: Array) -> None:
         self.rng, self.plan = rng, plan
-        self.robot = Servo(start, plan.late, plan.told.servo_hz, plan.dt)
+        self.robot = Servo(start, plan.late, plan.told, plan.dt)
         self.shift, self.still = np.zeros(6), start.copy()
 
     def read(self, k: int, command: Array) -> Array:
@@ -220,7 +239,7 @@ class Observer:
 
     def __init__(self, plan: Plan, start: Array) -> None:
         self.told, self.dt = plan.told, plan.dt
-        self.model = Servo(start, plan.ticks, plan.told.servo_hz, plan.dt)
+        self.model = Servo(start, plan.ticks, plan.told, plan.dt)
         self.known = False
         self.error, self.strays = np.zeros((2, len(start)))
         """(n,) following error, and what the task knows of it."""
@@ -330,7 +349,9 @@ def one_run(verdict: Verdict, rng: np.random.Generator, plan: Plan, start: Array
     verdict.during("no numbers", blind, dt)
     verdict.during("beyond the tolerance, no fault", (np.abs(errors) > told.tolerance).any(axis=1) & ~tells, dt)
     verdict.during("compared with one that is not late", free, dt)
-    verdict.during("servo in the model", np.full(TICKS, math.isfinite(told.servo_hz)), dt)
+    modelled = math.isfinite(told.servo_hz)
+    verdict.during("servo in the model", np.full(TICKS, modelled), dt)
+    verdict.during("servo without integral action", np.full(TICKS, modelled and not told.integral_action), dt)
     verdict.during("late by more or less", np.full(TICKS, plan.late != plan.ticks), dt)
 
 
@@ -338,7 +359,7 @@ def rates(verdict: Verdict, rng: np.random.Generator, told: JointFeedback) -> No
     """What this robot, and servos from slow to faster than its delay, leave of a gain, by their numbers."""
     hz = np.r_[told.servo_hz, 10 ** rng.uniform(-1.0, 4.0, 20)]
     each = [dataclasses.replace(told, servo_hz=float(one)) for one in hz]
-    late, slow = told.delay, POLE / (2 * math.pi * hz)
+    late, slow = told.delay, np.array([slowness(one) for one in each])
     with np.errstate(divide="ignore"):
         said = np.array([[one.max_gain, one.approach, one.command_delay] for one in each])
         due = np.column_stack([2 / (3 * (late + slow)), 1 / (3 * slow), np.full(len(hz), late / 2)])
@@ -353,7 +374,7 @@ def untold(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
     begins, ends, ticks = round(0.5 / dt), round(1.5 / dt), round(1.7 / dt)
     start, joint, fraction = good_posture(rng, 0.3), int(rng.integers(6)), kinds[kind]
     late = round(rng.uniform(0.0, 0.04) / dt) if kind == "late" else 0
-    servo = Servo(start, late, 24.0 if kind == "late" else math.inf, dt)
+    servo = Servo(start, late, JointFeedback(servo_hz=24.0 if kind == "late" else math.inf), dt)
     noise = 2e-4 if kind in ("blocked", "late") else 0.0
     control = PoseTracker(ur5(velocity=1.5, acceleration=10.0), dt=dt, gain=5.0, compile=False)
     rate = rng.uniform(-0.05, 0.05, 6)

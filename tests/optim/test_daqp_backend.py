@@ -6,8 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bench.solvers.dense_qp import Certificate
-from rehab_opt.optim.backends import ProxqpBackend
-from rehab_opt.optim.daqp_backend import OPTIONS, DaqpBackend
+from rehab_opt.optim.backends import DAQP_OPTIONS, DaqpBackend, ProxqpBackend
 from rehab_opt.optim.rows import Instance
 from tests.optim.random_qps import Array, random_qp, seeds, solved
 
@@ -67,7 +66,7 @@ def test_a_cost_without_curvature_is_a_linear_programme() -> None:
 def test_it_is_no_answer_where_the_cap_on_iterations_is_met(monkeypatch: pytest.MonkeyPatch) -> None:
     qp = random_qp(3, N, M)
     assert np.isfinite(DaqpBackend(N, M).solve(qp).x).all()
-    monkeypatch.setitem(OPTIONS, "iter_limit", 1)
+    monkeypatch.setitem(DAQP_OPTIONS, "iter_limit", 1)
     assert np.isnan(DaqpBackend(N, M).solve(qp).x).all()
 
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 
 from rehab_opt.control.bilateral_sides import FromHelper, FromParticipant, HelperSide, ParticipantSide
 from rehab_opt.control.command import Command
-from rehab_opt.control.force_tick import MESSAGE, hear, say
+from rehab_opt.control.force_tick import MESSAGE, NUMBERS, hear, say
 from rehab_opt.control.gate import reflected_force
 from rehab_opt.export.c_text import Evaluated, layout, number
 from rehab_opt.export.controllers.assistance import MEMORY, gated_fields
@@ -28,7 +29,7 @@ Array = NDArray[np.float64]
 HELPER, PARTICIPANT = "helper_side", "participant_side"
 TABLES = ("FRAME", "AFFINE", "LANDMARKS", "WEIGHTS")
 """Of the map, as `point_inputs` gives them."""
-NUMBERS = "    double numbers[2];       /* of the last message, and of the newest that was received */"
+SERIALS = f"    double numbers[{NUMBERS.size}];       /* of messages: {', '.join(NUMBERS.places)} */"
 FELT = "    double felt[2];          /* on the participant's hand [N]; NaN where it is not known */"
 IMAGE = "\n        image(self, self->offset);"
 FORCE_TOO = "    said->force_x = message[MESSAGE_FORCE];\n    said->force_y = message[MESSAGE_FORCE + 1];"
@@ -92,20 +93,13 @@ def exported_helper_side(
         inputs=("self->view + X", "self->felt", "DAMPING", "BACK", "SOURCE", *TABLES),
         tables={"DAMPING": np.array([side.damping]), "BACK": side.back, "SOURCE": edges, **_tables(side.workspace_map)},
     )
-    side.reset()
-    ticks = _ticks(side, positions, received, len(PARTICIPANT_SAYS))
-
-    def answer(tick: RunTick) -> tuple[Command, FromHelper]:
-        message = FromParticipant._make((*tick["received"].tolist(), tick["serial"])) if tick["with_received"] else None
-        return side.step(tick["x"], message, _v(tick), enable=tick["enable"], stamp=tick["stamp"])
-
     return _exported(
         side,
         HELPER,
         title=f"{title}: the helper's side",
         desired=desired,
-        more_memory=f"{NUMBERS}\n{FELT}",
-        recording=_recording(side, ticks, answer),
+        more_memory=f"{SERIALS}\n{FELT}",
+        recording=_recording(side, positions, received),
         differences=(*DIFFERENCES, *OF_THE_PAIR, PARTNER),
         says=(HELPER_SAYS, PARTICIPANT_SAYS),
         means={"target": "felt", "told": "force_", "listen": "", "say": ""},
@@ -129,21 +123,14 @@ def exported_participant_side(
         inputs=("self->offset", "SOURCE", *TABLES),
         tables={"SOURCE": edges, **_tables(side.workspace_map)},
     )
-    side.reset()
-    ticks = _ticks(side, positions, received, len(HELPER_SAYS))
-
-    def answer(tick: RunTick) -> tuple[Command, FromParticipant]:
-        message = FromHelper._make((*tick["received"].tolist(), tick["serial"])) if tick["with_received"] else None
-        return side.step(tick["x"], message, _v(tick), enable=tick["enable"], stamp=tick["stamp"])
-
     return _exported(
         side,
         PARTICIPANT,
         title=f"{title}: the participant's side",
         desired=gated_fields(side.force, (side.force.field,), name=PARTICIPANT),
         image=image,
-        more_memory=f"{MEMORY}\n{NUMBERS}",
-        recording=_recording(side, ticks, answer),
+        more_memory=f"{MEMORY}\n{SERIALS}",
+        recording=_recording(side, positions, received),
         differences=(*DIFFERENCES, *OF_THE_PAIR),
         says=(PARTICIPANT_SAYS, HELPER_SAYS),
         means={"target": "offset", "told": "", "listen": IMAGE, "say": FORCE_TOO},
@@ -237,6 +224,7 @@ def _ticks(
             lambda tick: {**tick, "with_received": 0},
             lambda tick: {**tick, "serial": tick["serial"] - 1},
             lambda tick: {**tick, "serial": max(tick["serial"] - 7, 0)},
+            lambda tick: {**tick, "serial": 2**31 - 1},
             lambda tick: {**tick, "received": np.full(numbers, np.nan)},
             lambda tick: {**tick, "received": np.where(np.arange(numbers) == numbers - 2, np.inf, tick["received"])},
             lambda tick: {**tick, "received": np.where(np.arange(numbers) == numbers - 1, 1e9, tick["received"])},
@@ -246,17 +234,22 @@ def _ticks(
 
 def _recording(
     side: HelperSide | ParticipantSide,
-    ticks: Sequence[RunTick],
-    answer: Callable[[RunTick], tuple[Command, FromHelper | FromParticipant]],
+    positions: Array,
+    received: Sequence[FromHelper | FromParticipant | None],
 ) -> Run:
     """The commands, and besides each the energy that is left and what the side said."""
+    hears: Any = FromParticipant if isinstance(side, HelperSide) else FromHelper
     said: list[FromHelper | FromParticipant] = []
 
     def command_of(tick: RunTick) -> Command:
-        command, message = answer(tick)
-        said.append(message)
+        message = hears._make((*tick["received"].tolist(), tick["serial"])) if tick["with_received"] else None
+        v = tick["v"] if tick["with_v"] else None
+        command, answer = side.step(tick["x"], message, v, enable=tick["enable"], stamp=tick["stamp"])
+        said.append(answer)
         return command
 
+    side.reset()
+    ticks = _ticks(side, positions, received, len(hears._fields) - 1)
     about = f"{len(ticks)} ticks of a hand's path and of messages, with faults among them"
     numbers = side._messages.numbers.copy()  # they go on through a reset, and C begins anew
     try:
@@ -266,7 +259,3 @@ def _recording(
     finally:
         side._messages.numbers[:] = numbers
         side.reset()
-
-
-def _v(tick: RunTick) -> Array | None:
-    return tick["v"] if tick["with_v"] else None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import casadi as ca
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 from rehab_opt.control import mirror_following, mirror_tick
 from rehab_opt.control.damped import PASSES
 from rehab_opt.control.mirror import MirrorTracker
-from rehab_opt.control.mirror_pace import AIMED, COUNTED, PACE, REMEMBERED, SAID, TRIED
+from rehab_opt.control.mirror_pace import AIMED, COUNTED, FOLLOWED, PACE, REMEMBERED, SAID, TRIED
 from rehab_opt.control.mirror_statement import HELD
 from rehab_opt.control.mirror_tick import NOTICED, VERDICT
 from rehab_opt.control.person_limit import SETTLING, SETTLING_DT, PersonLimit, model_tick
@@ -104,9 +105,8 @@ class ExportedMirror(ExportedVelocity):
         clock, parts = tracker.pace.clock, tracker.parts
         extra = {
             "started": clock.started_function(),
-            "behind": clock.behind_function(),
             "taken": clock.taken_function(*speeds),
-            "read_at": clock.read_function(),
+            "followed": tracker.pace.followed_function(),
             "notices": parts.notice,
             "tried_pace": parts.tried,
             "aimed_at": parts.aimed,
@@ -227,7 +227,9 @@ def exported_mirror(
 RECORDS = {
     "sample": SAMPLE, "pace": PACE, "tried": TRIED, "aimed": AIMED, "held": HELD, "said": SAID, "noticed": NOTICED,
     "clock": CLOCK, "verdict": VERDICT, "counted": COUNTED, "remembered": REMEMBERED,
+    "followed": FOLLOWED,
 }  # fmt: skip
+NOTHING_FOLLOWED = FOLLOWED.numbers(reference=math.nan, time_scale=0.0, lag=0.0, manipulability=math.nan, counted=0.0)
 MEMBERS = """\
 struct {{
     double sample[{slots}][{sample}]; /* of the reference: pose's rows, twist, [s] since the one before, stamp */
@@ -266,5 +268,6 @@ def _constants(tracker: MirrorTracker) -> dict[str, str]:
         "window": str(tracker.pace.window),
         "kept": str(KEPT),
         "remembered": initialiser(tracker.beginning_of_memory()),
+        "nothing_followed": initialiser(NOTHING_FOLLOWED),
         "places": ", ".join(layout(name, record.places) for name, record in RECORDS.items()),
     }

@@ -10,8 +10,7 @@ from rehab_opt.control.command import Command
 from rehab_opt.control.damped import PASSES
 from rehab_opt.control.limit import PostureLimits
 from rehab_opt.control.pose_tracker import PoseTracker
-from rehab_opt.errors import ProblemFileError
-from rehab_opt.export.exported import ExportedController, ExportedVelocity, Law
+from rehab_opt.export.exported import ExportedController, ExportedVelocity, Law, refuse_other_solvers
 from rehab_opt.export.recording import (
     NO_ITERATIONS,
     STAMPED,
@@ -23,7 +22,7 @@ from rehab_opt.export.recording import (
     thinned,
     with_faults,
 )  # fmt: skip
-from rehab_opt.optim.fallback_chain import BACKUP, FUSED, as_in_c
+from rehab_opt.optim.fallback_chain import BACKUP, as_in_c
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.outcome import Progress
 from rehab_opt.session.plant import joint_feedback
@@ -72,8 +71,7 @@ def exported_pose_tracker(config: ProblemFile[PoseTracking], *, progress: Progre
     ProblemFileError : a solver that does not generate C, or a value of the file that cannot be used.
     """
     problem = config.problem
-    if problem.tracker.solver not in (None, FUSED):
-        raise ProblemFileError(config.file, "tracker.solver", problem.tracker.solver, f"{FUSED}, which can become C")
+    refuse_other_solvers(config, "tracker.solver")
     robot, _ = robot_at_start(config)
     tracker = tracker_of(problem, robot, file=config.file, feedback=joint_feedback(problem.plant))
     run = PoseTrackingSystem().run(config, options={}, progress=progress)

@@ -5,18 +5,19 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.control.chair_and_arm import ChairAndArm
 from rehab_opt.control.command import Command
 from rehab_opt.control.hand_task import FRAMES
-from rehab_opt.control.obstacles import NUMBERS
+from rehab_opt.control.obstacles import DISC, HALF_PLANE, NUMBERS, obstacle_function
 from rehab_opt.control.redundancy import RedundancyResolver
-from rehab_opt.errors import ProblemFileError
 from rehab_opt.export.c_text import indented, initialiser, number
 from rehab_opt.export.controllers.pose_tracker import moving_argument, moving_values
-from rehab_opt.export.exported import ExportedController, ExportedVelocity, Law
+from rehab_opt.export.exported import ExportedController, ExportedVelocity, Law, refuse_other_solvers
+from rehab_opt.export.generated import renamed
 from rehab_opt.export.recording import (
     NO_ITERATIONS,
     STAMPED,
@@ -29,8 +30,7 @@ from rehab_opt.export.recording import (
     thinned,
     with_faults,
 )  # fmt: skip
-from rehab_opt.optim.fallback_chain import BACKUP, FUSED, as_in_c
-from rehab_opt.optim.rows import MAX_MAGNITUDE
+from rehab_opt.optim.fallback_chain import BACKUP, as_in_c
 from rehab_opt.session.ardis.outcome import simulate_motion
 from rehab_opt.session.ardis.problem import ArdisProblem, DriveName
 from rehab_opt.session.ardis.robot import joystick_of, resolver_of, robot_of, start_of
@@ -57,6 +57,14 @@ DIFFERENCES = (
 )
 
 
+class ExportedResolver(ExportedVelocity):
+    """Chair and arm."""
+
+    def functions(self) -> list[ca.Function]:
+        """Those of its laws, and what makes numbers of an obstacle."""
+        return [*super().functions(), renamed(obstacle_function(), "obstacle")]
+
+
 class Listening:
     """`RedundancyResolver`, and what it was told."""
 
@@ -78,9 +86,7 @@ def exported_resolvers(config: ProblemFile[ArdisProblem], *, progress: Progress)
     ------
     ProblemFileError : a solver that does not generate C, or a value of the file that cannot be used.
     """
-    solver = config.problem.run.solver
-    if solver not in (None, FUSED):
-        raise ProblemFileError(config.file, "run.solver", solver, f"{FUSED}, which can become C")
+    refuse_other_solvers(config, "run.solver")
     return [_of_a_file(config, drive, progress=progress) for drive in sticks_of(config)]
 
 
@@ -105,7 +111,7 @@ def exported_resolver(
     active = list(resolver._sets.values())
     max_obstacles = active[0].max_obstacles
     rows = [f"REHAB_{name.upper()}_{'_'.join(names).upper()}" for names in resolver.row_sets]
-    return ExportedVelocity(
+    return ExportedResolver(
         name=name,
         title=f"{title}: joint velocities of a chair with an arm, {resolver.drive} drive",
         laws=[Law(f"law_{i}", law, {"going_on": law.going_on()}) for i, law in enumerate(active)],
@@ -182,7 +188,8 @@ def _values(
         "row_counts": "{" + ", ".join(str(len(law.rows)) for law in laws) + "}",
         "obstacle_numbers": str(NUMBERS * max_obstacles),
         "max_obstacles": str(max_obstacles),
-        "max_magnitude": number(MAX_MAGNITUDE),
+        "wall": number(HALF_PLANE),
+        "post": number(DISC),
         "room": initialiser(resolver._numbers if max_obstacles else [0.0]),
         **moving_values(resolver.limits, "parameters + JOINTS + ROWS[which] + 1 + ROOM"),
     }

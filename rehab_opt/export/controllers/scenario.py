@@ -13,11 +13,10 @@ from rehab_opt.control.bilateral import Bilateral, BilateralCommand
 from rehab_opt.control.bilateral_sides import FromHelper, FromParticipant
 from rehab_opt.control.command import Command
 from rehab_opt.control.path_assistance import PathAssistance
-from rehab_opt.errors import ProblemFileError
 from rehab_opt.export.controllers.assistance import exported_assistance
 from rehab_opt.export.controllers.bilateral_sides import exported_helper_side, exported_participant_side
 from rehab_opt.export.controllers.path_assistance import exported_path_assistance
-from rehab_opt.export.exported import ExportedController
+from rehab_opt.export.exported import ExportedController, refuse_other_solvers
 from rehab_opt.optim.fallback_chain import FUSED
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.outcome import Progress
@@ -77,9 +76,7 @@ def exported_scenario(config: ProblemFile[ScenarioProblem], *, progress: Progres
     ------
     ProblemFileError : a solver that does not generate C, or a value of the file that cannot be used.
     """
-    solver = config.problem.run.solver
-    if solver not in (None, FUSED):
-        raise ProblemFileError(config.file, "run.solver", solver, f"{FUSED}, which can become C")
+    refuse_other_solvers(config, "run.solver")
     context = precompute(config, progress=progress)
     laws = config.problem.run.laws
     pairs = [law for law in laws if law in ("together", "delayed")]

@@ -9,16 +9,14 @@ from typing import Any
 import numpy as np
 
 from rehab_opt.control.command import Command
-from rehab_opt.control.hand_bounds import KeepOut
 from rehab_opt.control.joint_feedback import JointFeedback
 from rehab_opt.control.mirror import MirrorTracker
 from rehab_opt.control.pose_tracker import PoseTracker
-from rehab_opt.errors import ConfigurationError, ProblemFileError
 from rehab_opt.plants.ideal import IdealJoints
 from rehab_opt.plants.plant import Plant
 from rehab_opt.plants.touched import TouchedPlant
 from rehab_opt.published.astar import AStarPath, astar_path
-from rehab_opt.session.clearance import clearance_key, clearance_of
+from rehab_opt.session.clearance import clearance_key, clearance_of, planes_of
 from rehab_opt.session.closed_loop import ClosedLoopRun, relaxed_words, simulate
 from rehab_opt.session.live.problem import Following, LiveInputs
 from rehab_opt.session.mirror.outcome import Led
@@ -65,12 +63,7 @@ def tracker_of(
     ProblemFileError : it refuses a value of the file.
     """
     section = problem.tracker
-    planes = []
-    for i, each in enumerate(section.keep_out):
-        try:
-            planes.append(KeepOut.through(each.point_m, each.normal))
-        except ConfigurationError as refused:
-            raise ProblemFileError(file, f"tracker.keep_out.{i}.normal", each.normal, "a direction") from refused
+    planes = planes_of(section.keep_out, file, "tracker.keep_out")
     person, grip = scene.person if scene.person is not None and live else (None, None)
     arm = problem.patient.arm
     with refused_as(file, lambda name: clearance_key(name) or KEYS.get(name, f"tracker.{name}")):

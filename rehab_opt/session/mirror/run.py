@@ -13,10 +13,9 @@ from rehab_opt.control.command import Command
 from rehab_opt.control.conditioning import Conditioner
 from rehab_opt.control.mirror import MirrorTracker
 from rehab_opt.control.person_limit import PersonLimit
-from rehab_opt.kinematics.room import KeepOut
 from rehab_opt.plants.plant import Measurement, Plant
 from rehab_opt.plants.touched import TouchedPlant
-from rehab_opt.session.clearance import clearance_of, nearest_bodies, start_notes
+from rehab_opt.session.clearance import clearance_of, nearest_bodies, planes_of, start_notes
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.live.bodies import BLUE, GREEN, ORANGE, ArmBodies, joint_rows, kept_off, near_limit, screen
 from rehab_opt.session.live.problem import Following, LiveControl, LiveProblem
@@ -69,8 +68,9 @@ class LiveMirror(LiveProblem):
         """The mirrored path, planes that are kept clear of, limits of the person or else the robot."""
         reference, section = self._scene.reference, self._config.problem.tracker
         path = reference.poses[~reference.lost][:: max(1, round(0.05 / self.dt)), :3, 3]
-        planes = [KeepOut.through(each.point_m, each.normal) for each in section.keep_out]
-        bodies = kept_off(path.mean(axis=0), clearance_of(self._config.problem.clearance, self._config.file), planes)
+        file = self._config.file
+        planes = planes_of(section.keep_out, file, "tracker.keep_out")
+        bodies = kept_off(path.mean(axis=0), clearance_of(self._config.problem.clearance, file), planes)
         shown = joint_rows(self.robot if self._person is None else self._person[0].chain)
         return {
             **super().scene(),
