@@ -64,16 +64,16 @@ class ChairAndArm(VelocityController):
     the rolling row, Eq. (4), is a left speed of zero. r is the commanded twist. z = q + T u is where the robot comes to
     rest if it brakes together from now on: see `BrakingTogether`. J is that of the middle of the tick, where a velocity
     that is held moves the hand as it does in the mean. t is Eq. (1) at q, and where joints cannot be so fast, as near
-    singular postures, its direction, of a part of r where x, y and z are led up its c (`hand_task.ASIDE`); from one of
-    its answers to a distant one, as after a turn of the stick, t is so far from u_last to Eq. (1) as the accelerations
-    allow (`HandTask`). b is the answer of the first term alone where that keeps all bounds, so that it stays the
-    answer; u_last after a tick of braking where an obstacle or keep-out is in its way, or it passes another bound by
-    what a tick's accelerations can do, or the hand stands; in between, between them: light joints stay calm, and a
-    chair whose hand stands comes to rest. y is the size of the multipliers of J u = r at that price. At the end of a
-    hand's reach they are a spring, of which what steadies is the mass. c is the critical damping of its joints u_a,
-    (0.03 T stiffness)^1/2, as far as the hand lacks of its command and b is not the analytic answer; none where what J
-    u is worth rises, as where a stretched arm comes back. The price of progress grows while the hand creeps although
-    its joints could be faster to good effect (`hand_task.CREEPS`).
+    singular postures, its direction, of a part of r where an arm alone is led up its c by x, y and z
+    (`hand_task.ASIDE`); from one of its answers to a distant one, as after a turn of the stick, t is so far from u_last
+    to Eq. (1) as the accelerations allow (`HandTask`). b is the answer of the first term alone where that keeps all
+    bounds, so that it stays the answer; u_last after a tick of braking where an obstacle or keep-out is in its way, or
+    it passes another bound by what a tick's accelerations can do, or the hand stands; in between, between them: light
+    joints stay calm, and a chair whose hand stands comes to rest. y is the size of the multipliers of J u = r at that
+    price. At the end of a hand's reach they are a spring, of which what steadies is the mass. c is the critical damping
+    of its joints u_a, (0.03 T stiffness)^1/2, as far as the hand lacks of its command and b is not the analytic answer;
+    none where what J u is worth rises, as where a stretched arm comes back. The price of progress grows while the hand
+    creeps although its joints could be faster to good effect (`hand_task.CREEPS`).
 
     **What decreases.** Let d be the part of the hand's last velocity that is no part of r between none and all of it,
     and c one tick of the hardest braking together. c is feasible: its changes are within the accelerations, it lies on

@@ -189,11 +189,10 @@ class HandTask:
             return soft, solver_of(ca.triu2symm(ca.triu(rows @ soft)))
 
         (soft, firmness), gradient = firm(here), self.self_motion * self.robot.posture_gradient_expression(posture)
-        y = firmness(commanded)
-        factor = self._kept_aside(soft @ y, gradient, size)
+        factor = self._kept_aside(soft @ firmness(commanded), gradient, size)
         direction, sought = ca.if_else(factor < 0, -direction, direction), ca.fabs(factor) * size
         lively, commanded = ca.fmin(sought, LIVELY), factor * commanded
-        y = factor * y + lively * firmness(here @ gradient)
+        y = firmness(commanded + lively * (here @ gradient))
         target = self._spread(soft @ y - lively * gradient[moving])
         # Faster than the joints can be it is a direction. Near singular postures it is far faster, and turns round from
         # one side to the other: joints went to and fro at their accelerations between them.
@@ -306,8 +305,8 @@ class HandTask:
         return y / ca.fmax(ca.fabs(ca.dot(direction, y)), ca.norm_2(y) / DEAREST + TINY)
 
     def _kept_aside(self, joints: ca.SX, gradient: ca.SX, size: ca.SX) -> ca.SX:
-        """Factor on a command: see `ASIDE`. Fewer rows leave self-motion."""
-        if not {"x", "y", "z"} <= set(self.rows):
+        """Factor on a command: see `ASIDE`. Fewer rows leave self-motion, and so does a chair that drives."""
+        if self.moving[0] < CHAIR or not {"x", "y", "z"} <= set(self.rows):
             return ca.SX(1)
         worth = 1 / ca.mmax(ca.fabs(joints) / self.robot.chain.velocity[self.moving])
         uphill = clipped(worth * ca.dot(gradient[self.moving], joints) / UPHILL, 0, 1)

@@ -49,15 +49,15 @@ FASTER = 1e-9
 class RedundancyResolver(OneThread):
     """Chair and arm velocities for a hand twist: Eq. (1), Honzik, as a QP with bounds; stated in `ChairAndArm`.
 
-    With no bound active the answer is Eq. (1), its Jacobian that of the middle of the tick, or a part of it where x, y
-    and z are led up its c at a singular posture. Never broken, in this order: joint and chassis speeds, wheel speeds
-    and rolling; then no joint goes beyond its limit, or further beyond, and neither does the chair into an obstacle nor
-    the arm into a keep-out; then accelerations; then the task, which keeps its direction and is slowed. Of an arm that
-    slides along a keep-out this holds at both ends of a tick: in between, its way bows, and the keep-out is round, by
-    reach (1 + reach / d) turn^2 / 8 together, d [m] between their axes: below 0.1 mm for 10 mrad. It may stop short of
-    one, where rows are tangents: 1 mm + reach ((1.1 T a dt)^2 + (sum a dt^2)^2) / 2 before it, 1.6 mm of `ardis()` with
-    ticks of 10 ms, 3.4 mm with 20. T is the chair's, too; a joint changes its speed by at most 0.2 / (1.1 T) in a tick,
-    so that a slow chair does not keep a quick arm far off.
+    With no bound active the answer is Eq. (1), its Jacobian that of the middle of the tick, or a part of it where an
+    arm alone is led up its c by x, y and z at a singular posture. Never broken, in this order: joint and chassis
+    speeds, wheel speeds and rolling; then no joint goes beyond its limit, or further beyond, and neither does the chair
+    into an obstacle nor the arm into a keep-out; then accelerations; then the task, which keeps its direction and is
+    slowed. Of an arm that slides along a keep-out this holds at both ends of a tick: in between, its way bows, and the
+    keep-out is round, by reach (1 + reach / d) turn^2 / 8 together, d [m] between their axes: below 0.1 mm for 10 mrad.
+    It may stop short of one, where rows are tangents: 1 mm + reach ((1.1 T a dt)^2 + (sum a dt^2)^2) / 2 before it, 1.6
+    mm of `ardis()` with ticks of 10 ms, 3.4 mm with 20. T is the chair's, too; a joint changes its speed by at most 0.2
+    / (1.1 T) in a tick, so that a slow chair does not keep a quick arm far off.
 
     The law. Every limit, keep-out and obstacle is approached so that the whole robot can brake together, all velocities
     to zero in proportion in 1.1 T, with all of them kept (`BrakingTogether`); T is the time in which every joint stops

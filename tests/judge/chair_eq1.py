@@ -21,7 +21,7 @@ PROMISES = (
     Promise(
         "rehab_opt/control/redundancy.py",
         "With no bound active the answer is Eq. (1), its Jacobian that of the middle of the tick, or a part of it "
-        "where x, y and z are led up its c at a singular posture.",
+        "where an arm alone is led up its c by x, y and z at a singular posture.",
     ),
     Promise(
         "docs/capabilities/chair_and_arm.md",
