@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
+from rehab_opt.recordings.reading import read_recording
 from rehab_opt.recordings.recording import Recording, without_spikes
+from rehab_opt.session.files import load_problem
+from rehab_opt.session.run import checked
+from rehab_opt.session.scoring import score_recordings
+from tests.measures.yardstick import reach
 
 RATES = (20.0, 50.0, 100.0, 250.0, 1000.0)
 
@@ -70,3 +77,43 @@ def test_a_jump_that_is_no_spike_is_told(stair: int) -> None:
     (note,) = found.notes
     assert "a jump that is no spike: " in note
     assert "after 2 s" in note
+
+
+def spoilt(folder: Path) -> str:
+    """A recording of 6 s with a spike of 40 mm and a hole of a second."""
+    time, points = reach(100, rest=2.0)
+    points[250] += 0.04
+    rows = [f"{t:.6f},{x:.9f},{y:.9f}" for t, (x, y) in zip(time, points, strict=True)]
+    del rows[60:160]
+    file = folder / "spoilt.csv"
+    file.write_text("\n".join(["t_s,x_m,y_m", *rows]))
+    return str(file)
+
+
+def test_a_score_leaves_spikes_out_and_says_so(tmp_path: Path) -> None:
+    """One sample 40 mm off made a movement of 3.6 s one of 0.1 s, without a word."""
+    file = spoilt(tmp_path)
+    scored = score_recordings([file])
+    times = [row.value for row in scored.rows if row.measure == "movement_time"]
+    assert times == pytest.approx([np.sqrt(1 - np.sqrt(0.05))], abs=2e-3)
+    assert f"{file}: samples left out as spikes: 1, the first after 2.5 s" in scored.notes
+
+
+def test_every_system_tells_of_holes(tmp_path: Path) -> None:
+    """An arm followed one of 3.5 s without a word."""
+    spoilt(tmp_path)
+    problem = tmp_path / "a.toml"
+    problem.write_text(
+        'system = "upper_limb"\ntitle = "a"\n[arm]\nside = "left"\nrange_of_motion = "restricted"\n'
+        '[recording]\nfile = "spoilt.csv"\nhand = "left"\n[placement]\ncentre_m = [-0.17, 0.5]\nfit_m = [0.03, 0.02]\n'
+    )
+    said = [str(note) for note in checked(load_problem(problem))]
+    for each in ("samples left out as spikes: 1, ", "once no samples, the longest of 1.01 s after 0.59 s: bridged"):
+        assert any(each in note for note in said)
+
+
+def test_sizes_are_those_without_spikes(tmp_path: Path) -> None:
+    rows = [f"{k / 100},{9.0 if k == 30 else k / 1000},0" for k in range(100)]
+    (tmp_path / "a.csv").write_text("\n".join(["t_s,x_m,y_m", *rows]))
+    assert read_recording(tmp_path / "a.csv").notes == ("samples left out as spikes: 1, the first after 0.3 s",)
+    assert len(read_recording(tmp_path / "a.csv", clean=False).time) == 100
