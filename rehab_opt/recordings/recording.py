@@ -189,12 +189,11 @@ def strange_sizes(recording: Recording) -> Iterator[str]:
         if steps.max() > UNEVEN * steps.min() and along.mean() > 0 and np.ptp(along) < EVEN * along.mean():
             yield f"{axis} grows by the same in each sample, and time does not: is one taken for the other?"
     extent, usual = float(np.ptp(recording.points, axis=0).max()), float(np.percentile(_speeds(recording), 90))
-    if 0 < extent < SMALLEST or extent > LARGEST:
-        these, called = ("metres", "millimetres") if extent < SMALLEST else ("millimetres", "metres")
-        yield (
-            f"the whole movement is {1e3 * extent:.4g} mm large: are these {these} that its header calls {called}, or "
-            "another unit?"
-        )
+    if not extent:
+        yield "the hand does not move at all: is it another column or marker?"
+    elif extent < SMALLEST or extent > LARGEST:
+        other = "larger" if extent < SMALLEST else "smaller"
+        yield f"the whole movement is {1e3 * extent:.4g} mm large: is it in a {other} unit than its header says?"
     elif usual > FASTEST:
         yield f"a tenth of its samples is faster than {usual:.3g} m/s: are the times, or lengths, in another unit?"
     elif 0 < usual < SLOWEST:

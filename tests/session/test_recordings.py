@@ -213,7 +213,7 @@ def test_times_in_milliseconds_taken_for_seconds_are_refused() -> None:
 
 
 def test_uneven_sampling_is_said(written: Write) -> None:
-    recording = read_recording(written("path.csv", "t_s,x_m,y_m\n0,0,0\n0.01,0,0\n0.05,0,0\n"))
+    recording = read_recording(written("path.csv", "t_s,x_m,y_m\n0,0,0\n0.01,0.01,0\n0.05,0.05,0\n"))
     assert resampled(recording, 100.0).notes == (
         "sampled unevenly, 10 to 40 ms apart; resampled to 100 Hz by linear interpolation",
     )

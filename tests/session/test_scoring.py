@@ -187,7 +187,7 @@ def test_recorded_pen_trace_and_marker_are_scored(recorded: Callable[[str], Path
 
 def test_metres_that_a_header_calls_millimetres_are_named_where_nothing_can_be_scored(written: Write) -> None:
     text = table(*reach(100)).replace("x_m,y_m", "x_mm,y_mm")
-    with pytest.raises(ProblemFileError, match="are these metres that its header calls millimetres"):
+    with pytest.raises(ProblemFileError, match="is it in a larger unit than its header says"):
         score_recordings([str(written("a.csv", text))])
 
 
