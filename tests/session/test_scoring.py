@@ -191,6 +191,19 @@ def test_metres_that_a_header_calls_millimetres_are_named_where_nothing_can_be_s
         score_recordings([str(written("a.csv", text))])
 
 
+@pytest.mark.parametrize(("unit", "scale"), [("s", 1.0), ("ms", 1e3)])
+def test_unix_time_stamps_are_times(written: Write, unit: str, scale: float) -> None:
+    """As ROS and Python's loggers write them: they were refused as another unit, which seconds in ms still are."""
+    time, points = reach(100, rest=0.3)
+    plain = score_recordings([str(written("a.csv", table(time, points)))])
+    text = table((time + 1.7e9) * scale, points)
+    stamped = score_recordings([str(written("b.csv", text.replace("t_s", f"t_{unit}")))])
+    np.testing.assert_allclose([row.value for row in stamped.rows], [row.value for row in plain.rows], rtol=1e-4)
+    assert not stamped.notes
+    with pytest.raises(ProblemFileError, match=r"line 2, column t_s = .*another unit"):
+        score_recordings([str(written("c.csv", table((time + 1.7e9) * 1e3, points)))])
+
+
 def test_scores_do_not_replace_the_recording_they_are_of(written: Write, capsys: pytest.CaptureFixture[str]) -> None:
     file = written("a.csv", table(*to_and_fro(1, 0.4)))
     before = file.read_bytes()
