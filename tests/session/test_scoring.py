@@ -204,6 +204,14 @@ def test_unix_time_stamps_are_times(written: Write, unit: str, scale: float) -> 
         score_recordings([str(written("c.csv", table((time + 1.7e9) * 1e3, points)))])
 
 
+@pytest.mark.parametrize(("columns", "value"), [(["x_m"], r"\['x_m'\]"), (None, "None")])
+def test_a_hand_without_y_is_refused_by_what_was_named(written: Write, columns: list[str] | None, value: str) -> None:
+    angles = "elbow\ninDegrees=no\nendheader\ntime x_tx elbow\n0 1 1\n1 2 2\n"
+    file = written("a.csv", table(*reach(100))) if columns else written("a.mot", angles)
+    with pytest.raises(ProblemFileError, match=rf"columns = {value}: expected the columns"):
+        score_recordings([str(file)], reading={"columns": columns})
+
+
 def test_scores_do_not_replace_the_recording_they_are_of(written: Write, capsys: pytest.CaptureFixture[str]) -> None:
     file = written("a.csv", table(*to_and_fro(1, 0.4)))
     before = file.read_bytes()
