@@ -53,7 +53,7 @@ def read_recording(
     separator, decimal : of a `.csv`: "comma", "semicolon" or "tab"; "point" or "comma".
     count_mm, tick_ms : [mm], [ms] what a raw count of a `.svc`, or of a `.csv` or `.c3d` without units, is.
     speed : of the recorded pace: 0.5 takes twice as long.
-    clean : `without_spikes`.
+    clean : by `without_spikes`.
 
     Raises
     ------
