@@ -116,9 +116,8 @@ def _spikes(recording: Recording, jumps: NDArray[np.bool_]) -> NDArray[np.bool_]
     for way in (parts[longest:], [part[::-1] for part in parts[longest::-1]]):
         last, away = way[0], 0
         for part in way[1:]:
-            four = [*last[-2:], *part[:2]]
-            step = -len(part[:2])
-            if len(part) > away and not _jumps(recording.time[four], recording.points[four])[step]:
+            four = [last[-4:][0], last[-1], part[0], part[:4][-1]]  # a velocity over one step would be the noise's
+            if len(part) > away > 0 and not _jumps(recording.time[four], recording.points[four])[1]:
                 last, away = part, 0
             else:
                 spikes[part], away = True, away + len(part)
@@ -133,7 +132,7 @@ def _jumps(time: Array, points: Array) -> NDArray[np.bool_]:
     off = np.min([np.linalg.norm(hops - v * steps[:, None], axis=1) for v in (before, after, (before + after) / 2)], 0)
     wide = np.abs(np.pad(steps, 1, mode="reflect"))
     seen = (wide[1:-1] + np.minimum(wide[:-2], wide[2:])) / 2
-    return np.asarray((off > ASIDE) & (2 * off > HURLED * wide[1:-1] * seen))
+    return np.asarray((off > ASIDE) & (off > wide[1:-1] * np.minimum(HURLED * seen / 2, FASTEST)))
 
 
 def gap_notes(recording: Recording) -> Iterator[str]:
