@@ -193,8 +193,8 @@ def text_lines(path: Path, name: str) -> list[str]:
 
 FARTHEST = 10.0
 """[m] A coordinate beyond is in another unit than it says."""
-LATEST = 1e9
-"""[s] A time beyond is no time of a recording: this is thirty years."""
+LATEST = 1e10
+"""[s] A time beyond is no time of a recording, counted from 1970 as by loggers, either."""
 
 
 def finite_number(

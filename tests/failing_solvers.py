@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from rehab_opt.optim import backends, fallback_chain
-from rehab_opt.optim.answer import Answer, Backend, no_answer
+from rehab_opt.optim.backends import Answer, Backend, no_answer
 from rehab_opt.optim.recorder import QPRecorder, Stream
 from rehab_opt.optim.rows import Instance
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.errors import ConfigurationError
-from rehab_opt.optim.answer import Answer
+from rehab_opt.optim.backends import Answer
 from rehab_opt.optim.certificate import certificate_function, is_certified
 from rehab_opt.optim.fused import fused
 from rehab_opt.optim.qp import Statement

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
 
-from rehab_opt.optim.answer import Answer
+from rehab_opt.optim.backends import Answer
 
 __all__ = ["Claim", "Entrant", "Solver"]
 

@@ -12,8 +12,7 @@ from bench.solvers.entrant import Claim, Entrant, Solver
 from bench.solvers.instances import RecordedQPs
 from bench.solvers.programmes import PROGRAMME_ENTRANTS
 from rehab_opt.errors import ConfigurationError
-from rehab_opt.optim.answer import Answer, Backend
-from rehab_opt.optim.backends import TIGHT, answer_from, backend, to_qpsolvers
+from rehab_opt.optim.backends import TIGHT, Answer, Backend, answer_from, backend, to_qpsolvers
 from rehab_opt.optim.certificate import is_certified
 from rehab_opt.optim.fallback_chain import BACKUP
 from rehab_opt.optim.rows import Instance

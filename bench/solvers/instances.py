@@ -8,7 +8,7 @@ from typing import Any, Protocol
 
 from bench.solvers.dense_qp import Certificate
 from bench.solvers.reference import Reference, references
-from rehab_opt.optim.answer import Answer
+from rehab_opt.optim.backends import Answer
 from rehab_opt.optim.rows import Instance
 from rehab_opt.qp_recording.sequence import ARRAYS, QPSequence
 

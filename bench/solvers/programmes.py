@@ -14,7 +14,7 @@ from bench.solvers.entrant import Claim, Entrant, Solver
 from bench.solvers.nlp_instances import PLAN, NLPInstances, read_nlp_instances
 from bench.solvers.reference import ACCURACY, Reference
 from bench.solvers.shipped import shipped_nlp_instances
-from rehab_opt.optim.answer import Answer
+from rehab_opt.optim.backends import Answer
 from rehab_opt.optim.nlp_solvers import nlp_solver
 from rehab_opt.symbolic import BufferedFunction, Compile
 

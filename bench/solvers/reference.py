@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.solvers.dense_qp import Certificate, DenseQP, fits
-from rehab_opt.optim.answer import Answer
-from rehab_opt.optim.backends import ProxqpBackend
+from rehab_opt.optim.backends import Answer, ProxqpBackend
 from rehab_opt.optim.rows import Instance
 from rehab_opt.qp_recording.sequence import QPSequence
 

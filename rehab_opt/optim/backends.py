@@ -1,10 +1,10 @@
-"""Solvers for one QP after another of one size: kept-alive proxqp and osqp, daqp, and whatever qpsolvers knows."""
+"""Solvers for one QP after another of one size, and their answers: proxqp, osqp, daqp, and whatever qpsolvers knows."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from importlib import import_module
-from typing import Any
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 import qpsolvers
@@ -12,18 +12,21 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from rehab_opt.errors import ConfigurationError
-from rehab_opt.optim.answer import Answer, Backend, has_finite_data, no_answer
 from rehab_opt.optim.rows import Instance
 
 __all__ = [
     "DAQP_OPTIONS",
     "TIGHT",
+    "Answer",
+    "Backend",
     "DaqpBackend",
     "OsqpBackend",
     "ProxqpBackend",
     "QpsolversBackend",
     "answer_from",
     "backend",
+    "has_finite_data",
+    "no_answer",
     "to_qpsolvers",
 ]
 
@@ -58,6 +61,41 @@ FLAT = 1e-14
 """Share of the largest curvature that counts as none."""
 EQUALITY, SOLVED = 5, 1
 """daqp's own words."""
+
+
+class Answer(NamedTuple):
+    """A claimed solution; NaN in x where the solver gave none. Multipliers are positive at an upper bound."""
+
+    x: Array
+    bound_multipliers: Array
+    row_multipliers: Array
+    iterations: int
+
+
+class Backend(Protocol):
+    """One solver, warm-started from its last answer."""
+
+    name: str
+
+    def forget(self) -> None:
+        """Begin anew: what is solved next depends on nothing that was solved before."""
+        ...
+
+    def solve(self, qp: Instance) -> Answer:
+        """Claimed solution of `qp`; never raises on numbers."""
+        ...
+
+
+def no_answer(n: int, m: int) -> Answer:
+    """What no certificate accepts."""
+    return Answer(np.full(n, np.nan), np.full(n, np.nan), np.full(m, np.nan), -1)
+
+
+def has_finite_data(qp: Instance) -> bool:
+    """Whether a solver may see this: NaN hangs some, and a NaN bound is no bound to others."""
+    costs_finite = np.isfinite(qp.H).all() and np.isfinite(qp.g).all() and np.isfinite(qp.A).all()
+    bounds_ordered = (qp.lower <= qp.upper).all() and (qp.rows_lower <= qp.rows_upper).all()
+    return bool(costs_finite and bounds_ordered)
 
 
 def backend(name: str, n: int, m: int, *, argument: str = "solver") -> Backend:

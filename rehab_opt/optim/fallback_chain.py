@@ -20,7 +20,7 @@ from rehab_opt.optim.rows import Instance
 from rehab_opt.symbolic import BufferedFunction, Compile
 
 if TYPE_CHECKING:
-    from rehab_opt.optim.answer import Backend
+    from rehab_opt.optim.backends import Backend
 
 __all__ = ["BACKUP", "FUSED", "FallbackChain", "as_in_c"]
 

@@ -9,14 +9,13 @@ import numpy as np
 
 from rehab_opt.errors import ProblemFileError
 from rehab_opt.recordings.recording import Recording
-from rehab_opt.text_file import FARTHEST, LATEST, finite_number, shown, text_lines, times
+from rehab_opt.text_file import FARTHEST, LATEST, finite_number, shown, text_lines
 
 __all__ = ["read_svc"]
 
 COLUMNS = {"x_mm": 1e3 * FARTHEST, "y_mm": 1e3 * FARTHEST, "t_s": LATEST, "pen_down": math.inf}
 """Each with the largest number it may hold."""
 DIGITS = 12  # a count with more is none, and Python refuses to read a very long one
-LONG_GAP = 0.1  # [s] a tablet samples every 5 to 10 ms; a longer pause means the pen was out of its range
 
 
 def read_svc(path: Path, *, name: str, count_mm: float | None = None, tick_ms: float | None = None) -> Recording:
@@ -72,8 +71,4 @@ def _trimmed(samples: np.ndarray[tuple[int, ...], np.dtype[np.float64]], name: s
         f"kept: {np.count_nonzero(task[kept, 3] == 0)} samples with the pen up between strokes, since the hand moves",
     ]
     time = task[kept, 2]
-    gaps = np.diff(time)
-    if gaps.size and gaps.max() > LONG_GAP:
-        count = int(np.count_nonzero(gaps > LONG_GAP))
-        notes.append(f"pen out of range {times(count)}, at most {gaps.max():.3g} s: bridged by straight lines")
     return Recording(file=name, time=time, points=1e-3 * task[kept, :2], notes=tuple(notes))

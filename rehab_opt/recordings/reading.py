@@ -16,7 +16,7 @@ from rehab_opt.recordings.markers import read_trc
 from rehab_opt.recordings.motion_bids import read_motion
 from rehab_opt.recordings.opensim import read_opensim
 from rehab_opt.recordings.pen_trace import read_svc
-from rehab_opt.recordings.recording import Recording, strange_sizes
+from rehab_opt.recordings.recording import Recording, gap_notes, strange_sizes, without_spikes
 from rehab_opt.recordings.tables import read_csv
 from rehab_opt.recordings.xdf import read_xdf
 
@@ -39,6 +39,7 @@ def read_recording(
     count_mm: float | None = None,
     tick_ms: float | None = None,
     speed: float = 1.0,
+    clean: bool = True,
 ) -> Recording:
     """Read a recording by its file's suffix.
 
@@ -52,6 +53,7 @@ def read_recording(
     separator, decimal : of a `.csv`: "comma", "semicolon" or "tab"; "point" or "comma".
     count_mm, tick_ms : [mm], [ms] what a raw count of a `.svc`, or of a `.csv` or `.c3d` without units, is.
     speed : of the recorded pace: 0.5 takes twice as long.
+    clean : by `without_spikes`.
 
     Raises
     ------
@@ -80,7 +82,8 @@ def read_recording(
     if speed != 1.0:
         paced = f"played at {speed:g} of its recorded speed"
         recording = replace(recording, time=recording.time / speed, joints=dict(recording.joints)).noting(paced)
-    return recording.noting(*strange_sizes(recording))
+    kept = without_spikes(recording) if clean else recording
+    return kept.noting(*gap_notes(recording), *strange_sizes(kept))
 
 
 def resampled(recording: Recording, rate: float) -> Recording:

@@ -81,47 +81,58 @@ LONG_STEP = 0.1, 5.0
 def without_spikes(recording: Recording) -> Recording:
     """Without the first of two samples whose stamps bunch, and without a sensor's spikes; notes say how many.
 
-    Either would be a jump of who follows it, and a spike the largest extent of what is scaled to fit.
+    Either would be a jump of who follows it, and a spike the largest extent of what is scaled to fit. What jumps and is
+    no spike is noted.
     """
     if not recording.points.shape[1]:
         return recording
     steps = np.diff(recording.time)
     bunched = np.append(steps < BUNCHED * np.median(steps), False)  # the first of two came late, not the second early
-    kept = _some(recording, ~bunched)
-    spikes = np.zeros(len(kept.time), dtype=bool)
-    while (more := _spikes(kept.time[~spikes], kept.points[~spikes])).any() and spikes.mean() <= FEW:
-        spikes[np.flatnonzero(~spikes)[more]] = True
-    if spikes.mean() > FEW or bunched.mean() > FEW:
-        return recording
-    notes = []
+    if bunched.mean() > FEW:
+        bunched[:] = False
+    kept, notes = _some(recording, ~bunched), []
     if bunched.any():
         notes.append(f"samples left out whose stamps bunch with the next: {int(bunched.sum())}")
-    if spikes.any():
-        at = float(kept.time[spikes.argmax()] - recording.time[0])
-        notes.append(f"samples left out as spikes: {int(spikes.sum())}, the first after {at:.3g} s")
-    return _some(kept, ~spikes).noting(*notes)
+    jumps = _jumps(kept.time, kept.points)
+    spikes, after = _spikes(kept, jumps), kept.time - recording.time[0]
+    if spikes.mean() > FEW:
+        at = int(jumps.argmax())
+        size = f"{1e3 * np.linalg.norm(kept.points[at + 1] - kept.points[at]):.3g} mm"
+        notes.append(f"a jump that is no spike: {size} from one sample to the next, after {after[at + 1]:.3g} s")
+    elif spikes.any():
+        notes.append(f"samples left out as spikes: {int(spikes.sum())}, the first after {after[spikes.argmax()]:.3g} s")
+        kept = _some(kept, ~spikes)
+    return kept.noting(*notes)
 
 
-def _spikes(time: Array, points: Array) -> NDArray[np.bool_]:
-    """(N,) samples, alone or two together, that are off the line between those about them: of neighbours the worst."""
-    found = np.zeros(len(time), dtype=bool)
-    for width in (1, 2):
-        count = len(time) - width - 1
-        if count < 1:
-            continue
-        steps, off = np.diff(time), np.full(count, np.inf)
-        for j in range(1, width + 1):
-            fraction = (time[j : count + j] - time[:count]) / (time[width + 1 :] - time[:count])
-            line = points[:count] + fraction[:, None] * (points[width + 1 :] - points[:count])
-            off = np.minimum(off, np.linalg.norm(points[j : count + j] - line, axis=1))
-        about = np.pad(off, 2, constant_values=0.0)
-        worst = off >= np.max([about[k : count + k] for k in range(5)], axis=0)
-        spike = worst & (off > ASIDE) & (2 * off > HURLED * steps[:count] * steps[width:])
-        for j in range(1, width + 1):
-            found[j : count + j] |= spike
-        if spike.any():
-            break
-    return found
+def _spikes(recording: Recording, jumps: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """(N,) samples that are not of the hand: it is where most samples between jumps are, and where it goes from there.
+
+    It goes on in the next samples that are more than those left out before them, and no jump.
+    """
+    parts = np.split(np.arange(len(recording.time)), np.flatnonzero(jumps) + 1)
+    longest = int(np.argmax([len(part) for part in parts]))
+    spikes = np.zeros(len(recording.time), dtype=bool)
+    for way in (parts[longest:], [part[::-1] for part in parts[longest::-1]]):
+        last, away = way[0], 0
+        for part in way[1:]:
+            four = [last[-4:][0], last[-1], part[0], part[:4][-1]]  # a velocity over one step would be the noise's
+            if len(part) > away > 0 and not _jumps(recording.time[four], recording.points[four])[1]:
+                last, away = part, 0
+            else:
+                spikes[part], away = True, away + len(part)
+    return spikes
+
+
+def _jumps(time: Array, points: Array) -> NDArray[np.bool_]:
+    """(N - 1,) steps aside from where the velocity of the step before leads, that of the step after, and their mean."""
+    steps, hops = np.diff(time), np.diff(points, axis=0)
+    velocity = np.pad(hops / steps[:, None], ((1, 1), (0, 0)), mode="reflect")
+    before, after = velocity[:-2], velocity[2:]
+    off = np.min([np.linalg.norm(hops - v * steps[:, None], axis=1) for v in (before, after, (before + after) / 2)], 0)
+    wide = np.abs(np.pad(steps, 1, mode="reflect"))
+    seen = (wide[1:-1] + np.minimum(wide[:-2], wide[2:])) / 2
+    return np.asarray((off > ASIDE) & (off > wide[1:-1] * np.minimum(HURLED * seen / 2, FASTEST)))
 
 
 def gap_notes(recording: Recording) -> Iterator[str]:
@@ -177,12 +188,11 @@ def strange_sizes(recording: Recording) -> Iterator[str]:
         if steps.max() > UNEVEN * steps.min() and along.mean() > 0 and np.ptp(along) < EVEN * along.mean():
             yield f"{axis} grows by the same in each sample, and time does not: is one taken for the other?"
     extent, usual = float(np.ptp(recording.points, axis=0).max()), float(np.percentile(_speeds(recording), 90))
-    if 0 < extent < SMALLEST or extent > LARGEST:
-        these, called = ("metres", "millimetres") if extent < SMALLEST else ("millimetres", "metres")
-        yield (
-            f"the whole movement is {1e3 * extent:.4g} mm large: are these {these} that its header calls {called}, or "
-            "another unit?"
-        )
+    if not extent:
+        yield "the hand does not move at all: is it another column or marker?"
+    elif extent < SMALLEST or extent > LARGEST:
+        other = "larger" if extent < SMALLEST else "smaller"
+        yield f"the whole movement is {1e3 * extent:.4g} mm large: is it in a {other} unit than its header says?"
     elif usual > FASTEST:
         yield f"a tenth of its samples is faster than {usual:.3g} m/s: are the times, or lengths, in another unit?"
     elif 0 < usual < SLOWEST:

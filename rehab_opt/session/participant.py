@@ -10,7 +10,7 @@ from rehab_opt.errors import ProblemFileError
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.kinematics.human_arm import human_arm
 from rehab_opt.recordings.reading import read_recording, resampled
-from rehab_opt.recordings.recording import Recording, without_spikes
+from rehab_opt.recordings.recording import Recording
 from rehab_opt.session.arm_keys import ArmSection, RangeOfMotion, SegmentsSection
 from rehab_opt.session.files import ProblemFile, recording_path
 from rehab_opt.session.outcome import Array
@@ -141,8 +141,7 @@ def placed_recording(
     try:
         checked_hand(source, side=side, file=config.file)
         path = recording_path(config, source.file)
-        recording = without_spikes(read_recording(path, name=source.file, **source.reading()))
-        recording = resampled(recording, rate)
+        recording = resampled(read_recording(path, name=source.file, **source.reading()), rate)
         points, sentence = placed_path(recording, placement, mirror=source.mirror, file=config.file)
     except ProblemFileError as refused:
         if not refused.key.startswith(("recording.", "placement")):

@@ -113,7 +113,8 @@ def score_recordings(
         with _options_named(given == file):
             recording = read_recording(source.path, name=file, **source.reading)
         if recording.points.shape[1] < 2:
-            raise ProblemFileError(file, "columns", None, "the columns that hold the hand's x and y (--columns)")
+            named = source.reading.get("columns")
+            raise ProblemFileError(file, "columns", named, "the columns that hold the hand's x and y (--columns)")
         if target is not None and len(target) != recording.points.shape[1]:
             expected = f"{recording.points.shape[1]} coordinates, as {file} has"
             raise ConfigurationError("--target", ",".join(f"{x:g}" for x in target), expected)

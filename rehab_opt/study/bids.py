@@ -91,7 +91,7 @@ def _write_person(study: Study, folder: Path, subject: str, rows: Sequence[Any],
     for *_, session, _visit, _date, path, how in rows:
         place = f"ses-{sessions[session]}"
         runs[place] = runs.get(place, 0) + 1
-        recording = read_recording(study.place(path), name=path, **json.loads(how)["reading"])
+        recording = read_recording(study.place(path), name=path, clean=False, **json.loads(how)["reading"])
         (home / place / "motion").mkdir(parents=True, exist_ok=True)
         stem = f"{subject}_{place}_task-{task}_tracksys-{SYSTEM}_run-{runs[place]:02}"
         written += _write_motion(home / place / "motion" / stem, recording, task)

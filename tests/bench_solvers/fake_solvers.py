@@ -11,7 +11,7 @@ import numpy as np
 
 from bench.solvers.entrant import Claim, Entrant
 from bench.solvers.instances import RecordedQPs
-from rehab_opt.optim.answer import Answer
+from rehab_opt.optim.backends import Answer
 from rehab_opt.optim.rows import Instance
 from rehab_opt.qp_recording.sequence import QPSequence, sequence_of
 

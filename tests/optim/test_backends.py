@@ -10,8 +10,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rehab_opt.errors import ConfigurationError
-from rehab_opt.optim.answer import Answer
-from rehab_opt.optim.backends import DaqpBackend, OsqpBackend, ProxqpBackend, QpsolversBackend, backend, to_qpsolvers
+from rehab_opt.optim.backends import (
+    Answer,
+    DaqpBackend,
+    OsqpBackend,
+    ProxqpBackend,
+    QpsolversBackend,
+    backend,
+    to_qpsolvers,
+)
 from rehab_opt.optim.certificate import certificate_function, is_certified
 from rehab_opt.optim.rows import Instance
 from rehab_opt.symbolic import BufferedFunction

@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.optim import backends
-from rehab_opt.optim.answer import Answer, Backend
-from rehab_opt.optim.backends import QpsolversBackend, backend
+from rehab_opt.optim.backends import Answer, Backend, QpsolversBackend, backend
 from rehab_opt.optim.fallback_chain import FallbackChain
 from rehab_opt.optim.fused import FUSED_SOLVERS
 from rehab_opt.optim.qp import Statement

@@ -134,10 +134,12 @@ def test_recording_is_slowed(written: Write) -> None:
 @pytest.mark.parametrize(
     ("table", "says"),
     [
-        ("t_s,x_mm,y_mm\n0,0,0\n1,0.3,0.2\n", "metres that its header calls millimetres"),
+        ("t_s,x_mm,y_mm\n0,0,0\n1,0.3,0.2\n", "0.3 mm large: is it in a larger unit than its header says?"),
         ("t_s,x_m,y_m\n0,0,0\n0.01,0.5,0\n0.02,1,0\n", "faster than 50 m/s"),
         ("t_s,x_m,y_m\n0,0,0\n0.2,1,0\n0.4,2,0\n", "faster than 5 m/s"),  # 2 mm, at 5 mm/s
-        ("t_s,x_m,y_m\n0,0,0\n2,3,0\n4,6,0\n", "6000 mm large: are these millimetres that its header calls metres"),
+        ("t_s,x_m,y_m\n0,0,0\n2,3,0\n4,6,0\n", "6000 mm large: is it in a smaller unit than its header says?"),
+        ("t_s,x_mm,y_mm\n0,0,0\n2,3e3,0\n4,6e3,0\n", "6000 mm large: is it in a smaller unit than its header says?"),
+        ("t_s,x_mm,y_mm\n0,3,4\n1,3,4\n", "does not move at all: is it another column or marker?"),
         ("t_s,x_m,y_m\n0,0,0\n1000,0.1,0\n2000,0.2,0\n", "milliseconds taken for seconds"),
         ("t_s,x_m,y_m,elbow_rad\n0,0,0,20\n1,0.3,0,90\n", "elbow reads up to 90 rad, 5157 deg: degrees taken for rad"),
         ("t_s,x_m,y_m,elbow_deg,wrist_deg\n0,0,0,0.3,1\n1,0.3,0,1.6,1\n", "more than 1.3 deg: radians taken for deg"),

@@ -471,7 +471,7 @@ def test_a_recording_a_thousand_times_too_small_is_noticed(written: Write) -> No
     written("calibration_points.csv", (FOLDER / "calibration_points.csv").read_text())
     given["recording"] |= {"file": "hand.csv"}
     problem = problem_of(given, name="test", file="test.toml", path=path.with_name("test.toml"))
-    assert any("are these metres that its header calls millimetres" in note for note in path_notes(laid_out(problem)))
+    assert any("is it in a larger unit than its header says" in note for note in path_notes(laid_out(problem)))
 
 
 HEADER = "t_s,x_m,y_m,z_m,qx,qy,qz,qw"

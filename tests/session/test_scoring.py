@@ -187,8 +187,29 @@ def test_recorded_pen_trace_and_marker_are_scored(recorded: Callable[[str], Path
 
 def test_metres_that_a_header_calls_millimetres_are_named_where_nothing_can_be_scored(written: Write) -> None:
     text = table(*reach(100)).replace("x_m,y_m", "x_mm,y_mm")
-    with pytest.raises(ProblemFileError, match="are these metres that its header calls millimetres"):
+    with pytest.raises(ProblemFileError, match="is it in a larger unit than its header says"):
         score_recordings([str(written("a.csv", text))])
+
+
+@pytest.mark.parametrize(("unit", "scale"), [("s", 1.0), ("ms", 1e3)])
+def test_unix_time_stamps_are_times(written: Write, unit: str, scale: float) -> None:
+    """As ROS and Python's loggers write them: they were refused as another unit, which seconds in ms still are."""
+    time, points = reach(100, rest=0.3)
+    plain = score_recordings([str(written("a.csv", table(time, points)))])
+    text = table((time + 1.7e9) * scale, points)
+    stamped = score_recordings([str(written("b.csv", text.replace("t_s", f"t_{unit}")))])
+    np.testing.assert_allclose([row.value for row in stamped.rows], [row.value for row in plain.rows], rtol=1e-4)
+    assert not stamped.notes
+    with pytest.raises(ProblemFileError, match=r"line 2, column t_s = .*another unit"):
+        score_recordings([str(written("c.csv", table((time + 1.7e9) * 1e3, points)))])
+
+
+@pytest.mark.parametrize(("columns", "value"), [(["x_m"], r"\['x_m'\]"), (None, "None")])
+def test_a_hand_without_y_is_refused_by_what_was_named(written: Write, columns: list[str] | None, value: str) -> None:
+    angles = "elbow\ninDegrees=no\nendheader\ntime x_tx elbow\n0 1 1\n1 2 2\n"
+    file = written("a.csv", table(*reach(100))) if columns else written("a.mot", angles)
+    with pytest.raises(ProblemFileError, match=rf"columns = {value}: expected the columns"):
+        score_recordings([str(file)], reading={"columns": columns})
 
 
 def test_scores_do_not_replace_the_recording_they_are_of(written: Write, capsys: pytest.CaptureFixture[str]) -> None:

@@ -23,7 +23,7 @@ from rehab_opt.kinematics.vr import quaternions_of
 from rehab_opt.plants.plant import Measurement, Plant
 from rehab_opt.plants.touched import TouchedPlant
 from rehab_opt.recordings.reading import read_recording
-from rehab_opt.recordings.recording import Recording, gap_notes, without_spikes
+from rehab_opt.recordings.recording import Recording
 from rehab_opt.session.clearance import (
     ClearanceSection,
     NearestBodies,
@@ -135,8 +135,8 @@ def recorded_path(config: ProblemFile[PoseTracking], path: PathSection) -> Recor
     """
     rate = config.problem.tracker.rate_hz
     try:
-        read = read_recording(recording_path(config, path.file, key="path.file"), name=path.file, **path.reading())
-        recording = without_spikes(read).noting(*gap_notes(read))
+        place = recording_path(config, path.file, key="path.file")
+        recording = read_recording(place, name=path.file, **path.reading())
     except ProblemFileError as refused:
         if not refused.key.startswith("recording."):
             raise  # a line or a column of the file itself
