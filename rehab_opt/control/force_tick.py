@@ -17,7 +17,7 @@ from rehab_opt.control.energy_tank import EnergyTank, tank_record
 from rehab_opt.control.hand import HAND, SAMPLE, looked_at
 from rehab_opt.control.reasons import NUMBER
 from rehab_opt.control.watchdog import STAMPS, checked_stamp, first_of
-from rehab_opt.optim.certificate import all_true, clipped
+from rehab_opt.optim.certificate import NEGLIGIBLE, all_true, clipped, delivered_fraction
 from rehab_opt.optim.fused import fused
 from rehab_opt.symbolic.record import Record, Values
 
@@ -164,7 +164,7 @@ def _precompute() -> ca.Function:
 def _finish(state_size: int, memory_at: int) -> ca.Function:
     """The command: a certified force, or none, as fast as the slew bound allows or at once."""
     model, view, wanted = MODEL.symbols("model"), VIEW.symbols("view"), DESIRED.symbols("desired")
-    desired, blocked = wanted.force, wanted.lets_go != 0
+    desired, lets_go = wanted.force, wanted.lets_go != 0
     state, answer, verdict = ca.SX.sym("state", state_size), ca.SX.sym("answer", state_size), ca.SX.sym("verdict", 4)
     last, given, size = state[memory_at:], answer[memory_at:], ca.norm_2(desired)
     residual, _, who, holds = ca.vertsplit(verdict)
@@ -172,7 +172,9 @@ def _finish(state_size: int, memory_at: int) -> ca.Function:
     found = all_true(meant, residual >= 0, residual <= model.tolerance, holds == 1)
 
     missed = ca.norm_2(given - desired) > MISSED * size + TINY
-    along = ca.if_else(size > TINY, clipped(ca.dot(given, desired) / size**2, 0, 1), 0)
+    enough = NEGLIGIBLE * ca.fmin(1, model.force_limit / size)  # of what the force limit leaves of it
+    scale = ca.if_else(lets_go, 0, delivered_fraction(given, desired, missed, least=TINY, enough=enough))
+    blocked, dry = scale == 0, view.ceiling <= enough * size
     # The last stage: no force.
     strength, step = ca.norm_2(last), model.slew_limit * model.dt
     hasty = ca.logic_and(view.at_once, view.reason != 0)
@@ -181,8 +183,10 @@ def _finish(state_size: int, memory_at: int) -> ca.Function:
     torn = int(Relaxed.TASK) + int(Relaxed.SLEW) * ca.logic_and(hasty, strength > step)
     field = ca.logic_not(size < ca.inf)
     short, allowed = view.ceiling < ca.fmin(size, model.force_limit), ca.vertcat(view.left, view.ceiling, 0)
+    allowed = ca.if_else(dry, 0, allowed)  # a reason that stays the same
     reasons = [
-        (all_true(found, blocked), ca.SX(NUMBER["HAND_STANDS"]), ca.SX.zeros(3)),
+        (all_true(found, lets_go), ca.SX(NUMBER["HAND_STANDS"]), ca.SX.zeros(3)),
+        (all_true(found, blocked, ca.logic_not(dry)), ca.SX(NUMBER["NOTHING_LEFT"]), ca.SX.zeros(3)),
         (all_true(found, short, view.repeats), ca.SX(NUMBER["POSITION_REPEATS"]), allowed),
         (all_true(found, short), ca.SX(NUMBER["ENERGY_LOW"]), allowed),
         (found, ca.SX(0), ca.SX.zeros(3)),
@@ -202,7 +206,7 @@ def _finish(state_size: int, memory_at: int) -> ca.Function:
         residual=ca.if_else(found, residual, ca.inf),
         solver=ca.if_else(found, who, -1),
         relaxed=ca.if_else(found, int(Relaxed.TASK) * ca.logic_or(missed, blocked), torn),
-        scale=ca.if_else(ca.logic_and(found, ca.logic_not(blocked)), ca.if_else(missed, along, 1), 0),
+        scale=ca.if_else(found, scale, 0),
         reason=first_of([(when, reason) for when, reason, _ in reasons]),
         details=first_of([(when, details) for when, _, details in reasons]),
         desired=ca.if_else(found, desired, ca.SX.zeros(2)),

@@ -32,7 +32,7 @@ from rehab_opt.control.watched_joints import not_followed, watched_joints
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import SerialChain, per_joint
 from rehab_opt.kinematics.real_array import is_finite, is_true, real_array
-from rehab_opt.optim.certificate import all_true, clipped
+from rehab_opt.optim.certificate import all_true, delivered_fraction
 from rehab_opt.optim.fallback_chain import FUSED, FallbackChain
 from rehab_opt.optim.fused import FUSED_SOLVERS
 from rehab_opt.optim.qp import Statement
@@ -217,10 +217,8 @@ class VelocityController(OneThread, ABC):
         hurried = self.hurried(last, velocity)
         size = ca.sumsqr(commanded)
         missed = ca.sumsqr(delivered - commanded) > MISSED**2 * size + STILL**2
-        along = clipped(ca.dot(delivered, commanded) / ca.fmax(size, STILL**2), 0, 1)
-        along = ca.if_else(along > MISSED, along, 0)
         relaxed = int(Relaxed.POSITION) * outside + int(Relaxed.ACCELERATION) * hurried + int(Relaxed.TASK) * missed
-        return ca.vertcat(relaxed, ca.if_else(ca.logic_and(missed, size > STILL**2), along, 1))
+        return ca.vertcat(relaxed, delivered_fraction(delivered, commanded, missed, least=STILL))
 
     @cached_property
     def hurried(self) -> ca.Function:

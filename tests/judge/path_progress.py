@@ -118,7 +118,7 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
     verdict.during("s short of the progress", short > 0.1, dt)
     away = np.zeros(ticks, dtype=bool)
     for k, each in enumerate(commands):  # a tick whose hand cannot be used changes nothing
-        away[k] = each.status.value == "blocked" or (each.status.value != "ok" and away[k - 1])
+        away[k] = "stood under force" in each.reason or (each.status.value != "ok" and away[k - 1])
     judge_progress(verdict, knots, at, led, walked[:-1], drawn[:-1], x[:-1], away, width=width, reach=30.0 / stiffness,
                    dt=dt)  # fmt: skip
     # What is wanted in a tick is of the s before it.
