@@ -91,6 +91,9 @@ class PathAssistance(BoundedForce):
             raise ConfigurationError("path", points[0].tolist(), "a path, not one place")
         if not isinstance(comfortable, Workspace) or comfortable.empty:
             raise ConfigurationError("comfortable", comfortable, "a Workspace that is not empty")
+        away = float(np.min(comfortable.distance(sampled.points)))
+        if away > 0.0:
+            raise ConfigurationError("path", f"{away:.3g} m or more outside `comfortable`", "a path through it")
         self.comfortable = comfortable
         self.spring = SPRING.numbers(
             stiffness=checked_number("stiffness", stiffness, above=0.0, below=1e7),
