@@ -27,7 +27,7 @@ from rehab_opt.session.scenario.outcome import Law, Trial
 from rehab_opt.session.scenario.problem import ScenarioProblem
 from rehab_opt.workspace.region import Workspace
 
-__all__ = ["INDEX", "Arrival", "Helping", "Scene", "hand_robot_of", "person_of", "robot_model_of", "simulate_trial"]
+__all__ = ["Arrival", "Helping", "Scene", "hand_robot_of", "person_of", "robot_model_of", "simulate_trial"]
 
 
 STOOD = reason_text(NUMBER["HAND_STANDS"], ())

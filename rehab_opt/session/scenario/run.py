@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from rehab_opt.control.assistance import Assistance
-from rehab_opt.control.energy_tank import HAND_SPEED
 from rehab_opt.control.path_assistance import PathAssistance
 from rehab_opt.control.smoother import Smoother
+from rehab_opt.field.samples import HAND_SPEED
 from rehab_opt.published.field_law import FieldLaw
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.outcome import Array, Progress, with_progress
