@@ -69,8 +69,10 @@ class Demonstration:
     def _seconds(self, count: int) -> Array:
         if self.times is not None:
             times = checked_array("times", self.times, f"{count} rising times in seconds")
-            if times.shape != (count,) or not np.all(np.diff(times) > 0) or not np.all(np.isfinite(times)):
+            if times.shape != (count,):
                 raise ConfigurationError("times", times.shape, f"{count} rising times in seconds")
+            rises = np.isfinite(times) & np.r_[True, np.diff(times) > 0]
+            _refuse_first("times", times, ~rises, "finite, rising times")
             from_first: Array = times - times[0]
             return from_first
         if isinstance(self.dt, int | float) and 0 < self.dt < math.inf:
@@ -91,9 +93,16 @@ def _velocities(positions: Array, seconds: Array) -> Array:
 def _column(argument: str, values: ArrayLike, positions: Array) -> Array:
     expected = f"finite numbers of shape {positions.shape}"
     array = np.array(checked_array(argument, values, expected))
-    if array.shape != positions.shape or not np.all(np.isfinite(array)):
+    if array.shape != positions.shape:
         raise ConfigurationError(argument, array.shape, expected)
+    _refuse_first(argument, array, ~np.isfinite(array).all(axis=1), "finite numbers")
     return array
+
+
+def _refuse_first(argument: str, values: Array, wrong: NDArray[np.bool_], expected: str) -> None:
+    if wrong.any():
+        first = int(np.argmax(wrong))
+        raise ConfigurationError(f"{argument}[{first}]", values[first].tolist(), expected)
 
 
 def check_units(demonstrations: Sequence[Demonstration]) -> None:
