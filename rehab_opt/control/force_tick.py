@@ -57,7 +57,7 @@ VIEW = Record(x=2, v=2, reason=1, details=3, at_once=1, ceiling=1, left=1, repea
 once, largest force [N] and energy [J] that may be given, whether the position repeats itself, and the largest force [N]
 that the growth limit allows."""
 DESIRED = Record(force=2, lets_go=1)
-"""[N] before any bound, which may be no number; whether the hand is let go, so that a certified force is `BLOCKED`."""
+"""[N] before any bound, which may be no number; whether the hand is let go: `BLOCKED`."""
 SOLVED = Record(asks=1, value=2, status=1, residual=1, solver=1, relaxed=1, scale=1, reason=1, details=3, desired=2)
 """A command: whether a certified answer is missing that another solver might have; the force [N]; the status's place in
 `NUMBERED`; the certificate's residual, infinite for a release; the solver; the relaxed bounds; the delivered
@@ -182,8 +182,8 @@ def _finish(state_size: int, memory_at: int) -> ca.Function:
     weaker = ca.if_else(keep > 0, last * keep, ca.SX.zeros(2))
     torn = int(Relaxed.TASK) + int(Relaxed.SLEW) * ca.logic_and(hasty, strength > step)
     field = ca.logic_not(size < ca.inf)
-    short, allowed = view.ceiling < ca.fmin(size, model.force_limit), ca.vertcat(view.left, view.ceiling, 0)
-    allowed = ca.if_else(dry, 0, allowed)  # a reason that stays the same
+    short = view.ceiling < ca.fmin(size, model.force_limit)
+    allowed = ca.if_else(dry, 0, ca.vertcat(view.left, view.ceiling, 0))
     reasons = [
         (all_true(found, lets_go), ca.SX(NUMBER["HAND_STANDS"]), ca.SX.zeros(3)),
         (all_true(found, blocked, ca.logic_not(dry)), ca.SX(NUMBER["NOTHING_LEFT"]), ca.SX.zeros(3)),

@@ -210,7 +210,7 @@ class VelocityController(OneThread, ABC):
         return guidance(n).parts(memory[2 * n : 2 * n + self.guidance_size]) if self.guidance_size else None
 
     def report(self, last: ca.SX, velocity: ca.SX, delivered: ca.SX, commanded: ca.SX, outside: ca.SX) -> ca.SX:
-        """Number of `Relaxed`, and the delivered fraction of the reference motion, 1 where it is zero.
+        """Number of `Relaxed`, and `delivered_fraction` of the reference motion.
 
         `delivered` and `commanded` are twists, weighted alike; `outside` says that a joint is beyond its limit.
         """

@@ -40,7 +40,7 @@ PROMISES = (
     Promise("rehab_opt/control/path_progress.py", "less than F/S and three widths, of a hand that rests, and each "
             "place that s passes on the way within one width more"),
     Promise("rehab_opt/control/path_progress.py", "s goes on only while the hand is within F/S and a width, F the "
-            "force limit, of p(s) or of places each a width further, of 40."),
+            "force limit, of p(s) or of one of the next 40 places, which are a width apart."),
     Promise("rehab_opt/control/path_progress.py", "Where it goes on along the straight stretch on which the hand is, "
             "the progress is F/S and three widths ahead of the hand at most."),
     Promise("rehab_opt/control/path_progress.py", "A hand that stays near such places is taken in within the time of "
