@@ -95,7 +95,7 @@ def _column(argument: str, values: ArrayLike, positions: Array) -> Array:
     array = np.array(checked_array(argument, values, expected))
     if array.shape != positions.shape:
         raise ConfigurationError(argument, array.shape, expected)
-    _refuse_first(argument, array, ~np.isfinite(array).all(axis=1), "finite numbers")
+    _refuse_first(argument, array, np.any(~np.isfinite(array), axis=1), "finite numbers")
     return array
 
 
