@@ -8,10 +8,9 @@ from typing import Any
 import numpy as np
 
 from rehab_opt.control.assistance import Assistance
-from rehab_opt.control.command import Status
-from rehab_opt.control.energy_tank import HAND_SPEED
 from rehab_opt.control.path_assistance import PathAssistance
 from rehab_opt.control.smoother import Smoother
+from rehab_opt.field.samples import HAND_SPEED
 from rehab_opt.published.field_law import FieldLaw
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.outcome import Array, Progress, with_progress
@@ -29,7 +28,6 @@ from rehab_opt.session.scenario.laws import (
     swinging_notes,
 )
 from rehab_opt.session.scenario.loop import (
-    INDEX,
     Arrival,
     Scene,
     hand_robot_of,
@@ -168,7 +166,7 @@ def _along(
             if worse:
                 off = "deviated more" if sign > 0 else "covered less"
                 yield f"{law}: with this help the hand {off} than without any, in {worse} of {len(of)} trials"
-        let_go = np.concatenate([trial.status for trial in trials[law]]) == INDEX[Status.BLOCKED]
+        let_go = np.concatenate([trial.let_go for trial in trials[law]])
         if let_go.any():
             yield f"{law}: a hand that stood under force was let go, for {100 * let_go.mean():.2g} % of the time"
         far = 1e3 * max(float(np.max(context.comfortable.distance(trial.position))) for trial in trials[law])
