@@ -199,6 +199,11 @@ class ArdisSystem(System[ArdisProblem, ArdisOutcome]):
                 if each is not None
             ]
             notes += _stick_notes(drive, [each.reason for each in told], dt)
+            if not any(each.reason or each.twist.any() for each in told):
+                notes.append(NotMet(f"{drive} drive: the stick asks for nothing"))
+        for i, goal in enumerate(config.problem.goals):
+            if goal.hand_m[2] < -goal.within_m:
+                notes.append(NotMet(f"goals.{i}: {goal.name!r} is {-goal.hand_m[2]:g} m below the floor"))
         return tuple(notes)
 
     def run(self, config: ProblemFile[ArdisProblem], *, options: Mapping[str, str], progress: Progress) -> ArdisOutcome:
