@@ -28,7 +28,7 @@ from rehab_opt.session.scenario.figures import figures
 from rehab_opt.session.scenario.outcome import RATE, ScenarioOutcome, thinned_ticks
 from rehab_opt.session.scenario.plane_drawing import LAW_NAMES, mean_over_trials
 from rehab_opt.session.scenario.table import brief, table
-from rehab_opt.session.scenario.trials_figures import max_between, trials_figure
+from rehab_opt.session.scenario.trials_figures import deviation_figure, max_between, trials_figure
 from tests.session.made_trials import ALONE, COMFORTABLE, REACHABLE, WITHIN, made_outcome, trial_of
 
 NAMES: dict[Mode, set[str]] = {
@@ -88,6 +88,19 @@ def test_every_trial_is_a_line_and_no_peak_of_a_force_is_lost() -> None:
         assert len(thin) == 4
     assert force.get_ylabel() == "measured force [N]"
     assert max(np.asarray(line.get_ydata()).max() for line in force.get_lines()[1:]) == pytest.approx(27.0, abs=0.01)
+
+
+@pytest.mark.parametrize("mode", ["follow", "hold"])
+def test_largest_deviation_of_the_figure_is_that_of_the_table(mode: Mode) -> None:
+    outcome = made_outcome(mode, laws=("unassisted",))
+    drawn = [np.asarray(line.get_ydata()) for line in deviation_figure(outcome).axes[0].get_lines()]
+    most = max(np.nanmax(values) for values in drawn if values.size)
+    assert most == pytest.approx(1e3 * max(of["deviation_max_m"] for of in outcome.measures["unassisted"]), rel=1e-9)
+
+
+def test_number_of_trials_is_said_in_the_singular_and_the_plural() -> None:
+    for count, said in ((1, "1 trial under each law"), (3, "3 trials under each law")):
+        assert said in words(trials_figure(made_outcome("assist", trials=count, laws=("assisted",))))
 
 
 def test_largest_between_two_kept_ticks_is_kept() -> None:

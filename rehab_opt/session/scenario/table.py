@@ -51,8 +51,7 @@ def _summaries(outcome: ScenarioOutcome) -> dict[str, Numbers]:
 
 
 def _table(outcome: ScenarioOutcome, rows: Rows) -> Table:
-    trials = max(len(of) for of in outcome.measures.values())
-    said = f"mode {outcome.mode}, {trials} trial{'s' if trials > 1 else ''} each: mean (worst trial); - is no number"
+    said = f"mode {outcome.mode}, {outcome.how_many} each: mean (worst trial); - is no number"
     if outcome.mode == "follow":
         said += f"; success: {100 * COVERED:g} % covered, the end within {MM * outcome.within:g} mm"
     return law_table("\n".join(textwrap.wrap(outcome.title, WRAPPED)), _summaries(outcome), rows, caption=said)

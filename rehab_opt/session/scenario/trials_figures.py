@@ -10,7 +10,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from rehab_opt.measures.along_path import projected
 from rehab_opt.session.drawing import GRID, LIMIT, MM, REFERENCE, framed, legend_below
 from rehab_opt.session.outcome import Array
 from rehab_opt.session.scenario.measures import deviation_of
@@ -37,8 +36,7 @@ MEAN_PLACE: Mapping[str, Any] = {"markersize": 11, "markerfacecolor": "none", "m
 def trials_figure(outcome: ScenarioOutcome) -> Figure:
     """Every trial a thin line, their mean a thick one."""
     laws = list(outcome.trials)
-    count = max(len(of) for of in outcome.trials.values())
-    figure = framed(f"{outcome.title}\n{count} trials under each law, and their mean", 0.8 + 4.2 * len(laws), 10.5)
+    figure = framed(f"{outcome.title}\n{outcome.how_many} under each law, and the mean", 0.8 + 4.2 * len(laws), 10.5)
     grid = figure.subplots(3, len(laws), squeeze=False, height_ratios=(1.6, 1, 1))
     box = shown_box(seen_points(outcome, (trial.position for of in outcome.trials.values() for trial in of)))
     for column, law in zip(grid.T, laws, strict=True):
@@ -124,7 +122,7 @@ def _same_limits(row: NDArray[np.object_]) -> None:
 def deviation_figure(outcome: ScenarioOutcome) -> Figure:
     """Every trial a thin line, their mean a thick one, on one scale; numbers say which point was to be held."""
     holds = outcome.mode == "hold"
-    of_what = "the point to be held, while it was" if holds else "the reference"
+    of_what = "the point to be held, while it was" if holds else "the place of the path that is due"
     figure = framed(f"{outcome.title}\ndistance of the hand from {of_what}", 10.0, 1.6 + 2.3 * len(outcome.trials))
     rows = figure.subplots(len(outcome.trials), 1, sharex=True, sharey=True, squeeze=False)[:, 0]
 
@@ -144,7 +142,7 @@ def deviation_figure(outcome: ScenarioOutcome) -> Figure:
 
 def _deviation(outcome: ScenarioOutcome, trial: Trial) -> Array:
     """(N,) [mm], NaN where it does not count."""
-    far, counts = deviation_of(trial, projected(trial.position, outcome.reference).distance, outcome.mode)
+    far, counts = deviation_of(trial, outcome.reference, outcome.mode)
     return MM * np.where(counts, far, np.nan)
 
 
