@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 import shapely
+from matplotlib.text import Text
 from PIL import Image
 from rich.console import Console
 
@@ -233,6 +234,8 @@ def test_stick_that_was_never_let_go_is_said_to_move_nothing(tmp_path: Path) -> 
         assert numbers["stick_ignored"] == {"the stick must be let go first": 200}, law
         assert not outcome.drives["mecanum"].by_law[law].velocity[:200].any()
     assert sum(reason != "" for reason in dict(outcome.trace())["stick_ignored"]) == 2 * 200
+    words = {text.get_text() for text in ardis_figures(outcome)["hand"].findobj(Text)}
+    assert "goal reached by ours" not in words  # none was
     text = io.StringIO()
     Console(file=text, width=200).print(ardis_table(outcome))
     assert "200 the stick must be let go first" in " ".join(text.getvalue().split())

@@ -180,6 +180,16 @@ def test_table_fits_a_hundred_columns_and_names_every_law(mode: Mode) -> None:
     assert ("SPARC" in text) == (mode != "hold")
 
 
+@pytest.mark.parametrize(
+    ("mode", "said"),
+    [("stretch", "the end on the path"), ("assist", "at rest at the target in time,"),
+     ("resist", "at rest at the target in time,"), ("follow", "95 % covered, the end"),
+     ("hold", "each point reached")],
+)  # fmt: skip
+def test_table_says_what_success_is(mode: Mode, said: str) -> None:
+    assert f"success: {said} within {1e3 * WITHIN:g} mm" in " ".join(_printed(made_outcome(mode)).split())
+
+
 @pytest.mark.parametrize("mode", ["follow", "assist", "hold"])
 def test_what_is_printed_first_are_success_deviation_and_force(mode: Mode) -> None:
     outcome = made_outcome(mode, trials=2)

@@ -16,6 +16,10 @@ __all__ = ["brief", "table"]
 
 WRAPPED = 90
 MM = 1e3
+SUCCESS = {
+    "stretch": "the end on the path", "assist": "at rest at the target in time,", "hold": "each point reached",
+    "resist": "at rest at the target in time,", "follow": f"{100 * COVERED:g} % covered, the end",
+}  # fmt: skip
 
 
 def table(outcome: ScenarioOutcome) -> Table:
@@ -51,9 +55,10 @@ def _summaries(outcome: ScenarioOutcome) -> dict[str, Numbers]:
 
 
 def _table(outcome: ScenarioOutcome, rows: Rows) -> Table:
-    said = f"mode {outcome.mode}, {outcome.how_many} each: mean (worst trial); - is no number"
-    if outcome.mode == "follow":
-        said += f"; success: {100 * COVERED:g} % covered, the end within {MM * outcome.within:g} mm"
+    said = (
+        f"mode {outcome.mode}, {outcome.how_many} each: mean (worst trial); - is no number; success: "
+        f"{SUCCESS[outcome.mode]} within {MM * outcome.within:g} mm"
+    )
     return law_table("\n".join(textwrap.wrap(outcome.title, WRAPPED)), _summaries(outcome), rows, caption=said)
 
 
