@@ -243,7 +243,7 @@ def test_stick_that_was_never_let_go_is_said_to_move_nothing(tmp_path: Path) -> 
 
 def test_check_says_that_nothing_is_asked_for_and_that_a_goal_is_below_the_floor(tmp_path: Path) -> None:
     still = "0,0,0,0,0\n1,0.1,0,0,0\n"  # within the dead zone
-    idle, below = "mecanum drive: the stick asks for nothing", "goals.0: 'there' is 0.5 m below the floor"
+    idle, below = "mecanum drive: the stick asks for nothing", "goal 'there' is below the floor"
     assert not_met(checked(steered(tmp_path, still, [1.0, 0.0, -0.5]))) == [idle, below]
     assert not_met(checked(steered(tmp_path, still + "2,1,0,0,0\n", [1.0, 0.0, -0.03]))) == []
 

@@ -193,18 +193,12 @@ class ArdisSystem(System[ArdisProblem, ArdisOutcome]):
             resolver_of(config, robot, drive)
             joystick, dt = joystick_of(config), 1 / config.problem.run.rate_hz
             moments = (Moment(k * dt, start, start[:3], "") for k in range(math.ceil(stick.duration / dt) + 1))
-            told = [
-                joystick.step(each.axes, switch=each.switch, gripper=each.gripper)
-                for each in map(stick.at, moments)
-                if each is not None
-            ]
+            told = [joystick.step(**(stick.at(each) or LET_GO)._asdict()) for each in moments]
             notes += _stick_notes(drive, [each.reason for each in told], dt)
             if not any(each.reason or each.twist.any() for each in told):
                 notes.append(NotMet(f"{drive} drive: the stick asks for nothing"))
-        for i, goal in enumerate(config.problem.goals):
-            if goal.hand_m[2] < -goal.within_m:
-                notes.append(NotMet(f"goals.{i}: {goal.name!r} is {-goal.hand_m[2]:g} m below the floor"))
-        return tuple(notes)
+        low = [goal.name for goal in config.problem.goals if goal.hand_m[2] < -goal.within_m]
+        return (*notes, *(NotMet(f"goal {name!r} is below the floor") for name in low))
 
     def run(self, config: ProblemFile[ArdisProblem], *, options: Mapping[str, str], progress: Progress) -> ArdisOutcome:
         """Options: `solver` of the controller, `plant`."""

@@ -65,6 +65,7 @@ def trial_measures(
     where = projected(trial.position, path)
     covered: float | None = None
     if mode == "follow":
+        target = path[-1] if target is None else target
         covered = covered_in_order(trial.position, path, within=within, jump=2 * within if jump is None else jump)
     deviation, counts = deviation_of(trial, path, mode)
     return {
@@ -73,9 +74,7 @@ def trial_measures(
         **_forces(trial),
         **_motion(trial, mode, counts),
         **_from_intended(trial),
-        **_arrival(
-            trial, deviation, counts, mode, path[-1] if target is None and mode == "follow" else target, within, covered
-        ),
+        **_arrival(trial, deviation, counts, mode, target, within, covered),
         "smoothness_sparc": None if mode == "hold" else _smoothness(trial),  # it tells of one movement, not of many
         **_statuses(trial),
         **promised(trial, where, mode),

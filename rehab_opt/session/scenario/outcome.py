@@ -125,12 +125,6 @@ class ScenarioOutcome(Outcome):
     measures: Mapping[Law, tuple[Mapping[str, Any], ...]] = field(kw_only=True)
 
     @property
-    def how_many(self) -> str:
-        """E.g. "3 trials", of each law."""
-        count = max(map(len, self.trials.values()))
-        return f"{count} trial{'s' if count > 1 else ''}"
-
-    @property
     def coverage(self) -> str:
         """What `reference_covered_fraction` is called, with the tolerance that it is judged with."""
         return f"covered in order, within {1e3 * self.within:g} mm"

@@ -55,8 +55,9 @@ def _summaries(outcome: ScenarioOutcome) -> dict[str, Numbers]:
 
 
 def _table(outcome: ScenarioOutcome, rows: Rows) -> Table:
+    trials = max(map(len, outcome.trials.values()))
     said = (
-        f"mode {outcome.mode}, {outcome.how_many} each: mean (worst trial); - is no number; success: "
+        f"mode {outcome.mode}, trials each: {trials}; mean (worst trial); - is no number; success: "
         f"{SUCCESS[outcome.mode]} within {MM * outcome.within:g} mm"
     )
     return law_table("\n".join(textwrap.wrap(outcome.title, WRAPPED)), _summaries(outcome), rows, caption=said)

@@ -36,7 +36,8 @@ MEAN_PLACE: Mapping[str, Any] = {"markersize": 11, "markerfacecolor": "none", "m
 def trials_figure(outcome: ScenarioOutcome) -> Figure:
     """Every trial a thin line, their mean a thick one."""
     laws = list(outcome.trials)
-    figure = framed(f"{outcome.title}\n{outcome.how_many} under each law, and the mean", 0.8 + 4.2 * len(laws), 10.5)
+    count = max(map(len, outcome.trials.values()))
+    figure = framed(f"{outcome.title}\ntrials under each law: {count}; and their mean", 0.8 + 4.2 * len(laws), 10.5)
     grid = figure.subplots(3, len(laws), squeeze=False, height_ratios=(1.6, 1, 1))
     box = shown_box(seen_points(outcome, (trial.position for of in outcome.trials.values() for trial in of)))
     for column, law in zip(grid.T, laws, strict=True):
