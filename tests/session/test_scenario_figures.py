@@ -24,11 +24,10 @@ from rehab_opt.session.scenario.field_figures import (
     gated_forces,
     variants,
 )
-from rehab_opt.session.scenario.figures import figures
+from rehab_opt.session.scenario.figures import deviation_figure, figures, max_between, trials_figure
 from rehab_opt.session.scenario.outcome import RATE, ScenarioOutcome, thinned_ticks
 from rehab_opt.session.scenario.plane_drawing import LAW_NAMES, mean_over_trials
 from rehab_opt.session.scenario.table import brief, table
-from rehab_opt.session.scenario.trials_figures import deviation_figure, max_between, trials_figure
 from tests.session.made_trials import ALONE, COMFORTABLE, REACHABLE, WITHIN, made_outcome, trial_of
 
 NAMES: dict[Mode, set[str]] = {
