@@ -41,7 +41,7 @@ from rehab_opt.session.scenario.pair import pair_measures, pair_of
 from rehab_opt.session.scenario.precomputed import Precomputed, precompute
 from rehab_opt.session.scenario.problem import REACHES, THERAPY, ScenarioProblem
 
-__all__ = ["assistance_of", "assisted_law", "law_of", "run_scenario", "scene_of"]
+__all__ = ["assistance_of", "assisted_law", "law_of", "prepared", "run_scenario", "scene_of"]
 
 SHORTEST_WAY = 1e-3
 """[m] between points; a single point needs no pace."""
@@ -57,27 +57,17 @@ ASSUMPTIONS = (
 
 
 def run_scenario(config: ProblemFile[ScenarioProblem], *, solver: str | None, progress: Progress) -> ScenarioOutcome:
-    """Every trial under every law of the file.
-
-    Raises
-    ------
-    ProblemFileError : a value of the file or a recording cannot be used.
-    ConfigurationError : `solver` cannot be used.
-    """
+    """Every trial under every law of the file; raises as `prepared`."""
     problem = config.problem
-    robot_model_of(config)  # refused before the workspaces take their seconds
-    check_bounds(config, solver=solver)
-    context = precompute(config, progress=progress)
-    scene = scene_of(config, context)
-    task = problem.task
-    trials: dict[Law, tuple[Trial, ...]] = {}
-    laws: dict[Law, ForceLaw] = {}
-    for name in problem.run.laws:
-        law = laws[name] = law_of(name, config, context, solver=solver)
-        trials[name] = tuple(
+    context, laws = prepared(config, solver=solver, progress=progress)
+    scene, task = scene_of(config, context), problem.task
+    trials: dict[Law, tuple[Trial, ...]] = {
+        name: tuple(
             simulate_trial(scene, law, name=name, number=number, seed=task.seed + number)
             for number in with_progress(progress, f"trials, {name}", range(task.trials))
         )
+        for name, law in laws.items()
+    }
     fit = context.fields[0].fit
     target = context.reference[-1] if problem.mode in REACHES else None
     measures = {
@@ -125,6 +115,22 @@ def run_scenario(config: ProblemFile[ScenarioProblem], *, solver: str | None, pr
         trials=trials,
         measures=measures,
     )
+
+
+def prepared(
+    config: ProblemFile[ScenarioProblem], *, solver: str | None, progress: Progress
+) -> tuple[Precomputed, dict[Law, ForceLaw]]:
+    """What the trials need, and the laws of the file.
+
+    Raises
+    ------
+    ProblemFileError : a value of the file or a recording cannot be used.
+    ConfigurationError : `solver` cannot be used.
+    """
+    robot_model_of(config)  # refused before the workspaces take their seconds
+    check_bounds(config, solver=solver)
+    context = precompute(config, progress=progress)
+    return context, {name: law_of(name, config, context, solver=solver) for name in config.problem.run.laws}
 
 
 def _pair_notes(problem: ScenarioProblem, measures: Mapping[Law, tuple[Mapping[str, Any], ...]]) -> Iterator[str]:
