@@ -16,8 +16,8 @@ class Status(Enum):
 
     OK = "ok"  #: solved by the primary solver, certified
     BACKUP = "backup"  #: by the backup solver, or feasible, not certified optimal (see `reason`); its bounds certified
-    BLOCKED = "blocked"  #: certified, but the bounds leave nothing of the commanded motion, or a hand that stood under
-    # force is let go; the robot may still move
+    BLOCKED = "blocked"  #: certified, but the bounds leave nothing of the commanded motion or desired force, or a hand
+    # that stood under force is let go; the robot may still move
     UNREACHABLE = "unreachable"  #: the nearest reachable point is given instead (inverse kinematics)
     BRAKING = "braking"  #: safe command: decelerating within the limits
     HOLDING = "holding"  #: safe command: at rest
@@ -65,7 +65,7 @@ class Command(NamedTuple):
     """Which bounds or tasks gave way."""
     scale: float
     """Fraction of the commanded motion that is delivered, 0 to 1, 1 where none is commanded; of a tracker: along the
-    reference twist, feedback included; of assistance: of the desired force, along it. Of a velocity controller less
-    than a thousandth is 0."""
+    reference twist, feedback included; of assistance: of the desired force, along it. Less than a thousandth, of a
+    desired force beyond `force_limit` of that, is 0: `BLOCKED`."""
     wheels: NDArray[np.float64] | None = None
     """Wheel speeds [rad/s] that belong to `value`, where there are wheels."""

@@ -8,13 +8,12 @@ from functools import cache
 
 import casadi as ca
 
+from rehab_opt.field.samples import HAND_SPEED
 from rehab_opt.optim.certificate import clipped
 from rehab_opt.symbolic.record import Record, Values
 
-__all__ = ["HAND_SPEED", "LAGS", "SLOTS", "TAIL", "EnergyTank", "tank_record"]
+__all__ = ["LAGS", "SLOTS", "TAIL", "EnergyTank", "tank_record"]
 
-HAND_SPEED = 10.0
-"""[m/s] No hand is faster: a larger jump is the sensor's."""
 TAIL = 5.0
 """Time constants after which what a first-order lag still holds back is counted as a rest, see `EnergyTank`."""
 LAGS = 1.5 * math.exp(-TAIL)

@@ -17,7 +17,7 @@ from rehab_opt.control.energy_tank import EnergyTank, tank_record
 from rehab_opt.control.hand import HAND, SAMPLE, looked_at
 from rehab_opt.control.reasons import NUMBER
 from rehab_opt.control.watchdog import STAMPS, checked_stamp, first_of
-from rehab_opt.optim.certificate import all_true, clipped
+from rehab_opt.optim.certificate import NEGLIGIBLE, all_true, clipped, delivered_fraction
 from rehab_opt.optim.fused import fused
 from rehab_opt.symbolic.record import Record, Values
 
@@ -57,7 +57,7 @@ VIEW = Record(x=2, v=2, reason=1, details=3, at_once=1, ceiling=1, left=1, repea
 once, largest force [N] and energy [J] that may be given, whether the position repeats itself, and the largest force [N]
 that the growth limit allows."""
 DESIRED = Record(force=2, lets_go=1)
-"""[N] before any bound, which may be no number; whether the hand is let go, so that a certified force is `BLOCKED`."""
+"""[N] before any bound, which may be no number; whether the hand is let go: `BLOCKED`."""
 SOLVED = Record(asks=1, value=2, status=1, residual=1, solver=1, relaxed=1, scale=1, reason=1, details=3, desired=2)
 """A command: whether a certified answer is missing that another solver might have; the force [N]; the status's place in
 `NUMBERED`; the certificate's residual, infinite for a release; the solver; the relaxed bounds; the delivered
@@ -164,7 +164,7 @@ def _precompute() -> ca.Function:
 def _finish(state_size: int, memory_at: int) -> ca.Function:
     """The command: a certified force, or none, as fast as the slew bound allows or at once."""
     model, view, wanted = MODEL.symbols("model"), VIEW.symbols("view"), DESIRED.symbols("desired")
-    desired, blocked = wanted.force, wanted.lets_go != 0
+    desired, lets_go = wanted.force, wanted.lets_go != 0
     state, answer, verdict = ca.SX.sym("state", state_size), ca.SX.sym("answer", state_size), ca.SX.sym("verdict", 4)
     last, given, size = state[memory_at:], answer[memory_at:], ca.norm_2(desired)
     residual, _, who, holds = ca.vertsplit(verdict)
@@ -172,7 +172,9 @@ def _finish(state_size: int, memory_at: int) -> ca.Function:
     found = all_true(meant, residual >= 0, residual <= model.tolerance, holds == 1)
 
     missed = ca.norm_2(given - desired) > MISSED * size + TINY
-    along = ca.if_else(size > TINY, clipped(ca.dot(given, desired) / size**2, 0, 1), 0)
+    enough = NEGLIGIBLE * ca.fmin(1, model.force_limit / size)  # of what the force limit leaves of it
+    scale = ca.if_else(lets_go, 0, delivered_fraction(given, desired, missed, least=TINY, enough=enough))
+    blocked, dry = scale == 0, view.ceiling <= enough * size
     # The last stage: no force.
     strength, step = ca.norm_2(last), model.slew_limit * model.dt
     hasty = ca.logic_and(view.at_once, view.reason != 0)
@@ -180,9 +182,11 @@ def _finish(state_size: int, memory_at: int) -> ca.Function:
     weaker = ca.if_else(keep > 0, last * keep, ca.SX.zeros(2))
     torn = int(Relaxed.TASK) + int(Relaxed.SLEW) * ca.logic_and(hasty, strength > step)
     field = ca.logic_not(size < ca.inf)
-    short, allowed = view.ceiling < ca.fmin(size, model.force_limit), ca.vertcat(view.left, view.ceiling, 0)
+    short = view.ceiling < ca.fmin(size, model.force_limit)
+    allowed = ca.if_else(dry, 0, ca.vertcat(view.left, view.ceiling, 0))
     reasons = [
-        (all_true(found, blocked), ca.SX(NUMBER["HAND_STANDS"]), ca.SX.zeros(3)),
+        (all_true(found, lets_go), ca.SX(NUMBER["HAND_STANDS"]), ca.SX.zeros(3)),
+        (all_true(found, blocked, ca.logic_not(dry)), ca.SX(NUMBER["NOTHING_LEFT"]), ca.SX.zeros(3)),
         (all_true(found, short, view.repeats), ca.SX(NUMBER["POSITION_REPEATS"]), allowed),
         (all_true(found, short), ca.SX(NUMBER["ENERGY_LOW"]), allowed),
         (found, ca.SX(0), ca.SX.zeros(3)),
@@ -202,7 +206,7 @@ def _finish(state_size: int, memory_at: int) -> ca.Function:
         residual=ca.if_else(found, residual, ca.inf),
         solver=ca.if_else(found, who, -1),
         relaxed=ca.if_else(found, int(Relaxed.TASK) * ca.logic_or(missed, blocked), torn),
-        scale=ca.if_else(ca.logic_and(found, ca.logic_not(blocked)), ca.if_else(missed, along, 1), 0),
+        scale=ca.if_else(found, scale, 0),
         reason=first_of([(when, reason) for when, reason, _ in reasons]),
         details=first_of([(when, details) for when, _, details in reasons]),
         desired=ca.if_else(found, desired, ca.SX.zeros(2)),

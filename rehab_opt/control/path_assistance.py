@@ -44,11 +44,10 @@ class PathAssistance(BoundedForce):
     s is moved by the person, in order; it cuts no detour longer than two widths. The furthest that it ever was is the
     progress, and never goes back. A push that lasts longer than 0.5 s and answers more than 2.5 times as much to the
     way back as to any place ahead moves s back with the hand before it moves it on, by six widths of the path at most.
-    `rehab_opt.control.path_progress` states the law, why a steady push cannot hold a hand whose person means to go on,
-    and what the law cannot see. A hand that stands under more than 0.3 of `force_limit` all the same, with less
-    progress than a width, is let go within 2 s: the force fades, the command says BLOCKED, its scale is 0, its
-    `relaxed` holds `Relaxed.TASK`, its reason says why, until the hand comes to a place further along the path, where
-    the force grows again within 0.3 s. Begin anew by `reset`.
+    `rehab_opt.control.path_progress` states the law. A hand that stands under more than 0.3 of `force_limit` all the
+    same, with less progress than a width, is let go within 2 s: the force fades, the command is BLOCKED and says why,
+    until the hand comes to a place further along the path, where the force grows again within 0.3 s. Begin anew by
+    `reset`.
 
     Parameters
     ----------
@@ -91,6 +90,9 @@ class PathAssistance(BoundedForce):
             raise ConfigurationError("path", points[0].tolist(), "a path, not one place")
         if not isinstance(comfortable, Workspace) or comfortable.empty:
             raise ConfigurationError("comfortable", comfortable, "a Workspace that is not empty")
+        away = float(np.min(comfortable.distance(sampled.points)))
+        if away > 0:
+            raise ConfigurationError("path", f"{away:.3g} m or more outside `comfortable`", "a path through it")
         self.comfortable = comfortable
         self.spring = SPRING.numbers(
             stiffness=checked_number("stiffness", stiffness, above=0.0, below=1e7),

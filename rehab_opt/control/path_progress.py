@@ -5,12 +5,13 @@ makes of it. In every tick s becomes
 
     argmin  1/2 S |x - p(sigma)|^2 - w (sigma - s) + f_0 max(s - sigma, 0),    low <= sigma <= s + 2 widths,
 
-the least energy of the spring, less the work of a drive w [N], with that of a friction f_0 on the way back. The
-furthest s so far is the progress, which never goes back. A push that rather means back moves s back before it moves it
-on: low is 6 widths before the progress, where the push, larger than f_0, does more than 2.5 times as much work per
-length of the path on the way back as to any place ahead, and has lasted for 0.5 s, longer than a spasm; and s itself
-otherwise, by a sample a tick at most. The drive grows only where s would not go back, while the spring is stretched by
-a push f, of whatever direction, that some place of the path ahead answers to,
+the least energy of the spring, less the work of a drive w [N], with that of a friction f_0 on the way back. s goes on
+only while the hand is within F/S and a width, F the force limit, of p(s) or of one of the next 40 places, which are a
+width apart. The furthest s so far is the progress, which never goes back. A push that rather means back moves s back
+before it moves it on: low is 6 widths before the progress, where the push, larger than f_0, does more than 2.5 times as
+much work per length of the path on the way back as to any place ahead, and has lasted for 0.5 s, longer than a spasm;
+and s itself otherwise, by a sample a tick at most. The drive grows only where s would not go back, while the spring is
+stretched by a push f, of whatever direction, that some place of the path ahead answers to,
 
     w' = (|f| - f_0) / T    where f.(p(sigma) - p(s)) > f_0 exp(-t / 0.5 s) (sigma - s) for a sigma <= s + 40 widths,
 
@@ -19,26 +20,12 @@ of f_0, which counts the less, the longer the person insists. Once w is |f|, s g
 past the progress of then. The drive is forgotten as s goes on (by a factor e in each width) and where there is no such
 push (in T, 0.06 s).
 
-**Why a steady push cannot hold a hand whose person means to go on.** Let the person push steadily by f, |f| > f_0,
-towards any place of the next 40 widths, f.(p(sigma) - p(s)) > 0. After 0.5 s at most s goes back, by 6 widths at most,
-to where it stays, and hand and s stand. After a finite time the place answers. Then f = S (x - p(s)), and for small
-ways d along the path the energy changes by at most (|f| - w) d + 1/2 S d^2, whatever the direction of f. But w grows
-by (|f| - f_0) / T, so that after T |f| / (|f| - f_0) seconds more it exceeds |f|, and s goes on, and not back, to 6
-widths past the progress: through hairpins, loops and cusps. Each width takes such a time at most, as long as the
-spring need not pull harder than the force limit; each time that s goes back, the progress is 6 widths further than the
-time before. Other branches at a crossing do not come in: they are further than two widths along the path. A push back
-along a path that does not return is answered by no place ahead: there the drive stays zero, and a person who has
-stopped is not led on; nor is one who pushes by less than f_0.
+The page on help along a path says why a steady push cannot hold a hand, and how far ahead it is led. The places chosen
+lie within sqrt((F/S)^2 + 6 F/S widths), less than F/S and three widths, of a hand that rests, and each place that s
+passes on the way within one width more; what the hand moves away meanwhile adds to that. Where it goes on along the
+straight stretch on which the hand is, the progress is F/S and three widths ahead of the hand at most.
 
-**How far ahead of the hand it leads** (see the page). The places chosen lie within sqrt((F/S)^2 + 6 F/S widths), F the
-force limit, less than F/S and three widths, of a hand that rests, and each place that s passes on the way within one
-width more; what the hand moves away meanwhile adds to that. Where it goes on along the straight stretch on which the
-hand is, the progress is F/S and three widths ahead of the hand at most.
-
-**What it cannot see** is the intention. One who is ahead of where they mean to be by more than 6 widths, or insists,
-is taken for one who wishes to have passed a loop, and may be led on. A push that no place ahead answers to may be the
-wish to leave: where the hand has stood under more than 0.3 of the force limit for 1.5 s, with less progress than a
-width, the force fades within 0.3 s, in whatever direction the hand is pushed, and stays away until the hand comes
+A hand that has stood under force for 1.5 s is let go within 0.3 s, in whatever direction it is pushed, until it comes
 within a width of a place at least a width further on: the first of these along the path, found by a search of eight
 widths a tick that begins anew where the hand has come near, once it is more than a width away from the width of the
 path that follows on where it was let go. A hand that stays near such places is taken in within the time of the fading
@@ -85,6 +72,8 @@ STANDING = 0.3
 PATIENCE, FADE = 1.5, 0.3
 """[s] for which a hand may be held, and in which the force then fades, so that it is gone within 2 s."""
 PIECES, PLACES = 1 + math.ceil(WINDOW * SAMPLES_PER_WIDTH), math.ceil(HORIZON * SAMPLES_PER_WIDTH)
+ANSWER = range(SAMPLES_PER_WIDTH + 1, PLACES + 2, SAMPLES_PER_WIDTH)
+"""Columns of `ahead` that a push may be answered by."""
 AHEAD, SEARCHED = PLACES + 2, 8 * SAMPLES_PER_WIDTH
 """Samples from the one before s on that a tick looks at, and those among which it looks for a hand that was let go."""
 
@@ -111,8 +100,7 @@ def progress_function() -> ca.Function:
     size = ca.norm_2(push)
     pushed = ca.fmax(old.pushed + ca.if_else(size > model.push, model.dt, -model.dt), 0)
     price = model.push * ca.exp(-pushed / INSISTS) * model.spacing
-    places = range(SAMPLES_PER_WIDTH + 1, PLACES + 2, SAMPLES_PER_WIDTH)
-    answer = ca.mmax(ca.vertcat(*[ca.dot(push, ahead[:, i] - here) / (i - begin) for i in places]))
+    answer = ca.mmax(ca.vertcat(*[ca.dot(push, ahead[:, i] - here) / (i - begin) for i in ANSWER]))
     answered, back = answer > price, RATHER * answer < ca.dot(push, ahead[:, 0] - here) / begin
     beyond = ca.fmax(size - model.push, 0)
     turned = old.until <= old.at
@@ -128,7 +116,8 @@ def progress_function() -> ca.Function:
     until = ca.if_else(all_true(drives, turned, drive >= size), old.furthest + BACK * SAMPLES_PER_WIDTH, old.until)
 
     # s.
-    found = ca.if_else(ca.logic_and(goes_back, pushed < INSISTS), old.at, found)
+    waits = ca.if_else(goes_back, pushed < INSISTS, _is_off(hand, here, ahead, model))
+    found = ca.if_else(waits, old.at, found)
     at = ca.if_else(free, ca.fmin(found, old.at + model.speed_cap * model.dt / model.spacing), old.at)
     drive *= ca.exp(ca.fmin(old.at - at, 0) / SAMPLES_PER_WIDTH)
 
@@ -178,6 +167,12 @@ def progress_function() -> ca.Function:
     )
     inputs = [model.column, old.column, hand, force, ahead, searched]
     return ca.Function("path_progress", inputs, [after], {"cse": True})
+
+
+def _is_off(hand: ca.SX, here: ca.SX, ahead: ca.SX, model: Values) -> ca.SX:
+    """Whether the hand is further than F/S and a width from p(s) and from all places that may answer."""
+    near = ca.mmin(ca.vertcat(*[ca.sumsqr(hand - each) for each in (here, *(ahead[:, i] for i in ANSWER))]))
+    return near > (model.force_limit / model.stiffness + SAMPLES_PER_WIDTH * model.spacing) ** 2
 
 
 def _chosen(

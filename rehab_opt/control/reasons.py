@@ -76,7 +76,7 @@ REASONS = (
     Reason("FIELD_NO_NUMBER", "the field gives no number here", "the field gives no number here"),
     Reason("MODEL_SETTLES", "the model of the led arm finds its posture", "the model of the led arm finds its"),
     Reason("FORCE_AT_LIMIT", "the interaction force is at its limit, or was just now", "interaction force of"),
-    Reason("NOTHING_LEFT", "the bounds leave nothing of the commanded motion", "the bounds leave nothing"),
+    Reason("NOTHING_LEFT", "the bounds leave nothing of the motion or force", "the bounds leave nothing"),
     Reason("STAMP_MISSING", "stamp is missing", "stamp is missing"),
     Reason(
         "ENERGY_LOW",

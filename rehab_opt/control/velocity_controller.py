@@ -32,7 +32,7 @@ from rehab_opt.control.watched_joints import not_followed, watched_joints
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import SerialChain, per_joint
 from rehab_opt.kinematics.real_array import is_finite, is_true, real_array
-from rehab_opt.optim.certificate import all_true, clipped
+from rehab_opt.optim.certificate import all_true, delivered_fraction
 from rehab_opt.optim.fallback_chain import FUSED, FallbackChain
 from rehab_opt.optim.fused import FUSED_SOLVERS
 from rehab_opt.optim.qp import Statement
@@ -210,17 +210,15 @@ class VelocityController(OneThread, ABC):
         return guidance(n).parts(memory[2 * n : 2 * n + self.guidance_size]) if self.guidance_size else None
 
     def report(self, last: ca.SX, velocity: ca.SX, delivered: ca.SX, commanded: ca.SX, outside: ca.SX) -> ca.SX:
-        """Number of `Relaxed`, and the delivered fraction of the reference motion, 1 where it is zero.
+        """Number of `Relaxed`, and `delivered_fraction` of the reference motion.
 
         `delivered` and `commanded` are twists, weighted alike; `outside` says that a joint is beyond its limit.
         """
         hurried = self.hurried(last, velocity)
         size = ca.sumsqr(commanded)
         missed = ca.sumsqr(delivered - commanded) > MISSED**2 * size + STILL**2
-        along = clipped(ca.dot(delivered, commanded) / ca.fmax(size, STILL**2), 0, 1)
-        along = ca.if_else(along > MISSED, along, 0)
         relaxed = int(Relaxed.POSITION) * outside + int(Relaxed.ACCELERATION) * hurried + int(Relaxed.TASK) * missed
-        return ca.vertcat(relaxed, ca.if_else(ca.logic_and(missed, size > STILL**2), along, 1))
+        return ca.vertcat(relaxed, delivered_fraction(delivered, commanded, missed, least=STILL))
 
     @cached_property
     def hurried(self) -> ca.Function:

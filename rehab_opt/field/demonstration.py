@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.errors import ConfigurationError
-from rehab_opt.field.samples import arc_length, checked_paths, interpolated, strides
+from rehab_opt.field.samples import HAND_SPEED, arc_length, checked_paths, interpolated, strides
 from rehab_opt.kinematics.real_array import checked_array
 
-__all__ = ["Demonstration", "check_agreement", "check_closeness"]
+__all__ = ["Demonstration", "check_agreement", "check_closeness", "check_units"]
 
 Array = NDArray[np.float64]
 PLACES = 100
@@ -22,6 +22,10 @@ TURNED = 0.1
 """Share of the length: a path that is nearer by more than this when it is gone backwards is gone backwards. (A straight
 one is nearer by half, a circle by a fifth; one that goes out and comes back the same way by nothing.)"""
 
+WEAKEST, STRONGEST = 0.1, 1e3
+"""[N] of the largest force of a movement."""
+SLOWEST = 1e-3
+"""[m/s] of a movement's fastest moment."""
 SPAN = 0.04
 """[s] over which velocities are differences of places."""
 
@@ -65,8 +69,10 @@ class Demonstration:
     def _seconds(self, count: int) -> Array:
         if self.times is not None:
             times = checked_array("times", self.times, f"{count} rising times in seconds")
-            if times.shape != (count,) or not np.all(np.diff(times) > 0) or not np.all(np.isfinite(times)):
+            if times.shape != (count,):
                 raise ConfigurationError("times", times.shape, f"{count} rising times in seconds")
+            rises = np.isfinite(times) & np.r_[True, np.diff(times) > 0]
+            _refuse_first("times", times, ~rises, "finite, rising times")
             from_first: Array = times - times[0]
             return from_first
         if isinstance(self.dt, int | float) and 0 < self.dt < math.inf:
@@ -87,9 +93,34 @@ def _velocities(positions: Array, seconds: Array) -> Array:
 def _column(argument: str, values: ArrayLike, positions: Array) -> Array:
     expected = f"finite numbers of shape {positions.shape}"
     array = np.array(checked_array(argument, values, expected))
-    if array.shape != positions.shape or not np.all(np.isfinite(array)):
+    if array.shape != positions.shape:
         raise ConfigurationError(argument, array.shape, expected)
+    _refuse_first(argument, array, np.any(~np.isfinite(array), axis=1), "finite numbers")
     return array
+
+
+def _refuse_first(argument: str, values: Array, wrong: NDArray[np.bool_], expected: str) -> None:
+    if wrong.any():
+        first = int(np.argmax(wrong))
+        raise ConfigurationError(f"{argument}[{first}]", values[first].tolist(), expected)
+
+
+def check_units(demonstrations: Sequence[Demonstration]) -> None:
+    """Refuse a demonstration whose numbers can only be a slip of the unit.
+
+    Raises
+    ------
+    ConfigurationError : names it by its number, from 0.
+    """
+    for i, each in enumerate(demonstrations):
+        force, speed = (float(np.linalg.norm(of, axis=1).max()) for of in (each.forces, each.velocities))
+        if not WEAKEST <= force <= STRONGEST:
+            expected = f"{WEAKEST:g} to {STRONGEST:g} N (another unit?)"
+            raise ConfigurationError(f"demonstrations[{i}]", f"a largest force of {force:.3g} N", expected)
+        rests = speed == 0 and np.ptp(each.positions, axis=0).any()  # told so, of a hand that moves
+        if not (rests or SLOWEST <= speed <= HAND_SPEED):
+            expected = f"{SLOWEST:g} to {HAND_SPEED:g} m/s (time or place in another unit?)"
+            raise ConfigurationError(f"demonstrations[{i}]", f"a hand of at most {speed:.3g} m/s", expected)
 
 
 def check_agreement(demonstrations: Sequence[Demonstration], paths: Sequence[Array] | None, width: float) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.errors import ConfigurationError, RehabOptError
-from rehab_opt.field.demonstration import Demonstration, check_agreement, check_closeness
+from rehab_opt.field.demonstration import Demonstration, check_agreement, check_closeness, check_units
 from rehab_opt.field.fit import Fit, constant_stiffness_error, identified, rms
 from rehab_opt.field.force_model import ForceModel, shared_model, station_model
 from rehab_opt.field.potential import SAMPLES_PER_WIDTH, PotentialField
@@ -126,8 +126,8 @@ def learnt_field(
 
     Raises
     ------
-    ConfigurationError : an argument that cannot be used; a demonstration that goes the other way than the path (or,
-        without one, than the first), or stays further from it than the largest width.
+    ConfigurationError : an argument that cannot be used; a demonstration in another unit, or that goes the other way
+        than the path (or, without one, than the first), or stays further from it than the largest width.
     RehabOptError : no solver gave a certified answer.
     """
     demonstrations = list(demonstrations)
@@ -150,6 +150,7 @@ def learnt_field(
         compile=compile,
         widths=len(widths),
     )
+    check_units(demonstrations)
     given = None if path is None else checked_paths(path)
     check_agreement(demonstrations, given, min(widths))
     fields = []

@@ -13,6 +13,7 @@ from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.real_array import checked_array
 
 __all__ = [
+    "HAND_SPEED",
     "SampledPath",
     "Samples",
     "arc_length",
@@ -27,6 +28,8 @@ Array = NDArray[np.float64]
 
 MEAN_POINTS = 400
 """Points of a mean path."""
+HAND_SPEED = 10.0
+"""[m/s] No hand is faster: a larger jump is the sensor's."""
 MAX_MAGNITUDE = 1e3
 """[m] A path that leaves this is in another unit."""
 

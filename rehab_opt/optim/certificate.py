@@ -15,6 +15,7 @@ __all__ = [
     "certificate_function",
     "certified_expressions",
     "clipped",
+    "delivered_fraction",
     "first_true",
     "is_certified",
     "one_is_zero",
@@ -101,6 +102,19 @@ def clipped(value: Any, lower: Any, upper: Any) -> ca.SX:
     """Expression of `value` moved into [lower, upper]; a NaN value becomes a bound, so guard where NaN must show."""
     inside: ca.SX = ca.fmin(ca.fmax(value, lower), upper)
     return inside
+
+
+NEGLIGIBLE = 1e-3
+"""A smaller fraction of what is desired is none: the command is `BLOCKED`."""
+
+
+def delivered_fraction(
+    given: ca.SX, desired: ca.SX, missed: ca.SX, *, least: float, enough: ca.SX | float = NEGLIGIBLE
+) -> ca.SX:
+    """Fraction of `desired` that is given along it, 0 if not `enough`; 1 if nothing is `missed`, or none is desired."""
+    size = ca.sumsqr(desired)
+    along = clipped(ca.dot(given, desired) / ca.fmax(size, least**2), 0, 1)
+    return ca.if_else(ca.logic_and(missed, size > least**2), ca.if_else(along > enough, along, 0), 1)
 
 
 def one_is_zero(multiplier: ca.SX, value: ca.SX, lower: ca.SX, upper: ca.SX) -> ca.SX:

@@ -102,6 +102,29 @@ def test_an_argument_of_the_wrong_shape_is_named() -> None:
         assert np.all(np.isfinite(helper.step(x).value))
 
 
+def test_a_tank_that_ran_dry_blocks_for_a_reason_that_stays_the_same() -> None:
+    """It said OK while 1.8e-12 N were left of 30 N, and another number in every tick."""
+    helper, dry = assistance(energy_budget=1.0, trust_stillness=False), []
+    for _ in range(3000):
+        command = helper.step(OUTSIDE, (0.0, 0.0))
+        delivered = float(command.value @ helper.desired_force) / math.hypot(*helper.desired_force) ** 2
+        assert (command.status is Status.BLOCKED) == (delivered <= 1e-3) == (command.scale == 0.0)
+        dry += [command] * (command.status is Status.BLOCKED)
+    assert len(dry) > 1000
+    assert all(each.relaxed == Relaxed.TASK for each in dry)
+    (reason,) = {each.reason for each in dry}
+    assert reason.endswith("0 J afford 0 N")
+
+
+def test_a_desired_force_far_beyond_the_limit_is_not_blocked_by_it() -> None:
+    helper = BoundedForce(lambda *_: (1e6, 0.0), growth_limit=1e5, trust_stillness=True, compile=False)
+    for _ in range(100):
+        command = helper.step((0.0, 0.0))
+    assert command.status is Status.OK
+    assert command.value[0] == pytest.approx(30.0)
+    assert command.scale == pytest.approx(30e-6)
+
+
 # --------------------------------------------------------------------------------------------------------------- gate
 @pytest.mark.parametrize("mode", THERAPY)
 def test_from_a_start_inside_there_is_no_force_inside(mode: str) -> None:

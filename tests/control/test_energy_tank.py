@@ -9,7 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rehab_opt.control.energy_tank import HAND_SPEED, EnergyTank, tank_record
+from rehab_opt.control.energy_tank import EnergyTank, tank_record
+from rehab_opt.field.samples import HAND_SPEED
 from rehab_opt.symbolic import BufferedFunction
 
 SLEW, CAP, DT, LATE, LIMIT = 200.0, 1.0, 1e-3, 0.05, 30.0

@@ -266,6 +266,34 @@ def test_what_is_not_one_path_is_refused(path: object) -> None:
         along(path)  # type: ignore[arg-type]
 
 
+@pytest.mark.parametrize("place", [(0.03, 0.0), (1.2, 0.3), (-300.0, 500.0)], ids=["centre", "far", "millimetres"])
+def test_a_hand_that_is_not_at_the_path_covers_nothing_of_it(place: tuple[float, float]) -> None:
+    """With 0.02 mm of noise a hand at the centre of a circle went round it, and one 583 m away came to the end."""
+    circle = 0.03 * np.column_stack([1 - np.cos(TURN), np.sin(TURN)])
+    helper, rng = along(circle), np.random.default_rng(3)
+    for _ in range(3000):
+        command = helper.step(place + 2e-5 * rng.standard_normal(2))
+    assert helper.progress == helper.reference_progress == 0.0
+    assert command.status is Status.BLOCKED
+
+
+def test_a_hand_that_was_not_seen_for_a_while_is_followed_along_the_path() -> None:
+    helper = along(np.array([[0.0, 0.0], [0.2, 0.0]]))
+    for _ in range(50):
+        helper.step((0.0, 0.0))
+    for x in np.linspace(0.0, 0.08, 500):
+        helper.step((math.nan, x))
+    for _ in range(100):
+        helper.step((0.08, 0.0))
+    assert helper.progress == pytest.approx(0.4, abs=0.01)
+
+
+def test_a_path_outside_the_comfortable_workspace_is_refused() -> None:
+    with pytest.raises(ConfigurationError, match=r"path = .*outside `comfortable`"):
+        along(EIGHT + 1.0)
+    assert along(EIGHT + [0.32, 0.0]).progress == 0.0  # partly
+
+
 def test_a_tremor_moves_nothing_on() -> None:
     helper = along(EIGHT)
     for at in range(100):

@@ -33,6 +33,36 @@ def test_without_noise_stiffness_drag_and_damping_are_recovered(rest_on_target: 
     assert 0.0 <= fit.residual <= 1e-6
 
 
+@pytest.mark.parametrize(
+    ("time", "force", "said"),
+    [(1e3, 1.0, "m/s.*another unit"), (1e-3, 1.0, "m/s.*another unit"), (1.0, 1e3, " N.*another unit")],
+)
+def test_a_demonstration_in_another_unit_is_refused(time: float, force: float, said: str) -> None:
+    """From forces in mN a stiffness of 1.6e6 N/m was learnt."""
+    hands = led_hands(truth())
+    hands[3] = Demonstration(hands[3].positions, force * hands[3].forces, dt=2.0 * time / 299)
+    with pytest.raises(ConfigurationError, match=rf"demonstrations\[3\] = .*{said}"):
+        learnt(hands)
+
+
+@pytest.mark.parametrize("name", ["forces", "velocities"])
+def test_the_first_number_that_is_none_is_named(name: str) -> None:
+    (hand,) = led_hands(truth(), count=1)
+    columns = {"positions": hand.positions, "forces": hand.forces, "velocities": hand.velocities}
+    columns[name][[7, 9], 1] = math.nan
+    with pytest.raises(ConfigurationError, match=rf"{name}\[7\] = \[.*, nan\]: expected finite"):
+        Demonstration(**columns)
+
+
+@pytest.mark.parametrize("wrong", [0.01, math.nan])
+def test_the_first_time_that_does_not_rise_is_named(wrong: float) -> None:
+    times = 0.01 * np.arange(300)
+    times[[5, 8]] = wrong
+    (hand,) = led_hands(truth(), count=1)
+    with pytest.raises(ConfigurationError, match=rf"times\[5\] = {wrong}: expected finite, rising times"):
+        Demonstration(hand.positions, hand.forces, times=times)
+
+
 def test_with_noise_the_error_left_is_the_noise() -> None:
     fit = learnt(led_hands(truth(), noise=1.0)).fit
     assert fit.parameters == pytest.approx(TRUE, rel=0.02)

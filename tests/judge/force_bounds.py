@@ -32,7 +32,8 @@ PROMISES = (
     Promise("rehab_opt/control/bounded_force.py", "Help that the energy left holds back says so in its reason."),
     Promise("rehab_opt/control/watchdog.py", "Largest age [s] of a state at a nominal tick dt [s]: 50 ms, and never "
             "less than three ticks."),
-    Promise("rehab_opt/control/command.py", "of assistance: of the desired force, along it."),
+    Promise("rehab_opt/control/command.py", "of assistance: of the desired force, along it. Less than a thousandth, of "
+            "a desired force beyond `force_limit` of that, is 0: `BLOCKED`."),
 )  # fmt: skip
 LEAST = {"solver closed form": 4e5, "solver qrqp": 5e4,
          "at the force limit": 2000, "at the slew limit": 14_000, "held back by its growth": 5000, "relaxed slew": 50,
@@ -124,14 +125,19 @@ def judge(verdict: Verdict, one: Run) -> None:
     verdict.holds("sound inputs are acted on again", ~safe | ~calm, str(set(reasons[safe & calm])))
 
     # A hand that stood under force along a path is let go by a force that fades, of which nothing is wanted any more.
-    safe = safe | (status == "blocked")
-    asked, flagged = one.desired_force, answers.relaxed & 4 != 0
+    stood = np.char.startswith(words, "the hand stood under force")
+    safe, asked, flagged = safe | stood, one.desired_force, answers.relaxed & 4 != 0
     need, off = np.linalg.norm(asked, axis=1), np.linalg.norm(force - asked, axis=1)
     verdict.holds("a force other than the wanted one is flagged", flagged | (off <= 1.001e-6 * need + 2e-12) | safe)
     verdict.holds("what is flagged is another force", ~flagged | (off > 0.999e-6 * need + 0.9e-12) | safe)
     along = np.clip(np.einsum("ni,ni->n", force, asked) / np.maximum(need, 1e-12) ** 2, 0, 1)
-    told = np.where(safe, 0.0, np.where(flagged, np.where(need > 1e-12, along, 0.0), 1.0))
-    verdict.within("error of the scale", np.abs(answers.scale - told), 1e-9)
+    enough = 1e-3 * np.minimum(1.0, given.force_limit / np.maximum(need, 1e-12))
+    sure = np.abs(along / enough - 1) > 1e-6  # but for rounding
+    nothing = flagged & (need > 1e-12) & (along <= enough) & ~safe
+    told = np.where(safe | nothing, 0.0, np.where(flagged & (need > 1e-12), along, 1.0))
+    verdict.within("error of the scale", np.where(sure, np.abs(answers.scale - told), 0.0), 1e-9)
+    verdict.holds("blocked is a force of which nothing is left", ((status == "blocked") == (nothing | stood)) | ~sure)
+    verdict.during("nothing is left of the wanted force", nothing, dt)
     room = (need < 0.999 * np.minimum(given.force_limit, grown)) & (np.linalg.norm(asked - last, axis=1) < 0.999 * step)
     pieces = math.ceil(1.3 * 6.0 * given.unsure / dt) + 1 if given.unsure else 0  # that may still be under way
     total = np.cumsum(np.r_[np.zeros(pieces + 1), np.linalg.norm(last, axis=1) * np.r_[dt, one.seconds[:-1]]])

@@ -123,7 +123,7 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
                    np.where(exact, np.abs(held - level), 0.0), rounding)  # fmt: skip
     verdict.holds("without a new message the force is released",
                   fresh | np.isin(answers.status, ("releasing", "released")))  # fmt: skip
-    acts = np.isin(answers.status, ("ok", "backup"))  # a certified answer, whichever solver's
+    acts = np.isin(answers.status, ("ok", "backup", "blocked"))  # a certified answer, even where it is dry
     verdict.holds("who is told a place, and a force on it, acts", ~placed | acts)
     verdict.during("told a place", placed, dt)
     verdict.within("force over its limit", sizes / limit, 1.0)

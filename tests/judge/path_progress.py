@@ -7,7 +7,7 @@ at most; round corners it passes no place that is more than one width further fr
 hand draws back by more than one and a half times what the spring stretches at the force limit. The place that leads is
 that of the progress, or before it by six widths at most. Where a hand was let go both stand, until soon after the hand
 has come to a place further on. From 0.3 s after that, the force that is wanted pulls across the stretch where the hand
-is, not towards the other one, and damps across it alone.
+is, not towards the other one, and damps across it alone. A hand that is not at the path moves nothing on.
 """
 
 from __future__ import annotations
@@ -39,6 +39,8 @@ PROMISES = (
             "stands while a hand is let go."),
     Promise("rehab_opt/control/path_progress.py", "less than F/S and three widths, of a hand that rests, and each "
             "place that s passes on the way within one width more"),
+    Promise("rehab_opt/control/path_progress.py", "s goes on only while the hand is within F/S and a width, F the "
+            "force limit, of p(s) or of one of the next 40 places, which are a width apart."),
     Promise("rehab_opt/control/path_progress.py", "Where it goes on along the straight stretch on which the hand is, "
             "the progress is F/S and three widths ahead of the hand at most."),
     Promise("rehab_opt/control/path_progress.py", "A hand that stays near such places is taken in within the time of "
@@ -51,6 +53,8 @@ LEAST = {
     "led on beyond a corner": 700,
 }
 CI_TICKS = 6000
+TREMBLES = 200
+"""Ticks of a run of a hand that is not at the path."""
 SHAPES = ("cross", "hairpin", "meander")
 
 
@@ -73,7 +77,32 @@ def run(ticks: int, seed: int, *, only: int | None = None) -> Verdict:
     verdict = Verdict("path_progress", seed, LEAST)
     for number, rng in numbered(verdict, ticks, only):
         one_run(verdict, number, rng)
+    for number, rng in numbered(verdict, ticks // 50, only, first=1_000_000):
+        elsewhere(verdict, number, rng)
     return verdict
+
+
+def elsewhere(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
+    """A hand that trembles at the centre of a path's circle, or far from it, which the spring's full force tears at."""
+    width, dt = float(rng.choice([0.005, 0.01, 0.02])), float(rng.choice([2e-3, 5e-3, 1e-2]))
+    near = 30.0 / 3000.0 + width
+    angle = np.linspace(0.0, 2 * math.pi, 200)
+    circle = near * rng.uniform(1.1, 4.0) * np.column_stack([np.cos(angle), np.sin(angle)])
+    place = rng.choice([0.0, 1.0, 500.0]) * rng.uniform(-1.0, 1.0, 2)
+    apart = shapely.distance(shapely.LineString(circle), shapely.Point(place))
+    force = PathAssistance(circle, stiffness=3000.0, width=width, dt=dt, trust_stillness=True, compile=False,
+                           comfortable=Workspace(shapely.box(-2, -2, 2, 2), accuracy=0.0))  # fmt: skip
+    verdict.begin(number, f"elsewhere, width {width:g}, dt {dt:g}")
+    x = place + tremor(rng, TREMBLES, dt, size=0.02 * width, axes=2)
+    progress = np.empty((TREMBLES, 2))
+    answers = []
+    for k in range(TREMBLES):
+        answers.append(force.step(x[k]))
+        progress[k] = force.progress, force.reference_progress
+    verdict.answers(answers, dt)
+    off = np.full(TREMBLES, bool(apart > 1.05 * near))
+    verdict.holds("a hand that is not at the path covers nothing of it", (progress == 0.0).all(axis=1) | ~off)
+    verdict.during("not at the path", off, dt)
 
 
 def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
@@ -118,7 +147,7 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
     verdict.during("s short of the progress", short > 0.1, dt)
     away = np.zeros(ticks, dtype=bool)
     for k, each in enumerate(commands):  # a tick whose hand cannot be used changes nothing
-        away[k] = each.status.value == "blocked" or (each.status.value != "ok" and away[k - 1])
+        away[k] = "stood under force" in each.reason or (each.status.value != "ok" and away[k - 1])
     judge_progress(verdict, knots, at, led, walked[:-1], drawn[:-1], x[:-1], away, width=width, reach=30.0 / stiffness,
                    dt=dt)  # fmt: skip
     # What is wanted in a tick is of the s before it.

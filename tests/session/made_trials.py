@@ -43,7 +43,8 @@ def trial_of(position: ArrayLike, *, dt: float = 0.01, **given: Any) -> Trial:
         "law": "assisted", "number": 0, "time": dt * np.arange(count), "position": places, "velocity": velocity,
         "intended": places, "desired_force": none, "commanded": none, "measured": none,
         "inside": np.zeros(count, dtype=bool),
-        "status": np.zeros(count, dtype=np.uint8), "relaxed": np.zeros(count, dtype=np.uint8),
+        "status": np.zeros(count, dtype=np.uint8), "let_go": np.zeros(count, dtype=bool),
+        "relaxed": np.zeros(count, dtype=np.uint8),
         "energy_left": np.full(count, 20.0), "goal": np.full((count, 2), np.nan), "ended": "done",
     }  # fmt: skip
     return Trial(**{**values, **given})

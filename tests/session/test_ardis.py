@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 import shapely
+from matplotlib.text import Text
 from PIL import Image
 from rich.console import Console
 
@@ -27,9 +28,10 @@ from rehab_opt.session.ardis.shown import brief, motion_film
 from rehab_opt.session.ardis.shown import figures as ardis_figures
 from rehab_opt.session.ardis.shown import table as ardis_table
 from rehab_opt.session.ardis.stick import HEADER, Moment, read_stick, sticks_of
-from rehab_opt.session.files import load_problem, problem_of, shipped_problems
+from rehab_opt.session.files import ProblemFile, load_problem, problem_of, shipped_problems
 from rehab_opt.session.report import metrics_json, write_report
 from rehab_opt.session.run import checked, run_problem
+from rehab_opt.session.systems import NotMet
 from tests.control.redundancy_campaign import segment_distance
 
 NAMES = [name for name in shipped_problems() if name.startswith("ardis/")]
@@ -208,6 +210,42 @@ def test_clearances_are_those_of_shapely() -> None:
             for link in ((shoulder, elbow), (elbow, hand))
         ]
         np.testing.assert_allclose(row, oracle, atol=1e-9)
+
+
+def steered(folder: Path, rows: str, goal: list[float]) -> ProblemFile[Any]:
+    """A problem with one stick of these samples, and one goal."""
+    (folder / "s.csv").write_text(",".join(HEADER) + "\n" + rows)
+    goals = [{"name": "there", "hand_m": goal}]
+    content = {"system": "ardis", "title": "test", "stick": {"mecanum": "s.csv"}, "goals": goals}
+    return problem_of(content, name="test", file="test.toml", path=folder / "test.toml")
+
+
+def not_met(notes: tuple[str, ...]) -> list[str]:
+    return [note for note in notes if isinstance(note, NotMet)]
+
+
+def test_stick_that_was_never_let_go_is_said_to_move_nothing(tmp_path: Path) -> None:
+    config = steered(tmp_path, "0,1,0,0,0\n1,1,0,0,0\n2,0,0,0,0\n3,1,0,0,0\n4,0,0,0,0\n", [5.0, 0.0, 0.7])
+    outcome = run_problem(config)
+    assert isinstance(outcome, ArdisOutcome)
+    note = "mecanum drive: for 2.0 s the stick moves nothing: the stick must be let go first"
+    assert not_met(checked(config)) == not_met(outcome.notes) == [note]
+    for law, numbers in outcome.metrics["drives"]["mecanum"].items():
+        assert numbers["stick_ignored"] == {"the stick must be let go first": 200}, law
+        assert not outcome.drives["mecanum"].by_law[law].velocity[:200].any()
+    assert sum(reason != "" for reason in dict(outcome.trace())["stick_ignored"]) == 2 * 200
+    words = {text.get_text() for text in ardis_figures(outcome)["hand"].findobj(Text)}
+    assert "goal reached by ours" not in words  # none was
+    text = io.StringIO()
+    Console(file=text, width=200).print(ardis_table(outcome))
+    assert "200 the stick must be let go first" in " ".join(text.getvalue().split())
+
+
+def test_check_says_that_nothing_is_asked_for_and_that_a_goal_is_below_the_floor(tmp_path: Path) -> None:
+    still = "0,0,0,0,0\n1,0.1,0,0,0\n"  # within the dead zone
+    idle, below = "mecanum drive: the stick asks for nothing", "goal 'there' is below the floor"
+    assert not_met(checked(steered(tmp_path, still, [1.0, 0.0, -0.5]))) == [idle, below]
+    assert not_met(checked(steered(tmp_path, still + "2,1,0,0,0\n", [1.0, 0.0, -0.03]))) == []
 
 
 def test_user_who_is_simulated_again_still_reaches_the_goals() -> None:

@@ -234,11 +234,19 @@ def test_an_absent_recording_is_named_before_anything_is_learnt(tmp_path: Path) 
         checked(absent)
 
 
-def test_a_path_that_no_arm_reaches_is_refused_by_its_demonstrations(written: Write) -> None:
+def test_a_check_says_what_the_run_does_of_a_hand_that_swings() -> None:
+    slow = config({"assistance": {"slew_limit_N_s": 20.0}, "task": {"trials": 1}, "run": {"rate_hz": 200.0}})
+    swings = [note for note in checked(slow) if "assistance.slew_limit_N_s" in note]
+    assert swings
+    assert set(swings) <= set(run_problem(slow).notes)
+
+
+@pytest.mark.parametrize("judge", [checked, run_problem])
+def test_a_path_that_no_arm_reaches_is_refused_by_its_demonstrations(written: Write, judge: Callable[..., Any]) -> None:
     away = [(t, x + 0.6, y, fx, fy) for t, x, y, fx, fy in shipped_rows()]
     file = written("lead.csv", table(away))
     with pytest.raises(ProblemFileError) as refused:
-        run_problem(config({"task": {"demonstrations": {"files": ["lead.csv"]}}}, file.parent / "problem.toml"))
+        judge(config({"task": {"demonstrations": {"files": ["lead.csv"]}}}, file.parent / "problem.toml"))
     assert refused.value.key == "task.demonstrations"
 
 

@@ -21,6 +21,7 @@ from rehab_opt.session.files import load_problem
 from rehab_opt.session.mirror.hand_poses import calibration_points, read_hand_poses
 from rehab_opt.session.mirror.problem import PoseRecordingSection
 from rehab_opt.session.run import checked
+from rehab_opt.session.systems import NotMet
 from tests.session.made_c3d import c3d
 
 Write = Callable[[str, str | bytes], Path]
@@ -298,10 +299,11 @@ def test_check_says_size_and_how_much_is_in_reach(written: Write) -> None:
     assert "played at 0.5 of its recorded speed" in notes
     assert any(note.startswith("401 samples over 4 s; 20 x 10 mm large, 28.28 mm long") for note in notes)
     assert "in reach: 40 of 40 samples looked at (100 %)" in notes
-    notes = checked(load_problem(str(written("out.toml", PROBLEM.format(more=more, x=0.5)))))
-    assert any(
-        note.startswith("in reach: 0 of 40 samples looked at (0 %); from the others the hand stays") for note in notes
-    )
+    assert not any(isinstance(note, NotMet) for note in notes)
+    for x, share in ((0.5, "0 of 40 samples looked at (0 %)"), (-0.2, "14 of 40 samples looked at (35 %)")):
+        notes = checked(load_problem(str(written("out.toml", PROBLEM.format(more=more, x=x)))))
+        (note,) = (note for note in notes if isinstance(note, NotMet))
+        assert note.startswith(f"in reach: {share}; from the others the hand stays")
 
 
 @pytest.mark.parametrize(

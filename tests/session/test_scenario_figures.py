@@ -24,11 +24,10 @@ from rehab_opt.session.scenario.field_figures import (
     gated_forces,
     variants,
 )
-from rehab_opt.session.scenario.figures import figures
+from rehab_opt.session.scenario.figures import deviation_figure, figures, max_between, trials_figure
 from rehab_opt.session.scenario.outcome import RATE, ScenarioOutcome, thinned_ticks
 from rehab_opt.session.scenario.plane_drawing import LAW_NAMES, mean_over_trials
 from rehab_opt.session.scenario.table import brief, table
-from rehab_opt.session.scenario.trials_figures import max_between, trials_figure
 from tests.session.made_trials import ALONE, COMFORTABLE, REACHABLE, WITHIN, made_outcome, trial_of
 
 NAMES: dict[Mode, set[str]] = {
@@ -88,6 +87,21 @@ def test_every_trial_is_a_line_and_no_peak_of_a_force_is_lost() -> None:
         assert len(thin) == 4
     assert force.get_ylabel() == "measured force [N]"
     assert max(np.asarray(line.get_ydata()).max() for line in force.get_lines()[1:]) == pytest.approx(27.0, abs=0.01)
+
+
+@pytest.mark.parametrize("mode", ["follow", "hold"])
+def test_largest_deviation_of_the_figure_is_that_of_the_table(mode: Mode) -> None:
+    outcome = made_outcome(mode, laws=("unassisted",))
+    drawn = [np.asarray(line.get_ydata()) for line in deviation_figure(outcome).axes[0].get_lines()]
+    most = max(np.nanmax(values) for values in drawn if values.size)
+    assert most == pytest.approx(1e3 * max(of["deviation_max_m"] for of in outcome.measures["unassisted"]), rel=1e-9)
+
+
+def test_number_of_trials_is_said_so_that_one_is_none_of_many() -> None:
+    for count in (1, 3):
+        assert f"trials under each law: {count}" in words(
+            trials_figure(made_outcome("assist", trials=count, laws=("assisted",)))
+        )
 
 
 def test_largest_between_two_kept_ticks_is_kept() -> None:
@@ -165,6 +179,16 @@ def test_table_fits_a_hundred_columns_and_names_every_law(mode: Mode) -> None:
     assert "nan" not in text
     assert "…" not in text
     assert ("SPARC" in text) == (mode != "hold")
+
+
+@pytest.mark.parametrize(
+    ("mode", "said"),
+    [("stretch", "the end on the path"), ("assist", "at rest at the target in time,"),
+     ("resist", "at rest at the target in time,"), ("follow", "95 % covered, the end"),
+     ("hold", "each point reached")],
+)  # fmt: skip
+def test_table_says_what_success_is(mode: Mode, said: str) -> None:
+    assert f"success: {said} within {1e3 * WITHIN:g} mm" in " ".join(_printed(made_outcome(mode)).split())
 
 
 @pytest.mark.parametrize("mode", ["follow", "assist", "hold"])

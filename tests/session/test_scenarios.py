@@ -259,7 +259,7 @@ trials = 1
     without, helped = (found.measures[law][0]["deviation_mean_m"] for law in ("unassisted", "assisted"))
     worse = "assisted: with this help the hand deviated more than without any, in 1 of 1 trials"
     assert (worse == found.notes[0]) == (helped > without)  # the law may come to know better
-    gone = found.measures["assisted"][0]["status_fraction"].get("blocked", 0.0)
+    gone = float(found.trials["assisted"][0].let_go.mean())
     assert any(f"let go, for {100 * gone:.2g} % of the time" in note for note in found.notes) == (gone > 0)
 
 

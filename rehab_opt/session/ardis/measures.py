@@ -13,7 +13,7 @@ from rehab_opt.kinematics.mobile_arm import CHAIR, MobileArm
 from rehab_opt.session.ardis.clearance import arm_gaps, arm_points, chair_gaps, point_gaps
 from rehab_opt.session.ardis.outcome import Motion
 from rehab_opt.session.ardis.problem import DriveName, GoalSection
-from rehab_opt.session.outcome import Array, finite, status_counts
+from rehab_opt.session.outcome import Array, finite, reason_counts, status_counts
 
 __all__ = ["KEPT", "excesses", "goals_met", "hand_fractions", "kinetic_energies", "motion_metrics"]
 
@@ -62,6 +62,7 @@ def motion_metrics(
         "hand_tilt_max_deg": _tilt(motion),
         "at_rest_at_the_end": not motion.velocity[-1].any(),
         "scale_min": float(motion.scale.min()),
+        "stick_ignored": reason_counts(motion.ignored),
         "status": status_counts(motion.status),
         "relaxed": status_counts(text for text in motion.relaxed if text),
     }

@@ -128,6 +128,7 @@ class Motion:
     velocity : (N, 7) what was sent [m/s, rad/s], the chair's in the world frame; chassis : the same in its own.
     wheels : (N, w) [rad/s]. hand : (N, 3) [m]. poses : (N, 4, 4) of the hand. jacobians : (N, 6, 7).
     sticks : (N, 2) deflections. commanded : (N,) whether anything was asked for. closed : (N,) the gripper.
+    ignored : (N,) why a stick that may ask for motion gets none, or empty.
     mode, status, relaxed : (N,) each. scale : (N,) fraction of the commanded motion that was delivered.
     motion : commanded and true, of a robot that does not move exactly as commanded.
     """
@@ -142,6 +143,7 @@ class Motion:
     jacobians: Array
     sticks: Array
     commanded: NDArray[np.bool_]
+    ignored: tuple[str, ...]
     closed: NDArray[np.bool_]
     mode: tuple[str, ...]
     status: tuple[str, ...]
@@ -209,6 +211,7 @@ def simulate_motion(
         jacobians=np.array([robot.chain.jacobian(each) for each in ran.q]),
         sticks=np.array(sticks),
         commanded=np.array([bool(each.twist.any()) for each in commanded]),
+        ignored=tuple(each.reason for each in commanded),
         closed=np.array([each.gripper_closed for each in commanded]),
         mode=modes,
         status=tuple(NO_ANSWER if each.reason == NO_ANSWER else each.status.value for each in ran.commands),
@@ -270,6 +273,7 @@ class ArdisOutcome(Outcome):
             "stick_forward": motion.sticks[:, 0],
             "stick_left": motion.sticks[:, 1],
             "stick_mode": motion.mode,
+            "stick_ignored": motion.ignored,
             "gripper_closed": motion.closed.astype(int),
             **dict(point_columns("hand", motion.hand)),
             **{f"joint_{name}_{unit}": of for (name, unit), of in zip(joints, motion.q.T, strict=True)},

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
 from typing import Any
 
@@ -34,9 +34,9 @@ from rehab_opt.session.clearance import NearestBodies, clearance_of, nearest_bod
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.live.bodies import ARM_PLOTS, BLUE, GREEN, GREY, PURPLE, ArmBodies, joint_rows, kept_off, screen
 from rehab_opt.session.live.problem import LiveControl, LiveInputs, LiveProblem
-from rehab_opt.session.outcome import Array, Progress
+from rehab_opt.session.outcome import Array, Progress, reason_counts
 from rehab_opt.session.plant import chair_plant, joint_feedback, plant_note
-from rehab_opt.session.systems import ROBOT_FILE, Needed, System
+from rehab_opt.session.systems import ROBOT_FILE, Needed, NotMet, System
 
 __all__ = ["ArdisSystem"]
 
@@ -164,6 +164,12 @@ RECORDED = (
 )
 
 
+def _stick_notes(drive: DriveName, ignored: Sequence[str], dt: float) -> Iterator[NotMet]:
+    """For how long, of ticks `dt` [s], a stick moves nothing, and why (empty where it does)."""
+    for reason, ticks in reason_counts(ignored).items():
+        yield NotMet(f"{drive} drive: for {ticks * dt:.1f} s the stick moves nothing: {reason}")
+
+
 class ArdisSystem(System[ArdisProblem, ArdisOutcome]):
     """A wheelchair with an arm, moved by one stick, with each drive that has a recording of it."""
 
@@ -179,14 +185,20 @@ class ArdisSystem(System[ArdisProblem, ArdisOutcome]):
         return sticks if problem.robot.file is None else (*sticks, Needed(ROBOT_FILE, problem.robot.file))
 
     def check(self, config: ProblemFile[ArdisProblem]) -> tuple[str, ...]:
-        """Reads the sticks, builds the robot and its controllers."""
+        """Reads the sticks and what they ask for, builds the robot and its controllers."""
         robot = robot_of(config)
         start = start_of(config, robot)
-        joystick_of(config)
-        for drive in sticks_of(config):
+        notes = [*robot.chain.notes, *start_notes(config.problem.clearance, config.file, robot.bodied_chain, start)]
+        for drive, stick in sticks_of(config).items():
             resolver_of(config, robot, drive)
-        within = start_notes(config.problem.clearance, config.file, robot.bodied_chain, start)
-        return (*robot.chain.notes, *within)
+            joystick, dt = joystick_of(config), 1 / config.problem.run.rate_hz
+            moments = (Moment(k * dt, start, start[:3], "") for k in range(math.ceil(stick.duration / dt) + 1))
+            told = [joystick.step(**(stick.at(each) or LET_GO)._asdict()) for each in moments]
+            notes += _stick_notes(drive, [each.reason for each in told], dt)
+            if not any(each.reason or each.twist.any() for each in told):
+                notes.append(NotMet(f"{drive} drive: the stick asks for nothing"))
+        low = [goal.name for goal in config.problem.goals if goal.hand_m[2] < -goal.within_m]
+        return (*notes, *(NotMet(f"goal {name!r} is below the floor") for name in low))
 
     def run(self, config: ProblemFile[ArdisProblem], *, options: Mapping[str, str], progress: Progress) -> ArdisOutcome:
         """Options: `solver` of the controller, `plant`."""
@@ -222,6 +234,7 @@ class ArdisSystem(System[ArdisProblem, ArdisOutcome]):
         }
         return ArdisOutcome(
             notes=(
+                *(note for drive, of in drives.items() for note in _stick_notes(drive, of.optimised.ignored, dt)),
                 plant_note(
                     problem.plant,
                     "the robot is simulated: chair and arm move exactly as commanded, whichever law commands",

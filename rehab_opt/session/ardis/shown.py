@@ -156,20 +156,20 @@ def _hand(outcome: ArdisOutcome) -> Figure:
         column[0].set_ylim(-0.2, 1.8)
         column[1].set_ylim(0, 1.3 * max(1e-2, outcome.metrics["drives"][drive]["optimised"]["chair_path_m"]))
         column[0].axhline(0, color=REFERENCE, linewidth=1, linestyle=":")
-        reached = outcome.metrics["drives"][drive]["optimised"]["goals"]
-        for i, when in enumerate(reached.values()):
-            for axes in column if when is not None else ():
+        reached = outcome.metrics["drives"][drive]["optimised"]["goals"].values()
+        for i, when in enumerate((when for when in reached if when is not None), start=1):
+            for axes in column:
                 axes.axvline(when, color=GOAL, linewidth=1)
-            if when is not None:
-                column[0].annotate(
-                    str(i + 1), (when, 0.97), xycoords=("data", "axes fraction"), xytext=(2, 0),
-                    textcoords="offset points", va="top", fontsize=8, color=GOAL,
-                )  # fmt: skip
-        column[0].plot([], [], color=GOAL, linewidth=1, label="goal reached by ours")
+            column[0].annotate(
+                str(i), (when, 0.97), xycoords=("data", "axes fraction"), xytext=(2, 0),
+                textcoords="offset points", va="top", fontsize=8, color=GOAL,
+            )  # fmt: skip
         column[0].set_title(f"{drive} drive", fontsize=10, loc="left")
         column[1].set_xlabel("time [s]")
         for axes in column:
             axes.grid(**GRID)
+    if any(of["optimised"]["goals_met"] for of in outcome.metrics["drives"].values()):
+        grid[0, 0].plot([], [], color=GOAL, linewidth=1, label="goal reached by ours")
     grid[0, 0].set_ylabel("hand above the floor [m]")
     grid[1, 0].set_ylabel("way of the chair [m]")
     return legend_below(figure, grid[0, 0], 3)
@@ -342,6 +342,7 @@ MORE_ROWS: Rows = (
     ("to wheel speeds, rad/s", _margin("wheels")),
     ("motion that the drive does not allow, m/s", _residual),
     ("largest tilt of the hand from its start, deg", lambda of: f"{of['hand_tilt_max_deg']:.2g}"),
+    ("ticks in which the stick moved nothing", lambda of: counts(of["stick_ignored"]) or "0"),
     ("ticks in which something was relaxed", lambda of: counts(of["relaxed"]) or "0"),
     ("ways: arm / chair, %; mean energy / chair alone, J", lambda of: ""),
 )

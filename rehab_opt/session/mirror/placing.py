@@ -49,8 +49,6 @@ HEIGHT, AWAY = (-0.1, 0.5), 0.45
 """[m] of the led shoulder over the robot's base; of the patient's middle and shoulders from its axis at least."""
 CLEAR = 0.3
 """[m] of the robot's joints before its wrist from the upright through the patient's middle."""
-SEEN = 0.005
-"""Share in reach that a note rounds to nothing."""
 GOOD = 0.5
 """Of the largest manipulability, above which postures are drawn."""
 
@@ -165,8 +163,8 @@ def reach_note(problem: MirrorProblem, scene: Setup, tracker: MirrorTracker) -> 
         pose[:3, :3] = turned(here[:3, :3], fraction * turn)
     walk = search.seats.walk(np.concatenate([to_the_first, hands])[:, None], scene.start[None], 0)
     fraction = float((walk.done[COMES:, 0] & search.wanted).sum() / search.counted_on.sum())
-    said = f"in reach, above the floor, from this start: {100 * fraction:.0f} % of it; `rehab-opt place` may find more"
-    return said if fraction >= SEEN else NotMet(said)
+    said = f"in reach, above the floor, from this start: {100 * fraction:.3g} % of it; `rehab-opt place` may find more"
+    return said if fraction == 1.0 else NotMet(said)
 
 
 class _Search:

@@ -45,6 +45,8 @@ ARM_NEAR = 5e-3, math.radians(5.0)
 """[m, rad] up to which an arm does a pose."""
 SLOW, TREMBLES = 2.0, 0.05
 """[Hz] A hand that reaches goes hardly any way faster; share of its way from which on that is said."""
+STILL = 1e-3
+"""[m] within which a hand that goes nowhere stays."""
 TOGETHER = 0.5
 """[s] of the recording within which changes of posture are told as one."""
 
@@ -190,6 +192,8 @@ def path_notes(scene: Setup) -> Iterator[str]:
     reference = Recording("the reference", times[seen], scene.reference.poses[seen, :3, 3])
     yield size_note(reference)
     yield from strange_sizes(reference)
+    if np.ptp(reference.points, axis=0).max() < STILL:
+        yield f"the hand stays within {1e3 * STILL:g} mm: at most it turns"
     rate, whole = 1.0 / (times[1] - times[0]), _way(reference.points)
     # Of less than a period nothing can be told.
     slow = _way(low_passed(reference.points, rate, cutoff_hz=SLOW)) if len(reference.points) > rate else whole

@@ -8,7 +8,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rehab_opt.control.energy_tank import HAND_SPEED
 from rehab_opt.errors import ConfigurationError, ProblemFileError, RehabOptError
 from rehab_opt.field.demonstration import Demonstration
 from rehab_opt.field.fit import Fit
@@ -28,10 +27,6 @@ LEAST = 1.0
 """Standard errors that a stiffness is above zero; from less nothing is learnt."""
 MOST = {"stiffness": 1e5, "drag": 1e5, "damping": 1e4}
 """As in a file that gives them."""
-WEAKEST, STRONGEST = 0.1, 1e3
-"""[N] of the largest force of a movement."""
-SLOWEST = 1e-3
-"""[m/s] of a movement's fastest moment."""
 
 
 class Learnt(NamedTuple):
@@ -100,25 +95,7 @@ def _shown(config: ProblemFile[ScenarioProblem]) -> tuple[tuple[Demonstration, .
             shown.append(
                 Demonstration(positions=recording.points[:, :2], forces=recording.forces[:, :2], times=recording.time)
             )
-        _check_sizes(config.file, file, shown[-1])
     return tuple(shown), notes
-
-
-def _check_sizes(problem: str, file: str, shown: Demonstration) -> None:
-    """Numbers that can only be a slip of the unit.
-
-    Raises
-    ------
-    ProblemFileError : names the recording.
-    """
-    largest = float(np.linalg.norm(shown.forces, axis=1).max())
-    if not WEAKEST <= largest <= STRONGEST:
-        expected = f"{WEAKEST:g} to {STRONGEST:g} N (another unit?)"
-        raise ProblemFileError(problem, f"{KEY}.files", f"{file}: a largest force of {largest:.3g} N", expected)
-    fastest = float(np.linalg.norm(shown.velocities, axis=1).max())
-    if not SLOWEST <= fastest <= HAND_SPEED:
-        expected = f"{SLOWEST:g} to {HAND_SPEED:g} m/s (time or place in another unit?)"
-        raise ProblemFileError(problem, f"{KEY}.files", f"{file}: a hand of at most {fastest:.3g} m/s", expected)
 
 
 def _field(

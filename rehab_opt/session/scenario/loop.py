@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rehab_opt.control.command import Command, Status
+from rehab_opt.control.reasons import NUMBER, reason_text
 from rehab_opt.errors import ProblemFileError
 from rehab_opt.plants.force_robot import RobotModel
 from rehab_opt.plants.hand_robot import MakesRobots, OnMujoco, WithoutDelay
@@ -26,9 +27,10 @@ from rehab_opt.session.scenario.outcome import Law, Trial
 from rehab_opt.session.scenario.problem import ScenarioProblem
 from rehab_opt.workspace.region import Workspace
 
-__all__ = ["INDEX", "Arrival", "Helping", "Scene", "hand_robot_of", "person_of", "robot_model_of", "simulate_trial"]
+__all__ = ["Arrival", "Helping", "Scene", "hand_robot_of", "person_of", "robot_model_of", "simulate_trial"]
 
 
+STOOD = reason_text(NUMBER["HAND_STANDS"], ())
 STABLE = 1 + 1e-6
 """Growth a tick that rounding makes of none."""
 
@@ -216,6 +218,7 @@ def simulate_trial(scene: Scene, law: ForceLaw, *, name: Law, number: int, seed:
         measured=found.force,
         inside=np.asarray(scene.comfortable.distance(found.q)) <= 0.0,
         status=np.array([INDEX[command.status] for command in found.commands], dtype=np.uint8),
+        let_go=np.array([command.reason == STOOD for command in found.commands]),
         relaxed=table[:, 4].astype(np.uint8),
         energy_left=table[:, 3],
         goal=np.where(intention.active[at, None], intention.goals[intention.goal[at]], np.nan),

@@ -65,29 +65,31 @@ def trial_measures(
     where = projected(trial.position, path)
     covered: float | None = None
     if mode == "follow":
+        target = path[-1] if target is None else target
         covered = covered_in_order(trial.position, path, within=within, jump=2 * within if jump is None else jump)
-        where = where._replace(distance=deviation_in_order(trial.position, path))
-    deviation, counts = deviation_of(trial, where.distance, mode)
+    deviation, counts = deviation_of(trial, path, mode)
     return {
         "reference_covered_fraction": covered,
         **_deviations(deviation, counts, trial.inside),
         **_forces(trial),
         **_motion(trial, mode, counts),
         **_from_intended(trial),
-        **_arrival(trial, where, mode, path[-1] if target is None and mode == "follow" else target, within, covered),
+        **_arrival(trial, deviation, counts, mode, target, within, covered),
         "smoothness_sparc": None if mode == "hold" else _smoothness(trial),  # it tells of one movement, not of many
         **_statuses(trial),
         **promised(trial, where, mode),
     }
 
 
-def deviation_of(trial: Trial, to_path: Array, mode: Mode) -> tuple[Array, Ticks]:
-    """(N,) [m] from the path or, where points are held, the goal; and (N,) the ticks in which it counts.
+def deviation_of(trial: Trial, path: Array, mode: Mode) -> tuple[Array, Ticks]:
+    """(N,) [m] from `path` (M, 2), from the place of it that is due where it is followed, or from the point to be held.
 
-    `to_path` (N,) [m] is the distance from the reference.
+    And (N,) the ticks in which it counts.
     """
     if mode != "hold":
-        return to_path, np.ones(len(to_path), dtype=bool)
+        follows, where = mode == "follow", trial.position
+        far = deviation_in_order(where, path) if follows else projected(where, path).distance
+        return far, np.ones(len(far), dtype=bool)
     known: Ticks = np.isfinite(trial.goal[:, 0]) & np.isfinite(trial.goal[:, 1])
     return np.linalg.norm(trial.position - trial.goal, axis=1), known
 
@@ -140,9 +142,14 @@ def _motion(trial: Trial, mode: Mode, counts: Ticks) -> Numbers:
 
 
 def _arrival(  # noqa: PLR0917  (what the trial was judged by)
-    trial: Trial, where: Projection, mode: Mode, target: ArrayLike | None, within: float, covered: float | None
+    trial: Trial,
+    aimed: Array,
+    counts: Ticks,
+    mode: Mode,
+    target: ArrayLike | None,
+    within: float,
+    covered: float | None,
 ) -> Numbers:
-    aimed, counts = deviation_of(trial, where.distance, mode)
     to_target = (
         aimed if target is None or mode == "hold" else np.linalg.norm(trial.position - np.asarray(target), axis=1)
     )

@@ -60,6 +60,7 @@ class Trial:
         given to the robot's loop, and the force on the hand by the sensor.
     inside : (N,) whether the hand is in the comfortable workspace.
     status, relaxed : (N,) index into `tuple(Status)`, and `Relaxed` flags; 0 for laws that have none.
+    let_go : (N,) whether a hand that stood under force is let go.
     energy_left : (N,) [J] in the tank; NaN for laws that have none.
     goal : (N, 2) [m] the point that was to be reached or held; NaN where there is none.
     seen, acting : (N, 2) [m] where the law saw the hand, [N] the motors' force when the tick began; None where the hand
@@ -79,6 +80,7 @@ class Trial:
     measured: Array
     inside: NDArray[np.bool_]
     status: NDArray[np.uint8]
+    let_go: NDArray[np.bool_]
     relaxed: NDArray[np.uint8]
     energy_left: Array
     goal: Array

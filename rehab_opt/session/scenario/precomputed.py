@@ -24,14 +24,14 @@ from rehab_opt.workspace.controller_map import ControllerMap
 from rehab_opt.workspace.mapping import WorkspaceMap
 from rehab_opt.workspace.region import Workspace
 
-__all__ = ["FieldNumbers", "Precomputed", "given_path", "precompute"]
+__all__ = ["FieldNumbers", "Precomputed", "precompute"]
 
 
 SHORTEST = 1e-3
 """[m] A path is longer."""
 
 
-def given_path(config: ProblemFile[ScenarioProblem]) -> tuple[Array | None, list[str]]:
+def _given_path(config: ProblemFile[ScenarioProblem]) -> tuple[Array | None, list[str]]:
     """The task's points (N, 2) [m] in the robot's frame, and what was noticed; None where demonstrations show them.
 
     Raises
@@ -121,7 +121,7 @@ def precompute(config: ProblemFile[ScenarioProblem], *, progress: Progress) -> P
         cannot be done.
     """
     problem = config.problem
-    path, notes = given_path(config)
+    path, notes = _given_path(config)
     led = learnt(config, path)
     if led is not None:
         path = led.field.paths[0].points

@@ -8,10 +8,9 @@ from typing import Any
 import numpy as np
 
 from rehab_opt.control.assistance import Assistance
-from rehab_opt.control.command import Status
-from rehab_opt.control.energy_tank import HAND_SPEED
 from rehab_opt.control.path_assistance import PathAssistance
 from rehab_opt.control.smoother import Smoother
+from rehab_opt.field.samples import HAND_SPEED
 from rehab_opt.published.field_law import FieldLaw
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.outcome import Array, Progress, with_progress
@@ -29,7 +28,6 @@ from rehab_opt.session.scenario.laws import (
     swinging_notes,
 )
 from rehab_opt.session.scenario.loop import (
-    INDEX,
     Arrival,
     Scene,
     hand_robot_of,
@@ -43,7 +41,7 @@ from rehab_opt.session.scenario.pair import pair_measures, pair_of
 from rehab_opt.session.scenario.precomputed import Precomputed, precompute
 from rehab_opt.session.scenario.problem import REACHES, THERAPY, ScenarioProblem
 
-__all__ = ["assistance_of", "assisted_law", "law_of", "run_scenario", "scene_of"]
+__all__ = ["assistance_of", "assisted_law", "law_of", "prepared", "run_scenario", "scene_of"]
 
 SHORTEST_WAY = 1e-3
 """[m] between points; a single point needs no pace."""
@@ -59,27 +57,17 @@ ASSUMPTIONS = (
 
 
 def run_scenario(config: ProblemFile[ScenarioProblem], *, solver: str | None, progress: Progress) -> ScenarioOutcome:
-    """Every trial under every law of the file.
-
-    Raises
-    ------
-    ProblemFileError : a value of the file or a recording cannot be used.
-    ConfigurationError : `solver` cannot be used.
-    """
+    """Every trial under every law of the file; raises as `prepared`."""
     problem = config.problem
-    robot_model_of(config)  # refused before the workspaces take their seconds
-    check_bounds(config, solver=solver)
-    context = precompute(config, progress=progress)
-    scene = scene_of(config, context)
-    task = problem.task
-    trials: dict[Law, tuple[Trial, ...]] = {}
-    laws: dict[Law, ForceLaw] = {}
-    for name in problem.run.laws:
-        law = laws[name] = law_of(name, config, context, solver=solver)
-        trials[name] = tuple(
+    context, laws = prepared(config, solver=solver, progress=progress)
+    scene, task = scene_of(config, context), problem.task
+    trials: dict[Law, tuple[Trial, ...]] = {
+        name: tuple(
             simulate_trial(scene, law, name=name, number=number, seed=task.seed + number)
             for number in with_progress(progress, f"trials, {name}", range(task.trials))
         )
+        for name, law in laws.items()
+    }
     fit = context.fields[0].fit
     target = context.reference[-1] if problem.mode in REACHES else None
     measures = {
@@ -129,6 +117,22 @@ def run_scenario(config: ProblemFile[ScenarioProblem], *, solver: str | None, pr
     )
 
 
+def prepared(
+    config: ProblemFile[ScenarioProblem], *, solver: str | None, progress: Progress
+) -> tuple[Precomputed, dict[Law, ForceLaw]]:
+    """What the trials need, and the laws of the file.
+
+    Raises
+    ------
+    ProblemFileError : a value of the file or a recording cannot be used.
+    ConfigurationError : `solver` cannot be used.
+    """
+    robot_model_of(config)  # refused before the workspaces take their seconds
+    check_bounds(config, solver=solver)
+    context = precompute(config, progress=progress)
+    return context, {name: law_of(name, config, context, solver=solver) for name in config.problem.run.laws}
+
+
 def _pair_notes(problem: ScenarioProblem, measures: Mapping[Law, tuple[Mapping[str, Any], ...]]) -> Iterator[str]:
     """Of the helper."""
     tanks = 2 * problem.assistance.energy_budget_J
@@ -168,7 +172,7 @@ def _along(
             if worse:
                 off = "deviated more" if sign > 0 else "covered less"
                 yield f"{law}: with this help the hand {off} than without any, in {worse} of {len(of)} trials"
-        let_go = np.concatenate([trial.status for trial in trials[law]]) == INDEX[Status.BLOCKED]
+        let_go = np.concatenate([trial.let_go for trial in trials[law]])
         if let_go.any():
             yield f"{law}: a hand that stood under force was let go, for {100 * let_go.mean():.2g} % of the time"
         far = 1e3 * max(float(np.max(context.comfortable.distance(trial.position))) for trial in trials[law])

@@ -18,13 +18,13 @@ from rehab_opt.session.live.bodies import BLUE, GREEN, GREY, ORANGE, PURPLE, Arm
 from rehab_opt.session.live.problem import LiveControl, LiveProblem
 from rehab_opt.session.outcome import Array, Progress
 from rehab_opt.session.participant import arm_of
-from rehab_opt.session.scenario.demonstrated import learnt, needed_demonstrations
-from rehab_opt.session.scenario.laws import check_bounds
+from rehab_opt.session.scenario.demonstrated import needed_demonstrations
+from rehab_opt.session.scenario.laws import check_bounds, swinging_notes
 from rehab_opt.session.scenario.loop import Helping, robot_model_of
 from rehab_opt.session.scenario.outcome import Law, ScenarioOutcome
-from rehab_opt.session.scenario.precomputed import Precomputed, given_path, precompute
+from rehab_opt.session.scenario.precomputed import Precomputed, precompute
 from rehab_opt.session.scenario.problem import ScenarioProblem
-from rehab_opt.session.scenario.run import law_of, run_scenario, scene_of
+from rehab_opt.session.scenario.run import law_of, prepared, run_scenario, scene_of
 from rehab_opt.session.systems import Needed, System
 from rehab_opt.session.workspaces.reached import placement_of, tilt_of
 from rehab_opt.workspace.region import Workspace
@@ -197,13 +197,9 @@ class ScenarioSystem(System[ScenarioProblem, ScenarioOutcome]):
         return helper + needed_demonstrations(problem)
 
     def check(self, config: ProblemFile[ScenarioProblem]) -> tuple[str, ...]:
-        """Builds arm, robot and the force's bounds, reads recordings, learns; the run sees where the task lies."""
-        self.arms(config)
-        robot_model_of(config)
-        check_bounds(config, solver=None)
-        path, notes = given_path(config)
-        led = learnt(config, path)
-        return (*notes, *(() if led is None else led.notes))
+        """Reads recordings, learns, builds robot, workspaces and laws."""
+        context, laws = prepared(config, solver=None, progress=lambda *_: None)
+        return (*context.notes, *swinging_notes(laws))
 
     def arms(self, config: ProblemFile[ScenarioProblem]) -> dict[str, SerialChain]:
         """The arm within what is comfortable, and within what can be helped."""

@@ -16,6 +16,10 @@ __all__ = ["brief", "table"]
 
 WRAPPED = 90
 MM = 1e3
+SUCCESS = {
+    "stretch": "the end on the path", "assist": "at rest at the target in time,", "hold": "each point reached",
+    "resist": "at rest at the target in time,", "follow": f"{100 * COVERED:g} % covered, the end",
+}  # fmt: skip
 
 
 def table(outcome: ScenarioOutcome) -> Table:
@@ -51,10 +55,11 @@ def _summaries(outcome: ScenarioOutcome) -> dict[str, Numbers]:
 
 
 def _table(outcome: ScenarioOutcome, rows: Rows) -> Table:
-    trials = max(len(of) for of in outcome.measures.values())
-    said = f"mode {outcome.mode}, {trials} trial{'s' if trials > 1 else ''} each: mean (worst trial); - is no number"
-    if outcome.mode == "follow":
-        said += f"; success: {100 * COVERED:g} % covered, the end within {MM * outcome.within:g} mm"
+    trials = max(map(len, outcome.trials.values()))
+    said = (
+        f"mode {outcome.mode}, trials each: {trials}; mean (worst trial); - is no number; success: "
+        f"{SUCCESS[outcome.mode]} within {MM * outcome.within:g} mm"
+    )
     return law_table("\n".join(textwrap.wrap(outcome.title, WRAPPED)), _summaries(outcome), rows, caption=said)
 
 

@@ -128,8 +128,7 @@ def reach_note(arm: SerialChain, path: Array, *, handle_tilt: float) -> str:
     if near.all():
         return said
     away = np.linalg.norm([arm.pose(q)[:3, 3] for q in answer.q] - places, axis=1)[~near]
-    said += f"; from the others the hand stays {1e3 * away.min():.3g} to {1e3 * away.max():.3g} mm away"
-    return said if near.any() else NotMet(said)
+    return NotMet(f"{said}; from the others the hand stays {1e3 * away.min():.3g} to {1e3 * away.max():.3g} mm away")
 
 
 BOTH = "both"
