@@ -57,7 +57,10 @@ def test_noise_of_half_a_millimetre_does_not_let_the_hand_go(told, delay) -> Non
     """Whether it is told or not; it was let go in a third of the ticks."""
     helper = Assistance(FIELD, position_noise=told, actuation_delay=delay, **OPTIONS)
     speed, away, _, status, _ = reach(helper, 3, delay=delay, noise=5e-4, seconds=4.0)
-    assert np.mean(status != Status.OK) < 2e-3
+    assert np.mean([not each.certified for each in status]) < 2e-3
+    turned = status == Status.BLOCKED  # where the slew bound turns a small force round, for a tick
+    assert turned.mean() < 1e-2
+    assert not (turned[1:] & turned[:-1]).any()
     assert away[-2000:].max() < 0.015
     assert np.sqrt(np.mean(speed[-2000:] ** 2)) <= 0.05
 
