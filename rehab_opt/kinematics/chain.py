@@ -23,7 +23,7 @@ from rehab_opt.kinematics.link_capsules import CapsuleOnLink, LinkCapsule, check
 from rehab_opt.kinematics.real_array import checked_array
 from rehab_opt.kinematics.rigid import nearest_rigid
 from rehab_opt.kinematics.robot_file.links import MJCF, URDF, Given, chain_arguments
-from rehab_opt.symbolic.shared import Evaluated, PerThread
+from rehab_opt.symbolic.shared import HasEvaluator, PerThread
 
 __all__ = ["SerialChain", "per_joint"]
 
@@ -62,7 +62,7 @@ def _written_once(expression: Expression) -> Expression:
 
 
 @dataclass(frozen=True, eq=False)
-class SerialChain(Evaluated):
+class SerialChain(HasEvaluator):
     """A chain of n revolute or prismatic joints with its limits; immutable, any thread may use it.
 
     Parameters

@@ -29,7 +29,7 @@ from rehab_opt.kinematics.drive import Drive, Fixed, Omnidirectional
 from rehab_opt.kinematics.inertia import inertia_expression
 from rehab_opt.kinematics.link_capsules import Capsule
 from rehab_opt.kinematics.mecanum import Mecanum, checked_amounts
-from rehab_opt.symbolic.shared import Evaluated
+from rehab_opt.symbolic.shared import HasEvaluator
 
 __all__ = ["CHAIR", "Capsule", "MobileArm", "Outline"]
 
@@ -60,7 +60,7 @@ class Outline(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class MobileArm(Evaluated):
+class MobileArm(HasEvaluator):
     """Chair forward q1 and left q2 [m] in the world, turn q3, and an arm of at least four joints q4 to qn [rad].
 
     World and chassis frames have x forward, y left, z up, the floor at z = 0; at q = 0 they coincide. The speed of

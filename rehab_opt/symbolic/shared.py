@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from rehab_opt.symbolic.buffered import BufferedFunction
 
-__all__ = ["ATOMIC", "REMEMBERED", "Evaluated", "Evaluator", "PerThread", "form_of_parts", "remembered"]
+__all__ = ["ATOMIC", "REMEMBERED", "Evaluator", "HasEvaluator", "PerThread", "form_of_parts", "remembered"]
 
 T = TypeVar("T")
 
@@ -61,7 +61,7 @@ class Evaluator:
         return known.mine.of(*values)
 
 
-class Evaluated:
+class HasEvaluator:
     """Base of an immutable object that evaluates expressions of its own; what is built for that is not pickled."""
 
     @cached_property

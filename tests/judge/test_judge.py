@@ -28,10 +28,13 @@ def test_promise_still_stands_where_it_was_quoted(judge: str, promise: Promise) 
 @pytest.mark.parametrize("seed", [FIXED_SEED, seed_of_the_code()], ids=["fixed seed", "seed of the code"])
 @pytest.mark.parametrize("judge", JUDGES)
 def test_slice_of_the_campaign_breaks_nothing(judge: str, seed: int) -> None:
-    verdict: Verdict = JUDGES[judge].run(JUDGES[judge].CI_TICKS // 2, seed)
-    assert verdict.ticks > 0
-    assert not verdict.kinds, "\n".join(f"{each.claim}: {each.numbers}\n  {each.again}" for each in verdict.broken)
-    assert not verdict.missed, f"seed {seed}, too seldom (seen, asked): {verdict.missed}"
+    for longer in (1, 4):  # a short slice may miss by chance what is seldom
+        verdict: Verdict = JUDGES[judge].run(longer * JUDGES[judge].CI_TICKS // 2, seed)
+        assert verdict.ticks > 0
+        assert not verdict.kinds, "\n".join(f"{each.claim}: {each.numbers}\n  {each.again}" for each in verdict.broken)
+        if not verdict.missed:
+            return
+    pytest.fail(f"seed {seed}, too seldom (seen, asked): {verdict.missed}")
 
 
 @pytest.mark.parametrize(
@@ -50,6 +53,7 @@ def test_slice_of_the_campaign_breaks_nothing(judge: str, seed: int) -> None:
         ("chair_limits", 26118900, 16),
         ("chair_limits", 27119603, 38),
         ("path_progress", 26119600, 38),
+        ("path_progress", 77123, 14),
         ("pose_tracker_bounds", 27118903, 4_000_057),
         ("pair_messages", 27112758, 73),
         ("limits_rest", 42128004, 111),
