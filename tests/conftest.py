@@ -104,6 +104,24 @@ def workspaces_once(among_workers: Path) -> Iterator[None]:
         yield
 
 
+@pytest.fixture(autouse=True, scope="session")
+def slices_by_machine_code() -> Iterator[None]:
+    """A slice takes two seconds less with it, and the compiler one, once for all arms of a kind."""
+    from rehab_opt.workspace import plane_search  # noqa: PLC0415  (after the environment is set)
+
+    approach = plane_search.PlaneApproach
+
+    def compiled(statement: Any, **asked: Any) -> Any:
+        with pytest.MonkeyPatch.context() as patched:
+            patched.setenv("REHAB_OPT_COMPILE", "wait")
+            patched.setenv("REHAB_OPT_OPTIMISE", "1")
+            return approach(statement, **asked)
+
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(plane_search, "PlaneApproach", compiled)
+        yield
+
+
 @pytest.fixture
 def machine_code(monkeypatch: pytest.MonkeyPatch) -> None:
     """Functions are compiled, and that is waited for."""
