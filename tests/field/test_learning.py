@@ -113,9 +113,16 @@ def test_forces_that_pull_back_teach_no_rising_offset() -> None:
     assert field.fit.rest_stiffness > 0.0
 
 
-def test_forces_that_push_off_the_path_teach_no_negative_stiffness() -> None:
-    hands = [Demonstration(h.positions, -h.forces, -h.velocities) for h in led_hands(truth())]
-    assert learnt(hands).fit.parameters == pytest.approx({"stiffness": 0.0, "drag": 0.0, "damping": 0.0}, abs=1e-3)
+@pytest.mark.parametrize("per_point", [False, True])
+@pytest.mark.parametrize(("sign", "offset"), [(-1.0, 0.0), (0.0, -5.0)])
+def test_forces_that_show_no_stiffness_are_refused(sign: float, offset: float, per_point: bool) -> None:
+    """Of the other sign, or always the same: a field without a spring was learnt, which holds no hand."""
+    hands = [
+        Demonstration(h.positions, sign * h.forces + (offset, 0.0), sign * h.velocities)
+        for h in led_hands(truth(), noise=0.1)
+    ]
+    with pytest.raises(ConfigurationError, match=r"^demonstrations = .*hold no hand on a path"):
+        learnt(hands, per_point=per_point)
 
 
 def test_what_the_data_do_not_tell_is_named() -> None:
