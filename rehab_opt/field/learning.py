@@ -14,7 +14,7 @@ from rehab_opt.errors import ConfigurationError, RehabOptError
 from rehab_opt.field.demonstration import Demonstration, check_agreement, check_closeness, check_units
 from rehab_opt.field.fit import Fit, constant_stiffness_error, identified, rms
 from rehab_opt.field.force_model import ForceModel, shared_model, station_model
-from rehab_opt.field.potential import SAMPLES_PER_WIDTH, PotentialField
+from rehab_opt.field.potential import PotentialField, sample_spacing
 from rehab_opt.field.samples import SampledPath, checked_paths, mean_path, resampled_path
 from rehab_opt.kinematics.real_array import positive
 from rehab_opt.optim.backends import backend
@@ -159,10 +159,10 @@ def learnt_field(
     check_agreement(demonstrations, given, min(widths))
     found = []
     for each in widths:
-        step = each / SAMPLES_PER_WIDTH if spacing is None else positive("spacing", spacing)
+        step, source = sample_spacing(each, spacing)
         around = given or (mean_path([one.positions for one in task.training], each / 2),)
         check_closeness(demonstrations, around, max(widths))
-        found.append(_learnt(task, [resampled_path(points, step) for points in around], each))
+        found.append(_learnt(task, [resampled_path(points, step, source) for points in around], each))
     best = min(found, key=lambda one: _error(one.field))
     if not best.stiffness > LEAST * best.spread:
         value = f"forces that hold no hand on a path (a stiffness of {best.stiffness:.2g} +- {best.spread:.2g} N/m)"
