@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple, cast
 
 import numpy as np
@@ -16,7 +16,7 @@ from rehab_opt.field.fit import Fit, constant_stiffness_error, identified, rms
 from rehab_opt.field.force_model import ForceModel, shared_model, station_model
 from rehab_opt.field.potential import PotentialField, sample_spacing
 from rehab_opt.field.samples import SampledPath, checked_paths, mean_path, resampled_path
-from rehab_opt.kinematics.real_array import positive
+from rehab_opt.kinematics.real_array import is_real, positive
 from rehab_opt.optim.backends import backend
 from rehab_opt.optim.certificate import certificate_function, is_certified
 from rehab_opt.optim.recorder import recorder_now
@@ -134,15 +134,18 @@ def learnt_field(
         show no stiffness.
     RehabOptError : no solver gave a certified answer.
     """
-    demonstrations = list(demonstrations)
-    if not demonstrations or not all(isinstance(each, Demonstration) for each in demonstrations):
-        raise ConfigurationError("demonstrations", demonstrations, "at least one Demonstration")
+    several = isinstance(demonstrations, (list, tuple)) and len(demonstrations) > 0
+    if not (several and all(isinstance(each, Demonstration) for each in demonstrations)):
+        raise ConfigurationError("demonstrations", demonstrations, "a list or tuple of at least one Demonstration")
     if not isinstance(stations, int) or not 2 <= stations <= 100:
         raise ConfigurationError("stations", stations, "an integer from 2 to 100")
     kept = _held_out(held_out, len(demonstrations))
-    widths = [positive("width", one) for one in (width if isinstance(width, Sequence) else [width])]
+    one = not (isinstance(width, Sequence) or (isinstance(width, np.ndarray) and width.ndim == 1))
+    widths = [positive("width", each) for each in ([width] if one else width)]  # type: ignore[union-attr]
     if not widths:
         raise ConfigurationError("width", width, "at least one width in metres")
+    if not isinstance(solvers, (list, tuple)):
+        raise ConfigurationError("solvers", solvers, "a list or tuple of solvers' names")
     task = Task(
         training=[each for i, each in enumerate(demonstrations) if i not in kept],
         tested=[demonstrations[i] for i in kept],
@@ -295,7 +298,9 @@ def _roughness(stations: int, prior: Array, unit: Array, weight: float) -> Array
 def _held_out(held_out: Sequence[int] | None, count: int) -> tuple[int, ...]:
     if held_out is None:
         return tuple(range(4, count, 5)) if count >= 5 else ((count - 1,) if count > 1 else ())
-    kept = tuple(sorted({int(i) for i in held_out}))
-    if len(kept) >= count or not all(0 <= i < count for i in kept):
+    numbers = list(held_out) if isinstance(held_out, Iterable) else [math.nan]
+    known = all(is_real(i) and i in range(count) for i in numbers)
+    kept = tuple(sorted({int(i) for i in numbers})) if known else ()
+    if not known or len(kept) >= count:
         raise ConfigurationError("held_out", held_out, f"numbers from 0 to {count - 1}, and not all of them")
     return kept

@@ -1,6 +1,7 @@
 """Claims about fields learnt from recorded forces."""
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -222,6 +223,8 @@ def test_a_recording_that_cannot_be_used_is_named(options: dict, named: str) -> 
     ("options", "named"),
     [
         ({"width": -1.0}, "width"), ({"held_out": [99]}, "held_out"), ({"held_out": range(10)}, "held_out"),
+        ({"held_out": 1}, "held_out"), ({"held_out": [math.nan]}, "held_out"), ({"held_out": [1.7]}, "held_out"),
+        ({"held_out": "1"}, "held_out"), ({"solvers": "daqp"}, "solvers = 'daqp'"),
         ({"stations": 1}, "stations"), ({"solvers": ["none"]}, "solvers"), ({"regularisation": 0.0}, "regularisation"),
     ],
 )  # fmt: skip
@@ -230,9 +233,20 @@ def test_options_that_cannot_be_used_are_named(options: dict, named: str) -> Non
         learnt(led_hands(truth(), samples=20), **options)
 
 
-def test_nothing_is_learnt_from_nothing() -> None:
+@pytest.mark.parametrize("demonstrations", [[], None, led_hands(truth(), count=1)[0]])
+def test_nothing_is_learnt_from_nothing(demonstrations: Any) -> None:
     with pytest.raises(ConfigurationError, match="demonstrations"):
-        learnt([])
+        learnt(demonstrations)
+
+
+def test_numbers_of_numpy_are_numbers_and_a_truth_is_none() -> None:
+    (hand,) = led_hands(truth(), count=1)
+    told = Demonstration(hand.positions, hand.forces, dt=np.float32(0.5)).velocities
+    np.testing.assert_array_equal(told, Demonstration(hand.positions, hand.forces, dt=0.5).velocities)
+    with pytest.raises(ConfigurationError, match="dt = True"):
+        Demonstration(hand.positions, hand.forces, dt=True)
+    hands = led_hands(truth())
+    assert learnt(hands, width=np.array([0.015, 0.025])).fit.width == 0.025
 
 
 def test_the_standard_error_is_that_of_the_hands_not_of_the_samples() -> None:
