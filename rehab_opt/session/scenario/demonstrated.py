@@ -15,6 +15,7 @@ from rehab_opt.field.potential import PotentialField
 from rehab_opt.recordings.reading import read_recording
 from rehab_opt.session.files import ProblemFile, recording_path
 from rehab_opt.session.outcome import Array, finite
+from rehab_opt.session.participant import projected
 from rehab_opt.session.refusals import refused_as
 from rehab_opt.session.scenario.problem import ScenarioProblem
 from rehab_opt.session.systems import Needed
@@ -88,7 +89,7 @@ def _shown(config: ProblemFile[ScenarioProblem]) -> tuple[tuple[Demonstration, .
         recording = read_recording(recording_path(config, file, key=needed.key), name=file)
         if not recording.forces.size:
             raise ProblemFileError(file, "columns", "no forces", "fx_N and fy_N beside t, x and y")
-        notes += [f"{file}: {note}" for note in recording.notes]
+        notes += [f"{file}: {note}" for note in (*recording.notes, *projected(recording.points, recording.forces))]
         with refused_as(file):
             shown.append(
                 Demonstration(positions=recording.points[:, :2], forces=recording.forces[:, :2], times=recording.time)
