@@ -147,6 +147,8 @@ class BoundedForce(OneThread):
     ) -> None:
         if not callable(desired_force):
             raise ConfigurationError("desired_force", desired_force, "a function of place and velocity, a DesiredForce")
+        if not isinstance(trust_stillness, bool):
+            raise ConfigurationError("trust_stillness", trust_stillness, "True or False")
         self._desired = desired_force
         self.force_limit = checked_number("force_limit", force_limit, above=0.0, below=1e4)
         self.slew_limit = checked_number("slew_limit", slew_limit, above=0.0, below=1e6)
@@ -181,7 +183,7 @@ class BoundedForce(OneThread):
             growth_limit=self.growth_limit,
             speed_cap=self.speed_cap,
             velocity_lag=checked_number("velocity_lag", velocity_lag, above=0.0),
-            trust_stillness=bool(trust_stillness),
+            trust_stillness=trust_stillness,
             budget=self.energy_budget,
             window=window,
             tail=LAGS if lag + more > 0.0 else 0.0,

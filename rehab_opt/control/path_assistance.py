@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Unpack, cast
 
 import numpy as np
@@ -16,10 +15,10 @@ from rehab_opt.control.gate import GATE, PULL_BACK, SPRING, DesiredForce, guided
 from rehab_opt.control.path_progress import AHEAD, PATH_MODEL, PLACES, PROGRESS, SEARCHED, progress_function
 from rehab_opt.control.velocity_controller import checked_number
 from rehab_opt.errors import ConfigurationError
-from rehab_opt.field.potential import SAMPLES_PER_WIDTH
+from rehab_opt.field.potential import sample_spacing
 from rehab_opt.field.samples import checked_paths, resampled_path
 from rehab_opt.field.settling import settling_notes
-from rehab_opt.kinematics.real_array import is_real
+from rehab_opt.kinematics.real_array import positive
 from rehab_opt.symbolic import BufferedFunction
 from rehab_opt.workspace.edge_distance import edge_columns
 from rehab_opt.workspace.region import Workspace
@@ -27,8 +26,6 @@ from rehab_opt.workspace.region import Workspace
 __all__ = ["PathAssistance"]
 
 Array = NDArray[np.float64]
-
-MAX_WIDTHS = 250_000
 
 
 class PathAssistance(BoundedForce):
@@ -82,10 +79,7 @@ class PathAssistance(BoundedForce):
         points = paths[0]
         if len(points) < 2:
             raise ConfigurationError("path", points.shape, "at least two points (N, 2) in metres")
-        length = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
-        if not (is_real(width) and 0 < width < math.inf and length <= MAX_WIDTHS * width):
-            raise ConfigurationError("width", width, f"metres above zero, {MAX_WIDTHS:g} of them the path at most")
-        sampled = resampled_path(points, width / SAMPLES_PER_WIDTH)
+        sampled = resampled_path(points, *sample_spacing(positive("width", width), None))
         if len(sampled.points) < 2:
             raise ConfigurationError("path", points[0].tolist(), "a path, not one place")
         if not isinstance(comfortable, Workspace) or comfortable.empty:

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.field.samples import HAND_SPEED, arc_length, checked_paths, interpolated, strides
-from rehab_opt.kinematics.real_array import checked_array
+from rehab_opt.kinematics.real_array import checked_array, is_real
 
 __all__ = ["Demonstration", "check_agreement", "check_closeness", "check_units"]
 
@@ -75,8 +75,8 @@ class Demonstration:
             _refuse_first("times", times, ~rises, "finite, rising times")
             from_first: Array = times - times[0]
             return from_first
-        if isinstance(self.dt, int | float) and 0 < self.dt < math.inf:
-            return np.asarray(self.dt * np.arange(count))
+        if is_real(self.dt) and 0 < self.dt < math.inf:
+            return np.asarray(float(self.dt) * np.arange(count))
         raise ConfigurationError("dt", self.dt, "seconds between samples, or times, or velocities")
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple, cast
 
 import numpy as np
@@ -14,9 +14,9 @@ from rehab_opt.errors import ConfigurationError, RehabOptError
 from rehab_opt.field.demonstration import Demonstration, check_agreement, check_closeness, check_units
 from rehab_opt.field.fit import Fit, constant_stiffness_error, identified, rms
 from rehab_opt.field.force_model import ForceModel, shared_model, station_model
-from rehab_opt.field.potential import SAMPLES_PER_WIDTH, PotentialField
+from rehab_opt.field.potential import PotentialField, sample_spacing
 from rehab_opt.field.samples import SampledPath, checked_paths, mean_path, resampled_path
-from rehab_opt.kinematics.real_array import positive
+from rehab_opt.kinematics.real_array import is_real, positive
 from rehab_opt.optim.backends import backend
 from rehab_opt.optim.certificate import certificate_function, is_certified
 from rehab_opt.optim.recorder import recorder_now
@@ -33,6 +33,9 @@ MAX_ROWS = 400
 """Samples of the path at which the force may not point backwards; evenly among more."""
 RIDGE = 1e-12
 """Weight of the parameters, in units of their effect, against the data: it settles what nothing else does."""
+LEAST = 1.0
+"""Standard errors that the one stiffness is above zero; from less nothing is learnt. (One of zero is 1e-12 N/m to a
+solver, and noise alone gives a little more.)"""
 
 
 class Solution(NamedTuple):
@@ -127,18 +130,22 @@ def learnt_field(
     Raises
     ------
     ConfigurationError : an argument that cannot be used; a demonstration in another unit, or that goes the other way
-        than the path (or, without one, than the first), or stays further from it than the largest width.
+        than the path (or, without one, than the first), or stays further from it than the largest width; forces that
+        show no stiffness.
     RehabOptError : no solver gave a certified answer.
     """
-    demonstrations = list(demonstrations)
-    if not demonstrations or not all(isinstance(each, Demonstration) for each in demonstrations):
-        raise ConfigurationError("demonstrations", demonstrations, "at least one Demonstration")
+    several = isinstance(demonstrations, (list, tuple)) and len(demonstrations) > 0
+    if not (several and all(isinstance(each, Demonstration) for each in demonstrations)):
+        raise ConfigurationError("demonstrations", demonstrations, "a list or tuple of at least one Demonstration")
     if not isinstance(stations, int) or not 2 <= stations <= 100:
         raise ConfigurationError("stations", stations, "an integer from 2 to 100")
     kept = _held_out(held_out, len(demonstrations))
-    widths = [positive("width", one) for one in (width if isinstance(width, Sequence) else [width])]
+    one = not (isinstance(width, Sequence) or (isinstance(width, np.ndarray) and width.ndim == 1))
+    widths = [positive("width", each) for each in ([width] if one else width)]  # type: ignore[union-attr]
     if not widths:
         raise ConfigurationError("width", width, "at least one width in metres")
+    if not isinstance(solvers, (list, tuple)):
+        raise ConfigurationError("solvers", solvers, "a list or tuple of solvers' names")
     task = Task(
         training=[each for i, each in enumerate(demonstrations) if i not in kept],
         tested=[demonstrations[i] for i in kept],
@@ -153,13 +160,21 @@ def learnt_field(
     check_units(demonstrations)
     given = None if path is None else checked_paths(path)
     check_agreement(demonstrations, given, min(widths))
-    fields = []
+    found = []
     for each in widths:
-        step = each / SAMPLES_PER_WIDTH if spacing is None else positive("spacing", spacing)
+        step, source = sample_spacing(each, spacing)
         around = given or (mean_path([one.positions for one in task.training], each / 2),)
         check_closeness(demonstrations, around, max(widths))
-        fields.append(_learnt(task, [resampled_path(points, step) for points in around], each))
-    return min(fields, key=_error)
+        found.append(_learnt(task, [resampled_path(points, step, source) for points in around], each))
+    best = min(found, key=lambda one: _error(one.field))
+    if not best.stiffness > LEAST * best.spread:
+        value = f"forces that hold no hand on a path (a stiffness of {best.stiffness:.2g} +- {best.spread:.2g} N/m)"
+        expected = (
+            "movements that were led, strayed from the path a little and did not come back to where they had been; "
+            "force on the hand, sensor's offset removed"
+        )
+        raise ConfigurationError("demonstrations", value, expected)
+    return best.field
 
 
 class Task(NamedTuple):
@@ -176,12 +191,20 @@ class Task(NamedTuple):
     widths: int
 
 
+class Learnt(NamedTuple):
+    """A field, and the one stiffness for all of it [N/m] with its standard error, whatever its points have."""
+
+    field: PotentialField
+    stiffness: float
+    spread: float
+
+
 def _error(field: PotentialField) -> float:
     fit = cast("Fit", field.fit)
     return fit.training_error if math.isnan(fit.held_out_error) else fit.held_out_error
 
 
-def _learnt(task: Task, paths: Sequence[SampledPath], width: float) -> PotentialField:
+def _learnt(task: Task, paths: Sequence[SampledPath], width: float) -> Learnt:
     begun = time.perf_counter()
     x = np.concatenate([each.positions for each in task.training])
     v = np.concatenate([each.velocities for each in task.training])
@@ -189,6 +212,10 @@ def _learnt(task: Task, paths: Sequence[SampledPath], width: float) -> Potential
     model = shared_model(paths, width, rest_on_target=task.rest_on_target)
     problem = FitProblem(model.design(x, v).reshape(len(forces), -1), forces, _along_path(model))
     solution = problem.solved(task.solvers)
+    lengths = [2 * len(each.positions) for each in task.training]
+    errors = problem.design @ solution.parameters - forces
+    told = identified(problem.design, model.names, errors, lengths)
+    stiffness, spread = float(solution.parameters[0]), float(told.standard_error[0])
     if task.stations:
         model = station_model(paths, width, task.stations, rest_on_target=task.rest_on_target)
         prior = _as_stations(solution.parameters, paths, task.stations)
@@ -196,6 +223,8 @@ def _learnt(task: Task, paths: Sequence[SampledPath], width: float) -> Potential
         solution = problem.solved(
             task.solvers, _roughness(task.stations, prior, problem.unit, task.regularisation), prior
         )
+        errors = problem.design @ solution.parameters - forces
+        told = identified(problem.design, model.names, errors, lengths)
     theta = solution.parameters
     field = PotentialField.of_samples(
         paths,
@@ -207,8 +236,6 @@ def _learnt(task: Task, paths: Sequence[SampledPath], width: float) -> Potential
     )
     if not task.stations:
         field.drag = float(theta[1])
-    errors = problem.design @ theta - forces
-    told = identified(problem.design, model.names, errors, [2 * len(each.positions) for each in task.training])
     wrong = [field.force(each.positions, each.velocities) - each.forces for each in task.tested]
     error = rms(np.concatenate(wrong)) if wrong else math.nan
     size = rms(np.concatenate([each.forces for each in task.tested])) if wrong else math.nan
@@ -232,7 +259,7 @@ def _learnt(task: Task, paths: Sequence[SampledPath], width: float) -> Potential
         residual=solution.residual,
         seconds=time.perf_counter() - begun,
     )
-    return field
+    return Learnt(field, stiffness, spread)
 
 
 def _along_path(model: ForceModel) -> Array:
@@ -271,7 +298,9 @@ def _roughness(stations: int, prior: Array, unit: Array, weight: float) -> Array
 def _held_out(held_out: Sequence[int] | None, count: int) -> tuple[int, ...]:
     if held_out is None:
         return tuple(range(4, count, 5)) if count >= 5 else ((count - 1,) if count > 1 else ())
-    kept = tuple(sorted({int(i) for i in held_out}))
-    if len(kept) >= count or not all(0 <= i < count for i in kept):
+    numbers = list(held_out) if isinstance(held_out, Iterable) else [math.nan]
+    known = all(is_real(i) and i in range(count) for i in numbers)
+    kept = tuple(sorted({int(i) for i in numbers})) if known else ()
+    if not known or len(kept) >= count:
         raise ConfigurationError("held_out", held_out, f"numbers from 0 to {count - 1}, and not all of them")
     return kept

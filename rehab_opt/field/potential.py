@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from rehab_opt.field.fit import Fit
 from rehab_opt.symbolic import Compile, PerThread
 
-__all__ = ["SAMPLES_PER_WIDTH", "PotentialField"]
+__all__ = ["SAMPLES_PER_WIDTH", "PotentialField", "sample_spacing"]
 
 Array = NDArray[np.float64]
 
@@ -88,8 +88,8 @@ class PotentialField:
     ) -> None:
         given = checked_paths(path)
         width = positive("width", width)
-        spacing = width / SAMPLES_PER_WIDTH if spacing is None else positive("spacing", spacing)
-        paths = [resampled_path(points, spacing) for points in given]
+        step, source = sample_spacing(width, spacing)
+        paths = [resampled_path(points, step, source) for points in given]
         if drag_along not in get_args(DragAlong):
             raise ConfigurationError("drag_along", drag_along, "'remaining' or 'travelled'")
         drag = checked_drag(drag, drag_along, rest_on_target)
@@ -227,3 +227,8 @@ class PotentialField:
     def __getstate__(self) -> dict[str, Any]:
         """Without the compiled part: fields are made in one process and used in another."""
         return {name: value for name, value in self.__dict__.items() if name != "_kernel"}
+
+
+def sample_spacing(width: float, spacing: float | None) -> tuple[float, str]:
+    """[m] between samples of a field of `width` [m], and the argument that it is from."""
+    return (width / SAMPLES_PER_WIDTH, "width") if spacing is None else (positive("spacing", spacing), "spacing")

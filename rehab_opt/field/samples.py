@@ -32,6 +32,8 @@ HAND_SPEED = 10.0
 """[m/s] No hand is faster: a larger jump is the sensor's."""
 MAX_MAGNITUDE = 1e3
 """[m] A path that leaves this is in another unit."""
+MAX_SAMPLES = 1_000_000
+"""Of a path: more are a slip of the unit, and would take the machine's memory."""
 
 
 class Samples(NamedTuple):
@@ -119,13 +121,20 @@ def arc_length(points: Array) -> Array:
     return np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))))
 
 
-def resampled_path(points: Array, spacing: float) -> SampledPath:
+def resampled_path(points: Array, spacing: float, argument: str = "spacing") -> SampledPath:
     """Points at equal distances of at most `spacing` [m] along the path; both ends are kept.
 
     The weighted mean of Eq. (17) would otherwise depend on how long the hand rested where: pauses count nothing.
+
+    Raises
+    ------
+    ConfigurationError : more than `MAX_SAMPLES`, by the argument that the spacing is from.
     """
     length = arc_length(points)
     whole = float(length[-1])
+    if not whole <= MAX_SAMPLES * spacing:
+        value = f"{spacing:.3g} m between the samples of a path of {whole:.3g} m"
+        raise ConfigurationError(argument, value, f"{MAX_SAMPLES} samples at most (another unit?)")
     if whole == 0.0:
         zero = np.zeros(1)
         return SampledPath(points[:1].copy(), zero, zero.copy(), np.zeros((1, 2)))

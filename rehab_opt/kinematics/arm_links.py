@@ -92,8 +92,9 @@ def arm_reach(chain: SerialChain, links: tuple[ArmLink, ...], *, first: int) -> 
     """[m] that no point of a link, nor the tool, is further from the axis of a joint of the arm."""
     before, *others = chain.rows[first:]
     beside = [math.hypot(*end.offset) for link in links for end in (link.begin, link.end)]
+    beside.append(float(np.linalg.norm(chain.tool[:3, 3])))
     lengths = before.across + sum(row.across + abs(row.along) for row in others)
-    return float(lengths + max(float(np.linalg.norm(chain.tool[:3, 3])), *beside))
+    return float(lengths + max(beside))
 
 
 def hand_volume(chain: SerialChain, q: ca.SX, *, first: int) -> ca.SX:

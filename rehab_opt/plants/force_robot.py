@@ -52,8 +52,9 @@ class RobotModel:
         ConfigurationError : its gains are too large.
         """
         most = (self.mass + hand_mass) / hand_mass
-        if not self.gain + 0.5 * self.integral * dt < most:
-            expected = f"less than {most:.3g} for a hand of {hand_mass:g} kg, with integral dt / 2 added"
+        added = 0.5 * self.integral * dt
+        if not self.gain + added < most:
+            expected = f"less than {most - added:.3g}: {most:.3g} for a hand of {hand_mass:g} kg, less integral dt / 2"
             raise ConfigurationError("gain", self.gain, expected)
 
     def growth(self, hand_mass: float, *, stiffness: float, damping: float, dt: float) -> float:

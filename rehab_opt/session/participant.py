@@ -96,9 +96,7 @@ def placed_path(
     said = [f"turned by {placement.turn_deg:g} deg"] if placement.turn_deg else []
     said += ["mirrored in the sagittal plane"] if mirror else []
     said += [f"scaled by {scale:.4g}"] if scale != 1 else ["in its true size"]
-    if recording.points.shape[1] == 3:
-        rise = 1e3 * float(np.ptp(recording.points[:, 2]))
-        said.append(f"projected onto the plane ({rise:.0f} mm of height left out)")
+    said += projected(recording.points)
     beyond = float(np.abs(flat).max())
     if not beyond <= FARTHEST:
         raise ProblemFileError(
@@ -107,6 +105,14 @@ def placed_path(
     height = placement.plane_height_m if isinstance(placement, PlacementSection) else 0.0
     path = np.column_stack((flat, np.full(len(flat), height)))
     return path, f"path {', '.join(said)}"
+
+
+def projected(points: Array, forces: Array | None = None) -> list[str]:
+    """What is said of a third coordinate that is left out, of points (N, 2 or 3) [m] and forces on them [N], if any."""
+    said = [f"{1e3 * float(np.ptp(points[:, 2])):.0f} mm of height"] if points.shape[1] == 3 else []
+    if forces is not None and forces.shape[1] == 3:
+        said.append(f"up to {float(np.abs(forces[:, 2]).max()):.3g} N along it")
+    return [f"projected onto the plane ({', '.join(said)} left out)"] if said else []
 
 
 def _scale(placement: PlanarPlacement, extent: Array, *, file: str) -> float:

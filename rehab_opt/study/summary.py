@@ -161,7 +161,8 @@ def quantity(study: Study, name: str) -> Quantity:
     if len(found) != 1:
         near = get_close_matches(name, [each.name for each in known]) or [each.name for each in known[:5]]
         said = [f"{each.name} [{each.unit}]" for each in found] or near
-        raise ConfigurationError("--measure", shown(name), f"a measure of this study, such as {', '.join(said)}")
+        expected = f"a measure of this study, such as {', '.join(said)}" if said else "a study that has measures"
+        raise ConfigurationError("--measure", shown(name), expected)
     return found[0]
 
 

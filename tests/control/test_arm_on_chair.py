@@ -12,7 +12,17 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from rehab_opt import CapsuleOnLink, ConfigurationError, RedundancyResolver, Relaxed, SerialChain, Status, ardis, ur5
+from rehab_opt import (
+    DH,
+    CapsuleOnLink,
+    ConfigurationError,
+    RedundancyResolver,
+    Relaxed,
+    SerialChain,
+    Status,
+    ardis,
+    ur5,
+)
 from rehab_opt.kinematics.arm_links import maximise_hand_volume
 from rehab_opt.kinematics.arm_on_chair import arm_on_chair
 from rehab_opt.kinematics.mobile_arm import CHAIR, Capsule, MobileArm
@@ -282,3 +292,19 @@ def test_slopes_of_rounding_move_no_arm_that_bends_in_one_plane(tmp_path: Path) 
         q = np.append(np.zeros(CHAIR), rng.uniform(-1, 1, 4))
         slopes = [robot.posture_gradient(q + 1e-4 * rng.uniform(-1, 1, q.size)) for _ in range(5)]
         assert np.ptp(slopes, axis=0).max() < 1e-3
+
+
+def test_an_arm_whose_links_all_lie_on_one_axis_has_no_link_that_moves_and_turns_its_hand() -> None:
+    """A turntable on a column, which a chair carries about: its reach was a TypeError."""
+    table = SerialChain([DH(0.0, 0.0, d=0.2)] * 4, lower=-2.0, upper=2.0, velocity=1.0, acceleration=4.0)
+    robot = arm_on_chair(table, mount=MOUNT)
+    assert robot.links == ()
+    assert 0.6 <= robot.reach < 0.9
+    control = RedundancyResolver(robot, row_sets=[("x", "y", "roll7")], dt=DT, compile=False)
+    command, q = None, np.zeros(robot.chain.n)
+    for _ in range(100):
+        command = control.step(q, [0.1, 0.0, 0.3], ("x", "y", "roll7"))
+        q = q + DT * command.value
+    assert command is not None
+    assert command.status is Status.OK
+    assert q[CHAIR:].sum() > 0.1

@@ -371,6 +371,7 @@ def test_another_field_takes_over_within_the_slew_bound() -> None:
         ({"mode": "resist", "each": READY["assist"]}, "mode"), ({"each": READY["resist"]}, "mode"),
         ({"force_limit": 0.0}, "force_limit"), ({"force_limit": math.nan}, "force_limit"),
         ({"slew_limit": -1.0}, "slew_limit"),
+        ({"trust_stillness": "no"}, "trust_stillness"),
         ({"energy_budget": math.inf}, "energy_budget"), ({"speed_cap": 0.0}, "speed_cap"), ({"dt": 0.0}, "dt"),
         ({"onset": -1.0}, "onset"), ({"return_force": 0.0}, "return_force"), ({"solver": "none"}, "solver"),
         ({"max_age": 0.0}, "max_age"), ({"velocity_lag": 0.0}, "velocity_lag"), ({"tolerance": 2.0}, "tolerance"),

@@ -322,8 +322,8 @@ def test_changes_of_the_progress_stay_within_the_slew_bound_and_faults_move_noth
 
 @pytest.mark.parametrize(
     ("change", "named"),
-    [({"width": math.nan}, "width"), ({"width": "wide"}, "width"), ({"stiffness": -1.0}, "stiffness"),
-     ({"path": [[0.0, 0.0]]}, "path"), ({"path": [[0.1, 0.0], [0.1, 0.0]]}, "path"),
+    [({"width": math.nan}, "width"), ({"width": "wide"}, "width"), ({"width": 1e-9}, "width"),
+     ({"stiffness": -1.0}, "stiffness"), ({"path": [[0.0, 0.0]]}, "path"), ({"path": [[0.1, 0.0], [0.1, 0.0]]}, "path"),
      ({"path": [[0.0, math.nan], [1.0, 0.0]]}, "path"),
      ({"comfortable": None}, "comfortable"), ({"push": 0.0}, "push"), ({"damping": -1.0}, "damping")],
 )  # fmt: skip

@@ -1,6 +1,7 @@
 """Claims about fields learnt from recorded forces."""
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -113,9 +114,16 @@ def test_forces_that_pull_back_teach_no_rising_offset() -> None:
     assert field.fit.rest_stiffness > 0.0
 
 
-def test_forces_that_push_off_the_path_teach_no_negative_stiffness() -> None:
-    hands = [Demonstration(h.positions, -h.forces, -h.velocities) for h in led_hands(truth())]
-    assert learnt(hands).fit.parameters == pytest.approx({"stiffness": 0.0, "drag": 0.0, "damping": 0.0}, abs=1e-3)
+@pytest.mark.parametrize("per_point", [False, True])
+@pytest.mark.parametrize(("sign", "offset"), [(-1.0, 0.0), (0.0, -5.0)])
+def test_forces_that_show_no_stiffness_are_refused(sign: float, offset: float, per_point: bool) -> None:
+    """Of the other sign, or always the same: a field without a spring was learnt, which holds no hand."""
+    hands = [
+        Demonstration(h.positions, sign * h.forces + (offset, 0.0), sign * h.velocities)
+        for h in led_hands(truth(), noise=0.1)
+    ]
+    with pytest.raises(ConfigurationError, match=r"^demonstrations = .*hold no hand on a path"):
+        learnt(hands, per_point=per_point)
 
 
 def test_what_the_data_do_not_tell_is_named() -> None:
@@ -215,6 +223,8 @@ def test_a_recording_that_cannot_be_used_is_named(options: dict, named: str) -> 
     ("options", "named"),
     [
         ({"width": -1.0}, "width"), ({"held_out": [99]}, "held_out"), ({"held_out": range(10)}, "held_out"),
+        ({"held_out": 1}, "held_out"), ({"held_out": [math.nan]}, "held_out"), ({"held_out": [1.7]}, "held_out"),
+        ({"held_out": "1"}, "held_out"), ({"solvers": "daqp"}, "solvers = 'daqp'"),
         ({"stations": 1}, "stations"), ({"solvers": ["none"]}, "solvers"), ({"regularisation": 0.0}, "regularisation"),
     ],
 )  # fmt: skip
@@ -223,9 +233,20 @@ def test_options_that_cannot_be_used_are_named(options: dict, named: str) -> Non
         learnt(led_hands(truth(), samples=20), **options)
 
 
-def test_nothing_is_learnt_from_nothing() -> None:
+@pytest.mark.parametrize("demonstrations", [[], None, led_hands(truth(), count=1)[0]])
+def test_nothing_is_learnt_from_nothing(demonstrations: Any) -> None:
     with pytest.raises(ConfigurationError, match="demonstrations"):
-        learnt([])
+        learnt(demonstrations)
+
+
+def test_numbers_of_numpy_are_numbers_and_a_truth_is_none() -> None:
+    (hand,) = led_hands(truth(), count=1)
+    told = Demonstration(hand.positions, hand.forces, dt=np.float32(0.5)).velocities
+    np.testing.assert_array_equal(told, Demonstration(hand.positions, hand.forces, dt=0.5).velocities)
+    with pytest.raises(ConfigurationError, match="dt = True"):
+        Demonstration(hand.positions, hand.forces, dt=True)
+    hands = led_hands(truth())
+    assert learnt(hands, width=np.array([0.015, 0.025])).fit.width == 0.025
 
 
 def test_the_standard_error_is_that_of_the_hands_not_of_the_samples() -> None:

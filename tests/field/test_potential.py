@@ -248,6 +248,7 @@ def test_the_number_of_evaluated_samples_saturates() -> None:
         ({"damping": -1.0}, "damping"), ({"damping": "much"}, "damping"), ({"drag": math.inf}, "drag"),
         ({"drag": -1.0}, "drag"), ({"drag": -1.0, "drag_along": "travelled"}, "drag"),
         ({"drag_along": "sideways"}, "drag_along"), ({"spacing": 0.0}, "spacing"),
+        ({"spacing": 1e-8}, "spacing"), ({"width": 4e-8}, "width"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_used_is_named(options: dict, named: str) -> None:

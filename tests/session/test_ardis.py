@@ -14,12 +14,15 @@ import numpy as np
 import pytest
 import shapely
 from matplotlib.text import Text
+from numpy.typing import ArrayLike
 from PIL import Image
 from rich.console import Console
 
 from rehab_opt.control.obstacles import Disc, HalfPlane
 from rehab_opt.errors import ConfigurationError, ProblemFileError
 from rehab_opt.kinematics.ardis import ARDIS_READY, ardis
+from rehab_opt.plants.ideal import IdealJoints
+from rehab_opt.plants.plant import Measurement
 from rehab_opt.session.ardis.clearance import arm_gaps, arm_points, chair_corners, chair_gaps
 from rehab_opt.session.ardis.measures import KEPT, excesses, goals_met, hand_fractions, kinetic_energies
 from rehab_opt.session.ardis.outcome import ArdisOutcome, simulate_motion
@@ -239,6 +242,28 @@ def test_stick_that_was_never_let_go_is_said_to_move_nothing(tmp_path: Path) -> 
     text = io.StringIO()
     Console(file=text, width=200).print(ardis_table(outcome))
     assert "200 the stick must be let go first" in " ".join(text.getvalue().split())
+
+
+def test_chair_that_stops_by_itself_says_why(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """An arm too weak for its weight stood for 26 of 31 s, and the report said `holding`, and of no joint."""
+
+    class Jams(IdealJoints):
+        def step(self, command: ArrayLike, push: ArrayLike | None = None) -> Measurement:
+            free = np.array(command, dtype=np.float64)
+            free[3] = 0.0
+            return super().step(free, push)
+
+    monkeypatch.setattr("rehab_opt.session.ardis.outcome.IdealJoints", Jams)
+    outcome = run_problem(steered(tmp_path, "0,0,0,0,0\n0.5,0.8,0.6,0,0\n4,0,0,0,0\n", [5.0, 0.0, 0.7]))
+    assert isinstance(outcome, ArdisOutcome)
+    ((reason, ticks),) = outcome.metrics["drives"]["mecanum"]["optimised"]["stopped"].items()
+    assert ticks > 200
+    joint = outcome.robot.chain.names[3]
+    assert reason.startswith(f"{joint} does not follow: ")
+    (note,) = not_met(outcome.notes)
+    assert note.startswith("mecanum drive: for ")
+    assert note.endswith(f"whatever the stick asks for: {reason}")
+    assert sum(each == reason for each in dict(outcome.trace())["stopped"]) == ticks
 
 
 def test_check_says_that_nothing_is_asked_for_and_that_a_goal_is_below_the_floor(tmp_path: Path) -> None:

@@ -175,6 +175,19 @@ def test_forces_of_the_other_sign_or_with_a_large_offset_teach_no_stiffness_not_
             learnt(turned, None)
 
 
+def test_a_third_coordinate_that_is_left_out_is_said(tmp_path: Path) -> None:
+    """Hands that rose by 0.3 m, under 40 N along it, taught a field of the plane without a word."""
+    problem = lead_files(tmp_path, 5, lambda _, rows: rows)
+    for file in tmp_path.glob("lead_*.csv"):
+        t, x, y, fx, fy = np.loadtxt(file, delimiter=",", skiprows=1).T
+        rows = np.column_stack((t, x, y, 0.3 * t / t[-1], fx, fy, np.full_like(t, -40.0)))
+        file.write_text(table([tuple(row) for row in rows], "t_s,x_m,y_m,z_m,fx_N,fy_N,fz_N\n"), encoding="utf-8")
+    found = learnt(problem, None)
+    assert found is not None
+    said = "projected onto the plane (300 mm of height, up to 40 N along it left out)"
+    assert [note for note in found.notes if "projected" in note] == [f"lead_{i}.csv: {said}" for i in range(1, 6)]
+
+
 @pytest.mark.parametrize("turned", [0, 2, 4])
 def test_a_movement_the_other_way_is_refused_by_its_file(tmp_path: Path, turned: int) -> None:
     def backwards(i: int, rows: np.ndarray) -> np.ndarray:

@@ -13,6 +13,7 @@ import pytest
 from scipy import stats
 
 from rehab_opt.cli import main
+from rehab_opt.errors import ConfigurationError
 from rehab_opt.measures import score
 from rehab_opt.measures.score import Measure
 from rehab_opt.recordings.tables import read_csv
@@ -166,6 +167,11 @@ def test_intervals_and_slopes_are_those_of_scipy() -> None:
         assert (found.mean, found.n) == (pytest.approx(values.mean(), rel=1e-12), n)
         assert found.upper - found.lower == pytest.approx(high - low, rel=1e-6)
     assert math.isnan(interval([1.0]).lower)
+
+
+def test_a_measure_of_a_study_without_any_is_refused_by_what_is_missing(tmp_path: Path) -> None:
+    with Study(tmp_path / "s.db") as study, pytest.raises(ConfigurationError, match="a study that has measures"):
+        quantity(study, "m")
 
 
 def test_slopes_are_least_squares_of_each_person(tmp_path: Path) -> None:

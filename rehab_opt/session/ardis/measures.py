@@ -63,6 +63,7 @@ def motion_metrics(
         "at_rest_at_the_end": not motion.velocity[-1].any(),
         "scale_min": float(motion.scale.min()),
         "stick_ignored": reason_counts(motion.ignored),
+        "stopped": reason_counts(motion.stopped),
         "status": status_counts(motion.status),
         "relaxed": status_counts(text for text in motion.relaxed if text),
     }

@@ -129,6 +129,7 @@ class Motion:
     wheels : (N, w) [rad/s]. hand : (N, 3) [m]. poses : (N, 4, 4) of the hand. jacobians : (N, 6, 7).
     sticks : (N, 2) deflections. commanded : (N,) whether anything was asked for. closed : (N,) the gripper.
     ignored : (N,) why a stick that may ask for motion gets none, or empty.
+    stopped : (N,) why the law brakes or rests, whatever the stick asks for, or empty.
     mode, status, relaxed : (N,) each. scale : (N,) fraction of the commanded motion that was delivered.
     motion : commanded and true, of a robot that does not move exactly as commanded.
     """
@@ -144,6 +145,7 @@ class Motion:
     sticks: Array
     commanded: NDArray[np.bool_]
     ignored: tuple[str, ...]
+    stopped: tuple[str, ...]
     closed: NDArray[np.bool_]
     mode: tuple[str, ...]
     status: tuple[str, ...]
@@ -212,6 +214,7 @@ def simulate_motion(
         sticks=np.array(sticks),
         commanded=np.array([bool(each.twist.any()) for each in commanded]),
         ignored=tuple(each.reason for each in commanded),
+        stopped=tuple("" if each.status.certified else each.reason for each in ran.commands),
         closed=np.array([each.gripper_closed for each in commanded]),
         mode=modes,
         status=tuple(NO_ANSWER if each.reason == NO_ANSWER else each.status.value for each in ran.commands),
@@ -274,6 +277,7 @@ class ArdisOutcome(Outcome):
             "stick_left": motion.sticks[:, 1],
             "stick_mode": motion.mode,
             "stick_ignored": motion.ignored,
+            "stopped": motion.stopped,
             "gripper_closed": motion.closed.astype(int),
             **dict(point_columns("hand", motion.hand)),
             **{f"joint_{name}_{unit}": of for (name, unit), of in zip(joints, motion.q.T, strict=True)},

@@ -158,16 +158,18 @@ ROBOT_OF_FILE = (
     "the chair, its user and what motors add to the joints are those of `ardis` and `arm_on_chair`: assumptions; where "
     "the arm's numbers are from its robot file says"
 )
+IGNORED = "the stick moves nothing"
+STOPPED = "chair and arm brake or rest, whatever the stick asks for"
 RECORDED = (
     "the stick is a recording of a user who saw another robot, and steers this one blindly; speeds and accelerations "
     "are those that were sent"
 )
 
 
-def _stick_notes(drive: DriveName, ignored: Sequence[str], dt: float) -> Iterator[NotMet]:
-    """For how long, of ticks `dt` [s], a stick moves nothing, and why (empty where it does)."""
-    for reason, ticks in reason_counts(ignored).items():
-        yield NotMet(f"{drive} drive: for {ticks * dt:.1f} s the stick moves nothing: {reason}")
+def _stick_notes(drive: DriveName, reasons: Sequence[str], dt: float, said: str) -> Iterator[NotMet]:
+    """For how long, of ticks `dt` [s], it is as `said`, and why (empty where it is not)."""
+    for reason, ticks in reason_counts(reasons).items():
+        yield NotMet(f"{drive} drive: for {ticks * dt:.1f} s {said}: {reason}")
 
 
 class ArdisSystem(System[ArdisProblem, ArdisOutcome]):
@@ -194,7 +196,7 @@ class ArdisSystem(System[ArdisProblem, ArdisOutcome]):
             joystick, dt = joystick_of(config), 1 / config.problem.run.rate_hz
             moments = (Moment(k * dt, start, start[:3], "") for k in range(math.ceil(stick.duration / dt) + 1))
             told = [joystick.step(**(stick.at(each) or LET_GO)._asdict()) for each in moments]
-            notes += _stick_notes(drive, [each.reason for each in told], dt)
+            notes += _stick_notes(drive, [each.reason for each in told], dt, IGNORED)
             if not any(each.reason or each.twist.any() for each in told):
                 notes.append(NotMet(f"{drive} drive: the stick asks for nothing"))
         low = [goal.name for goal in config.problem.goals if goal.hand_m[2] < -goal.within_m]
@@ -234,7 +236,12 @@ class ArdisSystem(System[ArdisProblem, ArdisOutcome]):
         }
         return ArdisOutcome(
             notes=(
-                *(note for drive, of in drives.items() for note in _stick_notes(drive, of.optimised.ignored, dt)),
+                *(
+                    note
+                    for drive, of in drives.items()
+                    for reasons, said in ((of.optimised.ignored, IGNORED), (of.optimised.stopped, STOPPED))
+                    for note in _stick_notes(drive, reasons, dt, said)
+                ),
                 plant_note(
                     problem.plant,
                     "the robot is simulated: chair and arm move exactly as commanded, whichever law commands",

@@ -343,6 +343,7 @@ MORE_ROWS: Rows = (
     ("motion that the drive does not allow, m/s", _residual),
     ("largest tilt of the hand from its start, deg", lambda of: f"{of['hand_tilt_max_deg']:.2g}"),
     ("ticks in which the stick moved nothing", lambda of: counts(of["stick_ignored"]) or "0"),
+    ("ticks in which the law braked or rested", lambda of: counts(of["stopped"]) or "0"),
     ("ticks in which something was relaxed", lambda of: counts(of["relaxed"]) or "0"),
     ("ways: arm / chair, %; mean energy / chair alone, J", lambda of: ""),
 )

@@ -15,6 +15,7 @@ from rehab_opt.field.potential import PotentialField
 from rehab_opt.recordings.reading import read_recording
 from rehab_opt.session.files import ProblemFile, recording_path
 from rehab_opt.session.outcome import Array, finite
+from rehab_opt.session.participant import projected
 from rehab_opt.session.refusals import refused_as
 from rehab_opt.session.scenario.problem import ScenarioProblem
 from rehab_opt.session.systems import Needed
@@ -23,8 +24,6 @@ __all__ = ["fit_metrics", "learnt", "needed_demonstrations"]
 
 
 KEY = "task.demonstrations"
-LEAST = 1.0
-"""Standard errors that a stiffness is above zero; from less nothing is learnt."""
 MOST = {"stiffness": 1e5, "drag": 1e5, "damping": 1e4}
 """As in a file that gives them."""
 
@@ -90,7 +89,7 @@ def _shown(config: ProblemFile[ScenarioProblem]) -> tuple[tuple[Demonstration, .
         recording = read_recording(recording_path(config, file, key=needed.key), name=file)
         if not recording.forces.size:
             raise ProblemFileError(file, "columns", "no forces", "fx_N and fy_N beside t, x and y")
-        notes += [f"{file}: {note}" for note in recording.notes]
+        notes += [f"{file}: {note}" for note in (*recording.notes, *projected(recording.points, recording.forces))]
         with refused_as(file):
             shown.append(
                 Demonstration(positions=recording.points[:, :2], forces=recording.forces[:, :2], times=recording.time)
@@ -109,15 +108,7 @@ def _field(
     except RehabOptError as refused:
         raise ProblemFileError(config.file, KEY, str(refused), "forces that a field can be fitted to") from refused
     assert field.fit is not None
-    said, spread = field.fit.parameters, field.fit.standard_error
-    # A stiffness of zero is 1e-12 N/m to a solver, and noise alone gives a little more.
-    if not said["stiffness"] > LEAST * spread["stiffness"]:
-        found = f"{said['stiffness']:.2g} +- {spread['stiffness']:.2g} N/m"
-        value = f"forces that hold no hand on a path (a stiffness of {found})"
-        expected = (
-            "movements that were led, and strayed from the path a little; force on the hand, sensor's offset removed"
-        )
-        raise ProblemFileError(config.file, KEY, value, expected)
+    said = field.fit.parameters
     for name, key, unit in (("stiffness", "S", "N/m"), ("drag", "k1", "N/m"), ("damping", "D", "N s/m")):
         if not said[name] <= MOST[name]:
             raise ProblemFileError(
@@ -133,7 +124,8 @@ def _as_key(config: ProblemFile[ScenarioProblem], refused: ConfigurationError) -
     """A refusal of what is learnt from, by the key and the recording that it is about."""
     number = re.fullmatch(r"demonstrations\[(\d+)\]", refused.argument)
     if number is None:
-        key = "field.widths_mm" if refused.argument == "width" else f"{KEY}, {refused.argument}"
+        keys = {"width": "field.widths_mm", "demonstrations": KEY}
+        key = keys.get(refused.argument, f"{KEY}, {refused.argument}")
         return ProblemFileError(config.file, key, refused.value, refused.expected)
     assert config.problem.task.demonstrations is not None
     files = config.problem.task.demonstrations.files
