@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.kinematics.chain import SerialChain
-from rehab_opt.kinematics.frames import is_rigid, rotation_vector
+from rehab_opt.kinematics.rigid import is_rigid, rotation_vector
 from rehab_opt.optim.certificate import clipped
 from rehab_opt.symbolic import Evaluator
 

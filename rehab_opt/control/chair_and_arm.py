@@ -17,10 +17,10 @@ from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics import DriveName
 from rehab_opt.kinematics.mobile_arm import CHAIR
 from rehab_opt.optim.certificate import all_true
-from rehab_opt.optim.factor import symmetric
 from rehab_opt.optim.qp import Statement
 from rehab_opt.optim.rows import MAX_MAGNITUDE, Instance, Row, equal, parameter, variable, within
 from rehab_opt.symbolic import Compile
+from rehab_opt.symbolic.matrices import symmetric
 from rehab_opt.symbolic.tick import Stages
 
 __all__ = ["ChairAndArm"]

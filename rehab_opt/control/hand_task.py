@@ -15,8 +15,8 @@ from rehab_opt.control.stopping import FAR
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.mobile_arm import CHAIR, MobileArm
 from rehab_opt.optim.certificate import clipped
-from rehab_opt.optim.factor import solver_of, upper_triangle
 from rehab_opt.optim.rows import MAX_MAGNITUDE, Row
+from rehab_opt.symbolic.matrices import solver_of, upper_triangle
 from rehab_opt.symbolic.tick import Stages
 
 __all__ = ["AHEAD", "FRAMES", "PROGRESS", "ROWS", "HandTask", "Last", "Task", "checked_rows", "frame_number"]

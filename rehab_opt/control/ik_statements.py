@@ -13,9 +13,9 @@ import casadi as ca
 import numpy as np
 
 from rehab_opt.kinematics.chain import SerialChain
-from rehab_opt.kinematics.determinant import determinant
 from rehab_opt.optim.nlp import NLP
 from rehab_opt.optim.rows import equal, parameter, variable
+from rehab_opt.symbolic.matrices import determinant
 from rehab_opt.workspace.plane_statement import handle_rows
 
 __all__ = ["IKStatements"]

@@ -17,7 +17,7 @@ from rehab_opt.control.pose_tracker import Inputs, PoseTracker, Rows, TickSoluti
 from rehab_opt.control.reasons import NUMBER
 from rehab_opt.control.stopping import VelocityBounds
 from rehab_opt.control.tool_speed import speed_ahead
-from rehab_opt.kinematics.frames import rotation_vector
+from rehab_opt.kinematics.rigid import rotation_vector
 from rehab_opt.optim.certificate import all_true, clipped
 from rehab_opt.optim.rows import MAX_MAGNITUDE, Instance, parameter
 from rehab_opt.symbolic.record import Record

@@ -25,7 +25,7 @@ from rehab_opt.control.tool_speed import speed_ahead, tool_acceleration
 from rehab_opt.control.velocity_controller import VelocityController, checked_number
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import SerialChain, per_joint
-from rehab_opt.kinematics.frames import is_rigid, rotation_vector
+from rehab_opt.kinematics.rigid import is_rigid, rotation_vector
 from rehab_opt.kinematics.room import MOVING, MovingCapsule
 from rehab_opt.optim.certificate import clipped
 from rehab_opt.optim.qp import Statement

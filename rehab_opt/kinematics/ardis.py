@@ -15,9 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 from rehab_opt.kinematics.body import Body
 from rehab_opt.kinematics.chain import SerialChain, per_joint
 from rehab_opt.kinematics.denavit_hartenberg import DH
-from rehab_opt.kinematics.differential import Differential
+from rehab_opt.kinematics.drive import Differential, Mecanum, checked_amounts, checked_lengths
 from rehab_opt.kinematics.inertia import rod
-from rehab_opt.kinematics.mecanum import Mecanum, checked_amounts, checked_lengths
 from rehab_opt.kinematics.mobile_arm import CHAIR, Capsule, MobileArm, Outline
 
 __all__ = ["ARDIS_KEEP_OUT", "ARDIS_READY", "ardis"]

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.kinematics.chain import SerialChain
-from rehab_opt.kinematics.determinant import determinant
 from rehab_opt.kinematics.link_capsules import LinkCapsule
+from rehab_opt.symbolic.matrices import determinant
 
 __all__ = ["ArmLink", "LinkEnd", "arm_links", "arm_reach", "hand_volume", "links_as_capsules", "maximise_hand_volume"]
 

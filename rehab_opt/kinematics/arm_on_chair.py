@@ -11,9 +11,8 @@ from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.ardis import ARDIS_KEEP_OUT
 from rehab_opt.kinematics.body import Body, checked_bodies
 from rehab_opt.kinematics.chain import SerialChain, per_joint
-from rehab_opt.kinematics.differential import Differential
+from rehab_opt.kinematics.drive import Differential, Mecanum, checked_amounts, checked_lengths
 from rehab_opt.kinematics.link import Link
-from rehab_opt.kinematics.mecanum import Mecanum, checked_amounts, checked_lengths
 from rehab_opt.kinematics.mobile_arm import CHAIR, MIN_JOINTS, Capsule, MobileArm, Outline
 from rehab_opt.kinematics.real_array import is_real
 from rehab_opt.kinematics.rigid import inverse_pose, rigid

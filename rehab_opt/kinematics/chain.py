@@ -17,12 +17,12 @@ from numpy.typing import ArrayLike, NDArray
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.body import Body
 from rehab_opt.kinematics.denavit_hartenberg import checked_rows
-from rehab_opt.kinematics.determinant import determinant
 from rehab_opt.kinematics.link import ChainRow, pose_after, pose_before, product
 from rehab_opt.kinematics.link_capsules import CapsuleOnLink, LinkCapsule, checked_capsules
 from rehab_opt.kinematics.real_array import checked_array
 from rehab_opt.kinematics.rigid import nearest_rigid
 from rehab_opt.kinematics.robot_file.links import MJCF, URDF, Given, chain_arguments
+from rehab_opt.symbolic.matrices import determinant
 from rehab_opt.symbolic.shared import HasEvaluator, PerThread
 
 __all__ = ["SerialChain", "per_joint"]

@@ -24,11 +24,9 @@ from rehab_opt.kinematics.arm_links import (
 )
 from rehab_opt.kinematics.body import Body, checked_bodies
 from rehab_opt.kinematics.chain import SerialChain, per_joint
-from rehab_opt.kinematics.differential import Differential
-from rehab_opt.kinematics.drive import Drive, Fixed, Omnidirectional
+from rehab_opt.kinematics.drive import Differential, Drive, Fixed, Mecanum, Omnidirectional, checked_amounts
 from rehab_opt.kinematics.inertia import inertia_expression
 from rehab_opt.kinematics.link_capsules import Capsule
-from rehab_opt.kinematics.mecanum import Mecanum, checked_amounts
 from rehab_opt.symbolic.shared import HasEvaluator
 
 __all__ = ["CHAIR", "Capsule", "MobileArm", "Outline"]

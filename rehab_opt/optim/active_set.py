@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import casadi as ca
 
 from rehab_opt.optim.certificate import certified_expressions
-from rehab_opt.optim.factor import solver_of
+from rehab_opt.symbolic.matrices import solver_of
 
 if TYPE_CHECKING:
     from rehab_opt.optim.qp import Form

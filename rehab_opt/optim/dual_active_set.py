@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import casadi as ca
 
 from rehab_opt.optim.certificate import first_true
-from rehab_opt.optim.factor import solver_of, symmetric, triangle, upper_triangle
+from rehab_opt.symbolic.matrices import solver_of, symmetric, triangle, upper_triangle
 
 if TYPE_CHECKING:
     from rehab_opt.optim.qp import Form

@@ -20,7 +20,7 @@ from rehab_opt.control.obstacles import Disc, HalfPlane, obstacle_numbers
 from rehab_opt.control.reaching import Reaching
 from rehab_opt.control.scanning import Scanning
 from rehab_opt.kinematics.ardis import ARDIS_READY
-from rehab_opt.kinematics.differential import Differential
+from rehab_opt.kinematics.drive import Differential
 from rehab_opt.kinematics.mobile_arm import MobileArm
 from rehab_opt.published.pseudoinverse_law import PseudoinverseLaw
 from rehab_opt.symbolic import shared

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from rehab_opt import ConfigurationError
 from rehab_opt.kinematics.ardis import ARDIS_READY, ardis
-from rehab_opt.kinematics.mecanum import Mecanum
+from rehab_opt.kinematics.drive import Mecanum
 from rehab_opt.kinematics.mobile_arm import Capsule, MobileArm, Outline
 from tests.kinematics.dh_oracle import chain_pose
 

@@ -6,8 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rehab_opt import ConfigurationError
-from rehab_opt.kinematics.differential import Differential
-from rehab_opt.kinematics.mecanum import Mecanum
+from rehab_opt.kinematics.drive import Differential, Mecanum
 
 MECANUM = Mecanum(radius=0.1, half_gauge=0.28, half_base=0.25, limit=10.0)
 DIFFERENTIAL = Differential(radius=0.15, half_gauge=0.28, limit=7.0)

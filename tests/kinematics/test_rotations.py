@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from rehab_opt.kinematics.frames import is_rotation, rotation_vector
+from rehab_opt.kinematics.rigid import is_rotation, rotation_vector
 from rehab_opt.symbolic import BufferedFunction
 from tests.kinematics.dh_oracle import Array
 
