@@ -21,6 +21,7 @@ from rehab_opt.control.joint_feedback import JointFeedback
 from rehab_opt.control.limit import Limit, PostureLimits, all_limits
 from rehab_opt.control.reference_velocity import CALMING, MISSED, ReferenceVelocity
 from rehab_opt.control.stopping import VelocityBounds, max_change, nearest_to_rest
+from rehab_opt.control.thread_owner import setting
 from rehab_opt.control.tool_speed import speed_ahead, tool_acceleration
 from rehab_opt.control.velocity_controller import VelocityController, checked_number
 from rehab_opt.errors import ConfigurationError
@@ -164,6 +165,14 @@ class PoseTracker(VelocityController):
     requirement = "pose is not a rigid transform"
     name: ClassVar[str] = "pose_tracker"
 
+    gain: float = setting()
+    linear_speed: float = setting()
+    angular_speed: float = setting()
+    task_weights: Array = setting()
+    posture: Array | None = setting()
+    limits: PostureLimits = setting()
+    jerk: JerkBounds | None = setting()
+
     def __init__(
         self,
         chain: SerialChain,
@@ -201,13 +210,14 @@ class PoseTracker(VelocityController):
         checked_number("dt", dt, above=0.0, below=1.0)
         checked_number("recovery_speed", recovery_speed, above=0.0, below=1.0)
         self.limits = limits if isinstance(limits, PostureLimits) else all_limits(limits, limited, dt, recovery_speed)
-        self.jerk = None
         if jerk is not None:
             self._check_jerk_alone(jerk, feedback)
             self.jerk = JerkBounds.checked(limited, jerk, dt, recovery_speed)
             if not self.gain <= self.jerk.fastest_gain:
                 expected = f"at most {self.jerk.fastest_gain:.4g} /s with this jerk: a faster one swings for good"
                 raise ConfigurationError("gain", gain, expected)
+        else:
+            self.jerk = None
         super().__init__(
             limited,
             dt=dt,
