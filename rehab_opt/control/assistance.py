@@ -10,6 +10,7 @@ from weakref import WeakKeyDictionary
 from rehab_opt.control.assistance_statement import TINY
 from rehab_opt.control.bounded_force import BoundedForce, ForceBounds
 from rehab_opt.control.gate import GATE, PULL_BACK, DesiredForce, Mode, check_mode, gated_force, numbers_of
+from rehab_opt.control.thread_owner import setting
 from rehab_opt.control.velocity_controller import checked_number
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.field.energy import arranged_samples
@@ -42,6 +43,9 @@ class Assistance(BoundedForce):
     ------
     ConfigurationError : an argument that cannot be used.
     """
+
+    comfortable: Workspace = setting()
+    mode: Mode = setting()
 
     def __init__(
         self,

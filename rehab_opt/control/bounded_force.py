@@ -18,7 +18,7 @@ from rehab_opt.control.force_tick import MODEL, VIEW, affordable, anew, force_ti
 from rehab_opt.control.gate import DesiredForce
 from rehab_opt.control.hand import HAND
 from rehab_opt.control.reasons import reason_text
-from rehab_opt.control.thread_owner import OneThread
+from rehab_opt.control.thread_owner import OneThread, setting
 from rehab_opt.control.velocity_controller import checked_number
 from rehab_opt.control.watchdog import NO_STAMP, STAMPS, Watchdog, stamp_and_kind
 from rehab_opt.errors import ConfigurationError
@@ -122,6 +122,15 @@ class BoundedForce(OneThread):
     """Whether the last tick's state and inputs could be acted on."""
     desired_force: tuple[float, float]
     """[N] what was wanted in the last tick, before any bound; zero where the state was not usable."""
+
+    force_limit: float = setting()
+    slew_limit: float = setting()
+    growth_limit: float = setting()
+    speed_cap: float = setting()
+    dt: float = setting()
+    max_age: float = setting()
+    energy_budget: float = setting()
+    tolerance: float = setting()
 
     def __init__(
         self,

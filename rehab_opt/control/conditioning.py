@@ -6,6 +6,7 @@ The whole recording at once (`conditioned`) and sample by sample (`Conditioner`)
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 from threading import get_ident
 from typing import NamedTuple
 
@@ -25,6 +26,8 @@ Array = NDArray[np.float64]
 
 TOGETHER = 3
 """Samples that must agree before a stretch counts: fewer are a tracker's spike."""
+LONGEST_GAP = 600.0
+"""[s] A clock that goes on by more was set."""
 
 
 class Conditioned(NamedTuple):
@@ -50,6 +53,8 @@ class Conditioner(OneThread):
     Samples are joined by straight lines, and turns by the nearest way, at even ticks; then each coordinate, and each
     of the quaternion's, passes a low-pass filter of two equal poles. Sight counts as lost between samples more than
     `max_gap` apart, and where a hand would have had to move faster than one can. After that the filter starts anew.
+    Ticks that were lost are given then, but where stamps went on by more than 600 s, as of a clock that was set: times
+    go on from there.
     An object belongs to one thread: see `OneThread`.
 
     Parameters
@@ -133,10 +138,9 @@ class Conditioner(OneThread):
         self._counts = True
         start, first = self._held[0]
         out: list[tuple[int, Array | None, Array]] = []
-        if math.isnan(self._origin):
-            self._origin = start
-        else:
-            self.gaps += 1
+        self.gaps += not math.isnan(self._origin)
+        if not start - (self._origin + self._next * self.dt) <= LONGEST_GAP:
+            self._origin, self._next = start, 0
         opening = _first_tick(start, self._origin, self.dt)
         out += [(k, None, np.zeros(6)) for k in range(self._next, opening)]
         self._next = max(opening, self._next)
@@ -188,7 +192,7 @@ def conditioned(
 
     Raises
     ------
-    ConfigurationError : wrong shapes, or no stretch of usable samples.
+    ConfigurationError : wrong shapes, no stretch of usable samples, or more than 600 s without.
     """
     from scipy.signal import lfilter  # noqa: PLC0415  (loaded when used)
 
@@ -207,7 +211,13 @@ def conditioned(
     sizes = np.bincount(stretch)
     parts = [np.flatnonzero(stretch == i) for i in np.flatnonzero(sizes >= TOGETHER)]
     if not parts:
-        raise ConfigurationError("times", len(keep), f"at least {TOGETHER} usable samples together")
+        within = f"stamps [s] at most {rule.max_gap:g} apart and places [m] no faster than {rule.max_speed:g} m/s"
+        expected = f"at least {TOGETHER} usable samples together, of {within}"
+        raise ConfigurationError("times", f"{len(keep)} finite samples, none together", expected)
+    longest = max((float(t[after[0]] - t[part[-1]]) for part, after in pairwise(parts)), default=0.0)
+    if longest > LONGEST_GAP:
+        expected = f"no more than {LONGEST_GAP:g} s without usable samples: seconds of one clock that nobody set"
+        raise ConfigurationError("times", f"a gap of {longest:.3g} s", expected)
     origin, ends = t[parts[0][0]], []
     for part in parts:
         first = _first_tick(t[part[0]], origin, dt)

@@ -90,7 +90,9 @@ class JointFeedback:
             value = getattr(self, name)
             most = math.inf if name == "servo_hz" else 1e3
             if not (is_real(value) and least < value <= most):
-                raise ConfigurationError(f"feedback.{name}", value, f"a number above {least:g}")
+                above = "of at least 0" if least else "above 0"
+                end = "" if most == math.inf else f" and at most {most:g}"
+                raise ConfigurationError(f"feedback.{name}", value, f"a number {above}{end}")
 
     @property
     def command_delay(self) -> float:

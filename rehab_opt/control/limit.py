@@ -256,13 +256,12 @@ class PostureLimits:
         slopes, falls = (ca.vertcat(*column) for column in zip(*parts, strict=True))
         return slopes, falls
 
-    def slower(self, q: ca.SX, last: ca.SX, bounds: VelocityBounds, contacts: ca.SX) -> ca.SX:
-        """(n,) the velocity nearest to rest, but for joints that hold theirs longer where a limit wants it.
+    def slower(self, q: ca.SX, last: ca.SX, bounds: VelocityBounds, contacts: ca.SX, rest: ca.SX) -> ca.SX:
+        """(n,) `rest`, the velocity to brake by, but for joints that hold theirs longer where a limit wants it.
 
         From what comes nearer by itself it does not go away, and from within a limit it is not led back: who brakes is
         not enabled. Where every joint can, it stops.
         """
-        rest = nearest_to_rest(bounds)
         held = clipped(last, bounds.brake_lower, bounds.brake_upper)
         slopes, free, hard = self._now(q, last, contacts, leads_back=False)
         now = (slopes, free, ca.fmax(hard, 0))

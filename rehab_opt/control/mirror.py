@@ -33,6 +33,7 @@ from rehab_opt.control.mirror_tick import VERDICT, mirror_tick
 from rehab_opt.control.person_limit import PersonLimit
 from rehab_opt.control.reasons import HELD_BACK
 from rehab_opt.control.reference_clock import ReferenceClock
+from rehab_opt.control.thread_owner import setting
 from rehab_opt.control.velocity_controller import checked_number
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import SerialChain
@@ -110,6 +111,12 @@ class MirrorTracker(MirrorPreview):
     """
 
     name: ClassVar[str] = "mirror_tracker"
+
+    floor: float = setting()
+    max_deviation: float = setting()
+    max_turn: float = setting()
+    catch_up: float = setting()
+    max_manipulability: float = setting()
 
     def __init__(
         self,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from collections.abc import Sequence
 from functools import cached_property, reduce
 from typing import NamedTuple
 
@@ -174,10 +175,8 @@ class MirrorStatement(PoseTracker):
         commanded = twist + feedback / ca.fmax(excess, 1)
         return commanded, commanded
 
-    def slow_enough(
-        self, tick: Stages, inputs: Inputs, jacobian: ca.SX, bounds: VelocityBounds, velocity: ca.SX
-    ) -> ca.SX:
-        """(n,) the QP's velocity: it is shortened after the tick, by `keeping`."""
+    def slow_enough(self, tick: Stages, q: ca.SX, jacobian: ca.SX, velocity: ca.SX, ways: Sequence[ca.SX]) -> ca.SX:
+        """(n,) the velocity: it is shortened after the tick, by `keeping`."""
         return velocity
 
     def command(self, tick: Stages, inputs: Inputs, velocity: ca.SX) -> ca.SX:
@@ -214,7 +213,7 @@ class MirrorStatement(PoseTracker):
         return report, ca.vertcat(memory, ca.fmin(loss, self.floor))
 
     @property
-    def slows_before_limits(self) -> bool:
+    def brakes_beside_bounds(self) -> bool:
         """Before bodies alone: what else there is to keep, the braking of all joints alike does."""
         return self.among_bodies
 

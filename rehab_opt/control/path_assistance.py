@@ -13,6 +13,7 @@ from rehab_opt.control.command import Command
 from rehab_opt.control.force_tick import DESIRED
 from rehab_opt.control.gate import GATE, PULL_BACK, SPRING, DesiredForce, guided_force
 from rehab_opt.control.path_progress import AHEAD, PATH_MODEL, PLACES, PROGRESS, SEARCHED, progress_function
+from rehab_opt.control.thread_owner import setting
 from rehab_opt.control.velocity_controller import checked_number
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.field.potential import sample_spacing
@@ -58,6 +59,8 @@ class PathAssistance(BoundedForce):
     ------
     ConfigurationError : an argument that cannot be used.
     """
+
+    comfortable: Workspace = setting()
 
     def __init__(
         self,

@@ -20,7 +20,8 @@ from rehab_opt.control.jerk_bounds import JerkBounds
 from rehab_opt.control.joint_feedback import JointFeedback
 from rehab_opt.control.limit import Limit, PostureLimits, all_limits
 from rehab_opt.control.reference_velocity import CALMING, MISSED, ReferenceVelocity
-from rehab_opt.control.stopping import VelocityBounds, max_change
+from rehab_opt.control.stopping import VelocityBounds, max_change, nearest_to_rest
+from rehab_opt.control.thread_owner import setting
 from rehab_opt.control.tool_speed import speed_ahead, tool_acceleration
 from rehab_opt.control.velocity_controller import VelocityController, checked_number
 from rehab_opt.errors import ConfigurationError
@@ -136,9 +137,10 @@ class PoseTracker(VelocityController):
     chain : any serial chain with its limits.
     lower, upper, velocity, acceleration : (n,) or scalar; replace the chain's limits.
     gain : [1/s] rate at which a pose error decays; slower from farther off than the accelerations can brake from.
-    linear_speed, angular_speed : [m/s, rad/s] largest hand speeds; faster requests are slowed, not cut. A hand is
-        commanded faster, and `Relaxed.TASK` flagged, only where joints that are fast against each other cannot brake
-        sooner, and where keeping `limits` or `jerk` asks for it.
+    linear_speed, angular_speed : [m/s, rad/s] largest hand speeds; faster requests are slowed, not cut. Who brakes
+        keeps to them, too: joints wait for the one that rests last. A hand is commanded faster, and `Relaxed.TASK`
+        flagged, only where joints that are fast against each other cannot brake sooner, and where keeping `limits` or
+        `jerk` asks for it.
     task_weights : (6,) weights of the twist's components in the base frame; a zero frees one.
     jerk : (n,) or scalar [rad/s^3, m/s^3] largest jerk, for drives that stop on more: of the finite differences of what
         is sent, braking and fallbacks included. Velocity, acceleration and jerk then never yield; a joint that is put
@@ -162,6 +164,14 @@ class PoseTracker(VelocityController):
 
     requirement = "pose is not a rigid transform"
     name: ClassVar[str] = "pose_tracker"
+
+    gain: float = setting()
+    linear_speed: float = setting()
+    angular_speed: float = setting()
+    task_weights: Array = setting()
+    posture: Array | None = setting()
+    limits: PostureLimits = setting()
+    jerk: JerkBounds | None = setting()
 
     def __init__(
         self,
@@ -200,13 +210,14 @@ class PoseTracker(VelocityController):
         checked_number("dt", dt, above=0.0, below=1.0)
         checked_number("recovery_speed", recovery_speed, above=0.0, below=1.0)
         self.limits = limits if isinstance(limits, PostureLimits) else all_limits(limits, limited, dt, recovery_speed)
-        self.jerk = None
         if jerk is not None:
             self._check_jerk_alone(jerk, feedback)
             self.jerk = JerkBounds.checked(limited, jerk, dt, recovery_speed)
             if not self.gain <= self.jerk.fastest_gain:
                 expected = f"at most {self.jerk.fastest_gain:.4g} /s with this jerk: a faster one swings for good"
                 raise ConfigurationError("gain", gain, expected)
+        else:
+            self.jerk = None
         super().__init__(
             limited,
             dt=dt,
@@ -226,7 +237,7 @@ class PoseTracker(VelocityController):
         memory = parameter("memory", self._memory_size)
         inputs = Inputs(q, _pose(entries), twist, others, others[-1] if self.limits.moving else ca.SX(0, 1), memory)
 
-        J = tick.once(ca.diag(weights) @ self.chain.jacobian_expression(q))
+        J = tick.once(self._weighted(q))
         commanded, whole = tick.once(tuple(weights * each for each in self._led_twist(inputs, J, self.guided(memory))))
         rows = tick.once(self.rows(tick, inputs, self.bounds(q, memory)))
         bend = partial(self._bend, q, J, ca.norm_2(whole) / ca.fmax(ca.norm_2(commanded), TINY))
@@ -252,7 +263,9 @@ class PoseTracker(VelocityController):
             + (STEADYING + calm) * ca.sumsqr(u - s * w)
             + (DIRECTION_KEEPING + calm) * ca.sumsqr(progress.symbol - speed)
         )
-        command = self.command(tick, inputs, self.slow_enough(tick, inputs, J, rows.bounds, u))
+        command = self.command(
+            tick, inputs, self.slow_enough(tick, q, J, u, self._ways_to_brake(inputs.last, rows.bounds))
+        )
         motion = TickSolution(u, command, s, speed, J @ command, whole, rows)
         report, remember = self.outcome(tick, inputs, motion)
         return Statement(
@@ -347,33 +360,61 @@ class PoseTracker(VelocityController):
         The asked twist is within the hand speeds, but the motion nearest to it, where a joint is held at its limit,
         may move the hand faster: turning is traded for it.
         """
-        J = self._unweighted(inputs.q, jacobian)
-        linear = speed_ahead(self.chain, inputs.q, J, velocity, self.dt)
-        return ca.fmax(linear / self.linear_speed, ca.norm_2(J[3:, :] @ velocity) / self.angular_speed)
+        return self._hand_over(inputs.q, jacobian, velocity)
 
-    def slow_enough(
-        self, tick: Stages, inputs: Inputs, jacobian: ca.SX, bounds: VelocityBounds, velocity: ca.SX
-    ) -> ca.SX:
-        """(n,) the velocity; where it is too fast, as little of the way from it to braking as ends that.
+    def slow_enough(self, tick: Stages, q: ca.SX, jacobian: ca.SX, velocity: ca.SX, ways: Sequence[ca.SX]) -> ca.SX:
+        """(n,) the velocity; where it is too fast, as little of the way to the first of `ways` (n,) as ends that.
 
-        The QP bounds the reference alone, which joints that accelerate as they may do not follow. Braking of all alike
-        has the hand no faster than before; where position limits do not allow that, each brakes as it can.
+        The QP bounds the reference alone, which joints that accelerate as they may do not follow; and joints that
+        brake as they can come to rest one after the other, also those that cancel each other out at the hand. Of
+        `ways` one that is too fast, too, gives way to a slower one.
         """
-        fast = tick.once(self.excess(inputs, jacobian, velocity))
+        over = partial(self._hand_over, q, jacobian)
+        fast = tick.once(over(velocity))
 
         def slower() -> ca.SX:
-            alike = slowed_together(inputs.last, max_change(self.chain, self.dt))
-            braked, each = (clipped(way, bounds.lower, bounds.upper) for way in (alike, ca.SX.zeros(self.chain.n)))
-            slow, other = (self.excess(inputs, jacobian, way) for way in (braked, each))
-            better = ca.logic_and(slow > 1, other < slow)
-            braked, slow = ca.if_else(better, each, braked), ca.if_else(better, other, slow)
+            braked, *others = ways
+            slow = over(braked)
+            for other in others:
+                then = over(other)
+                better = ca.logic_and(slow > 1, then < slow)
+                braked, slow = ca.if_else(better, other, braked), ca.if_else(better, then, slow)
             part, high = ca.SX(1), slow
             for _ in range(CHORDS):  # convex: where a chord is at the bound, the speed is below it
                 part = part * clipped((fast - 1) / ca.fmax(fast - high, TINY), 0, 1)
-                high = self.excess(inputs, jacobian, velocity + part * (braked - velocity))
+                high = over(velocity + part * (braked - velocity))
             return velocity + ca.if_else(slow < 1, part, slow < fast) * (braked - velocity)
 
         return tick.when(fast > 1 + OVER, slower, velocity)
+
+    def _ways_to_brake(self, last: ca.SX, bounds: VelocityBounds) -> tuple[ca.SX, ca.SX]:
+        """(n,) each: all joints alike, which has the hand no faster than before; and as each can within its limits."""
+        ways = slowed_together(last, max_change(self.chain, self.dt)), ca.SX.zeros(self.chain.n)
+        alike, each = (clipped(way, bounds.lower, bounds.upper) for way in ways)
+        return alike, each
+
+    def _towards_rest(self, tick: Stages, q: ca.SX, last: ca.SX, bounds: VelocityBounds) -> ca.SX:
+        """(n,) the velocity nearest to rest; where the hand is too fast so, joints wait for the one that rests last.
+
+        That one brakes as it can all the while: the arm rests no later. Limits keep the room that stopping takes, and
+        nothing is led back to them. A `jerk` comes first.
+        """
+        rest = nearest_to_rest(bounds)
+        if self.jerk is not None:
+            return rest
+        alike = slowed_together(last, max_change(self.chain, self.dt))
+        alike = clipped(alike, ca.fmin(rest, bounds.lower), ca.fmax(rest, bounds.upper))
+        return self.slow_enough(tick, q, tick.once(self._weighted(q)), rest, (alike,))
+
+    def _weighted(self, q: ca.SX) -> ca.SX:
+        """(6, n) Jacobian, weighted."""
+        return ca.diag(ca.sqrt(ca.DM(self.task_weights))) @ self.chain.jacobian_expression(q)
+
+    def _hand_over(self, q: ca.SX, jacobian: ca.SX, velocity: ca.SX) -> ca.SX:
+        """Hand speeds of a velocity (n,), over their limits, at the weighted Jacobian (6, n)."""
+        J = self._unweighted(q, jacobian)
+        linear = speed_ahead(self.chain, q, J, velocity, self.dt)
+        return ca.fmax(linear / self.linear_speed, ca.norm_2(J[3:, :] @ velocity) / self.angular_speed)
 
     def command(self, tick: Stages, inputs: Inputs, velocity: ca.SX) -> ca.SX:
         """(n,) the QP's velocity, or what of it keeps the user's limits: its rows are tangents.
@@ -403,19 +444,22 @@ class PoseTracker(VelocityController):
 
     def _slowed(self, tick: Stages, q: ca.SX, moving: ca.SX, memory: ca.SX) -> ca.SX:
         """(n,) the velocity nearest to rest that keeps the limits."""
-        last = memory[: self.chain.n]
+        last, bounds = memory[: self.chain.n], self.bounds(q, memory)
+        rest = self._towards_rest(tick, q, last, bounds)
+        if not len(self.limits):
+            return rest
         contacts = self.contacts(tick, q, last, moving, ticks=1)
-        u = tick.once(self.limits.slower(q, last, self.bounds(q, memory), contacts))
+        u = tick.once(self.limits.slower(q, last, bounds, contacts, rest=rest))
         return tick.call(self.limits.keeping, q, moving, u, u)[0]
 
     @property
-    def slows_before_limits(self) -> bool:
-        """Whether the safe command, too, keeps the limits by its own motion."""
-        return len(self.limits) > 0
+    def brakes_beside_bounds(self) -> bool:
+        """Whether the safe command, too, keeps hand speeds and limits by its own motion."""
+        return True
 
     def braking(self) -> ca.Function:
-        """As a controller's without limits, but for moving capsules, where there are such, as a third input."""
-        if not self.slows_before_limits:
+        """As a controller's of joints alone, but for moving capsules, where there are such, as a third input."""
+        if not self.brakes_beside_bounds:
             return super().braking()
         tick, q, memory = Stages(), ca.SX.sym("q", self.chain.n), ca.SX.sym("memory", self._memory_size)
         last, moving = memory[: self.chain.n], ca.SX.sym("moving", self.limits.moving_size)
@@ -423,7 +467,7 @@ class PoseTracker(VelocityController):
         outside = ca.logic_or(self.bounds(q, memory).outside, self.limits.inside(contacts))
         report = self.report(last, rest, ca.SX(0), ca.SX(1), outside)  # nothing of the task is delivered
         inputs = [q, memory, moving] if self.limits.moving else [q, memory]
-        return tick.function("braking", inputs, [self.remember(q, rest), report])
+        return tick.function("braking", inputs, [self.memory_after(q, last, rest), report])
 
     def _drift(self, q: ca.SX) -> ca.SX:
         """(n,) towards the posture, slowed as a whole so that its direction is kept."""

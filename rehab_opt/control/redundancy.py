@@ -16,10 +16,10 @@ from rehab_opt.control.clearance import Clearance
 from rehab_opt.control.command import Command
 from rehab_opt.control.hand_task import checked_rows, frame_number
 from rehab_opt.control.joint_feedback import JointFeedback
-from rehab_opt.control.limit import Limit, all_limits
+from rehab_opt.control.limit import Limit, PostureLimits, all_limits
 from rehab_opt.control.obstacles import Obstacle, obstacle_numbers
 from rehab_opt.control.reaching import Reaching
-from rehab_opt.control.thread_owner import OneThread
+from rehab_opt.control.thread_owner import OneThread, setting
 from rehab_opt.control.velocity_controller import checked_number, real_numbers
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics import DriveName
@@ -110,6 +110,11 @@ class RedundancyResolver(OneThread):
     ------
     ConfigurationError : an argument that cannot be used.
     """
+
+    robot: MobileArm = setting()
+    drive: DriveName = setting()
+    dt: float = setting()
+    limits: PostureLimits = setting()
 
     def __init__(
         self,

@@ -1,4 +1,7 @@
-"""Objects with memory that belong to one thread, so that no second one changes it in the middle of a tick."""
+"""Objects with memory that belong to one thread, so that no second one changes it in the middle of a tick.
+
+And their settings, of which a tick was made: no later change would reach it, and is refused.
+"""
 
 from __future__ import annotations
 
@@ -6,9 +9,9 @@ import threading
 from threading import get_ident
 from typing import Any
 
-from rehab_opt.errors import SharingError
+from rehab_opt.errors import ConfigurationError, SharingError
 
-__all__ = ["OneThread"]
+__all__ = ["OneThread", "setting"]
 
 _CLAIMING = threading.Lock()
 
@@ -54,3 +57,21 @@ class OneThread:
             f"a {type(self).__name__} cannot be copied or pickled, since its memory would be shared or lost: "
             "make another one with the same arguments"
         )
+
+
+def setting() -> Any:
+    """An attribute of a class that `__init__` sets once: who lowers a speed later must not believe that it is lower."""
+    return _Setting()
+
+
+class _Setting:
+    """Kept among the object's own attributes, from where it is read as any other."""
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self._name = name
+
+    def __set__(self, made: object, value: object) -> None:
+        if self._name in vars(made):
+            kind = type(made).__name__
+            raise ConfigurationError(self._name, value, f"no change once a {kind} is made: make another {kind} with it")
+        vars(made)[self._name] = value

@@ -18,7 +18,7 @@ from rehab_opt.control.joint_feedback import JointFeedback
 from rehab_opt.control.judged_state import GIVEN, judged_memory, judged_state, nothing_known
 from rehab_opt.control.reasons import HELD_BACK, NUMBER, reason_number, reason_text
 from rehab_opt.control.stopping import VelocityBounds, max_change, nearest_to_rest, velocity_bounds
-from rehab_opt.control.thread_owner import OneThread
+from rehab_opt.control.thread_owner import OneThread, setting
 from rehab_opt.control.velocity_tick import (
     LEFT_TO_OTHERS,
     NOTHING_TO_SOLVE,
@@ -75,6 +75,13 @@ class VelocityController(OneThread, ABC):
 
     Positions that do not follow the commands are a fault (`watched_joints`), see `PoseTracker`.
     """
+
+    chain: SerialChain = setting()
+    dt: float = setting()
+    tolerance: float = setting()
+    recovery_speed: float = setting()
+    max_age: float = setting()
+    feedback: JointFeedback | None = setting()
 
     def __init__(
         self,

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.body import Body
-from rehab_opt.kinematics.denavit_hartenberg import checked_rows
+from rehab_opt.kinematics.denavit_hartenberg import TWO_TURNS, checked_rows
 from rehab_opt.kinematics.link import ChainRow, pose_after, pose_before, product
 from rehab_opt.kinematics.link_capsules import CapsuleOnLink, LinkCapsule, checked_capsules
 from rehab_opt.kinematics.real_array import checked_array
@@ -68,7 +68,8 @@ class SerialChain(HasEvaluator):
     Parameters
     ----------
     rows : n Denavit-Hartenberg rows or `Link`s, base to tip.
-    lower, upper : (n,) joint position limits [rad or m]; may be infinite; equal ones lock the joint.
+    lower, upper : (n,) joint position limits [rad or m]; may be infinite; equal ones lock the joint. Those of a joint
+        that turns are within two turns, or infinite: 170 would be degrees.
     velocity : (n,) largest joint speeds [rad/s or m/s], finite and positive. A scalar stands for all.
     acceleration : (n,) largest joint accelerations [rad/s^2 or m/s^2], positive, infinite for none.
     names : (n,) joint names.
@@ -112,6 +113,9 @@ class SerialChain(HasEvaluator):
                 raise ConfigurationError(
                     f"lower, upper of {names[i]}", (float(lower[i]), float(upper[i])), "lower <= upper, neither NaN"
                 )
+            if not rows[i].prismatic and any(TWO_TURNS < abs(end) < math.inf for end in (lower[i], upper[i])):
+                expected = "radians within two turns, or infinite ones where there are none"
+                raise ConfigurationError(f"lower, upper of {names[i]}", (float(lower[i]), float(upper[i])), expected)
         velocity = per_joint("velocity", self.velocity, n)
         if not np.all((velocity > 0) & (velocity < math.inf)):
             raise ConfigurationError("velocity", self.velocity, "positive finite numbers")

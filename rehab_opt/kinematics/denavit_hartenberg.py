@@ -11,7 +11,10 @@ import casadi as ca
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.link import ChainRow, Link
 
-__all__ = ["DH", "checked_rows", "exact"]
+__all__ = ["DH", "TWO_TURNS", "checked_rows", "exact"]
+
+TWO_TURNS = 4 * math.pi
+"""[rad] An angle beyond is in degrees; a joint limit beyond may also stand for none. No arm is faster in a second."""
 
 
 class DH(NamedTuple):
@@ -73,11 +76,14 @@ def checked_rows(rows: object) -> tuple[ChainRow, ...]:
         try:
             dh = DH(*row)
             valid = all(math.isfinite(number) for number in dh[:4])
+            turned = valid and max(abs(dh.alpha), abs(dh.theta)) > TWO_TURNS
         except (TypeError, ValueError, OverflowError):
             valid = False
         if not valid:
             expected = "finite numbers a, alpha, d, theta, and whether it is prismatic; or a Link"
             raise ConfigurationError(f"rows[{i}]", row, expected)
+        if turned:
+            raise ConfigurationError(f"rows[{i}]", row, "alpha and theta in radians, within two turns")
         checked.append(dh)
     return tuple(checked)
 

@@ -198,8 +198,25 @@ def _judge(plant: Plant, q: Array, command: Command, valid: bool, fault: str, ta
         hostile_but_small = fault in ("q", "pose", "twist", "stamp") and command.status.certified
         if not hostile_but_small:
             check(not command.status.certified, "a fault gives the safe command")
-            brakes = np.abs(v) <= np.maximum(np.abs(last) - np.minimum(chain.acceleration * dt, np.abs(last)), 0) + 1e-9
-            check(bool(np.all(brakes)), "the safe command decelerates")
+            whole = np.sign(last) * np.maximum(np.abs(last) - chain.acceleration * dt, 0.0)
+            # Where the hand would be too fast so, joints may wait for the one that rests last.
+            may = last if hand_over(plant, q, whole) > 1.0 - 1e-6 else whole
+            slowest = int(np.argmax(np.abs(last) / chain.acceleration))
+            may = np.where(np.arange(chain.n) == slowest, whole, may)
+            check(bool(np.all(np.abs(v) <= np.abs(may) + 1e-9)), "the safe command decelerates")
+            check(bool(np.all(v * last >= 0.0)), "the safe command turns no joint round")
+            fast = tally.worst("hand", hand_over(plant, q, v, margin=0.0) / max(1.0, hand_over(plant, q, last)))
+            check(plant.unseen or fast <= 1.0 + 1e-5, "the safe command has the hand no faster than its bounds")
+
+
+def hand_over(plant: Plant, q: Array, v: Array, *, margin: float = 1.0) -> float:
+    """Hand speeds over their bounds, with a `margin` for how the way bends in a tick."""
+    tracker, chain = plant.tracker, plant.tracker.chain
+    ends = [chain.jacobian(q + part * tracker.dt * v) @ v for part in (0.0, 1.0)]
+    length = sum(row.across + abs(row.along) for row in chain.rows) + float(np.linalg.norm(chain.tool[:3, 3]))
+    bend = margin * tracker.dt**2 * length * float(np.abs(v).sum()) ** 3
+    linear = max(float(np.linalg.norm(each[:3])) for each in ends) + bend
+    return max(linear / tracker.linear_speed, float(np.linalg.norm(ends[0][3:])) / tracker.angular_speed)
 
 
 if __name__ == "__main__":

@@ -116,3 +116,25 @@ def test_lost_sight_is_made_known_and_what_follows_starts_anew(fault: str) -> No
 def test_nothing_usable_is_refused() -> None:
     with pytest.raises(ConfigurationError, match="usable"):
         conditioned([0.0, 1.0], np.full((2, 3), np.nan), np.tile(NO_TURN, (2, 1)), dt=0.01)
+
+
+def test_a_clock_that_was_set_gives_no_ticks_of_the_years_between() -> None:
+    """A stream whose stamps went over to seconds since 1970 filled the memory; 1e12 ticks were lost in one push."""
+    stamps = np.concatenate([0.01 * np.arange(10), 1.7e9 + 0.01 * np.arange(10), 1.7e9 + 500 + 0.01 * np.arange(10)])
+    places, turns = np.tile([0.1, 0.2, 0.3], (30, 1)), np.tile(NO_TURN, (30, 1))
+    given = streamed(stamps, places, turns, dt=0.01)
+    assert given.gaps == 2
+    assert given.times[:20].tolist() == stamps[:20].tolist()
+    assert np.diff(given.times[10:]) == pytest.approx(0.01, abs=1e-6)
+    assert given.lost.sum() == given.lost[20:-10].sum() == 50_000 - 10
+    with pytest.raises(ConfigurationError, match=r"a gap of 1\.7e\+09 s.*: expected no more than 600 s"):
+        conditioned(stamps, places, turns, dt=0.01)
+
+
+@pytest.mark.parametrize("unit", ["mm", "ms", "a sample every 0.2 s"])
+def test_samples_of_which_none_go_together_are_told_what_would(unit: str) -> None:
+    times, positions, turns = motion(100, 3)
+    scaled = {"mm": (times, 1e3 * positions), "ms": (1e3 * times, positions)}
+    given = scaled.get(unit, (0.2 * np.arange(100), positions))
+    with pytest.raises(ConfigurationError, match=r"100 finite samples.*\[s\] at most 0\.1 apart .* \[m\] .* 5 m/s"):
+        conditioned(*given, turns, dt=0.01)

@@ -282,6 +282,18 @@ def test_a_number_that_cannot_be_is_named(name: str, value: object) -> None:
         JointFeedback(**{name: value})  # type: ignore[arg-type]
 
 
+def test_what_would_have_been_taken_is_said() -> None:
+    """A delay of -1 was "expected above -1e-12", a contact of 5000 "above 0"."""
+    with pytest.raises(
+        ConfigurationError, match=r"feedback\.delay = -1: expected a number of at least 0 and at most 1000"
+    ):
+        JointFeedback(delay=-1)
+    with pytest.raises(ConfigurationError, match=r"feedback\.contact = 5000: expected .* above 0 and at most 1000"):
+        JointFeedback(contact=5000)
+    with pytest.raises(ConfigurationError, match=r"feedback\.servo_hz = 0: expected a number above 0$"):
+        JointFeedback(servo_hz=0)
+
+
 def test_what_is_no_feedback_is_named() -> None:
     with pytest.raises(ConfigurationError, match=r"feedback = 0\.005.*a JointFeedback"):
         PoseTracker(ROBOT, feedback=0.005, compile=False)  # type: ignore[arg-type]

@@ -13,6 +13,7 @@ import pytest
 
 from rehab_opt import (
     Clearance,
+    ConfigurationError,
     JointFeedback,
     Limit,
     MirrorTracker,
@@ -25,7 +26,7 @@ from rehab_opt import (
 from rehab_opt.control import velocity_controller
 from rehab_opt.control.obstacles import HalfPlane
 from rehab_opt.kinematics.chain import SerialChain
-from tests.control.every_controller import POSE, READY
+from tests.control.every_controller import POSE, READY, made
 
 ARM, CHAIR = ur5(), ardis()
 CAPSULE = ARM.capsules[2]
@@ -102,6 +103,30 @@ def test_any_other_number_is_another_form_and_equal_ones_are_the_same(
     forms, again = ([form_of(make), *(form_of(make, **options) for options in others)] for _ in range(2))
     assert len(set(forms)) == len(forms)
     assert again == forms
+
+
+SETTINGS = {
+    "pose_tracker": ("chain", "dt", "gain", "linear_speed", "angular_speed", "limits", "feedback", "recovery_speed"),
+    "mirror_tracker": ("chain", "dt", "floor", "max_deviation", "linear_speed", "max_turn", "catch_up", "limits"),
+    "redundancy": ("robot", "drive", "dt", "limits"),
+    "assistance": ("comfortable", "mode", "force_limit", "slew_limit", "energy_budget", "dt"),
+    "bounded_force": ("force_limit", "slew_limit", "growth_limit", "speed_cap", "energy_budget", "max_age"),
+    "path_assistance": ("comfortable", "force_limit", "dt"),
+}
+
+
+@pytest.mark.parametrize("name", SETTINGS)
+def test_a_setting_that_is_changed_afterwards_is_refused(name: str) -> None:
+    """A hand whose `linear_speed` was set to 0.05 went on at 0.25."""
+    control, _ = made(name)
+    for each in SETTINGS[name]:
+        before = getattr(control, each)
+        with pytest.raises(
+            ConfigurationError, match=f"^{each} = .*: expected no change once a {type(control).__name__}"
+        ):
+            setattr(control, each, before)
+        assert getattr(control, each) is before
+    control.reset()
 
 
 def test_equal_ones_share_functions_and_have_states_of_their_own() -> None:

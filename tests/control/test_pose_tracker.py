@@ -237,6 +237,44 @@ def test_who_lets_go_of_the_enable_switch_stops_smoothly_and_is_not_moved() -> N
     assert np.all(np.abs(again.value) <= chain.acceleration * robot.dt + 1e-12)
 
 
+@pytest.mark.parametrize(("arm", "limited"), [("ur5", False), ("gen3", False), ("gen3", True)])
+def test_who_lets_go_of_the_enable_switch_does_not_have_the_hand_go_faster(arm: str, limited: bool) -> None:
+    """Joints that cancelled each other out stopped one after the other: a hand of 0.05 m/s went at up to 0.2.
+
+    The arm rests as soon as the joint that needs longest can.
+    """
+    limits = [Limit(lambda chain, q: chain.pose_expression(q)[2, 3] + 10.0)] if limited else []
+    chain = ur5()
+    if arm == "gen3":
+        chain = SerialChain.from_urdf(GEN3, tip="end_effector_link", acceleration=2.0)
+    rng, dt, most, before = np.random.default_rng(66), 5e-3, 0.0, 0.0
+    lower, upper = np.maximum(chain.lower, -2.5), np.minimum(chain.upper, 2.5)
+    robot = tracker(chain, dt=dt, linear_speed=0.05, limits=limits)
+    for _ in range(30):
+        robot.reset()
+        q = rng.uniform(0.8 * lower, 0.8 * upper)
+        target = chain.pose(np.clip(q + rng.normal(0.0, 0.8, chain.n), lower, upper))
+        for _ in range(int(rng.integers(20, 200))):
+            value = robot.step(q, target, REST).value
+            q = q + dt * value
+        at_least = math.ceil(float(np.max(np.abs(value) / chain.acceleration)) / dt - 1e-6)
+        for _ in range(at_least):
+            assert value.any()
+            before = max(before, float(np.linalg.norm((chain.jacobian(q) @ nearest_to_rest(chain, value, dt))[:3])))
+            command = robot.step(q, target, REST, enable=False)
+            value = command.value
+            most = max(most, *(np.linalg.norm((chain.jacobian(q + part * dt * value) @ value)[:3]) for part in (0, 1)))
+            assert Relaxed.ACCELERATION not in command.relaxed
+            q = q + dt * value
+        assert not value.any()
+    assert most <= 0.05 * (1 + 5e-3)
+    assert before > 0.055  # what joints that all brake as they can would make of it
+
+
+def nearest_to_rest(chain: SerialChain, velocity: np.ndarray, dt: float) -> np.ndarray:
+    return np.sign(velocity) * np.maximum(np.abs(velocity) - chain.acceleration * dt, 0.0)
+
+
 @pytest.mark.parametrize("enable", [False, 0, None, math.nan, np.False_])
 def test_only_true_enables(enable: object) -> None:
     robot = tracker()

@@ -19,9 +19,13 @@ from scipy.linalg import expm
 from rehab_opt import Command, JointFeedback, PoseTracker, ur5
 from tests.judge.numbering import numbered
 from tests.judge.references import good_posture, reference
-from tests.judge.ur5_numbers import LIMIT, tool
+from tests.judge.ur5_numbers import LIMIT, hand_twist, tool
 from tests.judge.verdict import Promise, Verdict
 
+LINEAR, ANGULAR = 0.5, 1.0
+"""[m/s, rad/s] largest hand speeds."""
+REACH = 1.2
+"""[m] of a UR5's links in line: more than its hand's way bends in a tick."""
 Array = NDArray[np.float64]
 
 PROMISES = (
@@ -195,7 +199,9 @@ def trackers(plan: Plan) -> list[PoseTracker]:
     """The one that is judged, and one on measured positions."""
     arm = ur5(lower=plan.lower, upper=plan.upper, velocity=np.full(6, 1.5), acceleration=plan.acceleration)
     return [
-        PoseTracker(arm, dt=plan.dt, gain=GAIN, angular_speed=1.0, linear_speed=0.5, feedback=each, compile=False)
+        PoseTracker(
+            arm, dt=plan.dt, gain=GAIN, angular_speed=ANGULAR, linear_speed=LINEAR, feedback=each, compile=False
+        )
         for each in (plan.told, None)
     ]
 
@@ -445,7 +451,14 @@ def faults(verdict: Verdict, plan: Plan, seen: Seen) -> None:
         last = max(k for k in range(TICKS) if tells[k])
         verdict.holds("the reason stays", [each == reasons[first] for each in reasons[first : min(last + 1, RESETS)]])
     value = np.array([each.value for each in seen.commands])
-    slower = np.maximum(np.abs(value[:-1]) - plan.acceleration * dt, 0.0)
+    last = value[:-1]
+    whole = np.sign(last) * np.maximum(np.abs(last) - plan.acceleration * dt, 0.0)
+    # Where the hand would be faster than its bounds so, joints wait for the one that rests last.
+    hand, bend = hand_twist(seen.led[1:], whole), REACH * dt**2 * np.abs(whole).sum(axis=1) ** 3
+    linear, angular = np.linalg.norm(hand[:, :3], axis=1) + bend, np.linalg.norm(hand[:, 3:], axis=1)
+    waits = ~((linear < 0.99 * LINEAR) & (angular < 0.99 * ANGULAR))
+    rests_last = np.arange(6) == np.argmax(np.abs(last) / plan.acceleration, axis=1)[:, None]
+    slower = np.abs(np.where(waits[:, None] & ~rests_last, last, whole))
     verdict.within("speed while braking [rad/s]", np.where(tells[1:, None], np.abs(value[1:]) - slower, 0.0), 1e-9)
     safe = np.array([each.status.value in ("braking", "holding") for each in seen.commands])
     verdict.holds("a fault or no numbers are answered by the safe command", safe | ~(tells | seen.blind))

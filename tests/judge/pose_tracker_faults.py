@@ -1,16 +1,19 @@
 """What `PoseTracker` does with inputs that are none, with stamps that are not fresh, and without the dead-man switch.
 
-Judged: such a tick is answered by a safe command with a reason; every joint slows by its whole acceleration, never
-turns round, and then stands; and the tick after next of sound inputs is followed again. Only joints that somebody
-pushes are found not to follow, and the arm rests then.
+Judged: such a tick is answered by a safe command with a reason. Every joint slows by its whole acceleration, but where
+the hand would be faster than its bounds so: there the one that rests last does, and no other gains speed. None turns
+round, and then all stand; the hand is no faster than its bounds, or than it was. The tick after next of sound inputs is
+followed again. Only joints that somebody pushes are found not to follow, and the arm rests then.
 """
 
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tests.judge.pose_tracker_runs import Run, runs, speeds
 from tests.judge.sensor_faults import expected
+from tests.judge.ur5_numbers import hand_twist
 from tests.judge.verdict import Promise, Verdict
 
 PROMISES = (
@@ -20,6 +23,8 @@ PROMISES = (
     Promise("rehab_opt/control/pose_tracker.py", "Never raises on numbers: what is not usable gives the safe command, "
             "decelerating within the limits, and its reason."),
     Promise("rehab_opt/control/pose_tracker.py", "the dead-man input; anything but true decelerates to rest."),
+    Promise("rehab_opt/control/pose_tracker.py", "Who brakes keeps to them, too: joints wait for the one that rests "
+            "last."),
     Promise("rehab_opt/control/watchdog.py", "largest age of a state, and largest gap between two [s]"),
     Promise("rehab_opt/control/command.py", "Why this is not a plain OK, or what holds help back; empty otherwise."),
 )  # fmt: skip
@@ -27,8 +32,12 @@ LEAST = {"status braking": 3000, "status holding": 10_000, "reason not enabled":
          "reason q[#] is #, not a usable number": 1000, "reason pose is not a rigid transform": 500,
          "reason twist[#] is #, not a usable number": 500, "reason pose[#, #] is #, not a usable number": 500,
          "reason stamp is not finite": 500, "reason stamp is missing": 500, "fault gap": 20,
-         "reason stamp went backwards by # s": 500, "resumed": 2000}  # fmt: skip
+         "reason stamp went backwards by # s": 500, "resumed": 2000,
+         "joints wait for the one that rests last": 500}  # fmt: skip
 CI_TICKS = 16_000
+REACH = 1.2
+"""[m] of a UR5's links in line: more than its hand's way bends in a tick."""
+Array = NDArray[np.float64]
 
 
 def run(ticks: int, seed: int, *, only: int | None = None) -> Verdict:
@@ -54,9 +63,15 @@ def judge(verdict: Verdict, one: Run) -> None:
     verdict.within("residual of what is certified", np.where(safe, 0.0, answers.residual), 1e-8)
     verdict.holds("holding is standing still, braking is not", (answers.status == "holding") == (safe & ~value.any(1)))
     verdict.holds("nothing of the task is delivered by a safe command", (answers.scale == 0.0) | ~safe)
-    slower = np.maximum(np.abs(last) - one.settings.acceleration * dt, 0.0)
+    whole = np.sign(last) * np.maximum(np.abs(last) - one.settings.acceleration * dt, 0.0)
+    wait = hand_over(one, whole) + REACH * dt**2 * np.abs(whole).sum(axis=1) ** 3 / one.settings.linear_speed > 1 - 1e-6
+    rests_last = np.arange(6) == np.argmax(np.abs(last) / one.settings.acceleration, axis=1)[:, None]
+    slower = np.abs(np.where(wait[:, None] & ~rests_last, last, whole))
     excess = np.where(safe[:, None], np.abs(value) - slower, 0.0)
     verdict.within("braking: speed above what the whole deceleration leaves [rad/s]", excess, 1e-12)
+    fast = hand_over(one, value) / np.maximum(hand_over(one, last), 1.0)
+    verdict.within("braking: the hand over its bounds, or over what it was", np.where(safe, fast, 0.0), 1 + 1e-3)
+    verdict.during("joints wait for the one that rests last", safe & (np.abs(value) > np.abs(whole) + 1e-9).any(1), dt)
     verdict.holds("no joint turns round while braking", (value * last >= 0) | ~safe[:, None])
     change = np.abs(value - last) / np.minimum(one.settings.acceleration * dt, 2 * one.settings.velocity)
     if not one.pushed.any():
@@ -69,3 +84,10 @@ def judge(verdict: Verdict, one: Run) -> None:
     for kind in np.unique(one.faults.kind):
         if kind:
             verdict.during(f"fault {kind}", one.faults.kind == kind, dt)
+
+
+def hand_over(one: Run, value: Array) -> Array:
+    """(N,) hand speeds over their bounds of joint speeds (N, 6): of places at both ends of the tick, of turns now."""
+    begin, end = (hand_twist(one.q[:-1] + part * one.settings.dt * value, value) for part in (0.0, 1.0))
+    linear = np.maximum(*(np.linalg.norm(each[:, :3], axis=1) for each in (begin, end))) / one.settings.linear_speed
+    return np.asarray(np.maximum(linear, np.linalg.norm(begin[:, 3:], axis=1) / one.settings.angular_speed))

@@ -158,6 +158,23 @@ def test_other_limits_leave_the_first_chain_as_it_was() -> None:
     assert chain.with_limits(lower=1.0).locked.tolist() == [True, True]
 
 
+@pytest.mark.parametrize("limits", [{"lower": -170.0}, {"upper": [1.0, 170.0]}, {"lower": -170.0, "upper": 170.0}])
+def test_degrees_for_radians_are_refused(limits: dict[str, object]) -> None:
+    """Such limits were never felt: a joint went as far as it was led."""
+    with pytest.raises(ConfigurationError, match=r"lower, upper of joint_[12] = .*: expected radians within two turns"):
+        SerialChain(ROWS, **LIMITS).with_limits(**limits)  # type: ignore[arg-type]
+    with pytest.raises(ConfigurationError, match=r"lower, upper of shoulder_pan"):
+        ur5(lower=-360.0, upper=360.0)
+    for row in (DH(a=0.3, alpha=90), DH(a=0.3, alpha=0.0, theta=-90.0)):
+        with pytest.raises(ConfigurationError, match=r"rows\[1\] = .*: expected alpha and theta in radians"):
+            SerialChain((ROWS[0], row), **LIMITS)
+
+
+def test_a_slide_and_a_joint_without_ends_have_any_limits() -> None:
+    slide = SerialChain((ROWS[0], DH(a=0.0, alpha=0.0, prismatic=True)), **LIMITS | {"upper": [np.inf, 20.0]})
+    assert slide.upper.tolist() == [np.inf, 20.0]
+
+
 def test_other_limits_are_checked_like_the_first() -> None:
     with pytest.raises(ConfigurationError, match="lower"):
         planar(2).with_limits(lower=2.0)

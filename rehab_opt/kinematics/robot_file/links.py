@@ -12,12 +12,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.body import Body, of_a_body
+from rehab_opt.kinematics.denavit_hartenberg import TWO_TURNS
 from rehab_opt.kinematics.link import Link
 from rehab_opt.kinematics.link_capsules import CapsuleOnLink, LinkCapsule
 from rehab_opt.kinematics.real_array import real_array
 from rehab_opt.kinematics.rigid import inverse_pose
 from rehab_opt.kinematics.robot_file.mjcf import mjcf_steps
-from rehab_opt.kinematics.robot_file.steps import TWO_TURNS, Joint, Step, moved, turned_about
+from rehab_opt.kinematics.robot_file.steps import Joint, Step, moved, turned_about
 from rehab_opt.kinematics.robot_file.urdf import urdf_steps
 from rehab_opt.kinematics.robot_file.xml_tree import Source
 

@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.errors import ConfigurationError
+from rehab_opt.kinematics.denavit_hartenberg import TWO_TURNS
 from rehab_opt.kinematics.robot_file.steps import (
     BARELY,
-    TWO_TURNS,
     Inertial,
     Joint,
     Step,

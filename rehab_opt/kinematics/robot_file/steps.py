@@ -15,7 +15,6 @@ from rehab_opt.kinematics.robot_file.xml_tree import Source
 
 __all__ = [
     "BARELY",
-    "TWO_TURNS",
     "Inertial",
     "Joint",
     "Step",
@@ -30,8 +29,6 @@ Array = NDArray[np.float64]
 
 BARELY = 1e-7
 """By which a vector of length 1 that was rounded to eight digits is off: nothing to speak of."""
-TWO_TURNS = 4 * math.pi
-"""[rad] An angle beyond is in degrees; a joint limit beyond may also stand for none. No arm is faster in a second."""
 
 
 class Joint(NamedTuple):

@@ -10,9 +10,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rehab_opt.kinematics.denavit_hartenberg import TWO_TURNS
 from rehab_opt.kinematics.link_capsules import CapsuleOnLink
 from rehab_opt.kinematics.robot_file.steps import (
-    TWO_TURNS,
     Inertial,
     Joint,
     Step,
