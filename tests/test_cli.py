@@ -55,6 +55,12 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
+@pytest.fixture
+def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Figures are written without what is in them, which takes most of a run's time."""
+    monkeypatch.setattr("matplotlib.figure.Figure.draw", lambda *_: None)
+
+
 def ended(*arguments: str) -> int:
     """Exit code of the command."""
     with pytest.raises(SystemExit) as end:
@@ -159,6 +165,7 @@ def test_run_writes_numbers_trace_and_figures(folder: Path, capsys: pytest.Captu
     assert content["software"]["casadi"] == casadi.__version__
 
 
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize("law", ["published", "optimised"])
 def test_one_law_alone_can_be_run(folder: Path, law: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert ended("run", "problem.toml", "--law", law, "--all") == 0
@@ -172,6 +179,7 @@ def test_one_law_alone_can_be_run(folder: Path, law: str, capsys: pytest.Capture
     assert (metrics["reachable_fraction_of_length"] is None) == (law == "published")
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_second_run_gets_a_number_or_replaces_its_files_and_leaves_others(folder: Path) -> None:
     kept = folder / "result" / "notes.txt"
     kept.parent.mkdir()

@@ -68,20 +68,21 @@ def covered_in_order(position: Array, path: Array, *, within: float, jump: float
     counted = np.full(len(places), -np.inf)  # the most that is counted where the hand has come to each place
     counted[0] = 0.0
     behind = np.full(len(places) + reach, -np.inf)
-    beside = _squared_distances(position[:: _stride(position)], places) <= within**2
-    for near in beside[beside.any(axis=1)]:
-        edges = np.flatnonzero(np.diff(np.concatenate(([False], near, [False])).astype(np.int8)))
-        for first, last in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
-            entered = counted[first:last].copy()
-            if first:
-                entered = np.maximum(entered, counted[:first].max())  # over a gap that does not count
-            # Over one that does: of the places before the run, within reach of each in it.
-            behind[reach : reach + first] = counted[:first] - number[:first]
-            ends = min(last, first + reach)
-            best = np.maximum.accumulate(behind[first : first + reach][::-1])[::-1]
-            gaps = number[first:ends] + best[: ends - first]
-            entered[: ends - first] = np.maximum(entered[: ends - first], gaps)
-            counted[first:last] = number[first:last] + np.maximum.accumulate(entered - number[first:last])
+    beside = np.zeros((len(position[:: _stride(position)]), len(places) + 2), dtype=bool)
+    beside[:, 1:-1] = _squared_distances(position[:: _stride(position)], places) <= within**2
+    edges = np.nonzero(beside[:, 1:] != beside[:, :-1])[1].tolist()  # of each row's runs, begin and end
+    for first, last in zip(edges[::2], edges[1::2], strict=True):
+        entered = counted[first:last].copy()
+        if first:
+            entered = np.maximum(entered, counted[:first].max())  # over a gap that does not count
+        # Over one that does: of the places before the run, within reach of each in it.
+        begin = max(0, first - reach)
+        behind[reach + begin : reach + first] = counted[begin:first] - number[begin:first]
+        ends = min(last, first + reach)
+        best = np.maximum.accumulate(behind[first : first + reach][::-1])[::-1]
+        gaps = number[first:ends] + best[: ends - first]
+        entered[: ends - first] = np.maximum(entered[: ends - first], gaps)
+        counted[first:last] = number[first:last] + np.maximum.accumulate(entered - number[first:last])
     return float(np.clip(counted.max() / (len(places) - 1), 0.0, 1.0))
 
 
@@ -114,7 +115,10 @@ def deviation_in_order(position: Array, path: Array) -> Array:
 def _squared_distances(hands: Array, places: Array) -> Array:
     """(N, M) [m^2] of hands (N, 2) from places (M, 2)."""
     x, y = (np.subtract.outer(hands[:, axis], places[:, axis]) for axis in (0, 1))
-    return np.asarray(x**2 + y**2)
+    x *= x
+    y *= y
+    x += y
+    return np.asarray(x)
 
 
 def _stride(position: Array) -> int:

@@ -141,22 +141,26 @@ class TangentLaw:
 
     def task(self, q: Array) -> Array:
         """(5,) hand position [m] and the horizontal components r11, r21 of the handle's axis: Eq. (6)."""
-        pose = self.arm.pose(q)
-        return np.concatenate([pose[:3, 3], pose[:2, 0]])
+        return _task_at(self.arm.pose(q))
 
     def task_jacobian(self, v: Array) -> Array:
         """(5, m) derivative of `task` by v: Jc of Eq. (10)."""
         q = self.joints(v)
-        jacobian = self.arm.jacobian(q)
-        x, y, z = self.arm.pose(q)[:3, 0]
-        linear, (about_x, about_y, about_z) = jacobian[:3], jacobian[3:]
-        rows = np.vstack([linear, about_y * z - about_z * y, about_z * x - about_x * z])  # the axis turns: w x handle
-        return np.asarray(rows[:, self._free] * self.slope(v))
+        return self._jacobian_at(v, q, self.arm.pose(q))
 
     def rate(self, v: Array, position: Array) -> Array:
         """Rates v' (m,) [1/s] towards a hand position (3,) [m] with a vertical handle: Eq. (14)."""
-        error = np.concatenate([position, np.zeros(2)]) - self.task(self.joints(v))
-        return self.gain * damped_pseudoinverse(self.task_jacobian(v), self.damping) @ error
+        q = self.joints(v)
+        pose = self.arm.pose(q)
+        error = np.concatenate([position, np.zeros(2)]) - _task_at(pose)
+        return self.gain * damped_pseudoinverse(self._jacobian_at(v, q, pose), self.damping) @ error
+
+    def _jacobian_at(self, v: Array, q: Array, pose: Array) -> Array:
+        jacobian = self.arm.jacobian(q)
+        x, y, z = pose[:3, 0]
+        linear, (about_x, about_y, about_z) = jacobian[:3], jacobian[3:]
+        rows = np.vstack([linear, about_y * z - about_z * y, about_z * x - about_x * z])  # the axis turns: w x handle
+        return np.asarray(rows[:, self._free] * self.slope(v))
 
     # ------------------------------------------------------------------------------------------------ the path
     def follow(self, path: ArrayLike, start: ArrayLike | None = None) -> TangentPath:
@@ -210,6 +214,10 @@ class TangentLaw:
             v = v + h * self.rate(v, begin + (end - begin) * (i / steps))
             v = np.clip(v, -self.saturation, self.saturation)
         return v
+
+
+def _task_at(pose: Array) -> Array:
+    return np.concatenate([pose[:3, 3], pose[:2, 0]])
 
 
 def _numbers(argument: str, value: ArrayLike, expected: str) -> Array:

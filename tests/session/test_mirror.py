@@ -10,6 +10,7 @@ import math
 import runpy
 import tomllib
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -56,6 +57,12 @@ def ran(recorded: Callable[[str], Path]) -> Callable[[str], MirrorOutcome]:
         return SHARED[name]
 
     return run
+
+
+@cache
+def said(name: str) -> tuple[str, ...]:
+    """What a check says of a shipped problem."""
+    return checked(load_problem(f"mirror/{name}"))
 
 
 def ends(outcome: MirrorOutcome, led: Led) -> Array:
@@ -245,13 +252,13 @@ def test_the_real_hand_is_mirrored_scaled_limited_to_an_arm_and_its_rate_assumed
 def test_check_says_how_much_is_in_reach_and_the_run_passes_that(
     name: str, ran: Callable[[str], MirrorOutcome]
 ) -> None:
-    (reach,) = (note for note in checked(load_problem(f"mirror/{name}")) if note.startswith("in reach"))
+    (reach,) = (note for note in said(name) if note.startswith("in reach"))
     assert percent(reach) == pytest.approx(ran(name).metrics["laws"][PLAN]["passed_fraction_of_time"], abs=0.08)
 
 
 def test_a_mirrored_hand_of_which_not_all_is_in_reach_is_noted_as_such() -> None:
     for name, whole in (("pick_fruit", False), ("open_refrigerator", True)):
-        notes = checked(load_problem(f"mirror/{name}"))
+        notes = said(name)
         (reach,) = (note for note in notes if note.startswith("in reach, above the floor"))
         assert (percent(reach) == 1.0) is whole
         assert [note for note in notes if isinstance(note, NotMet)] == ([] if whole else [reach])

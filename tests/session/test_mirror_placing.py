@@ -155,11 +155,11 @@ def test_seats_are_searched_until_the_third_of_them_does_all_that_the_persons_ar
 def test_a_search_that_ends_short_is_begun_again(
     recorded: Callable[[str], Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """One in three of a real hand's ended near a seat with 0.88 to 0.97 of what another seat does; of this 0.89."""
+    """One in three of a real hand's ended near a seat with 0.88 to 0.97 of what another seat does; of this 0.86."""
     recorded("vr_hand_tracker/tracker_record_rows_1_3000.csv")
     monkeypatch.setattr(placing, "achieved", lambda _: 1.0)
     config = placing.placed(load_problem("mirror/vr_hand"), {"recording": {"rows": [2432, 2911]}})
-    assert found_place(config, seed=26119061, progress=lambda *_: None).counted > 0.6
+    assert found_place(config, seats=100, seed=2, progress=lambda *_: None).counted > 0.6
 
 
 def test_a_plan_is_passed_sooner_though_eight_passages_break_a_bound_each(recorded: Callable[[str], Path]) -> None:

@@ -214,8 +214,8 @@ class _Search:
     def scores(self, drawn: Array) -> Array:
         """(M,) share of the poses done, and part of one for being far above the floor; none where nobody could sit."""
         found = np.zeros(len(drawn))
-        for begun in range(0, len(found), 100):
-            some = slice(begun, begun + 100)
+        for begun in range(0, len(found), ANYWHERE):
+            some = slice(begun, begun + ANYWHERE)
             walk = self._walk(drawn[some])
             done = (walk.done & self.wanted[:, None]).sum(axis=0)
             found[some] = (done + np.where(walk.done, walk.above, 0.0).mean(axis=0)) / self.counted_on.sum()
