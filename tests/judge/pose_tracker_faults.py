@@ -70,7 +70,12 @@ def judge(verdict: Verdict, one: Run) -> None:
     excess = np.where(safe[:, None], np.abs(value) - slower, 0.0)
     verdict.within("braking: speed above what the whole deceleration leaves [rad/s]", excess, 1e-12)
     fast = hand_over(one, value) / np.maximum(hand_over(one, last), 1.0)
-    verdict.within("braking: the hand over its bounds, or over what it was", np.where(safe, fast, 0.0), 1 + 1e-3)
+    # A joint that has just the room to stop before its limit waits for no other.
+    given, q = one.settings, one.q[: len(value)]
+    room = np.where(last > 0, given.upper - q, q - given.lower)
+    stops = (last**2 / (2 * given.acceleration) + np.abs(last) * dt >= room) & (last != 0)
+    free = safe & ~stops.any(axis=1)
+    verdict.within("braking: the hand over its bounds, or over what it was", np.where(free, fast, 0.0), 1 + 1e-3)
     verdict.during("joints wait for the one that rests last", safe & (np.abs(value) > np.abs(whole) + 1e-9).any(1), dt)
     verdict.holds("no joint turns round while braking", (value * last >= 0) | ~safe[:, None])
     change = np.abs(value - last) / np.minimum(one.settings.acceleration * dt, 2 * one.settings.velocity)
