@@ -97,7 +97,7 @@ def test_no_hand_draws_more_from_a_late_force_than_the_budget(kind: str) -> None
 
 def test_a_delay_that_nobody_told_draws_more() -> None:
     """The claim above can fail: without the forces under way, hands of the same kinds exceed the budget."""
-    assert max(drawn(kind, seed, told=False)[0] for kind in KINDS for seed in range(25)) > 1.02
+    assert any(drawn(kind, seed, told=False)[0] > 1.02 for kind in KINDS for seed in range(25))
 
 
 @pytest.mark.parametrize(

@@ -102,6 +102,8 @@ def test_what_the_helper_puts_in_moves_the_participant_beyond_their_own_tank() -
             step = force * DT / 150.0  # viscous: 150 N s/m
             total += force @ step
             participant = participant + step
+            if total > 0.5:  # it takes nothing back
+                break
         return total
 
     assert delivered(0.0) <= 0.3 + 1e-9

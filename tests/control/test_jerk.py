@@ -21,6 +21,7 @@ from rehab_opt import (
     ur5,
 )
 from rehab_opt.control.jerk_bounds import JerkBounds
+from rehab_opt.symbolic import BufferedFunction
 from tests.control.campaign import HOSTILE
 from tests.control.fault_campaign import slide_arm
 from tests.control.test_limit import TABLE, elbow_above
@@ -115,7 +116,9 @@ def test_whoever_chooses_in_the_interval_keeps_every_bound(pushed: bool) -> None
         chain = SerialChain(rows, lower=-half, upper=half, **limits)
         q, last, change = (ca.SX.sym(name, n) for name in ("q", "last", "change"))
         bounds = JerkBounds.checked(chain, jerk, dt, 0.1).interval(q, last, change)
-        interval = ca.Function("interval", [q, last, change], [bounds.lower, bounds.upper, bounds.brake_lower])
+        interval = BufferedFunction(
+            ca.Function("interval", [q, last, change], [bounds.lower, bounds.upper, bounds.brake_lower])
+        )
         state, sent = [np.zeros(n)] * 3, []
         for k in range(8000):
             if k % 250 == 0:
@@ -124,7 +127,10 @@ def test_whoever_chooses_in_the_interval_keeps_every_bound(pushed: bool) -> None
                 again = fast & (rng.random(n) < 0.02)
                 beyond = np.sign(state[1]) * (half + rng.uniform(0, 0.3, n))
                 state[0], kind = np.where(again, beyond, state[0]), np.where(again, rng.integers(5, size=n), kind)
-            lower, upper, rest = (np.array(each).ravel() for each in interval(*state))
+            for array, values in zip(interval.inputs, state, strict=True):
+                array[:] = values
+            interval()
+            lower, upper, rest = interval.outputs
             assert np.all(lower <= upper)
             turn = np.where(rng.random(n) < 0.5, lower, upper)
             u = np.choose(kind, [lower, upper, rng.uniform(lower, upper), turn, rest])

@@ -560,7 +560,7 @@ def test_the_lag_behind_a_steady_target_is_as_documented_and_zero_with_its_veloc
     for velocity, expected in ((None, lag), ([speed], 0.0)):
         s = Smoother(velocity=v, acceleration=a, jerk=j, dt=dt)
         s.reset([0.0])
-        ticks = int(4000 / (1 - fraction) ** 0.5)
+        ticks = int(1000 / (1 - fraction) ** 0.5)
         positions = run(s, speed * dt * np.arange(1, ticks + 1)[:, None], target_velocity=velocity)
         assert ticks * dt - positions[-1, 0] / speed == pytest.approx(expected, abs=dt)
 

@@ -197,7 +197,9 @@ def test_ranges_and_arms_become_workspaces_here_or_elsewhere_in_the_given_order(
         reachability_map(mixed, height=-0.3)  # the given workspace is of another plane
 
 
-def test_drawn_ranges_become_true_workspaces_in_other_processes() -> None:
+def test_drawn_ranges_become_true_workspaces_in_other_processes(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("REHAB_OPT_COMPILE", "wait")  # there, too: see `slices_by_machine_code`
+    monkeypatch.setenv("REHAB_OPT_OPTIMISE", "1")
     ranges = varied_ranges("regular", spread=0.05, count=2, seed=2)
     with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
         fractions = reachability_map(ranges, accuracy=5e-3, spacing=0.01, executor=pool)
