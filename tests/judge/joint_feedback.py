@@ -454,7 +454,8 @@ def faults(verdict: Verdict, plan: Plan, seen: Seen) -> None:
     last = value[:-1]
     whole = np.sign(last) * np.maximum(np.abs(last) - plan.acceleration * dt, 0.0)
     # Where the hand would be faster than its bounds so, joints wait for the one that rests last.
-    hand, bend = hand_twist(seen.led[1:], whole), REACH * dt**2 * np.abs(whole).sum(axis=1) ** 3
+    led = np.where(np.isfinite(seen.led[1:]), seen.led[1:], math.nan)
+    hand, bend = hand_twist(led, whole), REACH * dt**2 * np.abs(whole).sum(axis=1) ** 3
     linear, angular = np.linalg.norm(hand[:, :3], axis=1) + bend, np.linalg.norm(hand[:, 3:], axis=1)
     waits = ~((linear < 0.99 * LINEAR) & (angular < 0.99 * ANGULAR))
     rests_last = np.arange(6) == np.argmax(np.abs(last) / plan.acceleration, axis=1)[:, None]
