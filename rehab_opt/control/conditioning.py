@@ -6,6 +6,7 @@ The whole recording at once (`conditioned`) and sample by sample (`Conditioner`)
 from __future__ import annotations
 
 import math
+import operator
 from itertools import pairwise
 from threading import get_ident
 from typing import NamedTuple
@@ -47,12 +48,72 @@ class Conditioned(NamedTuple):
     """Stretches without usable samples, jumps included."""
 
 
+class _Sample(NamedTuple):
+    """One that is usable."""
+
+    stamp: float
+    pose: Array
+    """(7,) position and unit quaternion."""
+    number: int = 0
+    """Of its place in a recording."""
+
+
+_Tick = tuple[int, Array | None, Array]
+"""Number, pose (7,) or None where sight is lost, twist (6,)."""
+
+
+class _Stretches:
+    """Which samples count, one after the other: those of stretches that go on for `TOGETHER` and more."""
+
+    def __init__(self, rule: Conditioner) -> None:
+        self.rule, self.dropped = rule, 0
+        self.last: _Sample | None = None
+        """Of those that count."""
+        self.held: list[_Sample] = []
+        """The beginning of a stretch that does not count yet."""
+
+    @property
+    def newest(self) -> _Sample | None:
+        """What the next sample may go on from."""
+        return self.held[-1] if self.held else self.last
+
+    def take(self, sample: _Sample) -> list[_Sample]:
+        """Those that count from now on: the sample, the beginning of its stretch with it, or none."""
+        newest = self.newest
+        goes_on = newest is not None and self._goes_on(newest, sample)
+        if newest is not None and sample.stamp <= newest.stamp:
+            back = self.held and sample.stamp < self.held[0].stamp
+            if not back or (self.last is not None and sample.stamp <= self.last.stamp):
+                self.dropped += 1
+                return []
+            goes_on = False  # what was held was of the future
+        if goes_on and not self.held:
+            self.last = sample
+            return [sample]
+        if not goes_on:
+            self.dropped += len(self.held)
+            self.held = []
+        self.held.append(sample)
+        if len(self.held) < TOGETHER:
+            return []
+        begun, self.held, self.last = self.held, [], sample
+        return begun
+
+    def _goes_on(self, before: _Sample, after: _Sample) -> bool:
+        seconds, a, b = after.stamp - before.stamp, before.pose.tolist(), after.pose.tolist()
+        half = min(abs(sum(map(operator.mul, a[3:], b[3:]))), 1.0)
+        way, turn = math.dist(a[:3], b[:3]), 2.0 * math.acos(half)
+        near = way <= self.rule.max_speed * seconds + 1e-3 and turn <= self.rule.max_turn_rate * seconds + 1e-2
+        return near and seconds <= self.rule.max_gap
+
+
 class Conditioner(OneThread):
     """Sample by sample.
 
     Samples are joined by straight lines, and turns by the nearest way, at even ticks; then each coordinate, and each
     of the quaternion's, passes a low-pass filter of two equal poles. Sight counts as lost between samples more than
     `max_gap` apart, and where a hand would have had to move faster than one can. After that the filter starts anew.
+    One or two stamps of the future are left out as spikes are.
     Ticks that were lost are given then, but where stamps went on by more than 600 s, as of a clock that was set: times
     go on from there.
     An object belongs to one thread: see `OneThread`.
@@ -91,14 +152,16 @@ class Conditioner(OneThread):
     def reset(self) -> None:
         """Forget every sample."""
         self._claim()
-        self.dropped, self.gaps = 0, 0
+        self.gaps, self._stretches = 0, _Stretches(self)
         self._origin = math.nan
         self._next = 0  # tick to be given next
-        self._held: list[tuple[float, Array]] = []  # the beginning of a stretch that does not count yet
-        self._counts = False
-        self._last: tuple[float, Array] | None = None
         self._state: tuple[Array, Array, Array] | None = None  # filter's poles, and the last pose
         self._give_away()
+
+    @property
+    def dropped(self) -> int:
+        """Samples left out so far, see `Conditioned`."""
+        return self._stretches.dropped
 
     def push(self, stamp: float, position: ArrayLike, quaternion: ArrayLike) -> Conditioned:
         """Even samples (none, one or many) that one sample of the tracker completes.
@@ -110,51 +173,38 @@ class Conditioner(OneThread):
         """
         if self._owner != get_ident():
             self._claim()
-        sample = np.concatenate(
-            [real_numbers("position", position, (3,)), real_numbers("quaternion", quaternion, (4,))]
-        )
+        pose = np.concatenate([real_numbers("position", position, (3,)), real_numbers("quaternion", quaternion, (4,))])
         stamp, _ = stamp_and_kind(stamp)
-        if not _usable(np.array([stamp]), sample[None])[0] or (self._last is not None and stamp <= self._last[0]):
-            self.dropped += 1
+        stretches = self._stretches
+        if not _usable(np.array([stamp]), pose[None])[0]:
+            stretches.dropped += 1
             return self._given([])
-        sample[3:] = continuous_quaternions(sample[None, 3:], None if self._last is None else self._last[1][3:])[0]
-        if self._last is not None and not self._joins(*self._last, stamp, sample):
-            if not self._counts:
-                self.dropped += len(self._held)
-            self._held, self._counts = [], False
-        self._last = stamp, sample
-        if self._counts:
-            return self._given(self._up_to(stamp, sample))
-        self._held.append((stamp, sample))
-        if len(self._held) < TOGETHER:
-            return self._given([])
-        return self._given(self._opened())
+        newest = stretches.newest
+        pose[3:] = continuous_quaternions(pose[None, 3:], None if newest is None else newest.pose[3:])[0]
+        counts, out = stretches.take(_Sample(stamp, pose)), list[_Tick]()
+        if len(counts) >= TOGETHER:
+            out, counts = self._opened(counts[0]), counts[1:]
+        for sample in counts:
+            out += self._up_to(sample)
+        return self._given(out)
 
-    def _joins(self, t0: float, a: Array, t1: float, b: Array) -> bool:
-        return bool(_joined(np.array([t0, t1]), np.array([a, b]), self)[0])
-
-    def _opened(self) -> list[tuple[int, Array | None, Array]]:
-        """The first ticks of a stretch, after those that were lost before it."""
-        self._counts = True
-        start, first = self._held[0]
-        out: list[tuple[int, Array | None, Array]] = []
+    def _opened(self, first: _Sample) -> list[_Tick]:
+        """The ticks that were lost before a stretch."""
         self.gaps += not math.isnan(self._origin)
-        if not start - (self._origin + self._next * self.dt) <= LONGEST_GAP:
-            self._origin, self._next = start, 0
-        opening = _first_tick(start, self._origin, self.dt)
-        out += [(k, None, np.zeros(6)) for k in range(self._next, opening)]
+        if not first.stamp - (self._origin + self._next * self.dt) <= LONGEST_GAP:
+            self._origin, self._next = first.stamp, 0
+        opening = _first_tick(first.stamp, self._origin, self.dt)
+        out: list[_Tick] = [(k, None, np.zeros(6)) for k in range(self._next, opening)]
         self._next = max(opening, self._next)
-        self._state, self._from = None, (start, first)
-        for stamp, sample in self._held[1:]:
-            out += self._up_to(stamp, sample)
-        self._held = []
+        self._state, self._from = None, first
         return out
 
-    def _up_to(self, stamp: float, sample: Array) -> list[tuple[int, Array | None, Array]]:
-        out: list[tuple[int, Array | None, Array]] = []
-        t0, a = self._from
-        while (at := self._origin + self._next * self.dt) <= stamp:
-            raw = a + (sample - a) * ((at - t0) / (stamp - t0))
+    def _up_to(self, sample: _Sample) -> list[_Tick]:
+        """The ticks up to a sample that goes on."""
+        out: list[_Tick] = []
+        t0, a, _ = self._from
+        while (at := self._origin + self._next * self.dt) <= sample.stamp:
+            raw = a + (sample.pose - a) * ((at - t0) / (sample.stamp - t0))
             if self._state is None:
                 one = two = raw
                 twist = np.zeros(6)
@@ -166,10 +216,10 @@ class Conditioner(OneThread):
             self._state = one, two, two
             out.append((self._next, two, twist))
             self._next += 1
-        self._from = stamp, sample
+        self._from = sample
         return out
 
-    def _given(self, ticks: list[tuple[int, Array | None, Array]]) -> Conditioned:
+    def _given(self, ticks: list[_Tick]) -> Conditioned:
         numbers = np.array([math.nan * np.ones(7) if state is None else state for _, state, _ in ticks]).reshape(-1, 7)
         times = self._origin + self.dt * np.array([k for k, _, _ in ticks], dtype=np.float64)
         lost = np.isnan(numbers[:, 0])
@@ -202,18 +252,21 @@ def conditioned(
     x = np.concatenate(given_poses, axis=1)
     if t.shape != (len(x),) or x.shape[1] != 7:
         raise ConfigurationError("times, positions, quaternions", (t.shape, x.shape), "(N,), (N, 3) and (N, 4)")
-    keep = np.flatnonzero(_usable(t, x))
-    newest = np.maximum.accumulate(t[keep]) if len(keep) else t[keep]
-    keep = keep[np.concatenate([[True], t[keep][1:] > newest[:-1]])] if len(keep) else keep
-    t, x = t[keep], x[keep]
-    x[:, 3:] = continuous_quaternions(x[:, 3:])
-    stretch = np.concatenate([[0], np.cumsum(~_joined(t, x, rule))]) if len(t) else np.zeros(0, dtype=int)
-    sizes = np.bincount(stretch)
-    parts = [np.flatnonzero(stretch == i) for i in np.flatnonzero(sizes >= TOGETHER)]
+    usable = np.flatnonzero(_usable(t, x))
+    x[usable, 3:] = continuous_quaternions(x[usable, 3:])
+    stretches, parts = _Stretches(rule), list[list[int]]()
+    for i in usable.tolist():
+        counts = stretches.take(_Sample(float(t[i]), x[i], i))
+        if len(counts) >= TOGETHER:
+            parts.append([])
+        if counts:
+            parts[-1] += [each.number for each in counts]
+    for part in parts:
+        x[part, 3:] = continuous_quaternions(x[part, 3:])  # those between are left out
     if not parts:
         within = f"stamps [s] at most {rule.max_gap:g} apart and places [m] no faster than {rule.max_speed:g} m/s"
         expected = f"at least {TOGETHER} usable samples together, of {within}"
-        raise ConfigurationError("times", f"{len(keep)} finite samples, none together", expected)
+        raise ConfigurationError("times", f"{len(usable)} finite samples, none together", expected)
     longest = max((float(t[after[0]] - t[part[-1]]) for part, after in pairwise(parts)), default=0.0)
     if longest > LONGEST_GAP:
         expected = f"no more than {LONGEST_GAP:g} s without usable samples: seconds of one clock that nobody set"
@@ -247,16 +300,6 @@ def _usable(times: Array, samples: Array) -> NDArray[np.bool_]:
     length = np.sum(samples[:, 3:] ** 2, axis=1)
     finite = np.isfinite(times) & np.all(np.abs(samples) <= 1e6, axis=1)
     return np.asarray(finite & (length > 1e-6))
-
-
-def _joined(times: Array, samples: Array, rule: Conditioner) -> NDArray[np.bool_]:
-    """Whether each sample goes on from the one before; quaternions of unit length, continuous."""
-    seconds = np.diff(times)
-    way = np.linalg.norm(np.diff(samples[:, :3], axis=0), axis=1)
-    half = np.clip(np.abs(np.sum(samples[1:, 3:] * samples[:-1, 3:], axis=1)), 0.0, 1.0)
-    turn = 2.0 * np.arccos(half)
-    near = (way <= rule.max_speed * seconds + 1e-3) & (turn <= rule.max_turn_rate * seconds + 1e-2)
-    return np.asarray(near & (seconds <= rule.max_gap))
 
 
 def _first_tick(start: float, origin: float, dt: float) -> int:

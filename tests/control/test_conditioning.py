@@ -35,7 +35,7 @@ def test_stream_and_whole_agree_to_rounding_whatever_is_wrong(seed: int, faults:
     times, positions, quaternions = motion(120, seed)
     rng = np.random.default_rng(seed)
     for _ in range(faults):
-        at, kind = rng.integers(1, 110), rng.integers(6)
+        at, kind = rng.integers(1, 110), rng.integers(8)
         if kind == 0:
             positions[at : at + rng.integers(1, 5), 1] = math.nan
         elif kind == 1:
@@ -46,6 +46,10 @@ def test_stream_and_whole_agree_to_rounding_whatever_is_wrong(seed: int, faults:
             positions[at] += 2.0
         elif kind == 4:
             positions[at:] += 1.5
+        elif kind == 5:
+            times[at : at + rng.integers(1, 5)] += rng.uniform(0.05, 5.0)
+        elif kind == 6:
+            times[at:] -= rng.uniform(0.0, 0.1)
         else:
             quaternions[at] = 0.0
     whole = conditioned(times, positions, quaternions, dt=dt)
@@ -111,6 +115,20 @@ def test_lost_sight_is_made_known_and_what_follows_starts_anew(fault: str) -> No
     if fault == "spike":
         assert out.lost.sum() <= 4
         assert out.dropped == 1
+
+
+@pytest.mark.parametrize("wild", [1, 2])
+@pytest.mark.parametrize("at", [0, 1, 50, 51])
+def test_a_stamp_of_the_future_is_left_out_as_a_spike_is(at: int, wild: int) -> None:
+    """Sight was lost until the clock had caught up: one stamp 30 s ahead took 349 of 400 samples, in silence."""
+    times = 0.01 * np.arange(400)
+    positions, turns = np.outer(np.sin(times), [0.1, 0.1, 0.1]), np.tile(NO_TURN, (400, 1))
+    times[at : at + wild] += 30.0
+    for found in (conditioned(times, positions, turns, dt=0.005), streamed(times, positions, turns, dt=0.005)):
+        assert found.dropped == wild + (at == 1)  # one sample before it is no stretch
+        assert found.gaps == (at > 1)
+        assert found.lost.sum() <= 2 * (wild + 1)
+        assert found.times[-1] == pytest.approx(3.99)
 
 
 def test_nothing_usable_is_refused() -> None:
