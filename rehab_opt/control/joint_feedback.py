@@ -64,7 +64,7 @@ class JointFeedback:
         so that a delay that is another one by 3 ms, or twice an inertia, leaves it stable at any g and c.
     contact : [m] by which the hand of an arm that moves freely is not left behind all of a sudden at a steady speed, on
         a way on which its joints have a lever of 1 m together; less on others. Five times what 0.2 mrad of noise in
-        each encoder make of it. A noisier arm needs more, or stops by itself.
+        each encoder make of it. A noisier arm needs more, or stops by itself: 0.003 where encoders have 12 bits.
     tolerance : [rad or m] following error that is none.
     patience : [s] for which a larger one, or a held hand, is no fault.
 
