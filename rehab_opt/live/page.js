@@ -6,13 +6,13 @@ const inputs = { enable: false, target: null, push: [0, 0, 0], stick: [0, 0], sw
 let scene = null, frame = null, commands = false, socket = null, dirty = true, drag = "target", trail = [];
 window.live = { inputs, frames: 0, get frame() { return frame; }, get scene() { return scene; }, screen: (p) => project(p) };
 
-// ---------------------------------------------------------------------------------------------- small vectors
+// ---- small vectors
 const sub = (a, b) => [a[0] - b[0], a[1] - b[1], a[2] - b[2]], add = (a, b) => [a[0] + b[0], a[1] + b[1], a[2] + b[2]];
 const mul = (a, s) => [a[0] * s, a[1] * s, a[2] * s], dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
 const size = (a) => Math.hypot(...a), unit = (a) => mul(a, 1 / (size(a) || 1));
 
-// ------------------------------------------------------------------------------- camera and picture
+// ---- camera and picture
 /* Drawn on a plain canvas, from far to near: that costs no graphics processor, and leaves time for the heartbeat. */
 const canvas = $("scene"), pen = canvas.getContext("2d"), camera = { centre: [0, 0, 0.4], away: 2, turn: -0.9, lift: 0.45 };
 let eye, right, up, ahead, focus, wide, high;
@@ -96,7 +96,7 @@ function draw() {
   requestAnimationFrame(draw);
 }
 
-// ------------------------------------------------------------------------------------- the participant's screen
+// ---- the participant's screen
 function onScreen(p) {
   const s = scene.screen, d = sub(p, s.centre), k = Math.min(canvas.clientWidth, canvas.clientHeight) / 2 / s.half;
   return [canvas.clientWidth / 2 + k * dot(d, s.u), canvas.clientHeight / 2 - k * dot(d, s.v), k];
@@ -116,7 +116,7 @@ function drawParticipant(g) {
   inside = there;
 }
 
-// ------------------------------------------------------------------------------------------ pointer in the scene
+// ---- pointer in the scene
 let grabbed = null, last = null;
 canvas.addEventListener("contextmenu", (e) => e.preventDefault());
 canvas.addEventListener("pointerdown", (e) => {
@@ -155,7 +155,7 @@ canvas.addEventListener("pointerup", letGo); canvas.addEventListener("pointercan
 canvas.addEventListener("wheel", (e) => { camera.away *= Math.exp(0.001 * e.deltaY); dirty = true; e.preventDefault(); }, { passive: false });
 addEventListener("resize", () => { dirty = true; });
 
-// ------------------------------------------------------------------------------------------------------ controls
+// ---- controls
 const allowed = (what) => scene && scene.controls.includes(what);
 function choose(what) { drag = what; $("dragtarget").classList.toggle("on", what === "target"); $("dragpush").classList.toggle("on", what === "push"); }
 $("dragtarget").onclick = () => choose("target"); $("dragpush").onclick = () => choose("push");
@@ -212,7 +212,7 @@ function beat() {
 }
 setInterval(beat, 25);
 
-// ------------------------------------------------------------------------------------------------------ the panel
+// ---- the panel
 const plots = [];
 function panel() {
   document.title = scene.title; $("title").textContent = scene.title; $("title").title = scene.title;
