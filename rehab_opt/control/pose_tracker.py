@@ -139,8 +139,8 @@ class PoseTracker(VelocityController):
     gain : [1/s] rate at which a pose error decays; slower from farther off than the accelerations can brake from.
     linear_speed, angular_speed : [m/s, rad/s] largest hand speeds; faster requests are slowed, not cut. Who brakes
         keeps to them, too: joints wait for the one that rests last. A hand is commanded faster, and `Relaxed.TASK`
-        flagged, only where joints that are fast against each other cannot brake sooner, and where keeping `limits` or
-        `jerk` asks for it.
+        flagged, only where joints that are fast against each other cannot brake sooner, as before a joint limit, and
+        where keeping `limits` or `jerk` asks for it.
     task_weights : (6,) weights of the twist's components in the base frame; a zero frees one.
     jerk : (n,) or scalar [rad/s^3, m/s^3] largest jerk, for drives that stop on more: of the finite differences of what
         is sent, braking and fallbacks included. Velocity, acceleration and jerk then never yield; a joint that is put
@@ -263,9 +263,8 @@ class PoseTracker(VelocityController):
             + (STEADYING + calm) * ca.sumsqr(u - s * w)
             + (DIRECTION_KEEPING + calm) * ca.sumsqr(progress.symbol - speed)
         )
-        command = self.command(
-            tick, inputs, self.slow_enough(tick, q, J, u, self._ways_to_brake(inputs.last, rows.bounds))
-        )
+        ways = self._ways_to_brake(inputs.last, rows.bounds.lower, rows.bounds.upper)
+        command = self.command(tick, inputs, self.slow_enough(tick, q, J, u, ways))
         motion = TickSolution(u, command, s, speed, J @ command, whole, rows)
         report, remember = self.outcome(tick, inputs, motion)
         return Statement(
@@ -387,11 +386,10 @@ class PoseTracker(VelocityController):
 
         return tick.when(fast > 1 + OVER, slower, velocity)
 
-    def _ways_to_brake(self, last: ca.SX, bounds: VelocityBounds) -> tuple[ca.SX, ca.SX]:
-        """(n,) each: all joints alike, which has the hand no faster than before; and as each can within its limits."""
+    def _ways_to_brake(self, last: ca.SX, lower: ca.SX, upper: ca.SX) -> list[ca.SX]:
+        """(n,) each: all joints alike, which has the hand no faster than before; and as each can, within bounds."""
         ways = slowed_together(last, max_change(self.chain, self.dt)), ca.SX.zeros(self.chain.n)
-        alike, each = (clipped(way, bounds.lower, bounds.upper) for way in ways)
-        return alike, each
+        return [clipped(way, lower, upper) for way in ways]
 
     def _towards_rest(self, tick: Stages, q: ca.SX, last: ca.SX, bounds: VelocityBounds) -> ca.SX:
         """(n,) the velocity nearest to rest; where the hand is too fast so, joints wait for the one that rests last.
@@ -402,9 +400,8 @@ class PoseTracker(VelocityController):
         rest = nearest_to_rest(bounds)
         if self.jerk is not None:
             return rest
-        alike = slowed_together(last, max_change(self.chain, self.dt))
-        alike = clipped(alike, ca.fmin(rest, bounds.lower), ca.fmax(rest, bounds.upper))
-        return self.slow_enough(tick, q, tick.once(self._weighted(q)), rest, (alike,))
+        alike, _ = self._ways_to_brake(last, ca.fmin(rest, bounds.lower), ca.fmax(rest, bounds.upper))
+        return self.slow_enough(tick, q, tick.once(self._weighted(q)), rest, [alike])
 
     def _weighted(self, q: ca.SX) -> ca.SX:
         """(6, n) Jacobian, weighted."""
