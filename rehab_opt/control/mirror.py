@@ -75,6 +75,7 @@ class MirrorTracker(MirrorPreview):
     floor : least w / w_max, above 0 and below 1; w is Yoshikawa's measure, w_max its maximum over all postures of the
         chain.
     max_deviation : [m] of the tool from the reference that the clock stands at, cut to what it can do (`short`).
+        An arm that can but brake has none to keep.
     max_turn : [rad] of the tool from it, cut in the same way, that the clock stands at; no row of the QP.
     linear_speed, angular_speed : [m/s, rad/s] largest hand speeds; the linear one is a bound on the tool's origin that
         holds at every instant of every tick, the other one slows what is wanted.
