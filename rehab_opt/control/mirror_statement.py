@@ -69,7 +69,7 @@ class Posture(NamedTuple):
 class MirrorStatement(PoseTracker):
     """`PoseTracker`'s QP with the rows of `HandBounds`, its true state at the end of the tick, and shortened steps."""
 
-    takes_jerk = False
+    holds_targets = takes_jerk = False
     memory_extra = 1  # what the last tick lost of w / w_max against its tangent
     floor: float
     max_deviation: float

@@ -19,7 +19,7 @@ from rehab_opt.control.damped import damped_velocity
 from rehab_opt.control.jerk_bounds import JerkBounds
 from rehab_opt.control.joint_feedback import JointFeedback
 from rehab_opt.control.limit import Limit, PostureLimits, all_limits
-from rehab_opt.control.reference_velocity import CALMING, MISSED, ReferenceVelocity
+from rehab_opt.control.reference_velocity import CALMING, HELD, MISSED, ReferenceVelocity, held_after
 from rehab_opt.control.stopping import VelocityBounds, max_change, nearest_to_rest
 from rehab_opt.control.thread_owner import setting
 from rehab_opt.control.tool_speed import speed_ahead, tool_acceleration
@@ -238,7 +238,11 @@ class PoseTracker(VelocityController):
         inputs = Inputs(q, _pose(entries), twist, others, others[-1] if self.limits.moving else ca.SX(0, 1), memory)
 
         J = tick.once(self._weighted(q))
-        commanded, whole = tick.once(tuple(weights * each for each in self._led_twist(inputs, J, self.guided(memory))))
+        reference, whole = self._led_twist(inputs, J, self.guided(memory))
+        held = HELD.parts(memory[-HELD.size :]) if self.holds_targets else None
+        if held is not None:
+            reference /= ca.fmax(self._over(reference) / (1 - held.slowed), 1)
+        commanded, whole = tick.once((weights * reference, weights * whole))
         rows = tick.once(self.rows(tick, inputs, self.bounds(q, memory)))
         bend = partial(self._bend, q, J, ca.norm_2(whole) / ca.fmax(ca.norm_2(commanded), TINY))
         w, delivered = ReferenceVelocity(
@@ -267,6 +271,11 @@ class PoseTracker(VelocityController):
         command = self.command(tick, inputs, self.slow_enough(tick, q, J, u, ways))
         motion = TickSolution(u, command, s, speed, J @ command, whole, rows)
         report, remember = self.outcome(tick, inputs, motion)
+        if held is not None:
+            remember = ca.vertcat(remember, held_after(
+                held, entries[:12], twist=whole, commanded=commanded, settling=self._settling, dt=self.dt,
+                last=inputs.last / ca.DM(self.chain.velocity), wanted=w / ca.DM(self.chain.velocity),
+            ))  # fmt: skip
         return Statement(
             name=self.name,
             parameters=[q, entries, twist, *others],
@@ -295,7 +304,7 @@ class PoseTracker(VelocityController):
 
     @property
     def _memory_size(self) -> int:
-        return 2 * self.chain.n + self.guidance_size + self.memory_extra
+        return 2 * self.chain.n + self.guidance_size + self.memory_extra + HELD.size * self.holds_targets
 
     @property
     def memory_extra(self) -> int:
@@ -320,7 +329,8 @@ class PoseTracker(VelocityController):
     def bounds(self, q: ca.SX, memory: ca.SX) -> VelocityBounds:
         """Intervals of the joint velocities; beyond a `Limit` is outside, too."""
         if self.jerk is not None:
-            return self.jerk.interval(q, memory[: self.chain.n], memory[-self.chain.n :])
+            n = self.chain.n
+            return self.jerk.interval(q, memory[:n], memory[2 * n : 3 * n])
         found = super().bounds(q, memory)
         return found._replace(outside=ca.logic_or(found.outside, self.limits.beyond(q)))
 
@@ -329,6 +339,8 @@ class PoseTracker(VelocityController):
         """Whether a `Clearance` is among the limits, whose rows come and go."""
         return self.limits.clearance is not None
 
+    holds_targets: ClassVar[bool] = True
+    """Whether a target may be held out of reach, where joints swing that overshoot: see `held_after`."""
     takes_jerk: ClassVar[bool] = True
     """Whether nothing here comes before what a drive bounds."""
 

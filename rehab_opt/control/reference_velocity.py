@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -11,15 +12,16 @@ from numpy.typing import NDArray
 
 from rehab_opt.control.damped import DAMPING, PASSES, Bend, bent_velocity, damped_velocity
 from rehab_opt.control.stopping import FAR, VelocityBounds
-from rehab_opt.optim.certificate import clipped
+from rehab_opt.optim.certificate import all_true, clipped
 from rehab_opt.optim.fused import ANALYTIC_TOLERANCE, by_dual_active_set, choice, exact_round
 from rehab_opt.optim.qp import Statement
 from rehab_opt.optim.qrqp import qrqp
 from rehab_opt.optim.rows import MAX_MAGNITUDE, parameter, variable, within
+from rehab_opt.symbolic.record import Record, Values
 from rehab_opt.symbolic.shared import remembered
 from rehab_opt.symbolic.tick import Stages
 
-__all__ = ["ReferenceVelocity"]
+__all__ = ["HELD", "ReferenceVelocity", "held_after"]
 
 CLAIM_TOLERANCE = 1e-6
 """[rad/s] How far a claimed bounded answer may move on."""
@@ -40,7 +42,51 @@ changes the error, as a turn of a wrist that counts little, would creep for tens
 1 / (1 - `MOMENTUM`) times as fast, in ticks of any length. Nor does it swing more: with a fraction s of the last
 velocity kept, a tick's motion may be up to 2 (1 + s) times the way to the least until it does, not 2 times."""
 
+SAME = 0.1
+"""Of the error, by how much a target may move and is still held."""
+FAR_OFF = 0.99
+"""Of the twist that removes the error: where less is commanded, the target is far off."""
+OVERSHOT = 0.01
+"""Of a joint's largest speed, from which on it overshoots."""
+SLOWING, LEAST = 2.0, 0.01
+"""[s] of overshooting in which the hand's largest speed falls to 1/e of what it was, and what stays of it."""
+
 Excess = Callable[[ca.SX], ca.SX | None]
+HELD = Record(target=12, approached=1, slowed=1)
+"""Of a target that is held far off: its first three rows, whether the joints were on their way, and by what fraction
+the hand's largest speed is smaller for it."""
+
+
+def held_after(
+    held: Values,
+    target: ca.SX,
+    *,
+    twist: ca.SX,
+    commanded: ca.SX,
+    settling: float,
+    last: ca.SX,
+    wanted: ca.SX,
+    dt: float,
+) -> ca.SX:
+    """`HELD` after a tick towards a target (12,): joints that go on against where they are wanted slow the hand.
+
+    A reference counts on reaching its target. Where that is out of reach, joints that accelerate little brake too late
+    at the edge of it, and swing for good, however they are damped there. So each overshoot takes some of the hand's
+    largest speed, until none is left. It has that speed again when the target is near, or has moved by a tenth of the
+    error, which is `twist` (6,) over `settling` [1/s]; of that twist `commanded` (6,) is asked of the joints. `last`
+    and `wanted` are joint velocities (n,) over their limits.
+    """
+    asked = ca.norm_2(twist)
+    far = ca.norm_2(commanded) < FAR_OFF * asked
+    fast, along = ca.mmax(ca.fabs(last)) > OVERSHOT, ca.dot(last, wanted)
+    same = all_true(far, ca.norm_2(target - held.target) <= SAME * asked / settling)  # NaN fails
+    over = all_true(held.approached, fast, along < 0)
+    slowed = ca.if_else(over, ca.fmin(1 - (1 - held.slowed) * math.exp(-dt / SLOWING), 1 - LEAST), held.slowed)
+    return HELD.of(
+        target=ca.if_else(same, held.target, target),
+        approached=ca.logic_and(same, ca.logic_or(held.approached, ca.logic_and(fast, along > 0))),
+        slowed=ca.if_else(same, slowed, 0),
+    )
 
 
 class ReferenceVelocity(NamedTuple):

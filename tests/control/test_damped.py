@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from rehab_opt import DH, PoseTracker, SerialChain
+from rehab_opt import DH, PoseTracker, SerialChain, ur5
 
 Array = NDArray[np.float64]
 DT = 2e-3
@@ -108,3 +108,42 @@ def test_out_of_reach_an_arm_whose_joints_stop_unequally_comes_to_rest(number: i
         q = q + dt * command.value
         speeds.append(float(np.abs(command.value).max()))
     assert max(speeds[-round(2.0 / dt) :]) <= 0.01
+
+
+def slow_arm(number: int) -> tuple[PoseTracker, Array, Array]:
+    """Tracker of a UR5 that accelerates little, where it begins (6,), and a pose (4, 4) beyond its reach."""
+    rng = np.random.default_rng(number)
+    arm, speed = ur5().with_limits(acceleration=rng.uniform(1.0, 1.7)), float(rng.choice([0.25, 1.0]))
+    start, target = rng.uniform(-1.5, 1.5, 6), arm.pose(rng.uniform(-2.0, 2.0, 6))
+    target[:3, 3] *= rng.uniform(1.05, 1.6) / np.linalg.norm(target[:3, 3])
+    return PoseTracker(arm, dt=0.01, linear_speed=speed, compile=False), start, target
+
+
+def led_to(led: PoseTracker, q: Array, target: Array, *, seconds: float) -> tuple[Array, Array]:
+    """Positions (N, 6) and velocities (N, 6) on the way."""
+    places, velocities = [q], []
+    for _ in range(round(seconds / led.dt)):
+        velocities.append(led.step(places[-1], target, np.zeros(6)).value)
+        places.append(places[-1] + led.dt * velocities[-1])
+    return np.array(places[1:]), np.array(velocities)
+
+
+@pytest.mark.parametrize("number", [0, 8, 12, 33])
+def test_a_slow_arm_comes_to_rest_at_the_edge_of_its_reach(number: int) -> None:
+    """It swung for good, at up to 2.4 rad/s: while the elbow is bent, the reference counts on reaching the target."""
+    led, start, target = slow_arm(number)
+    _, velocities = led_to(led, start, target, seconds=30.0)
+    assert np.abs(velocities[:1000]).max() > 0.5
+    assert np.abs(velocities[-400:]).max() <= 0.06
+
+
+def test_what_overshot_is_as_fast_as_before_towards_another_target() -> None:
+    led, start, target = slow_arm(8)
+    places, _ = led_to(led, start, target, seconds=30.0)
+    near = led.chain.pose(places[-1] + 0.4 * np.array([1.0, 1.0, -1.0, 1.0, 1.0, 1.0]))
+    late = [
+        np.linalg.norm(np.array([led.chain.pose(q)[:3, 3] for q in ways]) - near[:3, 3], axis=1)
+        for ways, _ in (led_to(each, places[-1], near, seconds=4.0) for each in (led, slow_arm(8)[0]))
+    ]
+    assert late[0][0] > 0.1
+    assert np.argmax(late[0] < 0.01) == pytest.approx(np.argmax(late[1] < 0.01), rel=0.05)
