@@ -41,6 +41,8 @@ DIRECTION_KEEPING = 1e-5
 """Price of slowing down against leaving the reference direction: at a twentieth of the speed it is left by 0.01 deg."""
 STEADYING = 1e-5
 """Weight of the joint velocities against the squared twist error: it settles what the task leaves open."""
+FAR_OFF = 0.99
+"""Of the twist that removes the error: where less is commanded, the target is far off."""
 DRIFT_SPEED = 0.1
 """Share of the velocity limits at which a redundant chain drifts to its posture."""
 DRIFT_SIZE = 1e-2
@@ -272,10 +274,12 @@ class PoseTracker(VelocityController):
         motion = TickSolution(u, command, s, speed, J @ command, whole, rows)
         report, remember = self.outcome(tick, inputs, motion)
         if held is not None:
-            remember = ca.vertcat(remember, held_after(
-                held, entries[:12], twist=whole, commanded=commanded, settling=self._settling, dt=self.dt,
+            after = partial(
+                held_after, held, entries[:12], error=ca.norm_2(whole) / self._settling, dt=self.dt,
                 last=inputs.last / ca.DM(self.chain.velocity), wanted=w / ca.DM(self.chain.velocity),
-            ))  # fmt: skip
+            )  # fmt: skip
+            far = ca.norm_2(commanded) < FAR_OFF * ca.norm_2(whole)
+            remember = ca.vertcat(remember, tick.when(far, after, ca.SX.zeros(HELD.size)))
         return Statement(
             name=self.name,
             parameters=[q, entries, twist, *others],

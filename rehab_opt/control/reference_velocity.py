@@ -44,8 +44,6 @@ velocity kept, a tick's motion may be up to 2 (1 + s) times the way to the least
 
 SAME = 0.1
 """Of the error, by how much a target may move and is still held."""
-FAR_OFF = 0.99
-"""Of the twist that removes the error: where less is commanded, the target is far off."""
 OVERSHOT = 0.01
 """Of a joint's largest speed, from which on it overshoots."""
 SLOWING, LEAST = 2.0, 0.01
@@ -61,25 +59,20 @@ def held_after(
     held: Values,
     target: ca.SX,
     *,
-    twist: ca.SX,
-    commanded: ca.SX,
-    settling: float,
+    error: ca.SX,
     last: ca.SX,
     wanted: ca.SX,
     dt: float,
 ) -> ca.SX:
-    """`HELD` after a tick towards a target (12,): joints that go on against where they are wanted slow the hand.
+    """`HELD` after a tick towards a target (12,) far off: joints that go on against where they are wanted slow a hand.
 
     A reference counts on reaching its target. Where that is out of reach, joints that accelerate little brake too late
     at the edge of it, and swing for good, however they are damped there. So each overshoot takes some of the hand's
-    largest speed, until none is left. It has that speed again when the target is near, or has moved by a tenth of the
-    error, which is `twist` (6,) over `settling` [1/s]; of that twist `commanded` (6,) is asked of the joints. `last`
-    and `wanted` are joint velocities (n,) over their limits.
+    largest speed, until none is left. It has that speed again when the target has moved by a tenth of the `error`, or
+    is near, where this is not asked. `last` and `wanted` are joint velocities (n,) over their limits.
     """
-    asked = ca.norm_2(twist)
-    far = ca.norm_2(commanded) < FAR_OFF * asked
     fast, along = ca.mmax(ca.fabs(last)) > OVERSHOT, ca.dot(last, wanted)
-    same = all_true(far, ca.norm_2(target - held.target) <= SAME * asked / settling)  # NaN fails
+    same = ca.norm_2(target - held.target) <= SAME * error  # NaN fails
     over = all_true(held.approached, fast, along < 0)
     slowed = ca.if_else(over, ca.fmin(1 - (1 - held.slowed) * math.exp(-dt / SLOWING), 1 - LEAST), held.slowed)
     return HELD.of(
