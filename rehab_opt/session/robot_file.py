@@ -258,7 +258,7 @@ def _arm(said: RobotFile, path: Path, name: str) -> SerialChain:
         )
     capsules = [CapsuleOnLink(each.link, *_ends(each), each.radius_m) for each in said.capsules]
     speeds = {key: each.speed_deg_s for key, each in said.joints.items()}
-    turned = {key: each.locked_deg for key, each in said.joints.items()}
+    turned = _radians({key: each.locked_deg for key, each in said.joints.items()})
     slid = {key: Metres(each.locked_m) for key, each in said.joints.items() if each.locked_m is not None}
     any_file: Callable[..., SerialChain] = SerialChain.from_urdf if said.urdf is not None else SerialChain.from_mjcf
     read = partial(
@@ -267,7 +267,7 @@ def _arm(said: RobotFile, path: Path, name: str) -> SerialChain:
         **said.arguments("base", "tip"),
         lower=_radians({key: each.lower_deg for key, each in said.joints.items()}),
         upper=_radians({key: each.upper_deg for key, each in said.joints.items()}),
-        locked={key: Radians(value) for key, value in _radians(turned).items()} | slid,
+        locked={key: Radians(value) for key, value in turned.items()} | slid,
         mount=pose_of(said.mount_deg, said.mount_m),
         tool=pose_of(said.tool_deg, said.tool_m),
         capsules="collision" if said.collision else capsules,
@@ -283,8 +283,7 @@ def _arm(said: RobotFile, path: Path, name: str) -> SerialChain:
     if slides:
         expected = "where this joint is held: it slides, and problem files move only joints that turn"
         raise RobotFileError(name, f"joints.{slides[0]}.locked_m", None, expected)
-    locked = {key for key, each in said.joints.items() if each.locked_deg is not None or each.locked_m is not None}
-    unknown = sorted(set(said.joints) - set(arm.names) - locked)
+    unknown = sorted(said.joints.keys() - {*arm.names, *turned, *slid})
     if unknown:
         section = said.joints[unknown[0]]
         key = next((each for each in type(section).model_fields if getattr(section, each) is not None), None)
