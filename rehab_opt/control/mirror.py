@@ -285,7 +285,8 @@ class MirrorTracker(MirrorPreview):
         """Joint velocity (n,) [rad/s, m/s] to hold until the next tick; its `scale` is the time scaling, at most 1.
 
         Never raises on numbers: what is not usable gives the safe command, decelerating within the limits, and its
-        reason; the clock waits meanwhile. Numpy arrays take the quick way, lists cost several times as much.
+        reason; the clock waits meanwhile. A step that is shortened to nothing is `BLOCKED`, its scale 0. Numpy arrays
+        take the quick way, lists cost several times as much.
 
         Parameters
         ----------

@@ -195,14 +195,17 @@ def _delivered(of: MirrorStatement) -> ca.Function:
     then, shorter, _ = ca.vertsplit(ends)
     pace = PACE.changed(PACE.parts(past.pace), share=verdict.scale)
     relaxed, slowed = _shortened(verdict.relaxed, ends), pace.rate < WHOLE
+    stuck = all_true(shorter, ca.sum1(velocity != 0) == 0)
     asked = ca.if_else(slowed, below(relaxed, TASK) + TASK, relaxed)
     notes = {
         "SHORTENED": shorter, "SLOWED": slowed, "BRIDGING": said.bridging, "THINNED": fewer, "HELD_BACK": own.held
     }  # fmt: skip
     told = REPORT.of(
         left=ca.SX(DONE), residual=verdict.residual, solver=verdict.solver,
-        relaxed=relaxed_from_rest(own, velocity, asked, of.hurried), scale=ca.fmin(pace.rate, 1) * verdict.scale,
-        unusual=ca.SX(1), status=ca.SX(NUMBERED.index(Status.OK)), reason=ca.SX(0), input=ca.SX(-1), element=ca.SX(-1),
+        relaxed=relaxed_from_rest(own, velocity, asked, of.hurried),
+        scale=ca.logic_not(stuck) * ca.fmin(pace.rate, 1) * verdict.scale,
+        unusual=ca.SX(1), status=ca.if_else(stuck, NUMBERED.index(Status.BLOCKED), NUMBERED.index(Status.OK)),
+        reason=NUMBER["NOTHING_LEFT"] * stuck, input=ca.SX(-1), element=ca.SX(-1),
         details=ca.SX.zeros(2), note=sum((NOTE[name] * (each != 0) for name, each in notes.items()), ca.SX(0)),
     )  # fmt: skip
     person = ca.fabs(past.aim[0]) < ca.inf

@@ -6,6 +6,7 @@ import math
 import re
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
@@ -255,24 +256,25 @@ def _arm(said: RobotFile, path: Path, name: str) -> SerialChain:
         raise RobotFileError(
             name, "mjcf" if said.urdf is None else "urdf", model, "a file beside this one: it is not there, or no file"
         )
-    read: Callable[..., SerialChain] = SerialChain.from_urdf if said.urdf is not None else SerialChain.from_mjcf
     capsules = [CapsuleOnLink(each.link, *_ends(each), each.radius_m) for each in said.capsules]
     speeds = {key: each.speed_deg_s for key, each in said.joints.items()}
-    turned = {key: each.locked_deg for key, each in said.joints.items()}
+    turned = _radians({key: each.locked_deg for key, each in said.joints.items()})
     slid = {key: Metres(each.locked_m) for key, each in said.joints.items() if each.locked_m is not None}
-    of_all = None if said.speed_deg_s is None else math.radians(said.speed_deg_s)
+    any_file: Callable[..., SerialChain] = SerialChain.from_urdf if said.urdf is not None else SerialChain.from_mjcf
+    read = partial(
+        any_file,
+        file,
+        **said.arguments("base", "tip"),
+        lower=_radians({key: each.lower_deg for key, each in said.joints.items()}),
+        upper=_radians({key: each.upper_deg for key, each in said.joints.items()}),
+        locked={key: Radians(value) for key, value in turned.items()} | slid,
+        mount=pose_of(said.mount_deg, said.mount_m),
+        tool=pose_of(said.tool_deg, said.tool_m),
+        capsules="collision" if said.collision else capsules,
+    )
+    of_all = said.arguments("acceleration_deg_s2", "speed_deg_s", speed_deg_s="velocity")
     try:
-        arm = read(
-            file,
-            **said.arguments("base", "tip", "acceleration_deg_s2"),
-            velocity=of_all if of_all is not None else _radians(speeds),
-            lower=_radians({key: each.lower_deg for key, each in said.joints.items()}),
-            upper=_radians({key: each.upper_deg for key, each in said.joints.items()}),
-            locked={key: Radians(value) for key, value in _radians(turned).items()} | slid,
-            mount=pose_of(said.mount_deg, said.mount_m),
-            tool=pose_of(said.tool_deg, said.tool_m),
-            capsules="collision" if said.collision else capsules,
-        )
+        arm = read(**{"velocity": _radians(speeds), **of_all})
     except RobotFileError as refused:
         raise RobotFileError(refused.file, refused.key, refused.value, _advice(refused.expected)) from refused
     except ConfigurationError as refused:
@@ -281,19 +283,23 @@ def _arm(said: RobotFile, path: Path, name: str) -> SerialChain:
     if slides:
         expected = "where this joint is held: it slides, and problem files move only joints that turn"
         raise RobotFileError(name, f"joints.{slides[0]}.locked_m", None, expected)
-    locked = {key for key, each in said.joints.items() if each.locked_deg is not None or each.locked_m is not None}
-    unknown = sorted(set(said.joints) - set(arm.names) - locked)
+    unknown = sorted(said.joints.keys() - {*arm.names, *turned, *slid})
     if unknown:
         section = said.joints[unknown[0]]
         key = next((each for each in type(section).model_fields if getattr(section, each) is not None), None)
         where, value = ("joints", unknown[0]) if key is None else (f"joints.{unknown[0]}.{key}", getattr(section, key))
         raise RobotFileError(name, where, value, f"joint names among {', '.join(arm.names)}")
-    changed = {key: each.acceleration_deg_s2 for key, each in said.joints.items() if key in arm.names}
+    own = {
+        "velocity": speeds,
+        "acceleration": {key: each.acceleration_deg_s2 for key, each in said.joints.items() if key in arm.names},
+    }
+    # Again, with every joint's own: what the reader notes of limits is of those that hold.
+    arm = read(**{
+        key: (dict.fromkeys(arm.names, of_all[key]) if key in of_all else {}) | _radians(values)
+        for key, values in own.items()
+    })  # fmt: skip
     bodies = (Body("payload", arm.n, said.payload_kg, arm.tool[:3, 3], np.zeros((3, 3))),) if said.payload_kg else ()
-    arm = replace(arm, bodies=(*arm.bodies, *bodies))
-    velocity = [_radians(speeds).get(key, each) for key, each in zip(arm.names, arm.velocity, strict=True)]
-    acceleration = [_radians(changed).get(key, each) for key, each in zip(arm.names, arm.acceleration, strict=True)]
-    return arm.with_limits(velocity=velocity, acceleration=acceleration)
+    return replace(arm, bodies=(*arm.bodies, *bodies))
 
 
 def _radians(degrees: dict[str, float | None]) -> dict[str, float]:

@@ -3,10 +3,11 @@
 import math
 from collections.abc import Iterator
 
+import casadi as ca
 import numpy as np
 import pytest
 
-from rehab_opt import KeepOut, MirrorTracker, Relaxed, ur5
+from rehab_opt import KeepOut, Limit, MirrorTracker, Relaxed, Status, ur5
 from tests.control.mirror_campaign import LARGEST
 from tests.control.ur5_body import Array, clearances, heights, tool_motion
 
@@ -179,3 +180,21 @@ def test_a_hand_slides_along_a_plane_that_both_ends_of_its_wrist_meet(dt: float)
     assert -1e-9 <= low < 1e-3
     assert max(behind[round(1.0 / dt) :]) < 0.01
     assert not robot.counts["shortened"]
+
+
+def test_a_hand_whose_step_is_shortened_to_nothing_is_blocked_until_the_way_is_free() -> None:
+    """Four distances of one limit at zero: three make rows, and the step is shortened before the fourth."""
+    robot, q = ur5(velocity=1.0), STRETCHED_BESIDE
+    pose, down = robot.pose(q), np.array([0.0, 0.0, -0.04, 0.0, 0.0, 0.0])
+    table = float(pose[2, 3])
+    corner = Limit(lambda arm, x: ca.vertcat(x[5], -x[5], x[5], arm.pose_expression(x)[2, 3] - table))
+    tracker = MirrorTracker(robot, dt=5e-3, floor=0.05, limits=[corner], max_manipulability=LARGEST, compile=False)
+    for twist, status, least, largest in ((down, Status.BLOCKED, 0.0, 0.0), (-down, Status.OK, 0.01, 1.0)):
+        for _ in range(100 if status is Status.BLOCKED else 300):
+            pose = pose.copy()
+            pose[:3, 3] += twist[:3] * tracker.dt
+            command = tracker.step(q, pose, twist)
+            q = q + tracker.dt * command.value
+        assert command.status is status, command.reason
+        assert least <= np.abs(command.value).max() <= largest
+        assert (command.scale == 0) == (status is Status.BLOCKED)

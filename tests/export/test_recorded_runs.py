@@ -141,6 +141,7 @@ def test_a_changed_number_beside_the_command_is_found(exported: Exported, built:
 @pytest.mark.parametrize("name", CONTROLLERS)
 def test_the_backup_that_c_has_not_is_the_one_that_python_has(name: str, exported: Exported) -> None:
     readme = " ".join((exported(name) / "README.md").read_text().split())
+    assert "`REHAB_OK`, `REHAB_BACKUP` and `REHAB_BLOCKED` are certified" in readme
     with failing_solvers() as failures:
         tracker = PoseTracker(ur5(), compile=False)
     failures.primary = True

@@ -151,6 +151,17 @@ def test_every_line_of_a_robot_file_counts(problem: Callable[..., str]) -> None:
     assert robot.bodies[-1].mass == 2.0
 
 
+def test_what_is_said_of_one_joint_is_noted_as_what_is_said_of_all(problem: Callable[..., str]) -> None:
+    own = "[joints.joint_1]\nspeed_deg_s = 800.0\nacceleration_deg_s2 = 9000.0"
+    for of_all in ("", "speed_deg_s = 40.0\n"):
+        robot, _ = robot_at_start(load_problem(problem(MINE + of_all + own)))
+        assert [note.split(":")[0] for note in robot.notes if note.startswith("joint joint_1, ")] == [
+            "joint joint_1, velocity = 13.9626 rad/s",
+            "joint joint_1, velocity = 13.9626",
+            "joint joint_1, acceleration = 157.08 rad/s^2",
+        ]
+
+
 def test_the_problem_may_ask_for_less_than_the_robot_can_and_not_for_more(problem: Callable[..., str]) -> None:
     for given, speeds, acceleration in ((10.0, [10.0] * 7, 900.0), (170.0, [80.0] * 4 + [70.0] * 3, 900.0)):
         text = PROBLEM.replace("[circle]", f"joint_speed_deg_s = {given}\njoint_acceleration_deg_s2 = 5000.0\n[circle]")

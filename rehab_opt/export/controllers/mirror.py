@@ -52,7 +52,7 @@ rehab_command command;
 rehab_{NAME}_init(&controller);
 for (;;) {{{{ /* every tick */
     rehab_{NAME}_step(&controller, q, pose, twist,{{moving}} NULL, enable, stamp, &command);
-    send(command.value); /* joint velocities, rad/s */
+    send(command.value); /* joint velocities, rad/s or m/s */
 }}}}"""
 FORCED = {
     "pose": "the mirrored pose of the tool now", "force_argument": "const double *force,",

@@ -40,7 +40,7 @@ rehab_command command;
 rehab_pose_tracker_init(&controller);
 for (;;) {{ /* every tick */
     rehab_pose_tracker_step(&controller, q, pose, twist,{moving} enable, stamp, &command);
-    send(command.value); /* joint velocities, rad/s */
+    send(command.value); /* joint velocities, rad/s or m/s */
 }}"""
 MOVING_INPUT = """
  * obstacles[{size}]  what moves, 14 numbers each: start and end [m], their velocities [m/s], radius [m], and 1;

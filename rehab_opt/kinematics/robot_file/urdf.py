@@ -230,8 +230,9 @@ def _step(joint: Element, links: Mapping[str, Element], source: Source, notes: l
         raise source.refuse(f"{owner}, type", kind, f"revolute, continuous, prismatic or fixed{meant}")
     notes += [f"{owner}: <{tag}> is not read" for tag in dict.fromkeys(each.tag for each in joint.children)
               if tag not in READ]  # fmt: skip
+    endless = ("lower", "upper") if kind == "continuous" else ()
     notes += [f"{owner}: {each.tag}.{key} is not read" for each in joint.children for key in each.attributes
-              if key not in READ.get(each.tag, each.attributes)]  # fmt: skip
+              if key not in READ.get(each.tag, each.attributes) or key in endless]  # fmt: skip
     moving = None if kind == "fixed" else _joint(joint, kind, source, owner, notes)
     return Step(origin, moving, child, _inertial(links[child], source, notes))
 

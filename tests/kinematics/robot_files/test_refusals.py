@@ -175,6 +175,9 @@ def test_what_is_not_read_and_what_no_body_has_is_noted(good: Callable[..., Path
         ('type="revolute"><parent', 'type="fixed"><Origin/><parent', "joint joint_a: <Origin> is not read"),
     ):
         assert SerialChain.from_urdf(good(old, new), acceleration=1.0).notes == (said,)
+    endless = SerialChain.from_urdf(good('"revolute"', '"continuous"'), acceleration=1.0)
+    assert np.isinf(endless.upper[0])
+    assert endless.notes == tuple(f"joint joint_a: limit.{key} is not read" for key in ("lower", "upper"))
 
 
 def test_a_joint_whose_limits_are_one_number_is_noted(good: Callable[..., Path]) -> None:
