@@ -78,7 +78,7 @@ def main(arguments: list[str] | None = None) -> None:
             refuse(problem)
         except OSError as problem:
             os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # what could not be printed fails no second time at the end
-            place = str(problem.filename or "standard output")
+            place = str(problem.filename or "output")
             refuse(ConfigurationError(place, problem.strerror, "a place that can be read and written to"))
 
 
@@ -522,8 +522,7 @@ def score(
     else:
         with undisturbed():
             out.parent.mkdir(parents=True, exist_ok=True)
-            with out.open("w", encoding="utf-8", newline="") as file:
-                write_rows(scored.rows, file)
+            write_rows(scored.rows, out)
     for note in scored.notes:
         print(printable(f"rehab-opt: {note}"), file=sys.stderr)
     if out is not None:
@@ -636,10 +635,11 @@ def export_controller(
 
 
 def _log_folder(log: Path | None) -> None:
-    """Make the folder of a log, if there shall be one."""
+    """Make the folder of a log, if there shall be one, and refuse to replace a file: it may be another session's."""
     if log is not None:
-        no_folder(log)
-        writable(log.parent)
+        if log.exists():
+            raise ConfigurationError("--log", str(log), "a file that is not there yet")
+        writable(log.parent, argument="--log")
         log.parent.mkdir(parents=True, exist_ok=True)
 
 

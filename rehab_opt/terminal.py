@@ -143,10 +143,10 @@ def writable(folder: Path, *, argument: str = "--out") -> Path:
         raise ConfigurationError(argument, str(folder), f"a folder's name ({problem.strerror})") from problem
 
 
-def no_folder(file: Path) -> None:
+def no_folder(file: Path, *, argument: str = "--out") -> None:
     """Refuse a file in whose place a folder stands."""
     if file.is_dir():
-        raise ConfigurationError("--out", str(file), "the name of a file: a folder stands there")
+        raise ConfigurationError(argument, str(file), "the name of a file: a folder stands there")
 
 
 def not_there_yet(file: Path, *, force: bool, inputs: Iterable[Path] = (), argument: str = "--out") -> None:

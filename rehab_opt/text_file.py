@@ -34,6 +34,7 @@ __all__ = [
     "text_lines",
     "times",
     "whole_text",
+    "write_whole",
 ]
 
 
@@ -73,6 +74,27 @@ def file_content(path: Path, name: str, *, max_size: int) -> bytes:
         expected = f"at most {_megabytes(max_size)}: split the file, or leave out what is not needed"
         raise ProblemFileError(name, "file size", _megabytes(size), expected)
     return content
+
+
+def write_whole(file: Path, content: bytes, *, mode: int = 0o666) -> Path:
+    """Write a file onto the disk, whole, or leave what was there; an OSError names it, as a full disk's would not."""
+    to = file.resolve()
+    if to.exists() and not to.is_file():  # a pipe, or a device, is nothing to replace
+        to.write_bytes(content)
+        return file
+    beside = to.with_name(f".{to.name}.partial")
+    try:
+        beside.unlink(missing_ok=True)
+        with os.fdopen(os.open(beside, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode), "wb") as written:
+            written.write(content)
+            written.flush()
+            os.fsync(written.fileno())
+        beside.replace(to)
+    except OSError as problem:
+        beside.unlink(missing_ok=True)
+        problem.filename = str(file)
+        raise
+    return file
 
 
 def _open_without_waiting(path: str, flags: int) -> int:

@@ -465,6 +465,21 @@ def test_output_that_cannot_be_written_is_one_line_and_exit_code_2(folder: Path,
     assert "No space left on device" in done.stderr
 
 
+@pytest.mark.skipif(os.name != "posix", reason="needs ulimit")
+def test_a_file_that_does_not_fit_is_named_and_leaves_what_was_there(tmp_path: Path) -> None:
+    samples = [f"{0.01 * i},{0.3 * (i / 200) ** 2 * (3 - i / 100)},0.1" for i in range(200)]
+    (tmp_path / "a.csv").write_text("\n".join(["t_s,x_m,y_m", *samples]), encoding="utf-8")
+    rows = tmp_path / "rows.csv"
+    rows.write_text("of last year", encoding="utf-8")
+    command = ["-m", "rehab_opt", "score", str(tmp_path / "a.csv"), "--out", str(rows), "--force"]
+    full = ["sh", "-c", 'ulimit -f 0; exec "$@"', "sh", sys.executable, *command]
+    done = subprocess.run(full, capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert done.stderr == f"rehab-opt: {rows} = 'File too large': expected a place that can be read and written to\n"
+    assert rows.read_text(encoding="utf-8") == "of last year"
+    assert sorted(each.name for each in tmp_path.iterdir()) == ["a.csv", "rows.csv"]
+
+
 @pytest.mark.skipif(not Path("/dev/zero").exists(), reason="needs /dev/zero")
 def test_device_is_no_problem_file(capsys: pytest.CaptureFixture[str]) -> None:
     assert ended("check", "/dev/zero") == 2

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 import itertools
 import math
 import re
@@ -26,7 +27,7 @@ from rehab_opt.recordings.recording import Recording, strange_sizes
 from rehab_opt.session.files import recording_description, schema_error
 from rehab_opt.session.outcome import Array
 from rehab_opt.session.schema import RecordingSection
-from rehab_opt.text_file import FARTHEST
+from rehab_opt.text_file import FARTHEST, write_whole
 
 __all__ = [
     "HEADER",
@@ -176,12 +177,17 @@ def trials_between_pauses(
     return [_part(recording, first, last) for first, last in itertools.pairwise(bounds)]
 
 
-def write_rows(rows: Sequence[ScoreRow], file: TextIO) -> None:
+def write_rows(rows: Sequence[ScoreRow], file: TextIO | Path) -> None:
     """Rows as comma-separated values under `HEADER`; a value that is not there is an empty cell."""
-    writer = csv.writer(file, lineterminator="\n")
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
     writer.writerow(HEADER)
     for row in rows:
         writer.writerow(row._replace(value="" if math.isnan(row.value) else f"{row.value:.9g}"))  # type: ignore[arg-type]
+    if isinstance(file, Path):
+        write_whole(file, text.getvalue().encode())
+    else:
+        file.write(text.getvalue())
 
 
 def _middles(parts: Sequence[NDArray[np.int_]]) -> list[int]:

@@ -59,7 +59,7 @@ def show(study: StudyFile, person: Somebody = None) -> None:
         table = Table("session", "visit", "day", "condition", "trials", "not done")
         for row in sessions(store, person):
             table.add_row(*("-" if each is None else str(each) for each in row))
-        numbers = Table("measure", "condition", "first session", "last session")
+        numbers = Table("measure", "condition", "first session with it", "last session with it")
         for each, means in session_means(store, quantities(store, person)[:MAX_LISTED], person).items():
             for condition in dict.fromkeys(mean.condition for mean in means):
                 under = [mean.of for mean in means if mean.condition == condition]
@@ -153,11 +153,15 @@ def report(
     from rehab_opt.study.report import report_html, write_pdf  # noqa: PLC0415
 
     page = out if out is not None else study.with_name(f"{study.stem}-report.html")
-    for file in filter(None, (page, pdf)):
-        no_folder(file)
-        if file.resolve() == study.resolve():
-            raise ConfigurationError("--pdf" if file is pdf else "--out", str(file), "another file than the study")
-        writable(file.parent)
+    taken = {study.resolve()}
+    for argument, file in (("--out", page), ("--pdf", pdf)):
+        if file is None:
+            continue
+        no_folder(file, argument=argument)
+        if file.resolve() in taken:
+            raise ConfigurationError(argument, str(file), "another file than the study, and than the page")
+        taken.add(file.resolve())
+        writable(file.parent, argument=argument)
     with _open(study) as store:
         text = report_html(store, person)
     with undisturbed():

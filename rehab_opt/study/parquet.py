@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import importlib.util
-import os
 from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 from rehab_opt.errors import ConfigurationError
+from rehab_opt.text_file import write_whole
 
 __all__ = ["COLUMNS", "kept_as_parquet", "write_parquet", "write_trace"]
 
@@ -70,10 +70,6 @@ def write_trace(trace: Path | Mapping[str, Any], file: Path, **about: str) -> Pa
         table = table.add_column(place, name, column)
     for folder in (file.parent.parent, file.parent):  # parents=True would make the first one readable by all
         folder.mkdir(exist_ok=True, mode=0o700)
-    beside = file.with_name(f".{file.name}.partial")
-    beside.unlink(missing_ok=True)
-    with os.fdopen(os.open(beside, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb") as written:
-        pyarrow.parquet.write_table(table, written, compression="zstd")
-        written.flush()
-        os.fsync(written.fileno())
-    return beside.replace(file)
+    written = pyarrow.BufferOutputStream()
+    pyarrow.parquet.write_table(table, written, compression="zstd")
+    return write_whole(file, written.getvalue(), mode=0o600)

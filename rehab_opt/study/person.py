@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import csv
+import io
 import json
-import os
 import shutil
 from collections.abc import Iterator
 from contextlib import suppress
@@ -14,6 +14,7 @@ from typing import Any
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.study.parquet import COLUMNS
 from rehab_opt.study.store import Study
+from rehab_opt.text_file import write_whole
 
 __all__ = ["RECORDING", "TABLE", "exported", "new_folder", "private_text", "removed"]
 
@@ -131,13 +132,7 @@ def new_folder(folder: Path) -> None:
 
 def private_text(path: Path, text: str) -> Path:
     """Write a text that only its owner may read: whole, or not at all."""
-    beside = path.with_name(f".{path.name}.partial")
-    beside.unlink(missing_ok=True)
-    with os.fdopen(
-        os.open(beside, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w", encoding="utf-8", newline=""
-    ) as file:
-        file.write(text)
-    return beside.replace(path)
+    return write_whole(path, text.encode(), mode=0o600)
 
 
 def _files(study: Study, person: str) -> Iterator[tuple[Path, str]]:
@@ -152,10 +147,9 @@ def _without_rows(table: Path, person: str) -> None:
         return
     with table.open(encoding="utf-8", newline="") as file:
         rows = [row for row in csv.reader(file) if row[:1] != [person]]
-    beside = table.with_name(f".{table.name}.partial")
-    with beside.open("w", encoding="utf-8", newline="") as file:
-        csv.writer(file, lineterminator="\n").writerows(rows)
-    beside.replace(table)
+    left = io.StringIO()
+    csv.writer(left, lineterminator="\n").writerows(rows)
+    write_whole(table, left.getvalue().encode())
 
 
 def _write_measures(study: Study, person: str | None, path: Path) -> Path:

@@ -213,7 +213,13 @@ def _one(study: Study, person: str, means: dict[Quantity, list[SessionMean]]) ->
     changes = [row for measure, of in means.items() for row in _changes(measure, of)]
     if changes:
         conditions = any(row[1] != NAMED_CONDITION for row in changes)
-        head = ["measure", *(["condition"] if conditions else []), "first session", "last session", "change"]
+        head = [
+            "measure",
+            *(["condition"] if conditions else []),
+            "first session with it",
+            "last session with it",
+            "change",
+        ]
         rows = [row if conditions else [row[0], *row[2:]] for row in changes]
         parts.append(f"<h2>From the first session to the last</h2>{_table(head, rows)}")
     parts.append(_progress(means, single=True))

@@ -34,6 +34,11 @@ def test_a_problem_is_run_in_time_and_again_from_its_log(tmp_path: Path, capsys:
     n = len(logged.records)
     assert f"{n} of {n} commands come out the same" in capsys.readouterr().out
 
+    kept = path.read_bytes()
+    main_ended(["loop", CIRCLE, "--seconds", "0.5", "--log", str(path)], 2)  # another session's log
+    assert f"--log = '{path}': expected a file that is not there yet" in capsys.readouterr().err
+    assert path.read_bytes() == kept
+
     spoilt, at = logged.records.copy(), n // 2
     spoilt["command"][at, 1] += 1e-9
     rewritten(logged, spoilt, tmp_path / "spoilt.mcap")

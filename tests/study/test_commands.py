@@ -252,6 +252,29 @@ def test_a_report_is_never_written_over_its_study(run: Run, option: str) -> None
     assert Path("s.db").read_bytes() == before
 
 
+def test_a_page_and_its_pdf_are_two_files_and_a_folder_is_refused_by_its_option(run: Run, tmp_path: Path) -> None:
+    Study(Path("s.db")).close()
+    code, _, error = run("report", "s.db", "--out", "x.pdf", "--pdf", "./x.pdf")
+    assert code == 2
+    assert "--pdf = 'x.pdf': expected another file than the study, and than the page" in error
+    (tmp_path / "folder").mkdir()
+    code, _, error = run("report", "s.db", "--pdf", "folder")
+    assert code == 2
+    assert "--pdf = 'folder'" in error
+    assert not Path("s-report.html").exists()
+
+
+def test_numbers_of_a_condition_that_the_last_session_had_not_are_not_called_its(run: Run) -> None:
+    with Study(Path("s.db")) as study:
+        for visit, condition in ((1, "alone"), (2, "helped"), (3, "helped")):
+            trials = [Trial("live", [Measure("m", value, "s")], condition=condition) for value in (1.0, 1.1)]
+            study.add(Session("P01", f"week {visit}", visit=visit), trials)
+    heads = run("study", "show", "s.db", "--person", "P01")[1].replace("\n", " ")
+    assert heads.count("with it") == 2
+    assert run("report", "s.db", "--person", "P01")[0] == 0
+    assert "<th>first session with it</th><th>last session with it</th>" in Path("s-report.html").read_text("utf-8")
+
+
 def test_an_export_closes_a_folder_that_was_open_to_others(run: Run, tmp_path: Path) -> None:
     Study(Path("s.db")).close()
     (tmp_path / "shared").mkdir(mode=0o755)

@@ -6,7 +6,6 @@ import csv
 import importlib.util
 import io
 import json
-import os
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -18,7 +17,7 @@ from rich.table import Table
 from rich.text import Text
 
 from rehab_opt.session.many.participant import Cell, PersonResult
-from rehab_opt.text_file import is_formula
+from rehab_opt.text_file import is_formula, write_whole
 
 __all__ = [
     "DONE", "FAILED", "NOT_RUN", "REFUSED", "ResultRow", "counted", "failed_table", "forget", "keep", "kept_row",
@@ -60,14 +59,14 @@ def keep(participant: str, answer: PersonResult, folder: Path, digest: str) -> R
     forget(folder)
     folder.mkdir(parents=True, exist_ok=True)
     for name, content in answer.files.items():
-        _replace(folder / name, content)
+        write_whole(folder / name, content)
     mark = {
         "digest": digest,
         "seconds": answer.seconds,
         "files": sorted(answer.files),
         "numbers": dict(answer.numbers),
     }
-    _replace(folder / MARK, (json.dumps(mark, indent=2) + "\n").encode())
+    write_whole(folder / MARK, (json.dumps(mark, indent=2) + "\n").encode())
     return ResultRow(participant, DONE, seconds=answer.seconds, numbers=_named_once(answer.numbers))
 
 
@@ -110,7 +109,7 @@ def write_parquet(rows: Sequence[ResultRow], file: Path) -> None:
 
     content = io.BytesIO()
     pyarrow.parquet.write_table(pyarrow.table({key: _typed(of) for key, of in _columns(rows).items()}), content)
-    _replace(file, content.getvalue())
+    write_whole(file, content.getvalue())
 
 
 def _columns(rows: Sequence[ResultRow]) -> dict[str, list[Cell]]:
@@ -160,7 +159,7 @@ def _write_csv(file: Path, head: Sequence[str], rows: Sequence[Sequence[Cell]]) 
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(head)
     writer.writerows([_written(cell) for cell in row] for row in rows)
-    _replace(file, text.getvalue().encode())
+    write_whole(file, text.getvalue().encode())
 
 
 def _written(cell: Cell) -> object:
@@ -169,12 +168,6 @@ def _written(cell: Cell) -> object:
     if isinstance(cell, str) and is_formula(cell):
         return f"'{cell}"  # a spreadsheet shows it, and computes nothing
     return f"{cell:.9g}" if isinstance(cell, float) else cell
-
-
-def _replace(file: Path, content: bytes) -> None:
-    beside = file.with_name(f".{file.name}.partial")
-    beside.write_bytes(content)
-    os.replace(beside, file)
 
 
 def _mark(folder: Path) -> dict[str, Any] | None:
