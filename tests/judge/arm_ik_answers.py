@@ -29,7 +29,7 @@ PROMISES = (
             "decides."),
     Promise("rehab_opt/control/arm_ik.py", "[rad] Largest change of a joint between two samples: a jump to another "
             "branch shows here."),
-    Promise("rehab_opt/optim/nlp_hessian.py", "its step and multipliers are those of the exact Hessian, and "
+    Promise("rehab_opt/optim/nlp.py", "its step and multipliers are those of the exact Hessian, and "
             "convergence stays quadratic."),
     Promise("rehab_opt/control/posture.py", "w^2 over its mean over the range of motion"),
     Promise("rehab_opt/control/arm_ik.py", "Below 1e-5 the handle is aligned exactly. The default is 2 deg: exact "
