@@ -1,6 +1,6 @@
-"""A QP by the dual active set method of Goldfarb and Idnani, or for a given active set.
+"""A QP for a given active set, or by the dual active set method of Goldfarb and Idnani.
 
-The dual method cannot cycle, whatever bounds meet in a corner.
+That method goes on where the active bounds are not known: it cannot cycle, whatever bounds meet in a corner.
 
 It begins at the answer of the equalities alone and adds one broken bound after the other, dropping those whose
 multiplier vanishes on the way; the cost only rises, so no active set comes twice. Active bounds are independent at each
