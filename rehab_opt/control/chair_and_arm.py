@@ -6,12 +6,12 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rehab_opt.control.braking_together import ticks_to_rest
 from rehab_opt.control.chair_limits import ChairLimits, Limits
 from rehab_opt.control.command import Command
 from rehab_opt.control.hand_task import AHEAD, PROGRESS, HandTask, Last, Task
 from rehab_opt.control.joint_feedback import JointFeedback
 from rehab_opt.control.obstacles import NUMBERS
+from rehab_opt.control.stopping import ticks_to_rest
 from rehab_opt.control.velocity_controller import VelocityController
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics import DriveName

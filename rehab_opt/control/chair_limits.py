@@ -9,13 +9,12 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 
-from rehab_opt.control.braking_together import BrakingTogether
 from rehab_opt.control.chair_obstacles import ROWS, TIGHTER, ChairObstacles, mean_velocity
 from rehab_opt.control.keep_out import ALONG, ArmKeepOuts
 from rehab_opt.control.limit import PostureLimits, kept_within
 from rehab_opt.control.linear_limit import LinearLimit, SymmetricLimit
 from rehab_opt.control.obstacles import NUMBERS
-from rehab_opt.control.stopping import FAR, velocity_bounds
+from rehab_opt.control.stopping import FAR, BrakingTogether, velocity_bounds
 from rehab_opt.kinematics.drive import Drive
 from rehab_opt.kinematics.mobile_arm import CHAIR, MobileArm
 from rehab_opt.optim.certificate import all_true, clipped

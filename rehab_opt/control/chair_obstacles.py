@@ -9,10 +9,9 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from rehab_opt.control.braking_together import BrakingTogether
 from rehab_opt.control.linear_limit import LinearLimit
 from rehab_opt.control.obstacles import NUMBERS, ObstacleRows, approach, outward_normal
-from rehab_opt.control.stopping import FAR
+from rehab_opt.control.stopping import FAR, BrakingTogether
 from rehab_opt.kinematics.mobile_arm import CHAIR, MobileArm, Outline
 from rehab_opt.optim.certificate import all_true, clipped, first_true
 from rehab_opt.symbolic.tick import Stages

@@ -20,10 +20,9 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from rehab_opt.control.braking_together import slowed_together, ticks_to_rest
 from rehab_opt.control.clearance_pairs import ClearancePairs
 from rehab_opt.control.limit import ROWS, Limit, PostureLimits
-from rehab_opt.control.stopping import VelocityBounds, max_change
+from rehab_opt.control.stopping import VelocityBounds, max_change, slowed_together, ticks_to_rest
 from rehab_opt.control.tool_speed import tool_jerk
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.kinematics.room import KeepOut

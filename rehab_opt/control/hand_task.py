@@ -9,9 +9,8 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 
-from rehab_opt.control.braking_together import BrakingTogether
 from rehab_opt.control.chair_limits import Limits
-from rehab_opt.control.stopping import FAR
+from rehab_opt.control.stopping import FAR, BrakingTogether
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.mobile_arm import CHAIR, MobileArm
 from rehab_opt.optim.certificate import clipped

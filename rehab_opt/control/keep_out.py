@@ -7,9 +7,8 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 
-from rehab_opt.control.braking_together import BrakingTogether
 from rehab_opt.control.linear_limit import LinearLimit
-from rehab_opt.control.stopping import FAR
+from rehab_opt.control.stopping import FAR, BrakingTogether
 from rehab_opt.kinematics.arm_links import LinkEnd
 from rehab_opt.kinematics.mobile_arm import CHAIR, Capsule, MobileArm
 from rehab_opt.optim.certificate import all_true, clipped

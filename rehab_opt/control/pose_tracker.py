@@ -12,7 +12,6 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rehab_opt.control.braking_together import slowed_together
 from rehab_opt.control.clearance import Clearance
 from rehab_opt.control.command import Command
 from rehab_opt.control.damped import damped_velocity
@@ -20,7 +19,7 @@ from rehab_opt.control.jerk_bounds import JerkBounds
 from rehab_opt.control.joint_feedback import JointFeedback
 from rehab_opt.control.limit import Limit, PostureLimits, all_limits
 from rehab_opt.control.reference_velocity import CALMING, HELD, MISSED, ReferenceVelocity, held_after
-from rehab_opt.control.stopping import VelocityBounds, max_change, nearest_to_rest
+from rehab_opt.control.stopping import VelocityBounds, max_change, nearest_to_rest, slowed_together
 from rehab_opt.control.thread_owner import setting
 from rehab_opt.control.tool_speed import speed_ahead, tool_acceleration
 from rehab_opt.control.velocity_controller import VelocityController, checked_number

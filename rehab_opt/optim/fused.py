@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING
 
 import casadi as ca
 
-from rehab_opt.optim.active_set import TOGETHER, active_set_round
-from rehab_opt.optim.dual_active_set import dual_active_set
+from rehab_opt.optim.dual_active_set import TOGETHER, active_set_round, dual_active_set
 from rehab_opt.optim.qrqp import qrqp
 from rehab_opt.symbolic.shared import remembered
 

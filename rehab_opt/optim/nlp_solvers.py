@@ -10,8 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.optim.certificate import is_certified
-from rehab_opt.optim.nlp import MAX_MAGNITUDE, NLP, NLPAnswer
-from rehab_opt.optim.nlp_hessian import convexified
+from rehab_opt.optim.nlp import MAX_MAGNITUDE, NLP, NLPAnswer, convexified
 from rehab_opt.optim.nlp_sqp import SQP
 from rehab_opt.optim.qrqp import qrqp_options, with_spare_room
 from rehab_opt.symbolic import BufferedFunction, Compile, compiled

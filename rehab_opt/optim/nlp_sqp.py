@@ -12,8 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.optim.certificate import all_true, clipped
-from rehab_opt.optim.nlp import NLP, NLPAnswer
-from rehab_opt.optim.nlp_hessian import model
+from rehab_opt.optim.nlp import NLP, NLPAnswer, model
 from rehab_opt.optim.qrqp import qrqp
 from rehab_opt.optim.recorder import recorder_now
 from rehab_opt.optim.rows import Instance

@@ -15,9 +15,9 @@ import pytest
 from numpy.typing import NDArray
 
 from rehab_opt import RedundancyResolver, ardis
-from rehab_opt.control.braking_together import BrakingTogether
 from rehab_opt.control.chair_obstacles import ChairObstacles
 from rehab_opt.control.obstacles import NUMBERS, Disc, HalfPlane, Obstacle, approach, obstacle_numbers
+from rehab_opt.control.stopping import BrakingTogether
 from rehab_opt.kinematics import DriveName
 from rehab_opt.kinematics.ardis import ARDIS_READY
 from rehab_opt.kinematics.mobile_arm import Outline

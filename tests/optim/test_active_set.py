@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import assume, example, given, settings
 
-from rehab_opt.optim.active_set import active_set_round
-from rehab_opt.optim.dual_active_set import dual_active_set
+from rehab_opt.optim.dual_active_set import active_set_round, dual_active_set
 from rehab_opt.optim.fallback_chain import FallbackChain
 from rehab_opt.optim.fused import ANALYTIC_TOLERANCE, INDEPENDENT, PASSES
 from rehab_opt.optim.qp import Form, Statement

@@ -8,8 +8,7 @@ from hypothesis import strategies as st
 from scipy.optimize import minimize
 
 from rehab_opt.errors import ConfigurationError
-from rehab_opt.optim.nlp import NLP
-from rehab_opt.optim.nlp_hessian import convexified
+from rehab_opt.optim.nlp import NLP, convexified
 from rehab_opt.optim.nlp_solvers import nlp_solver
 from rehab_opt.optim.rows import equal, parameter, variable, within
 from rehab_opt.symbolic import Compile
