@@ -65,7 +65,7 @@ class Assistance(BoundedForce):
         self.gate = GATE.numbers(
             acts_inside=mode in ("follow", "hold"),
             pull_limit=checked_number("force_limit", force_limit, above=0.0, below=1e4),
-            onset=checked_number("onset", onset, above=-TINY),
+            onset=checked_number("onset", onset, above=-TINY, most=1.0),
             back=PULL_BACK.numbers(
                 stiffness=checked_number("return_stiffness", return_stiffness, above=0.0),
                 force=checked_number("return_force", return_force, above=0.0),

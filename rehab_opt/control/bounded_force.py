@@ -191,12 +191,15 @@ class BoundedForce(OneThread):
             slew_limit=self.slew_limit,
             growth_limit=self.growth_limit,
             speed_cap=self.speed_cap,
-            velocity_lag=checked_number("velocity_lag", velocity_lag, above=0.0),
+            velocity_lag=checked_number("velocity_lag", velocity_lag, above=0.0, below=1.0),
             trust_stillness=trust_stillness,
             budget=self.energy_budget,
             window=window,
             tail=LAGS if lag + more > 0.0 else 0.0,
-            jitter=NOISE_PEAK * checked_number("position_noise", position_noise or 0.0, above=-1e-12, below=0.1),
+            jitter=NOISE_PEAK
+            * checked_number(
+                "position_noise", 0.0 if position_noise is None else position_noise, above=-1e-12, below=0.1
+            ),
             learns=position_noise is None,
             tolerance=tolerance,
         )

@@ -31,6 +31,8 @@ Array = NDArray[np.float64]
 SAMPLES_PER_WIDTH = 4
 """Samples along one sigma: from two on, more change the field by less than rounding, as equal steps through a Gaussian
 do."""
+WIDEST = 1.0
+"""[m] No hand's field blends over more: such a width is in millimetres."""
 FLAT = 1e-6
 """Share of the stiffness: a curvature this far below zero is rounding."""
 
@@ -144,6 +146,8 @@ class PotentialField:
         rest_on_target: bool,
         compile: Compile,
     ) -> None:
+        if not isinstance(rest_on_target, bool):
+            raise ConfigurationError("rest_on_target", rest_on_target, "True or False")
         self.paths = tuple(paths)
         self.width = width
         self.damping = per_axis("damping", damping)
@@ -231,4 +235,6 @@ class PotentialField:
 
 def sample_spacing(width: float, spacing: float | None) -> tuple[float, str]:
     """[m] between samples of a field of `width` [m], and the argument that it is from."""
+    if not width <= WIDEST:
+        raise ConfigurationError("width", width, f"at most {WIDEST:g} m")
     return (width / SAMPLES_PER_WIDTH, "width") if spacing is None else (positive("spacing", spacing), "spacing")

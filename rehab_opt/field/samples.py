@@ -30,7 +30,7 @@ MEAN_POINTS = 400
 """Points of a mean path."""
 HAND_SPEED = 10.0
 """[m/s] No hand is faster: a larger jump is the sensor's."""
-MAX_MAGNITUDE = 1e3
+MAX_MAGNITUDE = 1e2
 """[m] A path that leaves this is in another unit."""
 MAX_SAMPLES = 1_000_000
 """Of a path: more are a slip of the unit, and would take the machine's memory."""

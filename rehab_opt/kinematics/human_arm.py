@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.kinematics.denavit_hartenberg import DH
+from rehab_opt.kinematics.real_array import real_array
 
 __all__ = ["ARM_JOINTS", "ARM_REST", "ARM_SEGMENTS", "RANGES_OF_MOTION_DEG", "human_arm"]
 
@@ -148,7 +149,7 @@ def _pair(name: str, pair: object) -> NDArray[np.float64]:
     if name not in ARM_JOINTS:
         raise ConfigurationError("range_of_motion", name, f"joint names among {', '.join(ARM_JOINTS)}")
     try:
-        limits = np.asarray(pair, dtype=np.float64)
+        limits = real_array(pair)
     except (TypeError, ValueError, OverflowError):
         limits = np.empty(0)
     if limits.shape != (2,) or not limits[0] <= limits[1]:
@@ -165,7 +166,7 @@ def _lengths(segments: Mapping[str, float] | Sequence[float]) -> tuple[float, ..
     else:
         given = segments if isinstance(segments, Sequence | np.ndarray) else ()
     try:
-        lengths = tuple(float(length) for length in given)  # type: ignore[arg-type]
+        lengths = tuple(map(float, real_array(list(given)).tolist()))
     except (TypeError, ValueError, OverflowError):
         lengths = ()
     if len(lengths) != len(ARM_SEGMENTS):

@@ -102,6 +102,14 @@ def test_an_argument_of_the_wrong_shape_is_named() -> None:
         assert np.all(np.isfinite(helper.step(x).value))
 
 
+@pytest.mark.parametrize(
+    ("argument", "value"), [("onset", 20.0), ("velocity_lag", 10.0), ("position_noise", ""), ("position_noise", False)]
+)
+def test_a_number_in_another_unit_and_one_that_is_none_are_named(argument: str, value: object) -> None:
+    with pytest.raises(ConfigurationError, match=f"^{argument}"):
+        assistance(**{argument: value})
+
+
 def test_a_tank_that_ran_dry_blocks_for_a_reason_that_stays_the_same() -> None:
     """It said OK while 1.8e-12 N were left of 30 N, and another number in every tick."""
     helper, dry = assistance(energy_budget=1.0, trust_stillness=False), []

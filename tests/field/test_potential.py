@@ -188,6 +188,12 @@ def test_demonstrations_without_a_common_target_are_refused_or_published() -> No
     assert field(apart, rest_on_target=False).target is None
 
 
+@pytest.mark.parametrize(("argument", "value"), [("path", LINE * 1000.0), ("width", 25.0), ("rest_on_target", "False")])
+def test_a_field_in_millimetres_or_with_a_switch_of_text_is_refused(argument: str, value: object) -> None:
+    with pytest.raises(ConfigurationError, match=f"^{argument}"):
+        field(**{argument: value})
+
+
 def test_a_grid_of_points_is_a_field_of_wells() -> None:
     grid = [np.array([[x, y]]) for x in (-0.1, 0.1) for y in (0.3, 0.5)]
     each = field(grid, stiffness=3500.0, width=0.03)
