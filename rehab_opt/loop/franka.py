@@ -58,11 +58,6 @@ def connect_franka(
     )
 
 
-def driver(host: str, meant_for: float) -> FrankaDriver:
-    """For the driver's process."""
-    return FrankaDriver(host, meant_for)
-
-
 class FrankaDriver:
     """A `Driver`. Raises a DeviceLostError where the robot does not answer, or has stopped.
 
@@ -126,3 +121,7 @@ class FrankaDriver:
             return ask()
         except (self._franky.Exception, RuntimeError) as refused:
             raise DeviceLostError(" ".join(str(refused).split())) from refused
+
+
+driver = FrankaDriver
+"""For the driver's process."""

@@ -60,11 +60,6 @@ def connect_ros2(
     )
 
 
-def driver(names: list[str], locator: str, states: str, commands: str) -> Ros2Driver:
-    """For the driver's process."""
-    return Ros2Driver(names, locator, states, commands)
-
-
 class Ros2Driver:
     """A `Driver`. Raises a DeviceLostError where there is no connection, or a message that is no joint state."""
 
@@ -108,6 +103,10 @@ class Ros2Driver:
         """To rest, and disconnect."""
         self.brake()
         self._session.close()
+
+
+driver = Ros2Driver
+"""For the driver's process."""
 
 
 def joints_of(message: bytes, names: Sequence[str]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

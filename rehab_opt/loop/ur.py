@@ -53,11 +53,6 @@ def connect_ur(
     )
 
 
-def driver(host: str, watchdog: float) -> UrDriver:
-    """For the driver's process."""
-    return UrDriver(host, watchdog)
-
-
 class UrDriver:
     """A `Driver`. Raises a DeviceLostError where the robot does not answer, or is stopped."""
 
@@ -115,3 +110,7 @@ class UrDriver:
                 return "protective stop"
             time.sleep(0.002)
         return "the program on the robot has ended, or takes no commands"
+
+
+driver = UrDriver
+"""For the driver's process."""
