@@ -181,11 +181,8 @@ class ChairPlant(PlantTable):
     @property
     def imperfections(self) -> str:
         """Of the sensors and the wheels."""
-        noise, lag = (
-            f"{1e3 * self.position_noise_rad:g} mrad of noise",
-            f"{self.wheel_lag_ms:g} ms of lag of the wheels",
-        )
-        return f"{noise}, {lag}; the optimised law knows delays and servo"
+        noise, lag = 1e3 * self.position_noise_rad, self.wheel_lag_ms
+        return f"{noise:g} mrad of noise, {lag:g} ms of lag of the wheels; the optimised law knows delays and servo"
 
 
 def on_plant(config: ProblemFile[P], kind: str | None) -> ProblemFile[P]:

@@ -70,6 +70,7 @@ def mesh_of(polygon: Polygon, spacing: float) -> PlaneMesh:
     Every edge of the outline's samples is an edge of the mesh: the spacing is halved until it is.
     """
     from scipy.spatial import Delaunay  # noqa: PLC0415  (slow to import)
+    from shapely import Polygon as Outline  # noqa: PLC0415
     from shapely import contains_xy, get_coordinates  # noqa: PLC0415
 
     for _ in range(4):
@@ -80,7 +81,7 @@ def mesh_of(polygon: Polygon, spacing: float) -> PlaneMesh:
         points = np.concatenate([outline, _hexagonal(polygon.buffer(-0.7 * spacing), spacing)])
         triangles = Delaunay(points).simplices
         centres = points[triangles].mean(axis=1)
-        triangles = triangles[contains_xy(_closed(outline), centres[:, 0], centres[:, 1])]
+        triangles = triangles[contains_xy(Outline(outline), centres[:, 0], centres[:, 1])]
         a, b, c = (points[triangles[:, k]] for k in range(3))
         area = _cross(b - a, c - a)
         triangles[area < 0.0] = triangles[area < 0.0][:, ::-1]
@@ -104,12 +105,6 @@ def _hexagonal(polygon: Polygon, spacing: float) -> NDArray[np.float64]:
     y = np.broadcast_to(rows[:, None], x.shape)
     inside = contains_xy(polygon, x, y)
     return np.column_stack([x[inside], y[inside]])
-
-
-def _closed(outline: NDArray[np.float64]) -> Polygon:
-    from shapely import Polygon as Outline  # noqa: PLC0415
-
-    return Outline(outline)
 
 
 def _cross(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
