@@ -254,8 +254,7 @@ def _gaps(polygon: BaseGeometry, distance: float, deep: float) -> Array:
         if part.area > (GAP * distance) ** 2
         and shapely.distance(closed.boundary, shapely.points(shapely.get_coordinates(part))).max() >= deep
     ]
-    points: Array = shapely.get_coordinates(shapely.point_on_surface(probed))
-    return points
+    return np.asarray(shapely.get_coordinates(shapely.point_on_surface(probed)))
 
 
 def _along(lines: BaseGeometry, spacing: float) -> Array:

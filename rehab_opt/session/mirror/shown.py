@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
-import casadi as ca
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -24,6 +23,7 @@ from rehab_opt.session.drawing import (
     legend_below,
     servo_figure,
 )
+from rehab_opt.session.live.bodies import ArmBodies
 from rehab_opt.session.mirror.metrics import CAUSES
 from rehab_opt.session.mirror.outcome import BEFORE, PLAN, STEP, MirrorOutcome
 from rehab_opt.session.outcome import Array
@@ -216,9 +216,7 @@ def _space(outcome: MirrorOutcome) -> Figure:
     if outcome.astar is not None:
         axes.plot(*(MM * outcome.astar.positions).T, **ASTAR, label="published A*")
     last = list(outcome.drives.values())[-1].q[-1]
-    arm = MM * np.array(
-        [np.array(ca.DM(frame[:3, 3])).ravel() for frame in outcome.chain.frames_expression(ca.SX(last))]
-    )
+    arm = MM * ArmBodies(outcome.chain).frames(last)[:, :, 3]
     axes.plot(*arm.T, color="#555555", linewidth=3, marker="o", markersize=5, label="robot at the end")
     drawn.append(arm)
     points = np.concatenate(drawn)

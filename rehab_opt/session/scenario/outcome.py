@@ -171,11 +171,11 @@ def _columns(trial: Trial, *, helped: bool) -> Columns:
     }
 
 
-def thinned_ticks(trial: Trial, rate: float = RATE) -> NDArray[np.intp]:
-    """The ticks (K,) that are kept so that there are at most `rate` [Hz] of them; the first and the last are."""
+def thinned_ticks(trial: Trial) -> NDArray[np.intp]:
+    """The ticks (K,) that are kept so that there are at most `RATE` of them; the first and the last are."""
     if len(trial.time) < 2:
         return np.arange(len(trial.time))
-    stride = max(1, math.ceil(1.0 / (rate * float(np.median(np.diff(trial.time)))) - 1e-6))
+    stride = max(1, math.ceil(1.0 / (RATE * float(np.median(np.diff(trial.time)))) - 1e-6))
     return np.unique(np.append(np.arange(0, len(trial.time), stride), len(trial.time) - 1))
 
 
