@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +20,7 @@ from rehab_opt.workspace.region import Workspace
 __all__ = ["LAWS", "RATE", "HelperTrace", "Law", "ScenarioOutcome", "Trial", "thinned_ticks"]
 
 Law = Literal["unassisted", "assisted", "published", "together", "delayed"]
-LAWS: tuple[Law, ...] = ("unassisted", "assisted", "published", "together", "delayed")
+LAWS: tuple[Law, ...] = get_args(Law)
 """No force wanted; `Assistance`; the paper's field with a hard gate and a clip (`FieldLaw`), certified by nobody;
 `Bilateral`, drawn along by a helper, without and with a delay."""
 
