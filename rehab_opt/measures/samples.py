@@ -166,8 +166,7 @@ def low_passed(points: ArrayLike, rate_hz: float, *, cutoff_hz: float | None = C
 
 def hand_velocity(points: ArrayLike, rate_hz: float, *, cutoff_hz: float | None = CUT_OFF_HZ) -> Array:
     """(N, d) [m/s] velocity of points (N, d) [m] at `rate_hz` [Hz]: `low_passed`, then central differences."""
-    velocity: Array = np.gradient(low_passed(points, rate_hz, cutoff_hz=cutoff_hz), 1.0 / rate_hz, axis=0)
-    return velocity
+    return np.asarray(np.gradient(low_passed(points, rate_hz, cutoff_hz=cutoff_hz), 1.0 / rate_hz, axis=0))
 
 
 def white_noise(points: ArrayLike, smooth: ArrayLike, rate_hz: float, *, cutoff_hz: float) -> float:

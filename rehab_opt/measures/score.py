@@ -142,7 +142,8 @@ def score(
     moving, v = _between(path, rate, begin, end, count), _between(velocity, rate, begin, end, count)
     of_movement = (count - 1) / (end - begin)
     jerks = dimensionless_jerk(v, of_movement), log_dimensionless_jerk(v, of_movement)
-    gap = _longest_step(numbers("time", time) - even.time[0], begin, end)
+    t = numbers("time", time) - even.time[0]
+    gap = float(np.diff(t)[(t[1:] > begin) & (t[:-1] < end)].max())  # between samples of which some are of the movement
     if gap > max(1.5 / rate, 0.5 / cutoff_hz):
         jerks = math.nan, math.nan
         notes.append(f"dimensionless_jerk: not over a gap of {1e3 * gap:.3g} ms, which a straight line bridges")
@@ -234,11 +235,6 @@ def _between(samples: Array, rate: float, begin: float, end: float, count: int) 
     from scipy.interpolate import CubicSpline  # noqa: PLC0415
 
     return np.asarray(CubicSpline(np.arange(len(samples)) / rate, samples)(np.linspace(begin, end, count)))
-
-
-def _longest_step(time: Array, begin: float, end: float) -> float:
-    """[s] between two samples of which some lies between begin and end [s]."""
-    return float(np.diff(time)[(time[1:] > begin) & (time[:-1] < end)].max())
 
 
 def _cutoff(rate: float, cutoff_hz: float, notes: list[str]) -> float | None:

@@ -36,8 +36,7 @@ class Intention:
 def minimum_jerk(fraction: ArrayLike) -> Array:
     """Share of the way at a share of the time: 10 u^3 - 15 u^4 + 6 u^5 (Flash and Hogan 1985)."""
     u = np.clip(np.asarray(fraction, dtype=np.float64), 0.0, 1.0)
-    way: Array = u**3 * (10.0 + u * (-15.0 + 6.0 * u))
-    return way
+    return np.asarray(u**3 * (10.0 + u * (-15.0 + 6.0 * u)))
 
 
 def reached(path: Array, *, seconds: float, rest: float, dt: float) -> Intention:

@@ -66,8 +66,7 @@ def row_pose(row: ChainRow, value: float) -> Array:
     else:
         cos, sin = np.cos(value), np.sin(value)
         joint[:2, :2] = [[cos, -sin], [sin, cos]]
-    pose: Array = joint @ np.array(row.after, dtype=np.float64)
-    return pose
+    return np.asarray(joint @ np.array(row.after, dtype=np.float64))
 
 
 def _stops(model: ArmModel, joint: int) -> str:
@@ -108,8 +107,7 @@ def _quaternion(rotation: Array) -> Array:
             [d - b, c + g, f + h, i - a - e],
         ]
     )
-    quaternion: Array = np.linalg.eigh(matrix)[1][:, -1]
-    return quaternion
+    return np.asarray(np.linalg.eigh(matrix)[1][:, -1])
 
 
 def _text(numbers: Array) -> str:

@@ -112,8 +112,7 @@ class MujocoArm(SampledPlant):
     def feedforward(self) -> Array:
         """(n,) [N m, N] gravity and velocity torques now: what the drives know of the arm."""
         self._mujoco.mj_forward(self._arm, self._data)
-        bias: Array = self._data.qfrc_bias.copy()
-        return bias
+        return np.asarray(self._data.qfrc_bias.copy())
 
     def _start(self, position: Array, velocity: Array) -> Array:
         self._mujoco.mj_resetData(self._arm, self._data)

@@ -146,8 +146,7 @@ def _wander(person: Person, ticks: int, dt: float, rng: np.random.Generator) -> 
     walk = lfilter([1 - keep], [1, -2 * keep, keep * keep], noise, axis=0)[settle:]
     # Variance of two equal first-order filters in a row: (1 + k^2) / (1 - k^2)^3 for unit noise.
     spread = (1 - keep) * math.sqrt((1 + keep**2) / (1 - keep**2) ** 3)
-    moved: Array = person.wander / spread * walk
-    return moved
+    return np.asarray(person.wander / spread * walk)
 
 
 def _tremor(person: Person, ticks: int, dt: float, rng: np.random.Generator) -> Array:

@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-import casadi as ca
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -17,6 +16,7 @@ from rehab_opt.kinematics.goniometer import GONIOMETER, arm_posture, goniometer_
 from rehab_opt.kinematics.human_arm import ARM_JOINTS, ARM_REST
 from rehab_opt.session.arm_keys import RADIANS
 from rehab_opt.session.drawing import fitted, framed, legend_below
+from rehab_opt.session.live.bodies import ArmBodies
 from rehab_opt.session.outcome import Array
 
 __all__ = ["range_figure", "range_note", "stick_arm", "write_range_figures"]
@@ -101,9 +101,7 @@ def stick_arm(arm: SerialChain, angles: Mapping[str, float]) -> Array:
     Fewer where segments have no length.
     """
     q = arm_posture(angles)
-    symbol = ca.SX.sym("q", arm.n)
-    origins = ca.horzcat(*(frame[:3, 3] for frame in arm.frames_expression(symbol)))
-    places = np.asarray(ca.Function("origins", [symbol], [origins])(q)).T
+    places = ArmBodies(arm).frames(q)[:, :, 3]
     apart = np.concatenate(([True], np.linalg.norm(np.diff(places, axis=0), axis=1) > SAME))
     return np.vstack((places[apart], places[-1] + THUMB * arm.pose(q)[:3, 0]))
 

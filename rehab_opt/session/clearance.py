@@ -25,6 +25,7 @@ from rehab_opt.session.robot_file import pose_of
 from rehab_opt.session.schema import Section, Side, Triple
 
 __all__ = [
+    "ClearPlaneSection",
     "ClearanceSection",
     "NearestBodies",
     "clearance_key",

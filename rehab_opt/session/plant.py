@@ -181,11 +181,8 @@ class ChairPlant(PlantTable):
     @property
     def imperfections(self) -> str:
         """Of the sensors and the wheels."""
-        noise, lag = (
-            f"{1e3 * self.position_noise_rad:g} mrad of noise",
-            f"{self.wheel_lag_ms:g} ms of lag of the wheels",
-        )
-        return f"{noise}, {lag}; the optimised law knows delays and servo"
+        noise, lag = 1e3 * self.position_noise_rad, self.wheel_lag_ms
+        return f"{noise:g} mrad of noise, {lag:g} ms of lag of the wheels; the optimised law knows delays and servo"
 
 
 def on_plant(config: ProblemFile[P], kind: str | None) -> ProblemFile[P]:
@@ -200,7 +197,7 @@ def on_plant(config: ProblemFile[P], kind: str | None) -> ProblemFile[P]:
     table: PlantTable = config.problem.plant  # type: ignore[attr-defined]  # of every system that takes the option
     if kind is not None and kind != table.kind:
         # A robot that moves as commanded has no delays: those of the file are left out with it.
-        table = type(table)(kind="ideal") if kind == "ideal" else type(table)(kind="mujoco")
+        table = type(table).model_validate({"kind": kind})
         config = replace(config, problem=config.problem.model_copy(update={"plant": table}))
     if table.kind == "mujoco":
         from rehab_opt.plants.mujoco_arm import mujoco_module  # noqa: PLC0415  (loads slowly)

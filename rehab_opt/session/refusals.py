@@ -6,11 +6,9 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from rehab_opt.errors import ConfigurationError, ProblemFileError
-from rehab_opt.session.schema import UNUSABLE_SOLVERS
+from rehab_opt.session.schema import UNUSABLE_SOLVERS, USABLE
 
 __all__ = ["checked_solver", "refused_as", "solver_refusals"]
-
-USABLE = "a solver that this problem can be given to"
 
 
 @contextmanager

@@ -23,6 +23,7 @@ __all__ = [
     "NAMED",
     "TABLE",
     "UNUSABLE_SOLVERS",
+    "USABLE",
     "Decimal",
     "Length",
     "Once",
@@ -46,6 +47,7 @@ NAME, TABLE, NAMED, GONIOMETER = FORMS = ("<name>", "<table>", "<named>", "<goni
 
 UNUSABLE_SOLVERS = ("scpgen",)
 """CasADi has them, but cannot make them of these problems and warns on the error stream while it tries."""
+USABLE = "a solver that this problem can be given to"
 
 TO_SI = {"mm": 1e-3, "ms": 1e-3} | dict.fromkeys(("deg", "deg_s", "deg_s2", "deg_s3"), math.pi / 180)
 """What a number of a key that ends so is to be multiplied with."""
@@ -60,7 +62,7 @@ Length = Annotated[float, Field(ge=-10, le=10)]
 
 def _usable(solver: str) -> str:
     if solver in UNUSABLE_SOLVERS:
-        raise PydanticCustomError("unusable", "a solver that this problem can be given to")
+        raise PydanticCustomError("unusable", USABLE)
     return solver
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-from collections import defaultdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -77,23 +75,17 @@ def compare(
     from rich.table import Table  # noqa: PLC0415
 
     from rehab_opt.study.person import check_there  # noqa: PLC0415
-    from rehab_opt.study.summary import SessionMean, interval, quantity, session_means, slopes  # noqa: PLC0415
+    from rehab_opt.study.summary import grouped, interval, of_people, quantity, session_means, slopes  # noqa: PLC0415
 
     with _open(study) as store, store.snapshot():
         if person is not None:
             check_there(store, person)
         chosen = quantity(store, measure)
         means = session_means(store, [chosen], person)[chosen]
-    of: dict[tuple[str, str], list[SessionMean]] = defaultdict(list)
-    for each in means:
-        of[each.group or "-", each.condition or "-"].append(each)
     table = Table("group", "condition", "people", "mean (95 % interval)", "change a session (95 % interval)")
-    for (group, condition), part in sorted(of.items()):
-        own: dict[str, list[float]] = defaultdict(list)
-        for each in part:
-            own[each.person].append(each.of.mean)
-        over = interval([math.fsum(values) / len(values) for values in own.values()])
-        table.add_row(group, condition, str(over.n), _written(over), _written(interval(list(slopes(part).values()))))
+    for (group, condition), part in grouped(means, lambda each: (each.group or "-", each.condition or "-")).items():
+        over, change = (interval(list(each(part).values())) for each in (of_people, slopes))
+        table.add_row(group, condition, str(over.n), _written(over), _written(change))
     console = printer()
     console.print(_label(chosen), highlight=False)
     console.print(table)

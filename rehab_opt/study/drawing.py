@@ -53,9 +53,7 @@ def number(value: float, *, within: float = 0.0) -> str:
     return f"{value:.{figures}g}" if not 1000 <= abs(value) < 1e6 else f"{value:.0f}"
 
 
-def progress_chart(
-    series: Sequence[Series], labels: Sequence[tuple[float, str]], *, size: tuple[int, int] = (WIDTH, HEIGHT)
-) -> str:
+def progress_chart(series: Sequence[Series], labels: Sequence[tuple[float, str]]) -> str:
     """Points, and means with their 95 % intervals over x, whose `labels` are said below."""
     values = [y for each in series for _, y in each.points]
     values += [end for each in series for _, of in each.means for end in of[:3] if math.isfinite(end)]
@@ -73,20 +71,19 @@ def progress_chart(
     step = ticks[1] - ticks[0] if len(ticks) > 1 else 0.0
     xs = [x for x, _ in labels]
     first, last = min(xs), max(xs)
-    width, height = size
 
     def at_x(x: float) -> float:
-        return LEFT + (width - LEFT - RIGHT) * ((x - first) / (last - first) * 0.92 + 0.04 if last > first else 0.5)
+        return LEFT + (WIDTH - LEFT - RIGHT) * ((x - first) / (last - first) * 0.92 + 0.04 if last > first else 0.5)
 
     def at_y(y: float) -> float:
-        return height - BOTTOM - (height - TOP - BOTTOM) * (min(max(y, low), high) - low) / (high - low)
+        return HEIGHT - BOTTOM - (HEIGHT - TOP - BOTTOM) * (min(max(y, low), high) - low) / (high - low)
 
     parts = []
     for tick in ticks:
         y = at_y(tick)
-        parts.append(f'<line x1="{LEFT}" x2="{width - RIGHT}" y1="{y:.1f}" y2="{y:.1f}" class="grid"/>')
+        parts.append(f'<line x1="{LEFT}" x2="{WIDTH - RIGHT}" y1="{y:.1f}" y2="{y:.1f}" class="grid"/>')
         parts.append(f'<text x="{LEFT - 6}" y="{y + 4:.1f}" class="end">{number(tick, within=step)}</text>')
-    parts += _x_labels(labels, at_x, height - BOTTOM)
+    parts += _x_labels(labels, at_x, HEIGHT - BOTTOM)
     for i, each in enumerate(series):
         colour = COLOURS[min(i, len(COLOURS) - 1)]
         shift = 5.0 * (i - (len(series) - 1) / 2) if len(series) < len(COLOURS) else 0.0
@@ -103,7 +100,7 @@ def progress_chart(
                     f'<path d="M{x:.1f} {at_y(of.lower):.1f}V{at_y(of.upper):.1f}" stroke="{colour}" class="bar"/>'
                 )
             parts.append(f'<circle cx="{x:.1f}" cy="{at_y(of.mean):.1f}" r="3.2" fill="{colour}"/>')
-    return _svg(parts, width, height)
+    return _svg(parts, WIDTH, HEIGHT)
 
 
 class Shape(NamedTuple):

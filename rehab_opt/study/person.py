@@ -6,7 +6,6 @@ import csv
 import io
 import json
 import shutil
-from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -74,7 +73,9 @@ def removed(study: Study, person: str) -> tuple[Path, ...]:
         as `Study.forget`.
     """
     kept = []
-    for path, kind in _files(study, person):
+    question = f"SELECT DISTINCT f.path, f.kind {OF_TRIALS} JOIN files f ON f.trial = t.id WHERE p.name = ?"
+    for file, kind in study.rows(question, (person,)):
+        path = study.place(file)
         try:
             if kind == RECORDING:
                 kept += [path] if path.exists() else []
@@ -90,8 +91,7 @@ def removed(study: Study, person: str) -> tuple[Path, ...]:
             raise ConfigurationError(
                 "traces", str(path), f"a file that can be removed ({problem.strerror})"
             ) from problem
-    rows = study.rows("SELECT id FROM people WHERE name = ?", (person,))
-    for (folder,) in rows:  # what a process that was killed left there, too
+    for (folder,) in study.rows("SELECT id FROM people WHERE name = ?", (person,)):  # what a killed process left, too
         left = study.traces / str(folder)
         try:
             if left.exists():
@@ -133,12 +133,6 @@ def new_folder(folder: Path) -> None:
 def private_text(path: Path, text: str) -> Path:
     """Write a text that only its owner may read: whole, or not at all."""
     return write_whole(path, text.encode(), mode=0o600)
-
-
-def _files(study: Study, person: str) -> Iterator[tuple[Path, str]]:
-    question = f"SELECT DISTINCT f.path, f.kind {OF_TRIALS} JOIN files f ON f.trial = t.id WHERE p.name = ?"
-    for path, kind in study.rows(question, (person,)):
-        yield study.place(path), kind
 
 
 def _without_rows(table: Path, person: str) -> None:

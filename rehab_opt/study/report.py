@@ -11,7 +11,7 @@ from collections import defaultdict
 from collections.abc import Callable, Iterable, Sequence
 from itertools import pairwise
 from pathlib import Path
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple
 
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.study.drawing import (
@@ -33,7 +33,9 @@ from rehab_opt.study.summary import (
     Interval,
     Quantity,
     SessionMean,
+    grouped,
     interval,
+    of_people,
     overview,
     people,
     quantities,
@@ -44,9 +46,6 @@ from rehab_opt.study.summary import (
 from rehab_opt.version import __version__
 
 __all__ = ["report_html", "write_pdf"]
-
-
-T = TypeVar("T")
 
 
 class Plain(NamedTuple):
@@ -189,9 +188,19 @@ def _plain(of: Quantity) -> Plain | None:
     return PLAIN.get(_key(of))
 
 
+def _better(of: Quantity) -> int:
+    plain = _plain(of)
+    return plain.better if plain else 0
+
+
+def _scale(of: Quantity) -> tuple[float, str]:
+    """Factor to the unit in which a measure is shown, and that unit."""
+    return SCALES.get(of.unit, (1.0, of.unit))
+
+
 def _titled(of: Quantity) -> str:
     """In plain words, with the unit in which it is shown."""
-    unit = SCALES.get(of.unit, (1.0, of.unit))[1]
+    unit = _scale(of)[1]
     return f"{_title(of)} [{unit}]" if unit else _title(of)
 
 
@@ -225,9 +234,9 @@ def _one(study: Study, person: str, means: dict[Quantity, list[SessionMean]]) ->
     parts.append(_progress(means, single=True))
     shapes = outlines(study, person)
     if shapes:
-        labels = [f"{each.session}{f', {each.date}' if each.date else ''}" for each in shapes]
-        pictures = [(label, each.points) for label, each in zip(labels, shapes, strict=True)]
-        ends = f"{labels[0]} (orange) to {labels[-1]} (blue)" if len(labels) > 1 else labels[0]
+        pictures = [(f"{each.session}{f', {each.date}' if each.date else ''}", each.points) for each in shapes]
+        first, last = pictures[0][0], pictures[-1][0]
+        ends = f"{first} (orange) to {last} (blue)" if len(pictures) > 1 else first
         parts.append(
             f"<h2>Ground that the hand covered</h2><figure>{outline_chart(pictures)}"
             f"<figcaption>Convex outline of each session, {escaped(ends)}; seen along the smallest extent."
@@ -272,7 +281,7 @@ def _progress(means: dict[Quantity, list[SessionMean]], *, single: bool) -> str:
     names = sorted({series_of(each) for of in means.values() for each in of})
     shown, hidden = names[:MAX_CONDITIONS], names[MAX_CONDITIONS:]
     for measure, of in means.items():
-        factor, unit = SCALES.get(measure.unit, (1.0, measure.unit))
+        factor, unit = _scale(measure)
         places: dict[float, str] = {}
         dated = single and all(each.date for each in of)
         values: dict[str, dict[float, list[float]]] = {name: defaultdict(list) for name in names}
@@ -291,8 +300,7 @@ def _progress(means: dict[Quantity, list[SessionMean]], *, single: bool) -> str:
             series.append(Series(name, points, [(x, interval(ys)) for x, ys in sorted(values[name].items())]))
         if not places:
             continue
-        plain = _plain(measure)
-        better = {1: "more is better", -1: "less is better"}.get(plain.better if plain else 0, "")
+        better = {1: "more is better", -1: "less is better"}.get(_better(measure), "")
         chart = progress_chart(series, sorted(places.items()))
         title = f"<h3>{escaped(_title(measure))} <small>{escaped(', '.join(filter(None, (unit, better))))}</small></h3>"
         charts.append(f"<figure>{title}{chart}</figure>")
@@ -353,9 +361,8 @@ def _changes(measure: Quantity, means: Sequence[SessionMean]) -> Iterable[list[o
     From four sessions on it is where the interval of the slope through their means leaves out zero, else
     where the intervals of first and last mean are apart.
     """
-    factor, unit = SCALES.get(measure.unit, (1.0, measure.unit))
-    plain = _plain(measure)
-    for name, part in _by(means, _condition).items():
+    factor, unit = _scale(measure)
+    for name, part in grouped(means, _condition).items():
         first, last = part[0].of, part[-1].of
         if len(part) < 2:
             continue
@@ -364,7 +371,7 @@ def _changes(measure: Quantity, means: Sequence[SessionMean]) -> Iterable[list[o
             clear, up = line.lower > 0 or line.upper < 0, line.mean > 0
         else:
             clear, up = first.upper < last.lower or last.upper < first.lower, last.mean > first.mean
-        way = (plain.better if plain else 0) * (1 if up else -1)
+        way = _better(measure) * (1 if up else -1)
         verdict = {1: BETTER, -1: WORSE, 0: "changed"}[way] if clear else "no clear change"
         if len(part) < FEWEST_FOR_A_TREND and min(first.n, last.n) < 2:
             verdict = "too few trials to tell"
@@ -372,22 +379,13 @@ def _changes(measure: Quantity, means: Sequence[SessionMean]) -> Iterable[list[o
         yield [_title(measure), name, *ends, verdict]
 
 
-def _by(means: Iterable[SessionMean], key: Callable[[SessionMean], T]) -> dict[T, list[SessionMean]]:
-    """Sessions by what `key` says of them, in its order."""
-    found: dict[T, list[SessionMean]] = defaultdict(list)
-    for each in means:
-        found[key(each)].append(each)
-    return dict(sorted(found.items()))
-
-
 def _trends(means: dict[Quantity, list[SessionMean]]) -> str:
     rows = []
     for measure, of in means.items():
-        factor = SCALES.get(measure.unit, (1.0, ""))[0]
+        factor = _scale(measure)[0]
         title = _titled(measure)
-        for (group, name), part in _by(of, lambda each: (each.group or "-", _condition(each))).items():
-            own = _of_people(part)
-            over, change = interval(list(own.values())), interval(list(slopes(part).values()))
+        for (group, name), part in grouped(of, lambda each: (each.group or "-", _condition(each))).items():
+            over, change = (interval(list(each(part).values())) for each in (of_people, slopes))
             rows.append([title, group, name, over.n, _said(over, factor), _said(change, factor)])
             title = ""
     head = ["measure", "group", "condition", "people", "mean (95 % interval)", "change a session (95 % interval)"]
@@ -399,13 +397,12 @@ def _contrasts(means: dict[Quantity, list[SessionMean]]) -> str:
     """Of people who had two conditions, how much these differ within them."""
     rows = []
     for measure, of in means.items():
-        factor = SCALES.get(measure.unit, (1.0, ""))[0]
-        own = {name: _of_people(part) for name, part in _by(of, _condition).items()}
+        own = {name: of_people(part) for name, part in grouped(of, _condition).items()}
         for first, second in pairwise(own):
             both = own[first].keys() & own[second].keys()
             if both:
                 less = interval([own[second][person] - own[first][person] for person in sorted(both)])
-                rows.append([_titled(measure), f"{second} less {first}", less.n, _said(less, factor)])
+                rows.append([_titled(measure), f"{second} less {first}", less.n, _said(less, _scale(measure)[0])])
     if not rows:
         return ""
     return (
@@ -413,22 +410,13 @@ def _contrasts(means: dict[Quantity, list[SessionMean]]) -> str:
     )
 
 
-def _of_people(means: Sequence[SessionMean]) -> dict[str, float]:
-    of: dict[str, list[float]] = defaultdict(list)
-    for each in means:
-        of[each.person].append(each.of.mean)
-    return {person: interval(values).mean for person, values in of.items()}
-
-
 def _extremes(study: Study, means: dict[Quantity, list[SessionMean]], person: str | None) -> str:
     rows = []
     for measure in means:
-        plain = _plain(measure)
-        if plain is None or not plain.better:
-            continue
-        factor = SCALES.get(measure.unit, (1.0, ""))[0]
-        ends = [extreme(study, measure, largest=way * plain.better > 0, person=person) for way in (1, -1)]
-        rows.append([_titled(measure), *(_where(end, factor, person) for end in ends)])
+        better = _better(measure)
+        if better:
+            ends = [extreme(study, measure, largest=way * better > 0, person=person) for way in (1, -1)]
+            rows.append([_titled(measure), *(_where(end, _scale(measure)[0], person) for end in ends)])
     return f"<h2>Best and worst trial</h2>{_table(['measure', 'best', 'worst'], rows)}" if rows else ""
 
 

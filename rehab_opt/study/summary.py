@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 from collections import defaultdict
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from difflib import get_close_matches
 from functools import cache
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.study.store import Study
@@ -22,7 +22,9 @@ __all__ = [
     "PersonSummary",
     "Quantity",
     "SessionMean",
+    "grouped",
     "interval",
+    "of_people",
     "of_person",
     "overview",
     "people",
@@ -33,6 +35,8 @@ __all__ = [
     "slopes",
     "trend",
 ]
+
+T = TypeVar("T")
 
 FROM = "FROM people p JOIN sessions s ON s.person = p.id JOIN trials t ON t.session = s.id"
 IN_ORDER = "s.visit IS NULL, s.visit, s.date IS NULL, s.date, s.id"
@@ -238,13 +242,27 @@ def trend(means: Sequence[float]) -> Interval:
     return Interval(slope, slope - half, slope + half, n)
 
 
+def grouped(means: Iterable[SessionMean], key: Callable[[SessionMean], T]) -> dict[T, list[SessionMean]]:
+    """Sessions by what `key` says of them, in its order."""
+    found: dict[T, list[SessionMean]] = defaultdict(list)
+    for each in means:
+        found[key(each)].append(each)
+    return dict(sorted(found.items()))
+
+
+def of_people(means: Iterable[SessionMean]) -> dict[str, float]:
+    """Each person's mean over their sessions."""
+    return {
+        person: interval([each.of.mean for each in own]).mean
+        for person, own in grouped(means, lambda each: each.person).items()
+    }
+
+
 def slopes(means: Iterable[SessionMean]) -> dict[str, float]:
     """Each person's own straight line through their sessions: change a session; of those with two sessions or more."""
-    of: dict[str, list[tuple[float, float]]] = defaultdict(list)
-    for each in means:
-        of[each.person].append((each.order, each.of.mean))
     found = {}
-    for person, points in of.items():
+    for person, own in grouped(means, lambda each: each.person).items():
+        points = [(each.order, each.of.mean) for each in own]
         x, y = interval([x for x, _ in points]).mean, interval([y for _, y in points]).mean
         spread = math.fsum((each - x) ** 2 for each, _ in points)
         if spread > 0:

@@ -152,11 +152,8 @@ def checked_label(argument: str, label: str) -> str:
     ConfigurationError : no text, empty, longer than 100 characters, not printable, with blanks at an end, or what a
         spreadsheet would compute: these go into tables.
     """
-    if not isinstance(label, str) or not 0 < len(label) <= LONGEST_LABEL or is_formula(label):
-        ok = False
-    else:
-        ok = label.isprintable() and label == label.strip()
-    if not ok:
+    ok = isinstance(label, str) and 0 < len(label) <= LONGEST_LABEL and not is_formula(label)
+    if not (ok and label.isprintable() and label == label.strip()):
         expected = f"1 to {LONGEST_LABEL} printable characters, no blanks at either end, no formula (=, +, -, @ first)"
         raise ConfigurationError(argument, shown(str(label)), expected)
     return label

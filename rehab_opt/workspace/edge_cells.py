@@ -122,5 +122,4 @@ def _within(x: Array, y: Array, side: float, known: Square) -> NDArray[np.bool_]
     """Whether cells around these centres lie in a square, and not just so."""
     reach = known.length / 2 * (1 - 1e-6) - side / 2
     middle_x, middle_y = known.x + known.length / 2, known.y + known.length / 2
-    inner: NDArray[np.bool_] = (np.abs(x - middle_x) < reach) & (np.abs(y - middle_y) < reach)
-    return inner
+    return np.asarray((np.abs(x - middle_x) < reach) & (np.abs(y - middle_y) < reach))

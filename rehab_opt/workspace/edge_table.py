@@ -53,8 +53,7 @@ def edge_squares(table: Array, edges: NDArray[np.int64], x: Array | float, y: Ar
     fraction = np.minimum(np.maximum((off_x * along_x + off_y * along_y) * inverse, 0.0), 1.0)
     off_x -= fraction * along_x
     off_y -= fraction * along_y
-    squares: Array = off_x * off_x + off_y * off_y
-    return squares
+    return np.asarray(off_x * off_x + off_y * off_y)
 
 
 def doubtful_edges(table: Array, within: float) -> NDArray[np.bool_]:
@@ -72,5 +71,4 @@ def doubtful_edges(table: Array, within: float) -> NDArray[np.bool_]:
     edges = shapely.linestrings(ends)
     found = shapely.STRtree(edges).query(edges, predicate="dwithin", distance=within)[0]
     crowded = np.bincount(found, minlength=len(table)) > 3  # itself and its neighbours
-    doubtful: NDArray[np.bool_] = sharp_start | sharp_end | crowded
-    return doubtful
+    return np.asarray(sharp_start | sharp_end | crowded)

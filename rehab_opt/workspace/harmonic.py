@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
 
-from rehab_opt.workspace.triangulation import PlaneMesh, mesh_of
+from rehab_opt.workspace.triangulation import PlaneMesh, cross, mesh_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -122,8 +122,8 @@ def interpolate(
     near = cKDTree(corners.mean(axis=1)).query(at, k=min(NEIGHBOURS, len(triangles)))[1].reshape(len(at), -1)
     a, b, c = (corners[near, k] for k in range(3))
     x = at[:, None]
-    area = _cross(b - a, c - a)
-    fractions = np.stack([_cross(b - x, c - x), _cross(c - x, a - x), _cross(a - x, b - x)], axis=-1)
+    area = cross(b - a, c - a)
+    fractions = np.stack([cross(b - x, c - x), cross(c - x, a - x), cross(a - x, b - x)], axis=-1)
     fractions /= np.where(area > 0.0, area, np.nan)[..., None]
     least = np.where(np.isnan(fractions[..., 0]), -np.inf, fractions.min(axis=-1))
     row, best = np.arange(len(at)), np.argmax(least, axis=1)
@@ -142,12 +142,8 @@ def _laplacian(mesh: PlaneMesh):  # type: ignore[no-untyped-def]
         u, v = mesh.points[i] - mesh.points[opposite], mesh.points[j] - mesh.points[opposite]
         rows.append(i)
         columns.append(j)
-        weights.append(0.5 * (u * v).sum(axis=1) / _cross(u, v))
+        weights.append(0.5 * (u * v).sum(axis=1) / cross(u, v))
     half = coo_array((np.concatenate(weights), (np.concatenate(rows), np.concatenate(columns))), shape=(n, n)).tocsr()
     edges = half + half.T
     edges.data = np.maximum(edges.data, MIN_WEIGHT)
     return (diags_array(edges.sum(axis=1)) - edges).tocsr()
-
-
-def _cross(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.asarray(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])

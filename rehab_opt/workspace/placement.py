@@ -66,13 +66,11 @@ class ShoulderPlacement:
 
     def to_robot(self, points: ArrayLike) -> Array:
         """Points (..., 2) [m] of the shoulder's frame in the robot's."""
-        moved: Array = _planar(points) @ self.rotation.T + self.position[:2]
-        return moved
+        return np.asarray(_planar(points) @ self.rotation.T + self.position[:2])
 
     def to_shoulder(self, points: ArrayLike) -> Array:
         """Points (..., 2) [m] of the robot's frame in the shoulder's."""
-        moved: Array = (_planar(points) - self.position[:2]) @ self.rotation
-        return moved
+        return np.asarray((_planar(points) - self.position[:2]) @ self.rotation)
 
 
 def _planar(points: ArrayLike) -> Array:

@@ -208,8 +208,7 @@ def spread_postures(arm: SerialChain, free: NDArray[np.int64], count: int) -> Ar
     half = np.array([size if arm.rows[i].prismatic else math.pi for i in free])
     centre = np.clip(0.0, lower + half, np.maximum(upper - half, lower + half))
     low, high = np.maximum(lower, centre - half), np.minimum(upper, centre + half)
-    postures: Array = np.clip(low + (high - low) * qmc.Sobol(len(free), seed=0).random(count), lower, upper)
-    return postures
+    return np.asarray(np.clip(low + (high - low) * qmc.Sobol(len(free), seed=0).random(count), lower, upper))
 
 
 def handle_kind(handle_tilt: float | None) -> str:

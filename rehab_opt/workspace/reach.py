@@ -185,17 +185,12 @@ def checked_plane(arm: object, height: object, handle_tilt: object, accuracy: ob
     """Raise a `ConfigurationError` for what no slice can be asked for."""
     if not isinstance(arm, SerialChain):
         raise ConfigurationError("arm", arm, "a SerialChain")
+    tilt, widest = 0.0 if handle_tilt is None else handle_tilt, 1.0 if resolution is None else resolution
     for name, value, low, high, expected in (
         ("height", height, -1e3, 1e3, "a finite height in metres"),
-        (
-            "handle_tilt",
-            0.0 if handle_tilt is None else handle_tilt,
-            0.0,
-            math.pi,
-            "an angle from 0 to pi rad, or None",
-        ),
+        ("handle_tilt", tilt, 0.0, math.pi, "an angle from 0 to pi rad, or None"),
         ("accuracy", accuracy, 1e-5, 0.05, "a length from 1e-5 to 0.05 m"),
-        ("resolution", 1.0 if resolution is None else resolution, 1e-5, 1.0, "a length from 1e-5 to 1 m, or None"),
+        ("resolution", widest, 1e-5, 1.0, "a length from 1e-5 to 1 m, or None"),
     ):
         if not low <= real_number(value) <= high:
             raise ConfigurationError(name, value, expected)

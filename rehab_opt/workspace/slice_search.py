@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.workspace.contour import contours, missing_nodes
-from rehab_opt.workspace.lattice import Lattice, Node
+from rehab_opt.workspace.lattice import Lattice
 from rehab_opt.workspace.outline import boundary_ring, polygon_of_rings
 from rehab_opt.workspace.plane_search import Nearest, PlaneSearch
 
@@ -86,7 +86,7 @@ class SliceSearch:
             search,
             self.fine_spacing,
             others=self._inside_of_cell,
-            spreads=self._is_near,
+            spreads=lambda node: 0.0 < node.distance <= 0.8 * self.fine_spacing,
             max_offers=FEW,
         )
         self._inside: list[tuple[cKDTree, Array]] = []
@@ -204,9 +204,6 @@ class SliceSearch:
     def _fine_key(self, way: _Way, at: int) -> tuple[int, int]:
         return way.outside[0] * self.ratio + way.step[0] * at, way.outside[1] * self.ratio + way.step[1] * at
 
-    def _is_near(self, node: Node) -> bool:
-        return 0.0 < node.distance <= 0.8 * self.fine_spacing
-
     def _seeds_at(self, x: float, y: float) -> list[Array]:
         return [postures[0] for postures in self._seeds_near(np.array([[x, y]]))]
 
@@ -257,8 +254,7 @@ def _gaps(polygon: BaseGeometry, distance: float, deep: float) -> Array:
         if part.area > (GAP * distance) ** 2
         and shapely.distance(closed.boundary, shapely.points(shapely.get_coordinates(part))).max() >= deep
     ]
-    points: Array = shapely.get_coordinates(shapely.point_on_surface(probed))
-    return points
+    return np.asarray(shapely.get_coordinates(shapely.point_on_surface(probed)))
 
 
 def _along(lines: BaseGeometry, spacing: float) -> Array:

@@ -69,7 +69,8 @@ def cells_of(fit: SplineFit) -> Cells:
     step = max(1, CHUNK // len(fit.landmarks))
     for begin in range(0, len(centres), step):
         some = centres[begin : begin + step]
-        close = _close(fit, some, FAR * radius)
+        offset = some[:, np.newaxis] - fit.landmarks
+        close = np.hypot(offset[..., 0], offset[..., 1]) < FAR * radius
         kept = close.sum(axis=1) <= near
         table.append(_rows(fit, some[kept], close[kept], radius, near))
         place.append(kept)
@@ -84,12 +85,6 @@ def cells_of(fit: SplineFit) -> Cells:
         place=np.where(kept, np.cumsum(kept) - 1, -1).tolist(),
         table=np.vstack(table),
     )
-
-
-def _close(fit: SplineFit, centres: Array, distance: float) -> NDArray[np.bool_]:
-    """(cells, N) whether a landmark is nearer to a centre than that."""
-    offset = centres[:, np.newaxis] - fit.landmarks
-    return np.hypot(offset[..., 0], offset[..., 1]) < distance
 
 
 def _rows(fit: SplineFit, centres: Array, close: NDArray[np.bool_], radius: float, near: int) -> Array:

@@ -109,8 +109,7 @@ def _solver(K: Array, R: Array) -> Callable[[Array], tuple[Array, Array]]:
     triangle = np.triu(reflectors[:3])
 
     def turned(side: str, transposed: str, matrix: Array) -> Array:
-        result: Array = lapack.dormqr(side, transposed, reflectors, tau, np.asfortranarray(matrix), 64 * len(R))[0]
-        return result
+        return np.asarray(lapack.dormqr(side, transposed, reflectors, tau, np.asfortranarray(matrix), 64 * len(R))[0])
 
     reduced = turned("R", "N", turned("L", "T", K))  # Q' K Q by its three reflectors, without forming Q
     # Definite on paper, yet LU: where landmarks are very close together rounding takes the definiteness away, and on

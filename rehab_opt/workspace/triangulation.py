@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
     from shapely import Polygon
 
-__all__ = ["PlaneMesh", "grown", "inradius", "mesh_of", "shrunk"]
+__all__ = ["PlaneMesh", "cross", "grown", "inradius", "mesh_of", "shrunk"]
 
 # Segments in a quarter of a rounded corner.
 ROUNDNESS = 16
@@ -70,6 +70,7 @@ def mesh_of(polygon: Polygon, spacing: float) -> PlaneMesh:
     Every edge of the outline's samples is an edge of the mesh: the spacing is halved until it is.
     """
     from scipy.spatial import Delaunay  # noqa: PLC0415  (slow to import)
+    from shapely import Polygon as Outline  # noqa: PLC0415
     from shapely import contains_xy, get_coordinates  # noqa: PLC0415
 
     for _ in range(4):
@@ -80,9 +81,9 @@ def mesh_of(polygon: Polygon, spacing: float) -> PlaneMesh:
         points = np.concatenate([outline, _hexagonal(polygon.buffer(-0.7 * spacing), spacing)])
         triangles = Delaunay(points).simplices
         centres = points[triangles].mean(axis=1)
-        triangles = triangles[contains_xy(_closed(outline), centres[:, 0], centres[:, 1])]
+        triangles = triangles[contains_xy(Outline(outline), centres[:, 0], centres[:, 1])]
         a, b, c = (points[triangles[:, k]] for k in range(3))
-        area = _cross(b - a, c - a)
+        area = cross(b - a, c - a)
         triangles[area < 0.0] = triangles[area < 0.0][:, ::-1]
         triangles = triangles[np.abs(area) > 1e-6 * spacing**2]  # between points of one straight line
         if _is_disc(triangles, len(points), count):
@@ -106,14 +107,9 @@ def _hexagonal(polygon: Polygon, spacing: float) -> NDArray[np.float64]:
     return np.column_stack([x[inside], y[inside]])
 
 
-def _closed(outline: NDArray[np.float64]) -> Polygon:
-    from shapely import Polygon as Outline  # noqa: PLC0415
-
-    return Outline(outline)
-
-
-def _cross(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.asarray(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
+def cross(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Cross products (...) of vectors (..., 2)."""
+    return np.asarray(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])
 
 
 def _is_disc(triangles: NDArray[np.intp], points: int, boundary: int) -> bool:

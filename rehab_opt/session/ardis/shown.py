@@ -91,23 +91,19 @@ def draw_room(axes: Axes, outcome: ArdisOutcome, x: np.ndarray, y: np.ndarray) -
             normal = np.asarray(obstacle.normal) / np.hypot(*obstacle.normal)
             along, edge = np.array([-normal[1], normal[0]]), normal * obstacle.offset / np.hypot(*obstacle.normal)
             far = 100.0
-            corners = [
-                edge + far * along,
-                edge - far * along,
-                edge + far * (normal - along),
-                edge + far * (normal + along),
-            ]
+            corners = [edge + far * way for way in (along, -along, normal - along, normal + along)]
             axes.add_patch(Polygon(corners, closed=True, color=OBSTACLE, linewidth=0, zorder=0))
         else:
             axes.add_patch(Circle(obstacle.centre, obstacle.radius, color=OBSTACLE, linewidth=0, zorder=0))
     if outcome.room:
         axes.plot([], [], "s", color=OBSTACLE, markersize=9, label="obstacle of the chair")
-    for i, goal in enumerate(outcome.goals):
-        label = "goal, as wide as its tolerance" if i == 0 else None
-        place = (goal.hand_m[0], goal.hand_m[1])
+    places = [(goal.hand_m[0], goal.hand_m[1]) for goal in outcome.goals]
+    for goal, place in zip(outcome.goals, places, strict=True):
         axes.add_patch(Circle(place, goal.within_m, fill=False, color=GOAL, linewidth=1.5, zorder=3))
+    if places:
+        label = "goal, as wide as its tolerance"
         axes.plot([], [], "o", markerfacecolor="none", color=GOAL, linestyle="", label=label)
-    for numbers, place in _goal_labels([(goal.hand_m[0], goal.hand_m[1]) for goal in outcome.goals]):
+    for numbers, place in _goal_labels(places):
         axes.annotate(numbers, place, xytext=(5, 5), textcoords="offset points", fontsize=9, color=GOAL, zorder=6)
     axes.set(xlim=x, ylim=y, aspect="equal", xlabel="x, forward [m]", ylabel="y, left [m]")
     axes.grid(**GRID)

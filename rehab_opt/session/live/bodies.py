@@ -130,8 +130,7 @@ def _square(plane: KeepOut, middle: Array) -> list[list[float]]:
 
 
 def _rectangle(middle: Array, u: Array, v: Array) -> Array:
-    corners: Array = middle + np.array([u + v, u - v, -u - v, v - u])
-    return corners
+    return np.asarray(middle + np.array([u + v, u - v, -u - v, v - u]))
 
 
 class ArmBodies:
@@ -178,5 +177,4 @@ class ArmBodies:
 
     def tool(self, q: ArrayLike) -> Array:
         """(3, 4) pose of the tool, its last row left out."""
-        pose: Array = self.frames(q)[-1]
-        return pose
+        return np.asarray(self.frames(q)[-1])

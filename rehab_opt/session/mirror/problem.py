@@ -7,7 +7,7 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, model_validator
 
 from rehab_opt.session.arm_keys import OneRange, SegmentsSection
-from rehab_opt.session.clearance import ClearanceSection
+from rehab_opt.session.clearance import ClearanceSection, ClearPlaneSection
 from rehab_opt.session.plant import JointPlant
 from rehab_opt.session.robot_file import RobotSection
 from rehab_opt.session.schema import (
@@ -163,13 +163,8 @@ class LedRobotSection(RobotSection):
     """Turns about the hand's x, then y, then z as they stood."""
 
 
-class KeepOutSection(Section):
+class KeepOutSection(ClearPlaneSection):
     """A plane that no part of the arm crosses."""
-
-    point_m: Triple
-    """Of the plane."""
-    normal: Triple
-    """To the side where the robot may be."""
 
 
 class MirrorTrackerSection(Section):

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
-import casadi as ca
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -24,6 +23,7 @@ from rehab_opt.session.drawing import (
     legend_below,
     servo_figure,
 )
+from rehab_opt.session.live.bodies import ArmBodies
 from rehab_opt.session.mirror.metrics import CAUSES
 from rehab_opt.session.mirror.outcome import BEFORE, PLAN, STEP, MirrorOutcome
 from rehab_opt.session.outcome import Array
@@ -216,9 +216,7 @@ def _space(outcome: MirrorOutcome) -> Figure:
     if outcome.astar is not None:
         axes.plot(*(MM * outcome.astar.positions).T, **ASTAR, label="published A*")
     last = list(outcome.drives.values())[-1].q[-1]
-    arm = MM * np.array(
-        [np.array(ca.DM(frame[:3, 3])).ravel() for frame in outcome.chain.frames_expression(ca.SX(last))]
-    )
+    arm = MM * ArmBodies(outcome.chain).frames(last)[:, :, 3]
     axes.plot(*arm.T, color="#555555", linewidth=3, marker="o", markersize=5, label="robot at the end")
     drawn.append(arm)
     points = np.concatenate(drawn)
@@ -287,10 +285,6 @@ def _passed(of: shown.Numbers) -> str:
     return f"{100 * of['passed_fraction_of_time']:.0f}"
 
 
-def _law(of: shown.Numbers) -> str:
-    return f"{shown.millimetres('deviation')(of)}; {of['duration_s']:.1f}"
-
-
 def _seconds(of: shown.Numbers, *causes: str) -> str:
     return " / ".join(f"{of['drive']['seconds_by_cause'][cause]:.1f}" for cause in causes)
 
@@ -306,17 +300,18 @@ def _acceleration(of: shown.Numbers) -> str:
 
 
 SHORT = ("person's arm", "floor", "keep-out", "robot's reach")
+DEVIATION = shown.millimetres("deviation")
 DISTANCE = "   distance to the reference mean / p95 / max, mm"
 ASTAR_CELLS: Mapping[str, Callable[[shown.Numbers], str]] = {
     "   least manipulability, share of largest": lambda of: f"{of['manipulability_min']:.4f}",
-    DISTANCE: shown.millimetres("deviation"),
+    DISTANCE: DEVIATION,
     "   duration, s": lambda of: "no times" if of["complete"] else "no times, INCOMPLETE",
     "computing time, s": lambda of: f"{of['computing_s']:.3g}",
     "events": lambda of: f"{of['expanded']} expanded, {of['blocked']} blocked",
 }
 FIRST_ROWS: shown.Rows = (
     ("reference passed by a drive, within 5 mm and 5 deg, %", lambda of: _passed(of["drive"])),
-    (DISTANCE, lambda of: shown.millimetres("deviation")(of["drive"])),
+    (DISTANCE, lambda of: DEVIATION(of["drive"])),
     ("   duration, s", lambda of: f"{of['drive']['duration_s']:.1f}{'' if of['complete'] else ' INCOMPLETE'}"),
     ("   least manipulability, share of largest", lambda of: f"{of['drive']['manipulability_min']:.4f}"),
     ("time below the floor, %", lambda of: f"{100 * of['below_floor_fraction_of_time']:.1f}"),
@@ -333,7 +328,7 @@ MORE_ROWS: shown.Rows = (
     ),
     ("fastest tool, m/s", lambda of: f"{of['drive']['tool_speed_max_m_s']:.4f}"),
     ("reference passed by the law before a drive, %", _passed),
-    ("   distance mean / p95 / max, mm; duration, s", _law),
+    ("   distance mean / p95 / max, mm; duration, s", lambda of: f"{DEVIATION(of)}; {of['duration_s']:.1f}"),
     ("turn from the reference mean / p95 / max, deg", shown.spread("turn", "deg")),
     ("reference held back, s", lambda of: f"{of['reference_held_back_s']:.2f}"),
     ("fastest joint, deg/s (share of limit)", shown.speed),

@@ -350,10 +350,9 @@ def _left_behind(
     some = behind[:: math.ceil(behind.size / LOOKED_AT)]
     values = np.array([np.linalg.svd(robot.jacobian(each), compute_uv=False) for each in q[some]])
     fractions = {
-        f"{name} at its limit": fraction for name, fraction in zip(robot.names, at_limit.mean(axis=0), strict=True)
-    }
-    fractions |= {
-        f"{name} as fast as it may": fraction for name, fraction in zip(robot.names, fast.mean(axis=0), strict=True)
+        f"{name} {what}": fraction
+        for what, ticks in (("at its limit", at_limit), ("as fast as it may", fast))
+        for name, fraction in zip(robot.names, ticks.mean(axis=0), strict=True)
     }
     hard = np.abs(np.asarray(np.gradient(velocity, times, axis=0))) / robot.acceleration > AT_SPEED
     fractions["the joints accelerate as they may"] = hard.any(axis=1)[behind].mean()

@@ -142,11 +142,10 @@ LONGEST = 1.2
 
 
 def learnt_figure(outcome: ScenarioOutcome) -> Figure:
-    """Left the plane; right one movement over time, of those held out if there are any: forces along x and y."""
-    number = most_telling(outcome)
+    """Left the plane; right the forces over time, of the first movement held out, or the last where none was."""
     fit = outcome.fields[0].fit
     assert fit is not None
-    kept = "held out" if number in fit.held_out else "learnt from"
+    number, kept = (fit.held_out[0], "held out") if fit.held_out else (len(outcome.shown) - 1, "learnt from")
     figure = framed(f"{outcome.title}\nwhat {len(outcome.shown)} demonstrations taught", 13.0, 6.4)
     plane, *panels = figure.subplot_mosaic([["plane", "x"], ["plane", "y"]], width_ratios=(1.2, 1)).values()
     draw_workspaces(plane, outcome)
@@ -163,16 +162,7 @@ def learnt_figure(outcome: ScenarioOutcome) -> Figure:
         axes.grid(**GRID)
     panels[0].set_title(f"demonstration {number + 1}, {kept}", fontsize=10, loc="left")
     panels[1].set_xlabel("sample" if shown.times is None else "time [s]")
-    plane.plot([], [], color=RECORDED, linewidth=1.4, label="recorded force")
-    plane.plot([], [], "--", color=LEARNT, linewidth=1.8, label="force of the learnt field there")
-    return legend_below(figure, plane, 4)
-
-
-def most_telling(outcome: ScenarioOutcome) -> int:
-    """The first demonstration that was held out; the last one where none was."""
-    fit = outcome.fields[0].fit
-    held = () if fit is None else fit.held_out
-    return held[0] if held else len(outcome.shown) - 1
+    return legend_below(figure, [*plane.get_legend_handles_labels()[0], *panels[0].lines], 4)
 
 
 def _draw_movements(axes: Axes, shown: tuple[Demonstration, ...], *, largest: float) -> None:
@@ -238,14 +228,11 @@ def parameter_figure(outcome: ScenarioOutcome) -> Figure:
     grid = figure.subplots(2, 4, sharex=True, sharey=True)
     box = (left, right), (low, high)
     x, y, points = grid_points(box, PANEL_FINE)
-    fields = [
-        PotentialField(
+    most = SHOWN * outcome.force_limit
+    for i, (of, column) in enumerate(zip(variants(outcome), grid.T, strict=True)):
+        field = PotentialField(
             path, stiffness=of.stiffness, width=of.width, drag=of.drag, rest_on_target=False, compile=False
         )
-        for of in variants(outcome)
-    ]  # fmt: skip
-    most = SHOWN * outcome.force_limit
-    for i, (of, field, column) in enumerate(zip(variants(outcome), fields, grid.T, strict=True)):
         energies, forces = energies_and_forces(field.samples, field.width, points)
         energy, size = energies.reshape(len(y), len(x)), np.linalg.norm(forces, axis=1).reshape(len(y), len(x))
         energy = (energy - energy.min()) / max(float(np.ptp(energy)), 1e-12)
@@ -329,8 +316,7 @@ def force_along(field: PotentialField, points: Array) -> Array:
     """(N,) [N] the force at points (N, 2) of a path, along it."""
     tangent = np.gradient(points, axis=0)
     tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
-    along: Array = (field.force(points) * tangent).sum(axis=1)
-    return along
+    return np.asarray((field.force(points) * tangent).sum(axis=1))
 
 
 def _places(field: PotentialField) -> tuple[Array, Array]:

@@ -126,12 +126,7 @@ def _draw_measure(axes: Axes, outcome: ScenarioOutcome, key: str, factor: float)
 
 def pairs_of(outcome: ScenarioOutcome) -> dict[Law, tuple[Trial, HelperTrace]]:
     """The first trial of each law that has a helper, with the helper's side of it."""
-    pairs = {}
-    for law, trials in outcome.trials.items():
-        helper = trials[0].helper
-        if helper is not None:
-            pairs[law] = trials[0], helper
-    return pairs
+    return {law: (of[0], of[0].helper) for law, of in outcome.trials.items() if of[0].helper is not None}
 
 
 def together_figure(outcome: ScenarioOutcome) -> Figure:
@@ -179,11 +174,8 @@ def _over_time(axes: Axes, trial: Trial, values: dict[str, Array], ticks: NDArra
 
 def late_trial(outcome: ScenarioOutcome) -> Trial | None:
     """The first trial with our help, on a robot that is late; None of one that is not."""
-    for law in BOUNDED:
-        for trial in outcome.trials.get(law, ())[:1]:
-            if trial.acting is not None:
-                return trial
-    return None
+    first = (outcome.trials[law][0] for law in BOUNDED if law in outcome.trials)
+    return next((trial for trial in first if trial.acting is not None), None)
 
 
 def robot_figure(title: str, trial: Trial) -> Figure:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +20,7 @@ from rehab_opt.workspace.region import Workspace
 __all__ = ["LAWS", "RATE", "HelperTrace", "Law", "ScenarioOutcome", "Trial", "thinned_ticks"]
 
 Law = Literal["unassisted", "assisted", "published", "together", "delayed"]
-LAWS: tuple[Law, ...] = ("unassisted", "assisted", "published", "together", "delayed")
+LAWS: tuple[Law, ...] = get_args(Law)
 """No force wanted; `Assistance`; the paper's field with a hard gate and a clip (`FieldLaw`), certified by nobody;
 `Bilateral`, drawn along by a helper, without and with a delay."""
 
@@ -171,11 +171,11 @@ def _columns(trial: Trial, *, helped: bool) -> Columns:
     }
 
 
-def thinned_ticks(trial: Trial, rate: float = RATE) -> NDArray[np.intp]:
-    """The ticks (K,) that are kept so that there are at most `rate` [Hz] of them; the first and the last are."""
+def thinned_ticks(trial: Trial) -> NDArray[np.intp]:
+    """The ticks (K,) that are kept so that there are at most `RATE` of them; the first and the last are."""
     if len(trial.time) < 2:
         return np.arange(len(trial.time))
-    stride = max(1, math.ceil(1.0 / (rate * float(np.median(np.diff(trial.time)))) - 1e-6))
+    stride = max(1, math.ceil(1.0 / (RATE * float(np.median(np.diff(trial.time)))) - 1e-6))
     return np.unique(np.append(np.arange(0, len(trial.time), stride), len(trial.time) - 1))
 
 

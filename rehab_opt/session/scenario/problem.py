@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, Self, get_args
+from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -283,7 +283,6 @@ class ScenarioProblem(Problem):
     @model_validator(mode="after")
     def keys_go_with_the_mode(self) -> Self:
         """Refuse what the mode would ignore."""
-        assert self.mode in get_args(Mode)
         task, drives = self.task, self.field
         if self.mode != "resist" and drives.resistance_N:
             raise refusal("field.resistance_N", drives.resistance_N, '0, but for mode = "resist"')

@@ -85,7 +85,7 @@ class LiveScenario(LiveProblem):
         """W_c, W_r, the reference, the field's pull on a hand at rest."""
         context, said = self.context, self._config.problem.assistance
         reference = _flat(context.reference)
-        pair = self.hands == 2
+        pair, holds = self.hands == 2, self._config.problem.mode == "hold"
         shown = [] if context.demonstrated is None or not pair else [_flat(context.demonstrated).tolist()]
         wide = context.reachable if pair else context.comfortable
         around = np.vstack([reference, _flat(np.array(wide.polygon.bounds).reshape(2, 2))])
@@ -99,12 +99,10 @@ class LiveScenario(LiveProblem):
             "lines": [
                 *({"points": each, "colour": GREEN} for each in _outlines(context.comfortable)),
                 *({"points": each, "colour": GREY} for each in _outlines(context.reachable)),
-                *([] if self._config.problem.mode == "hold" else [{"points": reference.tolist(), "colour": BLUE}]),
+                *([] if holds else [{"points": reference.tolist(), "colour": BLUE}]),
                 *({"points": each, "colour": GREY} for each in shown),
             ],
-            "capsules": [[*each, *each, 0.004, BLUE] for each in reference.tolist()]
-            if self._config.problem.mode == "hold"
-            else [],
+            "capsules": [[*each, *each, 0.004, BLUE] for each in reference.tolist()] if holds else [],
             "arrows": [] if pair else _arrows(context, low, high, reach),
             "led": "the helper's hand" if pair else "the hand",
             "arrow": 0.3 * reach / said.force_limit_N,

@@ -106,8 +106,7 @@ def _measured(
 
 def _met(error: Array, tilt: Array, limit: float) -> NDArray[np.bool_]:
     """(N,) where a sample counts as followed; `limit` [rad] of the tilt."""
-    met: NDArray[np.bool_] = (error <= FOLLOWED) & (tilt <= limit)
-    return met
+    return np.asarray((error <= FOLLOWED) & (tilt <= limit))
 
 
 LOOKED_AT = 40

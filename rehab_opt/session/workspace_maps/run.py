@@ -194,11 +194,6 @@ def _notes(sets: dict[End, MappedSet], directions: list[MapDirection], recording
         yield from (f"{recording.file}: {note}" for note in recording.notes)
 
 
-def mapped_set_metrics(of: MappedSet) -> dict[str, Any]:
-    """A set and its name."""
-    return {"name": of.name, **workspace_metrics(of.reached.workspace), "seconds": of.reached.seconds}
-
-
 def direction_metrics(direction: MapDirection) -> dict[str, Any]:
     """Each rule's map, and what it does to the trajectories."""
     return {
@@ -312,7 +307,10 @@ class WorkspaceMapSystem(System[WorkspaceMapProblem, MapOutcome]):
         return MapOutcome(
             notes=tuple(_notes(sets, directions, [recording for recording, _ in placed])),
             metrics={
-                "sets": {end: mapped_set_metrics(of) for end, of in sets.items()},
+                "sets": {
+                    end: {"name": of.name, **workspace_metrics(of.reached.workspace), "seconds": of.reached.seconds}
+                    for end, of in sets.items()
+                },
                 "maps": {direction.key: direction_metrics(direction) for direction in directions},
             },
             directions=tuple(directions),
