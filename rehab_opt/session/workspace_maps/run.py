@@ -199,12 +199,11 @@ def _outside(name: str, path: Array, start: MappedSet) -> Iterator[str]:
 
 
 def _sets(config: ProblemFile[WorkspaceMapProblem], progress: Progress) -> dict[End, MappedSet]:
-    sets: dict[End, MappedSet] = {}
-    for end in with_progress(progress, "workspaces", ENDS):
-        said = arm_of_set(config.problem, end)
-        found = reached(said.section, said.ranges, file=config.file, key=said.key)
-        sets[end] = MappedSet(said.name, said.section, found)
-    return sets
+    said = {end: arm_of_set(config.problem, end) for end in ENDS}
+    return {
+        end: MappedSet(of.name, of.section, reached(of.section, of.ranges, file=config.file, key=of.key))
+        for end, of in with_progress(progress, "workspaces", list(said.items()))
+    }
 
 
 def mapped_set_metrics(of: MappedSet) -> dict[str, Any]:
@@ -292,7 +291,7 @@ class WorkspaceMapSystem(System[WorkspaceMapProblem, MapOutcome]):
         problem = config.problem
         placed = [placed_trajectory(config, i) for i in range(len(problem.trajectory))]
         sets = _sets(config, lambda *_: None)
-        _made("polar", "source", sets, problem.map, file=config.file)  # refuses sets that no rule maps
+        _made("polar", "source", sets, problem.map, file=config.file)  # refuses sets
         return (
             *(f"{of.file}: {note}" for of, _ in placed for note in (*of.notes, size_note(of))),
             *(
