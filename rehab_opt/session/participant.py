@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
@@ -133,7 +134,7 @@ def placed_recording(
     rate: float,
     keys: str = "",
 ) -> tuple[Recording, Array]:
-    """The recording at `rate` [Hz], and its path (N, 3) [m] where the placement puts it (z is 0 if it says none).
+    """The recording at `rate` [Hz] where the placement puts it, and its path (N, 3) [m] (z is 0 if it says none).
 
     Parameters
     ----------
@@ -153,4 +154,4 @@ def placed_recording(
         if not refused.key.startswith(("recording.", "placement")):
             raise  # a line or a column of the recording itself
         raise ProblemFileError(config.file, keys + refused.key, refused.value, refused.expected) from refused
-    return recording.noting(sentence), points
+    return replace(recording.noting(sentence), points=points[:, :2]), points

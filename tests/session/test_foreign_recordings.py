@@ -299,6 +299,8 @@ def test_check_says_size_and_how_much_is_in_reach(written: Write) -> None:
     assert "played at 0.5 of its recorded speed" in notes
     assert any(note.startswith("401 samples over 4 s; 20 x 10 mm large, 28.28 mm long") for note in notes)
     assert "in reach: 40 of 40 samples looked at (100 %)" in notes
+    halved = checked(load_problem(str(written("half.toml", PROBLEM.format(more=more, x=-0.172) + "scale = 0.5\n"))))
+    assert any("; 10 x 5 mm large, 14.14 mm long; mean speed 3.54 mm/s" in note for note in halved)
     assert not any(isinstance(note, NotMet) for note in notes)
     for x, share in ((0.5, "0 of 40 samples looked at (0 %)"), (-0.2, "14 of 40 samples looked at (35 %)")):
         notes = checked(load_problem(str(written("out.toml", PROBLEM.format(more=more, x=x)))))

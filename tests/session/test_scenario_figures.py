@@ -27,6 +27,7 @@ from rehab_opt.session.scenario.field_figures import (
 from rehab_opt.session.scenario.figures import deviation_figure, figures, max_between, trials_figure
 from rehab_opt.session.scenario.outcome import RATE, ScenarioOutcome, thinned_ticks
 from rehab_opt.session.scenario.plane_drawing import LAW_NAMES, mean_over_trials
+from rehab_opt.session.scenario.problem import REACHES
 from rehab_opt.session.scenario.table import brief, table
 from tests.session.made_trials import ALONE, COMFORTABLE, REACHABLE, WITHIN, made_outcome, trial_of
 
@@ -67,6 +68,12 @@ def test_figures_of_every_mode_are_there_and_can_be_drawn(mode: Mode) -> None:
     for law in ALONE:
         assert LAW_NAMES[law] in words(drawn["trials"])
         assert law in words(drawn["comparison"])
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_a_target_is_marked_only_where_the_hand_has_to_reach_that_point(mode: Mode) -> None:
+    """Of a line to be stretched to any place will do, and the table measures the distance to the nearest."""
+    assert ("target" in words(trials_figure(made_outcome(mode)))) == (mode in REACHES)
 
 
 @pytest.mark.parametrize("laws", [("assisted",), ("unassisted", "assisted")])

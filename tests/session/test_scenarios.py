@@ -26,6 +26,7 @@ from rehab_opt.session.scenario.outcome import ScenarioOutcome
 from rehab_opt.session.scenario.precomputed import precompute
 from rehab_opt.session.scenario.run import law_of, scene_of
 from rehab_opt.session.scenario.system import ScenarioSystem
+from rehab_opt.session.systems import NotMet
 from rehab_opt.workspace.mapping import WorkspaceMap
 from tests.workspace.mapped import table_one
 
@@ -218,6 +219,14 @@ def test_a_simulation_that_no_person_can_have_done_is_said_to_be_one() -> None:
     assert any("no hand is faster" in note for note in found.notes)
     assert any("no arm goes there" in note for note in found.notes)
     assert not any("no arm goes there" in note for note in outcome("scenario_2_assist").notes)
+
+
+def test_a_task_that_no_force_is_given_in_is_said_to_be_one() -> None:
+    """Everything a therapy mode does is outside W_c: trials without any force all "succeeded", without a word."""
+    within = changed("scenario_2_assist", task={"points_m": [[-0.16, 0.505], [-0.18, 0.50]]})
+    (note,) = (note for note in ScenarioSystem().check(within) if isinstance(note, NotMet))
+    assert "arm.comfortable" in note
+    assert not any(isinstance(note, NotMet) for note in outcome("scenario_2_assist").notes)
 
 
 def test_a_loop_that_throws_the_hand_is_said_to_do_so() -> None:

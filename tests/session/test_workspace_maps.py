@@ -14,6 +14,7 @@ from rehab_opt.errors import ProblemFileError
 from rehab_opt.session.files import load_problem, problem_of
 from rehab_opt.session.report import metrics_json
 from rehab_opt.session.run import checked, run_problem
+from rehab_opt.session.systems import NotMet
 from rehab_opt.session.workspace_maps.run import MapOutcome
 from rehab_opt.session.workspace_maps.shown import figures as map_figures
 from rehab_opt.session.workspace_maps.shown import table as map_table
@@ -116,10 +117,13 @@ def test_path_outside_its_set_is_mapped_from_the_nearest_points_and_said(tmp_pat
         "recording": {"file": "line.csv", "hand": "right", "mirror": True},
         "placement": {"centre_m": [0.15, 0.5]},
     }
-    outcome = run({**CONTENT, "trajectory": [line]}, tmp_path / "test.toml")
+    content, path = {**CONTENT, "trajectory": [line]}, tmp_path / "test.toml"
+    found = checked(problem_of(content, name="test", file="test.toml", path=path))
+    outcome = run(content, path)
     numbers = outcome.metrics["maps"]["source_to_target"]["trajectories"]["line"]
     assert 0.2 < numbers["outside_start_fraction"] < 0.8
-    assert any("line: " in note and "nearest point of the set" in note for note in outcome.notes)
+    (said,) = (note for note in outcome.notes if "line: " in note and "nearest point of the set" in note)
+    assert [note for note in found if isinstance(note, NotMet)] == [said]
     (path,) = outcome.directions[0].paths
     assert path.before[0, 0] > path.before[-1, 0]  # mirrored
     assert np.isfinite(path.after["polar"]).all()

@@ -113,7 +113,15 @@ def test_volumes_come_with_and_without_the_handle() -> None:
     assert isinstance(outcome, WorkspaceOutcome)
     of = outcome.metrics["volumes"]["restricted"]
     assert 0 < of["handle_held"]["volume_m3"] < of["handle_free"]["volume_m3"]
-    assert set(workspace_figures(outcome)) == {"workspace", "volume"}
+    drawn = workspace_figures(outcome)
+    assert set(drawn) == {"workspace", "volume"}
+    drawn["volume"].draw_without_rendering()
+    for axes in drawn["volume"].axes:
+        ticks = [each for each in axes.zaxis.get_major_ticks() if len(each.tick1line.get_xydata()) == 2]
+        assert len(ticks) > 2
+        for tick in ticks:
+            ends = axes.transData.transform(tick.tick1line.get_xydata())
+            assert tick.label1.get_window_extent().x0 > ends[:, 0].max(), "a tick hides the minus of a height"
     assert "volume, handle free" in shown(outcome)
 
 

@@ -12,6 +12,7 @@ from matplotlib.axes import Axes
 from rehab_opt.session.drawing import ACROSS, FORWARD, GRID, MM, REFERENCE
 from rehab_opt.session.outcome import Array
 from rehab_opt.session.scenario.outcome import Law, ScenarioOutcome, Trial
+from rehab_opt.session.scenario.problem import REACHES
 from rehab_opt.session.workspaces.shown import draw_region
 
 __all__ = [
@@ -78,13 +79,13 @@ def draw_workspace(
 def draw_reference(
     axes: Axes, outcome: ScenarioOutcome, path: Array | None = None, *, label: str = "reference"
 ) -> None:
-    """The reference, or another path (N, 2) [m] in its style: dashed with its end marked, or points with numbers."""
+    """The reference, or another path (N, 2) [m] in its style: a line, its end marked if it is reached, or points."""
     points = MM * (outcome.reference if path is None else path)
     if outcome.mode != "hold":
         # Of a path that is gone along more than once the dashes would fill each other's gaps.
         style = "-" if outcome.mode == "follow" else "--"
         axes.plot(points[:, 0], points[:, 1], style, color=REFERENCE, linewidth=1.2, label=label, zorder=4)
-        if outcome.mode != "follow":
+        if outcome.mode in REACHES:
             axes.plot(
                 *points[-1], "X", color=REFERENCE, markersize=8, markeredgecolor="white", label="target", zorder=6
             )

@@ -19,6 +19,7 @@ from rehab_opt.session.participant import placed_recording
 from rehab_opt.session.refusals import refused_as
 from rehab_opt.session.scenario.demonstrated import learnt
 from rehab_opt.session.scenario.problem import THERAPY, ScenarioProblem
+from rehab_opt.session.systems import NotMet
 from rehab_opt.session.workspaces import reached as sets
 from rehab_opt.workspace.controller_map import ControllerMap
 from rehab_opt.workspace.mapping import WorkspaceMap
@@ -148,6 +149,9 @@ def precompute(config: ProblemFile[ScenarioProblem], *, progress: Progress) -> P
         path = nearest_next(path)
     with refused_as(config.file, "field, {}".format):
         fields = _fields(problem, path) if led is None else (led.field,)
+    intention = _intention(problem, path)
+    if problem.mode in THERAPY and np.all(comfortable.contains(intention.places)):
+        notes.append(NotMet("all that the person means to do is within W_c (arm.comfortable), where no force is given"))
     return Precomputed(
         comfortable=comfortable,
         reachable=reachable,
@@ -157,7 +161,7 @@ def precompute(config: ProblemFile[ScenarioProblem], *, progress: Progress) -> P
         fields=fields,
         numbers=_numbers(problem, fields[0]),
         shown=() if led is None else led.shown,
-        intention=_intention(problem, path),
+        intention=intention,
         notes=tuple(notes),
     )
 

@@ -17,8 +17,8 @@ from rehab_opt.recordings.recording import Recording, size_note
 from rehab_opt.session.arm_keys import ArmInPlane, RangeOfMotion, ranges_by_name
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.outcome import Array, Column, Outcome, Progress, finite, with_progress
-from rehab_opt.session.participant import arm_of, placed_recording
-from rehab_opt.session.systems import Needed, System
+from rehab_opt.session.participant import placed_recording
+from rehab_opt.session.systems import Needed, NotMet, System
 from rehab_opt.session.workspace_maps.problem import MapSection, TrajectorySection, WorkspaceMapProblem
 from rehab_opt.session.workspaces.reached import Reached, reached
 from rehab_opt.session.workspaces.run import plane_notes, workspace_metrics
@@ -184,14 +184,26 @@ def _notes(sets: dict[End, MappedSet], directions: list[MapDirection], recording
             for reason in made.audit.reasons if made.audit is not None else (made.reason,):
                 yield f"{where}, {made.rule} rule, NOT FOR A CONTROLLER: {reason}"
         for path in direction.paths:
-            away = ~np.asarray(direction.start.reached.workspace.contains(path.before))
-            if away.any():
-                yield (
-                    f"{path.name}: {100 * away.mean():.1f} % of its samples lie outside {direction.start.name}; the "
-                    "nearest point of the set is mapped in their place"
-                )
+            yield from _outside(path.name, path.before, direction.start)
     for recording in recordings:
         yield from (f"{recording.file}: {note}" for note in recording.notes)
+
+
+def _outside(name: str, path: Array, start: MappedSet) -> Iterator[str]:
+    away = ~np.asarray(start.reached.workspace.contains(path))
+    if away.any():
+        yield NotMet(
+            f"{name}: {100 * away.mean():.1f} % of its samples lie outside {start.name}; the nearest point of the set "
+            "is mapped in their place"
+        )
+
+
+def _sets(config: ProblemFile[WorkspaceMapProblem], progress: Progress) -> dict[End, MappedSet]:
+    said = {end: arm_of_set(config.problem, end) for end in ENDS}
+    return {
+        end: MappedSet(of.name, of.section, reached(of.section, of.ranges, file=config.file, key=of.key))
+        for end, of in with_progress(progress, "workspaces", list(said.items()))
+    }
 
 
 def direction_metrics(direction: MapDirection) -> dict[str, Any]:
@@ -270,13 +282,18 @@ class WorkspaceMapSystem(System[WorkspaceMapProblem, MapOutcome]):
         )
 
     def check(self, config: ProblemFile[WorkspaceMapProblem]) -> tuple[str, ...]:
-        """Builds the arms and reads the trajectories."""
-        for end in ENDS:
-            said = arm_of_set(config.problem, end)
-            arm_of(said.section.side, said.section.segments, said.ranges, file=config.file, key=said.key)
-        recordings = [placed_trajectory(config, i)[0] for i in range(len(config.problem.trajectory))]
-        return tuple(
-            f"{recording.file}: {note}" for recording in recordings for note in (*recording.notes, size_note(recording))
+        """Reads the trajectories, finds the sets."""
+        problem = config.problem
+        placed = [placed_trajectory(config, i) for i in range(len(problem.trajectory))]
+        sets = _sets(config, lambda *_: None)
+        _made("polar", "source", sets, problem.map, file=config.file)  # refuses sets
+        return (
+            *(f"{of.file}: {note}" for of, _ in placed for note in (*of.notes, size_note(of))),
+            *(
+                note
+                for trajectory, (_, path) in zip(problem.trajectory, placed, strict=True)
+                for note in _outside(trajectory.name, path, sets[trajectory.set])
+            ),
         )
 
     def run(
@@ -285,11 +302,7 @@ class WorkspaceMapSystem(System[WorkspaceMapProblem, MapOutcome]):
         """No options."""
         problem = config.problem
         placed = [placed_trajectory(config, i) for i in range(len(problem.trajectory))]
-        sets: dict[End, MappedSet] = {}
-        for end in with_progress(progress, "workspaces", ENDS):
-            said = arm_of_set(problem, end)
-            found = reached(said.section, said.ranges, file=config.file, key=said.key)
-            sets[end] = MappedSet(said.name, said.section, found)
+        sets = _sets(config, progress)
         starts = ENDS if problem.map.directions == "both" else ENDS[:1]
         made: dict[End, list[MadeMap]] = {start: [] for start in starts}
         for start, rule in with_progress(progress, "maps", list(product(starts, problem.map.rules))):

@@ -154,10 +154,12 @@ def _volumes(outcome: WorkspaceOutcome) -> Figure:
         axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
         axes.set_box_aspect(np.maximum(high - low, 1.0))
         axes.view_init(elev=18, azim=-60)
+        axes.locator_params(nbins=5)
+        axes.tick_params(axis="z", pad=12)  # clear of the ticks
         placed = is_placed(outcome.section)
         axes.set_xlabel("x of the robot [mm]" if placed else "right of the shoulder [mm]")
         axes.set_ylabel("y of the robot [mm]" if placed else "in front [mm]")
-        axes.set_zlabel("z of the robot [mm]" if placed else "above [mm]")
+        axes.set_zlabel("z of the robot [mm]" if placed else "above [mm]", labelpad=20)
         axes.set_title(handle_words(outcome.section) if upright else "the handle free", fontsize=10)
     handles = [
         Patch(facecolor=SET_STYLES[i % len(SET_STYLES)]["facecolor"], label=f"{name} ({'; '.join(sizes[name])})")
