@@ -273,9 +273,11 @@ class PoseTracker(VelocityController):
         motion = TickSolution(u, command, s, speed, J @ command, whole, rows)
         report, remember = self.outcome(tick, inputs, motion)
         if held is not None:
+            matters, fastest = self.task_weights > 0, ca.DM(self.chain.velocity)
+            unweighted = ca.DM(matters / np.sqrt(np.where(matters, self.task_weights, 1.0))) * whole
             after = partial(
-                held_after, held, entries[:12], error=ca.norm_2(whole) / self._settling, dt=self.dt,
-                last=inputs.last / ca.DM(self.chain.velocity), wanted=w / ca.DM(self.chain.velocity),
+                held_after, held, ca.vertcat(inputs.target[:3, 3], ca.vec(inputs.target[:3, :3])), dt=self.dt,
+                error=unweighted / self._settling, last=inputs.last / fastest, wanted=w / fastest,
             )  # fmt: skip
             far = ca.norm_2(commanded) < FAR_OFF * ca.norm_2(whole)
             remember = ca.vertcat(remember, tick.when(far, after, ca.SX.zeros(HELD.size)))

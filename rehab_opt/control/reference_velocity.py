@@ -42,8 +42,8 @@ changes the error, as a turn of a wrist that counts little, would creep for tens
 1 / (1 - `MOMENTUM`) times as fast, in ticks of any length. Nor does it swing more: with a fraction s of the last
 velocity kept, a tick's motion may be up to 2 (1 + s) times the way to the least until it does, not 2 times."""
 
-SAME = 0.1
-"""Of the error, by how much a target may move and is still held."""
+SAME, TURN_LENGTH = 0.1, 0.1
+"""Of the error, by how much a target may move and is still held; [m/rad] what a turn counts in that."""
 OVERSHOT = 0.01
 """Of a joint's largest speed, from which on it overshoots."""
 SLOWING, LEAST = 2.0, 0.01
@@ -51,8 +51,8 @@ SLOWING, LEAST = 2.0, 0.01
 
 Excess = Callable[[ca.SX], ca.SX | None]
 HELD = Record(target=12, approached=1, slowed=1)
-"""Of a target that is held far off: its first three rows, whether the joints were on their way, and by what fraction
-the hand's largest speed is smaller for it."""
+"""Of a target that is held far off: its place, its rotation by columns, whether the joints were on their way to it, and
+by what fraction the hand's largest speed is smaller for it."""
 
 
 def held_after(
@@ -68,11 +68,12 @@ def held_after(
 
     A reference counts on reaching its target. Where that is out of reach, joints that accelerate little brake too late
     at the edge of it, and swing for good, however they are damped there. So each overshoot takes some of the hand's
-    largest speed, until none is left. It has that speed again when the target has moved by a tenth of the `error`, or
-    is near, where this is not asked. `last` and `wanted` are joint velocities (n,) over their limits.
+    largest speed, until none is left. It has that speed again when the target has moved by a tenth of the error (6,)
+    [m, rad], or is near, where this is not asked. `last` and `wanted` are joint velocities (n,) over their limits.
     """
     fast, along = ca.mmax(ca.fabs(last)) > OVERSHOT, ca.dot(last, wanted)
-    same = ca.norm_2(target - held.target) <= SAME * error  # NaN fails
+    moved, size = (ca.vertcat(each[:3], TURN_LENGTH * each[3:]) for each in (target - held.target, error))
+    same = ca.norm_2(moved) <= SAME * ca.norm_2(size)  # NaN fails
     over = all_true(held.approached, fast, along < 0)
     slowed = ca.if_else(over, ca.fmin(1 - (1 - held.slowed) * math.exp(-dt / SLOWING), 1 - LEAST), held.slowed)
     return HELD.of(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import itertools
 
+import casadi as ca
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -12,6 +13,7 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from rehab_opt import DH, PoseTracker, SerialChain, ur5
+from rehab_opt.control.reference_velocity import HELD, held_after
 
 Array = NDArray[np.float64]
 DT = 2e-3
@@ -147,3 +149,17 @@ def test_what_overshot_is_as_fast_as_before_towards_another_target() -> None:
     ]
     assert late[0][0] > 0.1
     assert np.argmax(late[0] < 0.01) == pytest.approx(np.argmax(late[1] < 0.01), rel=0.05)
+
+
+@pytest.mark.parametrize(("moved", "error", "as_before"), [
+    ([0.15, 0.0, 0.0], [0.01, 0.0, 0.0, 2.0, 0.0, 0.0], True),
+    ([0.003, 0.0, 0.0], [0.3, 0.0, 0.0, 0.0, 0.0, 0.0], False),
+])  # fmt: skip
+def test_a_place_that_moves_is_another_target_beside_a_turn_that_is_out_of_reach(moved, error, as_before) -> None:
+    target = np.r_[0.3, 0.2, 0.1, np.eye(3).ravel()]
+    held = HELD.parts(ca.SX(HELD.numbers(target=target, approached=1.0, slowed=0.9)))
+    last = ca.SX([1.0, 0.0])
+    after = held_after(
+        held, ca.SX(target + np.r_[moved, np.zeros(9)]), error=ca.SX(error), last=last, wanted=-last, dt=0.01
+    )
+    assert float(HELD.parts(after).slowed) == pytest.approx(0.0 if as_before else 0.9, abs=0.01)
