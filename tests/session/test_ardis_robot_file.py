@@ -224,7 +224,7 @@ period_s = 4.0
         (PROBLEM, "on_chair.toml", "none.toml", "kinova_gen3/none.toml': expected a robot file"),
         (PROBLEM, "[robot]", 'robot = "ardis"\n[run]', "robot = 'ardis': expected a table of keys"),
         (PROBLEM, 'held = ["y", "rx", "ry"]', 'held = ["x", "rx", "ry"]', "stick.modes.0.held = "),
-        (PROBLEM, "fixed = ", "tracks = ", "stick.tracks = 'kinova_drink_fixed.csv': expected one of the keys"),
+        (PROBLEM, 'simulated = ["fixed"]', 'tracks = "s.csv"', "stick.tracks = 's.csv': expected one of the keys"),
         (PROBLEM, "[stick]", f"{MOVING}[stick]", "clearance.moving = ['tray']: expected none: bodies that move"),
         (ROBOT, "[[caps", "[joints.joint_1]\nlower_deg = -90.0\n[[caps", "on_chair.toml: joint joint_1, lower"),
         (ROBOT, 'tip = "end_effector_link"', 'tip = "half_arm_2_link"', "4 or more joints"),
