@@ -6,10 +6,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from bench import tangent_law as grid
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.human_arm import ARM_REST, human_arm
 from rehab_opt.kinematics.ur5 import ur5
-from rehab_opt.published.tangent_law import TangentLaw, Tracking, damped_pseudoinverse
+from rehab_opt.published.tangent_law import DAMPING, GAIN, TangentLaw, Tracking, damped_pseudoinverse
 
 REGULAR, RESTRICTED = human_arm(), human_arm(range_of_motion="restricted")
 HELD = np.array([-0.167, 0.518, -0.24])  # a point of the table in the midst of the regular reach
@@ -103,7 +104,7 @@ def test_the_error_decays_at_the_rate_of_the_gain():
 
 
 def test_a_moving_target_is_trailed_by_its_speed_over_the_gain():
-    law = TangentLaw(REGULAR, gain=50.0, dt=0.01)
+    law = TangentLaw(REGULAR, gain=50.0, dt=0.01, substeps=20)
     path = HELD + np.linspace(0, 0.1, 101)[:, None] * [0.0, -1.0, 0.0]
     assert law.follow(path).position_error[-1] == pytest.approx(0.1 / 50.0, rel=0.05)
 
@@ -163,6 +164,43 @@ def test_wind_up_is_there_as_published_and_bounded_on_request():
     path = HELD + away[:, None] * [0.5, 0.0, 0.0]
     assert TangentLaw(REGULAR).follow(path).position_error[-1] > 1e-3
     assert TangentLaw(REGULAR, damping=1e-8, saturation=30.0).follow(path).position_error[-1] < 1e-6
+
+
+def numbers_of(followed, error):
+    return {"followed_fraction_of_length": followed, **dict.fromkeys(grid.ERRORS, error)}
+
+
+def test_best_of_a_grid_follows_most_and_errs_least_where_others_follow_as_much():
+    runs = {
+        (50.0, 1e-6): (numbers_of(1.0, 1e-4), numbers_of(0.2, 1e-4)),
+        (100.0, 1e-6): (numbers_of(0.7, 3e-3), numbers_of(0.7, 1e-3)),
+        (200.0, 1e-6): (numbers_of(0.8, 2e-3), numbers_of(0.6, 1e-3)),
+    }
+    assert grid.best(runs) == (200.0, 1e-6)
+    runs[50.0, 1e-6] = (numbers_of(1.0, 1e-4), numbers_of(0.5, 1e-4))
+    assert grid.best(runs) == (50.0, 1e-6)
+
+
+@pytest.mark.parametrize(("gain", "code"), [(GAIN, 0), (GAIN / 2, 1)])
+def test_the_grid_says_whether_its_best_is_the_default(gain, code, monkeypatch, capsys):
+    asked = []
+
+    def driven(recording, *pair):
+        asked.append((recording, *pair))
+        return numbers_of(1.0 if pair == (gain, DAMPING) else 0.5, 1e-3)
+
+    monkeypatch.setattr(grid, "driven", driven)
+    assert grid.main([]) == code
+    assert len(asked) == len(set(asked)) == len(grid.RECORDINGS) * len(grid.GAINS) * len(grid.DAMPINGS)
+    assert f"best: k0 = {gain:g}/s, mu = {DAMPING:g}; default: k0 = {GAIN:g}/s" in capsys.readouterr().out
+
+
+def test_the_default_gain_is_the_best_of_the_grid_on_a_circle():
+    turn = np.linspace(0, 2 * math.pi, 41)[:, None]
+    circle = HELD + 0.01 * np.hstack([np.cos(turn) - 1.0, np.sin(turn), 0 * turn])
+    errors = {gain: TangentLaw(RESTRICTED, gain=gain).follow(circle).position_error[1:] for gain in grid.GAINS}
+    assert min(errors, key=lambda gain: errors[gain].mean()) == GAIN
+    assert errors[50.0].max() > 1e-3 > 2 * errors[GAIN].max()
 
 
 def test_every_sample_has_its_computing_time():

@@ -119,19 +119,14 @@ def test_result_tells_what_it_was_run_with(figure_eight: ArmOutcome) -> None:
     assert content["parameters"]["arm"]["segments"]["humerus_mm"] == 290.0
     assert content["parameters"]["run"]["rate_hz"] == 100.0
     assert content["optimised"]["parameters"] == {"solver": "sqp", "backup": "ipopt", "posture_cost": {"rest": 1.0}}
-    assert content["published"]["parameters"]["gain_per_s"] == 50.0
+    assert content["published"]["parameters"]["gain_per_s"] == 1000.0
     assert content["published"]["parameters"]["damping"] == 1e-6
-    assert any("k0 = 50/s and mu = 1e-06: choices" in note for note in figure_eight.notes)
+    assert any("k0 = 1000/s and mu = 1e-06: the paper gives no values" in note for note in figure_eight.notes)
 
 
-@pytest.mark.parametrize(("gain", "fraction"), [(200.0, 0.989), (500.0, 1.0)])
-def test_published_law_depends_on_its_gain_as_the_note_says(gain: float, fraction: float) -> None:
-    config = load_problem("upper_limb/figure_eight")
-    assert isinstance(config.problem, UpperLimb)
-    published = config.problem.published.model_copy(update={"gain_per_s": gain})
-    faster = replace(config, problem=config.problem.model_copy(update={"published": published}))
-    numbers = run_problem(faster, law="published").metrics["published"]
-    assert numbers["followed_fraction_of_length"] == pytest.approx(fraction, abs=1e-3)
+def test_published_law_is_no_straw_man_on_the_figure_of_eight(figure_eight: ArmOutcome) -> None:
+    """With 50/s, which the paper does not say, it followed 36.9 % of it."""
+    assert figure_eight.metrics["published"]["drive"]["followed_fraction_of_length"] == 1.0
 
 
 def test_tilt_that_no_posture_keeps_is_the_reason_that_is_given() -> None:
