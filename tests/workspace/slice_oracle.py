@@ -41,9 +41,15 @@ def hand(q: Array) -> tuple[Array, Array, Array]:
 
 
 def reached_nodes(
-    limits_deg: Sequence[Sequence[float]], nodes: Array, *, height: float, tilt_deg: float | None, starts: int, seed: int
+    limits_deg: Sequence[Sequence[float]],
+    nodes: Array,
+    *,
+    height: float,
+    tilt_deg: float | None,
+    starts: int,
+    seed: int,
 ) -> NDArray[np.bool_]:
-    """(k,) which points (k, 2) [m] of the plane some posture within limits (8, 2) reaches, the handle within its tilt."""
+    """(k,) which points (k, 2) [m] of the plane a posture within limits (8, 2) reaches, the handle within its tilt."""
     random, found = np.random.default_rng(seed), np.zeros(len(nodes), dtype=bool)
     lower, upper = np.deg2rad(np.array(limits_deg, dtype=float)).T
     cosine = -2.0 if tilt_deg is None else float(np.cos(np.deg2rad(tilt_deg)))

@@ -71,7 +71,9 @@ def plane_words(section: ArmInPlane) -> str:
 def handle_words(section: ArmInPlane) -> str:
     """What the handle may do."""
     tilt = section.handle_tilt_deg
-    return "the handle may tilt any way" if isinstance(tilt, str) else f"the handle within {tilt_words(tilt)} of vertical"
+    return (
+        "the handle may tilt any way" if isinstance(tilt, str) else f"the handle within {tilt_words(tilt)} of vertical"
+    )
 
 
 def tilt_words(tilt: str | float) -> str:

@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import Field, model_validator
 
 from rehab_opt.kinematics.chain import SerialChain
-from rehab_opt.session.arm_keys import AnyTilt, ArmInPlane, ArmOfRanges, ranges_by_name
+from rehab_opt.session.arm_keys import AnyTilt, ArmInPlane, ArmOfRanges, RangeOfMotion, ranges_by_name
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.outcome import Column, Outcome, Progress, with_progress
 from rehab_opt.session.participant import arm_of
@@ -44,7 +44,7 @@ class TiltsSection(Section):
     """One range of motion again, with other tilts of the handle."""
 
     range: str
-    """A name of `arm.range_of_motion`."""
+    """A name of `arm.range_of_motion`; of a person's own range, which has no name, it is that range."""
     handle_tilt_deg: Annotated[list[AnyTilt], Field(min_length=1, max_length=12), Once]
     """Largest angles between handle and vertical, `"any"` for no such bound."""
 
@@ -68,7 +68,8 @@ class WorkspaceProblem(Problem):
     def range_of_tilts_is_there(self) -> Self:
         """Refuse the name of a range that `arm` has none of."""
         there = ranges_by_name(self.arm.range_of_motion)
-        if self.tilts is not None and self.tilts.range not in there:
+        own = isinstance(self.arm.range_of_motion, RangeOfMotion)
+        if self.tilts is not None and self.tilts.range not in there and not own:
             expected = f"the name of a range of arm.range_of_motion ({', '.join(there)})"
             raise refusal("tilts.range", self.tilts.range, expected)
         return self
@@ -215,7 +216,7 @@ class WorkspaceSystem(System[WorkspaceProblem, WorkspaceOutcome]):
         spaces = {name: of.workspace for name, of in sets.items()}
         areas: dict[str, dict[str, Any]] = {}
         if problem.tilts is not None:
-            name = problem.tilts.range
+            name = problem.tilts.range if problem.tilts.range in ranges else next(iter(ranges))
             for tilt in with_progress(progress, "handle tilts", problem.tilts.handle_tilt_deg):
                 held_so = problem.arm.model_copy(update={"handle_tilt_deg": tilt})
                 found = reached(held_so, ranges[name], file=config.file, key="arm").workspace
