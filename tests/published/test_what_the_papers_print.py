@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from rehab_opt import PotentialField
+from rehab_opt import PotentialField, human_arm
 from rehab_opt.kinematics.drive import Mecanum
 from rehab_opt.published.field_law import FieldLaw
+from rehab_opt.published.tangent_law import damped_pseudoinverse
 from rehab_opt.session.files import load_problem
 from rehab_opt.session.scenario.problem import ScenarioProblem
 
@@ -17,16 +18,30 @@ Array = NDArray[np.float64]
 # ------------------------------------------------------------------------------------ Rossa et al., remark 1 of II-C
 def test_remark_1_is_false_for_a_jacobian_that_is_not_square() -> None:
     j, slopes = np.array([[1.0, 1.0]]), np.diag([1.0, 2.0])
-    transformed, printed = np.linalg.pinv(j @ slopes), np.linalg.inv(slopes) @ np.linalg.pinv(j)
+    transformed, printed = damped_pseudoinverse(j @ slopes, 0.0), np.linalg.inv(slopes) @ np.linalg.pinv(j)
     np.testing.assert_allclose(transformed.T, [[0.2, 0.4]])
     np.testing.assert_allclose(printed.T, [[0.5, 0.25]])  # the printed order of factors, J+ dzeta^-1, does not multiply
     square = np.array([[1.0, 1.0], [0.0, 1.0]])
-    np.testing.assert_allclose(np.linalg.inv(square @ slopes), np.linalg.inv(slopes) @ np.linalg.inv(square))
+    np.testing.assert_allclose(
+        damped_pseudoinverse(square @ slopes, 0.0), np.linalg.inv(slopes) @ np.linalg.inv(square)
+    )
+
+
+def test_remark_1_is_false_for_the_arm_of_table_i() -> None:
+    arm = human_arm()
+    middle, width = (arm.upper + arm.lower) / 2, arm.upper - arm.lower
+    off = 0.3 * width * np.array([1, -1, 1, -1, 1, -1, 1, -1])
+    j = arm.jacobian(middle + off)[:5]
+    slopes = np.diag(width / np.pi / (1 + np.tan(np.pi * off / width) ** 2))  # Eq. (11)
+    transformed, printed = damped_pseudoinverse(j @ slopes, 0.0), np.linalg.inv(slopes) @ np.linalg.pinv(j)
+    for each in (transformed, printed):
+        np.testing.assert_allclose(j @ slopes @ each, np.eye(5), atol=1e-9)  # both lead the hand as asked
+    assert np.linalg.norm(transformed - printed) > 0.1 * np.linalg.norm(transformed)
 
 
 def test_eq_12_minimises_the_transformed_speed_and_not_the_joint_speed() -> None:
     j, slopes = np.array([[1.0, 1.0]]), np.diag([1.0, 2.0])
-    q_rate = slopes @ np.linalg.pinv(j @ slopes) @ [1.0]
+    q_rate = slopes @ damped_pseudoinverse(j @ slopes, 0.0) @ [1.0]
     np.testing.assert_allclose(j @ q_rate, [1.0])
     assert np.linalg.norm(q_rate) > 1.1 * np.linalg.norm(np.linalg.pinv(j) @ [1.0])
 
