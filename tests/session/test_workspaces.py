@@ -43,9 +43,9 @@ def test_shipped_problem_gives_table_i_and_the_other_reading_of_figure_3(shipped
     assert numbers["restricted"]["area_m2"] == pytest.approx(0.00331, rel=0.02)
     assert numbers["restricted"]["fraction_inside"]["regular"] == pytest.approx(1.0, abs=1e-3)
     assert numbers["regular"]["fraction_inside"]["restricted"] == pytest.approx(0.0319, abs=1e-3)
-    assert numbers["figure 3"]["area_m2"] == pytest.approx(0.0332, rel=0.01)
-    assert numbers["figure 3"]["fraction_inside"]["regular"] == pytest.approx(0.948, abs=0.005)
-    assert numbers["restricted"]["fraction_inside"]["figure 3"] == pytest.approx(0.139, abs=0.01)
+    assert numbers["figure_3"]["area_m2"] == pytest.approx(0.0332, rel=0.01)
+    assert numbers["figure_3"]["fraction_inside"]["regular"] == pytest.approx(0.948, abs=0.005)
+    assert numbers["restricted"]["fraction_inside"]["figure_3"] == pytest.approx(0.139, abs=0.01)
     assert [of["components"] for of in numbers.values()] == [1, 1, 1]
     json.loads(metrics_json(shipped), parse_constant=pytest.fail)
 
@@ -63,13 +63,13 @@ def test_trace_holds_the_boundaries_themselves(shipped: WorkspaceOutcome) -> Non
 def test_shipped_problem_prints_the_area_over_the_tilt_of_the_handle(shipped: WorkspaceOutcome) -> None:
     areas = {tilt: 1e4 * of["area_m2"] for tilt, of in shipped.metrics["sets"]["restricted"]["tilts"].items()}
     assert areas == pytest.approx(
-        {"2 deg": 33.1, "5 deg": 44.2, "10 deg": 63.3, "20 deg": 102.0, "any": 107.3}, rel=0.01
+        {"2_deg": 33.1, "5_deg": 44.2, "10_deg": 63.3, "20_deg": 102.0, "any": 107.3}, rel=0.01
     )
     assert "tilts" not in shipped.metrics["sets"]["regular"]
     lines = [line for line in shown(shipped).splitlines() if "handle tilt" in line]
     assert len(lines) == len(areas)
     for line, (tilt, area) in zip(lines, areas.items(), strict=True):
-        assert f"handle tilt {tilt}," in line
+        assert f"handle tilt {tilt.replace('_', ' ')}," in line
         assert f"{area:.4g}" in line
 
 
@@ -178,7 +178,7 @@ def test_tilts_of_a_range_without_a_name_are_of_that_range() -> None:
         "tilts": {"range": "restricted", "handle_tilt_deg": [20.0]},
     }
     outcome = run_problem(problem_of(content, name="test", file="f", path=Path("f")))
-    assert outcome.metrics["sets"]["own range"]["tilts"]["20 deg"]["area_m2"] == pytest.approx(0.0102, rel=0.05)
+    assert outcome.metrics["sets"]["own range"]["tilts"]["20_deg"]["area_m2"] == pytest.approx(0.0102, rel=0.05)
 
 
 TILTS = [

@@ -220,7 +220,8 @@ class WorkspaceSystem(System[WorkspaceProblem, WorkspaceOutcome]):
             for tilt in with_progress(progress, "handle tilts", problem.tilts.handle_tilt_deg):
                 held_so = problem.arm.model_copy(update={"handle_tilt_deg": tilt})
                 found = reached(held_so, ranges[name], file=config.file, key="arm").workspace
-                areas.setdefault(name, {})[tilt_words(tilt)] = {"area_m2": found.area, "accuracy_m": found.accuracy}
+                key = tilt_words(tilt).replace(" ", "_")
+                areas.setdefault(name, {})[key] = {"area_m2": found.area, "accuracy_m": found.accuracy}
         return WorkspaceOutcome(
             notes=tuple(plane_notes(problem.arm, spaces)),
             metrics={
