@@ -169,7 +169,7 @@ FAULTS = [
 ]
 
 
-def test_tilts_of_a_range_without_a_name_are_of_that_range() -> None:
+def test_own_range_in_place_of_the_named_ones_needs_no_search_for_tilts() -> None:
     own = {f"{joint}_deg": list(pair) for joint, pair in RANGES_OF_MOTION_DEG["restricted"].items()}
     content = {
         "system": "workspace",
@@ -178,7 +178,11 @@ def test_tilts_of_a_range_without_a_name_are_of_that_range() -> None:
         "tilts": {"range": "restricted", "handle_tilt_deg": [20.0]},
     }
     outcome = run_problem(problem_of(content, name="test", file="f", path=Path("f")))
-    assert outcome.metrics["sets"]["own range"]["tilts"]["20_deg"]["area_m2"] == pytest.approx(0.0102, rel=0.05)
+    assert list(outcome.metrics["sets"]) == ["own range"]
+    assert "tilts" not in outcome.metrics["sets"]["own range"]
+    named = {**content, "arm": {**COARSE, "range_of_motion": {"restricted": own}}}
+    outcome = run_problem(problem_of(named, name="test", file="f", path=Path("f")))
+    assert outcome.metrics["sets"]["restricted"]["tilts"]["20_deg"]["area_m2"] == pytest.approx(0.0102, rel=0.05)
 
 
 TILTS = [

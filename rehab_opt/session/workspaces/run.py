@@ -44,7 +44,7 @@ class TiltsSection(Section):
     """One range of motion again, with other tilts of the handle."""
 
     range: str
-    """A name of `arm.range_of_motion`; of a person's own range, which has no name, it is that range."""
+    """A name of `arm.range_of_motion`. A person's own range that takes the place of all names has no such areas."""
     handle_tilt_deg: Annotated[list[AnyTilt], Field(min_length=1, max_length=12), Once]
     """Largest angles between handle and vertical, `"any"` for no such bound."""
 
@@ -215,8 +215,7 @@ class WorkspaceSystem(System[WorkspaceProblem, WorkspaceOutcome]):
                 )
         spaces = {name: of.workspace for name, of in sets.items()}
         areas: dict[str, dict[str, Any]] = {}
-        if problem.tilts is not None:
-            name = problem.tilts.range if problem.tilts.range in ranges else next(iter(ranges))
+        if problem.tilts is not None and (name := problem.tilts.range) in ranges:
             for tilt in with_progress(progress, "handle tilts", problem.tilts.handle_tilt_deg):
                 held_so = problem.arm.model_copy(update={"handle_tilt_deg": tilt})
                 found = reached(held_so, ranges[name], file=config.file, key="arm").workspace
