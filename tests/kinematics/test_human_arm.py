@@ -10,7 +10,7 @@ from scipy.optimize import minimize
 
 from rehab_opt import ConfigurationError, SerialChain, human_arm
 from rehab_opt.kinematics.human_arm import ARM_JOINTS, ARM_REST, ARM_SEGMENTS, RANGES_OF_MOTION_DEG
-from tests.kinematics.dh_oracle import Array
+from tests.kinematics.dh_oracle import Array, chain_pose
 
 MIRROR = np.diag([-1.0, 1.0, 1.0])
 postures = st.lists(st.floats(-np.pi, np.pi), min_size=8, max_size=8).map(np.array)
@@ -59,6 +59,17 @@ def test_ranges_are_those_of_table_i() -> None:
     np.testing.assert_allclose(np.rad2deg(regular.upper), [195, 10, 90, 80, 70, 60, -30, 50])
     np.testing.assert_allclose(np.rad2deg(restricted.lower), [180, 0, 70, 30, 30, 30, -30, 40])
     np.testing.assert_allclose(np.rad2deg(restricted.upper), [180, 5, 90, 70, 60, 60, -30, 45])
+
+
+def test_caption_of_figure_3_is_the_regular_range_with_the_elbow_at_110_deg() -> None:
+    arm = human_arm(range_of_motion="figure_3")
+    np.testing.assert_allclose(np.rad2deg(arm.lower), [170, -20, 50, 20, 68, -50, -45, 10])
+    np.testing.assert_allclose(np.rad2deg(arm.upper), [195, 10, 90, 80, 72, 60, -30, 50])
+    q = (arm.lower + arm.upper) / 2
+    shoulder, elbow, wrist = (chain_pose(arm.rows[:k], q[:k], arm.base, np.eye(4))[:3, 3] for k in (3, 4, 5))
+    upper_arm, forearm = shoulder - elbow, wrist - elbow
+    cosine = upper_arm @ forearm / (np.linalg.norm(upper_arm) * np.linalg.norm(forearm))
+    assert np.rad2deg(np.arccos(cosine)) == pytest.approx(110.0)
 
 
 def test_the_restricted_range_lies_within_the_regular_one() -> None:

@@ -137,7 +137,7 @@ class PatientArmSection(Section):
     """Live, where the future is not known: posture, as Table I counts, from which the model of this arm finds to the
     first pose; default the middle of its range. That model is local: from another posture it may come to more."""
     range_of_motion: OneRange
-    """Table I by name, a table of all eight joints' limits, or what a goniometer measured."""
+    """A range of Rossa et al. by name, a table of all eight joints' limits, or what a goniometer measured."""
     segments: SegmentsSection = SegmentsSection()
     """Lengths of the arm's segments."""
 
