@@ -168,8 +168,8 @@ def laid_out(config: ProblemFile[MirrorProblem]) -> Setup:
     if problem.patient.track_file is not None:
         turn = angles_between(moved[:1, :3, :3], moved[:, :3, :3]).max()
         notes.append(
-            f"the mirror plane follows {problem.patient.track_file}: the patient turns by up to {math.degrees(turn):.0f} "
-            "deg; figures draw the plane at the first sample"
+            f"the mirror plane follows {problem.patient.track_file}: the patient turns by up to "
+            f"{math.degrees(turn):.0f} deg; figures draw the plane at the first sample"
         )
     stamps = seen.times[valid]
     newest = np.maximum.accumulate(stamps)
