@@ -24,6 +24,7 @@ def pytest_benchmark_group_stats(
     return [*groups(config, able, group_by), *groups(config, others, "func")]
 
 
+@pytest.hookimpl(trylast=True)
 def pytest_terminal_summary(terminalreporter: Any, config: pytest.Config) -> None:
     """Below the table of times: certified fraction and residual of each solver, since one that fails is often fast."""
     judged = [bench for bench in config._benchmarksession.benchmarks if "certified" in bench.extra_info]  # type: ignore[attr-defined]
