@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from rehab_opt.control.command import Relaxed
 from rehab_opt.control.mirror_statement import HELD, WHOLE
-from rehab_opt.control.path_timing import PathCells, fastest_timing
+from rehab_opt.control.path_timing import PathCells, ruckig_timing
 from rehab_opt.control.tool_speed import tool_jerk
 
 if TYPE_CHECKING:
@@ -117,7 +117,8 @@ def _passed(
     second[:, -1] = third[:, -1] = 0.0
     cells = PathCells(edges, first[:-1], second[:-1], third[:-1])
     accelerations = PART * np.append(np.minimum(chain.acceleration, 2 * chain.velocity / dt), [np.inf, np.inf])
-    timing = fastest_timing(cells, velocity=speeds, acceleration=accelerations)
+    free = np.full(n + 2, np.inf)
+    timing = ruckig_timing(cells, velocity=speeds, acceleration=accelerations, jerk=free, fastest=1.0)
     if not timing.times[-1] <= dt * (len(plan.times) - 2):
         return None  # not sooner than the plan; what is nearly at rest in between may take days
     place = timing.at(dt * np.arange(math.ceil(timing.times[-1] / dt) + 1))

@@ -316,10 +316,10 @@ def test_between_the_places_of_a_hand_that_slides_along_a_plane_there_is_room() 
 
 
 def test_a_passage_that_would_break_a_bound_is_not_taken(monkeypatch: pytest.MonkeyPatch) -> None:
-    robot, dt, fastest = tracker(5e-3), 5e-3, mirror_retiming.fastest_timing
+    robot, dt, fastest = tracker(5e-3), 5e-3, mirror_retiming.ruckig_timing
     monkeypatch.setattr(
-        mirror_retiming, "fastest_timing",
-        lambda cells, *, velocity, acceleration: fastest(cells, velocity=1.2 * velocity, acceleration=acceleration),
+        mirror_retiming, "ruckig_timing",
+        lambda cells, *, velocity, **bounds: fastest(cells, velocity=1.2 * velocity, **bounds),
     )  # fmt: skip
     path = robot.plan(*hurried(dt), motions.START)
     assert np.linalg.norm(np.diff(path.poses[:, :3, 3], axis=0), axis=1).max() <= 0.25 * dt * (1 + 1e-9)

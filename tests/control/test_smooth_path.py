@@ -9,7 +9,7 @@ from scipy.interpolate import PchipInterpolator
 from scipy.optimize import linprog
 
 from bench.measured_lag import measured_lag
-from rehab_opt.control.path_timing import PathCells, fastest_timing
+from rehab_opt.control.path_timing import PathCells, ruckig_timing
 from rehab_opt.control.smoothing import smooth_path
 from rehab_opt.errors import ConfigurationError
 from tests.control.test_smoothing import DT, A, J, V, assert_within_bounds
@@ -106,7 +106,7 @@ def test_no_timing_is_much_faster_than_the_one_found(seed):
     velocity, acceleration = rng.uniform(0.5, 2, n), rng.uniform(2, 8, n)
     knots = np.append(np.concatenate([np.linspace(a, b, count // 5, endpoint=False) for a, b in pairwise(path.x)]), 1.0)
     cells = PathCells(knots, *(path.derivative(order)(knots[:-1]) for order in (1, 2, 3)))
-    timing = fastest_timing(cells, velocity=velocity, acceleration=acceleration)
+    timing = ruckig_timing(cells, velocity=velocity, acceleration=acceleration, jerk=np.full(n, np.inf))
     rows, most, top = [], [], np.ones(count + 1)
     for k in range(count):
         for fraction in np.linspace(1e-9, 1 - 1e-9, 9):
