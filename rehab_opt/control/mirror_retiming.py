@@ -1,7 +1,7 @@
 """Time-optimal retiming of a plan: the same joint path, passed as fast as its bounds allow.
 
 A plan made tick by tick stops and hesitates. Along its joint path, with the reference's clock and the hand's way as two
-more axes, `fastest_timing` gives the passage of least time within joint speed and acceleration, the hand's speed, and
+more axes, Ruckig times the passage (`ruckig_timing`) within joint speed and acceleration, the hand's speed, and
 a clock that runs at most at the recording's pace. Its ticks are then checked as commands are; a passage that would
 break a bound is rejected.
 """
@@ -117,8 +117,7 @@ def _passed(
     second[:, -1] = third[:, -1] = 0.0
     cells = PathCells(edges, first[:-1], second[:-1], third[:-1])
     accelerations = PART * np.append(np.minimum(chain.acceleration, 2 * chain.velocity / dt), [np.inf, np.inf])
-    free = np.full(n + 2, np.inf)
-    timing = ruckig_timing(cells, velocity=speeds, acceleration=accelerations, jerk=free, fastest=1.0)
+    timing = ruckig_timing(cells, velocity=speeds, acceleration=accelerations, fastest=1.0)
     if not timing.times[-1] <= dt * (len(plan.times) - 2):
         return None  # not sooner than the plan; what is nearly at rest in between may take days
     place = timing.at(dt * np.arange(math.ceil(timing.times[-1] / dt) + 1))

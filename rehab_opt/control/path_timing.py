@@ -2,15 +2,14 @@
 
     q' = q_s s',    q'' = q_s s'' + q_ss s'^2,    q''' = q_s s''' + 3 q_ss s' s'' + q_sss s'^3
 
-The path is cut into zones. With an axis' largest |q_s|, |q_ss|, |q_sss| there, its bounds v, a, j and shares c, the
-progress is bounded in a zone by the least over the axes of
+The path is cut into zones. An axis has bounds v, a, j, and in a zone these largest derivatives. The progress is bounded
+there, with shares c, by the least over the axes of
 
     V = min(v / |q_s|, (c_a a / |q_ss|)^(1/2), (c_j j / |q_sss|)^(1/3))
     A = min((a - |q_ss| V^2) / |q_s|, c_x (j - |q_sss| V^3) / (3 |q_ss| V))
     J = (j - |q_sss| V^3 - 3 |q_ss| V A) / |q_s|
 
-so that every axis keeps its bounds. Ruckig has no waypoints: in each zone it plans to the zone's end, and crosses it at
-a speed from which all later zones can be passed.
+Ruckig has no waypoints: it plans to the end of each zone, crossed at a speed from which all later ones can be passed.
 """
 
 from __future__ import annotations
@@ -25,38 +24,30 @@ __all__ = ["PathCells", "PathTiming", "ruckig_timing"]
 
 Array = NDArray[np.float64]
 
-CURVE, BEND, CROSS = 0.7, 0.7, 0.5
-"""c_a, c_j, c_x."""
-ALIKE, SHARPER, STRONG = 1.05, 1.02, 3.0
-"""Ratio of speed limits within a zone, where no jerk is bounded, too, and of acceleration limits."""
-QUICK = 1e-4
-"""[s] The progress takes at least this long to reach its speed limit, also where all axes stand."""
+CURVE, BEND, CROSS = 0.7, 0.7, 0.5  # c_a, c_j, c_x
+ALIKE, SHARPER = 1.05, 1.02  # ratio of speed limits within a zone; where no jerk is bounded
+STRONG = 3.0  # ratio of acceleration limits within a zone
+QUICK = 1e-4  # [s] The progress takes at least this long to reach its speed limit, also where all axes stand.
 PART, SPEED, RAMP = 1.0 - 1e-4, 1.0 - 5e-7, 1e-3
-"""Part of a zone's length, and of its speed limit at its ends, that is used; part of a zone's shortest time in which its
-acceleration rises at least. Without these margins rounding leaves Ruckig no way through one zone in 800."""
+"""Used part of a zone's length, and of the speed limit at its ends; part of its shortest time in which its acceleration
+rises at least. Without these margins rounding leaves Ruckig no way through one zone in 800."""
 
 
 class PathCells(NamedTuple):
-    """K cells of a path of n axes, on each of which q(s) is a cubic."""
+    """Cells of a path of n axes, cubic on each of them: K + 1 ends, and three derivatives (K, n) at their beginnings."""
 
     knots: Array
-    """(K + 1,) ends of the cells, increasing."""
     first: Array
-    """(K, n) dq/ds at the beginning of each cell."""
     second: Array
-    """(K, n) d2q/ds2 there."""
     third: Array
-    """(K, n) d3q/ds3 on the cell."""
 
 
 class PathTiming(NamedTuple):
-    """The progress over time: M pieces of constant jerk, from `times` (M + 1,) [s] on."""
+    """Progress and its first three derivatives (4, M) at the beginning of M pieces of constant jerk, and their ends."""
 
     times: Array
     pieces: Array
-    """(4, M) progress at the beginning of each piece, and its first three derivatives."""
     end: float
-    """Progress at the end."""
 
     def at(self, times: Array) -> Array:
         """(N,) progress at these times [s]; afterwards the path's end."""
@@ -66,7 +57,7 @@ class PathTiming(NamedTuple):
 
 
 def ruckig_timing(
-    cells: PathCells, *, velocity: Array, acceleration: Array, jerk: Array, fastest: float = math.inf
+    cells: PathCells, *, velocity: Array, acceleration: Array, jerk: Array | float = math.inf, fastest: float = math.inf
 ) -> PathTiming:
     """Pass the path from rest to rest within the bounds (n,) of its axes; infinite ones do not count.
 
@@ -80,9 +71,9 @@ def ruckig_timing(
         curves = np.sqrt(CURVE * acceleration / bent), np.cbrt(BEND * jerk / twisted)
         speed = np.minimum(np.minimum.reduce([velocity / steep, *curves]).min(axis=1), fastest)
         strong = np.minimum((acceleration / steep).min(axis=1), speed / QUICK)
-        alike = np.array([[ALIKE if np.isfinite(jerk).any() else SHARPER], [STRONG]])
-        limits = np.stack([speed / speed.max() * (1.0 + 1e-9), strong])
-        begins = np.append(0, 1 + np.flatnonzero(np.diff(np.floor(np.log(limits) / np.log(alike))).any(axis=0)))
+        alike = np.log([[ALIKE if np.isfinite(jerk).any() else SHARPER], [STRONG]])
+        steps = np.floor(np.log([speed / speed.max() * (1.0 + 1e-9), strong]) / alike)
+        begins = np.append(0, 1 + np.flatnonzero(np.diff(steps).any(axis=0)))
         top = np.minimum.reduceat(speed, begins)
         steep, bent, twisted = (np.maximum.reduceat(each, begins) for each in (steep, bent, twisted))
         left = jerk - twisted * top[:, None] ** 3

@@ -20,10 +20,9 @@ __all__ = ["SmoothPath", "smooth_path"]
 Array = NDArray[np.float64]
 
 LONGEST, GRADE, EVEN, NEAR = 12.0, 0.2, 9, 0.95
-"""Of the spline's control points: `jerk` times the cube of their largest distance is this many tolerances; how fast the
-distance changes along the path; points over which it is averaged, twice; part of the tolerance that is used."""
-MAX_TICKS = 10_000_000
-"""Of a path: close to three hours at 1 kHz."""
+"""Control points: jerk times their largest distance cubed, in tolerances; growth of the distance along the path; number
+that it is averaged over, twice; used part of the tolerance."""
+MAX_TICKS = 10_000_000  # of a path: close to three hours at 1 kHz
 
 
 class SmoothPath(NamedTuple):
@@ -58,13 +57,10 @@ def smooth_path(
 ) -> SmoothPath:
     """A recorded or planned path, from rest to rest, for a drive: late where its axes are too slow, not elsewhere.
 
-    All axes wait for one another, so that what couples them (a hand's place, a handle's tilt) stays. A `Smoother`
-    leads each axis by itself, which breaks that; it is for targets whose future is unknown, this for a path after its
-    run.
-
-    Between its points the path is interpolated by shape-preserving cubics, which leave no range the points keep. A
-    spline rounds its corners within `tolerance`; Ruckig leads the progress along that (`ruckig_timing`), at most at the
-    recorded pace.
+    All axes wait for one another, so that what couples them (a hand's place, a handle's tilt) stays; a `Smoother`, for
+    targets whose future is unknown, breaks that. Between its points the path is interpolated by shape-preserving
+    cubics, which leave no range the points keep. A spline rounds its corners within `tolerance`, and Ruckig times the
+    progress along it (`ruckig_timing`), at most at the recorded pace.
 
     Parameters
     ----------
@@ -83,31 +79,29 @@ def smooth_path(
     from scipy.interpolate import PchipInterpolator  # noqa: PLC0415  (loaded when used)
 
     t, x = checked_array("times", times, "numbers"), checked_array("points", points, "numbers")
-    if t.ndim != 1 or t.size < 2 or not np.all(np.diff(t) > 0.0) or not np.all(np.isfinite(t)):
+    if t.ndim != 1 or t.size < 2 or not (np.all(np.diff(t) > 0.0) and np.all(np.isfinite(t))):
         raise ConfigurationError("times", times, "at least two finite, increasing times (N,)")
     if x.ndim != 2 or len(x) != len(t) or not np.all(np.isfinite(x)):
         raise ConfigurationError("points", points, f"finite numbers of shape ({t.size}, n)")
     dt = checked_number("dt", dt, above=SHORTEST_TICK, below=1e6)
-    tolerance = checked_number("tolerance", tolerance, above=0.0)
-    bounds = axis_bounds(
-        lower=lower, upper=upper, velocity=velocity, acceleration=acceleration, jerk=jerk, axes=x.shape[1]
-    )
+    tolerance, n = checked_number("tolerance", tolerance, above=0.0), x.shape[1]
+    bounds = axis_bounds(lower=lower, upper=upper, velocity=velocity, acceleration=acceleration, jerk=jerk, axes=n)
     path = PchipInterpolator(t, np.clip(x, bounds.lower, bounds.upper), axis=0)
     limits = np.array(bounds[2:])
     least = ((np.ptp(x, axis=0) / limits) ** (1.0 / np.arange(1, 4)[:, None])).max()
     given = ("velocity", velocity), ("acceleration", acceleration), ("jerk", jerk), ("tolerance", tolerance)
     _check_length(max(t[-1] - t[0], least), dt, ("dt", dt), *given)
     spline = _rounded(path, *limits, dt=dt, tolerance=tolerance)
-    knots = np.arange(len(spline.c) - 2.0)
-    cells = PathCells(knots, *(spline(knots[:-1], order) for order in (1, 2, 3)))
+    begins = np.arange(len(spline.c) - 3.0)
+    cells = PathCells(np.append(begins, len(begins)), *(spline(begins, order) for order in (1, 2, 3)))
     most = np.column_stack([limits, (1.0, math.inf, math.inf)])  # the recording's time passes no faster than recorded
     timing = ruckig_timing(cells, velocity=most[0], acceleration=most[1], jerk=most[2])
     _check_length(timing.times[-1], dt, *given)
     moved = spline(timing.at(dt * np.arange(math.ceil(timing.times[-1] / dt) + 1)))
     positions, phase = np.clip(moved[:, :-1], bounds.lower, bounds.upper), np.clip(moved[:, -1], t[0], t[-1])
     positions[[0, -1]], phase[[0, -1]] = path(t[[0, -1]]), t[[0, -1]]
-    when = t[0] + dt * np.arange(len(positions))
-    return SmoothPath(when, positions, phase, np.abs(positions - path(phase)).max(axis=0))
+    when, off = t[0] + dt * np.arange(len(positions)), np.abs(positions - path(phase)).max(axis=0)
+    return SmoothPath(when, positions, phase, off)
 
 
 def _rounded(path: Any, velocity: Array, acceleration: Array, jerk: Array, *, dt: float, tolerance: float) -> Any:
@@ -124,9 +118,7 @@ def _rounded(path: Any, velocity: Array, acceleration: Array, jerk: Array, *, dt
     parts = np.ceil(length / longest).astype(int)
     edges = np.interp(np.arange(parts.sum() + 1), np.append(0, np.cumsum(parts)), t)
     apart = np.repeat(longest / np.maximum(speed, 1.0), parts)  # of the control points, between two edges
-    further = np.zeros(len(apart))
     while True:
-        apart = apart / np.where(further > 1.0, 1.05 * np.sqrt(further), 1.0)
         size = np.minimum(np.append(apart, math.inf), np.append(math.inf, apart))
         size = np.minimum.accumulate(size - GRADE * edges) + GRADE * edges
         size = np.minimum.accumulate((size + GRADE * edges)[::-1])[::-1] - GRADE * edges
@@ -143,8 +135,8 @@ def _rounded(path: Any, velocity: Array, acceleration: Array, jerk: Array, *, dt
         off = np.abs(moved[:, :-1] - path(phase)).max(axis=1) / (NEAR * tolerance)
         if off.max() <= 1.0:
             return spline
-        further = np.zeros(len(apart))
-        np.maximum.at(further, np.clip(np.searchsorted(edges, phase, side="right") - 1, 0, len(apart) - 1), off)
+        off = np.where(off > 1.0, 1.05 * np.sqrt(off), 1.0)
+        np.minimum.at(apart, k := np.searchsorted(edges[1:-1], phase, side="right"), np.maximum(apart[k] / off, 1e-300))
 
 
 def _check_length(seconds: float, dt: float, *given: tuple[str, object]) -> None:
@@ -153,5 +145,3 @@ def _check_length(seconds: float, dt: float, *given: tuple[str, object]) -> None
         names, values = zip(*given, strict=True)
         expected = f"a path of at most {MAX_TICKS} ticks; this one takes {seconds:.3g} s"
         raise ConfigurationError(", ".join(names), values, expected)
-
-
