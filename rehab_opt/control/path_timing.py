@@ -34,7 +34,7 @@ rises at least. Without these margins rounding leaves Ruckig no way through one 
 
 
 class PathCells(NamedTuple):
-    """Cells of a path of n axes, cubic on each of them: K + 1 ends, and three derivatives (K, n) at their beginnings."""
+    """Cells of a path of n axes, cubic on each: K + 1 ends, and three derivatives (K, n) at their beginnings."""
 
     knots: Array
     first: Array

@@ -122,7 +122,7 @@ def _rounded(path: Any, velocity: Array, acceleration: Array, jerk: Array, *, dt
         size = np.minimum(np.append(apart, math.inf), np.append(math.inf, apart))
         size = np.minimum.accumulate(size - GRADE * edges) + GRADE * edges
         size = np.minimum.accumulate((size + GRADE * edges)[::-1])[::-1] - GRADE * edges
-        count = np.append(0.0, np.cumsum(np.diff(edges) / np.minimum(size[1:], size[:-1])))
+        count = np.append(0.0, np.cumsum(np.diff(edges) / np.maximum(np.minimum(size[1:], size[:-1]), 1e-300)))
         _check_length(4.0 * dt * count[-1], dt, ("tolerance", tolerance), ("jerk", jerk))
         steps = np.diff(np.interp(np.linspace(0.0, count[-1], math.ceil(count[-1]) + 1), count, edges))
         steps = uniform_filter1d(uniform_filter1d(steps, EVEN, mode="nearest"), EVEN, mode="nearest")
@@ -136,7 +136,7 @@ def _rounded(path: Any, velocity: Array, acceleration: Array, jerk: Array, *, dt
         if off.max() <= 1.0:
             return spline
         off = np.where(off > 1.0, 1.05 * np.sqrt(off), 1.0)
-        np.minimum.at(apart, k := np.searchsorted(edges[1:-1], phase, side="right"), np.maximum(apart[k] / off, 1e-300))
+        np.minimum.at(apart, k := np.searchsorted(edges[1:-1], phase, side="right"), apart[k] / off)
 
 
 def _check_length(seconds: float, dt: float, *given: tuple[str, object]) -> None:
