@@ -20,8 +20,7 @@ __all__ = ["SmoothPath", "smooth_path"]
 Array = NDArray[np.float64]
 
 LONGEST, GRADE, EVEN, NEAR = 12.0, 0.2, 9, 0.95
-"""Control points: jerk times their largest distance cubed, in tolerances; growth of the distance along the path; number
-that it is averaged over, twice; used part of the tolerance."""
+"""Control points: jerk times their largest distance cubed, in tolerances; its growth; how many are averaged; margin."""
 MAX_TICKS = 10_000_000  # of a path: close to three hours at 1 kHz
 
 
@@ -130,7 +129,8 @@ def _rounded(path: Any, velocity: Array, acceleration: Array, jerk: Array, *, dt
         points = np.column_stack([path(places), places])
         points = np.vstack([2.0 * points[0] - points[1], points, 2.0 * points[-1] - points[-2]])
         spline = BSpline(np.arange(-3.0, len(points) + 1.0), points, 3)
-        moved = spline(np.arange(0.0, len(points) - 2.75, 0.25))
+        at = np.arange(0.0, len(points) - 2.75, 0.25)
+        moved = spline(np.append(at, np.interp(t, spline(at)[:, -1], at)))  # where the path has its knots, too
         phase = np.clip(moved[:, -1], t[0], t[-1])
         off = np.abs(moved[:, :-1] - path(phase)).max(axis=1) / (NEAR * tolerance)
         if off.max() <= 1.0:
