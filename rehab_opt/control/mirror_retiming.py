@@ -1,9 +1,8 @@
-"""Time-optimal retiming of a plan: the same joint path, passed as fast as its bounds allow.
+"""Retiming of a plan by Ruckig: the same joint path, without the stops and hesitations of a plan made tick by tick.
 
-A plan made tick by tick stops and hesitates. Along its joint path, with the reference's clock and the hand's way as two
-more axes, Ruckig times the passage (`ruckig_timing`) within joint speed and acceleration, the hand's speed, and
-a clock that runs at most at the recording's pace. Its ticks are then checked as commands are; a passage that would
-break a bound is rejected.
+The reference's clock and the hand's way are two more axes: Ruckig times the passage (`ruckig_timing`) within joint
+speed and acceleration, the hand's speed, and a clock at most at the recording's pace. Its ticks are then checked as
+commands are; a passage that would break a bound is rejected.
 """
 
 from __future__ import annotations
@@ -50,7 +49,7 @@ BROKEN, EXACT = 1e-9, 1e-12
 
 
 def retimed(tracker: MirrorTracker, plan: MirrorPath, left: Array) -> MirrorPath:
-    """The plan in the least time, or as it is where no such passage keeps every bound.
+    """The plan timed by Ruckig, or as it is where no such passage keeps every bound.
 
     Parameters
     ----------
@@ -81,7 +80,7 @@ def retimed(tracker: MirrorTracker, plan: MirrorPath, left: Array) -> MirrorPath
 def _passed(
     tracker: MirrorTracker, plan: MirrorPath, left: Array, ways: NDArray[np.int_], slow: Array
 ) -> tuple[MirrorPath, NDArray[np.int_]] | None:
-    """The passage of least time, and which tick of the plan each of its ticks is of.
+    """Ruckig's passage, and which tick of the plan each of its ticks is of.
 
     About each of the plan's ticks it goes as `ways` (M,) says, at most at this share (M,) of the speeds. None where
     there is none that is sooner than the plan.
