@@ -105,7 +105,7 @@ def judged(passed: Passed) -> Judged:
 
 def _tilts(arm: SerialChain, q: Array) -> Array:
     axes = np.array([arm.pose(each)[:3, 0] for each in q])
-    return np.arctan2(np.hypot(axes[:, 0], axes[:, 1]), axes[:, 2])
+    return np.asarray(np.arctan2(np.hypot(axes[:, 0], axes[:, 1]), axes[:, 2]))
 
 
 def shipped(names: Sequence[str]) -> Iterator[Passed]:
@@ -146,8 +146,8 @@ def generated(count: int) -> Iterator[Passed]:
             low, high = np.maximum(arm.lower, -2.0), np.minimum(arm.upper, 2.0)
             q = _way((low + high) / 2 + 0.45 * (high - low) * place[:, : arm.n], kind)
         unhurried = float((np.abs(np.diff(q, axis=0)).max(axis=0) / arm.velocity).max())
-        times = np.arange(len(q)) * max(unhurried / hurry, 1e-4)
-        bounds = {
+        times = np.asarray(np.arange(len(q)) * max(unhurried / hurry, 1e-4), dtype=np.float64)
+        bounds: dict[str, Any] = {
             "velocity": arm.velocity, "acceleration": arm.acceleration, "jerk": float(10 ** rng.uniform(2, 3.5)),
             "lower": arm.lower, "upper": arm.upper,
         }  # fmt: skip

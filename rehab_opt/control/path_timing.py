@@ -25,11 +25,7 @@ __all__ = ["PathCells", "PathTiming", "ruckig_timing"]
 Array = NDArray[np.float64]
 
 CURVE, BEND, CROSS = 0.7, 0.7, 0.5  # c_a, c_j, c_x
-ALIKE, SHARPER, STRONG = (
-    1.05,
-    1.02,
-    3.0,
-)  # in a zone, ratio of speed limits, also without jerk, and of acceleration ones
+ALIKE, SHARPER, STRONG = 1.05, 1.02, 3.0  # ratio in a zone of speeds; the same without jerk; of accelerations
 QUICK = 1e-4  # [s] The progress takes at least this long to reach its speed limit, also where all axes stand.
 PART, SPEED, RAMP = 1.0 - 1e-4, 1.0 - 5e-7, 1e-3
 """Used part of a zone's length, and of the speed limit at its ends; least part of its shortest time in which its
