@@ -20,7 +20,7 @@ PROMISES = (
     Promise("rehab_opt/control/mirror.py", "A stretch that the arm cannot do is followed as near as the hand comes "
             "from where it is: once it stands short of the reference, or the clock has waited for a second longer than "
             "it went on, deviations count from there on (`short`), and the clock goes on."),
-    Promise("rehab_opt/control/mirror.py", "the joint path is passed in the least time within the same bounds"),
+    Promise("rehab_opt/control/mirror.py", "Ruckig then times the joint path within the same bounds"),
     Promise("rehab_opt/control/mirror.py", "How many ticks relaxed acceleration, were shortened, waited, braked, and "
             "how often the hand was cut short."),
 )  # fmt: skip
