@@ -42,8 +42,8 @@ HANGING = 400
 """[s] that one test may take; a fault that makes it longer is found."""
 ENDINGS = "PASSED|FAILED|ERROR|SKIPPED|XFAIL|Timeout|Fatal Python"
 """What stands behind a test's name."""
-NO_TESTS = 5
-"""What pytest returns where a file has no test to run."""
+WRONG_CALL, NO_TESTS = 4, 5
+"""What pytest returns where it cannot begin, also since a conftest.py cannot be loaded; and where no test is there."""
 
 
 class Told(NamedTuple):
@@ -110,7 +110,7 @@ def run(root: Path, tests: Sequence[str], options: Iterable[str], seconds: float
 
 def tried(root: Path, fault: Fault, skipped: Iterable[str], seconds: float) -> Told:
     """The tests of the fault's folder, without those skipped, in a copy of the tree with the fault in it."""
-    path, begin, files = root / fault.file, time.monotonic(), test_files(fault.file)
+    path, begin, files = root / fault.file, time.monotonic(), test_files(root, fault.file)
     source, stamp = path.read_bytes(), path.stat().st_mtime
     options = ["-x", *(f"--deselect={each}" for each in skipped)]
     try:
@@ -120,6 +120,8 @@ def tried(root: Path, fault: Fault, skipped: Iterable[str], seconds: float) -> T
             if not part:
                 continue
             ended, text = run(root, part, options, begin + seconds - time.monotonic())
+            if ended == WRONG_CALL and "conftest" not in text:
+                raise RuntimeError(text[-2000:])
             if ended not in {0, NO_TESTS}:
                 begun = re.findall(rf"^(tests/\S+?\.py::.*?)(?: (?:{ENDINGS}).*)?$", text, re.MULTILINE)
                 said = re.findall(r"^(?:FAILED|ERROR) .*? - (.*)$", text, re.MULTILINE)

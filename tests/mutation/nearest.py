@@ -17,19 +17,19 @@ def folder(file: str) -> str:
     return parts[1] if len(parts := Path(file).parts) > 2 else ""
 
 
-def test_files(file: str) -> list[str]:
-    """Test files of a module's folder, the nearest to the module first."""
+def test_files(root: Path, file: str) -> list[str]:
+    """Test files of a module's folder in a copy of the tree, the nearest to the module first."""
     name = folder(file)
-    place = ROOT / "tests" / ELSEWHERE.get(name, name)
+    place = root / "tests" / ELSEWHERE.get(name, name)
     found = place.rglob("test_*.py") if name else place.glob("test_*.py")
     distances = distance_of_tests(file)
     words = {word for part in Path(file).with_suffix("").parts[1:] for word in part.split("_")}
 
     def order(test: Path) -> tuple[float, int]:
         alike = len(words & {*test.stem.split("_"), *test.relative_to(place).parts[:-1]})
-        return distances.get(test, FAR) - alike, test.stat().st_size
+        return distances.get(ROOT / test.relative_to(root), FAR) - alike, test.stat().st_size
 
-    return [str(test.relative_to(ROOT)) for test in sorted(found, key=order)]
+    return [str(test.relative_to(root)) for test in sorted(found, key=order)]
 
 
 def distance_of_tests(file: str) -> dict[Path, int]:

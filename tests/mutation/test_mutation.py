@@ -140,7 +140,7 @@ def test_a_fault_for_which_there_is_no_time_is_not_found(tree: Path) -> None:
 
 def test_tests_of_a_folder_run_nearest_first(tree: Path) -> None:
     (tree / "tests/sums/test_middle.py").write_text("from tests.sums.test_adding import total\n")
-    files = [Path(each).stem for each in nearest.test_files("rehab_opt/sums/adding.py")]
+    files = [Path(each).stem for each in nearest.test_files(tree, "rehab_opt/sums/adding.py")]
     assert files == ["test_adding", "test_middle", "test_other"]  # the last is the shortest
 
 
