@@ -29,15 +29,13 @@ from pathlib import Path
 from typing import NamedTuple
 
 from tests.judge.__main__ import head, write
-from tests.mutation.nearest import ROOT, folder, test_files
+from tests.mutation.nearest import NEAREST, ROOT, folder, test_files
 from tests.mutation.operators import Fault, faults
 
 MARKERS = "<!-- faults: begin -->", "<!-- faults: end -->"
 EQUIVALENT = Path(__file__).with_name("equivalent.toml")
 COPIED = ("rehab_opt", "tests", "problems", "bench", "docs", "examples", "pyproject.toml", "README.md", "CHANGELOG.md",
           "CITATION.cff", "CONTRIBUTING.md", "INTENDED_USE.md", "LICENSE")  # fmt: skip
-NEAREST = 6
-"""Test files that run before the rest of the folder."""
 HANGING = 400
 """[s] that one test may take; a fault that makes it longer is found."""
 ENDINGS = "PASSED|FAILED|ERROR|SKIPPED|XFAIL|Timeout|Fatal Python"

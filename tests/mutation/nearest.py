@@ -10,6 +10,8 @@ ROOT = Path(__file__).resolve().parents[2]
 ELSEWHERE = {"recordings": "session"}
 """Folders of the library whose tests stand in another one's folder."""
 FAR = 99
+NEAREST = 6
+"""Test files that run first."""
 
 
 def folder(file: str) -> str:
@@ -18,7 +20,7 @@ def folder(file: str) -> str:
 
 
 def test_files(root: Path, file: str) -> list[str]:
-    """Test files of a module's folder in a copy of the tree, the nearest to the module first."""
+    """Test files of a module's folder in a copy of the tree: the nearest to the module first, then the shortest."""
     name = folder(file)
     place = root / "tests" / ELSEWHERE.get(name, name)
     found = place.rglob("test_*.py") if name else place.glob("test_*.py")
@@ -29,7 +31,9 @@ def test_files(root: Path, file: str) -> list[str]:
         alike = len(words & {*test.stem.split("_"), *test.relative_to(place).parts[:-1]})
         return distances.get(ROOT / test.relative_to(root), FAR) - alike, test.stat().st_size
 
-    return [str(test.relative_to(root)) for test in sorted(found, key=order)]
+    near = sorted(found, key=order)
+    far = sorted(near[NEAREST:], key=lambda test: test.stat().st_size)
+    return [str(test.relative_to(root)) for test in (*near[:NEAREST], *far)]
 
 
 def distance_of_tests(file: str) -> dict[Path, int]:
