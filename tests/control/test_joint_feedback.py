@@ -13,7 +13,7 @@ from scipy.integrate import solve_ivp
 
 from rehab_opt import ConfigurationError, JointFeedback, PoseTracker, Status, ur5
 from rehab_opt.control.followed_joints import FollowedJoints
-from rehab_opt.control.stopping import gentle_speed
+from rehab_opt.control.stopping import gentle_speed, velocity_bounds
 
 Array = NDArray[np.float64]
 START, DT = np.array([0.0, -1.2, 1.5, -1.8, -1.57, 0.0]), 1e-3
@@ -317,3 +317,16 @@ def test_speed_towards_a_limit_never_falls_with_the_room_and_takes_at_most_seven
     assert deceleration.max() <= 0.7 * acceleration * (1 + 1e-3)
     assert deceleration[-1] == pytest.approx(0.7 * acceleration, rel=1e-3)
     np.testing.assert_allclose(v[room < 0.02], approach * room[room < 0.02])
+
+
+def test_a_joint_at_either_limit_is_not_outside_and_may_leave_it_at_its_full_speed() -> None:
+    arm, dt = ur5(), 0.01
+    q, last = ca.SX.sym("q", 6), ca.SX.sym("last", 6)
+    bounds = velocity_bounds(arm, q, last, dt=dt, recovery_speed=0.1)
+    outputs = [bounds.outside, bounds.hard_lower, bounds.hard_upper]
+    function = ca.Function("bounds", [q, last], [ca.densify(ca.SX(each)) for each in outputs])
+    for at, way in ((arm.lower, 1.0), (arm.upper, -1.0)):
+        outside, lower, upper = (each.full().ravel() for each in function(at, np.zeros(6)))
+        assert not outside.any()
+        np.testing.assert_allclose(upper if way > 0 else lower, way * arm.velocity)
+        np.testing.assert_allclose(lower if way > 0 else upper, 0.0, atol=1e-12)

@@ -36,7 +36,7 @@ MARKERS = "<!-- faults: begin -->", "<!-- faults: end -->"
 EQUIVALENT = Path(__file__).with_name("equivalent.toml")
 COPIED = ("rehab_opt", "tests", "problems", "bench", "docs", "examples", "pyproject.toml", "README.md", "CHANGELOG.md",
           "CITATION.cff", "CONTRIBUTING.md", "INTENDED_USE.md", "LICENSE")  # fmt: skip
-HANGING = 400
+HANGING = 200
 """[s] that one test may take; a fault that makes it longer is found."""
 ENDINGS = "PASSED|FAILED|ERROR|SKIPPED|XFAIL|Timeout|Fatal Python"
 """What stands behind a test's name."""
