@@ -133,12 +133,13 @@ def tried(root: Path, fault: Fault, skipped: Iterable[str], seconds: float) -> T
     return Told(False, "", f"{len(files)} files pass", time.monotonic() - begin)
 
 
-def failing(root: Path, tests: Iterable[str]) -> set[str]:
-    """Those of these tests that fail without a fault."""
-    ended, text = run(root, sorted({*tests}), ())
+def failing(root: Path, tests: set[str]) -> set[str]:
+    """Those of these tests, or files of tests, that do not pass without a fault."""
+    ended, text = run(root, sorted(tests), ())
     if ended not in {0, 1, NO_TESTS}:
         raise RuntimeError(f"without a fault pytest ends with {ended}:\n{text[-2000:]}")
-    return {*re.findall(r"^(tests/\S+?\.py::.*?) (?:FAILED|ERROR)", text, re.MULTILINE)}
+    passed = re.findall(r"^(tests/\S+?\.py::.*?) PASSED", text, re.MULTILINE)
+    return {each for each in tests if each not in passed and each not in {name.partition("::")[0] for name in passed}}
 
 
 def campaign(chosen: Sequence[Fault], record: Path, seconds: float, processes: int, again: bool) -> dict[Fault, Told]:
@@ -147,10 +148,12 @@ def campaign(chosen: Sequence[Fault], record: Path, seconds: float, processes: i
     What found a fault then runs once without any; where it fails, too, the rest of the folder is asked.
     """
     record.parent.mkdir(parents=True, exist_ok=True)
-    known = {}
+    known, passing = {}, set[str]()
     for line in record.read_text(encoding="utf-8").splitlines() if record.exists() else ():
         each = json.loads(line)
-        known[tuple(each["key"])] = Told(*(each[name] for name in Told._fields))
+        passing |= {*each.get("pass_without_fault", ())}
+        if "key" in each:
+            known[tuple(each["key"])] = Told(*(each[name] for name in Told._fields))
     told = {fault: known[fault.key] for fault in chosen if fault.key in known}
     left = [fault for fault in chosen if fault not in told or (again and not told[fault].found)]
     skipped = set[str]()
@@ -168,7 +171,7 @@ def campaign(chosen: Sequence[Fault], record: Path, seconds: float, processes: i
             finally:
                 free.put(root)
 
-        while left:
+        while True:
             with ThreadPoolExecutor(processes) as pool:
                 for fault, each in pool.map(one, left):
                     told[fault] = each
@@ -177,10 +180,15 @@ def campaign(chosen: Sequence[Fault], record: Path, seconds: float, processes: i
                         file.write(json.dumps({**each._asdict(), **place}) + "\n")
                     print(f"{'found' if each.found else 'NOT FOUND'} {each.seconds:.0f} s {fault.file}:{fault.line} "
                           f"{fault.operator}: {fault.after}: {each.test} {each.words}", flush=True)  # fmt: skip
-            broken = failing(root, [each.test for each in told.values() if each.found])
+            asked = {each.test for each in told.values() if each.found} - passing
+            broken = failing(root, asked) if asked else set()
             print(f"Fail without a fault: {', '.join(sorted(broken)) or 'none'}", flush=True)
-            skipped |= broken
+            passing, skipped = passing | asked - broken, skipped | broken
+            with record.open("a", encoding="utf-8") as file:
+                file.write(json.dumps({"pass_without_fault": sorted(asked - broken)}) + "\n")
             left = [fault for fault in chosen if told[fault].test in broken]
+            if not left:
+                break
     return {fault: told[fault] for fault in chosen}
 
 
