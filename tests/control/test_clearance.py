@@ -25,13 +25,10 @@ from rehab_opt import (
     Relaxed,
     SerialChain,
     Status,
-    arm_capsules,
     arm_on_chair,
-    human_arm,
     ur5,
 )
 from rehab_opt.kinematics.ardis import ardis
-from rehab_opt.kinematics.human_arm import ARM_REST
 from rehab_opt.kinematics.room import MOVING, moving_numbers
 from tests.control.clearance_world import MARGIN, Swinging, least_distance, link_ends, robot, room, segments_apart
 from tests.control.mirror_campaign import LARGEST
@@ -436,22 +433,3 @@ def test_clearance_needs_capsules_and_stands_alone() -> None:
         ur5(), limits=[given, Limit(lambda chain, q: chain.frames_expression(q)[2][2, 3])], compile=False
     )
     assert both.step(START, ur5().pose(START), np.zeros(6), obstacles=[]).status is Status.OK
-
-
-@pytest.mark.parametrize("side", ["left", "right"])
-def test_arm_of_a_person_is_where_its_joints_are_and_moves_as_they_do(side: Any) -> None:
-    arm, rng = human_arm(side=side), np.random.default_rng(0)
-    placement = np.eye(4)
-    placement[:3, :3], placement[:3, 3] = [[0, -1, 0], [1, 0, 0], [0, 0, 1]], (0.5, 0.2, 0.3)
-    q, velocity, step = ARM_REST + rng.uniform(-0.3, 0.3, 8), rng.normal(size=8), 1e-6
-    upper, fore, hand = arm_capsules(arm, q, velocity, placement=placement)
-    assert np.linalg.norm(np.subtract(upper.end, upper.start)) == pytest.approx(0.29)
-    assert np.linalg.norm(np.subtract(fore.end, fore.start)) == pytest.approx(0.30)
-    np.testing.assert_allclose(hand.end, (placement @ arm.pose(q))[:3, 3], atol=1e-12)
-    np.testing.assert_allclose(upper.end, fore.start)
-    later = arm_capsules(arm, q + step * velocity, placement=placement)
-    for now, then in zip((upper, fore, hand), later, strict=True):
-        np.testing.assert_allclose(np.subtract(then.start, now.start) / step, now.start_velocity, atol=1e-4)
-        np.testing.assert_allclose(np.subtract(then.end, now.end) / step, now.end_velocity, atol=1e-4)
-    with pytest.raises(ConfigurationError, match="arm"):
-        arm_capsules(ur5(), q[:6], placement=placement)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections import deque
 
+import casadi as ca
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -12,6 +13,7 @@ from scipy.integrate import solve_ivp
 
 from rehab_opt import ConfigurationError, JointFeedback, PoseTracker, Status, ur5
 from rehab_opt.control.followed_joints import FollowedJoints
+from rehab_opt.control.stopping import gentle_speed, velocity_bounds
 
 Array = NDArray[np.float64]
 START, DT = np.array([0.0, -1.2, 1.5, -1.8, -1.57, 0.0]), 1e-3
@@ -302,3 +304,29 @@ def test_what_is_no_feedback_is_named() -> None:
 def test_a_delay_of_too_many_ticks_is_refused() -> None:
     with pytest.raises(ConfigurationError, match=r"feedback\.delay = 0\.5.*128 ticks"):
         PoseTracker(ROBOT, feedback=JointFeedback(delay=0.5), dt=DT, compile=False)
+
+
+def test_speed_towards_a_limit_never_falls_with_the_room_and_takes_at_most_seven_tenths_of_the_acceleration() -> None:
+    acceleration, approach = 3.0, 8.0
+    room = np.linspace(0.0, 1.0, 20_001)
+    x = ca.SX.sym("x")
+    speeds = ca.Function("f", [x], [gentle_speed(x, ca.DM(acceleration), approach)]).map(len(room))(room[None])
+    v = speeds.full().ravel()
+    deceleration = v[1:] * np.diff(v) / np.diff(room)
+    assert (np.diff(v) > 0).all()
+    assert deceleration.max() <= 0.7 * acceleration * (1 + 1e-3)
+    assert deceleration[-1] == pytest.approx(0.7 * acceleration, rel=1e-3)
+    np.testing.assert_allclose(v[room < 0.02], approach * room[room < 0.02])
+
+
+def test_a_joint_at_either_limit_is_not_outside_and_may_leave_it_at_its_full_speed() -> None:
+    arm, dt = ur5(), 0.01
+    q, last = ca.SX.sym("q", 6), ca.SX.sym("last", 6)
+    bounds = velocity_bounds(arm, q, last, dt=dt, recovery_speed=0.1)
+    outputs = [bounds.outside, bounds.hard_lower, bounds.hard_upper]
+    function = ca.Function("bounds", [q, last], [ca.densify(ca.SX(each)) for each in outputs])
+    for at, way in ((arm.lower, 1.0), (arm.upper, -1.0)):
+        outside, lower, upper = (each.full().ravel() for each in function(at, np.zeros(6)))
+        assert not outside.any()
+        np.testing.assert_allclose(upper if way > 0 else lower, way * arm.velocity)
+        np.testing.assert_allclose(lower if way > 0 else upper, 0.0, atol=1e-12)

@@ -13,6 +13,7 @@ from scipy.linalg import expm
 
 from rehab_opt import Command, MirrorTracker, PoseTracker, RedundancyResolver, Status, ardis, ur5
 from rehab_opt.control.velocity_controller import VelocityController
+from rehab_opt.control.watched_joints import memory_of_watch, watched_joints
 from rehab_opt.kinematics import DriveName
 
 Array = NDArray[np.float64]
@@ -184,6 +185,22 @@ def test_states_that_are_not_one_motion_are_no_fault() -> None:
         joints.q = START + rng.uniform(-0.5, 0.5, 6)
         for each in run(joints, tracker, lambda _, task=task: START + 0.1 * task, 0.4):
             assert each.status.certified
+
+
+@pytest.mark.parametrize(("beyond", "one_motion"), [(-1e-4, True), (1e-4, False)])
+def test_encoder_that_stands_for_50_ms_may_jump_by_twice_what_the_joint_goes_meanwhile(
+    beyond: float, *, one_motion: bool
+) -> None:
+    dt, speed, spare = 0.01, 0.5, 0.015
+    chain = ROBOT.with_limits(velocity=np.full(6, speed))
+    watched, record = watched_joints(chain, dt=dt, base=0), memory_of_watch(6)
+    memory, command = np.zeros(record.size), np.full(6, 0.1)
+    for _ in range(100):
+        memory, _ = watched(memory, START, command)
+    jump = 2 * speed * (dt + 0.05) + spare + beyond
+    memory, _ = watched(memory, START - jump, command)  # against its command: it does not follow
+    led = memory.full().ravel()[record.places["led"]]
+    assert (led > 0).all() if one_motion else not led.any()
 
 
 def test_a_chair_whose_place_is_not_measured_is_at_no_fault_and_a_blocked_one_is() -> None:

@@ -10,6 +10,5 @@ and offers
     SHARE     its part of a campaign's ticks beside 1.0 of the others (optional)
     run(ticks, seed, *, only=None) -> Verdict   `only`: the number of one run of this seed, to see a broken claim again
 
-Loops record, numpy judges the whole run afterwards. Whether they see anything is shown by faults that are planted into
-a copy of the package: `python -m tests.judge.faults`.
+Loops record, numpy judges the whole run afterwards.
 """

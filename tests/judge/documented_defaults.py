@@ -6,15 +6,12 @@ the judges of motion give most settings.
 
 from __future__ import annotations
 
-import contextlib
 import enum
 import importlib
 import inspect
-import math
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
-from rehab_opt import RehabOptError
 from rehab_opt import __all__ as exported
 from rehab_opt.control.conditioning import Conditioner, conditioned
 from rehab_opt.control.hand_bounds import HandBounds
@@ -77,8 +74,6 @@ def defaults(verdict: Verdict) -> None:
         other = sorted(key for key in {*told, *written} if told.get(key) != written.get(key))
         numbers = ", ".join(f"{name}({key}={told.get(key)}), not {written.get(key)}" for key in other)
         verdict.holds("defaults are the documented ones", not other, numbers)
-    for name, each in public.items():
-        entered(each, DEFAULTS.get(name, {}))
 
 
 def of_control() -> Iterator[Callable[..., Any]]:
@@ -118,15 +113,3 @@ def holds_numbers(value: object) -> bool:
     if isinstance(value, (tuple, list)):
         return any(map(holds_numbers, value))
     return isinstance(value, (int, float)) and not isinstance(value, (bool, enum.Enum))
-
-
-def entered(public: Callable[..., Any], numbers: Mapping[str, object]) -> None:
-    """Call it with what it mostly refuses at once: `faults` asks only those judges that call the faulty function."""
-    needed = {
-        each.name: None
-        for each in inspect.signature(public).parameters.values()
-        if each.default is each.empty and each.kind is not each.VAR_KEYWORD
-    }
-    if numbers:
-        with contextlib.suppress(RehabOptError):  # what is refused, others judge
-            public(**(needed | {next(iter(numbers)): math.nan}))

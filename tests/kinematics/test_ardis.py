@@ -9,8 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from rehab_opt import ConfigurationError
+from rehab_opt import DH, ConfigurationError, SerialChain
 from rehab_opt.kinematics.ardis import ARDIS_READY, ardis
+from rehab_opt.kinematics.arm_links import arm_links, arm_reach, maximise_hand_volume
 from rehab_opt.kinematics.drive import Mecanum
 from rehab_opt.kinematics.mobile_arm import Capsule, MobileArm, Outline
 from tests.kinematics.dh_oracle import chain_pose
@@ -40,6 +41,41 @@ def test_at_zero_the_upper_arm_points_up_and_the_forearm_forward_on_the_right_si
     np.testing.assert_allclose(robot.chain.pose(np.zeros(7))[:3, 3], [0.1 + 0.5, -0.38, 0.7 + 0.45], atol=1e-12)
     stretched = [0, 0, 0, -np.pi / 2, 0, np.pi / 2, 0]
     np.testing.assert_allclose(robot.chain.pose(stretched)[:3, 3], [0.1 + 0.95, -0.38, 0.7], atol=1e-12)
+
+
+def test_each_body_of_the_arm_lies_between_the_joints_that_carry_it() -> None:
+    at_zero, points = np.zeros(7), {}
+    for count in (5, 6, 7):
+        points[count] = chain_pose(ROBOT.chain.rows[:count], at_zero[:count], ROBOT.chain.base, np.eye(4))
+    shoulder = chain_pose(ROBOT.chain.rows[:4], at_zero[:4], ROBOT.chain.base, np.eye(4))[:3, 3]
+    elbow, hand = points[5][:3, 3], points[7][:3, 3]
+    for body in ROBOT.bodies:
+        if body.name in {"upper arm", "forearm", "hand"}:
+            begin, end = (shoulder, elbow) if body.name == "upper arm" else (elbow, hand)
+            centre = (points[body.link] @ [*body.centre, 1.0])[:3]
+            along = (centre - begin) @ (end - begin) / ((end - begin) @ (end - begin))
+            assert 0.0 < along < 1.0
+            np.testing.assert_allclose(centre, begin + along * (end - begin), atol=1e-12)
+
+
+def test_largest_volume_that_the_joints_span_is_that_of_upper_arm_and_forearm_across_each_other() -> None:
+    robot = ardis(d5=0.3, d7=0.4)
+    free = robot.chain.with_limits(lower=-np.pi, upper=np.pi)
+    assert maximise_hand_volume(free, first=3) == pytest.approx(0.3 * 0.4**2, rel=1e-6)
+
+
+@pytest.mark.parametrize("offset", [0.0, 0.35])
+def test_no_tool_is_further_from_an_axis_of_the_arm_than_its_reach(offset: float) -> None:
+    rows = [DH(0.0, -np.pi / 2, 0.0, prismatic=True), DH(0.0, np.pi / 2), DH(0.2, np.pi / 2), DH(0.1, -1.0, 0.3)]
+    tool = np.eye(4)
+    tool[0, 3] = offset
+    chain = SerialChain(rows, lower=-3.0, upper=3.0, velocity=1.0, acceleration=1.0, tool=tool)
+    reach = arm_reach(chain, arm_links(chain, first=2, radius=0.05), first=2)
+    furthest = 0.0
+    for q in np.random.default_rng(2).uniform(-3, 3, (2000, 4)):
+        axis, hand = chain_pose(rows[:2], q[:2], np.eye(4), np.eye(4)), chain.pose(q)[:3, 3]
+        furthest = max(furthest, float(np.linalg.norm(np.cross(axis[:3, 2], hand - axis[:3, 3]))))
+    assert 0.7 * reach < furthest <= reach
 
 
 def test_the_hand_reaches_floor_table_and_lift_button() -> None:

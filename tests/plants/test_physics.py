@@ -5,6 +5,7 @@ import sys
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from bench.physics.arms import rods_along
 from bench.physics.forces import Push, SpringDamper
@@ -240,6 +241,21 @@ def test_arm_on_the_chair_follows_its_servos() -> None:
     for _ in range(100):
         plant.step(told)
     np.testing.assert_allclose(plant.truth.position[3:], ARDIS_READY[3:] + told[2:], atol=5e-3)
+
+
+def test_a_push_bends_the_arm_of_a_turned_chair_as_the_same_push_seen_from_the_chair() -> None:
+    robot = ardis()
+    plant = Wheelchair(robot, robot.mecanum, dt=0.01)
+
+    def bent(heading: float, push: list[float]) -> NDArray[np.float64]:
+        plant.reset([0.0, 0.0, heading, *ARDIS_READY[3:]])
+        for _ in range(20):
+            plant.step(np.zeros(8), push)
+        return plant.truth.position[3:] - ARDIS_READY[3:]
+
+    ahead = bent(0.0, [60.0, 20.0, 10.0])
+    assert np.abs(ahead).max() > 1e-4
+    np.testing.assert_allclose(bent(math.pi / 2, [-20.0, 60.0, 10.0]), ahead, rtol=1e-6, atol=1e-9)
 
 
 def test_without_mujoco_the_error_names_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -11,8 +11,8 @@ import pytest
 from rehab_opt.cli import main
 from rehab_opt.errors import ProblemFileError
 from rehab_opt.kinematics.goniometer import arm_posture, goniometer_range
-from rehab_opt.kinematics.human_arm import ARM_JOINTS, RANGES_OF_MOTION_DEG
-from rehab_opt.session.arm_picture import range_note, stick_arm
+from rehab_opt.kinematics.human_arm import ARM_JOINTS, RANGES_OF_MOTION_DEG, human_arm
+from rehab_opt.session.arm_picture import TRUNK, range_figure, range_note, stick_arm
 from rehab_opt.session.files import load_problem
 from rehab_opt.session.run import arms_of, checked
 
@@ -103,6 +103,14 @@ def test_angles_that_nobody_has_are_refused_with_what_they_look_like(
     assert refused.value.key.startswith("arm.range_of_motion.")
     assert key in refused.value.key
     assert says in refused.value.expected
+
+
+def test_trunk_seen_from_above_reaches_as_far_to_either_side() -> None:
+    lines = [line for axes in range_figure("regular", human_arm()).axes for line in axes.lines]
+    trunks = [np.asarray(line.get_data()) for line in lines if line.get_color() == TRUNK]
+    across = [x for x, y in trunks if len(x) and not y.any()]
+    assert across
+    assert all(x.min() == -x.max() < 0.0 for x in across)
 
 
 def test_a_picture_replaces_none_unasked(written: Write, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

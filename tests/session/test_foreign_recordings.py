@@ -103,6 +103,13 @@ def test_calibration_points_are_separated_as_their_own_header_is(written: Write,
         np.testing.assert_array_equal(target, [[4, 5, 6]] * 3)
 
 
+def test_calibration_point_that_is_no_number_is_named_by_its_line_and_one_of_10_m_is_usable(written: Write) -> None:
+    header = ",".join(f"{frame}_{axis}_m" for frame in ("vr", "robot") for axis in "xyz")
+    path = written("points.csv", f"{header}\n-10,10,3,4,5,6\n1,2,3,4,5,6\n1,2,10.01,4,5,6\n")
+    with pytest.raises(ProblemFileError, match="line 4"):
+        calibration_points(path, name="points.csv")
+
+
 def test_quoted_cells_and_columns_by_either_name_are_read(written: Write) -> None:
     path = written("a.csv", '"t_s","hand x [mm]","hand y [mm]"\n"0","1","2"\n"1","30","40"\n')
     for columns in (["hand x [mm]", "hand y [mm]"], ["hand x_mm", "hand y_mm"]):

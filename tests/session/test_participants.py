@@ -136,6 +136,7 @@ def test_a_name_that_cannot_be_used_is_its_own_row(written: Write) -> None:
     assert [person.error == "" for person in found] == [name in ("A", "C", "-1") for name in names]
     assert "line 6, column participant has it, too" in found[2].error
     assert "line 4, column participant has it, too" in found[4].error
+    assert found[2].error.partition("people.csv")[2].startswith(": line 4, column participant = 'B'")
     assert "1 to 100 characters" in found[1].error
     assert "people.csv: line 5, column participant = '../A'" in found[3].error
     assert len({person.name for person in found}) == len(names)

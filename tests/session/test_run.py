@@ -55,6 +55,7 @@ def test_shipped_path_is_followed_to_a_micrometre_within_every_limit(figure_eigh
     assert (optimised.law, published.law) == ("optimised", "published")
     for law in figure_eight.laws:
         check_law(figure_eight, law)
+        assert law.metrics["position_error_reachable_max_m"] == law.metrics["position_error_max_m"]  # all is in reach
     assert figure_eight.metrics["reachable_fraction_of_length"] == 1.0
     assert optimised.position_error.max() <= 1e-6
     assert optimised.handle_tilt.max() <= figure_eight.handle_tilt_limit + 1e-6

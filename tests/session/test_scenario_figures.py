@@ -27,7 +27,7 @@ from rehab_opt.session.scenario.field_figures import (
 )
 from rehab_opt.session.scenario.figures import deviation_figure, figures, max_between, trials_figure
 from rehab_opt.session.scenario.outcome import RATE, ScenarioOutcome, thinned_ticks
-from rehab_opt.session.scenario.plane_drawing import LAW_NAMES, mean_over_trials
+from rehab_opt.session.scenario.plane_drawing import LAW_NAMES, mean_over_trials, shown_box
 from rehab_opt.session.scenario.problem import REACHES
 from rehab_opt.session.scenario.table import brief, table
 from tests.session.made_trials import ALONE, COMFORTABLE, REACHABLE, WITHIN, made_outcome, trial_of
@@ -110,6 +110,14 @@ def test_number_of_trials_is_said_so_that_one_is_none_of_many() -> None:
         assert f"trials under each law: {count}" in words(
             trials_figure(made_outcome("assist", trials=count, laws=("assisted",)))
         )
+
+
+def test_every_point_lies_within_the_box_that_is_shown_with_the_same_room_on_all_sides() -> None:
+    points = np.random.default_rng(5).normal(0.3, 0.1, (50, 2))
+    low, high = (np.array(each) for each in zip(*shown_box(points), strict=True))
+    below, above = 1e3 * points.min(axis=0) - low, high - 1e3 * points.max(axis=0)
+    assert below.min() > 0
+    np.testing.assert_allclose(np.concatenate([below, above]), below[0])
 
 
 def test_largest_between_two_kept_ticks_is_kept() -> None:

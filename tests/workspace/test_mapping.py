@@ -110,6 +110,16 @@ def test_landmarks_that_are_added_where_a_map_is_not_proven_leave_it_as_it_is(mo
     assert all(np.isclose(point, at).all(axis=1).any() for point in added)
 
 
+def test_target_shrinks_by_at_most_three_tenths_of_its_inradius_however_little_is_known_of_it(monkeypatch):
+    monkeypatch.setattr(safe_rule, "least_distorted", lambda spline, images, *_: images)
+    found = []
+    safe_rule.safe_landmarks(
+        ell(), box(0.0, 0.0, 0.2, 0.2), lambda pairs: found.append(pairs) or [], accuracy=0.1, landmarks=50
+    )
+    reached = np.abs(found[0].target - 0.1).max(axis=0)
+    assert reached == pytest.approx(np.full(2, 0.7 * 0.1), rel=1e-3)
+
+
 def test_a_map_survives_pickling():
     made = mapped("restricted", "regular")
     copy = pickle.loads(pickle.dumps(made))

@@ -230,6 +230,15 @@ def test_a_point_alone_and_in_an_array_has_the_same_image(n: int, seed: int) -> 
         np.testing.assert_allclose(jacobian, slope, atol=1e-11 * size)
 
 
+def test_map_that_sums_over_all_landmarks_has_the_same_images() -> None:
+    rng = np.random.default_rng(8)
+    source = rng.uniform(-1, 1, (400, 2))
+    spline = ThinPlateSpline(source, source + 0.1 * np.sin(3 * source[:, ::-1]))
+    points = rng.uniform(-1, 1, (200, 2))
+    np.testing.assert_allclose(spline.summed()(points), spline(points), atol=1e-9)
+    assert np.abs(spline(points) - points).max() > 0.05  # so that the inverse map is another one
+
+
 @pytest.mark.skipif(_compiler() is None, reason="no C compiler on this machine")
 @pytest.mark.usefixtures("shipped")
 @pytest.mark.parametrize("n", [3, 4, 20, 33, 200])

@@ -68,7 +68,7 @@ class Change(NamedTuple):
 def faults(file: str, source: bytes) -> list[Fault]:
     """All faults of a module."""
     text, found = Source(source), []
-    for node, function in reached(ast.parse(source), ""):
+    for node, function in reached(ast.parse(source)):
         for operator, begin, end, new in changes(node, text):
             first, last = source.rfind(b"\n", 0, begin) + 1, source.find(b"\n", end)
             before, after = source[first:last], source[first:begin] + new.encode() + source[end:last]
@@ -119,19 +119,20 @@ class Source:
                 yield Change(SWAPPED, self.begin(one), self.end(other), f"{self.of(other)}{between}{self.of(one)}")
 
 
-def reached(node: ast.AST, function: str) -> Iterator[tuple[ast.AST, str]]:
+def reached(tree: ast.AST) -> Iterator[tuple[ast.AST, str]]:
     """Nodes that a tick may depend on, and the function they are in."""
-    if isinstance(node, (ast.Raise, ast.JoinedStr)) or (isinstance(node, ast.Call) and named(node.func) in CHECKS):
-        return
-    if isinstance(node, ast.If) and not node.orelse and all(isinstance(each, ast.Raise) for each in node.body):
-        return
-    yield node, function
-    if isinstance(node, (ast.FunctionDef, ast.ClassDef)):
-        function = f"{function}.{node.name}".lstrip(".")
-    hints = [getattr(node, name, None) for name in ("annotation", "returns")]
-    for child in ast.iter_child_nodes(node):
-        if child not in hints:
-            yield from reached(child, function)
+    left = [(tree, "")]
+    while left:
+        node, function = left.pop()
+        if isinstance(node, (ast.Raise, ast.JoinedStr)) or (isinstance(node, ast.Call) and named(node.func) in CHECKS):
+            continue
+        if isinstance(node, ast.If) and not node.orelse and all(isinstance(each, ast.Raise) for each in node.body):
+            continue
+        yield node, function
+        if isinstance(node, (ast.FunctionDef, ast.ClassDef)):
+            function = f"{function}.{node.name}".lstrip(".")
+        hints = [getattr(node, name, None) for name in ("annotation", "returns")]
+        left += [(child, function) for child in reversed([*ast.iter_child_nodes(node)]) if child not in hints]
 
 
 def changes(node: ast.AST, source: Source) -> Iterator[Change]:
