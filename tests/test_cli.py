@@ -332,7 +332,8 @@ def test_many_writes_a_folder_for_each_and_a_row_for_all_and_goes_on_where_it_wa
     printed = capsys.readouterr()
     assert "1 of 2 participants done" in [line.strip() for line in printed.out.splitlines()]
     assert "people.csv, line 3" in printed.out
-    assert printed.err == ""
+    said = printed.err.splitlines()  # on a busy machine a line a minute
+    assert all(line.startswith("rehab-opt: participants, ") for line in said)
     with (folder / "out/many/people/results.csv").open(encoding="utf-8") as results:
         rows = {row["participant"]: row for row in csv.DictReader(results)}
     assert (rows["anna"]["status"], rows["ben"]["status"]) == ("done", "refused")

@@ -17,7 +17,7 @@ class Address(NamedTuple):
     token: str
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def address() -> Iterator[Address]:
     pytest.importorskip("websockets", reason="the live page needs websockets: pip install rehab_opt[live]")
     command = [sys.executable, "-m", "rehab_opt", "live", "robot/ur5_circle"]
