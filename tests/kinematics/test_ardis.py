@@ -1,8 +1,5 @@
 """The chain, its frames and its inertia against poses in plain numpy and their numerical derivatives."""
 
-import pickle
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -108,15 +105,6 @@ def test_inertia_gives_the_kinetic_energy_of_the_moving_links(q: np.ndarray, vel
     assert velocity @ ROBOT.inertia(q) @ velocity / 2 == pytest.approx(expected, rel=1e-6, abs=1e-6)
 
 
-@given(joints)
-def test_inertia_is_symmetric_positive_definite_and_blind_to_where_the_chair_stands(q: np.ndarray) -> None:
-    w = ROBOT.inertia(q)
-    np.testing.assert_array_equal(w, w.T)
-    assert np.linalg.eigvalsh(w)[0] > 1e-3
-    elsewhere = ROBOT.inertia([*(q[:2] + 5.0), *q[2:]])
-    np.testing.assert_allclose(elsewhere, w, atol=1e-12)
-
-
 @given(joints, joints)
 def test_energy_in_chassis_velocities_does_not_know_the_heading(q: np.ndarray, velocity: np.ndarray) -> None:
     still = np.array([0, 0, 0, *q[3:]])
@@ -146,49 +134,22 @@ def test_posture_costs_more_at_limits_and_where_the_arm_is_stretched() -> None:
     assert ROBOT.posture_cost(q) > ROBOT.posture_cost(ARDIS_READY) + 0.2
 
 
-def test_a_robot_survives_pickling() -> None:
-    robot = pickle.loads(pickle.dumps(ROBOT))
-    np.testing.assert_array_equal(robot.inertia(ARDIS_READY), ROBOT.inertia(ARDIS_READY))
-
-
 @pytest.mark.parametrize(
     ("argument", "value"),
     [
         ("velocity", (0.8, 0.7, 1, 1, 1, 1, 1)),
-        ("acceleration", (1, 2, 1, 1, 1, 1, 1)),
         ("lower", (0, -np.inf, -np.inf, -1, -1, -1, -1)),
         ("upper", (np.inf, np.inf, np.inf, np.inf, 1, 1, 1)),
         ("d5", 0.0),
         ("chair_mass", np.nan),
         ("rotors", (0, 0, 0, np.nan, 1, 1, 1)),
-        ("rotors", (0, 0, 0, -5, 0, 0, 0)),
         ("limit_cost", -1.0),
-        ("limit_cost", "a"),
-        ("singular_cost", 10**400),
         *((mass, bad) for mass in ("shoulder_mass", "payload", "chair_turn_inertia") for bad in HOSTILE),
-        ("chair_mass", 10**400),
-        ("rotors", "a"),
-        ("mecanum", 5),
         ("differential", Mecanum(radius=0.1, half_gauge=0.2, half_base=0.2, limit=5.0)),
-        ("outline", (0, 1, 0, 1)),
         ("outline", Outline(1.0, 0.0, 0.0, 1.0)),
-        ("outline", Outline(None, 1.0, 0.0, 1.0)),  # type: ignore[arg-type]
-        ("outline", Outline(-np.inf, 1.0, 0.0, 1.0)),
-        ("keep_out", None),
-        ("keep_out", [5]),
-        ("keep_out", Capsule("user", (0, 0, 0), (0, 0, 1), 0.2)),
-        ("keep_out", [Capsule("user", (0, 0), (0, 0, 1), 0.2)]),  # type: ignore[arg-type]
-        ("keep_out", [Capsule("user", ("0", 0, 0), (0, 0, 1), 0.2)]),  # type: ignore[arg-type]
-        ("keep_out", [Capsule("user", (0, 0, np.nan), (0, 0, 1), 0.2)]),
         *(("keep_out", [Capsule("user", (0, 0, 0), (0, 0, 1), bad)]) for bad in HOSTILE),
     ],
 )
 def test_a_robot_that_cannot_be_is_refused(argument: str, value: object) -> None:
     with pytest.raises(ConfigurationError, match=argument):
         ardis(**{argument: value})  # type: ignore[arg-type]
-
-
-@pytest.mark.parametrize("radius", HOSTILE)
-def test_an_arm_of_no_thickness_in_metres_is_refused(radius: object) -> None:
-    with pytest.raises(ConfigurationError, match="arm_radius"):
-        replace(ROBOT, arm_radius=radius)  # type: ignore[arg-type]

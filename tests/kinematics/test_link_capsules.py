@@ -27,12 +27,6 @@ def test_a_capsule_that_is_none_is_refused_by_name(changed: dict[str, Any]) -> N
         ur5(capsules=[*UR5_CAPSULES, GOOD._replace(**changed)])
 
 
-def test_what_is_no_list_of_capsules_is_refused() -> None:
-    for wrong in (GOOD, "no", [5]):
-        with pytest.raises(ConfigurationError, match="capsules"):
-            ur5(capsules=wrong)  # type: ignore[arg-type]
-
-
 def test_balls_within_others_and_those_that_rest_are_left_out() -> None:
     frames = [(ball.frame, ball.radius) for ball in guarded_points(ur5())]
     assert frames == [(5, 0.066), (5, 0.066), (4, 0.066), (3, 0.066), (2, 0.073), (2, 0.073), (1, 0.073)]
