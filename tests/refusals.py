@@ -1,11 +1,11 @@
 """Tables of arguments that a call refuses: a row holds the arguments and the words that the message must contain."""
 
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, TypeAlias
 
 from rehab_opt import ConfigurationError
 
-type Row = tuple[Mapping[str, Any] | tuple[Any, ...], *tuple[str, ...]]
+Row: TypeAlias = tuple[Mapping[str, Any] | tuple[Any, ...], *tuple[str, ...]]
 """Keyword arguments as a mapping, or positional arguments as a tuple; then the words."""
 
 
