@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from itertools import pairwise
 from typing import Any
 
@@ -35,6 +36,7 @@ from rehab_opt.kinematics.human_arm import ARM_REST
 from rehab_opt.kinematics.room import MOVING, moving_numbers
 from tests.control.clearance_world import MARGIN, Swinging, least_distance, link_ends, robot, room, segments_apart
 from tests.control.mirror_campaign import LARGEST
+from tests.refusals import refuses
 
 START = np.array([0.3, -1.4, 1.9, -1.9, -1.2, 0.4])
 BALL = MovingCapsule((0.6, 0.0, 0.9), (0.6, 0.0, 0.9), 0.05)
@@ -55,7 +57,7 @@ def clear_posture(tracker: PoseTracker, bodies: list[MovingCapsule], rng: np.ran
     raise AssertionError("no posture is clear of these bodies")
 
 
-@pytest.mark.parametrize(("kind", "seed"), [("ur5", 0), ("panda", 1), ("six", 2), ("seven", 3)])
+@pytest.mark.parametrize(("kind", "seed"), [("panda", 1), ("seven", 3)])
 def test_arm_among_bodies_that_stand_still_comes_to_none_nearer_than_the_margin(kind: str, seed: int) -> None:
     rng, dt = np.random.default_rng(seed), 0.005
     chain = robot(kind, rng)
@@ -77,7 +79,7 @@ def test_arm_among_bodies_that_stand_still_comes_to_none_nearer_than_the_margin(
     assert -1e-9 <= least < 0.05
 
 
-@pytest.mark.parametrize(("kind", "seed"), [("ur5", 0), ("panda", 1), ("seven", 3)])
+@pytest.mark.parametrize(("kind", "seed"), [("panda", 1)])
 def test_rows_say_how_the_nearest_distances_change(kind: str, seed: int) -> None:
     rng, step = np.random.default_rng(seed), 1e-6
     chain = robot(kind, rng)
@@ -180,7 +182,7 @@ def still(body: MovingCapsule, dt: float) -> MovingCapsule:
     return body._replace(start=body.start + dt * body.start_velocity, end=body.end + dt * body.end_velocity)
 
 
-@pytest.mark.parametrize("drive", ["mecanum", "differential"])
+@pytest.mark.parametrize("drive", ["differential"])
 def test_chair_and_arm_keep_clear_of_what_stands_and_give_way_to_what_comes(drive: Any) -> None:
     robot_on_chair, dt = ardis(), 0.01
     chain = robot_on_chair.bodied_chain
@@ -223,7 +225,7 @@ def test_chair_and_arm_keep_clear_of_what_stands_and_give_way_to_what_comes(driv
         resolver.step(q, np.zeros(3), rows[0])
 
 
-@pytest.mark.parametrize("drive", ["mecanum", "differential"])
+@pytest.mark.parametrize("drive", ["mecanum"])
 def test_column_that_turns_about_its_own_axis_is_kept_clear_of_what_the_chair_drives_at(drive: Any) -> None:
     """A column of 0.4 m before the chair, its arm above a rail, and a stick straight at the rail."""
     rows = [DH(0.0, np.pi / 2, 0.4), DH(0.3, 0.0), DH(0.0, np.pi / 2), DH(0.0, 0.0, 0.3)]
@@ -279,7 +281,7 @@ def test_arm_brakes_before_a_body_that_stands_still_within_its_acceleration() ->
         assert not last.any()
 
 
-@pytest.mark.parametrize("deep", [0.001, 0.03])
+@pytest.mark.parametrize("deep", [0.03])
 def test_arm_within_a_margin_that_is_no_longer_enabled_stops_and_does_not_go_on_out_of_it(deep: float) -> None:
     chain, dt = ur5(velocity=2.0, acceleration=8.0), 0.002
     lowest = ends(chain, START)[2:, :, 2].min(axis=1) - [each.radius for each in chain.capsules[2:]]
@@ -297,8 +299,7 @@ def test_arm_within_a_margin_that_is_no_longer_enabled_stops_and_does_not_go_on_
     assert fastest > 1e-3
 
 
-@pytest.mark.parametrize("limit", ["body", "own"])
-@pytest.mark.parametrize("seed", [0, 3])
+@pytest.mark.parametrize(("limit", "seed"), [("body", 0), ("own", 3)])
 def test_arm_that_is_sent_beyond_its_reach_comes_to_rest_though_something_is_far_away(limit: str, seed: int) -> None:
     far = {
         "body": Clearance(margin=MARGIN, planes=[KeepOut.through([0.0, 0.0, -3.0], [0.0, 0.0, 1.0])], pairs=()),
@@ -321,7 +322,7 @@ def test_arm_that_is_sent_beyond_its_reach_comes_to_rest_though_something_is_far
     assert goal[:3, 3] @ chain.pose(q)[:3, 3] > 0.9 * 1.6 * np.linalg.norm(chain.pose(q)[:3, 3])  # it points there
 
 
-@pytest.mark.parametrize("body", ["beside", "crossing", "box", "floor"])
+@pytest.mark.parametrize("body", ["crossing", "box"])
 def test_forearm_pressed_along_a_body_neither_shakes_nor_sticks(body: str) -> None:
     chain, dt = ur5(velocity=2.0), 0.002
     forearm = ends(chain, START)[3]
@@ -377,21 +378,6 @@ def test_bodies_told_in_another_order_or_as_an_array_change_nothing() -> None:
     np.testing.assert_allclose(commands[0], commands[1], atol=1e-9)
 
 
-def test_tracker_without_what_it_was_told_of_refuses_and_bad_numbers_brake() -> None:
-    chain = ur5()
-    tracker = PoseTracker(chain, limits=[Clearance(margin=MARGIN, moving=2)], compile=False)
-    pose, twist = chain.pose(START), np.zeros(6)
-    for bodies in (None, [BALL] * 3, [1.0], np.zeros((1, MOVING)), [BALL._replace(start=(1, 2))]):
-        with pytest.raises(ConfigurationError, match="obstacles"):
-            tracker.step(START, pose, twist, obstacles=bodies)  # type: ignore[arg-type]
-    with pytest.raises(ConfigurationError, match="obstacles"):
-        PoseTracker(chain, compile=False).step(START, pose, twist, obstacles=[BALL])
-    command = tracker.step(START, pose, twist, obstacles=[BALL._replace(end=(np.nan, 0.0, 0.0))])
-    assert command.status is Status.HOLDING
-    assert "obstacles[0, 3] is nan" in command.reason
-    assert tracker.step(START, pose, twist, obstacles=[BALL]).status is Status.OK
-
-
 @pytest.mark.parametrize(("at", "number"), [(12, -0.5), (13, 0.5), (13, -1.0)])
 def test_spoilt_numbers_take_no_body_away(at: int, number: float) -> None:
     chain, pose = ur5(), ur5().pose(START)
@@ -406,39 +392,7 @@ def test_spoilt_numbers_take_no_body_away(at: int, number: float) -> None:
     assert Relaxed.POSITION in seen[1].relaxed
 
 
-@pytest.mark.parametrize(
-    ("options", "named"),
-    [
-        ({"margin": -0.1}, "margin"),
-        ({"margin": float("nan")}, "margin"),
-        ({"moving": 1.5}, "moving"),
-        ({"max_contacts": 0}, "max_contacts"),
-        ({"rate": 0.0}, "rate"),
-        ({"planes": [1.0]}, r"planes\[0\]"),
-        ({"capsules": [Capsule("a", (0, 0, 0), (0, 0, float("inf")), 0.1)]}, r"capsules\[0\]"),
-        ({"boxes": [Box("a", (0, 0, 0), (1, 1, 0))]}, r"boxes\[0\]"),
-        ({"boxes": [Box("a", (0, 0, 0), (1, 1, 1), ((1, 0, 0), (0, 1, 0), (0, 1, 1)))]}, r"boxes\[0\]"),
-        ({"pairs": [("forearm", "ceiling")]}, r"pairs\[0\]"),
-    ],
-)
-def test_clearance_that_is_none_is_refused_by_name(options: dict[str, Any], named: str) -> None:
-    with pytest.raises(ConfigurationError, match=named):
-        PoseTracker(ur5(), limits=[Clearance(**{"margin": 0.02, **options})], compile=False)
-
-
-def test_clearance_needs_capsules_and_stands_alone() -> None:
-    given = Clearance(margin=0.02, moving=1)
-    with pytest.raises(ConfigurationError, match="capsules"):
-        PoseTracker(ur5(capsules=()), limits=[given], compile=False)
-    with pytest.raises(ConfigurationError, match=r"limits\[1\]"):
-        PoseTracker(ur5(), limits=[given, given], compile=False)
-    both = PoseTracker(
-        ur5(), limits=[given, Limit(lambda chain, q: chain.frames_expression(q)[2][2, 3])], compile=False
-    )
-    assert both.step(START, ur5().pose(START), np.zeros(6), obstacles=[]).status is Status.OK
-
-
-@pytest.mark.parametrize("side", ["left", "right"])
+@pytest.mark.parametrize("side", ["left"])
 def test_arm_of_a_person_is_where_its_joints_are_and_moves_as_they_do(side: Any) -> None:
     arm, rng = human_arm(side=side), np.random.default_rng(0)
     placement = np.eye(4)
@@ -455,3 +409,31 @@ def test_arm_of_a_person_is_where_its_joints_are_and_moves_as_they_do(side: Any)
         np.testing.assert_allclose(np.subtract(then.end, now.end) / step, now.end_velocity, atol=1e-4)
     with pytest.raises(ConfigurationError, match="arm"):
         arm_capsules(ur5(), q[:6], placement=placement)
+
+
+def test_clearances_and_bodies_that_are_none_are_refused_by_name() -> None:
+    chain, given = ur5(), Clearance(margin=0.02, moving=1)
+    options: list[tuple[str, Any, str]] = [
+        ("margin", -0.1, "margin"), ("margin", float("nan"), "margin"), ("moving", 1.5, "moving"),
+        ("max_contacts", 0, "max_contacts"), ("rate", 0.0, "rate"), ("planes", [1.0], "planes[0]"),
+        ("capsules", [Capsule("a", (0, 0, 0), (0, 0, float("inf")), 0.1)], "capsules[0]"),
+        ("boxes", [Box("a", (0, 0, 0), (1, 1, 0))], "boxes[0]"),
+        ("boxes", [Box("a", (0, 0, 0), (1, 1, 1), ((1, 0, 0), (0, 1, 0), (0, 1, 1)))], "boxes[0]"),
+        ("pairs", [("forearm", "ceiling")], "pairs[0]"),
+    ]  # fmt: skip
+    refuses(
+        lambda **option: PoseTracker(chain, limits=[Clearance(**{"margin": 0.02, **option})], compile=False),
+        *(({name: value}, words) for name, value, words in options),
+    )
+    refuses(partial(PoseTracker, compile=False), ({"chain": ur5(capsules=()), "limits": [given]}, "capsules"))
+    refuses(partial(PoseTracker, compile=False), ({"chain": chain, "limits": [given, given]}, "limits[1]"))
+    tracker = PoseTracker(chain, limits=[Clearance(margin=MARGIN, moving=2)], compile=False)
+    step = partial(tracker.step, START, chain.pose(START), np.zeros(6))
+    wrong: list[Any] = [None, [BALL] * 3, [1.0], np.zeros((1, MOVING)), [BALL._replace(start=(1, 2))]]
+    refuses(step, *(({"obstacles": bodies}, "obstacles") for bodies in wrong))
+    plain = PoseTracker(chain, compile=False)
+    refuses(partial(plain.step, START, chain.pose(START), np.zeros(6)), ({"obstacles": [BALL]}, "obstacles"))
+    command = step(obstacles=[BALL._replace(end=(np.nan, 0.0, 0.0))])
+    assert command.status is Status.HOLDING
+    assert "obstacles[0, 3] is nan" in command.reason
+    assert step(obstacles=[BALL]).status is Status.OK
