@@ -47,24 +47,6 @@ def sizes(helper: Assistance, points: list[np.ndarray]) -> list[float]:
 
 
 # ------------------------------------------------------------------------------------------------------------- faults
-@pytest.mark.parametrize(
-    ("options", "reason"),
-    [({"enable": False}, "enabled"), ({"enable": "yes"}, "enabled"), ({"stamp": 0.1}, "repeated"),
-     ({"stamp": math.nan}, "finite"), ({"stamp": -5.0}, "backwards"), ({}, "missing"), ({"stamp": 9.0}, "gap")],
-)  # fmt: skip
-def test_a_fault_of_switch_or_clock_releases_and_resumes(options: dict, reason: str) -> None:
-    helper = assistance()
-    for k in range(101):
-        before = helper.step(OUTSIDE, stamp=k * DT)
-    command = helper.step(OUTSIDE, **options)
-    assert command.status is Status.RELEASING
-    assert reason in command.reason
-    assert math.hypot(*command.value) == pytest.approx(math.hypot(*before.value) - SLEW * DT, abs=1e-9)
-    later = 20.0 if reason == "gap" else 0.102
-    helper.step(OUTSIDE, stamp=later)
-    assert helper.step(OUTSIDE, stamp=later + DT).status is Status.OK
-
-
 def test_a_tank_that_ran_dry_blocks_for_a_reason_that_stays_the_same() -> None:
     """It said OK while 1.8e-12 N were left of 30 N, and another number in every tick."""
     helper, dry = assistance(energy_budget=1.0, trust_stillness=False), []
@@ -144,19 +126,6 @@ def test_the_force_changes_at_the_full_slew_rate_in_every_direction(heading: flo
     x = INSIDE + 0.03 * np.array([math.cos(heading), math.sin(heading)])
     values = [helper.step(x).value for _ in range(20)]
     np.testing.assert_allclose(np.linalg.norm(np.diff(values, axis=0), axis=1), SLEW * DT, rtol=1e-6)
-
-
-def test_a_hand_beyond_the_speed_cap_is_let_go_at_once() -> None:
-    for given_velocity in (True, False):
-        helper = assistance()
-        sizes(helper, [OUTSIDE] * 100)
-        command = helper.step(OUTSIDE, [0.8, 0.8]) if given_velocity else helper.step(OUTSIDE + [0.01, 0.0])
-        assert not command.value.any()
-        assert command.relaxed == Relaxed.TASK | Relaxed.SLEW
-        assert "at most" in command.reason
-        after = helper.step(OUTSIDE + ([0.0, 0.0] if given_velocity else [0.01, 0.0]))
-        assert after.status is Status.OK
-        assert math.hypot(*after.value) <= SLEW * DT * (1 + 1e-9)
 
 
 @pytest.mark.parametrize(("unsure", "least"), [(0.0, 5.9), (0.003, 5.5)])

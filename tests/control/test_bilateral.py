@@ -45,17 +45,6 @@ def test_at_rest_on_the_image_there_is_no_force() -> None:
     assert max(np.abs(forces.helper.value).max(), np.abs(forces.participant.value).max()) < 1e-9
 
 
-def test_power_is_the_same_on_both_sides() -> None:
-    both, there = pair(helper={"damping": 0.0}, damping=0.0), workspace_map().image(HELPER) + [0.004, -0.003]
-    for _ in range(200):
-        forces = both.step(HELPER, there)
-    np.testing.assert_allclose(np.linalg.norm(forces.participant.value), 400.0 * 0.005, rtol=1e-6)
-    for way in ([1.0, 0.0], [0.0, 1.0], [0.6, -0.8]):
-        step = 1e-6 * np.array(way)
-        moved = (workspace_map().image(HELPER + step) - workspace_map().image(HELPER - step)) / 2
-        assert forces.helper.value @ step == pytest.approx(-forces.participant.value @ moved, rel=1e-5)
-
-
 def test_what_the_helper_puts_in_moves_the_participant_beyond_their_own_tank() -> None:
     """The participant's arm is heavy: each round costs energy, which the helper delivers."""
 
@@ -150,39 +139,12 @@ def test_the_helper_sees_the_participant_in_their_own_workspace() -> None:
     assert np.isnan(both.helper.partner).all()
 
 
-@pytest.mark.parametrize("energy", [math.nan, -5.0, 10**400, "3", [1.0]])
-def test_energy_that_cannot_have_been_given_is_not_taken_beyond_the_budget(energy: float) -> None:
-    side = ParticipantSide(workspace_map(), comfortable=shape("restricted"), **BOUNDS)  # type: ignore[arg-type]
-    side.step(workspace_map().image(HELPER), FromHelper(*HELPER, energy, 1))
-    assert 0.9 * BUDGET < side.force.energy_left <= BUDGET
-
-
 def sides(budget: float, **participant: float) -> tuple[HelperSide, ParticipantSide]:
     bounds = {**BOUNDS, "energy_budget": budget}
     return (
         HelperSide(workspace_map(), exchange=50.0, **bounds),  # type: ignore[arg-type]
         ParticipantSide(workspace_map(), comfortable=shape("restricted"), exchange=50.0, **{**bounds, **participant}),  # type: ignore[arg-type]
     )
-
-
-def test_a_message_that_is_repeated_counts_as_none_before_and_after_a_reset() -> None:
-    one, two = sides(1.0)
-    said = [one.step(HELPER, None)[1] for _ in range(3)]
-    at = workspace_map().image(HELPER) + [0.01, 0.0]
-    two.step(at, None)
-    two.force.give_energy(0.5)
-    two.step(at, said[2])
-    for message in (said[2], said[0], said[1]):
-        two.force.give_energy(0.5)
-        left = two.force.energy_left
-        for _ in range(50):
-            released, _ = two.step(at, message)
-        assert not np.any(released.value)
-        assert two.force.energy_left <= left + 1e-12
-    two.reset()
-    two.step(at, said[2])
-    assert two.step(at, said[2])[0].status is Status.RELEASED
-    assert two.step(at, one.step(HELPER, None)[1])[0].status is Status.OK
 
 
 @pytest.mark.parametrize("corrupted", [10**400, 4 + LEAP])

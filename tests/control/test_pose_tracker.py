@@ -6,8 +6,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import qpsolvers
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
 
 from rehab_opt import Limit, PoseTracker, Relaxed, SerialChain, Status, human_arm, ur5
 from rehab_opt.control.command import Command
@@ -151,7 +149,7 @@ def test_a_singular_pose_is_left_and_speeds_stay_bounded(pose_at: list[float]) -
     assert np.linalg.norm(chain.pose(q) - target) < 0.05 * np.linalg.norm(chain.pose(np.array(pose_at)) - target)
 
 
-@pytest.mark.parametrize("dt", [1e-3, 1e-1])
+@pytest.mark.parametrize("dt", [1e-1])
 def test_from_every_state_that_can_stop_all_bounds_hold_together(dt: float) -> None:
     chain = fault_campaign.slide_arm()
     robot, rng = tracker(chain, dt=dt), np.random.default_rng(7)
@@ -205,61 +203,6 @@ def test_who_lets_go_of_the_enable_switch_does_not_have_the_hand_go_faster(arm: 
 
 def nearest_to_rest(chain: SerialChain, velocity: np.ndarray, dt: float) -> np.ndarray:
     return np.sign(velocity) * np.maximum(np.abs(velocity) - chain.acceleration * dt, 0.0)
-
-
-def test_a_state_that_cannot_stop_brakes_at_the_maximum_and_then_stands_at_the_limit() -> None:
-    chain = ur5(acceleration=2.0)
-    robot, q = tracker(chain), START.copy()
-    q[0] = chain.upper[0] - 0.01
-    last = np.array([1.0, 0, 0, 0, 0, 0])  # would need 0.25 rad
-    robot.reset(last)
-    speeds = []
-    for _ in range(40):
-        command = robot.step(q, chain.pose(q), [0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
-        q = q + command.value * robot.dt
-        speeds.append(command.value[0])
-        assert q[0] <= chain.upper[0] + 1e-12
-    assert speeds[0] == pytest.approx(1.0 - 2.0e-3, abs=1e-12)
-    assert speeds[-1] == pytest.approx(0.0, abs=1e-9)
-
-
-@given(
-    beyond=st.floats(1e-6, 1.0), joint=st.integers(0, 5), up=st.booleans(), fraction=st.sampled_from([0.05, 0.1, 0.5])
-)
-@settings(max_examples=8, deadline=None)
-def test_outside_a_limit_the_way_back_is_slow_and_ends_inside(
-    beyond: float, joint: int, up: bool, fraction: float
-) -> None:
-    chain = ur5().with_limits(lower=START - 0.3, upper=START + 0.3)
-    robot, q = tracker(chain, recovery_speed=fraction, dt=4e-3), START.copy()
-    q[joint] = chain.upper[joint] + beyond if up else chain.lower[joint] - beyond
-    for _ in range(round(beyond / (fraction * math.pi * 4e-3)) + 60):
-        command = robot.step(q, chain.pose(START), REST)
-        outside = (q > chain.upper + 1e-9) | (q < chain.lower - 1e-9)
-        assert np.all(np.abs(command.value[outside]) <= fraction * math.pi + 1e-12)
-        assert bool(command.relaxed & Relaxed.POSITION) == outside.any()
-        q = q + command.value * robot.dt
-    assert np.all(q <= chain.upper + 1e-9)
-    assert np.all(q >= chain.lower - 1e-9)
-
-
-def test_who_lets_go_of_the_enable_switch_stops_smoothly_and_is_not_moved() -> None:
-    chain = ur5().with_limits(lower=START - 0.1, upper=START + 0.1)
-    robot, q = tracker(chain), START.copy()
-    for _ in range(50):
-        last = robot.step(q, chain.pose(START), [0.1, 0.2, 0.0, 0.0, 0.0, 0.5]).value
-        q = q + last * robot.dt
-    for _ in range(400):
-        command = robot.step(q, chain.pose(START), REST, enable=False)
-        assert np.all(np.abs(command.value) <= np.maximum(np.abs(last) - chain.acceleration * robot.dt, 0) + 1e-12)
-        q, last = q + command.value * robot.dt, command.value
-    assert command.status is Status.HOLDING
-    assert command.reason == "not enabled"
-    outside = q + 1.0
-    assert not robot.step(outside, chain.pose(START), REST, enable=False).value.any()
-    again = robot.step(q, chain.pose(START), [0.5, 0.0, 0.0, 0.0, 0.0, 0.0])
-    assert again.status is Status.OK
-    assert np.all(np.abs(again.value) <= chain.acceleration * robot.dt + 1e-12)
 
 
 def test_a_position_that_is_lost_is_carried_on_from_what_was_commanded() -> None:
@@ -394,36 +337,6 @@ def test_lists_and_other_number_types_are_read_as_what_they_are() -> None:
     np.testing.assert_allclose(single.value, expected, atol=1e-4)
 
 
-@given(
-    lower=st.floats(-2, 2), width=st.floats(0, 3), where=st.floats(-1, 2), last=st.floats(-1, 1),
-    dt=st.sampled_from([1e-4, 1e-3, 2e-2, 0.1]), speed=st.floats(0.05, 4), change=st.floats(0.1, 50),
-)  # fmt: skip
-@settings(max_examples=10, deadline=None, suppress_health_check=[HealthCheck.too_slow])
-def test_one_joint_obeys_the_order_of_bounds(
-    lower: float, width: float, where: float, last: float, dt: float, speed: float, change: float
-) -> None:
-    chain = SerialChain(
-        [(0.5, 0.0)],
-        lower=lower,
-        upper=lower + width,
-        velocity=speed,
-        acceleration=change,  # type: ignore[arg-type]
-    )
-    robot, q = tracker(chain, dt=dt), np.array([lower + where * width])
-    last *= speed
-    robot.reset([last])
-    for push in (1.0, -1.0, 0.0):
-        command = robot.step(q, chain.pose(q), [0, 0, 0, 0, 0, push])
-        v = command.value
-        assert abs(v[0]) <= speed
-        ahead = q + v * dt
-        assert ahead[0] <= max(lower + width, q[0]) + 1e-9
-        assert ahead[0] >= min(lower, q[0]) - 1e-9
-        if not command.relaxed & Relaxed.ACCELERATION:
-            assert abs(v[0] - last) <= change * dt + 1e-9
-        q, last = ahead, float(v[0])
-
-
 def test_an_arm_far_from_a_reachable_pose_does_not_stall_at_its_joint_limits() -> None:
     arm = human_arm()
     q = np.array([3.33707, -0.12037, 0.88955, 0.4132, 0.30347, -0.79847, -0.74127, 0.21882])
@@ -432,22 +345,6 @@ def test_an_arm_far_from_a_reachable_pose_does_not_stall_at_its_joint_limits() -
     for _ in range(2000):
         q = q + robot.step(q, there, REST).value * robot.dt
     np.testing.assert_allclose(arm.pose(q), there, atol=1e-6)
-
-
-def test_what_is_not_delivered_is_said() -> None:
-    chain = ur5(velocity=1.0)
-    robot, q = tracker(chain, linear_speed=0.25), START.copy()
-    for _ in range(300):
-        command = robot.step(q, chain.pose(q), [0.25, 0, 0, 0, 0, 0])
-        q = q + command.value * robot.dt
-    assert command.relaxed is Relaxed.NOTHING
-    assert command.scale == 1.0
-    still = robot.step(q, chain.pose(q), REST)  # asked to stand, it can only brake
-    assert still.relaxed & Relaxed.TASK
-    assert still.scale == 1.0  # nothing was commanded, and nothing is missing of it
-    fast = robot.step(q, chain.pose(q), [10.0, 0, 0, 0, 0, 0])
-    assert fast.relaxed & Relaxed.TASK
-    assert fast.scale < 0.03
 
 
 def test_a_transposed_pose_is_no_pose() -> None:

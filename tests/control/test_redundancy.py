@@ -118,14 +118,6 @@ def test_a_hand_that_must_slow_down_keeps_its_direction_within_a_microradian(dri
     assert slowed > 50
 
 
-def test_a_target_in_millimetres_is_refused_by_name_and_one_in_metres_then_reached() -> None:
-    robot = resolver()
-    far = robot.reach(ARDIS_READY, [700.0, -380.0, 560.0])
-    assert far.status is Status.HOLDING
-    assert far.reason == "target is more than 100 m away"
-    assert robot.reach(ARDIS_READY, [0.7, -0.38, 0.56]).status is Status.OK
-
-
 def test_the_watchdog_sees_every_stamp_whatever_the_target() -> None:
     robot, near, far = resolver(), [0.7, -0.38, 0.56], [700.0, -380.0, 560.0]
     robot.reach(ARDIS_READY, near, stamp=1.0)
@@ -592,20 +584,6 @@ def test_where_nothing_is_in_its_way_the_hand_goes_straight(drive: str) -> None:
         gone = robot.robot.chain.pose(q)[:3, 3] - begin
         assert np.linalg.norm(np.cross(gone, way)) / np.linalg.norm(way) < 1e-3
     assert gone == pytest.approx(way, abs=1e-3)
-
-
-def test_reaching_stops_on_a_target_that_is_no_number_and_goes_on_with_the_next() -> None:
-    robot, q = resolver(), ARDIS_READY.copy()
-    target = robot.robot.chain.pose(q)[:3, 3] + [0.2, 0, 0]
-    for _ in range(60):
-        q = q + robot.reach(q, target).value * robot.dt
-    assert robot.reach(q, [math.nan, 0, 0]).status is Status.BRAKING
-    for _ in range(100):
-        q = q + robot.reach(q, target, enable=False).value * robot.dt
-    assert not robot.reach(q, target, enable=False).value.any()
-    for _ in range(600):
-        q = q + robot.reach(q, target).value * robot.dt
-    assert np.linalg.norm(robot.robot.chain.pose(q)[:3, 3] - target) < 1e-3
 
 
 # ------------------------------------------------------------------------------------------------------- arguments

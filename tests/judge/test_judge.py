@@ -102,7 +102,6 @@ def test_judge_imports_only_public_controllers_and_value_types() -> None:
         "rehab_opt.control.bilateral_sides import FromHelper, FromParticipant",
         "rehab_opt.optim.backends import to_qpsolvers",
         "rehab_opt.optim.recorder import recording_qps",
-        "rehab_opt.control.hand_bounds import HandBounds",
         "rehab_opt.control.arm_path import arm_path",
         "rehab_opt.control.seats import Seats, Walk",
     )
