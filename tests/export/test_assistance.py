@@ -172,6 +172,7 @@ def test_the_end_of_a_path_is_reached_and_a_hand_that_stands_is_let_go(
     assert (Status.BLOCKED, "the hand stood under fo") in seen
 
 
+@pytest.mark.nightly
 def test_a_solver_that_writes_nothing_releases(exported: Exported, built: Built) -> None:
     """What it answered before is not taken for an answer."""
     library = giving_up(exported("assistance"), "assistance", built, "assistance_conclude")

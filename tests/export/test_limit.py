@@ -14,6 +14,7 @@ from tests.export.calling_c import SAME, Built, largest_difference
 CLEAR = np.array([0.3, -1.4, 1.9, -1.9, -1.2, 0.4])
 
 
+@pytest.mark.nightly
 def test_c_repeats_a_run_among_bodies_that_move(built: Built, tmp_path: Path) -> None:
     robot, dt = ur5(velocity=2.0), 0.01
     floor, box = KeepOut.through([0, 0, 0.1], [0, 0, 1]), Box("box", (0.0, -0.6, 0.3), (0.3, 0.2, 0.4))

@@ -150,6 +150,7 @@ def test_a_reset_forgets_everything(libraries: dict[str, ctypes.CDLL], trackers:
     assert bytes(used.c.following()) == bytes(fresh.following())
 
 
+@pytest.mark.nightly
 def test_a_solver_that_writes_nothing_brakes(folders: dict[str, Path], built: Built) -> None:
     """What it answered before is not taken for an answer, with the clock and without it."""
     with failing_solvers() as failures:

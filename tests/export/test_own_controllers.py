@@ -102,10 +102,7 @@ def arms_and_hands() -> dict[str, tuple[Callable[[], object], tuple[str, ...]]]:
 
 @pytest.mark.parametrize(
     "kind",
-    [
-        each if each in ("redundancy_fixed", "pair") else pytest.param(each, marks=pytest.mark.nightly)
-        for each in arms_and_hands()
-    ],
+    [each if each == "pair" else pytest.param(each, marks=pytest.mark.nightly) for each in arms_and_hands()],
 )
 def test_without_a_run_of_its_own_it_repeats_a_random_one(kind: str, built: Built, tmp_path: Path) -> None:
     make, folders = arms_and_hands()[kind]
@@ -162,7 +159,8 @@ def test_the_header_says_whose_joints_what_limits_which_tick_and_what_is_compute
     assert len(set(model.values())) == 3
 
 
-@pytest.mark.parametrize("memory", [pytest.param(None, marks=pytest.mark.nightly), 56_000])
+@pytest.mark.nightly
+@pytest.mark.parametrize("memory", [None, 56_000])
 def test_a_mirror_keeps_to_its_memory_and_says_when_samples_go(
     memory: int | None, built: Built, tmp_path: Path
 ) -> None:
@@ -199,11 +197,10 @@ def test_what_cannot_become_c_is_refused_by_name(tmp_path: Path) -> None:
     refuses(sized, *(({"memory": size}, "memory = ", "a number of bytes") for size in (0, -1, 1e4, True)))
     for controller in (Bilateral(*sides()), load_problem("robot/ur5_circle")):
         refuses(partial(export_c, controller, folder), ({"run": [{}]}, "run = '1 ticks': expected None"))
-    for controller in (redundant(), plain):
-        with pytest.raises(ConfigurationError, match=r"memory = 5000: expected at least (\d+) bytes") as refused:
-            export_c(controller, folder, memory=5000)
-        least = int(re.search(r"at least (\d+)", str(refused.value))[1])  # type: ignore[index]
-        export_c(controller, tmp_path / type(controller).__name__, memory=least)
+    with pytest.raises(ConfigurationError, match=r"memory = 5000: expected at least (\d+) bytes") as refused:
+        export_c(plain, folder, memory=5000)
+    least = int(re.search(r"at least (\d+)", str(refused.value))[1])  # type: ignore[index]
+    export_c(plain, tmp_path / "least", memory=least)
     tick = {"q": np.zeros(6), "pose": np.eye(4), "twist": np.zeros(6)}
     refuses(
         partial(export_c, plain, folder),
