@@ -109,21 +109,6 @@ def test_published_law_is_no_straw_man_on_the_figure_of_eight(figure_eight: ArmO
     assert figure_eight.metrics["published"]["drive"]["followed_fraction_of_length"] == 1.0
 
 
-@pytest.mark.parametrize(
-    ("gain", "fraction"),
-    [
-        (200.0, 0.989),
-    ],
-)
-def test_published_law_depends_on_its_gain_as_the_note_says(gain: float, fraction: float) -> None:
-    config = load_problem("upper_limb/figure_eight")
-    assert isinstance(config.problem, UpperLimb)
-    published = config.problem.published.model_copy(update={"gain_per_s": gain})
-    faster = replace(config, problem=config.problem.model_copy(update={"published": published}))
-    numbers = run_problem(faster, law="published").metrics["published"]
-    assert numbers["followed_fraction_of_length"] == pytest.approx(fraction, abs=1e-3)
-
-
 def test_tilt_that_no_posture_keeps_is_the_reason_that_is_given() -> None:
     config = load_problem("upper_limb/figure_eight")
     assert isinstance(config.problem, UpperLimb)

@@ -10,7 +10,7 @@ import shapely
 from numpy.typing import NDArray
 
 from rehab_opt import DH, ArmIK, ConfigurationError, SerialChain, Status, human_arm
-from rehab_opt.kinematics.human_arm import ARM_JOINTS, RANGES_OF_MOTION_DEG
+from rehab_opt.kinematics.human_arm import ARM_JOINTS
 from rehab_opt.workspace.reach import planar_workspace
 from rehab_opt.workspace.region import Workspace
 
@@ -156,7 +156,7 @@ class TestTheParticipant:
     def test_the_restricted_range_reaches_a_part_of_the_regular_one(self) -> None:
         regular, restricted = (
             planar_workspace(human_arm(range_of_motion=name), accuracy=3e-3, resolution=0.016)
-            for name in RANGES_OF_MOTION_DEG
+            for name in ("regular", "restricted")
         )
         assert regular.polygon.buffer(3e-3).contains(restricted.polygon)
 
