@@ -14,7 +14,7 @@ from rehab_opt.kinematics.arm_on_chair import arm_on_chair
 from rehab_opt.kinematics.mobile_arm import CHAIR, MobileArm
 from rehab_opt.session.ardis.clearance import chair_gaps
 from rehab_opt.session.ardis.problem import ArdisProblem, DriveName, RobotSection, RunSection, StickSection
-from rehab_opt.session.ardis.stick import Stick, read_stick
+from rehab_opt.session.ardis.stick import Stick, StickRecording, read_stick
 from rehab_opt.session.ardis.user import SimulatedUser
 from rehab_opt.session.clearance import clearance_key, clearance_of
 from rehab_opt.session.files import ProblemFile, recording_path
@@ -106,8 +106,11 @@ def stick_of(config: ProblemFile[ArdisProblem], drive: DriveName) -> Stick:
     ProblemFileError : a recording is absent or not a stick's; the stick lasts for more than `MAX_TICKS`.
     """
     section, rate = config.problem.stick, config.problem.run.rate_hz
-    file, stick = section.recordings.get(drive), SimulatedUser(config.problem.goals, joystick_of(config).modes)
-    if file is not None:
+    file = section.recordings.get(drive)
+    stick: SimulatedUser | StickRecording
+    if file is None:
+        stick = SimulatedUser(config.problem.goals, joystick_of(config).modes)
+    else:
         stick = read_stick(recording_path(config, file, key=f"stick.{drive}"), name=file)
     if stick.duration * rate > MAX_TICKS:
         expected = f"at most {MAX_TICKS} ticks in the {stick.duration:.6g} s of stick.{drive}"
