@@ -124,7 +124,7 @@ def _rounded(path: Any, velocity: Array, acceleration: Array, jerk: Array, *, dt
         count = np.append(0.0, np.cumsum(np.diff(edges) / np.maximum(np.minimum(size[1:], size[:-1]), 1e-300)))
         _check_length(4.0 * dt * count[-1], dt, ("tolerance", tolerance), ("jerk", jerk))
         steps = np.diff(np.interp(np.linspace(0.0, count[-1], math.ceil(count[-1]) + 1), count, edges))
-        steps = uniform_filter1d(uniform_filter1d(steps, EVEN, mode="nearest"), EVEN, mode="nearest")
+        steps = uniform_filter1d(uniform_filter1d(steps, EVEN, mode="reflect"), EVEN, mode="reflect")
         places = np.append(t[0], t[-1] - (t[-1] - t[0]) * np.append(np.cumsum(steps[:0:-1])[::-1], 0.0) / steps.sum())
         points = np.column_stack([path(places), places])
         points = np.vstack([2.0 * points[0] - points[1], points, 2.0 * points[-1] - points[-2]])

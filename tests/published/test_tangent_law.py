@@ -202,3 +202,9 @@ def test_the_default_gain_is_the_best_of_the_grid_on_a_circle():
 def test_unusable_numbers_are_refused_by_name(arguments):
     with pytest.raises(ConfigurationError, match=next(iter(arguments))):
         TangentLaw(REGULAR, **arguments)
+
+
+@pytest.mark.nightly
+def test_a_drive_passes_the_jumps_of_the_law_with_little_damping(recorded):
+    recorded("upper_limb_mocap/markers.trc")
+    assert grid.driven("mocap_box", 1000.0, 1e-8)["kept_fraction"] == 1.0

@@ -105,7 +105,7 @@ def test_result_tells_what_it_was_run_with(figure_eight: ArmOutcome) -> None:
 
 
 def test_published_law_is_no_straw_man_on_the_figure_of_eight(figure_eight: ArmOutcome) -> None:
-    """With 50/s, which the paper does not say, it followed 36.9 % of it."""
+    """With 50/s, which the paper does not say, it follows less than half of it."""
     assert figure_eight.metrics["published"]["drive"]["followed_fraction_of_length"] == 1.0
 
 
