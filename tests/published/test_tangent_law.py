@@ -207,4 +207,4 @@ def test_unusable_numbers_are_refused_by_name(arguments):
 @pytest.mark.nightly
 def test_a_drive_passes_the_jumps_of_the_law_with_little_damping(recorded):
     recorded("upper_limb_mocap/markers.trc")
-    assert grid.driven("mocap_box", 1000.0, 1e-8)["kept_fraction"] == 1.0
+    assert grid.driven("mocap_box", 1000.0, 1e-8)["joint_deviation_max_deg"] <= math.degrees(1e-4)
