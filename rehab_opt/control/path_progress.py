@@ -16,9 +16,15 @@ stretched by a push f, of whatever direction, that some place of the path ahead 
     w' = (|f| - f_0) / T    where f.(p(sigma) - p(s)) > f_0 exp(-t / 0.5 s) (sigma - s) for a sigma <= s + 40 widths,
 
 t being how long the push has lasted since the progress went on by a width: its work on the way there is more than that
-of f_0, which counts the less, the longer the person insists. Once w is |f|, s goes back no more, until it is 6 widths
-past the progress of then. The drive is forgotten as s goes on (by a factor e in each width) and where there is no such
-push (in T, 0.06 s).
+of f_0, which counts the less, the longer the person insists. The drive is forgotten as s goes on (by a factor e in each
+width) and where there is no such push (in T, 0.06 s).
+
+The lead bounds the drive. While s is ahead of the hand, f.t < 0 along the path's direction t, s goes on at 0.1 m/s at
+most, and the lead grows by as much; where s goes on with the push, f.t >= 0, the lead falls by as much. At a lead of 6
+widths s goes on only with the push. s goes back only where the lead is zero or at that bound.
+
+The help ends at the path's end: once s is within a sample of it and the hand within a width, the force fades within
+0.3 s, s is the end, and both stay so.
 
 The page on help along a path says why a steady push cannot hold a hand, and how far ahead it is led. The places chosen
 lie within sqrt((F/S)^2 + 6 F/S widths), less than F/S and three widths, of a hand that rests, and each place that s
@@ -48,16 +54,20 @@ __all__ = ["AHEAD", "PATH_MODEL", "PLACES", "PROGRESS", "SEARCHED", "progress_fu
 PATH_MODEL = Record(stiffness=1, spacing=1, last=1, force_limit=1, push=1, speed_cap=1, dt=1)
 """S [N/m]; length between samples [m]; number of the last one; [N]; f_0 [N]; [m/s]; tick [s]."""
 PROGRESS = Record(
-    at=1, drive=1, pushed=1, stood=1, mark=1, grip=1, away=1, looked=1, near=1, place=2, along=2, furthest=1, until=1
+    at=1, drive=1, pushed=1, stood=1, mark=1, grip=1, away=1, looked=1, near=1, place=2, along=2, furthest=1, lead=1
 )
 """s in samples; w [N]; how long [s] the hand was pushed, and has stood under force, since the progress that is
 marked, in samples; share of the force that is applied; whether the hand is let go; the sample from which on it is
 looked for; whether it was near the path when that search began; the place p(s) [m] and the path's direction there; the
-largest s so far, in samples: the progress; and the sample until which s does not go back."""
+largest s so far, in samples: the progress; and how far, in samples, s was led on against the push."""
 WINDOW = 2.0
 """Widths ahead within which the progress is chosen: a detour shorter than that may be cut."""
 BACK = 6.0
-"""Widths by which s may be short of the progress, and past it before s goes back again."""
+"""Widths by which s may be short of the progress, and by which it may be led on against the push."""
+LEAD = 2.0
+"""Widths by which s may be led on against the push."""
+LEAD_SPEED = 0.1
+"""[m/s] s goes on no faster while it is ahead of the hand."""
 HORIZON = 40.0
 """Widths ahead within which a place may answer to a push."""
 RATHER = 2.5
@@ -91,7 +101,8 @@ def progress_function() -> ca.Function:
     model, old = PATH_MODEL.symbols("model"), PROGRESS.symbols("old")
     hand, force = ca.SX.sym("hand", 2), ca.SX.sym("force", 2)
     ahead, searched = ca.SX.sym("ahead", 2, AHEAD), ca.SX.sym("searched", 2, SEARCHED)
-    free, first = old.away == 0, ca.floor(old.at) - 1
+    over = all_true(old.at >= model.last, old.grip < 1)  # the help has ended at the path's end
+    free, first = ca.logic_and(old.away == 0, ca.logic_not(over)), ca.floor(old.at) - 1
     begin = old.at - first
     here = ahead[:, 1] + (begin - 1) * (ahead[:, 2] - ahead[:, 1])
 
@@ -103,22 +114,26 @@ def progress_function() -> ca.Function:
     answer = ca.mmax(ca.vertcat(*[ca.dot(push, ahead[:, i] - here) / (i - begin) for i in ANSWER]))
     answered, back = answer > price, RATHER * answer < ca.dot(push, ahead[:, 0] - here) / begin
     beyond = ca.fmax(size - model.push, 0)
-    turned = old.until <= old.at
+    most = LEAD * SAMPLES_PER_WIDTH
+    turned = ca.logic_or(old.lead <= 0, old.lead >= most)
     low = ca.fmin(begin, ca.fmax(begin - 1, ca.fmax(old.furthest - BACK * SAMPLES_PER_WIDTH, 0) - first))
     low = ca.if_else(ca.logic_and(turned, back), low, begin)
     found = first + _chosen(hand, here, ahead, begin, low, drive=old.drive, last=model.last - first, model=model)
     goes_back = found < old.at - 1e-9
-    drives = all_true(free, answered, beyond > 0, size < model.force_limit, ca.logic_not(goes_back))
+    drives = all_true(free, answered, beyond > 0, size < model.force_limit, ca.logic_not(goes_back), old.lead < most)
     drive = ca.if_else(
         drives, ca.fmin(old.drive + beyond * model.dt / TIME, model.force_limit),
         old.drive * ca.exp(-model.dt / TIME),
     )  # fmt: skip
-    until = ca.if_else(all_true(drives, turned, drive >= size), old.furthest + BACK * SAMPLES_PER_WIDTH, old.until)
 
     # s.
     waits = ca.if_else(goes_back, pushed < INSISTS, _is_off(hand, here, ahead, model))
     found = ca.if_else(waits, old.at, found)
-    at = ca.if_else(free, ca.fmin(found, old.at + model.speed_cap * model.dt / model.spacing), old.at)
+    leads, tick = ca.dot(push, ahead[:, 2] - ahead[:, 1]) < 0, model.dt / model.spacing
+    room = ca.if_else(leads, ca.fmin(LEAD_SPEED * tick, most - old.lead), model.speed_cap * tick)
+    at = ca.if_else(free, ca.fmin(found, old.at + room), old.at)
+    gone = ca.fmax(at - old.at, 0)
+    lead = clipped(old.lead + ca.if_else(leads, gone, -gone), 0, most)
     drive *= ca.exp(ca.fmin(old.at - at, 0) / SAMPLES_PER_WIDTH)
 
     # Whether the hand stands, and the force must yield.
@@ -126,20 +141,23 @@ def progress_function() -> ca.Function:
     held = ca.norm_2(force) > STANDING * model.force_limit
     stood = ca.if_else(went_on, 0, ca.fmax(old.stood + ca.if_else(held, model.dt, -model.dt), 0))
     lets_go = ca.logic_and(free, stood > PATIENCE)
-    away = ca.logic_or(ca.logic_not(free), lets_go)
-    grip = clipped(old.grip + ca.if_else(away, -model.dt, model.dt) / FADE, 0, 1)
+    away = ca.logic_or(old.away > 0, lets_go)
+    to_end = ca.sumsqr(hand - ahead[:, PIECES + 2]) <= (SAMPLES_PER_WIDTH * model.spacing) ** 2
+    over = ca.logic_or(over, all_true(free, at >= model.last - 1, to_end))
+    at = ca.if_else(over, model.last, at)
+    grip = clipped(old.grip + ca.if_else(ca.logic_or(away, over), -model.dt, model.dt) / FADE, 0, 1)
 
     # Where a hand that was let go has come back to.
     start = ca.floor(at) + SAMPLES_PER_WIDTH  # beyond the end where no width is left: nothing takes the hand in again
     taken_in = _first_place(hand, ahead[:, 1 : SAMPLES_PER_WIDTH + 2], searched, old.looked, start=start, model=model)
-    near = all_true(ca.logic_not(free), old.grip == 0, taken_in >= 0)
+    near = all_true(old.away > 0, old.grip == 0, taken_in >= 0)
     # Where this search began with the hand near a place, or begins here, no place before was passed over.
     returns = ca.logic_and(near, ca.logic_or(old.looked <= start, old.near > 0))
     again, further = ca.logic_and(near, ca.logic_not(returns)), old.looked + SEARCHED
     anew = ca.sum1(ca.vertcat(old.grip > 0, again, further > model.last)) > 0
     looked, near = ca.if_else(anew, start, further), ca.if_else(anew, again, old.near)
     at, away = ca.if_else(returns, taken_in, at), ca.if_else(returns, 0, away)
-    drive, stood = ca.if_else(away, 0, drive), ca.if_else(away, 0, stood)
+    drive, stood, lead = (ca.if_else(away, 0, each) for each in (drive, stood, lead))
     pushed = ca.if_else(ca.logic_or(went_on, away), 0, pushed)
     mark = ca.if_else(ca.logic_or(went_on, returns), ca.fmax(old.furthest, at), old.mark)
 
@@ -163,7 +181,7 @@ def progress_function() -> ca.Function:
         place=place,
         along=along,
         furthest=ca.fmax(old.furthest, at),
-        until=until,
+        lead=lead,
     )
     inputs = [model.column, old.column, hand, force, ahead, searched]
     return ca.Function("path_progress", inputs, [after], {"cse": True})
