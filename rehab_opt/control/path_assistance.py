@@ -40,13 +40,12 @@ class PathAssistance(BoundedForce):
     Outside the workspace there is a pull back to it, as with `Assistance` in mode "follow".
 
     s is moved by the person, in order; it cuts no detour longer than two widths. The furthest that it ever was is the
-    progress, and never goes back. A push that lasts longer than 0.5 s and answers more than 2.5 times as much to the
-    way back as to any place ahead moves s back with the hand before it moves it on, by six widths of the path at most.
-    The help leads the hand on against its push by six widths at most, at 0.1 m/s at most. It ends at the path's end.
-    `rehab_opt.control.path_progress` states the law. A hand that stands under more than 0.3 of `force_limit` all the
-    same, with less progress than a width, is let go within 2 s: the force fades, the command is BLOCKED and says why,
-    until the hand comes to a place further along the path, where the force grows again within 0.3 s. Begin anew by
-    `reset`.
+    progress, and never goes back. The help leads no hand on, and ends at the path's end. A push that lasts longer than
+    0.5 s and answers more than 2.5 times as much to the way back as to any place ahead moves s back with the hand, by
+    six widths of the path at most. `rehab_opt.control.path_progress` states the law. A hand that stands under more
+    than 0.15 of `force_limit` for 0.5 s, with less progress than a width, is let go: the force fades within 0.3 s, the
+    command is BLOCKED and says why, until the hand comes to a place further along the path, where the force grows
+    again within 0.3 s. Begin anew by `reset`.
 
     Parameters
     ----------
@@ -149,11 +148,6 @@ class PathAssistance(BoundedForce):
     def reference_progress(self) -> float:
         """Fraction of the path, 0 to 1, of the point that the spring pulls to."""
         return float(self._state_of_path[PROGRESS["at"]] / self.path_model[PATH_MODEL["last"]])
-
-    @property
-    def drive(self) -> float:
-        """[N] w, what leads the hand on against a push; see `path_progress`."""
-        return float(self._state_of_path[PROGRESS["drive"]])
 
     @property
     def notes(self) -> tuple[str, ...]:

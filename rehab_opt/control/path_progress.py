@@ -1,37 +1,20 @@
 """How far along a path a hand has come, as a state: one function of numbers, for Python and C.
 
-A spring S leads the hand x to the place p(s) of the path (s [m] of its length); S (x - p) is what the person's push f
-makes of it. In every tick s becomes
+A spring S holds the hand x to the place p(s) of the path (s [m] of its length); S (x - p) is what the person's push f
+makes of it. In every tick s becomes the place nearest to the hand, at no more than the speed cap,
 
-    argmin  1/2 S |x - p(sigma)|^2 - w (sigma - s) + f_0 max(s - sigma, 0),    low <= sigma <= s + 2 widths,
+    argmin  1/2 S |x - p(sigma)|^2 + f_0 max(s - sigma, 0),    low <= sigma <= s + 2 widths,
 
-the least energy of the spring, less the work of a drive w [N], with that of a friction f_0 on the way back. s goes on
-only while the hand is within F/S and a width, F the force limit, of p(s) or of one of the next 40 places, which are a
-width apart. The furthest s so far is the progress, which never goes back. A push that rather means back moves s back
-before it moves it on: low is 6 widths before the progress, where the push, larger than f_0, does more than 2.5 times as
-much work per length of the path on the way back as to any place ahead, and has lasted for 0.5 s, longer than a spasm;
-and s itself otherwise, by a sample a tick at most. The drive grows only where s would not go back, while the spring is
-stretched by a push f, of whatever direction, that some place of the path ahead answers to,
-
-    w' = (|f| - f_0) / T    where f.(p(sigma) - p(s)) > f_0 exp(-t / 0.5 s) (sigma - s) for a sigma <= s + 40 widths,
-
-t being how long the push has lasted since the progress went on by a width: its work on the way there is more than that
-of f_0, which counts the less, the longer the person insists. The drive is forgotten as s goes on (by a factor e in each
-width) and where there is no such push (in T, 0.06 s).
-
-The lead bounds the drive. While s is ahead of the hand, f.t < 0 along the path's direction t, s goes on at 0.1 m/s at
-most, and the lead grows by as much; where s goes on with the push, f.t >= 0, the lead falls by as much. At a lead of 6
-widths s goes on only with the push. s goes back only where the lead is zero or at that bound.
+with a friction f_0 on the way back. Nothing moves s on but the hand: the help never leads a hand on. s goes on only
+while the hand is within F/S and a width, F the force limit, of p(s) or of one of the next 40 places, which are a width
+apart. The furthest s so far is the progress, which never goes back. low is 6 widths before the progress where a push
+larger than f_0 has lasted for 0.5 s, longer than a spasm, and does more than 2.5 times as much work per length of the
+path on the way back as to any of the places ahead; and s itself otherwise. s goes back by a sample a tick at most.
 
 The help ends at the path's end: once s is within a sample of it and the hand within a width, the force fades within
 0.3 s, s is the end, and both stay so.
 
-The page on help along a path says why a steady push cannot hold a hand, and how far ahead it is led. The places chosen
-lie within sqrt((F/S)^2 + 6 F/S widths), less than F/S and three widths, of a hand that rests, and each place that s
-passes on the way within one width more; what the hand moves away meanwhile adds to that. Where it goes on along the
-straight stretch on which the hand is, the progress is F/S and three widths ahead of the hand at most.
-
-A hand that has stood under force for 1.5 s is let go within 0.3 s, in whatever direction it is pushed, until it comes
+A hand that has stood under force for 0.5 s is let go within 0.3 s, in whatever direction it is pushed, until it comes
 within a width of a place at least a width further on: the first of these along the path, found by a search of eight
 widths a tick that begins anew where the hand has come near, once it is more than a width away from the width of the
 path that follows on where it was let go. A hand that stays near such places is taken in within the time of the fading
@@ -53,34 +36,25 @@ __all__ = ["AHEAD", "PATH_MODEL", "PLACES", "PROGRESS", "SEARCHED", "progress_fu
 
 PATH_MODEL = Record(stiffness=1, spacing=1, last=1, force_limit=1, push=1, speed_cap=1, dt=1)
 """S [N/m]; length between samples [m]; number of the last one; [N]; f_0 [N]; [m/s]; tick [s]."""
-PROGRESS = Record(
-    at=1, drive=1, pushed=1, stood=1, mark=1, grip=1, away=1, looked=1, near=1, place=2, along=2, furthest=1, lead=1
-)
-"""s in samples; w [N]; how long [s] the hand was pushed, and has stood under force, since the progress that is
+PROGRESS = Record(at=1, pushed=1, stood=1, mark=1, grip=1, away=1, looked=1, near=1, place=2, along=2, furthest=1)
+"""s in samples; how long [s] the hand was pushed, and has stood under force, since the progress that is
 marked, in samples; share of the force that is applied; whether the hand is let go; the sample from which on it is
 looked for; whether it was near the path when that search began; the place p(s) [m] and the path's direction there; the
-largest s so far, in samples: the progress; and how far, in samples, s was led on against the push."""
+largest s so far, in samples: the progress."""
 WINDOW = 2.0
 """Widths ahead within which the progress is chosen: a detour shorter than that may be cut."""
 BACK = 6.0
-"""Widths by which s may be short of the progress, and by which it may be led on against the push."""
-LEAD = 2.0
-"""Widths by which s may be led on against the push."""
-LEAD_SPEED = 0.1
-"""[m/s] s goes on no faster while it is ahead of the hand."""
+"""Widths by which s may be short of the progress."""
 HORIZON = 40.0
 """Widths ahead within which a place may answer to a push."""
 RATHER = 2.5
 """Times as much as any place ahead, per length of the path, that before s must answer to a push that moves s back."""
-TIME = 0.06
-"""[s] T: in which the drive grows, and in which one that nothing answers to is forgotten."""
 INSISTS = 0.5
-"""[s] A shorter push does not move s back; in so long it fades how much work a push must do along the way to a place
-that answers: f_0 times its length."""
-STANDING = 0.3
+"""[s] A shorter push does not move s back."""
+STANDING = 0.15
 """Share of the force limit above which a hand that stands is held."""
-PATIENCE, FADE = 1.5, 0.3
-"""[s] for which a hand may be held, and in which the force then fades, so that it is gone within 2 s."""
+PATIENCE, FADE = 0.5, 0.3
+"""[s] for which a hand may be held, and in which the force then fades, so that it is gone within 0.8 s."""
 PIECES, PLACES = 1 + math.ceil(WINDOW * SAMPLES_PER_WIDTH), math.ceil(HORIZON * SAMPLES_PER_WIDTH)
 ANSWER = range(SAMPLES_PER_WIDTH + 1, PLACES + 2, SAMPLES_PER_WIDTH)
 """Columns of `ahead` that a push may be answered by."""
@@ -106,35 +80,21 @@ def progress_function() -> ca.Function:
     begin = old.at - first
     here = ahead[:, 1] + (begin - 1) * (ahead[:, 2] - ahead[:, 1])
 
-    # The drive.
+    # Whether s may go back.
     push = model.stiffness * (hand - here)
     size = ca.norm_2(push)
     pushed = ca.fmax(old.pushed + ca.if_else(size > model.push, model.dt, -model.dt), 0)
-    price = model.push * ca.exp(-pushed / INSISTS) * model.spacing
     answer = ca.mmax(ca.vertcat(*[ca.dot(push, ahead[:, i] - here) / (i - begin) for i in ANSWER]))
-    answered, back = answer > price, RATHER * answer < ca.dot(push, ahead[:, 0] - here) / begin
-    beyond = ca.fmax(size - model.push, 0)
-    most = LEAD * SAMPLES_PER_WIDTH
-    turned = ca.logic_or(old.lead <= 0, old.lead >= most)
+    back = RATHER * answer < ca.dot(push, ahead[:, 0] - here) / begin
     low = ca.fmin(begin, ca.fmax(begin - 1, ca.fmax(old.furthest - BACK * SAMPLES_PER_WIDTH, 0) - first))
-    low = ca.if_else(ca.logic_and(turned, back), low, begin)
-    found = first + _chosen(hand, here, ahead, begin, low, drive=old.drive, last=model.last - first, model=model)
+    low = ca.if_else(back, low, begin)
+    found = first + _chosen(hand, here, ahead, begin, low, last=model.last - first, model=model)
     goes_back = found < old.at - 1e-9
-    drives = all_true(free, answered, beyond > 0, size < model.force_limit, ca.logic_not(goes_back), old.lead < most)
-    drive = ca.if_else(
-        drives, ca.fmin(old.drive + beyond * model.dt / TIME, model.force_limit),
-        old.drive * ca.exp(-model.dt / TIME),
-    )  # fmt: skip
 
     # s.
     waits = ca.if_else(goes_back, pushed < INSISTS, _is_off(hand, here, ahead, model))
     found = ca.if_else(waits, old.at, found)
-    leads, tick = ca.dot(push, ahead[:, 2] - ahead[:, 1]) < 0, model.dt / model.spacing
-    room = ca.if_else(leads, ca.fmin(LEAD_SPEED * tick, most - old.lead), model.speed_cap * tick)
-    at = ca.if_else(free, ca.fmin(found, old.at + room), old.at)
-    gone = ca.fmax(at - old.at, 0)
-    lead = clipped(old.lead + ca.if_else(leads, gone, -gone), 0, most)
-    drive *= ca.exp(ca.fmin(old.at - at, 0) / SAMPLES_PER_WIDTH)
+    at = ca.if_else(free, ca.fmin(found, old.at + model.speed_cap * model.dt / model.spacing), old.at)
 
     # Whether the hand stands, and the force must yield.
     went_on = ca.fmax(old.furthest, at) - old.mark >= SAMPLES_PER_WIDTH
@@ -157,8 +117,7 @@ def progress_function() -> ca.Function:
     anew = ca.sum1(ca.vertcat(old.grip > 0, again, further > model.last)) > 0
     looked, near = ca.if_else(anew, start, further), ca.if_else(anew, again, old.near)
     at, away = ca.if_else(returns, taken_in, at), ca.if_else(returns, 0, away)
-    drive, stood, lead = (ca.if_else(away, 0, each) for each in (drive, stood, lead))
-    pushed = ca.if_else(ca.logic_or(went_on, away), 0, pushed)
+    stood, pushed = ca.if_else(away, 0, stood), ca.if_else(ca.logic_or(went_on, away), 0, pushed)
     mark = ca.if_else(ca.logic_or(went_on, returns), ca.fmax(old.furthest, at), old.mark)
 
     # Place and direction there; of a hand that has come back from the next tick on, when it is first led again.
@@ -170,7 +129,6 @@ def progress_function() -> ca.Function:
     place, along = corner + fraction * way, way / ca.fmax(ca.norm_2(way), 1e-300)
     after = PROGRESS.of(
         at=at,
-        drive=drive,
         pushed=pushed,
         stood=stood,
         mark=mark,
@@ -181,7 +139,6 @@ def progress_function() -> ca.Function:
         place=place,
         along=along,
         furthest=ca.fmax(old.furthest, at),
-        lead=lead,
     )
     inputs = [model.column, old.column, hand, force, ahead, searched]
     return ca.Function("path_progress", inputs, [after], {"cse": True})
@@ -193,18 +150,16 @@ def _is_off(hand: ca.SX, here: ca.SX, ahead: ca.SX, model: Values) -> ca.SX:
     return near > (model.force_limit / model.stiffness + SAMPLES_PER_WIDTH * model.spacing) ** 2
 
 
-def _chosen(
-    hand: ca.SX, here: ca.SX, ahead: ca.SX, begin: ca.SX, low: ca.SX, *, drive: ca.SX, last: ca.SX, model: Values
-) -> ca.SX:
+def _chosen(hand: ca.SX, here: ca.SX, ahead: ca.SX, begin: ca.SX, low: ca.SX, *, last: ca.SX, model: Values) -> ca.SX:
     """Samples from the first of `ahead` to s, `begin` before: exact on each piece of the path between two samples."""
     unit = model.spacing / model.stiffness  # energies are over S
-    best, found, gain, friction = ca.sumsqr(hand - here) / 2, begin, drive * unit, model.push * unit
+    best, found, friction = ca.sumsqr(hand - here) / 2, begin, model.push * unit
     for i in range(PIECES):
         way, off = ahead[:, i + 1] - ahead[:, i], hand - ahead[:, i]
-        on, square = ca.dot(off, way) + gain, ca.sumsqr(way) + 1e-300
+        on, square = ca.dot(off, way), ca.sumsqr(way) + 1e-300
         fraction = clipped(clipped(begin - i, on / square, (on + friction) / square), clipped(low - i, 0, 1), 1)
         further = i + fraction - begin
-        energy = ca.sumsqr(off - fraction * way) / 2 - gain * further + friction * ca.fmax(-further, 0)
+        energy = ca.sumsqr(off - fraction * way) / 2 + friction * ca.fmax(-further, 0)
         better = all_true(energy < best, i < last, low <= i + 1)
         best, found = ca.if_else(better, energy, best), ca.if_else(better, i + fraction, found)
     return found
