@@ -15,10 +15,8 @@ The help ends at the path's end: once s is within a sample of it and the hand wi
 0.3 s, s is the end, and both stay so.
 
 A hand that has stood under force for 0.5 s is let go within 0.3 s, in whatever direction it is pushed, until it comes
-within a width of a place at least a width further on: the first of these along the path, found by a search of eight
-widths a tick that begins anew where the hand has come near, once it is more than a width away from the width of the
-path that follows on where it was let go. A hand that stays near such places is taken in within the time of the fading
-and of two searches.
+within a width of one of the places from one to nine widths further on: the first of these along the path, and none
+while the hand is within a width of the width of the path that follows on where it was let go.
 """
 
 from __future__ import annotations
@@ -36,10 +34,10 @@ __all__ = ["AHEAD", "PATH_MODEL", "PLACES", "PROGRESS", "SEARCHED", "progress_fu
 
 PATH_MODEL = Record(stiffness=1, spacing=1, last=1, force_limit=1, push=1, speed_cap=1, dt=1)
 """S [N/m]; length between samples [m]; number of the last one; [N]; f_0 [N]; [m/s]; tick [s]."""
-PROGRESS = Record(at=1, pushed=1, stood=1, mark=1, grip=1, away=1, looked=1, near=1, place=2, along=2, furthest=1)
+PROGRESS = Record(at=1, pushed=1, stood=1, mark=1, grip=1, away=1, looked=1, place=2, along=2, furthest=1)
 """s in samples; how long [s] the hand was pushed, and has stood under force, since the progress that is
 marked, in samples; share of the force that is applied; whether the hand is let go; the sample from which on it is
-looked for; whether it was near the path when that search began; the place p(s) [m] and the path's direction there; the
+looked for; the place p(s) [m] and the path's direction there; the
 largest s so far, in samples: the progress."""
 WINDOW = 2.0
 """Widths ahead within which the progress is chosen: a detour shorter than that may be cut."""
@@ -110,12 +108,7 @@ def progress_function() -> ca.Function:
     # Where a hand that was let go has come back to.
     start = ca.floor(at) + SAMPLES_PER_WIDTH  # beyond the end where no width is left: nothing takes the hand in again
     taken_in = _first_place(hand, ahead[:, 1 : SAMPLES_PER_WIDTH + 2], searched, old.looked, start=start, model=model)
-    near = all_true(old.away > 0, old.grip == 0, taken_in >= 0)
-    # Where this search began with the hand near a place, or begins here, no place before was passed over.
-    returns = ca.logic_and(near, ca.logic_or(old.looked <= start, old.near > 0))
-    again, further = ca.logic_and(near, ca.logic_not(returns)), old.looked + SEARCHED
-    anew = ca.sum1(ca.vertcat(old.grip > 0, again, further > model.last)) > 0
-    looked, near = ca.if_else(anew, start, further), ca.if_else(anew, again, old.near)
+    returns = all_true(old.away > 0, old.grip == 0, taken_in >= 0)
     at, away = ca.if_else(returns, taken_in, at), ca.if_else(returns, 0, away)
     stood, pushed = ca.if_else(away, 0, stood), ca.if_else(ca.logic_or(went_on, away), 0, pushed)
     mark = ca.if_else(ca.logic_or(went_on, returns), ca.fmax(old.furthest, at), old.mark)
@@ -134,8 +127,7 @@ def progress_function() -> ca.Function:
         mark=mark,
         grip=grip,
         away=away,
-        looked=looked,
-        near=near,
+        looked=start,
         place=place,
         along=along,
         furthest=ca.fmax(old.furthest, at),

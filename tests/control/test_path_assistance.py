@@ -237,7 +237,7 @@ def test_the_help_ends_at_the_end_of_the_path() -> None:
     assert max(np.linalg.norm(each.value) for each in commands[25:]) == 0.0
     helper.reset()
     assert helper.progress == 0.0
-    assert settled(helper, np.array([0.0, 0.002]))[1] == pytest.approx(-10.0)
+    assert settled(helper, np.array([0.0, 0.002]), 10)[1] == pytest.approx(-10.0)
 
 
 @pytest.mark.parametrize("path", [[[0.0, 0.0], [0.1, 0.0, 0.0]], [EIGHT, EIGHT], np.stack([EIGHT, EIGHT])])
