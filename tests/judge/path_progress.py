@@ -29,22 +29,16 @@ from tests.judge.verdict import Promise, Verdict
 PROMISES = (
     Promise("rehab_opt/control/path_assistance.py", "moved by the person, in order; it cuts no detour longer than two "
             "widths. The furthest that it ever was is the progress, and never goes back."),
-    Promise("rehab_opt/control/path_assistance.py", "moves s back with the hand before it moves it on, by six widths "
-            "of the path at most."),
+    Promise("rehab_opt/control/path_assistance.py", "moves s back with the hand, by six widths of the path at "
+            "most."),
     Promise("rehab_opt/control/path_assistance.py", "p(s) the place of the path and t its direction there, "
             "so that along the path the hand moves freely."),
     Promise("rehab_opt/control/path_assistance.py", "until the hand comes to a place further along the path, where the "
             "force grows again within 0.3 s."),
     Promise("rehab_opt/control/path_assistance.py", "Fraction of the path, 0 to 1, that the hand has covered. It "
             "stands while a hand is let go."),
-    Promise("rehab_opt/control/path_progress.py", "less than F/S and three widths, of a hand that rests, and each "
-            "place that s passes on the way within one width more"),
     Promise("rehab_opt/control/path_progress.py", "s goes on only while the hand is within F/S and a width, F the "
             "force limit, of p(s) or of one of the next 40 places, which are a width apart."),
-    Promise("rehab_opt/control/path_progress.py", "Where it goes on along the straight stretch on which the hand is, "
-            "the progress is F/S and three widths ahead of the hand at most."),
-    Promise("rehab_opt/control/path_progress.py", "A hand that stays near such places is taken in within the time of "
-            "the fading and of two searches."),
 )  # fmt: skip
 LEAST = {
     "near another branch": 1696,
