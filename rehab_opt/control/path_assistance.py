@@ -12,7 +12,7 @@ from rehab_opt.control.bounded_force import BoundedForce, ForceBounds
 from rehab_opt.control.command import Command
 from rehab_opt.control.force_tick import DESIRED
 from rehab_opt.control.gate import GATE, PULL_BACK, SPRING, DesiredForce, guided_force
-from rehab_opt.control.path_progress import AHEAD, PATH_MODEL, PLACES, PROGRESS, SEARCHED, progress_function
+from rehab_opt.control.path_progress import BEFORE, BESIDE, PATH_MODEL, PROGRESS, progress_function
 from rehab_opt.control.thread_owner import setting
 from rehab_opt.control.velocity_controller import checked_number
 from rehab_opt.errors import ConfigurationError
@@ -52,7 +52,6 @@ class PathAssistance(BoundedForce):
     path : (N, 2) [m] from its start to its end.
     stiffness, damping : S [N/m], D [N s/m] across the path.
     width : [m] the scale of the path: detours shorter than two widths may be cut, and a hand is at a place within one.
-    push : [N] a smaller push of the person is taken for tremor, and moves nothing on.
     comfortable, force_limit, return_stiffness, return_force, bounds : see `Assistance`.
 
     Raises
@@ -69,7 +68,6 @@ class PathAssistance(BoundedForce):
         stiffness: float,
         width: float,
         damping: float = 0.0,
-        push: float = 2.0,
         comfortable: Workspace,
         force_limit: float = 30.0,
         return_stiffness: float = 500.0,
@@ -106,7 +104,7 @@ class PathAssistance(BoundedForce):
             ),
         )
         """`GATE` of this one."""
-        self.track = np.pad(sampled.points, ((1, PLACES + SEARCHED), (0, 0)), mode="edge")
+        self.track = np.pad(sampled.points, ((BEFORE, BESIDE), (0, 0)), mode="edge")
         """(N, 2) [m] samples of the path, the first and the last of them repeated."""
         self._flat = self.track.ravel()
         option = bounds.get("compile")
@@ -118,7 +116,6 @@ class PathAssistance(BoundedForce):
             spacing=float(sampled.travelled[1]),
             last=len(sampled.points) - 1,
             force_limit=force_limit,
-            push=checked_number("push", push, above=0.0, below=force_limit),
             speed_cap=self.speed_cap,
             dt=self.dt,
         )
@@ -159,7 +156,7 @@ class PathAssistance(BoundedForce):
     @property
     def at_start(self) -> Array:
         """`PROGRESS` of a hand at the path's start."""
-        first, second = self.track[1:3]
+        first, second = self.track[BEFORE : BEFORE + 2]
         full: dict[str, ArrayLike] = dict.fromkeys(PROGRESS.places, 0.0)
         along = (second - first) / np.linalg.norm(second - first)
         return PROGRESS.numbers(**full | {"grip": 1.0, "place": first, "along": along})
@@ -178,11 +175,10 @@ class PathAssistance(BoundedForce):
         if not self.valid:
             return command
         state = self._state_of_path
-        proceed, at, looked = self._proceed, int(state[PROGRESS["at"]]), int(state[PROGRESS["looked"]])
-        _, old, hand, force, ahead, searched = proceed.inputs
+        proceed, at = self._proceed, int(state[PROGRESS["at"]])
+        _, old, hand, force, beside = proceed.inputs
         old[:], hand[:], force[:] = state, self.place, self._force
-        ahead.T.ravel()[:] = self._flat[2 * at : 2 * (at + AHEAD)]
-        searched.T.ravel()[:] = self._flat[2 * looked + 2 : 2 * (looked + SEARCHED) + 2]
+        beside.T.ravel()[:] = self._flat[2 * at : 2 * (at + BESIDE)]
         proceed.evaluate()
         self._lead(proceed.outputs[0])
         return command
