@@ -12,8 +12,8 @@ detour shorter than two widths. The furthest s so far is the progress.
 The help ends at the path's end: once s is within a sample of it and the hand within a width, the force fades within
 0.3 s and stays zero.
 
-A hand that stands under more than 0.15 F for 0.5 s is let go within 0.3 s, since its person means to be elsewhere. It is
-held again where it comes within a width of a place from one to 40 widths further on, the first of these along the path,
+A hand that stands under more than 0.15 F for 0.5 s is let go within 0.3 s: its person means to be elsewhere. It is
+held again where it comes within a width of a place from one to 20 widths of the path away, the nearest along the path,
 once it is more than a width away from where it was let go.
 """
 
@@ -26,7 +26,7 @@ import casadi as ca
 
 from rehab_opt.field.potential import SAMPLES_PER_WIDTH
 from rehab_opt.optim.certificate import all_true, clipped
-from rehab_opt.symbolic.record import Record, Values
+from rehab_opt.symbolic.record import Record
 
 __all__ = ["BEFORE", "BESIDE", "PATH_MODEL", "PROGRESS", "progress_function"]
 
@@ -42,11 +42,11 @@ STANDING = 0.15
 """Fraction of the force limit above which a hand that stands is held."""
 PATIENCE, FADE = 0.5, 0.3
 """[s] for which a hand may be held, and in which the force then fades."""
-HORIZON = 40.0
-"""Widths ahead within which a hand that was let go is held again."""
-BEFORE = math.ceil(WINDOW * SAMPLES_PER_WIDTH)
-BESIDE = BEFORE + math.ceil(HORIZON * SAMPLES_PER_WIDTH) + 2
-"""Samples before s that a tick looks at, and all of them."""
+HORIZON = 20.0
+"""Widths either way within which a hand that was let go is held again: less than a round of a path that is repeated."""
+NEAR, BEFORE = math.ceil(WINDOW * SAMPLES_PER_WIDTH), math.ceil(HORIZON * SAMPLES_PER_WIDTH)
+BESIDE = 2 * BEFORE + 2
+"""Samples in the window; samples before s that a tick looks at; all of them."""
 
 
 @cache
@@ -82,19 +82,19 @@ def progress_function() -> ca.Function:
     grip = clipped(old.grip + ca.if_else(lets_go, -model.dt, model.dt) / FADE, 0, 1)
 
     # Where a hand that was let go is held again.
-    again = _first_place(hand, old.place, beside, first=first, last=model.last, width=width)
+    again = _other_place(hand, old.place, beside, first=first, last=model.last, width=width)
     returns = all_true(old.away > 0, old.grip == 0, again >= 0)
     at, away = ca.if_else(returns, again, at), ca.if_else(returns, 0, away)
     mark, stood = ca.if_else(ca.logic_or(moved, returns), at, old.mark), ca.if_else(away, 0, stood)
 
     # Place and direction there; of a hand that is held again from the next tick on.
-    corner, way = beside[:, 0], beside[:, 1] - beside[:, 0]
-    for i in range(1, 2 * BEFORE + 1):
+    begin, end = BEFORE - NEAR, BEFORE + NEAR + 1
+    corner, way, past = beside[:, begin], beside[:, begin + 1] - beside[:, begin], at - first - begin
+    for i in range(begin + 1, end + 1):
         inside = all_true(at - first >= i, first + i < model.last)
-        corner = ca.if_else(inside, beside[:, i], corner)
+        corner, past = ca.if_else(inside, beside[:, i], corner), ca.if_else(inside, at - first - i, past)
         way = ca.if_else(inside, beside[:, i + 1] - beside[:, i], way)
-    piece = ca.fmin(clipped(ca.floor(at - first), 0, 2 * BEFORE), model.last - 1 - first)
-    place, along = corner + clipped(at - first - piece, 0, 1) * way, way / ca.fmax(ca.norm_2(way), 1e-300)
+    place, along = corner + clipped(past, 0, 1) * way, way / ca.fmax(ca.norm_2(way), 1e-300)
     after = PROGRESS.of(
         at=at, furthest=ca.fmax(old.furthest, at), stood=stood, mark=mark, grip=grip, away=away, place=place,
         along=along,
@@ -105,7 +105,7 @@ def progress_function() -> ca.Function:
 def _nearest(hand: ca.SX, here: ca.SX, beside: ca.SX, begin: ca.SX, *, first: ca.SX, last: ca.SX) -> ca.SX:
     """Samples from the first of `beside` to the place nearest to the hand: exact on each piece within the window."""
     best, found = ca.sumsqr(hand - here), begin
-    for i in range(2 * BEFORE):
+    for i in range(BEFORE - NEAR, BEFORE + NEAR + 1):
         way, off = beside[:, i + 1] - beside[:, i], hand - beside[:, i]
         fraction = clipped(ca.dot(off, way) / (ca.sumsqr(way) + 1e-300), 0, 1)
         away = ca.sumsqr(off - fraction * way)
@@ -114,10 +114,11 @@ def _nearest(hand: ca.SX, here: ca.SX, beside: ca.SX, begin: ca.SX, *, first: ca
     return found
 
 
-def _first_place(hand: ca.SX, left: ca.SX, beside: ca.SX, *, first: ca.SX, last: ca.SX, width: ca.SX) -> ca.SX:
-    """Number of the first sample within a width of the hand, from a width ahead on; -1 for none, or near `left`."""
+def _other_place(hand: ca.SX, left: ca.SX, beside: ca.SX, *, first: ca.SX, last: ca.SX, width: ca.SX) -> ca.SX:
+    """Number of the sample within a width of the hand that is nearest along the path, a width or more away; else -1."""
     found = ca.SX(-1)
-    for i in reversed(range(BEFORE + SAMPLES_PER_WIDTH, BESIDE)):
-        near = all_true(ca.sumsqr(hand - beside[:, i]) <= width**2, first + i <= last)
-        found = ca.if_else(near, first + i, found)
+    for apart in reversed(range(SAMPLES_PER_WIDTH, BEFORE + 1)):
+        for i in (BEFORE - apart, BEFORE + apart):
+            near = all_true(ca.sumsqr(hand - beside[:, i]) <= width**2, first + i >= 0, first + i <= last)
+            found = ca.if_else(near, first + i, found)
     return ca.if_else(ca.sumsqr(hand - left) <= width**2, -1, found)
