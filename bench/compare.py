@@ -23,7 +23,7 @@ from typing import Any, NamedTuple
 from rich.console import Console
 from rich.table import Table
 
-from bench.corpus import along, certified_fraction, read, representatives
+from bench.corpus import along, quality, read, representatives
 from bench.machine import machine
 from bench.solvers.entrants import entrants
 from bench.solvers.record import versions_of
@@ -123,7 +123,7 @@ def changes(
 def _certified(name: str) -> dict[str, float]:
     """Of each watched solver: the share of the sequence's ticks that it certifies, warm."""
     by_name = {entrant.name: entrant for entrant in entrants()}
-    return {solver: round(certified_fraction(by_name[solver], read(name)), 4) for solver in WATCHED}
+    return {solver: round(quality(by_name[solver], read(name)).certified, 4) for solver in WATCHED}
 
 
 def _ratios(name: str, rounds: int) -> dict[str, float]:

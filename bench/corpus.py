@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator
+import math
+from collections.abc import Callable, Iterable, Iterator
 from functools import cache
-from typing import Any
+from typing import Any, NamedTuple
 
 from bench.solvers.entrant import Entrant
 from bench.solvers.instances import RecordedQPs
@@ -13,7 +14,7 @@ from bench.solvers.shipped import shipped_sequences
 from rehab_opt.optim.certificate import is_certified
 from rehab_opt.qp_recording.sequence import QPSequence, read_sequence
 
-__all__ = ["along", "certified_fraction", "read", "representatives"]
+__all__ = ["Quality", "along", "quality", "read", "representatives"]
 
 
 def representatives() -> list[str]:
@@ -40,12 +41,26 @@ def along(entrant: Entrant, sequence: QPSequence) -> Callable[[], Any]:
     return lambda: solver.solve(next(stream), warm=True)
 
 
-def certified_fraction(entrant: Entrant, sequence: QPSequence) -> float:
-    """Of the ticks, one after the other and warm: the share whose answer our certificate accepts."""
+class Quality(NamedTuple):
+    """How good a solver's answers are: one that fails is often fast."""
+
+    certified: float
+    """Fraction of the ticks whose answer our certificate accepts."""
+    residual: float
+    """Largest residual of the certificate; infinite where an answer has none."""
+
+    @classmethod
+    def of(cls, residuals: Iterable[float], tolerance: float) -> Quality:
+        """Of the certificate's residuals, one a tick."""
+        found = list(residuals)
+        worst = max(residual if residual >= 0.0 else math.inf for residual in found)
+        return cls(sum(is_certified(residual, tolerance) for residual in found) / len(found), worst)
+
+
+def quality(entrant: Entrant, sequence: QPSequence) -> Quality:
+    """Of a solver that solves the ticks one after the other, warm."""
     recorded = RecordedQPs(sequence)
     solver = entrant.make(recorded, entrant.solver)
-    accepted = 0
-    for tick, qp in enumerate(sequence):
-        claim = solver.claim(qp, solver.solve(solver.prepared(qp), warm=True))
-        accepted += is_certified(recorded.residual(tick, claim.answer), sequence.tolerance)
-    return accepted / len(sequence)
+    claims = (solver.claim(qp, solver.solve(solver.prepared(qp), warm=True)) for qp in sequence)
+    residuals = (recorded.residual(tick, claim.answer) for tick, claim in enumerate(claims))
+    return Quality.of(residuals, sequence.tolerance)

@@ -119,7 +119,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _run(seconds: float, *, others: bool, fifo: int | None) -> tuple[LoopReport, str, int]:
     problem = live_problem(load_problem(PROBLEM), plant="mujoco")
     control = problem.control()
-    plant, decide = control.plant, decide_of(problem, control)
+    plant, decide = control.plant, decide_of(control)
     plant.reset(control.start)
     load = f"{os.getloadavg()[0]:.1f}"
     with ExitStack() as stack:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import pytest
 from pytest_benchmark.fixture import BenchmarkFixture
 
-from bench.corpus import along, read, representatives
+from bench.corpus import along, quality, read, representatives
 from bench.solvers.entrants import entrants
 
 ENTRANTS = {entrant.name: entrant for entrant in entrants() if entrant.kind == "qp"}
@@ -20,3 +20,5 @@ ENTRANTS = {entrant.name: entrant for entrant in entrants() if entrant.kind == "
 @pytest.mark.parametrize("solver", ENTRANTS)
 def test_solve(benchmark: BenchmarkFixture, solver: str, sequence: str) -> None:
     benchmark(along(ENTRANTS[solver], read(sequence)))
+    if benchmark.enabled:
+        benchmark.extra_info.update(quality(ENTRANTS[solver], read(sequence))._asdict())

@@ -14,10 +14,11 @@ import pytest
 
 from bench import compare
 from bench.compare import Change, changes
-from bench.corpus import along
+from bench.corpus import Quality, along, quality, read
 from bench.results import write_section
 from bench.solvers import dense_qp
 from bench.solvers.entrant import Entrant
+from bench.solvers.entrants import entrants
 from rehab_opt.qp_recording.sequence import QPSequence
 
 BEFORE = {"pose/free": {"qrqp-fused": 0.10, "osqp-kept": 2.0}}
@@ -91,6 +92,18 @@ def test_the_command_fails_where_a_solve_has_become_slower_or_wrong(
     lines = [line for line in capsys.readouterr().out.splitlines() if name in line]
     assert len(lines) == len(compare.WATCHED)
     assert [verdict if "qrqp" in line else "ok" for line in lines] == [line.split("│")[-2].strip() for line in lines]
+
+
+def test_a_solver_that_fails_has_no_certified_answer_and_a_large_residual(monkeypatch: pytest.MonkeyPatch) -> None:
+    sequence, by_name = read("pose_tracking/free"), {each.name: each for each in entrants() if each.kind == "qp"}
+    right = quality(by_name["qrqp-virtual"], sequence)
+    assert right.certified == 1.0
+    assert right.residual <= sequence.tolerance
+    monkeypatch.setattr(dense_qp.DenseQP, "solve", nothing_solved)
+    wrong = quality(by_name["qrqp-virtual"], sequence)
+    assert wrong.certified == 0.0
+    assert wrong.residual > 0.1
+    assert Quality.of([1e-12, math.nan], 1e-8) == (0.5, math.inf)
 
 
 def test_a_time_that_is_no_number_fails() -> None:

@@ -1,5 +1,5 @@
-"""Maps between workspaces of Table I and of random people, both ways, beside the published rule: `python -m
-bench.workspace_maps`.
+"""Maps between workspaces of Rossa et al. and of random people, both ways, beside the published rule: `python -m
+bench.workspace_maps`; `--people 0` for the paper's alone. Its W_c is read from Table I and from the caption of Fig. 3.
 
 A person: every limit of Table I's regular range is normal about the printed one with a standard deviation of 6 deg,
 cut at two of them (between people, goniometric limits of the upper limb vary by 5 to 10 deg); segment lengths are
@@ -40,6 +40,8 @@ LIMIT_SPREAD_DEG = 6.0
 SEGMENT_SPREAD = 0.05
 SUBRANGE = (0.3, 0.9)
 POLAR_LANDMARKS = 20
+READINGS = {"Table I": "restricted", "Fig. 3": "figure_3"}
+"""Of the paper's W_c."""
 
 
 class Pair(NamedTuple):
@@ -65,8 +67,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = _options(arguments)
     console = Console(width=150)
     console.print("  ".join(f"{key}: {value}" for key, value in machine().items()), highlight=False)
+    regular = planar_workspace(human_arm(range_of_motion="regular"))
     pairs = [
-        Pair("Table I", *(planar_workspace(human_arm(range_of_motion=name)) for name in ("regular", "restricted")))
+        Pair(name, regular, planar_workspace(human_arm(range_of_motion=range_of_motion)))
+        for name, range_of_motion in READINGS.items()
     ]
     passed_over: Counter[str] = Counter()
     pairs += list(_cached(options.cache, options.people, options.seed, passed_over))
@@ -188,13 +192,13 @@ def yardstick_lines(outcomes: list[Outcome]) -> list[str]:
 
 
 def table_verdicts(outcomes: list[Outcome]) -> list[Verdict]:
-    """Table I, each way."""
-    return [verdict for each in outcomes[:2] for verdict in _verdicts(each.name, [each])]
+    """Each reading of the paper's W_c, each way."""
+    return [verdict for each in outcomes[: 2 * len(READINGS)] for verdict in _verdicts(each.name, [each])]
 
 
 def people_verdicts(outcomes: list[Outcome], count: int) -> list[Verdict]:
     """All people together."""
-    return _verdicts(f"{count} people, both ways", outcomes[2:]) if count else []
+    return _verdicts(f"{count} people, both ways", outcomes[2 * len(READINGS) :]) if count else []
 
 
 def _verdicts(name: str, outcomes: list[Outcome]) -> list[Verdict]:

@@ -58,7 +58,9 @@ def pytest_collection() -> Iterator[None]:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Begin with what is long, or one worker ends with it alone."""
+    """Begin with what is long, or one worker ends with it alone; without workers the order is the command line's."""
+    if "PYTEST_XDIST_WORKER" not in os.environ:
+        return
     items.sort(key=lambda item: next((i for i, file in enumerate(LONG) if f"tests/{file}::" in item.nodeid), len(LONG)))
 
 

@@ -193,11 +193,6 @@ def test_public_names_are_there() -> None:
         assert getattr(rehab_opt, name) is not None
 
 
-@pytest.mark.parametrize("name", rehab_opt.__all__)
-def test_every_public_name_is_documented(name: str) -> None:
-    assert (getattr(rehab_opt, name).__doc__ or "").strip()
-
-
 def test_every_module_declares_names_that_it_has() -> None:
     for file in sorted(PACKAGE.rglob("*.py")):
         parts = file.relative_to(PACKAGE.parent).with_suffix("").parts
@@ -207,10 +202,6 @@ def test_every_module_declares_names_that_it_has() -> None:
         module = importlib.import_module(name)
         for public in getattr(module, "__all__", ()):
             assert hasattr(module, public), f"{name}.{public}"
-
-
-def test_the_types_are_for_users_too() -> None:
-    assert (PACKAGE / "py.typed").exists()
 
 
 @pytest.mark.parametrize("layer", sorted(LAYERS))
@@ -225,11 +216,6 @@ def test_arrows_between_layers_point_one_way(layer: str) -> None:
 def test_every_module_belongs_to_a_layer() -> None:
     here = {path.relative_to(PACKAGE).parts[0].removesuffix(".py") for path in PACKAGE.rglob("*.py")}
     assert here - {"__init__", "__main__", "problems"} == set(LAYERS)
-
-
-def test_no_layer_is_named_for_nothing() -> None:
-    banned = {"utils", "util", "helpers", "common", "misc", "manager"}
-    assert [file for file in PACKAGE.rglob("*.py") if file.stem in banned] == []
 
 
 def test_nobody_catches_every_exception() -> None:

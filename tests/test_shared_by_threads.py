@@ -20,7 +20,6 @@ import pytest
 import shapely
 
 from rehab_opt import Assistance, PotentialField, ThinPlateSpline, Workspace, ardis, human_arm, ur5
-from rehab_opt.control.between_poses import turn_between, turned
 from rehab_opt.symbolic import PerThread
 from rehab_opt.symbolic.compiled import _compiler
 from rehab_opt.workspace.mapping import WorkspaceMap
@@ -58,11 +57,6 @@ def of_a_field(compile: bool = False) -> Ask:
     return lambda rng: (asked.energy(x := near(rng)), asked.force(x, x), asked.pull(*x), asked.stiffness(x))
 
 
-def of_a_pickled_field() -> Ask:
-    asked = pickle.loads(pickle.dumps(field()))
-    return lambda rng: asked.force(near(rng))
-
-
 def of_a_chain() -> Ask:
     chain = ur5()
     return lambda rng: (
@@ -82,16 +76,6 @@ def of_a_mobile_arm() -> Ask:
         robot.inertia(q := rng.normal(size=7)), robot.posture_cost(q), robot.posture_gradient(q),
         robot.chassis_velocity(q, q), robot.chain.pose(q),
     )  # fmt: skip
-
-
-def of_poses() -> Ask:
-    chain = ur5()
-
-    def ask(rng: np.random.Generator) -> Any:
-        a, b = chain.pose(rng.normal(size=6)), chain.pose(rng.normal(size=6))
-        return turn_between(a, b), turned(a[:3, :3], rng.normal(size=3))
-
-    return ask
 
 
 def of_a_workspace() -> Ask:
@@ -127,18 +111,15 @@ def of_a_controller_s_map() -> Ask:
 
 SHAREABLE: dict[str, Callable[[], Ask]] = {
     "field": of_a_field,
-    "pickled field": of_a_pickled_field,
     "chain": of_a_chain,
     "arm": of_an_arm,
     "mobile arm": of_a_mobile_arm,
-    "poses": of_poses,
     "workspace": of_a_workspace,
-    "small spline": lambda: of_a_spline(12),
     "large spline": lambda: of_a_spline(100),
     "map": of_a_map,
     "controller's map": of_a_controller_s_map,
 }
-QUICK = ("field", "pickled field", "chain", "arm", "mobile arm", "poses", "controller's map")
+QUICK = ("field", "chain", "arm", "mobile arm", "controller's map")
 
 
 def answers(ask: Ask, seed: int, rounds: int = MANY) -> list[Any]:
@@ -181,6 +162,7 @@ def test_four_threads_get_what_one_gets(kind: str) -> None:
     assert_same_bits(found, expected)
 
 
+@pytest.mark.nightly
 @pytest.mark.skipif(_compiler() is None, reason="no C compiler on this machine")
 @pytest.mark.usefixtures("shipped")
 def test_four_threads_get_what_one_gets_of_compiled_fields() -> None:

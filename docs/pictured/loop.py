@@ -58,7 +58,7 @@ def _run(path: Path) -> None:
         state = stack.enter_context(SharedRing.create(layout, depth=DEPTH))
         log = stack.enter_context(log_of(config, problem, state, path, {"plant": PLANT}))
         loop = Loop(
-            control.plant, decide_of(problem, control), state=state, operator=operator, watches=(log.watch,),
+            control.plant, decide_of(control), state=state, operator=operator, watches=(log.watch,),
             plant_command=control.plant_command,
         )  # fmt: skip
         with _operated(operator):

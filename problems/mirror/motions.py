@@ -1,9 +1,10 @@
-"""Write pick_fruit.csv, refrigerator_door.csv and calibration_points.csv: `python problems/mirror/motions.py`.
+"""Write the recordings beside this script: `python problems/mirror/motions.py`.
 
-Two tasks of Xu, Guo, Zhang 2021 as a healthy right hand would do them, generated, since the paper's recordings are not
+Tasks of Xu, Guo, Zhang 2021 as a healthy right hand would do them, generated, since the paper's recordings are not
 published. Each is laid out for the mirrored left hand on a UR5 at the origin (x forward from the robot, y left, z up),
-so that it passes near the elbow, wrist and shoulder singularities, then mirrored to the right hand and written as a
-tracker of virtual reality would: Unity axes, 90 Hz, quaternions x, y, z, w.
+then mirrored to the right hand and written as a tracker of virtual reality would: Unity axes, 90 Hz, quaternions x, y,
+z, w. Fruit and door pass near the elbow, wrist and shoulder singularities (the paper's first situation); wiping a table
+stays far from them (its second), and the patient turns meanwhile, as a helmet's track says.
 
 The patient sits 1.1 m in front of the robot and faces it. Frames:
 
@@ -18,6 +19,7 @@ each; the door's handle goes round its hinge.
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -36,13 +38,16 @@ VR_POSE = np.array([[-1.0, 0, 0, 1.1], [0, -1.0, 0, SAGITTAL], [0, 0, 1.0, -0.6]
 REST = 0.4  # [s]
 
 START = np.array([3.2, -1.5, 1.9, -2.0, -1.4, 0.2])
-"""(6,) [rad] joint angles of the robot where both motions begin."""
+"""(6,) [rad] joint angles of the robot where the motions begin."""
 # Postures that the hand comes to, each near a singularity: w / w_max is 0.2, 0.2 and 0.15.
 FRUIT = np.array([3.4, -0.85, 0.20, -1.00, -1.4, 0.2])  # the arm stretched: elbow
 TWIST = np.array([3.3, -1.3, 1.6, -1.9, -0.24, 0.5])  # the hand turned aside: wrist
 BASKET = np.array([3.0, -2.25, 2.15, -1.9, -1.4, 0.2])  # close to the robot's axis: shoulder
 HANDLE = np.array([3.3, -0.80, 0.22, -1.0, -1.0, 0.2])  # far out: elbow; the pull turns the hand towards the wrist's
 HINGE = 0.42, math.radians(55.0)  # [m] from the handle, and how far the door is opened
+STROKES = [(0.0, 0.15), (0.05, -0.15), (0.1, 0.15), (0.15, -0.15), (0.2, 0.15)]  # [m] x, y from the start
+HELMET = np.array([[-1.0, 0, 0, 1.1], [0, -1.0, 0, SAGITTAL], [0, 0, 1.0, 0.55], [0, 0, 0, 1.0]])
+LOOKS_ASIDE = math.radians(12.0), 6.0  # to either side, and the period [s]
 
 
 def minimum_jerk(seconds: float) -> Array:
@@ -89,6 +94,25 @@ def refrigerator_door() -> list[Array]:
     ]  # fmt: skip
 
 
+def wipe_table() -> list[Array]:
+    """Poses of the left hand: strokes over a table, each a bit farther, the hand turned with them, and back."""
+    start = ur5().pose(START)
+    ends = [start]
+    for x, y in STROKES:
+        pose = around(start, start[:3, 3], y)  # 1 rad a metre
+        pose[:2, 3] += (x, y)
+        ends.append(pose)
+    legs = [pose for a, b in pairwise([*ends, start]) for pose in line(a, b, 0.2)]
+    return [*[start] * round(REST * RATE), *legs]
+
+
+def turning(samples: int) -> list[Array]:
+    """Motions of a patient who turns about the vertical through the helmet, to one side and the other."""
+    turn, period = LOOKS_ASIDE
+    angles = turn * np.sin(2.0 * math.pi / (period * RATE) * np.arange(samples)) ** 3  # begins at rest
+    return [around(np.eye(4), HELMET[:3, 3], angle) for angle in angles]
+
+
 def around(pose: Array, hinge: Array, angle: float) -> Array:
     """`pose` turned about the vertical through `hinge`."""
     rotation = turned(np.eye(3), np.array([0.0, 0.0, angle]))
@@ -107,10 +131,16 @@ def unity_from_robot(positions: Array, quaternions: Array) -> tuple[Array, Array
     )
 
 
-def recorded(poses: list[Array]) -> str:
-    """The text of a recording of the right hand whose mirror image moves through `poses`."""
-    right = np.linalg.inv(VR_POSE) @ MIRROR.poses(np.array(poses))
-    positions, quaternions = unity_from_robot(right[:, :3, 3], quaternions_of(right[:, :3, :3]))
+def recorded(poses: list[Array], motions: list[Array] | None = None) -> str:
+    """The text of a recording of the right hand whose mirror image moves through `poses`, the patient by `motions`."""
+    moved = np.eye(4) if motions is None else np.array(motions)
+    return tracked(moved @ MIRROR.poses(np.linalg.inv(moved) @ np.array(poses)))
+
+
+def tracked(poses: Array) -> str:
+    """The text of a recording of `poses` (N, 4, 4) of the robot's frame."""
+    seen = np.linalg.inv(VR_POSE) @ poses
+    positions, quaternions = unity_from_robot(seen[:, :3, 3], quaternions_of(seen[:, :3, :3]))
     lines = ["t_s,x_m,y_m,z_m,qx,qy,qz,qw"]
     for i, (p, q) in enumerate(zip(positions, quaternions, strict=True)):
         lines.append(",".join([f"{i / RATE:.6f}", *(f"{x:.6f}" for x in p), *(f"{x:.5f}" for x in q)]))
@@ -129,10 +159,13 @@ def calibration_points() -> str:
 
 
 def main() -> None:
-    """Write the three files beside this script."""
+    """Write the files beside this script."""
     here = Path(__file__).parent
     (here / "pick_fruit.csv").write_text(recorded(pick_fruit()))
     (here / "refrigerator_door.csv").write_text(recorded(refrigerator_door()))
+    wiping = wipe_table()
+    (here / "wipe_table.csv").write_text(recorded(wiping, turning(len(wiping))))
+    (here / "wipe_table_helmet.csv").write_text(tracked(np.array(turning(len(wiping))) @ HELMET))
     (here / "calibration_points.csv").write_text(calibration_points())
 
 

@@ -329,9 +329,8 @@ class MirrorTracker(MirrorPreview):
     def plan(self, poses: ArrayLike, twists: ArrayLike, q: ArrayLike) -> MirrorPath:
         """The whole motion along a recording, with every guarantee of `step` and the future known.
 
-        The clock slows down ahead of what is too fast, and knows at once where a stretch it must leave out ends. Then
-        the joint path is passed in the least time within the same bounds (`retimed`); with servos that follow it
-        stays as it is, since bounds are come to slowly for them.
+        The clock slows down ahead of what is too fast, and knows at once where a stretch it must leave out ends. Ruckig
+        then times the joint path within the same bounds (`retimed`), but not for servos, which come to bounds slowly.
 
         Parameters
         ----------

@@ -1,9 +1,8 @@
-"""Time-optimal retiming of a plan: the same joint path, passed as fast as its bounds allow.
+"""Retiming of a plan by Ruckig: the same joint path, without the stops and hesitations of a plan made tick by tick.
 
-A plan made tick by tick stops and hesitates. Along its joint path, with the reference's clock and the hand's way as two
-more axes, `fastest_timing` gives the passage of least time within joint speed and acceleration, the hand's speed, and
-a clock that runs at most at the recording's pace. Its ticks are then checked as commands are; a passage that would
-break a bound is rejected.
+The reference's clock and the hand's way are two more axes: Ruckig times the passage (`ruckig_timing`) within joint
+speed and acceleration, the hand's speed, and a clock at most at the recording's pace. Its ticks are then checked as
+commands are; a passage that would break a bound is rejected.
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ from numpy.typing import NDArray
 
 from rehab_opt.control.command import Relaxed
 from rehab_opt.control.mirror_statement import HELD, WHOLE
-from rehab_opt.control.path_timing import PathCells, fastest_timing
+from rehab_opt.control.path_timing import PathCells, ruckig_timing
 from rehab_opt.control.tool_speed import tool_jerk
 
 if TYPE_CHECKING:
@@ -50,7 +49,7 @@ BROKEN, EXACT = 1e-9, 1e-12
 
 
 def retimed(tracker: MirrorTracker, plan: MirrorPath, left: Array) -> MirrorPath:
-    """The plan in the least time, or as it is where no such passage keeps every bound.
+    """The plan timed by Ruckig, or as it is where no such passage keeps every bound.
 
     Parameters
     ----------
@@ -81,7 +80,7 @@ def retimed(tracker: MirrorTracker, plan: MirrorPath, left: Array) -> MirrorPath
 def _passed(
     tracker: MirrorTracker, plan: MirrorPath, left: Array, ways: NDArray[np.int_], slow: Array
 ) -> tuple[MirrorPath, NDArray[np.int_]] | None:
-    """The passage of least time, and which tick of the plan each of its ticks is of.
+    """Ruckig's passage, and which tick of the plan each of its ticks is of.
 
     About each of the plan's ticks it goes as `ways` (M,) says, at most at this share (M,) of the speeds. None where
     there is none that is sooner than the plan.
@@ -117,7 +116,7 @@ def _passed(
     second[:, -1] = third[:, -1] = 0.0
     cells = PathCells(edges, first[:-1], second[:-1], third[:-1])
     accelerations = PART * np.append(np.minimum(chain.acceleration, 2 * chain.velocity / dt), [np.inf, np.inf])
-    timing = fastest_timing(cells, velocity=speeds, acceleration=accelerations)
+    timing = ruckig_timing(cells, velocity=speeds, acceleration=accelerations, fastest=1.0)
     if not timing.times[-1] <= dt * (len(plan.times) - 2):
         return None  # not sooner than the plan; what is nearly at rest in between may take days
     place = timing.at(dt * np.arange(math.ceil(timing.times[-1] / dt) + 1))

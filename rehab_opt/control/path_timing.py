@@ -1,135 +1,125 @@
-"""How fast a path may be passed: the greatest speed of its parameter that all axes can follow, from rest to rest.
+"""Timing of a path by Ruckig, whose one axis is the progress s along q(s).
 
-Along q(s), with z the square of the parameter's speed and u = (dz/ds)/2 its acceleration,
+    q' = q_s s',    q'' = q_s s'' + q_ss s'^2,    q''' = q_s s''' + 3 q_ss s' s'' + q_sss s'^3
 
-    q' = (dq/ds) sqrt(z),    q'' = (dq/ds) u + (d2q/ds2) z,
+The path is cut into zones. An axis has bounds v, a, j, and in a zone these largest derivatives. The progress is bounded
+there, with shares c, by the least over the axes of
 
-so that each bound is linear in z and u; z is taken as linear within a cell. The greatest z is found in two passes
-(Bobrow, Dubowsky, Gibson 1985; Pham and Pham 2018): backwards, from which z the end can still be reached; then
-forwards, as much of that as the acceleration allows.
+    V = min(v / |q_s|, (c_a a / |q_ss|)^(1/2), (c_j j / |q_sss|)^(1/3))
+    A = min((a - |q_ss| V^2) / |q_s|, c_x (j - |q_sss| V^3) / (3 |q_ss| V))
+    J = (j - |q_sss| V^3 - 3 |q_ss| V A) / |q_s|
+
+Ruckig has no waypoints: it plans to the end of each zone, crossed at a speed from which all later ones can be passed.
 """
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["PathCells", "PathTiming", "fastest_timing"]
+__all__ = ["PathCells", "PathTiming", "ruckig_timing"]
 
 Array = NDArray[np.float64]
 
-ALONE = 1e-15
-"""Part of the other's coefficient in a row, up to which it bounds the other z alone: it is rounding."""
-HALVINGS = 50
-"""Of the interval in which the next z is looked for that allows the most before it."""
+CURVE, BEND, CROSS = 0.7, 0.7, 0.5  # c_a, c_j, c_x
+ALIKE, SHARPER, STRONG = 1.05, 1.02, 3.0  # ratio in a zone of speeds; the same without jerk; of accelerations
+QUICK = 1e-4  # [s] The progress takes at least this long to reach its speed limit, also where all axes stand.
+PART, SPEED, RAMP = 1.0 - 1e-4, 1.0 - 5e-7, 1e-3
+"""Used part of a zone's length, and of the speed limit at its ends; least part of its shortest time in which its
+acceleration rises. Without these margins Ruckig, by rounding, refuses one zone in 800."""
 
 
 class PathCells(NamedTuple):
-    """K cells of a path of n axes, on each of which q(s) is a cubic."""
+    """Cells of a path of n axes, cubic on each: K + 1 ends, and three derivatives (K, n) at their beginnings."""
 
     knots: Array
-    """(K + 1,) ends of the cells, increasing."""
     first: Array
-    """(K, n) dq/ds at the beginning of each cell."""
     second: Array
-    """(K, n) d2q/ds2 there."""
     third: Array
-    """(K, n) d3q/ds3 on the cell."""
 
 
 class PathTiming(NamedTuple):
-    """When the path's parameter is where."""
+    """Progress and its first three derivatives (4, M) at the beginning of M pieces of constant jerk, and their ends."""
 
-    knots: Array
-    """(K + 1,) of the path's parameter s."""
     times: Array
-    """(K + 1,) [s] from the beginning."""
-    speeds: Array
-    """(K + 1,) of the parameter [1/s x s's unit]; its square is linear in s on each cell."""
+    pieces: Array
+    end: float
 
     def at(self, times: Array) -> Array:
-        """(M,) the parameter at these times [s]; afterwards the path's end."""
-        when = np.minimum(times, self.times[-1])
-        k = np.clip(np.searchsorted(self.times, when, side="right") - 1, 0, len(self.times) - 2)
-        since, length = when - self.times[k], np.diff(self.knots)[k]
-        gain = (self.speeds[k + 1] ** 2 - self.speeds[k] ** 2) / (4.0 * length)
-        return np.asarray(self.knots[k] + np.clip(self.speeds[k] * since + gain * since**2, 0.0, length))
+        """(N,) progress at these times [s]; afterwards the path's end."""
+        k = np.clip(np.searchsorted(self.times, times, side="right") - 1, 0, len(self.times) - 2)
+        since, (s, v, a, j) = times - self.times[k], self.pieces[:, k]
+        return np.where(times < self.times[-1], s + since * (v + since * (a / 2.0 + since * j / 6.0)), self.end)
 
 
-def fastest_timing(cells: PathCells, *, velocity: Array, acceleration: Array) -> PathTiming:
-    """The greatest speed of the parameter, at most 1, within the axes' bounds (n,) at every instant.
+def ruckig_timing(
+    cells: PathCells, *, velocity: Array, acceleration: Array, jerk: Array | float = math.inf, fastest: float = math.inf
+) -> PathTiming:
+    """Pass the path from rest to rest within the bounds (n,) of its axes; infinite ones do not count.
 
-    It takes for ever (inf) where a cell would have to be passed from rest to rest.
-    """
-    most, before, after = _bounded(cells, velocity, acceleration)
-    # Most cells can be passed from the one bound to the next: there nothing is to be looked for.
-    free = np.asarray(np.abs(before * most[:-1, None] + after * most[1:, None]).max(axis=1) <= 1.0)
-    back, forth, best = _Lines(before, after), _Lines(after, before), most[1:].copy()
-    best[~free] = back.best(~free, best[~free])
-    upper, passed, next_best = most.tolist(), free.tolist(), best.tolist()
-    top = upper.copy()
-    for k in range(len(best) - 1, -1, -1):
-        if not passed[k] or top[k + 1] < upper[k + 1]:
-            top[k] = min(upper[k], back.largest(k, min(top[k + 1], next_best[k])))
-    top[0] = 0.0
-    for k in range(len(best)):
-        if not passed[k] or top[k] < upper[k]:
-            top[k + 1] = min(top[k + 1], forth.largest(k, top[k]))
-    speeds = np.sqrt(top)
-    both = speeds[:-1] + speeds[1:]
-    seconds = np.divide(2.0 * np.diff(cells.knots), both, out=np.full(len(both), np.inf), where=both > 0.0)
-    return PathTiming(cells.knots, np.append(0.0, np.cumsum(seconds)), speeds)
-
-
-class _Lines:
-    """Upper bounds x of one of a cell's two z by the other, y, from rows (K, m) of both: |of x + by y| <= 1."""
-
-    def __init__(self, of: Array, by: Array) -> None:
-        both = np.abs(of) > ALONE * np.abs(by)
-        part = np.where(both, of, 1.0)
-        self.at_rest = np.where(both, 1.0 / np.abs(part), np.inf)
-        self.slope = np.where(both, by / part, 0.0)
-        self.alone = np.where(both, 0.0, np.abs(by)).max(axis=1)
-
-    def largest(self, k: int, y: float) -> float:
-        """The k-th cell's greatest x beside y."""
-        return max(float(np.minimum.reduce(self.at_rest[k] - self.slope[k] * y)), 0.0)
-
-    def best(self, cells: NDArray[np.bool_], most: Array) -> Array:
-        """The y up to `most` (N,) that allow the greatest x in N of the cells.
-
-        What is allowed is convex and contains rest: with y the greatest x rises until there, and then falls.
-        """
-        at_rest, slope = self.at_rest[cells], self.slope[cells]
-        low, high, each = np.zeros_like(most), most, np.arange(len(most))
-        for _ in range(HALVINGS):
-            y = (low + high) / 2.0
-            turned = slope * y[:, None]
-            x = at_rest - turned
-            first = x.argmin(axis=1)
-            rises = (slope[each, first] < 0.0) & (x[each, first] >= np.maximum(-(at_rest + turned).min(axis=1), 0.0))
-            rises &= self.alone[cells] * y <= 1.0
-            low, high = np.where(rises, y, low), np.where(rises, high, y)
-        return low
-
-
-def _bounded(cells: PathCells, velocity: Array, acceleration: Array) -> tuple[Array, Array, Array]:
-    """Upper bounds (K + 1,) of z at the knots, and rows b, a (K, 3 m) with |b z + a (next z)| <= 1, m axes bounded.
-
-    On a cell dq/ds and the acceleration are quadratic in s: their Bernstein coefficients bound them in between.
+    `fastest` bounds the speed of the progress itself. Where no jerk is bounded q(s) may be C1, else it has to be C2.
     """
     length = np.diff(cells.knots)[:, None]
-    last = cells.first + cells.second * length + cells.third * length**2 / 2
-    steepest = np.maximum.reduce([np.abs(cells.first), np.abs(cells.first + cells.second * length / 2), np.abs(last)])
-    fastest = np.minimum((velocity / np.maximum(steepest, 1e-300)).min(axis=1), 1.0) ** 2
-    most = np.append(np.minimum(fastest, np.append(fastest[0], fastest[:-1])), 0.0)  # at rest at the end
-    bounded = np.isfinite(acceleration)
-    first, second, third, last = (each[:, bounded] for each in (*cells[1:], last))
-    # With u = (y - x) / (2 length), for z from x to y: at the beginning, the middle coefficient, and at the end.
-    start, end = 0.5 * first / length, 0.5 * last / length
-    before = np.hstack([second - start, 0.25 * second + 0.5 * third * length - start, -end])
-    after = np.hstack([start, start + 0.75 * second, end + second + third * length])
-    fraction = np.tile(1.0 / acceleration[bounded], 3)
-    return most, before * fraction, after * fraction
+    mid, second = cells.first + cells.second * length / 2, cells.second + cells.third * length
+    steep = np.abs([cells.first, mid, mid + second * length / 2]).max(axis=0)  # Bernstein coefficients
+    bent, twisted = np.abs([cells.second, second]).max(axis=0), np.abs(cells.third)
+    with np.errstate(divide="ignore"):  # an axis that stands bounds nothing
+        curves = np.sqrt(CURVE * acceleration / bent), np.cbrt(BEND * jerk / twisted)
+        speed = np.minimum(np.minimum.reduce([velocity / steep, *curves]).min(axis=1), fastest)
+        strong = np.minimum((acceleration / steep).min(axis=1), speed / QUICK)
+        alike = np.log([[ALIKE if np.isfinite(jerk).any() else SHARPER], [STRONG]])
+        steps = np.floor(np.log([speed / speed.max() * (1.0 + 1e-9), strong]) / alike)
+        begins = np.append(0, 1 + np.flatnonzero(np.diff(steps).any(axis=0)))
+        top = np.minimum.reduceat(speed, begins)
+        steep, bent, twisted = (np.maximum.reduceat(each, begins) for each in (steep, bent, twisted))
+        left = jerk - twisted * top[:, None] ** 3
+        either = (acceleration - bent * top[:, None] ** 2) / steep, CROSS * left / (3.0 * bent * top[:, None])
+        quick = np.minimum(np.minimum(*either).min(axis=1), top / QUICK)
+        sudden = ((left - 3.0 * bent * (top * quick)[:, None]) / steep).min(axis=1)
+    return _passage(np.append(cells.knots[begins], cells.knots[-1]), top, quick, sudden)
+
+
+def _passage(places: Array, top: Array, quick: Array, sudden: Array) -> PathTiming:
+    """Ruckig's way through Z zones between `places` (Z + 1,), with bounds (Z,) of speed, acceleration and jerk."""
+    import ruckig  # noqa: PLC0415  (loaded when used)
+
+    solver, question, plan = ruckig.Ruckig(1), ruckig.InputParameter(1), ruckig.Trajectory(1)
+    question.current_position = question.current_acceleration = question.target_acceleration = [0.0]
+    question.target_position = [1.0]
+    ways, times, pieces = np.diff(places), [np.zeros(1)], []
+    # In units in which the zone's length is 1 and its bounds are at least 1: Ruckig's tolerances are absolute.
+    units = np.maximum.reduce([ways / top, np.sqrt(ways / quick), np.cbrt(ways / sudden)])
+    if np.isfinite(sudden).any():
+        sudden = np.minimum(sudden, quick / (RAMP * units))
+    speeds = SPEED * np.concatenate([[0.0], np.minimum(top[:-1], top[1:]), [0.0]])
+    for z in (*range(len(ways) - 1, -1, -1), *range(len(ways))):  # back and forth: where each zone can be passed
+        slow, fast = (z, z + 1) if speeds[z] < speeds[z + 1] else (z + 1, z)
+        speeds[fast] = min(speeds[fast], _reached(*map(float, (speeds[slow], PART * ways[z], quick[z], sudden[z]))))
+    for z, (way, unit) in enumerate(zip(ways, units, strict=True)):
+        question.current_velocity, question.target_velocity = [[each * unit / way] for each in speeds[z : z + 2]]
+        question.max_velocity, question.max_acceleration = [top[z] * unit / way], [quick[z] * unit**2 / way]
+        question.max_jerk = [sudden[z] * unit**3 / way]
+        solver.calculate(question, plan)
+        profile = plan.profiles[0][0]
+        times.append(times[-1][-1] + unit * np.cumsum(profile.t))
+        state = np.array([profile.p[:7], profile.v[:7], profile.a[:7], profile.j])
+        pieces.append(way * state / unit ** np.arange(4.0)[:, None] + np.array([[places[z]], [0.0], [0.0], [0.0]]))
+    return PathTiming(np.concatenate(times), np.hstack(pieces), float(places[-1]))
+
+
+def _reached(speed: float, way: float, acceleration: float, jerk: float) -> float:
+    """Largest speed that is reached from this one within `way`, without acceleration at either end.
+
+    A rise x takes x / a + a / j seconds, or 2 (x / j)^(1/2) where it is below a^2 / j, at the mean speed.
+    """
+    brief = acceleration / jerk
+    if way >= (2.0 * speed + acceleration * brief) * brief:
+        half = speed + acceleration * brief / 2.0
+        return math.sqrt(half * half + 2.0 * acceleration * (way - brief * speed)) - half + speed
+    p, q = 2.0 * speed / 3.0, way * math.sqrt(jerk) / 2.0  # y^3 + 3 p y = 2 q, with y^2 the rise
+    if p**1.5 < 1e-12 * q:
+        return float(speed + (2.0 * q) ** (2.0 / 3.0))
+    return float(speed + 4.0 * p * math.sinh(math.asinh(q / p**1.5) / 3.0) ** 2)

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.control.axis_motion import axis_bounds
-from rehab_opt.control.path_timing import PathCells, fastest_timing
+from rehab_opt.control.path_timing import PathCells, ruckig_timing
 from rehab_opt.control.velocity_controller import checked_number
 from rehab_opt.control.watchdog import SHORTEST_TICK
 from rehab_opt.errors import ConfigurationError
@@ -19,10 +19,9 @@ __all__ = ["SmoothPath", "smooth_path"]
 
 Array = NDArray[np.float64]
 
-CELL = 2.0
-"""Ticks: on stretches that take up to so long the square of the pace changes evenly along the path."""
-MAX_TICKS = 10_000_000
-"""Of a path: close to three hours at 1 kHz."""
+LONGEST, GRADE, EVEN, NEAR = 12.0, 0.2, 9, 0.95
+"""Control points: jerk times their largest distance cubed, in tolerances; its growth; how many are averaged; margin."""
+MAX_TICKS = 10_000_000  # of a path: close to three hours at 1 kHz
 
 
 class SmoothPath(NamedTuple):
@@ -57,15 +56,10 @@ def smooth_path(
 ) -> SmoothPath:
     """A recorded or planned path, from rest to rest, for a drive: late where its axes are too slow, not elsewhere.
 
-    All axes wait for one another, so that what couples them (a hand's place, a handle's tilt) stays. A `Smoother`
-    leads each axis by itself, which breaks that; it is for targets whose future is unknown, this for a path after its
-    run.
-
-    Between its points the path is interpolated by shape-preserving cubics, which leave no range the points keep. One
-    parameter of time is led along it as fast as the bounds of speed and acceleration allow, at most at the recorded
-    pace (`fastest_timing`). The positions are then averaged over a window T: means of what keeps a bound keep it too,
-    the jerk is at most 2 a / T, and an axis leaves the path by at most a T^2 / 24. T and the acceleration a are chosen
-    so that these are within `jerk` and `tolerance`.
+    All axes wait for one another, so that what couples them (a hand's place, a handle's tilt) stays; a `Smoother`, for
+    targets whose future is unknown, breaks that. Between its points the path is interpolated by shape-preserving
+    cubics, which leave no range the points keep. A spline rounds its corners within `tolerance`, and Ruckig times the
+    progress along it (`ruckig_timing`), at most at the recorded pace.
 
     Parameters
     ----------
@@ -84,39 +78,65 @@ def smooth_path(
     from scipy.interpolate import PchipInterpolator  # noqa: PLC0415  (loaded when used)
 
     t, x = checked_array("times", times, "numbers"), checked_array("points", points, "numbers")
-    if t.ndim != 1 or t.size < 2 or not np.all(np.diff(t) > 0.0) or not np.all(np.isfinite(t)):
+    if t.ndim != 1 or t.size < 2 or not (np.all(np.diff(t) > 0.0) and np.all(np.isfinite(t))):
         raise ConfigurationError("times", times, "at least two finite, increasing times (N,)")
     if x.ndim != 2 or len(x) != len(t) or not np.all(np.isfinite(x)):
         raise ConfigurationError("points", points, f"finite numbers of shape ({t.size}, n)")
     dt = checked_number("dt", dt, above=SHORTEST_TICK, below=1e6)
-    tolerance = checked_number("tolerance", tolerance, above=0.0)
-    bounds = axis_bounds(
-        lower=lower, upper=upper, velocity=velocity, acceleration=acceleration, jerk=jerk, axes=x.shape[1]
-    )
+    tolerance, n = checked_number("tolerance", tolerance, above=0.0), x.shape[1]
+    bounds = axis_bounds(lower=lower, upper=upper, velocity=velocity, acceleration=acceleration, jerk=jerk, axes=n)
     path = PchipInterpolator(t, np.clip(x, bounds.lower, bounds.upper), axis=0)
-    window, gentle = _window(np.array(bounds.acceleration), np.array(bounds.jerk), dt, tolerance)
+    limits = np.array(bounds[2:])
+    least = ((np.ptp(x, axis=0) / limits) ** (1.0 / np.arange(1, 4)[:, None])).max()
+    given = ("velocity", velocity), ("acceleration", acceleration), ("jerk", jerk), ("tolerance", tolerance)
+    _check_length(max(t[-1] - t[0], least), dt, ("dt", dt), *given)
+    spline = _rounded(path, *limits, dt=dt, tolerance=tolerance)
+    begins = np.arange(len(spline.c) - 3.0)
+    cells = PathCells(np.append(begins, len(begins)), *(spline(begins, order) for order in (1, 2, 3)))
+    most = np.column_stack([limits, (1.0, math.inf, math.inf)])  # the recording's time passes no faster than recorded
+    timing = ruckig_timing(cells, velocity=most[0], acceleration=most[1], jerk=most[2])
+    _check_length(timing.times[-1], dt, *given)
+    moved = spline(timing.at(dt * np.arange(math.ceil(timing.times[-1] / dt) + 1)))
+    positions, phase = np.clip(moved[:, :-1], bounds.lower, bounds.upper), np.clip(moved[:, -1], t[0], t[-1])
+    positions[[0, -1]], phase[[0, -1]] = path(t[[0, -1]]), t[[0, -1]]
+    when, off = t[0] + dt * np.arange(len(positions)), np.abs(positions - path(phase)).max(axis=0)
+    return SmoothPath(when, positions, phase, off)
 
-    needed = np.maximum(np.diff(t), (np.abs(np.diff(x, axis=0)) / bounds.velocity).max(axis=1))
-    _check_length(window * dt + float(needed.sum()), dt, ("dt", dt), ("velocity", velocity), ("jerk", jerk))
-    parts = np.ceil(needed / (CELL * dt)).astype(int)
-    within = np.arange(parts.sum()) - np.repeat(np.cumsum(parts) - parts, parts)  # which part of its piece each is
-    knots = np.append(within * np.repeat(np.diff(t) / parts, parts) + np.repeat(t[:-1], parts), t[-1])
-    cells = PathCells(knots, *(path.derivative(order)(knots[:-1]) for order in (1, 2, 3)))
-    timing = fastest_timing(cells, velocity=np.array(bounds.velocity), acceleration=gentle)
 
-    _check_length(timing.times[-1], dt, ("tolerance", tolerance), ("acceleration", acceleration), ("jerk", jerk))
-    still = np.full(window // 2, 0.0)
-    ticks = np.concatenate([still, dt * np.arange(math.ceil(timing.times[-1] / dt) + 1)])
-    phase = timing.at(np.append(ticks, still + timing.times[-1]))
-    followed = np.clip(path(phase), bounds.lower, bounds.upper)  # rounding leaves no range either
-    padded = np.concatenate([np.repeat(followed[:1], window // 2, axis=0), followed,
-                             np.repeat(followed[-1:], window // 2, axis=0)])  # fmt: skip
-    even = np.full(window, 1.0 / window)
-    positions = np.column_stack([np.convolve(column, even, mode="valid") for column in padded.T])
-    positions = np.clip(positions, followed.min(axis=0), followed.max(axis=0))
-    positions[0], positions[-1] = followed[0], followed[-1]
-    when = t[0] + dt * np.arange(len(positions))
-    return SmoothPath(when, positions, phase, np.abs(positions - followed).max(axis=0))
+def _rounded(path: Any, velocity: Array, acceleration: Array, jerk: Array, *, dt: float, tolerance: float) -> Any:
+    """Uniform cubic B-spline of the path's axes and its time, at most `tolerance` off the path, in its range.
+
+    Its control points lie on the path, denser where that bends or is too fast; their distance changes gradually.
+    """
+    from scipy.interpolate import BSpline  # noqa: PLC0415  (loaded when used)
+    from scipy.ndimage import uniform_filter1d  # noqa: PLC0415
+
+    t, length = path.x, np.diff(path.x)
+    longest = max(dt, float(np.minimum(2.0 * acceleration / jerk, np.cbrt(LONGEST * tolerance / jerk)).max()))
+    speed = (np.abs(np.diff(path(t), axis=0)) / (velocity * length[:, None])).max(axis=1)
+    parts = np.ceil(length / longest).astype(int)
+    edges = np.interp(np.arange(parts.sum() + 1), np.append(0, np.cumsum(parts)), t)
+    apart = np.repeat(longest / np.maximum(speed, 1.0), parts)  # of the control points, between two edges
+    while True:
+        size = np.minimum(np.append(apart, math.inf), np.append(math.inf, apart))
+        size = np.minimum.accumulate(size - GRADE * edges) + GRADE * edges
+        size = np.minimum.accumulate((size + GRADE * edges)[::-1])[::-1] - GRADE * edges
+        count = np.append(0.0, np.cumsum(np.diff(edges) / np.maximum(np.minimum(size[1:], size[:-1]), 1e-300)))
+        _check_length(4.0 * dt * count[-1], dt, ("tolerance", tolerance), ("jerk", jerk))
+        steps = np.diff(np.interp(np.linspace(0.0, count[-1], math.ceil(count[-1]) + 1), count, edges))
+        steps = uniform_filter1d(uniform_filter1d(steps, EVEN, mode="nearest"), EVEN, mode="nearest")
+        places = np.append(t[0], t[-1] - (t[-1] - t[0]) * np.append(np.cumsum(steps[:0:-1])[::-1], 0.0) / steps.sum())
+        points = np.column_stack([path(places), places])
+        points = np.vstack([2.0 * points[0] - points[1], points, 2.0 * points[-1] - points[-2]])
+        spline = BSpline(np.arange(-3.0, len(points) + 1.0), points, 3)
+        at = np.arange(0.0, len(points) - 2.75, 0.25)
+        moved = spline(np.append(at, np.interp(t, spline(at)[:, -1], at)))  # where the path has its knots, too
+        phase = np.clip(moved[:, -1], t[0], t[-1])
+        off = np.abs(moved[:, :-1] - path(phase)).max(axis=1) / (NEAR * tolerance)
+        if off.max() <= 1.0:
+            return spline
+        off = np.where(off > 1.0, 1.05 * np.sqrt(off), 1.0)
+        np.minimum.at(apart, k := np.searchsorted(edges[1:-1], phase, side="right"), apart[k] / off)
 
 
 def _check_length(seconds: float, dt: float, *given: tuple[str, object]) -> None:
@@ -125,11 +145,3 @@ def _check_length(seconds: float, dt: float, *given: tuple[str, object]) -> None
         names, values = zip(*given, strict=True)
         expected = f"a path of at most {MAX_TICKS} ticks; this one takes {seconds:.3g} s"
         raise ConfigurationError(", ".join(names), values, expected)
-
-
-def _window(acceleration: Array, jerk: Array, dt: float, tolerance: float) -> tuple[int, Array]:
-    """Ticks to average over, an odd number, and the accelerations (n,) for which that keeps `jerk` and `tolerance`."""
-    longest = float(np.max(np.minimum(2.0 * acceleration / jerk, np.cbrt(48.0 * tolerance / jerk))))
-    window = 2 * math.ceil(min(max(longest / dt - 1.0, 0.0), float(2 * MAX_TICKS)) / 2.0) + 1  # more is refused
-    span = np.float64(window * dt)
-    return window, np.minimum.reduce([acceleration, jerk * span / 2.0, np.full_like(jerk, 24.0 * tolerance / span**2)])

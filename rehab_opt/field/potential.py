@@ -42,8 +42,7 @@ class PotentialField:
 
     phi_0 grows with the square of the length along the path: remaining to the target, so that the drag k1 leads to it
     (Eq. 21), or travelled from the start, so that it resists the motion towards the target, most at the target. (With
-    the published k1 < 0 and the remaining length, resistance falls to nothing at the target, where the paper reports
-    the most of it.)
+    the published k1 < 0 and the remaining length, the part of k1 falls towards the target.)
 
     Immutable, may be pickled and shared by threads: the function is compiled once, with the first point that any thread
     asks for, and each thread evaluates it in memory of its own.

@@ -141,8 +141,8 @@ class Fixed(Drive):
 class Mecanum(Drive):
     """Mecanum wheels in the X arrangement: 1 front right, 2 front left, 3 rear left, 4 rear right.
 
-    Eq. (2) has x to the right and y forward, so that it is fed (-v_left, v_forward); and its a + b is half the gauge
-    plus half the base: with the whole lengths, as the text names them, the chair would turn at half the speed asked.
+    Eq. (2), Honzik, has x to the right and y forward, so its input is (-v_left, v_forward). Its a + b is half the gauge
+    plus half the base: with the whole lengths, as the text names them, the chair turns twice as fast as commanded.
     A positive speed rolls the wheel forward.
 
     Parameters

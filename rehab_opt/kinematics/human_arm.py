@@ -43,29 +43,24 @@ ARM_SEGMENTS: Mapping[str, float] = MappingProxyType(
 
 # Table I as printed, except joint 7's regular limits, printed reversed (-30, -45). All are absolute angles but joint
 # 1's, which are offsets from its rest of 180 deg: read otherwise the handle can never be vertical.
+_REGULAR_DEG = ((-10, 15), (-20, 10), (50, 90), (20, 80), (0, 70), (-50, 60), (-45, -30), (10, 50))
+_RESTRICTED_DEG = ((0, 0), (0, 5), (70, 90), (30, 70), (30, 60), (30, 60), (-30, -30), (40, 45))
+# The elbow's inner angle of 110 +- 2 deg is a flexion of 70 +- 2 deg; the caption limits no other joint.
+_FIGURE_3_DEG = (*_REGULAR_DEG[:4], (68, 72), *_REGULAR_DEG[5:])
 RANGES_OF_MOTION_DEG: Mapping[str, Mapping[str, tuple[float, float]]] = MappingProxyType(
     {
-        "regular": MappingProxyType(
-            dict(
-                zip(
-                    ARM_JOINTS,
-                    [(-10, 15), (-20, 10), (50, 90), (20, 80), (0, 70), (-50, 60), (-45, -30), (10, 50)],
-                    strict=True,
-                )
-            )
-        ),
-        "restricted": MappingProxyType(
-            dict(
-                zip(
-                    ARM_JOINTS,
-                    [(0, 0), (0, 5), (70, 90), (30, 70), (30, 60), (30, 60), (-30, -30), (40, 45)],
-                    strict=True,
-                )
-            )
-        ),
+        name: MappingProxyType(dict(zip(ARM_JOINTS, limits, strict=True)))
+        for name, limits in (
+            ("regular", _REGULAR_DEG),
+            ("restricted", _RESTRICTED_DEG),
+            ("figure_3", _FIGURE_3_DEG),
+        )
     }
 )
-"""[deg] the participant's two ranges by anatomical name; scapular_retraction relative to its rest."""
+"""[deg] the participant's ranges by anatomical name; scapular_retraction relative to its rest.
+
+"regular" is W_r of the paper. W_c has two readings: "restricted" is Table I, "figure_3" the caption of Fig. 3.
+"""
 
 ARM_VELOCITY = 3.0
 """[rad/s] Assumption: the paper gives no joint speeds."""
@@ -85,8 +80,9 @@ def human_arm(
 
     Parameters
     ----------
-    range_of_motion : "regular" or "restricted" (Table I), or every name of `ARM_JOINTS` with its (lower, upper)
-        [rad] as Table I counts them: absolute angles, scapular_retraction relative to rest. Equal limits lock.
+    range_of_motion : "regular" or "restricted" (Table I), "figure_3" (its caption: the regular range with the elbow
+        flexed by 68 to 72 deg), or every name of `ARM_JOINTS` with its (lower, upper) [rad] as Table I counts them:
+        absolute angles, scapular_retraction relative to rest. Equal limits lock.
     segments : l0 to l3 [m], by name (those not named keep the participant's) or as four numbers.
     side : the paper's arm is a left one. The right arm is its mirror image in the sagittal plane, x -> -x: equal
         joint angles give mirrored postures, the handle axis mirrored with them.

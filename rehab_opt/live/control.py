@@ -123,7 +123,7 @@ def _run(problem: LiveProblem, rings: Rings, *, fifo: int | None, watches: Seque
 
     with control_of(problem, fifo=fifo) as control:
         loop = Loop(
-            control.plant, decide_of(problem, control, then=show), state=rings.state, operator=rings.given,
+            control.plant, decide_of(control, then=show), state=rings.state, operator=rings.given,
             watches=watches, plant_command=control.plant_command, fifo=fifo,
         )  # fmt: skip
         loop.run(until=lambda: "the page's process is gone" if os.getppid() != parent.pid else "")

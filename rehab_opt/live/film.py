@@ -68,7 +68,7 @@ def write_film(
             pictures.append(_picture(words, scene, frame, trail))
 
     simulate(
-        control, lambda tick: problem.untouched(tick * problem.dt), ticks=math.ceil(seconds / problem.dt), note=shoot,
+        control, lambda tick: control.untouched(tick * problem.dt), ticks=math.ceil(seconds / problem.dt), note=shoot,
         progress=partial(progress, "film"),
     )  # fmt: skip
     palette = pictures[-1].quantize(COLOURS, Image.Quantize.MAXCOVERAGE)

@@ -59,9 +59,7 @@ PATIENCE = 2.0
 """[s] for a gamepad's process to end."""
 
 
-def decide_of(
-    problem: LiveProblem, control: LiveControl, *, then: Callable[[Tick, Command], None] = lambda *_: None
-) -> Decide:
+def decide_of(control: LiveControl, *, then: Callable[[Tick, Command], None] = lambda *_: None) -> Decide:
     """The controller of a problem as a loop calls it, following the problem's own reference where nobody operates.
 
     `then` is told each tick and its command.
@@ -72,7 +70,7 @@ def decide_of(
         if tick.operator is not None:
             inputs = _inputs_of(tick.operator, enable=tick.enabled)
         else:
-            inputs = problem.untouched(tick.time) if tick.enabled else AT_REST
+            inputs = control.untouched(tick.time) if tick.enabled else AT_REST
         if isinstance(plant, TouchedPlant):
             plant.frozen, plant.noise, plant.delay = inputs.frozen, inputs.noise, inputs.delay
         command = control.step(inputs, tick.seen)
@@ -141,7 +139,7 @@ def run_in_time(
             written = stack.enter_context(log_of(config, problem, ring, log, options))
         watches = () if written is None else (written.watch,)
         loop = Loop(
-            control.plant, decide_of(problem, control), state=ring, operator=operator, watches=watches,
+            control.plant, decide_of(control), state=ring, operator=operator, watches=watches,
             plant_command=control.plant_command, fifo=fifo,
         )  # fmt: skip
         report = loop.run(seconds=seconds)
@@ -265,7 +263,7 @@ def control_again(
     """A problem's control on the robot of a log; how it is called; and the function that takes each record."""
     robot = _LoggedRobot(problem.dt)
     control = problem.control(robot)
-    return control, decide_of(problem, control, then=then), robot.show
+    return control, decide_of(control, then=then), robot.show
 
 
 def replay_problem(logged: Logged) -> Replay:

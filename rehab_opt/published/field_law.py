@@ -2,8 +2,8 @@
 
 Left as published: the weighted mean pulls back before the end of the path, by about 0.4 S sigma at the end itself; the
 path's points count as they were recorded, so that where the hand rested the field is denser; the force jumps at the
-boundary of the comfortable workspace; resistance by k1 < 0 falls to nothing at the target; far from the path, where
-every weight of Eq. (16) underflows and Eq. (17) is 0 / 0, there is no force.
+boundary of the comfortable workspace; the part of k1 < 0 falls towards the target, where the weighted mean resists;
+far from the path, where every weight of Eq. (16) underflows and Eq. (17) is 0 / 0, there is no force.
 """
 
 from __future__ import annotations

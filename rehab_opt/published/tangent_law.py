@@ -27,13 +27,13 @@ __all__ = ["TangentLaw", "TangentPath", "Tracking", "damped_pseudoinverse"]
 
 Array = NDArray[np.float64]
 
-GAIN = 50.0
-"""[1/s] k0, a choice: the paper gives no value. A hand at 0.1 m/s is trailed by 2 mm."""
+GAIN = 1000.0
+"""[1/s] k0; the paper gives no value. This and the next are the best of the grid of `python -m bench.tangent_law`."""
 DAMPING = 1e-6
-"""mu, a choice: the paper asks for mu << 1. With 1e-4 one constant reachable target in 25 is still missed after 3 s."""
+"""mu; the paper asks for mu << 1. With 1e-4 one constant reachable target in 25 is still missed after 3 s."""
 SATURATION = 1e6
 """Largest |v|: a millionth of a radian from the limit."""
-STEP = 0.05  # largest k0 h of an integration step h
+STEP = 0.2  # largest k0 h of an integration step h; mocap_lift is followed as with 0.05, in a third of the time
 MAX_MAGNITUDE = 1e6  # [m] a target beyond is no number a hand can be asked to
 SETTLING = 20.0  # [1/k0] for the start, where none is given
 
@@ -80,7 +80,7 @@ class TangentLaw:
     dt : time between the samples of a path [s].
     handle_tilt : [rad] tilt up to which a sample counts as followed; the law itself aims at none.
     tolerance : [m] position error up to which a sample counts as followed.
-    substeps : integration steps a sample; default as many as keep k0 h below 0.05.
+    substeps : integration steps a sample; default as many as keep k0 h at 0.2 or less.
     saturation : largest |v|.
 
     Raises

@@ -15,6 +15,7 @@ from rehab_opt.session.schema import GONIOMETER, NAME, NAMED, TABLE, Length, Sec
 
 __all__ = [
     "RADIANS",
+    "AnyTilt",
     "ArmInPlane",
     "ArmOfOneRange",
     "ArmOfRanges",
@@ -173,12 +174,12 @@ def _form_of_range(value: object) -> str:
 
 
 OwnRange = (
-    Annotated[Literal["regular", "restricted"], Tag(NAME)]
+    Annotated[Literal["regular", "restricted", "figure_3"], Tag(NAME)]
     | Annotated[TableOneRange, Tag(TABLE)]
     | Annotated[GoniometerRange, Tag(GONIOMETER)]
 )
 OneRange = Annotated[OwnRange, Discriminator(_form_of_range)]
-"""Table I's name, a table of its eight joints, or what a goniometer measured."""
+"""A range of the paper by name, a table of the eight joints, or what a goniometer measured."""
 
 
 class SegmentsSection(Section):
@@ -200,7 +201,8 @@ class ArmSection(Section):
     side: Side
     """A right arm is the mirror image of the paper's left one."""
     range_of_motion: OneRange
-    """Table I of Rossa et al. by name, a table of its eight joints' limits, or what a goniometer measured."""
+    """`"regular"` or `"restricted"` (Table I of Rossa et al.), `"figure_3"` (the other reading of W_c), a table of the
+    eight joints' limits, or what a goniometer measured."""
     segments: SegmentsSection = SegmentsSection()
     """Lengths of the arm's segments."""
     handle_tilt_deg: float = Field(default=2.0, gt=0, le=90)
@@ -261,15 +263,15 @@ class ArmOfOneRange(ArmInPlane):
     """With one range of motion."""
 
     range_of_motion: OneRange
-    """Table I by name, or a table of all eight joints' limits."""
+    """`"regular"`, `"restricted"` or `"figure_3"`, or a table of all eight joints' limits."""
 
 
 class ArmOfRanges(ArmInPlane):
     """With one range of motion, or several to be compared."""
 
     range_of_motion: NamedRanges
-    """One range: Table I by name, or a table of all eight joints' limits. Or up to 12 of them by names of your choice
-    (no name ends in `_deg`), which are compared."""
+    """One range: `"regular"`, `"restricted"` or `"figure_3"`, or a table of all eight joints' limits. Or up to 12 of
+    them by names of your choice (no name ends in `_deg`), which are compared."""
 
 
 def ranges_by_name(ranges: Any) -> dict[str, str | RangeOfMotion]:

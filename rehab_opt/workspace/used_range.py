@@ -108,9 +108,9 @@ def range_of_motion(
     lower_percentile, upper_percentile : of all samples of all trials together, 0 <= lower < upper <= 100.
     margin : [rad] added at both ends.
     minimum_width : [rad] narrower ranges are widened about their middle (after the margin).
-    within : anatomical limits, (lower, upper) [rad] by name or "regular", "restricted", to which ranges are cut last; a
+    within : anatomical limits, (lower, upper) [rad] by joint or a name of `human_arm`, to which ranges are cut last; a
         cut one is noted.
-    uncovered : ranges for joints of the arm model without data: "regular", "restricted" or by name; they are listed as
+    uncovered : ranges for joints of the arm model without data: by joint or a name of `human_arm`; they are listed as
         `assumed`. By default such joints are left out.
     minimum_samples : fewer finite samples of a joint are refused.
 

@@ -47,7 +47,7 @@ def varied_ranges(
 
     Parameters
     ----------
-    range_of_motion : nominal (lower, upper) [rad] by joint, "regular" or "restricted".
+    range_of_motion : nominal (lower, upper) [rad] by joint, or a name of `human_arm`.
     spread : [rad] standard deviation of every limit, or by joint, for both limits or (lower, upper). A joint not named
         does not vary. `ReachGroup.spread` has this form.
     count, seed : how many; equal seeds draw equal ranges, and more of them begin with the same ones.

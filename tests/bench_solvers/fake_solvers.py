@@ -138,10 +138,6 @@ def wary(sequence: RecordedQPs, how: str) -> Fake:
     return Wary(sequence, how)
 
 
-def fickle(sequence: RecordedQPs, file: str) -> Fake:
-    return Fickle(sequence, file)
-
-
 def talkative(sequence: RecordedQPs, how: str) -> Fake:
     return Talkative(sequence, how)
 

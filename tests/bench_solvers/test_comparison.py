@@ -12,9 +12,7 @@ from bench.solvers.entrant import Entrant
 from bench.solvers.instances import RecordedQPs
 from bench.solvers.passes import Rules
 from bench.solvers.record import RECORD
-from bench.solvers.run import Comparison, chosen_sequences, compare, header, write_comparison
-from rehab_opt.errors import ConfigurationError
-from rehab_opt.qp_recording.sequence import write_sequence
+from bench.solvers.run import Comparison, compare, header, write_comparison
 from tests.bench_solvers.fake_solvers import boxes, counted, entrant
 
 RULES = Rules(limit=0.5, repeats=1)
@@ -99,19 +97,3 @@ def test_passes_of_another_state_of_the_library_are_made_again(tmp_path: Path, m
     monkeypatch.setattr(record, "software_digest", lambda: "one line is other")
     list(compare([RecordedQPs(boxes())], [who], out=tmp_path, rules=RULES))
     assert len(made.read_text()) == 2 * before
-
-
-def test_other_rules_are_another_measurement(tmp_path: Path) -> None:
-    made = tmp_path / "made"
-    who = Entrant("counted", counted, str(made))
-    list(compare([RecordedQPs(boxes())], [who], out=tmp_path, rules=RULES))
-    before = len(made.read_text())
-    list(compare([RecordedQPs(boxes())], [who], out=tmp_path, rules=RULES._replace(limit=0.6)))
-    assert len(made.read_text()) == 2 * before
-
-
-def test_a_sequence_is_chosen_by_its_file(tmp_path: Path) -> None:
-    write_sequence(tmp_path / "boxes.npz", boxes())
-    assert [sequence.name for sequence in chosen_sequences([str(tmp_path / "boxes.npz")])] == ["box/plain"]
-    with pytest.raises(ConfigurationError, match="--family"):
-        chosen_sequences(["no such family"])

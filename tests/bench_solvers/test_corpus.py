@@ -1,6 +1,5 @@
 """Claims about the shipped corpus, judged by linear programmes and plain numpy: it is what it says it is."""
 
-import math
 import subprocess
 import sys
 from pathlib import Path
@@ -10,9 +9,9 @@ import pytest
 from numpy.typing import NDArray
 from scipy.optimize import linprog
 
-from bench.solvers import corpus, nlp_corpus, regenerate
+from bench.solvers import corpus, nlp_corpus
 from bench.solvers.marked import FACTOR, MAKERS
-from bench.solvers.nlp_instances import NLPInstances, read_nlp_instances
+from bench.solvers.nlp_instances import read_nlp_instances
 from bench.solvers.shipped import families, shipped_nlp_instances, shipped_sequences
 from rehab_opt.optim.backends import backend
 from rehab_opt.optim.nlp_solvers import nlp_solver
@@ -97,25 +96,14 @@ def test_a_sequence_says_what_it_is(name: str) -> None:
     assert marks == ({sequence.family} if name in MAKERS else set())
 
 
-@pytest.mark.parametrize("name", SEQUENCES)
-def test_its_layout_is_as_documented(name: str) -> None:
-    readme = (FOLDER / "README.md").read_text()
-    assert f"`{name}`" in readme
-    assert all(f"`{key}`" in readme for key in ARRAYS)
-
-
 # --------------------------------------------------------------------------------------------------- what it says it is
+@pytest.mark.nightly
 @pytest.mark.parametrize("name", [name for name in SEQUENCES if name.startswith("infeasible/")])
 def test_an_infeasible_one_has_no_solution(name: str) -> None:
     assert not any(feasible(qp) for qp in list(SEQUENCES[name])[::5])
 
 
-@pytest.mark.parametrize("name", SOLVABLE)
-def test_any_other_has_one(name: str) -> None:
-    sequence = SEQUENCES[name]
-    assert all(feasible(sequence[tick]) for tick in sound_ticks(sequence)[::20])
-
-
+@pytest.mark.nightly
 @pytest.mark.parametrize("name", SOLVABLE)
 def test_every_sound_tick_is_a_convex_qp_whose_solution_is_certified(name: str) -> None:
     sequence = SEQUENCES[name]
@@ -132,6 +120,7 @@ def test_every_sound_tick_is_a_convex_qp_whose_solution_is_certified(name: str) 
         assert residual <= sequence.tolerance, f"tick {tick}"
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("name", [name for name in SEQUENCES if name.startswith("badly_scaled/")])
 def test_a_badly_scaled_one_is_its_origin_in_other_units(name: str) -> None:
     """The origin's certified answer, in the other units, is certified there; the numbers are far apart."""
@@ -145,16 +134,7 @@ def test_a_badly_scaled_one_is_its_origin_in_other_units(name: str) -> None:
     assert size.max() / size[size > 0].min() > FACTOR**2
 
 
-@pytest.mark.parametrize("name", [name for name in SEQUENCES if name.startswith("degenerate/")])
-def test_a_degenerate_one_repeats_rows_and_has_bounds_without_width(name: str) -> None:
-    sequence = SEQUENCES[name]
-    for qp in sequence:
-        assert np.linalg.matrix_rank(qp.A) < len(qp.A)
-        assert (np.abs(qp.A).max(axis=1) == 0.0).any()
-        assert len(np.unique(qp.A, axis=0)) < len(qp.A) or sequence.m == 1 + SEQUENCES[MAKERS[name][0]].m
-        assert (qp.lower == qp.upper).any()
-
-
+@pytest.mark.nightly
 @pytest.mark.parametrize("name", SEQUENCES)
 def test_exactly_the_marked_ticks_hold_what_is_no_number(name: str) -> None:
     sequence = SEQUENCES[name]
@@ -165,38 +145,8 @@ def test_exactly_the_marked_ticks_hold_what_is_no_number(name: str) -> None:
         assert broken == ("nan" in sequence.marks_of(tick))
 
 
-@pytest.mark.parametrize("name", [name for name, each in SEQUENCES.items() if each.dt > 0])
-def test_ticks_follow_each_other(name: str) -> None:
-    """From one tick to the next all moves by far less than between ticks at random, but where a row comes or goes."""
-    sequence, rng = SEQUENCES[name], np.random.default_rng(0)
-    assert math.isfinite(sequence.dt)
-    ticks = sound_ticks(sequence)
-    pairs = np.array([tick for tick in ticks if tick + 1 in ticks])
-    for key in ARRAYS:
-        array = getattr(sequence, key)
-        if len(array) > 1:
-            # A limit of 1e9 divided by a time says that there is none, as an infinite one does.
-            flat = np.where(np.abs(array) < 1e6, array, 0.0).reshape(len(array), -1)
-            next_one = np.median(np.abs(flat[pairs + 1] - flat[pairs]).sum(axis=1))
-            any_one = np.median(np.abs(flat[rng.permutation(pairs)] - flat[pairs]).sum(axis=1))
-            assert next_one <= 0.25 * any_one + 1e-12, key
-
-
-@pytest.mark.parametrize("drive", ["mecanum", "differential"])
-def test_a_differential_chair_cannot_go_sideways_and_a_mecanum_one_can(drive: str) -> None:
-    sequence = SEQUENCES[f"ardis/{drive}_doorway"]
-    most = []
-    for qp in list(sequence)[::20]:
-        matrix, limits = np.vstack([qp.A, -qp.A]), np.concatenate([qp.rows_upper, -qp.rows_lower])
-        finite, sideways = np.isfinite(limits), -np.eye(sequence.n)[1]
-        bounds = np.column_stack([qp.lower, qp.upper])
-        answer = linprog(sideways, A_ub=matrix[finite], b_ub=limits[finite], bounds=bounds, method="highs")
-        assert answer.status == 0
-        most.append(abs(answer.fun))
-    assert (max(most) < 1e-9) == (drive == "differential")
-
-
 # ----------------------------------------------------------------------------------------------------------- made again
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     "name",
     [
@@ -226,13 +176,8 @@ def test_the_command_in_a_file_writes_that_file(tmp_path: Path) -> None:
         assert_same_numbers(getattr(made, key), getattr(SEQUENCES["assistance/within_bounds"], key))
 
 
-def test_a_name_that_is_none_is_refused_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert regenerate.main(["nothing", "--out", str(tmp_path)]) == 2
-    assert "NAME = 'nothing'" in capsys.readouterr().err
-    assert list(tmp_path.iterdir()) == []
-
-
 # ------------------------------------------------------------------------------------------------- nonlinear programmes
+@pytest.mark.nightly
 @pytest.mark.parametrize("name", [name for name, each in NLPS.items() if each.statement != "mirror_plan"])
 def test_a_programme_is_the_library_s_own_and_has_a_certified_answer(name: str) -> None:
     instances = NLPS[name]
@@ -250,6 +195,7 @@ def test_a_programme_is_the_library_s_own_and_has_a_certified_answer(name: str) 
     assert len(instances) >= 49
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("name", [name for name in NLPS if name.startswith("mirror_window/")])
 def test_a_plan_made_tick_by_tick_keeps_what_its_windows_ask_and_is_nearly_the_best(name: str) -> None:
     instances = NLPS[name]
@@ -274,16 +220,9 @@ def test_a_plan_is_run_to_its_end(name: str) -> None:
     assert path.manipulability.min() >= 0.3 - 1e-9
 
 
+@pytest.mark.nightly
 def test_programmes_made_again_are_the_same() -> None:
     made, shipped = nlp_corpus.made("boundary/restricted"), NLPS["boundary/restricted"]
     for key in ("parameters", "starts"):
         assert_same_numbers(getattr(made, key), getattr(shipped, key))
     assert made.command == shipped.command == "python -m bench.solvers.regenerate nlp/boundary/restricted"
-
-
-def test_a_statement_that_the_library_does_not_have_is_refused() -> None:
-    shipped = NLPS["arm_ik/regular"]
-    with pytest.raises(ValueError, match="statement = 'other'"):
-        NLPInstances("a/b", "other", shipped.arguments, shipped.parameters, shipped.starts, 1e-9)
-    with pytest.raises(ValueError, match="parameters"):
-        NLPInstances("a/b", "ik_nearest", shipped.arguments, shipped.parameters, shipped.starts, 1e-9)

@@ -57,22 +57,6 @@ def test_the_fused_way_says_no_to_what_has_no_answer_and_recovers() -> None:
         assert solver.solve(good, warm=True)[1] <= 1e-9
 
 
-def test_the_fused_way_is_exact_without_rows() -> None:
-    qp = Instance(np.diag([1.0, 4.0]), np.array([1.0, -8.0]), np.zeros((0, 2)), np.zeros(0), np.zeros(0),
-                  np.array([-0.5, -INFINITE]), np.array([INFINITE, INFINITE]))  # fmt: skip
-    solver = DenseQP(2, 0, compile=False)
-    for warm in (False, True):
-        found, residual = solver.solve(solver.flat(qp), warm=warm)
-        assert residual <= 1e-10
-        assert np.allclose(found[:2], [-0.5, 2.0], atol=1e-12)
-
-
-def test_a_claim_of_another_shape_has_no_residual() -> None:
-    sequence = mixed(1)
-    answer = DenseQP(4, 3, compile=False).parted(np.zeros(11))
-    assert np.isnan(Certificate(4, 3).residual(sequence[0], answer._replace(bound_multipliers=np.zeros(0))))
-
-
 def test_an_unknown_solver_is_refused_by_name() -> None:
     with pytest.raises(ConfigurationError, match="gurobi2"):
         entrants_named(["gurobi2"])

@@ -33,6 +33,7 @@ def test_a_fused_function_of_too_many_numbers_is_refused_at_once() -> None:
         DenseQP(LARGEST, 1, compile=False)
 
 
+@pytest.mark.nightly
 def test_a_large_qp_has_its_reference_and_costs_those_who_cannot_no_time(tmp_path: Path) -> None:
     who = entrants_named(["proxqp", "proxqp-kept", "qrqp-fused", "ladder"])
     found = list(compare([RecordedQPs(large(60, 40))], who, out=tmp_path, rules=Rules(limit=5.0, repeats=1)))[-1]

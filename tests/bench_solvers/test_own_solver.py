@@ -14,6 +14,7 @@ import pytest
 README = Path(__file__).parents[2] / "bench" / "README.md"
 
 
+@pytest.mark.nightly
 @pytest.mark.skipif(not README.is_file(), reason="needs the checkout")
 def test_the_example_takes_part_in_a_comparison(tmp_path: Path) -> None:
     (example,) = re.findall(r"### A solver of your own.*?```python\n(.*?)```", README.read_text(), re.DOTALL)

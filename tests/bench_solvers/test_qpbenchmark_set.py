@@ -10,14 +10,9 @@ import pytest
 from bench.solvers import qpbenchmark_set
 from bench.solvers.qpbenchmark_set import corpus_test_set
 from bench.solvers.shipped import families, shipped_sequences
-from rehab_opt import ConfigurationError
 from rehab_opt.qp_recording.sequence import read_sequence
 
 SOLVERS = ("proxqp", "daqp")
-
-
-def test_importing_the_module_does_not_need_qpbenchmark() -> None:
-    assert "qpbenchmark" not in vars(qpbenchmark_set)
 
 
 @pytest.fixture(scope="module")
@@ -67,18 +62,3 @@ def test_its_problems_are_the_sequences_own() -> None:
     # The same feasible set: rows with an upper bound alone stay as they are.
     assert (qp.rows_lower == -math.inf).all()
     np.testing.assert_array_equal(problem.G, qp.A)
-
-
-@pytest.mark.usefixtures("qpbenchmark")
-def test_what_has_no_solution_is_left_out() -> None:
-    test_set = corpus_test_set(families=["nan", "infeasible"], every=1)
-    problems = list(test_set)
-    assert len(problems) == 180
-    assert all(np.isfinite(problem.q).all() and not np.isnan(problem.lb).any() for problem in problems)
-
-
-@pytest.mark.usefixtures("qpbenchmark")
-@pytest.mark.parametrize(("argument", "value"), [("families", ["unheard"]), ("every", 0)])
-def test_an_unknown_family_or_count_is_refused(argument: str, value: object) -> None:
-    with pytest.raises(ConfigurationError, match=argument):
-        corpus_test_set(**{argument: value})

@@ -53,6 +53,7 @@ def solved(matrix: list[list[Fraction]], right: list[Fraction]) -> list[Fraction
     return [row[-1] for row in rows]
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("name", ["mirror/late", "pose_tracking/free", "mirror/near_singularity"])
 def test_a_reference_is_exact_also_where_the_hessian_is_nearly_singular(name: str) -> None:
     """H's smallest eigenvalue is 1e-8 of its largest: a residual of 1e-16 leaves an answer 5e-9 from the exact one."""

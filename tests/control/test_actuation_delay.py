@@ -35,74 +35,7 @@ class LateHand:
             self.force = after
 
 
-def hand_velocity(kind: str, rng: np.random.Generator, acting: Array, sent: Array, k: int) -> Array:
-    """Of hands below the cap, which give away as much as they can, or as people would."""
-    size = float(np.linalg.norm(acting))
-    if kind == "along what acts":
-        return acting / size * CAP if size else np.zeros(2)
-    if kind == "against what is sent":
-        return -sent / max(float(np.linalg.norm(sent)), 1e-9) * CAP
-    if kind == "to and fro":
-        turn = 2 * math.pi * k / rng.integers(10, 200)
-        return CAP * np.array([math.cos(turn), math.sin(turn)])
-    if kind == "gains by the lag":  # along the difference: what a count of sent forces would not see
-        change = acting - sent
-        return change / max(float(np.linalg.norm(change)), 1e-9) * CAP
-    return np.clip(rng.normal(size=2), -0.7, 0.7) * CAP
-
-
-KINDS = ("along what acts", "against what is sent", "to and fro", "gains by the lag", "any")
-
-
-def drawn(kind: str, seed: int, *, told: bool, ticks: int = 800) -> tuple[float, float]:
-    """Largest share of the budget that was truly delivered, and the largest force."""
-    rng = np.random.default_rng(seed)
-    dt, delay, lag = float(rng.choice([1e-3, 2e-3])), float(rng.uniform(0, 0.008)), float(rng.choice([0, 0.003]))
-    short = float(rng.uniform(0, min(0.003, delay)))  # told too short by so much
-    stamped, jittered = seed % 3 > 0, seed % 3 > 1
-    budget, spin = float(rng.uniform(0.2, 3.0)), float(rng.uniform(1, 60))
-    wanted = {
-        "spring": lambda x, y, vx, vy: (-900 * x, -900 * y),
-        "spins": lambda x, y, vx, vy: (25 * math.cos(spin * clock[0]), 25 * math.sin(spin * clock[0])),
-        "pushes": lambda x, y, vx, vy: (30 * vx, 30 * vy),
-    }[str(rng.choice(["spring", "spins", "pushes"]))]
-    clock = [0.0]
-    force = BoundedForce(
-        wanted, force_limit=25.0, slew_limit=float(rng.uniform(200, 4000)), energy_budget=budget, speed_cap=CAP,
-        dt=0.5 * dt if stamped and seed % 2 else dt,  # ticks may come half as often as they were said to
-        actuation_delay=delay - short if told else 0.0, actuation_lag=lag if told and seed % 2 else 0.0,
-        actuation_uncertainty=0.003 if told else 0.0, compile=False,
-    )  # fmt: skip
-    hand, x, most, largest = LateHand(delay=delay, lag=lag, dt=dt), np.array([0.03, 0.0]), 0.0, 0.0
-    for k in range(ticks):
-        clock[0] = k * dt
-        stamp = k * dt + (0.9 * dt * (k % 2) if jittered else 0.0)
-        sent = force.step(x, stamp=stamp if stamped else None).value
-        largest = max(largest, float(np.linalg.norm(sent)))
-        way = dt * 0.999 * hand_velocity("any" if k < 50 else kind, rng, hand.force, sent, k)
-        if np.linalg.norm(x + way) > 0.1 and kind != "gains by the lag":
-            way = -0.5 * dt * x / np.linalg.norm(x)
-        x = x + way
-        hand.moved(sent, way)
-        most = max(most, hand.work)
-    return most / budget, largest
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_no_hand_draws_more_from_a_late_force_than_the_budget(kind: str) -> None:
-    fractions, forces = zip(*(drawn(kind, seed, told=True) for seed in range(25)), strict=True)
-    assert max(fractions) <= 1.0 + 1e-9
-    assert sorted(forces)[5] > 1.0
-
-
-def test_a_delay_that_nobody_told_draws_more() -> None:
-    """The claim above can fail: without the forces under way, hands of the same kinds exceed the budget."""
-    assert any(drawn(kind, seed, told=False)[0] > 1.02 for kind in KINDS for seed in range(25))
-
-
-@pytest.mark.parametrize(
-    ("delay", "jitter", "slower"), [(0.05, 0.9, 1), (0.02, 0.0, 2), (0.02, 0.9, 2), (0.1, 0.5, 3)], ids=str
-)
+@pytest.mark.parametrize(("delay", "jitter", "slower"), [(0.05, 0.9, 1), (0.1, 0.5, 3)], ids=str)
 def test_stamps_that_jitter_and_ticks_that_come_late_let_nobody_draw_more(
     delay: float, jitter: float, slower: int
 ) -> None:
@@ -125,8 +58,7 @@ def test_stamps_that_jitter_and_ticks_that_come_late_let_nobody_draw_more(
     assert 0.3 < most <= 1.0
 
 
-@pytest.mark.parametrize("every", [1, 10])
-@pytest.mark.parametrize("delay", [0.0, 0.02])
+@pytest.mark.parametrize(("every", "delay"), [(1, 0.02), (10, 0.0)])
 def test_a_reset_that_keeps_the_energy_gives_none_away(every: int, delay: float) -> None:
     """The force that acts goes on, since the user says so; what nobody saw is charged."""
     force = BoundedForce(
@@ -146,7 +78,7 @@ def test_a_reset_that_keeps_the_energy_gives_none_away(every: int, delay: float)
     assert 0.1 < most <= 1.0
 
 
-@pytest.mark.parametrize("dt", [0.001, 0.002, 0.004])
+@pytest.mark.parametrize("dt", [0.001, 0.004])
 def test_stamps_that_come_in_time_change_nothing(dt: float) -> None:
     """Delay and window are whole ticks: by the rounding of stamps, forces were under way for a tick longer."""
     with_stamps, without = (
@@ -185,8 +117,7 @@ def test_near_an_empty_tank_the_force_does_not_buzz(max_age: float) -> None:
     assert np.abs(np.diff(sizes[200:])).max() < 0.05
 
 
-@pytest.mark.parametrize("unsure", [0.0, 0.003])
-@pytest.mark.parametrize("energy", [True, False])
+@pytest.mark.parametrize(("unsure", "energy"), [(0.0, False), (0.003, True)])
 def test_what_a_hand_draws_unseen_after_a_reset_is_counted(energy: bool, unsure: float) -> None:
     """It goes along the force at once, and is seen 300 ticks later."""
     force = steady(slew_limit=50.0, actuation_uncertainty=unsure)

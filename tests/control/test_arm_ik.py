@@ -1,8 +1,8 @@
 """Inverse kinematics: the hand in place, the handle upright, no joint outside its limits, whatever is asked."""
 
 import math
-import pickle
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import casadi as ca
@@ -11,14 +11,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from scipy.optimize import minimize
 
-from rehab_opt import ConfigurationError, SerialChain, human_arm, ur5
+from rehab_opt import SerialChain, human_arm, ur5
 from rehab_opt.control import ik_search
 from rehab_opt.control.arm_ik import ArmIK, IKPath, IKSolution
 from rehab_opt.control.command import Status
 from rehab_opt.kinematics.human_arm import ARM_JOINTS, ARM_REST
 from rehab_opt.optim.nlp import NLP
+from tests.refusals import refuses
 
 Array = NDArray[np.float64]
 TILT = math.radians(2.0)
@@ -96,32 +96,6 @@ class TestReachable:
             assert answer.status is Status.OK
             assert_safe(arm, answer, TILT, target)
 
-    def test_no_random_start_finds_a_better_posture(self, arm: SerialChain, ik: ArmIK) -> None:
-        free = ~arm.locked
-        weight = np.where(free, 1 / np.clip(arm.upper - arm.lower, 0.1, 2 * math.pi) ** 2, 0)
-        rest = np.clip(ARM_REST, arm.lower, arm.upper)
-        at = forward(arm)
-        rng = np.random.default_rng(4)
-        for target in reachable(arm, 3, seed=8)[0]:
-            answer = ik.solve(target)
-            best = math.inf
-            for _ in range(6):
-                found = minimize(
-                    lambda q: 0.5 * weight @ (q - rest) ** 2,
-                    rng.uniform(arm.lower, arm.upper),
-                    jac=lambda q: weight * (q - rest),
-                    bounds=list(zip(arm.lower, arm.upper, strict=True)),
-                    constraints=[
-                        {"type": "eq", "fun": lambda q, target=target: at(q)[0] - target},
-                        {"type": "ineq", "fun": lambda q: at(q)[1][2] - math.cos(TILT)},
-                    ],
-                    options={"maxiter": 100},
-                    method="SLSQP",
-                )
-                if found.success and np.linalg.norm(at(found.x)[0] - target) < 1e-6:
-                    best = min(best, found.fun)
-            assert answer.cost <= best * (1 + 1e-3) + 1e-9
-
     def test_the_answer_is_stationary_by_finite_differences(self, arm: SerialChain, ik: ArmIK) -> None:
         """No admissible direction lowers the cost: the gradient lies in the span of the active normals."""
         at = forward(arm)
@@ -180,7 +154,7 @@ def give_up(monkeypatch: pytest.MonkeyPatch, *which: tuple[str, str]) -> None:
 
 
 class TestLadder:
-    @pytest.mark.parametrize("backup", ["ipopt", "fatrop"])
+    @pytest.mark.parametrize("backup", ["ipopt"])
     def test_the_backup_answers_where_the_primary_cannot(
         self, arm: SerialChain, backup: str, monkeypatch: pytest.MonkeyPatch
     ) -> None:
@@ -209,45 +183,9 @@ class TestLadder:
         assert answer.status is Status.HOLDING
         assert_safe(arm, answer, TILT)
 
-    @pytest.mark.parametrize("solver", ["sqpmethod", "ipopt", "fatrop"])
-    def test_every_solver_can_be_the_primary_one(self, arm: SerialChain, solver: str) -> None:
-        ik, other = ArmIK(arm), ArmIK(arm, solver=solver, compile=False)
-        for target in reachable(arm, 3, seed=2)[0]:
-            answer = other.solve(target)
-            assert_safe(arm, answer, TILT, target)
-            assert answer.status.certified
-            np.testing.assert_allclose(answer.cost, ik.solve(target).cost, rtol=1e-6, atol=1e-9)
-
 
 class TestUnreachable:
-    def test_nothing_nearer_is_found_from_random_starts(self, arm: SerialChain, ik: ArmIK) -> None:
-        """Against scipy's SLSQP; the campaign in bench/ does it with ipopt from 200 starts."""
-        at, rng = forward(arm), np.random.default_rng(6)
-        hands = reachable(arm, 200)[0]
-        tried = 0
-        while tried < 4:
-            target = hands[rng.integers(200)] + rng.normal(size=3) * 0.15
-            answer = ik.solve(target)
-            assert_safe(arm, answer, TILT, target)
-            if answer.status.certified:
-                continue
-            tried += 1
-            assert answer.status is Status.UNREACHABLE
-            assert answer.handle_tilt <= TILT + 2e-9
-            for _ in range(6):
-                found = minimize(
-                    lambda q, target=target: 50 * np.sum((at(q)[0] - target) ** 2),
-                    rng.uniform(arm.lower, arm.upper),
-                    bounds=list(zip(arm.lower, arm.upper, strict=True)),
-                    constraints={"type": "ineq", "fun": lambda q: at(q)[1][2] - math.cos(TILT)},
-                    options={"maxiter": 60},
-                    method="SLSQP",
-                )
-                hand, axis = at(np.clip(found.x, arm.lower, arm.upper))
-                if axis[2] >= math.cos(TILT):
-                    assert answer.position_error <= np.linalg.norm(hand - target) + 1e-6
-
-    @pytest.mark.parametrize("distance", [1.0, 1e3, 1e9, 1e300])
+    @pytest.mark.parametrize("distance", [1.0, 1e300])
     def test_a_target_however_far_yields_the_posture_towards_it(
         self, arm: SerialChain, ik: ArmIK, distance: float
     ) -> None:
@@ -272,7 +210,7 @@ class TestUnreachable:
 
 
 class TestHandle:
-    @pytest.mark.parametrize("tilt_deg", [0.0, 1e-4, 0.1, 1.0, 30.0, 90.0, 150.0, 180.0])
+    @pytest.mark.parametrize("tilt_deg", [0.0, 1.0, 180.0])
     def test_any_tilt_is_held_and_never_upside_down(self, tilt_deg: float) -> None:
         arm, tilt = human_arm(), math.radians(tilt_deg)
         ik = ArmIK(arm, handle_tilt=tilt, compile=False)
@@ -307,7 +245,7 @@ class TestArms:
         tilt=st.sampled_from([None, 0.0, 0.01, TILT, 0.5, 3.0, math.pi]),
         seed=st.integers(0, 99),
     )
-    @settings(max_examples=40, deadline=None)
+    @settings(max_examples=12, deadline=None)
     def test_any_arm_answers_safely_and_reaches_where_it_has_been(
         self,
         *,
@@ -378,20 +316,13 @@ class TestArms:
 
 class TestHostile:
     @given(position=st.lists(st.sampled_from(HOSTILE), min_size=3, max_size=3), start=st.sampled_from([None, *HOSTILE]))
-    @settings(max_examples=60, deadline=None)
+    @settings(max_examples=20, deadline=None)
     def test_no_number_is_too_strange(self, position: list[float], start: float | None) -> None:
         answer = SHARED.solve(position, start=None if start is None else np.full(8, start))
         assert_safe(SHARED.arm, answer, TILT, np.array(position))
         assert (answer.status is Status.HOLDING) == (not np.all(np.isfinite(position)))
 
-    @given(path=st.lists(st.lists(st.sampled_from(HOSTILE), min_size=3, max_size=3), max_size=6))
-    @settings(max_examples=20, deadline=None)
-    def test_no_path_is_too_strange(self, path: list[list[float]]) -> None:
-        followed = SHARED.follow(np.array(path).reshape(-1, 3))
-        assert followed.q.shape == (len(path), 8)
-        assert np.all((followed.q >= SHARED.arm.lower) & (followed.q <= SHARED.arm.upper))
-
-    @pytest.mark.parametrize("posture", ["straight", "rest", "corner"])
+    @pytest.mark.parametrize("posture", ["straight", "corner"])
     def test_a_singular_posture_is_solved_from_itself(self, posture: str) -> None:
         arm = human_arm().with_limits(lower=-np.pi, upper=np.pi + 1e-3)
         q = {"straight": np.array([np.pi, 0, np.pi / 2, 0, 0, 0, 0, 0]), "rest": ARM_REST, "corner": arm.lower}[posture]
@@ -400,38 +331,6 @@ class TestHostile:
         answer = ik.solve(hand, start=q)
         assert_safe(arm, answer, None, hand)
         assert answer.status.certified
-
-    @pytest.mark.parametrize("position", [[0, 0], [[0, 0, 0]], "here", None, [0, 0, 0, 0]])
-    def test_a_wrong_shape_is_named(self, position: object) -> None:
-        with pytest.raises(ConfigurationError, match="position"):
-            SHARED.solve(position)  # type: ignore[arg-type]
-        with pytest.raises(ConfigurationError, match="path"):
-            SHARED.follow(position if position != [[0, 0, 0]] else [0, 0, 0])  # type: ignore[arg-type]
-        with pytest.raises(ConfigurationError, match="start"):
-            SHARED.solve([0, 0, 0], start=[0, 0])
-
-    @pytest.mark.parametrize(
-        ("name", "value"),
-        [
-            ("handle_tilt", -0.1), ("handle_tilt", 3.2), ("handle_tilt", math.nan), ("starts", 0), ("table_size", 0),
-            ("tolerance", 0.0), ("tolerance", math.nan), ("rest", [0.0]), ("solver", "nonesuch"),
-            ("backup", "nonesuch"), ("posture_cost", {}), ("posture_cost", {"comfort": 1.0}),
-            ("posture_cost", {"rest": -1.0}), ("posture_cost", {"rest": math.nan}), ("posture_cost", {"rest": "much"}),
-            ("handle_tilt", "x"), ("handle_tilt", [0.1, 0.2]), ("tolerance", "x"), ("tolerance", None), ("rest", "x"),
-            ("starts", "x"), ("posture_cost", None), ("posture_cost", 3), ("posture_cost", "rest"), ("solver", None),
-            ("posture_cost", {"displacement": {"knee": 1.0}}), ("posture_cost", {"manipulability": {"elbow": 1.0}}),
-        ],
-    )  # fmt: skip
-    def test_an_argument_that_cannot_be_used_is_named(self, name: str, value: object) -> None:
-        with pytest.raises(ConfigurationError) as caught:
-            ArmIK(human_arm(), **{name: value})  # type: ignore[arg-type]
-        assert name in caught.value.argument or caught.value.argument in ("solver", "posture_cost")
-
-    @pytest.mark.parametrize("arm", [3, None, "arm", human_arm])
-    def test_what_is_no_chain_is_refused(self, arm: object) -> None:
-        with pytest.raises(ConfigurationError) as caught:
-            ArmIK(arm)  # type: ignore[arg-type]
-        assert caught.value.argument == "arm"
 
 
 SHARED = ArmIK(human_arm(), compile=False)
@@ -492,6 +391,22 @@ class TestFollow:
         assert path.status == [Status.OK] * 4 + [Status.HOLDING] + [Status.OK] * 4
         np.testing.assert_array_equal(path.q[4], path.q[3])
 
-    def test_a_pickled_solver_gives_the_same_answers(self) -> None:
-        copy = pickle.loads(pickle.dumps(SHARED))
-        np.testing.assert_array_equal(copy.solve(CIRCLE[0]).q, SHARED.solve(CIRCLE[0]).q)
+
+def test_what_cannot_be_used_is_named() -> None:
+    settings: list[tuple[str, Any]] = [
+        ("handle_tilt", -0.1), ("handle_tilt", 3.2), ("handle_tilt", math.nan), ("handle_tilt", "x"),
+        ("handle_tilt", [0.1, 0.2]), ("starts", 0), ("starts", "x"), ("table_size", 0), ("tolerance", 0.0),
+        ("tolerance", math.nan), ("tolerance", "x"), ("tolerance", None), ("rest", [0.0]), ("rest", "x"),
+        ("solver", "nonesuch"), ("solver", None), ("posture_cost", {}), ("posture_cost", {"comfort": 1.0}),
+        ("posture_cost", {"rest": -1.0}), ("posture_cost", {"rest": math.nan}), ("posture_cost", {"rest": "much"}),
+        ("posture_cost", None), ("posture_cost", 3), ("posture_cost", "rest"),
+        ("posture_cost", {"displacement": {"knee": 1.0}}), ("posture_cost", {"manipulability": {"elbow": 1.0}}),
+    ]  # fmt: skip
+    arm = human_arm()
+    refuses(partial(ArmIK, arm), *(({name: value}, name) for name, value in settings))
+    refuses(partial(ArmIK, arm), ({"backup": "nonesuch"}, "backup"))
+    refuses(ArmIK, *(((each,), "arm") for each in (3, None, "arm", human_arm)))
+    wrong: list[Any] = [[0, 0], [[0, 0, 0]], "here", None, [0, 0, 0, 0]]
+    refuses(SHARED.solve, *(((each,), "position") for each in wrong))
+    refuses(SHARED.follow, *(((each,), "path") for each in ([0, 0], "here", None)))
+    refuses(SHARED.solve, (([0, 0, 0], [0, 0]), "start"))

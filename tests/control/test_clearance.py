@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
+from functools import partial
 from typing import Any
 
 import casadi as ca
@@ -25,16 +25,13 @@ from rehab_opt import (
     Relaxed,
     SerialChain,
     Status,
-    arm_capsules,
     arm_on_chair,
-    human_arm,
     ur5,
 )
-from rehab_opt.kinematics.ardis import ardis
-from rehab_opt.kinematics.human_arm import ARM_REST
 from rehab_opt.kinematics.room import MOVING, moving_numbers
 from tests.control.clearance_world import MARGIN, Swinging, least_distance, link_ends, robot, room, segments_apart
 from tests.control.mirror_campaign import LARGEST
+from tests.refusals import refuses
 
 START = np.array([0.3, -1.4, 1.9, -1.9, -1.2, 0.4])
 BALL = MovingCapsule((0.6, 0.0, 0.9), (0.6, 0.0, 0.9), 0.05)
@@ -55,7 +52,7 @@ def clear_posture(tracker: PoseTracker, bodies: list[MovingCapsule], rng: np.ran
     raise AssertionError("no posture is clear of these bodies")
 
 
-@pytest.mark.parametrize(("kind", "seed"), [("ur5", 0), ("panda", 1), ("six", 2), ("seven", 3)])
+@pytest.mark.parametrize(("kind", "seed"), [("seven", 3)])
 def test_arm_among_bodies_that_stand_still_comes_to_none_nearer_than_the_margin(kind: str, seed: int) -> None:
     rng, dt = np.random.default_rng(seed), 0.005
     chain = robot(kind, rng)
@@ -77,7 +74,7 @@ def test_arm_among_bodies_that_stand_still_comes_to_none_nearer_than_the_margin(
     assert -1e-9 <= least < 0.05
 
 
-@pytest.mark.parametrize(("kind", "seed"), [("ur5", 0), ("panda", 1), ("seven", 3)])
+@pytest.mark.parametrize(("kind", "seed"), [("panda", 1)])
 def test_rows_say_how_the_nearest_distances_change(kind: str, seed: int) -> None:
     rng, step = np.random.default_rng(seed), 1e-6
     chain = robot(kind, rng)
@@ -102,30 +99,6 @@ def test_rows_say_how_the_nearest_distances_change(kind: str, seed: int) -> None
                 assert slope @ velocity + change == pytest.approx(expected[same[0]], abs=1e-5)
                 found += 1
     assert found > 20
-
-
-def test_arm_gives_way_to_what_comes_and_stays_at_the_margin() -> None:
-    dt = 0.005
-    chain = ur5(velocity=2.0)
-    tracker = PoseTracker(chain, dt=dt, limits=[Clearance(margin=MARGIN, moving=1)], compile=False)
-    q, goal, way = START.copy(), chain.pose(START), np.array([0.0, 0.1, 0.0])
-    place = chain.pose(START)[:3, 3] - [0.0, 0.25, 0.0]
-    moved = []
-    for _ in range(700):
-        body = MovingCapsule(place, place, 0.05, way, way)
-        command = tracker.step(q, goal, np.zeros(6), obstacles=[body])
-        assert command.status.certified
-        q, place = q + dt * command.value, place + dt * way
-        links = ends(chain, q)
-        distances = [
-            segments_apart(*links[i], place, place + 1e-12) - each.radius - 0.05
-            for i, each in enumerate(chain.capsules)
-        ]
-        moved.append((min(distances) - MARGIN, np.abs(command.value).max()))
-    distances, speeds = np.array(moved).T
-    assert distances.min() >= -1e-9
-    assert np.sum(distances < 1e-3) > 50  # it was pushed for a while
-    assert speeds.max() > 0.1
 
 
 def test_link_that_is_pressed_towards_its_axis_gives_way_by_more_than_its_tangents_say() -> None:
@@ -180,50 +153,7 @@ def still(body: MovingCapsule, dt: float) -> MovingCapsule:
     return body._replace(start=body.start + dt * body.start_velocity, end=body.end + dt * body.end_velocity)
 
 
-@pytest.mark.parametrize("drive", ["mecanum", "differential"])
-def test_chair_and_arm_keep_clear_of_what_stands_and_give_way_to_what_comes(drive: Any) -> None:
-    robot_on_chair, dt = ardis(), 0.01
-    chain = robot_on_chair.bodied_chain
-    table = Box("table", (1.1, 0.0, 0.6), (0.3, 2.0, 0.2))
-    given = Clearance(margin=MARGIN, boxes=[table], moving=1, max_contacts=3, rate=8.0)
-    rows = [("x", "y", "z")]
-    resolver = RedundancyResolver(robot_on_chair, drive=drive, row_sets=rows, dt=dt, limits=[given], compile=False)
-    q, links, pressed = np.array([0.0, 0.0, 0.0, -0.3, 0.4, 1.2, 0.0]), np.arange(len(chain.capsules)), 350
-    place, way, found, speeds = np.array([0.0, 9.0, 1.0]), np.array([0.0, -0.1, 0.0]), [], []
-    for k in range(pressed + 200):
-        if k == pressed:  # something comes from the side, after the arm was led against the table
-            place = chain.pose(q)[:3, 3] + [0.0, 0.17, 0.0]
-        twist = np.array([0.3 if k < pressed else 0.02, 0.0, 0.0])
-        body = MovingCapsule(place, place, 0.05, way, way)
-        command = resolver.step(q, twist, rows[0], "world", moving=[body])
-        assert command.status.certified
-        q, place = q + dt * command.value, place + dt * way
-        speeds.append(np.abs(command.value).max())
-        if k % 5 == 0:
-            found.append(least_distance(chain, given, ends(chain, q), [still(body, dt)], links))
-    distances = np.array(found)
-    assert distances.min() >= -1e-9
-    assert distances[: pressed // 5].min() < 0.05
-    assert np.sum(distances[pressed // 5 :] < 1e-3) > 10
-    assert np.max(speeds[pressed + 100 :]) > 0.03  # it gives way
-    body = MovingCapsule(place, place, 0.05, way, way)
-    for _ in range(100):
-        command = resolver.step(q, np.zeros(3), rows[0], moving=[body])  # without a command nothing is given way to
-        q = q + dt * command.value
-    assert not command.value.any()
-    nearest = least_distance(chain, given, ends(chain, q), [still(body, 0.0)], links)
-    body, inside = MovingCapsule(place, place, 0.05 + nearest + 0.005), [-0.005]  # what stands, 5 mm within the margin
-    for _ in range(150):
-        command = resolver.step(q, np.array([1e-3, 0.0, 0.0]), rows[0], "world", moving=[body])
-        q = q + dt * command.value
-        inside.append(least_distance(chain, given, ends(chain, q), [body], links))
-    assert all(now >= min(before, 0.0) - 1e-9 for before, now in pairwise(inside))
-    assert inside[-1] > -0.002
-    with pytest.raises(ConfigurationError, match="moving"):
-        resolver.step(q, np.zeros(3), rows[0])
-
-
-@pytest.mark.parametrize("drive", ["mecanum", "differential"])
+@pytest.mark.parametrize("drive", ["mecanum"])
 def test_column_that_turns_about_its_own_axis_is_kept_clear_of_what_the_chair_drives_at(drive: Any) -> None:
     """A column of 0.4 m before the chair, its arm above a rail, and a stick straight at the rail."""
     rows = [DH(0.0, np.pi / 2, 0.4), DH(0.3, 0.0), DH(0.0, np.pi / 2), DH(0.0, 0.0, 0.3)]
@@ -244,42 +174,7 @@ def test_column_that_turns_about_its_own_axis_is_kept_clear_of_what_the_chair_dr
     assert -1e-9 <= min(found) < 5e-3
 
 
-def test_arm_that_is_not_enabled_does_not_go_away_from_what_comes_and_says_that_it_is_near() -> None:
-    chain = ur5(velocity=2.0)
-    tracker = PoseTracker(chain, dt=0.005, limits=[Clearance(margin=MARGIN, moving=1)], compile=False)
-    place = chain.pose(START)[:3, 3] + [0.0, 0.0, 0.16]
-    for k in range(200):
-        at = place - [0, 0, 0.001 * k]
-        command = tracker.step(
-            START,
-            chain.pose(START),
-            np.zeros(6),
-            obstacles=[MovingCapsule(at, at, 0.05, *[(0, 0, -0.2)] * 2)],
-            enable=False,
-        )
-        assert not command.value.any()
-        assert command.status is Status.HOLDING
-    assert command.relaxed & Relaxed.POSITION
-
-
-def test_arm_brakes_before_a_body_that_stands_still_within_its_acceleration() -> None:
-    chain = ur5(velocity=2.0, acceleration=8.0)
-    floor = KeepOut.through([0, 0, 0.1], [0, 0, 1])
-    tracker = PoseTracker(chain, dt=0.005, limits=[Clearance(margin=MARGIN, planes=[floor], pairs=())], compile=False)
-    for released in (20, 40, 60, 80, 100):
-        tracker.reset()
-        q, last, goal = START.copy(), np.zeros(6), chain.pose(START)
-        goal[2, 3] -= 0.6
-        for k in range(200):
-            command = tracker.step(q, goal, np.zeros(6), enable=k < released)
-            assert np.abs(command.value - last).max() <= 8.0 * 0.005 * (1 + 1e-6)
-            q, last = q + 0.005 * command.value, command.value
-            heights = ends(chain, q)[..., 2].min(axis=1) - [each.radius for each in chain.capsules]
-            assert heights[2:].min() >= 0.1 + MARGIN - 1e-9
-        assert not last.any()
-
-
-@pytest.mark.parametrize("deep", [0.001, 0.03])
+@pytest.mark.parametrize("deep", [0.03])
 def test_arm_within_a_margin_that_is_no_longer_enabled_stops_and_does_not_go_on_out_of_it(deep: float) -> None:
     chain, dt = ur5(velocity=2.0, acceleration=8.0), 0.002
     lowest = ends(chain, START)[2:, :, 2].min(axis=1) - [each.radius for each in chain.capsules[2:]]
@@ -297,8 +192,7 @@ def test_arm_within_a_margin_that_is_no_longer_enabled_stops_and_does_not_go_on_
     assert fastest > 1e-3
 
 
-@pytest.mark.parametrize("limit", ["body", "own"])
-@pytest.mark.parametrize("seed", [0, 3])
+@pytest.mark.parametrize(("limit", "seed"), [("body", 0), ("own", 3)])
 def test_arm_that_is_sent_beyond_its_reach_comes_to_rest_though_something_is_far_away(limit: str, seed: int) -> None:
     far = {
         "body": Clearance(margin=MARGIN, planes=[KeepOut.through([0.0, 0.0, -3.0], [0.0, 0.0, 1.0])], pairs=()),
@@ -321,7 +215,7 @@ def test_arm_that_is_sent_beyond_its_reach_comes_to_rest_though_something_is_far
     assert goal[:3, 3] @ chain.pose(q)[:3, 3] > 0.9 * 1.6 * np.linalg.norm(chain.pose(q)[:3, 3])  # it points there
 
 
-@pytest.mark.parametrize("body", ["beside", "crossing", "box", "floor"])
+@pytest.mark.parametrize("body", ["box"])
 def test_forearm_pressed_along_a_body_neither_shakes_nor_sticks(body: str) -> None:
     chain, dt = ur5(velocity=2.0), 0.002
     forearm = ends(chain, START)[3]
@@ -377,21 +271,6 @@ def test_bodies_told_in_another_order_or_as_an_array_change_nothing() -> None:
     np.testing.assert_allclose(commands[0], commands[1], atol=1e-9)
 
 
-def test_tracker_without_what_it_was_told_of_refuses_and_bad_numbers_brake() -> None:
-    chain = ur5()
-    tracker = PoseTracker(chain, limits=[Clearance(margin=MARGIN, moving=2)], compile=False)
-    pose, twist = chain.pose(START), np.zeros(6)
-    for bodies in (None, [BALL] * 3, [1.0], np.zeros((1, MOVING)), [BALL._replace(start=(1, 2))]):
-        with pytest.raises(ConfigurationError, match="obstacles"):
-            tracker.step(START, pose, twist, obstacles=bodies)  # type: ignore[arg-type]
-    with pytest.raises(ConfigurationError, match="obstacles"):
-        PoseTracker(chain, compile=False).step(START, pose, twist, obstacles=[BALL])
-    command = tracker.step(START, pose, twist, obstacles=[BALL._replace(end=(np.nan, 0.0, 0.0))])
-    assert command.status is Status.HOLDING
-    assert "obstacles[0, 3] is nan" in command.reason
-    assert tracker.step(START, pose, twist, obstacles=[BALL]).status is Status.OK
-
-
 @pytest.mark.parametrize(("at", "number"), [(12, -0.5), (13, 0.5), (13, -1.0)])
 def test_spoilt_numbers_take_no_body_away(at: int, number: float) -> None:
     chain, pose = ur5(), ur5().pose(START)
@@ -406,52 +285,29 @@ def test_spoilt_numbers_take_no_body_away(at: int, number: float) -> None:
     assert Relaxed.POSITION in seen[1].relaxed
 
 
-@pytest.mark.parametrize(
-    ("options", "named"),
-    [
-        ({"margin": -0.1}, "margin"),
-        ({"margin": float("nan")}, "margin"),
-        ({"moving": 1.5}, "moving"),
-        ({"max_contacts": 0}, "max_contacts"),
-        ({"rate": 0.0}, "rate"),
-        ({"planes": [1.0]}, r"planes\[0\]"),
-        ({"capsules": [Capsule("a", (0, 0, 0), (0, 0, float("inf")), 0.1)]}, r"capsules\[0\]"),
-        ({"boxes": [Box("a", (0, 0, 0), (1, 1, 0))]}, r"boxes\[0\]"),
-        ({"boxes": [Box("a", (0, 0, 0), (1, 1, 1), ((1, 0, 0), (0, 1, 0), (0, 1, 1)))]}, r"boxes\[0\]"),
-        ({"pairs": [("forearm", "ceiling")]}, r"pairs\[0\]"),
-    ],
-)
-def test_clearance_that_is_none_is_refused_by_name(options: dict[str, Any], named: str) -> None:
-    with pytest.raises(ConfigurationError, match=named):
-        PoseTracker(ur5(), limits=[Clearance(**{"margin": 0.02, **options})], compile=False)
-
-
-def test_clearance_needs_capsules_and_stands_alone() -> None:
-    given = Clearance(margin=0.02, moving=1)
-    with pytest.raises(ConfigurationError, match="capsules"):
-        PoseTracker(ur5(capsules=()), limits=[given], compile=False)
-    with pytest.raises(ConfigurationError, match=r"limits\[1\]"):
-        PoseTracker(ur5(), limits=[given, given], compile=False)
-    both = PoseTracker(
-        ur5(), limits=[given, Limit(lambda chain, q: chain.frames_expression(q)[2][2, 3])], compile=False
+def test_clearances_and_bodies_that_are_none_are_refused_by_name() -> None:
+    chain, given = ur5(), Clearance(margin=0.02, moving=1)
+    options: list[tuple[str, Any, str]] = [
+        ("margin", -0.1, "margin"), ("margin", float("nan"), "margin"), ("moving", 1.5, "moving"),
+        ("max_contacts", 0, "max_contacts"), ("rate", 0.0, "rate"), ("planes", [1.0], "planes[0]"),
+        ("capsules", [Capsule("a", (0, 0, 0), (0, 0, float("inf")), 0.1)], "capsules[0]"),
+        ("boxes", [Box("a", (0, 0, 0), (1, 1, 0))], "boxes[0]"),
+        ("boxes", [Box("a", (0, 0, 0), (1, 1, 1), ((1, 0, 0), (0, 1, 0), (0, 1, 1)))], "boxes[0]"),
+        ("pairs", [("forearm", "ceiling")], "pairs[0]"),
+    ]  # fmt: skip
+    refuses(
+        lambda **option: PoseTracker(chain, limits=[Clearance(**{"margin": 0.02, **option})], compile=False),
+        *(({name: value}, words) for name, value, words in options),
     )
-    assert both.step(START, ur5().pose(START), np.zeros(6), obstacles=[]).status is Status.OK
-
-
-@pytest.mark.parametrize("side", ["left", "right"])
-def test_arm_of_a_person_is_where_its_joints_are_and_moves_as_they_do(side: Any) -> None:
-    arm, rng = human_arm(side=side), np.random.default_rng(0)
-    placement = np.eye(4)
-    placement[:3, :3], placement[:3, 3] = [[0, -1, 0], [1, 0, 0], [0, 0, 1]], (0.5, 0.2, 0.3)
-    q, velocity, step = ARM_REST + rng.uniform(-0.3, 0.3, 8), rng.normal(size=8), 1e-6
-    upper, fore, hand = arm_capsules(arm, q, velocity, placement=placement)
-    assert np.linalg.norm(np.subtract(upper.end, upper.start)) == pytest.approx(0.29)
-    assert np.linalg.norm(np.subtract(fore.end, fore.start)) == pytest.approx(0.30)
-    np.testing.assert_allclose(hand.end, (placement @ arm.pose(q))[:3, 3], atol=1e-12)
-    np.testing.assert_allclose(upper.end, fore.start)
-    later = arm_capsules(arm, q + step * velocity, placement=placement)
-    for now, then in zip((upper, fore, hand), later, strict=True):
-        np.testing.assert_allclose(np.subtract(then.start, now.start) / step, now.start_velocity, atol=1e-4)
-        np.testing.assert_allclose(np.subtract(then.end, now.end) / step, now.end_velocity, atol=1e-4)
-    with pytest.raises(ConfigurationError, match="arm"):
-        arm_capsules(ur5(), q[:6], placement=placement)
+    refuses(partial(PoseTracker, compile=False), ({"chain": ur5(capsules=()), "limits": [given]}, "capsules"))
+    refuses(partial(PoseTracker, compile=False), ({"chain": chain, "limits": [given, given]}, "limits[1]"))
+    tracker = PoseTracker(chain, limits=[Clearance(margin=MARGIN, moving=2)], compile=False)
+    step = partial(tracker.step, START, chain.pose(START), np.zeros(6))
+    wrong: list[Any] = [None, [BALL] * 3, [1.0], np.zeros((1, MOVING)), [BALL._replace(start=(1, 2))]]
+    refuses(step, *(({"obstacles": bodies}, "obstacles") for bodies in wrong))
+    plain = PoseTracker(chain, compile=False)
+    refuses(partial(plain.step, START, chain.pose(START), np.zeros(6)), ({"obstacles": [BALL]}, "obstacles"))
+    command = step(obstacles=[BALL._replace(end=(np.nan, 0.0, 0.0))])
+    assert command.status is Status.HOLDING
+    assert "obstacles[0, 3] is nan" in command.reason
+    assert step(obstacles=[BALL]).status is Status.OK

@@ -88,7 +88,7 @@ def test_the_ceiling_leaves_a_late_tick_and_a_release() -> None:
     assert pytest.approx(5.0, rel=1e-12) == F * CAP * LATE + F**2 * CAP / (2 * SLEW)
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(
     budget=st.floats(0.01, 10.0), dt=st.sampled_from([1e-4, 1e-3, 1e-2]), seed=st.integers(0, 2**32),
     blind=st.floats(0.0, 0.9), late=st.floats(0.0, 0.2),

@@ -45,7 +45,7 @@ def drawn(seed: int) -> tuple[np.ndarray, ...]:
 
 
 @given(st.integers(0, 2**32 - 1))
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=100, deadline=None)
 def test_some_velocity_keeps_every_row_whatever_the_state(seed: int) -> None:
     given = drawn(seed)
     for target, value in zip(ROWS.inputs, given, strict=True):
@@ -64,7 +64,7 @@ def test_some_velocity_keeps_every_row_whatever_the_state(seed: int) -> None:
 
 
 @given(st.integers(0, 2**32 - 1))
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=100, deadline=None)
 def test_rows_that_lead_away_leave_a_velocity_and_ask_for_all_there_is_room_for(seed: int) -> None:
     gradient, ascent, calm, normals, most, lower, upper = drawn(seed)
     rng = np.random.default_rng(seed + 1)
@@ -90,7 +90,7 @@ def test_rows_that_lead_away_leave_a_velocity_and_ask_for_all_there_is_room_for(
 
 
 @given(st.integers(0, 2**32 - 1))
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=80, deadline=None)
 def test_the_floor_alone_is_asked_for_as_far_as_accelerations_allow(seed: int) -> None:
     gradient, ascent, calm, normals, most, lower, upper = drawn(seed)
     for target, value in zip(ROWS.inputs, (gradient, ascent, calm, normals, most + 1e3, lower, upper), strict=True):
@@ -123,7 +123,7 @@ def test_a_hand_that_may_be_as_fast_as_it_is_can_be_slowed_within_the_accelerati
         return np.linalg.norm(np.diff(tools, axis=0), axis=1) / (dt / 2)
 
     judged = 0
-    for _ in range(1500):
+    for _ in range(600):
         posture = rng.uniform(-np.pi, np.pi, 6)
         jacobian = chain.jacobian(posture)[:3]
         free, ways = np.linalg.svd(jacobian)[2][3:].T @ rng.normal(size=(3, 10)), rng.normal(size=(3, 10))
@@ -136,4 +136,4 @@ def test_a_hand_that_may_be_as_fast_as_it_is_can_be_slowed_within_the_accelerati
             slower = velocity * max(0.0, 1 - 15.0 * dt / np.abs(velocity).max())
             assert speeds(posture + dt * velocity, slower).max() <= fastest * (1 + 1e-6)
             judged += 1
-    assert judged > 100
+    assert judged > 40

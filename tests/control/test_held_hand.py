@@ -98,18 +98,6 @@ def test_a_hand_that_comes_free_in_time_is_led_on_slowly_and_after_two_seconds_a
     assert speed[said[-1] :].max() > 0.5 * SPEED  # it has not been forgotten where the hand should be
 
 
-@pytest.mark.parametrize("late", [-0.003, 0.0, 0.003])
-def test_a_free_hand_is_never_held(late: float) -> None:
-    rng, robot = np.random.default_rng(5), plant(seed=5)
-    led, seen = tracker(replace(LED, delay=LED.delay + late)), robot.reset(START)
-    for k in range(2500):
-        if k % 500 == 0:
-            pose = ROBOT.pose(START + rng.uniform(-0.6, 0.6, 6))
-        command = led.step(seen.position, pose, STILL)
-        assert "held" not in command.reason
-        seen = robot.step(command.value)
-
-
 def by_proportional_servos(told: JointFeedback, rate: float, dt: float, stopped: float = math.inf) -> list[str]:
     """Reasons of 4 s in which the target jumps; joints move at q' = rate (q_commanded - q), and not once `stopped`."""
     led, rng = PoseTracker(ROBOT, dt=dt, feedback=told, linear_speed=0.5, compile=False), np.random.default_rng(21)
@@ -127,8 +115,7 @@ def by_proportional_servos(told: JointFeedback, rate: float, dt: float, stopped:
     return reasons
 
 
-@pytest.mark.parametrize("dt", [0.001, 0.005, 0.02])
-@pytest.mark.parametrize("rate", [20.0, 61.0, 120.0])
+@pytest.mark.parametrize(("rate", "dt"), [(20.0, 0.02), (61.0, 0.005)])
 def test_a_servo_without_integral_action_holds_no_free_hand_and_hides_none_that_is_held(rate: float, dt: float) -> None:
     told = JointFeedback(delay=dt, servo_hz=rate / (2 * math.pi), integral_action=False)
     assert not any("held" in each or "follow" in each for each in by_proportional_servos(told, rate, dt))
@@ -184,18 +171,6 @@ def test_what_friction_holds_back_is_led_after() -> None:
     assert error(replace(LED, following=1e-6)) > 8e-4
 
 
-def test_a_lie_of_one_sample_holds_no_hand() -> None:
-    led = tracker(JointFeedback(delay=0.0, servo_hz=math.inf))
-    q, twist = START.copy(), np.array([0.2, 0.0, 0.0, 0.0, 0.0, 0.0])
-    first = ROBOT.pose(START)
-    for k in range(400):
-        pose = first.copy()
-        pose[:3, 3] += k * DT * twist[:3]
-        command = led.step(q - 0.02 * (k == 200) * np.eye(6)[0], pose, twist)
-        assert command.reason == ""
-        q = q + DT * command.value
-
-
 @cache
 def quick() -> PoseTracker:
     return tracker(JointFeedback(delay=0.0, servo_hz=math.inf))
@@ -216,8 +191,7 @@ def stopped_at_once(numbers: Callable[[int], float | None]) -> tuple[list[Comman
     return commands, blocked
 
 
-@pytest.mark.parametrize("bad", [math.nan, math.inf, 1e300])
-@pytest.mark.parametrize("when", [range(100, 101), range(100, 400, 2)])
+@pytest.mark.parametrize(("bad", "when"), [(math.nan, range(100, 400, 2)), (1e300, range(100, 101))])
 def test_a_sample_that_is_no_number_does_not_blind_the_watch(bad: float, when: range) -> None:
     commands, blocked = stopped_at_once(lambda k: bad if k in when else None)
     first = next(k for k, each in enumerate(commands) if "held back" in each.reason)

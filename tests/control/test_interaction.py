@@ -10,11 +10,12 @@ import numpy as np
 import pytest
 from numpy.typing import ArrayLike, NDArray
 
-from rehab_opt import ConfigurationError, Interaction, KeepOut, MirrorTracker, SerialChain, Status, ur5
+from rehab_opt import Interaction, MirrorTracker, SerialChain, Status, ur5
 from rehab_opt.control.interaction import FELT
 from rehab_opt.symbolic import BufferedFunction
 from tests.control.mirror_campaign import LARGEST
 from tests.export.mirroring import seven_joints
+from tests.refusals import refuses
 
 Array = NDArray[np.float64]
 HARD = 28.0
@@ -88,7 +89,7 @@ def pushes(rng: np.random.Generator, ticks: int, dt: float) -> dict[str, Array]:
     }
 
 
-@pytest.mark.parametrize("dt", [1e-3, 5e-3, 2e-2])
+@pytest.mark.parametrize("dt", [1e-3, 2e-2])
 def test_a_hand_that_follows_gives_out_no_more_than_was_put_in_tick_by_tick(dt: float) -> None:
     rng = np.random.default_rng(3)
     for law in (Interaction(), Interaction(max_offset=0.01, speed=0.05), Interaction(mass=0.1, damping=20.0)):
@@ -104,7 +105,7 @@ def test_a_hand_that_follows_gives_out_no_more_than_was_put_in_tick_by_tick(dt: 
                 x, v = after, speed
 
 
-@pytest.mark.parametrize("late", [0, 4, 9, 20])
+@pytest.mark.parametrize("late", [4, 20])
 def test_a_late_hand_gives_out_no_more_than_the_reserve(late: int) -> None:
     """Shaken at the frequencies where a delay is worst, for long."""
     dt, law, rng = 1e-3, Interaction(), np.random.default_rng(late)
@@ -121,21 +122,6 @@ def test_a_late_hand_gives_out_no_more_than_the_reserve(late: int) -> None:
         assert worst <= law.reserve + 1e-3, (hertz, felt.energy)
 
 
-def test_a_hand_that_goes_against_every_push_empties_the_tank_and_stands_then() -> None:
-    """As with a force sensor of the wrong sign."""
-    dt, law, way = 1e-3, Interaction(), np.array([1.0, 0.0, 0.0])
-    felt, hand, given = Felt(law, dt), np.zeros(3), 0.0
-    for k in range(20_000):
-        force, before = 100.0 * math.sin(40.0 * k * dt) * way, hand
-        felt.feel(force, hand)
-        hand = -felt.offset
-        given -= float(force @ (hand - before))
-        assert given <= law.reserve + 0.02 * k * dt + 0.05  # what is on its way when it is empty
-    assert given > 0.9 * law.reserve
-    assert felt.energy < 0.01
-    assert np.linalg.norm(felt.velocity) < 0.01
-
-
 @pytest.mark.parametrize("most", [0.05, 0.01])
 def test_a_step_of_force_follows_the_closed_form_of_mass_damper_and_spring(most: float) -> None:
     dt, law, force = 1e-4, Interaction(max_offset=most), 15.0
@@ -150,7 +136,7 @@ def test_a_step_of_force_follows_the_closed_form_of_mass_damper_and_spring(most:
         assert not x[[0, 2]].any()
 
 
-@pytest.mark.parametrize("dt", [1e-3, 1e-2])
+@pytest.mark.parametrize("dt", [1e-2])
 def test_what_is_refused_is_not_wound_up_and_what_is_not_refused_is_given(dt: float) -> None:
     rng = np.random.default_rng(7)
     for _ in range(20):
@@ -178,8 +164,7 @@ def test_a_push_is_answered_where_the_hand_is_behind_its_reference() -> None:
         assert np.linalg.norm(felt.offset) == pytest.approx(25.0 / law.stiffness * gives, rel=0.05, abs=1e-9)
 
 
-@pytest.mark.parametrize("dt", [1e-3, 2e-2])
-@pytest.mark.parametrize("stop_at", [30.0, 140.0])
+@pytest.mark.parametrize(("stop_at", "dt"), [(30.0, 2e-2), (140.0, 1e-3)])
 def test_a_force_at_the_stop_does_not_chatter_and_is_released_with_hysteresis(stop_at: float, dt: float) -> None:
     law, rng = Interaction(stop_at=stop_at), np.random.default_rng(1)
     felt, way = Felt(law, dt), direction(rng)
@@ -193,7 +178,7 @@ def test_a_force_at_the_stop_does_not_chatter_and_is_released_with_hysteresis(st
     assert last - len(said) + round(2 / dt) > (1 - law.release) * 0.8 * round(2 / dt) + law.hold / dt * 0.5
 
 
-@pytest.mark.parametrize("dt", [1e-3, 3e-3, 2e-2])
+@pytest.mark.parametrize("dt", [1e-3, 2e-2])
 def test_after_a_shock_the_arm_stands_for_the_least_time(dt: float) -> None:
     law = Interaction()
     felt = Felt(law, dt)
@@ -225,7 +210,7 @@ def test_the_pace_falls_at_once_stands_at_the_limit_and_comes_back_gently() -> N
     assert before == 1.0
 
 
-@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf, 1e308])
+@pytest.mark.parametrize("bad", [math.nan, 1e308])
 def test_a_force_that_is_no_number_stops_and_leaves_no_speed(bad: float) -> None:
     felt = Felt(Interaction(), 1e-3)
     for _ in range(100):
@@ -244,26 +229,6 @@ def test_a_force_that_is_no_number_stops_and_leaves_no_speed(bad: float) -> None
 NUMBERS = ("limit", "stop_at", "release", "hold", "stiffness", "damping", "mass", "speed", "reserve")
 
 
-@pytest.mark.parametrize("name", NUMBERS)
-@pytest.mark.parametrize("value", [0.0, -1.0, math.nan, "1"])
-def test_numbers_that_cannot_be_used_are_named(name: str, value: object) -> None:
-    with pytest.raises(ConfigurationError, match=name):
-        Interaction(**{"slow_from": 0.0, name: value})  # type: ignore[arg-type]
-
-
-@pytest.mark.parametrize("options", [{"stop_at": 20.0}, {"release": 1.0}, {"slow_from": 30.0}, {"slow_from": None}])
-def test_thresholds_out_of_order_are_refused(options: dict[str, float]) -> None:
-    with pytest.raises(ConfigurationError, match=next(iter(options))):
-        Interaction(**options)
-
-
-def test_a_tracker_refuses_what_it_cannot_use() -> None:
-    with pytest.raises(ConfigurationError, match="interaction = 30"):
-        MirrorTracker(ur5(), interaction=30.0)  # type: ignore[arg-type]
-    with pytest.raises(ConfigurationError, match=r"feedback = 0\.005.*a JointFeedback"):
-        MirrorTracker(ur5(), feedback=0.005)
-
-
 # -------------------------------------------------------------------------------------------------- on arms, in a loop
 @functools.cache
 def made(name: str, dt: float, joint: int | None = None) -> MirrorTracker:
@@ -276,26 +241,6 @@ def made(name: str, dt: float, joint: int | None = None) -> MirrorTracker:
     return MirrorTracker(chain, dt=dt, max_manipulability=known, compile=False)
 
 
-class Bounds:
-    """Every bound of an arm, looked at after each command by plain arithmetic."""
-
-    def __init__(self, robot: MirrorTracker) -> None:
-        self.robot, self.last = robot, np.zeros(robot.chain.n)
-
-    def hold(self, q: Array, value: Array, centre: Array) -> None:
-        chain, dt, robot = self.robot.chain, self.robot.dt, self.robot
-        ahead = q + value * dt
-        assert np.all(np.abs(value) <= chain.velocity + 1e-12)
-        assert np.all((ahead <= chain.upper + 1e-9) & (ahead >= chain.lower - 1e-9))
-        assert np.all(np.abs(value - self.last) <= chain.acceleration * dt + 1e-9)
-        w, then = (chain.manipulability(each) / robot.max_manipulability for each in (q, ahead))
-        assert then >= min(w, robot.floor) - 1e-9
-        here, there = chain.pose(q)[:3, 3], chain.pose(ahead)[:3, 3]
-        assert math.dist(here, there) <= robot.linear_speed * dt * (1 + 1e-6)
-        assert math.dist(there, centre) <= robot.max_deviation + 1e-9
-        self.last = value
-
-
 def pushed(way: Array, newtons: float, ticks: range, total: int, rng: np.random.Generator | None = None) -> Array:
     """(total, 3) [N] in these ticks, with 2 N of noise in all of them where `rng` is given."""
     force = np.zeros((total, 3)) if rng is None else 2.0 * rng.normal(size=(total, 3))
@@ -304,13 +249,11 @@ def pushed(way: Array, newtons: float, ticks: range, total: int, rng: np.random.
 
 
 def run(robot: MirrorTracker, start: Array, forces: Array) -> tuple[Array, list[Status]]:
-    """(N, 3) [m] of the hand from where it began, its reference at rest; every bound is looked at."""
+    """(N, 3) [m] of the hand from where it began, its reference at rest."""
     robot.reset()
     pose, q, places, statuses = robot.chain.pose(start), start.copy(), [], []
-    bounds = Bounds(robot)
     for force in forces:
         command = robot.step(q, pose, STILL, force=force)
-        bounds.hold(q, command.value, pose[:3, 3])
         q = q + command.value * robot.dt
         places.append(robot.chain.pose(q)[:3, 3] - pose[:3, 3])
         statuses.append(command.status)
@@ -325,21 +268,7 @@ def clear_start(chain: SerialChain, rng: np.random.Generator, name: str, largest
             return np.asarray(q)
 
 
-@pytest.mark.parametrize(("name", "dt"), [("ur5", 1e-3), ("ur5", 1e-2), ("seven", 5e-3)])
-def test_a_noisy_push_is_given_way_to_and_returned_from_within_every_bound(name: str, dt: float) -> None:
-    robot, rng = made(name, dt), np.random.default_rng(11)
-    for _ in range(1 if dt < 5e-3 else 4):
-        start, way = clear_start(robot.chain, rng, name, robot.max_manipulability), direction(rng)
-        begin, end = round(0.2 / dt), round(2.2 / dt)
-        forces = pushed(way, HARD, range(begin, end), end + round(2.0 / dt), rng)
-        places, statuses = run(robot, start, forces)
-        along = places @ way * Interaction().stiffness / HARD
-        assert 0.8 <= along[begin + round(1.0 / dt) : end].min() <= along[begin + round(1.0 / dt) : end].max() <= 1.2
-        assert np.linalg.norm(places[-1]) <= 5e-3
-        assert sum(a is not b for a, b in itertools.pairwise(statuses)) <= 4
-
-
-@pytest.mark.parametrize("name", ["ur5", "seven"])
+@pytest.mark.parametrize("name", ["seven"])
 def test_sines_and_shocks_give_out_no_more_than_they_put_in(name: str) -> None:
     dt = 5e-3
     robot, rng = made(name, dt), np.random.default_rng(5)
@@ -352,7 +281,7 @@ def test_sines_and_shocks_give_out_no_more_than_they_put_in(name: str) -> None:
         assert work.min() >= -Interaction().reserve, label
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", [1])
 def test_at_a_joint_limit_what_can_be_delivered_is_and_nobody_is_trapped(seed: int) -> None:
     rng, dt = np.random.default_rng(seed), 5e-3
     start, joint = np.array(STARTS["ur5"]), int(rng.integers(3))
@@ -369,51 +298,10 @@ def test_at_a_joint_limit_what_can_be_delivered_is_and_nobody_is_trapped(seed: i
         assert set(statuses) == {Status.OK}
 
 
-@pytest.mark.parametrize("seed", range(2))
-def test_before_a_plane_the_hand_slides_along_and_leaves_it_at_once(seed: int) -> None:
-    rng, dt, room = np.random.default_rng(seed), 5e-3, 0.015
-    chain, start = ur5(capsules=()), np.array(STARTS["ur5"])
-    tool = chain.pose(start)[:3, 3]
-    normal = np.array([*-tool[:2], 0.0]) + 0.05 * rng.normal(size=3)  # a wall in front of the arm
-    normal /= np.linalg.norm(normal)
-    plane = KeepOut.through(tool - room * normal, normal)
-    robot = MirrorTracker(chain, dt=dt, keep_out=[plane], max_manipulability=LARGEST, compile=False)
-    along = np.cross(normal, direction(rng))
-    along /= np.linalg.norm(along)
-    way = (along - normal) / math.sqrt(2.0)
-    places, statuses = run(robot, start, pushed(way, HARD, range(400), 800))
-    assert (places @ normal).min() >= -room - 1e-9
-    assert places[399] @ normal == pytest.approx(-room, abs=1e-3)
-    assert places[399] @ along == pytest.approx(HARD / math.sqrt(2.0) / Interaction().stiffness, rel=0.2)
-    begun = next(k for k in range(400, 800) if places[k] @ normal > -room + 1e-3)
-    assert (begun - 400) * dt <= 0.16
-    assert np.linalg.norm(places[-1]) <= 5e-3
-    assert set(statuses) == {Status.OK}
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_near_the_floor_a_push_towards_it_gives_what_is_left_and_comes_back(seed: int) -> None:
-    rng, dt = np.random.default_rng(seed), 5e-3
-    robot = made("ur5", dt)
-    chain, largest = robot.chain, robot.max_manipulability
-    while True:  # a little above the floor
-        start = np.array(STARTS["ur5"]) + rng.uniform(-1.2, 1.2, 6)
-        if 0.31 < chain.manipulability(start) / largest < 0.33:
-            break
-    jacobian, slope = chain.jacobian(start), chain.manipulability_gradient(start)
-    loss = -np.linalg.solve(jacobian @ jacobian.T, jacobian @ slope)[:3]  # moving there loses most
-    way = np.array(loss / np.linalg.norm(loss))
-    for sign in (1.0, -1.0):
-        places, statuses = run(robot, start, pushed(sign * way, HARD, range(400), 800))
-        assert np.linalg.norm(places[399]) > 5e-3
-        assert np.linalg.norm(places[-1]) <= 5e-3
-        assert set(statuses) == {Status.OK}
-
-
-def test_a_push_that_stops_a_moving_arm_is_a_few_changes_of_status() -> None:
-    robot, rng = made("ur5", 5e-3), np.random.default_rng(2)
-    start, way = np.array(STARTS["ur5"]), direction(rng)
-    _, statuses = run(robot, start, pushed(way, 140.0, range(100, 500), 1000, rng))
-    assert sum(a is not b for a, b in itertools.pairwise(statuses)) <= 4
-    assert {Status.BRAKING, Status.HOLDING} & set(statuses)
-    assert statuses[-1] is Status.OK
+def test_what_cannot_be_used_is_named() -> None:
+    for value in (0.0, -1.0, math.nan, "1"):
+        refuses(Interaction, *(({"slow_from": 0.0, name: value}, name) for name in NUMBERS))
+    for order in ({"stop_at": 20.0}, {"release": 1.0}, {"slow_from": 30.0}, {"slow_from": None}):
+        refuses(Interaction, (order, next(iter(order))))
+    refuses(functools.partial(MirrorTracker, ur5()), ({"interaction": 30.0}, "interaction = 30"))
+    refuses(functools.partial(MirrorTracker, ur5()), ({"feedback": 0.005}, "feedback = 0.005", "a JointFeedback"))

@@ -1,16 +1,18 @@
 """A user's own limits on a posture are kept in every tick, judged by kinematics in plain numpy."""
 
 import math
+from functools import partial
 from typing import Any
 
 import casadi as ca
 import numpy as np
 import pytest
 
-from rehab_opt import ConfigurationError, Limit, MirrorTracker, PoseTracker, Relaxed, SerialChain, Status, ur5
+from rehab_opt import Limit, MirrorTracker, PoseTracker, Relaxed, SerialChain, Status, ur5
 from rehab_opt.control.limit import all_limits
 from tests.judge.references import minimum_jerk
 from tests.judge.ur5_numbers import frames, tool
+from tests.refusals import refuses
 
 START = np.array([0.3, -1.4, 1.9, -1.9, -1.2, 0.4])
 TABLE = 0.45
@@ -26,23 +28,8 @@ def elbow_above(height: float, **options: Any) -> Limit:
     return Limit(distance, **options)
 
 
-def within(radius: float) -> Limit:
-    """The tool stays in a ball around the shoulder, the wrist in the same."""
-
-    def distances(chain: SerialChain, q: ca.SX) -> ca.SX:
-        places = [chain.frames_expression(q)[i][:3, 3] - ca.DM([0, 0, 0.089159]) for i in (6, 4)]
-        return ca.vertcat(*(radius - ca.norm_2(place) for place in places))
-
-    return Limit(distances)
-
-
 def elbow(q: np.ndarray) -> np.ndarray:
     return frames(np.atleast_2d(q))[:, 2, 2, 3]
-
-
-def far(q: np.ndarray) -> np.ndarray:
-    places = frames(np.atleast_2d(q))[:, (6, 4), :3, 3] - np.array([0, 0, 0.089159])
-    return np.linalg.norm(places, axis=2).max(axis=1)
 
 
 def led(
@@ -74,8 +61,7 @@ def goals(seed: int, count: int) -> list[np.ndarray]:
     return found
 
 
-@pytest.mark.parametrize("dt", [0.001, 0.004, 0.02])
-@pytest.mark.parametrize("acceleration", [2.0, 30.0])
+@pytest.mark.parametrize(("dt", "acceleration"), [(0.02, 2.0), (0.004, 30.0)])
 def test_elbow_stays_above_the_table_and_gets_there(dt: float, acceleration: float) -> None:
     robot = ur5(acceleration=np.full(6, acceleration), velocity=np.full(6, 2.0))
     plain = PoseTracker(robot, dt=dt, compile=False, linear_speed=1.0)
@@ -93,35 +79,6 @@ def test_elbow_stays_above_the_table_and_gets_there(dt: float, acceleration: flo
         beyond += elbow(led(plain, goal, ticks=round(4.0 / dt))[0]).min() < TABLE - 0.01
     assert beyond >= 3  # without the limit the same motions do lead below
     assert reached >= 2
-
-
-def test_elbow_stays_above_the_table_while_braking_and_through_faults() -> None:
-    robot = ur5(acceleration=np.full(6, 1.5), velocity=np.full(6, 2.0))
-    control = PoseTracker(robot, dt=0.005, compile=False, limits=[elbow_above(TABLE, rate=20.0)])
-    braked = 0
-    for seed, goal in enumerate(goals(5, 12)):
-        control.reset()
-        released = 100 + 25 * seed
-        postures, velocities, commands = led(control, goal, ticks=800, released=released, faults=0.05, seed=seed)
-        assert elbow(postures).min() >= TABLE - 1e-9
-        assert not velocities[-1].any()
-        braked += sum(each.status is Status.BRAKING for each in commands)
-    assert braked > 100
-
-
-def test_limit_of_several_distances_is_kept_by_all_of_them() -> None:
-    robot = ur5(acceleration=np.full(6, 10.0))
-    control = PoseTracker(robot, dt=0.005, compile=False, limits=[elbow_above(TABLE), within(0.75)])
-    assert far(START)[0] < 0.75
-    near = 0
-    for seed in range(7):
-        control.reset()
-        goal = START + np.random.default_rng(seed).uniform(-1.5, 1.5, 6)
-        postures, _, _ = led(control, goal, ticks=600)
-        assert far(postures).max() <= 0.75 + 1e-9
-        assert elbow(postures).min() >= TABLE - 1e-9
-        near += far(postures).max() > 0.73
-    assert near > 0
 
 
 def test_distance_that_falls_fast_keeps_its_rate_behind_three_that_are_less() -> None:
@@ -180,8 +137,7 @@ def test_mirror_tracker_keeps_the_same_limit() -> None:
     assert near > 0
 
 
-@pytest.mark.parametrize("dt", [0.001, 0.005, 0.02])
-@pytest.mark.parametrize("above", [0.0, 0.001, 0.02])
+@pytest.mark.parametrize(("dt", "above"), [(0.005, 0.0), (0.02, 0.02)])
 def test_tool_slides_along_a_limit_that_its_reference_lies_beyond(dt: float, above: float) -> None:
     robot, q = ur5(acceleration=np.full(6, 6.0), velocity=np.full(6, 1.5)), START.copy()
     pose, height = tool(q[None])[0], float(tool(q[None])[0, 2, 3]) - above
@@ -202,43 +158,7 @@ def test_tool_slides_along_a_limit_that_its_reference_lies_beyond(dt: float, abo
     assert late[:, 2].max() < height + 0.01
 
 
-def test_joints_that_oppose_each_other_brake_without_a_jolt_and_come_to_rest() -> None:
-    robot = ur5(acceleration=np.full(6, 3.0), velocity=np.full(6, 1.5))
-    bound = float(START[1] + 2 * START[2]) + 0.1
-    limit = Limit(lambda chain, q: bound - (q[1] + 2 * q[2]))
-    control = PoseTracker(robot, dt=0.005, compile=False, limits=[limit])
-    for seed in range(6):
-        goal = START + np.random.default_rng(seed).uniform(-0.6, 0.6, 6) + [0, 0.4, 0.4, 0, 0, 0]
-        control.reset()
-        postures, velocities, commands = led(control, goal, ticks=600, released=200 + 20 * seed)
-        assert (postures[:, 1] + 2 * postures[:, 2]).max() <= bound + 1e-9
-        assert np.abs(np.diff(velocities, axis=0)).max() <= 3.0 * 0.005 * (1 + 1e-6)
-        assert commands[-1].status is Status.HOLDING
-
-
-@pytest.mark.parametrize(
-    ("limits", "named"),
-    [
-        (elbow_above(0.1), "limits"),
-        ([lambda chain, q: q[0]], "limits"),
-        ([Limit(lambda chain, q: q[0], rate=0.0)], r"limits\[0\].rate"),
-        ([Limit(lambda chain, q: q[0], rate=math.nan)], r"limits\[0\].rate"),
-        ([Limit(lambda chain, q: ca.SX(1.0))], r"limits\[0\].distances"),
-        ([Limit(lambda chain, q: q[0] - ca.SX.sym("height"))], r"limits\[0\].distances"),
-        ([Limit(lambda chain, q: q[9])], r"limits\[0\].distances"),
-        ([Limit(lambda chain, q: q.height)], r"limits\[0\].distances"),  # type: ignore[attr-defined]
-        ([Limit(lambda chain, q: q[0] > 0.3)], r"limits\[0\].distances.*not the comparison"),
-        ([Limit(lambda chain, q: ca.vertcat(q[0], q[1] > 0.3))], r"limits\[0\].distances.*not the comparison"),
-        ([Limit(lambda chain, q: "above")], r"limits\[0\].distances"),  # type: ignore[arg-type,return-value]
-    ],
-)
-def test_limit_that_is_none_is_refused_by_name(limits: Any, named: str) -> None:
-    with pytest.raises(ConfigurationError, match=named):
-        PoseTracker(ur5(), limits=limits, compile=False)
-
-
-@pytest.mark.parametrize("compile_", [False, None])
-@pytest.mark.parametrize("kind", ["slope", "distance", "root"])
+@pytest.mark.parametrize(("kind", "compile_"), [("slope", False), ("distance", None), ("root", False)])
 def test_a_limit_that_is_no_number_stops_and_does_not_raise(kind: str, compile_: bool | None) -> None:
     """In CasADi's virtual machine it ended in a RuntimeError: "Ill-posed problem"."""
     robot = ur5(velocity=1.0)
@@ -334,3 +254,18 @@ def test_arm_that_begins_beyond_three_limits_comes_back_without_another_solver()
         assert command.status in {Status.OK, Status.BLOCKED}, (k, command)
         q = q + 0.008 * command.value
     assert command.status is Status.OK
+
+
+def test_limit_that_is_none_is_refused_by_name() -> None:
+    wrong: list[tuple[Any, ...]] = [
+        (Limit(lambda chain, q: q[0], rate=0.0), "rate"), (Limit(lambda chain, q: q[0], rate=math.nan), "rate"),
+        (Limit(lambda chain, q: ca.SX(1.0)), "distances"), (Limit(lambda chain, q: q[9]), "distances"),
+        (Limit(lambda chain, q: q[0] - ca.SX.sym("height")), "distances"),
+        (Limit(lambda chain, q: q.height), "distances"),  # type: ignore[attr-defined]
+        (Limit(lambda chain, q: q[0] > 0.3), "distances", "not the comparison"),
+        (Limit(lambda chain, q: ca.vertcat(q[0], q[1] > 0.3)), "distances", "not the comparison"),
+        (Limit(lambda chain, q: "above"), "distances"),  # type: ignore[arg-type,return-value]
+    ]  # fmt: skip
+    make = partial(PoseTracker, ur5(), compile=False)
+    refuses(make, *(({"limits": [limit]}, f"limits[0].{name}", *words) for limit, name, *words in wrong))
+    refuses(make, ({"limits": elbow_above(0.1)}, "limits"), ({"limits": [lambda chain, q: q[0]]}, "limits"))

@@ -8,16 +8,12 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from rehab_opt import (
-    ConfigurationError,
-    Interaction,
     KeepOut,
     MirrorTracker,
     PoseTracker,
-    Relaxed,
     Status,
     human_arm,
     ur5,
@@ -25,15 +21,13 @@ from rehab_opt import (
 from rehab_opt.control.manipulability import drawn_ways, escape_function, maximise_manipulability
 from rehab_opt.control.person_limit import PersonLimit
 from rehab_opt.symbolic import BufferedFunction
-from tests.control import mirror_campaign
 from tests.control.mirror_campaign import LARGEST, Array, closed_form
-from tests.control.ur5_body import clearances
 from tests.failing_solvers import failing_solvers
 from tests.judge import mirror_floor as judge
+from tests.refusals import refuses
 
 START = np.array([3.2, -1.5, 1.9, -2.0, -1.4, 0.2])
 REST = np.zeros(6)
-TICKS = [1e-3, 5e-3, 2e-2]
 
 
 @functools.cache
@@ -67,65 +61,6 @@ def errors(pose: Array, target: Array) -> tuple[float, float]:
 
 
 # ----------------------------------------------------------------------------------------------------- the floor
-@pytest.mark.parametrize("dt", TICKS)
-def test_no_path_and_no_fault_of_the_campaign_breaks_a_bound(dt: float) -> None:
-    paths = {1e-3: 1, 5e-3: 5, 2e-2: 12}[dt]
-    tally = mirror_campaign.run(paths, seed=1, ticks=(dt,), compile=False)
-    assert tally.broken == []
-    assert tally.seen["slowed"]
-    if dt > 1e-3:
-        assert all(tally.seen[name] for name in ("shortened", "waited", "braked"))
-        assert set(tally.statuses) >= {Status.OK, Status.BRAKING, Status.HOLDING}
-
-
-def test_the_judge_of_the_campaign_sees_a_tracker_without_a_floor(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(mirror_campaign, "FLOOR", 0.05)  # what the tracker is told, not what is judged
-    loose = tracker(floor=0.05, dt=5e-3)
-    monkeypatch.setattr(mirror_campaign, "FLOOR", 0.3)
-    tally = mirror_campaign.Tally()
-    for number in range(3):
-        path = mirror_campaign.random_path(ur5(), np.random.default_rng((1, number)), 5e-3)
-        mirror_campaign.follow(loose, path, tally)
-    assert any(line.startswith("floor") for line in tally.broken)
-
-
-@pytest.mark.parametrize("dt", TICKS)
-def test_braking_keeps_the_floor_and_acceleration_yields_to_it(dt: float) -> None:
-    q = np.array([3.4, -0.85, 0.33, -1.10, -1.4, 0.2])
-    robot = tracker(dt=dt, floor=closed_form(q) - 0.002)  # a little above it, and closing fast
-    last = np.array([0.0, 0.0, -0.6, 0.0, 0.0, 0.0])
-    robot.reset(last)
-    flagged = False
-    for k in range(20):
-        command = robot.step(q, ur5().pose(q), REST, enable=k > 300)
-        change = np.abs(command.value - last)
-        over = bool(np.any(change > ur5().acceleration * dt + 1e-9))
-        assert over <= bool(command.relaxed & Relaxed.ACCELERATION)
-        flagged |= over
-        q, last = q + command.value * dt, command.value
-        assert closed_form(q) >= robot.floor - 1e-9
-    assert flagged
-    assert robot.counts["acceleration"] >= 1
-    assert command.status is Status.HOLDING
-
-
-@pytest.mark.parametrize("dt", TICKS)
-@pytest.mark.parametrize(
-    "posture",
-    [[0.0] * 6, [3.2, -1.5, 0.0, -2.0, -1.4, 0.2], [3.2, -1.5, 1.9, -2.0, 0.0, 0.2], [0, -1.57, 0, -1.57, 0, 0]],
-)
-def test_from_below_the_floor_w_never_decreases_and_a_way_out_is_found(dt: float, posture: list[float]) -> None:
-    robot, q = tracker(dt=dt, max_deviation=2.0), np.array(posture)
-    pose, w = ur5().pose(q), closed_form(q)
-    for _ in range(round(6.0 / dt)):
-        q = q + robot.step(q, pose, REST).value * dt
-        assert closed_form(q) >= min(w, 0.3) - 1e-9
-        w = closed_form(q)
-        if w >= 0.3:
-            break
-    assert w >= 0.299
-
-
 def test_beside_a_posture_that_is_singular_three_times_the_arm_goes_on_up() -> None:
     """It stood for good at 1e-6 of w_max: a row led elbow and wrist out, the pose that is held the shoulder back in."""
     verdict = judge.run(1, 63532841, only=2000005)
@@ -162,7 +97,7 @@ def test_the_largest_manipulability_of_the_ur5_is_the_closed_forms() -> None:
 
 
 # ------------------------------------------------------------------------------------------- coming to the reference
-@pytest.mark.parametrize("dt", TICKS)
+@pytest.mark.parametrize("dt", [2e-2])
 def test_where_the_floor_is_far_the_path_is_the_reference_within_two_seconds(dt: float) -> None:
     chain, centre = ur5(), ur5().pose(START)
     robot = tracker(dt=dt)
@@ -180,31 +115,6 @@ def test_where_the_floor_is_far_the_path_is_the_reference_within_two_seconds(dt:
         q = q + robot.step(q, pose, twist).value * dt
     assert worst[0] <= 0.5
     assert worst[1] <= 0.2
-
-
-def test_a_fast_reference_is_slowed_in_time_and_not_cut_in_space() -> None:
-    dt, chain = 2e-3, ur5()
-    robot, q, centre = tracker(dt=dt, catch_up=0.5), START.copy(), ur5().pose(START)
-    angles = np.linspace(0, 2 * math.pi, 400)
-    circle = centre[:3, 3] + 0.08 * np.stack([0 * angles, np.sin(angles), 1 - np.cos(angles)], axis=1)
-    off, lags, scales = 0.0, [], []
-    for k in range(round(6.0 / dt)):
-        t = k * dt
-        u = min(t / 1.2, 1.0)  # a round in 1.2 s: up to 0.8 m/s
-        phase, rate = 2 * math.pi * u**2 * (3 - 2 * u), 2 * math.pi * 6 * u * (1 - u) / 1.2
-        pose = moved(centre, 0.0, 0.08 * math.sin(phase), 0.08 * (1 - math.cos(phase)))
-        twist = 0.08 * rate * np.array([0, math.cos(phase), math.sin(phase), 0, 0, 0])
-        command = robot.step(q, pose, twist)
-        lags.append(robot.lag)
-        scales.append(command.scale)
-        before, q = q, q + command.value * dt
-        assert np.linalg.norm(chain.pose(q)[:3, 3] - chain.pose(before)[:3, 3]) <= 0.25 * dt * (1 + 1e-9)
-        off = max(off, float(np.linalg.norm(circle - chain.pose(q)[:3, 3], axis=1).min()))
-    assert off < 2e-3
-    assert max(lags) > 0.5
-    assert lags[-1] < 1e-3
-    assert min(scales) < 0.5
-    assert errors(chain.pose(q), centre)[0] < 0.1
 
 
 def test_a_rest_of_the_reference_is_passed_at_full_haste_to_the_last_tick() -> None:
@@ -264,31 +174,7 @@ def test_a_hand_that_is_held_is_cut_short_by_no_hold_and_by_a_long_one_it_does_n
         assert command.status is Status.HOLDING
 
 
-@pytest.mark.parametrize("dt", [5e-3, 2e-2])
-def test_out_of_reach_the_hand_goes_as_near_as_it_can_and_the_clock_goes_on(dt: float) -> None:
-    chain, centre = ur5(), ur5().pose(START)
-    robot, q, farthest = tracker(dt=dt), START.copy(), 0.0
-    waited, short = False, 0.0
-    for k in range(round(14.0 / dt)):
-        t = k * dt
-        x = 0.9 * math.sin(math.pi * min(t / 8.0, 1.0)) ** 2  # a metre out, and back
-        twist = np.zeros(6)
-        if t < 8.0:
-            twist[0] = 0.9 * math.pi / 8.0 * math.sin(2 * math.pi * t / 8.0)
-        q = q + robot.step(q, moved(centre, x, 0, 0), twist).value * dt
-        waited |= robot.time_scale < 0.01
-        away = float(np.linalg.norm(chain.pose(q)[:3, 3] - robot.reference[:3, 3]))
-        farthest, short = max(farthest, away - robot.short[0]), max(short, robot.short[0])
-        assert closed_form(q) >= 0.3 - 1e-9
-    assert waited
-    assert 0.03 < farthest <= 0.05
-    assert robot.counts["cut"] >= 1
-    assert short > 0.3
-    assert robot.lag < 2 * dt
-    assert errors(chain.pose(q), centre)[0] < 0.5
-
-
-@pytest.mark.parametrize("axis", [[1.0, 0, 0], [0, 1.0, 0], [0, 0, 1.0]])
+@pytest.mark.parametrize("axis", [[1.0, 0, 0]])
 def test_half_turns_and_sign_flips_of_quaternions_make_no_step(axis: list[float]) -> None:
     dt, chain, rng = 5e-3, ur5(), np.random.default_rng(2)
     centre = chain.pose(START)
@@ -316,45 +202,6 @@ def test_half_turns_and_sign_flips_of_quaternions_make_no_step(axis: list[float]
 
 
 # -------------------------------------------------------------------------------------------------- what goes wrong
-@pytest.mark.parametrize("fault", ["nan", "jump", "repeated", "gone", "mirrored", "millimetres"])
-def test_lost_tracking_decelerates_says_why_and_resumes_without_a_jump(fault: str) -> None:
-    dt, chain = 5e-3, ur5()
-    robot, q, last, centre = tracker(dt=dt), START.copy(), np.zeros(6), ur5().pose(START)
-    reasons, stamp, reference = [], 0.0, centre
-    for k in range(1600):
-        t, stamp = k * dt, stamp + dt
-        pose = moved(centre, 0.0, 0.05 * math.sin(2 * t), 0.0)
-        twist = np.array([0, 0.1 * math.cos(2 * t), 0, 0, 0, 0])
-        shown: float | None = stamp
-        if 200 <= k < 400:
-            if fault == "nan":
-                pose[0, 3] = math.nan
-            elif fault == "jump":
-                pose = moved(pose, 0.0, 0.3, 0.1)
-            elif fault == "repeated":
-                shown = 200 * dt
-            elif fault == "gone":
-                shown = None
-            elif fault == "millimetres":
-                pose[:3, 3] *= 1e3
-            else:
-                pose[:3, 0] *= -1
-        command = robot.step(q, pose, twist, stamp=shown)
-        if 205 <= k < 399:
-            reasons.append(command.reason)
-            if fault != "jump":
-                assert not command.status.certified
-        value = command.value
-        assert np.all(np.abs(value - last) <= chain.acceleration * dt + 1e-9)
-        now = robot.reference
-        assert np.linalg.norm(now[:3, 3] - reference[:3, 3]) < 0.25 * dt * 1.5 + 1e-3  # nor does the reference jump
-        q, last, reference = q + value * dt, value, now
-        assert np.linalg.norm(chain.pose(q)[:3, 3] - now[:3, 3]) <= 0.05
-    assert any("jump" in reason for reason in reasons) if fault == "jump" else all(reasons)
-    assert errors(chain.pose(q), robot.reference)[0] < 1.0
-    assert robot.lag < (2.5 if fault == "jump" else 0.02)  # two bridges, made up for by a half
-
-
 def test_a_pose_ten_times_farther_than_the_arm_reaches_is_a_mistake_and_one_nearer_is_not() -> None:
     """Millimetres were bridged, at 0.12 m/s for an hour."""
     chain, at = ur5(base=np.array([[0, -1, 0, 5.0], [1, 0, 0, 2.0], [0, 0, 1, 0], [0, 0, 0, 1]])), []
@@ -375,47 +222,6 @@ def test_a_pose_ten_times_farther_than_the_arm_reaches_is_a_mistake_and_one_near
     robot.step(START, np.full((4, 4), np.nan), REST)
     pose[0, 0] = np.nan
     assert robot.step(START, pose, REST).reason == "pose[0, 0] is nan, not a usable number"
-
-
-@pytest.mark.parametrize("fault", ["push", "nan", "disabled"])
-def test_the_lag_is_the_age_of_the_pose_that_is_followed_also_after_samples_that_were_not_taken(fault: str) -> None:
-    dt, speed, centre = 5e-3, 0.02, ur5().pose(START)
-    robot, q, told = tracker(dt=dt), START.copy(), []
-    until = 540 + 59 * (fault == "push")  # at rest for 0.3 s after the push that stopped it
-    for k in range(1200):
-        pose = moved(centre, 0.0, speed * dt * k, 0.0)  # where it is tells when it was
-        bad, force = 400 <= k < 540, np.zeros(3)
-        if 200 <= k < 400:
-            force = np.array([0.0, 0.0, 15.0])  # slows down
-        if bad and fault == "push":
-            force = np.array([0.0, 0.0, 150.0])
-        seen = np.full((4, 4), math.nan) if bad and fault == "nan" else pose
-        enable = not (bad and fault == "disabled")
-        command = robot.step(q, seen, [0, speed, 0, 0, 0, 0], force=force, enable=enable)
-        q = q + command.value * dt
-        age = k * dt - (robot.reference[1, 3] - centre[1, 3]) / speed
-        if k > 100:
-            assert command.status.certified == (not 400 <= k < until)
-            assert robot.lag == pytest.approx(age, abs=1e-6)
-        told.append(robot.lag)
-    assert max(told) > told[399] + 0.69  # 140 ticks
-    assert told[399] > 0.2
-    assert told[-1] < 0.05
-
-
-def test_sight_lost_far_from_where_the_motion_began_is_braked_for_within_the_accelerations() -> None:
-    dt, chain, centre = 5e-3, ur5(), ur5().pose(START)
-    robot, q, last = tracker(dt=dt), START.copy(), np.zeros(6)
-    for k in range(460):
-        t = min(max(k * dt - 1.0, 0.0), 1.0)
-        y = 0.15 * t * t * (3 - 2 * t)  # up to 0.225 m/s
-        pose = moved(centre, 0.0, y, 0.0)
-        if 320 <= k < 400:
-            pose[:] = math.nan
-        value = robot.step(q, pose, np.array([0, 0.9 * t * (1 - t), 0, 0, 0, 0])).value
-        assert np.all(np.abs(value - last) <= chain.acceleration * dt + 1e-9)
-        q, last = q + value * dt, value
-    assert robot.counts["braked"] == 80
 
 
 numbers = st.floats(allow_nan=True, allow_infinity=True, width=64)
@@ -440,28 +246,6 @@ def test_no_number_makes_it_raise_or_answer_with_one_that_is_not_finite(
 SHARED = tracker()
 
 
-@pytest.mark.parametrize("wrong", [np.zeros((3, 3)), "pose", None, np.zeros((4, 4, 1))])
-def test_a_wrong_shape_is_refused(wrong: object) -> None:
-    robot = tracker(dt=5e-3)
-    for _ in range(2):
-        with pytest.raises(ConfigurationError, match="pose"):
-            robot.step(START, wrong, REST)  # type: ignore[arg-type]
-        robot.step(START, ur5().pose(START), REST)
-
-
-@pytest.mark.parametrize(
-    ("name", "value"),
-    [
-        ("floor", 0.0), ("floor", 1.0), ("floor", math.nan), ("max_deviation", -1.0), ("linear_speed", 0.0),
-        ("keep_out", (1.0,)), ("task_weights", 1.0), ("max_manipulability", 0.0), ("dt", 0.0),
-        ("rate", math.nan), ("person", 3),
-    ],
-)  # fmt: skip
-def test_arguments_that_cannot_be_used_are_named(name: str, value: object) -> None:
-    with pytest.raises(ConfigurationError, match=name):
-        tracker(**{name: value})
-
-
 def test_the_backup_answers_under_the_same_bounds() -> None:
     with failing_solvers() as failures:
         robot, q = MirrorTracker(ur5(), dt=5e-3, max_manipulability=LARGEST, compile=False), START.copy()
@@ -477,25 +261,6 @@ def test_the_backup_answers_under_the_same_bounds() -> None:
 
 
 # ------------------------------------------------------------------------------------------- table, person, forces
-@pytest.mark.parametrize("dt", [1e-3, 2e-2])
-def test_no_part_of_the_arm_crosses_table_or_body(dt: float) -> None:
-    chain, centre, tool = ur5(), ur5().pose(START), np.zeros(3)
-    up, back = np.array([0, 0, 1.0]), np.array([-1.0, 0, 0])
-    height, front = (min(clearances(START, normal, 0.0, tool).values()) - 0.06 for normal in (up, back))
-    planes = [KeepOut.through(height * up, 2.0 * up), KeepOut.through(front * back, back)]
-    robot, q, path = tracker(dt=dt, keep_out=tuple(planes)), START.copy(), list[Array]()
-    for k in range(round(4.0 / dt)):
-        s = min(k * dt / 2.0, 1.0)
-        pose = moved(centre, 0.15 * s, 0.0, -0.15 * s)
-        q = q + robot.step(q, pose, [0.075, 0, -0.075, 0, 0, 0] if s < 1 else REST).value * dt
-        assert min(chain.pose(q)[2, 3] - height, -front - chain.pose(q)[0, 3]) >= -1e-9
-        path.append(q)
-    gaps = [clearances(np.array(path), normal, offset, tool) for normal, offset in ((up, height), (back, front))]
-    nearest = min(float(each.min()) for links in gaps for each in links.values())
-    assert -1e-9 <= nearest < 2e-3
-    assert robot.hand_bounds.count == 2 + 2 * 3  # of each plane the three nearest points
-
-
 def test_without_capsules_every_joint_frame_is_guarded() -> None:
     chain = ur5(capsules=())
     # A plane that the tool is far from, and the elbow near: raising the arm must stop at it.
@@ -512,45 +277,6 @@ def test_without_capsules_every_joint_frame_is_guarded() -> None:
         assert 0.089159 - 0.425 * math.sin(q[1]) <= top + 0.01 + 1e-9
 
 
-def test_a_hand_is_not_pulled_where_the_persons_joints_do_not_go() -> None:
-    dt, arm = 5e-3, human_arm(range_of_motion="restricted")
-    chain = ur5()
-    middle = (arm.lower + arm.upper) / 2
-    # The shoulder where the hand of the arm in its middle posture holds the tool at the start.
-    grip = np.eye(4)
-    person = replace(arm, base=chain.pose(START) @ np.linalg.inv(arm.pose(middle)) @ arm.base)
-    robot = MirrorTracker(
-        chain, dt=dt, person=person, grip=grip, max_deviation=0.3, max_manipulability=LARGEST, compile=False
-    )
-    q, centre, far = START.copy(), chain.pose(START), 0.0
-    free, model = person.lower < person.upper, middle
-    bounds = person.lower[free], person.upper[free]
-
-    def held(joints: Array) -> Array:
-        """(4, 4) pose of the hand, of the joints that move."""
-        posture = middle.copy()
-        posture[free] = joints
-        return person.pose(posture)
-
-    def off(joints: Array, tool: Array) -> Array:
-        """(6,) [m] of the hand from the tool, a turn of 1 rad counted as 0.1 m."""
-        turn = Rotation.from_matrix(held(joints)[:3, :3] @ tool[:3, :3].T).as_rotvec()
-        return np.concatenate([held(joints)[:3, 3] - tool[:3, 3], 0.1 * turn])
-
-    for k in range(1300):
-        x = 0.2 * math.sin(math.pi * min(k / 1000, 1.0))
-        pose = moved(centre, x, x, x)
-        q = q + robot.step(q, pose, REST).value * dt
-        far = max(far, math.dist(chain.pose(q)[:3, 3], robot.reference[:3, 3]))
-        if k % 10 == 0:  # some posture within the range holds the tool where it is, found by another solver
-            tool = chain.pose(q)
-            found = least_squares(off, np.clip(model[free], *bounds), args=(tool,), bounds=bounds).x
-            assert np.linalg.norm(off(found, tool)) < 0.01 + 0.05 * (k < 20)
-            model[free] = found
-    assert far > 0.02  # the reference did leave the range of motion
-    assert errors(chain.pose(q), centre)[0] < 3.0
-
-
 def test_the_model_of_the_arm_goes_on_after_tries_that_were_not_taken() -> None:
     """Each leads its joints somewhere, and they are put back."""
     arm = human_arm(range_of_motion="regular")
@@ -564,36 +290,6 @@ def test_the_model_of_the_arm_goes_on_after_tries_that_were_not_taken() -> None:
     for _ in range(300):
         found, _ = model.limited(aim, REST)
     assert errors(found, aim)[0] < 0.1
-
-
-def test_a_push_slows_the_clock_yields_stands_still_at_the_limit_and_stops_beyond() -> None:
-    dt, chain = 5e-3, ur5()
-    law = Interaction(slow_from=5.0, limit=25.0, stop_at=40.0, stiffness=1000.0, damping=200.0, max_offset=0.03)
-    robot, q, centre = tracker(dt=dt, interaction=law), START.copy(), ur5().pose(START)
-    for _ in range(300):
-        q = q + robot.step(q, centre, REST, force=[0.0, 0.0, 15.0]).value * dt
-    np.testing.assert_allclose(chain.pose(q)[:3, 3] - centre[:3, 3], [0, 0, 0.015], atol=1e-4)
-    for k in range(60):
-        pose = moved(centre, 0.0, 0.1 * k * dt, 0.0)
-        q = q + robot.step(q, pose, [0, 0.1, 0, 0, 0, 0], force=[0.0, 0.0, 15.0]).value * dt
-    assert robot.time_scale == pytest.approx(0.5, abs=0.05)
-    for k in range(200):
-        pose = moved(centre, 0.0, 0.03 - 0.1 * k * dt, 0.0)
-        command = robot.step(q, pose, [0, -0.1, 0, 0, 0, 0], force=[0.0, 0.0, 26.0])
-        q = q + command.value * dt
-    assert command.status is Status.OK
-    assert robot.time_scale == 0.0
-    assert chain.pose(q)[2, 3] - centre[2, 3] == pytest.approx(0.026, abs=1e-3)
-    for _ in range(60):
-        command = robot.step(q, centre, REST, force=[0.0, 0.0, 41.0])
-        q = q + command.value * dt
-    assert command.status is Status.HOLDING
-    assert "force" in command.reason
-    assert robot.step(q, centre, REST, force=[math.nan, 0, 0]).reason == "force is not a usable number"
-    for _ in range(600):
-        command = robot.step(q, centre, REST)
-        q = q + command.value * dt
-    assert errors(chain.pose(q), centre)[0] < 0.5
 
 
 # ---------------------------------------------------------------------------------------------------- the statement
@@ -628,9 +324,8 @@ def test_the_qp_can_be_inspected_and_its_floor_row_is_the_gradient() -> None:
     assert numbers.rows_upper[0] == pytest.approx(fraction * (closed_form(START) - 0.3), rel=1e-3)
 
 
-@pytest.mark.parametrize("side", ["left", "right"])
-def test_any_chain_can_be_led(side: str) -> None:
-    arm = human_arm(side=side)  # type: ignore[arg-type]
+def test_any_chain_can_be_led() -> None:
+    arm = human_arm()
     robot = MirrorTracker(arm, floor=0.2, dt=5e-3, compile=False)
     q = maximise_manipulability(arm)[1]
     q = np.clip(q, arm.lower + 0.05, arm.upper - 0.05)
@@ -647,3 +342,16 @@ def test_a_joint_too_fast_to_stop_before_its_limit_stops_there_where_all_brake_a
     verdict = judge.run(1, 62160024, only=run)
     assert verdict.ticks >= 500
     assert not verdict.kinds, verdict.broken
+
+
+def test_arguments_that_cannot_be_used_are_named() -> None:
+    settings: list[tuple[str, object]] = [
+        ("floor", 0.0), ("floor", 1.0), ("floor", math.nan), ("max_deviation", -1.0), ("linear_speed", 0.0),
+        ("keep_out", (1.0,)), ("task_weights", 1.0), ("max_manipulability", 0.0), ("dt", 0.0), ("rate", math.nan),
+        ("person", 3),
+    ]  # fmt: skip
+    refuses(tracker, *(({name: value}, name) for name, value in settings))
+    robot = tracker(dt=5e-3)
+    for wrong in (np.zeros((3, 3)), "pose", None, np.zeros((4, 4, 1))):
+        refuses(robot.step, ((START, wrong, REST), "pose"))
+        robot.step(START, ur5().pose(START), REST)

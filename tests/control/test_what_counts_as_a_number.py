@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -35,10 +36,9 @@ from rehab_opt.kinematics.chain import per_joint
 from rehab_opt.kinematics.real_array import real_array
 from rehab_opt.kinematics.rigid import rigid
 from tests.control.every_controller import CASES, COMMANDING, POSE, READY, as_new, smoother
+from tests.refusals import refuses
 
 INPUTS = [(name, k) for name in COMMANDING for k in range(len(CASES[name].inputs)) if (name, k) != ("bilateral", 1)]
-STEPPING = [name for name in COMMANDING if name != "bilateral"]  # whose `step` takes no stamp
-TIMES = [np.timedelta64(1, "ns"), np.array(1, dtype="m8[s]"), "1.0", True, np.True_]
 
 
 def masked(array: np.ndarray) -> np.ndarray:
@@ -69,52 +69,25 @@ def assert_same_command(one: Any, other: Any) -> None:
 
 
 @pytest.mark.parametrize(("name", "place"), INPUTS)
-def test_a_masked_entry_counts_as_nan(name: str, place: int) -> None:
-    command, of_nan = stepped(name, place, masked(CASES[name].inputs[place]))
-    assert not command.status.certified
-    assert command.reason
-    assert_same_command(command, of_nan)
-
-
-@pytest.mark.parametrize(("name", "place"), INPUTS)
-def test_a_masked_entry_in_a_list_counts_as_nan(name: str, place: int) -> None:
-    command, of_nan = stepped(name, place, list(masked(CASES[name].inputs[place])))
-    assert_same_command(command, of_nan)
-
-
-@pytest.mark.parametrize(("name", "place"), INPUTS)
-def test_a_masked_array_that_hides_nothing_is_an_array(name: str, place: int) -> None:
-    (_, tick), inputs = as_new(name), CASES[name].inputs
-    other, _ = as_new(name, 1)
-    given = np.ma.array(inputs[place])
-    assert_same_command(tick(), CASES[name].step(other, *inputs[:place], given, *inputs[place + 1 :]))
-
-
-@pytest.mark.parametrize(("name", "place"), INPUTS)
-@pytest.mark.parametrize("kind", ["m8[ns]", "U", "complex", "?"])
-def test_numbers_of_another_kind_are_refused_by_name_or_with_a_reason(name: str, place: int, kind: str) -> None:
+def test_what_is_masked_counts_as_nan_and_what_is_no_number_is_refused(name: str, place: int) -> None:
     inputs = CASES[name].inputs
-    whole = inputs[place].astype(np.int64) if kind.endswith("[ns]") else inputs[place]
+    for given in (masked(inputs[place]), list(masked(inputs[place]))):
+        command, of_nan = stepped(name, place, given)
+        assert not command.status.certified
+        assert command.reason
+        assert_same_command(command, of_nan)
     controller, tick = as_new(name)
     tick()
-    if name == "smoother":
-        command = CASES[name].step(controller, whole.astype(kind))
-        assert command.reason == "target is not 3 finite numbers"
-        return
-    with pytest.raises(ConfigurationError, match="real numbers"):
-        CASES[name].step(controller, *inputs[:place], whole.astype(kind), *inputs[place + 1 :])
-
-
-@pytest.mark.parametrize("name", STEPPING)
-@pytest.mark.parametrize("stamp", TIMES, ids=repr)
-def test_a_time_that_is_no_number_of_seconds_stops_the_motion(name: str, stamp: Any) -> None:
-    _, tick = as_new(name)
-    first = tick(stamp=0.0)
-    assert first.reason != "stamp is not a number of seconds"
-    command = tick(stamp=stamp)
-    assert command.reason == "stamp is not a number of seconds"
-    assert not command.status.certified
-    assert tick(stamp=0.002).reason != command.reason
+    before, after = inputs[:place], inputs[place + 1 :]
+    for kind in ("m8[ns]", "U", "complex", "?"):
+        whole = inputs[place].astype(np.int64) if kind.endswith("[ns]") else inputs[place]
+        if name == "smoother":
+            assert CASES[name].step(controller, whole.astype(kind)).reason == "target is not 3 finite numbers"
+        else:
+            refuses(partial(CASES[name].step, controller), ((*before, whole.astype(kind), *after), "real numbers"))
+    if name != "bilateral":  # whose `step` takes no stamp
+        for stamp in (np.timedelta64(1, "ns"), "1.0", True):
+            assert tick(stamp=stamp).reason == "stamp is not a number of seconds"
 
 
 def test_no_energy_is_accounted_for_the_second_that_a_nanosecond_is_not() -> None:
@@ -132,14 +105,10 @@ class TestSmoother:
         "target",
         [
             [np.array([0.1, 0.2]), 0.3, 0.4],
-            [[0.1], [0.2], [0.3]],
             [0.1, None, 0.2],
-            [0.1, "0.2", 0.3],
-            [0.1, object(), 0.3],
             {"x": 0.1},
-            "0.1",
         ],
-        ids=["array", "nested", "none", "text", "object", "mapping", "string"],
+        ids=["array", "none", "mapping"],
     )
     def test_a_ragged_target_is_a_reason_not_an_error(self, target: Any) -> None:
         axes = smoother()
@@ -211,27 +180,6 @@ def test_a_masked_place_is_no_place_for_inverse_kinematics() -> None:
     assert (solution.status, solution.reason) == (Status.HOLDING, "position is not a number")
 
 
-def test_a_boolean_is_no_setting() -> None:
-    for given in ({"gain": True}, {"dt": np.True_}, {"linear_speed": True}):
-        with pytest.raises(ConfigurationError, match=next(iter(given))):
-            PoseTracker(ur5(), compile=False, **given)  # type: ignore[arg-type]
-    for given in ({"dt": True, "max_age": 3.0}, {"dt": 0.01, "max_age": True}):
-        with pytest.raises(ConfigurationError, match="True"):
-            Watchdog(**given)  # type: ignore[arg-type]
-    for post in (Disc((True, False), 0.1), Disc((1.0, 0.0), True), HalfPlane((1.0, np.False_), 1.0)):
-        with pytest.raises(ConfigurationError, match=r"obstacles\[0\]"):
-            obstacle_numbers([post], 1)
-
-
-def test_joint_limits_and_poses_of_a_chain_are_numbers() -> None:
-    with pytest.raises(ConfigurationError):
-        ur5().with_limits(velocity=np.ma.array(np.ones(6), mask=[0, 0, 1, 0, 0, 0]))
-    with pytest.raises(ConfigurationError):
-        per_joint("lower", ["1.0", "2.0"], 2)
-    with pytest.raises(ConfigurationError):
-        rigid("tool", np.ma.array(np.eye(4), mask=np.eye(4)))
-
-
 ROW = np.linspace(0.0, 0.3, 12)
 LINE = np.column_stack([ROW, 0.5 * ROW])
 FIELD = PotentialField(LINE, stiffness=300.0, width=0.05, compile=False)
@@ -265,29 +213,6 @@ TAKEN: dict[str, tuple[str, Any, Callable[[Any], Any]]] = {
 }  # fmt: skip
 
 
-WRONG: dict[str, Callable[[np.ndarray], Any]] = {
-    "masked": masked, "complex": lambda a: a + 1e-3j, "text": lambda a: a.astype(str)
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("wrong", WRONG)
-@pytest.mark.parametrize("of", TAKEN)
-def test_no_part_of_a_path_is_dropped(of: str, wrong: str) -> None:
-    argument, usual, take = TAKEN[of]
-    with pytest.raises(ConfigurationError, match=f"(?s)^{argument}.*: expected .*(number|points|coordinates|times)"):
-        take(WRONG[wrong](usual))
-
-
-def test_what_is_masked_or_complex_is_no_place_and_no_angle() -> None:
-    assert math.isnan(FIELD.energy(masked(LINE[3])))
-    assert np.isnan(FIELD.energy(masked(LINE))[-1])
-    for ask in (FIELD.energy, FIELD.force, FIELD.stiffness, lambda x: FIELD.force(LINE[3], x), FIELD.merging_bound):
-        with pytest.raises(ConfigurationError, match=r"(?s)^[xv] = .*: expected .*metres"):
-            ask(LINE[3] + 1j)
-    with pytest.raises(ConfigurationError, match=r"(?s)^angles.*: expected numbers"):
-        range_of_motion({"elbow": ROW + 1j})
-
-
 @pytest.mark.parametrize(
     ("given", "expected"),
     [
@@ -307,33 +232,33 @@ def test_numbers_are_read_as_they_are_meant(given: Any, expected: Any) -> None:
     np.testing.assert_array_equal(found, expected)
 
 
-@pytest.mark.parametrize(
-    "given",
-    [
-        "1",
-        ["1", "2"],
-        None,
-        [None, 1.0],
-        1j,
-        np.timedelta64(1),
-        [2**70, np.timedelta64(1)],
-        [[1.0], [1.0, 2.0]],
-        {},
-        True,
-        np.True_,
-        [True, False],
-        [0.5, True],
-        ([1.0, 2.0], [np.True_, 0.0]),
-        [2**70, True],
-    ],
-    ids=repr,
-)
-def test_what_is_no_real_number_is_refused(given: Any) -> None:
-    with pytest.raises((TypeError, ValueError)):
-        real_array(given)
-
-
 def test_what_no_float_holds_is_infinite_and_what_is_too_small_nothing_whatever_numpy_is_told_to_raise() -> None:
     with np.errstate(all="raise"):
         found = real_array([np.longdouble("1e4000"), np.longdouble("-1e4000"), np.longdouble("1e-4000")])
     np.testing.assert_array_equal(found, [math.inf, -math.inf, 0.0])
+
+
+def test_what_is_no_number_is_no_argument() -> None:
+    for argument, usual, take in TAKEN.values():
+        for wrong in (masked(usual), usual + 1e-3j, usual.astype(str)):
+            refuses(take, ((wrong,), argument, ": expected "))
+    assert math.isnan(FIELD.energy(masked(LINE[3])))
+    assert np.isnan(FIELD.energy(masked(LINE))[-1])
+    for ask in (FIELD.energy, FIELD.force, FIELD.stiffness, lambda x: FIELD.force(LINE[3], x), FIELD.merging_bound):
+        refuses(ask, ((LINE[3] + 1j,), ": expected ", "metres"))
+    refuses(range_of_motion, (({"elbow": ROW + 1j},), "angles", ": expected numbers"))
+    tracker = partial(PoseTracker, ur5(), compile=False)
+    refuses(tracker, ({"gain": True}, "gain"), ({"dt": np.True_}, "dt"), ({"linear_speed": True}, "linear_speed"))
+    refuses(Watchdog, ({"dt": True, "max_age": 3.0}, "True"), ({"dt": 0.01, "max_age": True}, "True"))
+    posts = Disc((True, False), 0.1), Disc((1.0, 0.0), True), HalfPlane((1.0, np.False_), 1.0)
+    refuses(obstacle_numbers, *((([post], 1), "obstacles[0]") for post in posts))
+    refuses(ur5().with_limits, ({"velocity": np.ma.array(np.ones(6), mask=[0, 0, 1, 0, 0, 0])}, "velocity"))
+    refuses(per_joint, (("lower", ["1.0", "2.0"], 2), "lower"))
+    refuses(rigid, (("tool", np.ma.array(np.eye(4), mask=np.eye(4))), "tool"))
+    none: list[Any] = [
+        "1", ["1", "2"], None, [None, 1.0], 1j, np.timedelta64(1), [2**70, np.timedelta64(1)], [[1.0], [1.0, 2.0]], {},
+        True, np.True_, [True, False], [0.5, True], ([1.0, 2.0], [np.True_, 0.0]), [2**70, True],
+    ]  # fmt: skip
+    for given in none:
+        with pytest.raises((TypeError, ValueError)):
+            real_array(given)

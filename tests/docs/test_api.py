@@ -35,8 +35,3 @@ def test_what_the_page_names_is_there(module: str) -> None:
     missing = [name for name in names_of(module) if not hasattr(there, name)]
     assert not missing
     assert names_of(module)
-
-
-def test_what_a_status_means_is_there_to_its_end() -> None:
-    text = docstring_text.api_markdown("rehab_opt", "Status")
-    assert "a hand that stood under force is let go; the robot may still move\n" in text

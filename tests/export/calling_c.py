@@ -25,8 +25,8 @@ ROBOT = "robot/ur5_circle"
 SECONDS = 900.0
 SAME, BESIDE = 1e-12, 1e-9
 """[rad/s, m/s, N] Of recorded runs; of loops side by side, where rounding may grow from tick to tick."""
-LEVELS = {"redundancy_mecanum": "-O0", "redundancy_differential": "-O0", "mirror_tracker": "-O1"}
-"""Of what would take ten seconds or half a minute at that of the CMake file, -O2, at which the others are built."""
+LEVELS = {"pose_tracker": "-O2", "assistance": "-O2"}
+"""Of what is built at the CMake file's level; the others, which take up to half a minute so, at -O0."""
 SIZE = """\
 #include <stddef.h>
 #include "rehab_{0}.h"
@@ -37,7 +37,7 @@ size_t controller_size(void) {{ return sizeof(rehab_{0}); }}
 
 def compiled_once(folder: Path, name: str, built: Built, *, level: str | None = None) -> str:
     """Name of the controller's object file, which any test may link; where no `level` is said, with all warnings."""
-    flags = (level or LEVELS.get(name, "-O2"), "-fPIC", *(() if level else ("-Wmisleading-indentation",)))
+    flags = (level or LEVELS.get(name, "-O0"), "-fPIC", *(() if level else ("-Wmisleading-indentation",)))
     return built(folder, "controller.o", "-c", f"rehab_{name}.c", flags=flags).name
 
 

@@ -54,7 +54,10 @@ def reached_once() -> Iterator[None]:
 
 
 @pytest.mark.usefixtures("reached_once")
-@pytest.mark.parametrize("scenario", SCENARIOS)
+@pytest.mark.parametrize(
+    "scenario",
+    [each if "hold" in each else pytest.param(each, marks=pytest.mark.nightly) for each in SCENARIOS],
+)
 def test_a_scenario_s_assistance_repeats_its_trial_in_c(scenario: str, tmp_path: Path, built: Built) -> None:
     name, task = SCENARIOS[scenario]
     export_c(changed(scenario, run={"rate_hz": 200.0}, task=task), tmp_path)

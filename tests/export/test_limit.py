@@ -3,29 +3,18 @@
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from rehab_opt import Box, Clearance, KeepOut, MirrorTracker, MovingCapsule, PoseTracker, export_c, ur5
 from rehab_opt.kinematics.room import moving_numbers
 from tests.control.clearance_world import Swinging
-from tests.control.test_limit import TABLE, elbow, elbow_above, goals, led
+from tests.control.test_limit import elbow, elbow_above
 from tests.export.calling_c import SAME, Built, largest_difference
-from tests.judge.ur5_numbers import tool
 
 CLEAR = np.array([0.3, -1.4, 1.9, -1.9, -1.2, 0.4])
 
 
-def test_c_repeats_a_run_along_a_limit(built: Built, tmp_path: Path) -> None:
-    robot = ur5(acceleration=np.full(6, 10.0))
-    control = PoseTracker(robot, dt=0.005, backup="qrqp", compile=False, limits=[elbow_above(TABLE)])
-    goal = goals(3, 1)[0]
-    postures, _, _ = led(control, goal, ticks=400)
-    assert elbow(postures).min() < TABLE + 0.02
-    pose, still = tool(goal[None])[0], np.zeros(6)
-    run = [{"q": q, "pose": pose, "twist": still} for q in postures[::2]]
-    export_c(control, tmp_path, run=run)
-    assert largest_difference(tmp_path, "pose_tracker", built) <= SAME
-
-
+@pytest.mark.nightly
 def test_c_repeats_a_run_among_bodies_that_move(built: Built, tmp_path: Path) -> None:
     robot, dt = ur5(velocity=2.0), 0.01
     floor, box = KeepOut.through([0, 0, 0.1], [0, 0, 1]), Box("box", (0.0, -0.6, 0.3), (0.3, 0.2, 0.4))
@@ -43,6 +32,7 @@ def test_c_repeats_a_run_among_bodies_that_move(built: Built, tmp_path: Path) ->
     assert largest_difference(tmp_path, "pose_tracker", built) <= SAME
 
 
+@pytest.mark.nightly
 def test_c_of_a_mirrored_hand_repeats_a_run_among_bodies_that_move(built: Built, tmp_path: Path) -> None:
     """Faults of the run are among its bodies, too."""
     robot, dt, place = ur5(), 0.01, ur5().pose(CLEAR)

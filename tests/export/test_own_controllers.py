@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import re
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -33,6 +34,7 @@ from tests.export.assisting import made, made_along_a_path
 from tests.export.calling_c import SAME, Built, largest_difference, shared
 from tests.export.mirroring import redundant
 from tests.export.pairing import sides
+from tests.refusals import refuses
 
 
 def with_a_table(**options: object) -> PoseTracker:
@@ -61,12 +63,6 @@ def test_a_tracker_with_a_limit_of_its_own_commands_the_same_in_c(built: Built, 
     assert largest_difference(tmp_path, "pose_tracker", built) <= SAME
     statuses = {line.split(",")[-4] for line in (tmp_path / "recorded_run.csv").read_text().splitlines()[1:]}
     assert statuses >= {"0", "2", "3"}  # solved, braking, holding
-
-
-def led() -> PoseTracker:
-    """A tracker of late joints."""
-    robot = ur5(acceleration=np.full(6, 10.0))
-    return PoseTracker(robot, dt=0.005, feedback=JointFeedback(delay=0.015, servo_hz=15.0), compile=False)
 
 
 def led_proportionally() -> PoseTracker:
@@ -104,7 +100,10 @@ def arms_and_hands() -> dict[str, tuple[Callable[[], object], tuple[str, ...]]]:
     }  # fmt: skip
 
 
-@pytest.mark.parametrize("kind", arms_and_hands())
+@pytest.mark.parametrize(
+    "kind",
+    [each if each == "pair" else pytest.param(each, marks=pytest.mark.nightly) for each in arms_and_hands()],
+)
 def test_without_a_run_of_its_own_it_repeats_a_random_one(kind: str, built: Built, tmp_path: Path) -> None:
     make, folders = arms_and_hands()[kind]
     export_c(make(), tmp_path / "c")
@@ -115,10 +114,9 @@ def test_without_a_run_of_its_own_it_repeats_a_random_one(kind: str, built: Buil
 @pytest.mark.parametrize(
     ("make", "name", "reasons"),
     [
-        (led, "pose_tracker", True),
         (led_proportionally, "pose_tracker", True),
-        (led_mirror, "mirror_tracker", True),
-        (led_on_a_chair, "redundancy_mecanum", False),
+        pytest.param(led_mirror, "mirror_tracker", True, marks=pytest.mark.nightly),
+        pytest.param(led_on_a_chair, "redundancy_mecanum", False, marks=pytest.mark.nightly),
     ],
 )
 def test_led_joints_are_led_in_c(
@@ -161,15 +159,7 @@ def test_the_header_says_whose_joints_what_limits_which_tick_and_what_is_compute
     assert len(set(model.values())) == 3
 
 
-def test_the_header_names_the_bound_of_jerk_where_there_is_one(tmp_path: Path) -> None:
-    jerk = np.array([200.0, 250.0, 300.0, 350.0, 400.0, 450.0])
-    export_c(PoseTracker(ur5(acceleration=10.0), dt=0.004, gain=4.0, jerk=jerk, compile=False), tmp_path)
-    lines = (tmp_path / "rehab_pose_tracker.h").read_text().splitlines()
-    begin = next(k for k, line in enumerate(lines) if line.split()[1:2] == ["joint"])
-    assert lines[begin].split()[-2:] == ["acceleration", "jerk"]
-    assert [float(line.split()[-1]) for line in lines[begin + 1 : begin + 7]] == jerk.tolist()
-
-
+@pytest.mark.nightly
 @pytest.mark.parametrize("memory", [None, 56_000])
 def test_a_mirror_keeps_to_its_memory_and_says_when_samples_go(
     memory: int | None, built: Built, tmp_path: Path
@@ -187,59 +177,39 @@ def test_a_mirror_keeps_to_its_memory_and_says_when_samples_go(
     assert tracker.clock.most == most
 
 
-def test_memory_that_is_too_small_is_refused_with_what_it_takes(tmp_path: Path) -> None:
-    for controller in (redundant(), with_a_table()):
-        with pytest.raises(ConfigurationError, match=r"memory = 5000: expected at least (\d+) bytes") as refused:
-            export_c(controller, tmp_path / "c", memory=5000)
-        least = int(re.search(r"at least (\d+)", str(refused.value))[1])  # type: ignore[index]
-        export_c(controller, tmp_path / type(controller).__name__, memory=least)
-    for memory in (0, -1, 1e4, True):
-        with pytest.raises(ConfigurationError, match=r"memory = .*a number of bytes"):
-            export_c(controller, tmp_path / "c", memory=memory)  # type: ignore[arg-type]
-
-
-def test_what_cannot_become_c_is_refused_by_name(tmp_path: Path) -> None:
-    smoother = Smoother(axes=1, dt=0.01, velocity=1.0, acceleration=1.0, jerk=1.0)
-    refused = {
-        "controller = .*MirrorTracker.*PoseTracker": smoother,
-        "solver = 'proxqp': expected qrqp": PoseTracker(ur5(), solver="proxqp", compile=False),
-    }  # fmt: skip
-    for says, controller in refused.items():
-        with pytest.raises(ConfigurationError, match=says):
-            export_c(controller, tmp_path / "c")
-    for controller in (Bilateral(*sides()), load_problem("robot/ur5_circle")):
-        with pytest.raises(ConfigurationError, match="run = '1 ticks': expected None"):
-            export_c(controller, tmp_path / "c", run=[{}])
-    assert not (tmp_path / "c").exists()
-    (tmp_path / "file").touch()
-    for folder in (None, 5, tmp_path / "file", tmp_path / "file" / "below"):
-        with pytest.raises(ConfigurationError, match="folder = "):
-            export_c(PoseTracker(ur5(), compile=False), folder)  # type: ignore[arg-type]
-
-
-def test_a_run_that_step_would_not_take_is_refused_by_tick_and_name(tmp_path: Path) -> None:
-    robot = ur5()
-    tick = {"q": np.zeros(6), "pose": np.eye(4), "twist": np.zeros(6)}
-    alone, among = (
-        PoseTracker(robot, compile=False, limits=limits) for limits in ((), [Clearance(margin=0.02, moving=1)])
-    )
-    refused: list[tuple[PoseTracker, object, str]] = [
-        (alone, [], r"run = \[\]: expected a list of at least one tick"),
-        (alone, [3], r"run = \[3\]: expected a list"),
-        (alone, [tick, {**tick, "twist": np.zeros(3)}], r"run\[1\]\['twist'\] = .*shape \(6,\)"),
-        (alone, [{"q": np.zeros(6)}], r"run\[0\] = \['q'\]: expected pose among them"),
-        (alone, [{**tick, "obstacles": []}], r"run\[0\]\['obstacles'\] = \[\]: expected None"),
-        (among, [tick], r"run\[0\]\['obstacles'\] = None: expected up to 1 MovingCapsule"),
-    ]
-    for tracker, run, says in refused:
-        with pytest.raises(ConfigurationError, match=says):
-            export_c(tracker, tmp_path / "c", run=run)  # type: ignore[arg-type]
-    assert not (tmp_path / "c").exists()
-
-
 def test_a_tracker_goes_on_with_its_backup_afterwards(tmp_path: Path) -> None:
     """What export leaves behind is a tracker that was reset, and no other."""
     tracker, other = with_a_table(), with_a_table()
     export_c(tracker, tmp_path)
     for tick in hostile_run(3, 50):
         assert str(tracker.step(**tick)) == str(other.step(**tick))
+
+
+def test_what_cannot_become_c_is_refused_by_name(tmp_path: Path) -> None:
+    plain, folder, file = PoseTracker(ur5(), compile=False), tmp_path / "c", tmp_path / "file"
+    file.touch()
+    smoother = Smoother(axes=1, dt=0.01, velocity=1.0, acceleration=1.0, jerk=1.0)
+    proxqp = PoseTracker(ur5(), solver="proxqp", compile=False)
+    refuses(export_c, ((smoother, folder), "controller = ", "MirrorTracker", "PoseTracker"))
+    refuses(export_c, ((proxqp, folder), "solver = 'proxqp': expected qrqp"))
+    refuses(export_c, *(((plain, where), "folder = ") for where in (None, 5, file, file / "below")))
+    sized = partial(export_c, plain, folder)
+    refuses(sized, *(({"memory": size}, "memory = ", "a number of bytes") for size in (0, -1, 1e4, True)))
+    for controller in (Bilateral(*sides()), load_problem("robot/ur5_circle")):
+        refuses(partial(export_c, controller, folder), ({"run": [{}]}, "run = '1 ticks': expected None"))
+    with pytest.raises(ConfigurationError, match=r"memory = 5000: expected at least (\d+) bytes") as refused:
+        export_c(plain, folder, memory=5000)
+    least = int(re.search(r"at least (\d+)", str(refused.value))[1])  # type: ignore[index]
+    export_c(plain, tmp_path / "least", memory=least)
+    tick = {"q": np.zeros(6), "pose": np.eye(4), "twist": np.zeros(6)}
+    refuses(
+        partial(export_c, plain, folder),
+        ({"run": []}, "run = []: expected a list of at least one tick"),
+        ({"run": [3]}, "run = [3]: expected a list"),
+        ({"run": [tick, {**tick, "twist": np.zeros(3)}]}, "run[1]['twist'] = ", "shape (6,)"),
+        ({"run": [{"q": np.zeros(6)}]}, "run[0] = ['q']: expected pose among them"),
+        ({"run": [{**tick, "obstacles": []}]}, "run[0]['obstacles'] = []: expected None"),
+    )
+    among = PoseTracker(ur5(), compile=False, limits=[Clearance(margin=0.02, moving=1)])
+    refuses(partial(export_c, among, folder), ({"run": [tick]}, "run[0]['obstacles'] = None: expected up to 1 Moving"))
+    assert not folder.exists()

@@ -108,7 +108,7 @@ def state(rng: np.random.Generator, tracker: PoseTracker) -> tuple[np.ndarray, n
     return q, pose, rng.normal(size=6) * rng.choice([0.0, 0.1, 10.0])
 
 
-@settings(max_examples=150)
+@settings(max_examples=60)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_any_states_give_the_commands_of_python(library: ctypes.CDLL, tracker: PoseTracker, seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -127,7 +127,7 @@ def test_any_states_give_the_commands_of_python(library: ctypes.CDLL, tracker: P
         stamp = 0.0 if np.isnan(stamp) else stamp
 
 
-@settings(max_examples=30)
+@settings(max_examples=12)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_any_stamps_are_judged_as_in_python(library: ctypes.CDLL, tracker: PoseTracker, seed: int) -> None:
     """Streams that are slow, late, lost, repeated, reversed and begun anew, for as long as it takes to matter."""
@@ -143,19 +143,6 @@ def test_any_stamps_are_judged_as_in_python(library: ctypes.CDLL, tracker: PoseT
             assert_same(c.step(q, pose, twist, **told), tracker.step(q, pose, twist, **told))
             stamp += 0.0 if np.isnan(advance) else advance
         stamp -= rng.choice([0.0, 0.0, 0.0, 1.0])
-
-
-def test_a_gap_pays_back_no_more_of_a_lag_than_it_is_long(library: ctypes.CDLL, tracker: PoseTracker) -> None:
-    c, stamp, q = CTracker(library), 0.0, np.array([0.0, -1.2, 1.5, -1.8, -1.57, 0.0])
-    tracker.reset()
-    why = []
-    for advance in (*[1e-4] * 300, 0.06, *[0.001] * 5):
-        stamp += advance
-        told = {"enable": 1, "stamp": stamp}
-        answer = c.step(q, tracker.chain.pose(q), np.zeros(6), **told)
-        assert_same(answer, tracker.step(q, tracker.chain.pose(q), np.zeros(6), **told))
-        why.append(answer.why)
-    assert why[-6:] == ["STAMP_GAP", *["STATE_STALE"] * 5]
 
 
 def test_a_solver_that_writes_nothing_brakes(exported: Exported, built: Built) -> None:
@@ -181,7 +168,7 @@ def test_a_solver_that_writes_nothing_brakes(exported: Exported, built: Built) -
     assert_same(c.step(q, pose, twist, **told), tracker.step(q, pose, twist, **told))
 
 
-@settings(max_examples=200)
+@settings(max_examples=50)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_the_safe_command_is_the_one_of_python(library: ctypes.CDLL, tracker: PoseTracker, seed: int) -> None:
     rng = np.random.default_rng(seed)

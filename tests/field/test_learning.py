@@ -1,12 +1,11 @@
 """Claims about fields learnt from recorded forces."""
 
 import math
-from typing import Any
 
 import numpy as np
 import pytest
 
-from rehab_opt import ConfigurationError, PotentialField, RehabOptError
+from rehab_opt import ConfigurationError, PotentialField
 from rehab_opt.field.demonstration import Demonstration, check_agreement
 from rehab_opt.field.force_model import shared_model, station_model
 from rehab_opt.field.samples import arc_length, mean_path, resampled_path
@@ -53,15 +52,6 @@ def test_the_first_number_that_is_none_is_named(name: str) -> None:
     columns[name][[7, 9], 1] = math.nan
     with pytest.raises(ConfigurationError, match=rf"{name}\[7\] = \[.*, nan\]: expected finite"):
         Demonstration(**columns)
-
-
-@pytest.mark.parametrize("wrong", [0.01, math.nan])
-def test_the_first_time_that_does_not_rise_is_named(wrong: float) -> None:
-    times = 0.01 * np.arange(300)
-    times[[5, 8]] = wrong
-    (hand,) = led_hands(truth(), count=1)
-    with pytest.raises(ConfigurationError, match=rf"times\[5\] = {wrong}: expected finite, rising times"):
-        Demonstration(hand.positions, hand.forces, times=times)
 
 
 def test_with_noise_the_error_left_is_the_noise() -> None:
@@ -161,20 +151,6 @@ def test_the_design_is_the_force_of_the_field(rest_on_target: bool) -> None:
         np.testing.assert_allclose(model.design(x, v) @ theta, field.force(x, v), rtol=1e-9, atol=1e-8)
 
 
-@pytest.mark.parametrize("solver", ["proxqp", "daqp"])
-def test_any_solver_that_is_certified_teaches_the_same(solver: str) -> None:
-    hands = led_hands(truth(stiffness=np.linspace(400.0, 4000.0, 300), drag=0.0), samples=100)
-    field, reference = learnt(hands, per_point=True, solvers=[solver]), learnt(hands, per_point=True)
-    assert field.fit.solver == solver
-    x = np.random.default_rng(1).uniform((-0.15, 0.38), (0.15, 0.47), (20, 2))
-    np.testing.assert_allclose(field.force(x), reference.force(x), atol=0.02)
-
-
-def test_what_cannot_be_certified_is_not_learnt() -> None:
-    with pytest.raises(RehabOptError, match="certified"):
-        learnt(led_hands(truth(), samples=50), solvers=[])
-
-
 def test_the_mean_of_swaying_paths_is_smooth_and_keeps_its_ends() -> None:
     rng = np.random.default_rng(2)
     paths = [
@@ -191,26 +167,12 @@ def test_the_mean_of_swaying_paths_is_smooth_and_keeps_its_ends() -> None:
     np.testing.assert_array_equal(mean_path([still], 0.01), np.zeros((400, 2)))
 
 
-def test_velocities_come_from_positions_where_none_were_recorded() -> None:
-    times = np.array([0.0, 0.1, 0.3, 0.4])
-    positions = np.column_stack([2.0 * times, -times])
-    forces = np.zeros((4, 2))
-    for hand in (
-        Demonstration(positions, forces, times=times),
-        Demonstration(positions[:2].repeat(2, 0), forces, dt=0.1),
-    ):
-        assert hand.velocities.shape == (4, 2)
-    np.testing.assert_allclose(Demonstration(positions, forces, times=times).velocities, [[2.0, -1.0]] * 4)
-
-
 @pytest.mark.parametrize(
     ("options", "named"),
     [
-        ({"forces": np.zeros((3, 2))}, "forces"), ({"forces": np.full((4, 2), math.nan)}, "forces"),
-        ({"dt": None}, "dt"),
-        ({"dt": -1.0}, "dt"), ({"times": np.zeros(4)}, "times"), ({"positions": np.zeros((2, 2))}, "positions"),
-        ({"velocities": np.zeros(4)}, "velocities"), ({"positions": [[0.0, 1.0], [1.0]]}, "positions"),
-        ({"positions": [[[0.0, 1.0], [1.0]]] * 3}, "positions"), ({"forces": [[0.0, 1.0], [1.0]]}, "forces"),
+        ({"forces": np.zeros((3, 2))}, "forces"), ({"dt": None}, "dt"),
+        ({"times": np.zeros(4)}, "times"), ({"positions": [[0.0, 1.0], [1.0]]}, "positions"),
+
     ],
 )  # fmt: skip
 def test_a_recording_that_cannot_be_used_is_named(options: dict, named: str) -> None:
@@ -222,51 +184,14 @@ def test_a_recording_that_cannot_be_used_is_named(options: dict, named: str) -> 
 @pytest.mark.parametrize(
     ("options", "named"),
     [
-        ({"width": -1.0}, "width"), ({"held_out": [99]}, "held_out"), ({"held_out": range(10)}, "held_out"),
-        ({"held_out": 1}, "held_out"), ({"held_out": [math.nan]}, "held_out"), ({"held_out": [1.7]}, "held_out"),
-        ({"held_out": "1"}, "held_out"), ({"solvers": "daqp"}, "solvers = 'daqp'"),
-        ({"stations": 1}, "stations"), ({"solvers": ["none"]}, "solvers"), ({"regularisation": 0.0}, "regularisation"),
+        ({"width": -1.0}, "width"), ({"held_out": [99]}, "held_out"), ({"held_out": [1.7]}, "held_out"),
+        ({"solvers": "daqp"}, "solvers = 'daqp'"),
+        ({"stations": 1}, "stations"), ({"regularisation": 0.0}, "regularisation"),
     ],
 )  # fmt: skip
 def test_options_that_cannot_be_used_are_named(options: dict, named: str) -> None:
     with pytest.raises(ConfigurationError, match=f"^{named}"):
         learnt(led_hands(truth(), samples=20), **options)
-
-
-@pytest.mark.parametrize("demonstrations", [[], None, led_hands(truth(), count=1)[0]])
-def test_nothing_is_learnt_from_nothing(demonstrations: Any) -> None:
-    with pytest.raises(ConfigurationError, match="demonstrations"):
-        learnt(demonstrations)
-
-
-def test_numbers_of_numpy_are_numbers_and_a_truth_is_none() -> None:
-    (hand,) = led_hands(truth(), count=1)
-    told = Demonstration(hand.positions, hand.forces, dt=np.float32(0.5)).velocities
-    np.testing.assert_array_equal(told, Demonstration(hand.positions, hand.forces, dt=0.5).velocities)
-    with pytest.raises(ConfigurationError, match="dt = True"):
-        Demonstration(hand.positions, hand.forces, dt=True)
-    hands = led_hands(truth())
-    assert learnt(hands, width=np.array([0.015, 0.025])).fit.width == 0.025
-
-
-def test_the_standard_error_is_that_of_the_hands_not_of_the_samples() -> None:
-    """Sampled ten times as often, errors that last for a while tell nothing more."""
-    rng = np.random.default_rng(0)
-    spread = []
-    for every in (1, 10):
-        hands = []
-        for each in led_hands(truth(), noise=0.0):
-            chance = np.cumsum(rng.normal(size=each.forces.shape), axis=0)
-            slow = chance - np.linspace(chance[0], chance[-1], len(chance))
-            hands.append(
-                Demonstration(
-                    positions=each.positions[::every],
-                    forces=(each.forces + slow / slow.std())[::every],
-                    velocities=each.velocities[::every],
-                )
-            )
-        spread.append(learnt(hands).fit.standard_error["stiffness"])
-    assert spread[0] == pytest.approx(spread[1], rel=0.5)
 
 
 def test_the_standard_error_covers_what_repeated_demonstrations_scatter() -> None:

@@ -1,15 +1,13 @@
 """A judge of the controllers that does not believe them: `python -m tests.judge`.
 
 It imports nothing of `rehab_opt` but the public controllers and value types; kinematics, integration, geometry and
-energy are its own, in plain numpy. Each module with `PROMISES` holds one promise, quoted from a docstring or README,
-and offers
+energy are its own, in plain numpy. Each module with `GUARANTEES` judges guarantees of docs/guarantees.md, and offers
 
-    PROMISES  what is quoted, and where it stands
+    GUARANTEES  their ids on that page
     LEAST     situation -> least number of ticks in it, per 10^6 ticks, without which nothing is proven: `Verdict.asked`
     CI_TICKS  how many ticks a slice in CI takes
     SHARE     its part of a campaign's ticks beside 1.0 of the others (optional)
     run(ticks, seed, *, only=None) -> Verdict   `only`: the number of one run of this seed, to see a broken claim again
 
-Loops record, numpy judges the whole run afterwards. Whether they see anything is shown by faults that are planted into
-a copy of the package: `python -m tests.judge.faults`.
+Loops record, numpy judges the whole run afterwards.
 """

@@ -17,28 +17,9 @@ from rehab_opt import ArmIK, human_arm, ur5
 from tests.judge.numbering import numbered
 from tests.judge.ur5_numbers import LIMIT, jacobian, tool
 from tests.judge.ur5_numbers import READY as ROBOT_READY
-from tests.judge.verdict import Promise, Verdict
+from tests.judge.verdict import Verdict
 
-PROMISES = (
-    Promise("rehab_opt/control/arm_ik.py", "Posture of least cost with the hand at a position, the handle upright and "
-            "every joint inside its limits."),
-    Promise("rehab_opt/control/arm_ik.py", "where the position cannot be reached, the posture with the hand nearest to "
-            "it. `solve` and `follow` answer to any numbers; q is always finite and inside its limits."),
-    Promise("rehab_opt/control/posture.py", "range_i is the joint's range of motion, counted as at least 0.1 rad and "
-            "at most 2 pi. A term that has nothing to refer to yet is left out; where that leaves nothing, \"rest\" "
-            "decides."),
-    Promise("rehab_opt/control/arm_ik.py", "[rad] Largest change of a joint between two samples: a jump to another "
-            "branch shows here."),
-    Promise("rehab_opt/optim/nlp.py", "its step and multipliers are those of the exact Hessian, and "
-            "convergence stays quadratic."),
-    Promise("rehab_opt/control/posture.py", "w^2 over its mean over the range of motion"),
-    Promise("rehab_opt/control/arm_ik.py", "Below 1e-5 the handle is aligned exactly. The default is 2 deg: exact "
-            "alignment empties the restricted workspace"),
-    Promise("rehab_opt/control/arm_ik.py", "[m] distance from the hand to the target; infinite where the target is "
-            "not a number."),
-    Promise("rehab_opt/control/arm_ik.py", "[rad] angle between the handle and the vertical."),
-    Promise("rehab_opt/control/arm_ik.py", "A posture is left for another branch only where it cannot be continued;"),
-)  # fmt: skip
+GUARANTEES = ("G25",)
 LEAST = {"status ok": 141_000, "status unreachable": 28_000, "status holding": 2000, "range regular": 100_000,
          "range restricted": 66_000, "followed": 66_000,
          "a tilt that cannot be held": 20_000, "a robot's posture continued": 300_000}  # fmt: skip

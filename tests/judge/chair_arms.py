@@ -23,21 +23,11 @@ from rehab_opt import Capsule, CapsuleOnLink, RedundancyResolver, Relaxed, Seria
 from tests.judge.chair_held import BRAKING, SIZE
 from tests.judge.chair_robot import STAND_OFF, segments_apart
 from tests.judge.numbering import numbered
-from tests.judge.verdict import Promise, Verdict
+from tests.judge.verdict import Verdict
 
 Array = NDArray[np.float64]
 
-PROMISES = (
-    Promise("rehab_opt/kinematics/arm_on_chair.py", "The arm's capsules stay out of `keep_out`; an arm without "
-            "capsules is taken for segments from joint to joint."),
-    Promise("rehab_opt/kinematics/arm_on_chair.py", "A chair with any arm of at least four turning joints on it"),
-    Promise("rehab_opt/kinematics/mobile_arm.py", "[m] of the arm's links from joint to joint, as capsules, where the "
-            "chain has no capsules of its own."),
-    Promise("rehab_opt/control/redundancy.py", "roll7 about the z axis of the tool, which is ARDIS's wrist axis"),
-    Promise("rehab_opt/control/redundancy.py", "Never broken, in this order: joint and chassis speeds"),
-    Promise("rehab_opt/control/redundancy.py", "Accelerations therefore yield only where an obstacle, or a velocity "
-            "given to `reset`, came too late for that, within 2 mm, or on the way out of an obstacle."),
-)  # fmt: skip
+GUARANTEES = ("G02", "G12", "G13")
 LEAST = {"a keep-out near": 30_000, "stopped before a keep-out": 5000, "capsules of the file": 200_000,
          "segments from joint to joint": 100_000, "the hand as asked": 20_000, "law judged": 50_000}  # fmt: skip
 CI_TICKS = 3600

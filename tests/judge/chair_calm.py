@@ -17,14 +17,9 @@ from tests.judge.chair_claims import judge_ticks
 from tests.judge.chair_moved import PLACES
 from tests.judge.chair_robot import Array, Chair
 from tests.judge.chair_runs import SETS, Part, Run, command, held, posture, record, resolver
-from tests.judge.verdict import Promise, Verdict
+from tests.judge.verdict import Verdict
 
-PROMISES = (
-    Promise(
-        "rehab_opt/control/chair_and_arm.py",
-        "in between, between them: light joints stay calm, and a chair whose hand stands comes to rest.",
-    ),
-)
+GUARANTEES = ("G12",)
 LEAST = {"solver active set": 200_000, "an arm that can do no more": 5_000}
 CI_TICKS = 9000
 SHARE = 0.5

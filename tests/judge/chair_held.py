@@ -37,42 +37,9 @@ from tests.judge.chair_runs import (
     record,
     resolver,
 )
-from tests.judge.verdict import Promise, Verdict
+from tests.judge.verdict import Verdict
 
-PROMISES = (
-    Promise(
-        "rehab_opt/control/redundancy.py", "then accelerations; then the task, which keeps its direction and is slowed"
-    ),
-    Promise(
-        "rehab_opt/control/redundancy.py",
-        "T is the time in which every joint stops from its largest speed.",
-    ),
-    Promise(
-        "rehab_opt/control/redundancy.py",
-        "Under a constant command the hand, after T + 1 s, is no faster than "
-        "commanded by more than 2 % and moves no faster than 2 % of that against it.",
-    ),
-    Promise(
-        "rehab_opt/control/redundancy.py",
-        "While it brakes before a bound it may leave the direction, by less "
-        "than 15 % of the commanded speed across and against it",
-    ),
-    Promise(
-        "rehab_opt/control/redundancy.py",
-        "Accelerations therefore yield only where an obstacle, or a velocity given to `reset`, came too late for "
-        "that, within 2 mm, or on the way out of an obstacle.",
-    ),
-    Promise(
-        "rehab_opt/control/redundancy.py", "Where the bounds leave nothing of the command, the status is `BLOCKED`."
-    ),
-    Promise("rehab_opt/control/redundancy.py", "the chair turns at 0.1 rad/s and goes 0.05 m/s at most"),
-    Promise("rehab_opt/control/redundancy.py", "1 mm + reach ((1.1 T a dt)^2 + (sum a dt^2)^2) / 2 before it"),
-    Promise("rehab_opt/control/redundancy.py", "Forget the past."),
-    Promise(
-        "rehab_opt/control/command.py",
-        "Fraction of the commanded motion that is delivered, 0 to 1, 1 where none is commanded",
-    ),
-)
+GUARANTEES = ("G12",)
 LEAST = {
     "solver closed form": 1e5,
     "solver active set": 3e5,

@@ -41,37 +41,9 @@ from tests.judge.clearance_bodies import (
 )
 from tests.judge.joint_feedback import OVERSHOOT, Observer, Plan, Servo
 from tests.judge.numbering import numbered
-from tests.judge.verdict import Answers, Promise, Verdict
+from tests.judge.verdict import Answers, Verdict
 
-PROMISES = (
-    Promise("rehab_opt/control/redundancy.py", "what the posture has to keep besides, in the world frame: `Limit`, and "
-            "a `Clearance` of the arm, of which links are pairs that chair and arm move."),
-    Promise("rehab_opt/control/redundancy.py", "Without a command nothing is given way to."),
-    Promise("rehab_opt/control/redundancy.py", "Beyond one already, and beside a body that comes, "
-            "accelerations yield to it, which `Relaxed.ACCELERATION` says, and so do the rates of others; beside such "
-            "a body the law is not promised."),
-    Promise("rehab_opt/control/redundancy.py", "Where a link comes round an edge of one that stands, the hand may be "
-            "0.3 of its command across, for T."),
-    Promise("rehab_opt/control/clearance.py", "a chair's law is promised of no fewer than by default."),
-    Promise("rehab_opt/control/redundancy.py", "what moves, now, in the world frame"),
-    Promise("rehab_opt/control/redundancy.py", "act on where the arm's joints are led, see `PoseTracker`; joint limits "
-            "hold there and where they are. The base acts on its measured place"),
-    Promise("docs/capabilities/chair_and_arm.md", "A joint that gives way to a body is stopped at its limit at once: "
-            "behind a late servo it swings on by its speed over 2 pi times `servo_hz` at most"),
-    Promise("docs/capabilities/clearance.md", "of chair and arm without any they are segments from joint to joint, "
-            "also the column, which the chair alone moves"),
-    Promise("rehab_opt/control/limit.py", "every distance h(q) at zero or above, at the end of every tick."),
-    Promise("rehab_opt/control/limit.py", "`Relaxed.POSITION` says that h(q) is below zero"),
-    Promise("rehab_opt/control/limit.py", "by default 1/T, T the longest of the joints' speeds over their "
-            "accelerations, so that all joints can brake together before it."),
-    Promise("rehab_opt/control/clearance.py", "among bodies that stand still, no pair that was clear comes nearer than "
-            "`margin`, and one that was nearer gets no nearer, in any tick, braking ones included"),
-    Promise("rehab_opt/control/clearance.py", "the arm's own motion never adds to that, and `Relaxed.POSITION` says "
-            "so."),
-    Promise("rehab_opt/control/redundancy.py", "Never broken, in this order: joint and chassis speeds"),
-    Promise("rehab_opt/control/redundancy.py", "Until a position can be read, the middle of a joint's range is taken "
-            "for it, where limits hold and accelerations yield to them."),
-)  # fmt: skip
+GUARANTEES = ("G07", "G08")
 # A stick that leads at a limit stays there, or never comes: of 75 000 ticks 0 to 1000 are at one kind.
 LEAST = {
     "status ok": 400_000, "status blocked": 10_000, "braking near a limit": 30, "law judged": 1000,

@@ -29,23 +29,9 @@ from tests.judge.chair_runs import (
     record,
     resolver,
 )  # fmt: skip
-from tests.judge.verdict import Promise, Verdict
+from tests.judge.verdict import Verdict
 
-PROMISES = (
-    Promise(
-        "rehab_opt/control/redundancy.py",
-        "Never broken, in this order: joint and chassis speeds, wheel speeds and rolling; then no joint goes beyond "
-        "its limit, or further beyond, and neither does the chair into an obstacle nor the arm into a keep-out; then "
-        "accelerations",
-    ),
-    Promise("rehab_opt/control/redundancy.py", "without a command there is no motion"),
-    Promise("rehab_opt/control/redundancy.py", "One that appears around the chair lets it out, and not further in"),
-    Promise(
-        "rehab_opt/control/redundancy.py",
-        "what is not usable gives the safe command, decelerating within the limits, and its reason",
-    ),
-    Promise("rehab_opt/control/redundancy.py", "the dead-man input; anything but true decelerates to rest"),
-)
+GUARANTEES = ("G01", "G02", "G04", "G13")
 LEAST = {
     "a joint at its limit": 2e4,
     "a joint outside its limits": 20,

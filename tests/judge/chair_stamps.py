@@ -15,24 +15,9 @@ import numpy as np
 from tests.judge.chair_claims import judge_ticks
 from tests.judge.chair_moved import PLACES
 from tests.judge.chair_runs import READY, SETS, Part, Run, command, record, resolver
-from tests.judge.verdict import Promise, Verdict
+from tests.judge.verdict import Verdict
 
-PROMISES = (
-    Promise("rehab_opt/control/redundancy.py", "time of the state [s]; checked by the watchdog when given."),
-    Promise(
-        "rehab_opt/control/watchdog.py",
-        "Finds repeated, reversed, missing and delayed time stamps",
-    ),
-    Promise("rehab_opt/control/watchdog.py", "Largest age [s] of a state at a nominal tick dt [s]: 50 ms"),
-    Promise(
-        "rehab_opt/control/watchdog.py",
-        "Share by which the stamps' clock may run slower than the ticks for ever, ten times what two quartz clocks do.",
-    ),
-    Promise(
-        "rehab_opt/control/chair_and_arm.py",
-        "Go on where another set of rows ends: its velocity, position and stamps are this one's.",
-    ),
-)
+GUARANTEES = ("G05",)
 KINDS = ("repeated", "reversed", "restarted", "nan", "inf", "missing", "after a gap")
 LEAST = {f"a stamp {each}": 500.0 for each in KINDS} | {
     "stamps behind": 1e4,

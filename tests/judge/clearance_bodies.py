@@ -18,23 +18,9 @@ from tests.judge.numbering import numbered
 from tests.judge.references import good_posture, minimum_jerk, reaches
 from tests.judge.sensor_faults import Schedule, schedule, spoilt
 from tests.judge.ur5_numbers import LIMIT, frames, hand_twist, jacobian, tool, turn_between
-from tests.judge.verdict import Promise, Verdict
+from tests.judge.verdict import Verdict
 
-PROMISES = (
-    Promise("rehab_opt/control/clearance.py", "among bodies that stand still, no pair that was clear comes nearer than "
-            "`margin`, and one that was nearer gets no nearer, in any tick, braking ones included"),
-    Promise("rehab_opt/control/clearance.py", "a body that moves is given way to within speed and joint limits: "
-            "accelerations yield to it. As long as some velocity within them keeps every pair, none comes nearer than "
-            "`margin`."),
-    Promise("rehab_opt/control/pose_tracker.py", "s slows the motion down where the bounds demand, so that its "
-            "direction is kept."),
-    Promise("rehab_opt/control/clearance.py", "the arm's own motion never adds to that, and `Relaxed.POSITION` says "
-            "so."),
-    Promise("rehab_opt/control/clearance.py", "names of links that keep clear of each other, or None for those that "
-            "neither are neighbours nor overlap at half of all postures; the tuple () for none."),
-    Promise("rehab_opt/control/clearance.py", "a number that cannot be used, a body that is none, a robot without "
-            "capsules, nothing to keep clear of."),
-)  # fmt: skip
+GUARANTEES = ("G08",)
 LEAST = {"at the margin of a capsule": 20_000, "at the margin of a box": 10_000, "at the margin of a plane": 3000,
          "at the margin of a body that moves": 10_000, "at the margin of a link": 1000, "gives way to one body": 1000,
          "braking near a body": 1000, "nothing near, all of the task": 20_000, "may go on": 150_000}  # fmt: skip

@@ -13,19 +13,9 @@ import numpy as np
 
 from rehab_opt.control.conditioning import Conditioner, conditioned
 from tests.judge.numbering import numbered
-from tests.judge.verdict import Promise, Verdict
+from tests.judge.verdict import Verdict
 
-PROMISES = (
-    Promise("rehab_opt/control/conditioning.py", "The whole recording at once (`conditioned`) and sample by sample "
-            "(`Conditioner`) give the same numbers."),
-    Promise("rehab_opt/control/conditioning.py", "Sight counts as lost between samples more than `max_gap` apart, and "
-            "where a hand would have had to move faster than one can. After that the filter starts anew."),
-    Promise("rehab_opt/control/conditioning.py", "[s] by which the filter delays a steady motion: 2 (1 - a)/a ticks; "
-            "live, a sample interval comes on top."),
-    Promise("rehab_opt/control/conditioning.py", "Samples left out: not finite, stamps that do not advance, spikes."),
-    Promise("rehab_opt/control/conditioning.py", "Samples that must agree before a stretch counts: fewer are a "
-            "tracker's spike."),
-)  # fmt: skip
+GUARANTEES = ("G19",)
 LEAST = {"sight lost": 50_000, "after a jump": 1000, "steady": 200_000, "turning steadily": 200_000}
 CI_TICKS = 12_000
 SHARE = 0.1

@@ -15,28 +15,9 @@ from rehab_opt import BoundedForce
 from tests.judge.force_runs import Run, runs
 from tests.judge.numbering import numbered
 from tests.judge.sensor_faults import STAMPS, expected, gaps
-from tests.judge.verdict import Promise, Verdict
+from tests.judge.verdict import Verdict
 
-PROMISES = (
-    Promise("rehab_opt/control/bounded_force.py", "The force bound holds exactly and always. The slew bound holds but "
-            "for a flagged release (`Relaxed.SLEW`): the force is zero at once when the hand moves faster than "
-            "`speed_cap`, or the energy left no longer affords a release within the slew bound."),
-    Promise("rehab_opt/control/bounded_force.py", "a jump after samples that were not usable, or a rest so exact that "
-            "the sensor may have been frozen, which counts as the motion of all that time"),
-    Promise("rehab_opt/control/bounded_force.py", "velocity_lag : [s] of the velocity that is estimated where none is "
-            "given: two low-passes of half of it. It lags by this and half a tick."),
-    Promise("rehab_opt/control/bounded_force.py", "A missing answer, a sensor value that is no number, a stale stamp, "
-            "an open dead-man switch: the force falls to zero within the slew bound."),
-    Promise("rehab_opt/control/bounded_force.py", "Never raises on numbers: what is not usable gives a release, and "
-            "its reason."),
-    Promise("rehab_opt/control/bounded_force.py", "growth_limit : [N/s] rate at which a force comes that the person "
-            "has not felt of late: beyond the largest of the last ticks, of which force_limit / 2 s fades."),
-    Promise("rehab_opt/control/bounded_force.py", "Help that the energy left holds back says so in its reason."),
-    Promise("rehab_opt/control/watchdog.py", "Largest age [s] of a state at a nominal tick dt [s]: 50 ms, and never "
-            "less than three ticks."),
-    Promise("rehab_opt/control/command.py", "of assistance: of the desired force, along it. Less than a thousandth, of "
-            "a desired force beyond `force_limit` of that, is 0: `BLOCKED`."),
-)  # fmt: skip
+GUARANTEES = ("G01", "G05", "G21")
 LEAST = {"solver closed form": 4e5, "solver qrqp": 5e4,
          "at the force limit": 2000, "at the slew limit": 14_000, "held back by its growth": 5000, "relaxed slew": 50,
          "wanted in full": 14_000, "status releasing": 81, "status released": 5000, "reason not enabled": 300,

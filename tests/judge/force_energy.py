@@ -18,19 +18,9 @@ import numpy as np
 from rehab_opt import BoundedForce
 from tests.judge.force_runs import Run, runs
 from tests.judge.numbering import numbered
-from tests.judge.verdict import Promise, Verdict
+from tests.judge.verdict import Verdict
 
-PROMISES = (
-    Promise("rehab_opt/control/bounded_force.py", "The energy delivered stays within the budget as long as the hand "
-            "stays below the speed cap and ticks come within `max_age`; a faster hand can draw the force limit times "
-            "its jump more, once, before the release."),
-    Promise("rehab_opt/control/bounded_force.py", "what may be delivered to the hand until `reset`, net of what the "
-            "hand puts in"),
-    Promise("rehab_opt/control/bounded_force.py", "[J] what may certainly still be delivered."),
-    Promise("rehab_opt/control/energy_tank.py", "the next position settles it, and one that jumps right after it "
-            "disputes that. Energy that the hand puts in is given back, up to the budget, where every step of it was "
-            "seen."),
-)  # fmt: skip
+GUARANTEES = ("G22",)
 LEAST = {"hand greedy": 17_000, "hand shuttle": 32_000, "nine tenths of the budget drawn": 53,
          "the tank holds the force back": 5000, "ticks that come late": 3000, "hand fast": 14_000,
          "energy put in by the hand": 20_000, "the sensor is frozen, the hand moves": 53,

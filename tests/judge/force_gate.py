@@ -17,26 +17,9 @@ import shapely
 from rehab_opt import Assistance, PotentialField, Workspace
 from tests.judge.force_runs import THERAPY, Run, assistance, draw, hand_path, runs, signed_distance
 from tests.judge.numbering import numbered
-from tests.judge.verdict import Promise, Verdict
+from tests.judge.verdict import Verdict
 
-PROMISES = (
-    Promise("rehab_opt/control/assistance.py", "Inside the comfortable workspace a therapy mode wants no force: its "
-            "size never grows there, and is exactly zero after force_limit / slew_limit seconds."),
-    Promise("rehab_opt/control/gate.py", "stretch, assist, resist (therapy): nothing inside the comfortable workspace, "
-            "the field outside"),
-    Promise("rehab_opt/control/gate.py", "The field pulls with `pull_limit` [N] at most, and its damping comes off "
-            "that"),
-    Promise("rehab_opt/control/gate.py", "follow, hold (help in a task): the field inside; outside a pull back to the "
-            "nearest comfortable point, of a stiffness [N/m] and at most a force [N]."),
-    Promise("rehab_opt/control/assistance.py", "Let the field stand (dx, dy) [m] from where it was made, for a target "
-            "that moves"),
-    Promise("rehab_opt/control/assistance.py", "Empty where every hand comes to rest."),
-    Promise("rehab_opt/field/settling.py", "the hand comes to rest if and only if L lags by less than 180 degrees "
-            "there"),
-    Promise("rehab_opt/field/settling.py", "Mass of an arm as the hand feels it, across its long axis and along it."),
-    Promise("rehab_opt/field/potential.py", "damping : D [N s/m], scalar or (2,)"),
-    Promise("rehab_opt/field/potential.py", "drag : k1 [N/m]: along the path the force is 2 k1 (length)."),
-)  # fmt: skip
+GUARANTEES = ("G23",)
 LEAST = {"therapy inside": 20_000, "therapy outside": 50_000, "task inside": 8000, "task outside": 24_000,
          "therapy long inside": 5000, "mode stretch": 20_000, "mode assist": 20_000, "mode resist": 20_000,
          "pull back at its largest": 3000, "pull that is cut": 20_000,

@@ -14,16 +14,9 @@ import numpy as np
 from rehab_opt import BoundedForce
 from tests.judge.force_runs import hand_path
 from tests.judge.numbering import numbered, run_length
-from tests.judge.verdict import Promise, Verdict
+from tests.judge.verdict import Verdict
 
-PROMISES = (
-    Promise("rehab_opt/control/bounded_force.py", "[s] from a command until its force acts, and from a position until "
-            "`step` gets it, together."),
-    Promise("rehab_opt/control/bounded_force.py", "[s] time constant at which the acting force follows."),
-    Promise("rehab_opt/control/bounded_force.py", "[s] by which each of them may be more than was given."),
-    Promise("rehab_opt/control/bounded_force.py", "what may be delivered to the hand until `reset`, net of what the "
-            "hand puts in"),
-)  # fmt: skip
+GUARANTEES = ("G22",)
 LEAST = {"half of the budget drawn": 20_000, "the acting force is another": 20_000, "hand greedy": 20_000,
          "hand shuttle": 20_000, "hand sly": 20_000, "hand hidden": 20_000, "told late": 20_000,
          "later than said": 20_000, "lags more": 20_000, "frozen": 20_000}  # fmt: skip

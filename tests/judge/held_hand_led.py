@@ -18,20 +18,11 @@ from rehab_opt import JointFeedback, PoseTracker, ur5
 from tests.judge.numbering import numbered
 from tests.judge.references import good_posture
 from tests.judge.ur5_numbers import jacobian, tool
-from tests.judge.verdict import Promise, Verdict
+from tests.judge.verdict import Verdict
 
 Array = NDArray[np.float64]
 
-PROMISES = (
-    Promise("rehab_opt/control/held_hand.py", "along the way v the hand may be led no further than 0.75 `contact` "
-            "ahead of where it usually is, `room`;"),
-    Promise("rehab_opt/control/held_hand.py", "Where s is more in two ticks (one sample may lie), the hand is held."),
-    Promise("rehab_opt/control/joint_feedback.py", "[m] by which the hand of an arm that moves freely is not left "
-            "behind all of a sudden at a steady speed, on a way on which its joints have a lever of 1 m together; less "
-            "on others."),
-    Promise("rehab_opt/control/joint_feedback.py", "A hand that runs into something is noticed by where it is left "
-            "behind"),
-)  # fmt: skip
+GUARANTEES = ("G10",)
 LEAST = {"held": 200_000, "left behind by less": 20_000, "one sample that lies": 50_000}
 CI_TICKS = 1200
 SHARE = 0.25

@@ -20,7 +20,7 @@ from rehab_opt import Command, JointFeedback, PoseTracker, ur5
 from tests.judge.numbering import numbered
 from tests.judge.references import good_posture, reference
 from tests.judge.ur5_numbers import LIMIT, hand_twist, tool
-from tests.judge.verdict import Promise, Verdict
+from tests.judge.verdict import Verdict
 
 LINEAR, ANGULAR = 0.5, 1.0
 """[m/s, rad/s] largest hand speeds."""
@@ -28,37 +28,7 @@ REACH = 1.2
 """[m] of a UR5's links in line: more than its hand's way bends in a tick."""
 Array = NDArray[np.float64]
 
-PROMISES = (
-    Promise("rehab_opt/control/joint_feedback.py", "Here it acts on its own reference q_led instead, the joints' "
-            "positions once all commands have arrived"),
-    Promise("rehab_opt/control/joint_feedback.py", "at most 128 ticks, whole or not."),
-    Promise("rehab_opt/control/joint_feedback.py", "whether a joint that moves steadily is where its commands lead: "
-            "its servo has integral action, or feeds the speed forward. Without, as q' = k (q_commanded - q), it is "
-            "behind by speed / k, k = 2 pi `servo_hz`."),
-    Promise("rehab_opt/control/joint_feedback.py", "The task's error is that of q_led + d"),
-    Promise("rehab_opt/control/joint_feedback.py", "The target is taken to be where its twist leads it while a command "
-            "is on its way"),
-    Promise("rehab_opt/control/joint_feedback.py", "A following error above `tolerance` for longer than `patience` is "
-            "a joint that is blocked, an encoder that stands still, or an axis that turns the wrong way: the "
-            "controller brakes, says which joint, and rests until `reset`"),
-    Promise("rehab_opt/control/joint_feedback.py", "An error that large corrects nothing, and a sample that is no "
-            "number neither ends nor hides a fault."),
-    Promise("rehab_opt/control/joint_feedback.py", "Position limits hold for q_led and for q_led + e"),
-    Promise("rehab_opt/control/joint_feedback.py", "an error that a joint makes at less than `correction` times "
-            "`tolerance` is no fault."),
-    Promise("rehab_opt/control/joint_feedback.py", "rate at which limits are approached: a third of the servo's pole, "
-            "so that it does not run past them."),
-    Promise("rehab_opt/control/joint_feedback.py", "2/(3 (T + 1/p)) of the delay T and the servo's pole p: largest "
-            "gain on what is measured."),
-    Promise("rehab_opt/control/joint_feedback.py", "from a command until the joint moves: half of the delay, which is "
-            "all that is known of it."),
-    Promise("docs/capabilities/real_servos.md", "The robot brakes within 0.2 s and 0.03 rad over the commanded speed, "
-            "says which joint, and rests until `reset`, or until `enable` was released. No fault are delays of 40 ms"),
-    Promise("docs/capabilities/real_servos.md", "a servo of 24 Hz, noise of 0.2 mrad, a joint that sticks for 0.1 s, "
-            "and robots that move another share of the commands, a tenth or ten times as much."),
-    Promise("docs/capabilities/certificates.md", "A joint that moves less than 8 % of the way that it is commanded is "
-            "seen after 0.2 s, and 0.03 rad or m"),
-)  # fmt: skip
+GUARANTEES = ("G09",)
 KINDS = ("blocked", "nothing", "wrong way", "limits", "encoder still", "knocked", "offset", "blind", "drifting")
 NAMES = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
 FOR_GOOD = ("blocked", "wrong way", "encoder still")

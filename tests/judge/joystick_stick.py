@@ -2,8 +2,6 @@
 
 Judged against a model of its own: the round dead zone by hypot, the change of deflection a tick, presses of two buttons
 counted with the debounce. Deflections come as people move them, with tremor and with numbers that are none.
-
-Besides, being the cheapest judge, it holds the documented defaults of all controllers.
 """
 
 from __future__ import annotations
@@ -14,22 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt import Joystick
-from tests.judge.documented_defaults import defaults
 from tests.judge.numbering import numbered, run_length
 from tests.judge.references import reaches, tremor
-from tests.judge.verdict import Promise, Verdict
+from tests.judge.verdict import Verdict
 
-PROMISES = (
-    Promise("rehab_opt/control/joystick.py", "A round dead zone takes tremor away and leaves the direction; beyond it "
-            "the speed grows from zero. The deflection follows the hand at `rate`; letting go stops at once"),
-    Promise("rehab_opt/control/joystick.py", "After a change of mode, at the beginning and after a fault the stick "
-            "must have been let go before it moves anything."),
-    Promise("rehab_opt/control/joystick.py", "the button that changes the mode, on the press. gripper : the one that "
-            "opens and closes it."),
-    Promise("rehab_opt/control/joystick.py", "What the user asks for now. Never raises on numbers."),
-    Promise("rehab_opt/control/joystick.py", "[m/s or rad/s], read-only; zero where nothing is commanded, and of rows "
-            "that the mode holds."),
-)  # fmt: skip
+GUARANTEES = ("G15",)
 LEAST = {"moving": 57_000, "in the dead zone": 50_000, "to be let go first": 5000, "numbers that are none": 518,
          "mode changed": 500, "rate limited": 9000, "gripper changed": 1000}  # fmt: skip
 CI_TICKS = 10_000
@@ -44,9 +31,8 @@ MODES = (
 
 
 def run(ticks: int, seed: int, *, only: int | None = None) -> Verdict:
-    """Sticks, and the defaults of all controllers."""
+    """Sticks."""
     verdict = Verdict("joystick_stick", seed, LEAST)
-    defaults(verdict)
     for number, rng in numbered(verdict, ticks, only):
         one_run(verdict, number, rng)
     return verdict

@@ -29,20 +29,9 @@ from tests.judge.limited_arms import Arm, draw
 from tests.judge.numbering import numbered
 from tests.judge.references import minimum_jerk
 from tests.judge.ur5_numbers import hand_twist, jacobian, manipulability, tool, turn_between
-from tests.judge.verdict import Promise, Verdict
+from tests.judge.verdict import Verdict
 
-PROMISES = (
-    Promise("rehab_opt/control/reference_velocity.py", "Without it, keeping the direction of an undeliverable motion "
-            "would stop the arm where going on to the nearest pose is wanted."),
-    Promise("rehab_opt/control/mirror.py", "[m/rad] what a turn of the hand counts for against its place where both "
-            "cannot be had."),
-    Promise("rehab_opt/control/limit.py", "every distance h(q) at zero or above, at the end of every tick. h(q) >= 0, "
-            "met as the barrier grad h . q' >= -rate h"),
-    Promise("rehab_opt/control/limit.py", "A `MirrorTracker`, whose accelerations do not yield to it, meets it faster "
-            "where braking of all joints alike does."),
-    Promise("rehab_opt/control/limit.py", "kept by the QP, the shortened step and the safe command."),
-    Promise("rehab_opt/control/pose_tracker.py", "They come before accelerations and hold while braking, too."),
-)  # fmt: skip
+GUARANTEES = ("G07",)
 LEAST = {"the floor is active at rest": 10_000,
          "mirror, at rest beyond a limit": 50_000, "tracker, at rest beyond a limit": 5000,
          "a user's limit is active at rest": 20_000, "the plane is active at rest": 10_000,

@@ -14,19 +14,9 @@ import numpy as np
 from rehab_opt import MirrorTracker, ur5
 from tests.judge.mirror_runs import Run, runs
 from tests.judge.ur5_numbers import LARGEST, manipulability
-from tests.judge.verdict import Promise, Verdict
+from tests.judge.verdict import Verdict
 
-PROMISES = (
-    Promise("rehab_opt/control/mirror.py", "w(q + q' dt) / w_max >= min(floor, w / w_max) holds in every tick, also "
-            "while braking. Where the acceleration bound is in the way of it, it yields, is flagged and counted."),
-    Promise("rehab_opt/control/mirror.py", "W / w_max where the last command leads."),
-    Promise("rehab_opt/control/hand_bounds.py", "recovery_speed : share of the joints' speeds at which the arm is led "
-            "back above the floor."),
-    Promise("docs/capabilities/mirror.md", "The arm keeps its branch (elbow, wrist, shoulder): a reference that "
-            "crosses a singular surface is not followed across it."),
-    Promise("rehab_opt/control/manipulability.py", "It is a lower bound of the true maximum; of the UR5 it is the "
-            "closed form's to 1e-9."),
-)  # fmt: skip
+GUARANTEES = ("G02", "G16")
 LEAST = {"at the floor": 250, "below the floor": 250, "back above the floor": 40, "above the floor": 103_000,
          "20 s after a start below the floor": 40,
          "relaxed acceleration": 40, "reason step shortened: the bounds' tangents promised too much": 50,

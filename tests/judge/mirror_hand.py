@@ -15,18 +15,9 @@ import numpy as np
 from tests.judge.mirror_floor import joint_bounds
 from tests.judge.mirror_runs import Run, runs
 from tests.judge.ur5_numbers import hand_twist, manipulability, tool
-from tests.judge.verdict import Answers, Promise, Verdict
+from tests.judge.verdict import Answers, Verdict
 
-PROMISES = (
-    Promise("rehab_opt/control/mirror.py", "the linear one is a bound on the tool's origin that "
-            "holds at every instant of every tick"),
-    Promise("rehab_opt/control/mirror.py", "max_deviation : [m] of the tool from the reference that the clock stands "
-            "at, cut to what it can do (`short`)."),
-    Promise("docs/capabilities/mirror.md", "The floor, the hand speed, the planes and the largest deviation are "
-            "checked on the true state at the end of each tick"),
-    Promise("rehab_opt/optim/dual_active_set.py", "it cannot cycle, whatever bounds meet in a corner."),
-    Promise("rehab_opt/control/tool_speed.py", "What |p'| does not exceed in a tick, from its beginning alone"),
-)  # fmt: skip
+GUARANTEES = ("G17",)
 LEAST = {"solver closed form": 1e5, "solver active set": 2e3,
          "at the largest hand speed": 250, "near the largest deviation": 250, "status braking": 100,
          "ticks of 20 ms at the largest hand speed": 50,

@@ -19,18 +19,9 @@ from tests.judge.arm_ik_answers import RANGES, hand_pose
 from tests.judge.numbering import numbered
 from tests.judge.references import good_posture, minimum_jerk
 from tests.judge.ur5_numbers import LARGEST, manipulability, tool, turn_between
-from tests.judge.verdict import Promise, Verdict
+from tests.judge.verdict import Verdict
 
-PROMISES = (
-    Promise("rehab_opt/control/mirror.py", "the reference is limited to its range of motion (`PersonLimit`). grip : "
-            "(4, 4) pose of the tool in its hand frame."),
-    Promise("rehab_opt/control/person_limit.py", "The nearest pose to a moving one that an arm of this range of motion "
-            "follows to, joint by joint."),
-    Promise("rehab_opt/control/person_limit.py", "The model arm keeps its joint limits exactly and never jumps; where "
-            "the pose is within its range it is given back, but for a lag of the model below a millimetre."),
-    Promise("rehab_opt/control/person_limit.py", "posture from which the first pose is found; default the middle of "
-            "the range of motion."),
-)  # fmt: skip
+GUARANTEES = ("G20",)
 LEAST = {"within the range": 50_000, "beyond the range": 50_000, "judged at rest": 500, "told the middle": 30_000}
 CI_TICKS = 3600
 SHARE = 0.05

@@ -14,22 +14,9 @@ from tests.judge.mirror_runs import draw, tracker
 from tests.judge.numbering import numbered
 from tests.judge.references import KINDS, good_posture, minimum_jerk, reference
 from tests.judge.ur5_numbers import hand_twist, manipulability, tool
-from tests.judge.verdict import Promise, Verdict
+from tests.judge.verdict import Verdict
 
-PROMISES = (
-    Promise("rehab_opt/control/mirror.py", "The whole motion along a recording, with every guarantee of `step` and the "
-            "future known."),
-    Promise("rehab_opt/control/mirror.py", "Jumps of the reference are bridged, at half the hand speeds"),
-    Promise("rehab_opt/control/mirror.py", "samples that `step` would refuse, such as NaN, are bridged."),
-    Promise("rehab_opt/control/mirror_plan.py", "Whether the reference's end was reached; where it was not, the motion "
-            "ends early, and at rest too."),
-    Promise("rehab_opt/control/mirror_plan.py", "(M,) [s] of the reference's own time; over a jump it runs as the "
-            "bridge takes."),
-    Promise("rehab_opt/control/mirror_plan.py", "(M,) seconds by which `clock` goes on in a second, in the tick "
-            "that brings it there: 1 is the recording's own pace; less where the bridge over a jump takes longer than "
-            "the recording, 0 once the clock stands at its end."),
-    Promise("rehab_opt/control/mirror_plan.py", "[s] by which the motion ends later than the reference."),
-)  # fmt: skip
+GUARANTEES = ("G19",)
 LEAST = {"at the largest hand speed": 250, "slowed": 20_000, "lost sight": 1000, "reference read": 100_000,
          "easy": 50_000, "complete": 100_000}  # fmt: skip
 CI_TICKS = 6000

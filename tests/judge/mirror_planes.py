@@ -12,13 +12,9 @@ import numpy as np
 from tests.judge.mirror_floor import joint_bounds
 from tests.judge.mirror_runs import Run, runs, spike_heights
 from tests.judge.ur5_numbers import links
-from tests.judge.verdict import Promise, Verdict
+from tests.judge.verdict import Verdict
 
-PROMISES = (
-    Promise("rehab_opt/control/mirror.py", "beyond which at the end of no tick there is a link's capsule"),
-    Promise("rehab_opt/kinematics/room.py", "The plane through `point` (3,) [m] that keeps the arm on the side of "
-            "`normal` (3,), of any length."),
-)  # fmt: skip
+GUARANTEES = ("G18",)
 LEAST = {"a plane is near": 219, "the hand is nearest to it": 5000, "another link is nearest to it": 219,
          "status braking": 100}  # fmt: skip
 CI_TICKS = 4000

@@ -14,16 +14,9 @@ from tests.judge.mirror_runs import Settings, draw, tracker
 from tests.judge.numbering import numbered
 from tests.judge.references import good_posture, minimum_jerk
 from tests.judge.ur5_numbers import hand_twist, manipulability, tool
-from tests.judge.verdict import Promise, Verdict
+from tests.judge.verdict import Verdict
 
-PROMISES = (
-    Promise("rehab_opt/control/mirror.py", "A stretch that the arm cannot do is followed as near as the hand comes "
-            "from where it is: once it stands short of the reference, or the clock has waited for a second longer than "
-            "it went on, deviations count from there on (`short`), and the clock goes on."),
-    Promise("rehab_opt/control/mirror.py", "the joint path is passed in the least time within the same bounds"),
-    Promise("rehab_opt/control/mirror.py", "How many ticks relaxed acceleration, were shortened, waited, braked, and "
-            "how often the hand was cut short."),
-)  # fmt: skip
+GUARANTEES = ("G19",)
 LEAST = {"cut": 200, "waited": 5000, "short": 50_000, "judged at the end": 10_000, "planned to the end": 50_000}
 CI_TICKS = 6000
 SHARE = 0.1

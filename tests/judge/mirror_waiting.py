@@ -21,26 +21,11 @@ from tests.judge.numbering import numbered
 from tests.judge.references import good_posture
 from tests.judge.sensor_faults import expected
 from tests.judge.ur5_numbers import LARGEST, jacobian, manipulability, tool, turn_between
-from tests.judge.verdict import Promise, Verdict
+from tests.judge.verdict import Verdict
 
 Array = NDArray[np.float64]
 
-PROMISES = (
-    Promise("rehab_opt/control/mirror.py", "It slows down where the reference is faster than the hand may be, where "
-            "the deviation grows and where the person pushes, waits at the largest deviation, and catches up "
-            "afterwards; what was slowed is late, not cut."),
-    Promise("rehab_opt/control/mirror.py", "[s] by which the reference that is followed is older than the newest, "
-            "taken or not."),
-    Promise("rehab_opt/control/mirror.py", "what is not usable gives the safe command, decelerating within the limits, "
-            "and its reason; the clock waits meanwhile."),
-    Promise("rehab_opt/control/mirror.py", "its `scale` is the time scaling, at most 1."),
-    Promise("rehab_opt/control/interaction.py", "[N] at which the reference stands still."),
-    Promise("rehab_opt/control/interaction.py", "At `stop_at` the arm decelerates to rest, as it does without a usable "
-            "force; it goes on after `hold` seconds in a row below `release` x `stop_at`."),
-    Promise("rehab_opt/control/interaction.py", "[N] from which the reference slows down."),
-    Promise("rehab_opt/control/interaction.py", "Admittance of a led hand, M x'' + B x' + K x = F"),
-    Promise("rehab_opt/control/interaction.py", "[m] largest displacement of the reference."),
-)  # fmt: skip
+GUARANTEES = ("G01", "G19")
 LEAST = {"late": 32_000, "waiting": 2000, "caught up": 3000, "pushed": 20_000, "pushed to the limit": 2000,
          "stopped": 1500, "given way to a push": 2000, "status braking": 500, "status holding": 2000,
          "fault disabled": 100}  # fmt: skip

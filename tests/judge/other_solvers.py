@@ -19,21 +19,9 @@ from tests.judge.arm_ik_answers import RANGES, hand
 from tests.judge.numbering import numbered
 from tests.judge.references import good_posture, reference
 from tests.judge.ur5_numbers import LIMIT
-from tests.judge.verdict import Promise, Verdict
+from tests.judge.verdict import Verdict
 
-PROMISES = (
-    Promise("rehab_opt/control/bounded_force.py", "The QP for a hand at x (2,) moving at v (2,), with the last force "
-            "and the energy of now, for inspection."),
-    Promise("rehab_opt/optim/recorder.py", "of each solver's QPs, how many are let pass first, and how many are then "
-            "kept; None for all."),
-    Promise("rehab_opt/optim/nlp_solvers.py", "Bounds that fatrop's fixed widening (1e-8, relative above 1) turns into "
-            "the ones given, equalities untouched."),
-    Promise("docs/capabilities/certificates.md", "Every answer is judged by residuals computed from the statement, not "
-            "by the solver's word"),
-    Promise("docs/capabilities/solvers.md", '`solver=` takes "qrqp" (compiled with everything else into one '
-            'function), "proxqp" and "osqp" (kept alive), or any solver known to qpsolvers; `ArmIK` takes "sqp" '
-            '(ours), "ipopt", "fatrop", "sqpmethod".'),
-)  # fmt: skip
+GUARANTEES = ("G06",)
 KNOWN = "known to qpsolvers"
 """A solver that qpsolvers knows and nobody else: DAQP under another name."""
 SOLVERS = tuple(name for name in ("proxqp", "osqp", "daqp", "quadprog") if name in qpsolvers.available_solvers)

@@ -16,19 +16,9 @@ import shapely
 from rehab_opt import Bilateral, HelperSide, ParticipantSide, Workspace, WorkspaceMap
 from tests.judge.force_runs import hand_path
 from tests.judge.numbering import numbered, run_length
-from tests.judge.verdict import Promise, Verdict
+from tests.judge.verdict import Verdict
 
-PROMISES = (
-    Promise("rehab_opt/control/bilateral.py", "what one hand puts in can move the other, and whatever the delay and "
-            "the hands do, no more leaves than the tanks held at first and the hands put in since."),
-    Promise("rehab_opt/control/bilateral_sides.py", "Draws the participant's hand to the image of the helper's, inside "
-            "the participant's comfortable workspace."),
-    Promise("rehab_opt/control/bilateral.py", "A message takes the delay and one tick."),
-    Promise("rehab_opt/control/bilateral_sides.py", "Without a new message the force is released, inside the workspace "
-            "and outside it."),
-    Promise("rehab_opt/control/bilateral.py", "the transpose of the map's Jacobian, so that power is the same on both "
-            "sides."),
-)  # fmt: skip
+GUARANTEES = ("G22",)
 LEAST = {"more than half of both tanks drawn": 2000, "hand greedy": 30_000, "hand shuttle": 58_000,
          "before the first message": 1000, "equal power compared": 125, "pull compared": 125,
          "status released": 1000, "disabled": 3000}  # fmt: skip

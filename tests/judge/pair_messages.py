@@ -16,22 +16,9 @@ from rehab_opt.control.bilateral_sides import FromHelper, FromParticipant
 from tests.judge.force_runs import hand_path
 from tests.judge.numbering import numbered, run_length
 from tests.judge.pair_energy import SOURCE, TARGET, ellipse, mapped
-from tests.judge.verdict import Promise, Verdict
+from tests.judge.verdict import Verdict
 
-PROMISES = (
-    Promise("rehab_opt/control/bilateral_sides.py", "Draws the participant's hand to the image of the helper's, inside "
-            "the participant's comfortable workspace."),
-    Promise("rehab_opt/control/bilateral_sides.py", "[1/s] fraction of the tank's energy, beyond what its force may "
-            "still draw, that is given away a second."),
-    Promise("rehab_opt/control/bilateral.py", "Messages are numbered: one that comes twice, or after a later one, "
-            "counts as none, so that no energy is taken twice; what is lost with one is lost."),
-    Promise("rehab_opt/control/bilateral_sides.py", "Without a new message the force is released, inside the workspace "
-            "and outside it."),
-    Promise("rehab_opt/control/bounded_force.py", "Beyond the budget it is lost, and so is what is no number or not "
-            "above zero."),
-    Promise("rehab_opt/control/bilateral_sides.py", "where the hand is [m], force on it [N], energy given [J], and a "
-            "number."),
-)  # fmt: skip
+GUARANTEES = ("G24",)
 LEAST = {"no force so far": 100_000, "force": 100_000, "all given at once": 20_000, "message lost": 50_000,
          "message twice": 15_000, "message late": 15_000, "energy that nobody can mean": 15_000,
          "told a place": 100_000, "a full tank": 10_000, "a tank nearly empty": 10_000}  # fmt: skip

@@ -24,22 +24,9 @@ from tests.judge.force_runs import Run, Settings
 from tests.judge.numbering import numbered, run_length
 from tests.judge.references import tremor
 from tests.judge.sensor_faults import schedule
-from tests.judge.verdict import Promise, Verdict
+from tests.judge.verdict import Verdict
 
-PROMISES = (
-    Promise("rehab_opt/control/path_assistance.py", "moved by the person, in order; it cuts no detour longer than two "
-            "widths. The furthest that it ever was is the progress, and never goes back."),
-    Promise("rehab_opt/control/path_assistance.py", "moves s back with the hand, by six widths of the path at "
-            "most."),
-    Promise("rehab_opt/control/path_assistance.py", "p(s) the place of the path and t its direction there, "
-            "so that along the path the hand moves freely."),
-    Promise("rehab_opt/control/path_assistance.py", "until the hand comes to a place further along the path, where the "
-            "force grows again within 0.3 s."),
-    Promise("rehab_opt/control/path_assistance.py", "Fraction of the path, 0 to 1, that the hand has covered. It "
-            "stands while a hand is let go."),
-    Promise("rehab_opt/control/path_progress.py", "s goes on only while the hand is within F/S and a width, F the "
-            "force limit, of p(s) or of one of the next 40 places, which are a width apart."),
-)  # fmt: skip
+GUARANTEES = ("G23",)
 LEAST = {
     "near another branch": 1696,
     "standing": 20_000,

@@ -20,24 +20,9 @@ from tests.judge.mirror_runs import Settings, draw, tracker
 from tests.judge.numbering import numbered
 from tests.judge.references import good_posture, reaches
 from tests.judge.ur5_numbers import LIMIT, frames, links, manipulability, tool, turn_between
-from tests.judge.verdict import Promise, Verdict
+from tests.judge.verdict import Verdict
 
-PROMISES = (
-    Promise("docs/capabilities/mirror.md", "many postures go along the path at once, each to the nearest pose within "
-            "its joint limits"),
-    Promise("docs/capabilities/mirror.md", "so nothing that some posture reaches is lost because the arm stood in a "
-            "corner of its range."),
-    Promise("rehab_opt/control/arm_path.py", "(N,) which sample of what was asked: the same again while the posture "
-            "changes."),
-    Promise("rehab_opt/control/arm_path.py", "(N, 6) [m/s, rad/s] mean over the tick before; at the first zero."),
-    Promise("rehab_opt/control/arm_path.py", "[rad] from sample to sample, from which on the recording waits for the "
-            "posture to change."),
-    Promise("docs/capabilities/mirror.md", "A pose counts within 1 mm and 1 deg."),
-    Promise("rehab_opt/control/seats.py", "(N, M) whether the posture has the pose, above the floor and outside every "
-            "keep-out; none where the first posture is under the floor or outside the joint limits."),
-    Promise("rehab_opt/control/seats.py", "where a pose is out of reach, the walk goes on from the nearest posture of "
-            "the same branch."),
-)  # fmt: skip
+GUARANTEES = ("G25",)
 LEAST = {
     "walked": 100_000, "walked, not done": 10_000, "walked, that postures have": 30_000, "along a path": 100_000,
     "along a path, out of reach": 1000, "along a path, the wrist near stretched": 20_000,

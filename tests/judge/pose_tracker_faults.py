@@ -14,20 +14,9 @@ from numpy.typing import NDArray
 from tests.judge.pose_tracker_runs import Run, runs, speeds
 from tests.judge.sensor_faults import expected
 from tests.judge.ur5_numbers import hand_twist
-from tests.judge.verdict import Promise, Verdict
+from tests.judge.verdict import Verdict
 
-PROMISES = (
-    Promise("docs/capabilities/certificates.md", "Letting go of `enable`, a stale or repeated `stamp`, a sensor value "
-            "that is no number, a target that is no rigid pose: the joints decelerate within the bounds and hold, "
-            "and resume without a jump."),
-    Promise("rehab_opt/control/pose_tracker.py", "Never raises on numbers: what is not usable gives the safe command, "
-            "decelerating within the limits, and its reason."),
-    Promise("rehab_opt/control/pose_tracker.py", "the dead-man input; anything but true decelerates to rest."),
-    Promise("rehab_opt/control/pose_tracker.py", "Who brakes keeps to them, too: joints wait for the one that rests "
-            "last."),
-    Promise("rehab_opt/control/watchdog.py", "largest age of a state, and largest gap between two [s]"),
-    Promise("rehab_opt/control/command.py", "Why this is not a plain OK, or what holds help back; empty otherwise."),
-)  # fmt: skip
+GUARANTEES = ("G01", "G05")
 LEAST = {"status braking": 3000, "status holding": 10_000, "reason not enabled": 1000, "reason stamp repeated": 500,
          "reason q[#] is #, not a usable number": 1000, "reason pose is not a rigid transform": 500,
          "reason twist[#] is #, not a usable number": 500, "reason pose[#, #] is #, not a usable number": 500,

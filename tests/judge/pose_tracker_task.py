@@ -15,18 +15,9 @@ from numpy.typing import NDArray
 
 from tests.judge.pose_tracker_runs import Run, runs, speeds
 from tests.judge.ur5_numbers import hand_twist, jacobian, tool, turn_between
-from tests.judge.verdict import Promise, Verdict
+from tests.judge.verdict import Verdict
 
-PROMISES = (
-    Promise("rehab_opt/control/command.py", "Fraction of the commanded motion that is delivered, 0 to 1, 1 where none "
-            "is commanded; of a tracker: along the reference twist, feedback included"),
-    Promise("rehab_opt/control/pose_tracker.py", "the reference twist is `twist` plus `gain` times the pose error, "
-            "less where the joints could not stop at the target, and no faster than the hand speeds allow."),
-    Promise("rehab_opt/control/pose_tracker.py", "[1/s] rate at which a pose error decays; slower from farther off "
-            "than the accelerations can brake from."),
-    Promise("rehab_opt/control/pose_tracker.py", "largest hand speeds; faster requests are slowed, not cut."),
-    Promise("docs/capabilities/certificates.md", "Then the task: the hand keeps its direction and slows down."),
-)  # fmt: skip
+GUARANTEES = ("G04",)
 LEAST = {"solver closed form": 3e5, "solver active set": 5e4, "solver dual active set": 5e3,
          "task relaxed": 96_000, "task delivered": 36_000, "slowed to the hand speed": 2000,
          "straight possible, slowed by the joints": 80,

@@ -10,30 +10,15 @@ from scipy.interpolate import PchipInterpolator
 
 from rehab_opt import Smoother, smooth_path
 from tests.judge.numbering import numbered
-from tests.judge.verdict import Promise, Verdict
+from tests.judge.verdict import Verdict
 
-PROMISES = (
-    Promise("rehab_opt/control/smoothing.py", "A recorded or planned path, from rest to rest, for a drive: late where "
-            "its axes are too slow, not elsewhere."),
-    Promise("rehab_opt/control/smoothing.py", "[s] ticks from the first time of the path, until its last point is "
-            "reached."),
-    Promise("rehab_opt/control/smoothing.py", "[s] of the path's own time at which these are passed: it never runs "
-            "back, nor faster than the ticks do."),
-    Promise("rehab_opt/control/smoothing.py", "[u] largest distance from the path at that time."),
-    Promise("rehab_opt/control/smoothing.py", "[s] by which the last point is reached later than the path has it."),
-    Promise("rehab_opt/control/smoothing.py", "[u] by which an axis may leave the path."),
-    Promise("rehab_opt/control/smoothing.py", "interpolated by shape-preserving cubics, which leave no range the "
-            "points keep."),
-    Promise("rehab_opt/control/smoothing.py", "those outside the position bounds are moved onto them."),
-    Promise("rehab_opt/control/smoother.py", "A target further away than this at full speed is a fault, not a target"),
-    Promise("rehab_opt/control/smoother.py", "a scalar stands for all."),
-)  # fmt: skip
+GUARANTEES = ("G03",)
 LEAST = {"a path that is too fast": 100_000, "a path within the bounds": 100_000, "waiting": 50_000,
          "at its own pace": 50_000}  # fmt: skip
 CI_TICKS = 6_000
 SHARE = 0.1
 LATE = 0.1
-"""[s] of delay that is allowed to a path within the bounds, beside the window of the average."""
+"""[s] of delay that is allowed to a path within the bounds, beside the distance of two control points."""
 
 
 def run(ticks: int, seed: int, *, only: int | None = None) -> Verdict:
@@ -94,13 +79,13 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
     verdict.within("the path is passed backwards", -pace, 1e-9)
     verdict.within("the path's ends are left out [s]", np.abs(each.phase[[0, -1]] - times[[0, -1]]), 1e-9)
     verdict.within("error of the delay that is told [s]", abs(each.delay - (each.times[-1] - times[-1])), 1e-9)
-    # The longest window and the largest accelerations for which jerk and tolerance are kept.
-    window = float(np.minimum(2 * acceleration / jerk, np.cbrt(48 * tolerance / jerk)).max()) + 2 * dt
-    gentle = np.minimum(np.minimum(acceleration, jerk * (window - 2 * dt) / 2), 24 * tolerance / window**2)
+    # Accelerations and jerks that leave the timing its part of the bounds, and bends that the tolerance leaves alone.
+    apart = max(dt, float(np.minimum(2 * acceleration / jerk, np.cbrt(12 * tolerance / jerk)).max()))
+    gentle = np.minimum(np.minimum(acceleration, jerk * apart / 2), 6 * tolerance / apart**2)
     fine = np.linspace(times[0], times[-1], 4000)
     speed, change = np.abs(known(fine, 1)), np.abs(known(fine, 2))
     if (speed < 0.9 * velocity).all() and (change < 0.5 * gentle).all():
-        verdict.within("delay of a path within the bounds [s]", each.delay, LATE + window)
+        verdict.within("delay of a path within the bounds [s]", each.delay, LATE + apart)
         verdict.during("at its own pace", np.ones(ticks, dtype=bool), dt)
     verdict.during("waiting", np.r_[pace < 0.5, False], dt)
     if alike:

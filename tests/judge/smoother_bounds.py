@@ -19,17 +19,9 @@ from rehab_opt import Smoother
 from tests.judge.numbering import numbered, run_length
 from tests.judge.references import reaches, sudden, tremor
 from tests.judge.sensor_faults import STAMPS, expected, schedule
-from tests.judge.verdict import Promise, Verdict
+from tests.judge.verdict import Verdict
 
-PROMISES = (
-    Promise("rehab_opt/control/smoother.py", "Follows targets with every axis inside its position, velocity, "
-            "acceleration and jerk bounds."),
-    Promise("rehab_opt/control/smoother.py", "A target outside the position bounds is clipped to them. A disabled "
-            "smoother, a target that is not a plausible number and a stale stamp bring all axes to rest as fast as the "
-            "bounds allow and hold them there; from wherever that is, the motion goes on without a jump."),
-    Promise("rehab_opt/control/smoother.py", "An axis outside its bounds is led back at `recovery_speed`."),
-    Promise("rehab_opt/control/smoother.py", "which is then followed without `lag`."),
-)  # fmt: skip
+GUARANTEES = ("G01", "G03")
 LEAST = {"at the velocity bound": 5000, "at the acceleration bound": 5000, "at the jerk bound": 10_000,
          "at a position bound": 4000, "outside a position bound": 53, "status braking": 1000, "status holding": 2000,
          "on a target that is held": 20_000, "on a target that moves": 20_000,

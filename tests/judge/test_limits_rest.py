@@ -6,6 +6,8 @@ import pytest
 
 from tests.judge import limits_rest
 
+pytestmark = pytest.mark.nightly
+
 
 def test_a_hand_held_beyond_the_floor_in_ticks_of_20_ms_does_not_go_to_and_fro() -> None:
     verdict = limits_rest.run(250, 20281231, only=82)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 import importlib
 import math
 import pkgutil
@@ -29,31 +28,6 @@ FEW = 5000
 """Ticks of a slice that is too short for a thousandth."""
 MOST_SHOWN = 5
 """Broken claims of one kind that are kept with their numbers; all are counted."""
-
-
-class Promise(NamedTuple):
-    """A sentence of the project, and the file in which it stands."""
-
-    file: str
-    text: str
-
-    def stands(self) -> bool:
-        """Whether it stands in a docstring of that Python file, or in that text, whitespace folded."""
-        return folded(self.text) in folded(documentation(ROOT / self.file))
-
-
-def documentation(path: Path) -> str:
-    """Docstrings of a Python file, attributes' included; all of another file."""
-    text = path.read_text(encoding="utf-8")
-    if path.suffix != ".py":
-        return text
-    strings = (node.value for node in ast.walk(ast.parse(text)) if isinstance(node, ast.Expr))
-    return "\n".join(each.value for each in strings if isinstance(each, ast.Constant) and isinstance(each.value, str))
-
-
-def folded(text: str) -> str:
-    """`text` with each run of white space as one blank."""
-    return " ".join(text.split())
 
 
 class Broken(NamedTuple):
@@ -243,14 +217,14 @@ class Answers(NamedTuple):
 
 
 def judges(names: Iterable[str] | None = None) -> dict[str, ModuleType]:
-    """Modules of `tests.judge` that hold a promise, by name; only these names where some are given."""
+    """Modules of `tests.judge` that judge guarantees, by name; only these names where some are given."""
     package = importlib.import_module("tests.judge")
     found = {}
     for each in pkgutil.iter_modules(package.__path__):
         if each.name.startswith(("test_", "__")):
             continue
         module = importlib.import_module(f"tests.judge.{each.name}")
-        if hasattr(module, "PROMISES"):
+        if hasattr(module, "GUARANTEES"):
             found[each.name] = module
     chosen = list(found) if names is None else list(names)
     unknown = [name for name in chosen if name not in found]

@@ -1,16 +1,14 @@
 """The chain, its frames and its inertia against poses in plain numpy and their numerical derivatives."""
 
-import pickle
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from rehab_opt import ConfigurationError
+from rehab_opt import DH, ConfigurationError, SerialChain
 from rehab_opt.kinematics.ardis import ARDIS_READY, ardis
+from rehab_opt.kinematics.arm_links import arm_links, arm_reach, maximise_hand_volume
 from rehab_opt.kinematics.drive import Mecanum
 from rehab_opt.kinematics.mobile_arm import Capsule, MobileArm, Outline
 from tests.kinematics.dh_oracle import chain_pose
@@ -40,6 +38,41 @@ def test_at_zero_the_upper_arm_points_up_and_the_forearm_forward_on_the_right_si
     np.testing.assert_allclose(robot.chain.pose(np.zeros(7))[:3, 3], [0.1 + 0.5, -0.38, 0.7 + 0.45], atol=1e-12)
     stretched = [0, 0, 0, -np.pi / 2, 0, np.pi / 2, 0]
     np.testing.assert_allclose(robot.chain.pose(stretched)[:3, 3], [0.1 + 0.95, -0.38, 0.7], atol=1e-12)
+
+
+def test_each_body_of_the_arm_lies_between_the_joints_that_carry_it() -> None:
+    at_zero, points = np.zeros(7), {}
+    for count in (5, 6, 7):
+        points[count] = chain_pose(ROBOT.chain.rows[:count], at_zero[:count], ROBOT.chain.base, np.eye(4))
+    shoulder = chain_pose(ROBOT.chain.rows[:4], at_zero[:4], ROBOT.chain.base, np.eye(4))[:3, 3]
+    elbow, hand = points[5][:3, 3], points[7][:3, 3]
+    for body in ROBOT.bodies:
+        if body.name in {"upper arm", "forearm", "hand"}:
+            begin, end = (shoulder, elbow) if body.name == "upper arm" else (elbow, hand)
+            centre = (points[body.link] @ [*body.centre, 1.0])[:3]
+            along = (centre - begin) @ (end - begin) / ((end - begin) @ (end - begin))
+            assert 0.0 < along < 1.0
+            np.testing.assert_allclose(centre, begin + along * (end - begin), atol=1e-12)
+
+
+def test_largest_volume_that_the_joints_span_is_that_of_upper_arm_and_forearm_across_each_other() -> None:
+    robot = ardis(d5=0.3, d7=0.4)
+    free = robot.chain.with_limits(lower=-np.pi, upper=np.pi)
+    assert maximise_hand_volume(free, first=3) == pytest.approx(0.3 * 0.4**2, rel=1e-6)
+
+
+@pytest.mark.parametrize("offset", [0.0, 0.35])
+def test_no_tool_is_further_from_an_axis_of_the_arm_than_its_reach(offset: float) -> None:
+    rows = [DH(0.0, -np.pi / 2, 0.0, prismatic=True), DH(0.0, np.pi / 2), DH(0.2, np.pi / 2), DH(0.1, -1.0, 0.3)]
+    tool = np.eye(4)
+    tool[0, 3] = offset
+    chain = SerialChain(rows, lower=-3.0, upper=3.0, velocity=1.0, acceleration=1.0, tool=tool)
+    reach = arm_reach(chain, arm_links(chain, first=2, radius=0.05), first=2)
+    furthest = 0.0
+    for q in np.random.default_rng(2).uniform(-3, 3, (2000, 4)):
+        axis, hand = chain_pose(rows[:2], q[:2], np.eye(4), np.eye(4)), chain.pose(q)[:3, 3]
+        furthest = max(furthest, float(np.linalg.norm(np.cross(axis[:3, 2], hand - axis[:3, 3]))))
+    assert 0.7 * reach < furthest <= reach
 
 
 def test_the_hand_reaches_floor_table_and_lift_button() -> None:
@@ -72,15 +105,6 @@ def test_inertia_gives_the_kinetic_energy_of_the_moving_links(q: np.ndarray, vel
     assert velocity @ ROBOT.inertia(q) @ velocity / 2 == pytest.approx(expected, rel=1e-6, abs=1e-6)
 
 
-@given(joints)
-def test_inertia_is_symmetric_positive_definite_and_blind_to_where_the_chair_stands(q: np.ndarray) -> None:
-    w = ROBOT.inertia(q)
-    np.testing.assert_array_equal(w, w.T)
-    assert np.linalg.eigvalsh(w)[0] > 1e-3
-    elsewhere = ROBOT.inertia([*(q[:2] + 5.0), *q[2:]])
-    np.testing.assert_allclose(elsewhere, w, atol=1e-12)
-
-
 @given(joints, joints)
 def test_energy_in_chassis_velocities_does_not_know_the_heading(q: np.ndarray, velocity: np.ndarray) -> None:
     still = np.array([0, 0, 0, *q[3:]])
@@ -110,49 +134,22 @@ def test_posture_costs_more_at_limits_and_where_the_arm_is_stretched() -> None:
     assert ROBOT.posture_cost(q) > ROBOT.posture_cost(ARDIS_READY) + 0.2
 
 
-def test_a_robot_survives_pickling() -> None:
-    robot = pickle.loads(pickle.dumps(ROBOT))
-    np.testing.assert_array_equal(robot.inertia(ARDIS_READY), ROBOT.inertia(ARDIS_READY))
-
-
 @pytest.mark.parametrize(
     ("argument", "value"),
     [
         ("velocity", (0.8, 0.7, 1, 1, 1, 1, 1)),
-        ("acceleration", (1, 2, 1, 1, 1, 1, 1)),
         ("lower", (0, -np.inf, -np.inf, -1, -1, -1, -1)),
         ("upper", (np.inf, np.inf, np.inf, np.inf, 1, 1, 1)),
         ("d5", 0.0),
         ("chair_mass", np.nan),
         ("rotors", (0, 0, 0, np.nan, 1, 1, 1)),
-        ("rotors", (0, 0, 0, -5, 0, 0, 0)),
         ("limit_cost", -1.0),
-        ("limit_cost", "a"),
-        ("singular_cost", 10**400),
         *((mass, bad) for mass in ("shoulder_mass", "payload", "chair_turn_inertia") for bad in HOSTILE),
-        ("chair_mass", 10**400),
-        ("rotors", "a"),
-        ("mecanum", 5),
         ("differential", Mecanum(radius=0.1, half_gauge=0.2, half_base=0.2, limit=5.0)),
-        ("outline", (0, 1, 0, 1)),
         ("outline", Outline(1.0, 0.0, 0.0, 1.0)),
-        ("outline", Outline(None, 1.0, 0.0, 1.0)),  # type: ignore[arg-type]
-        ("outline", Outline(-np.inf, 1.0, 0.0, 1.0)),
-        ("keep_out", None),
-        ("keep_out", [5]),
-        ("keep_out", Capsule("user", (0, 0, 0), (0, 0, 1), 0.2)),
-        ("keep_out", [Capsule("user", (0, 0), (0, 0, 1), 0.2)]),  # type: ignore[arg-type]
-        ("keep_out", [Capsule("user", ("0", 0, 0), (0, 0, 1), 0.2)]),  # type: ignore[arg-type]
-        ("keep_out", [Capsule("user", (0, 0, np.nan), (0, 0, 1), 0.2)]),
         *(("keep_out", [Capsule("user", (0, 0, 0), (0, 0, 1), bad)]) for bad in HOSTILE),
     ],
 )
 def test_a_robot_that_cannot_be_is_refused(argument: str, value: object) -> None:
     with pytest.raises(ConfigurationError, match=argument):
         ardis(**{argument: value})  # type: ignore[arg-type]
-
-
-@pytest.mark.parametrize("radius", HOSTILE)
-def test_an_arm_of_no_thickness_in_metres_is_refused(radius: object) -> None:
-    with pytest.raises(ConfigurationError, match="arm_radius"):
-        replace(ROBOT, arm_radius=radius)  # type: ignore[arg-type]

@@ -186,16 +186,6 @@ def test_all_that_is_kept_off_is_drawn_and_what_moves_where_it_is() -> None:
         assert tray[3:7] == pytest.approx([*(own.end_m + there), own.radius_m], abs=1e-4)
 
 
-@pytest.mark.parametrize("name", ["ardis/through_doorway", "mirror/pick_fruit"])
-def test_a_box_beside_any_robot_is_drawn(name: str) -> None:
-    config, clear = load_problem(name), load_problem("robot/ur5_among_bodies").problem.clearance
-    around = clear.model_copy(update={"moving": []})
-    here = live_problem(replace(config, problem=config.problem.model_copy(update={"clearance": around}))).scene()
-    bare = live_problem(config).scene()
-    more = {part: len(here[part]) - len(bare.get(part, [])) for part in ("fills", "capsules", "lines")}
-    assert more == {"fills": 6, "capsules": 4, "lines": 1}
-
-
 def touched() -> TouchedPlant:
     plant = TouchedPlant(IdealJoints(0.01), seed=1)
     plant.reset(np.zeros(2))

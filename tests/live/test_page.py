@@ -107,6 +107,7 @@ def test_a_robot_is_in_the_picture_and_it_moves_only_while_the_dead_man_is_held(
     assert np.array_equal(tab.hand(), rest)
 
 
+@pytest.mark.nightly
 def test_the_hand_follows_a_target_that_is_dragged_and_a_push_has_an_arrow(tab: Tab) -> None:
     start = tab.hand()
     drag(tab, "target", 50, -60)
@@ -121,6 +122,7 @@ def test_the_hand_follows_a_target_that_is_dragged_and_a_push_has_an_arrow(tab: 
     tab.until("live.frame.arrows.length === 0")
 
 
+@pytest.mark.nightly
 def test_measurements_that_come_late_are_told_in_words(tab: Tab) -> None:
     tab.page.locator("#delay").fill("120")
     told = "document.getElementById('reason').textContent.includes('old, at most 50 ms')"
@@ -156,13 +158,10 @@ def test_one_tab_commands_and_the_other_watches_until_it_takes_over(browser: Any
     tab.until("document.getElementById('status').textContent === 'holding'")
 
 
-@pytest.mark.parametrize("width", [1100, 600])
-def test_the_participant_sees_a_target_a_hand_and_nothing_else(
-    browser: Any, address: Address, tab: Tab, width: int
-) -> None:
-    """In a window beside another one, and on a telephone, too."""
+def test_the_participant_sees_a_target_a_hand_and_nothing_else(browser: Any, address: Address, tab: Tab) -> None:
+    """On a telephone, too."""
     theirs = Tab(browser, address.participant)
-    theirs.page.set_viewport_size({"width": width, "height": 700})
+    theirs.page.set_viewport_size({"width": 600, "height": 700})
     tab.until("document.getElementById('seattext').textContent.includes('1 for the participant')")
     for hidden in ("header", "aside", "#legend"):
         assert not theirs.page.is_visible(hidden)
@@ -205,6 +204,7 @@ def test_escape_releases_wherever_the_keyboard_is(tab: Tab) -> None:
         }})()""") == [True, False]
 
 
+@pytest.mark.nightly
 def test_a_stick_with_one_button_leads_and_leaves_the_keys_theirs(tab: Tab) -> None:
     told = "{axes: [0.5, -1], buttons: [{pressed: false}]}"
     tab.now(f"(() => {{ navigator.getGamepads = () => [null, {told}]; live.scene.controls.push('stick'); }})()")
@@ -218,6 +218,7 @@ def test_a_stick_with_one_button_leads_and_leaves_the_keys_theirs(tab: Tab) -> N
     tab.until("live.inputs.stick[0] === 0")
 
 
+@pytest.mark.nightly
 def test_nobody_is_offered_the_command_of_a_log(browser: Any, tmp_path: Path) -> None:
     pytest.importorskip("mcap")
     log = tmp_path / "trace.mcap"

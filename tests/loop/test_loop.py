@@ -271,19 +271,6 @@ def test_times_that_are_none_are_refused(clock: Clock, name: str, value: float) 
         Loop(Robot(clock), one_or_none, **{name: value})  # type: ignore[arg-type]
 
 
-def test_rings_of_something_else_are_refused(clock: Clock, state: SharedRing, operator: SharedRing) -> None:
-    with pytest.raises(ConfigurationError, match="state"):
-        Loop(Robot(clock), one_or_none, state=operator)
-    with pytest.raises(ConfigurationError, match="operator"):
-        Loop(Robot(clock), one_or_none, operator=state)
-
-
-@pytest.mark.parametrize("priority", [0, 100, 1.5])
-def test_a_priority_that_is_none_is_refused(clock: Clock, priority: float) -> None:
-    with pytest.raises(ConfigurationError, match="fifo"):
-        Loop(Robot(clock), one_or_none, fifo=priority).run(seconds=0.1)  # type: ignore[arg-type]
-
-
 def test_percentiles_are_those_of_numpy_within_the_bins() -> None:
     drawn = np.random.default_rng(5).lognormal(-9.0, 2.0, size=20_000)
     times = Times()
@@ -351,7 +338,3 @@ def test_a_second_ctrl_c_ends_a_controller_that_hangs(clock: Clock) -> None:
     with pytest.raises(KeyboardInterrupt):
         Loop(robot, hangs).run(seconds=1.0)
     assert robot.stopped == 1
-
-
-def test_a_duration_that_is_none_ends_at_once(clock: Clock) -> None:
-    assert Loop(Robot(clock), one_or_none).run(seconds=math.nan).ticks == 2

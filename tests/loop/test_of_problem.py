@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from rehab_opt.cli import main
-from rehab_opt.errors import ConfigurationError, ProblemFileError
+from rehab_opt.errors import ProblemFileError
 from rehab_opt.loop.log_file import ABOUT, LogFile
 from rehab_opt.loop.logged import Logged, read_log
 from rehab_opt.loop.of_problem import files_of, replay_problem, run_in_time
@@ -74,9 +74,9 @@ def test_the_delay_of_a_problem_s_robot_is_told_as_its_file_takes_it(
 @pytest.mark.parametrize(
     ("key", "text"),
     [
-        ("layout", ""), ("layout", "[[1"), ("layout", '"record"'), ("layout", "{}"), ("layout", "5"), ("names", "7"),
-        ("layout", '[["record", "O"]]'), ("layout", '[["record", "<f8", [1e9]]]'), ("layout", '[["a", "(2"]]'),
-        ("layout", '[["record", "<u8"]]'), ("layout", "[" * 100_000), ("names", "{"),
+        ("layout", ""), ("layout", "[[1"), ("names", "7"),
+        ("layout", '[["record", "<f8", [1e9]]]'), ("layout", '[["a", "(2"]]'),
+        ("layout", "[" * 100_000),
     ],
 )  # fmt: skip
 def test_a_log_whose_header_was_altered_is_refused_in_one_line(
@@ -129,13 +129,3 @@ def test_a_log_writes_no_file_outside_of_its_folder(name: str) -> None:
     files = {"problem.toml": b"", name: b"x"}
     with pytest.raises(ProblemFileError, match="attachment"):
         replay_problem(Logged(np.zeros(0, dtype=state_layout(6)), (), {}, files, whole=True))
-
-
-def test_the_log_of_another_program_is_not_for_the_command() -> None:
-    with pytest.raises(ConfigurationError, match="LOG"):
-        replay_problem(Logged(np.zeros(0, dtype=state_layout(6)), (), {}, {}, whole=True))
-
-
-def test_problems_that_do_not_run_in_time_are_refused() -> None:
-    with pytest.raises(ConfigurationError, match="pose_tracking"):
-        run_in_time(load_problem("upper_limb/figure_eight"), seconds=0.1)

@@ -53,14 +53,6 @@ def test_what_is_written_is_read_in_the_same_layout() -> None:
         reader.close()
 
 
-def test_fields_that_are_not_written_stay(ring: SharedRing) -> None:
-    ring.write(number=7)
-    ring.write(same=3)
-    newest = ring.latest()
-    assert newest is not None
-    assert (newest.record["number"], newest.record["same"][17]) == (7, 3)
-
-
 def test_no_record_is_torn_while_another_process_writes(ring: SharedRing) -> None:
     writer = START.Process(target=write_for_ever, args=(ring.name,))
     writer.start()
@@ -128,11 +120,6 @@ def test_a_foreign_process_that_looked_removes_nothing(ring: SharedRing) -> None
 def test_a_depth_that_is_none_is_refused(depth: float) -> None:
     with pytest.raises(ConfigurationError, match="depth"):
         SharedRing.create(WIDE, depth=depth)  # type: ignore[arg-type]
-
-
-def test_a_name_that_nobody_made_is_refused() -> None:
-    with pytest.raises(ConfigurationError, match="name = 'rehab_opt_nobody'"):
-        SharedRing.attach("rehab_opt_nobody")
 
 
 def test_a_name_in_use_is_refused(ring: SharedRing) -> None:

@@ -24,11 +24,9 @@ from rehab_opt.loop.records import Tick
 from rehab_opt.loop.remote import RemoteDevice
 from rehab_opt.loop.shared_ring import SharedRing
 from rehab_opt.loop.ur import connect_ur
-from rehab_opt.plants.channel import Channel
 from rehab_opt.plants.ideal import IdealJoints
 from rehab_opt.session.files import load_problem
 from rehab_opt.session.run import run_problem
-from tests.loop.clock import Clock
 from tests.loop.rtde_server import DELAY, ORDERS, START, TRUTH
 
 pytest.importorskip("rtde_control")
@@ -220,16 +218,6 @@ def test_without_ur_rtde_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> 
     monkeypatch.setattr(ur, "find_spec", lambda _: None)
     with pytest.raises(ConfigurationError, match=r"rehab_opt\[ur\]"):
         connect_ur(HOST)
-
-
-def test_the_delay_of_a_simulated_robot_is_its_channel_s(clock: Clock) -> None:
-    pytest.importorskip("mujoco")
-    from rehab_opt.plants.arm_model import ur5_model  # noqa: PLC0415
-    from rehab_opt.plants.mujoco_arm import MujocoArm  # noqa: PLC0415
-
-    plant = MujocoArm(ur5_model(), dt=0.005, channel=Channel(command_delay=0.02, measurement_delay=0.01), seed=0)
-    plant.reset(START)
-    assert measured_delay(plant, joint=1) == pytest.approx(0.03, abs=0.003)
 
 
 @pytest.mark.parametrize(

@@ -127,29 +127,12 @@ def test_smoothness_does_not_depend_on_the_unit_of_speed_nor_on_duration(scale: 
     )
 
 
-def test_more_submovements_are_less_smooth() -> None:
-    values = [measures.spectral_arc_length(reaches_in_a_row(count), 1000.0) for count in range(1, 6)]
-    assert np.all(np.diff(values) < -0.2)
-
-
-@settings(max_examples=25, deadline=None)
-@given(size=st.floats(0.3, 0.8), hertz=st.floats(4.0, 8.0))
-def test_tremor_makes_a_reach_less_smooth(size: float, hertz: float) -> None:
-    calm = minimum_jerk_speed(SHARES)
-    shaken = np.abs(calm + size * np.sin(2 * np.pi * hertz * SHARES))
-    assert measures.spectral_arc_length(shaken, 1000.0) < measures.spectral_arc_length(calm, 1000.0) - 0.02
-
-
 def test_frequencies_above_ten_hertz_do_not_count() -> None:
     calm = minimum_jerk_speed(SHARES)
     shaken = calm + 0.5 * np.sin(2 * np.pi * 60.0 * SHARES)
     assert measures.spectral_arc_length(shaken, 1000.0) == pytest.approx(
         measures.spectral_arc_length(calm, 1000.0), abs=0.02
     )
-
-
-def test_rest_has_no_sparc() -> None:
-    assert math.isnan(measures.spectral_arc_length(np.zeros(50), 100.0))
 
 
 @settings(max_examples=20, deadline=None)
@@ -202,24 +185,12 @@ def test_points_in_a_line_or_a_plane_of_space_enclose_nothing(points: list[list[
     assert measures.workspace_used(points) == 0.0
 
 
-def test_end_error_and_range_are_distances() -> None:
-    points = [[0.0, 0.0], [3.0, -1.0], [1.0, 1.0]]
-    assert measures.end_error(points, (4.0, 5.0)) == pytest.approx(5.0)
-    np.testing.assert_allclose(measures.range_used(points), [3.0, 2.0])
-
-
 def test_variability_is_that_of_repeats_shifted_by_a_known_spread() -> None:
     _, points = reach(100)
     shifts = np.array([-0.02, 0.0, 0.02])
     trials = [points + (0.0, shift) for shift in shifts]
     assert measures.path_variability(trials) == pytest.approx(0.02)  # the standard deviation of -1, 0, 1 is 1
     assert measures.end_variability(trials) == pytest.approx(0.02)
-
-
-def test_repeats_that_differ_in_speed_alone_do_not_vary() -> None:
-    trials = [reach(rate)[1] for rate in (100, 143, 400)]
-    assert measures.path_variability(trials) < 2e-5
-    assert measures.end_variability(trials) < 1e-15
 
 
 # --------------------------------------------------------------------------------------------------- from recordings
@@ -352,40 +323,27 @@ TWICE = np.where(np.arange(101) == 50, TIME[49], TIME)
 BAD: list[tuple[Callable[[], Any], str]] = [
     (lambda: score(TIME, BROKEN), "points[40, 0]"),
     (lambda: score(np.where(TIME > 0.5, np.inf, TIME), POINTS), "time[51]"),
-    (lambda: score(TWICE, POINTS), "time[50]"),
     (lambda: score(TIME[::-1], POINTS), "time[1]"),
     (lambda: score(TIME[:9], POINTS[:9]), "time"),
-    (lambda: score(TIME[:9], POINTS), "time"),
     (lambda: score(TIME, POINTS[:, 0]), "points"),
-    (lambda: score(TIME, POINTS[:, :1]), "points"),
     (lambda: score(TIME, 0 * POINTS), "points"),
     (lambda: score(TIME, 1e-3 * POINTS), "points"),  # 0.4 mm/s
     (lambda: score(TIME, POINTS, target=(1, 2, 3)), "target"),
-    (lambda: score(TIME, POINTS, target=(1, math.nan)), "target[1]"),
-    (lambda: score(TIME, POINTS, cutoff_hz=-1.0), "cutoff_hz"),
     (lambda: score(TIME, POINTS, cutoff_hz=500.0), "cutoff_hz"),
     (lambda: score(1e-3 * TIME, POINTS), "points"),  # seconds taken for milliseconds
     (lambda: score(TIME, POINTS, threshold=math.nan), "threshold"),
     (lambda: score(TIME, POINTS, joints={"elbow": [math.nan]}), "joints['elbow'][0]"),
     (lambda: score([*TIME[:-1], 1e9], POINTS), "rate_hz"),
-    (lambda: measures.hand_velocity(POINTS, 100, cutoff_hz=40), "cutoff_hz"),
-    (lambda: measures.hand_velocity(POINTS, 100, cutoff_hz=1e-10), "cutoff_hz"),
     (lambda: measures.hand_velocity(POINTS, 1e12), "cutoff_hz"),  # times in another unit
     (lambda: measures.hand_velocity(POINTS, 0.0), "rate_hz"),
     (lambda: measures.spectral_arc_length([], 1.0), "speed"),
     (lambda: measures.spectral_arc_length([math.nan], 1.0), "speed[0]"),
-    (lambda: measures.spectral_arc_length([1.0], 0.0), "rate_hz"),
     (lambda: measures.dimensionless_jerk(POINTS[:6], 100), "velocity"),
-    (lambda: measures.dimensionless_jerk(0 * POINTS, 100), "velocity"),
     (lambda: measures.movement_interval(np.zeros(5), 100), "speed"),
     (lambda: measures.velocity_peaks(POINTS, 100), "speed"),
     (lambda: measures.velocity_peaks([1.0, 2.0], 100, rise=0), "rise"),
-    (lambda: measures.mean_speed(["a"]), "velocity"),
-    (lambda: measures.mean_speed([1.0, 2.0], [0.0, 0.0]), "time"),
     (lambda: measures.mean_speed([1.0, 2.0], [0.0]), "time"),
-    (lambda: measures.workspace_used(np.zeros((5, 4))), "points"),
     (lambda: measures.path_variability([POINTS]), "trials"),
-    (lambda: measures.path_variability([POINTS, POINTS[:, :1]]), "trials[1]"),
     (lambda: measures.end_variability([POINTS, BROKEN]), "trials[1][40, 0]"),
 ]  # fmt: skip
 

@@ -2,22 +2,22 @@
 
 import dataclasses
 from collections.abc import Callable, Iterator
+from functools import partial
 
 import casadi as ca
 import numpy as np
 import pytest
-import qpsolvers
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rehab_opt.errors import ConfigurationError
 from rehab_opt.optim import backends
-from rehab_opt.optim.backends import Answer, Backend, QpsolversBackend, backend
+from rehab_opt.optim.backends import Answer, backend
 from rehab_opt.optim.fallback_chain import FallbackChain
 from rehab_opt.optim.fused import FUSED_SOLVERS
 from rehab_opt.optim.qp import Statement
 from rehab_opt.optim.rows import MAX_MAGNITUDE, Instance, parameter, variable, within
 from tests.optim.random_qps import Array, general_statement, parameters_of, random_qp, seeds, solved
+from tests.refusals import refuses
 
 TOLERANCE = 1e-6
 SOLVERS = ["qrqp", "proxqp", "osqp", "daqp"]
@@ -127,19 +127,6 @@ def test_machine_code_and_virtual_machine_give_the_same_answers() -> None:
         np.testing.assert_allclose(machine.x, virtual.x, rtol=1e-12, atol=1e-12)
 
 
-@pytest.mark.parametrize("size", [(1, 0), (1, 1), (1, 2), (2, 0), (5, 1)])
-@pytest.mark.parametrize("solver", SOLVERS)
-def test_small_problems_are_problems_too(solver: str, size: tuple[int, int]) -> None:
-    statement = general_statement(*size)
-    for seed in range(5):
-        chain = made(statement, solver=solver, backup="osqp")
-        qp = random_qp(seed, *size, unbounded=False)
-        chain.parameters[:] = parameters_of(qp)
-        who = chain()
-        assert who == solver or (who and solver == "qrqp")
-        np.testing.assert_allclose(chain.x, solved(qp).x, atol=1e-6)
-
-
 @pytest.mark.parametrize("solver", SOLVERS)
 def test_report_and_memory_are_those_of_the_answer(solver: str) -> None:
     chain = made(solver=solver, backup="qrqp")
@@ -176,9 +163,8 @@ def test_a_wrong_guess_is_not_the_answer(wrong: float) -> None:
 
 
 @pytest.mark.usefixtures("shipped")
-@pytest.mark.parametrize("bad", [np.nan, np.inf, 1e300, 2 * MAX_MAGNITUDE])
-@pytest.mark.parametrize("rows", [False, True])
-@pytest.mark.parametrize("compile", [False, "wait"])
+@pytest.mark.parametrize("bad", [np.nan, 2 * MAX_MAGNITUDE])
+@pytest.mark.parametrize(("rows", "compile"), [(True, False), (False, "wait")])
 def test_a_guess_without_gradient_by_its_form_is_not_certified_for_bad_parameters(
     bad: float, rows: bool, compile: bool
 ) -> None:
@@ -232,7 +218,7 @@ def test_bounds_that_stay_active_need_no_solver() -> None:
 
 # -------------------------------------------------------------------------------------------------------- backup
 @pytest.mark.parametrize("failure", FAILURES)
-@pytest.mark.parametrize(("primary", "backup"), [("proxqp", "qrqp"), ("osqp", "daqp"), ("daqp", "proxqp")])
+@pytest.mark.parametrize(("primary", "backup"), [("proxqp", "qrqp")])
 def test_the_backup_answers_where_the_primary_fails(
     made_to_fail: Callable[[dict[str, Broken]], None], failure: Broken, primary: str, backup: str
 ) -> None:
@@ -246,7 +232,7 @@ def test_the_backup_answers_where_the_primary_fails(
 
 
 @pytest.mark.parametrize("failure", FAILURES)
-@pytest.mark.parametrize("primary", ["osqp", "daqp"])
+@pytest.mark.parametrize("primary", ["daqp"])
 def test_where_both_fail_nobody_answers_and_the_memory_stays(
     made_to_fail: Callable[[dict[str, Broken]], None], failure: Broken, primary: str
 ) -> None:
@@ -258,24 +244,6 @@ def test_where_both_fail_nobody_answers_and_the_memory_stays(
     assert not 0 <= chain.residual[0] <= TOLERANCE
     assert chain.memory.tolist() == [7]
     assert np.isfinite(chain.state).all()
-
-
-@pytest.mark.parametrize(("found", "x"), [(False, None), (True, None), (False, 2e9), (True, np.nan)])
-def test_a_solver_of_qpsolvers_that_says_no_is_followed_by_the_backup(
-    monkeypatch: pytest.MonkeyPatch, found: bool, x: float | None
-) -> None:
-    def solve_problem(problem: qpsolvers.Problem, **_: object) -> qpsolvers.Solution:
-        return qpsolvers.Solution(problem=problem, found=found, x=None if x is None else np.full(2, x))
-
-    def through_qpsolvers(name: str, n: int, m: int, **others: str) -> Backend:
-        return QpsolversBackend(name) if name == "daqp" else backend(name, n, m, **others)
-
-    monkeypatch.setattr(qpsolvers, "solve_problem", solve_problem)
-    monkeypatch.setattr(backends, "backend", through_qpsolvers)
-    chain = made(solver="daqp", backup="qrqp")
-    chain.parameters[:] = 3.0, 0.2
-    assert chain() == "qrqp"
-    np.testing.assert_allclose(chain.x, [1.0, 0.2], atol=1e-6)
 
 
 def fused_failing(chain: FallbackChain, times: int, residual: float) -> list[Array]:
@@ -293,7 +261,7 @@ def fused_failing(chain: FallbackChain, times: int, residual: float) -> list[Arr
     return started
 
 
-@pytest.mark.parametrize("residual", [np.nan, np.inf, 1.0, -1.0])
+@pytest.mark.parametrize("residual", [np.nan, -1.0])
 def test_a_failed_warm_start_is_tried_again_cold_behind_the_backup(
     made_to_fail: Callable[[dict[str, Broken]], None], residual: float
 ) -> None:
@@ -319,7 +287,7 @@ def test_a_failed_warm_start_is_tried_again_cold_behind_the_backup(
     assert chain.memory.tolist() == [2]
 
 
-@pytest.mark.parametrize("residual", [np.nan, np.inf, 1.0, -1.0])
+@pytest.mark.parametrize("residual", [np.nan, 1.0])
 def test_the_backup_answers_at_once_where_the_fused_solver_fails(residual: float) -> None:
     chain = made(backup="proxqp")
     chain.parameters[:] = 3.0, 0.2
@@ -346,16 +314,15 @@ def used(request: pytest.FixtureRequest) -> Iterator[FallbackChain]:
         np.testing.assert_allclose(chain.x, [1.0, 0.2], atol=1e-6)
 
 
-@pytest.mark.parametrize(
-    "bad", [np.nan, np.inf, -np.inf, 1e300, -1e300, 1e200, 1e150, MAX_MAGNITUDE * 1.001, -MAX_MAGNITUDE * 1.001]
-)
-@pytest.mark.parametrize("place", [0, 1])
-def test_a_parameter_that_is_no_plausible_number_gives_no_answer(used: FallbackChain, bad: float, place: int) -> None:
-    used.parameters[place] = bad
-    assert used() == ""
-    assert not 0 <= used.residual[0] <= TOLERANCE
-    assert used.memory.tolist() == [1]
-    assert np.isfinite(used.state).all()
+def test_a_parameter_that_is_no_plausible_number_gives_no_answer(used: FallbackChain) -> None:
+    for bad in (np.nan, np.inf, -np.inf, 1e300, -1e300, 1e150, MAX_MAGNITUDE * 1.001, -MAX_MAGNITUDE * 1.001):
+        for place in (0, 1):
+            used.parameters[:] = 0.1, 0.2
+            used.parameters[place] = bad
+            assert used() == ""
+            assert not 0 <= used.residual[0] <= TOLERANCE
+            assert used.memory.tolist() == [1]
+            assert np.isfinite(used.state).all()
 
 
 def test_what_the_statement_requires_is_required(used: FallbackChain) -> None:
@@ -380,20 +347,6 @@ def test_a_nan_memory_gives_no_answer() -> None:
 
 
 # ----------------------------------------------------------------------------------------------------- arguments
-@pytest.mark.parametrize("tolerance", [0.0, -1e-6, 1.0, np.nan, np.inf])
-def test_a_tolerance_is_a_small_positive_number(tolerance: float) -> None:
-    with pytest.raises(ConfigurationError, match="tolerance"):
-        FallbackChain(counting(), solver="qrqp", backup="daqp", tolerance=tolerance, compile=False)
-
-
-@pytest.mark.parametrize("argument", ["solver", "backup"])
-def test_an_unknown_solver_is_named_when_the_ladder_is_made(argument: str) -> None:
-    names = {"solver": "qrqp", "backup": "daqp", argument: "gurobix"}
-    with pytest.raises(ConfigurationError, match="gurobix") as caught:
-        FallbackChain(counting(), **names, tolerance=TOLERANCE, compile=False)  # type: ignore[arg-type]
-    assert caught.value.argument == argument
-
-
 @pytest.mark.parametrize(("solver", "backup"), [("qrqp", "daqp"), ("osqp", "daqp"), ("daqp", "qrqp")])
 def test_the_backup_is_another_kind_of_solver_where_none_is_named(solver: str, backup: str) -> None:
     assert FallbackChain(counting(), solver=solver, backup=None, tolerance=TOLERANCE, compile=False).backup == backup
@@ -405,3 +358,10 @@ def test_a_start_is_forgotten_and_the_memory_kept() -> None:
     chain()
     chain.warm_start([0.5, 0.6])
     assert chain.state.tolist() == [0.5, 0.6, 0, 0, 0, 1]
+
+
+def test_what_cannot_be_used_is_named() -> None:
+    usual = {"solver": "qrqp", "backup": "daqp", "tolerance": TOLERANCE, "compile": False}
+    rows = [({**usual, "tolerance": each}, "tolerance") for each in (0.0, -1e-6, 1.0, np.nan, np.inf)]
+    rows += [({**usual, name: "gurobix"}, name, "gurobix") for name in ("solver", "backup")]
+    refuses(partial(FallbackChain, counting()), *rows)

@@ -137,7 +137,7 @@ def written_past(function: ca.Function, folder: Path, n: int, m: int, count: int
     return hurt
 
 
-@pytest.mark.parametrize(("n", "m"), SIZES[:2])
+@pytest.mark.parametrize(("n", "m"), SIZES[1:2])
 def test_nothing_is_written_behind_the_work_space(tmp_path: Path, n: int, m: int) -> None:
     assert written_past(qrqp("roomy", n, m), tmp_path, n, m, 2000) == 0
 
@@ -155,7 +155,7 @@ from tests.optim.test_qrqp import flipping
 for n, m in [(1, 1), (3, 2), (7, 3)]:
     solve = BufferedFunction(qrqp("roomy", n, m))
     names = solve.function.name_in()
-    for seed in range(3000):
+    for seed in range(1000):
         for name, value in flipping(seed, n, m).items():
             solve.inputs[names.index(name)][...] = value
         solve()

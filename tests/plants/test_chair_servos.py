@@ -54,32 +54,27 @@ class LateChair:
         return way
 
 
-@pytest.mark.parametrize(
-    ("drive", "cases"),
-    [("mecanum", [(0.0, 2e-4), (0.005, 1e-4)]), ("differential", [(0.002, 2e-4), (0.008, 2e-4)])],
-)
+@pytest.mark.parametrize(("drive", "delay"), [("mecanum", 0.0), ("differential", 0.008)])
 def test_a_joint_limit_is_held_on_late_servos_and_noisy_encoders_without_a_limit_cycle(
-    drive: DriveName, cases: list[tuple[float, float]]
+    drive: DriveName, delay: float
 ) -> None:
     dt, rows = 0.01, ROWS[:3]
     resolver = RedundancyResolver(ardis(), drive=drive, dt=dt, row_sets=[rows], compile=False)
     chain = resolver.robot.chain
-    for delay, noise in cases:
-        start = np.array([0.0, 0.0, 1.0, -2.7, 0.0, 1.25, 0.05])
-        plant = LateChair(start, delay=delay, noise=noise, seed=7)
-        resolver.reset(heading=1.0)
-        ways: list[Array] = []
-        for _ in range(1400):  # a hand that creeps to its limit insists for some seconds (`hand_task.CREEPS`)
-            resolver.step(plant.measured(), np.array([0.0, 0.0, -0.2]), rows)
-            ways += plant.hold(resolver.chassis_velocity, dt)
-        way = np.array(ways)
-        beyond = np.maximum(way - chain.upper, chain.lower - way)[:, 3:]
-        assert beyond.max() <= 5e-4
-        held = way[-3000:]
-        assert np.ptp(held[:, 3:], axis=0).max() <= 3e-4
-        assert np.sort(beyond[-3000:].max(axis=0))[-1] > -3e-4  # one of them is at its limit
-        hand = np.array([chain.pose(q)[:3, 3] for q in held[::10]])
-        assert np.sqrt((np.diff(hand, axis=0) ** 2).sum(axis=1).mean()) / (10 * STEP) <= 2e-3
+    plant = LateChair(np.array([0.0, 0.0, 1.0, -2.7, 0.0, 1.25, 0.05]), delay=delay, noise=2e-4, seed=7)
+    resolver.reset(heading=1.0)
+    ways: list[Array] = []
+    for _ in range(1400):  # a hand that creeps to its limit insists for some seconds (`hand_task.CREEPS`)
+        resolver.step(plant.measured(), np.array([0.0, 0.0, -0.2]), rows)
+        ways += plant.hold(resolver.chassis_velocity, dt)
+    way = np.array(ways)
+    beyond = np.maximum(way - chain.upper, chain.lower - way)[:, 3:]
+    assert beyond.max() <= 5e-4
+    held = way[-3000:]
+    assert np.ptp(held[:, 3:], axis=0).max() <= 3e-4
+    assert np.sort(beyond[-3000:].max(axis=0))[-1] > -3e-4  # one of them is at its limit
+    hand = np.array([chain.pose(q)[:3, 3] for q in held[::10]])
+    assert np.sqrt((np.diff(hand, axis=0) ** 2).sum(axis=1).mean()) / (10 * STEP) <= 2e-3
 
 
 SEATED = np.array([0.0, 0.0, 1.0, -2.7, 0.0, 1.25, 0.05])

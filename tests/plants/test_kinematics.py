@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from bench.physics.arms import rods_along
 from rehab_opt import ardis, ur5
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.kinematics.denavit_hartenberg import DH
@@ -80,27 +79,3 @@ def test_pose_inertia_and_gravity_are_pinocchios(name: str) -> None:
         np.testing.assert_allclose(plant.inertia(q), inertia, atol=2e-7)  # links of no mass weigh 1e-9 kg in MuJoCo
         felt = pin.rnea(arm, data, q, v, np.zeros(n))
         np.testing.assert_allclose(plant.feedforward(), felt, atol=2e-7)
-
-
-def test_rods_lie_between_the_frames_they_connect() -> None:
-    chain = any_chain(3).chain
-    chain = SerialChain(
-        tuple(DH(row.a, row.alpha, row.d, row.theta) for row in chain.rows),
-        lower=-2,
-        upper=2,
-        velocity=1,
-        acceleration=9,
-    )
-    q = np.random.default_rng(0).uniform(-2, 2, 5)
-    frames = [np.eye(4)]
-    for row, value in zip(chain.rows, q, strict=True):
-        frames.append(
-            frames[-1] @ turned("z", row.theta + value) @ moved(z=row.d) @ moved(x=row.a) @ turned("x", row.alpha)
-        )
-    for body in rods_along(chain, np.ones(5), radius=0.01):
-        centre = frames[body.link] @ np.append(body.centre, 1.0)
-        middle = (frames[body.link][:3, 3] + frames[body.link - 1][:3, 3]) / 2
-        np.testing.assert_allclose(centre[:3], middle, atol=1e-12)
-        along = frames[body.link][:3, :3].T @ (frames[body.link][:3, 3] - frames[body.link - 1][:3, 3])
-        spin = body.inertia @ along / np.linalg.norm(along)
-        np.testing.assert_allclose(spin, 0.5 * 0.01**2 * along / np.linalg.norm(along), atol=1e-12)

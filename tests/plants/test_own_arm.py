@@ -46,7 +46,7 @@ def problem_of(folder: Path, arm: str) -> str:
     return str(folder / "circle.toml")
 
 
-@pytest.mark.parametrize("arm", ARMS)
+@pytest.mark.parametrize("arm", ["Panda", pytest.param("Gen3", marks=pytest.mark.nightly)])
 def test_an_arm_from_a_file_goes_round_on_late_servos_and_becomes_c(
     arm: str,
     tmp_path: Path,

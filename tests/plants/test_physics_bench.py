@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from bench.physics.__main__ import main, table
-from bench.physics.arms import ARMS, iiwa
+from bench.physics.arms import ARMS
 from bench.physics.geometry import frames, heights, jacobians, manipulabilities
 from bench.physics.rows import Done, done, measured
 from bench.physics.setting import CELLS, Cell, setting_of
@@ -37,7 +37,7 @@ def test_a_late_and_noisy_robot_is_measured_and_judged() -> None:
     assert again == found["limit"]  # the seed says everything
 
 
-@pytest.mark.parametrize("number", [34, 128, 152])
+@pytest.mark.parametrize("number", [34, *(pytest.param(each, marks=pytest.mark.nightly) for each in (128, 152))])
 def test_a_jammed_joint_is_a_fault_also_where_it_is_taken_for_a_hand_that_is_held(number: int) -> None:
     """The other joints led the hand round it at recovery speed, with status OK, for more than a second."""
     (found,) = done("frozen", [number], 26119950, ideal=False, feedback=None)
@@ -56,7 +56,7 @@ def test_a_hand_is_no_faster_where_friction_holds_a_joint_that_turns_back() -> N
     assert found.numbers["hand speed"] <= 1.02
 
 
-@pytest.mark.parametrize(("number", "seed"), [(40, 502), (184, 504)])
+@pytest.mark.parametrize(("number", "seed"), [(40, 502), pytest.param(184, 504, marks=pytest.mark.nightly)])
 def test_a_free_hand_that_braked_hard_is_not_held(number: int, seed: int) -> None:
     """Its joints rest elsewhere within their friction than was learned: it was stopped, and the recording not ended."""
     (found,) = done("mirror", [number], seed, ideal=False, feedback=None)
@@ -69,6 +69,7 @@ def test_a_hand_that_is_led_too_early_is_noticed_on_a_wall_as_soon() -> None:
     assert found.numbers["blocked: peak"] <= 160
 
 
+@pytest.mark.nightly
 def test_processes_share_the_tasks_and_change_nothing(capsys: pytest.CaptureFixture[str]) -> None:
     told = ["--tasks", "2", "--only", "frozen", "--seed", "3"]
     codes = [main([*told, "--processes", count]) for count in ("1", "2")]
@@ -82,13 +83,6 @@ def test_processes_share_the_tasks_and_change_nothing(capsys: pytest.CaptureFixt
         "the same without a `JointFeedback`",
     ]
     assert lines == once * 2
-
-
-def test_every_cell_is_met_with_both_arms() -> None:
-    met = {
-        (each.cell, each.arm.name) for n in range(2 * len(CELLS)) for each in [setting_of(n, "limit", seed=0, kept={})]
-    }
-    assert len(met) == len(CELLS) * len(ARMS)
 
 
 def test_delays_are_told_truly_and_wrong_to_both_arms() -> None:
@@ -133,7 +127,3 @@ def test_the_bench_judges_by_the_arms_geometry(name: str) -> None:
     np.testing.assert_allclose(manipulabilities(chain, q), [chain.manipulability(each) for each in q], atol=1e-9)
     plane = KeepOut.through([0.0, 0.0, -0.5], [0.0, 0.0, 1.0])
     assert np.all(heights(chain, q, plane) <= frames(chain, q)[:, -1, 2, 3] + 0.5 + 1e-12)
-
-
-def test_the_iiwa_is_as_long_as_its_vendor_says() -> None:
-    np.testing.assert_allclose(iiwa().pose(np.zeros(7))[:3, 3], [0.0, 0.0, 1.306], atol=1e-12)

@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from rehab_opt import ConfigurationError, PoseTracker, ProblemFileError, ur5
+from rehab_opt import PoseTracker, ur5
 from rehab_opt.cli import main
 from rehab_opt.control.arm_ik import ArmIK
 from rehab_opt.kinematics.human_arm import human_arm
@@ -95,14 +95,6 @@ def test_without_a_recorder_the_hot_path_is_the_compiled_function_itself() -> No
     with recording_qps():
         assert type(ladder(stated).function.evaluate) is not usual
     assert recorder_now() is None
-
-
-def test_a_recorder_that_has_left_sees_no_more() -> None:
-    with recording_qps() as recorder:
-        robot = tracker()
-        moved(robot, 3)
-    moved(robot, 3)
-    assert [stream.met for stream in recorder.streams] == [3]
 
 
 def test_the_window_is_what_was_asked_for() -> None:
@@ -219,23 +211,6 @@ def test_a_folder_in_the_place_of_a_file_is_refused_before_anything_is_written(
         told = f"rehab-opt: --out = '{folder}': expected the name of a file: a folder stands there\n"
         assert capsys.readouterr().err == told
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.npz", "b_search_2.npz"]
-
-
-def test_a_system_without_qps_is_refused_in_one_line() -> None:
-    with pytest.raises(ProblemFileError, match="system = 'workspace'") as refused:
-        recorded_run(load_problem("upper_limb/workspace"))
-    assert "\n" not in str(refused.value)
-
-
-def test_a_run_shorter_than_what_is_skipped_is_refused() -> None:
-    with pytest.raises(ProblemFileError, match="201"):
-        recorded_run(circle(), skip=5000)
-
-
-@pytest.mark.parametrize(("option", "value"), [("skip", -1), ("ticks", 0)])
-def test_numbers_that_are_no_counts_are_refused(option: str, value: int) -> None:
-    with pytest.raises(ConfigurationError, match=f"--{option}"):
-        recorded_run(circle(), **{option: value})  # type: ignore[arg-type]
 
 
 def named(*names: str) -> list[QPSequence]:

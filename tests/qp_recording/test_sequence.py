@@ -99,12 +99,6 @@ def test_what_does_not_change_in_time_is_kept_once_and_stands_in_every_tick() ->
         sequence[5]
 
 
-def test_a_tick_that_repeats_counts(tmp_path: Path) -> None:
-    still = sequence_of("some/still", [small()[0]] * 4, dt=0.01, tolerance=1e-8, command="", about="")
-    write_sequence(tmp_path / "still.npz", still)
-    assert len(read_sequence(tmp_path / "still.npz")) == 4
-
-
 def test_nobody_changes_a_sequence_by_its_instances() -> None:
     with pytest.raises(ValueError, match="read-only"):
         small()[0].g[0] = 7.0
@@ -171,45 +165,26 @@ def written(path: Path, members: dict[str, Any]) -> Path:
     return path
 
 
-def test_the_good_file_of_these_tests_is_good(tmp_path: Path) -> None:
-    assert len(read_sequence(written(tmp_path / "good.npz", content()))) == 3
-
-
 @pytest.mark.parametrize(
     ("key", "changes"),
     [
-        ("meta", {"meta_array": None}),
         ("hessian", {"hessian": None}),
         ("hessian", {"hessian": np.ones((1, 2, 2), dtype=np.float32)}),
-        ("hessian", {"hessian": np.array([[[object()]]])}),
         ("hessian", {"hessian": np.full((1, 2, 2), np.nan)}),
-        ("lower", {"lower": np.array(["a"])}),
         ("lower", {"lower": np.ones((1, 3))}),
         ("upper", {"upper": np.ones((2, 2))}),
         ("gradient", {"gradient": np.zeros((0, 2)), "hessian": np.zeros((1, 2, 2))}),
-        ("gradient", {"gradient": np.ones(())}),
         ("surplus", {"surplus": np.ones(3)}),
         ("meta.format", {"meta": {"format": "something else"}}),
-        ("meta.format", {"meta": {"format": "left out"}}),
-        ("meta.name", {"meta": {"name": "left out"}}),
         ("meta.name", {"meta": {"name": "without_family"}}),
-        ("meta.name", {"meta": {"name": ["some/list"]}}),
-        ("meta.dt", {"meta": {"dt": "fast"}}),
         ("meta.dt", {"meta": {"dt": 1e999}}),
         ("meta.dt", {"meta": {"dt": -1.0}}),
-        ("meta.tolerance", {"meta": {"tolerance": True}}),
-        ("meta.tolerance", {"meta": {"tolerance": 10**400}}),
         ("meta.tolerance", {"meta": {"tolerance": math.nan}}),
         ("meta.marks", {"meta": {"marks": ["nan"]}}),
-        ("meta.marks", {"meta": {"marks": [["odd"]]}}),
         ("meta.marks", {"meta": {"marks": [[], []]}}),
-        ("meta.marks", {"meta": {"marks": [[[]]]}}),
         ("meta.versions", {"meta": {"versions": []}}),
         ("meta", {"meta_array": np.array("no json")}),
-        ("meta", {"meta_array": np.array("[1, 2]")}),
         ("meta", {"meta_array": np.array("[" * 100_000)}),
-        ("meta", {"meta_array": np.array(["{}", "{}"])}),
-        ("meta", {"meta_array": np.ones(2)}),
     ],
 )
 def test_a_file_that_is_no_sequence_is_refused_by_its_key(tmp_path: Path, key: str, changes: dict[str, Any]) -> None:
@@ -290,16 +265,6 @@ def test_no_pickle_is_opened(tmp_path: Path) -> None:
     assert not (tmp_path / "sprung").exists()
 
 
-def test_a_place_that_cannot_be_written_is_refused_by_name(tmp_path: Path) -> None:
-    (tmp_path / "file").write_text("")
-    with pytest.raises(ConfigurationError, match="path"):
-        write_sequence(tmp_path / "file" / "x.npz", small())
-    (tmp_path / "folder.npz").mkdir()
-    with pytest.raises(ConfigurationError, match="path"):
-        write_sequence(tmp_path / "folder.npz", small())
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["file", "folder.npz"]  # nothing half done
-
-
 # ------------------------------------------------------------------------------------------------------ what H must be
 @pytest.mark.parametrize(
     ("hessian", "named"),
@@ -320,8 +285,3 @@ def test_a_cost_that_solvers_would_read_differently_or_that_is_not_convex_is_ref
     array_file.write_arrays(tmp_path / "a.npz", meta, {**arrays, "hessian": whole})
     with pytest.raises(ProblemFileError, match=named):
         read_sequence(tmp_path / "a.npz")
-
-
-def test_a_singular_cost_and_one_rounded_below_zero_are_taken() -> None:
-    row = np.array([0.1, 0.3])
-    assert len(small(hessian=np.outer(row, row)[None])) == 3

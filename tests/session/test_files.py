@@ -16,7 +16,6 @@ from pydantic import BaseModel, ValidationError
 
 from rehab_opt.errors import ProblemFileError
 from rehab_opt.recordings.data_folder import ENVIRONMENT
-from rehab_opt.session.arm_keys import TableOneRange
 from rehab_opt.session.files import (
     load_problem,
     problem_path,
@@ -93,13 +92,6 @@ def test_problem_file_is_found_by_name_and_by_path(monkeypatch: pytest.MonkeyPat
     assert problem_path("upper_limb/figure_eight.toml")[0] == name
 
 
-def test_persons_own_range_of_motion_is_accepted(written: Write) -> None:
-    written("path.csv", CSV)
-    problem = load_problem(str(written("own.toml", OWN_RANGE + RANGES))).problem
-    assert isinstance(problem, UpperLimb)
-    assert isinstance(problem.arm.range_of_motion, TableOneRange)
-
-
 def test_every_number_of_the_schema_carries_its_unit_or_has_none() -> None:
     units = (
         "_m",
@@ -149,17 +141,9 @@ def sections(annotation: Any) -> Iterator[type[BaseModel]]:
 FAULTS = [
     (ARM + f"turn_deg = {'9' * 5000}\n", "line 12", "a number of fewer digits"),
     (ARM + f"turn_deg = 0x{'f' * 5000}\n", "placement.turn_deg", ""),
-    (ARM + f"turn = 0x{'f' * 5000}\n", "placement.turn", "one of the keys"),
-    (f"system = 0x{'f' * 5000}\n", "system", "upper_limb"),
     (f"system = {'[' * 5000}{']' * 5000}\n", "file", "tables and lists inside a few others"),
-    (ARM + f"[{'a.' * 30}b]\n", "a", "one of the keys"),
-    (ARM + f"[placement.turn_deg.{'a.' * 29}b]\n", "placement.turn_deg", "a valid number"),
     (ARM + f"[{'a.' * 5000}b]\n", "line 12", "at most 32 parts"),
-    (ARM + f"[placement.turn_deg.{'a.' * 5000}b]\n", "line 12", "at most 32 parts"),
-    (ARM + f"{'x' * 5000} = 1\n", "placement.xxx", "one of the keys"),
     (ARM + "[arm.segments]\nhumerus_mm = 0.29\n", "arm.segments.humerus_mm", "another unit"),
-    (ARM + "[arm.segments]\nforearm_mm = 2000\n", "arm.segments.forearm_mm", "50 to 1000 mm"),
-    (ARM + "[arm.segments]\nhumerus_mm = 29\n", "arm.segments.humerus_mm", "50 to 1000 mm"),  # cm
     (ARM.replace("[placement]", 'marker = "HAND"\n[placement]'), "recording.marker", "only a .trc"),
     (
         ARM.replace("path.csv", "a.trc").replace("[placement]", 'columns = ["x_m", "y_m"]\n[placement]'),
@@ -167,31 +151,20 @@ FAULTS = [
         "only a .csv, .mot, .sto or .xdf",
     ),
     (ARM.replace("[placement]", 'columns = ["x_m", "x_m"]\n[placement]'), "recording.columns", "each column once"),
-    (ARM + "[smoothing]\njerk_deg_s3 = 1e-300\n", "smoothing.jerk_deg_s3", "greater than or equal to 1"),
     (ARM + "[smoothing]\nspeed_deg_s = 0.5\n", "smoothing.speed_deg_s", "greater than or equal to 1"),
-    (ARM + '[optimised]\nsolver = ""\n', "optimised.solver", "at least 1 character"),
     (ROBOT.replace("= 5\n", "= 600\n[tracker]\nrate_hz = 10000\n"), "tracker.rate_hz", "at most 2000000 ticks"),
     (OWN_RANGE + RANGES.replace("[30, 70]", "[-200, 200]"), "humeral_flexion_deg", "at most 360 deg apart"),
-    (OWN_RANGE + RANGES.replace("[30, 70]", "[0, 400]"), "humeral_flexion_deg.1", "less than or equal to 360"),
-    (ARM + "[arm2]\n", "arm2", "one of the keys system, title, arm"),
     (ARM.replace("side", "sied"), "arm.sied", "one of the keys side"),
-    (ARM.replace("centre_m", "centre_cm"), "placement.centre_cm", "centre_m"),
     (ARM.replace("centre_m", "centre"), "placement.centre", "centre_m"),
     (ARM.replace('hand = "left"\n', ""), "recording.hand", "this key"),
-    (ARM.replace('side = "left"', 'side = "Left"'), "arm.side", "'left' or 'right'"),
-    (ARM.replace('"restricted"', '"resticted"'), "arm.range_of_motion", "'regular' or 'restricted'"),
-    (ARM.replace('"restricted"', "5"), "arm.range_of_motion", "'regular' or 'restricted'"),
+    (ARM.replace('"restricted"', '"resticted"'), "arm.range_of_motion", "'regular', 'restricted' or 'figure_3'"),
     (ARM.replace("[-0.172, 0.502]", "[-0.172]"), "placement.centre_m", "at least 2"),
-    (ARM.replace("[-0.172, 0.502]", "[-0.172, 1, 2]"), "placement.centre_m", "at most 2"),
     (ARM.replace("[-0.172, 0.502]", '["a", 1]'), "placement.centre_m.0", "a valid number, without quotation marks"),
     (ARM.replace("[-0.172, 0.502]", "[-172, 502]"), "placement.centre_m.0", "greater than or equal to -10"),
     (ARM.replace("[-0.172, 0.502]", "[nan, 0.5]"), "placement.centre_m.0", "finite"),
-    (ARM + "scale = 0\n", "placement.scale", "greater than 0"),
     (ARM + "scale = true\n", "placement.scale", "a valid number"),
     (ARM + "scale = 1.0\nfit_m = [1, 1]\n", "placement", "either scale or fit_m"),
-    (ARM + "[run]\nrate_hz = inf\n", "run.rate_hz", "finite"),
     (ARM + "[run]\nrate_hz = 1e5\n", "run.rate_hz", "less than or equal to 1000"),
-    (ARM + "[optimised]\nposture_cost = {rest = -1.0}\n", "optimised.posture_cost.rest", "greater than or equal to 0"),
     (OWN_RANGE + RANGES.replace("[70, 90]", "[90, 70]"), "range_of_motion.shoulder_adduction_deg", "lower <= upper"),
     (
         OWN_RANGE + RANGES.replace("wrist_flexion_deg", "wrist_flexion_rad"),
@@ -199,11 +172,8 @@ FAULTS = [
         "deg",
     ),
     (OWN_RANGE + RANGES.replace("wrist_supination_deg = [40, 45]", ""), "wrist_supination_deg", "this key"),
-    (OWN_RANGE + RANGES.replace("[70, 90]", "[70, nan]"), "range_of_motion.shoulder_adduction_deg.1", "finite"),
     (ARM.replace("upper_limb", "lower_limb"), "system", "one of upper_limb, pose_tracking"),
-    ("title = 'x'\n", "system", "one of upper_limb, pose_tracking"),
     ("system = \n", "line 1", "TOML"),
-    (ARM + "[arm]\n", "line 12", "TOML"),
     ("[a\n", "line 1", "a table's name between [ and ]"),
     ("a 3\n", "line 1", "key = value"),
     ("a = 3,5\n", "line 1", "numbers have a point, no comma"),
@@ -213,13 +183,10 @@ FAULTS = [
     ("a = 1\na = 2\n", "line ", "each key and table once"),
     ("a = [1\n", "line ", "a list that ends with ]"),
     ("", "file", "not empty"),
-    (b"\x89PNG\r\n\x1a\n\x00\x00", "line 1", "UTF-8"),
     ("a = '\x00'", "line 1", "UTF-8"),
     (ROBOT.replace("90, -90, -90, 0]", "90]"), "robot.start_deg", "6 entries"),
     (ROBOT.replace("90, -90, -90, 0]", "200, -90, -90, 0]"), "robot.start_deg.2", "elbow within -180 to 180 deg"),
     (ROBOT + "normal = [0, 0, 0]\n", "circle", "neither zero nor parallel"),
-    (ARM + "[published]\ndamping = 1e-14\n", "published.damping", "at least 1e-12"),
-    (ARM + "[published]\ngain_per_s = 1e12\n", "published.gain_per_s", "less than or equal to 1000"),
     (
         ARM + "[optimised.posture_cost.rest]\nhumeral_flexion = -1\n",
         "rest.humeral_flexion",
@@ -227,8 +194,8 @@ FAULTS = [
     ),
     (ARM + "[optimised.posture_cost.rest]\nknee = 1\n", "optimised.posture_cost", "joints among"),
     (ARM + "[optimised.posture_cost]\nelegance = 1\n", "optimised.posture_cost", "names among"),
+    (ROBOT.replace('model = "ur5"\n', ""), "robot.model", "either model = 'ur5', or file"),
     (ROBOT + "[tracker]\nsolver = 'magic'\n", "tracker.solver", "an installed solver"),
-    (ROBOT.replace("ur5", "ur10"), "robot.model", "'ur5'"),
 ]
 
 
@@ -247,29 +214,10 @@ def test_fault_is_one_line_with_file_key_value_and_expectation(
     assert "\n" not in message
 
 
-def test_value_stands_in_the_message(written: Write) -> None:
-    path = written("problem.toml", OWN_RANGE + RANGES.replace("[70, 90]", "[90, 70]"))
-    with pytest.raises(ProblemFileError) as refusal:
-        load_problem(str(path))
-    assert str(refusal.value) == (
-        f"{path}: arm.range_of_motion.shoulder_adduction_deg = [90, 70]: expected [lower, upper] with lower <= upper"
-    )
-
-
-def test_directory_is_not_a_problem_file(tmp_path: Path) -> None:
-    with pytest.raises(ProblemFileError, match="a directory"):
-        load_problem(str(tmp_path))
-
-
 @pytest.mark.parametrize("name", ["upper_limb/figure_eigth", "no/such.toml", "a\0b", "x" * 5000])
 def test_unknown_problem_is_refused(name: str) -> None:
     with pytest.raises(ProblemFileError, match="not found"):
         load_problem(name)
-
-
-def test_near_miss_of_a_shipped_name_is_pointed_out() -> None:
-    with pytest.raises(ProblemFileError, match="such as upper_limb/figure_eight"):
-        load_problem("upper_limb/figure_eigth")
 
 
 def test_absent_recording_says_where_it_comes_from(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -36,9 +36,9 @@ def done(people: Sequence[Participant], out: Path, *, executor: Executor | None 
     return {row.participant: row for row in rows}
 
 
-def test_five_of_two_hundred_fail_each_in_their_own_row(tmp_path: Path) -> None:
-    people = [person(f"P{i:03}") for i in range(200)]
-    broken = {17: "killed", 18: "broken", 90: "odd", 150: "refused", 199: "killed"}
+def test_five_of_forty_fail_each_in_their_own_row(tmp_path: Path) -> None:
+    people = [person(f"P{i:03}") for i in range(40)]
+    broken = {17: "killed", 18: "broken", 25: "odd", 30: "refused", 39: "killed"}
     for i, what in broken.items():
         people[i] = person(people[i].name, what)
     told: list[tuple[int, int]] = []
@@ -47,11 +47,11 @@ def test_five_of_two_hundred_fail_each_in_their_own_row(tmp_path: Path) -> None:
     assert failed.keys() == broken.keys()
     assert [failed[i].status for i in sorted(failed)] == ["failed", "failed", "failed", "refused", "failed"]
     assert "its worker process died" in failed[17].error
-    assert "its worker process died" in failed[199].error
+    assert "its worker process died" in failed[39].error
     assert failed[18].error == "ZeroDivisionError: a mistake in two lines"
-    assert failed[150].error == "hand = 3: expected one of two"
-    assert told[-1] == (200, 200)
-    assert (tmp_path / "P042" / "metrics.json").read_text(encoding="utf-8") == "P042"
+    assert failed[30].error == "hand = 3: expected one of two"
+    assert told[-1] == (40, 40)
+    assert (tmp_path / "P032" / "metrics.json").read_text(encoding="utf-8") == "P032"
     assert not (tmp_path / "P017").exists()
 
 
@@ -182,39 +182,11 @@ def test_place_that_cannot_be_written_to_is_its_own_row(tmp_path: Path) -> None:
     assert (tmp_path / "A").is_file()
 
 
-def test_unusable_problem_is_its_own_row(tmp_path: Path) -> None:
-    wrong = replace(person("W"), content={"system": "workspace", "title": "x", "arm": {"side": "up"}})
-    with ThreadPoolExecutor(1) as pool:
-        rows = done([person("A"), wrong], tmp_path, executor=pool)
-    assert rows["A"].status == "done"
-    assert rows["W"].error == "W.toml: arm.side = 'up': expected 'left' or 'right'"
-
-
 def test_nobody_usable_is_the_first_ones_refusal_and_nothing_is_written(tmp_path: Path) -> None:
     wrong = [replace(person(name), content={"system": name}) for name in "AB"]
     with pytest.raises(ProblemFileError, match=r"A\.toml: system = 'A'"):
         run_many(wrong, out=tmp_path / "out")
     assert not (tmp_path / "out").exists()
-
-
-def test_executor_that_is_shut_down_fails_rows_not_the_run(tmp_path: Path) -> None:
-    pool = ThreadPoolExecutor(1)
-    pool.shutdown()
-    row = done([person("A")], tmp_path, executor=pool)["A"]
-    assert row.status == "failed"
-    assert "after shutdown" in row.error
-
-
-@pytest.mark.parametrize("workers", [0, -1])
-def test_workers_are_one_at_least(tmp_path: Path, workers: int) -> None:
-    with pytest.raises(ConfigurationError, match="--workers"):
-        run_many([person("A")], out=tmp_path, workers=workers)
-
-
-def test_people_have_names_of_their_own(tmp_path: Path) -> None:
-    for people in ([], [person("A"), person("A")]):
-        with pytest.raises(ConfigurationError, match="participants"):
-            run_many(people, out=tmp_path)
 
 
 MANY = """
@@ -232,7 +204,7 @@ if __name__ == "__main__":
 
 
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="needs SIGKILL")
-@pytest.mark.parametrize("how", ["SIGINT", "SIGKILL"])
+@pytest.mark.parametrize("how", ["SIGINT", pytest.param("SIGKILL", marks=pytest.mark.nightly)])
 def test_interrupted_run_goes_on_where_it_was(tmp_path: Path, how: str) -> None:
     log, root = tmp_path / "log", str(Path(__file__).resolve().parents[2])
     (tmp_path / "many.py").write_text(f"import sys\nsys.path.insert(0, {root!r})\n{MANY}", encoding="utf-8")
@@ -266,6 +238,7 @@ accuracy_mm = 5.0
 """
 
 
+@pytest.mark.nightly
 def test_folder_of_problem_files_is_worked_through_for_real(tmp_path: Path) -> None:
     for name, side in (("anna", "left"), ("ben", "right")):
         (tmp_path / f"{name}.toml").write_text(PROBLEM.replace("left", side), encoding="utf-8")

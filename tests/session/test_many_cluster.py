@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable
 from concurrent.futures import Executor, Future
 from dataclasses import replace
@@ -15,27 +16,38 @@ from rehab_opt.session.many.run import run_many
 from tests.session.stand_in_work import person, quick
 
 distributed = pytest.importorskip("distributed")
+dask = pytest.importorskip("dask")
 
 
+@pytest.mark.nightly
 @pytest.mark.filterwarnings("default")  # what a cluster warns of while it starts and ends is no error of ours
-def test_people_are_worked_through_on_a_real_local_cluster(tmp_path: Path) -> None:
-    people = [person(f"P{i}") for i in range(12)]
-    people[4] = person("P4", "broken")
+def test_on_a_real_cluster_a_person_who_takes_workers_with_them_fails_alone(tmp_path: Path) -> None:
+    """In a second run, in which nobody does, nothing is computed but that one person."""
+    log, out = tmp_path / "log", tmp_path / "out"
+    people = [person(f"P{i}", f"fine {log}") for i in range(8)]
+    people[1] = person("P1", f"broken {log}")
+    people[4] = person("P4", f"killed {log}")
     with (
-        distributed.LocalCluster(
-            n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None, silence_logs=50
-        ) as cluster,
+        dask.config.set({"distributed.deploy.lost-worker-timeout": "10 minutes"}),  # else 15 s, on a loaded machine
+        distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None, silence_logs=50) as cluster,
         distributed.Client(cluster) as client,
     ):
-        rows = run_many(people, out=tmp_path / "stub", executor=client.get_executor(), work=quick)
+        first = run_many(people, out=out, executor=client.get_executor(), work=quick)
+        before = Counter(log.read_text(encoding="utf-8").split())
+        people[1], people[4] = (person(name, f"fine {log}") for name in ("P1", "P4"))
+        second = run_many(people, out=out, executor=client.get_executor(), work=quick)
+        after = Counter(log.read_text(encoding="utf-8").split())
         anna = person("anna")
         arm = {"side": "left", "range_of_motion": "restricted", "accuracy_mm": 3.0}
         anna = replace(anna, content={**anna.content, "arm": arm})
-        real = run_many([anna], out=tmp_path / "real", executor=client.get_executor())
-    assert [row.status for row in rows] == ["done"] * 4 + ["failed"] + ["done"] * 7
-    assert rows[4].error == "ZeroDivisionError: a mistake in two lines"
-    assert real[0].status == "done"
-    assert float(str(real[0].numbers["sets.restricted.area_m2"])) == pytest.approx(0.00331, rel=0.05)
+        (real,) = run_many([anna], out=tmp_path / "real", executor=client.get_executor())
+    assert [row.status for row in first] == ["failed" if i in (1, 4) else "done" for i in range(8)]
+    assert first[1].error == "ZeroDivisionError: a mistake in two lines"
+    assert {row.status for row in second} == {"done"}
+    assert after.keys() == {f"P{i}" for i in range(8)}
+    assert {name for name in after if after[name] > before[name]} == {"P1", "P4"}
+    assert real.status == "done"
+    assert float(str(real.numbers["sets.restricted.area_m2"])) == pytest.approx(0.00331, rel=0.05)
     assert (tmp_path / "real" / "anna" / "workspace.png").read_bytes().startswith(b"\x89PNG")
 
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import math
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,6 +13,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rehab_opt.kinematics.human_arm import human_arm
+from rehab_opt.kinematics.ur5 import ur5
+from rehab_opt.session.mirror.metrics import led_metrics
 from rehab_opt.session.outcome import (
     error_metrics,
     joint_metrics,
@@ -128,3 +132,20 @@ def test_a_change_of_posture_from_sample_to_sample_leads_hand_and_handle_off_by_
     drive, _ = driven(arm, q, np.arange(100) / 100.0, np.tile(hand, (100, 1)), SmoothingSection(), handle_tilt=limit)
     assert np.linalg.norm(drive.hand - hand, axis=1).max() < 5e-4
     assert drive.handle_tilt.max() < limit + math.radians(0.02)
+
+
+def test_where_the_last_tick_leads_counts_in_a_laws_metrics() -> None:
+    robot, rate, start = ur5(), 100.0, np.array([0.0, -1.2, 1.5, -1.8, -1.57, 0.0])
+    pose, still, turning = robot.pose(start), np.zeros(6), np.eye(6)[0]
+    zeros, tool = np.zeros(2), np.array([pose, pose])
+    common = {"deviation": zeros, "lag": zeros, "manipulability": zeros, "tool": tool, "time": np.array([0.0, 0.01])}
+    led = SimpleNamespace(
+        **common, q=np.array([start, start]), command=np.array([still, turning]), seconds=np.zeros(2), complete=True,
+        turn=np.zeros(2), pace=np.ones(2), status=[], relaxed=[], reasons=[], counts={},
+    )  # fmt: skip
+    bounds = SimpleNamespace(chain=robot, max_manipulability=1.0, floor=0.0)
+    drive: Any = SimpleNamespace(**common)
+    numbers = led_metrics(led, drive, bounds, np.array([pose]), cause=np.zeros(2, dtype=int), rate=rate)  # type: ignore[arg-type]
+    assert numbers["joint_speed_max_deg_s"] == pytest.approx(math.degrees(1.0))
+    radius = math.hypot(*pose[:2, 3])  # the base turns about its own axis
+    assert numbers["tool_speed_max_m_s"] == pytest.approx(radius, rel=1e-4)

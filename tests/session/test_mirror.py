@@ -21,6 +21,8 @@ import pytest
 from rich.console import Console
 
 from bench.measured_lag import measured_lag
+from problems.mirror import motions
+from rehab_opt.control.conditioning import Conditioned
 from rehab_opt.errors import ProblemFileError
 from rehab_opt.session.files import load_problem, problem_of, shipped_problems
 from rehab_opt.session.mirror.metrics import CAUSES, causes, passed_fraction
@@ -402,6 +404,107 @@ def test_shipped_recordings_are_what_their_generator_writes(tmp_path: Path) -> N
     for task, file in (("pick_fruit", "pick_fruit.csv"), ("refrigerator_door", "refrigerator_door.csv")):
         fresh = np.loadtxt(io.StringIO(script["recorded"](script[task]())), delimiter=",", skiprows=1)
         np.testing.assert_allclose(fresh, np.loadtxt(FOLDER / file, delimiter=",", skiprows=1), atol=2e-6)
+    wiping = script["wipe_table"]()
+    turning = script["turning"](len(wiping))
+    for fresh, file in (
+        (script["recorded"](wiping, turning), "wipe_table.csv"),
+        (script["tracked"](np.array(turning) @ script["HELMET"]), "wipe_table_helmet.csv"),
+    ):
+        written = np.loadtxt(io.StringIO(fresh), delimiter=",", skiprows=1)
+        np.testing.assert_allclose(written, np.loadtxt(FOLDER / file, delimiter=",", skiprows=1), atol=2e-6)
+
+
+# --------------------------------------------------------------------- the second situation, and a patient who moves
+def test_a_path_above_the_floor_is_unchanged(ran: Callable[[str], MirrorOutcome]) -> None:
+    """The paper's second situation, Figs. 8-11: the path is the reference's, and the floor is never active."""
+    outcome = ran("wipe_table")
+    assert outcome.laws[BEFORE].manipulability.min() > FLOOR + 0.3
+    for name in (STEP, PLAN):
+        led, numbers = outcome.laws[name], outcome.metrics["laws"][name]
+        assert led.complete
+        assert led.manipulability.min() > FLOOR + 0.3
+        assert numbers["drive"]["seconds_by_cause"]["floor"] == 0.0
+        assert numbers["drive"]["passed_fraction_of_time"] == 1.0
+        assert led.deviation[led.time > 0.5].max() < 1e-4  # the robot starts 1 mm off
+    assert outcome.astar is not None
+    assert outcome.astar.blocked == 0
+
+
+def tracked(written: Write, patient: Array | None, cut: Callable[[str], str] = str) -> Path:
+    """A problem file's place beside the fruit's recording and a track of the patient's poses (N, 4, 4)."""
+    path = written("pick_fruit.csv", (FOLDER / "pick_fruit.csv").read_text())
+    if patient is not None:
+        written("helmet.csv", cut(motions.tracked(patient)))
+    return path.with_name("test.toml")
+
+
+def placed(path: Path, **patient: Any) -> Conditioned:
+    """The fruit's reference where the recording's frame lies exactly and the filter hardly lags."""
+    given = content()
+    given["placement"] = {"origin_m": motions.VR_POSE[:3, 3].tolist(), "turn_deg": 180.0}
+    given["conditioning"] = {"cutoff_hz": 1000.0}
+    given["patient"] |= patient
+    return laid_out(problem_of(given, name="test", file="test.toml", path=path)).reference
+
+
+SAMPLES = len((FOLDER / "pick_fruit.csv").read_text().splitlines()) - 1
+
+
+def test_a_patient_who_has_turned_mirrors_in_a_plane_turned_by_as_much(written: Write) -> None:
+    angles = math.radians(30.0) * np.minimum(np.arange(SAMPLES) / 180.0, 1.0)
+    turned = np.array([motions.around(np.eye(4), motions.HELMET[:3, 3], angle) for angle in angles])
+    path = tracked(written, turned @ motions.HELMET)
+    moving, still = placed(path, track_file="helmet.csv"), placed(path)
+    rotated = placed(path, facing_deg=210.0, sagittal_point_m=motions.HELMET[:3, 3].tolist())
+    settled = moving.times > 2.2
+    np.testing.assert_allclose(moving.poses[settled], rotated.poses[settled], atol=1e-4)
+    np.testing.assert_allclose(moving.twists[settled], rotated.twists[settled], atol=1e-2)
+    np.testing.assert_allclose(moving.poses[0], still.poses[0], atol=1e-5)
+    assert np.abs(moving.poses[settled] - still.poses[settled]).max() > 0.1
+
+
+def test_a_patient_who_moves_with_the_hand_has_the_mirrored_hand_at_rest_beside_it(written: Write) -> None:
+    path = tracked(written, None)
+    moving, hand = placed(path, track_file="pick_fruit.csv"), motions.MIRROR.poses(placed(path).poses)
+    beside = np.linalg.inv(hand) @ moving.poses
+    np.testing.assert_allclose(beside, np.broadcast_to(beside[0], beside.shape), atol=1e-3)
+    assert np.ptp(moving.poses[:, :3, 3], axis=0).max() > 0.2
+
+
+@pytest.mark.parametrize(
+    ("cut", "expected"),
+    [
+        (lambda text: text.rsplit("\n", 2)[0], r"helmet.csv: samples = 1139: expected 1140, as many as in pick_fruit"),
+        (lambda text: text.replace("0.022222,", "0.032222,"), r"helmet.csv: sample 3, t_s = 0.032222: .*0.022222 s"),
+    ],
+    ids=["shorter", "other_stamps"],
+)
+def test_a_track_that_does_not_fit_the_recording_is_refused(
+    written: Write, cut: Callable[[str], str], expected: str
+) -> None:
+    path = tracked(written, np.tile(motions.HELMET, (SAMPLES, 1, 1)), cut)
+    with pytest.raises(ProblemFileError, match=expected):
+        placed(path, track_file="helmet.csv")
+
+
+@pytest.mark.parametrize("cell", ["", "nan"])
+def test_a_track_without_a_pose_is_refused_with_its_sample(written: Write, cell: str) -> None:
+    def without(text: str) -> str:
+        lines = text.splitlines()
+        cells = lines[5].split(",")
+        lines[5] = ",".join([*cells[:3], cell, *cells[4:]])
+        return "\n".join(lines)
+
+    path = tracked(written, np.tile(motions.HELMET, (SAMPLES, 1, 1)), without)
+    with pytest.raises(ProblemFileError, match=r"helmet.csv: sample 5 = .*no pose.*: expected a pose of the patient"):
+        placed(path, track_file="helmet.csv")
+
+
+def test_a_patient_who_moves_has_no_arm_with_a_fixed_shoulder() -> None:
+    given = content("vr_hand")
+    given["patient"]["track_file"] = "helmet.csv"
+    with pytest.raises(ProblemFileError, match=r"patient.track_file = .*no such key beside patient.arm"):
+        problem_of(given, name="test", file="test.toml", path=FOLDER / "test.toml")
 
 
 FAULTS: list[tuple[str, dict[str, Any], str, str]] = [
@@ -416,6 +519,7 @@ FAULTS: list[tuple[str, dict[str, Any], str, str]] = [
     ("recording", {"position_columns": [1, 2, 3], "quaternion_columns": [4, 5, 6, 7]}, "recording.rate_hz", "no time"),
     ("placement", {"origin_m": [0.0, 0.0, 0.0]}, "placement.origin_m", "no such key beside calibration_file"),
     ("placement", {"calibration_file": "absent.csv"}, "placement.calibration_file", "a recording beside"),
+    ("patient", {"track_file": "absent.csv"}, "patient.track_file", "a recording beside"),
     ("patient", {"facing_deg": math.nan}, "patient.facing_deg", "finite"),
     ("patient", {"sagittal_point_m": [0.0, 0.45]}, "patient.sagittal_point_m", "3"),
     ("robot", {"start_deg": [0.0, 0.0]}, "robot.start_deg", "6"),

@@ -64,12 +64,6 @@ def test_same_hand_must_not_be_mirrored() -> None:
         checked_hand(hand("left", mirror=True), side="left", file="f")
 
 
-def test_quarter_turn_brings_right_to_front() -> None:
-    placement = PlacementSection(centre_m=[0.0, 0.4], turn_deg=90.0)
-    path, _ = placed_path(recording([[0, 0], [0.2, 0]]), placement, mirror=False, file="f")
-    np.testing.assert_allclose(path, [[0, 0.3, -0.24], [0, 0.5, -0.24]], atol=1e-15)
-
-
 def test_mirror_exchanges_left_and_right_after_the_turn() -> None:
     placement = PlacementSection(centre_m=[0.0, 0.4], turn_deg=90.0)
     path, sentence = placed_path(recording([[0, 0], [0, 0.2]]), placement, mirror=True, file="f")
@@ -82,12 +76,6 @@ def test_height_is_projected_away_and_said() -> None:
     path, sentence = placed_path(recording([[0, 0, 1.0], [0.1, 0, 1.05]]), placement, mirror=False, file="f")
     np.testing.assert_array_equal(path[:, 2], -0.3)
     assert "50 mm of height left out" in sentence
-
-
-def test_path_scaled_out_of_any_arms_reach_is_refused() -> None:
-    placement = PlacementSection(centre_m=[0.0, 0.4], scale=1000.0)
-    with pytest.raises(ProblemFileError, match=r"f: placement = 'a path up to 100 m .* at most 10 m"):
-        placed_path(recording([[0, 0], [0.2, 0]]), placement, mirror=False, file="f")
 
 
 def test_point_cannot_be_fitted() -> None:

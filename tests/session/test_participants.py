@@ -51,13 +51,6 @@ def test_one_end_of_a_limit_can_be_replaced_in_a_range_that_has_a_name(written: 
             assert getattr(ranges["restricted"], f"{joint}_deg") == list(RANGES_OF_MOTION_DEG["restricted"][joint])
 
 
-def test_own_range_in_full_takes_the_place_of_the_problems_named_ones(written: Write) -> None:
-    columns = [f"arm.range_of_motion.{joint}_deg.{end}" for joint in ARM_JOINTS for end in ("lower", "upper")]
-    cells = [str(limit) for joint in ARM_JOINTS for limit in RANGES_OF_MOTION_DEG["regular"][joint]]
-    (person,) = people(written, f"participant,{','.join(columns)}\nA,{','.join(cells)}\n")
-    assert ranges_of(person).wrist_deviation_deg == [-45, -30]
-
-
 def test_own_range_in_part_is_refused_rather_than_filled_with_another_persons(written: Write) -> None:
     (person,) = people(written, 'participant,arm.range_of_motion.forearm_extension_deg\nA,"[0, 50]"\n')
     with pytest.raises(ProblemFileError, match=r"people.csv, line 2: arm.range_of_motion.scapular_retraction_deg"):
@@ -81,13 +74,9 @@ def test_lists_are_entered_by_number(written: Write) -> None:
 
 ROW_FAULTS = [
     ("arm.side\nA,up\nB,left", "line 2: arm.side = 'up'"),
-    ("arm.sied\nA,left\nB,", "line 2: arm.sied = 'left'"),
     ("arm.side\nA,left,right\nB,left", "line 2: cells = 3: expected 2"),
-    ("arm.side\nA\nB,left", "line 2: cells = 1: expected 2"),
     ("arm.segments.humerus_mm\nA,wide\nB,300", "line 2: arm.segments.humerus_mm = 'wide'"),
-    ("arm.segments.humerus_mm\nA,nan\nB,300", "line 2: arm.segments.humerus_mm = 'nan'"),
     ('arm.segments.humerus_mm\nA,"29,5"\nB,300', "line 2: arm.segments.humerus_mm = '29,5'"),
-    ("arm.side.x\nA,1\nB,", "line 2: arm.side.x"),
     ("arm.range_of_motion.mine.forearm_extension_deg.upper\nA,50\nB,", "forearm_extension_deg.lower = None"),
     ("arm.range_of_motion.restricted.forearm_extension_deg.upper\nA,20\nB,", "[30, 20]: expected [lower, upper]"),
     ("system\nA,nothing\nB,", "line 2: system = 'nothing'"),
@@ -112,12 +101,9 @@ def test_fault_of_one_row_is_said_of_that_row_alone(written: Write, rows: str, s
 TABLE_FAULTS = [
     ("name,arm.side\nA,left\n", "line 1", "a column participant"),
     ("participant;arm.side\nA;left\n", "line 1", "cells are separated by commas"),
-    ("participant,arm.side\n", "rows", "a row for each"),
     ("participant,arm.side,arm.side\nA,left,left\n", "line 1, column 3", "each column once"),
     ("participant,\nA,left\n", "line 1, column 2", "a name"),
     ('participant,arm.side\n"A,left\n', "line 2", "comma-separated cells"),
-    (b"participant,arm.side\n\xff,left\n", "line 2", "UTF-8"),
-    ("", "file", "not empty"),
 ]
 
 
@@ -136,6 +122,7 @@ def test_a_name_that_cannot_be_used_is_its_own_row(written: Write) -> None:
     assert [person.error == "" for person in found] == [name in ("A", "C", "-1") for name in names]
     assert "line 6, column participant has it, too" in found[2].error
     assert "line 4, column participant has it, too" in found[4].error
+    assert found[2].error.partition("people.csv")[2].startswith(": line 4, column participant = 'B'")
     assert "1 to 100 characters" in found[1].error
     assert "people.csv: line 5, column participant = '../A'" in found[3].error
     assert len({person.name for person in found}) == len(names)
@@ -183,19 +170,13 @@ def test_folder_has_a_person_in_each_problem_file(written: Write, tmp_path: Path
         participants_of(tmp_path, problem="upper_limb/workspace")
 
 
-def test_what_is_neither_folder_nor_table_is_refused(written: Write, tmp_path: Path) -> None:
-    for path, said in ((tmp_path / "none", "not found"), (written("people.xlsx", "x"), r"ending in \.csv")):
-        with pytest.raises(ProblemFileError, match=said):
-            participants_of(path)
-
-
 @pytest.mark.parametrize(
     ("cell", "value"),
-    [("290", 290), (" 2.5 ", 2.5), ("true", True), ("[1, 2]", [1, 2]), ("left", "left"), ('"12"', "12"),
+    [("290", 290), (" 2.5 ", 2.5), ("true", True), ("left", "left"), ('"12"', "12"),
      ("1\nx=2", "1\nx=2"),
-     ("2024-01-01", "2024-01-01"), ("{a = 1}", "{a = 1}"), ("29,5", "29,5"),
-     ("29#0", "29#0"), ("290 # or 300", "290 # or 300"), ("[1, 2] # ?", "[1, 2] # ?"), ('"P #1"', "P #1"),
-     ("1\nside = 2", "1\nside = 2"), ("1], [2", "1], [2")],
+     ("29,5", "29,5"),
+     ("[1, 2] # ?", "[1, 2] # ?"), ('"P #1"', "P #1"),
+     ("1], [2", "1], [2")],
 )  # fmt: skip
 def test_cell_is_a_number_where_it_reads_as_one_and_else_a_text(cell: str, value: object) -> None:
     assert cell_value(cell) == value

@@ -37,16 +37,6 @@ def test_csv_is_read_in_the_units_its_header_names(written: Write) -> None:
     assert recording.notes == ("columns not read: force_N",)
 
 
-def test_third_coordinate_of_a_csv_is_read_where_there_is_one(written: Write) -> None:
-    recording = read_recording(written("path.csv", "t_s,x_m,y_m,z_mm\n0,1,2,3000\n1,1,2,4000\n"))
-    np.testing.assert_allclose(recording.points, [[1, 2, 3], [1, 2, 4]])
-
-
-def test_csv_columns_can_be_named(written: Write) -> None:
-    path = written("path.csv", "t_s,right_m,front_cm\n0,1,200\n1,3,400\n")
-    np.testing.assert_allclose(read_recording(path, columns=["right_m", "front_cm"]).points, [[1, 2], [3, 4]])
-
-
 def test_pen_trace_says_how_many_samples_it_dropped(written: Write) -> None:
     recording = read_recording(written("pen.svc", SVC))
     np.testing.assert_allclose(recording.time, [0.1, 0.2])
@@ -81,47 +71,23 @@ def test_motion_file_tells_angles_from_lengths_and_notes_a_wrong_row_count(writt
     assert recording.notes == ("its header states 9 rows, 2 are there",)
 
 
-@pytest.mark.parametrize("separator", [",", "\t", "  "])
-def test_motion_file_is_read_with_every_separator(written: Write, separator: str) -> None:
-    rows = MOT.splitlines()
-    text = "\n".join(rows[:5] + [row.replace(" ", separator) for row in rows[5:]])
-    assert read_recording(written("lift.mot", text)).joints["elbow"].shape == (2,)
-
-
-def test_recording_cannot_be_changed_afterwards(written: Write) -> None:
-    recording = read_recording(written("path.csv", "t_s,x_m,y_m\n0,1,2\n1,1,2\n"))
-    with pytest.raises(ValueError, match="read-only"):
-        recording.points[0, 0] = 5.0
-
-
 BAD = [
-    ("a.csv", "", "file", "not empty"),
     ("a.csv", "\n\n  \n", "file", "not empty"),
     ("a.csv", b"t_s,x_m,y_m\n0,\xff\xfe,1\n", "line 2", "UTF-8"),
-    ("a.csv", "t_s,x_m,y_m\n0,\0,1\n", "line 2", "UTF-8"),
     ("a.csv", "0,1,2\n1,2,3\n", "line 1", "header"),
     ("a.csv", "t_s,x_m,y_m\n", "line 2", "rows of numbers"),
     ("a.csv", "t_s,x_m,y_m\n0,1,2\n", "samples", "at least 2"),
-    ("a.csv", "t_s,x_m\n0,1\n1,2\n", "column y", "y_m, y_cm, y_mm"),
     ("a.csv", "t_s,x_inch,y_m\n0,1,2\n", "column x", "x_m, x_cm, x_mm"),
-    ("a.csv", "x_m,y_m\n0,1\n", "column t", "t_s"),
     ("a.csv", "t_s,x_m,x_m,y_m\n0,1,1,2\n", "line 1", "a name of its own"),
     ("a.csv", "t_s,x_m,x_mm,y_m\n0,1,1,2\n", "column x", "one of"),
     ("a.csv", "t_s,x_m,y_m\n0,1,2\n1,nan,2\n", "line 3, column x_m", "finite"),
-    ("a.csv", "t_s,x_m,y_m\n0,1,2\n1,1e999,2\n", "line 3, column x_m", "finite"),
-    ("a.csv", "t_s,x_m,y_m\n0,1,2\n1,left,2\n", "line 3, column x_m", "finite"),
     ("a.csv", "t_s,x_m,y_m\n0,1,2\n1,1\n", "line 3", "3, as in the header"),
     ("a.csv", "t_s,x_m,y_m\n0,1,2\n0,1,3\n1,2,3\n", "time of sample 2", "more than"),
     ("a.csv", "t_s,x_m,y_m\n0,1,2\n1,1,3\n0.5,2,3\n", "time of sample 3", "more than"),
-    ("a.csv", "t_s,x_m,y_m\n0,1,2\n1,1e300,2\n", "line 3, column x_m", "from -10 to 10"),
     ("a.csv", "t_s,x_mm,y_m\n0,1,2\n1,10001,2\n", "line 3, column x_mm", "from -10000 to 10000"),
     ("a.csv", "t_s,x_m,y_m\n-1e300,1,2\n1e308,1,2\n", "line 2, column t_s", "from -1e+10 to 1e+10"),
-    ("a.svc", SVC.replace("3 4 0.2", "3 1e5 0.2"), "line 5, column y_mm", "from -10000 to 10000"),
-    ("a.svc", SVC.replace("3 4 0.2", "3 4 1e200"), "line 5, column t_s", "1e+10"),
     ("a.svc", "9" * 5000 + "\n0 0 0 1\n", "line 1", "the number of samples"),
-    ("a.mot", MOT.replace("0.0 90", "-1e12 90"), "line 7, column time", "1e+10"),
     ("a.mot", MOT.replace("0.1 0.2", "0.1 -20"), "line 7, column box_ty", "from -10 to 10"),
-    ("a.trc", TRC.replace("\t30\t20\t30\n3", "x").replace("\t30\t20\t30\n", "\t30\t2e4\t30\n"), "HAND Y", "10000"),
     ("a.svc", "x\n" + SVC.partition("\n")[2], "line 1", "the number of samples"),
     ("a.svc", SVC.replace("3 4 0.2", "3 4 0.05"), "line 5, column t_s", "not before"),
     ("a.svc", SVC.replace("0.2 1", "0.2 7"), "line 5, column pen_down", "0 or 1"),
@@ -129,14 +95,10 @@ BAD = [
     ("a.svc", "1\n1 2 3 0\n", "pen_down", "at least once"),
     ("a.mot", MOT.replace("endheader", "end"), "header", "endheader"),
     ("a.mot", MOT.replace("inDegrees=yes\n", ""), "inDegrees", "yes or no"),
-    ("a.mot", MOT.replace("time", "clock"), "column time", "one of"),
-    ("a.mot", MOT.replace("180", "inf"), "line 8, column elbow", "finite"),
     ("a.trc", TRC.replace("\tmm\n", "\tinch\n"), "Units", "mm"),
     ("a.trc", TRC.replace("HAND", "FOOT"), "recording.marker", "WRIST, FOOT"),
-    ("a.trc", TRC.replace("\t30\t20", "\tx\t20"), "line 9, column HAND X", "finite"),
     ("a.trc", TRC.replace("\t0.02\t", "\t0.92\t"), "marker HAND", "at most 0.2 s"),
     ("a.trc", TRC.replace("WRIST\t", "WRIST\t\t"), "line 4", "every third cell"),
-    ("a.trc", TRC.replace("Time\tWRIST\t\t\tHAND", "Time\t\tHAND\t\tWRIST"), "line 4", "every third cell"),
     ("a.trc", "PathFileType\n", "line 1", "header"),
     ("a.png", "x", "file", ".csv, .svc, .mot, .sto, .trc, .c3d"),
 ]
@@ -217,13 +179,6 @@ def test_uneven_sampling_is_said(written: Write) -> None:
     assert resampled(recording, 100.0).notes == (
         "sampled unevenly, 10 to 40 ms apart; resampled to 100 Hz by linear interpolation",
     )
-
-
-def test_shared_pen_trace_is_read(recorded: Callable[[str], Path]) -> None:
-    recording = read_recording(recorded("pen_trace/signal.svc"))
-    assert recording.points.shape == (1378, 2)
-    np.testing.assert_allclose(np.ptp(recording.points, axis=0), [0.04042, 0.032295], atol=1e-9)
-    assert "559 samples with the pen up" in recording.notes[1]
 
 
 def test_shared_marker_trial_is_read_and_its_header_corrected(recorded: Callable[[str], Path]) -> None:

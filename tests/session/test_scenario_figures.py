@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import itertools
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
 import pytest
@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 from PIL import Image
 from rich.console import Console
+from rich.table import Table
 
 from rehab_opt.control.command import Relaxed
 from rehab_opt.control.gate import Mode
@@ -26,7 +27,7 @@ from rehab_opt.session.scenario.field_figures import (
 )
 from rehab_opt.session.scenario.figures import deviation_figure, figures, max_between, trials_figure
 from rehab_opt.session.scenario.outcome import RATE, ScenarioOutcome, thinned_ticks
-from rehab_opt.session.scenario.plane_drawing import LAW_NAMES, mean_over_trials
+from rehab_opt.session.scenario.plane_drawing import LAW_NAMES, mean_over_trials, shown_box
 from rehab_opt.session.scenario.problem import REACHES
 from rehab_opt.session.scenario.table import brief, table
 from tests.session.made_trials import ALONE, COMFORTABLE, REACHABLE, WITHIN, made_outcome, trial_of
@@ -109,6 +110,14 @@ def test_number_of_trials_is_said_so_that_one_is_none_of_many() -> None:
         assert f"trials under each law: {count}" in words(
             trials_figure(made_outcome("assist", trials=count, laws=("assisted",)))
         )
+
+
+def test_every_point_lies_within_the_box_that_is_shown_with_the_same_room_on_all_sides() -> None:
+    points = np.random.default_rng(5).normal(0.3, 0.1, (50, 2))
+    low, high = (np.array(each) for each in zip(*shown_box(points), strict=True))
+    below, above = 1e3 * points.min(axis=0) - low, high - 1e3 * points.max(axis=0)
+    assert below.min() > 0
+    np.testing.assert_allclose(np.concatenate([below, above]), below[0])
 
 
 def test_largest_between_two_kept_ticks_is_kept() -> None:
@@ -212,6 +221,20 @@ def test_what_is_printed_first_are_success_deviation_and_force(mode: Mode) -> No
     assert len(rows) == 1 + (mode == "follow")
     # A hand may cut a corner by as much: what is covered says within what, and stands first.
     assert (f"path covered in order, within {1e3 * WITHIN:g} mm, %" in rows[0]) == (mode == "follow")
+
+
+@pytest.mark.parametrize("shown", [brief, table])
+def test_distance_at_the_end_stands_beside_the_share_that_succeeded(shown: Callable[[ScenarioOutcome], Table]) -> None:
+    """One law ended 4.4 mm off and succeeded, another 5.6 mm, at a threshold of 5 mm: 100 and 0 %."""
+    outcome = made_outcome("assist", trials=2)
+    for law, away in (("assisted", (0.0042, 0.0046)), ("published", (0.0055, 0.0057))):
+        for of, distance in zip(outcome.measures[law], away, strict=True):
+            of |= {"final_distance_m": distance, "success": distance <= WITHIN}  # type: ignore[operator]
+    file = io.StringIO()
+    Console(file=file, width=150).print(shown(outcome))
+    row = next(line for line in file.getvalue().splitlines() if "trials that succeeded" in line)
+    assert "100; 4.4 (4.6)" in row
+    assert "0; 5.6 (5.7)" in row
 
 
 def test_table_says_when_a_target_was_never_reached() -> None:

@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rehab_opt.recordings.reading import read_recording
 from rehab_opt.recordings.recording import Recording, without_spikes
 from rehab_opt.session.files import load_problem
 from rehab_opt.session.run import checked
@@ -111,10 +110,3 @@ def test_every_system_tells_of_holes(tmp_path: Path) -> None:
     said = [str(note) for note in checked(load_problem(str(problem)))]
     for each in ("samples left out as spikes: 1, ", "once no samples, the longest of 1.01 s after 0.59 s: bridged"):
         assert any(each in note for note in said)
-
-
-def test_sizes_are_those_without_spikes(tmp_path: Path) -> None:
-    rows = [f"{k / 100},{9.0 if k == 30 else k / 1000},0" for k in range(100)]
-    (tmp_path / "a.csv").write_text("\n".join(["t_s,x_m,y_m", *rows]))
-    assert read_recording(tmp_path / "a.csv").notes == ("samples left out as spikes: 1, the first after 0.3 s",)
-    assert len(read_recording(tmp_path / "a.csv", clean=False).time) == 100

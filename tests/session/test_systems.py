@@ -32,11 +32,6 @@ def test_every_system_has_a_shipped_problem() -> None:
     assert {load_problem(name).problem.system for name in shipped_problems()} == set(SHIPPED)
 
 
-def test_unknown_system_is_refused_with_those_there_are() -> None:
-    with pytest.raises(ConfigurationError, match="system = 'leg': expected one of upper_limb, pose_tracking"):
-        system_named("leg")
-
-
 @pytest.mark.parametrize("module", [*SHARED, "../cli"])
 def test_shared_modules_import_no_system(module: str) -> None:
     text = (Path(rehab_opt.session.__file__).parent / f"{module}.py").read_text(encoding="utf-8")
@@ -119,7 +114,7 @@ def test_a_kind_from_outside_runs_for_many_people(count: Path) -> None:
     folder.mkdir()
     for number in (2, 5):
         (folder / f"p{number}.toml").write_text(f'system = "count"\ntitle = "p"\ncount = {number}\n', encoding="utf-8")
-    rows = run_many(participants_of(folder, problem=None), out=count / "out", workers=None, executor=None)
+    rows = run_many(participants_of(folder, problem=None), out=count / "out", workers=1, executor=None)
     assert [row.error for row in rows] == ["", ""]
 
 
@@ -136,12 +131,6 @@ def test_options_reach_the_system_that_knows_them_and_no_other(count: Path) -> N
     assert run_problem(config, speed="high", law=None).metrics["options"] == {"speed": "high"}
     with pytest.raises(ConfigurationError, match="--law = 'both': expected another option"):
         run_problem(config, law="both")
-
-
-def test_it_is_named_among_the_kinds_there_are(count: Path) -> None:
-    assert [*systems()] == [*SHIPPED, "count"]
-    with pytest.raises(ConfigurationError, match="ardis, count"):
-        system_named("leg")
 
 
 @pytest.mark.parametrize(

@@ -11,8 +11,7 @@ from typing import Any
 import pytest
 
 from rehab_opt.errors import ProblemFileError
-from rehab_opt.recordings.data_folder import ENVIRONMENT
-from rehab_opt.session.files import load_problem, problem_of, recording_state
+from rehab_opt.session.files import problem_of
 from rehab_opt.session.run import checked, run_problem
 from rehab_opt.session.used_ranges.run import UsedRangesOutcome
 from rehab_opt.session.used_ranges.shown import figures as used_ranges_figures
@@ -60,20 +59,6 @@ def test_groups_stand_side_by_side_and_the_words_are_range_used(recorded: Callab
     assert all("ange used" in figure.get_suptitle() for figure in drawn.values())
 
 
-def test_figures_of_two_tasks_overlap_nowhere_and_cut_no_bar(recorded: Callable[[str], Path]) -> None:
-    recorded(f"{FOLDER}/RF_MEAN_ShEl.csv")
-    content = {key: value for key, value in CONTENT.items() if key != "variation"}
-    drawn = used_ranges_figures(run({**content, "recorded": {"folder": CONTENT["recorded"]["folder"]}}))
-    figure = drawn["workspace_of_range_used"]
-    figure.savefig(io.BytesIO())
-    above, below = (each.get_window_extent() for each in (figure.texts[0], figure.legends[0]))
-    for panel in figure.axes:
-        assert panel.title.get_window_extent().y1 <= above.y0
-        assert panel.xaxis.label.get_window_extent().y0 >= below.y1
-    for panel in drawn["range_used"].axes:
-        assert panel.get_xlim()[0] < min(bar.get_x() for bar in panel.patches)  # type: ignore[attr-defined]
-
-
 def test_range_that_holds_no_handle_upright_is_an_answer(recorded: Callable[[str], Path]) -> None:
     recorded(f"{FOLDER}/RF_MEAN_ShEl.csv")
     content = {**CONTENT, "arm": {**CONTENT["arm"], "handle_tilt_deg": 2.0}, "variation": None}
@@ -81,23 +66,6 @@ def test_range_that_holds_no_handle_upright_is_an_answer(recorded: Callable[[str
     assert all(numbers["empty"] for numbers in outcome.metrics["groups"].values())
     assert sum("EMPTY, no posture holds the handle" in note for note in outcome.notes) == 2
     assert "fraction_of_people" not in used_ranges_figures(outcome)
-
-
-def test_plane_that_nobody_reaches_is_an_answer(recorded: Callable[[str], Path]) -> None:
-    recorded(f"{FOLDER}/RF_MEAN_ShEl.csv")
-    outcome = run({**CONTENT, "arm": {**CONTENT["arm"], "plane_height_m": 1.5}})
-    assert all(numbers["people_who_reach_nothing"] == 2 for numbers in outcome.metrics["groups"].values())
-    for panel in used_ranges_figures(outcome)["fraction_of_people"].axes[:2]:
-        assert any("nobody reaches this plane" in text.get_text() for text in panel.texts)
-
-
-def test_absent_recordings_are_said_with_their_origin(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setenv(ENVIRONMENT, str(tmp_path))
-    config = load_problem("upper_limb/cp_reach")
-    assert recording_state(config).startswith("absent: data:cp_dyskinetic_reach/RF_MEAN_")
-    with pytest.raises(ProblemFileError, match="IntiVM/SPM_UL_DyskineticCP") as refusal:
-        checked(config)
-    assert refusal.value.key == "recorded.folder"
 
 
 @pytest.mark.parametrize(

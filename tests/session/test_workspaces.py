@@ -11,6 +11,7 @@ import pytest
 import shapely
 
 from rehab_opt.errors import ProblemFileError
+from rehab_opt.kinematics.human_arm import RANGES_OF_MOTION_DEG
 from rehab_opt.session.files import load_problem, problem_of
 from rehab_opt.session.report import metrics_json
 from rehab_opt.session.run import checked, run_problem
@@ -36,13 +37,16 @@ def shipped() -> WorkspaceOutcome:
     return outcome
 
 
-def test_shipped_problem_gives_both_sets_of_table_i_one_inside_the_other(shipped: WorkspaceOutcome) -> None:
+def test_shipped_problem_gives_table_i_and_the_other_reading_of_figure_3(shipped: WorkspaceOutcome) -> None:
     numbers = shipped.metrics["sets"]
     assert numbers["regular"]["area_m2"] == pytest.approx(0.1037, rel=0.01)
     assert numbers["restricted"]["area_m2"] == pytest.approx(0.00331, rel=0.02)
     assert numbers["restricted"]["fraction_inside"]["regular"] == pytest.approx(1.0, abs=1e-3)
     assert numbers["regular"]["fraction_inside"]["restricted"] == pytest.approx(0.0319, abs=1e-3)
-    assert [of["components"] for of in numbers.values()] == [1, 1]
+    assert numbers["figure_3"]["area_m2"] == pytest.approx(0.0332, rel=0.01)
+    assert numbers["figure_3"]["fraction_inside"]["regular"] == pytest.approx(0.948, abs=0.005)
+    assert numbers["restricted"]["fraction_inside"]["figure_3"] == pytest.approx(0.139, abs=0.01)
+    assert [of["components"] for of in numbers.values()] == [1, 1, 1]
     json.loads(metrics_json(shipped), parse_constant=pytest.fail)
 
 
@@ -54,6 +58,19 @@ def test_trace_holds_the_boundaries_themselves(shipped: WorkspaceOutcome) -> Non
         rebuilt = shapely.Polygon([(float(xs[i]), float(ys[i])) for i in rows])
         assert rebuilt.symmetric_difference(of.workspace.polygon).area < 1e-12
         assert {columns["ring"][i] for i in rows} == {0}
+
+
+def test_shipped_problem_prints_the_area_over_the_tilt_of_the_handle(shipped: WorkspaceOutcome) -> None:
+    areas = {tilt: 1e4 * of["area_m2"] for tilt, of in shipped.metrics["sets"]["restricted"]["tilts"].items()}
+    assert areas == pytest.approx(
+        {"2_deg": 33.1, "5_deg": 44.2, "10_deg": 63.3, "20_deg": 102.0, "any": 107.3}, rel=0.01
+    )
+    assert "tilts" not in shipped.metrics["sets"]["regular"]
+    lines = [line for line in shown(shipped).splitlines() if "handle tilt" in line]
+    assert len(lines) == len(areas)
+    for line, (tilt, area) in zip(lines, areas.items(), strict=True):
+        assert f"handle tilt {tilt.replace('_', ' ')}," in line
+        assert f"{area:.4g}" in line
 
 
 def test_trace_numbers_parts_and_holes(shipped: WorkspaceOutcome) -> None:
@@ -135,9 +152,9 @@ def shown(outcome: WorkspaceOutcome) -> str:
 
 OWN = {"scapular_retraction_deg": [0, 0]}
 FAULTS = [
-    ({"range_of_motion": "normal"}, "arm.range_of_motion", "'regular' or 'restricted'"),
+    ({"range_of_motion": "normal"}, "arm.range_of_motion", "'regular', 'restricted' or 'figure_3'"),
     ({"range_of_motion": {}}, "arm.range_of_motion", "at least 1"),
-    ({"range_of_motion": {"a": "normal"}}, "arm.range_of_motion.a", "'regular' or 'restricted'"),
+    ({"range_of_motion": {"a": "normal"}}, "arm.range_of_motion.a", "'regular', 'restricted' or 'figure_3'"),
     ({"range_of_motion": {"a": {"wrist_deg": [0, 1]}}}, "arm.range_of_motion.a.wrist_deg", "one of the keys"),
     ({"range_of_motion": OWN}, "arm.range_of_motion.glenohumeral_rotation_deg", "this key"),
     ({"range_of_motion": {"scapular_retraction": [0, 0]}}, "arm.range_of_motion.scapular_retraction", "'regular'"),
@@ -150,6 +167,46 @@ FAULTS = [
     ({"range_of_motion": "regular", "shoulder_m": [0, 0]}, "arm.shoulder_m", "at least 3"),
     ({"range_of_motion": "regular", "joint_speed_deg_s": 90.0}, "arm.joint_speed_deg_s", "one of the keys"),
 ]
+
+
+def test_own_range_in_place_of_the_named_ones_needs_no_search_for_tilts() -> None:
+    own = {f"{joint}_deg": list(pair) for joint, pair in RANGES_OF_MOTION_DEG["restricted"].items()}
+    content = {
+        "system": "workspace",
+        "title": "test",
+        "arm": {**COARSE, "range_of_motion": own},
+        "tilts": {"range": "restricted", "handle_tilt_deg": [20.0]},
+    }
+    outcome = run_problem(problem_of(content, name="test", file="f", path=Path("f")))
+    assert list(outcome.metrics["sets"]) == ["own range"]
+    assert "tilts" not in outcome.metrics["sets"]["own range"]
+    named = {**content, "arm": {**COARSE, "range_of_motion": {"restricted": own}}}
+    outcome = run_problem(problem_of(named, name="test", file="f", path=Path("f")))
+    assert outcome.metrics["sets"]["restricted"]["tilts"]["20_deg"]["area_m2"] == pytest.approx(0.0102, rel=0.05)
+
+
+TILTS = [
+    (
+        {"range": "figure_3", "handle_tilt_deg": [2]},
+        "tilts.range",
+        "the name of a range of arm.range_of_motion (regular)",
+    ),
+    ({"range": "regular", "handle_tilt_deg": []}, "tilts.handle_tilt_deg", "at least 1"),
+    ({"range": "regular", "handle_tilt_deg": [2.0, 2.0]}, "tilts.handle_tilt_deg", "each one once"),
+    ({"range": "regular", "handle_tilt_deg": [-1.0]}, "tilts.handle_tilt_deg.0", "greater than or equal to 0"),
+    ({"range": "regular", "handle_tilt_deg": ["none"]}, "tilts.handle_tilt_deg.0", "'any'"),
+]
+
+
+@pytest.mark.parametrize(("tilts", "key", "expected"), TILTS)
+def test_fault_of_tilts_is_one_line_with_its_key(tilts: dict[str, object], key: str, expected: str) -> None:
+    arm = {"side": "left", "range_of_motion": "regular"}
+    content = {"system": "workspace", "title": "test", "arm": arm, "tilts": tilts}
+    with pytest.raises(ProblemFileError) as refusal:
+        checked(problem_of(content, name="test", file="test.toml", path=Path("test.toml")))
+    assert refusal.value.key.startswith(key)
+    assert expected in refusal.value.expected
+    assert "\n" not in str(refusal.value)
 
 
 @pytest.mark.parametrize(("arm", "key", "expected"), FAULTS)

@@ -111,17 +111,10 @@ FAULTS = [
     (ROWS + "1\t2\t3\n", CHANNELS, JSON, "line 5"),
     (ROWS + "1\tx\n", CHANNELS, JSON, "line 5, column y"),
     (ROWS + "1\t1e9\n", CHANNELS, JSON, "another unit"),
-    (ROWS, CHANNELS.replace("mm", "vm"), JSON, "units of channel x"),
     (ROWS, CHANNELS.replace("units", "unit"), JSON, "line 1"),
-    (ROWS, CHANNELS.replace("y\ty", "y\tx"), JSON, "x and y"),
-    (ROWS, CHANNELS.replace("y\ty", "y\tz"), JSON, "components"),
     (ROWS, CHANNELS.replace("\ny\ty", "\nx\ty"), JSON, "each channel once"),
-    (ROWS, CHANNELS + "z\tz\tPOS\n", JSON, "3 cells"),
     (ROWS, CHANNELS, '{"SamplingFrequency": "100"}', "SamplingFrequency"),
-    (ROWS, CHANNELS, '{"SamplingFrequency": NaN}', "SamplingFrequency"),
     (ROWS, CHANNELS, '{"SamplingFrequency": 1' + "0" * 5000 + "}", "JSON"),
-    (ROWS, CHANNELS, "[" * 100000, "JSON"),
-    (ROWS, CHANNELS, "100", "SamplingFrequency"),
 ]
 
 

@@ -13,13 +13,12 @@ import pytest
 from scipy import stats
 
 from rehab_opt.cli import main
-from rehab_opt.errors import ConfigurationError
 from rehab_opt.measures import score
 from rehab_opt.measures.score import Measure
 from rehab_opt.recordings.tables import read_csv
 from rehab_opt.study.record import metric_trials
 from rehab_opt.study.store import Study
-from rehab_opt.study.summary import interval, quantity, session_means, slopes
+from rehab_opt.study.summary import interval, quantity, session_means
 from rehab_opt.study.trial import Session, Trial
 from tests.measures.yardstick import reach
 
@@ -169,25 +168,6 @@ def test_intervals_and_slopes_are_those_of_scipy() -> None:
     assert math.isnan(interval([1.0]).lower)
 
 
-def test_a_measure_of_a_study_without_any_is_refused_by_what_is_missing(tmp_path: Path) -> None:
-    with Study(tmp_path / "s.db") as study, pytest.raises(ConfigurationError, match="a study that has measures"):
-        quantity(study, "m")
-
-
-def test_slopes_are_least_squares_of_each_person(tmp_path: Path) -> None:
-    rng = np.random.default_rng(6)
-    lines = {"A": rng.normal(size=6), "B": rng.normal(size=3), "C": rng.normal(size=1)}
-    with Study(tmp_path / "s.db") as study:
-        for person, values in lines.items():
-            for visit, value in enumerate(values):
-                study.add(Session(person, str(visit), visit=visit), Trial("live", [Measure("m", value, "")]))
-        measure = quantity(study, "m")
-        found = slopes(session_means(study, [measure])[measure])
-    assert found.keys() == {"A", "B"}
-    for person, slope in found.items():
-        assert slope == pytest.approx(np.polyfit(range(len(lines[person])), lines[person], 1)[0])
-
-
 def test_numbers_of_a_run_keep_units_bounds_and_events() -> None:
     law = {
         "trials": [
@@ -229,19 +209,6 @@ def test_a_name_that_is_sql_is_a_name(tmp_path: Path) -> None:
         assert db.execute("SELECT name FROM quantities").fetchall() == [(name,)]
 
 
-def test_measures_are_parquet_too_and_a_pseudonym_is_no_number(run: Run, tmp_path: Path) -> None:
-    parquet = pytest.importorskip("pyarrow.parquet")
-    with Study(tmp_path / "s.db") as study:
-        for visit, value in ((None, math.nan), (2, 0.1)):
-            study.add(Session("007", f"{visit}", visit=visit), Trial("live", [Measure("m", value, "s")]))
-    assert run("study", "export", "s.db", "--format", "parquet", "--out", "out")[0] == 0
-    rows = parquet.read_table(tmp_path / "out" / "measures.parquet").to_pylist()
-    assert [(row["person"], row["visit"], row["trial"], row["value"]) for row in rows] == [
-        ("007", None, 1, None),
-        ("007", 2, 1, 0.1),
-    ]
-
-
 @pytest.mark.parametrize("option", ["--out", "--pdf"])
 def test_a_report_is_never_written_over_its_study(run: Run, option: str) -> None:
     Study(Path("s.db")).close()
@@ -250,18 +217,6 @@ def test_a_report_is_never_written_over_its_study(run: Run, option: str) -> None
     assert code == 2
     assert "another file than the study" in error
     assert Path("s.db").read_bytes() == before
-
-
-def test_a_page_and_its_pdf_are_two_files_and_a_folder_is_refused_by_its_option(run: Run, tmp_path: Path) -> None:
-    Study(Path("s.db")).close()
-    code, _, error = run("report", "s.db", "--out", "x.pdf", "--pdf", "./x.pdf")
-    assert code == 2
-    assert "--pdf = 'x.pdf': expected another file than the study, and than the page" in error
-    (tmp_path / "folder").mkdir()
-    code, _, error = run("report", "s.db", "--pdf", "folder")
-    assert code == 2
-    assert "--pdf = 'folder'" in error
-    assert not Path("s-report.html").exists()
 
 
 def test_numbers_of_a_condition_that_the_last_session_had_not_are_not_called_its(run: Run) -> None:

@@ -19,7 +19,7 @@ from rehab_opt.measures.score import Measure
 from rehab_opt.study.database import APPLICATION, VERSIONS
 from rehab_opt.study.person import exported, removed
 from rehab_opt.study.store import Study
-from rehab_opt.study.trial import Bound, ProblemText, Session, StoredFile, Trial
+from rehab_opt.study.trial import ProblemText, Session, StoredFile, Trial
 from tests.study.killed import kills
 from tests.study.made_studies import checked_sum, made_trial
 
@@ -96,12 +96,10 @@ def test_covariates_do_not_change_under_a_study(tmp_path: Path, session: Session
 @pytest.mark.parametrize(
     "bad",
     [
-        {"person": ""}, {"person": " P"}, {"person": "P\n"}, {"person": "P" * 101}, {"name": "\x1b[2J"}, {"group": ""},
-        {"person": "=1+1"}, {"person": "@sum"}, {"person": "Anna Meier"},
-        {"person": "Meier,Anna"}, {"person": "Anna\u00a0Meier"}, {"person": "meier@example.org"},
-        {"name": "+cmd|x"}, {"name": "-x"}, {"group": "=A1"}, {"person": 5},
-        {"name": None}, {"group": 1}, {"date": 5}, {"visit": 1.5}, {"visit": True}, {"visit": "1"},
-        {"visit": -1}, {"date": "23.11.2026"}, {"date": "2026-02-30"}, {"date": "20261123"},
+        {"person": ""}, {"person": "P\n"}, {"name": "\x1b[2J"}, {"person": "=1+1"}, {"person": "Anna Meier"},
+        {"person": "meier@example.org"},
+        {"name": "-x"}, {"person": 5},
+        {"visit": 1.5}, {"visit": -1}, {"date": "23.11.2026"}, {"date": "2026-02-30"},
     ],
 )  # fmt: skip
 def test_labels_that_cannot_be_kept_are_refused(bad: dict[str, Any]) -> None:
@@ -292,42 +290,6 @@ def test_a_person_gets_all_that_is_theirs_and_nothing_of_others(tmp_path: Path) 
             exported(study, "nobody", tmp_path / "out2")
         assert len(exported(study, None, tmp_path / "all")) == 1
         assert "theirs" in (tmp_path / "all" / "measures.csv").read_text()
-
-
-def test_files_that_are_no_study_keep_their_mode_and_an_empty_one_stays_empty(tmp_path: Path) -> None:
-    text, other, empty = (tmp_path / name for name in ("text", "other", "empty"))
-    text.write_bytes(b"participant,age\nP01,30\n" * 100)
-    empty.touch()
-    with sqlite3.connect(other) as db:
-        db.execute("CREATE TABLE mine (x)")
-    for path in (text, other, empty):
-        path.chmod(0o644)
-        with pytest.raises(ConfigurationError):
-            Study(path, create=False)
-        assert stat.S_IMODE(path.stat().st_mode) == 0o644
-    assert not empty.read_bytes()
-
-
-def test_a_study_whose_name_sqlite_would_keep_in_memory_is_a_file(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    with Study(Path(":memory:")) as study:
-        study.add(Session("P", "1"), [])
-    with Study(Path(":memory:"), create=False) as study:
-        assert study.rows("SELECT name FROM people") == [("P",)]
-
-
-def test_numbers_of_a_sensor_library_are_numbers_and_infinite_bounds_are_refused(tmp_path: Path) -> None:
-    single = np.float32(1.5)
-    with Study(tmp_path / "s.db") as study:
-        trial = Trial("live", [Measure("a", single, "s")], bounds=[Bound("f", single, single, "N")])  # type: ignore[arg-type]
-        study.add(Session("P", "1"), trial)
-        assert study.rows("SELECT value FROM measures UNION ALL SELECT value FROM bounds") == [(1.5,), (1.5,)]
-    with pytest.raises(ConfigurationError, match="bound force"):
-        Trial("live", bounds=[Bound("force", math.inf, 30.0, "N")])
-    with pytest.raises(ConfigurationError, match="seconds"):
-        Trial("live", seconds=math.nan)
 
 
 def test_samples_are_kept_as_parquet_and_leave_with_the_person(tmp_path: Path) -> None:

@@ -48,7 +48,7 @@ def table_one(name: str) -> Workspace:
 
 @cache
 def shape(name: str) -> Workspace:
-    if name in {"regular", "restricted"}:
+    if name in {"regular", "restricted", "figure_3"}:
         return table_one(name)
     return workspace({"crescent": crescent, "blob": blob, "ell": ell, "sliver": sliver}[name]())
 

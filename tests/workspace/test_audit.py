@@ -12,7 +12,7 @@ from rehab_opt.errors import ConfigurationError
 from rehab_opt.workspace.audit import Audit, random_points
 from rehab_opt.workspace.certificate import Certificate
 from rehab_opt.workspace.controller_map import ControllerMap
-from tests.workspace.mapped import ell, mapped, shape, sliver, workspace
+from tests.workspace.mapped import ell, mapped, sliver, workspace
 
 GOOD = Audit(
     samples=10, folded=0.0, outside=0.0, max_stretch=0.4, min_stretch=0.1, overall_ratio=0.2, round_trip=1e-12,
@@ -137,11 +137,3 @@ def test_drawn_points_are_all_inside_and_spread_by_area():
     assert foot.mean() == pytest.approx(0.6, abs=0.02)
     assert (random_points(space, 100, 5) == random_points(space, 100, 5)).all()
     assert len(random_points(workspace(sliver()), 1, 0)) == 1
-
-
-def test_an_audit_reads_as_a_sentence():
-    text = str(mapped("regular", "restricted").audit(1000))
-    assert "folded 0.000%" in text
-    assert "one-to-one" in text
-    assert "not certified" in str(replace(GOOD, certificate=Certificate(-1.0, 0.0, False, 1, "it folds")))
-    assert shape("regular").area > shape("restricted").area

@@ -50,21 +50,6 @@ def test_a_joint_moves_the_hanging_hand(joint: str, direction: Array) -> None:
     np.testing.assert_allclose(displacement / np.linalg.norm(displacement), direction, atol=1e-5)
 
 
-def test_glenohumeral_rotation_turns_the_flexed_forearm_outwards() -> None:
-    bent = ARM_REST.copy()
-    bent[4] = np.pi / 2
-    displacement, _ = moved("glenohumeral_rotation", 1e-6, bent)
-    np.testing.assert_allclose(displacement / np.linalg.norm(displacement), LEFT, atol=1e-5)
-
-
-def test_wrist_supination_pronates_as_it_grows() -> None:
-    displacement, thumb = moved("wrist_supination", 0.0)
-    np.testing.assert_allclose(thumb, LEFT, atol=1e-12)  # palm forward, thumb to the side: fully supinated
-    displacement, thumb = moved("wrist_supination", np.pi / 2)
-    np.testing.assert_allclose(displacement, 0, atol=1e-12)
-    np.testing.assert_allclose(thumb, FORWARD, atol=1e-12)  # half way to palm backward
-
-
 # ----------------------------------------------------------------------------------------------------- the conversion
 angle = st.floats(-3.0, 3.0)
 
@@ -87,32 +72,6 @@ def test_the_model_stands_as_the_clinical_angles_say(
     np.testing.assert_allclose(pose[:3, 3], position, atol=1e-7)
     np.testing.assert_allclose(pose[:3, 0], hand.apply(LEFT), atol=1e-7)
     np.testing.assert_allclose(pose[:3, 2], hand.apply(down), atol=1e-7)
-
-
-def test_pure_movements_are_single_joints() -> None:
-    e = np.linspace(0.0, 1.5, 20)
-    zero, right_angle = np.zeros_like(e), np.pi / 2
-    # Raised to the front with the elbow's axis across: humeral flexion. To the side: less adduction.
-    np.testing.assert_allclose(model_shoulder(right_angle, e, -right_angle), [zero, zero + right_angle, e], atol=1e-12)
-    np.testing.assert_allclose(model_shoulder(0.0, e, 0.0), [zero, right_angle - e, zero], atol=1e-12)
-    # Hanging, internal rotation: joint 2 falls.
-    np.testing.assert_allclose(model_shoulder(0.0, 0.0, e), [-e, zero + right_angle, zero], atol=1e-12)
-    np.testing.assert_allclose(model_wrist(e, 0.0, 0.0), [zero, zero - right_angle, e], atol=1e-12)
-    np.testing.assert_allclose(model_wrist(0.0, e, 0.0), [e, zero - right_angle, zero], atol=1e-12)
-    np.testing.assert_allclose(model_wrist(0.0, 0.0, e / 3), [zero, e / 3 - right_angle, zero], atol=1e-12)
-
-
-def test_name_by_name_axial_rotation_would_be_lost() -> None:
-    """With the arm raised to the front, turning the humerus about itself is the model's adduction, one to one."""
-    axial = np.deg2rad([-80.0, -60.0, -30.0])
-    _, adduction, _ = model_shoulder(np.pi / 2, np.pi / 2, axial)
-    np.testing.assert_allclose(adduction, -axial, atol=1e-12)
-
-
-def test_a_right_arm_takes_the_same_angles_mirrored() -> None:
-    q = np.array([np.pi, *model_shoulder(1.4, 1.0, -0.8), 0.6, *model_wrist(2.0, -0.2, 0.1)], dtype=float)
-    left, right = ARM.pose(q), human_arm(side="right").pose(q)
-    np.testing.assert_allclose(right[:3, 3], left[:3, 3] * [-1, 1, 1], atol=1e-12)
 
 
 def test_the_scapula_is_counted_from_the_start_and_backwards() -> None:
@@ -139,7 +98,3 @@ def test_shoulder_converts_there_and_back(plane: float, elevation: float, axial:
 def test_wrist_converts_there_and_back(pronation: float, flexion: float, ulnar: float) -> None:
     back = isb_wrist(*model_wrist(pronation, flexion, ulnar))
     np.testing.assert_allclose(np.array(back, dtype=float), [pronation, flexion, ulnar], atol=1e-6)
-
-
-def test_hanging_arm_turns_about_itself() -> None:
-    np.testing.assert_allclose(isb_shoulder(*model_shoulder(0.0, 0.0, 0.4)), [0.0, 0.0, 0.4], atol=1e-12)

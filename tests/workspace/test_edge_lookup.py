@@ -9,11 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rehab_opt.workspace.edge_lookup import EdgeLookup
-from rehab_opt.workspace.placement import ShoulderPlacement
 from rehab_opt.workspace.region import Workspace
 from tests.workspace.polygons import around, polygons
 
-LENS = shapely.Polygon([(0, 0), (1, -1e-3), (2, 0), (1, 1e-3)])
 FRAME = [(-1, -1), (1, -1), (1, 1), (-1, 1)]
 TOUCHING = {
     "a hole's corner on an edge": shapely.Polygon(FRAME, [[(-1, 0), (0, 0.5), (0, -0.5)]]),
@@ -56,7 +54,7 @@ def assert_right_sides(polygon: shapely.Geometry, points: np.ndarray) -> None:
     np.testing.assert_array_equal(asked.contains(points), inside)
 
 
-@pytest.mark.parametrize("angle", [1e-1, 1e-2, 1e-4, 1e-8, 1e-9, 1e-10, 1e-12, 1e-14])
+@pytest.mark.parametrize("angle", [1e-1, 1e-8, 1e-10, 1e-14])
 @pytest.mark.parametrize("cut_out", [False, True])
 def test_a_thorn_however_sharp_does_not_turn_sides_around(angle: float, cut_out: bool) -> None:
     shape = spike(angle)
@@ -80,11 +78,6 @@ def test_rings_that_touch_do_not_turn_sides_around(name: str) -> None:
     assert_right_sides(TOUCHING[name], np.concatenate((*close, beyond, around(TOUCHING[name], 400, 2.0, 1))))
 
 
-def test_a_set_thinner_than_the_rounding_of_its_place_has_an_outside() -> None:
-    thin = turned(shapely.transform(LENS, lambda points: points * (1.0, 1e-9)), 0.0, 5.0, 0.0)
-    assert_right_sides(thin, around(thin, 400, 1.5, 0))
-
-
 @pytest.mark.parametrize("length", [1e-120, 1e-155, 1e-170, 5e-324])
 def test_an_edge_without_length_in_floating_point_turns_nothing_around(length: float) -> None:
     asked = Workspace(shapely.Polygon([(0, 0), (length, 0), (1, -0.5), (1, 1)]), accuracy=1e-3)
@@ -92,19 +85,6 @@ def test_an_edge_without_length_in_floating_point_turns_nothing_around(length: f
     assert asked.distance((0.0, -3.0)) > 0
     assert asked.contains((0.5, 0.2)) is True
     assert asked.contains((-1e-3, 0.0)) is False
-
-
-@pytest.mark.parametrize("name", TOUCHING)
-def test_a_set_whose_rings_touch_can_be_placed_anywhere(name: str) -> None:
-    here = Workspace(TOUCHING[name], accuracy=1e-3)
-    points = around(TOUCHING[name], 60, 2.0, 0)
-    rng = np.random.default_rng(0)
-    for _ in range(15):
-        placement = ShoulderPlacement((*rng.standard_normal(2), 0.0), rng.uniform(0, 6))
-        there = here.placed(placement)
-        assert there.area == pytest.approx(here.area, rel=1e-12)
-        assert there.polygon.is_valid
-        np.testing.assert_allclose(there.distance(placement.to_robot(points)), here.distance(points), atol=1e-12)
 
 
 @pytest.mark.parametrize("name", TOUCHING)
@@ -141,38 +121,3 @@ def test_ragged_outlines_of_many_corners_are_searched_exactly(corners: int, ragg
         exact = shapely.distance(polygon.boundary, shapely.points(points))
         lookup = EdgeLookup(polygon, tolerance=1e-11)
         np.testing.assert_allclose(np.abs([lookup.distance(x, y) for x, y in points.tolist()]), exact, atol=1e-14)
-
-
-@settings(max_examples=5)
-@given(polygons(), st.integers(0, 2**16))
-def test_only_points_beyond_the_grids_are_compared_with_all_edges(polygon: shapely.Geometry, seed: int) -> None:
-    lookup = EdgeLookup(polygon, tolerance=1e-11)
-    for grid, chosen, cell in lookup._located(around(polygon, 2000, 20.0, seed)):
-        if grid is not None:
-            assert len(chosen) > 0
-            assert (np.diff(grid.starts)[cell] > 0).all()
-
-
-def test_the_centre_of_a_circle_is_a_radius_from_everything() -> None:
-    lookup = EdgeLookup(shapely.Point(0, 0).buffer(1.0, quad_segs=250), tolerance=1e-11)
-    assert lookup.distance(0.0, 0.0) == pytest.approx(-math.cos(math.pi / 1000), abs=1e-15)
-    for angle in np.linspace(0, 6, 50):
-        x, y = 0.2 * math.cos(angle), 0.2 * math.sin(angle)
-        assert lookup.distance(x, y) == pytest.approx(-0.8, abs=6e-6)
-
-
-@settings(max_examples=15)
-@given(polygons(), st.integers(0, 2**16))
-def test_the_gradient_of_the_distance_points_away_from_the_foot(polygon: shapely.Geometry, seed: int) -> None:
-    asked = Workspace(polygon, accuracy=1e-3)
-    low_x, low_y, high_x, high_y = polygon.bounds
-    step = 1e-6 * max(high_x - low_x, high_y - low_y)
-    for point in around(polygon, 20, 3.0, seed):
-        distance, *foot = asked.signed_distance_and_closest_point(point)
-        beside = [
-            asked.signed_distance_and_closest_point(point + (dx, dy)) for dx, dy in step * np.array([[1, 0], [0, 1]])
-        ]
-        if any(math.dist(other[1:], foot) > 2 * step for other in beside) or abs(distance) < 1e3 * step:
-            continue  # another foot: a ridge of the distance lies between
-        gradient = [(other[0] - distance) / step for other in beside]
-        np.testing.assert_allclose(gradient, (point - foot) / distance, atol=2e-2)

@@ -85,10 +85,6 @@ def test_grown_and_shrunk_sets_keep_their_distance(polygon):
     assert narrow.area > 0.7 * polygon.area
 
 
-def test_inradius_of_a_strip_is_half_its_width():
-    assert inradius(sliver()) == pytest.approx(0.02, rel=0.02)
-
-
 def test_shrinking_that_would_tear_a_set_apart_is_reduced():
     waist = (
         Point(0.0, 0.0)

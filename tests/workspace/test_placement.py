@@ -36,26 +36,8 @@ def test_a_position_that_is_none_is_refused(position: object) -> None:
         ShoulderPlacement(position)  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize("turn", [math.nan, math.inf, "a", "1.5", None])
-def test_a_turn_that_is_none_is_refused(turn: object) -> None:
-    with pytest.raises(ConfigurationError, match="turn"):
-        ShoulderPlacement(turn=turn)  # type: ignore[arg-type]
-
-
-def test_equal_placements_are_equal() -> None:
-    assert ShoulderPlacement(np.array([1.0, 2.0, 3.0]), 1) == ShoulderPlacement((1, 2, 3), 1.0)
-    assert hash(ShoulderPlacement()) == hash(ShoulderPlacement())
-
-
 @pytest.mark.parametrize("points", [(1, 2, 3), 1.0, "ab", [["1", "2"]], [[1], [1, 2]], None])
 def test_what_is_no_point_is_refused(points: object) -> None:
     for move in (ShoulderPlacement().to_robot, ShoulderPlacement().to_shoulder):
         with pytest.raises(ConfigurationError, match="points"):
             move(points)
-
-
-@pytest.mark.parametrize("shape", [(2,), (5, 2), (3, 4, 2), (0, 2)])
-def test_points_keep_their_shape(shape: tuple[int, ...]) -> None:
-    placement = ShoulderPlacement((1.0, 2.0, 3.0), 0.5)
-    assert placement.to_robot(np.zeros(shape)).shape == shape
-    assert placement.to_shoulder(np.zeros(shape)).shape == shape

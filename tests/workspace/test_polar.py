@@ -2,9 +2,8 @@
 
 import numpy as np
 import pytest
-from shapely import LineString, Point, Polygon, affinity, box
+from shapely import LineString, Point, affinity, box
 
-from rehab_opt.errors import ConfigurationError
 from rehab_opt.workspace.polar import polar_landmarks
 from tests.workspace.mapped import blob, crescent, ell
 
@@ -51,10 +50,3 @@ def test_angles_that_miss_a_contour_give_no_pair():
     assert len(polar_landmarks(crescent(), blob(), landmarks=24).source) == len(
         polar_landmarks(blob(), crescent(), landmarks=24).source
     )
-
-
-def test_fewer_than_three_pairs_are_refused():
-    # The centroid lies outside and nearly every line misses the set.
-    thin = Polygon([(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.99, 1.0), (0.99, 0.01), (0.0, 0.01)])
-    with pytest.raises(ConfigurationError, match="three lines"):
-        polar_landmarks(thin, blob(), landmarks=3)

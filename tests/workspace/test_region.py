@@ -57,22 +57,6 @@ def test_the_nearest_point_is_reachable_and_as_far_as_the_distance_says(
         assert math.dist(foot, point) == pytest.approx(max(asked.distance(point), 0.0), abs=1e-12 * (1 + reach))
 
 
-def test_the_boundary_is_inside() -> None:
-    asked = workspace(SQUARE)
-    on = np.array([(0, 0), (2, 1), (1, 0), (0, 0.5), (2, 0.3)])
-    assert asked.contains(on).all()
-    np.testing.assert_allclose(asked.distance(on), 0.0, atol=1e-15)
-
-
-def test_distances_of_a_rectangle_in_closed_form() -> None:
-    asked = workspace(SQUARE)
-    assert asked.distance((1.0, 0.25)) == pytest.approx(-0.25)
-    assert asked.distance((5.0, 5.0)) == pytest.approx(5.0)
-    assert asked.distance((-300.0, 0.5)) == pytest.approx(300.0)
-    np.testing.assert_allclose(asked.nearest((5.0, 0.3)), (2.0, 0.3))
-    np.testing.assert_allclose(asked.nearest((0.2, 0.3)), (0.2, 0.3))
-
-
 def test_a_hole_is_outside_and_its_rim_the_nearest_boundary() -> None:
     asked = workspace(shapely.Point(0, 0).buffer(1.0, 64).difference(shapely.Point(0, 0).buffer(0.5, 64)))
     assert asked.holes == 1
@@ -120,8 +104,7 @@ def test_an_empty_workspace_is_an_answer() -> None:
 
 
 NO_POINTS = [
-    "ab", 3.0, None, [[1, 2, 3]], [["a", "b"]], np.zeros((2, 2, 2)), {}, ("1", "2"), [["1", "2"]], (None, 1.0),
-    [[None, 1.0]], np.array([1j, 2.0]), [[1j, 2.0]], [[1.0], [1.0, 2.0]], [], np.zeros(3), np.zeros((2, 0)),
+    "ab", None, np.zeros((2, 2, 2)), [[None, 1.0]], [[1j, 2.0]], [], np.zeros((2, 0)),
 ]  # fmt: skip
 
 
@@ -170,19 +153,6 @@ def test_what_is_no_valid_polygon_is_refused(polygon: object) -> None:
         workspace(polygon)
 
 
-def test_no_points_get_no_answers() -> None:
-    assert workspace(SQUARE).contains(np.empty((0, 2))).shape == (0,)
-    assert workspace(SQUARE).distance(np.empty((0, 2))).shape == (0,)
-
-
-def test_a_workspace_cannot_be_changed() -> None:
-    asked = workspace(SQUARE)
-    with pytest.raises(AttributeError):
-        asked.polygon = shapely.box(0, 0, 9, 9)
-    with pytest.raises(AttributeError):
-        del asked.height
-
-
 def test_a_workspace_survives_pickling() -> None:
     placement = ShoulderPlacement((1.0, 2.0, 3.0), 0.4)
     asked = Workspace(SQUARE, accuracy=2e-3, height=-0.2, handle_tilt=0.03, placement=placement, reason="")
@@ -206,45 +176,3 @@ def test_a_moved_shoulder_moves_its_workspace(
     np.testing.assert_allclose(there.distance(placement.to_robot(points)), here.distance(points), atol=1e-12)
     assert there.height == -0.24
     np.testing.assert_allclose(there.placed(ShoulderPlacement()).distance(points), here.distance(points), atol=1e-12)
-
-
-def test_only_a_placement_places() -> None:
-    with pytest.raises(ConfigurationError, match="placement"):
-        workspace(SQUARE).placed((1.0, 2.0, 3.0))
-    assert EMPTY.placed(ShoulderPlacement((1.0, 2.0, 3.0))).reason == "out of reach"
-
-
-def test_a_height_given_with_points_is_dropped() -> None:
-    flat = workspace(shapely.Polygon([(0, 0, 1), (1, 0, 2), (0, 1, 3)]))
-    assert not flat.polygon.has_z
-    assert flat.area == 0.5
-
-
-def test_its_name_says_what_it_is() -> None:
-    said = repr(Workspace(SQUARE, accuracy=1e-3, height=-0.24, handle_tilt=math.radians(2)))
-    for part in ("2e+04 cm^2", "1 part", "0 holes", "-0.24 m", "2 deg", "1 mm"):
-        assert part in said
-
-
-def test_parts_and_holes_are_counted() -> None:
-    ring = shapely.Point(0, 0).buffer(1.0).difference(shapely.Point(0, 0).buffer(0.5))
-    asked = workspace(shapely.MultiPolygon([ring, shapely.box(2, 2, 3, 3), shapely.Polygon()]))
-    assert (asked.components, asked.holes) == (2, 1)
-
-
-def test_thousands_of_corners_are_searched_exactly_from_near_and_far() -> None:
-    angle = np.linspace(0, 2 * math.pi, 5000, endpoint=False)
-    radius = 0.2 + 0.05 * np.sin(5 * angle)
-    polygon = shapely.Polygon(np.column_stack((radius * np.cos(angle), radius * np.sin(angle))))
-    for reach in (1.2, 40.0):
-        points = around(polygon, 150, reach, 1)
-        exact = shapely.distance(polygon.boundary, shapely.points(points))
-        np.testing.assert_allclose(np.abs(workspace(polygon).distance(points)), exact, atol=1e-14)
-
-
-@pytest.mark.parametrize("xy", [(0.01, 0.02), (5.0, -3.0), (math.nan, 0.0), (math.inf, 0.0)])
-def test_a_point_is_the_same_as_a_tuple_a_list_and_an_array(xy: tuple[float, float]) -> None:
-    square = Workspace(shapely.box(0.0, 0.0, 0.1, 0.1), accuracy=1e-3)
-    told = [square.signed_distance_and_closest_point(each) for each in (xy, list(xy), np.array(xy))]
-    np.testing.assert_array_equal(told[0], told[1])
-    np.testing.assert_array_equal(told[0], told[2])

@@ -1,20 +1,12 @@
 """The range used is what numpy's percentiles say of the samples seen, and says what it does not know."""
 
-import pickle
-
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from hypothesis.extra.numpy import arrays
-from numpy.typing import NDArray
 
 from rehab_opt import ConfigurationError, human_arm
 from rehab_opt.kinematics.human_arm import ARM_JOINTS, RANGES_OF_MOTION_DEG
-from rehab_opt.workspace.used_range import UsedRange, range_of_motion
+from rehab_opt.workspace.used_range import range_of_motion
 
-Array = NDArray[np.float64]
-recordings = arrays(np.float64, st.tuples(st.integers(12, 60)), elements=st.floats(-1.5, 1.5))
 RNG = np.random.default_rng(3)
 SWING = 0.6 * np.sin(np.linspace(0.0, 9.0, 400)) + 0.05 * RNG.standard_normal(400)
 
@@ -84,39 +76,6 @@ def test_margin_adds_then_minimum_width_widens_about_the_middle_then_limits_cut(
     assert any("cut" in note for note in used.notes)
 
 
-@settings(max_examples=60)
-@given(recordings, st.floats(0, 49), st.floats(51, 100), st.floats(0, 0.5), st.floats(0, 2))
-def test_a_range_is_ordered_wide_enough_and_grows_with_what_widens_it(
-    values: Array, low: float, high: float, margin: float, width: float
-) -> None:
-    narrow = range_of_motion({"a": values}, lower_percentile=low, upper_percentile=high)["a"]
-    wide = range_of_motion(
-        {"a": values}, lower_percentile=low / 2, upper_percentile=high, margin=margin, minimum_width=width
-    )["a"]
-    assert wide[0] <= narrow[0] <= narrow[1] <= wide[1]
-    assert wide[1] - wide[0] >= max(width, 2 * margin) - 1e-12
-    cut = range_of_motion({"a": values}, margin=margin, minimum_width=width, within={"a": (-2.0, 1.6)})["a"]
-    assert -2.0 <= cut[0] <= cut[1] <= 1.6
-
-
-@settings(max_examples=40)
-@given(recordings, recordings)
-def test_the_whole_range_of_more_trials_contains_that_of_fewer(first: Array, second: Array) -> None:
-    steady = [np.clip(first, -1.0, 1.0), np.clip(second, -1.0, 1.0)]  # no step of half a turn: nothing to unwrap
-    one = range_of_motion({"a": steady[:1]}, lower_percentile=0, upper_percentile=100)["a"]
-    two = range_of_motion({"a": steady}, lower_percentile=0, upper_percentile=100)["a"]
-    assert two[0] <= one[0] <= one[1] <= two[1]
-
-
-# --------------------------------------------------------------------------------------------------------- as a range
-def test_all_eight_joints_make_an_arm() -> None:
-    q = np.column_stack([0.1 * i + 0.2 * SWING for i in range(8)])
-    arm = human_arm(range_of_motion=range_of_motion(q))
-    lower, upper = np.percentile(q, [5, 95], axis=0)
-    np.testing.assert_allclose(arm.lower, lower + [np.pi, *[0] * 7])
-    np.testing.assert_allclose(arm.upper, upper + [np.pi, *[0] * 7])
-
-
 def test_joints_without_data_stay_away_unless_a_default_is_stated() -> None:
     data = {"humeral_flexion": SWING, "forearm_extension": 0.5 + SWING}
     seen = range_of_motion(data)
@@ -137,59 +96,23 @@ def test_joints_without_data_stay_away_unless_a_default_is_stated() -> None:
         range_of_motion(data, uncovered={name: (0, 0) for name in ARM_JOINTS if name != "wrist_deviation"})
 
 
-def test_it_calls_itself_the_range_used() -> None:
-    used = range_of_motion({"forearm_extension": SWING}, uncovered="regular")
-    assert "range used, not the range possible" in repr(used)
-    assert "wrist_flexion -50.0..60.0 deg assumed" in repr(used)
-
-
-def test_it_is_frozen_and_survives_a_process_pool() -> None:
-    used = range_of_motion({"forearm_extension": SWING}, uncovered="restricted")
-    again = pickle.loads(pickle.dumps(used))
-    assert again == used
-    assert (again.assumed, again.notes, again.samples) == (used.assumed, used.notes, used.samples)
-    with pytest.raises(TypeError):
-        used.limits["forearm_extension"] = (0.0, 1.0)  # type: ignore[index]
-    with pytest.raises(ConfigurationError):
-        UsedRange({"forearm_extension": (1.0, 0.0)})
-
-
 # ------------------------------------------------------------------------------------------------------ bad arguments
 @pytest.mark.parametrize(
     ("angles", "options"),
     [
         ({"a": np.full(50, np.nan)}, {}),
-        ({"a": SWING[:9]}, {}),
         ({"a": SWING}, {"minimum_samples": 401}),
-        ({"a": SWING}, {"minimum_samples": 0}),
         ({"a": np.rad2deg(SWING)}, {}),
         ({"a": SWING}, {"lower_percentile": 95, "upper_percentile": 5}),
-        ({"a": SWING}, {"lower_percentile": np.nan}),
         ({"a": SWING}, {"margin": -0.1}),
-        ({"a": SWING}, {"margin": np.nan}),
         ({"a": SWING}, {"minimum_width": np.inf}),
         ({"a": SWING}, {"within": {"b": (0, 1)}}),
         ({"a": SWING}, {"within": {"a": (1, 0)}}),
-        ({"a": SWING}, {"within": {"a": (2.0, 3.0)}}),
         ({"a": SWING}, {"uncovered": "wide"}),
-        ({"a": SWING}, {"names": ["a"]}),
-        ({"a": SWING}, {"uncovered": {"wrist_flexion": (1, 0)}}),
-        ({"a": SWING}, {"margin": "wide"}),
-        ({"a": SWING}, {"lower_percentile": "5"}),
-        ({"a": SWING}, {"upper_percentile": None}),
-        ({"a": SWING}, {"minimum_samples": None}),
-        ({"a": SWING}, {"within": "regular"}),
-        ({"a": SWING}, {"within": 3}),
         (np.zeros((50, 8)), {"names": "abcdefgh"}),
-        (np.zeros((50, 3)), {"names": [1, 2, 3]}),
-        (np.zeros((50, 3)), {"names": 3}),
         ({"a": "text"}, {}),
-        ({"a": np.zeros((2, 3, 4))}, {}),
         ({}, {}),
-        ([], {}),
-        (SWING, {}),
         (np.zeros((50, 3)), {}),
-        (np.zeros((50, 3)), {"names": ["a", "b"]}),
         (np.zeros((50, 3)), {"names": ["a", "b", "b"]}),
         ([np.zeros((50, 2)), np.zeros((50, 3))], {"names": ["a", "b"]}),
         (np.full((50, 8), np.pi), {}),  # joint 1 as the chain counts it, not from its rest

@@ -12,10 +12,8 @@ from numpy.typing import NDArray
 from rehab_opt import DH, ConfigurationError, SerialChain, human_arm
 from rehab_opt.workspace.layered_mesh import SurfaceMesh, closed_mesh, enclosed_volume
 from rehab_opt.workspace.placement import ShoulderPlacement
-from rehab_opt.workspace.region import Workspace
 from rehab_opt.workspace.volume import ReachableVolume, reachable_volume
 
-Array = NDArray[np.float64]
 TILT = math.radians(2.0)
 
 
@@ -66,18 +64,6 @@ class TestClosedForms:
         assert np.all(edge_counts(mesh.triangles) == 1)
         assert enclosed_volume(mesh) > 0
 
-    def test_equal_slices_leave_their_outlines_to_bound_the_mesh(self) -> None:
-        disc, heights, accuracy = shapely.Point(0.0, 0.0).buffer(0.05), np.array([0.0, 0.1, 0.2]), 0.01
-        mesh = closed_mesh([disc] * 3, heights, spacing=accuracy)
-        volume = ReachableVolume(heights, (Workspace(disc, accuracy=accuracy),) * 3, mesh.vertices, mesh.triangles)
-        assert volume.volume == pytest.approx(0.3 * disc.area)
-        assert 0 < abs(enclosed_volume(mesh) - volume.volume) <= volume.volume_bound
-
-    def test_a_box_on_the_nodes_closes_too(self) -> None:
-        mesh = closed_mesh([shapely.box(0, 0, 0.3, 0.2)] * 3, np.array([0.0, 0.1, 0.2]), spacing=0.01)
-        assert np.all(edge_counts(mesh.triangles) == 1)
-        assert enclosed_volume(mesh) == pytest.approx(0.3 * 0.2 * 0.3, rel=0.03)
-
 
 @pytest.fixture(scope="module")
 def upright() -> ReachableVolume:
@@ -122,25 +108,6 @@ def test_a_handle_that_is_never_upright_leaves_no_volume() -> None:
     assert found.contains((0.0, 0.4, -0.2)) is False
 
 
-@pytest.mark.parametrize(("name", "value"), [("spacing", "fine"), ("spacing", 0.0), ("placement", (0.0, 0.0, 0.0))])
-def test_what_cannot_be_used_is_refused_by_name(name: str, value: object) -> None:
-    with pytest.raises(ConfigurationError, match=name):
-        reachable_volume(human_arm(), **{name: value})  # type: ignore[arg-type]
-
-
 def test_a_mesh_that_would_fill_the_memory_is_refused() -> None:
     with pytest.raises(ConfigurationError, match="accuracy"):
         closed_mesh([shapely.box(0.0, 0.0, 1.0, 1.0)] * 2, np.array([0.0, 0.1]), spacing=1e-4)
-
-
-@pytest.mark.parametrize("heights", [[0.0], [0.1, 0.0], [0.0, math.nan], "low", [[0.0, 1.0]]])
-def test_heights_that_are_none_are_refused(heights: object) -> None:
-    with pytest.raises(ConfigurationError, match="heights"):
-        reachable_volume(human_arm(), heights=heights)  # type: ignore[arg-type]
-
-
-def test_a_volume_keeps_its_heights_where_the_array_they_came_in_is_used_again() -> None:
-    heights = np.array([-0.1, 0.0, 0.1])
-    volume = reachable_volume(human_arm(), heights=heights, accuracy=0.01)
-    heights[:] = 7.0
-    np.testing.assert_array_equal(volume.heights, [-0.1, 0.0, 0.1])

@@ -33,8 +33,7 @@ from rehab_opt.export.recording import (
 from rehab_opt.optim.fallback_chain import BACKUP, as_in_c
 from rehab_opt.session.ardis.outcome import simulate_motion
 from rehab_opt.session.ardis.problem import ArdisProblem, DriveName
-from rehab_opt.session.ardis.robot import joystick_of, resolver_of, robot_of, start_of
-from rehab_opt.session.ardis.stick import sticks_of
+from rehab_opt.session.ardis.robot import joystick_of, resolver_of, robot_of, start_of, stick_of
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.outcome import Progress
 from rehab_opt.session.plant import joint_feedback
@@ -87,7 +86,7 @@ def exported_resolvers(config: ProblemFile[ArdisProblem], *, progress: Progress)
     ProblemFileError : a solver that does not generate C, or a value of the file that cannot be used.
     """
     refuse_other_solvers(config, "run.solver")
-    return [_of_a_file(config, drive, progress=progress) for drive in sticks_of(config)]
+    return [_of_a_file(config, drive, progress=progress) for drive in config.problem.stick.drives]
 
 
 def exported_resolver(
@@ -133,7 +132,7 @@ def _of_a_file(config: ProblemFile[ArdisProblem], drive: DriveName, *, progress:
     robot, dt = resolver.robot, 1 / config.problem.run.rate_hz
     listening = Listening(resolver_of(config, robot, drive))
     simulate_motion(
-        robot, listening, joystick_of(config), sticks_of(config)[drive], start_of(config, robot), dt=dt,
+        robot, listening, joystick_of(config), stick_of(config, drive), start_of(config, robot), dt=dt,
         progress=lambda done, of: progress(f"{drive}, recorded", done, of),
     )  # fmt: skip
     kept = thinned(len(listening.ticks))

@@ -20,7 +20,7 @@ from rehab_opt.plants.plant import Measurement, Plant
 from rehab_opt.plants.touched import TouchedPlant
 from rehab_opt.published.pseudoinverse_law import PseudoinverseLaw
 from rehab_opt.session.ardis.problem import DriveName, GoalSection
-from rehab_opt.session.ardis.stick import Moment, Stick, StickSample
+from rehab_opt.session.ardis.stick import LET_GO, Moment, Stick, StickSample
 from rehab_opt.session.clearance import NearestBodies
 from rehab_opt.session.closed_loop import JointMotion, simulate
 from rehab_opt.session.live.problem import LiveControl, LiveInputs
@@ -28,7 +28,6 @@ from rehab_opt.session.outcome import Array, Column, Columns, Outcome, point_col
 
 __all__ = [
     "LAWS",
-    "LET_GO",
     "ArdisOutcome",
     "DriveOutcome",
     "Motion",
@@ -41,7 +40,6 @@ __all__ = [
 
 STANDSTILL = 1.0
 """[s] that the robot is watched after the stick was let go for good: it comes to rest."""
-LET_GO = StickSample((0.0, 0.0))
 NO_ANSWER = "no answer"
 
 
@@ -80,15 +78,35 @@ class Steering(LiveControl):
 
     Parameters
     ----------
+    stick : who moves the stick where nobody operates; a simulated user is for this control alone.
     plant : that takes joint velocities, or with `wheels` wheel speeds and the arm's joint velocities.
     start : (n,) joint values [m, rad].
     """
 
-    def __init__(self, joystick: Joystick, law: StickLaw, plant: Plant, start: Array, *, wheels: bool) -> None:
+    def __init__(
+        self,
+        robot: MobileArm,
+        law: StickLaw,
+        joystick: Joystick,
+        stick: Stick,
+        *,
+        plant: Plant,
+        start: Array,
+        wheels: bool,
+    ) -> None:
         super().__init__(plant, start)
-        self._joystick, self._law, self._wheels = joystick, law, wheels
+        self._robot, self._joystick, self._law, self._stick, self._wheels = robot, joystick, law, stick, wheels
         self.mode = joystick.mode.name
         self.commanded: StickCommand
+
+    def sample(self, time: float) -> StickSample | None:
+        """The stick at a time [s], of the true robot as it is then; None once it is let go for good."""
+        now = self.plant.truth.position
+        return self._stick.at(Moment(time, now, self._robot.chain.pose(now)[:3, 3], self.mode))
+
+    def untouched(self, time: float) -> LiveInputs:
+        """The stick's."""
+        return _inputs(self.sample(time))
 
     def step(self, inputs: LiveInputs, seen: Measurement) -> Command:
         """The law's, of what the stick asks for."""
@@ -116,6 +134,11 @@ class Steering(LiveControl):
         """Where the robot is, the push, the gripper."""
         truth = self.plant.truth
         return {"q": truth.position, "force": truth.force, "closed": self.commanded.gripper_closed}
+
+
+def _inputs(sample: StickSample | None) -> LiveInputs:
+    now = sample or LET_GO
+    return LiveInputs(enable=True, stick=now.axes, switch=now.switch, gripper=now.gripper)
 
 
 @dataclass(frozen=True, eq=False)
@@ -180,26 +203,23 @@ def simulate_motion(
     progress : told the tick and how many there may be.
     """
     touched = TouchedPlant(IdealJoints(dt) if plant is None else plant)
-    control = Steering(joystick, law, touched, start, wheels=plant is not None)
-    left, poses = math.ceil(STANDSTILL / dt), list[Array]()
+    control = Steering(robot, law, joystick, stick, plant=touched, start=start, wheels=plant is not None)
+    left, inputs = math.ceil(STANDSTILL / dt), LiveInputs()
     rows: list[tuple[tuple[float, float], StickCommand, str]] = []
-    sample = LET_GO
 
     def steer(k: int) -> LiveInputs | None:
-        nonlocal left, sample
+        nonlocal left, inputs
         if left <= 0:
             return None
-        now = touched.truth.position
-        poses.append(robot.chain.pose(now))
-        given = stick.at(Moment(k * dt, now, poses[-1][:3, 3], control.mode))
-        if given is None:
+        sample = control.sample(k * dt)
+        if sample is None:
             left -= 1
-        sample = given or LET_GO
-        return LiveInputs(enable=True, stick=sample.axes, switch=sample.switch, gripper=sample.gripper)
+        inputs = _inputs(sample)
+        return inputs
 
     ran = simulate(
         control, steer, ticks=math.ceil((stick.duration + STANDSTILL) / dt) + 1, progress=progress,
-        note=lambda *_: rows.append((sample.axes, control.commanded, control.mode)),
+        note=lambda *_: rows.append((inputs.stick, control.commanded, control.mode)),
     )  # fmt: skip
     sticks, commanded, modes = zip(*rows, strict=True)
     return Motion(
@@ -209,7 +229,7 @@ def simulate_motion(
         velocity=ran.values,
         chassis=np.array([robot.chassis_velocity(*pair) for pair in zip(ran.q, ran.values, strict=True)]),
         wheels=np.array([np.empty(0) if each.wheels is None else each.wheels for each in ran.commands]),
-        poses=np.array(poses),
+        poses=np.array([robot.chain.pose(each) for each in ran.q]),
         jacobians=np.array([robot.chain.jacobian(each) for each in ran.q]),
         sticks=np.array(sticks),
         commanded=np.array([bool(each.twist.any()) for each in commanded]),
@@ -231,7 +251,7 @@ METRES = 2
 
 @dataclass(frozen=True, eq=False)
 class DriveOutcome:
-    """One drive under its stick: what the published law made of it, and what ours did."""
+    """One drive: a run of the published law, and one of ours."""
 
     published: Motion
     optimised: Motion

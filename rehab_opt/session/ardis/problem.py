@@ -72,11 +72,15 @@ class ModeSection(Section):
 
 
 class StickSection(Section):
-    """Recordings of the stick, one for each drive that is run, and how it is read."""
+    """Which drives are run, who moves the stick of each, and how the stick is read."""
 
+    simulated: Annotated[list[DriveName], Field(max_length=4)] = Field(default=[])
+    """Drives whose stick a simulated user moves. Each controller has a user of its own, who watches the hand and steers
+    it to the goals, one after the other, and gives up after 60 s for one of them."""
     mecanum: str | None = Field(default=None, min_length=1)
     """Recording for four mecanum wheels, a `.csv` with the header `t_s,forward,left,switch,gripper`: deflections -1 to
-    1, buttons 0 or 1; each row is held until the next."""
+    1, buttons 0 or 1; each row is held until the next. Each controller gets the
+    same, since it does not react."""
     differential: str | None = Field(default=None, min_length=1)
     """For two wheels on one axle, which cannot go sideways."""
     omnidirectional: str | None = Field(default=None, min_length=1)
@@ -92,15 +96,22 @@ class StickSection(Section):
 
     @model_validator(mode="after")
     def a_drive_is_run(self) -> Self:
-        """Refuse a problem that has no stick for any drive."""
-        if not self.recordings:
-            raise refusal("mecanum", None, f"a recording for one of the drives {', '.join(DRIVES)}")
+        """Refuse a problem that has no stick for any drive, or two for one."""
+        if not self.drives:
+            raise refusal("simulated", [], f"a simulated user or a recording for one of {', '.join(DRIVES)}")
+        if twice := sorted({*self.simulated} & {*self.recordings}):
+            raise refusal(twice[0], self.recordings[twice[0]], "no recording for a drive of stick.simulated")
         return self
 
     @property
     def recordings(self) -> dict[DriveName, str]:
-        """The recording of each drive that is run."""
+        """The recording of each drive that has one."""
         return {drive: file for drive in DRIVES if (file := getattr(self, drive)) is not None}
+
+    @property
+    def drives(self) -> tuple[DriveName, ...]:
+        """Those that are run."""
+        return tuple(drive for drive in DRIVES if drive in self.simulated or drive in self.recordings)
 
 
 class GoalSection(Section):
@@ -111,7 +122,7 @@ class GoalSection(Section):
     hand_m: Triple
     """Where the hand is to be, in the world frame."""
     within_m: float = Field(default=0.03, gt=0, le=1)
-    """Reached when the hand is within this, the gripper as stated. Goals are judged; they steer nothing."""
+    """Reached when the hand is within this, the gripper as stated."""
     gripper: Literal["open", "closed"] | None = None
     """As it has to be, where it matters."""
 
@@ -174,7 +185,7 @@ class ArdisProblem(Problem):
     robot: RobotSection = RobotSection()
     """The chair with its arm."""
     stick: StickSection
-    """The user's stick; every drive that has one is run."""
+    """The user's stick, and the drives that are run."""
     goals: Annotated[list[GoalSection], Field(max_length=20)] = Field(default=[])
     """Reached one after the other."""
     room: RoomSection = RoomSection()
@@ -185,3 +196,10 @@ class ArdisProblem(Problem):
     """What the arm keeps clear of besides chair and user, in the world frame; left out where there is no such table."""
     plant: ChairPlant = ChairPlant()
     """On which robot it runs: see the plant's keys."""
+
+    @model_validator(mode="after")
+    def a_user_has_a_goal(self) -> Self:
+        """Refuse a simulated user who has nowhere to steer to."""
+        if self.stick.simulated and not self.goals:
+            raise refusal("goals", [], "a goal for the simulated user of stick.simulated")
+        return self

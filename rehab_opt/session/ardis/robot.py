@@ -14,15 +14,20 @@ from rehab_opt.kinematics.arm_on_chair import arm_on_chair
 from rehab_opt.kinematics.mobile_arm import CHAIR, MobileArm
 from rehab_opt.session.ardis.clearance import chair_gaps
 from rehab_opt.session.ardis.problem import ArdisProblem, DriveName, RobotSection, RunSection, StickSection
+from rehab_opt.session.ardis.stick import Stick, read_stick
+from rehab_opt.session.ardis.user import SimulatedUser
 from rehab_opt.session.clearance import clearance_key, clearance_of
-from rehab_opt.session.files import ProblemFile
+from rehab_opt.session.files import ProblemFile, recording_path
 from rehab_opt.session.outcome import Array
 from rehab_opt.session.refusals import refused_as
 from rehab_opt.session.robot_file import posture_of
 from rehab_opt.session.robot_file import robot_of as arm_of
 from rehab_opt.session.schema import keys_of
 
-__all__ = ["joystick_of", "resolver_of", "robot_of", "room_of", "start_of"]
+__all__ = ["joystick_of", "resolver_of", "robot_of", "room_of", "start_of", "stick_of"]
+
+MAX_TICKS = 500_000
+"""More keep more than a gigabyte of poses and Jacobians."""
 
 KEYS = keys_of(robot=RobotSection, stick=StickSection, run=RunSection) | {
     "dt": "run.rate_hz",
@@ -91,6 +96,23 @@ def joystick_of(config: ProblemFile[ArdisProblem]) -> Joystick:
         )
     with refused_as(config.file, _key):
         return Joystick(modes, dt=1 / config.problem.run.rate_hz, **section.arguments("dead_zone", "rate_per_s"))
+
+
+def stick_of(config: ProblemFile[ArdisProblem], drive: DriveName) -> Stick:
+    """The drive's stick: its recording, or a simulated user who has steered no controller yet.
+
+    Raises
+    ------
+    ProblemFileError : a recording is absent or not a stick's; the stick lasts for more than `MAX_TICKS`.
+    """
+    section, rate = config.problem.stick, config.problem.run.rate_hz
+    file, stick = section.recordings.get(drive), SimulatedUser(config.problem.goals, joystick_of(config).modes)
+    if file is not None:
+        stick = read_stick(recording_path(config, file, key=f"stick.{drive}"), name=file)
+    if stick.duration * rate > MAX_TICKS:
+        expected = f"at most {MAX_TICKS} ticks in the {stick.duration:.6g} s of stick.{drive}"
+        raise ProblemFileError(config.file, "run.rate_hz", rate, expected)
+    return stick
 
 
 def resolver_of(

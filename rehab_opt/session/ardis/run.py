@@ -1,10 +1,9 @@
-"""The run of `system = "ardis"`: each drive under its stick, with the published law and with ours."""
+"""The run of `system = "ardis"`: each drive with the published law and with ours, each law steered on its own."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -18,7 +17,6 @@ from rehab_opt.published.pseudoinverse_law import PseudoinverseLaw
 from rehab_opt.session.ardis.clearance import chair_corners, chair_gaps
 from rehab_opt.session.ardis.measures import motion_metrics
 from rehab_opt.session.ardis.outcome import (
-    LET_GO,
     ArdisOutcome,
     DriveOutcome,
     Motion,
@@ -28,12 +26,12 @@ from rehab_opt.session.ardis.outcome import (
     simulate_motion,
 )
 from rehab_opt.session.ardis.problem import ArdisProblem, DriveName
-from rehab_opt.session.ardis.robot import joystick_of, resolver_of, robot_of, room_of, start_of
-from rehab_opt.session.ardis.stick import Moment, StickRecording, sticks_of
+from rehab_opt.session.ardis.robot import joystick_of, resolver_of, robot_of, room_of, start_of, stick_of
+from rehab_opt.session.ardis.stick import LET_GO, Moment
 from rehab_opt.session.clearance import NearestBodies, clearance_of, nearest_bodies, start_notes
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.live.bodies import ARM_PLOTS, BLUE, GREEN, GREY, PURPLE, ArmBodies, joint_rows, kept_off, screen
-from rehab_opt.session.live.problem import LiveControl, LiveInputs, LiveProblem
+from rehab_opt.session.live.problem import LiveControl, LiveProblem
 from rehab_opt.session.outcome import Array, Progress, reason_counts
 from rehab_opt.session.plant import chair_plant, joint_feedback, plant_note
 from rehab_opt.session.systems import ROBOT_FILE, Needed, NotMet, System
@@ -53,7 +51,7 @@ class LiveArdis(LiveProblem):
     def __init__(self, config: ProblemFile[ArdisProblem], *, solver: str | None) -> None:
         self._config, self._solver = config, solver
         problem = config.problem
-        self.drive = next(iter(problem.stick.recordings))
+        self.drive = problem.stick.drives[0]
         self.title, self.dt = f"{problem.title} ({self.drive} drive)", 1 / problem.run.rate_hz
         self.robot, self.room = robot_of(config), room_of(config)
         self.start = start_of(config, self.robot)
@@ -70,16 +68,8 @@ class LiveArdis(LiveProblem):
             made = IdealJoints(self.dt) if ideal else chair_plant(table, robot, wheels, self.dt, own_arm=own)
             plant = TouchedPlant(made)
         resolver = resolver_of(self._config, robot, self.drive, solver=self._solver, feedback=joint_feedback(table))
-        return Steering(joystick_of(self._config), resolver, plant, self.start, wheels=not ideal)
-
-    def untouched(self, time: float) -> LiveInputs:
-        """The file's recording of the stick."""
-        sample = self._recorded.at(Moment(time, self.start, self.start[:3], "")) or LET_GO
-        return LiveInputs(enable=True, stick=sample.axes, switch=sample.switch, gripper=sample.gripper)
-
-    @cached_property
-    def _recorded(self) -> StickRecording:
-        return sticks_of(self._config)[self.drive]
+        joystick, stick = joystick_of(self._config), stick_of(self._config, self.drive)
+        return Steering(robot, resolver, joystick, stick, plant=plant, start=self.start, wheels=not ideal)
 
     def scene(self) -> dict[str, Any]:
         """Walls, posts, bodies that the arm keeps off, and goals."""
@@ -160,10 +150,9 @@ ROBOT_OF_FILE = (
 )
 IGNORED = "the stick moves nothing"
 STOPPED = "chair and arm brake or rest, whatever the stick asks for"
-RECORDED = (
-    "the stick is a recording of a user who saw another robot, and steers this one blindly; speeds and accelerations "
-    "are those that were sent"
-)
+USER = "each controller is steered by a simulated user of its own, who watches the hand and moves the stick"
+RECORDED = "the recorded stick does not react to the robot: each controller gets the same one"
+SENT = "speeds and accelerations are those that were sent"
 
 
 def _stick_notes(drive: DriveName, reasons: Sequence[str], dt: float, said: str) -> Iterator[NotMet]:
@@ -173,7 +162,7 @@ def _stick_notes(drive: DriveName, reasons: Sequence[str], dt: float, said: str)
 
 
 class ArdisSystem(System[ArdisProblem, ArdisOutcome]):
-    """A wheelchair with an arm, moved by one stick, with each drive that has a recording of it."""
+    """A wheelchair with an arm, moved by one stick, with each drive of the file."""
 
     schema = ArdisProblem
     shown = ("rehab_opt.session.ardis.shown",)
@@ -182,7 +171,7 @@ class ArdisSystem(System[ArdisProblem, ArdisOutcome]):
     rate_key = "run.rate_hz"
 
     def recordings(self, problem: ArdisProblem) -> tuple[Needed, ...]:
-        """A recording of the stick for each drive, and the robot file where there is one."""
+        """The recordings of sticks, and the robot file where there is one."""
         sticks = tuple(Needed(f"stick.{drive}", file) for drive, file in problem.stick.recordings.items())
         return sticks if problem.robot.file is None else (*sticks, Needed(ROBOT_FILE, problem.robot.file))
 
@@ -191,8 +180,11 @@ class ArdisSystem(System[ArdisProblem, ArdisOutcome]):
         robot = robot_of(config)
         start = start_of(config, robot)
         notes = [*robot.chain.notes, *start_notes(config.problem.clearance, config.file, robot.bodied_chain, start)]
-        for drive, stick in sticks_of(config).items():
+        for drive in config.problem.stick.drives:
             resolver_of(config, robot, drive)
+            stick = stick_of(config, drive)
+            if drive in config.problem.stick.simulated:
+                continue
             joystick, dt = joystick_of(config), 1 / config.problem.run.rate_hz
             moments = (Moment(k * dt, start, start[:3], "") for k in range(math.ceil(stick.duration / dt) + 1))
             told = [joystick.step(**(stick.at(each) or LET_GO)._asdict()) for each in moments]
@@ -205,7 +197,7 @@ class ArdisSystem(System[ArdisProblem, ArdisOutcome]):
     def run(self, config: ProblemFile[ArdisProblem], *, options: Mapping[str, str], progress: Progress) -> ArdisOutcome:
         """Options: `solver` of the controller, `plant`."""
         problem, robot = config.problem, robot_of(config)
-        start, room, sticks = start_of(config, robot), room_of(config), sticks_of(config)
+        start, room = start_of(config, robot), room_of(config)
         dt = 1 / problem.run.rate_hz
 
         def run(drive: DriveName, name: str, law: StickLaw) -> Motion:
@@ -213,13 +205,13 @@ class ArdisSystem(System[ArdisProblem, ArdisOutcome]):
             if table.kind != "ideal":
                 plant = chair_plant(table, robot, robot.drive(drive), dt, own_arm=problem.robot.file is not None)
             return simulate_motion(
-                robot, law, joystick_of(config), sticks[drive], start, dt=dt, plant=plant,
+                robot, law, joystick_of(config), stick_of(config, drive), start, dt=dt, plant=plant,
                 progress=lambda done, of: progress(f"{drive}, {name} law", done, of),
             )  # fmt: skip
 
         drives: dict[DriveName, DriveOutcome] = {}
         near: dict[DriveName, NearestBodies] = {}
-        for drive in sticks:
+        for drive in problem.stick.drives:
             ours = resolver_of(
                 config, robot, drive, solver=options.get("solver"), feedback=joint_feedback(problem.plant)
             )
@@ -246,7 +238,9 @@ class ArdisSystem(System[ArdisProblem, ArdisOutcome]):
                     problem.plant,
                     "the robot is simulated: chair and arm move exactly as commanded, whichever law commands",
                 ),
-                *(() if problem.plant.kind == "ideal" else (RECORDED,)),
+                *((USER,) if problem.stick.simulated else ()),
+                *((RECORDED,) if problem.stick.recordings else ()),
+                *(() if problem.plant.kind == "ideal" else (SENT,)),
                 ROBOT_OF_PAPER if problem.robot.file is None else ROBOT_OF_FILE,
                 "walls and posts are kept from the chair's outline; the arm may reach over them",
                 *robot.chain.notes,

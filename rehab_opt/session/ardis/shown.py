@@ -231,7 +231,7 @@ def motion_film(outcome: ArdisOutcome) -> FuncAnimation:
     FigureCanvasAgg(figure)
     grid = np.atleast_1d(figure.subplots(count if stacked else 1, 1 if stacked else count)).ravel()
     figure.subplots_adjust(left=0.11, right=0.97, top=1 - 0.5 / size[1], bottom=0.6 / size[1], hspace=0.5, wspace=0.3)
-    longest = max(float(of.optimised.time[-1]) for of in outcome.drives.values())
+    longest = max(float(motion.time[-1]) for of in outcome.drives.values() for motion in of.by_law.values())
     panels = []
     for axes, (drive, of) in zip(grid, outcome.drives.items(), strict=True):
         draw_room(axes, outcome, x, y)

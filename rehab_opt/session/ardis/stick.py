@@ -1,4 +1,4 @@
-"""A stick over time: where it stood, which buttons were down. Read from a recording and held between its samples."""
+"""A stick over time: its deflections and buttons; recorded sticks."""
 
 from __future__ import annotations
 
@@ -10,16 +10,12 @@ from numpy.typing import NDArray
 
 from rehab_opt.errors import ProblemFileError
 from rehab_opt.recordings.tables import numbers_below
-from rehab_opt.session.ardis.problem import ArdisProblem, DriveName
-from rehab_opt.session.files import ProblemFile, recording_path
 from rehab_opt.session.outcome import Array
 from rehab_opt.text_file import LATEST, shown, text_lines
 
-__all__ = ["HEADER", "Moment", "Stick", "StickRecording", "StickSample", "read_stick", "sticks_of"]
+__all__ = ["HEADER", "LET_GO", "Moment", "Stick", "StickRecording", "StickSample", "read_stick"]
 
 HEADER = ("t_s", "forward", "left", "switch", "gripper")
-MAX_TICKS = 500_000
-"""More keep more than a gigabyte of poses and Jacobians."""
 MAX_SAMPLES = 200_000
 LONGEST = 3600.0
 """[s] A recording that takes longer has its times in another unit."""
@@ -32,6 +28,9 @@ class StickSample(NamedTuple):
     """Deflection forward and to the left, -1 to 1."""
     switch: bool = False
     gripper: bool = False
+
+
+LET_GO = StickSample((0.0, 0.0))
 
 
 class Moment(NamedTuple):
@@ -115,21 +114,3 @@ def read_stick(path: Path, *, name: str) -> StickRecording:
     if not time[-1] <= LONGEST:
         raise ProblemFileError(name, "duration", f"{time[-1]:.6g} s", f"at most {LONGEST:g} s (are the times in s?)")
     return StickRecording(time, values[:, 1:3], values[:, 3] == 1.0, values[:, 4] == 1.0)
-
-
-def sticks_of(config: ProblemFile[ArdisProblem]) -> dict[DriveName, StickRecording]:
-    """The recordings of the sticks.
-
-    Raises
-    ------
-    ProblemFileError : absent, not a stick's, or as long as the run is dense.
-    """
-    sticks = {}
-    for drive, file in config.problem.stick.recordings.items():
-        stick = read_stick(recording_path(config, file, key=f"stick.{drive}"), name=file)
-        rate = config.problem.run.rate_hz
-        if stick.duration * rate > MAX_TICKS:
-            expected = f"at most {MAX_TICKS} ticks in the {stick.duration:.6g} s of stick.{drive}"
-            raise ProblemFileError(config.file, "run.rate_hz", rate, expected)
-        sticks[drive] = stick
-    return sticks

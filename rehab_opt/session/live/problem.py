@@ -81,6 +81,10 @@ class LiveControl(ABC):
     def step(self, inputs: LiveInputs, seen: Measurement) -> Command:
         """The command of a tick, of what is done at the page and what the sensors say."""
 
+    def untouched(self, time: float) -> LiveInputs:
+        """What is done where nobody operates: nothing, but the dead-man is held; `time` [s] since the beginning."""
+        return LiveInputs(enable=True)
+
     def plant_command(self, command: Command) -> Array:
         """What the plant takes of a command."""
         return command.value
@@ -204,10 +208,6 @@ class LiveProblem(ABC):
         ------
         ConfigurationError : the problem's own is a device.
         """
-
-    def untouched(self, time: float) -> LiveInputs:
-        """What is done at the page in a film: nothing, but the dead-man is held; `time` [s] since the beginning."""
-        return LiveInputs(enable=True)
 
     @abstractmethod
     def scene(self) -> dict[str, Any]:

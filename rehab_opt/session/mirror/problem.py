@@ -137,7 +137,7 @@ class PatientArmSection(Section):
     """Live, where the future is not known: posture, as Table I counts, from which the model of this arm finds to the
     first pose; default the middle of its range. That model is local: from another posture it may come to more."""
     range_of_motion: OneRange
-    """Table I by name, a table of all eight joints' limits, or what a goniometer measured."""
+    """A range of Rossa et al. by name, a table of all eight joints' limits, or what a goniometer measured."""
     segments: SegmentsSection = SegmentsSection()
     """Lengths of the arm's segments."""
 
@@ -149,8 +149,19 @@ class PatientSection(Section):
     """A point of the sagittal plane, which is upright."""
     facing_deg: float = Field(ge=-360, le=360)
     """Where the patient looks: 0 is the robot's x, counterclockwise."""
+    track_file: str | None = Field(default=None, min_length=1)
+    """Poses of the patient's torso or helmet, one for each sample of `recording.file`, with the same stamps, columns,
+    unit and frame: the sagittal plane moves with them. Without it the plane stays where the keys above put it, which
+    with it hold at the first sample."""
     arm: PatientArmSection | None = None
     """The arm that is led: with it the reference is limited to its range of motion."""
+
+    @model_validator(mode="after")
+    def shoulder_stays(self) -> Self:
+        """Refuse an arm, whose shoulder is fixed, of a patient who moves."""
+        if self.track_file is not None and self.arm is not None:
+            raise refusal("track_file", self.track_file, "no such key beside patient.arm, whose shoulder does not move")
+        return self
 
 
 class LedRobotSection(RobotSection):

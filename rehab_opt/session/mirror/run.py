@@ -173,10 +173,13 @@ class MirrorSystem(System[MirrorProblem, MirrorOutcome]):
     rate_key = "tracker.rate_hz"
 
     def recordings(self, problem: MirrorProblem) -> tuple[Needed, ...]:
-        """The hand's poses, the points that tell where they were seen, and the robot file."""
-        needed = (Needed("recording.file", problem.recording.file), *robot_files(problem.robot))
-        points = problem.placement.calibration_file
-        return needed if points is None else (*needed, Needed("placement.calibration_file", points))
+        """Poses of the hand and of the patient, the points that tell where they were seen, and the robot file."""
+        files = {
+            "recording.file": problem.recording.file,
+            "patient.track_file": problem.patient.track_file,
+            "placement.calibration_file": problem.placement.calibration_file,
+        }
+        return (*(Needed(key, name) for key, name in files.items() if name is not None), *robot_files(problem.robot))
 
     def check(self, config: ProblemFile[MirrorProblem]) -> tuple[str, ...]:
         """Reads the recording, lays it out, builds the tracker, and counts what the robot reaches."""

@@ -47,6 +47,8 @@ SLOW, TREMBLES = 2.0, 0.05
 """[Hz] A hand that reaches goes hardly any way faster; share of its way from which on that is said."""
 STILL = 1e-3
 """[m] within which a hand that goes nowhere stays."""
+SAME_TIME = 1e-3
+"""[s] by which stamps of hand and patient may differ."""
 TOGETHER = 0.5
 """[s] of the recording within which changes of posture are told as one."""
 
@@ -58,7 +60,7 @@ class Setup:
     Parameters
     ----------
     robot, start : the arm, and its joint positions (n,) [rad] at the beginning.
-    mirror : of the patient.
+    mirror : of the patient; of one who moves, at the first sample.
     reference : poses of the tool, the recording mirrored; even samples.
     recorded : (N, 3) [m] the healthy hand in the robot's frame, where it was seen; not filtered.
     person : the arm that is led, in the robot's base frame, and the tool's pose (4, 4) in its hand frame; or None.
@@ -135,10 +137,10 @@ def laid_out(config: ProblemFile[MirrorProblem]) -> Setup:
     section = problem.recording
     seen = read_hand_poses(recording_path(config, section.file), section, file=file)
     fit = _frame(config)
-    poses = fit.poses(_robot_axes(seen, section))
+    poses, moved = fit.poses(_robot_axes(seen, section)), _patient_motion(config, seen.times, fit)
     mirror = patient_mirror(problem.patient)
     grip = pose_of(problem.robot.grip_deg, problem.robot.grip_m)
-    tools = mirror.poses(poses) @ grip
+    tools = moved @ mirror.poses(np.linalg.inv(moved) @ poses) @ grip
     valid = np.flatnonzero(np.all(np.isfinite(tools), axis=(1, 2)) & np.isfinite(seen.times))
     if not valid.size:
         raise ProblemFileError(section.file, "samples", 0, "at least 3 usable samples together")
@@ -163,6 +165,12 @@ def laid_out(config: ProblemFile[MirrorProblem]) -> Setup:
         )
     elif problem.placement.scale != 1.0:
         notes.append(f"the recording is scaled by {problem.placement.scale:.4g}, the arms' lengths")
+    if problem.patient.track_file is not None:
+        turn = angles_between(moved[:1, :3, :3], moved[:, :3, :3]).max()
+        notes.append(
+            f"the mirror plane follows {problem.patient.track_file}: the patient turns by up to "
+            f"{math.degrees(turn):.0f} deg; figures draw the plane at the first sample"
+        )
     stamps = seen.times[valid]
     newest = np.maximum.accumulate(stamps)
     late = np.flatnonzero(stamps[1:] <= newest[:-1]) + 1
@@ -252,6 +260,29 @@ def _robot_axes(seen: HandPoses, section: PoseRecordingSection) -> Array:
     poses[:, :3, 3] = positions
     poses[lost] = math.nan
     return poses
+
+
+def _patient_motion(config: ProblemFile[MirrorProblem], stamps: Array, fit: FrameFit) -> Array:
+    """(N, 4, 4) motion of the patient since the first sample, in the robot's frame; the unit matrix without a track."""
+    name = config.problem.patient.track_file
+    if name is None:
+        return np.eye(4)
+    section = config.problem.recording.model_copy(update={"file": name})
+    seen = read_hand_poses(recording_path(config, name, key="patient.track_file"), section, file=config.file)
+    if len(seen.times) != len(stamps):
+        expected = f"{len(stamps)}, as many as in {config.problem.recording.file}"
+        raise ProblemFileError(name, "samples", len(seen.times), expected)
+    first = (section.rows or [1])[0]
+    apart = np.flatnonzero(~np.isclose(seen.times, stamps, rtol=0.0, atol=SAME_TIME, equal_nan=True))
+    if apart.size:
+        k = apart[0]
+        expected = f"{stamps[k]:.9g} s, as in {config.problem.recording.file}"
+        raise ProblemFileError(name, f"sample {first + k}, t_s", float(seen.times[k]), expected)
+    poses = fit.poses(_robot_axes(seen, section))
+    lost = np.flatnonzero(~np.all(np.isfinite(poses), axis=(1, 2)))
+    if lost.size:
+        raise ProblemFileError(name, f"sample {first + lost[0]}", "no pose", "a pose of the patient in every sample")
+    return np.asarray(poses @ np.linalg.inv(poses[0]))
 
 
 def _frame(config: ProblemFile[MirrorProblem]) -> FrameFit:

@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from rich.table import Table
 
+from rehab_opt.published.astar import AStarPath
 from rehab_opt.session import shown
 from rehab_opt.session.drawing import (
     GRID,
@@ -79,8 +80,7 @@ def _manipulability(outcome: MirrorOutcome) -> Figure:
     if path is not None:
         largest = outcome.metrics["manipulability_max"]
         w = np.array([outcome.chain.manipulability(q) for q in path.q]) / largest
-        seen = outcome.time[np.isfinite(outcome.reference[:, 0, 3])]
-        axes.plot(seen[path.nearest], w, **ASTAR, label="published A*")
+        axes.plot(_astar_times(outcome, path), w, **ASTAR, label="published A*")
     axes.axhspan(-1, outcome.floor, color=LIMIT, alpha=0.4, linewidth=0, zorder=0, label="below the floor")
     axes.set(xlim=(-0.01 * end, 1.01 * end), xlabel="time in the reference [s]")
     axes.set(ylim=(0, 1), ylabel="manipulability, share of the robot's largest")
@@ -96,11 +96,19 @@ def _position(outcome: MirrorOutcome) -> Figure:
         axes.plot(outcome.time, reference, color=REFERENCE, linewidth=4.0, alpha=0.25, label="mirrored hand")
         for name, led in outcome.drives.items():
             axes.plot(led.time, MM * led.tool[:, i, 3], **STYLES[name], label=LABELS[name])
+        if outcome.astar is not None:
+            positions = MM * outcome.astar.positions[:, i]
+            axes.plot(_astar_times(outcome, outcome.astar), positions, **ASTAR, label="published A*")
     for name, led in outcome.drives.items():
         panels[3].plot(led.time, MM * led.deviation, **STYLES[name])
     _scale_distances(panels[3], outcome)
     label_times(panels, "x [mm]", "y [mm]", "z [mm]", "distance [mm]")
-    return legend_below(figure, panels[0], 4)
+    return legend_below(figure, panels[0], 5)
+
+
+def _astar_times(outcome: MirrorOutcome, path: AStarPath) -> Array:
+    """(K,) [s] of the nearest reference positions: the published path has no times."""
+    return np.asarray(outcome.time[np.isfinite(outcome.reference[:, 0, 3])][path.nearest])
 
 
 def _scale_distances(axes: Axes, outcome: MirrorOutcome) -> None:

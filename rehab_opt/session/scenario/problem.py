@@ -44,7 +44,7 @@ class ScenarioArm(ArmInPlane):
     """Whose arm, with the range that is comfortable and the one that can be helped."""
 
     comfortable: OneRange = "restricted"
-    """W_c: Table I by name, or a table of the eight joints."""
+    """W_c: `"restricted"` (Table I) or `"figure_3"` (its caption), or a table of the eight joints."""
     reachable: OneRange = "regular"
     """W_r, likewise."""
 

@@ -15,6 +15,8 @@ from rehab_opt.session.shown import Cell, Numbers, Rows, law_table
 __all__ = ["brief", "table"]
 
 WRAPPED = 90
+SUCCEEDED = "trials that succeeded, %; off at the end, mm"
+"""The distance stands beside the share: two laws may end on either side of the threshold, and near each other."""
 MM = 1e3
 SUCCESS = {
     "stretch": "the end on the path", "assist": "at rest at the target in time,", "hold": "each point reached",
@@ -39,7 +41,7 @@ def brief(outcome: ScenarioOutcome) -> Table:
     rows: Rows = (
         *_covered(outcome, "path "),
         *_from_meant(outcome),
-        ("trials that succeeded, %", _success),
+        (SUCCEEDED, _success),
         ("deviation, mean, mm", _number("deviation_mean_m", scale=MM)),
         ("deviation, largest, mm", _number("deviation_max_m", scale=MM)),
         ("force measured, mean, N", _number("force_measured_mean_N")),
@@ -89,7 +91,7 @@ def _statuses(of: Numbers) -> str:
 
 
 def _success(of: Numbers) -> str:
-    return f"{100 * of['success_rate']:.0f}"
+    return f"{100 * of['success_rate']:.0f}; {_number('final_distance_m', scale=MM)(of)}"
 
 
 def _covered(outcome: ScenarioOutcome, of: str = "") -> list[tuple[str, Cell]]:
@@ -142,16 +144,15 @@ def _groups(outcome: ScenarioOutcome, *, pairs: bool) -> list[tuple[str, list[tu
         force.append(("measured while holding, mean, N", _number("force_measured_held_mean_N")))
         motion.append(("speed while holding, mean, mm/s", _number("speed_held_mean_m_s", scale=MM)))
     clinical: list[tuple[str, Cell]] = [
-        ("trials that succeeded, %", _success),
+        (SUCCEEDED, _success),
         (
             "path of the hand / straight line" if reaches else "path of the hand / meant path",
             _number("path_length_ratio"),
         ),
-        ("distance to the target at the end, mm", _number("final_distance_m", scale=MM)),
         ("time on target, s", _number("time_on_target_s")),
     ]
     if reaches:
-        clinical.insert(3, ("time to the target, s", _number("time_to_target_s")))
+        clinical.insert(2, ("time to the target, s", _number("time_to_target_s")))
     else:
         clinical.append(("time on target, %", _percent("time_on_target_fraction")))
     if not holds:

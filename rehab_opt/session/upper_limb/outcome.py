@@ -140,9 +140,8 @@ def _tilted(run: LawResult) -> Iterator[str]:
 def _published(run: LawResult, *, within_reach: bool) -> Iterator[str]:
     chosen = run.metrics["parameters"]
     yield (
-        f"the published law runs with k0 = {chosen['gain_per_s']:g}/s and mu = {chosen['damping']:g}: choices, the "
-        "paper gives no values, and its numbers depend on them (of the shipped figure_eight it follows 37.7 % with "
-        "k0 = 50/s, 98.9 % with 200/s, 100 % with 500/s)"
+        f"the published law runs with k0 = {chosen['gain_per_s']:g}/s and mu = {chosen['damping']:g}: the paper gives "
+        "no values, and its numbers depend on them; `python -m bench.tangent_law` prints those of a grid"
     )
     if not within_reach:
         yield (

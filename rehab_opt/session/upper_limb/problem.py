@@ -48,10 +48,10 @@ class PublishedSection(Section):
     """The published law, `TangentLaw`: Eqs. (8)-(14) of Rossa et al."""
 
     gain_per_s: float | None = Field(default=None, gt=0, le=1000)
-    """k0, by default `TangentLaw`'s (50): a choice, the paper gives no value. Of `figure_eight` the law follows 37.7 %
-    with 50, 98.9 % with 200, all with 500."""
+    """k0, by default `TangentLaw`'s (1000). The paper gives no value; the defaults of this and the next key are the
+    best of the grid that `python -m bench.tangent_law` prints."""
     damping: Positive | None = None
-    """mu, by default `TangentLaw`'s (1e-6): a choice, the paper asks for mu << 1."""
+    """mu, by default `TangentLaw`'s (1e-6); the paper asks for mu << 1."""
 
 
 class SmoothingSection(Section):

@@ -14,7 +14,7 @@ from rehab_opt.workspace.placement import ShoulderPlacement
 from rehab_opt.workspace.reach import planar_workspace
 from rehab_opt.workspace.region import Workspace
 
-__all__ = ["Reached", "handle_words", "placement_of", "plane_of", "plane_words", "reached", "tilt_of"]
+__all__ = ["Reached", "handle_words", "placement_of", "plane_of", "plane_words", "reached", "tilt_of", "tilt_words"]
 
 KEYS = {"height": "plane_height_m", "handle_tilt": "handle_tilt_deg", "accuracy": "accuracy_mm"}
 
@@ -71,4 +71,11 @@ def plane_words(section: ArmInPlane) -> str:
 def handle_words(section: ArmInPlane) -> str:
     """What the handle may do."""
     tilt = section.handle_tilt_deg
-    return "the handle may tilt any way" if isinstance(tilt, str) else f"the handle within {tilt:g} deg of vertical"
+    return (
+        "the handle may tilt any way" if isinstance(tilt, str) else f"the handle within {tilt_words(tilt)} of vertical"
+    )
+
+
+def tilt_words(tilt: str | float) -> str:
+    """A largest tilt [deg], or that there is none."""
+    return "any" if isinstance(tilt, str) else f"{tilt:g} deg"

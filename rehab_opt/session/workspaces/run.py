@@ -5,18 +5,26 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from itertools import product
-from typing import Any, Literal
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from rehab_opt.kinematics.chain import SerialChain
-from rehab_opt.session.arm_keys import ArmInPlane, ArmOfRanges, ranges_by_name
+from rehab_opt.session.arm_keys import AnyTilt, ArmInPlane, ArmOfRanges, RangeOfMotion, ranges_by_name
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.outcome import Column, Outcome, Progress, with_progress
 from rehab_opt.session.participant import arm_of
-from rehab_opt.session.schema import Problem
+from rehab_opt.session.schema import Once, Problem, Section, refusal
 from rehab_opt.session.systems import System
-from rehab_opt.session.workspaces.reached import Reached, handle_words, placement_of, plane_words, reached, tilt_of
+from rehab_opt.session.workspaces.reached import (
+    Reached,
+    handle_words,
+    placement_of,
+    plane_words,
+    reached,
+    tilt_of,
+    tilt_words,
+)
 from rehab_opt.workspace.region import Workspace
 from rehab_opt.workspace.volume import ReachableVolume, reachable_volume
 
@@ -32,6 +40,15 @@ __all__ = [
 ]
 
 
+class TiltsSection(Section):
+    """One range of motion again, with other tilts of the handle."""
+
+    range: str
+    """A name of `arm.range_of_motion`. A person's own range that takes the place of all names has no such areas."""
+    handle_tilt_deg: Annotated[list[AnyTilt], Field(min_length=1, max_length=12), Once]
+    """Largest angles between handle and vertical, `"any"` for no such bound."""
+
+
 class WorkspaceProblem(Problem):
     """Where an arm reaches with one or several ranges of motion."""
 
@@ -44,6 +61,18 @@ class WorkspaceProblem(Problem):
     """Of the slices that make up a volume."""
     volume_spacing_mm: float = Field(default=40.0, ge=5, le=500)
     """Distance of these slices."""
+    tilts: TiltsSection | None = None
+    """The area of one range over the tilt of the handle."""
+
+    @model_validator(mode="after")
+    def range_of_tilts_is_there(self) -> Self:
+        """Refuse the name of a range that `arm` has none of."""
+        there = ranges_by_name(self.arm.range_of_motion)
+        own = isinstance(self.arm.range_of_motion, RangeOfMotion)
+        if self.tilts is not None and self.tilts.range not in there and not own:
+            expected = f"the name of a range of arm.range_of_motion ({', '.join(there)})"
+            raise refusal("tilts.range", self.tilts.range, expected)
+        return self
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,6 +214,13 @@ class WorkspaceSystem(System[WorkspaceProblem, WorkspaceOutcome]):
                     placement=placement_of(problem.arm),
                 )
         spaces = {name: of.workspace for name, of in sets.items()}
+        areas: dict[str, dict[str, Any]] = {}
+        if problem.tilts is not None and (name := problem.tilts.range) in ranges:
+            for tilt in with_progress(progress, "handle tilts", problem.tilts.handle_tilt_deg):
+                held_so = problem.arm.model_copy(update={"handle_tilt_deg": tilt})
+                found = reached(held_so, ranges[name], file=config.file, key="arm").workspace
+                key = tilt_words(tilt).replace(" ", "_")
+                areas.setdefault(name, {})[key] = {"area_m2": found.area, "accuracy_m": found.accuracy}
         return WorkspaceOutcome(
             notes=tuple(plane_notes(problem.arm, spaces)),
             metrics={
@@ -198,6 +234,7 @@ class WorkspaceSystem(System[WorkspaceProblem, WorkspaceOutcome]):
                             if other != name
                         },
                     }
+                    | ({"tilts": areas[name]} if name in areas else {})
                     for name, of in sets.items()
                 },
                 "volumes": _volume_metrics(volumes),

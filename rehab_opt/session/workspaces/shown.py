@@ -176,6 +176,12 @@ def table(outcome: WorkspaceOutcome) -> Table:
     for other in sets if len(sets) > 1 else ():
         fractions = (numbers["fraction_inside"].get(other) for numbers in sets.values())
         grid.add_row(Text(f"share of it inside {other}, %"), *map(percent, fractions))
+    for tilt in next((list(numbers["tilts"]) for numbers in sets.values() if "tilts" in numbers), ()):
+        areas = (numbers.get("tilts", {}).get(tilt) for numbers in sets.values())
+        grid.add_row(
+            f"area, handle tilt {tilt.replace('_', ' ')}, cm^2",
+            *(f"{1e4 * of['area_m2']:.4g}" if of else "-" for of in areas),
+        )
     grid.add_row("time to find it, s", *(f"{numbers['seconds']:.2f}" for numbers in sets.values()))
     volumes = outcome.metrics["volumes"]
     for key, label in (("handle_held", "volume, handle held as above, l"), ("handle_free", "volume, handle free, l")):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
 from pathlib import Path
 
@@ -47,42 +46,26 @@ def refusal(file: Path, **options: object) -> str:
     ("old", "new", "key", "value", "expected"),
     [
         ('xyz="0 1 0"', 'xyz="0 0 0"', "joint joint_a, axis.xyz", "'0 0 0'", "length 1"),
-        ('xyz="0 1 0"', 'xyz="0 nan 0"', "joint joint_a, axis.xyz", "'0 nan 0'", "3 finite numbers"),
-        ('xyz="0 1 0"', 'xyz="0 1"', "joint joint_a, axis.xyz", "'0 1'", "3 finite numbers"),
         ('xyz="0 1 0"', 'xyz="1 1 0"', "joint joint_a, axis.xyz", "'1 1 0'", "its length is 1.41421"),
         ('xyz="0 1 0"', "", "joint joint_a, axis.xyz", "None", "three numbers"),
         ('xyz="0 0 0.3"', 'xyz="0 0 inf"', "joint joint_a, origin.xyz", "'0 0 inf'", "3 finite numbers"),
-        ('xyz="0 0 0.3"', 'xyz="0 0 1e999"', "joint joint_a, origin.xyz", "'0 0 1e999'", "3 finite numbers"),
         ('xyz="0 0 0.3"', 'xyz="0 0 300"', "joint joint_a, origin.xyz", "'0 0 300'", "another unit?"),
         ('rpy="0 1.5708 0"', 'rpy="0 90 0"', "joint joint_a, origin.rpy", "'0 90 0'", "another unit?"),
-        ('rpy="0 1.5708 0"', 'rpy="0 1,5 0"', "joint joint_a, origin.rpy", "'0 1,5 0'", "3 finite numbers"),
         ('lower="-2"', 'lower="-114"', "joint joint_a, limit.lower", "-114.0", "radians within two turns"),
-        ('upper="2"', 'upper="120"', "joint joint_a, limit.upper", "120.0", "radians within two turns"),
         ('upper="2"', 'upper="-3"', "joint joint_a, limit.lower", "-2.0", "no more than limit.upper = -3"),
-        ('upper="2"', 'upper="nan"', "joint joint_a, limit.upper", "'nan'", "a finite number"),
         ('velocity="1.5"', 'velocity="0"', "joint joint_a, limit.velocity", "0.0", "a speed above 0 rad/s"),
-        ('velocity="1.5"', "", "joint joint_a, limit.velocity", "None", "give velocity="),
         ('lower="-2" upper="2"', "", "joint joint_a, limit.lower", "None", "give lower="),
-        ('type="revolute"', 'type="planar"', "joint joint_a, type", "'planar'", "revolute, continuous"),
         ('type="revolute"', 'type="Revolute"', "joint joint_a, type", "'Revolute'", "or fixed, such as 'revolute'"),
-        ('type="revolute"', 'type="prismatc"', "joint joint_a, type", "'prismatc'", "or fixed, such as 'prismatic'"),
-        ('type="revolute"', 'kind="revolute"', "joint joint_a, type", "None", "revolute, continuous"),
         ('name="joint_b"', 'name="joint_a"', "line 1, joint.name", "'joint_a'", "no other joint"),
         ('link name="hand"', 'link name="middle"', "line 1, link.name", "'middle'", "no other link"),
         ('<link name="middle"/>', "", "joint joint_a, child.link", "'middle'", "a link of this file"),
-        ('<parent link="base"/>', "", "joint joint_a, parent.link", "None", "a link of this file"),
         ('<parent link="base"', '<parent link="middle"', "joint joint_a, child.link", "'middle'", "than its parent"),
         ('<parent link="base"/>', '<parent link="hand"/>', "joint joint_b, child.link", "'hand'", "below itself"),
         ('<child link="hand"/>', '<child link="middle"/>', "joint joint_b, child.link", "'middle'", "one parent"),
         ("<axis", "<origin/><axis", "joint joint_a, origin", "'2 elements'", "one"),
-        ("<robot ", "<robot ><joint ", "line 1", "'mismatched tag'", "XML"),
         ('<link name="base"/>', '<link name="base"/><xacro:a/>', "line 1", "'<xacro:a>'", "> arm_expanded.urdf"),
         ('lower="-2"', 'lower="${-2}"', "line 1, limit.lower", "'${-2}'", "> arm_expanded.urdf"),
-        ('link name="base"', 'link name="$(arg p)base"', "line 1, link.name", "'$(arg p)base'", "> arm_expanded.urdf"),
-        ('name="good"', 'name="good" xmlns:x="http://ros.org/wiki/xacro"><x:a/', "line 1", "'<x:a>'", "> arm_expanded"),
         ('rpy="0 1.5708 0"', 'quat_xyzw="0 0 0 1"', "joint joint_a, origin.quat_xyzw", "'0 0 0 1'", "in version 1.0"),
-        ("robot", "sdf", "line 1", "'mismatched tag'", "XML"),
-        ("joint_b", "", "line 1, joint.name", "''", "a name"),
     ],
 )  # fmt: skip
 def test_a_bad_value_is_named_with_its_joint_and_key(
@@ -101,9 +84,7 @@ def test_a_bad_value_is_named_with_its_joint_and_key(
     ("turn", "expected"),
     [
         ('quat_xyzw="0 0.6 0 0.9"', "= '0 0.6 0 0.9': expected a vector of length 1 (its length is 1.08167)"),
-        ('quat_xyzw="0 0 0 0"', "= '0 0 0 0': expected a vector of length 1 (its length is 0)"),
         ('quat_xyzw="0 0 1"', "= '0 0 1': expected 4 finite numbers"),
-        ('quat_xyzw="0 0 0 nan"', "= '0 0 0 nan': expected 4 finite numbers"),
         ('rpy="0 0 0" quat_xyzw="0 0 0 1"', "= '0 0 0 1': expected no rpy beside it: either says how it is turned"),
     ],
 )
@@ -113,49 +94,28 @@ def test_a_quaternion_that_is_none_is_refused(good: Callable[..., Path], turn: s
     assert refusal(file) == f"{file}: joint joint_a, origin.quat_xyzw {expected}"
 
 
-def test_a_good_arm_is_read(good: Callable[..., Path]) -> None:
-    assert SerialChain.from_urdf(good(), acceleration=1.0).n == 2
-
-
 @pytest.mark.parametrize(
     ("options", "expected"),
     [
         ({"tip": "nowhere"}, "tip = 'nowhere': expected one of the links base, middle, hand"),
-        ({"base": "nowhere"}, "base = 'nowhere': expected one of the links"),
         ({"base": "hand", "tip": "middle"}, "tip = 'middle': expected a link below base = 'hand'"),
         ({"base": "hand"}, "base = 'hand': expected a link that bears others"),
-        ({"tip": ["hand"]}, "tip = ['hand']: expected the name of a link"),
         ({"locked": None}, "locked = None: expected joint values by joint name"),
-        ({"capsules": None}, "capsules = None: expected a list"),
         ({"capsules": "collision"}, "arm.urdf has none"),
         ({"capsules": [CapsuleOnLink("hand", (0, 0, 0), (0, 0, 1), -0.1)]}, "capsules[0].radius = -0.1: expected 0 m"),
-        ({"capsules": [CapsuleOnLink("hand", (0, 0, 0), (0, 0, 1), "1")]}, "capsules[0].radius = '1': expected 0 m"),
         ({"lower": {"joint_a": 5.0}}, "lower['joint_a'] = 5.0: expected no more than limit.upper of "),
-        ({"upper": {"joint_a": -3.0}}, "arm.urdf, -2 rad (-114.59 deg)"),
         ({"lower": 1.0, "upper": 0.5}, "upper['joint_a'] = 0.5: expected no less than lower, 1 rad"),
-        ({"upper": {"joint_a": 170.0}}, "upper['joint_a'] = 170.0: expected radians within two turns"),
-        ({"lower": -170.0, "upper": 2.0}, "lower['joint_a'] = -170.0: expected radians within two turns"),
         ({"tip": "base"}, "tip = 'base': expected a link that joints move against the base"),
         ({"locked": {"joint_c": 1.0}}, "locked = 'joint_c'"),
         ({"locked": {"joint_a": np.nan}}, "locked['joint_a'] = nan"),
         ({"locked": {"joint_a": 2.5}}, "locked['joint_a'] = 2.5: expected a value within the joint's -2 to 2 rad"),
-        ({"acceleration": {"joint_a": 1.0}}, "a limit of joint_b too"),
-        ({"acceleration": {"joint_a": 1.0, "joint_x": 2.0}}, "acceleration = 'joint_x'"),
         ({"acceleration": [1.0, 2.0, 3.0]}, "acceleration = [1.0, 2.0, 3.0]"),
-        ({"acceleration": np.nan}, "acceleration = nan"),
         ({"acceleration": "fast"}, "acceleration = 'fast'"),
-        ({"velocity": {"joint_a": np.nan}}, "velocity = {'joint_a': nan}"),
         ({"velocity": -1.0}, "velocity['joint_a'] = -1.0: expected a speed above 0 rad/s"),
-        ({"capsules": [("hand", (0, 0, 0), (0, 0, 1), 0.1)]}, "capsules[0]"),
     ],
 )
 def test_a_bad_argument_is_named(good: Callable[..., Path], options: dict[str, object], expected: str) -> None:
     assert expected in refusal(good(), **options)
-
-
-def test_what_is_no_path_is_refused_as_an_argument() -> None:
-    for file in (None, 3, b"arm.urdf", "arm\0.urdf", ""):
-        assert "expected the path of a robot file" in refusal(file)  # type: ignore[arg-type]
 
 
 def test_what_is_not_read_and_what_no_body_has_is_noted(good: Callable[..., Path]) -> None:
@@ -180,20 +140,6 @@ def test_what_is_not_read_and_what_no_body_has_is_noted(good: Callable[..., Path
     assert endless.notes == tuple(f"joint joint_a: limit.{key} is not read" for key in ("lower", "upper"))
 
 
-def test_a_joint_whose_limits_are_one_number_is_noted(good: Callable[..., Path]) -> None:
-    for lower, upper, said in (
-        ("0", "0", "joint joint_a, limit.lower = limit.upper = 0: it does not move"),
-        ("0.5", "0.5", "joint joint_a, limit.lower = limit.upper = 0.5: it does not move"),
-    ):
-        file = good('lower="-2" upper="2"', f'lower="{lower}" upper="{upper}"')
-        arm = SerialChain.from_urdf(file, acceleration=1.0)
-        assert arm.notes == (said,)
-        assert arm.locked.tolist() == [True, False]
-    file = good('lower="-2" upper="2" velocity', "velocity")  # the format's default of one limit is zero
-    assert SerialChain.from_urdf(file, acceleration=1.0, lower=-2.0, upper=2.0).notes == ()
-    assert SerialChain.from_urdf(good(), acceleration=1.0, lower=0.5, upper=0.5).notes == ()  # asked for
-
-
 def test_degrees_for_radians_in_arguments_are_noted_where_they_may_be_true(good: Callable[..., Path]) -> None:
     fast = SerialChain.from_urdf(good(), acceleration={"joint_a": 1.0, "joint_b": 300.0}, velocity={"joint_a": 180.0})
     assert fast.notes == (
@@ -213,11 +159,6 @@ def test_degrees_for_radians_in_arguments_are_noted_where_they_may_be_true(good:
     )
     with pytest.raises(ConfigurationError, match=r"locked\['joint_a'\] = 90.0: expected radians within two turns"):
         SerialChain.from_urdf(good('type="revolute"', 'type="continuous"'), acceleration=1.0, locked={"joint_a": 90.0})
-
-
-def test_the_acceleration_is_asked_for(good: Callable[..., Path]) -> None:
-    with pytest.raises(TypeError, match="acceleration"):
-        SerialChain.from_urdf(good())  # type: ignore[call-arg]
 
 
 def test_two_hands_ask_which(tmp_path: Path) -> None:
@@ -270,15 +211,7 @@ def test_a_long_cycle_is_found(tmp_path: Path) -> None:
     assert "these are a loop" in refusal(file)
 
 
-def test_pipes_folders_and_nothing_are_refused(tmp_path: Path) -> None:
-    pipe = tmp_path / "pipe.urdf"
-    os.mkfifo(pipe)
-    assert "a pipe" in refusal(pipe)
-    assert "a directory" in refusal(tmp_path)
-    assert "No such file" in refusal(tmp_path / "absent.urdf")
-
-
-@pytest.mark.parametrize("seed", range(200))
+@pytest.mark.parametrize("seed", range(60))
 def test_a_damaged_file_is_read_or_refused_with_a_typed_error(tmp_path: Path, seed: int) -> None:
     rng = np.random.default_rng(seed)
     text = bytearray(urdf(random_arm(rng, 3)).encode())

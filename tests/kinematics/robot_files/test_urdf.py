@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from rehab_opt import ConfigurationError, SerialChain, ur5
-from rehab_opt.control.hand_bounds import guarded_points
 from rehab_opt.errors import RobotFileError
 from rehab_opt.kinematics.inertia import inertia_expression
 from rehab_opt.kinematics.link_capsules import CapsuleOnLink
@@ -130,20 +129,6 @@ def test_what_a_link_carries_aside_has_its_capsules(arm_file: Path) -> None:
     assert note.startswith("link camera, collision.mesh = a.stl: nothing is kept clear of it")
 
 
-def test_rounded_angles_stay_as_they_are_written_and_no_frame_is_far_away(arm_file: Path) -> None:
-    edges = gen3()
-    chain = read(arm_file, edges)
-    assert abs(chain.base[2, 2] + 1.0) < 1e-10 < abs(chain.base[1, 2])  # 3.1416 is 7e-6 more than pi
-    for q in random_postures(edges, np.random.default_rng(0), 50):
-        frames = frames_of(chain, q)
-        for i in range(chain.n):  # frame i is where joint i + 1 is
-            at = pose_of(edges[: i + 1], np.append(q[:i], 0.0))
-            np.testing.assert_allclose(frames[i][:3, 3], at[:3, 3], atol=1e-12)
-            np.testing.assert_allclose(frames[i][:3, 2], at[:3, :3] @ edges[i].axis, atol=1e-12)
-        assert np.abs([frame[:3, 3] for frame in frames]).max() < 1.3  # m: its reach and the base
-    assert max(abs(each) for ball in guarded_points(chain) for each in ball.offset) == 0.0
-
-
 @pytest.mark.parametrize("seed", range(6))
 def test_origins_turned_by_quaternions_are_those_turned_by_angles(arm_file: Path, seed: int) -> None:
     rng = np.random.default_rng(300 + seed)
@@ -170,28 +155,6 @@ def test_origins_turned_by_quaternions_are_those_turned_by_angles(arm_file: Path
     np.testing.assert_allclose(*inertia, atol=1e-12)
 
 
-def test_a_rounded_quaternion_is_corrected_and_noted(arm_file: Path) -> None:
-    arm_file.write_text(
-        '<robot name="r" version="1.1"><link name="a"/><link name="b"/><joint name="j" type="continuous">'
-        '<origin xyz="1 0 0" quat_xyzw="0.7075 0 0 0.7075"/><parent link="a"/><child link="b"/>'
-        '<limit velocity="1"/></joint></robot>'
-    )
-    chain = SerialChain.from_urdf(arm_file, acceleration=1.0)
-    (note,) = chain.notes
-    assert note == "joint j, origin.quat_xyzw: the length is off by 0.00056, as rounded numbers are; 1 is used"
-    np.testing.assert_allclose(chain.pose([0.0])[:3, :3], [[1, 0, 0], [0, 0, -1], [0, 1, 0]], atol=1e-15)
-
-
-@pytest.mark.parametrize(("off", "noted"), [(3e-10, False), (5e-7, True)])
-def test_a_length_of_1_to_a_nanometre_is_corrected_without_a_note(arm_file: Path, off: float, noted: bool) -> None:
-    edges = [edge for edge in random_arm(np.random.default_rng(10), 2) if edge.kind != "fixed"]
-    edges[0].parent, edges[1].parent = "base", edges[0].child
-    edges[0].kind, edges[0].axis = "revolute", np.array([0.6, 0.8, 0.0]) * (1 + off)
-    chain = read(arm_file, edges)
-    assert bool(chain.notes) is noted
-    np.testing.assert_allclose(chain.rows[0].after[:3, :3] @ chain.rows[0].after[:3, :3].T, np.eye(3), atol=1e-15)
-
-
 def test_ur5_from_a_file_is_the_ur5_of_this_library(arm_file: Path) -> None:
     tool = np.eye(4)
     tool[:3, :3], tool[:3, 3] = Rotation.from_euler("x", -np.pi / 2).as_matrix(), UR5_TOOL
@@ -200,17 +163,6 @@ def test_ur5_from_a_file_is_the_ur5_of_this_library(arm_file: Path) -> None:
         np.testing.assert_allclose(chain.pose(q), ours.pose(q), atol=1e-12)
         np.testing.assert_allclose(chain.jacobian(q), ours.jacobian(q), atol=1e-12)
         assert chain.manipulability(q) == pytest.approx(ours.manipulability(q), abs=1e-13)
-
-
-# -------------------------------------------------------------------------------------------------------- parts
-def test_a_part_of_the_tree_is_a_chain_of_its_own(arm_file: Path) -> None:
-    edges = random_arm(np.random.default_rng(5), 6)
-    arm_file.write_text(urdf(edges))
-    part = edges[3:-2]
-    chain = SerialChain.from_urdf(arm_file, base=edges[2].child, tip=part[-1].child, acceleration=1.0)
-    assert chain.names == tuple(edge.name for edge in moving(part))
-    q = np.linspace(-1, 1, chain.n)
-    np.testing.assert_allclose(chain.pose(q), pose_of(part, q), atol=1e-12)
 
 
 def test_a_locked_joint_stays_where_it_is_and_is_no_joint(arm_file: Path) -> None:
@@ -246,29 +198,6 @@ def test_limits_are_the_files_unless_given(arm_file: Path) -> None:
     assert other.velocity[2] == 0.5
     assert other.velocity[3] == edges[3].velocity
     assert other.upper.tolist() == [1.0] * 7
-
-
-def test_mount_and_tool_stand_before_and_behind(arm_file: Path) -> None:
-    edges = random_arm(np.random.default_rng(8), 4)
-    mount, tool = np.eye(4), np.eye(4)
-    mount[:3, :3], mount[:3, 3] = Rotation.from_euler("xyz", [0.1, 2, 3]).as_matrix(), (1, 2, 3)
-    tool[:3, :3], tool[:3, 3] = Rotation.from_euler("xyz", [1, 0.2, 3]).as_matrix(), (0.1, 0.2, 0.3)
-    chain = read(arm_file, edges, mount=mount, tool=tool)
-    q = np.linspace(-1, 1, 4)
-    np.testing.assert_allclose(chain.pose(q), mount @ pose_of(edges, q) @ tool, atol=1e-12)
-
-
-def test_capsules_are_told_in_the_links_own_frames(arm_file: Path) -> None:
-    edges = random_arm(np.random.default_rng(9), 5)
-    start, end = (0.1, 0.2, 0.3), (-0.1, 0.0, 0.2)
-    links = ["base", *(edge.child for edge in edges)]
-    chain = read(arm_file, edges, capsules=[CapsuleOnLink(link, start, end, 0.05) for link in links])
-    q = np.linspace(-1, 1, 5)
-    frames = frames_of(chain, q)
-    for i, capsule in enumerate(chain.capsules):
-        link = pose_of(edges[:i], q[: len(moving(edges[:i]))])
-        for found, told in ((capsule.start, start), (capsule.end, end)):
-            np.testing.assert_allclose(frames[capsule.frame] @ [*found, 1.0], link @ [*told, 1.0], atol=1e-12)
 
 
 def test_capsules_about_collision_geometry_hold_all_of_it(arm_file: Path) -> None:

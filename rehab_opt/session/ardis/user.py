@@ -1,0 +1,95 @@
+"""A simulated user, who watches the hand and moves the stick so that it comes to the goals, one after the other.
+
+The user takes the stick's modes in turn and changes over where little is left to do in one, until the hand is near the
+goal; then the user presses the gripper's button, where the goal has one. Nothing is random.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from rehab_opt.control.joystick import StickMode
+from rehab_opt.session.ardis.problem import GoalSection
+from rehab_opt.session.ardis.stick import LET_GO, Moment, StickSample
+from rehab_opt.session.outcome import Array
+
+__all__ = ["SimulatedUser"]
+
+RATE = 20.0  # [Hz] of the stick, which is held in between
+NEAR = 0.5  # fraction of a goal's tolerance at which the user is content
+SLOW = 0.8  # [1/s] the deflection falls in proportion to the distance below speed / SLOW
+PRESS = 0.25  # [s] that a button is held down
+PAUSE = 0.3  # [s] after a button
+BEGIN = 0.5  # [s] before the stick is moved
+PATIENCE = 60.0  # [s] for one goal; the user then lets go for good
+DEAD = 0.12  # of the stick, which the user feels and goes beyond
+
+
+class SimulatedUser:
+    """A `Stick` in the hand of a simulated user; one user steers one controller once.
+
+    Parameters
+    ----------
+    goals : at least one. modes : of the stick.
+    """
+
+    def __init__(self, goals: Sequence[GoalSection], modes: Sequence[StickMode]) -> None:
+        self.goals, self._modes = list(goals), {mode.name: mode for mode in modes}
+        self.duration = PATIENCE * len(self.goals) + BEGIN
+        self._sample, self._next, self._begun = LET_GO, 0.0, 0.0
+        self._closed, self._busy_until, self._pressed_until, self._button = False, BEGIN, 0.0, ""
+        self._over = math.inf
+
+    def at(self, moment: Moment) -> StickSample | None:
+        """The stick now; None once the goals are reached, or one was not in time."""
+        if moment.time > self._over or moment.time - self._begun > PATIENCE:
+            return None
+        if moment.time >= self._next - 1e-9:
+            self._next, self._sample = moment.time + 1 / RATE, self._decide(moment)
+        return self._sample
+
+    def _decide(self, moment: Moment) -> StickSample:
+        if moment.time < self._busy_until:
+            down = self._button if moment.time < self._pressed_until else ""
+            return StickSample((0.0, 0.0), switch=down == "switch", gripper=down == "gripper")
+        while self.goals:
+            goal = self.goals[0]
+            error = np.array(goal.hand_m) - moment.hand
+            near, size = NEAR * goal.within_m, float(np.linalg.norm(error))
+            if size <= 1.2 * near:
+                if goal.gripper is not None and (goal.gripper == "closed") != self._closed:
+                    self._closed = not self._closed
+                    return self._press("gripper", moment.time)
+                self.goals.pop(0)
+                self._begun = moment.time
+                continue
+            mode = self._modes[moment.mode]
+            ways = _ways(error, moment, mode)
+            mine = float(np.linalg.norm(ways))
+            other = math.sqrt(max(size**2 - mine**2, 0.0))
+            # What is in hand is finished before changing over.
+            if mine <= 0.6 * near or (mine <= near and other > 3 * near):
+                return self._press("switch", moment.time)
+            forward, left = (SLOW * way / speed if speed else 0.0 for way, speed in zip(ways, mode.speeds, strict=True))
+            size = math.hypot(forward, left)
+            fraction = (DEAD + (1 - DEAD) * min(size, 1.0)) / size
+            # In steps of a hundredth, as a recording of a stick.
+            return StickSample((round(fraction * forward, 2) + 0.0, round(fraction * left, 2) + 0.0))
+        self._over = min(self._over, moment.time + BEGIN)
+        return LET_GO
+
+    def _press(self, button: str, time: float) -> StickSample:
+        """Let the stick go and press a button."""
+        self._button, self._pressed_until, self._busy_until = button, time + PRESS, time + PRESS + PAUSE
+        return StickSample((0.0, 0.0), switch=button == "switch", gripper=button == "gripper")
+
+
+def _ways(error: Array, moment: Moment, mode: StickMode) -> Array:
+    """(2,) [m] how far the hand still is along the rows that the mode moves; the wrist is as it should be."""
+    cos, sin = math.cos(moment.q[2]), math.sin(moment.q[2])
+    along = {"x": cos * error[0] + sin * error[1], "y": cos * error[1] - sin * error[0], "z": error[2]}
+    moved = zip(mode.rows, mode.speeds, strict=True)
+    return np.array([along.get(row, 0.0) if speed else 0.0 for row, speed in moved])

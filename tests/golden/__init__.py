@@ -1,0 +1,66 @@
+"""Numbers of every shipped problem, kept to compare with: metrics and the head of the trace."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import math
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from rehab_opt.session.files import load_problem
+from rehab_opt.session.run import run_problem
+
+FOLDER = Path(__file__).parent / "numbers"
+HEAD = 40
+"""Rows of the trace that are kept."""
+RELATIVE, ABSOLUTE = 1e-3, 1e-6
+"""A number may differ by this fraction of itself, and by this in its unit: a closed loop amplifies rounding."""
+COUNT = 2
+"""Ticks by which a count may differ."""
+TIMED = re.compile(r"_ms$|computing_s$|solve_time_s(\[|$)|\.seconds$")
+"""Keys of the time that the computer took, which is not compared."""
+
+
+def golden_file(name: str) -> Path:
+    """File of a shipped problem's numbers."""
+    return FOLDER / f"{name.replace('/', '.')}.json"
+
+
+def measured(name: str) -> dict[str, Any]:
+    """Metrics without the parameters, and the first `HEAD` rows of the trace, of a run of a shipped problem."""
+    outcome = run_problem(load_problem(name))
+    metrics = {key: value for key, value in outcome.metrics.items() if key != "parameters"}
+    trace = {header: [*map(_plain, itertools.islice(cells, HEAD))] for header, cells in outcome.trace()}
+    return json.loads(json.dumps({"metrics": metrics, "trace": trace}))  # type: ignore[no-any-return]
+
+
+def differences(kept: Any, new: Any, key: str = "") -> Iterator[str]:
+    """Each value that is not within the tolerances, with the value kept and the new one."""
+    if TIMED.search(key):
+        return
+    if isinstance(kept, dict) and isinstance(new, dict):
+        for each in [*kept, *(name for name in new if name not in kept)]:
+            yield from differences(kept.get(each, "absent"), new.get(each, "absent"), f"{key}.{each}".lstrip("."))
+    elif isinstance(kept, list) and isinstance(new, list) and len(kept) == len(new):
+        for i, (one, other) in enumerate(zip(kept, new, strict=True)):
+            yield from differences(one, other, f"{key}[{i}]")
+    elif not _alike(kept, new):
+        yield f"{key}: {kept} -> {new}"
+
+
+def _alike(kept: Any, new: Any) -> bool:
+    if not all(isinstance(each, int | float) and not isinstance(each, bool) for each in (kept, new)):
+        return bool(kept == new)
+    if math.isnan(kept) or math.isnan(new):
+        return math.isnan(kept) and math.isnan(new)
+    count = COUNT if isinstance(kept, int) and isinstance(new, int) else ABSOLUTE
+    return abs(new - kept) <= count + RELATIVE * abs(kept)
+
+
+def _plain(value: Any) -> Any:
+    """Python's own number or text, a float with nine digits as in trace.csv."""
+    value = value.item() if hasattr(value, "item") else value
+    return float(f"{value:.9g}") if isinstance(value, float) else value

@@ -1,0 +1,1 @@
+"""Whether the tests see faults: `python -m tests.mutation`."""

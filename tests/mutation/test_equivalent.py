@@ -1,0 +1,50 @@
+"""Faults of `equivalent.toml` change no number: each is shown on 10^4 inputs."""
+
+from __future__ import annotations
+
+from types import ModuleType, SimpleNamespace
+
+import casadi as ca
+import numpy as np
+
+from rehab_opt.control.between_poses import distance_of
+from rehab_opt.kinematics.robot_file import steps
+from tests.mutation.__main__ import reasons
+from tests.mutation.nearest import ROOT
+from tests.mutation.operators import faults
+
+INPUTS = 10_000
+
+
+def with_fault(file: str, after: str) -> ModuleType:
+    """The module with a fault of `equivalent.toml`."""
+    source = (ROOT / file).read_bytes()
+    fault = next(each for each in faults(file, source) if each.key in reasons() and each.after == after)
+    module = ModuleType(file.removesuffix(".py").replace("/", "."))
+    exec(compile(fault.planted(source), file, "exec"), module.__dict__)
+    return module
+
+
+def test_no_length_is_off_by_just_what_rounded_numbers_may_be() -> None:
+    faulty = with_fault("rehab_opt/kinematics/robot_file/steps.py", "if not abs(length - 1.0) < ROUNDED:")
+    source = SimpleNamespace(refuse=lambda *_: ValueError())
+
+    def unit(module: ModuleType, length: float) -> object:
+        try:
+            return module.unit_vector(np.array([length]), source, "axis")[0].tolist()
+        except ValueError:
+            return "refused"
+
+    spacing = np.finfo(float).eps / 2
+    lengths = [edge + k * spacing for edge in (0.999, 1.001) for k in range(-INPUTS // 4, INPUTS // 4)]
+    both = [(unit(steps, each), unit(faulty, each)) for each in lengths]
+    assert len(both) == INPUTS
+    assert all(one == other for one, other in both)
+    assert {"refused"} < {str(one) for one, _ in both}
+
+
+def test_distance_of_two_poses_is_the_same_from_either() -> None:
+    a, b = ca.SX.sym("a", 16), ca.SX.sym("b", 16)
+    function = ca.Function("both", [a, b], [distance_of(a, b), distance_of(b, a)]).map(INPUTS)
+    one, other = function(*np.random.default_rng(36).normal(size=(2, 16, INPUTS)))
+    np.testing.assert_array_equal(one.full(), other.full())
