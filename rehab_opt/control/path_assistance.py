@@ -39,13 +39,11 @@ class PathAssistance(BoundedForce):
     p(s) the place of the path and t its direction there, so that along the path the hand moves freely.
     Outside the workspace there is a pull back to it, as with `Assistance` in mode "follow".
 
-    s is moved by the person, in order; it cuts no detour longer than two widths. The furthest that it ever was is the
-    progress, and never goes back. The help leads no hand on, and ends at the path's end. A push that lasts longer than
-    0.5 s and answers more than 2.5 times as much to the way back as to any place ahead moves s back with the hand, by
-    six widths of the path at most. `rehab_opt.control.path_progress` states the law. A hand that stands under more
-    than 0.15 of `force_limit` for 0.5 s, with less progress than a width, is let go: the force fades within 0.3 s, the
-    command is BLOCKED and says why, until the hand comes to a place further along the path, where the force grows
-    again within 0.3 s. Begin anew by `reset`.
+    s follows the hand along the path, either way, and leads it nowhere; `rehab_opt.control.path_progress` states the law.
+    The furthest s is the progress, and never goes back. The help ends at the path's end. Begin anew by `reset`.
+
+    A hand that stands under more than 0.15 of `force_limit` for 0.5 s is let go: the force fades within 0.3 s, and the
+    command is BLOCKED and says why. Where the hand comes to another place of the path the force grows again in 0.3 s.
 
     Parameters
     ----------
@@ -138,7 +136,7 @@ class PathAssistance(BoundedForce):
 
     @property
     def progress(self) -> float:
-        """Fraction of the path, 0 to 1, that the hand has covered. It stands while a hand is let go."""
+        """Furthest fraction of the path, 0 to 1, that the hand has come to. It stands while a hand is let go."""
         return float(self._state_of_path[PROGRESS["furthest"]] / self.path_model[PATH_MODEL["last"]])
 
     @property

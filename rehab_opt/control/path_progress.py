@@ -36,7 +36,7 @@ PROGRESS = Record(at=1, furthest=1, stood=1, mark=1, grip=1, away=1, place=2, al
 """s and the largest s so far, in samples; how long [s] the hand has stood under force since s moved by a width from the
 sample `mark`; fraction of the force that is applied; whether the hand is let go; the place p(s) [m] and the path's
 direction there."""
-WINDOW = 0.5
+WINDOW = 2.0
 """Widths either way within which s follows the hand."""
 STANDING = 0.15
 """Fraction of the force limit above which a hand that stands is held."""
@@ -44,6 +44,8 @@ PATIENCE, FADE = 0.5, 0.3
 """[s] for which a hand may be held, and in which the force then fades."""
 HORIZON = 20.0
 """Widths either way within which a hand that was let go is held again: less than a round of a path that is repeated."""
+TIE = 1e-12
+"""[m^2] Squared distances that differ by less are equal."""
 NEAR, BEFORE = math.ceil(WINDOW * SAMPLES_PER_WIDTH), math.ceil(HORIZON * SAMPLES_PER_WIDTH)
 BESIDE = 2 * BEFORE + 2
 """Samples in the window; samples before s that a tick looks at; all of them."""
@@ -103,13 +105,16 @@ def progress_function() -> ca.Function:
 
 
 def _nearest(hand: ca.SX, here: ca.SX, beside: ca.SX, begin: ca.SX, *, first: ca.SX, last: ca.SX) -> ca.SX:
-    """Samples from the first of `beside` to the place nearest to the hand: exact on each piece within the window."""
-    best, found = ca.sumsqr(hand - here), begin
-    for i in range(BEFORE - NEAR, BEFORE + NEAR + 1):
+    """Samples from the first of `beside` to the place nearest to the hand: exact on each piece within the window.
+
+    Of places that are as near, as past a turn back on the same line, the furthest along the path.
+    """
+    best, found = ca.sumsqr(hand - here) + TIE, begin
+    for i in reversed(range(BEFORE - NEAR, BEFORE + NEAR + 1)):
         way, off = beside[:, i + 1] - beside[:, i], hand - beside[:, i]
         fraction = clipped(ca.dot(off, way) / (ca.sumsqr(way) + 1e-300), 0, 1)
         away = ca.sumsqr(off - fraction * way)
-        better = all_true(away < best, first + i >= 0, first + i < last)
+        better = all_true(away < best - TIE, first + i >= 0, first + i < last)
         best, found = ca.if_else(better, away, best), ca.if_else(better, i + fraction, found)
     return found
 

@@ -1,4 +1,4 @@
-"""`PathAssistance`: the path, the spring that leads the hand along it, and the progress."""
+"""`PathAssistance`: the path, the spring that keeps the hand on it, and the progress."""
 
 from __future__ import annotations
 
