@@ -39,7 +39,7 @@ class PathAssistance(BoundedForce):
     p(s) the place of the path and t its direction there, so that along the path the hand moves freely.
     Outside the workspace there is a pull back to it, as with `Assistance` in mode "follow".
 
-    s follows the hand along the path, either way, and leads it nowhere; `rehab_opt.control.path_progress` states the law.
+    s follows the hand along the path, either way, and leads it nowhere: `rehab_opt.control.path_progress` is the law.
     The furthest s is the progress, and never goes back. The help ends at the path's end. Begin anew by `reset`.
 
     A hand that stands under more than 0.15 of `force_limit` for 0.5 s is let go: the force fades within 0.3 s, and the
