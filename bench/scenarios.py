@@ -35,6 +35,8 @@ LAWS = ["unassisted", "assisted"]
 FOLLOWED = "scenario_4_follow"
 CALM = {"spasms_per_s": 0.0}
 """A second person for the path that is followed: without spasms."""
+FRESH = 26112900
+"""Seed of the first trial along that path: no law was chosen on it."""
 CLEARLY = 0.9
 """A share below which a number is smaller, where the paper gives none: what does nothing must not pass."""
 
@@ -52,7 +54,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if "people" in options.parts:
         for name in SCENARIOS:
             for person in ({}, CALM) if name == FOLLOWED else ({},):
-                config = changed(name, task={"trials": options.people}, run={"laws": LAWS}, person=person)
+                task = {"trials": options.people} | ({"seed": FRESH} if name == FOLLOWED else {})
+                config = changed(name, task=task, run={"laws": LAWS}, person=person)
                 measured = judged(name, run_problem(on_plant(config, options.plant)))
                 print_verdicts(console, measured)
                 verdicts += measured
@@ -110,14 +113,16 @@ def judged(name: str, outcome: ScenarioOutcome) -> list[Verdict]:
     verdicts = [Verdict(f"{scenario} deviation with help / without, worst person", ratio, "<=", most)]
     if number == "4":
         meant = _worst_ratio(ours, none, "from_intended_mean_m")
+        worse = np.array(_numbers(ours, "from_intended_mean_m")) > _numbers(none, "from_intended_mean_m")
+        helped, alone = (_numbers(each, "reference_covered_fraction") for each in (ours, none))
+        off, force = "ES4 force where the hand is off by more than a width, worst trial", force_off(outcome)
+        verdicts += [Verdict(off, force, ">=", 1.0, "N")] if force < math.inf else []
         verdicts += [
             Verdict("ES4 from where the person meant to be over time, with help / without, worst", meant, "<=", 1.0),
-            Verdict(
-                "ES4 covered in order, worst person", min(_numbers(ours, "reference_covered_fraction")), ">=", 0.95
-            ),
-            Verdict(
-                "ES4 force where the hand is off by more than a width, worst person", force_off(outcome), ">=", 1.0, "N"
-            ),
+            Verdict("ES4 trials in which the hand is further from there with help", int(worse.sum()), "<=", 0),
+            Verdict("ES4 covered in order, mean, beside without help", np.mean(helped), ">=", np.mean(alone)),
+            Verdict("ES4 covered in order, worst trial, beside without help", min(helped), ">=", min(alone)),
+            Verdict("ES4 covered in order as with the driven law before, worst trial", min(helped), ">=", 1.0),
         ]
     if number == "5":
         speed, force = "speed_mean_m_s", "force_measured_mean_N"

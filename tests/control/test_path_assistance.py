@@ -81,9 +81,9 @@ def test_branches_closer_than_a_width_are_told_apart() -> None:
     walk(helper, [[0.0, 0.0], [0.05, 0.0]])
     assert abs(settled(whole, hand)[1]) > 2.0
     assert abs(settled(helper, hand)[1]) < 0.05
-    walk(helper, [[0.05, 0.0], [0.05, 0.004], [0.05, 0.0]])  # onto the other stretch
-    assert helper.reference_progress == pytest.approx(0.05 / 0.204, abs=0.001)
-    walk(helper, [[0.05, 0.0], *HAIRPIN[1:3], [0.05, 0.004]])
+    walk(helper, [[0.05, 0.0], [0.092, 0.0], [0.092, 0.004]])  # onto the other stretch, a detour of 4 widths on
+    assert helper.reference_progress == pytest.approx(0.092 / 0.204, abs=0.001)
+    walk(helper, [[0.092, 0.004], [0.092, 0.0], *HAIRPIN[1:3], [0.05, 0.004]])
     assert abs(settled(helper, np.array([0.05, 0.004]))[1]) < 0.05
     assert helper.reference_progress == helper.progress == pytest.approx((0.10 + 0.004 + 0.05) / 0.204, abs=0.001)
 

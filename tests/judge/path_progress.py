@@ -194,21 +194,22 @@ def judge_progress(
     held, off = ~away & ~gone, np.linalg.norm(x - place, axis=1)
     follows = np.where(held & (after < lengths[-1] - 1e-12), moved, 0.0)  # within a sample of the end s goes there
     verdict.within("s of a held hand moves [cap dt]", follows / (cap * dt), 1.0 + 1e-6)
-    verdict.within("s of a held hand moves [widths]", follows / width, 2.6)
     far = off > reach + 1.3 * width
     verdict.holds("s stands while the hand is far from it", ~(held & far) | (moved < 1e-12))
     ended = held & (after >= lengths[-1] - 1e-12) & (np.linalg.norm(x - knots[-1], axis=1) < width)
     ended, new = np.maximum.accumulate(ended), np.r_[False, away[:-1]]  # p(s) of a hand taken in: from the next tick on
-    free = held & ~new & ~ended & (off < reach + 0.9 * width) & (moved < 0.99 * cap * dt)
+    free = held & ~new & ~ended & (off < reach + 0.9 * width)
     low = np.maximum(before - 2 * width, 0.0), np.minimum(before + 2 * width, lengths[-1])
-    nearest = np.full(len(x), np.inf)
+    nearest, goal = np.full(len(x), np.inf), before
     for i, (a, b) in enumerate(pairwise(knots)):
         size = lengths[i + 1] - lengths[i]
         ends = [np.clip((each - lengths[i]) / size, 0.0, 1.0) for each in low]
         meets = (low[0] <= lengths[i + 1]) & (low[1] >= lengths[i])
         fraction = np.clip((x - a) @ (b - a) / size**2, *ends)
         apart = np.linalg.norm(x - a - fraction[:, None] * (b - a), axis=1)
-        nearest = np.where(meets, np.minimum(nearest, apart), nearest)
+        better = meets & (apart < nearest)
+        nearest, goal = np.where(better, apart, nearest), np.where(better, lengths[i] + fraction * size, goal)
+    free &= (moved < 0.99 * cap * dt) | (np.abs(after - goal) > np.abs(before - goal))  # else s is on its way there
     beyond = (np.linalg.norm(x - _at(knots, lengths, after), axis=1) - nearest) / width
     verdict.within("s is further from the hand than the nearest place [widths]", np.where(free, beyond, 0.0), 0.3)
 
@@ -227,15 +228,13 @@ def judge_progress(
         stands[long - 1 :] = pulled & (np.ptp(view(before, long), axis=1) < width)
     verdict.holds("a hand that stands under force is let go", ~stands | away)
     verdict.holds("s of a hand that was let go stands", (~(away & gone) | (moved < 1e-12))[:-1])
-    taken_in = np.flatnonzero(away & ~gone)
-    reaches = np.arange(1.0, 20.0, 0.05) * width
+    taken_in, reaches = np.flatnonzero(away & ~gone), np.arange(1.0, 20.0, 0.05) * width
     for k in taken_in:
         apart = np.minimum(*(_off(knots, lengths, before[k] + way * reaches, x[k]) for way in (-1, 1)))
         least = reaches[apart < 0.8 * width]
         verdict.holds("the nearest place takes a hand in", moved[k] <= min(least, default=20 * width) + 0.3 * width)
     back = np.linalg.norm(_at(knots, lengths, after[taken_in]) - x[taken_in], axis=1) / width
     verdict.within("a hand that is taken in, away from its place [widths]", back, 1.3)
-    verdict.within("a hand that is taken in, away from where it was [widths]", moved[taken_in] / width, 20.3)
     verdict.holds("a hand that is where it was let go is not taken in", off[taken_in] > 0.98 * width)
     let_go = np.arange(len(x)) - np.maximum.accumulate(np.where(away, -1, np.arange(len(x))))
     waits = away & (let_go > round(0.3 / dt) + 2) & (off > 1.3 * width)
