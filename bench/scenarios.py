@@ -37,6 +37,7 @@ CALM = {"spasms_per_s": 0.0}
 """A second person for the path that is followed: without spasms."""
 FRESH = 26112900
 """Seed of the first trial along that path: no law was chosen on it."""
+FORCE_OFF = "ES4 force where the hand is off by more than a width, worst trial"
 CLEARLY = 0.9
 """A share below which a number is smaller, where the paper gives none: what does nothing must not pass."""
 
@@ -115,11 +116,11 @@ def judged(name: str, outcome: ScenarioOutcome) -> list[Verdict]:
         meant = _worst_ratio(ours, none, "from_intended_mean_m")
         worse = np.array(_numbers(ours, "from_intended_mean_m")) > _numbers(none, "from_intended_mean_m")
         helped, alone = (_numbers(each, "reference_covered_fraction") for each in (ours, none))
-        off, force = "ES4 force where the hand is off by more than a width, worst trial", force_off(outcome)
-        verdicts += [Verdict(off, force, ">=", 1.0, "N")] if force < math.inf else []
+        force = force_off(outcome)
+        verdicts += [Verdict(FORCE_OFF, force, ">=", 1.0, "N")] if force < math.inf else []
         verdicts += [
             Verdict("ES4 from where the person meant to be over time, with help / without, worst", meant, "<=", 1.0),
-            Verdict("ES4 trials in which the hand is further from there with help", int(worse.sum()), "<=", 0),
+            Verdict("ES4 trials in which the hand is further from there with help", worse.sum(), "<=", 0),
             Verdict("ES4 covered in order, mean, beside without help", np.mean(helped), ">=", np.mean(alone)),
             Verdict("ES4 covered in order, worst trial, beside without help", min(helped), ">=", min(alone)),
             Verdict("ES4 covered in order as with the driven law before, worst trial", min(helped), ">=", 1.0),
