@@ -114,7 +114,7 @@ def judged(name: str, outcome: ScenarioOutcome) -> list[Verdict]:
     verdicts = [Verdict(f"{scenario} deviation with help / without, worst person", ratio, "<=", most)]
     if number == "4":
         meant = _worst_ratio(ours, none, "from_intended_mean_m")
-        worse = np.array(_numbers(ours, "from_intended_mean_m")) > _numbers(none, "from_intended_mean_m")
+        worse = ~(np.array(_numbers(ours, "from_intended_mean_m")) <= _numbers(none, "from_intended_mean_m"))
         helped, alone = (_numbers(each, "reference_covered_fraction") for each in (ours, none))
         force = force_off(outcome)
         verdicts += [Verdict(FORCE_OFF, force, ">=", 1.0, "N")] if force < math.inf else []
