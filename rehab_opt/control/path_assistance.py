@@ -42,7 +42,7 @@ class PathAssistance(BoundedForce):
     s follows the hand along the path, either way, and leads it nowhere: `rehab_opt.control.path_progress` is the law.
     The furthest s is the progress, and never goes back. The help ends at the path's end. Begin anew by `reset`.
 
-    A hand that stands under more than 0.15 of `force_limit` for 0.5 s is let go: the force fades within 0.3 s, and the
+    A hand that stands under more than 0.1 of `force_limit` for 0.3 s is let go: the force fades within 0.3 s, and the
     command is BLOCKED and says why. Where the hand comes to another place of the path the force grows again in 0.3 s.
 
     Parameters

@@ -12,7 +12,7 @@ detour shorter than two widths. The furthest s so far is the progress.
 The help ends at the path's end: once s is within a sample of it and the hand within a width, the force fades within
 0.3 s and stays zero.
 
-A hand that stands under more than 0.15 F for 0.5 s is let go within 0.3 s: its person means to be elsewhere. It is
+A hand that stands under more than 0.1 F for 0.3 s is let go within 0.3 s: its person means to be elsewhere. It is
 held again where it comes within a width of a place from one to 20 widths of the path away, the nearest along the path,
 once it is more than a width away from where it was let go.
 """
@@ -38,9 +38,9 @@ sample `mark`; fraction of the force that is applied; whether the hand is let go
 direction there."""
 WINDOW = 2.0
 """Widths either way within which s follows the hand."""
-STANDING = 0.15
+STANDING = 0.1
 """Fraction of the force limit above which a hand that stands is held."""
-PATIENCE, FADE = 0.5, 0.3
+PATIENCE, FADE = 0.3, 0.3
 """[s] for which a hand may be held, and in which the force then fades."""
 HORIZON = 20.0
 """Widths either way within which a hand that was let go is held again: less than a round of a path that is repeated."""
