@@ -12,7 +12,7 @@ from rehab_opt.control.bounded_force import BoundedForce, ForceBounds
 from rehab_opt.control.command import Command
 from rehab_opt.control.force_tick import DESIRED
 from rehab_opt.control.gate import GATE, PULL_BACK, SPRING, DesiredForce, guided_force
-from rehab_opt.control.path_progress import AHEAD, PATH_MODEL, PLACES, PROGRESS, SEARCHED, progress_function
+from rehab_opt.control.path_progress import BEFORE, BESIDE, PATH_MODEL, PROGRESS, progress_function
 from rehab_opt.control.thread_owner import setting
 from rehab_opt.control.velocity_controller import checked_number
 from rehab_opt.errors import ConfigurationError
@@ -39,20 +39,17 @@ class PathAssistance(BoundedForce):
     p(s) the place of the path and t its direction there, so that along the path the hand moves freely.
     Outside the workspace there is a pull back to it, as with `Assistance` in mode "follow".
 
-    s is moved by the person, in order; it cuts no detour longer than two widths. The furthest that it ever was is the
-    progress, and never goes back. A push that lasts longer than 0.5 s and answers more than 2.5 times as much to the
-    way back as to any place ahead moves s back with the hand before it moves it on, by six widths of the path at most.
-    `rehab_opt.control.path_progress` states the law. A hand that stands under more than 0.3 of `force_limit` all the
-    same, with less progress than a width, is let go within 2 s: the force fades, the command is BLOCKED and says why,
-    until the hand comes to a place further along the path, where the force grows again within 0.3 s. Begin anew by
-    `reset`.
+    s follows the hand along the path, either way, and leads it nowhere: `rehab_opt.control.path_progress` is the law.
+    The furthest s is the progress, and never goes back. The help ends at the path's end. Begin anew by `reset`.
+
+    A hand that stands under more than 0.1 of `force_limit` for 0.3 s is let go: the force fades within 0.3 s, and the
+    command is BLOCKED and says why. Where the hand comes to another place of the path the force grows again in 0.3 s.
 
     Parameters
     ----------
     path : (N, 2) [m] from its start to its end.
     stiffness, damping : S [N/m], D [N s/m] across the path.
     width : [m] the scale of the path: detours shorter than two widths may be cut, and a hand is at a place within one.
-    push : [N] a smaller push of the person is taken for tremor, and moves nothing on.
     comfortable, force_limit, return_stiffness, return_force, bounds : see `Assistance`.
 
     Raises
@@ -69,7 +66,6 @@ class PathAssistance(BoundedForce):
         stiffness: float,
         width: float,
         damping: float = 0.0,
-        push: float = 2.0,
         comfortable: Workspace,
         force_limit: float = 30.0,
         return_stiffness: float = 500.0,
@@ -106,7 +102,7 @@ class PathAssistance(BoundedForce):
             ),
         )
         """`GATE` of this one."""
-        self.track = np.pad(sampled.points, ((1, PLACES + SEARCHED), (0, 0)), mode="edge")
+        self.track = np.pad(sampled.points, ((BEFORE, BESIDE), (0, 0)), mode="edge")
         """(N, 2) [m] samples of the path, the first and the last of them repeated."""
         self._flat = self.track.ravel()
         option = bounds.get("compile")
@@ -118,7 +114,6 @@ class PathAssistance(BoundedForce):
             spacing=float(sampled.travelled[1]),
             last=len(sampled.points) - 1,
             force_limit=force_limit,
-            push=checked_number("push", push, above=0.0, below=force_limit),
             speed_cap=self.speed_cap,
             dt=self.dt,
         )
@@ -141,18 +136,13 @@ class PathAssistance(BoundedForce):
 
     @property
     def progress(self) -> float:
-        """Fraction of the path, 0 to 1, that the hand has covered. It stands while a hand is let go."""
+        """Furthest fraction of the path, 0 to 1, that the hand has come to. It stands while a hand is let go."""
         return float(self._state_of_path[PROGRESS["furthest"]] / self.path_model[PATH_MODEL["last"]])
 
     @property
     def reference_progress(self) -> float:
         """Fraction of the path, 0 to 1, of the point that the spring pulls to."""
         return float(self._state_of_path[PROGRESS["at"]] / self.path_model[PATH_MODEL["last"]])
-
-    @property
-    def drive(self) -> float:
-        """[N] w, what leads the hand on against a push; see `path_progress`."""
-        return float(self._state_of_path[PROGRESS["drive"]])
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -164,7 +154,7 @@ class PathAssistance(BoundedForce):
     @property
     def at_start(self) -> Array:
         """`PROGRESS` of a hand at the path's start."""
-        first, second = self.track[1:3]
+        first, second = self.track[BEFORE : BEFORE + 2]
         full: dict[str, ArrayLike] = dict.fromkeys(PROGRESS.places, 0.0)
         along = (second - first) / np.linalg.norm(second - first)
         return PROGRESS.numbers(**full | {"grip": 1.0, "place": first, "along": along})
@@ -183,11 +173,10 @@ class PathAssistance(BoundedForce):
         if not self.valid:
             return command
         state = self._state_of_path
-        proceed, at, looked = self._proceed, int(state[PROGRESS["at"]]), int(state[PROGRESS["looked"]])
-        _, old, hand, force, ahead, searched = proceed.inputs
+        proceed, at = self._proceed, int(state[PROGRESS["at"]])
+        _, old, hand, force, beside = proceed.inputs
         old[:], hand[:], force[:] = state, self.place, self._force
-        ahead.T.ravel()[:] = self._flat[2 * at : 2 * (at + AHEAD)]
-        searched.T.ravel()[:] = self._flat[2 * looked + 2 : 2 * (looked + SEARCHED) + 2]
+        beside.T.ravel()[:] = self._flat[2 * at : 2 * (at + BESIDE)]
         proceed.evaluate()
         self._lead(proceed.outputs[0])
         return command

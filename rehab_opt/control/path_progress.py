@@ -1,35 +1,20 @@
 """How far along a path a hand has come, as a state: one function of numbers, for Python and C.
 
-A spring S leads the hand x to the place p(s) of the path (s [m] of its length); S (x - p) is what the person's push f
-makes of it. In every tick s becomes
+A spring S holds the hand x to the place p(s) of the path; s [m] of its length follows the hand, either way, as a bead
+follows a wire:
 
-    argmin  1/2 S |x - p(sigma)|^2 - w (sigma - s) + f_0 max(s - sigma, 0),    low <= sigma <= s + 2 widths,
+    s' = argmin |x - p(sigma)|^2,    |sigma - s| <= 2 widths,    |s' - s| <= speed cap dt,
 
-the least energy of the spring, less the work of a drive w [N], with that of a friction f_0 on the way back. s goes on
-only while the hand is within F/S and a width, F the force limit, of p(s) or of one of the next 40 places, which are a
-width apart. The furthest s so far is the progress, which never goes back. A push that rather means back moves s back
-before it moves it on: low is 6 widths before the progress, where the push, larger than f_0, does more than 2.5 times as
-much work per length of the path on the way back as to any place ahead, and has lasted for 0.5 s, longer than a spasm;
-and s itself otherwise, by a sample a tick at most. The drive grows only where s would not go back, while the spring is
-stretched by a push f, of whatever direction, that some place of the path ahead answers to,
+and stands while the hand is further than F/S and a width from p(s), F the force limit. Nothing moves s but the hand, so
+the help leads no hand on. s does not change over to another stretch of the path that lies nearer, except across a
+detour shorter than two widths. The furthest s so far is the progress.
 
-    w' = (|f| - f_0) / T    where f.(p(sigma) - p(s)) > f_0 exp(-t / 0.5 s) (sigma - s) for a sigma <= s + 40 widths,
+The help ends at the path's end: once s is within a sample of it and the hand within a width, the force fades within
+0.3 s and stays zero.
 
-t being how long the push has lasted since the progress went on by a width: its work on the way there is more than that
-of f_0, which counts the less, the longer the person insists. Once w is |f|, s goes back no more, until it is 6 widths
-past the progress of then. The drive is forgotten as s goes on (by a factor e in each width) and where there is no such
-push (in T, 0.06 s).
-
-The page on help along a path says why a steady push cannot hold a hand, and how far ahead it is led. The places chosen
-lie within sqrt((F/S)^2 + 6 F/S widths), less than F/S and three widths, of a hand that rests, and each place that s
-passes on the way within one width more; what the hand moves away meanwhile adds to that. Where it goes on along the
-straight stretch on which the hand is, the progress is F/S and three widths ahead of the hand at most.
-
-A hand that has stood under force for 1.5 s is let go within 0.3 s, in whatever direction it is pushed, until it comes
-within a width of a place at least a width further on: the first of these along the path, found by a search of eight
-widths a tick that begins anew where the hand has come near, once it is more than a width away from the width of the
-path that follows on where it was let go. A hand that stays near such places is taken in within the time of the fading
-and of two searches.
+A hand that stands under more than 0.1 F for 0.3 s is let go within 0.3 s: its person means to be elsewhere. It is
+held again where it comes within a width of a place from one to 20 widths of the path away, the nearest along the path,
+once it is more than a width away from where it was let go.
 """
 
 from __future__ import annotations
@@ -41,41 +26,29 @@ import casadi as ca
 
 from rehab_opt.field.potential import SAMPLES_PER_WIDTH
 from rehab_opt.optim.certificate import all_true, clipped
-from rehab_opt.symbolic.record import Record, Values
+from rehab_opt.symbolic.record import Record
 
-__all__ = ["AHEAD", "PATH_MODEL", "PLACES", "PROGRESS", "SEARCHED", "progress_function"]
+__all__ = ["BEFORE", "BESIDE", "PATH_MODEL", "PROGRESS", "progress_function"]
 
-PATH_MODEL = Record(stiffness=1, spacing=1, last=1, force_limit=1, push=1, speed_cap=1, dt=1)
-"""S [N/m]; length between samples [m]; number of the last one; [N]; f_0 [N]; [m/s]; tick [s]."""
-PROGRESS = Record(
-    at=1, drive=1, pushed=1, stood=1, mark=1, grip=1, away=1, looked=1, near=1, place=2, along=2, furthest=1, until=1
-)
-"""s in samples; w [N]; how long [s] the hand was pushed, and has stood under force, since the progress that is
-marked, in samples; share of the force that is applied; whether the hand is let go; the sample from which on it is
-looked for; whether it was near the path when that search began; the place p(s) [m] and the path's direction there; the
-largest s so far, in samples: the progress; and the sample until which s does not go back."""
+PATH_MODEL = Record(stiffness=1, spacing=1, last=1, force_limit=1, speed_cap=1, dt=1)
+"""S [N/m]; length between samples [m]; number of the last one; [N]; [m/s]; tick [s]."""
+PROGRESS = Record(at=1, furthest=1, stood=1, mark=1, grip=1, away=1, place=2, along=2)
+"""s and the largest s so far, in samples; how long [s] the hand has stood under force since s moved by a width from the
+sample `mark`; fraction of the force that is applied; whether the hand is let go; the place p(s) [m] and the path's
+direction there."""
 WINDOW = 2.0
-"""Widths ahead within which the progress is chosen: a detour shorter than that may be cut."""
-BACK = 6.0
-"""Widths by which s may be short of the progress, and past it before s goes back again."""
-HORIZON = 40.0
-"""Widths ahead within which a place may answer to a push."""
-RATHER = 2.5
-"""Times as much as any place ahead, per length of the path, that before s must answer to a push that moves s back."""
-TIME = 0.06
-"""[s] T: in which the drive grows, and in which one that nothing answers to is forgotten."""
-INSISTS = 0.5
-"""[s] A shorter push does not move s back; in so long it fades how much work a push must do along the way to a place
-that answers: f_0 times its length."""
-STANDING = 0.3
-"""Share of the force limit above which a hand that stands is held."""
-PATIENCE, FADE = 1.5, 0.3
-"""[s] for which a hand may be held, and in which the force then fades, so that it is gone within 2 s."""
-PIECES, PLACES = 1 + math.ceil(WINDOW * SAMPLES_PER_WIDTH), math.ceil(HORIZON * SAMPLES_PER_WIDTH)
-ANSWER = range(SAMPLES_PER_WIDTH + 1, PLACES + 2, SAMPLES_PER_WIDTH)
-"""Columns of `ahead` that a push may be answered by."""
-AHEAD, SEARCHED = PLACES + 2, 8 * SAMPLES_PER_WIDTH
-"""Samples from the one before s on that a tick looks at, and those among which it looks for a hand that was let go."""
+"""Widths either way within which s follows the hand."""
+STANDING = 0.1
+"""Fraction of the force limit above which a hand that stands is held."""
+PATIENCE, FADE = 0.3, 0.3
+"""[s] for which a hand may be held, and in which the force then fades."""
+HORIZON = 20.0
+"""Widths either way within which a hand that was let go is held again: less than a round of a path that is repeated."""
+TIE = 1e-12
+"""[m^2] Squared distances that differ by less are equal."""
+NEAR, BEFORE = math.ceil(WINDOW * SAMPLES_PER_WIDTH), math.ceil(HORIZON * SAMPLES_PER_WIDTH)
+BESIDE = 2 * BEFORE + 2
+"""Samples in the window; samples before s that a tick looks at; all of them."""
 
 
 @cache
@@ -84,123 +57,73 @@ def progress_function() -> ca.Function:
 
     Returns
     -------
-    `PATH_MODEL`, `PROGRESS`, hand (2,) [m], force on it (2,) [N], x and y of the samples from floor(`at`) - 1 on
-    (2, `AHEAD`) [m] and of those from `looked` on (2, `SEARCHED`) [m] -> `PROGRESS`. Before the path's start its first
-    point repeats, beyond its end its last.
+    `PATH_MODEL`, `PROGRESS`, hand (2,) [m], force on it (2,) [N], x and y of the samples from floor(`at`) - `BEFORE` on
+    (2, `BESIDE`) [m] -> `PROGRESS`. Before the path's start its first point repeats, beyond its end its last.
     """
     model, old = PATH_MODEL.symbols("model"), PROGRESS.symbols("old")
-    hand, force = ca.SX.sym("hand", 2), ca.SX.sym("force", 2)
-    ahead, searched = ca.SX.sym("ahead", 2, AHEAD), ca.SX.sym("searched", 2, SEARCHED)
-    free, first = old.away == 0, ca.floor(old.at) - 1
-    begin = old.at - first
-    here = ahead[:, 1] + (begin - 1) * (ahead[:, 2] - ahead[:, 1])
+    hand, force, beside = ca.SX.sym("hand", 2), ca.SX.sym("force", 2), ca.SX.sym("beside", 2, BESIDE)
+    width = SAMPLES_PER_WIDTH * model.spacing
+    first = ca.floor(old.at) - BEFORE
+    ended = all_true(old.at >= model.last, old.grip < 1)
+    free = ca.logic_not(ca.logic_or(old.away > 0, ended))
 
-    # The drive.
-    push = model.stiffness * (hand - here)
-    size = ca.norm_2(push)
-    pushed = ca.fmax(old.pushed + ca.if_else(size > model.push, model.dt, -model.dt), 0)
-    price = model.push * ca.exp(-pushed / INSISTS) * model.spacing
-    answer = ca.mmax(ca.vertcat(*[ca.dot(push, ahead[:, i] - here) / (i - begin) for i in ANSWER]))
-    answered, back = answer > price, RATHER * answer < ca.dot(push, ahead[:, 0] - here) / begin
-    beyond = ca.fmax(size - model.push, 0)
-    turned = old.until <= old.at
-    low = ca.fmin(begin, ca.fmax(begin - 1, ca.fmax(old.furthest - BACK * SAMPLES_PER_WIDTH, 0) - first))
-    low = ca.if_else(ca.logic_and(turned, back), low, begin)
-    found = first + _chosen(hand, here, ahead, begin, low, drive=old.drive, last=model.last - first, model=model)
-    goes_back = found < old.at - 1e-9
-    drives = all_true(free, answered, beyond > 0, size < model.force_limit, ca.logic_not(goes_back))
-    drive = ca.if_else(
-        drives, ca.fmin(old.drive + beyond * model.dt / TIME, model.force_limit),
-        old.drive * ca.exp(-model.dt / TIME),
-    )  # fmt: skip
-    until = ca.if_else(all_true(drives, turned, drive >= size), old.furthest + BACK * SAMPLES_PER_WIDTH, old.until)
+    # s follows the hand.
+    near = all_true(free, ca.norm_2(hand - old.place) <= model.force_limit / model.stiffness + width)
+    step = model.speed_cap * model.dt / model.spacing
+    found = first + _nearest(hand, old.place, beside, old.at - first, first=first, last=model.last)
+    at = ca.if_else(near, old.at + clipped(found - old.at, -step, step), old.at)
 
-    # s.
-    waits = ca.if_else(goes_back, pushed < INSISTS, _is_off(hand, here, ahead, model))
-    found = ca.if_else(waits, old.at, found)
-    at = ca.if_else(free, ca.fmin(found, old.at + model.speed_cap * model.dt / model.spacing), old.at)
-    drive *= ca.exp(ca.fmin(old.at - at, 0) / SAMPLES_PER_WIDTH)
-
-    # Whether the hand stands, and the force must yield.
-    went_on = ca.fmax(old.furthest, at) - old.mark >= SAMPLES_PER_WIDTH
+    # The end, and a hand that stands.
+    at_end = all_true(free, at >= model.last - 1, ca.sumsqr(hand - beside[:, BEFORE + 2]) <= width**2)
+    at, ended = ca.if_else(at_end, model.last, at), ca.logic_or(ended, at_end)
+    moved = ca.fabs(at - old.mark) >= SAMPLES_PER_WIDTH
     held = ca.norm_2(force) > STANDING * model.force_limit
-    stood = ca.if_else(went_on, 0, ca.fmax(old.stood + ca.if_else(held, model.dt, -model.dt), 0))
-    lets_go = ca.logic_and(free, stood > PATIENCE)
-    away = ca.logic_or(ca.logic_not(free), lets_go)
-    grip = clipped(old.grip + ca.if_else(away, -model.dt, model.dt) / FADE, 0, 1)
+    stood = ca.if_else(moved, 0, ca.fmax(old.stood + ca.if_else(held, model.dt, -model.dt), 0))
+    away = ca.logic_or(old.away > 0, ca.logic_and(free, stood > PATIENCE))
+    lets_go = ca.logic_or(away, ended)
+    grip = clipped(old.grip + ca.if_else(lets_go, -model.dt, model.dt) / FADE, 0, 1)
 
-    # Where a hand that was let go has come back to.
-    start = ca.floor(at) + SAMPLES_PER_WIDTH  # beyond the end where no width is left: nothing takes the hand in again
-    taken_in = _first_place(hand, ahead[:, 1 : SAMPLES_PER_WIDTH + 2], searched, old.looked, start=start, model=model)
-    near = all_true(ca.logic_not(free), old.grip == 0, taken_in >= 0)
-    # Where this search began with the hand near a place, or begins here, no place before was passed over.
-    returns = ca.logic_and(near, ca.logic_or(old.looked <= start, old.near > 0))
-    again, further = ca.logic_and(near, ca.logic_not(returns)), old.looked + SEARCHED
-    anew = ca.sum1(ca.vertcat(old.grip > 0, again, further > model.last)) > 0
-    looked, near = ca.if_else(anew, start, further), ca.if_else(anew, again, old.near)
-    at, away = ca.if_else(returns, taken_in, at), ca.if_else(returns, 0, away)
-    drive, stood = ca.if_else(away, 0, drive), ca.if_else(away, 0, stood)
-    pushed = ca.if_else(ca.logic_or(went_on, away), 0, pushed)
-    mark = ca.if_else(ca.logic_or(went_on, returns), ca.fmax(old.furthest, at), old.mark)
+    # Where a hand that was let go is held again.
+    again = _other_place(hand, old.place, beside, first=first, last=model.last, width=width)
+    returns = all_true(old.away > 0, old.grip == 0, again >= 0)
+    at, away = ca.if_else(returns, again, at), ca.if_else(returns, 0, away)
+    mark, stood = ca.if_else(ca.logic_or(moved, returns), at, old.mark), ca.if_else(away, 0, stood)
 
-    # Place and direction there; of a hand that has come back from the next tick on, when it is first led again.
-    way, corner, fraction = ahead[:, 1] - ahead[:, 0], ahead[:, 0], clipped(at - first, 0, 1)
-    for i in range(1, PIECES + 1):
+    # Place and direction there; of a hand that is held again from the next tick on.
+    begin, end = BEFORE - NEAR, BEFORE + NEAR + 1
+    corner, way, past = beside[:, begin], beside[:, begin + 1] - beside[:, begin], at - first - begin
+    for i in range(begin + 1, end + 1):
         inside = all_true(at - first >= i, first + i < model.last)
-        way, corner = ca.if_else(inside, ahead[:, i + 1] - ahead[:, i], way), ca.if_else(inside, ahead[:, i], corner)
-        fraction = ca.if_else(inside, clipped(at - first - i, 0, 1), fraction)
-    place, along = corner + fraction * way, way / ca.fmax(ca.norm_2(way), 1e-300)
+        corner, past = ca.if_else(inside, beside[:, i], corner), ca.if_else(inside, at - first - i, past)
+        way = ca.if_else(inside, beside[:, i + 1] - beside[:, i], way)
+    place, along = corner + clipped(past, 0, 1) * way, way / ca.fmax(ca.norm_2(way), 1e-300)
     after = PROGRESS.of(
-        at=at,
-        drive=drive,
-        pushed=pushed,
-        stood=stood,
-        mark=mark,
-        grip=grip,
-        away=away,
-        looked=looked,
-        near=near,
-        place=place,
+        at=at, furthest=ca.fmax(old.furthest, at), stood=stood, mark=mark, grip=grip, away=away, place=place,
         along=along,
-        furthest=ca.fmax(old.furthest, at),
-        until=until,
-    )
-    inputs = [model.column, old.column, hand, force, ahead, searched]
-    return ca.Function("path_progress", inputs, [after], {"cse": True})
+    )  # fmt: skip
+    return ca.Function("path_progress", [model.column, old.column, hand, force, beside], [after], {"cse": True})
 
 
-def _is_off(hand: ca.SX, here: ca.SX, ahead: ca.SX, model: Values) -> ca.SX:
-    """Whether the hand is further than F/S and a width from p(s) and from all places that may answer."""
-    near = ca.mmin(ca.vertcat(*[ca.sumsqr(hand - each) for each in (here, *(ahead[:, i] for i in ANSWER))]))
-    return near > (model.force_limit / model.stiffness + SAMPLES_PER_WIDTH * model.spacing) ** 2
+def _nearest(hand: ca.SX, here: ca.SX, beside: ca.SX, begin: ca.SX, *, first: ca.SX, last: ca.SX) -> ca.SX:
+    """Samples from the first of `beside` to the place nearest to the hand: exact on each piece within the window.
 
-
-def _chosen(
-    hand: ca.SX, here: ca.SX, ahead: ca.SX, begin: ca.SX, low: ca.SX, *, drive: ca.SX, last: ca.SX, model: Values
-) -> ca.SX:
-    """Samples from the first of `ahead` to s, `begin` before: exact on each piece of the path between two samples."""
-    unit = model.spacing / model.stiffness  # energies are over S
-    best, found, gain, friction = ca.sumsqr(hand - here) / 2, begin, drive * unit, model.push * unit
-    for i in range(PIECES):
-        way, off = ahead[:, i + 1] - ahead[:, i], hand - ahead[:, i]
-        on, square = ca.dot(off, way) + gain, ca.sumsqr(way) + 1e-300
-        fraction = clipped(clipped(begin - i, on / square, (on + friction) / square), clipped(low - i, 0, 1), 1)
-        further = i + fraction - begin
-        energy = ca.sumsqr(off - fraction * way) / 2 - gain * further + friction * ca.fmax(-further, 0)
-        better = all_true(energy < best, i < last, low <= i + 1)
-        best, found = ca.if_else(better, energy, best), ca.if_else(better, i + fraction, found)
+    Of places that are as near, as past a turn back on the same line, the furthest along the path.
+    """
+    best, found = ca.sumsqr(hand - here) + TIE, begin
+    for i in reversed(range(BEFORE - NEAR, BEFORE + NEAR + 1)):
+        way, off = beside[:, i + 1] - beside[:, i], hand - beside[:, i]
+        fraction = clipped(ca.dot(off, way) / (ca.sumsqr(way) + 1e-300), 0, 1)
+        away = ca.sumsqr(off - fraction * way)
+        better = all_true(away < best - TIE, first + i >= 0, first + i < last)
+        best, found = ca.if_else(better, away, best), ca.if_else(better, i + fraction, found)
     return found
 
 
-def _first_place(hand: ca.SX, left: ca.SX, searched: ca.SX, looked: ca.SX, *, start: ca.SX, model: Values) -> ca.SX:
-    """Number of the first sample in order that is within a width of the hand, from `start` on; -1 for none.
-
-    None for a hand within a width of `left`, too, where it was let go: it passes a crossing there on its own branch.
-    """
-    within, back = (SAMPLES_PER_WIDTH * model.spacing) ** 2, ca.SX(-1)
-    for i in reversed(range(SEARCHED)):
-        number = looked + i
-        near = all_true(ca.sumsqr(hand - searched[:, i]) <= within, number >= start, number <= model.last)
-        back = ca.if_else(near, number, back)
-    nearest = ca.mmin(ca.vertcat(*[ca.sumsqr(hand - left[:, i]) for i in range(left.columns())]))
-    return ca.if_else(nearest <= within, -1, back)
+def _other_place(hand: ca.SX, left: ca.SX, beside: ca.SX, *, first: ca.SX, last: ca.SX, width: ca.SX) -> ca.SX:
+    """Number of the sample within a width of the hand that is nearest along the path, a width or more away; else -1."""
+    found = ca.SX(-1)
+    for apart in reversed(range(SAMPLES_PER_WIDTH, BEFORE + 1)):
+        for i in (BEFORE - apart, BEFORE + apart):
+            near = all_true(ca.sumsqr(hand - beside[:, i]) <= width**2, first + i >= 0, first + i <= last)
+            found = ca.if_else(near, first + i, found)
+    return ca.if_else(ca.sumsqr(hand - left) <= width**2, -1, found)

@@ -35,7 +35,7 @@ DEFAULTS: dict[str, dict[str, object]] = {
                       "angular_speed": 1.5, "catch_up": 0.5, "turn_length": 0.1, "rate": 20.0, "dt": 0.001,
                       "recovery_speed": 0.1},
     "ParticipantSide": {"stiffness": 400.0, "damping": 20.0, "exchange": 5.0, "force_limit": 30.0},
-    "PathAssistance": {"damping": 0.0, "push": 2.0, "force_limit": 30.0, "return_stiffness": 500.0,
+    "PathAssistance": {"damping": 0.0, "force_limit": 30.0, "return_stiffness": 500.0,
                        "return_force": 10.0},
     "PathAssistance.reset": {"force": (0.0, 0.0)},
     "PoseTracker": {"gain": 50.0, "linear_speed": 1.0, "angular_speed": 3.141592653589793, "task_weights": 1.0,

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import numpy as np
 import pytest
 import shapely
+from numpy.typing import ArrayLike
 
-from rehab_opt import Assistance, ConfigurationError, PotentialField, Relaxed, Status, Workspace
+from rehab_opt import Assistance, Command, ConfigurationError, PotentialField, Relaxed, Status, Workspace
 from rehab_opt.control.path_assistance import PathAssistance
-from rehab_opt.control.path_progress import INSISTS, RATHER
+from rehab_opt.control.path_progress import PATH_MODEL
 
 COMFORTABLE = Workspace(shapely.box(-0.1, -0.1, 0.3, 0.1), accuracy=0.0)
 GIVEN = {"stiffness": 2000.0, "width": 0.005, "damping": 10.0}
@@ -23,6 +25,14 @@ HAIRPIN = np.array([[0.0, 0.0], [0.10, 0.0], [0.10, 0.004], [0.0, 0.004]])
 
 def along(path: np.ndarray) -> PathAssistance:
     return PathAssistance(path, **GIVEN, **OPTIONS)  # type: ignore[arg-type]
+
+
+def walk(helper: PathAssistance, corners: ArrayLike, speed: float = 0.1) -> None:
+    """From corner to corner, at this speed [m/s]."""
+    corners = np.asarray(corners)
+    for begin, end in itertools.pairwise(corners):
+        for part in np.linspace(0.0, 1.0, 2 + round(np.linalg.norm(end - begin) / (speed * helper.dt))):
+            helper.step(begin + part * (end - begin))
 
 
 def settled(
@@ -68,134 +78,136 @@ def test_branches_closer_than_a_width_are_told_apart() -> None:
     hand = np.array([0.05, 0.0])
     whole = Assistance(PotentialField(HAIRPIN, **GIVEN, rest_on_target=False), mode="follow", **OPTIONS)  # type: ignore[arg-type]
     helper = along(HAIRPIN)
-    for x in np.linspace(0.0, 0.05, 200):
-        helper.step([x, 0.0])
+    walk(helper, [[0.0, 0.0], [0.05, 0.0]])
     assert abs(settled(whole, hand)[1]) > 2.0
     assert abs(settled(helper, hand)[1]) < 0.05
-    for x in [*np.column_stack([np.linspace(0.05, 0.10, 200), np.zeros(200)]), [0.10, 0.002], [0.10, 0.004],
-              *np.column_stack([np.linspace(0.10, 0.05, 200), np.full(200, 0.004)])]:  # fmt: skip
-        helper.step(x)
+    walk(helper, [[0.05, 0.0], [0.092, 0.0], [0.092, 0.004]])  # onto the other stretch, a detour of 4 widths on
+    assert helper.reference_progress == pytest.approx(0.092 / 0.204, abs=0.001)
+    walk(helper, [[0.092, 0.004], [0.092, 0.0], *HAIRPIN[1:3], [0.05, 0.004]])
     assert abs(settled(helper, np.array([0.05, 0.004]))[1]) < 0.05
-    assert helper.progress == pytest.approx((0.10 + 0.004 + 0.05) / 0.204, abs=0.02)
+    assert helper.reference_progress == helper.progress == pytest.approx((0.10 + 0.004 + 0.05) / 0.204, abs=0.001)
 
 
-def test_the_progress_never_goes_back_and_begins_anew_when_reset() -> None:
+def test_s_follows_the_hand_either_way_and_the_progress_never_goes_back() -> None:
     helper, seen = along(HAIRPIN), [0.0]
     for x in np.concatenate([np.linspace(0.0, 0.08, 300), np.linspace(0.08, 0.03, 300)]):
         helper.step([x, 0.0])
         seen.append(helper.progress)
     assert np.diff(seen).min() >= 0.0
-    assert helper.progress >= 0.08 / 0.204 - 0.01
+    assert helper.progress == pytest.approx(0.08 / 0.204, abs=1e-4)
+    assert helper.reference_progress == pytest.approx(0.03 / 0.204, abs=1e-4)
     helper.reset()
     assert helper.progress == helper.reference_progress == 0.0
 
 
-AHEAD_OF_A_CROSSING = np.array([[0.0, 0.0], [0.1, 0.0], [0.1, 0.04], [0.06, 0.04], [0.06, -0.04]])
+@pytest.mark.parametrize("noise", [0.0, 2e-4])
+def test_a_path_that_turns_back_on_its_own_line_is_gone_to_its_end(noise: float) -> None:
+    """Both ways are as near: s takes the way ahead."""
+    helper, rng = along(np.array([[0.0, 0.0], [0.1, 0.0], [0.0, 0.0]])), np.random.default_rng(0)
+    for x in [*np.linspace(0.0, 0.1, 1000), *np.linspace(0.1, 0.0, 1000)]:
+        helper.step([x, 0.0] + noise * rng.standard_normal(2))
+    assert helper.progress == 1.0
 
 
-def test_a_hand_that_is_ahead_of_its_person_goes_back_freely_before_a_crossing() -> None:
-    """A push of 3 N moves it, once it outlasts a spasm, and no later branch leads it, which answers to that, too."""
-    helper, goal = along(AHEAD_OF_A_CROSSING), 0.034
-    for at in np.linspace(0.0, 0.06, 400):
-        helper.step([at, 0.0])
-    reached, x, v = helper.progress, np.array([0.06, 0.0]), np.zeros(2)
-    for k in range(3000):
-        push = np.clip(200.0 * (goal - x[0]), -3.0, 3.0) * np.array([1.0, 0.0])
-        value = helper.step(x).value
-        v = v + 1e-3 * (value + push - 15.0 * v) / 2.0
-        x = x + 1e-3 * v
-        assert k < 700 or np.linalg.norm(value) < 2.2
-    assert abs(x[0] - goal) < 2.1 / 200.0  # up to `push`
-    assert helper.progress == pytest.approx(reached, abs=0.01)
-    assert helper.reference_progress < reached - 0.02 / 0.32
+@pytest.mark.parametrize("seed", range(3))
+def test_the_spring_pulls_to_the_place_nearest_to_the_hand_within_two_widths(seed: int) -> None:
+    """So the help has no lead. The oracle for the distance is shapely."""
+    helper, rng = along(EIGHT), np.random.default_rng(seed)
+    count = round(helper.path_model[PATH_MODEL["last"]])
+    samples = shapely.LineString(EIGHT).interpolate(np.linspace(0.0, 1.0, count + 1), normalized=True)
+    samples = shapely.get_coordinates(samples)
+    hand, pace, place, s, off = EIGHT[0].copy(), rng.choice([0.5, 1.0]), samples[0], 0.0, []
+    rare = []
+    for k in range(2800):
+        hand = hand + 3e-4 * rng.standard_normal(2) + 0.05 * (EIGHT[int(pace * k / 8)] - hand)
+        helper.step(hand, np.zeros(2))
+        np.testing.assert_allclose(helper.desired_force, GIVEN["stiffness"] * (place - hand), atol=0.01)
+        window = samples[max(int(s) - 8, 0) : int(s) + 8 + 2]  # a width is 4 samples
+        before, s = s, helper.reference_progress * count
+        capped = abs(s - before) * helper.path_model[PATH_MODEL["spacing"]] > 0.999 * helper.speed_cap * helper.dt
+        first = min(int(s), count - 1)
+        place = samples[first] + (s - first) * (samples[first + 1] - samples[first])
+        off.append(shapely.distance(shapely.LineString(window), shapely.Point(hand)))
+        assert capped or np.linalg.norm(place - hand) <= off[-1] + 3e-6
+        rare.append(capped)
+    assert max(off) > 1e-3
+    assert np.mean(rare) < 0.01
+    assert 0.3 < helper.progress < 1.0
 
 
-@pytest.mark.parametrize(("ahead", "back"), [(0.5, False), (0.3, True)])
-def test_a_push_moves_s_back_where_it_answers_2_5_times_as_much_to_the_way_back(ahead: float, back: bool) -> None:
-    """From a corner, straight back, which the way ahead answers to by a half, or by less than a third."""
-    path = [[0.0, 0.0], [0.06, 0.0], [0.06 - 0.2 * ahead, 0.2 * math.sqrt(1 - ahead**2)]]
-    helper = along(np.array(path))
-    for x in np.linspace(0.0, 0.06, 300):
+def test_s_is_no_faster_than_the_speed_cap() -> None:
+    helper = PathAssistance([[0.0, 0.0], [0.2, 0.0]], **GIVEN, **OPTIONS | {"speed_cap": 0.5})  # type: ignore[arg-type]
+    reached = [0.0]
+    for x in np.r_[np.arange(0.0, 0.008, 4.5e-4), np.full(30, 0.008)]:
         helper.step([x, 0.0])
-    for k in range(1000):
-        helper.step([0.056, 1e-6 * (k % 2)])
-    assert (helper.reference_progress < 0.0585 / 0.26) is back
-    said = " ".join(str(PathAssistance.__doc__).split())
-    assert f"longer than {INSISTS:g} s and answers more than {RATHER:g} times as much to the way back as to any" in said
+        reached.append(0.2 * helper.reference_progress)
+    assert np.diff(reached).max() <= 0.5e-3 * (1 + 1e-9)
+    assert reached[-1] == pytest.approx(0.008, abs=1e-5)
 
 
-def test_a_spasm_neither_throws_a_hand_back_nor_leads_it_on() -> None:
-    helper = along(AHEAD_OF_A_CROSSING)
-    for at in np.linspace(0.0, 0.06, 400):
-        helper.step([at, 0.0])
+@pytest.mark.parametrize("angle", [0.3, 1.0, 2.0, 3.1])
+def test_the_help_leads_no_hand_on_against_its_push(angle: float) -> None:
+    """Whatever the push: s never is ahead of the hand on a straight stretch before a loop that answers to it."""
+    turn = np.linspace(-math.pi / 2, 1.5 * math.pi, 200)
+    loop = np.column_stack([0.06 + 0.01 * np.cos(turn), 0.01 + 0.01 * np.sin(turn)])
+    helper = along(np.vstack(([[0.0, 0.0]], loop, [[0.12, 0.0]])))
+    for x in np.linspace(0.0, 0.05, 300):
+        helper.step([x, 0.0])
     reached = helper.progress
-    for k in range(1000):
-        back = 0.004 * math.sin(math.pi * k / 280) if k < 280 else 0.0  # 8 N
-        helper.step([0.06 - back, 1e-6 * (k % 2)])
-        assert helper.reference_progress == pytest.approx(reached, abs=0.01)
+    off = 0.002 * np.array([math.cos(angle), math.sin(angle)])  # 4 N
+    for k in range(3000):
+        helper.step(np.array([0.05, 0.0]) + min(k / 100, 1.0) * off + 1e-6 * (k % 2))
+    length = 0.12 + 0.02 * math.pi
+    assert (helper.progress - reached) * length <= max(off[0], 0.0) + 1e-4
 
 
-def pushed(path: np.ndarray, force: np.ndarray, seconds: float, *, begin: float, goal: np.ndarray) -> list[float]:
-    """s [m] of a hand of 2 kg, pushed steadily from a place of the path on until it is near the goal.
-
-    A push of 20 N towards a goal beyond the help's reach is what a person does who means to be there.
-    """
-    helper, dt = along(path), 1e-3
-    length = float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
-    way = np.linspace(0.0, begin, 400)
-    travelled = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))]
-    for at in way:
-        x = np.array([np.interp(at, travelled, axis) for axis in path.T])
-        helper.step(x)
-    v, progress = np.zeros(2), []
-    for _ in range(int(seconds / dt)):
-        value = helper.step(x).value
-        v = v + dt * (value + force - 15.0 * v) / 2.0
-        x = x + dt * v
-        progress.append(helper.reference_progress * length)
-        if np.linalg.norm(x - goal) < 0.004 and len(progress) > 100:
-            break
-    return progress
-
-
-@pytest.mark.parametrize("seed", range(6))
-def test_a_steady_push_towards_a_place_ahead_moves_the_hand_on_wherever_it_stands(seed: int) -> None:
-    """Into a hairpin that the person believes to have passed: the push points straight back, by any strength."""
-    rng = np.random.default_rng(seed)
-    tip, apart = float(rng.uniform(0.06, 0.08)), float(rng.choice([0.0, 0.004, 0.02]))
-    path = np.array([[0.0, 0.0], [tip, 0.0], [tip, apart], [-0.03, apart]])
-    path = path[[True, True, apart > 0, True]]
-    begin = tip - float(rng.uniform(0.01, 0.03))  # well before the tip
-    force = np.array([-float(rng.uniform(2.0, 20.0)), 0.0])
-    progress = pushed(path, force, 12.0, begin=begin, goal=np.array([-0.03, apart]))
-    assert progress[-1] > 2 * tip
-    width = float(GIVEN["width"])
-    for k in range(int(np.argmin(progress)), len(progress) - 2000, 100):  # it goes back with the hand before it goes on
-        assert progress[k + 2000] - progress[k] > width
-
-
-def test_a_push_back_along_a_path_that_does_not_return_moves_nothing_on_and_is_let_go() -> None:
-    """And the hand is taken in again where it comes to a place further on, never before."""
-    helper, path = along(np.array([[0.0, 0.0], [0.2, 0.0]])), np.linspace(0.0, 0.13, 520)
-    for at in path:
-        helper.step([at, 0.0])
-    reached = helper.progress
-    hand = np.array([0.13 - 6 * 0.005 - 0.006, 0.0])  # 12 N
-    commands = [helper.step(hand + 1e-6 * (k % 2)) for k in range(2500)]
-    assert helper.progress == pytest.approx(reached, abs=1e-3)
-    held = [k for k, each in enumerate(commands) if np.linalg.norm(each.value) >= 10.0]
-    assert max(held) < 2000
+def let_go_at(helper: PathAssistance, hand: ArrayLike) -> list[Command]:
+    """The ticks of a hand that stands beside the path until the help lets it go within 0.8 s, and the force is gone."""
+    commands = [helper.step(hand + 1e-6 * np.array([k % 2, 0])) for k in range(round(0.8 / helper.dt) + 40)]
     assert commands[-1].status is Status.BLOCKED
+    np.testing.assert_array_equal(commands[-1].value, [0.0, 0.0])
+    return commands
+
+
+def test_a_hand_that_stands_under_force_is_let_go_and_held_again_elsewhere_on_the_path() -> None:
+    helper = along(np.array([[0.0, 0.0], [0.2, 0.0]]))
+    walk(helper, [[0.0, 0.0], [0.13, 0.0]])
+    reached = helper.progress
+    commands = let_go_at(helper, np.array([0.13, 0.006]))  # 12 N
+    assert max(np.linalg.norm(each.value) for each in commands) > 10.0
+    assert helper.reference_progress == pytest.approx(reached, abs=1e-4)
     assert commands[-1].relaxed & Relaxed.TASK
     assert commands[-1].scale == 0.0
     assert "stood under force" in commands[-1].reason
-    np.testing.assert_array_equal(commands[-1].value, [0.0, 0.0])
-    for at in np.linspace(hand[0], 0.02, 300):
-        assert helper.step([at, 0.001]).status is Status.BLOCKED
-    for at in np.linspace(0.02, 0.14, 1300):
-        command = helper.step([at, 0.001])
-    assert command.status is Status.OK
-    assert settled(helper, np.array([0.14, 0.001]))[1] == pytest.approx(-2.0, abs=0.05)
+    for y in np.linspace(0.006, 0.0, 100):  # no hold where the help let the hand go
+        assert helper.step([0.13, y]).status is Status.BLOCKED
+    for at, x in ((0.13, 0.10), (0.10, 0.16)):  # back, and further on
+        walk(helper, [[at, 0.001], [x, 0.001]])
+        assert settled(helper, np.array([x, 0.001]), 400)[1] == pytest.approx(-2.0, abs=0.05)
+        assert helper.reference_progress == pytest.approx(x / 0.2, abs=1e-3)
+        let_go_at(helper, np.array([x, 0.006]))
+
+
+def test_a_hand_that_hardly_pulls_is_held_for_good() -> None:
+    helper = along(np.array([[0.0, 0.0], [0.2, 0.0]]))
+    walk(helper, [[0.0, 0.0], [0.13, 0.0]])
+    assert settled(helper, np.array([0.13, 0.0014]), 2000)[1] == pytest.approx(-2.8)  # below 0.1 of 30 N
+
+
+def test_a_path_that_goes_twice_round_takes_no_hand_in_a_whole_round_ahead() -> None:
+    turns = np.linspace(0.0, 4 * np.pi, 800)
+    helper = along(0.02 * np.column_stack([np.cos(turns), np.sin(turns)]))
+
+    def at(turn: float, radius: float = 0.02) -> np.ndarray:
+        return radius * np.array([math.cos(turn), math.sin(turn)])
+
+    walk(helper, [at(turn) for turn in np.linspace(0.0, 2.0, 50)])
+    for turn, to in ((2.0, 3.0), (3.0, 1.5), (1.5, 4.5)):
+        let_go_at(helper, at(turn, 0.026))
+        walk(helper, [at(turn, 0.03), at(to, 0.045), at(to, 0.02)], speed=0.4)
+        settled(helper, at(to), 400)
+        assert helper.reference_progress == pytest.approx(to / (4 * math.pi), abs=0.01)
+    assert helper.progress < 0.5
 
 
 @pytest.mark.parametrize("hertz", [0.7, 1.5, 3.0])
@@ -213,51 +225,32 @@ def test_a_hand_that_trembles_along_the_path_where_it_is_held_is_let_go(hertz: f
     assert line.progress < (0.06 + 2 * 0.005) / 0.15
 
 
-@pytest.mark.parametrize("waits", range(0, 20, 2))
-def test_a_crossing_takes_in_a_hand_on_the_first_of_its_branches_whenever_it_comes(waits: int) -> None:
-    """At whatever place the search for it has arrived."""
-    path = [[0.0, 0.0], [0.25, 0.0], [0.25, 0.08], [0.15, 0.08], [0.15, -0.2]]
-    helper = PathAssistance(path, **GIVEN, **OPTIONS | {"dt": 0.01})  # type: ignore[arg-type]
-    for at in np.linspace(0.0, 0.13, 52):
-        helper.step([at, 0.0])
-    for k in range(200):
-        helper.step([0.094 + 1e-6 * (k % 2), 0.0])
-    for y in np.linspace(0.0, 0.05, 30 + waits):
-        assert helper.step([0.094, y]).status is Status.BLOCKED
-    for x, y in np.linspace([0.094, 0.05], [0.15, 0.0], 9):
-        helper.step([x, y])
-    for k in range(50):
-        helper.step([0.15, 1e-6 * (k % 2)])
-    assert helper.progress == pytest.approx(0.15 / 0.71, abs=0.01)
-
-
 def test_a_hand_that_is_where_it_was_let_go_is_not_taken_in_by_another_branch_there() -> None:
-    path = np.array([[0.0, 0.0], [0.2, 0.0], [0.2, 0.1], [0.1, 0.1], [0.1, -0.1]])
-    helper = PathAssistance(path, **GIVEN, **OPTIONS | {"dt": 0.01})  # type: ignore[arg-type]
-    for at in np.linspace(0.0, 0.13, 52):
-        helper.step([at, 0.0])
-    for k in range(300):  # let go, back from the crossing
-        helper.step([0.094 + 1e-6 * (k % 2), 0.0])
-    reached = helper.progress
-    for at in np.linspace(0.094, 0.109, 40):
-        helper.step([at, 0.0])
-        assert helper.progress < reached + 0.02
-    for at in np.linspace(0.109, 0.13, 40):
-        helper.step([at, 0.0])
-    assert helper.progress == pytest.approx(0.13 / 0.6, abs=0.01)
+    path = np.array([[0.0, 0.0], [0.05, 0.0], [0.05, 0.03], [0.03, 0.03], [0.03, -0.1]])  # crosses itself at 0.03, 0
+    helper = along(path)
+    walk(helper, [[0.0, 0.0], [0.028, 0.0]])
+    let_go_at(helper, np.array([0.028, 0.003]))
+    walk(helper, [[0.028, 0.003], [0.0305, 0.0]])
+    assert helper.step([0.0305, 0.0]).status is Status.BLOCKED
+    walk(helper, [[0.0305, 0.0], [0.045, 0.0]])
+    settled(helper, np.array([0.045, 0.0]), 400)
+    assert helper.reference_progress * 0.23 == pytest.approx(0.045, abs=0.002)
 
 
-def test_a_hand_that_is_let_go_at_the_end_is_not_taken_in_again() -> None:
-    """No place is a width further on there: it would be held for 1.5 s, let go, and held again, for good."""
+def test_the_help_ends_at_the_end_of_the_path() -> None:
+    """The force fades within 0.3 s, and stays away wherever the hand goes."""
     helper = PathAssistance([[0.0, 0.0], [0.1, 0.0]], **GIVEN | {"stiffness": 5000.0}, **OPTIONS | {"dt": 0.02})  # type: ignore[arg-type]
     for at in np.linspace(0.0, 0.1, 100):
         helper.step([at, 0.0])
     hand = np.array([0.1 + 0.004, 0.0])  # 20 N, less than a width beyond the end
     commands = [helper.step(hand + 1e-6 * (k % 2)) for k in range(500)]
     assert helper.progress == 1.0
-    assert max(np.linalg.norm(each.value) for each in commands[:50]) > 10.0
-    assert all(each.status is Status.BLOCKED for each in commands[150:])
-    assert max(np.linalg.norm(each.value) for each in commands[150:]) == 0.0
+    commands += [helper.step([0.1 - 1e-5 * k, 0.004]) for k in range(500)]
+    assert all(each.status is Status.OK for each in commands)
+    assert max(np.linalg.norm(each.value) for each in commands[25:]) == 0.0
+    helper.reset()
+    assert helper.progress == 0.0
+    assert settled(helper, np.array([0.0, 0.002]), 10)[1] == pytest.approx(-10.0)
 
 
 @pytest.mark.parametrize("path", [[[0.0, 0.0], [0.1, 0.0, 0.0]], [EIGHT, EIGHT], np.stack([EIGHT, EIGHT])])
@@ -277,15 +270,17 @@ def test_a_hand_that_is_not_at_the_path_covers_nothing_of_it(place: tuple[float,
     assert command.status is Status.BLOCKED
 
 
-def test_a_hand_that_was_not_seen_for_a_while_is_followed_along_the_path() -> None:
+def test_a_hand_that_was_not_seen_for_a_while_is_let_go_and_held_again_where_it_is() -> None:
     helper = along(np.array([[0.0, 0.0], [0.2, 0.0]]))
     for _ in range(50):
         helper.step((0.0, 0.0))
     for x in np.linspace(0.0, 0.08, 500):
         helper.step((math.nan, x))
-    for _ in range(100):
-        helper.step((0.08, 0.0))
-    assert helper.progress == pytest.approx(0.4, abs=0.01)
+    assert helper.progress == 0.0
+    for k in range(1000):
+        command = helper.step((0.08, 1e-6 * (k % 2)))
+    assert command.status is Status.OK
+    assert helper.reference_progress == pytest.approx(0.4, abs=0.01)
 
 
 def test_a_path_outside_the_comfortable_workspace_is_refused() -> None:
@@ -301,7 +296,7 @@ def test_a_tremor_moves_nothing_on() -> None:
     before = helper.progress
     for k in range(2000):
         helper.step(EIGHT[100] + 4e-4 * np.array([math.cos(0.05 * k), math.sin(0.05 * k)]))  # 0.8 N
-    assert (helper.progress - before) * 0.22 < 0.003
+    assert (helper.progress - before) * 0.22 < 1e-3  # the hand is 0.4 mm ahead at times, and no more
 
 
 def test_changes_of_the_progress_stay_within_the_slew_bound_and_faults_move_nothing() -> None:
@@ -325,7 +320,7 @@ def test_changes_of_the_progress_stay_within_the_slew_bound_and_faults_move_noth
     [({"width": math.nan}, "width"), ({"width": "wide"}, "width"), ({"width": 1e-9}, "width"),
      ({"stiffness": -1.0}, "stiffness"), ({"path": [[0.0, 0.0]]}, "path"), ({"path": [[0.1, 0.0], [0.1, 0.0]]}, "path"),
      ({"path": [[0.0, math.nan], [1.0, 0.0]]}, "path"),
-     ({"comfortable": None}, "comfortable"), ({"push": 0.0}, "push"), ({"damping": -1.0}, "damping")],
+     ({"comfortable": None}, "comfortable"), ({"damping": -1.0}, "damping")],
 )  # fmt: skip
 def test_bad_configuration_is_named(change: dict, named: str) -> None:
     with pytest.raises(ConfigurationError, match=named):

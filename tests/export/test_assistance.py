@@ -159,11 +159,12 @@ def test_the_end_of_a_path_is_reached_and_a_hand_that_stands_is_let_go(
 ) -> None:
     c, helper, seen = CAssistance(along, "path_assistance"), path_helper, set()
     helper.reset()
-    to_the_end = np.repeat(EIGHT, 4, axis=0)
+    half = len(EIGHT) // 3
     aside = np.linspace(0.0, 0.012, 200)[:, None] * [-0.5, 0.9]
-    stands = EIGHT[-1] + np.vstack((aside, np.repeat(aside[-1:], 3000, axis=0), aside[::-1]))
+    stands = EIGHT[half] + np.vstack((aside, np.repeat(aside[-1:], 1500, axis=0), aside[::-1]))
     stands += 1e-6 * np.random.default_rng(0).standard_normal(stands.shape)  # a sensor that is not frozen
-    for k, x in enumerate(np.vstack((to_the_end, stands))):
+    on = [np.repeat(each, 4, axis=0) for each in (EIGHT[:half], EIGHT[half:])]
+    for k, x in enumerate(np.vstack((on[0], stands, on[1]))):
         command = helper.step(x, stamp=DT * k)
         assert_same(c.step(x, None, stamp=DT * k), command)
         assert c.told("progress") == helper.progress

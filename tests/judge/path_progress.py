@@ -1,22 +1,19 @@
-"""Help along a path that crosses itself: of the stretch where the hand is, in order, whatever else lies near it.
+"""Help along a path that crosses itself: of the stretch where the hand is, whatever else lies near it.
 
-Judged on paths made of straight stretches that cross each other, turn back sharply, or lie side by side, closer than
-the field is wide, walked by hands that nothing can hold: the progress never goes back; it is behind the length that the
-hand has walked, and ahead of it on a straight stretch, by three widths and what a spring at the force limit may lead by
-at most; round corners it passes no place that is more than one width further from the hand, and as far again as the
-hand draws back by more than one and a half times what the spring stretches at the force limit. The place that leads is
-that of the progress, or before it by six widths at most. Where a hand was let go both stand, until soon after the hand
-has come to a place further on. From 0.3 s after that, the force that is wanted pulls across the stretch where the hand
-is, not towards the other one, and damps across it alone. A hand that is not at the path moves nothing on.
+Judged on paths of straight stretches that cross each other, turn back sharply, or lie side by side, walked to and fro
+by hands that nothing can hold. The progress never goes back. s moves to the place nearest to the hand within two widths
+along the path, and by the speed cap at most; far from the hand it stands. The force pulls across the stretch at s, and
+damps across it alone. A hand that stands under force is let go, s stands, and the nearest place along the path takes it
+in again. At the path's end the force ends. A hand that is not at the path covers nothing.
 """
 
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import shapely
-import shapely.ops
 
 from rehab_opt import PathAssistance, Workspace
 from tests.judge.force_bounds import judge as judge_bounds
@@ -31,7 +28,9 @@ LEAST = {
     "near another branch": 1696,
     "standing": 20_000,
     "on a straight stretch": 28_000,
-    "led on beyond a corner": 700,
+    "let go": 10_000,
+    "taken in again": 10,
+    "after the end": 1000,
 }
 CI_TICKS = 6000
 TREMBLES = 200
@@ -48,9 +47,13 @@ def corners(rng: np.random.Generator, shape: str, width: float) -> np.ndarray:
         found = np.array([[0.0, 0.0], [size, 0.0], [size, 2.5 * width], [0.0, 2.5 * width]])
     else:
         found = np.array([[(k + 1) // 2 % 2 * size, k // 2 * 4 * width] for k in range(6)])
+    return np.asarray(found @ _turned(rng))
+
+
+def _turned(rng: np.random.Generator) -> np.ndarray:
+    """(2, 2) a rotation."""
     angle = rng.uniform(0, 2 * math.pi)
-    turn = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
-    return np.asarray(found @ turn.T)
+    return np.array([[math.cos(angle), math.sin(angle)], [-math.sin(angle), math.cos(angle)]])
 
 
 def run(ticks: int, seed: int, *, only: int | None = None) -> Verdict:
@@ -99,15 +102,13 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
     verdict.begin(number, f"{shape}, width {width:g}, dt {dt:g}")
     ticks = max(run_length(rng, number, dt), 600 if number % 4 < 2 else round(5.0 / dt))
     lengths = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(knots, axis=0), axis=1))]
+    along, aside = strolled(rng, ticks, dt, lengths[-1], reach=30.0 / stiffness)
     if number % 4 < 2:  # from the start to the end, with rests, as fast as a hand
         pieces = ticks // 100 + 1
         pace = np.repeat(rng.uniform(0.0, 0.5, size=pieces) * rng.choice([0.0, 1.0], size=pieces), 100)
-        walked = np.minimum(np.r_[0.0, np.cumsum(pace[:ticks] * dt)], lengths[-1])
-        drawn = walked
-    else:
-        walked, drawn = insisting(rng, ticks, dt, lengths, reach=30.0 / stiffness, freely=6.0 * width)
-    on = _at(knots, lengths, drawn)
-    x = on + tremor(rng, ticks + 1, dt, size=float(rng.choice([0.0, 0.3])) * width, axes=2)
+        along, aside = np.minimum(np.r_[0.0, np.cumsum(pace[:ticks] * dt)], lengths[-1]), np.zeros(ticks + 1)
+    x = _at(knots, lengths, along) + aside[:, None] * _turned(rng)[0]
+    x += tremor(rng, ticks + 1, dt, size=float(rng.choice([0.0, 0.3])) * width, axes=2)
     step = np.linalg.norm(np.diff(x, axis=0), axis=1)
     commands, progress, wanted = [], np.empty((ticks + 1, 2)), np.empty((ticks, 2))
     told = np.vstack([np.zeros(2), np.diff(x[:-1], axis=0) / dt])
@@ -121,16 +122,12 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
                               none, told, step > dt, force))  # fmt: skip
 
     at, led = (progress * lengths[-1]).T
-    verdict.holds("the progress never goes back", np.diff(at) >= -1e-12)
-    short = (at - led) / (6.0 * width)
-    verdict.within("s short of the progress [6 widths]", short, 1.0 + 1e-9)
-    verdict.holds("s is never beyond the progress", short >= -1e-9)
-    verdict.during("s short of the progress", short > 0.1, dt)
     away = np.zeros(ticks, dtype=bool)
     for k, each in enumerate(commands):  # a tick whose hand cannot be used changes nothing
         away[k] = "stood under force" in each.reason or (each.status.value != "ok" and away[k - 1])
-    judge_progress(verdict, knots, at, led, walked[:-1], drawn[:-1], x[:-1], away, width=width, reach=30.0 / stiffness,
-                   dt=dt)  # fmt: skip
+    sizes = np.array([np.linalg.norm(each.value) for each in commands])
+    judge_progress(verdict, knots, at, led, x[:-1], sizes, wanted, away, width=width, reach=30.0 / stiffness,
+                   cap=force.speed_cap, dt=dt)  # fmt: skip
     # What is wanted in a tick is of the s before it.
     piece = np.clip(np.searchsorted(lengths, led[:-1], side="right") - 1, 0, len(knots) - 2)
     ways = np.diff(knots, axis=0)
@@ -152,103 +149,106 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
     apart = [np.linalg.norm(x[:-1] - _nearest(knots[i], knots[i + 1], x[:-1]), axis=1) for i in range(len(knots) - 1)]
     others = np.where(np.arange(len(knots) - 1)[:, None] == piece, np.inf, np.array(apart)).min(axis=0)
     verdict.during("near another branch", free & (others < 3 * width), dt)
-    verdict.during("standing", np.diff(walked) < 1e-9, dt)
+    verdict.during("standing", np.diff(along) < 1e-9, dt)
     verdict.during("on a straight stretch", free, dt)
 
 
-def insisting(
-    rng: np.random.Generator, ticks: int, dt: float, lengths: np.ndarray, *, reach: float, freely: float
+def strolled(
+    rng: np.random.Generator, ticks: int, dt: float, length: float, *, reach: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(ticks + 1,) [m] the length walked, and where the hand is along the path, which draws back from there at times.
+    """(ticks + 1,) [m] where a hand is along the path, to and fro with rests, and how far aside.
 
-    It rests shortly before corners and before the middles of stretches, where paths cross, and draws back in half of
-    its rests, by up to one and a half times what the spring stretches at the force limit, and in half of these by as
-    much as s goes back besides.
+    In half of its rests and ways it is aside by up to 1.2 of what the spring stretches at the force limit.
     """
-    marks = np.sort(np.r_[lengths[1:], (lengths[1:] + lengths[:-1]) / 2])
-    walked, drawn, at = [np.zeros(1)], [np.zeros(1)], 0.0
-    while sum(map(len, walked)) <= ticks:
-        ahead = marks[marks > at + 1e-6]
-        stop = float(rng.choice(ahead[:2])) - rng.uniform(0.0, 1.0) * min(reach, 0.02) if len(ahead) else at
-        way = np.linspace(at, max(stop, at), 1 + math.ceil(max(stop - at, 0.0) / (rng.uniform(0.1, 0.5) * dt)))
-        at = float(way[-1])
-        rest = round(float(rng.choice([0.3, 1.0, 2.2])) / dt)
-        slope = np.minimum(np.arange(rest), np.arange(rest)[::-1]) * dt
-        back = rng.uniform(0.2, 1.5) * min(reach, at) * np.minimum(slope / 0.2, 1.0)
-        back = rng.choice([0.0, 1.0]) * (back + rng.choice([0.0, freely]) * np.minimum(slope / 0.3, 1.0))
-        walked += [way, np.full(rest, at)]
-        drawn += [way, at - back]
-    return np.concatenate(walked)[: ticks + 1], np.maximum(np.concatenate(drawn)[: ticks + 1], 0.0)
+    along, goal, at = [np.zeros(1)], [np.zeros(1)], 0.0
+    while sum(map(len, along)) <= ticks:
+        to = float(np.clip(at + rng.uniform(-0.2, 0.4) * length, 0.0, length))
+        way = np.linspace(at, to, 1 + math.ceil(abs(to - at) / (rng.uniform(0.1, 0.5) * dt)))
+        rest = np.full(round(float(rng.choice([0.3, 1.2, 2.2])) / dt), to)
+        for part in (way, rest):
+            along.append(part)
+            goal.append(np.full(len(part), rng.choice([0.0, 1.0]) * rng.uniform(0.2, 1.2) * reach))
+        at = to
+    aside, goals = np.zeros(ticks + 1), np.concatenate(goal)
+    for k in range(ticks):
+        aside[k + 1] = aside[k] + np.clip(goals[k] - aside[k], -0.2 * dt, 0.2 * dt)
+    return np.concatenate(along)[: ticks + 1], aside
 
 
 def judge_progress(
-    verdict: Verdict,
-    knots: np.ndarray,
-    at: np.ndarray,
-    led: np.ndarray,
-    walked: np.ndarray,
-    drawn: np.ndarray,
-    x: np.ndarray,
-    away: np.ndarray,
-    *,
-    width: float,
-    reach: float,
-    dt: float,
-) -> None:
-    """The progress `at` and the s `led` to (n + 1,) [m] before and after each tick of a hand at x (n, 2) [m].
+    verdict: Verdict, knots: np.ndarray, at: np.ndarray, led: np.ndarray, x: np.ndarray, sizes: np.ndarray,
+    wanted: np.ndarray, away: np.ndarray, *, width: float, reach: float, cap: float, dt: float,
+) -> None:  # fmt: skip
+    """The progress `at` and s `led` (n + 1,) [m] before and after each tick of a hand at x (n, 2) [m].
 
-    `walked` (n,) [m] is how far it has come, `drawn` (n,) [m] where along the path it has drawn back to, `away` (n,)
-    tells whether it is let go in the tick, and `reach` [m] is how far the spring stretches at the force limit.
+    `sizes` (n,) [N] of the forces, `wanted` (n, 2) [N]; `away` (n,): the hand is let go; `reach` [m] is how far the
+    spring stretches at the force limit.
     """
-    lengths, line = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(knots, axis=0), axis=1))], shapely.LineString(knots)
-    before, after, lead = at[:-1], at[1:], 3.0 * width + reach
-    gone = np.r_[away[1:], away[-1]]
-    taken_in = np.flatnonzero(away & ~gone)
-    # A later branch may take in a hand that has not gone on along its own: in order of another branch from there on.
-    skips = taken_in[led[1:][taken_in] > walked[taken_in] + width]
-    in_order = np.arange(len(x)) < min(skips, default=len(x))
+    lengths = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(knots, axis=0), axis=1))]
+    before, after, gone = led[:-1], led[1:], np.r_[away[1:], away[-1]]
+    moved, place = np.abs(after - before), _at(knots, lengths, before)
+    verdict.holds("the progress never goes back", np.diff(at) >= -1e-12)
+    verdict.holds("s is never beyond the progress", at - led >= -1e-9)
 
-    free = in_order & ~gone
-    verdict.within("progress behind the length walked", np.where(free, (walked - after) / lead, 0.0), 1.0)
-    low, high = np.minimum(walked, after), np.maximum(walked, after)
-    straight = free & (np.searchsorted(lengths, low, side="right") == np.searchsorted(lengths, high, side="left"))
-    straight &= after > before  # what it was led on beyond a corner, the hand comes to later
-    verdict.within("progress ahead on a straight stretch", np.where(straight, (after - walked) / lead, 0.0), 1.0)
-    # Of what is passed of a straight stretch, one end is furthest from the hand.
-    begin = np.maximum(before, walked)
-    on = free & ~away & (after > begin)
-    passed = np.where(on, np.linalg.norm(_at(knots, lengths, after) - x, axis=1), 0.0)
-    for corner, place in zip(lengths[1:-1], knots[1:-1], strict=True):
-        beyond = on & (begin < corner) & (corner < after)
-        passed = np.maximum(passed, np.where(beyond, np.linalg.norm(place - x, axis=1), 0.0))
-        verdict.during("led on beyond a corner", free & (walked < corner) & (corner < after), dt)
-    moved = np.maximum(walked - drawn - 1.5 * reach, 0.0)  # as far as a push back moves it away from the place
-    verdict.within("place that progress passes, away from the hand", passed / (lead + width + moved), 1.0)
+    # s follows the hand.
+    held, off = ~away & ~gone, np.linalg.norm(x - place, axis=1)
+    follows = np.where(held & (after < lengths[-1] - 1e-12), moved, 0.0)  # within a sample of the end s goes there
+    verdict.within("s of a held hand moves [cap dt]", follows / (cap * dt), 1.0 + 1e-6)
+    far = off > reach + 1.3 * width
+    verdict.holds("s stands while the hand is far from it", ~(held & far) | (moved < 1e-12))
+    ended = held & (after >= lengths[-1] - 1e-12) & (np.linalg.norm(x - knots[-1], axis=1) < width)
+    ended, new = np.maximum.accumulate(ended), np.r_[False, away[:-1]]  # p(s) of a hand taken in: from the next tick on
+    free = held & ~new & ~ended & (off < reach + 0.9 * width)
+    low = np.maximum(before - 2 * width, 0.0), np.minimum(before + 2 * width, lengths[-1])
+    nearest, goal = np.full(len(x), np.inf), before
+    for i, (a, b) in enumerate(pairwise(knots)):
+        size = lengths[i + 1] - lengths[i]
+        ends = [np.clip((each - lengths[i]) / size, 0.0, 1.0) for each in low]
+        meets = (low[0] <= lengths[i + 1]) & (low[1] >= lengths[i])
+        fraction = np.clip((x - a) @ (b - a) / size**2, *ends)
+        apart = np.linalg.norm(x - a - fraction[:, None] * (b - a), axis=1)
+        better = meets & (apart < nearest)
+        nearest, goal = np.where(better, apart, nearest), np.where(better, lengths[i] + fraction * size, goal)
+    free &= (moved < 0.99 * cap * dt) | (np.abs(after - goal) > np.abs(before - goal))  # else s is on its way there
+    beyond = (np.linalg.norm(x - _at(knots, lengths, after), axis=1) - nearest) / width
+    verdict.within("s is further from the hand than the nearest place [widths]", np.where(free, beyond, 0.0), 0.3)
 
-    stands = (after == before) & (led[1:] == led[:-1])
-    verdict.holds("the progress of a hand that was let go stands", (~(away & gone) | stands)[:-1])
-    before, after = led[:-1], led[1:]  # of where it was let go, and where it is taken in
-    left = np.full(len(x), np.inf)  # [m] from where it was let go
-    for let_go in np.unique(before[away]):
-        ticks = away & (before == let_go)
-        stretch = shapely.ops.substring(line, let_go, let_go + 0.7 * width)
-        left[ticks] = shapely.distance(stretch, shapely.points(x[ticks]))
-    near = in_order & (np.linalg.norm(_at(knots, lengths, walked) - x, axis=1) < 0.8 * width)
-    returned = away & near & (walked > before + 1.5 * width) & (left > 1.3 * width)
-    waits = np.diff(np.flatnonzero(np.r_[True, ~returned, True])) - 1  # ticks of each time that it stays there
-    searches = 2.0 * math.ceil(lengths[-1] / (8.0 * width) + 1.0)
-    verdict.within("let go though on the path again [s]", float(waits.max()) * dt, 0.3 + (searches + 2.0) * dt)
+    # The end of the help.
+    since = np.cumsum(ended)
+    verdict.holds(
+        "no force after the end of the path", ~(since > round(0.5 / dt)) | (np.abs(wanted).max(axis=1) == 0.0)
+    )
+    verdict.during("after the end", since > round(0.5 / dt), dt)
+
+    # A hand that stands is let go, and held again.
+    long, stands = round(1.1 / dt), np.zeros(len(x), dtype=bool)
+    if len(x) > long:
+        view = np.lib.stride_tricks.sliding_window_view
+        pulled = (view(sizes, long) > 0.16 * 30.0).all(axis=1)
+        stands[long - 1 :] = pulled & (np.ptp(view(before, long), axis=1) < width)
+    verdict.holds("a hand that stands under force is let go", ~stands | away)
+    verdict.holds("s of a hand that was let go stands", (~(away & gone) | (moved < 1e-12))[:-1])
+    taken_in, reaches = np.flatnonzero(away & ~gone), np.arange(1.0, 20.0, 0.05) * width
+    for k in taken_in:
+        apart = np.minimum(*(_off(knots, lengths, before[k] + way * reaches, x[k]) for way in (-1, 1)))
+        least = reaches[apart < 0.8 * width]
+        verdict.holds("the nearest place takes a hand in", moved[k] <= min(least, default=20 * width) + 0.3 * width)
     back = np.linalg.norm(_at(knots, lengths, after[taken_in]) - x[taken_in], axis=1) / width
-    verdict.within("a hand that is taken in, away from its place [widths]", back, 1.001)
-    verdict.holds("a hand that is where it was let go is not taken in", left[taken_in] > 0.98 * width)
-    for k in skips[:1]:  # only where the hand was near some branch when the search began
-        began = k - 1 - int((after[k] - before[k] - width) / (8.0 * width))
-        further = shapely.ops.substring(line, before[k] + width, lengths[-1])
-        apart = shapely.distance(further, shapely.points(x[max(began - 1, 0) : began + 2])).min()
-        verdict.holds("the first branch that it comes to takes it in", not (returned[k] and apart > 1.1 * width))
-    for situation, mask in (("let go and on the path further on", returned), ("taken in again", away & ~gone)):
-        verdict.during(situation, mask, dt)
-    verdict.during("taken in by a later branch", np.isin(np.arange(len(x)), skips), dt)
+    verdict.within("a hand that is taken in, away from its place [widths]", back, 1.3)
+    verdict.holds("a hand that is where it was let go is not taken in", off[taken_in] > 0.98 * width)
+    let_go = np.arange(len(x)) - np.maximum.accumulate(np.where(away, -1, np.arange(len(x))))
+    waits = away & (let_go > round(0.3 / dt) + 2) & (off > 1.3 * width)
+    for k in np.flatnonzero(waits & gone)[:: round(0.05 / dt)]:
+        apart = np.minimum(*(_off(knots, lengths, before[k] + way * reaches[10:-10], x[k]) for way in (-1, 1)))
+        verdict.holds("a place of the path takes a hand in at once", apart.min() > 0.6 * width)
+    verdict.during("let go", away, dt)
+    verdict.during("taken in again", away & ~gone, dt)
+
+
+def _off(knots: np.ndarray, lengths: np.ndarray, along: np.ndarray, hand: np.ndarray) -> np.ndarray:
+    """[m] from the hand to places of the path; infinite beyond its ends."""
+    off = np.linalg.norm(_at(knots, lengths, along) - hand, axis=1)
+    return np.where((along >= 0.0) & (along <= lengths[-1]), off, np.inf)
 
 
 def _at(knots: np.ndarray, lengths: np.ndarray, along: np.ndarray) -> np.ndarray:

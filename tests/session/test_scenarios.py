@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench.scenarios import SCENARIOS, changed, judged, main
+from bench.scenarios import FOLLOWED, FORCE_OFF, FRESH, SCENARIOS, changed, force_off, judged, main
 from bench.verdict import all_met
 from rehab_opt import Status
 from rehab_opt.errors import ConfigurationError, ProblemFileError
@@ -62,10 +62,33 @@ def outcome(name: str) -> ScenarioOutcome:
     return found
 
 
-@pytest.mark.parametrize("name", SCENARIOS)
+@pytest.mark.parametrize("name", [name for name in SCENARIOS if name != FOLLOWED])
 def test_what_the_paper_reports_of_a_scenario_is_seen(name: str) -> None:
     missed = [str(verdict) for verdict in judged(name, outcome(name)) if not verdict.met]
     assert missed == []
+
+
+def ratio(found: ScenarioOutcome, key: str) -> np.ndarray:
+    """(people,) a measure with help / without."""
+    ours, none = (np.array([each[key] for each in found.measures[law]]) for law in ("assisted", "unassisted"))
+    return np.asarray(ours / none)
+
+
+def test_help_along_a_path_brings_the_hand_nearer_to_it_and_to_where_the_person_means_to_be() -> None:
+    """A slice at the file's speed; bench/RESULTS.md has all people, and the trials that are worse with help."""
+    run = {**FAST, "laws": ["unassisted", "assisted"]}
+    found = run_problem(changed(FOLLOWED, task={"trials": 2, "seed": FRESH}, run=run))
+    assert isinstance(found, ScenarioOutcome)
+    assert np.all(ratio(found, "deviation_mean_m") <= 0.5)
+    assert np.all(ratio(found, "from_intended_mean_m") < 1.0)
+    assert force_off(found) >= 1.0
+    for trial in found.trials["assisted"]:  # the help ends at the end
+        at_end = np.linalg.norm(trial.position - found.reference[-1], axis=1) < 1e-3
+        assert not at_end[-1] or np.linalg.norm(trial.commanded[-1]) < 1e-9
+
+
+def test_twenty_hurried_people_deviate_less_than_half_in_the_mean() -> None:
+    assert ratio(outcome(FOLLOWED), "deviation_mean_m").mean() < 0.5
 
 
 @pytest.mark.parametrize("name", SCENARIOS)
@@ -87,9 +110,9 @@ def test_the_documented_command_prints_its_verdicts(
 def test_a_number_that_there_is_not_meets_no_verdict(name: str) -> None:
     found = outcome(name)
     blind = [dict.fromkeys(each) for each in found.measures["assisted"]]
-    assert not any(
-        verdict.met for verdict in judged(name, replace(found, measures={**found.measures, "assisted": blind}))
-    )
+    verdicts = judged(name, replace(found, measures={**found.measures, "assisted": blind}))
+    of_measures = [each for each in verdicts if each.what != FORCE_OFF]  # that one is of the trials
+    assert not any(verdict.met for verdict in of_measures)
 
 
 @pytest.mark.parametrize("name", SCENARIOS)
@@ -101,7 +124,7 @@ def test_no_bound_of_the_force_is_exceeded_in_a_run(name: str) -> None:
         changes = np.linalg.norm(np.diff(trial.commanded, axis=0), axis=1)
         assert sizes.max() <= bounds["force_limit_N"]
         assert changes.max() <= bounds["slew_limit_N_s"] / FAST["rate_hz"] * (1 + 1e-9)  # type: ignore[operator]
-        assert set(trial.statuses) <= {Status.OK}
+        assert {status for status, away in zip(trial.statuses, trial.let_go, strict=True) if not away} == {Status.OK}
         work = float((trial.commanded[:-1] * np.diff(trial.position, axis=0)).sum())
         assert work <= bounds["energy_budget_J"]
 

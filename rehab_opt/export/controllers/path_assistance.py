@@ -1,4 +1,4 @@
-"""`PathAssistance`: the path, the spring that leads the hand along it, and the progress."""
+"""`PathAssistance`: the path, the spring that keeps the hand on it, and the progress."""
 
 from __future__ import annotations
 
@@ -60,10 +60,10 @@ def exported_path_assistance(helper: PathAssistance, positions: Array, *, title:
         name="proceed",
         about="how far along the path the hand has come",
         function=progress_function(),
-        inputs=("PATH_MODEL", *seen, "PATH + 2 * (int)self->path[AT]", "PATH + 2 * (int)self->path[LOOKED] + 2"),
+        inputs=("PATH_MODEL", *seen, "PATH + 2 * (int)self->path[AT]"),
         tables={"PATH_MODEL": helper.path_model, "AT_START": helper.at_start, "PATH": helper.track.T},
     )
-    places = ", ".join(f"{each.upper()} = {PROGRESS[each]}" for each in ("at", "away", "looked", "furthest"))
+    places = ", ".join(f"{each.upper()} = {PROGRESS[each]}" for each in ("at", "away", "furthest"))
     ticks = faulty_ticks(helper, positions, [{} for _ in positions])
 
     def answer(tick: RunTick) -> Command:

@@ -50,6 +50,12 @@ FAR = 0.05
 REST = 0.5
 """[s] A reach is over when the hand has been at its goal so long."""
 
+WORSE = {
+    "from_intended_mean_m": "was further from where the person meant to be",
+    "deviation_mean_m": "deviated more",
+    "reference_covered_fraction": "covered less",
+}
+"""Measures of a followed path, and how a note says that help made them worse."""
 ASSUMPTIONS = (
     "person and robot are simulated: their masses, stiffnesses, strengths and disturbances are assumptions",
     "the field's numbers are choices of the file: S is not published for scenarios 1 to 3, sigma and k1 are suspect",
@@ -166,11 +172,11 @@ def _along(
             )
         if law == "unassisted":
             continue
-        for key, sign in (("deviation_mean_m", 1), ("reference_covered_fraction", -1)):
+        for key, off in WORSE.items():
+            sign = -1 if key == "reference_covered_fraction" else 1
             both = zip(of, measures.get("unassisted", ()), strict=False)
             worse = sum(sign * (each[key] - free[key]) > 0.01 * free[key] for each, free in both)
             if worse:
-                off = "deviated more" if sign > 0 else "covered less"
                 yield f"{law}: with this help the hand {off} than without any, in {worse} of {len(of)} trials"
         let_go = np.concatenate([trial.let_go for trial in trials[law]])
         if let_go.any():

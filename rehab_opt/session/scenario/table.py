@@ -40,6 +40,7 @@ def brief(outcome: ScenarioOutcome) -> Table:
     """The first of them."""
     rows: Rows = (
         *_covered(outcome, "path "),
+        *_from_meant(outcome),
         (SUCCEEDED, _success),
         ("deviation, mean, mm", _number("deviation_mean_m", scale=MM)),
         ("deviation, largest, mm", _number("deviation_max_m", scale=MM)),
@@ -96,6 +97,12 @@ def _success(of: Numbers) -> str:
 def _covered(outcome: ScenarioOutcome, of: str = "") -> list[tuple[str, Cell]]:
     """How much of a path was, for a path."""
     return [(f"{of}{outcome.coverage}, %", _percent("reference_covered_fraction"))] if outcome.mode == "follow" else []
+
+
+def _from_meant(outcome: ScenarioOutcome) -> Rows:
+    """How far, over time, the hand was from where the person meant to be."""
+    label, follows = "from where the person meant to be, mean over time, mm", outcome.mode == "follow"
+    return ((label, _number("from_intended_mean_m", scale=MM)),) if follows else ()
 
 
 def _groups(outcome: ScenarioOutcome, *, pairs: bool) -> list[tuple[str, list[tuple[str, Cell]]]]:
