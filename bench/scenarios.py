@@ -35,7 +35,7 @@ LAWS = ["unassisted", "assisted"]
 FOLLOWED = "scenario_4_follow"
 CALM = {"spasms_per_s": 0.0}
 """A second person for the path that is followed: without spasms."""
-FRESH = 26112900
+FRESH = 26113000
 """Seed of the first trial along that path: no law was chosen on it."""
 FORCE_OFF = "ES4 force where the hand is off by more than a width, worst trial"
 CLEARLY = 0.9
