@@ -92,7 +92,7 @@ def run(root: Path, tests: Sequence[str], options: Iterable[str], seconds: float
                "-o", f"faulthandler_timeout={HANGING}", "-o", "faulthandler_exit_on_timeout=true"]  # fmt: skip
     with (root / "log.txt").open("w+", encoding="utf-8", errors="replace") as output:
         process = subprocess.Popen([*command, *options, *tests], cwd=root, stdout=output, stderr=subprocess.STDOUT,
-                                   # Bytecode of another fault of the same second and size would be taken for this one's.
+                                   # Bytecode of another fault of this second and size would be taken for this one's.
                                    env=os.environ | {"PYTHONPATH": str(root), "COLUMNS": "300",
                                                      "PYTHONDONTWRITEBYTECODE": "1"},
                                    start_new_session=True)  # fmt: skip
