@@ -5,9 +5,11 @@ from __future__ import annotations
 import io
 import itertools
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 
 import numpy as np
 import pytest
+import shapely
 from matplotlib.collections import QuadMesh
 from matplotlib.figure import Figure
 from matplotlib.text import Text
@@ -140,8 +142,11 @@ def test_drawn_field_is_zero_within_the_comfortable_workspace_in_therapy(mode: M
     there = np.asarray(REACHABLE.contains(points))
     assert not forces[inside].any()
     assert np.isnan(forces[~there]).all()
-    drawn = there & ~inside
-    assert np.allclose(forces[drawn], outcome.fields[0].force(points[drawn]))
+    drawn, whole = there & ~inside, outcome.fields[0].force(points)
+    assert np.allclose(forces[drawn], whole[drawn])
+    outcome = replace(outcome, onset=0.1)
+    share = np.minimum(np.asarray(COMFORTABLE.distance(points[drawn])) / 0.1, 1.0)
+    assert np.allclose(gated_forces(outcome, points)[drawn], share[:, None] * whole[drawn])
 
 
 @pytest.mark.parametrize("mode", ["follow", "hold"])
@@ -154,6 +159,11 @@ def test_drawn_field_is_within_the_comfortable_workspace_alone_in_help(mode: Mod
         away = outcome.reference[None] - points[inside][:, None]
         nearest = away[np.arange(inside.sum()), np.linalg.norm(away, axis=2).argmin(axis=1)]
         assert np.allclose(forces[inside], 3500.0 * nearest)
+    else:  # a spring across the path
+        outcome = replace(outcome, spring=100.0)
+        drawn = np.linalg.norm(gated_forces(outcome, points)[inside], axis=1)
+        path = shapely.LineString(outcome.fields[0].paths[0].points)
+        assert np.allclose(drawn, 100.0 * shapely.distance(path, shapely.points(points[inside])))
 
 
 def _spread_points() -> np.ndarray:

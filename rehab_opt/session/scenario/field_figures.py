@@ -95,12 +95,22 @@ def gated_forces(outcome: ScenarioOutcome, points: Array) -> Array:
     if outcome.mode not in THERAPY:
         return np.where(inside[:, None], forces, np.nan)
     there = np.asarray(outcome.reachable.contains(points)) | inside
-    return np.where(there[:, None], np.where(inside[:, None], 0.0, forces), np.nan)
+    return np.where(there[:, None], _gate(outcome, points)[:, None] * forces, np.nan)
+
+
+def _gate(outcome: ScenarioOutcome, points: Array) -> Array:
+    """(N,) share of a therapy's force at points (N, 2): 0 within W_c, 1 from the onset beyond it on."""
+    distance = np.asarray(outcome.comfortable.distance(points))
+    return np.clip(distance / outcome.onset, 0.0, 1.0) if outcome.onset > 0 else np.where(distance > 0, 1.0, 0.0)
 
 
 def _forces(outcome: ScenarioOutcome, points: Array) -> Array:
-    """(N, 2) [N] of the field or, of several, the one whose end is nearest; everywhere."""
+    """(N, 2) [N] of the spring to the path, or of the field whose end is nearest; everywhere."""
     fields = outcome.fields
+    if outcome.spring is not None:
+        path = shapely.LineString(fields[0].paths[0].points)
+        places = shapely.line_interpolate_point(path, shapely.line_locate_point(path, shapely.points(points)))
+        return outcome.spring * (shapely.get_coordinates(places) - points)
     ends = np.array([field.paths[0].points[-1] for field in fields])
     nearest = np.linalg.norm(points[:, None] - ends, axis=2).argmin(axis=1)
     forces = np.zeros_like(points)
@@ -113,11 +123,10 @@ def _forces(outcome: ScenarioOutcome, points: Array) -> Array:
 def _draw_sizes(axes: Axes, outcome: ScenarioOutcome, box: Box) -> None:
     """Colours, cut exactly where the force ends: along the edge of W_r, or of W_c."""
     x, y, points = grid_points(box, FINE)
-    size = np.linalg.norm(_forces(outcome, points), axis=1).reshape(len(y), len(x))
     therapy, most = outcome.mode in THERAPY, outcome.force_limit
-    mesh = axes.pcolormesh(
-        MM * x, MM * y, np.minimum(size, most), cmap=force_colours(), vmin=0, vmax=most, shading="nearest", zorder=1.5
-    )
+    size = np.minimum(np.linalg.norm(_forces(outcome, points), axis=1), most)
+    size = (size * _gate(outcome, points) if therapy else size).reshape(len(y), len(x))
+    mesh = axes.pcolormesh(MM * x, MM * y, size, cmap=force_colours(), vmin=0, vmax=most, shading="nearest", zorder=1.5)
     edge = region_path(outcome.reachable if therapy else outcome.comfortable)
     mesh.set_clip_path(edge, axes.transData)
     if therapy:  # no force within W_c: its colour again
@@ -276,14 +285,14 @@ def along_figure(outcome: ScenarioOutcome) -> Figure:
     axes = figure.add_subplot()
     points, remaining = _places(field)
     inside = np.asarray(outcome.comfortable.contains(points))
+    gates = {"assisted": _gate(outcome, points), "published": ~inside}
     without = fields_along(outcome, drags=False)
     for law, of in fields_along(outcome).items():
         whole = force_along(of, points)
         by_drag = whole - force_along(without[law], points)
         words, style = CURVES[law]
         for force, width, said in ((whole, 2.2, f"{words}, at rest"), (by_drag, 1.1, "of this, given by $k_1$")):
-            shown = np.where(inside, 0.0, force)
-            axes.plot(MM * remaining, shown, style, color=LAW_COLOURS[law], linewidth=width, label=said)
+            axes.plot(MM * remaining, gates[law] * force, style, color=LAW_COLOURS[law], linewidth=width, label=said)
         if law in outcome.trials:
             _draw_trials(axes, outcome, law)
     axes.fill_between(

@@ -110,6 +110,8 @@ class ScenarioOutcome(Outcome):
     shown : the demonstrations that the field was learnt from; empty where it was given.
     within : [m] of the hand, up to which a place of the reference counts as covered.
     force_limit : [N].
+    onset : [m] beyond W_c over which a therapy's force grows.
+    spring : S [N/m] of `PathAssistance`, which leads to the path itself; None where the fields lead.
     trials : by law, all of the same numbers.
     measures : by law, for each trial its numbers, the keys of `trial_measures`.
     """
@@ -123,6 +125,8 @@ class ScenarioOutcome(Outcome):
     shown: tuple[Demonstration, ...] = field(kw_only=True, default=())
     within: float = field(kw_only=True)
     force_limit: float = field(kw_only=True)
+    onset: float = field(kw_only=True, default=0.0)
+    spring: float | None = field(kw_only=True, default=None)
     trials: Mapping[Law, tuple[Trial, ...]] = field(kw_only=True)
     measures: Mapping[Law, tuple[Mapping[str, Any], ...]] = field(kw_only=True)
 

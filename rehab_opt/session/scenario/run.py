@@ -118,6 +118,8 @@ def run_scenario(config: ProblemFile[ScenarioProblem], *, solver: str | None, pr
         shown=context.shown,
         within=1e-3 * task.within_mm,
         force_limit=problem.assistance.force_limit_N,
+        onset=1e-3 * problem.assistance.onset_mm,
+        spring=context.numbers.stiffness if _along_path(problem, context) else None,
         trials=trials,
         measures=measures,
     )
@@ -256,7 +258,7 @@ def assistance_of(
     said, numbers = problem.assistance, context.numbers
     bounds = bounds_of(problem, solver=solver)
     bounds["backup"] = backup
-    if problem.mode == "follow" and not numbers.drag:
+    if _along_path(problem, context):
         return PathAssistance(
             context.reference,
             stiffness=numbers.stiffness,
@@ -273,6 +275,11 @@ def assistance_of(
         **said.arguments("force_limit_N", "onset_mm"),
         **bounds,
     )
+
+
+def _along_path(problem: ScenarioProblem, context: Precomputed) -> bool:
+    """Whether the help is `PathAssistance`, not a field."""
+    return problem.mode == "follow" and not context.numbers.drag
 
 
 def _pace(problem: ScenarioProblem, points: Array) -> Smoother:
