@@ -119,6 +119,36 @@ def test_link_that_is_pressed_towards_its_axis_gives_way_by_more_than_its_tangen
         assert segments_apart(*there, start + dt * ways[0], end + dt * ways[1]) >= apart - 1e-9
 
 
+def test_a_plane_of_a_clearance_brakes_and_leads_as_a_limit_of_the_same_distances() -> None:
+    """Beside the plane, along it and into it, with joints that brake unequally."""
+    hand = LinkCapsule("hand", 6, (0.0, 0.0, 0.0), (0.0, 0.0, 0.1), 0.05)
+    chain = ur5(velocity=2.0, acceleration=[20.0, 4.0, 20.0, 2.0, 20.0, 1.0], capsules=(hand,))
+
+    def heights(chain: SerialChain, q: ca.SX) -> ca.SX:
+        pose = chain.pose_expression(q)
+        return ca.vertcat(pose[2, 3], pose[2, 3] + 0.1 * pose[2, 2]) - 0.2 - hand.radius - MARGIN
+
+    floor = Clearance(margin=MARGIN, planes=[KeepOut.through([0, 0, 0.2], [0, 0, 1])], pairs=())
+    given: tuple[list[Any], ...] = ([floor], [Limit(heights)], [])
+    trackers = [PoseTracker(chain, dt=0.005, limits=each, compile=False) for each in given]
+    rng, held_back = np.random.default_rng(0), 0
+    for _ in range(1200):
+        q, last = START + rng.uniform(-0.6, 0.6, 6), rng.uniform(-1.0, 1.0, 6)
+        low = chain.pose(q)[2, 3] + min(0.0, 0.1 * chain.pose(q)[2, 2]) - 0.2 - hand.radius - MARGIN
+        if not 0.0 < low < 0.02:
+            continue
+        down = chain.jacobian(q)[2]
+        last -= rng.choice([0.9, 1.0]) * down * (down @ last) / (down @ down)
+        for enable in (True, False):
+            values = []
+            for tracker in trackers:
+                tracker.reset(np.clip(last, -1.9, 1.9))
+                values.append(tracker.step(q, chain.pose(q), np.zeros(6), enable=enable).value)
+            np.testing.assert_allclose(values[0], values[1], rtol=0, atol=2e-3)
+            held_back += np.abs(values[0] - values[2]).max() > 0.01
+    assert held_back > 10
+
+
 def test_mirrored_hand_keeps_clear_of_what_stands_and_gives_way_to_what_comes() -> None:
     rng, dt, chain = np.random.default_rng(1), 0.005, ur5(velocity=2.0)
     given = room(chain, rng, moving=1)

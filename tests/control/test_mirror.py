@@ -85,6 +85,9 @@ def test_a_way_out_is_deterministic_and_gains() -> None:
     np.testing.assert_array_equal(first, again)
     assert not chain.manipulability_gradient(np.zeros(6)).any()
     assert closed_form(0.4 * first) > 1e-3
+    robot, still = tracker(), np.zeros(6)
+    robot.step(still, chain.pose(still), REST)  # finds it
+    assert robot.step(still, chain.pose(still), REST).value @ first > 1e-3
 
 
 def test_the_largest_manipulability_of_the_ur5_is_the_closed_forms() -> None:
@@ -257,7 +260,9 @@ def test_the_backup_answers_under_the_same_bounds() -> None:
         q = q + command.value * 5e-3
         assert closed_form(q) >= 0.3
     failures.every = True
-    assert robot.step(q, pose, REST).status is Status.BRAKING
+    command = robot.step(q, pose, REST)
+    assert command.status is Status.BRAKING
+    assert command.reason.startswith("no solver gave a certified answer")
 
 
 # ------------------------------------------------------------------------------------------- table, person, forces

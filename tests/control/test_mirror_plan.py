@@ -81,11 +81,18 @@ def test_filter_qp_and_smoothing_together_lag_by_less_than_a_tenth_of_a_second()
 @pytest.mark.parametrize("task", TASKS[1:])
 def test_ticks_that_are_laid_out_lead_where_the_others_do(task: str, monkeypatch: pytest.MonkeyPatch) -> None:
     given, robot = samples(task, 2e-2), tracker(2e-2)
-    seen: list[bool] = []
+    seen: list[tuple[int, float]] = []
     go_on = ReferenceClock.go_on  # what a tick that is laid out asks of the clock
-    monkeypatch.setattr(ReferenceClock, "go_on", lambda *given: seen.append(True) or go_on(*given))
+    monkeypatch.setattr(
+        ReferenceClock,
+        "go_on",
+        lambda clock, *given: seen.append((clock.passed, clock.fraction)) or go_on(clock, *given),
+    )
     quick = robot.plan(given.poses, given.twists, motions.START)
     assert len(seen) > 0.9 * len(quick.q)  # else this says nothing
+    seen.clear()
+    robot.plan(given.poses[:9], given.twists[:9], motions.START)
+    assert seen[0] == (0, 0.0)  # from the first tick on
     ahead = Preview.ahead
     monkeypatch.setattr(Preview, "ahead", lambda self, place, pace, most, **more: ahead(self, place, pace, 0, **more))
     seen.clear()
