@@ -6,10 +6,11 @@ import itertools
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rehab_opt import SerialChain
-from tests.control.campaign import Array
 
+Array = NDArray[np.float64]
 LARGEST = 0.11987995741622055
 """Of the closed form, by Nelder-Mead over its two angles."""
 

@@ -67,32 +67,6 @@ def test_what_the_helper_puts_in_moves_the_participant_beyond_their_own_tank() -
     assert delivered(20.0) > 0.5
 
 
-@pytest.mark.parametrize("lose", ["message", "participant"])
-def test_whatever_is_lost_both_sides_let_go_and_resume_within_the_slew_bound(lose: str) -> None:
-    both, there = pair(), workspace_map().image(HELPER) + [0.008, 0.0]
-    last, released, nowhere = np.zeros((2, 2)), [False, False], np.full(2, math.nan)
-    said, answer = None, None
-    for k in range(900):
-        lost = lose if 300 <= k < 600 else ""
-        hands = nowhere if lost == "helper" else HELPER, nowhere if lost == "participant" else there
-        if lose == "message":  # what is between the sides is the test's
-            received = (None, None) if lost else (answer, said)
-            (felt, said), (led, answer) = (
-                both.helper.step(hands[0], received[0]),
-                both.participant.step(hands[1], received[1]),
-            )
-        else:
-            felt, led = both.step(*hands)
-        now = np.array([felt.value, led.value])
-        assert np.isfinite(now).all()
-        assert np.linalg.norm(now - last, axis=1).max() <= SLEW * DT * (1 + 1e-9)
-        last = now
-        if k == 599:
-            released = [not np.any(each) for each in now]
-    assert released == [True, True]
-    assert np.linalg.norm(last[1]) > 2.0  # and it came back
-
-
 def test_outside_the_comfortable_workspace_the_participant_is_only_brought_back() -> None:
     both = pair(stiffness=2000.0)
     outside = np.array([-0.25, 0.50])
@@ -145,25 +119,6 @@ def sides(budget: float, **participant: float) -> tuple[HelperSide, ParticipantS
         HelperSide(workspace_map(), exchange=50.0, **bounds),  # type: ignore[arg-type]
         ParticipantSide(workspace_map(), comfortable=shape("restricted"), exchange=50.0, **{**bounds, **participant}),  # type: ignore[arg-type]
     )
-
-
-@pytest.mark.parametrize("corrupted", [10**400, 4 + LEAP])
-def test_one_corrupted_number_of_a_message_silences_no_side(corrupted: float) -> None:
-    one, two = sides(1.0)
-    at = workspace_map().image(HELPER) + [0.01, 0.0]
-    said = [one.step(HELPER, None)[1] for _ in range(5)]
-    for message in said[:3]:
-        assert two.step(at, message)[0].status is Status.OK
-    two.force.give_energy(1.0)
-    left = two.force.energy_left
-    for _ in range(50):
-        refused, _ = two.step(at, said[3]._replace(serial=corrupted, energy=0.5))  # type: ignore[arg-type]
-        assert refused.status is not Status.OK
-        assert two.force.energy_left <= left
-    for message in said[:3]:
-        assert two.step(at, message)[0].status is not Status.OK
-    assert two.step(at, said[3])[0].status is Status.OK
-    assert two.step(at, said[4])[0].status is Status.OK
 
 
 def test_a_side_that_has_missed_many_messages_hears_the_second_again_and_nothing_counts_twice() -> None:

@@ -16,7 +16,6 @@ from tests.kinematics.robot_files.random_arms import (
     moving,
     pose_of,
     random_arm,
-    random_edge,
     random_postures,
     urdf,
 )
@@ -110,27 +109,3 @@ def test_no_capsule_and_no_joint_crosses_a_plane_and_the_hand_is_never_too_fast(
         assert np.linalg.norm(then - hand) <= 0.25 * DT * (1 + 1e-9)
         hand = then
     assert nearest < 0.015 or not pressed
-
-
-def test_no_guarded_point_is_anywhere_but_on_the_arm(tmp_path: Path) -> None:
-    """Converted to Denavit-Hartenberg rows, one frame of this arm would lie 13.6 km away, and be guarded."""
-    edges, chain = arm(0, tmp_path)
-    plane = KeepOut.through([0.0, 0.0, 2.0], [0.0, 0.0, -1.0])  # above everything: the arm reaches 1.2 m
-    tracker = MirrorTracker(chain, dt=DT, keep_out=[plane], max_manipulability=0.2, compile=False)
-    rng = np.random.default_rng(0)
-    for q in random_postures(edges, rng, 20):
-        expected = 2.0 - max(pose[2, 3] for pose in link_poses(edges, q))
-        assert tracker.hand_bounds.min_heights(q, plane) == pytest.approx(expected, abs=1e-9)
-
-
-def test_joints_of_any_kind_may_be_locked_away(tmp_path: Path) -> None:
-    rng = np.random.default_rng(4)
-    edges = [random_edge(rng, "lift", "prismatic", "base", "stand")]
-    file = tmp_path / "arm.urdf"
-    rest = gen3()
-    rest[0].parent = "stand"
-    file.write_text(urdf([*edges, *rest]))
-    chain = SerialChain.from_urdf(file, acceleration=5.0, locked={"lift": edges[0].lower})
-    assert chain.n == 7
-    q = np.zeros(7)
-    np.testing.assert_allclose(chain.pose(q), pose_of([*edges, *rest], np.insert(q, 0, edges[0].lower)), atol=1e-12)

@@ -17,13 +17,11 @@ from rehab_opt import (
     MirrorTracker,
     PoseTracker,
     SerialChain,
-    export_c,
     ur5,
 )
 from rehab_opt.control.jerk_bounds import JerkBounds
 from rehab_opt.symbolic import BufferedFunction
 from tests.control.test_limit import TABLE, elbow_above
-from tests.export.calling_c import Built, largest_difference
 from tests.export.conftest import built, c_compiler  # noqa: F401  (fixtures)
 
 Array = NDArray[np.float64]
@@ -106,13 +104,6 @@ def test_a_pose_is_reached_and_kept_without_swinging(jerk: float, gain: float) -
     assert np.abs(away).max() < 1e-6
     turns = np.sum(np.diff(np.sign(np.array(sent)[np.abs(sent).max(axis=1) > 1e-4]), axis=0) != 0, axis=0)
     assert turns.max() <= 4
-
-
-@pytest.mark.nightly
-def test_c_keeps_it_too(built: Built, tmp_path: Path) -> None:  # noqa: F811
-    tracker = PoseTracker(panda(), dt=1e-3, jerk=5000.0, compile=False)
-    export_c(tracker, tmp_path)
-    assert largest_difference(tmp_path, "pose_tracker", built) <= 1e-12
 
 
 def test_what_comes_before_a_drives_bounds_is_refused_with_it() -> None:

@@ -41,11 +41,6 @@ def test_the_paper_s_two_modes_move_x_y_and_then_z_and_the_wrist() -> None:
     assert stick.mode == STICK_MODES[0]
 
 
-def test_a_caller_may_define_any_pair() -> None:
-    stick = let_go(Joystick([StickMode("nod", ("ry", "x"), (0.3, -0.1))]))
-    np.testing.assert_allclose(settled(stick, [0.0, 1.0]).twist, [0.0, -0.1])
-
-
 def test_rows_that_a_mode_holds_are_asked_to_stand_in_the_order_of_all_rows() -> None:
     modes = [StickMode("cup", ("z", "x"), (0.2, 0.1), ("ry", "rx", "y")), StickMode("up", ("y", "z"), (0.1, 0.1))]
     stick = let_go(Joystick(modes))
@@ -100,11 +95,6 @@ def test_what_is_no_pressure_is_no_press(pressure: object) -> None:
     scan.step(0.0)
     assert not scan.step(pressure).twist.any()  # type: ignore[arg-type]
     assert not scan.step(1.0).twist.any()  # to be let go first
-
-
-def test_a_mode_given_as_lists_moves_the_resolver_s_rows() -> None:
-    stick = let_go(Joystick([("tilt", ["rx", "z"], [0.1, 0.2])]))  # type: ignore[list-item]
-    assert stick.step([1.0, 0.0]).rows == ("rx", "z")
 
 
 def test_what_cannot_be_used_is_named() -> None:

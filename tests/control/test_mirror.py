@@ -120,63 +120,6 @@ def test_where_the_floor_is_far_the_path_is_the_reference_within_two_seconds(dt:
     assert worst[1] <= 0.2
 
 
-def test_a_rest_of_the_reference_is_passed_at_full_haste_to_the_last_tick() -> None:
-    dt = 1e-2
-    robot, q, centre = tracker(dt=dt), START.copy(), ur5().pose(START)
-    robot.step(q, centre, np.zeros(6))
-    lags = []
-    for k in range(500):
-        moving = k < 20  # 0.1 m at twice the hand's speed, then a rest
-        pose = moved(centre, 0.005 * min(k + 1, 20), 0, 0)
-        q = q + robot.step(q, pose, np.array([0.5 * moving, 0, 0, 0, 0, 0])).value * dt
-        lags.append(robot.lag)
-    falls = -np.diff(lags)
-    assert max(lags) > 0.15
-    assert lags[-1] == 0.0
-    hasty = np.array(lags[1:]) < np.array(lags[:-1]) - 1.0001 * 0.5 * dt  # beyond what catching up alone takes
-    assert np.all(hasty[np.argmax(hasty) :] | (np.array(lags[np.argmax(hasty) + 1 :]) < 1e-12))
-    assert falls.max() <= 4.0 * dt + 1e-9
-
-
-@pytest.mark.parametrize("far", [0.08, 0.1])
-def test_a_hand_that_is_kept_away_from_a_rest_of_the_reference_waits_for_nothing(far: float) -> None:
-    dt, centre = 1e-2, ur5().pose(START)
-    lower, upper = (tuple(START[:1]) + tuple(end * np.ones(5)) for end in (-6.2, 6.2))  # the base does not turn
-    robot, q = tracker(dt=dt, lower=lower, upper=upper, max_deviation=0.1), START.copy()
-    aside = far * np.array([-centre[1, 3], centre[0, 3]]) / np.linalg.norm(centre[:2, 3])
-    paces, reasons = [], []
-    for k in range(400):
-        s = min(k * dt, 1.0)
-        twist = [*(6 * s * (1 - s) * aside), 0, 0, 0, 0]
-        command = robot.step(q, moved(centre, *((3 - 2 * s) * s * s * aside), 0), np.array(twist))
-        q = q + command.value * dt
-        paces.append(robot.time_scale)
-        reasons.append(command.reason)
-    assert np.linalg.norm(ur5().pose(q)[:3, 3] - robot.reference[:3, 3]) > 0.4 * far
-    assert np.ptp(paces[200:]) == 0.0
-    assert len(set(reasons[200:])) == 1
-
-
-@pytest.mark.parametrize("held", [0.1, 1.75])
-def test_a_hand_that_is_held_is_cut_short_by_no_hold_and_by_a_long_one_it_does_not_follow(held: float) -> None:
-    """An arm that is held again and again, and pushes on meanwhile: it stands nowhere by its own will."""
-    robot, q, dt = tracker(dt=0.01), START, 0.01
-    first, late, lost = robot.chain.pose(q), [], []
-    for k in range(round(4 * (held + 0.75) / dt)):
-        pose = moved(first, 0.0, 0.1 * math.sin(4 * k * dt), 0.0)
-        command = robot.step(q, pose, np.array([0, 0.4 * math.cos(4 * k * dt), 0, 0, 0, 0]))
-        lost.append("does not follow" in command.reason)
-        if k * dt % (held + 0.75) < 0.75:
-            q = q + command.value * dt
-        late.append(robot.lag)
-    assert robot.counts["cut"] == 0
-    assert any(lost) == (held > 0.5)
-    if held > 0.5:
-        assert 0.75 < lost.index(True) * dt < 0.75 + 0.4
-        assert min(late[round(1.5 / dt) :]) > dt
-        assert command.status is Status.HOLDING
-
-
 @pytest.mark.parametrize("axis", [[1.0, 0, 0]])
 def test_half_turns_and_sign_flips_of_quaternions_make_no_step(axis: list[float]) -> None:
     dt, chain, rng = 5e-3, ur5(), np.random.default_rng(2)
@@ -327,18 +270,6 @@ def test_the_qp_can_be_inspected_and_its_floor_row_is_the_gradient() -> None:
     np.testing.assert_allclose(numbers.A[0, :6], -np.array(gradient), atol=1e-6)
     fraction = (1 - math.exp(-20 * 1e-3)) / 1e-3
     assert numbers.rows_upper[0] == pytest.approx(fraction * (closed_form(START) - 0.3), rel=1e-3)
-
-
-def test_any_chain_can_be_led() -> None:
-    arm = human_arm()
-    robot = MirrorTracker(arm, floor=0.2, dt=5e-3, compile=False)
-    q = maximise_manipulability(arm)[1]
-    q = np.clip(q, arm.lower + 0.05, arm.upper - 0.05)
-    pose = arm.pose(q)
-    for k in range(300):
-        q = q + robot.step(q, moved(pose, 0.0, 0.0, 0.1 * math.sin(0.02 * k)), REST).value * 5e-3
-        assert arm.manipulability(q) / robot.max_manipulability >= 0.2 - 1e-9
-        assert np.all((q >= arm.lower - 1e-9) & (q <= arm.upper + 1e-9))
 
 
 @pytest.mark.parametrize("run", [3000009, 3000019])

@@ -8,7 +8,7 @@ import pytest
 
 from rehab_opt import KeepOut, Limit, MirrorTracker, Relaxed, Status, ur5
 from tests.control.mirror_campaign import LARGEST
-from tests.control.ur5_body import Array, clearances, heights, tool_motion
+from tests.control.ur5_body import Array, heights, tool_motion
 
 Z = np.array([0.0, 0.0, 1.0])
 STRETCHED_BESIDE = np.array([0, -1.2, 1.5, -1.8, -1.57, 0])
@@ -56,35 +56,6 @@ def test_the_upper_arm_beside_the_line_of_its_frames_stays_out_of_a_plane() -> N
         q = q + 5e-3 * robot.step(q, pose, np.zeros(6)).value
         lowest = min(lowest, *(each.min() for each in heights(q, np.array([0, 1.0, 0]), -0.227, tool).values()))
     assert -1e-9 <= lowest < 3e-3
-
-
-@pytest.mark.parametrize("dt", [2e-2])
-def test_a_hand_slides_along_a_plane_that_both_ends_of_its_wrist_meet(dt: float) -> None:
-    """It stood still there for good: two points met the plane at once, on a way that curves below the tangent."""
-    tool, start, chain = np.zeros(3), np.array([0, -1.2, 1.5, -1.8, -1.57, 0]), ur5()
-    here = chain.pose(start)
-    into = here[:3, 3] * [1, 1, 0] / np.linalg.norm(here[:2, 3])
-    nearest = min(clearances(start, -into, 0.0, tool).values())
-    plane = KeepOut.through((nearest - 0.01) * -into, -into)
-    robot = MirrorTracker(
-        chain, dt=dt, floor=0.05, max_deviation=0.15, linear_speed=0.5, max_manipulability=LARGEST, keep_out=[plane],
-        compile=False,
-    )  # fmt: skip
-    q, before, behind, path = start, here[:3, 3], list[float](), list[Array]()
-    for k in range(round(3.0 / dt)):
-        s = k * dt
-        asked = here.copy()
-        asked[:3, 3] += 0.1 * math.sin(1.2 * s) * np.cross(Z, into) + 0.12 * math.sin(0.9 * s) * Z
-        asked[:3, 3] += 0.04 * min(s, 1.0) * into  # 30 mm beyond the plane in the end
-        q = q + dt * robot.step(q, asked, np.r_[(asked[:3, 3] - before) / dt, np.zeros(3)]).value
-        before = asked[:3, 3]
-        path.append(q)
-        beyond = (asked[:3, 3] - chain.pose(q)[:3, 3]) @ into
-        behind.append(float(np.linalg.norm(asked[:3, 3] - chain.pose(q)[:3, 3] - beyond * into)))
-    low = min(float(each.min()) for each in clearances(np.array(path), -into, plane.offset, tool).values())
-    assert -1e-9 <= low < 1e-3
-    assert max(behind[round(1.0 / dt) :]) < 0.01
-    assert not robot.counts["shortened"]
 
 
 def test_a_hand_whose_step_is_shortened_to_nothing_is_blocked_until_the_way_is_free() -> None:

@@ -18,7 +18,6 @@ from rehab_opt import RedundancyResolver, ardis
 from rehab_opt.control.chair_obstacles import ChairObstacles
 from rehab_opt.control.obstacles import NUMBERS, Disc, HalfPlane, Obstacle, approach, obstacle_numbers
 from rehab_opt.control.stopping import BrakingTogether
-from rehab_opt.kinematics import DriveName
 from rehab_opt.kinematics.ardis import ARDIS_READY
 from rehab_opt.kinematics.mobile_arm import Outline
 
@@ -183,34 +182,6 @@ def test_a_twist_that_leads_no_deeper_does_so_at_no_instant_of_the_tick(dt: floa
     assert deeper[says].max() <= ROUNDING
     assert says.mean() > 0.3
     assert (says | (deeper > 0)).mean() > 0.98  # nor is it refused for nothing
-
-
-@pytest.mark.parametrize(
-    ("drive", "discs", "twists"),
-    [
-        ("mecanum", [(0.7, 0.4, 0.1), (0.4, -0.1, 0.3)], [(0.4, -0.1), (0.4, -0.1), (-0.1, -0.3)]),
-        ("differential", [(0.3, 0.2, 0.3)], [(0.2, -0.3), (-0.1, 0.2), (0.3, 0.4)]),
-    ],
-)
-def test_a_chair_deep_within_obstacles_is_led_out_and_stops_within_its_accelerations(
-    drive: DriveName, discs: list[tuple[float, float, float]], twists: list[tuple[float, float]]
-) -> None:
-    """They fell by 16, 29 and 16 times that: where another edge became the nearest, and where it was let go."""
-    obstacles = [Disc((x, y), radius) for x, y, radius in discs]
-    robot = RedundancyResolver(
-        ardis(), drive=drive, dt=0.02, obstacles=obstacles, row_sets=[("x", "y", "z")], compile=False
-    )
-    q, last, places = ARDIS_READY, np.zeros(7), [ARDIS_READY[:3]]
-    for k in range(360):
-        twist = np.append(twists[k // 120], 0.0) if k % 120 < 90 else np.zeros(3)
-        q = q + robot.dt * robot.step(q, twist, frame="world").value
-        now = robot.chassis_velocity.copy()
-        assert np.all(np.abs(now - last) <= 0.02 * robot.robot.chain.acceleration * (1 + 1e-9))
-        last, places = now, [*places, q[:3]]
-    assert not np.any(now)
-    gaps = clearances(robot.robot.outline, obstacles, np.broadcast_to(places, (len(discs), 361, 3)))
-    assert np.all(np.diff(np.minimum(gaps, 0.0)) >= -3e-12)  # what a solver may leave open, 1e-10 m/s
-    assert np.all(gaps[:, -1] > np.minimum(gaps[:, 0], 0.0) + 0.05) or np.all(gaps[:, -1] > 0)
 
 
 class Tally(NamedTuple):

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from rehab_opt import Limit, RedundancyResolver, Relaxed, SerialChain, Status, ardis
 from rehab_opt.control.chair_and_arm import ChairAndArm
 from rehab_opt.control.obstacles import Disc, HalfPlane
-from rehab_opt.control.reaching import Reaching
 from rehab_opt.kinematics.ardis import ARDIS_READY
 from rehab_opt.kinematics.drive import Differential
 from rehab_opt.kinematics.mobile_arm import MobileArm
@@ -118,19 +117,6 @@ def test_a_hand_that_must_slow_down_keeps_its_direction_within_a_microradian(dri
     assert slowed > 50
 
 
-def test_the_watchdog_sees_every_stamp_whatever_the_target() -> None:
-    robot, near, far = resolver(), [0.7, -0.38, 0.56], [700.0, -380.0, 560.0]
-    robot.reach(ARDIS_READY, near, stamp=1.0)
-    assert robot.reach(ARDIS_READY, far, stamp=1.01).reason == "target is more than 100 m away"
-    assert robot.reach(ARDIS_READY, far, stamp=1.01).reason == "stamp repeated"
-    for k in range(2, 30):
-        robot.reach(ARDIS_READY, far, stamp=1.0 + 0.01 * k)
-    assert robot.reach(ARDIS_READY, near, stamp=1.3).status is Status.OK
-    unknown = robot.reach(ARDIS_READY, [0.7, np.nan, 0.56], stamp=1.31)
-    assert unknown.reason == "target[1] is nan, not a usable number"
-    assert robot.reach(ARDIS_READY, far, stamp=1.32, enable=False).reason == "not enabled"
-
-
 @pytest.mark.parametrize("drive", DRIVES)
 def test_a_hand_that_creeps_goes_on_where_the_chair_s_turn_helps_and_else_the_chair_stays_slow(drive: str) -> None:
     """A level forearm that only the chair can roll: by the sine of its slope, at the chair's full turn."""
@@ -169,22 +155,6 @@ def test_an_arm_led_to_rest_at_a_singular_posture_follows_the_reversed_stick(
             assert np.abs(command.value).max() < 0.01
         fastest = max(fastest, command.scale if k >= 1000 else 0.0)
     assert fastest > 0.5
-
-
-def test_no_other_command_within_the_bounds_moves_the_hand_faster_in_the_direction_asked() -> None:
-    robot, rng = unhurried("mecanum"), np.random.default_rng(3)
-    for _ in range(40):
-        q, twist = posture(rng, robot.robot, 0.7), rng.standard_normal(3)
-        twist *= 5.0 / np.linalg.norm(twist)
-        robot.reset()
-        command = robot.step(q, twist)
-        problem = robot.to_qpsolvers(q, twist)
-        n = problem.q.size
-        fastest = qpsolvers.Problem(
-            1e-9 * np.eye(n), -np.eye(n)[7], problem.G, problem.h, problem.A, problem.b, problem.lb, problem.ub
-        )
-        best = qpsolvers.solve_problem(fastest, solver="daqp", primal_tol=1e-11, dual_tol=1e-11).x[7]
-        assert command.scale * 5.0 >= best - max(0.02 * best, 1e-3)
 
 
 def test_the_answer_is_the_qp_s_by_another_solver() -> None:
@@ -287,19 +257,6 @@ def test_rows_not_asked_for_are_free_and_may_be_of_any_kind() -> None:
         np.testing.assert_allclose(hand_twist(robot.robot, q, command.value, rows, "chassis"), twist, atol=1e-9)
 
 
-def test_a_stick_in_the_chair_s_frame_keeps_its_meaning_as_the_chair_turns() -> None:
-    robot = unhurried("mecanum")
-    for heading in (0.0, 1.0, -2.5):
-        q = ARDIS_READY.copy()
-        q[2] = heading
-        robot.reset()
-        hand = robot.robot.chain.jacobian(q)[:3] @ robot.step(q, [0.1, 0.0, 0.0]).value
-        np.testing.assert_allclose(hand, [0.1 * math.cos(heading), 0.1 * math.sin(heading), 0.0], atol=1e-9)
-        robot.reset()
-        hand = robot.robot.chain.jacobian(q)[:3] @ robot.step(q, [0.1, 0.0, 0.0], frame="world").value
-        np.testing.assert_allclose(hand, [0.1, 0.0, 0.0], atol=1e-9)
-
-
 def test_rows_that_are_not_in_row_sets_get_their_functions_at_rest_only() -> None:
     robot, q = resolver(row_sets=[("x", "y")]), ARDIS_READY.copy()
     for _ in range(30):
@@ -315,19 +272,6 @@ def test_rows_that_are_not_in_row_sets_get_their_functions_at_rest_only() -> Non
 
 
 # ------------------------------------------------------------------------------------------------- chair and arm
-@pytest.mark.parametrize("drive", DRIVES)
-def test_beyond_the_arm_s_reach_the_chair_comes_along_without_being_asked(drive: str) -> None:
-    robot, q = resolver(drive=drive), ARDIS_READY.copy()
-    begin = robot.robot.chain.pose(q)[0, 3]
-    for _ in range(1500):
-        q = q + robot.step(q, [0.15, 0.0, 0.0]).value * robot.dt
-    travelled = robot.robot.chain.pose(q)[0, 3] - begin
-    assert travelled > 1.7  # the arm alone reaches 0.4 further
-    assert q[0] > travelled - 0.6
-    assert np.all(q[3:] <= robot.robot.chain.upper[3:] + 1e-9)
-    assert np.all(q[3:] >= robot.robot.chain.lower[3:] - 1e-9)
-
-
 def test_a_lost_first_position_does_not_turn_the_chair_s_motion() -> None:
     robot = resolver(drive="differential")
     heading = 1.1
@@ -339,28 +283,7 @@ def test_a_lost_first_position_does_not_turn_the_chair_s_motion() -> None:
     assert np.hypot(*command.value[:2]) == pytest.approx(0.49, abs=1e-9)
 
 
-def test_within_reach_the_arm_does_the_work_with_less_kinetic_energy_than_the_chair() -> None:
-    robot, q = resolver(), ARDIS_READY.copy()
-    begin, by_chair = q[:3].copy(), np.array([0.1, 0.05, 0, 0, 0, 0, 0])
-    chair = by_chair @ robot.robot.inertia(q) @ by_chair
-    for _ in range(100):
-        command = robot.step(q, [0.1, 0.05, 0.0])
-        assert command.value @ robot.robot.inertia(q) @ command.value < 0.05 * chair
-        q = q + command.value * robot.dt
-    assert np.all(np.abs(q[:2] - begin[:2]) < 0.01)
-
-
 # ------------------------------------------------------------------------------------------------------ obstacles
-def test_a_chair_within_an_obstacle_may_leave_it_and_not_go_deeper() -> None:
-    robot = resolver(robot=light(), obstacles=[HalfPlane((1, 0), 0.4)], keep_out=False)  # type: ignore[arg-type]
-    q = ARDIS_READY.copy()  # the front is at 0.55
-    command = robot.step(q, [1.0, 0.0, 0.0])
-    assert command.relaxed & Relaxed.POSITION
-    assert command.value[0] <= 1e-9
-    robot.reset()
-    assert robot.step(q, [-2.0, 0.0, 0.0]).value[0] < -0.1
-
-
 @pytest.mark.parametrize("twist", [[0.3, 0.0, 0.0], [0.2, -0.1, 0.0]])
 def test_a_chair_along_a_wall_that_it_is_within_stops_within_its_accelerations(twist: list[float]) -> None:
     """A solver leaves 1e-19 of a turn towards the wall, where nothing is left: that stopped the chair in one tick."""
@@ -370,47 +293,6 @@ def test_a_chair_along_a_wall_that_it_is_within_stops_within_its_accelerations(t
         assert np.all(np.abs(u - last) <= 0.01 * robot.robot.chain.acceleration * (1 + 1e-9))
         assert (k != 299) or np.linalg.norm(u[:2]) > 0.1
         q, last = q + 0.01 * u, u
-
-
-def test_obstacles_may_change_between_ticks_within_their_places() -> None:
-    robot = resolver(robot=light(), max_obstacles=2, keep_out=False)  # type: ignore[arg-type]
-    q = ARDIS_READY.copy()
-    fast = robot.step(q, [2.0, 0.0, 0.0]).value[0]
-    robot.obstacles = (Disc((0.65, 0.0), 0.05),)
-    robot.reset()
-    slow = robot.step(q, [2.0, 0.0, 0.0]).value[0]
-    assert fast > 0.5
-    assert slow <= 0.05 / robot.dt + 1e-9
-
-
-@pytest.mark.nightly
-@pytest.mark.parametrize("drive", ["mecanum", "differential"])
-@pytest.mark.parametrize("dt", [0.01, 0.02])
-def test_a_chair_comes_to_rest_where_planes_of_the_users_own_stop_its_hand(drive: str, dt: float) -> None:
-    """It turned by 0.45 rad/s for 40 s, BLOCKED, with its hand at rest: tangents about that motion forbade to stop."""
-    robot, rested = ardis(), 0
-    begun = robot.chain.pose(ARDIS_READY)[:3, 3]
-    for seed in (1, 2, 4):
-        rng = np.random.default_rng(seed)
-        normals, rooms = rng.normal(size=(5, 3)), rng.uniform(0.03, 0.25, 5)
-        normals /= np.linalg.norm(normals, axis=1)[:, None]
-
-        def inside(chain: SerialChain, q: ca.SX, n: Array = normals, rooms: Array = rooms) -> ca.SX:
-            return ca.DM(rooms) - ca.DM(n) @ (chain.pose_expression(q)[:3, 3] - ca.DM(begun))
-
-        made = RedundancyResolver(
-            robot, drive=drive, row_sets=[("x", "y", "z")], dt=dt, limits=[Limit(inside)], compile=False
-        )
-        twist = rng.normal(size=3)
-        twist *= 0.15 / np.linalg.norm(twist)
-        q, sent = np.array(ARDIS_READY), []
-        for _ in range(round(25 / dt)):
-            sent.append(made.step(q, twist, ("x", "y", "z"), "world"))
-            q = q + dt * sent[-1].value
-        if sent[-round(10 / dt)].status is Status.BLOCKED:
-            rested += 1
-            assert np.max(np.abs([each.value for each in sent[-round(1 / dt) :]])) < 5e-3, seed
-    assert rested >= 2
 
 
 def test_an_arm_that_is_held_at_a_limit_of_the_users_own_does_not_tremble() -> None:
@@ -556,34 +438,6 @@ def test_a_place_is_reached_within_the_arm_s_reach_and_beyond_it(drive: str, way
             break
     assert np.linalg.norm(robot.robot.chain.pose(q)[:3, 3] - target) < 1e-3
     assert not command.value.any()
-
-
-def test_a_hand_that_bounds_hold_is_asked_for_the_straight_way_from_where_it_is() -> None:
-    rng, robot = np.random.default_rng(3), ardis()
-    for _ in range(20):
-        reaching, q = Reaching(robot, dt=0.01), ARDIS_READY.copy()
-        begin = robot.chain.pose(q)[:3, 3]
-        target = begin + rng.uniform(-1, 1, 3)
-        for tick in range(200):
-            if tick == 40:  # moved aside, and held there
-                q[:2] += 0.1 * rng.choice([-1, 1], 2)
-            twist = reaching.twist(q, target, last=np.zeros(7), moving=True)
-            way = target - robot.chain.pose(q)[:3, 3]
-            if np.linalg.norm(twist):
-                assert twist @ way > (1 - 1e-9) * np.linalg.norm(twist) * np.linalg.norm(way)
-        assert np.linalg.norm(twist) > 0.2
-
-
-@pytest.mark.parametrize("drive", DRIVES)
-def test_where_nothing_is_in_its_way_the_hand_goes_straight(drive: str) -> None:
-    robot, q = resolver(drive=drive), ARDIS_READY.copy()
-    begin = robot.robot.chain.pose(q)[:3, 3]
-    way = np.array([0.3, 0.15, 0.05])
-    for _ in range(600):
-        q = q + robot.reach(q, begin + way).value * robot.dt
-        gone = robot.robot.chain.pose(q)[:3, 3] - begin
-        assert np.linalg.norm(np.cross(gone, way)) / np.linalg.norm(way) < 1e-3
-    assert gone == pytest.approx(way, abs=1e-3)
 
 
 # ------------------------------------------------------------------------------------------------------- arguments

@@ -201,11 +201,6 @@ def test_of_two_threads_that_begin_at_once_one_is_refused() -> None:
 class TestArmIK:
     """It remembers nothing, so whoever comes when it is idle may use it."""
 
-    def test_one_thread_after_the_other_may_use_it(self, other: Other) -> None:
-        solver, place = ArmIK(human_arm(), compile=False), [-0.15, 0.45, -0.24]
-        mine = solver.solve(place)
-        assert_same(other.does(lambda: solver.solve(place)).q, mine.q)
-
     def test_a_second_thread_meanwhile_is_refused(self, other: Other, monkeypatch: pytest.MonkeyPatch) -> None:
         solver, place = ArmIK(human_arm(), compile=False), [-0.15, 0.45, -0.24]
         search, met = IKSearch.posture, list[Exception]()

@@ -1,15 +1,12 @@
 """Functions answer at once, and go over to machine code between two calls when a compiler beside them is done."""
 
 import gc
-import hashlib
 import os
 import shutil
 import subprocess
 import sys
-import threading
 import time
 from pathlib import Path
-from queue import SimpleQueue
 
 import casadi as ca
 import numpy as np
@@ -89,11 +86,6 @@ def test_waiting_is_what_the_argument_or_the_environment_asks_for(monkeypatch: p
     assert BufferedFunction(cubes("not_at_all"), compile="wait").function.class_name() == VIRTUAL_MACHINE
 
 
-def test_what_is_in_the_cache_needs_no_background() -> None:
-    compiled(cubes("cached"), compile="wait")
-    assert BufferedFunction(cubes("cached"), compile=None).function.class_name() == MACHINE_CODE
-
-
 def test_nothing_is_compiled_for_what_is_gone(slow_compiler: Path, empty_cache: Path) -> None:
     kept, gone = (BufferedFunction(cubes(name), compile=None) for name in ("kept", "gone"))
     del gone
@@ -118,22 +110,6 @@ def test_compiler_that_fails_leaves_the_virtual_machine(
     assert function.function.class_name() == VIRTUAL_MACHINE
     assert function.of([1.0, 2.0, 3.0])[0] == pytest.approx(np.sin(1.0))
     assert capfd.readouterr() == ("", "")
-
-
-def test_work_that_raises_is_told_and_holds_up_no_other(monkeypatch: pytest.MonkeyPatch) -> None:
-    told: SimpleQueue[BaseException | None] = SimpleQueue()
-    monkeypatch.setattr(threading, "excepthook", lambda args: told.put(args.exc_value))
-
-    def fails() -> None:
-        raise ValueError("of the work")
-
-    done: list[bool] = []
-    for _ in range(20):
-        later(fails)
-        later(lambda: done.append(True))
-    assert finished(PATIENCE)
-    assert done == [True] * 20
-    assert [str(told.get(timeout=PATIENCE)) for _ in range(20)] == ["of the work"] * 20
 
 
 def test_anything_else_is_refused_by_name() -> None:
@@ -203,18 +179,6 @@ def test_what_a_killed_process_left_is_removed_in_time(empty_cache: Path) -> Non
     compiled(cubes("clears"), compile="wait")
     assert not left.exists()
     assert fresh.exists()
-
-
-def test_library_that_is_none_is_built_again(empty_cache: Path) -> None:
-    function = cubes("none")
-    compiled(function, compile="wait")
-    (library,) = empty_cache.glob("*.so")
-    rubbish = library.with_name(f"{library.name.rpartition('-')[0]}-{hashlib.sha256(b'none').hexdigest()[:16]}.so")
-    library.unlink()
-    rubbish.write_bytes(b"none")
-    rubbish.chmod(0o700)
-    assert compiled(function, compile="wait").class_name() == VIRTUAL_MACHINE
-    assert compiled(function, compile="wait").class_name() == MACHINE_CODE
 
 
 def test_a_loop_is_asked_for_its_turn_soon_while_there_is_work_and_as_usual_afterwards() -> None:
