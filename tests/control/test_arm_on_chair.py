@@ -104,18 +104,6 @@ def test_rows_that_no_posture_of_an_arm_can_do_are_refused(tmp_path: Path) -> No
     RedundancyResolver(robot, drive="fixed", row_sets=[("x", "y", "z")], compile=False)
 
 
-def test_slopes_of_rounding_move_no_arm_that_bends_in_one_plane(tmp_path: Path) -> None:
-    edges, mount, rng = gen3()[:4], np.eye(4), np.random.default_rng(0)
-    for edge in edges:
-        edge.xyz, edge.rpy, edge.axis = np.array([0.3, 0.0, 0.0]), np.zeros(3), np.array([0.0, 1.0, 0.0])
-    for _ in range(5):
-        mount[:3, :3] = Rotation.random(rng=rng).as_matrix()
-        robot = arm_on_chair(arm_of(tmp_path, edges), mount=mount)
-        q = np.append(np.zeros(CHAIR), rng.uniform(-1, 1, 4))
-        slopes = [robot.posture_gradient(q + 1e-4 * rng.uniform(-1, 1, q.size)) for _ in range(5)]
-        assert np.ptp(slopes, axis=0).max() < 1e-3
-
-
 def test_an_arm_whose_links_all_lie_on_one_axis_has_no_link_that_moves_and_turns_its_hand() -> None:
     """A turntable on a column, which a chair carries about: its reach was a TypeError."""
     table = SerialChain([DH(0.0, 0.0, d=0.2)] * 4, lower=-2.0, upper=2.0, velocity=1.0, acceleration=4.0)

@@ -124,16 +124,6 @@ def test_velocity_given_damps_without_lag() -> None:
 
 
 # ------------------------------------------------------------------------------------------------------------ the rest
-@pytest.mark.parametrize("solver", ["osqp"])
-def test_zero_is_zero_by_iterative_solvers_too(solver: str) -> None:
-    helper, rng = assistance(solver=solver), np.random.default_rng(6)
-    seen = sizes(helper, [OUTSIDE + 1e-4 * rng.standard_normal(2) for _ in range(5)])
-    assert seen[-1] > 0.5
-    helper.reset()
-    for x in rng.uniform((-0.1, 0.39), (-0.0995, 0.3905), (100, 2)):
-        assert not helper.step(x, [0.1, -0.2]).value.any()
-
-
 @pytest.mark.usefixtures("shipped")
 def test_compiled_and_interpreted_agree() -> None:
     ours, theirs = assistance(), assistance(compile=None)

@@ -52,7 +52,7 @@ def test_what_the_helper_puts_in_moves_the_participant_beyond_their_own_tank() -
         budget = {"energy_budget": 0.3}
         both = pair(helper={"exchange": exchange, **budget}, exchange=exchange, stiffness=2000.0, damping=0.0, **budget)
         participant, total = workspace_map().image(HELPER), 0.0
-        for k in range(20_000):
+        for k in range(8_000):
             angle = 2 * math.pi * k * DT / 2.0
             helper = HELPER + [0.10 * math.sin(angle), 0.03 * math.sin(2 * angle)]
             force = both.step(helper, participant).participant.value
@@ -137,19 +137,6 @@ def test_a_side_that_has_missed_many_messages_hears_the_second_again_and_nothing
             command, _ = two.step(at, FromHelper(*HELPER, 0.01, first + k))
             assert command.status is not Status.OK
             assert two.force.energy_left <= left
-
-
-@pytest.mark.parametrize("bad", [math.nan, 10**400])
-def test_no_number_in_a_message_raises_or_moves_a_hand(bad: float) -> None:
-    one, two = sides(1.0)
-    at = workspace_map().image(HELPER)
-    for k in range(1, 20):
-        felt, _ = one.step(HELPER, FromParticipant(bad, bad, bad, bad, bad, k))
-        led, _ = two.step(at, FromHelper(bad, bad, bad, k))
-        assert not np.any(felt.value)
-        assert not np.any(led.value)
-    assert one.step(HELPER, FromParticipant(*at, 1.0, 1.0, 0.0, bad))[0].status in Status  # type: ignore[arg-type]
-    one.partner  # noqa: B018  (must not raise)
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from rehab_opt import RedundancyResolver, Relaxed, ardis
 from rehab_opt.kinematics import DRIVES, DriveName
 from rehab_opt.kinematics.ardis import ARDIS_READY
-from rehab_opt.plants.wheelchair import Wheelchair
 from tests.refusals import refuses
 
 Array = NDArray[np.float64]
@@ -101,22 +100,6 @@ def test_planar_speed_and_turning_are_bounded_whatever_the_stick_says(drive: Dri
         np.testing.assert_allclose(command.wheels, u[list(FREE[drive])], atol=1e-12)
         q, last = q + DT * command.value, u
     assert fastest > 0.9 * chain.velocity[0] or drive == "fixed"
-
-
-@pytest.mark.parametrize("drive", NEW)
-def test_a_simulated_base_goes_as_its_drive_says(drive: DriveName) -> None:
-    pytest.importorskip("mujoco")
-    robot = ardis()
-    plant = Wheelchair(robot, robot.drive(drive), dt=DT, wheel_lag=0.0)
-    plant.reset(ARDIS_READY)
-    wheels = np.array([0.2, -0.1, 0.3])[: len(FREE[drive])]
-    for _ in range(50):
-        plant.step(np.concatenate([wheels, np.zeros(4)]))
-    expected = [0.5 * 0.3] if len(wheels) else [0.0]
-    np.testing.assert_allclose(plant.truth.position[2], expected, atol=1e-9)
-    # Along a circle at a held twist: the chord of the arc that its heading turns through.
-    way = (0.2 - 0.1j) * (np.exp(0.15j) - 1) / 0.3j if len(wheels) else 0j
-    np.testing.assert_allclose(plant.truth.position[:2], [way.real, way.imag], atol=1e-6)
 
 
 def test_drives_rows_and_speeds_that_do_not_go_together_are_refused() -> None:

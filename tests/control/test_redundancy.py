@@ -134,29 +134,6 @@ def test_a_hand_that_creeps_goes_on_where_the_chair_s_turn_helps_and_else_the_ch
         assert command.scale > 0.95 * possible if worth else abs(command.value[2]) < 0.2 * stiff.chain.velocity[2]
 
 
-@pytest.mark.parametrize(
-    ("arm", "twist"),
-    [
-        ([-1.386, -0.363, -0.144, 0.412], [0.0529, 0.1291, 0.0021]),
-        ([-0.72, 0.005, -0.232, -0.07], [0.0328, 0.1621, -0.0296]),
-    ],
-)
-def test_an_arm_led_to_rest_at_a_singular_posture_follows_the_reversed_stick(
-    arm: list[float], twist: list[float]
-) -> None:
-    """Not into the ten degrees to a joint limit beyond it, where rounding led it; its hand gets half of the command."""
-    resolver = RedundancyResolver(ardis(), drive="fixed", row_sets=[("x", "y", "z")], compile=False)
-    q, fastest = np.array([0.0, 0.0, 0.0, *arm]), 0.0
-    for k in range(1600):
-        command = resolver.step(q, np.array(twist) if k < 1000 else -np.array(twist))
-        q += 0.01 * command.value
-        if k == 999:
-            assert command.status is Status.BLOCKED
-            assert np.abs(command.value).max() < 0.01
-        fastest = max(fastest, command.scale if k >= 1000 else 0.0)
-    assert fastest > 0.5
-
-
 def test_the_answer_is_the_qp_s_by_another_solver() -> None:
     robot, rng = unhurried("mecanum"), np.random.default_rng(4)
     for _ in range(60):
@@ -169,37 +146,9 @@ def test_the_answer_is_the_qp_s_by_another_solver() -> None:
             np.testing.assert_allclose(robot.robot.chassis_velocity(q, command.value), other.x[:7], atol=2e-5)
 
 
-@pytest.mark.parametrize("drive", DRIVES)
-def test_a_hand_held_back_by_accelerations_loses_what_is_off_the_new_twist(drive: str) -> None:
-    rng, robot, held = np.random.default_rng(12), stopper(drive, 1e-2), 0
-    chain = robot.robot.chain
-    for _ in range(100):
-        q, twist = posture(rng, robot.robot, 0.5), 0.3 * rng.standard_normal(3)
-        moving = 0.2 * rng.uniform(-1, 1, 7) * chain.velocity
-        moving[1] *= drive == "mecanum"
-        last = robot.robot.world_velocity(q, moving)
-        robot.reset(last, heading=q[2])
-        command = robot.step(q, twist)
-        change = np.abs(robot.chassis_velocity - moving) / (chain.acceleration * robot.dt)
-        assert np.max(change) <= 1 + 1e-9
-        size = np.linalg.norm(twist)
-        along, middle = twist / size, q + last * robot.dt / 2
-        turn = np.array([[np.cos(q[2]), np.sin(q[2]), 0], [-np.sin(q[2]), np.cos(q[2]), 0], [0, 0, 1]])
-        before, now = (turn @ (chain.jacobian(middle) @ v)[:3] for v in (last, command.value))
-        off_before, off_now = (v - (v @ along) * along for v in (before, now))
-        left = off_now @ off_before / (off_before @ off_before)
-        np.testing.assert_allclose(left * off_before, off_now, atol=1e-8)
-        assert -1e-9 <= left <= 1 - 0.01 / (1.1 * 0.8) + 1e-9  # as braking together, or faster
-        assert now @ along <= max(size, before @ along) + 1e-9
-        assert now @ along >= min(before @ along, 0.0) - 1e-9
-        assert bool(command.relaxed & Relaxed.TASK)
-        held += np.max(change) > 1 - 1e-6
-    assert held > 50
-
-
 # --------------------------------------------------------------------------------------------------- zero commands
 @given(st.integers(0, 10**6), st.sampled_from([1e-3, 1e-2, 2e-2]), st.sampled_from(DRIVES))
-@settings(max_examples=25)
+@settings(max_examples=12)
 def test_no_command_while_moving_stops_in_as_many_ticks_as_the_slowest_joint_needs(
     seed: int, dt: float, drive: str
 ) -> None:
@@ -240,7 +189,7 @@ def test_turning_or_shifting_the_scene_changes_nothing_in_the_chair_s_frame(driv
     here, elsewhere = (resolver(drive=drive, obstacles=room) for room in (walls, there))
     q, moved = ARDIS_READY.copy(), ARDIS_READY.copy()
     moved[:3] = *shift, turn
-    for k in range(300):
+    for k in range(150):
         twist = np.array([0.4 * math.cos(0.03 * k), 0.4 * math.sin(0.02 * k), 0.05])
         first, second = here.step(q, twist), elsewhere.step(moved, twist)
         np.testing.assert_allclose(elsewhere.chassis_velocity, here.chassis_velocity, atol=1e-7)
@@ -347,20 +296,6 @@ def test_a_hand_released_beside_a_quick_limit_of_the_users_own_brakes_within_its
     assert not last.any()
 
 
-def test_a_quick_arm_on_a_slow_chair_goes_on_beside_keep_outs() -> None:
-    # All brake together, in 2.2 s: what the arm's own acceleration can add to its way in that would be 1.4 m.
-    robot = ardis(velocity=[1.5, 1.5, 1.0, 1.0, 1.0, 1.2, 1.5], acceleration=[0.75, 0.75, 1.5, 38.0, 38.0, 38.0, 38.0])
-    quick = RedundancyResolver(robot, drive="differential", row_sets=[("z",)], dt=0.02, compile=False)
-    q = np.array(ARDIS_READY)
-    for _ in range(200):
-        command = quick.step(q, [-0.05], ("z",))
-        assert command.status is Status.OK
-        q = q + 0.02 * command.value
-    hand = [robot.chain.pose(each)[:3, 3] for each in (ARDIS_READY, q)]
-    assert hand[0][2] - hand[1][2] == pytest.approx(0.2, abs=1e-3)
-    assert abs(hand[1][1] - hand[0][1]) < 0.01
-
-
 # ---------------------------------------------------------------------------------------------------------- ladder
 def test_the_backup_answers_when_the_primary_is_made_to_fail() -> None:
     plain = resolver()
@@ -412,15 +347,15 @@ def test_compiled_and_interpreted_give_the_same_commands() -> None:
     """Without keep-outs, which double the compiler's time."""
     robots = [new(obstacles=[HalfPlane((1, 0), 1.5)], keep_out=False, compile=c) for c in ("wait", False)]
     q, rng, exact = ARDIS_READY.copy(), np.random.default_rng(9), 0
-    for k in range(500):
-        if k % 50 == 0:
+    for k in range(250):
+        if k % 25 == 0:
             twist = rng.standard_normal(3) * 0.5
         commands = [robot.step(q, twist) for robot in robots]
         # Rounding may let one of them fall back to the other solver.
         np.testing.assert_allclose(commands[0].value, commands[1].value, rtol=0, atol=1e-7)
         exact += np.allclose(commands[0].value, commands[1].value, rtol=0, atol=1e-11)
         q = q + commands[0].value * robots[0].dt
-    assert exact > 400
+    assert exact > 200
 
 
 # ----------------------------------------------------------------------------------------------------------- reach

@@ -1,7 +1,6 @@
 """Claims about help that comes to rest: on people of random mass and damping, with forces that are late."""
 
 import math
-from functools import partial
 
 import numpy as np
 import pytest
@@ -9,7 +8,6 @@ import shapely
 
 from rehab_opt import Assistance, BoundedForce, PotentialField, Status, Workspace
 from rehab_opt.field.settling import crossover, fitting_damping, settling_notes
-from tests.refusals import refuses
 
 START = np.array([-0.17, 0.50])
 PATH = START + np.outer(np.linspace(0, 1, 50), [0.2, 0.0])
@@ -38,7 +36,7 @@ def reach(helper, seed, *, delay=0.0, lag=0.0, noise=0.0, seconds=4.0):
     return [np.array(column) for column in zip(*rows, strict=True)]
 
 
-@pytest.mark.parametrize(("delay", "lag", "dt"), [(0.0, 0.0, 2e-3), (0.008, 0.003, 1e-3)])
+@pytest.mark.parametrize(("delay", "lag", "dt"), [(0.008, 0.003, 1e-3)])
 def test_help_with_default_numbers_arrives_and_stands_still(delay, lag, dt) -> None:
     """0.2 m: the hand is at rest a second after it came, and 3 J do it. With D = 5 N s/m and 200 N/s it never is."""
     for seed in range(2):
@@ -145,8 +143,3 @@ def test_numbers_that_do_not_go_together_are_told_with_ones_that_do() -> None:
     limit = float(late.split("at most ")[1].split(" N/m")[0])
     times = {"delay": 0.021, "lag": 0.0, "velocity_lag": 0.01}
     assert not list(settling_notes(limit, fitting_damping(limit), force_limit=30.0, slew_limit=2500.0, **times))
-
-
-def test_a_growth_limit_that_is_none_is_named() -> None:
-    rows = [({"growth_limit": each}, "growth_limit") for each in (0.0, -1.0, math.nan, math.inf, "fast")]
-    refuses(partial(BoundedForce, lambda *_: (0.0, 0.0)), *rows)

@@ -8,7 +8,6 @@ import pytest
 from scipy.interpolate import CubicSpline, PchipInterpolator
 from scipy.optimize import linprog
 
-from bench.measured_lag import measured_lag
 from rehab_opt.control.path_timing import PathCells, ruckig_timing
 from rehab_opt.control.smoothing import smooth_path
 from tests.control.test_smoothing import DT, A, J, V, assert_within_bounds
@@ -125,14 +124,6 @@ def test_axes_keep_their_bounds_at_every_instant_of_the_passage(seed, bounded):
     assert_axes_keep(timing, path, velocity, acceleration, jerk)
     assert timing.at(timing.times[[0, -1]]).tolist() == [0.0, 1.0]
     assert np.abs(timing.at(timing.times[-1:] * (1 - 1e-9)) - 1.0).max() < 1e-6
-
-
-def test_a_known_delay_is_measured():
-    t = np.arange(0, 10, 0.01)
-    for delay in (0.0, 0.123, -0.05, 1.0):
-        target, late = (np.stack([np.sin(x), 100 * np.cos(0.7 * x)], axis=1) for x in (t, t - delay))
-        assert measured_lag(t, target, late) == pytest.approx(delay, abs=2e-3)
-    assert measured_lag(t, 0 * target, 0 * target) == 0.0
 
 
 def test_what_no_drive_can_use_is_refused_by_name():

@@ -96,22 +96,6 @@ def test_nothing_is_compiled_for_what_is_gone(slow_compiler: Path, empty_cache: 
     assert kept.function.class_name() == MACHINE_CODE
 
 
-def test_compiler_that_fails_leaves_the_virtual_machine(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
-) -> None:
-    broken = tmp_path / "broken-cc"
-    broken.write_text("#!/bin/sh\necho 1.0\n[ $# = 1 ]\n")
-    broken.chmod(0o700)
-    monkeypatch.setenv("CC", str(broken))
-    _compiler.cache_clear()
-    function = BufferedFunction(cubes("broken"), compile=None)
-    assert finished(PATIENCE)
-    _compiler.cache_clear()
-    assert function.function.class_name() == VIRTUAL_MACHINE
-    assert function.of([1.0, 2.0, 3.0])[0] == pytest.approx(np.sin(1.0))
-    assert capfd.readouterr() == ("", "")
-
-
 def test_anything_else_is_refused_by_name() -> None:
     values = [True, "yes", 1, 0, "background"]
     words = "compile = ", 'expected None, "wait" or False'

@@ -6,7 +6,6 @@ import shutil
 import subprocess
 import tempfile
 from collections.abc import Callable, Iterator
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -171,22 +170,6 @@ def test_the_cache_is_where_the_environment_says(cache: Path, monkeypatch: pytes
     assert cache_folder() == cache
     monkeypatch.delenv("REHAB_OPT_CACHE")
     assert cache_folder().name == "rehab_opt"
-
-
-def _built_in_another_process(seed: int) -> tuple[str, list[float]]:
-    function = compiled(random_function(seed), compile="wait")
-    return function.class_name(), BufferedFunction(function).of([0.1, -0.2, 0.3, 0.4]).tolist()
-
-
-@needs_compiler
-def test_two_processes_may_build_at_once(cache: Path) -> None:
-    with get_context("spawn").Pool(2) as pool:
-        answers = pool.map(_built_in_another_process, [11, 11, 12, 12], chunksize=1)
-    assert [kind for kind, _ in answers] == [MACHINE_CODE] * 4
-    assert answers[0] == answers[1]
-    assert answers[2] == answers[3]
-    # Nothing half made stays behind.
-    assert sorted(path.suffix for path in cache.iterdir()) == [".so", ".so", ".table", ".table"]
 
 
 # -------------------------------------------------------------------------------------------------- what is loaded
