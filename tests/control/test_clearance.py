@@ -135,7 +135,7 @@ def test_a_plane_of_a_clearance_brakes_and_leads_as_a_limit_of_the_same_distance
     for _ in range(1200):
         q, last = START + rng.uniform(-0.6, 0.6, 6), rng.uniform(-1.0, 1.0, 6)
         low = chain.pose(q)[2, 3] + min(0.0, 0.1 * chain.pose(q)[2, 2]) - 0.2 - hand.radius - MARGIN
-        if not -0.005 < low < 0.02:
+        if not 0.0 < low < 0.02:
             continue
         down = chain.jacobian(q)[2]
         last -= rng.choice([0.9, 1.0]) * down * (down @ last) / (down @ down)
@@ -144,7 +144,7 @@ def test_a_plane_of_a_clearance_brakes_and_leads_as_a_limit_of_the_same_distance
             for tracker in trackers:
                 tracker.reset(np.clip(last, -1.9, 1.9))
                 values.append(tracker.step(q, chain.pose(q), np.zeros(6), enable=enable).value)
-            np.testing.assert_allclose(values[0], values[1], rtol=0, atol=1e-2)
+            np.testing.assert_allclose(values[0], values[1], rtol=0, atol=2e-3)
             held_back += np.abs(values[0] - values[2]).max() > 0.01
     assert held_back > 10
 
