@@ -33,11 +33,6 @@ def test_the_elbow_stays_flexed_when_asked_to() -> None:
     assert solved({"elbow": 1.0})[ELBOW] > solved({"rest": 1.0})[ELBOW] + 0.05
 
 
-def test_low_manipulability_is_found_when_asked_for() -> None:
-    low, rest = solved({"rest": 0.01, "manipulability": 1.0}), solved({"rest": 1.0})
-    assert ARM.manipulability(low) < ARM.manipulability(rest)
-
-
 def test_rest_is_the_range_normalised_distance() -> None:
     answer = ArmIK(ARM, compile=False).solve(TARGET)
     rest = np.clip(ARM_REST, ARM.lower, ARM.upper)

@@ -52,7 +52,7 @@ def test_what_the_helper_puts_in_moves_the_participant_beyond_their_own_tank() -
         budget = {"energy_budget": 0.3}
         both = pair(helper={"exchange": exchange, **budget}, exchange=exchange, stiffness=2000.0, damping=0.0, **budget)
         participant, total = workspace_map().image(HELPER), 0.0
-        for k in range(8_000):
+        for k in range(7_000):
             angle = 2 * math.pi * k * DT / 2.0
             helper = HELPER + [0.10 * math.sin(angle), 0.03 * math.sin(2 * angle)]
             force = both.step(helper, participant).participant.value

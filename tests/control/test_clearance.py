@@ -157,7 +157,7 @@ def test_mirrored_hand_keeps_clear_of_what_stands_and_gives_way_to_what_comes() 
     links, q, pose = np.arange(2, len(chain.capsules)), START.copy(), chain.pose(START)
     way, away = np.array([0.0, 0.1, 0.0]), pose[:3, 3] - [0.0, 0.25, 0.0]
     near = 0
-    for k in range(600):
+    for k in range(450):
         body = MovingCapsule(away, away, 0.05, way, way)
         at, twist = pose.copy(), np.zeros(6)
         at[:3, 3] += np.array([0.1, 0.0, -0.5]) * np.sin(2 * k * dt)
@@ -202,25 +202,6 @@ def test_column_that_turns_about_its_own_axis_is_kept_clear_of_what_the_chair_dr
         foot = q[0] + np.cos(q[2]) * 0.6 - np.sin(q[2]) * 0.1  # upright, across the rail
         found.append(1.1 - foot - 0.05 - 0.04 - MARGIN)
     assert -1e-9 <= min(found) < 5e-3
-
-
-def test_bodies_told_in_another_order_or_as_an_array_change_nothing() -> None:
-    rng, chain = np.random.default_rng(4), ur5(velocity=2.0)
-    commands = []
-    for order in (1, -1):
-        tracker = PoseTracker(chain, dt=0.005, limits=[Clearance(margin=MARGIN, moving=3)], compile=False)
-        swinging, q, found = Swinging.drawn(np.random.default_rng(1), 2, 0.1), START.copy(), []
-        for k in range(100):
-            bodies = swinging.at(np.full(2, 0.005 * k), np.ones(2))[::order]
-            told: Any = (
-                bodies if order == 1 else moving_numbers([BALL._replace(start=(9, 9, 9), end=(9, 9, 9)), *bodies], 3)
-            )
-            command = tracker.step(q, chain.pose(START + 0.5), np.zeros(6), obstacles=told)
-            found.append(command.value)
-            q = q + 0.005 * command.value
-        commands.append(found)
-    assert rng is not None
-    np.testing.assert_allclose(commands[0], commands[1], atol=1e-9)
 
 
 @pytest.mark.parametrize(("at", "number"), [(12, -0.5), (13, 0.5), (13, -1.0)])

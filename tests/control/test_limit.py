@@ -67,7 +67,7 @@ def test_elbow_stays_above_the_table_and_gets_there(dt: float, acceleration: flo
     plain = PoseTracker(robot, dt=dt, compile=False, linear_speed=1.0)
     control = PoseTracker(robot, dt=dt, compile=False, linear_speed=1.0, limits=[elbow_above(TABLE)])
     reached = beyond = 0
-    for goal in goals(int(1e6 * dt + acceleration), 4):
+    for goal in goals(int(1e6 * dt + acceleration), 3):
         for each in (plain, control):
             each.reset()
         postures, velocities, commands = led(control, goal, ticks=round(6.0 / dt))
@@ -77,7 +77,7 @@ def test_elbow_stays_above_the_table_and_gets_there(dt: float, acceleration: flo
         assert all(each.status.certified for each in commands)
         reached += heights.min() < TABLE + 0.03
         beyond += elbow(led(plain, goal, ticks=round(4.0 / dt))[0]).min() < TABLE - 0.01
-    assert beyond >= 3  # without the limit the same motions do lead below
+    assert beyond >= 2  # without the limit the same motions do lead below
     assert reached >= 2
 
 

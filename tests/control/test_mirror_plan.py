@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from problems.mirror import motions
-from rehab_opt import ConfigurationError, MirrorTracker, Relaxed, ur5
+from rehab_opt import ConfigurationError, MirrorTracker, ur5
 from rehab_opt.control import mirror_plan, mirror_retiming
 from rehab_opt.control.conditioning import Conditioned, conditioned
 from rehab_opt.control.hand_bounds import KeepOut
@@ -17,7 +17,7 @@ from rehab_opt.control.path_timing import PathTiming
 from rehab_opt.control.preview import Preview
 from rehab_opt.control.reference_clock import ReferenceClock
 from rehab_opt.kinematics.vr import fit_frame, poses_of, quaternions_of, robot_from_unity
-from tests.control.mirror_campaign import LARGEST, random_path
+from tests.control.mirror_campaign import LARGEST
 from tests.judge import mirror_plan as judge
 
 TASKS = ("pick_fruit", "refrigerator_door")
@@ -85,19 +85,20 @@ def test_a_recording_of_a_sample_or_two_leads_there(count: int) -> None:
 
 
 def test_a_plan_that_ends_incomplete_ends_at_rest(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(mirror_plan, "PATIENCE", 0.4)
-    chain, planes = ur5(), (KeepOut.through([0, 0, -0.05], [0, 0, 1]), KeepOut.through([0.35, 0, 0], [-1, 0, 0]))
-    made = MirrorTracker(chain, dt=0.05, max_manipulability=LARGEST, keep_out=planes, compile=False)
-    start, poses, twists = random_path(chain, np.random.default_rng(729), 0.05, below=True)  # rounding keeps it
-    path = made.plan(poses, twists, start)
+    monkeypatch.setattr(mirror_plan, "PATIENCE", 0.4)  # given up on its way
+    chain, dt = ur5(acceleration=2.0), 2e-2
+    made = MirrorTracker(chain, dt=dt, max_manipulability=LARGEST, compile=False)
+    part = np.linspace(0, 1, 100)
+    poses, twists = np.tile(chain.pose(motions.START), (100, 1, 1)), np.zeros((100, 6))
+    poses[:, 1, 3] -= 0.3 * part**3 * (10 - 15 * part + 6 * part**2)
+    twists[:, 1] = np.gradient(poses[:, 1, 3], dt)
+    path = made.plan(poses, twists, motions.START)
     assert not path.complete
-    speeds = np.abs(path.velocities).max(axis=1)
-    assert speeds[-1] < 1e-3
-    braked = path.counts["braked"]
-    assert speeds[-braked - 1] > 0.1  # it was moving when it was given up
-    eased = np.array([not flags & Relaxed.ACCELERATION for flags in path.relaxed[-braked:]])
-    changes = np.abs(np.diff(path.velocities[-braked - 1 :], axis=0))[eased]
-    assert np.all(changes <= chain.acceleration * 0.05 + 1e-9)
+    speeds, braked = np.abs(path.velocities).max(axis=1), path.counts["braked"]
+    assert speeds[-braked - 1] > 0.1
+    assert speeds[-1] == 0.0
+    assert braked == math.ceil(speeds[-braked - 1] / (2.0 * dt))
+    assert np.abs(np.diff(path.velocities[-braked - 1 :], axis=0)).max() <= 2.0 * dt * (1 + 1e-9)
 
 
 def test_a_plans_paces_are_the_steps_of_its_clock_also_in_a_bridge() -> None:
@@ -140,18 +141,6 @@ def hurried(dt: float) -> tuple[np.ndarray, np.ndarray]:
     twists = np.zeros((len(seconds), 6))
     twists[:, 1] = 0.12 * 2 * math.pi / 0.6 * np.sin(2 * math.pi * seconds / 0.6)
     return poses, twists
-
-
-def test_a_plan_takes_little_more_than_its_hands_way_does_at_the_largest_speed(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    path = tracker(5e-3).plan(*hurried(5e-3), motions.START)
-    way = np.linalg.norm(np.diff(path.poses[:, :3, 3], axis=0), axis=1).sum()
-    assert way == pytest.approx(4 * 0.24, abs=5e-3)
-    assert path.complete
-    assert path.times[-1] <= 1.15 * way / 0.25
-    monkeypatch.setattr(mirror_plan, "retimed", lambda tracker, plan, left: plan)
-    assert path.times[-1] < 0.97 * tracker(5e-3).plan(*hurried(5e-3), motions.START).times[-1]
 
 
 def test_a_plan_that_stands_before_it_counts_what_it_cannot_turn_is_passed_sooner(

@@ -97,7 +97,7 @@ def test_no_command_moves_the_hand_faster_than_its_bound_wherever_targets_jump(
         chain = SerialChain.from_urdf(GEN3, tip="end_effector_link", acceleration=2.0)
     rng, most = np.random.default_rng(65), [0.0, 0.0]
     lower, upper = np.maximum(chain.lower, -2.0), np.minimum(chain.upper, 2.0)
-    for _ in range(4):
+    for _ in range(2):
         robot = tracker(chain, dt=dt, linear_speed=0.25, angular_speed=1.0, limits=limits)
         q = rng.uniform(0.5 * lower, 0.5 * upper)
         for k in range(round(6.0 / dt)):

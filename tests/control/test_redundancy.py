@@ -74,12 +74,11 @@ def posture(rng: np.random.Generator, robot: MobileArm, fraction: float = 1.0) -
 
 
 # ---------------------------------------------------------------------------------------------- the published law
-@pytest.mark.parametrize("drive", DRIVES)
-@pytest.mark.parametrize("frame", ["chassis", "world"])
+@pytest.mark.parametrize(("drive", "frame"), [("mecanum", "world"), ("differential", "chassis")])
 def test_with_no_bound_active_the_command_is_the_published_law(drive: str, frame: str) -> None:
     rng, robot, compared = np.random.default_rng(seed_of_the_code()), unhurried(drive), 0
     law = PseudoinverseLaw(robot.robot, drive=drive)  # type: ignore[arg-type]
-    sets = [tuple(str(each) for each in rng.permutation(EVERY_ROW)[: 1 + k % 3]) for k in range(6)]
+    sets = [tuple(str(each) for each in rng.permutation(EVERY_ROW)[: 1 + k % 3]) for k in range(4)]
     for k in range(40):
         rows = sets[k % len(sets)]  # each is made when it is first asked for
         q, twist = posture(rng, robot.robot, 0.8), 0.05 * rng.standard_normal(len(rows))
@@ -242,22 +241,6 @@ def test_a_chair_along_a_wall_that_it_is_within_stops_within_its_accelerations(t
         assert np.all(np.abs(u - last) <= 0.01 * robot.robot.chain.acceleration * (1 + 1e-9))
         assert (k != 299) or np.linalg.norm(u[:2]) > 0.1
         q, last = q + 0.01 * u, u
-
-
-def test_an_arm_that_is_held_at_a_limit_of_the_users_own_does_not_tremble() -> None:
-    """Its joints went to and fro in each tick: about the last velocity, a ball's tangents turned with it."""
-    middle, radius, dt, twist = ca.DM([0.728, -0.417, 0.746]), 0.179, 0.02, [0.0117, -0.009, 0.0842]
-
-    def outside(chain: SerialChain, q: ca.SX) -> ca.SX:
-        return (ca.sumsqr(chain.pose_expression(q)[:3, 3] - middle) - radius**2) / (2 * radius)
-
-    made, q, sent = new(drive="differential", dt=dt, limits=[Limit(outside)]), np.array(ARDIS_READY), []
-    for _ in range(round(10 / dt)):
-        sent.append(made.step(q, twist, ("x", "y", "z")).value)
-        q = q + dt * sent[-1]
-    assert made.robot.chain.pose(q)[2, 3] > made.robot.chain.pose(ARDIS_READY)[2, 3] + 0.01  # it went on along it
-    turned = np.array(sent[1:]) * sent[:-1] < -(0.01**2)
-    assert turned.sum(axis=0).max() <= 4
 
 
 RELEASED = {
