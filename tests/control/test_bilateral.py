@@ -11,7 +11,7 @@ import pytest
 from rehab_opt import ConfigurationError, Status
 from rehab_opt.control.bilateral import Bilateral
 from rehab_opt.control.bilateral_sides import FromHelper, FromParticipant, HelperSide, ParticipantSide
-from rehab_opt.control.force_tick import LEAP
+from rehab_opt.control.force_tick import LEAP, hear
 from rehab_opt.workspace.controller_map import ControllerMap
 from tests.refusals import refuses
 from tests.workspace.mapped import mapped, shape
@@ -137,6 +137,13 @@ def test_a_side_that_has_missed_many_messages_hears_the_second_again_and_nothing
             command, _ = two.step(at, FromHelper(*HELPER, 0.01, first + k))
             assert command.status is not Status.OK
             assert two.force.energy_left <= left
+
+
+@pytest.mark.parametrize("place", [1e6, -1e6, math.nan, 1e300])
+def test_a_message_of_a_place_where_no_hand_can_be_says_none(place: float) -> None:
+    told = hear(1)(0, 0, 0, [0.0, 1.0, 0.0, place])[2]  # energy, serial, place
+    assert np.isnan(np.array(told)).all()
+    assert np.array(hear(1)(0, 0, 0, [0.0, 1.0, 0.0, 0.999e6])[2]).tolist() == [[0.0], [0.999e6]]
 
 
 @pytest.mark.parametrize(

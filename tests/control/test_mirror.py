@@ -242,6 +242,7 @@ def test_without_its_bounds_it_is_the_pose_tracker() -> None:
         pose[:3, 3] += twist[:3] * ours.dt
         pose[:3, :3] = Rotation.from_rotvec(twist[3:] * ours.dt).as_matrix() @ pose[:3, :3]
     assert compared > 300
+    assert ours._live  # no clock is needed for the next tick
 
 
 def test_the_qp_can_be_inspected_and_its_floor_row_is_the_gradient() -> None:
