@@ -54,6 +54,23 @@ def test_near_an_empty_tank_the_force_does_not_buzz(max_age: float) -> None:
     assert np.abs(np.diff(sizes[200:])).max() < 0.05
 
 
+def test_a_clock_that_is_set_back_takes_no_time_from_what_acts_late() -> None:
+    """Beside a stamp that is repeated once, of a force that turns as the hand goes."""
+    left = []
+    for back in (0.0, 0.03):
+        force = BoundedForce(
+            lambda x, y, vx, vy: (20 * math.cos(150 * x), 20 * math.sin(150 * x)), actuation_delay=0.05, compile=False
+        )
+        x, stamp, sent = 0.0, 0.0, list[tuple[float, ...]]()
+        for k in range(400):
+            stamp += 1e-3 if k != 200 else -back
+            x += 0.9e-3 * (k % 100 < 70)
+            value = force.step([x, 0.0], stamp=stamp).value
+            sent.append((*value, force.energy_left))
+        left.append(sent)
+    np.testing.assert_allclose(left[1], left[0], rtol=0, atol=1e-9)
+
+
 def test_a_wanted_force_that_is_too_large_for_a_float_releases() -> None:
     huge = [0]
     force = BoundedForce(lambda *_: (huge[0], 0.0), compile=False)

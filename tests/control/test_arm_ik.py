@@ -259,11 +259,6 @@ class TestFollow:
         assert path.position_error[60] == pytest.approx(single.position_error, abs=1e-6)
         assert path.handle_tilt.max() <= TILT + 2e-9
 
-    def test_an_empty_path_is_followed(self) -> None:
-        path = SHARED.follow(np.zeros((0, 3)))
-        assert path.q.shape == (0, 8)
-        assert path.max_step == 0.0
-
     def test_a_single_bad_sample_does_not_end_a_path(self) -> None:
         broken = CIRCLE[:9].copy()
         broken[4] = np.nan

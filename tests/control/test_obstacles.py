@@ -5,7 +5,6 @@ the disc's centre from the polygon between them. It shares no formula with `appr
 """
 
 import math
-from functools import cache
 from typing import NamedTuple
 
 import casadi as ca
@@ -13,7 +12,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from rehab_opt import RedundancyResolver, ardis
+from rehab_opt import ardis
 from rehab_opt.control.chair_obstacles import ChairObstacles
 from rehab_opt.control.obstacles import NUMBERS, Disc, HalfPlane, Obstacle, approach, obstacle_numbers
 from rehab_opt.control.stopping import BrakingTogether
@@ -154,26 +153,6 @@ def test_no_twist_within_the_rows_takes_the_chair_in_or_deeper() -> None:
     still, inside, touching, turning = counts
     assert still < 0.4
     assert min(inside, touching, turning) > 0.1
-
-
-@cache
-def beside_a_post() -> RedundancyResolver:
-    return RedundancyResolver(ardis(), max_obstacles=1, row_sets=[("x", "y", "z")], compile=False)
-
-
-@pytest.mark.parametrize(("at", "radius"), [((0.55, 0.2), 0.02), ((0.55, 0.33), 0.0), ((0.05, 0.0), 0.02)])
-def test_a_post_on_or_under_the_outline_does_not_get_deeper(at: tuple[float, float], radius: float) -> None:
-    post, robot = Disc(at, radius), beside_a_post()
-    for forward, left in ((0.05, -0.2), (0.05, 0.2), (-0.2, 0.1), (0.1, 0.0)):
-        robot.reset()
-        robot.obstacles = (post,)
-        places, q = [ARDIS_READY[:3]], ARDIS_READY
-        for _ in range(50):
-            q = q + robot.dt * robot.step(q, [forward, left, 0.0]).value
-            places.append(q[:3])
-        gaps = np.minimum(clearances(robot.robot.outline, [post], np.array([places]))[0], 0.0)
-        assert np.all(np.diff(gaps) >= -ROUNDING)
-        assert np.abs(q - ARDIS_READY).max() > 1e-3  # it is not just stuck
 
 
 @pytest.mark.parametrize("dt", [0.02])

@@ -212,18 +212,6 @@ def test_a_hand_that_trembles_along_the_path_where_it_is_held_is_let_go(hertz: f
     assert line.progress < (0.06 + 2 * 0.005) / 0.15
 
 
-def test_a_hand_that_is_where_it_was_let_go_is_not_taken_in_by_another_branch_there() -> None:
-    path = np.array([[0.0, 0.0], [0.05, 0.0], [0.05, 0.03], [0.03, 0.03], [0.03, -0.1]])  # crosses itself at 0.03, 0
-    helper = along(path)
-    walk(helper, [[0.0, 0.0], [0.028, 0.0]])
-    let_go_at(helper, np.array([0.028, 0.003]))
-    walk(helper, [[0.028, 0.003], [0.0305, 0.0]])
-    assert helper.step([0.0305, 0.0]).status is Status.BLOCKED
-    walk(helper, [[0.0305, 0.0], [0.045, 0.0]])
-    settled(helper, np.array([0.045, 0.0]), 400)
-    assert helper.reference_progress * 0.23 == pytest.approx(0.045, abs=0.002)
-
-
 def test_the_help_ends_at_the_end_of_the_path() -> None:
     """The force fades within 0.3 s, and stays away wherever the hand goes."""
     helper = PathAssistance([[0.0, 0.0], [0.1, 0.0]], **GIVEN | {"stiffness": 5000.0}, **OPTIONS | {"dt": 0.02})  # type: ignore[arg-type]

@@ -30,7 +30,7 @@ from rehab_opt.control.watchdog import Watchdog
 from rehab_opt.kinematics.chain import per_joint
 from rehab_opt.kinematics.real_array import real_array
 from rehab_opt.kinematics.rigid import rigid
-from tests.control.every_controller import CASES, COMMANDING, POSE, READY, as_new, smoother
+from tests.control.every_controller import CASES, COMMANDING, as_new, smoother
 from tests.refusals import refuses
 
 INPUTS = [(name, k) for name in COMMANDING for k in range(len(CASES[name].inputs)) if (name, k) != ("bilateral", 1)]
@@ -115,12 +115,6 @@ class TestSmoother:
             command, expected = axes.step(moving), twin.step([-0.1, 0.0, 0.0])
         np.testing.assert_array_equal(command.value, expected.value)
         assert command.value[0] < 0
-
-
-def test_a_masked_force_is_no_force_that_may_be_followed() -> None:
-    tracker, _ = as_new("mirror_tracker")
-    force = np.ma.array([1.0, 0.0, 0.0], mask=[0, 1, 0])
-    assert tracker.step(READY, POSE, np.zeros(6), force=force).reason == "force is not a usable number"
 
 
 def test_a_masked_axis_of_the_stick_asks_for_nothing() -> None:
