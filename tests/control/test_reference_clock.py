@@ -120,7 +120,7 @@ def test_turns_between_poses_are_scipys(seed: int) -> None:
 
 
 @given(st.integers(0, 2**32 - 1))
-@settings(deadline=None, max_examples=8)
+@settings(deadline=None, max_examples=5)
 def test_what_is_laid_out_is_where_the_clock_comes_to(seed: int) -> None:
     rng = np.random.default_rng(seed)
     speeds = np.abs(np.cumsum(rng.normal(0.0, 0.05, 120)))

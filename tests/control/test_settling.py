@@ -66,15 +66,6 @@ def test_a_hand_that_runs_on_under_the_noise_is_let_go() -> None:
         assert not command.value.any()
 
 
-def test_a_hand_without_noise_is_let_go_in_the_tick_in_which_it_is_too_fast() -> None:
-    helper = BoundedForce(lambda *_: (5.0, 0.0), compile=False)
-    for k in range(500):
-        assert helper.step((0.2 * math.sin(2e-3 * k), 0.0)).status is Status.OK
-    command = helper.step((0.2 * math.sin(2e-3 * 499) + 1.2e-3, 0.0))
-    assert not command.value.any()
-    assert "position moved" in command.reason
-
-
 @pytest.mark.parametrize("seed", range(1))
 def test_a_force_not_felt_of_late_comes_gently_and_what_was_felt_as_fast_as_it_can(seed) -> None:
     rng = np.random.default_rng(seed)
