@@ -110,6 +110,19 @@ class TestReachable:
         )
 
 
+def test_as_many_starts_are_tried_as_are_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    search, tried = ik_search.IKSearch.posture_from, list[Array]()
+    monkeypatch.setattr(
+        ik_search.IKSearch,
+        "posture_from",
+        lambda self, at, *more, **how: tried.append(at) or search(self, at, *more, **how),
+    )
+    for starts in (1, 3):
+        tried.clear()
+        assert ArmIK(human_arm(), starts=starts, compile=False).solve(CIRCLE[0]).status is Status.OK
+        assert len(tried) == starts
+
+
 def give_up(monkeypatch: pytest.MonkeyPatch, *which: tuple[str, str]) -> None:
     """Let solvers that are made from now on end before their first step, by the names of their problem and solver."""
     made = ik_search.nlp_solver
