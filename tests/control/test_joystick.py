@@ -5,14 +5,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import strategies as st
 
 from rehab_opt import Joystick
 from rehab_opt.control.joystick import STICK_MODES, StickMode
 from rehab_opt.control.scanning import Scanning
 from tests.refusals import refuses
-
-hostile = st.one_of(st.floats(), st.sampled_from([math.nan, math.inf, -math.inf]))
 
 
 def let_go(stick: Joystick) -> Joystick:
