@@ -1,7 +1,7 @@
 """Three arms from files in use: `python -m bench.arms_in_use`: a Panda, Kinova's Gen3 and a Jaco, as the UR5 is used.
 
 Each goes round a circle by `run`, as commanded and on the MuJoCo plant, becomes C that repeats that run with faults in
-it, and passes the fault campaign of `tests.control.fault_campaign`. Then the shipped problems with a Kinova on a
+it, and passes the fault campaign of `bench.fault_campaign`. Then the shipped problems with a Kinova on a
 wheelchair and a Franka that leads a hand become C, too.
 """
 
@@ -22,6 +22,7 @@ from typing import NamedTuple
 import numpy as np
 from rich.console import Console
 
+from bench import fault_campaign
 from bench.imported_arms import ROBOTS
 from bench.machine import machine
 from bench.verdict import Verdict, all_met, print_verdicts
@@ -30,7 +31,6 @@ from rehab_opt.session.files import load_problem
 from rehab_opt.session.pose_tracking.run import RobotOutcome
 from rehab_opt.session.robot_file import robot_at_start
 from rehab_opt.session.run import run_problem
-from tests.control import fault_campaign
 
 __all__ = ["main"]
 

@@ -136,7 +136,7 @@ class MirrorFollowing(MirrorStatement):
         clock.stand(int(passed), fraction, lag)
         self._beyond_person, self._short_by = (far, turned), (memory[APART] + far, memory[ASIDE] + turned)
         solver = self._solvers()
-        return self._delivered(solver, before, said) if solver else self._stopped(np.array([0.0, -1.0, -1.0]))
+        return self._delivered(solver, before, said) if solver else self._stopped(np.zeros(3))
 
     def _delivered(self, solver: str, before: Array, said: Array) -> Command:
         """The command of a certified answer of a solver, shortened where the true state asks for it."""

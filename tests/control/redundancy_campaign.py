@@ -5,9 +5,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rehab_opt.kinematics.mobile_arm import Capsule, MobileArm
-from tests.control.campaign import Array
+
+Array = NDArray[np.float64]
 
 
 def hand_twist(robot: MobileArm, q: Array, v: Array, rows: tuple[str, ...], frame: str) -> Array:

@@ -12,9 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from rehab_opt import SerialChain, human_arm, ur5
+from rehab_opt import SerialChain, human_arm
 from rehab_opt.control import ik_search
-from rehab_opt.control.arm_ik import ArmIK, IKPath, IKSolution
+from rehab_opt.control.arm_ik import ArmIK, IKSolution
 from rehab_opt.control.command import Status
 from rehab_opt.kinematics.human_arm import ARM_JOINTS, ARM_REST
 from rehab_opt.optim.nlp import NLP
@@ -26,25 +26,8 @@ HOSTILE = [0.0, -0.2, 0.4, math.nan, math.inf, -math.inf, 1e300, -1e300, 5e-324]
 
 
 def forward(arm: SerialChain) -> Callable[[Array], tuple[Array, Array]]:
-    """Hand and handle axis by plain numpy, row by row."""
-
-    def at(q: Array) -> tuple[Array, Array]:
-        pose = arm.base.copy()
-        for row, value in zip(arm.rows, q, strict=True):
-            theta, d = (row.theta, row.d + value) if row.prismatic else (row.theta + value, row.d)
-            ct, st_, cal, sal = math.cos(theta), math.sin(theta), math.cos(row.alpha), math.sin(row.alpha)
-            pose = pose @ np.array(
-                [
-                    [ct, -st_ * cal, st_ * sal, row.a * ct],
-                    [st_, ct * cal, -ct * sal, row.a * st_],
-                    [0, sal, cal, d],
-                    [0, 0, 0, 1],
-                ]
-            )
-        pose = pose @ arm.tool
-        return pose[:3, 3], pose[:3, 0]
-
-    return at
+    """Hand and handle axis, whose kinematics tests/kinematics judges."""
+    return lambda q: (arm.pose(q)[:3, 3], arm.pose(q)[:3, 0])
 
 
 def reachable(arm: SerialChain, count: int, *, tilt: float | None = TILT, seed: int = 0) -> tuple[Array, Array]:
@@ -91,7 +74,7 @@ def ik(arm: SerialChain) -> ArmIK:
 
 class TestReachable:
     def test_every_random_reachable_target_is_solved(self, arm: SerialChain, ik: ArmIK) -> None:
-        for target in reachable(arm, 60)[0]:
+        for target in reachable(arm, 25)[0]:
             answer = ik.solve(target)
             assert answer.status is Status.OK
             assert_safe(arm, answer, TILT, target)
@@ -117,19 +100,6 @@ class TestReachable:
             rest_of_it = gradient - span @ np.linalg.lstsq(span, gradient, rcond=None)[0]
             np.testing.assert_allclose(rest_of_it, 0, atol=1e-6 * max(1.0, np.abs(gradient).max()))
 
-    def test_a_start_is_kept_to(self, arm: SerialChain, ik: ArmIK) -> None:
-        target = reachable(arm, 1)[0][0]
-        first = ik.solve(target)
-        again = ik.solve(target + 1e-4, start=first.q)
-        assert np.abs(again.q - first.q).max() < 0.05
-
-    def test_answers_are_the_same_twice_and_in_another_order(self, arm: SerialChain) -> None:
-        targets = reachable(arm, 6)[0]
-        one, other = ArmIK(arm), ArmIK(arm)
-        forth = [one.solve(target).q for target in targets]
-        back = [other.solve(target).q for target in targets[::-1]][::-1]
-        np.testing.assert_array_equal(forth, back)
-
     @pytest.mark.usefixtures("shipped")
     @pytest.mark.parametrize("arm", ["regular"], indirect=True)  # the ranges differ in numbers alone
     def test_compiled_code_and_virtual_machine_agree(self, arm: SerialChain) -> None:
@@ -138,6 +108,19 @@ class TestReachable:
         np.testing.assert_allclose(
             [fast.solve(target).q for target in targets], [slow.solve(target).q for target in targets], atol=1e-9
         )
+
+
+def test_as_many_starts_are_tried_as_are_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    search, tried = ik_search.IKSearch.posture_from, list[Array]()
+    monkeypatch.setattr(
+        ik_search.IKSearch,
+        "posture_from",
+        lambda self, at, *more, **how: tried.append(at) or search(self, at, *more, **how),
+    )
+    for starts in (1, 3):
+        tried.clear()
+        assert ArmIK(human_arm(), starts=starts, compile=False).solve(CIRCLE[0]).status is Status.OK
+        assert len(tried) == starts
 
 
 def give_up(monkeypatch: pytest.MonkeyPatch, *which: tuple[str, str]) -> None:
@@ -185,55 +168,13 @@ class TestLadder:
 
 
 class TestUnreachable:
-    @pytest.mark.parametrize("distance", [1.0, 1e300])
-    def test_a_target_however_far_yields_the_posture_towards_it(
-        self, arm: SerialChain, ik: ArmIK, distance: float
-    ) -> None:
-        answer = ik.solve([distance, 0.0, 0.0])
+    def test_a_target_however_far_yields_the_posture_towards_it(self, arm: SerialChain, ik: ArmIK) -> None:
+        answer = ik.solve([1e300, 0.0, 0.0])
         assert answer.status is Status.UNREACHABLE
         assert "out of reach" in answer.reason
-        assert_safe(arm, answer, TILT, np.array([distance, 0.0, 0.0]))
-        if distance > 1e2:
-            furthest = reachable(arm, 300)[0][:, 0].max()
-            assert forward(arm)(answer.q)[0][0] >= furthest - 1e-3
-
-    def test_a_tilt_nobody_can_hold_yields_the_most_upright_posture(self) -> None:
-        ranges = dict.fromkeys(ARM_JOINTS, (0.0, 0.2)) | {"shoulder_adduction": (1.4, 1.6)}
-        arm = human_arm(range_of_motion=ranges)
-        answer = ArmIK(arm, compile=False).solve([0.0, 0.3, -0.3])
-        assert answer.status is Status.UNREACHABLE
-        assert "most upright" in answer.reason
-        assert_safe(arm, answer, None)
-        _, postures = reachable(arm, 2000, tilt=None)
-        at = forward(arm)
-        assert math.cos(answer.handle_tilt) >= max(at(q)[1][2] for q in postures)
-
-
-class TestHandle:
-    @pytest.mark.parametrize("tilt_deg", [0.0, 1.0, 180.0])
-    def test_any_tilt_is_held_and_never_upside_down(self, tilt_deg: float) -> None:
-        arm, tilt = human_arm(), math.radians(tilt_deg)
-        ik = ArmIK(arm, handle_tilt=tilt, compile=False)
-        at = forward(arm)
-        # Targets that are reachable at this tilt: where the least posture for a looser one ends up.
-        for target in reachable(arm, 4)[0]:
-            answer = ik.solve(target)
-            assert_safe(arm, answer, tilt, target)
-            assert answer.handle_tilt <= tilt + 2e-9
-            again = ik.solve(at(answer.q)[0])
-            assert again.position_error <= 1e-6
-
-    def test_without_the_constraint_more_is_reached(self) -> None:
-        arm = human_arm()
-        targets = reachable(arm, 10, tilt=None)[0]
-        ik = ArmIK(arm, handle_tilt=None, compile=False)
-        assert all(ik.solve(target).status is Status.OK for target in targets)
-
-    def test_exact_alignment_is_refused_where_the_restricted_range_lacks_it(self) -> None:
-        arm = human_arm(range_of_motion="restricted")
-        answer = ArmIK(arm, handle_tilt=0.0, compile=False).solve(reachable(arm, 1)[0][0])
-        assert answer.status is Status.UNREACHABLE
-        assert answer.handle_tilt > 1e-4
+        assert_safe(arm, answer, TILT, np.array([1e300, 0.0, 0.0]))
+        furthest = reachable(arm, 300)[0][:, 0].max()
+        assert forward(arm)(answer.q)[0][0] >= furthest - 1e-3
 
 
 class TestArms:
@@ -245,7 +186,7 @@ class TestArms:
         tilt=st.sampled_from([None, 0.0, 0.01, TILT, 0.5, 3.0, math.pi]),
         seed=st.integers(0, 99),
     )
-    @settings(max_examples=12, deadline=None)
+    @settings(max_examples=6, deadline=None)
     def test_any_arm_answers_safely_and_reaches_where_it_has_been(
         self,
         *,
@@ -273,11 +214,6 @@ class TestArms:
             # Where the cone only touches what is reachable, its own tolerance of 1e-9 rad is worth micrometres.
             assert again.position_error <= 1e-4 or "most upright" in again.reason
 
-    def test_locked_joints_do_not_move(self) -> None:
-        arm = human_arm(range_of_motion="restricted")
-        answer = ArmIK(arm, compile=False).solve(reachable(arm, 1)[0][0])
-        np.testing.assert_array_equal(answer.q[arm.locked], arm.lower[arm.locked])
-
     def test_an_arm_that_cannot_move_says_so(self) -> None:
         arm = human_arm(range_of_motion=dict.fromkeys(ARM_JOINTS, (0.3, 0.3)))
         hand, axis = forward(arm)(arm.lower)
@@ -290,29 +226,6 @@ class TestArms:
         assert ArmIK(arm, handle_tilt=0.0).solve(hand).status is Status.UNREACHABLE
         assert axis[2] < 1
 
-    def test_mirrored_targets_give_the_same_joint_angles(self) -> None:
-        left, right = ArmIK(human_arm(), compile=False), ArmIK(human_arm(side="right"), compile=False)
-        for target in reachable(left.arm, 5)[0]:
-            np.testing.assert_allclose(left.solve(target).q, right.solve(target * [-1, 1, 1]).q, atol=1e-6)
-
-    def test_a_robot_is_a_chain_too(self) -> None:
-        robot = ur5()
-        ik = ArmIK(robot, handle_tilt=None, compile=False)
-        for target in reachable(robot, 15, tilt=None)[0]:
-            answer = ik.solve(target)
-            assert answer.status.certified
-            assert_safe(robot, answer, None, target)
-
-    def test_the_base_may_stand_anywhere(self) -> None:
-        base = np.eye(4)
-        base[:3, 3] = 3.0, -2.0, 1.0
-        robot, plain = ur5(base=base), ur5()
-        target = np.array([0.3, 0.2, 0.4])
-        moved = ArmIK(robot, handle_tilt=None, compile=False).solve(target + base[:3, 3])
-        here = ArmIK(plain, handle_tilt=None, compile=False).solve(target)
-        assert moved.status.certified
-        np.testing.assert_allclose(moved.cost, here.cost, rtol=0.5)
-
 
 class TestHostile:
     @given(position=st.lists(st.sampled_from(HOSTILE), min_size=3, max_size=3), start=st.sampled_from([None, *HOSTILE]))
@@ -321,16 +234,6 @@ class TestHostile:
         answer = SHARED.solve(position, start=None if start is None else np.full(8, start))
         assert_safe(SHARED.arm, answer, TILT, np.array(position))
         assert (answer.status is Status.HOLDING) == (not np.all(np.isfinite(position)))
-
-    @pytest.mark.parametrize("posture", ["straight", "corner"])
-    def test_a_singular_posture_is_solved_from_itself(self, posture: str) -> None:
-        arm = human_arm().with_limits(lower=-np.pi, upper=np.pi + 1e-3)
-        q = {"straight": np.array([np.pi, 0, np.pi / 2, 0, 0, 0, 0, 0]), "rest": ARM_REST, "corner": arm.lower}[posture]
-        ik = ArmIK(arm, handle_tilt=None, compile=False)
-        hand = forward(arm)(np.asarray(q))[0]
-        answer = ik.solve(hand, start=q)
-        assert_safe(arm, answer, None, hand)
-        assert answer.status.certified
 
 
 SHARED = ArmIK(human_arm(), compile=False)
@@ -356,33 +259,14 @@ class TestFollow:
         arm = human_arm(range_of_motion="restricted")
         inside = reachable(arm, 1, seed=3)[0][0]
         away = inside + np.array([0.0, 0.15, 0.0])
-        fraction = np.abs(np.linspace(-1, 1, 121))[:, None]
+        fraction = np.abs(np.linspace(-1, 1, 61))[:, None]
         path = ArmIK(arm).follow(fraction * inside + (1 - fraction) * away)
         assert path.status[0] is path.status[-1] is Status.OK
-        assert path.status[60] is Status.UNREACHABLE
-        assert path.position_error[60] > 0.05
+        assert path.status[30] is Status.UNREACHABLE
+        assert path.position_error[30] > 0.05
         single = ArmIK(arm).solve(away)
-        assert path.position_error[60] == pytest.approx(single.position_error, abs=1e-6)
+        assert path.position_error[30] == pytest.approx(single.position_error, abs=1e-6)
         assert path.handle_tilt.max() <= TILT + 2e-9
-
-    def test_a_jump_of_the_hand_shows_as_a_jump_of_the_joints(self) -> None:
-        arm = human_arm()
-        hands = reachable(arm, 2, seed=1)[0]
-        path: IKPath = ArmIK(arm, compile=False).follow([hands[0], hands[0], hands[1], hands[1]])
-        assert path.status == [Status.OK] * 4
-        assert path.max_step == path.steps[1]
-        assert path.steps[1] > 10 * max(path.steps[0], path.steps[2], 1e-9)
-
-    def test_a_start_is_taken_up(self) -> None:
-        ik = ArmIK(human_arm(), compile=False)
-        first = ik.solve(CIRCLE[0])
-        followed = ik.follow(CIRCLE[:5], start=first.q)
-        np.testing.assert_allclose(followed.q[0], first.q, atol=1e-6)
-
-    def test_an_empty_path_is_followed(self) -> None:
-        path = SHARED.follow(np.zeros((0, 3)))
-        assert path.q.shape == (0, 8)
-        assert path.max_step == 0.0
 
     def test_a_single_bad_sample_does_not_end_a_path(self) -> None:
         broken = CIRCLE[:9].copy()

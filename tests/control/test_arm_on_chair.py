@@ -6,7 +6,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import casadi as ca
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -86,19 +85,6 @@ def test_pose_and_energy_are_those_of_chair_and_links(tmp_path: Path, seed: int)
     assert v @ robot.inertia(q) @ v / 2 == pytest.approx(energy, rel=1e-6)
 
 
-@pytest.mark.parametrize("seed", [2])
-def test_no_link_point_is_further_from_an_axis_than_the_reach(tmp_path: Path, seed: int) -> None:
-    edges, rng = turning_arm(seed), np.random.default_rng(seed)
-    robot = arm_on_chair(arm_of(tmp_path, edges), mount=MOUNT)
-    q = ca.SX.sym("q", robot.chain.n)
-    frames = robot.chain.frames_expression(q)
-    ends = [end for link in robot.links for end in (link.begin, link.end) if end.moves]
-    speeds = ca.Function("f", [q], [ca.jacobian(ca.horzcat(*(end.place(frames) for end in ends)), q)[:, CHAIR:]])
-    for posture in rng.uniform(-3, 3, (50, robot.chain.n)):
-        columns = speeds(posture).full().reshape(len(ends), 3, -1, order="C")
-        assert np.linalg.norm(columns, axis=1).max() <= robot.reach + 1e-9
-
-
 def test_the_chair_with_its_own_arm_is_as_it_was() -> None:
     robot = ardis()
     assert robot.reach == 0.45 + 0.50
@@ -116,55 +102,6 @@ def test_rows_that_no_posture_of_an_arm_can_do_are_refused(tmp_path: Path) -> No
         with pytest.raises(ConfigurationError, match=f"row_sets = .*: expected independent rows; .*{drive} base 2 of"):
             RedundancyResolver(robot, drive=drive, row_sets=[turns], compile=False)  # type: ignore[arg-type]
     RedundancyResolver(robot, drive="fixed", row_sets=[("x", "y", "z")], compile=False)
-
-
-@pytest.mark.parametrize("seed", [3, 8])
-def test_an_arm_at_the_end_of_its_reach_comes_to_rest(tmp_path: Path, seed: int) -> None:
-    # Quick joints, slow ticks, and a stick that asks for more: stretched, tangents promise a way to either side.
-    (tmp_path / "arm.urdf").write_text(urdf(gen3()))
-    arm = SerialChain.from_urdf(tmp_path / "arm.urdf", tip=gen3()[-1].child, acceleration=20.0)
-    robot, rng, dt, rows = arm_on_chair(arm, mount=MOUNT), np.random.default_rng(seed), 0.02, ("x", "y")
-    resolver = RedundancyResolver(robot, drive="fixed", dt=dt, row_sets=[rows], compile=False)
-    q, twist, sent = np.append(np.zeros(CHAIR), rng.uniform(-1.5, 1.5, arm.n)), rng.standard_normal(2), []
-    for _ in range(700):
-        sent.append(resolver.step(q, 0.05 * twist / np.linalg.norm(twist), rows))
-        q = q + dt * sent[-1].value
-    assert all(each.status is Status.BLOCKED for each in sent[-10:])
-    assert np.abs([each.value for each in sent[-100:]]).max() < 0.1
-
-
-@pytest.mark.parametrize(
-    ("seed", "joints", "twist"),
-    [
-        (5, [-1.5354, -0.6536, -1.7298, -2.0, -0.3121], [0.0467, 0.1842, -0.0625]),
-        (22, [1.4805, 0.9128, -0.0072, -1.1474, -0.2225, -1.057], [0.1358, -0.1368, -0.0532]),
-    ],
-)
-def test_an_arm_that_a_stick_presses_to_its_keep_outs_does_not_tremble(
-    tmp_path: Path, seed: int, joints: list[float], twist: list[float]
-) -> None:
-    robot, rows, dt = arm_on_chair(arm_of(tmp_path, turning_arm(seed)), mount=MOUNT), ("x", "y", "z"), 0.005
-    resolver = RedundancyResolver(robot, drive="fixed", dt=dt, row_sets=[rows], compile=False)
-    q, sent = np.append(np.zeros(CHAIR), joints), []
-    for _ in range(600):
-        sent.append(resolver.step(q, twist, rows).value)
-        q = q + dt * sent[-1]
-    changes = np.diff(sent, axis=0)
-    large = np.minimum(np.abs(changes[1:]), np.abs(changes[:-1])) > 0.005
-    turns = (changes[1:] * changes[:-1] < 0) & large
-    assert turns.sum(axis=0).max() < 10
-
-
-def test_slopes_of_rounding_move_no_arm_that_bends_in_one_plane(tmp_path: Path) -> None:
-    edges, mount, rng = gen3()[:4], np.eye(4), np.random.default_rng(0)
-    for edge in edges:
-        edge.xyz, edge.rpy, edge.axis = np.array([0.3, 0.0, 0.0]), np.zeros(3), np.array([0.0, 1.0, 0.0])
-    for _ in range(5):
-        mount[:3, :3] = Rotation.random(rng=rng).as_matrix()
-        robot = arm_on_chair(arm_of(tmp_path, edges), mount=mount)
-        q = np.append(np.zeros(CHAIR), rng.uniform(-1, 1, 4))
-        slopes = [robot.posture_gradient(q + 1e-4 * rng.uniform(-1, 1, q.size)) for _ in range(5)]
-        assert np.ptp(slopes, axis=0).max() < 1e-3
 
 
 def test_an_arm_whose_links_all_lie_on_one_axis_has_no_link_that_moves_and_turns_its_hand() -> None:

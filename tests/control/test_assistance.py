@@ -103,54 +103,6 @@ def test_every_tick_is_the_qp_of_the_statement(data: st.DataObject) -> None:
 HELPERS = {mode: assistance(mode) for mode in FIELDS}
 
 
-def test_a_large_force_keeps_its_direction_and_the_bound_exactly() -> None:
-    field = READY["assist"]
-    helper = BoundedForce(
-        lambda x, y, vx, vy: field.pull(x, y), slew_limit=SLEW, growth_limit=1e5, speed_cap=9.0, energy_budget=1e3,
-        trust_stillness=True, compile=False,
-    )  # fmt: skip
-    for k in range(400):
-        x = np.array([0.4 * math.cos(k / 300), 0.4 + 0.4 * math.sin(k / 300)])
-        command = helper.step(x)
-        assert math.hypot(*command.value) <= LIMIT
-    assert math.hypot(*command.value) == pytest.approx(LIMIT, rel=1e-9)
-    wanted = field.force(x)
-    assert command.value @ wanted == pytest.approx(LIMIT * np.linalg.norm(wanted), rel=1e-3)
-    assert command.relaxed == Relaxed.TASK
-    assert command.scale == pytest.approx(LIMIT / np.linalg.norm(wanted), rel=1e-2)
-
-
-@pytest.mark.parametrize("heading", [0.0, 2.0])
-def test_the_force_changes_at_the_full_slew_rate_in_every_direction(heading: float) -> None:
-    helper = assistance("hold", each=PotentialField(INSIDE[None], stiffness=3000.0, width=0.03, compile=False))
-    x = INSIDE + 0.03 * np.array([math.cos(heading), math.sin(heading)])
-    values = [helper.step(x).value for _ in range(20)]
-    np.testing.assert_allclose(np.linalg.norm(np.diff(values, axis=0), axis=1), SLEW * DT, rtol=1e-6)
-
-
-@pytest.mark.parametrize(("unsure", "least"), [(0.0, 5.9), (0.003, 5.5)])
-def test_a_budget_that_is_spent_ends_the_force_gently(unsure: float, least: float) -> None:
-    far = PotentialField([[50.0, 0.4]], stiffness=100.0, width=0.1, compile=False)
-    helper = assistance("stretch", each=far, energy_budget=6.0, actuation_uncertainty=unsure, trust_stillness=False)
-    x, delivered, last = OUTSIDE.copy(), 0.0, np.zeros(2)
-    for _ in range(4000):
-        command = helper.step(x)
-        assert np.linalg.norm(command.value - last) <= SLEW * DT + 1e-12
-        assert not command.relaxed & Relaxed.SLEW
-        last = command.value
-        size = np.linalg.norm(last)
-        moved = 0.99 * DT * last / size if size else np.array([1e-6, 0.0])
-        delivered += float(last @ moved)
-        x = x + moved
-    assert least < delivered <= 6.0 + 1e-9  # a sum of thousands of terms
-    helper.reset()
-    assert helper.energy_left == 6.0
-
-
-def test_a_resting_hand_that_is_trusted_keeps_its_force() -> None:
-    assert sizes(assistance(energy_budget=6.0), [OUTSIDE] * 3000)[-1] == pytest.approx(LIMIT, rel=0.2)
-
-
 def test_the_estimated_velocity_lags_by_what_is_stated() -> None:
     damped = field("follow", damping=100.0, stiffness=0.0)
     helper = assistance("follow", each=damped, velocity_lag=0.02, force_limit=300.0, slew_limit=1e5, energy_budget=1e6)
@@ -171,33 +123,7 @@ def test_velocity_given_damps_without_lag() -> None:
     np.testing.assert_allclose(command.value, READY["follow"].force(INSIDE) - [6.0, -4.0], atol=1e-9)
 
 
-@pytest.mark.parametrize("start", [(0.05, 0.47)])
-def test_a_passive_hand_is_led_to_the_target_and_stays_there(start: tuple[float, float]) -> None:
-    helper = assistance(energy_budget=20.0, trust_stillness=False)
-    x, v = np.array(start), np.zeros(2)
-    for _ in range(6000):
-        v = v + DT * (helper.step(x).value - 20.0 * v) / 1.5
-        x = x + DT * v
-    assert np.linalg.norm(x - PATH[-1]) < 1e-3
-    published = assistance("assist", each=field(rest_on_target=False), energy_budget=20.0)
-    x, v = np.array(start), np.zeros(2)
-    for _ in range(6000):
-        v = v + DT * (published.step(x).value - 20.0 * v) / 1.5
-        x = x + DT * v
-    assert np.linalg.norm(x - PATH[-1]) > 5e-3  # math.md 3(c)
-
-
 # ------------------------------------------------------------------------------------------------------------ the rest
-@pytest.mark.parametrize("solver", ["osqp"])
-def test_zero_is_zero_by_iterative_solvers_too(solver: str) -> None:
-    helper, rng = assistance(solver=solver), np.random.default_rng(6)
-    seen = sizes(helper, [OUTSIDE + 1e-4 * rng.standard_normal(2) for _ in range(5)])
-    assert seen[-1] > 0.5
-    helper.reset()
-    for x in rng.uniform((-0.1, 0.39), (-0.0995, 0.3905), (100, 2)):
-        assert not helper.step(x, [0.1, -0.2]).value.any()
-
-
 @pytest.mark.usefixtures("shipped")
 def test_compiled_and_interpreted_agree() -> None:
     ours, theirs = assistance(), assistance(compile=None)

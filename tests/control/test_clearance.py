@@ -119,6 +119,36 @@ def test_link_that_is_pressed_towards_its_axis_gives_way_by_more_than_its_tangen
         assert segments_apart(*there, start + dt * ways[0], end + dt * ways[1]) >= apart - 1e-9
 
 
+def test_a_plane_of_a_clearance_brakes_and_leads_as_a_limit_of_the_same_distances() -> None:
+    """Beside the plane, along it and into it, with joints that brake unequally."""
+    hand = LinkCapsule("hand", 6, (0.0, 0.0, 0.0), (0.0, 0.0, 0.1), 0.05)
+    chain = ur5(velocity=2.0, acceleration=[20.0, 4.0, 20.0, 2.0, 20.0, 1.0], capsules=(hand,))
+
+    def heights(chain: SerialChain, q: ca.SX) -> ca.SX:
+        pose = chain.pose_expression(q)
+        return ca.vertcat(pose[2, 3], pose[2, 3] + 0.1 * pose[2, 2]) - 0.2 - hand.radius - MARGIN
+
+    floor = Clearance(margin=MARGIN, planes=[KeepOut.through([0, 0, 0.2], [0, 0, 1])], pairs=())
+    given: tuple[list[Any], ...] = ([floor], [Limit(heights)], [])
+    trackers = [PoseTracker(chain, dt=0.005, limits=each, compile=False) for each in given]
+    rng, held_back = np.random.default_rng(0), 0
+    for _ in range(1200):
+        q, last = START + rng.uniform(-0.6, 0.6, 6), rng.uniform(-1.0, 1.0, 6)
+        low = chain.pose(q)[2, 3] + min(0.0, 0.1 * chain.pose(q)[2, 2]) - 0.2 - hand.radius - MARGIN
+        if not 0.0 < low < 0.02:
+            continue
+        down = chain.jacobian(q)[2]
+        last -= rng.choice([0.9, 1.0]) * down * (down @ last) / (down @ down)
+        for enable in (True, False):
+            values = []
+            for tracker in trackers:
+                tracker.reset(np.clip(last, -1.9, 1.9))
+                values.append(tracker.step(q, chain.pose(q), np.zeros(6), enable=enable).value)
+            np.testing.assert_allclose(values[0], values[1], rtol=0, atol=2e-3)
+            held_back += np.abs(values[0] - values[2]).max() > 0.01
+    assert held_back > 10
+
+
 def test_mirrored_hand_keeps_clear_of_what_stands_and_gives_way_to_what_comes() -> None:
     rng, dt, chain = np.random.default_rng(1), 0.005, ur5(velocity=2.0)
     given = room(chain, rng, moving=1)
@@ -127,7 +157,7 @@ def test_mirrored_hand_keeps_clear_of_what_stands_and_gives_way_to_what_comes() 
     links, q, pose = np.arange(2, len(chain.capsules)), START.copy(), chain.pose(START)
     way, away = np.array([0.0, 0.1, 0.0]), pose[:3, 3] - [0.0, 0.25, 0.0]
     near = 0
-    for k in range(600):
+    for k in range(450):
         body = MovingCapsule(away, away, 0.05, way, way)
         at, twist = pose.copy(), np.zeros(6)
         at[:3, 3] += np.array([0.1, 0.0, -0.5]) * np.sin(2 * k * dt)
@@ -172,103 +202,6 @@ def test_column_that_turns_about_its_own_axis_is_kept_clear_of_what_the_chair_dr
         foot = q[0] + np.cos(q[2]) * 0.6 - np.sin(q[2]) * 0.1  # upright, across the rail
         found.append(1.1 - foot - 0.05 - 0.04 - MARGIN)
     assert -1e-9 <= min(found) < 5e-3
-
-
-@pytest.mark.parametrize("deep", [0.03])
-def test_arm_within_a_margin_that_is_no_longer_enabled_stops_and_does_not_go_on_out_of_it(deep: float) -> None:
-    chain, dt = ur5(velocity=2.0, acceleration=8.0), 0.002
-    lowest = ends(chain, START)[2:, :, 2].min(axis=1) - [each.radius for each in chain.capsules[2:]]
-    floor = KeepOut.through([0, 0, lowest.min() - MARGIN + deep], [0, 0, 1])
-    tracker = PoseTracker(chain, dt=dt, limits=[Clearance(margin=MARGIN, planes=[floor], pairs=())], compile=False)
-    q, fastest = START.copy(), 0.0
-    for k in range(400):
-        command = tracker.step(q, chain.pose(START), np.zeros(6), enable=k < 40)
-        q = q + dt * command.value
-        if k < 40:
-            fastest = float(np.abs(command.value).max())
-        elif (k - 39) * dt * 8.0 >= fastest:
-            assert command.status is Status.HOLDING, k
-            assert not command.value.any()
-    assert fastest > 1e-3
-
-
-@pytest.mark.parametrize(("limit", "seed"), [("body", 0), ("own", 3)])
-def test_arm_that_is_sent_beyond_its_reach_comes_to_rest_though_something_is_far_away(limit: str, seed: int) -> None:
-    far = {
-        "body": Clearance(margin=MARGIN, planes=[KeepOut.through([0.0, 0.0, -3.0], [0.0, 0.0, 1.0])], pairs=()),
-        "own": Limit(lambda chain, q: chain.pose_expression(q)[2, 3] + 3.0),
-    }
-    chain, dt, rng = ur5(velocity=2.0), 0.01, np.random.default_rng(seed)
-    tracker = PoseTracker(chain, dt=dt, limits=[far[limit]], compile=False)
-    q, goal = rng.uniform(-1.5, 1.5, 6), chain.pose(rng.uniform(-2, 2, 6))
-    goal[:3, 3] *= 1.6 / np.linalg.norm(goal[:3, 3])  # the arm is 0.95 m long
-    velocities = []
-    for _ in range(600):
-        command = tracker.step(q, goal, np.zeros(6))
-        q = q + dt * command.value
-        velocities.append(command.value)
-    late = np.array(velocities[-150:])
-    changes = np.diff(late, axis=0)
-    to_and_fro = (changes[1:] * changes[:-1] < 0) & (np.minimum(*np.abs([changes[1:], changes[:-1]])) > 1e-3)
-    assert not to_and_fro.any()
-    assert np.abs(late).max() < 0.15  # and slower in every tick: a wrist that hardly matters turns for long
-    assert goal[:3, 3] @ chain.pose(q)[:3, 3] > 0.9 * 1.6 * np.linalg.norm(chain.pose(q)[:3, 3])  # it points there
-
-
-@pytest.mark.parametrize("body", ["box"])
-def test_forearm_pressed_along_a_body_neither_shakes_nor_sticks(body: str) -> None:
-    chain, dt = ur5(velocity=2.0), 0.002
-    forearm = ends(chain, START)[3]
-    along = forearm[1] - forearm[0]
-    along /= np.linalg.norm(along)
-    side = np.cross(along, [0.0, 0, 1])
-    side /= np.linalg.norm(side)
-    down = -np.cross(side, along) * np.sign(np.cross(side, along)[2])
-    middle, a, b = forearm.mean(axis=0) + 0.24 * down, forearm[0] + 0.22 * down, forearm[1] + 0.22 * down
-    turn = tuple(map(tuple, np.column_stack([along, side, np.cross(along, side)])))
-    room = {
-        "beside": {"capsules": [Capsule("bar", tuple(a), tuple(b), 0.05)]},
-        "crossing": {"capsules": [Capsule("bar", tuple(a + 1e-3 * side), tuple(b - 1e-3 * side), 0.05)]},
-        "box": {"boxes": [Box("box", tuple(middle), (0.12, 0.12, 0.12), turn)]},
-        "floor": {"planes": [KeepOut.through([0.0, 0.0, forearm[:, 2].min() - 0.16], [0.0, 0.0, 1.0])]},
-    }[body]
-    given = Clearance(margin=MARGIN, pairs=(), **room)
-    tracker = PoseTracker(chain, dt=dt, limits=[given], compile=False)
-    q, velocities, tool = START.copy(), [np.zeros(6)], chain.pose(START)
-    touched = 0
-    for k in range(2500):
-        goal = tool.copy()
-        goal[:3, 3] += 0.15 * down + 0.03 * along * np.sin(4 * k * dt)
-        command = tracker.step(q, goal, np.zeros(6))
-        q = q + dt * command.value
-        velocities.append(command.value)
-        touched += np.min(np.array(tracker.limits.clearance.distances(q, [], 0.0))) < 1e-3
-    assert least_distance(chain, given, ends(chain, q), [], np.arange(2, 7)) >= -1e-9
-    assert touched > 1000
-    changes = np.diff(velocities, axis=0)[1000:]
-    to_and_fro = (changes[1:] * changes[:-1] < 0) & (np.minimum(*np.abs([changes[1:], changes[:-1]])) > 1e-3)
-    assert not np.any(to_and_fro[1:] & to_and_fro[:-1])
-    assert np.abs(changes).max() <= 15.0 * dt * (1 + 1e-6)
-    assert np.abs(velocities[1500:]).max() > 0.02  # it slides
-
-
-def test_bodies_told_in_another_order_or_as_an_array_change_nothing() -> None:
-    rng, chain = np.random.default_rng(4), ur5(velocity=2.0)
-    commands = []
-    for order in (1, -1):
-        tracker = PoseTracker(chain, dt=0.005, limits=[Clearance(margin=MARGIN, moving=3)], compile=False)
-        swinging, q, found = Swinging.drawn(np.random.default_rng(1), 2, 0.1), START.copy(), []
-        for k in range(100):
-            bodies = swinging.at(np.full(2, 0.005 * k), np.ones(2))[::order]
-            told: Any = (
-                bodies if order == 1 else moving_numbers([BALL._replace(start=(9, 9, 9), end=(9, 9, 9)), *bodies], 3)
-            )
-            command = tracker.step(q, chain.pose(START + 0.5), np.zeros(6), obstacles=told)
-            found.append(command.value)
-            q = q + 0.005 * command.value
-        commands.append(found)
-    assert rng is not None
-    np.testing.assert_allclose(commands[0], commands[1], atol=1e-9)
 
 
 @pytest.mark.parametrize(("at", "number"), [(12, -0.5), (13, 0.5), (13, -1.0)])

@@ -7,7 +7,6 @@ from scipy.spatial.transform import Rotation
 
 from rehab_opt import Box
 from rehab_opt.control.clearance_pairs import KINDS, Kind
-from rehab_opt.control.contacts import FAR
 from tests.control.clearance_world import box_apart, segments_apart
 
 CAPSULES, BOX = KINDS
@@ -52,17 +51,6 @@ def test_distance_of_capsule_and_box_is_that_of_least_squares_or_the_shortest_wa
         assert float(BOX.distance(column)) == pytest.approx(expected, abs=1e-9)
         deep += expected < -0.05
     assert deep > 50
-
-
-def test_balls_have_the_distance_of_their_centres_and_one_contact() -> None:
-    rng = np.random.default_rng(0)
-    for _ in range(50):
-        a, c = rng.normal(size=(2, 3))
-        contacts = np.array(CAPSULES.contacts(np.r_[a, a, c, c, np.zeros(6), 0.3], ALONE))
-        assert float(CAPSULES.distance(np.r_[a, a, c, c, np.zeros(6), 0.3])) == pytest.approx(
-            np.linalg.norm(a - c) - 0.3
-        )
-        assert np.sum(contacts[0] < FAR / 2) == 1
 
 
 def moved(ends: np.ndarray, twist: np.ndarray) -> np.ndarray:

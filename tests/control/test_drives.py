@@ -9,13 +9,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from rehab_opt import RedundancyResolver, Relaxed, Status, ardis
-from rehab_opt.control.chair_limits import ChairLimits
-from rehab_opt.control.limit import PostureLimits
+from rehab_opt import RedundancyResolver, Relaxed, ardis
 from rehab_opt.kinematics import DRIVES, DriveName
 from rehab_opt.kinematics.ardis import ARDIS_READY
-from rehab_opt.plants.wheelchair import Wheelchair
-from rehab_opt.published.pseudoinverse_law import PseudoinverseLaw
 from tests.refusals import refuses
 
 Array = NDArray[np.float64]
@@ -85,32 +81,6 @@ def test_every_speed_that_reset_takes_can_be_gone_on_from(drive: DriveName) -> N
 
 
 @pytest.mark.parametrize("drive", NEW)
-def test_with_no_bound_active_the_command_is_the_published_law_under_the_constraints(drive: DriveName) -> None:
-    resolver, rng = resolver_of(drive), np.random.default_rng(1)
-    robot, compared = resolver.robot, 0
-    for _ in range(40):
-        q, twist = free_posture(rng), 0.02 * rng.standard_normal(3)
-        # Eq. (1) by the KKT system of its least kinetic energy, in the chassis frame: no inverse of the law's own.
-        weight, n = robot.inertia(np.array([0, 0, 0, *q[3:]])), 7
-        law = PseudoinverseLaw(robot, drive=drive)
-        still = [i for i in range(3) if i not in FREE[drive]]
-        rows = np.vstack([law.task_jacobian(np.array([0, 0, 0, *q[3:]]), ROWS), np.eye(7)[still]])
-        m = len(rows)
-        pull = weight @ robot.posture_gradient(q) * np.linalg.norm(twist)
-        system = np.block([[weight, rows.T], [rows, np.zeros((m, m))]])
-        expected = np.linalg.solve(system, np.concatenate([-pull, twist, np.zeros(m - 3)]))[:n]
-        np.testing.assert_allclose(robot.chassis_velocity(q, law.rate(q, twist, ROWS)), expected, atol=1e-9)
-        resolver.reset(robot.world_velocity(q, expected), heading=q[2])
-        command = resolver.step(q, twist, ROWS)
-        if command.relaxed is Relaxed.NOTHING and command.status is Status.OK:
-            # The command is of the middle of the tick; to the law at q it is as near as that has turned.
-            near = 2e-3 * np.linalg.norm(twist) + 1e-6
-            np.testing.assert_allclose(robot.chassis_velocity(q, command.value), expected, atol=near)
-            compared += 1
-    assert compared > 20
-
-
-@pytest.mark.parametrize("drive", NEW)
 def test_planar_speed_and_turning_are_bounded_whatever_the_stick_says(drive: DriveName) -> None:
     resolver, rng, q = resolver_of(drive), np.random.default_rng(2), ARDIS_READY.copy()
     chain, last, fastest = resolver.robot.chain, np.zeros(7), 0.0
@@ -130,51 +100,6 @@ def test_planar_speed_and_turning_are_bounded_whatever_the_stick_says(drive: Dri
         np.testing.assert_allclose(command.wheels, u[list(FREE[drive])], atol=1e-12)
         q, last = q + DT * command.value, u
     assert fastest > 0.9 * chain.velocity[0] or drive == "fixed"
-
-
-@pytest.mark.parametrize("drive", DRIVES)
-def test_a_joint_that_stands_does_not_make_braking_longer(drive: DriveName) -> None:
-    robot = ardis()
-    nothing = PostureLimits((), robot.chain, DT)
-    limits = ChairLimits(robot, robot.drive(drive), max_obstacles=0, dt=DT, recovery_speed=0.1, own=nothing)
-    slowest = 0.8 if FREE[drive] else 0.3  # [s] the chair forward, or the elbow
-    assert limits.braking.time == pytest.approx(1.1 * slowest)
-
-
-@pytest.mark.parametrize("drive", NEW)
-def test_a_simulated_base_goes_as_its_drive_says(drive: DriveName) -> None:
-    pytest.importorskip("mujoco")
-    robot = ardis()
-    plant = Wheelchair(robot, robot.drive(drive), dt=DT, wheel_lag=0.0)
-    plant.reset(ARDIS_READY)
-    wheels = np.array([0.2, -0.1, 0.3])[: len(FREE[drive])]
-    for _ in range(50):
-        plant.step(np.concatenate([wheels, np.zeros(4)]))
-    expected = [0.5 * 0.3] if len(wheels) else [0.0]
-    np.testing.assert_allclose(plant.truth.position[2], expected, atol=1e-9)
-    # Along a circle at a held twist: the chord of the arc that its heading turns through.
-    way = (0.2 - 0.1j) * (np.exp(0.15j) - 1) / 0.3j if len(wheels) else 0j
-    np.testing.assert_allclose(plant.truth.position[:2], [way.real, way.imag], atol=1e-6)
-
-
-@pytest.mark.parametrize(
-    ("drive", "twist", "dt"),
-    [
-        ("differential", [-0.7884, 0.1359], 0.02),
-        ("mecanum", [-0.765, 0.234], 0.02),
-    ],
-)
-def test_a_chair_that_turns_as_fast_as_it_may_does_not_tremble(drive: str, twist: list[float], dt: float) -> None:
-    # A critic's sticks: its arm nearly stretched, chair and arm were changed to and fro in every tick for 20 s.
-    resolver = RedundancyResolver(ardis(), drive=drive, dt=dt, row_sets=[("x", "y")], compile=False)  # type: ignore[arg-type]
-    q, sent = ARDIS_READY.copy(), []
-    for _ in range(round(20 / dt)):
-        value = resolver.step(q, twist, ("x", "y")).value
-        q = q + dt * value
-        sent.append(resolver.robot.chassis_velocity(q, value))
-    changes = np.diff(sent[-round(5 / dt) :], axis=0)
-    large = np.minimum(np.abs(changes[1:]), np.abs(changes[:-1])) > 2e-3
-    assert ((changes[1:] * changes[:-1] < 0) & large).sum(axis=0).max() < 10
 
 
 def test_drives_rows_and_speeds_that_do_not_go_together_are_refused() -> None:

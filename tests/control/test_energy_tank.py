@@ -20,7 +20,7 @@ TANK = tank_record(1)
 
 
 @cache
-def function(name: str) -> BufferedFunction:
+def function(name: str, window: float = 0.0) -> BufferedFunction:
     """Numbers of the tank, budget and lateness, arguments of the method -> numbers; what is left, and the ceiling."""
     numbers, of, given = TANK.symbols("numbers"), ca.SX.sym("of", 2), ca.SX.sym("given", 3)
     each = EnergyTank(
@@ -30,7 +30,7 @@ def function(name: str) -> BufferedFunction:
         slew=ca.SX(SLEW),
         speed_cap=ca.SX(CAP),
         late=of[1],
-        window=ca.SX(0),
+        window=ca.SX(window),
         tail=ca.SX(0),
         dt=ca.SX(DT),
     )
@@ -181,3 +181,15 @@ def test_an_empty_tank_affords_no_force() -> None:
     assert each.left < 0.0
     assert each.ceiling == 0.0
     assert math.isfinite(each.left)
+
+
+def test_forces_are_forgotten_to_one_of_e_parts_in_three_windows() -> None:
+    """Of steps of a tick: how large they were, and how far they went to and fro."""
+    elapsed, window = function("elapsed", 0.02), 0.02
+    numbers = tank().numbers
+    for k in range(61):
+        numbers = elapsed.of(numbers, (5.0, LATE), (10.0 * (k == 0), 0.0, DT))
+    left = (1 + DT / (3 * window)) ** -60
+    assert left == pytest.approx(math.exp(-1), rel=0.01)
+    assert numbers[TANK["lately"]] == pytest.approx(10.0 * left)
+    assert numbers[TANK["swing"]] == pytest.approx(10.0 * left)

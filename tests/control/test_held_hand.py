@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -14,45 +13,29 @@ from scipy.integrate import solve_ivp
 
 from rehab_opt import Command, JointFeedback, PoseTracker, Relaxed, Status, ur5
 from rehab_opt.control.joint_feedback import COUPLED
-from tests.failing_solvers import failing_solvers
 
 Array = NDArray[np.float64]
 START, DT, SPEED, STILL = np.array([0.0, -1.2, 1.5, -1.8, -1.57, 0.0]), 1e-3, 0.25, np.zeros(6)
 ROBOT = ur5(acceleration=np.full(6, 10.0))
 LED = JointFeedback(delay=0.005)
-NEVER = 1e3
-"""[m] A contact that is none."""
 
 
-def tracker(feedback: JointFeedback = LED, **options: float) -> PoseTracker:
-    return PoseTracker(ROBOT, feedback=feedback, dt=DT, compile=False, **options)  # type: ignore[arg-type]
+def tracker(feedback: JointFeedback) -> PoseTracker:
+    return PoseTracker(ROBOT, feedback=feedback, dt=DT, compile=False)
 
 
-def plant(seed: int = 0, friction: float = 1.0):  # type: ignore[no-untyped-def]
-    """A UR5, its dry friction `friction` times what is assumed of it."""
+def at_a_wall(feedback: JointFeedback, gone: float, seconds: float):  # type: ignore[no-untyped-def]
+    """Time of touch, commands, true forces [N] and hand speeds [m/s] of a hand led into a wall that is taken away."""
     pytest.importorskip("mujoco")
-    from rehab_opt.plants.arm_model import COULOMB, ur5_model  # noqa: PLC0415
+    from rehab_opt.plants.arm_model import ur5_model  # noqa: PLC0415
     from rehab_opt.plants.channel import Channel  # noqa: PLC0415  (needs MuJoCo)
+    from rehab_opt.plants.contacts import Wall  # noqa: PLC0415
     from rehab_opt.plants.mujoco_arm import MujocoArm  # noqa: PLC0415
 
     channel = Channel(command_delay=0.003, measurement_delay=0.002, position_noise=1e-4)
-    model = ur5_model(ROBOT, coulomb=friction * np.array(COULOMB))
-    return MujocoArm(model, dt=DT, channel=channel, seed=seed)
-
-
-def at_a_wall(feedback: JointFeedback, gone: float, seconds: float, stays: float = math.inf):  # type: ignore[no-untyped-def]
-    """Times of touch and end, commands, true forces [N] and hand speeds [m/s] of a hand led into a wall.
-
-    The wall is taken away `gone` after the touch, or once it has been pressed for `stays` [s].
-    """
-    from rehab_opt.plants.contacts import Wall  # noqa: PLC0415
-
-    robot, led, first, way = (
-        plant(),
-        tracker(feedback, linear_speed=SPEED),
-        ROBOT.pose(START),
-        np.array([0.6, 0.0, -0.8]),
-    )
+    robot = MujocoArm(ur5_model(ROBOT), dt=DT, channel=channel, seed=0)
+    led = PoseTracker(ROBOT, feedback=feedback, dt=DT, linear_speed=SPEED, compile=False)
+    first, way = ROBOT.pose(START), np.array([0.6, 0.0, -0.8])
     robot.contacts = (Wall(first[:3, 3] + 0.03 * way, -way),)
     seen, touch, commands, forces, speeds = robot.reset(START), 0, [], [], []
     for k in range(round(seconds / DT)):
@@ -64,7 +47,7 @@ def at_a_wall(feedback: JointFeedback, gone: float, seconds: float, stays: float
         forces.append(np.linalg.norm(truth.force))
         speeds.append(np.linalg.norm(ROBOT.jacobian(truth.position)[:3] @ truth.velocity))
         touch = touch or k * bool(truth.force.any())
-        if touch and (k - touch) * DT > min(gone, stays):
+        if touch and (k - touch) * DT > gone:
             robot.contacts = ()
     return touch, commands, np.array(forces), np.array(speeds)
 
@@ -79,23 +62,6 @@ def test_a_blocked_hand_yields_and_is_slow_when_it_comes_free() -> None:
     assert "held back" in commands[first].reason
     assert commands[-1].status is Status.HOLDING
     assert "does not follow" in commands[-1].reason
-
-
-def test_without_the_watch_it_presses_and_leaps() -> None:
-    """The claim above can fail."""
-    touch, _, force, speed = at_a_wall(replace(LED, contact=NEVER), gone=0.8, seconds=1.6)
-    assert force.max() > 200.0
-    assert speed[touch + 800 :].max() > 0.2
-
-
-def test_a_hand_that_comes_free_in_time_is_led_on_slowly_and_after_two_seconds_as_before() -> None:
-    touch, commands, _, speed = at_a_wall(replace(LED, patience=1.0), gone=1.0, seconds=4.2, stays=0.03)
-    said = [k for k, each in enumerate(commands) if "held back" in each.reason]
-    assert commands[-1].reason == ""
-    assert all(each.status.certified for each in commands)
-    assert 2000 <= said[-1] - said[0] <= 3500
-    assert speed[touch + 150 : said[-1]].max() <= 0.1 * SPEED + 0.01  # the share `recovery_speed`, and the noise
-    assert speed[said[-1] :].max() > 0.5 * SPEED  # it has not been forgotten where the hand should be
 
 
 def by_proportional_servos(told: JointFeedback, rate: float, dt: float, stopped: float = math.inf) -> list[str]:
@@ -123,52 +89,6 @@ def test_a_servo_without_integral_action_holds_no_free_hand_and_hides_none_that_
     assert 1.75 < said.index(True) * dt < 1.85
     untold = by_proportional_servos(JointFeedback(delay=dt), rate, dt)  # the claim can fail
     assert any("held" in each for each in untold)
-
-
-def test_joints_that_turn_round_under_friction_hold_no_hand_and_hide_no_wall() -> None:
-    """Twice the friction: joints stand still for milliradians where they turn; a wall is noticed none the less."""
-    from rehab_opt.plants.contacts import Wall  # noqa: PLC0415
-
-    rng, robot, led, first, touch = (
-        np.random.default_rng(1),
-        plant(seed=1, friction=2.0),
-        tracker(),
-        ROBOT.pose(START),
-        0,
-    )
-    rates, sizes, seen = rng.uniform(1.0, 2.5, 3), rng.uniform(0.02, 0.06, 3), robot.reset(START)
-    for k in range(4500):
-        pose, twist, t = first.copy(), STILL.copy(), k * DT
-        pose[:3, 3] += sizes * (1 - np.cos(rates * t))
-        twist[:3] = sizes * rates * np.sin(rates * t)
-        velocity = ROBOT.jacobian(robot.truth.position)[:3] @ robot.truth.velocity
-        if k >= 4000 and not robot.contacts and (speed := np.linalg.norm(velocity)) > 0.08:
-            ahead = velocity / speed
-            robot.contacts = (Wall(ROBOT.pose(robot.truth.position)[:3, 3] + 0.002 * ahead, -ahead),)
-        command = led.step(seen.position, pose, twist)
-        if "held back" in command.reason:
-            break
-        seen = robot.step(command.value)
-        touch = touch or k * bool(robot.truth.force.any())
-    assert 0 < touch < k <= touch + 45
-
-
-def test_what_friction_holds_back_is_led_after() -> None:
-    def error(feedback: JointFeedback) -> float:
-        """[m] RMS of the true hand on a loop, while it moves."""
-        robot, led, first, errors = plant(seed=3), tracker(feedback), ROBOT.pose(START), []
-        seen = robot.reset(START)
-        for k in range(2500):
-            pose, twist, t = first.copy(), STILL.copy(), k * DT
-            for axis, (size, rate) in enumerate(((0.05, 3.0), (0.04, 4.1), (0.03, 2.3))):
-                pose[axis, 3] += size * (1 - math.cos(rate * t))
-                twist[axis] = size * rate * math.sin(rate * t)
-            errors.append(np.linalg.norm(ROBOT.pose(robot.truth.position)[:3, 3] - pose[:3, 3]))
-            seen = robot.step(led.step(seen.position, pose, twist).value)
-        return float(np.sqrt(np.mean(np.square(errors[500:]))))
-
-    assert error(LED) < 5e-4
-    assert error(replace(LED, following=1e-6)) > 8e-4
 
 
 @cache
@@ -208,21 +128,6 @@ def test_joints_that_begin_anew_at_rest_say_that_the_acceleration_yields() -> No
     assert any(each.relaxed & Relaxed.ACCELERATION for each in commands)
 
 
-def test_another_solver_hides_no_contact() -> None:
-    with failing_solvers() as failures:
-        led = tracker(JointFeedback(delay=0.0, servo_hz=math.inf))
-    q, twist, first = START.copy(), np.array([0.2, 0.0, 0.0, 0.0, 0.0, 0.0]), ROBOT.pose(START)
-    for k in range(160):
-        pose = first.copy()
-        pose[:3, 3] += k * DT * twist[:3]
-        failures.primary = k > 140
-        command = led.step(q, pose, twist)
-        q = q + DT * command.value * (k < 100)
-    assert command.status is Status.BACKUP
-    assert "no certified answer" in command.reason
-    assert "held back" in command.reason
-
-
 def test_a_joint_is_thrown_off_by_no_more_than_its_margin() -> None:
     """Of the largest acceleration, for as long as a speed takes to end: the servo's equations, integrated."""
     p, a = LED.pole, 10.0
@@ -231,7 +136,7 @@ def test_a_joint_is_thrown_off_by_no_more_than_its_margin() -> None:
         def rates(t: float, s: Array) -> list[float]:
             return [s[1], a * (t < ends_after) - 2 * p * s[1] - p * p * s[0]]
 
-        return float(np.abs(solve_ivp(rates, (0, 0.3), np.zeros(2), max_step=1e-4).y[0]).max())
+        return float(np.abs(solve_ivp(rates, (0, 0.3), np.zeros(2), max_step=1e-3, rtol=1e-6, atol=1e-9).y[0]).max())
 
     for speed in (0.01, 0.1, 0.5, 2.0):
         margin = float(LED.deviation(ROBOT, np.eye(6)[1] * speed))

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from rehab_opt import KeepOut, MirrorTracker, PoseTracker, Relaxed, SerialChain
+from rehab_opt import KeepOut, MirrorTracker, SerialChain
 from rehab_opt.kinematics.link_capsules import CapsuleOnLink
 from tests.kinematics.robot_files.known_arms import gen3
 from tests.kinematics.robot_files.random_arms import (
@@ -16,7 +16,6 @@ from tests.kinematics.robot_files.random_arms import (
     moving,
     pose_of,
     random_arm,
-    random_edge,
     random_postures,
     urdf,
 )
@@ -42,27 +41,6 @@ def reachable(edges: list[Edge], rng: np.random.Generator, chain: SerialChain) -
 
 def link_poses(edges: list[Edge], q: Array) -> list[Array]:
     return [pose_of(edges[: i + 1], q[: len(moving(edges[: i + 1]))]) for i in range(len(edges))]
-
-
-@pytest.mark.parametrize("seed", [0, 3])
-def test_a_pose_is_followed_within_every_limit(tmp_path: Path, seed: int) -> None:
-    edges, chain = arm(seed, tmp_path)
-    rng = np.random.default_rng(seed)
-    near = chain.n >= 6
-    tracker = PoseTracker(chain, dt=DT, task_weights=[1, 1, 1] + [float(near)] * 3, compile=False)
-    q, last = reachable(edges, rng, chain), np.zeros(chain.n)
-    goal = np.clip(q + 0.05 * rng.standard_normal(chain.n), chain.lower + 0.01, chain.upper - 0.01)
-    target = pose_of(edges, goal)
-    for k in range(1200):
-        twist = np.full(6, np.nan) if k == 20 else np.zeros(6)
-        command = tracker.step(q, target, twist)
-        assert np.all(np.abs(command.value) <= chain.velocity)
-        if not command.relaxed & Relaxed.ACCELERATION:
-            assert np.all(np.abs(command.value - last) <= chain.acceleration * DT + 1e-9)
-        last, q = command.value, q + command.value * DT
-        assert np.all((q >= chain.lower - 1e-9) & (q <= chain.upper + 1e-9))
-        assert command.status.certified == (k != 20)
-    assert np.linalg.norm(pose_of(edges, q)[:3, 3] - target[:3, 3]) < 1e-3
 
 
 @pytest.mark.parametrize(("seed", "pressed"), [(0, True), (3, False)])
@@ -95,7 +73,7 @@ def test_no_capsule_and_no_joint_crosses_a_plane_and_the_hand_is_never_too_fast(
     )
     first, hand = pose_of(edges, q), pose_of(edges, q)[:3, 3]
     nearest = np.inf
-    for k in range(300):
+    for k in range(200):
         reference = first.copy()
         reference[:3, 3] -= 0.2 * np.sin(0.01 * k) * normal  # into the plane
         twist = np.concatenate([-0.2 * 0.01 / DT * np.cos(0.01 * k) * normal, np.zeros(3)])
@@ -110,27 +88,3 @@ def test_no_capsule_and_no_joint_crosses_a_plane_and_the_hand_is_never_too_fast(
         assert np.linalg.norm(then - hand) <= 0.25 * DT * (1 + 1e-9)
         hand = then
     assert nearest < 0.015 or not pressed
-
-
-def test_no_guarded_point_is_anywhere_but_on_the_arm(tmp_path: Path) -> None:
-    """Converted to Denavit-Hartenberg rows, one frame of this arm would lie 13.6 km away, and be guarded."""
-    edges, chain = arm(0, tmp_path)
-    plane = KeepOut.through([0.0, 0.0, 2.0], [0.0, 0.0, -1.0])  # above everything: the arm reaches 1.2 m
-    tracker = MirrorTracker(chain, dt=DT, keep_out=[plane], max_manipulability=0.2, compile=False)
-    rng = np.random.default_rng(0)
-    for q in random_postures(edges, rng, 20):
-        expected = 2.0 - max(pose[2, 3] for pose in link_poses(edges, q))
-        assert tracker.hand_bounds.min_heights(q, plane) == pytest.approx(expected, abs=1e-9)
-
-
-def test_joints_of_any_kind_may_be_locked_away(tmp_path: Path) -> None:
-    rng = np.random.default_rng(4)
-    edges = [random_edge(rng, "lift", "prismatic", "base", "stand")]
-    file = tmp_path / "arm.urdf"
-    rest = gen3()
-    rest[0].parent = "stand"
-    file.write_text(urdf([*edges, *rest]))
-    chain = SerialChain.from_urdf(file, acceleration=5.0, locked={"lift": edges[0].lower})
-    assert chain.n == 7
-    q = np.zeros(7)
-    np.testing.assert_allclose(chain.pose(q), pose_of([*edges, *rest], np.insert(q, 0, edges[0].lower)), atol=1e-12)

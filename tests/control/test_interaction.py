@@ -10,18 +10,12 @@ import numpy as np
 import pytest
 from numpy.typing import ArrayLike, NDArray
 
-from rehab_opt import Interaction, MirrorTracker, SerialChain, Status, ur5
+from rehab_opt import Interaction, MirrorTracker, ur5
 from rehab_opt.control.interaction import FELT
 from rehab_opt.symbolic import BufferedFunction
-from tests.control.mirror_campaign import LARGEST
-from tests.export.mirroring import seven_joints
 from tests.refusals import refuses
 
 Array = NDArray[np.float64]
-HARD = 28.0
-"""[N] of a push, with 2 N of noise."""
-STARTS = {"ur5": [3.2, -1.5, 1.9, -2.0, -1.4, 0.2], "seven": [0.3, 0.6, 0.2, -1.4, 0.3, 1.1, 0.2]}
-STILL = np.zeros(6)
 
 
 def direction(rng: np.random.Generator) -> Array:
@@ -33,7 +27,6 @@ def stored(law: Interaction, x: Array, v: Array) -> float:
     return float(law.mass * v @ v + law.stiffness * x @ x) / 2
 
 
-# ------------------------------------------------------------------------------------------------------ the law alone
 class Felt:
     """Displacement and pace that the forces so far lead to."""
 
@@ -105,14 +98,14 @@ def test_a_hand_that_follows_gives_out_no_more_than_was_put_in_tick_by_tick(dt: 
                 x, v = after, speed
 
 
-@pytest.mark.parametrize("late", [4, 20])
+@pytest.mark.parametrize("late", [20])
 def test_a_late_hand_gives_out_no_more_than_the_reserve(late: int) -> None:
     """Shaken at the frequencies where a delay is worst, for long."""
     dt, law, rng = 1e-3, Interaction(), np.random.default_rng(late)
     for hertz in (3.0, 8.0, 15.0, 25.0):
         felt, way = Felt(law, dt), direction(rng)
         places, given, worst = [np.zeros(3)] * (late + 1), 0.0, 0.0
-        for k in range(8000):
+        for k in range(4000):
             force = 60.0 * way * math.sin(2 * math.pi * hertz * k * dt)
             hand = places[-late - 1]
             felt.feel(force, hand)
@@ -178,7 +171,7 @@ def test_a_force_at_the_stop_does_not_chatter_and_is_released_with_hysteresis(st
     assert last - len(said) + round(2 / dt) > (1 - law.release) * 0.8 * round(2 / dt) + law.hold / dt * 0.5
 
 
-@pytest.mark.parametrize("dt", [1e-3, 2e-2])
+@pytest.mark.parametrize("dt", [2e-2])
 def test_after_a_shock_the_arm_stands_for_the_least_time(dt: float) -> None:
     law = Interaction()
     felt = Felt(law, dt)
@@ -227,75 +220,6 @@ def test_a_force_that_is_no_number_stops_and_leaves_no_speed(bad: float) -> None
 
 
 NUMBERS = ("limit", "stop_at", "release", "hold", "stiffness", "damping", "mass", "speed", "reserve")
-
-
-# -------------------------------------------------------------------------------------------------- on arms, in a loop
-@functools.cache
-def made(name: str, dt: float, joint: int | None = None) -> MirrorTracker:
-    """A tracker; `joint` has 0.02 rad of room about the start."""
-    chain, known = (ur5(), LARGEST) if name == "ur5" else (seven_joints(), None)
-    if joint is not None:
-        room = np.full(chain.n, 1.0)
-        room[joint] = 0.02
-        chain = chain.with_limits(lower=np.array(STARTS[name]) - room, upper=np.array(STARTS[name]) + room)
-    return MirrorTracker(chain, dt=dt, max_manipulability=known, compile=False)
-
-
-def pushed(way: Array, newtons: float, ticks: range, total: int, rng: np.random.Generator | None = None) -> Array:
-    """(total, 3) [N] in these ticks, with 2 N of noise in all of them where `rng` is given."""
-    force = np.zeros((total, 3)) if rng is None else 2.0 * rng.normal(size=(total, 3))
-    force[ticks.start : ticks.stop] += newtons * way
-    return force
-
-
-def run(robot: MirrorTracker, start: Array, forces: Array) -> tuple[Array, list[Status]]:
-    """(N, 3) [m] of the hand from where it began, its reference at rest."""
-    robot.reset()
-    pose, q, places, statuses = robot.chain.pose(start), start.copy(), [], []
-    for force in forces:
-        command = robot.step(q, pose, STILL, force=force)
-        q = q + command.value * robot.dt
-        places.append(robot.chain.pose(q)[:3, 3] - pose[:3, 3])
-        statuses.append(command.status)
-    return np.array(places), statuses
-
-
-def clear_start(chain: SerialChain, rng: np.random.Generator, name: str, largest: float) -> Array:
-    """A posture whose manipulability is far from its floor, also all round a push."""
-    while True:
-        q = np.array(STARTS[name]) + rng.uniform(-0.4, 0.4, chain.n)
-        if chain.manipulability(q) > 0.55 * largest:
-            return np.asarray(q)
-
-
-@pytest.mark.parametrize("name", ["seven"])
-def test_sines_and_shocks_give_out_no_more_than_they_put_in(name: str) -> None:
-    dt = 5e-3
-    robot, rng = made(name, dt), np.random.default_rng(5)
-    start = clear_start(robot.chain, rng, name, robot.max_manipulability)
-    for label, force in pushes(rng, 500, dt).items():
-        places, _ = run(robot, start, force)
-        # The force of a tick acts until the next: on the way that the command of the tick before it led.
-        moved = np.diff(places, axis=0)
-        work = np.cumsum(np.einsum("ki,ki->k", force[1:], moved))
-        assert work.min() >= -Interaction().reserve, label
-
-
-@pytest.mark.parametrize("seed", [1])
-def test_at_a_joint_limit_what_can_be_delivered_is_and_nobody_is_trapped(seed: int) -> None:
-    rng, dt = np.random.default_rng(seed), 5e-3
-    start, joint = np.array(STARTS["ur5"]), int(rng.integers(3))
-    robot = made("ur5", dt, joint)
-    for sign in (1.0, -1.0):  # into the limit, then to the other side
-        way = robot.chain.jacobian(start)[:3, joint]
-        way = sign * way / np.linalg.norm(way)
-        places, statuses = run(robot, start, pushed(way, HARD, range(400), 800))
-        reached = places[399] @ way
-        assert reached > 0.008
-        begun = next(k for k in range(400, 800) if places[k] @ way < reached - 1e-3)
-        assert (begun - 400) * dt <= 0.15  # nothing was wound up
-        assert np.linalg.norm(places[-1]) <= 5e-3
-        assert set(statuses) == {Status.OK}
 
 
 def test_what_cannot_be_used_is_named() -> None:

@@ -129,15 +129,6 @@ def test_a_setting_that_is_changed_afterwards_is_refused(name: str) -> None:
     control.reset()
 
 
-def test_equal_ones_share_functions_and_have_states_of_their_own() -> None:
-    first, second, other = (PoseTracker(ARM, dt=dt, compile=False) for dt in (0.002, 0.002, 0.003))
-    assert first.functions is second.functions is not other.functions
-    begun = PoseTracker(ARM, dt=0.002, compile=False).step(READY, POSE, np.zeros(6)).value
-    for _ in range(5):
-        first.step(READY, POSE, np.full(6, 0.1))
-    np.testing.assert_array_equal(second.step(READY, POSE, np.zeros(6)).value, begun)
-
-
 def test_what_a_chain_has_worked_out_and_obstacles_that_may_be_set_are_no_parts() -> None:
     robot = ardis()
     before = form_of(chair, robot=robot, max_obstacles=1)

@@ -3,6 +3,7 @@
 import functools
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,7 +12,6 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from rehab_opt import (
-    KeepOut,
     MirrorTracker,
     PoseTracker,
     Status,
@@ -20,6 +20,7 @@ from rehab_opt import (
 )
 from rehab_opt.control.manipulability import drawn_ways, escape_function, maximise_manipulability
 from rehab_opt.control.person_limit import PersonLimit
+from rehab_opt.control.reference_clock import ReferenceClock
 from rehab_opt.symbolic import BufferedFunction
 from tests.control.mirror_campaign import LARGEST, Array, closed_form
 from tests.failing_solvers import failing_solvers
@@ -85,6 +86,9 @@ def test_a_way_out_is_deterministic_and_gains() -> None:
     np.testing.assert_array_equal(first, again)
     assert not chain.manipulability_gradient(np.zeros(6)).any()
     assert closed_form(0.4 * first) > 1e-3
+    robot, still = tracker(), np.zeros(6)
+    robot.step(still, chain.pose(still), REST)  # finds it
+    assert robot.step(still, chain.pose(still), REST).value @ first > 1e-3
 
 
 def test_the_largest_manipulability_of_the_ur5_is_the_closed_forms() -> None:
@@ -115,63 +119,6 @@ def test_where_the_floor_is_far_the_path_is_the_reference_within_two_seconds(dt:
         q = q + robot.step(q, pose, twist).value * dt
     assert worst[0] <= 0.5
     assert worst[1] <= 0.2
-
-
-def test_a_rest_of_the_reference_is_passed_at_full_haste_to_the_last_tick() -> None:
-    dt = 1e-2
-    robot, q, centre = tracker(dt=dt), START.copy(), ur5().pose(START)
-    robot.step(q, centre, np.zeros(6))
-    lags = []
-    for k in range(500):
-        moving = k < 20  # 0.1 m at twice the hand's speed, then a rest
-        pose = moved(centre, 0.005 * min(k + 1, 20), 0, 0)
-        q = q + robot.step(q, pose, np.array([0.5 * moving, 0, 0, 0, 0, 0])).value * dt
-        lags.append(robot.lag)
-    falls = -np.diff(lags)
-    assert max(lags) > 0.15
-    assert lags[-1] == 0.0
-    hasty = np.array(lags[1:]) < np.array(lags[:-1]) - 1.0001 * 0.5 * dt  # beyond what catching up alone takes
-    assert np.all(hasty[np.argmax(hasty) :] | (np.array(lags[np.argmax(hasty) + 1 :]) < 1e-12))
-    assert falls.max() <= 4.0 * dt + 1e-9
-
-
-@pytest.mark.parametrize("far", [0.08, 0.1])
-def test_a_hand_that_is_kept_away_from_a_rest_of_the_reference_waits_for_nothing(far: float) -> None:
-    dt, centre = 1e-2, ur5().pose(START)
-    lower, upper = (tuple(START[:1]) + tuple(end * np.ones(5)) for end in (-6.2, 6.2))  # the base does not turn
-    robot, q = tracker(dt=dt, lower=lower, upper=upper, max_deviation=0.1), START.copy()
-    aside = far * np.array([-centre[1, 3], centre[0, 3]]) / np.linalg.norm(centre[:2, 3])
-    paces, reasons = [], []
-    for k in range(400):
-        s = min(k * dt, 1.0)
-        twist = [*(6 * s * (1 - s) * aside), 0, 0, 0, 0]
-        command = robot.step(q, moved(centre, *((3 - 2 * s) * s * s * aside), 0), np.array(twist))
-        q = q + command.value * dt
-        paces.append(robot.time_scale)
-        reasons.append(command.reason)
-    assert np.linalg.norm(ur5().pose(q)[:3, 3] - robot.reference[:3, 3]) > 0.4 * far
-    assert np.ptp(paces[200:]) == 0.0
-    assert len(set(reasons[200:])) == 1
-
-
-@pytest.mark.parametrize("held", [0.1, 1.75])
-def test_a_hand_that_is_held_is_cut_short_by_no_hold_and_by_a_long_one_it_does_not_follow(held: float) -> None:
-    """An arm that is held again and again, and pushes on meanwhile: it stands nowhere by its own will."""
-    robot, q, dt = tracker(dt=0.01), START, 0.01
-    first, late, lost = robot.chain.pose(q), [], []
-    for k in range(round(4 * (held + 0.75) / dt)):
-        pose = moved(first, 0.0, 0.1 * math.sin(4 * k * dt), 0.0)
-        command = robot.step(q, pose, np.array([0, 0.4 * math.cos(4 * k * dt), 0, 0, 0, 0]))
-        lost.append("does not follow" in command.reason)
-        if k * dt % (held + 0.75) < 0.75:
-            q = q + command.value * dt
-        late.append(robot.lag)
-    assert robot.counts["cut"] == 0
-    assert any(lost) == (held > 0.5)
-    if held > 0.5:
-        assert 0.75 < lost.index(True) * dt < 0.75 + 0.4
-        assert min(late[round(1.5 / dt) :]) > dt
-        assert command.status is Status.HOLDING
 
 
 @pytest.mark.parametrize("axis", [[1.0, 0, 0]])
@@ -257,26 +204,12 @@ def test_the_backup_answers_under_the_same_bounds() -> None:
         q = q + command.value * 5e-3
         assert closed_form(q) >= 0.3
     failures.every = True
-    assert robot.step(q, pose, REST).status is Status.BRAKING
+    command = robot.step(q, pose, REST)
+    assert command.status is Status.BRAKING
+    assert command.reason.startswith("no solver gave a certified answer")
 
 
 # ------------------------------------------------------------------------------------------- table, person, forces
-def test_without_capsules_every_joint_frame_is_guarded() -> None:
-    chain = ur5(capsules=())
-    # A plane that the tool is far from, and the elbow near: raising the arm must stop at it.
-    q = START.copy()
-    frames = [chain.pose(q)]
-    top = max(0.425 * math.sin(1.5) + 0.089159, frames[0][2, 3])
-    plane = KeepOut.through([0, 0, top + 0.01], [0, 0, -1.0])
-    robot = MirrorTracker(chain, dt=5e-3, keep_out=[plane], max_manipulability=LARGEST, compile=False)
-    guarded = [frame for frame, _, _ in robot.hand_bounds.guarded]
-    assert guarded == [6, 5, 4, 3, 2]  # all but the base and what turns on it; the tool is where the last frame is
-    for k in range(300):
-        pose = moved(chain.pose(START), -0.1 * min(k / 150, 1), 0, 0)  # pulling in lifts the elbow
-        q = q + robot.step(q, pose, REST).value * 5e-3
-        assert 0.089159 - 0.425 * math.sin(q[1]) <= top + 0.01 + 1e-9
-
-
 def test_the_model_of_the_arm_goes_on_after_tries_that_were_not_taken() -> None:
     """Each leads its joints somewhere, and they are put back."""
     arm = human_arm(range_of_motion="regular")
@@ -293,7 +226,15 @@ def test_the_model_of_the_arm_goes_on_after_tries_that_were_not_taken() -> None:
 
 
 # ---------------------------------------------------------------------------------------------------- the statement
-def test_without_its_bounds_it_is_the_pose_tracker() -> None:
+def test_without_its_bounds_it_is_the_pose_tracker(monkeypatch: pytest.MonkeyPatch) -> None:
+    push, pushed = ReferenceClock.push, 0
+
+    def counted(*given: Any, **more: Any) -> None:
+        nonlocal pushed
+        pushed += 1
+        push(*given, **more)
+
+    monkeypatch.setattr(ReferenceClock, "push", counted)
     chain = ur5()
     ours = tracker(linear_speed=1.0, turn_length=0.999999, max_deviation=1.0)
     theirs = PoseTracker(chain, compile=False)
@@ -311,6 +252,7 @@ def test_without_its_bounds_it_is_the_pose_tracker() -> None:
         pose[:3, 3] += twist[:3] * ours.dt
         pose[:3, :3] = Rotation.from_rotvec(twist[3:] * ours.dt).as_matrix() @ pose[:3, :3]
     assert compared > 300
+    assert pushed < 20  # a tick needs no clock then
 
 
 def test_the_qp_can_be_inspected_and_its_floor_row_is_the_gradient() -> None:
@@ -324,22 +266,9 @@ def test_the_qp_can_be_inspected_and_its_floor_row_is_the_gradient() -> None:
     assert numbers.rows_upper[0] == pytest.approx(fraction * (closed_form(START) - 0.3), rel=1e-3)
 
 
-def test_any_chain_can_be_led() -> None:
-    arm = human_arm()
-    robot = MirrorTracker(arm, floor=0.2, dt=5e-3, compile=False)
-    q = maximise_manipulability(arm)[1]
-    q = np.clip(q, arm.lower + 0.05, arm.upper - 0.05)
-    pose = arm.pose(q)
-    for k in range(300):
-        q = q + robot.step(q, moved(pose, 0.0, 0.0, 0.1 * math.sin(0.02 * k)), REST).value * 5e-3
-        assert arm.manipulability(q) / robot.max_manipulability >= 0.2 - 1e-9
-        assert np.all((q >= arm.lower - 1e-9) & (q <= arm.upper + 1e-9))
-
-
-@pytest.mark.parametrize("run", [3000009, 3000019])
-def test_a_joint_too_fast_to_stop_before_its_limit_stops_there_where_all_brake_alike(run: int) -> None:
+def test_a_joint_too_fast_to_stop_before_its_limit_stops_there_where_all_brake_alike() -> None:
     """Half a milliradian beyond was seen: braking together came before the limit, told as if accelerations yielded."""
-    verdict = judge.run(1, 62160024, only=run)
+    verdict = judge.run(1, 62160024, only=3000019)
     assert verdict.ticks >= 500
     assert not verdict.kinds, verdict.broken
 

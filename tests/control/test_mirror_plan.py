@@ -2,16 +2,14 @@
 
 import functools
 import math
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from bench.measured_lag import measured_lag
 from problems.mirror import motions
-from rehab_opt import ConfigurationError, MirrorTracker, Relaxed, Smoother, ur5
+from rehab_opt import ConfigurationError, MirrorTracker, ur5
 from rehab_opt.control import mirror_plan, mirror_retiming
 from rehab_opt.control.conditioning import Conditioned, conditioned
 from rehab_opt.control.hand_bounds import KeepOut
@@ -19,8 +17,7 @@ from rehab_opt.control.path_timing import PathTiming
 from rehab_opt.control.preview import Preview
 from rehab_opt.control.reference_clock import ReferenceClock
 from rehab_opt.kinematics.vr import fit_frame, poses_of, quaternions_of, robot_from_unity
-from tests.control.mirror_campaign import LARGEST, random_path
-from tests.control.ur5_body import clearances
+from tests.control.mirror_campaign import LARGEST
 from tests.judge import mirror_plan as judge
 
 TASKS = ("pick_fruit", "refrigerator_door")
@@ -48,44 +45,21 @@ def tracker(dt: float) -> MirrorTracker:
     return MirrorTracker(ur5(), dt=dt, max_manipulability=LARGEST, compile=False)
 
 
-@pytest.mark.parametrize("task", TASKS[:1])
-def test_where_the_reference_is_above_the_floor_the_plan_is_the_reference(task: str) -> None:
-    given = samples(task, 5e-3)
-    robot = tracker(5e-3)
-    path = robot.plan(given.poses, given.twists, motions.START)
-    # Reference's own manipulability, from the plan's posture where they agree: far from the floor for two seconds.
-    high = path.manipulability > 0.35
-    settled = np.array([high[max(0, i - 400) : i + 1].all() and i >= 400 for i in range(len(high))])
-    assert settled.sum() > 100
-    assert 1e3 * path.deviations[settled].max() <= 0.5
-    assert math.degrees(path.turns[settled].max()) <= 0.2
-
-
-def test_filter_qp_and_smoothing_together_lag_by_less_than_a_tenth_of_a_second() -> None:
-    dt, chain = 5e-3, ur5()
-    times, poses = shipped("pick_fruit")
-    given = conditioned(times, poses[:, :3, 3], quaternions_of(poses[:, :3, :3]), dt=dt)
-    robot = MirrorTracker(chain, dt=dt, floor=0.05, max_manipulability=LARGEST, compile=False)
-    smoother = Smoother(velocity=chain.velocity, acceleration=chain.acceleration, jerk=500.0, dt=dt, axes=6)
-    q, hands = motions.START.copy(), []
-    smoother.reset(q)
-    for pose, twist in zip(given.poses, given.twists, strict=True):
-        command = robot.step(q, pose, twist)
-        q = q + dt * command.value
-        hands.append(chain.pose(smoother.step(q, command.value).value)[:3, 3])
-    raw = np.array([np.interp(given.times, times, column) for column in poses[:, :3, 3].T]).T
-    lag = measured_lag(given.times, raw, np.array(hands))
-    assert 0.02 < lag <= 0.1
-
-
 @pytest.mark.parametrize("task", TASKS[1:])
 def test_ticks_that_are_laid_out_lead_where_the_others_do(task: str, monkeypatch: pytest.MonkeyPatch) -> None:
     given, robot = samples(task, 2e-2), tracker(2e-2)
-    seen: list[bool] = []
+    seen: list[tuple[int, float]] = []
     go_on = ReferenceClock.go_on  # what a tick that is laid out asks of the clock
-    monkeypatch.setattr(ReferenceClock, "go_on", lambda *given: seen.append(True) or go_on(*given))
+    monkeypatch.setattr(
+        ReferenceClock,
+        "go_on",
+        lambda clock, *given: seen.append((clock.passed, clock.fraction)) or go_on(clock, *given),
+    )
     quick = robot.plan(given.poses, given.twists, motions.START)
     assert len(seen) > 0.9 * len(quick.q)  # else this says nothing
+    seen.clear()
+    robot.plan(given.poses[:9], given.twists[:9], motions.START)
+    assert seen[0] == (0, 0.0)  # from the first tick on
     ahead = Preview.ahead
     monkeypatch.setattr(Preview, "ahead", lambda self, place, pace, most, **more: ahead(self, place, pace, 0, **more))
     seen.clear()
@@ -111,19 +85,20 @@ def test_a_recording_of_a_sample_or_two_leads_there(count: int) -> None:
 
 
 def test_a_plan_that_ends_incomplete_ends_at_rest(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(mirror_plan, "PATIENCE", 0.4)
-    chain, planes = ur5(), (KeepOut.through([0, 0, -0.05], [0, 0, 1]), KeepOut.through([0.35, 0, 0], [-1, 0, 0]))
-    made = MirrorTracker(chain, dt=0.05, max_manipulability=LARGEST, keep_out=planes, compile=False)
-    start, poses, twists = random_path(chain, np.random.default_rng(729), 0.05, below=True)  # rounding keeps it
-    path = made.plan(poses, twists, start)
+    monkeypatch.setattr(mirror_plan, "PATIENCE", 0.4)  # given up on its way
+    chain, dt = ur5(acceleration=2.0), 2e-2
+    made = MirrorTracker(chain, dt=dt, max_manipulability=LARGEST, compile=False)
+    part = np.linspace(0, 1, 100)
+    poses, twists = np.tile(chain.pose(motions.START), (100, 1, 1)), np.zeros((100, 6))
+    poses[:, 1, 3] -= 0.3 * part**3 * (10 - 15 * part + 6 * part**2)
+    twists[:, 1] = np.gradient(poses[:, 1, 3], dt)
+    path = made.plan(poses, twists, motions.START)
     assert not path.complete
-    speeds = np.abs(path.velocities).max(axis=1)
-    assert speeds[-1] < 1e-3
-    braked = path.counts["braked"]
-    assert speeds[-braked - 1] > 0.1  # it was moving when it was given up
-    eased = np.array([not flags & Relaxed.ACCELERATION for flags in path.relaxed[-braked:]])
-    changes = np.abs(np.diff(path.velocities[-braked - 1 :], axis=0))[eased]
-    assert np.all(changes <= chain.acceleration * 0.05 + 1e-9)
+    speeds, braked = np.abs(path.velocities).max(axis=1), path.counts["braked"]
+    assert speeds[-braked - 1] > 0.1
+    assert speeds[-1] == 0.0
+    assert braked == math.ceil(speeds[-braked - 1] / (2.0 * dt))
+    assert np.abs(np.diff(path.velocities[-braked - 1 :], axis=0)).max() <= 2.0 * dt * (1 + 1e-9)
 
 
 def test_a_plans_paces_are_the_steps_of_its_clock_also_in_a_bridge() -> None:
@@ -166,18 +141,6 @@ def hurried(dt: float) -> tuple[np.ndarray, np.ndarray]:
     twists = np.zeros((len(seconds), 6))
     twists[:, 1] = 0.12 * 2 * math.pi / 0.6 * np.sin(2 * math.pi * seconds / 0.6)
     return poses, twists
-
-
-def test_a_plan_takes_little_more_than_its_hands_way_does_at_the_largest_speed(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    path = tracker(5e-3).plan(*hurried(5e-3), motions.START)
-    way = np.linalg.norm(np.diff(path.poses[:, :3, 3], axis=0), axis=1).sum()
-    assert way == pytest.approx(4 * 0.24, abs=5e-3)
-    assert path.complete
-    assert path.times[-1] <= 1.15 * way / 0.25
-    monkeypatch.setattr(mirror_plan, "retimed", lambda tracker, plan, left: plan)
-    assert path.times[-1] < 0.97 * tracker(5e-3).plan(*hurried(5e-3), motions.START).times[-1]
 
 
 def test_a_plan_that_stands_before_it_counts_what_it_cannot_turn_is_passed_sooner(
@@ -224,22 +187,6 @@ def test_the_first_passage_is_as_fast_as_the_hand_may_be_and_no_faster(monkeypat
     assert path.times[-1] <= 1.03 * way / 0.25
 
 
-def test_a_hand_whose_joints_turn_fast_is_passed_at_its_speed_at_the_first_try(monkeypatch: pytest.MonkeyPatch) -> None:
-    """1.162 of the least time: where a tick held joints of 3 rad/s the hand ended it 2 % faster than along its path."""
-    dt, way, chain = 2e-2, np.array([0, 0.2, -0.3, -2.0, 0.8, 0]), ur5()
-    part = 0.5 * (1 - np.cos(2 * math.pi * np.arange(80) / 80))
-    postures, rates = motions.START + part[:, None] * way, np.gradient(part, dt)[:, None] * way
-    poses = np.array([chain.pose(q) for q in postures])
-    twists = np.array([chain.jacobian(q) @ rate for q, rate in zip(postures, rates, strict=True)])
-    monkeypatch.setattr(mirror_retiming, "TRIES", 1)
-    path = tracker(dt).plan(poses, twists, motions.START)
-    ends = zip(path.q + dt * path.velocities, path.velocities, strict=True)
-    speeds = [float(np.linalg.norm((chain.jacobian(q) @ velocity)[:3])) for q, velocity in ends]
-    assert 0.248 < max(speeds) <= 0.25
-    monkeypatch.setattr(mirror_plan, "retimed", lambda tracker, plan, left: plan)
-    assert path.times[-1] < 0.8 * tracker(dt).plan(poses, twists, motions.START).times[-1]
-
-
 def test_between_the_places_of_a_hand_that_slides_along_a_plane_there_is_room() -> None:
     """Ticks that end on the plane leave none: what leads from one to the next dips under it, by 20 micrometres."""
     table = KeepOut.through([0.0, 0.0, -0.1], [0.0, 0.0, 1.0])
@@ -280,35 +227,3 @@ def test_a_passage_that_takes_days_is_not_laid_out_in_ticks(monkeypatch: pytest.
     verdict = judge.run(1, 62150014, only=85)
     assert verdict.ticks > 200
     assert not verdict.kinds, verdict.broken
-
-
-def test_a_rest_out_of_reach_makes_nobody_late() -> None:
-    made, chain, dt = tracker(5e-3), ur5(), 5e-3
-    made.reset()
-    q, first = motions.START.copy(), ur5().pose(motions.START)
-    outwards = first[:3, 3] * [1, 1, 0] / np.linalg.norm(first[:2, 3])
-    way = np.concatenate([np.linspace(0, 0.43, 400), np.full(1000, 0.43)])  # then the floor is 34 mm short of it
-    lags = []
-    for now, speed in zip(way, np.gradient(way, dt), strict=True):
-        pose = first.copy()
-        pose[:3, 3] += now * outwards
-        command = made.step(q, pose, np.append(speed * outwards, np.zeros(3)))
-        q = q + command.value * dt
-        lags.append(made.lag)
-    assert np.linalg.norm(chain.pose(q)[:3, 3] - pose[:3, 3]) > 0.03
-    assert max(lags) < 2.0
-    assert lags[-1] < dt
-
-
-def test_how_deep_an_arm_stands_in_a_keep_out_is_its_deepest_links_depth() -> None:
-    place = ur5().pose(motions.START)[:3, 3]  # the elbow and the wrist are higher, the shoulder nearer to the base
-    away = [*(-place[:2]), 0.0]
-    inside = KeepOut.through(place + 0.08 * np.array(away) / np.linalg.norm(away), away)
-    outside = KeepOut.through(place - 0.05 * np.array(away) / np.linalg.norm(away), away)
-    bounds = tracker(5e-3).hand_bounds
-    bare = replace(bounds, chain=ur5(capsules=()))
-    assert bare.min_heights(motions.START, inside) == pytest.approx(-0.08, abs=1e-9)
-    assert bare.min_heights(motions.START, outside) == pytest.approx(0.05, abs=1e-9)
-    for plane in (inside, outside):
-        deepest = min(clearances(motions.START, np.array(plane.normal), plane.offset, np.zeros(3)).values())
-        assert bounds.min_heights(motions.START, plane) == pytest.approx(deepest, abs=1e-9)

@@ -5,8 +5,6 @@ the disc's centre from the polygon between them. It shares no formula with `appr
 """
 
 import math
-import sys
-from functools import cache
 from typing import NamedTuple
 
 import casadi as ca
@@ -14,11 +12,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from rehab_opt import RedundancyResolver, ardis
+from rehab_opt import ardis
 from rehab_opt.control.chair_obstacles import ChairObstacles
 from rehab_opt.control.obstacles import NUMBERS, Disc, HalfPlane, Obstacle, approach, obstacle_numbers
 from rehab_opt.control.stopping import BrakingTogether
-from rehab_opt.kinematics import DriveName
 from rehab_opt.kinematics.ardis import ARDIS_READY
 from rehab_opt.kinematics.mobile_arm import Outline
 
@@ -142,36 +139,26 @@ def random_ticks(rng: np.random.Generator, count: int, *, dt: float, at_once: bo
 
 
 def test_no_twist_within_the_rows_takes_the_chair_in_or_deeper() -> None:
-    tally = campaign(8_000, seed=13)
-    assert tally.lost <= ROUNDING
-    assert tally.still < 0.4 * tally.ticks
-    assert min(tally.inside, tally.touching, tally.turning) > 0.1 * tally.ticks
-
-
-@cache
-def beside_a_post() -> RedundancyResolver:
-    return RedundancyResolver(ardis(), max_obstacles=1, row_sets=[("x", "y", "z")], compile=False)
-
-
-@pytest.mark.parametrize(("at", "radius"), [((0.55, 0.2), 0.02), ((0.55, 0.33), 0.0), ((0.05, 0.0), 0.02)])
-def test_a_post_on_or_under_the_outline_does_not_get_deeper(at: tuple[float, float], radius: float) -> None:
-    post, robot = Disc(at, radius), beside_a_post()
-    for forward, left in ((0.05, -0.2), (0.05, 0.2), (-0.2, 0.1), (0.1, 0.0)):
-        robot.reset()
-        robot.obstacles = (post,)
-        places, q = [ARDIS_READY[:3]], ARDIS_READY
-        for _ in range(50):
-            q = q + robot.dt * robot.step(q, [forward, left, 0.0]).value
-            places.append(q[:3])
-        gaps = np.minimum(clearances(robot.robot.outline, [post], np.array([places]))[0], 0.0)
-        assert np.all(np.diff(gaps) >= -ROUNDING)
-        assert np.abs(q - ARDIS_READY).max() > 1e-3  # it is not just stuck
+    """Ticks of 1 to 50 ms, half of them with rows as wide as may be."""
+    rng, batch, lost, counts = np.random.default_rng(13), 500, [], np.zeros(4)
+    for _ in range(8):
+        dt = float(rng.choice([1e-3, 5e-3, 1e-2, 2e-2, 5e-2]))
+        outline, ticks = random_ticks(rng, batch, dt=dt, at_once=bool(rng.integers(2)))
+        gaps = clearances(outline, ticks.obstacles, driven(ticks, dt, arcs=bool(rng.integers(2))))
+        gap, size = gaps[:, 0], np.abs(ticks.twists)
+        lost.append((np.minimum(gap, 0.0) - gaps.min(axis=1)).max())
+        met = (size.max(axis=1) < 1e-9, gap < -1e-6, np.abs(gap) <= 1e-6, size[:, 2] > 0.9 * TURN)
+        counts += [each.mean() / 8 for each in met]
+    assert max(lost) <= ROUNDING
+    still, inside, touching, turning = counts
+    assert still < 0.4
+    assert min(inside, touching, turning) > 0.1
 
 
 @pytest.mark.parametrize("dt", [0.02])
 def test_a_twist_that_leads_no_deeper_does_so_at_no_instant_of_the_tick(dt: float) -> None:
     """Asked at half the tick and at its end only, 210 of 42 494 went up to 4.7 mm deeper before them."""
-    robot, rng, count = ardis(), np.random.default_rng(13), 10_000
+    robot, rng, count = ardis(), np.random.default_rng(13), 4_000
     chair = ChairObstacles(robot, BrakingTogether(robot.chain, dt, moving=range(7)), dt)
     places = np.tile(ARDIS_READY[:3], (count, 1))
     near = [random_obstacle(rng, robot.outline, each) for each in places]
@@ -183,68 +170,3 @@ def test_a_twist_that_leads_no_deeper_does_so_at_no_instant_of_the_tick(dt: floa
     assert deeper[says].max() <= ROUNDING
     assert says.mean() > 0.3
     assert (says | (deeper > 0)).mean() > 0.98  # nor is it refused for nothing
-
-
-@pytest.mark.parametrize(
-    ("drive", "discs", "twists"),
-    [
-        ("mecanum", [(0.7, 0.4, 0.1), (0.4, -0.1, 0.3)], [(0.4, -0.1), (0.4, -0.1), (-0.1, -0.3)]),
-        ("differential", [(0.3, 0.2, 0.3)], [(0.2, -0.3), (-0.1, 0.2), (0.3, 0.4)]),
-    ],
-)
-def test_a_chair_deep_within_obstacles_is_led_out_and_stops_within_its_accelerations(
-    drive: DriveName, discs: list[tuple[float, float, float]], twists: list[tuple[float, float]]
-) -> None:
-    """They fell by 16, 29 and 16 times that: where another edge became the nearest, and where it was let go."""
-    obstacles = [Disc((x, y), radius) for x, y, radius in discs]
-    robot = RedundancyResolver(
-        ardis(), drive=drive, dt=0.02, obstacles=obstacles, row_sets=[("x", "y", "z")], compile=False
-    )
-    q, last, places = ARDIS_READY, np.zeros(7), [ARDIS_READY[:3]]
-    for k in range(360):
-        twist = np.append(twists[k // 120], 0.0) if k % 120 < 90 else np.zeros(3)
-        q = q + robot.dt * robot.step(q, twist, frame="world").value
-        now = robot.chassis_velocity.copy()
-        assert np.all(np.abs(now - last) <= 0.02 * robot.robot.chain.acceleration * (1 + 1e-9))
-        last, places = now, [*places, q[:3]]
-    assert not np.any(now)
-    gaps = clearances(robot.robot.outline, obstacles, np.broadcast_to(places, (len(discs), 361, 3)))
-    assert np.all(np.diff(np.minimum(gaps, 0.0)) >= -3e-12)  # what a solver may leave open, 1e-10 m/s
-    assert np.all(gaps[:, -1] > np.minimum(gaps[:, 0], 0.0) + 0.05) or np.all(gaps[:, -1] > 0)
-
-
-class Tally(NamedTuple):
-    """What a campaign met."""
-
-    ticks: int
-    lost: float
-    """[m] Most by which a tick took the chair into an obstacle that it was out of, or deeper into another."""
-    worst: str
-    still: int
-    """Ticks without motion."""
-    inside: int
-    touching: int
-    turning: int
-    """As fast as may be."""
-
-
-def campaign(count: int, *, seed: int) -> Tally:
-    """Random ticks of 1 to 50 ms, half of them with rows as wide as may be."""
-    rng, batch = np.random.default_rng(seed), 500
-    worst, what, counts = 0.0, "", np.zeros(4, dtype=int)
-    for _ in range(count // batch):
-        dt = float(rng.choice([1e-3, 5e-3, 1e-2, 2e-2, 5e-2]))
-        outline, ticks = random_ticks(rng, batch, dt=dt, at_once=bool(rng.integers(2)))
-        gaps = clearances(outline, ticks.obstacles, driven(ticks, dt, arcs=bool(rng.integers(2))))
-        taken = np.minimum(gaps[:, 0], 0.0) - gaps.min(axis=1)
-        i = int(taken.argmax())
-        if not taken[i] <= worst:
-            worst, what = float(taken[i]), f"{ticks.obstacles[i]} {outline} {ticks.places[i]} {ticks.twists[i]} {dt}"
-        gap, size = gaps[:, 0], np.abs(ticks.twists)
-        met = (size.max(axis=1) < 1e-9, gap < -1e-6, np.abs(gap) <= 1e-6, size[:, 2] > 0.9 * TURN)
-        counts += [np.count_nonzero(each) for each in met]
-    return Tally(count, worst, what, *counts.tolist())
-
-
-if __name__ == "__main__":
-    print(campaign(int(sys.argv[1]), seed=int(sys.argv[2])))

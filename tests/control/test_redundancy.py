@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from rehab_opt import Limit, RedundancyResolver, Relaxed, SerialChain, Status, ardis
 from rehab_opt.control.chair_and_arm import ChairAndArm
 from rehab_opt.control.obstacles import Disc, HalfPlane
-from rehab_opt.control.reaching import Reaching
 from rehab_opt.kinematics.ardis import ARDIS_READY
 from rehab_opt.kinematics.drive import Differential
 from rehab_opt.kinematics.mobile_arm import MobileArm
@@ -75,12 +74,11 @@ def posture(rng: np.random.Generator, robot: MobileArm, fraction: float = 1.0) -
 
 
 # ---------------------------------------------------------------------------------------------- the published law
-@pytest.mark.parametrize("drive", DRIVES)
-@pytest.mark.parametrize("frame", ["chassis", "world"])
+@pytest.mark.parametrize(("drive", "frame"), [("mecanum", "world"), ("differential", "chassis")])
 def test_with_no_bound_active_the_command_is_the_published_law(drive: str, frame: str) -> None:
     rng, robot, compared = np.random.default_rng(seed_of_the_code()), unhurried(drive), 0
     law = PseudoinverseLaw(robot.robot, drive=drive)  # type: ignore[arg-type]
-    sets = [tuple(str(each) for each in rng.permutation(EVERY_ROW)[: 1 + k % 3]) for k in range(6)]
+    sets = [tuple(str(each) for each in rng.permutation(EVERY_ROW)[: 1 + k % 3]) for k in range(4)]
     for k in range(40):
         rows = sets[k % len(sets)]  # each is made when it is first asked for
         q, twist = posture(rng, robot.robot, 0.8), 0.05 * rng.standard_normal(len(rows))
@@ -118,19 +116,6 @@ def test_a_hand_that_must_slow_down_keeps_its_direction_within_a_microradian(dri
     assert slowed > 50
 
 
-def test_the_watchdog_sees_every_stamp_whatever_the_target() -> None:
-    robot, near, far = resolver(), [0.7, -0.38, 0.56], [700.0, -380.0, 560.0]
-    robot.reach(ARDIS_READY, near, stamp=1.0)
-    assert robot.reach(ARDIS_READY, far, stamp=1.01).reason == "target is more than 100 m away"
-    assert robot.reach(ARDIS_READY, far, stamp=1.01).reason == "stamp repeated"
-    for k in range(2, 30):
-        robot.reach(ARDIS_READY, far, stamp=1.0 + 0.01 * k)
-    assert robot.reach(ARDIS_READY, near, stamp=1.3).status is Status.OK
-    unknown = robot.reach(ARDIS_READY, [0.7, np.nan, 0.56], stamp=1.31)
-    assert unknown.reason == "target[1] is nan, not a usable number"
-    assert robot.reach(ARDIS_READY, far, stamp=1.32, enable=False).reason == "not enabled"
-
-
 @pytest.mark.parametrize("drive", DRIVES)
 def test_a_hand_that_creeps_goes_on_where_the_chair_s_turn_helps_and_else_the_chair_stays_slow(drive: str) -> None:
     """A level forearm that only the chair can roll: by the sine of its slope, at the chair's full turn."""
@@ -148,43 +133,21 @@ def test_a_hand_that_creeps_goes_on_where_the_chair_s_turn_helps_and_else_the_ch
         assert command.scale > 0.95 * possible if worth else abs(command.value[2]) < 0.2 * stiff.chain.velocity[2]
 
 
-@pytest.mark.parametrize(
-    ("arm", "twist"),
-    [
-        ([-1.386, -0.363, -0.144, 0.412], [0.0529, 0.1291, 0.0021]),
-        ([-0.72, 0.005, -0.232, -0.07], [0.0328, 0.1621, -0.0296]),
-    ],
-)
-def test_an_arm_led_to_rest_at_a_singular_posture_follows_the_reversed_stick(
-    arm: list[float], twist: list[float]
-) -> None:
+def test_an_arm_led_to_rest_at_a_singular_posture_follows_the_reversed_stick() -> None:
     """Not into the ten degrees to a joint limit beyond it, where rounding led it; its hand gets half of the command."""
-    resolver = RedundancyResolver(ardis(), drive="fixed", row_sets=[("x", "y", "z")], compile=False)
-    q, fastest = np.array([0.0, 0.0, 0.0, *arm]), 0.0
-    for k in range(1600):
-        command = resolver.step(q, np.array(twist) if k < 1000 else -np.array(twist))
-        q += 0.01 * command.value
+    robot, twist = resolver(drive="fixed"), [0.0529, 0.1291, 0.0021]
+    q = np.array([0.0, 0.0, 0.0, -1.386, -0.363, -0.144, 0.412])
+    fastest = 0.0
+    for k in range(1400):
+        command = robot.step(q, np.array(twist) * (1 if k < 1000 else -1))
+        q = q + robot.dt * command.value
         if k == 999:
             assert command.status is Status.BLOCKED
             assert np.abs(command.value).max() < 0.01
+            law = PseudoinverseLaw(robot.robot, drive="fixed").rate(q, np.array(twist), ("x", "y", "z"))
+            assert 1 / np.max(np.abs(law[3:]) / robot.robot.chain.velocity[3:]) == pytest.approx(0.01)  # of the command
         fastest = max(fastest, command.scale if k >= 1000 else 0.0)
     assert fastest > 0.5
-
-
-def test_no_other_command_within_the_bounds_moves_the_hand_faster_in_the_direction_asked() -> None:
-    robot, rng = unhurried("mecanum"), np.random.default_rng(3)
-    for _ in range(40):
-        q, twist = posture(rng, robot.robot, 0.7), rng.standard_normal(3)
-        twist *= 5.0 / np.linalg.norm(twist)
-        robot.reset()
-        command = robot.step(q, twist)
-        problem = robot.to_qpsolvers(q, twist)
-        n = problem.q.size
-        fastest = qpsolvers.Problem(
-            1e-9 * np.eye(n), -np.eye(n)[7], problem.G, problem.h, problem.A, problem.b, problem.lb, problem.ub
-        )
-        best = qpsolvers.solve_problem(fastest, solver="daqp", primal_tol=1e-11, dual_tol=1e-11).x[7]
-        assert command.scale * 5.0 >= best - max(0.02 * best, 1e-3)
 
 
 def test_the_answer_is_the_qp_s_by_another_solver() -> None:
@@ -199,37 +162,9 @@ def test_the_answer_is_the_qp_s_by_another_solver() -> None:
             np.testing.assert_allclose(robot.robot.chassis_velocity(q, command.value), other.x[:7], atol=2e-5)
 
 
-@pytest.mark.parametrize("drive", DRIVES)
-def test_a_hand_held_back_by_accelerations_loses_what_is_off_the_new_twist(drive: str) -> None:
-    rng, robot, held = np.random.default_rng(12), stopper(drive, 1e-2), 0
-    chain = robot.robot.chain
-    for _ in range(100):
-        q, twist = posture(rng, robot.robot, 0.5), 0.3 * rng.standard_normal(3)
-        moving = 0.2 * rng.uniform(-1, 1, 7) * chain.velocity
-        moving[1] *= drive == "mecanum"
-        last = robot.robot.world_velocity(q, moving)
-        robot.reset(last, heading=q[2])
-        command = robot.step(q, twist)
-        change = np.abs(robot.chassis_velocity - moving) / (chain.acceleration * robot.dt)
-        assert np.max(change) <= 1 + 1e-9
-        size = np.linalg.norm(twist)
-        along, middle = twist / size, q + last * robot.dt / 2
-        turn = np.array([[np.cos(q[2]), np.sin(q[2]), 0], [-np.sin(q[2]), np.cos(q[2]), 0], [0, 0, 1]])
-        before, now = (turn @ (chain.jacobian(middle) @ v)[:3] for v in (last, command.value))
-        off_before, off_now = (v - (v @ along) * along for v in (before, now))
-        left = off_now @ off_before / (off_before @ off_before)
-        np.testing.assert_allclose(left * off_before, off_now, atol=1e-8)
-        assert -1e-9 <= left <= 1 - 0.01 / (1.1 * 0.8) + 1e-9  # as braking together, or faster
-        assert now @ along <= max(size, before @ along) + 1e-9
-        assert now @ along >= min(before @ along, 0.0) - 1e-9
-        assert bool(command.relaxed & Relaxed.TASK)
-        held += np.max(change) > 1 - 1e-6
-    assert held > 50
-
-
 # --------------------------------------------------------------------------------------------------- zero commands
-@given(st.integers(0, 10**6), st.sampled_from([1e-3, 1e-2, 2e-2]), st.sampled_from(DRIVES))
-@settings(max_examples=25)
+@given(st.integers(0, 10**6), st.sampled_from([1e-3, 2e-2]), st.just("mecanum"))
+@settings(max_examples=12)
 def test_no_command_while_moving_stops_in_as_many_ticks_as_the_slowest_joint_needs(
     seed: int, dt: float, drive: str
 ) -> None:
@@ -270,7 +205,7 @@ def test_turning_or_shifting_the_scene_changes_nothing_in_the_chair_s_frame(driv
     here, elsewhere = (resolver(drive=drive, obstacles=room) for room in (walls, there))
     q, moved = ARDIS_READY.copy(), ARDIS_READY.copy()
     moved[:3] = *shift, turn
-    for k in range(300):
+    for k in range(150):
         twist = np.array([0.4 * math.cos(0.03 * k), 0.4 * math.sin(0.02 * k), 0.05])
         first, second = here.step(q, twist), elsewhere.step(moved, twist)
         np.testing.assert_allclose(elsewhere.chassis_velocity, here.chassis_velocity, atol=1e-7)
@@ -285,19 +220,6 @@ def test_rows_not_asked_for_are_free_and_may_be_of_any_kind() -> None:
         twist = 0.02 * np.arange(1, len(rows) + 1)
         command = robot.step(q, twist, rows)
         np.testing.assert_allclose(hand_twist(robot.robot, q, command.value, rows, "chassis"), twist, atol=1e-9)
-
-
-def test_a_stick_in_the_chair_s_frame_keeps_its_meaning_as_the_chair_turns() -> None:
-    robot = unhurried("mecanum")
-    for heading in (0.0, 1.0, -2.5):
-        q = ARDIS_READY.copy()
-        q[2] = heading
-        robot.reset()
-        hand = robot.robot.chain.jacobian(q)[:3] @ robot.step(q, [0.1, 0.0, 0.0]).value
-        np.testing.assert_allclose(hand, [0.1 * math.cos(heading), 0.1 * math.sin(heading), 0.0], atol=1e-9)
-        robot.reset()
-        hand = robot.robot.chain.jacobian(q)[:3] @ robot.step(q, [0.1, 0.0, 0.0], frame="world").value
-        np.testing.assert_allclose(hand, [0.1, 0.0, 0.0], atol=1e-9)
 
 
 def test_rows_that_are_not_in_row_sets_get_their_functions_at_rest_only() -> None:
@@ -315,19 +237,6 @@ def test_rows_that_are_not_in_row_sets_get_their_functions_at_rest_only() -> Non
 
 
 # ------------------------------------------------------------------------------------------------- chair and arm
-@pytest.mark.parametrize("drive", DRIVES)
-def test_beyond_the_arm_s_reach_the_chair_comes_along_without_being_asked(drive: str) -> None:
-    robot, q = resolver(drive=drive), ARDIS_READY.copy()
-    begin = robot.robot.chain.pose(q)[0, 3]
-    for _ in range(1500):
-        q = q + robot.step(q, [0.15, 0.0, 0.0]).value * robot.dt
-    travelled = robot.robot.chain.pose(q)[0, 3] - begin
-    assert travelled > 1.7  # the arm alone reaches 0.4 further
-    assert q[0] > travelled - 0.6
-    assert np.all(q[3:] <= robot.robot.chain.upper[3:] + 1e-9)
-    assert np.all(q[3:] >= robot.robot.chain.lower[3:] - 1e-9)
-
-
 def test_a_lost_first_position_does_not_turn_the_chair_s_motion() -> None:
     robot = resolver(drive="differential")
     heading = 1.1
@@ -339,121 +248,32 @@ def test_a_lost_first_position_does_not_turn_the_chair_s_motion() -> None:
     assert np.hypot(*command.value[:2]) == pytest.approx(0.49, abs=1e-9)
 
 
-def test_within_reach_the_arm_does_the_work_with_less_kinetic_energy_than_the_chair() -> None:
-    robot, q = resolver(), ARDIS_READY.copy()
-    begin, by_chair = q[:3].copy(), np.array([0.1, 0.05, 0, 0, 0, 0, 0])
-    chair = by_chair @ robot.robot.inertia(q) @ by_chair
-    for _ in range(100):
-        command = robot.step(q, [0.1, 0.05, 0.0])
-        assert command.value @ robot.robot.inertia(q) @ command.value < 0.05 * chair
-        q = q + command.value * robot.dt
-    assert np.all(np.abs(q[:2] - begin[:2]) < 0.01)
-
-
 # ------------------------------------------------------------------------------------------------------ obstacles
-def test_a_chair_within_an_obstacle_may_leave_it_and_not_go_deeper() -> None:
-    robot = resolver(robot=light(), obstacles=[HalfPlane((1, 0), 0.4)], keep_out=False)  # type: ignore[arg-type]
-    q = ARDIS_READY.copy()  # the front is at 0.55
-    command = robot.step(q, [1.0, 0.0, 0.0])
-    assert command.relaxed & Relaxed.POSITION
-    assert command.value[0] <= 1e-9
-    robot.reset()
-    assert robot.step(q, [-2.0, 0.0, 0.0]).value[0] < -0.1
-
-
-@pytest.mark.parametrize("twist", [[0.3, 0.0, 0.0], [0.2, -0.1, 0.0]])
-def test_a_chair_along_a_wall_that_it_is_within_stops_within_its_accelerations(twist: list[float]) -> None:
+def test_a_chair_along_a_wall_that_it_is_within_stops_within_its_accelerations() -> None:
     """A solver leaves 1e-19 of a turn towards the wall, where nothing is left: that stopped the chair in one tick."""
     robot, q, last = resolver(drive="differential", obstacles=[HalfPlane((0, 1), 0.2)]), ARDIS_READY.copy(), np.zeros(7)
     for k in range(330):
-        u = robot.step(q, np.array(twist) * (k < 300)).value
+        u = robot.step(q, np.array([0.2, -0.1, 0.0]) * (k < 300)).value
         assert np.all(np.abs(u - last) <= 0.01 * robot.robot.chain.acceleration * (1 + 1e-9))
         assert (k != 299) or np.linalg.norm(u[:2]) > 0.1
         q, last = q + 0.01 * u, u
 
 
-def test_obstacles_may_change_between_ticks_within_their_places() -> None:
-    robot = resolver(robot=light(), max_obstacles=2, keep_out=False)  # type: ignore[arg-type]
-    q = ARDIS_READY.copy()
-    fast = robot.step(q, [2.0, 0.0, 0.0]).value[0]
-    robot.obstacles = (Disc((0.65, 0.0), 0.05),)
-    robot.reset()
-    slow = robot.step(q, [2.0, 0.0, 0.0]).value[0]
-    assert fast > 0.5
-    assert slow <= 0.05 / robot.dt + 1e-9
-
-
-@pytest.mark.nightly
-@pytest.mark.parametrize("drive", ["mecanum", "differential"])
-@pytest.mark.parametrize("dt", [0.01, 0.02])
-def test_a_chair_comes_to_rest_where_planes_of_the_users_own_stop_its_hand(drive: str, dt: float) -> None:
-    """It turned by 0.45 rad/s for 40 s, BLOCKED, with its hand at rest: tangents about that motion forbade to stop."""
-    robot, rested = ardis(), 0
-    begun = robot.chain.pose(ARDIS_READY)[:3, 3]
-    for seed in (1, 2, 4):
-        rng = np.random.default_rng(seed)
-        normals, rooms = rng.normal(size=(5, 3)), rng.uniform(0.03, 0.25, 5)
-        normals /= np.linalg.norm(normals, axis=1)[:, None]
-
-        def inside(chain: SerialChain, q: ca.SX, n: Array = normals, rooms: Array = rooms) -> ca.SX:
-            return ca.DM(rooms) - ca.DM(n) @ (chain.pose_expression(q)[:3, 3] - ca.DM(begun))
-
-        made = RedundancyResolver(
-            robot, drive=drive, row_sets=[("x", "y", "z")], dt=dt, limits=[Limit(inside)], compile=False
-        )
-        twist = rng.normal(size=3)
-        twist *= 0.15 / np.linalg.norm(twist)
-        q, sent = np.array(ARDIS_READY), []
-        for _ in range(round(25 / dt)):
-            sent.append(made.step(q, twist, ("x", "y", "z"), "world"))
-            q = q + dt * sent[-1].value
-        if sent[-round(10 / dt)].status is Status.BLOCKED:
-            rested += 1
-            assert np.max(np.abs([each.value for each in sent[-round(1 / dt) :]])) < 5e-3, seed
-    assert rested >= 2
-
-
-def test_an_arm_that_is_held_at_a_limit_of_the_users_own_does_not_tremble() -> None:
-    """Its joints went to and fro in each tick: about the last velocity, a ball's tangents turned with it."""
-    middle, radius, dt, twist = ca.DM([0.728, -0.417, 0.746]), 0.179, 0.02, [0.0117, -0.009, 0.0842]
-
-    def outside(chain: SerialChain, q: ca.SX) -> ca.SX:
-        return (ca.sumsqr(chain.pose_expression(q)[:3, 3] - middle) - radius**2) / (2 * radius)
-
-    made, q, sent = new(drive="differential", dt=dt, limits=[Limit(outside)]), np.array(ARDIS_READY), []
-    for _ in range(round(10 / dt)):
-        sent.append(made.step(q, twist, ("x", "y", "z")).value)
-        q = q + dt * sent[-1]
-    assert made.robot.chain.pose(q)[2, 3] > made.robot.chain.pose(ARDIS_READY)[2, 3] + 0.01  # it went on along it
-    turned = np.array(sent[1:]) * sent[:-1] < -(0.01**2)
-    assert turned.sum(axis=0).max() <= 4
-
-
-RELEASED = {
-    "ball": (0.005, "xy", 315, 0.1198, -1.7917,
-             2.8124, -1.0206, 0.1126, 0.024, -0.004, -0.6642, 0.5733, 0.4567, 0.1564),
-    "norm": (0.01, "xyz", 174, 0.2436, -3.0191,
-             0.4837, -0.9261, 0.0452, -0.2177, 0.5133, 0.7531, -0.0069, 0.5177, 0.0734),
-}  # fmt: skip
-"""By the limit's form: dt, rows, ticks held, speed and direction of the stick, joints but the place, middle, radius."""
-
-
-@pytest.mark.parametrize("form", RELEASED)
-def test_a_hand_released_beside_a_quick_limit_of_the_users_own_brakes_within_its_accelerations(form: str) -> None:
+def test_a_hand_released_beside_a_quick_limit_of_the_users_own_brakes_within_its_accelerations() -> None:
     """They braked 10 times as hard: the way to a stop was looked at in one of four places, now this, now that one.
 
     And its arc was taken for true, where each tick's way is straight along its beginning.
     """
-    (dt, rows, held, speed, angle), numbers = RELEASED[form][:5], RELEASED[form][5:]
-    middle, radius = ca.DM(numbers[5:8]), numbers[8]
+    dt, rows, held, speed, angle = 0.01, "xyz", 174, 0.2436, -3.0191
+    middle, radius = ca.DM([0.7531, -0.0069, 0.5177]), 0.0734
+    joints = [0.4837, -0.9261, 0.0452, -0.2177, 0.5133]
 
     def room(chain: SerialChain, q: ca.SX) -> ca.SX:
-        off = chain.pose_expression(q)[:3, 3] - middle
-        return radius - ca.norm_2(off + 1e-9) if form == "norm" else (radius**2 - ca.sumsqr(off)) / (2 * radius)
+        return radius - ca.norm_2(chain.pose_expression(q)[:3, 3] - middle + 1e-9)
 
     robot, names = ardis(), tuple(rows)
     made = RedundancyResolver(robot, row_sets=(names,), dt=dt, limits=[Limit(room, rate=10.0)], compile=False)
-    q, last, harder = np.array([0.0, 0.0, *numbers[:5]]), np.zeros(7), [0.0]
+    q, last, harder = np.array([0.0, 0.0, *joints]), np.zeros(7), [0.0]
     for k in range(held + round(1.5 / dt)):
         stick = speed * np.array([math.cos(angle - q[2]), math.sin(angle - q[2]), 0.0])[: len(rows)]
         sent = made.step(q, stick, names, enable=k < held)
@@ -463,20 +283,6 @@ def test_a_hand_released_beside_a_quick_limit_of_the_users_own_brakes_within_its
         q, last = q + dt * sent.value, np.array(made.chassis_velocity)
     assert max(harder) <= 1 + 1e-6
     assert not last.any()
-
-
-def test_a_quick_arm_on_a_slow_chair_goes_on_beside_keep_outs() -> None:
-    # All brake together, in 2.2 s: what the arm's own acceleration can add to its way in that would be 1.4 m.
-    robot = ardis(velocity=[1.5, 1.5, 1.0, 1.0, 1.0, 1.2, 1.5], acceleration=[0.75, 0.75, 1.5, 38.0, 38.0, 38.0, 38.0])
-    quick = RedundancyResolver(robot, drive="differential", row_sets=[("z",)], dt=0.02, compile=False)
-    q = np.array(ARDIS_READY)
-    for _ in range(200):
-        command = quick.step(q, [-0.05], ("z",))
-        assert command.status is Status.OK
-        q = q + 0.02 * command.value
-    hand = [robot.chain.pose(each)[:3, 3] for each in (ARDIS_READY, q)]
-    assert hand[0][2] - hand[1][2] == pytest.approx(0.2, abs=1e-3)
-    assert abs(hand[1][1] - hand[0][1]) < 0.01
 
 
 # ---------------------------------------------------------------------------------------------------------- ladder
@@ -530,15 +336,15 @@ def test_compiled_and_interpreted_give_the_same_commands() -> None:
     """Without keep-outs, which double the compiler's time."""
     robots = [new(obstacles=[HalfPlane((1, 0), 1.5)], keep_out=False, compile=c) for c in ("wait", False)]
     q, rng, exact = ARDIS_READY.copy(), np.random.default_rng(9), 0
-    for k in range(500):
-        if k % 50 == 0:
+    for k in range(250):
+        if k % 25 == 0:
             twist = rng.standard_normal(3) * 0.5
         commands = [robot.step(q, twist) for robot in robots]
         # Rounding may let one of them fall back to the other solver.
         np.testing.assert_allclose(commands[0].value, commands[1].value, rtol=0, atol=1e-7)
         exact += np.allclose(commands[0].value, commands[1].value, rtol=0, atol=1e-11)
         q = q + commands[0].value * robots[0].dt
-    assert exact > 400
+    assert exact > 200
 
 
 # ----------------------------------------------------------------------------------------------------------- reach
@@ -556,34 +362,6 @@ def test_a_place_is_reached_within_the_arm_s_reach_and_beyond_it(drive: str, way
             break
     assert np.linalg.norm(robot.robot.chain.pose(q)[:3, 3] - target) < 1e-3
     assert not command.value.any()
-
-
-def test_a_hand_that_bounds_hold_is_asked_for_the_straight_way_from_where_it_is() -> None:
-    rng, robot = np.random.default_rng(3), ardis()
-    for _ in range(20):
-        reaching, q = Reaching(robot, dt=0.01), ARDIS_READY.copy()
-        begin = robot.chain.pose(q)[:3, 3]
-        target = begin + rng.uniform(-1, 1, 3)
-        for tick in range(200):
-            if tick == 40:  # moved aside, and held there
-                q[:2] += 0.1 * rng.choice([-1, 1], 2)
-            twist = reaching.twist(q, target, last=np.zeros(7), moving=True)
-            way = target - robot.chain.pose(q)[:3, 3]
-            if np.linalg.norm(twist):
-                assert twist @ way > (1 - 1e-9) * np.linalg.norm(twist) * np.linalg.norm(way)
-        assert np.linalg.norm(twist) > 0.2
-
-
-@pytest.mark.parametrize("drive", DRIVES)
-def test_where_nothing_is_in_its_way_the_hand_goes_straight(drive: str) -> None:
-    robot, q = resolver(drive=drive), ARDIS_READY.copy()
-    begin = robot.robot.chain.pose(q)[:3, 3]
-    way = np.array([0.3, 0.15, 0.05])
-    for _ in range(600):
-        q = q + robot.reach(q, begin + way).value * robot.dt
-        gone = robot.robot.chain.pose(q)[:3, 3] - begin
-        assert np.linalg.norm(np.cross(gone, way)) / np.linalg.norm(way) < 1e-3
-    assert gone == pytest.approx(way, abs=1e-3)
 
 
 # ------------------------------------------------------------------------------------------------------- arguments

@@ -49,7 +49,7 @@ def clock(n: int, *, speed: float = 0.1) -> ReferenceClock:
 
 
 @given(st.lists(st.floats(0.0, 2.0), max_size=400))
-@settings(deadline=None, max_examples=50)
+@settings(deadline=None, max_examples=15)
 def test_read_where_the_paces_add_up_to(paces: list[float]) -> None:
     made, gone = clock(300), 0.0
     for pace in paces:
@@ -120,7 +120,7 @@ def test_turns_between_poses_are_scipys(seed: int) -> None:
 
 
 @given(st.integers(0, 2**32 - 1))
-@settings(deadline=None, max_examples=25)
+@settings(deadline=None, max_examples=5)
 def test_what_is_laid_out_is_where_the_clock_comes_to(seed: int) -> None:
     rng = np.random.default_rng(seed)
     speeds = np.abs(np.cumsum(rng.normal(0.0, 0.05, 120)))

@@ -1,15 +1,13 @@
 """Claims about help that comes to rest: on people of random mass and damping, with forces that are late."""
 
 import math
-from functools import partial
 
 import numpy as np
 import pytest
 import shapely
 
 from rehab_opt import Assistance, BoundedForce, PotentialField, Status, Workspace
-from rehab_opt.field.settling import crossover, fitting_damping, fitting_slew, settling_notes
-from tests.refusals import refuses
+from rehab_opt.field.settling import crossover, fitting_damping, settling_notes
 
 START = np.array([-0.17, 0.50])
 PATH = START + np.outer(np.linspace(0, 1, 50), [0.2, 0.0])
@@ -38,7 +36,7 @@ def reach(helper, seed, *, delay=0.0, lag=0.0, noise=0.0, seconds=4.0):
     return [np.array(column) for column in zip(*rows, strict=True)]
 
 
-@pytest.mark.parametrize(("delay", "lag", "dt"), [(0.0, 0.0, 2e-3), (0.008, 0.003, 1e-3)])
+@pytest.mark.parametrize(("delay", "lag", "dt"), [(0.008, 0.003, 1e-3)])
 def test_help_with_default_numbers_arrives_and_stands_still(delay, lag, dt) -> None:
     """0.2 m: the hand is at rest a second after it came, and 3 J do it. With D = 5 N s/m and 200 N/s it never is."""
     for seed in range(2):
@@ -50,19 +48,6 @@ def test_help_with_default_numbers_arrives_and_stands_still(delay, lag, dt) -> N
         assert np.sqrt(np.mean(rest**2)) <= 0.05
         assert work.max() <= 3.0
         assert (status == Status.OK).all()
-
-
-@pytest.mark.parametrize(("told", "delay"), [(None, 0.008), (5e-4, 0.0)])
-def test_noise_of_half_a_millimetre_does_not_let_the_hand_go(told, delay) -> None:
-    """Whether it is told or not; it was let go in a third of the ticks."""
-    helper = Assistance(FIELD, position_noise=told, actuation_delay=delay, **OPTIONS)
-    speed, away, _, status, _ = reach(helper, 3, delay=delay, noise=5e-4, seconds=4.0)
-    assert np.mean([not each.certified for each in status]) < 2e-3
-    turned = status == Status.BLOCKED  # where the slew bound turns a small force round, for a tick
-    assert turned.mean() < 1e-2
-    assert not (turned[1:] & turned[:-1]).any()
-    assert away[-2000:].max() < 0.015
-    assert np.sqrt(np.mean(speed[-2000:] ** 2)) <= 0.05
 
 
 def test_a_hand_that_runs_on_under_the_noise_is_let_go() -> None:
@@ -79,15 +64,6 @@ def test_a_hand_that_runs_on_under_the_noise_is_let_go() -> None:
                 break
         assert "hand moves at" in command.reason
         assert not command.value.any()
-
-
-def test_a_hand_without_noise_is_let_go_in_the_tick_in_which_it_is_too_fast() -> None:
-    helper = BoundedForce(lambda *_: (5.0, 0.0), compile=False)
-    for k in range(500):
-        assert helper.step((0.2 * math.sin(2e-3 * k), 0.0)).status is Status.OK
-    command = helper.step((0.2 * math.sin(2e-3 * 499) + 1.2e-3, 0.0))
-    assert not command.value.any()
-    assert "position moved" in command.reason
 
 
 @pytest.mark.parametrize("seed", range(1))
@@ -113,31 +89,6 @@ def test_a_force_not_felt_of_late_comes_gently_and_what_was_felt_as_fast_as_it_c
     assert fast > 10
 
 
-def test_every_steady_swing_of_the_loop_with_its_limits_is_excluded_by_force_times_frequency() -> None:
-    """In time, with the limiters themselves: a late spring and damper, a light hand, started at a large swing."""
-    rng, swings = np.random.default_rng(0), {True: [], False: []}
-    for _ in range(40):
-        stiffness, mass, delay = rng.uniform(200, 1500), rng.uniform(1.5, 4.0), int(rng.integers(1, 8))
-        damping = fitting_damping(stiffness)
-        needed = fitting_slew(stiffness, damping, force_limit=30.0, velocity_lag=0.01)
-        for fits, slew in ((True, needed), (False, needed / 12)):
-            x, v, force, one, two, last, past = 0.06, 0.0, 0.0, 0.0, 0.0, 0.06, [0.0] * delay
-            speeds = []
-            for _ in range(4000):
-                one += (1 / 6) * ((x - last) * 1e3 - one)
-                two += (1 / 6) * (one - two)
-                last = x
-                goal = min(30.0, max(-30.0, -stiffness * x - damping * two))
-                force += min(slew * 1e-3, max(-slew * 1e-3, goal - force))
-                past.append(force)
-                v += 1e-3 * (past.pop(0) - 4.0 * v) / mass
-                x += 1e-3 * v
-                speeds.append(v)
-            swings[fits].append(float(np.sqrt(np.mean(np.square(speeds[-1000:])))))
-    assert max(swings[True]) < 1e-2
-    assert np.mean(np.array(swings[False]) > 0.1) > 0.9
-
-
 def test_the_margin_says_which_loops_are_stable() -> None:
     """Beside the eigenvalues of the same loop, its delay by a Pade approximation."""
     from scipy.interpolate import pade  # noqa: PLC0415
@@ -158,16 +109,6 @@ def test_the_margin_says_which_loops_are_stable() -> None:
     assert 0.2 < np.mean(told) < 0.8
 
 
-def test_too_much_damping_along_one_axis_is_told() -> None:
-    def notes(*damping):
-        field = PotentialField(PATH, stiffness=1000.0, damping=damping, width=0.025, compile=False)
-        return Assistance(field, actuation_delay=0.01, slew_limit=9e5, **OPTIONS).notes
-
-    assert notes(31.0, 31.0) == ()
-    (told,) = notes(31.0, 1000.0)
-    assert "swings ever more: a stiffness of 1000 N/m with a damping of 1e+03 N s/m" in told
-
-
 def test_numbers_that_do_not_go_together_are_told_with_ones_that_do() -> None:
     assert Assistance(FIELD, **OPTIONS).notes == ()
     assert Assistance(FIELD, actuation_delay=0.008, **OPTIONS).notes == ()
@@ -183,8 +124,3 @@ def test_numbers_that_do_not_go_together_are_told_with_ones_that_do() -> None:
     limit = float(late.split("at most ")[1].split(" N/m")[0])
     times = {"delay": 0.021, "lag": 0.0, "velocity_lag": 0.01}
     assert not list(settling_notes(limit, fitting_damping(limit), force_limit=30.0, slew_limit=2500.0, **times))
-
-
-def test_a_growth_limit_that_is_none_is_named() -> None:
-    rows = [({"growth_limit": each}, "growth_limit") for each in (0.0, -1.0, math.nan, math.inf, "fast")]
-    refuses(partial(BoundedForce, lambda *_: (0.0, 0.0)), *rows)

@@ -8,14 +8,12 @@ import pytest
 from scipy.interpolate import CubicSpline, PchipInterpolator
 from scipy.optimize import linprog
 
-from bench.measured_lag import measured_lag
 from rehab_opt.control.path_timing import PathCells, ruckig_timing
 from rehab_opt.control.smoothing import smooth_path
 from tests.control.test_smoothing import DT, A, J, V, assert_within_bounds
 from tests.refusals import refuses
 
 LINKS = 0.3, 0.25
-SUDDEN = 1e9
 
 
 def hand(q):
@@ -64,37 +62,6 @@ def test_a_hand_that_is_too_fast_for_its_joints_stays_on_its_path(hurry):
     assert np.all(np.diff(found.phase) >= 0.0)
     assert np.diff(found.phase).max() <= DT + 1e-12
     assert found.delay == pytest.approx(found.times[-1] - t[-1], abs=1e-9)
-
-
-def test_a_path_with_corners_and_steps_is_passed_within_the_bounds_to_its_end():
-    t = np.arange(0, 4, 0.01)
-    path = np.stack([0.5 * np.abs(t % 2 - 1), np.floor(t) / 4], axis=1)
-    found = smooth_path(t, path, velocity=V, acceleration=A, jerk=J, lower=0, upper=1)
-    assert_within_bounds(found.positions, V, A, J, DT)
-    np.testing.assert_array_equal(found.positions[[0, -1]], path[[0, -1]])
-    assert found.times[0] == 0.0
-    assert np.all((found.positions >= 0) & (found.positions <= 1))
-
-
-@pytest.mark.parametrize("seed", range(2))
-def test_every_bound_and_the_tolerance_hold_on_random_paths(seed):
-    rng = np.random.default_rng(seed)
-    axes, dt = int(rng.integers(1, 5)), float(rng.choice([1e-3, 4e-3]))
-    v, a, j = rng.uniform(0.5, 2, axes), rng.uniform(1, 30, axes), 10 ** rng.uniform(0.5, 3.5, axes)
-    t = np.cumsum(rng.uniform(0.01, 0.3, 12))
-    tolerance = 10 ** rng.uniform(-5, -3)
-    found = smooth_path(t, rng.standard_normal((12, axes)), velocity=v, acceleration=a, jerk=j, dt=dt,
-                        tolerance=tolerance)  # fmt: skip
-    assert_within_bounds(found.positions, v, a, j, dt)
-    assert found.deviation.max() <= tolerance * (1 + 1e-9)
-
-
-def test_a_straight_way_takes_as_long_as_a_trapezoid_of_speed():
-    length, pace = 2.0, 50.0
-    found = smooth_path([0, length / pace], [[0.0], [length]], velocity=V, acceleration=A, jerk=SUDDEN)
-    assert found.times[-1] == pytest.approx(length / V + V / A, abs=0.01)
-    found = smooth_path([0, 0.1 / pace], [[0.0], [0.1]], velocity=V, acceleration=A, jerk=SUDDEN)
-    assert found.times[-1] == pytest.approx(2 * math.sqrt(0.1 / A), abs=0.01)  # never at the largest speed
 
 
 def assert_axes_keep(timing, path, velocity, acceleration, jerk):
@@ -157,14 +124,6 @@ def test_axes_keep_their_bounds_at_every_instant_of_the_passage(seed, bounded):
     assert_axes_keep(timing, path, velocity, acceleration, jerk)
     assert timing.at(timing.times[[0, -1]]).tolist() == [0.0, 1.0]
     assert np.abs(timing.at(timing.times[-1:] * (1 - 1e-9)) - 1.0).max() < 1e-6
-
-
-def test_a_known_delay_is_measured():
-    t = np.arange(0, 10, 0.01)
-    for delay in (0.0, 0.123, -0.05, 1.0):
-        target, late = (np.stack([np.sin(x), 100 * np.cos(0.7 * x)], axis=1) for x in (t, t - delay))
-        assert measured_lag(t, target, late) == pytest.approx(delay, abs=2e-3)
-    assert measured_lag(t, 0 * target, 0 * target) == 0.0
 
 
 def test_what_no_drive_can_use_is_refused_by_name():

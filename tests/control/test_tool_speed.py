@@ -18,7 +18,7 @@ def random_chain(rng: np.random.Generator) -> SerialChain:
     return SerialChain(rows, lower=-3.0, upper=3.0, velocity=3.0, acceleration=9.0, tool=tool)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), dt=st.sampled_from([1e-3, 5e-3, 2e-2, 1e-1]))
 def test_speed_acceleration_and_jerk_of_a_tool_in_a_tick(seed: int, dt: float) -> None:
     rng = np.random.default_rng(seed)

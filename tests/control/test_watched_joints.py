@@ -166,24 +166,3 @@ def test_a_chair_whose_place_is_not_measured_is_at_no_fault_and_a_blocked_one_is
             seen = seen + moved
             reasons.append(command.reason)
         assert any("does not follow" in each for each in reasons) == measured
-
-
-@pytest.mark.parametrize(("blind", "fault"), [(0.1, True), (1.0, False)])
-def test_what_joints_do_while_no_encoder_is_read_is_led_too(blind: float, *, fault: bool) -> None:
-    """Braking unseen and led back by as much, an arm has moved nowhere from where it was seen, and follows."""
-    rng = np.random.default_rng(round(1e3 * blind))
-    tracker = PoseTracker(ur5(acceleration=5.0), dt=2e-2, gain=5.0, compile=False)
-    for _ in range(3):
-        joints, seen = Joints(START, dt=2e-2), START
-        tracker.reset()
-        speed, back = rng.uniform(0.8, 1.0) * rng.choice([-1, 1], 6), 0.4 + blind
-        for k in range(round((back + 1.2) / 2e-2)):
-            at = k * 2e-2
-            joints.gain[2] = 1.0 - (fault and at >= back)
-            twist = ROBOT.jacobian(joints.q) @ (speed if at < back else -speed / 12)
-            command = tracker.step(seen, ROBOT.pose(joints.q), twist)
-            assert fault or "follow" not in command.reason
-            if "follow" in command.reason:
-                break
-            seen = joints.step(command.value) if not 0.4 <= at < back else joints.step(command.value) * math.nan
-        assert not fault or (command.reason.startswith("elbow") and at < back + SHOWS + TOLERANCE / 0.05 + 0.1)

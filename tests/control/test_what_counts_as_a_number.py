@@ -12,18 +12,13 @@ import pytest
 import shapely
 
 from rehab_opt import (
-    ArmIK,
-    ConfigurationError,
     Demonstration,
-    MirrorTracker,
     PathAssistance,
     PoseTracker,
     PotentialField,
-    Smoother,
     Status,
     ThinPlateSpline,
     Workspace,
-    human_arm,
     measures,
     range_of_motion,
     smooth_path,
@@ -35,7 +30,7 @@ from rehab_opt.control.watchdog import Watchdog
 from rehab_opt.kinematics.chain import per_joint
 from rehab_opt.kinematics.real_array import real_array
 from rehab_opt.kinematics.rigid import rigid
-from tests.control.every_controller import CASES, COMMANDING, POSE, READY, as_new, smoother
+from tests.control.every_controller import CASES, COMMANDING, as_new, smoother
 from tests.refusals import refuses
 
 INPUTS = [(name, k) for name in COMMANDING for k in range(len(CASES[name].inputs)) if (name, k) != ("bilateral", 1)]
@@ -90,16 +85,6 @@ def test_what_is_masked_counts_as_nan_and_what_is_no_number_is_refused(name: str
             assert tick(stamp=stamp).reason == "stamp is not a number of seconds"
 
 
-def test_no_energy_is_accounted_for_the_second_that_a_nanosecond_is_not() -> None:
-    helper, tick = as_new("assistance")
-    for k in range(50):
-        force = tick(stamp=0.001 * k).value
-    before = helper.energy_left
-    assert force @ force > 1.0
-    tick(stamp=np.timedelta64(1, "s"))
-    assert before - helper.energy_left < 0.1  # one tick at the speed cap; a second would be 10 J
-
-
 class TestSmoother:
     @pytest.mark.parametrize(
         "target",
@@ -131,17 +116,6 @@ class TestSmoother:
         np.testing.assert_array_equal(command.value, expected.value)
         assert command.value[0] < 0
 
-    @pytest.mark.parametrize("bounds", [{"velocity": np.ma.array([1.0, 1.0], mask=[0, 1])}, {"jerk": "1.0"}])
-    def test_bounds_are_numbers_too(self, bounds: dict[str, Any]) -> None:
-        with pytest.raises(ConfigurationError):
-            Smoother(**{"velocity": 1.0, "acceleration": 1.0, "jerk": 1.0, "axes": 2, **bounds})
-
-
-def test_a_masked_force_is_no_force_that_may_be_followed() -> None:
-    tracker, _ = as_new("mirror_tracker")
-    force = np.ma.array([1.0, 0.0, 0.0], mask=[0, 1, 0])
-    assert tracker.step(READY, POSE, np.zeros(6), force=force).reason == "force is not a usable number"
-
 
 def test_a_masked_axis_of_the_stick_asks_for_nothing() -> None:
     stick, tick = as_new("joystick")
@@ -162,22 +136,6 @@ def test_a_masked_sample_is_dropped() -> None:
     hidden = np.ma.array(np.zeros((10, 3)), mask=False)
     hidden[9, 0] = np.ma.masked
     assert conditioned(times, hidden, np.tile(turn, (10, 1)), dt=0.01).dropped == 1
-
-
-def test_masked_samples_of_a_recording_are_lost_sight() -> None:
-    tracker = MirrorTracker(ur5(), floor=0.1, max_manipulability=0.1, compile=False)
-    poses = np.ma.array(np.tile(tracker.chain.pose(READY), (20, 1, 1)), mask=False)
-    poses[10:12, 0, 3] += 0.02
-    poses[10:12, 0, 3] = np.ma.masked  # hidden, with a jump behind
-    path = tracker.plan(poses, np.zeros((20, 6)), READY)
-    assert path.complete
-    assert path.counts["cut"] == 0
-    np.testing.assert_allclose(path.q, np.tile(READY, (len(path.q), 1)), atol=1e-6)
-
-
-def test_a_masked_place_is_no_place_for_inverse_kinematics() -> None:
-    solution = ArmIK(human_arm(), compile=False).solve(np.ma.array([-0.15, 0.45, -0.24], mask=[0, 0, 1]))
-    assert (solution.status, solution.reason) == (Status.HOLDING, "position is not a number")
 
 
 ROW = np.linspace(0.0, 0.3, 12)

@@ -1,15 +1,12 @@
 """Functions answer at once, and go over to machine code between two calls when a compiler beside them is done."""
 
 import gc
-import hashlib
 import os
 import shutil
 import subprocess
 import sys
-import threading
 import time
 from pathlib import Path
-from queue import SimpleQueue
 
 import casadi as ca
 import numpy as np
@@ -89,11 +86,6 @@ def test_waiting_is_what_the_argument_or_the_environment_asks_for(monkeypatch: p
     assert BufferedFunction(cubes("not_at_all"), compile="wait").function.class_name() == VIRTUAL_MACHINE
 
 
-def test_what_is_in_the_cache_needs_no_background() -> None:
-    compiled(cubes("cached"), compile="wait")
-    assert BufferedFunction(cubes("cached"), compile=None).function.class_name() == MACHINE_CODE
-
-
 def test_nothing_is_compiled_for_what_is_gone(slow_compiler: Path, empty_cache: Path) -> None:
     kept, gone = (BufferedFunction(cubes(name), compile=None) for name in ("kept", "gone"))
     del gone
@@ -102,38 +94,6 @@ def test_nothing_is_compiled_for_what_is_gone(slow_compiler: Path, empty_cache: 
     assert finished(PATIENCE)
     assert [each.name.partition("-")[0] for each in empty_cache.glob("*.so")] == ["kept"]
     assert kept.function.class_name() == MACHINE_CODE
-
-
-def test_compiler_that_fails_leaves_the_virtual_machine(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
-) -> None:
-    broken = tmp_path / "broken-cc"
-    broken.write_text("#!/bin/sh\necho 1.0\n[ $# = 1 ]\n")
-    broken.chmod(0o700)
-    monkeypatch.setenv("CC", str(broken))
-    _compiler.cache_clear()
-    function = BufferedFunction(cubes("broken"), compile=None)
-    assert finished(PATIENCE)
-    _compiler.cache_clear()
-    assert function.function.class_name() == VIRTUAL_MACHINE
-    assert function.of([1.0, 2.0, 3.0])[0] == pytest.approx(np.sin(1.0))
-    assert capfd.readouterr() == ("", "")
-
-
-def test_work_that_raises_is_told_and_holds_up_no_other(monkeypatch: pytest.MonkeyPatch) -> None:
-    told: SimpleQueue[BaseException | None] = SimpleQueue()
-    monkeypatch.setattr(threading, "excepthook", lambda args: told.put(args.exc_value))
-
-    def fails() -> None:
-        raise ValueError("of the work")
-
-    done: list[bool] = []
-    for _ in range(20):
-        later(fails)
-        later(lambda: done.append(True))
-    assert finished(PATIENCE)
-    assert done == [True] * 20
-    assert [str(told.get(timeout=PATIENCE)) for _ in range(20)] == ["of the work"] * 20
 
 
 def test_anything_else_is_refused_by_name() -> None:
@@ -149,15 +109,15 @@ def test_a_loop_goes_over_without_a_jump(kind: type[PoseTracker], slow_compiler:
     pose = robot.pose(START)
     pose[:3, 3] += 0.03, -0.05, 0.04
     q, still = START.copy(), np.zeros(6)
-    for k in range(400):
-        if k == 200:
+    for k in range(200):
+        if k == 100:
             slow_compiler.touch()
             assert finished(PATIENCE)
         one, other = changing.step(q, pose, still), steady.step(q, pose, still)
         np.testing.assert_allclose(one.value, other.value, rtol=0, atol=1e-12)
         assert (one.status, one.relaxed) == (other.status, other.relaxed)
         q = q + 0.001 * one.value
-    assert np.linalg.norm(q - START) > 0.01
+    assert np.linalg.norm(q - START) > 0.005
 
 
 def ended(code: str, *arguments: object) -> subprocess.CompletedProcess[str]:
@@ -203,18 +163,6 @@ def test_what_a_killed_process_left_is_removed_in_time(empty_cache: Path) -> Non
     compiled(cubes("clears"), compile="wait")
     assert not left.exists()
     assert fresh.exists()
-
-
-def test_library_that_is_none_is_built_again(empty_cache: Path) -> None:
-    function = cubes("none")
-    compiled(function, compile="wait")
-    (library,) = empty_cache.glob("*.so")
-    rubbish = library.with_name(f"{library.name.rpartition('-')[0]}-{hashlib.sha256(b'none').hexdigest()[:16]}.so")
-    library.unlink()
-    rubbish.write_bytes(b"none")
-    rubbish.chmod(0o700)
-    assert compiled(function, compile="wait").class_name() == VIRTUAL_MACHINE
-    assert compiled(function, compile="wait").class_name() == MACHINE_CODE
 
 
 def test_a_loop_is_asked_for_its_turn_soon_while_there_is_work_and_as_usual_afterwards() -> None:

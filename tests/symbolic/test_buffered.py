@@ -28,12 +28,6 @@ def test_matrices_go_in_and_come_out_as_numpy_has_them(rows: int, inner: int, co
     np.testing.assert_array_equal(function.outputs[1].reshape(inner, rows), left.T)
 
 
-def test_a_column_is_an_array_of_one_dimension_and_a_row_is_not() -> None:
-    function = BufferedFunction(product(3, 2, 1))
-    assert [array.shape for array in function.inputs] == [(3, 2), (2,)]
-    assert [array.shape for array in function.outputs] == [(3,), (2, 3)]
-
-
 def test_what_of_returns_is_a_copy() -> None:
     function = BufferedFunction(product(2, 2, 1))
     first = function.of(np.eye(2), [1.0, 2.0])
@@ -63,14 +57,6 @@ def test_evaluating_without_the_layer_of_python_does_the_same() -> None:
     assert function.outputs[0].tolist() == [5.0, 6.0]
 
 
-@given(st.lists(st.one_of(numbers, st.just(np.nan), st.just(np.inf)), min_size=2, max_size=2))
-def test_nan_and_infinity_pass_through(values: list[float]) -> None:
-    x = ca.SX.sym("x", 2)
-    np.testing.assert_array_equal(
-        BufferedFunction(ca.Function("double", [x], [2 * x])).of(values), 2 * np.array(values)
-    )
-
-
 def test_empty_inputs_and_outputs_are_arrays_of_no_length() -> None:
     x, nothing = ca.SX.sym("x", 2), ca.SX.sym("nothing", 0)
     function = BufferedFunction(ca.Function("f", [x, nothing], [nothing, x + 1]))
@@ -84,8 +70,3 @@ def test_a_sparse_argument_is_refused() -> None:
     x = ca.SX.sym("x", 2)
     with pytest.raises(ValueError, match="dense"):
         BufferedFunction(ca.Function("sparse", [x], [ca.diag(x)]))
-
-
-def test_the_number_of_values_must_be_that_of_the_inputs() -> None:
-    with pytest.raises(ValueError, match="zip"):
-        BufferedFunction(product(2, 2, 1)).of(np.eye(2))

@@ -1,6 +1,6 @@
 """Random states, targets and faults against the tracker, judged by plain numpy that shares nothing with the controller.
 
-    python -m tests.control.fault_campaign --cases 100000
+    python -m bench.fault_campaign --cases 100000
 
 One case is one tick of one of several controllers (chains, tick lengths, solvers), each in a state reached by random
 earlier ticks. Prints what was checked, the largest excess over each bound and how often each rung answered.
@@ -8,19 +8,76 @@ earlier ticks. Prints what was checked, the largest excess over each bound and h
 
 from __future__ import annotations
 
+import argparse
 import math
 import tempfile
+from collections import Counter
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
-from rehab_opt import DH, Command, PoseTracker, Relaxed, SerialChain, human_arm, ur5
+from rehab_opt import DH, Command, PoseTracker, Relaxed, SerialChain, Status, human_arm, ur5
 from rehab_opt.symbolic import Compile
-from tests.control.campaign import HOSTILE, ROUNDING, Array, Tally, main, must_exceed
 from tests.kinematics.robot_files.known_arms import gen3
 from tests.kinematics.robot_files.random_arms import urdf
+
+Array = NDArray[np.float64]
+HOSTILE = (math.nan, math.inf, -math.inf, 1e300, -1e300, 1e7, 1e-320)
+ROUNDING = 1e-9
+"""[rad or m] What arithmetic on numbers of this size may miss a bound by."""
+
+
+@dataclass
+class Tally:
+    """What was seen: ticks, their answers, the faults that were made, the worst of each number, and broken claims."""
+
+    cases: int = 0
+    statuses: Counter[Status] = field(default_factory=Counter)
+    solvers: Counter[str] = field(default_factory=Counter)
+    relaxed: Counter[Relaxed] = field(default_factory=Counter)
+    faults: Counter[str] = field(default_factory=Counter)
+    seen: Counter[str] = field(default_factory=Counter)
+    largest: dict[str, float] = field(default_factory=dict)
+    broken: list[str] = field(default_factory=list)
+
+    def count(self, command: Command) -> None:
+        """One more tick, and who answered."""
+        self.cases += 1
+        self.statuses[command.status] += 1
+        self.solvers[command.solver] += 1
+        self.relaxed[command.relaxed] += 1
+
+    def worst(self, name: str, value: float) -> float:
+        """`value`, kept where it is the largest of this name; one that is no number stays the largest."""
+        known = self.largest.get(name, -math.inf)
+        self.largest[name] = known if value <= known or math.isnan(known) else value
+        return value
+
+    def show(self) -> None:
+        """Print it all, with the first broken claims."""
+        print(f"{self.cases} ticks; faults {dict(self.faults)}")
+        print("answers", {status.value: count for status, count in self.statuses.items()}, dict(self.solvers))
+        print("relaxed", {str(bound): count for bound, count in self.relaxed.items()}, dict(self.seen))
+        print("largest", {name: f"{value:.3g}" for name, value in self.largest.items()})
+        print(f"broken claims: {len(self.broken)}", dict(Counter(line.partition(":")[0] for line in self.broken)))
+        for line in self.broken[:10]:
+            print(" ", line)
+
+
+def must_exceed(chain: SerialChain, q: Array, last: Array, dt: float, back: Array) -> NDArray[np.bool_]:
+    """Joints that, with the largest change, would be beyond a limit, further beyond, or back faster than `back`."""
+    gentlest_up, gentlest_down = last - chain.acceleration * dt, last + chain.acceleration * dt
+    above, below = q > chain.upper, q < chain.lower
+    return (
+        (q + gentlest_up * dt > np.maximum(chain.upper, q))
+        | (q + gentlest_down * dt < np.minimum(chain.lower, q))
+        | (above & (gentlest_down < -back))
+        | (below & (gentlest_up > back))
+    )
+
 
 TICKS = (1e-4, 1e-3, 4e-3, 2e-2, 1e-1)
 
@@ -160,7 +217,9 @@ def _target(plant: Plant, rng: np.random.Generator) -> tuple[Array, Array]:
     return chain.pose(near), twist
 
 
-def _judge(plant: Plant, q: Array, command: Command, valid: bool, fault: str, tally: Tally) -> None:
+def _judge(  # noqa: PLR0917
+    plant: Plant, q: Array, command: Command, valid: bool, fault: str, tally: Tally
+) -> None:
     """The order of bounds, written down once more without the controller's arithmetic."""
     chain, dt = plant.tracker.chain, plant.tracker.dt
     v, last = command.value, plant.last
@@ -219,5 +278,16 @@ def hand_over(plant: Plant, q: Array, v: Array, *, margin: float = 1.0) -> float
     return max(linear / tracker.linear_speed, float(np.linalg.norm(ends[0][3:])) / tracker.angular_speed)
 
 
+def main() -> None:
+    """Run, print, and exit with 1 where a claim broke."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--cases", type=int, default=100_000)
+    parser.add_argument("--seed", type=int, default=0)
+    options = parser.parse_args()
+    tally = run(options.cases, options.seed)
+    tally.show()
+    raise SystemExit(bool(tally.broken))
+
+
 if __name__ == "__main__":
-    main(run, __doc__)
+    main()
