@@ -100,10 +100,8 @@ def arms_and_hands() -> dict[str, tuple[Callable[[], object], tuple[str, ...]]]:
     }  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    "kind",
-    [each if each == "pair" else pytest.param(each, marks=pytest.mark.nightly) for each in arms_and_hands()],
-)
+@pytest.mark.nightly
+@pytest.mark.parametrize("kind", arms_and_hands())
 def test_without_a_run_of_its_own_it_repeats_a_random_one(kind: str, built: Built, tmp_path: Path) -> None:
     make, folders = arms_and_hands()[kind]
     export_c(make(), tmp_path / "c")
@@ -111,12 +109,13 @@ def test_without_a_run_of_its_own_it_repeats_a_random_one(kind: str, built: Buil
         assert largest_difference(tmp_path / "c" / folder, folder or kind, built) <= SAME
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     ("make", "name", "reasons"),
     [
         (led_proportionally, "pose_tracker", True),
-        pytest.param(led_mirror, "mirror_tracker", True, marks=pytest.mark.nightly),
-        pytest.param(led_on_a_chair, "redundancy_mecanum", False, marks=pytest.mark.nightly),
+        (led_mirror, "mirror_tracker", True),
+        (led_on_a_chair, "redundancy_mecanum", False),
     ],
 )
 def test_led_joints_are_led_in_c(
@@ -168,7 +167,7 @@ def test_a_mirror_keeps_to_its_memory_and_says_when_samples_go(
     tracker = redundant()
     most = tracker.clock.most
     export_c(tracker, tmp_path, memory=memory)
-    library = shared(tmp_path, "mirror_tracker", built, level="-O0")
+    library = shared(tmp_path, "mirror_tracker", built)
     assert library.controller_size() <= (memory or 64_000)
     assert largest_difference(tmp_path, "mirror_tracker", built) <= SAME
     notes = [int(line.rsplit(",", 1)[1]) for line in (tmp_path / "recorded_run.csv").read_text().splitlines()[1:]]
