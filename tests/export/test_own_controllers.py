@@ -27,6 +27,7 @@ from rehab_opt.control.bilateral import Bilateral
 from rehab_opt.control.reasons import NOTES, NUMBER
 from rehab_opt.control.redundancy import RedundancyResolver
 from rehab_opt.control.velocity_controller import VelocityController
+from rehab_opt.export.exported import Law
 from rehab_opt.kinematics.ardis import ardis
 from rehab_opt.session.files import load_problem
 from tests.control.test_limit import TABLE, elbow_above
@@ -98,6 +99,19 @@ def arms_and_hands() -> dict[str, tuple[Callable[[], object], tuple[str, ...]]]:
         "path_assistance": (made_along_a_path, ("",)),
         "pair": (lambda: Bilateral(*sides(), delay=0.01), ("helper_side", "participant_side")),
     }  # fmt: skip
+
+
+def test_the_table_of_a_law_says_where_its_state_holds_command_and_wheels() -> None:
+    resolver = led_on_a_chair()
+    command = resolver.step(np.zeros(7), [0.1, 0.05], ("x", "y"))
+    law = resolver._sets["x", "y"]
+    n, memory, own, _, at, wheels, count, *names = Law("law", law).row()[1:-1].split(", ")
+    state, size = law._solvers.state, law.stated.state_size
+    assert (int(n), int(own), names) == (7, size, ["law_tick", "law_finish", "law_begin", "NULL"])
+    np.testing.assert_array_equal(state[int(memory) : size], law._solvers.memory)
+    np.testing.assert_array_equal(state[int(at) :][:7], command.value)
+    np.testing.assert_array_equal(state[int(wheels) :][: int(count)], command.wheels)
+    assert np.abs(command.wheels).min() > 0
 
 
 @pytest.mark.nightly

@@ -2,25 +2,23 @@
 
 Each run is one held command for some seconds with one to three obstacles a few centimetres from the outline: walls
 along its sides or across, posts before its faces and corners. Now and then one comes while the chair moves, and in
-some runs others come again and again, most of them too late; there, too, the QP has an answer, braking at least. What
-is no wall or post is refused, and those of before stay.
+some runs others come again and again, most of them too late; there, too, the QP has an answer, braking at least.
 """
 
 from __future__ import annotations
 
 import math
 from functools import partial
-from typing import Any
 
 import numpy as np
 
-from rehab_opt import ConfigurationError, RedundancyResolver
 from rehab_opt.control.obstacles import Disc, HalfPlane
 from tests.judge.chair_claims import judge_ticks
 from tests.judge.chair_held import judge_law
 from tests.judge.chair_moved import PLACES, room
 from tests.judge.chair_robot import CORNERS, Array, Obstacles
 from tests.judge.chair_runs import SETS, Part, Run, command, held, posture, record, resolver
+from tests.judge.numbering import Runs, judging
 from tests.judge.verdict import Verdict
 
 GUARANTEES = ("G13",)
@@ -38,28 +36,13 @@ SHARE = 1.0
 DT = 0.01
 CROWDED, COME = 5, 40
 """One run in so many is of so many times other obstacles."""
-NUMBERLESS = (math.nan, math.inf, -math.inf, 1.7e308, -1.7e308, None, True, "1", 1j, (1.0, 2.0))
-"""No places in metres, nor numbers a wall's normal can be made of where both are that."""
-
-
-def run(ticks: int, seed: int, *, only: int | None = None) -> Verdict:
-    """Short runs until so many ticks are judged."""
-    verdict = Verdict("chair_walls", seed, LEAST)
-    number = 0 if only is None else only
-    while verdict.ticks < ticks:
-        rng = np.random.default_rng([seed, number])
-        if number % CROWDED == 3:
-            crowded(verdict, number, rng)
-        else:
-            one_run(verdict, number, rng)
-        number += 1
-        if only is not None:
-            break
-    return verdict
 
 
 def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
     """One command beside what stands there from the begin, or comes after a while."""
+    if number % CROWDED == 3:
+        crowded(verdict, number, rng)
+        return
     rows = SETS[number % 5 % 2]  # most often x, y, z, which turns a chair
     chair, made = resolver(("differential", "mecanum")[number % 2], SETS, DT, PLACES)
     q = posture(chair, rng, ready=0.5)
@@ -73,7 +56,6 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
         there = parts[0]._replace(obstacles=lambda at: beside(np.random.default_rng(seed), at))
         parts = [Part(rows, frame, held(twist, rng.uniform(0.5, 2.0), DT), obstacles=()), there]
     verdict.begin(number, f"{chair.drive} {rows} {frame} {np.round(twist, 4)}")
-    refused(verdict, made, np.random.default_rng([verdict.seed, number, 1]))
     recorded = record(made, Run(chair, DT, np.zeros(7), parts, arcs=bool(rng.random() < 0.3)), q)
     _, u = judge_ticks(recorded, verdict)
     part, ticks = recorded.parts[-1], recorded.slices[-1]
@@ -104,28 +86,6 @@ def crowded(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
     verdict.holds("the QP has an answer in every tick", found.solver != "braking together")
 
 
-def refused(verdict: Verdict, made: RedundancyResolver, rng: np.random.Generator) -> None:
-    """What is none is refused, named, and changes nothing."""
-    known = made.obstacles
-    for none in NUMBERLESS:
-        x, y, other = (float(each) for each in rng.uniform(-2.0, 2.0, 3))
-        signs: Any = [-none if isinstance(none, float) and rng.random() < 0.5 else none for _ in range(2)]
-        found: list[Any] = [
-            HalfPlane((signs[0], signs[1]), other), HalfPlane((x, y), signs[0]), Disc((x, signs[0]), abs(other)),
-            Disc((signs[0], y), abs(other)), Disc((x, y), signs[0]),
-        ]  # fmt: skip
-        for each in (*found, HalfPlane((0.0, 0.0), other), Disc((x, y), -abs(other)), (x, y, other), none):
-            words = ""
-            try:
-                made.obstacles = [each]
-            except ConfigurationError as problem:
-                words = str(problem)
-            verdict.holds(
-                "what is no obstacle is refused by name", words.startswith("obstacles[0]"), f"{each}: {words}"
-            )
-            verdict.holds("what is refused changes nothing", made.obstacles is known)
-
-
 def beside(rng: np.random.Generator, q: Array) -> Obstacles:
     """One to three, 2 mm to 10 cm from the outline at q."""
     found: list[HalfPlane | Disc] = []
@@ -149,3 +109,6 @@ def beside(rng: np.random.Generator, q: Array) -> Obstacles:
         c, s = math.cos(q[2]), math.sin(q[2])
         found.append(Disc((float(q[0] + c * edge[0] - s * edge[1]), float(q[1] + s * edge[0] + c * edge[1])), radius))
     return tuple(found)
+
+
+run = judging(__name__, LEAST, Runs(one_run))
