@@ -9,9 +9,11 @@ from __future__ import annotations
 
 import math
 from functools import partial
+from typing import Any
 
 import numpy as np
 
+from rehab_opt import ConfigurationError, RedundancyResolver
 from rehab_opt.control.obstacles import Disc, HalfPlane
 from tests.judge.chair_claims import judge_ticks
 from tests.judge.chair_held import judge_law
@@ -34,6 +36,8 @@ LEAST = {
 CI_TICKS = 14_000
 SHARE = 1.0
 DT = 0.01
+NUMBERLESS: Any = (math.nan, math.inf, -math.inf, 1.7e308, -1.7e308, None, True, "1", 1j, (1.0, 2.0))
+"""No places in metres, nor numbers that a wall's normal can be made of where both are that."""
 CROWDED, COME = 5, 40
 """One run in so many is of so many times other obstacles."""
 
@@ -56,6 +60,8 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
         there = parts[0]._replace(obstacles=lambda at: beside(np.random.default_rng(seed), at))
         parts = [Part(rows, frame, held(twist, rng.uniform(0.5, 2.0), DT), obstacles=()), there]
     verdict.begin(number, f"{chair.drive} {rows} {frame} {np.round(twist, 4)}")
+    if number == 0:
+        refused(verdict, made)
     recorded = record(made, Run(chair, DT, np.zeros(7), parts, arcs=bool(rng.random() < 0.3)), q)
     _, u = judge_ticks(recorded, verdict)
     part, ticks = recorded.parts[-1], recorded.slices[-1]
@@ -84,6 +90,27 @@ def crowded(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
     found, _ = judge_ticks(recorded, verdict)
     verdict.during("obstacles come again and again", np.ones(len(found.solver), dtype=bool), DT)
     verdict.holds("the QP has an answer in every tick", found.solver != "braking together")
+
+
+def refused(verdict: Verdict, made: RedundancyResolver) -> None:
+    """What is no obstacle is refused, named, and changes nothing."""
+    known, told = made.obstacles, []
+    wrong: list[Any] = [HalfPlane((0.0, 0.0), 1.0), Disc((1.0, 1.0), -0.1), (1.0, 2.0, 3.0)]
+    for none in NUMBERLESS:
+        wrong += [
+            HalfPlane((none, none), 1.0),
+            HalfPlane((1.0, 0.0), none),
+            Disc((1.0, none), 0.1),
+            Disc((1.0, 1.0), none),
+        ]
+    for each in wrong:
+        try:
+            made.obstacles = [each]
+            told.append("")
+        except ConfigurationError as problem:
+            told.append(str(problem))
+    verdict.holds("what is no obstacle is refused by name", [each.startswith("obstacles[0]") for each in told])
+    verdict.holds("what is refused changes nothing", made.obstacles is known)
 
 
 def beside(rng: np.random.Generator, q: Array) -> Obstacles:

@@ -9,17 +9,34 @@ from __future__ import annotations
 
 import numpy as np
 
-from tests.judge.force_runs import THERAPY, Run, followed, signed_distance
+from tests.judge.force_runs import THERAPY, Run, assistance, draw, followed, hand_path, signed_distance
 from tests.judge.numbering import Runs, judging
 from tests.judge.verdict import Verdict
 
 GUARANTEES = ("G23",)
 LEAST = {"therapy inside": 20_000, "therapy outside": 50_000, "task inside": 8000, "task outside": 24_000,
          "therapy long inside": 5000, "mode stretch": 20_000, "mode assist": 20_000, "mode resist": 20_000,
-         "pull back at its largest": 3000, "pull that is cut": 20_000}  # fmt: skip
+         "pull back at its largest": 3000, "pull that is cut": 20_000,
+         "a carried field acts": 5000}  # fmt: skip
 CI_TICKS = 20_000
 LENGTH, MIDDLE, LINE = 0.6, 0.15, 0.02
+CARRIED = 300
+"""Ticks of a run of twins."""
 POINT = np.array([0.1, 0.02])
+
+
+def carried(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
+    """A field that is carried on the way acts as one made where it then stands; the gate stays where it was."""
+    given, by = draw(rng, number), rng.uniform(-0.05, 0.05, 2)
+    verdict.begin(number, f"{given.mode}, carried by {by[0]:.3g}, {by[1]:.3g} m")
+    twins = assistance(given), assistance(given, by=by)
+    twins[0].shift(*by)
+    path = hand_path(rng, "person", CARRIED, given.dt)
+    found = [[each.step(x, np.zeros(2)) for x in path[:CARRIED]] for each in twins]
+    answers = verdict.answers(found[0], given.dt)
+    apart = np.abs(answers.value - np.array([each.value for each in found[1]]))
+    verdict.within("force of a field that is carried, from one made there [N]", apart, 1e-6 * (given.stiffness + 1))
+    verdict.during("a carried field acts", (answers.value != 0).any(axis=1), given.dt)
 
 
 def judge(verdict: Verdict, one: Run) -> None:
@@ -88,4 +105,5 @@ run = judging(
     LEAST,
     Runs(followed(judge), 3 / 4),
     Runs(followed(judge, faults=0.5), 1 / 4, 1_000_000),
+    Runs(carried, 1 / 20, 2_000_000),
 )

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt import Assistance, Command, PotentialField, Workspace
 from tests.judge.numbering import judged, run_length
@@ -101,19 +101,19 @@ def draw(rng: np.random.Generator, number: int) -> Settings:
     )
 
 
-def field_of(given: Settings) -> PotentialField:
-    """A field around a line through the workspace, or one point of it; its pull across the line is -S y, exactly."""
+def field_of(given: Settings, by: Array) -> PotentialField:
+    """A field around a line through the workspace, or one point of it, carried by so much; the pull across is -S y."""
     if given.mode == "hold":
-        return PotentialField(np.array([[0.1, 0.02]]), stiffness=given.stiffness, damping=given.damping,
+        return PotentialField(np.array([[0.1, 0.02]]) + by, stiffness=given.stiffness, damping=given.damping,
                               width=0.03, compile=False)  # fmt: skip
     drag, along = {"assist": (100.0, "remaining"), "resist": (60.0, "travelled")}.get(given.mode, (0.0, "remaining"))
     line = np.column_stack([np.linspace(-0.3, 0.3, 40), np.full(40, 0.02)])
-    return PotentialField(line, stiffness=given.stiffness, width=0.025, damping=given.damping, drag=drag,
+    return PotentialField(line + by, stiffness=given.stiffness, width=0.025, damping=given.damping, drag=drag,
                           drag_along=along, rest_on_target=False, compile=False)  # type: ignore[arg-type]  # fmt: skip
 
 
-def assistance(given: Settings) -> Assistance:
-    """The force that is judged."""
+def assistance(given: Settings, *, by: ArrayLike = (0.0, 0.0)) -> Assistance:
+    """The force that is judged; its field stands `by` (2,) [m] from where `field_of` has it."""
     comfortable = Workspace(shapely.Polygon(given.outline), accuracy=0.0)
     options: dict[str, float] = {}
     if (given.return_stiffness, given.return_force) != (500.0, 10.0):  # which are what they are where nothing is said
@@ -121,7 +121,7 @@ def assistance(given: Settings) -> Assistance:
     if given.unsure != 0.003:  # likewise
         options["actuation_uncertainty"] = given.unsure
     return Assistance(
-        field_of(given), comfortable=comfortable, mode=given.mode, force_limit=given.force_limit,  # type: ignore[arg-type]
+        field_of(given, np.asarray(by)), comfortable=comfortable, mode=given.mode, force_limit=given.force_limit,  # type: ignore[arg-type]
         slew_limit=given.slew_limit, growth_limit=given.growth_limit, energy_budget=given.budget,
         speed_cap=given.speed_cap, dt=given.dt, compile=False, **options,
     )  # fmt: skip

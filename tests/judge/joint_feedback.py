@@ -267,6 +267,7 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
     plan = draw(rng, number, start)
     dt, told = plan.dt, plan.told
     verdict.begin(number, f"{plan.kind}, dt {dt:g}, {told.servo_hz:g} Hz, late {plan.late - plan.ticks}")
+    gains(verdict, told)
     control, twin = trackers(plan)
     way = ("sines", "person", "held", "moving on")[int(rng.integers(4))]
     poses, twists = reference(rng, way, start, TICKS, dt)
@@ -310,6 +311,15 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
     verdict.during("servo in the model", np.full(TICKS, modelled), dt)
     verdict.during("servo without integral action", np.full(TICKS, modelled and not told.integral_action), dt)
     verdict.during("late by more or less", np.full(TICKS, plan.late != plan.ticks), dt)
+
+
+def gains(verdict: Verdict, told: JointFeedback) -> None:
+    """What this robot leaves of a gain, by its numbers."""
+    late, slow = np.float64(told.delay), np.float64(slowness(told))
+    with np.errstate(divide="ignore"):
+        due = 2 / (3 * (late + slow)), 1 / (3 * slow), late / 2
+    said = told.max_gain, told.approach, told.command_delay
+    verdict.holds("gains and delays are those that are said", np.isclose(said, due, rtol=1e-4, atol=0.0))
 
 
 def faults(verdict: Verdict, plan: Plan, seen: Seen) -> None:

@@ -39,7 +39,7 @@ def slice_of(judge: str, seed: int, ticks: int) -> None:
 
 @pytest.mark.parametrize("judge", JUDGES)
 def test_slice_of_the_campaign_breaks_nothing(judge: str) -> None:
-    slice_of(judge, FIXED_SEED, JUDGES[judge].CI_TICKS // 4)
+    slice_of(judge, FIXED_SEED, JUDGES[judge].CI_TICKS // 8)
 
 
 @pytest.mark.nightly
