@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt import JointFeedback, Limit, MovingCapsule, RedundancyResolver, Relaxed
-from tests.judge.chair_calm import OFTEN, shaken_ticks
 from tests.judge.chair_claims import judge_ticks
 from tests.judge.chair_held import BRAKING, SIZE
 from tests.judge.chair_moved import judge_rest, one_part
@@ -469,8 +468,6 @@ def judge(verdict: Verdict, case: Case, run: Run, places: list[Array], there: ND
         verdict.holds("beyond a limit or within a margin is flagged, and nothing else is",
                       (inside == flagged) | edge | unknown)  # fmt: skip
     judge_rest(run, verdict, u)
-    verdict.during("accelerations yield near a limit", hurried & near & ~gives_way, dt)
-    verdict.during("accelerations yield, no limit near", hurried & ~near & ~gives_way, dt)
     safe = ~np.isin(found.status, ("ok", "backup", "blocked"))
     verdict.during("braking near a limit", safe & near & u.any(axis=1), dt)
     turns = np.abs(np.sin(q[:, 2])) > 0.7
@@ -543,10 +540,6 @@ def judge_part(
     verdict.within("law: across the command, beside a body that stands", np.where(round_, across, 0.0), ROUND)
     verdict.during("law judged beside a body that stands", round_, dt)
     verdict.during("law judged", np.ones(len(along), dtype=bool), dt)
-    value = found.value[span]
-    turns = shaken_ticks(chair, chair.chassis(q, value), dt)
-    verdict.during("an arm joint shaken", turns, dt)
-    verdict.during("shaken, of a run", np.full(len(q), turns.sum() > OFTEN), dt)
 
 
 def judge_servos(verdict: Verdict, case: Case, run: Run, servos: Servos) -> None:
