@@ -4,7 +4,8 @@ Chairs with ARDIS and with arms from files, each limit drawn around where they s
 hand in a box or a ball that stands in the room while the chair drives, out of a ball, or upright; walls and a heading
 for the chair itself. Judged in each tick, also under a released stick, by the judge's own kinematics: no distance
 falls below zero, nor further; no body comes nearer than it does by itself; all that is judged of any chair; and what is
-said of it. Behind late servos that is judged where a line of commands and a servo of the judge's own lead.
+said of it. Behind late servos that is judged where a line of commands and a servo of the judge's own lead. In a
+quarter of the runs sticks lead an arm from a file, which has no limits besides, at keep-outs.
 """
 
 from __future__ import annotations
@@ -21,8 +22,8 @@ from tests.judge.chair_claims import judge_ticks
 from tests.judge.chair_held import BRAKING, SIZE
 from tests.judge.chair_moved import judge_rest, one_part
 from tests.judge.chair_reach import judge_target
-from tests.judge.chair_robot import Array, Chair, placed
-from tests.judge.chair_runs import OTHER_SETS, SETS, Part, Run, motion, posture, record
+from tests.judge.chair_robot import STAND_OFF, Array, Chair, placed
+from tests.judge.chair_runs import OTHER_SETS, SETS, Part, Run, held, motion, posture, record
 from tests.judge.clearance_bodies import (
     EDGE,
     Scene,
@@ -46,13 +47,15 @@ LEAST = {
     "at the margin of a plane": 50, "at the margin of a body that moves": 300, "led by feedback": 100_000,
     "behind where it is led": 30_000, "reaching": 50_000, "a limit near, turned across the world": 10_000,
     "numbers that are none, moving": 100, "the dead-man released, moving": 500, "at rest after the command": 5000,
-    "an arm from a file": 100_000, "a keep-out near": 10_000,
+    "an arm from a file": 100_000, "a keep-out near an arm from a file": 10_000,
     "limits that are come to faster than all can brake": 50_000, "a velocity told that leads at a limit": 200,
 }  # fmt: skip
 CI_TICKS = 3000
 SHARE = 0.3
 KINDS = ("above a plane", "in a box", "in a ball", "out of a ball", "upright", "chair within walls", "chair's heading")
-EPISODES, SECONDS = 2, 5.0
+EPISODES, SECONDS, STICKS = 2, 5.0, 3
+LEADS, KEPT_OUT = 0.3, 5e-3
+"""[m] From a keep-out, from which on a stick leads there, and what counts as near."""
 PLACES = 3
 """Of walls and posts."""
 NEAR = 2e-3
@@ -213,6 +216,8 @@ class Case(NamedTuple):
     alone: bool
     few: bool
     """Whether a clearance has fewer slots than by default."""
+    bare: bool = False
+    """Whether keep-outs are all that it has to keep."""
 
 
 def alone(number: int) -> bool:
@@ -298,11 +303,14 @@ def segments(chair: Chair, q: Array) -> list[Array]:
 
 
 def aimed(rng: np.random.Generator, case: Case, q: Array, rows: tuple[str, ...], frame: str) -> Array:
-    """(k,) a direction of these rows that leads at a limit or a body."""
+    """(k,) a direction of these rows that leads at a limit or a body, of a `bare` arm at a keep-out."""
     chair = case.chair
     u = rng.standard_normal((24, len(q))) * np.isin(np.arange(len(q)), chair.moving) * chair.velocity
     there = np.vstack([q, q + 1e-3 * chair.world(np.broadcast_to(q, u.shape), u)])
     found = [each.numbers(chair, there) for each in case.wishes]
+    if case.bare:
+        gaps = chair.arm_gaps(there)
+        found = [gaps[:, gaps[0] < max(LEADS, gaps[0].min() + EDGE)]]
     if case.scene is not None:
         ends = segments(chair, there)
         found += [*standing(case.scene, ends).values()]
@@ -359,6 +367,27 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
     case, start = draw(rng, number)
     for _ in range(EPISODES):
         episode(verdict, number, rng, case, start)
+
+
+def beside_keep_outs(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
+    """An arm from a file, which has nothing else to keep, under sticks that lead its links at bodies of the chair's."""
+    drive, dt = ("fixed", "fixed", "differential", "mecanum")[number % 4], float(rng.choice([0.01, 0.01, 0.02]))
+    rows = (SETS[0], SETS[0], SETS[1], SETS[2])[int(rng.integers(4))]
+    chair, start = mounted(rng, drive, [SETS[0], rows])
+    made = RedundancyResolver(chair.robot(), drive=drive, row_sets=[rows], dt=dt, max_obstacles=0, compile=False)  # type: ignore[arg-type]
+    case = Case(chair, made, dt, (rows,), [], None, None, 0, False, False, bare=True)
+    for _ in range(STICKS):
+        again = chair.free_posture(rng)
+        q = np.concatenate([rng.uniform(-0.3, 0.3, 3), start if again is None else again])
+        twist = rng.uniform(0.1, 0.25) * aimed(rng, case, q, rows, "chassis")
+        part = Part(rows, "chassis", held(twist, SECONDS, dt))
+        run = record(made, Run(chair, dt, np.zeros(len(q)), [part], arcs=False), q)
+        verdict.begin(number, f"{chair.n} joints, {drive} {rows} dt {dt:g}, {len(chair.capsules)} capsules")
+        near = chair.arm_gaps(run.q[:-1]).min(axis=1)
+        found, _ = judge_ticks(run, verdict, excused=near < STAND_OFF)
+        none = np.zeros(len(near), dtype=bool)
+        judge_part(verdict, case, run, part, slice(0, len(near)), found, none, none)
+        verdict.during("a keep-out near an arm from a file", near < KEPT_OUT, dt)
 
 
 def episode(verdict: Verdict, number: int, rng: np.random.Generator, case: Case, q: Array) -> None:
@@ -562,4 +591,4 @@ def judge_servos(verdict: Verdict, case: Case, run: Run, servos: Servos) -> None
     verdict.during("behind where it is led", np.abs(true - run.ends[:, 3:]).max(axis=1) > 1e-3, case.dt)
 
 
-run = judging(__name__, LEAST, Runs(one_run))
+run = judging(__name__, LEAST, Runs(one_run, 3 / 4), Runs(beside_keep_outs, 1 / 4, 1_000_000))

@@ -141,6 +141,14 @@ class Mounted(Chair):
         origins = [pose[..., :3, 3] for pose in poses[1:-1]]
         return jacobian_of(poses[-1][..., :3, 3], poses[-1][..., :3, 2], list(zip(axes, origins, strict=True)))
 
+    def free_posture(self, rng: np.random.Generator) -> Array | None:
+        """(n,) joints off keep-outs, near one if the drawn ones are; None where there are none."""
+        q = np.zeros((300, 3 + self.n))
+        q[:, 3:] = rng.uniform(self.lower, self.upper, (300, self.n))
+        nearest = self.arm_gaps(q).min(axis=1)
+        free = np.flatnonzero(nearest > NEAR)[:8]
+        return np.asarray(q[free[nearest[free].argmin()], 3:]) if len(free) else None
+
     def moves_in(self, rows: tuple[str, ...]) -> bool:
         """Whether the hand can be moved in all rows at once somewhere: an arm of one axis cannot."""
         q = np.zeros((8, 3 + self.n))
@@ -201,9 +209,6 @@ def mounted(rng: np.random.Generator, drive: str, sets: Sequence[tuple[str, ...]
     """A chair with an arm from a file whose hand can be moved in these rows, and joints (n,) near a keep-out."""
     while True:
         chair = drawn(rng, drive)
-        q = np.zeros((300, 3 + chair.n))
-        q[:, 3:] = rng.uniform(chair.lower, chair.upper, (300, chair.n))
-        nearest = chair.arm_gaps(q).min(axis=1)
-        free = np.flatnonzero(nearest > NEAR)[:8]
-        if len(free) and all(map(chair.moves_in, sets)):
-            return chair, q[free[nearest[free].argmin()], 3:]
+        joints = chair.free_posture(rng)
+        if joints is not None and all(map(chair.moves_in, sets)):
+            return chair, joints
