@@ -27,7 +27,7 @@ from rehab_opt.control.bilateral import Bilateral
 from rehab_opt.control.reasons import NOTES, NUMBER
 from rehab_opt.control.redundancy import RedundancyResolver
 from rehab_opt.control.velocity_controller import VelocityController
-from rehab_opt.export.exported import Law
+from rehab_opt.export.controllers.redundancy import exported_resolver
 from rehab_opt.kinematics.ardis import ardis
 from rehab_opt.session.files import load_problem
 from tests.control.test_limit import TABLE, elbow_above
@@ -102,16 +102,18 @@ def arms_and_hands() -> dict[str, tuple[Callable[[], object], tuple[str, ...]]]:
 
 
 def test_the_table_of_a_law_says_where_its_state_holds_command_and_wheels() -> None:
-    resolver = led_on_a_chair()
-    command = resolver.step(np.zeros(7), [0.1, 0.05], ("x", "y"))
-    law = resolver._sets["x", "y"]
-    n, memory, own, _, at, wheels, count, *names = Law("law", law).row()[1:-1].split(", ")
-    state, size = law._solvers.state, law.stated.state_size
-    assert (int(n), int(own), names) == (7, size, ["law_tick", "law_finish", "law_begin", "NULL"])
-    np.testing.assert_array_equal(state[int(memory) : size], law._solvers.memory)
-    np.testing.assert_array_equal(state[int(at) :][:7], command.value)
-    np.testing.assert_array_equal(state[int(wheels) :][: int(count)], command.wheels)
-    assert np.abs(command.wheels).min() > 0
+    run = [{"q": np.zeros(7), "twist": np.array([0.1, 0.05]), "rows": 0, "frame": 0}] * 200
+    laws = exported_resolver(led_on_a_chair(), run, title="t", of="a chair that stands").laws  # type: ignore[attr-defined]
+    for law in laws:
+        n, memory, own, _, command, wheels, count, *names = law.row()[1:-1].split(", ")
+        stated, four = law.controller.stated, law.controller.wheels
+        assert (int(n), int(count), int(own)) == (7, 4, stated.state_size)
+        assert int(own) - int(memory) == stated.memory.numel()
+        assert [int(command) - int(memory), int(wheels) - int(memory)] == [
+            law.controller.command_slice.start,
+            four.start,
+        ]
+        assert names == [f"{law.name}_{what}" for what in ("tick", "finish", "begin", "going_on")]
 
 
 @pytest.mark.nightly
