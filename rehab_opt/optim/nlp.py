@@ -245,9 +245,8 @@ def convexified(hessian: ca.SX) -> ca.SX:
     return ca.densify(hessian + ca.diag(ca.vertcat(*shift)))
 
 
-def _is_active(rows: object, multipliers: ca.SX, i: int) -> ca.SX:
-    lower, upper = rows.lower[i], rows.upper[i]  # type: ignore[attr-defined]
-    return ca.SX(1) if ca.is_equal(lower, upper, 50) else multipliers[i] != 0
+def _is_active(rows: Row, multipliers: ca.SX, i: int) -> ca.SX:
+    return ca.SX(1) if ca.is_equal(rows.lower[i], rows.upper[i], 50) else multipliers[i] != 0
 
 
 def _gap(value: ca.SX, lower: ca.SX, upper: ca.SX, multiplier: ca.SX) -> ca.SX:

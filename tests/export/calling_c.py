@@ -25,8 +25,6 @@ ROBOT = "robot/ur5_circle"
 SECONDS = 900.0
 SAME, BESIDE = 1e-12, 1e-9
 """[rad/s, m/s, N] Of recorded runs; of loops side by side, where rounding may grow from tick to tick."""
-LEVELS = {"pose_tracker": "-O2", "assistance": "-O2"}
-"""Of what is built at the CMake file's level; the others, which take up to half a minute so, at -O0."""
 SIZE = """\
 #include <stddef.h>
 #include "rehab_{0}.h"
@@ -35,16 +33,15 @@ size_t controller_size(void) {{ return sizeof(rehab_{0}); }}
 """
 
 
-def compiled_once(folder: Path, name: str, built: Built, *, level: str | None = None) -> str:
-    """Name of the controller's object file, which any test may link; where no `level` is said, with all warnings."""
-    flags = (level or LEVELS.get(name, "-O0"), "-fPIC", *(() if level else ("-Wmisleading-indentation",)))
-    return built(folder, "controller.o", "-c", f"rehab_{name}.c", flags=flags).name
+def compiled_once(folder: Path, name: str, built: Built) -> str:
+    """Name of the controller's object file, which any test may link."""
+    return built(folder, "controller.o", "-c", f"rehab_{name}.c", flags=("-O0", "-fPIC")).name
 
 
-def shared(folder: Path, name: str, built: Built, *, level: str | None = None) -> ctypes.CDLL:
+def shared(folder: Path, name: str, built: Built) -> ctypes.CDLL:
     """The controller, to be called from Python, with `controller_size` besides."""
     (folder / "size.c").write_text(SIZE.format(name))
-    object_file = compiled_once(folder, name, built, level=level)
+    object_file = compiled_once(folder, name, built)
     library = ctypes.CDLL(str(built(folder, "controller.so", object_file, "size.c", flags=("-shared", "-fPIC"))))
     library.controller_size.restype = ctypes.c_size_t
     return library
@@ -101,6 +98,39 @@ def doubles(values: Any) -> Any:
     return (ctypes.c_double * flat.size)(*flat)
 
 
+class CController:
+    """A controller in C, called from Python. None, lists and arrays become arrays of doubles, floats doubles."""
+
+    def __init__(self, library: ctypes.CDLL, name: str, *, initialise: bool = True) -> None:
+        self.library, self.name = library, name
+        self.memory = ctypes.create_string_buffer(library.controller_size())
+        if initialise:
+            assert self.call("init") == 0
+
+    def call(self, what: str, *arguments: Any) -> int:
+        """What a function of the interface returns."""
+        return int(getattr(self.library, f"rehab_{self.name}_{what}")(self.memory, *map(for_c, arguments)))
+
+    def told(self, what: str) -> float:
+        """The number that a function of the interface returns."""
+        asked = getattr(self.library, f"rehab_{self.name}_{what}")
+        asked.restype = ctypes.c_double
+        return float(asked(self.memory))
+
+    def step(self, *inputs: Any, enable: int = 1, stamp: float) -> CCommand:
+        """The command of a tick."""
+        out = CCommand()
+        self.call("step", *inputs, enable, float(stamp), ctypes.byref(out))
+        return out
+
+
+def for_c(value: Any) -> Any:
+    """An argument as C takes it."""
+    if isinstance(value, float):
+        return ctypes.c_double(value)
+    return doubles(value) if value is None or isinstance(value, list | np.ndarray) else value
+
+
 def assert_same(answer: CCommand, command: Command, tolerance: float = BESIDE) -> None:
     """C commands what Python does, and says the same of it."""
     n, wheels = command.value.size, np.empty(0) if command.wheels is None else command.wheels
@@ -118,8 +148,11 @@ def assert_same(answer: CCommand, command: Command, tolerance: float = BESIDE) -
 
 def largest_difference(folder: Path, name: str, built: Built) -> float:
     """Of a command of C from the recorded one of Python, in its units; infinite where what is said of it differs."""
-    compiled_once(folder, name, built, level="-O0")
-    done = ran(built(folder, "repeated", "controller.o", "main.c"), "0")
+    return difference_told(ran(built(folder, "repeated", compiled_once(folder, name, built), "main.c"), "0"))
+
+
+def difference_told(done: subprocess.CompletedProcess[str]) -> float:
+    """Largest difference from Python that a run of main.c printed."""
     found = re.search(r"largest difference from Python (\S+)", done.stdout)
     assert found is not None, done.stdout + done.stderr
     return float(found[1])

@@ -5,16 +5,15 @@ from __future__ import annotations
 import ctypes
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from rehab_opt import DH, Command, Interaction, KeepOut, MirrorTracker, SerialChain, human_arm, ur5
-from rehab_opt.export.controllers.mirror import exported_mirror
+from rehab_opt.export.controllers.mirror import NAME, exported_mirror
 from rehab_opt.export.export_c import written_files
-from tests.export.calling_c import BESIDE, CCommand, assert_same, doubles
+from tests.export.calling_c import BESIDE, CController, assert_same
 
 Array = NDArray[np.float64]
 
@@ -29,28 +28,12 @@ class Following(ctypes.Structure):
     ]
 
 
-class CMirror:
-    """The tracker in C, called from Python."""
-
-    def __init__(self, library: ctypes.CDLL, *, initialise: bool = True) -> None:
-        self.library, self.memory = library, ctypes.create_string_buffer(library.controller_size())
-        if initialise:
-            assert library.rehab_mirror_tracker_init(self.memory) == 0
-
-    def reset(self, velocity: Array | None = None) -> int:
-        return int(self.library.rehab_mirror_tracker_reset(self.memory, doubles(velocity)))
-
-    def step(self, q: Any, pose: Any, twist: Any, force: Any = None, *, enable: int = 1, stamp: float) -> CCommand:
-        out = CCommand()
-        self.library.rehab_mirror_tracker_step(
-            self.memory, doubles(q), doubles(pose), doubles(twist), doubles(force), enable, ctypes.c_double(stamp),
-            ctypes.byref(out),
-        )  # fmt: skip
-        return out
+class CMirror(CController):
+    """The tracker, which says besides how it follows."""
 
     def following(self) -> Following:
         out = Following()
-        self.library.rehab_mirror_tracker_get_following(self.memory, ctypes.byref(out))
+        self.call("get_following", ctypes.byref(out))
         return out
 
 
@@ -58,7 +41,7 @@ class Twins:
     """One tracker in both languages, stamped as it goes."""
 
     def __init__(self, library: ctypes.CDLL, tracker: MirrorTracker) -> None:
-        self.c, self.python, self.stamp = CMirror(library), tracker, 0.0
+        self.c, self.python, self.stamp = CMirror(library, NAME), tracker, 0.0
         tracker.reset()
 
     def step(

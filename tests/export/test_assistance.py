@@ -16,39 +16,11 @@ from rehab_opt import Assistance, ConfigurationError, PotentialField, Workspace
 from rehab_opt.control.command import Status
 from rehab_opt.control.path_assistance import PathAssistance
 from rehab_opt.export.controllers.assistance import exported_assistance
-from rehab_opt.export.exported import MAX_VALUES
 from tests.export.assisting import DT, EIGHT, exported_to, field_of, made, made_along_a_path
-from tests.export.calling_c import Built, CCommand, Exported, assert_same, doubles, giving_up, shared
+from tests.export.calling_c import Built, CController, Exported, assert_same, giving_up, shared
 from tests.failing_solvers import failing_solvers
 
 MODES = ("assist", pytest.param("follow", marks=pytest.mark.nightly))
-
-
-class CAssistance:
-    """The C controller, called from Python."""
-
-    def __init__(self, library: ctypes.CDLL, name: str = "assistance", *, initialise: bool = True) -> None:
-        self.library, self.name, self.memory = library, name, ctypes.create_string_buffer(library.controller_size())
-        if initialise:
-            assert self.call("init") == 0
-
-    def call(self, what: str, *arguments: Any) -> int:
-        given = [ctypes.c_double(each) if isinstance(each, float) else each for each in arguments]
-        return int(getattr(self.library, f"rehab_{self.name}_{what}")(self.memory, *given))
-
-    def told(self, what: str) -> float:
-        asked = getattr(self.library, f"rehab_{self.name}_{what}")
-        asked.restype = ctypes.c_double
-        return float(asked(self.memory))
-
-    @property
-    def energy_left(self) -> float:
-        return self.told("energy_left")
-
-    def step(self, x: Any, v: Any, *, enable: int = 1, stamp: float) -> CCommand:
-        out = CCommand()
-        self.call("step", doubles(x), doubles(v), enable, float(stamp), ctypes.byref(out))
-        return out
 
 
 @pytest.fixture(scope="module", params=MODES)
@@ -59,7 +31,7 @@ def mode(request: pytest.FixtureRequest) -> str:
 @pytest.fixture(scope="module")
 def library(mode: str, exported: Exported, built: Built, tmp_path_factory: pytest.TempPathFactory) -> ctypes.CDLL:
     folder = exported("assistance") if mode == "assist" else exported_to(tmp_path_factory.mktemp("as") / "c", mode)
-    return shared(folder, "assistance", built, level=None if mode == "assist" else "-O0")
+    return shared(folder, "assistance", built)
 
 
 @pytest.fixture(scope="module")
@@ -112,7 +84,11 @@ def test_any_motion_of_a_hand_gives_the_forces_of_python(
     library: ctypes.CDLL, made_once: Assistance, mode: str, seed: int
 ) -> None:
     """With fields that change and are carried, to where is no number too."""
-    rng, c, fields = np.random.default_rng(seed), CAssistance(library), (field_of(mode), field_of(mode, 1))
+    rng, c, fields = (
+        np.random.default_rng(seed),
+        CController(library, "assistance"),
+        (field_of(mode), field_of(mode, 1)),
+    )
     helper = begun(made_once, mode)
     start = np.array([rng.uniform(-0.2, 0.15), rng.uniform(0.33, 0.47)])
     for x, v, told in wandering(rng, start, 120):
@@ -127,7 +103,7 @@ def test_any_motion_of_a_hand_gives_the_forces_of_python(
             assert c.call("shift", *by) == 0
             helper.shift(*by)
         assert_same(c.step(x, v, **told), helper.step(x, v, **told))
-        assert c.energy_left == pytest.approx(helper.energy_left, abs=1e-9)
+        assert c.told("energy_left") == pytest.approx(helper.energy_left, abs=1e-9)
         if rng.random() < 0.02:
             energy = bool(rng.random() < 0.5)
             assert c.call("reset", int(energy)) == 0
@@ -140,14 +116,14 @@ def test_along_a_path_the_progress_and_the_forces_are_those_of_python(
     along: ctypes.CDLL, path_helper: PathAssistance, seed: int
 ) -> None:
     """A hand that hurries along a path that crosses itself, or turns round, or strays."""
-    rng, c, helper = np.random.default_rng(seed), CAssistance(along, "path_assistance"), path_helper
+    rng, c, helper = np.random.default_rng(seed), CController(along, "path_assistance"), path_helper
     helper.reset()
     way = int(rng.choice([1, 1, -1]))
     for k, (strayed, v, told) in enumerate(wandering(rng, np.zeros(2), 300)):
         x = strayed + EIGHT[way * k * 2 // 5 % len(EIGHT)]
         assert_same(c.step(x, v, **told), helper.step(x, v, **told))
         assert c.told("progress") == helper.progress
-        assert c.energy_left == pytest.approx(helper.energy_left, abs=1e-9)
+        assert c.told("energy_left") == pytest.approx(helper.energy_left, abs=1e-9)
         if rng.random() < 0.01:
             energy = bool(rng.random() < 0.5)
             assert c.call("reset", int(energy)) == 0
@@ -157,7 +133,7 @@ def test_along_a_path_the_progress_and_the_forces_are_those_of_python(
 def test_the_end_of_a_path_is_reached_and_a_hand_that_stands_is_let_go(
     along: ctypes.CDLL, path_helper: PathAssistance
 ) -> None:
-    c, helper, seen = CAssistance(along, "path_assistance"), path_helper, set()
+    c, helper, seen = CController(along, "path_assistance"), path_helper, set()
     helper.reset()
     half = len(EIGHT) // 3
     aside = np.linspace(0.0, 0.012, 200)[:, None] * [-0.5, 0.9]
@@ -178,7 +154,7 @@ def test_a_solver_that_writes_nothing_releases(exported: Exported, built: Built)
     """What it answered before is not taken for an answer."""
     library = giving_up(exported("assistance"), "assistance", built, "assistance_conclude")
     with failing_solvers() as failures:
-        c, helper, x = CAssistance(library), made("assist"), np.array([0.02, 0.45])
+        c, helper, x = CController(library, "assistance"), made("assist"), np.array([0.02, 0.45])
     for k in range(60):
         assert_same(c.step(x, None, stamp=DT * k), helper.step(x, stamp=DT * k))
     library.give_up(1)
@@ -188,13 +164,6 @@ def test_a_solver_that_writes_nothing_releases(exported: Exported, built: Built)
         assert_same(answer, helper.step(x, stamp=DT * k))
         assert answer.why == "NOT_CERTIFIED"
     assert answer.status == 5
-
-
-def test_a_hand_that_is_not_there_and_a_controller_that_was_not_made_apply_nothing(library: ctypes.CDLL) -> None:
-    answer = CAssistance(library).step(None, None, stamp=0.0)
-    assert (answer.why, answer.status, list(answer.value)) == ("POSITION_INVALID", 5, [0.0] * MAX_VALUES)
-    answer = CAssistance(library, initialise=False).step([0.1, 0.4], None, stamp=0.0)
-    assert (answer.why, answer.status, list(answer.value)) == ("NOT_INITIALISED", 5, [0.0] * MAX_VALUES)
 
 
 def test_what_c_cannot_do_is_refused() -> None:
@@ -212,7 +181,7 @@ def test_a_workspace_with_a_spike_becomes_c() -> None:
 
 
 def test_a_field_that_is_not_there_is_not_aimed_at(library: ctypes.CDLL, helper: Assistance, mode: str) -> None:
-    c, x = CAssistance(library), np.array([0.02, 0.45]) if mode == "assist" else np.array([-0.08, 0.43])
+    c, x = CController(library, "assistance"), np.array([0.02, 0.45]) if mode == "assist" else np.array([-0.08, 0.43])
     helper.shift(0.01, 0.0)
     assert [c.call("shift", 0.01, 0.0), c.call("set_field", 2), c.call("set_field", -1)] == [0, 1, 1]
     for k in range(60):

@@ -5,7 +5,6 @@ from __future__ import annotations
 import ctypes
 import itertools
 import math
-import shutil
 import subprocess
 from collections import deque
 from dataclasses import replace
@@ -22,10 +21,9 @@ from rehab_opt.control.bilateral import Bilateral
 from rehab_opt.control.bilateral_sides import FromHelper, FromParticipant, HelperSide, ParticipantSide
 from rehab_opt.control.command import Status
 from rehab_opt.export.export_c import written_files
-from rehab_opt.export.exported import MAX_VALUES
 from rehab_opt.export.exporters import exported_controllers
 from rehab_opt.workspace.spline import ThinPlateSpline
-from tests.export.calling_c import Built, CCommand, Exported, assert_same, doubles, shared
+from tests.export.calling_c import Built, CCommand, CController, Exported, assert_same, shared
 from tests.export.pairing import DT, EGG, HELPER, SIDES, broken, ready_for, sides, workspace_map
 
 
@@ -44,34 +42,15 @@ class CFromParticipant(ctypes.Structure):
     ]
 
 
-class CSide:
-    """One side in C, called from Python."""
+class CSide(CController):
+    """One side in C, which hears and says messages."""
 
-    def __init__(self, library: ctypes.CDLL, name: str, *, initialise: bool = True) -> None:
-        self.library, self.name = library, name
-        self.hears, self.says = (
-            (CFromParticipant, CFromHelper) if name == "helper_side" else (CFromHelper, CFromParticipant)
-        )
-        self.memory = ctypes.create_string_buffer(library.controller_size())
-        if initialise:
-            assert self.call("init") == 0
-
-    def call(self, what: str, *arguments: Any) -> int:
-        return int(getattr(self.library, f"rehab_{self.name}_{what}")(self.memory, *arguments))
-
-    @property
-    def energy_left(self) -> float:
-        asked = getattr(self.library, f"rehab_{self.name}_energy_left")
-        asked.restype = ctypes.c_double
-        return float(asked(self.memory))
-
-    def step(self, x: Any, received: Any, v: Any, *, enable: int = 1, stamp: float) -> tuple[CCommand, Any]:
-        out, said = CCommand(), self.says()
-        message = None if received is None else ctypes.byref(self.hears(*received))
-        self.call(
-            "step", doubles(x), message, doubles(v), enable, ctypes.c_double(stamp), ctypes.byref(out),
-            ctypes.byref(said),
-        )  # fmt: skip
+    def step(self, x: Any, received: Any, v: Any, *, enable: int = 1, stamp: float) -> tuple[CCommand, Any]:  # type: ignore[override]
+        """Its force, and what it says."""
+        hears, says = (CFromHelper, CFromParticipant)[:: -1 if self.name == "helper_side" else 1]
+        out, said = CCommand(), says()
+        message = None if received is None else ctypes.byref(hears(*received))
+        self.call("step", x, message, v, enable, stamp, ctypes.byref(out), ctypes.byref(said))
         return out, said
 
 
@@ -142,15 +121,15 @@ def test_any_hand_and_any_messages_give_the_forces_and_messages_of_python(
         (answer, said), (command, message) = c.step(seen, received, v, **told), side.step(seen, received, v, **told)
         assert_same(answer, command)
         assert_said(said, message)
-        assert c.energy_left == pytest.approx(side.force.energy_left, abs=1e-9)
+        assert c.told("energy_left") == pytest.approx(side.force.energy_left, abs=1e-9)
         if rng.random() < 0.01:
             assert c.call("reset") == 0
             side.reset()
 
 
-@pytest.mark.parametrize("delay", [20])
-def test_two_sides_in_c_do_what_the_pair_does_in_python(libraries: dict[str, ctypes.CDLL], delay: int) -> None:
+def test_two_sides_in_c_do_what_the_pair_does_in_python(libraries: dict[str, ctypes.CDLL]) -> None:
     """Hands that go with every force, until the tanks run low: whatever one side says is heard by the other."""
+    delay = 20
     both = Bilateral(*sides(), delay=delay * DT)
     one, two = (CSide(libraries[name], name) for name in SIDES)
     there, back = (deque([None] * (delay + 1)) for _ in range(2))
@@ -174,46 +153,8 @@ def test_two_sides_in_c_do_what_the_pair_does_in_python(libraries: dict[str, cty
     assert np.abs(forces).max(axis=0).min() > 1.0
 
 
-def test_a_side_that_was_not_made_says_nothing(libraries: dict[str, ctypes.CDLL]) -> None:
-    for name in SIDES:
-        side = CSide(libraries[name], name, initialise=False)
-        answer, said = side.step(HELPER, None, None, stamp=0.0)
-        assert (answer.why, list(answer.value)) == ("NOT_INITIALISED", [0.0] * MAX_VALUES)
-        assert math.isnan(said.x)
-        assert (said.energy, said.serial) == (0.0, 0)
-
-
-BOTH = """\
-#include "rehab_helper_side.h"
-#include "rehab_participant_side.h"
-static rehab_helper_side one;
-static rehab_participant_side two;
-int main(void)
-{
-    const double x[2] = {0.5, 0.2}, y[2] = {-0.1, 0.4};
-    rehab_command felt, drawn;
-    rehab_from_helper said;
-    rehab_from_participant answer;
-    int failed = rehab_helper_side_init(&one) + rehab_participant_side_init(&two);
-    rehab_helper_side_step(&one, x, NULL, NULL, 1, 0.0, &felt, &said);
-    rehab_participant_side_step(&two, y, &said, NULL, 1, 0.0, &drawn, &answer);
-    return failed + (said.serial != 1) + (answer.serial != 1) + (drawn.reason != REHAB_FINE);
-}
-"""
-
-
-def test_both_sides_may_be_in_one_program_of_c(exported: Exported, built: Built, tmp_path: Path) -> None:
-    for name in SIDES:
-        for suffix in ("h", "c"):
-            shutil.copy(exported(name) / f"rehab_{name}.{suffix}", tmp_path)
-    (tmp_path / "both.c").write_text("#include <stddef.h>\n" + BOTH)
-    program = built(tmp_path, "both", "both.c", *(f"rehab_{name}.c" for name in SIDES), flags=("-O0",))
-    assert subprocess.run([program], check=False).returncode == 0
-
-
-@pytest.mark.parametrize(
-    "laws", [["together", "delayed"], pytest.param(["assisted", "together"], marks=pytest.mark.nightly)]
-)
+@pytest.mark.nightly
+@pytest.mark.parametrize("laws", [["together", "delayed"], ["assisted", "together"]])
 def test_a_scenario_of_two_becomes_two_controllers(
     laws: list[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path, built: Built
 ) -> None:

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import csv
 import subprocess
-from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -14,7 +12,6 @@ import pytest
 from bench.scenarios import changed
 from rehab_opt.errors import ProblemFileError
 from rehab_opt.export.export_c import export_c
-from rehab_opt.session.workspaces import reached as sets
 from tests.export.calling_c import SAME, Built
 
 
@@ -38,22 +35,6 @@ SCENARIOS = {
 }
 
 
-@pytest.fixture(scope="module")
-def reached_once() -> Iterator[None]:
-    """The same arm has the same workspaces in all scenarios."""
-    whole, kept = sets.reached, {}
-
-    def once(arm: Any, said: Any, **where: str) -> Any:
-        key = repr((arm, said))
-        kept[key] = kept[key] if key in kept else whole(arm, said, **where)
-        return kept[key]
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(sets, "reached", once)
-        yield
-
-
-@pytest.mark.usefixtures("reached_once")
 @pytest.mark.parametrize(
     "scenario",
     [each if "hold" in each else pytest.param(each, marks=pytest.mark.nightly) for each in SCENARIOS],

@@ -5,31 +5,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rehab_opt import Box, Clearance, KeepOut, MirrorTracker, MovingCapsule, PoseTracker, export_c, ur5
+from rehab_opt import Clearance, MirrorTracker, MovingCapsule, export_c, ur5
 from rehab_opt.kinematics.room import moving_numbers
 from tests.control.clearance_world import Swinging
 from tests.control.test_limit import elbow, elbow_above
 from tests.export.calling_c import SAME, Built, largest_difference
 
 CLEAR = np.array([0.3, -1.4, 1.9, -1.9, -1.2, 0.4])
-
-
-@pytest.mark.nightly
-def test_c_repeats_a_run_among_bodies_that_move(built: Built, tmp_path: Path) -> None:
-    robot, dt = ur5(velocity=2.0), 0.01
-    floor, box = KeepOut.through([0, 0, 0.1], [0, 0, 1]), Box("box", (0.0, -0.6, 0.3), (0.3, 0.2, 0.4))
-    given = Clearance(margin=0.02, planes=[floor], boxes=[box], moving=2)
-    control = PoseTracker(robot, dt=dt, backup="qrqp", compile=False, limits=[given])
-    swinging, run = Swinging.drawn(np.random.default_rng(2), 1, 0.2), []
-    q, place = CLEAR.copy(), robot.pose(CLEAR)[:3, 3] - [0.0, 0.2, 0.0]
-    for k in range(300):
-        pusher = MovingCapsule(place, place, 0.05, (0.0, 0.1, 0.0), (0.0, 0.1, 0.0))
-        told = moving_numbers([*swinging.at(np.array([k * dt]), np.ones(1)), pusher], 2)
-        run.append({"q": q, "pose": robot.pose(CLEAR + 0.4), "twist": np.zeros(6), "obstacles": told})
-        command = control.step(q, robot.pose(CLEAR + 0.4), np.zeros(6), obstacles=told)
-        q, place = q + dt * command.value, place + dt * np.array([0.0, 0.1, 0.0])
-    export_c(control, tmp_path, run=run)
-    assert largest_difference(tmp_path, "pose_tracker", built) <= SAME
 
 
 @pytest.mark.nightly

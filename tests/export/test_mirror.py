@@ -15,10 +15,8 @@ from hypothesis import strategies as st
 from rehab_opt import MirrorTracker
 from rehab_opt.control import reference_clock
 from rehab_opt.export.controllers.mirror import NAME
-from rehab_opt.export.exported import MAX_VALUES
-from tests.export.calling_c import Built, giving_up, shared
-from tests.export.mirroring import MADE, START, Array, CMirror, Twins, seven_joints, wave, written
-from tests.failing_solvers import failing_solvers
+from tests.export.calling_c import Built, shared
+from tests.export.mirroring import MADE, START, Array, CMirror, Twins, wave, written
 
 FEW = 40
 """Samples that wait at most, here."""
@@ -57,7 +55,7 @@ def folders(trackers: dict[str, MirrorTracker], tmp_path_factory: pytest.TempPat
 
 @pytest.fixture(scope="module")
 def libraries(folders: dict[str, Path], built: Built) -> dict[str, ctypes.CDLL]:
-    return Lazy(lambda name: shared(folders[name], NAME, built, level="-O0"))
+    return Lazy(lambda name: shared(folders[name], NAME, built))
 
 
 # ------------------------------------------------------------------------------------------------- whatever it is told
@@ -139,64 +137,12 @@ def test_samples_that_do_not_fit_are_thinned_alike(
 def test_a_reset_forgets_everything(libraries: dict[str, ctypes.CDLL], trackers: dict[str, MirrorTracker]) -> None:
     name = "redundant"
     tracker = trackers[name]
-    used, fresh = Twins(libraries[name], tracker), CMirror(libraries[name])
+    used, fresh = Twins(libraries[name], tracker), CMirror(libraries[name], NAME)
     told(used, np.random.default_rng(3), START[name], 150)
     velocity = 0.2 * tracker.chain.velocity
-    assert used.c.reset(velocity) == fresh.reset(velocity) == 0
+    assert used.c.call("reset", velocity) == fresh.call("reset", velocity) == 0
     poses, twists = wave(tracker, START[name], np.random.default_rng(4), 40)
     for k, (pose, twist) in enumerate(zip(poses, twists, strict=True)):
-        answers = [c.step(START[name], pose, twist, stamp=k * tracker.dt) for c in (used.c, fresh)]
+        answers = [c.step(START[name], pose, twist, None, stamp=k * tracker.dt) for c in (used.c, fresh)]
         assert bytes(answers[0]) == bytes(answers[1])
     assert bytes(used.c.following()) == bytes(fresh.following())
-
-
-@pytest.mark.nightly
-def test_a_solver_that_writes_nothing_brakes(folders: dict[str, Path], built: Built) -> None:
-    """What it answered before is not taken for an answer, with the clock and without it."""
-    with failing_solvers() as failures:
-        tracker = MADE["redundant"]()
-    library = giving_up(folders["redundant"], NAME, built, "mirror_tick")
-    twins, q = Twins(library, tracker), START["redundant"]
-    pose, twist = tracker.chain.pose(q), np.array([0.0, 0.1, 0, 0, 0, 0])
-    for k in range(60):
-        failures.primary = k % 20 >= 17
-        library.give_up(int(failures.primary))
-        command = twins.step(q, pose, twist)
-        if failures.primary:
-            assert "no solver" in command.reason
-            assert not command.status.certified
-        q = q + command.value * tracker.dt
-        pose = pose.copy()
-        pose[1, 3] += 0.1 * tracker.dt
-
-
-def test_inputs_that_are_not_there_are_named(libraries: dict[str, ctypes.CDLL]) -> None:
-    q = START["redundant"]
-    pose, twist = seven_joints().pose(q), np.zeros(6)
-    bad = pose.copy()
-    bad[1, 2] = np.nan
-    holes = [
-        ((None, pose, twist), (0, 0)), ((q, None, twist), (1, 0)), ((q, bad, twist), (1, 6)), ((q, pose, None), (2, 0)),
-        ((q, pose, twist, np.array([0.0, np.inf, np.nan])), (3, 1)),
-    ]  # fmt: skip
-    for inputs, where in holes:
-        answer = CMirror(libraries["redundant"]).step(*inputs, stamp=0.0)  # type: ignore[arg-type]
-        assert answer.why == "INPUT_INVALID"
-        assert (answer.input, answer.element) == where
-        assert list(answer.value) == [0.0] * MAX_VALUES
-
-
-def test_a_tracker_that_was_not_initialised_holds(libraries: dict[str, ctypes.CDLL]) -> None:
-    tracker = CMirror(libraries["redundant"], initialise=False)
-    answer = tracker.step(START["redundant"], np.eye(4), np.ones(6), stamp=0.0)
-    assert (answer.why, answer.status, list(answer.value)) == ("NOT_INITIALISED", 3, [0.0] * MAX_VALUES)
-    assert tracker.reset() == 1
-    tracker.memory.raw = b"\x5a" * len(tracker.memory)  # what a stack may hold: counts that lead anywhere
-    told = tracker.following()
-    assert np.isnan([*told.reference, told.manipulability]).all()
-    assert (told.lag, told.time_scale, told.braked) == (0.0, 0.0, 0)
-
-
-def test_a_speed_beyond_its_limit_is_refused(libraries: dict[str, ctypes.CDLL]) -> None:
-    for bad in (1.01 * seven_joints().velocity, np.full(7, np.nan)):
-        assert CMirror(libraries["redundant"]).reset(bad) == 1

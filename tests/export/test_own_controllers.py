@@ -27,6 +27,7 @@ from rehab_opt.control.bilateral import Bilateral
 from rehab_opt.control.reasons import NOTES, NUMBER
 from rehab_opt.control.redundancy import RedundancyResolver
 from rehab_opt.control.velocity_controller import VelocityController
+from rehab_opt.export.controllers.redundancy import exported_resolver
 from rehab_opt.kinematics.ardis import ardis
 from rehab_opt.session.files import load_problem
 from tests.control.test_limit import TABLE, elbow_above
@@ -100,10 +101,23 @@ def arms_and_hands() -> dict[str, tuple[Callable[[], object], tuple[str, ...]]]:
     }  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    "kind",
-    [each if each == "pair" else pytest.param(each, marks=pytest.mark.nightly) for each in arms_and_hands()],
-)
+def test_the_table_of_a_law_says_where_its_state_holds_command_and_wheels() -> None:
+    run = [{"q": np.zeros(7), "twist": np.array([0.1, 0.05]), "rows": 0, "frame": 0}] * 200
+    laws = exported_resolver(led_on_a_chair(), run, title="t", of="a chair that stands").laws  # type: ignore[attr-defined]
+    for law in laws:
+        n, memory, own, _, command, wheels, count, *names = law.row()[1:-1].split(", ")
+        stated, four = law.controller.stated, law.controller.wheels
+        assert (int(n), int(count), int(own)) == (7, 4, stated.state_size)
+        assert int(own) - int(memory) == stated.memory.numel()
+        assert [int(command) - int(memory), int(wheels) - int(memory)] == [
+            law.controller.command_slice.start,
+            four.start,
+        ]
+        assert names == [f"{law.name}_{what}" for what in ("tick", "finish", "begin", "going_on")]
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("kind", arms_and_hands())
 def test_without_a_run_of_its_own_it_repeats_a_random_one(kind: str, built: Built, tmp_path: Path) -> None:
     make, folders = arms_and_hands()[kind]
     export_c(make(), tmp_path / "c")
@@ -111,12 +125,13 @@ def test_without_a_run_of_its_own_it_repeats_a_random_one(kind: str, built: Buil
         assert largest_difference(tmp_path / "c" / folder, folder or kind, built) <= SAME
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     ("make", "name", "reasons"),
     [
         (led_proportionally, "pose_tracker", True),
-        pytest.param(led_mirror, "mirror_tracker", True, marks=pytest.mark.nightly),
-        pytest.param(led_on_a_chair, "redundancy_mecanum", False, marks=pytest.mark.nightly),
+        (led_mirror, "mirror_tracker", True),
+        (led_on_a_chair, "redundancy_mecanum", False),
     ],
 )
 def test_led_joints_are_led_in_c(
@@ -168,7 +183,7 @@ def test_a_mirror_keeps_to_its_memory_and_says_when_samples_go(
     tracker = redundant()
     most = tracker.clock.most
     export_c(tracker, tmp_path, memory=memory)
-    library = shared(tmp_path, "mirror_tracker", built, level="-O0")
+    library = shared(tmp_path, "mirror_tracker", built)
     assert library.controller_size() <= (memory or 64_000)
     assert largest_difference(tmp_path, "mirror_tracker", built) <= SAME
     notes = [int(line.rsplit(",", 1)[1]) for line in (tmp_path / "recorded_run.csv").read_text().splitlines()[1:]]

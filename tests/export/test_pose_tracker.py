@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ctypes
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -12,18 +11,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rehab_opt import PoseTracker
-from rehab_opt.export.exported import MAX_VALUES
 from rehab_opt.session.files import load_problem
 from rehab_opt.session.pose_tracking.run import tracker_of
 from rehab_opt.session.robot_file import robot_at_start
 from tests.export.calling_c import (
     ROBOT,
     Built,
-    CCommand,
+    CController,
     Exported,
     assert_same,
     compiled_once,
-    doubles,
     giving_up,
     ran,
     shared,
@@ -31,25 +28,6 @@ from tests.export.calling_c import (
 from tests.failing_solvers import failing_solvers
 
 NAME = "pose_tracker"
-
-
-class CTracker:
-    """The C tracker, called from Python."""
-
-    def __init__(self, library: ctypes.CDLL, *, initialise: bool = True) -> None:
-        self.library, self.memory = library, ctypes.create_string_buffer(library.controller_size())
-        if initialise:
-            assert library.rehab_pose_tracker_init(self.memory) == 0
-
-    def reset(self, velocity: np.ndarray | None) -> int:
-        return int(self.library.rehab_pose_tracker_reset(self.memory, doubles(velocity)))
-
-    def step(self, q: Any, pose: Any, twist: Any, *, enable: int, stamp: float) -> CCommand:
-        out = CCommand()
-        self.library.rehab_pose_tracker_step(
-            self.memory, doubles(q), doubles(pose), doubles(twist), enable, ctypes.c_double(stamp), ctypes.byref(out)
-        )
-        return out
 
 
 @pytest.fixture(scope="module")
@@ -90,7 +68,7 @@ def test_a_changed_command_is_found(exported: Exported, built: Built, tmp_path: 
 def test_two_instances_are_independent(library: ctypes.CDLL, tracker: PoseTracker) -> None:
     """One is led, the other is told nonsense between its ticks: the first never notices."""
     rng = np.random.default_rng(1)
-    q, alone, led, other = np.array([0.0, -1.2, 1.5, -1.8, -1.57, 0.0]), *(CTracker(library) for _ in range(3))
+    q, alone, led, other = np.array([0.0, -1.2, 1.5, -1.8, -1.57, 0.0]), *(CController(library, NAME) for _ in range(3))
     for k in range(50):
         pose, twist = tracker.chain.pose(q), rng.normal(size=6) * 0.1
         expected = alone.step(q, pose, twist, enable=1, stamp=0.001 * k)
@@ -112,10 +90,10 @@ def state(rng: np.random.Generator, tracker: PoseTracker) -> tuple[np.ndarray, n
 @given(seed=st.integers(0, 2**32 - 1))
 def test_any_states_give_the_commands_of_python(library: ctypes.CDLL, tracker: PoseTracker, seed: int) -> None:
     rng = np.random.default_rng(seed)
-    c, stamp = CTracker(library), 0.0
+    c, stamp = CController(library, NAME), 0.0
     speed = rng.uniform(-1, 1, 6) * tracker.chain.velocity
     tracker.reset(speed)
-    assert c.reset(speed) == 0
+    assert c.call("reset", speed) == 0
     for _ in range(8):
         q, pose, twist = state(rng, tracker)
         for array in (q, pose, twist):
@@ -131,7 +109,7 @@ def test_any_states_give_the_commands_of_python(library: ctypes.CDLL, tracker: P
 @given(seed=st.integers(0, 2**32 - 1))
 def test_any_stamps_are_judged_as_in_python(library: ctypes.CDLL, tracker: PoseTracker, seed: int) -> None:
     """Streams that are slow, late, lost, repeated, reversed and begun anew, for as long as it takes to matter."""
-    rng, c, stamp = np.random.default_rng(seed), CTracker(library), 0.0
+    rng, c, stamp = np.random.default_rng(seed), CController(library, NAME), 0.0
     tracker.reset()
     q = np.array([0.0, -1.2, 1.5, -1.8, -1.57, 0.0])
     pose, twist = tracker.chain.pose(q), np.zeros(6)
@@ -148,7 +126,7 @@ def test_any_stamps_are_judged_as_in_python(library: ctypes.CDLL, tracker: PoseT
 def test_a_solver_that_writes_nothing_brakes(exported: Exported, built: Built) -> None:
     """What it answered before is not taken for an answer."""
     library = giving_up(exported(NAME), NAME, built, "pose_tracker_tick")
-    c, q = CTracker(library), np.array([0.0, -1.2, 1.5, -1.8, -1.57, 0.0])
+    c, q = CController(library, NAME), np.array([0.0, -1.2, 1.5, -1.8, -1.57, 0.0])
     with failing_solvers() as failures:
         tracker = made()
     pose, twist = tracker.chain.pose(q), np.array([0.1, 0.0, 0.0, 0.0, 0.2, 0.0])
@@ -166,41 +144,3 @@ def test_a_solver_that_writes_nothing_brakes(exported: Exported, built: Built) -
     failures.primary = False
     told = {"enable": 1, "stamp": 0.04}
     assert_same(c.step(q, pose, twist, **told), tracker.step(q, pose, twist, **told))
-
-
-@settings(max_examples=50)
-@given(seed=st.integers(0, 2**32 - 1))
-def test_the_safe_command_is_the_one_of_python(library: ctypes.CDLL, tracker: PoseTracker, seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    c, speed = CTracker(library), rng.uniform(-1, 1, 6) * tracker.chain.velocity
-    tracker.reset(speed)
-    c.reset(speed)
-    q, pose, twist = state(rng, tracker)
-    q[rng.integers(6)] = rng.choice([np.nan, q[0], 1e300])
-    for k in range(3):
-        told = {"enable": 0, "stamp": 0.001 * k}
-        assert_same(c.step(q, pose, twist, **told), tracker.step(q, pose, twist, **told), tolerance=1e-12)
-
-
-def test_an_input_that_is_not_there_is_named(library: ctypes.CDLL, tracker: PoseTracker) -> None:
-    q = np.array([0.0, -1.2, 1.5, -1.8, -1.57, 0.0])
-    pose = tracker.chain.pose(q)
-    pose[1, 2] = np.nan
-    holes = [((None, pose, np.zeros(6)), (0, 0)), ((q, None, np.zeros(6)), (1, 0)), ((q, pose, np.zeros(6)), (1, 6))]
-    for inputs, where in holes:
-        answer = CTracker(library).step(*inputs, enable=1, stamp=0.0)
-        assert answer.why == "INPUT_INVALID"
-        assert (answer.input, answer.element) == where
-        assert list(answer.value) == [0.0] * MAX_VALUES
-
-
-def test_a_tracker_that_was_not_initialised_holds(library: ctypes.CDLL) -> None:
-    tracker = CTracker(library, initialise=False)
-    answer = tracker.step(np.zeros(6), np.eye(4), np.ones(6), enable=1, stamp=0.0)
-    assert (answer.why, answer.status, list(answer.value)) == ("NOT_INITIALISED", 3, [0.0] * MAX_VALUES)
-    assert tracker.reset(np.zeros(6)) == 1
-
-
-def test_a_speed_beyond_its_limit_is_refused(library: ctypes.CDLL, tracker: PoseTracker) -> None:
-    for bad in (1.01 * tracker.chain.velocity, np.full(6, np.nan)):
-        assert CTracker(library).reset(bad) == 1

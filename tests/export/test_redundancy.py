@@ -17,31 +17,11 @@ from rehab_opt.control.redundancy import RedundancyResolver
 from rehab_opt.kinematics.ardis import ARDIS_READY
 from rehab_opt.session.ardis.robot import resolver_of, robot_of
 from rehab_opt.session.files import load_problem
-from tests.export.calling_c import Built, CCommand, Exported, assert_same, doubles, giving_up, shared
+from tests.export.calling_c import Built, CCommand, CController, Exported, assert_same, giving_up, shared
 from tests.failing_solvers import Failures, failing_solvers
 
-DRIVES = ("mecanum", "differential")
 FRAMES = ("chassis", "world")
 DT = 0.01
-
-
-class CResolver:
-    """The C resolver, called from Python."""
-
-    def __init__(self, library: ctypes.CDLL, drive: str, *, initialise: bool = True) -> None:
-        self.library, self.name = library, f"rehab_redundancy_{drive}"
-        self.memory = ctypes.create_string_buffer(library.controller_size())
-        if initialise:
-            assert self.call("init") == 0
-
-    def call(self, what: str, *arguments: Any) -> int:
-        given = [ctypes.c_double(each) if isinstance(each, float) else each for each in arguments]
-        return int(getattr(self.library, f"{self.name}_{what}")(self.memory, *given))
-
-    def step(self, q: Any, twist: Any, rows: int, frame: int, *, enable: int, stamp: float) -> CCommand:
-        out = CCommand()
-        self.call("step", doubles(q), doubles(twist), rows, frame, enable, float(stamp), ctypes.byref(out))
-        return out
 
 
 @pytest.fixture(scope="module", params=[pytest.param("mecanum", marks=pytest.mark.nightly), "differential"])
@@ -91,7 +71,7 @@ def test_any_motion_gives_the_commands_of_python(
     library: ctypes.CDLL, made: RedundancyResolver, drive: str, seed: int
 ) -> None:
     """A robot that goes where C sends it, with a stick that jumps, modes that change and sensors that fail."""
-    rng, resolver, c = np.random.default_rng(seed), begun(made), CResolver(library, drive)
+    rng, resolver, c = np.random.default_rng(seed), begun(made), CController(library, f"redundancy_{drive}")
     q, stamp, rows, frame = np.array(ARDIS_READY) + 0.2 * rng.normal(size=7), 0.0, 0, 0
     twist = np.zeros(2)
     for _ in range(25):
@@ -110,29 +90,14 @@ def test_any_motion_gives_the_commands_of_python(
         q = q + DT * np.array(answer.value[:7])
 
 
-@settings(max_examples=10)
-@given(seed=st.integers(0, 2**32 - 1))
-def test_the_safe_command_is_the_one_of_python(
-    library: ctypes.CDLL, made: RedundancyResolver, drive: str, seed: int
-) -> None:
-    rng, resolver, c = np.random.default_rng(seed), begun(made), CResolver(library, drive)
-    q, twist = np.array(ARDIS_READY), rng.normal(size=2)
-    for k in range(30):
-        told = {"enable": int(k < 20), "stamp": DT * k}
-        seen = np.full(7, np.nan) if k == 22 else q
-        answer = c.step(seen, twist, 0, 0, **told)
-        assert_same(answer, python(resolver, seen, twist, 0, 0, **told), tolerance=1e-9 if k < 20 else 1e-12)
-        q = q + DT * np.array(answer.value[:7])
-
-
-@pytest.mark.parametrize("drive", DRIVES[1:], indirect=True)  # one drive stands for both
+@pytest.mark.nightly
 def test_where_the_solver_writes_nothing_the_law_is_slowed_into_its_bounds(
     drive: str, exported: Exported, built: Built, resolver: RedundancyResolver, failures: Failures
 ) -> None:
     """As in Python: certified, and no worse than that; and the safe command where the bounds leave nothing of it."""
     name = f"redundancy_{drive}"
     library = giving_up(exported(name), name, built, "law_0_tick", "law_1_tick")
-    c, q, met, rng = CResolver(library, drive), np.array(ARDIS_READY), set(), np.random.default_rng(3)
+    c, q, met, rng = CController(library, name), np.array(ARDIS_READY), set(), np.random.default_rng(3)
     rows, twist = 0, np.array([0.2, 0.1])
     for k in range(300):
         if k % 20 == 0:
@@ -148,7 +113,7 @@ def test_where_the_solver_writes_nothing_the_law_is_slowed_into_its_bounds(
 
 
 def test_obstacles_may_change_between_ticks(library: ctypes.CDLL, resolver: RedundancyResolver, drive: str) -> None:
-    c, q = CResolver(library, drive), np.array(ARDIS_READY)
+    c, q = CController(library, f"redundancy_{drive}"), np.array(ARDIS_READY)
     rooms = (
         ([("wall", 3.0, 4.0, 2.0), ("free",)], (HalfPlane((3.0, 4.0), 2.0),)),
         ([("post", 0.9, 0.1, 0.3), ("wall", -1.0, 0.0, 0.6)], (Disc((0.9, 0.1), 0.3), HalfPlane((-1.0, 0.0), 0.6))),
@@ -166,7 +131,7 @@ def test_obstacles_may_change_between_ticks(library: ctypes.CDLL, resolver: Redu
 
 
 def test_obstacles_that_are_none_are_refused(library: ctypes.CDLL, drive: str) -> None:
-    c = CResolver(library, drive)
+    c = CController(library, f"redundancy_{drive}")
     nan = float("nan")
     refused = [
         ("wall", 0, 0.0, 0.0, 1.0), ("wall", 0, nan, 1.0, 1.0), ("wall", 0, 1.0, 0.0, nan), ("wall", 2, 1.0, 0.0, 1.0),
@@ -177,7 +142,7 @@ def test_obstacles_that_are_none_are_refused(library: ctypes.CDLL, drive: str) -
 
 
 def test_rows_that_it_was_not_made_for_brake(library: ctypes.CDLL, drive: str) -> None:
-    c, q, answer = CResolver(library, drive), np.array(ARDIS_READY), CCommand()
+    c, q, answer = CController(library, f"redundancy_{drive}"), np.array(ARDIS_READY), CCommand()
     for k in range(20):
         answer = c.step(q, [0.2, 0.0], 0, 0, enable=1, stamp=DT * k)
         q = q + DT * np.array(answer.value[:7])
@@ -187,13 +152,3 @@ def test_rows_that_it_was_not_made_for_brake(library: ctypes.CDLL, drive: str) -
         assert (answer.why, answer.status) == ("ROWS_UNKNOWN", 2)
         assert np.abs(answer.value[:7]).max() < fast
         fast = np.abs(answer.value[:7]).max()
-
-
-def test_what_is_not_there_is_named(library: ctypes.CDLL, drive: str) -> None:
-    q, twist = np.array(ARDIS_READY), np.zeros(2)
-    for inputs, where in (((None, twist), (0, 0)), ((q, None), (1, 0)), ((q, [0.0, np.inf]), (1, 1))):
-        answer = CResolver(library, drive).step(*inputs, 0, 0, enable=1, stamp=0.0)
-        assert (answer.why, answer.input, answer.element) == ("INPUT_INVALID", *where)
-        assert not any(answer.value)
-    answer = CResolver(library, drive, initialise=False).step(q, twist, 0, 0, enable=1, stamp=0.0)
-    assert (answer.why, answer.status) == ("NOT_INITIALISED", 3)

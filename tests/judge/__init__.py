@@ -7,7 +7,7 @@ energy are its own, in plain numpy. Each module with `GUARANTEES` judges guarant
     LEAST     situation -> least number of ticks in it, per 10^6 ticks, without which nothing is proven: `Verdict.asked`
     CI_TICKS  how many ticks a slice in CI takes
     SHARE     its part of a campaign's ticks beside 1.0 of the others (optional)
-    run(ticks, seed, *, only=None) -> Verdict   `only`: the number of one run of this seed, to see a broken claim again
+    run       (ticks, seed, only=None) -> Verdict, by `numbering.judging`; `only`: the number of one run of this seed
 
 Loops record, numpy judges the whole run afterwards.
 """

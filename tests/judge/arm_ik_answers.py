@@ -2,7 +2,6 @@
 
 Judged with the arm of Table I (Rossa et al.) written down once more, by brute force: no random posture within limits
 and tilt has its hand nearer to an unreachable target, and none of those near an answer holds the hand for less cost.
-And for a robot's arm whose wrist is held: off its singular postures three joints follow a hand in one way only.
 """
 
 from __future__ import annotations
@@ -13,19 +12,19 @@ import math
 import numpy as np
 from scipy.optimize import minimize
 
-from rehab_opt import ArmIK, human_arm, ur5
-from tests.judge.numbering import numbered
-from tests.judge.ur5_numbers import LIMIT, jacobian, tool
-from tests.judge.ur5_numbers import READY as ROBOT_READY
+from rehab_opt import ArmIK, human_arm
+from tests.judge.numbering import Runs, judging
+from tests.judge.ur5_numbers import frames
 from tests.judge.verdict import Verdict
 
 GUARANTEES = ("G25",)
 LEAST = {"status ok": 141_000, "status unreachable": 28_000, "status holding": 2000, "range regular": 100_000,
-         "range restricted": 66_000, "followed": 66_000,
-         "a tilt that cannot be held": 20_000, "a robot's posture continued": 300_000}  # fmt: skip
+         "range restricted": 66_000, "followed": 66_000}  # fmt: skip
 CI_TICKS = 300
 SHARE = 0.008
-LENGTHS = (0.130, 0.290, 0.300, 0.070)
+ROWS = ((0.130, 0, 0.0), (0.0, -1, 0.0), (0.0, -1, 0.0), (0.290, 0, 0.0), (0.300, 0, 0.0), (0.0, 1, 0.0),
+        (0.0, -1, 0.0), (0.0, 0, 0.070))  # fmt: skip
+"""Of Table I: a [m], quarter turns, d [m]."""
 RANGES = {
     "regular": [(170, 195), (-20, 10), (50, 90), (20, 80), (0, 70), (-50, 60), (-45, -30), (10, 50)],
     "restricted": [(180, 180), (0, 5), (70, 90), (30, 70), (30, 60), (30, 60), (-30, -30), (40, 45)],
@@ -38,16 +37,8 @@ ELBOW = 4
 """Joint 5 bends it."""
 ITERATIONS = 18.0
 """Of the quadratic convergence that the SQP says it has."""
-MEAN = 0.1
-"""By which two means of w^2, of a few thousand postures each, may differ."""
 PLACE = 1e-6
 """[m] A hand nearer than this is in place."""
-PATHS, SAMPLES, SMALL = 8, 6, 64
-"""Of a robot's arm, and postures in its table: few, so that a search from there ends on other branches."""
-SINGULAR = 0.1
-"""[m/rad] What the three joints move the hand by, at least: from there a path's steps lead to no other branch."""
-TIMES = 1.1
-"""Of the path's own largest step: the posture that is continued is the path; on other branches joints are rad away."""
 
 
 def hand(q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -58,26 +49,7 @@ def hand(q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def hand_pose(q: np.ndarray) -> np.ndarray:
     """(N, 4, 4) poses of the hand."""
-    l0, l1, l2, l3 = LENGTHS
-    rows = [(l0, 0, 0), (0, -1, 0), (0, -1, 0), (l1, 0, 0), (l2, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, l3)]
-    pose = np.repeat(np.eye(4)[None], len(q), axis=0)
-    for i, (a, quarter, d) in enumerate(rows):
-        c, s, row = np.cos(q[:, i]), np.sin(q[:, i]), np.zeros((len(q), 4, 4))
-        ca, sa = (1.0, 0.0) if quarter == 0 else (0.0, float(quarter))
-        row[:, 0] = np.column_stack([c, -s * ca, s * sa, a * c])
-        row[:, 1] = np.column_stack([s, c * ca, -c * sa, a * s])
-        row[:, 2, 1], row[:, 2, 2], row[:, 2, 3], row[:, 3, 3] = sa, ca, d, 1.0
-        pose = pose @ row
-    return pose
-
-
-def run(ticks: int, seed: int, *, only: int | None = None) -> Verdict:
-    """Arms; an answer counts as a tick."""
-    verdict = Verdict("arm_ik_answers", seed, LEAST)
-    for number, rng in numbered(verdict, ticks, only):
-        one_run(verdict, number, rng)
-    verdict.seldom_by_backup()
-    return verdict
+    return frames(q, ROWS)[:, -1]
 
 
 def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
@@ -92,8 +64,6 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
     rest = (lower + upper) / 2 if nameless else np.clip(REST, lower, upper)
     ik = ArmIK(arm, handle_tilt=tilt, posture_cost=terms, compile=False)
     verdict.begin(number, f"{name}, tilt {tilt}, {terms}")
-    dexterous(verdict, rng)
-    too_strict(verdict, rng)
     targets = hand(rng.uniform(lower, upper, (40, 8)))[0]
     targets[30:37] += rng.standard_normal((7, 3)) * rng.choice([0.05, 1.0, 100.0], (7, 1))
     targets[36] = rng.choice([-1e200, 1e200]), 0.1, -0.2
@@ -161,74 +131,6 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
         verdict.during(f"status {each}", status == each, 1.0)
     verdict.during(f"range {name}", np.ones(len(q), dtype=bool), 1.0)
     verdict.during("followed", np.arange(len(q)) >= 40, 1.0)
-    continued(verdict, rng)
-
-
-def continued(verdict: Verdict, rng: np.random.Generator) -> None:
-    """A UR5 with its wrist held, led along paths of its joints: no branch is left. No ticks: a slice keeps its arms."""
-    held = ROBOT_READY + rng.uniform(-0.5, 0.5, 6)
-    lower, upper = -LIMIT, LIMIT.copy()
-    lower[3:] = upper[3:] = held[3:]
-    robot = dataclasses.replace(ur5(), lower=lower, upper=upper)
-    ik = ArmIK(robot, handle_tilt=None, table_size=SMALL, compile=False)
-    for _ in range(PATHS):
-        first, way = held.copy(), np.zeros(6)
-        first[:3] = ROBOT_READY[:3] + rng.uniform(-0.5, 0.5, 3)
-        first[0], way[:3] = rng.uniform(-3.0, 3.0), rng.uniform(-0.1, 0.1, 3)
-        path = first + np.linspace(0, 1, SAMPLES)[:, None] * way
-        if np.linalg.svd(jacobian(path)[:, :3, :3], compute_uv=False).min() < SINGULAR:
-            continue
-        answer = ik.follow(tool(path)[:, :3, 3], first)
-        own, steps = np.diff(path, axis=0), np.diff(answer.q, axis=0, prepend=first[None])
-        verdict.within("step of a posture that can be continued [rad]", np.abs(steps), TIMES * np.abs(own).max())
-        verdict.during("a robot's posture continued", np.ones(SAMPLES, dtype=bool), 1.0)
-
-
-def dexterous(verdict: Verdict, rng: np.random.Generator) -> None:
-    """A posture cost with manipulability: what it adds is in one proportion, above zero, to w^2."""
-    name = ("regular", "restricted")[int(rng.integers(2))]
-    lower, upper = np.deg2rad(np.array(RANGES[name], dtype=float)).T
-    ik = ArmIK(human_arm(range_of_motion=name), posture_cost={"rest": 0.1, "manipulability": 1.0}, handle_tilt=None,
-               compile=False)  # fmt: skip
-    answers = [ik.solve(each) for each in hand(rng.uniform(lower, upper, (6, 8)))[0]]
-    verdict.ticks += len(answers)
-    q = np.array([each.q for each in answers])
-    ((weight,), (centre,)) = middle({"rest": 0.1}, lower, upper, np.clip(REST, lower, upper), None)
-    added = np.array([each.cost for each in answers]) - 0.5 * (weight * (q - centre) ** 2).sum(axis=1)
-    ratio = added / np.maximum(squares(q, upper > lower), 1e-12)
-    verdict.holds("manipulability costs", added >= 0)
-    verdict.within("proportion of its cost to w^2, largest over least", ratio.max() / ratio.min(), 1 + 1e-4)
-    mean = float(np.mean(squares(rng.uniform(lower, upper, (2000, 8)), upper > lower)))
-    verdict.within("its cost away from w^2 over the mean of w^2", abs(float(ratio.mean()) * mean - 1), MEAN)
-
-
-def squares(q: np.ndarray, moving: np.ndarray) -> np.ndarray:
-    """(N,) w^2 of the joints that move (8,), at q (N, 8)."""
-    here, columns, step = hand_pose(q)[:, :3, :3], [], 1e-6
-    for way in np.eye(8)[moving]:
-        change = (hand_pose(q + step * way) - hand_pose(q - step * way)) / (2 * step)
-        spin = change[:, :3, :3] @ here.transpose(0, 2, 1)
-        columns.append(np.column_stack([change[:, :3, 3], spin[:, 2, 1], spin[:, 0, 2], spin[:, 1, 0]]))
-    slopes = np.stack(columns, axis=2)
-    return np.asarray(np.linalg.det(slopes @ slopes.transpose(0, 2, 1)))
-
-
-def too_strict(verdict: Verdict, rng: np.random.Generator) -> None:
-    """A tilt that the restricted arm cannot hold: answered all the same, by the handle as upright as it gets."""
-    lower, upper = np.deg2rad(np.array(RANGES["restricted"], dtype=float)).T
-    tilt, cost = float(rng.choice([0.0, 1e-3])), ({"manipulability": 1.0}, {"rest": 1.0})[int(rng.integers(2))]
-    ik = ArmIK(human_arm(range_of_motion="restricted"), handle_tilt=tilt, posture_cost=cost, compile=False)
-    drawn = rng.uniform(lower, upper, (20_000, 8))
-    places, handles = hand(drawn)
-    answers = [ik.solve(each) for each in places[:3]]
-    verdict.ticks += len(answers)
-    q = np.array([each.q for each in answers])
-    verdict.within("a tilt that cannot be held: q outside its limits [rad]", np.fmax(lower - q, q - upper), 1e-12)
-    lean, least = (np.arctan2(np.hypot(each[:, 0], each[:, 1]), each[:, 2]) for each in (hand(q)[1], handles))
-    unreachable = np.array([each.status.value == "unreachable" for each in answers])
-    verdict.holds("a tilt that cannot be held is said to be none", unreachable)
-    verdict.within("a tilt that cannot be held: over a random posture's [rad]", lean - least.min(), 1e-9)
-    verdict.during("a tilt that cannot be held", unreachable, 1.0)
 
 
 def middle(
@@ -261,3 +163,6 @@ def _cheaper(q: np.ndarray, goal: np.ndarray, lower: np.ndarray, upper: np.ndarr
     place, handle = hand(np.clip(found.x, lower, upper)[None])
     kept = np.linalg.norm(place[0] - goal) < PLACE and (tilt is None or handle[0, 2] >= math.cos(tilt) - 1e-9)
     return float(found.fun) if kept else math.inf
+
+
+run = judging(__name__, LEAST, Runs(one_run), finish=(Verdict.seldom_by_backup,))

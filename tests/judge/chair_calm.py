@@ -17,6 +17,7 @@ from tests.judge.chair_claims import judge_ticks
 from tests.judge.chair_moved import PLACES
 from tests.judge.chair_robot import Array, Chair
 from tests.judge.chair_runs import SETS, Part, Run, command, held, posture, record, resolver
+from tests.judge.numbering import Runs, judging
 from tests.judge.verdict import Verdict
 
 GUARANTEES = ("G12",)
@@ -37,26 +38,11 @@ LATE, SWINGS, SLOW, SWUNG = 4.0, 4, 0.05, 0.01
 swings; of such runs so many may be, and one."""
 
 
-def run(ticks: int, seed: int, *, only: int | None = None) -> Verdict:
-    """Short runs until so many ticks are judged."""
-    verdict = Verdict("chair_calm", seed, LEAST)
-    number, shaken, standing, swinging = 0 if only is None else only, 0, 0, 0
-    while verdict.ticks < ticks:
-        rng = np.random.default_rng([seed, number])
-        if number % STANDING == STANDING - 1:
-            standing, swinging = standing + 1, swinging + at_rest(verdict, number, rng)
-        else:
-            shaken += one_run(verdict, number, rng)
-        number += 1
-        if only is not None:
-            break
-    verdict.within("runs in which the arm is shaken", shaken, RATE * verdict.runs + SPARE)
-    verdict.within("runs in which an arm on a chair that stands swings", swinging, SWUNG * standing + 1)
-    return verdict
-
-
-def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> bool:
-    """Whether the arm is shaken in a run."""
+def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
+    """A stick that is held; one run in `STANDING` is of an arm on a chair that stands."""
+    if number % STANDING == STANDING - 1:
+        at_rest(verdict, number, rng)
+        return
     rows = SETS[number % 5 % 2]
     chair, made = resolver(("differential", "mecanum")[number // 2 % 2], SETS, DT, PLACES)
     q = posture(chair, rng, ready=0.5)
@@ -66,10 +52,10 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> bool:
     _, u = judge_ticks(recorded, verdict)
     turns = shaken_ticks(chair, u, DT)
     verdict.during("an arm joint shaken", turns, DT)
-    return int(turns.sum()) > OFTEN
+    verdict.during("a run in which the arm is shaken", [turns.sum() > OFTEN], DT)
 
 
-def at_rest(verdict: Verdict, number: int, rng: np.random.Generator) -> bool:
+def at_rest(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
     """An arm that is led to where it can no more: whether it swings there.
 
     It does not shake where for the last second the bounds leave nothing of the command.
@@ -86,7 +72,17 @@ def at_rest(verdict: Verdict, number: int, rng: np.random.Generator) -> bool:
         turns = shaken_ticks(chair, u[last], dt)
         verdict.during("an arm that can do no more", np.ones(len(turns), dtype=bool), dt)
         verdict.within("ticks in which an arm that can do no more is shaken", [turns.sum()], OFTEN)
-    return max(turned_back(speeds[np.abs(speeds) > SLOW]) for speeds in u[-round(LATE / dt) :, 3:].T) >= SWINGS
+    swings = max(turned_back(speeds[np.abs(speeds) > SLOW]) for speeds in u[-round(LATE / dt) :, 3:].T) >= SWINGS
+    verdict.during("a run on a chair that stands", [True], dt)
+    verdict.during("a run on a chair that stands, in which the arm swings", [swings], dt)
+
+
+def seldom_shaken(verdict: Verdict) -> None:
+    """Of all runs."""
+    shaken, standing = verdict.count("a run in which the arm is shaken"), verdict.count("a run on a chair that stands")
+    swinging = verdict.count("a run on a chair that stands, in which the arm swings")
+    verdict.within("runs in which the arm is shaken", shaken, RATE * verdict.runs + SPARE)
+    verdict.within("runs in which an arm on a chair that stands swings", swinging, SWUNG * standing + 1)
 
 
 def turned_back(speeds: Array) -> int:
@@ -106,3 +102,6 @@ def shaken_ticks(chair: Chair, u: Array, dt: float) -> NDArray[np.bool_]:
     fraction = np.diff(u[:, 3:], axis=0) / (chair.acceleration[3:] * dt)
     turns = (fraction[1:] * fraction[:-1] < 0) & (np.minimum(np.abs(fraction[1:]), np.abs(fraction[:-1])) > SHAKE)
     return np.asarray(turns.any(axis=1))
+
+
+run = judging(__name__, LEAST, Runs(one_run), finish=(seldom_shaken,))

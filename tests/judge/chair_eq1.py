@@ -15,6 +15,7 @@ import numpy as np
 from tests.judge.chair_claims import judge_ticks
 from tests.judge.chair_robot import ROWS, Array, Chair, turned
 from tests.judge.chair_runs import SETS, Part, Run, command, held, posture, record, resolver
+from tests.judge.numbering import Runs, judging
 from tests.judge.verdict import Verdict
 
 GUARANTEES = ("G11",)
@@ -25,18 +26,6 @@ DT = 0.01
 TOLERANCE = 2e-3
 """Of the largest speed of u."""
 ROTORS = np.array([0.0, 0.0, 0.0, 0.15, 0.15, 0.10, 0.02])
-
-
-def run(ticks: int, seed: int, *, only: int | None = None) -> Verdict:
-    """Short commands from postures in mid-range until so many ticks are judged."""
-    verdict = Verdict("chair_eq1", seed, LEAST)
-    number = 0 if only is None else only
-    while verdict.ticks < ticks:
-        one_run(verdict, number, np.random.default_rng([seed, number]))
-        number += 1
-        if only is not None:
-            break
-    return verdict
 
 
 def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
@@ -137,3 +126,6 @@ def cost(chair: Chair, q: Array) -> Array:
     volume = np.linalg.det(chair.jacobian(q)[..., :3, 3:6])
     m = (volume / (chair.d5 * chair.d7**2)) ** 2
     return np.asarray(np.sum(x**4, axis=-1) / 4 + (1 - m) ** 2 / 2)
+
+
+run = judging(__name__, LEAST, Runs(one_run))

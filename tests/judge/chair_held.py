@@ -37,6 +37,7 @@ from tests.judge.chair_runs import (
     record,
     resolver,
 )
+from tests.judge.numbering import Runs, judging
 from tests.judge.verdict import Verdict
 
 GUARANTEES = ("G12",)
@@ -77,19 +78,6 @@ BESIDE, FAR, WELL = 0.03, 0.3, 0.1
 [m/rad] the hand that far from singular postures."""
 RESTS = 2e-5
 """[m/s] A slower hand stands, but for the end of braking in proportion: that comes nearer by 1.1 T of it."""
-
-
-def run(ticks: int, seed: int, *, only: int | None = None) -> Verdict:
-    """Held commands until so many ticks are judged."""
-    verdict = Verdict("chair_held", seed, LEAST)
-    number = 0 if only is None else only
-    while verdict.ticks < ticks:
-        one_run(verdict, number, np.random.default_rng([seed, number]))
-        number += 1
-        if only is not None:
-            break
-    verdict.seldom_by_backup()
-    return verdict
 
 
 def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
@@ -240,3 +228,6 @@ def longest_stretch(mask: NDArray[np.bool_]) -> int:
     """Most ticks on end in which the mask is true."""
     edges = np.flatnonzero(np.diff(np.r_[False, mask, False]))
     return int(np.max(edges[1::2] - edges[::2], initial=0))
+
+
+run = judging(__name__, LEAST, Runs(one_run), finish=(Verdict.seldom_by_backup,))

@@ -29,6 +29,7 @@ from tests.judge.chair_runs import (
     record,
     resolver,
 )  # fmt: skip
+from tests.judge.numbering import Runs, judging
 from tests.judge.verdict import Verdict
 
 GUARANTEES = ("G01", "G02", "G04", "G13")
@@ -68,18 +69,6 @@ NOT_TRUE = (False, 0, None, math.nan, 2, "on", np.False_)
 """What is given for a dead-man that is not held."""
 KINDS = ("held", "sine", "person", "ramp", "reverse", "much", "zero", "released", "hostile")
 OFTEN = np.array([3, 3, 4, 1, 2, 2, 2, 1.5, 1.5]) / 20
-
-
-def run(ticks: int, seed: int, *, only: int | None = None) -> Verdict:
-    """Runs of half a minute until so many ticks are judged."""
-    verdict = Verdict("chair_moved", seed, LEAST)
-    number = 0 if only is None else only
-    while verdict.ticks < ticks:
-        one_run(verdict, number, np.random.default_rng([seed, number]))
-        number += 1
-        if only is not None:
-            break
-    return verdict
 
 
 def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
@@ -237,3 +226,6 @@ def judge_held(run: Run, verdict: Verdict) -> None:
             continue
         if np.all(part.twist == part.twist[0]) and 1e-3 < np.linalg.norm(part.twist[0]) < 0.5:
             judge_law(run, verdict, part, ticks, obstacles)
+
+
+run = judging(__name__, LEAST, Runs(one_run))

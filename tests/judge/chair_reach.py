@@ -15,6 +15,7 @@ from scipy.signal import lfilter
 
 from tests.judge.chair_claims import judge_ticks
 from tests.judge.chair_runs import Part, Run, motion, other_resolver, posture, record, resolver
+from tests.judge.numbering import Runs, judging
 from tests.judge.verdict import Answers, Verdict
 
 GUARANTEES = ("G14",)
@@ -41,18 +42,6 @@ SPEED, LAGGING, FADES = 0.25, 0.12, 4.0
 ROUGH = 1.005
 """A hand's way within a tick is not the one of its middle."""
 POSSIBLE, TRIED = 0.05, 0.1
-
-
-def run(ticks: int, seed: int, *, only: int | None = None) -> Verdict:
-    """Targets until so many ticks are judged."""
-    verdict = Verdict("chair_reach", seed, LEAST)
-    number = 0 if only is None else only
-    while verdict.ticks < ticks:
-        one_run(verdict, number, np.random.default_rng([seed, number]))
-        number += 1
-        if only is not None:
-            break
-    return verdict
 
 
 def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
@@ -121,3 +110,6 @@ def judge_target(run: Run, verdict: Verdict, found: Answers, part: Part, ticks: 
         possible = chair.fastest(run.q[ticks.stop], TRIED * way, part.rows, part.frame, dt=dt)
         verdict.within("a hand that stopped elsewhere can go no further", [possible], POSSIBLE)
         verdict.during("asked of the linear programme", np.array([True]), dt)
+
+
+run = judging(__name__, LEAST, Runs(one_run))

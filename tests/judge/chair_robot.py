@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from scipy.optimize import linprog
 
 from rehab_opt import ardis
@@ -158,10 +158,6 @@ class Chair:
         c, s = np.cos(q[..., 2]), np.sin(q[..., 2])
         value[..., 0], value[..., 1] = c * u[..., 0] - s * u[..., 1], s * u[..., 0] + c * u[..., 1]
         return value
-
-    def moved(self, q: Array, value: Array, time: ArrayLike) -> Array:
-        """(..., 7) where held joint velocities lead."""
-        return np.asarray(q + np.asarray(time)[..., None] * value)
 
     def hand_velocity(self, q: Array, ahead: Array, dt: float, rows: Sequence[str], frame: str) -> Array:
         """(T, k) by finite differences from q to `ahead` (T, 7); the chassis frame is that of the tick's begin."""
@@ -368,7 +364,7 @@ def segments_apart(begin: Array, end: Array, start: Array, stop: Array) -> Array
     """(...,) distance of two segments: from an end of one to the other, or between the lines where both are met."""
 
     def from_point(point: Array, origin: Array, along: Array) -> Array:
-        fraction = np.clip(np.sum((point - origin) * along, -1) / np.sum(along * along, -1), 0, 1)
+        fraction = np.clip(np.sum((point - origin) * along, -1) / np.maximum(np.sum(along * along, -1), 1e-30), 0, 1)
         return np.linalg.norm(point - origin - fraction[..., None] * along, axis=-1)
 
     one, two, gap = end - begin, stop - start, start - begin

@@ -36,8 +36,6 @@ class Part(NamedTuple):
     """(n, 7) what is added to the q that the controller is told: no numbers, or ones too large."""
     fault: bool = False
     """Whether every tick is told what is no usable number."""
-    stamps: Sequence[float | None] | None = None
-    """(n,) time stamps [s] of the states."""
 
 
 class LateArm(Protocol):
@@ -103,8 +101,7 @@ def record(controller: RedundancyResolver, run: Run, q: Array) -> Run:
                 q = run.q[k] = run.late.led(told, q, enable=part.enable)
             around = None if run.moving is None else run.moving[k]
             if part.target is None:
-                stamp = None if part.stamps is None else part.stamps[i]
-                command = step(told, twist, part.rows, part.frame, moving=around, enable=part.enable, stamp=stamp)
+                command = step(told, twist, part.rows, part.frame, moving=around, enable=part.enable)
             else:
                 command = controller.reach(told, part.target, moving=around, enable=part.enable)
             commands.append(command)

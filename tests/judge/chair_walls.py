@@ -2,8 +2,7 @@
 
 Each run is one held command for some seconds with one to three obstacles a few centimetres from the outline: walls
 along its sides or across, posts before its faces and corners. Now and then one comes while the chair moves, and in
-some runs others come again and again, most of them too late; there, too, the QP has an answer, braking at least. What
-is no wall or post is refused, and those of before stay.
+some runs others come again and again, most of them too late; there, too, the QP has an answer, braking at least.
 """
 
 from __future__ import annotations
@@ -21,6 +20,7 @@ from tests.judge.chair_held import judge_law
 from tests.judge.chair_moved import PLACES, room
 from tests.judge.chair_robot import CORNERS, Array, Obstacles
 from tests.judge.chair_runs import SETS, Part, Run, command, held, posture, record, resolver
+from tests.judge.numbering import Runs, judging
 from tests.judge.verdict import Verdict
 
 GUARANTEES = ("G13",)
@@ -36,30 +36,17 @@ LEAST = {
 CI_TICKS = 14_000
 SHARE = 1.0
 DT = 0.01
+NUMBERLESS: Any = (math.nan, math.inf, -math.inf, 1.7e308, -1.7e308, None, True, "1", 1j, (1.0, 2.0))
+"""No places in metres, nor numbers that a wall's normal can be made of where both are that."""
 CROWDED, COME = 5, 40
 """One run in so many is of so many times other obstacles."""
-NUMBERLESS = (math.nan, math.inf, -math.inf, 1.7e308, -1.7e308, None, True, "1", 1j, (1.0, 2.0))
-"""No places in metres, nor numbers a wall's normal can be made of where both are that."""
-
-
-def run(ticks: int, seed: int, *, only: int | None = None) -> Verdict:
-    """Short runs until so many ticks are judged."""
-    verdict = Verdict("chair_walls", seed, LEAST)
-    number = 0 if only is None else only
-    while verdict.ticks < ticks:
-        rng = np.random.default_rng([seed, number])
-        if number % CROWDED == 3:
-            crowded(verdict, number, rng)
-        else:
-            one_run(verdict, number, rng)
-        number += 1
-        if only is not None:
-            break
-    return verdict
 
 
 def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
     """One command beside what stands there from the begin, or comes after a while."""
+    if number % CROWDED == 3:
+        crowded(verdict, number, rng)
+        return
     rows = SETS[number % 5 % 2]  # most often x, y, z, which turns a chair
     chair, made = resolver(("differential", "mecanum")[number % 2], SETS, DT, PLACES)
     q = posture(chair, rng, ready=0.5)
@@ -73,7 +60,8 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
         there = parts[0]._replace(obstacles=lambda at: beside(np.random.default_rng(seed), at))
         parts = [Part(rows, frame, held(twist, rng.uniform(0.5, 2.0), DT), obstacles=()), there]
     verdict.begin(number, f"{chair.drive} {rows} {frame} {np.round(twist, 4)}")
-    refused(verdict, made, np.random.default_rng([verdict.seed, number, 1]))
+    if number == 0:
+        refused(verdict, made)
     recorded = record(made, Run(chair, DT, np.zeros(7), parts, arcs=bool(rng.random() < 0.3)), q)
     _, u = judge_ticks(recorded, verdict)
     part, ticks = recorded.parts[-1], recorded.slices[-1]
@@ -104,26 +92,25 @@ def crowded(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
     verdict.holds("the QP has an answer in every tick", found.solver != "braking together")
 
 
-def refused(verdict: Verdict, made: RedundancyResolver, rng: np.random.Generator) -> None:
-    """What is none is refused, named, and changes nothing."""
-    known = made.obstacles
+def refused(verdict: Verdict, made: RedundancyResolver) -> None:
+    """What is no obstacle is refused, named, and changes nothing."""
+    known, told = made.obstacles, []
+    wrong: list[Any] = [HalfPlane((0.0, 0.0), 1.0), Disc((1.0, 1.0), -0.1), (1.0, 2.0, 3.0)]
     for none in NUMBERLESS:
-        x, y, other = (float(each) for each in rng.uniform(-2.0, 2.0, 3))
-        signs: Any = [-none if isinstance(none, float) and rng.random() < 0.5 else none for _ in range(2)]
-        found: list[Any] = [
-            HalfPlane((signs[0], signs[1]), other), HalfPlane((x, y), signs[0]), Disc((x, signs[0]), abs(other)),
-            Disc((signs[0], y), abs(other)), Disc((x, y), signs[0]),
-        ]  # fmt: skip
-        for each in (*found, HalfPlane((0.0, 0.0), other), Disc((x, y), -abs(other)), (x, y, other), none):
-            words = ""
-            try:
-                made.obstacles = [each]
-            except ConfigurationError as problem:
-                words = str(problem)
-            verdict.holds(
-                "what is no obstacle is refused by name", words.startswith("obstacles[0]"), f"{each}: {words}"
-            )
-            verdict.holds("what is refused changes nothing", made.obstacles is known)
+        wrong += [
+            HalfPlane((none, none), 1.0),
+            HalfPlane((1.0, 0.0), none),
+            Disc((1.0, none), 0.1),
+            Disc((1.0, 1.0), none),
+        ]
+    for each in wrong:
+        try:
+            made.obstacles = [each]
+            told.append("")
+        except ConfigurationError as problem:
+            told.append(str(problem))
+    verdict.holds("what is no obstacle is refused by name", [each.startswith("obstacles[0]") for each in told])
+    verdict.holds("what is refused changes nothing", made.obstacles is known)
 
 
 def beside(rng: np.random.Generator, q: Array) -> Obstacles:
@@ -149,3 +136,6 @@ def beside(rng: np.random.Generator, q: Array) -> Obstacles:
         c, s = math.cos(q[2]), math.sin(q[2])
         found.append(Disc((float(q[0] + c * edge[0] - s * edge[1]), float(q[1] + s * edge[0] + c * edge[1])), radius))
     return tuple(found)
+
+
+run = judging(__name__, LEAST, Runs(one_run))

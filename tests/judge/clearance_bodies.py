@@ -13,8 +13,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rehab_opt import Box, Capsule, Clearance, ConfigurationError, KeepOut, LinkCapsule, MovingCapsule, PoseTracker, ur5
-from tests.judge.numbering import numbered
+from rehab_opt import Box, Capsule, Clearance, KeepOut, LinkCapsule, MovingCapsule, PoseTracker, ur5
+from tests.judge.chair_robot import segments_apart
+from tests.judge.numbering import Runs, judging
 from tests.judge.references import good_posture, minimum_jerk, reaches
 from tests.judge.sensor_faults import Schedule, schedule, spoilt
 from tests.judge.ur5_numbers import LIMIT, frames, hand_twist, jacobian, tool, turn_between
@@ -40,13 +41,6 @@ joint takes longer than 0.6 s to its speed."""
 LINKS = ("upper_arm", "forearm", "hand")
 PAIR = 0, 2
 """Upper arm and hand: links that are no neighbours."""
-NONE: tuple[dict[str, list[Box] | list[Capsule]], ...] = (
-    {"boxes": [Box("box", (1.0, 0.0, 0.0), (0.1, 0.1, 0.1), ((2.0, 0.0, 0.0), (0.0, 2.0, 0.0), (0.0, 0.0, 2.0)))]},
-    {"boxes": [Box("box", (1.0, 0.0, 0.0), (0.1, 0.0, 0.1))]},
-    {"boxes": [Box("box", (1.0, np.nan, 0.0), (0.1, 0.1, 0.1))]},
-    {"capsules": [Capsule("bar", (1.0, 0.0, 0.0), (1.0, 0.0, 1.0), -0.01)]},
-)
-"""Bodies that cannot be: a box that is not turned but stretched, a flat one, one that is nowhere, a negative radius."""
 
 
 class Scene(NamedTuple):
@@ -64,24 +58,6 @@ class Scene(NamedTuple):
     """Segment in the middle, radius, swing of its start and of its end (3,), [rad/s]."""
 
 
-def run(ticks: int, seed: int, *, only: int | None = None) -> Verdict:
-    """Runs of `TICKS`."""
-    verdict = Verdict("clearance_bodies", seed, LEAST)
-    verdict.holds("bodies that are none are refused", [refused(each) for each in NONE])
-    for number, rng in numbered(verdict, ticks, only):
-        one_run(verdict, number, rng)
-    return verdict
-
-
-def refused(bodies: dict[str, list[Box] | list[Capsule]]) -> bool:
-    """Whether a tracker does not take them."""
-    try:
-        PoseTracker(ur5(), limits=[Clearance(margin=0.02, **bodies)], compile=False)  # type: ignore[arg-type]
-    except ConfigurationError:
-        return True
-    return False
-
-
 # ------------------------------------------------------------------------------------------------------- distances
 def ends_of(link: tuple[int, Array, float], q: Array) -> Array:
     """(N, 2, 3) [m] of a link's segment at q (N, 6)."""
@@ -90,25 +66,9 @@ def ends_of(link: tuple[int, Array, float], q: Array) -> Array:
     return np.asarray(np.einsum("nij,ej->nei", poses[:, :3, :3], ends) + poses[:, None, :3, 3])
 
 
-def point_to_segment(points: Array, segments: Array) -> Array:
-    """(N,) [m] from points (N, 3) to segments (N, 2, 3)."""
-    a, way = segments[:, 0], segments[:, 1] - segments[:, 0]
-    fraction = np.einsum("nx,nx->n", points - a, way) / np.maximum((way**2).sum(1), 1e-30)
-    return np.linalg.norm(points - a - np.clip(fraction, 0, 1)[:, None] * way, axis=1)
-
-
-def segments_apart(one: Array, other: Array) -> Array:
-    """(N,) [m] of segments (N, 2, 3): their ends, and where lines that cross come nearest."""
-    found = [point_to_segment(one[:, i], other) for i in (0, 1)] + [point_to_segment(other[:, i], one) for i in (0, 1)]
-    u, v, w = one[:, 1] - one[:, 0], other[:, 1] - other[:, 0], one[:, 0] - other[:, 0]
-    normal = np.cross(u, v)
-    size = (normal**2).sum(1)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        s = np.einsum("nx,nx->n", np.cross(v, w), normal) / size
-        t = np.einsum("nx,nx->n", np.cross(u, w), normal) / size
-        apart = np.abs(np.einsum("nx,nx->n", w, normal)) / np.sqrt(size)
-    crosses = (size > 1e-20) & (s > 0) & (s < 1) & (t > 0) & (t < 1)
-    return np.asarray(np.minimum(np.min(found, axis=0), np.where(crosses, apart, np.inf)))
+def between(one: Array, other: Array) -> Array:
+    """(N,) [m] of segments (N, 2, 3)."""
+    return segments_apart(one[:, 0], one[:, 1], other[:, 0], other[:, 1])
 
 
 def box_apart(segments: Array, box: tuple[Array, Array, Array]) -> Array:
@@ -141,19 +101,19 @@ def standing(scene: Scene, ends: list[Array]) -> dict[str, Array]:
     found: dict[str, list[Array]] = {"capsule": [], "box": [], "plane": [], "link": []}
     for one, radius in zip(ends, radii, strict=True):
         for body, other in scene.capsules:
-            found["capsule"].append(segments_apart(one, np.broadcast_to(body, count)) - radius - other - margin)
+            found["capsule"].append(between(one, np.broadcast_to(body, count)) - radius - other - margin)
         found["box"] += [box_apart(one, box) - radius - margin for box in scene.boxes]
         found["plane"] += [(one @ normal).min(axis=1) - offset - radius - margin for normal, offset in scene.planes]
     if scene.linked:
         one, other = PAIR
-        found["link"].append(segments_apart(ends[one], ends[other]) - radii[one] - radii[other] - scene.self_margin)
+        found["link"].append(between(ends[one], ends[other]) - radii[one] - radii[other] - scene.self_margin)
     return {kind: np.column_stack(each) for kind, each in found.items() if each}
 
 
 def coming(scene: Scene, ends: list[Array], places: list[Array]) -> Array:
     """(N, pairs) [m] less the margin, from bodies that move, whose segments (N, 2, 3) are given, as the links' are."""
     found = [
-        segments_apart(segments, place) - link[2] - body[1] - scene.margin
+        between(segments, place) - link[2] - body[1] - scene.margin
         for link, segments in zip(scene.links, ends, strict=True)
         for body, place in zip(scene.moving, places, strict=True)
     ]
@@ -370,3 +330,6 @@ def could_keep(now: Array, later: Array, nearby: Array, reach: Array) -> bool:
     slopes = (nearby[:, i] - later[i]) / STEP
     gains = float((np.abs(slopes) * np.where(slopes > 0, reach[1], reach[0])).sum())
     return bool(now[i] >= 0 and later[i] + gains / 1.5 > 0 and float(np.sort(later)[1]) > 0.05)
+
+
+run = judging(__name__, LEAST, Runs(one_run))

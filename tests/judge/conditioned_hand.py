@@ -10,9 +10,10 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from rehab_opt.control.conditioning import Conditioner, conditioned
-from tests.judge.numbering import numbered
+from tests.judge.numbering import Runs, judging
 from tests.judge.verdict import Verdict
 
 GUARANTEES = ("G19",)
@@ -41,14 +42,6 @@ class Stretch(NamedTuple):
         """Positions, quaternions x, y, z, w."""
         half = 0.5 * self.rate * np.asarray(t)[:, None]
         return self.place + t[:, None] * self.velocity, np.hstack([np.sin(half) * self.axis, np.cos(half)])
-
-
-def run(ticks: int, seed: int, *, only: int | None = None) -> Verdict:
-    """Recordings of a few seconds."""
-    verdict = Verdict("conditioned_hand", seed, LEAST)
-    for number, rng in numbered(verdict, ticks, only):
-        one_run(verdict, number, rng)
-    return verdict
 
 
 def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
@@ -130,7 +123,8 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
         verdict.within("steady motion away from where it was `lag` ago [m]", off, 1e-6)
         verdict.within("steady velocity [m/s]", np.abs(found.twists[steady][:, :3] - one.velocity), 1e-5)
         verdict.within("steady turn's rate [rad/s]", np.abs(found.twists[steady][:, 3:] - one.rate * one.axis), 2e-4)
-        verdict.within("steady turn away from that of `lag` ago [rad]", angles(found.poses[steady], turn), TURN)
+        turned = Rotation.from_matrix(found.poses[steady][:, :3, :3]) * Rotation.from_quat(turn).inv()
+        verdict.within("steady turn away from that of `lag` ago [rad]", turned.magnitude(), TURN)
         verdict.during("steady", steady, dt)
         verdict.during("turning steadily", steady & (abs(one.rate) > 0.2), dt)
     if not spikes:
@@ -139,11 +133,4 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
     verdict.during("after a jump", np.r_[False, found.lost[:-1]] & ~found.lost, dt)
 
 
-def angles(poses: np.ndarray, quaternions: np.ndarray) -> np.ndarray:
-    """[rad] between poses and unit quaternions x, y, z, w."""
-    v, w = quaternions[:, :3], quaternions[:, 3]
-    zero = np.zeros(len(v))
-    x, y, z = v.T
-    cross = np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=1).reshape(-1, 3, 3)
-    rotation = np.eye(3) + 2 * w[:, None, None] * cross + 2 * cross @ cross
-    return np.linalg.norm(rotation - poses[:, :3, :3], axis=(1, 2)) / math.sqrt(2)
+run = judging(__name__, LEAST, Runs(one_run))

@@ -12,8 +12,8 @@ import math
 import numpy as np
 
 from rehab_opt import BoundedForce
-from tests.judge.force_runs import Run, runs
-from tests.judge.numbering import numbered
+from tests.judge.force_runs import Run, followed
+from tests.judge.numbering import Runs, judging
 from tests.judge.sensor_faults import STAMPS, expected, gaps
 from tests.judge.verdict import Verdict
 
@@ -28,19 +28,6 @@ GAPS, NEAR = 20, 1e-3
 """Ticks of a run of stamps with gaps; by which part of the largest age these are longer or shorter than that."""
 VELOCITY_LAG, LAGS = 0.01, 4
 """[s] of the estimated velocity, as documented; a hand that was faster than the cap no longer ago may be let go yet."""
-
-
-def run(ticks: int, seed: int, *, only: int | None = None) -> Verdict:
-    """Half without faults, half with."""
-    verdict = Verdict("force_bounds", seed, LEAST)
-    for each in runs(verdict, ticks // 2, only):
-        judge(verdict, each)
-    for each in runs(verdict, ticks // 2, only, faults=0.3, first=1_000_000):
-        judge(verdict, each)
-    for number, rng in numbered(verdict, ticks // 100, only, first=2_000_000):
-        stamps_apart(verdict, number, rng)
-    verdict.seldom_by_backup()
-    return verdict
 
 
 def stamps_apart(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
@@ -145,3 +132,13 @@ def judge(verdict: Verdict, one: Run) -> None:
     for kind in np.unique(one.faults.kind):
         if kind:
             verdict.during(f"fault {kind}", one.faults.kind == kind, dt)
+
+
+run = judging(
+    __name__,
+    LEAST,
+    Runs(followed(judge), 1 / 2),
+    Runs(followed(judge, faults=0.3), 1 / 2, 1_000_000),
+    Runs(stamps_apart, 1 / 100, 2_000_000),
+    finish=(Verdict.seldom_by_backup,),
+)

@@ -16,8 +16,8 @@ import math
 import numpy as np
 
 from rehab_opt import BoundedForce
-from tests.judge.force_runs import Run, runs
-from tests.judge.numbering import numbered
+from tests.judge.force_runs import Run, followed
+from tests.judge.numbering import Runs, judging
 from tests.judge.verdict import Verdict
 
 GUARANTEES = ("G22",)
@@ -27,22 +27,6 @@ LEAST = {"hand greedy": 17_000, "hand shuttle": 32_000, "nine tenths of the budg
          "energy put in, every step seen": 2000, "a sensor that twitches": 20_000}  # fmt: skip
 CI_TICKS = 24_000
 SHARE = 1.5
-
-
-def run(ticks: int, seed: int, *, only: int | None = None) -> Verdict:
-    """A third each: plain, with late ticks, and with faults, half of these with a sensor that slips."""
-    verdict = Verdict("force_energy", seed, LEAST)
-    for each in runs(verdict, ticks // 3, only):
-        judge(verdict, each)
-    for each in runs(verdict, ticks // 3, only, late=True, first=1_000_000):
-        judge(verdict, each)
-    for each in runs(verdict, ticks // 6, only, faults=0.3, first=2_000_000):
-        judge(verdict, each)
-    for each in runs(verdict, ticks // 6, only, faults=0.3, slips=True, first=3_000_000):
-        judge(verdict, each)
-    for number, rng in numbered(verdict, ticks // 8, only, first=3_000_000):
-        twitching(verdict, number, rng)
-    return verdict
 
 
 def drawn(work: np.ndarray) -> np.ndarray:
@@ -121,3 +105,14 @@ def twitching(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
     total = np.cumsum(np.einsum("ni,ni->n", answers.value, np.diff(x, axis=0)))
     verdict.within("energy drawn over the budget, behind a sensor that twitches", total.max() / budget, 1 + 1e-9)
     verdict.during("a sensor that twitches", np.logical_or.accumulate(twitches), dt)
+
+
+run = judging(
+    __name__,
+    LEAST,
+    Runs(followed(judge), 1 / 3),
+    Runs(followed(judge, late=True), 1 / 3, 1_000_000),
+    Runs(followed(judge, faults=0.3), 1 / 6, 2_000_000),
+    Runs(followed(judge, faults=0.3, slips=True), 1 / 6, 3_000_000),
+    Runs(twitching, 1 / 8, 3_000_000),
+)

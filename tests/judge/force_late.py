@@ -13,7 +13,7 @@ import numpy as np
 
 from rehab_opt import BoundedForce
 from tests.judge.force_runs import hand_path
-from tests.judge.numbering import numbered, run_length
+from tests.judge.numbering import Runs, judging, run_length
 from tests.judge.verdict import Verdict
 
 GUARANTEES = ("G22",)
@@ -24,14 +24,6 @@ CI_TICKS = 3000
 SHARE = 0.3
 HANDS = ("greedy", "shuttle", "person", "sly", "hidden")
 WAYS = np.stack([np.cos(np.linspace(0, 2 * math.pi, 17)[1:]), np.sin(np.linspace(0, 2 * math.pi, 17)[1:])])
-
-
-def run(ticks: int, seed: int, *, only: int | None = None) -> Verdict:
-    """Hands in turn."""
-    verdict = Verdict("force_late", seed, LEAST)
-    for number, rng in numbered(verdict, ticks, only):
-        one_run(verdict, number, rng)
-    return verdict
 
 
 def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
@@ -105,3 +97,6 @@ def _seen(rng: np.random.Generator, frozen: bool, ticks: int) -> np.ndarray:
     waits = rng.integers(1, rng.choice([4, 60], 2), (ticks, 2)).ravel()
     seen = np.repeat(np.arange(len(waits)) % 2 == 0, waits)[:ticks]
     return seen if frozen else np.ones(ticks, dtype=bool)
+
+
+run = judging(__name__, LEAST, Runs(one_run))

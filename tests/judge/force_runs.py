@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from rehab_opt import Assistance, BoundedForce, Command, PotentialField, Workspace
-from tests.judge.numbering import numbered, run_length
+from rehab_opt import Assistance, Command, PotentialField, Workspace
+from tests.judge.numbering import judged, run_length
 from tests.judge.references import reaches, sudden, tremor
 from tests.judge.sensor_faults import STAMPS, Schedule, schedule
-from tests.judge.verdict import Verdict
 
 Array = NDArray[np.float64]
 
@@ -68,7 +67,11 @@ class Run(NamedTuple):
     """(N, 2) [m/s] that was told; NaN where none was."""
     fast: NDArray[np.bool_]
     """(N,) whether the hand was faster than the cap after this tick."""
-    controller: Any
+
+    @property
+    def where(self) -> str:
+        """What it is."""
+        return f"{self.settings.mode}, {self.hand} hand, dt {self.settings.dt:g}"
 
 
 def outline(rng: np.random.Generator) -> Array:
@@ -98,12 +101,8 @@ def draw(rng: np.random.Generator, number: int) -> Settings:
     )
 
 
-def field_of(given: Settings, *, by: Array | None = None) -> PotentialField:
-    """A field around a line through the workspace, or one point of it; its pull across the line is -S y, exactly.
-
-    All of it stands `by` (2,) [m] from there.
-    """
-    by = np.zeros(2) if by is None else by
+def field_of(given: Settings, by: Array) -> PotentialField:
+    """A field around a line through the workspace, or one point of it, carried by so much; the pull across is -S y."""
     if given.mode == "hold":
         return PotentialField(np.array([[0.1, 0.02]]) + by, stiffness=given.stiffness, damping=given.damping,
                               width=0.03, compile=False)  # fmt: skip
@@ -113,15 +112,16 @@ def field_of(given: Settings, *, by: Array | None = None) -> PotentialField:
                           drag_along=along, rest_on_target=False, compile=False)  # type: ignore[arg-type]  # fmt: skip
 
 
-def assistance(given: Settings, *, by: Array | None = None, **options: Any) -> Assistance:
+def assistance(given: Settings, *, by: ArrayLike = (0.0, 0.0)) -> Assistance:
     """The force that is judged; its field stands `by` (2,) [m] from where `field_of` has it."""
     comfortable = Workspace(shapely.Polygon(given.outline), accuracy=0.0)
+    options: dict[str, float] = {}
     if (given.return_stiffness, given.return_force) != (500.0, 10.0):  # which are what they are where nothing is said
         options |= {"return_stiffness": given.return_stiffness, "return_force": given.return_force}
     if given.unsure != 0.003:  # likewise
         options["actuation_uncertainty"] = given.unsure
     return Assistance(
-        field_of(given, by=by), comfortable=comfortable, mode=given.mode, force_limit=given.force_limit,  # type: ignore[arg-type]
+        field_of(given, np.asarray(by)), comfortable=comfortable, mode=given.mode, force_limit=given.force_limit,  # type: ignore[arg-type]
         slew_limit=given.slew_limit, growth_limit=given.growth_limit, energy_budget=given.budget,
         speed_cap=given.speed_cap, dt=given.dt, compile=False, **options,
     )  # fmt: skip
@@ -139,19 +139,18 @@ def hand_path(rng: np.random.Generator, hand: str, ticks: int, dt: float) -> Arr
 def follow(
     rng: np.random.Generator,
     number: int,
-    given: Settings,
-    force: BoundedForce,
     *,
-    faults: float,
-    late: bool,
+    faults: float = math.inf,
+    late: bool = False,
     slips: bool = False,
-    hand: str | None = None,
 ) -> Run:
     """One run: a fault each `faults` s; with `late`, ticks that come late, and samples that are missed.
 
-    A sensor that `slips` comes back from some of its frozen times a little further off than the fastest hand could be.
+    A sensor that `slips` comes back from some of its frozen times a little further off than the fastest hand could be;
+    the hand is greedy then, which takes all that the force gives while it is not seen.
     """
-    dt, hand = given.dt, HANDS[number % len(HANDS)] if hand is None else hand
+    given = draw(rng, number)
+    force, dt, hand = assistance(given), given.dt, "greedy" if slips else HANDS[number % len(HANDS)]
     ticks = run_length(rng, number, dt)
     wrong = schedule(rng, ticks, dt, ("frozen",) if slips else FAULTS, every=faults)
     kinds, stamped = wrong.kind.tolist(), late or math.isfinite(faults)
@@ -189,45 +188,29 @@ def follow(
         command = force.step(here, **options)
         commands.append(command)
         wanted[k], left[k] = force.desired_force, force.energy_left
-        x[k + 1] = _moved(hand, x[k], path[k + 1], command.value, pace * seconds[k], k // period)
+        there = np.array([0.12 if k // period % 2 else -0.12, 0.0])
+        x[k + 1] = moved(hand, x[k], path[k + 1], command.value, pace * seconds[k], there)
         if hand == "fast" and rng.random() < 0.002:
             x[k + 1] += rng.uniform(-0.2, 0.2, 2)
     fast = np.linalg.norm(np.diff(x, axis=0), axis=1) > given.speed_cap * seconds * (1 + 1e-9)
-    return Run(given, hand, x, shown, seconds, commands, wanted, left, wrong, told, fast, force)
+    return Run(given, hand, x, shown, seconds, commands, wanted, left, wrong, told, fast)
 
 
-def _moved(hand: str, x: Array, path: Array, force: Array, most: float, period: int) -> Array:
-    """Where a hand is next: no further than `most`, with the force where it is greedy."""
+followed = partial(judged, follow)
+
+
+def moved(hand: str, x: Array, path: Array, force: Array, most: float, shuttle: Array) -> Array:
+    """(2,) where a hand is next: no further than `most`, with the force where it is greedy; a shuttle goes to there."""
     way = path - x
     size = float(np.hypot(*force))
     if hand == "greedy" and size > 0.2:
         way = force * (most / size)
     elif hand == "shuttle":
-        way = np.array([0.12 if period % 2 else -0.12, 0.0]) - x
+        way = shuttle - x
         if size > 0.5 and way @ force < 0:
             way = force * (most / size)
     length = float(np.hypot(*way))
     return x + way * min(1.0, most / length) if length > 0 else x.copy()
-
-
-def runs(
-    verdict: Verdict,
-    ticks: int,
-    only: int | None,
-    *,
-    make: Callable[..., BoundedForce] = assistance,
-    faults: float = math.inf,
-    late: bool = False,
-    slips: bool = False,
-    first: int = 0,
-) -> Iterator[Run]:
-    """Runs numbered from `first` until so many ticks are done; or the one that is asked for, if it is one of them."""
-    for number, rng in numbered(verdict, ticks, only, first=first):
-        given = draw(rng, number)
-        hand = "greedy" if slips else None  # who takes all that the force gives while it is not seen
-        run = follow(rng, number, given, make(given), faults=faults, late=late, slips=slips, hand=hand)
-        verdict.begin(number, f"{given.mode}, {run.hand} hand, dt {given.dt:g}")
-        yield run
 
 
 def signed_distance(corners: Array, points: Array) -> tuple[Array, Array]:

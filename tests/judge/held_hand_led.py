@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt import JointFeedback, PoseTracker, ur5
-from tests.judge.numbering import numbered
+from tests.judge.numbering import Runs, judging
 from tests.judge.references import good_posture
 from tests.judge.ur5_numbers import jacobian, tool
 from tests.judge.verdict import Verdict
@@ -33,14 +33,6 @@ LESS, MORE = 0.97, 1.6
 is more by what the speed has changed."""
 HELD = "held back"
 ROBOT = {"velocity": np.full(6, 3.0), "acceleration": np.full(6, 300.0)}
-
-
-def run(ticks: int, seed: int, *, only: int | None = None) -> Verdict:
-    """Hands that are stopped, each with two bounds."""
-    verdict = Verdict("held_hand_led", seed, LEAST)
-    for number, rng in numbered(verdict, ticks, only):
-        one_run(verdict, number, rng)
-    return verdict
 
 
 def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
@@ -118,3 +110,6 @@ def stopped(
     name = "one sample that lies" if once else "left behind by less" if fraction < 1 else "held"
     verdict.during(name, np.arange(len(held)) > FREE, dt)
     return float(np.median(ahead[-STANDS // 2 :]))
+
+
+run = judging(__name__, LEAST, Runs(one_run))

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt import Joystick
-from tests.judge.numbering import numbered, run_length
+from tests.judge.numbering import Runs, judging, run_length
 from tests.judge.references import reaches, tremor
 from tests.judge.verdict import Verdict
 
@@ -28,14 +28,6 @@ MODES = (
     ("lift", ("z", "roll7"), (0.15, -0.6)),
     ("turn", ("y", "roll7"), (0.1, 0.5)),
 )
-
-
-def run(ticks: int, seed: int, *, only: int | None = None) -> Verdict:
-    """Sticks."""
-    verdict = Verdict("joystick_stick", seed, LEAST)
-    for number, rng in numbered(verdict, ticks, only):
-        one_run(verdict, number, rng)
-    return verdict
 
 
 def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
@@ -125,3 +117,6 @@ def closed(grip: list[bool], dt: float) -> NDArray[np.bool_]:
         still, down = 0 if now != down else still + 1, now
         found[k] = is_closed
     return found
+
+
+run = judging(__name__, LEAST, Runs(one_run))

@@ -26,7 +26,7 @@ from scipy.optimize import nnls
 
 from rehab_opt import Command, MirrorTracker
 from tests.judge.limited_arms import Arm, draw
-from tests.judge.numbering import numbered
+from tests.judge.numbering import Runs, judging
 from tests.judge.references import minimum_jerk
 from tests.judge.ur5_numbers import hand_twist, jacobian, manipulability, tool, turn_between
 from tests.judge.verdict import Verdict
@@ -53,17 +53,6 @@ LEAST_W = 0.05
 STANDING = ("ok", "backup", "blocked")
 ACTIVE = 2e-3
 """[rad, m] before a limit it is active: a user's own is met a square of the joints' way in a tick before it."""
-
-
-def run(ticks: int, seed: int, *, only: int | None = None) -> Verdict:
-    """Both trackers in turn."""
-    verdict = Verdict("limits_rest", seed, LEAST)
-    for number, rng in numbered(verdict, ticks, only):
-        one_run(verdict, number, rng)
-    waited = verdict.seen["goes on for longer"].ticks if "goes on for longer" in verdict.seen else 0
-    verdict.within("ticks of hands that go on for longer, of all", waited / max(verdict.ticks, MANY), SELDOM)
-    verdict.seldom_beyond_the_dual_method()
-    return verdict
 
 
 def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
@@ -100,6 +89,12 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
         if len(commands) > ticks:
             before, after = (_squared_error(of, each, poses[-1]) for each in q[[ticks, -1]])
             verdict.within("who goes on comes nearer, squared error", after, before)
+
+
+def seldom_waited(verdict: Verdict) -> None:
+    """Of all ticks."""
+    waited = verdict.count("goes on for longer") / max(verdict.ticks, MANY)
+    verdict.within("ticks of hands that go on for longer, of all", waited, SELDOM)
 
 
 def is_judged(of: Arm, at: list[Array], commands: list[Command], asked: Array) -> bool:
@@ -193,3 +188,14 @@ def _squared_error(of: Arm, q: Array, asked: Array) -> float:
 def _slope(height: Any, q: Array, step: float = 1e-6) -> Array:
     """(6,) by finite differences."""
     return np.asarray((height(q + step * np.eye(6)) - height(q - step * np.eye(6))) / (2 * step))
+
+
+run = judging(
+    __name__,
+    LEAST,
+    Runs(one_run),
+    finish=(
+        seldom_waited,
+        Verdict.seldom_beyond_the_dual_method,
+    ),
+)

@@ -7,12 +7,11 @@ also where elbow and wrist, stretched at the end of their range, can bend one wa
 
 from __future__ import annotations
 
-from functools import cache
-
 import numpy as np
 
 from rehab_opt import MirrorTracker, ur5
-from tests.judge.mirror_runs import Run, runs
+from tests.judge.mirror_runs import Run, followed
+from tests.judge.numbering import Runs, judging
 from tests.judge.ur5_numbers import LARGEST, manipulability
 from tests.judge.verdict import Verdict
 
@@ -26,26 +25,10 @@ SHARE = 0.2
 RECOVERED = 20.0
 
 
-def run(ticks: int, seed: int, *, only: int | None = None) -> Verdict:
-    """Through singular postures, from below the floor, begun too fast to stop before it, and with faults."""
-    verdict = Verdict("mirror_floor", seed, LEAST)
-    for each in runs(verdict, ticks // 4, only, below=0.3):
-        judge(verdict, each)
-    for each in runs(verdict, ticks // 4, only, below=0.0, begun=0.8, first=3_000_000):
-        judge(verdict, each)
-    for each in runs(verdict, ticks // 4, only, faults=0.5, below=0.3, first=1_000_000):
-        judge(verdict, each)
-    for each in runs(verdict, ticks // 4, only, below=1.0, least=RECOVERED + 1.0, first=2_000_000):
-        judge(verdict, each)
-    verdict.seldom_beyond_the_dual_method()
-    verdict.within("w_max that is found, by that of the closed form", abs(found_largest() / LARGEST - 1), 1e-9)
-    return verdict
-
-
-@cache
-def found_largest() -> float:
+def largest_found(verdict: Verdict) -> None:
     """W_max of a UR5 that nobody was told."""
-    return MirrorTracker(ur5(), compile=False).max_manipulability
+    found = MirrorTracker(ur5(), compile=False).max_manipulability
+    verdict.within("w_max that is found, by that of the closed form", abs(found / LARGEST - 1), 1e-9)
 
 
 def joint_bounds(verdict: Verdict, one: Run) -> tuple[np.ndarray, np.ndarray]:
@@ -92,3 +75,17 @@ def judge(verdict: Verdict, one: Run) -> None:
     verdict.during("at the floor", np.abs(w[1:] - given.floor) < 1e-3, dt)
     verdict.during("back above the floor", under[:-1] & ~under[1:], dt)
     verdict.during(f"reference {one.kind}", np.ones(len(w) - 1, dtype=bool), dt)
+
+
+run = judging(
+    __name__,
+    LEAST,
+    Runs(followed(judge, below=0.3), 1 / 4),
+    Runs(followed(judge, below=0.0, begun=0.8), 1 / 4, 3_000_000),
+    Runs(followed(judge, faults=0.5, below=0.3), 1 / 4, 1_000_000),
+    Runs(followed(judge, below=1.0, least=RECOVERED + 1.0), 1 / 4, 2_000_000),
+    finish=(
+        Verdict.seldom_beyond_the_dual_method,
+        largest_found,
+    ),
+)

@@ -2,27 +2,26 @@
 
 Judged with the arm of Table I in plain numpy, somewhere beside the robot: where the reference is within the range of
 motion the robot's hand is at it; where it is beyond, the hand comes to rest at a pose that some posture within the
-range has, and no posture near that one is nearer to the reference, a radian counting as a tenth of a metre. Who
-does not say from which posture the first one is found says the middle of the range of motion.
+range has, and no posture near that one is nearer to the reference, a radian counting as a tenth of a metre.
 """
 
 from __future__ import annotations
 
 import dataclasses
-import math
 
 import numpy as np
 from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
 
 from rehab_opt import Interaction, MirrorTracker, SerialChain, human_arm, ur5
 from tests.judge.arm_ik_answers import RANGES, hand_pose
-from tests.judge.numbering import numbered
+from tests.judge.numbering import Runs, judging
 from tests.judge.references import good_posture, minimum_jerk
 from tests.judge.ur5_numbers import LARGEST, manipulability, tool, turn_between
 from tests.judge.verdict import Verdict
 
 GUARANTEES = ("G20",)
-LEAST = {"within the range": 50_000, "beyond the range": 50_000, "judged at rest": 500, "told the middle": 30_000}
+LEAST = {"within the range": 50_000, "beyond the range": 50_000, "judged at rest": 500}
 CI_TICKS = 3600
 SHARE = 0.05
 TURN = 0.1
@@ -37,20 +36,6 @@ STARTS = 40
 """Postures at most from which one with the hand's pose is looked for: a least square may end beside it."""
 NEAREST = 0.02
 """[m] by which another posture may be nearer."""
-TOLD = 4
-"""One person in this many is judged once more by a tracker that is told the middle of the range, for `BOTH` ticks."""
-BOTH = 100
-"""The posture is found in the first of them; the reach has begun before the last."""
-SAME = 1e-6
-"""[m, rad, rad/s] between the two: they are given the same numbers but for rounding."""
-
-
-def run(ticks: int, seed: int, *, only: int | None = None) -> Verdict:
-    """Every second person is led beyond their range."""
-    verdict = Verdict("mirror_person", seed, LEAST)
-    for number, rng in numbered(verdict, ticks, only):
-        one_run(verdict, number, rng)
-    return verdict
 
 
 def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
@@ -58,7 +43,9 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
     beyond, dt = number % 2 == 1, 0.01
     start = good_posture(rng, 0.6)
     lower, upper = np.deg2rad(np.array(RANGES["regular"], dtype=float)).T
-    grip = rigid(rng.standard_normal(3), rng.uniform(-0.05, 0.05, 3))
+    grip = np.eye(4)
+    grip[:3, :3] = Rotation.from_rotvec(rng.standard_normal(3)).as_matrix()
+    grip[:3, 3] = rng.uniform(-0.05, 0.05, 3)
     here = rng.uniform(lower + 0.2 * (upper - lower), upper - 0.2 * (upper - lower))
     base = tool(start[None])[0] @ np.linalg.inv(hand_pose(here[None])[0] @ grip)
     way = rng.uniform(lower, upper) - here
@@ -81,16 +68,6 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
         commands.append(control.step(q[k], pose, twist))
         short.append((*control.short, *control.beyond_person))
         q[k + 1] = q[k] + dt * commands[-1].value
-    if number % TOLD == 1:
-        told = tracker(arm, grip, dt, (lower + upper) / 2)
-        speeds, left = np.empty((BOTH, 6)), np.empty((BOTH, 4))
-        for k in range(BOTH):
-            speeds[k] = told.step(q[k], poses[k], twists[k]).value
-            left[k] = *told.short, *told.beyond_person
-        usual = np.array([each.value for each in commands[:BOTH]])
-        verdict.within("told the middle of the range: another command [rad/s]", np.abs(speeds - usual), SAME)
-        verdict.within("told the middle of the range: short by another [m, rad]", np.abs(left - short[:BOTH]), SAME)
-        verdict.during("told the middle", np.arange(len(part)) < BOTH, dt)
     answers = verdict.answers(commands, dt)
     finding = np.char.find(answers.reason, "finds its posture") >= 0
     verdict.within("ticks until the person's posture is found", finding.sum(), FOUND)
@@ -122,24 +99,13 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
         verdict.during("judged at rest", np.arange(len(part)) >= len(part) - 20, dt)
 
 
-def tracker(arm: SerialChain, grip: np.ndarray, dt: float, person_start: np.ndarray | None = None) -> MirrorTracker:
+def tracker(arm: SerialChain, grip: np.ndarray, dt: float) -> MirrorTracker:
     """One for a UR5 that is quick enough not to matter."""
     return MirrorTracker(
-        ur5(acceleration=np.full(6, 30.0), velocity=np.full(6, 3.0)), person=arm, grip=grip, person_start=person_start,
+        ur5(acceleration=np.full(6, 30.0), velocity=np.full(6, 3.0)), person=arm, grip=grip,
         dt=dt, max_manipulability=LARGEST, floor=0.05, linear_speed=1.0, angular_speed=3.0, interaction=Interaction(),
         compile=False,
     )  # fmt: skip
-
-
-def rigid(vector: np.ndarray, place: np.ndarray) -> np.ndarray:
-    """(4, 4) turned about a vector by its length, and shifted."""
-    angle = float(np.linalg.norm(vector))
-    x, y, z = vector / angle
-    k = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    pose = np.eye(4)
-    pose[:3, :3] += math.sin(angle) * k + (1 - math.cos(angle)) * (k @ k)
-    pose[:3, 3] = place
-    return pose
 
 
 def error(one: np.ndarray, other: np.ndarray) -> np.ndarray:
@@ -157,3 +123,6 @@ def nearest(goal: np.ndarray, start: np.ndarray, lower: np.ndarray, upper: np.nd
     middle = np.clip(start, lower + 1e-9, upper - 1e-9)
     found = least_squares(lambda x: error(goal, hand_pose(x[None])[0]), middle, bounds=(lower, upper), xtol=1e-12)
     return found.x, float(np.linalg.norm(found.fun))
+
+
+run = judging(__name__, LEAST, Runs(one_run))

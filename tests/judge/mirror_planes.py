@@ -10,7 +10,8 @@ from __future__ import annotations
 import numpy as np
 
 from tests.judge.mirror_floor import joint_bounds
-from tests.judge.mirror_runs import Run, runs, spike_heights
+from tests.judge.mirror_runs import Run, followed, spike_heights
+from tests.judge.numbering import Runs, judging
 from tests.judge.ur5_numbers import links
 from tests.judge.verdict import Verdict
 
@@ -21,19 +22,6 @@ CI_TICKS = 4000
 SHARE = 0.2
 RADII = np.array([0.054, 0.054, 0.054, 0.04, 0.04, 0.04, 0.0])
 """[m] of the tube at each corner of `links` but the shoulder's, which does not move."""
-
-
-def run(ticks: int, seed: int, *, only: int | None = None) -> Verdict:
-    """References that lead into one or two planes; a third with faults, a sixth before the hand."""
-    verdict = Verdict("mirror_planes", seed, LEAST)
-    for each in runs(verdict, ticks // 2, only, planes=True, below=0.05):
-        judge(verdict, each)
-    for each in runs(verdict, ticks // 6, only, planes=True, hand=True, below=0.0, first=2_000_000):
-        judge(verdict, each)
-    for each in runs(verdict, ticks // 3, only, planes=True, faults=0.5, below=0.05, first=1_000_000):
-        judge(verdict, each)
-    verdict.seldom_beyond_the_dual_method()
-    return verdict
 
 
 def judge(verdict: Verdict, one: Run) -> None:
@@ -55,3 +43,13 @@ def judge(verdict: Verdict, one: Run) -> None:
     verdict.during("what is mounted on the arm is near to it", mounted, dt)
     verdict.during("the hand is nearest to it", hand, dt)
     verdict.during("another link is nearest to it", near & ~hand, dt)
+
+
+run = judging(
+    __name__,
+    LEAST,
+    Runs(followed(judge, planes=True, below=0.05), 1 / 2),
+    Runs(followed(judge, planes=True, hand=True, below=0.0), 1 / 6, 2_000_000),
+    Runs(followed(judge, planes=True, faults=0.5, below=0.05), 1 / 3, 1_000_000),
+    finish=(Verdict.seldom_beyond_the_dual_method,),
+)

@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt import Command, Interaction, KeepOut, LinkCapsule, MirrorTracker, ur5
-from tests.judge.numbering import numbered, run_length
+from tests.judge.numbering import judged, run_length
 from tests.judge.references import KINDS, good_posture, reference, singular_posture
 from tests.judge.sensor_faults import STAMPS, Schedule, schedule, spoilt
 from tests.judge.ur5_numbers import LARGEST, LIMIT, frames, links, manipulability, tool
-from tests.judge.verdict import Verdict
 
 Array = NDArray[np.float64]
 
@@ -64,10 +63,13 @@ class Run(NamedTuple):
     """(N,) [N] size of the force that was measured; NaN for none measured."""
     faults: Schedule
     counts: dict[str, int]
-    below: bool
-    """Whether it began below the floor."""
     begun: Array
     """(6,) [rad/s] what the joints did before the first tick."""
+
+    @property
+    def where(self) -> str:
+        """What it is."""
+        return f"{self.kind}, dt {self.settings.dt:g}"
 
 
 def draw(rng: np.random.Generator, start: Array, *, planes: bool) -> Settings:
@@ -163,14 +165,14 @@ def follow(
     rng: np.random.Generator,
     number: int,
     *,
-    faults: float,
-    planes: bool,
-    pushed: bool,
-    below: float,
-    least: float,
-    begun: float,
-    hand: bool,
-    held: float,
+    faults: float = math.inf,
+    planes: bool = False,
+    pushed: bool = False,
+    below: float = 0.2,
+    least: float = 0.0,
+    begun: float = 0.0,
+    hand: bool = False,
+    held: float = 0.0,
 ) -> Run:
     """One run: a fault each `faults` s; a share `below` of them begins below the floor.
 
@@ -227,7 +229,7 @@ def follow(
         q[k + 1] = q[k] + dt * command.value
     return Run(
         given, kind, q, commands, poses, references, clock, np.linalg.norm(felt, axis=1), wrong, dict(control.counts),
-        bool(manipulability(start[None])[0] < given.floor), velocity,
+        velocity,
     )  # fmt: skip
 
 
@@ -245,26 +247,4 @@ def _pushes(rng: np.random.Generator, ticks: int, dt: float, limit: float, stop:
     return found
 
 
-def runs(
-    verdict: Verdict,
-    ticks: int,
-    only: int | None,
-    *,
-    faults: float = math.inf,
-    planes: bool = False,
-    pushed: bool = False,
-    below: float = 0.2,
-    least: float = 0.0,
-    begun: float = 0.0,
-    hand: bool = False,
-    held: float = 0.0,
-    first: int = 0,
-) -> Iterator[Run]:
-    """Runs numbered from `first` until so many ticks are done; or the one that is asked for, if it is one of them."""
-    for number, rng in numbered(verdict, ticks, only, first=first):
-        run = follow(
-            rng, number, faults=faults, planes=planes, pushed=pushed, below=below, least=least, begun=begun, hand=hand,
-            held=held,
-        )  # fmt: skip
-        verdict.begin(number, f"{run.kind}, dt {run.settings.dt:g}")
-        yield run
+followed = partial(judged, follow)

@@ -3,7 +3,7 @@
 Judged on references that go out of reach for some seconds and come back: what the hand is said to stay short of grows
 only to its true distance, when the hand stands or the clock has, since the hand was cut short last, stood for a second
 longer than it went on; the clock passes all of the reference, without a jump; the hand is where the reference came back
-to in the end, in time. Plans of the same are passed as fast as their bounds allow.
+to in the end, in time.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from tests.judge.mirror_runs import Settings, draw, tracker
-from tests.judge.numbering import numbered
+from tests.judge.numbering import Runs, judging
 from tests.judge.references import good_posture, minimum_jerk
 from tests.judge.ur5_numbers import hand_twist, manipulability, tool
 from tests.judge.verdict import Verdict
@@ -26,26 +26,10 @@ WAITED = 1.0
 """[s] longer than it went on, after which the clock goes on, whatever the hand does."""
 HELD = 8.0
 """[s] for which the last pose is held, and then for as long again as the hand is late."""
-IDLE, SELDOM = 0.5, 0.2
-"""A tick of a plan is idle where speeds, accelerations and the clock are below this part of what they may be; of all
-ticks so many may be. Ruckig leaves 0.05 to 0.18 of them idle in 15 slices: it shares each acceleration between the
-curve and the pace. It is 0.3 where no passage keeps a plan within its bounds."""
 
 
-def run(ticks: int, seed: int, *, only: int | None = None) -> Verdict:
-    """One way out and back a run."""
-    verdict, idle = Verdict("mirror_short", seed, LEAST), list[np.ndarray]()
-    for number, rng in numbered(verdict, ticks, only):
-        idle.append(one_run(verdict, number, rng))
-    verdict.within("ticks in which nothing bounds a plan, of all", np.mean(np.concatenate(idle)), SELDOM)
-    return verdict
-
-
-def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> np.ndarray:
-    """Out of reach, some seconds there, and back to a good posture: held by joint limits or, if wide, by the floor.
-
-    Which ticks of its plan are idle comes back.
-    """
+def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
+    """Out of reach, some seconds there, and back to a good posture: held by joint limits or, if wide, by the floor."""
     start = good_posture(rng, 0.6)
     given = draw(rng, start, planes=False)
     dt, wide = float(rng.choice([0.01, 0.02])), float(rng.choice([0.4, 0.7, 1.5]))
@@ -106,11 +90,11 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> np.ndarr
     verdict.during("waited", waits, dt)
     verdict.during("short", told[:, 2] > 0.05, dt)
     verdict.during("judged at the end", np.full(len(places), good), dt)
-    return followed(verdict, given, poses, twists, start)
+    followed(verdict, given, poses, twists, start)
 
 
-def followed(verdict: Verdict, given: Settings, poses: np.ndarray, twists: np.ndarray, start: np.ndarray) -> np.ndarray:
-    """The same as a plan: it passes all of the recording, and ends at rest; in which ticks it could be faster."""
+def followed(verdict: Verdict, given: Settings, poses: np.ndarray, twists: np.ndarray, start: np.ndarray) -> None:
+    """The same as a plan: it passes all of the recording, and ends at rest."""
     dt = given.dt
     path = tracker(given).plan(poses, twists, start)
     verdict.ticks += len(path.times)
@@ -119,8 +103,6 @@ def followed(verdict: Verdict, given: Settings, poses: np.ndarray, twists: np.nd
     verdict.within("a plan's clock jumps [s]", own, 1.5 * dt)
     verdict.within("a plan ends in motion [rad/s]", np.abs(path.velocities[-1]), 1e-4)
     verdict.during("planned to the end", np.full(len(path.times), path.complete), dt)
-    speeds = path.velocities
-    change = np.abs(np.diff(speeds, axis=0, prepend=0.0)) / (given.acceleration * dt)
-    hand = np.linalg.norm(hand_twist(path.q, speeds)[:, :3], axis=1) / given.linear_speed
-    used = np.maximum(np.maximum(np.abs(speeds) / given.velocity, change).max(axis=1), np.maximum(hand, path.paces))
-    return np.asarray((used < IDLE) & (path.clock < path.clock[-1]))
+
+
+run = judging(__name__, LEAST, Runs(one_run))

@@ -14,45 +14,21 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from rehab_opt import Interaction, MirrorTracker, ur5
 from tests.judge.mirror_floor import joint_bounds
-from tests.judge.mirror_runs import Run, runs
-from tests.judge.numbering import numbered
-from tests.judge.references import good_posture
+from tests.judge.mirror_runs import Run, followed
+from tests.judge.numbering import Runs, judging
 from tests.judge.sensor_faults import expected
-from tests.judge.ur5_numbers import LARGEST, jacobian, manipulability, tool, turn_between
+from tests.judge.ur5_numbers import tool
 from tests.judge.verdict import Verdict
 
 Array = NDArray[np.float64]
 
 GUARANTEES = ("G01", "G19")
 LEAST = {"late": 32_000, "waiting": 2000, "caught up": 3000, "pushed": 20_000, "pushed to the limit": 2000,
-         "stopped": 1500, "given way to a push": 2000, "status braking": 500, "status holding": 2000,
+         "stopped": 1500, "status braking": 500, "status holding": 2000,
          "fault disabled": 100}  # fmt: skip
-CI_TICKS = 5400
+CI_TICKS = 4000
 SHARE = 0.2
-GIVING, GIVEN, FLOOR = 300, 2e-5, 0.02
-"""Ticks of a steady push, ten time constants B / K and more; [m] of what a hand gave way; of the largest w."""
-CLEAR = 0.1
-"""Share of the largest w that a hand has wherever it gives way: bounds come before it."""
-
-
-def run(ticks: int, seed: int, *, only: int | None = None) -> Verdict:
-    """Undisturbed, pushed, and with faults; hands that give way, and some that are held long enough to catch up."""
-    verdict = Verdict("mirror_waiting", seed, LEAST)
-    fraction = (ticks - 2 * (ticks // 6)) // 3
-    for each in runs(verdict, fraction, only, below=0.0):
-        judge(verdict, each)
-    for each in runs(verdict, fraction, only, below=0.0, pushed=True, first=1_000_000):
-        judge(verdict, each)
-    for each in runs(verdict, fraction, only, below=0.0, faults=0.3, first=2_000_000):
-        judge(verdict, each)
-    for each in runs(verdict, ticks // 6, only, below=0.0, held=12.0, first=4_000_000):
-        judge(verdict, each)
-    for number, rng in numbered(verdict, ticks // 6, only, first=3_000_000):
-        gives_way(verdict, number, rng)
-    verdict.seldom_beyond_the_dual_method()
-    return verdict
 
 
 def stops(forces: Array, stop_at: float, dt: float) -> NDArray[np.bool_]:
@@ -65,45 +41,6 @@ def stops(forces: Array, stop_at: float, dt: float) -> NDArray[np.bool_]:
             below += dt
         found[k] = below < 0.3 - dt / 2
     return found
-
-
-def least_fraction(q: Array, way: Array) -> float:
-    """Least w over the largest where the flange is led that way (3,) [m] aside, turned as at q, by 1 mm at a time."""
-    begin, fractions = tool(q[None]), []
-    for part in np.linspace(0.0, 1.0, 2 + int(1e3 * np.linalg.norm(way))):
-        here = tool(q[None])
-        turn = turn_between(begin[:, :3, :3], here[:, :3, :3])[0]
-        lacks = np.r_[(begin - here)[0, :3, 3] + part * way, turn]
-        q = q + np.linalg.lstsq(jacobian(q[None])[0], lacks, rcond=None)[0]
-        fractions.append(manipulability(q[None])[0])
-    return float(min(fractions))
-
-
-def gives_way(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
-    """A hand on a reference that stands gives way to a steady push by F / K, at most by the largest displacement."""
-    stiffness, most, dt = float(rng.uniform(300, 1500)), float(rng.uniform(0.02, 0.06)), 0.01
-    damping, push = float(rng.uniform(0.15, 0.3) * stiffness), float(rng.uniform(10, 130))
-    law = Interaction(stiffness=stiffness, damping=damping, mass=float(rng.uniform(1, 5)), max_offset=most)
-    control = MirrorTracker(
-        ur5(velocity=2.0, acceleration=15.0), floor=FLOOR, max_deviation=0.2, linear_speed=1.0, angular_speed=3.0,
-        max_manipulability=LARGEST, interaction=law, dt=dt, compile=False,
-    )  # fmt: skip
-    ideal = min(push / stiffness, most)
-    fraction = 0.0
-    while fraction < CLEAR:  # 50 mm may stretch the elbow
-        q, way = good_posture(rng, 0.4), rng.standard_normal(3)
-        way /= np.linalg.norm(way)
-        fraction = least_fraction(q, ideal * way)
-    pose, force = tool(q[None])[0], push * way
-    verdict.begin(number, f"a push of {push:.0f} N, {stiffness:.0f} N/m, at most {most:.3f} m")
-    commands = []
-    for _ in range(GIVING):
-        commands.append(control.step(q, pose, np.zeros(6), force=force))
-        q = q + dt * commands[-1].value
-    verdict.answers(commands, dt)
-    off = np.linalg.norm(tool(q[None])[0, :3, 3] - pose[:3, 3]) - ideal
-    verdict.within("at rest away from F / K, or the largest displacement [m]", abs(off), GIVEN)
-    verdict.during("given way to a push", np.ones(GIVING, dtype=bool), dt)
 
 
 def judge(verdict: Verdict, one: Run) -> None:
@@ -172,3 +109,14 @@ def judge(verdict: Verdict, one: Run) -> None:
     for kind in np.unique(one.faults.kind):
         if kind:
             verdict.during(f"fault {kind}", one.faults.kind == kind, dt)
+
+
+run = judging(
+    __name__,
+    LEAST,
+    Runs(followed(judge, below=0.0), 1 / 4),
+    Runs(followed(judge, below=0.0, pushed=True), 1 / 4, 1_000_000),
+    Runs(followed(judge, below=0.0, faults=0.3), 1 / 4, 2_000_000),
+    Runs(followed(judge, below=0.0, held=12.0), 1 / 4, 4_000_000),
+    finish=(Verdict.seldom_beyond_the_dual_method,),
+)

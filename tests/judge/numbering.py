@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -21,18 +22,53 @@ def seed_of_the_code() -> int:
     return int.from_bytes(hashlib.sha256(b"".join(file.read_bytes() for file in files)).digest()[:4], "big")
 
 
-def numbered(
-    verdict: Verdict, ticks: int, only: int | None, *, first: int = 0
-) -> Iterator[tuple[int, np.random.Generator]]:
-    """Numbers from `first` until the verdict has so many more ticks; or the one that is asked for, if it is one."""
-    if only is not None:
-        if first <= only < first + MOST:
-            yield only, np.random.default_rng([verdict.seed, only])
-        return
-    enough, number = verdict.ticks + ticks, first
-    while verdict.ticks < enough:
-        yield number, np.random.default_rng([verdict.seed, number])
-        number += 1
+OneRun: TypeAlias = Callable[[Verdict, int, np.random.Generator], None]
+"""Runs and judges the run of a number, whose random numbers are given."""
+
+
+class Runs(NamedTuple):
+    """One sort of runs of a judge."""
+
+    one_run: OneRun
+    share: float = 1.0
+    """Of the judge's ticks."""
+    first: int = 0
+    """Number of the first; of a sort there are at most `MOST`."""
+
+
+def judging(
+    module: str, least: Mapping[str, float], *sorts: Runs, finish: Sequence[Callable[[Verdict], None]] = ()
+) -> Callable[..., Verdict]:
+    """`run` of a judge: its sorts of runs, each up to its share of the ticks, or only the run of one number.
+
+    `finish` judges what all runs showed together.
+    """
+
+    def run(ticks: int, seed: int, *, only: int | None = None) -> Verdict:
+        verdict = Verdict(module.rpartition(".")[2], seed, least)
+        for each in sorts:
+            if only is not None and not each.first <= only < each.first + MOST:
+                continue
+            number, enough = each.first if only is None else only, verdict.ticks + int(each.share * ticks)
+            while verdict.ticks < enough if only is None else number == only:
+                each.one_run(verdict, number, np.random.default_rng([seed, number]))
+                number += 1
+        for judge in finish:
+            judge(verdict)
+        return verdict
+
+    return run
+
+
+def judged(follow: Callable[..., Any], judge: Callable[[Verdict, Any], None], **options: Any) -> OneRun:
+    """A run that `follow` records with these options, and `judge` judges."""
+
+    def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
+        run = follow(rng, number, **options)
+        verdict.begin(number, run.where)
+        judge(verdict, run)
+
+    return one_run
 
 
 def run_length(rng: np.random.Generator, number: int, dt: float, *, seconds: float = 30.0) -> int:

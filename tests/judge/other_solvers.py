@@ -13,10 +13,8 @@ import numpy as np
 import qpsolvers
 
 from rehab_opt import ArmIK, BoundedForce, PoseTracker, human_arm, ur5
-from rehab_opt.optim.backends import to_qpsolvers
-from rehab_opt.optim.recorder import recording_qps
 from tests.judge.arm_ik_answers import RANGES, hand
-from tests.judge.numbering import numbered
+from tests.judge.numbering import Runs, judging
 from tests.judge.references import good_posture, reference
 from tests.judge.ur5_numbers import LIMIT
 from tests.judge.verdict import Verdict
@@ -39,32 +37,23 @@ MISSING = 0.02
 UNNAMED = {"ipopt": 0.5, "fatrop": 1.0, "sqpmethod": 0.5}
 """Share of postures that may be the backup's."""
 TARGETS = 4
-MET, ENOUGH, LEFT = 40, 15, 0.6
-"""Targets of fatrop's own; with a joint at its lower limit from which it is judged; share that it may leave."""
 BLIND = 50
 """Of so many ticks, one is told joint positions that are no numbers."""
 
 
-def run(ticks: int, seed: int, *, only: int | None = None) -> Verdict:
-    """Arms, forces, a few people's arms."""
-    verdict, met = Verdict("other_solvers", seed, LEAST), np.zeros(2, dtype=int)
-    if KNOWN in SOLVERS and KNOWN not in qpsolvers.available_solvers:
-        qpsolvers.solvers.solve_function[KNOWN] = partial(
-            qpsolvers.solvers.solve_function["daqp"], primal_tol=1e-11, dual_tol=1e-11
-        )
-        qpsolvers.available_solvers.append(KNOWN)
-    for number, rng in numbered(verdict, ticks, only):
-        solver = SOLVERS[number % len(SOLVERS)]
-        verdict.begin(number, solver)
-        trackers(verdict, rng, solver)
-        forces(verdict, rng, solver)
-        postures(verdict, rng, PROGRAMMES[number % len(PROGRAMMES)])
-        inspected(verdict, rng)
-        if PROGRAMMES[number % len(PROGRAMMES)] == "fatrop":
-            met += at_limits(rng)
-    if met[0] >= ENOUGH:
-        verdict.within("postures with a joint at its lower limit that fatrop leaves", 1 - met[1] / met[0], LEFT)
-    return verdict
+if "daqp" in SOLVERS and KNOWN not in qpsolvers.available_solvers:
+    daqp = qpsolvers.solvers.solve_function["daqp"]
+    qpsolvers.solvers.solve_function[KNOWN] = partial(daqp, primal_tol=1e-11, dual_tol=1e-11)
+    qpsolvers.available_solvers.append(KNOWN)
+
+
+def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
+    """An arm, a force, a few postures of a person's arm."""
+    solver = SOLVERS[number % len(SOLVERS)]
+    verdict.begin(number, solver)
+    trackers(verdict, rng, solver)
+    forces(verdict, rng, solver)
+    postures(verdict, rng, PROGRAMMES[number % len(PROGRAMMES)])
 
 
 def compare(verdict: Verdict, claim: str, solver: str, mine: list, usual: list, dt: float) -> None:  # type: ignore[type-arg]
@@ -120,32 +109,6 @@ def forces(verdict: Verdict, rng: np.random.Generator, solver: str) -> None:
     compare(verdict, "force", solver, *found, dt)
 
 
-def inspected(verdict: Verdict, rng: np.random.Generator) -> None:
-    """What is given for inspection, before a tick and by a recorder after it, has the tick's answer as its own."""
-    dt, stiffness, skip, most = 0.005, rng.uniform(200.0, 3000.0), int(rng.integers(0, 20)), int(rng.integers(1, 60))
-    pull = [stiffness]
-    with recording_qps(skip=skip, most=most) as recorder:
-        force = BoundedForce(lambda x, y, _vx, _vy: (-pull[0] * x, -pull[0] * y), dt=dt, compile=False)
-        values, problems = [], []
-        phase = rng.uniform(0, 6, 2)
-        for k in range(50):
-            pull[0] = stiffness * (1 if k // 10 % 2 else -1)  # a force that turns round meets its rate
-            x = 0.05 * np.sin(2.0 * dt * k * np.array([2.0, 3.0]) + phase)
-            v = 0.1 * np.array([2.0, 3.0]) * np.cos(2.0 * dt * k * np.array([2.0, 3.0]) + phase)
-            problems.append(force.to_qpsolvers(x, v))
-            values.append(force.step(x, v).value)
-    verdict.ticks += len(values)
-    (stream,) = recorder.streams
-    kept = stream.instances()
-    verdict.holds("a recorder keeps what it should", (len(kept), stream.met) == (min(most, 50 - skip), 50))
-    seen = [to_qpsolvers(each) for each in kept]
-    pairs = [*zip(problems, values, strict=True), *zip(seen, values[skip:], strict=False)]
-    exact = {"solver": "daqp", "primal_tol": 1e-11, "dual_tol": 1e-11}
-    answers = [qpsolvers.solve_problem(problem, **exact).x[:2] for problem, _ in pairs]  # type: ignore[arg-type]
-    apart = [np.abs(answer - value).max() for answer, (_, value) in zip(answers, pairs, strict=True)]
-    verdict.within("force away from the answer of the problem given for inspection [N]", apart, 1e-5)
-
-
 def postures(verdict: Verdict, rng: np.random.Generator, solver: str) -> None:
     """The same person with two solvers: nobody's posture costs more."""
     lower, upper = np.deg2rad(np.array(RANGES["regular"], dtype=float)).T
@@ -163,10 +126,4 @@ def postures(verdict: Verdict, rng: np.random.Generator, solver: str) -> None:
     verdict.during(f"named {solver}", named, 1.0)
 
 
-def at_limits(rng: np.random.Generator) -> tuple[int, int]:
-    """How many postures of fatrop's arm have a joint at its lower limit, and how many of these it found itself."""
-    lower, upper = np.deg2rad(np.array(RANGES["regular"], dtype=float)).T
-    ik = ArmIK(human_arm(range_of_motion="regular"), handle_tilt=None, solver="fatrop", compile=False)
-    answers = [ik.solve(each) for each in hand(rng.uniform(lower, upper, (MET, 8)))[0]]
-    held = [each for each in answers if (each.q < lower + 1e-6).any()]
-    return len(held), sum(each.solver == "fatrop" for each in held)
+run = judging(__name__, LEAST, Runs(one_run))

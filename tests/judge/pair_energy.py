@@ -14,8 +14,8 @@ import numpy as np
 import shapely
 
 from rehab_opt import Bilateral, HelperSide, ParticipantSide, Workspace, WorkspaceMap
-from tests.judge.force_runs import hand_path
-from tests.judge.numbering import numbered, run_length
+from tests.judge.force_runs import hand_path, moved
+from tests.judge.numbering import Runs, judging, run_length
 from tests.judge.verdict import Verdict
 
 GUARANTEES = ("G22",)
@@ -39,14 +39,6 @@ def ellipse(radii: tuple[float, float], centre: tuple[float, float]) -> Workspac
 def mapped() -> WorkspaceMap:
     """One ellipse onto another."""
     return WorkspaceMap.between(ellipse(*SOURCE), ellipse(*TARGET), landmarks=60)
-
-
-def run(ticks: int, seed: int, *, only: int | None = None) -> Verdict:
-    """Pairs of hands."""
-    verdict = Verdict("pair_energy", seed, LEAST)
-    for number, rng in numbered(verdict, ticks, only):
-        one_run(verdict, number, rng)
-    return verdict
 
 
 def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
@@ -78,17 +70,18 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
         forces = both.step(x[k, 0], x[k, 1], enable=not disabled[k])
         for i, command in enumerate(forces):
             answers[i].append(command)
-            x[k + 1, i] = _moved(kinds[i], x[k, i], paths[i][k + 1], centres[i], command.value, 0.9 * dt, k * dt)
+            there = centres[i] + [0.1 if k * dt % 0.2 < 0.1 else -0.1, 0.0]
+            x[k + 1, i] = moved(kinds[i], x[k, i], paths[i][k + 1], command.value, 0.9 * dt, there)
     felt = verdict.answers(answers[0], dt)
     drawn = verdict.answers(answers[1], dt)
     values = np.stack([felt.value, drawn.value], axis=1)
-    moved = np.diff(x, axis=0)
+    ways = np.diff(x, axis=0)
     size = np.linalg.norm(values, axis=2)
     verdict.within("force over its limit", size / limit, 1.0)
     change = np.linalg.norm(np.diff(values, axis=0, prepend=np.zeros((1, 2, 2))), axis=2)
     slewed = np.stack([felt.relaxed, drawn.relaxed], axis=1) & 8 != 0
     verdict.within("change of force over the slew bound", np.where(slewed, 0.0, change / (slew * dt)), 1 + 1e-9)
-    total = np.cumsum(np.einsum("nij,nij->n", values, moved))
+    total = np.cumsum(np.einsum("nij,nij->n", values, ways))
     verdict.within("energy drawn by both hands over what the tanks held", total.max() / budgets.sum(), 1 + 1e-9)
     # Outside its workspace a hand is drawn back, message or none.
     radii = np.array([SOURCE[0], TARGET[0]])
@@ -125,14 +118,4 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
         verdict.during(f"hand {kind}", np.ones(ticks, dtype=bool), dt)
 
 
-def _moved(kind: str, x: np.ndarray, path: np.ndarray, centre: np.ndarray, force: np.ndarray, most: float,
-           time: float) -> np.ndarray:  # fmt: skip
-    way, size = path - x, math.hypot(*force)
-    if kind == "greedy" and size > 0.2:
-        way = force * (most / size)
-    elif kind == "shuttle":
-        way = centre + [0.1 if time % 0.2 < 0.1 else -0.1, 0.0] - x
-        if size > 0.5 and way @ force < 0:
-            way = force * (most / size)
-    length = math.hypot(*way)
-    return x + way * min(1.0, most / length) if length > 0 else x.copy()
+run = judging(__name__, LEAST, Runs(one_run))

@@ -14,7 +14,7 @@ import numpy as np
 from rehab_opt import HelperSide, ParticipantSide
 from rehab_opt.control.bilateral_sides import FromHelper, FromParticipant
 from tests.judge.force_runs import hand_path
-from tests.judge.numbering import numbered, run_length
+from tests.judge.numbering import Runs, judging, run_length
 from tests.judge.pair_energy import SOURCE, TARGET, ellipse, mapped
 from tests.judge.verdict import Verdict
 
@@ -28,14 +28,6 @@ HANDS = ("person", "held", "sudden")
 SLEW = 2500.0
 """[N/s] in which a force is released, where nothing is said of it."""
 BROKEN = (math.nan, math.inf, -math.inf, -1.0, -1e9, -1e-3, 0.0)
-
-
-def run(ticks: int, seed: int, *, only: int | None = None) -> Verdict:
-    """Sides in turn."""
-    verdict = Verdict("pair_messages", seed, LEAST)
-    for number, rng in numbered(verdict, ticks, only):
-        one_run(verdict, number, rng)
-    return verdict
 
 
 def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
@@ -133,3 +125,6 @@ def _slowly(path: np.ndarray, most: float) -> np.ndarray:
         length = math.hypot(*way)
         found[k] = found[k - 1] + way * min(1.0, most / length) if length > 0 else found[k - 1]
     return found
+
+
+run = judging(__name__, LEAST, Runs(one_run))

@@ -4,7 +4,7 @@ Judged on paths of straight stretches that cross each other, turn back sharply, 
 by hands that nothing can hold. The progress never goes back. s moves to the place nearest to the hand within two widths
 along the path, and by the speed cap at most; far from the hand it stands. The force pulls across the stretch at s, and
 damps across it alone. A hand that stands under force is let go, s stands, and the nearest place along the path takes it
-in again. At the path's end the force ends. A hand that is not at the path covers nothing.
+in again. At the path's end the force ends.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import shapely
 from rehab_opt import PathAssistance, Workspace
 from tests.judge.force_bounds import judge as judge_bounds
 from tests.judge.force_runs import Run, Settings
-from tests.judge.numbering import numbered, run_length
+from tests.judge.numbering import Runs, judging, run_length
 from tests.judge.references import tremor
 from tests.judge.sensor_faults import schedule
 from tests.judge.verdict import Verdict
@@ -33,8 +33,6 @@ LEAST = {
     "after the end": 1000,
 }
 CI_TICKS = 6000
-TREMBLES = 200
-"""Ticks of a run of a hand that is not at the path."""
 SHAPES = ("cross", "hairpin", "meander")
 
 
@@ -54,39 +52,6 @@ def _turned(rng: np.random.Generator) -> np.ndarray:
     """(2, 2) a rotation."""
     angle = rng.uniform(0, 2 * math.pi)
     return np.array([[math.cos(angle), math.sin(angle)], [-math.sin(angle), math.cos(angle)]])
-
-
-def run(ticks: int, seed: int, *, only: int | None = None) -> Verdict:
-    """Hands that walk along such paths."""
-    verdict = Verdict("path_progress", seed, LEAST)
-    for number, rng in numbered(verdict, ticks, only):
-        one_run(verdict, number, rng)
-    for number, rng in numbered(verdict, ticks // 50, only, first=1_000_000):
-        elsewhere(verdict, number, rng)
-    return verdict
-
-
-def elsewhere(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
-    """A hand that trembles at the centre of a path's circle, or far from it, which the spring's full force tears at."""
-    width, dt = float(rng.choice([0.005, 0.01, 0.02])), float(rng.choice([2e-3, 5e-3, 1e-2]))
-    near = 30.0 / 3000.0 + width
-    angle = np.linspace(0.0, 2 * math.pi, 200)
-    circle = near * rng.uniform(1.1, 4.0) * np.column_stack([np.cos(angle), np.sin(angle)])
-    place = rng.choice([0.0, 1.0, 500.0]) * rng.uniform(-1.0, 1.0, 2)
-    apart = shapely.distance(shapely.LineString(circle), shapely.Point(place))
-    force = PathAssistance(circle, stiffness=3000.0, width=width, dt=dt, trust_stillness=True, compile=False,
-                           comfortable=Workspace(shapely.box(-2, -2, 2, 2), accuracy=0.0))  # fmt: skip
-    verdict.begin(number, f"elsewhere, width {width:g}, dt {dt:g}")
-    x = place + tremor(rng, TREMBLES, dt, size=0.02 * width, axes=2)
-    progress = np.empty((TREMBLES, 2))
-    answers = []
-    for k in range(TREMBLES):
-        answers.append(force.step(x[k]))
-        progress[k] = force.progress, force.reference_progress
-    verdict.answers(answers, dt)
-    off = np.full(TREMBLES, bool(apart > 1.05 * near))
-    verdict.holds("a hand that is not at the path covers nothing of it", (progress == 0.0).all(axis=1) | ~off)
-    verdict.during("not at the path", off, dt)
 
 
 def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
@@ -119,7 +84,7 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
     given = Settings(dt, "follow", 30.0, slew, growth, 1000.0, 1.0, stiffness, damping, 500.0, 10.0, knots, 0.003)
     none = schedule(rng, ticks, dt, ("",), every=math.inf)
     judge_bounds(verdict, Run(given, shape, x, x[:-1], np.full(ticks, dt), commands, wanted, np.full(ticks, 1000.0),
-                              none, told, step > dt, force))  # fmt: skip
+                              none, told, step > dt))  # fmt: skip
 
     at, led = (progress * lengths[-1]).T
     away = np.zeros(ticks, dtype=bool)
@@ -258,3 +223,6 @@ def _at(knots: np.ndarray, lengths: np.ndarray, along: np.ndarray) -> np.ndarray
 def _nearest(a: np.ndarray, b: np.ndarray, x: np.ndarray) -> np.ndarray:
     fraction = np.clip((x - a) @ (b - a) / ((b - a) @ (b - a)), 0, 1)
     return np.asarray(a + fraction[:, None] * (b - a))
+
+
+run = judging(__name__, LEAST, Runs(one_run))

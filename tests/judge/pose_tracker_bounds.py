@@ -4,20 +4,20 @@ Judged: the command of every tick, against intervals written down once more. A j
 not outside. Without pushes every state can still stop, so that acceleration never yields; with them it yields only
 where speed or position leave it no room. With drives that bound jerk neither it nor acceleration ever yields, a state
 that can stop never leaves the limits, and who lets go is at rest as soon as a ramp down and its two ends take. A slider
-is at its limit as soon as the judge's own shortest way takes. Bounds that stay active need no solver that searches.
+is at its limit as soon as the judge's own shortest way takes.
 """
 
 from __future__ import annotations
 
 import math
+from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rehab_opt import DH, PoseTracker, SerialChain
-from tests.judge.numbering import numbered
-from tests.judge.pose_tracker_runs import DTS, Run, runs, speeds
-from tests.judge.verdict import Answers, Verdict
+from tests.judge.numbering import Runs, judging
+from tests.judge.pose_tracker_runs import DTS, Run, followed, speeds
+from tests.judge.verdict import Verdict
 
 GUARANTEES = ("G02", "G03")
 LEAST = {"status ok": 190_000, "relaxed position": 1000, "relaxed acceleration": 50, "relaxed task": 50_000,
@@ -25,34 +25,13 @@ LEAST = {"status ok": 190_000, "relaxed position": 1000, "relaxed acceleration":
          "outside a joint limit": 2000, "solver dual active set": 100,
          "at a jerk": 20_000, "jerk bounded: at rest, braked": 3000, "jerk bounded: at a joint limit": 4000,
          "jerk bounded: at a joint speed": 1000, "jerk bounded: at an acceleration": 4000,
-         "jerk bounded: all of the task": 2000, "jerk bounded: led against a limit": 5000,
-         "joint speeds active again, nothing else": 300}  # fmt: skip
+         "jerk bounded: all of the task": 2000, "jerk bounded: led against a limit": 5000}  # fmt: skip
 CI_TICKS = 32_000
 AT = 1e-9
 PUSHED, JERKY, JERKY_PUSHED = 1_000_000, 2_000_000, 3_000_000
 """Numbers of the pushed runs begin here, of those with a bounded jerk, and of those with both."""
-CLEAR = 0.95
-"""Of a bound: a joint is clear of it, and the task is slowed but not to a stop."""
-ROOM = 0.01
-"""[rad] from each of its limits."""
 SLIDERS, HELD, LATE = 4_000_000, 60, 2
 """And of sliders led against their limit; ticks for which they are held there, and by which they may be late."""
-
-
-def run(ticks: int, seed: int, *, only: int | None = None) -> Verdict:
-    """Three eighths of the ticks undisturbed, as many pushed and with faults; a quarter and more with bounded jerk."""
-    verdict = Verdict("pose_tracker_bounds", seed, LEAST)
-    for each in runs(verdict, 3 * ticks // 8, only):
-        judge(verdict, each, calm=True)
-    for each in runs(verdict, 3 * ticks // 8, only, faults=1.0, pushes=0.2, first=PUSHED):
-        judge(verdict, each, calm=False)
-    for each in runs(verdict, ticks // 6, only, faults=1.0, jerk=True, first=JERKY):
-        judge_jerk(verdict, each, calm=True)
-    for each in runs(verdict, ticks // 12, only, faults=1.0, pushes=0.5, jerk=True, first=JERKY_PUSHED):
-        judge_jerk(verdict, each, calm=False)
-    for number, rng in numbered(verdict, ticks // 24, only, first=SLIDERS):
-        judge_arrival(verdict, number, rng)
-    return verdict
 
 
 def judge(verdict: Verdict, one: Run, *, calm: bool) -> None:
@@ -90,33 +69,12 @@ def judge(verdict: Verdict, one: Run, *, calm: bool) -> None:
     needed = (hard_up < last - allowed + 1e-9) | (hard_down > last + allowed - 1e-9)
     verdict.holds("acceleration yields only to speed and position", ~hurried | needed | ~known[:, None])
 
-    judge_who_answers(verdict, one, answers, np.sign(value) * (np.abs(value) > given.velocity * (1 - 1e-6)))
     full = np.isfinite(given.acceleration)
     verdict.during("at a joint limit", (np.minimum(room_up, room_down) < 1e-6 / dt).any(axis=1), dt)
     verdict.during("at a joint speed", (np.abs(value) > given.velocity * (1 - 1e-6)).any(axis=1), dt)
     verdict.during("at a joint acceleration", ((change > allowed * (1 - 1e-6)) & full).any(axis=1), dt)
     verdict.during("outside a joint limit", (above | below).any(axis=1), dt)
     verdict.during(f"reference {one.kind}", np.ones(len(q), dtype=bool), dt)
-
-
-def judge_who_answers(verdict: Verdict, one: Run, answers: Answers, at_speed: NDArray[np.float64]) -> None:
-    """No solver that searches, where joint speeds alone are active, the same as in the tick before, (n, 6) of -1, 0, 1.
-
-    All other joints are clear of every bound of theirs.
-    """
-    given, dt = one.settings, one.settings.dt
-    (value, last), q = speeds(one), one.q[:-1]
-    room = np.minimum(given.upper - q, q - given.lower) - ROOM
-    stopping = value**2 / (2 * given.acceleration) + np.abs(value) * dt
-    clear = (room > 2 * stopping) & (np.abs(value - last) < CLEAR * given.acceleration * dt)
-    clear &= (at_speed != 0) | (np.abs(value) < CLEAR * given.velocity)
-    slowed = (answers.scale > 1 - CLEAR) & (answers.scale < CLEAR)
-    within = clear.all(axis=1) & (answers.status == "ok") & slowed
-    again = within & at_speed.any(axis=1)
-    again[1:] &= within[:-1] & (at_speed[1:] == at_speed[:-1]).all(axis=1)
-    again[:1] = False
-    verdict.holds("the bounds that were active answer where they are again", ~again | (answers.solver != "qrqp"))
-    verdict.during("joint speeds active again, nothing else", again, dt)
 
 
 def judge_jerk(verdict: Verdict, one: Run, *, calm: bool) -> None:
@@ -193,3 +151,14 @@ def shortest(way: float, speed: float, acceleration: float, jerk: float) -> floa
     if way * jerk**2 >= 2 * acceleration**3:
         return acceleration / jerk + math.sqrt((acceleration / jerk) ** 2 + 4 * way / acceleration)
     return float(4 * (way / (2 * jerk)) ** (1 / 3))
+
+
+run = judging(
+    __name__,
+    LEAST,
+    Runs(followed(partial(judge, calm=True)), 3 / 8),
+    Runs(followed(partial(judge, calm=False), faults=1.0, pushes=0.2), 3 / 8, PUSHED),
+    Runs(followed(partial(judge_jerk, calm=True), faults=1.0, jerk=True), 1 / 6, JERKY),
+    Runs(followed(partial(judge_jerk, calm=False), faults=1.0, pushes=0.5, jerk=True), 1 / 12, JERKY_PUSHED),
+    Runs(judge_arrival, 1 / 24, SLIDERS),
+)

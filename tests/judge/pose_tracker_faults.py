@@ -11,7 +11,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from tests.judge.pose_tracker_runs import Run, runs, speeds
+from tests.judge.numbering import Runs, judging
+from tests.judge.pose_tracker_runs import Run, followed, speeds
 from tests.judge.sensor_faults import expected
 from tests.judge.ur5_numbers import hand_twist
 from tests.judge.verdict import Verdict
@@ -27,16 +28,6 @@ CI_TICKS = 16_000
 REACH = 1.2
 """[m] of a UR5's links in line: more than its hand's way bends in a tick."""
 Array = NDArray[np.float64]
-
-
-def run(ticks: int, seed: int, *, only: int | None = None) -> Verdict:
-    """A fault each 0.2 s; a third with pushes."""
-    verdict = Verdict("pose_tracker_faults", seed, LEAST)
-    for each in runs(verdict, 2 * ticks // 3, only, faults=0.2):
-        judge(verdict, each)
-    for each in runs(verdict, ticks // 3, only, faults=0.2, pushes=0.2, first=1_000_000):
-        judge(verdict, each)
-    return verdict
 
 
 def judge(verdict: Verdict, one: Run) -> None:
@@ -85,3 +76,11 @@ def hand_over(one: Run, value: Array) -> Array:
     begin, end = (hand_twist(one.q[:-1] + part * one.settings.dt * value, value) for part in (0.0, 1.0))
     linear = np.maximum(*(np.linalg.norm(each[:, :3], axis=1) for each in (begin, end))) / one.settings.linear_speed
     return np.asarray(np.maximum(linear, np.linalg.norm(begin[:, 3:], axis=1) / one.settings.angular_speed))
+
+
+run = judging(
+    __name__,
+    LEAST,
+    Runs(followed(judge, faults=0.2), 2 / 3),
+    Runs(followed(judge, faults=0.2, pushes=0.2), 1 / 3, 1_000_000),
+)

@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt import Command, PoseTracker, ur5
-from tests.judge.numbering import numbered, run_length
+from tests.judge.numbering import judged, run_length
 from tests.judge.references import KINDS, good_posture, reference
 from tests.judge.sensor_faults import STAMPS, Schedule, schedule, spoilt
 from tests.judge.ur5_numbers import LIMIT
-from tests.judge.verdict import Verdict
 
 Array = NDArray[np.float64]
 
@@ -52,6 +51,11 @@ class Run(NamedTuple):
     faults: Schedule
     pushed: NDArray[np.bool_]
     """(N,) whether the joints were pushed after this tick."""
+
+    @property
+    def where(self) -> str:
+        """What it is."""
+        return f"{self.kind}, dt {self.settings.dt:g}"
 
 
 def draw(rng: np.random.Generator, start: Array) -> Settings:
@@ -100,7 +104,9 @@ def tracker(given: Settings) -> PoseTracker:
     )  # fmt: skip
 
 
-def follow(rng: np.random.Generator, number: int, *, faults: float, pushes: float, jerk: bool) -> Run:
+def follow(
+    rng: np.random.Generator, number: int, *, faults: float = math.inf, pushes: float = math.inf, jerk: bool = False
+) -> Run:
     """One run: a fault each `faults` s, a push each `pushes` s."""
     start = good_posture(rng, 0.1)
     given, kind = draw(rng, start), KINDS[number % len(KINDS)]
@@ -133,21 +139,7 @@ def follow(rng: np.random.Generator, number: int, *, faults: float, pushes: floa
     return Run(given, kind, q, commands, poses, twists, wrong, pushed)
 
 
-def runs(
-    verdict: Verdict,
-    ticks: int,
-    only: int | None,
-    *,
-    faults: float = math.inf,
-    pushes: float = math.inf,
-    jerk: bool = False,
-    first: int = 0,
-) -> Iterator[Run]:
-    """Runs numbered from `first` until so many ticks are done; or the one that is asked for, if it is one of them."""
-    for number, rng in numbered(verdict, ticks, only, first=first):
-        run = follow(rng, number, faults=faults, pushes=pushes, jerk=jerk)
-        verdict.begin(number, f"{run.kind}, dt {run.settings.dt:g}")
-        yield run
+followed = partial(judged, follow)
 
 
 def speeds(run: Run) -> tuple[Array, Array]:

@@ -13,7 +13,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from tests.judge.pose_tracker_runs import Run, runs, speeds
+from tests.judge.numbering import Runs, judging
+from tests.judge.pose_tracker_runs import Run, followed, speeds
 from tests.judge.ur5_numbers import hand_twist, jacobian, tool, turn_between
 from tests.judge.verdict import Verdict
 
@@ -27,17 +28,6 @@ Array = NDArray[np.float64]
 MISSED, STILL = 1e-3, 1e-6
 SINGULAR = 0.03
 """Smallest singular value of the Jacobian below which the direction may be left."""
-
-
-def run(ticks: int, seed: int, *, only: int | None = None) -> Verdict:
-    """Undisturbed runs, and runs with pushes."""
-    verdict = Verdict("pose_tracker_task", seed, LEAST)
-    for each in runs(verdict, 3 * ticks // 4, only):
-        judge(verdict, each)
-    for each in runs(verdict, ticks // 4, only, pushes=1.0, first=1_000_000):
-        judge(verdict, each)
-    verdict.seldom_by_backup()
-    return verdict
 
 
 def judge(verdict: Verdict, one: Run) -> None:
@@ -150,3 +140,12 @@ def along_asked(one: Run, asked: Array, slowed: Array, last: Array) -> tuple[Arr
     least, most = np.minimum(*ends).max(axis=1), np.minimum(np.maximum(*ends).min(axis=1), 1.0)
     slow_enough = least < 0.9 * np.minimum(most, 1 / np.maximum(slowed, 1))
     return most, regular & kept & ~still.any(axis=1) & (low <= high).all(axis=1) & slow_enough & (most > 0.2)
+
+
+run = judging(
+    __name__,
+    LEAST,
+    Runs(followed(judge), 3 / 4),
+    Runs(followed(judge, pushes=1.0), 1 / 4, 1_000_000),
+    finish=(Verdict.seldom_by_backup,),
+)

@@ -11,7 +11,7 @@ import numpy as np
 
 from rehab_opt.control.scanning import Scanning
 from tests.judge.joystick_stick import MODES
-from tests.judge.numbering import numbered, run_length
+from tests.judge.numbering import Runs, judging, run_length
 from tests.judge.verdict import Verdict
 
 GUARANTEES = ("G15",)
@@ -24,14 +24,6 @@ DEBOUNCE = 0.15
 USUAL = 0.3
 """Threshold where none is told."""
 NO_NUMBERS = (math.nan, math.inf, -math.inf, "1.0", None, b"1")
-
-
-def run(ticks: int, seed: int, *, only: int | None = None) -> Verdict:
-    """Switches and straws."""
-    verdict = Verdict("scanning_switch", seed, LEAST)
-    for number, rng in numbered(verdict, ticks, only):
-        one_run(verdict, number, rng)
-    return verdict
 
 
 def options(sip: bool) -> list[tuple[str, tuple[str, ...], int, float]]:
@@ -130,3 +122,6 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
     verdict.during("to be let go first", reason == "the switch must be let go first", dt)
     verdict.during("numbers that are none", reason == "pressure is not finite", dt)
     verdict.during("between threshold and letting go", wavering, dt)
+
+
+run = judging(__name__, LEAST, Runs(one_run))

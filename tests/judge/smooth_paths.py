@@ -8,8 +8,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.interpolate import PchipInterpolator
 
-from rehab_opt import Smoother, smooth_path
-from tests.judge.numbering import numbered
+from rehab_opt import smooth_path
+from tests.judge.numbering import Runs, judging
 from tests.judge.verdict import Verdict
 
 GUARANTEES = ("G03",)
@@ -19,14 +19,6 @@ CI_TICKS = 6_000
 SHARE = 0.1
 LATE = 0.1
 """[s] of delay that is allowed to a path within the bounds, beside the distance of two control points."""
-
-
-def run(ticks: int, seed: int, *, only: int | None = None) -> Verdict:
-    """Paths of random points, some far too fast."""
-    verdict = Verdict("smooth_paths", seed, LEAST)
-    for number, rng in numbered(verdict, ticks, only):
-        one_run(verdict, number, rng)
-    return verdict
 
 
 def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
@@ -88,21 +80,8 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
         verdict.within("delay of a path within the bounds [s]", each.delay, LATE + apart)
         verdict.during("at its own pace", np.ones(ticks, dtype=bool), dt)
     verdict.during("waiting", np.r_[pace < 0.5, False], dt)
-    if alike:
-        twins = [
-            Smoother(velocity=each, acceleration=acceleration, jerk=jerk, dt=dt) for each in (velocity[0], velocity)
-        ]
-        for each in twins:
-            each.reset(points[0])
-        one, other = ([each.step(points[-1]).value for _ in range(20)] for each in twins)
-        verdict.holds("a scalar bound stands for all axes", np.array_equal(one, other))
-        far = 2000.0 * velocity
-        for begin, end in ((-far, far), (far, 2 * far), (far, -far)):
-            twins[1].reset(begin)
-            command = twins[1].step(end)
-            refused = command.status.value == "holding" and bool(command.reason)
-            verdict.holds(
-                "a target of more than 3600 s is none, a nearer one is", refused == (abs(end - begin)[0] > 1.8 * far[0])
-            )
     count = np.ones(ticks, dtype=bool)
     verdict.during("a path that is too fast" if hurried else "a path within the bounds", count, dt)
+
+
+run = judging(__name__, LEAST, Runs(one_run))

@@ -8,7 +8,7 @@ import shapely
 
 from rehab_opt.control.obstacles import Disc, HalfPlane
 from tests.judge.chair_robot import CORNERS, ROWS, Array, Chair, segments_apart
-from tests.judge.chair_runs import READY, motion, posture, rolled
+from tests.judge.chair_runs import READY
 
 CHAIR = Chair()
 
@@ -63,14 +63,6 @@ def test_obstacle_gaps_are_those_of_shapely() -> None:
         assert gaps[1] == pytest.approx(np.min(6.0 - corners @ [3.0, 4.0]) / 5)
 
 
-def test_half_of_an_arc_is_where_half_its_turn_leads() -> None:
-    value, way = np.array([0.5, 0.2, 0.8, 0, 0, 0, 0]), np.zeros(7)
-    for _ in range(1000):
-        c, s = np.cos(way[2]), np.sin(way[2])
-        way = way + 1e-3 * np.array([c * 0.5 - s * 0.2, s * 0.5 + c * 0.2, 0.8, 0, 0, 0, 0])
-    np.testing.assert_allclose(rolled(value, 1.0), way, atol=1e-3)
-
-
 def test_linear_programme_knows_what_is_possible_and_what_is_not() -> None:
     assert CHAIR.fastest(READY, np.array([0.1, 0.0, 0.0]), ("x", "y", "z"), "chassis") == pytest.approx(1.0)
     stretched = READY.copy()
@@ -83,27 +75,3 @@ def test_linear_programme_knows_what_is_possible_and_what_is_not() -> None:
     assert CHAIR.fastest(np.zeros(7), np.array([0.8, 0, 0]), ("x", "y", "z"), "world") > CHAIR.fastest(
         np.zeros(7), np.array([0.8, 0, 0]), ("x", "y", "z"), "world", wall
     )
-
-
-def test_a_hand_beside_the_wheels_goes_forward_with_them_but_not_ahead_by_turning_for_longer_than_a_moment() -> None:
-    """y of the hand is (px sin a - py (1 - cos a)) / dt for a turn by a in a tick: at most px^2 / (2 py dt)."""
-    turned = np.tile(READY, (4000, 1))
-    turned[:, 3] += np.linspace(-2.0, 2.0, len(turned))
-    q = turned[np.abs(CHAIR.hand(turned)[:, 0] - 0.003).argmin()]
-    px, py, _ = CHAIR.hand(q)
-    assert px == pytest.approx(0.003, abs=1e-3)
-    assert abs(py) > 0.3
-    locked, dt = Chair(lower=q[3:], upper=q[3:]), 0.02
-    speed = px**2 / (2 * abs(py) * dt)
-    asked = np.array([0.0, 0.001, 0.0])
-    assert 0.25 * speed <= 0.001 * locked.fastest(q, asked, ("x", "y", "z"), "chassis", dt=dt) <= speed
-    assert locked.fastest(q, asked, ("x", "y", "z"), "chassis", dt=1e-6) == pytest.approx(1.0)
-
-
-def test_motions_to_begin_from_can_be_braked_and_fast_ones_before_a_wall_cannot() -> None:
-    rng = np.random.default_rng(5)
-    q = posture(CHAIR, rng, ready=1.0)
-    assert any(motion(CHAIR, q, rng, 0.01).any() for _ in range(10))
-    u = np.array([0.8, 0, 0, 0, 0, 0, 0])
-    assert CHAIR.brakes_in_time(READY, u, (HalfPlane((1.0, 0.0), 0.55 + 0.34),), 0.01)
-    assert not CHAIR.brakes_in_time(READY, u, (HalfPlane((1.0, 0.0), 0.55 + 0.31),), 0.01)

@@ -39,7 +39,7 @@ def slice_of(judge: str, seed: int, ticks: int) -> None:
 
 @pytest.mark.parametrize("judge", JUDGES)
 def test_slice_of_the_campaign_breaks_nothing(judge: str) -> None:
-    slice_of(judge, FIXED_SEED, JUDGES[judge].CI_TICKS // 4)
+    slice_of(judge, FIXED_SEED, JUDGES[judge].CI_TICKS // 8)
 
 
 @pytest.mark.nightly
@@ -55,10 +55,13 @@ BROKEN_ONCE = {
         (51128010, 4), (51128011, 159), (261130011, 21), (261130031, 28), (27110954, 39), (26118900, 16),
         (27119603, 38),
     ],
-    "path_progress": [(26119600, 38), (77123, 14)],
+    "path_progress": [(26119600, 38), (77123, 14), (21311126, 9)],
     "pose_tracker_bounds": [(27118903, 4_000_057)],
     "pair_messages": [(27112758, 73), (25112016, 31), (41126001, 151)],
-    "limits_rest": [(42128004, 111)],
+    "limits_rest": [
+        (42128004, 111), (20281231, 82), (20281231, 66), (505, 92), (61001, 6), (194004, 66), (95005, 72),
+        (21320704, 24), (21320704, 70), (21320704, 110),
+    ],
     "chair_walls": [(42127780, 158), (42127780, 243), (421, 263), (26115600, 18)],
     "mirror_hand": [(2043862918, 1_000_002)],
     "chair_calm": [(34112419, 227), (35112422, 101), (62139034, 53)],
@@ -100,10 +103,7 @@ def test_judge_imports_only_public_controllers_and_value_types() -> None:
         "rehab_opt.control.conditioning import ",
         "rehab_opt.control.scanning import ",
         "rehab_opt.control.bilateral_sides import FromHelper, FromParticipant",
-        "rehab_opt.optim.backends import to_qpsolvers",
-        "rehab_opt.optim.recorder import recording_qps",
         "rehab_opt.control.arm_path import arm_path",
-        "rehab_opt.control.seats import Seats, Walk",
     )
     for path in Path(__file__).parent.glob("*.py"):
         for line in path.read_text(encoding="utf-8").splitlines():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,19 +20,17 @@ SHOULDER, ELBOW = 0.13585, 0.1197
 READY = np.array([0.0, -1.2, 1.5, -1.8, -1.57, 0.0])
 
 
-def frames(q: Array) -> Array:
-    """(N, 7, 4, 4) poses of base and of the six rows' frames at q (N, 6)."""
-    count = len(q)
-    found = np.empty((count, 7, 4, 4))
-    found[:, 0] = np.eye(4)
-    for i in range(6):
-        c, s, row = np.cos(q[:, i]), np.sin(q[:, i]), np.zeros((count, 4, 4))
-        ca, sa = (1.0, 0.0) if TWIST[i] == 0 else (0.0, float(TWIST[i]))
-        row[:, 0, 0], row[:, 0, 1], row[:, 0, 2], row[:, 0, 3] = c, -s * ca, s * sa, A[i] * c
-        row[:, 1, 0], row[:, 1, 1], row[:, 1, 2], row[:, 1, 3] = s, c * ca, -c * sa, A[i] * s
-        row[:, 2, 1], row[:, 2, 2], row[:, 2, 3], row[:, 3, 3] = sa, ca, D[i], 1.0
-        found[:, i + 1] = found[:, i] @ row
-    return found
+def frames(q: Array, rows: Iterable[tuple[float, int, float]] = tuple(zip(A, TWIST, D, strict=True))) -> Array:
+    """(N, n + 1, 4, 4) poses of base and of the frames of n rows at q (N, n): a [m], quarter turns about x, d [m]."""
+    found = [np.tile(np.eye(4), (len(q), 1, 1))]
+    for (a, quarters, d), angle in zip(rows, q.T, strict=True):
+        c, s, row = np.cos(angle), np.sin(angle), np.zeros((len(q), 4, 4))
+        ca, sa = (1.0, 0.0) if quarters == 0 else (0.0, float(quarters))
+        row[:, 0] = np.column_stack([c, -s * ca, s * sa, a * c])
+        row[:, 1] = np.column_stack([s, c * ca, -c * sa, a * s])
+        row[:, 2, 1], row[:, 2, 2], row[:, 2, 3], row[:, 3, 3] = sa, ca, d, 1.0
+        found.append(found[-1] @ row)
+    return np.stack(found, axis=1)
 
 
 def tool(q: Array) -> Array:

@@ -141,14 +141,17 @@ class Verdict:
                 self.during(f"relaxed {str(bound.name).lower()}", found.relaxed & bound.value != 0, dt)
         return found
 
+    def count(self, situation: str) -> int:
+        """Ticks in which a situation was."""
+        return self.seen[situation].ticks if situation in self.seen else 0
+
     def seldom_by_backup(self) -> None:
         """The solver that was chosen fails in a fiftieth of the ticks at most; there a backup answers."""
-        backed = self.seen.get("status backup", Seen()).ticks
-        self.within("ticks answered by the backup, of all", backed / max(self.ticks, 1), 0.02)
+        self.within("ticks answered by the backup, of all", self.count("status backup") / max(self.ticks, 1), 0.02)
 
     def seldom_beyond_the_dual_method(self) -> None:
         """What the closed form and the last active set do not answer, the dual method does, which cannot cycle."""
-        usual = sum(self.seen[each].ticks for each in BY_ACTIVE_SETS if each in self.seen)
+        usual = sum(map(self.count, BY_ACTIVE_SETS))
         solved = sum(seen.ticks for name, seen in self.seen.items() if name.startswith("solver "))
         self.within("ticks that no active set method answers, of all", (solved - usual) / max(self.ticks, FEW), 1e-3)
 

@@ -5,7 +5,6 @@ from functools import cache
 
 import casadi as ca
 import numpy as np
-import pytest
 from hypothesis import assume, example, given, settings
 
 from rehab_opt.optim.dual_active_set import active_set_round, dual_active_set
@@ -42,11 +41,6 @@ def dual() -> ca.Function:
 def last_round() -> ca.Function:
     """As the fused function makes the dual method's answer exact."""
     return active_set_round(stated()[0], together=N, passes=PASSES, softened=INDEPENDENT)
-
-
-@cache
-def without_rows() -> ca.Function:
-    return active_set_round(stated()[0], together=0, passes=3)
 
 
 def with_a_corner(qp: Instance, answer: np.ndarray) -> Instance:
@@ -163,32 +157,3 @@ def test_where_no_point_keeps_all_bounds_the_dual_method_ends_and_nothing_is_cer
     active = np.array(dual()(p)).ravel()
     assert set(active) <= {-1.0, 0.0, 1.0}
     assert not 0.0 <= float(last_round()(p, active)[0][-1]) <= 1e-6
-
-
-@given(seeds)
-@settings(max_examples=30, deadline=None)
-def test_where_no_row_is_active_a_round_without_rows_says_the_same(seed: int) -> None:
-    qp, rng = random_qp(seed, N, M, unbounded=False), np.random.default_rng(seed)
-    start = np.concatenate([rng.choice([-1.0, 0.0, 1.0], N), np.zeros(M)])
-    short, long = (np.array(each(numbers_of(qp), start)) for each in (without_rows(), whole()))
-    np.testing.assert_allclose(short, long, rtol=1e-9, atol=1e-9)
-
-
-@pytest.mark.parametrize("m", [1, 2])
-def test_rounds_of_few_rows_find_the_answer(m: int) -> None:
-    rng, rounds = np.random.default_rng(m), 0
-    chain = FallbackChain(
-        replace(general_statement(N, m), active_set=True),
-        solver="qrqp",
-        backup="daqp",
-        tolerance=1e-8,
-        compile=False,
-    )
-    for seed in range(60):
-        qp = random_qp(seed, N, m, unbounded=False)
-        chain.parameters[:] = parameters_of(qp)
-        chain.warm_start(0.0)
-        assert chain()
-        chain.parameters[:] = parameters_of(qp._replace(g=qp.g + 1e-3 * rng.standard_normal(N)))
-        rounds += chain() == "active set"  # from the active set before
-    assert rounds > 20

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bench.solvers.dense_qp import Certificate
-from rehab_opt.optim.backends import DAQP_OPTIONS, DaqpBackend, ProxqpBackend
+from rehab_opt.optim.backends import DAQP_OPTIONS, DaqpBackend
 from rehab_opt.optim.rows import Instance
 from tests.optim.random_qps import Array, random_qp, seeds, solved
 
@@ -42,25 +42,6 @@ def test_rows_that_stand_twice_change_no_answer(seed: int) -> None:
     answer = DaqpBackend(N, 2 * M).solve(twice)
     assert TWICE.residual(twice, answer) <= 1e-7
     np.testing.assert_allclose(answer.x, solved(qp).x, atol=1e-7)
-
-
-@settings(max_examples=40)
-@given(seeds)
-def test_what_it_claims_of_a_cost_that_is_flat_in_places_costs_no_more_than_the_best(seed: int) -> None:
-    qp = random_qp(seed, N, M)
-    root = np.random.default_rng(seed).normal(size=(N, N - 2))
-    flat = qp._replace(H=root @ root.T, lower=np.maximum(qp.lower, -20.0), upper=np.minimum(qp.upper, 20.0))
-    answer, other = DaqpBackend(N, M).solve(flat), ProxqpBackend(N, M).solve(flat)
-    costs = [float(0.5 * each.x @ flat.H @ each.x + flat.g @ each.x) for each in (answer, other)]
-    if CERTIFICATE.residual(flat, answer) <= 1e-7 and CERTIFICATE.residual(flat, other) <= 1e-7:
-        assert costs[0] == pytest.approx(costs[1], abs=1e-4)
-
-
-def test_a_cost_without_curvature_is_a_linear_programme() -> None:
-    qp = Instance(
-        np.zeros((N, N)), np.arange(1.0, N + 1), np.zeros((0, N)), np.zeros(0), np.zeros(0), -np.ones(N), np.ones(N)
-    )
-    np.testing.assert_allclose(DaqpBackend(N, 0).solve(qp).x, -np.ones(N), atol=1e-9)
 
 
 def test_it_is_no_answer_where_the_cap_on_iterations_is_met(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -205,17 +205,6 @@ def test_the_last_active_set_changes_no_answer(seed: int) -> None:
 ACTIVE = made(dataclasses.replace(general_statement(N, 0), active_set=True))
 
 
-def test_bounds_that_stay_active_need_no_solver() -> None:
-    p, x = parameter("p", 2), variable("x", 2, lower=-1, upper=1)
-    chain = made(Statement("stay", [p], [x], 0.5 * ca.sumsqr(x.symbol - p), active_set=True))
-    answers = []
-    for first in (3.0, 3.1, 3.2):
-        chain.parameters[:] = first, 0.2
-        answers.append(chain())
-        np.testing.assert_allclose(chain.x, [1.0, 0.2], atol=1e-12)
-    assert answers[1:] == ["active set", "active set"]
-
-
 # -------------------------------------------------------------------------------------------------------- backup
 @pytest.mark.parametrize("failure", FAILURES)
 @pytest.mark.parametrize(("primary", "backup"), [("proxqp", "qrqp")])
@@ -350,14 +339,6 @@ def test_a_nan_memory_gives_no_answer() -> None:
 @pytest.mark.parametrize(("solver", "backup"), [("qrqp", "daqp"), ("osqp", "daqp"), ("daqp", "qrqp")])
 def test_the_backup_is_another_kind_of_solver_where_none_is_named(solver: str, backup: str) -> None:
     assert FallbackChain(counting(), solver=solver, backup=None, tolerance=TOLERANCE, compile=False).backup == backup
-
-
-def test_a_start_is_forgotten_and_the_memory_kept() -> None:
-    chain = made()
-    chain.parameters[:] = 3.0, 0.2
-    chain()
-    chain.warm_start([0.5, 0.6])
-    assert chain.state.tolist() == [0.5, 0.6, 0, 0, 0, 1]
 
 
 def test_what_cannot_be_used_is_named() -> None:

@@ -47,7 +47,7 @@ def test_the_third_chain_of_a_statement_answers_as_the_first_to_the_last_bit_and
 
 
 def guessed(multipliers: bool, *, wrong: float = 0.0) -> FallbackChain:
-    """The nearest point on a plane, guessed by its closed form."""
+    """The nearest point on a plane before a wall, guessed by its closed form, which knows no wall."""
     p, x = parameter("p", 3), variable("x", 3, lower=-1, upper=1)
     lift = (ca.sum1(p) - 0.1) / 3
     statement = Statement(
@@ -55,9 +55,9 @@ def guessed(multipliers: bool, *, wrong: float = 0.0) -> FallbackChain:
         parameters=[p],
         variables=[x],
         minimise=ca.sumsqr(x.symbol - p) / 2,
-        subject_to=[equal(ca.sum1(x.symbol), 0.1)],
+        subject_to=[equal(ca.sum1(x.symbol), 0.1), within(x.symbol[0], -0.9, 0.9)],
         analytic=p - lift,
-        dual=lift + wrong if multipliers else None,
+        dual=ca.vertcat(lift + wrong, 0) if multipliers else None,
     )
     return FallbackChain(statement, solver="qrqp", backup=None, tolerance=1e-8, compile=False)
 
@@ -67,9 +67,10 @@ def test_a_guess_on_active_rows_is_certified_by_its_multipliers() -> None:
     assert solved(guessed(True), inside)[0] == "closed form"
     assert solved(guessed(False), inside)[0] == "qrqp"  # without them it is no answer, and the solver finds it
     assert solved(guessed(True, wrong=1e-6), inside)[0] == "qrqp"
-    name, x = solved(guessed(True), outside)  # the box is active: the guess is none
-    assert name == "qrqp"
-    assert x[0] == pytest.approx(1.0)
+    for place in (outside, np.array([0.95, 0.05, -0.9])):  # the wall is active, in the box or not: the guess is none
+        name, x = solved(guessed(True), place)
+        assert name == "qrqp"
+        assert x[0] == pytest.approx(0.9)
 
 
 def test_a_guess_pressed_against_a_bound_is_an_answer_and_one_pressed_away_is_none() -> None:

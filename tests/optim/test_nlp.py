@@ -60,16 +60,6 @@ def test_multipliers_are_positive_at_an_upper_bound(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", SOLVERS)
-def test_nothing_is_printed(name: str, capfd: pytest.CaptureFixture[str]) -> None:
-    solver = nlp_solver(valley(sum_to=1.2), name, compile=False)
-    solver.parameters[:] = 1.0
-    solver.solve([0.5, 0.2])
-    solver.parameters[:] = np.nan
-    solver.solve([0.5, 0.2])
-    assert capfd.readouterr() == ("", "")
-
-
-@pytest.mark.parametrize("name", SOLVERS)
 @pytest.mark.usefixtures("machine_code")
 @pytest.mark.parametrize("compile", [False, "wait"])
 def test_an_infeasible_problem_is_never_certified(name: str, compile: Compile) -> None:
@@ -159,17 +149,6 @@ def test_a_convexified_hessian_is_positive_definite_and_unchanged_where_it_was(
     assert np.linalg.eigvalsh(result).min() > 0
     if definite:
         np.testing.assert_allclose(result, symmetric, atol=1e-12 * np.abs(symmetric).max())
-
-
-@pytest.mark.usefixtures("machine_code")
-def test_both_ways_of_evaluation_give_the_same_numbers() -> None:
-    answers = []
-    for wanted in (False, "wait"):
-        solver = nlp_solver(valley(sum_to=1.2), "sqp", compile=wanted)
-        solver.parameters[:] = 7.0
-        answers.append(solver.solve([0.5, 0.2]))
-    np.testing.assert_allclose(answers[0].x, answers[1].x, atol=1e-12)
-    assert answers[0].iterations == answers[1].iterations
 
 
 def test_what_cannot_be_used_is_named() -> None:

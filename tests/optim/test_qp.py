@@ -4,17 +4,14 @@ from functools import partial
 
 import casadi as ca
 import numpy as np
-import pytest
-import qpsolvers
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rehab_opt.optim.backends import to_qpsolvers
 from rehab_opt.optim.fallback_chain import FallbackChain
 from rehab_opt.optim.qp import Statement
 from rehab_opt.optim.rows import MAX_MAGNITUDE, equal, parameter, variable, within
 from rehab_opt.symbolic.tick import Stages
-from tests.optim.random_qps import general_statement, parameters_of, random_qp, seeds, sizes, solved
+from tests.optim.random_qps import general_statement, parameters_of, random_qp, seeds, sizes
 from tests.refusals import refuses
 
 numbers = st.floats(-5, 5)
@@ -45,13 +42,6 @@ def test_an_instance_is_what_one_writes_by_hand(b: tuple[float, float], t: float
     np.testing.assert_allclose(qp.rows_upper, [-t, 4 * gap - 1, gap], atol=1e-12)
     np.testing.assert_allclose(qp.lower, [-1 - gap, -1 - gap, 0], atol=1e-12)
     np.testing.assert_allclose(qp.upper, [1 + gap, 2, 1], atol=1e-12)
-
-
-def test_sizes_are_those_of_the_instance() -> None:
-    qp = REACH.instance([1, 2], 3, 4)
-    assert (REACH.n, REACH.m, REACH.parameter_size) == (3, 3, 4)
-    assert REACH.state_size == 2 * 3 + 3
-    assert (qp.H.shape, qp.A.shape) == ((3, 3), (3, 3))
 
 
 @settings(max_examples=40)
@@ -90,11 +80,6 @@ def test_what_is_marked_is_a_number_of_the_problem() -> None:
 
 
 # ------------------------------------------------------------------------------------------ equal() and within()
-def test_variables_on_the_right_of_an_equality_move_to_the_left() -> None:
-    p, x = parameter("p", 1), variable("x", 2)
-    qp = Statement("right", [p], [x], ca.sumsqr(x.symbol), [equal(x.symbol[0] + p, 2 * x.symbol[1])]).instance(3)
-    np.testing.assert_array_equal(qp.A, [[1, -2]])
-    assert qp.rows_lower.tolist() == qp.rows_upper.tolist() == [-3]
 
 
 def test_a_number_on_either_side_of_an_equality_means_the_same() -> None:
@@ -113,41 +98,11 @@ def test_a_scalar_bound_stands_for_every_row() -> None:
     assert qp.upper.tolist() == [np.inf] * 3
 
 
-def test_a_scalar_on_the_left_stands_for_every_row() -> None:
-    p, x = parameter("p", 1), variable("x", 2)
-    rows = [equal(0, x.symbol), within(x.symbol[0], -1, 1)]
-    qp = Statement("left", [p], [x], ca.sumsqr(x.symbol), rows).instance(1)
-    assert qp.rows_lower.tolist() == [0, 0, -1]
-
-
 # ----------------------------------------------------------------------------------------------- what is no QP
 X, P = variable("x", 2), parameter("p", 2)
 
 
-def test_a_cost_nonlinear_in_the_parameters_is_welcome() -> None:
-    statement = Statement(
-        "s", [P], [X], ca.exp(P[0]) * ca.sumsqr(X.symbol - ca.sin(P)), [within(P[0] * X.symbol, 0, 1)]
-    )
-    np.testing.assert_allclose(statement.instance([1, 2]).H, 2 * np.e * np.eye(2))
-
-
 # ------------------------------------------------------------------------------- the same answer by other means
-@pytest.mark.parametrize("solver", [name for name in ("daqp", "quadprog") if name in qpsolvers.available_solvers])
-@settings(max_examples=40)
-@given(seeds)
-def test_another_solver_on_the_exported_problem_gives_the_fused_answer(solver: str, seed: int) -> None:
-    qp = random_qp(seed, 4, 2, unbounded=False)
-    FUSED.parameters[:] = parameters_of(qp)
-    FUSED.warm_start(0.0)
-    assert FUSED()
-    problem = to_qpsolvers(GENERAL[4, 2].instance(parameters_of(qp)))
-    options = {"primal_tol": 1e-12, "dual_tol": 1e-12} if solver == "daqp" else {}
-    solution = qpsolvers.solve_problem(problem, solver=solver, **options)
-    np.testing.assert_allclose(FUSED.x, solution.x, atol=1e-7)
-    np.testing.assert_allclose(FUSED.x, solved(qp, solver).x, atol=1e-7)
-
-
-FUSED = FallbackChain(GENERAL[4, 2], solver="qrqp", backup="proxqp", tolerance=1e-8, compile=False)
 
 
 @settings(max_examples=40)
