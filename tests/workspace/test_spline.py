@@ -247,6 +247,13 @@ TORN = (np.vstack((GRID, GRID[7] + 3e-7)), np.vstack((GRID, [[5, 5]])))
 NAN = [[0, 0], [1, 0], [0, math.nan], [1, 1]]
 
 
+def close(fraction: float) -> Array:
+    """The grid, and a point that is so near to one of it, in root mean square distances from the mean."""
+    twice = np.vstack((GRID, GRID[7]))
+    spread = np.linalg.norm(twice - twice.mean(axis=0)) / math.sqrt(len(twice))
+    return twice + np.outer(np.arange(101) == 100, [fraction * spread, 0.0])
+
+
 def test_landmarks_that_determine_no_map_and_what_is_no_point_are_refused_by_name() -> None:
     masked = np.ma.masked_array(SQUARE, [[0, 0], [0, 0], [1, 0], [0, 0]])
     refuses(
@@ -260,10 +267,12 @@ def test_landmarks_that_determine_no_map_and_what_is_no_point_are_refused_by_nam
         ((SQUARE, SQUARE, "much"), "smoothing = "),
         ((np.vstack((SQUARE, SQUARE[1])), np.vstack((SQUARE, [[5, 5]]))), "source[1], source[4] = "),
         (TORN, "source[7], source[100] = "),
+        ((close(0.999e-7), close(0.999e-7)), "source[7], source[100] = "),
         ((masked, SQUARE), "source[2] = "),
         ((np.outer(np.arange(5), [0.3, 0.7]), np.eye(5, 2)), "source = "),
         ((np.outer(np.linspace(0, 1, 3), [1, 1]) * 1e-6, SQUARE[:3]), "source = "),
     )
+    assert not ThinPlateSpline(close(1.001e-7), close(1.001e-7)).weights.any()
     spline = ThinPlateSpline(SQUARE, SQUARE)
     for method in (spline, spline.jacobian, spline.inverse, spline.value_and_jacobian):
         wrong = ([1.0, 2.0, 3.0], np.zeros((2, 3)), "here", np.array([None, 1.0]), [10**400, 0])
