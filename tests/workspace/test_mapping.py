@@ -91,8 +91,11 @@ def test_the_best_rotation_distorts_less_than_none_where_the_sets_lie_across_eac
     assert best.audit(2000).max_stretch < 0.7 * kept.audit(2000).max_stretch
 
 
-def test_landmarks_that_are_added_where_a_map_is_not_proven_leave_it_as_it_is(monkeypatch):
-    monkeypatch.setattr(safe_rule, "least_distorted", lambda spline, images, *_: images)  # nothing else changes it
+def test_landmarks_that_are_added_where_a_map_is_not_proven_leave_it_as_it_is_and_the_source_s_outline_is_drawn(
+    monkeypatch,
+):
+    drawn = []  # nothing else changes a map
+    monkeypatch.setattr(safe_rule, "least_distorted", lambda spline, images, *_: drawn.append(spline.before) or images)
     at, found = np.array([[0.05, 0.05], [0.05, 0.25], [0.04, 0.25]]), []
     safe_rule.safe_landmarks(ell(), blob(), lambda pairs: found.append(ThinPlateSpline(*pairs)) or at, landmarks=50)
     assert len(found) == 1 + safe_rule.REFINEMENTS
@@ -102,6 +105,9 @@ def test_landmarks_that_are_added_where_a_map_is_not_proven_leave_it_as_it_is(mo
     added = found[-1].source[len(found[0].source) :]
     assert 0 < len(added) <= len(at)
     assert all(np.isclose(point, at).all(axis=1).any() for point in added)
+    size, middle = np.sqrt(ell().area), np.array(ell().centroid.coords[0])
+    beyond = [ell().distance(Point(size * point + middle)) for outline in drawn for point in outline]
+    assert beyond == pytest.approx(np.full(len(beyond), safe_rule.DRAWN * size), rel=1e-2)
 
 
 def test_target_shrinks_by_at_most_three_tenths_of_its_inradius_however_little_is_known_of_it(monkeypatch):
