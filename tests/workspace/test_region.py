@@ -80,6 +80,7 @@ def test_an_empty_workspace_is_an_answer() -> None:
     assert EMPTY.contains((0.0, 0.0)) is False
     assert EMPTY.contains([(0.0, 0.0)]).tolist() == [False]
     assert EMPTY.distance((0.0, 0.0)) == math.inf
+    np.testing.assert_array_equal(EMPTY.distance([(0.0, 0.0), (math.nan, 0.0)]), [math.inf, math.nan])
     assert np.isnan(EMPTY.nearest((0.0, 0.0))).all()
     assert "out of reach" in repr(EMPTY)
 
