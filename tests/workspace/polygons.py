@@ -34,7 +34,7 @@ def polygons(draw: st.DrawFn) -> shapely.Polygon | shapely.MultiPolygon:
 
 
 def around(polygon: shapely.Geometry, count: int, reach: float, seed: int) -> np.ndarray:
-    """(count, 2) points spread over `reach` sizes of the polygon, a third close to its boundary, half of those to corners."""
+    """(count, 2) points over `reach` sizes of the polygon, a third near its boundary, half of them at corners."""
     rng = np.random.default_rng(seed)
     low_x, low_y, high_x, high_y = polygon.bounds
     size = max(high_x - low_x, high_y - low_y)
