@@ -20,8 +20,6 @@ from rehab_opt.qp_recording.sequence import ARRAYS, QPSequence, read_sequence
 
 Array = NDArray[np.float64]
 
-MEGABYTE = 1e6
-FOLDER = Path(corpus.__file__).parent
 SEQUENCES = {name: read_sequence(path) for name, path in shipped_sequences().items()}
 NLPS = {name: read_nlp_instances(path) for name, path in shipped_nlp_instances().items()}
 SOLVABLE = [name for name, each in SEQUENCES.items() if each.family not in ("infeasible", "badly_scaled")]
@@ -66,22 +64,13 @@ def assert_same_numbers(made: Array, shipped: Array) -> None:
 
 
 # ---------------------------------------------------------------------------------------------------------- the files
-def test_it_is_small_enough_to_live_in_the_repository() -> None:
-    size = sum(path.stat().st_size for path in FOLDER.rglob("*.npz"))
-    assert 0.1 * MEGABYTE < size <= 5 * MEGABYTE
-
-
-def test_every_capability_and_every_mark_has_a_family() -> None:
-    assert set(families()) >= {
+def test_every_recipe_has_its_file_and_every_file_its_recipe_and_no_family_is_missing() -> None:
+    assert sorted(SEQUENCES) == sorted(corpus.names())
+    assert sorted(NLPS) == sorted(nlp_corpus.names())
+    assert set(families()) == {name.partition("/")[0] for name in SEQUENCES} >= {
         "arm_ik", "ardis", "mirror", "assistance", "field_learning", "pose_tracking",
         "infeasible", "degenerate", "badly_scaled", "nan",
     }  # fmt: skip
-    assert {name.partition("/")[0] for name in shipped_sequences()} == set(families())
-
-
-def test_every_recipe_has_its_file_and_every_file_its_recipe() -> None:
-    assert sorted(SEQUENCES) == sorted(corpus.names())
-    assert sorted(NLPS) == sorted(nlp_corpus.names())
 
 
 @pytest.mark.parametrize("name", SEQUENCES)
