@@ -108,7 +108,10 @@ class TestClosedForms:
         assert workspace.area == pytest.approx(0.06, rel=1e-3)
 
 
-@pytest.fixture(scope="module", params=[pytest.param("regular", marks=pytest.mark.nightly), "restricted"])
+@pytest.fixture(
+    scope="module",
+    params=["restricted", *(pytest.param(each, marks=pytest.mark.nightly) for each in ("regular", "figure_3"))],
+)
 def arm(request: pytest.FixtureRequest) -> SerialChain:
     return human_arm(range_of_motion=request.param)
 

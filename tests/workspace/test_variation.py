@@ -2,8 +2,7 @@
 
 import math
 import pickle
-from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
-from multiprocessing import get_context
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -16,7 +15,6 @@ from scipy.stats import binomtest, kstest, truncnorm
 from rehab_opt import ConfigurationError, human_arm
 from rehab_opt.kinematics.human_arm import ARM_JOINTS, RANGES_OF_MOTION_DEG
 from rehab_opt.workspace import variation
-from rehab_opt.workspace.reach import planar_workspace
 from rehab_opt.workspace.region import Workspace
 from rehab_opt.workspace.used_range import named_ranges
 from rehab_opt.workspace.variation import reachability_map, varied_ranges
@@ -146,23 +144,6 @@ def test_ranges_and_arms_become_workspaces_here_or_elsewhere_in_the_given_order(
     np.testing.assert_array_equal(here.grid, there.grid)
     with pytest.raises(ConfigurationError, match="limbs"):
         reachability_map(mixed, height=-0.3)  # the given workspace is of another plane
-
-
-@pytest.mark.nightly
-def test_drawn_ranges_become_true_workspaces_in_other_processes(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("REHAB_OPT_COMPILE", "wait")  # there, too: see `slices_by_machine_code`
-    monkeypatch.setenv("REHAB_OPT_OPTIMISE", "1")
-    ranges = varied_ranges("regular", spread=0.05, count=2, seed=2)
-    with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
-        fractions = reachability_map(ranges, accuracy=5e-3, spacing=0.01, executor=pool)
-    for drawn, workspace in zip(ranges, fractions.workspaces, strict=True):
-        alone = planar_workspace(human_arm(range_of_motion=drawn), accuracy=5e-3)
-        assert alone.area == pytest.approx(workspace.area, rel=1e-6)
-    always, ever = fractions.region(1.0), fractions.region(0.1)
-    assert 0.01 < always.area < ever.area
-    sizes = [w.area for w in fractions.workspaces]
-    assert always.area + ever.area == pytest.approx(sum(sizes), rel=1e-3)
-    assert fractions.grid.max() == pytest.approx(1.0)
 
 
 def test_drawn_limits_follow_the_stated_truncated_normal() -> None:
