@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.optimize import linprog
 
 from bench.solvers import corpus, nlp_corpus
-from bench.solvers.marked import FACTOR, MAKERS
+from bench.solvers.marked import MAKERS
 from bench.solvers.nlp_instances import read_nlp_instances
 from bench.solvers.shipped import families, shipped_nlp_instances, shipped_sequences
 from rehab_opt.optim.backends import backend
@@ -109,31 +109,6 @@ def test_every_sound_tick_is_a_convex_qp_whose_solution_is_certified(name: str) 
         assert residual <= sequence.tolerance, f"tick {tick}"
 
 
-@pytest.mark.nightly
-@pytest.mark.parametrize("name", [name for name in SEQUENCES if name.startswith("badly_scaled/")])
-def test_a_badly_scaled_one_is_its_origin_in_other_units(name: str) -> None:
-    """The origin's certified answer, in the other units, is certified there; the numbers are far apart."""
-    sequence, origin = SEQUENCES[name], SEQUENCES[MAKERS[name][0]]
-    d, r = FACTOR ** np.linspace(-1, 1, sequence.n), FACTOR ** np.linspace(1, -1, sequence.m)
-    solver = backend("proxqp", origin.n, origin.m)
-    for tick in range(len(sequence)):
-        x, of_bounds, of_rows, _ = solver.solve(origin[tick])
-        assert kkt_residual(sequence[tick], x / d, of_bounds * d, of_rows / r) <= sequence.tolerance
-    size = np.abs(np.diagonal(sequence[0].H))
-    assert size.max() / size[size > 0].min() > FACTOR**2
-
-
-@pytest.mark.nightly
-@pytest.mark.parametrize("name", SEQUENCES)
-def test_exactly_the_marked_ticks_hold_what_is_no_number(name: str) -> None:
-    sequence = SEQUENCES[name]
-    for tick, qp in enumerate(sequence):
-        costs = np.concatenate([qp.H.ravel(), qp.g, qp.A.ravel()])
-        bounds = np.concatenate([qp.rows_lower, qp.rows_upper, qp.lower, qp.upper])
-        broken = not np.isfinite(costs).all() or bool(np.isnan(bounds).any())
-        assert broken == ("nan" in sequence.marks_of(tick))
-
-
 # ----------------------------------------------------------------------------------------------------------- made again
 @pytest.mark.nightly
 @pytest.mark.parametrize(
@@ -182,24 +157,6 @@ def test_a_programme_is_the_library_s_own_and_has_a_certified_answer(name: str) 
         else:
             assert answer.report[0] > 1e-6  # the target is out of reach
     assert len(instances) >= 49
-
-
-@pytest.mark.nightly
-@pytest.mark.parametrize("name", [name for name in NLPS if name.startswith("mirror_window/")])
-def test_a_plan_made_tick_by_tick_keeps_what_its_windows_ask_and_is_nearly_the_best(name: str) -> None:
-    instances = NLPS[name]
-    solver = nlp_solver(instances.nlp, "ipopt", tolerance=instances.tolerance)
-    floored = 0
-    for parameters, start in list(zip(instances.parameters, instances.starts, strict=True))[::7]:
-        nothing = np.zeros(instances.nlp.n + instances.nlp.m)
-        planned, cost, _, violation, _ = instances.nlp.certify(parameters, start, nothing)
-        np.testing.assert_array_equal(np.array(planned).reshape(-1), start)
-        assert float(violation) <= 1e-9
-        solver.parameters[:] = parameters
-        answer = solver.solve(start)
-        assert answer.cost <= float(cost) + 1e-12
-        floored += bool(answer.report.min() <= 0.3 + 1e-6)
-    assert floored or not name.endswith("fruit")
 
 
 @pytest.mark.parametrize("name", [name for name, each in NLPS.items() if each.statement == "mirror_plan"])
