@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.optimize import minimize
 
-from rehab_opt import SerialChain, human_arm
+from rehab_opt import human_arm
 from rehab_opt.kinematics.human_arm import ARM_JOINTS, ARM_REST
 from tests.kinematics.dh_oracle import Array, chain_pose
 from tests.refusals import refuses
@@ -60,31 +59,6 @@ def test_caption_of_figure_3_is_the_regular_range_with_the_elbow_at_110_deg() ->
     upper_arm, forearm = shoulder - elbow, wrist - elbow
     cosine = upper_arm @ forearm / (np.linalg.norm(upper_arm) * np.linalg.norm(forearm))
     assert np.rad2deg(np.arccos(cosine)) == pytest.approx(110.0)
-
-
-@pytest.mark.parametrize(("rom", "best_deg"), [("regular", 0.0), ("restricted", 0.7)])
-def test_both_ranges_hold_the_handle_upright_at_the_height_of_the_table(rom: str, best_deg: float) -> None:
-    arm = human_arm(range_of_motion=rom)
-    tilt = smallest_tilt(arm, height=-0.24)
-    assert np.rad2deg(tilt) == pytest.approx(best_deg, abs=0.06)
-
-
-def smallest_tilt(arm: SerialChain, *, height: float) -> float:
-    """Angle of the handle to the vertical [rad], the least that scipy finds with the hand at `height`."""
-    rng, best = np.random.default_rng(6), np.pi
-    for _ in range(8):
-        found = minimize(
-            lambda q: 1 - arm.pose(q)[2, 0],
-            rng.uniform(arm.lower, arm.upper),
-            method="SLSQP",
-            bounds=list(zip(arm.lower, arm.upper, strict=True)),
-            constraints={"type": "eq", "fun": lambda q: arm.pose(q)[2, 3] - height},
-            options={"ftol": 1e-14, "maxiter": 300},
-        )
-        if abs(arm.pose(found.x)[2, 3] - height) <= 1e-8:
-            assert np.all((arm.lower - 1e-9 <= found.x) & (found.x <= arm.upper + 1e-9))
-            best = min(best, float(np.arctan2(np.linalg.norm(arm.pose(found.x)[:2, 0]), arm.pose(found.x)[2, 0])))
-    return best
 
 
 def test_ranges_by_anatomical_names_count_the_scapula_from_its_rest() -> None:

@@ -147,13 +147,14 @@ def test_ur5_from_a_file_is_the_ur5_of_this_library(arm_file: Path) -> None:
 
 def test_a_locked_joint_stays_where_it_is_and_is_no_joint(arm_file: Path) -> None:
     edges = random_arm(np.random.default_rng(6), 5)
-    held = moving(edges)[2]
-    value = 0.3 if held.kind == "continuous" else (held.lower + held.upper) / 2
-    chain = read(arm_file, edges, locked={held.name: value})
-    assert chain.n == 4
-    assert any(f"joint {held.name} is locked at {value:.6g}" in note for note in chain.notes)
-    q = np.linspace(-1, 1, 4)
-    np.testing.assert_allclose(chain.pose(q), pose_of(edges, np.insert(q, 2, value)), atol=1e-12)
+    assert {held.kind for held in moving(edges)} == {"revolute", "continuous", "prismatic"}
+    for i, held in enumerate(moving(edges)):
+        value = 0.3 if held.kind == "continuous" else (held.lower + held.upper) / 2
+        chain = read(arm_file, edges, locked={held.name: value})
+        assert chain.n == 4
+        assert any(f"joint {held.name} is locked at {value:.6g}" in note for note in chain.notes)
+        q = np.linspace(-1, 1, 4)
+        np.testing.assert_allclose(chain.pose(q), pose_of(edges, np.insert(q, i, value)), atol=1e-12)
 
 
 def test_a_coupled_joint_is_ignored_beside_the_chain_and_refused_on_it(arm_file: Path) -> None:
