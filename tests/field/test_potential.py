@@ -123,13 +123,6 @@ def test_many_points_and_one_point_agree() -> None:
     np.testing.assert_allclose(each.energy(x), [each.energy(a) for a in x], rtol=1e-9)
 
 
-@pytest.mark.usefixtures("shipped")
-def test_compiled_and_interpreted_agree() -> None:
-    other = field(HOOK, drag=200.0, compile=None)
-    for x in np.random.default_rng(5).uniform(-0.3, 0.6, (20, 2)):
-        np.testing.assert_allclose(other.force(x), FAR.force(x), rtol=1e-10, atol=1e-10)
-
-
 def test_stiffness_may_vary_along_the_path() -> None:
     stiffness = np.linspace(500.0, 1500.0, 300)
     each = field(LINE, stiffness=stiffness)

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from scipy.interpolate import RBFInterpolator
 from scipy.special import xlogy
 
-from rehab_opt.symbolic.compiled import _compiler
 from rehab_opt.workspace.spline import ThinPlateSpline
 from tests.refusals import refuses
 
@@ -167,35 +166,6 @@ def test_map_that_sums_over_all_landmarks_has_the_same_images() -> None:
     points = rng.uniform(-1, 1, (200, 2))
     np.testing.assert_allclose(spline.summed()(points), spline(points), atol=1e-9)
     assert np.abs(spline(points) - points).max() > 0.05  # so that the inverse map is another one
-
-
-@pytest.mark.skipif(_compiler() is None, reason="no C compiler on this machine")
-@pytest.mark.usefixtures("shipped")
-@pytest.mark.parametrize("n", [4, 200])
-def test_the_virtual_machine_gives_the_same_numbers(n: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    source, target = landmarks(n, n)
-    points = np.vstack((around(source, 20), source))
-    quick = ThinPlateSpline(source, target)
-    fast = [quick.value_and_jacobian(p) for p in points], [quick(p) for p in points]
-    monkeypatch.setenv("REHAB_OPT_COMPILE", "0")
-    plain = ThinPlateSpline(source, target)
-    slow = [plain.value_and_jacobian(p) for p in points], [plain(p) for p in points]
-    for (value, jacobian), image, (slow_value, slow_jacobian), slow_image in zip(*fast, *slow, strict=True):
-        np.testing.assert_allclose(value, slow_value, rtol=1e-12)
-        np.testing.assert_allclose(image, slow_image, rtol=1e-12)
-        np.testing.assert_allclose(jacobian, slow_jacobian, rtol=1e-12, atol=1e-12)
-
-
-def test_chunks_of_a_large_array_join_without_a_seam() -> None:
-    spline = ThinPlateSpline(*landmarks(8, 200))
-    points = around(spline.source, 1000)
-    halves = np.vstack([spline(some) for some in np.array_split(points, 7)])
-    np.testing.assert_allclose(
-        spline(points), halves, rtol=1e-10, atol=1e-10
-    )  # a matrix product sums in an order of its own
-    assert spline(np.empty((0, 2))).shape == (0, 2)
-    assert spline.jacobian(np.empty((0, 2))).shape == (0, 2, 2)
-    assert spline.inverse(np.empty((0, 2))).shape == (0, 2)
 
 
 def test_what_is_no_number_stays_so_and_harms_no_neighbour() -> None:
