@@ -123,6 +123,20 @@ def test_many_points_and_one_point_agree() -> None:
     np.testing.assert_allclose(each.energy(x), [each.energy(a) for a in x], rtol=1e-9)
 
 
+def test_more_samples_change_nothing() -> None:
+    x = np.random.default_rng(7).uniform((-0.2, 0.35), (0.2, 0.55), (30, 2))
+    fine = field(HOOK, drag=200.0, spacing=0.025 / 16)
+    apart = np.linalg.norm(fine.force(x) - FAR.force(x), axis=1)
+    assert apart.max() < 0.4  # of up to 200 N: from the curved path's chords
+
+
+def test_beyond_its_target_a_hand_is_brought_back() -> None:
+    for options in SETTINGS[:4]:
+        each = field(LINE, **options)
+        for beyond in (0.002, 0.01, 0.03, 0.1, 0.3, 1.0):
+            assert each.force([0.15 + beyond, 0.4])[0] < 0.0
+
+
 def test_stiffness_may_vary_along_the_path() -> None:
     stiffness = np.linspace(500.0, 1500.0, 300)
     each = field(LINE, stiffness=stiffness)
