@@ -47,8 +47,8 @@ class Cdr:
         """A sequence of float64."""
         array = np.ascontiguousarray(values, dtype="<f8")
         self.number("I", array.size)
-        if array.size:  # an empty sequence has no elements to align
-            self._bytes += bytes(-(len(self._bytes) - len(HEADER)) % 8) + array.tobytes()
+        if array.size:  # an empty sequence has none to align; behind the count 0 or 4 bytes lack
+            self._bytes += bytes(4 - len(self._bytes) % 8) + array.tobytes()
         return self
 
     def done(self) -> bytes:

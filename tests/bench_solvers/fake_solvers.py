@@ -98,17 +98,6 @@ class Wary(Fake):
         return bool((given.lower <= given.upper).all() and np.isfinite(given.g).all()), exact(given)
 
 
-class Fickle(Fake):
-    """Says no to NaN as long as a file is not there, which it makes; then it claims an answer."""
-
-    def solve(self, given: Instance, *, warm: bool) -> Any:
-        if not np.isnan(given.g).any():
-            return True, exact(given)
-        told_before = Path(self.how).exists()
-        Path(self.how).touch()
-        return told_before, exact(given)
-
-
 class Talkative(Fake):
     """Solves at once, and takes its time to say so."""
 
@@ -126,29 +115,9 @@ class Counted(Fake):
             marks.write("x")
 
 
-def fake(sequence: RecordedQPs, how: str) -> Fake:
-    return Fake(sequence, how)
-
-
-def gullible(sequence: RecordedQPs, how: str) -> Fake:
-    return Gullible(sequence, how)
-
-
-def wary(sequence: RecordedQPs, how: str) -> Fake:
-    return Wary(sequence, how)
-
-
-def talkative(sequence: RecordedQPs, how: str) -> Fake:
-    return Talkative(sequence, how)
-
-
-def counted(sequence: RecordedQPs, file: str) -> Fake:
-    return Counted(sequence, file)
-
-
-def unmakeable(sequence: RecordedQPs, why: str) -> Fake:
+def unmakeable(_: RecordedQPs, why: str) -> Fake:
     raise ValueError(why)
 
 
 def entrant(how: str) -> Entrant:
-    return Entrant(how, fake, how)
+    return Entrant(how, Fake, how)

@@ -79,7 +79,7 @@ def test_an_interruption_that_a_solver_swallowed_is_seen_at_the_next_step() -> N
     assert seen == [("before", 1, 2)]
 
 
-@pytest.mark.skipif(not hasattr(signal, "SIGINT"), reason="needs signals")
+@pytest.mark.nightly
 def test_interrupted_it_keeps_what_it_has_and_ends_with_130(folder: Path) -> None:
     command = [sys.executable, "-m", "rehab_opt", "bench", "--family", "boxes.npz"]
     process = subprocess.Popen(

@@ -13,7 +13,7 @@ from bench.solvers.instances import RecordedQPs
 from bench.solvers.passes import Rules
 from bench.solvers.record import RECORD
 from bench.solvers.run import Comparison, compare, header, write_comparison
-from tests.bench_solvers.fake_solvers import boxes, counted, entrant
+from tests.bench_solvers.fake_solvers import Counted, boxes, entrant
 
 RULES = Rules(limit=0.5, repeats=1)
 NAN = ((), ("nan",), (), (), (), ())
@@ -44,7 +44,7 @@ def test_a_table_figures_and_numbers_are_written(tmp_path: Path) -> None:
 
 def test_what_is_done_is_not_done_again(tmp_path: Path) -> None:
     made = tmp_path / "made"
-    who = Entrant("counted", counted, str(made))
+    who = Entrant("counted", Counted, str(made))
 
     class Stopped(Exception):  # noqa: N818
         pass
@@ -91,7 +91,7 @@ def test_an_interrupted_comparison_tells_what_can_be_compared(tmp_path: Path) ->
 
 def test_passes_of_another_state_of_the_library_are_made_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     made = tmp_path / "made"
-    who = Entrant("counted", counted, str(made))
+    who = Entrant("counted", Counted, str(made))
     list(compare([RecordedQPs(boxes())], [who], out=tmp_path, rules=RULES))
     before = len(made.read_text())
     monkeypatch.setattr(record, "software_digest", lambda: "one line is other")

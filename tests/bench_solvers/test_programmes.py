@@ -47,12 +47,3 @@ def test_a_worker_gets_the_same_programmes(boundary: Programmes) -> None:
     )
     for one, same in zip(boundary[3], other[3], strict=True):
         assert np.array_equal(one, same)
-
-
-def test_families_of_programmes_are_told_from_those_of_qps() -> None:
-    assert {name.partition("/")[0] for name in shipped_programmes()} == {
-        "nlp_arm_ik",
-        "nlp_boundary",
-        "nlp_mirror_standing",
-        "nlp_mirror_window",
-    }

@@ -1,15 +1,13 @@
 """Claims about the corpus inside qpbenchmark, which runs it here itself."""
 
 import math
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from bench.solvers import qpbenchmark_set
 from bench.solvers.qpbenchmark_set import corpus_test_set
-from bench.solvers.shipped import families, shipped_sequences
+from bench.solvers.shipped import shipped_sequences
 from rehab_opt.qp_recording.sequence import read_sequence
 
 SOLVERS = ("proxqp", "daqp")
@@ -37,19 +35,6 @@ def test_qpbenchmark_runs_a_few_of_it_and_finds_them_solved(tmp_path: Path) -> N
     for measure in ("primal_residual", "dual_residual"):
         assert (frame[measure] < 1e-7).all()
     assert (tmp_path / "results.csv").exists()
-
-
-@pytest.mark.usefixtures("qpbenchmark")
-def test_its_command_finds_the_class_by_the_file_s_name() -> None:
-    from qpbenchmark.benchmark import load_test_set  # noqa: PLC0415
-
-    before = list(sys.path)
-    try:
-        found = load_test_set(str(Path(qpbenchmark_set.__file__)))
-    finally:
-        sys.path[:] = before
-        sys.modules.pop("qpbenchmark_set", None)
-    assert {problem.name.partition("/")[0] for problem in found} == set(families()) - {"infeasible"}
 
 
 @pytest.mark.usefixtures("qpbenchmark")

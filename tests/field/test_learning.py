@@ -11,6 +11,7 @@ from rehab_opt.field.force_model import shared_model, station_model
 from rehab_opt.field.samples import arc_length, mean_path, resampled_path
 from rehab_opt.optim.recorder import recording_qps
 from tests.field.demonstrators import WAY, S, led_hands
+from tests.refusals import refuses
 
 TRUE = {"stiffness": 1000.0, "drag": 200.0, "damping": 8.0}
 
@@ -31,27 +32,6 @@ def test_without_noise_stiffness_drag_and_damping_are_recovered(rest_on_target: 
     assert fit.held_out_fraction < 1e-6
     assert fit.unidentified == ()
     assert 0.0 <= fit.residual <= 1e-6
-
-
-@pytest.mark.parametrize(
-    ("time", "force", "said"),
-    [(1e3, 1.0, "m/s.*another unit"), (1e-3, 1.0, "m/s.*another unit"), (1.0, 1e3, " N.*another unit")],
-)
-def test_a_demonstration_in_another_unit_is_refused(time: float, force: float, said: str) -> None:
-    """From forces in mN a stiffness of 1.6e6 N/m was learnt."""
-    hands = led_hands(truth())
-    hands[3] = Demonstration(hands[3].positions, force * hands[3].forces, dt=2.0 * time / 299)
-    with pytest.raises(ConfigurationError, match=rf"demonstrations\[3\] = .*{said}"):
-        learnt(hands)
-
-
-@pytest.mark.parametrize("name", ["forces", "velocities"])
-def test_the_first_number_that_is_none_is_named(name: str) -> None:
-    (hand,) = led_hands(truth(), count=1)
-    columns = {"positions": hand.positions, "forces": hand.forces, "velocities": hand.velocities}
-    columns[name][[7, 9], 1] = math.nan
-    with pytest.raises(ConfigurationError, match=rf"{name}\[7\] = \[.*, nan\]: expected finite"):
-        Demonstration(**columns)
 
 
 def test_with_noise_the_error_left_is_the_noise() -> None:
@@ -167,33 +147,6 @@ def test_the_mean_of_swaying_paths_is_smooth_and_keeps_its_ends() -> None:
     np.testing.assert_array_equal(mean_path([still], 0.01), np.zeros((400, 2)))
 
 
-@pytest.mark.parametrize(
-    ("options", "named"),
-    [
-        ({"forces": np.zeros((3, 2))}, "forces"), ({"dt": None}, "dt"),
-        ({"times": np.zeros(4)}, "times"), ({"positions": [[0.0, 1.0], [1.0]]}, "positions"),
-
-    ],
-)  # fmt: skip
-def test_a_recording_that_cannot_be_used_is_named(options: dict, named: str) -> None:
-    given = {"positions": np.arange(8.0).reshape(4, 2), "forces": np.zeros((4, 2)), "dt": 0.1, **options}
-    with pytest.raises(ConfigurationError, match=f"^{named}"):
-        Demonstration(**given)
-
-
-@pytest.mark.parametrize(
-    ("options", "named"),
-    [
-        ({"width": -1.0}, "width"), ({"held_out": [99]}, "held_out"), ({"held_out": [1.7]}, "held_out"),
-        ({"solvers": "daqp"}, "solvers = 'daqp'"),
-        ({"stations": 1}, "stations"), ({"regularisation": 0.0}, "regularisation"),
-    ],
-)  # fmt: skip
-def test_options_that_cannot_be_used_are_named(options: dict, named: str) -> None:
-    with pytest.raises(ConfigurationError, match=f"^{named}"):
-        learnt(led_hands(truth(), samples=20), **options)
-
-
 def test_the_standard_error_covers_what_repeated_demonstrations_scatter() -> None:
     found, stated = [], []
     for seed in range(12):
@@ -247,3 +200,25 @@ def test_fits_of_several_widths_are_recorded_as_problems_of_one_size_each() -> N
     for stream in recorder.streams:
         assert len({(qp.g.size, qp.rows_lower.size) for qp in stream.instances()}) == 1
     assert sum(len(stream) for stream in recorder.streams) == 3
+
+
+def test_recordings_and_options_that_cannot_be_used_are_named() -> None:
+    """Also in another unit: from forces in mN a stiffness of 1.6e6 N/m was learnt."""
+    hands = led_hands(truth())
+    for time, force, said in ((1e3, 1.0, "m/s"), (1e-3, 1.0, "m/s"), (1.0, 1e3, " N")):
+        other = Demonstration(hands[3].positions, force * hands[3].forces, dt=2.0 * time / 299)
+        refuses(learnt, (([*hands[:3], other],), "demonstrations[3] = ", said, "another unit"))
+    good = {"positions": np.arange(8.0).reshape(4, 2), "forces": np.zeros((4, 2)), "dt": 0.1}
+    lacking = np.where(np.arange(8).reshape(4, 2) == 5, math.nan, 0.0)
+    refuses(
+        Demonstration,
+        (good | {"forces": np.zeros((3, 2))}, "forces"),
+        (good | {"dt": None}, "dt"),
+        (good | {"times": np.zeros(4)}, "times"),
+        (good | {"positions": [[0.0, 1.0], [1.0]]}, "positions"),
+        (good | {"forces": lacking}, "forces[2] = [0.0, nan]: expected finite"),
+        (good | {"dt": None, "velocities": lacking}, "velocities[2] = [0.0, nan]: expected finite"),
+    )
+    few = led_hands(truth(), samples=20)
+    wrong = [("width", -1.0), ("held_out", [99]), ("held_out", [1.7]), ("stations", 1), ("regularisation", 0.0)]
+    refuses(learnt, *(({"hands": few, name: value}, name) for name, value in [*wrong, ("solvers", "daqp")]))

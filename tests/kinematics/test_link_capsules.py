@@ -11,20 +11,18 @@ from rehab_opt.control.hand_bounds import guarded_points
 from rehab_opt.kinematics.human_arm import ARM_REST
 from rehab_opt.kinematics.room import arm_capsules
 from rehab_opt.kinematics.ur5 import UR5_CAPSULES
+from tests.refusals import refuses
 
 GOOD = LinkCapsule("hand", 7, (0.0, 0.0, 0.0), (0.0, 0.0, 0.1), 0.05)
 
 
-@pytest.mark.parametrize(
-    "changed",
-    [
+def test_a_capsule_that_is_none_is_refused_by_name() -> None:
+    changes: list[dict[str, Any]] = [
         {"frame": 8}, {"frame": -1}, {"frame": 1.0}, {"radius": -0.01}, {"radius": math.nan}, {"start": (0.0, 0.0)},
         {"end": (0.0, math.inf, 0.0)}, {"name": 3}, {"end": None},
-    ],
-)  # fmt: skip
-def test_a_capsule_that_is_none_is_refused_by_name(changed: dict[str, Any]) -> None:
-    with pytest.raises(ConfigurationError, match=r"capsules\[7\]"):
-        ur5(capsules=[*UR5_CAPSULES, GOOD._replace(**changed)])
+    ]  # fmt: skip
+    wrong = ([*UR5_CAPSULES, GOOD._replace(**changed)] for changed in changes)
+    refuses(ur5, *(({"capsules": capsules}, "capsules[7]") for capsules in wrong))
 
 
 def test_balls_within_others_and_those_that_rest_are_left_out() -> None:

@@ -77,28 +77,23 @@ def test_events_in_pieces_are_those_in_one(cable: Cable) -> None:
     assert len(whole.axes) == 8
 
 
-def test_the_switch_is_held_while_its_button_is(pad: Gamepad, cable: Cable) -> None:
-    cable.button(SWITCH, 0, opening=OPENING)
-    assert not pad.read().held
-    cable.button(SWITCH, 1)
-    assert pad.read().held
-    cable.button(2, 1)
-    state = pad.read()
-    assert state.held
-    assert state.buttons == 0b10100
-    cable.button(SWITCH, 0)
-    assert not pad.read().held
-
-
-def test_a_button_that_was_down_at_the_opening_must_be_let_go_first(pad: Gamepad, cable: Cable) -> None:
+def test_the_switch_is_held_while_its_button_is_and_must_be_let_go_first_if_it_was_down_at_the_opening(
+    pad: Gamepad, cable: Cable
+) -> None:
     assert not pad.read().held
     cable.button(SWITCH, 1, opening=OPENING)
     assert not pad.read().held
     cable.button(SWITCH, 1)
     assert not pad.read().held
     cable.button(SWITCH, 0)
+    assert not pad.read().held
     cable.button(SWITCH, 1)
     assert pad.read().held
+    cable.button(2, 1)
+    state = pad.read()
+    assert (state.held, state.buttons) == (True, 0b10100)
+    cable.button(SWITCH, 0)
+    assert not pad.read().held
 
 
 def test_a_gamepad_that_is_pulled_out_is_lost_and_holds_nothing(pad: Gamepad, cable: Cable) -> None:

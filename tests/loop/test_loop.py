@@ -4,8 +4,8 @@ import gc
 import math
 import os
 import signal
-import time
 from collections.abc import Callable, Iterator
+from functools import partial
 
 import numpy as np
 import pytest
@@ -22,6 +22,7 @@ from rehab_opt.loop.shared_ring import SharedRing
 from rehab_opt.plants.ideal import IdealJoints
 from rehab_opt.plants.plant import Measurement, Truth
 from tests.loop.clock import Clock
+from tests.refusals import refuses
 
 DT = 0.001
 
@@ -137,18 +138,14 @@ def test_a_state_that_grows_old_brakes(clock: Clock, state: SharedRing) -> None:
     assert b"the measured state is 21 ms old, at most 20 ms" in state.news().records["reason"]
 
 
-def test_a_state_without_a_stamp_that_is_a_time_brakes(clock: Clock) -> None:
+@pytest.mark.parametrize(("name", "value", "said"), [("frozen_at", math.nan, b""), ("ahead", 7.0, b"7000 ms ahead")])
+def test_a_stamp_that_is_no_time_or_on_another_clock_brakes(
+    clock: Clock, state: SharedRing, name: str, value: float, said: bytes
+) -> None:
     robot = Robot(clock)
-    robot.frozen_at = math.nan
-    Loop(robot, one_or_none).run(seconds=0.05)
-    assert not any(speed for _, speed in robot.sent)
-
-
-def test_a_stamp_on_another_clock_brakes(clock: Clock, state: SharedRing) -> None:
-    robot = Robot(clock)
-    robot.ahead = 7.0
+    setattr(robot, name, value)
     Loop(robot, one_or_none, state=state).run(seconds=0.05)
-    assert b"7000 ms ahead" in state.news().records["reason"][0]
+    assert said in state.news().records["reason"][0]
     assert not any(speed for _, speed in robot.sent)
 
 
@@ -208,7 +205,7 @@ def test_a_device_is_stopped_where_the_controller_fails(clock: Clock) -> None:
     assert robot.stopped == 1
 
 
-def test_ctrl_c_brakes(clock: Clock) -> None:
+def test_ctrl_c_that_breaks_a_tick_off_brakes(clock: Clock) -> None:
     robot = Robot(clock)
 
     def interrupted(tick: Tick) -> Command:
@@ -216,17 +213,8 @@ def test_ctrl_c_brakes(clock: Clock) -> None:
             raise KeyboardInterrupt
         return one_or_none(tick)
 
-    report = Loop(robot, interrupted).run()
-    assert report.reason == "interrupted"
+    assert Loop(robot, interrupted).run().reason == "interrupted"
     assert robot.sent[-1][1] == 0.0
-
-
-def test_a_wall_clock_that_is_stepped_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(time, "time", lambda: pytest.fail("the wall clock was read"))
-    plant = IdealJoints(DT)
-    plant.reset([0.0])
-    with SharedRing.create(state_layout(1)) as ring:
-        assert Loop(plant, one_or_none, state=ring).run(seconds=0.02).ticks > 0
 
 
 def test_a_robot_is_at_rest_when_its_loop_ends(clock: Clock) -> None:
@@ -263,12 +251,9 @@ def test_what_was_changed_of_the_process_is_put_back(monkeypatch: pytest.MonkeyP
     assert told.startswith("SCHED_OTHER: SCHED_FIFO 5 is not permitted")
 
 
-@pytest.mark.parametrize(
-    ("name", "value"), [("max_age", math.nan), ("max_age", 0.0), ("dead_man", 11.0), ("dead_man", math.nan)]
-)
-def test_times_that_are_none_are_refused(clock: Clock, name: str, value: float) -> None:
-    with pytest.raises(ConfigurationError, match=name):
-        Loop(Robot(clock), one_or_none, **{name: value})  # type: ignore[arg-type]
+def test_times_that_are_none_are_refused(clock: Clock) -> None:
+    wrong = [("max_age", math.nan), ("max_age", 0.0), ("dead_man", 11.0), ("dead_man", math.nan)]
+    refuses(partial(Loop, Robot(clock), one_or_none), *(({name: value}, name) for name, value in wrong))
 
 
 def test_percentiles_are_those_of_numpy_within_the_bins() -> None:
@@ -282,10 +267,20 @@ def test_percentiles_are_those_of_numpy_within_the_bins() -> None:
         assert exact <= times.percentile(percent) <= exact * 1.0221
 
 
-@pytest.mark.parametrize(("number", "said"), [(signal.SIGINT, "interrupted"), (signal.SIGTERM, "ended by SIGTERM")])
-def test_ctrl_c_and_sigterm_wait_for_the_end_of_a_tick(clock: Clock, number: signal.Signals, said: str) -> None:
-    """A controller that it stopped half-way, in a solver that makes another error of it, could not brake."""
-    ended, before = [], signal.getsignal(number)
+@pytest.mark.parametrize(
+    ("number", "ignored", "said"),
+    [
+        (signal.SIGINT, False, "interrupted"),
+        (signal.SIGTERM, False, "ended by SIGTERM"),
+        (signal.SIGTERM, True, "ended by SIGTERM"),
+    ],
+)
+def test_ctrl_c_and_sigterm_wait_for_the_end_of_a_tick(
+    clock: Clock, number: signal.Signals, ignored: bool, said: str
+) -> None:
+    """A controller stopped half-way could not brake; a live page's process ignores Ctrl-C."""
+    ended, before = [], signal.getsignal(signal.SIGINT)
+    left = signal.SIG_IGN if ignored else before
 
     def decide(tick: Tick) -> Command:
         if tick.number == 20:
@@ -294,10 +289,14 @@ def test_ctrl_c_and_sigterm_wait_for_the_end_of_a_tick(clock: Clock, number: sig
         return one_or_none(tick)
 
     robot = Robot(clock)
-    assert Loop(robot, decide).run(seconds=1.0).reason == said
+    signal.signal(signal.SIGINT, left)
+    try:
+        assert Loop(robot, decide).run(seconds=1.0).reason == said
+        assert signal.getsignal(signal.SIGINT) is left
+    finally:
+        signal.signal(signal.SIGINT, before)
     assert ended == list(range(22))
     assert [speed for _, speed in robot.sent[20:]] == [1.0, 0.0]
-    assert signal.getsignal(number) is before
 
 
 def test_a_command_that_is_no_number_is_not_sent_and_stops_the_device(clock: Clock) -> None:
@@ -310,23 +309,6 @@ def test_a_command_that_is_no_number_is_not_sent_and_stops_the_device(clock: Clo
         Loop(robot, decide).run(seconds=1.0)
     assert len(robot.sent) == 20
     assert robot.stopped == 1
-
-
-def test_sigterm_brakes_where_ctrl_c_is_ignored(clock: Clock) -> None:
-    """So it is in the process of a live page's controller."""
-
-    def decide(tick: Tick) -> Command:
-        if tick.number == 20:
-            signal.raise_signal(signal.SIGTERM)
-        return one_or_none(tick)
-
-    robot, before = Robot(clock), signal.signal(signal.SIGINT, signal.SIG_IGN)
-    try:
-        assert Loop(robot, decide).run(seconds=1.0).reason == "ended by SIGTERM"
-        assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
-    finally:
-        signal.signal(signal.SIGINT, before)
-    assert [speed for _, speed in robot.sent[20:]] == [1.0, 0.0]
 
 
 def test_a_second_ctrl_c_ends_a_controller_that_hangs(clock: Clock) -> None:

@@ -48,7 +48,14 @@ def test_a_problem_is_run_in_time_and_again_from_its_log(tmp_path: Path, capsys:
     assert "the command differs by 1e-09" in said
 
 
-@pytest.mark.parametrize("name", ["mirror/franka_pick_fruit", "ardis/kinova_drink", "upper_limb/scenario_1_stretch"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "ardis/kinova_drink",
+        "upper_limb/scenario_1_stretch",
+        pytest.param("mirror/franka_pick_fruit", marks=pytest.mark.nightly),
+    ],
+)
 def test_every_kind_that_is_live_is_run_in_time_and_again(name: str, tmp_path: Path, clock: Clock) -> None:
     """On a clock on which no machine is too busy for a tick."""
     path = tmp_path / "trace.mcap"

@@ -4,6 +4,7 @@ import socket
 import subprocess
 import sys
 import time
+from functools import partial
 from types import SimpleNamespace
 from typing import Any
 
@@ -14,7 +15,7 @@ from rehab_opt.control.command import Command, Relaxed, Status
 from rehab_opt.errors import ConfigurationError, DeviceLostError
 from rehab_opt.loop import ros2
 from rehab_opt.loop.loop import Loop
-from rehab_opt.loop.messages import JOINT_STATE, joint_state
+from rehab_opt.loop.messages import JOINT_STATE
 from rehab_opt.loop.of_problem import connected
 from rehab_opt.loop.records import Tick
 from rehab_opt.loop.ros2 import connect_ros2, joints_of
@@ -30,11 +31,39 @@ PATIENCE = 120.0
 """[s] that something may take there."""
 
 
-def test_a_robot_in_another_process_is_led_and_its_end_is_told() -> None:
+@pytest.mark.parametrize("seed", range(6))
+def test_joint_states_are_read_as_another_library_writes_them(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    names = [
+        "".join(rng.choice(list("abcö"), size=int(rng.integers(1, 9)))) + str(i) for i in range(int(rng.integers(1, 9)))
+    ]
+    position, velocity = rng.normal(size=(2, len(names)))
+    velocity = velocity if seed % 2 else np.zeros(0)
+    message = {
+        "header": {"stamp": {"sec": 5, "nanosec": 6}, "frame_id": "f" * (seed % 5)}, "name": names,
+        "position": position.tolist(), "velocity": velocity.tolist(), "effort": [1.0],
+    }  # fmt: skip
+    written = dynamic.serialize_dynamic(JOINT_STATE.name, JOINT_STATE.definition)[JOINT_STATE.name](message)
+    order = rng.permutation(len(names))
+    found = joints_of(bytes(written), [names[i] for i in order])
+    np.testing.assert_array_equal(found[0], position[order])
+    np.testing.assert_array_equal(found[1], velocity[order] if velocity.size else np.zeros(len(names)))
+    cut = int(rng.integers(len(written) - 20))
+    with pytest.raises(DeviceLostError):
+        joints_of(bytes(written)[:cut], names)
+    with pytest.raises(DeviceLostError, match="knee"):
+        joints_of(bytes(written), ["knee"])
+
+
+def test_a_robot_that_a_problem_file_names_is_led_and_its_end_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It runs in another process, and its joints are called as the problem's own."""
     from tests.loop.ros2_robot import NAMES, START, TRUTH  # noqa: PLC0415  (needs zenoh)
 
     with socket.create_server(("127.0.0.1", 0)) as free:
-        port = free.getsockname()[1]
+        address = f"tcp/127.0.0.1:{free.getsockname()[1]}"
+    monkeypatch.setattr(ros2, "connect_ros2", partial(connect_ros2, watchdog=WATCHDOG))
+    table = JointPlant(kind="ros2", address=address, delay_ms=20.0)
+    problem: Any = SimpleNamespace(device=device_of(table), names=NAMES, encoders=3, dt=0.005)
 
     def move(tick: Tick) -> Command:
         status = Status.OK if tick.enabled else Status.HOLDING
@@ -42,12 +71,12 @@ def test_a_robot_in_another_process_is_led_and_its_end_is_told() -> None:
         return Command(value, status, "", 0.0, 0, "", Relaxed.NOTHING, 1.0)
 
     with SharedRing.create(TRUTH) as truth:
-        command = [sys.executable, "-m", "tests.loop.ros2_robot", str(port), truth.name]
+        command = [sys.executable, "-m", "tests.loop.ros2_robot", address.rpartition(":")[2], truth.name]
         with subprocess.Popen(command) as process:
             while truth.latest() is None:
                 assert process.poll() is None
                 time.sleep(0.01)
-            with connect_ros2(NAMES, rate_hz=200.0, locator=f"tcp/127.0.0.1:{port}", watchdog=WATCHDOG) as robot:
+            with connected(problem) as robot:
                 np.testing.assert_allclose(robot.reset(START).position, START)
                 went: list[np.ndarray] = []
 
@@ -69,64 +98,11 @@ def test_a_robot_in_another_process_is_led_and_its_end_is_told() -> None:
                 assert "has told nothing for" in report.reason
 
 
-@pytest.mark.parametrize("seed", range(20))
-def test_joint_states_are_read_as_another_library_writes_them(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    names = [
-        "".join(rng.choice(list("abcö"), size=int(rng.integers(1, 9)))) + str(i) for i in range(int(rng.integers(1, 9)))
-    ]
-    position, velocity = rng.normal(size=(2, len(names)))
-    velocity = velocity if seed % 2 else np.zeros(0)
-    message = {
-        "header": {"stamp": {"sec": 5, "nanosec": 6}, "frame_id": "f" * (seed % 5)}, "name": names,
-        "position": position.tolist(), "velocity": velocity.tolist(), "effort": [1.0],
-    }  # fmt: skip
-    written = dynamic.serialize_dynamic(JOINT_STATE.name, JOINT_STATE.definition)[JOINT_STATE.name](message)
-    order = rng.permutation(len(names))
-    found = joints_of(bytes(written), [names[i] for i in order])
-    np.testing.assert_array_equal(found[0], position[order])
-    np.testing.assert_array_equal(found[1], velocity[order] if velocity.size else np.zeros(len(names)))
-    cut = int(rng.integers(len(written) - 20))
-    with pytest.raises(DeviceLostError):
-        joints_of(bytes(written)[:cut], names)
-
-
-def test_a_joint_that_is_not_told_is_refused() -> None:
-    with pytest.raises(DeviceLostError, match="knee"):
-        joints_of(joint_state(0, ["elbow"], [0.1]), ["knee"])
-
-
-def test_without_zenoh_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_cannot_be_connected_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(DeviceLostError, match="cannot be connected"):
+        connect_ros2(["elbow"], rate_hz=100.0, locator="tcp/127.0.0.1:1")
+    with pytest.raises(ConfigurationError, match="names"):
+        connect_ros2(["elbow", "elbow"], rate_hz=100.0)
     monkeypatch.setattr(ros2, "find_spec", lambda _: None)
     with pytest.raises(ConfigurationError, match=r"rehab_opt\[ros2\]"):
         connect_ros2(["elbow"], rate_hz=100.0)
-
-
-def test_a_name_that_is_there_twice_is_refused() -> None:
-    with pytest.raises(ConfigurationError, match="names"):
-        connect_ros2(["elbow", "elbow"], rate_hz=100.0)
-
-
-def test_nobody_there_is_told() -> None:
-    with pytest.raises(DeviceLostError, match="cannot be connected"):
-        connect_ros2(["elbow"], rate_hz=100.0, locator="tcp/127.0.0.1:1")
-
-
-def test_a_problem_file_names_such_a_robot_whose_joints_are_called_as_its_own() -> None:
-    from tests.loop.ros2_robot import NAMES, START, TRUTH  # noqa: PLC0415  (needs zenoh)
-
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        address = f"tcp/127.0.0.1:{free.getsockname()[1]}"
-    table = JointPlant(kind="ros2", address=address, delay_ms=20.0)
-    problem: Any = SimpleNamespace(device=device_of(table), names=NAMES, encoders=3, dt=0.005)
-    with SharedRing.create(TRUTH) as truth:
-        command = [sys.executable, "-m", "tests.loop.ros2_robot", address.rpartition(":")[2], truth.name]
-        with subprocess.Popen(command) as process:
-            try:
-                while truth.latest() is None:
-                    assert process.poll() is None
-                    time.sleep(0.01)
-                with connected(problem) as robot:
-                    np.testing.assert_allclose(robot.reset(START).position, START)
-            finally:
-                process.kill()

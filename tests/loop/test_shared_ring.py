@@ -11,9 +11,9 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from rehab_opt.errors import ConfigurationError
 from rehab_opt.loop.records import operator_layout, state_layout
 from rehab_opt.loop.shared_ring import SharedRing
+from tests.refusals import refuses
 
 WIDE = np.dtype([("number", "<u8"), ("same", "<u8", (4000,))])
 START = multiprocessing.get_context("spawn")
@@ -116,12 +116,9 @@ def test_a_foreign_process_that_looked_removes_nothing(ring: SharedRing) -> None
     SharedRing.attach(ring.name).close()
 
 
-@pytest.mark.parametrize("depth", [0, 1, 2.0, float("nan"), 1 << 40])
-def test_a_depth_that_is_none_is_refused(depth: float) -> None:
-    with pytest.raises(ConfigurationError, match="depth"):
-        SharedRing.create(WIDE, depth=depth)  # type: ignore[arg-type]
-
-
-def test_a_name_in_use_is_refused(ring: SharedRing) -> None:
-    with pytest.raises(ConfigurationError, match="not in use"):
-        SharedRing.create(WIDE, name=ring.name)
+def test_a_depth_that_is_none_and_a_name_in_use_are_refused(ring: SharedRing) -> None:
+    refuses(
+        SharedRing.create,
+        *(({"layout": WIDE, "depth": depth}, "depth") for depth in (0, 1, 2.0, float("nan"), 1 << 40)),
+    )
+    refuses(SharedRing.create, ({"layout": WIDE, "name": ring.name}, "not in use"))

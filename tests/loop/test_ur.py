@@ -28,6 +28,7 @@ from rehab_opt.plants.ideal import IdealJoints
 from rehab_opt.session.files import load_problem
 from rehab_opt.session.run import run_problem
 from tests.loop.rtde_server import DELAY, ORDERS, START, TRUTH
+from tests.refusals import refuses
 
 pytest.importorskip("rtde_control")
 
@@ -107,6 +108,8 @@ def test_a_robot_is_led_and_its_delay_measured(robot: RemoteDevice, server: Serv
     assert not report.lost
     assert server.position[1] > before + 0.02
     assert server.comes_to_rest()
+    with pytest.raises(ConfigurationError, match="command"):
+        robot.step([0.1, np.nan, 0.0, 0.0, 0.0, 0.0])
     robot.close()
     with pytest.raises(DeviceLostError, match="was closed"):
         _ = robot.measured
@@ -133,7 +136,7 @@ def test_a_problem_file_that_names_the_robot_is_run_on_it_and_again_from_its_log
     text = text.replace("rate_hz = 1000.0", "rate_hz = 500.0")
     (tmp_path / "mine.toml").write_text(f'{text}\n[plant]\nkind = "ur"\naddress = "{HOST}"\ndelay_ms = 30.0\n')
     config, before = load_problem(str(tmp_path / "mine.toml")), server.position
-    report, lost = run_in_time(config, seconds=3.0, log=tmp_path / "trace.mcap", fifo=1)
+    report, lost = run_in_time(config, seconds=1.5, log=tmp_path / "trace.mcap", fifo=1)
     assert (report.lost, lost) == (False, 0)
     assert server.comes_to_rest()
     assert np.abs(server.position - before).max() > 0.01
@@ -141,6 +144,7 @@ def test_a_problem_file_that_names_the_robot_is_run_on_it_and_again_from_its_log
     assert (again.first, again.same) == ("", again.ticks)
 
 
+@pytest.mark.nightly
 def test_a_robot_that_is_elsewhere_or_whose_delay_is_not_known_is_refused(server: Server, tmp_path: Path) -> None:
     text = load_problem("robot/ur5_circle").path.read_text(encoding="utf-8") + '\n[plant]\nkind = "ur"\n'
     for more, match in (("", "address"), (f'address = "{HOST}"\n', "delay_ms")):
@@ -154,6 +158,7 @@ def test_a_robot_that_is_elsewhere_or_whose_delay_is_not_known_is_refused(server
         run_problem(load_problem(str(tmp_path / "mine.toml")))
 
 
+@pytest.mark.nightly
 def test_a_loop_that_hangs_is_braked_and_may_go_on(robot: RemoteDevice, server: Server) -> None:
     assert sets_in_motion(robot, server)
     assert server.comes_to_rest()
@@ -185,11 +190,7 @@ def test_a_killed_driver_brakes_the_robot_and_is_told(robot: RemoteDevice, serve
     assert server.running == 0
 
 
-def test_a_velocity_that_is_no_number_is_not_sent(robot: RemoteDevice) -> None:
-    with pytest.raises(ConfigurationError, match="command"):
-        robot.step([0.1, np.nan, 0.0, 0.0, 0.0, 0.0])
-
-
+@pytest.mark.nightly
 def test_a_protective_stop_is_told(robot: RemoteDevice, server: Server) -> None:
     assert "protective stop" in cut_while_moving(robot, lambda: server.order(protective_stop=True))
     assert server.comes_to_rest()
@@ -209,22 +210,16 @@ def cut_while_moving(robot: RemoteDevice, cut: Callable[[], None]) -> str:
     return report.reason
 
 
-def test_a_robot_that_is_not_there_is_told() -> None:
+def test_a_robot_that_is_not_there_is_told_and_without_ur_rtde_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(DeviceLostError, match=r"UR at 127\.255\.7\.7 cannot be connected"):
         connect_ur("127.255.7.7")
-
-
-def test_without_ur_rtde_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(ur, "find_spec", lambda _: None)
     with pytest.raises(ConfigurationError, match=r"rehab_opt\[ur\]"):
         connect_ur(HOST)
 
 
-@pytest.mark.parametrize(
-    ("name", "value"), [("joint", 6), ("joint", 1.0), ("speed", float("nan")), ("speed", 2.0), ("speed", 0.0)]
-)
-def test_a_swing_that_is_none_is_refused(name: str, value: float) -> None:
+def test_a_swing_that_is_none_is_refused() -> None:
     plant = IdealJoints(0.005)
     plant.reset(START)
-    with pytest.raises(ConfigurationError, match=name):
-        measured_delay(plant, **{name: value})  # type: ignore[arg-type]
+    wrong = [("joint", 6), ("joint", 1.0), ("speed", float("nan")), ("speed", 2.0), ("speed", 0.0)]
+    refuses(partial(measured_delay, plant), *(({name: value}, name) for name, value in wrong))

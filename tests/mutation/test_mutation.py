@@ -78,7 +78,7 @@ def test_what_reaches_no_tick_is_left_alone(text: str) -> None:
 
 def test_every_fault_of_the_package_is_python_and_changes_it() -> None:
     rng = random.Random(seed_of_the_code())
-    for path in rng.sample(sorted((nearest.ROOT / "rehab_opt").rglob("*.py")), 40):  # others each time
+    for path in rng.sample(sorted((nearest.ROOT / "rehab_opt").rglob("*.py")), 15):  # others each time
         source = path.read_bytes()
         planted, without = faults(path.name, source), ast.dump(ast.parse(source))
         for each in rng.sample(planted, min(4, len(planted))):
@@ -118,7 +118,7 @@ def test_a_campaign_finds_what_a_test_of_the_folder_sees_and_goes_on_where_it_st
     tree: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(mutation, "COPIED", ("rehab_opt", "tests"))
-    monkeypatch.setattr(mutation, "HANGING", 3)
+    monkeypatch.setattr(mutation, "HANGING", 2)
     monkeypatch.setenv("PYTEST_DISABLE_PLUGIN_AUTOLOAD", "1")
     seen, unseen, endless = (fault_of(after) for after in ("return a - b", "return a + b", "n += 1"))
     record = tree / "record.jsonl"
@@ -134,11 +134,6 @@ def test_a_campaign_finds_what_a_test_of_the_folder_sees_and_goes_on_where_it_st
     table = "\n".join(mutation.table(told, {}))
     assert "2 of 3 found" in table
     assert "| rehab_opt/sums/adding.py:7 | sign | `return a - b` | `return a + b` | 2 files pass |" in table
-
-
-def test_a_fault_for_which_there_is_no_time_is_not_found(tree: Path) -> None:
-    assert mutation.tried(tree, fault_of("n += 1"), (), seconds=0.5)[:3] == (False, "", "stopped after 0 s")
-    assert (tree / "rehab_opt/sums/adding.py").read_text() == MODULE
 
 
 def test_tests_of_a_folder_run_nearest_first(tree: Path) -> None:

@@ -34,7 +34,7 @@ def polygons(draw: st.DrawFn) -> shapely.Polygon | shapely.MultiPolygon:
 
 
 def around(polygon: shapely.Geometry, count: int, reach: float, seed: int) -> np.ndarray:
-    """(count, 2) points spread over `reach` sizes of the polygon, a third of them close to its boundary."""
+    """(count, 2) points over `reach` sizes of the polygon, a third near its boundary, half of them at corners."""
     rng = np.random.default_rng(seed)
     low_x, low_y, high_x, high_y = polygon.bounds
     size = max(high_x - low_x, high_y - low_y)
@@ -42,5 +42,7 @@ def around(polygon: shapely.Geometry, count: int, reach: float, seed: int) -> np
     points = middle + reach * size * rng.uniform(-0.5, 0.5, (count, 2))
     near = rng.random(count) < 1 / 3
     along = shapely.line_interpolate_point(polygon.boundary, rng.random(int(near.sum())), normalized=True)
-    points[near] = shapely.get_coordinates(along) + 1e-3 * size * rng.standard_normal((int(near.sum()), 2))
+    places, corners = shapely.get_coordinates(along), shapely.get_coordinates(polygon)
+    places[::2] = rng.choice(corners, len(places[::2]))
+    points[near] = places + 1e-3 * size * rng.standard_normal(places.shape)
     return points

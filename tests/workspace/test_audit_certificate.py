@@ -59,7 +59,8 @@ def test_points_of_a_triangle_that_is_not_turned_back_have_their_own_images(seed
 
 
 def test_bounds_are_sharp_on_small_cells():
-    spline = mapped("crescent", "blob").spline
+    points = grid(8)
+    spline = ThinPlateSpline(points, points + 0.02 * np.sin(5.0 * points[:, ::-1]))
     cells = np.array([0.1, 0.25]) + np.array([[[0.0, 0.0], [1e-3, 0.0], [0.0, 1e-3]]])
     bounds = cell_bounds(spline, cells)
     assert bounds.determinant[0] == pytest.approx(bounds.corner_determinant[0], rel=0.02)
@@ -118,9 +119,7 @@ def test_a_map_that_overlaps_without_folding_is_not_certified():
         assert proven.valid is certified
 
 
-@pytest.mark.parametrize(
-    ("source", "target"), [("regular", "restricted"), ("restricted", "regular"), ("crescent", "blob")]
-)
+@pytest.mark.parametrize(("source", "target"), [("regular", "restricted"), ("crescent", "blob")])
 def test_nothing_sampled_is_worse_than_what_is_proven(source, target):
     made = mapped(source, target)
     points = inside_of(covering(made.source), 8).reshape(-1, 2)

@@ -1,14 +1,13 @@
 """Clinical angles and model joints describe one arm: scipy's rotations on one side, the chain on the other."""
 
 import numpy as np
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from rehab_opt import human_arm
-from rehab_opt.kinematics.human_arm import ARM_JOINTS, ARM_REST
+from rehab_opt.kinematics.human_arm import ARM_JOINTS
 from rehab_opt.workspace.clinical_angles import (
     CLINICAL_ANGLES,
     WITHOUT_A_JOINT,
@@ -25,31 +24,7 @@ RIGHT, FORWARD, UP = np.eye(3)
 LEFT = -RIGHT
 
 
-def moved(joint: str, angle: float = 0.3, posture: Array = ARM_REST) -> tuple[Array, Array]:
-    """The hand's displacement, and the axis out of its thumb's side, after a joint moved from `posture`."""
-    q = posture.copy()
-    q[ARM_JOINTS.index(joint)] += angle
-    pose = ARM.pose(q)
-    return pose[:3, 3] - ARM.pose(posture)[:3, 3], pose[:3, 0]
-
-
 # ------------------------------------------------------------- which movement each joint of Table I is, of a left arm
-@pytest.mark.parametrize(
-    ("joint", "direction"),
-    [
-        ("scapular_retraction", -FORWARD),
-        ("shoulder_adduction", RIGHT),  # towards the body, and beyond
-        ("humeral_flexion", FORWARD),
-        ("forearm_extension", FORWARD),  # as it grows the elbow FLEXES
-        ("wrist_flexion", FORWARD),  # the palm of the supinated hand faces forward
-        ("wrist_deviation", RIGHT),  # to the little finger's side, which is the body's in that posture
-    ],
-)
-def test_a_joint_moves_the_hanging_hand(joint: str, direction: Array) -> None:
-    displacement, _ = moved(joint, 1e-6)
-    np.testing.assert_allclose(displacement / np.linalg.norm(displacement), direction, atol=1e-5)
-
-
 # ----------------------------------------------------------------------------------------------------- the conversion
 angle = st.floats(-3.0, 3.0)
 

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rehab_opt.errors import ConfigurationError
 from rehab_opt.workspace.placement import ShoulderPlacement
+from tests.refusals import refuses
 
 coordinate = st.floats(-10, 10)
 
@@ -27,17 +27,11 @@ def test_a_quarter_turn_brings_forward_to_the_left() -> None:
     np.testing.assert_allclose(placement.to_robot([(0.0, 1.0), (1.0, 0.0)]), [(0.0, 0.0), (1.0, 1.0)], atol=1e-15)
 
 
-@pytest.mark.parametrize(
-    "position",
-    [(0, 0), "abc", "123", ("1", "2", "3"), {1, 2, 3}, None, 1.0, np.zeros((3, 1)), (0, 0, math.nan), (0, 0, math.inf)],
-)
-def test_a_position_that_is_none_is_refused(position: object) -> None:
-    with pytest.raises(ConfigurationError, match="position"):
-        ShoulderPlacement(position)  # type: ignore[arg-type]
-
-
-@pytest.mark.parametrize("points", [(1, 2, 3), 1.0, "ab", [["1", "2"]], [[1], [1, 2]], None])
-def test_what_is_no_point_is_refused(points: object) -> None:
+def test_what_is_no_position_and_no_point_is_refused() -> None:
+    refuses(
+        ShoulderPlacement,
+        *(((each,), "position") for each in ("abc", ("1", "2", "3"), {1, 2, 3}, None, 1.0, np.zeros((3, 1)))),
+        *(((each,), "position") for each in ((0, 0), (0, 0, math.nan), (0, 0, math.inf))),
+    )
     for move in (ShoulderPlacement().to_robot, ShoulderPlacement().to_shoulder):
-        with pytest.raises(ConfigurationError, match="points"):
-            move(points)
+        refuses(move, *(((each,), "points") for each in ((1, 2, 3), 1.0, "ab", [["1", "2"]], [[1], [1, 2]], None)))

@@ -3,6 +3,8 @@
 import itertools
 import math
 from collections.abc import Callable
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,6 +13,8 @@ from shapely.geometry.base import BaseGeometry
 
 from rehab_opt import DH, ArmIK, SerialChain, human_arm
 from rehab_opt.workspace import slice_search
+from rehab_opt.workspace.contour import contours
+from rehab_opt.workspace.lattice import Node
 from rehab_opt.workspace.plane_search import PlaneSearch
 from rehab_opt.workspace.plane_statement import PlaneStatement
 from rehab_opt.workspace.reach import slice_at
@@ -29,6 +33,18 @@ def searched() -> tuple[SliceSearch, BaseGeometry]:
     found.fill()
     found.surround()
     return found, found.polygon()
+
+
+@pytest.mark.parametrize(("others", "rings"), [(0.8, 1), (1.2, 2)])
+@pytest.mark.parametrize("inside", [((0, 0), (1, 1)), ((1, 0), (0, 1))])
+def test_nodes_across_a_cell_are_joined_where_its_middle_is_within_the_level(
+    inside: tuple[tuple[int, int], ...], others: float, rings: int
+) -> None:
+    keys = itertools.product(range(-1, 3), repeat=2)
+    nodes = {key: Node(0.0 if key in inside else others, *key, None) for key in keys}
+    lattice: Any = SimpleNamespace(nodes=nodes, spacing=1.0)
+    found = [shapely.LinearRing([crossing[:2] for crossing in ring]) for ring in contours(lattice, 0.5)]
+    assert [ring.is_ccw for ring in found] == [True] * rings
 
 
 def bite(polygon: BaseGeometry) -> BaseGeometry:

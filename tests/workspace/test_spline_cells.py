@@ -1,7 +1,6 @@
 """Series for the cells of a grid give what the sum over all landmarks gives, and give way to it where they cannot."""
 
 import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
@@ -69,19 +68,3 @@ def test_landmarks_on_outlines_and_corners_of_cells_agree() -> None:
         cells.corner + np.stack(np.meshgrid(np.arange(25), np.arange(25)), axis=-1).reshape(-1, 2) / cells.per_length
     )
     assert_single_points_agree(spline, np.vstack((source, edges)))
-
-
-@pytest.mark.parametrize(
-    "point",
-    [
-        [np.nan, 0.5],
-        [np.inf, 0.5],
-    ],
-)
-def test_what_is_no_number_comes_out_as_none(point: list[float]) -> None:
-    spline = bent(np.random.default_rng(3).uniform(0, 1, (100, 2)))
-    spline(np.array([0.5, 0.5]))  # a cell is held
-    value, slope = spline.value_and_jacobian(np.array(point))
-    assert not np.isfinite(spline(np.array(point))).any()
-    assert not np.isfinite(value).any()
-    assert not np.isfinite(slope).all()

@@ -2,8 +2,7 @@
 
 import math
 import pickle
-from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
-from multiprocessing import get_context
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -16,10 +15,10 @@ from scipy.stats import binomtest, kstest, truncnorm
 from rehab_opt import ConfigurationError, human_arm
 from rehab_opt.kinematics.human_arm import ARM_JOINTS, RANGES_OF_MOTION_DEG
 from rehab_opt.workspace import variation
-from rehab_opt.workspace.reach import planar_workspace
 from rehab_opt.workspace.region import Workspace
 from rehab_opt.workspace.used_range import named_ranges
 from rehab_opt.workspace.variation import reachability_map, varied_ranges
+from tests.refusals import refuses
 
 
 def box(left: float, low: float, right: float, high: float) -> Workspace:
@@ -64,7 +63,7 @@ def test_the_grid_samples_the_probability_and_surrounds_the_workspaces() -> None
 
 
 # ------------------------------------------------------------------------------------------------------------ regions
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(st.lists(boxes, min_size=1, max_size=7), st.data())
 def test_a_region_has_exactly_the_points_of_that_fraction(limits: list[tuple[float, ...]], data: Any) -> None:
     """The oracle counts cells of the lattice that all corners lie on."""
@@ -104,7 +103,7 @@ def test_a_region_is_of_the_plane_of_its_trials_and_no_more_accurate() -> None:
 
 
 # --------------------------------------------------------------------------------------------------------- confidence
-@settings(max_examples=40)
+@settings(max_examples=10)
 @given(st.integers(1, 40), st.data())
 def test_the_interval_is_wilson_s(n: int, data: Any) -> None:
     k = data.draw(st.integers(0, n))
@@ -147,23 +146,6 @@ def test_ranges_and_arms_become_workspaces_here_or_elsewhere_in_the_given_order(
         reachability_map(mixed, height=-0.3)  # the given workspace is of another plane
 
 
-@pytest.mark.nightly
-def test_drawn_ranges_become_true_workspaces_in_other_processes(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("REHAB_OPT_COMPILE", "wait")  # there, too: see `slices_by_machine_code`
-    monkeypatch.setenv("REHAB_OPT_OPTIMISE", "1")
-    ranges = varied_ranges("regular", spread=0.05, count=2, seed=2)
-    with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
-        fractions = reachability_map(ranges, accuracy=5e-3, spacing=0.01, executor=pool)
-    for drawn, workspace in zip(ranges, fractions.workspaces, strict=True):
-        alone = planar_workspace(human_arm(range_of_motion=drawn), accuracy=5e-3)
-        assert alone.area == pytest.approx(workspace.area, rel=1e-6)
-    always, ever = fractions.region(1.0), fractions.region(0.1)
-    assert 0.01 < always.area < ever.area
-    sizes = [w.area for w in fractions.workspaces]
-    assert always.area + ever.area == pytest.approx(sum(sizes), rel=1e-3)
-    assert fractions.grid.max() == pytest.approx(1.0)
-
-
 def test_drawn_limits_follow_the_stated_truncated_normal() -> None:
     ranges = varied_ranges("regular", spread=0.05, count=3000, seed=1)
     lower = np.array([r["wrist_flexion"][0] for r in ranges])
@@ -201,32 +183,25 @@ def test_equal_seeds_draw_equal_ranges_and_only_named_joints_vary() -> None:
 
 
 # ------------------------------------------------------------------------------------------------------ bad arguments
-@pytest.mark.parametrize(
-    ("limbs", "options"),
-    [
-        ([], {}),
-        (THREE, {"weights": [1, 1]}),
-        (THREE, {"weights": [1, 1, -1]}),
-        (THREE, {"weights": [1, 1, math.nan]}),
-        (THREE, {"spacing": 1e-6}),
-        ([*THREE, Workspace(shapely.box(0, 0, 1, 1), accuracy=1e-3, height=0.1)], {}),
-    ],
-)
-def test_limbs_that_cannot_be_overlaid_are_refused(limbs: Any, options: dict[str, Any]) -> None:
-    with pytest.raises(ConfigurationError):
-        reachability_map(limbs, **options)
 
 
-@pytest.mark.parametrize(
-    "options",
-    [
-        {"count": 0},
-        {"spread": -0.1},
-        {"spread": {"elbow": 0.1}},
-        {"range_of_motion": "wide"},
-        {"range_of_motion": {"wrist_flexion": (1.0, 0.0)}},
-    ],
-)
-def test_bad_draws_are_refused(options: dict[str, Any]) -> None:
-    with pytest.raises(ConfigurationError):
-        varied_ranges(**{"range_of_motion": "regular", "spread": 0.1, "count": 2, "seed": 0, **options})
+def test_limbs_that_cannot_be_overlaid_and_bad_draws_are_refused() -> None:
+    higher = Workspace(shapely.box(0, 0, 1, 1), accuracy=1e-3, height=0.1)
+    refuses(
+        reachability_map,
+        (([],), "limbs"),
+        ({"limbs": THREE, "weights": [1, 1]}, "weights"),
+        ({"limbs": THREE, "weights": [1, 1, -1]}, "weights"),
+        ({"limbs": THREE, "weights": [1, 1, math.nan]}, "weights"),
+        ({"limbs": THREE, "spacing": 1e-6}, "spacing"),
+        (([*THREE, higher],), "limbs"),
+    )
+    good: dict[str, Any] = {"range_of_motion": "regular", "spread": 0.1, "count": 2, "seed": 0}
+    refuses(
+        varied_ranges,
+        (good | {"count": 0}, "count"),
+        (good | {"spread": -0.1}, "spread"),
+        (good | {"spread": {"elbow": 0.1}}, "spread", "elbow"),
+        (good | {"range_of_motion": "wide"}, "range_of_motion"),
+        (good | {"range_of_motion": {"wrist_flexion": (1.0, 0.0)}}, "range_of_motion"),
+    )

@@ -67,7 +67,7 @@ class TestClosedForms:
 
 @pytest.fixture(scope="module")
 def upright() -> ReachableVolume:
-    return reachable_volume(human_arm(range_of_motion="restricted"), handle_tilt=TILT, spacing=0.04)
+    return reachable_volume(human_arm(range_of_motion="restricted"), handle_tilt=TILT, spacing=0.07)
 
 
 class TestTheParticipant:
@@ -87,7 +87,7 @@ class TestTheParticipant:
         placement = ShoulderPlacement(position=(0.1, 0.2, 0.3), turn=0.4)
         with ThreadPoolExecutor(2) as executor:
             found = reachable_volume(
-                human_arm(range_of_motion="restricted"), handle_tilt=TILT, spacing=0.04, executor=executor,
+                human_arm(range_of_motion="restricted"), handle_tilt=TILT, spacing=0.07, executor=executor,
                 placement=placement,
             )  # fmt: skip
         again = pickle.loads(pickle.dumps(found))

@@ -48,35 +48,15 @@ def frames_of(chain: SerialChain, q: Array) -> list[Array]:
 
 
 # --------------------------------------------------------------------------------------------------- kinematics
-@pytest.mark.parametrize("seed", range(30))
-def test_random_arms_move_as_their_files_say(arm_file: Path, seed: int) -> None:
+@pytest.mark.parametrize("seed", range(15))
+def test_random_arms_and_a_known_one_move_as_their_files_say(arm_file: Path, seed: int) -> None:
     rng = np.random.default_rng(seed)
-    edges = random_arm(rng, int(rng.integers(1, 10)))
+    edges = gen3() if seed == 0 else random_arm(rng, int(rng.integers(1, 10)))
     chain = read(arm_file, edges)
     assert chain.names == tuple(edge.name for edge in moving(edges))
     for q in random_postures(edges, rng, 20):
         np.testing.assert_allclose(chain.pose(q), pose_of(edges, q), atol=1e-12)
     np.testing.assert_allclose(chain.jacobian(q), differentiated(chain, q), atol=1e-7)
-
-
-@pytest.mark.parametrize("seed", range(12))
-def test_mujoco_reads_the_same_pose_and_jacobian(arm_file: Path, seed: int) -> None:
-    rng = np.random.default_rng(100 + seed)
-    edges = gen3() if seed == 0 else random_arm(rng, int(rng.integers(2, 9)))
-    chain = read(arm_file, edges)
-    text = urdf(edges).replace("<visual>", "<!--").replace("</visual>", "-->")
-    text = text.replace('<robot name="random">', '<robot name="random"><mujoco><compiler fusestatic="false"/></mujoco>')
-    model = mujoco.MjModel.from_xml_string(text)
-    data, tip = mujoco.MjData(model), model.body(edges[-1].child).id
-    for q in random_postures(edges, rng, 20):
-        data.qpos[:] = q
-        mujoco.mj_kinematics(model, data)
-        mujoco.mj_comPos(model, data)
-        linear, angular = np.zeros((3, model.nv)), np.zeros((3, model.nv))
-        mujoco.mj_jacBody(model, data, linear, angular, tip)
-        np.testing.assert_allclose(chain.pose(q)[:3, 3], data.xpos[tip], atol=1e-12)
-        np.testing.assert_allclose(chain.pose(q)[:3, :3], data.xmat[tip].reshape(3, 3), atol=1e-12)
-        np.testing.assert_allclose(chain.jacobian(q), np.vstack([linear, angular]), atol=1e-12)
 
 
 @pytest.mark.parametrize("seed", range(8))
@@ -167,13 +147,14 @@ def test_ur5_from_a_file_is_the_ur5_of_this_library(arm_file: Path) -> None:
 
 def test_a_locked_joint_stays_where_it_is_and_is_no_joint(arm_file: Path) -> None:
     edges = random_arm(np.random.default_rng(6), 5)
-    held = moving(edges)[2]
-    value = 0.3 if held.kind == "continuous" else (held.lower + held.upper) / 2
-    chain = read(arm_file, edges, locked={held.name: value})
-    assert chain.n == 4
-    assert any(f"joint {held.name} is locked at {value:.6g}" in note for note in chain.notes)
-    q = np.linspace(-1, 1, 4)
-    np.testing.assert_allclose(chain.pose(q), pose_of(edges, np.insert(q, 2, value)), atol=1e-12)
+    assert {held.kind for held in moving(edges)} == {"revolute", "continuous", "prismatic"}
+    for i, held in enumerate(moving(edges)):
+        value = 0.3 if held.kind == "continuous" else (held.lower + held.upper) / 2
+        chain = read(arm_file, edges, locked={held.name: value})
+        assert chain.n == 4
+        assert any(f"joint {held.name} is locked at {value:.6g}" in note for note in chain.notes)
+        q = np.linspace(-1, 1, 4)
+        np.testing.assert_allclose(chain.pose(q), pose_of(edges, np.insert(q, i, value)), atol=1e-12)
 
 
 def test_a_coupled_joint_is_ignored_beside_the_chain_and_refused_on_it(arm_file: Path) -> None:
