@@ -12,7 +12,6 @@ from PIL import Image, ImageSequence
 
 from rehab_opt.control.command import Command, Status
 from rehab_opt.errors import ConfigurationError
-from rehab_opt.kinematics.ur5 import ur5
 from rehab_opt.live.film import write_film
 from rehab_opt.plants.ideal import IdealJoints
 from rehab_opt.plants.touched import TouchedPlant
@@ -150,16 +149,6 @@ def test_the_stick_must_be_let_go_after_the_dead_man_was() -> None:
     assert held.reason == "the stick must be let go first"
     ticks(control, LiveInputs(enable=True), 2)
     assert np.abs(ticks(control, push, 50)[-1].value).max() > 0.05
-
-
-def test_bodies_are_where_the_chain_says() -> None:
-    problem, _ = begun("robot/ur5_circle")
-    robot, rng = ur5(), np.random.default_rng(5)
-    for _ in range(20):
-        q = rng.uniform(-3, 3, 6)
-        shown = {"q": q, "target": np.zeros(3), "force": np.zeros(3)}
-        frame = problem.frame(shown)
-        assert frame["handles"]["hand"] == pytest.approx(robot.pose(q)[:3, 3], abs=1e-4)
 
 
 def test_all_that_is_kept_off_is_drawn_and_what_moves_where_it_is() -> None:
