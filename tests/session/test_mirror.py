@@ -24,7 +24,7 @@ from rehab_opt.session.files import ProblemFile, load_problem, problem_of, shipp
 from rehab_opt.session.mirror.metrics import CAUSES, causes, passed_fraction
 from rehab_opt.session.mirror.outcome import BEFORE, PLAN, STEP, Led, MirrorOutcome
 from rehab_opt.session.mirror.scene import laid_out, path_notes
-from rehab_opt.session.mirror.shown import brief
+from rehab_opt.session.mirror.shown import brief, figures, table
 from rehab_opt.session.report import metrics_json, write_trace
 from rehab_opt.session.run import checked, run_problem
 from rehab_opt.session.systems import NotMet
@@ -307,6 +307,19 @@ def test_trace_has_empty_cells_where_nothing_is_seen(blinded: MirrorOutcome, tmp
     assert 0.4 * 200 < len(empty) < 0.6 * 200
     assert {row["law"] for row in empty} == {BEFORE}  # the clock of the others stands at the last pose seen
     assert all(row["deviation_m"] == "" and float(row["joint_elbow_rad"]) for row in empty)
+
+
+def test_figures_and_table_show_every_law(blinded: MirrorOutcome) -> None:
+    drawn = figures(blinded)
+    assert set(drawn) == {"causes", "joints", "manipulability", "pace", "position", "space"}
+    space = drawn["space"].axes[0]
+    low, high = np.transpose([space.get_xlim(), space.get_ylim(), space.get_zlim()])  # type: ignore[attr-defined]
+    for drive in (blinded.drives[STEP], blinded.drives[PLAN]):
+        assert np.all((low <= 1e3 * drive.tool[:, :3, 3]) & (1e3 * drive.tool[:, :3, 3] <= high))
+    first, whole = ([[*each.cells] for each in of(blinded).columns] for of in (brief, table))
+    assert len(whole) == 1 + len(blinded.laws)
+    assert 0 < len(first[0]) <= 8
+    assert first == [cells[: len(first[0])] for cells in whole]
 
 
 def test_shipped_recordings_are_what_their_generator_writes(tmp_path: Path) -> None:

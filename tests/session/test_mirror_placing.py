@@ -44,7 +44,7 @@ def placed(folder: Path) -> Path:
     before = source.read_bytes()
     for code, where, force in ((0, out, []), (2, out, []), (2, source, []), (2, source, ["--force"])):
         with pytest.raises(SystemExit) as end:
-            main(["place", str(source), "--out", str(where), "--seats", "30", *force])
+            main(["place", str(source), "--out", str(where), "--seats", "20", *force])
         assert end.value.code == code
     assert source.read_bytes() == before
     return out
@@ -54,7 +54,6 @@ def content(path: Path) -> dict[str, Any]:
     return tomllib.loads(path.read_text())
 
 
-@pytest.mark.nightly
 def test_what_is_patients_moves_as_one_and_the_rest_of_the_file_stays(folder: Path, placed: Path) -> None:
     before, after = content(folder / "reaches.toml"), content(placed)
     turned = [after["placement"]["turn_deg"] - before["placement"]["turn_deg"],
@@ -70,6 +69,7 @@ def test_what_is_patients_moves_as_one_and_the_rest_of_the_file_stays(folder: Pa
     turn = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
     np.testing.assert_allclose(np.diff(points[1], axis=0), np.diff(points[0], axis=0) @ turn.T, atol=3e-3)
     assert np.linalg.norm(points[1][:, :2], axis=1).min() > 0.44  # nobody sits in the robot
+    assert placing.HEIGHT[0] - 1e-3 <= points[1][2, 2] <= placing.HEIGHT[1] + 1e-3  # [m] of a seated shoulder
     for each in (before, after):
         for section, keys in (("placement", ("origin_m", "turn_deg")), ("robot", ("start_deg", "grip_deg")),
                               ("patient", ("sagittal_point_m", "facing_deg", "arm"))):  # fmt: skip

@@ -94,6 +94,13 @@ def test_numbers_of_a_drive_are_those_of_its_joints(figure_eight: ArmOutcome) ->
     assert figure_eight.laws[0].metrics["drive"]["followed_fraction_of_length"] == 1.0
 
 
+def test_outside_of_its_limits_a_joint_is_shaded(figure_eight: ArmOutcome) -> None:
+    panels = figures(figure_eight)["joints"].axes
+    for axes, lower, upper in zip(panels, figure_eight.chain.lower, figure_eight.chain.upper, strict=False):
+        below, above = (patch.get_extents().transformed(axes.transData.inverted()) for patch in axes.patches)
+        assert (below.y1, above.y0) == (pytest.approx(np.rad2deg(lower)), pytest.approx(np.rad2deg(upper)))
+
+
 def test_tilt_that_no_posture_keeps_is_the_reason_that_is_given() -> None:
     config = load_problem("upper_limb/figure_eight")
     assert isinstance(config.problem, UpperLimb)

@@ -133,6 +133,8 @@ def test_the_same_seed_is_the_same_person_under_every_law() -> None:
 
 def test_the_reference_of_a_mapped_scenario_lies_in_the_comfortable_workspace() -> None:
     found = outcome("scenario_5_hold")
+    areas = {"comfortable_cm2": 1e4 * found.comfortable.area, "reachable_cm2": 1e4 * found.reachable.area}
+    assert found.metrics["workspaces"] == pytest.approx(areas)
     assert np.all(found.comfortable.contains(found.reference))
     assert found.demonstrated is not None
     assert not np.all(found.comfortable.contains(found.demonstrated))

@@ -69,6 +69,12 @@ def test_figures_show_each_direction_on_one_scale(shipped: MapOutcome) -> None:
     figure.draw_without_rendering()
     panels = [axes for axes in figure.axes if axes.get_title()]
     assert len(panels) == 6
+    across = [
+        line.get_xdata()[0]
+        for line in panels[0].get_lines()
+        if len(line.get_xdata()) > 1 and not np.ptp(line.get_xdata())
+    ]
+    assert len(set(across)) > 10  # upright lines of the grid
     for axes in panels[4:]:  # a millimetre is as many pixels, of the same part of the plane
         np.testing.assert_allclose(axes.viewLim.bounds, panels[3].viewLim.bounds)
         np.testing.assert_allclose(axes.bbox.size, panels[3].bbox.size, rtol=1e-3)

@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from PIL import Image, ImageSequence
 
 from rehab_opt.control.command import Command, Status
-from rehab_opt.errors import ConfigurationError
-from rehab_opt.live.film import write_film
 from rehab_opt.plants.ideal import IdealJoints
 from rehab_opt.plants.touched import TouchedPlant
 from rehab_opt.session.files import load_problem
@@ -206,16 +202,3 @@ def test_noise_is_of_the_size_that_was_asked_for_and_leaves_the_truth() -> None:
     seen = np.array([plant.step([0.0, 0.0]).position for _ in range(4000)])
     assert seen.std(axis=0) == pytest.approx([0.01, 0.01], rel=0.05)
     assert not plant.truth.position.any()
-
-
-def test_a_film_is_small_and_moves(tmp_path: Path) -> None:
-    place = tmp_path / "circle.gif"
-    problem = live_problem(load_problem("robot/ur5_circle"))
-    assert write_film(problem, place, seconds=1.5, per_second=4.0) == 6
-    with Image.open(place) as film:
-        pictures = [np.asarray(each.convert("RGB"), dtype=int) for each in ImageSequence.Iterator(film)]
-    assert len(pictures) >= 5  # two that are alike are stored as one
-    assert np.abs(pictures[-1] - pictures[0]).max() > 50
-    assert place.stat().st_size < 60_000
-    with pytest.raises(ConfigurationError, match="seconds"):
-        write_film(problem, place, seconds=float("nan"))
