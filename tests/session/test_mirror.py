@@ -141,18 +141,6 @@ def test_a_drive_passes_what_the_law_does_within_every_bound_and_is_what_the_tab
     assert str(cells[2]) == f"{drive.time[-1]:.1f}"
 
 
-@pytest.mark.parametrize("name", ALL)
-def test_without_a_floor_the_same_reference_goes_below_it_and_is_not_led_slowly(
-    name: str, ran: Callable[[str], MirrorOutcome]
-) -> None:
-    outcome = ran(name)
-    before = outcome.metrics["laws"][BEFORE]
-    assert before["manipulability_min"] < 0.2
-    assert before["below_floor_fraction_of_time"] > 0.05
-    for law in (STEP, PLAN):
-        assert outcome.metrics["laws"][law]["below_floor_fraction_of_time"] == 0.0
-
-
 # ------------------------------------------------------------------------------------------- keeping to the reference
 
 
