@@ -1,10 +1,8 @@
 """Every script in `examples` runs as it stands, and says what it shows."""
 
 import json
-import os
 import re
-import subprocess
-import sys
+import runpy
 from pathlib import Path
 
 import pytest
@@ -12,12 +10,9 @@ import pytest
 ROOT = Path(__file__).parents[1]
 
 
-def printed_by(name: str) -> str:
-    environment = os.environ | {"PYTHONPATH": str(ROOT)}
-    script = ROOT / "examples" / name
-    done = subprocess.run([sys.executable, script], env=environment, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    return done.stdout
+def printed_by(name: str, capsys: pytest.CaptureFixture[str]) -> str:
+    runpy.run_path(str(ROOT / "examples" / name), run_name="__main__")
+    return capsys.readouterr().out
 
 
 def numbers(text: str) -> list[float]:
@@ -42,17 +37,17 @@ def test_every_cell_of_the_notebook_prints_what_stands_below_it(
     names["plt"].close("all")  # type: ignore[attr-defined]
 
 
-def test_a_pose_that_moves_too_fast_is_followed_slowly() -> None:
-    delivered, _ = numbers(printed_by("follow_pose.py"))
+def test_a_pose_that_moves_too_fast_is_followed_slowly(capsys: pytest.CaptureFixture[str]) -> None:
+    delivered, _ = numbers(printed_by("follow_pose.py", capsys))
     assert 0 < delivered < 100
 
 
-def test_the_elbow_passes_the_table_without_the_limit_and_not_with_it() -> None:
-    without, limited = printed_by("own_limit.py").splitlines()
+def test_the_elbow_passes_the_table_without_the_limit_and_not_with_it(capsys: pytest.CaptureFixture[str]) -> None:
+    without, limited = printed_by("own_limit.py", capsys).splitlines()
     assert numbers(without)[1] < -10.0
     assert numbers(limited)[1] == pytest.approx(0.0, abs=0.5)  # [mm]
 
 
-def test_help_stays_within_its_force_limit() -> None:
-    *_, largest = numbers(printed_by("help_along_path.py"))
+def test_help_stays_within_its_force_limit(capsys: pytest.CaptureFixture[str]) -> None:
+    *_, largest = numbers(printed_by("help_along_path.py", capsys))
     assert 0 < largest <= 30

@@ -1,7 +1,7 @@
 """What the package promises from outside: light to import, typed, layered."""
 
 import ast
-import importlib
+import re
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -16,10 +16,6 @@ PACKAGE = Path(rehab_opt.__file__).parent
 HEAVY = {
     "matplotlib", "scipy", "ruckig", "osqp", "proxsuite", "qpsolvers", "pydantic", "typer", "rich", "shapely",
     "platformdirs", "skimage", "distributed", "mujoco", "pyxdf", "pyarrow",
-}  # fmt: skip
-PUBLIC = {
-    "ArmIK", "Command", "ConfigurationError", "DH", "MirrorTracker", "PoseTracker", "ProblemFileError", "RehabOptError",
-    "SerialChain", "Smoother", "Status", "human_arm", "ur5",
 }  # fmt: skip
 # Each layer with those it may use. `session` runs the published laws beside ours; nobody else knows them.
 LAYERS = {
@@ -36,18 +32,8 @@ LAYERS = {
     "control": {"errors", "symbolic", "kinematics", "optim", "workspace", "field"},
     "published": {"errors", "symbolic", "kinematics"},
     "session": {
-        "errors",
-        "text_file",
-        "symbolic",
-        "kinematics",
-        "optim",
-        "workspace",
-        "field",
-        "control",
-        "published",
-        "plants",
-        "measures",
-        "recordings",
+        "errors", "text_file", "symbolic", "kinematics", "optim", "workspace", "field", "control", "published",
+        "plants", "measures", "recordings",
     },
     "plants": {"errors", "kinematics", "workspace"},
     "qp_recording": {"errors", "optim", "session"},
@@ -57,18 +43,9 @@ LAYERS = {
     "terminal": {"errors", "text_file", "session", "symbolic"},
     "study": {"version", "errors", "text_file", "measures", "recordings", "session", "terminal"},
     "cli": {
-        "version",
-        "errors",
-        "recordings",
-        "session",
-        "qp_recording",
-        "export",
-        "live",
-        "loop",
-        "terminal",
-        "study",
+        "version", "errors", "recordings", "session", "qp_recording", "export", "live", "loop", "terminal", "study",
     },
-}
+}  # fmt: skip
 
 PUBLIC_OF_TUPLES = {"_replace", "_fields", "_make", "_asdict"}
 
@@ -168,8 +145,9 @@ def test_tests_reach_no_private_attribute_of_a_controller() -> None:
     private = private_names(PACKAGE / "control", PACKAGE / "optim")
     assert {"_solvers", "_owner", "_search", "_last"} <= private
     reached = []
+    named = re.compile(rf"\b({'|'.join(private)})\b")
     for file in sorted(Path(__file__).parent.rglob("*.py")):
-        for node in nodes(file):
+        for node in nodes(file) if named.search(file.read_text()) else ():
             if isinstance(node, ast.Attribute) and node.attr in private:
                 own = isinstance(node.value, ast.Name) and node.value.id in {"self", "cls"}
                 if not own:
@@ -185,23 +163,6 @@ def test_importing_compiles_and_writes_nothing(tmp_path: Path, monkeypatch: pyte
     monkeypatch.setenv("REHAB_OPT_COMPILE", "wait")
     fresh("import rehab_opt")
     assert list(tmp_path.iterdir()) == []
-
-
-def test_public_names_are_there() -> None:
-    assert set(rehab_opt.__all__) >= PUBLIC
-    for name in rehab_opt.__all__:
-        assert getattr(rehab_opt, name) is not None
-
-
-def test_every_module_declares_names_that_it_has() -> None:
-    for file in sorted(PACKAGE.rglob("*.py")):
-        parts = file.relative_to(PACKAGE.parent).with_suffix("").parts
-        name = ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
-        if "problems" in parts or name == "rehab_opt.cli":
-            continue
-        module = importlib.import_module(name)
-        for public in getattr(module, "__all__", ()):
-            assert hasattr(module, public), f"{name}.{public}"
 
 
 @pytest.mark.parametrize("layer", sorted(LAYERS))

@@ -12,8 +12,8 @@ from rehab_opt.session.files import load_problem, recording_state, shipped_probl
 from tests.golden import differences, golden_file, measured
 from tests.session.conftest import REQUIRE
 
-FAST = ("robot/ur5_circle", "upper_limb/figure_eight", "upper_limb/workspace")
-"""Seconds each."""
+FAST = ("robot/ur5_circle",)
+"""Others run in tests of their own, or take minutes."""
 
 
 @pytest.mark.parametrize(

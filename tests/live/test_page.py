@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import io
-import subprocess
-import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -12,9 +10,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-
-from rehab_opt.loop.of_problem import run_in_time
-from rehab_opt.session.files import load_problem
 
 from .conftest import Address
 
@@ -122,13 +117,6 @@ def test_the_hand_follows_a_target_that_is_dragged_and_a_push_has_an_arrow(tab: 
     tab.until("live.frame.arrows.length === 0")
 
 
-@pytest.mark.nightly
-def test_measurements_that_come_late_are_told_in_words(tab: Tab) -> None:
-    tab.page.locator("#delay").fill("120")
-    told = "document.getElementById('reason').textContent.includes('old, at most 50 ms')"
-    tab.until(f"{told} && document.getElementById('status').className === 'stop'", pressing=tab)
-
-
 def test_a_page_that_hangs_or_is_hidden_has_let_go(tab: Tab) -> None:
     tab.until("document.getElementById('status').textContent === 'ok'", pressing=tab)
     tab.now("(() => { const end = performance.now() + 600; while (performance.now() < end); })()")
@@ -202,34 +190,3 @@ def test_escape_releases_wherever_the_keyboard_is(tab: Tab) -> None:
             place.dispatchEvent(new KeyboardEvent('keydown', {{code: 'Escape', bubbles: true}}));
             return [held, live.inputs.enable];
         }})()""") == [True, False]
-
-
-@pytest.mark.nightly
-def test_a_stick_with_one_button_leads_and_leaves_the_keys_theirs(tab: Tab) -> None:
-    told = "{axes: [0.5, -1], buttons: [{pressed: false}]}"
-    tab.now(f"(() => {{ navigator.getGamepads = () => [null, {told}]; live.scene.controls.push('stick'); }})()")
-    tab.until("live.inputs.stick[0] === 1 && live.inputs.stick[1] === -0.5")
-    tab.page.keyboard.down("m")
-    tab.page.wait_for_timeout(200)
-    assert tab.now("live.inputs.switch")
-    tab.page.keyboard.up("m")
-    tab.until("!live.inputs.switch")
-    tab.now("(() => { navigator.getGamepads = () => []; })()")
-    tab.until("live.inputs.stick[0] === 0")
-
-
-@pytest.mark.nightly
-def test_nobody_is_offered_the_command_of_a_log(browser: Any, tmp_path: Path) -> None:
-    pytest.importorskip("mcap")
-    log = tmp_path / "trace.mcap"
-    run_in_time(load_problem("robot/ur5_circle"), seconds=0.5, log=log)
-    command = [sys.executable, "-m", "rehab_opt", "live", "--replay", str(log)]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
-        try:
-            assert process.stdout is not None
-            tab = Tab(browser, process.stdout.readline().split()[-1])
-            assert "A log" in tab.page.inner_text("#deadman")
-            assert not tab.page.is_visible("#take")
-            tab.close()
-        finally:
-            process.terminate()

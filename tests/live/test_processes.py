@@ -47,6 +47,7 @@ def test_what_was_silent_is_told_again_and_no_process_is_left(tmp_path: Path) ->
     assert read_log(log).records["reason"][-1] == b"the page's process is gone"
 
 
+@pytest.mark.nightly
 def test_a_log_is_shown_at_its_pace_and_commanded_by_nobody(tmp_path: Path) -> None:
     pytest.importorskip("mcap")
     log = tmp_path / "trace.mcap"

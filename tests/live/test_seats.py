@@ -42,15 +42,6 @@ def test_a_tab_that_takes_the_command_begins_released() -> None:
     assert (seats.commander, seats.current.enable) == (second, False)
 
 
-def test_a_participant_never_commands() -> None:
-    seats = Seats()
-    tab = seats.join(participant=True)
-    seats.take(tab)
-    seats.hear(tab, HELD, now=1.0)
-    assert seats.commander is None
-    assert not seats.current.enable
-
-
 def test_a_tab_that_is_gone_holds_nothing() -> None:
     seats = Seats()
     tab = seats.join(participant=False)
@@ -94,9 +85,13 @@ def test_a_heartbeat_is_as_old_as_what_was_sent_however_late_it_is_heard(waited:
     assert not seats.current.enable
 
 
-def test_a_participant_leads_the_hand_only_in_a_tab_of_the_participant() -> None:
+def test_a_participant_never_commands_and_leads_the_hand_only_in_a_tab_of_theirs() -> None:
     seats = Seats()
-    main, theirs = seats.join(participant=False), seats.join(participant=True)
+    theirs = seats.join(participant=True)
+    seats.take(theirs)
+    seats.hear(theirs, HELD, now=1.0)
+    assert (seats.commander, seats.current.enable) == (None, False)
+    main = seats.join(participant=False)
     seats.point(main, (1.0, 0.0, 0.0))
     assert not seats.current.dragged
     seats.point(theirs, (0.1, 0.2, 0.0))

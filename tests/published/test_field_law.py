@@ -31,12 +31,9 @@ def test_our_field_without_corrections_is_the_published_one() -> None:
         np.testing.assert_allclose(ours.force(x, v), law(damping=7.0).force(x, v), rtol=1e-9, atol=1e-9)
 
 
-def test_it_pulls_back_from_its_own_target() -> None:
+def test_it_pulls_back_from_its_own_target_and_resists_less_towards_it() -> None:
     assert law().force(LINE[-1])[0] < -3.0
     assert law(stiffness=3000.0, drag=0.0).force(LINE[-1])[0] < -20.0
-
-
-def test_published_resistance_falls_towards_the_target() -> None:
     resists = law(drag=-250.0)
     assert resists.force([0.0, 0.4])[0] < 3 * resists.force([0.1, 0.4])[0] < 0.0
 

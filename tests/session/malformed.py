@@ -19,7 +19,6 @@ import numpy as np
 from rehab_opt.errors import ProblemFileError
 from rehab_opt.recordings.reading import read_recording
 from tests.session.made_c3d import c3d
-from tests.session.made_xdf import xdf
 
 SAME, REFUSED, TOLD = "same", "refused", "told"
 SECRET = "S3cret"
@@ -130,9 +129,8 @@ def spoilt_table(rng: Rng) -> Made:  # noqa: PLR0912  (a branch a fault)
         "row gone",
         "rows cut",
         "line cut",
-        "ends",
     ]
-    faults += ["nul", "no utf-8", "huge", "empty", "no rows"]
+    faults += ["ends", "nul", "no utf-8", "huge", "empty", "no rows"]
     faults += ["columns swapped", "header twice", "unit", "time for x"] if header else []
     faults += ["channels cut", "unit of a channel"] if others else []
     faults += ["degrees for radians", "radians for degrees"] if made.suffix in ("a.mot", "a.sto") else []
@@ -241,28 +239,6 @@ def spoilt_c3d(rng: Rng) -> Made:
     return Made(f"a.c3d, {fault}", content, {}, "a.c3d", {"marker": "HAND"}, truth, times[keep], points[keep])
 
 
-def spoilt_xdf(rng: Rng) -> Made:
-    """An XDF cut short, with a chunk gone or twice, of another unit, or without its channels."""
-    time, points = movement(rng)
-    rate = 1 / float(time[1])
-    content = xdf(time, 1e3 * points, rate=rate)
-    fault, truth = str(rng.choice(["none", "cut", "unit", "label", "magic", "count"])), REFUSED
-    if fault == "cut":  # anywhere before the hand's footer is whole
-        content = content[: int(rng.integers(content.index(b"<first_timestamp>")))]
-    elif fault == "unit":
-        content = content.replace(b"<unit>mm", b"<unit>kg")
-    elif fault == "label":
-        content = content.replace(b"hand_Y", b"hand_Q")
-    elif fault == "magic":
-        content = b"PDF:" + content[4:]
-    elif fault == "count":
-        content = content.replace(f"<sample_count>{len(time)}".encode(), f"<sample_count>{len(time) + 9}".encode())
-    else:
-        truth = SAME
-    reading = {"columns": ["hand_X", "hand_Y", "hand_Z"]}
-    return Made(f"a.xdf, {fault}", content, {}, "a.xdf", reading, truth, time, points)
-
-
 def check(made: Made, folder: Path) -> str:  # noqa: PLR0911  (a return a wrong end)
     """Read a spoilt file; "" where that ends as it must, else what is wrong."""
     for name, content in {made.name: made.content, **{k: v.encode() for k, v in made.others.items()}}.items():
@@ -293,7 +269,7 @@ def check(made: Made, folder: Path) -> str:  # noqa: PLR0911  (a return a wrong 
 def malformed(count: int, seed: int) -> tuple[Counter[str], Counter[str]]:
     """Make and read so many files: how many of each fault, and of each wrong end."""
     rng = np.random.default_rng(seed)
-    makers = [spoilt_table, spoilt_table, spoilt_table, spoilt_table, spoilt_c3d, spoilt_xdf]
+    makers = [spoilt_table, spoilt_table, spoilt_table, spoilt_table, spoilt_c3d]
     made_of, wrong = Counter[str](), Counter[str]()
     with tempfile.TemporaryDirectory() as folder:
         for _ in range(count):

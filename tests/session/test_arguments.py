@@ -9,11 +9,9 @@ import pytest
 from pydantic import Field
 
 from rehab_opt.errors import ConfigurationError, ProblemFileError, RobotFileError
-from rehab_opt.plants.channel import Channel
 from rehab_opt.plants.force_robot import RobotModel
 from rehab_opt.plants.simulated_person import Person
 from rehab_opt.session.files import load_problem
-from rehab_opt.session.plant import ChairPlant, HandPlant, JointPlant, PlantTable, channel_of
 from rehab_opt.session.refusals import refused_as
 from rehab_opt.session.scenario.loop import person_of
 from rehab_opt.session.scenario.problem import PersonSection, RobotSection
@@ -56,22 +54,6 @@ def test_the_person_and_the_robot_of_a_file_that_says_nothing_are_the_library_s_
     own = RobotSection().arguments(sensor_noise_N="noise")
     assert RobotModel(**own) == RobotModel(lower=(-10.0, -10.0), upper=(10.0, 10.0))
     assert set(own) == {each.name for each in fields(RobotModel)}
-
-
-LATE = {"command_delay": 3e-3, "measurement_delay": 2e-3}
-
-
-@pytest.mark.parametrize(
-    ("table", "expected"),
-    [
-        (JointPlant(kind="mujoco", position_noise_rad=1e-3), {"position_noise": 1e-3}),
-        (HandPlant(kind="mujoco", command_jitter_ms=4.0), {"command_jitter": 4e-3, "position_noise": 2e-5}),
-        (ChairPlant(kind="mujoco", measurement_jitter_ms=4.0), {"measurement_jitter": 4e-3, "position_noise": 1e-4}),
-    ],
-    ids=["arm", "hand", "chair"],
-)
-def test_delays_and_noise_of_a_plant_are_those_of_its_table(table: PlantTable, expected: dict[str, float]) -> None:
-    assert channel_of(table) == Channel(**LATE, **expected)
 
 
 def test_a_refusal_names_the_file_s_key() -> None:

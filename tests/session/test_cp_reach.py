@@ -1,6 +1,5 @@
 """Ranges used in recorded reaches: what the files hold, what was left out, and what the groups come to."""
 
-import itertools
 import pickle
 from collections.abc import Callable
 from pathlib import Path
@@ -125,18 +124,6 @@ def test_a_grasp_of_something_vertical_calibrates_pronation(recorded: Recorded) 
         group_range(typical, pronation_zero=np.nan)
 
 
-def test_ranges_grow_with_the_fraction_of_limbs_they_cover(recorded: Recorded) -> None:
-    reach = read_cp_reach(recorded("cp_dyskinetic_reach"), "RGV")[1]
-    ranges = [group_range(reach, cover=cover).used for cover in (0.5, 0.7, 0.9)]
-    for narrow, wide in itertools.pairwise(ranges):
-        assert all(wide[j][0] <= narrow[j][0] <= narrow[j][1] <= wide[j][1] for j in ARM_JOINTS)
-    for options in ({"cover": 0.4}, {"cover": "most"}, {"pronation_zero": "x"}, {"lower_percentile": None}):
-        with pytest.raises(ConfigurationError, match=next(iter(options))):
-            group_range(reach, **options)  # type: ignore[arg-type]
-    with pytest.raises(ConfigurationError):
-        group_range(reach, lower_percentile=50, upper_percentile=50)
-
-
 # -------------------------------------------------------------------------------------------------------- made-up files
 def test_a_row_turned_round_is_found_and_an_unusual_one_is_not() -> None:
     rng = np.random.default_rng(1)
@@ -190,17 +177,3 @@ def test_a_missing_file_matters_where_the_model_needs_it(tmp_path: Path) -> None
         read_cp_reach(folder, "RF")
     with pytest.raises(ProblemFileError, match="task"):
         read_cp_reach(folder, "RS")
-
-
-def test_a_task_of_any_name_is_read_and_a_missing_one_names_those_there(
-    recorded: Callable[[str], Path], tmp_path: Path
-) -> None:
-    source = recorded("cp_dyskinetic_reach/RF_MEAN_ScPro.csv").parent
-    for file in source.glob("RF_MEAN_*.csv"):
-        (tmp_path / file.name.replace("RF", "RS")).symlink_to(file)
-    groups = reach_groups(tmp_path, tasks=["RS"])
-    assert set(groups) == {("RS", group) for group in GROUPS}
-    assert groups["RS", GROUPS[0]].notes[0] == f"task RS, {GROUPS[0]}"
-    assert groups["RS", GROUPS[0]].used.limits == reach_groups(source, tasks=["RF"])["RF", GROUPS[0]].used.limits
-    with pytest.raises(ProblemFileError, match="files: RS"):
-        reach_groups(tmp_path, tasks=["RGV"])

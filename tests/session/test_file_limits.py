@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import math
 import os
-import re
 import signal
 import tomllib
 from collections.abc import Callable, Iterator
@@ -20,7 +18,6 @@ from rich.text import Text
 
 from rehab_opt import ProblemFileError
 from rehab_opt.cli import main
-from rehab_opt.errors import printable
 from rehab_opt.recordings.reading import read_recording
 from rehab_opt.session.files import load_problem
 from rehab_opt.session.many.participants import participants_in_folder, participants_of
@@ -32,7 +29,6 @@ from rehab_opt.text_file import (
     MAX_RECORDING_SIZE,
     MAX_TABLE_SIZE,
     check_key_depth,
-    number_in,
 )
 from tests.session.test_files import ARM, CSV
 
@@ -81,13 +77,6 @@ def test_a_pipe_is_no_problem_no_table_and_no_participant(pipe: Callable[[str], 
             with pytest.raises(ProblemFileError, match="file = 'a pipe': expected a file"):
                 read()
         assert "'a pipe'" in participants_in_folder(problem.parent)[0].error
-
-
-@pytest.mark.parametrize("suffix", ["csv", "c3d"])
-def test_a_pipe_is_no_recording(pipe: Callable[[str], Path], suffix: str) -> None:
-    path = pipe(f"path.{suffix}")
-    with within(LIMIT), pytest.raises(ProblemFileError, match="file = 'a pipe': expected a file"):
-        read_recording(path)
 
 
 def test_a_huge_file_is_refused_with_its_size_and_the_limit(tmp_path: Path) -> None:
@@ -146,23 +135,17 @@ def test_a_key_is_refused_where_it_has_more_parts_than_may_be(parts: list[str], 
     assert refusal.value.key == ("line 3" if 'y = """' in form else "line 2")
 
 
-@pytest.mark.parametrize("text", ["# {}", "x = '{}'", 'x = "{}"', 'x = """\n{}"""', "x = '''\n{}'''", "x = [{}]"])
-def test_what_is_no_key_may_have_as_many_dots_as_it_likes(text: str) -> None:
-    check_key_depth(text.format("1.5, " * 50 if "[" in text else "a." * 50), name="a.toml")
-
-
 @pytest.mark.parametrize(
     "content",
     [
         ARM + "a." * 50_000 + "b = 1\n",
         ARM + f"[{'a.' * 16_000}b]\n" + "".join(f"k{i}=1\n" for i in range(8000)),
-        ARM + f"x={{{'a.' * 50_000}b=1}}\n",
         "".join(f"a.b{i}.c = 1\n" for i in range(50_000)) + ARM,
         ARM + "".join(f"{'a.' * 30}k{i}=1\n" for i in range(3500)),
         ARM + "'" * 250_000,
         ARM + "a" * 250_000,
     ],
-    ids=range(7),
+    ids=range(6),
 )
 def test_any_toml_is_refused_within_seconds(written: Write, content: str) -> None:
     path = written("problem.toml", content)
@@ -170,32 +153,9 @@ def test_any_toml_is_refused_within_seconds(written: Write, content: str) -> Non
         load_problem(str(path))
 
 
-# ------------------------------------------------------------------------------------------------------- numbers
-DECIMAL = re.compile(r"[ \t]*[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?[ \t]*")
-
-
-@given(st.text("0123456789+-.eE \t_１٢infatyxj\xa0", max_size=8) | st.floats().map(repr) | st.integers().map(str))
-def test_a_number_is_what_ascii_digits_say(text: str) -> None:
-    number = number_in(text)
-    if DECIMAL.fullmatch(text):
-        assert number == float(text)
-    else:
-        assert math.isnan(number)
-
-
 # ------------------------------------------------------------------------------------------------ what is printed
 def harmless(text: str) -> bool:
     return all(letter.isprintable() or letter == "\n" for letter in text)
-
-
-@given(st.text())
-def test_printable_text_is_as_it_was_and_the_rest_is_escaped(text: str) -> None:
-    written = printable(text)
-    assert written.isprintable()
-    if text.isprintable():
-        assert written == text
-    elif "\\" not in text:
-        assert written.encode("ascii", "backslashreplace").decode("unicode_escape") == text
 
 
 @given(st.text() | st.just(ESCAPES))
@@ -220,25 +180,6 @@ def test_check_prints_titles_and_headers_with_their_escapes_written_out(
     assert harmless(printed)
     assert printed.startswith("problem: te\\x1b[31mst \\x1b]0;other\\x07 \\x9b2J \\u202e [/b] [red]\n")
     assert "columns not read: \\x1b[31mred\n" in printed
-
-
-def test_a_header_is_quoted_short_and_escaped(written: Write, capsys: pytest.CaptureFixture[str]) -> None:
-    long = "\x1b[31m" + "name and address " * 500
-    for name, content in (
-        ("path.csv", f"{long},x\n1,2\n"),
-        ("path.csv", f"{long},{long}\n1,2\n"),
-        ("path.csv", f"t_s,x_m,y_m,{long}_deg\n1,2,3,{long}\n"),
-        ("path.mot", f"inDegrees={long}\nendheader\ntime,a\n0,0\n"),
-        ("path.trc", f"PathFileType\nUnits\n{long}\nFrame#\tTime\n\n\n1\t0\t0\t0\t0\n"),
-        ("path.svc", f"{long}\n1 2 3 4\n"),
-    ):
-        path = written(name, content)
-        with pytest.raises(ProblemFileError) as refusal:
-            read_recording(path, name=name, marker="x")
-        message = str(refusal.value)
-        assert message.isprintable()
-        assert len(message) < 250
-        assert message.count("name and address") <= 6
 
 
 def main_of(*arguments: str) -> None:

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import pytest
-
 from tests.session.malformed import malformed
 
 
 def test_spoilt_recordings_are_refused_or_read_as_they_are() -> None:
-    pytest.importorskip("pyxdf")
-    made_of, wrong = malformed(500, seed=20261123)
+    made_of, wrong = malformed(400, seed=20261123)
     assert dict(wrong) == {}
-    assert len(made_of) > 60
+    assert len(made_of) > 50

@@ -17,8 +17,8 @@ from types import SimpleNamespace
 import pytest
 
 from rehab_opt.errors import ConfigurationError, ProblemFileError
+from rehab_opt.session.many import pools
 from rehab_opt.session.many.participant import Participant
-from rehab_opt.session.many.participants import participants_of
 from rehab_opt.session.many.pools import answers
 from rehab_opt.session.many.results import ResultRow
 from rehab_opt.session.many.run import GROUPS, PARQUET, RESULTS, run_many
@@ -75,6 +75,14 @@ def test_a_worker_computes_in_one_thread_unless_the_user_says_more(
         monkeypatch.setenv("OPENBLAS_NUM_THREADS", own)
     assert [*answers([0], blas_threads, executor=None, workers=1)] == [(0, own or "1")]
     assert blas_threads(0) == own
+
+
+def test_there_are_no_more_processes_than_tasks(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[int] = []
+    monkeypatch.setattr(pools, "_by_processes", lambda _tasks, _work, count, _s: asked.append(count) or iter(()))
+    for workers in (1, 2, 9):
+        assert [*answers([0, 1], blas_threads, executor=None, workers=workers)] == []
+    assert asked == [1, 2, 2]
 
 
 def test_rows_are_written_as_they_end_and_told_of(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -139,17 +147,11 @@ def test_what_is_done_is_not_done_again_and_what_failed_is(tmp_path: Path) -> No
         first = done(people, tmp_path / "out", executor=pool)
         before = (tmp_path / "out" / RESULTS).read_bytes()
         second = done(people, tmp_path / "out", executor=pool)
-    assert log.read_text(encoding="utf-8").split() == ["A", "B", "C", "B"]
-    assert (first["A"].kept, second["A"].kept, second["B"].kept) == (False, True, False)
-    assert (tmp_path / "out" / RESULTS).read_bytes() == before
-
-
-def test_changed_problem_is_computed_again(tmp_path: Path) -> None:
-    with ThreadPoolExecutor(1) as pool:
-        done([person("A")], tmp_path, executor=pool)
-        changed = replace(person("A"), content={**person("A").content, "title": "changed"})
-        assert not done([changed], tmp_path, executor=pool)["A"].kept
-        assert done([changed], tmp_path, executor=pool)["A"].kept
+        assert log.read_text(encoding="utf-8").split() == ["A", "B", "C", "B"]
+        assert (first["A"].kept, second["A"].kept, second["B"].kept) == (False, True, False)
+        assert (tmp_path / "out" / RESULTS).read_bytes() == before
+        people[0] = replace(people[0], content={**people[0].content, "arm": {"side": "right"}})
+        assert not done(people, tmp_path / "out", executor=pool)["A"].kept
 
 
 def test_result_half_written_or_half_deleted_does_not_count(tmp_path: Path) -> None:
@@ -226,28 +228,3 @@ def test_interrupted_run_goes_on_where_it_was(tmp_path: Path, how: str) -> None:
     assert log.read_text(encoding="utf-8").split() == ["A", "B", "B", "C"]
     with (out / RESULTS).open(encoding="utf-8", newline="") as file:
         assert [row["status"] for row in csv.DictReader(file)] == ["done"] * 3
-
-
-PROBLEM = """
-system = "workspace"
-title = "coarse"
-[arm]
-side = "left"
-range_of_motion = "restricted"
-accuracy_mm = 5.0
-"""
-
-
-@pytest.mark.nightly
-def test_folder_of_problem_files_is_worked_through_for_real(tmp_path: Path) -> None:
-    for name, side in (("anna", "left"), ("ben", "right")):
-        (tmp_path / f"{name}.toml").write_text(PROBLEM.replace("left", side), encoding="utf-8")
-    (tmp_path / "carla.toml").write_text("system = ", encoding="utf-8")
-    rows = {row.participant: row for row in run_many(participants_of(tmp_path), out=tmp_path / "out", workers=2)}
-    assert {name: row.status for name, row in rows.items()} == {"anna": "done", "ben": "done", "carla": "refused"}
-    assert "carla.toml: line 1" in rows["carla"].error
-    left, right = (rows[name].numbers for name in ("anna", "ben"))
-    assert left["sets.restricted.area_m2"] == pytest.approx(right["sets.restricted.area_m2"], rel=0.05)  # mirrored
-    assert left["sets.restricted.x_min_m"] == pytest.approx(-float(str(right["sets.restricted.x_max_m"])), abs=0.01)
-    written = {path.name for path in (tmp_path / "out" / "anna").iterdir()}
-    assert written == {"metrics.json", "trace.csv", "workspace.png", "result.json"}

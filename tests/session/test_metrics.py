@@ -9,8 +9,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from rehab_opt.kinematics.human_arm import human_arm
 from rehab_opt.kinematics.ur5 import ur5
@@ -34,18 +32,11 @@ def test_fraction_of_length_ignores_where_the_hand_rests() -> None:
     of_length, of_time = path_fractions(path, np.array([True, True, True, False, False]))
     assert of_length == pytest.approx(0.25)
     assert of_time == pytest.approx(0.6)
-
-
-def test_fraction_of_a_path_that_is_one_point_is_that_of_its_time() -> None:
-    assert path_fractions(np.zeros((4, 3)), np.array([True, False, False, False])) == (0.25, 0.25)
-
-
-@given(st.lists(st.tuples(st.floats(-1, 1), st.floats(-1, 1), st.booleans()), min_size=2, max_size=20))
-def test_shares_of_a_part_and_of_the_rest_make_one(samples: list[tuple[float, float, bool]]) -> None:
-    path, met = np.array([(x, y, 0.0) for x, y, _ in samples]), np.array([part for *_, part in samples])
-    for part, rest in zip(path_fractions(path, met), path_fractions(path, ~met), strict=True):
-        assert part + rest == pytest.approx(1.0)
-        assert -1e-12 <= part <= 1 + 1e-12
+    assert path_fractions(np.zeros((4, 3)), np.array([True, False, False, False])) == (0.25, 0.25)  # one point
+    assert list(status_counts(["ok", "backup", "ok"]).items()) == [("ok", 2), ("backup", 1)]
+    spread = {"error_mean_m": 2.0, "error_p95_m": 2.9, "error_max_m": 3.0}
+    assert error_metrics(np.array([1.0, 3.0]), "error", "m") == pytest.approx(spread)
+    assert time_metrics(np.array([0.001, 0.003]), "tick")["tick_median_ms"] == pytest.approx(2.0)
 
 
 def test_margin_is_that_of_the_nearest_free_joint_and_negative_outside() -> None:
@@ -66,17 +57,6 @@ def test_unlimited_and_locked_joints_give_strict_json() -> None:
     for arm in (free, locked):
         numbers = joint_metrics(arm, np.array([ARM.lower, ARM.lower]), rate=10.0)
         assert json.loads(json.dumps(numbers, allow_nan=False))["joint_limit_margin_min_deg"] is None
-
-
-def test_spread_names_its_unit() -> None:
-    assert error_metrics(np.array([1.0, 3.0]), "error", "m") == pytest.approx(
-        {"error_mean_m": 2.0, "error_p95_m": 2.9, "error_max_m": 3.0}
-    )
-    assert time_metrics(np.array([0.001, 0.003]), "tick")["tick_median_ms"] == pytest.approx(2.0)
-
-
-def test_most_frequent_status_stands_first() -> None:
-    assert list(status_counts(["ok", "backup", "ok"]).items()) == [("ok", 2), ("backup", 1)]
 
 
 def test_reasons_that_differ_in_what_they_measure_alone_are_one() -> None:
@@ -113,7 +93,7 @@ def test_driven_joints_keep_limits_and_speed_and_arrive_late() -> None:
     assert numbers["delay_s"] >= away / 60.0 - 0.01
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_a_change_of_posture_from_sample_to_sample_leads_hand_and_handle_off_by_nothing(seed: int) -> None:
     arm = ARM.with_limits(lower=ARM.lower - 0.6, upper=ARM.upper + 0.6)
     here = (arm.lower + arm.upper) / 2

@@ -5,30 +5,21 @@ from __future__ import annotations
 import itertools
 import math
 import tomllib
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from bench.unseen.hands import RANGE_DEG, reach_recording
-from bench.unseen.measured import judged, passed, reach
-from bench.unseen.person_reach import hand, reaches
-from bench.unseen.time_optimal import least_seconds, reference_seconds
-from bench.unseen.ur5_branches import branch_of, flange, manipulability, postures
+from bench.unseen.hands import reach_recording
 from rehab_opt import MirrorTracker, ur5
 from rehab_opt.cli import main
 from rehab_opt.control.seats import Seats
 from rehab_opt.errors import ProblemFileError
-from rehab_opt.plants.ideal import IdealJoints
 from rehab_opt.session.files import ProblemFile, load_problem, shipped_problems
 from rehab_opt.session.mirror import placing
-from rehab_opt.session.mirror.laws import planned, track_reference, tracker_of
 from rehab_opt.session.mirror.placing import found_place, replaced_keys
 from rehab_opt.session.mirror.problem import MirrorProblem
-from rehab_opt.session.mirror.scene import laid_out
-from tests.judge import ur5_numbers
 
 SHIPPED = shipped_problems()["mirror/vr_hand"]
 
@@ -47,30 +38,20 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def placed(folder: Path) -> Path:
-    """What the command writes."""
+    """What the command writes; it replaces no file unasked, nor ever its input."""
     out = folder / "placed.toml"
-    main_exit(["place", str(folder / "reaches.toml"), "--out", str(out), "--seats", "60"])
+    source = folder / "reaches.toml"
+    before = source.read_bytes()
+    for code, where, force in ((0, out, []), (2, out, []), (2, source, []), (2, source, ["--force"])):
+        with pytest.raises(SystemExit) as end:
+            main(["place", str(source), "--out", str(where), "--seats", "20", *force])
+        assert end.value.code == code
+    assert source.read_bytes() == before
     return out
-
-
-def main_exit(arguments: list[str]) -> None:
-    with pytest.raises(SystemExit) as end:
-        main(arguments)
-    assert end.value.code == 0
 
 
 def content(path: Path) -> dict[str, Any]:
     return tomllib.loads(path.read_text())
-
-
-def test_no_file_is_replaced_unasked_nor_an_input_ever(folder: Path, placed: Path) -> None:
-    source = folder / "reaches.toml"
-    before = placed.read_text(), source.read_text()
-    for out, force in ((placed, []), (source, []), (source, ["--force"])):
-        with pytest.raises(SystemExit) as end:
-            main(["place", str(source), "--out", str(out), "--seats", "60", *force])
-        assert end.value.code != 0
-    assert before == (placed.read_text(), source.read_text())
 
 
 def test_what_is_patients_moves_as_one_and_the_rest_of_the_file_stays(folder: Path, placed: Path) -> None:
@@ -88,6 +69,7 @@ def test_what_is_patients_moves_as_one_and_the_rest_of_the_file_stays(folder: Pa
     turn = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
     np.testing.assert_allclose(np.diff(points[1], axis=0), np.diff(points[0], axis=0) @ turn.T, atol=3e-3)
     assert np.linalg.norm(points[1][:, :2], axis=1).min() > 0.44  # nobody sits in the robot
+    assert placing.HEIGHT[0] - 1e-3 <= points[1][2, 2] <= placing.HEIGHT[1] + 1e-3  # [m] of a seated shoulder
     for each in (before, after):
         for section, keys in (("placement", ("origin_m", "turn_deg")), ("robot", ("start_deg", "grip_deg")),
                               ("patient", ("sagittal_point_m", "facing_deg", "arm"))):  # fmt: skip
@@ -98,21 +80,6 @@ def test_what_is_patients_moves_as_one_and_the_rest_of_the_file_stays(folder: Pa
 
 
 @pytest.mark.nightly
-def test_what_is_promised_is_what_a_run_achieves(placed: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    config = load_problem(str(placed))
-    scene = laid_out(config)
-    tracker = tracker_of(config.problem, scene, file="placed")
-    led = track_reference(tracker, scene, IdealJoints(tracker.dt), patience=10.0, progress=lambda *_: None)
-    poses = judged(scene.reference.poses)
-    found = reach(poses, content(placed))
-    ours = passed(led.q, poses)
-    assert led.complete
-    assert found.anyhow.mean() > 0.8
-    assert ours[found.anyhow].mean() >= 0.9
-    again = found_place(config, seats=20, progress=lambda *_: None)
-    assert 0.0 < again.passed <= 1.0
-
-
 def test_seats_that_are_run_are_apart_and_more_of_them_where_none_does_what_was_counted_on(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -155,52 +122,9 @@ def test_seats_are_searched_until_the_third_of_them_does_all_that_the_persons_ar
     assert asked[2] == asked[3 + 2] != asked[3]
 
 
-@pytest.mark.nightly
-def test_a_search_that_ends_short_is_begun_again(
-    recorded: Callable[[str], Path], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """One in three of a real hand's ended near a seat with 0.88 to 0.97 of what another seat does; of this 0.86."""
-    recorded("vr_hand_tracker/tracker_record_rows_1_3000.csv")
-    monkeypatch.setattr(placing, "achieved", lambda _: 1.0)
-    config = placing.placed(load_problem("mirror/vr_hand"), {"recording": {"rows": [2432, 2911]}})
-    assert found_place(config, seats=100, seed=2, progress=lambda *_: None).counted > 0.6
-
-
-@pytest.mark.nightly
-def test_a_plan_is_passed_sooner_though_eight_passages_break_a_bound_each(recorded: Callable[[str], Path]) -> None:
-    """1.198 of its path's least time, of 200 recordings: each of eight passages had one tick to be slower."""
-    pytest.importorskip("toppra")
-    recorded("vr_hand_tracker/tracker_record_rows_1_3000.csv")
-    seat = {
-        "recording": {"rows": [1641, 2120]},
-        "placement": {"origin_m": [0.318, -0.744, 0.219], "turn_deg": 42.8},
-        "patient": {"sagittal_point_m": [0.196, -0.612, 0.219], "facing_deg": 42.8},
-        "robot": {"start_deg": [29.2, 28.7, -97.6, 18.7, 142.5, 155.5], "grip_deg": [-79.6, 18.9, -139.1]},
-        "patient.arm": {"shoulder_m": [0.073, -0.48, 0.219]},
-    }
-    config = placing.placed(load_problem("mirror/vr_hand"), seat)
-    limits, scene = config.problem.tracker, laid_out(config)
-    tracker = tracker_of(config.problem, scene, file="rows")
-    plan = planned(tracker, scene, progress=lambda *_: None)
-    assert plan.complete
-    clock = reference_seconds(
-        np.maximum.accumulate(plan.time - plan.lag), scene.led.poses, plan.tool[0], tracker.dt,
-        speed=limits.linear_speed_m_s, turning=math.radians(limits.angular_speed_deg_s),
-    )  # fmt: skip
-    least = least_seconds(
-        plan.q, clock, flange(plan.q)[:, :3, 3], speed=scene.robot.velocity, acceleration=scene.robot.acceleration,
-        hand_speed=limits.linear_speed_m_s,
-    )  # fmt: skip
-    assert plan.time[-1] < 1.06 * least
-
-
-def test_a_measured_frame_is_not_chosen_anew() -> None:
-    with pytest.raises(ProblemFileError) as refusal:
+def test_a_section_without_a_header_and_a_measured_frame_are_refused() -> None:
+    with pytest.raises(ProblemFileError, match=r"placement\.calibration_file"):
         found_place(load_problem("mirror/pick_fruit"), progress=lambda *_: None)
-    assert refusal.value.key == "placement.calibration_file"
-
-
-def test_a_section_without_a_header_is_refused() -> None:
     with pytest.raises(ProblemFileError, match="placement"):
         replaced_keys("placement.turn_deg = 3.0\n", {"placement": {"turn_deg": 4.0}}, file="x.toml")
     text = "[a]\nb = [1.0,  # one\n 2.0]\nc = 2 # two\n[d]\nb = 3\n"
@@ -209,7 +133,7 @@ def test_a_section_without_a_header_is_refused() -> None:
     assert "c = 7.0 # two" in new
 
 
-@pytest.mark.parametrize("wrist_deg", [-170.0, 20.0, 170.0])
+@pytest.mark.parametrize("wrist_deg", [-170.0, 20.0])
 @pytest.mark.parametrize("way", [1.0, -1.0])
 def test_a_wrist_begins_a_turn_earlier_where_the_path_would_wind_it_up(wrist_deg: float, way: float) -> None:
     arm = ur5()
@@ -250,24 +174,3 @@ def test_a_pose_that_a_seat_only_comes_near_is_none_that_it_has() -> None:
 
 
 # ------------------------------------------------------------------------------------------------ the oracle itself
-def test_the_oracle_finds_every_posture_that_has_a_pose() -> None:
-    q = np.random.default_rng(1).uniform(-math.pi, math.pi, (500, 6))
-    np.testing.assert_allclose(flange(q), ur5_numbers.tool(q), atol=1e-12)
-    np.testing.assert_allclose(manipulability(q), ur5_numbers.manipulability(q), atol=1e-9)
-    found = postures(flange(q))
-    flat = found.reshape(-1, 6)
-    real = ~np.isnan(flat).any(axis=1)
-    np.testing.assert_allclose(flange(flat[real]), np.repeat(flange(q), 8, axis=0)[real], atol=1e-8)
-    apart = np.abs((found - q[:, None] + math.pi) % (2 * math.pi) - math.pi).max(axis=2)
-    assert np.nanmin(apart, axis=1).max() < 1e-7
-    assert set(branch_of(flat[real]).tolist()) == set(range(8))
-
-
-def test_the_oracles_person_gets_to_every_hand_of_their_range_and_to_none_beyond() -> None:
-    limits = np.deg2rad(np.array(list(RANGE_DEG.values())))
-    limits[0] += math.pi
-    hands = hand(np.random.default_rng(2).uniform(limits[:, 0], limits[:, 1], (20, 8)))
-    assert reaches(hands, limits[:, 0], limits[:, 1]).all()
-    hands[:, :3, 3] *= 2.0
-    far = np.linalg.norm(hands[:, :3, 3], axis=1) > 0.8
-    assert not reaches(hands, limits[:, 0], limits[:, 1])[far].any()

@@ -51,17 +51,14 @@ def test_segments_and_speeds_reach_the_arm() -> None:
     assert arm.rows[7].d == 0.0
 
 
-@pytest.mark.parametrize(("side", "other"), [("left", "right"), ("right", "left")])
-def test_other_hand_must_be_mirrored_explicitly(side: Side, other: Side) -> None:
-    checked_hand(hand(other, mirror=True), side=side, file="f")
-    with pytest.raises(ProblemFileError, match="expected true, since"):
-        checked_hand(hand(other, mirror=False), side=side, file="f")
-
-
-def test_same_hand_must_not_be_mirrored() -> None:
-    checked_hand(hand("left", mirror=False), side="left", file="f")
-    with pytest.raises(ProblemFileError, match="expected false, since"):
-        checked_hand(hand("left", mirror=True), side="left", file="f")
+def test_other_hand_must_be_mirrored_and_the_same_one_not() -> None:
+    for hand_of, mirror, expected in (("left", True, "false"), ("right", False, "true")):
+        checked_hand(hand(hand_of, mirror=not mirror), side="left", file="f")  # type: ignore[arg-type]
+        with pytest.raises(ProblemFileError, match=f"expected {expected}, since"):
+            checked_hand(hand(hand_of, mirror=mirror), side="left", file="f")  # type: ignore[arg-type]
+    point = recording([[1, 1], [1, 1]])
+    with pytest.raises(ProblemFileError, match="more than one point"):
+        placed_path(point, PlacementSection(centre_m=[0.0, 0.4], fit_m=[0.1, 0.1]), mirror=False, file="f")
 
 
 def test_mirror_exchanges_left_and_right_after_the_turn() -> None:
@@ -76,12 +73,6 @@ def test_height_is_projected_away_and_said() -> None:
     path, sentence = placed_path(recording([[0, 0, 1.0], [0.1, 0, 1.05]]), placement, mirror=False, file="f")
     np.testing.assert_array_equal(path[:, 2], -0.3)
     assert "50 mm of height left out" in sentence
-
-
-def test_point_cannot_be_fitted() -> None:
-    placement = PlacementSection(centre_m=[0.0, 0.4], fit_m=[0.1, 0.1])
-    with pytest.raises(ProblemFileError, match="more than one point"):
-        placed_path(recording([[1, 1], [1, 1]]), placement, mirror=False, file="f")
 
 
 @given(

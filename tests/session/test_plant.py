@@ -4,40 +4,28 @@ from __future__ import annotations
 
 import math
 import sys
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
 from rehab_opt import ConfigurationError, ProblemFileError
-from rehab_opt.control.command import Command, Relaxed, Status
 from rehab_opt.control.joint_feedback import JointFeedback
-from rehab_opt.kinematics.ardis import ARDIS_READY
 from rehab_opt.plants.channel import Channel
 from rehab_opt.plants.force_robot import ForceRobot, RobotModel
 from rehab_opt.plants.hand_robot import MujocoHandRobot, OnMujoco
-from rehab_opt.plants.wheelchair import own_chair_arm_model
-from rehab_opt.session.ardis.outcome import simulate_motion
-from rehab_opt.session.ardis.problem import ArdisProblem
-from rehab_opt.session.ardis.robot import joystick_of, robot_of, start_of
-from rehab_opt.session.ardis.stick import StickRecording
 from rehab_opt.session.files import ProblemFile, load_problem, problem_content, problem_of, problem_path
-from rehab_opt.session.mirror.laws import without_floor
-from rehab_opt.session.mirror.scene import laid_out
 from rehab_opt.session.plant import (
-    ChairPlant,
     HandPlant,
     JointPlant,
-    chair_plant,
     joint_feedback,
-    joint_plant,
     on_plant,
 )
 from rehab_opt.session.pose_tracking.run import RobotOutcome
 from rehab_opt.session.pose_tracking.shown import figures as robot_figures
 from rehab_opt.session.run import checked, run_problem
 from rehab_opt.session.scenario.loop import hand_robot_of
+from tests.refusals import refuses
 
 CIRCLE = {"circle": {"radius_m": 0.03, "duration_s": 1.5, "turns": 1.0, "swing_deg": 10.0}}
 
@@ -73,49 +61,27 @@ def test_an_ideal_plant_is_the_default_and_the_sum_of_the_commands() -> None:
         assert np.array_equal(q, after)
 
 
-@pytest.mark.parametrize(
-    ("keys", "key", "expected"),
-    [
-        ({"kind": "gazebo"}, "plant.kind", "'ideal', 'mujoco', 'ur', 'franka' or 'ros2'"),
-        ({"command_delay_ms": 2.0}, "plant.command_delay_ms", 'no such key but for kind = "mujoco"'),
-        ({"kind": "mujoco", "command_delay_ms": -1.0}, "plant.command_delay_ms", "greater than or equal to 0"),
-        ({"kind": "mujoco", "servo": "torque"}, "plant.servo", "'velocity' or 'position'"),
-        ({"kind": "mujoco", "noise": 1.0}, "plant.noise", "one of the keys"),
-        ({"kind": "mujoco", "position_noise_rad": math.nan}, "plant.position_noise_rad", "a finite number"),
-    ],
-)
-def test_a_table_that_cannot_be_used_is_one_line_with_its_key(keys: dict[str, Any], key: str, expected: str) -> None:
-    with pytest.raises(ProblemFileError) as refused:
-        changed("robot/ur5_circle", plant=keys)
-    assert refused.value.key == key
-    assert expected in refused.value.expected
-
-
-@pytest.mark.parametrize(
-    "name",
-    [
-        "upper_limb/figure_eight",
-    ],
-)
-def test_a_problem_without_a_robot_in_closed_loop_says_which_kinds_have_one(name: str) -> None:
-    with pytest.raises(ConfigurationError, match="pose_tracking and mirror and scenario and ardis") as refused:
-        run_problem(load_problem(name), plant="mujoco")
-    assert refused.value.argument == "--plant"
-
-
-def test_an_unknown_kind_and_an_absent_mujoco_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    with pytest.raises(ConfigurationError, match="one of ideal, mujoco"):
-        run_problem(load_problem("robot/ur5_circle"), plant="gazebo")
+def test_a_plant_that_there_is_not_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    refuses(
+        lambda keys: changed("robot/ur5_circle", plant=keys),
+        (({"kind": "gazebo"},), "plant.kind", "'ideal', 'mujoco', 'ur', 'franka' or 'ros2'"),
+        (({"command_delay_ms": 2.0},), "plant.command_delay_ms", 'no such key but for kind = "mujoco"'),
+        (({"kind": "mujoco", "noise": 1.0},), "plant.noise", "one of the keys"),
+        error=ProblemFileError,
+    )
+    refuses(
+        lambda name, kind: run_problem(load_problem(name), plant=kind),
+        (("upper_limb/figure_eight", "mujoco"), "--plant", "pose_tracking and mirror and scenario and ardis"),
+        (("robot/ur5_circle", "gazebo"), "one of ideal, mujoco"),
+    )
     monkeypatch.setitem(sys.modules, "mujoco", None)
     with pytest.raises(ConfigurationError, match=r"rehab_opt\[physics\]"):
         run_problem(load_problem("robot/ur5_circle"), plant="mujoco")
-
-
-@pytest.mark.parametrize("name", ["robot/ur5_circle", "upper_limb/scenario_2_assist", "ardis/press_lift_button"])
-def test_a_check_tells_that_mujoco_is_missing(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "mujoco", None)
-    with pytest.raises(ConfigurationError, match=r"rehab_opt\[physics\]"):
-        checked(changed(name, plant={"kind": "mujoco"}))
+    names = ("robot/ur5_circle", "upper_limb/scenario_2_assist", "ardis/press_lift_button")
+    refuses(
+        lambda name: checked(changed(name, plant={"kind": "mujoco"})),
+        *(((name,), "rehab_opt[physics]") for name in names),
+    )
 
 
 def test_the_option_goes_before_the_file() -> None:
@@ -167,67 +133,6 @@ def test_a_tracker_is_told_what_the_table_says_of_delays_and_servos() -> None:
         told = joint_feedback(JointPlant(kind="mujoco", servo=servo, contact_m=0.0015))
         assert told is not None
         assert told.contact == 0.0015
-
-
-def test_a_mirrored_motion_runs_on_servos() -> None:
-    pytest.importorskip("mujoco")
-    config = changed("mirror/pick_fruit", plant={"kind": "mujoco"})
-    scene = laid_out(config)
-    scene = replace(
-        scene,
-        reference=scene.reference._replace(
-            **{name: getattr(scene.reference, name)[:200] for name in ("times", "poses", "twists", "lost")}
-        ),
-    )
-    plant = joint_plant(config.problem.plant, scene.robot, 0.005)
-    led = without_floor(scene, plant, max_manipulability=1.0, progress=lambda *_: None)
-    assert led.motion is not None
-    assert np.nanmax(led.deviation[20:]) < 0.02
-    assert not np.array_equal(led.motion.measured[10:], led.q[10:])
-
-
-@pytest.mark.parametrize("drive", ["mecanum", "differential"])
-def test_a_chair_under_its_stick_goes_where_its_wheels_carry_it(drive: str) -> None:
-    pytest.importorskip("mujoco")
-    config: ProblemFile[ArdisProblem] = load_problem("ardis/press_lift_button")
-    robot = robot_of(config)
-    wheels = getattr(robot, drive)
-
-    class Straight:
-        """Forward at 0.2 m/s in the world, the elbow at 0.1 rad/s, whatever is asked."""
-
-        def step(self, *_: object, **__: object) -> Command:
-            velocity = np.array([0.2, 0.0, 0.0, 0.0, 0.0, 0.1, 0.0])
-            speeds = wheels.wheel_speeds([0.2, 0.0, 0.0])
-            return Command(velocity, Status.OK, "", 0.0, 0, "", Relaxed.NOTHING, 1.0, speeds)
-
-    plant = chair_plant(ChairPlant(kind="mujoco"), robot, wheels, 0.01)
-    stick = StickRecording(np.array([0.0]), np.zeros((1, 2)), np.zeros(1, bool), np.zeros(1, bool))
-    motion = simulate_motion(robot, Straight(), joystick_of(config), stick, ARDIS_READY, dt=0.01, plant=plant)
-    seconds = motion.time[-1]
-    # Late by the delay of the command and the lag of the wheels.
-    assert motion.q[-1, 0] == pytest.approx(0.2 * (seconds - 0.003 - 0.08), abs=1e-3)
-    assert motion.q[-1, 5] == pytest.approx(ARDIS_READY[5] + 0.1 * seconds, abs=5e-3)
-    assert motion.motion is not None
-
-
-def test_arm_of_a_robot_file_is_driven_on_its_chair_by_its_own_masses_and_efforts() -> None:
-    pytest.importorskip("mujoco")
-    config: ProblemFile[ArdisProblem] = load_problem("ardis/kinova_drink")
-    robot = robot_of(config)
-    assert sum(body.mass for body in own_chair_arm_model(robot).bodies) == pytest.approx(robot.mass - 120.0)
-    plant = chair_plant(ChairPlant(kind="mujoco"), robot, robot.drive("fixed"), 0.01, own_arm=True)
-    start = start_of(config, robot)
-    plant.reset(start)
-    held, command = [], np.zeros(robot.chain.n - 3)
-    for k in range(100):
-        command[3] = 0.2 if k >= 50 else 0.0
-        plant.step(command)
-        held.append(plant.truth)
-    assert np.abs(held[49].position - start).max() < 5e-3  # against gravity
-    np.testing.assert_allclose(held[49].effort[3:], held[40].effort[3:], atol=0.5)
-    assert np.abs(held[49].effort[3:]).max() > 5.0
-    assert held[-1].position[6] - start[6] == pytest.approx(0.2 * 0.5, abs=0.02)
 
 
 def test_without_delay_the_robot_in_mujoco_is_the_one_that_is_integrated() -> None:

@@ -21,6 +21,7 @@ from rehab_opt.session.pose_tracking.shown import figures as robot_figures
 from rehab_opt.session.run import checked, run_problem
 from rehab_opt.session.systems import NotMet
 from tests.control.clearance_world import least_distance, link_ends
+from tests.refusals import refuses
 
 START = ur5().pose(np.deg2rad([0.0, -90.0, 90.0, -90.0, -90.0, 0.0]))
 direction = st.tuples(st.floats(-1, 1), st.floats(-1, 1), st.floats(-1, 1))
@@ -43,18 +44,14 @@ def test_twist_is_the_derivative_of_the_pose(
     np.testing.assert_allclose(twists[1, 3:], [spin[2, 1], spin[0, 2], spin[1, 0]], atol=1e-6)
 
 
-def test_circle_starts_and_ends_at_rest_in_the_starting_pose() -> None:
+def test_circle_starts_and_ends_at_rest_in_the_starting_pose_and_keeps_its_radius() -> None:
     circle = CircleSection(radius_m=0.1, turns=2.0, duration_s=4.0, swing_deg=30.0)
     poses, twists = circle_reference(START, circle, np.array([0.0, 4.0]))
     np.testing.assert_allclose(poses, [START, START], atol=1e-12)
     np.testing.assert_allclose(twists, 0, atol=1e-12)
-
-
-def test_circle_keeps_its_radius_about_the_centre_it_names() -> None:
     circle = CircleSection(radius_m=0.1, normal=[0.0, 1.0, 0.0], towards=[0.0, 0.0, 1.0], duration_s=4.0)
     poses, _ = circle_reference(START, circle, np.linspace(0, 4, 50))
-    centre = START[:3, 3] + [0, 0, 0.1]
-    np.testing.assert_allclose(np.linalg.norm(poses[:, :3, 3] - centre, axis=1), 0.1, atol=1e-12)
+    np.testing.assert_allclose(np.linalg.norm(poses[:, :3, 3] - START[:3, 3] - [0, 0, 0.1], axis=1), 0.1, atol=1e-12)
     np.testing.assert_allclose(poses[:, 1, 3], START[1, 3], atol=1e-12)
 
 
@@ -79,14 +76,6 @@ def test_slow_robot_falls_behind_but_keeps_its_speed_limit() -> None:
     numbers = run_problem(slow).metrics["optimised"]
     assert numbers["joint_speed_max_fraction_of_limit"] <= 1.0 + 1e-9
     assert numbers["scale_min"] < 1.0
-
-
-def test_solver_that_leaves_the_slowest_motion_undelivered_is_not_taken_for_one_that_falls_behind() -> None:
-    numbers = run_problem(load_problem("robot/ur5_circle"), solver="proxqp").metrics["optimised"]
-    assert numbers["parameters"]["solver"] == "proxqp"
-    assert numbers["position_error_max_m"] < 1e-4
-    assert numbers["scale_min"] <= numbers["scale_min_moving"]
-    assert numbers["scale_min_moving"] > 0.9
 
 
 def test_a_start_within_a_margin_is_said_by_check_and_by_the_run_of_whom_and_by_how_much(tmp_path: Path) -> None:
@@ -159,9 +148,8 @@ def eight(rng: np.random.Generator, seconds: float) -> np.ndarray:
     )
 
 
-@pytest.mark.parametrize("seed", range(1))
-def test_a_path_of_a_file_is_followed_from_where_the_tool_starts(tmp_path: Path, seed: int) -> None:
-    points = eight(np.random.default_rng([63, seed]), 6.0)
+def test_a_path_of_a_file_is_followed_from_where_the_tool_starts(tmp_path: Path) -> None:
+    points = eight(np.random.default_rng([63, 0]), 4.0)
     outcome = run_problem(load_problem(written(tmp_path, points)))
     assert isinstance(outcome, RobotOutcome)
     assert set(outcome.status) == {"ok"}
@@ -186,10 +174,9 @@ def test_a_path_in_the_robots_frame_is_come_to_before_it_begins(tmp_path: Path) 
     assert not any("NOT FOLLOWED" in each for each in outcome.notes)
 
 
-@pytest.mark.parametrize("seed", range(1))
-def test_stamps_of_when_samples_arrive_and_spikes_are_no_jumps(tmp_path: Path, seed: int) -> None:
+def test_stamps_of_when_samples_arrive_and_spikes_are_no_jumps(tmp_path: Path) -> None:
     """One in twenty comes with the next, one is 36 cm off, and sight is lost for a while: noted, the path as before."""
-    rng = np.random.default_rng([64, seed])
+    rng = np.random.default_rng([64, 0])
     points = eight(rng, 6.0)
     even = run_problem(load_problem(written(tmp_path, points)))
     k = int(rng.integers(50, len(points) - 50))
@@ -212,8 +199,8 @@ def test_stamps_of_when_samples_arrive_and_spikes_are_no_jumps(tmp_path: Path, s
     ("robot", "stretch", "cause"),
     [
         ("joint_speed_deg_s = 8.0", 1.0, "as fast as it may"),
-        ("joint_acceleration_deg_s2 = 10.0", 1.0, "accelerate as they may"),
-        ("", 12.0, "singular"),
+        pytest.param("joint_acceleration_deg_s2 = 10.0", 1.0, "accelerate as they may", marks=pytest.mark.nightly),
+        pytest.param("", 12.0, "singular", marks=pytest.mark.nightly),
         ("five", 1.0, "an arm of 5 joints, which cannot hold every orientation"),
     ],
 )
@@ -241,22 +228,19 @@ def test_check_reports_what_the_run_reports(tmp_path: Path, robot: str, stretch:
     np.testing.assert_allclose(*found, rtol=0.1, atol=1.0)
 
 
-@pytest.mark.parametrize(
-    ("text", "said"),
-    [
-        (PATH + "[circle]\nradius_m = 0.1\nduration_s = 4.0\n", r"one of them"),
-        (PATH[: PATH.index("[path]")], r"one of them"),
-        (PATH.replace("path.csv", "none.csv"), r"path\.file = 'none\.csv'"),
-        (PATH + 'columns = ["a_m", "b_m"]\n', r"path\.columns"),
-        (PATH + "[tracker]\nrate_hz = 10000.0\n", r"tracker\.rate_hz = 10000"),
-        (PATH + "cutoff_hz = 0.0\n", r"path\.cutoff_hz = 0"),
-    ],
-)
-def test_a_path_that_cannot_be_used_is_refused_by_its_key(tmp_path: Path, text: str, said: str) -> None:
+def test_a_path_that_cannot_be_used_is_refused_by_its_key(tmp_path: Path) -> None:
     points = eight(np.random.default_rng(7), 3.0)
     points[-1, 0] += 300.0
-    with pytest.raises(ProblemFileError, match=said):
-        checked(load_problem(written(tmp_path, points, text)))
+    refuses(
+        lambda text: checked(load_problem(written(tmp_path, points, text))),
+        ((PATH + "[circle]\nradius_m = 0.1\nduration_s = 4.0\n",), "one of them"),
+        ((PATH[: PATH.index("[path]")],), "one of them"),
+        ((PATH.replace("path.csv", "none.csv"),), "path.file = 'none.csv'"),
+        ((PATH + 'columns = ["a_m", "b_m"]\n',), "path.columns"),
+        ((PATH + "[tracker]\nrate_hz = 10000.0\n",), "tracker.rate_hz = 10000"),
+        ((PATH + "cutoff_hz = 0.0\n",), "path.cutoff_hz = 0"),
+        error=ProblemFileError,
+    )
 
 
 @pytest.mark.parametrize("last", [75, None])

@@ -179,30 +179,16 @@ def test_numbers_are_strict_json_and_their_keys_the_same_for_every_trial(mode: M
     json.dumps([every, outcome.metrics], allow_nan=False)
 
 
-def test_a_hand_that_never_moves_has_numbers_too() -> None:
-    numbers = measured(trial_of(STILL + LINE[0]))
-    json.dumps(numbers, allow_nan=False)
-    assert numbers["path_length_ratio"] is None
-    assert numbers["smoothness_sparc"] is None
-    assert numbers["success"] is False
-
-
 def test_summary_is_mean_and_worst_and_a_time_that_was_never_reached_is_the_worst() -> None:
     numbers: list[dict[str, Any]] = [
         {
-            "success": True,
-            "a_N": 1.0,
-            "smoothness_sparc": -2.0,
-            "time_to_target_s": 3.0,
-            "status_fraction": {"ok": 1.0},
-        },
-        {
-            "success": False,
-            "a_N": 4.0,
-            "smoothness_sparc": -5.0,
-            "time_to_target_s": None,
-            "status_fraction": {"backup": 1.0},
-        },
+            "success": success,
+            "a_N": a,
+            "smoothness_sparc": sparc,
+            "time_to_target_s": time,
+            "status_fraction": {status: 1.0},
+        }
+        for success, a, sparc, time, status in ((True, 1.0, -2.0, 3.0, "ok"), (False, 4.0, -5.0, None, "backup"))
     ]
     summary = law_summary(numbers)
     assert summary["success_rate"] == 0.5

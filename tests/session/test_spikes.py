@@ -8,8 +8,6 @@ import numpy as np
 import pytest
 
 from rehab_opt.recordings.recording import Recording, without_spikes
-from rehab_opt.session.files import load_problem
-from rehab_opt.session.run import checked
 from rehab_opt.session.scoring import score_recordings
 from tests.measures.yardstick import reach
 
@@ -41,7 +39,7 @@ def off(rng: np.random.Generator, rate: float, width: int, coordinates: int) -> 
 @pytest.mark.parametrize("place", ["start", "inside", "end"])
 def test_exactly_the_spikes_are_left_out(rate: float, place: str) -> None:
     """Ten in a row were kept and ten good ones around left out; of a first or last sample five good ones."""
-    for seed in range(60):
+    for seed in range(30):
         rng = np.random.default_rng([seed, int(rate), len(place)])
         time, points = smooth(rng, rate)
         time = time + rng.uniform(0.0, 0.5, len(time)) / rate  # when they arrived
@@ -58,7 +56,7 @@ def test_exactly_the_spikes_are_left_out(rate: float, place: str) -> None:
 @pytest.mark.parametrize("rate", RATES)
 def test_a_fast_movement_loses_no_sample(rate: float) -> None:
     """Up to 4 m/s and 30 m/s^2."""
-    for seed in range(60):
+    for seed in range(30):
         time, points = smooth(np.random.default_rng([seed, int(rate)]), rate, hz=3.0)
         speed = np.linalg.norm(np.diff(points, axis=0), axis=1).max() * rate
         found = without_spikes(Recording("a", time, points * min(1.0, 4.0 / speed)))
@@ -97,16 +95,3 @@ def test_a_score_leaves_spikes_out_and_says_so(tmp_path: Path) -> None:
     times = [row.value for row in scored.rows if row.measure == "movement_time"]
     assert times == pytest.approx([np.sqrt(1 - np.sqrt(0.05))], abs=2e-3)
     assert f"{file}: samples left out as spikes: 1, the first after 2.5 s" in scored.notes
-
-
-def test_every_system_tells_of_holes(tmp_path: Path) -> None:
-    """An arm followed one of 3.5 s without a word."""
-    spoilt(tmp_path)
-    problem = tmp_path / "a.toml"
-    problem.write_text(
-        'system = "upper_limb"\ntitle = "a"\n[arm]\nside = "left"\nrange_of_motion = "restricted"\n'
-        '[recording]\nfile = "spoilt.csv"\nhand = "left"\n[placement]\ncentre_m = [-0.17, 0.5]\nfit_m = [0.03, 0.02]\n'
-    )
-    said = [str(note) for note in checked(load_problem(str(problem)))]
-    for each in ("samples left out as spikes: 1, ", "once no samples, the longest of 1.01 s after 0.59 s: bridged"):
-        assert any(each in note for note in said)

@@ -6,11 +6,9 @@ import json
 import subprocess
 import sys
 from pathlib import Path
-from typing import get_args
 
 import pytest
 
-import rehab_opt.session
 from rehab_opt.cli import main
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.session.files import load_problem, shipped_problems
@@ -19,24 +17,11 @@ from rehab_opt.session.many.participants import participants_of
 from rehab_opt.session.many.run import run_many
 from rehab_opt.session.run import run_problem
 from rehab_opt.session.systems import SHIPPED, system_named, systems
-
-SHARED = ("files", "run", "report", "shown", "outcome", "many/run", "many/participant", "inputs", "many/pools")
-
-
-@pytest.mark.parametrize("name", SHIPPED)
-def test_system_reads_files_that_call_it_by_its_name(name: str) -> None:
-    assert get_args(system_named(name).schema.model_fields["system"].annotation) == (name,)
+from tests.refusals import refuses
 
 
 def test_every_system_has_a_shipped_problem() -> None:
     assert {load_problem(name).problem.system for name in shipped_problems()} == set(SHIPPED)
-
-
-@pytest.mark.parametrize("module", [*SHARED, "../cli"])
-def test_shared_modules_import_no_system(module: str) -> None:
-    text = (Path(rehab_opt.session.__file__).parent / f"{module}.py").read_text(encoding="utf-8")
-    packages = ("upper_limb", "pose_tracking", "workspaces", "workspace_maps", "used_ranges")
-    assert [package for package in packages if f"rehab_opt.session.{package}" in text] == []
 
 
 def test_registry_loads_nothing_that_is_not_asked_for() -> None:
@@ -133,25 +118,17 @@ def test_options_reach_the_system_that_knows_them_and_no_other(count: Path) -> N
         run_problem(config, law="both")
 
 
-@pytest.mark.parametrize(
-    ("value", "said"),
-    [
-        ("not_there_at_all:System", "not_there_at_all"),
-        ("json:nothing", "nothing"),
-        ("json:dumps", "derived from System"),
-    ],
-)
-def test_an_entry_point_that_leads_nowhere_is_named(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, value: str, said: str
+def test_an_entry_point_that_leads_nowhere_is_named_and_none_replaces_a_shipped_kind(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    installed(tmp_path, "lost", value=value)
+    leads = {"gone": "not_there_at_all:System", "empty": "json:nothing", "other": "json:dumps"}
+    for name, value in {**leads, "ardis": "json:dumps"}.items():
+        installed(tmp_path, name, value=value)
     monkeypatch.syspath_prepend(tmp_path)
-    with pytest.raises(ConfigurationError, match=said):
-        system_named("lost")
-
-
-def test_no_distribution_takes_the_place_of_a_shipped_kind(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    installed(tmp_path, "ardis", value="json:dumps")
-    monkeypatch.syspath_prepend(tmp_path)
-    assert system_named("ardis").schema.__name__ == "ArdisProblem"
+    refuses(
+        system_named,
+        (("gone",), "not_there_at_all"),
+        (("empty",), "nothing"),
+        (("other",), "derived from System"),
+    )
     assert systems()["ardis"] == SHIPPED["ardis"]

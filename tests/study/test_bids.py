@@ -20,6 +20,7 @@ from rehab_opt.study.record import score_trials
 from rehab_opt.study.store import Study
 from rehab_opt.study.trial import Session
 from tests.measures.yardstick import reach
+from tests.refusals import refuses
 
 VALIDATOR = "bids-validator-deno"
 PINNED = "3.0.2"
@@ -107,24 +108,18 @@ def test_a_motion_is_read_in_metres_and_seconds(written: Callable[[str, str | by
     assert any("1 frames without marker hand" in note for note in read.notes)
 
 
-FAULTS = [
-    (ROWS + "1\t2\t3\n", CHANNELS, JSON, "line 5"),
-    (ROWS + "1\tx\n", CHANNELS, JSON, "line 5, column y"),
-    (ROWS + "1\t1e9\n", CHANNELS, JSON, "another unit"),
-    (ROWS, CHANNELS.replace("units", "unit"), JSON, "line 1"),
-    (ROWS, CHANNELS.replace("\ny\ty", "\nx\ty"), JSON, "each channel once"),
-    (ROWS, CHANNELS, '{"SamplingFrequency": "100"}', "SamplingFrequency"),
-    (ROWS, CHANNELS, '{"SamplingFrequency": 1' + "0" * 5000 + "}", "JSON"),
-]
-
-
-@pytest.mark.parametrize(("rows", "channels", "text", "said"), FAULTS)
-def test_a_spoilt_motion_is_refused_with_its_place(
-    written: Callable[[str, str | bytes], Path], rows: str, channels: str, text: str, said: str
-) -> None:
-    with pytest.raises(ProblemFileError) as refused:
-        read_recording(motion(written, rows, channels, text))
-    assert said in str(refused.value)
+def test_a_spoilt_motion_is_refused_with_its_place(written: Callable[[str, str | bytes], Path]) -> None:
+    refuses(
+        lambda rows, channels, text: read_recording(motion(written, rows, channels, text)),
+        ((ROWS + "1\t2\t3\n", CHANNELS, JSON), "line 5"),
+        ((ROWS + "1\tx\n", CHANNELS, JSON), "line 5, column y"),
+        ((ROWS + "1\t1e9\n", CHANNELS, JSON), "another unit"),
+        ((ROWS, CHANNELS.replace("units", "unit"), JSON), "line 1"),
+        ((ROWS, CHANNELS.replace("\ny\ty", "\nx\ty"), JSON), "each channel once"),
+        ((ROWS, CHANNELS, '{"SamplingFrequency": "100"}'), "SamplingFrequency"),
+        ((ROWS, CHANNELS, '{"SamplingFrequency": 1' + "0" * 5000 + "}"), "JSON"),
+        error=ProblemFileError,
+    )
 
 
 def test_a_table_that_is_no_motion_is_refused(written: Callable[[str, str | bytes], Path]) -> None:

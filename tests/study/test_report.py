@@ -180,9 +180,13 @@ def test_points_and_intervals_stand_where_they_belong() -> None:
     np.testing.assert_allclose(dots, circles, atol=0.51)
     assert dots[0][1] > dots[1][1]  # more is higher
     assert len(re.findall(r'class="bar"', chart)) == 1
+    close = progress_chart([Series("s", [(0.0, 10.0), (1.0, 10.1)], [])], [(0.0, "a"), (1.0, "b")])
+    heights = np.array(re.findall(r'class="end">([-.0-9]+)<', close), dtype=float)
+    np.testing.assert_allclose(np.diff(heights), heights[1] - heights[0])  # as many digits as tell them apart
+    assert heights[1] > heights[0]
     square = outline_chart([("s", [(0, 0), (0.1, 0), (0.1, 0.1), (0, 0.1), (0.05, 0.05)])])
     corners = re.findall(r'points="([^"]*)"', square)[0].split()
-    assert len(corners) == 4  # the point inside is no corner
+    assert len(corners) == 4
 
 
 def test_the_command_writes_a_page_for_its_owner_alone(

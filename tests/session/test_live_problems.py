@@ -3,17 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from PIL import Image, ImageSequence
 
 from rehab_opt.control.command import Command, Status
-from rehab_opt.errors import ConfigurationError
-from rehab_opt.kinematics.ur5 import ur5
-from rehab_opt.live.film import write_film
 from rehab_opt.plants.ideal import IdealJoints
 from rehab_opt.plants.touched import TouchedPlant
 from rehab_opt.session.files import load_problem
@@ -152,16 +147,6 @@ def test_the_stick_must_be_let_go_after_the_dead_man_was() -> None:
     assert np.abs(ticks(control, push, 50)[-1].value).max() > 0.05
 
 
-def test_bodies_are_where_the_chain_says() -> None:
-    problem, _ = begun("robot/ur5_circle")
-    robot, rng = ur5(), np.random.default_rng(5)
-    for _ in range(20):
-        q = rng.uniform(-3, 3, 6)
-        shown = {"q": q, "target": np.zeros(3), "force": np.zeros(3)}
-        frame = problem.frame(shown)
-        assert frame["handles"]["hand"] == pytest.approx(robot.pose(q)[:3, 3], abs=1e-4)
-
-
 def test_all_that_is_kept_off_is_drawn_and_what_moves_where_it_is() -> None:
     problem, control = begun("robot/ur5_among_bodies")
     around, scene = problem._config.problem.clearance, problem.scene()
@@ -217,16 +202,3 @@ def test_noise_is_of_the_size_that_was_asked_for_and_leaves_the_truth() -> None:
     seen = np.array([plant.step([0.0, 0.0]).position for _ in range(4000)])
     assert seen.std(axis=0) == pytest.approx([0.01, 0.01], rel=0.05)
     assert not plant.truth.position.any()
-
-
-def test_a_film_is_small_and_moves(tmp_path: Path) -> None:
-    place = tmp_path / "circle.gif"
-    problem = live_problem(load_problem("robot/ur5_circle"))
-    assert write_film(problem, place, seconds=1.5, per_second=4.0) == 6
-    with Image.open(place) as film:
-        pictures = [np.asarray(each.convert("RGB"), dtype=int) for each in ImageSequence.Iterator(film)]
-    assert len(pictures) >= 5  # two that are alike are stored as one
-    assert np.abs(pictures[-1] - pictures[0]).max() > 50
-    assert place.stat().st_size < 60_000
-    with pytest.raises(ConfigurationError, match="seconds"):
-        write_film(problem, place, seconds=float("nan"))
