@@ -33,9 +33,8 @@ settings.load_profile("rehab_opt")
 
 
 LONG = (
-    "judge/test_judge.py", "export/test_recorded_runs.py", "session/test_scenarios.py", "control/test_redundancy.py",
-    "export/test_own_controllers.py", "session/test_mirror.py", "test_cli.py", "export/test_mirror.py",
-    "control/test_clearance.py", "control/test_mirror.py", "workspace/test_variation.py",
+    "judge/test_judge.py", "export/test_recorded_runs.py", "session/test_scenarios.py", "session/test_ardis.py",
+    "session/test_mirror.py", "test_cli.py", "export/test_own_controllers.py", "workspace/test_audit.py",
 )  # fmt: skip
 """Files of half a minute and more, the longest first."""
 
