@@ -86,7 +86,7 @@ class Joystick(OneThread):
         self._rows = [mode.task_rows for mode in self.modes]
         self._places = [[mode.task_rows.index(row) for row in mode.rows] for mode in self.modes]
         self._dt = checked_number("dt", dt, above=0.0, below=1.0)
-        self._dead = 0.0 if dead_zone == 0 else checked_number("dead_zone", dead_zone, above=0.0, below=1.0)
+        self.dead_zone = 0.0 if dead_zone == 0 else checked_number("dead_zone", dead_zone, above=0.0, below=1.0)
         self._rate = checked_number("rate", rate, above=0.0)
         self.reset()
 
@@ -139,9 +139,9 @@ class Joystick(OneThread):
 
     def _beyond_dead_zone(self, axes: Array) -> Array:
         size = float(np.hypot(*axes))
-        if not size > self._dead:
+        if not size > self.dead_zone:
             return np.zeros(2)
-        return axes / size * min((size - self._dead) / (1.0 - self._dead), 1.0)
+        return axes / size * min((size - self.dead_zone) / (1.0 - self.dead_zone), 1.0)
 
 
 def stepped_towards(last: Array, target: Array, most: float) -> Array:
@@ -176,7 +176,10 @@ def checked_modes(modes: Sequence[StickMode]) -> tuple[StickMode, ...]:
     """Modes that a resolver can follow."""
     if not isinstance(modes, (list, tuple)) or isinstance(modes, StickMode) or not modes:
         raise ConfigurationError("modes", modes, "a list or tuple of at least one StickMode")
-    return tuple(_checked_mode(f"modes[{i}]", mode) for i, mode in enumerate(modes))
+    checked = tuple(_checked_mode(f"modes[{i}]", mode) for i, mode in enumerate(modes))
+    if len({mode.name for mode in checked}) < len(checked):
+        raise ConfigurationError("modes", [mode.name for mode in checked], "a name of its own for each")
+    return checked
 
 
 def _checked_mode(argument: str, mode: object) -> StickMode:

@@ -36,14 +36,16 @@ class PathAssistance(BoundedForce):
 
         F_desired = S (p(s) - x) - D (v - (v.t) t),
 
-    p(s) the place of the path and t its direction there, so that along the path the hand moves freely.
-    Outside the workspace there is a pull back to it, as with `Assistance` in mode "follow".
+    p(s) the place of the path in the last tick and t its direction there: along the path the hand moves freely, but for
+    S v dt of this tick's delay. Outside the workspace there is a pull back to it, until the help ends or lets go, as
+    with `Assistance` in mode "follow".
 
     s follows the hand along the path, either way, and leads it nowhere: `rehab_opt.control.path_progress` is the law.
     The furthest s is the progress, and never goes back. The help ends at the path's end. Begin anew by `reset`.
 
-    A hand that stands under more than 0.1 of `force_limit` for 0.3 s is let go: the force fades within 0.3 s, and the
-    command is BLOCKED and says why. Where the hand comes to another place of the path the force grows again in 0.3 s.
+    A hand that stands (moves s by less than a width in 0.3 s) under more than 0.1 of `force_limit` is let go: the force
+    fades within 0.3 s, and the command is BLOCKED and says why. So is a hand that went on while no sample was usable.
+    Where it comes to another place of the path, at most 20 widths along it, the force grows again in 0.3 s.
 
     Parameters
     ----------
@@ -157,7 +159,7 @@ class PathAssistance(BoundedForce):
         first, second = self.track[BEFORE : BEFORE + 2]
         full: dict[str, ArrayLike] = dict.fromkeys(PROGRESS.places, 0.0)
         along = (second - first) / np.linalg.norm(second - first)
-        return PROGRESS.numbers(**full | {"grip": 1.0, "place": first, "along": along})
+        return PROGRESS.numbers(**full | {"grip": 1.0, "gap": 1.0, "place": first, "along": along})
 
     def reset(self, *, energy: bool = True, force: ArrayLike = (0.0, 0.0)) -> None:
         """Forget the past, see `BoundedForce.reset`: at the path's start."""
@@ -171,6 +173,7 @@ class PathAssistance(BoundedForce):
         """As `BoundedForce.step`; the progress goes on where the tick's position was usable."""
         command = super().step(x, v, enable=enable, stamp=stamp)
         if not self.valid:
+            self._state_of_path[PROGRESS["gap"]] = 1.0
             return command
         state = self._state_of_path
         proceed, at = self._proceed, int(state[PROGRESS["at"]])

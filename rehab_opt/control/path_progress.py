@@ -32,10 +32,10 @@ __all__ = ["BEFORE", "BESIDE", "PATH_MODEL", "PROGRESS", "progress_function"]
 
 PATH_MODEL = Record(stiffness=1, spacing=1, last=1, force_limit=1, speed_cap=1, dt=1)
 """S [N/m]; length between samples [m]; number of the last one; [N]; [m/s]; tick [s]."""
-PROGRESS = Record(at=1, furthest=1, stood=1, mark=1, grip=1, away=1, place=2, along=2)
+PROGRESS = Record(at=1, furthest=1, stood=1, mark=1, grip=1, away=1, gap=1, place=2, along=2)
 """s and the largest s so far, in samples; how long [s] the hand has stood under force since s moved by a width from the
-sample `mark`; fraction of the force that is applied; whether the hand is let go; the place p(s) [m] and the path's
-direction there."""
+sample `mark`; fraction of the force that is applied; whether the hand is let go; whether no sample was usable since;
+the place p(s) [m] and the path's direction there."""
 WINDOW = 2.0
 """Widths either way within which s follows the hand."""
 STANDING = 0.1
@@ -68,7 +68,8 @@ def progress_function() -> ca.Function:
     free = ca.logic_not(ca.logic_or(old.away > 0, ended))
 
     # s follows the hand.
-    near = all_true(free, ca.norm_2(hand - old.place) <= model.force_limit / model.stiffness + width)
+    beside_it = ca.norm_2(hand - old.place) <= model.force_limit / model.stiffness + width
+    near, lost = all_true(free, beside_it), all_true(free, old.gap > 0, ca.logic_not(beside_it))
     step = model.speed_cap * model.dt / model.spacing
     found = first + _nearest(hand, old.place, beside, old.at - first, first=first, last=model.last)
     at = ca.if_else(near, old.at + clipped(found - old.at, -step, step), old.at)
@@ -79,9 +80,9 @@ def progress_function() -> ca.Function:
     moved = ca.fabs(at - old.mark) >= SAMPLES_PER_WIDTH
     held = ca.norm_2(force) > STANDING * model.force_limit
     stood = ca.if_else(moved, 0, ca.fmax(old.stood + ca.if_else(held, model.dt, -model.dt), 0))
-    away = ca.logic_or(old.away > 0, ca.logic_and(free, stood > PATIENCE))
+    away = ca.logic_or(old.away > 0, ca.logic_or(lost, ca.logic_and(free, stood > PATIENCE)))
     lets_go = ca.logic_or(away, ended)
-    grip = clipped(old.grip + ca.if_else(lets_go, -model.dt, model.dt) / FADE, 0, 1)
+    grip = ca.if_else(lost, 0, clipped(old.grip + ca.if_else(lets_go, -model.dt, model.dt) / FADE, 0, 1))
 
     # Where a hand that was let go is held again.
     again = _other_place(hand, old.place, beside, first=first, last=model.last, width=width)
@@ -98,7 +99,7 @@ def progress_function() -> ca.Function:
         way = ca.if_else(inside, beside[:, i + 1] - beside[:, i], way)
     place, along = corner + clipped(past, 0, 1) * way, way / ca.fmax(ca.norm_2(way), 1e-300)
     after = PROGRESS.of(
-        at=at, furthest=ca.fmax(old.furthest, at), stood=stood, mark=mark, grip=grip, away=away, place=place,
+        at=at, furthest=ca.fmax(old.furthest, at), stood=stood, mark=mark, grip=grip, away=away, gap=0, place=place,
         along=along,
     )  # fmt: skip
     return ca.Function("path_progress", [model.column, old.column, hand, force, beside], [after], {"cse": True})

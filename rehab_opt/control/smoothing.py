@@ -97,8 +97,8 @@ def smooth_path(
     timing = ruckig_timing(cells, velocity=most[0], acceleration=most[1], jerk=most[2])
     _check_length(timing.times[-1], dt, *given)
     moved = spline(timing.at(dt * np.arange(math.ceil(timing.times[-1] / dt) + 1)))
+    moved[[0, -1]] = np.column_stack([path(t[[0, -1]]), t[[0, -1]]])
     positions, phase = np.clip(moved[:, :-1], bounds.lower, bounds.upper), np.clip(moved[:, -1], t[0], t[-1])
-    positions[[0, -1]], phase[[0, -1]] = path(t[[0, -1]]), t[[0, -1]]
     when, off = t[0] + dt * np.arange(len(positions)), np.abs(positions - path(phase)).max(axis=0)
     return SmoothPath(when, positions, phase, off)
 

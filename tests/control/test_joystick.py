@@ -87,6 +87,7 @@ def test_what_cannot_be_used_is_named() -> None:
     modes: list[tuple[str, Any]] = [
         *(("modes", value) for value in ([], 5, None, [5], ["xyz"], [("x", "y")], StickMode("a", ("x", "y"), (1, 1)))),
         *(("modes", [StickMode("a", rows, (1, 1))]) for rows in (("x", "x"), ("x", "up"))),
+        ("modes", [StickMode("a", ("x", "y"), (1, 1)), StickMode("a", ("z", "rx"), (1, 1))]),
         *(("modes[0].rows", [StickMode("a", rows, (1, 1))]) for rows in (None, "xy", ("x", ["y"]))),  # type: ignore[arg-type]
         *(
             ("modes[0].speeds", [StickMode("a", ("x", "y"), speeds)])

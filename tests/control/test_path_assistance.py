@@ -239,15 +239,18 @@ def test_a_hand_that_is_not_at_the_path_covers_nothing_of_it(place: tuple[float,
     assert command.status is Status.BLOCKED
 
 
-def test_a_hand_that_was_not_seen_for_a_while_is_let_go_and_held_again_where_it_is() -> None:
+@pytest.mark.parametrize("unseen", [{"enable": False}, {"x": (math.nan, 0.0)}, None], ids=["released", "NaN", "begun"])
+def test_a_hand_that_went_on_unseen_is_held_where_it_is_and_not_pulled_back(unseen: dict[str, Any] | None) -> None:
     helper = along(np.array([[0.0, 0.0], [0.2, 0.0]]))
-    for _ in range(50):
-        helper.step((0.0, 0.0))
-    for x in np.linspace(0.0, 0.08, 500):
-        helper.step((math.nan, x))
+    if unseen is not None:
+        for _ in range(50):
+            helper.step((0.0, 0.0))
+        for x in np.linspace(0.0, 0.08, 500):
+            helper.step(**{"x": (x, 0.0), **unseen})
     assert helper.progress == 0.0
     for k in range(1000):
         command = helper.step((0.08, 1e-6 * (k % 2)))
+        assert np.linalg.norm(command.value) < 0.5
     assert command.status is Status.OK
     assert helper.reference_progress == pytest.approx(0.4, abs=0.01)
 

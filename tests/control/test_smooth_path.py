@@ -47,6 +47,13 @@ def test_a_path_within_the_bounds_is_passed_at_its_own_pace():
     np.testing.assert_allclose(np.diff(found.phase[at]), DT, rtol=1e-6)
 
 
+def test_ends_at_a_position_bound_are_within_it_to_the_last_bit():
+    bounds = {"velocity": 1.0, "acceleration": 5.0, "jerk": 100.0, "lower": -0.94, "upper": 0.51}
+    found = smooth_path([0, 1.1224723, 3], [[0.1], [-0.94], [0.51]], dt=0.02, **bounds)
+    assert bounds["lower"] <= found.positions.min()
+    assert found.positions.max() <= bounds["upper"]
+
+
 @pytest.mark.parametrize("hurry", [1.0, 40.0])
 def test_a_hand_that_is_too_fast_for_its_joints_stays_on_its_path(hurry):
     """A square of 0.1 m, 8 s at the first pace; joint by joint it is cut (`Smoother`) by more than 5 mm."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,7 @@ import shapely
 from numpy.typing import ArrayLike
 from rich.console import Console
 
-from rehab_opt.control.joystick import STICK_MODES, StickMode
+from rehab_opt.control.joystick import Joystick, StickMode
 from rehab_opt.control.obstacles import Disc, HalfPlane
 from rehab_opt.errors import ConfigurationError, ProblemFileError
 from rehab_opt.kinematics.ardis import ARDIS_READY, ardis
@@ -245,11 +246,11 @@ def test_check_says_that_nothing_is_asked_for_and_that_a_goal_is_below_the_floor
 def test_each_controller_is_steered_by_a_user_who_sees_its_own_hand(scene: str, request: pytest.FixtureRequest) -> None:
     """The published law got the stick of a user who saw ours: it missed two goals of three."""
     outcome = request.getfixturevalue(scene)
-    modes = joystick_of(load_problem(f"ardis/{SCENES[scene]}")).modes
+    joystick = joystick_of(load_problem(f"ardis/{SCENES[scene]}"))
     for drive, of in outcome.drives.items():
         for law, motion in of.by_law.items():
-            user = SimulatedUser(outcome.goals, modes)
-            before = [modes[0].name, *motion.mode[:-1]]
+            user = SimulatedUser(outcome.goals, joystick)
+            before = [joystick.modes[0].name, *motion.mode[:-1]]
             moments = map(Moment, motion.time.tolist(), motion.q, motion.hand, before)
             seen = [(user.at(each) or LET_GO).axes for each in moments]
             np.testing.assert_array_equal(seen, motion.sticks, err_msg=f"{drive}, {law}")
@@ -262,15 +263,20 @@ def there(*hand: float, mode: str = "plane", time: float = 1.0) -> Moment:
 def test_user_pushes_an_axis_that_is_turned_round_the_other_way_and_lets_one_that_moves_nothing_alone() -> None:
     goal = GoalSection(name="ahead, left", hand_m=[1.0, 1.0, 0.0])
     for speeds, signs in (((0.2, 0.2), (1, 1)), ((-0.2, 0.2), (-1, 1)), ((0.2, -0.2), (1, -1)), ((0.0, 0.2), (0, 1))):
-        user = SimulatedUser([goal], [StickMode("plane", ("x", "y"), speeds)])
+        user = SimulatedUser([goal], Joystick([StickMode("plane", ("x", "y"), speeds)], dead_zone=0.5))
         sample = user.at(there(0.0, 0.0, 0.0))
         assert sample is not None
         assert np.sign(sample.axes).tolist() == list(signs)
+        assert math.hypot(*sample.axes) == pytest.approx(1.0, abs=0.01)
+    close = SimulatedUser([goal], Joystick([StickMode("plane", ("x", "y"), (0.2, 0.2))], dead_zone=0.5))
+    sample = close.at(there(0.95, 1.0, 0.0))
+    assert sample is not None
+    assert sample.axes[0] > 0.5, "beyond the dead zone, or nothing moves"
 
 
 def test_user_lets_go_for_good_at_the_last_goal_and_where_a_goal_takes_too_long() -> None:
     goals = [GoalSection(name="here", hand_m=[0.0, 0.0, 0.0]), GoalSection(name="far", hand_m=[9.0, 0.0, 0.0])]
-    done, lost = SimulatedUser(goals[:1], STICK_MODES), SimulatedUser(goals, STICK_MODES)
+    done, lost = SimulatedUser(goals[:1], Joystick()), SimulatedUser(goals, Joystick())
     assert done.at(there(0.0, 0.0, 0.0)) is not None
     assert done.at(there(0.0, 0.0, 0.0, time=1.6)) is None
     assert lost.at(there(0.0, 0.0, 0.0)) is not None

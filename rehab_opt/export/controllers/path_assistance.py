@@ -63,7 +63,7 @@ def exported_path_assistance(helper: PathAssistance, positions: Array, *, title:
         inputs=("PATH_MODEL", *seen, "PATH + 2 * (int)self->path[AT]"),
         tables={"PATH_MODEL": helper.path_model, "AT_START": helper.at_start, "PATH": helper.track.T},
     )
-    places = ", ".join(f"{each.upper()} = {PROGRESS[each]}" for each in ("at", "away", "furthest"))
+    places = ", ".join(f"{each.upper()} = {PROGRESS[each]}" for each in ("at", "away", "gap", "furthest"))
     ticks = faulty_ticks(helper, positions, [{} for _ in positions])
 
     def answer(tick: RunTick) -> Command:

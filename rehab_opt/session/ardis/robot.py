@@ -109,7 +109,7 @@ def stick_of(config: ProblemFile[ArdisProblem], drive: DriveName) -> Stick:
     file = section.recordings.get(drive)
     stick: SimulatedUser | StickRecording
     if file is None:
-        stick = SimulatedUser(config.problem.goals, joystick_of(config).modes)
+        stick = SimulatedUser(config.problem.goals, joystick_of(config))
     else:
         stick = read_stick(recording_path(config, file, key=f"stick.{drive}"), name=file)
     if stick.duration * rate > MAX_TICKS:

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from rehab_opt.control.joystick import StickMode
+from rehab_opt.control.joystick import Joystick, StickMode
 from rehab_opt.session.ardis.problem import GoalSection
 from rehab_opt.session.ardis.stick import LET_GO, Moment, StickSample
 from rehab_opt.session.outcome import Array
@@ -25,7 +25,6 @@ PRESS = 0.25  # [s] that a button is held down
 PAUSE = 0.3  # [s] after a button
 BEGIN = 0.5  # [s] before the stick is moved
 PATIENCE = 60.0  # [s] for one goal; the user then lets go for good
-DEAD = 0.12  # of the stick, which the user feels and goes beyond
 
 
 class SimulatedUser:
@@ -33,11 +32,12 @@ class SimulatedUser:
 
     Parameters
     ----------
-    goals : at least one. modes : of the stick.
+    goals : at least one. joystick : whose modes the user knows, and whose dead zone the user feels and goes beyond.
     """
 
-    def __init__(self, goals: Sequence[GoalSection], modes: Sequence[StickMode]) -> None:
-        self.goals, self._modes = list(goals), {mode.name: mode for mode in modes}
+    def __init__(self, goals: Sequence[GoalSection], joystick: Joystick) -> None:
+        self._dead = joystick.dead_zone
+        self.goals, self._modes = list(goals), {mode.name: mode for mode in joystick.modes}
         self.duration = PATIENCE * len(self.goals) + BEGIN
         self._sample, self._next, self._begun = LET_GO, 0.0, 0.0
         self._closed, self._busy_until, self._pressed_until, self._button = False, BEGIN, 0.0, ""
@@ -75,7 +75,7 @@ class SimulatedUser:
                 return self._press("switch", moment.time)
             forward, left = (SLOW * way / speed if speed else 0.0 for way, speed in zip(ways, mode.speeds, strict=True))
             size = math.hypot(forward, left)
-            fraction = (DEAD + (1 - DEAD) * min(size, 1.0)) / size
+            fraction = (self._dead + (1 - self._dead) * min(size, 1.0)) / size
             # In steps of a hundredth, as a recording of a stick.
             return StickSample((round(fraction * forward, 2) + 0.0, round(fraction * left, 2) + 0.0))
         self._over = min(self._over, moment.time + BEGIN)
