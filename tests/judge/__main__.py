@@ -36,13 +36,18 @@ def parts(names: list[str], ticks: int, seed: int, pieces: int) -> list[tuple[st
     ]
 
 
-def table(verdicts: dict[str, Verdict]) -> list[str]:
-    """Markdown: each promise's ticks and broken claims, the worst of each bound, and the situations."""
+def summary(verdicts: dict[str, Verdict]) -> list[str]:
+    """Markdown: each promise's ticks and broken claims."""
     lines = ["| judge | runs | ticks | seconds | broken claims |", "|---|---|---|---|---|"]
     for name, each in verdicts.items():
         kinds = "; ".join(f"{claim} {count}" for claim, count in each.kinds.items())
         lines.append(f"| {name} | {each.runs} | {each.ticks} | {each.took:.0f} | {kinds or 0} |")
-    lines += ["", "| judge | claim | largest seen | bound |", "|---|---|---|---|"]
+    return lines
+
+
+def details(verdicts: dict[str, Verdict]) -> list[str]:
+    """Markdown: the worst of each bound, and the situations."""
+    lines = ["", "| judge | claim | largest seen | bound |", "|---|---|---|---|"]
     for name, each in verdicts.items():
         lines += [f"| {name} | {claim} | {value:.6g} | {bound:.6g} |" for claim, (value, bound) in each.worst.items()]
     lines += ["", "| judge | situation | ticks | seconds | longest [s] | least ticks |", "|---|---|---|---|---|---|"]
@@ -87,7 +92,7 @@ def main() -> int:
     parser.add_argument("--only", nargs="+", metavar="NAME")
     parser.add_argument("--run", type=int, help="only this run of the seed")
     parser.add_argument("--processes", type=int, default=1)
-    parser.add_argument("--write", action="store_true", help="put the tables into bench/RESULTS.md")
+    parser.add_argument("--write", action="store_true", help="put the first table into bench/RESULTS.md")
     options = parser.parse_args()
     seed = secrets.randbelow(2**31) if options.seed is None else options.seed
     print(f"seed {seed}", flush=True)
@@ -103,8 +108,7 @@ def main() -> int:
                 verdicts[verdict.name].add(verdict)
             else:
                 verdicts[verdict.name] = verdict
-    lines = table(verdicts)
-    print("\n".join(lines))
+    print("\n".join([*summary(verdicts), *details(verdicts)]))
     failed = False
     for name, verdict in verdicts.items():
         failed |= bool(verdict.kinds)
@@ -121,7 +125,7 @@ def main() -> int:
         names = " ".join(options.only or ())
         title, which = (f"The judge: {names}", f"judge {names}") if names else ("The judge", "judge")
         markers = f"<!-- {which}: begin -->", f"<!-- {which}: end -->"
-        write([*head(command, seed, title=title), f"{total} ticks, {broken} broken claims.", "", *lines], markers)
+        write([*head(command, seed, title=title), f"{total} ticks, {broken} broken claims.", "", *summary(verdicts)], markers)
     return int(failed)
 
 
