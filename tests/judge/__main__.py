@@ -125,7 +125,8 @@ def main() -> int:
         names = " ".join(options.only or ())
         title, which = (f"The judge: {names}", f"judge {names}") if names else ("The judge", "judge")
         markers = f"<!-- {which}: begin -->", f"<!-- {which}: end -->"
-        write([*head(command, seed, title=title), f"{total} ticks, {broken} broken claims.", "", *summary(verdicts)], markers)
+        said = f"{total} ticks, {broken} broken claims."
+        write([*head(command, seed, title=title), said, "", *summary(verdicts)], markers)
     return int(failed)
 
 
