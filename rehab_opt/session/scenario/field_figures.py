@@ -110,7 +110,7 @@ def _forces(outcome: ScenarioOutcome, points: Array) -> Array:
     if outcome.spring is not None:
         path = shapely.LineString(fields[0].paths[0].points)
         places = shapely.line_interpolate_point(path, shapely.line_locate_point(path, shapely.points(points)))
-        return outcome.spring * (shapely.get_coordinates(places) - points)
+        return np.asarray(outcome.spring * (shapely.get_coordinates(places) - points))
     ends = np.array([field.paths[0].points[-1] for field in fields])
     nearest = np.linalg.norm(points[:, None] - ends, axis=2).argmin(axis=1)
     forces = np.zeros_like(points)
