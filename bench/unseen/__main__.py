@@ -237,16 +237,16 @@ def main() -> int:
     one = partial(
         of_recording, seed=options.seed, random_seats=options.random_seats, until=time.time() + 60 * options.minutes
     )
-    rows, lines = [], ["| " + " | ".join(TITLES) + " |", "|---" * len(TITLES) + "|"]
+    rows = []
+    console.print("| " + " | ".join(TITLES) + " |", highlight=False, soft_wrap=True)
     with Pool(options.processes) as pool:
         for row, seconds in filter(None, pool.imap(one, enumerate(rows_of))):
             rows.append(row)
-            lines.append(row.line)
             console.print(f"{row.line} ({seconds:.0f} s)", highlight=False, soft_wrap=True)
     found = verdicts(rows)
     print_verdicts(console, found)
     if options.write:
-        _write(lines, found, options)
+        _write(len(rows), found, options)
     return 0 if all_met(found) else 1
 
 
@@ -268,7 +268,7 @@ def of_recording(task: tuple[int, int], *, seed: int, random_seats: int, until: 
         return measured(config, name, random_seats=random_seats, seed=seed + k), time.time() - began
 
 
-def _write(lines: list[str], found: list[Verdict], options: argparse.Namespace) -> None:
+def _write(recordings: int, found: list[Verdict], options: argparse.Namespace) -> None:
     about = "  ".join(f"{key}: {value}" for key, value in machine().items())
     command = f"python -m bench.unseen --recordings {options.recordings} --seed {options.seed} --rows {options.rows}"
     numbers = ["| what | value | bound | |", "|---|---|---|---|"]
@@ -276,7 +276,7 @@ def _write(lines: list[str], found: list[Verdict], options: argparse.Namespace) 
         verdict = "PASS" if each.met else "FAIL"
         numbers.append(f"| {each.what} | {each.measured:.4g} | {each.relation} {each.asked:.4g} | {verdict} |")
     command += f" --minutes {options.minutes:g}" if math.isfinite(options.minutes) else ""
-    section = [TITLE, "", f"`{command} --write`; {about}", "", *lines, "", *numbers]
+    section = [TITLE, "", f"`{command} --write`: {recordings} recordings; {about}", "", *numbers]
     write_section(RESULTS, "unseen", section)
 
 
