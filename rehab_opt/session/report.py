@@ -75,15 +75,12 @@ def write_results(outcome: Outcome, folder: Path, *, also: Sequence[str] = ()) -
 
     system = system_named(outcome.system)
     drawn = system.figures(outcome)
-    films = system.animations(outcome)
     (folder / METRICS).write_text(metrics_json(outcome), encoding="utf-8")
     write_trace(outcome, folder / "trace.csv")
     for name, figure in drawn.items():
         fitted(figure)
         for suffix in ("png", *also):
             figure.savefig(folder / f"{name}.{suffix}")
-    for name, film in films.items():
-        film.save(folder / f"{name}.gif", writer="pillow")
     return sorted(folder.iterdir())
 
 

@@ -25,7 +25,6 @@ from rehab_opt.session.outcome import Column, Outcome, Progress
 from rehab_opt.session.schema import Problem
 
 if TYPE_CHECKING:
-    from matplotlib.animation import Animation
     from matplotlib.figure import Figure
     from rich.table import Table
 
@@ -110,8 +109,8 @@ class System(Generic[P, O]):
     solver_key : where the problem file names the solver that `--solver` goes before; empty where it names none.
     rate_key : where it says how many ticks a second its controllers have; empty where they have none.
     shown : modules with `table(outcome)`, `brief(outcome)` (a table of the few numbers that matter first),
-        `figures(outcome)` and `animations(outcome)`, of which the first that has one is asked; loaded when a result is
-        shown. By default the numbers as a table, the columns over time.
+        `figures(outcome)`, of which the first that has one is asked; loaded when a result is shown. By default the
+        numbers as a table, the columns over time.
     """
 
     schema: type[P]
@@ -181,10 +180,6 @@ class System(Generic[P, O]):
     def figures(self, outcome: O) -> dict[str, Figure]:
         """The figures by file name, without suffix."""
         return dict(self._draws("figures")(outcome))
-
-    def animations(self, outcome: O) -> dict[str, Animation]:
-        """The films by file name, without suffix; none by default."""
-        return dict(self._draws("animations")(outcome))
 
     def _draws(self, what: str) -> Callable[[O], Any]:
         for module in map(importlib.import_module, self.shown):

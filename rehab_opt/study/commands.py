@@ -96,20 +96,15 @@ def export(
     study: StudyFile,
     out: Annotated[Path, typer.Option(help="Folder, new or empty.")],
     person: Somebody = None,
-    format: Annotated[
-        str, typer.Option("--format", help="csv, parquet; or bids: the recordings that were scored.")
-    ] = "csv",
-    task: Annotated[str, typer.Option(help="Of bids: what was done, letters and digits.")] = "movement",
+    format: Annotated[str, typer.Option("--format", help="csv, parquet.")] = "csv",
 ) -> None:
     """Write measures.csv in long format; of one person everything, their problems and traces too."""
-    from rehab_opt.study.bids import write_bids  # noqa: PLC0415
     from rehab_opt.study.parquet import write_parquet  # noqa: PLC0415
     from rehab_opt.study.person import exported  # noqa: PLC0415
 
-    one_of("--format", format, ("csv", "parquet", "bids"))
+    one_of("--format", format, ("csv", "parquet"))
     with _open(study) as store:
-        bids = format == "bids"
-        written = write_bids(store, out, person=person, task=task) if bids else exported(store, person, out)
+        written = exported(store, person, out)
     if format == "parquet":
         written += (write_parquet(written[0]),)
     say(f"written to {out}: {len(written)} files")

@@ -205,7 +205,7 @@ def test_stick_that_was_never_let_go_is_said_to_move_nothing(tmp_path: Path, mon
     monkeypatch.setattr("rehab_opt.session.ardis.shown.FRAMES", 3)
     files = write_report(outcome, tmp_path / "out")
     assert {file.name for file in files} == {
-        "hand.png", "limits.png", "metrics.json", "motion.gif", "top_view.png", "trace.csv",
+        "hand.png", "limits.png", "metrics.json", "top_view.png", "trace.csv",
     }  # fmt: skip
     text = io.StringIO()
     Console(file=text, width=200).print(ardis_table(outcome))
