@@ -5,10 +5,14 @@ from __future__ import annotations
 import itertools
 import json
 import math
+import os
 import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
+
+# As the tests' conftest does: with more threads sums round otherwise, and a map that is searched for ends elsewhere.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 from rehab_opt.session.files import load_problem
 from rehab_opt.session.run import run_problem
