@@ -8,6 +8,7 @@ import pytest
 from rehab_opt import ConfigurationError, PotentialField
 from rehab_opt.field.demonstration import Demonstration, check_agreement
 from rehab_opt.field.force_model import shared_model, station_model
+from rehab_opt.field.learning import _as_stations
 from rehab_opt.field.samples import arc_length, mean_path, resampled_path
 from rehab_opt.optim.recorder import recording_qps
 from tests.field.demonstrators import WAY, S, led_hands
@@ -129,6 +130,9 @@ def test_the_design_is_the_force_of_the_field(rest_on_target: bool) -> None:
             compile=False,
         )
         np.testing.assert_allclose(model.design(x, v) @ theta, field.force(x, v), rtol=1e-9, atol=1e-8)
+    theta = dict(zip(model.names, _as_stations(np.array([1000.0, 5.0, 3.0]), paths, 6), strict=True))
+    assert theta["damping"] == 3.0
+    assert all(value == 1000.0 for name, value in theta.items() if name.startswith("stiffness"))
 
 
 def test_the_mean_of_swaying_paths_is_smooth_and_keeps_its_ends() -> None:

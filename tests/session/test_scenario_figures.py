@@ -158,6 +158,7 @@ def test_a_helper_is_in_the_trace_and_the_figures_and_others_cells_are_empty() -
     for law, cell, x in zip(columns["law"], helper, place, strict=True):
         assert np.isnan(cell) if law == "unassisted" else cell == 3.0 * x  # type: ignore[operator]
     assert "helper_x_m" not in dict(made_outcome("follow", trials=1).trace())
+    assert "together" in figures(outcome)
 
 
 def test_trace_is_thinned_to_at_most_a_hundred_rows_a_second_with_both_ends() -> None:
