@@ -91,6 +91,7 @@ def test_what_is_not_repaired_raises_the_accuracy_that_is_stated(
     true = SliceSearch.polygon
     monkeypatch.setattr(SliceSearch, "polygon", lambda self: spoil(true(self)))
     found = slice_at(ARM, height=0.0, handle_tilt=None, accuracy=ACCURACY)
+    assert found.solves > found.probes > 100, "each probe is a solve, and so is each start of the search"
     assert found.failed > 0
     assert found.accuracy == 2 * ACCURACY or found.accuracy == 4 * ACCURACY
 
