@@ -37,6 +37,13 @@ def test_without_a_filter_even_samples_come_back_as_they_were() -> None:
     assert Conditioner(0.01, cutoff_hz=math.inf).lag == 0.0
 
 
+def test_twists_are_of_the_world_however_the_hand_is_turned() -> None:
+    times, rate = 0.01 * np.arange(200), np.array([0.3, -0.8, 1.1])
+    turned = Rotation.from_rotvec(times[:, None] * rate) * Rotation.from_rotvec([0.4, 1.2, -0.7])
+    found = conditioned(times, times[:, None] * [0.1, 0.0, -0.2], turned.as_quat(), dt=0.01, cutoff_hz=math.inf)
+    np.testing.assert_allclose(found.twists[5:-5], np.tile([0.1, 0.0, -0.2, *rate], (190, 1)), atol=1e-6)
+
+
 @pytest.mark.parametrize(("at", "wild"), [(0, 2), (1, 1), (50, 2)])
 def test_a_stamp_of_the_future_is_left_out_as_a_spike_is(at: int, wild: int) -> None:
     """Sight was lost until the clock had caught up: one stamp 30 s ahead took 349 of 400 samples, in silence."""
