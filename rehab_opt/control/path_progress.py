@@ -99,8 +99,8 @@ def progress_function() -> ca.Function:
         way = ca.if_else(inside, beside[:, i + 1] - beside[:, i], way)
     place, along = corner + clipped(past, 0, 1) * way, way / ca.fmax(ca.norm_2(way), 1e-300)
     after = PROGRESS.of(
-        at=at, furthest=ca.fmax(old.furthest, at), stood=stood, mark=mark, grip=grip, away=away, gap=0, place=place,
-        along=along,
+        at=at, furthest=ca.fmax(old.furthest, at), stood=stood, mark=mark, grip=grip, away=away, gap=ca.SX(0),
+        place=place, along=along,
     )  # fmt: skip
     return ca.Function("path_progress", [model.column, old.column, hand, force, beside], [after], {"cse": True})
 

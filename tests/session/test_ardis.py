@@ -192,7 +192,7 @@ def not_met(notes: tuple[str, ...]) -> list[str]:
     return [note for note in notes if isinstance(note, NotMet)]
 
 
-def test_stick_that_was_never_let_go_is_said_to_move_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_stick_that_was_never_let_go_is_said_to_move_nothing(tmp_path: Path) -> None:
     config = steered(tmp_path, "0,1,0,0,0\n1,1,0,0,0\n2,0,0,0,0\n3,1,0,0,0\n4,0,0,0,0\n", [5.0, 0.0, 0.7])
     outcome = run_problem(config)
     assert isinstance(outcome, ArdisOutcome)
@@ -202,7 +202,6 @@ def test_stick_that_was_never_let_go_is_said_to_move_nothing(tmp_path: Path, mon
         assert numbers["stick_ignored"] == {"the stick must be let go first": 200}, law
         assert not outcome.drives["mecanum"].by_law[law].velocity[:200].any()
     assert sum(reason != "" for reason in dict(outcome.trace())["stick_ignored"]) == 2 * 200
-    monkeypatch.setattr("rehab_opt.session.ardis.shown.FRAMES", 3)
     files = write_report(outcome, tmp_path / "out")
     assert {file.name for file in files} == {
         "hand.png", "limits.png", "metrics.json", "top_view.png", "trace.csv",
