@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from rehab_opt.control.assistance_statement import assistance_statement
 from rehab_opt.control.command import NUMBERED, Command, Relaxed, Status
 from rehab_opt.control.energy_tank import LAGS, SLOTS, TAIL, tank_record
-from rehab_opt.control.force_tick import MODEL, VIEW, affordable, anew, force_tick, give, take, watched_record
+from rehab_opt.control.force_tick import MODEL, VIEW, affordable, anew, force_tick, give, watched_record
 from rehab_opt.control.gate import DesiredForce
 from rehab_opt.control.hand import HAND
 from rehab_opt.control.reasons import reason_text
@@ -22,7 +22,7 @@ from rehab_opt.control.thread_owner import OneThread, setting
 from rehab_opt.control.velocity_controller import checked_number
 from rehab_opt.control.watchdog import NO_STAMP, STAMPS, Watchdog, stamp_and_kind
 from rehab_opt.errors import ConfigurationError
-from rehab_opt.kinematics.real_array import float_or_nan, is_true, real_array
+from rehab_opt.kinematics.real_array import is_true, real_array
 from rehab_opt.optim.fallback_chain import FUSED, FallbackChain
 from rehab_opt.optim.fused import FUSED_SOLVERS
 from rehab_opt.optim.qp import Statement
@@ -208,11 +208,11 @@ class BoundedForce(OneThread):
         self._judge, self._conclude = (BufferedFunction(each, compile=compile) for each in (tick.judge, tick.conclude))
         rest = [
             BufferedFunction(each)
-            for each in (tick.precompute, tick.finish, *(part(self.slots) for part in (affordable, give, take, anew)))
+            for each in (tick.precompute, tick.finish, *(part(self.slots) for part in (affordable, give, anew)))
         ]
         for function in (self._judge, self._conclude, *rest):
             function.inputs[0][:] = self.model
-        self._precompute, self._finish, self._affordable, self._give, self._take, self._anew = rest
+        self._precompute, self._finish, self._affordable, self._give, self._anew = rest
         (_, watched, last, sample), (watched_next, judged) = self._judge.inputs, self._judge.outputs
         (_, state, view, desired), (state_next, solved) = self._conclude.inputs, self._conclude.outputs
         at = watched_record(self.slots)["tank"]
@@ -289,15 +289,6 @@ class BoundedForce(OneThread):
         part = checked_number("fraction", fraction, above=-1e-12)
         self._watched[:] = self._give.of(self.model, self._watched, self._force, part)
         return float(self._give.outputs[1][0])
-
-    def take_energy(self, joules: float) -> None:
-        """What another tank has given [J].
-
-        Beyond the budget it is lost, and so is what is no number or not above zero.
-        """
-        if self._owner != get_ident():
-            self._refuse_others()
-        self._watched[:] = self._take.of(self.model, self._watched, float_or_nan(joules))
 
     def instance(self, x: ArrayLike, v: ArrayLike = (0.0, 0.0)) -> Instance:
         """The QP for a hand at x (2,) moving at v (2,), with the last force and the energy of now, for inspection."""

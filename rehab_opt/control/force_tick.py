@@ -38,7 +38,6 @@ __all__ = [
     "give",
     "hear",
     "say",
-    "take",
     "watched_record",
 ]
 

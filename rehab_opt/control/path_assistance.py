@@ -78,11 +78,9 @@ class PathAssistance(BoundedForce):
         if len(paths) != 1:
             raise ConfigurationError("path", f"{len(paths)} paths", "one path (N, 2) in metres")
         points = paths[0]
-        if len(points) < 2:
-            raise ConfigurationError("path", points.shape, "at least two points (N, 2) in metres")
         sampled = resampled_path(points, *sample_spacing(positive("width", width), None))
         if len(sampled.points) < 2:
-            raise ConfigurationError("path", points[0].tolist(), "a path, not one place")
+            raise ConfigurationError("path", points[0].tolist(), "at least two places (N, 2) in metres")
         if not isinstance(comfortable, Workspace) or comfortable.empty:
             raise ConfigurationError("comfortable", comfortable, "a Workspace that is not empty")
         away = float(np.min(comfortable.distance(sampled.points)))

@@ -14,7 +14,8 @@ The help ends at the path's end: once s is within a sample of it and the hand wi
 
 A hand that stands under more than 0.1 F for 0.3 s is let go within 0.3 s: its person means to be elsewhere. It is
 held again where it comes within a width of a place from one to 20 widths of the path away, the nearest along the path,
-once it is more than a width away from where it was let go.
+once it is more than a width away from where it was let go. A hand that went on beyond F/S and a width of p(s) while no
+sample was usable is let go at once.
 """
 
 from __future__ import annotations
@@ -81,8 +82,8 @@ def progress_function() -> ca.Function:
     held = ca.norm_2(force) > STANDING * model.force_limit
     stood = ca.if_else(moved, 0, ca.fmax(old.stood + ca.if_else(held, model.dt, -model.dt), 0))
     away = ca.logic_or(old.away > 0, ca.logic_or(lost, ca.logic_and(free, stood > PATIENCE)))
-    lets_go = ca.logic_or(away, ended)
-    grip = ca.if_else(lost, 0, clipped(old.grip + ca.if_else(lets_go, -model.dt, model.dt) / FADE, 0, 1))
+    fades = ca.if_else(ca.logic_or(away, ended), -model.dt, model.dt) / FADE
+    grip = ca.if_else(lost, 0, clipped(old.grip + fades, 0, 1))
 
     # Where a hand that was let go is held again.
     again = _other_place(hand, old.place, beside, first=first, last=model.last, width=width)

@@ -98,7 +98,6 @@ def test_a_second_thread_is_refused_and_changes_nothing(name: str, other: Other)
     [
         lambda a: a.set_field(a.field),
         lambda a: a.shift(0.0, 0.0),
-        lambda a: a.take_energy(1.0),
         lambda a: a.give_energy(0.1),
     ],
 )
