@@ -36,16 +36,16 @@ class PathAssistance(BoundedForce):
 
         F_desired = S (p(s) - x) - D (v - (v.t) t),
 
-    p(s) the place of the path in the last tick and t its direction there: along the path the hand moves freely, but for
-    S v dt of this tick's delay. Outside the workspace there is a pull back to it, until the help ends or lets go, as
-    with `Assistance` in mode "follow".
+    p(s) is the place of the path in the last tick, t the path's direction there. Along the path the hand moves freely,
+    except for a drag S v dt, since p(s) is one tick old. Outside the workspace the force pulls back to it, as that of
+    `Assistance` in mode "follow", until the help ends or lets go.
 
     s follows the hand along the path, either way, and leads it nowhere: `rehab_opt.control.path_progress` is the law.
     The furthest s is the progress, and never goes back. The help ends at the path's end. Begin anew by `reset`.
 
-    A hand that stands (moves s by less than a width in 0.3 s) under more than 0.1 of `force_limit` is let go: the force
-    fades within 0.3 s, and the command is BLOCKED and says why. So is a hand that went on while no sample was usable.
-    Where it comes to another place of the path, at most 20 widths along it, the force grows again in 0.3 s.
+    A hand that stands (s moves by less than a width in 0.3 s) under more than 0.1 of `force_limit` is let go: the force
+    fades within 0.3 s, and the command is BLOCKED and says why. A hand that is elsewhere after a gap without usable
+    samples is let go at once. At another place of the path, at most 20 widths along it, the force grows again in 0.3 s.
 
     Parameters
     ----------

@@ -14,8 +14,8 @@ The help ends at the path's end: once s is within a sample of it and the hand wi
 
 A hand that stands under more than 0.1 F for 0.3 s is let go within 0.3 s: its person means to be elsewhere. It is
 held again where it comes within a width of a place from one to 20 widths of the path away, the nearest along the path,
-once it is more than a width away from where it was let go. A hand that went on beyond F/S and a width of p(s) while no
-sample was usable is let go at once.
+once it is more than a width away from where it was let go. In the first tick, and the first after a gap without usable
+samples, a hand further than F/S and a width from p(s) is let go at once.
 """
 
 from __future__ import annotations

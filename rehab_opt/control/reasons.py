@@ -93,7 +93,7 @@ REASONS = (
     Reason("STAMP_NO_NUMBER", "stamp is not a number of seconds", "stamp is not a number of seconds"),
     Reason(
         "HAND_STANDS",
-        "the hand stood under force or went on unseen: let go until it comes to another near place of the path",
+        "the hand stood under force or is elsewhere after a gap: let go until it comes to another place of the path",
         "the hand stood under force",
     ),
     Reason("NOT_FOLLOWED", "a joint does not follow: `element` says which", "does not follow"),

@@ -27,8 +27,7 @@ class Cdr:
     def number(self, code: str, value: float) -> Self:
         """One number of a code of `struct`: i, I, d."""
         size = struct.calcsize(code)
-        self._bytes += bytes(-(len(self._bytes) - len(HEADER)) % size) + struct.pack("<" + code, value)
-        return self
+        return self._aligned(size, struct.pack("<" + code, value))
 
     def text(self, text: str) -> Self:
         """A string."""
@@ -47,8 +46,10 @@ class Cdr:
         """A sequence of float64."""
         array = np.ascontiguousarray(values, dtype="<f8")
         self.number("I", array.size)
-        if array.size:  # an empty sequence has none to align; behind the count 0 or 4 bytes lack
-            self._bytes += bytes(4 - len(self._bytes) % 8) + array.tobytes()
+        return self._aligned(8, array.tobytes()) if array.size else self  # an empty sequence has nothing to align
+
+    def _aligned(self, size: int, data: bytes) -> Self:
+        self._bytes += bytes(-(len(self._bytes) - len(HEADER)) % size) + data
         return self
 
     def done(self) -> bytes:
