@@ -1,4 +1,9 @@
-"""Numbers of every shipped problem, kept to compare with: metrics and the head of the trace."""
+"""Numbers kept to compare with, so that what a change alters is seen and meant.
+
+Of every shipped problem metrics and the head of the trace; of single parts what `assert_kept` is given. What is right
+is for other tests to say. `REHAB_OPT_KEEP=1 python -m pytest TEST` keeps new numbers of a part, and
+`python -m tests.golden NAME` those of a problem.
+"""
 
 from __future__ import annotations
 
@@ -14,10 +19,13 @@ from typing import Any
 # As the tests' conftest does: with more threads sums round otherwise, and a map that is searched for ends elsewhere.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
+import numpy as np
+
 from rehab_opt.session.files import load_problem
 from rehab_opt.session.run import run_problem
 
-FOLDER = Path(__file__).parent / "numbers"
+FOLDER, PARTS = Path(__file__).parent / "numbers", Path(__file__).parent / "parts"
+KEEP = "REHAB_OPT_KEEP"
 HEAD = 40
 """Rows of the trace that are kept."""
 RELATIVE, ABSOLUTE = 1e-3, 1e-6
@@ -41,27 +49,48 @@ def measured(name: str) -> dict[str, Any]:
     return json.loads(json.dumps({"metrics": metrics, "trace": trace}))  # type: ignore[no-any-return]
 
 
-def differences(kept: Any, new: Any, key: str = "") -> Iterator[str]:
+def assert_kept(name: str, new: Any, *, relative: float = 1e-6, absolute: float = 1e-9) -> None:
+    """The numbers, arrays and texts of a part are those kept in `tests/golden/parts/NAME.json`; counts are equal."""
+    file = PARTS / f"{name}.json"
+    new = json.loads(json.dumps(new, default=_rounded))
+    if os.environ.get(KEEP) == "1":
+        file.write_text(json.dumps(new, indent=None) + "\n")
+    found = list(differences(json.loads(file.read_text()), new, tolerance=(relative, absolute, 0)))
+    assert not found, f"{len(found)} numbers differ; {KEEP}=1 keeps the new ones:\n" + "\n".join(found[:20])
+
+
+def differences(
+    kept: Any, new: Any, key: str = "", *, tolerance: tuple[float, float, int] = (RELATIVE, ABSOLUTE, COUNT)
+) -> Iterator[str]:
     """Each value that is not within the tolerances, with the value kept and the new one."""
     if TIMED.search(key):
         return
     if isinstance(kept, dict) and isinstance(new, dict):
         for each in [*kept, *(name for name in new if name not in kept)]:
-            yield from differences(kept.get(each, "absent"), new.get(each, "absent"), f"{key}.{each}".lstrip("."))
+            yield from differences(
+                kept.get(each, "absent"), new.get(each, "absent"), f"{key}.{each}".lstrip("."), tolerance=tolerance
+            )
     elif isinstance(kept, list) and isinstance(new, list) and len(kept) == len(new):
         for i, (one, other) in enumerate(zip(kept, new, strict=True)):
-            yield from differences(one, other, f"{key}[{i}]")
-    elif not _alike(kept, new):
+            yield from differences(one, other, f"{key}[{i}]", tolerance=tolerance)
+    elif not _alike(kept, new, *tolerance):
         yield f"{key}: {kept} -> {new}"
 
 
-def _alike(kept: Any, new: Any) -> bool:
+def _alike(kept: Any, new: Any, relative: float, absolute: float, count: int) -> bool:
     if not all(isinstance(each, int | float) and not isinstance(each, bool) for each in (kept, new)):
         return bool(kept == new)
     if math.isnan(kept) or math.isnan(new):
         return math.isnan(kept) and math.isnan(new)
-    count = COUNT if isinstance(kept, int) and isinstance(new, int) else ABSOLUTE
-    return abs(new - kept) <= count + RELATIVE * abs(kept)
+    if isinstance(kept, int) and isinstance(new, int):
+        absolute, relative = count, relative if count else 0
+    return kept == new or abs(new - kept) <= absolute + relative * abs(kept)
+
+
+def _rounded(value: Any) -> Any:
+    """An array as lists of numbers of twelve digits."""
+    values = np.asarray(value)
+    return [float(f"{each:.12g}") for each in values.ravel()] if values.dtype.kind == "f" else values.ravel().tolist()
 
 
 def _plain(value: Any) -> Any:
