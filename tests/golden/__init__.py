@@ -32,7 +32,7 @@ RELATIVE, ABSOLUTE = 1e-3, 1e-6
 """A number may differ by this fraction of itself, and by this in its unit: a closed loop amplifies rounding."""
 COUNT = 2
 """Ticks by which a count may differ."""
-TIMED = re.compile(r"_ms$|computing_s$|solve_time_s(\[|$)|\.seconds$")
+TIMED = re.compile(r"_ms$|computing_s$|learning_s$|solve_time_s(\[|$)|\.seconds$")
 """Keys of the time that the computer took, which is not compared."""
 
 
