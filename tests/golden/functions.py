@@ -1,0 +1,162 @@
+"""Kept numbers of the CasADi functions of a part, on what they met in a run and on what a broken one would meet.
+
+A fault seldom shows in the commands of a run: its row is not active, its branch not taken. It shows in the functions
+that the run was made of, at inputs that are changed here and there.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from itertools import groupby
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from rehab_opt.optim.fallback_chain import FallbackChain
+from rehab_opt.symbolic import BufferedFunction
+from tests.golden import KEEP, PARTS, assert_kept
+
+Columns = list[np.ndarray]
+Said = tuple[Sequence[float], str]
+Gives = Callable[[Columns], Sequence[Any]]
+SPECIAL = (math.nan, math.inf, -math.inf, 0.0, 0.0, 1.0, -1.0, 1e7)
+FINEST, COARSE = 1e-5, 1e-3
+"""Of what is told apart, in a function and in a run; a smaller number counts as itself over this."""
+ROUNDING, STEADY = 1e-13, 1e-5
+"""A sample is not kept where so small a change of its inputs changes what is kept by more than this: a near tie."""
+TOGETHER = 4
+"""Samples of one kept number."""
+
+
+class Met:
+    """Functions that were made, in order, and the inputs of their calls."""
+
+    def __init__(self) -> None:
+        self.functions: list[tuple[ca.Function, list[Columns]]] = []
+        self.chains: list[FallbackChain] = []
+
+    def all(self) -> Iterator[tuple[str, Gives, list[Columns]]]:
+        """By name and sizes what they give, and all their inputs; of a QP also its numbers, screen and report."""
+        alike: dict[str, tuple[ca.Function, list[Columns]]] = {}
+        for function, calls in self.functions:
+            sizes = ",".join(str(function.numel_in(i)) for i in range(function.n_in()))
+            alike.setdefault(f"{function.name()} {sizes}", (function, []))[1].extend(calls)
+        for name, (function, calls) in alike.items():
+            if calls:
+                yield name, _evaluated(function), calls
+        stated = {chain.statement.name: (chain.statement, chain.given) for chain in self.chains}
+        for name, (statement, given) in stated.items():
+            calls = next(calls for function, calls in self.functions if function is given)
+            if calls:
+                yield name, _stated(statement), calls
+
+
+def _evaluated(function: ca.Function) -> Gives:
+    buffered = BufferedFunction(function)
+
+    def gives(columns: Columns) -> Sequence[Any]:
+        buffered.of(*columns)
+        return buffered.outputs
+
+    return gives
+
+
+def _stated(stated: Any) -> Gives:
+    begin, end = stated.state_size - int(stated.memory.numel()), stated.state_size
+    p, memory, x = (ca.MX.sym("column", size) for size in (stated.parameter_size, end - begin, stated.n))
+    full = stated.complete(p, memory)
+    parts = [*stated.build.call([full, memory]), *stated.screen.call([full, memory])]
+    parts = [full, *parts, *stated.finish.call([full, memory, x])]
+    every = _evaluated(ca.Function("every", [p, memory, x], [ca.densify(each) for each in parts]))
+    return lambda columns: every([columns[0], columns[1][begin:end], columns[1][: stated.n]])
+
+
+@contextmanager
+def watched() -> Iterator[Met]:
+    """Within it, every buffered function that is made tells of its calls."""
+    met, begin, chain = Met(), BufferedFunction.__init__, FallbackChain.__init__
+
+    def made(self: BufferedFunction, function: ca.Function, **options: Any) -> None:
+        begin(self, function, **options)
+        calls: list[Columns] = []
+        met.functions.append((function, calls))
+
+        def around(call: Callable[[], None]) -> Callable[[], None]:
+            def told() -> None:
+                calls.append([np.array(each) for each in self.inputs])
+                call()
+
+            return told
+
+        self.surround(around)
+
+    def chained(self: Any, *given: Any, **options: Any) -> None:
+        chain(self, *given, **options)
+        self.given = self.function.function
+        met.chains.append(self)
+
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(BufferedFunction, "__init__", made)
+        patched.setattr(FallbackChain, "__init__", chained)
+        yield met
+
+
+def varied(calls: Sequence[Columns], rng: np.random.RandomState) -> Columns:
+    """One of the calls with some of its numbers changed."""
+    one, other = (calls[rng.randint(len(calls))] for _ in range(2))
+    flat, beside = (np.concatenate([each.ravel(order="F") for each in columns]) for columns in (one, other))
+    whole = flat == np.round(flat)
+    with np.errstate(invalid="ignore"):
+        flat = np.where(whole, flat, flat * (1 + 1e-6 * rng.normal(size=flat.size)))
+        few = rng.randint(5)
+        count = (0, 1, 3, max(1, flat.size // 8), max(1, flat.size // 2))[few]
+        for at in rng.choice(flat.size, min(count, flat.size), replace=False):
+            kind = rng.randint(8 if few < 3 else 7)
+            value, drawn = flat[at], rng.normal()
+            flat[at] = (
+                value * math.exp(drawn), -value, value + drawn, value + 0.01 * drawn, value * (1 + 0.1 * drawn),
+                beside[at], drawn if value == 0 else 2 * value, SPECIAL[rng.randint(len(SPECIAL))],
+            )[kind]  # fmt: skip
+    ends = np.cumsum([each.size for each in one])[:-1]
+    return [part.reshape(each.shape, order="F") for part, each in zip(np.split(flat, ends), one, strict=True)]
+
+
+def summed(outputs: Sequence[Any], finest: float = FINEST) -> float:
+    """One number that a hundredth more of any output changes."""
+    flat = np.concatenate([each.ravel(order="F") for each in outputs])
+    weights = 1.5 + np.cos(2.0 + np.arange(flat.size))
+    size = np.arcsinh(np.clip(np.nan_to_num(flat, nan=3e8, posinf=1e9, neginf=-1e9), -1e9, 1e9) / finest)
+    return float(weights @ size)
+
+
+def rounded(columns: Columns, rng: np.random.RandomState) -> Columns:
+    """Inputs that rounding might have left instead."""
+    with np.errstate(invalid="ignore"):
+        return [np.where(each == np.round(each), each, each * (1 + ROUNDING * rng.normal(size=each.shape)))
+                for each in columns]  # fmt: skip
+
+
+def assert_functions_kept(name: str, met: Met, said: Sequence[Said] = (), *, samples: int = 120) -> None:
+    """What the functions give at their calls, varied, is what is kept in `NAME.json`, and so are numbers and words."""
+    sums, words = [float(f"{summed([np.array(numbers)], COARSE):.10g}") for numbers, _ in said], [text for _, text in said]
+    more = {"sums": sums, "words": [[text, len(list(some))] for text, some in groupby(words)]}
+    file, keep = PARTS / f"{name}.json", os.environ.get(KEEP) == "1"
+    ties = {} if keep else {key: each["ties"] for key, each in json.loads(file.read_text())["functions"].items()}
+    found: dict[str, Any] = {}
+    for key, gives, calls in met.all():
+        rng, about = np.random.RandomState(len(key)), np.random.RandomState(1)
+        inputs = [varied(calls, rng) for _ in range(samples)]
+        values = np.array([summed(gives(columns)) for columns in inputs])
+        if keep:
+            beside = [[summed(gives(rounded(columns, about))) for _ in range(2)] for columns in inputs]
+            ties[key] = np.flatnonzero(~(np.abs(np.array(beside).T - values).max(axis=0) < STEADY)).tolist()
+        values[ties.get(key, [])] = 0.0
+        sums = values.reshape(-1, TOGETHER) @ (1 + np.arange(TOGETHER) / TOGETHER)
+        found[key] = {"ties": ties.get(key, []), "sums": [float(f"{each:.10g}") for each in sums]}
+    assert_kept(name, {"more": more, "functions": found}, relative=0.0, absolute=1e-4)
