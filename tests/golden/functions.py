@@ -160,3 +160,9 @@ def assert_functions_kept(name: str, met: Met, said: Sequence[Said] = (), *, sam
         sums = values.reshape(-1, TOGETHER) @ (1 + np.arange(TOGETHER) / TOGETHER)
         found[key] = {"ties": ties.get(key, []), "sums": [float(f"{each:.10g}") for each in sums]}
     assert_kept(name, {"more": more, "functions": found}, relative=0.0, absolute=1e-4)
+
+
+def digest(*arrays: Any, width: int = 6) -> list[float]:
+    """Numbers of arrays, so many of them together in one."""
+    flat = np.concatenate([np.asarray(each, dtype=float).ravel() for each in arrays])
+    return [float(f"{summed([flat[i : i + width]], COARSE):.10g}") for i in range(0, flat.size, width)]
