@@ -162,7 +162,7 @@ def assert_functions_kept(name: str, met: Met, said: Sequence[Said] = (), *, sam
     assert_kept(name, {"more": more, "functions": found}, relative=0.0, absolute=1e-4)
 
 
-def digest(*arrays: Any, width: int = 6) -> list[float]:
+def digest(*arrays: Any, width: int = 6, finest: float = COARSE) -> list[float]:
     """Numbers of arrays, so many of them together in one."""
     flat = np.concatenate([np.asarray(each, dtype=float).ravel() for each in arrays])
-    return [float(f"{summed([flat[i : i + width]], COARSE):.10g}") for i in range(0, flat.size, width)]
+    return [float(f"{summed([flat[i : i + width]], finest):.10g}") for i in range(0, flat.size, width)]
