@@ -9,9 +9,13 @@ from __future__ import annotations
 import json
 import math
 import os
+import re
+import zlib
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from itertools import groupby
+from dataclasses import fields, is_dataclass
+from enum import Enum
 from typing import Any
 
 import casadi as ca
@@ -23,7 +27,6 @@ from rehab_opt.symbolic import BufferedFunction
 from tests.golden import KEEP, PARTS, assert_kept
 
 Columns = list[np.ndarray]
-Said = tuple[Sequence[float], str]
 Gives = Callable[[Columns], Sequence[Any]]
 SPECIAL = (math.nan, math.inf, -math.inf, 0.0, 0.0, 1.0, -1.0, 1e7)
 FINEST, COARSE = 1e-5, 1e-3
@@ -142,10 +145,8 @@ def rounded(columns: Columns, rng: np.random.RandomState) -> Columns:
                 for each in columns]  # fmt: skip
 
 
-def assert_functions_kept(name: str, met: Met, said: Sequence[Said] = (), *, samples: int = 120) -> None:
-    """What the functions give at their calls, varied, is what is kept in `NAME.json`, and so are numbers and words."""
-    sums, words = [float(f"{summed([np.array(numbers)], COARSE):.10g}") for numbers, _ in said], [text for _, text in said]
-    more = {"sums": sums, "words": [[text, len(list(some))] for text, some in groupby(words)]}
+def assert_functions_kept(name: str, met: Met, *said: Any, samples: int = 120) -> None:
+    """What the functions give at their calls, varied, is what is kept in `NAME.json`, and so is what was said."""
     file, keep = PARTS / f"{name}.json", os.environ.get(KEEP) == "1"
     ties = {} if keep else {key: each["ties"] for key, each in json.loads(file.read_text())["functions"].items()}
     found: dict[str, Any] = {}
@@ -159,10 +160,32 @@ def assert_functions_kept(name: str, met: Met, said: Sequence[Said] = (), *, sam
         values[ties.get(key, [])] = 0.0
         sums = values.reshape(-1, TOGETHER) @ (1 + np.arange(TOGETHER) / TOGETHER)
         found[key] = {"ties": ties.get(key, []), "sums": [float(f"{each:.10g}") for each in sums]}
-    assert_kept(name, {"more": more, "functions": found}, relative=0.0, absolute=1e-4)
+    assert_kept(name, {"said": digest(*said), "functions": found}, relative=0.0, absolute=1e-4)
 
 
-def digest(*arrays: Any, width: int = 6, finest: float = COARSE) -> list[float]:
-    """Numbers of arrays, so many of them together in one."""
-    flat = np.concatenate([np.asarray(each, dtype=float).ravel() for each in arrays])
-    return [float(f"{summed([flat[i : i + width]], finest):.10g}") for i in range(0, flat.size, width)]
+def digest(*values: Any, width: int = 12, finest: float = COARSE) -> list[Any]:
+    """Numbers that are in values, so many of them together in one; and what words, without the digits in them."""
+    numbers, words = list[float](), Counter[str]()
+    for each in _parts(values):
+        if isinstance(each, str):
+            words[text := re.sub(r"-?\d[\d.]*(e[-+]?\d+)?", "#", each)] += 1
+            numbers.append(zlib.crc32(text.encode()) / 2**32)
+        else:
+            numbers += np.asarray(each, dtype=float).ravel().tolist()
+    sums = [summed([np.array(numbers[i : i + width])], finest) for i in range(0, len(numbers), width)]
+    return [*(float(f"{each:.10g}") for each in sums), *([text, words[text]] for text in sorted(words))]
+
+
+def _parts(value: Any) -> Iterator[Any]:
+    """Arrays, numbers and texts."""
+    if isinstance(value, dict):
+        value = [each for pair in value.items() for each in pair]
+    elif is_dataclass(value):
+        value = [getattr(value, each.name) for each in fields(value)]
+    elif isinstance(value, Enum) and not isinstance(value, int):
+        value = value.value
+    if isinstance(value, (list, tuple, set)):
+        for each in value:
+            yield from _parts(each)
+    elif value is not None:
+        yield np.array(ca.DM(value)) if isinstance(value, (ca.DM, ca.SX)) else value
