@@ -236,4 +236,4 @@ RUNS: dict[str, Callable[[], Iterator[Said]]] = {
 def test_commands_and_functions_are_those_kept(name: str) -> None:
     with watched() as met:
         commands = list(RUNS[name]())
-    assert_functions_kept(f"control_{name}", met, *commands, samples=240 if name == "force" else 120)
+    assert_functions_kept(f"control_{name}", met, *commands, samples=160 if name == "force" else 80)

@@ -33,6 +33,8 @@ FINEST, COARSE = 1e-5, 1e-3
 """Of what is told apart, in a function and in a run; a smaller number counts as itself over this."""
 ROUNDING, STEADY = 1e-13, 1e-5
 """A sample is not kept where so small a change of its inputs changes what is kept by more than this: a near tie."""
+DEEP, FEW = 9, 20
+"""Functions within one another; inputs that are drawn for one."""
 TOGETHER = 4
 """Samples of one kept number."""
 
@@ -45,23 +47,42 @@ class Met:
         self.chains: list[FallbackChain] = []
 
     def all(self) -> Iterator[tuple[str, Gives, list[Columns]]]:
-        """By name and sizes what they give, and all their inputs; of a QP also its numbers, screen and report."""
+        """By name and sizes what they give, and their inputs; of a QP also its numbers, screen and report.
+
+        And of what they call inside, at inputs that are drawn.
+        """
         alike: dict[str, tuple[ca.Function, list[Columns]]] = {}
         for function, calls in self.functions:
-            sizes = ",".join(str(function.numel_in(i)) for i in range(function.n_in()))
-            alike.setdefault(f"{function.name()} {sizes}", (function, []))[1].extend(calls)
-        for name, (function, calls) in alike.items():
-            if calls:
-                yield name, _evaluated(function), calls
-        stated = {chain.statement.name: (chain.statement, chain.given) for chain in self.chains}
-        for name, (statement, given) in stated.items():
-            calls = next(calls for function, calls in self.functions if function is given)
-            if calls:
-                yield name, _stated(statement), calls
+            alike.setdefault(_key(function), (function, []))[1].extend(calls)
+        alike = {key: (function, calls) for key, (function, calls) in alike.items() if calls}
+        yield from ((key, _evaluated(function), calls) for key, (function, calls) in alike.items())
+        for chain in {chain.statement.name: chain for chain in self.chains}.values():
+            if calls := alike.get(_key(chain.given), (None, []))[1]:
+                yield chain.statement.name, _stated(chain.statement), calls
+        inside = [each for function, _ in alike.values() for each in function.find_functions(DEEP)]
+        for key, each in {_key(each): each for each in inside if each.class_name() == "SXFunction"}.items():
+            if key not in alike:
+                yield f"{key} inside", _evaluated(each), [drawn(each, k) for k in range(FEW)]
+
+
+def _key(function: ca.Function) -> str:
+    return f"{function.name()} {','.join(str(function.numel_in(i)) for i in range(function.n_in()))}"
+
+
+def drawn(function: ca.Function, seed: int) -> Columns:
+    """Inputs for a function, a third of the numbers small, or zero."""
+    rng, found = np.random.RandomState(seed), Columns()
+    for i in range(function.n_in()):
+        rows, columns = function.size_in(i)
+        values = rng.normal(size=(rows, columns)) * rng.choice([1.0, 1.0, 1.0, 0.1, 0.0], size=(rows, columns))
+        found.append(values[:, 0] if columns == 1 else values)
+    return found
 
 
 def _evaluated(function: ca.Function) -> Gives:
-    buffered = BufferedFunction(function)
+    inputs = [ca.MX.sym("input", *function.size_in(i)) for i in range(function.n_in())]
+    dense = ca.Function(function.name(), inputs, [ca.densify(each) for each in function.call(inputs)])
+    buffered = BufferedFunction(dense)
 
     def gives(columns: Columns) -> Sequence[Any]:
         buffered.of(*columns)
@@ -76,7 +97,7 @@ def _stated(stated: Any) -> Gives:
     full = stated.complete(p, memory)
     parts = [*stated.build.call([full, memory]), *stated.screen.call([full, memory])]
     parts = [full, *parts, *stated.finish.call([full, memory, x])]
-    every = _evaluated(ca.Function("every", [p, memory, x], [ca.densify(each) for each in parts]))
+    every = _evaluated(ca.Function("every", [p, memory, x], parts))
     return lambda columns: every([columns[0], columns[1][begin:end], columns[1][: stated.n]])
 
 
@@ -152,7 +173,7 @@ def assert_functions_kept(name: str, met: Met, *said: Any, samples: int = 120) -
     found: dict[str, Any] = {}
     for key, gives, calls in met.all():
         rng, about = np.random.RandomState(len(key)), np.random.RandomState(1)
-        inputs = [varied(calls, rng) for _ in range(samples)]
+        inputs = [varied(calls, rng) for _ in range(2 * FEW if key.endswith("inside") else samples)]
         values = np.array([summed(gives(columns)) for columns in inputs])
         if keep:
             beside = [[summed(gives(rounded(columns, about))) for _ in range(2)] for columns in inputs]
