@@ -205,7 +205,7 @@ def _parts(value: Any) -> Iterator[Any]:
         value = [getattr(value, each.name) for each in fields(value)]
     elif isinstance(value, Enum) and not isinstance(value, int):
         value = value.value
-    if isinstance(value, (list, tuple, set)):
+    if isinstance(value, (list, tuple, Iterator)):
         for each in value:
             yield from _parts(each)
     elif value is not None:
