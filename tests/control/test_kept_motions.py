@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
+from datetime import timedelta
 from typing import Any
 
 import numpy as np
@@ -27,6 +28,8 @@ from tests.golden.functions import digest
 
 ARM, FAST, NAN = human_arm(range_of_motion="regular"), ur5(acceleration=np.full(6, 12.0)), math.nan
 STAMPS = (0.0, 0.01, 0.01, 0.03, 0.02, 0.04, 0.09, 0.1, 0.2, NAN, 0.21, 0.22, None, 0.23, 5.0, 5.01, 4.0, "x", 6.0)
+
+ODD = (1e300, math.inf, 10**400, "soon", np.zeros(2), np.timedelta64(1, "ns"), timedelta(1), 1j, np.ma.masked, -1e308)
 
 
 def wandering(rng: np.random.RandomState, rows: int, size: int, rough: float = 0.0) -> np.ndarray:
@@ -63,8 +66,9 @@ def sticks() -> Iterator[Any]:
         for k in range(300):
             pressure = (0.0, 0.31, 0.29, 0.8, 0.22, 0.2, -0.5, NAN)[rng.randint(8)] if k % 7 == 0 else pressure
             yield switch.step(pressure), switch.lit.name
-    watch = Watchdog(dt=0.01, max_age=0.05)
-    yield [(watch.check(stamp), watch.lag) for stamp in STAMPS]
+    for stamps in (STAMPS, *([0.0, each] for each in ODD)):
+        watch = Watchdog(dt=0.01, max_age=0.05)
+        yield [(watch.check(stamp), watch.lag) for stamp in stamps]
 
 
 def smoothers() -> Iterator[Any]:

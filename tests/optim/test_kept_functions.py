@@ -1,4 +1,4 @@
-"""What the functions, solvers and certificates of QPs and NLPs give on seeded problems is what is kept."""
+"""What the functions and certificates of QPs and NLPs give on seeded problems is what is kept."""
 
 from __future__ import annotations
 
@@ -7,20 +7,15 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-import pytest
 
-from rehab_opt.optim.backends import QpsolversBackend, backend, has_finite_data, to_qpsolvers
 from rehab_opt.optim.certificate import certificate_function, delivered_fraction, first_true, screened_analytic
 from rehab_opt.optim.dual_active_set import active_set_round, dual_active_set, picked
 from rehab_opt.optim.fallback_chain import FallbackChain
 from rehab_opt.optim.nlp import NLP, convexified, model
-from rehab_opt.optim.nlp_solvers import nlp_solver
 from rehab_opt.optim.nlp_sqp import step_function, subproblem_function
 from rehab_opt.optim.qp import Statement
-from rehab_opt.optim.recorder import recording_qps
 from rehab_opt.optim.rows import Row, equal, parameter, variable, within
-from tests.golden import assert_kept
-from tests.golden.functions import assert_functions_kept, digest, drawn, watched
+from tests.golden.functions import assert_functions_kept, drawn, watched
 from tests.optim.random_qps import general_statement, parameters_of, random_qp
 
 N, M = 4, 5
@@ -90,38 +85,3 @@ def test_functions_are_those_kept() -> None:
     met.functions.append((dual_active_set(general[0]), [[each] for each in numbers]))
     met.functions += [(each, [drawn(each, k) for k in range(40)]) for each in parts()]
     assert_functions_kept("optim_functions", met, *said, samples=160)
-
-
-@pytest.mark.parametrize("name", ["daqp", "proxqp", "osqp", "qpsolvers"])
-def test_solvers_answer_as_was_kept(name: str) -> None:
-    """One problem after the other: scaled, with a row twice, hopeless, without a number."""
-    made, found = QpsolversBackend("daqp") if name == "qpsolvers" else backend(name, N, M), list[Any]()
-    for k in range(14):
-        qp, units = random_qp(k, N, M, unbounded=False), 10.0 ** (3 * np.sin(np.arange(N)) * (k % 3 == 2))
-        qp = qp._replace(H=qp.H * np.outer(units, units) * (math.nan if k == 5 else 1.0), g=qp.g * units,
-                         A=qp.A * units, lower=qp.lower / units, upper=qp.upper / units)  # fmt: skip
-        if k in (3, 9):
-            qp.rows_lower[4], qp.rows_upper[4] = 50.0, 51.0
-        if k == 7:
-            qp.A[1], qp.rows_lower[1], qp.rows_upper[1] = qp.A[0], qp.rows_lower[0], qp.rows_upper[0]
-        if k == 11:
-            made.forget()
-        answer, problem = made.solve(qp), to_qpsolvers(qp)
-        balance = qp.H @ answer.x + qp.g + answer.bound_multipliers + qp.A.T @ answer.row_multipliers
-        found += [has_finite_data(qp), np.round(np.nan_to_num(np.r_[units * answer.x, balance], nan=9.0), 5)]
-        found += [each for each in vars(problem).values() if isinstance(each, np.ndarray)]
-    assert_kept(f"optim_{name}", digest(*found, finest=0.1), absolute=1e-2)
-
-
-@pytest.mark.parametrize("name", ["sqp", "ipopt", "fatrop", "sqpmethod"])
-def test_programmes_are_solved_as_was_kept(name: str) -> None:
-    with recording_qps(skip=1, most=2) as recorder:
-        solver, found = nlp_solver(programme(), name, compile=False), list[Any]()
-    for steepness, least in ((1.0, -1.0), (5.0, 0.2), (2.0, 9.0), (math.nan, 0.0), (1e12, 0.0)):
-        for start in ([0.5, 0.5, 0.1], [-1.0, 0.3, 0.0], [math.inf, 0.0, 0.0]):
-            solver.parameters[:] = steepness, least
-            answer = solver.solve(start)
-            numbers = [answer.x, answer.multipliers, answer.cost, answer.report] if answer.certified else []
-            found.append((answer.certified, answer.solver, [np.round(each, 5) for each in numbers]))
-    found += [(len(stream), stream.instances()[:2]) for stream in recorder.streams]
-    assert_kept(f"optim_{name}", digest(*found, finest=0.1), absolute=1e-2)
