@@ -86,6 +86,8 @@ def led(made: Any, start: Array, *, held: range = range(0), reach: float = 0.15,
             twist = rng.normal(size=6) * (0.0, 0.1, 1.0)[k // 12 % 3]
         if k == 45:
             q[1], q[2] = arm.upper[1] + 0.02, q[2] + 0.3
+        if k in (24, 54):
+            made.reset(0.97 * arm.velocity * np.sign(rng.normal(size=arm.n)))
         told, options = hostile(k, q, made.dt)
         if moving:
             options["obstacles"] = bodies(k, arm.pose(q)[:3, 3], moving)

@@ -147,7 +147,7 @@ def plans() -> Iterator[Any]:
     grip[:3, 3] = 0.0, 0.02, 0.05
     tools = np.array([ARM.pose(np.clip(q, ARM.lower, ARM.upper)) for q in postures])
     tools[30:, :3, 3] *= 1.2
-    yield arm_path(ARM, grip, tools @ grip, dt=0.02)
+    yield [arm_path(ARM, grip, tools[:count] @ grip, dt=0.02) for count in (60, 30)]
 
 
 PARTS: dict[str, Callable[[], Any]] = {

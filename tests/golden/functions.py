@@ -59,10 +59,18 @@ class Met:
         for chain in {chain.statement.name: chain for chain in self.chains}.values():
             if calls := alike.get(_key(chain.given), (None, []))[1]:
                 yield chain.statement.name, _stated(chain.statement), calls
-        inside = [each for function, _ in alike.values() for each in function.find_functions(DEEP)]
-        for key, each in {_key(each): each for each in inside if each.class_name() == "SXFunction"}.items():
-            if key not in alike:
-                yield f"{key} inside", _evaluated(each), [drawn(each, k) for k in range(FEW)]
+        inside = dict[str, dict[int, ca.Function]]()
+        for each in (each for function, _ in alike.values() for each in function.find_functions(DEEP)):
+            if each.class_name() == "SXFunction" and _key(each) not in alike:
+                inside.setdefault(_key(each), {})[each.__hash__()] = each
+        for key, several in inside.items():
+            first = next(iter(several.values()))
+            yield f"{key} inside", _in_turn([*map(_evaluated, several.values())]), [drawn(first, k) for k in range(FEW)]
+
+
+def _in_turn(several: Sequence[Gives]) -> Gives:
+    """What functions of one name give, by size: CasADi finds them in any order."""
+    return lambda columns: [each for one in sorted((gives(columns) for gives in several), key=summed) for each in one]
 
 
 def _key(function: ca.Function) -> str:

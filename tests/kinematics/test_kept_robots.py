@@ -1,8 +1,7 @@
-"""What robots, from tables and files, and frames of recordings give on seeded postures is what is kept."""
+"""What robots, from tables and files give on seeded postures is what is kept."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
@@ -14,15 +13,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import rehab_opt as lib
-from rehab_opt.kinematics import vr
 from rehab_opt.kinematics.arm_links import arm_links, arm_reach, hand_volume, links_as_capsules, maximise_hand_volume
-from rehab_opt.kinematics.body import of_a_body
 from rehab_opt.kinematics.drive import Differential, Fixed, Mecanum, Omnidirectional
 from rehab_opt.kinematics.goniometer import GONIOMETER, range_in_words
 from rehab_opt.kinematics.human_arm import RANGES_OF_MOTION_DEG
 from rehab_opt.kinematics.inertia import rod
-from rehab_opt.kinematics.rigid import is_rigid, is_rotation, nearest_rigid, rotation_vector
-from rehab_opt.kinematics.room import moving_numbers
 from tests.golden import assert_kept
 from tests.golden.functions import digest
 from tests.kinematics.robot_files.random_arms import random_arm, urdf
@@ -94,37 +89,6 @@ def mobile_arms() -> Iterator[Any]:
     yield drive.slip([0.1, 0.2, 0.3]), rod(2.0, (0.1, 0.2, -0.3), 0.05), rod(1.0, (0.0, 0.0, 0.0), 0.1)
 
 
-def frames() -> Iterator[Any]:
-    rng = np.random.RandomState(4)
-    points, turns = rng.normal(size=(9, 3)), Rotation.from_rotvec(rng.normal(size=(9, 3)) * np.arange(9)[:, None] / 3)
-    quaternions = turns.as_quat() * rng.choice([-2.0, 1.0], (9, 1))
-    poses, quaternions[4] = vr.poses_of(points, quaternions), 0.0
-    yield vr.robot_from_unity(points, quaternions), poses, vr.quaternions_of(turns.as_matrix())
-    yield vr.continuous_quaternions(quaternions), vr.continuous_quaternions(quaternions, quaternions[2])
-    noisy = 1.3 * points @ turns[3].as_matrix().T + (0.1, 2.0, -0.3) + 0.01 * rng.normal(size=(9, 3))
-    for scale, flat in ((True, 1.0), (False, 1.0), (False, 0.0)):
-        fit = vr.fit_frame(points * [1, 1, flat], noisy * [1, 1, 1 if flat else -1], scale=scale)
-        yield fit, fit.rms, fit.points(points), fit.poses(poses)
-    for axis in ("x", "y", "z"):
-        mirror = vr.Mirror((0.1, 0.2, 0.3), (0.5, -1.0, 0.2), axis)  # type: ignore[arg-type]
-        yield mirror.positions(points), mirror.poses(poses), mirror.twists(rng.normal(size=(3, 6)))
-    r, p = ca.SX.sym("r", 3, 3), ca.SX.sym("p", 4, 4)
-    of = ca.Function("of", [r, p], [rotation_vector(r), is_rotation(r), is_rigid(p)])
-    for size in (0.0, 1e-9, 0.3, 1.5, 2.0, 2.2, 2.9, 3.1, math.pi - 1e-9):
-        for axis in np.vstack([np.eye(3), rng.normal(size=(3, 3))]):
-            turn = Rotation.from_rotvec(size * axis / np.linalg.norm(axis)).as_matrix()
-            for off in (0.0, 2e-4, 3e-3):
-                pose = np.eye(4)
-                pose[:3, :3], pose[3, 0] = turn + off * rng.normal(size=(3, 3)), off * (size > 2)
-                yield of(turn, pose)[0], of(pose[:3, :3], pose)[1:], of(-pose[:3, :3], pose)[1:]
-    yield nearest_rigid("pose", np.vstack([np.round(MOUNT[:3], 4), MOUNT[3:]]))
-    bodies = [lib.MovingCapsule(*rng.normal(size=(2, 3)), 0.1, *rng.normal(size=(2, 3)))]
-    yield moving_numbers([*bodies, lib.MovingCapsule(*rng.normal(size=(2, 3)), 0.2)], 3)
-    yield lib.Box.at("box", MOUNT, [0.1, 0.2, 0.3]), lib.KeepOut.through([1.0, 2.0, 3.0], [0.0, 3.0, 4.0])
-    moments = ((1, 1, 1), (1, 2, 3), (1, 2, 3.1), (-0.1, 1, 1), (1, 2, 3 + 1e-7), (0, 0, 0), (math.nan, 1, 1))
-    yield [of_a_body(np.diag(each)) for each in moments]
-
-
 def files(folder: Path) -> Iterator[Any]:
     panda, gen3 = (partial(lib.SerialChain.from_urdf, each) for each in (PANDA, GEN3))
     hand = lib.CapsuleOnLink("panda_link5", (0.0, 0.0, 0.0), (0.0, 0.1, -0.2), 0.06)
@@ -150,7 +114,7 @@ def files(folder: Path) -> Iterator[Any]:
         yield from moves(lib.SerialChain.from_mjcf(file, tip="tool", **limits))
 
 
-@pytest.mark.parametrize("part", [tables, mobile_arms, frames, files])
+@pytest.mark.parametrize("part", [tables, mobile_arms, files])
 def test_robots_are_those_kept(part: Callable[..., Iterator[Any]], tmp_path: Path) -> None:
     found = part(tmp_path) if part is files else part()
     assert_kept(f"kinematics_{part.__name__}", digest(*found, width=16, finest=1e-4), absolute=1e-4)
