@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import re
 import shutil
+from types import SimpleNamespace
 from pathlib import Path
 from typing import Any
 
@@ -14,14 +15,16 @@ import shapely
 from rich.console import Console
 
 from rehab_opt.session.files import problem_content, problem_of, problem_path, shipped_folder
-from rehab_opt.session.run import arms_of, checked, run_problem
+from rehab_opt.plants.ideal import IdealJoints
+from rehab_opt.session.live.problem import LiveInputs, Following
+from rehab_opt.session.run import arms_of, checked, live_problem, run_problem
 from rehab_opt.session.systems import System, system_named
 from rehab_opt.session.workspaces import reached
 from rehab_opt.workspace.mapping import WorkspaceMap
 from rehab_opt.workspace.region import Workspace
 from tests.golden import assert_kept
 from tests.golden.drawn import digest
-from tests.golden.returns import Returns
+from tests.golden.returns import Returns, sums
 
 FAST = {"run": {"rate_hz": 50.0}, "task": {"trials": 2, "movement_s": 0.8, "rest_s": 0.4}}
 TRACKED = {"tracker": {"rate_hz": 50.0}}
@@ -96,3 +99,47 @@ def test_short_run(name: str, folder: Path) -> None:
     short = name.replace("/", ".")
     assert_kept(f"session.{short}", [seen.numbers(), dict(outcome.metrics), trace, arms], relative=1e-4, absolute=1e-7)
     assert_kept(f"session.{short}.shown", [figures, tables], relative=2e-3, absolute=1e-6)
+
+
+LIVE = ("robot/ur5_among_bodies", "ardis/through_doorway", "mirror/pick_fruit", "upper_limb/scenario_together")
+TOUCHED = (LiveInputs(enable=True), LiveInputs(enable=True, push=(3.0, -2.0, 1.0), noise=1e-3), LiveInputs(enable=False),
+           LiveInputs(enable=True, target=(0.3, -0.3, 0.5), delay=0.02), LiveInputs(enable=True, stick=(0.7, -0.4)),
+           LiveInputs(enable=True, stick=(-0.5, 0.9), switch=True, gripper=True, frozen=1), LiveInputs(enable=True),
+           LiveInputs(enable=True, helper=(-0.1, 0.5, 0.0)))  # fmt: skip
+
+
+@pytest.mark.parametrize("name", LIVE)
+def test_live(name: str, folder: Path) -> None:
+    _, path = problem_path(name)
+    on = problem_of(problem_content(path, name), name=name, file=name, path=folder / path.relative_to(shipped_folder()))
+    with Returns("rehab_opt/session/") as seen:
+        problem = live_problem(on)
+        control, more = problem.control(), [problem.scene(), [*problem.layout.items()], sorted(problem.touchable)]
+        control.plant.reset(control.start)
+        for k, inputs in enumerate(each for each in TOUCHED for _ in range(6)):
+            plant = control.plant
+            plant.frozen, plant.noise, plant.delay = inputs.frozen, inputs.noise, inputs.delay
+            command = control.step(inputs, plant.measured)
+            plant.step(control.plant_command(command), inputs.push if any(inputs.push) else None)
+            shown = {key: np.atleast_1d(np.asarray(value, dtype=float)) for key, value in control.shown().items()}
+            more += [problem.frame(shown), control.untouched(0.01 * k), command.value, command.status]
+    numbers = [sums(each) for each in more]
+    assert_kept(f"session.live.{path.stem}", [seen.numbers(), numbers], relative=1e-4, absolute=1e-7)
+
+
+@pytest.mark.parametrize("then", ["again", "back", "stay"])
+def test_a_followed_path_goes_on_as_it_says(then: Any) -> None:
+    """Poses numbered by x, against the order written out."""
+    poses, n = np.tile(np.eye(4), (4, 1, 1)), 4
+    poses[:, 0, 3] = np.arange(n)
+    twists = np.arange(n)[:, None] * np.ones(6)
+    asked: list[tuple[float, float]] = []
+    tracker = SimpleNamespace(step=lambda q, pose, twist, **_: asked.append((pose[0, 3], twist[0])))
+    plant = IdealJoints(0.01)
+    plant.reset(np.zeros(6))
+    follows = Following(tracker, plant, np.zeros(6), poses, twists, then=then)
+    for _ in range(15):
+        follows.step(LiveInputs(enable=True), plant.measured)
+    there, back = [(k, k) for k in range(n)], [(2, -2), (1, -1)]
+    rest = [(n - 1, 0)] * 15
+    assert asked == {"again": there * 4, "back": (there + back) * 3, "stay": there + rest}[then][:15]
