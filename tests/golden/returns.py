@@ -35,9 +35,12 @@ ENOUGH = 150
 """Calls of a function that are looked at."""
 DEEP, MOST, SEVERAL, LARGE = 2, 20_000, 100, 5000
 """How deep objects are looked into, how many numbers, and items of a list; inputs of a function that is not asked."""
-TIMED = re.compile(r"second|elapsed|clock|_ms$|_ns$|started|deadline|computing|solve_time|wall|path|folder|cache|thread|version|memory|^_lock")
+TIMED = re.compile(
+    r"second|elapsed|clock|_ms$|_ns$|started|deadline|computing|solve_time|wall|path|folder|cache|thread|version|memory|^_lock"
+)
 """Names of attributes that differ from run to run."""
 NUMBERS_IN_TEXT = re.compile(r"[-+]?\d+\.?\d*(?:e[-+]?\d+)?")
+ENDS = ("ge", "gt", "le", "lt", "min_length", "max_length")
 NAN, INFINITE = 0.7713, 1e3
 
 
@@ -61,9 +64,11 @@ class Returns:
     def __exit__(self, *_: object) -> None:
         sys.settrace(None)
 
-    def numbers(self) -> dict[str, Any]:
+    def numbers(self, *, with_constants: bool = True) -> dict[str, Any]:
         """Of each function, by name, and of each module its constants and defaults."""
-        held: dict[str, Any] = {module: found for file in self._files for module, found in constants(file)}
+        held: dict[str, Any] = {}
+        for file in self._files if with_constants else ():
+            held |= constants(file)
         return held | dict(sorted(self._kept.items()))
 
     def _called(self, frame: FrameType, event: str, argument: Any) -> Any:
@@ -99,10 +104,16 @@ def constants(begin: str) -> Iterator[tuple[str, dict[str, list[float]]]]:
         if str(file).startswith(begin) and file.stem != "__init__":
             place = file.relative_to(ROOT).with_suffix("").parts
             module = importlib.import_module(".".join(place))
-            own = {name: each for name, each in vars(module).items() if getattr(each, "__module__", None) == module.__name__}
+            own = {
+                name: each
+                for name, each in vars(module).items()
+                if getattr(each, "__module__", None) == module.__name__
+            }
             found: dict[str, Any] = {name: each for name, each in vars(module).items() if name.isupper()}
             for name, each in own.items():
-                parts = {name: each} if not isinstance(each, type) else {f"{name}.{k}": v for k, v in vars(each).items()}
+                parts = (
+                    {name: each} if not isinstance(each, type) else {f"{name}.{k}": v for k, v in vars(each).items()}
+                )
                 for key, part in parts.items():
                     function = inspect.unwrap(getattr(part, "__func__", part)) if callable(part) else part
                     if inspect.isfunction(function):
@@ -110,9 +121,11 @@ def constants(begin: str) -> Iterator[tuple[str, dict[str, list[float]]]]:
                     elif isinstance(part, float):
                         found[key] = part
                 if isinstance(each, type):
-                    fields = getattr(each, "__pydantic_fields__", {})
-                    found[name] = [getattr(each, "_field_defaults", None), [[f.default, str(f.metadata)] for f in fields.values()]]
-                    found[f"{name}.ranges"] = [[float(n) for n in NUMBERS_IN_TEXT.findall(str(f.metadata))] for f in fields.values()]
+                    fields = getattr(each, "__pydantic_fields__", {}).values()
+                    found[name] = [getattr(each, "_field_defaults", None), [field.default for field in fields]]
+                    found[f"{name} ranges"] = [
+                        getattr(m, end, None) for field in fields for m in field.metadata for end in ENDS
+                    ]
             yield ".".join(place[1:]), {key: sums(each) for key, each in sorted(found.items()) if not TIMED.search(key)}
 
 
@@ -126,7 +139,7 @@ def sums(value: Any) -> list[float]:
     return [float(f"{each:.9g}") for each in (weights @ found, weights[::-1] @ np.abs(found))]
 
 
-def _collect(value: Any, deep: int, held: list[Any], met: set[int]) -> None:
+def _collect(value: Any, deep: int, held: list[Any], met: set[int]) -> None:  # noqa: PLR0912  (one match)
     match value:
         case None:
             held.append([0.5])

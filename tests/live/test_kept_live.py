@@ -11,8 +11,8 @@ import numpy as np
 
 from rehab_opt.live import film, server
 from rehab_opt.live.seats import Gate, Seats, inputs_of
-from rehab_opt.session.live.problem import LiveInputs
 from rehab_opt.session.files import load_problem
+from rehab_opt.session.live.problem import LiveInputs
 from rehab_opt.session.run import live_problem
 from tests.golden import assert_kept
 from tests.golden.returns import Returns, sums
@@ -50,13 +50,20 @@ def test_the_pages_parts(tmp_path: Path) -> None:
         for flat in (False, True):
             project = film._projection(np.array([0.2, 0.0, 0.3]), 0.3, 0.6, flat=flat)
             more.append(project(np.random.default_rng(0).uniform(-1, 1, (9, 3))))
-        more += [server._finite({"a": [math.nan, 1.0, (2, math.inf)]}), server._place([1, 2, 3]), server._place([1, "x", 3])]
+        more += [
+            server._finite({"a": [math.nan, 1.0, (2, math.inf)]}),
+            server._place([1, 2, 3]),
+            server._place([1, "x", 3]),
+        ]
         more += [server._place([1, 2, math.inf]), server._text(b"a\xff"), server._told({"a": math.nan})]
-        more.append(film.write_film(live_problem(load_problem("robot/ur5_among_bodies")), tmp_path / "a.gif", seconds=0.4))
+        more.append(
+            film.write_film(live_problem(load_problem("robot/ur5_among_bodies")), tmp_path / "a.gif", seconds=0.4)
+        )
     gate = Gate(["LOCALHOST", "127.0.0.1", "::1", "0:0:0:0:0:0:0:1"], 80)
     own = sorted(gate.hosts)
     for hosts, origins, socket in itertools.product(([], own[:1], own[:2], ["evil"], [own[0].upper()]),
-                                                    ([], [f"http://{own[0]}"], ["http://evil"], ["a", "b"]), (True, False)):  # fmt: skip
+                                                    ([], [f"http://{own[0]}"], ["http://evil"], ["a", "b"]),
+                                                    (True, False)):  # fmt: skip
         for target in ("/?token=", f"/?token={gate.token}", f"/?token={gate.token}&token={gate.token}"):
             more.append(gate.refusal(target, hosts, origins, socket=socket))
     assert_kept("live", [seen.numbers(), [sums(each) for each in more], own], relative=1e-6, absolute=1e-9)

@@ -10,8 +10,6 @@ import pytest
 from rehab_opt.control.command import Command, Relaxed, Status
 from rehab_opt.loop import cdr, delay, messages
 from rehab_opt.loop.delay import measured_delay
-from rehab_opt.loop.log import Log
-from rehab_opt.loop.logged import read_log
 from rehab_opt.loop.loop import Loop
 from rehab_opt.loop.records import Tick, operator_layout, state_layout
 from rehab_opt.loop.replay import replayed
@@ -46,7 +44,10 @@ def test_parts_of_a_loop(tmp_path: Path, clock: Clock) -> None:
     plant.reset(np.array([0.1, -0.2]))
     clock.oversleeps = {20: 0.003, 40: 0.011, 41: 0.0, 60: 0.0021}
     rows = []
-    with Returns("rehab_opt/loop/", but="Log\\.|Ring.name|log_file|log_process|__del__|_attached|_bytes_of|scheduling|_versions|loop.remote") as seen:
+    with Returns(
+        "rehab_opt/loop/",
+        but="Log\\.|Ring.name|log_file|log_process|__del__|_attached|_bytes_of|scheduling|_versions|loop.remote",
+    ) as seen:
         layout = state_layout(2, operator_layout(2))
         with SharedRing.create(layout, depth=256) as ring, SharedRing.create(operator_layout(2)) as operator:
             loop = Loop(plant, decide, state=ring, operator=operator, max_age=0.02, dead_man=0.03)
@@ -64,11 +65,21 @@ def test_parts_of_a_loop(tmp_path: Path, clock: Clock) -> None:
         again = replayed(written, decide)
         spoilt = written.copy()
         spoilt["position"][30:, 1] += 0.01
-        more += [again.same, again.worst, replayed(spoilt, decide).first, replayed(np.delete(written, [4, 5]), decide).first]
+        more += [
+            again.same,
+            again.worst,
+            replayed(spoilt, decide).first,
+            replayed(np.delete(written, [4, 5]), decide).first,
+        ]
         write, told = cdr.record_cdr(layout), cdr.record_definition(layout)
-        more += [told, np.frombuffer(write(written[3])[:400], np.uint8), cdr.records_of(layout, [write(written[3])])["position"]]
+        more += [
+            told,
+            np.frombuffer(write(written[3])[:400], np.uint8),
+            cdr.records_of(layout, [write(written[3])])["position"],
+        ]
         for text in (messages.joint_state(10**9 + 7, ["a", "b"], [1.0, 2.0], [3.0, 4.0]),
-                     messages.wrench(5 * 10**9 + 1, "base", [1.0, -2.0, 3.0]), messages.floats([0.5, 1.5])):  # fmt: skip
+                     messages.wrench(5 * 10**9 + 1, "base", [1.0, -2.0, 3.0]), messages.floats([0.5, 1.5])
+                     ):  # fmt: skip
             more.append(np.frombuffer(text, np.uint8))
         more += [[delay._fraction(each) for each in np.arange(0.0, 4.0, 0.045)]]
         times = np.arange(0, 3.6, 0.01)
