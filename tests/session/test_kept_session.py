@@ -103,7 +103,7 @@ def test_short_run(name: str, folder: Path) -> None:
     for section, keys in SHORT[name].items():
         content[section] = content[section][:keys] if isinstance(keys, int) else {**content.get(section, {}), **keys}
     on = problem_of(content, name=name, file=name, path=folder / path.relative_to(shipped_folder()))
-    with Returns("rehab_opt/session/", but="input_files|recording_state") as seen:
+    with Returns("rehab_opt/session/", but=r"input_files|recording_state|\.trace$") as seen:
         said = [str(each) for each in checked(on)]
         outcome = run_problem(on, plant=PLANTS.get(name))
         system: System[Any, Any] = system_named(outcome.system)
