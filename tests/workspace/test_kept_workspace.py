@@ -1,0 +1,195 @@
+"""Numbers of the workspace's parts, kept: sets, splines, maps and searches on seeded inputs, ties included."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import casadi as ca
+import numpy as np
+import pytest
+import shapely
+
+from rehab_opt import DH, ConfigurationError, SerialChain, human_arm
+from rehab_opt.kinematics.human_arm import ARM_JOINTS
+from rehab_opt.workspace import clinical_angles, edge_distance
+from rehab_opt.workspace.cp_reach import grasp_zero, group_range, reach_groups
+from rehab_opt.workspace.layered_mesh import closed_mesh, enclosed_volume
+from rehab_opt.workspace.mapping import WorkspaceMap
+from rehab_opt.workspace.placement import ShoulderPlacement
+from rehab_opt.workspace.polar import polar_landmarks
+from rehab_opt.workspace.reach import planar_workspace
+from rehab_opt.workspace.reach_rows import read_cp_reach
+from rehab_opt.workspace.region import Workspace
+from rehab_opt.workspace.spline import ThinPlateSpline
+from rehab_opt.workspace.spline_kernel import point_statement
+from rehab_opt.workspace.used_range import range_of_motion
+from rehab_opt.workspace.variation import reachability_map, varied_ranges
+from rehab_opt.workspace.volume import reachable_volume
+from tests.golden import assert_kept
+from tests.golden.returns import Returns, sums
+from tests.workspace.mapped import blob, crescent, ell, sliver
+from tests.workspace.polygons import around
+
+SQUARE = shapely.box(0.0, 0.0, 2.0, 1.0)
+HOLED = shapely.union_all([SQUARE.difference(shapely.box(0.5, 0.25, 1.0, 0.75)), shapely.box(2.5, 0, 3, 0.5)])
+TOUCHING = shapely.MultiPolygon([shapely.box(0, 0, 1, 1), shapely.box(1, 1, 2, 2)])
+
+
+def grid(steps: int, low: float = -0.5, high: float = 2.5) -> np.ndarray:
+    side = np.linspace(low, high, steps)
+    return np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2)
+
+
+def spline(n: int, smoothing: float = 0.0, bend: float = 0.02) -> ThinPlateSpline:
+    random = np.random.default_rng(n)
+    source = random.uniform(0.0, 1.0, (n, 2)) * (1.0, 0.6)
+    return ThinPlateSpline(source, source @ [[1.1, 0.2], [-0.1, 0.9]] + bend * random.normal(size=(n, 2)), smoothing)
+
+
+def kept(name: str, seen: Returns, more: Sequence[object] = ()) -> None:
+    assert_kept(
+        f"workspace.{name}",
+        [seen.numbers(with_constants=name == "sets"), [sums(each) for each in more]],
+        relative=1e-5,
+        absolute=1e-7,
+    )
+
+
+def test_sets() -> None:
+    more = []
+    with Returns("rehab_opt/workspace/") as seen:
+        for polygon in (SQUARE, HOLED, TOUCHING, crescent(), ell(), sliver(), blob()):
+            asked = Workspace(polygon, accuracy=1e-3, height=-0.2, handle_tilt=0.1)
+            points = np.vstack(
+                (grid(9), around(polygon, 40, 3.0, 1), [[math.nan, 0], [math.inf, 0], [60, 7], [1e200, 0]])
+            )
+            asked.distance(points), asked.contains(points)
+            for point in points:
+                asked.contains(point), asked.nearest(point), asked.signed_distance_and_closest_point(point)
+                asked.distance(point)
+            asked.placed(ShoulderPlacement((0.1, -0.2, 0.3), 0.4)).contains(points)
+            columns = edge_distance.edge_columns(polygon)
+            for made in (
+                edge_distance.distance_function(len(columns)),
+                edge_distance.nearest_point_function(len(columns)),
+            ):
+                more += [ca.vertcat(*made.call([ca.DM(p), ca.DM(columns)])).full() for p in points[::7]]
+            more.append([asked.area, asked.components, asked.holes, repr(asked)])
+        Workspace(shapely.Polygon(), accuracy=1e-3, reason="out").distance(grid(2))
+    kept("sets", seen, more)
+
+
+def test_splines() -> None:
+    points = np.vstack((grid(12), [[math.nan, 0.0], [math.inf, 0.0], [1e9, 0.0]]))
+    more = []
+    with Returns("rehab_opt/workspace/") as seen:
+        for n, smoothing, bend in ((3, 0.0, 0.02), (7, 0.1, 0.1), (40, 0.0, 0.02), (70, 1e-3, 0.02), (420, 0.0, 1e-3)):
+            made = spline(n, smoothing, bend)
+            for each in (made, made.summed()):
+                some = points if n < 420 else points[::5]
+                more += [each(some), each.jacobian(some), [each(point) for point in some[::6]]]
+                more += [each.jacobian(point) for point in some[::9]] + [*each.value_and_jacobian(some[5])]
+                more += [each.inverse(made(some)), each.inverse(some[3]), each.inverse(some[4], start=some[5])]
+            for with_jacobian in (False, True):
+                more.append(str(point_statement(made._fit, with_jacobian=with_jacobian)))
+        for bad in (np.zeros((3, 2)), np.column_stack((np.arange(5.0), np.arange(5.0))), grid(2)[:2], [[0, 0, 1]] * 4):
+            with pytest.raises(ConfigurationError) as told:
+                ThinPlateSpline(bad, bad)
+            more.append(str(told.value))
+    kept("splines", seen, more)
+
+
+def test_maps() -> None:
+    more = []
+    with Returns("rehab_opt/workspace/", but="__post_init__|edge_lookup|region|spline_", last=3) as seen:
+        for source, target, given in (
+            (SQUARE, blob(), {"rotation": 0.3}),
+            (ell(), SQUARE, {"rotation": "best"}),
+            (crescent(), ell(), {"rule": "polar", "rotation": "best"}),
+            (blob(), sliver(), {"rule": "polar", "landmarks": 12, "rotation": -0.2}),
+        ):
+            polygons = (Workspace(each, accuracy=1e-4) for each in (source, target))
+            made = WorkspaceMap.between(*polygons, **{"landmarks": 50} | given)
+            points = around(source, 12, 2.0, 3)
+            audit = made.audit(2000, 1)
+            more += [made.rotation, made.inverse(made(points)), made.jacobian(points), str(audit).splitlines()[0]]
+            made.push_force(points[0], [1.0, 2.0]), made.push_force(points, points), repr(made), made._uneven
+            held = made.for_controller(unsafe=True)
+            [(held.image(each), held.jacobian(each), held.preimage(each), held.summed().image(each)) for each in points]
+        for each in ((crescent(), SQUARE), (SQUARE, sliver())):
+            polar_landmarks(*each, landmarks=9)
+    kept("maps", seen)
+
+
+def test_searches() -> None:
+    rows = (DH(0.3, 0.0), DH(0.2, 0.0))
+    two = SerialChain(rows, lower=[-1.0, 0.2], upper=[1.5, 2.2], velocity=1.0, acceleration=1.0)
+    arm, more = human_arm(range_of_motion="restricted"), []
+    with Returns("rehab_opt/workspace/", but="edge_lookup|edge_cells|edge_table", last=5) as seen:
+        found = [planar_workspace(two, height=0.0, handle_tilt=None, accuracy=6e-3, resolution=0.05)]
+        found += [planar_workspace(two, height=0.3, handle_tilt=None, accuracy=6e-3)]
+        found += [planar_workspace(arm, height=height, accuracy=6e-3) for height in (-0.24, 0.9, -0.40)]
+        found += [planar_workspace(arm, height=-0.3, handle_tilt=None, accuracy=8e-3, resolution=0.06,
+                                   placement=ShoulderPlacement((0.1, 0.2, 0.3), 0.5))]  # fmt: skip
+        volume = reachable_volume(two, heights=[-0.1, 0.0, 0.2], handle_tilt=None, accuracy=8e-3)
+        volume.contains(np.random.default_rng(0).uniform(-0.6, 0.6, (40, 3)))
+    more = [[round(each.area, 3), each.reason[:20], each.components, each.holes] for each in found]
+    kept("searches", seen, [more, volume.volume_bound])
+
+
+def test_meshes_and_shares() -> None:
+    random = np.random.default_rng(3)
+    with Returns("rehab_opt/workspace/", but="edge_lookup|edge_cells|edge_table") as seen:
+        layers = [shapely.union_all(shapely.buffer(shapely.points(random.uniform(0, 0.4, (4, 2))), 0.09))
+                  for _ in range(4)]  # fmt: skip
+        layers[2] = shapely.Polygon()
+        mesh = closed_mesh(layers, np.array([0.0, 0.1, 0.15, 0.3]), spacing=0.03)
+        enclosed_volume(mesh)
+        for seed, keep in ((1, True), (2, False)):
+            spread = {"scapula": 0.1, "elbow_flexion": (0.2, 0.05)} if keep else 0.3
+            drawn = varied_ranges(
+                "restricted", spread=spread if not keep else 0.2, count=4, seed=seed, keep_locked=keep
+            )
+            more = [list(each.values()) for each in drawn]
+        sets = [Workspace(shapely.box(*b), accuracy=1e-3, height=-0.2)
+                for b in ((0, 0, 0.2, 0.2), (0.1, 0, 0.3, 0.2), (0.1, 0.1, 0.3, 0.3))]  # fmt: skip
+        sets.append(Workspace(shapely.Polygon(), accuracy=1e-3, height=-0.2, reason="none"))
+        for weights in (None, [2, 1, 1, 3]):
+            shares = reachability_map(sets, weights=weights, spacing=0.07)
+            points = np.vstack((grid(5) / 8, [[math.nan, 0.1], [0.1, 0.1], [0.2, 0.2]]))
+            shares.probability(points), shares.standard_error(points), shares.interval(points, confidence=0.9)
+            for at_least in (0.25, 0.5, 0.75, 1.0):
+                for confidence in (None, 0.6):
+                    shares.region(at_least, confidence=confidence).contains(points)
+            more += [shares.trials, shares.empty]
+    kept("shares", seen, more)
+
+
+def test_ranges_of_people(recorded) -> None:
+    random = np.random.default_rng(4)
+    angles = random.uniform(-3.5, 3.5, (3, 40))
+    swing = np.cumsum(random.normal(0, 0.1, (3, 60, 8)), axis=1)
+    swing[0, 3:6, 2] = np.nan
+    with Returns("rehab_opt/workspace/") as seen:
+        shoulder = clinical_angles.isb_shoulder(*clinical_angles.model_shoulder(*angles))
+        wrist = clinical_angles.isb_wrist(*clinical_angles.model_wrist(*angles))
+        (
+            clinical_angles.isb_shoulder(*angles),
+            clinical_angles.isb_wrist(*angles),
+            clinical_angles.model_scapula(angles[0]),
+        )
+        for given in (
+            {},
+            {"margin": 0.1, "within": dict.fromkeys(ARM_JOINTS, (-0.9, 1.2))},
+            {"minimum_width": 1.5, "lower_percentile": 20.0},
+        ):
+            range_of_motion(swing, **given)
+        range_of_motion({"elbow_flexion": 9.0 + swing[0, :, 0], "forearm_extension": swing[1, :, 1]},
+                        within={"elbow_flexion": (-3.2, 3.2)}, uncovered="restricted")  # fmt: skip
+        folder = recorded("cp_dyskinetic_reach")
+        reach_groups(folder, pronation_zero="grasp", tasks=("RGV", "RF"))
+        for each in read_cp_reach(folder, "RF", keep_suspects=True):
+            group_range(each, cover=0.8, lower_percentile=5.0, upper_percentile=90.0, pronation_zero=0.2)
+            grasp_zero(each)
+    kept("ranges", seen, [np.array(shoulder), np.array(wrist), list(map(list, clinical_angles.CLINICAL_ANGLES))])
