@@ -1,0 +1,1 @@
+"""Controllers that command only what can still be braked without breaking a limit."""
