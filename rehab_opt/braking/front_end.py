@@ -31,7 +31,7 @@ __all__ = ["FrontEnd"]
 
 LATE = 0.1
 """[s] by which a servo may be late."""
-PULL = 3.0
+PULL = 10.0
 """[1/s] rate at which the led position comes to the measured one: noise passes by the root of PULL dt / 2."""
 WINDOW, SHARE, PATIENCE = 0.02, 0.08, 0.15
 """[rad or m] way of commands on which a joint is judged; of which it has moved less than this share if it is blocked;
@@ -45,8 +45,8 @@ are none that the joints can have now."""
 
 @cache
 def memory_of(n: int) -> Record:
-    """Led and trailing positions, where each joint was seen; the way that it was led, and that it was seen to move, since
-    it was last judged; for how long it was blocked [s]; since when nothing usable was seen [s]; whether anything was.
+    """Led and trailing positions, where each joint was seen; the way that it was led, and that it was seen to move,
+    since it was last judged; how long it was blocked [s]; since when nothing usable was seen [s]; whether anything was.
     """
     return Record(led=n, trail=n, seen=n, way=n, moved=n, blocked=n, waiting=1, known=1)
 
@@ -92,9 +92,10 @@ class FrontEnd:
         trail = ca.if_else(anew, turned, memory.trail + pull - math.expm1(-dt / LATE) * (ahead - memory.trail))
 
         way, moved = memory.way + dt * command, memory.moved + ca.if_else(possible, turned - memory.seen, 0)
-        judged = ca.fabs(way) > WINDOW
+        pushed = ca.fabs(moved) > 2 * ca.fabs(way) + WINDOW  # by no command, whatever its sign
+        judged = ca.logic_and(ca.fabs(way) > WINDOW, ca.logic_not(pushed))
         lags = ca.logic_and(judged, ca.sign(way) * moved < SHARE * ca.fabs(way))
-        goes_on = ca.logic_and(ca.logic_or(ca.logic_not(judged), lags), ca.logic_not(anew))
+        goes_on = ca.logic_and(ca.logic_or(ca.fabs(way) <= WINDOW, lags), ca.logic_not(ca.logic_or(anew, pushed)))
         blocked = ca.if_else(anew, 0, ca.fmax(memory.blocked + dt * possible * (2 * lags - 1), 0))
         longest, joint = largest(blocked)
         fault = longest > max(PATIENCE, 5 * dt)
@@ -117,8 +118,9 @@ class FrontEnd:
 def judged(n: int, size: int, *, dt: float, max_age: float, led: FrontEnd) -> ca.Function:
     """Positions (n,), memory of a controller (size,), `judged_memory`, `GIVEN` -> the first three.
 
-    A pause of the stamps, or of usable positions, ends at rest where the joints are then. A robot that is not enabled
-    and rests is forgotten: it may be moved by hand, and a fault is acknowledged.
+    A pause of usable positions ends at rest where the joints are then; so does one of the stamps, unless the joints
+    have moved on as commanded. A robot that is not enabled and rests is forgotten: it may be moved by hand, and a fault
+    is acknowledged.
     """
     record = judged_memory(n, led.size, 0)
     q, memory = ca.SX.sym("q", n), ca.SX.sym("memory", size)
@@ -126,25 +128,32 @@ def judged(n: int, size: int, *, dt: float, max_age: float, led: FrontEnd) -> ca
     stamped = STAMPS.parts(own.stamps)
     stamps = checked_stamp(stamped, given.stamp, given.kind, dt=ca.SX(dt), max_age=ca.SX(max_age))
     untold = ca.logic_and(given.kind == NO_STAMP, ca.logic_not(stamped.stamped))
-    paused = stamps.reason == NUMBER["STAMP_GAP"]
-    known = ca.if_else(paused, 0, own.led)
-    after, reference, goes_on, said = led.tick(known, q, ca.if_else(paused, 0, memory[:n]))
+    paused, last = stamps.reason == NUMBER["STAMP_GAP"], memory[:n]
+    moved = ca.dot(q - memory_of(n).parts(own.led).seen, last)
+    rests = ca.logic_and(paused, ca.logic_not(moved > 0.5 * ca.sumsqr(last) * stamps.details[0]))
+    after, reference, goes_on, said = led.tick(ca.if_else(paused, 0, own.led), q, ca.if_else(rests, 0, last))
     found = SAID.parts(said)
     lost = ca.if_else(own.lost[0] > 0, own.lost, found.fault * ca.vertcat(1, found.joint, found.far))
-    enabled = given.enable == 1
+    enabled, number = given.enable == 1, all_true(ca.fabs(q) <= MAX_MAGNITUDE)  # what is none is named by the tick
     kept = ca.logic_or(enabled, ca.sum1(ca.fabs(goes_on)) > 0)
     reason = first_of([
         (ca.logic_not(enabled), ca.SX(NUMBER["NOT_ENABLED"])),
         (stamps.reason != 0, stamps.reason),
         (lost[0] > 0, ca.SX(NUMBER["NOT_FOLLOWED"])),
-        (found.missing, ca.SX(NUMBER["NOT_CERTIFIED"])),
+        (found.missing, ca.if_else(number, NUMBER["POSITIONS_IMPOSSIBLE"], 0)),
         (ca.SX(1), ca.SX(0)),
     ])  # fmt: skip
     of_joint = reason == NUMBER["NOT_FOLLOWED"]
     told = record.of(
-        stamps=ca.if_else(untold, own.stamps, stamps.memory), watch=own.watch, lost=ca.if_else(kept, lost, 0),
-        led=ca.if_else(kept, after, 0), reason=reason, element=ca.if_else(of_joint, lost[1], -1),
-        details=ca.if_else(of_joint, ca.vertcat(lost[2], lost[0]), stamps.details), touched=ca.SX(0), held=ca.SX(0),
+        stamps=ca.if_else(untold, own.stamps, stamps.memory),
+        watch=own.watch,
+        lost=ca.if_else(kept, lost, 0),
+        led=ca.if_else(kept, after, 0),
+        reason=reason,
+        element=ca.if_else(of_joint, lost[1], -1),
+        details=ca.if_else(of_joint, ca.vertcat(lost[2], lost[0]), stamps.details),
+        touched=ca.SX(0),
+        held=ca.SX(0),
         before=ca.SX(0, 1),
     )
     inputs = [q, memory, own.column, given.column]
