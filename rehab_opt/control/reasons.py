@@ -108,6 +108,7 @@ REASONS = (
         "pose is farther than ten times the arm's reach: is it in metres?",
         "ten times the arm's reach",
     ),
+    Reason("POSITIONS_IMPOSSIBLE", "no joint can have come to these positions", "no joint can have come to these"),
 )
 """In the order of their numbers, which never change."""
 NUMBER = {reason.name: number for number, reason in enumerate(REASONS)}

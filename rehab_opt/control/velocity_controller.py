@@ -104,10 +104,8 @@ class VelocityController(OneThread, ABC):
         self.recovery_speed = checked_number("recovery_speed", recovery_speed, above=0.0, below=1.0)
         self.max_age = Watchdog(dt=dt, max_age=max_age).max_age
         self.feedback = feedback
-        self.led: FollowedJoints | None = None
+        self.led = self._front_end()
         """Where a `feedback` leads the joints."""
-        if feedback is not None:  # a hand that a base moves, too, is not watched
-            self.led = FollowedJoints(feedback, chain.n - self.base, dt=self.dt, chain=None if self.base else chain)
         self.approach = math.inf if feedback is None else feedback.approach
         """[1/s] see `velocity_bounds`."""
         parts = dict(vars(self))
@@ -172,6 +170,14 @@ class VelocityController(OneThread, ABC):
 
     functions: VelocityTick
     """What a tick is made of, made once for all controllers of equal parts."""
+
+    def _front_end(self) -> FollowedJoints | None:
+        if self.feedback is None:
+            return None
+        # a hand that a base moves, too, is not watched
+        return FollowedJoints(
+            self.feedback, self.chain.n - self.base, dt=self.dt, chain=None if self.base else self.chain
+        )
 
     def _functions(self) -> VelocityTick:
         stated, chain, led = self.stated, self.chain, self.led

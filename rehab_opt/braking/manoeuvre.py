@@ -1,0 +1,104 @@
+"""The braking manoeuvre, and the joint velocities from which it ends within the joint limits.
+
+All joints slow down by the same fraction a tick, as fast as the slowest one can. From (q, v) that leads along a
+straight line of joint space to the stop posture
+
+    stop(q, v) = q + dt F v,    N = max_i |v_i| / (a_i dt),    F = n - n (n + 1) / (2 N),    n = floor(N).
+
+A joint for which the line ends beyond its limit brakes harder, and stops there.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from rehab_opt.control.stopping import gentle_speed, max_change, slowed_together, stopping_speed, ticks_to_rest
+from rehab_opt.kinematics.chain import SerialChain
+from rehab_opt.optim.certificate import clipped
+
+__all__ = ["Intervals", "Manoeuvre", "further"]
+
+FAR = 1e9
+"""[rad or m] A limit that is never felt."""
+OUTSIDE = 1e-9
+"""[rad or m] A joint less than this beyond its limit stands at it: rounding is no excursion."""
+APPROACH = 30.0
+"""[1/s] rate at which a joint comes to its limit at last: a servo runs past the end of a hard deceleration."""
+
+
+class Intervals(NamedTuple):
+    """(n,) each: ends of the velocities that a joint may have, never empty."""
+
+    least: ca.SX
+    most: ca.SX
+    """What may be commanded: each joint still stops at its limit, within its acceleration."""
+    gentle_least: ca.SX
+    gentle_most: ca.SX
+    """The same, coming to the limit at `APPROACH`."""
+    low: ca.SX
+    high: ca.SX
+    """What is worth aiming at, whatever the velocity is now: the joint waits for the slowest one while braking."""
+
+
+def further(ticks: ca.SX) -> ca.SX:
+    """F: ticks of the present velocity that are still gone in so many `ticks` of braking."""
+    n = ca.floor(ticks)
+    return n - n * (n + 1) / (2 * ca.fmax(ticks, 1e-12))
+
+
+class Manoeuvre:
+    """Braking of a chain within its limits of position, velocity and acceleration.
+
+    Parameters
+    ----------
+    chain : the arm. dt : tick [s].
+    recovery_speed : share of the velocity limit at which a joint outside its limits comes back.
+    """
+
+    def __init__(self, chain: SerialChain, dt: float, *, recovery_speed: float) -> None:
+        self.dt, self.speed, self.change = dt, ca.DM(chain.velocity), max_change(chain, dt)
+        self._low, self._high = ca.DM(np.maximum(chain.lower, -FAR)), ca.DM(np.minimum(chain.upper, FAR))
+        self._back = recovery_speed * self.speed
+
+    def ticks(self, velocity: ca.SX) -> ca.SX:
+        """N of velocities (n,)."""
+        return ticks_to_rest(velocity, self.change)
+
+    def braked(self, velocity: ca.SX) -> ca.SX:
+        """(n,) velocities after one tick of braking."""
+        return slowed_together(velocity, self.change)
+
+    def place(self, q: ca.SX, velocity: ca.SX, ticks: ca.SX | float) -> ca.SX:
+        """(n,) where joints are after a tick at `velocity` (n,) and the way of so many more; limits are not passed."""
+        ahead = q + self.dt * velocity * (1 + ticks)
+        return clipped(ahead, ca.fmin(self._low, q), ca.fmax(self._high, q))
+
+    def intervals(self, q: ca.SX, last: ca.SX) -> Intervals:
+        """Of joints at q (n,), commanded `last` (n,) in the last tick.
+
+        Velocity never yields; then no joint is led beyond, or further beyond, its limit; then accelerations hold.
+        """
+        dt, speed, change = self.dt, self.speed, self.change
+        seconds = dt * (1 + further(self.ticks(last) + 1))
+        within = ca.fmax(last - change, -speed), ca.fmin(last + change, speed)
+        rooms = q - self._low, self._high - q
+        hard = [ca.fmin(ca.fmax(room / dt, 0), speed) for room in rooms]
+        ends = []
+        for room in rooms:
+            inside = ca.fmax(room, 0)
+            back = -ca.fmin(self._back, ca.fmax(-room, 0) / dt)
+            stops = ca.if_else(room < -OUTSIDE, back, stopping_speed(room, change, dt))
+            gently = ca.fmin(stops, gentle_speed(inside, change / dt, APPROACH))
+            ends.append((stops, gently, ca.if_else(gently > 0, ca.fmin(gently, inside / seconds), gently)))
+        sides = []
+        for sign, (stops, gently, aimed) in zip((-1, 1), ends, strict=True):
+            now = [clipped(clipped(sign * end, *within), -hard[0], hard[1]) for end in (stops, gently)]
+            sides.append((*now, sign * ca.fmin(aimed, speed)))
+        return Intervals(*(end for both in zip(*sides, strict=True) for end in both))
+
+    def outside(self, q: ca.SX) -> ca.SX:
+        """Whether a joint is beyond its limit."""
+        return ca.sum1(ca.logic_or(q > self._high + OUTSIDE, q < self._low - OUTSIDE)) > 0
