@@ -16,7 +16,7 @@ from rehab_opt import SerialChain, human_arm
 from rehab_opt.control import ik_search
 from rehab_opt.control.arm_ik import ArmIK, IKSolution
 from rehab_opt.control.command import Status
-from rehab_opt.kinematics.human_arm import ARM_JOINTS, ARM_REST
+from rehab_opt.kinematics.human_arm import ARM_JOINTS
 from rehab_opt.optim.nlp import NLP
 from tests.refusals import refuses
 
@@ -72,57 +72,6 @@ def ik(arm: SerialChain) -> ArmIK:
     return ArmIK(arm)
 
 
-class TestReachable:
-    def test_every_random_reachable_target_is_solved(self, arm: SerialChain, ik: ArmIK) -> None:
-        for target in reachable(arm, 25)[0]:
-            answer = ik.solve(target)
-            assert answer.status is Status.OK
-            assert_safe(arm, answer, TILT, target)
-
-    def test_the_answer_is_stationary_by_finite_differences(self, arm: SerialChain, ik: ArmIK) -> None:
-        """No admissible direction lowers the cost: the gradient lies in the span of the active normals."""
-        at = forward(arm)
-        rest = np.clip(ARM_REST, arm.lower, arm.upper)
-        weight = 1 / np.clip(arm.upper - arm.lower, 0.1, 2 * math.pi) ** 2
-        free = np.flatnonzero(~arm.locked)
-        for target in reachable(arm, 5, seed=21)[0]:
-            q = ik.solve(target).q
-            rows = []
-            for i in free:
-                step = np.zeros(arm.n)
-                step[i] = 1e-6
-                (ahead, up), (behind, down) = at(q + step), at(q - step)
-                rows.append(np.append(ahead - behind, up[2] - down[2]) / 2e-6)
-            normals = [np.array(rows)]
-            normals += [np.eye(len(free))[:, [k]] for k, i in enumerate(free) if q[i] in (arm.lower[i], arm.upper[i])]
-            span = np.hstack(normals)
-            gradient = (weight * (q - rest))[free]
-            rest_of_it = gradient - span @ np.linalg.lstsq(span, gradient, rcond=None)[0]
-            np.testing.assert_allclose(rest_of_it, 0, atol=1e-6 * max(1.0, np.abs(gradient).max()))
-
-    @pytest.mark.usefixtures("shipped")
-    @pytest.mark.parametrize("arm", ["regular"], indirect=True)  # the ranges differ in numbers alone
-    def test_compiled_code_and_virtual_machine_agree(self, arm: SerialChain) -> None:
-        targets = reachable(arm, 20, seed=5)[0]
-        fast, slow = ArmIK(arm, compile="wait"), ArmIK(arm, compile=False)
-        np.testing.assert_allclose(
-            [fast.solve(target).q for target in targets], [slow.solve(target).q for target in targets], atol=1e-9
-        )
-
-
-def test_as_many_starts_are_tried_as_are_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
-    search, tried = ik_search.IKSearch.posture_from, list[Array]()
-    monkeypatch.setattr(
-        ik_search.IKSearch,
-        "posture_from",
-        lambda self, at, *more, **how: tried.append(at) or search(self, at, *more, **how),
-    )
-    for starts in (1, 3):
-        tried.clear()
-        assert ArmIK(human_arm(), starts=starts, compile=False).solve(CIRCLE[0]).status is Status.OK
-        assert len(tried) == starts
-
-
 def give_up(monkeypatch: pytest.MonkeyPatch, *which: tuple[str, str]) -> None:
     """Let solvers that are made from now on end before their first step, by the names of their problem and solver."""
     made = ik_search.nlp_solver
@@ -165,16 +114,6 @@ class TestLadder:
         answer = ik.solve([0.0, 0.4, -0.2])
         assert answer.status is Status.HOLDING
         assert_safe(arm, answer, TILT)
-
-
-class TestUnreachable:
-    def test_a_target_however_far_yields_the_posture_towards_it(self, arm: SerialChain, ik: ArmIK) -> None:
-        answer = ik.solve([1e300, 0.0, 0.0])
-        assert answer.status is Status.UNREACHABLE
-        assert "out of reach" in answer.reason
-        assert_safe(arm, answer, TILT, np.array([1e300, 0.0, 0.0]))
-        furthest = reachable(arm, 300)[0][:, 0].max()
-        assert forward(arm)(answer.q)[0][0] >= furthest - 1e-3
 
 
 class TestArms:
@@ -244,17 +183,6 @@ CIRCLE = np.array([-0.15, 0.45, -0.24]) + 0.03 * np.c_[np.cos(ANGLE), np.sin(ANG
 
 
 class TestFollow:
-    def test_a_reachable_path_is_followed_without_a_jump(self) -> None:
-        path = ArmIK(human_arm()).follow(CIRCLE)
-        at = forward(human_arm())
-        assert path.status == [Status.OK] * 300
-        assert path.reached == 1.0
-        np.testing.assert_allclose([at(q)[0] for q in path.q], CIRCLE, atol=1e-6)
-        assert path.handle_tilt.max() <= TILT + 2e-9
-        assert path.max_step < 0.02
-        assert path.residual.max() <= 1e-9
-        assert np.all(path.seconds > 0)
-
     def test_a_path_that_leaves_the_reachable_set_is_rejoined(self) -> None:
         arm = human_arm(range_of_motion="restricted")
         inside = reachable(arm, 1, seed=3)[0][0]

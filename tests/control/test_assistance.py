@@ -5,10 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-import qpsolvers
 import shapely
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from rehab_opt import Assistance, PotentialField, Relaxed, Status, Workspace
 from rehab_opt.control.bounded_force import BoundedForce
@@ -40,10 +37,6 @@ def assistance(mode: str = "assist", each: PotentialField | None = None, **optio
         "slew_limit": SLEW, "growth_limit": 1e5,
     }  # fmt: skip
     return Assistance(each or READY.get(mode, READY["assist"]), **{**given, **options})  # type: ignore[arg-type]
-
-
-def sizes(helper: Assistance, points: list[np.ndarray]) -> list[float]:
-    return [math.hypot(*helper.step(x).value) for x in points]
 
 
 # ------------------------------------------------------------------------------------------------------------- faults
@@ -82,25 +75,6 @@ def test_the_onset_grows_from_the_boundary() -> None:
 
 
 # ------------------------------------------------------------------------------------------------------------- bounds
-@settings(max_examples=60, deadline=None)
-@given(st.data())
-def test_every_tick_is_the_qp_of_the_statement(data: st.DataObject) -> None:
-    """The command is the optimum of the stated QP, by another solver, and within its bounds."""
-    helper = HELPERS[data.draw(st.sampled_from(sorted(HELPERS)))]
-    number = st.floats(-0.3, 0.3)
-    x = np.array([data.draw(number), 0.4 + data.draw(number)])
-    last = np.array([data.draw(st.floats(-20, 20)), data.draw(st.floats(-20, 20))])
-    helper.reset(force=last)
-    v = np.array([data.draw(number), data.draw(number)])
-    problem = helper.to_qpsolvers(x, v)
-    best = qpsolvers.solve_problem(problem, solver="daqp", primal_tol=1e-10, dual_tol=1e-10).x
-    command = helper.step(x, v)
-    assert command.status.certified
-    assert np.linalg.norm(command.value - best) < 1e-6
-    assert np.linalg.norm(command.value - last) <= SLEW * DT + 1e-12
-
-
-HELPERS = {mode: assistance(mode) for mode in FIELDS}
 
 
 def test_the_estimated_velocity_lags_by_what_is_stated() -> None:
@@ -124,13 +98,6 @@ def test_velocity_given_damps_without_lag() -> None:
 
 
 # ------------------------------------------------------------------------------------------------------------ the rest
-@pytest.mark.usefixtures("shipped")
-def test_compiled_and_interpreted_agree() -> None:
-    ours, theirs = assistance(), assistance(compile=None)
-    rng, x = np.random.default_rng(5), OUTSIDE.copy()
-    for _ in range(200):
-        x = x + 5e-4 * rng.standard_normal(2)
-        np.testing.assert_allclose(theirs.step(x).value, ours.step(x).value, atol=1e-9)
 
 
 def test_another_field_takes_over_within_the_slew_bound() -> None:

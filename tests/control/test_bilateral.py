@@ -37,14 +37,6 @@ def pair(*, delay: float = 0.0, helper: dict[str, float] | None = None, **partic
     )
 
 
-def test_at_rest_on_the_image_there_is_no_force() -> None:
-    both, there = pair(), workspace_map().image(HELPER)
-    for _ in range(50):
-        forces = both.step(HELPER, there)
-    assert forces.helper.status is forces.participant.status is Status.OK
-    assert max(np.abs(forces.helper.value).max(), np.abs(forces.participant.value).max()) < 1e-9
-
-
 def test_what_the_helper_puts_in_moves_the_participant_beyond_their_own_tank() -> None:
     """The participant's arm is heavy: each round costs energy, which the helper delivers."""
 
@@ -67,16 +59,6 @@ def test_what_the_helper_puts_in_moves_the_participant_beyond_their_own_tank() -
     assert delivered(20.0) > 0.5
 
 
-def test_outside_the_comfortable_workspace_the_participant_is_only_brought_back() -> None:
-    both = pair(stiffness=2000.0)
-    outside = np.array([-0.25, 0.50])
-    for _ in range(300):
-        force = both.step(HELPER, outside).participant.value
-    foot = shape("restricted").nearest(outside)
-    assert math.hypot(*force) == pytest.approx(10.0, rel=1e-6)
-    np.testing.assert_allclose(force / 10.0, (foot - outside) / np.linalg.norm(foot - outside), atol=1e-6)
-
-
 @pytest.mark.parametrize("outside", [np.array([-0.6, 0.9])])
 def test_a_side_that_hears_nothing_exerts_no_force_inside_nor_outside_its_workspace(outside: np.ndarray) -> None:
     both = pair()
@@ -95,13 +77,6 @@ def test_a_side_that_hears_nothing_exerts_no_force_inside_nor_outside_its_worksp
     for k in range(50):
         felt, _ = helper.step(np.array([-1.0, 1.0]), FromParticipant(0.0, 0.0, 0.0, 0.0, 0.0, 20_000 + k))
     assert 5.0 < math.hypot(*felt.value) <= 10.0 + 1e-6
-
-
-@pytest.mark.parametrize("delay", [0.0, 0.01])
-def test_a_message_takes_the_delay_and_a_tick(delay: float) -> None:
-    both, there = pair(delay=delay), workspace_map().image(HELPER) + [0.004, 0.0]
-    first = next(k for k in range(100) if np.any(both.step(HELPER, there).participant.value))
-    assert first == round(delay / DT) + 1
 
 
 def test_the_helper_sees_the_participant_in_their_own_workspace() -> None:

@@ -41,39 +41,6 @@ def ends(chain: SerialChain, q: np.ndarray) -> np.ndarray:
     return link_ends(chain, q[None])[0]
 
 
-def clear_posture(tracker: PoseTracker, bodies: list[MovingCapsule], rng: np.random.Generator) -> np.ndarray:
-    chain, pairs = tracker.chain, tracker.limits.clearance
-    assert pairs is not None
-    told = moving_numbers(bodies, pairs.clearance.moving).ravel()
-    for _ in range(300):
-        q = rng.uniform(0.7 * np.maximum(chain.lower, -3), 0.7 * np.minimum(chain.upper, 3))
-        if np.min(np.array(pairs.distances(q, told, 0.0))) > 0.002:
-            return q
-    raise AssertionError("no posture is clear of these bodies")
-
-
-@pytest.mark.parametrize(("kind", "seed"), [("seven", 3)])
-def test_arm_among_bodies_that_stand_still_comes_to_none_nearer_than_the_margin(kind: str, seed: int) -> None:
-    rng, dt = np.random.default_rng(seed), 0.005
-    chain = robot(kind, rng)
-    given = room(chain, rng, moving=0)
-    tracker = PoseTracker(chain, dt=dt, limits=[given], compile=False)
-    pairs = tracker.limits.clearance
-    assert pairs is not None
-    q, least = clear_posture(tracker, [], rng), 1.0
-    for k in range(400):
-        if k % 100 == 0:
-            goal = chain.pose(rng.uniform(0.8 * np.maximum(chain.lower, -3), 0.8 * np.minimum(chain.upper, 3)))
-        command = tracker.step(q, goal, np.zeros(6), enable=k % 100 < 80)
-        q = q + dt * command.value
-        if k % 40 == 0 or (k % 4 == 0 and np.min(np.array(pairs.distances(q, [], 0.0))) < 1e-3):
-            least = min(least, least_distance(chain, given, ends(chain, q), [], np.array(pairs.free)))
-            for i, j in pairs.linked:
-                radii = chain.capsules[i].radius + chain.capsules[j].radius
-                least = min(least, segments_apart(*ends(chain, q)[i], *ends(chain, q)[j]) - radii)
-    assert -1e-9 <= least < 0.05
-
-
 @pytest.mark.parametrize(("kind", "seed"), [("panda", 1)])
 def test_rows_say_how_the_nearest_distances_change(kind: str, seed: int) -> None:
     rng, step = np.random.default_rng(seed), 1e-6

@@ -1,7 +1,5 @@
 """Even samples out of uneven ones: what is interpolated, filtered and given up, whole and as a stream."""
 
-import math
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -25,23 +23,6 @@ def motion(n: int, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     positions = np.stack([0.3 * np.sin(times), 0.2 * np.cos(2 * times), 0.1 * times], axis=1)
     turns = Rotation.from_euler("zx", np.stack([4 * times, 0.5 * np.sin(times)], axis=1))
     return times, positions, turns.as_quat() * rng.choice([-1.0, 1.0], (n, 1))
-
-
-def test_without_a_filter_even_samples_come_back_as_they_were() -> None:
-    times = np.arange(200) * 0.01
-    _, positions, quaternions = motion(200, 1)
-    positions = np.cumsum(0.01 * np.sin(positions), axis=0)
-    quaternions = Rotation.from_euler("x", times[:, None]).as_quat()
-    out = conditioned(times, positions, quaternions, dt=0.01, cutoff_hz=math.inf)
-    np.testing.assert_allclose(out.poses[:, :3, 3], positions[: len(out.times)], atol=1e-12)
-    assert Conditioner(0.01, cutoff_hz=math.inf).lag == 0.0
-
-
-def test_twists_are_of_the_world_however_the_hand_is_turned() -> None:
-    times, rate = 0.01 * np.arange(200), np.array([0.3, -0.8, 1.1])
-    turned = Rotation.from_rotvec(times[:, None] * rate) * Rotation.from_rotvec([0.4, 1.2, -0.7])
-    found = conditioned(times, times[:, None] * [0.1, 0.0, -0.2], turned.as_quat(), dt=0.01, cutoff_hz=math.inf)
-    np.testing.assert_allclose(found.twists[5:-5], np.tile([0.1, 0.0, -0.2, *rate], (190, 1)), atol=1e-6)
 
 
 @pytest.mark.parametrize(("at", "wild"), [(0, 2), (1, 1), (50, 2)])

@@ -51,30 +51,6 @@ def test_a_button_that_is_stuck_from_the_beginning_is_not_pressed() -> None:
     assert settled(Joystick(), [0, 0], gripper=True, switch=True).gripper_closed is False
 
 
-def test_one_switch_scans_every_row_both_ways_and_the_gripper() -> None:
-    scan = Scanning(dt=0.01, dwell=0.5)
-    assert [option.name for option in scan.options] == [
-        "x+", "x-", "y+", "y-", "z+", "z-", "roll7+", "roll7-", "gripper",
-    ]  # fmt: skip
-    lit = []
-    for _ in range(450):
-        lit.append(scan.lit.name)
-        assert not scan.step(0.0).twist.any()
-    assert lit == [option.name for option in scan.options for _ in range(50)]
-
-
-def test_breath_that_wavers_about_the_threshold_is_one_press() -> None:
-    scan = Scanning(sip=True, dt=0.01, threshold=0.3, rate=1e3)
-    scan.step(0.0)
-    assert not scan.step(0.29).twist.any()
-    assert scan.step(0.31).twist[0] > 0
-    assert scan.step(0.22).twist[0] > 0
-    assert not scan.step(0.2).twist.any()
-    assert not scan.step(0.22).twist.any()
-    assert not scan.step(-0.22).twist.any()
-    assert scan.step(-0.31).twist[0] < 0
-
-
 @pytest.mark.parametrize("pressure", [math.nan, None, "1", 10**400])
 def test_what_is_no_pressure_is_no_press(pressure: object) -> None:
     scan = Scanning()

@@ -42,14 +42,3 @@ def test_joints_that_move_as_commanded_get_the_commands_of_measured_positions() 
         q, moves = q + DT * command.value, max(moves, float(np.abs(command.value).max()))
     assert moves > 0.3
     assert led.counts == plain.counts
-
-
-def test_a_plan_knows_nothing_of_what_is_measured() -> None:
-    """It is of the commands: where they are exact, whatever the delay, the plan is that of measured positions."""
-    way = np.array([0.1, 0.1, 0.05])
-    poses, twists = (np.array(each) for each in zip(*(moved(way, k / 150, 150 * DT) for k in range(160)), strict=True))
-    led, plain = (
-        tracker(each).plan(poses, twists, START) for each in (JointFeedback(delay=0.02, servo_hz=math.inf), None)
-    )
-    assert led.complete
-    np.testing.assert_allclose(led.q, plain.q, rtol=0, atol=1e-9)

@@ -1,4 +1,4 @@
-"""Pace of a mirrored hand's reference, and what the hand is held near, by numbers worked out by hand."""
+"""Pace of a mirrored hand's reference, by numbers worked out by hand."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import math
 from functools import cache
 from typing import Any
 
-import casadi as ca
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -48,12 +47,6 @@ def window(*samples: tuple[Array, Array, float]) -> Array:
 
 @cache
 def function(name: str) -> BufferedFunction:
-    if name == "aimed":
-        q, last, moving, aimed = (
-            ca.MX.sym(each, size) for each, size in (("q", 1), ("l", 1), ("m", 0), ("a", HELD.size))
-        )
-        audit = ca.Function("audit", [q, last, aimed, moving], [q > 0])
-        return BufferedFunction(OF.aimed_function(audit, ca.Function("braked", [q, last], [last]), person=True))
     return BufferedFunction(OF.tried_function() if name == "tried" else OF.concluded_function(person=False))
 
 
@@ -122,53 +115,6 @@ def test_first_pace_that_the_deviation_allows_is_tried() -> None:
 
 
 AT_REST = dict.fromkeys(TRIED.places, 0.0)
-
-
-def aimed(
-    x: float, angle: float, *, held: tuple[float, float] = (0.0, 0.0), q: float = 1.0, stays: float = 0.0,
-    moved: float = 0.0, turn: float = 0.8, **pace: float,
-) -> tuple[Array, bool, Array]:  # fmt: skip
-    """`HELD`, whether it is kept, and pose and offset: of a hand at the origin, held near another target before."""
-    before = memory(pace=pace)
-    before[REMEMBERED.places["held"]] = HELD.numbers(centre=[held[0], 0, 0], target=pose(*held), turn=turn)
-    before[REMEMBERED["felt"]] = moved
-    taken = TRIED.numbers(**AT_REST | {"target": pose(x, angle), "stays": stays})
-    given = function("aimed")
-    near = given.of([q], [0.0], pose(), taken, before[REMEMBERED.places["pace"]], before, np.zeros(0))
-    told = given.outputs[1]
-    return near, bool(told[0]), told[1:]
-
-
-@pytest.mark.parametrize(
-    ("given", "kept"),
-    [
-        ({"x": 0.044, "angle": 0.71}, True),
-        ({"x": 0.046, "angle": 0.0}, False),  # more than 0.9 of the deviation
-        ({"x": 0.046, "angle": 0.0, "held": (0.047, 0.0)}, True),  # nearer than before
-        ({"x": 0.0, "angle": 0.73}, False),
-        ({"x": 0.0, "angle": 0.73, "held": (0.0, 0.74)}, True),
-        ({"x": 0.0, "angle": 0.8, "aside": 0.1}, True),
-        ({"x": 0.0, "angle": 0.0, "q": -1.0}, False),  # a braking arm leaves it
-        ({"x": 0.0, "angle": 0.0, "q": -1.0, "stays": 1.0}, True),
-        ({"x": 0.0, "angle": 0.0, "q": -1.0, "turn": math.inf}, True),  # nothing was held yet
-    ],
-)
-def test_what_a_persons_arm_does_is_kept_near_the_hand_or_where_it_comes_nearer(
-    given: dict[str, Any], kept: bool
-) -> None:
-    assert aimed(**given)[1] == kept
-
-
-def test_hand_is_held_short_of_its_target_by_what_it_came_no_nearer_and_gives_way_to_a_push() -> None:
-    near, _, told = aimed(0.03, 0.5, apart=0.01, aside=0.1, moved=0.002)
-    held = {name: near[place] for name, place in HELD.places.items()}
-    np.testing.assert_allclose(held["centre"], [0.02, 0, 0], atol=1e-12)
-    np.testing.assert_allclose(held["target"], pose(0.03, 0.5))
-    assert held["turn"] == pytest.approx(0.9)
-    np.testing.assert_allclose(told[:16], pose(0.03, 0.5) + 0.002 * (np.arange(16) == 3))
-    np.testing.assert_allclose(told[22:], [-0.012, 0.0, 0.0], atol=1e-12)
-    near, _, told = aimed(0.03, 0.5, held=(0.01, 0.0), stays=1.0)
-    np.testing.assert_allclose(near, HELD.numbers(centre=[0.01, 0, 0], target=pose(0.01), turn=0.8))
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import qpsolvers
 
-from rehab_opt import DH, Limit, PoseTracker, Relaxed, SerialChain, Status, human_arm, ur5
+from rehab_opt import DH, Limit, PoseTracker, Relaxed, SerialChain, Status, ur5
 from rehab_opt.control.command import Command
 from tests.failing_solvers import failing_solvers
 from tests.kinematics.robot_files.known_arms import gen3
@@ -70,16 +70,6 @@ def test_bounds_of_any_arm_hold_in_every_tick_faults_included(arm: str, dt: floa
         assert np.all((q <= chain.upper + 1e-12) & (q >= chain.lower - 1e-12))
 
 
-@pytest.mark.parametrize("dt", [1e-3, 1e-1])
-def test_a_pose_within_reach_is_reached_at_any_tick_length(dt: float) -> None:
-    chain = ur5()
-    robot, q = tracker(chain, dt=dt, gain=20.0), START.copy()
-    target = chain.pose(START + [0.2, 0.1, -0.1, 0.2, 0.1, 0.3])
-    for _ in range(max(round(2.0 / dt), 60)):
-        q = q + robot.step(q, target, REST).value * dt
-    np.testing.assert_allclose(chain.pose(q), target, atol=1e-7)
-
-
 @pytest.mark.parametrize(
     ("arm", "dt", "limited"),
     [("ur5", 2e-2, False), ("gen3", 5e-3, True)],
@@ -131,25 +121,6 @@ def test_a_target_that_jumps_is_come_to_and_not_passed() -> None:
     assert back < 1e-3 * off[0]
 
 
-def test_hand_speeds_are_slowed_as_a_whole() -> None:
-    chain = ur5(acceleration=math.inf)
-    robot = tracker(chain, linear_speed=0.25, angular_speed=1.0)
-    command = robot.step(START, chain.pose(START), [3.0, 0.0, 4.0, 0.0, 0.0, 0.1])
-    np.testing.assert_allclose(chain.jacobian(START) @ command.value, [0.15, 0, 0.2, 0, 0, 0.005], atol=1e-5)
-
-
-@pytest.mark.parametrize("elbow", [0.0, 1.5])
-def test_a_singular_pose_is_left(elbow: float) -> None:
-    chain, q = ur5(), np.array([0.0, -1.2, elbow, -1.8, 0.0, 0.0])
-    robot, target = tracker(chain, dt=5e-3), chain.pose(q + [0.3, 0.3, -0.4, 0.3, 0.5, 0.1])
-    off = np.linalg.norm(chain.pose(q) - target)
-    for _ in range(1200):
-        command = robot.step(q, target, REST)
-        assert command.status.certified
-        q = q + command.value * robot.dt
-    assert np.linalg.norm(chain.pose(q) - target) < 0.05 * off
-
-
 def test_who_lets_go_of_the_enable_switch_does_not_have_the_hand_go_faster() -> None:
     """Joints that cancelled each other out stopped one after the other: a hand of 0.05 m/s went at up to 0.2.
 
@@ -185,22 +156,6 @@ def nearest_to_rest(chain: SerialChain, velocity: np.ndarray, dt: float) -> np.n
     return np.sign(velocity) * np.maximum(np.abs(velocity) - chain.acceleration * dt, 0.0)
 
 
-def test_a_position_that_is_lost_is_carried_on_from_what_was_commanded() -> None:
-    chain = ur5()
-    robot, q = tracker(chain), START.copy()
-    q[0] = chain.upper[0] - 0.002
-    last = np.array([0.2, 0, 0, 0, 0, 0])
-    robot.reset(last)
-    robot.step(q, chain.pose(q), REST)
-    lost = np.full(6, math.nan)
-    for _ in range(100):
-        command = robot.step(lost, chain.pose(q), REST)
-        q = q + command.value * robot.dt
-        assert q[0] <= chain.upper[0] + 1e-12
-    assert command.status is Status.HOLDING
-    assert "q[0] is nan" in command.reason
-
-
 def test_the_backup_answers_when_the_primary_is_made_to_fail() -> None:
     chain = ur5()
     with failing_solvers() as failures:
@@ -228,19 +183,6 @@ def test_the_safe_command_answers_when_every_solver_fails() -> None:
     np.testing.assert_allclose(command.value, last - chain.acceleration * robot.dt, atol=1e-12)
 
 
-@pytest.mark.usefixtures("shipped")
-def test_compiled_and_interpreted_give_the_same_commands() -> None:
-    chain = ur5(velocity=0.6)
-    robots = [PoseTracker(chain, compile=fast) for fast in ("wait", False)]
-    q, rng, twist = START.copy(), np.random.default_rng(3), REST
-    for k in range(500):
-        if k % 50 == 0:
-            twist = rng.standard_normal(6) * 0.5
-        commands = [robot.step(q, chain.pose(START), twist) for robot in robots]
-        np.testing.assert_allclose(commands[0].value, commands[1].value, rtol=0, atol=1e-12)
-        q = q + commands[0].value * robots[0].dt
-
-
 def test_the_qp_can_be_inspected_and_solved_elsewhere() -> None:
     chain = ur5(velocity=0.3)
     robot, twist = tracker(chain), np.array([0.5, 0.0, 0.2, 0.0, 0.0, 0.0])
@@ -250,38 +192,6 @@ def test_the_qp_can_be_inspected_and_solved_elsewhere() -> None:
     command = robot.step(START, chain.pose(START), twist)
     np.testing.assert_allclose(command.value, answer[:6], atol=1e-7)
     assert command.scale * np.linalg.norm(twist) == pytest.approx(answer[6], abs=1e-6)
-
-
-def test_a_redundant_arm_drifts_to_its_posture_without_moving_the_hand() -> None:
-    arm = human_arm(range_of_motion="regular")
-    middle = (arm.lower + arm.upper) / 2
-    along = np.linalg.svd(arm.jacobian(middle))[2][-1]  # moves no hand
-    posture = middle + 0.1 * along
-    robot, q = tracker(arm, posture=posture, gain=20.0), middle.copy()
-    hand = arm.pose(q)
-    for _ in range(1500):
-        q = q + robot.step(q, hand, REST).value * robot.dt
-    assert np.linalg.norm(arm.pose(q)[:3, 3] - hand[:3, 3]) < 1e-4
-    assert np.linalg.norm(q - posture) < 0.2 * np.linalg.norm(middle - posture)
-
-
-def test_locked_joints_stay_and_the_others_do_the_work() -> None:
-    arm = human_arm(range_of_motion="restricted")
-    middle = (arm.lower + arm.upper) / 2
-    robot, q = tracker(arm, task_weights=[1, 1, 1, 0, 0, 0]), middle.copy()
-    target = arm.pose(middle + 0.1 * (arm.upper - arm.lower))
-    for _ in range(1000):
-        q = q + robot.step(q, target, REST).value * robot.dt
-    np.testing.assert_allclose(arm.pose(q)[:3, 3], target[:3, 3], atol=1e-5)
-    assert np.array_equal(q[arm.locked], middle[arm.locked])
-
-
-def test_a_freed_axis_is_not_controlled() -> None:
-    chain = ur5(acceleration=math.inf)
-    robot = tracker(chain, task_weights=[1, 1, 1, 0, 0, 0])
-    achieved = chain.jacobian(START) @ robot.step(START, chain.pose(START), [0.1, 0, 0, 5.0, 5.0, 5.0]).value
-    np.testing.assert_allclose(achieved[:3], [0.1, 0, 0], atol=1e-5)
-    assert np.linalg.norm(achieved[3:]) < 1.0
 
 
 def test_a_command_is_its_own_and_frozen() -> None:
@@ -295,19 +205,6 @@ def test_a_command_is_its_own_and_frozen() -> None:
         first.value[0] = 1.0
     with pytest.raises(AttributeError):
         first.status = Status.OK  # type: ignore[misc]
-
-
-def test_lists_and_other_number_types_are_read_as_what_they_are() -> None:
-    pose = ur5().pose(START)
-    expected = tracker().step(START, pose, REST + 0.1).value
-    for q, target, twist in (
-        (list(START), pose.tolist(), [0.1] * 6),
-        (START, np.asfortranarray(pose), REST + 0.1),
-        (np.repeat(START, 2)[::2], np.kron(pose, np.ones((2, 2)))[::2, ::2], REST + 0.1),
-    ):
-        np.testing.assert_array_equal(tracker().step(q, target, twist).value, expected)
-    single = tracker().step(START.astype(np.float32), pose, REST + 0.1)
-    np.testing.assert_allclose(single.value, expected, atol=1e-4)
 
 
 def test_settings_that_cannot_be_used_are_named() -> None:

@@ -10,65 +10,8 @@ from scipy.optimize import linprog
 
 from rehab_opt.control.path_timing import PathCells, ruckig_timing
 from rehab_opt.control.smoothing import smooth_path
-from tests.control.test_smoothing import DT, A, J, V, assert_within_bounds
+from tests.control.test_smoothing import A, J, V
 from tests.refusals import refuses
-
-LINKS = 0.3, 0.25
-
-
-def hand(q):
-    """(N, 2) [m] of an arm with two links."""
-    one, both = q[:, 0], q.sum(axis=1)
-    return np.stack([LINKS[0] * np.cos(one) + LINKS[1] * np.cos(both),
-                     LINKS[0] * np.sin(one) + LINKS[1] * np.sin(both)], axis=1)  # fmt: skip
-
-
-def joints(place):
-    """(N, 2) [rad] of that arm, elbow to one side."""
-    square = (place**2).sum(axis=1)
-    elbow = np.arccos((square - LINKS[0] ** 2 - LINKS[1] ** 2) / (2 * LINKS[0] * LINKS[1]))
-    shoulder = np.arctan2(place[:, 1], place[:, 0])
-    return np.stack([shoulder - np.arctan2(LINKS[1] * np.sin(elbow), LINKS[0] + LINKS[1] * np.cos(elbow)), elbow], 1)
-
-
-def least_jerk(u):
-    return u**3 * (10 + u * (6 * u - 15))
-
-
-def test_a_path_within_the_bounds_is_passed_at_its_own_pace():
-    t = np.linspace(0, 6, 601)
-    path = np.outer(least_jerk(t / 6), [1.0, -0.5])
-    found = smooth_path(t, path, velocity=V, acceleration=A, jerk=J)
-    wanted = PchipInterpolator(t, path, axis=0)(found.phase)
-    np.testing.assert_allclose(found.deviation, np.abs(found.positions - wanted).max(axis=0), atol=1e-12)
-    assert found.deviation.max() <= 1e-4
-    assert 0.0 <= found.delay < 0.06
-    at = (found.times > 0.5) & (found.times < 5.5)
-    np.testing.assert_allclose(np.diff(found.phase[at]), DT, rtol=1e-6)
-
-
-def test_ends_at_a_position_bound_are_within_it_to_the_last_bit():
-    bounds = {"velocity": 1.0, "acceleration": 5.0, "jerk": 100.0, "lower": -0.94, "upper": 0.51}
-    found = smooth_path([0, 1.1224723, 3], [[0.1], [-0.94], [0.51]], dt=0.02, **bounds)
-    assert bounds["lower"] <= found.positions.min()
-    assert found.positions.max() <= bounds["upper"]
-
-
-@pytest.mark.parametrize("hurry", [1.0, 40.0])
-def test_a_hand_that_is_too_fast_for_its_joints_stays_on_its_path(hurry):
-    """A square of 0.1 m, 8 s at the first pace; joint by joint it is cut (`Smoother`) by more than 5 mm."""
-    corners = np.array([[0.25, 0.2], [0.35, 0.2], [0.35, 0.3], [0.25, 0.3], [0.25, 0.2]])
-    way = np.concatenate([a + np.outer(least_jerk(np.linspace(0, 1, 201)[:-1]), b - a)
-                          for a, b in pairwise(corners)])  # fmt: skip
-    t = np.arange(len(way)) * 0.01 / hurry
-    found = smooth_path(t, joints(way), velocity=V, acceleration=A, jerk=J)
-    assert_within_bounds(found.positions, V, A, J, DT)
-    asked = np.stack([np.interp(found.phase, t, column) for column in way.T], axis=1)
-    assert np.linalg.norm(hand(found.positions) - asked, axis=1).max() < 2e-4
-    assert found.deviation.max() <= 1e-4 + 1e-12
-    assert np.all(np.diff(found.phase) >= 0.0)
-    assert np.diff(found.phase).max() <= DT + 1e-12
-    assert found.delay == pytest.approx(found.times[-1] - t[-1], abs=1e-9)
 
 
 def assert_axes_keep(timing, path, velocity, acceleration, jerk):

@@ -5,7 +5,7 @@ import sys
 import numpy as np
 import pytest
 import ruckig
-from hypothesis import assume, example, given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from rehab_opt.control.axis_motion import AxisStop, axis_bounds
@@ -94,13 +94,6 @@ def test_the_target_is_reached_exactly_and_held():
     assert s.arrived
 
 
-def test_axes_do_not_wait_for_each_other():
-    alone, both = smoother(), smoother(axes=2)
-    alone.reset([0.0])
-    both.reset([0.0, 0.0])
-    np.testing.assert_allclose(run(both, [[0.1, 5.0]] * 900)[:, :1], run(alone, [[0.1]] * 900), atol=1e-15, rtol=0)
-
-
 @settings(deadline=None, max_examples=30)
 @given(limits=limits, way=st.lists(st.floats(-5.0, 5.0), min_size=3, max_size=3))
 def test_a_straight_way_is_kept_from_rest_and_takes_the_time_of_its_slowest_axis(limits, way):
@@ -124,44 +117,6 @@ def test_a_straight_way_is_kept_from_rest_and_takes_the_time_of_its_slowest_axis
 
 
 # ------------------------------------------------------------------------------------------ all the bounds
-@settings(deadline=None, max_examples=40)
-@example(n=1, limits=[(1.0, 1.0, 1.0)] * 9, dt=1e-4, change=1.0, bounded=False, moving=True, straight=False, seed=0)
-@given(
-    n=st.integers(1, 9),
-    limits=st.lists(limits, min_size=9, max_size=9),
-    dt=st.floats(1e-4, 0.1),
-    change=st.sampled_from([1.0, 0.3, 0.02]),
-    bounded=st.booleans(),
-    moving=st.booleans(),
-    straight=st.booleans(),
-    seed=seeds,
-)
-def test_no_bound_is_exceeded_whatever_is_asked(*, n, limits, dt, change, bounded, moving, straight, seed):
-    rng = np.random.default_rng(seed)
-    v, a, j = np.array(limits[:n]).T
-    reach = np.maximum(v * dt * 100, 0.1)
-    lower, upper = (-reach * rng.uniform(0, 1, n), reach * rng.uniform(0, 1, n)) if bounded else (-np.inf, np.inf)
-    s = Smoother(velocity=v, acceleration=a, jerk=j, dt=dt, lower=lower, upper=upper, axes=n, straight=straight)
-    s.reset(np.zeros(n))
-    faults = [np.full(n, np.nan), np.full(n, np.inf), np.full(n, -1e300), np.zeros(n + 1), None, "left", 1j]
-    positions, target, speed, stamp = [np.zeros(n)] * 4, np.zeros(n), None, 0.0
-    for _ in range(250):
-        if rng.random() < change:
-            target = reach * rng.uniform(-1.5, 1.5, n)
-            speed = v * rng.uniform(-1.2, 1.2, n) if moving else None
-        stamp += dt if rng.random() < 0.95 else rng.choice([0.0, -dt, 100 * dt, np.nan])
-        stamp = stamp if math.isfinite(stamp) else 0.0
-        asked = faults[rng.integers(len(faults))] if rng.random() < 0.05 else target
-        command = s.step(asked, speed, enable=bool(rng.random() < 0.95), stamp=stamp)
-        assert np.all(np.isfinite(command.value))
-        assert Relaxed.POSITION not in command.relaxed
-        assert command.residual == 0.0 or not command.status.certified
-        assert "certificate" not in command.reason
-        positions.append(command.value)
-    positions = np.array(positions)
-    assert_within_bounds(positions, v, a, j, dt, asked=1.5 * reach)
-    assert np.all(positions >= lower)
-    assert np.all(positions <= upper)
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
@@ -197,74 +152,11 @@ def test_a_start_too_fast_for_the_bound_brakes_and_says_so():
     assert commands[-1].status is Status.OK
 
 
-def test_an_axis_outside_its_bounds_is_led_back_slowly_and_flagged():
-    s = smoother(axes=2, lower=-0.1, upper=0.1)
-    s.reset([0.3, 0.0])
-    commands = [s.step([0.0, 0.05]) for _ in range(4000)]
-    positions = np.array([command.value for command in commands])
-    outside = positions[:, 0] > 0.1
-    assert np.all(np.diff(positions[outside, 0]) <= 1e-15)
-    assert np.abs(np.diff(positions[outside, 0])).max() <= 0.1 * V * DT * (1 + 1e-9)
-    assert np.all([Relaxed.POSITION in command.relaxed for command in commands[: int(outside.sum())]])
-    assert commands[-1].reason == ""
-    np.testing.assert_allclose(positions[-1], [0.0, 0.05], atol=1e-12)
-    assert_within_bounds(positions, V, A, J, DT)
-
-
 def test_a_locked_axis_stands():
     s = smoother(lower=[0.2, -1.0], upper=[0.2, 1.0])
     s.reset([0.2, 0.0])
     positions = run(s, np.random.default_rng(0).uniform(-1, 1, (500, 2)))
     assert np.all(positions[:, 0] == 0.2)
-
-
-def seconds_to_rest(speed, acceleration, a, j):
-    """At most: what acceleration there is goes, and then the speed, by two ramps and a time at the bound."""
-    speed, acceleration = np.abs(speed), np.abs(acceleration)
-    return (speed + acceleration**2 / (2 * j)) / a + 2 * a / j + acceleration / j
-
-
-@settings(deadline=None, max_examples=25)
-@given(
-    n=st.integers(1, 4),
-    dt=st.sampled_from([1e-3, 5e-3, 2e-2]),
-    far=st.sampled_from([0.0, 1.0, 30.0]),
-    moving=st.booleans(),
-    seed=seeds,
-)
-def test_from_the_tick_of_release_every_axis_comes_to_rest_inside_its_range(*, n, dt, far, moving, seed):
-    rng = np.random.default_rng(seed)
-    v, a = rng.uniform(0.2, 3.0, n), rng.uniform(1.0, 20.0, n)
-    j = a * rng.uniform(2.0, 200.0, n)
-    middle, half = far * rng.uniform(-1, 1, n), rng.uniform(0.01, 1.0, n)
-    lower, upper = middle - half, middle + half
-    s = Smoother(velocity=v, acceleration=a, jerk=j, dt=dt, lower=lower, upper=upper)
-    s.reset(middle)
-    positions, stamp = [middle] * 4, 0.0
-    for _ in range(15):
-        for _ in range(rng.integers(1, 6)):
-            target = middle + half * rng.choice([-1.2, -1.0, -0.5, 0.3, 1.0, 1.2], n)
-            pace = v * rng.uniform(-1.1, 1.1, n) if moving else None
-            for _ in range(rng.integers(1, 25)):
-                stamp += dt
-                target = target + (pace * dt if moving else 0.0)
-                positions.append(s.step(target, pace, stamp=stamp).value)
-        speed, acceleration = s.velocity, s.acceleration
-        ticks = math.ceil(seconds_to_rest(speed, acceleration, a, j).max() / dt) + 2
-        kind = rng.choice(["disabled", "number", "stale"])
-        for _ in range(ticks):
-            stamp += 0.0 if kind == "stale" else dt
-            asked = np.full(n, math.nan) if kind == "number" else target
-            command = s.step(asked, pace, enable=kind != "disabled", stamp=stamp)
-            positions.append(command.value)
-            assert not command.status.certified
-            assert np.all(np.abs(s.velocity) <= np.abs(speed) + np.maximum(acceleration**2, a**2) / (2 * j) + 1e-9)
-        assert command.status is Status.HOLDING
-        assert not s.velocity.any()
-    positions = np.array(positions)
-    assert_within_bounds(positions, v, a, j, dt, asked=np.abs(middle) + 2 * half + v)
-    assert np.all(positions >= lower)
-    assert np.all(positions <= upper)
 
 
 @settings(deadline=None, max_examples=60)
@@ -460,16 +352,6 @@ def test_a_moving_target_that_is_not_renewed_is_followed_for_max_age_only():
     assert "not renewed" in commands[60].reason
     assert commands[40].value[0] == pytest.approx(0.3 * DT * 2041)
     assert commands[-1].status is Status.HOLDING
-
-
-@pytest.mark.parametrize("velocity", [None, [0.3]])
-def test_a_target_that_leaves_the_bounds_is_followed_to_the_bound(velocity):
-    s = smoother(lower=-1, upper=0.5)
-    s.reset([0.0])
-    positions = np.array([s.step([0.3 * DT * (k // 10 * 10)], velocity).value for k in range(3000)])
-    assert positions.max() <= 0.5
-    assert positions[-1, 0] == pytest.approx(0.5, abs=1e-12)
-    assert_within_bounds(positions, V, A, J, DT)
 
 
 # --------------------------------------------------------------------------------------------- arguments
