@@ -12,7 +12,7 @@ from bench.solvers.entrant import Entrant
 from bench.solvers.instances import RecordedQPs
 from bench.solvers.passes import Rules
 from bench.solvers.record import RECORD
-from bench.solvers.run import Comparison, compare, header, write_comparison
+from bench.solvers.run import Comparison, compare, write_comparison
 from tests.bench_solvers.fake_solvers import Counted, boxes, entrant
 
 RULES = Rules(limit=0.5, repeats=1)
@@ -66,27 +66,6 @@ def test_what_is_done_is_not_done_again(tmp_path: Path) -> None:
     assert again == before  # three passes then, three now
     assert repr(whole(tmp_path, [who]).rows) == repr(found.rows)  # NaN is not equal to itself
     assert len(made.read_text()) == 2 * before
-
-
-def test_an_interrupted_comparison_tells_what_can_be_compared(tmp_path: Path) -> None:
-    """After three passes of eight: both modes of one solver and one of the other, on the first sequence."""
-    sequences = [RecordedQPs(each) for each in (boxes(), boxes(name="box/second"))]
-    who = [entrant("is honest"), entrant("lies")]
-    steps = list(compare(sequences, who, out=tmp_path, rules=RULES))
-    assert len(steps) == 8
-    taking_part = [{(row.solver, row.mode, row.ticks) for row in step.rows} for step in steps]
-    one, other = "is honest", "lies"
-    assert taking_part[0] == {(one, "cold", 6)}
-    assert taking_part[2] == {(one, "cold", 6), (one, "warm", 6), (other, "cold", 6)}
-    both = {(solver, mode, 6) for solver in (one, other) for mode in ("cold", "warm")}
-    assert all(step == both for step in taking_part[3:7])  # the second sequence is not done by all
-    assert taking_part[7] == {(solver, mode, 12) for solver, mode, _ in both}
-    first = steps[0]
-    assert [grid.title.partition(":")[0] for grid in first.grids] == ["box"]  # no warm pass, and no programmes
-    assert "table.md" in {path.name for path in write_comparison(first, tmp_path)}
-    assert (tmp_path / "table.md").read_text().startswith("Not whole: 1 of 8 passes. ")
-    assert json.loads((tmp_path / "results.json").read_text())["passes"] == {"done": 1, "of": 8}
-    assert header(steps[-1]).startswith("processor")
 
 
 def test_passes_of_another_state_of_the_library_are_made_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

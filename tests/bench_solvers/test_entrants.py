@@ -7,9 +7,8 @@ import pytest
 
 from bench.solvers.dense_qp import Certificate, DenseQP
 from bench.solvers.entrant import Entrant
-from bench.solvers.entrants import entrants, entrants_named
+from bench.solvers.entrants import entrants
 from bench.solvers.instances import RecordedQPs
-from rehab_opt.errors import ConfigurationError
 from rehab_opt.optim.rows import Instance
 from rehab_opt.qp_recording.sequence import QPSequence, sequence_of
 
@@ -55,9 +54,3 @@ def test_the_fused_way_says_no_to_what_has_no_answer_and_recovers() -> None:
     for bad in (apart, unknown, contrary):
         assert not solver.solve(solver.flat(bad), warm=True)[1] <= 1.0
         assert solver.solve(good, warm=True)[1] <= 1e-9
-
-
-def test_an_unknown_solver_is_refused_by_name() -> None:
-    with pytest.raises(ConfigurationError, match="gurobi2"):
-        entrants_named(["gurobi2"])
-    assert [who.name for who in entrants_named(["qrqp-fused"])] == ["qrqp-fused"]

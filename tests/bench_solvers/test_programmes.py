@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import pickle
-
-import numpy as np
 import pytest
 
 from bench.solvers.programmes import PROGRAMME_ENTRANTS, Programmes, shipped_programmes
@@ -35,15 +32,3 @@ def test_references_are_certified_to_1e_10(boundary: Programmes) -> None:
     assert len(known) == len(boundary)
     assert max(each.residual for each in known) <= ACCURACY
     assert all(each.distance(each.x) == 0.0 for each in known)
-
-
-def test_a_worker_gets_the_same_programmes(boundary: Programmes) -> None:
-    other = pickle.loads(pickle.dumps(boundary))
-    assert (other.name, other.digest, len(other), other.sizes) == (
-        boundary.name,
-        boundary.digest,
-        len(boundary),
-        boundary.sizes,
-    )
-    for one, same in zip(boundary[3], other[3], strict=True):
-        assert np.array_equal(one, same)

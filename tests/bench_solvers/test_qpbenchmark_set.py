@@ -1,14 +1,10 @@
 """Claims about the corpus inside qpbenchmark, which runs it here itself."""
 
-import math
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from bench.solvers.qpbenchmark_set import corpus_test_set
-from bench.solvers.shipped import shipped_sequences
-from rehab_opt.qp_recording.sequence import read_sequence
 
 SOLVERS = ("proxqp", "daqp")
 
@@ -35,15 +31,3 @@ def test_qpbenchmark_runs_a_few_of_it_and_finds_them_solved(tmp_path: Path) -> N
     for measure in ("primal_residual", "dual_residual"):
         assert (frame[measure] < 1e-7).all()
     assert (tmp_path / "results.csv").exists()
-
-
-@pytest.mark.usefixtures("qpbenchmark")
-def test_its_problems_are_the_sequences_own() -> None:
-    (problem, *_), sequence = corpus_test_set(families=["mirror"]), read_sequence(shipped_sequences()["mirror/far"])
-    qp = sequence[0]
-    assert problem.name == "mirror/far#0"
-    np.testing.assert_array_equal(problem.P, qp.H)
-    np.testing.assert_array_equal(problem.q, qp.g)
-    # The same feasible set: rows with an upper bound alone stay as they are.
-    assert (qp.rows_lower == -math.inf).all()
-    np.testing.assert_array_equal(problem.G, qp.A)

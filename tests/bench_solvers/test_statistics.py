@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from bench.solvers.judgement import Judged, Outcome
-from bench.solvers.recommendation import recommendation_grid, recommendations
+from bench.solvers.recommendation import recommendations
 from bench.solvers.statistics import percentile, performance_profile, shifted_geometric_mean, tail
 from bench.solvers.summary import Row, row_of
-from bench.solvers.table import as_markdown, family_grids, overview_grids, refusal_grid, share_text
+from bench.solvers.table import as_markdown, family_grids, refusal_grid, share_text
 
 
 def test_the_shifted_geometric_mean_of_two_is_the_root_of_their_product_and_a_failure_counts_as_the_limit() -> None:
@@ -68,16 +68,6 @@ def test_a_row_counts_what_became_of_each_tick() -> None:
     assert "| family | solver | warm | 5 | 1 | 1 | 2 | 1 | 10.0 | 10.0 |" in as_markdown(refusal_grid([row]))
 
 
-def test_the_overview_says_where_a_time_is_not_of_all_instances() -> None:
-    def row(solver: str, family: str, solved: int) -> Row:
-        outcomes = [Outcome.SOLVED] * solved + [Outcome.NO_ANSWER] * (20 - solved)
-        return row_of(family, solver, "warm", [(judged(each), False) for each in outcomes], limit=1e-5)
-
-    (grid,) = overview_grids([row("a", "one", 20), row("a", "two", 19), row("b", "one", 10)])
-    assert grid.columns == ("solver", "one", "two")
-    assert grid.cells == [("a", "10.0", "10.0 (95 %)"), ("b", "(50 %)", "-")]
-
-
 def test_a_quicker_solver_that_fails_more_often_is_no_alternative() -> None:
     def row(solver: str, seconds: float, failures: int) -> Row:
         outcomes = [Outcome.SOLVED] * (10 - failures) + [Outcome.WRONG] * failures
@@ -89,23 +79,3 @@ def test_a_quicker_solver_that_fails_more_often_is_no_alternative() -> None:
     assert found.best.solver == "daqp"
     assert found.ratio == pytest.approx(1.5)
     assert not found.stays
-
-
-def test_a_capability_that_solves_otherwise_is_judged_by_its_own_way() -> None:
-    def row(solver: str, mode: str, seconds: float) -> Row:
-        return row_of("field_learning", solver, mode, [(judged(Outcome.SOLVED, seconds), False)], limit=1.0)
-
-    rows = [row("ladder", "warm", 1e-6), row("daqp", "cold", 1e-4), row("proxqp-kept", "cold", 9e-5)]
-    (found,) = recommendations(rows)
-    assert found.default.solver == "daqp"
-    assert found.best is not None
-    assert found.best.solver == "proxqp-kept"
-    assert found.stays
-
-
-def test_a_default_that_solves_nothing_does_not_stay() -> None:
-    lost = [(Judged(Outcome.WRONG, 1e-5, 1.0, float("nan")), False)]
-    (found,) = recommendations([row_of("f", "ladder", "warm", lost, limit=1.0)])
-    assert found.best is None
-    assert not found.stays
-    assert recommendation_grid([found]).cells[0][-1] == "solves none"

@@ -27,7 +27,6 @@ from rehab_opt.control.bilateral import Bilateral
 from rehab_opt.control.reasons import NOTES, NUMBER
 from rehab_opt.control.redundancy import RedundancyResolver
 from rehab_opt.control.velocity_controller import VelocityController
-from rehab_opt.export.controllers.redundancy import exported_resolver
 from rehab_opt.kinematics.ardis import ardis
 from rehab_opt.session.files import load_problem
 from tests.control.test_limit import TABLE, elbow_above
@@ -99,21 +98,6 @@ def arms_and_hands() -> dict[str, tuple[Callable[[], object], tuple[str, ...]]]:
         "path_assistance": (made_along_a_path, ("",)),
         "pair": (lambda: Bilateral(*sides(), delay=0.01), ("helper_side", "participant_side")),
     }  # fmt: skip
-
-
-def test_the_table_of_a_law_says_where_its_state_holds_command_and_wheels() -> None:
-    run = [{"q": np.zeros(7), "twist": np.array([0.1, 0.05]), "rows": 0, "frame": 0}] * 200
-    laws = exported_resolver(led_on_a_chair(), run, title="t", of="a chair that stands").laws  # type: ignore[attr-defined]
-    for law in laws:
-        n, memory, own, _, command, wheels, count, *names = law.row()[1:-1].split(", ")
-        stated, four = law.controller.stated, law.controller.wheels
-        assert (int(n), int(count), int(own)) == (7, 4, stated.state_size)
-        assert int(own) - int(memory) == stated.memory.numel()
-        assert [int(command) - int(memory), int(wheels) - int(memory)] == [
-            law.controller.command_slice.start,
-            four.start,
-        ]
-        assert names == [f"{law.name}_{what}" for what in ("tick", "finish", "begin", "going_on")]
 
 
 @pytest.mark.nightly

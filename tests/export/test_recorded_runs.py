@@ -7,7 +7,6 @@ import math
 import re
 import shutil
 import subprocess
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -104,20 +103,6 @@ def test_the_files_tell_the_backup_that_c_has_not_the_cap_and_the_licence(name: 
     _, *functions = source.split("\nstatic int casadi_f")  # of a chair the two laws share most
     texts = [each.partition("(")[2].partition("\n}\n")[0] for each in functions]
     assert len(set(texts)) == len(texts) > 3
-
-
-@pytest.mark.parametrize("name", ["pose_tracker", "redundancy_differential"])
-def test_the_recorded_run_has_joints_that_do_not_follow_until_the_enable_input_is_released(
-    name: str, exported: Exported
-) -> None:
-    with (exported(name) / "recorded_run.csv").open() as lines:
-        rows = list(csv.DictReader(lines))
-    reasons = [REASONS[int(row["reason"])].name for row in rows]
-    moved = [k for k, (row, after) in enumerate(pairwise(rows)) if row["q_3"] != after["q_3"]]
-    lost = [k for k, reason in enumerate(reasons) if reason == "NOT_FOLLOWED"]
-    assert lost
-    assert reasons[-1] == "NOT_ENABLED"
-    assert moved[-1] < lost[0]
 
 
 @pytest.mark.parametrize(

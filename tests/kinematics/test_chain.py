@@ -40,18 +40,6 @@ def test_jacobian_is_the_derivative_of_the_pose(case: tuple[SerialChain, Array])
     np.testing.assert_allclose(jacobian, differentiated(chain, q), atol=1e-7)
 
 
-def test_numbers_are_copies_that_the_next_call_does_not_overwrite() -> None:
-    chain = planar(2)
-    first = chain.pose([0.1, 0.2])
-    kept = first.copy()
-    chain.pose([1.0, -1.0])
-    np.testing.assert_array_equal(first, kept)
-
-
-def test_nan_in_a_joint_shows_in_the_pose() -> None:
-    assert np.isnan(planar(2).pose([0.0, np.nan])).any()
-
-
 # ---------------------------------------------------------------------------------------------- manipulability
 def volume(chain: SerialChain, q: Array) -> float:
     return float(np.prod(np.linalg.svd(chain.jacobian(q), compute_uv=False)))

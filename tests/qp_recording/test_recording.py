@@ -4,7 +4,6 @@ import math
 import shlex
 from pathlib import Path
 
-import casadi as ca
 import numpy as np
 import pytest
 
@@ -18,20 +17,15 @@ from rehab_opt.optim.qp import Statement
 from rehab_opt.optim.recorder import recorder_now, recording_qps
 from rehab_opt.optim.rows import Instance, parameter, variable, within
 from rehab_opt.qp_recording import recording
-from rehab_opt.qp_recording.recording import file_names, recorded_run
-from rehab_opt.qp_recording.sequence import QPSequence, read_sequence, sequence_of
+from rehab_opt.qp_recording.recording import recorded_run
+from rehab_opt.qp_recording.sequence import read_sequence
 from rehab_opt.session.files import ProblemFile, load_problem, problem_content, problem_of, problem_path
-from rehab_opt.symbolic import BufferedFunction
 
 POSE = np.array([0.3, -1.3, 1.7, -1.9, -1.4, 0.2])
 
 
 def tracker(**options: object) -> PoseTracker:
     return PoseTracker(ur5(velocity=0.2), dt=0.01, compile=False, **options)  # type: ignore[arg-type]
-
-
-def ladder(statement: Statement) -> FallbackChain:
-    return FallbackChain(statement, solver="qrqp", backup="daqp", tolerance=1e-9, compile=False)
 
 
 def moved(robot: PoseTracker, ticks: int) -> list[Instance]:
@@ -85,16 +79,6 @@ def test_what_is_tried_again_is_seen_once() -> None:
     assert [stream.met for stream in again.streams] == [1]
     (qp,) = again.streams[0].instances()
     assert qp.g[0] == -0.7
-
-
-def test_without_a_recorder_the_hot_path_is_the_compiled_function_itself() -> None:
-    assert recorder_now() is None
-    stated = tracker().stated
-    usual = type(ladder(stated).function.evaluate)  # what CasADi gives
-    assert usual is type(BufferedFunction(ca.Function("one", [], [1.0])).evaluate)
-    with recording_qps():
-        assert type(ladder(stated).function.evaluate) is not usual
-    assert recorder_now() is None
 
 
 def test_a_command_with_a_recorder_is_the_command_without() -> None:
@@ -198,26 +182,6 @@ def test_a_folder_in_the_place_of_a_file_is_refused_before_anything_is_written(
         told = f"rehab-opt: --out = '{folder}': expected the name of a file: a folder stands there\n"
         assert capsys.readouterr().err == told
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.npz", "b_search_2.npz"]
-
-
-def named(*names: str) -> list[QPSequence]:
-    qp = Instance(np.eye(1), np.zeros(1), np.zeros((0, 1)), np.zeros(0), np.zeros(0), np.zeros(1), np.ones(1))
-    return [sequence_of(f"a/{name}", [qp], dt=1.0, tolerance=1e-8, command="", about="") for name in names]
-
-
-@pytest.mark.parametrize(
-    ("names", "files"),
-    [
-        (["run_law"], ["out.npz"]),
-        (["run_law_left", "run_law_right"], ["out_left.npz", "out_right.npz"]),
-        (["run_law", "run_law_more"], ["out.npz", "out_more.npz"]),
-        (["run_law", "run_law"], ["out_1.npz", "out_2.npz"]),
-        (["one", "other"], ["out_one.npz", "out_other.npz"]),
-    ],
-)
-def test_several_solvers_write_several_files(names: list[str], files: list[str]) -> None:
-    found = file_names(Path("folder/out.npz"), named(*names))
-    assert [path.as_posix() for path in found] == [f"folder/{file}" for file in files]
 
 
 # -------------------------------------------------------------------------------------------------------- the command

@@ -22,7 +22,7 @@ from rehab_opt import (
 )  # fmt: skip
 from rehab_opt.symbolic import BufferedFunction, compiled
 from rehab_opt.symbolic.constant_table import shape_of, with_table
-from tests.symbolic.test_compiled import MACHINE_CODE, cache, needs_compiler, random_function
+from tests.symbolic.test_compiled import MACHINE_CODE, cache, needs_compiler
 
 __all__ = ["cache"]  # a fixture
 
@@ -81,18 +81,6 @@ def test_a_number_that_casadi_leaves_out_is_right_too(cache: Path, rng: Rng) -> 
         function = ca.Function("each", [x], [ca.vertcat(*(each(x)[0] for each in functions))])
         alone = np.concatenate([BufferedFunction(each).of(values) for each in functions])
         np.testing.assert_array_equal(BufferedFunction(compiled(function, compile="wait")).of(values), alone)
-
-
-@pytest.mark.parametrize("seed", range(2))
-def test_all_constants_are_read_from_the_table_in_the_order_of_their_use(seed: int) -> None:
-    generator = ca.CodeGenerator("random", {"verbose": False})
-    generator.add(random_function(seed))
-    code, table = with_table(generator.dump())
-    count = len(table) // 8 - 1
-    assert count > 0
-    assert [code.count(f"_table[{i}]") for i in range(count)] == [1] * count
-    body = code[code.index("static int casadi_f") : code.index(f"CASADI_SYMBOL_EXPORT int random_{seed}(")]
-    assert "e-0" not in body
 
 
 # -------------------------------------------------------------------------------------------------- the controllers
