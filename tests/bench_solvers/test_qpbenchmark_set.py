@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from bench.qp_recording.sequence import read_sequence
 from bench.solvers.qpbenchmark_set import corpus_test_set
 from bench.solvers.shipped import shipped_sequences
-from rehab_opt.qp_recording.sequence import read_sequence
 
 SOLVERS = ("proxqp", "daqp")
 
