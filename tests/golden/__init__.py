@@ -26,7 +26,8 @@ from rehab_opt.session.files import load_problem
 from rehab_opt.session.run import run_problem
 
 FOLDER, PARTS = Path(__file__).parent / "numbers", Path(__file__).parent / "parts"
-KEEP = "REHAB_OPT_KEEP"
+KEEP, OPEN = "REHAB_OPT_KEEP", "~"
+"""Variable that keeps numbers; what stands for one that is not the same everywhere."""
 HEAD = 40
 """Rows of the trace that are kept."""
 RELATIVE, ABSOLUTE = 1e-3, 1e-6
@@ -68,7 +69,7 @@ def differences(
     kept: Any, new: Any, key: str = "", *, tolerance: tuple[float, float, int] = (RELATIVE, ABSOLUTE, COUNT)
 ) -> Iterator[str]:
     """Each value that is not within the tolerances, with the value kept and the new one."""
-    if kept is None or TIMED.search(key):
+    if (isinstance(kept, str) and kept == OPEN) or TIMED.search(key):
         return
     if isinstance(kept, dict) and isinstance(new, dict):
         for each in [*kept, *(name for name in new if name not in kept)]:
@@ -93,12 +94,12 @@ def _alike(kept: Any, new: Any, relative: float, absolute: float, count: int) ->
 
 
 def _same(kept: Any, new: Any, tolerance: tuple[float, float, int]) -> Any:
-    """What is kept, None in place of what differs."""
+    """What is kept, `OPEN` in place of what differs."""
     if isinstance(kept, dict) and isinstance(new, dict):
-        return {key: _same(kept.get(key), new.get(key), tolerance) for key in kept | new}
+        return {key: _same(kept.get(key, OPEN), new.get(key, OPEN), tolerance) for key in kept | new}
     if isinstance(kept, list) and isinstance(new, list) and len(kept) == len(new):
         return [_same(one, other, tolerance) for one, other in zip(kept, new, strict=True)]
-    return None if kept is None or list(differences(kept, new, tolerance=tolerance)) else kept
+    return OPEN if list(differences(kept, new, tolerance=tolerance)) else kept
 
 
 def _rounded(value: Any) -> Any:
