@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.qp_recording.sequence import read_sequence
 from bench.redundancy_run import AGAIN, HOLD
 from bench.solvers.dense_qp import dense_statement, fits
 from bench.solvers.shipped import shipped_sequences
@@ -20,7 +21,6 @@ from rehab_opt.export import random_runs
 from rehab_opt.kinematics.ardis import ARDIS_READY
 from rehab_opt.optim.qp import Statement
 from rehab_opt.optim.recorder import recording_qps
-from rehab_opt.qp_recording.sequence import read_sequence
 from rehab_opt.symbolic.compiled import compiled
 
 __all__ = ["Ticks", "led_at_random", "recorded"]

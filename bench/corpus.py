@@ -8,11 +8,11 @@ from collections.abc import Callable, Iterable, Iterator
 from functools import cache
 from typing import Any, NamedTuple
 
+from bench.qp_recording.sequence import QPSequence, read_sequence
 from bench.solvers.entrant import Entrant
 from bench.solvers.instances import RecordedQPs
 from bench.solvers.shipped import shipped_sequences
 from rehab_opt.optim.certificate import is_certified
-from rehab_opt.qp_recording.sequence import QPSequence, read_sequence
 
 __all__ = ["Quality", "along", "quality", "read", "representatives"]
 

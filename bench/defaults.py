@@ -1,6 +1,6 @@
 """Whole ticks of each capability by each of its solvers: `python -m bench.defaults`.
 
-`rehab-opt bench` compares solvers on recorded QPs; this is the same question to the controllers themselves, with their
+`python -m bench.solvers` compares solvers on recorded QPs; this is the same question to the controllers, with their
 kinematics, closed forms, certificates and rungs: is what they use by default slower than the best of what `solver=` and
 `backup=` offer? A solver is an alternative where at least as many of its ticks are certified. Each keeps its own state;
 rounds alternate. Times are the thread's processor time, so that what other programs take away does not count; the mean

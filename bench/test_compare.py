@@ -15,11 +15,11 @@ import pytest
 from bench import compare
 from bench.compare import Change, changes
 from bench.corpus import Quality, along, quality, read
+from bench.qp_recording.sequence import QPSequence
 from bench.results import write_section
 from bench.solvers import dense_qp
 from bench.solvers.entrant import Entrant
 from bench.solvers.entrants import entrants
-from rehab_opt.qp_recording.sequence import QPSequence
 
 BEFORE = {"pose/free": {"qrqp-fused": 0.10, "osqp-kept": 2.0}}
 

@@ -19,14 +19,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from rehab_opt.errors import ConfigurationError, RehabOptError, printable
+from rehab_opt.errors import ConfigurationError, printable
 from rehab_opt.study.commands import app as study_app
 from rehab_opt.study.commands import report
 from rehab_opt.study.options import CovariateOption, PersonOption, SessionOption, StudyOption, destination
 from rehab_opt.terminal import (
     bars,
+    ending_in_a_line,
     grouped,
-    interrupted,
     no_folder,
     not_there_yet,
     numbers_in,
@@ -34,7 +34,6 @@ from rehab_opt.terminal import (
     one_of,
     output_file,
     printer,
-    refuse,
     say,
     undisturbed,
     writable,
@@ -68,18 +67,8 @@ Problem = Annotated[str, typer.Argument(metavar="FILE", help="A problem file, or
 def main(arguments: list[str] | None = None) -> None:
     """Entry point; `arguments` default to those of the command line."""
     os.environ.setdefault("REHAB_OPT_COMPILE", "wait")  # a run that is over before its code is ready gains nothing
-    with on_interrupt(interrupted):
-        try:
-            try:
-                app(args=arguments)
-            finally:
-                sys.stdout.flush()
-        except RehabOptError as problem:
-            refuse(problem)
-        except OSError as problem:
-            os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # what could not be printed fails no second time at the end
-            place = str(problem.filename or "output")
-            refuse(ConfigurationError(place, problem.strerror, "a place that can be read and written to"))
+    with ending_in_a_line():
+        app(args=arguments)
 
 
 def _print_version(asked: bool) -> None:
@@ -431,36 +420,6 @@ def place(
 
 
 @app.command()
-def record(
-    file: Problem,
-    out: Annotated[
-        Path | None,
-        typer.Option(help="The .npz; ./out/<problem>.npz by default. Several solvers: each adds its name to it."),
-    ] = None,
-    skip: Annotated[int, typer.Option(help="QPs of each solver that are let pass first.")] = 0,
-    ticks: Annotated[int, typer.Option(help="QPs of each solver that are then kept at most.")] = 1000,
-    solver: Annotated[str | None, typer.Option(help="Solver of the optimised law, instead of the file's.")] = None,
-) -> None:
-    """Run a problem and record the QPs that its controllers solve, to compare solvers on: bench/solvers/README.md."""
-    from rehab_opt.qp_recording.recording import file_names, recorded_run  # noqa: PLC0415
-    from rehab_opt.qp_recording.sequence import write_sequence  # noqa: PLC0415
-    from rehab_opt.session.files import load_problem  # noqa: PLC0415
-
-    config = load_problem(file)
-    place = output_file(out, config.name, ".npz")
-    with bars() as progress:
-        sequences = recorded_run(config, skip=skip, ticks=ticks, progress=progress, solver=solver)
-    paths = file_names(place, sequences)
-    for path in paths:  # before any of them is written
-        no_folder(path)
-    with undisturbed():
-        for path, sequence in zip(paths, sequences, strict=True):
-            write_sequence(path, sequence, argument="--out")
-    for path, sequence in zip(paths, sequences, strict=True):
-        say(f"{path}: {len(sequence)} QPs of {sequence.n} variables and {sequence.m} rows")
-
-
-@app.command()
 def score(
     recordings: Annotated[list[str], typer.Argument(metavar="RECORDING...", help="Recordings of a hand, one or more.")],
     *,
@@ -579,35 +538,6 @@ def many(
     console.print(f"written to {folder}: {RESULTS}, {GROUPS}", highlight=False, soft_wrap=True)
     if failed:
         raise typer.Exit(1)
-
-
-@app.command()
-def bench(
-    family: Annotated[list[str] | None, typer.Option(help="Family or sequence; all of them by default.")] = None,
-    solver: Annotated[list[str] | None, typer.Option(help="Solver; every installed one by default.")] = None,
-    time_limit: Annotated[float, typer.Option(help="Seconds of one solve: then its process is killed.")] = 1.0,
-    out: Annotated[Path, typer.Option(help="Folder of the results, and of what an interrupted run kept.")] = Path(
-        "out/bench"
-    ),
-) -> None:
-    """Compare solvers on recorded QPs; write table.md, results.json and figures. What is done is not done again."""
-    try:
-        from bench.solvers.command import Interruption, bench_command  # noqa: PLC0415  (it loads every solver)
-    except ModuleNotFoundError as absent:
-        if (absent.name or "").partition(".")[0] != "bench":
-            raise
-        needed = "the solver comparison, which a wheel leaves out: pip install -e '.[bench]' in a checkout"
-        raise ConfigurationError("bench", "not installed", needed) from absent
-
-    interruption = Interruption()
-    try:
-        with on_interrupt(interruption), bars() as progress:
-            told = interruption.checked(progress)
-            place = writable(out)
-            bench_command(family, solver, time_limit=time_limit, out=place, progress=told, writing=undisturbed())
-    except KeyboardInterrupt:
-        print("rehab-opt: interrupted; the same command goes on from here", file=sys.stderr)
-        raise typer.Exit(130) from None
 
 
 @app.command(name="export-c")

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "bars",
+    "ending_in_a_line",
     "grouped",
     "interrupted",
     "no_folder",
@@ -211,6 +212,23 @@ def on_interrupt(handler: Any) -> Iterator[None]:
         yield
     finally:
         signal.signal(signal.SIGINT, before)
+
+
+@contextmanager
+def ending_in_a_line() -> Iterator[None]:
+    """What cannot be used ends the process with one line on the error stream and exit code 2; so does a place."""
+    with on_interrupt(interrupted):
+        try:
+            try:
+                yield
+            finally:
+                sys.stdout.flush()
+        except RehabOptError as problem:
+            refuse(problem)
+        except OSError as problem:
+            os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # what could not be printed fails no second time at the end
+            place = str(problem.filename or "output")
+            refuse(ConfigurationError(place, problem.strerror, "a place that can be read and written to"))
 
 
 @contextmanager

@@ -30,20 +30,20 @@ LAYERS = {
     "workspace": {"errors", "text_file", "symbolic", "kinematics", "optim"},
     "field": {"errors", "symbolic", "kinematics", "optim"},
     "control": {"errors", "symbolic", "kinematics", "optim", "workspace", "field"},
+    "braking": {"errors", "symbolic", "kinematics", "optim", "control"},
     "published": {"errors", "symbolic", "kinematics"},
     "session": {
         "errors", "text_file", "symbolic", "kinematics", "optim", "workspace", "field", "control", "published",
         "plants", "measures", "recordings",
     },
     "plants": {"errors", "kinematics", "workspace"},
-    "qp_recording": {"errors", "optim", "session"},
     "export": {"version", "errors", "optim", "workspace", "field", "control", "session"},
     "live": {"errors", "control", "loop", "session"},
     "loop": {"version", "errors", "text_file", "kinematics", "control", "plants", "recordings", "session"},
     "terminal": {"errors", "text_file", "session", "symbolic"},
     "study": {"version", "errors", "text_file", "measures", "recordings", "session", "terminal"},
     "cli": {
-        "version", "errors", "recordings", "session", "qp_recording", "export", "live", "loop", "terminal", "study",
+        "version", "errors", "recordings", "session", "export", "live", "loop", "terminal", "study",
     },
 }  # fmt: skip
 

@@ -1,4 +1,4 @@
-"""What `rehab-opt bench` does."""
+"""What `python -m bench.solvers` does."""
 
 from __future__ import annotations
 

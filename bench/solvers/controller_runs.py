@@ -11,6 +11,8 @@ from types import MappingProxyType, ModuleType
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.qp_recording.recording import sequence_of_stream
+from bench.qp_recording.sequence import QPSequence
 from bench.solvers.shipped import regenerate_command
 from rehab_opt.control.arm_ik import ArmIK
 from rehab_opt.control.assistance import Assistance
@@ -22,8 +24,6 @@ from rehab_opt.kinematics.human_arm import human_arm
 from rehab_opt.kinematics.ur5 import ur5
 from rehab_opt.kinematics.vr import quaternions_of
 from rehab_opt.optim.recorder import QPRecorder, recording_qps
-from rehab_opt.qp_recording.recording import sequence_of_stream
-from rehab_opt.qp_recording.sequence import QPSequence
 from rehab_opt.session.files import shipped_folder
 from rehab_opt.workspace.region import Workspace
 

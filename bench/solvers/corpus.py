@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from functools import cache
 
+from bench.qp_recording.sequence import QPSequence
 from bench.solvers.controller_runs import CONTROLLER_RUNS
 from bench.solvers.marked import MAKERS, TICKS
 from bench.solvers.problem_runs import PROBLEM_RUNS
 from rehab_opt.errors import ConfigurationError
-from rehab_opt.qp_recording.sequence import QPSequence
 
 __all__ = ["made", "names"]
 

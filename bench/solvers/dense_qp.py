@@ -9,13 +9,13 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.qp_recording.sequence import QPSequence
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.optim.backends import Answer
 from rehab_opt.optim.certificate import certificate_function, is_certified
 from rehab_opt.optim.fused import fused
 from rehab_opt.optim.qp import Statement
 from rehab_opt.optim.rows import Instance, variable, within
-from rehab_opt.qp_recording.sequence import QPSequence
 from rehab_opt.symbolic import BufferedFunction, Compile
 
 __all__ = ["LARGEST", "Certificate", "DenseQP", "dense_statement", "fits"]

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from bench.qp_recording.sequence import QPSequence
 from bench.solvers.dense_qp import Certificate, DenseQP
 from bench.solvers.entrant import Claim, Entrant, Solver
 from bench.solvers.instances import RecordedQPs
@@ -16,7 +17,6 @@ from rehab_opt.optim.backends import TIGHT, Answer, Backend, answer_from, backen
 from rehab_opt.optim.certificate import is_certified
 from rehab_opt.optim.fallback_chain import BACKUP
 from rehab_opt.optim.rows import Instance
-from rehab_opt.qp_recording.sequence import QPSequence
 from rehab_opt.symbolic import Compile
 
 __all__ = ["KEPT", "entrants", "entrants_named"]

@@ -6,11 +6,11 @@ import hashlib
 from functools import cached_property
 from typing import Any, Protocol
 
+from bench.qp_recording.sequence import ARRAYS, QPSequence
 from bench.solvers.dense_qp import Certificate
 from bench.solvers.reference import Reference, references
 from rehab_opt.optim.backends import Answer
 from rehab_opt.optim.rows import Instance
-from rehab_opt.qp_recording.sequence import ARRAYS, QPSequence
 
 __all__ = ["Instances", "RecordedQPs"]
 

@@ -8,12 +8,12 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.qp_recording.sequence import QPSequence, sequence_of
 from bench.solvers.shipped import regenerate_command
 from rehab_opt.errors import RehabOptError
 from rehab_opt.optim.backends import backend
 from rehab_opt.optim.certificate import certificate_function, is_certified
 from rehab_opt.optim.rows import Instance
-from rehab_opt.qp_recording.sequence import QPSequence, sequence_of
 
 __all__ = ["MAKERS", "badly_scaled", "contradicting", "degenerate", "with_broken_numbers"]
 

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.qp_recording.array_file import META, read_arrays, versions_now, write_arrays
 from bench.solvers.mirror_window import MirrorWindow
 from rehab_opt.control.hand_bounds import HandBounds
 from rehab_opt.control.ik_statements import IKStatements
@@ -21,7 +22,6 @@ from rehab_opt.errors import ConfigurationError, ProblemFileError
 from rehab_opt.kinematics.human_arm import ARM_SEGMENTS, human_arm
 from rehab_opt.kinematics.ur5 import ur5
 from rehab_opt.optim.nlp import NLP
-from rehab_opt.qp_recording.array_file import META, read_arrays, versions_now, write_arrays
 from rehab_opt.workspace.plane_statement import PlaneStatement
 
 __all__ = [

@@ -7,9 +7,9 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
+from bench.qp_recording.recording import recorded_run
+from bench.qp_recording.sequence import QPSequence
 from bench.solvers.shipped import regenerate_command
-from rehab_opt.qp_recording.recording import recorded_run
-from rehab_opt.qp_recording.sequence import QPSequence
 from rehab_opt.session.files import load_problem, problem_content, problem_of, problem_path
 
 __all__ = ["PROBLEM_RUNS", "ProblemRun"]

@@ -3,7 +3,7 @@
     qpbenchmark bench/solvers/qpbenchmark_set.py --results-path corpus.csv run --author me
 
 It solves each problem by itself, cold: what warm starts are worth, and what infeasible or broken ticks do, is for
-`rehab-opt bench`. qpbenchmark (Apache-2.0) is looked for only when the class is.
+`python -m bench.solvers`. qpbenchmark (Apache-2.0) is looked for only when the class is.
 """
 
 from __future__ import annotations
@@ -13,9 +13,9 @@ from functools import cache
 from importlib import import_module
 from typing import Any
 
+from bench.qp_recording.sequence import QPSequence, read_sequence
 from bench.solvers.shipped import shipped_sequences
 from rehab_opt.errors import ConfigurationError
-from rehab_opt.qp_recording.sequence import QPSequence, read_sequence
 
 __all__ = ["corpus_test_set"]
 

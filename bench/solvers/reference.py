@@ -8,10 +8,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.qp_recording.sequence import QPSequence
 from bench.solvers.dense_qp import Certificate, DenseQP, fits
 from rehab_opt.optim.backends import Answer, ProxqpBackend
 from rehab_opt.optim.rows import Instance
-from rehab_opt.qp_recording.sequence import QPSequence
 
 __all__ = ["ACCURACY", "Reference", "references"]
 

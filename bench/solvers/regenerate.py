@@ -11,10 +11,10 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from bench.qp_recording.sequence import write_sequence
 from bench.solvers import corpus, nlp_corpus
 from bench.solvers.nlp_instances import write_nlp_instances
 from rehab_opt.errors import ConfigurationError, RehabOptError
-from rehab_opt.qp_recording.sequence import write_sequence
 
 __all__ = ["main"]
 

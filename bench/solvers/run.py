@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.qp_recording.sequence import read_sequence
 from bench.solvers.entrant import Entrant
 from bench.solvers.instances import Instances, RecordedQPs
 from bench.solvers.judgement import Judge
@@ -27,7 +28,6 @@ from bench.solvers.summary import Row, comparable, rows_of
 from bench.solvers.table import Grid, as_markdown, family_grids, overview_grids, refusal_grid
 from bench.solvers.worker import THREADS, Worker
 from rehab_opt.errors import ConfigurationError
-from rehab_opt.qp_recording.sequence import read_sequence
 
 __all__ = ["Comparison", "chosen_sequences", "compare", "header", "write_comparison"]
 

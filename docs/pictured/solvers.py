@@ -1,4 +1,4 @@
-"""Times of the solvers, from the tables that `rehab-opt bench` printed into bench/README.md."""
+"""Times of the solvers, from the tables that `python -m bench.solvers` printed into bench/README.md."""
 
 from __future__ import annotations
 

@@ -162,7 +162,7 @@ class System(Generic[P, O]):
         raise NotImplementedError
 
     def seconds_a_tick(self, problem: P) -> float | None:
-        """From one QP of its controllers to the next, for `rehab-opt record`; None where they solve none.
+        """From one QP of its controllers to the next, for `python -m bench.record`; None where they solve none.
 
         NaN where the QPs are no ticks, as iterations are.
         """

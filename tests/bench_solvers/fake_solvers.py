@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
+from bench.qp_recording.sequence import QPSequence, sequence_of
 from bench.solvers.entrant import Claim, Entrant
 from bench.solvers.instances import RecordedQPs
 from rehab_opt.optim.backends import Answer
 from rehab_opt.optim.rows import Instance
-from rehab_opt.qp_recording.sequence import QPSequence, sequence_of
 
 SLEEP = 300.0
 DAWDLE = 0.1

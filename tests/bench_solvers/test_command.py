@@ -1,4 +1,4 @@
-"""`rehab-opt bench` as a user meets it."""
+"""`python -m bench.solvers` as a user meets it."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from pathlib import Path
 
 import pytest
 
+from bench.qp_recording.sequence import write_sequence
+from bench.solvers.__main__ import main
 from bench.solvers.command import Interruption
 from bench.solvers.record import RECORD
-from rehab_opt.cli import main
-from rehab_opt.qp_recording.sequence import write_sequence
 from tests.bench_solvers.fake_solvers import boxes
 
 
@@ -29,15 +29,17 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def ended(*arguments: str) -> int:
-    with pytest.raises(SystemExit) as end:
-        main(list(arguments))
-    return int(end.value.code or 0)
+    try:
+        main(arguments)
+    except SystemExit as end:
+        return int(end.code or 0)
+    return 0
 
 
 def test_a_comparison_prints_its_tables_and_says_what_it_wrote(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert ended("bench", "--family", "boxes.npz", "--solver", "qrqp-virtual", "--solver", "proxqp") == 0
+    assert ended("--family", "boxes.npz", "--solver", "qrqp-virtual", "--solver", "proxqp") == 0
     printed = capsys.readouterr().out
     assert "box: 40 instances" in printed
     assert "table.md" in printed
@@ -61,7 +63,7 @@ def test_a_comparison_prints_its_tables_and_says_what_it_wrote(
 def test_what_cannot_be_used_is_one_line_and_exit_code_2_and_writes_nothing(
     folder: Path, capsys: pytest.CaptureFixture[str], arguments: tuple[str, ...], named: str
 ) -> None:
-    assert ended("bench", *arguments) == 2
+    assert ended(*arguments) == 2
     said = capsys.readouterr().err
     assert said.count("\n") == 1
     assert named in said
@@ -81,7 +83,7 @@ def test_an_interruption_that_a_solver_swallowed_is_seen_at_the_next_step() -> N
 
 @pytest.mark.nightly
 def test_interrupted_it_keeps_what_it_has_and_ends_with_130(folder: Path) -> None:
-    command = [sys.executable, "-m", "rehab_opt", "bench", "--family", "boxes.npz"]
+    command = [sys.executable, "-m", "bench.solvers", "--family", "boxes.npz"]
     process = subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=folder, start_new_session=True
     )

@@ -9,6 +9,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.optimize import linprog
 
+from bench.qp_recording.sequence import ARRAYS, QPSequence, read_sequence
 from bench.solvers import corpus, nlp_corpus
 from bench.solvers.marked import MAKERS
 from bench.solvers.nlp_instances import read_nlp_instances
@@ -16,7 +17,6 @@ from bench.solvers.shipped import families, shipped_nlp_instances, shipped_seque
 from rehab_opt.optim.backends import backend
 from rehab_opt.optim.nlp_solvers import nlp_solver
 from rehab_opt.optim.rows import Instance
-from rehab_opt.qp_recording.sequence import ARRAYS, QPSequence, read_sequence
 
 Array = NDArray[np.float64]
 

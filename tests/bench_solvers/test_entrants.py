@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from bench.qp_recording.sequence import QPSequence, sequence_of
 from bench.solvers.dense_qp import Certificate, DenseQP
 from bench.solvers.entrant import Entrant
 from bench.solvers.entrants import entrants
 from bench.solvers.instances import RecordedQPs
 from rehab_opt.optim.rows import Instance
-from rehab_opt.qp_recording.sequence import QPSequence, sequence_of
 
 INFINITE = np.inf
 

@@ -9,6 +9,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
+from bench.qp_recording.sequence import QPSequence
 from bench.solvers import passes
 from bench.solvers.entrant import Entrant
 from bench.solvers.instances import RecordedQPs
@@ -16,7 +17,6 @@ from bench.solvers.judgement import Judge, Outcome
 from bench.solvers.passes import Pass, Rules, passed
 from bench.solvers.reference import references
 from bench.solvers.worker import Worker
-from rehab_opt.qp_recording.sequence import QPSequence
 from tests.bench_solvers.fake_solvers import (
     SLEEP,
     TRAP,

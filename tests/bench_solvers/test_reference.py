@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from bench.qp_recording.sequence import read_sequence
 from bench.solvers.reference import references
 from bench.solvers.shipped import shipped_sequences
 from rehab_opt.optim.rows import Instance
-from rehab_opt.qp_recording.sequence import read_sequence
 
 Array = NDArray[np.float64]
 AT_BOUND = 1e-15

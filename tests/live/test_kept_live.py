@@ -50,12 +50,8 @@ def test_the_pages_parts(tmp_path: Path) -> None:
         for flat in (False, True):
             project = film._projection(np.array([0.2, 0.0, 0.3]), 0.3, 0.6, flat=flat)
             more.append(project(np.random.default_rng(0).uniform(-1, 1, (9, 3))))
-        more += [
-            server._finite({"a": [math.nan, 1.0, (2, math.inf)]}),
-            server._place([1, 2, 3]),
-            server._place([1, "x", 3]),
-        ]
-        more += [server._place([1, 2, math.inf]), server._text(b"a\xff"), server._told({"a": math.nan})]
+        more.append(server._finite({"a": [math.nan, 1.0, (2, math.inf)]}))
+        more.append(server._text(b"a\xff"))
         more.append(
             film.write_film(live_problem(load_problem("robot/ur5_among_bodies")), tmp_path / "a.gif", seconds=0.4)
         )

@@ -82,8 +82,6 @@ def test_parts_of_a_loop(tmp_path: Path, clock: Clock) -> None:
                      ):  # fmt: skip
             more.append(np.frombuffer(text, np.uint8))
         more += [[delay._fraction(each) for each in np.arange(0.0, 4.0, 0.045)]]
-        times = np.arange(0, 3.6, 0.01)
-        more += [[delay._settled(times, np.sin(times), i) for i in range(8)]]
         still = IdealJoints(0.008)
         still.reset(np.zeros(3))
         more += [measured_delay(still, joint=2), report.lateness.percentile(50)]

@@ -7,8 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from bench.qp_recording import recording
+from bench.qp_recording.recording import recorded_run
+from bench.qp_recording.sequence import read_sequence
+from bench.record import main
 from rehab_opt import PoseTracker, ur5
-from rehab_opt.cli import main
 from rehab_opt.control.arm_ik import ArmIK
 from rehab_opt.kinematics.human_arm import human_arm
 from rehab_opt.optim.backends import backend
@@ -16,9 +19,6 @@ from rehab_opt.optim.fallback_chain import FallbackChain
 from rehab_opt.optim.qp import Statement
 from rehab_opt.optim.recorder import recorder_now, recording_qps
 from rehab_opt.optim.rows import Instance, parameter, variable, within
-from rehab_opt.qp_recording import recording
-from rehab_opt.qp_recording.recording import recorded_run
-from rehab_opt.qp_recording.sequence import read_sequence
 from rehab_opt.session.files import ProblemFile, load_problem, problem_content, problem_of, problem_path
 
 POSE = np.array([0.3, -1.3, 1.7, -1.9, -1.4, 0.2])
@@ -125,7 +125,7 @@ def test_a_run_gives_its_sequence_with_the_tick_and_the_command_that_makes_it_ag
     assert sequence.name == "pose_tracking/ur5_circle_pose_tracker"
     assert (len(sequence), sequence.n, sequence.m) == (50, 7, 0)
     assert sequence.dt == 0.01
-    assert sequence.command == "rehab-opt record robot/ur5_circle --skip 10 --ticks 50"
+    assert sequence.command == "python -m bench.record robot/ur5_circle --skip 10 --ticks 50"
     (longer,) = recorded_run(circle(), skip=0, ticks=60)
     assert_same(list(sequence), list(longer)[10:])
 
@@ -138,10 +138,8 @@ def test_the_command_names_a_file_of_one_s_own_and_the_solver_and_writes_what_it
     own.write_text(text.replace("duration_s = 8.0", "duration_s = 2.0").replace("rate_hz = 1000.0", "rate_hz = 50.0"))
     (sequence,) = recorded_run(load_problem(str(own)), ticks=5, solver="proxqp")
     words = shlex.split(sequence.command)
-    assert words == ["rehab-opt", "record", str(own), "--skip", "0", "--ticks", "5", "--solver=proxqp"]
-    with pytest.raises(SystemExit) as ended:
-        main([*words[1:], "--out", str(tmp_path / "deep" / "again.npz")])
-    assert not ended.value.code
+    assert words == ["python", "-m", "bench.record", str(own), "--skip", "0", "--ticks", "5", "--solver=proxqp"]
+    main([*words[3:], "--out", str(tmp_path / "deep" / "again.npz")])
     assert capsys.readouterr().out == f"{tmp_path / 'deep' / 'again.npz'}: 5 QPs of 7 variables and 0 rows\n"
     again = read_sequence(tmp_path / "deep" / "again.npz")
     assert again.command == sequence.command
@@ -177,7 +175,7 @@ def test_a_folder_in_the_place_of_a_file_is_refused_before_anything_is_written(
     for folder, out in (("a.npz", "a.npz"), ("b_search_2.npz", "b.npz")):
         Path(folder).mkdir()
         with pytest.raises(SystemExit) as ended:
-            main(["record", "robot/ur5_circle", "--out", out])
+            main(["robot/ur5_circle", "--out", out])
         assert ended.value.code == 2
         told = f"rehab-opt: --out = '{folder}': expected the name of a file: a folder stands there\n"
         assert capsys.readouterr().err == told
@@ -203,7 +201,7 @@ def test_a_refusal_is_one_line_and_writes_nothing(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     with pytest.raises(SystemExit) as ended:
-        main(["record", *arguments])
+        main(arguments)
     assert ended.value.code == 2
     line = capsys.readouterr().err
     assert told in line

@@ -14,10 +14,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from bench.qp_recording import array_file
+from bench.qp_recording.sequence import ARRAYS, QPSequence, read_sequence, sequence_of, write_sequence
 from rehab_opt import ConfigurationError, ProblemFileError
 from rehab_opt.optim.rows import Instance
-from rehab_opt.qp_recording import array_file
-from rehab_opt.qp_recording.sequence import ARRAYS, QPSequence, read_sequence, sequence_of, write_sequence
 from tests.refusals import refuses
 
 

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from bench.qp_recording.recording import recorded_run
 from rehab_opt import ProblemFileError, SerialChain, ur5
-from rehab_opt.qp_recording.recording import recorded_run
 from rehab_opt.session.files import load_problem, shipped_problems
 from rehab_opt.session.inputs import inputs_digest
 from rehab_opt.session.pose_tracking.run import RobotOutcome

@@ -65,7 +65,6 @@ def test_a_study(tmp_path: Path) -> None:
             outline(points),
             outline(points[:2]),
         ]
-        more += [drawing._ticks(*each) for each in ((0.0, 1.0), (-3.2, 17.0), (5.0, 5.0), (1e-4, 3e-4))]
         more += [
             drawing.number(each, within=within) for each in (0.0, 1.25, -1234.5, 1e-5, 9.995) for within in (0.0, 10.0)
         ]

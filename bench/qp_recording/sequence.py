@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.qp_recording.array_file import META, read_arrays, versions_now, write_arrays
+from bench.qp_recording.sequence_arrays import ARRAYS, checked_arrays, checked_costs, checked_numbers
 from rehab_opt.errors import ConfigurationError, ProblemFileError
 from rehab_opt.optim.rows import Instance
-from rehab_opt.qp_recording.array_file import META, read_arrays, versions_now, write_arrays
-from rehab_opt.qp_recording.sequence_arrays import ARRAYS, checked_arrays, checked_costs, checked_numbers
 
 if TYPE_CHECKING:
     import qpsolvers

@@ -8,9 +8,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from bench.qp_recording.sequence import QPSequence, sequence_of
 from rehab_opt.errors import ConfigurationError, ProblemFileError
 from rehab_opt.optim.recorder import Stream, recording_qps
-from rehab_opt.qp_recording.sequence import QPSequence, sequence_of
 from rehab_opt.session.files import ProblemFile, shipped_problems
 from rehab_opt.session.outcome import Progress
 from rehab_opt.session.run import run_problem
@@ -73,7 +73,7 @@ def _command(config: ProblemFile[Any], *, skip: int, ticks: int, **options: str 
     """What records it again, on a shell."""
     file = config.name if config.name in shipped_problems() else config.file
     chosen = [f"--{name}={value}" for name, value in options.items() if value is not None]
-    return shlex.join(["rehab-opt", "record", file, "--skip", str(skip), "--ticks", str(ticks), *chosen])
+    return shlex.join(["python", "-m", "bench.record", file, "--skip", str(skip), "--ticks", str(ticks), *chosen])
 
 
 def _names_apart(streams: Sequence[Stream]) -> list[str]:
