@@ -84,10 +84,10 @@ def test_splines() -> None:
     points = np.vstack((grid(12), [[math.nan, 0.0], [math.inf, 0.0], [1e9, 0.0]]))
     more = []
     with Returns("rehab_opt/workspace/") as seen:
-        for n, smoothing, bend in ((3, 0.0, 0.02), (7, 0.1, 0.1), (40, 0.0, 0.02), (70, 1e-3, 0.02), (420, 0.0, 1e-3)):
+        for n, smoothing, bend in ((3, 0.0, 0.02), (7, 0.1, 0.1), (40, 1e-3, 0.02), (420, 0.0, 1e-3)):
             made = spline(n, smoothing, bend)
             for each in (made, made.summed()):
-                some = points if n < 420 else points[::5]
+                some = points if n < 420 else points[::9]
                 more += [each(some), each.jacobian(some), [each(point) for point in some[::6]]]
                 more += [each.jacobian(point) for point in some[::9]] + [*each.value_and_jacobian(some[5])]
                 more += [each.inverse(made(some)), each.inverse(some[3]), each.inverse(some[4], start=some[5])]
@@ -105,14 +105,13 @@ def test_maps() -> None:
     with Returns("rehab_opt/workspace/", but="__post_init__|edge_lookup|region|spline_", last=3) as seen:
         for source, target, given in (
             (SQUARE, blob(), {"rotation": 0.3}),
-            (ell(), SQUARE, {"rotation": "best"}),
             (crescent(), ell(), {"rule": "polar", "rotation": "best"}),
             (blob(), sliver(), {"rule": "polar", "landmarks": 12, "rotation": -0.2}),
         ):
             polygons = (Workspace(each, accuracy=1e-4) for each in (source, target))
             made = WorkspaceMap.between(*polygons, **{"landmarks": 50} | given)
             points = around(source, 12, 2.0, 3)
-            audit = made.audit(2000, 1)
+            audit = made.audit(400, 1)
             more += [made.rotation, made.inverse(made(points)), made.jacobian(points), str(audit).splitlines()[0]]
             made.push_force(points[0], [1.0, 2.0]), made.push_force(points, points), repr(made), made._uneven
             held = made.for_controller(unsafe=True)
@@ -126,13 +125,10 @@ def test_searches() -> None:
     rows = (DH(0.3, 0.0), DH(0.2, 0.0))
     two = SerialChain(rows, lower=[-1.0, 0.2], upper=[1.5, 2.2], velocity=1.0, acceleration=1.0)
     arm, more = human_arm(range_of_motion="restricted"), []
-    with Returns("rehab_opt/workspace/", but="edge_lookup|edge_cells|edge_table", last=5) as seen:
-        found = [planar_workspace(two, height=0.0, handle_tilt=None, accuracy=6e-3, resolution=0.05)]
-        found += [planar_workspace(two, height=0.3, handle_tilt=None, accuracy=6e-3)]
-        found += [planar_workspace(arm, height=height, accuracy=6e-3) for height in (-0.24, 0.9, -0.40)]
-        found += [planar_workspace(arm, height=-0.3, handle_tilt=None, accuracy=8e-3, resolution=0.06,
-                                   placement=ShoulderPlacement((0.1, 0.2, 0.3), 0.5))]  # fmt: skip
-        volume = reachable_volume(two, heights=[-0.1, 0.0, 0.2], handle_tilt=None, accuracy=8e-3)
+    with Returns("rehab_opt/workspace/", but="edge_lookup|edge_cells|edge_table|__hash__", last=5) as seen:
+        found = [planar_workspace(two, height=height, handle_tilt=None, accuracy=8e-3) for height in (0.0, 0.3)]
+        found += [planar_workspace(arm, height=height, accuracy=8e-3) for height in (-0.24, 0.9)]
+        volume = reachable_volume(two, heights=[-0.1, 0.0, 0.2], handle_tilt=None, accuracy=9e-3)
         volume.contains(np.random.default_rng(0).uniform(-0.6, 0.6, (40, 3)))
     more = [[round(each.area, 3), each.reason[:20], each.components, each.holes] for each in found]
     kept("searches", seen, [more, volume.volume_bound])
@@ -188,7 +184,7 @@ def test_ranges_of_people(recorded) -> None:
         range_of_motion({"elbow_flexion": 9.0 + swing[0, :, 0], "forearm_extension": swing[1, :, 1]},
                         within={"elbow_flexion": (-3.2, 3.2)}, uncovered="restricted")  # fmt: skip
         folder = recorded("cp_dyskinetic_reach")
-        reach_groups(folder, pronation_zero="grasp", tasks=("RGV", "RF"))
+        reach_groups(folder, pronation_zero="grasp", tasks=("RF",))
         for each in read_cp_reach(folder, "RF", keep_suspects=True):
             group_range(each, cover=0.8, lower_percentile=5.0, upper_percentile=90.0, pronation_zero=0.2)
             grasp_zero(each)
