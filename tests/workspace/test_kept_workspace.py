@@ -128,9 +128,9 @@ def test_searches() -> None:
     two = SerialChain(rows, lower=[-1.0, 0.2], upper=[1.5, 2.2], velocity=1.0, acceleration=1.0)
     arm, more = human_arm(range_of_motion="restricted"), []
     with Returns("rehab_opt/workspace/", but="edge_lookup|edge_cells|edge_table|__hash__", last=5) as seen:
-        found = [planar_workspace(two, height=height, handle_tilt=None, accuracy=8e-3) for height in (0.0, 0.3)]
-        found += [planar_workspace(arm, height=height, accuracy=8e-3) for height in (-0.24, 0.9)]
-        volume = reachable_volume(two, heights=[-0.1, 0.0, 0.2], handle_tilt=None, accuracy=9e-3)
+        found = [planar_workspace(two, height=height, handle_tilt=None, accuracy=1.2e-2) for height in (0.0, 0.3)]
+        found.append(planar_workspace(arm, height=-0.24, accuracy=1.2e-2))
+        volume = reachable_volume(two, heights=[-0.1, 0.0, 0.2], handle_tilt=None, accuracy=2e-2)
         volume.contains(np.random.default_rng(0).uniform(-0.6, 0.6, (40, 3)))
     more = [[round(each.area, 3), each.reason[:20], each.components, each.holes] for each in found]
     kept("searches", seen, [more, volume.volume_bound])
@@ -186,7 +186,7 @@ def test_ranges_of_people(recorded) -> None:
         range_of_motion({"elbow_flexion": 9.0 + swing[0, :, 0], "forearm_extension": swing[1, :, 1]},
                         within={"elbow_flexion": (-3.2, 3.2)}, uncovered="restricted")  # fmt: skip
         folder = recorded("cp_dyskinetic_reach")
-        reach_groups(folder, pronation_zero="grasp", tasks=("RF",))
+        reach_groups(folder, pronation_zero="grasp", tasks=("RGV",))
         for each in read_cp_reach(folder, "RF", keep_suspects=True):
             group_range(each, cover=0.8, lower_percentile=5.0, upper_percentile=90.0, pronation_zero=0.2)
             grasp_zero(each)
