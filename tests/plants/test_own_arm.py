@@ -64,17 +64,6 @@ def test_an_arm_from_a_file_goes_round_on_late_servos_and_becomes_c(
     assert largest_difference(tmp_path / "c", "pose_tracker", built) <= 1e-12
 
 
-@pytest.mark.parametrize("arm", ARMS)
-def test_efforts_and_masses_are_those_of_the_file(arm: str) -> None:
-    urdf, tip, _, efforts = ARMS[arm]
-    chain = SerialChain.from_urdf(ROBOTS / urdf, tip=tip, acceleration=5.0)
-    model = own_arm_model(chain, payload=0.5)
-    assert tuple(model.torque_limit) == efforts
-    assert sum(body.mass for body in model.bodies) == pytest.approx(
-        sum(body.mass for body in chain.bodies if body.link) + 0.5
-    )
-
-
 def test_an_arm_without_masses_or_efforts_is_refused_with_what_is_missing(tmp_path: Path) -> None:
     with pytest.raises(ConfigurationError, match=r"bodies.*masses of links"):
         own_arm_model(ur5())

@@ -99,14 +99,6 @@ def test_servos_have_the_bandwidth_they_are_made_for(servo: type[VelocityServo])
     assert followed(servo(24.0), 2.0) == pytest.approx(1.0, rel=0.05)
 
 
-def test_acting_force_lags_by_its_time_constant() -> None:
-    plant = MujocoArm(point_mass_model(2.0), dt=0.001, drive=HandForce(lag=0.003))
-    plant.reset([0.0, 0.0])
-    for k in range(20):
-        plant.step([10.0, 0.0])
-        assert plant.drive.acting[0] == pytest.approx(10.0 * (1 - math.exp(-(k + 1) / 3)), rel=1e-9)
-
-
 def test_wall_gives_way_by_force_over_stiffness_and_never_pulls() -> None:
     wall = Wall([0.1, 0.0, 0.0], [-1.0, 0.0, 0.0], stiffness=5e3, damping=100.0)
     plant = MujocoArm(point_mass_model(2.0, viscous=40.0), dt=0.001, drive=HandForce(), contacts=[wall])
@@ -151,21 +143,6 @@ def test_force_at_the_hand_of_an_arm_is_the_transpose_jacobians() -> None:
         plant.step([6.0, -4.0])
     moved = plant.hand_pose[:3, 3] - anchor
     np.testing.assert_allclose(moved[:2], np.array([6.0, -4.0]) / 500.0, rtol=1e-3)
-
-
-def test_velocity_servo_of_the_ur5_does_what_it_is_told() -> None:
-    plant = MujocoArm(ur5_model(), dt=0.001)
-    plant.reset(READY)
-    told = np.array([0.2, 0.3, -0.3, 0.5, -0.4, 0.6])
-    for _ in range(1000):
-        plant.step(told)
-    np.testing.assert_allclose(plant.truth.velocity, told, atol=1e-3)
-    # What the integral needs to carry friction, it has gathered as a lag: friction over I w^2 / 4.
-    model, rate = plant.model, 2 * math.pi * 24.0 / 1.2409
-    friction = model.coulomb * np.sign(told) + model.viscous * told
-    inertia = np.mean([np.diag(plant.inertia(q)) for q in np.random.default_rng(1).uniform(-6, 6, (300, 6))], axis=0)
-    late = friction / (inertia * rate**2 / 4)
-    np.testing.assert_allclose(READY + told - plant.truth.position, late, rtol=0.2, atol=2e-4)
 
 
 def test_ideal_joints_are_the_sum_of_what_was_commanded() -> None:

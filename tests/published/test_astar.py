@@ -9,7 +9,7 @@ from problems.mirror import motions
 from rehab_opt import MirrorTracker, PoseTracker, ur5
 from rehab_opt.control.conditioning import Conditioned, conditioned
 from rehab_opt.kinematics.vr import quaternions_of
-from rehab_opt.published.astar import _ends, astar_path
+from rehab_opt.published.astar import astar_path
 from tests.control.mirror_campaign import LARGEST, closed_form
 
 TASKS = {"pick_fruit": motions.pick_fruit, "refrigerator_door": motions.refrigerator_door}
@@ -43,12 +43,6 @@ def test_positions_under_the_threshold_are_blocked_and_gone_around() -> None:
     assert path.blocked > 50
     assert min(map(closed_form, path.q)) >= 0.3
     assert max(math.dist(a, b) for a, b in zip(path.positions, path.positions[1:], strict=False)) < 0.06
-
-
-def test_goals_lie_where_each_stretch_of_path_has_passed() -> None:
-    reference = np.tile(np.eye(4), (11, 1, 1))
-    reference[:, 0, 3] = 0.01 * np.arange(11)
-    assert _ends(reference, 0.026) == [3, 6, 8, 10]
 
 
 # With turns as dear as in the search, which keeps them, the fruit is out of the arm's reach above the floor by more

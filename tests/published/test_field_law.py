@@ -31,13 +31,6 @@ def test_our_field_without_corrections_is_the_published_one() -> None:
         np.testing.assert_allclose(ours.force(x, v), law(damping=7.0).force(x, v), rtol=1e-9, atol=1e-9)
 
 
-def test_it_pulls_back_from_its_own_target_and_resists_less_towards_it() -> None:
-    assert law().force(LINE[-1])[0] < -3.0
-    assert law(stiffness=3000.0, drag=0.0).force(LINE[-1])[0] < -20.0
-    resists = law(drag=-250.0)
-    assert resists.force([0.0, 0.4])[0] < 3 * resists.force([0.1, 0.4])[0] < 0.0
-
-
 def test_the_gate_and_the_bound_are_hard() -> None:
     gated = law(released=lambda x: bool(x[0] < 0.0), force_limit=30.0)
     assert not gated.force([-1e-9, 0.41]).any()
@@ -46,11 +39,6 @@ def test_the_gate_and_the_bound_are_hard() -> None:
 
 def test_far_away_where_every_weight_underflows_there_is_no_force() -> None:
     assert not law().force([0.0, 1.6]).any()
-
-
-def test_the_remaining_length_is_measured_along_the_path() -> None:
-    corner = FieldLaw(np.array([[0.0, 0], [3, 0], [3, 4]]), stiffness=1.0, drag=1.0, width=1.0)
-    np.testing.assert_allclose(corner.remaining_length(), [7, 4, 0])
 
 
 @pytest.mark.parametrize("bad", [{"width": 0.0}, {"width": math.nan}, {"force_limit": -1.0}])

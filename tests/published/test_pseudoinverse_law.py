@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from rehab_opt import ConfigurationError
 from rehab_opt.kinematics.ardis import ARDIS_READY, ardis
 from rehab_opt.published.pseudoinverse_law import PseudoinverseLaw
 
@@ -56,8 +55,3 @@ def test_near_a_singular_posture_the_law_breaks_limits() -> None:
     broken = [law.excess(q, each, np.zeros(7), 0.01) for each in (velocity, fast)]
     assert max(each.acceleration for each in broken) > 0
     assert law.wheels(q, fast).shape == (4,)
-
-
-def test_another_drive_is_refused() -> None:
-    with pytest.raises(ConfigurationError, match="drive"):
-        PseudoinverseLaw(ROBOT, drive="legs")  # type: ignore[arg-type]

@@ -11,8 +11,8 @@ import pytest
 from rehab_opt.cli import main
 from rehab_opt.errors import ProblemFileError
 from rehab_opt.kinematics.goniometer import arm_posture, goniometer_range
-from rehab_opt.kinematics.human_arm import ARM_JOINTS, RANGES_OF_MOTION_DEG, human_arm
-from rehab_opt.session.arm_picture import TRUNK, range_figure, range_note, stick_arm
+from rehab_opt.kinematics.human_arm import ARM_JOINTS, RANGES_OF_MOTION_DEG
+from rehab_opt.session.arm_picture import range_note, stick_arm
 from rehab_opt.session.files import load_problem
 from rehab_opt.session.run import arms_of, checked
 from tests.refusals import refuses
@@ -70,14 +70,6 @@ def test_the_same_range_in_both_ways_of_counting_is_the_same_arm(written: Write)
     for ends in ("lower", "upper"):
         one, other = (getattr(next(iter(arms.values())), ends) for arms in (by_table, by_goniometer))
         np.testing.assert_allclose(one, other, atol=1e-12)
-
-
-def test_trunk_seen_from_above_reaches_as_far_to_either_side() -> None:
-    lines = [line for axes in range_figure("regular", human_arm()).axes for line in axes.lines]
-    trunks = [np.asarray(line.get_data()) for line in lines if line.get_color() == TRUNK]
-    across = [x for x, y in trunks if len(x) and not y.any()]
-    assert across
-    assert all(x.min() == -x.max() < 0.0 for x in across)
 
 
 def test_angles_that_nobody_has_are_refused_with_what_they_look_like(written: Write) -> None:

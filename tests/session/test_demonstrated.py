@@ -6,7 +6,6 @@ import csv
 import runpy
 import tomllib
 from collections.abc import Callable
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -16,11 +15,8 @@ import pytest
 from rehab_opt.errors import ProblemFileError
 from rehab_opt.recordings.reading import read_recording, resampled
 from rehab_opt.session.files import load_problem, problem_of, shipped_folder
-from rehab_opt.session.report import metrics_json
 from rehab_opt.session.run import checked, run_problem
 from rehab_opt.session.scenario.demonstrated import learnt
-from rehab_opt.session.scenario.figures import figures
-from rehab_opt.session.scenario.outcome import ScenarioOutcome
 from tests.refusals import refuses
 
 SHIPPED = shipped_folder() / "upper_limb"
@@ -37,13 +33,6 @@ def config(change: dict[str, dict[str, Any]], path: Path = SHIPPED / f"{NAME}.to
     for section, keys in change.items():
         whole[section] = {**whole.get(section, {}), **keys}
     return problem_of(whole, name=NAME, file=f"{NAME}.toml", path=path)
-
-
-@cache
-def outcome() -> ScenarioOutcome:
-    found = run_problem(config({"task": {"trials": 3}, "run": {"rate_hz": 200.0}}))
-    assert isinstance(found, ScenarioOutcome)
-    return found
 
 
 def test_what_is_learnt_is_what_the_therapist_did() -> None:
@@ -63,26 +52,6 @@ def test_what_is_learnt_is_what_the_therapist_did() -> None:
         assert fit.parameters["drag"] == pytest.approx(lead["PULL"] / (2 * length), rel=0.2)
         assert fit.held_out == (4,)
     assert known.field.fit.held_out_error < led.field.fit.held_out_error
-
-
-def test_with_the_learnt_field_the_target_is_reached_and_without_help_it_is_not() -> None:
-    measures = outcome().measures
-    assert all(each["success"] for each in measures["assisted"])
-    assert not any(each["success"] for each in measures["unassisted"])
-    np.testing.assert_array_equal(outcome().reference, outcome().fields[0].paths[0].points)
-
-
-def test_quality_on_what_was_held_out_is_told_in_notes_and_metrics() -> None:
-    found = outcome()
-    (learning,) = [note for note in found.notes if note.startswith("the field was learnt from 4 of 5")]
-    (held_out,) = [note for note in found.notes if note.startswith("of the 1 held out")]
-    told = found.metrics["learnt"]
-    assert f"S = {told['stiffness_N_m']:.3g}" in learning
-    assert f"{100 * told['held_out_fraction']:.0f} %" in held_out
-    assert told["held_out"] == [5]
-    assert told["held_out_error_N"] < told["constant_stiffness_error_N"]
-    assert "NaN" not in metrics_json(found)
-    assert "learnt" in figures(found)
 
 
 def test_keys_that_contradict_each_other_are_refused() -> None:

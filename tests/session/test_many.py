@@ -17,7 +17,6 @@ from types import SimpleNamespace
 import pytest
 
 from rehab_opt.errors import ConfigurationError, ProblemFileError
-from rehab_opt.session.many import pools
 from rehab_opt.session.many.participant import Participant
 from rehab_opt.session.many.pools import answers
 from rehab_opt.session.many.results import ResultRow
@@ -75,14 +74,6 @@ def test_a_worker_computes_in_one_thread_unless_the_user_says_more(
         monkeypatch.setenv("OPENBLAS_NUM_THREADS", own)
     assert [*answers([0], blas_threads, executor=None, workers=1)] == [(0, own or "1")]
     assert blas_threads(0) == own
-
-
-def test_there_are_no_more_processes_than_tasks(monkeypatch: pytest.MonkeyPatch) -> None:
-    asked: list[int] = []
-    monkeypatch.setattr(pools, "_by_processes", lambda _tasks, _work, count, _s: asked.append(count) or iter(()))
-    for workers in (1, 2, 9):
-        assert [*answers([0, 1], blas_threads, executor=None, workers=workers)] == []
-    assert asked == [1, 2, 2]
 
 
 def test_rows_are_written_as_they_end_and_told_of(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -14,29 +14,12 @@ from rehab_opt.kinematics.human_arm import human_arm
 from rehab_opt.kinematics.ur5 import ur5
 from rehab_opt.session.mirror.metrics import led_metrics
 from rehab_opt.session.outcome import (
-    error_metrics,
     joint_metrics,
-    path_fractions,
-    reason_counts,
-    status_counts,
-    time_metrics,
 )
 from rehab_opt.session.upper_limb.laws import driven, hand_and_tilt
 from rehab_opt.session.upper_limb.problem import SmoothingSection
 
 ARM = human_arm(range_of_motion="restricted")
-
-
-def test_fraction_of_length_ignores_where_the_hand_rests() -> None:
-    path = np.array([[0.0, 0, 0], [0.0, 0, 0], [0.0, 0, 0], [1.0, 0, 0], [2.0, 0, 0]])
-    of_length, of_time = path_fractions(path, np.array([True, True, True, False, False]))
-    assert of_length == pytest.approx(0.25)
-    assert of_time == pytest.approx(0.6)
-    assert path_fractions(np.zeros((4, 3)), np.array([True, False, False, False])) == (0.25, 0.25)  # one point
-    assert list(status_counts(["ok", "backup", "ok"]).items()) == [("ok", 2), ("backup", 1)]
-    spread = {"error_mean_m": 2.0, "error_p95_m": 2.9, "error_max_m": 3.0}
-    assert error_metrics(np.array([1.0, 3.0]), "error", "m") == pytest.approx(spread)
-    assert time_metrics(np.array([0.001, 0.003]), "tick")["tick_median_ms"] == pytest.approx(2.0)
 
 
 def test_margin_is_that_of_the_nearest_free_joint_and_negative_outside() -> None:
@@ -57,14 +40,6 @@ def test_unlimited_and_locked_joints_give_strict_json() -> None:
     for arm in (free, locked):
         numbers = joint_metrics(arm, np.array([ARM.lower, ARM.lower]), rate=10.0)
         assert json.loads(json.dumps(numbers, allow_nan=False))["joint_limit_margin_min_deg"] is None
-
-
-def test_reasons_that_differ_in_what_they_measure_alone_are_one() -> None:
-    far = [f"out of reach by {error:.3g} m: nearest posture" for error in (0.01, 2.5e-5)]
-    assert reason_counts(["", *far, "every joint is locked"]) == {
-        "out of reach: nearest posture": 2,
-        "every joint is locked": 1,
-    }
 
 
 def test_arm_slower_to_accelerate_than_the_file_says_is_driven_at_its_own_acceleration() -> None:

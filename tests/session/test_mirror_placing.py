@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 import tomllib
 from pathlib import Path
@@ -16,10 +15,9 @@ from rehab_opt import MirrorTracker, ur5
 from rehab_opt.cli import main
 from rehab_opt.control.seats import Seats
 from rehab_opt.errors import ProblemFileError
-from rehab_opt.session.files import ProblemFile, load_problem, shipped_problems
+from rehab_opt.session.files import load_problem, shipped_problems
 from rehab_opt.session.mirror import placing
 from rehab_opt.session.mirror.placing import found_place, replaced_keys
-from rehab_opt.session.mirror.problem import MirrorProblem
 
 SHIPPED = shipped_problems()["mirror/vr_hand"]
 
@@ -79,49 +77,6 @@ def test_what_is_patients_moves_as_one_and_the_rest_of_the_file_stays(folder: Pa
     assert "# a table top" in placed.read_text() or "[[tracker.keep_out]]" in placed.read_text()
 
 
-@pytest.mark.nightly
-def test_seats_that_are_run_are_apart_and_more_of_them_where_none_does_what_was_counted_on(
-    folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Of seats side by side all runs may come out of what is out of reach with the same joint wound up."""
-    run: list[list[float]] = []
-
-    def achieved(config: ProblemFile[MirrorProblem]) -> float:
-        run.append([*(config.problem.robot.start_deg or []), config.problem.patient.facing_deg])
-        return fractions[len(run) - 1]
-
-    monkeypatch.setattr(placing, "achieved", achieved)
-    for fractions in ([0.0, 1.0, 0.1], [0.1, 0.0, 0.1, 1.0], [0.1, 0.0, 0.1, 0.2, *[0.1] * 8]):
-        run.clear()
-        found = found_place(load_problem(str(folder / "reaches.toml")), seats=20, progress=lambda *_: None)
-        assert (found.passed, len(run)) == (max(fractions), len(fractions))
-        for a, b in itertools.combinations(np.array(run), 2):
-            assert np.abs((a - b + 180.0) % 360.0 - 180.0).max() > 15.0  # at the first pose; 29 at the middle one
-
-
-@pytest.mark.nightly
-def test_seats_are_searched_until_the_third_of_them_does_all_that_the_persons_arm_can(
-    folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Of a real hand the only two seats that did all wound up a joint in the run, and 0.94 of the best was left."""
-    asked: list[dict[str, Any]] = []
-    searches: list[int] = []
-
-    def counted(search: Any, seat: Any) -> float:
-        asked.append(search.keys(seat))
-        return 0.0 if len(asked) < 3 else float(search.most)
-
-    def told(what: str, number: int, _: int) -> None:
-        if what == "seats" and (not searches or number > searches[-1]):
-            searches.append(number)
-
-    monkeypatch.setattr(placing._Search, "counted", counted)
-    monkeypatch.setattr(placing, "achieved", lambda _: 0.0)  # so that all seats are run, the best first
-    found_place(load_problem(str(folder / "reaches.toml")), seats=20, progress=told)
-    assert searches == [0, 1, 2]
-    assert asked[2] == asked[3 + 2] != asked[3]
-
-
 def test_a_section_without_a_header_and_a_measured_frame_are_refused() -> None:
     with pytest.raises(ProblemFileError, match=r"placement\.calibration_file"):
         found_place(load_problem("mirror/pick_fruit"), progress=lambda *_: None)
@@ -171,6 +126,3 @@ def test_a_pose_that_a_seat_only_comes_near_is_none_that_it_has() -> None:
     poses = np.tile(arm.pose(at), (3, 1, 1, 1))
     poses[1, 0, 2, 3] += 2e-3
     assert seats.walk(poses, at[None], 0).done[:, 0].tolist() == [True, False, True]
-
-
-# ------------------------------------------------------------------------------------------------ the oracle itself

@@ -42,15 +42,6 @@ def test_own_range_of_motion_equal_to_table_i_gives_the_participants_arm() -> No
     np.testing.assert_array_equal(own.locked, table.locked)
 
 
-def test_segments_and_speeds_reach_the_arm() -> None:
-    section = ArmSection.model_validate(
-        {"side": "left", "range_of_motion": "regular", "segments": {"hand_mm": 0.0}, "joint_speed_deg_s": 90.0}
-    )
-    arm = participant_arm(section, file="f")
-    np.testing.assert_allclose(arm.velocity, np.pi / 2)
-    assert arm.rows[7].d == 0.0
-
-
 def test_other_hand_must_be_mirrored_and_the_same_one_not() -> None:
     for hand_of, mirror, expected in (("left", True, "false"), ("right", False, "true")):
         checked_hand(hand(hand_of, mirror=not mirror), side="left", file="f")  # type: ignore[arg-type]

@@ -16,15 +16,12 @@ from rehab_opt.plants.force_robot import ForceRobot, RobotModel
 from rehab_opt.plants.hand_robot import MujocoHandRobot, OnMujoco
 from rehab_opt.session.files import ProblemFile, load_problem, problem_content, problem_of, problem_path
 from rehab_opt.session.plant import (
-    HandPlant,
     JointPlant,
     joint_feedback,
     on_plant,
 )
 from rehab_opt.session.pose_tracking.run import RobotOutcome
-from rehab_opt.session.pose_tracking.shown import figures as robot_figures
 from rehab_opt.session.run import checked, run_problem
-from rehab_opt.session.scenario.loop import hand_robot_of
 from tests.refusals import refuses
 
 CIRCLE = {"circle": {"radius_m": 0.03, "duration_s": 1.5, "turns": 1.0, "swing_deg": 10.0}}
@@ -48,17 +45,6 @@ def circle(**tables: dict[str, Any]) -> RobotOutcome:
     outcome = run_problem(changed("robot/ur5_circle", **CIRCLE, **tables))
     assert isinstance(outcome, RobotOutcome)
     return outcome
-
-
-def test_an_ideal_plant_is_the_default_and_the_sum_of_the_commands() -> None:
-    unsaid, said = circle(), circle(plant={"kind": "ideal"})
-    assert np.array_equal(unsaid.q, said.q)
-    assert unsaid.motion is None
-    assert unsaid.metrics["parameters"]["plant"] == {"kind": "ideal"}
-    q = unsaid.q[0]
-    for command, after in zip(unsaid.command[:-1], unsaid.q[1:], strict=True):
-        q = q + command * 0.001
-        assert np.array_equal(q, after)
 
 
 def test_a_plant_that_there_is_not_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -90,32 +76,6 @@ def test_the_option_goes_before_the_file() -> None:
     assert on_plant(file, "mujoco").problem.plant.command_delay_ms == 8.0
     assert on_plant(file, "ideal").problem.plant.kind == "ideal"
     assert on_plant(load_problem("robot/ur5_circle"), "mujoco").problem.plant == JointPlant(kind="mujoco")
-
-
-@pytest.mark.parametrize("servo", ["velocity", "position"])
-def test_a_circle_on_servos_shows_what_was_commanded_and_what_was_true(servo: str) -> None:
-    pytest.importorskip("mujoco")
-    outcome = circle(plant={"kind": "mujoco", "servo": servo})
-    motion = outcome.motion
-    assert motion is not None
-    assert np.array_equal(motion.commanded, outcome.command)
-    noise = motion.measured[50:] - outcome.q[48:-2]  # two milliseconds of delay, at 1 kHz
-    assert noise.std() == pytest.approx(1e-4, rel=0.1)
-    # True speeds are the derivative of true places, and not what was commanded.
-    np.testing.assert_allclose(np.diff(outcome.q, axis=0) / 0.001, motion.velocity[1:], atol=0.02)
-    assert np.abs(motion.commanded - motion.velocity).max() > 0.01
-    assert 1e-4 < outcome.position_error.max() < 0.03
-    assert any("5 ms of delay" in note for note in outcome.notes)
-    # Told of delay and servo, noise neither costs the solver ticks nor makes the tracker's task yield.
-    assert set(outcome.status) == {"ok"}
-    assert outcome.metrics["optimised"]["relaxed"].keys() <= {"task"}
-    shown = robot_figures(outcome)["servos"]
-    lines = {line.get_label(): line.get_ydata() for line in shown.axes[4].get_lines()}  # of the elbow
-    np.testing.assert_allclose(np.deg2rad(lines["true"]), motion.velocity[:, 2], atol=1e-12)
-    np.testing.assert_allclose(np.deg2rad(lines["commanded"]), motion.commanded[:, 2], atol=1e-12)
-    columns = dict(outcome.trace())
-    assert list(columns["measured_elbow_rad"]) == motion.measured[:, 2].tolist()
-    assert list(columns["velocity_elbow_rad_s"]) == motion.velocity[:, 2].tolist()
 
 
 def test_a_tracker_is_told_what_the_table_says_of_delays_and_servos() -> None:
@@ -158,13 +118,3 @@ def test_the_stops_hold_a_hand_and_the_sensor_does_not_feel_them() -> None:
     assert 0.03 <= robot.x < 0.034
     assert robot.y > 0.1
     assert robot.measured_x == pytest.approx(-10.0, abs=0.2)
-
-
-def test_a_scenario_has_the_robot_of_its_table() -> None:
-    said = {"kind": "mujoco", "force_lag_ms": 5.0, "position_noise_m": 1e-3}
-    robot = hand_robot_of(changed("upper_limb/scenario_2_assist", plant=said))
-    assert isinstance(robot, OnMujoco)
-    assert robot.lag == 0.005
-    assert robot.channel == Channel(command_delay=0.003, measurement_delay=0.002, position_noise=1e-3)
-    assert not isinstance(hand_robot_of(load_problem("upper_limb/scenario_2_assist")), OnMujoco)
-    assert HandPlant().model_dump() == {"kind": "ideal"}

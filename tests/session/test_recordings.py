@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from pathlib import Path
 
@@ -29,27 +28,11 @@ MOT = (
 )
 
 
-def test_csv_is_read_in_the_units_its_header_names(written: Write) -> None:
-    path = written("path.csv", "t_ms,y_m,x_mm,elbow_deg,force_N\n0,1,2000,180,5\n1000,2,4000,90,6\n")
-    recording = read_recording(path)
-    np.testing.assert_allclose(recording.time, [0, 1])
-    np.testing.assert_allclose(recording.points, [[2, 1], [4, 2]])
-    np.testing.assert_allclose(recording.joints["elbow"], [math.pi, math.pi / 2])
-    assert recording.notes == ("columns not read: force_N",)
-
-
 def test_pen_trace_says_how_many_samples_it_dropped(written: Write) -> None:
     recording = read_recording(written("pen.svc", SVC))
     np.testing.assert_allclose(recording.time, [0.1, 0.2])
     np.testing.assert_allclose(recording.points, [[0.001, 0.002], [0.003, 0.004]])
     assert recording.notes[0] == "dropped: 1 samples with the pen up at the ends, 1 with a repeated time"
-
-
-def test_marker_is_read_by_name_and_hidden_frames_are_left_out(written: Write) -> None:
-    recording = read_recording(written("lift.trc", TRC), marker="HAND")
-    np.testing.assert_allclose(recording.points, [[0.01, 0.02, 0.03], [0.03, 0.02, 0.03]])
-    np.testing.assert_allclose(recording.time, [0, 0.02])
-    assert recording.notes == ("1 frames without marker HAND left out",)
 
 
 def test_a_marker_may_be_named_without_its_subject_who_is_told_to_nobody(written: Write) -> None:
@@ -63,13 +46,6 @@ def test_a_marker_may_be_named_without_its_subject_who_is_told_to_nobody(written
         with pytest.raises(ProblemFileError, match=r"recording\.marker") as refusal:
             read_recording(written("odd.trc", text), marker=marker)
         assert not {"Anna", "Ben"} & {*str(refusal.value).replace(":", " ").split()}
-
-
-def test_motion_file_tells_angles_from_lengths_and_notes_a_wrong_row_count(written: Write) -> None:
-    recording = read_recording(written("lift.mot", MOT), columns=["box_tx", "box_ty"])
-    np.testing.assert_allclose(recording.joints["elbow"], [math.pi / 2, math.pi])
-    np.testing.assert_allclose(recording.points, [[0.1, 0.2], [0.3, 0.4]])
-    assert recording.notes == ("its header states 9 rows, 2 are there",)
 
 
 def test_unusable_recording_is_refused_by_its_place(written: Write) -> None:
@@ -134,10 +110,3 @@ def test_uneven_sampling_is_said(written: Write) -> None:
     assert resampled(recording, 100.0).notes == (
         "sampled unevenly, 10 to 40 ms apart; resampled to 100 Hz by linear interpolation",
     )
-
-
-def test_shared_marker_trial_is_read_and_its_header_corrected(recorded: Callable[[str], Path]) -> None:
-    recording = read_recording(recorded("upper_limb_mocap/markers.trc"), marker="MEDH")
-    assert recording.points.shape == (93, 3)
-    np.testing.assert_allclose(recording.points[0], [0.6260219, 0.455174, 0.0186501])
-    assert recording.notes == ("its header states 652 frames, 93 are there",)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,16 +15,12 @@ from bench.verdict import all_met
 from rehab_opt import Status
 from rehab_opt.errors import ConfigurationError, ProblemFileError
 from rehab_opt.plants.force_robot import ForceRobot, RobotModel
-from rehab_opt.plants.intention import held, nearest_next, reached
-from rehab_opt.plants.simulated_person import Person, SimulatedPerson
-from rehab_opt.session.files import load_problem
 from rehab_opt.session.run import run_problem
 from rehab_opt.session.scenario.outcome import ScenarioOutcome
 from rehab_opt.session.scenario.system import ScenarioSystem
 from rehab_opt.session.systems import NotMet
 from rehab_opt.workspace.mapping import WorkspaceMap
 from tests.refusals import refuses
-from tests.workspace.mapped import table_one
 
 FAST = {"rate_hz": 400.0, "laws": ["unassisted", "assisted"]}
 """The full rate, and every number, by `python -m bench.scenarios`."""
@@ -84,11 +79,6 @@ def test_help_along_a_path_brings_the_hand_nearer_to_it_and_to_where_the_person_
         assert not at_end[-1] or np.linalg.norm(trial.commanded[-1]) < 1e-9
 
 
-@pytest.mark.nightly
-def test_twenty_hurried_people_deviate_less_than_half_in_the_mean() -> None:
-    assert ratio(outcome(FOLLOWED, 20), "deviation_mean_m").mean() < 0.5
-
-
 @pytest.mark.parametrize("name", ["scenario_2_assist", "scenario_5_hold"])
 def test_no_help_and_no_number_meet_no_verdict(name: str) -> None:
     found = outcome(name)
@@ -113,22 +103,6 @@ def test_no_bound_of_the_force_is_exceeded_in_a_run(name: str) -> None:
         assert {status for status, away in zip(trial.statuses, trial.let_go, strict=True) if not away} == {Status.OK}
         work = float((trial.commanded[:-1] * np.diff(trial.position, axis=0)).sum())
         assert work <= bounds["energy_budget_J"]
-
-
-def test_without_help_the_target_outside_is_not_reached() -> None:
-    """So that a success is the assistance's."""
-    assert not any(each["success"] for each in outcome("scenario_2_assist").measures["unassisted"])
-
-
-def test_the_same_seed_is_the_same_person_under_every_law() -> None:
-    found = outcome("scenario_5_hold")
-    none, ours = found.trials["unassisted"][2], found.trials["assisted"][2]
-    np.testing.assert_array_equal(none.intended[:400], ours.intended[:400])
-    task = {"trials": 3, **SHORTER["scenario_5_hold"]}
-    again = run_problem(changed("scenario_5_hold", task=task, run={**FAST, "laws": ["assisted"]}))
-    assert isinstance(again, ScenarioOutcome)
-    np.testing.assert_array_equal(again.trials["assisted"][2].position, ours.position)
-    assert not np.array_equal(found.trials["assisted"][1].position, ours.position)
 
 
 def test_the_reference_of_a_mapped_scenario_lies_in_the_comfortable_workspace() -> None:
@@ -214,15 +188,6 @@ def test_a_force_loop_is_refused_where_it_is_unstable_and_nowhere_else(integral:
                 model.check(1e3, dt=dt)
 
 
-def test_a_simulation_that_no_person_can_have_done_is_said_to_be_one() -> None:
-    wild = {"spasm_N": 100.0, "spasms_per_s": 10.0}
-    run = {"rate_hz": 200.0, "laws": ["unassisted"]}
-    found = run_problem(changed("scenario_2_assist", person=wild, task={"trials": 1}, run=run))
-    assert any("no hand is faster" in note for note in found.notes)
-    assert any("no arm goes there" in note for note in found.notes)
-    assert not any("no arm goes there" in note for note in outcome("scenario_2_assist").notes)
-
-
 def test_a_task_that_no_force_is_given_in_is_said_to_be_one() -> None:
     """Everything a therapy mode does is outside W_c: trials without any force all "succeeded", without a word."""
     within = changed("scenario_2_assist", task={"points_m": [[-0.16, 0.505], [-0.18, 0.50]]})
@@ -240,78 +205,6 @@ def test_a_loop_that_throws_the_hand_is_said_to_do_so() -> None:
     assert thrown > 0.3
     assert f"assisted: the hand reached {thrown:.3g} m/s, beyond the speed cap of 0.3 m/s" in found.notes
     assert not any("speed cap" in note for note in outcome("scenario_3_resist").notes)
-
-
-def test_help_that_is_worse_than_none_is_said_to_be_first(tmp_path: Path) -> None:
-    """A path that crosses itself, with a rest of 3 s on its second stretch: the hand is led on, held, and let go."""
-    corners = np.array([[0.0, 0.0], [40.0, 0.0], [40.0, 30.0], [0.0, 30.0], [20.0, -10.0]])
-    length = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(corners, axis=0), axis=1))]
-    along = np.linspace(0.0, length[-1], 601)
-    along = np.r_[along[:200], np.full(300, along[200]), along[200:]]
-    rows = np.column_stack([np.arange(901) / 100, *(np.interp(along, length, axis) for axis in corners.T)])
-    np.savetxt(tmp_path / "rest.csv", rows, delimiter=",", header="t_s,x_mm,y_mm", comments="")
-    (tmp_path / "rest.toml").write_text("""
-system = "scenario"
-title = "a rest"
-mode = "follow"
-arm = { side = "left", comfortable = "restricted", reachable = "regular" }
-field = { stiffness_N_m = 3000.0, width_mm = 3.0, damping_Ns_m = 40.0 }
-assistance = { force_limit_N = 30.0 }
-run = { laws = ["unassisted", "assisted"] }
-[task]
-recording = { file = "rest.csv", hand = "left" }
-placement = { centre_m = [-0.17, 0.49], fit_m = [0.30, 0.13] }
-movement_s = 15.0
-rest_s = 1.0
-trials = 1
-""")
-    found = run_problem(load_problem(tmp_path / "rest.toml"))
-    assert isinstance(found, ScenarioOutcome)
-    without, helped = (found.measures[law][0]["deviation_mean_m"] for law in ("unassisted", "assisted"))
-    worse = "assisted: with this help the hand deviated more than without any, in 1 of 1 trials"
-    assert (worse == found.notes[0]) == (helped > without)  # the law may come to know better
-    gone = float(found.trials["assisted"][0].let_go.mean())
-    assert any(f"let go, for {100 * gone:.2g} % of the time" in note for note in found.notes) == (gone > 0)
-
-
-def test_the_person_has_less_strength_and_stiffer_joints_outside() -> None:
-    still = Person(wander=0.0, tremor=0.0, spasm_rate=0.0, persistence=0.0)
-    person = SimulatedPerson(still, table_one("restricted"), dt=1e-3, ticks=10, seed=0)
-    inside = person.force(-0.17, 0.50, 0, 0, -0.60, 0.50, 0, 0)
-    assert math.hypot(*inside) == pytest.approx(still.strength)
-    outside = person.force(-0.28, 0.50, 0, 0, -0.60, 0.50, 0, 0)
-    beyond = float(table_one("restricted").distance([-0.28, 0.50]))
-    foot = table_one("restricted").nearest(np.array([-0.28, 0.50]))
-    expected = np.array([-still.weak_strength, 0.0]) + still.passive_stiffness * (foot - [-0.28, 0.50])
-    np.testing.assert_allclose(outside, expected, atol=1e-9)
-    assert person.beyond == pytest.approx(beyond)
-
-
-def test_moods_have_the_size_that_was_asked_for() -> None:
-    calm = Person(stiffness=1.0, damping=0.0, persistence=0.0, wander=5e-3, tremor=0.4, spasm_rate=0.0)
-    ticks = 120_000
-    person = SimulatedPerson(calm, table_one("restricted"), dt=1e-3, ticks=ticks, seed=1)
-    wander, tremor = np.array(person._wander), np.array(person._involuntary)
-    np.testing.assert_allclose(wander.std(axis=0), 5e-3, rtol=0.15)  # 240 correlation times
-    np.testing.assert_allclose(np.sqrt((tremor**2).sum(axis=1).mean()), 0.4, rtol=0.02)
-
-
-def test_a_reach_begins_and_ends_at_rest_on_its_path() -> None:
-    path = np.array([[0.0, 0.0], [0.1, 0.0], [0.1, 0.1]])
-    meant = reached(path, seconds=2.0, rest=0.5, dt=1e-3)
-    speed = np.linalg.norm(meant.velocities, axis=1)
-    assert speed[0] < 1e-3
-    assert speed[-1] == 0.0
-    np.testing.assert_allclose(speed.max(), 1.875 * 0.2 / 2.0, rtol=1e-3)  # of a minimum-jerk motion
-    np.testing.assert_allclose(meant.places[-1], path[-1], atol=1e-12)
-
-
-def test_points_are_held_in_the_order_of_nearest_next_and_counted_only_when_due() -> None:
-    points = nearest_next(np.array([[0.0, 0.0], [0.3, 0.0], [0.1, 0.0], [0.2, 0.01]]))
-    np.testing.assert_allclose(points[:, 0], [0.0, 0.1, 0.2, 0.3])
-    meant = held(points, move=0.5, dwell=1.0, dt=0.01)
-    assert len(meant.places) == 4 * 100 + 3 * 50
-    np.testing.assert_allclose(meant.places[meant.active], points[meant.goal[meant.active]], atol=1e-12)
 
 
 # ------------------------------------------------------------------------------------------------------- hostile files
@@ -375,20 +268,3 @@ def test_with_a_helper_the_participant_keeps_to_the_path_and_no_delay_makes_the_
     assert any(note.startswith("delayed: the helper felt") for note in found.notes)
     with pytest.raises(ProblemFileError, match=r"run\.laws"):
         changed("scenario_2_assist", run={"laws": ["together"]})
-
-
-@pytest.mark.parametrize(("slew", "swings"), [(200.0, True), (1000.0, False)])
-def test_a_slew_limit_that_does_not_go_with_the_spring_is_noted(slew: float, swings: bool) -> None:
-    """The hand then swings on a force that comes too late until the tank is empty; with a larger limit it arrives."""
-    config = changed(
-        "scenario_2_assist",
-        field={"stiffness_N_m": 3000.0, "damping_Ns_m": 5.0},
-        assistance={"slew_limit_N_s": slew},
-        task={"trials": 1},
-        run={"laws": ["assisted"]},
-    )
-    found = run_problem(config)
-    assert isinstance(found, ScenarioOutcome)
-    said = [note for note in found.notes if "assistance.slew_limit_N_s = 200" in note]
-    assert bool(said) is swings
-    assert (found.measures["assisted"][0]["releases"] > 0) is swings

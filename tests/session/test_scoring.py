@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 from collections.abc import Callable
 from pathlib import Path
@@ -14,7 +12,7 @@ import pytest
 from rehab_opt.cli import main
 from rehab_opt.errors import ProblemFileError
 from rehab_opt.recordings.recording import Recording
-from rehab_opt.session.scoring import Scored, score_recordings, trials_between_pauses, write_rows
+from rehab_opt.session.scoring import Scored, score_recordings, trials_between_pauses
 from tests.measures.yardstick import noisy, reach
 from tests.refusals import refuses
 
@@ -75,18 +73,6 @@ def test_a_movement_that_goes_the_other_way_is_no_repeat(written: Write) -> None
     said = [note for note in score_recordings(names, repeats=True).notes if "other way" in note]
     assert [note.partition(":")[0] for note in said] == [f"{names[1]}, trial 1"]
     assert not any("other way" in note for note in score_recordings([names[0], names[2]], repeats=True).notes)
-
-
-def test_rows_are_long_format_and_read_back(written: Write) -> None:
-    name = str(written('a "b",c.csv', table(*reach(100))))
-    scored = score_recordings([name])
-    file = io.StringIO()
-    write_rows(scored.rows, file)
-    header, *rows = csv.reader(io.StringIO(file.getvalue()))
-    assert header == ["recording", "trial", "measure", "value", "unit"]
-    assert len(rows) == len(scored.rows)
-    assert {(row[0], row[1]) for row in rows} == {(name, "1")}
-    assert float(next(row[3] for row in rows if row[2] == "speed_peak")) == pytest.approx(0.375, rel=1e-3)
 
 
 def test_what_cannot_be_scored_is_refused_with_its_file_and_trial(written: Write) -> None:

@@ -48,15 +48,6 @@ def test_range_used_is_that_of_the_recorded_reaches_and_one_that_holds_no_handle
     assert {"range_used", "workspace_of_range_used"} == set(used_ranges_figures(outcome))
 
 
-@pytest.mark.nightly
-def test_people_drawn_from_a_range_reach_a_part_of_its_workspace(recorded: Callable[[str], Path]) -> None:
-    recorded(f"{FOLDER}/RF_MEAN_ShEl.csv")
-    outcome = run({**CONTENT, "variation": {"people": 2, "spacing_mm": 20.0}})
-    for numbers in outcome.metrics["groups"].values():
-        assert numbers["area_m2"] > 0.03
-        assert numbers["people_drawn"] == 2
-
-
 def test_fault_is_refused_with_its_key() -> None:
     def read(recorded_section: dict[str, Any]) -> None:
         content = {**CONTENT, "recorded": recorded_section}

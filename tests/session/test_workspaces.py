@@ -7,12 +7,9 @@ import json
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
-import shapely
 
 from rehab_opt.errors import ProblemFileError
-from rehab_opt.kinematics.human_arm import RANGES_OF_MOTION_DEG
 from rehab_opt.session.files import load_problem, problem_of
 from rehab_opt.session.report import metrics_json
 from rehab_opt.session.run import checked, run_problem
@@ -56,16 +53,6 @@ def test_shipped_problem_gives_table_i_and_the_other_reading_of_figure_3(shipped
     json.loads(metrics_json(shipped), parse_constant=pytest.fail)
 
 
-def test_trace_holds_the_boundaries_themselves(shipped: WorkspaceOutcome) -> None:
-    columns = dict(boundary_columns({name: of.workspace for name, of in shipped.sets.items()}))
-    names, xs, ys = np.array(columns["set"]), columns["x_m"], columns["y_m"]
-    for name, of in shipped.sets.items():
-        rows = np.flatnonzero(names == name)
-        rebuilt = shapely.Polygon([(float(xs[i]), float(ys[i])) for i in rows])
-        assert rebuilt.symmetric_difference(of.workspace.polygon).area < 1e-12
-        assert {columns["ring"][i] for i in rows} == {0}
-
-
 def test_empty_set_is_an_answer_with_its_reason_in_table_note_and_figure() -> None:
     outcome = run(range_of_motion={"person [bold]7": "restricted"}, handle_tilt_deg=0.1)
     of = outcome.metrics["sets"]["person [bold]7"]
@@ -80,25 +67,6 @@ def test_empty_set_is_an_answer_with_its_reason_in_table_note_and_figure() -> No
     assert axes.get_ylim()[1] > 60.0  # [mm] the arrow of the shoulder is to be seen, and no grid of micrometres
     assert axes.get_xlim()[1] < 500.0
     assert dict(boundary_columns({name: of.workspace for name, of in outcome.sets.items()}))["x_m"] == []
-
-
-def test_placed_shoulder_moves_the_set_and_keeps_its_area() -> None:
-    here = run(range_of_motion="restricted")
-    there = run(range_of_motion="restricted", shoulder_m=[0.5, 0.0, 1.0], shoulder_turn_deg=90.0)
-    a, b = (of.sets["restricted"].workspace for of in (here, there))
-    turned = shapely.affinity.rotate(a.polygon, 90, origin=(0, 0))
-    moved = shapely.affinity.translate(turned, 0.5, 0.0)
-    assert moved.symmetric_difference(b.polygon).area < 1e-9
-    axes = workspace_figures(there)["workspace"].axes[0]
-    assert "robot's frame" in axes.get_xlabel()
-
-
-def test_any_handle_reaches_at_least_what_a_vertical_one_does() -> None:
-    held, free = (run(range_of_motion="restricted", handle_tilt_deg=tilt) for tilt in (2.0, "any"))
-    a, b = (of.sets["restricted"].workspace for of in (held, free))
-    assert a.polygon.buffer(-0.006).difference(b.polygon.buffer(0.006)).area == 0
-    assert b.area > a.area
-    assert any("may tilt any way" in note for note in free.notes)
 
 
 def test_volumes_come_with_and_without_the_handle() -> None:
@@ -125,22 +93,6 @@ def shown(outcome: WorkspaceOutcome) -> str:
     text = io.StringIO()
     Console(file=text, width=160).print(workspace_table(outcome))
     return text.getvalue()
-
-
-def test_own_range_in_place_of_the_named_ones_needs_no_search_for_tilts() -> None:
-    own = {f"{joint}_deg": list(pair) for joint, pair in RANGES_OF_MOTION_DEG["restricted"].items()}
-    content = {
-        "system": "workspace",
-        "title": "test",
-        "arm": {**COARSE, "range_of_motion": own},
-        "tilts": {"range": "restricted", "handle_tilt_deg": [20.0]},
-    }
-    outcome = run_problem(problem_of(content, name="test", file="f", path=Path("f")))
-    assert list(outcome.metrics["sets"]) == ["own range"]
-    assert "tilts" not in outcome.metrics["sets"]["own range"]
-    named = {**content, "arm": {**COARSE, "range_of_motion": {"restricted": own}}}
-    outcome = run_problem(problem_of(named, name="test", file="f", path=Path("f")))
-    assert outcome.metrics["sets"]["restricted"]["tilts"]["20_deg"]["area_m2"] == pytest.approx(0.0102, rel=0.05)
 
 
 def test_fault_is_refused_with_its_key() -> None:

@@ -15,10 +15,8 @@ import pytest
 
 from rehab_opt.cli import main
 from rehab_opt.measures.score import Measure
-from rehab_opt.study.drawing import Series, outline_chart, progress_chart
 from rehab_opt.study.report import BROWSERS, report_html
 from rehab_opt.study.store import Study
-from rehab_opt.study.summary import Interval
 from rehab_opt.study.trial import Bound, Event, Session, Trial
 from tests.study.made_studies import made_trial
 
@@ -162,31 +160,6 @@ def test_every_event_and_every_bound_that_was_passed_is_told(study: Study) -> No
     words = "".join(read(report_html(study, "P")).words)
     for expected in ("2 events in 2 trials; a bound was passed 2 times", "event 12.0", "event 13.0", "130 %", "2 of 3"):
         assert expected in words
-
-
-def test_conditions_are_compared_within_people(study: Study) -> None:
-    for i, gain in enumerate((0.1, 0.2, 0.3)):
-        for condition, value in (("a", 1.0 + i), ("b", 1.0 + i + gain)):
-            study.add(Session(f"P{i}", "1"), Trial("live", [Measure("movement_time", value, "s")], condition=condition))
-    study.add(Session("P9", "1"), Trial("live", [Measure("movement_time", 50.0, "s")], condition="b"))
-    assert "<td>b less a</td><td>3</td><td>0.2 (-0.0484 to 0.448)</td>" in report_html(study)
-
-
-def test_points_and_intervals_stand_where_they_belong() -> None:
-    means = [(0.0, Interval(1.0, 0.5, 1.5, 4)), (1.0, Interval(2.0, math.nan, math.nan, 1))]
-    chart = progress_chart([Series("s", [(0.0, 1.0), (1.0, 2.0)], means)], [(0.0, "a"), (1.0, "b")])
-    dots = [(float(x), float(y)) for x, y in re.findall(r"M(\d+) (\d+)h0", chart)]
-    circles = [(float(x), float(y)) for x, y in re.findall(r'<circle cx="([\d.]+)" cy="([\d.]+)"', chart)]
-    np.testing.assert_allclose(dots, circles, atol=0.51)
-    assert dots[0][1] > dots[1][1]  # more is higher
-    assert len(re.findall(r'class="bar"', chart)) == 1
-    close = progress_chart([Series("s", [(0.0, 10.0), (1.0, 10.1)], [])], [(0.0, "a"), (1.0, "b")])
-    heights = np.array(re.findall(r'class="end">([-.0-9]+)<', close), dtype=float)
-    np.testing.assert_allclose(np.diff(heights), heights[1] - heights[0])  # as many digits as tell them apart
-    assert heights[1] > heights[0]
-    square = outline_chart([("s", [(0, 0), (0.1, 0), (0.1, 0.1), (0, 0.1), (0.05, 0.05)])])
-    corners = re.findall(r'points="([^"]*)"', square)[0].split()
-    assert len(corners) == 4
 
 
 def test_the_command_writes_a_page_for_its_owner_alone(

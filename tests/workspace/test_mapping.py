@@ -48,18 +48,6 @@ def test_force_and_motion_carry_the_same_power_on_both_sides(way, seed, fx, fy):
     assert made.push_force(point, force) @ velocity == pytest.approx(force @ moved, rel=1e-5, abs=1e-6)
 
 
-def test_arrays_and_single_points_agree():
-    made = mapped("regular", "restricted")
-    points = np.concatenate([random_points(made.source, 5, 2), [[3.0, 3.0], [np.nan, 0.0]]])
-    forces = np.ones((7, 2))
-    for k, point in enumerate(points):
-        assert made(points)[k] == pytest.approx(made(point), abs=1e-14, nan_ok=True)
-        assert made.jacobian(points)[k] == pytest.approx(made.jacobian(point), abs=1e-12, nan_ok=True)
-        pushed = made.push_force(points, forces)[k]
-        assert pushed == pytest.approx(made.push_force(point, forces[k]), abs=1e-12, nan_ok=True)
-    assert np.isnan(made(points)[-1]).all()
-
-
 def test_a_point_outside_counts_as_the_nearest_of_the_source():
     made = mapped("crescent", "blob")
     outside = np.array([[0.5, 0.5], [0.02, -0.05], [-9.0, 0.0]])
@@ -81,14 +69,6 @@ def test_directions_turn_by_the_wanted_rotation(turn):
     audit = made.audit(2000)
     assert audit.passed
     assert audit.max_stretch / audit.min_stretch < 1.3
-
-
-def test_the_best_rotation_distorts_less_than_none_where_the_sets_lie_across_each_other():
-    lying, standing = workspace(box(0.0, 0.0, 0.3, 0.1)), workspace(box(0.0, 0.0, 0.1, 0.3))
-    kept, best = (WorkspaceMap.between(lying, standing, rotation=turn, landmarks=120) for turn in (0.0, "best"))
-    assert abs(kept.rotation) < 0.1
-    assert abs(abs(best.rotation) - np.pi / 2.0) < 0.1
-    assert best.audit(2000).max_stretch < 0.7 * kept.audit(2000).max_stretch
 
 
 def test_landmarks_that_are_added_where_a_map_is_not_proven_leave_it_as_it_is_and_the_source_s_outline_is_drawn(

@@ -95,17 +95,6 @@ def test_what_is_no_point_and_no_valid_polygon_is_refused_by_name() -> None:
     refuses(workspace, *(((each,), "polygon") for each in [*shapes, *sizes]))
 
 
-def test_a_point_may_come_as_any_two_numbers() -> None:
-    asked = workspace(SQUARE)
-    forms = [(1, 2), [1.0, 2.0], np.array([1, 2]), np.array([1.0, 2.0], dtype="f4"), (np.float64(1), np.int32(2))]
-    for form in forms:
-        assert type(asked.distance(form)) is float
-        assert asked.distance(form) == 1.0
-        assert asked.contains(form) is False
-        assert asked.nearest(form).tolist() == [1.0, 1.0]
-    assert asked.distance([[1, 2], [1, 3]]).tolist() == [1.0, 2.0]
-
-
 def test_a_workspace_survives_pickling() -> None:
     placement = ShoulderPlacement((1.0, 2.0, 3.0), 0.4)
     asked = Workspace(SQUARE, accuracy=2e-3, height=-0.2, handle_tilt=0.03, placement=placement, reason="")

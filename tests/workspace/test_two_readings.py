@@ -2,37 +2,12 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 import pytest
 
 from rehab_opt import human_arm, planar_workspace
 from rehab_opt.kinematics.human_arm import RANGES_OF_MOTION_DEG
 from tests.workspace.mapped import mapped, shape
-
-
-@pytest.mark.parametrize(
-    ("tilt_deg", "cm2"),
-    [
-        (2.0, 33.1),
-        *(pytest.param(*each, marks=pytest.mark.nightly) for each in ((5.0, 44.2), (10.0, 63.3), (20.0, 102.0))),
-        (None, 107.3),
-    ],
-)
-def test_area_of_table_i_grows_threefold_with_the_tilt_of_the_handle(tilt_deg: float | None, cm2: float) -> None:
-    tilt = None if tilt_deg is None else math.radians(tilt_deg)
-    found = planar_workspace(human_arm(range_of_motion="restricted"), handle_tilt=tilt, accuracy=1e-3)
-    assert 1e4 * found.area == pytest.approx(cm2, rel=0.01)
-
-
-def test_caption_of_figure_3_gives_ten_times_the_area_of_table_i() -> None:
-    found = shape("figure_3")
-    x_min, y_min, x_max, y_max = found.polygon.bounds
-    assert 1e4 * found.area == pytest.approx(332.0, rel=0.01)
-    assert x_max - x_min == pytest.approx(0.49, abs=0.005)
-    assert y_max - y_min == pytest.approx(0.17, abs=0.005)
-    assert found.area > 9.5 * shape("restricted").area
 
 
 def test_caption_leaves_the_regular_workspace_by_those_two_degrees_alone() -> None:

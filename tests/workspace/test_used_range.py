@@ -20,17 +20,6 @@ def test_a_range_is_the_percentiles_of_all_trials_together() -> None:
     assert (used.samples["elbow"], used.trials["elbow"], used.gaps["elbow"]) == (400, 3, 0)
 
 
-def test_one_array_ragged_trials_and_names_mean_the_same() -> None:
-    table = np.column_stack([SWING, -SWING, 0.5 * SWING])
-    names = ("a", "b", "c")
-    whole = range_of_motion(table, names=names)
-    assert whole == range_of_motion([table[:7], table[7:250], table[250:]], names=names)
-    assert whole == range_of_motion(dict(zip(names, table.T, strict=True)))
-    assert whole == range_of_motion(table.reshape(4, 100, 3), names=names)
-    assert whole == range_of_motion({name: column.reshape(8, 50) for name, column in zip(names, table.T, strict=True)})
-    assert whole == range_of_motion({name: list(column) for name, column in zip(names, table.T, strict=True)})
-
-
 def test_gaps_are_counted_and_change_nothing() -> None:
     holed = np.insert(SWING, [3, 90, 399], [np.nan, np.nan, np.inf])
     used = range_of_motion({"elbow": [holed, np.full(5, np.nan)]})
@@ -63,18 +52,6 @@ def test_jumps_by_whole_turns_are_undone_within_and_between_trials() -> None:
     np.testing.assert_allclose(range_of_motion({"wrist": trials})["wrist"], expected)
     near = range_of_motion({"wrist": around}, within={"wrist": (-2 * np.pi, 0.0)})  # the branch of the limits
     np.testing.assert_allclose(near["wrist"], expected - 2 * np.pi)
-
-
-def test_margin_adds_then_minimum_width_widens_about_the_middle_then_limits_cut() -> None:
-    lower, upper = np.percentile(SWING, [5, 95])
-    used = range_of_motion({"a": SWING}, margin=0.1)
-    np.testing.assert_allclose(used["a"], (lower - 0.1, upper + 0.1))
-    middle = (lower + upper) / 2
-    used = range_of_motion({"a": SWING}, margin=0.1, minimum_width=3.0)
-    np.testing.assert_allclose(used["a"], (middle - 1.5, middle + 1.5))
-    used = range_of_motion({"a": SWING}, margin=0.1, minimum_width=3.0, within={"a": (-0.2, 9.0)})
-    np.testing.assert_allclose(used["a"], (-0.2, middle + 1.5))
-    assert any("cut" in note for note in used.notes)
 
 
 def test_joints_without_data_stay_away_unless_a_default_is_stated() -> None:

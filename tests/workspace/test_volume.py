@@ -1,8 +1,6 @@
 """Reachable volumes: slabs, closed meshes, and what is known about them in closed form."""
 
 import math
-import pickle
-from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -11,7 +9,6 @@ from numpy.typing import NDArray
 
 from rehab_opt import DH, ConfigurationError, SerialChain, human_arm
 from rehab_opt.workspace.layered_mesh import SurfaceMesh, closed_mesh, enclosed_volume
-from rehab_opt.workspace.placement import ShoulderPlacement
 from rehab_opt.workspace.volume import ReachableVolume, reachable_volume
 
 TILT = math.radians(2.0)
@@ -71,41 +68,10 @@ def upright() -> ReachableVolume:
 
 
 class TestTheParticipant:
-    def test_the_handle_costs_volume(self, upright: ReachableVolume) -> None:
-        heights = upright.heights
-        free = reachable_volume(human_arm(range_of_motion="restricted"), handle_tilt=None, heights=heights)
-        assert 0 < upright.volume < free.volume
-        for held, open_ in zip(upright.slices, free.slices, strict=True):
-            assert open_.polygon.buffer(4e-3).contains(held.polygon)
-
     def test_the_mesh_is_closed_and_holds_the_volume(self, upright: ReachableVolume) -> None:
         assert np.all(edge_counts(upright.triangles) == 1)
         inside = enclosed_volume(SurfaceMesh(upright.vertices, upright.triangles))
         assert abs(inside - upright.volume) <= upright.volume_bound
-
-    def test_other_threads_find_the_same_and_it_may_be_pickled(self, upright: ReachableVolume) -> None:
-        placement = ShoulderPlacement(position=(0.1, 0.2, 0.3), turn=0.4)
-        with ThreadPoolExecutor(2) as executor:
-            found = reachable_volume(
-                human_arm(range_of_motion="restricted"), handle_tilt=TILT, spacing=0.07, executor=executor,
-                placement=placement,
-            )  # fmt: skip
-        again = pickle.loads(pickle.dumps(found))
-        assert again.volume == pytest.approx(upright.volume, rel=1e-9)
-        centre = upright.slices[len(upright.slices) // 2].polygon.representative_point()
-        point = np.array([centre.x, centre.y, upright.heights[len(upright.slices) // 2]])
-        assert upright.contains(point) is True
-        moved = np.array([*placement.to_robot(point[:2]), point[2] + 0.3])
-        assert again.contains(moved) is True
-        assert again.contains([moved, [math.nan] * 3, moved + 1.0]).tolist() == [True, False, False]
-
-
-def test_a_handle_that_is_never_upright_leaves_no_volume() -> None:
-    found = reachable_volume(human_arm(range_of_motion="restricted"), handle_tilt=math.radians(0.3))
-    assert found.empty
-    assert found.volume == 0.0
-    assert "handle" in found.reason
-    assert found.contains((0.0, 0.4, -0.2)) is False
 
 
 def test_a_mesh_that_would_fill_the_memory_is_refused() -> None:
