@@ -44,6 +44,23 @@ def test_with_noise_the_error_left_is_the_noise() -> None:
         assert abs(value - TRUE[name]) < 5 * fit.standard_error[name]
 
 
+def test_per_point_parameters_reproduce_what_one_stiffness_cannot() -> None:
+    hands = led_hands(truth(stiffness=np.linspace(400.0, 2000.0, 300)), noise=0.2)
+    shared, each = learnt(hands).fit, learnt(hands, per_point=True).fit
+    assert each.held_out_error < 0.5 * shared.held_out_error
+    assert each.parameters["stiffness at 1.00 of the way left"] < 700.0
+    assert each.parameters["stiffness at 0.18 of the way left"] > 1400.0
+    assert len(each.parameters) == 24
+
+
+def test_a_hidden_truth_is_found_from_the_demonstrations_alone() -> None:
+    field = learnt(led_hands(truth(), noise=0.5), path=None)
+    assert len(field.paths) == 1
+    assert np.linalg.norm(field.paths[0].points[:, None] - WAY, axis=2).min(axis=1).max() < 0.005
+    assert field.fit.held_out_fraction < 0.1
+    assert field.fit.held_out_error < 0.1 * field.fit.constant_stiffness_error
+
+
 def test_the_force_never_points_against_the_demonstration_whatever_was_recorded() -> None:
     # Where stiffness rises along the path, its mean under the Gaussian pulls back, though no phi_0 does.
     rising = truth(stiffness=np.linspace(400.0, 4000.0, 300), drag=0.0)
@@ -90,6 +107,10 @@ def test_what_the_data_do_not_tell_is_named() -> None:
     alone = PotentialField.learn(on_it, path=line, width=0.025, per_point=True, stations=10, compile=False).fit
     assert alone.condition > 1e3
     assert any(name.startswith("stiffness") for name in alone.unidentified)
+
+
+def test_of_several_widths_the_one_that_held_out_data_prefer_is_taken() -> None:
+    assert learnt(led_hands(truth()), width=[0.015, 0.025, 0.04]).fit.width == 0.025
 
 
 @pytest.mark.parametrize("rest_on_target", [True, False])
@@ -153,6 +174,16 @@ def test_noise_of_a_hand_at_rest_is_no_way_along_the_path() -> None:
     mean = mean_path([line, resting], 0.005)
     away = np.linalg.norm(mean[:, None] - line, axis=2).min(axis=1)
     assert away.max() < 1e-3
+
+
+def test_velocities_of_a_noisy_recording_at_a_kilohertz_are_those_of_the_hand() -> None:
+    rng, times = np.random.default_rng(2), np.arange(3000) * 1e-3
+    places = np.column_stack((0.05 * np.sin(times), 0.03 * np.cos(2 * times)))
+    true = np.column_stack((0.05 * np.cos(times), -0.06 * np.sin(2 * times)))
+    seen = places + rng.normal(0, 1e-4, places.shape)
+    for kwargs in ({"dt": 1e-3}, {"times": 7.0 + times}):
+        hand = Demonstration(positions=seen, forces=np.zeros_like(seen), **kwargs)  # type: ignore[arg-type]
+        assert np.sqrt(((hand.velocities - true) ** 2).mean()) < 0.004
 
 
 def test_a_circle_gone_the_other_way_round_is_refused_and_a_way_there_and_back_is_not() -> None:

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from rehab_opt import ConfigurationError, PotentialField
 from rehab_opt.field.assembly import assembled
+from rehab_opt.field.samples import arc_length, resampled_path
 from rehab_opt.field.weights import energies_and_forces
 from tests.refusals import refuses
 
@@ -91,6 +92,14 @@ def test_resistance_is_against_the_motion_everywhere_and_largest_at_the_target(n
     assert abs(published[-1]) < 0.5 * np.abs(published).max()  # the printed form: little is left at the target
 
 
+@pytest.mark.parametrize("name", PATHS)
+def test_a_field_without_drag_lets_a_hand_move_along_its_path(name: str) -> None:
+    each = field(PATHS[name], stiffness=3000.0)
+    free = along(each)[: -round(3 * 0.025 / (0.025 / 4))]
+    assert np.abs(free).max() < 1.5
+    assert np.abs(along(field(PATHS[name], stiffness=3000.0, rest_on_target=False))).max() > 20.0
+
+
 @settings(max_examples=200, deadline=None)
 @given(x=st.floats(-900, 900), y=st.floats(-900, 900))
 def test_it_is_finite_at_any_distance(x: float, y: float) -> None:
@@ -104,6 +113,49 @@ def test_it_is_finite_at_any_distance(x: float, y: float) -> None:
 
 
 FAR = field(HOOK, drag=200.0)
+
+
+def test_many_points_and_one_point_agree() -> None:
+    x = np.random.default_rng(3).uniform(-0.3, 0.6, (50, 2))
+    v = np.random.default_rng(4).standard_normal((50, 2))
+    each = field(HOOK, drag=100.0, damping=[3.0, 5.0])
+    np.testing.assert_allclose(each.force(x, v), [each.force(a, b) for a, b in zip(x, v, strict=True)], atol=1e-8)
+    np.testing.assert_allclose(each.energy(x), [each.energy(a) for a in x], rtol=1e-9)
+
+
+def test_more_samples_change_nothing() -> None:
+    x = np.random.default_rng(7).uniform((-0.2, 0.35), (0.2, 0.55), (30, 2))
+    fine = field(HOOK, drag=200.0, spacing=0.025 / 16)
+    apart = np.linalg.norm(fine.force(x) - FAR.force(x), axis=1)
+    assert apart.max() < 0.4  # of up to 200 N: from the curved path's chords
+
+
+def test_beyond_its_target_a_hand_is_brought_back() -> None:
+    for options in SETTINGS[:4]:
+        each = field(LINE, **options)
+        for beyond in (0.002, 0.01, 0.03, 0.1, 0.3, 1.0):
+            assert each.force([0.15 + beyond, 0.4])[0] < 0.0
+
+
+def test_stiffness_may_vary_along_the_path() -> None:
+    stiffness = np.linspace(500.0, 1500.0, 300)
+    each = field(LINE, stiffness=stiffness)
+    assert each.force([0.0, 0.405])[1] == pytest.approx(-5.0, rel=0.02)
+    assert each.force([0.05, 0.405])[1] == pytest.approx(-1000 / 6 * 1e-2 * 0.5 - 5.0, rel=0.02)
+    both = field([LINE, LINE], stiffness=[stiffness, np.column_stack([stiffness, stiffness])])
+    x = np.random.default_rng(8).uniform((-0.2, 0.35), (0.2, 0.55), (10, 2))
+    np.testing.assert_allclose(both.force(x), each.force(x), atol=1e-6)
+
+
+def test_several_demonstrations_share_one_target() -> None:
+    rng = np.random.default_rng(9)
+    paths = [
+        LINE + S[:, None] * rng.normal(0, 0.004, 2) + 0.01 * rng.standard_normal(2) * (1 - S[:, None]) for _ in range(6)
+    ]
+    each = field(paths, drag=200.0)
+    np.testing.assert_allclose(each.target, np.mean([path[-1] for path in paths], axis=0))
+    np.testing.assert_allclose(each.force(each.target), 0.0, atol=1e-9)
+    assert np.linalg.eigvalsh(each.stiffness(each.target))[0] > 100.0
 
 
 def test_demonstrations_without_a_common_target_are_refused_or_published() -> None:
@@ -141,6 +193,12 @@ def test_many_samples_are_few_within_the_stated_bound(count: int) -> None:
     assert near.max() < 5.0
 
 
+def test_a_merged_field_still_rests_on_its_target() -> None:
+    each = field([path + S[:, None] * (LINE[-1] - path[-1]) for path in crowd(60)], drag=200.0)
+    assert each.whole.merge.cell > 0
+    np.testing.assert_allclose(each.force(each.target), 0.0, atol=1e-9)
+
+
 # -------------------------------------------------------------------------------------------------------- arguments
 def test_what_cannot_be_used_and_what_is_no_path_is_named() -> None:
     wrong = [
@@ -150,3 +208,14 @@ def test_what_cannot_be_used_and_what_is_no_path_is_named() -> None:
     refuses(field, *(({name: value}, f"{name}") for name, value in wrong))
     paths = [[], np.zeros((0, 2)), np.zeros((3, 3)), [[0.0, math.nan]], [[0.0, 1e9]], "path", None]
     refuses(field, *(((path,), "path") for path in paths))
+
+
+def test_resampling_keeps_the_ends_and_the_length() -> None:
+    path = resampled_path(ARC, 0.01)
+    np.testing.assert_array_equal(path.points[[0, -1]], ARC[[0, -1]])
+    steps = np.diff(path.travelled)
+    np.testing.assert_allclose(steps, steps[0])
+    assert steps[0] <= 0.01
+    assert path.travelled[-1] == pytest.approx(arc_length(ARC)[-1])
+    np.testing.assert_allclose(path.travelled + path.remaining, path.travelled[-1])
+    np.testing.assert_allclose(np.sum(path.tangents * path.points, axis=1), 0.0, atol=6e-3)  # a circle about zero

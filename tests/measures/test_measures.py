@@ -19,9 +19,12 @@ from rehab_opt import measures
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.measures import score
 from rehab_opt.measures.speed import THRESHOLD
-from tests.measures.yardstick import noisy, reach
+from tests.measures.yardstick import LENGTH, SECONDS, noisy, reach
 
 seeds = st.integers(0, 2**32 - 1)
+
+
+SHARES = np.linspace(0.0, 1.0, 1001)
 
 
 def reaches_in_a_row(count: int) -> np.ndarray:
@@ -37,6 +40,32 @@ def values(scored: measures.Score) -> dict[str, float]:
 
 
 # ------------------------------------------------------------------------------------------------------------ speed
+def test_minimum_jerk_reach_peaks_at_1_875_times_its_mean_speed() -> None:
+    _, points = reach(2000)
+    velocity = measures.hand_velocity(points, 2000, cutoff_hz=None)
+    assert measures.peak_speed(velocity) == pytest.approx(1.875 * LENGTH / SECONDS, rel=1e-6)
+    assert measures.peak_speed(velocity) / measures.mean_speed(velocity) == pytest.approx(1.875, rel=1e-3)
+
+
+@pytest.mark.parametrize("samples", [26, 31, 101])
+def test_mean_speed_is_way_over_time_however_it_was_sampled(samples: int) -> None:
+    even = np.linspace(0, 1, samples)
+    assert measures.mean_speed(minimum_jerk_speed(even)) == pytest.approx(1, rel=1e-5)
+    uneven = even + 0.3 / samples * np.sin(7 * np.arange(samples)) * (even * (1 - even) > 0)
+    assert measures.mean_speed(minimum_jerk_speed(uneven), uneven) == pytest.approx(1, rel=0.01)
+    assert measures.mean_speed([[3.0, 4.0]]) == pytest.approx(5.0)
+
+
+@pytest.mark.parametrize("threshold", [0.01, 0.05, 0.2])
+def test_minimum_jerk_movement_time_is_its_closed_form(threshold: float) -> None:
+    speed = minimum_jerk_speed(np.linspace(0, 1, 501))
+    lasted = math.sqrt(1 - math.sqrt(threshold))
+    begin, end = measures.movement_interval(speed, 500 / SECONDS, threshold=threshold)
+    assert begin == pytest.approx((1 - lasted) / 2, abs=1e-4)
+    assert end == pytest.approx((1 + lasted) / 2, abs=1e-4)
+    assert measures.movement_time(speed, 500, threshold=threshold) == pytest.approx(lasted, abs=2e-4)
+
+
 def test_ripples_lower_than_the_rise_and_peaks_closer_than_apart_are_no_peaks() -> None:
     time = np.linspace(0, 1, 501)
     ripple, waves = np.sin(2 * np.pi * 8 * time), 1 - 0.1 * np.cos(2 * np.pi * 8 * time)
@@ -91,6 +120,14 @@ def test_smoothness_does_not_depend_on_the_unit_of_speed_nor_on_duration(scale: 
     )
 
 
+def test_frequencies_above_ten_hertz_do_not_count() -> None:
+    calm = minimum_jerk_speed(SHARES)
+    shaken = calm + 0.5 * np.sin(2 * np.pi * 60.0 * SHARES)
+    assert measures.spectral_arc_length(shaken, 1000.0) == pytest.approx(
+        measures.spectral_arc_length(calm, 1000.0), abs=0.02
+    )
+
+
 @settings(max_examples=20, deadline=None)
 @given(length=st.floats(1e-3, 10), seconds=st.floats(0.1, 30), turn=st.floats(-3, 3))
 def test_minimum_jerk_reach_has_a_dimensionless_jerk_of_204_8(length: float, seconds: float, turn: float) -> None:
@@ -102,7 +139,25 @@ def test_minimum_jerk_reach_has_a_dimensionless_jerk_of_204_8(length: float, sec
     assert measures.log_dimensionless_jerk(speed, 400 / seconds) == pytest.approx(-math.log(expected), abs=1e-3)
 
 
+def test_jerk_of_a_circle_is_its_turning_and_of_its_speed_nothing() -> None:
+    """With v = omega r, |jerk| = omega^2 v: D^3 / v^2 * omega^4 v^2 D = (omega D)^4, a turn being (2 pi)^4."""
+    angle = np.linspace(0, 2 * math.pi, 2001)
+    velocity = 0.3 * np.column_stack((-np.sin(angle), np.cos(angle)))
+    assert measures.dimensionless_jerk(velocity, 2000 / 1.7) == pytest.approx((2 * math.pi) ** 4, rel=1e-4)
+    assert measures.dimensionless_jerk(np.full(2001, 0.3), 1000) == pytest.approx(0.0, abs=1e-12)
+    assert measures.log_dimensionless_jerk(np.full(2001, 0.25), 1000) == math.inf
+
+
 # ------------------------------------------------------------------------------------------------------------- path
+def test_half_circle_is_half_pi_times_its_diameter() -> None:
+    angle = np.linspace(0, math.pi, 2001)
+    half = np.column_stack((np.cos(angle), np.sin(angle)))
+    assert measures.path_length(0.2 * half) == pytest.approx(0.2 * math.pi, rel=1e-6)
+    assert measures.path_ratio(half) == pytest.approx(math.pi / 2, rel=1e-6)
+    assert measures.path_ratio(half, 2 * half) == pytest.approx(0.5)
+    assert math.isnan(measures.path_ratio(np.vstack((half, half[::-1]))))
+
+
 @settings(max_examples=40, deadline=None)
 @given(seed=seeds)
 def test_workspace_is_the_area_of_the_hull_and_the_volume_of_a_box(seed: int) -> None:
@@ -116,6 +171,14 @@ def test_workspace_is_the_area_of_the_hull_and_the_volume_of_a_box(seed: int) ->
     turn, _ = np.linalg.qr(rng.normal(size=(3, 3)))
     filled = np.vstack((corners, rng.uniform(0, 1, (20, 3)) * sides))
     assert measures.workspace_used(filled @ turn.T + rng.normal(size=3)) == pytest.approx(sides.prod(), rel=1e-9)
+
+
+def test_variability_is_that_of_repeats_shifted_by_a_known_spread() -> None:
+    _, points = reach(100)
+    shifts = np.array([-0.02, 0.0, 0.02])
+    trials = [points + (0.0, shift) for shift in shifts]
+    assert measures.path_variability(trials) == pytest.approx(0.02)  # the standard deviation of -1, 0, 1 is 1
+    assert measures.end_variability(trials) == pytest.approx(0.02)
 
 
 # --------------------------------------------------------------------------------------------------- from recordings
@@ -167,6 +230,15 @@ def test_uneven_samples_are_made_even_and_gaps_are_noted() -> None:
     assert notes[0].startswith("a gap of 220 ms (usual: 10 ms) bridged by straight lines")
 
 
+def test_jittered_stamps_are_no_gaps_and_a_sample_left_out_is() -> None:
+    time, points = reach(100)
+    stamps = time + np.random.default_rng(17).uniform(-3e-3, 3e-3, 101)
+    (note,) = measures.evenly_sampled(stamps, points).notes
+    assert note.startswith("steps of ")
+    kept = (np.arange(101) < 40) | (np.arange(101) > 42)
+    assert measures.evenly_sampled(stamps[kept], points[kept]).notes[0].startswith("a gap of ")
+
+
 @pytest.mark.parametrize(("left_out", "told"), [((40, 43), True), ((40, 60), False), ((-40, -20), True)])
 def test_jerk_over_a_gap_is_none_of_the_person_s(left_out: tuple[int, int], told: bool) -> None:
     time, points = reach(100, rest=0.5)
@@ -216,8 +288,26 @@ def test_noise_is_no_movement_of_a_hand_that_rests_throughout(rate: float, axes:
         assert values(score(3 * time, noisy(points / 4, 5e-4, seed)))["range_x"] > 0.045  # 50 mm in 3 s: 31 mm/s
 
 
+def test_what_is_cut_off_or_comes_back_is_noted() -> None:
+    time, points = reach(100)
+    cut = score(time[:70], points[:70])
+    assert cut.notes[0].startswith("the trial ends in motion, at 7")
+    back = score(np.arange(202) / 100, np.vstack((points, points[::-1])))
+    assert math.isnan(values(back)["path_ratio"])
+    assert any(note.startswith("path_ratio: ") for note in back.notes)
+    slow = score(*reach(20))
+    assert slow.notes[0] == "sampled at 20 Hz, too slowly for a low-pass at 10 Hz: not filtered (one below 8 Hz can be)"
+
+
+def test_joints_turn_and_do_not_jump() -> None:
+    time, points = reach(100)
+    elbow = (np.linspace(3.0, 3.5, 101) + np.pi) % (2 * np.pi) - np.pi
+    assert values(score(time, points, joints={"elbow": elbow}))["range_elbow"] == pytest.approx(math.degrees(0.5))
+
+
 TIME, POINTS = reach(100)
 BROKEN = np.where(np.arange(101)[:, None] == 40, np.nan, POINTS)
+TWICE = np.where(np.arange(101) == 50, TIME[49], TIME)
 BAD: list[tuple[Callable[[], Any], str]] = [
     (lambda: score(TIME, BROKEN), "points[40, 0]"),
     (lambda: score(np.where(TIME > 0.5, np.inf, TIME), POINTS), "time[51]"),

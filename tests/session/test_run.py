@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import json
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -10,8 +12,10 @@ import numpy as np
 import pytest
 
 from rehab_opt.session.files import load_problem
+from rehab_opt.session.report import metrics_json, write_trace
 from rehab_opt.session.run import run_problem
 from rehab_opt.session.upper_limb.outcome import ArmOutcome, LawResult
+from rehab_opt.session.upper_limb.problem import UpperLimb
 from rehab_opt.session.upper_limb.run import verified
 from rehab_opt.session.upper_limb.shown import figures
 
@@ -66,6 +70,66 @@ def test_claim_that_the_kinematics_does_not_bear_out_is_not_believed(figure_eigh
     believed = verified(replace(honest, position_error=error))
     assert not believed[5]
     assert believed.sum() == len(error) - 1
+
+
+def test_numbers_of_a_drive_are_those_of_its_joints(figure_eight: ArmOutcome) -> None:
+    path, times = figure_eight.path, figure_eight.time
+    for law in figure_eight.laws:
+        assert law.drive is not None
+        told, drive = law.metrics["drive"], law.drive
+        poses = np.array([figure_eight.chain.pose(q) for q in drive.path.positions])
+        tilt = np.rad2deg(np.arccos(np.clip(poses[:, 2, 0], -1, 1))).max()
+        assert told["handle_tilt_max_deg"] == pytest.approx(tilt, abs=1e-5)
+        asked = np.stack([np.interp(drive.path.phase, times, column) for column in path.T], axis=1)
+        away = np.linalg.norm(poses[:, :3, 3] - asked, axis=1)
+        assert told["position_error_max_m"] == pytest.approx(away.max(), abs=1e-12)
+        nearest = np.abs(drive.path.phase[:, None] - times[300:310]).argmin(axis=1) + 300
+        for k in range(301, 309):
+            at = (nearest == k) & (np.abs(drive.path.phase - times[k]) < 0.0049)
+            assert drive.position_error[k] >= away[at].max() - 1e-12
+        np.testing.assert_allclose(drive.q, law.q, atol=2e-4)  # each sample is passed, late or not
+        assert told["delay_s"] == pytest.approx(drive.path.times[-1] - times[-1], abs=1e-9)
+        assert told["joint_acceleration_max_fraction_of_limit"] <= 1.0
+        assert told["kept_fraction"] >= 0.99
+    assert figure_eight.laws[0].metrics["drive"]["followed_fraction_of_length"] == 1.0
+
+
+def test_outside_of_its_limits_a_joint_is_shaded(figure_eight: ArmOutcome) -> None:
+    panels = figures(figure_eight)["joints"].axes
+    for axes, lower, upper in zip(panels, figure_eight.chain.lower, figure_eight.chain.upper, strict=False):
+        below, above = (patch.get_extents().transformed(axes.transData.inverted()) for patch in axes.patches)
+        assert (below.y1, above.y0) == (pytest.approx(np.rad2deg(lower)), pytest.approx(np.rad2deg(upper)))
+
+
+def test_tilt_that_no_posture_keeps_is_the_reason_that_is_given() -> None:
+    config = load_problem("upper_limb/figure_eight")
+    assert isinstance(config.problem, UpperLimb)
+    arm = config.problem.arm.model_copy(update={"handle_tilt_deg": 0.01})
+    upright = replace(config, problem=config.problem.model_copy(update={"arm": arm}))
+    outcome = run_problem(upright, law="optimised")
+    ((reason, count),) = outcome.metrics["optimised"]["reasons"].items()
+    assert reason == "no posture holds the handle within 0.01 deg: most upright one"
+    assert count == outcome.metrics["samples"]
+    assert any(reason in note for note in outcome.notes)
+
+
+def test_numbers_are_strict_json_and_the_trace_has_a_unit_in_every_column(
+    figure_eight: ArmOutcome, tmp_path: Path
+) -> None:
+    def refuse(constant: str) -> float:
+        raise AssertionError(constant)
+
+    content = json.loads(metrics_json(figure_eight), parse_constant=refuse)
+    assert content["notes"] == list(figure_eight.notes)
+    units = ("_s", "_m", "_rad", "_status", "reachable")
+    names = [name for name, _ in figure_eight.trace()]
+    assert len(set(names)) == len(names)
+    assert [name for name in names if not name.endswith(units)] == []
+    write_trace(figure_eight, tmp_path / "trace.csv")
+    with (tmp_path / "trace.csv").open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == len(figure_eight.time)
+    assert float(rows[3]["optimised_humeral_flexion_rad"]) == pytest.approx(figure_eight.laws[0].q[3, 3], rel=1e-8)
 
 
 @pytest.mark.parametrize(

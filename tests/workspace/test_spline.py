@@ -110,6 +110,16 @@ def test_a_bend_of_a_nanometre_is_not_taken_for_rounding() -> None:
     np.testing.assert_allclose(spline(source), target, atol=1e-14)
 
 
+def test_eight_hundred_landmarks_are_met() -> None:
+    grid = np.stack(np.meshgrid(np.linspace(0, 0.6, 32), np.linspace(0, 0.4, 25)), axis=-1).reshape(-1, 2)
+    target = grid + 0.02 * np.sin(9 * grid[:, ::-1])
+    spline = ThinPlateSpline(grid, target)
+    np.testing.assert_allclose(spline(grid), target, atol=1e-11)
+    np.testing.assert_allclose(
+        spline(np.array([0.3, 0.2])), [0.3 + 0.02 * math.sin(1.8), 0.2 + 0.02 * math.sin(2.7)], atol=1e-4
+    )
+
+
 # --------------------------------------------------------------------------------------------------- bending energy
 def test_bending_energy_is_the_integral_of_the_second_derivatives() -> None:
     """Eq. (24) by quadrature over a disc; beyond radius a the integrand falls like r^-4, so the rest like a^-2."""
@@ -132,6 +142,32 @@ def test_bending_energy_is_the_integral_of_the_second_derivatives() -> None:
 
 
 # ------------------------------------------------------------------------------------------ single points and arrays
+@settings(max_examples=20, deadline=None)
+@given(st.sampled_from([3, 4, 20, 33, 64]), st.integers(0, 2**32 - 1))
+def test_a_point_alone_and_in_an_array_has_the_same_image(n: int, seed: int) -> None:
+    source, target = landmarks(seed, n)
+    spline = ThinPlateSpline(source, target)
+    points = np.vstack((around(source, 5), source[:3]))
+    images, slopes = spline(points), spline.jacobian(points)
+    size = 1 + np.abs(slopes).max()
+    for point, image, slope in zip(points, images, slopes, strict=True):
+        np.testing.assert_allclose(spline(point), image, rtol=1e-12, atol=1e-12 * size)
+        np.testing.assert_allclose(spline(point.tolist()), spline(point), rtol=0, atol=0)
+        np.testing.assert_allclose(spline.jacobian(point), slope, atol=1e-11 * size)
+        value, jacobian = spline.value_and_jacobian(point)
+        np.testing.assert_allclose(value, image, rtol=1e-12, atol=1e-12 * size)
+        np.testing.assert_allclose(jacobian, slope, atol=1e-11 * size)
+
+
+def test_map_that_sums_over_all_landmarks_has_the_same_images() -> None:
+    rng = np.random.default_rng(8)
+    source = rng.uniform(-1, 1, (400, 2))
+    spline = ThinPlateSpline(source, source + 0.1 * np.sin(3 * source[:, ::-1]))
+    points = rng.uniform(-1, 1, (200, 2))
+    np.testing.assert_allclose(spline.summed()(points), spline(points), atol=1e-9)
+    assert np.abs(spline(points) - points).max() > 0.05  # so that the inverse map is another one
+
+
 def test_what_is_no_number_stays_so_and_harms_no_neighbour() -> None:
     for target_of in (lambda s: s, lambda s: s**2):  # affine and bent
         source, _ = landmarks(9, 100)

@@ -1,6 +1,7 @@
 """How often a point is reachable: exact counts of the polygons, honest about how few trials there are."""
 
 import math
+import pickle
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
@@ -42,6 +43,25 @@ def test_the_fraction_of_a_point_is_that_of_the_trials_that_reach_it() -> None:
     np.testing.assert_allclose(weighted.probability(points), [0.5, 0.75, 1, 0.25, 0, 0])
 
 
+def test_a_trial_that_reaches_nothing_counts_against_every_point() -> None:
+    fractions = reachability_map([*THREE, NOTHING])
+    assert fractions.probability([0.15, 0.15]) == pytest.approx(0.75)
+    assert fractions.empty == 1
+    assert fractions.region(0.76).empty
+    assert "no point" in fractions.region(0.76).reason
+
+
+def test_the_grid_samples_the_probability_and_surrounds_the_workspaces() -> None:
+    fractions = reachability_map(THREE, spacing=0.07)
+    assert fractions.grid.shape == (len(fractions.y), len(fractions.x))
+    for i, j in [(0, 0), (1, 2), (3, 1), (-1, -1)]:
+        assert fractions.grid[i, j] == fractions.probability([fractions.x[j], fractions.y[i]])
+    for nodes in (fractions.x, fractions.y):
+        assert nodes[0] <= 0
+        assert nodes[-1] >= 0.3
+    np.testing.assert_allclose(np.diff(fractions.x), 0.07)
+
+
 # ------------------------------------------------------------------------------------------------------------ regions
 @settings(max_examples=20, deadline=None)
 @given(st.lists(boxes, min_size=1, max_size=7), st.data())
@@ -75,6 +95,13 @@ def test_boundaries_that_coincide_but_for_their_accuracy_do_not_multiply() -> No
     assert fractions.snapping == pytest.approx(1e-4)
 
 
+def test_a_region_is_of_the_plane_of_its_trials_and_no_more_accurate() -> None:
+    coarse = Workspace(shapely.box(0, 0, 1, 1), accuracy=5e-3, height=-0.24)
+    region = reachability_map([THREE[0], coarse]).region(0.5)
+    assert (region.height, region.handle_tilt) == (-0.24, None)
+    assert 5e-3 < region.accuracy <= 5.1e-3
+
+
 # --------------------------------------------------------------------------------------------------------- confidence
 @settings(max_examples=10)
 @given(st.integers(1, 40), st.data())
@@ -86,6 +113,13 @@ def test_the_interval_is_wilson_s(n: int, data: Any) -> None:
     assert (float(low), float(high)) == pytest.approx((expected.low, expected.high), abs=1e-9)
     assert fractions.standard_error([0.05, 0.05]) == pytest.approx(math.sqrt(k * (n - k) / n**3))
     assert fractions.trials == pytest.approx(n)
+
+
+def test_few_trials_promise_little() -> None:
+    ten, hundred = (reachability_map([box(0, 0, 0.1, 0.1)] * n) for n in (10, 100))
+    assert ten.region(0.9).area == pytest.approx(0.01)
+    assert ten.region(0.9, confidence=0.95).empty  # ten of ten promise 0.72
+    assert hundred.region(0.9, confidence=0.95).area == pytest.approx(0.01)
 
 
 # -------------------------------------------------------------------------------------------------- ranges and draws
@@ -133,6 +167,19 @@ def test_no_drawn_range_is_inverted_or_far_off_and_locked_joints_stay(spread: fl
             assert abs(upper - nominal[name][1]) <= 2 * spread + 1e-12
         arm = human_arm(range_of_motion=drawn)
         assert arm.locked[[0, 6]].all() == (keep or spread == 0)
+
+
+def test_equal_seeds_draw_equal_ranges_and_only_named_joints_vary() -> None:
+    spread: dict[str, Any] = {"wrist_flexion": (0.0, 0.1), "humeral_flexion": 0.2}
+    first = varied_ranges("regular", spread=spread, count=4, seed=7)
+    assert first == varied_ranges("regular", spread=spread, count=9, seed=7)[:4]
+    assert first != varied_ranges("regular", spread=spread, count=4, seed=8)
+    nominal = named_ranges("", "regular")
+    for drawn in first:
+        assert drawn["wrist_flexion"][0] == nominal["wrist_flexion"][0]
+        assert drawn["wrist_flexion"][1] != nominal["wrist_flexion"][1]
+        assert drawn["forearm_extension"] == nominal["forearm_extension"]
+    assert pickle.loads(pickle.dumps(first)) == first
 
 
 # ------------------------------------------------------------------------------------------------------ bad arguments
