@@ -148,5 +148,5 @@ def test_a_robot_that_cannot_be_is_refused() -> None:
 def test_an_arm_with_a_joint_too_few_is_no_mobile_arm() -> None:
     chain = ROBOT.chain
     limits = {name: getattr(chain, name)[:-1] for name in ("lower", "upper", "velocity", "acceleration")}
-    with pytest.raises(ConfigurationError, match="chain.*two joints that slide, and 5 or more that turn"):
+    with pytest.raises(ConfigurationError, match=r"chain.*two joints that slide, and 5 or more that turn"):
         replace(ROBOT, chain=SerialChain(chain.rows[:-1], **limits))
