@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import inspect
 import json
 import os
 import re
@@ -16,13 +17,14 @@ import casadi
 import pytest
 
 import rehab_opt
-from rehab_opt.cli import main
+from rehab_opt.cli import app, main
 from rehab_opt.recordings.data_folder import ENVIRONMENT
 from rehab_opt.session.files import shipped_problems
 from rehab_opt.session.keys import keys_of
 from rehab_opt.session.robot_file import RobotFile
 from rehab_opt.session.systems import system_named
 from rehab_opt.terminal import bars
+from tests.golden import assert_kept
 
 PROBLEM = """
 system = "upper_limb"
@@ -337,3 +339,8 @@ def test_interrupt_inside_a_solver_is_one_line_and_exit_code_130(folder: Path) -
     done = subprocess.run(program, stderr=subprocess.PIPE, text=True, cwd=folder, check=False)
     assert (done.returncode, done.stderr) == (130, "rehab-opt: interrupted\n")
     assert files(folder) == {"problem.toml", "path.csv"}
+
+
+def test_defaults_of_the_commands_are_those_kept() -> None:
+    of = {each.callback: inspect.signature(each.callback).parameters.values() for each in app.registered_commands}  # type: ignore[arg-type]
+    assert_kept("cli", {each.__name__: {p.name: repr(p.default) for p in told} for each, told in of.items() if each})

@@ -202,4 +202,5 @@ def within_rows(n: int, m: int) -> ca.Function:
         h=ca.densify(ca.diagcat(H, LEAVING)), g=ca.vertcat(-H @ u, -LEAVING), a=ca.horzcat(-slopes, away),
         lba=-ca.inf * ca.DM.ones(m), uba=upper, lbx=ca.vertcat(least, 0), ubx=ca.vertcat(most, 1), x0=ca.vertcat(u, 0),
     )["x"][:n]  # fmt: skip
+    found = ca.if_else(ca.sumsqr(found) < ca.inf, found, u)  # NaN is no answer
     return ca.Function("within_rows", given, [ca.fmin(ca.fmax(found, least), most)])

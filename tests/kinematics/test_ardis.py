@@ -1,12 +1,14 @@
 """The chain, its frames and its inertia against poses in plain numpy and their numerical derivatives."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from rehab_opt import DH, SerialChain
+from rehab_opt import DH, ConfigurationError, SerialChain
 from rehab_opt.kinematics.ardis import ARDIS_READY, ardis
 from rehab_opt.kinematics.arm_links import arm_links, arm_reach, maximise_hand_volume
 from rehab_opt.kinematics.drive import Mecanum
@@ -141,3 +143,10 @@ def test_a_robot_that_cannot_be_is_refused() -> None:
         ({"outline": Outline(1.0, 0.0, 0.0, 1.0)}, "outline"),
         *(({"keep_out": [Capsule("user", (0, 0, 0), (0, 0, 1), bad)]}, "keep_out") for bad in hostile),
     )
+
+
+def test_an_arm_with_a_joint_too_few_is_no_mobile_arm() -> None:
+    chain = ROBOT.chain
+    limits = {name: getattr(chain, name)[:-1] for name in ("lower", "upper", "velocity", "acceleration")}
+    with pytest.raises(ConfigurationError, match=r"chain.*two joints that slide, and 5 or more that turn"):
+        replace(ROBOT, chain=SerialChain(chain.rows[:-1], **limits))

@@ -10,8 +10,8 @@ ROOT = Path(__file__).resolve().parents[2]
 ELSEWHERE = {"recordings": "session"}
 """Folders of the library whose tests stand in another one's folder."""
 FAR = 99
-NEAREST = 6
-"""Test files that run first."""
+NEAREST, FIRST = 6, 2
+"""Test files that run first; of these, how many before kept numbers, which see most faults."""
 
 
 def folder(file: str) -> str:
@@ -32,6 +32,8 @@ def test_files(root: Path, file: str) -> list[str]:
         return distances.get(ROOT / test.relative_to(root), FAR) - alike, test.stat().st_size
 
     near = sorted(found, key=order)
+    first = {*near[:FIRST], *(test for test in near if test.stem.startswith("test_kept_"))}
+    near.sort(key=lambda test: test not in first)
     far = sorted(near[NEAREST:], key=lambda test: test.stat().st_size)
     return [str(test.relative_to(root)) for test in (*near[:NEAREST], *far)]
 

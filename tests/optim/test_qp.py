@@ -152,3 +152,15 @@ def test_what_is_no_qp_is_refused() -> None:
         (([X], cost, [within(x[0], stranger, 1)]), "stranger"),
         (([X], x, []), "minimise"),
     )
+
+
+def test_what_is_made_of_an_answer_beforehand_is_what_is_made_of_it_after() -> None:
+    p, memory, x = parameter("p", 2), parameter("memory", 3), variable("x", 2)
+    stated = Statement(
+        "two", [p], [x], ca.sumsqr(x.symbol - p), report=x.symbol.T @ memory[:2], memory=memory,
+        remember=ca.vertcat(x.symbol, p[0] * memory[2]), violation=memory[2] + p[1],
+    )  # fmt: skip
+    given, kept, answer = np.array([0.3, -2.0]), np.array([5.0, 7.0, 11.0]), ca.vertcat(memory[2], p[1])
+    found = stated.finish_at(answer)(given, kept)
+    for one, other in zip(found, ([11 * 5 - 2 * 7], [11, -2, 3.3], [9]), strict=True):
+        np.testing.assert_allclose(np.array(one).ravel(), other, atol=1e-12)

@@ -16,12 +16,13 @@ from rich.console import Console
 
 from rehab_opt.plants.ideal import IdealJoints
 from rehab_opt.session.files import load_problem, problem_content, problem_of, problem_path, shipped_folder
+from rehab_opt.session.keys import keys_of
 from rehab_opt.session.live.problem import Following, LiveInputs
 from rehab_opt.session.many.participants import cell_value, participants_of
 from rehab_opt.session.run import arms_of, checked, live_problem, run_problem
 from rehab_opt.session.scenario.figures import figures
 from rehab_opt.session.scoring import score_recordings
-from rehab_opt.session.systems import System, system_named
+from rehab_opt.session.systems import System, system_named, systems
 from rehab_opt.session.workspaces import reached
 from rehab_opt.workspace.mapping import WorkspaceMap
 from rehab_opt.workspace.region import Workspace
@@ -184,3 +185,8 @@ def test_parts(folder: Path, tmp_path: Path) -> None:
         ]
         more += [cell_value(each) for each in ("1", "1.5", "true", "[1, 2]", "word", "'x'", "29#0", "")]
     assert_kept("session.parts", [seen.numbers(), [sums(each) for each in more]], relative=1e-3, absolute=1e-6)
+
+
+def test_keys_their_values_and_defaults_are_those_kept() -> None:
+    found = {name: [row[:3] for each in keys_of(system_named(name).schema) for row in each.rows] for name in systems()}
+    assert_kept("session.keys", found)
