@@ -61,8 +61,6 @@ class FrontEnd:
         `SAID`.
     """
 
-    hand = False
-
     def __init__(self, chain: SerialChain, *, dt: float, max_age: float) -> None:
         n = chain.n
         self.size = memory_of(n).size
@@ -119,16 +117,18 @@ def judged(n: int, size: int, *, dt: float, max_age: float, led: FrontEnd) -> ca
     """Positions (n,), memory of a controller (size,), `judged_memory`, `GIVEN` -> the first three.
 
     A pause of usable positions ends at rest where the joints are then; so does one of the stamps, unless the joints
-    have moved on as commanded. A robot that is not enabled and rests is forgotten: it may be moved by hand, and a fault
-    is acknowledged.
+    have moved on as commanded. A command that so drops to rest is flagged (`Relaxed.ACCELERATION`). A robot that is not
+    enabled and rests is forgotten: it may be moved by hand, and a fault is acknowledged.
     """
-    record = judged_memory(n, led.size, 0)
+    record = judged_memory(n, led.size, n)
     q, memory = ca.SX.sym("q", n), ca.SX.sym("memory", size)
     own, given = record.symbols("own"), GIVEN.symbols("given")
     stamped = STAMPS.parts(own.stamps)
     stamps = checked_stamp(stamped, given.stamp, given.kind, dt=ca.SX(dt), max_age=ca.SX(max_age))
     untold = ca.logic_and(given.kind == NO_STAMP, ca.logic_not(stamped.stamped))
-    paused, last = stamps.reason == NUMBER["STAMP_GAP"], memory[:n]
+    # What follows a stamp that went back has only come forward again.
+    paused = ca.logic_and(stamps.reason == NUMBER["STAMP_GAP"], own.reason != NUMBER["STAMP_BACKWARDS"])
+    last = memory[:n]
     moved = ca.dot(q - memory_of(n).parts(own.led).seen, last)
     rests = ca.logic_and(paused, ca.logic_not(moved > 0.5 * ca.sumsqr(last) * stamps.details[0]))
     after, reference, goes_on, said = led.tick(ca.if_else(paused, 0, own.led), q, ca.if_else(rests, 0, last))
@@ -152,9 +152,9 @@ def judged(n: int, size: int, *, dt: float, max_age: float, led: FrontEnd) -> ca
         reason=reason,
         element=ca.if_else(of_joint, lost[1], -1),
         details=ca.if_else(of_joint, ca.vertcat(lost[2], lost[0]), stamps.details),
-        touched=ca.SX(0),
+        touched=rests,
         held=ca.SX(0),
-        before=ca.SX(0, 1),
+        before=last,
     )
     inputs = [q, memory, own.column, given.column]
     outputs = [ca.densify(each) for each in (reference, ca.vertcat(goes_on, memory[n:]), told)]

@@ -328,7 +328,7 @@ class PoseTracker(VelocityController):
     @property
     def judged(self) -> Record:
         """See `judged_memory`."""
-        return judged_memory(self.chain.n, self._led.size, 0)
+        return judged_memory(self.chain.n, self._led.size, self.chain.n)
 
     def _functions(self) -> VelocityTick:
         stated, size = self.stated, int(self.stated.memory.numel())

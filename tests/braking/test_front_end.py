@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from bench.braking import BASE, READY, place
-from rehab_opt import Command, SerialChain, Status
+from rehab_opt import Command, Relaxed, SerialChain, Status
 from rehab_opt.braking import PoseTracker
 
 Array = NDArray[np.float64]
@@ -88,6 +88,7 @@ def test_after_a_pause_the_arm_starts_from_rest_unless_it_moved_on(goes_on: bool
         assert np.all(np.abs(after.value - fast) <= BASE.acceleration * DT * (1 + 1e-9))
     else:
         assert not after.value.any()
+        assert after.relaxed & Relaxed.ACCELERATION
     resumed = tracker.step(q + DT * after.value, pose, STILL, stamp=100 * DT + 0.1)
     assert np.all(np.abs(resumed.value - after.value) <= BASE.acceleration * DT * (1 + 1e-9))
 
@@ -140,3 +141,11 @@ def test_what_is_no_number_is_named_and_does_not_move_the_arm() -> None:
     assert within_accelerations(commands)
     assert "not a usable number" in commands[100].reason
     assert commands[103].status is Status.OK
+
+
+def test_one_stamp_that_goes_back_makes_no_pause_of_the_next() -> None:
+    tracker, q, pose, values = PoseTracker(BASE, dt=DT, compile=False), READY.copy(), place(BASE, READY + 0.8), [STILL]
+    for k in range(150):
+        values.append(tracker.step(q, pose, STILL, stamp=k * DT - (k == 120)).value)
+        q = q + DT * values[-1]
+    assert np.all(np.abs(np.diff(values, axis=0)) <= BASE.acceleration * DT * (1 + 1e-9))
