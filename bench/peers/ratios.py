@@ -28,7 +28,6 @@ SMALL: Mapping[str, tuple[str, ...]] = {
     "bench.peers.mobile_manipulator": ("--rounds", "8", "--ticks", "100"),
     "bench.mirror": ("--parts", "tick", "plan", "--rounds", "20"),
     "bench.spline": ("--rounds", "7"),
-    "bench.workspace_queries": ("--rounds", "7"),
     "bench.assistance": ("--ticks", "3000"),
     "bench.arm_ik": ("--parts", "cold", "warm", "--targets", "100", "--samples", "200", "--paths", "1"),
     "bench.workspace": ("--ranges", "regular", "--repeats", "2", "--probes", "20", "--factor", "10"),

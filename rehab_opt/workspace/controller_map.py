@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -55,20 +55,13 @@ class ControllerMap:
 
     def image(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
         """Where a point (2,) [m] is mapped, (2,) [m]."""
-        return self.spline(self._inside(point))
+        return self.spline(self.source.nearest(point))
 
     def jacobian(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
         """Derivatives d image_i / d point_j (2, 2) at a point (2,) [m]."""
-        return self.spline.jacobian(self._inside(point))
-
-    def summed(self) -> ControllerMap:
-        """The same map with `ThinPlateSpline.summed`."""
-        return replace(self, spline=self.spline.summed())
+        return self.spline.jacobian(self.source.nearest(point))
 
     def preimage(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
         """The point of the source (2,) [m] whose image is this one; NaN where there is none. Newton: for displays."""
         found = self.spline.inverse(point)
         return found if self.source.contains(found) else found * math.nan
-
-    def _inside(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
-        return point if self.source.contains(point) else self.source.nearest(point)

@@ -8,11 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Edge", "doubtful_edges", "edge_squares", "edge_table"]
+__all__ = ["doubtful_edges", "edge_table"]
 
 Array = NDArray[np.float64]
-Edge = tuple[float, float, float, float, float, tuple[float, float, float, float]]
-"""x, y of its start; its vector; 1 / length^2; the sums of the unit normals that meet at its start and at its end."""
 
 SHORTEST_SQUARE = 1e-200
 """[m^2] below which an edge is left out: it has no direction in floating point."""
@@ -21,7 +19,11 @@ SHARP = 0.02
 
 
 def edge_table(polygon: Any) -> Array:
-    """(E, 10) the numbers of an `Edge` a row, and y of its end: of a valid polygon, the interior to the left."""
+    """(E, 10) an edge a row, of a valid polygon: the interior is to the left.
+
+    x, y of its start; its vector; 1 / length^2; the sums of the unit normals that meet at its start and at its end; y
+    of its end.
+    """
     import shapely  # noqa: PLC0415  (loaded with the first workspace)
 
     rings = []
@@ -44,16 +46,6 @@ def edge_table(polygon: Any) -> Array:
             normals = at_start, np.roll(at_start, -1, axis=0)
             rings.append(np.hstack((points, vector, 1 / square, *normals, ends[:, 1:])))
     return np.concatenate(rings)
-
-
-def edge_squares(table: Array, edges: NDArray[np.int64], x: Array | float, y: Array | float) -> Array:
-    """(N,) squared distances [m^2] of points from those rows of the table, one each; one point stands for all."""
-    start_x, start_y, along_x, along_y, inverse = (table[:, i].take(edges) for i in range(5))
-    off_x, off_y = x - start_x, y - start_y
-    fraction = np.minimum(np.maximum((off_x * along_x + off_y * along_y) * inverse, 0.0), 1.0)
-    off_x -= fraction * along_x
-    off_y -= fraction * along_y
-    return np.asarray(off_x * off_x + off_y * off_y)
 
 
 def doubtful_edges(table: Array, within: float) -> NDArray[np.bool_]:

@@ -12,13 +12,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.real_array import is_finite
-from rehab_opt.workspace.edge_cells import INSIDE
-from rehab_opt.workspace.edge_lookup import EdgeLookup
 from rehab_opt.workspace.placement import ShoulderPlacement
 from rehab_opt.workspace.point_arguments import one_point, point_rows, single_point
 
 if TYPE_CHECKING:
     import shapely
+    from shapely.geometry.base import BaseGeometry
 
 __all__ = ["Workspace"]
 
@@ -28,15 +27,19 @@ ON_BOUNDARY = 1e-12
 """[m], and per metre of coordinate: nearer to the boundary than this counts as on it, and so as inside."""
 SMALLEST, FURTHEST = 1e-9, 1e9
 """[m] least size of a workspace and largest coordinate: what is beyond them is no place in metres."""
+BEYOND = 1e100
+"""[m] counts as infinitely far: its square would be no number."""
+WITHOUT_WORDS = np.errstate(divide="ignore", invalid="ignore")
+"""GEOS divides by the square of an edge's length, which may be zero in floating point; the edge beside it answers."""
 PREPARING = threading.Lock()
-"""GEOS completes a prepared polygon with the first question, and is not made for two threads asking that one."""
+"""GEOS completes a prepared geometry with the first question, and is not made for two threads asking that one."""
 
 
 class Workspace:
     """A closed set of points (x, y) in a horizontal plane; immutable, comparable by identity, picklable.
 
-    Any thread may ask. The first question builds a look-up (10 ms for 100 corners, 30 for 500): ask one before a
-    control loop. Numbers never raise, NaN and infinity included; what is not numbers, or of another shape, does.
+    Any thread may ask. The first question prepares the polygon, in a millisecond or less: ask one before a control
+    loop. Numbers never raise, NaN and infinity included; what is not numbers, or of another shape, does.
 
     Parameters
     ----------
@@ -125,58 +128,65 @@ class Workspace:
         return sum(len(part.interiors) for part in parts)
 
     # ----------------------------------------------------------------------------------------------------- queries
+    @WITHOUT_WORDS
     def contains(self, points: ArrayLike) -> bool | NDArray[np.bool_]:
         """Whether points [m] are reachable: (2,) -> bool, (N, 2) -> (N,).
 
         The boundary, to rounding, is inside; what is not a finite number is not.
         """
-        point, lookup = one_point(points), self._lookup
-        if point is None:
-            return self._all_contained(point_rows(points))
-        if lookup is None:
-            return False
-        x, y = point
-        side = lookup.side(x, y)
-        if side >= 0:
-            return side == INSIDE
-        return lookup.distance(x, y) <= ON_BOUNDARY * (1.0 + abs(x) + abs(y))
+        import shapely  # noqa: PLC0415
 
+        point, polygon = one_point(points), self._prepared[0]
+        if point is not None:
+            slack = ON_BOUNDARY * (1.0 + abs(point[0]) + abs(point[1]))
+            return slack < ON_BOUNDARY * BEYOND and bool(shapely.dwithin(polygon, shapely.points(point), slack))
+        rows = point_rows(points)
+        slacks = ON_BOUNDARY + np.abs(ON_BOUNDARY * rows).sum(axis=1)
+        inside: NDArray[np.bool_] = slacks < ON_BOUNDARY * BEYOND
+        inside[inside] = shapely.dwithin(polygon, shapely.points(rows[inside]), slacks[inside])
+        return inside
+
+    @WITHOUT_WORDS
     def distance(self, points: ArrayLike) -> float | Array:
         """Signed distance to the boundary [m], negative inside: (2,) -> float, (N, 2) -> (N,).
 
         Exact for the polygon to rounding; infinite where the workspace is empty, NaN for a point that is NaN.
         """
-        point = one_point(points)
-        lookup = self._lookup
-        if point is None:
-            rows = point_rows(points)
-            if lookup is None:
-                return np.where(np.isnan(rows).any(axis=1), np.nan, np.inf)
-            return lookup.signed_rows(rows)[:, 0]
-        if lookup is None:
-            return math.nan if math.isnan(point[0]) or math.isnan(point[1]) else math.inf
-        return lookup.distance(*point)
+        import shapely  # noqa: PLC0415
+
+        point, (polygon, boundary) = one_point(points), self._prepared
+        if point is not None:
+            return self.signed_distance_and_closest_point(point)[0]
+        rows = point_rows(points)
+        distances: Array = np.where(np.isnan(rows).any(axis=1), np.nan, np.inf)
+        near = (np.abs(rows) < BEYOND).all(axis=1) & (not self.empty)
+        asked = shapely.points(rows[near])
+        distances[near] = shapely.distance(boundary, asked) * np.where(shapely.contains(polygon, asked), -1.0, 1.0)
+        return distances
 
     def nearest(self, point: ArrayLike) -> Array:
         """(2,) [m] the reachable point nearest to `point` (2,), itself where `contains` has it inside.
 
         NaN where the workspace is empty or the point is not finite.
         """
-        x, y = single_point(point)
-        distance, closest_x, closest_y = self.signed_distance_and_closest_point((x, y))
-        inside = distance <= ON_BOUNDARY * (1.0 + abs(x) + abs(y)) and distance < math.inf
-        return np.array((x, y) if inside else (closest_x, closest_y))
+        place = single_point(point)
+        return np.array(place if self.contains(place) else self.signed_distance_and_closest_point(place)[1:])
 
+    @WITHOUT_WORDS
     def signed_distance_and_closest_point(self, point: ArrayLike) -> tuple[float, float, float]:
-        """`distance` of a point (2,), and the x and y of the boundary's nearest point: one look-up for both.
+        """`distance` of a point (2,), and the x and y of the boundary's nearest point.
 
         Away from the boundary the distance's gradient is (point - closest point) / distance.
         """
+        import shapely  # noqa: PLC0415
+
         x, y = single_point(point)
-        lookup = self._lookup
-        if lookup is None:
+        if self.empty or not (abs(x) < BEYOND and abs(y) < BEYOND):
             return (math.nan if math.isnan(x) or math.isnan(y) else math.inf), math.nan, math.nan
-        return lookup.signed(x, y)
+        asked, (polygon, boundary) = shapely.points((x, y)), self._prepared
+        closest_x, closest_y = shapely.get_coordinates(shapely.shortest_line(boundary, asked))[0].tolist()
+        distance = math.hypot(x - closest_x, y - closest_y)
+        return (-distance if shapely.contains(polygon, asked) else distance), closest_x, closest_y
 
     def placed(self, placement: ShoulderPlacement) -> Workspace:
         """The same set for a shoulder placed there instead; the plane keeps its height in the shoulder's frame.
@@ -204,23 +214,17 @@ class Workspace:
         )
 
     @cached_property
-    def _lookup(self) -> EdgeLookup | None:
-        if self.empty:
-            return None
-        furthest = float(np.abs(self.polygon.bounds).max())
-        with PREPARING:
-            return EdgeLookup(self.polygon, tolerance=ON_BOUNDARY * (1.0 + 2.0 * furthest))
+    def _prepared(self) -> tuple[BaseGeometry, BaseGeometry]:
+        """The polygon and its boundary, which can be asked by several threads."""
+        import shapely  # noqa: PLC0415
 
-    def _all_contained(self, points: Array) -> NDArray[np.bool_]:
-        lookup = self._lookup
-        inside: NDArray[np.bool_] = np.zeros(len(points), dtype=bool)
-        if lookup is not None:
-            sides = lookup.side_rows(points)
-            inside[:] = sides == INSIDE
-            near = np.flatnonzero(sides < 0)
-            slack = ON_BOUNDARY * (1.0 + np.abs(points[near, 0]) + np.abs(points[near, 1]))
-            inside[near] = lookup.signed_rows(points[near])[:, 0] <= slack
-        return inside
+        geometries = self.polygon, self.polygon.boundary
+        with PREPARING:
+            shapely.prepare(geometries)
+            corners = shapely.points(shapely.get_coordinates(self.polygon)[:1])
+            for point in (*corners, *shapely.transform(corners, lambda corner: corner + 4 * FURTHEST)):
+                shapely.contains(self.polygon, point), shapely.distance(geometries, point)
+        return geometries
 
 
 def _rebuilt(given: dict[str, Any]) -> Workspace:

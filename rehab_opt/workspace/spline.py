@@ -14,11 +14,9 @@ from numpy.typing import ArrayLike, NDArray
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.symbolic import PerThread
 from rehab_opt.workspace.point_arguments import point_array, single_point
-from rehab_opt.workspace.spline_cells import Cells
 from rehab_opt.workspace.spline_fit import SplineFit, checked_landmarks, checked_smoothing, fitted
 from rehab_opt.workspace.spline_inverse import Starts, preimage, preimages, tolerance_terms
-from rehab_opt.workspace.spline_kernel import jacobians, values
-from rehab_opt.workspace.spline_point import PointFunction, cells_worth_having, point_map
+from rehab_opt.workspace.spline_kernel import PointFunction, jacobians, point_function, values
 
 __all__ = ["ThinPlateSpline"]
 
@@ -37,8 +35,8 @@ class ThinPlateSpline:
 
     Immutable, may be pickled and shared by threads: code and tables are made once, each thread gets its own buffers
     when it first maps a single point. Map one before a loop that must not wait: up to seconds where nothing is compiled
-    yet, and a tenth to one for the table that replaces summing over 64 landmarks and more. Afterwards a point costs
-    microseconds; an array of points costs bounded memory. NaN in gives NaN out; nothing raises on numbers.
+    yet. Afterwards a point costs microseconds; an array of points costs bounded memory. NaN in gives NaN out; nothing
+    raises on numbers.
 
     Parameters
     ----------
@@ -135,12 +133,6 @@ class ThinPlateSpline:
             found[rows] = self._inverse_of_some(array[rows], None if start is None else start[rows])
         return found
 
-    def summed(self) -> ThinPlateSpline:
-        """The same map, to rounding, that sums over all its landmarks at every point: as it is written in C."""
-        same = ThinPlateSpline(self.source, self.target, self.smoothing)
-        same.__dict__["_cells"] = None
-        return same
-
     # ------------------------------------------------------------------------------------------------ the inverse
     def _inverse_of_some(self, images: Array, start: Array | None) -> Array:
         found = np.full(images.shape, np.nan)
@@ -209,16 +201,12 @@ class ThinPlateSpline:
         return jacobians(self._fit, points)
 
     @cached_property
-    def _cells(self) -> Cells | None:
-        return cells_worth_having(self._fit)
-
-    @cached_property
     def _value(self) -> PerThread[PointFunction]:
-        return point_map(self._fit, self._cells, with_jacobian=False)
+        return PerThread(lambda: point_function(self._fit, with_jacobian=False))
 
     @cached_property
     def _value_and_jacobian(self) -> PerThread[PointFunction]:
-        return point_map(self._fit, self._cells, with_jacobian=True)
+        return PerThread(lambda: point_function(self._fit, with_jacobian=True))
 
     def _freeze(self) -> None:
         for array in (self.source, self.target, self.weights, self.affine, *self._fit):

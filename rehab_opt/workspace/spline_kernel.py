@@ -6,7 +6,8 @@ One logarithm a landmark in both.
 from __future__ import annotations
 
 import functools
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -16,9 +17,11 @@ from rehab_opt.symbolic import BufferedFunction
 from rehab_opt.symbolic.compiled import table_size, table_step
 from rehab_opt.workspace.spline_fit import TINY, SplineFit
 
-__all__ = ["jacobians", "point_function", "point_inputs", "point_statement", "values"]
+__all__ = ["PointFunction", "jacobians", "point_function", "point_inputs", "point_statement", "values"]
 
 Array = NDArray[np.float64]
+PointFunction = Callable[[Array], Any]
+"""Array (2,) -> image (2,), or image and Jacobian (2, 2) where that was asked for; all its caller's own."""
 
 CHUNK = 32768
 """Numbers in a temporary array: a few of them stay in a processor's second-level cache, and memory is bounded."""
@@ -27,17 +30,26 @@ BLOCK = 16
 
 
 # ------------------------------------------------------------------------------------------------------ one point
-def point_function(fit: SplineFit, *, with_jacobian: bool) -> BufferedFunction:
-    """Point (2,) in `inputs[0]` -> `outputs[0]` (2,) and, where asked for, the Jacobian `outputs[1]` (2, 2).
+def point_function(fit: SplineFit, *, with_jacobian: bool) -> PointFunction:
+    """The map of one thread, with buffers of its own.
 
-    The landmarks stand in the other inputs. Code is compiled for a few landmark counts only, at most an eighth apart
-    (weights of zero fill up the rest), so that maps share it.
+    Code is compiled for a few landmark counts only, at most an eighth apart (weights of zero fill up the rest), so that
+    maps share it.
     """
     count, block = _rounded(_bending_landmarks(fit))
     evaluated = BufferedFunction(_stated(count, block, with_jacobian), compile=None)
     for held, values in zip(evaluated.inputs[1:], point_inputs(fit), strict=True):
         held[...] = values
-    return evaluated
+    # A memory view and a closure: numpy's assignments and a method's attributes cost as much as the compiled code.
+    point_held = evaluated.inputs[0].data
+    copies = tuple(output.copy for output in evaluated.outputs)
+
+    def at(point: Array) -> Any:
+        point_held[0], point_held[1] = point.tolist()
+        evaluated.evaluate()
+        return (copies[0](), copies[1]()) if with_jacobian else copies[0]()
+
+    return at
 
 
 def point_statement(fit: SplineFit, *, with_jacobian: bool) -> ca.Function:

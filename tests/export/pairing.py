@@ -39,7 +39,7 @@ def participants() -> Workspace:
 
 @cache
 def workspace_map() -> ControllerMap:
-    return WorkspaceMap.between(shape("blob"), participants()).for_controller().summed()
+    return WorkspaceMap.between(shape("blob"), participants()).for_controller()
 
 
 def sides() -> tuple[HelperSide, ParticipantSide]:

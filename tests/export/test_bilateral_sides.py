@@ -7,7 +7,6 @@ import itertools
 import math
 import subprocess
 from collections import deque
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +21,7 @@ from rehab_opt.control.bilateral_sides import FromHelper, FromParticipant, Helpe
 from rehab_opt.control.command import Status
 from rehab_opt.export.export_c import written_files
 from rehab_opt.export.exporters import exported_controllers
-from rehab_opt.workspace.spline import ThinPlateSpline
+from rehab_opt.workspace.spline_kernel import point_inputs, point_statement
 from tests.export.calling_c import Built, CCommand, CController, Exported, assert_same, shared
 from tests.export.pairing import DT, EGG, HELPER, SIDES, broken, ready_for, sides, workspace_map
 
@@ -76,15 +75,13 @@ HEARD = itertools.count(1)
 
 
 def test_the_sums_that_c_has_are_the_map_of_python() -> None:
-    """Python's own map, of so many landmarks, takes series."""
-    series = replace(
-        workspace_map(), spline=ThinPlateSpline(workspace_map().spline.source, workspace_map().spline.target)
-    )
-    assert series.spline._cells is not None
-    rng = np.random.default_rng(0)
-    for point in HELPER + 0.08 * rng.normal(size=(500, 2)):
-        np.testing.assert_allclose(workspace_map().image(point), series.image(point), rtol=0, atol=1e-13)
-        np.testing.assert_allclose(workspace_map().jacobian(point), series.jacobian(point), atol=1e-11)
+    spline = workspace_map().spline
+    stated, inputs = point_statement(spline._fit, with_jacobian=True), point_inputs(spline._fit)
+    points = HELPER + 0.08 * np.random.default_rng(0).normal(size=(500, 2))
+    for point, image, slopes in zip(points, spline(points), spline.jacobian(points), strict=True):
+        summed = [each.full().squeeze() for each in stated(point, *inputs)]
+        np.testing.assert_allclose(summed[0], image, rtol=0, atol=1e-13)
+        np.testing.assert_allclose(summed[1], slopes, rtol=0, atol=1e-11)
 
 
 @pytest.mark.parametrize("name", SIDES)

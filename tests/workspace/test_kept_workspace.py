@@ -84,15 +84,14 @@ def test_splines() -> None:
     inner = grid(5, 0.15, 0.45)  # elsewhere rounding decides to what Newton's method comes
     points = np.vstack((grid(12), [[math.nan, 0.0], [math.inf, 0.0], [1e9, 0.0]]))
     more = []
-    with Returns("rehab_opt/workspace/", but="spline_inverse|_inverse_of|jacobians|_evaluated|_by_cell") as seen:
+    with Returns("rehab_opt/workspace/", but="spline_inverse|_inverse_of|jacobians|_evaluated") as seen:
         for n, smoothing, bend in ((3, 0.0, 0.02), (7, 0.1, 0.1), (40, 1e-3, 0.02), (420, 0.0, 1e-3)):
             made = spline(n, smoothing, bend)
-            for each in (made, made.summed()):
-                some = points if n < 420 else points[::9]
-                more += [each(some), each.jacobian(some), [each(point) for point in some[::6]]]
-                more += [each.jacobian(point) for point in some[::9]] + [*each.value_and_jacobian(some[5])]
-                more += [each.inverse(made(inner)), each.inverse(inner[3]), each.inverse([math.nan, 0.0])]
-                more += [each.inverse(inner[4], start=inner[5])]
+            some = points if n < 420 else points[::9]
+            more += [made(some), made.jacobian(some), [made(point) for point in some[::6]]]
+            more += [made.jacobian(point) for point in some[::9]] + [*made.value_and_jacobian(some[5])]
+            more += [made.inverse(made(inner)), made.inverse(inner[3]), made.inverse([math.nan, 0.0])]
+            more += [made.inverse(inner[4], start=inner[5])]
             for with_jacobian in (False, True):
                 more.append(str(point_statement(made._fit, with_jacobian=with_jacobian)))
         for bad in (np.zeros((3, 2)), np.column_stack((np.arange(5.0), np.arange(5.0))), grid(2)[:2], [[0, 0, 1]] * 4):
@@ -104,7 +103,7 @@ def test_splines() -> None:
 
 def test_maps() -> None:
     more = []
-    with Returns("rehab_opt/workspace/", but="__post_init__|edge_lookup|region|spline_", last=3) as seen:
+    with Returns("rehab_opt/workspace/", but="__post_init__|region|spline_", last=3) as seen:
         for source, target, given in (
             (SQUARE, blob(), {"rotation": 0.3}),
             (crescent(), ell(), {"rule": "polar", "rotation": 0.2}),
@@ -117,7 +116,7 @@ def test_maps() -> None:
             more += [made.rotation, made.inverse(made(points)), made.jacobian(points), str(audit).splitlines()[0]]
             made.push_force(points[0], [1.0, 2.0]), made.push_force(points, points), repr(made), made._uneven
             held = made.for_controller(unsafe=True)
-            [(held.image(each), held.jacobian(each), held.preimage(each), held.summed().image(each)) for each in points]
+            [(held.image(each), held.jacobian(each), held.preimage(each)) for each in points]
         for each in ((crescent(), SQUARE), (SQUARE, sliver())):
             polar_landmarks(*each, landmarks=9)
     kept("maps", seen)
@@ -127,7 +126,7 @@ def test_searches() -> None:
     rows = (DH(0.3, 0.0), DH(0.2, 0.0))
     two = SerialChain(rows, lower=[-1.0, 0.2], upper=[1.5, 2.2], velocity=1.0, acceleration=1.0)
     arm, more = human_arm(range_of_motion="restricted"), []
-    with Returns("rehab_opt/workspace/", but="edge_lookup|edge_cells|edge_table|__hash__", last=5) as seen:
+    with Returns("rehab_opt/workspace/", but="edge_table|__hash__", last=5) as seen:
         found = [planar_workspace(two, height=height, handle_tilt=None, accuracy=2e-2) for height in (0.0, 0.3)]
         found.append(planar_workspace(arm, height=-0.24, accuracy=1.2e-2))
         volume = reachable_volume(two, heights=[-0.1, 0.0, 0.2], handle_tilt=None, accuracy=2e-2)
@@ -138,7 +137,7 @@ def test_searches() -> None:
 
 def test_meshes_and_shares() -> None:
     random = np.random.default_rng(3)
-    with Returns("rehab_opt/workspace/", but="edge_lookup|edge_cells|edge_table") as seen:
+    with Returns("rehab_opt/workspace/", but="edge_table") as seen:
         layers = [shapely.union_all(shapely.buffer(shapely.points(random.uniform(0, 0.4, (4, 2))), 0.09))
                   for _ in range(4)]  # fmt: skip
         layers[2] = shapely.Polygon()

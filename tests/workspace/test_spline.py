@@ -115,6 +115,7 @@ def test_eight_hundred_landmarks_are_met() -> None:
     target = grid + 0.02 * np.sin(9 * grid[:, ::-1])
     spline = ThinPlateSpline(grid, target)
     np.testing.assert_allclose(spline(grid), target, atol=1e-11)
+    np.testing.assert_allclose([spline(point) for point in grid[::40]], spline(grid[::40]), atol=1e-13)
     np.testing.assert_allclose(
         spline(np.array([0.3, 0.2])), [0.3 + 0.02 * math.sin(1.8), 0.2 + 0.02 * math.sin(2.7)], atol=1e-4
     )
@@ -159,20 +160,11 @@ def test_a_point_alone_and_in_an_array_has_the_same_image(n: int, seed: int) -> 
         np.testing.assert_allclose(jacobian, slope, atol=1e-11 * size)
 
 
-def test_map_that_sums_over_all_landmarks_has_the_same_images() -> None:
-    rng = np.random.default_rng(8)
-    source = rng.uniform(-1, 1, (400, 2))
-    spline = ThinPlateSpline(source, source + 0.1 * np.sin(3 * source[:, ::-1]))
-    points = rng.uniform(-1, 1, (200, 2))
-    np.testing.assert_allclose(spline.summed()(points), spline(points), atol=1e-9)
-    assert np.abs(spline(points) - points).max() > 0.05  # so that the inverse map is another one
-
-
 def test_what_is_no_number_stays_so_and_harms_no_neighbour() -> None:
     for target_of in (lambda s: s, lambda s: s**2):  # affine and bent
         source, _ = landmarks(9, 100)
         spline = ThinPlateSpline(source, target_of(source))
-        spline(source.mean(axis=0))  # with its cells made
+        spline(source.mean(axis=0))
         points = np.array([[math.nan, 0.1], [0.1, 0.2], [0.1, math.nan], [math.inf, 0.0]])
         for row in (0, 2, 3):
             assert np.isnan(spline.inverse(points)[row]).all()

@@ -56,8 +56,6 @@ for (;;) {{ /* every tick */
 AT_FIRST = "no message received: their numbers\n * begin anew, so the other side has to begin anew, too"
 RECEIVED = "\n * received the other side's message; NULL where none came. Without a new message the force is released"
 OF_THE_PAIR = (
-    "The map sums over all its landmarks. Python sums series, where there are many: the same but for rounding, which "
-    "in 1 of 120 000 random ticks decided whether the solver gave up. The recorded run is of Python with sums, too.",
     "A message's number is a whole one. Python takes any.",
     "How messages are sent, and a delay between the sides, are the caller's: `Bilateral` is not there.",
 )

@@ -107,10 +107,7 @@ def _sides(
     law = together_of(both, config, context)
     simulate_trial(scene_of(config, context), law, name="together", number=0, seed=problem.task.seed)
     hands, received = np.array(both.hands), list(zip(*both.received, strict=True))
-    assert context.workspace_map is not None  # the schema refuses a pair without a map
-    # Summed as C does: rounding may decide whether a solver gives up.
-    alike = context._replace(workspace_map=context.workspace_map.summed())
-    helper, participant = sides_of(config, alike, solver=FUSED, backup=FUSED)
+    helper, participant = sides_of(config, context, solver=FUSED, backup=FUSED)
     return (
         exported_helper_side(helper, hands[:, 0], received[0], title=problem.title),
         exported_participant_side(participant, hands[:, 1], received[1], title=problem.title),

@@ -8,7 +8,6 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rehab_opt.workspace.edge_lookup import EdgeLookup
 from rehab_opt.workspace.region import Workspace
 from tests.workspace.polygons import around, polygons
 
@@ -99,14 +98,13 @@ def test_what_is_nearest_is_inside_and_stays_where_it_is(name: str, reach: float
 
 @settings(max_examples=20)
 @given(polygons(), st.sampled_from([1.1, 3.0, 15.0, 80.0]), st.integers(0, 2**16))
-def test_rows_are_answered_as_one_by_one_to_the_last_bit(polygon: shapely.Geometry, reach: float, seed: int) -> None:
-    lookup = EdgeLookup(polygon, tolerance=1e-11)
+def test_rows_are_answered_as_one_by_one(polygon: shapely.Geometry, reach: float, seed: int) -> None:
+    asked = Workspace(polygon, accuracy=1e-3)
     odd = [(math.nan, 0.0), (math.inf, 0.0), (0.0, -math.inf), (math.nan, math.inf), (1e200, 0.0), (1e90, 1e90)]
     points = np.concatenate((around(polygon, 150, reach, seed), shapely.get_coordinates(polygon)[:30], odd))
-    one_by_one = np.array([lookup.signed(x, y) for x, y in points.tolist()])
-    np.testing.assert_array_equal(lookup.signed_rows(points), one_by_one)
-    np.testing.assert_array_equal([lookup.distance(x, y) for x, y in points.tolist()], one_by_one[:, 0])
-    np.testing.assert_array_equal(lookup.side_rows(points), [lookup.side(x, y) for x, y in points.tolist()])
+    one_by_one = [asked.distance(point) for point in points]
+    np.testing.assert_allclose(asked.distance(points), one_by_one, rtol=1e-12, atol=1e-14)
+    np.testing.assert_array_equal(asked.contains(points), [asked.contains(point) for point in points])
 
 
 @settings(max_examples=5)
@@ -119,5 +117,5 @@ def test_ragged_outlines_of_many_corners_are_searched_exactly(corners: int, ragg
     for reach in (0.4, 1.5, 8.0):
         points = around(polygon, 80, reach, seed)
         exact = shapely.distance(polygon.boundary, shapely.points(points))
-        lookup = EdgeLookup(polygon, tolerance=1e-11)
-        np.testing.assert_allclose(np.abs([lookup.distance(x, y) for x, y in points.tolist()]), exact, atol=1e-14)
+        asked = Workspace(polygon, accuracy=1e-3)
+        np.testing.assert_allclose(np.abs([asked.distance(point) for point in points]), exact, atol=1e-14)
