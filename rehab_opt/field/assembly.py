@@ -3,28 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.field.continuation import PathEnd, at_rest, reflected
-from rehab_opt.field.merging import MOST, Merged, merged
+from rehab_opt.field.merging import MOST, merged
 from rehab_opt.field.samples import SampledPath, Samples
 
-__all__ = ["Assembled", "DragAlong", "assembled", "rest_point"]
+__all__ = ["DragAlong", "assembled", "rest_point"]
 
 Array = NDArray[np.float64]
 DragAlong = Literal["remaining", "travelled"]
-
-
-class Assembled(NamedTuple):
-    """What a field evaluates."""
-
-    samples: Samples
-    merge: Merged
-    """Of the samples before the last reflection, which is exact."""
 
 
 def rest_point(paths: Sequence[SampledPath], along: DragAlong, width: float) -> Array | None:
@@ -59,7 +51,7 @@ def assembled(
     width: float,
     target: Array | None,
     most: int = MOST,
-) -> Assembled:
+) -> Samples:
     """The samples of a field; linear in `offsets` (m,) [J] and `stiffness` (m, 2) [N/m] of each path.
 
     `target` is the field's `rest_point`, or None for the published field, whose samples are the paths' own.
@@ -72,12 +64,9 @@ def assembled(
     for each in own[1:]:
         samples = samples.joined(each)
     if target is None:
-        merge = merged(samples, width, most)
-        return Assembled(merge.samples, merge)
+        return merged(samples, width, most)
     far = 0 if along == "remaining" else -1
     for each in own:
         end = PathEnd(each.points[far], float(each.offsets[far]), held=along == "remaining")
         samples = samples.joined(reflected(each, end, width))
-    merge = merged(samples, width, most)
-    whole = at_rest(merge.samples, target, width)
-    return Assembled(whole, merge)
+    return at_rest(merged(samples, width, most), target, width)

@@ -38,9 +38,7 @@ class ForceModel:
     def samples(self, parameters: Array) -> Samples:
         """What such a field sums over; linear in the parameters but for positions and weights, which are constant."""
         offsets, stiffness = self.path_values(parameters)
-        return assembled(
-            self.paths, offsets, stiffness, along="remaining", width=self.width, target=self.target
-        ).samples
+        return assembled(self.paths, offsets, stiffness, along="remaining", width=self.width, target=self.target)
 
     def design(self, points: Array, velocities: Array | None = None) -> Array:
         """(N, 2, n) force at points (N, 2) of each parameter at one and the others at zero."""

@@ -12,9 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.field.arguments import as_point, as_points, checked_drag, path_stiffness, per_axis
-from rehab_opt.field.assembly import Assembled, DragAlong, assembled, rest_point
+from rehab_opt.field.assembly import DragAlong, assembled, rest_point
 from rehab_opt.field.energy import Kernel, field_kernel
-from rehab_opt.field.merging import merging_bound
 from rehab_opt.field.samples import SampledPath, Samples, checked_paths, resampled_path
 from rehab_opt.field.settling import fitting_damping
 from rehab_opt.field.weights import energies_and_forces, stiffness_at
@@ -71,6 +70,8 @@ class PotentialField:
 
     drag: float
     """[N/m] k1; NaN where phi_0 is none of Eq. (21)."""
+    samples: Samples
+    """What is summed over: the paths' samples, merged where they are many, and their continuation."""
     fit: Fit | None = None
     """How well it reproduces what it was learnt from."""
 
@@ -152,16 +153,11 @@ class PotentialField:
         self.damping = per_axis("damping", damping)
         self.drag_along: DragAlong = drag_along
         self.target = rest_point(paths, drag_along, width) if rest_on_target else None
-        self.whole: Assembled = assembled(paths, offsets, stiffness, along=drag_along, width=width, target=self.target)
+        self.samples = assembled(paths, offsets, stiffness, along=drag_along, width=width, target=self.target)
         self.count = sum(len(path.points) for path in paths)
         self._compile = compile
 
     # --------------------------------------------------------------------------------------------------- what it is
-    @property
-    def samples(self) -> Samples:
-        """What is summed over: the paths' samples, merged where they are many, and their continuation."""
-        return self.whole.samples
-
     @property
     def length(self) -> float:
         """[m] of the longest path."""
@@ -180,10 +176,6 @@ class PotentialField:
     def __repr__(self) -> str:
         kept = f", evaluated as {len(self.samples.points)}" if len(self.samples.points) != self.count else ""
         return f"PotentialField({len(self.paths)} paths, {self.count} samples{kept}, width {self.width:g} m)"
-
-    def merging_bound(self, x: ArrayLike) -> float:
-        """[N] by how much the force at x (2,) can differ from that of all samples; 0 where none were merged."""
-        return merging_bound(self.whole.merge, self.width, as_point(x))
 
     # ----------------------------------------------------------------------------------------------- what it answers
     def energy(self, x: ArrayLike) -> float | Array:

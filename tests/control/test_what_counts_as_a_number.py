@@ -202,7 +202,7 @@ def test_what_is_no_number_is_no_argument() -> None:
             refuses(take, ((wrong,), argument, ": expected "))
     assert math.isnan(FIELD.energy(masked(LINE[3])))
     assert np.isnan(FIELD.energy(masked(LINE))[-1])
-    for ask in (FIELD.energy, FIELD.force, FIELD.stiffness, lambda x: FIELD.force(LINE[3], x), FIELD.merging_bound):
+    for ask in (FIELD.energy, FIELD.force, FIELD.stiffness, lambda x: FIELD.force(LINE[3], x)):
         refuses(ask, ((LINE[3] + 1j,), ": expected ", "metres"))
     refuses(range_of_motion, (({"elbow": ROW + 1j},), "angles", ": expected numbers"))
     tracker = partial(PoseTracker, ur5(), compile=False)

@@ -10,7 +10,7 @@ from rehab_opt import ConfigurationError, PotentialField
 from rehab_opt.field.demonstration import Demonstration, check_agreement, check_closeness, check_units
 from rehab_opt.field.energy import field_function, field_function_in_blocks, field_table
 from rehab_opt.field.fit import constant_stiffness_error, identified
-from rehab_opt.field.merging import merged, merging_bound
+from rehab_opt.field.merging import merged
 from rehab_opt.field.samples import mean_path
 from rehab_opt.field.settling import crossover, fitting_damping, fitting_slew, settling_notes
 from tests.field.demonstrators import WAY, led_hands
@@ -32,7 +32,7 @@ def test_fields() -> None:
                 made = PotentialField(path, **{"stiffness": 900.0, "width": 0.025, "damping": 8.0,
                                                "rest_on_target": rest, "compile": False} | given)  # fmt: skip
                 more += [made.force(POINTS, 0.1 * POINTS), made.energy(POINTS), made.stiffness(POINTS[0])]
-                more += [made.force(POINTS[1], POINTS[2]), made.merging_bound(POINTS[3]), made.pull(0.1, 0.45)]
+                more += [made.force(POINTS[1], POINTS[2]), made.pull(0.1, 0.45)]
                 more += [made.length, made.rest_stiffness, made.rests]
         table = field_table(made.samples)
         for function in (field_function(len(table)), field_function_in_blocks(len(table))):
@@ -41,8 +41,7 @@ def test_fields() -> None:
         dense = PotentialField(HOOK, stiffness=np.linspace(400, 2000, 200), width=0.02, drag=99.0, spacing=1.5e-4,
                                rest_on_target=False, compile=False)  # fmt: skip
         for width, most in ((0.02, 1000), (0.05, 60), (0.005, 30)):
-            merge = merged(dense.samples, width, most)
-            more += [[merging_bound(merge, width, point) for point in POINTS], merge]
+            more.append(merged(dense.samples, width, most))
         for stiffness, damping, delay in product((100.0, 5000.0), (0.0, 40.0), (0.0, 0.008)):
             times = {"delay": delay, "lag": 0.5 * delay, "velocity_lag": 0.003}
             more += [crossover(stiffness, damping, mass=2.0, **times), fitting_damping(stiffness)]
