@@ -80,6 +80,13 @@ def of_a_workspace() -> Ask:
     )  # fmt: skip
 
 
+def of_a_ragged_workspace() -> Ask:
+    angle = np.linspace(0, 2 * np.pi, 400, endpoint=False)
+    radius = 0.2 + 0.05 * np.sin(5 * angle) + 0.02 * np.random.default_rng(0).random(400)
+    asked = Workspace(shapely.Polygon(np.column_stack((radius * np.cos(angle), radius * np.sin(angle)))), accuracy=1e-3)
+    return lambda rng: (asked.distance(x := near(rng)), asked.contains(x), asked.nearest(x))
+
+
 def of_a_spline(landmarks: int) -> Ask:
     rng = np.random.default_rng(0)
     source = rng.uniform(-0.2, 0.5, (landmarks, 2))
@@ -108,6 +115,7 @@ SHAREABLE: dict[str, Callable[[], Ask]] = {
     "chain": of_a_chain,
     "mobile arm": of_a_mobile_arm,
     "workspace": of_a_workspace,
+    "ragged workspace": of_a_ragged_workspace,
     "large spline": lambda: of_a_spline(100),
     "map": of_a_map,
 }

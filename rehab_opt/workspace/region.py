@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.real_array import is_finite
+from rehab_opt.symbolic import PerThread
 from rehab_opt.workspace.placement import ShoulderPlacement
 from rehab_opt.workspace.point_arguments import one_point, point_rows, single_point
 
@@ -31,15 +32,15 @@ BEYOND = 1e100
 """[m] counts as infinitely far: its square would be no number."""
 WITHOUT_WORDS = np.errstate(divide="ignore", invalid="ignore")
 """GEOS divides by the square of an edge's length, which may be zero in floating point; the edge beside it answers."""
-PREPARING = threading.Lock()
-"""GEOS completes a prepared geometry with the first question, and is not made for two threads asking that one."""
+COPYING = threading.Lock()
+"""Two threads do not read a polygon at once, whatever GEOS does with it."""
 
 
 class Workspace:
     """A closed set of points (x, y) in a horizontal plane; immutable, comparable by identity, picklable.
 
-    Any thread may ask. The first question prepares the polygon, in a millisecond or less: ask one before a control
-    loop. Numbers never raise, NaN and infinity included; what is not numbers, or of another shape, does.
+    Any thread may ask; its first question prepares the polygon, in a millisecond or less. Numbers never raise, NaN and
+    infinity included; what is not numbers, or of another shape, does.
 
     Parameters
     ----------
@@ -136,7 +137,7 @@ class Workspace:
         """
         import shapely  # noqa: PLC0415
 
-        point, polygon = one_point(points), self._prepared[0]
+        point, polygon = one_point(points), self._prepared.mine[0]
         if point is not None:
             slack = ON_BOUNDARY * (1.0 + abs(point[0]) + abs(point[1]))
             return slack < ON_BOUNDARY * BEYOND and bool(shapely.dwithin(polygon, shapely.points(point), slack))
@@ -154,7 +155,7 @@ class Workspace:
         """
         import shapely  # noqa: PLC0415
 
-        point, (polygon, boundary) = one_point(points), self._prepared
+        point, (polygon, boundary) = one_point(points), self._prepared.mine
         if point is not None:
             return self.signed_distance_and_closest_point(point)[0]
         rows = point_rows(points)
@@ -183,7 +184,7 @@ class Workspace:
         x, y = single_point(point)
         if self.empty or not (abs(x) < BEYOND and abs(y) < BEYOND):
             return (math.nan if math.isnan(x) or math.isnan(y) else math.inf), math.nan, math.nan
-        asked, (polygon, boundary) = shapely.points((x, y)), self._prepared
+        asked, (polygon, boundary) = shapely.points((x, y)), self._prepared.mine
         closest_x, closest_y = shapely.get_coordinates(shapely.shortest_line(boundary, asked))[0].tolist()
         distance = math.hypot(x - closest_x, y - closest_y)
         return (-distance if shapely.contains(polygon, asked) else distance), closest_x, closest_y
@@ -214,17 +215,18 @@ class Workspace:
         )
 
     @cached_property
-    def _prepared(self) -> tuple[BaseGeometry, BaseGeometry]:
-        """The polygon and its boundary, which can be asked by several threads."""
+    def _prepared(self) -> PerThread[tuple[BaseGeometry, BaseGeometry]]:
+        """The polygon and its boundary: of each thread its own, since GEOS completes them while it answers."""
         import shapely  # noqa: PLC0415
 
-        geometries = self.polygon, self.polygon.boundary
-        with PREPARING:
+        def made() -> tuple[BaseGeometry, BaseGeometry]:
+            with COPYING:
+                polygon = shapely.force_2d(self.polygon)
+            geometries = polygon, polygon.boundary
             shapely.prepare(geometries)
-            corners = shapely.points(shapely.get_coordinates(self.polygon)[:1])
-            for point in (*corners, *shapely.transform(corners, lambda corner: corner + 4 * FURTHEST)):
-                shapely.contains(self.polygon, point), shapely.distance(geometries, point)
-        return geometries
+            return geometries
+
+        return PerThread(made)
 
 
 def _rebuilt(given: dict[str, Any]) -> Workspace:
