@@ -15,7 +15,7 @@ from bench.redundancy_run import AGAIN, HOLD
 from bench.solvers.dense_qp import dense_statement, fits
 from bench.solvers.shipped import shipped_sequences
 from bench.test_bench_control import ROOM
-from rehab_opt import Clearance, JointFeedback, Limit, MirrorTracker, PoseTracker, RedundancyResolver, ardis, ur5
+from rehab_opt import Clearance, Limit, MirrorTracker, PoseTracker, RedundancyResolver, ardis, ur5
 from rehab_opt.control.velocity_controller import VelocityController
 from rehab_opt.export import random_runs
 from rehab_opt.kinematics.ardis import ARDIS_READY
@@ -57,7 +57,6 @@ def led_at_random(ticks: int, only: str) -> Iterator[Ticks]:
     elbow = Limit(lambda arm, q: arm.frames_expression(q)[3][2, 3] - 0.1)
     trackers: dict[str, dict[str, Any]] = {
         "poses": {}, "elbow": {"limits": [elbow]}, "moving bodies": {"limits": [Clearance(margin=0.02, moving=2)]},
-        "held hand": {"feedback": JointFeedback(delay=0.005, servo_hz=24.0, contact=0.0015)},
     }  # fmt: skip
     runs: dict[str, tuple[Callable[[], Any], Callable[[Any], object]]] = {
         name: (partial(PoseTracker, ur5(), dt=0.005, compile="wait", **options), random_runs.tracker_run)

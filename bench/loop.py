@@ -189,11 +189,11 @@ def _behind_fci(console: Console, seconds: float, python: str) -> int:
 
     name, host = "mirror/franka_pick_fruit", "127.0.0.1"
 
-    def on(folder: Path, delay_ms: float) -> ProblemFile[Any]:
+    def on(folder: Path) -> ProblemFile[Any]:
         """The shipped problem with a table of its own, so that its log has that, too."""
         shutil.copytree(load_problem(name).path.parents[1], folder, dirs_exist_ok=True)
         file = folder / f"{name}.toml"
-        plant = f'[plant]\nkind = "franka"\naddress = "{host}"\ndelay_ms = {delay_ms!r}\n'
+        plant = f'[plant]\nkind = "franka"\naddress = "{host}"\n'
         file.write_text(f"{file.read_text()}\n{plant}")
         return load_problem(str(file))
 
@@ -202,10 +202,10 @@ def _behind_fci(console: Console, seconds: float, python: str) -> int:
         mover = franky.Robot(host, realtime_config=franky.RealtimeConfig.Ignore, relative_dynamics_factor=0.1)
         mover.move(franky.JointMotion(start))
         del mover
-        delay = delay_of(on(Path(folder) / "unknown", 0.0), joint=0, fifo=FIFO)
+        delay = delay_of(on(Path(folder) / "unknown"), joint=0, fifo=FIFO)
         console.print(f"delay: {1e3 * delay:.1f} ms")
         log = Path(folder) / "trace.mcap"
-        report, lost = run_in_time(on(Path(folder) / "told", 1e3 * delay), seconds=seconds, log=log, fifo=FIFO)
+        report, lost = run_in_time(on(Path(folder) / "told"), seconds=seconds, log=log, fifo=FIFO)
         console.print(str(report), highlight=False)
         ticks = read_log(log)
         again, moved = (

@@ -32,7 +32,6 @@ if TYPE_CHECKING:
     from rehab_opt.control.bounded_force import BoundedForce
     from rehab_opt.control.clearance import Clearance
     from rehab_opt.control.interaction import Interaction
-    from rehab_opt.control.joint_feedback import JointFeedback
     from rehab_opt.control.joystick import Joystick
     from rehab_opt.control.limit import Limit
     from rehab_opt.control.mirror import MirrorTracker
@@ -81,7 +80,6 @@ __all__ = [
     "IKPath",
     "IKSolution",
     "Interaction",
-    "JointFeedback",
     "Joystick",
     "KeepOut",
     "Limit",
@@ -140,7 +138,6 @@ _LATER = {
     "Interaction": "control.interaction",
     "Joystick": "control.joystick",
     "KeepOut": "kinematics.room",
-    "JointFeedback": "control.joint_feedback",
     "Limit": "control.limit",
     "Log": "loop.log",
     "Loop": "loop.loop",

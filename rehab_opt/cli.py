@@ -256,12 +256,12 @@ def delay(
     plant: Annotated[str | None, typer.Option(help="As of run.")] = None,
     fifo: FifoOption = None,
 ) -> None:
-    """Swing one joint of a problem's robot for 4 s, and say by how much the robot is late: its `plant.delay_ms`."""
+    """Swing one joint of a problem's robot for 4 s, and say by how much the robot is late."""
     from rehab_opt.loop.of_problem import delay_of  # noqa: PLC0415  (loads solvers)
     from rehab_opt.session.files import load_problem  # noqa: PLC0415
 
     late = delay_of(load_problem(file), joint=joint - 1, plant=plant, fifo=fifo)
-    say(f"delay_ms = {1e3 * late:.1f}")
+    say(f"the robot is late by {1e3 * late:.1f} ms; controllers allow for 100 ms")
 
 
 @app.command()

@@ -28,10 +28,10 @@ BEGIN, END, TABLE = "<!-- physics: begin -->", "<!-- physics: end -->", "<!-- ph
 HEAD = """\
 ## Robots with mass, servos, delays and noise
 
-Controllers with default settings, told of the delay, of 3 ms more, or of 3 ms less, in turn; the pose tracker acts on
-where its joints are led (`JointFeedback`; `--feedback measured` for what is measured). UR5 and iiwa 14 in turn; columns
-are delays, half of them of the command, half of the measurement; encoder noise of 0, 0.1, 0.2 mrad; 500 Hz and 1 kHz.
-Every number is of the true robot. Why a wall is pressed with more than 140 N: `docs/capabilities/real_servos.md`."""
+Controllers with default settings; those of forces are told of the delay, of 3 ms more, or of 3 ms less, in turn. UR5
+and iiwa 14 in turn; columns are delays, half of them of the command, half of the measurement; encoder noise of 0, 0.1,
+0.2 mrad; 500 Hz and 1 kHz.
+Every number is of the true robot. Why a wall is pressed so hard: `docs/capabilities/real_servos.md`."""
 DEAREST_FIRST = ("tracking", "hand", "energy", "need", "help", "limit", "mirror", "push", "blocked", "frozen")
 
 
@@ -42,9 +42,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--only", nargs="+", choices=list(TASKS), default=list(TASKS))
     parser.add_argument("--ideal", action="store_true", help="joints that move as commanded, without delay and noise")
-    parser.add_argument(
-        "--feedback", choices=["measured"], help="act on measured positions instead of where the joints are led"
-    )
     parser.add_argument("--processes", type=int, default=1)
     parser.add_argument("--write", action="store_true", help="put the tables into bench/RESULTS.md")
     options = parser.parse_args(arguments)
@@ -52,7 +49,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     names = [name for name in DEAREST_FIRST if name in options.only]
     # Every process has tasks of every kind: controllers are built once in each.
     work = [
-        (name, range(part, options.tasks, options.processes), options.seed, options.ideal, options.feedback)
+        (name, range(part, options.tasks, options.processes), options.seed, options.ideal)
         for name in names
         for part in range(min(options.processes, options.tasks))
     ]
@@ -103,7 +100,6 @@ def _number(value: float) -> str:
 def _head(options: argparse.Namespace, name: str) -> list[str]:
     """The command that gives a table again, where and when it was run."""
     told = " --ideal" if options.ideal else ""
-    told += f" --feedback {options.feedback}" if options.feedback else ""
     command = f"python -m bench.physics --only {name} --tasks {options.tasks} --seed {options.seed}{told}"
     place = ", ".join(f"{key} {value}" for key, value in machine().items())
     return [f"`{command}`, {datetime.now(UTC):%Y-%m-%d}; {place}; MuJoCo {version('mujoco')}.", ""]

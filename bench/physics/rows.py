@@ -117,9 +117,7 @@ ROWS = (
     Row("blocked hand: force after 0.5 s, worst", "blocked", _worst("blocked: after 0.5 s"), 60.0, "N"),
     Row("speed on release, worst", "blocked", _worst("release"), 0.1, "m/s"),
     Row("frozen encoder, fresh stamps: braking after, worst", "frozen", _worst("frozen encoder"), 0.2, "s"),
-    Row("the same without a `JointFeedback`, worst", "frozen", _worst("frozen encoder, measured"), 0.2, "s"),
     Row("blocked joint: braking after, worst", "frozen", _worst("blocked joint"), 0.2, "s"),
-    Row("the same without a `JointFeedback`, worst", "frozen", _worst("blocked joint, measured"), 0.2, "s"),
     Row("28 +- 2 N: gives way / (F/k) from 1 s on, least", "push", _least("push: gives way"), 1.2, "", at_least=0.8),
     Row("the same, most", "push", _worst("push: gives way, most"), 1.2, "", at_least=0.8),
     Row("28 +- 2 N: stiffness of the reply, largest", "push", _worst("push: stiffness"), 600.0, "N/m"),
@@ -129,12 +127,12 @@ ROWS = (
 )  # fmt: skip
 
 
-def done(name: str, numbers: Sequence[int], seed: int, ideal: bool, feedback: str | None) -> list[Done]:
+def done(name: str, numbers: Sequence[int], seed: int, ideal: bool) -> list[Done]:
     """Tasks of one kind, by their numbers."""
     kept: dict[Any, Any] = {}
     found = []
     for number in numbers:
-        setting = setting_of(number, name, seed=seed, ideal=ideal, feedback=feedback, kept=kept)
+        setting = setting_of(number, name, seed=seed, ideal=ideal, kept=kept)
         found.append(Done(setting.cell, TASKS[name](setting)))
     return found
 

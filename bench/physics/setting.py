@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.physics.arms import ARMS, Arm
-from rehab_opt import JointFeedback
 from rehab_opt.plants.channel import Channel
 from rehab_opt.plants.contacts import Contact
 from rehab_opt.plants.drives import Drive
@@ -50,8 +49,8 @@ CELLS = tuple(Cell(*each) for each in product((0.0, 0.002, 0.005, 0.008), (0.0, 
 class Setting:
     """One task's surroundings. Everything random in it comes of `rng`.
 
-    A controller is told what it can be told: constructor arguments `actuation_delay`, `position_noise` and `feedback`
-    are given where its class has them; the feedback is a `JointFeedback`, unless it is "measured".
+    A controller is told what it can be told: constructor arguments `actuation_delay` and `position_noise` are given
+    where its class has them.
     """
 
     cell: Cell
@@ -60,7 +59,6 @@ class Setting:
     mistold: float = 0.0
     """[s] that are told of the delay besides."""
     ideal: bool = False
-    feedback: str | None = None
     kept: dict[Any, Any] = field(default_factory=dict)
     """Controllers that were built before: they take seconds."""
 
@@ -90,14 +88,13 @@ class Setting:
 
     def told(self, kind: Callable[..., Any]) -> dict[str, Any]:
         """What a class of controllers can be told of this cell, by the names of its arguments."""
-        known, measured = _arguments(kind), self.ideal or self.feedback
+        known = _arguments(kind)
         delay = max(self.cell.delay + self.mistold, 0.0)
         all_of_it: Mapping[str, Any] = {
             "actuation_delay": delay,
             "position_noise": self.cell.noise,
-            "feedback": None if measured else JointFeedback(delay=delay),
         }
-        return {name: value for name, value in all_of_it.items() if name in known and value is not None}
+        return {name: value for name, value in all_of_it.items() if name in known}
 
     def controller(self, kind: Callable[..., Any], *own: Any, **options: Any) -> Any:
         """A controller of a class, told what it can be told of this cell; built once, and reset.
@@ -120,9 +117,7 @@ Task = Callable[[Setting], Numbers]
 """Something that is done once in a setting, and what was measured."""
 
 
-def setting_of(
-    number: int, row: str, *, seed: int, ideal: bool = False, feedback: str | None = None, kept: dict[Any, Any]
-) -> Setting:
+def setting_of(number: int, row: str, *, seed: int, ideal: bool = False, kept: dict[Any, Any]) -> Setting:
     """The setting of task `number`: cells in turn, arms like the fields of a chessboard, the other way each round.
 
     Random by seed, row and number alone. Ideal joints have the first cell, the arms in turn.
@@ -133,7 +128,7 @@ def setting_of(
     arm = list(ARMS.values())[field % len(ARMS)]()
     rng = np.random.default_rng([seed, number, *row.encode()])
     mistold = 0.0 if ideal else MISTOLD[(round_ + place) % len(MISTOLD)]
-    return Setting(cell, arm, rng, mistold, ideal=ideal, feedback=feedback, kept=kept)
+    return Setting(cell, arm, rng, mistold, ideal=ideal, kept=kept)
 
 
 def _arguments(kind: Callable[..., Any]) -> set[str]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 
@@ -105,11 +104,8 @@ def frozen(setting: Setting) -> Numbers:
     state = setting.rng.bit_generator.state  # the same draws for all
     found = {}
     for what, jams in (("frozen encoder", False), ("blocked joint", True)):
-        for how, feedback in (("", None), (", measured", "measured")):
-            setting.rng.bit_generator.state = state
-            found[what + how] = (
-                -math.inf if jams and setting.ideal else _late(replace(setting, feedback=feedback), jams=jams)
-            )
+        setting.rng.bit_generator.state = state
+        found[what] = -math.inf if jams and setting.ideal else _late(setting, jams=jams)
     return found
 
 

@@ -15,7 +15,14 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 
-from rehab_opt.control.stopping import gentle_speed, max_change, slowed_together, stopping_speed, ticks_to_rest
+from rehab_opt.control.stopping import (
+    APPROACH,
+    gentle_speed,
+    max_change,
+    slowed_together,
+    stopping_speed,
+    ticks_to_rest,
+)
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.optim.certificate import clipped
 
@@ -25,8 +32,6 @@ FAR = 1e9
 """[rad or m] A limit that is never felt."""
 OUTSIDE = 1e-9
 """[rad or m] A joint less than this beyond its limit stands at it: rounding is no excursion."""
-APPROACH = 30.0
-"""[1/s] rate at which a joint comes to its limit at last: a servo runs past the end of a hard deceleration."""
 
 
 class Intervals(NamedTuple):

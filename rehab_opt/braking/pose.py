@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from functools import cached_property
 from threading import get_ident
 from typing import Any, ClassVar, NamedTuple
 
@@ -12,7 +11,6 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rehab_opt.braking.front_end import FrontEnd, judged
 from rehab_opt.braking.limits import (
     LEAVING,
     ROUNDING,
@@ -27,12 +25,10 @@ from rehab_opt.braking.limits import (
 )
 from rehab_opt.braking.manoeuvre import Intervals, Manoeuvre, further
 from rehab_opt.control.command import Command
-from rehab_opt.control.judged_state import judged_memory
 from rehab_opt.control.limit import Limit, checked_limits
 from rehab_opt.control.stopping import ticks_to_rest
 from rehab_opt.control.thread_owner import setting
 from rehab_opt.control.velocity_controller import VelocityController, checked_number
-from rehab_opt.control.velocity_tick import VelocityTick, velocity_tick
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import SerialChain, per_joint
 from rehab_opt.kinematics.rigid import is_rigid, rotation_vector
@@ -40,7 +36,6 @@ from rehab_opt.optim.certificate import all_true, clipped
 from rehab_opt.optim.qp import Statement
 from rehab_opt.optim.rows import parameter, variable, within
 from rehab_opt.symbolic import Compile
-from rehab_opt.symbolic.record import Record
 from rehab_opt.symbolic.tick import Stages
 
 __all__ = ["PoseTracker"]
@@ -317,26 +312,6 @@ class PoseTracker(VelocityController):
             return braked + ca.if_else(all_true(found <= most + ROUNDING), share, 0) * (wanted - braked)
 
         return tick.when(all_true(over <= ROUNDING), wanted, blended)
-
-    @cached_property
-    def _led(self) -> FrontEnd:
-        return FrontEnd(self.chain, dt=self.dt, max_age=self.max_age)
-
-    def _front_end(self) -> FrontEnd:  # type: ignore[override]
-        return self._led
-
-    @property
-    def judged(self) -> Record:
-        """See `judged_memory`."""
-        return judged_memory(self.chain.n, self._led.size, self.chain.n)
-
-    def _functions(self) -> VelocityTick:
-        stated, size = self.stated, int(self.stated.memory.numel())
-        judge = judged(self.chain.n, size, dt=self.dt, max_age=self.max_age, led=self._led)
-        return velocity_tick(
-            stated, judge, self.judged, stop=self.stopping(), faulty=self.faulty(), law=None, hurried=self.hurried,
-            tolerance=self.tolerance,
-        )  # fmt: skip
 
     def step(
         self, q: ArrayLike, pose: ArrayLike, twist: ArrayLike, *, enable: object = True, stamp: float | None = None

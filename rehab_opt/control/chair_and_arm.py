@@ -9,7 +9,6 @@ from numpy.typing import ArrayLike, NDArray
 from rehab_opt.control.chair_limits import ChairLimits, Limits
 from rehab_opt.control.command import Command
 from rehab_opt.control.hand_task import AHEAD, PROGRESS, HandTask, Last, Task
-from rehab_opt.control.joint_feedback import JointFeedback
 from rehab_opt.control.obstacles import NUMBERS
 from rehab_opt.control.stopping import ticks_to_rest
 from rehab_opt.control.velocity_controller import VelocityController
@@ -106,7 +105,6 @@ class ChairAndArm(VelocityController):
         tolerance: float,
         max_age: float | None,
         compile: Compile,
-        feedback: JointFeedback | None = None,
     ) -> None:
         robot, max_obstacles = limits.robot, limits.max_obstacles
         self.robot, self.rows, self.drive, self.max_obstacles = robot, rows, drive, max_obstacles
@@ -118,31 +116,21 @@ class ChairAndArm(VelocityController):
         self.task = HandTask(robot, rows, moving=self.limits.moving, self_motion=self_motion)
         if (rank := self.task.rank()) < k:
             raise ConfigurationError("row_sets", rows, f"independent rows; on a {drive} base {rank} of them are")
-        # What is remembered: u, where it leads, from where the arm is led to where it is, the command, the wheels' part
-        # of it, the mean of u, and of the hand its velocity, the insistence on its progress, and the frame.
-        first = 2 * n + (0 if feedback is None else n - CHAIR)
-        self.command_slice: slice = slice(first, first + n)
-        self.wheels = slice(first + n, first + n + wheels)
+        # What is remembered: u, where it leads, the command, the wheels' part of it, the mean of u, and of the hand its
+        # velocity, the insistence on its progress, and the frame.
+        self.command_slice: slice = slice(2 * n, 3 * n)
+        self.wheels = slice(3 * n, 3 * n + wheels)
         self.mean = slice(self.wheels.stop, self.wheels.stop + n)
+        self.motion = slice(2 * n, self.mean.stop)
         super().__init__(
             robot.chain, dt=limits.dt, recovery_speed=limits.recovery_speed, solver=solver, backup=backup,
-            tolerance=tolerance, max_age=max_age, compile=compile, feedback=feedback,
+            tolerance=tolerance, max_age=max_age, compile=compile,
         )  # fmt: skip
         self._goes_on = self.going_on()
 
     @property
-    def guidance_size(self) -> int:
-        """See `VelocityController`."""
-        return 0 if self.feedback is None else self.chain.n - CHAIR
-
-    @property
     def _memory_size(self) -> int:
         return int(self.mean.stop) + len(self.rows) + 2
-
-    def _apart(self, memory: ca.SX) -> ca.SX:
-        """(n,) from led joints to measured ones."""
-        n, size = self.chain.n, self.guidance_size
-        return ca.vertcat(ca.SX.zeros(n - size), memory[2 * n : 2 * n + size])
 
     # --------------------------------------------------------------------------------------------- the task
     def statement(self) -> Statement:
@@ -195,8 +183,8 @@ class ChairAndArm(VelocityController):
         )
 
     def _limits(self, tick: Stages, q: ca.SX, memory: ca.SX, surroundings: ca.SX, *, gives_way: ca.SX) -> Limits:
-        apart, last, mean = self._apart(memory), memory[: self.chain.n], self._mean(memory)
-        return self.limits.limits(tick, q, last, surroundings, mean=mean, gives_way=gives_way, apart=apart)
+        last, mean = memory[: self.chain.n], self._mean(memory)
+        return self.limits.limits(tick, q, last, surroundings, mean=mean, gives_way=gives_way)
 
     def _mean(self, memory: ca.SX) -> ca.SX:
         """(n,) see `MEAN`: the last u where the past is forgotten."""
@@ -265,9 +253,9 @@ class ChairAndArm(VelocityController):
         cos, sin = ca.cos(q[2]), ca.sin(q[2])
         value = ca.vertcat(cos * u[0] - sin * u[1], sin * u[0] + cos * u[1], u[2:])
         wheels = self.wheelset.wheel_speeds_expression(u[:CHAIR])
-        led, mean = ca.SX.zeros(self.guidance_size), self._mean(before)
+        mean = self._mean(before)
         mean += (u - mean) / MEAN
-        return ca.densify(ca.vertcat(u, q + value * self.dt, led, value, wheels, mean, hand, insistence, frame))
+        return ca.densify(ca.vertcat(u, q + value * self.dt, value, wheels, mean, hand, insistence, frame))
 
     def fallback_law(self) -> ca.Function:
         """One tick of braking together."""

@@ -126,15 +126,14 @@ class ChairLimits:
         return [*self.wheels.moving, *range(CHAIR, self.robot.chain.n)]
 
     def limits(
-        self, tick: Stages, q: ca.SX, last: ca.SX, surroundings: ca.SX, *, mean: ca.SX, gives_way: ca.SX, apart: ca.SX
+        self, tick: Stages, q: ca.SX, last: ca.SX, surroundings: ca.SX, *, mean: ca.SX, gives_way: ca.SX
     ) -> Limits:
         """Limits at joint values q (7,) after the command `last` (7,), among obstacles and moving capsules.
 
         surroundings : numbers of the obstacles, then of the capsules. mean : (7,) about which limits on the way are
-        stated. gives_way : see `PostureLimits.beside`. apart : (n,) from q to where the joints are, where
-        joint limits hold, too. What is far makes no rows.
+        stated. gives_way : see `PostureLimits.beside`. What is far makes no rows.
         """
-        lower, upper, hard_lower, hard_upper, outside = tick.once(self._joints(q, last, apart))
+        lower, upper, hard_lower, hard_upper, outside = tick.once(self._joints(q, last))
         obstacles, told = ca.vertsplit(surroundings, [0, NUMBERS * self.max_obstacles, surroundings.numel()])
         towards, into, inside = self.obstacles.limits(tick, obstacles, q, last)
         now, then, clearance = self.keep_outs.limits(tick, q, last, mean)
@@ -286,11 +285,10 @@ class ChairLimits:
             verdict = ca.logic_and(verdict, out(q, u))
         return own.first_kept(ca.Function("judged", inputs, [verdict]))
 
-    def _joints(self, q: ca.SX, last: ca.SX, apart: ca.SX) -> tuple[ca.SX, ...]:
+    def _joints(self, q: ca.SX, last: ca.SX) -> tuple[ca.SX, ...]:
         chain, time, slowest = self.robot.chain, self.braking.time, self.braking.slowest(last)
-        bounds = velocity_bounds(chain, q, last, dt=self.dt, recovery_speed=self.recovery_speed, strays=apart)
-        high, low = q + ca.fmax(apart, 0), q + ca.fmin(apart, 0)
-        up, down = (ca.fmax(room, 0) / time for room in (ca.DM(chain.upper) - high, low - ca.DM(chain.lower)))
+        bounds = velocity_bounds(chain, q, last, dt=self.dt, recovery_speed=self.recovery_speed)
+        up, down = (ca.fmax(room, 0) / time for room in (ca.DM(chain.upper) - q, q - ca.DM(chain.lower)))
         upper = ca.fmin(ca.fmax(up, slowest), bounds.hard_upper)
         lower = ca.fmax(ca.fmin(-down, slowest), bounds.hard_lower)
         # Positions of the chair are not bounded: its intervals are numbers.

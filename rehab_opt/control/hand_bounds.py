@@ -78,8 +78,6 @@ class HandBounds:
     dt : tick [s].
     recovery_speed : share of the joints' speeds at which the arm is led back above the floor.
     limits : a user's own.
-    margin : [m] that is left before planes and bodies at least, where they may be gone into by what joints are led
-        astray.
     clearance : pairs of bodies that keep clear of each other, or None.
     """
 
@@ -93,7 +91,6 @@ class HandBounds:
     dt: float
     recovery_speed: float
     limits: Sequence[Limit] = ()
-    margin: float = 0.0
     clearance: ClearancePairs | None = None
 
     @property
@@ -112,11 +109,10 @@ class HandBounds:
 
     @property
     def _margins(self) -> list[float]:
-        """[m] for every row of `distances`: none of a user's own limits, whose units are not known."""
+        """[m] for every row of `distances` but those of bodies: none of a user's limits, whose units are not known."""
         planes = len(self.planes) * min(len(self.guarded), ROWS)
-        bodies = 0 if self.clearance is None else self.clearance.max_contacts
-        others = len(self.distances) - planes - bodies
-        return [max(self.margin, ABOVE)] * planes + [0.0] * others + [self.margin] * bodies
+        own = sum(each.count(self.chain) for each in self.limits)
+        return [ABOVE] * planes + [0.0] * own
 
     def _above(self, plane: KeepOut, _: SerialChain, q: ca.SX) -> ca.SX:
         return ca.vertcat(*self.heights(self.chain.frames_expression(q), plane))
@@ -141,7 +137,6 @@ class HandBounds:
         loss: ca.SX,
         bounds: VelocityBounds,
         contacts: ca.SX,
-        strays: ca.SX | None = None,
     ) -> tuple[ca.SX, ca.SX, Now]:
         """R (m, n), r (m,), and how things are.
 
@@ -153,14 +148,11 @@ class HandBounds:
         loss : what the last tick lost of w / w_max against its tangent: counted on again.
         bounds : of the joint velocities.
         contacts : the nearest, see `PostureLimits.contacts`.
-        strays : (n,) from q, where the joints are led, to where they are. Floor, planes and a user's limits have room
-            for it either way, as friction does. None for joints that move as commanded.
         """
-        astray = ca.SX(self.chain.n, 1) if strays is None else ca.fabs(strays)
         fraction = (1 - math.exp(-self.rate * self.dt)) / self.dt
         w, slope_of_w = self.manipulability(q)
         gradient = slope_of_w + lead
-        ascent = fraction * (self.floor + ABOVE - w + ca.dot(ca.fabs(slope_of_w), astray)) + loss / self.dt
+        ascent = fraction * (self.floor + ABOVE - w) + loss / self.dt
         frames = self.chain.frames_expression(q)
         pose = frames[-1]
         normals, most = [], []
@@ -170,9 +162,7 @@ class HandBounds:
         far = distance > 0.25 * self.deviation  # a row at the very centre has no direction
         normals.append(unit.T @ self.chain.jacobian_expression(q)[:3, :])
         most.append(ca.if_else(far, fraction * ca.fmax(self.deviation - distance, 0), FREE))
-        slopes, falls = self.distances.falls(
-            q, last, contacts, astray=astray, margins=ca.DM(self._margins), ticks=self.ways(last)[-1]
-        )
+        slopes, falls = self.distances.falls(q, last, contacts, margins=ca.DM(self._margins), ticks=self.ways(last)[-1])
         normals.append(-slopes)
         most.append(falls)
         slow = ca.DM(self.recovery_speed * self.chain.velocity)

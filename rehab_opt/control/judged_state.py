@@ -6,11 +6,11 @@ from functools import cache
 
 import casadi as ca
 
-from rehab_opt.control.followed_joints import SAID, FollowedJoints
-from rehab_opt.control.held_hand import largest
+from rehab_opt.control.front_end import SAID, FrontEnd, led_memory
 from rehab_opt.control.reasons import NUMBER
 from rehab_opt.control.watchdog import NO_STAMP, STAMPS, checked_stamp, first_of
-from rehab_opt.control.watched_joints import memory_of_watch, patience_of
+from rehab_opt.optim.certificate import all_true
+from rehab_opt.optim.rows import MAX_MAGNITUDE
 from rehab_opt.symbolic.record import Record
 
 __all__ = ["GIVEN", "judged_memory", "judged_state", "nothing_known"]
@@ -21,91 +21,87 @@ the state was judged before: then what the memory says of it stands, and nothing
 
 
 @cache
-def judged_memory(n: int, led: int, before: int) -> Record:
-    """What is remembered of n joints: of stamps, of `memory_of_watch`, which one was seen not to follow (fault, joint,
-    how far), and the `led` numbers of `FollowedJoints`.
+def judged_memory(n: int, led: int) -> Record:
+    """What is remembered of n joints: of stamps; which joint was seen not to follow (fault, joint, how far); the `led`
+    numbers of a `FrontEnd`, 0 where there is none; and whether the last stamp went back.
 
     And of the state at hand: the number of the reason why it must not be acted on, 0 for none; which joint does not
-    follow, -1 for none; details, of a joint how far [rad or m] and the fault of `SAID`; whether the hand is held from
-    now on, and whether it is held; the command before where a hand is watched (n,).
+    follow, -1 for none; details, of a joint how far [rad or m]; whether the joints begin anew at rest, and the command
+    before (n,).
     """
     return Record(
-        stamps=STAMPS.size, watch=memory_of_watch(n).size, lost=3, led=led,
-        reason=1, element=1, details=2, touched=1, held=1, before=before,
+        stamps=STAMPS.size, lost=3, led=led, back=1, reason=1, element=1, details=2, rested=1,
+        before=n if led else 0,
     )  # fmt: skip
 
 
-def nothing_known(record: Record, led: ca.SX) -> ca.SX:
-    """A `judged_memory` before the first state; `led` is what is known of led joints."""
+def nothing_known(record: Record) -> ca.SX:
+    """A `judged_memory` before the first state."""
     parts = {name: ca.SX.zeros(place.stop - place.start) for name, place in record.places.items()}
     stamps = STAMPS.of(last=ca.SX.nan(), lag=ca.SX(0), stamped=ca.SX(0), ahead=ca.SX(0))
-    return record.of(**parts | {"stamps": stamps, "led": led, "element": ca.SX(-1)})
+    return record.of(**parts | {"stamps": stamps, "element": ca.SX(-1)})
 
 
 def judged_state(
-    n: int, size: int, *, dt: float, max_age: float, watch: ca.Function | None, led: FollowedJoints | None, base: int,
-    command_slice: slice,
-) -> ca.Function:  # fmt: skip
+    n: int, size: int, *, dt: float, max_age: float, led: FrontEnd | None, sent: slice, motion: slice
+) -> ca.Function:
     """Positions (n,), memory of a controller (size,), `judged_memory`, `GIVEN` -> the first three.
 
-    A robot that is not enabled and rests is forgotten: it may be moved by hand, and a fault is acknowledged. Led joints
-    are put in place of what was measured, and of the last command where a hand is held from now on.
+    A pause of the stamps ends at rest where the joints are then, unless they have moved on as commanded. A command that
+    so drops to rest is flagged (`Relaxed.ACCELERATION`). A robot that is not enabled and rests is forgotten: it may be
+    moved by hand, and a fault is acknowledged. Led positions are put in place of what was measured.
 
     Parameters
     ----------
     dt, max_age : see `Watchdog`.
-    watch : see `watched_joints`; None where joints are not watched so. led : see `FollowedJoints`, of the joints behind
-        `base`. command_slice : part of the controller's memory that was sent.
+    led : None where the joints are where they are commanded. sent : part of the controller's memory that was sent.
+    motion : part of it, behind velocity and position, that is zero at rest.
     """
-    record = judged_memory(n, led.size if led else 0, n if led and led.hand else 0)
+    record = judged_memory(n, led.size if led else 0)
     q, memory = ca.SX.sym("q", n), ca.SX.sym("memory", size)
     own, given = record.symbols("own"), GIVEN.symbols("given")
     stamped = STAMPS.parts(own.stamps)
     stamps = checked_stamp(stamped, given.stamp, given.kind, dt=ca.SX(dt), max_age=ca.SX(max_age))
     untold = ca.logic_and(given.kind == NO_STAMP, ca.logic_not(stamped.stamped))
 
-    after, lost = own.watch, own.lost
-    if watch is not None:
-        after, longest = watch(own.watch, q, memory[command_slice])
-        joints = memory_of_watch(n).parts(after)
-        joint = largest(joints.wrong)[1]
-        far = sum((ca.if_else(joint == i, ca.fabs(joints.apart[i]), 0) for i in range(n)), ca.SX(0))
-        lost = ca.if_else(lost[0] > 0, lost, (longest > patience_of(dt)) * ca.vertcat(1, joint, far))
-    fault, after_led, reference, remembered = lost, own.led, q, memory
-    touched = held = ca.SX(0)
+    last = memory[sent]
+    after, reference, rests, lost, missing = own.led, q, ca.SX(0), own.lost, ca.SX(0)
     if led is not None:
-        last, place = memory[base:n], slice(2 * n, 2 * n + led.tick.numel_out(2))
-        after_led, leads, guided, goes_on, said = led.tick(own.led, q[base:], last)
+        # What follows a stamp that went back has only come forward again.
+        paused = ca.logic_and(stamps.reason == NUMBER["STAMP_GAP"], ca.logic_not(own.back))
+        moved = ca.dot(q - led_memory(n).parts(own.led).seen, last)
+        rests = ca.logic_and(paused, ca.logic_not(moved > 0.5 * ca.sumsqr(last) * stamps.details[0]))
+        after, reference, said = led.tick(ca.if_else(paused, 0, own.led), q, ca.if_else(rests, 0, last))
         found = SAID.parts(said)
-        fault = ca.if_else(found.fault > 0, ca.vertcat(found.fault, base + found.joint, found.far), lost)
-        touched, held = found.touched, found.held
-        reference = ca.vertcat(q[:base], leads)
-        remembered = ca.vertcat(memory[:base], goes_on, memory[n : 2 * n], guided, memory[place.stop :])
+        lost = ca.if_else(lost[0] > 0, lost, found.fault * ca.vertcat(1, found.joint, found.far))
+        missing = ca.logic_and(found.missing, all_true(ca.fabs(q) <= MAX_MAGNITUDE))  # others are named by the tick
+    goes_on = ca.SX(memory)
+    for part in (slice(n), motion):
+        goes_on[part] = ca.if_else(rests, 0, goes_on[part])
 
     enabled = given.enable == 1
-    at_rest = ca.sum1(ca.fabs(remembered[command_slice])) == 0
-    kept = ca.logic_or(enabled, ca.logic_not(at_rest))
+    kept = ca.logic_or(enabled, ca.sum1(ca.fabs(goes_on[sent])) > 0)
     reason = first_of([
         (ca.logic_not(enabled), ca.SX(NUMBER["NOT_ENABLED"])),
         (stamps.reason != 0, stamps.reason),
-        (fault[0] > 0, ca.SX(NUMBER["NOT_FOLLOWED"])),
+        (lost[0] > 0, ca.SX(NUMBER["NOT_FOLLOWED"])),
+        (missing, ca.SX(NUMBER["POSITIONS_IMPOSSIBLE"])),
         (ca.SX(1), ca.SX(0)),
     ])  # fmt: skip
     of_joint = reason == NUMBER["NOT_FOLLOWED"]
-    judged = record.of(
+    told = record.of(
         stamps=ca.if_else(untold, own.stamps, stamps.memory),
-        watch=ca.if_else(kept, after, 0),
         lost=ca.if_else(kept, lost, 0),
-        led=ca.if_else(kept, after_led, 0),
+        led=ca.if_else(kept, after, 0),
+        back=stamps.reason == NUMBER["STAMP_BACKWARDS"],
         reason=reason,
-        element=ca.if_else(of_joint, fault[1], -1),
-        details=ca.if_else(of_joint, ca.vertcat(fault[2], fault[0]), stamps.details),
-        touched=touched,
-        held=held,
-        before=memory[:n] if record.size > record["before"] else ca.SX(0, 1),
+        element=ca.if_else(of_joint, lost[1], -1),
+        details=ca.if_else(of_joint, ca.vertcat(lost[2], 0), stamps.details),
+        rested=rests,
+        before=memory[:n] if led else ca.SX(0, 1),
     )
     inputs = [q, memory, own.column, given.column]
-    outputs = [ca.densify(each) for each in (reference, remembered, judged)]
+    outputs = [ca.densify(each) for each in (reference, goes_on, told)]
     anew = ca.Function("judged_anew", inputs, outputs, {"cse": True})
     same = ca.Function("judged_before", inputs, inputs[:3])
     columns = [ca.MX.sym("column", each.numel()) for each in inputs]

@@ -236,22 +236,18 @@ class PostureLimits:
         )
         return -slopes, ca.fmax(free, -slopes @ kept), opened
 
-    def falls(
-        self, q: ca.SX, last: ca.SX, contacts: ca.SX, *, astray: ca.SX, margins: ca.DM, ticks: ca.SX
-    ) -> tuple[ca.SX, ca.SX]:
+    def falls(self, q: ca.SX, last: ca.SX, contacts: ca.SX, *, margins: ca.DM, ticks: ca.SX) -> tuple[ca.SX, ca.SX]:
         """Slopes (m, n) of the least distances, and how fast they may fall (m,): below zero where they have to rise.
 
-        What is beyond a limit is taken for at it: it goes no further, and is not led back. Before each limit its margin
-        is left, or what joints that are `astray` (n,) make of it. The tangents are to hold for so many `ticks`.
+        What is beyond a limit is taken for at it: it goes no further, and is not led back. Before each own limit its
+        margin is left. The tangents are to hold for so many `ticks`.
         """
         parts, own = [(ca.SX(0, self.chain.n), ca.SX(0, 1))], slice(self._own)
         if self.limits:
             slopes, least, spent = self._tangents(q, last, [0] * len(self.limits), ticks)
-            least -= ca.fmax(ca.fabs(slopes) @ astray, margins[own])
-            parts.append((slopes, self._fractions[own] * ca.fmax(least, 0) - spent))
+            parts.append((slopes, self._fractions[own] * ca.fmax(least - margins, 0) - spent))
         if self.clearance is not None:
             distances, slopes, changes = self.clearance.read(contacts)
-            distances -= ca.fmax(ca.fabs(slopes) @ astray, margins[self._own :])
             parts.append(self._between_bodies(last, distances, slopes, changes)[:2])
         slopes, falls = (ca.vertcat(*column) for column in zip(*parts, strict=True))
         return slopes, falls

@@ -21,7 +21,6 @@ from rehab_opt.control.clearance import Clearance
 from rehab_opt.control.command import Command, Relaxed, Status
 from rehab_opt.control.hand_bounds import HandBounds, KeepOut
 from rehab_opt.control.interaction import Interaction
-from rehab_opt.control.joint_feedback import JointFeedback
 from rehab_opt.control.judged_state import GIVEN
 from rehab_opt.control.limit import Limit, all_limits
 from rehab_opt.control.manipulability import maximise_manipulability
@@ -31,7 +30,6 @@ from rehab_opt.control.mirror_plan import MirrorPath, plan
 from rehab_opt.control.mirror_preview import MirrorPreview
 from rehab_opt.control.mirror_tick import VERDICT, mirror_tick
 from rehab_opt.control.person_limit import PersonLimit
-from rehab_opt.control.reasons import HELD_BACK
 from rehab_opt.control.reference_clock import ReferenceClock
 from rehab_opt.control.thread_owner import setting
 from rehab_opt.control.velocity_controller import checked_number
@@ -101,10 +99,6 @@ class MirrorTracker(MirrorPreview):
     gain : as for `PoseTracker`, but at most 0.4 / dt.
     posture, lower, upper, velocity, acceleration, dt, recovery_speed, solver, backup, tolerance, max_age,
         compile : as for `PoseTracker`.
-    feedback : as for `PoseTracker`, too. Then the floor, the planes, the reference and the hand's largest speed are
-        come to no faster than servos follow (`JointFeedback.approach`), planes no nearer than `contact`, and forces
-        work where the hand is measured.
-        `plan` is of the commands.
 
     Raises
     ------
@@ -165,15 +159,11 @@ class MirrorTracker(MirrorPreview):
             if max_manipulability is None
             else checked_number("max_manipulability", max_manipulability, above=0.0)
         )
-        feedback = options.get("feedback")
-        slowly, margin = math.inf, 0.0
-        if isinstance(feedback, JointFeedback):
-            slowly, margin = feedback.approach, feedback.contact
         own = all_limits(limits, limited, dt, checked_number("recovery_speed", recovery_speed, above=0.0, below=1.0))
         self.hand_bounds = HandBounds(
             limited, self.floor, self.max_manipulability, checked_number("linear_speed", linear_speed, above=0.0),
-            self.max_deviation, tuple(keep_out), min(checked_number("rate", rate, above=0.0), slowly), dt,
-            recovery_speed, own.limits, margin, own.clearance,
+            self.max_deviation, tuple(keep_out), checked_number("rate", rate, above=0.0), dt, recovery_speed,
+            own.limits, own.clearance,
         )  # fmt: skip
         super().__init__(
             chain, linear_speed=linear_speed, angular_speed=angular_speed, dt=dt, recovery_speed=recovery_speed,
@@ -314,15 +304,14 @@ class MirrorTracker(MirrorPreview):
             verdict = self._verdict
             self._told[0] = verdict[0] = _NAN  # see `FallbackChain`: a failure inside leaves the outputs as they are
             self._function.evaluate()
-            left, residual, who, relaxed, scale, unusual = self._head.tolist()
+            left, residual, who, relaxed, scale, _ = self._head.tolist()
             if not left and verdict[_USUAL]:
                 self._remembered[THEN] = verdict[_LEADS_TO]
                 self._keep[:] = self._answer
                 self._good = self._solvers.parameters.tobytes()
                 value = _read_only(self._velocity.tobytes())
                 name, bound = _SOLVERS[who], _BOUNDS[relaxed]
-                note = HELD_BACK if unusual and self._own["held"][0] else ""
-                return _new(Command, (value, _OK, name, residual, -1, note, bound, scale, None))
+                return _new(Command, (value, _OK, name, residual, -1, "", bound, scale, None))
         return self._followed(force)
 
     # ----------------------------------------------------------------------------------------------- whole motions
@@ -330,7 +319,7 @@ class MirrorTracker(MirrorPreview):
         """The whole motion along a recording, with every guarantee of `step` and the future known.
 
         The clock slows down ahead of what is too fast, and knows at once where a stretch it must leave out ends. Ruckig
-        then times the joint path within the same bounds (`retimed`), but not for servos, which come to bounds slowly.
+        then times the joint path within the same bounds (`retimed`).
 
         Parameters
         ----------
@@ -346,4 +335,4 @@ class MirrorTracker(MirrorPreview):
         if self.limits.moving:
             expected = "a Clearance without moving capsules: where they will be is not known"
             raise ConfigurationError("moving", self.limits.moving, expected)
-        return plan(self, poses, twists, q, quick=self.approach == math.inf)
+        return plan(self, poses, twists, q)

@@ -17,7 +17,7 @@ from rehab_opt.control.mirror_pace import COUNTED, PACE, REMEMBERED, TRIED
 from rehab_opt.control.mirror_statement import MirrorStatement
 from rehab_opt.control.mirror_tick import NOTE, NOTICED
 from rehab_opt.control.person_limit import PersonLimit
-from rehab_opt.control.reasons import HELD_BACK, NUMBER
+from rehab_opt.control.reasons import NUMBER
 from rehab_opt.control.reference_clock import ReferenceClock
 from rehab_opt.control.velocity_controller import real_numbers
 from rehab_opt.optim.fallback_chain import FUSED
@@ -182,7 +182,6 @@ class MirrorFollowing(MirrorStatement):
             return ""
         pace, behind = self._memory[RATE], self.clock.behind
         words = {
-            "HELD_BACK": HELD_BACK,
             "SHORTENED": "step shortened: the bounds' tangents promised too much",
             "SLOWED": f"the reference is followed at {pace:.0%} of its pace, {behind:.2f} s behind",
             "BRIDGING": "bridging a jump of the reference",

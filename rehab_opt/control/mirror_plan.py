@@ -85,8 +85,8 @@ class MirrorPath(NamedTuple):
         return float(self.times[-1] - self.clock[-1]) if len(self.times) else 0.0
 
 
-def plan(tracker: MirrorTracker, poses: ArrayLike, twists: ArrayLike, q: ArrayLike, *, quick: bool) -> MirrorPath:
-    """Follow a whole recording from posture q; see `MirrorTracker.plan`. `quick` plans are `retimed`."""
+def plan(tracker: MirrorTracker, poses: ArrayLike, twists: ArrayLike, q: ArrayLike) -> MirrorPath:
+    """Follow a whole recording from posture q; see `MirrorTracker.plan`."""
     try:
         reference, motion, joints = real_array(poses), real_array(twists), np.array(real_array(q))
     except (TypeError, ValueError, OverflowError) as problem:
@@ -131,9 +131,7 @@ def plan(tracker: MirrorTracker, poses: ArrayLike, twists: ArrayLike, q: ArrayLi
         np.array(shown), np.array(clock), np.array(short), np.array(person),
         np.diff(clock, prepend=before) / dt, np.array(w), relaxed, complete, counts, 0.0,
     )  # fmt: skip
-    if quick:
-        planned = retimed(tracker, planned, np.array(left))
-    return planned._replace(seconds=time.perf_counter() - begun)
+    return retimed(tracker, planned, np.array(left))._replace(seconds=time.perf_counter() - begun)
 
 
 def _usable(tracker: MirrorTracker, poses: Array, twists: Array) -> NDArray[np.intp]:

@@ -16,7 +16,7 @@ from rehab_opt.control.command import Relaxed
 from rehab_opt.control.hand_bounds import HandBounds
 from rehab_opt.control.pose_tracker import Inputs, PoseTracker, Rows, TickSolution
 from rehab_opt.control.reasons import NUMBER
-from rehab_opt.control.stopping import VelocityBounds
+from rehab_opt.control.stopping import APPROACH, VelocityBounds
 from rehab_opt.control.tool_speed import speed_ahead
 from rehab_opt.kinematics.rigid import rotation_vector
 from rehab_opt.optim.certificate import all_true, clipped
@@ -36,8 +36,6 @@ CALM = 0.45
 """Share of the largest deviation up to which the clock keeps its pace."""
 SPARE = 0.95
 """Share of the hand speeds that the reference may take: the rest is for catching up with it."""
-SERVO = 0.97
-"""Share of the hand speed up to which servos are led: where dry friction held a joint that turned back, it was 1.02."""
 HASTE = 4.0
 """[1] Feedback on the error asks for at most this many times the largest hand speed."""
 AT_MOST = 0.4
@@ -114,7 +112,6 @@ class MirrorStatement(PoseTracker):
     def rows(self, tick: Stages, inputs: Inputs, bounds: VelocityBounds) -> Rows:
         """See `HandBounds.rows`."""
         offset, lead, *_ = inputs.others
-        guided = self.guided(inputs.memory)
         contacts = self.contacts(tick, inputs.q, inputs.last, inputs.moving, ticks=1)
         matrix, upper, now = self.hand_bounds.rows(
             inputs.q,
@@ -124,7 +121,6 @@ class MirrorStatement(PoseTracker):
             loss=inputs.memory[-1],
             bounds=bounds,
             contacts=contacts,
-            strays=None if guided is None else guided.apart,
         )
         turned = ca.sumsqr(rotation_vector(inputs.target[:3, :3] @ now.pose[:3, :3].T))
         bounds = bounds._replace(outside=ca.logic_or(bounds.outside, self.limits.inside(contacts)))
@@ -133,33 +129,16 @@ class MirrorStatement(PoseTracker):
     def excess(self, inputs: Inputs, jacobian: ca.SX, velocity: ca.SX) -> ca.SX:
         """Hand speeds of `velocity`, not the reference, over their limits: what a floor takes must not slow the rest.
 
-        From its speed that way on, the hand comes to `SERVO` of the largest one at the rate `approach`: servos
-        overshoot the end of an acceleration. Where joints take over from others whose servos are behind, the hand is
-        faster that way than commanded: so much is kept free of `linear_speed`, at most half of it, without what all
-        are behind alike, as while a hand slows.
+        The hand comes to its largest speed at the rate `APPROACH`: a servo overshoots the end of an acceleration.
         """
-        guided, q = self.guided(inputs.memory), inputs.q
-        if guided is None or self.approach == math.inf:
-            return super().excess(inputs, jacobian, velocity)
+        q, most = inputs.q, self.linear_speed
         unweighted = self._unweighted(q, jacobian)
-        turning, linear = (
-            ca.norm_2(unweighted[3:, :] @ velocity),
-            speed_ahead(self.chain, q, unweighted, velocity, self.dt),
-        )
+        turning = ca.norm_2(unweighted[3:, :] @ velocity)
         way = unweighted[:3, :] @ velocity
-        way /= ca.fmax(ca.norm_2(way), TINY)
-        along = way.T @ unweighted[:3, :]
-        before = clipped(along @ inputs.last, 0, self.linear_speed)
-        allowed = before - math.expm1(-self.approach * self.dt) * (SERVO * self.linear_speed - before)
-        shares, behind = along.T * velocity, along.T * guided.behind
-        alike = ca.dot(shares, behind) / ca.fmax(ca.sumsqr(shares), TINY)
-        free = ca.fmin(ca.sum1(ca.fmax(alike * shares - behind, 0)), self.linear_speed / 2)
-        allowed = ca.fmin(allowed, self.linear_speed - free)
-        # Exactly, or `before` would miss it in every tick: convex, `speed_ahead` of parts is below its chord.
-        part = clipped(allowed / ca.fmax(linear, TINY), 0, 1)
-        below = speed_ahead(self.chain, q, unweighted, part * velocity, self.dt)
-        part += (1 - part) * (allowed - below) / ca.fmax(linear - below, TINY)
-        return ca.fmax(1 / part, turning / self.angular_speed)
+        before = clipped(ca.dot(way, unweighted[:3, :] @ inputs.last) / ca.fmax(ca.norm_2(way), TINY), 0, most)
+        allowed = before - math.expm1(-APPROACH * self.dt) * (most - before)
+        linear = speed_ahead(self.chain, q, unweighted, velocity, self.dt)
+        return ca.fmax(linear / allowed, turning / self.angular_speed)
 
     @property
     def _settling(self) -> float:

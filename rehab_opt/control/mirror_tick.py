@@ -90,8 +90,7 @@ def _notice(of: MirrorStatement, law: Interaction) -> ca.Function:
     q, known, own = of.functions.judge(p[:n], state[begin:size], state[size:], given)
     moving = moving_tool_function(of.chain)
     here, hand = moving(q, known[:n])
-    # Work is done where the hand is measured, also where its joints are led ahead of that.
-    seen = here if of.led is None else moving(p[:n], known[:n])[0]
+    seen = moving(p[:n], known[:n])[0]  # work is done where the hand is measured
     old, last = REMEMBERED.symbols("memory"), ca.SX.sym("accepted", 22)
     after = REMEMBERED.changed(old, held=ca.if_else(old.live, _held(of, last), old.held), live=ca.SX(0))
     memory = ca.Function("left", [old.column, last], [after.column])(memory, accepted)
@@ -150,18 +149,18 @@ def _braked(of: MirrorStatement) -> ca.Function:
     told, own, past = REPORT.symbols("told"), of.judged.symbols("own"), REMEMBERED.symbols("memory")
     velocity, ends, moves, why = others = [ca.SX.sym("argument", size) for size in (of.chain.n, 3, 1, 3)]
     then, shorter, _ = ca.vertsplit(ends)
-    relaxed = _shortened(told.relaxed, ends)
+    relaxed = relaxed_from_rest(own, velocity, _shortened(told.relaxed, ends), of.hurried)
     status = ca.if_else(ca.sum1(velocity != 0) > 0, NUMBERED.index(Status.BRAKING), NUMBERED.index(Status.HOLDING))
     unusable = why[0] == NUMBER["INPUT_INVALID"]
     after = REPORT.changed(
         told, status=ca.if_else(shorter, status, told.status),
-        relaxed=relaxed_from_rest(own, velocity, relaxed, of.hurried),
-        input=ca.if_else(unusable, why[1], told.input), element=ca.if_else(unusable, why[2], told.element),
+        relaxed=relaxed, input=ca.if_else(unusable, why[1], told.input),
+        element=ca.if_else(unusable, why[2], told.element),
     )  # fmt: skip
     pace = PACE.changed(PACE.parts(past.pace), rate=ca.SX(0), waited=ca.SX(0), stood=ca.SX(0))
     memory = REMEMBERED.changed(
         past, pace=pace.column, live=ca.SX(0), then=ca.if_else(moves, then, past.then),
-        counted=counted(past, braked=ca.SX(1), shortened=shorter, acceleration=all_true(shorter, _hurried(relaxed))),
+        counted=counted(past, braked=ca.SX(1), shortened=shorter, acceleration=_hurried(relaxed)),
     )  # fmt: skip
     inputs = [told.column, own.column, past.column, *others]
     return ca.Function("braked", inputs, [after.column, memory.column], {"cse": True})
@@ -194,15 +193,16 @@ def _delivered(of: MirrorStatement) -> ca.Function:
     )  # fmt: skip
     then, shorter, _ = ca.vertsplit(ends)
     pace = PACE.changed(PACE.parts(past.pace), share=verdict.scale)
-    relaxed, slowed = _shortened(verdict.relaxed, ends), pace.rate < WHOLE
+    relaxed = relaxed_from_rest(own, velocity, _shortened(verdict.relaxed, ends), of.hurried)
+    slowed = pace.rate < WHOLE
     stuck = all_true(shorter, ca.sum1(velocity != 0) == 0)
     asked = ca.if_else(slowed, below(relaxed, TASK) + TASK, relaxed)
     notes = {
-        "SHORTENED": shorter, "SLOWED": slowed, "BRIDGING": said.bridging, "THINNED": fewer, "HELD_BACK": own.held
+        "SHORTENED": shorter, "SLOWED": slowed, "BRIDGING": said.bridging, "THINNED": fewer
     }  # fmt: skip
     told = REPORT.of(
         left=ca.SX(DONE), residual=verdict.residual, solver=verdict.solver,
-        relaxed=relaxed_from_rest(own, velocity, asked, of.hurried),
+        relaxed=asked,
         scale=ca.logic_not(stuck) * ca.fmin(pace.rate, 1) * verdict.scale,
         unusual=ca.SX(1), status=ca.if_else(stuck, NUMBERED.index(Status.BLOCKED), NUMBERED.index(Status.OK)),
         reason=NUMBER["NOTHING_LEFT"] * stuck, input=ca.SX(-1), element=ca.SX(-1),

@@ -16,7 +16,6 @@ from rehab_opt.control.clearance import Clearance
 from rehab_opt.control.command import Command
 from rehab_opt.control.damped import damped_velocity
 from rehab_opt.control.jerk_bounds import JerkBounds
-from rehab_opt.control.joint_feedback import JointFeedback
 from rehab_opt.control.limit import Limit, PostureLimits, all_limits
 from rehab_opt.control.reference_velocity import CALMING, HELD, MISSED, ReferenceVelocity, held_after
 from rehab_opt.control.stopping import VelocityBounds, max_change, nearest_to_rest, slowed_together
@@ -31,7 +30,6 @@ from rehab_opt.optim.certificate import clipped
 from rehab_opt.optim.qp import Statement
 from rehab_opt.optim.rows import parameter, variable, within
 from rehab_opt.symbolic import Compile
-from rehab_opt.symbolic.record import Values
 from rehab_opt.symbolic.tick import Stages
 
 __all__ = ["Inputs", "PoseTracker", "Rows", "TickSolution"]
@@ -128,10 +126,11 @@ class PoseTracker(VelocityController):
     - a joint is too fast to be brought into the direction within its acceleration bound and the hand speeds;
     - the pose is nearly singular, a singular value of J below 0.03, and lost directions are left out of w.
 
-    A joint that moves less than 8 % of the way that it is commanded is blocked, its encoder stands still, or it turns
-    the wrong way: the arm brakes within 0.2 s and 0.03 rad over the commanded speed, the reason says which joint, and
-    it rests until `reset`, or until `enable` was released. Call `reset` between states that are not one motion: the
-    same state passed repeatedly is an arm that stands still.
+    It acts on where the joints have been led, and comes to what is measured slowly (`FrontEnd`): neither servos up to
+    0.1 s late nor noise of encoders move it. A joint that moves less than 8 % of the way that it is commanded is
+    blocked, its encoder stands still, or it turns the wrong way: the arm brakes within 0.2 s and 0.045 rad over the
+    commanded speed, the reason says which joint, and it rests until `reset`, or until `enable` was released. Positions
+    that no joint can have come to are not acted on. Call `reset` between states that are not one motion.
 
     Parameters
     ----------
@@ -145,7 +144,7 @@ class PoseTracker(VelocityController):
     task_weights : (6,) weights of the twist's components in the base frame; a zero frees one.
     jerk : (n,) or scalar [rad/s^3, m/s^3] largest jerk, for drives that stop on more: of the finite differences of what
         is sent, braking and fallbacks included. Velocity, acceleration and jerk then never yield; a joint that is put
-        where it cannot stop before its limit any more goes beyond it. Not together with `limits` and `feedback`; the
+        where it cannot stop before its limit any more goes beyond it. Not together with `limits`; the
         gain is then a quarter of jerk over acceleration at most. None for no such bound.
     posture : (n,) joint positions that a redundant chain drifts to where the task leaves it free, or None.
     limits : what the posture has to keep besides, each a `Limit`: an elbow above a table, say. They come before
@@ -154,8 +153,6 @@ class PoseTracker(VelocityController):
     recovery_speed : share of the velocity limit at which a joint outside its limits comes back.
     solver, backup : see `FallbackChain`. tolerance : largest certificate residual accepted [the statement's units].
     max_age : [s] see `Watchdog`.
-    feedback : act on where the joints are led, on a robot whose servos are late or whose encoders are noisy; None acts
-        on the positions that `step` is given.
     compile : see `BufferedFunction`.
 
     Raises
@@ -195,7 +192,6 @@ class PoseTracker(VelocityController):
         backup: str | None = None,
         tolerance: float = 1e-8,
         max_age: float | None = None,
-        feedback: JointFeedback | None = None,
         compile: Compile = None,
     ) -> None:
         if not isinstance(chain, SerialChain):
@@ -212,7 +208,7 @@ class PoseTracker(VelocityController):
         checked_number("recovery_speed", recovery_speed, above=0.0, below=1.0)
         self.limits = limits if isinstance(limits, PostureLimits) else all_limits(limits, limited, dt, recovery_speed)
         if jerk is not None:
-            self._check_jerk_alone(jerk, feedback)
+            self._check_jerk_alone(jerk)
             self.jerk = JerkBounds.checked(limited, jerk, dt, recovery_speed)
             if not self.gain <= self.jerk.fastest_gain:
                 expected = f"at most {self.jerk.fastest_gain:.4g} /s with this jerk: a faster one swings for good"
@@ -227,7 +223,6 @@ class PoseTracker(VelocityController):
             backup=backup,
             tolerance=tolerance,
             max_age=max_age,
-            feedback=feedback,
             compile=compile,
         )
 
@@ -239,7 +234,7 @@ class PoseTracker(VelocityController):
         inputs = Inputs(q, _pose(entries), twist, others, others[-1] if self.limits.moving else ca.SX(0, 1), memory)
 
         J = tick.once(self._weighted(q))
-        reference, whole = self._led_twist(inputs, J, self.guided(memory))
+        reference, whole = self._reference_twist(J, self.chain.pose_expression(q), inputs.target, twist)
         held = HELD.parts(memory[-HELD.size :]) if self.holds_targets else None
         if held is not None:
             reference /= ca.fmax(self._over(reference) / (1 - held.slowed), 1)
@@ -309,7 +304,7 @@ class PoseTracker(VelocityController):
 
     @property
     def _memory_size(self) -> int:
-        return 2 * self.chain.n + self.guidance_size + self.memory_extra + HELD.size * self.holds_targets
+        return 2 * self.chain.n + self.memory_extra + HELD.size * self.holds_targets
 
     @property
     def memory_extra(self) -> int:
@@ -349,8 +344,8 @@ class PoseTracker(VelocityController):
     takes_jerk: ClassVar[bool] = True
     """Whether nothing here comes before what a drive bounds."""
 
-    def _check_jerk_alone(self, jerk: ArrayLike, feedback: JointFeedback | None) -> None:
-        others = ((type(self).__name__, not self.takes_jerk), ("limits", len(self.limits)), ("feedback", feedback))
+    def _check_jerk_alone(self, jerk: ArrayLike) -> None:
+        others = ((type(self).__name__, not self.takes_jerk), ("limits", len(self.limits)))
         for name, given in others:
             if given:
                 raise ConfigurationError("jerk", jerk, f"None with {name}, which has bounds that come before a drive's")
@@ -502,24 +497,6 @@ class PoseTracker(VelocityController):
         """(6, n) Jacobian, from the weighted one where that has all of it."""
         weights = ca.sqrt(ca.DM(self.task_weights))
         return ca.diag(1 / weights) @ jacobian if np.all(self.task_weights > 0) else self.chain.jacobian_expression(q)
-
-    def _led_twist(self, inputs: Inputs, jacobian: ca.SX, guided: Values | None) -> tuple[ca.SX, ca.SX]:
-        """As `_reference_twist`, of where the joints are by what is measured, the commands' delay ahead of the target.
-
-        A held hand moves no faster than the speeds of recovery, and along its way of contact only to where it may
-        press.
-        """
-        chain = self.chain
-        if guided is None or self.feedback is None:
-            return self._reference_twist(jacobian, chain.pose_expression(inputs.q), inputs.target, inputs.twist)
-        early = 1 + self._settling * guided.early
-        pose = chain.pose_expression(inputs.q + guided.strays)
-        reference, whole = self._reference_twist(jacobian, pose, inputs.target, early * inputs.twist)
-        slower = ca.if_else(guided.held, ca.fmax(self._over(reference) / self.recovery_speed, 1), 1)
-        reference /= slower
-        over = ca.fmax(ca.dot(guided.way, reference[:3]) - min(self.feedback.max_gain, 1 / self.dt) * guided.room, 0)
-        reference[:3] -= ca.if_else(guided.held, over, 0) * guided.way
-        return reference, whole
 
     def _reference_twist(self, jacobian: ca.SX, pose: ca.SX, target: ca.SX, twist: ca.SX) -> tuple[ca.SX, ca.SX]:
         """(6,) twist plus feedback on the pose error, slowed to what can be braked and to the hand speeds.

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from rehab_opt.errors import ConfigurationError
 
-__all__ = ["HELD_BACK", "NOTES", "NUMBER", "REASONS", "Note", "Reason", "notes_of", "reason_number", "reason_text"]
+__all__ = ["NOTES", "NUMBER", "REASONS", "Note", "Reason", "notes_of", "reason_number", "reason_text"]
 
 
 class Reason(NamedTuple):
@@ -148,7 +148,6 @@ class Note(NamedTuple):
     """Part of Python's text."""
 
 
-HELD_BACK = "the hand was held back: led at recovery speed until it is free for two seconds"
 NOTES = (
     Note("SHORTENED", "the step was shortened: the tangents of the bounds promised too much", "step shortened"),
     Note("SLOWED", "the reference is followed below its own pace", "of its pace"),
@@ -156,9 +155,8 @@ NOTES = (
     Note(
         "THINNED", "no more samples fit: every second one that waited was left out", "every second sample that waited"
     ),
-    Note("HELD_BACK", HELD_BACK, "the hand was held back"),
 )
-"""In the order of their numbers, 1, 2, 4, 8, 16, which never change. Python joins them by semicolons in its reason."""
+"""In the order of their numbers, 1, 2, 4, 8, which never change. Python joins them by semicolons in its reason."""
 
 
 def notes_of(reason: str) -> int:

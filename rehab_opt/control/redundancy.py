@@ -15,7 +15,6 @@ from rehab_opt.control.chair_limits import ChairLimits
 from rehab_opt.control.clearance import Clearance
 from rehab_opt.control.command import Command
 from rehab_opt.control.hand_task import checked_rows, frame_number
-from rehab_opt.control.joint_feedback import JointFeedback
 from rehab_opt.control.limit import Limit, PostureLimits, all_limits
 from rehab_opt.control.obstacles import Obstacle, obstacle_numbers
 from rehab_opt.control.reaching import Reaching
@@ -74,8 +73,8 @@ class RedundancyResolver(OneThread):
     A joint outside its limits comes back where the task moves it, or the posture cost does, and is not moved by itself:
     without a command there is no motion.
 
-    Joints that do not follow are seen as by `PoseTracker`, and so is a base from when its measured place changes: one
-    that is always the same is taken not to be measured.
+    The arm's joints are led as by `PoseTracker`; the base acts on its measured place, and is watched from when that
+    changes: one that is always the same is taken not to be measured. A hand that runs into something is not noticed.
 
     The velocity last commanded is part of the state: a new resolver is at rest, `reset` says otherwise. An object
     belongs to one thread: see `OneThread`.
@@ -101,9 +100,6 @@ class RedundancyResolver(OneThread):
     recovery_speed : share of the velocity limit at which a joint outside its limits comes back at most.
     solver, backup : see `FallbackChain`. tolerance : largest certificate residual accepted [m/s, rad/s].
     max_age : [s] see `Watchdog`.
-    feedback : act on where the arm's joints are led, see `PoseTracker`; joint limits hold there and where they are. The
-        base acts on its measured place: its wheels, slow and slipping, are no servo that is known. A hand that runs
-        into something is not noticed.
     compile : see `BufferedFunction`.
 
     Raises
@@ -133,7 +129,6 @@ class RedundancyResolver(OneThread):
         backup: str | None = None,
         tolerance: float = 1e-8,
         max_age: float | None = None,
-        feedback: JointFeedback | None = None,
         compile: Compile = None,
     ) -> None:
         if not isinstance(robot, MobileArm):
@@ -160,7 +155,7 @@ class RedundancyResolver(OneThread):
         )  # fmt: skip
         self._options = {
             "drive": drive, "self_motion": float(self_motion), "solver": solver, "backup": backup,
-            "tolerance": tolerance, "max_age": max_age, "feedback": feedback,
+            "tolerance": tolerance, "max_age": max_age,
         }  # fmt: skip
         self._max_obstacles = int(max_obstacles)
         self._sets: dict[tuple[str, ...], ChairAndArm] = {}

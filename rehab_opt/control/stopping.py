@@ -37,8 +37,9 @@ last would have to brake harder for it."""
 FAR = 1e9
 """A limit that is never felt."""
 
-GENTLE = 0.7
-"""Share of the acceleration limit that braking before a limit takes where servos follow late."""
+GENTLE, APPROACH = 0.7, 30.0
+"""Share of the acceleration limit that braking before a limit takes, and rate [1/s] at which a joint comes to it at
+last: a servo runs past the end of a hard deceleration."""
 
 
 class VelocityBounds(NamedTuple):
@@ -71,9 +72,7 @@ def velocity_bounds(
     *,
     dt: float,
     recovery_speed: float,
-    approach: float = math.inf,
-    strays: ca.SX | None = None,
-    margin: ca.SX | None = None,
+    approach: float = APPROACH,
 ) -> VelocityBounds:
     """Interval of the joint velocity that is held from now until the next tick.
 
@@ -84,10 +83,7 @@ def velocity_bounds(
     last : (n,) joint velocity commanded in the last tick.
     dt : tick [s].
     recovery_speed : share of the velocity limit at which a joint outside its limits comes back.
-    approach : [1/s] rate at which a limit is approached in its vicinity, and come back to, see `gentle_speed`; infinite
-        for joints that move as commanded.
-    strays : (n,) from where the joints are led, q, to where they are: limits hold for both. None for zero.
-    margin : room that is kept before the limits, as far as joints come to it by themselves. None for zero.
+    approach : [1/s] see `gentle_speed`; infinite for joints that move as commanded.
 
     From every state that can still stop, all bounds hold together and the next state can stop again, exactly, at any
     dt (the recursion is over ticks, not over continuous time). Other states brake at the largest deceleration.
@@ -95,11 +91,10 @@ def velocity_bounds(
     speed = ca.DM(chain.velocity)
     change = max_change(chain, dt)
     # Infinite limits become ones that are never felt.
-    high, low = (q, q) if strays is None else (q + ca.fmax(strays, 0), q + ca.fmin(strays, 0))
-    room_up = ca.DM(np.clip(chain.upper, -FAR, FAR)) - high
-    room_down = low - ca.DM(np.clip(chain.lower, -FAR, FAR))
+    room_up = ca.DM(np.clip(chain.upper, -FAR, FAR)) - q
+    room_down = q - ca.DM(np.clip(chain.lower, -FAR, FAR))
     above, below = room_up < -OUTSIDE, room_down < -OUTSIDE
-    back = recovery_speed * speed
+    back, rate = recovery_speed * speed, min(1 / dt, approach)
 
     # Hard: speed, and in this tick not beyond the limit, or when beyond it not further and not faster back than `back`.
     hard_upper = clipped(room_up * (1 / dt), 0, ca.if_else(below, back, speed))
@@ -109,9 +104,6 @@ def velocity_bounds(
     brake_upper = clipped(last + change, hard_lower, hard_upper)
     # Then a speed from which the joint still stops at its limit, or the way back, at the end of which it can stop too:
     # of a joint's two speeds one is zero.
-    rate = min(1 / dt, approach)
-    if margin is not None:
-        room_up, room_down = room_up - margin, room_down - margin
     can_stop_up, can_stop_down = (
         ca.fmin(stopping_speed(room, change, dt), gentle_speed(room, change / dt, approach))
         for room in (room_up, room_down)

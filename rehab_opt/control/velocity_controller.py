@@ -13,11 +13,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.control.command import NUMBERED, Command, Relaxed, Status
-from rehab_opt.control.followed_joints import FollowedJoints, guidance
-from rehab_opt.control.joint_feedback import JointFeedback
+from rehab_opt.control.front_end import FrontEnd
 from rehab_opt.control.judged_state import GIVEN, judged_memory, judged_state, nothing_known
-from rehab_opt.control.reasons import HELD_BACK, NUMBER, reason_number, reason_text
-from rehab_opt.control.stopping import VelocityBounds, max_change, nearest_to_rest, velocity_bounds
+from rehab_opt.control.reasons import NUMBER, reason_number, reason_text
+from rehab_opt.control.stopping import APPROACH, VelocityBounds, max_change, nearest_to_rest, velocity_bounds
 from rehab_opt.control.thread_owner import OneThread, setting
 from rehab_opt.control.velocity_tick import (
     LEFT_TO_OTHERS,
@@ -28,7 +27,6 @@ from rehab_opt.control.velocity_tick import (
     velocity_tick,
 )
 from rehab_opt.control.watchdog import NUMBER_OF_SECONDS, Watchdog, stamp_and_kind
-from rehab_opt.control.watched_joints import not_followed, watched_joints
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import SerialChain, per_joint
 from rehab_opt.kinematics.real_array import is_finite, is_true, real_array
@@ -38,7 +36,7 @@ from rehab_opt.optim.fused import FUSED_SOLVERS
 from rehab_opt.optim.qp import Statement
 from rehab_opt.optim.rows import MAX_MAGNITUDE, Instance
 from rehab_opt.symbolic import BufferedFunction, Compile
-from rehab_opt.symbolic.record import Record, Values
+from rehab_opt.symbolic.record import Record
 from rehab_opt.symbolic.shared import form_of_parts, remembered
 
 if TYPE_CHECKING:
@@ -73,7 +71,7 @@ class VelocityController(OneThread, ABC):
 
     The velocity last commanded is part of the state: a new controller is at rest, `reset` says otherwise.
 
-    Positions that do not follow the commands are a fault (`watched_joints`), see `PoseTracker`.
+    It acts on where the joints have been led; what is measured is its supervisor, see `FrontEnd`.
     """
 
     chain: SerialChain = setting()
@@ -81,7 +79,6 @@ class VelocityController(OneThread, ABC):
     tolerance: float = setting()
     recovery_speed: float = setting()
     max_age: float = setting()
-    feedback: JointFeedback | None = setting()
 
     def __init__(
         self,
@@ -94,7 +91,6 @@ class VelocityController(OneThread, ABC):
         tolerance: float,
         max_age: float | None,
         compile: Compile,
-        feedback: JointFeedback | None = None,
     ) -> None:
         if not isinstance(chain, SerialChain):
             raise ConfigurationError("chain", chain, "a SerialChain")
@@ -103,11 +99,8 @@ class VelocityController(OneThread, ABC):
         self.tolerance = tolerance
         self.recovery_speed = checked_number("recovery_speed", recovery_speed, above=0.0, below=1.0)
         self.max_age = Watchdog(dt=dt, max_age=max_age).max_age
-        self.feedback = feedback
-        self.led = self._front_end()
-        """Where a `feedback` leads the joints."""
-        self.approach = math.inf if feedback is None else feedback.approach
-        """[1/s] see `velocity_bounds`."""
+        self.led = FrontEnd(chain, dt=self.dt, max_age=self.max_age, base=self.base) if self.watched else None
+        """Where the joints are led."""
         parts = dict(vars(self))
         self._code = [each for kind in type(self).__mro__ for each in vars(kind).values()]  # classes may be changed
 
@@ -157,36 +150,26 @@ class VelocityController(OneThread, ABC):
     """Part of the memory (n,) that is the command, None for the last velocity."""
     wheels: slice | None = None
     """Part of the memory that goes to wheels, None where there are none."""
+    motion: slice | None = None
+    """Part of the memory, behind velocity and position, that is zero at rest; None for all of it."""
     base: ClassVar[int] = 0
-    """How many of the first joints are the place of a base that need not be measured, and is led by no `feedback`."""
+    """How many of the first joints are the place of a base, see `FrontEnd`."""
     watched: ClassVar[bool] = True
-    """Whether a joint that does not follow is a fault, where there is no `feedback`."""
+    """Whether there is a `FrontEnd`: not for joints that are where they are commanded."""
 
     @property
     def judged(self) -> Record:
         """See `judged_memory`."""
-        led = self.led
-        return judged_memory(self.chain.n, led.size if led else 0, self.chain.n if led and led.hand else 0)
+        return judged_memory(self.chain.n, self.led.size if self.led else 0)
 
     functions: VelocityTick
     """What a tick is made of, made once for all controllers of equal parts."""
 
-    def _front_end(self) -> FollowedJoints | None:
-        if self.feedback is None:
-            return None
-        # a hand that a base moves, too, is not watched
-        return FollowedJoints(
-            self.feedback, self.chain.n - self.base, dt=self.dt, chain=None if self.base else self.chain
-        )
-
     def _functions(self) -> VelocityTick:
-        stated, chain, led = self.stated, self.chain, self.led
-        watch = None
-        if self.base or (self.watched and led is None):
-            watch = watched_joints(chain, dt=self.dt, base=self.base, base_alone=led is not None)
+        stated, n = self.stated, self.chain.n
         judge = judged_state(
-            chain.n, int(stated.memory.numel()), dt=self.dt, max_age=self.max_age, watch=watch, led=led,
-            base=self.base, command_slice=slice(chain.n) if self.command_slice is None else self.command_slice,
+            n, int(stated.memory.numel()), dt=self.dt, max_age=self.max_age, led=self.led,
+            sent=self.command_slice or slice(n), motion=self.motion or slice(2 * n, None),
         )  # fmt: skip
         return velocity_tick(
             stated, judge, self.judged, stop=self.stopping(), faulty=self.faulty(), law=self.fallback_law(),
@@ -204,23 +187,10 @@ class VelocityController(OneThread, ABC):
 
     def bounds(self, q: ca.SX, memory: ca.SX) -> VelocityBounds:
         """Intervals of the joint velocities."""
-        last, guided = memory[: self.chain.n], self.guided(memory)
-        led = {} if guided is None or self.feedback is None else {
-            "strays": guided.apart, "margin": self.feedback.deviation(self.chain, last)
-        }  # fmt: skip
         return velocity_bounds(
-            self.chain, q, last, dt=self.dt, recovery_speed=self.recovery_speed, approach=self.approach, **led
-        )
-
-    @property
-    def guidance_size(self) -> int:
-        """How many numbers of the memory, behind velocity and position, are what `guidance` names."""
-        return 0 if self.feedback is None else guidance(self.chain.n).size
-
-    def guided(self, memory: ca.SX) -> Values | None:
-        """Values of `guidance` in a memory; None where joints are not led."""
-        n = self.chain.n
-        return guidance(n).parts(memory[2 * n : 2 * n + self.guidance_size]) if self.guidance_size else None
+            self.chain, q, memory[: self.chain.n], dt=self.dt, recovery_speed=self.recovery_speed,
+            approach=APPROACH if self.watched else math.inf,
+        )  # fmt: skip
 
     def report(self, last: ca.SX, velocity: ca.SX, delivered: ca.SX, commanded: ca.SX, outside: ca.SX) -> ca.SX:
         """Number of `Relaxed`, and `delivered_fraction` of the reference motion.
@@ -241,8 +211,8 @@ class VelocityController(OneThread, ABC):
         return ca.Function("hurried", [last, velocity], [faster])
 
     def remember(self, q: ca.SX, velocity: ca.SX) -> ca.SX:
-        """The velocity, where it leads by the next tick, and space for that tick's `guidance` of led joints."""
-        return ca.vertcat(velocity, q + velocity * self.dt, ca.SX.zeros(self.guidance_size))
+        """The velocity, and where it leads by the next tick."""
+        return ca.vertcat(velocity, q + velocity * self.dt)
 
     def memory_after(self, q: ca.SX, last: ca.SX, velocity: ca.SX) -> ca.SX:
         """What a tick of the safe command remembers at q, after the last velocity."""
@@ -270,10 +240,9 @@ class VelocityController(OneThread, ABC):
         velocity = ca.SX.sym("velocity", self.chain.n)
         lower, upper = np.maximum(self.chain.lower, -MAX_MAGNITUDE), np.minimum(self.chain.upper, MAX_MAGNITUDE)
         n, memory, nothing = self.chain.n, int(self.stated.memory.numel()), ca.SX.zeros
-        led = ca.SX(0, 1) if self.led is None else self.led.start(velocity[self.base :])
         start = ca.vertcat(velocity, nothing(self.stated.state_size - memory - n))
         remembered = ca.vertcat(velocity, (lower + upper) / 2, nothing(memory - 2 * n))
-        known = ca.vertcat(start, remembered, nothing_known(self.judged, led))
+        known = ca.vertcat(start, remembered, nothing_known(self.judged))
         possible = all_true(ca.fabs(velocity) <= ca.DM(self.chain.velocity))
         return ca.Function("begin", [velocity], [ca.densify(known), possible])
 
@@ -388,8 +357,7 @@ class VelocityController(OneThread, ABC):
             return command
         if solver == solvers.backup != solvers.solver:
             words = f"{solvers.solver} gave no certified answer"
-            note = HELD_BACK if self._own["held"][0] else ""
-            command = command._replace(status=Status.BACKUP, reason="; ".join(filter(None, (words, note))))
+            command = command._replace(status=Status.BACKUP, reason=words)
         return command._replace(solver=solver, iterations=solvers.iterations)
 
     def _finished(self) -> Command:
@@ -419,12 +387,12 @@ class VelocityController(OneThread, ABC):
 
     def _noted(self, notes: int) -> str:
         """What is said besides, see `Note`; nothing where there is nothing to be noted."""
-        return HELD_BACK if notes else ""
+        return ""
 
     def _words(self, reason: float, where: float, element: float, details: Sequence[float]) -> str:
         """What is said of a reason, see `REPORT`; nothing where there is none."""
         if reason == NUMBER["NOT_FOLLOWED"]:
-            return not_followed(self.chain.names[int(element)], *details)
+            return f"{self.chain.names[int(element)]} does not follow: {details[0]:.2g} rad or m from where it was led"
         if reason == NUMBER["INPUT_INVALID"]:
             values = (self._q, *self._inputs)[int(where)]
             place = ", ".join(map(str, np.unravel_index(int(element), values.shape)))

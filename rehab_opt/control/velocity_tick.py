@@ -13,7 +13,7 @@ import casadi as ca
 
 from rehab_opt.control.command import NUMBERED, Relaxed, Status
 from rehab_opt.control.judged_state import GIVEN
-from rehab_opt.control.reasons import HELD_BACK, NUMBER, notes_of
+from rehab_opt.control.reasons import NUMBER
 from rehab_opt.optim.certificate import all_true
 from rehab_opt.optim.fused import FUSED_SOLVERS, fused
 from rehab_opt.optim.qp import Statement
@@ -83,7 +83,7 @@ def velocity_tick(
 
     q, memory, own = judge(p[:n], everything[begin:size], everything[size:], given)
     state, parameters = everything[:size], p
-    if record["led"] != record["reason"]:  # joints are led: that is put in place of what was measured
+    if own.numel() > record["before"]:  # joints are led: that is put in place of what was measured
         state, parameters = ca.vertcat(everything[:begin], memory), ca.vertcat(q, p[n:])
 
     solve = fused(stated)
@@ -140,11 +140,11 @@ def _columns(*sizes: int) -> list[ca.SX]:
 
 
 def relaxed_from_rest(own: Values, last: ca.SX, relaxed: ca.SX, hurried: ca.Function) -> ca.SX:
-    """The same, and accelerations where joints began anew at rest: whatever holds the hand has stopped them."""
+    """The same, and accelerations where joints began anew at rest, see `judged_state`."""
     if not own.before.numel():
         return relaxed
     there = below(relaxed, 2 * int(Relaxed.ACCELERATION)) >= int(Relaxed.ACCELERATION)
-    more = all_true(own.touched, hurried(own.before, last), ca.logic_not(there))
+    more = all_true(own.rested, hurried(own.before, last), ca.logic_not(there))
     return relaxed + int(Relaxed.ACCELERATION) * more
 
 
@@ -157,10 +157,10 @@ def _certified(record: Record, n: int, size: int, hurried: ca.Function, toleranc
     told = REPORT.of(
         left=ca.if_else(holds, DONE, ca.if_else(ca.logic_and(meant, valid), LEFT_TO_OTHERS, NOTHING_TO_SOLVE)),
         residual=residual, solver=who, relaxed=relaxed_from_rest(own, last, relaxed, hurried), scale=scale,
-        unusual=ca.logic_or(blocked, own.held),
+        unusual=blocked,
         status=ca.if_else(blocked, NUMBERED.index(Status.BLOCKED), NUMBERED.index(Status.OK)),
         reason=NUMBER["NOTHING_LEFT"] * blocked,
-        input=ca.SX(-1), element=ca.SX(-1), details=ca.SX.zeros(2), note=notes_of(HELD_BACK) * own.held,
+        input=ca.SX(-1), element=ca.SX(-1), details=ca.SX.zeros(2), note=ca.SX(0),
     )  # fmt: skip
     return ca.Function("certified", inputs, [told], {"cse": True})
 

@@ -46,8 +46,8 @@ def export_c(
         qrqp, as it is by default; a backup is left out.
     folder : where to; made where it is absent.
     run : ticks that C repeats, with faults among them, each what `step` takes by name: q, pose, twist and obstacles; q,
-        twist, rows, frame and moving; x. Of a mirror, and with a `JointFeedback`, q is the first tick's: joints move as
-        commanded, or as late as that says. Stamps, forces and the enable input are its own. Default a random run, of a
+        twist, rows, frame and moving; x. Joints move as commanded from the first tick's q on. Stamps,
+        forces and the enable input are its own. Default a random run, of a
         problem file its own.
     memory : [bytes] that the struct in C may take at most. Of a `MirrorTracker` what is left of it holds samples of
         the reference that wait, default 64 kB together; others take what they take.

@@ -13,8 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.control.command import NUMBERED, Command
-from rehab_opt.control.followed_joints import FollowedJoints
-from rehab_opt.control.joint_feedback import JointFeedback
 from rehab_opt.control.reasons import notes_of, reason_number
 from rehab_opt.export.c_text import indented, initialiser, number
 
@@ -26,7 +24,6 @@ __all__ = [
     "Run",
     "RunTick",
     "about_run",
-    "as_it_moves",
     "encoders",
     "recorded",
     "standing",
@@ -44,8 +41,6 @@ MAX_TICKS = 4000
 """Of a run; a longer one is thinned, or its header would be read for minutes."""
 STANDS = 0.6
 """[s] A hand at some 5 cm/s has joints by then that are seen not to follow."""
-STOPPED = 0.03
-"""[s] for which something holds the joints of a `JointFeedback` in a recorded run: no fault yet."""
 NOISE = 1e-4
 """[rad or m] Standard deviation of the encoders in a recorded run."""
 STATUSES = {status: number for number, status in enumerate(NUMBERED)}
@@ -110,43 +105,26 @@ class Run:
 
 
 class Joints:
-    """A robot's joints in a recorded run: as commanded, or late and behind their servos as `FollowedJoints` has them.
-
-    Then something holds them once for a while, so that the hand's watch has what it is for.
+    """A robot's joints in a recorded run, that move as commanded, with `encoder_noise`.
 
     Parameters
     ----------
     start : (n,) where they are first, at rest. dt : [s] a tick. ticks : of the run; behind it the encoders stand still.
-    feedback : None for joints that are where they are commanded. base : how many of the first joints move at once.
     """
 
-    def __init__(self, start: Array, *, dt: float, ticks: int, feedback: JointFeedback | None, base: int = 0) -> None:
-        self.start, self._dt, self._ticks, self._tick = start, dt, ticks, 0
-        self._noise, self._base, self._q = encoder_noise(ticks, start.size), base, start.copy()
-        n, moving = start.size - base, JointFeedback(delay=0.0, servo_hz=math.inf) if feedback is None else feedback
-        model = FollowedJoints(moving, n, dt=dt)
-        self._go, self._of, self._unmeasured = model.tick, model.memory.places, np.full(n, math.nan)
-        self._memory = np.zeros(model.size)
-        self._memory[self._of["q"]] = start[base:]
-        held = 0 if feedback is None else math.ceil(STOPPED / dt)
-        self._held = range(ticks // 3, ticks // 3 + held)
-        self._seen = start.copy()
+    def __init__(self, start: Array, *, dt: float, ticks: int) -> None:
+        self.start, self._dt, self._tick = start, dt, 0
+        self._noise, self._q, self._seen = encoder_noise(ticks, start.size), start.copy(), start.copy()
 
     def seen(self, told: Array) -> Array:
         """(n,) encoders in this tick where `told` is `start`, else `told`."""
-        if self._tick < self._ticks:
+        if self._tick < len(self._noise):
             self._seen = self._q + self._noise[self._tick]
         return np.where(told == self.start, self._seen, told)
 
     def go(self, command: Array) -> None:
         """One tick at these velocities (n,)."""
-        base, of = self._base, self._of
-        self._q[:base] += self._dt * command[:base]
-        self._memory = memory = np.array(self._go(self._memory, self._unmeasured, command[base:])[0]).ravel()
-        if self._tick in self._held:  # the servos push for the way that they cannot go
-            memory[of["w"]] += memory[of["q"]] - self._q[base:]
-            memory[of["q"]], memory[of["v"]] = self._q[base:], 0.0
-        self._q[base:] = memory[of["q"]]
+        self._q += self._dt * command
         self._tick += 1
 
 
@@ -187,19 +165,14 @@ def encoder_noise(ticks: int, joints: int) -> Array:
     return np.asarray(noise)
 
 
-def encoders(
-    run: Sequence[RunTick], *, dt: float, feedback: JointFeedback | None, base: int = 0
-) -> tuple[list[RunTick], Joints | None, RunTick]:
-    """The run with `encoder_noise`; of led joints, which must follow what is commanded, with nothing but the first.
+def encoders(run: Sequence[RunTick], *, dt: float) -> tuple[list[RunTick], Joints, RunTick]:
+    """The run with nothing but its first positions, which joints that move as commanded fill in as it goes.
 
-    Besides, what fills them in as it goes, see `recorded`, and the tick in which a joint is fastest.
+    And those joints, see `recorded`, and the tick in which a joint is fastest.
     """
     fastest = run[int(np.argmax(np.abs(np.diff([each["q"] for each in run], axis=0)).max(axis=1)))]
-    if feedback is None:
-        noise = encoder_noise(len(run), run[0]["q"].size)
-        return [{**tick, "q": tick["q"] + each} for tick, each in zip(run, noise, strict=True)], None, fastest
     start = run[0]["q"]
-    joints = Joints(start, dt=dt, ticks=len(run), feedback=feedback, base=base)
+    joints = Joints(start, dt=dt, ticks=len(run))
     return [{**tick, "q": start} for tick in run], joints, {**fastest, "q": start}
 
 
@@ -221,7 +194,8 @@ def with_faults(
     ]
     for name in arrays:
         faults += [_element(name, 0, np.nan), _element(name, -1, np.inf), _element(name, -1, -1.1e6)]
-    faults.append(lambda tick: {**tick, **{name: np.full_like(tick[name], 9e5) for name in arrays}})
+    # No joint can have come to such positions, which would be told first.
+    faults.append(lambda tick: {**tick, **{name: np.full_like(tick[name], 9e5) for name in arrays if name != "q"}})
     faults += more
     stale, jump = (int(max_age / (0.9 * dt)) + 10, 1.0 + max_age) if max_age < 10.0 else (0, 1.0)
     # What the clock of the state does then; the stream that begins anew ends the lag that was gathered.
@@ -242,18 +216,12 @@ def standing(ticks: Sequence[RunTick], moving: RunTick, *, dt: float) -> list[Ru
     return [{**moving, "enable": int(k <= count), "stamp": float(last + k * dt)} for k in range(1, count + count // 2)]
 
 
-def about_run(ticks: int, of: str, feedback: JointFeedback | None) -> str:
+def about_run(ticks: int, of: str) -> str:
     """What `with_faults` and `standing` made of a run, for the reader."""
-    led = "" if feedback is None else f", the robot moving {as_it_moves(feedback)}"
     return (
-        f"{ticks} ticks of {of}{led}, with faults among them: numbers that are none, stamps that are wrong, the enable "
+        f"{ticks} ticks of {of}, with faults among them: numbers that are none, stamps that are wrong, the enable "
         "input released, encoders that stand still; encoders with noise of 0.1 mrad in the second half"
     )
-
-
-def as_it_moves(feedback: JointFeedback | None) -> str:
-    """How `Joints` move, in words."""
-    return "as commanded" if feedback is None else "late and behind its servos, and held by something once"
 
 
 def _element(name: str, index: int, value: float) -> Callable[[RunTick], RunTick]:

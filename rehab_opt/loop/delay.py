@@ -1,4 +1,4 @@
-"""Measured delay of a robot, as a `JointFeedback` needs it."""
+"""Measured delay of a robot."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ SETTLED = 0.2
 
 
 def measured_delay(plant: Plant, *, joint: int = 0, speed: float = 0.2, fifo: int | None = None) -> float:
-    """[s] from a command until its motion is measured, for `JointFeedback(delay=...)`.
+    """[s] from a command until its motion is measured; controllers allow for 0.1 s (`FrontEnd`).
 
     A joint goes out and back, at a quarter of `speed` and at `speed`. At a steady speed v it lags by v T, T the delay,
     and by dry friction's part, which is about the same at both speeds: T is the difference of the lags over that of
-    the speeds. A velocity servo of two equal poles, as `JointFeedback` assumes, adds nothing.
+    the speeds. A velocity servo of two equal poles adds nothing.
 
     Parameters
     ----------

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import fields, replace
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self, TypeVar, get_args
 
 from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, model_validator
 
-from rehab_opt.control.joint_feedback import JointFeedback
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.kinematics.drive import Drive
@@ -35,7 +33,6 @@ __all__ = [
     "chair_plant",
     "channel_of",
     "device_of",
-    "joint_feedback",
     "joint_plant",
     "ms",
     "on_plant",
@@ -49,7 +46,7 @@ Kind = Literal["ideal", "mujoco", "ur", "franka", "ros2"]
 KINDS: tuple[Simulated, ...] = get_args(Simulated)
 """What `--plant` takes: a robot that is there has an address, which stands in the file."""
 DEVICES: tuple[Kind, ...] = ("ur", "franka", "ros2")
-DEVICE_KEYS = frozenset({"kind", "address", "delay_ms"})
+DEVICE_KEYS = frozenset({"kind", "address"})
 Milliseconds = Annotated[float, Field(ge=0, le=1000)]
 
 
@@ -102,16 +99,14 @@ class PlantTable(Section):
 
 
 class JointPlant(PlantTable):
-    """An arm whose joints have servos; trackers are told of its delays and servos (`JointFeedback`)."""
+    """An arm whose joints have servos."""
 
     kind: Kind = "ideal"
     """Joints that move exactly as commanded, a robot with mass in MuJoCo, or one that is there, for `loop` and `live`:
     of Universal Robots, Franka's, or of ROS 2, its joints named as here. `--plant` goes before it. An ideal robot has
-    no other keys, one that is there the next two."""
+    no other keys, one that is there the next one."""
     address: str | None = Field(default=None, min_length=1)
     """Of that robot's controller."""
-    delay_ms: float | None = Field(default=None, ge=0, le=200)
-    """From a command until the motion is seen there, as `rehab-opt delay FILE` measures it."""
     servo: Literal["velocity", "position"] = "velocity"
     """A proportional-integral servo of each joint's speed, or a critically damped spring to the position that the
     commands add up to."""
@@ -123,8 +118,6 @@ class JointPlant(PlantTable):
     """One count of the encoders."""
     payload_kg: float = Field(default=0.0, ge=0, le=10)
     """At the tool, unknown to the servos but for its weight."""
-    contact_m: float = Field(default=0.001, gt=0, le=0.05)
-    """`JointFeedback`'s `contact`: an arm of much friction that stops by itself needs more, and presses harder."""
 
     @model_validator(mode="after")
     def a_robot_that_is_there_has_an_address(self) -> Self:
@@ -137,7 +130,7 @@ class JointPlant(PlantTable):
     def imperfections(self) -> str:
         """Of encoders and servos."""
         noise = 1e3 * self.position_noise_rad
-        return f"{noise:g} mrad of noise, a {self.servo} servo of {self.servo_hz:g} Hz; trackers know delays and servo"
+        return f"{noise:g} mrad of noise, a {self.servo} servo of {self.servo_hz:g} Hz"
 
 
 class HandPlant(PlantTable):
@@ -182,7 +175,7 @@ class ChairPlant(PlantTable):
     def imperfections(self) -> str:
         """Of the sensors and the wheels."""
         noise, lag = 1e3 * self.position_noise_rad, self.wheel_lag_ms
-        return f"{noise:g} mrad of noise, {lag:g} ms of lag of the wheels; the optimised law knows delays and servo"
+        return f"{noise:g} mrad of noise, {lag:g} ms of lag of the wheels"
 
 
 def on_plant(config: ProblemFile[P], kind: str | None) -> ProblemFile[P]:
@@ -239,32 +232,6 @@ def joint_plant(table: JointPlant, chain: SerialChain, dt: float) -> Plant:
 def device_of(table: JointPlant) -> DeviceAddress | None:
     """Where the robot of a table is; None of a simulated one."""
     return None if table.address is None else DeviceAddress(table.kind, table.address)
-
-
-def joint_feedback(table: JointPlant | ChairPlant) -> JointFeedback | None:
-    """What a controller is told of that robot: its servos, and its mean delays with their jitter; None of ideal joints.
-
-    A servo of the position counts as joints that move as commanded, later by as much as it trails.
-
-    Raises
-    ------
-    ConfigurationError : the delay of a robot that is there is not known.
-    """
-    if table.kind == "ideal":
-        return None
-    if isinstance(table, JointPlant) and table.kind in DEVICES:
-        if table.delay_ms is None:
-            raise ConfigurationError("plant.delay_ms", None, "what `rehab-opt delay FILE` measures")
-        return JointFeedback(delay=ms(table.delay_ms))
-    jitter = table.command_jitter_ms + table.measurement_jitter_ms
-    delay = ms(table.command_delay_ms + table.measurement_delay_ms + jitter / 2)
-    if isinstance(table, ChairPlant):
-        return JointFeedback(delay=delay, servo_hz=table.servo_hz)
-    if table.servo == "velocity":
-        return JointFeedback(delay=delay, servo_hz=table.servo_hz, contact=table.contact_m)
-    from rehab_opt.plants.drives import PositionServo  # noqa: PLC0415  (loads MuJoCo)
-
-    return JointFeedback(delay=delay + PositionServo(table.servo_hz).lag, servo_hz=math.inf, contact=table.contact_m)
 
 
 def chair_plant(table: ChairPlant, robot: MobileArm, wheels: Drive, dt: float, *, own_arm: bool = False) -> Wheelchair:

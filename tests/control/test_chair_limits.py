@@ -44,7 +44,7 @@ def test_a_steady_velocity_leads_the_chair_where_its_ticks_do() -> None:
 def test_rows_on_the_way_forbid_a_steady_arm_no_rest_and_take_back_what_tangents_miss() -> None:
     limits, tick = chair_limits("mecanum", Limit(lambda chain, q: 0.5 - q[4], rate=10.0)), Stages()
     q, last, mean = (ca.SX.sym(name, 7) for name in ("q", "last", "mean"))
-    found = limits.limits(tick, q, last, ca.SX(0, 1), mean=mean, gives_way=ca.SX(1), apart=ca.SX.zeros(7))
+    found = limits.limits(tick, q, last, ca.SX(0, 1), mean=mean, gives_way=ca.SX(1))
     function = tick.function("limits", [q, last, mean], [found.beside.upper])
     here, moving = ARDIS_READY + 0.0, 0.035 * np.eye(7)[4]
     here[4] = 0.505  # beyond it

@@ -228,4 +228,3 @@ def test_what_cannot_be_used_is_named() -> None:
     for order in ({"stop_at": 20.0}, {"release": 1.0}, {"slow_from": 30.0}, {"slow_from": None}):
         refuses(Interaction, (order, next(iter(order))))
     refuses(functools.partial(MirrorTracker, ur5()), ({"interaction": 30.0}, "interaction = 30"))
-    refuses(functools.partial(MirrorTracker, ur5()), ({"feedback": 0.005}, "feedback = 0.005", "a JointFeedback"))

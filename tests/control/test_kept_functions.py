@@ -214,15 +214,15 @@ RUNS: dict[str, Callable[[], Iterator[Said]]] = {
     "tracker": lambda: led(tracker(PERSON, posture=np.zeros(8), dt=0.01), MIDDLE),
     "tracker_daqp": lambda: led(tracker(ARM, solver="daqp", dt=0.01), READY),
     "tracker_jerk": lambda: led(tracker(ARM, jerk=60.0, gain=1.0, task_weights=[1, 1, 1, 0, 0.1, 0.1], dt=5e-3), READY),
-    "tracker_led": lambda: led(tracker(FAST, feedback=lib.JointFeedback(), dt=5e-3), READY, held=range(16, 24)),
+    "tracker_led": lambda: led(tracker(FAST, dt=5e-3), READY, held=range(16, 24)),
     "tracker_limits": lambda: led(tracker(FAST, limits=[lib.Limit(elbow), around(HAND, 2)], dt=0.01), READY),
     "mirror": lambda: led(mirror(0.1, interaction=lib.Interaction(), person=PERSON), READY, reach=0.05, force=True),
-    "mirror_limits": lambda: led(mirror(0.2, limits=LIMITS, feedback=lib.JointFeedback()), READY, reach=0.05),
+    "mirror_limits": lambda: led(mirror(0.2, limits=LIMITS), READY, reach=0.05),
     "chair": lambda: driven(
         chair(lib.ardis(), limits=[around(CHAIR_HAND, 2)], row_sets=[SIX[:3], ("z", "roll7")]), ARDIS_READY
     ),
     "chair_differential": lambda: driven(
-        chair(lib.ardis(), drive="differential", limits=[lib.Limit(elbow)], feedback=lib.JointFeedback(),
+        chair(lib.ardis(), drive="differential", limits=[lib.Limit(elbow)],
               row_sets=[SIX[:3], ("rz", "ry")]), ARDIS_READY,
     ),
     "chair_ur5": lambda: driven(

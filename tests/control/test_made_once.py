@@ -14,7 +14,6 @@ import pytest
 from rehab_opt import (
     Clearance,
     ConfigurationError,
-    JointFeedback,
     Limit,
     MirrorTracker,
     PoseTracker,
@@ -68,7 +67,7 @@ def moved(chain: SerialChain) -> SerialChain:
 
 
 COMMON: list[dict[str, Any]] = [
-    {"dt": 0.00101}, {"recovery_speed": 0.11}, {"tolerance": 1e-7}, {"max_age": 0.5}, {"feedback": JointFeedback()},
+    {"dt": 0.00101}, {"recovery_speed": 0.11}, {"tolerance": 1e-7}, {"max_age": 0.5},
 ]  # fmt: skip
 OF_AN_ARM: list[dict[str, Any]] = [
     *COMMON, {"gain": 50.1}, {"linear_speed": 0.9}, {"angular_speed": 3.0},
@@ -106,7 +105,7 @@ def test_any_other_number_is_another_form_and_equal_ones_are_the_same(
 
 
 SETTINGS = {
-    "pose_tracker": ("chain", "dt", "gain", "linear_speed", "angular_speed", "limits", "feedback", "recovery_speed"),
+    "pose_tracker": ("chain", "dt", "gain", "linear_speed", "angular_speed", "limits", "recovery_speed"),
     "mirror_tracker": ("chain", "dt", "floor", "max_deviation", "linear_speed", "max_turn", "catch_up", "limits"),
     "redundancy": ("robot", "drive", "dt", "limits"),
     "assistance": ("comfortable", "mode", "force_limit", "slew_limit", "energy_budget", "dt"),

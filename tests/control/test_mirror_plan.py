@@ -185,7 +185,7 @@ def test_between_the_places_of_a_hand_that_slides_along_a_plane_there_is_room() 
     poses[:, 2, 3] -= 0.3 * (ur5().pose(motions.START)[2, 3] - poses[:, 2, 3])
     path = robot.plan(poses, twists, motions.START)
     heights = robot.hand_bounds.min_heights(path.q, table)
-    assert 2e-5 < heights.min() < 5.1e-5
+    assert 2e-5 < heights.min() < 6e-5
 
 
 def test_a_passage_that_would_break_a_bound_is_not_taken(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -9,7 +9,6 @@ import pytest
 
 from rehab_opt import Interaction, MirrorTracker, RedundancyResolver, ardis, human_arm
 from rehab_opt.control.bilateral import Bilateral
-from rehab_opt.control.joint_feedback import JointFeedback
 from rehab_opt.export import random_runs
 from rehab_opt.export.c_text import comment, indented, initialiser, layout, number
 from rehab_opt.export.exported import ExportedController, ExportedVelocity
@@ -22,7 +21,7 @@ from tests.export.pairing import sides
 from tests.golden import assert_kept
 from tests.golden.functions import digest
 
-LED = {"feedback": JointFeedback(), "dt": 0.005}
+LED = {"dt": 0.005}
 MIRROR = {"dt": 0.01, "floor": 0.1, "max_manipulability": LARGEST, "compile": False, "person": human_arm()}
 ROWS = [("x", "y"), ("z", "roll7", "rx")]
 MADE: dict[str, Callable[[], Any]] = {

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import re
 from collections.abc import Callable
 from functools import partial
@@ -15,18 +14,14 @@ import rehab_opt
 from rehab_opt import (
     Clearance,
     ConfigurationError,
-    JointFeedback,
     Limit,
-    MirrorTracker,
     PoseTracker,
     Smoother,
     export_c,
     ur5,
 )
 from rehab_opt.control.bilateral import Bilateral
-from rehab_opt.control.reasons import NOTES, NUMBER
 from rehab_opt.control.redundancy import RedundancyResolver
-from rehab_opt.control.velocity_controller import VelocityController
 from rehab_opt.kinematics.ardis import ardis
 from rehab_opt.session.files import load_problem
 from tests.control.test_limit import TABLE, elbow_above
@@ -65,23 +60,6 @@ def test_a_tracker_with_a_limit_of_its_own_commands_the_same_in_c(built: Built, 
     assert statuses >= {"0", "2", "3"}  # solved, braking, holding
 
 
-def led_proportionally() -> PoseTracker:
-    """A tracker of joints that trail their commands."""
-    feedback = JointFeedback(delay=0.012, servo_hz=10.0, integral_action=False)
-    return PoseTracker(ur5(acceleration=np.full(6, 10.0)), dt=0.005, feedback=feedback, compile=False)
-
-
-def led_mirror() -> MirrorTracker:
-    """A mirror of late joints."""
-    return MirrorTracker(ur5(), dt=0.005, feedback=JointFeedback(), linear_speed=0.5, floor=0.2, compile=False)
-
-
-def led_on_a_chair() -> RedundancyResolver:
-    """An arm of late joints on a chair, with rows to change between."""
-    options = {"row_sets": [("x", "y"), ("z",)], "keep_out": False, "feedback": JointFeedback(delay=0.01)}
-    return RedundancyResolver(ardis(), drive="mecanum", compile=False, **options)  # type: ignore[arg-type]
-
-
 def fixed() -> RedundancyResolver:
     """An arm on a chair that stands, its elbow above a table."""
     above = Limit(lambda chain, q: chain.frames_expression(q)[6][2, 3] - 0.95)
@@ -107,30 +85,6 @@ def test_without_a_run_of_its_own_it_repeats_a_random_one(kind: str, built: Buil
     export_c(make(), tmp_path / "c")
     for folder in folders:
         assert largest_difference(tmp_path / "c" / folder, folder or kind, built) <= SAME
-
-
-@pytest.mark.nightly
-@pytest.mark.parametrize(
-    ("make", "name", "reasons"),
-    [
-        (led_proportionally, "pose_tracker", True),
-        (led_mirror, "mirror_tracker", True),
-        (led_on_a_chair, "redundancy_mecanum", False),
-    ],
-)
-def test_led_joints_are_led_in_c(
-    make: Callable[[], VelocityController], name: str, reasons: bool, built: Built, tmp_path: Path
-) -> None:
-    """Late joints, encoder noise, a hand that is held for a while, encoders that stand still, `enable` released."""
-    export_c(make(), tmp_path)
-    assert largest_difference(tmp_path, name, built) <= SAME
-    run = list(csv.DictReader((tmp_path / "recorded_run.csv").read_text().splitlines()))
-    lost, held = str(NUMBER["NOT_FOLLOWED"]), 2 ** [note.name for note in NOTES].index("HELD_BACK")
-    after = [k for k, tick in enumerate(run) if tick["reason"] == lost]
-    assert after[0] > 0.7 * len(run)
-    assert any(int(tick["notes"]) & held for tick in run) is reasons
-    assert np.mean([tick["status"] == "0" for tick in run[: after[0]]]) > 0.6
-    assert run[-1]["reason"] == str(NUMBER["NOT_ENABLED"])
 
 
 def test_the_header_says_whose_joints_what_limits_which_tick_and_what_is_computed(tmp_path: Path) -> None:

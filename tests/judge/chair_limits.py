@@ -1,11 +1,10 @@
-"""The chair with limits of a user's own, clear of bodies that stand and that move, its arm led through late servos.
+"""The chair with limits of a user's own, clear of bodies that stand and that move.
 
 Chairs with ARDIS and with arms from files, each limit drawn around where they start: an elbow above a tilted plane, a
 hand in a box or a ball that stands in the room while the chair drives, out of a ball, or upright; walls and a heading
 for the chair itself. Judged in each tick, also under a released stick, by the judge's own kinematics: no distance
 falls below zero, nor further; no body comes nearer than it does by itself; all that is judged of any chair; and what is
-said of it. Behind late servos that is judged where a line of commands and a servo of the judge's own lead. In a
-quarter of the runs sticks lead an arm from a file, which has no limits besides, at keep-outs.
+said of it. In a quarter of the runs sticks lead an arm from a file, which has no limits besides, at keep-outs.
 """
 
 from __future__ import annotations
@@ -17,7 +16,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from rehab_opt import JointFeedback, Limit, MovingCapsule, RedundancyResolver, Relaxed
+from rehab_opt import Limit, MovingCapsule, RedundancyResolver, Relaxed
 from tests.judge.chair_claims import judge_ticks
 from tests.judge.chair_held import BRAKING, SIZE
 from tests.judge.chair_moved import judge_rest, one_part
@@ -33,7 +32,6 @@ from tests.judge.clearance_bodies import (
     standing,
     where,
 )
-from tests.judge.joint_feedback import OVERSHOOT, Observer, Plan, Servo
 from tests.judge.mounted_arms import Mounted, mounted
 from tests.judge.numbering import Runs, judging
 from tests.judge.verdict import Answers, Verdict
@@ -44,8 +42,8 @@ LEAST = {
     "status ok": 400_000, "status blocked": 10_000, "braking near a limit": 30, "law judged": 1000,
     "at a limit: in a box": 100, "at a limit: in a ball": 500, "at a limit: out of a ball": 1000,
     "at a limit: upright": 500, "at the margin of a capsule": 200, "at the margin of a box": 100,
-    "at the margin of a plane": 50, "at the margin of a body that moves": 300, "led by feedback": 100_000,
-    "behind where it is led": 30_000, "reaching": 50_000, "a limit near, turned across the world": 10_000,
+    "at the margin of a plane": 50, "at the margin of a body that moves": 300,
+    "reaching": 50_000, "a limit near, turned across the world": 10_000,
     "numbers that are none, moving": 100, "the dead-man released, moving": 500, "at rest after the command": 5000,
     "an arm from a file": 100_000, "a keep-out near an arm from a file": 10_000,
     "limits that are come to faster than all can brake": 50_000, "a velocity told that leads at a limit": 200,
@@ -66,8 +64,6 @@ ROUNDING = 1e-9
 """[rad, m] What sums may miss a limit by."""
 MAX_MAGNITUDE = 1e6
 """A number beyond it is no position."""
-UNSURE = 5e-3
-"""[rad] Between where a joint is led and where it is measured."""
 BESIDE, ROUND = 5e-3, 0.3
 """[m] of a standing body within which a link comes round its edges; of the command, across it, there."""
 TRIED = 20
@@ -166,41 +162,6 @@ def wish(rng: np.random.Generator, chair: Chair, q: Array, tightest: float, *, b
     return Wish(kind, frame, ways, rng.uniform(0.03, 0.4, 3) - ways @ q[:3], rate, unit)
 
 
-class Servos:
-    """The robot behind a controller with feedback: a base that moves as commanded, an arm of late servos."""
-
-    def __init__(self, rng: np.random.Generator, plan: Plan, q: Array, velocity: Array) -> None:
-        self.rng, self.plan, self.base = rng, plan, q[:3].copy()
-        self.arm, self.observer = Servo(q[3:], plan.late, plan.told, plan.dt), Observer(plan, q[3:])
-        self.last = velocity[3:].copy()
-        self.arm.set_out(self.last)
-        self.observer.reset(self.last)
-        self.arm.q = q[3:] - self.arm.under_way
-        self.begun = self.arm.q.copy()
-        self.rests = not velocity.any()
-        self.true: list[Array] = []
-
-    def read(self, wrong: Array) -> Array:
-        """(n,) what is measured."""
-        noise = self.plan.noise * self.rng.uniform(-1, 1, len(self.arm.q))
-        told = np.concatenate([self.base, self.arm.q + noise])
-        told[np.broadcast_to(wrong, told.shape) != 0.0] = math.nan
-        return told
-
-    def led(self, measured: Array, end: Array, *, enable: object) -> Array:
-        """(n,) where it is led; `end` where no number says so."""
-        found = np.concatenate([measured[:3], self.observer.reference(measured[3:], self.last)])
-        if enable is not True and self.rests:
-            self.observer.reset(np.zeros_like(self.last))
-        return np.where(np.isfinite(found), found, end)
-
-    def move(self, value: Array, dt: float) -> None:
-        """One tick of a command (n,)."""
-        self.base, self.last, self.rests = self.base + dt * value[:3], value[3:].copy(), not value.any()
-        self.arm.move(self.last)
-        self.true.append(self.arm.q)
-
-
 class Case(NamedTuple):
     """A chair, what it has to keep, and its controller."""
 
@@ -210,7 +171,6 @@ class Case(NamedTuple):
     sets: tuple[tuple[str, ...], ...]
     wishes: list[Wish]
     scene: Scene | None
-    plan: Plan | None
     places: int
     """Of walls and posts."""
     alone: bool
@@ -247,7 +207,7 @@ def one_slow_body(case: Case) -> bool:
 
 
 def draw(rng: np.random.Generator, number: int) -> tuple[Case, Array]:
-    """A chair and where it starts: own limits, bodies, or both; every third with feedback."""
+    """A chair and where it starts: own limits, bodies, or both."""
     drive, dt = ("fixed", "differential", "mecanum")[number % 3], float(rng.choice([0.005, 0.01, 0.01, 0.02]))
     sets = (SETS[0], (SETS + OTHER_SETS)[int(rng.integers(1, len(SETS + OTHER_SETS)))])
     if rng.random() < 0.6:
@@ -262,9 +222,7 @@ def draw(rng: np.random.Generator, number: int) -> tuple[Case, Array]:
     wishes = [wish(rng, chair, q, 0.02 if sharp(number) else 0.1, beside=ball) for _ in range(count)]
     if not wishes or (rng.random() < 0.4 and not ball):
         scene = around(rng, number, chair, q, dt)
-    led, plan = rng.random() < 0.35, None
-    if led:
-        plan = late(rng, chair, dt)
+    rng.random()  # drawn for nothing, so that runs that were broken once keep their numbers
     places = PLACES if rng.random() < 0.25 and not alone(number) else 0
     limits: list[Any] = [each.limit() for each in wishes]
     max_contacts = 8
@@ -273,9 +231,8 @@ def draw(rng: np.random.Generator, number: int) -> tuple[Case, Array]:
         limits.insert(place, clearance_of(scene, max_contacts))
     made = RedundancyResolver(
         chair.robot(), drive=drive, row_sets=sets, dt=dt, max_obstacles=places, limits=limits, compile=False,  # type: ignore[arg-type]
-        feedback=None if plan is None else plan.told,
     )  # fmt: skip
-    return Case(chair, made, dt, sets, wishes, scene, plan, places, alone(number), max_contacts < 8), q
+    return Case(chair, made, dt, sets, wishes, scene, places, alone(number), max_contacts < 8), q
 
 
 def around(rng: np.random.Generator, number: int, chair: Chair, q: Array, dt: float) -> Scene:
@@ -286,15 +243,6 @@ def around(rng: np.random.Generator, number: int, chair: Chair, q: Array, dt: fl
     speed = rng.uniform(-1, 1, (8, len(q))) * np.isin(np.arange(len(q)), chair.moving) * chair.velocity
     ways = np.vstack([q, q + rng.uniform(0.2, 0.8, (8, 1)) * speed])
     return put_around(rng, scene, kinds, segments(chair, ways), alone=alone(number))
-
-
-def late(rng: np.random.Generator, chair: Chair, dt: float) -> Plan:
-    """What is told of the servos, half of them a bit wrong."""
-    wrong, ticks = rng.random() < 0.5, int(rng.integers(0, 5))
-    told = JointFeedback(delay=ticks * dt, servo_hz=float(rng.choice([math.inf, 24.0, 60.0])))
-    change = 1 if wrong and dt <= 0.005 else 0
-    return Plan("nothing", dt, told, ticks + change, float(rng.choice([1e-4, 2e-4])) * wrong, 0, 0.0, chair.lower,
-                chair.upper, chair.acceleration[3:])  # fmt: skip
 
 
 def segments(chair: Chair, q: Array) -> list[Array]:
@@ -375,7 +323,7 @@ def beside_keep_outs(verdict: Verdict, number: int, rng: np.random.Generator) ->
     rows = (SETS[0], SETS[0], SETS[1], SETS[2])[int(rng.integers(4))]
     chair, start = mounted(rng, drive, [SETS[0], rows])
     made = RedundancyResolver(chair.robot(), drive=drive, row_sets=[rows], dt=dt, max_obstacles=0, compile=False)  # type: ignore[arg-type]
-    case = Case(chair, made, dt, (rows,), [], None, None, 0, False, False, bare=True)
+    case = Case(chair, made, dt, (rows,), [], None, 0, False, False, bare=True)
     for _ in range(STICKS):
         again = chair.free_posture(rng)
         q = np.concatenate([rng.uniform(-0.3, 0.3, 3), start if again is None else again])
@@ -409,15 +357,12 @@ def episode(verdict: Verdict, number: int, rng: np.random.Generator, case: Case,
             [MovingCapsule(*places[i][k], radii[i], *speeds[i][k]) for i in np.flatnonzero(there[k])]
             for k in range(ticks)
         ]
-    servos = None if case.plan is None else Servos(rng, case.plan, q, chair.world(q, begun))
-    run = record(case.made, Run(chair, dt, begun, parts, arcs=False, moving=told, late=servos), q)
+    run = record(case.made, Run(chair, dt, begun, parts, arcs=False, moving=told), q)
     kinds, scene = ", ".join(each.kind for each in case.wishes), case.scene
     counts = [] if scene is None else [len(each) for each in (scene.capsules, scene.boxes, scene.moving)]
-    told_of = f"capsules, boxes, moving {counts}, {case.plan and case.plan.told}"
+    told_of = f"capsules, boxes, moving {counts}"
     verdict.begin(number, f"{type(chair).__name__} {chair.drive} dt {dt:g}, {kinds}, {told_of}")
     judge(verdict, case, run, places, there)
-    if servos is not None:
-        judge_servos(verdict, case, run, servos)
 
 
 def moving_bodies(rng: np.random.Generator, case: Case, ticks: int) -> tuple[list[Array], NDArray[np.bool_]]:
@@ -487,9 +432,7 @@ def judge(verdict: Verdict, case: Case, run: Run, places: list[Array], there: ND
     verdict.within("come to faster than its barrier [m/s or rad/s]", met, FASTER)
     arm = q[:, 3:]
     rooms = np.minimum(chair.arm_gaps(q).min(axis=1), np.minimum(arm - chair.lower, chair.upper - arm).min(axis=1))
-    # Of led joints limits hold where they are measured, too: within noise and a delay that is another, either is true.
-    unsure = EDGE if case.plan is None or case.plan.exact else UNSURE
-    inside, edge = inside | (rooms < 0), edge | (np.abs(rooms) < unsure)
+    inside, edge = inside | (rooms < 0), edge | (np.abs(rooms) < EDGE)
     if not case.places:
         flagged = found.relaxed & Relaxed.POSITION.value != 0
         # Before the first position that it can read, a controller knows no posture to speak of.
@@ -550,8 +493,7 @@ def judge_part(
         return
     if part.target is not None:
         verdict.during("reaching", np.ones(len(q), dtype=bool), dt)
-        # A led arm's hand is late, and its measured place is what is gone by: see the limits of the chair's page.
-        if case.plan is None and (case.scene is None or not case.scene.moving):
+        if case.scene is None or not case.scene.moving:
             judge_target(run, verdict, found, part, span)
         return
     size = float(np.linalg.norm(part.twist[0]))
@@ -569,26 +511,6 @@ def judge_part(
     verdict.within("law: across the command, beside a body that stands", np.where(round_, across, 0.0), ROUND)
     verdict.during("law judged beside a body that stands", round_, dt)
     verdict.during("law judged", np.ones(len(along), dtype=bool), dt)
-
-
-def judge_servos(verdict: Verdict, case: Case, run: Run, servos: Servos) -> None:
-    """Where the joints truly were."""
-    chair, plan = case.chair, case.plan
-    true = np.array(servos.true)
-    beyond = np.fmax(true - chair.upper, chair.lower - true)
-    # One that comes in from a limit is behind where it is led, and may have begun beyond: then never further.
-    begun = np.fmax(servos.begun - chair.upper, chair.lower - servos.begun)
-    beyond -= np.minimum.accumulate(np.maximum(np.vstack([begun, beyond[:-1]]), 0), axis=0)
-    # One that is stopped at once, since a body comes, swings on as far as its servo does.
-    hurried = since(np.array([Relaxed.ACCELERATION in each.relaxed for each in run.commands]), round(0.2 / case.dt))
-    swings = chair.velocity[3:] / (2 * math.pi * plan.told.servo_hz) if plan is not None else 0.0
-    beyond -= np.where(hurried[:, None], swings, 0.0)
-    if plan is not None and plan.exact:
-        verdict.within("a joint beyond its limit, where the model is true [rad]", beyond, OVERSHOOT)
-    said = [each.reason for each in run.commands]
-    verdict.holds("no fault of joints that follow", ["does not follow" not in each for each in said])
-    verdict.during("led by feedback", np.ones(len(true), dtype=bool), case.dt)
-    verdict.during("behind where it is led", np.abs(true - run.ends[:, 3:]).max(axis=1) > 1e-3, case.dt)
 
 
 run = judging(__name__, LEAST, Runs(one_run, 3 / 4), Runs(beside_keep_outs, 1 / 4, 1_000_000))

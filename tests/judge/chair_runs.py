@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -38,19 +38,6 @@ class Part(NamedTuple):
     """Whether every tick is told what is no usable number."""
 
 
-class LateArm(Protocol):
-    """A robot that does not move as commanded, whose controller acts on where it is led."""
-
-    def read(self, wrong: Array) -> Array:
-        """(7,) what is measured, `wrong` by so much."""
-
-    def led(self, measured: Array, end: Array, *, enable: object) -> Array:
-        """(7,) where it is led, and `end` where no number says so."""
-
-    def move(self, value: Array, dt: float) -> None:
-        """One tick of a command (7,)."""
-
-
 @dataclass
 class Run:
     """What was asked, what was answered, and where the robot was: numbers of n ticks."""
@@ -64,12 +51,10 @@ class Run:
     """Whether the chair's velocity turned with the chair within a tick, as that of rolling wheels does."""
     moving: list[list[MovingCapsule]] | None = None
     """What moves, in each tick."""
-    late: LateArm | None = None
-    """The robot behind a controller with feedback; q is then where that leads it."""
     q: Array = field(init=False)
     """(n + 1, 7)"""
     ends: Array = field(init=False)
-    """(n, 7) where each tick ended by its command: the next q, but for what feedback corrects."""
+    """(n, 7) where each tick ended by its command: the next q."""
     commands: list[Command] = field(default_factory=list)
 
     @property
@@ -83,7 +68,7 @@ def record(controller: RedundancyResolver, run: Run, q: Array) -> Run:
     """Drive the chair from q (7,) through all parts."""
     dt, commands, arcs = run.dt, run.commands, run.arcs
     run.q = np.empty((sum(len(part.twist) for part in run.parts) + 1, len(q)))
-    run.ends = run.q[1:] if run.late is None else np.empty_like(run.q[1:])
+    run.ends = run.q[1:]
     run.q[0] = q
     k, step = 0, controller.step
     controller.reset(run.chair.world(q, run.start), heading=float(q[2]))
@@ -94,11 +79,7 @@ def record(controller: RedundancyResolver, run: Run, q: Array) -> Run:
             controller.obstacles = tuple(part.obstacles)
         for i, twist in enumerate(part.twist):
             wrong = 0.0 if part.hostile is None else part.hostile[i]
-            if run.late is None:
-                told = q + wrong
-            else:
-                told = run.late.read(wrong)
-                q = run.q[k] = run.late.led(told, q, enable=part.enable)
+            told = q + wrong
             around = None if run.moving is None else run.moving[k]
             if part.target is None:
                 command = step(told, twist, part.rows, part.frame, moving=around, enable=part.enable)
@@ -106,9 +87,7 @@ def record(controller: RedundancyResolver, run: Run, q: Array) -> Run:
                 command = controller.reach(told, part.target, moving=around, enable=part.enable)
             commands.append(command)
             q = q + (rolled(command.value, dt) if arcs else dt * command.value)
-            run.ends[k] = run.q[k + 1] = q
-            if run.late is not None:
-                run.late.move(command.value, dt)
+            run.q[k + 1] = q
             k += 1
     return run
 

@@ -1,4 +1,4 @@
-"""Runs of `PoseTracker` on a UR5 whose joints go where they are told, sometimes pushed; settings drawn for each run."""
+"""Runs of `PoseTracker` on a UR5 whose joints go where they are told, sometimes put elsewhere; settings are drawn."""
 
 from __future__ import annotations
 
@@ -19,6 +19,10 @@ Array = NDArray[np.float64]
 
 DTS = (1e-3, 1e-3, 2e-3, 5e-3, 1e-2, 2e-2)
 FAULTS = ("q", "pose", "twist", "all", "not rigid", "disabled", *STAMPS)
+
+
+BEYOND = 0.29
+"""[rad] beyond its limits a joint is put at most."""
 
 
 class Settings(NamedTuple):
@@ -50,7 +54,7 @@ class Run(NamedTuple):
     twists: Array
     faults: Schedule
     pushed: NDArray[np.bool_]
-    """(N,) whether the joints were pushed after this tick."""
+    """(N,) whether the joints were put elsewhere after this tick, which `reset` is told with their speeds."""
 
     @property
     def where(self) -> str:
@@ -107,7 +111,7 @@ def tracker(given: Settings) -> PoseTracker:
 def follow(
     rng: np.random.Generator, number: int, *, faults: float = math.inf, pushes: float = math.inf, jerk: bool = False
 ) -> Run:
-    """One run: a fault each `faults` s, a push each `pushes` s."""
+    """One run: a fault each `faults` s, joints put elsewhere each `pushes` s."""
     start = good_posture(rng, 0.1)
     given, kind = draw(rng, start), KINDS[number % len(KINDS)]
     given = with_jerk(rng, given) if jerk else given
@@ -116,7 +120,7 @@ def follow(
     poses, twists = reference(rng, kind, start, ticks, dt)
     gap = 2.0 if given.max_age is None else max(1.2 * given.max_age, given.max_age + 2 * dt)
     wrong = schedule(rng, ticks, dt, FAULTS, every=faults, gap=gap)
-    pushed = rng.random(ticks) < dt / pushes
+    pushed = (rng.random(ticks) < dt / pushes) & np.append(wrong.kind[1:] == "", False)
     kinds, free = wrong.kind.tolist(), not math.isfinite(faults)
     q = np.empty((ticks + 1, 6))
     q[0], commands = start, []
@@ -136,6 +140,9 @@ def follow(
                 i = int(np.argmax(np.abs(command.value)))
                 left = 0.5 * dt * command.value[i]
                 q[k + 1, i] = (given.upper[i] if left > 0 else given.lower[i]) - left
+            # Farther off, a joint could as well be another turn's.
+            q[k + 1] = np.clip(q[k + 1], given.lower - BEYOND, given.upper + BEYOND)
+            control.reset(command.value)
     return Run(given, kind, q, commands, poses, twists, wrong, pushed)
 
 

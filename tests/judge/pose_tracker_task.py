@@ -118,7 +118,8 @@ def along_asked(one: Run, asked: Array, slowed: Array, last: Array) -> tuple[Arr
     way at higher speeds only. Where the motion that is asked, slowed to the hand speeds by `slowed` (N,), would bring a
     joint to its limit faster than it can stop there, the direction may be left.
 
-    The bounds are those of continuous braking, which are a little narrower than those over ticks.
+    The bounds are those of continuous braking, which are a little narrower than those over ticks. A joint comes to its
+    limit with 0.7 of its acceleration, and at last at 30/s.
     """
     given, dt, q = one.settings, one.settings.dt, one.q[:-1]
     moves = jacobian(q)
@@ -127,9 +128,13 @@ def along_asked(one: Run, asked: Array, slowed: Array, last: Array) -> tuple[Arr
     way[regular] = np.linalg.solve(moves[regular], asked[regular][..., None])[..., 0]
     change = np.minimum(given.acceleration * dt, 2 * given.velocity)
     half = change / 2
-    stops = [
-        np.sqrt(2 * change / dt * np.maximum(room, 0) + half**2) - half for room in (given.upper - q, q - given.lower)
-    ]
+    stops = []
+    for room in (np.maximum(given.upper - q, 0), np.maximum(q - given.lower, 0)):
+        hard = np.sqrt(2 * change / dt * room + half**2) - half
+        gentle = 0.7 * change / dt
+        near = gentle / 30.0**2
+        gently = np.where(room <= near, 30.0 * room, np.sqrt(2 * gentle * np.maximum(room - near / 2, 0)))
+        stops.append(np.minimum(hard, gently))
     up, down = (np.minimum(given.velocity, each) for each in stops)
     full = way / np.maximum(slowed, 1)[:, None]  # a joint that this would bring to its limit too fast goes slower alone
     kept = ((full <= stops[0]) & (-full <= stops[1])).all(axis=1)

@@ -67,13 +67,11 @@ def test_every_kind_that_is_live_is_run_in_time_and_again(name: str, tmp_path: P
     assert not (logged.records["status"] == b"holding").all()
 
 
-def test_the_delay_of_a_problem_s_robot_is_told_as_its_file_takes_it(
-    clock: Clock, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_delay_of_a_problem_s_robot_is_told(clock: Clock, capsys: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip("mujoco")
     main_ended(["delay", CIRCLE, "--plant", "mujoco", "--joint", "2"], 0)
-    key, told = capsys.readouterr().out.split(" = ")
-    assert (key, float(told)) == ("delay_ms", pytest.approx(5.0, abs=1.5))
+    told = capsys.readouterr().out.split(" by ")[1].split(" ms")[0]
+    assert float(told) == pytest.approx(5.0, abs=1.5)
     main_ended(["delay", "upper_limb/scenario_1_stretch"], 2)
     assert "joint velocities" in capsys.readouterr().err
 

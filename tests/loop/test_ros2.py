@@ -62,7 +62,7 @@ def test_a_robot_that_a_problem_file_names_is_led_and_its_end_is_told(monkeypatc
     with socket.create_server(("127.0.0.1", 0)) as free:
         address = f"tcp/127.0.0.1:{free.getsockname()[1]}"
     monkeypatch.setattr(ros2, "connect_ros2", partial(connect_ros2, watchdog=WATCHDOG))
-    table = JointPlant(kind="ros2", address=address, delay_ms=20.0)
+    table = JointPlant(kind="ros2", address=address)
     problem: Any = SimpleNamespace(device=device_of(table), names=NAMES, encoders=3, dt=0.005)
 
     def move(tick: Tick) -> Command:

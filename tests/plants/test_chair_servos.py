@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from rehab_opt import JointFeedback, RedundancyResolver, Status, ardis
+from rehab_opt import RedundancyResolver, Status, ardis
 from rehab_opt.control.hand_task import ROWS
 from rehab_opt.kinematics import DriveName
 
@@ -80,33 +80,15 @@ def test_a_joint_limit_is_held_on_late_servos_and_noisy_encoders_without_a_limit
 SEATED = np.array([0.0, 0.0, 1.0, -2.7, 0.0, 1.25, 0.05])
 
 
-def test_joints_that_move_as_commanded_get_the_commands_of_measured_positions() -> None:
-    rows, rng = (ROWS[:3], ROWS[:2]), np.random.default_rng(5)
-    ideal = JointFeedback(delay=0.0, servo_hz=math.inf)
-    led, plain = (
-        RedundancyResolver(ardis(), dt=0.01, row_sets=rows, feedback=each, compile=False) for each in (ideal, None)
-    )
-    q, command = SEATED.copy(), plain.step(SEATED, np.zeros(3))
-    for each in (led, plain):
-        each.reset(heading=q[2])
-    for k in range(60):
-        if k % 20 == 0:
-            chosen = rows[k // 20 % 2]
-            twist = rng.uniform(-0.2, 0.2, len(chosen))
-        command = plain.step(q, twist, chosen)
-        np.testing.assert_allclose(led.step(q, twist, chosen).value, command.value, rtol=0, atol=1e-6)
-        q = q + 0.01 * command.value
-
-
-def test_joints_come_to_rest_at_a_limit_led_or_believed() -> None:
-    """On the simulated wheelchair: masses, friction, wheels behind; the delay is told 3 ms wrong, or not at all."""
+def test_joints_come_to_rest_at_a_limit() -> None:
+    """On the simulated wheelchair: masses, friction, wheels behind."""
     pytest.importorskip("mujoco")
     from rehab_opt.plants.channel import Channel  # noqa: PLC0415  (needs MuJoCo)
     from rehab_opt.plants.wheelchair import Wheelchair  # noqa: PLC0415
 
     dt, rows, swings = 0.005, ROWS[:3], []
-    for delay, feedback in ((0.008, JointFeedback(delay=0.005)), (0.008, None)):
-        resolver = RedundancyResolver(ardis(), dt=dt, row_sets=[rows], feedback=feedback, compile=False)
+    for delay in (0.0, 0.008):
+        resolver = RedundancyResolver(ardis(), dt=dt, row_sets=[rows], compile=False)
         chain, wheels = resolver.robot.chain, resolver.robot.drive("mecanum")
         way = Channel(command_delay=delay / 2, measurement_delay=delay / 2, position_noise=1e-4)
         plant = Wheelchair(resolver.robot, wheels, dt=dt, channel=way, seed=7)
@@ -123,11 +105,10 @@ def test_joints_come_to_rest_at_a_limit_led_or_believed() -> None:
     assert max(swings) <= 3e-4
 
 
-def test_a_delay_of_a_tenth_of_a_second_that_is_told_is_no_fault_of_an_arm_that_turns_back() -> None:
-    """The watch of a base, which knows no delay, took it for one: the chair stopped until it was reset."""
-    dt, told = 0.02, JointFeedback(delay=0.1)
-    resolver = RedundancyResolver(ardis(), drive="fixed", dt=dt, row_sets=[ROWS[:3]], feedback=told, compile=False)
-    plant = LateChair(np.array([0.0, 0.0, 0.0, -0.9, 0.0, -0.1, 0.0]), delay=told.delay, noise=0.0, seed=0)
+def test_a_delay_of_a_tenth_of_a_second_is_no_fault_of_an_arm_that_turns_back() -> None:
+    dt = 0.02
+    resolver = RedundancyResolver(ardis(), drive="fixed", dt=dt, row_sets=[ROWS[:3]], compile=False)
+    plant = LateChair(np.array([0.0, 0.0, 0.0, -0.9, 0.0, -0.1, 0.0]), delay=0.1, noise=0.0, seed=0)
     for k in range(60):
         command = resolver.step(plant.measured(), np.array([0.0, 0.0, 0.25 if k // 20 % 2 == 0 else -0.25]))
         plant.hold(resolver.chassis_velocity, dt)
@@ -136,9 +117,7 @@ def test_a_delay_of_a_tenth_of_a_second_that_is_told_is_no_fault_of_an_arm_that_
 
 @pytest.mark.parametrize("joint", [0, 3])
 def test_a_blocked_joint_of_a_led_chair_is_named_and_one_of_its_base(joint: int) -> None:
-    resolver = RedundancyResolver(
-        ardis(), dt=0.01, row_sets=[ROWS[:3]], feedback=JointFeedback(servo_hz=math.inf), compile=False
-    )
+    resolver = RedundancyResolver(ardis(), dt=0.01, row_sets=[ROWS[:3]], compile=False)
     q, ahead = np.array([0.0, 0.0, 0.0, -1.0, 0.3, 0.6, 0.0]), np.array([0.2, 0.0, -0.05])
     reasons = []
     for k in range(300):

@@ -17,7 +17,7 @@ pytest.importorskip("mujoco")
 
 def test_joints_that_move_as_commanded_keep_every_bound() -> None:
     tasks = {"limit": range(2), "hand": range(1)}  # both arms; a tracker with hand bounds takes seconds to build
-    found = {name: done(name, numbers, 5, ideal=True, feedback=None) for name, numbers in tasks.items()}
+    found = {name: done(name, numbers, 5, ideal=True) for name, numbers in tasks.items()}
     rows = measured(found)
     assert [row.verdict for row in rows] == ["PASS"] * 4 + [""] + ["PASS"] * 3, table(rows)
     assert any(each.numbers["limit reached"] for each in found["limit"])
@@ -25,7 +25,7 @@ def test_joints_that_move_as_commanded_keep_every_bound() -> None:
 
 def test_a_late_and_noisy_robot_is_measured_and_judged() -> None:
     worst = [number for number, cell in enumerate(CELLS) if cell == Cell(0.008, 2e-4, 1000.0)]
-    found = {name: done(name, worst, 5, ideal=False, feedback=None) for name in ("limit", "blocked")}
+    found = {name: done(name, worst, 5, ideal=False) for name in ("limit", "blocked")}
     rows = measured(found)
     lines = table(rows)
     assert len(lines) == 2 + len(rows)
@@ -49,7 +49,7 @@ def test_a_late_and_noisy_robot_is_measured_and_judged() -> None:
     ],
 )
 def test_what_once_broke_a_bound_keeps_it(task: str, number: int, seed: int, name: str, at_most: float) -> None:
-    (found,) = done(task, [number], seed, ideal=False, feedback=None)
+    (found,) = done(task, [number], seed, ideal=False)
     assert found.numbers[name] <= at_most if name else max(found.numbers.values()) < at_most
 
 

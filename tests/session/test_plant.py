@@ -10,14 +10,12 @@ import numpy as np
 import pytest
 
 from rehab_opt import ConfigurationError, ProblemFileError
-from rehab_opt.control.joint_feedback import JointFeedback
 from rehab_opt.plants.channel import Channel
 from rehab_opt.plants.force_robot import ForceRobot, RobotModel
 from rehab_opt.plants.hand_robot import MujocoHandRobot, OnMujoco
 from rehab_opt.session.files import ProblemFile, load_problem, problem_content, problem_of, problem_path
 from rehab_opt.session.plant import (
     JointPlant,
-    joint_feedback,
     on_plant,
 )
 from rehab_opt.session.pose_tracking.run import RobotOutcome
@@ -76,23 +74,6 @@ def test_the_option_goes_before_the_file() -> None:
     assert on_plant(file, "mujoco").problem.plant.command_delay_ms == 8.0
     assert on_plant(file, "ideal").problem.plant.kind == "ideal"
     assert on_plant(load_problem("robot/ur5_circle"), "mujoco").problem.plant == JointPlant(kind="mujoco")
-
-
-def test_a_tracker_is_told_what_the_table_says_of_delays_and_servos() -> None:
-    assert joint_feedback(JointPlant()) is None
-    late = {"command_delay_ms": 4.0, "measurement_delay_ms": 1.0, "command_jitter_ms": 2.0}
-    told = joint_feedback(JointPlant(kind="mujoco", servo_hz=10.0, **late))
-    assert told == JointFeedback(delay=0.006, servo_hz=10.0)
-    # A critically damped spring w^2/(s + w)^2, 3 dB down at 0.6436 w, trails a ramp by 2/w.
-    pytest.importorskip("mujoco")
-    told = joint_feedback(JointPlant(kind="mujoco", servo="position", servo_hz=10.0, **late))
-    assert told is not None
-    assert told.delay == pytest.approx(0.006 + 2 * 0.6436 / (20 * math.pi))
-    assert told.servo_hz == math.inf
-    for servo in ("velocity", "position"):
-        told = joint_feedback(JointPlant(kind="mujoco", servo=servo, contact_m=0.0015))
-        assert told is not None
-        assert told.contact == 0.0015
 
 
 def test_without_delay_the_robot_in_mujoco_is_the_one_that_is_integrated() -> None:

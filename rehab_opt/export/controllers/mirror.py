@@ -31,7 +31,6 @@ from rehab_opt.export.recording import (
     Joints,
     Run,
     RunTick,
-    as_it_moves,
     recorded,
     standing,
     with_faults,
@@ -42,7 +41,6 @@ from rehab_opt.session.mirror.laws import tracker_of
 from rehab_opt.session.mirror.problem import MirrorProblem
 from rehab_opt.session.mirror.scene import laid_out
 from rehab_opt.session.outcome import Progress
-from rehab_opt.session.plant import joint_feedback
 
 __all__ = ["ExportedMirror", "exported_mirror", "exported_mirror_problem"]
 
@@ -147,7 +145,7 @@ def exported_mirror_problem(
     ProblemFileError : a recording or a value of the file that cannot be used.
     """
     problem, scene = config.problem, laid_out(config)
-    tracker = tracker_of(problem, scene, file=config.file, feedback=joint_feedback(problem.plant))
+    tracker = tracker_of(problem, scene, file=config.file)
     poses, twists = scene.reference.poses, scene.reference.twists
     return exported_mirror(
         tracker, scene.start, poses, twists, title=problem.title, source=f"the recording of `{config.name}`",
@@ -308,14 +306,14 @@ def mirror_run(
     if bodies is not None:
         valid = [{**tick, "obstacles": told} for tick, told in zip(valid, bodies[:count], strict=True)]
     faulty = with_faults(valid, dt=tracker.dt, max_age=tracker.max_age, more=_faults(tracker))
-    faulty += standing(faulty, valid[-1], dt=tracker.dt) if tracker.led else []
+    faulty += standing(faulty, valid[-1], dt=tracker.dt)
     tracker.reset()
     about = (
-        f"{len(faulty)} ticks along {source}, the robot moving {as_it_moves(tracker.feedback)}, with faults among "
-        "them: numbers that are none, stamps that are wrong, the enable input released, jumps, forces; encoders with "
+        f"{len(faulty)} ticks along {source}, the robot moving as commanded, with faults among them: "
+        "numbers that are none, stamps that are wrong, the enable input released, jumps, forces; encoders with "
         "noise of 0.1 mrad in the second half"
     )
-    joints = Joints(start, dt=tracker.dt, ticks=count, feedback=tracker.feedback)
+    joints = Joints(start, dt=tracker.dt, ticks=count)
     return recorded(
         lambda tick: _answer(tracker, tick), faulty, about, joints=joints,
         progress=lambda k: progress("recorded", k, count) if k % 500 == 0 else None,

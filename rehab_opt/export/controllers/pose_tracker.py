@@ -25,7 +25,6 @@ from rehab_opt.export.recording import (
 from rehab_opt.optim.fallback_chain import BACKUP, as_in_c
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.outcome import Progress
-from rehab_opt.session.plant import joint_feedback
 from rehab_opt.session.pose_tracking.problem import PoseTracking
 from rehab_opt.session.pose_tracking.run import LivePoseTracking, PoseTrackingSystem, tracker_of
 from rehab_opt.session.robot_file import robot_at_start
@@ -73,7 +72,7 @@ def exported_pose_tracker(config: ProblemFile[PoseTracking], *, progress: Progre
     problem = config.problem
     refuse_other_solvers(config, "tracker.solver")
     robot, _ = robot_at_start(config)
-    tracker = tracker_of(problem, robot, file=config.file, feedback=joint_feedback(problem.plant))
+    tracker = tracker_of(problem, robot, file=config.file)
     run = PoseTrackingSystem().run(config, options={}, progress=progress)
     poses, twists = LivePoseTracking(config, solver=None).reference
     kept = thinned(len(run.time))
@@ -96,18 +95,18 @@ def exported_tracker(tracker: PoseTracker, run: Sequence[RunTick], *, title: str
     ----------
     tracker : it is reset, and repeats the run without a backup, which C has not.
     run : ticks of a sound run, each q (n,), pose (4, 4), twist (6,), and `obstacles` (k, 14) by `moving_numbers` where
-        the tracker is told of moving capsules: C repeats it, with faults among them. Of a led tracker the joints are
-        filled in from the first on.
+        the tracker is told of moving capsules: C repeats it, with faults among them. The joints move as
+        commanded from its first q on.
     title : what it is, in a few words. of : what the run is one of, in words.
 
     Raises
     ------
     ConfigurationError : a solver that does not become C, or a chain of more joints than a command has room for.
     """
-    valid, joints, moves = encoders(run, dt=tracker.dt, feedback=tracker.feedback)
+    valid, joints, moves = encoders(run, dt=tracker.dt)
     ticks = with_faults(valid, dt=tracker.dt, max_age=tracker.max_age, more=_faults(tracker))
     ticks += standing(ticks, moves, dt=tracker.dt)
-    about = about_run(len(ticks), of, tracker.feedback)
+    about = about_run(len(ticks), of)
 
     def answer(tick: RunTick) -> Command:
         around = {"obstacles": tick["obstacles"]} if tracker.limits.moving else {}

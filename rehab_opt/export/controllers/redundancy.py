@@ -36,7 +36,6 @@ from rehab_opt.session.ardis.problem import ArdisProblem, DriveName
 from rehab_opt.session.ardis.robot import joystick_of, resolver_of, robot_of, start_of, stick_of
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.outcome import Progress
-from rehab_opt.session.plant import joint_feedback
 
 __all__ = ["exported_resolver", "exported_resolvers"]
 
@@ -128,7 +127,7 @@ def exported_resolver(
 
 def _of_a_file(config: ProblemFile[ArdisProblem], drive: DriveName, *, progress: Progress) -> ExportedController:
     """The session's run with a controller of its own, repeated by another."""
-    resolver = resolver_of(config, robot_of(config), drive, feedback=joint_feedback(config.problem.plant))
+    resolver = resolver_of(config, robot_of(config), drive)
     robot, dt = resolver.robot, 1 / config.problem.run.rate_hz
     listening = Listening(resolver_of(config, robot, drive))
     simulate_motion(
@@ -148,7 +147,7 @@ def _recording(resolver: RedundancyResolver, run: Sequence[RunTick], of: str) ->
     """What it answers to the run, with faults in it."""
     robot = resolver.robot
     law = next(iter(resolver._sets.values()))
-    valid, joints, moves = encoders(run, dt=resolver.dt, feedback=law.feedback, base=law.base)
+    valid, joints, moves = encoders(run, dt=resolver.dt)
     ticks = with_faults(
         valid, dt=resolver.dt, max_age=law.max_age,
         more=(
@@ -167,7 +166,7 @@ def _recording(resolver: RedundancyResolver, run: Sequence[RunTick], of: str) ->
             enable=tick["enable"], stamp=tick["stamp"],
         )  # fmt: skip
 
-    about = about_run(len(ticks), of, law.feedback)
+    about = about_run(len(ticks), of)
     resolver.reset()
     with as_in_c(*(law._solvers for law in resolver._sets.values())):
         recording = recorded(answer, ticks, about, joints=joints)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from rehab_opt.control.joint_feedback import JointFeedback
 from rehab_opt.control.joystick import STICK_MODES, Joystick, StickMode
 from rehab_opt.control.obstacles import Disc, HalfPlane, Obstacle
 from rehab_opt.control.redundancy import RedundancyResolver
@@ -125,9 +124,8 @@ def resolver_of(
     *,
     solver: str | None = None,
     backup: str | None = None,
-    feedback: JointFeedback | None = None,
 ) -> RedundancyResolver:
-    """The controller with the file's room, and functions for the modes of its stick; `backup`, `feedback` as it takes.
+    """The controller with the file's room, and functions for the modes of its stick; `backup` as it takes.
 
     Raises
     ------
@@ -145,7 +143,6 @@ def resolver_of(
             limits=clearance_of(config.problem.clearance, config.file),
             dt=1 / run.rate_hz,
             backup=backup,
-            feedback=feedback,
             # A run is over before a compiler would be; the answers are the same.
             compile=False,
             **chosen,

@@ -33,7 +33,7 @@ from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.live.bodies import ARM_PLOTS, BLUE, GREEN, GREY, PURPLE, ArmBodies, joint_rows, kept_off, screen
 from rehab_opt.session.live.problem import LiveControl, LiveProblem
 from rehab_opt.session.outcome import Array, Progress, reason_counts
-from rehab_opt.session.plant import chair_plant, joint_feedback, plant_note
+from rehab_opt.session.plant import chair_plant, plant_note
 from rehab_opt.session.systems import ROBOT_FILE, Needed, NotMet, System
 
 __all__ = ["ArdisSystem"]
@@ -67,7 +67,7 @@ class LiveArdis(LiveProblem):
         if plant is None:
             made = IdealJoints(self.dt) if ideal else chair_plant(table, robot, wheels, self.dt, own_arm=own)
             plant = TouchedPlant(made)
-        resolver = resolver_of(self._config, robot, self.drive, solver=self._solver, feedback=joint_feedback(table))
+        resolver = resolver_of(self._config, robot, self.drive, solver=self._solver)
         joystick, stick = joystick_of(self._config), stick_of(self._config, self.drive)
         return Steering(robot, resolver, joystick, stick, plant=plant, start=self.start, wheels=not ideal)
 
@@ -212,9 +212,7 @@ class ArdisSystem(System[ArdisProblem, ArdisOutcome]):
         drives: dict[DriveName, DriveOutcome] = {}
         near: dict[DriveName, NearestBodies] = {}
         for drive in problem.stick.drives:
-            ours = resolver_of(
-                config, robot, drive, solver=options.get("solver"), feedback=joint_feedback(problem.plant)
-            )
+            ours = resolver_of(config, robot, drive, solver=options.get("solver"))
             theirs = Published(PseudoinverseLaw(robot, drive=drive, self_motion=problem.run.self_motion))
             drives[drive] = DriveOutcome(
                 published=run(drive, "published", theirs), optimised=run(drive, "optimised", ours)

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from rehab_opt.control.command import Command
-from rehab_opt.control.joint_feedback import JointFeedback
 from rehab_opt.control.mirror import MirrorTracker
 from rehab_opt.control.pose_tracker import PoseTracker
 from rehab_opt.plants.ideal import IdealJoints
@@ -113,12 +112,10 @@ def _led(
 _said = partial(relaxed_words, between="+")
 
 
-def without_floor(
-    scene: Setup, plant: Plant, *, max_manipulability: float, progress: Progress, feedback: JointFeedback | None = None
-) -> Led:
+def without_floor(scene: Setup, plant: Plant, *, max_manipulability: float, progress: Progress) -> Led:
     """The reference at its own pace, within the robot's limits alone, from its first pose: the paper's before."""
     dt, (poses, twists) = plant.dt, (scene.reference.poses, scene.reference.twists)
-    tracker = PoseTracker(scene.robot, dt=dt, linear_speed=ANY_SPEED, angular_speed=20.0, feedback=feedback)
+    tracker = PoseTracker(scene.robot, dt=dt, linear_speed=ANY_SPEED, angular_speed=20.0)
     start, first = scene.start.copy(), poses[~scene.reference.lost][0]
     for _ in range(math.ceil(APPROACH / dt)):
         start += dt * tracker.step(start, first, np.zeros(6)).value

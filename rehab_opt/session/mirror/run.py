@@ -26,7 +26,7 @@ from rehab_opt.session.mirror.placing import reach_note
 from rehab_opt.session.mirror.problem import MirrorProblem
 from rehab_opt.session.mirror.scene import Setup, laid_out, path_notes
 from rehab_opt.session.outcome import Array, Progress
-from rehab_opt.session.plant import device_of, joint_feedback, joint_plant, plant_note
+from rehab_opt.session.plant import device_of, joint_plant, plant_note
 from rehab_opt.session.robot_file import robot_files
 from rehab_opt.session.systems import Needed, System
 
@@ -58,7 +58,7 @@ class LiveMirror(LiveProblem):
     def control(self, plant: Plant | None = None) -> LiveControl:
         """The tracker of `rehab-opt run`."""
         problem, scene = self._config.problem, self._scene
-        tracker = tracker_of(problem, scene, file=self._config.file, live=True, feedback=joint_feedback(problem.plant))
+        tracker = tracker_of(problem, scene, file=self._config.file, live=True)
         plant = TouchedPlant(joint_plant(problem.plant, self.robot, self.dt)) if plant is None else plant
         reference = scene.reference
         seen = ~reference.lost
@@ -194,14 +194,11 @@ class MirrorSystem(System[MirrorProblem, MirrorOutcome]):
         """The option is `plant`."""
         problem, scene = config.problem, laid_out(config)
         section, reference, robot = problem.tracker, scene.reference, scene.robot
-        feedback = joint_feedback(problem.plant)
-        tracker = tracker_of(problem, scene, file=config.file, feedback=feedback)
+        tracker = tracker_of(problem, scene, file=config.file)
         max_manipulability, rate, bounds = tracker.max_manipulability, section.rate_hz, tracker.hand_bounds
         plant = joint_plant(problem.plant, robot, 1.0 / rate)
         laws = {
-            BEFORE: without_floor(
-                scene, plant, max_manipulability=max_manipulability, progress=progress, feedback=feedback
-            ),
+            BEFORE: without_floor(scene, plant, max_manipulability=max_manipulability, progress=progress),
             STEP: track_reference(tracker, scene, plant, patience=section.patience, progress=progress),
             PLAN: planned(tracker, scene, progress=progress),
         }

@@ -14,7 +14,6 @@ from numpy.typing import ArrayLike
 
 from rehab_opt.control.command import Command
 from rehab_opt.control.conditioning import conditioned
-from rehab_opt.control.joint_feedback import JointFeedback
 from rehab_opt.control.pose_tracker import PoseTracker
 from rehab_opt.errors import ProblemFileError
 from rehab_opt.kinematics.chain import SerialChain
@@ -48,7 +47,7 @@ from rehab_opt.session.outcome import (
     time_metrics,
     turn_angles,
 )
-from rehab_opt.session.plant import JointPlant, device_of, joint_feedback, joint_plant, plant_note
+from rehab_opt.session.plant import JointPlant, device_of, joint_plant, plant_note
 from rehab_opt.session.pose_tracking.problem import MAX_TICKS, CircleSection, PathSection, PoseTracking
 from rehab_opt.session.refusals import refused_as
 from rehab_opt.session.robot_file import robot_at_start, robot_files
@@ -68,9 +67,8 @@ def tracker_of(
     file: str,
     solver: str | None = None,
     backup: str | None = None,
-    feedback: JointFeedback | None = None,
 ) -> PoseTracker:
-    """The tracker with the file's parameters; `backup` and `feedback` as `PoseTracker` takes them.
+    """The tracker with the file's parameters; `backup` as `PoseTracker` takes it.
 
     Raises
     ------
@@ -82,9 +80,7 @@ def tracker_of(
     )
     with refused_as(file, lambda name: clearance_key(name) or KEYS.get(name, f"tracker.{name}"), option=solver):
         limits = clearance_of(problem.clearance, file, moving=True)
-        return PoseTracker(
-            robot, dt=1 / problem.tracker.rate_hz, limits=limits, backup=backup, feedback=feedback, **chosen
-        )
+        return PoseTracker(robot, dt=1 / problem.tracker.rate_hz, limits=limits, backup=backup, **chosen)
 
 
 def circle_reference(start: Array, circle: CircleSection, times: Array) -> tuple[Array, Array]:
@@ -217,8 +213,7 @@ class LivePoseTracking(LiveProblem):
     def control(self, plant: Plant | None = None) -> LiveControl:
         """The tracker of `rehab-opt run`."""
         problem = self._config.problem
-        feedback = joint_feedback(problem.plant)
-        tracker = tracker_of(problem, self.robot, file=self._config.file, solver=self._solver, feedback=feedback)
+        tracker = tracker_of(problem, self.robot, file=self._config.file, solver=self._solver)
         plant = TouchedPlant(joint_plant(problem.plant, self.robot, self.dt)) if plant is None else plant
         followed = plant, self.start, *self.reference
         if self._moving is None:

@@ -1,0 +1,135 @@
+"""Where the joints have been led, told from what is commanded, with what is measured as its supervisor.
+
+A controller acts on the led positions, which neither delay nor noise moves:
+
+    led' = command + PULL e,    e = what of (measured - led) is outside of [low, high] - led,
+    low' = (led - low) / LATE, but low <= led; high likewise
+
+A servo that is late by up to LATE holds its joint somewhere between `low` and `high`, where the joint was led lately:
+that explains the difference while the arm moves, and nothing does at rest, so that a joint at rest is led from where
+its encoder says it is. What is pushed, sags or sticks is followed so.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+
+import casadi as ca
+import numpy as np
+
+from rehab_opt.kinematics.chain import SerialChain
+from rehab_opt.optim.certificate import all_true, clipped
+from rehab_opt.optim.rows import MAX_MAGNITUDE
+from rehab_opt.symbolic.record import Record
+
+__all__ = ["SAID", "FrontEnd", "led_memory"]
+
+LATE = 0.1
+"""[s] by which a servo may be late."""
+PULL = 10.0
+"""[1/s] rate at which the led position comes to the measured one: noise passes by the root of PULL dt / 2."""
+WINDOW, SHARE, PATIENCE, TICKS = 0.015, 0.08, 0.15, 5
+"""[rad or m] way of commands on which a joint is judged, twice; of which it has moved less than this share if it is
+blocked; [s, ticks] for which that is no fault."""
+BEYOND = 0.3
+"""[rad] by which a joint may be beyond its limit when it is first seen: farther off it is counted otherwise."""
+NOISE = 1e-3
+"""[rad or m] beyond a limit that is none."""
+JUMP = 0.015
+"""[rad or m] by which a sample may be beyond what the joint's largest speed explains."""
+SAID = Record(fault=1, joint=1, far=1, missing=1)
+"""The fault, 0 for none, the joint that it is of, how far it is from where it was led [rad or m]; whether the positions
+are none that the joints can have now."""
+
+
+@cache
+def led_memory(n: int) -> Record:
+    """Led positions, the least and largest lately, where each joint was seen; the way that it was led, and that it was
+    seen to move, since it was last judged; how long it was blocked [s]; since when nothing usable was seen [s];
+    whether anything was, and whether a base was seen to move.
+    """
+    return Record(led=n, low=n, high=n, seen=n, way=n, moved=n, blocked=n, waiting=1, known=1, placed=1)
+
+
+class FrontEnd:
+    """n joints of a chain at ticks of dt [s].
+
+    The first `base` joints are the place of a base: its measured place is acted on, whatever it is, and it is judged
+    once that place has changed, since a base need not be measured.
+
+    Attributes
+    ----------
+    size : numbers remembered, see `led_memory`.
+    tick : memory, measured positions, last command (n,) -> memory, led positions (n,), `SAID`.
+    """
+
+    def __init__(self, chain: SerialChain, *, dt: float, max_age: float, base: int = 0) -> None:
+        n = chain.n
+        self.size = led_memory(n).size
+        arm = ca.DM(np.arange(n) >= base)
+        turning = arm * ca.DM([not row.prismatic for row in chain.rows])
+        memory = led_memory(n).symbols("memory")
+        measured, command = ca.SX.sym("measured", n), ca.SX.sym("command", n)
+        number = all_true(ca.fabs(measured) <= MAX_MAGNITUDE)
+        ahead = memory.led + dt * command
+
+        # Encoders that count a turn otherwise: the turn next to where the joint is led; at first one about its limits.
+        middle = ca.DM((np.clip(chain.lower, -1e6, 1e6) + np.clip(chain.upper, -1e6, 1e6)) / 2)
+        inside = ca.logic_and(measured >= ca.DM(chain.lower) - BEYOND, measured <= ca.DM(chain.upper) + BEYOND)
+        near = ca.if_else(memory.known, ahead, ca.if_else(inside, measured, middle))
+        turned = measured + turning * 2 * math.pi * ca.floor((near - measured) / (2 * math.pi) + 0.5)
+
+        waiting, step = memory.waiting + dt, turned - memory.seen
+        most = ca.DM(np.where(np.arange(n) < base, MAX_MAGNITUDE, 2 * chain.velocity)) * waiting + JUMP
+        possible = all_true(number, memory.known, ca.fabs(step) <= most)
+        stands = ca.sum1(ca.fabs(command)) == 0
+        anew = all_true(number, ca.logic_or(ca.logic_not(memory.known), ca.logic_and(stands, waiting > max_age)))
+        good, known = ca.logic_or(anew, possible), ca.logic_or(memory.known, anew)
+
+        # Noise about a limit leads no joint beyond it.
+        nearest = clipped(turned, ca.DM(chain.lower), ca.DM(chain.upper))
+        place = ca.if_else(ca.fabs(turned - nearest) < NOISE, nearest, turned)
+        apart = ca.if_else(possible, place - ahead, 0)
+        pull = -math.expm1(-PULL * dt) * (
+            apart - clipped(apart, ca.fmin(memory.low - ahead, 0), ca.fmax(memory.high - ahead, 0))
+        )
+        led = ca.if_else(anew, turned, ahead + pull)
+        low, high = (each + pull - math.expm1(-dt / LATE) * (ahead - each) for each in (memory.low, memory.high))
+        low, high = ca.if_else(anew, turned, ca.fmin(low, led)), ca.if_else(anew, turned, ca.fmax(high, led))
+
+        placed = ca.logic_or(memory.placed, ca.logic_and(possible, ca.dot(1 - arm, ca.fabs(step)) > 0))
+        watched = arm + (1 - arm) * placed
+        way = watched * (memory.way + dt * command)
+        moved = watched * (memory.moved + ca.if_else(possible, step, 0))
+        pushed = ca.fabs(moved) > 2 * ca.fabs(way) + WINDOW / 2  # by no command, whatever its sign
+        # At the end of a window, or sooner where the joint clearly goes along.
+        share = ca.sign(way) * moved - SHARE * ca.fabs(way)
+        along = ca.logic_and(ca.fabs(way) > WINDOW / 3, ca.sign(way) * moved > ca.fabs(way) / 2)
+        whole = ca.logic_or(ca.fabs(way) > WINDOW, ca.logic_or(pushed, along))
+        lags = ca.logic_and(ca.logic_and(whole, ca.logic_not(pushed)), share < 0)
+        lagging = ca.logic_or(lags, ca.logic_and(memory.blocked > 0, ca.logic_not(whole)))
+        blocked = lagging * (memory.blocked + dt * ca.logic_and(possible, ca.fabs(command) > 0))
+        goes_on = ca.logic_not(ca.logic_or(anew, whole))
+        blocked = ca.if_else(anew, 0, blocked)
+        longest, joint = _largest(lags * blocked)
+        after = led_memory(n).of(
+            led=ca.if_else(known, led, memory.led), low=low, high=high, seen=ca.if_else(good, turned, memory.seen),
+            way=goes_on * way, moved=goes_on * moved, blocked=blocked, waiting=ca.if_else(good, 0, waiting),
+            known=known, placed=placed,
+        )  # fmt: skip
+        far = sum((ca.if_else(joint == i, ca.fabs(apart[i]), 0) for i in range(n)), ca.SX(0))
+        said = SAID.of(
+            fault=longest > max(PATIENCE, TICKS * dt) + dt / 2, joint=joint, far=far, missing=ca.logic_not(good)
+        )
+        reference = ca.if_else(ca.logic_and(number, known), ca.if_else(arm, led, measured), measured)
+        inputs, outputs = [memory.column, measured, command], [after, reference, said]
+        self.tick = ca.Function("led_joints", inputs, [ca.densify(each) for each in outputs], {"cse": True})
+
+
+def _largest(numbers: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """The largest of (n,), and the first place where it is."""
+    most, place = numbers[0], ca.SX(0)
+    for i in range(1, numbers.numel()):
+        place, most = ca.if_else(numbers[i] > most, i, place), ca.fmax(most, numbers[i])
+    return most, place
