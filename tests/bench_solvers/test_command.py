@@ -95,7 +95,7 @@ def test_interrupted_it_keeps_what_it_has_and_ends_with_130(folder: Path) -> Non
     os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to every process
     _, said = process.communicate(timeout=300)
     assert process.returncode == 130, said
-    assert said == "rehab-opt: interrupted; the same command goes on from here\n"
+    assert said == "interrupted; the same command goes on from here\n"
     assert record.read_text().count("\n") >= 2
     # It comes in the middle of the first sequence, and yet there is a table of what was done before.
     assert (folder / "out/bench/table.md").read_text().startswith("Not whole: ")
