@@ -29,13 +29,13 @@ LATE = 0.1
 """[s] by which a servo may be late."""
 PULL = 10.0
 """[1/s] rate at which the led position comes to the measured one: noise passes by the root of PULL dt / 2."""
-WINDOW, SHARE, PATIENCE = 0.015, 0.08, 0.02
-"""[rad or m] way of commands on which a joint is judged, twice; of which it has moved less than this share if it is
-blocked; [s] for which that is no fault, once it is not where it was led lately."""
+WINDOW, SHARE, PATIENCE, TICKS = 0.015, 0.08, 0.15, 5
+"""[rad or m] way of commands, all in one direction, on which a joint is judged, twice; of which it has moved less than
+this share if it is blocked; [s, ticks] for which that is no fault."""
 BEYOND = 0.3
 """[rad] by which a joint may be beyond its limit when it is first seen: farther off it is counted otherwise."""
 NOISE = 1e-3
-"""[rad or m] beyond a limit, or of where a joint was led, that is none."""
+"""[rad or m] beyond a limit that is none."""
 JUMP = 0.015
 """[rad or m] by which a sample may be beyond what the joint's largest speed explains."""
 SAID = Record(fault=1, joint=1, far=1, missing=1)
@@ -90,7 +90,7 @@ class FrontEnd:
         good = ca.logic_or(anew, possible)
         known = ca.fmin(memory.known + good, 2)
 
-        ends, (least, most) = _led_lately(memory, command, dt)
+        ends = _led_lately(memory, command, dt)
 
         # Noise about a limit leads no joint beyond it.
         nearest = clipped(turned, ca.DM(chain.lower), ca.DM(chain.upper))
@@ -100,18 +100,20 @@ class FrontEnd:
         led = ca.if_else(anew, turned, ahead - math.expm1(-PULL * dt) * beside)
 
         placed = ca.logic_or(memory.placed, ca.logic_and(possible, ca.dot(1 - arm, ca.fabs(step)) > 0))
-        watched = arm + (1 - arm) * placed
+        # Anew where the command turns round; how long a joint has been blocked, only if it stood until then.
+        same, stood = memory.way * command >= 0, ca.fabs(memory.moved) <= SHARE * ca.fabs(memory.way)
+        watched = (arm + (1 - arm) * placed) * same
         way = watched * (memory.way + dt * command)
         moved = watched * (memory.moved + ca.if_else(possible, step, dt * command))
         pushed = ca.fabs(moved) > 2 * ca.fabs(way) + WINDOW / 2  # by no command, whatever its sign
         # At the end of a window, or sooner where the joint clearly goes along.
-        share = ca.sign(way) * moved - SHARE * ca.fabs(way)
-        along = ca.logic_and(ca.fabs(way) > WINDOW / 3, ca.sign(way) * moved > ca.fabs(way) / 2)
+        told = ca.logic_and(ca.fabs(way) > WINDOW / 3, ca.logic_not(pushed))
+        lags = ca.logic_and(told, ca.sign(way) * moved < SHARE * ca.fabs(way))
+        along = ca.logic_and(told, ca.sign(way) * moved > ca.fabs(way) / 2)
         whole = ca.logic_or(ca.fabs(way) > WINDOW, ca.logic_or(pushed, along))
-        lags = ca.logic_and(ca.logic_and(whole, ca.logic_not(pushed)), share < 0)
-        lagging = ca.logic_or(lags, ca.logic_and(memory.blocked > 0, ca.logic_not(whole)))
-        behind = ca.if_else(way > 0, apart < least - NOISE, apart > most + NOISE)
-        blocked = lagging * (memory.blocked + dt * behind)
+        before = memory.blocked * ca.logic_or(same, stood)
+        lagging = ca.if_else(whole, lags, before > 0)
+        blocked = lagging * (before + dt * ca.logic_and(possible, ca.fabs(command) > 0))
         goes_on = ca.logic_not(whole)
         longest, joint = _largest(lags * blocked)
         after = {
@@ -123,17 +125,19 @@ class FrontEnd:
         begun = {name: each if name in kept else ca.if_else(anew, 0, each) for name, each in after.items()}
         column = led_memory(n).of(**begun, known=known, placed=placed)
         far = sum((ca.if_else(joint == i, ca.fabs(apart[i]), 0) for i in range(n)), ca.SX(0))
-        said = SAID.of(fault=longest > PATIENCE + dt / 2, joint=joint, far=far, missing=ca.logic_not(good))
-        told = ca.fabs(measured) <= MAX_MAGNITUDE  # what is no number is named by who is asked to act on it
-        reference = ca.if_else(known * arm * told, led, measured)
+        said = SAID.of(
+            fault=longest > max(PATIENCE, TICKS * dt) + dt / 2, joint=joint, far=far, missing=ca.logic_not(good)
+        )
+        numbers = ca.fabs(measured) <= MAX_MAGNITUDE  # what is no number is named by who is asked to act on it
+        reference = ca.if_else(known * arm * numbers, led, measured)
         inputs, outputs = [memory.column, measured, command], [column, reference, said]
         self.tick = ca.Function("led_joints", inputs, [ca.densify(each) for each in outputs], {"cse": True})
 
 
-def _led_lately(memory: Values, command: ca.SX, dt: float) -> tuple[dict[str, ca.SX], list[ca.SX]]:
-    """What is remembered of it, and (n,) ends of where the joint was in the last `LATE` to 2 `LATE`, seen from now."""
+def _led_lately(memory: Values, command: ca.SX, dt: float) -> dict[str, ca.SX]:
+    """What is remembered of it after a tick."""
     ended = memory.span + dt > LATE - dt / 2
-    kept, ends = {"span": ca.if_else(ended, 0, memory.span + dt)}, []
+    kept = {"span": ca.if_else(ended, 0, memory.span + dt)}
     for far, inner, before, clip in (
         ("low", "least", "least_before", ca.fmin),
         ("high", "most", "most_before", ca.fmax),
@@ -143,8 +147,7 @@ def _led_lately(memory: Values, command: ca.SX, dt: float) -> tuple[dict[str, ca
         end = clip(now, past)
         kept[far] = clip(end, passed - math.expm1(-dt / LATE) * (end - passed))
         kept |= {inner: ca.if_else(ended, 0, now), before: ca.if_else(ended, now, past)}
-        ends.append(end)
-    return kept, ends
+    return kept
 
 
 def _largest(numbers: ca.SX) -> tuple[ca.SX, ca.SX]:
