@@ -53,12 +53,16 @@ def test_it_repeats_the_recorded_run_clean_under_sanitizers(name: str, exported:
 
 
 @pytest.mark.nightly
+@pytest.mark.parametrize("compiler", ["gcc", "clang"])
+@pytest.mark.parametrize("level", ["-O2", "-O3"])
 @pytest.mark.parametrize("name", CONTROLLERS)
-def test_it_builds_with_warnings_as_errors_at_the_level_of_the_cmake_file(
-    name: str, exported: Exported, built: Built
+def test_it_builds_with_warnings_as_errors_by_gcc_and_clang(
+    name: str, level: str, compiler: str, exported: Exported, built: Built
 ) -> None:
-    flags = ("-O2", "-Wmisleading-indentation")
-    done = ran(built(exported(name), "optimised", f"rehab_{name}.c", "main.c", flags=flags), "1")
+    if shutil.which(compiler) is None:
+        pytest.skip(f"{compiler} is not installed")
+    flags, program = (level, "-Wmisleading-indentation"), f"optimised_{compiler}{level}"
+    done = ran(built(exported(name), program, f"rehab_{name}.c", "main.c", flags=flags, by=compiler), "1")
     assert difference_told(done) <= SAME
     assert "ticks/s" in done.stdout
     assert "p99.9" in done.stdout
