@@ -22,7 +22,7 @@ DEFINITION = re.compile(r"^(?=(?:casadi_real|casadi_int|void|int) casadi_\w+\()"
 """Where a function of CasADi's runtime begins: each is visible to the linker as it comes."""
 
 COPY, FROM_WORK = "void casadi_copy(", re.compile(r"\bcasadi_copy\((?=w\d|\(&w\d)")
-"""CasADi's copy of a vector that may be missing; and a call of it for a part of the work space, which is always there."""
+"""CasADi's copy of a vector that may be missing; and a call of it for a part of the work space, which is there."""
 COPY_FROM_WORK = """void casadi_copy_from_work(const casadi_real* x, casadi_int n, casadi_real* y) {
   casadi_int i;
   if (y) for (i=0; i<n; ++i) y[i] = x[i];
