@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,9 +14,38 @@ from numpy.typing import NDArray
 from rehab_opt.errors import ProblemFileError
 from rehab_opt.text_file import shown, times
 
-__all__ = ["Recording", "gap_notes", "size_note", "strange_sizes", "without_spikes"]
+__all__ = [
+    "Recording",
+    "Samples",
+    "recording_of",
+    "size_note",
+    "strange_sizes",
+    "unseen",
+    "with_gaps",
+    "without_spikes",
+]
 
 Array = NDArray[np.float64]
+Trial = tuple[str, float, float]
+"""What it is called, and from when to when [s]."""
+
+
+class Samples(NamedTuple):
+    """Samples as a file holds them: NaN where the hand was not seen, times that may repeat.
+
+    Parameters
+    ----------
+    time, points, joints, forces, notes, trials : as of `Recording`, in which `recording_of` makes them.
+    rate : [Hz] what the file says of it, if it does.
+    """
+
+    time: Array
+    points: Array
+    joints: Mapping[str, Array] = MappingProxyType({})
+    forces: Array = np.empty((0, 0))
+    notes: tuple[str, ...] = ()
+    rate: float | None = None
+    trials: tuple[Trial, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,6 +60,8 @@ class Recording:
     joints : joint angles [rad] by column name, (N,) each.
     forces : (N, 2) or (N, 3) [N] on the hand, in the frame of the points; (N, 0) where it has none.
     notes : what a reader of the result has to know: samples dropped, headers that do not hold, gaps.
+    trials : the parts that the file itself tells apart; none by default.
+    gaps : (from, to) [s] where the hand was not seen and a straight line bridges a movement.
 
     Raises
     ------
@@ -42,6 +74,8 @@ class Recording:
     joints: Mapping[str, Array] = field(default_factory=dict)
     forces: Array = field(default_factory=lambda: np.empty((0, 0)))
     notes: tuple[str, ...] = ()
+    trials: tuple[Trial, ...] = ()
+    gaps: tuple[tuple[float, float], ...] = ()
 
     def __post_init__(self) -> None:
         """Check the times and freeze the arrays."""
@@ -67,6 +101,12 @@ class Recording:
         """The same recording with more notes."""
         return replace(self, joints=dict(self.joints), notes=(*self.notes, *notes))
 
+    def part(self, kept: NDArray[np.bool_] | slice) -> Recording:
+        """Some of its samples, with all notes."""
+        joints = {name: values[kept] for name, values in self.joints.items()}
+        time, points, forces = (each[kept] for each in (self.time, self.points, self.forces))
+        return replace(self, time=time, points=points, forces=forces, joints=joints)
+
 
 BUNCHED = 0.1
 """Of the usual step: stamps that are nearer are those of when samples arrived, in bunches."""
@@ -74,15 +114,129 @@ ASIDE, HURLED = 0.02, 150.0
 """[m, m/s^2] No hand goes aside so far and comes back, so hard, from one sample to the next."""
 FEW = 0.05
 """Share of the samples up to which such are left out: where there are more, it is the recording that is strange."""
+SPIKE = 12, 0.1
+"""Samples and [s], whichever is more, that a spike lasts at most: what is longer is where the hand was."""
 LONG_STEP = 0.1, 5.0
 """[s] and of the usual steps, from which on a step is a gap."""
+FEWEST_SEEN, ZEROED = 10, 3.0
+"""Steps that tell how far the hand usually goes, and how many times that a lost marker's zeros are away at least."""
+
+
+def recording_of(file: str, samples: Samples) -> Recording:
+    """Samples at times that increase, in all of which the hand was seen: the one rule for every format.
+
+    Left out, with a note: samples without the hand (a coordinate is missing, or all are zero far away from the samples
+    beside), and all but the first at one time. Times that are roundings of even ones become even.
+
+    Raises
+    ------
+    ProblemFileError : as `Recording`.
+    """
+    (time, rounded), notes = even_times(samples.time, samples.rate), list(samples.notes)
+    where = samples.points if samples.points.shape[1] else np.column_stack([*samples.joints.values()])
+    lost = unseen(where)
+    twice = np.zeros(len(time), dtype=bool)
+    twice[np.flatnonzero(~lost)[1:]] = np.diff(time[~lost]) == 0
+    said = {"without the hand": lost, "at the time of the one before": twice}
+    begun = np.append(time, math.nan)[0]
+    for what, out in said.items():
+        if out.any():
+            usual = float(np.median(np.diff(time))) if len(time) > 1 else 0.0
+            notes.append(f"left out: {_many(int(out.sum()), usual)} {what}, the first after {_after(time, out, begun)}")
+    kept = ~(lost | twice)
+    joints = {name: angles[kept] for name, angles in samples.joints.items()}
+    blind = [name for name, angles in joints.items() if not np.isfinite(angles).all()]
+    if blind:
+        notes.append(f"angles not read, some of which are missing: {shown(', '.join(blind), 120)}")
+    forces = samples.forces[kept] if samples.forces.size else samples.forces
+    return Recording(
+        file=file,
+        time=time[kept],
+        points=samples.points[kept],
+        joints={name: angles for name, angles in joints.items() if name not in blind},
+        forces=forces,
+        notes=(*notes, *rounded),
+        trials=samples.trials,
+    )
+
+
+def _many(count: int, step: float) -> str:
+    return f"{count} sample{'s' if count > 1 else ''} ({count * step:.3g} s)"
+
+
+def _after(time: Array, out: NDArray[np.bool_], begun: float) -> str:
+    return f"{time[out.argmax()] - begun:.3g} s"
+
+
+def unseen(points: Array) -> NDArray[np.bool_]:
+    """(N,) samples of points (N, d) in which the hand was not seen.
+
+    A coordinate is missing, or all are exactly zero, as some write a lost marker: not where the hand comes there.
+    """
+    lost: NDArray[np.bool_] = np.asarray(~np.isfinite(points).all(axis=1))
+    seen = np.flatnonzero(~lost)
+    zero = (points[seen] == 0).all(axis=1)
+    hops, edge = np.linalg.norm(np.diff(points[seen], axis=0), axis=1), np.diff(zero.astype(np.int8)) != 0
+    moving = hops[~edge & ~zero[1:]]
+    if not edge.any() or len(moving) < FEWEST_SEEN:
+        return lost
+    far = hops > max(ASIDE, ZEROED * float(np.percentile(moving, 99)))
+    for part in np.split(np.arange(len(seen)), np.flatnonzero(edge) + 1):
+        ends = [step for step in (part[0] - 1, part[-1]) if 0 <= step < len(hops)]
+        lost[seen[part]] = zero[part[0]] and far[ends].all()
+    return lost
+
+
+FINEST, COARSEST, EVENLY = -6, -1, 1e-3
+"""Powers of ten [s] that times are rounded to, and share of a step from which on that makes a difference."""
+
+
+def even_times(time: Array, rate: float | None) -> tuple[Array, tuple[str, ...]]:
+    """Times (N,) [s], or the even ones of which they are roundings, and what is said of it.
+
+    A recording of 240 Hz with times of three decimals has steps of 4 and 5 ms, of which come accelerations that nobody
+    made. Even times are taken where all written ones are as near to them as their decimals allow.
+
+    Parameters
+    ----------
+    rate : [Hz] as the file says; by default it is found from the times.
+    """
+    said: tuple[str, ...] = ()
+    if len(time) < 3 or not np.isfinite(time).all() or not (np.diff(time) >= 0).all() or time[-1] == time[0]:
+        return time, said
+    t = time - time[0]
+    units = 10.0 ** np.arange(COARSEST, FINEST - 1, -1)
+    unit = next((each for each in units if np.abs(t - each * np.rint(t / each)).max() < 1e-3 * each + 1e-6), 0.0)
+    steps = np.diff(t)
+    if rate is not None:
+        for count in (np.arange(len(t), dtype=np.float64), np.rint(t * rate)):
+            if np.ptp(t - count / rate) <= max(1.1 * unit, EVENLY / rate) and (np.diff(count) > 0).all():
+                return _even(time, count, 1 / rate, unit)
+    usual = steps[np.abs(steps - np.median(steps)) < 0.5 * np.median(steps)]
+    if unit and usual.size and usual.mean() > 2 * unit:
+        count = np.append(0.0, np.cumsum(np.rint(steps / usual.mean())))
+        if (np.diff(count) > 0).all():
+            step = float(np.polyfit(count, t, 1)[0])
+            if np.ptp(t - count * step) <= 1.1 * unit:
+                time, said = _even(time, count, step, unit)
+                usual = np.array([step])
+    if rate is not None and usual.size and abs(rate * usual.mean() - 1) > 0.02:
+        said = (*said, f"its header states {rate:g} Hz, its times have {1 / usual.mean():.4g} Hz")
+    return time, said
+
+
+def _even(time: Array, count: Array, step: float, unit: float) -> tuple[Array, tuple[str, ...]]:
+    even = time[0] + count * step
+    if np.abs(np.diff(time) - np.diff(even)).max() <= EVENLY * step:
+        return time, ()
+    return even, (f"times written to {1e3 * unit:g} ms are those of {1 / step:.5g} Hz",)
 
 
 def without_spikes(recording: Recording) -> Recording:
     """Without the first of two samples whose stamps bunch, and without a sensor's spikes; notes say how many.
 
-    Either would be a jump of who follows it, and a spike the largest extent of what is scaled to fit. What jumps and is
-    no spike is noted.
+    Either would be a jump of who follows it, and a spike the largest extent of what is scaled to fit. A spike is a few
+    samples: what jumps and stays is noted.
     """
     if not recording.points.shape[1]:
         return recording
@@ -90,37 +244,46 @@ def without_spikes(recording: Recording) -> Recording:
     bunched = np.append(steps < BUNCHED * np.median(steps), False)  # the first of two came late, not the second early
     if bunched.mean() > FEW:
         bunched[:] = False
-    kept, notes = _some(recording, ~bunched), []
+    kept, notes, begun = recording.part(~bunched), [], recording.time[0]
     if bunched.any():
         notes.append(f"samples left out whose stamps bunch with the next: {int(bunched.sum())}")
-    jumps = _jumps(kept.time, kept.points)
-    spikes, after = _spikes(kept, jumps), kept.time - recording.time[0]
+    spikes = _spikes(kept, _jumps(kept.time, kept.points))
     if spikes.mean() > FEW:
-        at = int(jumps.argmax())
-        size = f"{1e3 * np.linalg.norm(kept.points[at + 1] - kept.points[at]):.3g} mm"
-        notes.append(f"a jump that is no spike: {size} from one sample to the next, after {after[at + 1]:.3g} s")
-    elif spikes.any():
-        notes.append(f"samples left out as spikes: {int(spikes.sum())}, the first after {after[spikes.argmax()]:.3g} s")
-        kept = _some(kept, ~spikes)
+        spikes[:] = False
+    if spikes.any():
+        first = f"the first after {_after(kept.time, spikes, begun)}"
+        notes.append(f"samples left out as spikes: {int(spikes.sum())}, {first}")
+        kept = kept.part(~spikes)
+    hops = np.linalg.norm(np.diff(kept.points, axis=0), axis=1)
+    jumps = _jumps(kept.time, kept.points)
+    if jumps.any() and hops[jumps].max() > ASIDE:
+        at = int(np.where(jumps, hops, 0).argmax())
+        size = f"{1e3 * hops[at]:.3g} mm from one sample to the next, after {kept.time[at + 1] - begun:.3g} s"
+        notes.append(f"a jump that is no spike: {size}; speed and smoothness there are not the hand's")
     return kept.noting(*notes)
 
 
 def _spikes(recording: Recording, jumps: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """(N,) samples that are not of the hand: it is where most samples between jumps are, and where it goes from there.
 
-    It goes on in the next samples that are more than those left out before them, and no jump.
+    It goes on in the next samples that are more than those left out before them, and no jump, or that are too many for
+    a spike; then nothing is left out before them.
     """
     parts = np.split(np.arange(len(recording.time)), np.flatnonzero(jumps) + 1)
     longest = int(np.argmax([len(part) for part in parts]))
     spikes = np.zeros(len(recording.time), dtype=bool)
+    few = max(SPIKE[0], round(SPIKE[1] / float(np.median(np.diff(recording.time)))))
     for way in (parts[longest:], [part[::-1] for part in parts[longest::-1]]):
-        last, away = way[0], 0
+        last, away = way[0], way[0][:0]
         for part in way[1:]:
             four = [last[-4:][0], last[-1], part[0], part[:4][-1]]  # a velocity over one step would be the noise's
-            if len(part) > away > 0 and not _jumps(recording.time[four], recording.points[four])[1]:
-                last, away = part, 0
+            if len(part) > len(away) > 0 and not _jumps(recording.time[four], recording.points[four])[1]:
+                last, away = part, part[:0]
             else:
-                spikes[part], away = True, away + len(part)
+                spikes[part], away = True, np.concatenate((away, part))
+            if len(away) > few:
+                spikes[away] = False
+                last, away = part, part[:0]
     return spikes
 
 
@@ -135,20 +298,16 @@ def _jumps(time: Array, points: Array) -> NDArray[np.bool_]:
     return np.asarray((off > ASIDE) & (off > wide[1:-1] * np.minimum(HURLED * seen / 2, FASTEST)))
 
 
-def gap_notes(recording: Recording) -> Iterator[str]:
-    """A note on steps so long that a straight line bridges a movement."""
+def with_gaps(recording: Recording) -> Recording:
+    """The recording with its gaps, and a note on them."""
     steps = np.diff(recording.time)
     long = steps > max(LONG_STEP[0], LONG_STEP[1] * float(np.median(steps)))
-    if long.any():
-        at = float(recording.time[steps.argmax()] - recording.time[0])
-        longest = f"the longest of {steps.max():.3g} s after {at:.3g} s"
-        yield f"{times(int(long.sum()))} no samples, {longest}: bridged by straight lines"
-
-
-def _some(recording: Recording, kept: NDArray[np.bool_]) -> Recording:
-    joints = {name: values[kept] for name, values in recording.joints.items()}
-    time, points, forces = (each[kept] for each in (recording.time, recording.points, recording.forces))
-    return replace(recording, time=time, points=points, forces=forces, joints=joints)
+    gaps = tuple((float(recording.time[i]), float(recording.time[i + 1])) for i in np.flatnonzero(long))
+    if not gaps:
+        return recording
+    longest = f"the longest of {steps.max():.3g} s after {recording.time[steps.argmax()] - recording.time[0]:.3g} s"
+    note = f"{times(len(gaps))} no samples, {longest}, {steps[long].sum():.3g} s in all: bridged by straight lines"
+    return replace(recording, joints=dict(recording.joints), gaps=gaps).noting(note)
 
 
 SMALLEST, LARGEST = 5e-3, 2.5
