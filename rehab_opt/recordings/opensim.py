@@ -78,9 +78,9 @@ def read_opensim(path: Path, *, name: str, how: Reading) -> Samples:
     angles = [cell for cell in header if cell != "time" and cell not in {*lengths, *strange, *columns}]
     known, note = _angles(facts.get("indegrees"), title, how, needed=not columns, name=name)
     joints = angles if known else []
-    wanted = ["time", *columns, *joints]
-    metre = how.factor("length", "m", name=name, where="lengths") if columns else 1.0
-    most = {"time": LATEST, **dict.fromkeys(columns, FARTHEST / metre)}
+    wanted = ["time", *columns, *joints, *(sorted(lengths - {*columns}) if known else ())]
+    metre = how.factor("length", "m", name=name, where="lengths")
+    most = {"time": LATEST, **dict.fromkeys((*columns, *lengths), FARTHEST / metre)}
     missing = dict.fromkeys(wanted[1:], MISSING)
     cells = numbers_below(
         lines[top + 1 :], header, wanted, most, name=name, first=top + 2, separator=separator, missing=missing

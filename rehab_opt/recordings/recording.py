@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.errors import ProblemFileError
-from rehab_opt.text_file import shown, times
+from rehab_opt.text_file import shown
 
 __all__ = [
     "Recording",
@@ -133,8 +133,8 @@ def recording_of(file: str, samples: Samples) -> Recording:
     ProblemFileError : as `Recording`.
     """
     (time, rounded), notes = even_times(samples.time, samples.rate), list(samples.notes)
-    where = samples.points if samples.points.shape[1] else np.column_stack([*samples.joints.values()])
-    lost = unseen(where)
+    angles = np.column_stack([time, *samples.joints.values()])
+    lost = unseen(samples.points if samples.points.shape[1] else angles)
     twice = np.zeros(len(time), dtype=bool)
     twice[np.flatnonzero(~lost)[1:]] = np.diff(time[~lost]) == 0
     said = {"without the hand": lost, "at the time of the one before": twice}
@@ -207,21 +207,23 @@ def even_times(time: Array, rate: float | None) -> tuple[Array, tuple[str, ...]]
     t = time - time[0]
     units = 10.0 ** np.arange(COARSEST, FINEST - 1, -1)
     unit = next((each for each in units if np.abs(t - each * np.rint(t / each)).max() < 1e-3 * each + 1e-6), 0.0)
-    steps = np.diff(t)
+    steps, rows = np.diff(t), np.arange(len(t), dtype=np.float64)
     if rate is not None:
-        for count in (np.arange(len(t), dtype=np.float64), np.rint(t * rate)):
+        for count in (np.rint(t * rate), *([rows] if unit * rate > 1.01 else [])):
             if np.ptp(t - count / rate) <= max(1.1 * unit, EVENLY / rate) and (np.diff(count) > 0).all():
                 return _even(time, count, 1 / rate, unit)
-    usual = steps[np.abs(steps - np.median(steps)) < 0.5 * np.median(steps)]
-    if unit and usual.size and usual.mean() > 2 * unit:
-        count = np.append(0.0, np.cumsum(np.rint(steps / usual.mean())))
-        if (np.diff(count) > 0).all():
-            step = float(np.polyfit(count, t, 1)[0])
-            if np.ptp(t - count * step) <= 1.1 * unit:
-                time, said = _even(time, count, step, unit)
-                usual = np.array([step])
-    if rate is not None and usual.size and abs(rate * usual.mean() - 1) > 0.02:
-        said = (*said, f"its header states {rate:g} Hz, its times have {1 / usual.mean():.4g} Hz")
+    usual = float(np.median(steps))
+    near = steps[np.abs(steps - usual) < 0.5 * usual]
+    usual = float(near.mean()) if near.size else t[-1] / rows[-1]
+    coarse = (steps == 0).sum() > max(2, 0.1 * len(steps))  # too few decimals for the rate; no row is missing then
+    if unit and (coarse or usual > 2 * unit):
+        count = rows if coarse else np.append(0.0, np.cumsum(np.rint(steps / usual)))
+        step = float(np.polyfit(count, t, 1)[0]) if (np.diff(count) > 0).all() else 0.0
+        if step > 0 and np.ptp(t - count * step) <= 1.1 * unit and (not coarse or unit > 1.1 * step):
+            time, said = _even(time, count, step, unit)
+            usual = step
+    if rate is not None and abs(rate * usual - 1) > 0.02:
+        said = (*said, f"its header states {rate:g} Hz, its times have {1 / usual:.4g} Hz")
     return time, said
 
 
@@ -257,7 +259,7 @@ def without_spikes(recording: Recording) -> Recording:
     hops = np.linalg.norm(np.diff(kept.points, axis=0), axis=1)
     jumps = _jumps(kept.time, kept.points)
     if jumps.any() and hops[jumps].max() > ASIDE:
-        at = int(np.where(jumps, hops, 0).argmax())
+        at = int((np.where(jumps, hops, 0) > hops[jumps].max() / 2).argmax())
         size = f"{1e3 * hops[at]:.3g} mm from one sample to the next, after {kept.time[at + 1] - begun:.3g} s"
         notes.append(f"a jump that is no spike: {size}; speed and smoothness there are not the hand's")
     return kept.noting(*notes)
@@ -306,7 +308,7 @@ def with_gaps(recording: Recording) -> Recording:
     if not gaps:
         return recording
     longest = f"the longest of {steps.max():.3g} s after {recording.time[steps.argmax()] - recording.time[0]:.3g} s"
-    note = f"{times(len(gaps))} no samples, {longest}, {steps[long].sum():.3g} s in all: bridged by straight lines"
+    note = f"gaps bridged by straight lines: {len(gaps)}, {longest}, {steps[long].sum():.3g} s in all"
     return replace(recording, joints=dict(recording.joints), gaps=gaps).noting(note)
 
 
