@@ -213,15 +213,16 @@ def even_times(time: Array, rate: float | None) -> tuple[Array, tuple[str, ...]]
             if np.ptp(t - count / rate) <= max(1.1 * unit, EVENLY / rate) and (np.diff(count) > 0).all():
                 return _even(time, count, 1 / rate, unit)
     usual = float(np.median(steps))
-    near = steps[np.abs(steps - usual) < 0.5 * usual]
-    usual = float(near.mean()) if near.size else t[-1] / rows[-1]
-    coarse = (steps == 0).sum() > max(2, 0.1 * len(steps))  # too few decimals for the rate; no row is missing then
-    if unit and (coarse or usual > 2 * unit):
-        count = rows if coarse else np.append(0.0, np.cumsum(np.rint(steps / usual)))
+    near = steps[np.abs(steps - usual) <= 0.5 * usual]
+    usual = float(near.mean()) if usual > 0 else t[-1] / rows[-1]
+    counts = [np.append(0.0, np.cumsum(np.rint(steps / usual)))] if usual > unit else []
+    if (steps == 0).sum() > max(2, 0.1 * len(steps)) or unit < usual < 2 * unit:
+        counts.append(rows)  # too few decimals for the rate: no row is missing then, if all fit
+    for count in counts if unit else ():
         step = float(np.polyfit(count, t, 1)[0]) if (np.diff(count) > 0).all() else 0.0
-        if step > 0 and np.ptp(t - count * step) <= 1.1 * unit and (not coarse or unit > 1.1 * step):
-            time, said = _even(time, count, step, unit)
-            usual = step
+        if step > 0 and np.ptp(t - count * step) <= 1.1 * unit:
+            (time, said), usual = _even(time, count, step, unit), step
+            break
     if rate is not None and abs(rate * usual - 1) > 0.02:
         said = (*said, f"its header states {rate:g} Hz, its times have {1 / usual:.4g} Hz")
     return time, said

@@ -270,7 +270,7 @@ def _column(header: Sequence[str], names: Sequence[str], units: Mapping[str, flo
         header_like = len(header) > 1 and all(NAME.fullmatch(cell) for cell in header)
         among = shown(", ".join(header), 60) if header_like else f"{len(header)}, which are no header"
         problem = f"columns {' and '.join(found)}" if found else f"no such column among {among}"
-        expected = f"one of {', '.join(accepted)}"
+        expected = f"one of {', '.join(accepted[:8])}"
         times = "t" in names or "timestamp" in names
         if [cell for cell in header if cell in names] and not found:
             key = "recording.tick_ms" if times else "recording.count_mm"
