@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from rehab_opt.errors import ProblemFileError
 from rehab_opt.recordings.markers import marker_place
-from rehab_opt.recordings.recording import Samples, Trial
+from rehab_opt.recordings.recording import Samples
 from rehab_opt.recordings.units import Reading
 from rehab_opt.text_file import FARTHEST, MAX_RECORDING_SIZE, file_content, shown
 
@@ -66,7 +66,8 @@ def read_c3d(path: Path, *, name: str, how: Reading) -> Samples:
         raise ProblemFileError(name, "recording.marker", how.marker, expected)
     unit = next(iter(_texts(parameters.get("POINT:UNITS"))), None)
     metres = how.factor("length", unit or None, name=name, where="POINT:UNITS")
-    rate = how.rate_hz or next((each for each in (_number(parameters.get("POINT:RATE")), header.rate) if each > 0), 0.0)
+    rate = next((each for each in (_number(parameters.get("POINT:RATE")), header.rate) if each > 0), 0.0)
+    rate = how.rate_hz or rate
     if not 0 < rate < math.inf:
         raise ProblemFileError(name, "POINT:RATE", rate, "frames a second, above zero (or recording.rate_hz)")
     points = _marker(content, header, number)
@@ -76,9 +77,9 @@ def read_c3d(path: Path, *, name: str, how: Reading) -> Samples:
         expected = f"at most {FARTHEST / metres:g} {unit} (another unit?)"
         where, value = f"frame {frame + 1}, marker {how.marker} {'XYZ'[axis]}", float(points[frame, axis])
         raise ProblemFileError(name, where, value, expected)
-    time = np.arange(len(points)) / rate
-    trials = () if how.trials is None else _trials(parameters, str(how.trials), (header.first - 1) / rate, time, name)
-    return Samples(time, metres * points, notes=notes, trials=trials)
+    asked = None if how.trials is None else str(how.trials)
+    trials = _trials(parameters, asked, rate, header.first, len(points), name) if asked else ()
+    return Samples(np.arange(len(points)) / rate, metres * points, notes=notes, trials=trials)
 
 
 def _own(label: str) -> str:
@@ -92,27 +93,30 @@ def _numbered(parameters: Mapping[str, object], key: str) -> list[str]:
     return [text for name in names for text in _texts(parameters.get(name))]
 
 
-def _trials(parameters: Mapping[str, object], asked: str, late: float, time: Array, name: str) -> tuple[Trial, ...]:
+def _trials(  # noqa: PLR0917  (events, and the frames that they are among)
+    parameters: Mapping[str, object], asked: str, rate: float, first: int, count: int, name: str
+) -> tuple[tuple[str, int, int], ...]:
     """From each event called `asked` to the next; of "begin,end" from each of the first kind to the next of the second.
 
-    Parameters
-    ----------
-    late : [s] of the first frame, by the clock of the events.
+    Events have times [minutes, s] since frame 1; `first` is the number of the first frame that is there.
     """
     labels, moments = _texts(parameters.get("EVENT:LABELS")), parameters.get("EVENT:TIMES")
     pairs = moments[: 2 * len(labels)].reshape(-1, 2) if isinstance(moments, np.ndarray) else np.empty((0, 2))
-    events = sorted((60.0 * minutes + s - late, text) for (minutes, s), text in zip(pairs, labels, strict=False))
+    rows = [float(np.rint((60.0 * minutes + seconds) * rate)) + 1 - first for minutes, seconds in pairs]
     begins, _, ends = (part.strip() for part in asked.partition(","))
-    begun = [moment for moment, label in events if label == begins]
-    over = [moment for moment, label in events if label == (ends or begins)]
-    if not ends:
-        over.append(float(time[-1]))
-    trials = [(begin, min((end for end in over if end > begin), default=math.nan)) for begin in begun]
-    if not any(end > begin for begin, end in trials):
+    over = [row for row, label in zip(rows, labels, strict=False) if label == (ends or begins)] + [count - 1] * (
+        not ends
+    )
+    found = [
+        (int(row), int(min((end for end in over if end > row), default=row)))
+        for row, label in sorted(zip(rows, labels, strict=False))
+        if label == begins and 0 <= row < count
+    ]
+    trials = [(row, min(end, count - 1)) for row, end in found if end > row]
+    if not trials:
         known = shown(", ".join(dict.fromkeys(labels)), 120) or "none"
         raise ProblemFileError(name, "recording.trials", asked, f"events of it, or two with a comma between: {known}")
-    whole = [trial for trial in trials if trial[1] > trial[0]]
-    return tuple((str(number), *trial) for number, trial in enumerate(whole, start=1))
+    return tuple((str(number), *trial) for number, trial in enumerate(trials, start=1))
 
 
 def _read_header(content: bytes, name: str) -> tuple[_Header, dict[str, object], tuple[str, ...]]:

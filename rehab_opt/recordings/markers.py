@@ -67,8 +67,7 @@ def read_trc(path: Path, *, name: str, how: Reading) -> Samples:
     notes = (f"its header states {stated:.0f} frames, {len(table)} are there",) if wrong else ()
     samples = np.array(table).reshape(-1, 4)
     known = rate if 0 < rate < math.inf else None
-    times = samples[:, 0] if how.rate_hz is None else np.arange(len(samples)) / how.rate_hz
-    return Samples(times, unit * samples[:, 1:], notes=notes, rate=how.rate_hz or known)
+    return Samples(samples[:, 0], unit * samples[:, 1:], notes=notes, rate=known)
 
 
 def _markers(header: Sequence[str], filled: int, name: str) -> list[str]:

@@ -92,8 +92,7 @@ def read_opensim(path: Path, *, name: str, how: Reading) -> Samples:
     points = metre * np.column_stack([by_name[column] for column in columns]) if columns else np.empty((len(cells), 0))
     said = {"yes": "deg", "no": "rad"}.get(facts.get("indegrees", ""))
     unit = how.factor("angle", said, name=name, where="header inDegrees") if joints else 1.0
-    time = by_name["time"].copy() if how.rate_hz is None else np.arange(len(cells)) / how.rate_hz
-    return Samples(time, points, {cell: unit * by_name[cell] for cell in joints}, notes=tuple(notes))
+    return Samples(by_name["time"].copy(), points, {cell: unit * by_name[cell] for cell in joints}, notes=tuple(notes))
 
 
 def _angles(said: str | None, title: str, how: Reading, *, needed: bool, name: str) -> tuple[str, str]:

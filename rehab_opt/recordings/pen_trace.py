@@ -62,8 +62,7 @@ def read_svc(path: Path, *, name: str, how: Reading) -> Samples:
     notes += [f"kept: {between} samples with the pen up between strokes, since the hand moves"] if between else []
     if int(stated) != len(samples):
         notes.append(f"its first line states {int(stated)} samples, {len(samples)} are there")
-    time = tick * task[:, 2] if how.rate_hz is None else np.arange(len(task)) / how.rate_hz
-    return Samples(time, length * task[:, :2], notes=tuple(notes))
+    return Samples(tick * task[:, 2], length * task[:, :2], notes=tuple(notes))
 
 
 def _check_counts(samples: np.ndarray[tuple[int, ...], np.dtype[np.float64]], how: Reading, name: str) -> None:

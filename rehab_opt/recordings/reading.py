@@ -101,7 +101,8 @@ def read_recording(
     if suffix not in READERS:
         raise ProblemFileError(name, "file", path.name, f"a recording ending in {', '.join(FORMATS)}")
     samples = READERS[suffix](path, name=name, how=how)
-    recording = recording_of(name, samples._replace(notes=(*samples.notes, *how.told)))
+    samples = samples._replace(notes=(*samples.notes, *how.told))
+    recording = recording_of(name, samples, rate_hz=how.rate_hz)
     if window_s is not None:
         recording = _within(recording, window_s)
     if up not in (None, "z"):

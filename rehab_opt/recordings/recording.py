@@ -35,8 +35,9 @@ class Samples(NamedTuple):
 
     Parameters
     ----------
-    time, points, joints, forces, notes, trials : as of `Recording`, in which `recording_of` makes them.
+    time, points, joints, forces, notes : as of `Recording`, in which `recording_of` makes them.
     rate : [Hz] what the file says of it, if it does.
+    trials : what each is called, and its first and last row.
     """
 
     time: Array
@@ -45,7 +46,7 @@ class Samples(NamedTuple):
     forces: Array = np.empty((0, 0))
     notes: tuple[str, ...] = ()
     rate: float | None = None
-    trials: tuple[Trial, ...] = ()
+    trials: tuple[tuple[str, int, int], ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,17 +123,23 @@ FEWEST_SEEN, ZEROED = 10, 3.0
 """Steps that tell how far the hand usually goes, and how many times that a lost marker's zeros are away at least."""
 
 
-def recording_of(file: str, samples: Samples) -> Recording:
+def recording_of(file: str, samples: Samples, *, rate_hz: float | None = None) -> Recording:
     """Samples at times that increase, in all of which the hand was seen: the one rule for every format.
 
     Left out, with a note: samples without the hand (a coordinate is missing, or all are zero far away from the samples
     beside), and all but the first at one time. Times that are roundings of even ones become even.
+
+    Parameters
+    ----------
+    rate_hz : [Hz] as the user says, in place of the times.
 
     Raises
     ------
     ProblemFileError : as `Recording`.
     """
     (time, rounded), notes = even_times(samples.time, samples.rate), list(samples.notes)
+    if rate_hz is not None:
+        time, rounded = np.arange(len(time)) / rate_hz, (f"ASSUMED: {rate_hz:g} samples a second, as stated",)
     angles = np.column_stack([time, *samples.joints.values()])
     lost = unseen(samples.points if samples.points.shape[1] else angles)
     twice = np.zeros(len(time), dtype=bool)
@@ -156,7 +163,7 @@ def recording_of(file: str, samples: Samples) -> Recording:
         joints={name: angles for name, angles in joints.items() if name not in blind},
         forces=forces,
         notes=(*notes, *rounded),
-        trials=samples.trials,
+        trials=tuple((name, float(time[first]), float(time[last])) for name, first, last in samples.trials),
     )
 
 
@@ -214,9 +221,10 @@ def even_times(time: Array, rate: float | None) -> tuple[Array, tuple[str, ...]]
                 return _even(time, count, 1 / rate, unit)
     usual = float(np.median(steps))
     near = steps[np.abs(steps - usual) <= 0.5 * usual]
-    usual = float(near.mean()) if usual > 0 else t[-1] / rows[-1]
+    usual = float(near.mean()) if usual > 0 and near.size else t[-1] / rows[-1]
     counts = [np.append(0.0, np.cumsum(np.rint(steps / usual)))] if usual > unit else []
-    if (steps == 0).sum() > max(2, 0.1 * len(steps)) or unit < usual < 2 * unit:
+    few = 1.05 * unit < usual < 1.9 * unit and steps.min() > 0
+    if few or (steps == 0).sum() > max(2, 0.1 * len(steps)):
         counts.append(rows)  # too few decimals for the rate: no row is missing then, if all fit
     for count in counts if unit else ():
         step = float(np.polyfit(count, t, 1)[0]) if (np.diff(count) > 0).all() else 0.0

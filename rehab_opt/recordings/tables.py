@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Collection, Mapping, Sequence
+from itertools import pairwise
 from pathlib import Path
 from types import MappingProxyType
 
@@ -12,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.errors import ProblemFileError
-from rehab_opt.recordings.recording import Samples, Trial
+from rehab_opt.recordings.recording import Samples
 from rehab_opt.recordings.units import ANGLE, COUNTS, KINDS, LENGTH, TIME, UNITS, Reading, known_unit, place_of
 from rehab_opt.text_file import FARTHEST, LATEST, brief, finite_number, header_cells, shown, text_lines, times
 
@@ -109,15 +110,14 @@ def read_csv(path: Path, *, name: str, how: Reading = ALONE) -> Samples:
         missing=dict.fromkeys(wanted[len(kinds["time"]) :], MISSING),
     )  # fmt: skip
     values = {column: scale_of.get(column, 1.0) * numbers for column, numbers in zip(wanted, cells.T, strict=True)}
-    time = values[kinds["time"][0]] if how.rate_hz is None else np.arange(len(cells)) / how.rate_hz
-    trials: tuple[Trial, ...] = ()
+    trials: tuple[tuple[str, int, int], ...] = ()
     if how.trials is not None:
         place = _asked(how.trials, header, written, "recording.trials", name)
-        trials = _trials([line.split(mark)[header.index(place)].strip(' "') for line in lines[top + 1 :]], time)
+        trials = _trials([line.split(mark)[header.index(place)].strip(' "') for line in lines[top + 1 :]])
         wanted.append(place)
     unread = [cell for cell, known in zip(written, header, strict=True) if known not in wanted and cell != ROWS]
     return Samples(
-        time,
+        values[kinds["time"][0]] if kinds["time"] else np.zeros(len(cells)),
         np.column_stack([values[column] for column in kinds["length"]]),
         {column.rpartition("_")[0]: values[column] for column in kinds["angle"]},
         np.column_stack([values[column] for column in forces]) if forces else np.empty((len(cells), 0)),
@@ -126,15 +126,13 @@ def read_csv(path: Path, *, name: str, how: Reading = ALONE) -> Samples:
     )
 
 
-def _trials(labels: Sequence[str], time: Array) -> tuple[Trial, ...]:
+def _trials(labels: Sequence[str]) -> tuple[tuple[str, int, int], ...]:
     """Each stretch of samples with one label that is not missing; a label that comes again gets a number."""
-    ends = [i for i in range(len(labels)) if i + 1 == len(labels) or labels[i + 1] != labels[i]]
-    trials: list[Trial] = []
-    for first, last in zip([0, *(end + 1 for end in ends)], ends, strict=False):
-        if labels[first].lower() not in MISSING:
-            again = sum(trial[0].partition(" (")[0] == labels[first] for trial in trials)
-            trials.append((labels[first] + (f" ({again + 1})" if again else ""), float(time[first]), float(time[last])))
-    return tuple(trials)
+    ends = [i for i, (label, after) in enumerate(pairwise([*labels, None])) if label != after]
+    firsts = [0, *(end + 1 for end in ends)]
+    parts = [(labels[a], a, b) for a, b in zip(firsts, ends, strict=False) if labels[a].lower() not in MISSING]
+    again = [sum(other[0] == part[0] for other in parts[:i]) for i, part in enumerate(parts)]
+    return tuple((f"{name} ({i + 1})" if i else name, a, b) for (name, a, b), i in zip(parts, again, strict=True))
 
 
 def _scale(kind: str, cell: str, how: Reading, name: str) -> float:
@@ -150,7 +148,6 @@ def _scale(kind: str, cell: str, how: Reading, name: str) -> float:
 def _times(header: Sequence[str], written: Sequence[str], how: Reading, name: str) -> list[str]:
     """The column of times; none where the user states a rate."""
     if how.rate_hz is not None:
-        how.told.append(f"ASSUMED: {how.rate_hz:g} samples a second, as stated")
         return []
     if how.time_column is not None:
         return [_asked(how.time_column, header, written, "recording.time_column", name)]

@@ -77,8 +77,6 @@ def read_xdf(path: Path, *, name: str, how: Reading) -> Samples:
             row, axis = (int(i) for i in np.argwhere(bad)[0])
             where = f"sample {row + 1}, channel {how.columns[axis]}"
             raise ProblemFileError(name, where, float(points[row, axis]), expected)
-    if how.rate_hz is not None:
-        time = np.arange(len(time)) / how.rate_hz
     return Samples(time - time[0] if len(time) else time, points)
 
 
