@@ -140,7 +140,7 @@ def _hand_path(outcome: ArmOutcome) -> Figure:
     for number, (first, last) in enumerate(outcome.gaps):
         bridge = path[(outcome.time >= first) & (outcome.time <= last)]
         label = "_" if number else f"no samples: {sum(b - a for a, b in outcome.gaps):.2g} s, bridged"
-        axes.plot(bridge[:, 0], bridge[:, 1], color="white", linewidth=2.5, linestyle=":", zorder=2.5, label=label)
+        axes.plot(bridge[:, 0], bridge[:, 1], color=MISSED, linewidth=9, alpha=0.3, zorder=1, label=label)
     for law, drive in _drives(outcome):
         label = f"hand, {law} law{_off_plane(outcome, law)}"
         axes.plot(MM * drive.hand[:, 0], MM * drive.hand[:, 1], **LAW_STYLES[law], label=label)
