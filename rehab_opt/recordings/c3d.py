@@ -18,7 +18,7 @@ from rehab_opt.errors import ProblemFileError
 from rehab_opt.recordings.markers import marker_place
 from rehab_opt.recordings.recording import Samples
 from rehab_opt.recordings.units import Reading
-from rehab_opt.text_file import FARTHEST, MAX_RECORDING_SIZE, file_content, shown
+from rehab_opt.text_file import MAX_RECORDING_SIZE, file_content, shown
 
 __all__ = ["read_c3d"]
 
@@ -71,12 +71,6 @@ def read_c3d(path: Path, *, name: str, how: Reading) -> Samples:
     if not 0 < rate < math.inf:
         raise ProblemFileError(name, "POINT:RATE", rate, "frames a second, above zero (or recording.rate_hz)")
     points = _marker(content, header, number)
-    far = np.abs(points) > FARTHEST / metres
-    if far.any():
-        frame, axis = (int(i) for i in np.argwhere(far)[0])
-        expected = f"at most {FARTHEST / metres:g} {unit} (another unit?)"
-        where, value = f"frame {frame + 1}, marker {how.marker} {'XYZ'[axis]}", float(points[frame, axis])
-        raise ProblemFileError(name, where, value, expected)
     asked = None if how.trials is None else str(how.trials)
     trials = _trials(parameters, asked, rate, header.first, len(points), name) if asked else ()
     return Samples(np.arange(len(points)) / rate, metres * points, notes=notes, trials=trials)

@@ -37,30 +37,16 @@ Array = NDArray[np.float64]
 MAX_SAMPLES = 200_000  # a longer path is far more likely a wrong time unit than a session
 
 
-UPWARDS: Mapping[str, Array] = MappingProxyType(
-    {
-        "z": np.eye(3),
-        "y": np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]),
-        "x": np.array([[0.0, 0, -1], [0, 1, 0], [1, 0, 0]]),
-        "-z": np.diag([1.0, -1, -1]),
-        "-y": np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]]),
-        "-x": np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]]),
-    }
-)
-"""Rotations (3, 3) after which z is up, by the axis of a recording that is."""
-
-READERS: Mapping[str, Callable[..., Samples]] = MappingProxyType(
-    {
-        ".csv": read_csv,
-        ".svc": read_svc,
-        ".mot": read_opensim,
-        ".sto": read_opensim,
-        ".trc": read_trc,
-        ".c3d": read_c3d,
-        ".tsv": read_motion,
-        ".xdf": read_xdf,
-    }
-)
+_X, _Y, _Z = np.eye(3)
+UPWARDS: Mapping[str, tuple[Array, ...]] = MappingProxyType({
+    "z": (_X, _Y, _Z), "y": (_X, -_Z, _Y), "x": (-_Z, _Y, _X),
+    "-z": (_X, -_Y, -_Z), "-y": (_X, _Z, -_Y), "-x": (_Z, _Y, -_X),
+})  # fmt: skip
+"""Rows of the rotation after which z is up, by the axis of a recording that is."""
+READERS: Mapping[str, Callable[..., Samples]] = MappingProxyType({
+    ".csv": read_csv, ".svc": read_svc, ".mot": read_opensim, ".sto": read_opensim, ".trc": read_trc, ".c3d": read_c3d,
+    ".tsv": read_motion, ".xdf": read_xdf,
+})  # fmt: skip
 FORMATS = tuple(READERS)
 
 
@@ -112,8 +98,13 @@ def read_recording(
         paced = f"played at {speed:g} of its recorded speed"
         recording = replace(recording, time=recording.time / speed, joints=dict(recording.joints), trials=trials)
         recording = recording.noting(paced)
-    kept = with_gaps(without_spikes(recording) if clean else recording)
-    return kept.noting(*strange_sizes(kept))
+    kept = without_spikes(recording) if clean else recording
+    if len(kept.time) < len(recording.time):
+        seconds = (len(recording.time) - len(kept.time)) * float(np.median(np.diff(recording.time)))
+        kept = kept.noting(f"that leaves out {seconds:.3g} s of {recording.duration:.4g} s")
+    kept = with_gaps(kept)
+    stated = how.units is not None or how.count_mm is not None
+    return kept.noting(*(note.replace("its header says", "stated") if stated else note for note in strange_sizes(kept)))
 
 
 def _within(recording: Recording, window_s: Sequence[float]) -> Recording:
@@ -129,7 +120,7 @@ def _turned(recording: Recording, up: str) -> Recording:
     if recording.points.shape[1] != 3:
         value, expected = f"{up}, of {recording.points.shape[1]} coordinates", "no such key: only three have an up"
         raise ProblemFileError(recording.file, "recording.up", value, expected)
-    turn = UPWARDS[up].T
+    turn = np.array(UPWARDS[up]).T
     forces = recording.forces @ turn if recording.forces.shape[1] == 3 else recording.forces
     turned = replace(recording, points=recording.points @ turn, forces=forces, joints=dict(recording.joints))
     return turned.noting(f"turned so that its {up} axis, which is up, becomes z")

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.errors import ProblemFileError
-from rehab_opt.text_file import shown
+from rehab_opt.text_file import FARTHEST, shown
 
 __all__ = [
     "Recording",
@@ -135,8 +135,13 @@ def recording_of(file: str, samples: Samples, *, rate_hz: float | None = None) -
 
     Raises
     ------
-    ProblemFileError : as `Recording`.
+    ProblemFileError : as `Recording`; a coordinate that can only be in another unit.
     """
+    far = np.argwhere(np.abs(samples.points) > FARTHEST)
+    if len(far):
+        row, axis = (int(i) for i in far[0])
+        value, expected = float(samples.points[row, axis]), f"at most {FARTHEST:g} m (another unit?)"
+        raise ProblemFileError(file, f"sample {row + 1}, {'xyz'[axis]}", value, expected)
     (time, rounded), notes = even_times(samples.time, samples.rate), list(samples.notes)
     if rate_hz is not None:
         time, rounded = np.arange(len(time)) / rate_hz, (f"ASSUMED: {rate_hz:g} samples a second, as stated",)
@@ -355,8 +360,7 @@ def strange_sizes(recording: Recording) -> Iterator[str]:
         return
     steps = np.diff(recording.time)
     for axis, along in zip("xyz", np.diff(recording.points, axis=0).T, strict=False):
-        low, usual, high = np.percentile(along, [5, 50, 95])  # one sample or another may be left out
-        if steps.max() > UNEVEN * steps.min() and usual > 0 and high - low < EVEN * usual:
+        if steps.max() > UNEVEN * steps.min() and along.mean() > 0 and np.ptp(along) < EVEN * along.mean():
             yield f"{axis} grows by the same in each sample, and time does not: is one taken for the other?"
     extent, usual = float(np.ptp(recording.points, axis=0).max()), float(np.percentile(_speeds(recording), 90))
     if not extent:

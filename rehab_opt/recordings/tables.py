@@ -191,6 +191,13 @@ def numbers_below(
     place_of = {column: place for place, column in enumerate(header)}
     places = [place_of[column] for column in wanted]
     numbers = []
+
+    def number_in(cell: str, column: str, line: int) -> float:
+        if missing and cell.strip().lower() in missing.get(column, ()):
+            return math.nan
+        said, bound = called.get(column, column), most.get(column, math.inf)
+        return finite_number(cell, name=name, line=line, column=said, most=bound, point=point)
+
     for number, text in enumerate(rows, start=first):
         row = text.split(separator)
         if len(row) == len(header) + 1 and not row[-1].strip():
@@ -202,21 +209,7 @@ def numbers_below(
             raise ProblemFileError(name, f"line {number}", f"{len(row)} cells", expected)
         if '"' in text:
             row = [cell.strip().strip('"') for cell in row]
-        numbers.append(
-            [
-                math.nan
-                if missing and row[place].strip().lower() in missing.get(column, ())
-                else finite_number(
-                    row[place],
-                    name=name,
-                    line=number,
-                    column=called.get(column, column),
-                    most=most.get(column, math.inf),
-                    point=point,
-                )
-                for place, column in zip(places, wanted, strict=True)
-            ]
-        )
+        numbers.append([number_in(row[place], column, number) for place, column in zip(places, wanted, strict=True)])
     if not numbers:
         raise ProblemFileError(name, f"line {first}", "no samples", "rows of numbers below the header")
     return np.array(numbers)

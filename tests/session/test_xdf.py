@@ -41,7 +41,7 @@ def test_what_cannot_be_read_is_refused_with_what_is_wrong(written: Write) -> No
         (whole, ["hand_X", "hand_Z"], "hand/hand_X, hand/hand_Y"),
         (xdf(time, points, unit="V"), HAND, "unit of channel hand_X = 'V'"),
         (xdf(time, 1e6 * points), HAND, "another unit?"),
-        (xdf(time, infinite), HAND, "sample 6, channel hand_Y"),
+        (xdf(time, infinite), HAND, "sample 6, y"),
         (whole[: -2 * len(footer(1, 100))], HAND, "footer"),
         (whole[: len(whole) // 2], HAND, ""),
         (whole.replace(b"<sample_count>101", b"<sample_count>102"), HAND, "102, which its footer states"),
