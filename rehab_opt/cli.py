@@ -446,6 +446,9 @@ def score(
     ] = False,
     cutoff: Annotated[float, typer.Option(help="Of the low-pass before speeds are taken, in Hz.")] = 10.0,
     threshold: Annotated[float, typer.Option(help="Fraction of the peak speed where a movement begins.")] = 0.05,
+    range_of_motion: Annotated[
+        bool, typer.Option("--range-of-motion", help="Of joint angles alone: the keys of a problem file's arm instead.")
+    ] = False,
     out: Annotated[Path | None, typer.Option(help="A .csv; standard output by default.")] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace the .csv where there is one.")] = False,
     study: StudyOption = None,
@@ -458,12 +461,14 @@ def score(
     Notes, on the error stream, say what to know of the numbers: gaps, noise, rest. rehab_opt.measures has the formulas.
     """
     from rehab_opt.recordings.tables import SEPARATORS  # noqa: PLC0415
-    from rehab_opt.session.scoring import score_recordings, write_rows  # noqa: PLC0415
+    from rehab_opt.session.scoring import range_of_motion_keys, score_recordings, write_rows  # noqa: PLC0415
 
     if out is not None:
         no_folder(out)
         writable(out.parent)
         not_there_yet(out, force=force, inputs=map(Path, recordings))
+    if range_of_motion and out is not None:
+        raise ConfigurationError("--out", str(out), "no --out with --range-of-motion, whose keys are printed")
     into = destination(study, person, session, covariate)
     how: dict[str, Any] = {
         "reading": {
@@ -492,7 +497,9 @@ def score(
         with undisturbed():
             new = into.add(score_trials(scored, how))
         print(printable(f"rehab-opt: {into.said(new)}"), file=sys.stderr)  # rows alone are on the output
-    if out is None:
+    if range_of_motion:
+        print("\n".join(range_of_motion_keys(scored.rows)))
+    elif out is None:
         write_rows(scored.rows, sys.stdout)
     else:
         with undisturbed():

@@ -15,7 +15,7 @@ from rehab_opt.text_file import FARTHEST, LATEST, brief, header_cells, number_in
 
 __all__ = ["read_opensim"]
 
-LENGTHS = {".mot": r"(^|_)t[xyz]$|trans[XYZ]$", ".sto": r"(^|_)t[xyz]$|trans[XYZ]$|_[XYZxyz]$"}
+LENGTHS = {".mot": r"(^|[_/])t[xyz]$|trans[XYZ]$", ".sto": r"(^|[_/])t[xyz]$|trans[XYZ]$|_[XYZxyz]$"}
 """Names of columns in metres; those of body kinematics in a .sto end in an axis."""
 RATES = re.compile(r"veloc|speed|accel|kinematics_(u|dudt)", re.IGNORECASE)
 """In line 1: what follows are changes of places and angles."""

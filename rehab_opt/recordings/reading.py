@@ -21,6 +21,7 @@ from rehab_opt.recordings.pen_trace import read_svc
 from rehab_opt.recordings.recording import (
     Recording,
     Samples,
+    exchanged_times,
     recording_of,
     strange_sizes,
     with_gaps,
@@ -104,6 +105,7 @@ def read_recording(
         kept = kept.noting(f"that leaves out {seconds:.3g} s of {recording.duration:.4g} s")
     kept = with_gaps(kept)
     stated = how.units is not None or how.count_mm is not None
+    kept = kept.noting(*exchanged_times(recording))
     return kept.noting(*(note.replace("its header says", "stated") if stated else note for note in strange_sizes(kept)))
 
 

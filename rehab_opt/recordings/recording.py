@@ -353,15 +353,11 @@ def size_note(recording: Recording) -> str:
 
 def strange_sizes(recording: Recording) -> Iterator[str]:
     """Notes on a movement so small, fast or slow that its lengths, angles or times are likely in another unit than it
-    says, or whose times are likely in another column.
+    says.
     """
     yield from _strange_angles(recording.joints)
     if not recording.points.shape[1]:
         return
-    steps = np.diff(recording.time)
-    for axis, along in zip("xyz", np.diff(recording.points, axis=0).T, strict=False):
-        if steps.max() > UNEVEN * steps.min() and along.mean() > 0 and np.ptp(along) < EVEN * along.mean():
-            yield f"{axis} grows by the same in each sample, and time does not: is one taken for the other?"
     extent, usual = float(np.ptp(recording.points, axis=0).max()), float(np.percentile(_speeds(recording), 90))
     if not extent:
         yield "the hand does not move at all: is it another column or marker?"
@@ -372,6 +368,14 @@ def strange_sizes(recording: Recording) -> Iterator[str]:
         yield f"a tenth of its samples is faster than {usual:.3g} m/s: are the times, or lengths, in another unit?"
     elif 0 < usual < SLOWEST:
         yield f"nine tenths of its samples are slower than {1e3 * usual:.3g} mm/s: milliseconds taken for seconds?"
+
+
+def exchanged_times(recording: Recording) -> Iterator[str]:
+    """A note on a coordinate that is as even as times are; of a recording of which nothing is left out yet."""
+    steps = np.diff(recording.time)
+    for axis, along in zip("xyz", np.diff(recording.points, axis=0).T, strict=False):
+        if steps.max() > UNEVEN * steps.min() and along.mean() > 0 and np.ptp(along) < EVEN * along.mean():
+            yield f"{axis} grows by the same in each sample, and time does not: is one taken for the other?"
 
 
 def _strange_angles(joints: Mapping[str, Array]) -> Iterator[str]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import itertools
+import json
 import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -36,6 +37,7 @@ __all__ = [
     "ScoreRow",
     "Scored",
     "described",
+    "range_of_motion_keys",
     "score_recordings",
     "trials_between_pauses",
     "write_rows",
@@ -173,6 +175,19 @@ def _scored(trial: Recording, target: Sequence[float] | None, how: Mapping[str, 
         measures += (Measure(f"{what}_{name}", value, "deg") for what, value in (("lower", low), ("upper", high)))
         measures.append(Measure(f"range_{name}", high - low, "deg"))
     return Score(tuple(measures), np.zeros((1, 2)), ())
+
+
+def range_of_motion_keys(rows: Sequence[ScoreRow]) -> list[str]:
+    """Lines for a problem file's arm: of each joint the lowest and the highest angle [deg] of all trials."""
+    ends: dict[str, list[float]] = {}
+    for row in rows:
+        what, _, joint = row.measure.partition("_")
+        if what in ("lower", "upper"):
+            ends.setdefault(joint.removesuffix("/value").rpartition("/")[2], []).append(row.value)
+    if not ends:
+        raise ConfigurationError("--range-of-motion", "no joint angles", "recordings of joints' angles alone")
+    lines = (f"{json.dumps(f'{joint}_deg')} = [{min(of):.1f}, {max(of):.1f}]" for joint, of in ends.items())
+    return ["# range used in these recordings, not the range possible", "[arm.range_of_motion]", *lines]
 
 
 def _trials(recording: Recording, pause: float | None, how: Mapping[str, float]) -> list[tuple[str, Recording]]:

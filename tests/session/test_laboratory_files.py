@@ -240,7 +240,7 @@ STATES = (
     "hand_tx hand_ty elbow_flexion biceps.activation biceps.fiber_length elbow_flexion_u elbow_moment hand_force_vx"
 )
 MOCO = (
-    "/jointset/g/hand_tx/value /jointset/g/hand_ty/value /jointset/e/elbow/value /jointset/e/elbow/speed "
+    "/jointset/g/tx/value /jointset/g/hand_ty/value /jointset/e/elbow/value /jointset/e/elbow/speed "
     "/forceset/b/activation"
 )
 
@@ -292,6 +292,9 @@ def test_joint_angles_alone_are_scored(written: Write, capsys: pytest.CaptureFix
     with pytest.raises(SystemExit):
         main(["score", str(path)])
     assert "joints' angles alone are measured" in capsys.readouterr().err
+    with pytest.raises(SystemExit):
+        main(["score", str(path), "--range-of-motion"])
+    assert '[arm.range_of_motion]\n"elbow_deg" = [0.0, 0.2]\n' in capsys.readouterr().out
 
 
 # -------------------- TRC layouts
