@@ -78,7 +78,7 @@ class Reading:
         known, stated = known_unit((said or "").strip()), self.stated(kind)
         known = known if known in KINDS[kind] else known.lower()
         if stated is not None:
-            note = f"{kind}s are read in {stated}, as stated; the file says {shown(known)}"
+            note = f"{kind}s are read in {stated}, as stated, not in {shown(known)}"
             if known not in ("", stated) and note not in self.told:
                 self.told.append(note)
             return KINDS[kind][stated]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import struct
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 from xml.etree.ElementTree import ParseError
@@ -46,10 +46,9 @@ def read_xdf(path: Path, *, name: str, how: Reading) -> Samples:
     if not content.startswith(b"XDF:"):
         raise ProblemFileError(name, "byte 1", shown(repr(content[:4])), "XDF:, as in every XDF file")
     logging.getLogger("pyxdf").setLevel(logging.CRITICAL)
-    try:
-        streams, _ = pyxdf.load_xdf(str(path))
-    except SPOILT as problem:
-        raise ProblemFileError(name, "file", type(problem).__name__, "a whole XDF file") from problem
+    streams, problem = _streams(pyxdf, str(path))
+    if not streams:
+        raise ProblemFileError(name, "file", problem or "no streams", "a whole XDF file")
     known = [(_text(each, "info", "name"), _labels(each), each) for each in streams]
     said = ", ".join(f"{stream}/{label}" for stream, labels, _ in known for label in labels)
     if how.columns is None:
@@ -73,6 +72,25 @@ def read_xdf(path: Path, *, name: str, how: Reading) -> Samples:
     ]
     points = np.column_stack([series[:, place] * unit for place, unit in zip(places, units, strict=True)])
     return Samples(time - time[0] if len(time) else time, points)
+
+
+def _streams(pyxdf: Any, path: str) -> tuple[list[Any], str]:
+    """All streams or, where one of them cannot be read, the others one by one; and what was wrong."""
+    try:
+        return list(pyxdf.load_xdf(path)[0]), ""
+    except SPOILT as problem:
+        said = type(problem).__name__
+    streams: list[Any] = []
+    for each in _tried(pyxdf.resolve_streams, path):
+        streams += next(iter(_tried(pyxdf.load_xdf, path, select_streams=[each["stream_id"]])), [])
+    return streams, said
+
+
+def _tried(call: Callable[..., Any], *arguments: object, **named: object) -> list[Any]:
+    try:
+        return list(call(*arguments, **named))
+    except SPOILT:
+        return []
 
 
 def _text(of: Any, *keys: str) -> str:
