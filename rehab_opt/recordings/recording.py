@@ -148,9 +148,13 @@ def recording_of(file: str, samples: Samples, *, rate_hz: float | None = None) -
         time, rounded = np.arange(len(time)) / rate_hz, (f"ASSUMED: {rate_hz:g} samples a second, as stated",)
     angles = np.column_stack([time, *samples.joints.values()])
     lost = unseen(samples.points if samples.points.shape[1] else angles)
+    lost |= ~np.isfinite(samples.forces).all(axis=1) if samples.forces.size else False
     twice = np.zeros(len(time), dtype=bool)
     twice[np.flatnonzero(~lost)[1:]] = np.diff(time[~lost]) == 0
-    said = {"without the hand": lost, "at the time of the one before": twice}
+    said = {
+        "without the hand" + " or a force on it" * bool(samples.forces.size): lost,
+        "at the time of the one before": twice,
+    }
     begun = np.append(time, math.nan)[0]
     for what, out in said.items():
         if out.any():

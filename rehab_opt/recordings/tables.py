@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
@@ -130,9 +131,12 @@ def _trials(labels: Sequence[str]) -> tuple[tuple[str, int, int], ...]:
     """Each stretch of samples with one label that is not missing; a label that comes again gets a number."""
     ends = [i for i, (label, after) in enumerate(pairwise([*labels, None])) if label != after]
     firsts = [0, *(end + 1 for end in ends)]
-    parts = [(labels[a], a, b) for a, b in zip(firsts, ends, strict=False) if labels[a].lower() not in MISSING]
-    again = [sum(other[0] == part[0] for other in parts[:i]) for i, part in enumerate(parts)]
-    return tuple((f"{name} ({i + 1})" if i else name, a, b) for (name, a, b), i in zip(parts, again, strict=True))
+    parts, seen = [], Counter[str]()
+    for label, first, last in ((labels[a], a, b) for a, b in zip(firsts, ends, strict=False)):
+        if label.lower() not in MISSING:
+            seen[label] += 1
+            parts.append((f"{label} ({seen[label]})" if seen[label] > 1 else label, first, last))
+    return tuple(parts)
 
 
 def _scale(kind: str, cell: str, how: Reading, name: str) -> float:

@@ -226,6 +226,17 @@ def test_a_stretch_of_seconds_is_never_dropped(written: Write) -> None:
     assert "after 1.9 s; speed and smoothness there are not the hand's" in note
 
 
+def test_a_sample_without_its_force_is_left_out_and_a_joint_that_is_not_always_seen_is_unread(written: Write) -> None:
+    time, points = moved()
+    wide = np.column_stack((points[:, :2], np.ones((len(time), 3))))
+    wide[5, 3] = wide[9, 4] = np.nan
+    text = table(time, wide, "t_s,x_m,y_m,fx_N,fy_N,elbow_deg").replace("nan", "")
+    read = read_recording(written("a.csv", text))
+    assert (len(read.time), np.isfinite(read.forces).all(), dict(read.joints)) == (len(time) - 1, True, {})
+    assert read.notes[0].startswith("left out: 1 sample (0.01 s) without the hand or a force on it")
+    assert "elbow" in read.notes[1]
+
+
 def test_the_same_time_twice_is_dropped_with_a_note(written: Write) -> None:
     rows = table(*moved()).splitlines()
     for at in (1, 50, len(rows) - 1):
