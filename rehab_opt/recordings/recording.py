@@ -194,7 +194,7 @@ def unseen(points: Array) -> NDArray[np.bool_]:
     seen = np.flatnonzero(~lost)
     zero = (points[seen] == 0).all(axis=1)
     hops, edge = np.linalg.norm(np.diff(points[seen], axis=0), axis=1), np.diff(zero.astype(np.int8)) != 0
-    moving = hops[~edge & ~zero[1:]]
+    moving = np.linalg.norm(np.diff(points[seen[~zero]], axis=0), axis=1)
     if not edge.any() or len(moving) < FEWEST_SEEN:
         return lost
     far = hops > max(ASIDE, ZEROED * float(np.percentile(moving, 99)))
