@@ -19,8 +19,6 @@ __all__ = ["MOTION", "REQUIRED", "read_motion"]
 MOTION = "_motion.tsv"
 REQUIRED = ("name", "component", "type", "tracked_point", "units")
 """Columns of a _channels.tsv, in the order that the standard asks for."""
-ROOT, HIGHEST = "dataset_description.json", 6
-"""What stands in the highest folder of a dataset, and of how many folders at most sidecars are looked for."""
 
 
 def read_motion(path: Path, *, name: str, how: Reading) -> Samples:
@@ -72,15 +70,15 @@ def _sidecars(path: Path, end: str) -> list[Path]:
     """Files of that end that say something of a recording, the nearest first: theirs are some of its entities."""
     own = {*path.name.removesuffix(MOTION).split("_")}
     found = []
-    for folder in path.absolute().parents[:HIGHEST]:
+    for folder in path.absolute().parents:
         try:
             here = [each for each in folder.iterdir() if each.name.endswith(end) or each.name == end[1:]]
         except OSError:  # a folder that cannot be read
             break
         fits = [each for each in here if {*each.name.removesuffix(end[1:]).rstrip("_").split("_")} - {""} <= own]
         found += sorted(fits, key=lambda each: -len(each.name))
-        if (folder / ROOT).exists():
-            break
+        if not any(each.startswith(("sub-", "ses-")) for each in (folder.name, folder.parent.name)):
+            break  # above the participants' folders lies what is no part of the dataset
     return found or [path.with_name(path.name.removesuffix(MOTION) + end)]
 
 

@@ -432,7 +432,6 @@ def test_sidecars_higher_up_and_spelled_units_are_read(tmp_path: Path) -> None:
     time, points = moved()
     folder = tmp_path / "sub-01" / "ses-1" / "motion"
     folder.mkdir(parents=True)
-    (tmp_path / "dataset_description.json").write_text("{}")
     (tmp_path / "task-reach_motion.json").write_text('{"SamplingFrequency": 100}')
     (tmp_path / "task-lift_motion.json").write_text('{"SamplingFrequency": 7}')
     channels = "name\tcomponent\ttype\ttracked_point\tunits\n" + "".join(
