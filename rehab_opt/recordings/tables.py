@@ -88,10 +88,12 @@ def read_csv(path: Path, *, name: str, how: Reading = ALONE) -> Samples:
     written = [c.strip('"').strip() for c in header_cells(lines[top].lstrip("# ").split(mark), name=name, line=top + 1)]
     if len(written) > 1 and not written[-1]:
         written.pop()  # a separator at the end of each line
+    counted = written in ([str(i + first) for i in range(len(written))] for first in (0, 1))  # as pandas names columns
     headless = all(NUMERIC.match(cell) for cell in written) and how.columns is not None and how.time_column is not None
-    if headless or (how.rate_hz is not None and how.columns is not None and NUMERIC.match(written[0])):
+    headless |= how.rate_hz is not None and how.columns is not None and bool(NUMERIC.match(written[0]))
+    if headless and not counted:
         written, top = [str(number) for number in range(1, len(written) + 1)], top - 1
-    elif NUMERIC.match(written[0]):
+    elif NUMERIC.match(written[0]) and not (counted and headless):
         expected = "a header with units, such as t_s,x_m,y_m (or recording.columns and time_column as numbers)"
         raise ProblemFileError(name, f"line {top + 1}", shown(lines[top]), expected)
     written[0] = written[0] or ROWS

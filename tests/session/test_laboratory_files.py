@@ -96,6 +96,12 @@ def test_a_table_without_a_header_is_read_by_numbers(written: Write) -> None:
     assert done.value.code == 0
 
 
+def test_a_header_of_numbers_is_no_sample(written: Write) -> None:
+    """As pandas writes columns without names."""
+    path = written("a.csv", table(*moved(), "0,1,2,3"))
+    same(path, time_column="0", columns=["1", "2", "3"], units=["s", "m"])
+
+
 def test_what_a_table_does_not_say_is_asked_for(written: Write) -> None:
     time, points = moved()
     refuses(
