@@ -23,7 +23,7 @@ from rehab_opt.optim.certificate import all_true, clipped
 from rehab_opt.optim.rows import MAX_MAGNITUDE
 from rehab_opt.symbolic.record import Record, Values
 
-__all__ = ["SAID", "FrontEnd", "led_memory"]
+__all__ = ["JUMP", "SAID", "FrontEnd", "led_memory"]
 
 LATE = 0.1
 """[s] by which a servo may be late."""
@@ -37,7 +37,7 @@ BEYOND = 0.3
 NOISE = 1e-3
 """[rad or m] beyond a limit that is none."""
 JUMP = 0.015
-"""[rad or m] by which a sample may be beyond what the joint's largest speed explains."""
+"""[rad or m] by which a sample may be beyond what twice the joint's largest speed explains in a tick."""
 SAID = Record(fault=1, joint=1, far=1, missing=1)
 """The fault, 0 for none, the joint that it is of, how far it is from where it was led [rad or m]; whether the positions
 are none that the joints can have now."""
@@ -47,11 +47,11 @@ are none that the joints can have now."""
 def led_memory(n: int) -> Record:
     """Led positions; the ends of where they were lately, in this span of `LATE` and in the one before, seen from them;
     where each joint was seen; the way that it was led, and that it was seen to move, since it was last judged; how long
-    it was blocked [s]; how old the span is [s], since when nothing usable was seen [s]; how many samples were usable,
+    it was blocked [s]; how old the span is [s]; how many samples were usable,
     at most 2; whether a base was seen to move.
     """
     ends = {"low": n, "high": n, "least": n, "most": n, "least_before": n, "most_before": n}
-    return Record(led=n, **ends, seen=n, way=n, moved=n, blocked=n, span=1, waiting=1, known=1, placed=1)
+    return Record(led=n, **ends, seen=n, way=n, moved=n, blocked=n, span=1, known=1, placed=1)
 
 
 class FrontEnd:
@@ -70,7 +70,7 @@ class FrontEnd:
         n = chain.n
         self.size = led_memory(n).size
         arm = ca.DM(np.arange(n) >= base)
-        turning = arm * ca.DM([not row.prismatic for row in chain.rows])
+        self._turn = 2 * math.pi * arm * ca.DM([not row.prismatic for row in chain.rows])
         memory = led_memory(n).symbols("memory")
         measured, command = ca.SX.sym("measured", n), ca.SX.sym("command", n)
         number = all_true(ca.fabs(measured) <= MAX_MAGNITUDE)
@@ -80,17 +80,19 @@ class FrontEnd:
         middle = ca.DM((np.clip(chain.lower, -1e6, 1e6) + np.clip(chain.upper, -1e6, 1e6)) / 2)
         inside = ca.logic_and(measured >= ca.DM(chain.lower) - BEYOND, measured <= ca.DM(chain.upper) + BEYOND)
         near = ca.if_else(memory.known, ahead, ca.if_else(inside, measured, middle))
-        turned = measured + turning * 2 * math.pi * ca.floor((near - measured) / (2 * math.pi) + 0.5)
+        turned = near + self.shortest(measured - near)
 
-        # The first sample is dropped where the second contradicts it.
-        waiting, step = ca.fmin(memory.waiting + dt, max_age), turned - memory.seen
-        explained = ca.DM(np.where(np.arange(n) < base, MAX_MAGNITUDE, 2 * chain.velocity)) * waiting + JUMP
-        possible = all_true(number, memory.known, ca.fabs(step) <= explained)
+        # Between where it was seen last and where it may be by its commands, for a while after the last one, too. The
+        # first sample is dropped where the second contradicts it.
+        ends, step = _led_lately(memory, command, dt), turned - memory.seen
+        further = ahead + max_age * command
+        margin = ca.DM(np.where(np.arange(n) < base, MAX_MAGNITUDE, 2 * chain.velocity * dt + JUMP))
+        least = ca.fmin(ca.fmin(memory.seen, ahead + ends["low"]), further) - margin
+        most = ca.fmax(ca.fmax(memory.seen, ahead + ends["high"]), further) + margin
+        possible = all_true(number, memory.known, least <= turned, turned <= most)
         anew = all_true(number, memory.known < 2, ca.logic_not(possible))
         good = ca.logic_or(anew, possible)
         known = ca.fmin(memory.known + good, 2)
-
-        ends = _led_lately(memory, command, dt)
 
         # Noise about a limit leads no joint beyond it.
         nearest = clipped(turned, ca.DM(chain.lower), ca.DM(chain.upper))
@@ -101,10 +103,11 @@ class FrontEnd:
 
         placed = ca.logic_or(memory.placed, ca.logic_and(possible, ca.dot(1 - arm, ca.fabs(step)) > 0))
         # Anew where the command turns round; how long a joint has been blocked, only if it stood until then.
-        same, stood = memory.way * command >= 0, ca.fabs(memory.moved) <= SHARE * ca.fabs(memory.way)
+        same = memory.way * command >= 0
+        stood = ca.logic_and(ca.fabs(memory.way) > WINDOW / 3, ca.fabs(memory.moved) <= SHARE * ca.fabs(memory.way))
         watched = (arm + (1 - arm) * placed) * same
         way = watched * (memory.way + dt * command)
-        moved = watched * (memory.moved + ca.if_else(possible, step, dt * command))
+        moved = watched * (memory.moved + ca.if_else(possible, step, 0))
         pushed = ca.fabs(moved) > 2 * ca.fabs(way) + WINDOW / 2  # by no command, whatever its sign
         # At the end of a window, or sooner where the joint clearly goes along.
         told = ca.logic_and(ca.fabs(way) > WINDOW / 3, ca.logic_not(pushed))
@@ -114,15 +117,12 @@ class FrontEnd:
         before = memory.blocked * ca.logic_or(same, stood)
         lagging = ca.if_else(whole, lags, before > 0)
         blocked = lagging * (before + dt * ca.logic_and(possible, ca.fabs(command) > 0))
-        goes_on = ca.logic_not(whole)
         longest, joint = _largest(lags * blocked)
         after = {
-            "led": led, **ends, "seen": ca.if_else(good, turned, memory.seen + arm * dt * command),
-            "way": goes_on * way, "moved": goes_on * moved, "blocked": blocked,
-            "waiting": ca.if_else(good, 0, waiting),
+            "led": led, **ends, "seen": ca.if_else(good, turned, memory.seen),
+            "way": ca.logic_not(whole) * way, "moved": ca.logic_not(whole) * moved, "blocked": blocked,
         }  # fmt: skip
-        kept = ("led", "seen")
-        begun = {name: each if name in kept else ca.if_else(anew, 0, each) for name, each in after.items()}
+        begun = {name: each if name in ("led", "seen") else ca.if_else(anew, 0, each) for name, each in after.items()}
         column = led_memory(n).of(**begun, known=known, placed=placed)
         far = sum((ca.if_else(joint == i, ca.fabs(apart[i]), 0) for i in range(n)), ca.SX(0))
         said = SAID.of(
@@ -132,6 +132,10 @@ class FrontEnd:
         reference = ca.if_else(known * arm * numbers, led, measured)
         inputs, outputs = [memory.column, measured, command], [column, reference, said]
         self.tick = ca.Function("led_joints", inputs, [ca.densify(each) for each in outputs], {"cse": True})
+
+    def shortest(self, way: ca.SX) -> ca.SX:
+        """(n,) ways [rad or m] without whole turns."""
+        return way - self._turn * ca.floor(way / (2 * math.pi) + 0.5)
 
 
 def _led_lately(memory: Values, command: ca.SX, dt: float) -> dict[str, ca.SX]:

@@ -6,7 +6,7 @@ from functools import cache
 
 import casadi as ca
 
-from rehab_opt.control.front_end import SAID, FrontEnd, led_memory
+from rehab_opt.control.front_end import JUMP, SAID, FrontEnd, led_memory
 from rehab_opt.control.reasons import NUMBER
 from rehab_opt.control.watchdog import NO_STAMP, STAMPS, checked_stamp, first_of
 from rehab_opt.optim.certificate import all_true
@@ -69,9 +69,14 @@ def judged_state(
     if led is not None:
         # What follows a stamp that went back has only come forward again.
         paused = ca.logic_and(stamps.reason == NUMBER["STAMP_GAP"], ca.logic_not(own.back))
-        moved = ca.dot(q - led_memory(n).parts(own.led).seen, last)
-        rests = ca.logic_and(paused, ca.logic_not(moved > 0.5 * ca.sumsqr(last) * stamps.details[0]))
-        after, reference, said = led.tick(ca.if_else(paused, 0, own.led), q, ca.if_else(rests, 0, last))
+        moved, gap = led.shortest(q - led_memory(n).parts(own.led).seen), stamps.details[0]
+        went_on = ca.logic_and(
+            ca.dot(moved, last) > 0.5 * ca.sumsqr(last) * gap,
+            ca.norm_2(moved) <= 2 * ca.norm_2(last) * gap + JUMP,
+        )
+        rests = ca.logic_and(paused, ca.logic_not(went_on))
+        commanded = ca.if_else(paused, moved / dt, last)  # what a late servo has under way stays under way
+        after, reference, said = led.tick(ca.if_else(rests, 0, own.led), q, ca.if_else(rests, 0, commanded))
         found = SAID.parts(said)
         lost = ca.if_else(lost[0] > 0, lost, found.fault * ca.vertcat(1, found.joint, found.far))
         missing = ca.logic_and(found.missing, all_true(ca.fabs(q) <= MAX_MAGNITUDE))  # others are named by the tick
