@@ -23,7 +23,7 @@ from rehab_opt.optim.certificate import all_true, clipped
 from rehab_opt.optim.rows import MAX_MAGNITUDE
 from rehab_opt.symbolic.record import Record, Values
 
-__all__ = ["JUMP", "SAID", "FrontEnd", "led_memory"]
+__all__ = ["JUMP", "LATE", "SAID", "FrontEnd", "led_memory"]
 
 LATE = 0.1
 """[s] by which a servo may be late."""

@@ -6,7 +6,7 @@ from functools import cache
 
 import casadi as ca
 
-from rehab_opt.control.front_end import JUMP, SAID, FrontEnd, led_memory
+from rehab_opt.control.front_end import JUMP, LATE, SAID, FrontEnd, led_memory
 from rehab_opt.control.reasons import NUMBER
 from rehab_opt.control.watchdog import NO_STAMP, STAMPS, checked_stamp, first_of
 from rehab_opt.optim.certificate import all_true
@@ -75,8 +75,15 @@ def judged_state(
             ca.norm_2(moved) <= 2 * ca.norm_2(last) * gap + JUMP,
         )
         rests = ca.logic_and(paused, ca.logic_not(went_on))
-        commanded = ca.if_else(paused, moved / dt, last)  # what a late servo has under way stays under way
-        after, reference, said = led.tick(ca.if_else(rests, 0, own.led), q, ca.if_else(rests, 0, commanded))
+        # What a late servo has under way stays under way, but for a long pause. A first sample may be wrong.
+        numbers = all_true(ca.fabs(q) <= MAX_MAGNITUDE)
+        commanded = ca.if_else(ca.logic_and(paused, numbers), moved / dt, last)
+        parts = led_memory(n).parts(own.led)
+        remembered = led_memory(n).changed(parts, known=ca.if_else(rests, ca.fmin(parts.known, 1), parts.known))
+        forgotten = ca.logic_and(rests, gap > 3 * LATE)
+        after, reference, said = led.tick(
+            ca.if_else(forgotten, 0, remembered.column), q, ca.if_else(forgotten, 0, commanded)
+        )
         found = SAID.parts(said)
         lost = ca.if_else(lost[0] > 0, lost, found.fault * ca.vertcat(1, found.joint, found.far))
         missing = ca.logic_and(found.missing, all_true(ca.fabs(q) <= MAX_MAGNITUDE))  # others are named by the tick
