@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import casadi as ca
+import numpy as np
 
 from rehab_opt.braking.manoeuvre import Manoeuvre, further
 from rehab_opt.control.limit import Limit, smallest_rows
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.optim.qrqp import qrqp
+from rehab_opt.optim.rows import MAX_MAGNITUDE
 
 __all__ = [
     "Bound",
@@ -52,14 +55,19 @@ class Way(NamedTuple):
     """(6, n) at q."""
 
 
-class Bound(Protocol):
+class Bound(ABC):
     """A limit."""
 
+    def at_most(self, way: Way) -> ca.SX:
+        """(m,) zero or below only where `excess` is, and evaluated sooner where that can be."""
+        return self.excess(way)
+
+    @abstractmethod
     def excess(self, way: Way) -> ca.SX:
         """(k,) by how much it is passed; zero or below where it is kept."""
 
 
-class JointSpeed:
+class JointSpeed(Bound):
     """|u_i| <= v_i"""
 
     def __init__(self, manoeuvre: Manoeuvre) -> None:
@@ -70,7 +78,7 @@ class JointSpeed:
         return ca.fabs(way.u) - self._speed
 
 
-class JointAcceleration:
+class JointAcceleration(Bound):
     """|u_i - last_i| <= a_i dt"""
 
     def __init__(self, manoeuvre: Manoeuvre) -> None:
@@ -81,11 +89,16 @@ class JointAcceleration:
         return ca.fabs(way.u - way.last) - self._change * (1 + 1e-9)
 
 
-class HandSpeed:
+class HandSpeed(Bound):
     """|J_v u| <= linear and |J_w u| <= angular, now, after the tick, and half the way to rest at half the speed."""
 
     def __init__(self, chain: SerialChain, manoeuvre: Manoeuvre, *, linear: float, angular: float) -> None:
         self._chain, self._manoeuvre, self._most = chain, manoeuvre, (linear, angular)
+        rows, tool = chain.rows, float(np.linalg.norm(chain.tool[:3, 3]))
+        slides = np.minimum(np.maximum(np.abs(chain.lower), np.abs(chain.upper)), MAX_MAGNITUDE)
+        lengths = [r.across + abs(r.along) + s * r.prismatic for r, s in zip(rows, slides, strict=True)]
+        arms = [rows[i].across + sum(lengths[i + 1 :]) + tool for i in range(chain.n)]
+        self._longest = ca.DM(np.maximum(arms, 1.0) if any(row.prismatic for row in rows) else arms)
 
     def over(self, twist: ca.SX) -> ca.SX:
         """Speeds of a twist (6,) over their limits."""
@@ -99,6 +112,19 @@ class HandSpeed:
             for i, most in ((0, self._most[0]), (3, self._most[1]))
         )
         return ca.fmin(linear, angular)
+
+    def at_most(self, way: Way) -> ca.SX:
+        """What `excess` does not exceed, from J(q) alone.
+
+        A motion d of the joints changes J_v u by at most (|d_1| + ... + |d_n|) (r_1 |u_1| + ... + r_n |u_n|) with r_i
+        the longest column of J_v at any posture, and J_w u by as much with 1 for r_i.
+        """
+        dt, size = self._manoeuvre.dt, ca.fabs(way.u)
+        tick, over = dt * ca.sum1(size), []
+        for rows, longest, most in ((slice(3), self._longest, self._most[0]), (slice(3, 6), 1.0, self._most[1])):
+            now, bend = ca.norm_2((way.jacobian @ way.u)[rows]), tick * ca.sum1(longest * size)
+            over.append(ca.fmax(now + bend, 0.5 * (now + bend * (1 + way.ticks / 2))) / most - 1)
+        return ca.vertcat(*over)
 
     def excess(self, way: Way) -> ca.SX:
         """(3,)"""
@@ -120,7 +146,7 @@ class Rows(NamedTuple):
     """(m,) [s] by which u moves these places."""
 
 
-class Kept:
+class Kept(Bound):
     """h(q) >= 0 of a user's `Limit`s, after the tick and on the way to rest.
 
     Judged at `WAY` places, between two of them at the lowest of a parabola through three.

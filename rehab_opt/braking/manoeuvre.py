@@ -88,20 +88,15 @@ class Manoeuvre:
         """
         dt, speed, change = self.dt, self.speed, self.change
         seconds = dt * (1 + further(self.ticks(last) + 1))
-        within = ca.fmax(last - change, -speed), ca.fmin(last + change, speed)
         rooms = q - self._low, self._high - q
-        hard = [ca.fmin(ca.fmax(room / dt, 0), speed) for room in rooms]
-        ends = []
-        for room in rooms:
-            inside = ca.fmax(room, 0)
-            back = -ca.fmin(self._back, ca.fmax(-room, 0) / dt)
-            stops = ca.if_else(room < -OUTSIDE, back, stopping_speed(room, change, dt))
-            gently = ca.fmin(stops, gentle_speed(inside, change / dt, APPROACH))
-            ends.append((stops, gently, ca.if_else(gently > 0, ca.fmin(gently, inside / seconds), gently)))
+        hard = [clipped(room / dt, 0, speed) for room in rooms]
+        least, most = (clipped(last + sign * change, -hard[0], hard[1]) for sign in (-1, 1))
         sides = []
-        for sign, (stops, gently, aimed) in zip((-1, 1), ends, strict=True):
-            now = [clipped(clipped(sign * end, *within), -hard[0], hard[1]) for end in (stops, gently)]
-            sides.append((*now, sign * ca.fmin(aimed, speed)))
+        for sign, room in zip((-1, 1), rooms, strict=True):
+            stops = stopping_speed(room, change, dt) + clipped((room + OUTSIDE) / dt, -self._back, 0)
+            gently = ca.fmin(stops, gentle_speed(room, change / dt, APPROACH))
+            aimed = ca.fmin(ca.fmin(gently, ca.fmax(room, 0) / seconds), speed)
+            sides.append((clipped(sign * stops, least, most), clipped(sign * gently, least, most), sign * aimed))
         return Intervals(*(end for both in zip(*sides, strict=True) for end in both))
 
     def outside(self, q: ca.SX) -> ca.SX:

@@ -45,6 +45,8 @@ Array = NDArray[np.float64]
 LEAST_DAMPING, DAMPING = 4e-4, 0.5
 """[m^2/rad^2] of a step at least: the square of the singular value below which a direction counts as lost; and
 [m/rad^2] for each metre of the error that limits or singular postures leave, where steps would else be too long."""
+MISSED = 0.02
+"""Share of a twist that the least damping takes where the arm is regular: no limit leaves that."""
 PASSES = 3
 """Of a damped solve: each further one takes out what damping left where the arm is regular."""
 BRAKES = 0.7
@@ -209,7 +211,7 @@ class PoseTracker(VelocityController):
         movable, error = ca.diag(ca.DM(~chain.locked)), tick.once(_error(target, chain.pose_expression(now.q)))
         # A target that is far away is not followed by its twist.
         damping = LEAST_DAMPING + DAMPING * ca.norm_2(error[:3])
-        follow = tick.once(_damped(ca.diag(weights) @ now.jacobian @ movable, weights * twist, damping, PASSES))
+        follow = tick.once(_damped(ca.diag(weights) @ now.jacobian @ movable, weights * twist, damping, 1))
         relative = now.last - follow
         ticks = tick.once(ticks_to_rest(relative, BRAKES * brake.change))
         there = tick.once(now.q + dt * further(ticks) * relative)
@@ -229,9 +231,11 @@ class PoseTracker(VelocityController):
         low = ca.if_else(ends.low <= -brake.speed, -far, ends.low)
         high = ca.if_else(ends.high >= brake.speed, far, ends.high)
         lower, upper = tick.once((ca.fmin(low, ends.high), high))
-        reached = clipped(base + _damped(J, asked, LEAST_DAMPING, PASSES), lower, upper)
-        d = tick.once(LEAST_DAMPING + DAMPING * S * ca.norm_2(asked - J @ (reached - base)))
-        return Wanted(J, base, asked, d, lower, upper, tick.once(base + _damped(J, asked, d, 1)))
+        free = tick.once(base + _damped(J, asked, LEAST_DAMPING, 1))
+        left = ca.norm_2(asked - J @ (clipped(free, lower, upper) - base)) - MISSED * ca.norm_2(asked)
+        d = tick.once(LEAST_DAMPING + DAMPING * S * ca.fmax(left, 0))
+        w = tick.when(left > 0, lambda: base + _damped(J, asked, d, 1), free)
+        return Wanted(J, base, asked, d, lower, upper, w)
 
     def braking(self) -> ca.Function:
         """q, memory -> what is remembered of a tick of braking, and its report; nothing is led back to a limit."""
@@ -294,24 +298,26 @@ class PoseTracker(VelocityController):
         if self.limits:
             bounds.append(self._kept)
 
+        def way(u: ca.SX) -> Way:
+            return Way(now.q, now.last, u, further(brake.ticks(u)), now.jacobian)
+
         def excess(u: ca.SX) -> ca.SX:
-            way = Way(now.q, now.last, u, further(brake.ticks(u)), now.jacobian)
-            return ca.vertcat(*(bound.excess(way) for bound in bounds))
+            return ca.vertcat(*(bound.excess(way(u)) for bound in bounds))
 
         wanted = tick.once(u)
-        over = tick.once(excess(wanted))
+        at_most = ca.vertcat(*(bound.at_most(way(wanted)) for bound in bounds))
 
         def blended() -> ca.SX:
-            least = tick.once(excess(braked))
+            least, found = tick.once((excess(braked), excess(wanted)))
             most = tick.once(ca.fmax(least, 0))
-            share, found = ca.SX(1), over
+            share = ca.SX(1)
             for _ in range(SECANTS):
                 part = 0.999 * (most - least) / ca.fmax(found - least, TINY)
                 share = tick.once(share * ca.mmin(ca.if_else(found > most + ROUNDING, part, 1)))
                 found = tick.once(excess(braked + share * (wanted - braked)))
             return braked + ca.if_else(all_true(found <= most + ROUNDING), share, 0) * (wanted - braked)
 
-        return tick.when(all_true(over <= ROUNDING), wanted, blended)
+        return tick.when(all_true(at_most <= ROUNDING), wanted, blended)
 
     def step(
         self, q: ArrayLike, pose: ArrayLike, twist: ArrayLike, *, enable: object = True, stamp: float | None = None
