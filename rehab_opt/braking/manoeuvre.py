@@ -89,7 +89,8 @@ class Manoeuvre:
         dt, speed, change = self.dt, self.speed, self.change
         seconds = dt * (1 + further(self.ticks(last) + 1))
         rooms = q - self._low, self._high - q
-        hard = [clipped(room / dt, 0, speed) for room in rooms]
+        fast = [ca.if_else(other < -OUTSIDE, self._back, speed) for other in reversed(rooms)]
+        hard = [clipped(room / dt, 0, most) for room, most in zip(rooms, fast, strict=True)]
         least, most = (clipped(last + sign * change, -hard[0], hard[1]) for sign in (-1, 1))
         sides = []
         for sign, room in zip((-1, 1), rooms, strict=True):

@@ -172,8 +172,9 @@ class PoseTracker(VelocityController):
         checked_number("dt", dt, above=0.0, below=1.0)
         checked_number("recovery_speed", recovery_speed, above=0.0, below=1.0)
         self.limits = all_limits(limits, limited, dt, recovery_speed)
-        self.jerk = None
-        if jerk is not None:
+        if jerk is None:
+            self.jerk = None
+        else:
             if len(self.limits):
                 raise ConfigurationError("jerk", jerk, "None with limits, which have bounds that come before a drive's")
             self.jerk = JerkBounds.checked(limited, jerk, dt, recovery_speed)
