@@ -55,7 +55,7 @@ LEAST_DAMPING, DAMPING = 4e-4, 0.5
 [m/rad^2] for each metre of the error that limits or singular postures leave, where steps would else be too long."""
 MISSED = 0.02
 """Share of a twist that the least damping takes where the arm is regular: no limit leaves that."""
-PASSES = 3
+PASSES = 2
 """Of a damped solve: each further one takes out what damping left where the arm is regular."""
 BRAKES = 0.7
 """Share of the accelerations that the approach to a target counts on."""
@@ -78,11 +78,13 @@ class Now(NamedTuple):
 
 
 class Wanted(NamedTuple):
-    """min |J (u - base) - asked|^2 + damping |u - base|^2 within lower and upper; w is its answer without these."""
+    """min |J (u - base) - asked|^2 + damping |u - centre|^2 within lower and upper; w is its answer without these."""
 
     J: ca.SX
     base: ca.SX
     asked: ca.SX
+    centre: ca.SX
+    """(n,) `base`, or what goes most of the way to w where nothing holds that back: no damping is left in w then."""
     damping: ca.SX
     lower: ca.SX
     upper: ca.SX
@@ -198,7 +200,7 @@ class PoseTracker(VelocityController):
 
         velocity = variable("velocity", n, lower=wanted.lower, upper=wanted.upper)
         variables, analytic, subject_to, u = [velocity], wanted.w, [], velocity.symbol
-        cost = ca.sumsqr(wanted.J @ (u - wanted.base) - wanted.asked) + wanted.damping * ca.sumsqr(u - wanted.base)
+        cost = ca.sumsqr(wanted.J @ (u - wanted.base) - wanted.asked) + wanted.damping * ca.sumsqr(u - wanted.centre)
         towards, outside = tick.once(self._towards(now, u)), now.outside
         if self.kept is not None:
             rows = tick.once(self.kept.rows(tick, now.state, now.braked, now.ends.least, now.ends.most))
@@ -238,7 +240,7 @@ class PoseTracker(VelocityController):
         movable, error = ca.diag(ca.DM(~chain.locked)), tick.once(_error(target, chain.pose_expression(now.state.q)))
         # A target that is far away is not followed by its twist.
         damping = LEAST_DAMPING + DAMPING * ca.norm_2(error[:3])
-        follow = tick.once(_damped(ca.diag(weights) @ now.state.jacobian @ movable, weights * twist, damping, 1))
+        follow = tick.once(_damped(ca.diag(weights) @ now.state.jacobian @ movable, weights * twist, damping, PASSES))
         relative = now.state.last - follow
         ticks = tick.once(ticks_to_rest(relative, BRAKES * brake.change))
         there = tick.once(now.state.q + dt * further(ticks) * relative)
@@ -258,11 +260,13 @@ class PoseTracker(VelocityController):
         low = ca.if_else(ends.low <= -brake.speed, -far, ends.low)
         high = ca.if_else(ends.high >= brake.speed, far, ends.high)
         lower, upper = tick.once((ca.fmin(low, ends.high), high))
-        free = tick.once(base + _damped(J, asked, LEAST_DAMPING, 1))
+        first, last = (_damped(J, asked, LEAST_DAMPING, passes) for passes in (PASSES - 1, PASSES))
+        free = tick.once(base + last)
         left = ca.norm_2(asked - J @ (clipped(free, lower, upper) - base)) - MISSED * ca.norm_2(asked)
         d = tick.once(LEAST_DAMPING + DAMPING * S * ca.fmax(left, 0))
+        centre = tick.once(base + ca.if_else(left > 0, 0, first))
         w = tick.when(left > 0, lambda: base + _damped(J, asked, d, 1), free)
-        return Wanted(J, base, asked, d, lower, upper, w)
+        return Wanted(J, base, asked, centre, d, lower, upper, w)
 
     def braking(self) -> ca.Function:
         """q, memory, moving capsules if any -> what is remembered of a tick of braking, and its report.
