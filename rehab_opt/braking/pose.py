@@ -278,9 +278,9 @@ class PoseTracker(VelocityController):
         now = self._now(tick, State(q, memory[:n], ca.SX(6, n), moving), memory)
         rest = now.braked
         if self.jerk is None:
-            least, most = now.ends.least, now.ends.most
-            rest = self._manoeuvre.braked(memory[:n])
-            rest = clipped(rest, ca.fmin(least, ca.fmax(most, 0)), ca.fmax(most, ca.fmin(least, 0)))
+            brake, last = self._manoeuvre, memory[:n]
+            least = ca.fmin(now.ends.least, ca.fmax(last - brake.change, 0))
+            rest = clipped(brake.braked(last), least, ca.fmax(now.ends.most, ca.fmin(last + brake.change, 0)))
         if self.kept is not None:
             rest = tick.once(rest)
             rest = tick.call(self.limits.keeping, q, moving, rest, rest)[0]
