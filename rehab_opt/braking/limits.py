@@ -273,7 +273,8 @@ class Kept(Bound):
             lever = one.dt * (1 + part * further(ticks + 1))
             table = self._tangents(tick, Way(state, brake, further(ca.fmax(ticks - 1, 0))), part)
             h, slopes = table[:, 0], table[:, 1:]
-            margin = (CLEAR + BEND * (lever * ca.norm_2(one.change)) ** 2) * ca.sqrt(ca.sum2(slopes**2))
+            way = one.dt**2 + BEND * (lever - one.dt) ** 2
+            margin = (CLEAR + way * ca.sumsqr(one.change)) * ca.sqrt(ca.sum2(slopes**2))
             can = lever * (ca.fmax(slopes, 0) @ (most - brake) + ca.fmin(slopes, 0) @ (least - brake))
             away = ca.fmax(ca.fmin(PUSH * (margin - h), 0.5 * can), 0) / lever
             upper = ca.fmax(h - margin, 0) / lever - slopes @ brake
