@@ -243,18 +243,14 @@ class Kept(Bound):
         """Whether one is below zero at q (n,)."""
         return ca.mmin(ca.vertcat(0, *(each.h(tick, q, ca.SX(0), moving) for each in self._kinds))) < -OUTSIDE
 
-    def _seconds(self, ticks: ca.SX, part: float) -> ca.SX:
-        """[s] after which so much of the way to rest is behind the joints; it takes some 2 F ticks."""
-        return self._manoeuvre.dt * (1 + 2 * (1 - math.sqrt(1 - part)) * ticks)
-
     def excess(self, tick: Stages, way: Way) -> ca.SX:
-        """(k,) in the limits' own units."""
+        """(k,) in the limits' own units; bodies that move are where they will be at the end of the tick."""
         over = [ca.SX(0, 1)]
         for each in self._kinds:
             parts, h = [k / each.places for k in range(each.places + 1)], []
             for part in parts:
                 place = self._manoeuvre.place(way.state.q, way.u, way.ticks * part)
-                h.append(each.h(tick, place, self._seconds(way.ticks, part), way.state.moving))
+                h.append(each.h(tick, place, ca.SX(self._manoeuvre.dt), way.state.moving))
             over += [2 * ROUNDING - one for one in h]
             for a, b, c in zip(h, h[1:], h[2:], strict=False):
                 fall, bow = ca.fmax(3 * a - 4 * b + c, 0), ca.fmax(a - 2 * b + c, 1e-12)
@@ -262,9 +258,11 @@ class Kept(Bound):
         return ca.vertcat(*over)
 
     def _tangents(self, tick: Stages, way: Way, part: float) -> ca.SX:
-        place = self._manoeuvre.place(way.state.q, way.u, part * way.ticks)
-        seconds = self._seconds(way.ticks, part)
-        return ca.vertcat(*(each.tangents(tick, place, seconds, way.state.moving) for each in self._kinds))
+        """Where such a part of the way is behind the joints, by when braking of the last velocity would be there."""
+        ticks, place = self._manoeuvre.ticks(way.state.last), self._manoeuvre.place
+        seconds = self._manoeuvre.dt * (1 + (1 - math.sqrt(1 - part)) * ticks)
+        there = place(way.state.q, way.u, part * way.ticks)
+        return ca.vertcat(*(each.tangents(tick, there, seconds, way.state.moving) for each in self._kinds))
 
     def rows(self, tick: Stages, state: State, brake: ca.SX, least: ca.SX, most: ca.SX) -> Rows:
         """About the command `brake` (n,), which keeps them, of commands from `least` to `most` (n,)."""

@@ -369,13 +369,11 @@ class PoseTracker(VelocityController):
         if not limits.moving:
             return tick.when(tick.call(limits.judged, q, moving, u)[0], u, back)
 
-        def led_clear() -> ca.SX:
-            contacts = tick.call(limits.clearance.nearest, q, u, moving, ca.SX(2 * self.dt))[0]
-            aside = tick.once(limits.led_clear(u, self.bounds(q, memory), contacts))
-            return tick.when(tick.call(limits.all_clear, q, moving, aside)[0], aside, u)
-
         def otherwise() -> ca.SX:
-            return tick.when(tick.call(limits.judged, q, moving, u)[0], led_clear, back)
+            kept = tick.once(tick.when(tick.call(limits.judged, q, moving, u)[0], u, back))
+            contacts = tick.call(limits.clearance.nearest, q, kept, moving, ca.SX(2 * self.dt))[0]
+            aside = tick.once(limits.led_clear(kept, self.bounds(q, memory), contacts))
+            return tick.when(tick.call(limits.all_clear, q, moving, aside)[0], aside, kept)
 
         return tick.when(tick.call(limits.all_clear, q, moving, u)[0], u, otherwise)
 
