@@ -423,9 +423,19 @@ def place(
 def score(
     recordings: Annotated[list[str], typer.Argument(metavar="RECORDING...", help="Recordings of a hand, one or more.")],
     *,
-    columns: Annotated[str | None, typer.Option(help="Columns of x, y (and z), with commas between.")] = None,
-    marker: Annotated[str | None, typer.Option(help="The hand's marker in a motion-capture file.")] = None,
-    separator: Annotated[str, typer.Option(help="Of a .csv: comma, semicolon or tab.")] = "comma",
+    columns: Annotated[str | None, typer.Option(help="Columns of x, y (and z), or their numbers.")] = None,
+    marker: Annotated[str | None, typer.Option(help="The hand's marker in motion capture, or its number.")] = None,
+    time_column: Annotated[str | None, typer.Option(help="Column of times in a .csv.")] = None,
+    rate_hz: Annotated[float | None, typer.Option(help="Samples a second, in place of the file's times.")] = None,
+    units: Annotated[
+        str | None, typer.Option(help="In place of the file's, of length, angle and time: mm,deg,us for example.")
+    ] = None,
+    up: Annotated[str | None, typer.Option(help="The axis that points up, z by default: y, -z, ...")] = None,
+    window_s: Annotated[str | None, typer.Option(help="from,to in s after the first sample; the rest is left.")] = None,
+    trials: Annotated[
+        str | None, typer.Option(help="Column of a .csv that numbers trials; event(s) of a .c3d: begin or begin,end.")
+    ] = None,
+    separator: Annotated[str, typer.Option(help="Of a .csv: comma, semicolon, tab or blank.")] = "comma",
     decimal: Annotated[str, typer.Option(help="Of a .csv: point or comma.")] = "point",
     count_mm: Annotated[float | None, typer.Option(help="Millimetres of one raw count, or of a .c3d's unit.")] = None,
     tick_ms: Annotated[float | None, typer.Option(help="Milliseconds that one raw count of time is.")] = None,
@@ -436,6 +446,9 @@ def score(
     ] = False,
     cutoff: Annotated[float, typer.Option(help="Of the low-pass before speeds are taken, in Hz.")] = 10.0,
     threshold: Annotated[float, typer.Option(help="Fraction of the peak speed where a movement begins.")] = 0.05,
+    range_of_motion: Annotated[
+        bool, typer.Option("--range-of-motion", help="Of joint angles alone: the keys of a problem file's arm instead.")
+    ] = False,
     out: Annotated[Path | None, typer.Option(help="A .csv; standard output by default.")] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace the .csv where there is one.")] = False,
     study: StudyOption = None,
@@ -448,12 +461,14 @@ def score(
     Notes, on the error stream, say what to know of the numbers: gaps, noise, rest. rehab_opt.measures has the formulas.
     """
     from rehab_opt.recordings.tables import SEPARATORS  # noqa: PLC0415
-    from rehab_opt.session.scoring import score_recordings, write_rows  # noqa: PLC0415
+    from rehab_opt.session.scoring import range_of_motion_keys, score_recordings, write_rows  # noqa: PLC0415
 
     if out is not None:
         no_folder(out)
         writable(out.parent)
         not_there_yet(out, force=force, inputs=map(Path, recordings))
+    if range_of_motion and out is not None:
+        raise ConfigurationError("--out", str(out), "no --out with --range-of-motion, whose keys are printed")
     into = destination(study, person, session, covariate)
     how: dict[str, Any] = {
         "reading": {
@@ -463,6 +478,12 @@ def score(
             "decimal": one_of("--decimal", decimal, ("point", "comma")),
             "count_mm": count_mm,
             "tick_ms": tick_ms,
+            "time_column": time_column,
+            "rate_hz": rate_hz,
+            "units": None if units is None else units.split(","),
+            "up": up,
+            "window_s": None if window_s is None else numbers_in("--window-s", window_s),
+            "trials": trials,
         },
         "target": None if target is None else numbers_in("--target", target),
         "pause": pause,
@@ -476,7 +497,9 @@ def score(
         with undisturbed():
             new = into.add(score_trials(scored, how))
         print(printable(f"rehab-opt: {into.said(new)}"), file=sys.stderr)  # rows alone are on the output
-    if out is None:
+    if range_of_motion:
+        print("\n".join(range_of_motion_keys(scored.rows)))
+    elif out is None:
         write_rows(scored.rows, sys.stdout)
     else:
         with undisturbed():
@@ -486,6 +509,10 @@ def score(
         print(printable(f"rehab-opt: {note}"), file=sys.stderr)
     if out is not None:
         say(f"written to {out}: {len(scored.rows)} rows")
+    for problem in scored.refused:
+        print(printable(f"rehab-opt: not measured: {problem}"), file=sys.stderr)
+    if scored.refused:
+        raise typer.Exit(1)
 
 
 @app.command()

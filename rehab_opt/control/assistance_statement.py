@@ -1,13 +1,11 @@
-"""The QP of one tick of assistance: math of the bounds on a force, of its rate and of its energy."""
+"""The QP of one tick of assistance: the desired force within its ceiling and its slew bound, which are discs."""
 
 from __future__ import annotations
 
-import math
 from functools import cache
 
 import casadi as ca
 
-from rehab_opt.optim.certificate import all_true
 from rehab_opt.optim.qp import Statement
 from rehab_opt.optim.rows import parameter, variable, within
 
@@ -17,58 +15,63 @@ EXACT = 1 - 1e-12
 """Shrinking aims so far below a bound that rounding stays below it, too."""
 TINY = 1e-12
 """[N] A force that is none."""
-ENERGY_ROUNDING = 1e-9
-"""[J]"""
 
 
 @cache
 def assistance_statement() -> Statement:
-    """Min |F - F_desired|^2  s.t.  |F| <= ceiling, |F - F_last| <= step, F.v dt <= energy left.
+    """Min |F - F_desired|^2  s.t.  |F| <= ceiling, |F - F_last| <= step.
 
-    Parameters are the desired force (2,), velocity (2,), ceiling, energy left, force limit, step and dt; the memory is
-    the last force; the report says whether every bound holds for the force that is remembered, which is the one to
-    send.
+    Parameters are the desired force (2,), which is within the ceiling, and ceiling, step and force limit; the memory is
+    the last force. The ceiling is what force limit, growth limit and energy tank allow; no further than a step from it.
 
-    The desired force comes no larger than the ceiling, the smaller of `force_limit` and what the tank affords: the
-    nearest point of a disc is known. The disc of the slew bound is replaced by the square inside it that has a corner
-    on the way to the desired force, which therefore is approached at full rate; on the way to none, where only that is
-    fast enough for a ceiling that fell. What the ceiling's tangent leaves outside the disc, and solvers outside the
-    square, is shrunk after the solve, and judged again.
+    The answer has a closed form: the desired force, else the point towards it on the disc of the slew bound, else,
+    where the ceiling fell below the last force, the point where both circles meet on the desired force's side. The rows
+    are the tangents of both discs there, so its multipliers certify it for the discs. What a solver leaves outside the
+    discs is shrunk after the solve.
     """
-    desired, velocity = parameter("desired", 2), parameter("velocity", 2)
-    ceiling, left, last = parameter("ceiling", 1), parameter("left", 1), parameter("last", 2)
-    force_limit, step, dt = (parameter(name, 1) for name in ("force_limit", "step", "dt"))
+    desired, last = parameter("desired", 2), parameter("last", 2)
+    ceiling, step, force_limit = (parameter(name, 1) for name in ("ceiling", "step", "force_limit"))
     force = variable("force", 2)
     F = force.symbol
-    falls = ca.norm_2(last) - ceiling > math.sqrt(0.5) * step
-    along = _direction(ca.if_else(falls, -last, desired - last))
-    diagonals = ca.vertcat(ca.horzcat(along[0] - along[1], along[1] + along[0]),
-                           ca.horzcat(along[0] + along[1], along[1] - along[0]))  # fmt: skip
-    # Both shrinkings keep what the other bounds say: F_last is in the disc, and so is what lies between.
-    moved = F - last
-    near = last + moved * ca.fmin(1, EXACT * step / ca.fmax(ca.norm_2(moved), TINY))
-    bounded = near * ca.fmin(1, EXACT * force_limit / ca.fmax(ca.norm_2(near), TINY))
-    holds = all_true(
-        ca.norm_2(bounded) <= force_limit,
-        ca.norm_2(bounded - last) <= step + TINY,
-        ca.dot(bounded, velocity) * dt <= left + ENERGY_ROUNDING,
+    towards = last + _within(desired - last, step)
+    corner = ca.norm_2(towards) > ceiling * (1 + TINY)
+    inward, size = _direction(last), ca.norm_2(last)
+    along = (size + (ceiling - step) * (ceiling + step) / size) / 2
+    beside = ca.sqrt(ca.fmax((ceiling - along) * (ceiling + along), 0)) * ca.sign(_cross(inward, desired))
+    meet = ca.vertcat(inward[0] * along - inward[1] * beside, inward[1] * along + inward[0] * beside)
+    answer = ca.if_else(corner, meet, towards)
+    slews, caps, lacks = _direction(answer - last), _direction(answer), desired - answer
+    turn = _cross(slews, caps)
+    multipliers = ca.vertcat(
+        ca.if_else(corner, _cross(lacks, caps) / turn, ca.norm_2(lacks)),
+        ca.if_else(corner, _cross(slews, lacks) / turn, 0),
     )
+    # Shrinking to the limit keeps the slew bound: the last force is within the limit.
+    sent = _within(last + _within(F - last, EXACT * step), EXACT * force_limit)
     return Statement(
         name="assistance",
-        parameters=[desired, velocity, ceiling, left, force_limit, step, dt],
+        parameters=[desired, ceiling, step, force_limit],
         variables=[force],
         minimise=ca.sumsqr(F - desired) / 2,
         subject_to=[
-            within(diagonals @ (F - last), -step, step),
-            within(ca.dot(_direction(last), F), -ca.inf, ceiling),
-            within(ca.dot(F, velocity) * dt, -ca.inf, left),
+            within(ca.dot(slews, F - last), -ca.inf, step),
+            within(ca.dot(caps, F), -ca.inf, ceiling),
         ],
-        requires=[ceiling >= 0, left >= 0],
-        analytic=desired,
+        requires=[ceiling >= 0],
+        analytic=answer,
+        dual=multipliers,
         memory=last,
-        remember=bounded,
-        report=holds,
+        remember=sent,
     )
+
+
+def _within(vector: ca.SX, radius: ca.SX) -> ca.SX:
+    """The vector, shortened to a disc's radius."""
+    return vector * ca.fmin(1, radius / ca.fmax(ca.norm_2(vector), TINY))
+
+
+def _cross(a: ca.SX, b: ca.SX) -> ca.SX:
+    return a[0] * b[1] - a[1] * b[0]
 
 
 def _direction(vector: ca.SX) -> ca.SX:

@@ -69,8 +69,8 @@ class BoundedForce(OneThread):
     """Force on a hand [N]: the desired one as far as bounds on its size, its change and its energy allow.
 
     min  |F - F_desired|^2
-    s.t. |F| <= force_limit, |F - F_last| <= slew_limit dt, F.v dt <= energy left in the tank,
-         |F| <= largest force of late + growth_limit dt
+    s.t. |F - F_last| <= slew_limit dt,
+         |F| <= min(force_limit, largest force of late + growth_limit dt, what the energy tank affords)
 
     The force bound holds exactly and always. The slew bound holds but for a flagged release (`Relaxed.SLEW`): the force
     is zero at once when the hand moves faster than `speed_cap`, or the energy left no longer affords a release within
@@ -204,24 +204,24 @@ class BoundedForce(OneThread):
             tolerance=tolerance,
         )
         """`MODEL` of this one."""
-        tick = force_tick(self.slots)
-        self._judge, self._conclude = (BufferedFunction(each, compile=compile) for each in (tick.judge, tick.conclude))
-        rest = [
-            BufferedFunction(each)
-            for each in (tick.precompute, tick.finish, *(part(self.slots) for part in (affordable, give, anew)))
-        ]
-        for function in (self._judge, self._conclude, *rest):
+        tick, force = force_tick(self.slots), np.zeros(2)
+        self._judge = judge = BufferedFunction(tick.judge, compile=compile, inputs={2: force})
+        _, watched, _, sample = judge.inputs
+        watched_next, view = judge.outputs
+        self._conclude = BufferedFunction(tick.conclude, compile=compile, inputs={1: force, 2: view})
+        desired, (solved,) = self._conclude.inputs[3], self._conclude.outputs
+        self._precompute = BufferedFunction(tick.precompute, inputs={1: view, 2: desired})
+        self._finish = BufferedFunction(tick.finish, inputs={1: force, 2: view, 3: desired})
+        rest = [BufferedFunction(part(self.slots)) for part in (affordable, give, anew)]
+        self._affordable, self._give, self._anew = rest
+        for function in (judge, self._conclude, self._precompute, self._finish, *rest):
             function.inputs[0][:] = self.model
-        self._precompute, self._finish, self._affordable, self._give, self._anew = rest
-        (_, watched, last, sample), (watched_next, judged) = self._judge.inputs, self._judge.outputs
-        (_, state, view, desired), (state_next, solved) = self._conclude.inputs, self._conclude.outputs
         at = watched_record(self.slots)["tank"]
         self._level, self._pending = (at + tank_record(self.slots)[name] for name in ("level", "pending"))
-        self._watched, self._force = watched, state[-2:]
+        self._watched, self._force = watched, force
         # Views of views: reading and assigning through them costs half of numpy's.
-        self._now, self._next, self._judged, self._sample = map(_view, (watched, watched_next, judged, sample))
-        self._last, self._held, self._view, self._desired_view = map(_view, (last, self._force, view, desired))
-        self._state, self._state_next, self._solved = map(_view, (state, state_next, solved))
+        self._now, self._next, self._sample, self._view = map(_view, (watched, watched_next, sample, view))
+        self._held, self._desired_view, self._solved = map(_view, (force, desired, solved))
         self.reset()
 
     def statement(self) -> Statement:
@@ -248,7 +248,6 @@ class BoundedForce(OneThread):
             self.nothing_seen(acting) if energy else self._anew.of(self.model, self._watched, (*self._force, *acting))
         )
         self.desired_force, self.valid = (0.0, 0.0), False
-        self._conclude.inputs[1][:] = 0.0
         self._force[:] = acting
         self._solvers.forget()
         self._give_away()
@@ -298,7 +297,8 @@ class BoundedForce(OneThread):
             x=point, v=velocity, reason=0, details=0, at_once=0, ceiling=ceiling, left=left, repeats=0, grown=grown
         )
         desired = *self._desired(*point.tolist(), *velocity.tolist()), 0.0
-        return self.stated.instance(self._precompute.of(self.model, view, desired), memory=self._force)
+        parameters, _ = force_tick(self.slots).precompute(self.model, view, desired)
+        return self.stated.instance(np.array(parameters), memory=self._force)
 
     def to_qpsolvers(self, x: ArrayLike, v: ArrayLike = (0.0, 0.0)) -> qpsolvers.Problem:
         """The same as a `qpsolvers.Problem`."""
@@ -334,11 +334,9 @@ class BoundedForce(OneThread):
         sample[4] = velocity is not None
         sample[5], sample[6] = (_NAN, NO_STAMP) if stamp is None else stamp_and_kind(stamp)
         sample[7] = is_true(enable)
-        self._last[:] = self._held
         self._judge.evaluate()
         self._now[:] = self._next
         view = self._view
-        view[:] = self._judged
         self.valid = not view[_REASON]
         if self.valid:
             x_wanted, y_wanted = self._desired(view[0], view[1], view[2], view[3])
@@ -347,33 +345,32 @@ class BoundedForce(OneThread):
             except (OverflowError, ValueError):  # an integer too large for a float
                 self._desired_view[0] = _NAN
         if self._inside:  # the usual way, without the layers of Python
-            self._solved[0] = _NAN  # see `FallbackChain`: a failure inside leaves the outputs as they are
             self._conclude.evaluate()
             if self._solved[0] == 0.0:
-                return self._command(self._solved, self._state_next, FUSED_SOLVERS)
+                return self._command(self._solved, FUSED_SOLVERS)
         return self._by_other_solvers()
 
     def _by_other_solvers(self) -> Command:
         """The tick with the QP solved outside of it."""
-        solvers, precompute, finish = self._solvers, self._precompute, self._finish
-        parameters = precompute.of(self.model, self._view, self._desired_view)
-        solver = ""
+        solvers, precompute, finish, solver = self._solvers, self._precompute, self._finish, ""
         solvers.verdict[:] = array("d", [_NAN] * len(solvers.verdict))
+        precompute.evaluate()
         if precompute.outputs[1][0]:
-            solvers.parameters[:], solvers.keep[:] = parameters, self._state
+            solvers.parameters[:], solvers.memory[:] = precompute.outputs[0], self._force
             solver = solvers.solve_with_fallback() if self._inside else solvers()
-        finish.of(self.model, self._state, self._view, self._desired_view, solvers.answer, solvers.verdict)
-        state, solved = map(_view, finish.outputs)
-        command = self._command(solved, state, (solver,) * len(FUSED_SOLVERS))
+        if not solver:
+            solvers.warm_start(0.0)
+        finish.inputs[4][:] = *solvers.answer[-2:], solvers.verdict[0], solvers.verdict[2]
+        finish.evaluate()
+        command = self._command(_view(finish.outputs[0]), (solver,) * len(FUSED_SOLVERS))
         if solver == solvers.backup != solvers.solver and command.status is Status.OK:
             return command._replace(status=Status.BACKUP, reason=f"{solvers.solver} gave no certified answer")
         return command
 
-    def _command(self, solved: memoryview[float], state: memoryview[float], names: Sequence[str]) -> Command:
+    def _command(self, solved: memoryview[float], names: Sequence[str]) -> Command:
         """What a tick has `SOLVED`; it is the last one from now on."""
-        self._state[:] = state
-        _, _, _, status, residual, solver, relaxed, scale, reason, *rest = solved.tolist()
-        self.desired_force = rest[3], rest[4]
+        _, x, y, status, residual, solver, relaxed, scale, reason, *rest = solved.tolist()
+        self._held[0], self._held[1], self.desired_force = x, y, (rest[3], rest[4])
         value = _read_only(self._held.tobytes())  # a copy
         name = names[int(solver)] if solver >= 0.0 else ""
         words = reason_text(reason, rest) if reason else ""

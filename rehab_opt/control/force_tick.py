@@ -17,8 +17,8 @@ from rehab_opt.control.energy_tank import EnergyTank, tank_record
 from rehab_opt.control.hand import HAND, SAMPLE, looked_at
 from rehab_opt.control.reasons import NUMBER
 from rehab_opt.control.watchdog import STAMPS, checked_stamp, first_of
-from rehab_opt.optim.certificate import NEGLIGIBLE, all_true, clipped, delivered_fraction
-from rehab_opt.optim.fused import fused
+from rehab_opt.optim.certificate import NEGLIGIBLE, all_true, delivered_fraction
+from rehab_opt.optim.fused import FUSED_SOLVERS
 from rehab_opt.symbolic.record import Record, Values
 
 __all__ = [
@@ -27,7 +27,6 @@ __all__ = [
     "LEAP",
     "MESSAGE",
     "MODEL",
-    "MUCH",
     "NUMBERS",
     "SOLVED",
     "VIEW",
@@ -41,8 +40,6 @@ __all__ = [
     "watched_record",
 ]
 
-MUCH = 1e3
-"""[J] More than any tick could take: energy beyond it need not enter the QP."""
 MISSED = 1e-6
 """Fraction of the desired force from which on the difference of the commanded one relaxes the task."""
 MODEL = Record(
@@ -83,34 +80,30 @@ def watched_record(slots: int) -> Record:
 
 
 class ForceTick(NamedTuple):
-    """The functions of a tick; each column is a record or the state of `fused`."""
+    """The functions of a tick; each column is a record, or the last force (2,)."""
 
     judge: ca.Function
     """`MODEL`, `watched_record`, last force (2,), `SAMPLE` -> `watched_record`, `VIEW`."""
+    conclude: ca.Function
+    """`MODEL`, last force, `VIEW`, `DESIRED` -> `SOLVED`, by the QP's closed form."""
     precompute: ca.Function
     """`MODEL`, `VIEW`, `DESIRED` -> parameters of the QP, whether there is one."""
-    conclude: ca.Function
-    """`MODEL`, state, `VIEW`, `DESIRED` -> state, `SOLVED`; solved inside."""
     finish: ca.Function
-    """`MODEL`, state, `VIEW`, `DESIRED`, the QP's answer (a state) and verdict -> state, `SOLVED`."""
+    """`MODEL`, last force, `VIEW`, `DESIRED`, a solver's force, residual and number (4,) -> `SOLVED`."""
 
 
 @cache
 def force_tick(slots: int) -> ForceTick:
     """The tick of every `BoundedForce`: what differs between them is in its model."""
-    statement = assistance_statement()
-    solve, inputs = (
-        fused(statement),
-        [ca.MX.sym("input", size) for size in (MODEL.size, statement.state_size, VIEW.size, DESIRED.size)],
-    )
-    precompute, finish = _precompute(), _finish(statement.state_size, 2 * statement.n + statement.m)
-    model, state, view, desired = inputs
-    parameters, solves = precompute(model, view, desired)
-    p, last = (ca.MX.sym("argument", solve.sparsity_in(i)) for i in range(2))
-    skip = ca.Function("skip", [p, last], [last, ca.DM.nan(solve.size1_out(1))])
-    answer, verdict = ca.Function.if_else("force_solve", solve, skip)(solves, parameters, state)
-    conclude = ca.Function("force_conclude", inputs, list(finish(model, state, view, desired, answer, verdict)))
-    return ForceTick(_judge(slots), precompute, conclude, finish)
+    statement, precompute, finish = assistance_statement(), _precompute(), _finish()
+    inputs = model, last, view, desired = finish.sx_in()[:4]
+    parameters, _ = precompute(model, view, desired)
+    answer, residual, _ = statement.screen(parameters, last)
+    _, force, _ = statement.finish(parameters, last, answer[: statement.n])
+    known = ca.vertcat(force, residual, FUSED_SOLVERS.index("closed form"))
+    solved = finish(model, last, view, desired, known)
+    conclude = ca.Function("force_conclude", inputs, [solved], {"cse": True})
+    return ForceTick(_judge(slots), conclude, precompute, finish)
 
 
 def _judge(slots: int) -> ca.Function:
@@ -152,23 +145,21 @@ def _precompute() -> ca.Function:
     desired = wanted.force
     size, ceiling = ca.norm_2(desired), ca.fmin(view.ceiling, view.grown)
     fitting = ca.if_else(size <= ceiling, 1, ceiling / size * EXACT)
-    step = model.slew_limit * model.dt
-    parameters = ca.vertcat(desired * fitting, view.v, ceiling, view.left, model.force_limit, step, model.dt)
+    parameters = ca.vertcat(desired * fitting, ceiling, model.slew_limit * model.dt, model.force_limit)
     solves = all_true(view.reason == 0, size < ca.inf)
     return ca.Function(
         "force_precompute", [model.column, view.column, wanted.column], [parameters, solves], {"cse": True}
     )
 
 
-def _finish(state_size: int, memory_at: int) -> ca.Function:
+def _finish() -> ca.Function:
     """The command: a certified force, or none, as fast as the slew bound allows or at once."""
     model, view, wanted = MODEL.symbols("model"), VIEW.symbols("view"), DESIRED.symbols("desired")
     desired, lets_go = wanted.force, wanted.lets_go != 0
-    state, answer, verdict = ca.SX.sym("state", state_size), ca.SX.sym("answer", state_size), ca.SX.sym("verdict", 4)
-    last, given, size = state[memory_at:], answer[memory_at:], ca.norm_2(desired)
-    residual, _, who, holds = ca.vertsplit(verdict)
+    last, answer, size = ca.SX.sym("last", 2), ca.SX.sym("answer", 4), ca.norm_2(desired)
+    given, residual, who = ca.vertsplit(answer, [0, 2, 3, 4])
     meant = all_true(view.reason == 0, size < ca.inf)
-    found = all_true(meant, residual >= 0, residual <= model.tolerance, holds == 1)
+    found = all_true(meant, residual >= 0, residual <= model.tolerance)
 
     missed = ca.norm_2(given - desired) > MISSED * size + TINY
     enough = NEGLIGIBLE * ca.fmin(1, model.force_limit / size)  # of what the force limit leaves of it
@@ -210,9 +201,8 @@ def _finish(state_size: int, memory_at: int) -> ca.Function:
         details=first_of([(when, details) for when, _, details in reasons]),
         desired=ca.if_else(found, desired, ca.SX.zeros(2)),
     )
-    cold = ca.vertcat(ca.SX.zeros(memory_at), weaker)
-    inputs = [model.column, state, view.column, wanted.column, answer, verdict]
-    return ca.Function("force_finish", inputs, [ca.if_else(found, answer, cold), solved], {"cse": True})
+    inputs = [model.column, last, view.column, wanted.column, answer]
+    return ca.Function("force_finish", inputs, [solved], {"cse": True})
 
 
 @cache
@@ -225,7 +215,7 @@ def affordable(slots: int) -> ca.Function:
 
 
 def _affordable(tank: EnergyTank, model: Values) -> tuple[ca.SX, ca.SX]:
-    return ca.fmin(tank.ceiling, model.force_limit), clipped(tank.left, 0, MUCH)
+    return ca.fmin(tank.ceiling, model.force_limit), ca.fmax(tank.left, 0)
 
 
 def _growth(felt: ca.SX, force: ca.SX, model: Values) -> tuple[ca.SX, ca.SX]:
@@ -315,7 +305,7 @@ def _tank(numbers: ca.SX, model: Values, slots: int) -> EnergyTank:
         tank_record(slots).parts(numbers),
         slots,
         budget=model.budget,
-        slew=model.slew_limit * ca.sqrt(0.5),  # in any direction: see `assistance_statement`
+        slew=model.slew_limit,
         speed_cap=model.speed_cap,
         late=ca.fmax(model.dt, ca.fmin(model.max_age, LATEST)),
         window=model.window,

@@ -2,12 +2,12 @@
 
 A controller acts on the led positions, which neither delay nor noise moves:
 
-    led' = command + PULL e,    e = what of (measured - led) is outside of [low, high] - led,
-    low' = (led - low) / LATE, but low <= led; high likewise
+    led' = command + PULL e,    e = what of (measured - led) is outside of [low, high],
 
-A servo that is late by up to LATE holds its joint somewhere between `low` and `high`, where the joint was led lately:
-that explains the difference while the arm moves, and nothing does at rest, so that a joint at rest is led from where
-its encoder says it is. What is pushed, sags or sticks is followed so.
+where [low, high] is where the joint was led lately, as seen from where it is led now: the least and the most of the
+last LATE to 2 LATE, through a low-pass of LATE. A servo that is late by a delay of up to LATE, by a lag of up to LATE,
+or both, holds its joint in between: that explains the difference while the arm moves, and nothing does at rest, so that
+a joint at rest is led from where its encoder says it is. What is pushed, sags or sticks is followed so.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ import numpy as np
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.optim.certificate import all_true, clipped
 from rehab_opt.optim.rows import MAX_MAGNITUDE
-from rehab_opt.symbolic.record import Record
+from rehab_opt.symbolic.record import Record, Values
 
 __all__ = ["SAID", "FrontEnd", "led_memory"]
 
@@ -30,8 +30,8 @@ LATE = 0.1
 PULL = 10.0
 """[1/s] rate at which the led position comes to the measured one: noise passes by the root of PULL dt / 2."""
 WINDOW, SHARE, PATIENCE, TICKS = 0.015, 0.08, 0.15, 5
-"""[rad or m] way of commands on which a joint is judged, twice; of which it has moved less than this share if it is
-blocked; [s, ticks] for which that is no fault."""
+"""[rad or m] way of commands, all in one direction, on which a joint is judged, twice; of which it has moved less than
+this share if it is blocked; [s, ticks] for which that is no fault."""
 BEYOND = 0.3
 """[rad] by which a joint may be beyond its limit when it is first seen: farther off it is counted otherwise."""
 NOISE = 1e-3
@@ -45,11 +45,13 @@ are none that the joints can have now."""
 
 @cache
 def led_memory(n: int) -> Record:
-    """Led positions, the least and largest lately, where each joint was seen; the way that it was led, and that it was
-    seen to move, since it was last judged; how long it was blocked [s]; since when nothing usable was seen [s];
-    whether anything was, and whether a base was seen to move.
+    """Led positions; the ends of where they were lately, in this span of `LATE` and in the one before, seen from them;
+    where each joint was seen; the way that it was led, and that it was seen to move, since it was last judged; how long
+    it was blocked [s]; how old the span is [s], since when nothing usable was seen [s]; how many samples were usable,
+    at most 2; whether a base was seen to move.
     """
-    return Record(led=n, low=n, high=n, seen=n, way=n, moved=n, blocked=n, waiting=1, known=1, placed=1)
+    ends = {"low": n, "high": n, "least": n, "most": n, "least_before": n, "most_before": n}
+    return Record(led=n, **ends, seen=n, way=n, moved=n, blocked=n, span=1, waiting=1, known=1, placed=1)
 
 
 class FrontEnd:
@@ -80,51 +82,72 @@ class FrontEnd:
         near = ca.if_else(memory.known, ahead, ca.if_else(inside, measured, middle))
         turned = measured + turning * 2 * math.pi * ca.floor((near - measured) / (2 * math.pi) + 0.5)
 
-        waiting, step = memory.waiting + dt, turned - memory.seen
-        most = ca.DM(np.where(np.arange(n) < base, MAX_MAGNITUDE, 2 * chain.velocity)) * waiting + JUMP
-        possible = all_true(number, memory.known, ca.fabs(step) <= most)
-        stands = ca.sum1(ca.fabs(command)) == 0
-        anew = all_true(number, ca.logic_or(ca.logic_not(memory.known), ca.logic_and(stands, waiting > max_age)))
-        good, known = ca.logic_or(anew, possible), ca.logic_or(memory.known, anew)
+        # The first sample is dropped where the second contradicts it.
+        waiting, step = ca.fmin(memory.waiting + dt, max_age), turned - memory.seen
+        explained = ca.DM(np.where(np.arange(n) < base, MAX_MAGNITUDE, 2 * chain.velocity)) * waiting + JUMP
+        possible = all_true(number, memory.known, ca.fabs(step) <= explained)
+        anew = all_true(number, memory.known < 2, ca.logic_not(possible))
+        good = ca.logic_or(anew, possible)
+        known = ca.fmin(memory.known + good, 2)
+
+        ends = _led_lately(memory, command, dt)
 
         # Noise about a limit leads no joint beyond it.
         nearest = clipped(turned, ca.DM(chain.lower), ca.DM(chain.upper))
         place = ca.if_else(ca.fabs(turned - nearest) < NOISE, nearest, turned)
         apart = ca.if_else(possible, place - ahead, 0)
-        pull = -math.expm1(-PULL * dt) * (
-            apart - clipped(apart, ca.fmin(memory.low - ahead, 0), ca.fmax(memory.high - ahead, 0))
-        )
-        led = ca.if_else(anew, turned, ahead + pull)
-        low, high = (each + pull - math.expm1(-dt / LATE) * (ahead - each) for each in (memory.low, memory.high))
-        low, high = ca.if_else(anew, turned, ca.fmin(low, led)), ca.if_else(anew, turned, ca.fmax(high, led))
+        beside = apart - clipped(apart, ends["low"], ends["high"])
+        led = ca.if_else(anew, turned, ahead - math.expm1(-PULL * dt) * beside)
 
         placed = ca.logic_or(memory.placed, ca.logic_and(possible, ca.dot(1 - arm, ca.fabs(step)) > 0))
-        watched = arm + (1 - arm) * placed
+        # Anew where the command turns round; how long a joint has been blocked, only if it stood until then.
+        same, stood = memory.way * command >= 0, ca.fabs(memory.moved) <= SHARE * ca.fabs(memory.way)
+        watched = (arm + (1 - arm) * placed) * same
         way = watched * (memory.way + dt * command)
-        moved = watched * (memory.moved + ca.if_else(possible, step, 0))
+        moved = watched * (memory.moved + ca.if_else(possible, step, dt * command))
         pushed = ca.fabs(moved) > 2 * ca.fabs(way) + WINDOW / 2  # by no command, whatever its sign
         # At the end of a window, or sooner where the joint clearly goes along.
-        share = ca.sign(way) * moved - SHARE * ca.fabs(way)
-        along = ca.logic_and(ca.fabs(way) > WINDOW / 3, ca.sign(way) * moved > ca.fabs(way) / 2)
+        told = ca.logic_and(ca.fabs(way) > WINDOW / 3, ca.logic_not(pushed))
+        lags = ca.logic_and(told, ca.sign(way) * moved < SHARE * ca.fabs(way))
+        along = ca.logic_and(told, ca.sign(way) * moved > ca.fabs(way) / 2)
         whole = ca.logic_or(ca.fabs(way) > WINDOW, ca.logic_or(pushed, along))
-        lags = ca.logic_and(ca.logic_and(whole, ca.logic_not(pushed)), share < 0)
-        lagging = ca.logic_or(lags, ca.logic_and(memory.blocked > 0, ca.logic_not(whole)))
-        blocked = lagging * (memory.blocked + dt * ca.logic_and(possible, ca.fabs(command) > 0))
-        goes_on = ca.logic_not(ca.logic_or(anew, whole))
-        blocked = ca.if_else(anew, 0, blocked)
+        before = memory.blocked * ca.logic_or(same, stood)
+        lagging = ca.if_else(whole, lags, before > 0)
+        blocked = lagging * (before + dt * ca.logic_and(possible, ca.fabs(command) > 0))
+        goes_on = ca.logic_not(whole)
         longest, joint = _largest(lags * blocked)
-        after = led_memory(n).of(
-            led=ca.if_else(known, led, memory.led), low=low, high=high, seen=ca.if_else(good, turned, memory.seen),
-            way=goes_on * way, moved=goes_on * moved, blocked=blocked, waiting=ca.if_else(good, 0, waiting),
-            known=known, placed=placed,
-        )  # fmt: skip
+        after = {
+            "led": led, **ends, "seen": ca.if_else(good, turned, memory.seen + arm * dt * command),
+            "way": goes_on * way, "moved": goes_on * moved, "blocked": blocked,
+            "waiting": ca.if_else(good, 0, waiting),
+        }  # fmt: skip
+        kept = ("led", "seen")
+        begun = {name: each if name in kept else ca.if_else(anew, 0, each) for name, each in after.items()}
+        column = led_memory(n).of(**begun, known=known, placed=placed)
         far = sum((ca.if_else(joint == i, ca.fabs(apart[i]), 0) for i in range(n)), ca.SX(0))
         said = SAID.of(
             fault=longest > max(PATIENCE, TICKS * dt) + dt / 2, joint=joint, far=far, missing=ca.logic_not(good)
         )
-        reference = ca.if_else(ca.logic_and(number, known), ca.if_else(arm, led, measured), measured)
-        inputs, outputs = [memory.column, measured, command], [after, reference, said]
+        numbers = ca.fabs(measured) <= MAX_MAGNITUDE  # what is no number is named by who is asked to act on it
+        reference = ca.if_else(known * arm * numbers, led, measured)
+        inputs, outputs = [memory.column, measured, command], [column, reference, said]
         self.tick = ca.Function("led_joints", inputs, [ca.densify(each) for each in outputs], {"cse": True})
+
+
+def _led_lately(memory: Values, command: ca.SX, dt: float) -> dict[str, ca.SX]:
+    """What is remembered of it after a tick."""
+    ended = memory.span + dt > LATE - dt / 2
+    kept = {"span": ca.if_else(ended, 0, memory.span + dt)}
+    for far, inner, before, clip in (
+        ("low", "least", "least_before", ca.fmin),
+        ("high", "most", "most_before", ca.fmax),
+    ):
+        passed, now, past = (getattr(memory, name) - dt * command for name in (far, inner, before))
+        now = clip(now, 0)
+        end = clip(now, past)
+        kept[far] = clip(end, passed - math.expm1(-dt / LATE) * (end - passed))
+        kept |= {inner: ca.if_else(ended, 0, now), before: ca.if_else(ended, now, past)}
+    return kept
 
 
 def _largest(numbers: ca.SX) -> tuple[ca.SX, ca.SX]:

@@ -47,6 +47,15 @@ def files_of(exported: ExportedController, *, problem: str) -> dict[str, str]:
     }
 
 
+def _effort(solves: int) -> str:
+    """How many QP iterations a tick takes at worst."""
+    if not solves:
+        return "A tick solves no QP by iterations: the answer has a closed form."
+    most = max(STEPS, QRQP_ITERATIONS)
+    solved = f"{solves} solves of {most} changes of the active set"
+    return f"At worst a tick takes {solves * most} QP iterations ({solved}), then it gives the safe command."
+
+
 def _values(exported: ExportedController, code: Generated, problem: str) -> dict[str, str]:
     """What stands for the names in the templates."""
     shape, recording = exported.shape(), exported.recording
@@ -65,8 +74,7 @@ def _values(exported: ExportedController, code: Generated, problem: str) -> dict
         "notice": "\n".join(f" *     {line}" for line in code.notice.splitlines()),
         "notice_quoted": "\n".join(f"> {line}  " for line in code.notice.splitlines()),
         "generated": code.code,
-        "iterations": str(max(STEPS, QRQP_ITERATIONS)),
-        "solves": str(exported.solves),
+        "effort": _effort(exported.solves),
         "status_constants": ", ".join(f"REHAB_{status.name} = {i}" for i, status in enumerate(NUMBERED)),
         "relaxed_constants": ", ".join(f"REHAB_{each.name} = {int(each)}" for each in Relaxed),
         "reason_constants": indented(

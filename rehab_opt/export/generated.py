@@ -21,6 +21,16 @@ COMPARISONS = "#if 1 /* comparisons, as in the code that Python runs: it is comp
 DEFINITION = re.compile(r"^(?=(?:casadi_real|casadi_int|void|int) casadi_\w+\()", re.MULTILINE)
 """Where a function of CasADi's runtime begins: each is visible to the linker as it comes."""
 
+COPY, FROM_WORK = "void casadi_copy(", re.compile(r"\bcasadi_copy\((?=w\d|\(&w\d)")
+"""CasADi's copy of a vector that may be missing; and a call of it for a part of the work space, which is there."""
+COPY_FROM_WORK = """void casadi_copy_from_work(const casadi_real* x, casadi_int n, casadi_real* y) {
+  casadi_int i;
+  if (y) for (i=0; i<n; ++i) y[i] = x[i];
+}
+
+"""
+"""Without the branch for a missing x, in which gcc 12 warns of writing out of bounds (-Warray-bounds)."""
+
 FUNCTION = re.compile(r"(?:^/\*[^\n]*\*/\n)?^static int (casadi_f\d+)(\(.*?^}\n\n?)", re.MULTILINE | re.DOTALL)
 """A function that others call, with the comment before it; those that it calls come first."""
 NAME = re.compile(r"(#define )?\b(casadi_f\d+)\b(?(1).*\n)")
@@ -69,6 +79,7 @@ def generated(functions: Sequence[ca.Function]) -> Generated:
         raise ConfigurationError("casadi", ca.CasadiMeta.version(), "a version that writes C of the form known here")
     for unused in UNUSED:
         code = code.replace(unused, "")
+    code = FROM_WORK.sub("casadi_copy_from_work(", code).replace(COPY, COPY_FROM_WORK + COPY)
     code = _each_once(going_on_after_failed_solves(code))
     lines = (line.strip(" *") for line in notice.removeprefix("/*").splitlines())
     return Generated(

@@ -50,6 +50,10 @@ NORMAL_MEDIAN = 0.6745
 AXES = "xyz"
 
 
+JERKS = tuple(f"{log}dimensionless_jerk{of}" for of in ("", "_of_speed") for log in ("", "log_"))
+"""Of the velocity, in which the path's turning counts, and of the speed, as Balasubramanian et al. 2015 have it."""
+
+
 class Measure(NamedTuple):
     """One number of one trial; NaN where there is none, and a note of the score says why."""
 
@@ -124,8 +128,8 @@ def score(
     ConfigurationError : as `hand_motion`; a movement of fewer than ten samples.
     """
     motion = hand_motion(time, points, cutoff_hz=cutoff_hz, threshold=threshold)
-    even, path, velocity, seen, cutoff, noise, shaken, least, said = motion
-    notes, rate = list(said), even.rate_hz
+    even, path, velocity, seen, cutoff, noise, shaken, least, _ = motion
+    notes, rate = list(motion.notes), even.rate_hz
     begin, end = movement_interval(seen, rate, threshold=least)
     count = math.floor((end - begin) * rate) + 1
     if count < FEWEST:
@@ -133,19 +137,20 @@ def score(
         raise ConfigurationError("points", value, f"a movement of at least {FEWEST} samples")
     notes += _cut_notes(seen, least)
     rise = max(RISE, shaken)
-    if least > threshold or rise > RISE:
-        notes.append(
-            f"noise of {1e3 * noise:.2g} mm may move a hand at rest at {1e3 * shaken:.2g} mm/s: the movement is "
-            f"cut at {100 * least:.2g} % of its peak speed, not {100 * threshold:g}, and a velocity peak rises by "
-            f"{1e3 * rise:.2g} mm/s; movement_time is the shorter for it (a lower cut-off may help)"
-        )
+    cut, asked = f"{100 * least:.2g}", f"{100 * threshold:.2g}"
+    said = [f"the movement is cut at {cut} % of its peak speed, not {asked}, and the shorter for it"] * (cut != asked)
+    said += [f"a velocity peak rises by {1e3 * rise:.2g} mm/s"] * (rise > RISE)
+    if said:
+        at = f"noise of {1e3 * noise:.2g} mm may move a hand at rest at {1e3 * shaken:.2g} mm/s"
+        notes.append(f"{at}: {'; '.join(said)} (a lower cut-off may help)")
     moving, v = _between(path, rate, begin, end, count), _between(velocity, rate, begin, end, count)
     of_movement = (count - 1) / (end - begin)
-    jerks = dimensionless_jerk(v, of_movement), log_dimensionless_jerk(v, of_movement)
+    speed = np.linalg.norm(v, axis=1)
+    jerks = [each(of, of_movement) for of in (v, speed) for each in (dimensionless_jerk, log_dimensionless_jerk)]
     t = numbers("time", time) - even.time[0]
     gap = float(np.diff(t)[(t[1:] > begin) & (t[:-1] < end)].max())  # between samples of which some are of the movement
     if gap > max(1.5 / rate, 0.5 / cutoff_hz):
-        jerks = math.nan, math.nan
+        jerks = [math.nan] * len(jerks)
         notes.append(f"dimensionless_jerk: not over a gap of {1e3 * gap:.3g} ms, which a straight line bridges")
     sharp = noise_of_derivative(noise, rate, cutoff_hz=cutoff, order=3)
     of_noise = (end - begin) ** 4 / peak_speed(v) ** 2 * v.shape[1] * sharp**2
@@ -157,10 +162,9 @@ def score(
         Measure("movement_time", end - begin, "s"),
         Measure("speed_mean", mean_speed(v), "m/s"),
         Measure("speed_peak", peak_speed(v), "m/s"),
-        Measure("velocity_peaks", velocity_peaks(np.linalg.norm(v, axis=1), of_movement, rise=rise), "1"),
-        Measure("sparc", spectral_arc_length(np.linalg.norm(v, axis=1), of_movement), "1"),
-        Measure("dimensionless_jerk", jerks[0], "1"),
-        Measure("log_dimensionless_jerk", jerks[1], "1"),
+        Measure("velocity_peaks", velocity_peaks(speed, of_movement, rise=rise), "1"),
+        Measure("sparc", spectral_arc_length(speed, of_movement), "1"),
+        *(Measure(name, value, "1") for name, value in zip(JERKS, jerks, strict=True)),
         Measure("path_length", path_length(moving), "m"),
         Measure("path_ratio", _ratio(moving, notes), "1"),
     ]

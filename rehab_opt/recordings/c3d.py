@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 import struct
+from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple
 
@@ -14,9 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.errors import ProblemFileError
-from rehab_opt.recordings.markers import LENGTH, marker_place, seen_marker
-from rehab_opt.recordings.recording import Recording
-from rehab_opt.text_file import FARTHEST, MAX_RECORDING_SIZE, file_content
+from rehab_opt.recordings.markers import marker_place
+from rehab_opt.recordings.recording import Samples
+from rehab_opt.recordings.units import Reading
+from rehab_opt.text_file import MAX_RECORDING_SIZE, file_content, shown
 
 __all__ = ["read_c3d"]
 
@@ -25,75 +27,131 @@ Array = NDArray[np.float64]
 BLOCK = 512
 """[byte] What a C3D file is counted in."""
 MAGIC = 0x50
-BYTE_ORDERS = {84: "<", 86: ">"}
-"""By processor; 85 is DEC, whose floats are none of IEEE's."""
+BYTE_ORDERS, DEC = {84: "<", 86: ">"}, 85
+"""By processor; the floats of DEC are none of IEEE's."""
+MOST_FRAMES = 65535
+"""More than that the header cannot state."""
 TEXT, BYTE, INTEGER, REAL = -1, 1, 2, 4
+
+
+NO_PLACES = ("ANGLES", "MOMENTS", "POWERS", "FORCES", "SCALARS", "REACTIONS")
+"""Parameters of POINT that list what is stored as a marker and is none."""
 
 
 class _Header(NamedTuple):
     points: int
     analog: int
+    first: int
     frames: int
     scale: float
     start: int
+    rate: float
     order: str
 
 
-def read_c3d(path: Path, *, name: str, marker: str | None, count_mm: float | None = None) -> Recording:
-    """Path of one marker, (N, 3) [m] in the laboratory's frame; frames without it are left out, with a note.
+def read_c3d(path: Path, *, name: str, how: Reading) -> Samples:
+    """Path of one marker, (N, 3) [m] in the laboratory's frame, NaN where it was not seen; trials between events.
 
     Raises
     ------
-    ProblemFileError : no C3D or one cut short, no such marker, unit or rate, a marker hidden for more than 0.2 s.
+    ProblemFileError : no C3D or one cut short, no such marker, unit or rate, what the file lists as no place.
     """
     content = file_content(path, name, max_size=MAX_RECORDING_SIZE)
-    header, parameters = _read_header(content, name)
-    labels = [label for key in ("LABELS", "LABELS2") for label in _texts(parameters.get(f"POINT:{key}"))]
+    header, parameters, notes = _read_header(content, name)
+    labels = _numbered(parameters, "LABELS")[: header.points]
+    listed = {_own(each): key for key in NO_PLACES for each in _numbered(parameters, key)}
+    number = marker_place(how.marker, labels, name, count=header.points, but=listed)
+    if number < len(labels) and _own(labels[number]) in listed:
+        expected = f"a marker: POINT:{listed[_own(labels[number])]} lists it, which are no places"
+        raise ProblemFileError(name, "recording.marker", how.marker, expected)
     unit = next(iter(_texts(parameters.get("POINT:UNITS"))), None)
-    rate = _number(parameters.get("POINT:RATE"))
-    place = marker_place(marker, labels[: header.points], name)
-    if not unit and count_mm is not None:
-        unit, metres = "counts", 1e-3 * count_mm
-    elif unit in LENGTH:
-        metres = LENGTH[unit]
-    else:
-        expected = f"one of {', '.join(LENGTH)}" + ("" if unit else ", or recording.count_mm, its unit in mm")
-        raise ProblemFileError(name, "POINT:UNITS", unit, expected)
+    metres = how.factor("length", unit or None, name=name, where="POINT:UNITS")
+    rate = next((each for each in (_number(parameters.get("POINT:RATE")), header.rate) if each > 0), 0.0)
+    rate = how.rate_hz or rate
     if not 0 < rate < math.inf:
-        raise ProblemFileError(name, "POINT:RATE", rate, "frames a second, above zero")
-    points = _marker(content, header, place)
-    far = np.abs(points) > FARTHEST / metres
-    if far.any():
-        frame, axis = (int(i) for i in np.argwhere(far)[0])
-        expected = f"at most {FARTHEST / metres:g} {unit} (another unit?)"
-        where, value = f"frame {frame + 1}, marker {marker} {'XYZ'[axis]}", float(points[frame, axis])
-        raise ProblemFileError(name, where, value, expected)
-    rows = np.column_stack((np.arange(len(points)) / rate, points))
-    return seen_marker(rows, name, str(marker), metres, str(len(points)))
+        raise ProblemFileError(name, "POINT:RATE", rate, "frames a second, above zero (or recording.rate_hz)")
+    points = _marker(content, header, number)
+    asked = None if how.trials is None else str(how.trials)
+    trials = _trials(parameters, asked, rate, header.first, len(points), name) if asked else ()
+    return Samples(np.arange(len(points)) / rate, metres * points, notes=notes, trials=trials)
 
 
-def _read_header(content: bytes, name: str) -> tuple[_Header, dict[str, object]]:
+def _own(label: str) -> str:
+    """A label without its subject."""
+    return label.rpartition(":")[2]
+
+
+def _numbered(parameters: Mapping[str, object], key: str) -> list[str]:
+    """Texts of POINT:KEY, KEY2, KEY3 and so on, each of which holds 255 at most."""
+    names = [f"POINT:{key}", *(f"POINT:{key}{number}" for number in range(2, 256))]
+    return [text for name in names for text in _texts(parameters.get(name))]
+
+
+def _trials(  # noqa: PLR0917  (events, and the frames that they are among)
+    parameters: Mapping[str, object], asked: str, rate: float, first: int, count: int, name: str
+) -> tuple[tuple[str, int, int], ...]:
+    """From each event called `asked` to the next; of "begin,end" from each of the first kind to the next of the second.
+
+    Events have times [minutes, s] since frame 1; `first` is the number of the first frame that is there.
+    """
+    labels, moments = _texts(parameters.get("EVENT:LABELS")), parameters.get("EVENT:TIMES")
+    pairs = moments[: 2 * len(labels)].reshape(-1, 2) if isinstance(moments, np.ndarray) else np.empty((0, 2))
+    rows = [float(np.rint((60.0 * minutes + seconds) * rate)) + 1 - first for minutes, seconds in pairs]
+    begins, _, ends = (part.strip() for part in asked.partition(","))
+    over = [row for row, label in zip(rows, labels, strict=False) if label == (ends or begins)] + [count - 1] * (
+        not ends
+    )
+    found = [
+        (int(row), int(min((end for end in over if end > row), default=row)))
+        for row, label in sorted(zip(rows, labels, strict=False))
+        if label == begins and 0 <= row < count
+    ]
+    trials = [(row, min(end, count - 1)) for row, end in found if end > row]
+    if not trials:
+        known = shown(", ".join(dict.fromkeys(labels)), 120) or "none"
+        raise ProblemFileError(name, "recording.trials", asked, f"events of it, or two with a comma between: {known}")
+    return tuple((str(number), *trial) for number, trial in enumerate(trials, start=1))
+
+
+def _read_header(content: bytes, name: str) -> tuple[_Header, dict[str, object], tuple[str, ...]]:
     if len(content) < 2 * BLOCK or content[1] != MAGIC:
         value = content[1] if len(content) > 1 else None
         raise ProblemFileError(name, "byte 2", value, f"{MAGIC}, as in every C3D")
     at = (content[0] - 1) * BLOCK
     processor = content[at + 3] if 0 < at < len(content) - 3 else None
     if processor not in BYTE_ORDERS:
-        expected = f"{' or '.join(map(str, BYTE_ORDERS))}, Intel or MIPS (85 is DEC: convert the file first)"
+        expected = f"{' or '.join(map(str, BYTE_ORDERS))}, Intel or MIPS"
+        if processor == DEC:
+            expected += "; this is DEC: convert it, in Python by ezc3d.c3d('old.c3d').write('new.c3d')"
         raise ProblemFileError(name, "processor of the parameters", processor, expected)
     order = BYTE_ORDERS[processor]
-    points, analog, first, last, _, scale, start = struct.unpack_from(f"{order}5HfH", content, 2)
+    points, analog, first, last, _, scale, start, _, rate = struct.unpack_from(f"{order}5HfHHf", content, 2)
     parameters = _parameters(content[at : at + max(content[at + 2], 1) * BLOCK], order)
-    frames = (last - first + 1) % 65536
-    stated = _number(parameters.get("POINT:FRAMES"))
-    if stated > 65535:  # more than the header can hold
-        frames = int(min(stated, len(content)))
-    header = _Header(points, analog, frames, scale, (start - 1) * BLOCK, order)
+    frames = _frames(parameters, first, last)
+    header = _Header(points, analog, first, frames, scale, (start - 1) * BLOCK, rate, order)
     needed = header.start + frames * _frame_bytes(header)
     if not (math.isfinite(scale) and scale and start > 1 and points and frames and needed <= len(content)):
         expected = f"{needed} bytes, for the {frames} frames of {points} markers that its header states"
         raise ProblemFileError(name, "file size", f"{len(content)} bytes", expected)
-    return header, parameters
+    more = (len(content) - needed) // _frame_bytes(header)
+    unread = frames == MOST_FRAMES and more * _frame_bytes(header) > BLOCK
+    return header, parameters, (f"its header states {frames} frames, {more} more may be there",) if unread else ()
+
+
+def _frames(parameters: Mapping[str, object], first: int, last: int) -> int:
+    """How many frames there are: by the header or, where that cannot hold as many, by the parameters."""
+    frames = (last - first + 1) % (MOST_FRAMES + 1)
+    ends = [parameters.get(f"TRIAL:ACTUAL_{end}_FIELD") for end in ("START", "END")]
+    low, high = (
+        float(each[0]) + (MOST_FRAMES + 1) * float(each[1])
+        if isinstance(each, np.ndarray) and each.size > 1
+        else math.nan
+        for each in ends
+    )
+    stated = [high - low + 1, *(_number(parameters.get(f"POINT:{key}")) for key in ("LONG_FRAMES", "FRAMES"))]
+    full = MOST_FRAMES in (last, frames)
+    longer = [int(each) for each in stated if MOST_FRAMES < each < 1e9 and (full or each % (MOST_FRAMES + 1) == frames)]
+    return longer[0] if longer else frames
 
 
 def _frame_bytes(header: _Header) -> int:
@@ -121,7 +179,7 @@ def _parameters(section: bytes, order: str) -> dict[str, object]:
         body = at + 2 + length
         if not length or not group or body + 2 > len(section):
             break
-        label = section[at + 2 : body].decode("latin-1").strip().upper()
+        label = section[at + 2 : body].decode("latin-1").strip(" \0").upper()
         (onward,) = struct.unpack_from(f"{order}H", section, body)
         if group < 0:
             groups[-group] = label
@@ -143,7 +201,7 @@ def _value(data: bytes, order: str) -> object:
     if kind == TEXT:
         width = sizes[0] if len(sizes) > 1 else count
         texts = [body[i : i + width] for i in range(0, count, width)] if width else []
-        return [text.decode("latin-1").strip() for text in texts]
+        return [text.decode("latin-1").strip(" \0") for text in texts]
     types = {BYTE: "u1", INTEGER: f"{order}u2", REAL: f"{order}f4"}
     return np.frombuffer(body, types[kind], count=count)
 

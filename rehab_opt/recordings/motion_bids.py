@@ -5,89 +5,86 @@ from __future__ import annotations
 import json
 import math
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rehab_opt.errors import ProblemFileError
-from rehab_opt.recordings.markers import seen_marker
-from rehab_opt.recordings.recording import Recording
-from rehab_opt.recordings.tables import ANGLE, LENGTH, TIME
-from rehab_opt.text_file import (
-    FARTHEST,
-    LATEST,
-    MAX_PROBLEM_SIZE,
-    finite_number,
-    header_cells,
-    shown,
-    text_lines,
-    whole_text,
-)
+from rehab_opt.recordings.recording import Samples
+from rehab_opt.recordings.tables import MISSING, numbers_below
+from rehab_opt.recordings.units import Reading, place_of
+from rehab_opt.text_file import FARTHEST, LATEST, MAX_PROBLEM_SIZE, header_cells, shown, text_lines, whole_text
 
-__all__ = ["MISSING", "MOTION", "REQUIRED", "read_motion"]
-
-Array = NDArray[np.float64]
+__all__ = ["MOTION", "REQUIRED", "read_motion"]
 
 MOTION = "_motion.tsv"
 REQUIRED = ("name", "component", "type", "tracked_point", "units")
 """Columns of a _channels.tsv, in the order that the standard asks for."""
-MISSING = "n/a"
 
 
-def read_motion(path: Path, *, name: str, marker: str | None) -> Recording:
-    """Path of one tracked point, (N, 2) or (N, 3) [m], and every joint angle (`JNTANG`).
+def read_motion(path: Path, *, name: str, how: Reading) -> Samples:
+    """Path of one tracked point, (N, 2) or (N, 3) [m], and every joint angle (`JNTANG`); NaN where a cell is `n/a`.
 
-    Times are the channel `LATENCY`, or come from `SamplingFrequency`. Samples without the point are left out, with a
-    note.
-
-    Parameters
-    ----------
-    marker : the tracked point; may be left out where there is one alone.
+    Times are the channel `LATENCY`, or come from `SamplingFrequency`. The tracked point need not be named where there
+    is one alone. Sidecars may stand in a folder above, and name fewer entities, as the standard has it.
 
     Raises
     ------
-    ProblemFileError : no _channels.tsv or _motion.json beside it, no such point, a unit that is none of its type, a row
-        of the wrong length, a cell that is no number, a point hidden for more than 0.2 s.
+    ProblemFileError : no _channels.tsv or _motion.json, no such point, a unit that is none of its type, a row of the
+        wrong length, a cell that is no number.
     """
     if not path.name.endswith(MOTION):
         raise ProblemFileError(name, "file", shown(path.name, 80), f"a recording of Motion-BIDS, ending in {MOTION}")
     channels = _channels(path, name)
     points = list(dict.fromkeys(each["tracked_point"] for each in channels if each["type"] == "POS"))
-    if marker is None and len(points) == 1:
-        marker = points[0]
-    if marker not in points:
-        raise ProblemFileError(name, "recording.marker", marker, f"one of {shown(', '.join(points), 120)}")
+    place = 0 if how.marker is None and len(points) == 1 else place_of(str(how.marker), points)
+    if place is None:
+        raise ProblemFileError(name, "recording.marker", how.marker, f"one of {shown(', '.join(points), 120)}")
+    marker = points[place]
     axes = [_channel(channels, name, type="POS", tracked_point=marker, component=axis) for axis in "xyz"]
     places = [place for place in axes if place is not None]
     if places != [place for place in axes[: len(places)] if place is not None] or len(places) < 2:
         raise ProblemFileError(name, f"channels of {marker}", len(places), "components x, y and, if there is one, z")
     joints = [i for i, each in enumerate(channels) if each["type"] == "JNTANG"]
-    latency = _channel(channels, name, type="LATENCY")
-    scale = [_unit(channels, place, LENGTH, name) for place in places]
-    wanted = [*([] if latency is None else [latency]), *places, *joints]
-    most = dict(zip(places, (FARTHEST / each for each in scale), strict=True))
-    rows = _numbers(path, name, channels, wanted, most, {*places})
-    values = dict(zip(wanted, rows.T, strict=True))
-    if latency is None:
-        time = np.arange(len(rows)) / _rate(path, name)
-    else:
-        time = values[latency] * _unit(channels, latency, TIME, name)
-    position = np.column_stack([values[place] * each for place, each in zip(places, scale, strict=True)])
-    seen = ~np.isnan(position).any(axis=1)
-    position[~seen] = math.nan
-    moved = seen_marker(np.column_stack((time, position)), name, marker, 1.0, str(len(rows)))
-    angles = {channels[i]["name"]: values[i][seen] * _unit(channels, i, ANGLE, name) for i in joints}
-    return Recording(name, moved.time.copy(), moved.points.copy(), joints=angles, notes=moved.notes)
+    latency = _channel(channels, name, type="LATENCY") if how.rate_hz is None else None
+    times = [] if latency is None else [latency]
+    scale = {
+        i: how.factor(kind, channels[i]["units"], name=name, where=f"units of channel {shown(channels[i]['name'])}")
+        for kind, some in (("time", times), ("length", places), ("angle", joints))
+        for i in some
+    }
+    wanted = [*times, *places, *joints]
+    most = {i: LATEST / scale[i] for i in times} | {i: FARTHEST / scale[i] for i in places}
+    names = [str(i) for i in range(len(channels))]
+    rows = numbers_below(
+        text_lines(path, name), names, [names[i] for i in wanted], {names[i]: most[i] for i in most}, name=name,
+        first=1, separator="\t", missing=dict.fromkeys((names[i] for i in wanted[len(times) :]), MISSING),
+        called={names[i]: each["name"] for i, each in enumerate(channels)},
+    )  # fmt: skip
+    values = {i: scale[i] * column for i, column in zip(wanted, rows.T, strict=True)}
+    time = values[times[0]] if times else np.arange(len(rows)) / (how.rate_hz or _rate(path, name))
+    angles = {channels[i]["name"]: values[i] for i in joints}
+    return Samples(time, np.column_stack([values[i] for i in places]), angles)
 
 
-def _beside(path: Path, end: str) -> Path:
-    return path.with_name(path.name.removesuffix(MOTION) + end)
+def _sidecars(path: Path, end: str) -> list[Path]:
+    """Files of that end that say something of a recording, the nearest first: theirs are some of its entities."""
+    own = {*path.name.removesuffix(MOTION).split("_")}
+    found = []
+    for folder in path.absolute().parents:
+        try:
+            here = [each for each in folder.iterdir() if each.name.endswith(end) or each.name == end[1:]]
+        except OSError:  # a folder that cannot be read
+            break
+        fits = [each for each in here if {*each.name.removesuffix(end[1:]).rstrip("_").split("_")} - {""} <= own]
+        found += sorted(fits, key=lambda each: -len(each.name))
+        if not any(each.startswith(("sub-", "ses-")) for each in (folder.name, folder.parent.name)):
+            break  # above the participants' folders lies what is no part of the dataset
+    return found or [path.with_name(path.name.removesuffix(MOTION) + end)]
 
 
 def _channels(path: Path, name: str) -> list[dict[str, str]]:
     """The channels in their order; `name` is what errors call the recording, and the file beside it after its end."""
-    beside = _beside(path, "_channels.tsv")
+    beside = _sidecars(path, "_channels.tsv")[0]
     said = f"{name}, {beside.name}"
     lines = text_lines(beside, said)
     header = header_cells(lines[0].split("\t"), name=said, line=1)
@@ -114,43 +111,19 @@ def _channel(channels: list[dict[str, str]], name: str, **facts: str) -> int | N
     return found[0] if found else None
 
 
-def _unit(channels: list[dict[str, str]], place: int, units: Any, name: str) -> float:
-    said = channels[place]["units"]
-    if said not in units:
-        raise ProblemFileError(
-            name, f"units of channel {shown(channels[place]['name'])}", said, f"one of {', '.join(units)}"
-        )
-    return float(units[said])
-
-
-def _numbers(  # noqa: PLR0917  (a table, and what is wanted of it)
-    path: Path, name: str, channels: list[dict[str, str]], wanted: list[int], most: dict[int, float], may_miss: set[int]
-) -> Array:
-    rows = []
-    for number, line in enumerate(text_lines(path, name), start=1):
-        cells = line.split("\t")
-        if len(cells) != len(channels):
-            raise ProblemFileError(name, f"line {number}", f"{len(cells)} cells", f"{len(channels)}, one a channel")
-        row = []
-        for place in wanted:
-            cell, said = cells[place].strip(), channels[place]["name"]
-            hidden = cell == MISSING and place in may_miss
-            limit = most.get(place, LATEST)
-            row.append(math.nan if hidden else finite_number(cell, name=name, line=number, column=said, most=limit))
-        rows.append(row)
-    return np.array(rows)
-
-
 def _rate(path: Path, name: str) -> float:
-    beside = _beside(path, "_motion.json")
-    said = f"{name}, {beside.name}"
-    try:
-        content = json.loads(whole_text(beside, said, max_size=MAX_PROBLEM_SIZE))
-    except (ValueError, RecursionError) as problem:
-        if isinstance(problem, ProblemFileError):
-            raise
-        raise ProblemFileError(said, "file", shown(str(problem)), "JSON") from problem
-    rate = content.get("SamplingFrequency") if isinstance(content, dict) else None
+    rate, said = None, name
+    for beside in _sidecars(path, "_motion.json"):
+        said = f"{name}, {beside.name}"
+        try:
+            content = json.loads(whole_text(beside, said, max_size=MAX_PROBLEM_SIZE))
+        except (ValueError, RecursionError) as problem:
+            if isinstance(problem, ProblemFileError):
+                raise
+            raise ProblemFileError(said, "file", shown(str(problem)), "JSON") from problem
+        rate = content.get("SamplingFrequency") if isinstance(content, dict) else None
+        if rate is not None:
+            break
     if isinstance(rate, bool) or not isinstance(rate, int | float) or not 0 < rate < math.inf:
         raise ProblemFileError(said, "SamplingFrequency", shown(str(rate)), "samples a second, above zero")
     return float(rate)

@@ -3,47 +3,56 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
 from rehab_opt.errors import ProblemFileError
-from rehab_opt.recordings.recording import Recording
-from rehab_opt.recordings.tables import ANGLE, check_once, numbers_below
-from rehab_opt.text_file import FARTHEST, LATEST, brief, header_cells, shown, text_lines
+from rehab_opt.recordings.recording import Samples
+from rehab_opt.recordings.tables import MISSING, check_once, numbers_below
+from rehab_opt.recordings.units import Reading, place_of
+from rehab_opt.text_file import FARTHEST, LATEST, brief, header_cells, number_in, shown, text_lines
 
 __all__ = ["read_opensim"]
 
-LENGTHS = {".mot": r"(^|_)t[xyz]$|trans[XYZ]$", ".sto": r"(^|_)t[xyz]$|trans[XYZ]$|_[XYZxyz]$"}
+LENGTHS = {".mot": r"(^|[_/])t[xyz]$|trans[XYZ]$", ".sto": r"(^|[_/])t[xyz]$|trans[XYZ]$|_[XYZxyz]$"}
 """Names of columns in metres; those of body kinematics in a .sto end in an axis."""
+RATES = re.compile(r"veloc|speed|accel|kinematics_(u|dudt)", re.IGNORECASE)
+"""In line 1: what follows are changes of places and angles."""
+OTHERS = re.compile(
+    r"force|moment|torque|dynamics|optimi[sz]ation|activation|excitation|control|reaction|power|length|fiber|tendon|"
+    r"pennation|muscle|error|probe|energy",
+    re.IGNORECASE,
+)
+"""In line 1: what follows are neither places nor angles of joints."""
+NO_MOTION = re.compile(
+    r"activation|excitation|control|fib(er|re)|tendon|pennation|muscle|force|torque|moment|power|speed|veloc|accel|"
+    r"reserve|residual|lambda|energy|pressure|emg|_u$|_udot$|_[fmpv][xyz]$|^/(?!jointset/.*/value$)",
+    re.IGNORECASE,
+)
+"""Names of columns that hold neither: those of paths but for coordinates' values, speeds, forces, muscles."""
 
 
-def read_opensim(path: Path, *, name: str, columns: Sequence[str] | None = None) -> Recording:
+def read_opensim(path: Path, *, name: str, how: Reading) -> Samples:
     """OpenSim motion or storage, separated by commas, tabs or blanks: joint angles, and lengths in metres.
 
     Columns that end in `tx`, `ty`, `tz` or `transX`, `transY`, `transZ` (of a .sto in `_X`, `_Y`, `_Z` too) are lengths
-    [m]; all others are angles, in degrees if the header says `inDegrees=yes`. Of a .sto whose header does not say,
-    they are left unread, with a note.
-
-    Parameters
-    ----------
-    columns : the columns that hold x, y (and z) of the hand; none by default.
+    [m]; of a path such as `/jointset/shoulder/elevation/value` the coordinate's name counts. What neither line 1 nor
+    the column's name tells to be a speed, a force or a muscle's is an angle, in degrees if the header says
+    `inDegrees=yes`. Where neither header nor user say, angles are left unread, with a note.
 
     Raises
     ------
-    ProblemFileError : no `endheader`, no `inDegrees`, a missing column, a cell that is not a finite number.
+    ProblemFileError : no `endheader`, nothing that may be read, a missing column or one that is no place, a cell that
+        is no number.
     """
-    storage = path.suffix.lower() == ".sto"
     lines = text_lines(path, name)
     ends = [i for i, line in enumerate(lines) if line.strip(", \t").lower() == "endheader"]
     if not ends or ends[0] + 1 >= len(lines):
         raise ProblemFileError(name, "header", "no endheader line", "a line endheader, and column names below it")
     facts = dict(line.strip(", \t").split("=", 1) for line in lines[: ends[0]] if "=" in line)
     facts = {key.strip().lower(): value.strip().lower() for key, value in facts.items()}
-    told = facts.get("indegrees") in ("yes", "no")
-    if not told and not (storage and "indegrees" not in facts):
-        raise ProblemFileError(name, "header inDegrees", brief(facts.get("indegrees")), "yes or no")
+    title = "" if "=" in lines[0] or not ends[0] else lines[0].strip()
     top = ends[0] + 1
     separator = "," if "," in lines[top] else None
     header = header_cells(lines[top].split(separator), name=name, line=top + 1)
@@ -51,27 +60,47 @@ def read_opensim(path: Path, *, name: str, columns: Sequence[str] | None = None)
     if "time" not in header:
         expected = f"one of {shown(', '.join(header), 120)}"
         raise ProblemFileError(name, f"line {top + 1}, column time", "missing", expected)
-    lengths = {cell for cell in header if re.search(LENGTHS[".sto" if storage else ".mot"], cell)}
-    columns = list(columns or ())
-    for column in columns:
-        if column not in header:
+    strange = {cell for cell in header if NO_MOTION.search(cell)}
+    named = LENGTHS[".sto" if path.suffix.lower() == ".sto" else ".mot"]
+    lengths = {cell for cell in header if cell not in strange and re.search(named, cell.removesuffix("/value"))}
+    columns = []
+    for column in how.columns or ():
+        place = place_of(column, header)
+        if place is None:
             expected = f"columns of {name}: {shown(', '.join(header), 120)}"
             raise ProblemFileError(name, "recording.columns", column, expected)
-        if column not in lengths:
-            raise ProblemFileError(name, "recording.columns", column, "a length: a name ending in tx..tz or transX..Z")
-    wanted = header if told else ["time", *columns]
-    most = {"time": LATEST, **dict.fromkeys(lengths, FARTHEST)}
-    cells = numbers_below(lines[top + 1 :], header, wanted, most, name=name, first=top + 2, separator=separator)
-    by_name = dict(zip(wanted, cells.T, strict=True))
-    unit = ANGLE["deg"] if facts.get("indegrees") == "yes" else 1.0
-    stated = facts.get("nrows", str(len(cells)))
-    notes = [] if stated == str(len(cells)) else [f"its header states {shown(stated)} rows, {len(cells)} are there"]
-    if not told:
-        notes.append("its header says nothing of inDegrees: angles are not read")
-    return Recording(
-        file=name,
-        time=by_name["time"].copy(),
-        points=np.column_stack([by_name[column] for column in columns]) if columns else np.empty((len(cells), 0)),
-        joints={cell: unit * by_name[cell] for cell in wanted if cell != "time" and cell not in lengths},
-        notes=tuple(notes),
+        if RATES.search(title):
+            raise ProblemFileError(name, "recording.columns", column, f"a place; line 1 says {shown(title)}")
+        if header[place] not in lengths and (header[place] in strange or how.counted("length") is None):
+            expected = "a length: a name ending in tx..tz or transX..Z"
+            raise ProblemFileError(name, "recording.columns", column, expected)
+        columns.append(header[place])
+    angles = [cell for cell in header if cell != "time" and cell not in {*lengths, *strange, *columns}]
+    known, note = _angles(facts.get("indegrees"), title, how, needed=not columns, name=name)
+    joints = angles if known else []
+    wanted = ["time", *columns, *joints, *(sorted(lengths - {*columns}) if known else ())]
+    metre = how.factor("length", "m", name=name, where="lengths")
+    most = {"time": LATEST, **dict.fromkeys((*columns, *lengths), FARTHEST / metre)}
+    missing = dict.fromkeys(wanted[1:], MISSING)
+    cells = numbers_below(
+        lines[top + 1 :], header, wanted, most, name=name, first=top + 2, separator=separator, missing=missing
     )
+    by_name = dict(zip(wanted, cells.T, strict=True))
+    stated = number_in(facts.get("nrows", ""))
+    notes = [f"its header states {stated:.0f} rows, {len(cells)} are there"] if abs(stated - len(cells)) > 0 else []
+    notes += [note] if note and angles else []
+    points = metre * np.column_stack([by_name[column] for column in columns]) if columns else np.empty((len(cells), 0))
+    said = {"yes": "deg", "no": "rad"}.get(facts.get("indegrees", ""))
+    unit = how.factor("angle", said, name=name, where="header inDegrees") if joints else 1.0
+    return Samples(by_name["time"].copy(), points, {cell: unit * by_name[cell] for cell in joints}, notes=tuple(notes))
+
+
+def _angles(said: str | None, title: str, how: Reading, *, needed: bool, name: str) -> tuple[str, str]:
+    """Whether angles are in degrees, "yes" or "no", or "" where they are not read, and what is said of that."""
+    stated = {None: "", "deg": "yes", "rad": "no"}[how.stated("angle")]
+    if RATES.search(title) or (OTHERS.search(title) and not stated):
+        return "", f"its line 1 says {shown(title)}: no angles are read"
+    if not stated and (said not in (None, "yes", "no") or (said is None and needed)):
+        raise ProblemFileError(name, "header inDegrees", brief(said), "yes or no, or recording.units")
+    note = "its header says nothing of inDegrees: angles are not read (recording.units)"
+    return stated or said or "", "" if stated or said else note

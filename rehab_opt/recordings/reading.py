@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,30 +18,48 @@ from rehab_opt.recordings.markers import read_trc
 from rehab_opt.recordings.motion_bids import read_motion
 from rehab_opt.recordings.opensim import read_opensim
 from rehab_opt.recordings.pen_trace import read_svc
-from rehab_opt.recordings.recording import Recording, gap_notes, strange_sizes, without_spikes
+from rehab_opt.recordings.recording import (
+    Recording,
+    Samples,
+    exchanged_times,
+    recording_of,
+    strange_sizes,
+    with_gaps,
+    without_spikes,
+)
 from rehab_opt.recordings.tables import read_csv
+from rehab_opt.recordings.units import Reading
 from rehab_opt.recordings.xdf import read_xdf
 
 __all__ = ["FORMATS", "read_recording", "resampled"]
 
 Array = NDArray[np.float64]
 
-FORMATS = (".csv", ".svc", ".mot", ".sto", ".trc", ".c3d", ".tsv", ".xdf")
 MAX_SAMPLES = 200_000  # a longer path is far more likely a wrong time unit than a session
+
+
+_X, _Y, _Z = np.eye(3)
+UPWARDS: Mapping[str, tuple[Array, ...]] = MappingProxyType({
+    "z": (_X, _Y, _Z), "y": (_X, -_Z, _Y), "x": (-_Z, _Y, _X),
+    "-z": (_X, -_Y, -_Z), "-y": (_X, _Z, -_Y), "-x": (_Z, _Y, -_X),
+})  # fmt: skip
+"""Rows of the rotation after which z is up, by the axis of a recording that is."""
+READERS: Mapping[str, Callable[..., Samples]] = MappingProxyType({
+    ".csv": read_csv, ".svc": read_svc, ".mot": read_opensim, ".sto": read_opensim, ".trc": read_trc, ".c3d": read_c3d,
+    ".tsv": read_motion, ".xdf": read_xdf,
+})  # fmt: skip
+FORMATS = tuple(READERS)
 
 
 def read_recording(
     path: Path,
     *,
     name: str | None = None,
-    columns: Sequence[str] | None = None,
-    marker: str | None = None,
-    separator: str = "comma",
-    decimal: str = "point",
-    count_mm: float | None = None,
-    tick_ms: float | None = None,
     speed: float = 1.0,
+    up: str | None = None,
+    window_s: Sequence[float] | None = None,
     clean: bool = True,
+    **reading: Any,
 ) -> Recording:
     """Read a recording by its file's suffix.
 
@@ -48,42 +68,64 @@ def read_recording(
     path : a `.csv` with a header, a `.svc` pen trace, a `.mot`, `.sto`, `.trc`, `.c3d` or `_motion.tsv` motion
         capture, an `.xdf`.
     name : what to call the file in errors and notes; its path by default.
-    columns : two or three columns that hold x, y (and z), of a `.csv`, `.mot`, `.sto` or `.xdf`.
-    marker : which marker of a `.trc` or `.c3d`, or tracked point of a `_motion.tsv`, is the hand.
-    separator, decimal : of a `.csv`: "comma", "semicolon" or "tab"; "point" or "comma".
-    count_mm, tick_ms : [mm], [ms] what a raw count of a `.svc`, or of a `.csv` or `.c3d` without units, is.
     speed : of the recorded pace: 0.5 takes twice as long.
+    up : the axis that points up, "y" for example; the points are turned so that z does.
+    window_s : (from, to) [s] after the first sample; the rest is left out.
     clean : by `without_spikes`.
+    reading : fields of `Reading`: columns, marker, units and others.
 
     Raises
     ------
     ProblemFileError : names the file, the line and column, the value, and what was expected.
     """
-    name = name or str(path)
-    for key, value in (("count_mm", count_mm), ("tick_ms", tick_ms), ("speed", speed)):
-        if value is not None and not 0 < value < math.inf:
-            raise ProblemFileError(name, f"recording.{key}", value, "a finite number above zero")
-    readers: dict[str, Callable[[], Recording]] = {
-        ".csv": lambda: read_csv(
-            path, name=name, columns=columns, separator=separator, decimal=decimal, count_mm=count_mm, tick_ms=tick_ms
-        ),
-        ".mot": lambda: read_opensim(path, name=name, columns=columns),
-        ".sto": lambda: read_opensim(path, name=name, columns=columns),
-        ".svc": lambda: read_svc(path, name=name, count_mm=count_mm, tick_ms=tick_ms),
-        ".trc": lambda: read_trc(path, name=name, marker=marker),
-        ".c3d": lambda: read_c3d(path, name=name, marker=marker, count_mm=count_mm),
-        ".xdf": lambda: read_xdf(path, name=name, columns=columns),
-        ".tsv": lambda: read_motion(path, name=name, marker=marker),
-    }
+    name, how = name or str(path), Reading(**reading)
+    how.check(name)
+    if not 0 < speed < math.inf:
+        raise ProblemFileError(name, "recording.speed", speed, "a finite number above zero")
+    if up is not None and up not in UPWARDS:
+        raise ProblemFileError(name, "recording.up", up, f"one of {', '.join(UPWARDS)}")
     suffix = path.suffix.lower()
-    if suffix not in readers:
+    if suffix not in READERS:
         raise ProblemFileError(name, "file", path.name, f"a recording ending in {', '.join(FORMATS)}")
-    recording = readers[suffix]()
+    samples = READERS[suffix](path, name=name, how=how)
+    samples = samples._replace(notes=(*samples.notes, *how.told))
+    recording = recording_of(name, samples, rate_hz=how.rate_hz)
+    if window_s is not None:
+        recording = _within(recording, window_s)
+    if up not in (None, "z"):
+        recording = _turned(recording, up)
     if speed != 1.0:
+        trials = tuple((trial, first / speed, last / speed) for trial, first, last in recording.trials)
         paced = f"played at {speed:g} of its recorded speed"
-        recording = replace(recording, time=recording.time / speed, joints=dict(recording.joints)).noting(paced)
+        recording = replace(recording, time=recording.time / speed, joints=dict(recording.joints), trials=trials)
+        recording = recording.noting(paced)
     kept = without_spikes(recording) if clean else recording
-    return kept.noting(*gap_notes(recording), *strange_sizes(kept))
+    if len(kept.time) < len(recording.time):
+        seconds = (len(recording.time) - len(kept.time)) * float(np.median(np.diff(recording.time)))
+        kept = kept.noting(f"that leaves out {seconds:.3g} s of {recording.duration:.4g} s")
+    kept = with_gaps(kept)
+    stated = how.units is not None or how.count_mm is not None
+    kept = kept.noting(*exchanged_times(recording))
+    return kept.noting(*(note.replace("its header says", "stated") if stated else note for note in strange_sizes(kept)))
+
+
+def _within(recording: Recording, window_s: Sequence[float]) -> Recording:
+    time = recording.time - recording.time[0]
+    kept = (time >= window_s[0]) & (time <= window_s[-1])
+    if len(window_s) != 2 or np.count_nonzero(kept) < 2:
+        expected = f"two times from 0 to {time[-1]:.6g} s after the first sample, with samples between them"
+        raise ProblemFileError(recording.file, "recording.window_s", list(window_s), expected)
+    return recording.part(kept).noting(f"read from {window_s[0]:g} to {window_s[1]:g} s after its first sample alone")
+
+
+def _turned(recording: Recording, up: str) -> Recording:
+    if recording.points.shape[1] != 3:
+        value, expected = f"{up}, of {recording.points.shape[1]} coordinates", "no such key: only three have an up"
+        raise ProblemFileError(recording.file, "recording.up", value, expected)
+    turn = np.array(UPWARDS[up]).T
+    forces = recording.forces @ turn if recording.forces.shape[1] == 3 else recording.forces
+    turned = replace(recording, points=recording.points @ turn, forces=forces, joints=dict(recording.joints))
+    return turned.noting(f"turned so that its {up} axis, which is up, becomes z")
 
 
 def resampled(recording: Recording, rate: float) -> Recording:
@@ -126,4 +168,5 @@ def resampled(recording: Recording, rate: float) -> Recording:
         joints={name: np.interp(time, source, values) for name, values in recording.joints.items()},
         forces=forces,
         notes=(*recording.notes, note),
+        gaps=tuple((first - recording.time[0], last - recording.time[0]) for first, last in recording.gaps),
     )

@@ -6,16 +6,48 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.errors import ProblemFileError
-from rehab_opt.text_file import shown, times
+from rehab_opt.recordings.even_times import even_times
+from rehab_opt.text_file import FARTHEST, shown
 
-__all__ = ["Recording", "gap_notes", "size_note", "strange_sizes", "without_spikes"]
+__all__ = [
+    "Recording",
+    "Samples",
+    "recording_of",
+    "size_note",
+    "strange_sizes",
+    "unseen",
+    "with_gaps",
+    "without_spikes",
+]
 
 Array = NDArray[np.float64]
+Trial = tuple[str, float, float]
+"""What it is called, and from when to when [s]."""
+
+
+class Samples(NamedTuple):
+    """Samples as a file holds them: NaN where the hand was not seen, times that may repeat.
+
+    Parameters
+    ----------
+    time, points, joints, forces, notes : as of `Recording`, in which `recording_of` makes them.
+    rate : [Hz] what the file says of it, if it does.
+    trials : what each is called, and its first and last row.
+    """
+
+    time: Array
+    points: Array
+    joints: Mapping[str, Array] = MappingProxyType({})
+    forces: Array = np.empty((0, 0))
+    notes: tuple[str, ...] = ()
+    rate: float | None = None
+    trials: tuple[tuple[str, int, int], ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,6 +62,8 @@ class Recording:
     joints : joint angles [rad] by column name, (N,) each.
     forces : (N, 2) or (N, 3) [N] on the hand, in the frame of the points; (N, 0) where it has none.
     notes : what a reader of the result has to know: samples dropped, headers that do not hold, gaps.
+    trials : the parts that the file itself tells apart; none by default.
+    gaps : (from, to) [s] where the hand was not seen and a straight line bridges a movement.
 
     Raises
     ------
@@ -42,6 +76,8 @@ class Recording:
     joints: Mapping[str, Array] = field(default_factory=dict)
     forces: Array = field(default_factory=lambda: np.empty((0, 0)))
     notes: tuple[str, ...] = ()
+    trials: tuple[Trial, ...] = ()
+    gaps: tuple[tuple[float, float], ...] = ()
 
     def __post_init__(self) -> None:
         """Check the times and freeze the arrays."""
@@ -67,6 +103,12 @@ class Recording:
         """The same recording with more notes."""
         return replace(self, joints=dict(self.joints), notes=(*self.notes, *notes))
 
+    def part(self, kept: NDArray[np.bool_] | slice) -> Recording:
+        """Some of its samples, with all notes."""
+        joints = {name: values[kept] for name, values in self.joints.items()}
+        time, points, forces = (each[kept] for each in (self.time, self.points, self.forces))
+        return replace(self, time=time, points=points, forces=forces, joints=joints)
+
 
 BUNCHED = 0.1
 """Of the usual step: stamps that are nearer are those of when samples arrived, in bunches."""
@@ -74,15 +116,99 @@ ASIDE, HURLED = 0.02, 150.0
 """[m, m/s^2] No hand goes aside so far and comes back, so hard, from one sample to the next."""
 FEW = 0.05
 """Share of the samples up to which such are left out: where there are more, it is the recording that is strange."""
+SPIKE = 12, 0.1
+"""Samples and [s], whichever is more, that a spike lasts at most: what is longer is where the hand was."""
 LONG_STEP = 0.1, 5.0
 """[s] and of the usual steps, from which on a step is a gap."""
+FEWEST_SEEN, ZEROED = 10, 3.0
+"""Steps that tell how far the hand usually goes, and how many times that a lost marker's zeros are away at least."""
+
+
+def recording_of(file: str, samples: Samples, *, rate_hz: float | None = None) -> Recording:
+    """Samples at times that increase, in all of which the hand was seen: the one rule for every format.
+
+    Left out, with a note: samples without the hand (a coordinate is missing, or all are zero far away from the samples
+    beside), and all but the first at one time. Times that are roundings of even ones become even.
+
+    Parameters
+    ----------
+    rate_hz : [Hz] as the user says, in place of the times.
+
+    Raises
+    ------
+    ProblemFileError : as `Recording`; a coordinate that can only be in another unit.
+    """
+    far = np.argwhere(np.abs(samples.points) > FARTHEST)
+    if len(far):
+        row, axis = (int(i) for i in far[0])
+        value, expected = float(samples.points[row, axis]), f"at most {FARTHEST:g} m (another unit?)"
+        raise ProblemFileError(file, f"sample {row + 1}, {'xyz'[axis]}", value, expected)
+    (time, rounded), notes = even_times(samples.time, samples.rate), list(samples.notes)
+    if rate_hz is not None:
+        time, rounded = np.arange(len(time)) / rate_hz, (f"ASSUMED: {rate_hz:g} samples a second, as stated",)
+    angles = np.column_stack([time, *samples.joints.values()])
+    lost = unseen(samples.points if samples.points.shape[1] else angles)
+    lost |= ~np.isfinite(samples.forces).all(axis=1) if samples.forces.size else False
+    twice = np.zeros(len(time), dtype=bool)
+    twice[np.flatnonzero(~lost)[1:]] = np.diff(time[~lost]) == 0
+    said = {
+        "without the hand" + " or a force on it" * bool(samples.forces.size): lost,
+        "at the time of the one before": twice,
+    }
+    begun = np.append(time, math.nan)[0]
+    for what, out in said.items():
+        if out.any():
+            usual = float(np.median(np.diff(time))) if len(time) > 1 else 0.0
+            notes.append(f"left out: {_many(int(out.sum()), usual)} {what}, the first after {_after(time, out, begun)}")
+    kept = ~(lost | twice)
+    joints = {name: angles[kept] for name, angles in samples.joints.items()}
+    blind = [name for name, angles in joints.items() if not np.isfinite(angles).all()]
+    if blind:
+        notes.append(f"angles not read, some of which are missing: {shown(', '.join(blind), 120)}")
+    forces = samples.forces[kept] if samples.forces.size else samples.forces
+    return Recording(
+        file=file,
+        time=time[kept],
+        points=samples.points[kept],
+        joints={name: angles for name, angles in joints.items() if name not in blind},
+        forces=forces,
+        notes=(*notes, *rounded),
+        trials=tuple((name, float(time[first]), float(time[last])) for name, first, last in samples.trials),
+    )
+
+
+def _many(count: int, step: float) -> str:
+    return f"{count} sample{'s' if count > 1 else ''} ({count * step:.3g} s)"
+
+
+def _after(time: Array, out: NDArray[np.bool_], begun: float) -> str:
+    return f"{time[out.argmax()] - begun:.3g} s"
+
+
+def unseen(points: Array) -> NDArray[np.bool_]:
+    """(N,) samples of points (N, d) in which the hand was not seen.
+
+    A coordinate is missing, or all are exactly zero, as some write a lost marker: not where the hand comes there.
+    """
+    lost: NDArray[np.bool_] = np.asarray(~np.isfinite(points).all(axis=1))
+    seen = np.flatnonzero(~lost)
+    zero = (points[seen] == 0).all(axis=1)
+    hops, edge = np.linalg.norm(np.diff(points[seen], axis=0), axis=1), np.diff(zero.astype(np.int8)) != 0
+    moving = np.linalg.norm(np.diff(points[seen[~zero]], axis=0), axis=1)
+    if not edge.any() or len(moving) < FEWEST_SEEN:
+        return lost
+    far = hops > max(ASIDE, ZEROED * float(np.percentile(moving, 99)))
+    for part in np.split(np.arange(len(seen)), np.flatnonzero(edge) + 1):
+        ends = [step for step in (part[0] - 1, part[-1]) if 0 <= step < len(hops)]
+        lost[seen[part]] = zero[part[0]] and far[ends].all()
+    return lost
 
 
 def without_spikes(recording: Recording) -> Recording:
     """Without the first of two samples whose stamps bunch, and without a sensor's spikes; notes say how many.
 
-    Either would be a jump of who follows it, and a spike the largest extent of what is scaled to fit. What jumps and is
-    no spike is noted.
+    Either would be a jump of who follows it, and a spike the largest extent of what is scaled to fit. A spike is a few
+    samples: what jumps and stays is noted.
     """
     if not recording.points.shape[1]:
         return recording
@@ -90,37 +216,46 @@ def without_spikes(recording: Recording) -> Recording:
     bunched = np.append(steps < BUNCHED * np.median(steps), False)  # the first of two came late, not the second early
     if bunched.mean() > FEW:
         bunched[:] = False
-    kept, notes = _some(recording, ~bunched), []
+    kept, notes, begun = recording.part(~bunched), [], recording.time[0]
     if bunched.any():
         notes.append(f"samples left out whose stamps bunch with the next: {int(bunched.sum())}")
-    jumps = _jumps(kept.time, kept.points)
-    spikes, after = _spikes(kept, jumps), kept.time - recording.time[0]
+    spikes = _spikes(kept, _jumps(kept.time, kept.points))
     if spikes.mean() > FEW:
-        at = int(jumps.argmax())
-        size = f"{1e3 * np.linalg.norm(kept.points[at + 1] - kept.points[at]):.3g} mm"
-        notes.append(f"a jump that is no spike: {size} from one sample to the next, after {after[at + 1]:.3g} s")
-    elif spikes.any():
-        notes.append(f"samples left out as spikes: {int(spikes.sum())}, the first after {after[spikes.argmax()]:.3g} s")
-        kept = _some(kept, ~spikes)
+        spikes[:] = False
+    if spikes.any():
+        first = f"the first after {_after(kept.time, spikes, begun)}"
+        notes.append(f"samples left out as spikes: {int(spikes.sum())}, {first}")
+        kept = kept.part(~spikes)
+    hops = np.linalg.norm(np.diff(kept.points, axis=0), axis=1)
+    jumps = _jumps(kept.time, kept.points)
+    if jumps.any() and hops[jumps].max() > ASIDE:
+        at = int((np.where(jumps, hops, 0) > hops[jumps].max() / 2).argmax())
+        size = f"{1e3 * hops[at]:.3g} mm from one sample to the next, after {kept.time[at + 1] - begun:.3g} s"
+        notes.append(f"a jump that is no spike: {size}; speed and smoothness there are not the hand's")
     return kept.noting(*notes)
 
 
 def _spikes(recording: Recording, jumps: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """(N,) samples that are not of the hand: it is where most samples between jumps are, and where it goes from there.
 
-    It goes on in the next samples that are more than those left out before them, and no jump.
+    It goes on in the next samples that are more than those left out before them, and no jump, or that are too many for
+    a spike; then nothing is left out before them.
     """
     parts = np.split(np.arange(len(recording.time)), np.flatnonzero(jumps) + 1)
     longest = int(np.argmax([len(part) for part in parts]))
     spikes = np.zeros(len(recording.time), dtype=bool)
+    few = max(SPIKE[0], round(SPIKE[1] / float(np.median(np.diff(recording.time)))))
     for way in (parts[longest:], [part[::-1] for part in parts[longest::-1]]):
-        last, away = way[0], 0
+        last, away = way[0], way[0][:0]
         for part in way[1:]:
             four = [last[-4:][0], last[-1], part[0], part[:4][-1]]  # a velocity over one step would be the noise's
-            if len(part) > away > 0 and not _jumps(recording.time[four], recording.points[four])[1]:
-                last, away = part, 0
+            if len(part) > len(away) > 0 and not _jumps(recording.time[four], recording.points[four])[1]:
+                last, away = part, part[:0]
             else:
-                spikes[part], away = True, away + len(part)
+                spikes[part], away = True, np.concatenate((away, part))
+            if len(away) > few:
+                spikes[away] = False
+                last, away = part, part[:0]
     return spikes
 
 
@@ -135,20 +270,16 @@ def _jumps(time: Array, points: Array) -> NDArray[np.bool_]:
     return np.asarray((off > ASIDE) & (off > wide[1:-1] * np.minimum(HURLED * seen / 2, FASTEST)))
 
 
-def gap_notes(recording: Recording) -> Iterator[str]:
-    """A note on steps so long that a straight line bridges a movement."""
+def with_gaps(recording: Recording) -> Recording:
+    """The recording with its gaps, and a note on them."""
     steps = np.diff(recording.time)
     long = steps > max(LONG_STEP[0], LONG_STEP[1] * float(np.median(steps)))
-    if long.any():
-        at = float(recording.time[steps.argmax()] - recording.time[0])
-        longest = f"the longest of {steps.max():.3g} s after {at:.3g} s"
-        yield f"{times(int(long.sum()))} no samples, {longest}: bridged by straight lines"
-
-
-def _some(recording: Recording, kept: NDArray[np.bool_]) -> Recording:
-    joints = {name: values[kept] for name, values in recording.joints.items()}
-    time, points, forces = (each[kept] for each in (recording.time, recording.points, recording.forces))
-    return replace(recording, time=time, points=points, forces=forces, joints=joints)
+    gaps = tuple((float(recording.time[i]), float(recording.time[i + 1])) for i in np.flatnonzero(long))
+    if not gaps:
+        return recording
+    longest = f"the longest of {steps.max():.3g} s after {recording.time[steps.argmax()] - recording.time[0]:.3g} s"
+    note = f"gaps bridged by straight lines: {len(gaps)}, {longest}, {steps[long].sum():.3g} s in all"
+    return replace(recording, joints=dict(recording.joints), gaps=gaps).noting(note)
 
 
 SMALLEST, LARGEST = 5e-3, 2.5
@@ -178,15 +309,11 @@ def size_note(recording: Recording) -> str:
 
 def strange_sizes(recording: Recording) -> Iterator[str]:
     """Notes on a movement so small, fast or slow that its lengths, angles or times are likely in another unit than it
-    says, or whose times are likely in another column.
+    says.
     """
     yield from _strange_angles(recording.joints)
     if not recording.points.shape[1]:
         return
-    steps = np.diff(recording.time)
-    for axis, along in zip("xyz", np.diff(recording.points, axis=0).T, strict=False):
-        if steps.max() > UNEVEN * steps.min() and along.mean() > 0 and np.ptp(along) < EVEN * along.mean():
-            yield f"{axis} grows by the same in each sample, and time does not: is one taken for the other?"
     extent, usual = float(np.ptp(recording.points, axis=0).max()), float(np.percentile(_speeds(recording), 90))
     if not extent:
         yield "the hand does not move at all: is it another column or marker?"
@@ -197,6 +324,14 @@ def strange_sizes(recording: Recording) -> Iterator[str]:
         yield f"a tenth of its samples is faster than {usual:.3g} m/s: are the times, or lengths, in another unit?"
     elif 0 < usual < SLOWEST:
         yield f"nine tenths of its samples are slower than {1e3 * usual:.3g} mm/s: milliseconds taken for seconds?"
+
+
+def exchanged_times(recording: Recording) -> Iterator[str]:
+    """A note on a coordinate that is as even as times are; of a recording of which nothing is left out yet."""
+    steps = np.diff(recording.time)
+    for axis, along in zip("xyz", np.diff(recording.points, axis=0).T, strict=False):
+        if steps.max() > UNEVEN * steps.min() and along.mean() > 0 and np.ptp(along) < EVEN * along.mean():
+            yield f"{axis} grows by the same in each sample, and time does not: is one taken for the other?"
 
 
 def _strange_angles(joints: Mapping[str, Array]) -> Iterator[str]:

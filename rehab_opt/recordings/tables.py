@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import math
 import re
+from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
+from itertools import pairwise
 from pathlib import Path
 from types import MappingProxyType
 
@@ -12,39 +14,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.errors import ProblemFileError
-from rehab_opt.recordings.recording import Recording
-from rehab_opt.text_file import FARTHEST, LATEST, finite_number, header_cells, shown, text_lines, times
+from rehab_opt.recordings.recording import Samples
+from rehab_opt.recordings.units import ANGLE, COUNTS, KINDS, LENGTH, TIME, UNITS, Reading, known_unit, place_of
+from rehab_opt.text_file import FARTHEST, LATEST, brief, finite_number, header_cells, shown, text_lines, times
 
-__all__ = [
-    "ANGLE",
-    "COUNTS",
-    "FORCE",
-    "LENGTH",
-    "SEPARATORS",
-    "TIME",
-    "UNITS",
-    "canonical_name",
-    "check_once",
-    "marks",
-    "numbers_below",
-    "read_csv",
-    "unit_of",
-]
+__all__ = ["MISSING", "SEPARATORS", "canonical_name", "check_once", "marks", "numbers_below", "read_csv", "unit_of"]
 
 Array = NDArray[np.float64]
 
+ALONE = Reading()
+"""What the file says, and nothing else."""
+NUMERIC = re.compile(r"[-+]?[.,]?\d")
+"""How a cell begins that is no header."""
 
-TIME = MappingProxyType({"s": 1.0, "ms": 1e-3})
-LENGTH = MappingProxyType({"m": 1.0, "cm": 1e-2, "mm": 1e-3})
-ANGLE = MappingProxyType({"rad": 1.0, "deg": math.pi / 180})
-FORCE = MappingProxyType({"N": 1.0})
-UNITS: Mapping[str, float] = MappingProxyType({**TIME, **LENGTH, **ANGLE, **FORCE})
-COUNTS = "counts"
-"""The unit of a column of raw counts, whose header names none."""
-SPELLINGS = {"sec": "s", "second": "s", "seconds": "s", "msec": "ms", "meter": "m", "metre": "m", "°": "deg",
-             "degree": "deg", "degrees": "deg", "radian": "rad", "radians": "rad"}  # fmt: skip
-HAND = ("t", "time", "x", "y", "z", "fx", "fy", "fz")
+TIMES = (("t", "time"), ("timestamp", "timestamps", "time stamp", "time_stamp", "elapsed"))
+"""Names of the column of times; those of the second kind where there is none of the first."""
+HAND = (*TIMES[0], *TIMES[1], "x", "y", "z", "fx", "fy", "fz")
 """Names that are known in capitals, too."""
+MISSING = frozenset({"", "nan", "na", "n/a", "null", "none"})
+"""Cells, in small letters, where the hand or an angle was not seen."""
+ROWS = "(rows)"
+"""What a first column without a name is called: it counts the rows."""
 LONGEST = 200
 NAME = re.compile(r"[^\W\d][\w .\[\]()/°-]{0,60}")
 _WITH_UNIT = re.compile(r"([^\[\]()/]+)(?:\[([^\[\]()/]+)\]|\(([^\[\]()/]+)\)|/([^\[\]()/]+))")
@@ -61,89 +51,125 @@ def canonical_name(cell: str) -> str:
     else:
         name, unit = found[1].strip(), next(group for group in found.groups()[1:] if group is not None).strip()
     name = name.lower() if name.lower() in HAND else name
-    unit = SPELLINGS.get(unit.lower(), unit)
+    unit = known_unit(unit)
     if name and unit in UNITS:
         return f"{name}_{unit}"
     return cell.lower() if cell.lower() in HAND else cell
 
 
 def unit_of(column: str) -> str:
-    """The unit that a canonical name ends in; `COUNTS` for one of the hand's that has none."""
-    return COUNTS if column in HAND else column.rpartition("_")[2]
+    """The unit that a canonical name ends in; `COUNTS` for one that has none."""
+    name, _, unit = column.rpartition("_")
+    return unit if name and unit in UNITS else COUNTS
 
 
-SEPARATORS: Mapping[str, str] = {"comma": ",", "semicolon": ";", "tab": "\t"}
+SEPARATORS: Mapping[str, str | None] = {"comma": ",", "semicolon": ";", "tab": "\t", "blank": None}
+"""What stands between cells; None is any number of blanks."""
 STRONGEST = 1e4
 """[N] More is no force of a hand but another unit."""
 
 
-def read_csv(
-    path: Path,
-    *,
-    name: str,
-    columns: Sequence[str] | None = None,
-    separator: str = "comma",
-    decimal: str = "point",
-    count_mm: float | None = None,
-    tick_ms: float | None = None,
-) -> Recording:
-    """Samples, separated by `separator`, under a header such as `t_s,x_m,y_m`, `t [s];x [mm];y [mm]` or `t/s,x/m,y/m`.
+def read_csv(path: Path, *, name: str, how: Reading = ALONE) -> Samples:
+    """Samples under a header such as `t_s,x_m,y_m`, `t [s];x [mm];y [mm]` or `t/s,x/m,y/m`; `#` may stand before it.
 
-    Time is `t` or `time` (s, ms), positions `x`, `y` and optionally `z` (m, cm, mm), every column in deg or rad a
-    joint, `fx`, `fy` (and `fz`) in N the force on the hand; others are left unread, with a note.
-
-    Parameters
-    ----------
-    columns : the headers of x, y (and z), if they are named otherwise.
-    separator : a key of `SEPARATORS`.
-    decimal : "point" or "comma".
-    count_mm, tick_ms : lengths and times in headers without a unit are counts of so many mm, and of so many ms.
+    Time is one of `TIMES`, positions `x`, `y` and optionally `z`, every column in deg or rad a joint, `fx`, `fy` (and
+    `fz`) in N the force on the hand; others are left unread, with a note. Where columns are numbered and the first line
+    is numbers, there is no header.
 
     Raises
     ------
-    ProblemFileError : a missing or doubled column, a row of the wrong length, a cell that is not a finite number.
+    ProblemFileError : a missing or doubled column, a row of the wrong length, a cell that is no number.
     """
     lines = text_lines(path, name)
-    mark, point = marks(lines[0], separator, decimal, name=name)
-    written = [cell.strip('"').strip() for cell in header_cells(lines[0].split(mark), name=name, line=1)]
+    top = next((i for i, line in enumerate(lines) if not line.lstrip().startswith("#")), len(lines))
+    if top and (top == len(lines) or NUMERIC.match(lines[top].strip())):
+        top -= 1
+    mark, point = marks(lines[top].strip("# "), how.separator, how.decimal, name=name)
+    written = [c.strip('"').strip() for c in header_cells(lines[top].lstrip("# ").split(mark), name=name, line=top + 1)]
     if len(written) > 1 and not written[-1]:
         written.pop()  # a separator at the end of each line
+    counted = written in ([str(i + first) for i in range(len(written))] for first in (0, 1))  # as pandas names columns
+    headless = all(NUMERIC.match(cell) for cell in written) and how.columns is not None and how.time_column is not None
+    headless |= how.rate_hz is not None and how.columns is not None and bool(NUMERIC.match(written[0]))
+    if headless and not counted:
+        written, top = [str(number) for number in range(1, len(written) + 1)], top - 1
+    elif NUMERIC.match(written[0]) and not (counted and headless):
+        expected = "a header with units, such as t_s,x_m,y_m (or recording.columns and time_column as numbers)"
+        raise ProblemFileError(name, f"line {top + 1}", shown(lines[top]), expected)
+    written[0] = written[0] or ROWS
     header = [canonical_name(cell) for cell in written]
-    if re.fullmatch(r"[-+]?[.,]?\d.*", header[0]):
-        raise ProblemFileError(name, "line 1", shown(lines[0]), "a header with units, such as t_s,x_m,y_m")
-    check_once(header, name, line=1)
-    time_column = _column(header, ("t", "time"), TIME, name, counts=tick_ms is not None)
-    if columns is None:
-        columns = [_column(header, (axis,), LENGTH, name, counts=count_mm is not None) for axis in ("x", "y")]
-        heights = [f"z_{unit}" for unit in LENGTH] + (["z"] if count_mm is not None else [])
-        columns += [cell for cell in heights if cell in header][:1]
-    else:
-        columns = _named(columns, header, written, name)
-    factors = {**UNITS, COUNTS: 1e-3 * (count_mm or 0.0)}
-    for column in columns:
-        if unit_of(column) not in LENGTH and not (column in ("x", "y", "z") and count_mm is not None):
-            endings = ", ".join(f"_{unit}" for unit in LENGTH)
-            raise ProblemFileError(name, "recording.columns", column, f"a length: a name ending in {endings}")
-    angles = [cell for cell in header if unit_of(cell) in ANGLE]
+    check_once(header, name, line=top + 1)
+    kinds = {"time": _times(header, written, how, name), "length": _hand(header, written, how, name)}
+    kinds["angle"] = [cell for cell in header if unit_of(cell) in ANGLE and cell not in kinds["length"]]
+    scale_of = {cell: _scale(kind, cell, how, name) for kind, cells in kinds.items() for cell in cells}
     forces = [cell for cell in ("fx_N", "fy_N", "fz_N") if cell in header]
     if forces and forces[:2] != ["fx_N", "fy_N"]:
-        raise ProblemFileError(name, "line 1", forces[0], "fx_N and fy_N together")
-    scale_of = {column: factors[unit_of(column)] for column in (*columns, *angles, *forces)}
-    scale_of[time_column] = 1e-3 * (tick_ms or 0.0) if unit_of(time_column) == COUNTS else TIME[unit_of(time_column)]
-    most = {column: FARTHEST / scale_of[column] for column in columns} | {time_column: LATEST / scale_of[time_column]}
-    most |= dict.fromkeys(forces, STRONGEST)
-    wanted = [time_column, *columns, *angles, *forces]
-    cells = numbers_below(lines[1:], header, wanted, most, name=name, first=2, separator=mark, point=point)
-    values = {column: numbers * scale_of[column] for column, numbers in zip(wanted, cells.T, strict=True)}
-    unread = ", ".join(cell for cell, known in zip(written, header, strict=True) if known not in values)
-    return Recording(
-        file=name,
-        time=values[time_column],
-        points=np.column_stack([values[column] for column in columns]),
-        joints={column.rpartition("_")[0]: values[column] for column in angles},
-        forces=np.column_stack([values[column] for column in forces]) if forces else np.empty((len(cells), 0)),
-        notes=(f"columns not read: {shown(unread, 200)}",) if unread else (),
+        raise ProblemFileError(name, f"line {top + 1}", forces[0], "fx_N and fy_N together")
+    most = {cell: FARTHEST / scale_of[cell] for cell in kinds["length"]}
+    most |= {cell: LATEST / scale_of[cell] for cell in kinds["time"]} | dict.fromkeys(forces, STRONGEST)
+    wanted = [*kinds["time"], *kinds["length"], *kinds["angle"], *forces]
+    cells = numbers_below(
+        lines[top + 1 :], header, wanted, most, name=name, first=top + 2, separator=mark, point=point,
+        missing=dict.fromkeys(wanted[len(kinds["time"]) :], MISSING),
+    )  # fmt: skip
+    values = {column: scale_of.get(column, 1.0) * numbers for column, numbers in zip(wanted, cells.T, strict=True)}
+    trials: tuple[tuple[str, int, int], ...] = ()
+    if how.trials is not None:
+        place = _asked(how.trials, header, written, "recording.trials", name)
+        trials = _trials([line.split(mark)[header.index(place)].strip(' "') for line in lines[top + 1 :]])
+        wanted.append(place)
+    unread = [cell for cell, known in zip(written, header, strict=True) if known not in wanted and cell != ROWS]
+    return Samples(
+        values[kinds["time"][0]] if kinds["time"] else np.zeros(len(cells)),
+        np.column_stack([values[column] for column in kinds["length"]]),
+        {column.rpartition("_")[0]: values[column] for column in kinds["angle"]},
+        np.column_stack([values[column] for column in forces]) if forces else np.empty((len(cells), 0)),
+        (f"columns not read: {shown(', '.join(unread), 200)}",) if unread else (),
+        trials=trials,
     )
+
+
+def _trials(labels: Sequence[str]) -> tuple[tuple[str, int, int], ...]:
+    """Each stretch of samples with one label that is not missing; a label that comes again gets a number."""
+    ends = [i for i, (label, after) in enumerate(pairwise([*labels, None])) if label != after]
+    firsts = [0, *(end + 1 for end in ends)]
+    parts, seen = [], Counter[str]()
+    for label, first, last in ((labels[a], a, b) for a, b in zip(firsts, ends, strict=False)):
+        if label.lower() not in MISSING:
+            seen[label] += 1
+            parts.append((f"{label} ({seen[label]})" if seen[label] > 1 else label, first, last))
+    return tuple(parts)
+
+
+def _scale(kind: str, cell: str, how: Reading, name: str) -> float:
+    """[m, rad, s] What one of a column's unit is."""
+    unit = unit_of(cell)
+    if unit in KINDS[kind] or (unit == COUNTS and how.counted(kind) is not None):
+        return how.factor(kind, "" if unit == COUNTS else unit, name=name, where=cell)
+    key = {"length": "recording.columns", "time": "recording.time_column"}.get(kind, kind)
+    expected = f"a {kind}: a name ending in {', '.join(f'_{each}' for each in KINDS[kind])}, or recording.units"
+    raise ProblemFileError(name, key, cell, expected)
+
+
+def _times(header: Sequence[str], written: Sequence[str], how: Reading, name: str) -> list[str]:
+    """The column of times; none where the user states a rate."""
+    if how.rate_hz is not None:
+        return []
+    if how.time_column is not None:
+        return [_asked(how.time_column, header, written, "recording.time_column", name)]
+    bare = how.counted("time") is not None
+    sooner, later = ({cell for cell in header if cell in names or cell.rpartition("_")[0] in names} for names in TIMES)
+    return [_column(header, TIMES[1 if later and not sooner else 0], TIME, name, bare=bare)]
+
+
+def _hand(header: Sequence[str], written: Sequence[str], how: Reading, name: str) -> list[str]:
+    """The columns of x, y and, if there is one, z."""
+    if how.columns is not None:
+        return [_asked(column, header, written, "recording.columns", name) for column in how.columns]
+    bare = how.counted("length") is not None
+    columns = [_column(header, (axis,), LENGTH, name, bare=bare) for axis in ("x", "y")]
+    heights = [f"z_{unit}" for unit in LENGTH] + (["z"] if bare else [])
+    return columns + [cell for cell in heights if cell in header][:1]
 
 
 def numbers_below(
@@ -157,11 +183,12 @@ def numbers_below(
     separator: str | None,
     missing: Mapping[str, Collection[str]] = MappingProxyType({}),
     point: str = ".",
+    called: Mapping[str, str] = MappingProxyType({}),
 ) -> Array:
     """(rows, len(wanted)) numbers of the wanted columns; `first` is the first row's line, counted from 1.
 
     `most` bounds the size of the numbers of some columns; `missing` are cells of some, in small letters, that stand for
-    no number, which is NaN; `point` stands before decimals.
+    no number, which is NaN; `point` stands before decimals; errors call some columns as `called`.
 
     Raises
     ------
@@ -170,6 +197,13 @@ def numbers_below(
     place_of = {column: place for place, column in enumerate(header)}
     places = [place_of[column] for column in wanted]
     numbers = []
+
+    def number_in(cell: str, column: str, line: int) -> float:
+        if missing and cell.strip().lower() in missing.get(column, ()):
+            return math.nan
+        said, bound = called.get(column, column), most.get(column, math.inf)
+        return finite_number(cell, name=name, line=line, column=said, most=bound, point=point)
+
     for number, text in enumerate(rows, start=first):
         row = text.split(separator)
         if len(row) == len(header) + 1 and not row[-1].strip():
@@ -181,16 +215,7 @@ def numbers_below(
             raise ProblemFileError(name, f"line {number}", f"{len(row)} cells", expected)
         if '"' in text:
             row = [cell.strip().strip('"') for cell in row]
-        numbers.append(
-            [
-                math.nan
-                if missing and row[place].strip().lower() in missing.get(column, ())
-                else finite_number(
-                    row[place], name=name, line=number, column=column, most=most.get(column, math.inf), point=point
-                )
-                for place, column in zip(places, wanted, strict=True)
-            ]
-        )
+        numbers.append([number_in(row[place], column, number) for place, column in zip(places, wanted, strict=True)])
     if not numbers:
         raise ProblemFileError(name, f"line {first}", "no samples", "rows of numbers below the header")
     return np.array(numbers)
@@ -210,7 +235,7 @@ def check_once(header: Sequence[str], name: str, *, line: int) -> None:
         seen.add(cell)
 
 
-def marks(line: str, separator: str, decimal: str, *, name: str) -> tuple[str, str]:
+def marks(line: str, separator: str, decimal: str, *, name: str) -> tuple[str | None, str]:
     """What stands between the cells of a table, and before decimals, as `read_csv` names them; `line` is the first.
 
     Raises
@@ -218,38 +243,44 @@ def marks(line: str, separator: str, decimal: str, *, name: str) -> tuple[str, s
     ProblemFileError : commas for both; a line that has another separator, which is named.
     """
     own = SEPARATORS[separator]
+    if own is None:
+        return None, "," if decimal == "comma" else "."
     if separator == decimal:
         expected = "'semicolon' or 'tab', since the decimals are commas"
         raise ProblemFileError(name, "recording.separator", separator, expected)
     for other, mark in SEPARATORS.items():
-        if mark in line and (own not in line or own + mark == ",;"):  # commas may be of decimals
+        if mark is None:
+            if own not in line and sum(unit_of(canonical_name(cell)) in UNITS for cell in line.split()) > 2:
+                raise ProblemFileError(name, "recording.separator", separator, f"'{other}', as in line 1")
+        elif mark in line and (own not in line or own + mark == ",;"):  # commas may be of decimals
             expected = f"'{other}', which line 1 has {times(line.count(mark))}"
             raise ProblemFileError(name, "recording.separator", separator, expected)
     return own, "," if decimal == "comma" else "."
 
 
-def _column(header: Sequence[str], names: Sequence[str], units: Mapping[str, float], file: str, *, counts: bool) -> str:
-    accepted = [f"{name}_{unit}" for name in names for unit in units] + (list(names) if counts else [])
+def _column(header: Sequence[str], names: Sequence[str], units: Mapping[str, float], file: str, *, bare: bool) -> str:
+    accepted = [f"{name}_{unit}" for name in names for unit in units] + (list(names) if bare else [])
     found = [cell for cell in header if cell in accepted]
     if len(found) != 1:
         # What is no header, as of a file that was named by mistake, is not quoted: it may be anything.
         header_like = len(header) > 1 and all(NAME.fullmatch(cell) for cell in header)
         among = shown(", ".join(header), 60) if header_like else f"{len(header)}, which are no header"
         problem = f"columns {' and '.join(found)}" if found else f"no such column among {among}"
-        bare = [cell for cell in header if cell in names]
-        expected = f"one of {', '.join(accepted)}"
-        if bare and not found:
-            key = "recording.tick_ms" if "t" in names else "recording.count_mm"
-            expected += f" (or raw counts, and what one is: {key})"
+        expected = f"one of {', '.join(accepted[:8])}"
+        times = "t" in names or "timestamp" in names
+        if [cell for cell in header if cell in names] and not found:
+            key = "recording.tick_ms" if times else "recording.count_mm"
+            expected += f" (or its unit in recording.units; of raw counts what one is: {key})"
+        elif not found:
+            expected += f" (or {'recording.time_column or recording.rate_hz' if times else 'recording.columns'})"
         raise ProblemFileError(file, f"line 1, column {names[0]}", problem, expected)
     return found[0]
 
 
-def _named(columns: Sequence[str], header: Sequence[str], written: Sequence[str], name: str) -> list[str]:
-    """Canonical names of the columns that a user named, as the file writes them or in canonical form."""
-    known = {**dict(zip(written, header, strict=True)), **{cell: cell for cell in header}}
-    for column in columns:
-        if column not in known:
-            expected = f"columns of {name}: {shown(', '.join(written), 120)}"
-            raise ProblemFileError(name, "recording.columns", column, expected)
-    return [known[column] for column in columns]
+def _asked(column: str | int, header: Sequence[str], written: Sequence[str], key: str, name: str) -> str:
+    """Canonical name of a column that a user named, as the file writes it, in canonical form, or by its number."""
+    place = place_of(column, written) if str(column) not in header else header.index(str(column))
+    if place is None:
+        expected = f"columns of {name}: {shown(', '.join(written), 120)}"
+        raise ProblemFileError(name, key, brief(column), expected)
+    return header[place]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import struct
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 from xml.etree.ElementTree import ParseError
@@ -12,9 +12,9 @@ from xml.etree.ElementTree import ParseError
 import numpy as np
 
 from rehab_opt.errors import ConfigurationError, ProblemFileError
-from rehab_opt.recordings.recording import Recording
-from rehab_opt.recordings.tables import LENGTH, SPELLINGS
-from rehab_opt.text_file import FARTHEST, MAX_RECORDING_SIZE, file_content, shown
+from rehab_opt.recordings.recording import Samples
+from rehab_opt.recordings.units import Reading, place_of
+from rehab_opt.text_file import MAX_COLUMNS, MAX_RECORDING_SIZE, file_content, shown
 
 __all__ = ["read_xdf"]
 
@@ -23,24 +23,19 @@ SPOILT = (
     ZeroDivisionError, AssertionError, NotImplementedError, struct.error, ParseError, np.linalg.LinAlgError,
 )  # fmt: skip
 """What pyxdf ends in where a file is no XDF, or one cut short; it promises none of them."""
-SPELT = {
-    f"{part}met{end}s": unit for part, unit in (("", "m"), ("centi", "cm"), ("milli", "mm")) for end in ("er", "re")
-}
 
 
-def read_xdf(path: Path, *, name: str, columns: Sequence[str] | None) -> Recording:
-    """Path (N, 2) or (N, 3) [m] of the channels `columns`, which are x, y (and z) of one stream, by their labels.
+def read_xdf(path: Path, *, name: str, how: Reading) -> Samples:
+    """Path (N, 2) or (N, 3) [m] of the channels `how.columns`, which are x, y (and z) of one stream.
 
-    Times are the stream's, on the clock of the recording, without jitter where the stream has a nominal rate.
-
-    Parameters
-    ----------
-    columns : labels of channels; with the stream's name before a slash where several streams have them.
+    They are named by their labels or numbers, with the stream's name before a slash where several streams have them;
+    channels without labels have numbers alone. Times are the stream's, on the clock of the recording, without jitter
+    where the stream has a nominal rate. What the other streams are does not matter.
 
     Raises
     ------
     ProblemFileError : no XDF; no, or several, streams with such channels; a unit that is no length; a sample that is no
-        number; fewer samples than the stream's footer states.
+        number but NaN; fewer samples than the stream's footer states.
     ConfigurationError : pyxdf is absent.
     """
     try:
@@ -51,20 +46,19 @@ def read_xdf(path: Path, *, name: str, columns: Sequence[str] | None) -> Recordi
     if not content.startswith(b"XDF:"):
         raise ProblemFileError(name, "byte 1", shown(repr(content[:4])), "XDF:, as in every XDF file")
     logging.getLogger("pyxdf").setLevel(logging.CRITICAL)
-    try:
-        streams, _ = pyxdf.load_xdf(str(path))
-        known = [(_text(each["info"], "name"), _labels(each["info"]), each) for each in streams]
-    except SPOILT as problem:
-        raise ProblemFileError(name, "file", type(problem).__name__, "a whole XDF file") from problem
+    streams, problem = _streams(pyxdf, str(path))
+    if not streams:
+        raise ProblemFileError(name, "file", problem or "no streams", "a whole XDF file")
+    known = [(_text(each, "info", "name"), _labels(each), each) for each in streams]
     said = ", ".join(f"{stream}/{label}" for stream, labels, _ in known for label in labels)
-    if columns is None:
+    if how.columns is None:
         raise ProblemFileError(name, "recording.columns", None, f"labels of x, y (and z) among {shown(said, 120)}")
-    found = [each for each in known if all(_place(each[0], each[1], column) is not None for column in columns)]
+    places_in = [[_place(stream, labels, column) for column in how.columns] for stream, labels, _ in known]
+    found = [i for i, places in enumerate(places_in) if None not in places]
     if len(found) != 1:
         expected = f"channels of one stream, among {shown(said, 120)}"
-        raise ProblemFileError(name, "recording.columns", list(columns), expected)
-    stream, labels, chosen = found[0]
-    places = [_place(stream, labels, column) or 0 for column in columns]
+        raise ProblemFileError(name, "recording.columns", list(how.columns), expected)
+    (stream, labels, chosen), places = known[found[0]], [place or 0 for place in places_in[found[0]]]
     time, series = np.asarray(chosen["time_stamps"], dtype=np.float64), chosen["time_series"]
     stated = _stated(chosen)
     if stated is None or stated != len(time):
@@ -72,49 +66,68 @@ def read_xdf(path: Path, *, name: str, columns: Sequence[str] | None) -> Recordi
         raise ProblemFileError(name, f"samples of stream {shown(stream)}", len(time), expected)
     if not isinstance(series, np.ndarray) or series.dtype.kind not in "fiu" or series.shape != (len(time), len(labels)):
         raise ProblemFileError(name, f"stream {shown(stream)}", "other samples", "a number for each channel")
-    units = [_unit(chosen["info"], place, name) for place in places]
+    units = [
+        how.factor("length", _unit(chosen, place), name=name, where=f"unit of channel {shown(labels[place])}")
+        for place in places
+    ]
     points = np.column_stack([series[:, place] * unit for place, unit in zip(places, units, strict=True)])
-    for bad, expected in ((~np.isfinite(points), "a finite number"), (np.abs(points) > FARTHEST, "another unit?")):
-        if bad.any():
-            row, axis = (int(i) for i in np.argwhere(bad)[0])
-            raise ProblemFileError(
-                name, f"sample {row + 1}, channel {columns[axis]}", float(points[row, axis]), expected
-            )
-    return Recording(file=name, time=time - time[0] if len(time) else time, points=points)
+    return Samples(time - time[0] if len(time) else time, points)
 
 
-def _text(table: Any, key: str) -> str:
-    """Pyxdf has every element of XML as a list."""
-    value = table[key][0]
-    return value if isinstance(value, str) else ""
+def _streams(pyxdf: Any, path: str) -> tuple[list[Any], str]:
+    """All streams or, where one of them cannot be read, the others one by one; and what was wrong."""
+    try:
+        return list(pyxdf.load_xdf(path)[0]), ""
+    except SPOILT as problem:
+        said = type(problem).__name__
+    streams: list[Any] = []
+    for each in _tried(pyxdf.resolve_streams, path):
+        streams += next(iter(_tried(pyxdf.load_xdf, path, select_streams=[each["stream_id"]])), [])
+    return streams, said
 
 
-def _channels(info: Any) -> list[Any]:
-    return list(info["desc"][0]["channels"][0]["channel"]) if info.get("desc") and info["desc"][0] else []
+def _tried(call: Callable[..., Any], *arguments: object, **named: object) -> list[Any]:
+    try:
+        return list(call(*arguments, **named))
+    except SPOILT:
+        return []
 
 
-def _labels(info: Any) -> list[str]:
-    return [_text(channel, "label") for channel in _channels(info)]
+def _text(of: Any, *keys: str) -> str:
+    """Text of an element within others; "" where there is none. Pyxdf has every element of XML as a list."""
+    for key in keys:
+        try:
+            of = of[key]
+        except (KeyError, TypeError, IndexError):
+            return ""
+        of = of[0] if isinstance(of, list) and of else of
+    return of if isinstance(of, str) else ""
 
 
-def _place(stream: str, labels: Sequence[str], column: str) -> int | None:
-    found = [i for i, label in enumerate(labels) if column in (label, f"{stream}/{label}")]
-    return found[0] if len(found) == 1 else None
+def _channels(stream: Any) -> list[Any]:
+    try:
+        return list(stream["info"]["desc"][0]["channels"][0]["channel"])
+    except (KeyError, TypeError, IndexError):
+        return []
+
+
+def _labels(stream: Any) -> list[str]:
+    """Labels of a stream's channels; their numbers where they have none."""
+    labels = [_text(channel, "label") or str(number) for number, channel in enumerate(_channels(stream), start=1)]
+    count = _text(stream, "info", "channel_count")
+    return labels or [str(number) for number in range(1, 1 + min(int(count) if count.isdecimal() else 0, MAX_COLUMNS))]
+
+
+def _place(stream: str, labels: Sequence[str], column: str | int) -> int | None:
+    name = str(column)
+    return place_of(name.removeprefix(f"{stream}/") if name not in labels else name, labels)
 
 
 def _stated(stream: Any) -> int | None:
-    try:
-        return int(_text(stream["footer"]["info"], "sample_count"))
-    except (KeyError, ValueError, TypeError, IndexError):
-        return None
+    said = _text(stream, "footer", "info", "sample_count")
+    return int(said) if said.isascii() and said.isdecimal() else None
 
 
-def _unit(info: Any, place: int, name: str) -> float:
-    channel = _channels(info)[place]
-    unit = _text(channel, "unit") if "unit" in channel else ""
-    known = SPELLINGS.get(unit.lower(), SPELT.get(unit.lower(), unit))
-    if known not in LENGTH:
-        raise ProblemFileError(
-            name, f"unit of channel {shown(_text(channel, 'label'))}", unit, f"one of {', '.join(LENGTH)}"
-        )
-    return LENGTH[known]
+def _unit(stream: Any, place: int) -> str:
+    channels = _channels(stream)
+    return _text(channels[place], "unit") if place < len(channels) else ""

@@ -154,4 +154,6 @@ def placed_recording(
         if not refused.key.startswith(("recording.", "placement")):
             raise  # a line or a column of the recording itself
         raise ProblemFileError(config.file, keys + refused.key, refused.value, refused.expected) from refused
+    if recording.points.shape[1] == 3 and source.up is None:
+        recording = recording.noting("its z axis is taken to point up: recording.up names another")
     return replace(recording.noting(sentence), points=points[:, :2]), points

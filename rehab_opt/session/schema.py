@@ -53,7 +53,7 @@ TO_SI = {"mm": 1e-3, "ms": 1e-3} | dict.fromkeys(("deg", "deg_s", "deg_s2", "deg
 """What a number of a key that ends so is to be multiplied with."""
 UNIT = re.compile(r"_(?:mm|ms|rad|deg(?:_s[23]?)?|(?:N|Ns|m)_(?:m|s)|per_s|kg|m|s|N|J)$")
 Side = Literal["left", "right"]
-Separator = Literal["comma", "semicolon", "tab"]
+Separator = Literal["comma", "semicolon", "tab", "blank"]
 Decimal = Literal["point", "comma"]
 Positive = Annotated[float, Field(gt=0)]
 Length = Annotated[float, Field(ge=-10, le=10)]
@@ -138,10 +138,23 @@ class RecordedSection(Section):
     file: str = Field(min_length=1)
     """A `.csv`, `.svc`, `.mot`, `.sto`, `.trc`, `.c3d`, `.xdf` or `_motion.tsv`, relative to the problem file,
     or `data:folder/file`."""
-    marker: str | None = None
-    """The hand's marker, in a `.trc`, `.c3d` or `_motion.tsv`."""
-    columns: Annotated[list[str], Field(min_length=2, max_length=3)] | None = None
-    """The columns of x, y (and z), in a `.csv`, `.mot`, `.sto` or `.xdf`."""
+    marker: str | int | None = None
+    """The hand's marker, in a `.trc`, `.c3d` or `_motion.tsv`: its name, or its number from 1 on."""
+    columns: Annotated[list[str | int], Field(min_length=2, max_length=3)] | None = None
+    """The columns of x, y (and z), in a `.csv`, `.mot`, `.sto` or `.xdf`: their names, or their numbers from 1 on."""
+    time_column: str | int | None = None
+    """The column of times in a `.csv`, likewise."""
+    rate_hz: float | None = Field(default=None, gt=0, le=1e6)
+    """Samples a second, in place of the file's times."""
+    units: Annotated[list[str], Field(min_length=1, max_length=3), Once] | None = None
+    """At most one each of length (m, cm, mm), angle (rad, deg) and time (s, ms, us, ns), in place of the file's."""
+    up: Literal["x", "y", "z", "-x", "-y", "-z"] | None = None
+    """Its axis that points up: the points are turned so that z does."""
+    window_s: Annotated[list[Annotated[float, Field(ge=0)]], Field(min_length=2, max_length=2)] | None = None
+    """`[from, to]` after the first sample; the rest is left out."""
+    trials: str | int | None = None
+    """What tells trials apart that are scored: a column of a `.csv`; of a `.c3d` the event with which each begins, or
+    `"begin,end"`."""
     separator: Separator = "comma"
     """Between the cells of a `.csv`."""
     decimal: Decimal = "point"
@@ -164,6 +177,8 @@ class RecordedSection(Section):
             "decimal": ((".csv",), "decimals of one's choice"),
             "count_mm": ((".svc", ".csv", ".c3d"), "raw counts of length"),
             "tick_ms": ((".svc", ".csv"), "raw counts"),
+            "time_column": ((".csv",), "a column of times of one's choice"),
+            "trials": ((".csv", ".c3d"), "trials"),
         }
         for key, (suffixes, what) in allowed.items():
             if key in self.model_fields_set and getattr(self, key) is not None and suffix not in suffixes:

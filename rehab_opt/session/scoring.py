@@ -5,10 +5,12 @@ from __future__ import annotations
 import csv
 import io
 import itertools
+import json
 import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple, TextIO
@@ -35,6 +37,7 @@ __all__ = [
     "ScoreRow",
     "Scored",
     "described",
+    "range_of_motion_keys",
     "score_recordings",
     "trials_between_pauses",
     "write_rows",
@@ -68,11 +71,15 @@ class Described(NamedTuple):
 
 
 class Scored(NamedTuple):
-    """What was measured, and what a reader of it has to know; each trial: its source, number in it, samples, score."""
+    """What was measured, and what a reader of it has to know; each trial: its source, number in it, samples, score.
+
+    `refused` says of each recording or trial that cannot be read or measured why; the others are measured all the same.
+    """
 
     rows: tuple[ScoreRow, ...]
     notes: tuple[str, ...]
     trials: tuple[tuple[Described, int, Recording, Score], ...]
+    refused: tuple[ProblemFileError, ...] = ()
 
 
 def score_recordings(
@@ -99,7 +106,7 @@ def score_recordings(
 
     Raises
     ------
-    ProblemFileError : a recording cannot be read or measured.
+    ProblemFileError : no recording can be read and measured; others are in `refused`.
     ConfigurationError : a target of other coordinates, fewer than two repeats.
     """
     if target is not None and not all(abs(x) <= FARTHEST for x in target):
@@ -108,26 +115,33 @@ def score_recordings(
     rows: list[ScoreRow] = []
     notes: list[str] = []
     measured: list[tuple[Described, int, Recording, Score]] = []
+    refused: list[ProblemFileError] = []
+    how = {"cutoff_hz": cutoff_hz, "threshold": threshold}
     for given in files:
         source = described(given, reading)
         file = source.file
-        with _options_named(given == file):
-            recording = read_recording(source.path, name=file, **source.reading)
-        if recording.points.shape[1] < 2:
-            named = source.reading.get("columns")
-            raise ProblemFileError(file, "columns", named, "the columns that hold the hand's x and y (--columns)")
+        try:
+            recording = _read(source, undescribed=given == file)
+            trials = _trials(recording, pause, how)
+        except ProblemFileError as problem:
+            refused.append(problem)
+            continue
         if target is not None and len(target) != recording.points.shape[1]:
             expected = f"{recording.points.shape[1]} coordinates, as {file} has"
             raise ConfigurationError("--target", ",".join(f"{x:g}" for x in target), expected)
         notes += (f"{file}: {note}" for note in recording.notes)
-        how = {"cutoff_hz": cutoff_hz, "threshold": threshold}
-        trials = [recording] if pause is None else trials_between_pauses(recording, pause=pause, **how)
-        for number, trial in enumerate(trials, start=1):
-            with _refused(trial, f"trial {number}, "):
-                scored = score(trial.time, trial.points, target=target, joints=trial.joints, **how)
+        for number, (name, trial) in enumerate(trials, start=1):
+            try:
+                with _refused(trial, f"trial {name}, "):
+                    scored = _scored(trial, target, how)
+            except ProblemFileError as problem:
+                refused.append(problem)
+                continue
             measured.append((source, number, trial, scored))
-            rows += (ScoreRow(file, str(number), *measure) for measure in scored.measures)
-            notes += (f"{file}, trial {number}: {note}" for note in scored.notes)
+            rows += (ScoreRow(file, name, *measure) for measure in scored.measures)
+            notes += (f"{file}, trial {name}: {note}" for note in scored.notes)
+    if refused and not measured:
+        raise refused[0]
     if repeats:
         rows += (ScoreRow(ALL, ALL, *measure) for measure in _variability([scored.movement for *_, scored in measured]))
         first = measured[0][-1].movement
@@ -135,7 +149,60 @@ def score_recordings(
             there, back = (path_variability([first, scored.movement[::step]]) for step in (1, -1))
             if back < there / 2:
                 notes.append(f"{source.file}, trial {number}: goes the other way than the first; repeats do not")
-    return Scored(tuple(rows), tuple(notes), tuple(measured))
+    return Scored(tuple(rows), tuple(notes), tuple(measured), tuple(refused))
+
+
+def _read(source: Described, *, undescribed: bool) -> Recording:
+    file = source.file
+    with _options_named(undescribed):
+        recording = read_recording(source.path, name=file, **source.reading)
+    if recording.points.shape[1] >= 2:
+        return recording
+    if not recording.joints:
+        named = source.reading.get("columns")
+        raise ProblemFileError(file, "columns", named, "the columns that hold the hand's x and y (--columns)")
+    return recording.noting("no columns of the hand's x and y are named: its joints' angles alone are measured")
+
+
+def _scored(trial: Recording, target: Sequence[float] | None, how: Mapping[str, float]) -> Score:
+    """Every measure of a trial; of joint angles alone the range of each."""
+    if trial.points.shape[1]:
+        return score(trial.time, trial.points, target=target, joints=trial.joints, **how)
+    ends = {name: np.degrees(np.unwrap(angles)) for name, angles in trial.joints.items()}
+    measures = [Measure("duration", trial.duration, "s")]
+    for name, angles in ends.items():
+        low, high = float(angles.min()), float(angles.max())
+        measures += (Measure(f"{what}_{name}", value, "deg") for what, value in (("lower", low), ("upper", high)))
+        measures.append(Measure(f"range_{name}", high - low, "deg"))
+    return Score(tuple(measures), np.zeros((1, 2)), ())
+
+
+def range_of_motion_keys(rows: Sequence[ScoreRow]) -> list[str]:
+    """Lines for a problem file's arm: of each joint the lowest and the highest angle [deg] of all trials."""
+    ends: dict[str, list[float]] = {}
+    for row in rows:
+        what, _, joint = row.measure.partition("_")
+        if what in ("lower", "upper"):
+            ends.setdefault(joint.removesuffix("/value").rpartition("/")[2], []).append(row.value)
+    if not ends:
+        raise ConfigurationError("--range-of-motion", "no joint angles", "recordings of joints' angles alone")
+    lines = (f"{json.dumps(f'{joint}_deg')} = [{min(of):.1f}, {max(of):.1f}]" for joint, of in ends.items())
+    return ["# range used in these recordings, not the range possible", "[arm.range_of_motion]", *lines]
+
+
+def _trials(recording: Recording, pause: float | None, how: Mapping[str, float]) -> list[tuple[str, Recording]]:
+    """The trials that the file tells apart, or all of it, cut where the hand rests; each with its name."""
+    time, pieces = recording.time, [("", recording)]
+    if recording.trials:
+        parts = [(name, recording.part((time >= first) & (time <= last))) for name, first, last in recording.trials]
+        pieces = [(name, replace(part, joints=dict(part.joints), trials=())) for name, part in parts]
+    if pause is None:
+        return [(name or "1", piece) for name, piece in pieces]
+    return [
+        (f"{name}.{number}" if name else str(number), part)
+        for name, piece in pieces
+        for number, part in enumerate(trials_between_pauses(piece, pause=pause, **how), start=1)
+    ]
 
 
 def described(file: str, reading: Mapping[str, Any] = MappingProxyType({})) -> Described:
@@ -237,6 +304,8 @@ def _refused(recording: Recording, where: str = "") -> Iterator[None]:
 def _variability(movements: Sequence[Array]) -> Iterator[Measure]:
     if len(movements) < 2:
         raise ConfigurationError("--repeats", f"{len(movements)} trial", "two or more trials of one movement")
+    if min(map(len, movements)) < 2:
+        raise ConfigurationError("--repeats", "joints' angles alone", "recordings of a hand's path")
     if len({movement.shape[1] for movement in movements}) > 1:
         raise ConfigurationError("--repeats", "recordings in the plane and in space", "one or the other")
     yield Measure("path_variability", path_variability(movements), "m")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from typing import NamedTuple
 
 from rehab_opt.study.store import Study
@@ -68,15 +69,28 @@ class TrialOutlines(NamedTuple):
     points: list[tuple[float, float]]
 
 
-def extreme(study: Study, measure: Quantity, *, largest: bool, person: str | None = None) -> Extreme | None:
-    """The trial, of those that are done, with the largest or the smallest value of a measure; None without any."""
+def extreme(
+    study: Study,
+    measure: Quantity,
+    *,
+    largest: bool,
+    person: str | None = None,
+    least: float = -math.inf,
+    most: float = math.inf,
+) -> Extreme | None:
+    """The trial, of those that are done, with the largest or the smallest value of a measure; None without any.
+
+    Parameters
+    ----------
+    least, most : values beyond are no measurement.
+    """
     of, who = of_person(person)
     end = "max" if largest else "min"
     question = (  # SQLite takes the bare columns from the row of the extreme
         f"SELECT p.name, s.name, s.date, t.number, t.condition, {end}(m.value) {FROM} "
-        f"JOIN measures m ON m.trial = t.id WHERE {of} AND m.quantity = ? AND t.status = ? AND m.value IS NOT NULL"
+        f"JOIN measures m ON m.trial = t.id WHERE {of} AND m.quantity = ? AND t.status = ? AND m.value BETWEEN ? AND ?"
     )
-    (row,) = study.rows(question, (*who, measure.id, DONE))
+    (row,) = study.rows(question, (*who, measure.id, DONE, least, most))
     return None if row[-1] is None else Extreme(*row)
 
 

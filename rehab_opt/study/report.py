@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime
+import math
 import os
 import shutil
 import subprocess
@@ -49,24 +50,26 @@ __all__ = ["report_html", "write_pdf"]
 
 
 class Plain(NamedTuple):
-    """A measure in plain words, and which way is better: 1 more, -1 less, 0 neither."""
+    """A measure in plain words, which way is better (1 more, -1 less, 0 neither), and its possible values."""
 
     words: str
     better: int
+    least: float = 0.0
+    most: float = math.inf
 
 
 PLAIN = {
-    "success": Plain("Trials that succeeded", 1),
+    "success": Plain("Trials that succeeded", 1, most=1.0),
     "movement_time": Plain("Movement time", -1),
     "time_to_target": Plain("Time to the target", -1),
     "end_error": Plain("Distance from the target at the end", -1),
     "final_distance": Plain("Distance from the target at the end", -1),
     "deviation_mean": Plain("Deviation from the path", -1),
-    "path_ratio": Plain("Path of the hand over the straight line", -1),
-    "path_length_ratio": Plain("Path of the hand over the straight line", -1),
-    "sparc": Plain("Smoothness (SPARC, nearer 0 is smoother)", 1),
-    "smoothness_sparc": Plain("Smoothness (SPARC, nearer 0 is smoother)", 1),
-    "velocity_peaks": Plain("Velocity peaks", -1),
+    "path_ratio": Plain("Path of the hand over the straight line", -1, least=1.0),
+    "path_length_ratio": Plain("Path of the hand over the straight line", -1, least=1.0),
+    "sparc": Plain("Smoothness (SPARC, nearer 0 is smoother)", 1, -math.inf, 0.0),
+    "smoothness_sparc": Plain("Smoothness (SPARC, nearer 0 is smoother)", 1, -math.inf, 0.0),
+    "velocity_peaks": Plain("Velocity peaks", -1, least=1.0),
     "speed_peak": Plain("Peak speed", 0),
     "workspace_area": Plain("Workspace used", 1),
     "workspace_volume": Plain("Workspace used", 1),
@@ -188,6 +191,20 @@ def _plain(of: Quantity) -> Plain | None:
     return PLAIN.get(_key(of))
 
 
+def _limits(of: Quantity) -> tuple[float, float]:
+    """Values that a measure may have: no movement has fewer than one velocity peak."""
+    plain = _plain(of)
+    return (plain.least, plain.most) if plain else (-math.inf, math.inf)
+
+
+def _possible(of: Interval, measure: Quantity, factor: float = 1.0) -> Interval:
+    """An interval within the values that its measure may have."""
+    low, high = (factor * limit for limit in _limits(measure))
+    if not low <= of.mean <= high:
+        return of
+    return of._replace(lower=max(of.lower, low), upper=min(of.upper, high)) if math.isfinite(of.lower) else of
+
+
 def _better(of: Quantity) -> int:
     plain = _plain(of)
     return plain.better if plain else 0
@@ -297,7 +314,8 @@ def _progress(means: dict[Quantity, list[SessionMean]], *, single: bool) -> str:
         series = []
         for name in shown:
             points = [(x, value) for x, ys in values[name].items() for value in ys]
-            series.append(Series(name, points, [(x, interval(ys)) for x, ys in sorted(values[name].items())]))
+            means_at = [(x, _possible(interval(ys), measure, factor)) for x, ys in sorted(values[name].items())]
+            series.append(Series(name, points, means_at))
         if not places:
             continue
         better = {1: "more is better", -1: "less is better"}.get(_better(measure), "")
@@ -386,6 +404,7 @@ def _trends(means: dict[Quantity, list[SessionMean]]) -> str:
         title = _titled(measure)
         for (group, name), part in grouped(of, lambda each: (each.group or "-", _condition(each))).items():
             over, change = (interval(list(each(part).values())) for each in (of_people, slopes))
+            over = _possible(over, measure)
             rows.append([title, group, name, over.n, _said(over, factor), _said(change, factor)])
             title = ""
     head = ["measure", "group", "condition", "people", "mean (95 % interval)", "change a session (95 % interval)"]
@@ -415,7 +434,11 @@ def _extremes(study: Study, means: dict[Quantity, list[SessionMean]], person: st
     for measure in means:
         better = _better(measure)
         if better:
-            ends = [extreme(study, measure, largest=way * better > 0, person=person) for way in (1, -1)]
+            least, most = _limits(measure)
+            ends = [
+                extreme(study, measure, largest=way * better > 0, person=person, least=least, most=most)
+                for way in (1, -1)
+            ]
             rows.append([_titled(measure), *(_where(end, _scale(measure)[0], person) for end in ends)])
     return f"<h2>Best and worst trial</h2>{_table(['measure', 'best', 'worst'], rows)}" if rows else ""
 

@@ -8,6 +8,7 @@ import pytest
 import shapely
 
 from rehab_opt import Assistance, PotentialField, Relaxed, Status, Workspace
+from rehab_opt.control.assistance_statement import assistance_statement
 from rehab_opt.control.bounded_force import BoundedForce
 from tests.refusals import refuses
 
@@ -75,6 +76,26 @@ def test_the_onset_grows_from_the_boundary() -> None:
 
 
 # ------------------------------------------------------------------------------------------------------------- bounds
+@pytest.mark.parametrize("ceiling", [30.0, 11.0, 9.0, 8.2])
+def test_the_force_is_the_nearest_point_of_ceiling_and_slew_disc(ceiling: float) -> None:
+    """Beside a search around both circles, from a last force of 10 N by at most 2 N: also where the ceiling fell."""
+    last, step, turns = np.array([6.0, 8.0]), 2.0, np.linspace(0, 2 * np.pi, 20_001)
+    screen, met = assistance_statement().screen, 0
+    circle = np.column_stack([np.cos(turns), np.sin(turns)])
+    for angle in np.linspace(0.05, 6.2, 40):
+        for size in (0.3, 0.999):
+            desired = size * ceiling * np.array([math.cos(angle), math.sin(angle)])
+            answer, residual, _ = screen((*desired, ceiling, step, 30.0), last)
+            found = np.array(answer).ravel()[:2]
+            places = np.vstack([desired, ceiling * circle, last + step * circle])
+            inside = np.hypot(*places.T) <= ceiling * (1 + 1e-9)
+            inside &= np.hypot(*(places - last).T) <= step * (1 + 1e-9)
+            assert np.hypot(*(found - desired)) <= np.hypot(*(places[inside] - desired).T).min() + 1e-9
+            assert np.hypot(*found) <= ceiling * (1 + 1e-12)
+            assert np.hypot(*(found - last)) <= step * (1 + 1e-12)
+            assert float(residual) < 1e-10
+            met += np.array(answer).ravel()[-1] > 1e-6
+    assert (met > 10) == (ceiling < 10.0)
 
 
 def test_the_estimated_velocity_lags_by_what_is_stated() -> None:

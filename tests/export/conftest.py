@@ -94,10 +94,10 @@ def exported(among_workers: Path, chair: str) -> Exported:
 def built(c_compiler: str, among_workers: Path) -> Built:
     """Compile files of a folder, with the flags of the project's CMake file and more, into a product beside them."""
 
-    def product(folder: Path, name: str, *files: str, flags: tuple[str, ...] = ()) -> Path:
+    def product(folder: Path, name: str, *files: str, flags: tuple[str, ...] = (), by: str = "") -> Path:
         with one_at_a_time(among_workers / f"{'_'.join(folder.parts[-3:])}_{name}.lock"):
             if not (folder / name).exists():
-                command = [c_compiler, *WARNINGS, *ARITHMETIC, *flags, *files, "-o", name, "-lm"]
+                command = [by or c_compiler, *WARNINGS, *ARITHMETIC, *flags, *files, "-o", name, "-lm"]
                 done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False, timeout=SECONDS)
                 assert done.returncode == 0, done.stderr
         return folder / name

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import ctypes
+import math
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,9 +18,9 @@ from rehab_opt import Assistance, ConfigurationError, PotentialField, Workspace
 from rehab_opt.control.command import Status
 from rehab_opt.control.path_assistance import PathAssistance
 from rehab_opt.export.controllers.assistance import exported_assistance
+from rehab_opt.export.export_c import export_c
 from tests.export.assisting import DT, EIGHT, exported_to, field_of, made, made_along_a_path
-from tests.export.calling_c import Built, CController, Exported, assert_same, giving_up, shared
-from tests.failing_solvers import failing_solvers
+from tests.export.calling_c import Built, CController, Exported, assert_same, shared
 
 MODES = ("assist", pytest.param("follow", marks=pytest.mark.nightly))
 
@@ -150,20 +152,26 @@ def test_the_end_of_a_path_is_reached_and_a_hand_that_stands_is_let_go(
 
 
 @pytest.mark.nightly
-def test_a_solver_that_writes_nothing_releases(exported: Exported, built: Built) -> None:
+def test_a_force_without_a_certificate_releases(built: Built, tmp_path: Path) -> None:
     """What it answered before is not taken for an answer."""
-    library = giving_up(exported("assistance"), "assistance", built, "assistance_conclude")
-    with failing_solvers() as failures:
-        c, helper, x = CController(library, "assistance"), made("assist"), np.array([0.02, 0.45])
-    for k in range(60):
-        assert_same(c.step(x, None, stamp=DT * k), helper.step(x, stamp=DT * k))
-    library.give_up(1)
-    failures.primary = True
-    for k in range(60, 200):
+    helper, released, last = made("assist", tolerance=1e-300, slew_limit=100.0, energy_budget=20.0), 0, 0.0
+    export_c(helper, tmp_path)
+    c = CController(shared(tmp_path, "assistance", built), "assistance")
+    for k in range(300):
+        x = np.array([0.02 + 0.01 * math.sin(0.02 * k), 0.45 + 0.01 * math.cos(0.03 * k)])
         answer = c.step(x, None, stamp=DT * k)
-        assert_same(answer, helper.step(x, stamp=DT * k))
-        assert answer.why == "NOT_CERTIFIED"
-    assert answer.status == 5
+        size = math.hypot(*answer.value[:2])
+        if answer.why == "NOT_CERTIFIED":
+            assert size == pytest.approx(max(last - 100.0 * DT, 0.0), abs=1e-9)
+            released += 1
+        last = size
+    assert released > 20
+
+
+def test_nothing_in_the_c_of_a_force_can_give_up(exported: Exported) -> None:
+    source = (exported("assistance") / "rehab_assistance.c").read_text()
+    assert "casadi_qp" not in source
+    assert "casadi_qrqp" not in source
 
 
 def test_what_c_cannot_do_is_refused() -> None:

@@ -18,7 +18,7 @@ from tests.judge.sensor_faults import STAMPS, expected, gaps
 from tests.judge.verdict import Verdict
 
 GUARANTEES = ("G01", "G05", "G21")
-LEAST = {"solver closed form": 4e5, "solver qrqp": 5e4,
+LEAST = {"solver closed form": 4.5e5,
          "at the force limit": 2000, "at the slew limit": 14_000, "held back by its growth": 5000, "relaxed slew": 50,
          "wanted in full": 14_000, "status releasing": 81, "status released": 5000, "reason not enabled": 300,
          "reason x is (#, #), not a usable position": 300,

@@ -2,8 +2,9 @@
 
 Robots of the judge's own: commands act some ticks later, by velocity loops with integral action or by joints that chase
 a commanded position. Judged by where joints truly are: how far beyond a limit they are led, and that they stand there,
-once slow ways to it are over. Who follows, up to 40 ms late, is not said to be stuck, who stands still is. No command
-is made of a sample that cannot be, nor another of encoders that count turns otherwise. Who is pushed aside comes back.
+once slow ways to it are over. Who follows, with a delay of up to 0.1 s and a lag of up to 0.1 s behind it, is not said
+to be stuck, who stands still is. No command is made of samples that cannot be, for however long they come, and it goes
+on behind them; nor another of encoders that count turns otherwise, whichever of them fails. Who is pushed comes back.
 """
 
 from __future__ import annotations
@@ -37,10 +38,16 @@ POLE = 2 * math.pi * 24 / math.sqrt(3 + math.sqrt(10))
 """[1/s] both poles of a velocity loop of 24 Hz."""
 SECONDS, LED, BEGINS = 2.0, 4.0, 0.4
 """[s] of a run; of one against limits; at which things begin to go wrong."""
-FAST, PUSHED, BACK = 0.05, 0.1, 1.0
+LATE, SLOWEST = 0.1, 10.0
+"""[s] of delay, [1/s] of a servo of positions: the worst that are followed."""
+LOST = 0.6
+"""[s] for which samples are wrong, at most."""
+FAST, PUSHED, BACK = 0.05, (0.05, 0.5), 1.0
 """[rad/s] of a joint that is stopped; [s] that a push takes, and until it is made up."""
 BEYOND, STILL, RETURNED, ABLE = 1e-3, 5e-4, 5e-3, 0.05
 """[rad] beyond a limit, peak to peak of who stands, left of a push; w / w_max: less able hands swing and wait more."""
+TINY = 1e-12
+"""[rad] zero."""
 CALM, NOISY = 1e-3, 15.0
 """[rad/s, 1/s] sent to who stands: of slow ways, and of noise."""
 WAY, PATIENCE = 0.045, 0.15
@@ -81,12 +88,15 @@ class Robot:
 def draw(rng: np.random.Generator, kind: str, start: Array) -> Plan:
     """A robot."""
     dt, lower, upper = float(rng.choice([1e-3, 2e-3, 5e-3, 1e-2])), -LIMIT, LIMIT
-    latest = 0.04 if kind in ("follows", "turns", "bad samples") and rng.random() < 0.5 else 0.008
+    latest = LATE if kind not in STOPPED and rng.random() < 0.5 else 0.008
     if kind in ("limits", "turns") or rng.random() < 0.3:
         room = rng.uniform(0.02, rng.choice([0.3, 1.0]), (2, 6)) if kind == "limits" else rng.uniform(0.3, 3.0, (2, 6))
         lower, upper = np.maximum(lower, start - room[0]), np.minimum(upper, start + room[1])
     arm = ur5(lower=lower, upper=upper, velocity=rng.uniform(0.5, 3.0, 6), acceleration=rng.uniform(3.0, 20.0, 6))
-    rate, noise = rng.choice([0.0, rng.uniform(20.0, 120.0)]), rng.choice([0.0, rng.uniform(0.0, 2e-4)])
+    rate, noise = (
+        rng.choice([0.0, rng.uniform(20.0 if kind in STOPPED else SLOWEST, 120.0)]),
+        rng.choice([0.0, rng.uniform(0.0, 2e-4)]),
+    )
     late = int(rng.integers(0, round(latest / dt) + 1))
     return Plan(kind, dt, late, float(rate), float(noise), bool(rng.random() < 0.5), arm)
 
@@ -107,6 +117,18 @@ def asked(rng: np.random.Generator, plan: Plan, start: Array) -> tuple[Array, Ar
     return tool(way), hand_twist(way, np.gradient(way, dt, axis=0) * (part < 1)[:, None]), goal
 
 
+def spoils(rng: np.random.Generator, plan: Plan, ticks: int) -> Array:
+    """(ticks, 6) what is added to samples; all six are put in place of them."""
+    spoilt = np.zeros((ticks, 6))
+    free = round(BEGINS / plan.dt)
+    while plan.kind in ("bad samples", "turns") and (free := free + 1 + int(rng.geometric(0.1))) < ticks:
+        lasts = 1 if plan.kind == "turns" or rng.random() < 0.5 else 1 + round(rng.uniform(0, LOST) / plan.dt)
+        number = rng.choice([np.nan, np.inf] if plan.kind == "turns" else [np.nan, np.inf, -1.0, 1.0, TINY, TINY])
+        spoilt[free : free + lasts, slice(6) if number == TINY else int(rng.integers(6))] = number
+        free += lasts + 20
+    return spoilt
+
+
 def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
     """One robot."""
     kind, start = KINDS[number % len(KINDS)], good_posture(rng, 0.3)
@@ -114,17 +136,16 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
     dt, (poses, twists, goal) = plan.dt, asked(rng, plan, start)
     verdict.begin(number, f"{kind}, dt {dt:g}, {plan.late} ticks late, {plan.rate:.0f} /s, noise {plan.noise:.2g}")
     control, twin = (PoseTracker(plan.arm, dt=dt, compile=False) for _ in range(2))
-    robot, ticks, joint, turns = Robot(plan, start), len(poses), -1, 2 * math.pi * rng.integers(-3, 4, 6)
+    robot, ticks, joint, able, turns = Robot(plan, start), len(poses), -1, True, 2 * math.pi * rng.integers(-3, 4, 6)
     aside, springs = rng.choice([0.015, 0.05]) * rng.uniform(-1, 1, 6), rng.random() < 0.5
-    push, begins = np.diff(minimum_jerk(round(PUSHED / dt) + 1)), round(BEGINS / dt)
+    takes, begins, spoilt = rng.uniform(*PUSHED), round(BEGINS / dt), spoils(rng, plan, ticks)
+    push = np.diff(minimum_jerk(round(takes / dt) + 1))
     true, last, told = np.empty((ticks + 1, 6)), np.zeros(6), start
     wrong, commands = np.zeros(ticks, dtype=bool), list[Command]()
     for k in range(ticks):
         true[k], before = robot.q, told
         told = robot.q + plan.noise * (rng.standard_normal(6) if plan.normal else rng.uniform(-1, 1, 6))
-        if kind == "bad samples" and k > begins and not wrong[k - 20 : k].any() and rng.random() < 0.1:
-            wrong[k], spike = True, rng.choice([-1, 1]) * np.eye(6)[rng.integers(6)]
-            told = (0 * told, told + spike, np.where(spike == 0, told, rng.choice([np.nan, np.inf])))[rng.integers(3)]
+        wrong[k], told = spoilt[k].any(), (0 if spoilt[k].all() else told) + spoilt[k]
         if joint < 0 and k >= begins and np.abs(last).max() > FAST:
             joint = int(np.argmax(np.abs(last)))
         wrong[k] |= joint >= 0 and kind in STOPPED
@@ -132,7 +153,8 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
             told = np.where((np.arange(6) == joint) | (kind == "all still"), before, told)
         commands.append(control.step(told, poses[k], twists[k]))
         last = commands[-1].value
-        if kind == "turns":
+        able = able and manipulability(robot.q[None])[0] > ABLE
+        if kind == "turns" and able:  # singular postures amplify what a turn rounds
             apart = np.abs(twin.step(told + turns, poses[k], twists[k]).value - last)
             verdict.within("away from the command of other turns [rad/s]", apart, 1e-9)
         robot.move(last)
@@ -144,10 +166,12 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
     true[ticks] = robot.q
     answers = verdict.answers(commands, dt)
     value, last = answers.value, np.vstack([np.zeros(6), answers.value[:-1]])
-    change = np.abs(value - last) / (plan.arm.acceleration * dt) * (answers.relaxed & 2 == 0)[:, None]
+    hard = np.abs(value - last) / (plan.arm.acceleration * dt)
     verdict.within("joint speed", np.abs(value) / plan.arm.velocity, 1 + 1e-12)
-    verdict.within("change of speed that is not flagged", change, 1 + 1e-9)
+    verdict.within("change of speed that is not flagged", hard * (answers.relaxed & 2 == 0)[:, None], 1 + 1e-9)
     safe, tells = np.isin(answers.status, ("braking", "holding")), np.char.find(answers.reason, "does not follow") >= 0
+    broken_number = wrong if kind == "turns" else np.zeros(ticks, dtype=bool)
+    verdict.within("change of speed where a number is missing", hard[broken_number], 1 + 1e-9)
     verdict.holds("who follows is not said not to", ~tells | wrong)
     verdict.holds("what can be is acted on", ~safe | wrong | tells)
     if kind == "limits":
@@ -160,7 +184,7 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
         verdict.holds("no joint gains speed by it or turns round", ~gains | ~wrong[:, None])
         verdict.during("a bad sample in motion", wrong & (np.abs(last).max(axis=1) > FAST), dt)
     elif kind == "pushed":
-        back = np.arange(ticks) * dt > BEGINS + PUSHED + BACK
+        back = np.arange(ticks) * dt > BEGINS + takes + BACK
         verdict.within("left of a push [rad]", np.abs(true[:-1] - goal).max(axis=1) * back, RETURNED)
         verdict.during("back after a push", back, dt)
     for situation, there in (("other turns", kind == "turns"), ("a servo of positions", plan.rate > 0),

@@ -119,7 +119,7 @@ def test_a_log_says_to_another_reader_what_was_so_and_computes_the_same_again(
     again = replayed(logged.records, tracking())
     assert (again.same, again.first, again.worst) == (len(written), "", 0.0)
     spoilt = logged.records.copy()
-    spoilt["position"][70, 2] += 1e-9
+    spoilt["position"][70, 2] += 1.0
     other = replayed(spoilt, tracking())
     assert other.same in (70, 71)  # what was measured acts on this command, or through the controller's memory
     assert f"tick {int(spoilt['tick'][other.same])}" in other.first

@@ -11,23 +11,43 @@ import numpy as np
 Array = np.ndarray
 
 
-def c3d(points: Array, labels: list[str], *, order: str = "<", floats: bool = True, rate: float = 100.0) -> bytes:
-    """A file of points (frames, markers, 4) in mm, written as the format's description has it."""
+def parameter(name: str, kind: int, sizes: list[int], data: bytes, *, order: str = "<", group: int = 1) -> bytes:
+    """One parameter of a group, of texts (-1), integers (2) or floats (4)."""
+    body = struct.pack("bB", kind, len(sizes)) + bytes(sizes) + data + b"\0"
+    return struct.pack("bb", len(name), group) + name.encode() + struct.pack(f"{order}H", len(body) + 2) + body
 
-    def parameter(name: str, kind: int, sizes: list[int], data: bytes) -> bytes:
-        body = struct.pack("bB", kind, len(sizes)) + bytes(sizes) + data + b"\0"
-        return struct.pack("bb", len(name), 1) + name.encode() + struct.pack(f"{order}H", len(body) + 2) + body
 
+def c3d(
+    points: Array,
+    labels: list[str],
+    *,
+    order: str = "<",
+    floats: bool = True,
+    rate: float = 100.0,
+    more: bytes = b"",
+    group: bytes = b"TRIAL",
+    count: int | None = None,
+    last: int | None = None,
+) -> bytes:
+    """A file of points (frames, markers, 4) in mm, written as the format's description has it.
+
+    `more` are parameters of POINT (group 1) or of another `group` (2); `last` is what the header says of frames.
+    """
     width = max(map(len, labels))
-    section = struct.pack("bb", 5, -1) + b"POINT" + struct.pack(f"{order}H", 3) + b"\0"
+    section = b"".join(
+        struct.pack("bb", len(name), -number) + name + struct.pack(f"{order}H", 3) + b"\0"
+        for number, name in enumerate((b"POINT", group), start=1)
+    )
     text = "".join(label.ljust(width) for label in labels).encode()
-    section += parameter("LABELS", -1, [width, len(labels)], text) + parameter("UNITS", -1, [2], b"mm")
-    section += parameter("RATE", 4, [], struct.pack(f"{order}f", rate)) + b"\0\0"
+    section += parameter("LABELS", -1, [width, len(labels)], text, order=order)
+    section += parameter("UNITS", -1, [2], b"mm", order=order)
+    section += parameter("RATE", 4, [], struct.pack(f"{order}f", rate), order=order) + more + b"\0\0"
     blocks = -(-(4 + len(section)) // 512)
     processor = 84 if order == "<" else 86
     section = (bytes([1, 0x50, blocks, processor]) + section).ljust(512 * blocks, b"\0")
     scale = -0.1 if floats else 0.1
-    head = bytes([2, 0x50]) + struct.pack(f"{order}5HfH", len(labels), 0, 1, len(points), 0, scale, 2 + blocks)
+    sizes = (count or len(labels), 0, 1, last or len(points), 0, scale, 2 + blocks, 0, rate)
+    head = bytes([2, 0x50]) + struct.pack(f"{order}5HfHHf", *sizes)
     values = points.copy()
     if not floats:
         values[..., :3] = np.round(values[..., :3] / scale)

@@ -150,7 +150,6 @@ def spoilt_table(rng: Rng) -> Made:  # noqa: PLR0912  (a branch a fault)
         truth = REFUSED
     elif fault == "row twice":
         rows.insert(at, list(rows[at]))
-        truth = REFUSED
     elif fault == "row back":
         rows[at], rows[at + 1] = rows[at + 1], rows[at]
         truth = REFUSED

@@ -171,7 +171,7 @@ def test_marker_of_a_c3d_is_read(written: Write, order: str, floats: bool) -> No
     seen = np.arange(30) != 7
     np.testing.assert_allclose(recording.points, 1e-3 * points[seen, 1, :3], atol=1e-8)
     np.testing.assert_allclose(recording.time, np.flatnonzero(seen) / 100)
-    assert recording.notes == ("1 frames without marker HAND left out",)
+    assert recording.notes == ("left out: 1 sample (0.01 s) without the hand, the first after 0.07 s",)
 
 
 def test_ezc3d_and_this_library_see_the_same(tmp_path: Path) -> None:

@@ -82,13 +82,13 @@ def test_what_cannot_be_scored_is_refused_with_its_file_and_trial(written: Write
     shaken = str(written("shaken.csv", table(time, noisy(0 * points, 5e-4, 1))))
     short = str(written("short.csv", table(time[:5], points[:5])))
     thrown = str(written("thrown.csv", table(time, points).replace("t_s", "t_ms")))
-    angles = str(written("angles.mot", "x\ninDegrees=yes\nendheader\ntime elbow\n0 1\n1 2\n"))
+    speeds = str(written("speeds.mot", "Speeds\ninDegrees=yes\nendheader\ntime elbow\n0 1\n1 2\n"))
     refuses(
         lambda *files: score_recordings([*files]),
-        ((good, still), "still.csv: trial 1, points"),
+        ((still,), "still.csv: trial 1, points"),
         ((shaken,), "shaken.csv: trial 1, points"),
         ((short,), "short.csv: trial 1, time = '5 samples'"),
-        ((angles,), "--columns"),
+        ((speeds,), "--columns"),
         ((thrown,), "thrown.csv: trial 1, points = 'faster than 36"),
         error=ProblemFileError,
     )

@@ -149,6 +149,17 @@ def test_what_changed_is_said_and_which_way(study: Study) -> None:
     assert "1.1 (v4, trial 1)</td><td>2.1 (v0, trial 3)" in text  # best and worst movement time
 
 
+def test_no_best_trial_and_no_interval_is_of_values_that_cannot_be(study: Study) -> None:
+    """0 velocity peaks were the best trial, and means of people had intervals below zero."""
+    for person, counts in (("P", (0, 2, 3)), ("Q", (9, 30))):
+        study.add(Session(person, "1"), [Trial("score", [Measure("velocity_peaks", float(n), "1")]) for n in counts])
+    text = report_html(study)
+    (best,) = re.findall(r"<tr><td>Velocity peaks</td><td>([^<]*)</td>", text[text.index("Best and worst") :])
+    assert best.startswith("2 (")
+    (mean,) = re.findall(r"<td>(\d[^<]*\([^<]*\))</td>", text[text.index("Groups and conditions") :])[:1]
+    assert "(1 to" in mean
+
+
 def test_every_event_and_every_bound_that_was_passed_is_told(study: Study) -> None:
     trials = [
         Trial(

@@ -107,7 +107,7 @@ def exported_assistance(
         usage=USAGE.format(offset="" if offset is None else SHIFT),
         recording=recording,
         differences=(*DIFFERENCES, FIELDS.format(count), *there_too),
-        solves=2,  # and again from a cold start
+        solves=0,
         more_memory=MEMORY,
         values={
             **ALONE,

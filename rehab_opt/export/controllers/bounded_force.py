@@ -74,25 +74,23 @@ class ExportedForce(ExportedController):
     def functions(self) -> list[ca.Function]:
         """The functions of a tick."""
         tick = force_tick(self.slots)
-        parts = {"judge": tick.judge, "conclude": tick.conclude, "finish": tick.finish, "anew": anew(self.slots)}
+        parts = {"judge": tick.judge, "conclude": tick.conclude, "anew": anew(self.slots)}
         parts |= {"desired": self.desired.function, **self.parts}
         return [renamed(part, f"{self.name}_{what}") for what, part in parts.items()]
 
     def shape(self) -> dict[str, str]:
         """Sizes, and the model."""
-        stated, slots = self.force.stated, self.slots
+        slots = self.slots
         watched, tank = watched_record(slots), tank_record(slots)
         level, pending = (watched["tank"] + tank[each] for each in ("level", "pending"))
         sizes = {
-            "memory_at": stated.state_size - int(stated.memory.numel()),
-            "state_count": stated.state_size,
             "watched": watched.size, "view": VIEW.size, "desired_size": DESIRED.size, "solved": SOLVED.size,
             "level": level, "pending": pending,
             **{f"view_{each}": VIEW[each] for each in ("x", "v", "reason")},
             "lets_go": DESIRED["lets_go"],
             "values": 2,
             "wheels": 0,
-            "numbers": 2 * stated.state_size + watched.size + VIEW.size + SOLVED.size + 7,
+            "numbers": 2 + watched.size + VIEW.size + SOLVED.size + 7,
         }  # fmt: skip
         records = {"model": MODEL, "watched": watched, "view": VIEW, "desired": DESIRED, "solved": SOLVED}
         return {

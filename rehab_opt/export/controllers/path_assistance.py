@@ -54,7 +54,7 @@ def exported_path_assistance(helper: PathAssistance, positions: Array, *, title:
         inputs=("self->view + X", at["place"], at["along"], at["grip"], "SPRING", "GATE", "COMFORTABLE"),
         tables={"SPRING": helper.spring, "GATE": helper.gate, "COMFORTABLE": edges},
     )
-    seen = ("self->path", "self->view + X", "self->state + MEMORY_AT")
+    seen = ("self->path", "self->view + X", "self->force")
     proceed = Evaluated(
         controller=NAME,
         name="proceed",
@@ -85,7 +85,7 @@ def exported_path_assistance(helper: PathAssistance, positions: Array, *, title:
         usage=USAGE,
         recording=recording,
         differences=DIFFERENCES,
-        solves=2,  # and again from a cold start
+        solves=0,
         more_memory=MEMORY,
         parts={proceed.name: proceed.function},
         values={

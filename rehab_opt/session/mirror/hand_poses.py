@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from rehab_opt.errors import ProblemFileError
-from rehab_opt.recordings.tables import SEPARATORS, marks, numbers_below
+from rehab_opt.recordings.tables import MISSING, SEPARATORS, marks, numbers_below
 from rehab_opt.session.mirror.problem import PoseRecordingSection
 from rehab_opt.session.outcome import Array
 from rehab_opt.text_file import LATEST, header_cells, shown, text_lines
@@ -18,8 +18,6 @@ __all__ = ["HandPoses", "calibration_points", "read_hand_poses"]
 
 HEADER = ("t_s", "x_m", "y_m", "z_m", "qx", "qy", "qz", "qw")
 POINTS = ("vr_x_m", "vr_y_m", "vr_z_m", "robot_x_m", "robot_y_m", "robot_z_m")
-LOST = ("", "nan")
-"""Cells where the tracker had lost the hand."""
 FAR = 10.0
 """[m] A recorded hand is not further away: it is in another unit."""
 
@@ -107,7 +105,7 @@ def calibration_points(path: Path, *, name: str) -> tuple[Array, Array]:
     ProblemFileError : a missing column, a cell that is no finite number.
     """
     lines = text_lines(path, name)
-    mark = next((each for each in SEPARATORS.values() if each in lines[0]), ",")
+    mark = next((each for each in SEPARATORS.values() if each and each in lines[0]), ",")
     point = "," if mark != "," and any("," in line for line in lines[1:]) else "."
     table = _below(lines, POINTS, (mark, point), name=name)
     if not np.all(np.abs(table) <= FAR):
@@ -116,7 +114,7 @@ def calibration_points(path: Path, *, name: str) -> tuple[Array, Array]:
     return table[:, :3], table[:, 3:]
 
 
-def _below(lines: list[str], columns: Sequence[str], marked: tuple[str, str], *, name: str) -> Array:
+def _below(lines: list[str], columns: Sequence[str], marked: tuple[str | None, str], *, name: str) -> Array:
     """(rows, len(columns)) cells below a header that has each of the columns once."""
     header = header_cells(lines[0].split(marked[0]), name=name, line=1)
     missing = [column for column in columns if header.count(column) != 1]
@@ -126,10 +124,10 @@ def _below(lines: list[str], columns: Sequence[str], marked: tuple[str, str], *,
 
 
 def _numbers(
-    rows: list[str], header: list[str], wanted: Sequence[str], marked: tuple[str, str], *, name: str, first: int
+    rows: list[str], header: list[str], wanted: Sequence[str], marked: tuple[str | None, str], *, name: str, first: int
 ) -> Array:
     """(rows, len(wanted)) cells; empty ones are NaN. `first` is the line of the first row, counted from 1."""
-    lost, (mark, point) = dict.fromkeys(wanted, LOST), marked
+    lost, (mark, point) = dict.fromkeys(wanted, MISSING), marked
     table = numbers_below(rows, header, wanted, {}, name=name, first=first, separator=mark, point=point, missing=lost)
     if len(table) < 3:
         raise ProblemFileError(name, "rows", len(table), "at least 3 rows of numbers")

@@ -17,7 +17,7 @@ from rehab_opt.errors import ProblemFileError
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.kinematics.vr import FrameFit, Mirror, fit_frame, quaternions_of, robot_from_unity, rotations_of
 from rehab_opt.measures.samples import low_passed
-from rehab_opt.recordings.recording import Recording, size_note, strange_sizes
+from rehab_opt.recordings.recording import Recording, size_note, strange_sizes, unseen
 from rehab_opt.session.files import ProblemFile, recording_path
 from rehab_opt.session.mirror.hand_poses import HandPoses, calibration_points, read_hand_poses
 from rehab_opt.session.mirror.problem import MirrorProblem, PatientSection, PoseRecordingSection
@@ -254,7 +254,7 @@ def _robot_axes(seen: HandPoses, section: PoseRecordingSection) -> Array:
     if section.frame == "unity":
         positions, quaternions = robot_from_unity(positions, quaternions)
     lengths = np.linalg.norm(quaternions, axis=1)
-    lost = ~(np.all(np.isfinite(positions), axis=1) & (lengths > 1e-6))
+    lost = unseen(positions) | ~(lengths > 1e-6)
     poses = np.tile(np.eye(4), (len(positions), 1, 1))
     poses[:, :3, :3] = rotations_of(np.where(lost[:, None], [0.0, 0.0, 0.0, 1.0], quaternions)) @ hand_axes(section)
     poses[:, :3, 3] = positions

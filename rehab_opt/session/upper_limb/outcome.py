@@ -73,6 +73,8 @@ class ArmOutcome(MovementOutcome):
     laws: tuple[LawResult, ...] = field(kw_only=True)
     reachable: NDArray[np.bool_] | None = field(kw_only=True)
     handle_tilt_limit: float = field(kw_only=True)
+    gaps: tuple[tuple[float, float], ...] = field(default=(), kw_only=True)
+    """(from, to) [s] where the recording has no samples."""
 
     def trace(self) -> Iterator[Column]:
         """One row a sample."""

@@ -204,6 +204,7 @@ class UpperLimbSystem(System[UpperLimb, ArmOutcome]):
             laws=tuple(results),
             reachable=reachable,
             handle_tilt_limit=math.radians(problem.arm.handle_tilt_deg),
+            gaps=recording.gaps,
         )
 
     def seconds_a_tick(self, problem: UpperLimb) -> float:

@@ -137,6 +137,10 @@ def _hand_path(outcome: ArmOutcome) -> Figure:
         fraction = 100 * (1 - outcome.metrics["reachable_fraction_of_length"])
         label = f"out of this arm's reach ({fraction:.0f} % of the path)"
         axes.plot(missed[:, 0], missed[:, 1], "x", color=MISSED, markersize=5, label=label)
+    for number, (first, last) in enumerate(outcome.gaps):
+        bridge = path[(outcome.time >= first) & (outcome.time <= last)]
+        label = "_" if number else f"no samples: {sum(b - a for a, b in outcome.gaps):.2g} s, bridged"
+        axes.plot(bridge[:, 0], bridge[:, 1], color=MISSED, linewidth=9, alpha=0.3, zorder=1, label=label)
     for law, drive in _drives(outcome):
         label = f"hand, {law} law{_off_plane(outcome, law)}"
         axes.plot(MM * drive.hand[:, 0], MM * drive.hand[:, 1], **LAW_STYLES[law], label=label)
@@ -167,6 +171,10 @@ def _arm_error(outcome: ArmOutcome) -> Figure:
         for axes in (distance, tilt, delay):
             _shade_missed(axes, outcome.time, ~outcome.reachable)
         distance.plot([], [], color=MISSED, linewidth=8, alpha=0.3, label="path out of this arm's reach")
+    for number, (first, last) in enumerate(outcome.gaps):
+        label = "_" if number else f"no samples: {sum(b - a for a, b in outcome.gaps):.2g} s, bridged"
+        for axes in (distance, tilt, delay):
+            axes.axvspan(first, last, hatch="//", facecolor="none", edgecolor=REFERENCE, alpha=0.4, label=label)
     labels = "position error [mm]", "handle tilt [deg]", "later [s]"
     label_times((distance, tilt, delay), *labels, time="time of the recording [s]", from_zero=True)
     top = max(1.0, 1.08 * max(float(MM * drive.position_error.max()) for _, drive in drives))

@@ -1,0 +1,58 @@
+"""Times that are roundings of even ones, made even again."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["even_times"]
+
+Array = NDArray[np.float64]
+
+FINEST, COARSEST, EVENLY = -6, -1, 1e-3
+"""Powers of ten [s] that times are rounded to, and share of a step from which on that makes a difference."""
+
+
+def even_times(time: Array, rate: float | None) -> tuple[Array, tuple[str, ...]]:
+    """Times (N,) [s], or the even ones of which they are roundings, and what is said of it.
+
+    A recording of 240 Hz with times of three decimals has steps of 4 and 5 ms, of which come accelerations that nobody
+    made. Even times are taken where all written ones are as near to them as their decimals allow.
+
+    Parameters
+    ----------
+    rate : [Hz] as the file says; by default it is found from the times.
+    """
+    said: tuple[str, ...] = ()
+    if len(time) < 3 or not np.isfinite(time).all() or not (np.diff(time) >= 0).all() or time[-1] == time[0]:
+        return time, said
+    t = time - time[0]
+    units = 10.0 ** np.arange(COARSEST, FINEST - 1, -1)
+    unit = next((each for each in units if np.abs(t - each * np.rint(t / each)).max() < 1e-3 * each + 1e-6), 0.0)
+    steps, rows = np.diff(t), np.arange(len(t), dtype=np.float64)
+    if rate is not None:
+        for count in (np.rint(t * rate), *([rows] if unit * rate > 1.01 else [])):
+            if np.ptp(t - count / rate) <= max(1.1 * unit, EVENLY / rate) and (np.diff(count) > 0).all():
+                return _even(time, count, 1 / rate, unit)
+    usual = float(np.median(steps))
+    near = steps[np.abs(steps - usual) <= 0.5 * usual]
+    usual = float(near.mean()) if usual > 0 and near.size else t[-1] / rows[-1]
+    counts = [np.append(0.0, np.cumsum(np.rint(steps / usual)))] if usual > unit else []
+    few = 1.05 * unit < usual < 1.9 * unit and steps.min() > 0
+    if few or (steps == 0).sum() > max(2, 0.1 * len(steps)):
+        counts.append(rows)  # too few decimals for the rate: no row is missing then, if all fit
+    for count in counts if unit else ():
+        step = float(np.polyfit(count, t, 1)[0]) if (np.diff(count) > 0).all() else 0.0
+        if step > 0 and np.ptp(t - count * step) <= 1.1 * unit:
+            (time, said), usual = _even(time, count, step, unit), step
+            break
+    if rate is not None and abs(rate * usual - 1) > 0.02:
+        said = (*said, f"its header states {rate:g} Hz, its times have {1 / usual:.4g} Hz")
+    return time, said
+
+
+def _even(time: Array, count: Array, step: float, unit: float) -> tuple[Array, tuple[str, ...]]:
+    even = time[0] + count * step
+    if np.abs(np.diff(time) - np.diff(even)).max() <= EVENLY * step:
+        return time, ()
+    return even, (f"times written to {1e3 * unit:g} ms are those of {1 / step:.5g} Hz",)

@@ -1,0 +1,109 @@
+"""How a recording is to be read: which columns, and in which units where a file says nothing or the wrong thing."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from types import MappingProxyType
+
+from rehab_opt.errors import ProblemFileError
+from rehab_opt.text_file import brief, shown
+
+__all__ = ["ANGLE", "COUNTS", "FORCE", "KINDS", "LENGTH", "TIME", "UNITS", "Reading", "known_unit", "place_of"]
+
+TIME = MappingProxyType({"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9})
+LENGTH = MappingProxyType({"m": 1.0, "cm": 1e-2, "mm": 1e-3})
+ANGLE = MappingProxyType({"rad": 1.0, "deg": math.pi / 180})
+FORCE = MappingProxyType({"N": 1.0})
+UNITS: Mapping[str, float] = MappingProxyType({**TIME, **LENGTH, **ANGLE, **FORCE})
+KINDS = MappingProxyType({"length": LENGTH, "angle": ANGLE, "time": TIME})
+COUNTS = "counts"
+"""The unit of a column of raw counts, whose header names none."""
+SPELLINGS = {
+    **{f"{short}sec{end}": f"{short}s" for short in ("", "m", "u", "n") for end in ("", "s")},
+    **{f"{part}second{end}": f"{short}s" for part, short in (("", ""), ("milli", "m"), ("micro", "u"), ("nano", "n"))
+       for end in ("", "s")},
+    **{f"{part}met{end}": f"{short}m" for part, short in (("", ""), ("centi", "c"), ("milli", "m"))
+       for end in ("er", "re", "ers", "res")},
+    "\u00b5s": "us", "\u03bcs": "us", "°": "deg", "degree": "deg", "degrees": "deg", "radian": "rad", "radians": "rad",
+}  # fmt: skip
+
+
+def known_unit(text: str) -> str:
+    """The symbol of a unit, however it is spelled; the text itself where it is none that is known."""
+    return SPELLINGS.get(text.lower(), text)
+
+
+def place_of(asked: str | int, names: Sequence[str], count: int | None = None) -> int | None:
+    """Place of a column or marker, by its name or, where none is called so, its number from 1 on; None: no such one."""
+    found = [place for place, name in enumerate(names) if name == str(asked)]
+    if found or not (str(asked).isascii() and str(asked).isdecimal() and len(str(asked)) < 6):
+        return found[0] if len(found) == 1 else None
+    return int(asked) - 1 if 1 <= int(asked) <= (count or len(names)) else None
+
+
+@dataclass(frozen=True)
+class Reading:
+    """What a user says of a file, as `read_recording` takes it; `told` collects notes on it."""
+
+    columns: Sequence[str | int] | None = None
+    marker: str | int | None = None
+    separator: str = "comma"
+    decimal: str = "point"
+    count_mm: float | None = None
+    tick_ms: float | None = None
+    units: Sequence[str] | None = None
+    time_column: str | int | None = None
+    rate_hz: float | None = None
+    trials: str | int | None = None
+    told: list[str] = field(default_factory=list)
+
+    def stated(self, kind: str) -> str | None:
+        """The unit that the user states for all of a kind: "length", "angle" or "time"."""
+        return next((known_unit(unit) for unit in self.units or () if known_unit(unit) in KINDS[kind]), None)
+
+    def counted(self, kind: str) -> float | None:
+        """What one of a number without unit is [m, s]: as stated, or a raw count; None if nobody says."""
+        unit, one = self.stated(kind), {"length": self.count_mm, "time": self.tick_ms}.get(kind)
+        return KINDS[kind][unit] if unit is not None else None if one is None else 1e-3 * one
+
+    def factor(self, kind: str, said: str | None, *, name: str, where: str) -> float:
+        """What one of a file's unit is [m, rad, s]: the user's word goes before the file's, with a note.
+
+        Raises
+        ------
+        ProblemFileError : neither says a unit that is known; `where` is where the file should.
+        """
+        known, stated = known_unit((said or "").strip()), self.stated(kind)
+        known = known if known in KINDS[kind] else known.lower()
+        if stated is not None:
+            note = f"{kind}s are read in {stated}, as stated, not in {shown(known)}"
+            if known not in ("", stated) and note not in self.told:
+                self.told.append(note)
+            return KINDS[kind][stated]
+        if known in KINDS[kind]:
+            return KINDS[kind][known]
+        one, key = self.counted(kind), {"length": "count_mm", "time": "tick_ms"}.get(kind)
+        if not known and one is not None:
+            return one
+        expected = f"one of {', '.join(KINDS[kind])}, or recording.units"
+        if key and not known:
+            expected += f" (or recording.{key}, its unit in {key[-2:]})"
+        raise ProblemFileError(name, where, brief(said), expected)
+
+    def check(self, name: str) -> None:
+        """Refuse numbers and units that mean nothing.
+
+        Raises
+        ------
+        ProblemFileError : names the key.
+        """
+        for key in ("count_mm", "tick_ms", "rate_hz"):
+            value = getattr(self, key)
+            if value is not None and not 0 < value < math.inf:
+                raise ProblemFileError(name, f"recording.{key}", value, "a finite number above zero")
+        kinds = [next((kind for kind in KINDS if known_unit(unit) in KINDS[kind]), "") for unit in self.units or ()]
+        if "" in kinds or len({*kinds}) < len(kinds):
+            expected = f"one of each of {'; '.join(', '.join(units) for units in KINDS.values())}"
+            raise ProblemFileError(name, "recording.units", list(self.units or ()), expected)
