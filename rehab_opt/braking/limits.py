@@ -41,8 +41,6 @@ PLACES = (0.0, 0.5, 1.0)
 """Of the way to rest, where a limit of the posture has its rows."""
 BRAKED = (0.0, 0.25, 0.5, 0.75)
 """Of the way to rest, where hand speeds are judged."""
-ROWS = 3
-"""Of the distances of one limit, how many have rows: the least ones."""
 CLEAR, BEND = 5e-5, 10.0
 """[rad], [1/rad] Margin that rows keep before a limit, in joint motion: its least, and what tangents miss a tick."""
 PUSH, LEAVING = 0.3, 10.0
@@ -118,6 +116,8 @@ class HandSpeed(Bound):
         slides = np.minimum(np.maximum(np.abs(chain.lower), np.abs(chain.upper)), MAX_MAGNITUDE)
         lengths = [r.across + abs(r.along) + s * r.prismatic for r, s in zip(rows, slides, strict=True)]
         arms = [rows[i].across + sum(lengths[i + 1 :]) + tool for i in range(chain.n)]
+        self.reach = rows[0].across + abs(rows[0].along) + slides[0] * rows[0].prismatic + sum(lengths[1:]) + tool
+        """[m] No posture has the tool farther from the base."""
         self._longest = ca.DM(np.maximum(arms, 1.0) if any(row.prismatic for row in rows) else arms)
 
     def over(self, twist: ca.SX) -> ca.SX:
@@ -171,11 +171,13 @@ class Posture(Protocol):
 
     places: int
     """On the way to rest, where it is judged."""
+    rates: list[float | None]
+    """(m,) [1/s] at which each of the least distances may decay, None as fast as braking allows."""
 
     def h(self, tick: Stages, q: ca.SX, t: ca.SX, moving: ca.SX) -> ca.SX:
         """(k,) all of its distances."""
 
-    def tangents(self, tick: Stages, q: ca.SX, t: ca.SX, moving: ca.SX) -> ca.SX:
+    def tangents(self, tick: Stages, q: ca.SX, t: ca.SX, state: State) -> ca.SX:
         """(m, 1 + n) the least of them, and how they change with q."""
 
 
@@ -186,19 +188,22 @@ class UserLimits:
 
     def __init__(self, limits: Sequence[Limit], chain: SerialChain) -> None:
         self._limits, self._chain = tuple(limits), chain
-        q, tables = ca.SX.sym("q", chain.n), []
+        self.rates = [each.rate for each in self._limits for _ in range(each.count(chain))]
+        q, way, tables = ca.SX.sym("q", chain.n), ca.SX.sym("way", chain.n), []
         for each in self._limits:
-            h = each.at(chain, q)
-            tables.append(smallest_rows(ca.horzcat(h, ca.jacobian(h, q)), min(ROWS, h.numel())))
-        self._tangents = ca.Function("tangents", [q], [ca.vertcat(*tables)])
+            h, seconds = each.at(chain, q), 0.0 if each.rate is None else 1 / each.rate
+            ahead = h + seconds * ca.jtimes(h, q, way)  # what falls at its rate is among the least
+            table = smallest_rows(ca.horzcat(ahead, h, ca.jacobian(h, q)), each.count(chain))
+            tables.append(table[:, 1:])
+        self._tangents = ca.Function("tangents", [q, way], [ca.vertcat(*tables)])
 
     def h(self, tick: Stages, q: ca.SX, t: ca.SX, moving: ca.SX) -> ca.SX:
         """(k,) in the limits' own units."""
         return ca.vertcat(*(each.at(self._chain, q) for each in self._limits))
 
-    def tangents(self, tick: Stages, q: ca.SX, t: ca.SX, moving: ca.SX) -> ca.SX:
-        """Of each limit up to `ROWS`."""
-        return self._tangents(q)
+    def tangents(self, tick: Stages, q: ca.SX, t: ca.SX, state: State) -> ca.SX:
+        """Of each limit up to `Limit.count`."""
+        return self._tangents(q, state.last)
 
 
 class Bodies:
@@ -208,6 +213,7 @@ class Bodies:
 
     def __init__(self, pairs: ClearancePairs) -> None:
         self._pairs, n = pairs, pairs.chain.n
+        self.rates = [pairs.clearance.rate] * pairs.max_contacts
         q, told, t = ca.MX.sym("q", n), ca.MX.sym("moving", pairs.moving_size), ca.MX.sym("t")
         there = ca.reshape(told, MOVING, -1)
         if told.numel():
@@ -221,9 +227,9 @@ class Bodies:
         """(pairs,)"""
         return tick.call(self._pairs.distances, q, moving, t)[0]
 
-    def tangents(self, tick: Stages, q: ca.SX, t: ca.SX, moving: ca.SX) -> ca.SX:
+    def tangents(self, tick: Stages, q: ca.SX, t: ca.SX, state: State) -> ca.SX:
         """Of `Clearance.max_contacts`."""
-        return tick.call(self._tangents, q, moving, t)[0]
+        return tick.call(self._tangents, q, state.moving, t)[0]
 
 
 class Kept(Bound):
@@ -238,6 +244,8 @@ class Kept(Bound):
 
     def __init__(self, kinds: Sequence[Posture], chain: SerialChain, manoeuvre: Manoeuvre) -> None:
         self._kinds, self._chain, self._manoeuvre = tuple(kinds), chain, manoeuvre
+        rates, dt = [rate for each in self._kinds for rate in each.rates], manoeuvre.dt
+        self._decays = ca.DM([1e9 if rate is None else -math.expm1(-rate * dt) / dt for rate in rates])
 
     def outside(self, tick: Stages, q: ca.SX, moving: ca.SX) -> ca.SX:
         """Whether one is below zero at q (n,)."""
@@ -262,7 +270,7 @@ class Kept(Bound):
         ticks, place = self._manoeuvre.ticks(way.state.last), self._manoeuvre.place
         seconds = self._manoeuvre.dt * (1 + (1 - math.sqrt(1 - part)) * ticks)
         there = place(way.state.q, way.u, part * way.ticks)
-        return ca.vertcat(*(each.tangents(tick, there, seconds, way.state.moving) for each in self._kinds))
+        return ca.vertcat(*(each.tangents(tick, there, seconds, way.state) for each in self._kinds))
 
     def rows(self, tick: Stages, state: State, brake: ca.SX, least: ca.SX, most: ca.SX) -> Rows:
         """About the command `brake` (n,), which keeps them, of commands from `least` to `most` (n,)."""
@@ -276,6 +284,8 @@ class Kept(Bound):
             can = lever * (ca.fmax(slopes, 0) @ (most - brake) + ca.fmin(slopes, 0) @ (least - brake))
             away = ca.fmax(ca.fmin(PUSH * (margin - h), 0.5 * can), 0) / lever
             upper = ca.fmax(h - margin, 0) / lever - slopes @ brake
+            if part == 0:  # -dh/dt <= (1 - exp(-rate dt)) / dt h, or what braking needs
+                upper = ca.fmin(upper, ca.fmax(self._decays * (h - lever * slopes @ brake), -slopes @ brake))
             found.append(Rows(slopes, away, upper, h, lever * ca.SX.ones(h.numel())))
         return Rows(*(ca.vertcat(*column) for column in zip(*found, strict=True)))
 

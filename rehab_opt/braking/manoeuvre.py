@@ -26,10 +26,12 @@ from rehab_opt.control.stopping import (
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.optim.certificate import clipped
 
-__all__ = ["Intervals", "Manoeuvre", "further"]
+__all__ = ["ROUNDED", "Intervals", "Manoeuvre", "further"]
 
 FAR = 1e9
 """[rad or m] A limit that is never felt."""
+ROUNDED = 1e-10
+"""Of a tick, by which rounding may make braking longer."""
 OUTSIDE = 1e-9
 """[rad or m] A joint less than this beyond its limit stands at it: rounding is no excursion."""
 
@@ -74,7 +76,8 @@ class Manoeuvre:
 
     def braked(self, velocity: ca.SX) -> ca.SX:
         """(n,) velocities after one tick of braking."""
-        return slowed_together(velocity, self.change)
+        last_one = self.ticks(velocity) <= 1 + ROUNDED
+        return ca.if_else(last_one, 0, slowed_together(velocity, self.change))
 
     def place(self, q: ca.SX, velocity: ca.SX, ticks: ca.SX | float) -> ca.SX:
         """(n,) where joints are after a tick at `velocity` (n,) and the way of so many more; limits are not passed."""

@@ -28,14 +28,16 @@ from rehab_opt.braking.limits import (
     Way,
     within_rows,
 )
-from rehab_opt.braking.manoeuvre import Intervals, Manoeuvre, further
+from rehab_opt.braking.manoeuvre import ROUNDED, Intervals, Manoeuvre, further
 from rehab_opt.control.clearance import Clearance
 from rehab_opt.control.command import Command
 from rehab_opt.control.jerk_bounds import JerkBounds
 from rehab_opt.control.limit import Limit, PostureLimits, all_limits
+from rehab_opt.control.reasons import NUMBER
 from rehab_opt.control.stopping import ticks_to_rest
 from rehab_opt.control.thread_owner import setting
 from rehab_opt.control.velocity_controller import VelocityController, checked_number
+from rehab_opt.control.watchdog import first_of
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import SerialChain, per_joint
 from rehab_opt.kinematics.rigid import is_rigid, rotation_vector
@@ -59,8 +61,8 @@ PASSES = 2
 """Of a damped solve: each further one takes out what damping left where the arm is regular."""
 BRAKES = 0.7
 """Share of the accelerations that the approach to a target counts on."""
-DRIFT_SPEED = 0.1
-"""Share of the velocity limits at which a redundant arm moves to its posture."""
+ASIDE = 3
+"""Rounds in which a command is led across bodies that come."""
 SECANTS = 2
 """Rounds in which a command that is not allowed is blended with braking."""
 TINY = 1e-12
@@ -114,7 +116,8 @@ class PoseTracker(VelocityController):
     gain : [1/s] rate at which a pose error decays near the target.
     linear_speed, angular_speed : [m/s, rad/s] largest hand speeds.
     task_weights : (6,) weights of the twist's components in the base frame, one against the other; a zero frees one.
-    posture : (n,) joint positions that a redundant chain moves to where the task leaves it free, or None.
+    posture : (n,) joint positions that a redundant chain moves to where the task leaves it free; by default the middle
+        of each joint's range. That motion is no faster than `recovery_speed`.
     limits : what the posture has to keep besides, each a `Limit`.
     dt : nominal tick [s].
     recovery_speed : share of the velocity limit at which a joint outside its limits comes back.
@@ -129,6 +132,7 @@ class PoseTracker(VelocityController):
 
     requirement = "pose is not a rigid transform"
     name: ClassVar[str] = "pose_tracker"
+    names_what_blocks = True
 
     gain: float = setting()
     linear_speed: float = setting()
@@ -201,7 +205,7 @@ class PoseTracker(VelocityController):
         velocity = variable("velocity", n, lower=wanted.lower, upper=wanted.upper)
         variables, analytic, subject_to, u = [velocity], wanted.w, [], velocity.symbol
         cost = ca.sumsqr(wanted.J @ (u - wanted.base) - wanted.asked) + wanted.damping * ca.sumsqr(u - wanted.centre)
-        towards, outside = tick.once(self._towards(now, u)), now.outside
+        towards, outside, rows = tick.once(self._towards(now, u)), now.outside, None
         if self.kept is not None:
             rows = tick.once(self.kept.rows(tick, now.state, now.braked, now.ends.least, now.ends.most))
             leaving = variable("leaving", 1, lower=0, upper=1)
@@ -214,11 +218,28 @@ class PoseTracker(VelocityController):
         told = ca.DM(np.sqrt(self.task_weights))
         whole = twist + self._settling * tick.once(_error(target, self.chain.pose_expression(q)))
         report = self.report(memory[:n], command, told * (now.state.jacobian @ command), told * whole, outside)
+        report = ca.vertcat(report, self._blocking(target, wanted, rows, outside))
         return Statement(
             name=self.name, parameters=parameters, variables=variables, minimise=cost / 2, subject_to=subject_to,
             active_set=True, requires=[is_rigid(target)], analytic=analytic, tick=tick, report=report, memory=memory,
             remember=self.memory_after(q, memory[:n], command),
         )  # fmt: skip
+
+    def _blocking(self, target: ca.SX, wanted: Wanted, rows: Rows | None, outside: ca.SX) -> ca.SX:
+        """Number of the reason, and the joint or -1, of a command that leaves nothing of the motion."""
+        beyond = ca.fmax(wanted.w - wanted.upper, wanted.lower - wanted.w)
+        most = ca.mmax(beyond)
+        joint = first_of([(beyond[i] >= most, ca.SX(i)) for i in range(self.chain.n)])
+        far = ca.norm_2(target[:3, 3] - ca.DM(self.chain.base[:3, 3])) > self._hand.reach
+        held = ca.SX(0) if rows is None else ca.mmax(rows.away - rows.slopes @ wanted.w - rows.upper) > 0
+        return first_of([
+            (outside, ca.vertcat(NUMBER["NOTHING_LEFT"], -1)),
+            (far, ca.vertcat(NUMBER["OUT_OF_REACH"], -1)),
+            (most > 0, ca.vertcat(NUMBER["JOINT_BLOCKS"], joint)),
+            (held, ca.vertcat(NUMBER["LIMIT_BLOCKS"], -1)),
+            (wanted.damping > LEAST_DAMPING, ca.vertcat(NUMBER["POSTURE_SINGULAR"], -1)),
+            (ca.SX(1), ca.vertcat(NUMBER["NOTHING_LEFT"], -1)),
+        ])  # fmt: skip
 
     def _now(self, tick: Stages, state: State, memory: ca.SX) -> Now:
         """What a tick starts from."""
@@ -251,8 +272,8 @@ class PoseTracker(VelocityController):
             )
         )
         S = tick.once(ca.fmax(1 / self._settling, dt * (1 + ticks)))
-        drift = tick.once(self._drift(there, J, S))
-        base = tick.once(follow + relative * (1 - 1 / ca.fmax(ticks, 1)) + drift)
+        braking = relative * (1 - 1 / ca.fmax(ticks, 1))
+        base = tick.once(follow + braking + self._self_motion(there, J, S, braking))
         unweighted = ca.DM(1 / np.where(self.task_weights > 0, np.array(weights).ravel(), np.inf))
         asked = tick.once(error / S / ca.fmax(1, self._hand.over(unweighted * error / S)))
 
@@ -279,8 +300,9 @@ class PoseTracker(VelocityController):
         rest = now.braked
         if self.jerk is None:
             brake, last = self._manoeuvre, memory[:n]
-            least = ca.fmin(now.ends.least, ca.fmax(last - brake.change, 0))
-            rest = clipped(brake.braked(last), least, ca.fmax(now.ends.most, ca.fmin(last + brake.change, 0)))
+            change = (1 + ROUNDED) * brake.change
+            least = ca.fmin(now.ends.least, ca.fmax(last - change, 0))
+            rest = clipped(brake.braked(last), least, ca.fmax(now.ends.most, ca.fmin(last + change, 0)))
         if self.kept is not None:
             rest = tick.once(rest)
             rest = tick.call(self.limits.keeping, q, moving, rest, rest)[0]
@@ -324,13 +346,31 @@ class PoseTracker(VelocityController):
         """[1/s] what removes a share 1 - exp(-gain dt) of the error in one tick: never an overshoot, at any dt."""
         return (1 - math.exp(-self.gain * self.dt)) / self.dt
 
-    def _drift(self, q: ca.SX, jacobian: ca.SX, seconds: ca.SX) -> ca.SX:
-        """(n,) [rad/s] towards the posture from q (n,), slowed as a whole, as far as it does not move the hand."""
-        if self.posture is None:
-            return ca.SX.zeros(self.chain.n)
-        drift = ca.DM(~self.chain.locked) * (ca.DM(self.posture) - q) / seconds
-        drift /= ca.fmax(ca.mmax(ca.fabs(drift) / ca.DM(DRIFT_SPEED * self.chain.velocity)), 1)
-        return drift - _damped(jacobian, jacobian @ drift, LEAST_DAMPING, PASSES)
+    @property
+    def _rest_posture(self) -> ca.DM:
+        """(n,) where the task leaves the arm free; infinite for joints that have no middle."""
+        if self.posture is not None:
+            return ca.DM(self.posture)
+        lower, upper = self.chain.lower, self.chain.upper
+        ends = np.isfinite(lower) & np.isfinite(upper)
+        return ca.DM(np.where(ends, np.where(ends, lower, 0) / 2 + np.where(ends, upper, 0) / 2, np.inf))
+
+    def _self_motion(self, q: ca.SX, jacobian: ca.SX, seconds: ca.SX, braking: ca.SX) -> ca.SX:
+        """(n,) [rad/s] added to `braking` (n,) for the posture, from q (n,), as far as it does not move the hand.
+
+        What does not move the hand is slowed as a whole to `recovery_speed`.
+        """
+        chain, away = self.chain, self._rest_posture - q
+        if self.posture is None and np.sum(~chain.locked) <= np.sum(self.task_weights > 0):
+            return ca.SX.zeros(chain.n)
+
+        def free(velocity: ca.SX) -> ca.SX:
+            return velocity - _damped(jacobian, jacobian @ velocity, LEAST_DAMPING, PASSES)
+
+        away = ca.DM(~chain.locked) * ca.if_else(ca.fabs(away) < ca.inf, away, 0) / seconds
+        moved = free(braking + away)
+        over = ca.mmax(ca.fabs(moved) / ca.DM(self.recovery_speed * chain.velocity))
+        return moved / ca.fmax(over, 1) - free(braking)
 
     def _towards(self, now: Now, w: ca.SX) -> ca.SX:
         """(n,) from braking towards w as far as speeds allow, straight there from the last within accelerations."""
@@ -361,19 +401,25 @@ class PoseTracker(VelocityController):
         if self.kept is None:
             return u
         limits, q, moving = self.limits, now.state.q, now.state.moving
+        pairs = limits.clearance
         u = tick.once(u)
 
         def back() -> ca.SX:
             return tick.call(limits.keeping, q, moving, u, now.braked)[0]
 
-        if not limits.moving:
+        if pairs is None or not limits.moving:
             return tick.when(tick.call(limits.judged, q, moving, u)[0], u, back)
 
+        def aside(u: ca.SX, rounds: int) -> ca.SX:
+            """Led across what it would pass, by Newton's steps; the last is taken where it is no worse than rest."""
+            contacts = tick.call(pairs.nearest, q, u, moving, ca.SX(2 * self.dt))[0]
+            led = tick.once(limits.led_clear(u, self.bounds(q, memory), contacts))
+            if rounds > 1:
+                return tick.when(tick.call(limits.all_clear, q, moving, led)[0], led, lambda: aside(led, rounds - 1))
+            return tick.when(tick.call(limits.judged, q, moving, led)[0], led, back)
+
         def otherwise() -> ca.SX:
-            kept = tick.once(tick.when(tick.call(limits.judged, q, moving, u)[0], u, back))
-            contacts = tick.call(limits.clearance.nearest, q, kept, moving, ca.SX(2 * self.dt))[0]
-            aside = tick.once(limits.led_clear(kept, self.bounds(q, memory), contacts))
-            return tick.when(tick.call(limits.all_clear, q, moving, aside)[0], aside, kept)
+            return aside(tick.once(tick.when(tick.call(limits.judged, q, moving, u)[0], u, back)), ASIDE)
 
         return tick.when(tick.call(limits.all_clear, q, moving, u)[0], u, otherwise)
 
