@@ -232,13 +232,14 @@ class PoseTracker(VelocityController):
         joint = first_of([(beyond[i] >= most, ca.SX(i)) for i in range(self.chain.n)])
         far = ca.norm_2(target[:3, 3] - ca.DM(self.chain.base[:3, 3])) > self._hand.reach
         held = ca.SX(0) if rows is None else ca.mmax(rows.away - rows.slopes @ wanted.w - rows.upper) > 0
+        nothing = ca.SX([NUMBER["NOTHING_LEFT"], -1])
         return first_of([
-            (outside, ca.vertcat(NUMBER["NOTHING_LEFT"], -1)),
-            (far, ca.vertcat(NUMBER["OUT_OF_REACH"], -1)),
+            (outside, nothing),
+            (far, ca.SX([NUMBER["OUT_OF_REACH"], -1])),
             (most > 0, ca.vertcat(NUMBER["JOINT_BLOCKS"], joint)),
-            (held, ca.vertcat(NUMBER["LIMIT_BLOCKS"], -1)),
-            (wanted.damping > LEAST_DAMPING, ca.vertcat(NUMBER["POSTURE_SINGULAR"], -1)),
-            (ca.SX(1), ca.vertcat(NUMBER["NOTHING_LEFT"], -1)),
+            (held, ca.SX([NUMBER["LIMIT_BLOCKS"], -1])),
+            (wanted.damping > LEAST_DAMPING, ca.SX([NUMBER["POSTURE_SINGULAR"], -1])),
+            (ca.SX(1), nothing),
         ])  # fmt: skip
 
     def _now(self, tick: Stages, state: State, memory: ca.SX) -> Now:
