@@ -274,9 +274,10 @@ class PoseTracker(VelocityController):
         )
         S = tick.once(ca.fmax(1 / self._settling, dt * (1 + ticks)))
         braking = relative * (1 - 1 / ca.fmax(ticks, 1))
-        base = tick.once(follow + braking + self._self_motion(there, J, S, braking))
+        aside = tick.once(self._self_motion(there, J, S, braking))
+        base = tick.once(follow + braking + aside)
         unweighted = ca.DM(1 / np.where(self.task_weights > 0, np.array(weights).ravel(), np.inf))
-        asked = tick.once(error / S / ca.fmax(1, self._hand.over(unweighted * error / S)))
+        asked = tick.once(error / S / ca.fmax(1, self._hand.over(unweighted * error / S)) - J @ aside)
 
         far = 1e3 * brake.speed  # where a speed ends it, the velocity is led towards what the task wants beyond
         low = ca.if_else(ends.low <= -brake.speed, -far, ends.low)
