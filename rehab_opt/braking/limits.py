@@ -2,23 +2,35 @@
 
 from __future__ import annotations
 
+import math
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from typing import NamedTuple, Protocol
 
 import casadi as ca
+import numpy as np
 
 from rehab_opt.braking.manoeuvre import Manoeuvre, further
-from rehab_opt.control.limit import Limit, smallest_rows
+from rehab_opt.control.clearance_pairs import ClearancePairs
+from rehab_opt.control.limit import SLACK, Limit, smallest_rows
+from rehab_opt.control.stopping import OUTSIDE
 from rehab_opt.kinematics.chain import SerialChain
+from rehab_opt.kinematics.room import MOVING
 from rehab_opt.optim.qrqp import qrqp
+from rehab_opt.optim.rows import MAX_MAGNITUDE
+from rehab_opt.symbolic.tick import Stages
 
 __all__ = [
+    "Bodies",
     "Bound",
     "HandSpeed",
     "JointAcceleration",
     "JointSpeed",
     "Kept",
+    "Posture",
     "Rows",
+    "State",
+    "UserLimits",
     "Way",
     "largest_part",
     "within_rows",
@@ -27,65 +39,86 @@ __all__ = [
 ROUNDING = 1e-10
 PLACES = (0.0, 0.5, 1.0)
 """Of the way to rest, where a limit of the posture has its rows."""
-WAY = 6
-"""Places on the way to rest where it is judged."""
-ROWS = 3
-"""Of the distances of one limit, how many have rows: the least ones."""
+BRAKED = (0.0, 0.25, 0.5, 0.75)
+"""Of the way to rest, where hand speeds are judged."""
 CLEAR, BEND = 5e-5, 10.0
 """[rad], [1/rad] Margin that rows keep before a limit, in joint motion: its least, and what tangents miss a tick."""
 PUSH, LEAVING = 0.3, 10.0
 """Share of what lacks of the margin that is regained a tick; weight of doing so [m^2/s^2]."""
 
 
-class Way(NamedTuple):
-    """A command and the braking behind it, as expressions."""
+class State(NamedTuple):
+    """The state of a tick, as expressions."""
 
     q: ca.SX
     """(n,) joint positions now."""
     last: ca.SX
     """(n,) velocity before."""
+    jacobian: ca.SX
+    """(6, n) at q."""
+    moving: ca.SX
+    """Numbers of the capsules that move."""
+
+
+class Way(NamedTuple):
+    """A command and the braking behind it, as expressions."""
+
+    state: State
     u: ca.SX
     """(n,) the command."""
     ticks: ca.SX
     """F of the command."""
-    jacobian: ca.SX
-    """(6, n) at q."""
 
 
-class Bound(Protocol):
+class Bound(ABC):
     """A limit."""
 
-    def excess(self, way: Way) -> ca.SX:
+    def at_most(self, tick: Stages, way: Way) -> ca.SX:
+        """(m,) zero or below only where `excess` is, and evaluated sooner where that can be."""
+        return self.excess(tick, way)
+
+    @abstractmethod
+    def excess(self, tick: Stages, way: Way) -> ca.SX:
         """(k,) by how much it is passed; zero or below where it is kept."""
 
 
-class JointSpeed:
+class JointSpeed(Bound):
     """|u_i| <= v_i"""
 
     def __init__(self, manoeuvre: Manoeuvre) -> None:
         self._speed = manoeuvre.speed
 
-    def excess(self, way: Way) -> ca.SX:
+    def excess(self, tick: Stages, way: Way) -> ca.SX:
         """(n,) [rad/s]"""
         return ca.fabs(way.u) - self._speed
 
 
-class JointAcceleration:
+class JointAcceleration(Bound):
     """|u_i - last_i| <= a_i dt"""
 
     def __init__(self, manoeuvre: Manoeuvre) -> None:
         self._change = manoeuvre.change
 
-    def excess(self, way: Way) -> ca.SX:
+    def excess(self, tick: Stages, way: Way) -> ca.SX:
         """(n,) [rad/s]"""
-        return ca.fabs(way.u - way.last) - self._change * (1 + 1e-9)
+        return ca.fabs(way.u - way.state.last) - self._change * (1 + 1e-9)
 
 
-class HandSpeed:
-    """|J_v u| <= linear and |J_w u| <= angular, now, after the tick, and half the way to rest at half the speed."""
+class HandSpeed(Bound):
+    """|J_v u| <= linear and |J_w u| <= angular, now, after the tick, and on the way to rest.
+
+    Where a part x of that way is behind the joints, sqrt(1 - x) of their speed is left.
+    """
 
     def __init__(self, chain: SerialChain, manoeuvre: Manoeuvre, *, linear: float, angular: float) -> None:
         self._chain, self._manoeuvre, self._most = chain, manoeuvre, (linear, angular)
+        rows, tool = chain.rows, float(np.linalg.norm(chain.tool[:3, 3]))
+        slides = np.minimum(np.maximum(np.abs(chain.lower), np.abs(chain.upper)), MAX_MAGNITUDE)
+        lengths = [r.across + abs(r.along) + s * r.prismatic for r, s in zip(rows, slides, strict=True)]
+        arms = [rows[i].across + sum(lengths[i + 1 :]) + tool for i in range(chain.n)]
+        self.reach = rows[0].across + abs(rows[0].along) + slides[0] * rows[0].prismatic + sum(lengths[1:]) + tool
+        """[m] No posture has the tool farther from the base."""
+        self._longest = ca.DM(np.maximum(arms, 1.0) if any(row.prismatic for row in rows) else arms)
 
     def over(self, twist: ca.SX) -> ca.SX:
         """Speeds of a twist (6,) over their limits."""
@@ -100,11 +133,24 @@ class HandSpeed:
         )
         return ca.fmin(linear, angular)
 
-    def excess(self, way: Way) -> ca.SX:
-        """(3,)"""
+    def at_most(self, tick: Stages, way: Way) -> ca.SX:
+        """What `excess` does not exceed, from J(q) alone.
+
+        A motion d of the joints changes J_v u by at most (|d_1| + ... + |d_n|) (r_1 |u_1| + ... + r_n |u_n|) with r_i
+        the longest column of J_v at any posture, and J_w u by as much with 1 for r_i.
+        """
+        size, over = ca.fabs(way.u), []
+        turned = self._manoeuvre.dt * ca.sum1(size)
+        for rows, longest, most in ((slice(3), self._longest, self._most[0]), (slice(3, 6), 1.0, self._most[1])):
+            now, bend = ca.norm_2((way.state.jacobian @ way.u)[rows]), turned * ca.sum1(longest * size)
+            over += [math.sqrt(1 - x) * (now + bend * (1 + way.ticks * x)) / most - 1 for x in BRAKED]
+        return ca.vertcat(*over)
+
+    def excess(self, tick: Stages, way: Way) -> ca.SX:
+        """(5,)"""
         place, jacobian = self._manoeuvre.place, self._chain.jacobian_expression
-        later = [(place(way.q, way.u, 0), 1.0), (place(way.q, way.u, way.ticks / 2), 0.5)]
-        twists = [way.jacobian @ way.u, *(jacobian(q) @ (share * way.u) for q, share in later)]
+        later = [(place(way.state.q, way.u, way.ticks * x), math.sqrt(1 - x)) for x in BRAKED]
+        twists = [way.state.jacobian @ way.u, *(jacobian(q) @ (share * way.u) for q, share in later)]
         return ca.vertcat(*(self.over(twist) - 1 for twist in twists))
 
 
@@ -120,59 +166,133 @@ class Rows(NamedTuple):
     """(m,) [s] by which u moves these places."""
 
 
-class Kept:
-    """h(q) >= 0 of a user's `Limit`s, after the tick and on the way to rest.
+class Posture(Protocol):
+    """h(q, t) >= 0, with bodies that move on during t [s]; `moving` are their numbers."""
 
-    Judged at `WAY` places, between two of them at the lowest of a parabola through three.
+    places: int
+    """On the way to rest, where it is judged."""
+    rates: list[float | None]
+    """(m,) [1/s] at which each of the least distances may decay, None as fast as braking allows."""
+
+    def h(self, tick: Stages, q: ca.SX, t: ca.SX, moving: ca.SX) -> ca.SX:
+        """(k,) all of its distances."""
+
+    def tangents(self, tick: Stages, q: ca.SX, t: ca.SX, state: State) -> ca.SX:
+        """(m, 1 + n) the least of them, and how they change with q."""
+
+
+class UserLimits:
+    """h(q) >= 0 of `Limit`s."""
+
+    places = 6
+
+    def __init__(self, limits: Sequence[Limit], chain: SerialChain) -> None:
+        self._limits, self._chain = tuple(limits), chain
+        self.rates = [each.rate for each in self._limits for _ in range(each.count(chain))]
+        q, way, tables = ca.SX.sym("q", chain.n), ca.SX.sym("way", chain.n), []
+        for each in self._limits:
+            h, seconds = each.at(chain, q), 0.0 if each.rate is None else 1 / each.rate
+            ahead = h + seconds * ca.jtimes(h, q, way)  # what falls at its rate is among the least
+            table = smallest_rows(ca.horzcat(ahead, h, ca.jacobian(h, q)), each.count(chain))
+            tables.append(table[:, 1:])
+        self._tangents = ca.Function("tangents", [q, way], [ca.vertcat(*tables)])
+
+    def h(self, tick: Stages, q: ca.SX, t: ca.SX, moving: ca.SX) -> ca.SX:
+        """(k,) in the limits' own units."""
+        return ca.vertcat(*(each.at(self._chain, q) for each in self._limits))
+
+    def tangents(self, tick: Stages, q: ca.SX, t: ca.SX, state: State) -> ca.SX:
+        """Of each limit up to `Limit.count`."""
+        return self._tangents(q, state.last)
+
+
+class Bodies:
+    """d(q, t) - margin >= 0 of the pairs of a `Clearance` [m]; a moving capsule is taken to keep its velocity."""
+
+    places = 2
+
+    def __init__(self, pairs: ClearancePairs) -> None:
+        self._pairs, n = pairs, pairs.chain.n
+        self.rates = [pairs.clearance.rate] * pairs.max_contacts
+        q, told, t = ca.MX.sym("q", n), ca.MX.sym("moving", pairs.moving_size), ca.MX.sym("t")
+        there = ca.reshape(told, MOVING, -1)
+        if told.numel():
+            there = ca.vertcat(there[:6, :] + t * there[6:12, :], there[6:, :])
+        column = pairs.nearest(q, ca.MX.zeros(n), ca.vec(there), 0)
+        k = pairs.max_contacts
+        table = ca.horzcat(column[:k] - SLACK / 2, ca.reshape(column[2 * k : -1], k, n))
+        self._tangents = ca.Function("tangents", [q, told, t], [table])
+
+    def h(self, tick: Stages, q: ca.SX, t: ca.SX, moving: ca.SX) -> ca.SX:
+        """(pairs,)"""
+        return tick.call(self._pairs.distances, q, moving, t)[0]
+
+    def tangents(self, tick: Stages, q: ca.SX, t: ca.SX, state: State) -> ca.SX:
+        """Of `Clearance.max_contacts`."""
+        return tick.call(self._tangents, q, state.moving, t)[0]
+
+
+class Kept(Bound):
+    """h(q, t) >= 0 after the tick and on the way to rest.
+
+    Between two places it is judged at the lowest of a parabola through three.
+
+    Parameters
+    ----------
+    kinds : what is kept. chain : the arm. manoeuvre : its braking.
     """
 
-    def __init__(self, limits: Sequence[Limit], chain: SerialChain, manoeuvre: Manoeuvre) -> None:
-        self._limits, self._chain, self._manoeuvre = tuple(limits), chain, manoeuvre
-        z, tables = ca.SX.sym("z", chain.n), [ca.SX(0, 1 + chain.n)]
-        for each in self._limits:
-            h = each.at(chain, z)
-            tables.append(smallest_rows(ca.horzcat(h, ca.jacobian(h, z)), min(ROWS, h.numel())))
-        self._tangents = ca.Function("tangents", [z], [ca.vertcat(*tables)])
+    def __init__(self, kinds: Sequence[Posture], chain: SerialChain, manoeuvre: Manoeuvre) -> None:
+        self._kinds, self._chain, self._manoeuvre = tuple(kinds), chain, manoeuvre
+        rates, dt = [rate for each in self._kinds for rate in each.rates], manoeuvre.dt
+        self._decays = ca.DM([1e9 if rate is None else -math.expm1(-rate * dt) / dt for rate in rates])
 
-    def __len__(self) -> int:
-        return int(self._tangents.size1_out(0)) * len(PLACES)
-
-    def _h(self, q: ca.SX) -> ca.SX:
-        return ca.vertcat(ca.SX(0, 1), *(each.at(self._chain, q) for each in self._limits))
-
-    def outside(self, q: ca.SX) -> ca.SX:
+    def outside(self, tick: Stages, q: ca.SX, moving: ca.SX) -> ca.SX:
         """Whether one is below zero at q (n,)."""
-        return ca.mmin(ca.vertcat(0, self._h(q))) < -ROUNDING
+        return ca.mmin(ca.vertcat(0, *(each.h(tick, q, ca.SX(0), moving) for each in self._kinds))) < -OUTSIDE
 
-    def excess(self, way: Way) -> ca.SX:
-        """(k,) in the limits' own units."""
-        place = self._manoeuvre.place
-        h = [self._h(place(way.q, way.u, way.ticks * k / WAY)) for k in range(WAY + 1)]
-        over = [-each for each in h]
-        for a, b, c in zip(h, h[1:], h[2:], strict=False):
-            fall, bow = ca.fmax(3 * a - 4 * b + c, 0), ca.fmax(a - 2 * b + c, 1e-12)
-            over.append(-ca.if_else(fall < 4 * bow, a - 1.1 * fall**2 / (8 * bow), c))
+    def excess(self, tick: Stages, way: Way) -> ca.SX:
+        """(k,) in the limits' own units; bodies that move are where they will be at the end of the tick."""
+        over = [ca.SX(0, 1)]
+        for each in self._kinds:
+            parts, h = [k / each.places for k in range(each.places + 1)], []
+            for part in parts:
+                place = self._manoeuvre.place(way.state.q, way.u, way.ticks * part)
+                h.append(each.h(tick, place, ca.SX(self._manoeuvre.dt), way.state.moving))
+            over += [2 * ROUNDING - one for one in h]
+            for a, b, c in zip(h, h[1:], h[2:], strict=False):
+                fall, bow = ca.fmax(3 * a - 4 * b + c, 0), ca.fmax(a - 2 * b + c, 1e-12)
+                over.append(2 * ROUNDING - ca.if_else(fall < 4 * bow, a - 1.1 * fall**2 / (8 * bow), c))
         return ca.vertcat(*over)
 
-    def rows(self, q: ca.SX, last: ca.SX, brake: ca.SX, least: ca.SX, most: ca.SX) -> Rows:
+    def _tangents(self, tick: Stages, way: Way, part: float) -> ca.SX:
+        """Where such a part of the way is behind the joints, by when braking of the last velocity would be there."""
+        ticks, place = self._manoeuvre.ticks(way.state.last), self._manoeuvre.place
+        seconds = self._manoeuvre.dt * (1 + (1 - math.sqrt(1 - part)) * ticks)
+        there = place(way.state.q, way.u, part * way.ticks)
+        return ca.vertcat(*(each.tangents(tick, there, seconds, way.state) for each in self._kinds))
+
+    def rows(self, tick: Stages, state: State, brake: ca.SX, least: ca.SX, most: ca.SX) -> Rows:
         """About the command `brake` (n,), which keeps them, of commands from `least` to `most` (n,)."""
-        one, ticks, found = self._manoeuvre, self._manoeuvre.ticks(last), []
+        one, ticks, found = self._manoeuvre, self._manoeuvre.ticks(state.last), []
         for part in PLACES:
             lever = one.dt * (1 + part * further(ticks + 1))
-            table = self._tangents(one.place(q, brake, part * further(ca.fmax(ticks - 1, 0))))
+            table = self._tangents(tick, Way(state, brake, further(ca.fmax(ticks - 1, 0))), part)
             h, slopes = table[:, 0], table[:, 1:]
-            margin = (CLEAR + BEND * (lever * ca.norm_2(one.change)) ** 2) * ca.sqrt(ca.sum2(slopes**2))
+            way = one.dt**2 + BEND * (lever - one.dt) ** 2
+            margin = (CLEAR + way * ca.sumsqr(one.change)) * ca.sqrt(ca.sum2(slopes**2))
             can = lever * (ca.fmax(slopes, 0) @ (most - brake) + ca.fmin(slopes, 0) @ (least - brake))
             away = ca.fmax(ca.fmin(PUSH * (margin - h), 0.5 * can), 0) / lever
             upper = ca.fmax(h - margin, 0) / lever - slopes @ brake
+            if part == 0:  # -dh/dt <= (1 - exp(-rate dt)) / dt h, or what braking needs
+                upper = ca.fmin(upper, ca.fmax(self._decays * (h - lever * slopes @ brake), -slopes @ brake))
             found.append(Rows(slopes, away, upper, h, lever * ca.SX.ones(h.numel())))
         return Rows(*(ca.vertcat(*column) for column in zip(*found, strict=True)))
 
-    def bent(self, rows: Rows, q: ca.SX, brake: ca.SX, u: ca.SX) -> ca.SX:
+    def bent(self, tick: Stages, rows: Rows, state: State, brake: ca.SX, u: ca.SX) -> ca.SX:
         """(m,) upper ends less what the tangents promise too much of the command u (n,); `brake` (n,) keeps them."""
-        ticks = further(self._manoeuvre.ticks(u))
-        places = [self._manoeuvre.place(q, u, part * ticks) for part in PLACES]
-        true = ca.vertcat(*(self._tangents(each)[:, 0] for each in places))
+        way = Way(state, u, further(self._manoeuvre.ticks(u)))
+        true = ca.vertcat(*(self._tangents(tick, way, part)[:, 0] for part in PLACES))
         missed = ca.fmax((rows.values - true) / rows.levers + rows.slopes @ (u - brake), 0)
         return ca.fmax(rows.upper - missed, -rows.slopes @ brake)
 

@@ -26,10 +26,12 @@ from rehab_opt.control.stopping import (
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.optim.certificate import clipped
 
-__all__ = ["Intervals", "Manoeuvre", "further"]
+__all__ = ["ROUNDED", "Intervals", "Manoeuvre", "further"]
 
 FAR = 1e9
 """[rad or m] A limit that is never felt."""
+ROUNDED = 1e-10
+"""Of a tick, by which rounding may make braking longer."""
 OUTSIDE = 1e-9
 """[rad or m] A joint less than this beyond its limit stands at it: rounding is no excursion."""
 
@@ -74,7 +76,8 @@ class Manoeuvre:
 
     def braked(self, velocity: ca.SX) -> ca.SX:
         """(n,) velocities after one tick of braking."""
-        return slowed_together(velocity, self.change)
+        last_one = self.ticks(velocity) <= 1 + ROUNDED
+        return ca.if_else(last_one, 0, slowed_together(velocity, self.change))
 
     def place(self, q: ca.SX, velocity: ca.SX, ticks: ca.SX | float) -> ca.SX:
         """(n,) where joints are after a tick at `velocity` (n,) and the way of so many more; limits are not passed."""
@@ -88,20 +91,16 @@ class Manoeuvre:
         """
         dt, speed, change = self.dt, self.speed, self.change
         seconds = dt * (1 + further(self.ticks(last) + 1))
-        within = ca.fmax(last - change, -speed), ca.fmin(last + change, speed)
         rooms = q - self._low, self._high - q
-        hard = [ca.fmin(ca.fmax(room / dt, 0), speed) for room in rooms]
-        ends = []
-        for room in rooms:
-            inside = ca.fmax(room, 0)
-            back = -ca.fmin(self._back, ca.fmax(-room, 0) / dt)
-            stops = ca.if_else(room < -OUTSIDE, back, stopping_speed(room, change, dt))
-            gently = ca.fmin(stops, gentle_speed(inside, change / dt, APPROACH))
-            ends.append((stops, gently, ca.if_else(gently > 0, ca.fmin(gently, inside / seconds), gently)))
+        fast = [ca.if_else(other < -OUTSIDE, self._back, speed) for other in reversed(rooms)]
+        hard = [clipped(room / dt, 0, most) for room, most in zip(rooms, fast, strict=True)]
+        least, most = (clipped(last + sign * change, -hard[0], hard[1]) for sign in (-1, 1))
         sides = []
-        for sign, (stops, gently, aimed) in zip((-1, 1), ends, strict=True):
-            now = [clipped(clipped(sign * end, *within), -hard[0], hard[1]) for end in (stops, gently)]
-            sides.append((*now, sign * ca.fmin(aimed, speed)))
+        for sign, room in zip((-1, 1), rooms, strict=True):
+            stops = stopping_speed(room, change, dt) + clipped((room + OUTSIDE) / dt, -self._back, 0)
+            gently = ca.fmin(stops, gentle_speed(room, change / dt, APPROACH))
+            aimed = ca.fmin(ca.fmin(gently, ca.fmax(room, 0) / seconds), speed)
+            sides.append((clipped(sign * stops, least, most), clipped(sign * gently, least, most), sign * aimed))
         return Intervals(*(end for both in zip(*sides, strict=True) for end in both))
 
     def outside(self, q: ca.SX) -> ca.SX:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import cached_property
 from threading import get_ident
 from typing import Any, ClassVar, NamedTuple
 
@@ -14,24 +15,33 @@ from numpy.typing import ArrayLike, NDArray
 from rehab_opt.braking.limits import (
     LEAVING,
     ROUNDING,
+    Bodies,
     Bound,
     HandSpeed,
     JointAcceleration,
     JointSpeed,
     Kept,
+    Posture,
     Rows,
+    State,
+    UserLimits,
     Way,
     within_rows,
 )
-from rehab_opt.braking.manoeuvre import Intervals, Manoeuvre, further
+from rehab_opt.braking.manoeuvre import ROUNDED, Intervals, Manoeuvre, further
+from rehab_opt.control.clearance import Clearance
 from rehab_opt.control.command import Command
-from rehab_opt.control.limit import Limit, checked_limits
+from rehab_opt.control.jerk_bounds import JerkBounds
+from rehab_opt.control.limit import Limit, PostureLimits, all_limits
+from rehab_opt.control.reasons import NUMBER
 from rehab_opt.control.stopping import ticks_to_rest
 from rehab_opt.control.thread_owner import setting
 from rehab_opt.control.velocity_controller import VelocityController, checked_number
+from rehab_opt.control.watchdog import first_of
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import SerialChain, per_joint
 from rehab_opt.kinematics.rigid import is_rigid, rotation_vector
+from rehab_opt.kinematics.room import MOVING, MovingCapsule
 from rehab_opt.optim.certificate import all_true, clipped
 from rehab_opt.optim.qp import Statement
 from rehab_opt.optim.rows import parameter, variable, within
@@ -45,35 +55,38 @@ Array = NDArray[np.float64]
 LEAST_DAMPING, DAMPING = 4e-4, 0.5
 """[m^2/rad^2] of a step at least: the square of the singular value below which a direction counts as lost; and
 [m/rad^2] for each metre of the error that limits or singular postures leave, where steps would else be too long."""
-PASSES = 3
+MISSED = 0.02
+"""Share of a twist that the least damping takes where the arm is regular: no limit leaves that."""
+PASSES = 2
 """Of a damped solve: each further one takes out what damping left where the arm is regular."""
 BRAKES = 0.7
 """Share of the accelerations that the approach to a target counts on."""
-DRIFT_SPEED = 0.1
-"""Share of the velocity limits at which a redundant arm moves to its posture."""
+ASIDE = 3
+"""Rounds in which a command is led across bodies that come."""
 SECANTS = 2
 """Rounds in which a command that is not allowed is blended with braking."""
 TINY = 1e-12
 
 
 class Now(NamedTuple):
-    """The state of a tick, as expressions."""
+    """What a tick starts from, as expressions."""
 
-    q: ca.SX
-    last: ca.SX
-    """(n,) velocity commanded before."""
-    jacobian: ca.SX
+    state: State
     braked: ca.SX
     """(n,) velocity after a tick of braking."""
     ends: Intervals
+    outside: ca.SX
+    """Whether a joint is beyond its limit, or the posture beyond one of its own."""
 
 
 class Wanted(NamedTuple):
-    """min |J (u - base) - asked|^2 + damping |u - base|^2 within lower and upper; w is its answer without these."""
+    """min |J (u - base) - asked|^2 + damping |u - centre|^2 within lower and upper; w is its answer without these."""
 
     J: ca.SX
     base: ca.SX
     asked: ca.SX
+    centre: ca.SX
+    """(n,) `base`, or what goes most of the way to w where nothing holds that back: no damping is left in w then."""
     damping: ca.SX
     lower: ca.SX
     upper: ca.SX
@@ -103,7 +116,8 @@ class PoseTracker(VelocityController):
     gain : [1/s] rate at which a pose error decays near the target.
     linear_speed, angular_speed : [m/s, rad/s] largest hand speeds.
     task_weights : (6,) weights of the twist's components in the base frame, one against the other; a zero frees one.
-    posture : (n,) joint positions that a redundant chain moves to where the task leaves it free, or None.
+    posture : (n,) joint positions that a redundant chain moves to where the task leaves it free; by default the middle
+        of each joint's range. That motion is no faster than `recovery_speed`.
     limits : what the posture has to keep besides, each a `Limit`.
     dt : nominal tick [s].
     recovery_speed : share of the velocity limit at which a joint outside its limits comes back.
@@ -118,14 +132,15 @@ class PoseTracker(VelocityController):
 
     requirement = "pose is not a rigid transform"
     name: ClassVar[str] = "pose_tracker"
-    shapes: ClassVar[tuple[tuple[int, ...], ...]] = ((4, 4), (6,))
+    names_what_blocks = True
 
     gain: float = setting()
     linear_speed: float = setting()
     angular_speed: float = setting()
     task_weights: Array = setting()
     posture: Array | None = setting()
-    limits: tuple[Limit, ...] = setting()
+    limits: PostureLimits = setting()
+    jerk: JerkBounds | None = setting()
 
     def __init__(
         self,
@@ -139,8 +154,9 @@ class PoseTracker(VelocityController):
         linear_speed: float = 1.0,
         angular_speed: float = math.pi,
         task_weights: ArrayLike = 1.0,
+        jerk: ArrayLike | None = None,
         posture: ArrayLike | None = None,
-        limits: Sequence[Limit] = (),
+        limits: Sequence[Limit | Clearance] = (),
         dt: float = 0.001,
         recovery_speed: float = 0.1,
         solver: str = "qrqp",
@@ -161,7 +177,16 @@ class PoseTracker(VelocityController):
         limited = chain.with_limits(lower=lower, upper=upper, velocity=velocity, acceleration=acceleration)
         checked_number("dt", dt, above=0.0, below=1.0)
         checked_number("recovery_speed", recovery_speed, above=0.0, below=1.0)
-        self.limits = checked_limits(limits, limited)
+        self.limits = all_limits(limits, limited, dt, recovery_speed)
+        if jerk is None:
+            self.jerk = None
+        else:
+            if len(self.limits):
+                raise ConfigurationError("jerk", jerk, "None with limits, which have bounds that come before a drive's")
+            self.jerk = JerkBounds.checked(limited, jerk, dt, recovery_speed)
+            if not self.gain <= self.jerk.fastest_gain:
+                expected = f"at most {self.jerk.fastest_gain:.4g} /s with this jerk: a faster one swings for good"
+                raise ConfigurationError("gain", gain, expected)
         super().__init__(
             limited, dt=dt, recovery_speed=recovery_speed, solver=solver, backup=backup, tolerance=tolerance,
             max_age=max_age, compile=compile,
@@ -169,50 +194,78 @@ class PoseTracker(VelocityController):
 
     def statement(self) -> Statement:
         """The QP of one tick; parameters q (n,), pose (16, by rows), twist (6,); memory as `VelocityController`."""
-        n, tick, brake = self.chain.n, Stages(), self._manoeuvre
+        n, tick, moves = self.chain.n, Stages(), self.limits.moving_size
         q, entries, twist = parameter("q", n), parameter("pose", 16), parameter("twist", 6)
-        memory = parameter("memory", 2 * n)
-        target, jacobian = ca.reshape(entries, 4, 4).T, tick.once(self.chain.jacobian_expression(q))
-        ends = tick.once(brake.intervals(q, memory[:n]))
-        braked = tick.once(clipped(brake.braked(memory[:n]), ends.least, ends.most))
-        now = Now(q, memory[:n], jacobian, braked, ends)
+        parameters = [q, entries, twist, *([parameter("obstacles", moves)] if moves else [])]
+        moving = parameters[-1] if moves else ca.SX(0, 1)
+        memory, target = parameter("memory", self._memory_size), ca.reshape(entries, 4, 4).T
+        now = self._now(tick, State(q, memory[:n], tick.once(self.chain.jacobian_expression(q)), moving), memory)
         wanted = self._wanted(tick, now, target, twist)
 
         velocity = variable("velocity", n, lower=wanted.lower, upper=wanted.upper)
         variables, analytic, subject_to, u = [velocity], wanted.w, [], velocity.symbol
-        cost = ca.sumsqr(wanted.J @ (u - wanted.base) - wanted.asked) + wanted.damping * ca.sumsqr(u - wanted.base)
-        towards = tick.once(self._towards(now, u))
-        outside = brake.outside(q)
-        if self.limits:
-            rows = tick.once(self._kept.rows(q, now.last, braked, ends.least, ends.most))
+        cost = ca.sumsqr(wanted.J @ (u - wanted.base) - wanted.asked) + wanted.damping * ca.sumsqr(u - wanted.centre)
+        towards, outside, rows = tick.once(self._towards(now, u)), now.outside, None
+        if self.kept is not None:
+            rows = tick.once(self.kept.rows(tick, now.state, now.braked, now.ends.least, now.ends.most))
             leaving = variable("leaving", 1, lower=0, upper=1)
             variables.append(leaving)
             cost += LEAVING * (1 - leaving.symbol) ** 2
             analytic = ca.vertcat(wanted.w, 1)
             subject_to.append(within(leaving.symbol * rows.away - rows.slopes @ u, -ca.inf, rows.upper))
             towards = self._within(tick, now, wanted, rows, towards)
-            outside = ca.logic_or(outside, self._kept.outside(q))
-        command = self._allowed(tick, now, towards)
+        command = tick.once(self._clear(tick, now, memory, self._allowed(tick, now, towards)))
         told = ca.DM(np.sqrt(self.task_weights))
         whole = twist + self._settling * tick.once(_error(target, self.chain.pose_expression(q)))
+        report = self.report(memory[:n], command, told * (now.state.jacobian @ command), told * whole, outside)
+        report = ca.vertcat(report, self._blocking(target, wanted, rows, outside))
         return Statement(
-            name=self.name, parameters=[q, entries, twist], variables=variables, minimise=cost / 2,
-            subject_to=subject_to, active_set=True, requires=[is_rigid(target)], analytic=analytic, tick=tick,
-            report=self.report(now.last, command, told * (jacobian @ command), told * whole, outside),
-            memory=memory, remember=self.remember(q, command),
+            name=self.name, parameters=parameters, variables=variables, minimise=cost / 2, subject_to=subject_to,
+            active_set=True, requires=[is_rigid(target)], analytic=analytic, tick=tick, report=report, memory=memory,
+            remember=self.memory_after(q, memory[:n], command),
         )  # fmt: skip
+
+    def _blocking(self, target: ca.SX, wanted: Wanted, rows: Rows | None, outside: ca.SX) -> ca.SX:
+        """Number of the reason, and the joint or -1, of a command that leaves nothing of the motion."""
+        beyond = ca.fmax(wanted.w - wanted.upper, wanted.lower - wanted.w)
+        most = ca.mmax(beyond)
+        joint = first_of([(beyond[i] >= most, ca.SX(i)) for i in range(self.chain.n)])
+        far = ca.norm_2(target[:3, 3] - ca.DM(self.chain.base[:3, 3])) > self._hand.reach
+        held = ca.SX(0) if rows is None else ca.mmax(rows.away - rows.slopes @ wanted.w - rows.upper) > 0
+        nothing = ca.SX([NUMBER["NOTHING_LEFT"], -1])
+        return first_of([
+            (outside, nothing),
+            (far, ca.SX([NUMBER["OUT_OF_REACH"], -1])),
+            (most > 0, ca.vertcat(NUMBER["JOINT_BLOCKS"], joint)),
+            (held, ca.SX([NUMBER["LIMIT_BLOCKS"], -1])),
+            (wanted.damping > LEAST_DAMPING, ca.SX([NUMBER["POSTURE_SINGULAR"], -1])),
+            (ca.SX(1), nothing),
+        ])  # fmt: skip
+
+    def _now(self, tick: Stages, state: State, memory: ca.SX) -> Now:
+        """What a tick starts from."""
+        n, brake = self.chain.n, self._manoeuvre
+        if self.jerk is not None:
+            jerky = self.jerk.interval(state.q, state.last, memory[2 * n : 3 * n])
+            own = jerky.lower, jerky.upper
+            ends = tick.once(Intervals(*own, *own, jerky.stop_lower, jerky.stop_upper))
+            return Now(state, tick.once(jerky.brake_lower), ends, jerky.outside)
+        ends, outside = tick.once(brake.intervals(state.q, state.last)), brake.outside(state.q)
+        if self.kept is not None:
+            outside = ca.logic_or(outside, self.kept.outside(tick, state.q, state.moving))
+        return Now(state, tick.once(clipped(brake.braked(state.last), ends.least, ends.most)), ends, outside)
 
     def _wanted(self, tick: Stages, now: Now, target: ca.SX, twist: ca.SX) -> Wanted:
         """The step on the error where the arm would come to rest beside the target if it braked now."""
         chain, dt, brake, ends = self.chain, self.dt, self._manoeuvre, now.ends
         weights = ca.DM(np.sqrt(self.task_weights / self.task_weights.max()))
-        movable, error = ca.diag(ca.DM(~chain.locked)), tick.once(_error(target, chain.pose_expression(now.q)))
+        movable, error = ca.diag(ca.DM(~chain.locked)), tick.once(_error(target, chain.pose_expression(now.state.q)))
         # A target that is far away is not followed by its twist.
         damping = LEAST_DAMPING + DAMPING * ca.norm_2(error[:3])
-        follow = tick.once(_damped(ca.diag(weights) @ now.jacobian @ movable, weights * twist, damping, PASSES))
-        relative = now.last - follow
+        follow = tick.once(_damped(ca.diag(weights) @ now.state.jacobian @ movable, weights * twist, damping, PASSES))
+        relative = now.state.last - follow
         ticks = tick.once(ticks_to_rest(relative, BRAKES * brake.change))
-        there = tick.once(now.q + dt * further(ticks) * relative)
+        there = tick.once(now.state.q + dt * further(ticks) * relative)
         J, error = tick.once(
             (
                 ca.diag(weights) @ chain.jacobian_expression(there) @ movable,
@@ -220,101 +273,193 @@ class PoseTracker(VelocityController):
             )
         )
         S = tick.once(ca.fmax(1 / self._settling, dt * (1 + ticks)))
-        drift = tick.once(self._drift(there, J, S))
-        base = tick.once(follow + relative * (1 - 1 / ca.fmax(ticks, 1)) + drift)
+        braking = relative * (1 - 1 / ca.fmax(ticks, 1))
+        aside = tick.once(self._self_motion(there, J, S, braking))
+        base = tick.once(follow + braking + aside)
         unweighted = ca.DM(1 / np.where(self.task_weights > 0, np.array(weights).ravel(), np.inf))
-        asked = tick.once(error / S / ca.fmax(1, self._hand.over(unweighted * error / S)))
+        asked = tick.once(error / S / ca.fmax(1, self._hand.over(unweighted * error / S)) - J @ aside)
 
         far = 1e3 * brake.speed  # where a speed ends it, the velocity is led towards what the task wants beyond
         low = ca.if_else(ends.low <= -brake.speed, -far, ends.low)
         high = ca.if_else(ends.high >= brake.speed, far, ends.high)
         lower, upper = tick.once((ca.fmin(low, ends.high), high))
-        reached = clipped(base + _damped(J, asked, LEAST_DAMPING, PASSES), lower, upper)
-        d = tick.once(LEAST_DAMPING + DAMPING * S * ca.norm_2(asked - J @ (reached - base)))
-        return Wanted(J, base, asked, d, lower, upper, tick.once(base + _damped(J, asked, d, 1)))
+        first, last = (_damped(J, asked, LEAST_DAMPING, passes) for passes in (PASSES - 1, PASSES))
+        free = tick.once(base + last)
+        left = ca.norm_2(asked - J @ (clipped(free, lower, upper) - base)) - MISSED * ca.norm_2(asked)
+        d = tick.once(LEAST_DAMPING + DAMPING * S * ca.fmax(left, 0))
+        centre = tick.once(base + ca.if_else(left > 0, 0, first))
+        w = tick.when(left > 0, lambda: base + _damped(J, asked, d, 1), free)
+        return Wanted(J, base, asked, centre, d, lower, upper, w)
 
     def braking(self) -> ca.Function:
-        """q, memory -> what is remembered of a tick of braking, and its report; nothing is led back to a limit."""
-        n, brake = self.chain.n, self._manoeuvre
-        q, memory = ca.SX.sym("q", n), ca.SX.sym("memory", 2 * n)
-        last, ends = memory[:n], brake.intervals(q, memory[:n])
-        rest = clipped(
-            brake.braked(last), ca.fmin(ends.least, ca.fmax(ends.most, 0)), ca.fmax(ends.most, ca.fmin(ends.least, 0))
-        )
-        report = self.report(last, rest, ca.SX(0), ca.SX(1), brake.outside(q))
-        return ca.Function("braking", [q, memory], [ca.densify(self.remember(q, rest)), report])
+        """q, memory, moving capsules if any -> what is remembered of a tick of braking, and its report.
+
+        Nothing is led back to a limit.
+        """
+        n, tick, moves = self.chain.n, Stages(), self.limits.moving_size
+        q, memory, moving = ca.SX.sym("q", n), ca.SX.sym("memory", self._memory_size), ca.SX.sym("moving", moves)
+        now = self._now(tick, State(q, memory[:n], ca.SX(6, n), moving), memory)
+        rest = now.braked
+        if self.jerk is None:
+            brake, last = self._manoeuvre, memory[:n]
+            change = (1 + ROUNDED) * brake.change
+            least = ca.fmin(now.ends.least, ca.fmax(last - change, 0))
+            rest = clipped(brake.braked(last), least, ca.fmax(now.ends.most, ca.fmin(last + change, 0)))
+        if self.kept is not None:
+            rest = tick.once(rest)
+            rest = tick.call(self.limits.keeping, q, moving, rest, rest)[0]
+        report = self.report(memory[:n], rest, ca.SX(0), ca.SX(1), now.outside)
+        inputs = [q, memory, moving] if moves else [q, memory]
+        return tick.function("braking", inputs, [self.memory_after(q, memory[:n], rest), report])
+
+    def memory_after(self, q: ca.SX, last: ca.SX, velocity: ca.SX) -> ca.SX:
+        """What `remember` gives, with a jerk the change of velocity besides."""
+        change = ca.SX(0, 1) if self.jerk is None else (velocity - last) / self.dt
+        return ca.vertcat(self.remember(q, velocity), change)
 
     @property
+    def _memory_size(self) -> int:
+        return self.chain.n * (2 if self.jerk is None else 3)
+
+    @property
+    def shapes(self) -> tuple[tuple[int, ...], ...]:  # type: ignore[override]
+        """Shapes of the statement's parameters after q: pose, twist, and moving capsules where there are such."""
+        moving = self.limits.moving
+        return ((4, 4), (6,), *([(moving, MOVING)] if moving else []))
+
+    @cached_property
     def _manoeuvre(self) -> Manoeuvre:
         return Manoeuvre(self.chain, self.dt, recovery_speed=self.recovery_speed)
 
-    @property
+    @cached_property
     def _hand(self) -> HandSpeed:
         return HandSpeed(self.chain, self._manoeuvre, linear=self.linear_speed, angular=self.angular_speed)
 
-    @property
-    def _kept(self) -> Kept:
-        return Kept(self.limits, self.chain, self._manoeuvre)
+    @cached_property
+    def kept(self) -> Kept | None:
+        """What the posture keeps, None of nothing."""
+        own, pairs = self.limits.limits, self.limits.clearance
+        kinds: list[Posture] = [UserLimits(own, self.chain)] if own else []
+        kinds += [] if pairs is None else [Bodies(pairs)]
+        return Kept(kinds, self.chain, self._manoeuvre) if kinds else None
 
     @property
     def _settling(self) -> float:
         """[1/s] what removes a share 1 - exp(-gain dt) of the error in one tick: never an overshoot, at any dt."""
         return (1 - math.exp(-self.gain * self.dt)) / self.dt
 
-    def _drift(self, q: ca.SX, jacobian: ca.SX, seconds: ca.SX) -> ca.SX:
-        """(n,) [rad/s] towards the posture from q (n,), slowed as a whole, as far as it does not move the hand."""
-        if self.posture is None:
-            return ca.SX.zeros(self.chain.n)
-        drift = ca.DM(~self.chain.locked) * (ca.DM(self.posture) - q) / seconds
-        drift /= ca.fmax(ca.mmax(ca.fabs(drift) / ca.DM(DRIFT_SPEED * self.chain.velocity)), 1)
-        return drift - _damped(jacobian, jacobian @ drift, LEAST_DAMPING, PASSES)
+    @property
+    def _rest_posture(self) -> ca.DM:
+        """(n,) where the task leaves the arm free; infinite for joints that have no middle."""
+        if self.posture is not None:
+            return ca.DM(self.posture)
+        lower, upper = self.chain.lower, self.chain.upper
+        ends = np.isfinite(lower) & np.isfinite(upper)
+        return ca.DM(np.where(ends, np.where(ends, lower, 0) / 2 + np.where(ends, upper, 0) / 2, np.inf))
+
+    def _self_motion(self, q: ca.SX, jacobian: ca.SX, seconds: ca.SX, braking: ca.SX) -> ca.SX:
+        """(n,) [rad/s] added to `braking` (n,) for the posture, from q (n,), as far as it does not move the hand.
+
+        What does not move the hand is slowed as a whole to `recovery_speed`.
+        """
+        chain, away = self.chain, self._rest_posture - q
+        if self.posture is None and np.sum(~chain.locked) <= np.sum(self.task_weights > 0):
+            return ca.SX.zeros(chain.n)
+
+        def free(velocity: ca.SX) -> ca.SX:
+            return velocity - _damped(jacobian, jacobian @ velocity, LEAST_DAMPING, PASSES)
+
+        away = ca.DM(~chain.locked) * ca.if_else(ca.fabs(away) < ca.inf, away, 0) / seconds
+        moved = free(braking + away)
+        over = ca.mmax(ca.fabs(moved) / ca.DM(self.recovery_speed * chain.velocity))
+        return moved / ca.fmax(over, 1) - free(braking)
 
     def _towards(self, now: Now, w: ca.SX) -> ca.SX:
         """(n,) from braking towards w as far as speeds allow, straight there from the last within accelerations."""
         brake, way = self._manoeuvre, w - now.braked
         room = (brake.speed - ca.fabs(now.braked)) / ca.fmax(ca.fabs(w) - ca.fabs(now.braked), TINY)
         part = ca.mmin(ca.if_else(ca.fabs(w) > brake.speed, room, 1))
-        part = ca.fmin(part, self._hand.part(now.jacobian, now.braked, way))
-        change = now.braked + part * way - now.last
-        return clipped(now.last + change / ca.fmax(1, brake.ticks(change)), now.ends.gentle_least, now.ends.gentle_most)
+        part = ca.fmin(part, self._hand.part(now.state.jacobian, now.braked, way))
+        aimed = now.braked + part * way
+        if self.jerk is not None:
+            return clipped(aimed, *self.jerk.towards(now.state.last, now.ends.least, now.ends.most, aimed))
+        change = aimed - now.state.last
+        return clipped(
+            now.state.last + change / ca.fmax(1, brake.ticks(change)), now.ends.gentle_least, now.ends.gentle_most
+        )
 
     def _within(self, tick: Stages, now: Now, wanted: Wanted, rows: Rows, u: ca.SX) -> ca.SX:
         """(n,) what accelerations leave, u, within the rows once more: how they bend is known now."""
-        upper = tick.once(self._kept.bent(rows, now.q, now.braked, u))
+        assert self.kept is not None
+        upper = tick.once(self.kept.bent(tick, rows, now.state, now.braked, u))
         H = wanted.J.T @ wanted.J + wanted.damping * ca.SX.eye(self.chain.n)
         ends = now.ends.gentle_least, now.ends.gentle_most
-        again = within_rows(self.chain.n, len(self._kept))
+        again = within_rows(self.chain.n, rows.upper.numel())
         kept = all_true(rows.away - rows.slopes @ u <= upper)
         return tick.when(kept, u, lambda: tick.call(again, H, u, rows.slopes, rows.away, upper, *ends)[0])
 
+    def _clear(self, tick: Stages, now: Now, memory: ca.SX, u: ca.SX) -> ca.SX:
+        """(n,) u, or what passes no limit of the posture in this tick; accelerations yield to that."""
+        if self.kept is None:
+            return u
+        limits, q, moving = self.limits, now.state.q, now.state.moving
+        pairs = limits.clearance
+        u = tick.once(u)
+
+        def back() -> ca.SX:
+            return tick.call(limits.keeping, q, moving, u, now.braked)[0]
+
+        if pairs is None or not limits.moving:
+            return tick.when(tick.call(limits.judged, q, moving, u)[0], u, back)
+
+        def aside(u: ca.SX, rounds: int) -> ca.SX:
+            """Led across what it would pass, by Newton's steps; the last is taken where it is no worse than rest."""
+            contacts = tick.call(pairs.nearest, q, u, moving, ca.SX(2 * self.dt))[0]
+            led = tick.once(limits.led_clear(u, self.bounds(q, memory), contacts))
+            if rounds > 1:
+                return tick.when(tick.call(limits.all_clear, q, moving, led)[0], led, lambda: aside(led, rounds - 1))
+            return tick.when(tick.call(limits.judged, q, moving, led)[0], led, back)
+
+        def otherwise() -> ca.SX:
+            return aside(tick.once(tick.when(tick.call(limits.judged, q, moving, u)[0], u, back)), ASIDE)
+
+        return tick.when(tick.call(limits.all_clear, q, moving, u)[0], u, otherwise)
+
     def _allowed(self, tick: Stages, now: Now, u: ca.SX) -> ca.SX:
         """(n,) u, or as much of the way to it from braking as passes no limit further than braking does."""
-        brake, braked = self._manoeuvre, now.braked
-        bounds: list[Bound] = [JointSpeed(brake), JointAcceleration(brake), self._hand]
-        if self.limits:
-            bounds.append(self._kept)
+        brake, braked, kept = self._manoeuvre, now.braked, self.kept
+        bounds: list[Bound] = [JointSpeed(brake), JointAcceleration(brake), self._hand, *([kept] if kept else [])]
+
+        def way(u: ca.SX) -> Way:
+            return Way(now.state, u, further(brake.ticks(u)))
 
         def excess(u: ca.SX) -> ca.SX:
-            way = Way(now.q, now.last, u, further(brake.ticks(u)), now.jacobian)
-            return ca.vertcat(*(bound.excess(way) for bound in bounds))
+            return ca.vertcat(*(bound.excess(tick, way(u)) for bound in bounds))
 
         wanted = tick.once(u)
-        over = tick.once(excess(wanted))
+        at_most = ca.vertcat(*(bound.at_most(tick, way(wanted)) for bound in bounds))
 
         def blended() -> ca.SX:
-            least = tick.once(excess(braked))
+            least, found = tick.once((excess(braked), excess(wanted)))
             most = tick.once(ca.fmax(least, 0))
-            share, found = ca.SX(1), over
+            share = ca.SX(1)
             for _ in range(SECANTS):
                 part = 0.999 * (most - least) / ca.fmax(found - least, TINY)
                 share = tick.once(share * ca.mmin(ca.if_else(found > most + ROUNDING, part, 1)))
                 found = tick.once(excess(braked + share * (wanted - braked)))
             return braked + ca.if_else(all_true(found <= most + ROUNDING), share, 0) * (wanted - braked)
 
-        return tick.when(all_true(over <= ROUNDING), wanted, blended)
+        return tick.when(all_true(at_most <= ROUNDING), wanted, blended)
 
     def step(
-        self, q: ArrayLike, pose: ArrayLike, twist: ArrayLike, *, enable: object = True, stamp: float | None = None
+        self,
+        q: ArrayLike,
+        pose: ArrayLike,
+        twist: ArrayLike,
+        *,
+        obstacles: Sequence[MovingCapsule] | Array | None = None,
+        enable: object = True,
+        stamp: float | None = None,
     ) -> Command:
         """Joint velocity (n,) [rad/s, m/s] to hold until the next tick.
 
@@ -325,6 +470,8 @@ class PoseTracker(VelocityController):
         q : (n,) joint positions measured now [rad, m].
         pose : (4, 4) where the tool should be now, in the base frame.
         twist : (6,) how that moves, linear [m/s] first, then angular [rad/s], in the base frame.
+        obstacles : what moves, now, in the base frame; asked for in every tick of a tracker whose `Clearance` was told
+            of moving capsules, and by no other. The array (k, 14) of `moving_numbers` is the quick form.
         enable : the dead-man input; anything but true decelerates to rest.
         stamp : time of the state [s]; checked by the watchdog when given.
 
@@ -340,9 +487,11 @@ class PoseTracker(VelocityController):
                 views[0][:], views[2][:] = q, twist
                 views[1][:] = pose.ravel()
             except (ValueError, TypeError):
-                self._write((q, pose, twist))
+                self._write((q, pose, twist, *self._inputs[2:]))
         else:
-            self._write((q, pose, twist))
+            self._write((q, pose, twist, *self._inputs[2:]))
+        if obstacles is not None or self.limits.moving:
+            self._inputs[-1][:] = self.limits.capsule_numbers("obstacles", obstacles)
         return self._tick(enable, stamp)
 
 

@@ -109,6 +109,10 @@ REASONS = (
         "ten times the arm's reach",
     ),
     Reason("POSITIONS_IMPOSSIBLE", "no joint can have come to these positions", "no joint can have come to these"),
+    Reason("JOINT_BLOCKS", "a joint at its limit blocks the motion: `element` says which", "at its limit blocks"),
+    Reason("LIMIT_BLOCKS", "a limit of the posture blocks the motion", "a limit of the posture blocks"),
+    Reason("POSTURE_SINGULAR", "no joint moves the tool that way: the posture is singular", "the posture is singular"),
+    Reason("OUT_OF_REACH", "the pose is out of reach", "the pose is out of reach"),
 )
 """In the order of their numbers, which never change."""
 NUMBER = {reason.name: number for number, reason in enumerate(REASONS)}

@@ -152,6 +152,8 @@ class VelocityController(OneThread, ABC):
     """Part of the memory that goes to wheels, None where there are none."""
     motion: slice | None = None
     """Part of the memory, behind velocity and position, that is zero at rest; None for all of it."""
+    names_what_blocks: ClassVar[bool] = False
+    """Whether the report has the reason of a command that leaves nothing, and its joint, behind the usual ones."""
     base: ClassVar[int] = 0
     """How many of the first joints are the place of a base, see `FrontEnd`."""
     watched: ClassVar[bool] = True
@@ -173,7 +175,7 @@ class VelocityController(OneThread, ABC):
         )  # fmt: skip
         return velocity_tick(
             stated, judge, self.judged, stop=self.stopping(), faulty=self.faulty(), law=self.fallback_law(),
-            hurried=self.hurried, tolerance=self.tolerance,
+            hurried=self.hurried, tolerance=self.tolerance, named=self.names_what_blocks,
         )  # fmt: skip
 
     @abstractmethod
@@ -397,6 +399,8 @@ class VelocityController(OneThread, ABC):
             values = (self._q, *self._inputs)[int(where)]
             place = ", ".join(map(str, np.unravel_index(int(element), values.shape)))
             return f"{self._names[int(where)]}[{place}] is {values.flat[int(element)]}, not a usable number"
+        if reason == NUMBER["JOINT_BLOCKS"]:
+            return f"{self.chain.names[int(element)]} at its limit blocks the motion"
         return reason_text(reason, details)
 
     def _write(self, values: tuple[ArrayLike, ...]) -> None:

@@ -62,7 +62,7 @@ class VelocityTick(NamedTuple):
 
 def velocity_tick(
     stated: Statement, judge: ca.Function, record: Record, *, stop: ca.Function, faulty: ca.Function,
-    law: ca.Function | None, hurried: ca.Function, tolerance: float,
+    law: ca.Function | None, hurried: ca.Function, tolerance: float, named: bool = False,
 ) -> VelocityTick:  # fmt: skip
     """The functions of a controller.
 
@@ -70,7 +70,7 @@ def velocity_tick(
     ----------
     stated : its QP. judge, record : see `judged_state`, and its memory.
     stop, faulty, law, hurried : see `VelocityController`: `stopping`, `faulty`, `fallback_law`, `hurried`.
-    tolerance : largest residual, and violation, that is accepted.
+    tolerance : largest residual, and violation, that is accepted. named : see `VelocityController.names_what_blocks`.
     """
     name, n, size = stated.name, int(judge.numel_in(0)), stated.state_size
     begin, report = size - int(stated.memory.numel()), int(stated.report.numel())
@@ -78,7 +78,7 @@ def velocity_tick(
     p, everything = ca.MX.sym("p", stated.parameter_size), ca.MX.sym("state", size + record.size)
     given, answer, verdict = (ca.MX.sym("argument", each) for each in (GIVEN.size, size, 3 + report))
 
-    certified = _certified(record, n, 3 + report, hurried, tolerance)
+    certified = _certified(record, n, 3 + report, hurried, tolerance, named=named)
     fallen_back = _fallen_back(record, n, 3 + report, hurried, faulty)
 
     q, memory, own = judge(p[:n], everything[begin:size], everything[size:], given)
@@ -148,19 +148,22 @@ def relaxed_from_rest(own: Values, last: ca.SX, relaxed: ca.SX, hurried: ca.Func
     return relaxed + int(Relaxed.ACCELERATION) * more
 
 
-def _certified(record: Record, n: int, size: int, hurried: ca.Function, tolerance: float) -> ca.Function:
+def _certified(
+    record: Record, n: int, size: int, hurried: ca.Function, tolerance: float, *, named: bool
+) -> ca.Function:
     """`judged_memory`, velocity (n,), verdict (size,) -> `REPORT`, `left` is `DONE` if the answer is certified."""
     column, last, verdict = inputs = _columns(record.size, n, size)
     own, (residual, valid, who, relaxed, scale) = record.parts(column), ca.vertsplit(verdict)[:5]
     meant, blocked = own.reason == 0, scale == 0
+    reason, joint = (verdict[5], verdict[6]) if named else (ca.SX(NUMBER["NOTHING_LEFT"]), ca.SX(-1))
     holds = all_true(meant, residual >= 0, residual <= tolerance)
     told = REPORT.of(
         left=ca.if_else(holds, DONE, ca.if_else(ca.logic_and(meant, valid), LEFT_TO_OTHERS, NOTHING_TO_SOLVE)),
         residual=residual, solver=who, relaxed=relaxed_from_rest(own, last, relaxed, hurried), scale=scale,
         unusual=blocked,
         status=ca.if_else(blocked, NUMBERED.index(Status.BLOCKED), NUMBERED.index(Status.OK)),
-        reason=NUMBER["NOTHING_LEFT"] * blocked,
-        input=ca.SX(-1), element=ca.SX(-1), details=ca.SX.zeros(2), note=ca.SX(0),
+        reason=reason * blocked,
+        input=ca.SX(-1), element=ca.if_else(blocked, joint, -1), details=ca.SX.zeros(2), note=ca.SX(0),
     )  # fmt: skip
     return ca.Function("certified", inputs, [told], {"cse": True})
 

@@ -224,7 +224,7 @@ def active_set_round(form: Form, *, together: int, passes: int = 1, softened: fl
     taken = picked(active[n:][others], min(together, len(others), max(n - len(equalities), 0)))
     used = ca.vertcat(ca.SX.ones(len(equalities)), ca.sum2(taken))
     rows = ca.vertcat(matrix[equalities, :], taken @ matrix[others, :])
-    wanted = ca.vertcat(rows_upper[equalities, :], taken @ target[n:][others])
+    wanted = ca.vertcat(rows_upper[equalities, :], taken @ target[n:, :][others, :])
 
     free, fixed = ca.diag(ca.logic_not(active[:n])), target[:n]
     solve = solver_of(free @ hessian @ free + ca.diag(active[:n]))
