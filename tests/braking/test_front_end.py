@@ -109,6 +109,22 @@ def test_after_a_pause_the_arm_starts_from_rest_unless_it_moved_on(goes_on: bool
     assert np.all(np.abs(resumed.value - after.value) <= BASE.acceleration * DT * (1 + 1e-9))
 
 
+@pytest.mark.parametrize("turns", [0, 1])
+def test_behind_a_pause_a_late_arm_passes_no_limit(turns: int) -> None:
+    chain = BASE.with_limits(lower=READY - 0.6, upper=READY + 0.6)
+    tracker, q, waiting = PoseTracker(chain, dt=DT, compile=False), READY.copy(), [STILL] * 50  # 0.1 s
+    pose, now, most, values = place(BASE, READY + [1.2, 0, 0, 0, 0, 0]), 0.0, 0.0, [STILL]
+    for k in range(1500):
+        now += 0.06 if k == 200 else DT  # meanwhile the drives stop
+        values.append(tracker.step(q + 2 * np.pi * turns, pose, STILL, stamp=now).value)
+        waiting.append(values[-1])
+        q = q + DT * waiting.pop(0)
+        most = max(most, float(np.max(q - chain.upper)))
+    assert np.abs(values[200]).max() > 0.5
+    assert most <= 1e-3
+    assert abs(q[0] - chain.upper[0]) <= 2e-3
+
+
 def test_a_late_and_noisy_arm_stands_still_at_a_joint_limit() -> None:
     rng, waiting = np.random.default_rng(3), [STILL] * 10  # 20 ms
     chain = BASE.with_limits(lower=READY - 0.3, upper=READY + 0.3)
