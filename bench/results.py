@@ -1,12 +1,13 @@
-"""What measuring commands say, put into RESULTS.md: `python -m bench.results imports "arm_ik --targets 100"`.
+"""Write what a measuring command prints into RESULTS.md: `python -m bench.results imports "arm_ik --targets 100"`.
 
-Each is run as `python -m bench.NAME`, and its lines PASS, FAIL and NOTE are the section of its name, with date, machine
-and versions, in place of the section that stood there.
+Each name runs as `python -m bench.NAME`. Its section has the date, the machine, the versions, every line FAIL and
+NOTE, and its lines PASS: many of them as their count and those nearest to their bounds.
 """
 
 from __future__ import annotations
 
 import argparse
+import re
 import shlex
 import subprocess
 import sys
@@ -17,14 +18,19 @@ from pathlib import Path
 
 from bench.machine import machine
 
-__all__ = ["RESULTS", "main", "write_section"]
+__all__ = ["RESULTS", "main", "summarised", "write_section"]
 
 RESULTS = Path(__file__).parent / "RESULTS.md"
-SAID = ("PASS  ", "FAIL  ", "NOTE  ")
+PRINTED = ("PASS  ", "FAIL  ", "NOTE  ")
+MANY = 4
+"""Lines PASS that are all shown."""
+NEAREST = 2
+"""Lines PASS that are shown of more than that."""
+NUMBERS = re.compile(r": (\S+)(?: \S+)? \(asked [<>]= ([^\s)]+)")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run each command and write its section; 1 where one of them failed, whose section says so."""
+    """Run each command and write its section; 1 if one of them failed, which its section says."""
     parser = argparse.ArgumentParser(prog="python -m bench.results", description=__doc__)
     parser.add_argument("commands", nargs="+", metavar="NAME", help="a module of bench, with its options")
     failed = False
@@ -33,10 +39,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         done = subprocess.run(
             [sys.executable, "-m", f"bench.{words[0]}", *words[1:]], check=False, stdout=subprocess.PIPE, text=True
         )
-        said = [f"    {line}" for line in done.stdout.splitlines() if line.startswith(SAID)]
-        if not said:
-            said = [f"It ended with exit code {done.returncode} and said no number."]
-        versions = ", ".join(f"{name} {version(name)}" for name in ("rehab_opt", "casadi", "numpy", "scipy"))
+        printed = [line for line in done.stdout.splitlines() if line.startswith(PRINTED)]
+        shown = [f"    {line}" for line in summarised(printed)]
+        if not shown:
+            shown = [f"It ended with exit code {done.returncode} and printed no number."]
+        versions = ", ".join(f"{name} {version(name)}" for name in ("casadi", "numpy", "scipy"))
         lines = [
             f"## bench.{words[0]}",
             "",
@@ -44,12 +51,30 @@ def main(arguments: Sequence[str] | None = None) -> int:
             "",
             f"    python -m bench.{shlex.join(words)}",
             "",
-            *said,
+            *shown,
         ]
         print("\n".join(lines))
         write_section(RESULTS, f"bench.{words[0]}", lines)
         failed |= done.returncode != 0
     return int(failed)
+
+
+def summarised(lines: Sequence[str]) -> list[str]:
+    """Every line that is not a PASS; of more than `MANY` lines PASS their count and the `NEAREST` to their bounds."""
+    passed = [line for line in lines if line.startswith("PASS")]
+    others = [line for line in lines if not line.startswith("PASS")]
+    if len(passed) <= MANY:
+        return list(lines)
+    nearest = sorted(passed, key=_margin)[:NEAREST]
+    return [*others, f"PASS  {len(passed)} numbers, of which these are nearest to their bounds:", *nearest]
+
+
+def _margin(line: str) -> float:
+    """Distance from the bound as a fraction of it; infinite where the bound is zero, which is met or missed."""
+    found = NUMBERS.search(line)
+    if found is None or float(found[2]) == 0:
+        return float("inf")
+    return abs(float(found[1]) / float(found[2]) - 1)
 
 
 def write_section(file: Path, name: str, lines: Sequence[str]) -> None:

@@ -179,7 +179,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             print("\n".join(lines_of(results)), flush=True)
     if options.write:
         command = shlex.join(["path_assistance", *(sys.argv[1:] if arguments is None else arguments)])
-        said = [f"{HEADING}, {about}", "", f"`python -m bench.{command}`", "", "```", *lines, "```"]
+        shown = [f"    {line}" for line in lines if not line.startswith(" ")]  # the worst traces are only printed
+        said = [f"{HEADING}, {about}", "", f"    python -m bench.{command}", "", *shown]
         write_section(RESULTS, "path_assistance wide" if options.wide else "path_assistance", said)
     return 0 if met else 1
 

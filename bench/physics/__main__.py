@@ -28,10 +28,10 @@ BEGIN, END, TABLE = "<!-- physics: begin -->", "<!-- physics: end -->", "<!-- ph
 HEAD = """\
 ## Robots with mass, servos, delays and noise
 
-Controllers with default settings; those of forces are told of the delay, of 3 ms more, or of 3 ms less, in turn. UR5
-and iiwa 14 in turn; columns are delays, half of them of the command, half of the measurement; encoder noise of 0, 0.1,
-0.2 mrad; 500 Hz and 1 kHz.
-Every number is of the true robot. Why a wall is pressed so hard: `docs/capabilities/real_servos.md`."""
+Every number is of the true robot, a simulated UR5 or iiwa 14, under a controller with default settings. Force
+controllers get the true delay, 3 ms more or 3 ms less, in turn. Columns are delays, half of the command and half of
+the measurement; encoder noise is 0, 0.1 or 0.2 mrad, the rate 500 Hz or 1 kHz. [Real
+servos](../docs/capabilities/real_servos.md) says why a hand presses a wall so hard."""
 DEAREST_FIRST = ("tracking", "hand", "energy", "need", "help", "limit", "mirror", "push", "blocked", "frozen")
 
 
@@ -63,6 +63,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 found[each[0]] += of
     rows = {name: measured({name: found[name]}) for name in names}
     tables = {name: [*_head(options, name), *table(each)] for name, each in rows.items()}
+    print("  ".join(f"{key}: {value}" for key, value in machine().items()))
     print("\n".join(line for lines in tables.values() for line in lines))
     if options.write:
         _write(tables)
@@ -101,8 +102,7 @@ def _head(options: argparse.Namespace, name: str) -> list[str]:
     """The command that gives a table again, where and when it was run."""
     told = " --ideal" if options.ideal else ""
     command = f"python -m bench.physics --only {name} --tasks {options.tasks} --seed {options.seed}{told}"
-    place = ", ".join(f"{key} {value}" for key, value in machine().items())
-    return [f"`{command}`, {datetime.now(UTC):%Y-%m-%d}; {place}; MuJoCo {version('mujoco')}.", ""]
+    return [f"`{command}`, {datetime.now(UTC):%Y-%m-%d}; MuJoCo {version('mujoco')}.", ""]
 
 
 def _write(tables: Mapping[str, Sequence[str]]) -> None:

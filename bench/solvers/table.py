@@ -59,14 +59,14 @@ def overview_grids(rows: Sequence[Row]) -> list[Grid]:
     grids = []
     for title, mode, programmes in (
         ("QPs of consecutive ticks, warm", "warm", False),
-        ("Nonlinear programmes", "cold", True),
+        ("NLPs", "cold", True),
     ):
         own = [row for row in rows if row.mode == mode and row.ticks and row.family.startswith(PREFIX) is programmes]
         families, solvers = (tuple(dict.fromkeys(getattr(row, key) for row in own)) for key in ("family", "solver"))
         by_name = {(row.solver, row.family): row for row in own}
         cells = [(solver, *(_overview(by_name.get((solver, family))) for family in families)) for solver in solvers]
         if cells:
-            grids.append(Grid(f"{title}: mean time in us, and what share was solved", ("solver", *families), cells))
+            grids.append(Grid(f"{title}: mean time in us, and fraction solved", ("solver", *families), cells))
     return grids
 
 

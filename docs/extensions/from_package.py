@@ -22,6 +22,7 @@ PAGES = {
     "bench/README.md": "/reference/bench.md",
     "bench/RESULTS.md": "/reference/results.md",
     "bench/solvers/README.md": "/reference/recorded_qps.md",
+    "bench/solvers/TABLE.md": "/reference/solver_table.md",
     "CONTRIBUTING.md": "/contributing.md",
     "INTENDED_USE.md": "/intended_use.md",
     "CHANGELOG.md": "/changelog.md",

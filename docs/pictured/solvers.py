@@ -1,4 +1,4 @@
-"""Times of the solvers, from the tables that `python -m bench.solvers` printed into bench/README.md."""
+"""Times of the solvers, from the tables that `python -m bench.solvers` printed, kept in bench/solvers/TABLE.md."""
 
 from __future__ import annotations
 
@@ -12,26 +12,26 @@ from matplotlib.ticker import FuncFormatter
 
 from rehab_opt.session.drawing import GRID, REFERENCE, TOLD, TRUE, framed
 
-PRINTED = Path(__file__).parents[2] / "bench" / "README.md"
+PRINTED = Path(__file__).parents[2] / "bench" / "solvers" / "TABLE.md"
 QPS = "**QPs of consecutive ticks, warm: mean time in us"
-PROGRAMMES = "**Nonlinear programmes: mean time in us"
+PROGRAMMES = "**NLPs: mean time in us"
 DEFAULTS = "**The default beside the best alternative"
 FAMILIES = {
     "pose_tracking": "pose tracking", "mirror": "mirror", "assistance": "assistance", "ardis": "chair and arm",
     "degenerate": "every row twice", "badly_scaled": "badly scaled", "field_learning": "field learning",
-    "nlp_arm_ik": "arm IK, a\nnonlinear programme",
+    "nlp_arm_ik": "arm IK, an NLP",
 }  # fmt: skip
 NAMES = {"ladder": "fused qrqp", "daqp-kept": "daqp", "sqp": "our SQP"}
 CLOSE = 2.0
 """Ratio of two times whose names stand to either side, not above."""
 OURS = ("ladder", "ladder-proxqp", "qrqp-fused", "qrqp-virtual")
-"""Chains of solvers, and the fused one: none of them is a solver of others."""
+"""Ours: chains of solvers, and the fused one."""
 TICK_US = 1000.0
 GREY = "#777777"
 
 
 class Mean(NamedTuple):
-    """Mean time [us] and share of what was certified [%]."""
+    """Mean time [us] and fraction certified [%]."""
 
     us: float
     fraction: float
@@ -88,7 +88,7 @@ def solver_times() -> Figure:
 
 
 def _times(heading: str) -> dict[str, dict[str, Mean]]:
-    """By family and solver; cells that hold a share alone have no mean."""
+    """By family and solver; cells that hold only a fraction have no mean."""
     found: dict[str, dict[str, Mean]] = {}
     for row in _rows(heading):
         solver = row.pop("solver")

@@ -45,6 +45,13 @@ def summary(verdicts: dict[str, Verdict]) -> list[str]:
     return lines
 
 
+def briefly(verdicts: dict[str, Verdict]) -> list[str]:
+    """Markdown: the judges with broken claims, then the ticks of the others."""
+    broken = {name: each for name, each in verdicts.items() if each.kinds}
+    clean = ", ".join(f"`{name}` {each.ticks}" for name, each in verdicts.items() if name not in broken)
+    return [*(summary(broken) if broken else ()), "", f"No broken claim, with the ticks of each: {clean or 'none'}."]
+
+
 def details(verdicts: dict[str, Verdict]) -> list[str]:
     """Markdown: the worst of each bound, and the situations."""
     lines = ["", "| judge | claim | largest seen | bound |", "|---|---|---|---|"]
@@ -126,7 +133,7 @@ def main() -> int:
         title, which = (f"The judge: {names}", f"judge {names}") if names else ("The judge", "judge")
         markers = f"<!-- {which}: begin -->", f"<!-- {which}: end -->"
         said = f"{total} ticks, {broken} broken claims."
-        write([*head(command, seed, title=title), said, "", *summary(verdicts)], markers)
+        write([*head(command, seed, title=title), said, "", *briefly(verdicts)], markers)
     return int(failed)
 
 

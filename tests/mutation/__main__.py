@@ -203,10 +203,11 @@ def row(fault: Fault, words: str) -> str:
 def table(told: dict[Fault, Told], equivalent: dict[Fault, str]) -> list[str]:
     """Markdown: the count by folder, what was not found, and what is left out since it changes no number."""
     count = sum(each.found for each in told.values())
-    lines = [f"**{count} of {len(told)} found.**", "", "| folder | faults | found |", "|---|---|---|"]
+    folders = []
     for name in sorted({folder(fault.file) for fault in told}):
         here = [each.found for fault, each in told.items() if folder(fault.file) == name]
-        lines.append(f"| {name or 'single modules'} | {len(here)} | {sum(here)} |")
+        folders.append(f"{name or 'single modules'} {sum(here)} of {len(here)}")
+    lines = [f"**{count} of {len(told)} found**: {', '.join(folders)}."]
     lines += ["", "Not found, or left out since they change no number:", ""]
     lines += ["| place | fault | before | after | tests |", "|---|---|---|---|---|"]
     lines += [row(fault, each.words) for fault, each in told.items() if not each.found]
