@@ -17,6 +17,7 @@ os.environ.setdefault("REHAB_OPT_COMPILE", "wait")
 
 from matplotlib.figure import Figure
 from pictured.c_export import c_commands
+from pictured.conventions import frames, tick
 from pictured.loop import loop_log
 from pictured.scoring import scored_reaches
 from pictured.solvers import solver_times
@@ -35,10 +36,12 @@ RANGE = "range_of_motion"
 """The one picture that is of no run."""
 MADE = {
     "c_commands": c_commands,
+    "frames": frames,
     "loop_log": loop_log,
     "scored_reaches": scored_reaches,
     "solver_times": solver_times,
     "study_report": report_page,
+    "tick": tick,
 }
 """Of `docs/pictured`, each by what draws it."""
 MADE_WIDTH = 900
