@@ -58,7 +58,7 @@ class Outcome(NamedTuple):
     name: str
     safe: Audit
     polar: Audit
-    landmarks: int
+    coefficients: int
     seconds: float
 
 
@@ -84,7 +84,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "used",
         "det >=",
         "mm inside",
-        "marks",
+        "coefs",
         "s",
         "polar: folded",
     ):
@@ -152,7 +152,7 @@ def outcome(name: str, source: Workspace, target: Workspace, samples: int) -> Ou
     safe = WorkspaceMap.between(source, target)
     seconds = time.perf_counter() - begun
     polar = WorkspaceMap.between(source, target, rule="polar", landmarks=POLAR_LANDMARKS)
-    return Outcome(name, safe.audit(samples), polar.audit(samples), len(safe.spline.source), seconds)
+    return Outcome(name, safe.audit(samples), polar.audit(samples), safe.spline.parameters, seconds)
 
 
 def row(outcome: Outcome, source: Workspace, target: Workspace) -> list[str]:
@@ -168,7 +168,7 @@ def row(outcome: Outcome, source: Workspace, target: Workspace) -> list[str]:
         f"{safe.coverage:.0%}",
         f"{proven.determinant / ratio**2:.3f} r2" if proven.valid else "no",
         f"{1e3 * proven.margin:.2f}" if proven.valid else "no",
-        str(outcome.landmarks),
+        str(outcome.coefficients),
         f"{outcome.seconds:.1f}",
         f"{polar.folded:.1%}",
         f"{polar.outside:.1%}",
@@ -180,14 +180,15 @@ def yardstick_lines(outcomes: list[Outcome]) -> list[str]:
     polar = [each.polar for each in outcomes]
     folded, outside = ([getattr(audit, name) for audit in polar] for name in ("folded", "outside"))
     seconds = [each.seconds for each in outcomes]
-    landmarks = [each.landmarks for each in outcomes]
+    coefficients = [each.coefficients for each in outcomes]
     used = [each.safe.coverage for each in outcomes]
     return [
         f"polar rule, {len(polar)} maps: {np.mean([a.passed for a in polar]):.0%} pass their audit; "
         f"folded: median {np.median(folded):.1%}, worst {max(folded):.1%}; "
         f"outside: median {np.median(outside):.1%}, worst {max(outside):.1%}",
         f"safe rule: built and certified in {np.median(seconds):.1f} s (median), {max(seconds):.1f} s (longest); "
-        f"{min(landmarks)} to {max(landmarks)} landmarks; {min(used):.0%} to {max(used):.0%} of the target used",
+        f"{min(coefficients)} to {max(coefficients)} coefficients; "
+        f"{min(used):.0%} to {max(used):.0%} of the target used",
     ]
 
 

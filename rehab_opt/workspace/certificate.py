@@ -1,46 +1,57 @@
-"""Proof that a spline maps a whole workspace one-to-one into another: bounds between the samples, not only at them.
+"""Proof that a B-spline maps a whole workspace one-to-one into another, between any samples too.
 
-1. Equilateral triangles cover the source. In each, det J has a positive lower bound and the image stays inside the
-target
-   (`cell_bounds`); a triangle for which a bound does not hold is cut into four, and those that miss the source are
-   dropped.
-2. The image of the outline does not meet itself. It is cut into short pieces; each image lies in a disc. Two discs
-that meet must
-   belong to pieces within one triangle in which the map cannot give two points one image (`turned_back` > 0).
+Let D be the source and D' a slightly larger set without holes.
 
-A map with det J > 0 on a closed set bounded by one closed curve, one-to-one on that curve, is one-to-one on the set
-(Meisters and Olech, Duke Mathematical Journal 30, 1963). What holds is the polygon of the workspace; how far that is
-from the true set is the workspace's `accuracy`.
+1. det J > 0 all over D'. In a cell the map is bicubic, so det J is a polynomial of degree 5 in each direction; its
+   Bernstein coefficients bound it from below, exactly in the limit of halved cells (de Casteljau).
+2. Every image of D's outline has one preimage in D'. A point off the image of the outline of D' has as many preimages
+   as that image winds around it, since det J > 0 (degree of a map). That image is followed by chords: the
+   polygon of chords does not cross itself, so it winds once around what it encloses, and the image of D's outline is
+   enclosed and keeps clear of it by more than the chords' error.
+3. By 2 no two points of D's outline share an image, so by 1 the map is one-to-one on D (Meisters and Olech, Duke
+   Mathematical Journal 30, 1963) and the image of D is what the image of its outline encloses.
+4. The image of D's outline is enclosed by the target's and keeps a distance (the margin) from it.
+
+What holds is the polygon of the workspace; how far that is from the true set is the workspace's `accuracy`.
 """
 
 from __future__ import annotations
 
+from math import comb
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from rehab_opt.workspace.cell_bounds import PlaneSpline, cell_bounds, smallest_discs
+from rehab_opt.workspace.bspline import PlaneBSpline
+from rehab_opt.workspace.triangulation import without_holes
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
+    from shapely import Polygon
 
+    from rehab_opt.workspace.plane_map import PlaneMap
     from rehab_opt.workspace.region import Workspace
 
-__all__ = ["Certificate", "certificate", "covering", "examined"]
+__all__ = ["UNPROVEN", "Certificate", "certificate", "determinant_bounds", "examined", "outline_polygon", "quartered"]
 
-# Triangles across the square root of the source's area at first, and how often one may be halved.
-ACROSS = 24
+Array = NDArray[np.float64]
+
+GROWN = 0.012
+"""D' is D and what is nearer to it than this fraction of sqrt(area)."""
+CHORDS = 40_000
+"""Chords along each outline."""
 HALVINGS = 7
-# Cells given up when they are so many: the bounds do not close.
-MAX_CELLS = 60_000
-# A bound is kept as soon as it is this share of the value at the cell's own points; a margin also above this share of
-# the size.
-KEPT = 0.3
-MARGIN_KEPT, WIDE_MARGIN = 0.6, 0.03
-# Pieces of the outline at first, how often they are halved, and the reach of the one-to-one triangles in pieces.
-PIECES = 800
-PIECE_HALVINGS = 4
-REACH = 10.0
+"""How often a cell may be halved until its bound is positive."""
+KEPT = 0.05
+"""A bound is sharp enough where it is this fraction of the overall ratio of areas."""
+ROUNDING = 1e-9
+"""Least bound of det J, over the overall ratio, and least margin over the outline's length, that count as positive."""
+MAX_CELLS = 100_000
+UNPROVEN = "nothing is proven of the published rule's maps"
+TO_BEZIER = np.array([[1.0, 4.0, 1.0, 0.0], [0.0, 4.0, 2.0, 0.0], [0.0, 2.0, 4.0, 0.0], [0.0, 1.0, 4.0, 1.0]]) / 6.0
+"""Coefficients of the four B-splines of a cell -> Bernstein coefficients there."""
+FIRST_HALF = np.array([[comb(r, k) / 2.0**r for k in range(4)] for r in range(4)])
+"""Bernstein coefficients of a cubic on 0..1 -> on 0..1/2; turned by half a turn: on 1/2..1."""
 
 
 class Certificate(NamedTuple):
@@ -50,7 +61,7 @@ class Certificate(NamedTuple):
     margin : lower bound of the distance of the image from the target's outline [m]; not positive where the proof
         failed.
     outline_simple : whether the outline's image is proven not to meet itself.
-    cells : triangles looked at.
+    cells : cells looked at.
     reason : "" or what could not be proven, and where.
     """
 
@@ -62,127 +73,150 @@ class Certificate(NamedTuple):
 
     @property
     def valid(self) -> bool:
-        """Whether the map is proven one-to-one from the source into the target."""
+        """Whether the map is one-to-one from the whole source into the target."""
         return self.determinant > 0.0 and self.margin > 0.0 and self.outline_simple and not self.reason
 
 
-def certificate(spline: PlaneSpline, source: Workspace, target: Workspace) -> Certificate:
-    """What can be proven of the spline as a map from one workspace into another."""
+class DeterminantBounds(NamedTuple):
+    """What is known of the slopes all over a set.
+
+    determinant : lower bound of det J [-]. stretch : upper bound of the largest singular value of J [-].
+    cells : cells looked at. doubtful : (m, 2) [m] middles of cells whose bound is not positive.
+    """
+
+    determinant: float
+    stretch: float
+    cells: int
+    doubtful: Array
+
+
+def certificate(spline: PlaneMap, source: Workspace, target: Workspace) -> Certificate:
+    """What can be proven of a map of one workspace into another, each one piece without holes."""
     return examined(spline, source, target)[0]
 
 
-def examined(spline: PlaneSpline, source: Workspace, target: Workspace) -> tuple[Certificate, NDArray[np.float64]]:
-    """The certificate, and points (m, 2) [m] of the source around which the proof fails; none where it is valid."""
-    cells = covering(source)
-    size = np.sqrt(target.area)
-    min_determinant = min_margin = np.inf
-    looked_at = 0
+def examined(spline: PlaneMap, source: Workspace, target: Workspace) -> tuple[Certificate, Array]:
+    """The certificate, and points (m, 2) [m] where det J could not be bounded."""
+    if not isinstance(spline, PlaneBSpline):
+        return Certificate(-np.inf, -np.inf, False, 0, UNPROVEN), np.empty((0, 2))
+    start, goal = outline_polygon(source), outline_polygon(target)
+    around = without_holes(start.buffer(GROWN * start.area**0.5))
+    ratio = goal.area / start.area
+    bounds = determinant_bounds(spline, around, enough=KEPT * ratio)
+    if not bounds.determinant > ROUNDING * ratio:
+        at = np.asarray(bounds.doubtful[0] if len(bounds.doubtful) else around.centroid.coords[0])
+        reason = f"det J > 0 could not be bounded near ({at[0]:.4f}, {at[1]:.4f}) m"
+        return Certificate(min(bounds.determinant, 0.0), -np.inf, False, bounds.cells, reason), bounds.doubtful
+    inner, outer = (_chords(spline, each, bounds.stretch) for each in (start, around))
+    simple = outer.polygon.is_valid and outer.polygon.contains(inner.polygon) and _clear(inner, outer)
+    inside = goal.contains(inner.polygon)
+    margin = (1.0 if inside else -1.0) * goal.exterior.distance(inner.polygon.exterior) - inner.error
+    reason = "" if simple else "the image of the outline could not be proven to keep clear of itself"
+    if not margin > ROUNDING * goal.length:
+        reason = reason or f"the image is {-1e3 * margin:.3g} mm outside the target"
+    return Certificate(bounds.determinant, float(margin), bool(simple), bounds.cells, reason), bounds.doubtful
+
+
+# ------------------------------------------------------------------------------------------------------------ det J
+def determinant_bounds(spline: PlaneBSpline, region: Polygon, *, enough: float = 0.0) -> DeterminantBounds:
+    """Bounds over a set within the net; a cell whose bound is above `enough` is not halved.
+
+    A set that leaves the net has no bound.
+    """
+    import shapely  # noqa: PLC0415  (light to import)
+
+    m, n = spline.cells
+    low, size = spline.low, spline.step
+    left, bottom, right, top = region.bounds
+    if not (left >= low[0] and bottom >= low[1] and right <= low[0] + m * size[0] and top <= low[1] + n * size[1]):
+        return DeterminantBounds(-np.inf, np.inf, 0, np.empty((0, 2)))
+    shapely.prepare(region)
+    i, j = (each.ravel() for each in np.meshgrid(np.arange(m), np.arange(n), indexing="ij"))
+    local = np.lib.stride_tricks.sliding_window_view(spline.coefficients, (4, 4), axis=(0, 1))[i, j]
+    cells, corner = np.einsum("pk,mckl,ql->mpqc", TO_BEZIER, local, TO_BEZIER), low + size * np.column_stack([i, j])
+    least, stretch, looked = np.inf, np.inf, 0
     for halving in range(HALVINGS + 1):
-        looked_at += len(cells)
-        bounds = cell_bounds(spline, cells)
-        centres, radii = smallest_discs(cells)
-        room = -np.atleast_1d(target.distance(spline(centres)))
-        margin = room - bounds.stretch * radii
-        determinant_kept = (bounds.determinant > 0.0) & (bounds.determinant >= KEPT * bounds.corner_determinant)
-        margin_kept = (margin > 0.0) & ((margin >= MARGIN_KEPT * room) | (margin >= WIDE_MARGIN * size))
-        kept = determinant_kept & margin_kept
-        if kept.any():
-            min_determinant = min(min_determinant, float(bounds.determinant[kept].min()))
-            min_margin = min(min_margin, float(margin[kept].min()))
-        if kept.all():
-            meeting = _meeting(spline, source)
-            reason = "the image of the outline could not be proven to keep clear of itself" if len(meeting) else ""
-            return Certificate(min_determinant, min_margin, not reason, looked_at, reason), meeting
-        refuted, at = _refuted(bounds.corner_determinant, room, centres, ~kept, source)
-        if refuted or halving == HALVINGS or 4 * (~kept).sum() > MAX_CELLS:
+        meets = shapely.intersects(region, shapely.box(*corner.T, *(corner + size).T))
+        cells, corner = cells[meets], corner[meets]
+        looked += len(cells)
+        if halving == 0:
+            along = [3.0 / size[k] * np.sqrt((np.diff(cells, axis=1 + k) ** 2).sum(-1).max((1, 2))) for k in (0, 1)]
+            stretch = float(np.hypot(*along).max())
+        bound, at_corners = _smallest_determinants(cells)
+        bound, at_corners = bound / size.prod(), at_corners / size.prod()
+        kept = bound > (enough if halving < 2 else 0.0)
+        least = float(np.minimum(least, bound[kept].min(initial=np.inf)))
+        middles = (corner + size / 2.0)[~kept]
+        hopeless = halving >= 2 and ((at_corners <= 0.0) & shapely.contains_xy(region, *(corner + size / 2.0).T)).any()
+        if not len(middles) or hopeless or halving == HALVINGS or 4 * len(middles) > MAX_CELLS:
             break
-        cells = _touching(_quarters(cells[~kept]), source)
-        if not len(cells):
-            break
-    worst = int(np.argmin(np.where(kept, np.inf, np.minimum(bounds.determinant, margin / size))))
-    low = float(np.minimum(bounds.determinant[~kept].min(), min_determinant))
-    near = float(np.minimum(margin[~kept].min(), min_margin))
-    x, y = centres[worst]
-    reason = refuted or f"det J > 0 and containment could not be bounded near ({x:.4f}, {y:.4f}) m"
-    return Certificate(low, near, False, looked_at, reason), at if refuted else centres[~kept]
+        cells, corner = quartered(cells[~kept], corner[~kept], size)
+        size = size / 2.0
+    if len(middles):
+        least = float(np.minimum(bound.min(), 0.0))
+    return DeterminantBounds(least, stretch, looked, middles)
 
 
-def covering(source: Workspace) -> NDArray[np.float64]:
-    """Equilateral triangles (t, 3, 2) [m] that together cover the source; each meets it, or nearly."""
-    side = np.sqrt(source.area) / ACROSS
-    left, bottom, right, top = source.polygon.bounds
-    height = side * np.sqrt(0.75)
-    rows = np.arange(int(np.ceil((top - bottom) / height)) + 2)
-    columns = np.arange(int(np.ceil((right - left) / side)) + 3)
-    i, j = (each.ravel() for each in np.meshgrid(rows, columns, indexing="ij"))
-
-    def node(row: NDArray[np.intp], column: NDArray[np.intp]) -> NDArray[np.float64]:
-        return np.column_stack([left - side + side * (column + 0.5 * (row % 2)), bottom - 0.5 * height + height * row])
-
-    odd = i % 2
-    up = np.stack([node(i, j), node(i, j + 1), node(i + 1, j + odd)], axis=1)
-    down = np.stack([node(i, j + 1 - odd), node(i + 1, j + 1), node(i + 1, j)], axis=1)
-    return _touching(np.concatenate([up, down]), source)
+def quartered(cells: Array, corner: Array, size: Array) -> tuple[Array, Array]:
+    """Bernstein coefficients (4 m, 4, 4, ...) and lower left corners of the quarters of m cells."""
+    halves = (FIRST_HALF, FIRST_HALF[::-1, ::-1])
+    parts = [(i, j) for i in (0, 1) for j in (0, 1)]
+    quarters = [np.einsum("pk,mklc,ql->mpqc", halves[i], cells, halves[j]) for i, j in parts]
+    return np.concatenate(quarters), np.concatenate([corner + size / 2.0 * part for part in parts])
 
 
-def _touching(cells: NDArray[np.float64], source: Workspace) -> NDArray[np.float64]:
-    """The cells whose disc meets the source: none that meets it itself is left out."""
-    centres, radii = smallest_discs(cells)
-    return cells[np.atleast_1d(source.distance(centres)) <= radii * (1.0 + 1e-9) + 1e-12]
+def _smallest_determinants(cells: Array) -> tuple[Array, Array]:
+    """Smallest Bernstein coefficient (m,) of det of the slopes by 0..1, and the smallest value at a corner."""
+    along_u, along_v = (3.0 * np.diff(cells, axis=axis) for axis in (1, 2))
+    (xu, yu), (xv, yv) = (_scaled(along_u, 2, 3), _scaled(along_v, 3, 2))
+    product = np.zeros((len(cells), 6, 6))
+    for a in range(3):
+        for b in range(4):
+            product[:, a : a + 4, b : b + 3] += xu[:, a, b, None, None] * yv - yu[:, a, b, None, None] * xv
+    product /= np.outer(_binomials(5), _binomials(5))
+    return product.min(axis=(1, 2)), product[:, [0, 0, 5, 5], [0, 5, 0, 5]].min(axis=1)
 
 
-def _quarters(cells: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Each triangle as four, (4 t, 3, 2)."""
-    a, b, c = (cells[:, k] for k in range(3))
-    ab, bc, ca = 0.5 * (a + b), 0.5 * (b + c), 0.5 * (c + a)
-    parts = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (bc, ca, ab)]
-    return np.concatenate([np.stack(part, axis=1) for part in parts])
+def _scaled(slopes: Array, p: int, q: int) -> tuple[Array, Array]:
+    """X and y of Bernstein coefficients (m, p + 1, q + 1, 2) times binomials, in which products are convolutions."""
+    weights = np.outer(_binomials(p), _binomials(q))
+    return slopes[..., 0] * weights, slopes[..., 1] * weights
 
 
-def _refuted(
-    determinant: NDArray[np.float64],
-    room: NDArray[np.float64],
-    centres: NDArray[np.float64],
-    open_: NDArray[np.bool_],
-    source: Workspace,
-) -> tuple[str, NDArray[np.float64]]:
-    """Why no finer cells can help, or "": points (m, 2) of the source that fold or leave the target."""
-    inside = open_ & np.atleast_1d(source.contains(centres))
-    for values, what in ((room, "is mapped outside the target"), (determinant, "lies where the map folds")):
-        bad = inside & ~(values > 0.0)
-        if bad.any():
-            x, y = centres[np.argmax(bad)]
-            return f"({x:.4f}, {y:.4f}) m {what}", centres[bad]
-    return "", centres[:0]
+def _binomials(n: int) -> Array:
+    return np.array([comb(n, k) for k in range(n + 1)], dtype=float)
 
 
-def _meeting(spline: PlaneSpline, source: Workspace) -> NDArray[np.float64]:
-    """Points (m, 2) [m] of the source's outline around which its image is not proven to keep clear of itself."""
+# ------------------------------------------------------------------------------------------------------- the outline
+class _Chords(NamedTuple):
+    """The polygon through images of an outline's points; no point of the true image is further than `error` [m] from
+    the nearest of them.
+    """
+
+    polygon: Polygon
+    error: float
+
+
+def _chords(spline: PlaneBSpline, region: Polygon, stretch: float) -> _Chords:
+    """The image of an outline: along it, no point is further than half a piece from an end of that piece."""
+    from shapely import Polygon as Outline  # noqa: PLC0415
+    from shapely import get_coordinates  # noqa: PLC0415
+
+    piece = region.exterior.length / CHORDS
+    images = spline.evaluate(get_coordinates(region.exterior.segmentize(piece)))[0]
+    return _Chords(Outline(images), stretch * piece / 2.0)
+
+
+def _clear(inner: _Chords, outer: _Chords) -> bool:
+    """Whether the true curves are further apart than what either may be from its chords."""
     from scipy.spatial import cKDTree  # noqa: PLC0415  (slow to import)
     from shapely import get_coordinates  # noqa: PLC0415
 
-    outline = source.polygon.exterior
-    length = outline.length / PIECES
-    for _ in range(PIECE_HALVINGS + 1):
-        ends = get_coordinates(outline.segmentize(length))
-        middles, halves = 0.5 * (ends[1:] + ends[:-1]), 0.5 * np.linalg.norm(np.diff(ends, axis=0), axis=1)
-        bounds = cell_bounds(spline, _around(middles, REACH * length))
-        images, spread = spline(middles), bounds.stretch * halves * (1.0 + 1e-9)
-        pairs = cKDTree(images).query_pairs(2.0 * spread.max(), output_type="ndarray")
-        i, j = pairs[:, 0], pairs[:, 1]
-        meet = np.linalg.norm(images[i] - images[j], axis=1) <= spread[i] + spread[j]
-        i, j = i[meet], j[meet]
-        apart = np.linalg.norm(middles[i] - middles[j], axis=1) + np.maximum(halves[i], halves[j])
-        alone = (apart <= REACH * length) & ((bounds.turned_back[i] > 0.0) | (bounds.turned_back[j] > 0.0))
-        doubtful = ~(bounds.turned_back > 0.0)
-        doubtful[i[~alone]] = doubtful[j[~alone]] = True
-        if not doubtful.any():
-            break
-        length /= 2.0
-    return np.asarray(middles[doubtful])
+    here, there = (get_coordinates(each.polygon.exterior) for each in (inner, outer))
+    return bool(cKDTree(there).query(here)[0].min() > 2.0 * (inner.error + outer.error))
 
 
-def _around(middles: NDArray[np.float64], radius: float) -> NDArray[np.float64]:
-    """Equilateral triangles (t, 3, 2) around discs of that radius [m]."""
-    angles = np.pi / 2.0 + 2.0 * np.pi / 3.0 * np.arange(3)
-    return np.asarray(middles[:, None] + 2.0 * radius * np.column_stack([np.cos(angles), np.sin(angles)]))
+def outline_polygon(workspace: Workspace) -> Polygon:
+    """The one polygon of a workspace of one piece."""
+    polygon = workspace.polygon
+    return polygon.geoms[0] if polygon.geom_type == "MultiPolygon" else polygon

@@ -14,8 +14,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from rehab_opt.workspace.audit import Audit
+    from rehab_opt.workspace.plane_map import PlaneMap
     from rehab_opt.workspace.region import Workspace
-    from rehab_opt.workspace.spline import ThinPlateSpline
 
 __all__ = ["ControllerMap"]
 
@@ -40,7 +40,7 @@ class ControllerMap:
     """
 
     source: Workspace
-    spline: ThinPlateSpline
+    spline: PlaneMap
     audit: Audit
     unsafe: bool = field(default=False, kw_only=True)
 
@@ -48,8 +48,8 @@ class ControllerMap:
         """Refuse a map that fails, and build now what would be built in the first tick."""
         if not self.audit.passed and self.unsafe is not True:
             expected = f"a map that passes its audit, or unsafe=True; this one: {'; '.join(self.audit.reasons)}"
-            raise ConfigurationError("map", f"map of {len(self.spline.source)} landmarks", expected)
-        point = self.spline.source[0]
+            raise ConfigurationError("map", f"map of {self.spline.parameters} coefficients", expected)
+        point = self.spline.known[0]
         self.image(point)
         self.jacobian(point)
 

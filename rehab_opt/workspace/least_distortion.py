@@ -1,191 +1,273 @@
-"""Landmark images that distort least, posed as an optimisation over the thin-plate spline itself.
+"""The B-spline from one workspace into another that distorts least, refined until it is proven one-to-one.
 
-With the landmarks in the source fixed, a spline's value and Jacobian at any point are linear in the landmarks' images
-Y. So with J_q = J_q(Y) at points q spread over the source, and lengths scaled so that both sets have unit area,
+Both sets are scaled to unit area. The source is grown a little and the target shrunk a little, which leaves room for
+the proof. Coefficients minimise, over points of the grown source,
 
-    minimise  sum_q a_q (f(J_q) / 4)^2  +  penalty of the outline  +  penalty of the mean rotation
-    f(J) = |J|^2 / det J + (1 + (det J)^2) / det J
+    sum_q a_q (f(J_q) / 4)^2 + pull of the outline's image to the target's outline + anchor + roughness,
+    f(J) = |J|^2 / det J + (1 + det J^2) / det J,
 
-f is 4 for a rotation, grows with stretch, squeeze and shear alike, and without bound towards det J = 0: what does not
-fold at the start never folds on the way. A start that folds somewhere is unfolded first: 1 / det is replaced by 2 /
-(det + sqrt(det^2 + eps^2)), which stays finite, and eps is lowered until nothing folds (Garanzha and others, ACM
-Transactions on Graphics 40(4), 2021).
-
-The outline's image is drawn to the target's outline, weakly from inside (so that the whole target is used) and
-strongly from outside. Sliding along it costs nothing: the pairing of the outlines is part of what is optimised.
+which has its minimum where J is a rotation and grows without bound towards det J = 0. Descent starts from a harmonic
+map (`harmonic`) and may fold on its way: det J is smoothed around zero, less in each round. Where the proof fails, the
+map is anchored to the harmonic one, which is one-to-one, and knots are inserted in the middle of every cell.
 """
 
 from __future__ import annotations
 
-from functools import partial
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from rehab_opt.workspace.descent import descent
-from rehab_opt.workspace.outline_pull import OutlinePull
+from rehab_opt.workspace.bspline import PlaneBSpline, net_columns
+from rehab_opt.workspace.certificate import Certificate, examined, outline_polygon
+from rehab_opt.workspace.harmonic import harmonic_images
+from rehab_opt.workspace.triangulation import PlaneMesh, cross, grown, inradius, mesh_of, shrunk
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
     from shapely import Polygon
 
-__all__ = ["Sampled", "distortion", "least_distorted", "sampled"]
+    from rehab_opt.workspace.region import Workspace
 
-# Pull to the outline from inside and from outside, per squared distance over area; the second grows until all is
-# inside.
-PULL_INSIDE = 150.0
-PULL_OUTSIDE = 1000.0
-ROUNDS = 8
-ROTATION_WEIGHT = 100.0
-# What may stay outside of the shrunk target [sqrt(area)], and the share of the distortion one more round must win.
-ALLOWED_OUTSIDE = 0.004
-# det J from which a map counts as unfolded, and the least eps.
-UNFOLDED = 1e-3
-MIN_EPS = 1e-4
+__all__ = ["Task", "least_distorted", "room_kept"]
 
+Array = NDArray[np.float64]
 
-class Sampled(NamedTuple):
-    """A spline's Jacobian and values as linear functions of its landmarks' images; lengths over sqrt(area).
-
-    gradient : (2 m, n): d/dx at all m points, then d/dy.
-    fractions : (m,) share of the area of each point.
-    outline : (b, n): values at points along the outline.
-    before : (b, 2): those points.
-    """
-
-    gradient: NDArray[np.float64]
-    fractions: NDArray[np.float64]
-    outline: NDArray[np.float64]
-    before: NDArray[np.float64]
-
-    def jacobians(self, images: NDArray[np.float64]) -> NDArray[np.float64]:
-        """D image_i / d point_j at [j, point, i], (2, m, 2)."""
-        return np.asarray((self.gradient @ images).reshape(2, -1, 2))
+CELL = 0.11
+"""Size of a cell at first, over sqrt(area)."""
+GROWTH, SHRINKAGE, MAX_SHRINKAGE = 0.04, 0.04, 0.3
+"""The source grows by this fraction of sqrt(area); the target shrinks by this one of its inradius, and by its accuracy
+up to the last."""
+BEYOND = 0.02
+"""Width of the net around the grown source, over sqrt(area)."""
+OUTLINE_POINTS, DRAWN = 400, 0.012
+"""Points of the outline that is drawn to the target's: of the source grown by this fraction of sqrt(area)."""
+OUTLINE_WEIGHT = 0.25
+"""Weight of an outline's point in the mean of distortion, over that of a point inside."""
+PULL_INSIDE, PULL_OUTSIDE, TIGHTER = 80.0, 1000.0, 4.0
+"""Weights of squared distances from the target's outline, and what the one from outside is multiplied by."""
+ROUGHNESS = 2e-2
+"""Weight of squared second derivatives: holds coefficients that nothing else does."""
+DET_AT_FIRST, DET_LEAST, LOWER = 0.3, 1e-3, 0.3
+"""det J is smoothed over this width, and over less each round, down to the second."""
+OUT_ALLOWED = 3e-3
+"""How far the drawn outline may be outside the shrunk target, over sqrt(area)."""
+ROUNDS, ITERATIONS = 11, 60
+ATTEMPTS = ((0.0, False), (10.0, False), (10.0, True), (100.0, True))
+"""Weight of the mean squared distance from the harmonic map, and whether knots are inserted before, of each attempt."""
+TURN_WEIGHT = 100.0
 
 
-def sampled(
-    landmarks: NDArray[np.float64],
-    points: NDArray[np.float64],
-    fractions: NDArray[np.float64],
-    outline: NDArray[np.float64],
-) -> Sampled:
-    """The spline through landmarks (n, 2), sampled at points (m, 2) and along the outline (b, 2)."""
-    n = len(landmarks)
-    system = np.zeros((n + 3, n + 3))
-    system[:n] = _values(landmarks, landmarks)
-    system[n:, :n] = system[:n, n:].T
-    cardinal = np.linalg.inv(system)[:, :n]
-    dx, dy = _slopes(landmarks, points)
-    gradient = np.concatenate([dx @ cardinal, dy @ cardinal])
-    return Sampled(gradient, fractions, _values(landmarks, outline) @ cardinal, outline)
+class Task(NamedTuple):
+    """Where a map should be a similarity: points (n, 2) [m] of the source, their images (n, 2) [m], and a weight."""
 
-
-def distortion(jacobians: NDArray[np.float64], fractions: NDArray[np.float64], eps: float) -> float:
-    """Mean of (f / 4)^2; infinite where a map folds and eps is 0."""
-    return _distortion(jacobians, fractions, eps)[0]
+    points: Array
+    images: Array
+    weight: float
 
 
 def least_distorted(
-    spline: Sampled, images: NDArray[np.float64], target: Polygon, rotation: float | None, pull: float = PULL_INSIDE
-) -> NDArray[np.float64]:
-    """Images (n, 2) of the landmarks after minimisation from the given ones; lengths over sqrt(area).
+    source: Workspace, target: Workspace, *, rotation: float | Literal["best"], task: Task | None = None
+) -> tuple[PlaneBSpline, Certificate]:
+    """The least distorted map that could be proven; else the last that was tried, with the reason.
 
     Parameters
     ----------
-    spline : what is sampled.
-    images : where to start, (n, 2).
-    target : where the outline's image shall lie.
-    rotation : wanted mean rotation [rad]; None: any.
-    pull : weight of the pull to the outline from inside.
+    source, target : each one piece without holes.
+    rotation : angle [rad], counterclockwise, by which directions turn on average; "best": the one that distorts least.
+    task : what the map is drawn to besides, with a turn that is `rotation` where it is; None: nothing.
     """
-    outline = OutlinePull(target, spline.outline, spline.before, inside=pull, outside=PULL_OUTSIDE)
-    curvature = 0.5 * spline.gradient.T @ (np.tile(spline.fractions, 2)[:, None] * spline.gradient)
-    curvature += pull / len(spline.outline) * spline.outline.T @ spline.outline
-
-    def cost(eps: float, Y: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
-        jacobians = spline.jacobians(Y)
-        value, slope = _distortion(jacobians, spline.fractions, eps)
-        if not np.isfinite(value):
-            return np.inf, Y
-        if rotation is not None:
-            more, by = _rotation_penalty(jacobians, spline.fractions, rotation)
-            value, slope = value + more, slope + by
-        more, by = outline(Y)
-        return value + more, spline.gradient.T @ slope.reshape(-1, 2) + by
-
-    def min_determinant(Y: NDArray[np.float64]) -> float:
-        return float(_determinant(spline.jacobians(Y)).min())
-
-    folded = min_determinant(images)
-    eps = 0.0 if folded > UNFOLDED else max(-folded, 1e-2)
-    for _ in range(30):
-        if eps == 0.0:
-            break
-        images, _ = descent(partial(cost, eps), images, curvature, steps=12, enough=1e-3)
-        folded = min_determinant(images)
-        eps = 0.0 if folded > UNFOLDED else max((0.5 if folded > -eps else 0.8) * eps, MIN_EPS)
-    if eps > 0.0:
-        return images
-    for _ in range(ROUNDS):
-        images, stopped = descent(partial(cost, 0.0), images, curvature, steps=120, enough=2e-4, keeps=outline.simple)
-        if outline.outside(images) <= ALLOWED_OUTSIDE and not stopped:
-            break
-        if stopped:  # the outline was about to cross itself
-            outline.keep_apart()
-        else:
-            outline.tighten()
-    return images
+    frames = _Frame(outline_polygon(source)), _Frame(outline_polygon(target))
+    start, goal = (frame.scaled for frame in frames)
+    narrow = shrunk(goal, room_kept(target) / frames[1].unit)
+    wide = grown(start, GROWTH)
+    mesh = mesh_of(wide, CELL / 3.0)
+    scaled = task and Task(frames[0].to_unit(task.points), frames[1].to_unit(task.images), task.weight)
+    tried: list[tuple[bool, float, PlaneBSpline, Certificate]] = []
+    for images in harmonic_images(wide, narrow, mesh.points, rotation):
+        turn = None if rotation == "best" or task else rotation
+        net = _Net(wide, mesh, start, narrow, rotation=turn, task=scaled)
+        coefficients = net.fitted(images)
+        doubtful = np.empty((0, 2))
+        for attempt, (anchor, knots) in enumerate(ATTEMPTS):
+            if attempt > 0:
+                coefficients = net.refined(coefficients, frames[0].to_unit(doubtful), knots=knots)
+            coefficients, value = net.descended(coefficients, images, anchor, again=attempt > 0)
+            spline = _in_metres(net, coefficients, *frames)
+            proven, doubtful = examined(spline, source, target)
+            tried.append((not proven.valid, value, spline, proven))
+            if proven.valid:
+                break
+    return min(tried, key=lambda each: each[:2])[2:]
 
 
-def _distortion(
-    J: NDArray[np.float64], fractions: NDArray[np.float64], eps: float
-) -> tuple[float, NDArray[np.float64]]:
-    """Mean of (f / 4)^2 and its derivative with respect to J, shaped as J."""
-    det = _determinant(J)
-    if eps == 0.0 and not det.min() > 0.0:
-        return np.inf, J
-    root = np.sqrt(eps**2 + det**2)
-    # (det + root) / 2 and its slope; for det < 0 in the form that does not cancel.
-    below = np.where(det > 0.0, 0.5 * (det + root), 0.5 * eps**2 / (root - np.minimum(det, 0.0)))
-    below_slope = below / root
-    above = 0.25 * ((J**2).sum(axis=(0, 2)) + 1.0 + det**2)
-    f = above / below
-    by_det = 0.5 * det / below - f * below_slope / below
-    cofactors = np.empty_like(J)
-    cofactors[0, :, 0], cofactors[1, :, 1] = J[1, :, 1], J[0, :, 0]
-    cofactors[0, :, 1], cofactors[1, :, 0] = -J[1, :, 0], -J[0, :, 1]
-    slope = (2.0 * fractions * f)[None, :, None] * (0.5 * J / below[None, :, None] + by_det[None, :, None] * cofactors)
-    return float(fractions @ f**2), slope
+def room_kept(target: Workspace) -> float:
+    """Distance [m] from the target's outline that an image is asked to keep."""
+    radius = inradius(outline_polygon(target))
+    return min(SHRINKAGE * radius + target.accuracy, MAX_SHRINKAGE * radius)
 
 
-def _rotation_penalty(
-    J: NDArray[np.float64], fractions: NDArray[np.float64], rotation: float
-) -> tuple[float, NDArray[np.float64]]:
-    """Weighted square of the mean of J's part across the wanted rotation, and its derivative with respect to J."""
-    c, s = np.cos(rotation), np.sin(rotation)
-    across = 0.5 * np.array([[-s, c], [-c, -s]])  # at [j, i], as J is stored
-    off = float((across[:, None] * J).sum(axis=(0, 2)) @ fractions)
-    return ROTATION_WEIGHT * off**2, 2.0 * ROTATION_WEIGHT * off * fractions[None, :, None] * across[:, None]
+class _Frame:
+    """A polygon scaled to unit area around its centroid."""
+
+    def __init__(self, polygon: Polygon) -> None:
+        from shapely import transform  # noqa: PLC0415  (light to import)
+
+        self.middle, self.unit = np.array(polygon.centroid.coords[0]), polygon.area**0.5
+        self.scaled = transform(polygon, self.to_unit)
+
+    def to_unit(self, points: Array) -> Array:
+        return np.asarray((points - self.middle) / self.unit)
 
 
-def _determinant(J: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.asarray(J[0, :, 0] * J[1, :, 1] - J[1, :, 0] * J[0, :, 1])
-
-
-def _values(landmarks: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Kernel and affine terms (m, n + 3), U = r^2 ln r^2: Eq. (26), limb."""
-    r2 = ((points[:, None] - landmarks) ** 2).sum(axis=2)
-    return np.column_stack([r2 * np.log(np.maximum(r2, 1e-300)), np.ones(len(points)), points])
-
-
-def _slopes(
-    landmarks: NDArray[np.float64], points: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Derivatives of `_values` along x and along y, (m, n + 3) each."""
-    d = points[:, None] - landmarks
-    common = 2.0 * (np.log(np.maximum((d**2).sum(axis=2), 1e-300)) + 1.0)
-    one, none = np.ones(len(points)), np.zeros(len(points))
-    return (
-        np.column_stack([common * d[..., 0], none, one, none]),
-        np.column_stack([common * d[..., 1], none, none, one]),
+def _in_metres(net: _Net, coefficients: Array, source: _Frame, target: _Frame) -> PlaneBSpline:
+    shape = (net.cells[0] + 3, net.cells[1] + 3, 2)
+    return PlaneBSpline(
+        source.middle + source.unit * net.low,
+        source.unit * net.step,
+        target.middle + target.unit * coefficients.reshape(shape),
     )
+
+
+class _Anchor(NamedTuple):
+    """Weighted squared distances of columns @ C from images (m, 2)."""
+
+    columns: Any
+    images: Array
+    weights: Array
+
+
+class _Net:
+    """The cost of coefficients (n, 2) on one net, in sets of unit area."""
+
+    def __init__(
+        self,
+        wide: Polygon,
+        mesh: PlaneMesh,
+        start: Polygon,
+        narrow: Polygon,
+        *,
+        rotation: float | None,
+        task: Task | None,
+    ) -> None:
+        import shapely  # noqa: PLC0415  (light to import)
+
+        left, bottom, right, top = wide.buffer(BEYOND).bounds
+        self.low, size = np.array([left, bottom]), np.array([right - left, top - bottom])
+        self.cells: tuple[int, int] = tuple(np.ceil(size / CELL).astype(int).tolist())  # type: ignore[assignment]
+        self.step = size / self.cells
+        self.mesh, self.narrow, self.edge, self.rotation, self.task = mesh, narrow, narrow.exterior, rotation, task
+        shapely.prepare([self.narrow, self.edge])
+        a, b, c = (mesh.points[mesh.triangles[:, k]] for k in range(3))
+        share = np.bincount(mesh.triangles.ravel(), np.repeat(np.abs(cross(b - a, c - a)), 3), len(mesh.points))
+        self.share = share / share.sum()
+        drawn = start.buffer(DRAWN).exterior
+        fraction = np.arange(OUTLINE_POINTS) / OUTLINE_POINTS
+        self.outline = shapely.get_coordinates(drawn.interpolate(fraction, normalized=True))
+        self.places = np.concatenate([mesh.points, self.outline])
+        self.weights = np.concatenate([self.share, np.full(OUTLINE_POINTS, OUTLINE_WEIGHT / len(mesh.points))])
+        self._tabulate()
+
+    def _columns(self, points: Array, dx: int = 0, dy: int = 0) -> Any:
+        return net_columns(points, self.low, self.step, self.cells, (dx, dy))
+
+    def _tabulate(self) -> None:
+        from scipy.sparse import vstack  # noqa: PLC0415  (slow to import)
+
+        sides = [self.low[i] + self.step[i] * (np.arange(self.cells[i]) + 0.5) for i in (0, 1)]
+        middles = np.stack(np.meshgrid(*sides, indexing="ij"), -1).reshape(-1, 2)
+        bends = [self._columns(middles, 2, 0), self._columns(middles, 0, 2), self._columns(middles, 1, 1) * 2**0.5]
+        D = vstack(bends)
+        self.rough = (D.T @ D * self.step.prod()).tocsc()
+        self.inside, self.drawn = self._columns(self.mesh.points), self._columns(self.outline)
+        self.along_x, self.along_y = self._columns(self.places, 1, 0), self._columns(self.places, 0, 1)
+
+    def refined(self, coefficients: Array, points: Array, *, knots: bool) -> Array:
+        """Sum distortion at these points (m, 2), too, on cells of half the size; the coefficients of the same map."""
+        self.places = np.concatenate([self.places, points])
+        self.weights = np.concatenate([self.weights, np.full(len(points), self.share.mean())])
+        if knots:
+            shape = (self.cells[0] + 3, self.cells[1] + 3, 2)
+            finer = PlaneBSpline(self.low, self.step, coefficients.reshape(shape)).finer()
+            self.cells, self.step, coefficients = finer.cells, finer.step, finer.coefficients.reshape(-1, 2)
+        self._tabulate()
+        return coefficients
+
+    def fitted(self, images: Array) -> Array:
+        """Coefficients with which the mesh's points go to these images (n, 2), about."""
+        from scipy.sparse.linalg import splu  # noqa: PLC0415  (slow to import)
+
+        weighted = self.inside.T * self.share
+        return np.asarray(splu((weighted @ self.inside + 1e-7 * self.rough).tocsc()).solve(weighted @ images))
+
+    def descended(self, coefficients: Array, images: Array, anchor: float, *, again: bool) -> tuple[Array, float]:
+        """Coefficients of least cost, and the cost."""
+        from scipy.optimize import minimize  # noqa: PLC0415  (slow to import)
+
+        share = self.weights / self.weights.sum()
+        outside, width = PULL_OUTSIDE * (TIGHTER if again else 1.0), DET_LEAST if again else DET_AT_FIRST
+        metric = self.along_x.T @ (self.along_x * share[:, None]) + self.along_y.T @ (self.along_y * share[:, None])
+        metric = metric + PULL_INSIDE / len(self.outline) * (self.drawn.T @ self.drawn) + ROUGHNESS * self.rough
+        anchors = [_Anchor(self.inside, images, anchor * self.share)] if anchor > 0.0 else []
+        if self.task is not None:
+            even = np.full(len(self.task.points), self.task.weight / len(self.task.points))
+            anchors.append(_Anchor(self._columns(self.task.points), self.task.images, even))
+        for each in anchors:
+            metric = metric + (each.columns.T * each.weights) @ each.columns
+        dense = metric.toarray()
+        n = len(dense)
+        root = np.linalg.cholesky(dense + 1e-9 * np.trace(dense) / n * np.eye(n))
+        back = np.linalg.inv(root).T  # coordinates in which the cost is about round
+        z, value = (root.T @ coefficients).ravel(), np.inf
+
+        def cost(z: Array) -> tuple[float, Array]:
+            value, slope, _, _ = self._cost(back @ z.reshape(n, 2), share, anchors, outside, width)
+            return value, (back.T @ slope).ravel()
+
+        for k in range(ROUNDS):
+            z = minimize(cost, z, jac=True, method="L-BFGS-B", options={"maxiter": ITERATIONS, "maxcor": 15}).x
+            value, _, least, off = self._cost(back @ z.reshape(n, 2), share, anchors, outside, width)
+            if least <= 1e-2 and width > DET_LEAST / 10.0:
+                width *= LOWER
+                continue
+            width = DET_LEAST
+            if off < OUT_ALLOWED and k >= 2:
+                break
+            outside *= TIGHTER
+        return back @ z.reshape(n, 2), value
+
+    def _cost(
+        self, C: Array, share: Array, anchors: list[_Anchor], outside: float, width: float
+    ) -> tuple[float, Array, float, float]:
+        """Cost, its slope (n, 2), smallest det J, and how far the outline is outside."""
+        import shapely  # noqa: PLC0415  (light to import)
+
+        Jx, Jy = self.along_x @ C, self.along_y @ C
+        det = cross(Jx, Jy)
+        root = np.hypot(width, det)
+        below = np.where(det > 0.0, 0.5 * (det + root), 0.5 * width**2 / (root - np.minimum(det, 0.0)))
+        f = 0.25 * ((Jx**2).sum(1) + (Jy**2).sum(1) + 1.0 + det**2) / below
+        by_det = 0.5 * det / below - f / root
+        w = 2.0 * share * f
+        gx = w[:, None] * (0.5 * Jx / below[:, None] + by_det[:, None] * np.column_stack([Jy[:, 1], -Jy[:, 0]]))
+        gy = w[:, None] * (0.5 * Jy / below[:, None] + by_det[:, None] * np.column_stack([-Jx[:, 1], Jx[:, 0]]))
+        value = share @ f**2
+        if self.rotation is not None:
+            c, s = np.cos(self.rotation), np.sin(self.rotation)
+            off = share @ (0.5 * (c * (Jx[:, 1] - Jy[:, 0]) - s * (Jx[:, 0] + Jy[:, 1])))
+            value += TURN_WEIGHT * off**2
+            gx += TURN_WEIGHT * off * share[:, None] * np.array([-s, c])
+            gy += TURN_WEIGHT * off * share[:, None] * np.array([-c, -s])
+        p = self.drawn @ C
+        along = shapely.line_locate_point(self.edge, shapely.points(p))
+        away = p - shapely.get_coordinates(shapely.line_interpolate_point(self.edge, along))
+        within = shapely.contains_xy(self.narrow, p)
+        pull = np.where(within, PULL_INSIDE, outside) / len(p)
+        bent = self.rough @ C
+        value += pull @ (away**2).sum(1) + ROUGHNESS * (C * bent).sum()
+        slope = self.along_x.T @ gx + self.along_y.T @ gy + self.drawn.T @ (2.0 * pull[:, None] * away)
+        slope += 2.0 * ROUGHNESS * bent
+        for each in anchors:
+            miss = each.columns @ C - each.images
+            value += each.weights @ (miss**2).sum(1)
+            slope += each.columns.T @ (2.0 * each.weights[:, None] * miss)
+        return float(value), slope, float(det.min()), float(np.hypot(*away[~within].T).max(initial=0.0))

@@ -9,12 +9,14 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from rehab_opt.errors import ConfigurationError
-from rehab_opt.workspace.audit import MAX_STRETCH, SMALLEST_STRETCH, Audit, random_points
-from rehab_opt.workspace.certificate import Certificate, certificate, examined
+from rehab_opt.workspace.audit import Audit, random_points
+from rehab_opt.workspace.certificate import Certificate, certificate
 from rehab_opt.workspace.controller_map import ControllerMap
+from rehab_opt.workspace.least_distortion import Task, least_distorted, room_kept
+from rehab_opt.workspace.plane_map import PlaneMap
 from rehab_opt.workspace.point_arguments import point_array, real_number
 from rehab_opt.workspace.polar import LANDMARKS, polar_landmarks
-from rehab_opt.workspace.safe_rule import LandmarkPairs, safe_landmarks
+from rehab_opt.workspace.similarity import checked_path, largest_copy, resampled
 from rehab_opt.workspace.spline import ThinPlateSpline
 
 if TYPE_CHECKING:
@@ -24,17 +26,20 @@ if TYPE_CHECKING:
 
 __all__ = ["WorkspaceMap"]
 
-# Fewest and most landmarks of the safe rule that may be asked for.
-FEWEST, MOST = 50, 2000
+# Most landmarks of the published rule that may be asked for.
+MOST = 2000
 # Points whose images are kept as starts of the inverse.
 STARTS = 2000
+# A drawing's image over the largest copy that fits, points along it, and the weight of their mean squared distance from
+# that copy in sets of unit area.
+TASK_SIZE, TASK_POINTS, TASK_WEIGHT = 0.9, 200, 1e4
 # How far from the source a preimage may lie by rounding [m].
 ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
 class WorkspaceMap:
-    """A thin-plate spline from one workspace into another, made by `between`.
+    """A smooth map from one workspace into another, made by `between`.
 
     A point outside the source is first moved to the nearest point of the source, here and in a controller, so that a
     certified map leads into the target from anywhere; `spline` alone extrapolates. Immutable and picklable; threads may
@@ -43,14 +48,14 @@ class WorkspaceMap:
     Attributes
     ----------
     source, target : the workspaces.
-    spline : the map without that first move.
+    spline : the map without that first move: a `PlaneBSpline` ("safe") or a `ThinPlateSpline` ("polar").
     rule : "safe" or "polar".
     certificate : what is proven of it. A safe map that could not be certified says so here, and in its audit.
     """
 
     source: Workspace
     target: Workspace
-    spline: ThinPlateSpline
+    spline: PlaneMap
     rule: Literal["safe", "polar"]
     certificate: Certificate = field(repr=False)
 
@@ -69,11 +74,9 @@ class WorkspaceMap:
         Parameters
         ----------
         source, target : each in one piece and without holes.
-        rule : "safe": landmarks that fold nowhere and stay inside, distorted as little as that allows; a few seconds,
-            minutes where a shape resists (deep slits, slivers).
-            "polar": the paper's, as a yardstick.
-        landmarks : how many; roughly, and at first, for the safe rule, which adds some where its proof fails. None:
-            20 for "polar", 300 for "safe".
+        rule : "safe": folds nowhere and stays inside, distorted as little as that allows; a few seconds, more where a
+            shape resists (deep slits, slivers). "polar": the paper's, as a yardstick.
+        landmarks : of the rule "polar", 20 by default; the safe rule has none.
         rotation : angle [rad], counterclockwise, by which directions turn on average. 0 keeps them: a movement away
             from the body stays one. "best": the one that distorts least. Orientation is always kept: left never
             becomes right.
@@ -88,17 +91,44 @@ class WorkspaceMap:
             pairs = polar_landmarks(source.polygon, target.polygon, landmarks=landmarks or LANDMARKS, rotation=rotation)
             spline = ThinPlateSpline(*pairs)
             return cls(source, target, spline, rule, certificate(spline, source, target))
-        tried: list[WorkspaceMap] = []
+        spline, proven = least_distorted(source, target, rotation=rotation)
+        return cls(source, target, spline, rule, proven)
 
-        def unproven(pairs: LandmarkPairs) -> NDArray[np.float64]:
-            spline = ThinPlateSpline(*pairs)
-            proven, at = examined(spline, source, target)
-            tried.append(cls(source, target, spline, rule, proven))
-            return at if len(at) else tried[-1]._uneven
+    @classmethod
+    def for_task(
+        cls,
+        source: Workspace,
+        target: Workspace,
+        path: ArrayLike,
+        *,
+        rotation: float | Literal["best"] = "best",
+        size: float = TASK_SIZE,
+    ) -> WorkspaceMap:
+        """The safe map that keeps the look of a drawing: along the path it is nearly a similarity.
 
-        shapes = _outline(source), _outline(target)
-        safe_landmarks(*shapes, unproven, accuracy=target.accuracy, landmarks=landmarks, rotation=rotation)
-        return next((each for each in reversed(tried) if each.certificate.valid), tried[-1])
+        Parameters
+        ----------
+        source, target : each in one piece and without holes.
+        path : (N, 2) [m] in the source: the drawing, or all demonstrations one behind the other.
+        rotation : angle [rad] by which the drawing turns; "best": the one in which the largest copy of it fits.
+        size : of the drawing's image, over the largest copy that fits (`similarity.largest_copy`), up to 1.
+
+        Raises
+        ------
+        ConfigurationError : as `between`; a path that leaves the source.
+        """
+        _check(source, target, "safe", None, rotation)
+        points = checked_path(path)
+        if not np.all(source.contains(points)):
+            raise ConfigurationError("path", path, "points of the source")
+        if not 0.0 < real_number(size) <= 1.0:
+            raise ConfigurationError("size", size, "a fraction of the largest copy, above 0 and up to 1")
+        copy = largest_copy(points, target, rotation=rotation, margin=room_kept(target))
+        copy = copy.about(points.mean(axis=0), size)
+        few = resampled(points, TASK_POINTS)
+        task = Task(few, copy(few), TASK_WEIGHT)
+        spline, proven = least_distorted(source, target, rotation=copy.turn, task=task)
+        return cls(source, target, spline, "safe", proven)
 
     # ------------------------------------------------------------------------------------------------ the map
     def __call__(self, points: ArrayLike) -> NDArray[np.float64]:
@@ -190,13 +220,6 @@ class WorkspaceMap:
     def _audit(self) -> Audit:
         return self.audit()
 
-    @property
-    def _uneven(self) -> NDArray[np.float64]:
-        """Points (m, 2) [m], of a few, that are stretched or squeezed by more than an audit allows."""
-        points, ratio = random_points(self.source, STARTS, 0), np.sqrt(self.target.area / self.source.area)
-        over = np.linalg.svd(self.spline.jacobian(points), compute_uv=False) / ratio
-        return np.asarray(points[(over[:, 0] > MAX_STRETCH) | (over[:, 1] < SMALLEST_STRETCH)])
-
     @cached_property
     def _starts(self) -> tuple[Any, NDArray[np.float64]]:
         """A search tree of images and the points they belong to."""
@@ -215,7 +238,7 @@ class WorkspaceMap:
     def __repr__(self) -> str:
         return (
             f"WorkspaceMap({self.source.area:.4g} m^2 -> {self.target.area:.4g} m^2, rule={self.rule!r}, "
-            f"{len(self.spline.source)} landmarks)"
+            f"{self.spline.parameters} coefficients)"
         )
 
 
@@ -236,15 +259,11 @@ def _check(source: Workspace, target: Workspace, rule: str, landmarks: int | Non
             raise ConfigurationError(name, each, f"one component without holes in both workspaces; {both}")
     if rule not in ("safe", "polar"):  # a tuple: what cannot be hashed is refused like the rest
         raise ConfigurationError("rule", rule, '"safe" or "polar"')
-    fewest, most = (3, MOST) if rule == "polar" else (FEWEST, MOST)
-    counted = isinstance(landmarks, int | np.integer) and not isinstance(landmarks, bool)
-    if landmarks is not None and not (counted and fewest <= landmarks <= most):
-        raise ConfigurationError("landmarks", landmarks, f"None or a whole number from {fewest} to {most}")
+    if landmarks is not None:
+        counted = isinstance(landmarks, int | np.integer) and not isinstance(landmarks, bool)
+        if rule != "polar" or not (counted and 3 <= landmarks <= MOST):
+            raise ConfigurationError(
+                "landmarks", landmarks, f'None, or a whole number from 3 to {MOST} of rule "polar"'
+            )
     if not (isinstance(rotation, str) and rotation == "best") and not np.isfinite(real_number(rotation)):
         raise ConfigurationError("rotation", rotation, 'an angle in radians, or "best"')
-
-
-def _outline(workspace: Workspace) -> Any:
-    """The one polygon of a workspace."""
-    polygon = workspace.polygon
-    return polygon.geoms[0] if polygon.geom_type == "MultiPolygon" else polygon

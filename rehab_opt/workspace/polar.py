@@ -8,23 +8,29 @@ centroid outside) gives no pair.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 
 from rehab_opt.errors import ConfigurationError
-from rehab_opt.workspace.safe_rule import LandmarkPairs
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
     from shapely import Polygon
 
-__all__ = ["LANDMARKS", "polar_landmarks"]
+__all__ = ["LANDMARKS", "LandmarkPairs", "polar_landmarks"]
 
 # Fig. 8.
 LANDMARKS = 20
 # Rotations that are compared for "best".
 ROTATIONS = 360
+
+
+class LandmarkPairs(NamedTuple):
+    """Landmarks (n, 2) [m] in the source and their images (n, 2) [m]."""
+
+    source: NDArray[np.float64]
+    target: NDArray[np.float64]
 
 
 def polar_landmarks(

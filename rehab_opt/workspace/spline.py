@@ -1,59 +1,50 @@
-"""A smooth map of the plane through pairs of landmarks, which bends as little as they allow. Section V, Rossa et al."""
+"""The thin-plate spline through pairs of landmarks, which bends as little as they allow. Section V, Rossa et al."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from dataclasses import dataclass, field, fields
-from functools import cached_property
-from typing import Any, TypeGuard
+from dataclasses import dataclass, field
 
+import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.errors import ConfigurationError
-from rehab_opt.symbolic import PerThread
-from rehab_opt.workspace.point_arguments import point_array, single_point
-from rehab_opt.workspace.spline_fit import SplineFit, checked_landmarks, checked_smoothing, fitted
-from rehab_opt.workspace.spline_inverse import Starts, preimage, preimages, tolerance_terms
-from rehab_opt.workspace.spline_kernel import PointFunction, jacobians, point_function, values
+from rehab_opt.kinematics.real_array import checked_array
+from rehab_opt.workspace.plane_map import PlaneMap
+from rehab_opt.workspace.point_arguments import real_number
 
 __all__ = ["ThinPlateSpline"]
 
 Array = NDArray[np.float64]
-_FLOATS = np.dtype(np.float64)
-
-NEIGHBOURS = 8
-"""Landmarks around a wanted image whose sources are tried as starts of its inverse."""
-INVERSE_CHUNK = 2**20
-"""Distances to landmarks held at once while an inverse looks for starts."""
+TINY = 1e-300
+"""Added to r^2 under the logarithm, so that U(0) = 0; any other r^2 absorbs it."""
+AFFINE_ROUNDING = 32 * float(np.finfo(np.float64).eps)
+"""Departure from an affine map, over the size of its terms, that is taken for the landmarks' rounding."""
+CLOSEST, THINNEST = 1e-7, 1e-8
+"""Landmarks nearer than this fraction of their spread coincide; less wide than that, they lie on a line."""
+RESIDUAL = 1e-8
+"""Largest fraction of the targets' spread by which the fit may miss them."""
+CHUNK = 100_000
+"""Numbers in a temporary array."""
 
 
 @dataclass(frozen=True, eq=False)
-class ThinPlateSpline:
-    """g(x, y) = b_0 + b_1 x + b_2 y + sum_i w_i U(|(x, y) - source_i|), U(r) = r^2 ln r^2: Eqs. (24)-(30), Rossa et al.
-
-    Immutable, may be pickled and shared by threads: code and tables are made once, each thread gets its own buffers
-    when it first maps a single point. Map one before a loop that must not wait: up to seconds where nothing is compiled
-    yet. Afterwards a point costs microseconds; an array of points costs bounded memory. NaN in gives NaN out; nothing
-    raises on numbers.
+class ThinPlateSpline(PlaneMap):
+    """g(x, y) = b_0 + b_1 x + b_2 y + sum_i w_i U(|(x, y) - source_i|), U(r) = r^2 ln r^2: Eqs. (24)-(30).
 
     Parameters
     ----------
-    source : (N, 2) landmarks [m], N >= 3, different and not on one line. Three give an affine map.
-    target : (N, 2) where they go [m]. Where these are affine in the sources up to rounding, in one coordinate or
-        both, that coordinate's weights are exactly zero.
-    smoothing : lambda >= 0. With sigma the root mean square distance of the sources from their mean,
-        g minimises sum |g(source_i) - target_i|^2 + lambda sigma^2 / (16 pi) * bending energy; zero interpolates.
-        Dimensionless: the same in metres and millimetres. It is on the diagonal of K where lengths are in units of
-        sigma (scipy's `smoothing` is lambda sigma^2 / 2).
+    source : (N, 2) landmarks [m], N >= 3, different and not on one line.
+    target : (N, 2) where they go [m]. Where these are affine in the sources, up to rounding, the weights are zero.
+    smoothing : lambda >= 0 on the diagonal of K, where lengths are in units of the sources' root mean square distance
+        from their mean; zero interpolates. scipy's `smoothing` is lambda times half the square of that distance.
 
     Attributes
     ----------
     weights : (N, 2) w_i [1/m]; they sum to zero, and so do their products with the sources.
     affine : (3, 2) b_0 [m], b_1, b_2.
-    bending_energy : Bookstein's, the integral (24) over the plane, summed over both coordinates: 16 pi sum_c w_c' K w_c
-        with K of Eq. (27). No unit, never negative, zero for an affine map.
+    bending_energy : the integral (24) over the plane, of both coordinates: 16 pi sum_c w_c' K w_c.
 
     Raises
     ------
@@ -66,178 +57,138 @@ class ThinPlateSpline:
     weights: Array = field(init=False)
     affine: Array = field(init=False)
     bending_energy: float = field(init=False)
-    _fit: SplineFit = field(init=False, repr=False)
+    _frame: tuple[Array, float, Array, Array, Array] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        """Check, freeze and fit."""
-        source, target = checked_landmarks("source", self.source), checked_landmarks("target", self.target)
+        """Solve Eq. (29) around the landmarks' mean, in units of their spread, for the sake of its conditioning."""
+        source, target = _landmarks("source", self.source), _landmarks("target", self.target)
         if len(source) != len(target):
             raise ConfigurationError("target", self.target, f"as many landmarks as the source has, {len(source)}")
-        smoothing = checked_smoothing(self.smoothing)
-        fit = fitted(source, target, smoothing)
-        weights, affine = _in_given_units(fit)
-        checked = {
-            "source": source,
-            "target": target,
-            "smoothing": smoothing,
-            "weights": weights,
-            "affine": affine,
-            "bending_energy": fit.bending_energy,
-            "_fit": fit,
-        }
-        for name, value in checked.items():
+        smoothing = real_number(self.smoothing)
+        if not 0.0 <= smoothing < math.inf:
+            raise ConfigurationError("smoothing", self.smoothing, "a finite number, zero or positive")
+        centre, scale, s, square = _unit_spread(source)
+        K = square * np.log(square + TINY)
+        w, b = _solved(K + smoothing * np.eye(len(s)), s, target, source, scale)
+        if (
+            not np.abs(target - K @ w - smoothing * w - b[0] - s @ b[1:]).max()
+            <= RESIDUAL * np.ptp(target, axis=0).max()
+        ):
+            raise ConfigurationError(
+                *_closest(square, source), "landmarks far enough apart to tell their targets apart"
+            )
+        energy = 16.0 * math.pi * float((w * (K @ w)).sum()) / scale**2
+        linear = b[1:] / scale
+        affine = np.vstack((b[0] - centre @ linear - math.log(scale**2) * ((s**2).sum(axis=1) @ w), linear))
+        values = (source, target, smoothing, w / scale**2, affine, max(0.0, energy), (centre, scale, s, w, b))
+        for name, value in zip(self.__dataclass_fields__, values, strict=True):
             object.__setattr__(self, name, value)
-        self._freeze()
+        self.freeze()
 
-    # ------------------------------------------------------------------------------------------------ the map
-    def __call__(self, points: ArrayLike) -> Array:
-        """Images [m]: (2,) -> (2,), (M, 2) -> (M, 2)."""
-        if type(points) is np.ndarray and points.shape == (2,) and points.dtype is _FLOATS:  # without a call to ask it
-            return self._value.mine(points)  # type: ignore[no-any-return]
-        array = point_array(points)
-        return self._value.mine(array) if array.ndim == 1 else values(self._fit, array)
+    @property
+    def known(self) -> Array:
+        """The source landmarks (N, 2) [m]."""
+        return self.source
 
-    def jacobian(self, points: ArrayLike) -> Array:
-        """Derivatives [[dg_x/dx, dg_x/dy], [dg_y/dx, dg_y/dy]]: (2,) -> (2, 2), (M, 2) -> (M, 2, 2)."""
-        array = point_array(points)
-        return self.value_and_jacobian(array)[1] if array.ndim == 1 else jacobians(self._fit, array)[1]
+    @property
+    def parameters(self) -> int:
+        """Number of landmarks."""
+        return len(self.source)
 
-    def value_and_jacobian(self, point: ArrayLike) -> tuple[Array, Array]:
-        """Image (2,) [m] and Jacobian (2, 2) of one point (2,) in one evaluation."""
-        if not _is_point(point):
-            point = np.array(single_point(point))
-        return self._value_and_jacobian.mine(point)  # type: ignore[no-any-return]
+    def values(self, points: Array) -> Array:
+        """Images (M, 2) [m] of points (M, 2) [m]."""
+        return self._summed(points, slopes=False)[0]
 
-    def inverse(self, points: ArrayLike, start: ArrayLike | None = None) -> Array:
-        """Points that the map sends to the given ones: (2,) -> (2,), (M, 2) -> (M, 2).
+    def evaluate(self, points: Array) -> tuple[Array, Array]:
+        """Images (M, 2) [m] and Jacobians (M, 2, 2) of points (M, 2) [m]."""
+        return self._summed(points, slopes=True)
 
-        Newton on the map itself, damped, until rounding stops it. Tried in turn as starts: `start`, the spline fitted
-        the other way, the inverse of the affine part, the sources of the nearest landmarks. Where the map folds, a
-        point may have several preimages or none: one of them is returned, the one Newton finds from `start` where
-        that leads anywhere; NaN where none was found.
+    def _summed(self, points: Array, *, slopes: bool) -> tuple[Array, Array]:
+        from scipy.spatial.distance import cdist  # noqa: PLC0415  (slow to import)
 
-        Parameters
-        ----------
-        points : wanted images [m].
-        start : an initial guess of the same shape, or (2,) for all [m]; the last answer, along a path.
-        """
-        array = point_array(points)
-        if start is not None:
-            start = _initial_guess(start, array.shape)
-        if array.ndim == 1:
-            return self._inverse_of_one(array, start)
-        found = np.empty_like(array)
-        size = max(1, INVERSE_CHUNK // len(self.source))
-        for begin in range(0, len(array), size):
-            rows = slice(begin, begin + size)
-            found[rows] = self._inverse_of_some(array[rows], None if start is None else start[rows])
-        return found
+        centre, scale, landmarks, w, b = self._frame
+        with np.errstate(invalid="ignore", over="ignore"):
+            s = (points - centre) / scale
+            images, J = b[0] + s @ b[1:], b[1:].T + 0.0 * s[:, None, :]
+            moments = np.column_stack((w, w * landmarks[:, :1], w * landmarks[:, 1:]))
+            size = max(1, CHUNK // len(landmarks)) if w.any() else len(points) + 1
+            for first in range(0, len(points) if w.any() else 0, size):
+                rows = slice(first, first + size)
+                square = cdist(s[rows], landmarks, "sqeuclidean")
+                logarithm = np.log(square + TINY)
+                images[rows] += np.multiply(square, logarithm, out=square) @ w
+                if slopes:
+                    sums = (2.0 * logarithm + 2.0) @ moments
+                    J[rows, :, 0] += s[rows, :1] * sums[:, :2] - sums[:, 2:4]
+                    J[rows, :, 1] += s[rows, 1:] * sums[:, :2] - sums[:, 4:]
+        return images, J / scale
 
-    # ------------------------------------------------------------------------------------------------ the inverse
-    def _inverse_of_some(self, images: Array, start: Array | None) -> Array:
-        found = np.full(images.shape, np.nan)
-        rows = np.flatnonzero(np.isfinite(images).all(axis=1))
-        if start is not None:
-            found[rows] = preimages(self._evaluated, self._fit, images[rows], [lambda _: start[rows]])
-            rows = rows[np.isnan(found[rows, 0])]
-        found[rows] = preimages(self._evaluated, self._fit, images[rows], self._starts)
-        return found
-
-    def _inverse_of_one(self, image: Array, start: Array | None) -> Array:
-        x, y = image.tolist()
-        if not (math.isfinite(x) and math.isfinite(y)):
-            return np.full(2, np.nan)
-        at, point = self._value_and_jacobian.mine, np.empty(2)
-
-        def values_at(x: float, y: float) -> tuple[float, ...]:
-            point[0], point[1] = x, y
-            value, slopes = at(point)
-            return *value.tolist(), *slopes.ravel().tolist()
-
-        def starts() -> Iterator[tuple[float, float]]:
-            if start is not None:
-                yield tuple(start.tolist())
-            if self._other_way is not None:
-                yield tuple(self._other_way(image).tolist())  # as one point, which is quicker
-            for more in self._starts[self._other_way is not None :]:
-                yield tuple(more(image[np.newaxis])[0].tolist())
-
-        constant, growth = self._tolerance
-        return np.array(preimage(values_at, x, y, starts(), constant + growth * math.hypot(x, y)))
-
-    @cached_property
-    def _tolerance(self) -> tuple[float, float]:
-        return tolerance_terms(self._fit)
-
-    @cached_property
-    def _other_way(self) -> ThinPlateSpline | None:
-        try:
-            return ThinPlateSpline(self.target, self.source)
-        except ConfigurationError:  # where targets coincide; elsewhere there may be an inverse
-            return None
-
-    @cached_property
-    def _starts(self) -> list[Starts]:
-        starts: list[Starts] = [] if self._other_way is None else [self._other_way]
-        linear = self._fit.affine[1:]
-        if abs(np.linalg.det(linear)) > 1e-12 * float(np.sum(linear**2)):
-            back = np.linalg.inv(linear) * self._fit.scale
-            starts.append(lambda images: self._fit.centre + (images - self._fit.affine[0]) @ back)
-        starts += [self._nearest_source(k) for k in range(min(NEIGHBOURS, len(self.source)))]
-        return starts
-
-    def _nearest_source(self, k: int) -> Starts:
-        """Source of the landmark whose target is the k-th nearest."""
-
-        def start(images: Array) -> Array:
-            with np.errstate(over="ignore"):
-                square = (images[:, :1] - self.target[:, 0]) ** 2 + (images[:, 1:] - self.target[:, 1]) ** 2
-            return self.source[np.argpartition(square, k, axis=1)[:, k]]
-
-        return start
-
-    # ------------------------------------------------------------------------------------------------ plumbing
-    def _evaluated(self, points: Array) -> tuple[Array, Array]:
-        return jacobians(self._fit, points)
-
-    @cached_property
-    def _value(self) -> PerThread[PointFunction]:
-        return PerThread(lambda: point_function(self._fit, with_jacobian=False))
-
-    @cached_property
-    def _value_and_jacobian(self) -> PerThread[PointFunction]:
-        return PerThread(lambda: point_function(self._fit, with_jacobian=True))
-
-    def _freeze(self) -> None:
-        for array in (self.source, self.target, self.weights, self.affine, *self._fit):
-            if isinstance(array, np.ndarray):
-                array.flags.writeable = False
-
-    def __getstate__(self) -> dict[str, Any]:
-        return {one.name: self.__dict__[one.name] for one in fields(self)}  # what is made when needed is made anew
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__dict__.update(state)
-        self._freeze()  # pickle forgets it
+    def expression(self, point: ca.MX) -> tuple[ca.MX, ca.MX]:
+        """Image (2,) [m] and Jacobian (2, 2) of a symbol (2,) [m] of finite numbers."""
+        centre, scale, landmarks, w, b = self._frame
+        s = (point - ca.DM(centre)) / scale
+        x, y = (s[i] - ca.DM(landmarks[:, i]) for i in (0, 1))
+        square = x * x + y * y
+        logarithm, weights, linear = ca.log(square + TINY), ca.DM(w.T), ca.DM(b[1:].T)
+        slope = 2 * logarithm + 2
+        bent = ca.horzcat(weights @ (slope * x), weights @ (slope * y))
+        return ca.DM(b[0]) + linear @ s + weights @ (square * logarithm), (linear + bent) / scale
 
 
-def _in_given_units(fit: SplineFit) -> tuple[Array, Array]:
-    """Weights (N, 2) and affine part (3, 2) for distances in metres, not in units of the spread.
+def _solved(K: Array, s: Array, target: Array, source: Array, scale: float) -> tuple[Array, Array]:
+    """Weights (N, 2) and affine part (3, 2) of K w + R b = target, R' w = 0: Eqs. (28)-(30)."""
+    from scipy.linalg import lu_factor, lu_solve  # noqa: PLC0415  (slow to import)
 
-    ln r^2 shifts by ln sigma^2; under the side conditions sum w |s - s_i|^2 is the constant sum w |s_i|^2.
-    """
-    linear = fit.affine[1:] / fit.scale
-    shift = math.log(fit.scale**2) * (np.sum(fit.landmarks**2, axis=1) @ fit.weights)
-    return fit.weights / fit.scale**2, np.vstack((fit.affine[0] - fit.centre @ linear - shift, linear))
+    R = np.column_stack((np.ones(len(s)), s))
+    middle = target.mean(axis=0)
+    b = np.linalg.lstsq(R, target - middle, rcond=None)[0]
+    left = target - middle - R @ b
+    terms = np.abs(target).max(axis=0) + np.abs(source).max(axis=0) @ np.abs(b[1:]) / scale
+    left[:, np.abs(left).max(axis=0) <= AFFINE_ROUNDING * terms] = 0.0
+    w = np.zeros_like(left)
+    if left.any():
+        L = np.block([[K, R], [R.T, np.zeros((3, 3))]])
+        factor, right = lu_factor(L, check_finite=False), np.vstack((left, np.zeros((3, 2))))
+        both = lu_solve(factor, right, check_finite=False)
+        for _ in range(2):  # refined on the residual
+            both += lu_solve(factor, right - L @ both, check_finite=False)
+        w, b = np.where(left.any(axis=0), both[:-3], 0.0), b + both[-3:]
+    b[0] += middle
+    return w, b
 
 
-def _is_point(points: ArrayLike) -> TypeGuard[Array]:
-    """Whether it is an array (2,) that compiled code may take as it is: the usual case, in a tick."""
-    return type(points) is np.ndarray and points.shape == (2,) and points.dtype is _FLOATS
+def _landmarks(argument: str, value: ArrayLike) -> Array:
+    """`value` as an array (N, 2) of at least three finite points."""
+    points = np.array(checked_array(argument, value, "an array of points (N, 2)"))
+    if points.ndim != 2 or points.shape[1] != 2 or len(points) < 3:
+        raise ConfigurationError(argument, value, "an array of at least 3 points (N, 2)")
+    unusable = ~(np.abs(points) <= 1e100).all(axis=1)  # squares of larger ones would overflow
+    if unusable.any():
+        index = int(np.argmax(unusable))
+        raise ConfigurationError(f"{argument}[{index}]", points[index].tolist(), "finite coordinates [m]")
+    return points
 
 
-def _initial_guess(start: ArrayLike, shape: tuple[int, ...]) -> Array:
-    guess = point_array(start, "start")
-    if guess.shape not in {shape, (2,)}:
-        raise ConfigurationError("start", f"an array of shape {guess.shape}", f"a point (2,), or of shape {shape}")
-    return np.broadcast_to(guess, shape)
+def _unit_spread(source: Array) -> tuple[Array, float, Array, Array]:
+    """Mean (2,), root mean square distance from it, landmarks in that frame, and their squared distances (N, N)."""
+    from scipy.spatial.distance import cdist  # noqa: PLC0415  (slow to import)
+
+    centre, rounding = source.mean(axis=0), 8 * float(np.finfo(np.float64).eps * np.abs(source).max())
+    scale = float(np.sqrt(((source - centre) ** 2).sum(axis=1).mean()))
+    if not scale > rounding:
+        raise ConfigurationError("source", source[:2].tolist(), "different landmarks; these coincide")
+    s = (source - centre) / scale
+    along, across = np.linalg.svd(s, compute_uv=False) / math.sqrt(len(s))
+    if not across > max(THINNEST * along, rounding / scale):
+        raise ConfigurationError("source", source, "landmarks that do not all lie on one line")
+    square = cdist(s, s, "sqeuclidean")
+    if not (square + np.diag(np.full(len(s), np.inf))).min() > max(CLOSEST, rounding / scale) ** 2:
+        raise ConfigurationError(*_closest(square, source), "different landmarks; these coincide")
+    return centre, scale, s, square
+
+
+def _closest(square: Array, source: Array) -> tuple[str, list[list[float]]]:
+    """Names and coordinates of the two landmarks nearest to each other."""
+    apart = square + np.diag(np.full(len(source), np.inf))
+    first, second = sorted(divmod(int(np.argmin(apart)), len(source)))
+    return f"source[{first}], source[{second}]", source[[first, second]].tolist()

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
     from shapely import Polygon
 
-__all__ = ["PlaneMesh", "cross", "grown", "inradius", "mesh_of", "shrunk"]
+__all__ = ["PlaneMesh", "cross", "grown", "inradius", "mesh_of", "shrunk", "without_holes"]
 
 # Segments in a quarter of a rounded corner.
 ROUNDNESS = 16
@@ -44,10 +44,15 @@ def grown(polygon: Polygon, by: float) -> Polygon:
     A notch is rounded too: growing by twice as much and shrinking again closes what is narrower. What such closing
     would surround is filled, so that the answer has no holes.
     """
+    wide = without_holes(polygon.buffer(2.0 * by, quad_segs=ROUNDNESS))
+    return without_holes(wide.buffer(-by, quad_segs=ROUNDNESS))
+
+
+def without_holes(polygon: Polygon) -> Polygon:
+    """The set and what it surrounds."""
     from shapely import Polygon as Outline  # noqa: PLC0415
 
-    wide = Outline(polygon.buffer(2.0 * by, quad_segs=ROUNDNESS).exterior)
-    return Outline(wide.buffer(-by, quad_segs=ROUNDNESS).exterior)
+    return Outline(polygon.exterior)
 
 
 def shrunk(polygon: Polygon, by: float) -> Polygon:

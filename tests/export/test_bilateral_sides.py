@@ -21,7 +21,6 @@ from rehab_opt.control.bilateral_sides import FromHelper, FromParticipant, Helpe
 from rehab_opt.control.command import Status
 from rehab_opt.export.export_c import written_files
 from rehab_opt.export.exporters import exported_controllers
-from rehab_opt.workspace.spline_kernel import point_inputs, point_statement
 from tests.export.calling_c import Built, CCommand, CController, Exported, assert_same, shared
 from tests.export.pairing import DT, EGG, HELPER, SIDES, broken, ready_for, sides, workspace_map
 
@@ -76,10 +75,9 @@ HEARD = itertools.count(1)
 
 def test_the_sums_that_c_has_are_the_map_of_python() -> None:
     spline = workspace_map().spline
-    stated, inputs = point_statement(spline._fit, with_jacobian=True), point_inputs(spline._fit)
     points = HELPER + 0.08 * np.random.default_rng(0).normal(size=(500, 2))
     for point, image, slopes in zip(points, spline(points), spline.jacobian(points), strict=True):
-        summed = [each.full().squeeze() for each in stated(point, *inputs)]
+        summed = [each.full().squeeze() for each in spline.statement(point)]
         np.testing.assert_allclose(summed[0], image, rtol=0, atol=1e-13)
         np.testing.assert_allclose(summed[1], slopes, rtol=0, atol=1e-11)
 

@@ -24,7 +24,6 @@ from rehab_opt.session.scenario.figures import figures
 from rehab_opt.session.scoring import score_recordings
 from rehab_opt.session.systems import System, system_named, systems
 from rehab_opt.session.workspaces import reached
-from rehab_opt.workspace.mapping import WorkspaceMap
 from rehab_opt.workspace.region import Workspace
 from tests.golden import assert_kept
 from tests.golden.drawn import digest
@@ -68,7 +67,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(autouse=True)
 def _quick(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Workspaces are ellipses about as large as those searched, maps of few landmarks."""
+    """Workspaces are ellipses about as large as those searched."""
 
     def ellipse(arm: Any, **asked: Any) -> Workspace:
         wide = float(np.sum(arm.upper - arm.lower))
@@ -77,10 +76,7 @@ def _quick(monkeypatch: pytest.MonkeyPatch) -> None:
         disc = shapely.affinity.scale(shapely.Point(centre).buffer(1.0, quad_segs=9), *size)
         return Workspace(disc, accuracy=asked["accuracy"], height=asked["height"], handle_tilt=asked["handle_tilt"])
 
-    between = WorkspaceMap.between
-    few = lambda *sets, **given: between(*sets, **{"landmarks": 50} | given)  # noqa: E731
     monkeypatch.setattr(reached, "planar_workspace", ellipse)
-    monkeypatch.setattr(WorkspaceMap, "between", few)
 
 
 def words(shown: Any) -> list[Any]:

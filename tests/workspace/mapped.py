@@ -54,6 +54,5 @@ def shape(name: str) -> Workspace:
 
 
 @cache
-def mapped(source: str, target: str, landmarks: int | None = 60, **options: Any) -> WorkspaceMap:
-    """Of few landmarks, which are found in a fifth of the time that the usual number takes; None is that number."""
-    return WorkspaceMap.between(shape(source), shape(target), landmarks=landmarks, **options)
+def mapped(source: str, target: str, **options: Any) -> WorkspaceMap:
+    return WorkspaceMap.between(shape(source), shape(target), **options)

@@ -7,10 +7,9 @@ from collections.abc import Sequence
 
 import casadi as ca
 import numpy as np
-import pytest
 import shapely
 
-from rehab_opt import DH, ConfigurationError, SerialChain, human_arm
+from rehab_opt import DH, SerialChain, human_arm
 from rehab_opt.kinematics.human_arm import ARM_JOINTS
 from rehab_opt.workspace import clinical_angles, edge_distance
 from rehab_opt.workspace.cp_reach import grasp_zero, group_range, reach_groups
@@ -21,8 +20,6 @@ from rehab_opt.workspace.polar import polar_landmarks
 from rehab_opt.workspace.reach import planar_workspace
 from rehab_opt.workspace.reach_rows import read_cp_reach
 from rehab_opt.workspace.region import Workspace
-from rehab_opt.workspace.spline import ThinPlateSpline
-from rehab_opt.workspace.spline_kernel import point_statement
 from rehab_opt.workspace.used_range import range_of_motion
 from rehab_opt.workspace.variation import reachability_map, varied_ranges
 from rehab_opt.workspace.volume import reachable_volume
@@ -39,12 +36,6 @@ TOUCHING = shapely.MultiPolygon([shapely.box(0, 0, 1, 1), shapely.box(1, 1, 2, 2
 def grid(steps: int, low: float = -0.5, high: float = 2.5) -> np.ndarray:
     side = np.linspace(low, high, steps)
     return np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2)
-
-
-def spline(n: int, smoothing: float = 0.0, bend: float = 0.02) -> ThinPlateSpline:
-    random = np.random.default_rng(n)
-    source = random.uniform(0.0, 1.0, (n, 2)) * (1.0, 0.6)
-    return ThinPlateSpline(source, source @ [[1.1, 0.2], [-0.1, 0.9]] + bend * random.normal(size=(n, 2)), smoothing)
 
 
 def kept(name: str, seen: Returns, more: Sequence[object] = ()) -> None:
@@ -80,41 +71,24 @@ def test_sets() -> None:
     kept("sets", seen, more)
 
 
-def test_splines() -> None:
-    inner = grid(5, 0.15, 0.45)  # elsewhere rounding decides to what Newton's method comes
-    points = np.vstack((grid(12), [[math.nan, 0.0], [math.inf, 0.0], [1e9, 0.0]]))
-    more = []
-    with Returns("rehab_opt/workspace/", but="spline_inverse|_inverse_of|jacobians|_evaluated") as seen:
-        for n, smoothing, bend in ((3, 0.0, 0.02), (7, 0.1, 0.1), (40, 1e-3, 0.02), (420, 0.0, 1e-3)):
-            made = spline(n, smoothing, bend)
-            some = points if n < 420 else points[::9]
-            more += [made(some), made.jacobian(some), [made(point) for point in some[::6]]]
-            more += [made.jacobian(point) for point in some[::9]] + [*made.value_and_jacobian(some[5])]
-            more += [made.inverse(made(inner)), made.inverse(inner[3]), made.inverse([math.nan, 0.0])]
-            more += [made.inverse(inner[4], start=inner[5])]
-            for with_jacobian in (False, True):
-                more.append(str(point_statement(made._fit, with_jacobian=with_jacobian)))
-        for bad in (np.zeros((3, 2)), np.column_stack((np.arange(5.0), np.arange(5.0))), grid(2)[:2], [[0, 0, 1]] * 4):
-            with pytest.raises(ConfigurationError) as told:
-                ThinPlateSpline(bad, bad)
-            more.append(str(told.value))
-    kept("splines", seen, more)
-
-
 def test_maps() -> None:
     more = []
-    with Returns("rehab_opt/workspace/", but="__post_init__|region|spline_", last=3) as seen:
+    with Returns(
+        "rehab_opt/workspace/",
+        but="__post_init__|region|bspline|least_distortion|certificate|triangulation|harmonic|_newton",
+        last=3,
+    ) as seen:
         for source, target, given in (
             (SQUARE, blob(), {"rotation": 0.3}),
             (crescent(), ell(), {"rule": "polar", "rotation": 0.2}),
             (blob(), sliver(), {"rule": "polar", "landmarks": 12, "rotation": -0.2}),
         ):
             polygons = (Workspace(each, accuracy=1e-4) for each in (source, target))
-            made = WorkspaceMap.between(*polygons, **{"landmarks": 50} | given)
+            made = WorkspaceMap.between(*polygons, **given)
             points = around(source, 12, 2.0, 3)
             audit = made.audit(400, 1)
             more += [made.rotation, made.inverse(made(points)), made.jacobian(points), str(audit).splitlines()[0]]
-            made.push_force(points[0], [1.0, 2.0]), made.push_force(points, points), repr(made), made._uneven
+            made.push_force(points[0], [1.0, 2.0]), made.push_force(points, points), repr(made)
             held = made.for_controller(unsafe=True)
             [(held.image(each), held.jacobian(each), held.preimage(each)) for each in points]
         for each in ((crescent(), SQUARE), (SQUARE, sliver())):

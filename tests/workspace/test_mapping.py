@@ -8,12 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from shapely import MultiPolygon, Point, Polygon, affinity, box
 
-from rehab_opt.workspace import safe_rule
 from rehab_opt.workspace.audit import random_points
 from rehab_opt.workspace.mapping import WorkspaceMap
-from rehab_opt.workspace.spline import ThinPlateSpline
 from tests.refusals import refuses
-from tests.workspace.mapped import blob, ell, mapped, shape, workspace
+from tests.workspace.mapped import blob, mapped, shape, workspace
 
 WAYS = [("regular", "restricted"), ("restricted", "regular"), ("crescent", "blob")]
 RING = workspace(Point(0.0, 0.0).buffer(0.2).difference(Point(0.0, 0.0).buffer(0.1)))
@@ -71,35 +69,6 @@ def test_directions_turn_by_the_wanted_rotation(turn):
     assert audit.max_stretch / audit.min_stretch < 1.3
 
 
-def test_landmarks_that_are_added_where_a_map_is_not_proven_leave_it_as_it_is_and_the_source_s_outline_is_drawn(
-    monkeypatch,
-):
-    drawn = []  # nothing else changes a map
-    monkeypatch.setattr(safe_rule, "least_distorted", lambda spline, images, *_: drawn.append(spline.before) or images)
-    at, found = np.array([[0.05, 0.05], [0.05, 0.25], [0.04, 0.25]]), []
-    safe_rule.safe_landmarks(ell(), blob(), lambda pairs: found.append(ThinPlateSpline(*pairs)) or at, landmarks=50)
-    assert len(found) == 1 + safe_rule.REFINEMENTS
-    points = random_points(workspace(ell()), 500, 1)
-    for each in found[1:]:
-        assert each(points) == pytest.approx(found[0](points), abs=1e-9)
-    added = found[-1].source[len(found[0].source) :]
-    assert 0 < len(added) <= len(at)
-    assert all(np.isclose(point, at).all(axis=1).any() for point in added)
-    size, middle = np.sqrt(ell().area), np.array(ell().centroid.coords[0])
-    beyond = [ell().distance(Point(size * point + middle)) for outline in drawn for point in outline]
-    assert beyond == pytest.approx(np.full(len(beyond), safe_rule.DRAWN * size), rel=1e-2)
-
-
-def test_target_shrinks_by_at_most_three_tenths_of_its_inradius_however_little_is_known_of_it(monkeypatch):
-    monkeypatch.setattr(safe_rule, "least_distorted", lambda spline, images, *_: images)
-    found = []
-    safe_rule.safe_landmarks(
-        ell(), box(0.0, 0.0, 0.2, 0.2), lambda pairs: found.append(pairs) or [], accuracy=0.1, landmarks=50
-    )
-    reached = np.abs(found[0].target - 0.1).max(axis=0)
-    assert reached == pytest.approx(np.full(2, 0.7 * 0.1), rel=1e-3)
-
-
 @pytest.mark.parametrize("rule", ["safe", "polar"])
 def test_pairs_without_a_one_to_one_map_are_refused_by_name(rule):
     refuses(
@@ -118,7 +87,8 @@ def test_what_cannot_be_used_is_refused_by_name_and_points_are_never_read_as_oth
     refuses(
         partial(WorkspaceMap.between, shape("blob"), shape("ell")),
         ({"rule": "conformal"}, "rule = "),
-        ({"landmarks": 2}, "landmarks = "),
+        ({"landmarks": 2, "rule": "polar"}, "landmarks = "),
+        ({"landmarks": 20}, "landmarks = "),
         ({"rotation": np.nan}, "rotation = "),
         ({"rotation": "worst"}, "rotation = "),
     )

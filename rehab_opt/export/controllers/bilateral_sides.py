@@ -18,17 +18,13 @@ from rehab_opt.export.controllers.assistance import MEMORY, gated_fields
 from rehab_opt.export.controllers.bounded_force import DIFFERENCES, ExportedForce, faulty_ticks
 from rehab_opt.export.recording import Run, RunTick, recorded
 from rehab_opt.optim.fallback_chain import as_in_c
-from rehab_opt.workspace.controller_map import ControllerMap
 from rehab_opt.workspace.edge_distance import edge_columns, nearest_point_function
-from rehab_opt.workspace.spline_kernel import point_inputs, point_statement
 
 __all__ = ["exported_helper_side", "exported_participant_side"]
 
 Array = NDArray[np.float64]
 
 HELPER, PARTICIPANT = "helper_side", "participant_side"
-TABLES = ("FRAME", "AFFINE", "LANDMARKS", "WEIGHTS")
-"""Of the map, as `point_inputs` gives them."""
 SERIALS = f"    double numbers[{NUMBERS.size}];       /* of messages: {', '.join(NUMBERS.places)} */"
 FELT = "    double felt[2];          /* on the participant's hand [N]; NaN where it is not known */"
 IMAGE = "\n        image(self, self->offset);"
@@ -76,20 +72,17 @@ def exported_helper_side(
     ------
     ConfigurationError : a solver that does not become C.
     """
-    fit, edges = side.workspace_map.spline._fit, edge_columns(side.workspace_map.source.polygon)
-    spline, force = point_statement(fit, with_jacobian=True), reflected_force(len(edges))
+    edges = edge_columns(side.workspace_map.source.polygon)
+    spline, force = side.workspace_map.spline.statement, reflected_force(len(edges))
     at, felt, *numbers = (ca.MX.sym("input", force.sparsity_in(i)) for i in (0, *range(2, force.n_in())))
-    table = [ca.MX.sym("input", spline.sparsity_in(i)) for i in range(1, spline.n_in())]
-    function = ca.Function(
-        "desired", [at, felt, *numbers, *table], [force(at, spline(at[:2], *table)[1], felt, *numbers)]
-    )
+    function = ca.Function("desired", [at, felt, *numbers], [force(at, spline(at[:2])[1], felt, *numbers)])
     desired = Evaluated(
         controller=HELPER,
         name="desired",
         about="the participant's force as it is felt in the helper's workspace; outside, what brings the hand back [N]",
         function=function,
-        inputs=("self->view + X", "self->felt", "DAMPING", "BACK", "SOURCE", *TABLES),
-        tables={"DAMPING": np.array([side.damping]), "BACK": side.back, "SOURCE": edges, **_tables(side.workspace_map)},
+        inputs=("self->view + X", "self->felt", "DAMPING", "BACK", "SOURCE"),
+        tables={"DAMPING": np.array([side.damping]), "BACK": side.back, "SOURCE": edges},
     )
     return _exported(
         side,
@@ -108,18 +101,18 @@ def exported_participant_side(
     side: ParticipantSide, positions: Array, received: Sequence[FromHelper | None], *, title: str
 ) -> ExportedForce:
     """The participant's side, likewise."""
-    spline = point_statement(side.workspace_map.spline._fit, with_jacobian=False)
+    spline = side.workspace_map.spline.statement
     edges = edge_columns(side.workspace_map.source.polygon)
     inside = nearest_point_function(len(edges))
-    point, *table = (ca.MX.sym("input", spline.sparsity_in(i)) for i in range(spline.n_in()))
+    point = ca.MX.sym("point", 2)
     held = ca.MX.sym("edges", inside.sparsity_in(1))
     image = Evaluated(
         controller=PARTICIPANT,
         name="image",
         about="the image of a point of the helper's workspace, or of its point nearest to it [m]; of NaN, NaN",
-        function=ca.Function("image", [point, held, *table], [spline(inside(point, held), *table) + 0 * point]),
-        inputs=("self->offset", "SOURCE", *TABLES),
-        tables={"SOURCE": edges, **_tables(side.workspace_map)},
+        function=ca.Function("image", [point, held], [spline(inside(point, held))[0] + 0 * point]),
+        inputs=("self->offset", "SOURCE"),
+        tables={"SOURCE": edges},
     )
     return _exported(
         side,
@@ -196,11 +189,6 @@ def _exported(
             "message_layout": layout("MESSAGE", MESSAGE.places),
         },
     )
-
-
-def _tables(workspace_map: ControllerMap) -> dict[str, Array]:
-    """Of a `ControllerMap`, a thin-plate spline."""
-    return dict(zip(TABLES, point_inputs(workspace_map.spline._fit), strict=True))
 
 
 def _ticks(

@@ -42,8 +42,6 @@ class MapSection(Section):
     """Which landmark rules, side by side."""
     directions: Literal["both", "forward"] = "both"
     """Both ways, or from source to target alone."""
-    landmarks: int | None = Field(default=None, ge=50, le=2000)
-    """Of the safe rule, roughly; by default 300, and more where that cannot be certified."""
     polar_landmarks: int = Field(default=20, ge=3, le=2000)
     """Lines of the published rule."""
     rotation_deg: Rotation = 0.0

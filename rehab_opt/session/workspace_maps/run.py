@@ -154,7 +154,7 @@ def _made(rule: Rule, start: End, sets: dict[End, MappedSet], how: MapSection, *
             source,
             target,
             rule=rule,
-            landmarks=how.landmarks if rule == "safe" else how.polar_landmarks,
+            landmarks=how.polar_landmarks if rule == "polar" else None,
             rotation="best" if isinstance(how.rotation_deg, str) else math.radians(how.rotation_deg),
         )
     except ConfigurationError as refused:
@@ -235,7 +235,7 @@ def map_metrics(made: MadeMap) -> dict[str, Any]:
         "round_trip_max_m": finite(audit.round_trip),
         "coverage_fraction": audit.coverage,
         "target_accuracy_m": audit.target_accuracy,
-        "landmarks": len(made.mapped.spline.source),
+        "coefficients": made.mapped.spline.parameters,
         "rotation_deg": math.degrees(made.mapped.rotation),
         "certificate": {
             "valid": bool(proof.valid),

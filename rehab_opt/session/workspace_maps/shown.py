@@ -235,6 +235,6 @@ MAP_ROWS: Rows = (
     ("proven everywhere, one-to-one", _proof),
     ("there and back, nm", _round_trip),
     ("share of the other set used, %", lambda of: f"{100 * of['coverage_fraction']:.1f}"),
-    ("landmarks; mean turn, deg", lambda of: f"{of['landmarks']}; {of['rotation_deg']:.1f}"),
+    ("coefficients; mean turn, deg", lambda of: f"{of['coefficients']}; {of['rotation_deg']:.1f}"),
     ("time to make it, s", lambda of: f"{of['seconds']:.2f}"),
 )
