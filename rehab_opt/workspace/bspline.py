@@ -53,7 +53,7 @@ class PlaneBSpline(PlaneMap):
     @property
     def parameters(self) -> int:
         """Number of coefficients, each a point."""
-        return self.coefficients.shape[0] * self.coefficients.shape[1]
+        return int(np.prod(self.coefficients.shape[:2]))
 
     @cached_property
     def known(self) -> Array:
@@ -114,7 +114,7 @@ def halved(cells: int) -> Array:
 
 
 def net_columns(points: Array, low: Array, step: Array, cells: tuple[int, int], order: tuple[int, int] = (0, 0)) -> Any:
-    """Sparse (M, coefficients): values, or derivatives of that order, at points (M, 2) from one coordinate's coefficients."""
+    """Sparse (M, coefficients of one coordinate): their B-splines, or a derivative of them, at points (M, 2)."""
     from scipy.sparse import csr_array  # noqa: PLC0415  (slow to import)
 
     u, k = _cells_of(points, low, step, cells)

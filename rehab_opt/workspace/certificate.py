@@ -108,13 +108,13 @@ def examined(spline: PlaneMap, source: Workspace, target: Workspace) -> tuple[Ce
         reason = f"det J > 0 could not be bounded near ({at[0]:.4f}, {at[1]:.4f}) m"
         return Certificate(min(bounds.determinant, 0.0), -np.inf, False, bounds.cells, reason), bounds.doubtful
     inner, outer = (_chords(spline, each, bounds.stretch) for each in (start, around))
-    simple = outer.polygon.is_valid and outer.polygon.contains(inner.polygon) and _clear(inner, outer)
+    simple = _encloses(outer, inner)
     inside = goal.contains(inner.polygon)
     margin = (1.0 if inside else -1.0) * goal.exterior.distance(inner.polygon.exterior) - inner.error
     reason = "" if simple else "the image of the outline could not be proven to keep clear of itself"
     if not margin > ROUNDING * goal.length:
         reason = reason or f"the image is {-1e3 * margin:.3g} mm outside the target"
-    return Certificate(bounds.determinant, float(margin), bool(simple), bounds.cells, reason), bounds.doubtful
+    return Certificate(bounds.determinant, float(margin), simple, bounds.cells, reason), bounds.doubtful
 
 
 # ------------------------------------------------------------------------------------------------------------ det J
@@ -132,8 +132,9 @@ def determinant_bounds(spline: PlaneBSpline, region: Polygon, *, enough: float =
         return DeterminantBounds(-np.inf, np.inf, 0, np.empty((0, 2)))
     shapely.prepare(region)
     i, j = (each.ravel() for each in np.meshgrid(np.arange(m), np.arange(n), indexing="ij"))
-    local = np.lib.stride_tricks.sliding_window_view(spline.coefficients, (4, 4), axis=(0, 1))[i, j]
-    cells, corner = np.einsum("pk,mckl,ql->mpqc", TO_BEZIER, local, TO_BEZIER), low + size * np.column_stack([i, j])
+    window = np.arange(4)
+    local = spline.coefficients[i[:, None, None] + window[:, None], j[:, None, None] + window]
+    cells, corner = np.einsum("pk,mklc,ql->mpqc", TO_BEZIER, local, TO_BEZIER), low + size * np.column_stack([i, j])
     least, stretch, looked = np.inf, np.inf, 0
     for halving in range(HALVINGS + 1):
         meets = shapely.intersects(region, shapely.box(*corner.T, *(corner + size).T))
@@ -207,13 +208,14 @@ def _chords(spline: PlaneBSpline, region: Polygon, stretch: float) -> _Chords:
     return _Chords(Outline(images), stretch * piece / 2.0)
 
 
-def _clear(inner: _Chords, outer: _Chords) -> bool:
-    """Whether the true curves are further apart than what either may be from its chords."""
+def _encloses(outer: _Chords, inner: _Chords) -> bool:
+    """Whether the true outer curve winds once around every point of the true inner one."""
     from scipy.spatial import cKDTree  # noqa: PLC0415  (slow to import)
     from shapely import get_coordinates  # noqa: PLC0415
 
     here, there = (get_coordinates(each.polygon.exterior) for each in (inner, outer))
-    return bool(cKDTree(there).query(here)[0].min() > 2.0 * (inner.error + outer.error))
+    clear = cKDTree(there).query(here)[0].min() > 2.0 * (inner.error + outer.error)
+    return bool(clear and outer.polygon.is_valid and outer.polygon.contains(inner.polygon))
 
 
 def outline_polygon(workspace: Workspace) -> Polygon:

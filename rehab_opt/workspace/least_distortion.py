@@ -153,7 +153,7 @@ class _Net:
 
         left, bottom, right, top = wide.buffer(BEYOND).bounds
         self.low, size = np.array([left, bottom]), np.array([right - left, top - bottom])
-        self.cells: tuple[int, int] = tuple(np.ceil(size / CELL).astype(int).tolist())  # type: ignore[assignment]
+        self.cells: tuple[int, int] = tuple(np.ceil(size / CELL).astype(int).tolist())
         self.step = size / self.cells
         self.mesh, self.narrow, self.edge, self.rotation, self.task = mesh, narrow, narrow.exterior, rotation, task
         shapely.prepare([self.narrow, self.edge])

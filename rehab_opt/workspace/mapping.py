@@ -89,8 +89,8 @@ class WorkspaceMap:
         _check(source, target, rule, landmarks, rotation)
         if rule == "polar":
             pairs = polar_landmarks(source.polygon, target.polygon, landmarks=landmarks or LANDMARKS, rotation=rotation)
-            spline = ThinPlateSpline(*pairs)
-            return cls(source, target, spline, rule, certificate(spline, source, target))
+            published = ThinPlateSpline(*pairs)
+            return cls(source, target, published, rule, certificate(published, source, target))
         spline, proven = least_distorted(source, target, rotation=rotation)
         return cls(source, target, spline, rule, proven)
 

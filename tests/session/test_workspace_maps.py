@@ -56,7 +56,7 @@ def test_safe_rule_folds_nowhere_and_stays_inside_both_ways_where_the_published_
         assert polar["folded_fraction"] > 0.1
         assert polar["outside_fraction"] > 0.1
         assert not polar["passed"]
-        assert polar["landmarks"] == 20
+        assert polar["coefficients"] == 20
     assert any("regular -> restricted, polar rule" in note for note in shipped.notes if "NOT FOR A CONTROLLER" in note)
     assert 0.25 <= maps["source_to_target"]["polar"]["folded_fraction"] <= 0.45
     json.loads(metrics_json(shipped), parse_constant=pytest.fail)

@@ -192,6 +192,23 @@ def test_nothing_is_proven_outside_of_the_net_of_nan_or_of_another_kind_of_map()
     assert certificate(ThinPlateSpline(corners, corners), workspace(SQUARE), target).reason == proof.UNPROVEN
 
 
+def test_a_curve_encloses_another_if_it_is_simple_around_it_and_further_away_than_chords_err():
+    def encloses(outer, inner, *errors):
+        fine = [proof._Chords(each.segmentize(1e-3), error) for each, error in zip((outer, inner), errors, strict=True)]
+        return proof._encloses(*fine)
+
+    inner = box(0.1, 0.1, 0.9, 0.9)
+    assert encloses(SQUARE, inner, 0.0, 0.0)
+    assert encloses(SQUARE, inner, 0.03, 0.019)
+    assert encloses(SQUARE, inner, 0.019, 0.03)
+    for errors in ((0.03, 0.021), (0.021, 0.03), (0.051, 0.0), (0.0, 0.051), (np.nan, 0.0)):
+        assert not encloses(SQUARE, inner, *errors)
+    assert not encloses(SQUARE, affinity.translate(inner, 2.0, 0.0), 0.0, 0.0)
+    crossed = Polygon([(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0), (0.0, 2.0), (-0.5, 0.5), (0.05, 2.5), (-1.0, 0.0)])
+    assert not crossed.is_valid
+    assert not encloses(crossed, inner, 0.0, 0.0)
+
+
 def test_chords_err_by_no_more_than_they_say(monkeypatch):
     spline = wavy(3, (10, 10), bend=0.01)
     region = Point(*(spline.low + 5 * spline.step)).buffer(3 * spline.step.min())
