@@ -136,7 +136,7 @@ def beside_numpy(ticks: int, count: int) -> tuple[list[Verdict], list[str]]:
     ]
     fraction = float(np.median(a) / np.median(b))
     return [
-        Verdict(f"tick with {used} samples, share of numpy and quadprog", fraction, "<=", 0.2),
+        Verdict(f"tick with {used} samples, fraction of numpy and quadprog", fraction, "<=", 0.2),
         Verdict("the same outside the comfortable workspace", in_use / theirs_in_use, "<=", 0.2),
     ], lines
 

@@ -72,11 +72,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "position": (places > upper) | (places < lower),
     }
     solved = said["ok"] + said["blocked"] + said["backup"]
-    verdicts = [Verdict("share of ticks that are solved", solved / len(sent), ">=", 0.8)]
+    verdicts = [Verdict("fraction of ticks that are solved", solved / len(sent), ">=", 0.8)]
     verdicts += [
         Verdict(f"{len(sent)} ticks, {name}: stopped", float(np.sum(bad)), "<=", 0) for name, bad in counts.items()
     ]
-    verdicts.append(Verdict("largest jerk, as a share of the limit", float(np.abs(jerks / jerk).max()), ">=", 0.99))
+    verdicts.append(Verdict("largest jerk, as a fraction of the limit", float(np.abs(jerks / jerk).max()), ">=", 0.99))
     seconds = np.min([[processor_time(each) for each in (tracker, free)] for _ in range(ROUNDS)], axis=0)
     ratio = float(np.divide(*np.median(seconds, axis=1)))
     verdicts.append(Verdict("tick round a circle, of the same without a bound of jerk", ratio, "<=", SLOWER))

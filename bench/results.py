@@ -26,7 +26,7 @@ MANY = 4
 """Lines PASS that are all shown."""
 NEAREST = 2
 """Lines PASS that are shown of more than that."""
-NUMBERS = re.compile(r": (\S+)(?: \S+)? \(asked [<>]= ([^\s)]+)")
+NUMBERS = re.compile(r": (\S+)(?: \S+)? \(target [<>]= ([^\s)]+)")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -123,7 +123,7 @@ def judged(name: str, outcome: ScenarioOutcome) -> list[Verdict]:
             Verdict("ES4 trials in which the hand is further from there with help", worse.sum(), "<=", 0),
             Verdict("ES4 covered in order, mean, beside without help", np.mean(helped), ">=", np.mean(alone)),
             Verdict("ES4 covered in order, worst trial, beside without help", min(helped), ">=", min(alone)),
-            Verdict("ES4 covered in order as with the driven law before, worst trial", min(helped), ">=", 1.0),
+            Verdict("ES4 covered in order as with the driven help before, worst trial", min(helped), ">=", 1.0),
         ]
     if number == "5":
         speed, force = "speed_mean_m_s", "force_measured_mean_N"

@@ -122,8 +122,8 @@ def test_a_section_of_the_results_is_put_at_the_end_and_later_replaced_where_it_
 
 
 def test_every_miss_is_shown_and_passes_are_counted_with_those_nearest_to_their_bounds() -> None:
-    passed = [f"PASS  number {k}: {k / 10} s (asked <= 1 s)" for k in range(1, 10)]
-    missed, note = "FAIL  another: 2 s (asked <= 1 s)", "NOTE  a third: 4 (reported)"
+    passed = [f"PASS  number {k}: {k / 10} s (target <= 1 s)" for k in range(1, 10)]
+    missed, note = "FAIL  another: 2 s (target <= 1 s)", "NOTE  a third: 4 (reported)"
     shown = summarised([passed[0], missed, *passed[1:], note])
     count = "PASS  9 numbers, of which these are nearest to their bounds:"
     assert shown == [missed, note, count, passed[8], passed[7]]

@@ -193,12 +193,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         those = [answers[each.name] for each in group]
         verdicts += [
             Verdict(
-                f"{name}: {what}, as a share of its bound", max(each.shares[k] for each in those), "<=", 1 + ROUNDING
+                f"{name}: {what}, as a fraction of its bound", max(each.shares[k] for each in those), "<=", 1 + ROUNDING
             )
             for k, what in enumerate(DIFFERENCES)
         ]
         verdicts += [
-            Verdict(f"{name}: off the path, as a share of the tolerance", max(e.off for e in those), "<=", 1.0),
+            Verdict(f"{name}: off the path, as a fraction of the tolerance", max(e.off for e in those), "<=", 1.0),
             Verdict(f"{name}: beyond the joint limits", max(e.beyond for e in those), "<=", 1e-12, "rad"),
             Verdict(f"{name}: pace, of the recorded one", max(e.paced for e in those), "<=", 1 + ROUNDING),
         ]

@@ -26,7 +26,7 @@ class Verdict(NamedTuple):
     def __str__(self) -> str:
         word = "PASS" if self.met else "FAIL"
         unit = f" {self.unit}" if self.unit else ""
-        return f"{word}  {self.what}: {self.measured:.4g}{unit} (asked {self.relation} {self.asked:.4g}{unit})"
+        return f"{word}  {self.what}: {self.measured:.4g}{unit} (target {self.relation} {self.asked:.4g}{unit})"
 
 
 class Reported(NamedTuple):

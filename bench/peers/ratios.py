@@ -40,7 +40,7 @@ NOT_ASKED = "-"
 POSES = "bench.peers.pose_tracking"
 VERDICT = re.compile(
     r"^(?P<word>PASS|FAIL)  (?P<what>.+): (?P<measured>\S+)(?P<unit> \S+)? "
-    r"\(asked (?P<relation><=|>=) (?P<asked>\S+?)(?: \S+)?\)$"
+    r"\(target (?P<relation><=|>=) (?P<asked>\S+?)(?: \S+)?\)$"
 )
 
 
@@ -77,7 +77,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         found += ratios
         if error or not ratios:
             missing[name] = error or "it judged no ratio"
-    table = Table("bench", "ratio", "asked", "measured", "met")
+    table = Table("bench", "ratio", "target", "measured", "met")
     for ratio in found:
         met = "-" if ratio.asked == NOT_ASKED else "yes" if ratio.met else "[red]no"
         table.add_row(ratio.bench, ratio.what, ratio.asked, f"{ratio.measured:.3g}", met)

@@ -194,15 +194,15 @@ def verdicts(rows: list[Row]) -> list[Verdict]:
     gap = max(abs(r.promised - r.achieved) for r in rows)
     seat = min(r.in_reach / max(r.best_random, 1e-9) for r in rows)
     return [
-        Verdict("step: share of the poses in reach that it passes", _weighted(step, anyhow), ">=", 0.9),
-        Verdict("step: share of those in reach on the branch it starts on", _weighted(own, branch), ">=", 0.9),
-        Verdict("plan: share of the poses in reach that it passes", _weighted(plan, anyhow), ">=", 0.98),
+        Verdict("step: fraction of the poses in reach that it passes", _weighted(step, anyhow), ">=", 0.9),
+        Verdict("step: fraction of those in reach on the branch it starts on", _weighted(own, branch), ">=", 0.9),
+        Verdict("plan: fraction of the poses in reach that it passes", _weighted(plan, anyhow), ">=", 0.98),
         Verdict(
             "plan: duration / the least of its joint path (toppra), worst", max(r.over_least for r in rows), "<=", 1.15
         ),
         Verdict("place: promised and achieved differ by at most", gap, "<=", 0.03),
-        Verdict("place: in-reach share / best of random seats, worst", seat, ">=", 0.95),
-        Verdict("drive: share of what step passes that it passes, too, worst", min(r.driven for r in rows), ">=", 0.99),
+        Verdict("place: in-reach fraction / best of random seats, worst", seat, ">=", 0.95),
+        Verdict("drive: fraction of what step passes that it passes, too, worst", min(r.driven for r in rows), ">=", 0.99),
         Verdict("drive: off the way of step in mm, worst", 1e3 * max(r.off for r in rows), "<=", 1.0),
         Verdict("runs that come to the recording's end", float(np.mean([r.complete for r in rows])), ">=", 1.0),
         Verdict("joint acceleration / its limit, worst", max(r.worst.acceleration for r in rows), "<=", 1 + 1e-6),
