@@ -1,8 +1,8 @@
 """The command `rehab-opt`: run, list and check problem files, one or many; export their controllers.
 
 Bad input ends with one line on the error stream and exit code 2; nothing is written then. Exit code 0 says that the
-command was carried out, not that a hand got where it was to go: of that tell notes, numbers and the last line of
-`check`. So `check` ends with 0 where `run` does.
+command was carried out, not that a hand reached its goal: for that read the notes, the numbers and the last line of
+`check`. `check` ends with 0 where `run` does.
 """
 
 from __future__ import annotations
@@ -91,7 +91,7 @@ def run(
     file: Problem,
     *,
     out: Annotated[Path | None, typer.Option(help="Folder of the result; ./out/<problem> by default.")] = None,
-    solver: Annotated[str | None, typer.Option(help="Solver of the optimised law, instead of the file's.")] = None,
+    solver: Annotated[str | None, typer.Option(help="Solver of our controller, instead of the file's.")] = None,
     law: Annotated[str | None, typer.Option(help="Of an upper limb: published, optimised or both (default).")] = None,
     plant: Annotated[
         str | None, typer.Option(help="Of a robot: ideal, or mujoco (mass, servos, delays); the file's by default.")
@@ -143,7 +143,7 @@ def live(
     file: Annotated[str | None, typer.Argument(metavar="FILE", help="As of run; or --replay.")] = None,
     *,
     plant: Annotated[str | None, typer.Option(help="Of a robot: ideal, or mujoco; the file's by default.")] = None,
-    solver: Annotated[str | None, typer.Option(help="Solver of the optimised law, instead of the file's.")] = None,
+    solver: Annotated[str | None, typer.Option(help="Solver of our controller, instead of the file's.")] = None,
     host: Annotated[str, typer.Option(help="Address of this machine on which the page is served.")] = "127.0.0.1",
     replay: Annotated[Path | None, typer.Option(metavar="LOG", help="Show a log of `loop` or `live` instead.")] = None,
     port: Annotated[int, typer.Option(min=0, max=65535, help="Port of the page; 0: any that is free.")] = 0,

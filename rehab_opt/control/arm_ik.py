@@ -45,7 +45,7 @@ class IKSolution(NamedTuple):
     solver: str
     """Whose answer it is; empty for a safe answer."""
     iterations: int
-    """Of the run that found q; -1 where the solver does not tell."""
+    """Of the run that found q; -1 where the solver reports none."""
     reason: str
     """Why this is not a plain OK; empty otherwise."""
     cost: float
@@ -95,7 +95,7 @@ class IKPath:
 
     @property
     def reached(self) -> float:
-        """Share of the samples with the hand in place."""
+        """Fraction of the samples with the hand in place."""
         return float(np.mean([each.certified for each in self.status])) if self.status else 0.0
 
 
@@ -274,7 +274,7 @@ class ArmIK(OneThread):
         return self._second_stage(search, query, near)
 
     def _second_stage(self, search: IKSearch, query: _Question, near: Array | None) -> tuple[IKSolution, Array | float]:
-        """The nearest reachable position first: it tells an unreachable target from a solver's failure."""
+        """The nearest reachable position first: it separates an unreachable target from a solver's failure."""
         nearest = search.nearest(query.goal, near)
         if nearest is None:
             reason = "no solver kept the handle within its tilt"

@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 
 KNOTS = 120
 TRACKS, ENOUGH = (4, 100), 0.98
-"""Postures led along at first, and where they reach less than this share of the knots."""
+"""Postures led along at first, and where they reach less than this fraction of the knots."""
 FOUND, ROUNDS, STRIDE = 40, 5, 0.3
 """Steps to the first knot, to each further one, and how far one of them goes at most [rad]."""
 CHANGE = 0.5
@@ -53,7 +53,7 @@ class ArmPath(NamedTuple):
     twists: Array
     """(N, 6) [m/s, rad/s] mean over the tick before; at the first zero."""
     reference_index: NDArray[np.int_]
-    """(N,) which sample of what was asked: the same again while the posture changes."""
+    """(N,) which sample of the reference: the same again while the posture changes."""
 
 
 def arm_path(arm: SerialChain, grip: Array, tools: Array, *, dt: float, seed: int = 0) -> ArmPath:

@@ -89,7 +89,7 @@ class Assistance(BoundedForce):
         self._by[0] = self._by[1] = 0.0
 
     def _gated(self, field: PotentialField) -> tuple[DesiredForce, memoryview[float]]:
-        """What is wanted of a field, and how far [m] it stands from where it was made."""
+        """The desired force of a field, and how far [m] the field is shifted from where it was made."""
         samples, in_blocks = arranged_samples(field.samples, compile=self._compile)
         statement = gated_force(len(self._edges), samples.shape[int(in_blocks)], in_blocks=in_blocks)
         function = BufferedFunction(statement, compile=self._compile)

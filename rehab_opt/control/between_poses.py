@@ -72,7 +72,7 @@ def angle_of(a: ca.SX, b: ca.SX) -> ca.SX:
 
 
 def part_way(a: ca.SX, b: ca.SX, fraction: ca.SX) -> ca.SX:
-    """Axes (9,), by rows, of the first of two poses (12,) turned evenly towards the second by this share."""
+    """Axes (9,), by rows, of the first of two poses (12,) turned evenly towards the second by this fraction."""
     one, other = (_by_rows(pose)[:3, :3] for pose in (a, b))
     return ca.vec(_turned(one, fraction * _turn(one, other)).T)
 

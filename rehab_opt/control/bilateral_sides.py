@@ -61,7 +61,7 @@ class _Messages:
     def __init__(self, force: BoundedForce, exchange: float) -> None:
         self._force = force
         self.fraction = min(checked_number("exchange", exchange, above=-1e-12, below=1e4) * force.dt, 1.0)
-        """Share of the energy that is given with a message."""
+        """Fraction of the energy that is given with a message."""
         self.numbers: Array = np.zeros(NUMBERS.size)
         """`NUMBERS`"""
         self._hear, self._say = (BufferedFunction(part(force.slots)) for part in (hear, say))

@@ -81,7 +81,7 @@ class BoundedForce(OneThread):
     back says so in its reason.
 
     What it does not see: a sensor that lies by less than a hand can move in a tick; how late a tick comes, where no
-    stamps are given; a jump after samples that were not usable, or a rest so exact that the sensor may have been
+    stamps are given; a jump after samples that were not valid, or a rest so exact that the sensor may have been
     frozen, which counts as the motion of all that time (its energy does not go beyond the budget either).
 
     An object belongs to one thread: see `OneThread`.
@@ -121,7 +121,7 @@ class BoundedForce(OneThread):
     valid: bool
     """Whether the last tick's state and inputs could be acted on."""
     desired_force: tuple[float, float]
-    """[N] what was wanted in the last tick, before any bound; zero where the state was not usable."""
+    """[N] desired force of the last tick, before any bound; zero where the state was not valid."""
 
     force_limit: float = setting()
     slew_limit: float = setting()
@@ -311,7 +311,7 @@ class BoundedForce(OneThread):
     ) -> Command:
         """Force (2,) [N] to hold until the next tick.
 
-        Never raises on numbers: what is not usable gives a release, and its reason.
+        Never raises on numbers: what is not valid gives a release, and its reason.
 
         Parameters
         ----------

@@ -46,7 +46,7 @@ class Limits(NamedTuple):
     into: LinearLimit
     """The chair into an obstacle in this tick [m/s]; part of no problem."""
     tight: ca.SX
-    """1 where `base` keeps out and these, which bound how it bows, do not tell."""
+    """1 where `base` keeps out and these, which bound how it bows, do not show it."""
     closing: LinearLimit
     """The arm towards its keep-outs [m/s]: from the posture now, see `now`, and from places on the way."""
     beside: LinearLimit
@@ -88,7 +88,7 @@ class ChairLimits:
     - keep-outs: the arm's distance where least of it is left on the way to z, see `ArmKeepOuts`;
     - obstacles: the gap of each corner of the chair at z, or half-way there where less is left, see `ChairObstacles`.
 
-    Where a state comes too late for that (an obstacle that appears, a velocity that is told, rounding), a limit asks
+    Where a state comes too late for that (an obstacle that appears, a velocity that is passed, rounding), a limit asks
     for braking as hard as the accelerations allow, until it is kept again; and the command is shortened to what keeps
     the robot out in this tick. Of braking, what leads into an obstacle, or deeper, is taken: there only acceleration
     yields.
@@ -267,7 +267,7 @@ class ChairLimits:
 
     @cached_property
     def keeping(self) -> ca.Function:
-        """Q, moving capsules, wanted u (7,), braking -> `first_kept` of `control.limit`.
+        """Q, moving capsules, unconstrained u (7,), braking -> `first_kept` of `control.limit`.
 
         It leads the arm into no keep-out, nor deeper; without limits it is `unconstrained`.
         """
@@ -300,8 +300,8 @@ class ChairLimits:
     def _chassis(self, slowest: ca.SX) -> SymmetricLimit:
         """Rim speeds, and the polygon of chassis speeds where there are two of them; none of a base that stands.
 
-        Where a velocity that is told lies beyond a side of the polygon, in the circle, that side lies where the hardest
-        braking is, and the one across it where the corner between them is in the circle.
+        Where a velocity that is passed lies beyond a side of the polygon, in the circle, that side lies where the
+        hardest braking is, and the one across it where the corner between them is in the circle.
         """
         chain, (rows, upper) = self.robot.chain, self.wheels.rims
         rims = SymmetricLimit.of_joints(0, chain.n, ca.sparsify(ca.SX(rows)), ca.SX(upper * (1 - TIGHTER)))

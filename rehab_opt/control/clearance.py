@@ -50,7 +50,7 @@ class Clearance:
     pairs : names of links that keep clear of each other, or None for those that neither are neighbours nor overlap at
         half of all postures; the tuple () for none.
     max_contacts : contacts that have rows in a tick. Others are judged at its end: the arm stops before them, but does
-        not slide; a chair's law is promised of no fewer than by default.
+        not slide; what a chair promises holds of no fewer than by default.
     rate : [1/s] at which the distance to the margin may decay; by default that of a `Limit`.
     """
 

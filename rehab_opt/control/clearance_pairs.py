@@ -35,7 +35,7 @@ Array = NDArray[np.float64]
 SAMPLES = 200
 """Random postures within the joint limits at which links are looked at."""
 MOSTLY = 0.5
-"""Share of them from which links that overlap belong together, as neighbours do."""
+"""Fraction of them from which links that overlap belong together, as neighbours do."""
 SAME = 1e-9
 """[m] A motion that is rounding."""
 ALIKE = 1e-7

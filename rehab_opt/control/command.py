@@ -33,7 +33,7 @@ class Status(Enum):
 NUMBERED = (
     Status.OK, Status.BACKUP, Status.BRAKING, Status.HOLDING, Status.RELEASING, Status.RELEASED, Status.BLOCKED,
 )  # fmt: skip
-"""In the order of their numbers in C, and in what a tick tells; there is no number for others."""
+"""In the order of their numbers in C, and in what a tick returns; there is no number for others."""
 
 
 class Relaxed(IntFlag):
@@ -58,7 +58,7 @@ class Command(NamedTuple):
     residual: float
     """Certificate residual of the answer; infinite for a safe command."""
     iterations: int
-    """Iterations of the solver; -1 where it does not tell."""
+    """Iterations of the solver; -1 where it reports none."""
     reason: str
     """Why this is not a plain OK, or what holds help back; empty otherwise."""
     relaxed: Relaxed

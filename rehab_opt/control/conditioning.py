@@ -35,7 +35,7 @@ class Conditioned(NamedTuple):
     """N even samples; those while sight was lost hold NaN, which a tracker answers by decelerating."""
 
     times: Array
-    """(N,) [s] of the stamps' clock, dt apart, from the first usable sample on."""
+    """(N,) [s] of the stamps' clock, dt apart, from the first valid sample on."""
     poses: Array
     """(N, 4, 4)"""
     twists: Array
@@ -45,11 +45,11 @@ class Conditioned(NamedTuple):
     dropped: int
     """Samples left out: not finite, stamps that do not advance, spikes."""
     gaps: int
-    """Stretches without usable samples, jumps included."""
+    """Stretches without valid samples, jumps included."""
 
 
 class _Sample(NamedTuple):
-    """One that is usable."""
+    """One that is valid."""
 
     stamp: float
     pose: Array
@@ -242,7 +242,7 @@ def conditioned(
 
     Raises
     ------
-    ConfigurationError : wrong shapes, no stretch of usable samples, or more than 600 s without.
+    ConfigurationError : wrong shapes, no stretch of valid samples, or more than 600 s without.
     """
     from scipy.signal import lfilter  # noqa: PLC0415  (loaded when used)
 
@@ -265,11 +265,11 @@ def conditioned(
         x[part, 3:] = continuous_quaternions(x[part, 3:])  # those between are left out
     if not parts:
         within = f"stamps [s] at most {rule.max_gap:g} apart and places [m] no faster than {rule.max_speed:g} m/s"
-        expected = f"at least {TOGETHER} usable samples together, of {within}"
+        expected = f"at least {TOGETHER} valid samples together, of {within}"
         raise ConfigurationError("times", f"{len(usable)} finite samples, none together", expected)
     longest = max((float(t[after[0]] - t[part[-1]]) for part, after in pairwise(parts)), default=0.0)
     if longest > LONGEST_GAP:
-        expected = f"no more than {LONGEST_GAP:g} s without usable samples: seconds of one clock that nobody set"
+        expected = f"no more than {LONGEST_GAP:g} s without valid samples: seconds of one clock that nobody set"
         raise ConfigurationError("times", f"a gap of {longest:.3g} s", expected)
     origin, ends = t[parts[0][0]], []
     for part in parts:

@@ -33,7 +33,7 @@ TINY = 1e-12
 PARALLEL = 1e-14
 """Square of the sine of the angle below which segments count as parallel: their ends come as near as their insides."""
 SAME = 1e-9
-"""Share of a segment by which two places on it differ."""
+"""Fraction of a segment by which two places on it differ."""
 BESIDE, AGAIN = 5e-4, 1.0
 """[m] Of two contacts of a pair so near each other the later one has up to so much more room: one row does for both."""
 

@@ -17,7 +17,7 @@ __all__ = ["LAGS", "SLOTS", "TAIL", "EnergyTank", "tank_record"]
 TAIL = 5.0
 """Time constants after which what a first-order lag still holds back is counted as a rest, see `EnergyTank`."""
 LAGS = 1.5 * math.exp(-TAIL)
-"""exp(-TAIL), and half as much again: the older forces that it is a share of have faded meanwhile, see `FADES`."""
+"""exp(-TAIL), and half as much again: the older forces that it is a fraction of have faded meanwhile, see `FADES`."""
 SLOTS = 10
 """Into how many pieces the forces that are under way are put."""
 FADES = 3.0
@@ -50,7 +50,7 @@ class EnergyTank:
 
     A force that acts while the hand goes dx delivers F.dx, which is known only afterwards. While a position is missing,
     or repeats itself exactly as that of a frozen sensor does, the most that a hand no faster than `speed_cap` could
-    have drawn is set aside; the next position settles it, and one that jumps right after it disputes that. Energy that
+    have drawn is set aside; the next position replaces it, and one that jumps right after it disputes that. Energy that
     the hand puts in is given back, up to the budget, where every step of it was seen. What it puts in and draws between
     two positions counts by its sum.
 
@@ -78,7 +78,7 @@ class EnergyTank:
     slew : [N/s] rate at which the force can certainly be released.
     speed_cap : [m/s] hand speed up to which the budget holds.
     late : [s] longest time between two ticks that the reserve covers.
-    window : [s] see above. tail : share of what older forces differ by, `LAGS`. dt : [s] of a tick.
+    window : [s] see above. tail : fraction of what older forces differ by, `LAGS`. dt : [s] of a tick.
     """
 
     def __init__(self, numbers: Values, slots: int, **of: ca.SX) -> None:
@@ -192,7 +192,9 @@ class EnergyTank:
         return blind._sent(following, ca.SX(0), self._window)
 
     def given(self, fraction: ca.SX, force: ca.SX) -> tuple[EnergyTank, ca.SX]:
-        """What is left when a share goes of what neither a dispute nor `force` (2,) may still draw; that share [J]."""
+        """What is left when a fraction goes of what neither a dispute nor `force` (2,) may still draw; that part
+        [J].
+        """
         size = ca.norm_2(force)
         draws = self._to_come + self._speed * size * (self.late + size / (2.0 * self._slew))
         gone = ca.fmax(clipped(fraction, 0, 1) * (self.left - draws - self.numbers.disputed), 0)

@@ -68,7 +68,8 @@ number."""
 LEAP = 100
 """Messages in a row that may be lost, and the next one still counts; one that leaps further waits for its successor."""
 NUMBERS = Record(said=1, newest=1, heard=1)
-"""Serials of the last message said, of the newest heard that counted, and of the last heard, if it counted or not."""
+"""Serials of the last message sent, of the newest received that counted, and of the last received, if it counted or
+not."""
 LATEST = 1.0
 """[s] The longest time between two ticks that energy is set aside for."""
 
@@ -256,8 +257,8 @@ def hear(slots: int) -> ca.Function:
     """`MODEL`, `watched_record`, `NUMBERS`, energy [J], serial, two more -> `watched_record`, `NUMBERS`, those two.
 
     A message is new if its serial exceeds that of every message that was, and follows, by no more than `LEAP`, on the
-    newest or on the last heard. Any other gives no energy, and NaN. So nothing counts twice, and one corrupted serial,
-    on which none follows, keeps no later message out.
+    newest or on the last received. Any other gives no energy, and NaN. So nothing counts twice, and one corrupted
+    serial, on which none follows, keeps no later message out.
     """
     model, watched = MODEL.symbols("model").column, watched_record(slots).symbols("watched").column
     numbers, (energy, serial, *told) = NUMBERS.symbols("numbers"), ca.vertsplit(heard := ca.SX.sym("heard", 4))

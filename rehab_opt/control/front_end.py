@@ -1,4 +1,4 @@
-"""Where the joints have been led, told from what is commanded, with what is measured as its supervisor.
+"""Where the joints have been led, computed from the commands and supervised by what is measured.
 
 A controller acts on the led positions, which neither delay nor noise moves:
 
@@ -31,7 +31,7 @@ PULL = 10.0
 """[1/s] rate at which the led position comes to the measured one: noise passes by the root of PULL dt / 2."""
 WINDOW, SHARE, PATIENCE, TICKS = 0.015, 0.08, 0.15, 5
 """[rad or m] way of commands, all in one direction, on which a joint is judged, twice; of which it has moved less than
-this share if it is blocked; [s, ticks] for which that is no fault."""
+this fraction if it is blocked; [s, ticks] for which that is no fault."""
 BEYOND = 0.3
 """[rad] by which a joint may be beyond its limit when it is first seen: farther off it is counted otherwise."""
 NOISE = 1e-3
@@ -47,7 +47,7 @@ are none that the joints can have now."""
 def led_memory(n: int) -> Record:
     """Led positions; the ends of where they were lately, in this span of `LATE` and in the one before, seen from them;
     where each joint was seen; the way that it was led, and that it was seen to move, since it was last judged; how long
-    it was blocked [s]; how old the span is [s]; how many samples were usable,
+    it was blocked [s]; how old the span is [s]; how many samples were valid,
     at most 2; whether a base was seen to move.
     """
     ends = {"low": n, "high": n, "least": n, "most": n, "least_before": n, "most_before": n}

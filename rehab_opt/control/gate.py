@@ -38,7 +38,7 @@ __all__ = [
 Array = NDArray[np.float64]
 Mode = Literal["stretch", "assist", "resist", "follow", "hold"]
 DesiredForce = Callable[[float, float, float, float], tuple[float, float]]
-"""x, y [m] and velocity [m/s] of the hand -> the force that is wanted [N], before any bound."""
+"""x, y [m] and velocity [m/s] of the hand -> the desired force [N], before any bound."""
 
 PULL_BACK = Record(stiffness=1, force=1)
 """What brings a hand back to the nearest point of a workspace: of a stiffness [N/m], and at most a force [N]."""
@@ -133,7 +133,7 @@ def guided_force(edges: int) -> ca.Function:
 
     Returns
     -------
-    Position [m] and velocity [m/s] of the hand (4,), place (2,) [m], direction of the path there (2,), share that is
+    Position [m] and velocity [m/s] of the hand (4,), place (2,) [m], direction of the path there (2,), fraction that is
     applied, `SPRING`, `GATE`, `edge_columns` of the workspace -> desired force (2,) [N].
     """
     hand, place, along, fraction = (ca.SX.sym("input", n) for n in (4, 2, 2, 1))

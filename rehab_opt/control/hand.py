@@ -1,4 +1,4 @@
-"""Position and velocity of a hand, as far as its sensor is plausible, with the energy drawn meanwhile."""
+"""Position and velocity of a hand, as far as its sensor can be believed, with the energy drawn meanwhile."""
 
 from __future__ import annotations
 

@@ -39,7 +39,7 @@ SAME = 1e-9
 FREE = 1e3
 """[m/s] A row that is not felt."""
 SHARE = 0.9
-"""Share of what the joints can do that recovery may ask for: the rest is for the task."""
+"""Fraction of what the joints can do that recovery may ask for: the rest is for the task."""
 ABOVE = 5e-5
 """Of w / w_max above the floor, and [m] above planes, where the tangents' barrier lies: sliding along it needs no step
 shortened, and leaves a plan's passage room between its ticks."""
@@ -68,7 +68,7 @@ class HandBounds:
     Parameters
     ----------
     chain : the arm.
-    floor : least manipulability, as a share of `max_manipulability`.
+    floor : least manipulability, as a fraction of `max_manipulability`.
     max_manipulability : largest manipulability of the arm.
     linear_speed : [m/s] of the tool's origin, its true norm.
     deviation : [m] largest distance of the tool's origin from the reference.
@@ -76,7 +76,7 @@ class HandBounds:
         joints move them (`guarded_points`).
     rate : [1/s] at which the distance to a bound may decay.
     dt : tick [s].
-    recovery_speed : share of the joints' speeds at which the arm is led back above the floor.
+    recovery_speed : fraction of the joints' speeds at which the arm is led back above the floor.
     limits : a user's own.
     clearance : pairs of bodies that keep clear of each other, or None.
     """
@@ -200,7 +200,7 @@ class HandBounds:
 
         What is broken already must not get worse; a velocity that brakes has no distance from the reference to keep.
         `w`, `gradient` (n,), `here` (3,) and `hand` (3,) are w / w_max, its gradient and the tool's origin at q and its
-        velocity. The loss is what w falls short of its tangent on the way to rest, of a tick's share of it.
+        velocity. The loss is what w falls short of its tangent on the way to rest, of a tick's fraction of it.
         """
         ways = self.ways(velocity)
         ends = [q + self.dt * way * velocity for way in ways]

@@ -23,7 +23,7 @@ GONE = 1e-6
 SLACK = 5e-3
 """[m] A displacement leads the hand by at most this and two ticks' way: what the bounds refuse is not wound up."""
 STIFFER = 1e-4
-"""Share of the reserve from which a tank that empties makes the damping no larger: the hand hardly moves."""
+"""Fraction of the reserve from which a tank that empties makes the damping no larger: the hand hardly moves."""
 REGAIN = 0.5
 """[s] in which a reference that stood for a push regains its pace."""
 ALLOWED = 0.02
@@ -33,7 +33,7 @@ LEAP = 1.0
 SEEN = 1e3
 """[m] No hand is farther from its reference."""
 FELT = Record(moved=3, velocity=3, away=3, pace=1, tank=1, stopped=1, force=3, active=1)
-"""An admittance's state: displacement [m], its velocity [m/s], the hand off its reference [m], the share of its pace
+"""An admittance's state: displacement [m], its velocity [m/s], the hand off its reference [m], the fraction of its pace
 that the reference keeps, [J] left in the tank, [s] of the stop, the last force [N], and whether forces are measured, or
 the last of them is not over yet."""
 FINE, INVALID, AT_LIMIT = range(3)
@@ -48,7 +48,7 @@ class Interaction:
     holds: a push is given way to as far as the bounds allow. What they refuse beyond `SLACK` is taken out of x, and the
     hand returns from where it got to. The pace of the reference falls from `slow_from` on and is 0 at `limit`; it falls
     at once and regains slowly, and so follows the largest of noisy forces. At `stop_at` the arm decelerates to rest, as
-    it does without a usable force; it goes on after `hold` seconds in a row below `release` x `stop_at`. A rigid stop
+    it does without a valid force; it goes on after `hold` seconds in a row below `release` x `stop_at`. A rigid stop
     at 30 N, instead of giving way beyond, is `Interaction(stop_at=30.0)`.
 
     Energy. The step is implicit (backward Euler); speed and displacement are bounded by projections onto convex sets
@@ -81,7 +81,7 @@ class Interaction:
     stop_at: float = 140.0
     """[N] at which the arm decelerates to rest."""
     release: float = 0.7
-    """Share of `stop_at` below which the force must be, before the arm moves on."""
+    """Fraction of `stop_at` below which the force must be, before the arm moves on."""
     hold: float = 0.3
     """[s] in a row for which it must."""
     stiffness: float = 580.0

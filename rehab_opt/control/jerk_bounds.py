@@ -44,7 +44,7 @@ class JerkBounds(NamedTuple):
     chain : its position, velocity and acceleration limits.
     jerk : (n,) [rad/s^3 or m/s^3] finite, above zero.
     dt : [s] tick.
-    recovery_speed : share of the velocity limit at which a joint outside its limits comes back.
+    recovery_speed : fraction of the velocity limit at which a joint outside its limits comes back.
     """
 
     chain: SerialChain
@@ -130,7 +130,7 @@ class JerkBounds(NamedTuple):
         )
 
     def towards(self, last: ca.SX, lower: ca.SX, upper: ca.SX, unconstrained: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """The interval without what would pass the wanted velocities (n,): a change needs time to end."""
+        """The interval without what would pass the unconstrained velocities (n,): a change needs time to end."""
         slower = last <= unconstrained
         most = ca.if_else(slower, clipped(self._up_to(last, unconstrained), lower, upper), upper)
         least = ca.if_else(slower, lower, clipped(-self._up_to(-last, -unconstrained), lower, upper))

@@ -71,7 +71,7 @@ class Joystick(OneThread):
     ----------
     modes : at least one; the switch goes round.
     dt : tick [s].
-    dead_zone : share of the deflection that is none.
+    dead_zone : fraction of the deflection that is none.
     rate : [1/s] largest change of the deflection, whose full size is 1.
 
     Raises
@@ -145,7 +145,7 @@ class Joystick(OneThread):
 
 
 def stepped_towards(last: Array, target: Array, most: float) -> Array:
-    """`target`, or as far on the way there from `last` as `most`; nothing wanted is nothing at once."""
+    """`target`, or as far on the way there from `last` as `most`; a zero target is zero at once."""
     way = target - last
     size = float(np.linalg.norm(way))
     if size <= most or not target.any():

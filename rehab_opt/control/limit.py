@@ -32,7 +32,8 @@ NEAR = 1e-13
 PASSES = 2
 """Over all limits, in which a velocity is looked for that keeps them."""
 START = 0.1
-"""Share of the largest speeds that a joint may reach in a tick and still be met by the margin, however fast it gets."""
+"""Fraction of the largest speeds that a joint may reach in a tick and still be met by the margin, however fast it
+gets."""
 FLAT = 0.05
 """[m/rad] Slope of a distance between bodies below which the way back from within the margin becomes slower."""
 SLACK = 1e-5
@@ -157,7 +158,7 @@ class PostureLimits:
     ----------
     limits : what `checked_limits` gives. chain : the arm. dt : tick [s].
     clearance : its pairs, where there is a `Clearance`: each of its contacts makes a row, behind those of the limits.
-    recovery_speed : share of the joints' speeds at which the arm is led back to where a limit is kept.
+    recovery_speed : fraction of the joints' speeds at which the arm is led back to where a limit is kept.
     fastest_rate : [1/s] a rate of None is no more than this.
     """
 

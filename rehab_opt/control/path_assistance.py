@@ -40,11 +40,12 @@ class PathAssistance(BoundedForce):
     except for a drag S v dt, since p(s) is one tick old. Outside the workspace the force pulls back to it, as that of
     `Assistance` in mode "follow", until the help ends or lets go.
 
-    s follows the hand along the path, either way, and leads it nowhere: `rehab_opt.control.path_progress` is the law.
-    The furthest s is the progress, and never goes back. The help ends at the path's end. Begin anew by `reset`.
+    s follows the hand along the path, either way, and leads it nowhere: `rehab_opt.control.path_progress` is the
+    controller. The furthest s is the progress, and never goes back. The help ends at the path's end. Begin anew by
+    `reset`.
 
     A hand that stands (s moves by less than a width in 0.3 s) under more than 0.1 of `force_limit` is let go: the force
-    fades within 0.3 s, and the command is BLOCKED and says why. A hand that is elsewhere after a gap without usable
+    fades within 0.3 s, and the command is BLOCKED and says why. A hand that is elsewhere after a gap without valid
     samples is let go at once. At another place of the path, at most 20 widths along it, the force grows again in 0.3 s.
 
     Parameters
@@ -168,7 +169,7 @@ class PathAssistance(BoundedForce):
     def step(
         self, x: ArrayLike, v: ArrayLike | None = None, *, enable: object = True, stamp: float | None = None
     ) -> Command:
-        """As `BoundedForce.step`; the progress goes on where the tick's position was usable."""
+        """As `BoundedForce.step`; the progress goes on where the tick's position was valid."""
         command = super().step(x, v, enable=enable, stamp=stamp)
         if not self.valid:
             self._state_of_path[PROGRESS["gap"]] = 1.0

@@ -14,7 +14,7 @@ The help ends at the path's end: once s is within a sample of it and the hand wi
 
 A hand that stands under more than 0.1 F for 0.3 s is let go within 0.3 s: its person means to be elsewhere. It is
 held again where it comes within a width of a place from one to 20 widths of the path away, the nearest along the path,
-once it is more than a width away from where it was let go. In the first tick, and the first after a gap without usable
+once it is more than a width away from where it was let go. In the first tick, and the first after a gap without valid
 samples, a hand further than F/S and a width from p(s) is let go at once.
 """
 
@@ -35,7 +35,7 @@ PATH_MODEL = Record(stiffness=1, spacing=1, last=1, force_limit=1, speed_cap=1, 
 """S [N/m]; length between samples [m]; number of the last one; [N]; [m/s]; tick [s]."""
 PROGRESS = Record(at=1, furthest=1, stood=1, mark=1, grip=1, away=1, gap=1, place=2, along=2)
 """s and the largest s so far, in samples; how long [s] the hand has stood under force since s moved by a width from the
-sample `mark`; fraction of the force that is applied; whether the hand is let go; whether no sample was usable since;
+sample `mark`; fraction of the force that is applied; whether the hand is let go; whether no sample was valid since;
 the place p(s) [m] and the path's direction there."""
 WINDOW = 2.0
 """Widths either way within which s follows the hand."""

@@ -3,7 +3,7 @@
     q' = q_s s',    q'' = q_s s'' + q_ss s'^2,    q''' = q_s s''' + 3 q_ss s' s'' + q_sss s'^3
 
 The path is cut into zones. An axis has bounds v, a, j, and in a zone these largest derivatives. The progress is bounded
-there, with shares c, by the least over the axes of
+there, with fractions c, by the least over the axes of
 
     V = min(v / |q_s|, (c_a a / |q_ss|)^(1/2), (c_j j / |q_sss|)^(1/3))
     A = min((a - |q_ss| V^2) / |q_s|, c_x (j - |q_sss| V^3) / (3 |q_ss| V))

@@ -25,7 +25,7 @@ class Layout(NamedTuple):
     paces: list[float]
     """Seconds of the reference in a second."""
     places: list[tuple[int, float]]
-    """Sample, and share of the way to the next one, after the tick."""
+    """Sample, and fraction of the way to the next one, after the tick."""
 
 
 class Preview:
@@ -49,7 +49,7 @@ class Preview:
         self._fastest = self._speeds(twists).tolist()
 
     def _speeds(self, twists: Array) -> Array:
-        """(N,) share of the speeds that may be taken."""
+        """(N,) fraction of the speeds that may be taken."""
         linear, angular = np.linalg.norm(twists[:, :3], axis=1), np.linalg.norm(twists[:, 3:], axis=1)
         return np.asarray(np.maximum(linear / self._limits[0], angular / self._limits[1]))
 

@@ -17,7 +17,7 @@ CERTIFIED = 1e-6
 """Largest certificate residual that passes."""
 EDGE = 1e-12  # [u] by which rounding may carry a profile that ends on a bound beyond it; the output is clipped
 INSIDE = 1.0 - 2.0**-48
-"""Ruckig is told that an axis is so much slower: of a ramp that ends at the velocity bound to the last bit it finds, by
+"""Ruckig gets a limit that is so much lower: of a ramp that ends at the velocity bound to the last bit it finds, by
 rounding, no way at all at full speed in one of six, and answers with one that takes up to tens of seconds more."""
 ROUNDING = 32.0 * float(np.finfo(np.float64).eps)  # of a position, as a share of the largest one
 
@@ -39,7 +39,7 @@ class Profiles:
     ----------
     bounds : of the n axes, finite but for the positions.
     dt : tick [s].
-    recovery_speed : share of the velocity bound for an axis that comes back from outside its position bounds.
+    recovery_speed : fraction of the velocity bound for an axis that comes back from outside its position bounds.
     straight : see `Smoother`.
     """
 
@@ -146,7 +146,7 @@ class Profiles:
         """Go one tick on; the certificate residual of the new state, which is always finite.
 
         The residual is the largest excess of the finite differences of `p` over the velocity, acceleration and jerk
-        bounds, as a share of them and less what rounding explains, and of `p` over the position bounds [u]. Where it
+        bounds, as a fraction of them and less what rounding explains, and of `p` over the position bounds [u]. Where it
         does not pass, the axes are stopped from the last state; where that is no number either, they stand.
         """
         state = self._sample()

@@ -65,7 +65,7 @@ class Reaching:
         self._begun = False
 
     def twist(self, q: Array, target: Array, *, last: Array, moving: bool) -> Array:
-        """(3,) velocity of the hand in the world frame [m/s] at joint values q (7,); NaN where a number is unusable.
+        """(3,) velocity of the hand in the world frame [m/s] at joint values q (7,); NaN where a number is invalid.
 
         last : (7,) joint velocities of the last tick, the chair's in its own frame.
         """

@@ -40,9 +40,9 @@ STICK_ROWS = (("x", "y", "z"), ("x", "y"), ("z", "roll7"))
 """Default sets of task rows with compiled functions: reaching, and the paper's two modes of the stick."""
 CHASSIS = ("forward", "sideways", "turning")
 LONGEST_TICK = 0.02
-"""[s] The law holds up to it."""
+"""[s] What is promised holds up to it."""
 FASTER = 1e-9
-"""Share by which a velocity that is reset may pass a limit: rounding."""
+"""Fraction by which a velocity that is reset may pass a limit: rounding."""
 
 
 class RedundancyResolver(OneThread):
@@ -58,17 +58,17 @@ class RedundancyResolver(OneThread):
     mm of `ardis()` with ticks of 10 ms, 3.4 mm with 20. T is the chair's, too; a joint changes its speed by at most 0.2
     / (1.1 T) in a tick, so that a slow chair does not keep a quick arm far off.
 
-    The law. Every limit, keep-out and obstacle is approached so that the whole robot can brake together, all velocities
-    to zero in proportion in 1.1 T, with all of them kept (`BrakingTogether`); T is the time in which every joint stops
-    from its largest speed. Accelerations therefore yield only where an obstacle, or a velocity given to `reset`, came
-    too late for that, within 2 mm, or on the way out of an obstacle. Under a constant command the hand, after T + 1 s,
-    is no faster than commanded by more than 2 % and moves no faster than 2 % of that against it. While it brakes before
-    a bound it may leave the direction, by less than 15 % of the commanded speed across and against it, since the
-    Jacobian changes on the way. Where the bounds leave nothing of the command, the status is `BLOCKED`. After 4 s of it
-    the chair turns at 0.1 rad/s and goes 0.05 m/s at most, as Eq. (1) moves the arm to a better posture. The delivered
-    twist is that at the middle of the tick, to where the last velocity leads by then, and of velocities that are held
-    through it: wheels that hold their speeds instead turn the chair's way within a tick, by half of what the chair
-    turns.
+    What is promised. Every limit, keep-out and obstacle is approached so that the whole robot can brake together, all
+    velocities to zero in proportion in 1.1 T, with all of them kept (`BrakingTogether`); T is the time in which every
+    joint stops from its largest speed. Accelerations therefore yield only where an obstacle, or a velocity given to
+    `reset`, came too late for that, within 2 mm, or on the way out of an obstacle. Under a constant command the hand,
+    after T + 1 s, is no faster than commanded by more than 2 % and moves no faster than 2 % of that against it. While
+    it brakes before a bound it may leave the direction, by less than 15 % of the commanded speed across and against it,
+    since the Jacobian changes on the way. Where the bounds leave nothing of the command, the status is `BLOCKED`. After
+    4 s of it the chair turns at 0.1 rad/s and goes 0.05 m/s at most, as Eq. (1) moves the arm to a better posture. The
+    delivered twist is that at the middle of the tick, to where the last velocity leads by then, and of velocities that
+    are held through it: wheels that hold their speeds instead turn the chair's way within a tick, by half of what the
+    chair turns.
 
     A joint outside its limits comes back where the task moves it, or the posture cost does, and is not moved by itself:
     without a command there is no motion.
@@ -85,7 +85,7 @@ class RedundancyResolver(OneThread):
     drive : "mecanum"; "differential", which cannot move sideways; "omnidirectional", which takes the chassis twist as
         its wheel speeds; or "fixed", where the arm moves alone. See `Drive`.
     row_sets : sets of task rows that get their functions now, each compiled; `ROWS` names the rows. Any other set gets
-        its own, uncompiled, when it is first asked for while the robot is at rest, which takes a second or two; asked
+        its own, uncompiled, when it is first asked for while the robot is at rest, which takes a second or two; called
         for while moving, the robot brakes first. Compiling takes up to half a minute a set, once on a machine.
     obstacles : walls and posts in the world frame.
     max_obstacles : how many there will ever be at most; default as many as there are now.
@@ -93,11 +93,11 @@ class RedundancyResolver(OneThread):
     limits : what the posture has to keep besides, in the world frame: `Limit`, and a `Clearance` of the arm, of which
         links are pairs that chair and arm move. See `PoseTracker`. Without a command nothing is given way to.
         Beyond one already, and beside a body that comes, accelerations yield to it, which `Relaxed.ACCELERATION` says,
-        and so do the rates of others; beside such a body the law is not promised. Where a link comes round an edge of
-        one that stands, the hand may be 0.3 of its command across, for T.
+        and so do the rates of others; beside such a body nothing of this is promised. Where a link comes round an
+        edge of one that stands, the hand may be 0.3 of its command across, for T.
     self_motion : weight of grad c in Eq. (1): v(r') = self_motion |r'|.
-    dt : nominal tick [s], at most 0.02: in longer ones the Jacobian turns too far for the law.
-    recovery_speed : share of the velocity limit at which a joint outside its limits comes back at most.
+    dt : nominal tick [s], at most 0.02: in longer ones the Jacobian turns too far for what is promised.
+    recovery_speed : fraction of the velocity limit at which a joint outside its limits comes back at most.
     solver, backup : see `FallbackChain`. tolerance : largest certificate residual accepted [m/s, rad/s].
     max_age : [s] see `Watchdog`.
     compile : see `BufferedFunction`.
@@ -192,7 +192,7 @@ class RedundancyResolver(OneThread):
 
     @property
     def chassis_velocity(self) -> Array:
-        """(7,) last command, the chair's share in its own frame: forward, left, turn, arm [m/s, rad/s]."""
+        """(7,) last command, the chair's part in its own frame: forward, left, turn, arm [m/s, rad/s]."""
         return self._active.velocity
 
     def reset(self, velocity: ArrayLike | None = None, *, heading: float = 0.0) -> None:
@@ -200,10 +200,10 @@ class RedundancyResolver(OneThread):
 
         Parameters
         ----------
-        velocity : (7,) what the joints do now [m/s, rad/s], as a Command tells it; rest by default. Until a position
+        velocity : (7,) what the joints do now [m/s, rad/s], as a Command has it; rest by default. Until a position
             can be read, the middle of a joint's range is taken for it, where limits hold and accelerations yield to
             them.
-        heading : [rad] q3 where the tick of that Command began, which tells where in the world the chair's front is.
+        heading : [rad] q3 where the tick of that Command began, which gives where in the world the chair's front is.
 
         Raises
         ------
@@ -248,7 +248,7 @@ class RedundancyResolver(OneThread):
     ) -> Command:
         """Joint velocities (7,) to hold until the next tick, and wheel speeds.
 
-        Never raises on numbers: what is not usable gives the safe command, decelerating within the limits, and its
+        Never raises on numbers: what is not valid gives the safe command, decelerating within the limits, and its
         reason.
 
         Parameters
@@ -360,7 +360,7 @@ class RedundancyResolver(OneThread):
             if other is None:
                 if active.velocity.any():
                     active.set_inputs(q, np.zeros(len(active.rows)), 0.0, bodies)
-                    return active.brake(f"rows {', '.join(names)} are not in row_sets: usable once at rest")
+                    return active.brake(f"rows {', '.join(names)} are not in row_sets: allowed once at rest")
                 other = self._add_rows(names, compile=False)
             if other is not active:
                 other.take_over(active)

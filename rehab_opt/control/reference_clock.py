@@ -31,13 +31,13 @@ JUMP, SPIN = 5.0, 30.0
 ROTATION = [4 * i + j for i in range(3) for j in range(3)]
 """Where its entries stand in a pose."""
 WINDOW = 12
-"""Samples looked at together where nothing else is said."""
+"""Samples looked at together by default."""
 
 SAMPLE = Record(pose=12, twist=6, seconds=1, stamp=1)
 """First three rows [m], [m/s, rad/s], since the sample before [s], of the reference's own time [s]."""
 CLOCK = Record(ahead=1, fraction=1, lag=1, lost=1, newest=1)
-"""Samples behind the one at hand, -1 where there is none, share of the way to the next, [s] that the clock needs to the
-newest, bridges included, [s] of the reference since then that were not taken, and the newest one's stamp."""
+"""Samples behind the one at hand, -1 where there is none, fraction of the way to the next, [s] that the clock needs to
+the newest, bridges included, [s] of the reference since then that were not taken, and the newest one's stamp."""
 
 
 class ClockStatement:
@@ -183,7 +183,7 @@ class ReferenceClock:
         self._end = self._at = 0
         self._paces: list[float] = []  # the most that what follows allows, where it is known
         self.fraction = 0.0
-        """Share of the way to the next sample that the clock has gone."""
+        """Fraction of the way to the next sample that the clock has gone."""
         self.lag = 0.0
         """[s] that the clock needs to the newest sample, bridges included."""
         self.lost = 0.0
@@ -276,7 +276,7 @@ class ReferenceClock:
         self._append(np.column_stack([poses.reshape(-1, 16)[:, :12], twists, seconds, stamps]))
 
     def stand(self, samples: int, fraction: float, lag: float) -> None:
-        """Stand so many samples further, at this share of the way to the next one and so many seconds late."""
+        """Stand so many samples further, at this fraction of the way to the next one and so many seconds late."""
         self._at, self.passed, self.fraction, self.lag = self._at + samples, self.passed + samples, fraction, lag
         if self._at > 256 and not self._paces:
             self._table[: self._end - self._at] = self._table[self._at : self._end].copy()

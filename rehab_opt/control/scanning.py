@@ -18,7 +18,7 @@ __all__ = ["ScanOption", "Scanning"]
 
 
 HELD = 0.7
-"""Share of the threshold down to which a press lasts: breath wavers."""
+"""Fraction of the threshold down to which a press lasts: breath wavers."""
 
 
 class ScanOption(NamedTuple):

@@ -26,12 +26,13 @@ __all__ = ["Smoother"]
 Array = NDArray[np.float64]
 
 RETURN_SPEED = 0.1
-"""Share of the velocity bound at which an axis outside its position bounds is led back."""
+"""Fraction of the velocity bound at which an axis outside its position bounds is led back."""
 HORIZON = 3600.0
 """[s] A target further away than this at full speed is a fault, not a target; Ruckig itself ends at 7.6e3 s."""
 NOT_RENEWED = "moving target was not renewed in time"
 HEADROOM = 0.99
-"""Largest share of the velocity bound that a target's own velocity counts for: the rest is for catching up with it."""
+"""Largest fraction of the velocity bound that a target's own velocity counts for: the rest is for catching up with
+it."""
 NUMBERS = {float, int}
 AT_REST = "target is about to leave the bounds: approached as if at rest"
 
@@ -40,11 +41,11 @@ class Smoother(OneThread):
     """Follows targets with every axis inside its position, velocity, acceleration and jerk bounds.
 
     Each axis moves as fast as its own bounds allow, unless the way is to be straight. A target outside the position
-    bounds is clipped to them. A disabled smoother, a target that is not a plausible number and a stale stamp bring all
-    axes to rest as fast as the bounds allow and hold them there; from wherever that is, the motion goes on without a
-    jump. Each axis is stopped by itself and without a planner. One that could stop only beyond its position bound,
-    because it is about to turn round before it, brakes on at its largest deceleration until it can stop inside. No
-    bound yields in that. Only where `reset` puts an axis too fast before a position bound that bound yields, and is
+    bounds is clipped to them. A disabled smoother, a target that is not a finite number within range and a stale stamp
+    bring all axes to rest as fast as the bounds allow and hold them there; from wherever that is, the motion goes on
+    without a jump. Each axis is stopped by itself and without a planner. One that could stop only beyond its position
+    bound, because it is about to turn round before it, brakes on at its largest deceleration until it can stop inside.
+    No bound yields in that. Only where `reset` puts an axis too fast before a position bound that bound yields, and is
     flagged. An object belongs to one thread: see `OneThread`.
 
     Parameters
@@ -54,14 +55,14 @@ class Smoother(OneThread):
     dt : tick [s].
     lower, upper : (n,) position bounds [u]; None or infinite for none; equal ones lock the axis.
     axes : n, needed where every bound is a scalar; default 1.
-    recovery_speed : share of `velocity` at which an axis that was reset outside its bounds comes back.
+    recovery_speed : fraction of `velocity` at which an axis that was reset outside its bounds comes back.
     max_age : of the targets, see `Watchdog`.
     straight : whether axes that begin at rest keep to the straight line to the target, as fast as the slowest allows;
         from a motion they arrive together, on that line or near it where the motion is along it.
 
     Raises
     ------
-    ConfigurationError : a bound that is not usable or of the wrong size.
+    ConfigurationError : a bound that is not valid or of the wrong size.
     """
 
     def __init__(
@@ -79,7 +80,7 @@ class Smoother(OneThread):
         straight: bool = False,
     ) -> None:
         if not (is_real(recovery_speed) and 0.0 < recovery_speed <= 1.0):
-            raise ConfigurationError("recovery_speed", recovery_speed, "a share of the velocity, above 0 and at most 1")
+            raise ConfigurationError("recovery_speed", recovery_speed, "a fraction of velocity, above 0 and at most 1")
         if not isinstance(straight, bool):
             raise ConfigurationError("straight", straight, "True or False")
         bounds = axis_bounds(
@@ -171,7 +172,7 @@ class Smoother(OneThread):
         Returns
         -------
         Command : `value` is the position (n,) [u]. `residual` is the largest excess of its finite differences over the
-            velocity, acceleration and jerk bounds, as a share of them and less what rounding explains, and of the
+            velocity, acceleration and jerk bounds, as a fraction of them and less what rounding explains, and of the
             position over its bounds [u]; infinite while braking or holding.
 
         Raises

@@ -1,6 +1,6 @@
 """How fast each joint may move in this tick, as one interval a joint, and how the whole robot brakes together.
 
-The order in which bounds yield is settled here, joint by joint, in closed form, so that the QP's box is never empty:
+The order in which bounds yield is decided here, joint by joint, in closed form, so that the QP's box is never empty:
 velocity never; then never further outside a joint limit; then acceleration; then the task.
 """
 
@@ -38,7 +38,7 @@ FAR = 1e9
 """A limit that is never felt."""
 
 GENTLE, APPROACH = 0.7, 30.0
-"""Share of the acceleration limit that braking before a limit takes, and rate [1/s] at which a joint comes to it at
+"""Fraction of the acceleration limit that braking before a limit takes, and rate [1/s] at which a joint comes to it at
 last: a servo runs past the end of a hard deceleration."""
 
 
@@ -82,7 +82,7 @@ def velocity_bounds(
     q : (n,) joint positions now.
     last : (n,) joint velocity commanded in the last tick.
     dt : tick [s].
-    recovery_speed : share of the velocity limit at which a joint outside its limits comes back.
+    recovery_speed : fraction of the velocity limit at which a joint outside its limits comes back.
     approach : [1/s] see `gentle_speed`; infinite for joints that move as commanded.
 
     From every state that can still stop, all bounds hold together and the next state can stop again, exactly, at any
@@ -168,7 +168,8 @@ SLACK = 1.1
 FARTHEST = 0.2
 """[rad, m] Way of the stop posture in a tick, at most: limits are tangents there."""
 LATER = 0.3
-"""[s] after T / 1.1 a velocity that must go is gone. Of 1 s, which the law has, the bend of the way takes the rest."""
+"""[s] after T / 1.1 a velocity that must go is gone. Of 1 s, which the promise has, the bend of the way takes the
+rest."""
 
 
 class BrakingTogether:

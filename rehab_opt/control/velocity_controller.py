@@ -251,7 +251,7 @@ class VelocityController(OneThread, ABC):
     def stopping(self) -> ca.Function:
         """Parameters, state -> state after a tick of the safe command; what was relaxed and whether it moves; q (n,).
 
-        The last good position stands in for one that is unusable, and of what else `braking` needs, the last
+        The last good position stands in for one that is invalid, and of what else `braking` needs, the last
         parameters, nothing is there where one of its numbers is. The warm start is forgotten.
         """
         stated, n, brake = self.stated, self.chain.n, self.braking()
@@ -273,7 +273,7 @@ class VelocityController(OneThread, ABC):
     def faulty(self) -> ca.Function:
         """Parameters, whether they are sound -> number of the reason for no certified answer, input and element of it.
 
-        Input and element, both counted from 0, are those of the first number that is not usable, else -1.
+        Input and element, both counted from 0, are those of the first number that is not valid, else -1.
         """
         p, valid = ca.SX.sym("p", self.stated.parameter_size), ca.SX.sym("valid")
         where = [(i, k) for i, each in enumerate(self.stated.parameters) for k in range(each.numel())]
@@ -388,11 +388,11 @@ class VelocityController(OneThread, ABC):
         return Command(value, NUMBERED[int(status)], name, residual, -1, words, _BOUNDS[relaxed], scale, wheels)
 
     def _noted(self, notes: int) -> str:
-        """What is said besides, see `Note`; nothing where there is nothing to be noted."""
+        """Remarks of a tick, see `Note`; empty without any."""
         return ""
 
     def _words(self, reason: float, where: float, element: float, details: Sequence[float]) -> str:
-        """What is said of a reason, see `REPORT`; nothing where there is none."""
+        """Text of a reason, see `REPORT`; empty without one."""
         if reason == NUMBER["NOT_FOLLOWED"]:
             return f"{self.chain.names[int(element)]} does not follow: {details[0]:.2g} rad or m from where it was led"
         if reason == NUMBER["INPUT_INVALID"]:

@@ -21,7 +21,7 @@ from rehab_opt.symbolic.record import Record, Values
 __all__ = ["SHORTEST_TICK", "STAMPS", "Watchdog", "checked_stamp", "default_max_age", "stamp_and_kind", "watched"]
 
 DRIFT = 1e-3
-"""Share by which the stamps' clock may run slower than the ticks for ever, ten times what two quartz clocks do."""
+"""Fraction by which the stamps' clock may run slower than the ticks for ever, ten times what two quartz clocks do."""
 SLOWEST = 1.5
 """Stamps that for long advance by more than so many ticks a tick are those of a loop that is slower than dt."""
 SHORTEST_TICK = 1e-9
@@ -71,9 +71,10 @@ class Judged(NamedTuple):
 def checked_stamp(
     memory: Values, stamp: ca.SX, kind: ca.SX, *, dt: ca.SX, max_age: ca.SX, any_period: bool = False
 ) -> Judged:
-    """Judge one stamp [s, any origin] a tick, of a kind that `stamp_and_kind` tells; see `Watchdog`.
+    """Judge one stamp [s, any origin] a tick, of a kind that `stamp_and_kind` gives; see `Watchdog`.
 
-    any_period : whether ticks may come as slowly as `max_age` allows: those of a law that counts the time itself.
+    any_period : whether ticks may come as slowly as `max_age` allows: those of a controller that counts the time
+        itself.
     """
     gained = dt * (1.0 - DRIFT)
     finite = ca.logic_and(kind == NUMBER_OF_SECONDS, ca.fabs(stamp) < ca.inf)

@@ -47,9 +47,9 @@ class Law:
 
     Parameters
     ----------
-    name : identifier, different from those of other laws of the same file.
+    name : identifier, different from those of other controllers of the same file.
     controller : what answers in Python.
-    more : functions besides those of every law, by what they are.
+    more : functions besides those of every controller, by what they are.
     """
 
     name: str
@@ -200,11 +200,11 @@ class ExportedVelocity(ExportedController):
         return lines
 
     def functions(self) -> list[ca.Function]:
-        """Those of its laws."""
+        """Those of its controllers."""
         return [function for law in self.laws for function in law.functions()]
 
     def shape(self) -> dict[str, str]:
-        """Sizes, limits and the table of the laws."""
+        """Sizes, limits and the table of the controllers."""
         laws, first = self.laws, self.laws[0].controller
         chain, wheels = first.chain, first.wheels
         sizes = {

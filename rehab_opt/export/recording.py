@@ -53,7 +53,7 @@ class Run:
 
     Parameters
     ----------
-    ticks : what the controller was told; every tick has the same names and sizes.
+    ticks : inputs of the controller; every tick has the same names and sizes.
     commands : what Python answered, with no more stages than C has.
     about : what was recorded, for the reader.
     more : numbers that the controller says besides each command; none, or as many in every tick.

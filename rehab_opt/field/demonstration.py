@@ -17,10 +17,10 @@ __all__ = ["Demonstration", "check_agreement", "check_closeness", "check_units"]
 
 Array = NDArray[np.float64]
 PLACES = 100
-"""Places compared, at equal shares of both lengths."""
+"""Places compared, at equal fractions of both lengths."""
 TURNED = 0.1
-"""Share of the length: a path that is nearer by more than this when it is gone backwards is gone backwards. (A straight
-one is nearer by half, a circle by a fifth; one that goes out and comes back the same way by nothing.)"""
+"""Fraction of the length: a path that is nearer by more than this when it is gone backwards is gone backwards. (A
+straight one is nearer by half, a circle by a fifth; one that goes out and comes back the same way by nothing.)"""
 
 WEAKEST, STRONGEST = 0.1, 1e3
 """[N] of the largest force of a movement."""
@@ -81,7 +81,7 @@ class Demonstration:
 
 
 def _velocities(positions: Array, seconds: Array) -> Array:
-    """(N, 2) [m/s] a hand moves too slowly for a shorter difference to tell more than the sensor's noise."""
+    """(N, 2) [m/s] a hand moves too slowly for a shorter difference to show more than the sensor's noise."""
     if not np.median(np.diff(seconds)) < SPAN / 2:
         return np.asarray(np.gradient(positions, seconds, axis=0))
     after = np.minimum(seconds + SPAN / 2, seconds[-1])

@@ -15,11 +15,11 @@ __all__ = ["Fit", "Identified", "constant_stiffness_error", "identified", "rms"]
 Array = NDArray[np.float64]
 
 WEAK = 1e-3
-"""Share of the largest singular value: what changes the recorded forces by less is not determined by them."""
+"""Fraction of the largest singular value: what changes the recorded forces by less is not determined by them."""
 PARTS = 8
 """Of a demonstration, a few tenths of a second each: longer than what a hand does at one stroke."""
 TAKES_PART = 0.3
-"""Share of a unit vector from which on a parameter is named."""
+"""Fraction of a unit vector from which on a parameter is named."""
 
 
 class Fit(NamedTuple):
@@ -39,7 +39,7 @@ class Fit(NamedTuple):
     held_out_error: float
     """[N] the training error, on those; NaN where none were."""
     held_out_fraction: float
-    """That as a share of the root mean square of their forces."""
+    """That as a fraction of the root mean square of their forces."""
     chosen_on_held_out: bool
     """Whether the width was chosen by the held-out error, which then flatters the field a little."""
     constant_stiffness_error: float
@@ -61,7 +61,7 @@ class Fit(NamedTuple):
 
 
 class Identified(NamedTuple):
-    """What data tell of parameters."""
+    """What data determine of parameters."""
 
     singular_values: Array
     condition: float
@@ -73,7 +73,7 @@ def identified(design: Array, names: Sequence[str], errors: Array, lengths: Sequ
     """From a design (rows, n) and what it leaves (rows,) [N]; `lengths` are the rows of each demonstration.
 
     A hand sways and a therapist leans for tenths of a second: errors of neighbouring samples are alike, and a thousand
-    of them tell no more than fifty. So each demonstration is cut into parts, whose errors count as one each
+    of them say no more than fifty. So each demonstration is cut into parts, whose errors count as one each
     (Liang and Zeger, Biometrika 1986); where that gives less than independent samples would, these count.
     """
     sizes = np.linalg.norm(design, axis=0)

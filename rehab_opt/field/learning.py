@@ -32,7 +32,7 @@ TOLERANCE = 1e-6
 MAX_ROWS = 400
 """Samples of the path at which the force may not point backwards; evenly among more."""
 RIDGE = 1e-12
-"""Weight of the parameters, in units of their effect, against the data: it settles what nothing else does."""
+"""Weight of the parameters, in units of their effect, against the data: it decides what nothing else does."""
 LEAST = 1.0
 """Standard errors that the one stiffness is above zero; from less nothing is learnt. (One of zero is 1e-12 N/m to a
 solver, and noise alone gives a little more.)"""

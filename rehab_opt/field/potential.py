@@ -33,7 +33,7 @@ do."""
 WIDEST = 1.0
 """[m] No hand's field blends over more: such a width is in millimetres."""
 FLAT = 1e-6
-"""Share of the stiffness: a curvature this far below zero is rounding."""
+"""Fraction of the stiffness: a curvature this far below zero is rounding."""
 
 
 class PotentialField:

@@ -167,10 +167,10 @@ def strides(points: Array, step: float) -> Array:
 
 
 def mean_path(paths: Sequence[Array], smoothing: float) -> Array:
-    """(N, 2) the mean of several paths at equal shares of their lengths, without bends finer than `smoothing` [m].
+    """(N, 2) the mean of several paths at equal fractions of their lengths, without bends finer than `smoothing` [m].
 
     It begins and ends at the mean of their starts and ends. Lengths are of steps of half of `smoothing`: a sensor's
-    noise while the hand rests would else be a way of metres, and the shares of the paths would not correspond.
+    noise while the hand rests would else be a way of metres, and the fractions of the paths would not correspond.
     """
     fractions = np.linspace(0.0, 1.0, MEAN_POINTS)
     paths = [strides(each, smoothing / 2) for each in paths]

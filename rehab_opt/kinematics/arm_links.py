@@ -57,7 +57,7 @@ def arm_links(chain: SerialChain, *, first: int, radius: float, moved: bool = Tr
     Parameters
     ----------
     first : number of joints before the arm's own. radius : [m] of those segments.
-    moved : False for those alone that no joint of the arm moves, a column that the chair carries.
+    moved : False for those alone that no joint of the arm moves, a column on the chair.
     """
     given = [each for each in chain.capsules if each.frame > first]
     if given:

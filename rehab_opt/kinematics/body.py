@@ -16,7 +16,7 @@ __all__ = ["Body", "checked_bodies", "of_a_body"]
 
 Array = NDArray[np.float64]
 ROUNDED = 1e-6
-"""Share of the largest moment by which files of few digits round."""
+"""Fraction of the largest moment by which files of few digits round."""
 
 
 class Body(NamedTuple):

@@ -42,8 +42,8 @@ class Drive(ABC):
     """Constraints on the twist of a chassis (forward, left [m/s], turn [rad/s], in its own frame).
 
     `moving` says which of the three it allows, `rolling` which wheel speeds they take, `limit` how fast those may be.
-    Controllers, plants, reports and the published law take what they know of a drive from these. How fast and how hard
-    the chassis itself may move are limits of the chain.
+    Controllers, plants, reports and the published controller take what they know of a drive from these. How fast and
+    how hard the chassis itself may move are limits of the chain.
     """
 
     moving: ClassVar[tuple[int, ...]] = (0, 1, 2)

@@ -27,7 +27,7 @@ def rod(mass: float, along: ArrayLike, radius: float) -> Array:
 
 
 def inertia_expression(chain: SerialChain, bodies: Sequence[Body], rotors: Array, q: ca.SX) -> ca.SX:
-    """(n, n) W with the kinetic energy q'^T W q' / 2 [J]: sum of m Jv'Jv + Jw' I Jw, plus the rotors' share.
+    """(n, n) W with the kinetic energy q'^T W q' / 2 [J]: sum of m Jv'Jv + Jw' I Jw, plus the rotors'.
 
     `rotors` (n,) is what motors and gears add to each joint's own inertia [kg m^2 or kg].
     """

@@ -38,7 +38,7 @@ CHAIR = 3
 MIN_JOINTS = 4
 """Joints of an arm: three place a hand, one turns it."""
 SATURATED = 1.5
-"""Share of half its range at which a joint's posture cost stops growing steeper: a start far outside stays sane."""
+"""Fraction of half its range at which a joint's posture cost stops growing steeper: a start far outside stays sane."""
 FLAT = 1e-6
 """Of reach^3: hand volumes of less are rounding, whose slopes shook arms that bend in one plane."""
 
@@ -211,9 +211,9 @@ class MobileArm(HasEvaluator):
     def posture_cost_expression(self, q: ca.SX) -> ca.SX:
         """Sum over the arm of x^4/4, x the joint's place in its range from -1 to 1, plus (1 - m)^2/2.
 
-        m is the squared volume that the arm's joints span at the hand, as a share of `hand_volume`'s: it is zero where
-        the arm alone cannot move its hand in every direction. x^4/4 goes on straight beyond `SATURATED`. A joint that
-        has no ends costs nothing.
+        m is the squared volume that the arm's joints span at the hand, as a fraction of `hand_volume`'s: it is zero
+        where the arm alone cannot move its hand in every direction. x^4/4 goes on straight beyond `SATURATED`. A joint
+        that has no ends costs nothing.
         """
         chain = self.chain
         cost = ca.SX(0)

@@ -84,7 +84,7 @@ class Box(NamedTuple):
 
 
 class MovingCapsule(NamedTuple):
-    """Capsule that moves: told anew in each tick, in the base frame."""
+    """Capsule that moves: given anew in each tick, in the base frame."""
 
     start: ArrayLike
     """(3,) [m]"""

@@ -30,7 +30,7 @@ from rehab_opt.session.run import live_problem
 __all__ = ["Rings", "control_live", "live_or_logged", "live_rings"]
 
 SHOWN_HZ = 60.0
-"""How often the page is told; it asks 30 times a second."""
+"""How often the page gets the state; it asks 30 times a second."""
 
 
 class Rings(NamedTuple):
@@ -87,7 +87,7 @@ def control_live(
     log: Path | None = None,
     fifo: int | None = None,
 ) -> None:
-    """Run until the process that asked for it ends.
+    """Run until the process that started it ends.
 
     `page` is sent what is drawn once, `LiveProblem.scene`, or the `RehabOptError`'s text where the problem is refused.
     With `again` the file is a log, which is shown again and again. `log` and `fifo` as of `run_in_time`.
@@ -130,7 +130,7 @@ def _run(problem: LiveProblem, rings: Rings, *, fifo: int | None, watches: Seque
 
 
 def _run_again(problem: LiveProblem, logged: Logged, rings: Rings) -> None:
-    """What a log says, at its pace; the controller is asked again for what is drawn of it."""
+    """What a log says, at its pace; the controller computes again what is plotted of it."""
     operator, parent, state = operator_of(logged.records.dtype), multiprocessing.parent_process(), rings.state
     assert parent is not None
     names = set(state.layout.names or ()) & set(logged.records.dtype.names or ())

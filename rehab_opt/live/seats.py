@@ -65,7 +65,7 @@ def _as_called(name: str) -> str:
 FARTHEST, STRONGEST, NOISIEST, LATEST = 20.0, 100.0, 0.05, 0.5
 """[m] of a target, [N] of a push, [rad, m] of noise, [s] of delay: what is beyond is no input."""
 OFTENEST, SPARE = 200.0, 50
-"""[1/s] messages of a tab, and how many at once: of more, those that wait would be old when they are heard."""
+"""[1/s] messages of a tab, and how many at once: of more, those that wait would be old when they are read."""
 
 
 def inputs_of(message: Mapping[str, Any], *, joints: int) -> LiveInputs | None:
@@ -109,7 +109,7 @@ class Seats:
     ----------
     commander : number of the tab that commands; None while none does.
     lapsed : why the dead-man was released against the tab's will; empty once it has let go itself.
-    heartbeat : [s] when what last said that it is held was sent, on the caller's clock; NaN while it is not.
+    heartbeat : [s] when the last message that it is held was sent, on the caller's clock; NaN while it is not.
     """
 
     def __init__(self, *, hands: int = 1) -> None:
@@ -182,7 +182,7 @@ class Seats:
         return inputs._replace(target=hands[0]) if hands else inputs
 
     def state(self, tab: int) -> dict[str, Any]:
-        """What a tab is told of the others."""
+        """What a tab gets of the others."""
         participants = sum(self._tabs.values())
         return {"commands": tab == self.commander, "tabs": len(self._tabs), "participants": participants}
 

@@ -47,7 +47,7 @@ class LivePage:
     problem : drawn here; its controller runs elsewhere. rings : the ways to it and from it. scene : from where
         `control_live` sends the scene.
     alive : whether the controller's process still runs.
-    watching : told what is drawn, whether a tab is there or not.
+    watching : called with what is plotted, whether a tab is there or not.
     """
 
     def __init__(
@@ -68,7 +68,7 @@ class LivePage:
         self._scene = ""
 
     async def serve(self, host: str, port: int, *, ready: Callable[[str, str], None]) -> None:
-        """Until cancelled; `ready` is told the addresses of the page and of the participant's.
+        """Until cancelled; `ready` is called with the addresses of the page and of the participant's.
 
         Raises
         ------

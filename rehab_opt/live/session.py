@@ -40,10 +40,11 @@ def show_live(
     ----------
     file : of the problem, or the name of a shipped one. plant, solver : as of `rehab-opt run`.
     again : the file is a log, which is shown at its pace, from the beginning again at its end.
-    log : of every tick with what the page wanted, for `rehab-opt replay`; None for none.
+    log : of every tick with the page's inputs, for `rehab-opt replay`; None for none.
     fifo : priority of the controller's process, and of a device's, see `Loop`; the page has the usual one.
     host, port : where the page is served; 0 is any free port.
-    ready : told the addresses of the page and of the participant's screen. watching : told what is drawn.
+    ready : called with the addresses of the page and of the participant's screen. watching : called with what is
+        plotted.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Sticks and gamepads as Linux tells of them: `/dev/input/js0`; as a program, a process that reads one."""
+"""Sticks and gamepads as Linux reports them: `/dev/input/js0`; as a program, a process that reads one."""
 
 from __future__ import annotations
 

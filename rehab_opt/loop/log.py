@@ -23,7 +23,7 @@ __all__ = ["DEPTH", "Log"]
 DEPTH = 8192
 """Records of a loop's ring that is logged: at 1 kHz the log may be late by 8 s."""
 SILENT = 2.0
-"""[s] A process that has not said for so long that it writes does not."""
+"""[s] A process that has not reported for so long no longer writes."""
 PATIENCE = 30.0
 """[s] for it to begin and to end."""
 PROGRESS = np.dtype([("alive", "<f8"), ("written", "<u8"), ("lost", "<u8"), ("failure", "S240")])

@@ -50,15 +50,15 @@ class Loop:
     One that begins more than a whole tick too late leaves out those in between, which is counted. The time is that of
     `time.monotonic`: a wall clock that is stepped changes nothing.
 
-    The controller is told `enabled=False`, and so gives its safe command, where
+    The controller gets `enabled=False`, and so gives its safe command, where
 
     - the dead man's switch was last known to be held longer ago than `dead_man`, or nobody has written to `operator`;
     - what was measured is older than `max_age`. That is looked at again when the command is about to be sent: one
-      that took too long is not sent, the controller is asked for its safe command instead;
+      that took too long is not sent, the controller gives its fallback command instead;
     - one of `watches` says why.
 
     The command's reason then says it in words. At its end, whatever it is, the robot is braked to rest by the
-    controller, then a device is told to `stop`. A device that is gone can be told nothing: it brakes by a watchdog of
+    controller, then a device gets `stop`. A device that is gone gets nothing: it brakes by a watchdog of
     its own, and the report says that it is `lost`.
 
     Parameters
@@ -137,7 +137,7 @@ class Loop:
                 self._tick(run, "")
                 over = not (run.index + 1) * self.dt < seconds
                 told: bool | str = f"{seconds:g} s have passed" if over else until()
-                reason = (told if isinstance(told, str) else "it was told to" if told else "") or run.interrupted
+                reason = (told if isinstance(told, str) else "on request" if told else "") or run.interrupted
         except KeyboardInterrupt:
             reason = "interrupted"
         begun = run.index

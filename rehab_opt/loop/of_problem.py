@@ -53,7 +53,7 @@ __all__ = [
 TEXT = "problem.toml"
 """What a problem's own text is called in a log."""
 HOME = "folder"
-"""Of what is said about a log: where the problem's text lies among its other files."""
+"""In the description of a log: where the problem's text lies among its other files."""
 BUTTONS = {"switch": 1, "gripper": 2}
 PATIENCE = 2.0
 """[s] for a gamepad's process to end."""
@@ -62,7 +62,7 @@ PATIENCE = 2.0
 def decide_of(control: LiveControl, *, then: Callable[[Tick, Command], None] = lambda *_: None) -> Decide:
     """The controller of a problem as a loop calls it, following the problem's own reference where nobody operates.
 
-    `then` is told each tick and its command.
+    `then` is called with each tick and its command.
     """
     plant = control.plant
 

@@ -84,8 +84,8 @@ def state_layout(
     record : its number, from 1 on, one more each. tick : from 0 on, left-out ones counted. time : [s] of its deadline
         since the loop began. clock : [s] `time.monotonic` of it.
     stamp : [s] of the measurement, on the plant's clock. position, velocity (joints,), force (force,) : measured.
-    enabled : 1 if the controller was told to move. asked_before : 0, or if it was asked twice in this tick, 1 if it was
-        told not to move at first, 2 if it was told to. age : [s] of the measurement when the command was sent.
+    enabled : 1 if the controller was enabled. asked_before : 0, or if it was called twice in this tick, 1 if it was
+        not enabled at first, 2 if it was. age : [s] of the measurement when the command was sent.
     held : 1 while the dead man's switch is. operated : 1 once the operator has written anything. All fields of
         `operator`, with `operator_` before their names.
     command (command,) : what was answered, and wheels (wheels,). scale, residual, relaxed : see `Command`.

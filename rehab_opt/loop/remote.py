@@ -20,11 +20,11 @@ Array = NDArray[np.float64]
 PATIENCE, ENDING = 15.0, 5.0
 """[s] to connect, and to let go."""
 NEAR = 0.05
-"""[rad, m] by which a joint may be off the position that the device is said to be at."""
+"""[rad, m] by which a joint may be off the position that the device is expected at."""
 
 
 class Reading(NamedTuple):
-    """What a driver has just got from its device, told as it came."""
+    """What a driver has just got from its device, as it came."""
 
     position: ArrayLike
     velocity: ArrayLike
@@ -47,7 +47,7 @@ class Driver(Protocol):
         ...
 
     def keep_alive(self) -> None:
-        """Tell the device's watchdog that its driver is still there."""
+        """Show the device's watchdog that its driver is still there."""
         ...
 
     def close(self) -> None:
@@ -56,7 +56,7 @@ class Driver(Protocol):
 
 
 def sensed_layout(joints: int) -> np.dtype[Any]:
-    """What the driver's process tells."""
+    """What the driver's process sends."""
     return np.dtype(
         [("stamp", "<f8"), ("position", "<f8", (joints,)), ("velocity", "<f8", (joints,)), ("force", "<f8", (3,)),
          ("sent", "<u8"), ("failure", "S240")]
@@ -64,7 +64,7 @@ def sensed_layout(joints: int) -> np.dtype[Any]:
 
 
 def commanded_layout(joints: int) -> np.dtype[Any]:
-    """What it is told."""
+    """What it receives."""
     return np.dtype([("velocity", "<f8", (joints,))])
 
 
@@ -78,7 +78,7 @@ class RemoteDevice:
     ----------
     driver : name of the module in this package that has the driver. options : of the driver.
     joints : how many. dt : [s] of a tick. name : of the device, for messages.
-    watchdog : [s] A device that has told nothing for so long is lost; the driver brakes after half of it.
+    watchdog : [s] A device that has sent nothing for so long is lost; the driver brakes after half of it.
     fifo : of the driver's process, see `Loop`.
     """
 
@@ -137,7 +137,7 @@ class RemoteDevice:
         ago = time.monotonic() - float(record["stamp"])
         if not ago <= self._watchdog:
             gone = "; the process of its driver is gone" if self._driver.ended is not None else ""
-            raise DeviceLostError(f"{self._name} has told nothing for {1e3 * ago:.0f} ms{gone}")
+            raise DeviceLostError(f"{self._name} has sent nothing for {1e3 * ago:.0f} ms{gone}")
         return Measurement(
             float(record["stamp"]), record["position"].copy(), record["velocity"].copy(), record["force"].copy()
         )

@@ -17,7 +17,7 @@ from rehab_opt.loop.shared_ring import SharedRing
 __all__ = ["drive", "main"]
 
 KEEP = 0.02
-"""[s] without a command after which its watchdog is told that this is meant."""
+"""[s] without a command after which its watchdog learns that this is meant."""
 LOOKS = 2e-4
 """[s] between two looks at what has come from either side."""
 

@@ -38,11 +38,11 @@ class Replay:
 def replayed(
     records: NDArray[np.void], decide: Decide, *, before: Callable[[np.void], None] = lambda _: None
 ) -> Replay:
-    """Ask a controller, new as it was when its session began, what it was asked then.
+    """Call a controller, new as it was when its session began, with the inputs it had then.
 
     Parameters
     ----------
-    records : (N,) of a log, from its first tick on. before : is told each record before the controller is asked.
+    records : (N,) of a log, from its first tick on. before : is called with each record before the controller is.
     """
     operator, worst = operator_of(records.dtype), 0.0
     for i, record in enumerate(records):

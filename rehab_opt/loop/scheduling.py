@@ -55,7 +55,7 @@ def in_time(fifo: int | None) -> Iterator[str]:
 
 
 def _made_fifo(priority: int | None) -> tuple[int, os.sched_param] | str | None:
-    """What the thread was before; why it is that still; None if nothing was asked."""
+    """What the thread was before; why it is that still; None if nothing was requested."""
     if priority is None:
         return None
     if not hasattr(os, "sched_setscheduler"):

@@ -18,7 +18,7 @@ ACCELERATION = 40.0
 BRAKE = 10.0
 """[rad/s^2]"""
 TOLD = 0.05
-"""[s] within which the packages tell why a command was not taken."""
+"""[s] within which the packages report why a command was not taken."""
 WATCHDOG = 0.1
 """[s]"""
 
@@ -28,7 +28,7 @@ def connect_ur(
 ) -> RemoteDevice:
     """The robot at an address, in remote control, as a `Device` of joint velocities (`speedj`).
 
-    ur_rtde runs in a process of its own. It starts a program on the robot that stops it where nothing is heard.
+    ur_rtde runs in a process of its own. It starts a program on the robot that stops it where nothing is received.
 
     Parameters
     ----------

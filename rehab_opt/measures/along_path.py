@@ -57,7 +57,7 @@ PIECES = 1000
 
 
 def covered_in_order(position: Array, path: Array, *, within: float, jump: float) -> float:
-    """Share of a path (M, 2) [m] that a hand (N, 2) [m] came by in order.
+    """Fraction of a path (M, 2) [m] that a hand (N, 2) [m] came by in order.
 
     Of all ways to assign to the hand places of the path that never go back, each within a distance [m] of it, the one
     that counts the most length; a piece of more than `jump` [m] that is passed over between two places does not count.

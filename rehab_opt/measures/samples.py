@@ -172,7 +172,7 @@ def hand_velocity(points: ArrayLike, rate_hz: float, *, cutoff_hz: float | None 
 def white_noise(points: ArrayLike, smooth: ArrayLike, rate_hz: float, *, cutoff_hz: float) -> float:
     """Standard deviation [m] of the noise in each coordinate of points (N, d), were all of it white.
 
-    It is told from what a low-pass at `cutoff_hz`, which left `smooth` (N, d), took away.
+    It is computed from what a low-pass at `cutoff_hz`, which left `smooth` (N, d), took away.
     """
     p, s = vectors("points", points), vectors("smooth", smooth)
     if p.shape != s.shape:

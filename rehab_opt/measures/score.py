@@ -44,7 +44,7 @@ STILL, HURLED = 1e-3, 50.0
 SURE, NEVER = 4.5, 7.0
 """Standard deviations of noise in one coordinate: in space one sample in 6000 of a hand at rest is faster, and none."""
 CHANCE = 0.7
-"""Noise of a second differs by as much in its squared jerk: a share above may be the whole."""
+"""Noise of a second differs by as much in its squared jerk: a fraction above may be the whole."""
 NORMAL_MEDIAN = 0.6745
 """Median of the size of normal noise, over its standard deviation."""
 AXES = "xyz"
@@ -79,7 +79,7 @@ class HandMotion(NamedTuple):
     shaken: float
     """[m/s] A hand at rest is no faster by noise."""
     threshold: float
-    """Share of the largest speed from which the hand moves: as asked, or what noise does not make of rest."""
+    """Fraction of the largest speed from which the hand moves: as given, or what noise does not make of rest."""
     notes: tuple[str, ...]
 
     def goes(self, part: slice = slice(None)) -> bool:
@@ -183,7 +183,7 @@ def score(
 def hand_motion(
     time: ArrayLike, points: ArrayLike, *, cutoff_hz: float = CUT_OFF_HZ, threshold: float = 0.05
 ) -> HandMotion:
-    """What rest and movement are told by, in one trial or in all of a recording; parameters as of `score`.
+    """What separates rest from movement, in one trial or in all of a recording; parameters as of `score`.
 
     Raises
     ------

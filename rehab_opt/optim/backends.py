@@ -38,7 +38,7 @@ UNBOUNDED = 1e8
 OWN = ("proxqp", "osqp", "daqp")
 """With a backend of ours."""
 PRECISION = 1e-10
-"""What every solver is asked for, absolute, so that its answers pass the certificate."""
+"""Tolerance of every solver, absolute, so that its answers pass the certificate."""
 TIGHT: Mapping[str, Mapping[str, Any]] = {
     "clarabel": {"tol_gap_abs": PRECISION, "tol_gap_rel": 0.0, "tol_feas": PRECISION},
     "cvxopt": {"abstol": PRECISION, "reltol": PRECISION, "feastol": PRECISION},
@@ -58,7 +58,7 @@ DAQP_OPTIONS = {"dual_tol": 1e-12, "iter_limit": 1000}
 UNEVEN = 1e4
 """Ratio of the largest curvature along a variable to the smallest from which their units are made alike."""
 FLAT = 1e-14
-"""Share of the largest curvature that counts as none."""
+"""Fraction of the largest curvature that counts as none."""
 EQUALITY, SOLVED = 5, 1
 """daqp's own words."""
 
@@ -101,7 +101,7 @@ def has_finite_data(qp: Instance) -> bool:
 def backend(name: str, n: int, m: int, *, argument: str = "solver") -> Backend:
     """The backend of that name for QPs with n variables and m rows.
 
-    "proxqp" and "osqp" keep a workspace, "daqp" is asked directly; any other name is passed to qpsolvers.
+    "proxqp" and "osqp" keep a workspace, "daqp" is called directly; any other name is passed to qpsolvers.
 
     Raises
     ------
@@ -237,7 +237,7 @@ class OsqpBackend:
 
 
 class DaqpBackend:
-    """daqp, asked anew each time.
+    """daqp, called anew each time.
 
     That takes a few tens of us; nothing of a failed solve reaches the next. Badly scaled variables are scaled to the
     curvature 1: unscaled it solves 12 % of the badly scaled QPs of `bench/solvers/qp`, scaled all. A cost that is not

@@ -28,7 +28,7 @@ NESTED = 7
 STEPS = NESTED**2
 """Bounds taken in or dropped at most; random states among walls and keep-outs needed 5 in the median and 18 at most."""
 DEPENDENT = 1e-13
-"""Share of a bound's curvature that must be left beside the active ones, or it depends on them.
+"""Fraction of a bound's curvature that must be left beside the active ones, or it depends on them.
 
 An arm in a corner of three joint limits keeps above the manipulability floor by a joint that hardly matters to it:
 1e-12 is left. Rounding leaves 1e-16.
@@ -195,15 +195,15 @@ def _next(of: _Numbers, state: _State) -> tuple[ca.SX, ca.SX]:
 
 
 SOFTENED = 1e-9
-"""Share by which rows yield, so that dependent ones leave a system that can be solved."""
+"""Fraction by which rows yield, so that dependent ones leave a system that can be solved."""
 TOGETHER = 3
-"""Inequality rows that may be active together; what needs more is seldom, and `dual_active_set` finds it."""
+"""Inequality rows that may be active together; what needs more is rare, and `dual_active_set` finds it."""
 
 
 def active_set_round(form: Form, *, together: int, passes: int = 1, softened: float = SOFTENED) -> ca.Function:
     """Numbers, multipliers (n + m,) -> x, multipliers and the certificate's residual, one column.
 
-    A few matrix products where a solver iterates: from tick to tick the active bounds seldom change. Taken for
+    A few matrix products where a solver iterates: from tick to tick the active bounds rarely change. Taken for
     equalities they leave a linear system, whose solution counts only by its certificate.
 
     Bounds and rows with a multiplier are active, and so is every equality.

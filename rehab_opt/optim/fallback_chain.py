@@ -193,7 +193,7 @@ class FallbackChain:
 
 
 def _nobody() -> None:
-    """Who is told where there is no recorder."""
+    """Stands in where there is no recorder."""
 
 
 def _outputs(function: BufferedFunction, *values: ArrayLike) -> tuple[NDArray[np.float64], ...]:
@@ -206,7 +206,7 @@ def _outputs(function: BufferedFunction, *values: ArrayLike) -> tuple[NDArray[np
 
 @contextmanager
 def as_in_c(*chains: FallbackChain) -> Iterator[None]:
-    """No backup is asked within, so that C, which has the fused solver alone, repeats a run that is recorded here.
+    """No backup is called within, so that C, which has the fused solver alone, repeats a run that is recorded here.
 
     Raises
     ------

@@ -27,7 +27,7 @@ FUSED_SOLVERS = ("qrqp", "closed form", "active set", "dual active set")
 ANALYTIC_TOLERANCE = 1e-10
 """Residual to which an analytic answer counts as the answer: as exact as what the solver is asked for."""
 INDEPENDENT = 1e-13
-"""Share by which rows yield that the dual method found: they are independent by more than this."""
+"""Fraction by which rows yield that the dual method found: they are independent by more than this."""
 PASSES = 2
 """Corrections of what that takes away."""
 

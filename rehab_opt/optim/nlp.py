@@ -41,7 +41,7 @@ class NLPAnswer(NamedTuple):
     report: Array
     """The statement's report at x."""
     iterations: int
-    """-1 where the solver does not tell."""
+    """-1 where the solver reports none."""
     solver: str
     certified: bool
 

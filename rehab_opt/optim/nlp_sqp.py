@@ -93,7 +93,7 @@ class SQP:
         )  # fmt: skip
 
     def _watched_step(self) -> Callable[[], None]:
-        """The step, of whose QP a recorder is told if there is one now."""
+        """The step, whose QP a recorder gets if there is one now."""
         recorder = recorder_now()
         if recorder is None:
             return self._step

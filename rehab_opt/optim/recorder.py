@@ -114,7 +114,7 @@ def recorder_now() -> QPRecorder | None:
 
 @contextmanager
 def recording_qps(*, skip: int = 0, most: int | None = None) -> Iterator[QPRecorder]:
-    """Within it, solvers that are made tell of their QPs; what is made before or after does not.
+    """Within it, solvers that are made report their QPs; what is made before or after does not.
 
     Parameters
     ----------

@@ -73,8 +73,8 @@ class ArmModel:
 
 
 COULOMB_SHARE, VISCOUS_SHARE, ROTOR_SHARE = 0.04, 0.04, 0.003
-"""[1], [s], [s^2] Assumption: dry and viscous friction and what motors and gears add to the inertia, as a share of the
-largest effort; those of `ur5_model`, as no robot file has them."""
+"""[1], [s], [s^2] Assumption: dry and viscous friction and what motors and gears add to the inertia, as a fraction of
+the largest effort; those of `ur5_model`, as no robot file has them."""
 
 
 def own_arm_model(chain: SerialChain, *, payload: float = 0.0) -> ArmModel:

@@ -1,6 +1,6 @@
 """What may touch a hand.
 
-Forces of springs and dampers of a stiffness that is said, not MuJoCo's own contacts, whose stiffness follows from the
+Forces of springs and dampers of a stated stiffness, not MuJoCo's own contacts, whose stiffness follows from the
 solver's: an impact's peak force is to be compared with a formula.
 """
 

@@ -33,7 +33,7 @@ class DriveState(NamedTuple):
 
 
 class Drive(Protocol):
-    """A law of the robot's own, in steps of the physics."""
+    """A controller of the robot's own, in steps of the physics."""
 
     def start(self, position: Array, inertia: Array, limit: Array, step: float) -> Array:
         """At rest at `position` (n,); the command that keeps it there.

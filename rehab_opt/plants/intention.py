@@ -34,7 +34,7 @@ class Intention:
 
 
 def minimum_jerk(fraction: ArrayLike) -> Array:
-    """Share of the way at a share of the time: 10 u^3 - 15 u^4 + 6 u^5 (Flash and Hogan 1985)."""
+    """Fraction of the way at a fraction of the time: 10 u^3 - 15 u^4 + 6 u^5 (Flash and Hogan 1985)."""
     u = np.clip(np.asarray(fraction, dtype=np.float64), 0.0, 1.0)
     return np.asarray(u**3 * (10.0 + u * (-15.0 + 6.0 * u)))
 
@@ -103,7 +103,7 @@ LONGER = 2
 SIGHT = 0.01
 """[m] of the path ahead among which a person sees where the hand is; it never goes back."""
 STEP = 5e-4
-"""[m] between the places that are told apart."""
+"""[m] between the places that are distinguished."""
 
 
 class Pace:

@@ -26,7 +26,7 @@ class Measurement(NamedTuple):
 
 
 class Truth(NamedTuple):
-    """What is so, which no controller is told."""
+    """The true state, which no controller gets."""
 
     time: float
     """[s] now."""

@@ -49,7 +49,7 @@ class SampledPlant(ABC):
 
     @property
     def measured(self) -> Measurement:
-        """What the sensors said last."""
+        """The last readings of the sensors."""
         return self._measured
 
     @property

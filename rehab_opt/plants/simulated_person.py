@@ -198,7 +198,7 @@ class PersonAtRobot:
 
     @property
     def measured(self) -> Measurement:
-        """Where the controller sees the hand; the speed is the true one, which no law of a scenario is given."""
+        """Where the controller sees the hand; the speed is the true one, which no controller of a scenario is given."""
         return self._measured
 
     @property

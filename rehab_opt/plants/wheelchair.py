@@ -79,7 +79,7 @@ class Wheelchair(SampledPlant):
 
     @property
     def truth(self) -> Truth:
-        """What is so now; forces of the chair's wheels are not modelled, and told as zero."""
+        """What is so now; forces of the chair's wheels are not modelled, and are zero."""
         arm = self._arm.truth
         position, velocity, force = self._readings()
         return Truth(self._now, position, velocity, np.concatenate([np.zeros(CHAIR), arm.effort]), force)

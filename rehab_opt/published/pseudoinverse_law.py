@@ -88,7 +88,7 @@ class PseudoinverseLaw:
         return np.asarray(inverse @ task - free @ self.robot.posture_gradient(q) * size)
 
     def wheels(self, q: ArrayLike, velocity: ArrayLike) -> Array:
-        """Wheel speeds [rad/s] of joint velocities (7,): Eqs. (2) and (3), corrected as said above."""
+        """Wheel speeds [rad/s] of joint velocities (7,): Eqs. (2) and (3), corrected as above."""
         chassis = self.robot.chassis_velocity(q, velocity)[:CHAIR]
         return self._base.wheel_speeds(chassis)
 

@@ -78,7 +78,7 @@ class TangentLaw:
     gain : k0 [1/s].
     damping : mu of Eq. (13).
     dt : time between the samples of a path [s].
-    handle_tilt : [rad] tilt up to which a sample counts as followed; the law itself aims at none.
+    handle_tilt : [rad] tilt up to which a sample counts as followed; the controller itself aims at none.
     tolerance : [m] position error up to which a sample counts as followed.
     substeps : integration steps a sample; default as many as keep k0 h at 0.2 or less.
     saturation : largest |v|.
@@ -169,7 +169,7 @@ class TangentLaw:
         Parameters
         ----------
         path : (N, 3) [m], one sample every `dt`; between them the target moves in straight lines.
-        start : (n,) [rad] posture at the first sample; default where the law settles from mid-range.
+        start : (n,) [rad] posture at the first sample; default where the controller converges from mid-range.
 
         Raises
         ------

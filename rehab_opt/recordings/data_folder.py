@@ -1,4 +1,4 @@
-"""Where recordings lie that the project does not ship, and what to tell a user who does not have them."""
+"""Where recordings lie that the project does not ship, and the message for a user who does not have them."""
 
 from __future__ import annotations
 

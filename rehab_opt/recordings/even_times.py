@@ -10,11 +10,11 @@ __all__ = ["even_times"]
 Array = NDArray[np.float64]
 
 FINEST, COARSEST, EVENLY = -6, -1, 1e-3
-"""Powers of ten [s] that times are rounded to, and share of a step from which on that makes a difference."""
+"""Powers of ten [s] that times are rounded to, and fraction of a step from which on that makes a difference."""
 
 
 def even_times(time: Array, rate: float | None) -> tuple[Array, tuple[str, ...]]:
-    """Times (N,) [s], or the even ones of which they are roundings, and what is said of it.
+    """Times (N,) [s], or the even ones of which they are roundings, and a note on it.
 
     A recording of 240 Hz with times of three decimals has steps of 4 and 5 ms, of which come accelerations that nobody
     made. Even times are taken where all written ones are as near to them as their decimals allow.

@@ -38,7 +38,7 @@ def read_opensim(path: Path, *, name: str, how: Reading) -> Samples:
 
     Columns that end in `tx`, `ty`, `tz` or `transX`, `transY`, `transZ` (of a .sto in `_X`, `_Y`, `_Z` too) are lengths
     [m]; of a path such as `/jointset/shoulder/elevation/value` the coordinate's name counts. What neither line 1 nor
-    the column's name tells to be a speed, a force or a muscle's is an angle, in degrees if the header says
+    the column's name shows to be a speed, a force or a muscle's is an angle, in degrees if the header says
     `inDegrees=yes`. Where neither header nor user say, angles are left unread, with a note.
 
     Raises
@@ -96,7 +96,7 @@ def read_opensim(path: Path, *, name: str, how: Reading) -> Samples:
 
 
 def _angles(said: str | None, title: str, how: Reading, *, needed: bool, name: str) -> tuple[str, str]:
-    """Whether angles are in degrees, "yes" or "no", or "" where they are not read, and what is said of that."""
+    """Whether angles are in degrees, "yes" or "no", or "" where they are not read, and a note on that."""
     stated = {None: "", "deg": "yes", "rad": "no"}[how.stated("angle")]
     if RATES.search(title) or (OTHERS.search(title) and not stated):
         return "", f"its line 1 says {shown(title)}: no angles are read"

@@ -25,7 +25,8 @@ def read_svc(path: Path, *, name: str, how: Reading) -> Samples:
 
     Samples with the pen up at either end are dropped (the hand is not at the task yet, or no more); those in between
     are kept, since the hand moves there too. Each is counted in the notes, and so is a count in the first line that
-    does not hold. Lengths are mm and times s, unless stated; whole numbers alone are raw counts, whose unit is asked.
+    does not hold. Lengths are mm and times s, unless stated; whole numbers alone are raw counts, whose unit must be
+    stated.
 
     Raises
     ------

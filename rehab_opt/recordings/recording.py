@@ -62,7 +62,7 @@ class Recording:
     joints : joint angles [rad] by column name, (N,) each.
     forces : (N, 2) or (N, 3) [N] on the hand, in the frame of the points; (N, 0) where it has none.
     notes : what a reader of the result has to know: samples dropped, headers that do not hold, gaps.
-    trials : the parts that the file itself tells apart; none by default.
+    trials : the parts that the file itself separates; none by default.
     gaps : (from, to) [s] where the hand was not seen and a straight line bridges a movement.
 
     Raises
@@ -82,7 +82,7 @@ class Recording:
     def __post_init__(self) -> None:
         """Check the times and freeze the arrays."""
         if len(self.time) < 2:
-            raise ProblemFileError(self.file, "samples", len(self.time), "at least 2 usable samples")
+            raise ProblemFileError(self.file, "samples", len(self.time), "at least 2 valid samples")
         back = np.flatnonzero(~(np.diff(self.time) > 0))
         if back.size:
             at = int(back[0]) + 1
@@ -115,13 +115,13 @@ BUNCHED = 0.1
 ASIDE, HURLED = 0.02, 150.0
 """[m, m/s^2] No hand goes aside so far and comes back, so hard, from one sample to the next."""
 FEW = 0.05
-"""Share of the samples up to which such are left out: where there are more, it is the recording that is strange."""
+"""Fraction of the samples up to which such are left out: where there are more, the recording itself is at fault."""
 SPIKE = 12, 0.1
 """Samples and [s], whichever is more, that a spike lasts at most: what is longer is where the hand was."""
 LONG_STEP = 0.1, 5.0
 """[s] and of the usual steps, from which on a step is a gap."""
 FEWEST_SEEN, ZEROED = 10, 3.0
-"""Steps that tell how far the hand usually goes, and how many times that a lost marker's zeros are away at least."""
+"""Steps that show how far the hand usually goes, and how many times that a lost marker's zeros are away at least."""
 
 
 def recording_of(file: str, samples: Samples, *, rate_hz: float | None = None) -> Recording:

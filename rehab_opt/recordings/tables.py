@@ -185,7 +185,7 @@ def numbers_below(
     point: str = ".",
     called: Mapping[str, str] = MappingProxyType({}),
 ) -> Array:
-    """(rows, len(wanted)) numbers of the wanted columns; `first` is the first row's line, counted from 1.
+    """(rows, columns) numbers of these columns; `first` is the first row's line, counted from 1.
 
     `most` bounds the size of the numbers of some columns; `missing` are cells of some, in small letters, that stand for
     no number, which is NaN; `point` stands before decimals; errors call some columns as `called`.

@@ -124,7 +124,7 @@ class ClearanceSection(Section):
     person: list[ClearPersonSection] = Field(default=[], max_length=4)
     """Arms of people that stay where they are."""
     moving: list[ClearMovingSection] = Field(default=[], max_length=20)
-    """Bars and balls that move; the controller is told where they are and how fast."""
+    """Bars and balls that move; the controller gets where they are and how fast."""
 
     def moving_at(self, time: ArrayLike) -> Array:
         """(N, k, 14) numbers of what moves at times (N,) [s] after the run began, see `moving_numbers`."""
@@ -226,12 +226,12 @@ def clearance_of(section: ClearanceSection | None, file: str, *, moving: bool = 
 
     Raises
     ------
-    ProblemFileError : a normal that is none; bodies that move where the run tells of none, unless `moving`.
+    ProblemFileError : a normal that is none; bodies that move where the run has none, unless `moving`.
     """
     if section is None:
         return []
     if section.moving and not moving:
-        expected = 'none: bodies that move are told in runs of system = "pose_tracking"'
+        expected = 'none: bodies that move are for runs of system = "pose_tracking"'
         raise ProblemFileError(file, "clearance.moving", [each.name for each in section.moving], expected)
     capsules = [
         Capsule(each.name, _point(each.start_m), _point(each.end_m or each.start_m), each.radius_m)

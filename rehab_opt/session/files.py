@@ -252,6 +252,6 @@ def schema_error(problem: ValidationError, file: str) -> ProblemFileError:
 
 
 def _line_of(problem: tomllib.TOMLDecodeError, text: str) -> int:
-    """Line of a TOML error, counted from 1; the error object carries it from Python 3.14 on, its text always."""
+    """Line of a TOML error, counted from 1; the error object has it from Python 3.14 on, its text always."""
     _, found, rest = str(problem).partition("(at line ")
     return int(rest.split(",")[0]) if found else text.count("\n") + 1

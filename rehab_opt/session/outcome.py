@@ -47,7 +47,7 @@ Progress = Callable[[str, int, int], None]
 
 
 def with_progress(progress: Progress, what: str, items: Collection[T]) -> Iterator[T]:
-    """Item after item; `progress` is told of each when its turn comes, and when all are done."""
+    """Item after item; `progress` is called for each when its turn comes, and when all are done."""
     for done, item in enumerate(items):
         progress(what, done, len(items))
         yield item
@@ -115,9 +115,9 @@ MEASURED = re.compile(r" by \S+ m(?=:)|(?<=failed:) \S+ over(?= the bounds)")
 
 
 def path_fractions(path: Array, met: NDArray[np.bool_]) -> tuple[float, float]:
-    """Share of the path's length, and of its samples (time), over which `met` (N,) holds.
+    """Fraction of the path's length, and of its samples (time), over which `met` (N,) holds.
 
-    A step of the path counts half for either of its ends; where the hand rests the length share ignores it.
+    A step of the path counts half for either of its ends; where the hand rests the fraction of the length ignores it.
     """
     steps = np.linalg.norm(np.diff(path, axis=0), axis=1)
     weights = np.concatenate((steps, [0.0])) + np.concatenate(([0.0], steps))

@@ -262,7 +262,7 @@ def channel_of(table: PlantTable) -> Channel:
 
 
 def plant_note(table: PlantTable, ideal: str) -> str:
-    """What a reader has to know of the robot: `ideal` says it of one that does as it is told."""
+    """What a reader has to know of the robot: `ideal` says it of one that does as commanded."""
     if table.kind == "ideal":
         return ideal
     both = table.command_delay_ms + table.measurement_delay_ms

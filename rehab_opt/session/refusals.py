@@ -1,4 +1,4 @@
-"""Refusals of what the library was given, in the words of whoever said it: a key of the file, or an option."""
+"""Refusals of what the library was given, in the words of where it was given: a key of the file, or an option."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def refused_as(
     ----------
     file : what its user calls it.
     key : from the library's own name of the argument.
-    option : what `--solver` said, if it was given: then a refused solver is not the file's.
+    option : the value of `--solver`, if it was given: then a refused solver is not the file's.
 
     Raises
     ------
@@ -44,7 +44,7 @@ def checked_solver(solver: str | None) -> str | None:
 
     Raises
     ------
-    ConfigurationError : it is empty, or known to be unusable.
+    ConfigurationError : it is empty, or known to be invalid.
     """
     if solver == "" or solver in UNUSABLE_SOLVERS:
         raise ConfigurationError("--solver", solver, USABLE)
@@ -57,7 +57,7 @@ def solver_refusals(option: str | None, *, file: str, key: str, value: str | Non
 
     Parameters
     ----------
-    option : what `--solver` said, if it was given.
+    option : the value of `--solver`, if it was given.
     key, value : of the file, which counts where it was not.
 
     Raises

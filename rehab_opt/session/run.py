@@ -28,7 +28,7 @@ def run_problem(
     Parameters
     ----------
     config : from `load_problem`.
-    progress : told about the run as it goes.
+    progress : called as the run goes.
     options : of the system, such as `law` and `solver` of an upper limb; those that are None are not given.
 
     Raises
@@ -75,7 +75,7 @@ def live_problem(config: ProblemFile[Problem], **options: str | None) -> LivePro
 def _given(
     config: ProblemFile[Problem], options: Mapping[str, str | None]
 ) -> Iterator[tuple[System[Any, Any], ProblemFile[Any], dict[str, str]]]:
-    """The system, the problem on the plant of `--plant`, and the options; refusals of a solver name who asked for it.
+    """The system, the problem on the plant of `--plant`, and the options; refusals of a solver name where it was given.
 
     Raises
     ------

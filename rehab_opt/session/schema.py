@@ -153,7 +153,7 @@ class RecordedSection(Section):
     window_s: Annotated[list[Annotated[float, Field(ge=0)]], Field(min_length=2, max_length=2)] | None = None
     """`[from, to]` after the first sample; the rest is left out."""
     trials: str | int | None = None
-    """What tells trials apart that are scored: a column of a `.csv`; of a `.c3d` the event with which each begins, or
+    """What separates the trials that are scored: a column of a `.csv`; of a `.c3d` the event with which each begins, or
     `"begin,end"`."""
     separator: Separator = "comma"
     """Between the cells of a `.csv`."""

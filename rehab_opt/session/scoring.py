@@ -191,7 +191,7 @@ def range_of_motion_keys(rows: Sequence[ScoreRow]) -> list[str]:
 
 
 def _trials(recording: Recording, pause: float | None, how: Mapping[str, float]) -> list[tuple[str, Recording]]:
-    """The trials that the file tells apart, or all of it, cut where the hand rests; each with its name."""
+    """The trials that the file separates, or all of it, cut where the hand rests; each with its name."""
     time, pieces = recording.time, [("", recording)]
     if recording.trials:
         parts = [(name, recording.part((time >= first) & (time <= last))) for name, first, last in recording.trials]

@@ -21,7 +21,7 @@ app = typer.Typer(help="A study's people, sessions and trials, in one file.", no
 StudyFile = Annotated[Path, typer.Argument(metavar="STUDY", help="File of the study.")]
 Somebody = Annotated[str | None, typer.Option("--person", help="One person; everybody by default.")]
 MAX_LISTED = 40
-"""Rows of a table that a terminal is told; all of them are in what `export` writes."""
+"""Rows of a table that a terminal shows; all of them are in what `export` writes."""
 
 
 @app.command(name="list")
@@ -114,7 +114,7 @@ def export(
 def remove(
     study: StudyFile,
     person: Annotated[str, typer.Option("--person", help="Whose sessions, trials and traces are to be deleted.")],
-    yes: Annotated[bool, typer.Option("--yes", help="Without being asked.")] = False,
+    yes: Annotated[bool, typer.Option("--yes", help="Delete without a question.")] = False,
 ) -> None:
     """Delete one person from the study's file, which keeps no byte of them, and the traces that runs have written."""
     from rehab_opt.study.person import removed  # noqa: PLC0415

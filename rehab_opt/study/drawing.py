@@ -1,4 +1,4 @@
-"""Charts as SVG within a page: text escaped, colours that colour-blind readers tell apart, nothing loaded."""
+"""Charts as SVG within a page: text escaped, colours that colour-blind readers distinguish, nothing loaded."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def escaped(text: object) -> str:
 
 
 def number(value: float, *, within: float = 0.0) -> str:
-    """Three figures, or as many more as tell numbers `within` apart."""
+    """Three figures, or as many more as separate numbers `within`."""
     if not math.isfinite(value):
         return "-"
     figures = 3
@@ -54,7 +54,7 @@ def number(value: float, *, within: float = 0.0) -> str:
 
 
 def progress_chart(series: Sequence[Series], labels: Sequence[tuple[float, str]]) -> str:
-    """Points, and means with their 95 % intervals over x, whose `labels` are said below."""
+    """Points, and means with their 95 % intervals over x, whose `labels` stand below."""
     values = [y for each in series for _, y in each.points]
     values += [end for each in series for _, of in each.means for end in of[:3] if math.isfinite(end)]
     if not values:
@@ -176,7 +176,7 @@ def area(corners: Sequence[tuple[float, float]]) -> float:
 
 
 def bars(fractions: Iterable[tuple[str, float]]) -> str:
-    """Shares of a bound, each as a bar that ends red where it passes 100 %."""
+    """Fractions of a bound, each as a bar that ends red where it passes 100 %."""
     parts, y = [], 8
     for label, fraction in fractions:
         filled = 260 * min(fraction, 1.25) / 1.25

@@ -27,7 +27,7 @@ USUAL = "ok"
 
 
 class LiveTrials:
-    """What a live page shows, 30 times a second, as trials of a study; `LivePage` tells it.
+    """What a live page shows, 30 times a second, as trials of a study; `LivePage` calls it.
 
     Of a trial it keeps maximum and mean of each plotted number, those with a limit as bounds; statuses other than "ok"
     with their reasons as events; where the problem shows a hand, the measures of its path; all samples.

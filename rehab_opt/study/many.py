@@ -1,4 +1,6 @@
-"""Many people's runs into a study: one trial each, written as it ends; those whose covariates do not fit are told."""
+"""Many people's runs into a study: one trial each, written as it ends; those whose covariates do not fit are
+reported.
+"""
 
 from __future__ import annotations
 

@@ -74,7 +74,7 @@ class Destination:
             return study.add(self.session, said)
 
     def check(self) -> None:
-        """The file can be written to, and what is said of the person agrees with it. Raises as `Study.check`."""
+        """The file can be written to, and what is stated of the person agrees with it. Raises as `Study.check`."""
         from rehab_opt.study.store import Study  # noqa: PLC0415
 
         with Study(self.file) as study:

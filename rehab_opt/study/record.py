@@ -76,12 +76,12 @@ def run_trials(
 
 
 def metric_trials(metrics: Mapping[str, Any], trial: Trial, *, files: Sequence[Path] = ()) -> tuple[Trial, ...]:
-    """The trials of a run's numbers: of a scenario one for each trial of each law; else one.
+    """The trials of a run's numbers: of a scenario one for each trial of each controller; else one.
 
     Parameters
     ----------
     metrics : of an outcome, as metrics.json has them.
-    trial : what all of them have in common; with a digest. A law is a condition.
+    trial : what all of them have in common; with a digest. A controller is a condition.
     files : that the run has written.
     """
     stored = [StoredFile(path, "trace" if path.name == TRACE else "result") for path in files]
@@ -186,7 +186,7 @@ def _named(key: str, value: float) -> tuple[str, float, str]:
 
 
 def _bounds(numbers: Mapping[str, float]) -> Iterator[Bound]:
-    """What states its own limit: `x_max_u` beside `x_limit_u`, and shares of a limit."""
+    """What states its own limit: `x_max_u` beside `x_limit_u`, and fractions of a limit."""
     for key, value in numbers.items():
         name, _, unit = key.rpartition("_max_")
         limit = numbers.get(f"{name}_limit_{unit}")

@@ -392,7 +392,7 @@ def _changes(measure: Quantity, means: Sequence[SessionMean]) -> Iterable[list[o
         way = _better(measure) * (1 if up else -1)
         verdict = {1: BETTER, -1: WORSE, 0: "changed"}[way] if clear else "no clear change"
         if len(part) < FEWEST_FOR_A_TREND and min(first.n, last.n) < 2:
-            verdict = "too few trials to tell"
+            verdict = "too few trials to compare"
         ends = (f"{number(factor * of.mean)} {unit}" for of in (first, last))
         yield [_title(measure), name, *ends, verdict]
 

@@ -56,7 +56,7 @@ class Study:
         """Write trials, all of them in one commit; how many were new.
 
         A trial of the session with the same digest that is done is not written again; one that failed is replaced.
-        What a session or a person was said to be before, and is not said now, stays.
+        Covariates of a session or a person that are not given now stay.
 
         Raises
         ------
@@ -248,7 +248,7 @@ class Study:
         return self._row_of("problems", {"digest": digest}, {"name": problem.name, "text": problem.text})
 
     def _set_files(self, trial: int, of: Trial) -> None:
-        """Add the files of a trial to those that it has; what is no longer there is no longer said."""
+        """Add the files of a trial to those that it has; what is no longer there is removed."""
         for (path,) in self._db.execute("SELECT path FROM files WHERE trial = ?", (trial,)).fetchall():
             if not self.place(path).exists():
                 self._db.execute("DELETE FROM files WHERE trial = ? AND path = ?", (trial, path))

@@ -140,7 +140,7 @@ class Trial:
                 raise ConfigurationError(what, number, "a finite number")
 
     def under(self, condition: str) -> Trial:
-        """The trial under a condition, which comes before the one that it has, such as a law."""
+        """The trial under a condition, which comes before the one that it has, such as a controller."""
         return replace(self, condition=condition if self.condition is None else f"{condition}, {self.condition}")
 
 

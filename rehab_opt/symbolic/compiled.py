@@ -108,9 +108,9 @@ def compiled(function: ca.Function, *, compile: Compile = None) -> ca.Function:
 def machine_code(
     function: ca.Function, *, compile: Compile = None, ready: weakref.WeakMethod[Callable[[ca.Function], None]]
 ) -> ca.Function:
-    """`function` as machine code if it is in the cache or waited for; else unchanged, and `ready` is told it later.
+    """`function` as machine code if it is in the cache or waited for; else unchanged, and `ready` gets it later.
 
-    It is told by another thread, and not at all where its object is gone by then or nothing could be compiled.
+    It is called by another thread, and not at all where its object is gone by then or nothing could be compiled.
     """
     wanted = how(compile)
     if wanted != "background":
@@ -275,7 +275,7 @@ def _folder() -> Path:
 
 @functools.cache
 def _instead_of(folder: Path, problem: str) -> Path:
-    """A private folder; why, is said once."""
+    """A private folder; why, is reported once."""
     private = _private_folder()
     _log.warning(
         "compiled code is not kept in %s, where others could exchange it: %s. It is compiled again in each process, in "

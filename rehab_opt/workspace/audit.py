@@ -29,12 +29,12 @@ class Audit:
     """Figures of one map.
 
     samples : points drawn evenly over the source.
-    folded : share of them where det J <= 0 or is not a number.
-    outside : share of them mapped outside the target.
+    folded : fraction of them where det J <= 0 or is not a number.
+    outside : fraction of them mapped outside the target.
     max_stretch, min_stretch : singular values of J over the samples [-].
     overall_ratio : sqrt(area of the target / area of the source) [-].
     round_trip : largest |inverse(map(x)) - x| [m]; inf where an inverse was not found.
-    coverage : share of the target's area that is the image of the source.
+    coverage : fraction of the target's area that is the image of the source.
     certificate : what is proven everywhere, between the samples too.
     target_accuracy : how far the true target's outline may lie from the polygon's [m]; the proven margin must exceed
         it.

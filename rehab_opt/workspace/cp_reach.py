@@ -138,8 +138,8 @@ def group_range(
 
     Parameters
     ----------
-    cover : share of limbs whose own lower limit is not below the group's, and likewise above: 0.5 is the typical limb,
-        0.95 nearly the whole group together.
+    cover : fraction of limbs whose own lower limit is not below the group's, and likewise above: 0.5 is the typical
+        limb, 0.95 nearly the whole group together.
     pronation_zero : [rad] the files' pronation where the palm faces forward in the hanging arm; 0 is the convention.
     lower_percentile, upper_percentile : of a limb's samples over its reach, for its own limits. The rows are means of
         several reaches, smooth: their ends are taken as they are.
@@ -149,7 +149,7 @@ def group_range(
     ConfigurationError : `cover` outside 0.5 to 1, percentiles out of order.
     """
     if not 0.5 <= real_number(cover) <= 1:
-        raise ConfigurationError("cover", cover, "a share from 0.5 to 1")
+        raise ConfigurationError("cover", cover, "a fraction from 0.5 to 1")
     if not 0 <= real_number(lower_percentile) < real_number(upper_percentile) <= 100:
         value = (lower_percentile, upper_percentile)
         raise ConfigurationError("lower_percentile, upper_percentile", value, "0 <= lower < upper <= 100")

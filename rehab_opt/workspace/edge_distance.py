@@ -1,8 +1,8 @@
 """Signed distance to a polygon's boundary as an expression over a table of its edges: what a tick evaluates.
 
-Every edge is asked, by a few operations on long columns; `Workspace` answers in between, and for arrays of points. The
-side of a point is that of the nearest edge, or at a corner of the sum of both edges' normals (Baerentzen and Aanaes,
-2005). Where edges nearly coincide, so that rounding may name the wrong one, crossings of a ray are counted.
+Every edge is evaluated, by a few operations on long columns; `Workspace` answers in between, and for arrays of points.
+The side of a point is that of the nearest edge, or at a corner of the sum of both edges' normals (Baerentzen and
+Aanaes, 2005). Where edges nearly coincide, so that rounding may name the wrong one, crossings of a ray are counted.
 """
 
 from __future__ import annotations

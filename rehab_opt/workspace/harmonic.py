@@ -83,7 +83,7 @@ def turns(source: PlaneMesh, target: PlaneMesh, rotation: float | Literal["best"
     """Turns [rad] of the source's disc after which pairs on the outlines fit a similarity best.
 
     The fit's residual is smallest where the sum of conj(z) w over centred pairs, as complex numbers, is largest in the
-    wanted direction, or in modulus where any rotation will do.
+    given direction, or in modulus where any rotation will do.
     """
     fraction = np.arange(TURNS) / TURNS
     z, w = (_along(mesh, fraction) for mesh in (source, target))
@@ -97,7 +97,7 @@ def turns(source: PlaneMesh, target: PlaneMesh, rotation: float | Literal["best"
 
 
 def _along(mesh: PlaneMesh, fraction: NDArray[np.float64]) -> NDArray[np.complex128]:
-    """Centred points of the outline at these shares of its length, as complex numbers."""
+    """Centred points of the outline at these fractions of its length, as complex numbers."""
     outline = mesh.points[: mesh.boundary]
     closed = np.concatenate([outline, outline[:1]])
     at = fraction * mesh.boundary

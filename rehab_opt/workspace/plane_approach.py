@@ -33,7 +33,7 @@ DAMPING, LESS, MORE = 1e-4, 0.1, 8.0
 LEAST, MOST = 1e-13, 1e6
 SLOW = 0.01
 STALLED = 0.003
-"""Share of the cost by which a round must lower it, or no other follows."""
+"""Fraction of the cost by which a round must lower it, or no other follows."""
 FORESEEN = 2.0
 """Times what a round lowered the cost by: the others are not expected to bring more."""
 SLACK = 1.1

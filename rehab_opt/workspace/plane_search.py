@@ -29,7 +29,7 @@ VIOLATION = 1e-8
 """[m, rad] by which an answer may miss the plane or the handle's cone."""
 TOLERANCE = 1e-9
 ASIDE = 0.05
-"""Share of its distance from the probe by which what was approached may miss plane or handle."""
+"""Fraction of its distance from the probe by which what was approached may miss plane or handle."""
 KEPT = 8
 BACKUP_CALLS = 64
 """The backup solver takes ten milliseconds; it is not to turn a second into minutes."""
@@ -144,7 +144,7 @@ class PlaneSearch:
     def spread(self, count: int) -> list[Nearest]:
         """Points of the slice from `count` postures spread over the range of motion, each brought to the plane.
 
-        Each is asked for the slice's point nearest to its own hand, so that the points are spread too; distance 0
+        Each looks for the slice's point nearest to its own hand, so that the points are spread too; distance 0
         where that is the hand itself.
         """
         statement = self.statement

@@ -28,7 +28,7 @@ SPREAD = 512
 """Postures the search begins with."""
 REPAIRS = 3
 CHECKED = 0.9
-"""Share of the accuracy at which the polygon is probed: what lies between two probes is left for the rest."""
+"""Fraction of the accuracy at which the polygon is probed: what lies between two probes is left for the rest."""
 MORE = 1024
 """Spread postures where the first ones gave nothing."""
 CONSTANT = 1e-6

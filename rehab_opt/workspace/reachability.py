@@ -1,4 +1,4 @@
-"""The share of trials in which a point was reachable, and the region of any share."""
+"""The fraction of trials in which a point was reachable, and the region of any fraction."""
 
 from __future__ import annotations
 
@@ -24,17 +24,17 @@ Array = NDArray[np.float64]
 SNAPPING = 0.1
 """Of the accuracy of workspaces: the grid on which they are overlaid."""
 ROUNDING = 1e-9
-"""Shares are sums of weights: 0.9 is reached by nine times 0.1, whatever the last bit says."""
+"""Fractions are sums of weights: 0.9 is reached by nine times 0.1, whatever the last bit says."""
 
 
 @dataclass(frozen=True, eq=False)
 class ReachabilityMap:
-    """Weighted share of the trials in which each point was reachable.
+    """Weighted fraction of the trials in which each point was reachable.
 
     Parameters
     ----------
     x, y : (nx,), (ny,) [m] nodes in the robot's frame, at multiples of the spacing, around all workspaces.
-    grid : (ny, nx) share at the nodes.
+    grid : (ny, nx) fraction at the nodes.
     workspaces : n sets of the same plane, one a trial.
     weights : (n,) summing to one.
     """
@@ -64,7 +64,7 @@ class ReachabilityMap:
         return sum(workspace.empty for workspace in self.workspaces)
 
     def probability(self, points: ArrayLike) -> Array | float:
-        """Share of the trials, exactly, at (2,) -> float or (N, 2) -> (N,) points [m]; 0 where a point is NaN."""
+        """Fraction of the trials, exactly, at (2,) -> float or (N, 2) -> (N,) points [m]; 0 where a point is NaN."""
         at = point_array(points)
         found = fractions(self.workspaces, self.weights, at.reshape(-1, 2))
         return float(found[0]) if at.ndim == 1 else found
@@ -83,12 +83,13 @@ class ReachabilityMap:
         return _wilson(np.asarray(self.probability(points)), self.trials, confidence)
 
     def region(self, at_least: float = 0.9, *, confidence: float | None = None) -> Workspace:
-        """The points reachable in at least that share of the trials, from the overlaid polygons (not from the grid).
+        """The points reachable in at least that fraction of the trials, from the overlaid polygons (not from the grid).
 
         Parameters
         ----------
-        at_least : share, above 0, at most 1.
-        confidence : if given, the lower end of the Wilson interval must reach `at_least` instead of the share itself:
+        at_least : fraction, above 0, at most 1.
+        confidence : if given, the lower end of the Wilson interval must reach `at_least` instead of the fraction
+            itself:
             ten trials that all reach a point promise 0.72 at 95 %.
 
         Returns
@@ -99,7 +100,7 @@ class ReachabilityMap:
         from rehab_opt.workspace.region import Workspace  # noqa: PLC0415  (brings shapely)
 
         if not 0 < real_number(at_least) <= 1:
-            raise ConfigurationError("at_least", at_least, "a share above 0, at most 1")
+            raise ConfigurationError("at_least", at_least, "a fraction above 0, at most 1")
         faces, seen = self._overlay
         promised = seen if confidence is None else _wilson(seen, self.trials, confidence)[0]
         polygon = _union(faces[promised >= at_least - ROUNDING])
@@ -125,7 +126,7 @@ class ReachabilityMap:
 
     @cached_property
     def _overlay(self) -> tuple[NDArray[Any], Array]:
-        """Faces (m,) into which all boundaries together cut the plane, and the share (m,) of trials in each."""
+        """Faces (m,) into which all boundaries together cut the plane, and the fraction (m,) of trials in each."""
         import shapely  # noqa: PLC0415  (heavy)
 
         rings = [workspace.polygon.boundary for workspace in self.workspaces if not workspace.empty]
@@ -139,7 +140,7 @@ class ReachabilityMap:
 
 
 def fractions(workspaces: Sequence[Workspace], weights: Array, points: Array) -> Array:
-    """(N,) weighted share of the workspaces that contain each of the points (N, 2)."""
+    """(N,) weighted fraction of the workspaces that contain each of the points (N, 2)."""
     total = np.zeros(len(points))
     for workspace, weight in zip(workspaces, weights, strict=True):
         if not workspace.empty and len(points):
@@ -156,7 +157,7 @@ def _union(faces: NDArray[Any]) -> Any:
 
 
 def _wilson(fraction: Array, trials: float, confidence: float) -> tuple[Array, Array]:
-    """Wilson's score interval (E. B. Wilson, 1927) for shares of `trials` trials."""
+    """Wilson's score interval (E. B. Wilson, 1927) for fractions of `trials` trials."""
     if not 0 < real_number(confidence) < 1:
         raise ConfigurationError("confidence", confidence, "a probability between 0 and 1")
     z = NormalDist().inv_cdf((1 + confidence) / 2)

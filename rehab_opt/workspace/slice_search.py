@@ -34,15 +34,15 @@ ten people's slices at 1 mm none was further than 0.21 mm from what a quarter of
 LEVEL = 0.75
 """Distance, in fine spacings, of the curve whose nearest points are the boundary."""
 CHORD = 0.02
-"""Share of the accuracy by which a chord may leave the slice."""
+"""Fraction of the accuracy by which a chord may leave the slice."""
 SIMPLIFIED = 0.05
-"""Share of the accuracy given up for fewer vertices."""
+"""Fraction of the accuracy given up for fewer vertices."""
 FEW, MANY = 3, 24
 """Further starts where a probe was not reached: of a third of all postures there are local minima."""
 OTHERS = 3
 """Of them, for a node inside's spacing."""
 GAP = 0.1
-"""Share of the probes' distance: narrower gaps are rounded corners, and are not probed."""
+"""Fraction of the probes' distance: narrower gaps are rounded corners, and are not probed."""
 PROBES = 1.0
 """Spacing of the probes that check the boundary, in accuracies."""
 
@@ -212,7 +212,7 @@ class SliceSearch:
         return _nearest_of(self._seed_tree, self._seed_postures, probes)
 
     def _inside_of_cell(self, x: float, y: float) -> list[Array]:
-        """One posture from inside: a look-up, for what is asked at every fine node."""
+        """One posture from inside: a look-up, for what is evaluated at every fine node."""
         for key in self.coarse.keys_around(x, y):
             node = self.coarse.nodes.get(key)
             if node is not None and node.distance == 0.0 and node.posture is not None:

@@ -25,7 +25,7 @@ Limits = Mapping[str, tuple[float, float]]
 class UsedRange(Mapping[str, tuple[float, float]]):
     """(lower, upper) [rad] by joint name: the range USED, a lower bound on the range possible.
 
-    Usable as `human_arm(range_of_motion=...)` once it has all of `ARM_JOINTS`.
+    Valid as `human_arm(range_of_motion=...)` once it has all of `ARM_JOINTS`.
 
     Parameters
     ----------

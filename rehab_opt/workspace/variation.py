@@ -39,7 +39,7 @@ def varied_ranges(
     seed: int,
     keep_locked: bool = True,
 ) -> tuple[dict[str, tuple[float, float]], ...]:
-    """`count` ranges of motion, each usable as `human_arm(range_of_motion=...)`.
+    """`count` ranges of motion, each valid as `human_arm(range_of_motion=...)`.
 
     Each lower and each upper limit is normal about the nominal one, cut at two standard deviations (so its own standard
     deviation is 0.88 of the stated one), all independent but for one condition: a pair that comes out inverted is drawn

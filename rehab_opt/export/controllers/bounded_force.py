@@ -51,7 +51,7 @@ class ExportedForce(ExportedController):
     """
 
     core: ClassVar[str] = "bounded_force"
-    contents: ClassVar[str] = "what force is wanted, QP solve, certificate, energy tank, watchdog, safe command"
+    contents: ClassVar[str] = "desired force, QP solve, certificate, energy tank, watchdog, safe command"
     force: BoundedForce
     desired: Evaluated
     parts: Mapping[str, ca.Function] = field(default_factory=dict)

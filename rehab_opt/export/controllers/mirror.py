@@ -48,7 +48,7 @@ Array = NDArray[np.float64]
 
 NAME = "mirror_tracker"
 MEMORY = 64_000
-"""[bytes] of its struct where nothing else is said."""
+"""[bytes] of its struct by default."""
 LEAST = 16
 """The fewest samples that wait."""
 CALL = (
@@ -71,7 +71,7 @@ FORCED = {
 """What its step takes and says besides that of a `PoseTracker`."""
 DIFFERENCES = (
     NO_BACKUP,
-    "`plan`, which knows the whole recording, is not there. A law that may wait for a file may run in Python.",
+    "`plan`, which knows the whole recording, is not there. A controller that may wait for a file may run in Python.",
     "Python's remarks on a command that is no fault (a shortened step, a slowed reference, a bridge) are "
     "`notes`, without their numbers; `reason` is why it is the safe command.",
     STAMPED,
@@ -109,7 +109,7 @@ class ExportedMirror(ExportedVelocity):
     waiting: int = 0
 
     def functions(self) -> list[ca.Function]:
-        """Functions of the laws, the clock, the true bounds and the singularity escape."""
+        """Functions of the controllers, the clock, the true bounds and the singularity escape."""
         tracker = self.tracker
         speeds = mirror_following.BRIDGE * tracker.linear_speed, mirror_following.BRIDGE * tracker.angular_speed
         clock, parts = tracker.pace.clock, tracker.parts
@@ -129,7 +129,7 @@ class ExportedMirror(ExportedVelocity):
         return [*super().functions(), *(renamed(function, name) for name, function in extra.items())]
 
     def shape(self) -> dict[str, str]:
-        """Those of the laws, and the constants of clock, pace, forces and way out."""
+        """Those of the controllers, and the constants of clock, pace, forces and way out."""
         shape = super().shape()
         numbers = int(shape["numbers"]) + SAMPLE.size * (self.waiting + _besides(self.tracker)) + 120
         return {**shape, "numbers": str(numbers), "waiting": str(self.waiting), **_constants(self.tracker)}
@@ -172,7 +172,7 @@ def exported_mirror(
     tracker : it is reset.
     start : (n,) [rad, m] where its robot begins, at rest.
     poses, twists : (N, 4, 4), (N, 6) what is asked for, tick by tick; as much of it as a recorded run holds.
-    bodies : (N, k, 14) what moves, by `moving_numbers`, where the tracker is told of that.
+    bodies : (N, k, 14) what moves, by `moving_numbers`, where the tracker gets that.
     title, source : what it is and where the poses come from, in a few words.
     memory : [bytes] of its struct at most; what the rest leaves holds samples of the reference that wait.
 
@@ -338,7 +338,7 @@ def _force(k: int, pushed: range, strong: float) -> Array:
 
 
 def _faults(tracker: MirrorTracker) -> tuple[Callable[[RunTick], RunTick], ...]:
-    """What can be wrong with a tick besides, and what is only strange."""
+    """What can be wrong with a tick besides, and what is only unusual."""
     chain, jump = tracker.chain, np.array([0.1, -0.1, 0.05])
 
     def jumped(tick: RunTick) -> RunTick:

@@ -31,7 +31,7 @@ __all__ = ["exported_scenario"]
 
 
 class Listening(ForceLaw):
-    """An assisting law that records the offset of its field in each tick."""
+    """An assisting controller that records the offset of its field in each tick."""
 
     def __init__(self, law: ForceLaw, assistance: Assistance) -> None:
         self._law, self._assistance = law, assistance
@@ -57,7 +57,7 @@ class Overheard(Bilateral):
     """A pair that records each side's hand and received message of each tick."""
 
     def reset(self) -> None:
-        """Nothing is under way, and nothing was said."""
+        """Nothing is under way, and no message was sent."""
         super().reset()
         self.hands: list[tuple[ArrayLike, ArrayLike]] = []
         self.received: list[tuple[FromParticipant | None, FromHelper | None]] = []

@@ -278,7 +278,7 @@ def _accelerations(given: PerJoint, joints: Sequence[Joint], notes: list[str]) -
 
 
 def _by_joint(argument: str, value: PerJoint | None, names: tuple[str, ...], default: Array) -> Array:
-    """(n,) values from one number, n numbers, or numbers by joint name; `default` where nothing is said."""
+    """(n,) values from one number, n numbers, or numbers by joint name; `default` where none is given."""
     if value is None:
         return default
     expected = f"one number, {len(names)} numbers, or numbers by joint name, none of them NaN"

@@ -62,7 +62,7 @@ class Step(NamedTuple):
     """A fixed transform, then a joint or none, then a link or none.
 
     One that is `aside` begins at the last link before it that is not, and the next step does not begin at its link: a
-    camera or a gripper's finger, which a link on the way from base to tip carries.
+    camera or a gripper's finger, which a link on the way from base to tip holds.
     """
 
     origin: Array

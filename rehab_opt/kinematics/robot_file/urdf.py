@@ -53,7 +53,7 @@ _NO_NUMBER = np.array([math.nan])
 
 
 class _Tree(NamedTuple):
-    """Links by name, the joint that carries each link but the root, and the links that each carries."""
+    """Links by name, the joint above each link but the root, and the links below each."""
 
     links: Mapping[str, Element]
     carriers: Mapping[str, Element]
@@ -163,7 +163,7 @@ def _tree(root: Element, source: Source) -> _Tree:
         parent, child = (_end(joint, end, links, source) for end in ("parent", "child"))
         if child in carriers:
             other = carriers[child].attributes["name"]
-            raise source.refuse(f"joint {name}, child.link", child, f"a link of one parent ({other} carries it, too)")
+            raise source.refuse(f"joint {name}, child.link", child, f"a link of one parent ({other} has it, too)")
         if parent == child:
             raise source.refuse(f"joint {name}, child.link", child, "another link than its parent")
         carriers[child] = joint

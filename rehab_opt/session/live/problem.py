@@ -1,4 +1,4 @@
-"""What a kind of problem tells of itself to run live: how it is controlled, and how it looks."""
+"""What a kind of problem provides to run live: how it is controlled, and how it looks."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ class LiveControl(ABC):
 
     Attributes
     ----------
-    timed : whether the controller is told when things were seen; a run that waits for nobody tells nothing.
+    timed : whether the controller gets stamps; a run without real time has none.
     """
 
     mode = ""
@@ -211,14 +211,14 @@ class LiveProblem(ABC):
 
     @abstractmethod
     def scene(self) -> dict[str, Any]:
-        """What the page is told once: see `rehab_opt.live.page`; here what all problems tell it."""
+        """What the page gets once: see `rehab_opt.live.page`; here what all problems send."""
         encoders = [name.replace("_", " ") for name in self.names]
         controls = sorted(self.touchable)
         return {"title": self.title, "controls": controls, "encoders": encoders, "logged": self.logged}
 
     @abstractmethod
     def frame(self, shown: Mapping[str, Array]) -> dict[str, Any]:
-        """What the page is told again and again, of numbers that `LiveControl.shown` gave."""
+        """What the page gets again and again, of numbers that `LiveControl.shown` gave."""
 
 
 class Seen(NamedTuple):
@@ -227,7 +227,7 @@ class Seen(NamedTuple):
     time: float
     """[s] of the loop."""
     held: bool
-    """Whether the controller was told to move."""
+    """Whether the controller was enabled."""
     status: str
     reason: str
     missed: int
@@ -241,7 +241,7 @@ class Seen(NamedTuple):
 
 
 class Watching(Protocol):
-    """Who is told what the page draws."""
+    """Gets what the page draws."""
 
     def begin(self, plots: Sequence[Mapping[str, Any]]) -> None:
         """What the page plots: name, unit, and `line` where it has a limit."""

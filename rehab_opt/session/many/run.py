@@ -66,11 +66,11 @@ def run_many(
         alone.
     workers : processes, one for each core by default; where an executor is given, how many people it is given at once
         (256 by default).
-    progress : told how many are done.
+    progress : called with how many are done.
     work : what is done for one person; importable by name, for other processes.
     timeout_s : [s] after which a person's process is killed, and their row says so; not with an executor of one's own.
-    record : told of each person that was computed, or kept: their row, the folder of the result and the digest of what
-        it depends on; in this process, before the next one.
+    record : called for each person that was computed, or kept: their row, the folder of the result and the digest of
+        what it depends on; in this process, before the next one.
 
     Returns
     -------

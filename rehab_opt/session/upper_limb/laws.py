@@ -1,4 +1,6 @@
-"""The two laws that turn a hand path into joint values, ours and the published one, and a drive that gets these."""
+"""The two controllers that turn a hand path into joint values, ours and the published one, and a drive that gets
+these.
+"""
 
 from __future__ import annotations
 
@@ -25,18 +27,18 @@ __all__ = ["LAWS", "driven", "follower", "hand_and_tilt", "track_reference"]
 
 LAWS = ("optimised", "published")
 KEYS = keys_of(arm=ArmSection, optimised=OptimisedSection, published=PublishedSection)
-"""Where the problem file says what a law calls by its own name."""
+"""Where the problem file says what a controller calls by its own name."""
 
 
 def track_reference(
     law: str, arm: SerialChain, path: Array, config: ProblemFile[UpperLimb], *, solver: str | None, progress: Progress
 ) -> LawResult:
-    """Run a law along the path (N, 3) [m]; positions and tilts are recomputed from its joint values.
+    """Run a controller along the path (N, 3) [m]; positions and tilts are recomputed from its joint values.
 
     Raises
     ------
-    ProblemFileError : the law refuses a value of the file.
-    ConfigurationError : the law refuses `solver`.
+    ProblemFileError : the controller refuses a value of the file.
+    ConfigurationError : the controller refuses `solver`.
     """
     law_of_arm = follower(law, arm, config, solver=solver)
     progress(f"{law} law", 0, 1)
@@ -65,7 +67,7 @@ def hand_and_tilt(arm: SerialChain, q: Array) -> tuple[Array, Array]:
 
 
 def follower(law: str, arm: SerialChain, config: ProblemFile[UpperLimb], *, solver: str | None = None) -> Any:
-    """The law with the file's parameters, ready to `follow` a path; raises as `track_reference`."""
+    """The controller with the file's parameters, ready to `follow` a path; raises as `track_reference`."""
     problem, tilt = config.problem, math.radians(config.problem.arm.handle_tilt_deg)
     with _refused(law, config.file, solver):
         if law == "published":
@@ -75,7 +77,7 @@ def follower(law: str, arm: SerialChain, config: ProblemFile[UpperLimb], *, solv
 
 
 def _parameters(law: Any, problem: UpperLimb, solver: str | None) -> dict[str, Any]:
-    """What the law runs with, its own defaults included."""
+    """What the controller runs with, its own defaults included."""
     if hasattr(law, "gain"):
         return {
             "gain_per_s": law.gain,

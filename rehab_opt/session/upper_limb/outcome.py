@@ -1,4 +1,4 @@
-"""What the laws did along a recorded path, its columns, and what a reader of its numbers has to know."""
+"""What the controllers did along a recorded path, its columns, and what a reader of its numbers has to know."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class DrivenArm(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class LawResult:
-    """One law's run along a path of N samples.
+    """One controller's run along a path of N samples.
 
     Parameters
     ----------
@@ -43,8 +43,8 @@ class LawResult:
     hand : (N, 3) hand positions [m].
     position_error : (N,) [m] distance of the hand from the path.
     handle_tilt : (N,) [rad] angle of the handle from the vertical.
-    status : (N,) what the law said of each sample.
-    reason : (N,) why, where that is not a plain ok; empty otherwise, and where the law does not tell.
+    status : (N,) the controller's status of each sample.
+    reason : (N,) why, where that is not a plain ok; empty otherwise, and where the controller gives none.
     seconds : (N,) time it took [s].
     metrics : its numbers.
     drive : what a drive would do with its joints; None until that is known.
@@ -64,9 +64,9 @@ class LawResult:
 
 @dataclass(frozen=True, eq=False)
 class ArmOutcome(MovementOutcome):
-    """A hand path followed by an arm: path (N, 3) [m], the laws that followed it, and where it can be reached.
+    """A hand path followed by an arm: path (N, 3) [m], the controllers that followed it, and where it can be reached.
 
-    `reachable` (N,) is None where the optimised law, which alone tells, was not run.
+    `reachable` (N,) is None where the optimised controller, which alone finds it, was not run.
     """
 
     path: Array = field(kw_only=True)
@@ -100,7 +100,7 @@ DRIVEN_DEG = 0.01  # by which a drive may tilt further: it goes on between the s
 
 
 def law_notes(run: LawResult, *, within_reach: bool) -> Iterator[str]:
-    """What to say of a law's run; `within_reach`: the whole path is known to be so."""
+    """What to say of a controller's run; `within_reach`: the whole path is known to be so."""
     if run.law == "published":
         yield from _published(run, within_reach=within_reach)
     for reason, count in run.metrics["reasons"].items():
@@ -110,19 +110,19 @@ def law_notes(run: LawResult, *, within_reach: bool) -> Iterator[str]:
 
 
 def hurried(run: LawResult) -> list[str]:
-    """What to say where a law's joints are faster than the arm may be: between samples nothing bounds them."""
+    """What to say where a controller's joints are faster than the arm may be: between samples nothing bounds them."""
     ratio = run.metrics["joint_speed_max_fraction_of_limit"]
     if ratio <= 1:
         return []
     joint, late = run.metrics["joint_speed_max_joint"].replace("_", " "), run.metrics["drive"]["delay_s"]
     return [
-        f"the {run.law} law asks {joint} for {ratio:.1f} times its speed limit: a drive takes {late:.3g} s longer than "
-        "the recording"
+        f"the {run.law} controller moves {joint} at {ratio:.1f} times its speed limit: a drive takes {late:.3g} s "
+        "longer than the recording"
     ]
 
 
 def drive_note(bounds: dict[str, float]) -> str:
-    """Within which bounds the joints of both laws are driven."""
+    """Within which bounds the joints of both controllers are driven."""
     return (
         f"driven at 1 kHz within {bounds['speed_deg_s']:.0f} deg/s, {bounds['acceleration_deg_s2']:.0f} deg/s^2, "
         f"{bounds['jerk_deg_s3']:.0f} deg/s^3: speed and acceleration are the smaller of the file's and the arm's; "
@@ -134,19 +134,19 @@ def _tilted(run: LawResult) -> Iterator[str]:
     tilt, limit = run.metrics["drive"]["handle_tilt_max_deg"], run.metrics["handle_tilt_limit_deg"]
     if tilt > limit + DRIVEN_DEG:
         yield (
-            f"HANDLE BEYOND ITS TILT: driven along the {run.law} law's joints it tilts by up to {tilt:.3g} deg, "
-            f"{limit:g} allowed; between two samples that are far apart no law bounds it"
+            f"HANDLE BEYOND ITS TILT: driven along the {run.law} controller's joints it tilts by up to {tilt:.3g} deg, "
+            f"{limit:g} allowed; between two samples that are far apart no controller bounds it"
         )
 
 
 def _published(run: LawResult, *, within_reach: bool) -> Iterator[str]:
     chosen = run.metrics["parameters"]
     yield (
-        f"the published law runs with k0 = {chosen['gain_per_s']:g}/s and mu = {chosen['damping']:g}: the paper gives "
-        "no values, and its numbers depend on them; `python -m bench.tangent_law` prints those of a grid"
+        f"the published controller runs with k0 = {chosen['gain_per_s']:g}/s and mu = {chosen['damping']:g}: the paper "
+        "gives no values, and its numbers depend on them; `python -m bench.tangent_law` prints those of a grid"
     )
     if not within_reach:
         yield (
-            "the published law winds up: after a sample out of its reach its joints may stay at their limits, "
+            "the published controller winds up: after a sample out of its reach its joints may stay at their limits, "
             "and samples within reach be missed too"
         )

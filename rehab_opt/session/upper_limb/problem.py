@@ -31,11 +31,11 @@ class RunSection(Section):
     """How densely the movement is sampled."""
 
     rate_hz: float = Field(default=100.0, ge=1, le=1000)
-    """Samples a second at which the laws are run."""
+    """Samples a second at which the controllers are run."""
 
 
 class OptimisedSection(Section):
-    """The optimised law, `ArmIK`."""
+    """The optimised controller, `ArmIK`."""
 
     solver: SolverName | None = None
     """A solver that `ArmIK` knows, by default its own; `--solver` replaces it."""
@@ -45,7 +45,7 @@ class OptimisedSection(Section):
 
 
 class PublishedSection(Section):
-    """The published law, `TangentLaw`: Eqs. (8)-(14) of Rossa et al."""
+    """The published controller, `TangentLaw`: Eqs. (8)-(14) of Rossa et al."""
 
     gain_per_s: float | None = Field(default=None, gt=0, le=1000)
     """k0, by default `TangentLaw`'s (1000). The paper gives no value; the defaults of this and the next key are the
@@ -78,8 +78,8 @@ class UpperLimb(Problem):
     run: RunSection = RunSection()
     """How densely."""
     optimised: OptimisedSection = OptimisedSection()
-    """The optimised law."""
+    """The optimised controller."""
     published: PublishedSection = PublishedSection()
-    """The published law."""
+    """The published controller."""
     smoothing: SmoothingSection = SmoothingSection()
     """The drive."""

@@ -1,4 +1,4 @@
-"""The run along a recorded path: laws, what a drive does with their joints, numbers. Nothing is written here."""
+"""The run along a recorded path: controllers, what a drive does with their joints, numbers. Nothing is written here."""
 
 from __future__ import annotations
 
@@ -46,12 +46,12 @@ ROUNDING = 1e-6  # [rad] tilts that differ by less are the same tilt
 
 
 def verified(run: LawResult) -> NDArray[np.bool_]:
-    """(N,) where the law says that the hand is on the path, and the kinematics agrees."""
+    """(N,) where the controller says that the hand is on the path, and the kinematics agrees."""
     return claimed(run) & (run.position_error <= REACHED)
 
 
 def claimed(run: LawResult) -> NDArray[np.bool_]:
-    """(N,) where the law says that the hand is on the path."""
+    """(N,) where the controller says that the hand is on the path."""
     return np.array([Status(status).certified for status in run.status])
 
 
@@ -134,7 +134,7 @@ BOTH = "both"
 
 
 class UpperLimbSystem(System[UpperLimb, ArmOutcome]):
-    """A recorded hand path followed by the optimised and the published law."""
+    """A recorded hand path followed by the optimised and the published controller."""
 
     schema = UpperLimb
     shown = ("rehab_opt.session.upper_limb.shown",)
@@ -146,7 +146,7 @@ class UpperLimbSystem(System[UpperLimb, ArmOutcome]):
         return (Needed("recording.file", problem.recording.file),)
 
     def check(self, config: ProblemFile[UpperLimb]) -> tuple[str, ...]:
-        """Reads the recording and builds the laws."""
+        """Reads the recording and builds the controllers."""
         problem = config.problem
         (arm,) = self.arms(config).values()
         recording, path = placed_recording(

@@ -45,7 +45,7 @@ class RecordedSection(Section):
     tasks: Annotated[list[TaskName], Field(min_length=1, max_length=12), Once] = Field(default=["RF", "RGV"])
     """What the names of files begin with; reach forwards, and reach and grasp a vertical object."""
     cover: float = Field(default=0.5, ge=0.5, le=1)
-    """Share of a group's limbs whose own limits lie within the group's: 0.5 is a typical limb, 1 all of them
+    """Fraction of a group's limbs whose own limits lie within the group's: 0.5 is a typical limb, 1 all of them
     together."""
     pronation_zero_deg: Zero = 0.0
     """The files' pronation where the palm of the hanging arm faces forward; `"grasp"` takes it from the grasp
@@ -60,7 +60,7 @@ class VariationSection(Section):
     seed: int = Field(default=0, ge=0, le=2**31)
     """Of the drawing."""
     at_least: float = Field(default=0.5, gt=0, le=1)
-    """Share of them that reach every point of the outlined region."""
+    """Fraction of them that reach every point of the outlined region."""
     spacing_mm: float = Field(default=5.0, ge=1, le=50)
     """Of the grid in the figure."""
 

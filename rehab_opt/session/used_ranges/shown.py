@@ -96,12 +96,12 @@ def _fractions(outcome: UsedRangesOutcome) -> Figure:
             shown = _draw_fractions(axes, of, variation.at_least) or shown
             _finish(axes, outcome, of.label)
     if shown is not None:
-        figure.colorbar(shown, ax=grid, shrink=0.7).set_label("share of the people who reach the point")
+        figure.colorbar(shown, ax=grid, shrink=0.7).set_label("fraction of the people who reach the point")
     return legend_below(figure, grid[0][0], 2)
 
 
 def _draw_fractions(axes: Axes, of: GroupResult, at_least: float) -> Any:
-    """The shares as an image; None where nobody reaches anything."""
+    """The fractions as an image; None where nobody reaches anything."""
     label = f"reached by {100 * at_least:g} % of them or more"
     axes.plot([], [], color=REFERENCE, linewidth=1.5, label=label)
     if of.fractions is None or of.fractions.grid.size == 0:
@@ -140,5 +140,5 @@ def table(outcome: UsedRangesOutcome) -> Table:
         for label, value in AREA_ROWS:
             grid.add_row(f"   {label}", *(value(numbers) for numbers in groups))
         fractions = (percent(numbers["fraction_inside_other_group"]) for numbers in groups)
-        grid.add_row("   share of it inside the other's, %", *fractions)
+        grid.add_row("   fraction of it inside the other's, %", *fractions)
     return grid

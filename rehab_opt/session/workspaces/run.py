@@ -117,7 +117,7 @@ def rings(workspace: Workspace) -> Iterator[tuple[int, int, Any]]:
 
 
 WORSE = 1.0001
-"""An accuracy this much above the one asked for is told."""
+"""An accuracy this much above the requested one is reported."""
 
 
 def workspace_metrics(workspace: Workspace) -> dict[str, Any]:
@@ -135,7 +135,7 @@ def workspace_metrics(workspace: Workspace) -> dict[str, Any]:
 
 
 def fraction_inside(workspace: Workspace, larger: Workspace) -> float | None:
-    """Share of a workspace's area that lies in another one; None where it has no area."""
+    """Fraction of a workspace's area that lies in another one; None where it has no area."""
     if workspace.empty:
         return None
     return float(workspace.polygon.intersection(larger.polygon).area / workspace.area)

@@ -175,7 +175,7 @@ def table(outcome: WorkspaceOutcome) -> Table:
     grid = law_table(outcome.title, sets, AREA_ROWS, caption=caption)
     for other in sets if len(sets) > 1 else ():
         fractions = (numbers["fraction_inside"].get(other) for numbers in sets.values())
-        grid.add_row(Text(f"share of it inside {other}, %"), *map(percent, fractions))
+        grid.add_row(Text(f"fraction of it inside {other}, %"), *map(percent, fractions))
     for tilt in next((list(numbers["tilts"]) for numbers in sets.values() if "tilts" in numbers), ()):
         areas = (numbers.get("tilts", {}).get(tilt) for numbers in sets.values())
         grid.add_row(
@@ -199,7 +199,7 @@ def _extent(axis: str) -> Callable[[Numbers], str]:
 
 
 def percent(fraction: float | None) -> str:
-    """A share, or that there is none."""
+    """A fraction, or that there is none."""
     return "-" if fraction is None else f"{100 * fraction:.1f}"
 
 
