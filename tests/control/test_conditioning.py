@@ -39,7 +39,7 @@ def test_a_stamp_of_the_future_is_left_out_as_a_spike_is(at: int, wild: int) -> 
 
 
 def test_nothing_usable_is_refused() -> None:
-    with pytest.raises(ConfigurationError, match="usable"):
+    with pytest.raises(ConfigurationError, match="valid"):
         conditioned([0.0, 1.0], np.full((2, 3), np.nan), np.tile(NO_TURN, (2, 1)), dt=0.01)
 
 

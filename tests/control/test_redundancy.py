@@ -104,7 +104,7 @@ def test_rows_that_are_not_in_row_sets_get_their_functions_at_rest_only() -> Non
         q = q + robot.step(q, [0.1, 0.0], ("x", "y")).value * robot.dt
     command = robot.step(q, [0.1], ("rz",))
     assert command.status is Status.BRAKING
-    assert command.reason == "rows rz are not in row_sets: usable once at rest"
+    assert command.reason == "rows rz are not in row_sets: allowed once at rest"
     assert ("rz",) not in robot.row_sets
     while command.status is not Status.OK:
         q = q + command.value * robot.dt

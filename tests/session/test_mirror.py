@@ -413,7 +413,7 @@ def test_fault_of_a_recording_is_refused_with_its_place(tmp_path: Path) -> None:
         ((HEADER, *["0,zero,0,0,0,0,0,1"] * 3), "line 2, column x_m", "a finite number"),
         ((HEADER, *["0,900,0,0,0,0,0,1"] * 3), "sample 1", "another unit"),
         ((HEADER, *["0,,,,,,,"] * 5), "samples", "usable"),
-        ((HEADER, *["1,0.3,0.8,0.6,0,0,0,1"] * 5), "times", "usable"),
+        ((HEADER, *["1,0.3,0.8,0.6,0,0,0,1"] * 5), "times", "valid"),
         ((HEADER, *TOO_LONG), "tracker.rate_hz", "2000000 ticks"),
         error=ProblemFileError,
     )
