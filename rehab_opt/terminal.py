@@ -203,7 +203,7 @@ def interrupted(*_: Any) -> NoReturn:
 
 @contextmanager
 def on_interrupt(handler: Any) -> Iterator[None]:
-    """Ctrl-C calls `handler` meanwhile; only the main thread may say so."""
+    """Within this block Ctrl-C calls `handler`; in other threads than the main one it changes nothing."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return

@@ -92,9 +92,9 @@ class BoundedForce(OneThread):
     force_limit : [N] largest size of the force.
     slew_limit : [N/s] largest change, as the length of a vector, per nominal tick. It is what lets a spring hold a hand
         still: the force must follow the swing that it is to damp, see `rehab_opt.field.settling`.
-    growth_limit : [N/s] rate at which a force comes that the person has not felt of late: beyond the largest of the
-        last ticks, of which force_limit / 2 s fades. What comes gently need not act late: below that size the force
-        changes as fast as the slew limit allows. The slew limit or more for no such bound.
+    growth_limit : [N/s] rate at which the force may grow beyond the largest of the last ticks, a value that fades by
+        force_limit / 2 a second. Below that value the force changes as fast as the slew limit allows. The slew limit or
+        more for no such bound.
     energy_budget : [J] what may be delivered to the hand until `reset`, net of what the hand puts in; see `EnergyTank`.
     speed_cap : [m/s] hand speed from which on the force is let go.
     actuation_delay : [s] from a command until its force acts, and from a position until `step` gets it, together.

@@ -192,8 +192,9 @@ class EnergyTank:
         return blind._sent(following, ca.SX(0), self._window)
 
     def given(self, fraction: ca.SX, force: ca.SX) -> tuple[EnergyTank, ca.SX]:
-        """What is left when a fraction goes of what neither a dispute nor `force` (2,) may still draw; that part
-        [J].
+        """The tank after a fraction of its free energy is taken, and that energy [J].
+
+        Free is what neither a dispute nor `force` (2,) may still draw.
         """
         size = ca.norm_2(force)
         draws = self._to_come + self._speed * size * (self.late + size / (2.0 * self._slew))

@@ -29,7 +29,7 @@ class LinearLimit(NamedTuple):
 
     @classmethod
     def stacked(cls, *limits: LinearLimit) -> Self:
-        """All of them as one."""
+        """One limit whose rows are those of all `limits`."""
         return cls(*(ca.vertcat(*column) for column in zip(*limits, strict=True)))
 
     @property

@@ -73,7 +73,7 @@ class Profiles:
 
     # ------------------------------------------------------------------------------------------------- planning
     def start(self, p: list[float], v: list[float]) -> bool:
-        """Begin at positions p with velocities v and no acceleration, coming to rest; False if numbers end there."""
+        """Begin at positions p with velocities v and no acceleration, coming to rest; False if they overflow."""
         self.p, self.v, self.a = p, v, self._rest
         self._speeds, self._changes = v, self._rest  # finite differences of p, as if v had always been
         self._size = -1.0

@@ -143,7 +143,7 @@ def stopping_speed(room: ca.SX, change: ca.DM, dt: float) -> ca.SX:
 
 
 def gentle_speed(room: ca.SX, acceleration: ca.DM, approach: float) -> ca.SX:
-    """Speed from which a limit is approached so that a servo, which runs ahead of whoever brakes, does not pass it.
+    """Largest speed towards a limit from which a late servo, which overshoots while it brakes, does not pass it.
 
     In the vicinity `approach` times the room, so that braking fades out; from where that would take more than
     `GENTLE` of the acceleration on, the parabola of that deceleration, which goes over into the line without a kink.

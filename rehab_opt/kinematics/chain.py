@@ -162,10 +162,10 @@ class SerialChain(HasEvaluator):
     ) -> SerialChain:
         """The chain between two links of a URDF: joints of any axis and origin, revolute, continuous or prismatic.
 
-        Frame i of `frames_expression` lies in the origin of joint i + 1, the last but one in that of the tip link;
-        their z axes are those of the joints. Angles are taken as they are written: a rounded 3.1416 stays one. Meshes
-        are not opened, soft limits not read. `notes` says what was corrected; `bodies` holds the masses of
-        the links on the way and of what they carry besides: a camera, or a gripper, whose own joints are taken at zero.
+        Frame i of `frames_expression` has its origin at joint i + 1 and its z axis along it; the last but one is at the
+        tip link, the last one at the tool. Angles stay as written: a rounded 3.1416 is not corrected. Meshes and soft
+        limits are not read. `notes` lists what was corrected. `bodies` holds the masses of the links and of what is
+        fixed to them, such as a camera or a gripper, whose own joints are at zero.
 
         Parameters
         ----------

@@ -103,8 +103,8 @@ class Drive(ABC):
 class Omnidirectional(Drive):
     """A base that takes its own twist as command and goes in every direction at once; no wheels are known.
 
-    Its "wheel speeds" are that twist: forward, left [m/s], turn [rad/s]. Bounded are the speed along the floor as a
-    whole, the turning, and the accelerations forward, to the left and turning.
+    Its "wheel speeds" are that twist: forward, left [m/s], turn [rad/s]. Bounds: the size of the velocity
+    along the floor, the turn rate, and the accelerations forward, to the left and turning.
     """
 
     radius = 1.0

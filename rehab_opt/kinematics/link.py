@@ -50,7 +50,7 @@ class ChainRow(Protocol):
 
     @property
     def lengths(self) -> tuple[float, ...]:
-        """[m] lengths that are not zero."""
+        """Lengths [m] of this row that are not zero."""
         ...
 
     def with_lengths(self, lengths: Iterator[Any]) -> ChainRow:

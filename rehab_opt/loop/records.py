@@ -156,7 +156,7 @@ class StateRecord:
         self._reason, self._status = b"", b""
 
     def write(self, tick: Tick, truth: Truth, command: Command, **others: float) -> None:
-        """Publish one tick; `others` are the fields of these names."""
+        """Publish one tick; `others` are further fields of the record, by name."""
         fields, (_, position, velocity, force) = self._fields, tick.seen
         fields["tick"][()], fields["time"][()], fields["enabled"][()] = tick.number, tick.time, tick.enabled
         fields["stamp"][()] = tick.seen.stamp

@@ -207,7 +207,7 @@ class HandForceLoop:
         return still
 
     def torque(self, command: Array, state: DriveState, feedforward: Array) -> Array:
-        """(2,) [N] of a force on the hand (2,) [N]."""
+        """Force of the motors (2,) [N] for a commanded force on the hand (2,) [N]."""
         self.measured = self._held * state.acceleration - state.touch[:2]
         if self._noise:
             self.measured = self.measured + self._noise * self._rng.standard_normal(2)

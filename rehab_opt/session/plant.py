@@ -179,7 +179,7 @@ class ChairPlant(PlantTable):
 
 
 def on_plant(config: ProblemFile[P], kind: str | None) -> ProblemFile[P]:
-    """The problem on the kind of plant that `--plant` asks for; as the file says where it asks for nothing.
+    """The problem on the kind of plant of `--plant`; without that option, on the file's.
 
     Raises
     ------

@@ -218,7 +218,7 @@ def robot_text(config: ProblemFile[Problem], reference: str) -> str:
 
 
 def posture_of(chain: SerialChain, degrees: list[float], *, file: str, key: str, first: int = 0) -> Array:
-    """(m,) [rad] of the chain's joints from `first` on, which the file's `key` says.
+    """Angles (m,) [rad] of the chain's joints from `first` on, from `degrees` at `key` of the file.
 
     Raises
     ------

@@ -69,8 +69,7 @@ def removed(study: Study, person: str) -> tuple[Path, ...]:
 
     Raises
     ------
-    ConfigurationError : nobody of that name (free pages are overwritten all the same); a trace that cannot be removed;
-        as `Study.forget`.
+    ConfigurationError : nobody has that name (free pages are overwritten anyway), or a trace cannot be removed.
     """
     kept = []
     question = f"SELECT DISTINCT f.path, f.kind {OF_TRIALS} JOIN files f ON f.trial = t.id WHERE p.name = ?"

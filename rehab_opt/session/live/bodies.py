@@ -138,7 +138,7 @@ class ArmBodies:
 
     Parameters
     ----------
-    chain : the arm. radius : [m] of the sticks. first : number of joints at its beginning that bear no stick.
+    chain : the arm. radius : [m] of the sticks. first : number of its first joints that have no stick.
     """
 
     def __init__(self, chain: SerialChain, *, radius: float = STICK, first: int = 0) -> None:

@@ -95,9 +95,9 @@ def unnamed(place: str, name: str, *, file: str, path: Path, error: ProblemFileE
 
 
 def without_twins(people: Sequence[Participant], *, file: object, keys: Sequence[str]) -> tuple[Participant, ...]:
-    """The people; of those that share a name nobody can be used, since nobody knows whose row is whose.
+    """The people, where those with the same name are refused, since their rows cannot be distinguished.
 
-    Upper and lower case are one, as they are to some file systems. `keys` say where each stands.
+    Upper and lower case count as the same, as in some file systems. `keys` are the places of the people in the table.
     """
     of: dict[str, list[int]] = {}
     for i, person in enumerate(people):

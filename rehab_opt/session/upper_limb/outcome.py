@@ -100,7 +100,7 @@ DRIVEN_DEG = 0.01  # by which a drive may tilt further: it goes on between the s
 
 
 def law_notes(run: LawResult, *, within_reach: bool) -> Iterator[str]:
-    """What to say of a controller's run; `within_reach`: the whole path is known to be so."""
+    """Notes on a controller's run; `within_reach` is True if the whole path is known to be in reach."""
     if run.law == "published":
         yield from _published(run, within_reach=within_reach)
     for reason, count in run.metrics["reasons"].items():

@@ -95,7 +95,7 @@ def seen_from_above(axes: Axes, section: ArmInPlane) -> None:
 
 
 def is_placed(section: ArmInPlane) -> bool:
-    """Whether the robot's frame is another one than the shoulder's."""
+    """Whether the robot's frame differs from the shoulder's."""
     return any(section.shoulder_m) or section.shoulder_turn_deg != 0
 
 
