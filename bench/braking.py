@@ -1,22 +1,18 @@
-"""The next `PoseTracker` (`rehab_opt.braking`) beside the present one: `python -m bench.braking [--parts ...]`.
-
-Both on the same robots, draws and targets, in one run, with default arguments; what is judged is computed here.
+"""How `PoseTracker` brakes and rests: `python -m bench.braking [--parts ...]`, default arguments, what is judged is
+computed here.
 
 - law: random limits, ticks of 1 to 20 ms, targets that jump, move, or lie beyond reach or limits
 - held: a UR5 of 1 to 1.7 rad/s^2, a target held out of reach for 25 s: how fast its joints are in the last 4 s
 - limits: planes and a ball as limits of a user's own, targets beyond them
-- way: point to point in reach, over the shortest time that speeds and accelerations allow joint by joint
+- way: point to point in reach, over the shortest time that speeds and accelerations allow joint by joint; and how far
+  the hand goes beside the straight line, over its length
 - servos: a target beyond a joint limit on UR5 and iiwa 14 in MuJoCo, velocity servos of 24 Hz late by 0 to 8 ms and
   position servos late by 0.1 s, encoders with 0.15 mrad of noise
-- tick: compiled ticks in turns, a circle and a target out of reach
 """
 
 from __future__ import annotations
 
 import argparse
-import itertools
-import os
-import time
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple
 
@@ -26,16 +22,14 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
-import rehab_opt
 from bench.physics.geometry import frames, jacobians
-from rehab_opt import Limit, SerialChain, braking, ur5
+from rehab_opt import Limit, PoseTracker, SerialChain, ur5
 
 __all__ = ["PARTS", "main"]
 
 Array = NDArray[np.float64]
 Rows = Iterator[tuple[str, dict[str, float]]]
-"""Of each controller its name and what was measured."""
-KINDS: dict[str, Callable[..., Any]] = {"next": braking.PoseTracker, "present": rehab_opt.PoseTracker}
+"""What was run, and what was measured."""
 READY = np.array([0.0, -1.2, 1.5, -1.8, -1.57, 0.0])
 BASE = ur5()
 STILL = np.zeros(6)
@@ -99,7 +93,7 @@ def follow(tracker: Any, seen: Seen, hops: Sequence[Hop]) -> None:
             pose[:3, 3] += seen.dt * hop.twist[:3]
 
 
-def law(kind: Callable[..., Any], seed: int) -> Seen:
+def law(seed: int) -> Seen:
     """One run of random limits and hops."""
     rng = np.random.default_rng(seed)
     dt, linear = (
@@ -122,11 +116,11 @@ def law(kind: Callable[..., Any], seed: int) -> Seen:
             pose[:3, 3] *= rng.uniform(1, 4)
         twist = np.r_[rng.normal(size=3) * rng.choice([0.05, 0.5]), 0, 0, 0] if rng.random() < 0.3 else STILL
         hops.append(Hop(pose, twist, int((rng.uniform(0.5, 3.0) if dt > 2e-3 else rng.uniform(0.2, 0.6)) / dt)))
-    follow(kind(chain, dt=dt, linear_speed=linear, compile=False), seen, hops)
+    follow(PoseTracker(chain, dt=dt, linear_speed=linear, compile=False), seen, hops)
     return seen
 
 
-def limits(kind: Callable[..., Any], seed: int) -> Seen:
+def limits(seed: int) -> Seen:
     """One run with one to four limits of a user's own."""
     rng, q = np.random.default_rng(seed), ca.SX.sym("q", 6)
     every: list[Callable[[SerialChain, ca.SX], ca.SX]] = [
@@ -148,69 +142,76 @@ def limits(kind: Callable[..., Any], seed: int) -> Seen:
         if rng.random() < 0.6:
             pose[:3, 3] = rng.uniform([0.3, -0.5, -0.3], [1.2, 0.5, 0.8])
         hops.append(Hop(pose, STILL, int(rng.uniform(1, 4) / dt)))
-    tracker = kind(chain, dt=dt, linear_speed=linear, limits=[Limit(each) for each in chosen], compile=False)
+    tracker = PoseTracker(chain, dt=dt, linear_speed=linear, limits=[Limit(each) for each in chosen], compile=False)
     follow(tracker, seen, hops)
     return seen
 
 
-def counted(runs: Callable[[Callable[..., Any], int], Seen], seeds: Sequence[int]) -> Rows:
-    """Of each controller the worst of all runs, how many ticks shake and the mean distance from the target."""
-    for name, kind in KINDS.items():
-        all_of_it = [runs(kind, seed) for seed in seeds]
-        found = {key: max(each.worst[key] for each in all_of_it) for key in all_of_it[0].worst}
-        fast = sum(each.worst["hand speed"] > 1.02 for each in all_of_it)
-        ticks = sum(each.ticks for each in all_of_it)
-        yield (
-            name,
-            found
-            | {
-                "runs with a hand above 1.02": fast,
-                "ticks that shake, of 10^5": 1e5 * sum(each.shakes for each in all_of_it) / ticks,
-                "mean distance [m]": float(np.mean([3 * each.distance / each.ticks for each in all_of_it])),
-            },
-        )
+def counted(runs: Callable[[int], Seen], seeds: Sequence[int]) -> Rows:
+    """The worst of all runs, how many ticks shake and the mean distance from the target."""
+    all_of_it = [runs(seed) for seed in seeds]
+    found = {key: max(each.worst[key] for each in all_of_it) for key in all_of_it[0].worst}
+    ticks = sum(each.ticks for each in all_of_it)
+    yield (
+        runs.__name__,
+        found
+        | {
+            "runs with a hand above 1.02": sum(each.worst["hand speed"] > 1.02 for each in all_of_it),
+            "ticks that shake, of 10^5": 1e5 * sum(each.shakes for each in all_of_it) / ticks,
+            "mean distance [m]": float(np.mean([3 * each.distance / each.ticks for each in all_of_it])),
+        },
+    )
 
 
 def held(seeds: Sequence[int]) -> Rows:
     """Fastest joint in the last 4 s of 25 s towards a target out of reach."""
-    for name, kind in KINDS.items():
-        tails = []
-        for seed in seeds:
-            rng, dt = np.random.default_rng(seed), 0.01
-            chain, q = ur5(acceleration=rng.uniform(1.0, 1.7)), rng.uniform(-2, 2, 6)
-            pose, way, tail = place(chain, rng.uniform(-2, 2, 6)), rng.normal(size=3), 0.0
-            pose[:3, 3] = way / np.linalg.norm(way) * rng.uniform(0.95, 2.5)
-            tracker = kind(chain, dt=dt, linear_speed=0.5, compile=False)
-            for k in range(2500):
-                u = tracker.step(q, pose, STILL).value
-                q, tail = q + dt * u, max(tail, float(np.abs(u).max())) if k >= 2100 else 0.0
-            tails.append(tail)
-        yield name, {
-            "fastest joint at last [rad/s]": max(tails), "arms above 0.05 rad/s": sum(each > 0.05 for each in tails),
-        }  # fmt: skip
+    tails = []
+    for seed in seeds:
+        rng, dt = np.random.default_rng(seed), 0.01
+        chain, q = ur5(acceleration=rng.uniform(1.0, 1.7)), rng.uniform(-2, 2, 6)
+        pose, way, tail = place(chain, rng.uniform(-2, 2, 6)), rng.normal(size=3), 0.0
+        pose[:3, 3] = way / np.linalg.norm(way) * rng.uniform(0.95, 2.5)
+        tracker = PoseTracker(chain, dt=dt, linear_speed=0.5, compile=False)
+        for k in range(2500):
+            u = tracker.step(q, pose, STILL).value
+            q, tail = q + dt * u, max(tail, float(np.abs(u).max())) if k >= 2100 else 0.0
+        tails.append(tail)
+    yield "held", {
+        "fastest joint at last [rad/s]": max(tails), "arms above 0.05 rad/s": sum(each > 0.05 for each in tails),
+    }  # fmt: skip
 
 
 def way(seeds: Sequence[int]) -> Rows:
-    """Time to within 1 mm and 5 mrad over the time-optimal one of the joints."""
-    for name, kind in KINDS.items():
-        ratios = []
-        for seed in seeds:
-            rng, dt = np.random.default_rng(seed), 0.004
-            speed, acceleration = rng.uniform(1, 3), float(rng.choice([2.0, 5.0, 15.0]))
-            chain, q = ur5(velocity=speed, acceleration=acceleration), READY + 0.4 * rng.normal(size=6)
-            goal = q + rng.choice([0.1, 0.3]) * rng.normal(size=6)
-            pose, far = place(chain, goal), np.abs(goal - q)
-            ramp, cruise = 2 * np.sqrt(far / acceleration), far / speed + speed / acceleration
-            least = np.where(far <= speed**2 / acceleration, ramp, cruise).max()
-            tracker, arrived = kind(chain, dt=dt, linear_speed=10.0, angular_speed=30.0, compile=False), 0
-            for k in range(int(10 * least / dt)):
-                q = q + dt * tracker.step(q, pose, STILL).value
-                here = place(chain, q)
-                turn = np.arccos(np.clip((np.trace(pose[:3, :3].T @ here[:3, :3]) - 1) / 2, -1, 1))
-                if np.linalg.norm(pose[:3, 3] - here[:3, 3]) > 1e-3 or turn > 5e-3:
-                    arrived = k + 1
-            ratios.append((arrived + 1) * dt / least)
-        yield name, {f"time over the shortest, {p} %": float(np.percentile(ratios, p)) for p in (50, 90, 100)}
+    """Time to within 1 mm and 5 mrad over the time-optimal one of the joints; way beside the straight line."""
+    ratios, aside = [], []
+    for seed in seeds:
+        rng, dt = np.random.default_rng(seed), 0.004
+        speed, acceleration = rng.uniform(1, 3), float(rng.choice([2.0, 5.0, 15.0]))
+        chain, q = ur5(velocity=speed, acceleration=acceleration), READY + 0.4 * rng.normal(size=6)
+        goal = q + rng.choice([0.1, 0.3]) * rng.normal(size=6)
+        pose, far = place(chain, goal), np.abs(goal - q)
+        ramp, cruise = 2 * np.sqrt(far / acceleration), far / speed + speed / acceleration
+        least = np.where(far <= speed**2 / acceleration, ramp, cruise).max()
+        tracker, arrived = PoseTracker(chain, dt=dt, linear_speed=10.0, angular_speed=30.0, compile=False), 0
+        begin, off = place(chain, q)[:3, 3], 0.0
+        line = (pose[:3, 3] - begin) / np.linalg.norm(pose[:3, 3] - begin)
+        for k in range(int(10 * least / dt)):
+            q = q + dt * tracker.step(q, pose, STILL).value
+            here = place(chain, q)
+            off = max(off, float(np.linalg.norm(np.cross(here[:3, 3] - begin, line))))
+            turn = np.arccos(np.clip((np.trace(pose[:3, :3].T @ here[:3, :3]) - 1) / 2, -1, 1))
+            if np.linalg.norm(pose[:3, 3] - here[:3, 3]) > 1e-3 or turn > 5e-3:
+                arrived = k + 1
+        ratios.append((arrived + 1) * dt / least)
+        aside.append(off / np.linalg.norm(pose[:3, 3] - begin))
+    yield (
+        "way",
+        {
+            f"{what}, {p} %": float(np.percentile(each, p))
+            for what, each in (("time over the shortest", ratios), ("beside the line over its length", aside))
+            for p in (50, 90, 100)
+        },
+    )
 
 
 def servos(seeds: Sequence[int]) -> Rows:
@@ -231,7 +232,7 @@ def servos(seeds: Sequence[int]) -> Rows:
             return np.clip(feedforward + pull, -self._limit, self._limit)
 
     robots = [("velocity", delay) for delay in (0.0, 0.002, 0.005, 0.008)] + [("position", 0.0)]
-    for (servo, delay), (name, kind) in itertools.product(robots, KINDS.items()):
+    for servo, delay in robots:
         found = {"peak to peak at the limit [mrad]": 0.0, "beyond it [mrad]": 0.0, "short of it at rest [mrad]": 0.0,
                  "a target in reach, by the encoders [mm]": 0.0}  # fmt: skip
         for seed in seeds:
@@ -243,7 +244,7 @@ def servos(seeds: Sequence[int]) -> Rows:
             drive = VelocityServo() if servo == "velocity" else Damped()
             plant = MujocoArm(arm.model, dt=dt, drive=drive, channel=channel, seed=rng)
             plant = plant if servo == "velocity" else PositionStream(plant)
-            tracker, seen = kind(chain, dt=dt, compile=False), plant.reset(start)
+            tracker, seen = PoseTracker(chain, dt=dt, compile=False), plant.reset(start)
             q = np.empty((8000, chain.n))
             for k in range(len(q)):
                 q[k] = plant.truth.position
@@ -260,42 +261,12 @@ def servos(seeds: Sequence[int]) -> Rows:
                 1e3 * -over[-1][near].min(initial=0.0), 1e3 * np.linalg.norm(there[:3, 3] - reach[:3, 3]),
             )  # fmt: skip
             found = {key: max(old, float(new)) for (key, old), new in zip(found.items(), numbers, strict=True)}
-        yield (
-            f"{name}, {servo} servos, {1e3 * delay:g} ms"
-            if delay or servo == "velocity"
-            else f"{name}, {servo} servos 0.1 s late",
-            found,
-        )
-
-
-def tick(seeds: Sequence[int]) -> Rows:
-    """Median of compiled ticks at 1 kHz, in turns; the wrapper counted."""
-    trackers = {name: kind(BASE, compile="wait") for name, kind in KINDS.items()}
-    took: dict[str, list[list[float]]] = {name: [[], []] for name in KINDS}
-    start = place(BASE, READY)
-    for _, (name, tracker), far in itertools.product(seeds[:5], trackers.items(), (0, 1)):
-        tracker.reset()
-        q, pose, twist = READY.copy(), start.copy(), STILL.copy()
-        pose[:3, 3] *= 1 + 0.6 * far
-        for k in range(3000):
-            if not far:
-                phase = 2 * np.pi * k / 6000
-                pose[:2, 3] = start[:2, 3] + 0.1 * np.array([np.cos(phase) - 1, np.sin(phase)])
-                twist[:2] = 0.1 * 2 * np.pi / 6 * np.array([-np.sin(phase), np.cos(phase)])
-            begun = time.perf_counter()
-            u = tracker.step(q, pose, twist).value
-            took[name][far].append(time.perf_counter() - begun)
-            q = q + 1e-3 * u
-    for name in KINDS:
-        yield (
-            name,
-            {what: 1e6 * float(np.median(took[name][i])) for i, what in ((0, "circle [us]"), (1, "out of reach [us]"))},
-        )
+        yield f"velocity servos, {1e3 * delay:g} ms" if servo == "velocity" else "position servos 0.1 s late", found
 
 
 PARTS: dict[str, Callable[[Sequence[int]], Rows]] = {
     "law": lambda seeds: counted(law, seeds), "held": held, "limits": lambda seeds: counted(limits, seeds), "way": way,
-    "servos": servos, "tick": tick,
+    "servos": servos,
 }  # fmt: skip
 
 
@@ -306,7 +277,6 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--runs", type=int, default=20)
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args(arguments)
-    os.environ.setdefault("REHAB_OPT_COMPILE", "0" if "tick" not in options.parts else "1")
     for name in options.parts:
         rows = list(PARTS[name](range(options.seed, options.seed + options.runs)))
         table = Table("", *rows[0][1], title=f"{name}, {options.runs} runs from seed {options.seed}")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Sequence
 from functools import cached_property, reduce
 from typing import NamedTuple
 
@@ -14,8 +13,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.control.command import Relaxed
 from rehab_opt.control.hand_bounds import HandBounds
-from rehab_opt.control.pose_tracker import Inputs, PoseTracker, Rows, TickSolution
 from rehab_opt.control.reasons import NUMBER
+from rehab_opt.control.scaled_task import Inputs, Rows, ScaledTask, TickSolution
 from rehab_opt.control.stopping import APPROACH, VelocityBounds
 from rehab_opt.control.tool_speed import speed_ahead
 from rehab_opt.kinematics.rigid import rotation_vector
@@ -64,21 +63,15 @@ class Posture(NamedTuple):
     """[rad^2] square of the tool's turn from the target."""
 
 
-class MirrorStatement(PoseTracker):
-    """`PoseTracker`'s QP with the rows of `HandBounds`, its true state at the end of the tick, and shortened steps."""
+class MirrorStatement(ScaledTask):
+    """`ScaledTask`'s QP with the rows of `HandBounds`, its true state at the end of the tick, and shortened steps."""
 
-    holds_targets = takes_jerk = False
     memory_extra = 1  # what the last tick lost of w / w_max against its tangent
     floor: float
     max_deviation: float
     max_turn: float
     hand_bounds: HandBounds
     counts: Counter[str]
-
-    @property
-    def row_count(self) -> int:
-        """Number of rows of `HandBounds`."""
-        return self.hand_bounds.count
 
     def others(self) -> list[ca.SX]:
         """From the target to the deviation's centre (3,), and what stands for a gradient that vanishes (n,)."""
@@ -112,7 +105,7 @@ class MirrorStatement(PoseTracker):
     def rows(self, tick: Stages, inputs: Inputs, bounds: VelocityBounds) -> Rows:
         """See `HandBounds.rows`."""
         offset, lead, *_ = inputs.others
-        contacts = self.contacts(tick, inputs.q, inputs.last, inputs.moving, ticks=1)
+        contacts = self.contacts(tick, inputs.q, inputs.last, inputs.moving)
         matrix, upper, now = self.hand_bounds.rows(
             inputs.q,
             inputs.last,
@@ -132,7 +125,7 @@ class MirrorStatement(PoseTracker):
         The hand comes to its largest speed at the rate `APPROACH`: a servo overshoots the end of an acceleration.
         """
         q, most = inputs.q, self.linear_speed
-        unweighted = self._unweighted(q, jacobian)
+        unweighted = self._unweighted(jacobian)
         turning = ca.norm_2(unweighted[3:, :] @ velocity)
         way = unweighted[:3, :] @ velocity
         before = clipped(ca.dot(way, unweighted[:3, :] @ inputs.last) / ca.fmax(ca.norm_2(way), TINY), 0, most)
@@ -141,35 +134,29 @@ class MirrorStatement(PoseTracker):
         return ca.fmax(linear / allowed, turning / self.angular_speed)
 
     @property
-    def _settling(self) -> float:
-        """[1/s] as `PoseTracker`'s, and slower in long ticks."""
-        return min(super()._settling, AT_MOST / self.dt)
+    def settling(self) -> float:
+        """[1/s] as `ScaledTask`'s, and slower in long ticks."""
+        return min(super().settling, AT_MOST / self.dt)
 
-    def _reference_twist(self, jacobian: ca.SX, pose: ca.SX, target: ca.SX, twist: ca.SX) -> tuple[ca.SX, ca.SX]:
-        feedback = self._settling * ca.vertcat(
+    def reference_twist(self, pose: ca.SX, target: ca.SX, twist: ca.SX) -> ca.SX:
+        """See `ScaledTask`; feedback is no faster than `HASTE` times the hand speeds."""
+        feedback = self.settling * ca.vertcat(
             target[:3, 3] - pose[:3, 3], rotation_vector(target[:3, :3] @ pose[:3, :3].T)
         )
         linear, angular = ca.norm_2(feedback[:3]), ca.norm_2(feedback[3:])
         excess = ca.fmax(linear / (HASTE * self.linear_speed), angular / (HASTE * self.angular_speed))
-        commanded = twist + feedback / ca.fmax(excess, 1)
-        return commanded, commanded
-
-    def slow_enough(self, tick: Stages, q: ca.SX, jacobian: ca.SX, velocity: ca.SX, ways: Sequence[ca.SX]) -> ca.SX:
-        """(n,) the velocity: it is shortened after the tick, by `keeping`."""
-        return velocity
-
-    def command(self, tick: Stages, inputs: Inputs, velocity: ca.SX) -> ca.SX:
-        """(n,) as `slow_enough`."""
-        return velocity
+        return twist + feedback / ca.fmax(excess, 1)
 
     def outcome(self, tick: Stages, inputs: Inputs, motion: TickSolution) -> tuple[ca.SX, ca.SX]:
         """Yielded, fraction of the reference, nothing unusual, bounds truly kept, w before and after, w is flat.
 
-        The memory has the loss of w against its tangent behind `PoseTracker`'s.
+        The memory ends with the loss of w against its tangent.
         """
         centre, now = inputs.target[:3, 3] + inputs.others[0], Posture(*motion.rows.posture)
-        report, memory = super().outcome(tick, inputs, motion)
-        relaxed, outside = report[0], motion.rows.bounds.outside
+        outside = motion.rows.bounds.outside
+        relaxed, _ = ca.vertsplit(
+            self.report(inputs.last, motion.velocity, motion.delivered, motion.commanded, outside)
+        )
         part = ca.if_else(motion.speed > 1e-9, motion.scale, 1)
         kept, _, then, loss = self.hand_bounds.kept(
             inputs.q, motion.velocity, centre, w=now.w, gradient=now.gradient, here=now.place,
@@ -189,12 +176,7 @@ class MirrorStatement(PoseTracker):
             ca.sumsqr(inputs.twist[3:]) <= (SPARE * self.angular_speed) ** 2,
         ]  # fmt: skip
         report = ca.vertcat(relaxed, part, reduce(ca.logic_and, usual), kept, now.w, then, flat)
-        return report, ca.vertcat(memory, ca.fmin(loss, self.floor))
-
-    @property
-    def brakes_beside_bounds(self) -> bool:
-        """Before bodies alone: what else there is to keep, the braking of all joints alike does."""
-        return self.among_bodies
+        return report, ca.vertcat(self.remember(inputs.q, motion.velocity), ca.fmin(loss, self.floor))
 
     def _clear(self, tick: Stages, q: ca.SX, moving: ca.SX, velocity: ca.SX, *, braked: bool) -> ca.SX:
         """Whether bodies are clear of each other where it leads, and on the way to rest unless it is `braked`."""

@@ -48,7 +48,7 @@ def model_tick(chain: SerialChain) -> ca.Function:
 class _Model(PoseTracker):
     """Tracker of the model arm: its joints are set, and set back after a trial tick, so that none is watched."""
 
-    holds_targets = watched = False  # its joints accelerate as they like
+    watched = False
 
 
 class PersonLimit:

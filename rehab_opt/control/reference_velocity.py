@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -10,18 +9,16 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from rehab_opt.control.damped import DAMPING, PASSES, Bend, bent_velocity, damped_velocity
+from rehab_opt.control.damped import DAMPING, PASSES, damped_velocity
 from rehab_opt.control.stopping import FAR, VelocityBounds
-from rehab_opt.optim.certificate import all_true, clipped
+from rehab_opt.optim.certificate import clipped
 from rehab_opt.optim.fused import ANALYTIC_TOLERANCE, by_dual_active_set, choice, exact_round
 from rehab_opt.optim.qp import Statement
-from rehab_opt.optim.qrqp import qrqp
 from rehab_opt.optim.rows import MAX_MAGNITUDE, parameter, variable, within
-from rehab_opt.symbolic.record import Record, Values
 from rehab_opt.symbolic.shared import remembered
 from rehab_opt.symbolic.tick import Stages
 
-__all__ = ["HELD", "ReferenceVelocity", "held_after"]
+__all__ = ["ReferenceVelocity"]
 
 CLAIM_TOLERANCE = 1e-6
 """[rad/s] How far a claimed bounded answer may move on."""
@@ -42,45 +39,7 @@ changes the error, as a turn of a wrist that counts little, would creep for tens
 1 / (1 - `MOMENTUM`) times as fast, in ticks of any length. Nor does it swing more: with a fraction s of the last
 velocity kept, a tick's motion may be up to 2 (1 + s) times the way to the least until it does, not 2 times."""
 
-SAME, TURN_LENGTH = 0.1, 0.1
-"""Of the error, by how much a target may move and is still held; [m/rad] what a turn counts in that."""
-OVERSHOT = 0.01
-"""Of a joint's largest speed, from which on it overshoots."""
-SLOWING, LEAST = 2.0, 0.01
-"""[s] of overshooting in which the hand's largest speed falls to 1/e of what it was, and what stays of it."""
-
-Excess = Callable[[ca.SX], ca.SX | None]
-HELD = Record(target=12, approached=1, slowed=1)
-"""Of a target that is held far off: its place, its rotation by columns, whether the joints were on their way to it, and
-by what fraction the hand's largest speed is smaller for it."""
-
-
-def held_after(
-    held: Values,
-    target: ca.SX,
-    *,
-    error: ca.SX,
-    last: ca.SX,
-    wanted: ca.SX,
-    dt: float,
-) -> ca.SX:
-    """`HELD` after a tick towards a target (12,) far off: joints that go on against where they are wanted slow a hand.
-
-    A reference counts on reaching its target. Where that is out of reach, joints that accelerate little brake too late
-    at the edge of it, and swing for good, however they are damped there. So each overshoot takes some of the hand's
-    largest speed, until none is left. It has that speed again when the target has moved by a tenth of the error (6,)
-    [m, rad], or is near, where this is not asked. `last` and `wanted` are joint velocities (n,) over their limits.
-    """
-    fast, along = ca.mmax(ca.fabs(last)) > OVERSHOT, ca.dot(last, wanted)
-    moved, size = (ca.vertcat(each[:3], TURN_LENGTH * each[3:]) for each in (target - held.target, error))
-    same = ca.norm_2(moved) <= SAME * ca.norm_2(size)  # NaN fails
-    over = all_true(held.approached, fast, along < 0)
-    slowed = ca.if_else(over, ca.fmin(1 - (1 - held.slowed) * math.exp(-dt / SLOWING), 1 - LEAST), held.slowed)
-    return HELD.of(
-        target=ca.if_else(same, held.target, target),
-        approached=ca.logic_and(same, ca.logic_or(held.approached, ca.logic_and(fast, along > 0))),
-        slowed=ca.if_else(same, slowed, 0),
-    )
+Excess = Callable[[ca.SX], ca.SX]
 
 
 class ReferenceVelocity(NamedTuple):
@@ -113,35 +72,24 @@ class ReferenceVelocity(NamedTuple):
     upper: ca.SX
     """(m,) r"""
 
-    def stated(self, tick: Stages, q: ca.SX, last: ca.SX, *, excess: Excess, bend: Bend) -> tuple[ca.SX, ca.SX]:
+    def stated(self, tick: Stages, q: ca.SX, last: ca.SX, *, excess: Excess) -> tuple[ca.SX, ca.SX]:
         """(n,) velocities at q (n,) after `last` (n,), and the twist (k,) that they deliver.
 
-        Where `excess` of these velocities is above 1, they are slowed by it. `bend` says how the hand's twist changes
-        (`damped`); with rows, which that does not know, it is not used.
+        Where `excess` of these velocities is above 1, they are slowed by it.
         """
         n = q.numel()
-        free = damped_velocity(self._moving, self.twist, self.drift)
+        free = damped_velocity(self._moving, self.twist, drift=self.drift)
         # A limit that is felt only above the velocity limit is not why a joint is held: the whole motion slows down.
         low = ca.if_else(self.bounds.stop_lower <= -self.speed, -FAR, self.bounds.stop_lower)
         high = ca.if_else(self.bounds.stop_upper >= self.speed, FAR, self.bounds.stop_upper)
         free, low, high = tick.once((free, low, high))
         leaves = ca.sum1(ca.vertcat(free > high, free < low, self.rows @ free > self.upper)) > 0
         finite = ca.sumsqr(ca.vertcat(q, free)) <= MAX_MAGNITUDE**2  # no solver sees what cannot be used
-        needed = ca.logic_and(leaves, finite)
-        if self.rows.size1():
-            motion = self.within_rows(tick, free, low, high, last, needed=needed)
-        else:
-            motion = tick.when(needed, lambda: self._held_joints(tick, free, low, high), self._delivered(free))
-            misses = ca.sumsqr(self.twist - motion[n:]) > MISSED**2 * ca.sumsqr(self.twist)
-            motion = tick.when(misses, lambda: self._bent(last, motion, low, high, bend), motion)
-        factor = excess(motion[:n])
-        if factor is not None:
-            motion = tick.once(motion / ca.fmax(factor, 1))
+        motion = self.within_rows(tick, free, low, high, last, needed=ca.logic_and(leaves, finite))
+        motion = tick.once(motion / ca.fmax(excess(motion[:n]), 1))
         return motion[:n], motion[n:]
 
-    def within_rows(
-        self, tick: Stages, free: ca.SX, low: ca.SX, high: ca.SX, last: ca.SX, *, needed: ca.SX | int = 1
-    ) -> ca.SX:
+    def within_rows(self, tick: Stages, free: ca.SX, low: ca.SX, high: ca.SX, last: ca.SX, *, needed: ca.SX) -> ca.SX:
         """(n + k,) velocities within stopping speeds (n,) and rows, and their twist; not `needed` where `free` are.
 
         What is left of the twist damps them, whether rows leave it or a singular pose does: they take no step where a
@@ -163,28 +111,12 @@ class ReferenceVelocity(NamedTuple):
             closed, right = self._by_the_first_row(low, high)
             return tick.when(right, closed, lambda: solved(self.drift, DAMPING, free))
 
-        motion = tick.when(ca.SX(needed), held, self._delivered(free))
+        motion = tick.when(needed, held, self._delivered(free))
         left = ca.norm_2(self.twist - motion[n:]) - MISSED * ca.norm_2(self.twist)
         damping = DAMPING + CALMING * left
         about = self.drift + MOMENTUM * CALMING * left / damping * (last - self.drift)  # of nothing left as it was
         some = ca.logic_and(left > 0, left <= MAX_MAGNITUDE)
         return tick.when(some, lambda: solved(about, damping, motion[:n]), motion)
-
-    def _held_joints(self, tick: Stages, free: ca.SX, low: ca.SX, high: ca.SX) -> ca.SX:
-        """Without rows: the claim where it is the bounded QP's solution, else the free answer moved into the bounds."""
-        n = free.numel()
-        low, high = (ca.DM(~self.locked) * each for each in (low, high))
-        h, (g, lower, upper) = ca.MX.sym("h", n, n), (ca.MX.sym(name, n) for name in ("g", "lower", "upper"))
-        found = qrqp("bounded", n, 0)(h=h, g=g, lbx=lower, ubx=upper)["x"]
-        solver = ca.Function("bounded", [h, g, lower, upper], [found])
-        claim = self.drift
-        for _ in range(PASSES):
-            hessian, gradient = tick.once(self._model(claim))
-            (claim,) = tick.call(solver, hessian, gradient, low, high)
-        # A solution stays where it is when it goes down the slope and back into the bounds; NaN fails.
-        there = clipped(claim - hessian @ claim - gradient, low, high)
-        fixed = ca.sumsqr(there - claim) <= CLAIM_TOLERANCE**2
-        return self._delivered(ca.if_else(fixed, clipped(claim, low, high), clipped(free, low, high)))
 
     def _by_the_first_row(self, low: ca.SX, high: ca.SX) -> tuple[ca.SX, ca.SX]:
         """(n + k,) in closed form where the first row alone is active, the usual case; and 1 where it is right."""
@@ -200,15 +132,6 @@ class ReferenceVelocity(NamedTuple):
             x = free - multiplier * towards
         fits = ca.vertcat(x >= low, x <= high, self.rows @ x <= self.upper)
         return self._delivered(x), ca.logic_and(multiplier >= 0, ca.sum1(fits) == fits.numel())  # NaN fails
-
-    def _bent(self, last: ca.SX, motion: ca.SX, low: ca.SX, high: ca.SX, bend: Bend) -> ca.SX:
-        """(n + k,) `bent_velocity` and its twist."""
-        n = last.numel()
-        bent = bent_velocity(
-            self.jacobian, self.twist, self.twist - motion[n:], velocity=motion[:n], others=[last], within=(low, high),
-            drift=self.drift, movable=self._movable, bend=bend,
-        )  # fmt: skip
-        return ca.vertcat(bent, self.jacobian @ bent)
 
     def _model(self, about: ca.SX) -> tuple[ca.SX, ca.SX]:
         """Hessian (n, n) and gradient (n,) of half the cost, damped about a velocity (n,)."""

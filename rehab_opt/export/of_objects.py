@@ -98,7 +98,7 @@ def _bodies(where: str, tick: Mapping[str, Any], name: str, limits: PostureLimit
     return {"obstacles": limits.capsule_numbers(f"{where}[{name!r}]", given)}
 
 
-def _poses(tracker: PoseTracker, run: Run) -> list[dict[str, Any]]:
+def _poses(tracker: PoseTracker | MirrorTracker, run: Run) -> list[dict[str, Any]]:
     shapes = {"q": (tracker.chain.n,), "pose": (4, 4), "twist": (6,)}
     return [
         {name: _numbers(where, tick, name, shape) for name, shape in shapes.items()}

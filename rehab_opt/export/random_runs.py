@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from rehab_opt.control.bilateral import Bilateral
 from rehab_opt.control.hand_task import FRAMES
 from rehab_opt.control.limit import PostureLimits
+from rehab_opt.control.mirror import MirrorTracker
 from rehab_opt.control.pose_tracker import PoseTracker
 from rehab_opt.control.redundancy import RedundancyResolver
 from rehab_opt.control.velocity_controller import VelocityController
@@ -53,7 +54,7 @@ def bodies_about(place: Array, limits: PostureLimits, rng: np.random.Generator) 
     return bodies
 
 
-def mirror_reference(tracker: PoseTracker) -> Ticks:
+def mirror_reference(tracker: MirrorTracker) -> Ticks:
     """A hand that waves about a posture, q of the first, at times faster than the arm; what moves moves about it."""
     rng, limits = np.random.default_rng(0), tracker.limits
     q = best_posture(tracker, rng)

@@ -1,4 +1,4 @@
-"""The front end of the next `PoseTracker`: turns, impossible samples, pauses, late and pushed robots."""
+"""The front end of `PoseTracker`: turns, impossible samples, pauses, late and pushed robots."""
 
 from __future__ import annotations
 
@@ -10,8 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from bench.braking import BASE, READY, place
-from rehab_opt import Command, Relaxed, SerialChain, Status
-from rehab_opt.braking import PoseTracker
+from rehab_opt import Command, PoseTracker, Relaxed, SerialChain, Status
 
 Array = NDArray[np.float64]
 STILL, DT = np.zeros(6), 0.002

@@ -10,9 +10,9 @@ from typing import NamedTuple, Protocol
 import casadi as ca
 import numpy as np
 
-from rehab_opt.braking.manoeuvre import Manoeuvre, further
 from rehab_opt.control.clearance_pairs import ClearancePairs
 from rehab_opt.control.limit import SLACK, Limit, smallest_rows
+from rehab_opt.control.manoeuvre import Manoeuvre, further
 from rehab_opt.control.stopping import OUTSIDE
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.kinematics.room import MOVING

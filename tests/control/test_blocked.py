@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from bench.braking import BASE, READY, place
-from rehab_opt import Limit, SerialChain, Status
-from rehab_opt.braking import PoseTracker
+from rehab_opt import Limit, PoseTracker, SerialChain, Status
 
 STILL = np.zeros(6)
 

@@ -1,4 +1,4 @@
-"""The next `PoseTracker`: bounds, rest, null space and answers, judged by the bench's own kinematics."""
+"""`PoseTracker`: bounds, rest, null space and answers, judged by the bench's own kinematics."""
 
 from __future__ import annotations
 
@@ -6,15 +6,14 @@ import numpy as np
 import pytest
 
 from bench.braking import BASE, READY, held, law, limits, place
-from rehab_opt import ConfigurationError, SerialChain, Status
-from rehab_opt.braking import PoseTracker
+from rehab_opt import ConfigurationError, PoseTracker, SerialChain, Status
 
 STILL = np.zeros(6)
 
 
 @pytest.mark.parametrize("seed", range(7100, 7106))
 def test_random_limits_and_targets_break_no_bound(seed: int) -> None:
-    run = law(PoseTracker, seed)
+    run = law(seed)
     assert run.worst["acceleration"] <= 1 + 1e-9
     assert run.worst["beyond a joint limit [rad]"] <= 1e-9
     assert run.worst["hand speed"] <= 1.02
@@ -23,14 +22,13 @@ def test_random_limits_and_targets_break_no_bound(seed: int) -> None:
 
 @pytest.mark.parametrize("seed", [7201, 7202, 7203])
 def test_limits_of_a_user_are_kept(seed: int) -> None:
-    run = limits(PoseTracker, seed)
+    run = limits(seed)
     assert run.worst["below a limit"] <= 1e-9
     assert run.worst["acceleration"] <= 1 + 1e-9
     assert run.shakes <= 20
 
 
-def test_targets_out_of_reach_leave_the_arm_at_rest(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("bench.braking.KINDS", {"next": PoseTracker})
+def test_targets_out_of_reach_leave_the_arm_at_rest() -> None:
     assert next(iter(held((7300, 7301))))[1]["fastest joint at last [rad/s]"] <= 0.02
 
 
