@@ -43,6 +43,11 @@ __all__ = ["MirrorTracker"]
 
 Array = NDArray[np.float64]
 
+NOT_TAKEN = {
+    "task_weights": "turn_length instead",
+    "jerk": "None with MirrorTracker, which has bounds that come before a drive's",
+}
+"""Arguments of a `PoseTracker` that have no place here, and what to do."""
 _OK, _NAN, _new, _read_only = Status.OK, math.nan, tuple.__new__, np.frombuffer
 _BOUNDS, _SOLVERS = {float(i): Relaxed(i) for i in range(8)}, {float(i): name for i, name in enumerate(FUSED_SOLVERS)}
 _JUDGED, _USUAL, _LEADS_TO = GIVEN["judged"], VERDICT["usual"], VERDICT["then"]
@@ -51,7 +56,7 @@ _JUDGED, _USUAL, _LEADS_TO = GIVEN["judged"], VERDICT["usual"], VERDICT["then"]
 class MirrorTracker(MirrorPreview):
     """Joint velocities for a hand that is led along a mirrored path, kept out of singular postures.
 
-    `PoseTracker`'s QP with the rows of `HandBounds`: w(q) + grad w . q' dt stays above the floor as a discrete barrier,
+    `ScaledTask`'s QP with the rows of `HandBounds`: w(q) + grad w . q' dt stays above the floor as a discrete barrier,
     the hand near the reference and out of what it must not enter. Then the true state at the end of the tick is
     computed, and the step shortened where the tangents promised too much: w(q + q' dt) / w_max >= min(floor, w / w_max)
     holds in every tick, also while braking. Where the acceleration bound is in the way of it, it yields, is flagged and
@@ -139,8 +144,9 @@ class MirrorTracker(MirrorPreview):
     ) -> None:
         if not isinstance(chain, SerialChain):
             raise ConfigurationError("chain", chain, "a SerialChain")
-        if any(name in options for name in ("task_weights",)):
-            raise ConfigurationError("task_weights", options["task_weights"], "turn_length instead")
+        for name, expected in NOT_TAKEN.items():
+            if name in options:
+                raise ConfigurationError(name, options[name], expected)
         if interaction is not None and not isinstance(interaction, Interaction):
             raise ConfigurationError("interaction", interaction, "an Interaction")
         checked_number("dt", dt, above=0.0, below=1.0)

@@ -280,19 +280,21 @@ class PoseTracker(VelocityController):
         S = tick.once(ca.fmax(1 / self._settling, dt * (1 + ticks)))
         braking = relative * (1 - 1 / ca.fmax(ticks, 1))
         aside = tick.once(self._self_motion(there, J, S, braking))
-        base = tick.once(follow + braking + aside)
+        base = tick.once(follow + braking)
         unweighted = ca.DM(1 / np.where(self.task_weights > 0, np.array(weights).ravel(), np.inf))
-        asked = tick.once(error / S / ca.fmax(1, self._hand.over(unweighted * error / S)) - J @ aside)
+        asked = tick.once(error / S / ca.fmax(1, self._hand.over(unweighted * error / S)))
 
         far = 1e3 * brake.speed  # where a speed ends it, the velocity is led towards what the task wants beyond
         low = ca.if_else(ends.low <= -brake.speed, -far, ends.low)
         high = ca.if_else(ends.high >= brake.speed, far, ends.high)
         lower, upper = tick.once((ca.fmin(low, ends.high), high))
-        first, last = (damped_velocity(J, asked, damping=DAMPING, passes=passes) for passes in (PASSES - 1, PASSES))
-        free = tick.once(base + last)
+        beside = asked - J @ aside
+        first, last = (damped_velocity(J, beside, damping=DAMPING, passes=passes) for passes in (PASSES - 1, PASSES))
+        free = tick.once(base + aside + last)
         left = ca.norm_2(asked - J @ (clipped(free, lower, upper) - base)) - MISSED * ca.norm_2(asked)
         d = tick.once(DAMPING + CALMING * S * ca.fmax(left, 0))
-        centre = tick.once(base + ca.if_else(left > 0, 0, first))
+        # What limits leave of the error comes before the posture: damping towards that would leave more.
+        centre = tick.once(base + ca.if_else(left > 0, 0, aside + first))
         w = tick.when(left > 0, lambda: base + damped_velocity(J, asked, damping=d, passes=1), free)
         return Wanted(J, base, asked, centre, d, lower, upper, w)
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import functools
 import itertools
 
-import casadi as ca
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -13,7 +12,6 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from rehab_opt import DH, PoseTracker, SerialChain
-from rehab_opt.control.reference_velocity import HELD, held_after
 
 Array = NDArray[np.float64]
 DT = 2e-3
@@ -79,17 +77,3 @@ def test_a_target_that_can_be_had_is_come_to_as_before() -> None:
     late = sizes[60:100]
     for before, after in itertools.pairwise(late):
         assert after <= before * np.exp(-led.gain * DT) * 1.02 + 1e-12
-
-
-@pytest.mark.parametrize(("moved", "error", "as_before"), [
-    ([0.15, 0.0, 0.0], [0.01, 0.0, 0.0, 2.0, 0.0, 0.0], True),
-    ([0.003, 0.0, 0.0], [0.3, 0.0, 0.0, 0.0, 0.0, 0.0], False),
-])  # fmt: skip
-def test_a_place_that_moves_is_another_target_beside_a_turn_that_is_out_of_reach(moved, error, as_before) -> None:
-    target = np.r_[0.3, 0.2, 0.1, np.eye(3).ravel()]
-    held = HELD.parts(ca.SX(HELD.numbers(target=target, approached=1.0, slowed=0.9)))
-    last = ca.SX([1.0, 0.0])
-    after = held_after(
-        held, ca.SX(target + np.r_[moved, np.zeros(9)]), error=ca.SX(error), last=last, wanted=-last, dt=0.01
-    )
-    assert float(HELD.parts(after).slowed) == pytest.approx(0.0 if as_before else 0.9, abs=0.01)

