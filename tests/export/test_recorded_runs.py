@@ -110,7 +110,7 @@ def test_half_of_the_recorded_run_has_encoders_with_noise(name: str, exported: E
     assert np.median(quiet) < 2e-5
     assert 5e-5 < noisy.min() <= noisy.max() < 1e-4
     certified = np.array([float(row["scale"]) > 0 for row in rows])[1:-1][moves]
-    assert np.mean(certified[2 * len(valid) // 3 :]) > 0.88  # among some twenty ticks with faults
+    assert np.mean(certified[2 * len(valid) // 3 :]) > 0.85  # among some twenty ticks with faults
 
 
 @pytest.mark.parametrize("flag", ["-ffinite-math-only", "-fsingle-precision-constant"])

@@ -2,8 +2,8 @@
 
 Judged: such a tick is answered by a safe command with a reason. All joints slow by the same fraction, as fast as the
 one that rests last can, but for one that has to stop before its limit. None turns round, and then all stand; the hand
-is no faster than its bounds, or than it was. The tick after next of sound inputs is followed again. Joints that have not
-gone on through a gap in the stamps are taken to be at rest then: that is flagged. A robot that moves as commanded
+is no faster than its bounds, or than it was. The tick after next of sound inputs is followed again. Joints that have
+not gone on through a gap in the stamps are taken to be at rest then: that is flagged. A robot that moves as commanded
 follows.
 """
 

@@ -72,7 +72,7 @@ def session(ring: SharedRing, path: Path, clock: Clock) -> None:
 
         def until() -> bool:
             ticks[0] += 1
-            target[:3, 3] += 2e-4 * rng.normal(size=3)
+            target[:3, 3] += 2e-3 * rng.normal(size=3)
             if not 30 < ticks[0] < 45:
                 operator.write(heartbeat=clock.now, target=target)
             return ticks[0] > 120

@@ -123,7 +123,7 @@ def circle(**changes: object) -> ProblemFile[object]:
 def test_a_run_gives_its_sequence_with_the_tick_and_the_command_that_makes_it_again() -> None:
     (sequence,) = recorded_run(circle(), skip=10, ticks=50)
     assert sequence.name == "pose_tracking/ur5_circle_pose_tracker"
-    assert (len(sequence), sequence.n, sequence.m) == (50, 7, 0)
+    assert (len(sequence), sequence.n, sequence.m) == (50, 6, 0)
     assert sequence.dt == 0.01
     assert sequence.command == "python -m bench.record robot/ur5_circle --skip 10 --ticks 50"
     (longer,) = recorded_run(circle(), skip=0, ticks=60)
@@ -140,7 +140,7 @@ def test_the_command_names_a_file_of_one_s_own_and_the_solver_and_writes_what_it
     words = shlex.split(sequence.command)
     assert words == ["python", "-m", "bench.record", str(own), "--skip", "0", "--ticks", "5", "--solver=proxqp"]
     main([*words[3:], "--out", str(tmp_path / "deep" / "again.npz")])
-    assert capsys.readouterr().out == f"{tmp_path / 'deep' / 'again.npz'}: 5 QPs of 7 variables and 0 rows\n"
+    assert capsys.readouterr().out == f"{tmp_path / 'deep' / 'again.npz'}: 5 QPs of 6 variables and 0 rows\n"
     again = read_sequence(tmp_path / "deep" / "again.npz")
     assert again.command == sequence.command
     assert again.dt == 0.02
