@@ -30,7 +30,6 @@ LAYERS = {
     "workspace": {"errors", "text_file", "symbolic", "kinematics", "optim"},
     "field": {"errors", "symbolic", "kinematics", "optim"},
     "control": {"errors", "symbolic", "kinematics", "optim", "workspace", "field"},
-    "braking": {"errors", "symbolic", "kinematics", "optim", "control"},
     "published": {"errors", "symbolic", "kinematics"},
     "session": {
         "errors", "text_file", "symbolic", "kinematics", "optim", "workspace", "field", "control", "published",

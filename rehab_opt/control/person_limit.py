@@ -50,6 +50,10 @@ class _Model(PoseTracker):
 
     watched = False
 
+    def self_motion(self, q: ca.SX, jacobian: ca.SX, seconds: ca.SX, braking: ca.SX) -> ca.SX:
+        """None: the person's elbow is left where it is."""
+        return ca.SX.zeros(self.chain.n)
+
 
 class PersonLimit:
     """The nearest pose to a moving one that an arm of this range of motion follows to, joint by joint.

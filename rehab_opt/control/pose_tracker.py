@@ -279,7 +279,7 @@ class PoseTracker(VelocityController):
         )
         S = tick.once(ca.fmax(1 / self._settling, dt * (1 + ticks)))
         braking = relative * (1 - 1 / ca.fmax(ticks, 1))
-        aside = tick.once(self._self_motion(there, J, S, braking))
+        aside = tick.once(self.self_motion(there, J, S, braking))
         base = tick.once(follow + braking)
         unweighted = ca.DM(1 / np.where(self.task_weights > 0, np.array(weights).ravel(), np.inf))
         asked = tick.once(error / S / ca.fmax(1, self._hand.over(unweighted * error / S)))
@@ -364,7 +364,7 @@ class PoseTracker(VelocityController):
         ends = np.isfinite(lower) & np.isfinite(upper)
         return ca.DM(np.where(ends, np.where(ends, lower, 0) / 2 + np.where(ends, upper, 0) / 2, np.inf))
 
-    def _self_motion(self, q: ca.SX, jacobian: ca.SX, seconds: ca.SX, braking: ca.SX) -> ca.SX:
+    def self_motion(self, q: ca.SX, jacobian: ca.SX, seconds: ca.SX, braking: ca.SX) -> ca.SX:
         """(n,) [rad/s] added to `braking` (n,) for the posture, from q (n,), as far as it does not move the hand.
 
         What does not move the hand is slowed as a whole to `recovery_speed`.
