@@ -44,7 +44,7 @@ BRAKED = (0.0, 0.25, 0.5, 0.75)
 CLEAR, BEND = 5e-5, 10.0
 """[rad], [1/rad] Margin that rows keep before a limit, in joint motion: its least, and what tangents miss a tick."""
 PUSH, LEAVING = 0.3, 10.0
-"""Share of what lacks of the margin that is regained a tick; weight of doing so [m^2/s^2]."""
+"""Fraction of what lacks of the margin that is regained a tick; weight of doing so [m^2/s^2]."""
 
 
 class State(NamedTuple):

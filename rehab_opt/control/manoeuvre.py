@@ -62,7 +62,7 @@ class Manoeuvre:
     Parameters
     ----------
     chain : the arm. dt : tick [s].
-    recovery_speed : share of the velocity limit at which a joint outside its limits comes back.
+    recovery_speed : fraction of the velocity limit at which a joint outside its limits comes back.
     """
 
     def __init__(self, chain: SerialChain, dt: float, *, recovery_speed: float) -> None:

@@ -30,16 +30,16 @@ Array = NDArray[np.float64]
 FLAT = 2e-3
 """[1/rad] Slope of w / w_max below which the gradient shows no way up."""
 WHOLE = 0.999
-"""Share of the wanted motion from which nothing was slowed."""
+"""Fraction of the desired motion from which nothing was slowed."""
 CALM = 0.45
-"""Share of the largest deviation up to which the clock keeps its pace."""
+"""Fraction of the largest deviation up to which the clock keeps its pace."""
 SPARE = 0.95
-"""Share of the hand speeds that the reference may take: the rest is for catching up with it."""
+"""Fraction of the hand speeds that the reference may take: the rest is for catching up with it."""
 HASTE = 4.0
 """[1] Feedback on the error asks for at most this many times the largest hand speed."""
 AT_MOST = 0.4
-"""Share of an error that feedback removes in a tick. A floor is curved, of which the QP knows nothing: beyond two over
-what that adds to its own curvature a hand at rest goes to and fro (0.26 rad/s at 20 ms and a share of 0.63)."""
+"""Fraction of an error that feedback removes in a tick. A floor is curved, of which the QP knows nothing: beyond two
+over what that adds to its own curvature a hand at rest goes to and fro (0.26 rad/s at 20 ms and a fraction of 0.63)."""
 FAR = 10.0
 """Times the arm's reach beyond which a pose is a mistake."""
 HALVINGS = 12

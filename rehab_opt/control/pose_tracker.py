@@ -57,11 +57,11 @@ CALMING = 0.5
 """[m/rad^2] of damping for each metre of the error that limits or singular postures leave, where steps would else be
 too long."""
 MISSED = 0.02
-"""Share of a twist that the least damping takes where the arm is regular: no limit leaves that."""
+"""Fraction of a twist that the least damping takes where the arm is regular: no limit leaves that."""
 PASSES = 2
 """Of a damped solve: each further one takes out what damping left where the arm is regular."""
 BRAKES = 0.7
-"""Share of the accelerations that the approach to a target counts on."""
+"""Fraction of the accelerations that the approach to a target counts on."""
 ASIDE = 3
 """Rounds in which a command is led across bodies that come."""
 SECANTS = 2
@@ -80,12 +80,13 @@ class Now(NamedTuple):
     """Whether a joint is beyond its limit, or the posture beyond one of its own."""
 
 
-class Wanted(NamedTuple):
-    """min |J (u - base) - asked|^2 + damping |u - centre|^2 within lower and upper; w is its answer without these."""
+class Task(NamedTuple):
+    """min |J (u - base) - rate|^2 + damping |u - centre|^2 within lower and upper; w is its answer without these."""
 
     J: ca.SX
     base: ca.SX
-    asked: ca.SX
+    rate: ca.SX
+    """(6,) the error at the stop posture over the seconds in which it is removed, weighted."""
     centre: ca.SX
     """(n,) `base`, or what goes most of the way to w where nothing holds that back: no damping is left in w then."""
     damping: ca.SX
@@ -121,7 +122,7 @@ class PoseTracker(VelocityController):
         of each joint's range. That motion is no faster than `recovery_speed`.
     limits : what the posture has to keep besides, each a `Limit`.
     dt : nominal tick [s].
-    recovery_speed : share of the velocity limit at which a joint outside its limits comes back.
+    recovery_speed : fraction of the velocity limit at which a joint outside its limits comes back.
     solver, backup : see `FallbackChain`. tolerance : largest certificate residual accepted [the statement's units].
     max_age : [s] see `Watchdog`.
     compile : see `BufferedFunction`.
@@ -201,45 +202,45 @@ class PoseTracker(VelocityController):
         moving = parameters[-1] if moves else ca.SX(0, 1)
         memory, target = parameter("memory", self._memory_size), ca.reshape(entries, 4, 4).T
         now = self._now(tick, State(q, memory[:n], tick.once(self.chain.jacobian_expression(q)), moving), memory)
-        wanted = self._wanted(tick, now, target, twist)
+        task = self._task(tick, now, target, twist)
 
-        velocity = variable("velocity", n, lower=wanted.lower, upper=wanted.upper)
-        variables, analytic, subject_to, u = [velocity], wanted.w, [], velocity.symbol
-        cost = ca.sumsqr(wanted.J @ (u - wanted.base) - wanted.asked) + wanted.damping * ca.sumsqr(u - wanted.centre)
+        velocity = variable("velocity", n, lower=task.lower, upper=task.upper)
+        variables, analytic, subject_to, u = [velocity], task.w, [], velocity.symbol
+        cost = ca.sumsqr(task.J @ (u - task.base) - task.rate) + task.damping * ca.sumsqr(u - task.centre)
         towards, outside, rows = tick.once(self._towards(now, u)), now.outside, None
         if self.kept is not None:
             rows = tick.once(self.kept.rows(tick, now.state, now.braked, now.ends.least, now.ends.most))
             leaving = variable("leaving", 1, lower=0, upper=1)
             variables.append(leaving)
             cost += LEAVING * (1 - leaving.symbol) ** 2
-            analytic = ca.vertcat(wanted.w, 1)
+            analytic = ca.vertcat(task.w, 1)
             subject_to.append(within(leaving.symbol * rows.away - rows.slopes @ u, -ca.inf, rows.upper))
-            towards = self._within(tick, now, wanted, rows, towards)
+            towards = self._within(tick, now, task, rows, towards)
         command = tick.once(self._clear(tick, now, memory, self._allowed(tick, now, towards)))
         told = ca.DM(np.sqrt(self.task_weights))
         whole = twist + self._settling * tick.once(_error(target, self.chain.pose_expression(q)))
         report = self.report(memory[:n], command, told * (now.state.jacobian @ command), told * whole, outside)
-        report = ca.vertcat(report, self._blocking(target, wanted, rows, outside))
+        report = ca.vertcat(report, self._blocking(target, task, rows, outside))
         return Statement(
             name=self.name, parameters=parameters, variables=variables, minimise=cost / 2, subject_to=subject_to,
             active_set=True, requires=[is_rigid(target)], analytic=analytic, tick=tick, report=report, memory=memory,
             remember=self.memory_after(q, memory[:n], command),
         )  # fmt: skip
 
-    def _blocking(self, target: ca.SX, wanted: Wanted, rows: Rows | None, outside: ca.SX) -> ca.SX:
+    def _blocking(self, target: ca.SX, task: Task, rows: Rows | None, outside: ca.SX) -> ca.SX:
         """Number of the reason, and the joint or -1, of a command that leaves nothing of the motion."""
-        beyond = ca.fmax(wanted.w - wanted.upper, wanted.lower - wanted.w)
+        beyond = ca.fmax(task.w - task.upper, task.lower - task.w)
         most = ca.mmax(beyond)
         joint = first_of([(beyond[i] >= most, ca.SX(i)) for i in range(self.chain.n)])
         far = ca.norm_2(target[:3, 3] - ca.DM(self.chain.base[:3, 3])) > self._hand.reach
-        held = ca.SX(0) if rows is None else ca.mmax(rows.away - rows.slopes @ wanted.w - rows.upper) > 0
+        held = ca.SX(0) if rows is None else ca.mmax(rows.away - rows.slopes @ task.w - rows.upper) > 0
         nothing = ca.SX([NUMBER["NOTHING_LEFT"], -1])
         return first_of([
             (outside, nothing),
             (far, ca.SX([NUMBER["OUT_OF_REACH"], -1])),
             (most > 0, ca.vertcat(NUMBER["JOINT_BLOCKS"], joint)),
             (held, ca.SX([NUMBER["LIMIT_BLOCKS"], -1])),
-            (wanted.damping > DAMPING, ca.SX([NUMBER["POSTURE_SINGULAR"], -1])),
+            (task.damping > DAMPING, ca.SX([NUMBER["POSTURE_SINGULAR"], -1])),
             (ca.SX(1), nothing),
         ])  # fmt: skip
 
@@ -256,7 +257,7 @@ class PoseTracker(VelocityController):
             outside = ca.logic_or(outside, self.kept.outside(tick, state.q, state.moving))
         return Now(state, tick.once(clipped(brake.braked(state.last), ends.least, ends.most)), ends, outside)
 
-    def _wanted(self, tick: Stages, now: Now, target: ca.SX, twist: ca.SX) -> Wanted:
+    def _task(self, tick: Stages, now: Now, target: ca.SX, twist: ca.SX) -> Task:
         """The step on the error where the arm would come to rest beside the target if it braked now."""
         chain, dt, brake, ends = self.chain, self.dt, self._manoeuvre, now.ends
         weights = ca.DM(np.sqrt(self.task_weights / self.task_weights.max()))
@@ -282,21 +283,21 @@ class PoseTracker(VelocityController):
         aside = tick.once(self.self_motion(there, J, S, braking))
         base = tick.once(follow + braking)
         unweighted = ca.DM(1 / np.where(self.task_weights > 0, np.array(weights).ravel(), np.inf))
-        asked = tick.once(error / S / ca.fmax(1, self._hand.over(unweighted * error / S)))
+        rate = tick.once(error / S / ca.fmax(1, self._hand.over(unweighted * error / S)))
 
         far = 1e3 * brake.speed  # where a speed ends it, the velocity is led towards what the task wants beyond
         low = ca.if_else(ends.low <= -brake.speed, -far, ends.low)
         high = ca.if_else(ends.high >= brake.speed, far, ends.high)
         lower, upper = tick.once((ca.fmin(low, ends.high), high))
-        beside = asked - J @ aside
+        beside = rate - J @ aside
         first, last = (damped_velocity(J, beside, damping=DAMPING, passes=passes) for passes in (PASSES - 1, PASSES))
         free = tick.once(base + aside + last)
-        left = ca.norm_2(asked - J @ (clipped(free, lower, upper) - base)) - MISSED * ca.norm_2(asked)
+        left = ca.norm_2(rate - J @ (clipped(free, lower, upper) - base)) - MISSED * ca.norm_2(rate)
         d = tick.once(DAMPING + CALMING * S * ca.fmax(left, 0))
         # What limits leave of the error comes before the posture: damping towards that would leave more.
         centre = tick.once(base + ca.if_else(left > 0, 0, aside + first))
-        w = tick.when(left > 0, lambda: base + damped_velocity(J, asked, damping=d, passes=1), free)
-        return Wanted(J, base, asked, centre, d, lower, upper, w)
+        w = tick.when(left > 0, lambda: base + damped_velocity(J, rate, damping=d, passes=1), free)
+        return Task(J, base, rate, centre, d, lower, upper, w)
 
     def braking(self) -> ca.Function:
         """q, memory, moving capsules if any -> what is remembered of a tick of braking, and its report.
@@ -352,7 +353,7 @@ class PoseTracker(VelocityController):
 
     @property
     def _settling(self) -> float:
-        """[1/s] what removes a share 1 - exp(-gain dt) of the error in one tick: never an overshoot, at any dt."""
+        """[1/s] what removes a fraction 1 - exp(-gain dt) of the error in one tick: never an overshoot, at any dt."""
         return (1 - math.exp(-self.gain * self.dt)) / self.dt
 
     @property
@@ -395,11 +396,11 @@ class PoseTracker(VelocityController):
             now.state.last + change / ca.fmax(1, brake.ticks(change)), now.ends.gentle_least, now.ends.gentle_most
         )
 
-    def _within(self, tick: Stages, now: Now, wanted: Wanted, rows: Rows, u: ca.SX) -> ca.SX:
+    def _within(self, tick: Stages, now: Now, task: Task, rows: Rows, u: ca.SX) -> ca.SX:
         """(n,) what accelerations leave, u, within the rows once more: how they bend is known now."""
         assert self.kept is not None
         upper = tick.once(self.kept.bent(tick, rows, now.state, now.braked, u))
-        H = wanted.J.T @ wanted.J + wanted.damping * ca.SX.eye(self.chain.n)
+        H = task.J.T @ task.J + task.damping * ca.SX.eye(self.chain.n)
         ends = now.ends.gentle_least, now.ends.gentle_most
         again = within_rows(self.chain.n, rows.upper.numel())
         kept = all_true(rows.away - rows.slopes @ u <= upper)
@@ -443,20 +444,20 @@ class PoseTracker(VelocityController):
         def excess(u: ca.SX) -> ca.SX:
             return ca.vertcat(*(bound.excess(tick, way(u)) for bound in bounds))
 
-        wanted = tick.once(u)
-        at_most = ca.vertcat(*(bound.at_most(tick, way(wanted)) for bound in bounds))
+        aimed = tick.once(u)
+        at_most = ca.vertcat(*(bound.at_most(tick, way(aimed)) for bound in bounds))
 
         def blended() -> ca.SX:
-            least, found = tick.once((excess(braked), excess(wanted)))
+            least, found = tick.once((excess(braked), excess(aimed)))
             most = tick.once(ca.fmax(least, 0))
             share = ca.SX(1)
             for _ in range(SECANTS):
                 part = 0.999 * (most - least) / ca.fmax(found - least, TINY)
                 share = tick.once(share * ca.mmin(ca.if_else(found > most + ROUNDING, part, 1)))
-                found = tick.once(excess(braked + share * (wanted - braked)))
-            return braked + ca.if_else(all_true(found <= most + ROUNDING), share, 0) * (wanted - braked)
+                found = tick.once(excess(braked + share * (aimed - braked)))
+            return braked + ca.if_else(all_true(found <= most + ROUNDING), share, 0) * (aimed - braked)
 
-        return tick.when(all_true(at_most <= ROUNDING), wanted, blended)
+        return tick.when(all_true(at_most <= ROUNDING), aimed, blended)
 
     def step(
         self,
@@ -470,15 +471,15 @@ class PoseTracker(VelocityController):
     ) -> Command:
         """Joint velocity (n,) [rad/s, m/s] to hold until the next tick.
 
-        Never raises on numbers: what is not usable gives the safe command, a tick of braking, and its reason.
+        Never raises on numbers: what is not finite or no pose gives the safe command, a tick of braking, and a reason.
 
         Parameters
         ----------
         q : (n,) joint positions measured now [rad, m].
         pose : (4, 4) where the tool should be now, in the base frame.
         twist : (6,) how that moves, linear [m/s] first, then angular [rad/s], in the base frame.
-        obstacles : what moves, now, in the base frame; asked for in every tick of a tracker whose `Clearance` was told
-            of moving capsules, and by no other. The array (k, 14) of `moving_numbers` is the quick form.
+        obstacles : what moves, now, in the base frame; needed in every tick of a tracker whose `Clearance` has
+            moving capsules, and by no other. The array (k, 14) of `moving_numbers` is the quick form.
         enable : the dead-man input; anything but true decelerates to rest.
         stamp : time of the state [s]; checked by the watchdog when given.
 

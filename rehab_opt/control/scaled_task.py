@@ -30,9 +30,9 @@ __all__ = ["Inputs", "Rows", "ScaledTask", "TickSolution"]
 DIRECTION_KEEPING = 1e-5
 """Price of slowing down against leaving the reference direction: at a twentieth of the speed it is left by 0.01 deg."""
 STEADYING = 1e-5
-"""Weight of the joint velocities against the squared twist error: it settles what the task leaves open."""
+"""Weight of the joint velocities against the squared twist error: for what the task leaves open."""
 DRIFT_SPEED = 0.1
-"""Share of the velocity limits at which a redundant chain drifts to its posture."""
+"""Fraction of the velocity limits at which a redundant chain drifts to its posture."""
 DRIFT_SIZE = 1e-2
 """[m] Joint velocities count as this much of a hand speed each."""
 TINY = 1e-12
@@ -92,7 +92,7 @@ class TickSolution(NamedTuple):
 
 
 class ScaledTask(VelocityController):
-    """Joint velocities for a tool that follows a pose and a twist in the direction that is asked.
+    """Joint velocities for a tool that follows a pose and a twist in the desired direction.
 
     min  |J (q' - s w)|^2 + small |q' - s w|^2 + price |w|^2 (1 - s)^2   over q', 0 <= s <= 1
     s.t. lower(q, q'_last) <= q' <= upper(q, q'_last),  R q' <= r  of `rows`
@@ -269,13 +269,13 @@ class ScaledTask(VelocityController):
 
     @property
     def settling(self) -> float:
-        """[1/s] what removes a share 1 - exp(-gain dt) of the error in one tick: never an overshoot, at any dt."""
+        """[1/s] what removes a fraction 1 - exp(-gain dt) of the error in one tick: never an overshoot, at any dt."""
         return (1 - math.exp(-self.gain * self.dt)) / self.dt
 
     def _take(
         self, q: ArrayLike, pose: ArrayLike, twist: ArrayLike, obstacles: Sequence[MovingCapsule] | Array | None
     ) -> None:
-        """Write what `step` was told, or say what is wrong with it."""
+        """Write the arguments of `step`, or raise what is wrong with them."""
         usual = False
         # A masked array would be read through its mask.
         if q.__class__ is _ndarray and twist.__class__ is _ndarray and pose.__class__ is _ndarray:
