@@ -292,7 +292,7 @@ class PoseTracker(VelocityController):
         beside = rate - J @ aside
         first, last = (damped_velocity(J, beside, damping=DAMPING, passes=passes) for passes in (PASSES - 1, PASSES))
         free = tick.once(base + aside + last)
-        left = ca.norm_2(rate - J @ (clipped(free, lower, upper) - base)) - MISSED * ca.norm_2(rate)
+        left = ca.norm_2(rate - J @ (clipped(free, lower, upper) - base)) - MISSED * ca.norm_2(beside)
         d = tick.once(DAMPING + CALMING * S * ca.fmax(left, 0))
         # What limits leave of the error comes before the posture: damping towards that would leave more.
         centre = tick.once(base + ca.if_else(left > 0, 0, aside + first))
