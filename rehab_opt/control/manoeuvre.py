@@ -95,10 +95,13 @@ class Manoeuvre:
         fast = [ca.if_else(other < -OUTSIDE, self._back, speed) for other in reversed(rooms)]
         hard = [clipped(room / dt, 0, most) for room, most in zip(rooms, fast, strict=True)]
         least, most = (clipped(last + sign * change, -hard[0], hard[1]) for sign in (-1, 1))
+        hardest = [stopping_speed(room, change, dt) for room in rooms]
+        gentle = [ca.fmin(v, gentle_speed(room, change / dt, APPROACH)) for v, room in zip(hardest, rooms, strict=True)]
         sides = []
-        for sign, room in zip((-1, 1), rooms, strict=True):
-            stops = stopping_speed(room, change, dt) + clipped((room + OUTSIDE) / dt, -self._back, 0)
-            gently = ca.fmin(stops, gentle_speed(room, change / dt, APPROACH))
+        for i, (sign, room) in enumerate(zip((-1, 1), rooms, strict=True)):
+            # The way back from beyond a limit ends gently, too: a joint may have no range at all.
+            back = ca.fmax(clipped((room + OUTSIDE) / dt, -self._back, 0), -gentle[1 - i])
+            stops, gently = hardest[i] + back, gentle[i] + back
             aimed = ca.fmin(ca.fmin(gently, ca.fmax(room, 0) / seconds), speed)
             sides.append((clipped(sign * stops, least, most), clipped(sign * gently, least, most), sign * aimed))
         return Intervals(*(end for both in zip(*sides, strict=True) for end in both))
