@@ -208,9 +208,10 @@ def film(
     """Write what the page of `live` shows of a problem that nobody touches, as a film."""
     from rehab_opt.live.film import write_film  # noqa: PLC0415  (loads matplotlib)
     from rehab_opt.session.files import load_problem  # noqa: PLC0415
-    from rehab_opt.session.run import live_problem  # noqa: PLC0415
 
     config = load_problem(file)
+    from rehab_opt.session.run import live_problem  # noqa: PLC0415
+
     place = output_file(out, config.name, ".gif")
     not_there_yet(place, force=force)
     with bars() as progress:
@@ -341,10 +342,11 @@ def check(
 ) -> None:
     """Check a problem file and its recordings; say the range of motion as a goniometer reads it."""
     from rehab_opt.session.files import load_problem  # noqa: PLC0415
-    from rehab_opt.session.run import arms_of, checked  # noqa: PLC0415
     from rehab_opt.session.systems import NotMet  # noqa: PLC0415
 
     config = load_problem(file)
+    from rehab_opt.session.run import arms_of, checked  # noqa: PLC0415
+
     notes = checked(config)
     arms, pictures = arms_of(config), []
     if picture is not None:

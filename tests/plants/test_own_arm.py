@@ -10,8 +10,8 @@ import pytest
 from rehab_opt import ConfigurationError, SerialChain, export_c, ur5
 from rehab_opt.plants.arm_model import own_arm_model
 from rehab_opt.session.files import load_problem
-from rehab_opt.session.pose_tracking.run import RobotOutcome
 from rehab_opt.session.run import run_problem
+from rehab_opt.session.scene import SceneOutcome
 from tests.export.calling_c import Built, largest_difference
 from tests.export.conftest import built, c_compiler  # noqa: F401  (fixtures)
 
@@ -56,10 +56,11 @@ def test_an_arm_from_a_file_goes_round_on_late_servos_and_becomes_c(
     problem = problem_of(tmp_path, arm)
     by_plant = {plant: run_problem(load_problem(problem), plant=plant) for plant in (None, "mujoco")}
     for plant, outcome in by_plant.items():
-        assert isinstance(outcome, RobotOutcome)
-        assert outcome.position_error.max() < (2e-5 if plant is None else 0.01)
-        assert plant is None or outcome.position_error.max() > 1e-4  # it does move as something with a mass
-        assert np.all((outcome.q >= outcome.chain.lower) & (outcome.q <= outcome.chain.upper))
+        assert isinstance(outcome, SceneOutcome)
+        ((trace,), (scene,)) = outcome.traces.values(), outcome.scenes.values()
+        assert trace["position_error_m"].max() < (2e-5 if plant is None else 0.01)
+        assert plant is None or trace["position_error_m"].max() > 1e-4  # it does move as something with a mass
+        assert np.all((trace["joint"] >= scene.chain.lower) & (trace["joint"] <= scene.chain.upper))
     export_c(load_problem(problem), tmp_path / "c")
     assert largest_difference(tmp_path / "c", "pose_tracker", built) <= 1e-12
 
