@@ -31,7 +31,6 @@ LABELS: Mapping[str, str] = {
     "success": "trials that succeeded",
     "relaxed": "ticks in which a bound was relaxed",
     "scale": "commanded motion delivered",
-    "status": "ticks by status",
     "stick_ignored": "ticks in which the stick moved nothing",
     "stopped": "ticks in which the controller braked or rested",
     "tick": "computing time of a tick",
@@ -52,7 +51,7 @@ def numbers_table(title: str, of: Mapping[str, Numbers], *, first: Sequence[str]
 
     Parameters
     ----------
-    of : metrics by controller. first : only these quantities or sections (keys without statistic and unit), in this order.
+    of : metrics by controller. first : only these quantities or sections, keys without statistic and unit, in order.
     """
     made = Table(title=Text(title), caption=Text(caption) if caption else None, caption_justify="left")
     made.add_column("quantity")
