@@ -32,7 +32,7 @@ MOST = 2000
 STARTS = 2000
 # A drawing's image over the largest copy that fits, points along it, and the weight of their mean squared distance from
 # that copy in sets of unit area.
-TASK_SIZE, TASK_POINTS, TASK_WEIGHT = 0.9, 200, 1e4
+TASK_SIZE, TASK_POINTS, TASK_WEIGHT = 0.88, 200, 1000.0
 # How far from the source a preimage may lie by rounding [m].
 ROUNDING = 1e-9
 
