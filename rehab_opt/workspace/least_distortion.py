@@ -54,7 +54,7 @@ OUT_ALLOWED = 3e-3
 """How far the drawn outline may be outside the shrunk target, over sqrt(area)."""
 ROUNDS, ITERATIONS, SAMPLES = 11, 60, 2000
 ATTEMPTS = ((0.0, False, 1.0), (10.0, False, 1.0), (10.0, True, 1.0), (100.0, True, 1.0))
-TASK_ATTEMPTS = ((0.0, False, 1.0), (0.0, False, 0.5), (0.0, False, 0.2), (0.0, False, 0.05))
+TASK_ATTEMPTS = ((0.0, False, 1.0), (0.0, False, 0.2), (0.0, False, 0.05), (0.0, False, 0.0))
 """Of each attempt: weight of the mean squared distance from the harmonic map, whether knots are inserted before, and
 what the task's weight is multiplied by. For a task each begins at the harmonic map."""
 TURN_WEIGHT = 100.0
