@@ -25,6 +25,7 @@ from rehab_opt.study.commands import report
 from rehab_opt.study.options import CovariateOption, PersonOption, SessionOption, StudyOption, destination
 from rehab_opt.terminal import (
     bars,
+    brief,
     ending_in_a_line,
     grouped,
     no_folder,
@@ -128,7 +129,7 @@ def run(
     console, system = printer(), system_named(outcome.system)
     few = None if whole else system.brief(outcome)
     console.print(few if few is not None else system.table(outcome))
-    for line in grouped(outcome.notes):
+    for line in grouped(outcome.notes if whole else brief(outcome.notes)):
         console.print(line, highlight=False)
     if few is not None:
         console.print("- more numbers: --all, and metrics.json", highlight=False)
@@ -339,6 +340,7 @@ def check(
     ] = None,
     *,
     force: Annotated[bool, typer.Option("--force", help="Replace the pictures where there are any.")] = False,
+    whole: Annotated[bool, typer.Option("--all", help="Every note, also those that are alike.")] = False,
 ) -> None:
     """Check a problem file and its recordings; say the range of motion as a goniometer reads it."""
     from rehab_opt.session.files import load_problem  # noqa: PLC0415
@@ -358,7 +360,7 @@ def check(
         for path in pictures:
             not_there_yet(path, force=force, argument="--picture")
     say(f"{config.name}: {config.problem.title}")
-    for note in notes:
+    for note in notes if whole else brief(notes):
         say(f"- {note}")
     if arms:
         from rehab_opt.session.arm_picture import range_note, write_range_figures  # noqa: PLC0415

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import re
 import signal
 import sys
 import threading
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "bars",
+    "brief",
     "ending_in_a_line",
     "grouped",
     "interrupted",
@@ -63,6 +65,23 @@ def printer() -> Console:
     console = Console(markup=False)
     console.push_render_hook(Escaping())
     return console
+
+
+OF_ROBOT, FEW = re.compile(r"\b(joint|link|body|line) \S+"), 2
+"""What notes on a robot file name; notes alike, up to so many of which stand each for itself."""
+
+
+def brief(notes: Iterable[str]) -> list[str]:
+    """Notes on a robot's joints, links and bodies that differ in names and numbers alone: the first, and how many."""
+    alike: dict[str, list[str]] = {}
+    for note in notes:
+        kind, count = OF_ROBOT.subn("", note)
+        alike.setdefault(re.sub(r"[\d.]+", "", kind) if count else note, []).append(note)
+    return [
+        note if len(same) <= FEW else f"{note} (and {len(same) - 1} more like this: --all)"
+        for same in alike.values()
+        for note in same[: None if len(same) <= FEW else 1]
+    ]
 
 
 def grouped(notes: Iterable[str]) -> Iterator[str]:

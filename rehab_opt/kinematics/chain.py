@@ -159,6 +159,7 @@ class SerialChain(HasEvaluator):
         mount: ArrayLike | None = None,
         tool: ArrayLike | None = None,
         capsules: Sequence[CapsuleOnLink] | Literal["collision"] = (),
+        effort: ArrayLike | Mapping[str, float] | None = None,
     ) -> SerialChain:
         """The chain between two links of a URDF: joints of any axis and origin, revolute, continuous or prismatic.
 
@@ -172,8 +173,8 @@ class SerialChain(HasEvaluator):
         file : the URDF. One in xacro is expanded first: `xacro arm.urdf.xacro > arm.urdf`.
         base, tip : links where the chain begins and ends; default the root, and the only link that bears no other.
         acceleration : [rad/s^2 or m/s^2] which is not read of a URDF: for all joints, for each (n,), or by joint name.
-        velocity, lower, upper : in place of the file's; for all joints, for each (n,), or by joint name. A joint that
-            turns has its ends within two turns, or infinite ones: 170 would be degrees.
+        velocity, lower, upper, effort : in place of the file's; for all joints, for each (n,), or by joint name. A
+            joint that turns has its ends within two turns, or infinite ones: 170 would be degrees.
         locked : joint values [rad or m] by the names of joints that are held there, and are no joints of the chain; a
             joint that is coupled to another (mimic) can be on the way so alone.
         mount : (4, 4) pose of the base link in the base frame; default the identity.
@@ -187,7 +188,7 @@ class SerialChain(HasEvaluator):
             value and what was expected.
         ProblemFileError : it cannot be read. ConfigurationError : an argument cannot be used.
         """
-        given = Given(acceleration, velocity, lower, upper, locked, capsules)
+        given = Given(acceleration, velocity, lower, upper, locked, capsules, effort)
         return cls._imported(URDF, file, base, tip, given, mount=mount, tool=tool)
 
     @classmethod
@@ -205,13 +206,15 @@ class SerialChain(HasEvaluator):
         mount: ArrayLike | None = None,
         tool: ArrayLike | None = None,
         capsules: Sequence[CapsuleOnLink] = (),
+        effort: ArrayLike | Mapping[str, float] | None = None,
     ) -> SerialChain:
         """The chain between two bodies of a MuJoCo model; needs `pip install rehab_opt[mjcf]`.
 
-        As `from_urdf`, but for: `base` and `tip` are bodies, by default the world and the only one that bears no other;
-        `velocity` has to be given, since MJCF has no speed limits; joint values are MuJoCo's, `ref` included.
+        As `from_urdf`, but for: `base` is a body, by default the world, and `tip` a body or a site (a gripper's grasp),
+        by default the only body that bears no other; `velocity` has to be given, since MJCF has no speed limits; joint
+        values are MuJoCo's, `ref` included. `effort` is what the file's force ranges allow the drives of each joint.
         """
-        given = Given(acceleration, velocity, lower, upper, locked, capsules)
+        given = Given(acceleration, velocity, lower, upper, locked, capsules, effort)
         return cls._imported(MJCF, file, base, tip, given, mount=mount, tool=tool)
 
     @classmethod
