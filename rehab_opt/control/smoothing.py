@@ -60,8 +60,8 @@ def smooth_path(
     All axes wait for one another, so that what couples them (a hand's place, a handle's tilt) stays; a `Smoother`, for
     targets whose future is unknown, breaks that. Between its points the path is interpolated by shape-preserving
     cubics, which leave no range the points keep. A spline rounds its corners within `tolerance`, and Ruckig times the
-    progress along it (`ruckig_timing`), at most at the recorded pace. Of samples that were held, repeated or rounded to
-    a step the path is what `measured_path` makes of them: it leaves rounded ones by up to three quarters of the step.
+    progress along it (`ruckig_timing`), at most at the recorded pace. Samples that were held or rounded are those of
+    `measured_path`, which leaves the latter by up to three quarters of the rounding's step.
 
     Parameters
     ----------

@@ -29,6 +29,8 @@ __all__ = ["SerialChain", "per_joint"]
 
 Array = NDArray[np.float64]
 Expression = TypeVar("Expression", bound=Callable[..., Any])
+LONG_TOOL, LONGEST = 2.0, 1e6
+"""A tool is no longer than so many arms, or [m]; a chain that slides on and on counts as so long [m]."""
 MAX_WRITTEN = 64
 """Expressions that are kept."""
 _written: PerThread[dict[tuple[Any, ...], ca.Function]] = PerThread(dict)
@@ -127,6 +129,10 @@ class SerialChain(HasEvaluator):
             raise ConfigurationError("effort", self.effort, "positive numbers (infinite for none that is known)")
         base, base_note = nearest_rigid("base", self.base)
         tool, tool_note = nearest_rigid("tool", self.tool)
+        lengths, size = _lengths(rows, lower, upper), float(np.linalg.norm(tool[:3, 3]))
+        if not size <= max(LONG_TOOL * lengths, LONG_TOOL):
+            expected = f"a tool of at most {max(LONG_TOOL * lengths, LONG_TOOL):.3g} m on this arm: is it in metres?"
+            raise ConfigurationError("tool", f"{size:.6g} m long", expected)
         checked = {
             "rows": rows,
             "names": names,
@@ -239,6 +245,16 @@ class SerialChain(HasEvaluator):
         mask.flags.writeable = False
         return mask
 
+    @property
+    def reach(self) -> float:
+        """[m] The farthest that the tool can be from the base: all lengths, sliding joints at their limits."""
+        return self.reach_from(0)
+
+    def reach_from(self, joint: int) -> float:
+        """[m] The same from a joint, counted from 0."""
+        ends = (each[joint:] for each in (self.rows, self.lower, self.upper))
+        return _lengths(*ends) + float(np.linalg.norm(self.tool[:3, 3]))
+
     def pose(self, q: ArrayLike) -> Array:
         """(4, 4) pose of the tool in the base frame at joint values q (n,)."""
         return self._evaluate(self.pose_expression, q)
@@ -344,6 +360,15 @@ class SerialChain(HasEvaluator):
     # ------------------------------------------------------------------------------------------------ plumbing
     def _evaluate(self, expression: Callable[[ca.SX], ca.SX], q: ArrayLike) -> Array:
         return self._evaluator.of(expression, per_joint("q", q, self.n, finite=False))
+
+
+def _lengths(rows: Sequence[ChainRow], lower: Array, upper: Array) -> float:
+    """[m] all links in a line, sliding joints at their limits; no more than numbers are used here."""
+    slides = np.where([row.prismatic for row in rows], np.maximum(np.abs(lower), np.abs(upper)), 0.0)
+    total = sum(
+        math.hypot(row.across, abs(row.along) + slide) for row, slide in zip(rows, slides.tolist(), strict=True)
+    )
+    return min(total, LONGEST)
 
 
 def per_joint(argument: str, value: ArrayLike, n: int, *, finite: bool = False) -> Array:

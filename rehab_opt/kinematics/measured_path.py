@@ -19,8 +19,8 @@ Array = NDArray[np.float64]
 HELD, OFTEN, SHORT = 0.2, 3, 10
 """[s] for which a sample is held at most, and rows more than usual: a longer stand is a pause. Percentile of the counts
 of rows with one sample that is their usual one: a hand that is slow for its rounding has longer ones, too."""
-GOES_ON = 1.5
-"""Rounding steps, from one sample to the next, of a hand that is not slow for its rounding."""
+GOES_ON, SLOW = 1.5, 0.1
+"""Rounding steps, and fraction of the usual way, from one sample to the next, of a hand that goes on."""
 SMOOTHED = 9
 """Samples over which the times of held ones are averaged, twice."""
 FEWEST_DISTINCT = 4
@@ -29,7 +29,7 @@ FEWEST, DITHERS, MANY, SMALL, NEAR = 12, 0.1, 25, 4.0, 0.75
 """A rounding step is one that axes of so many values at least are made of, whose third differences are not zero for so
 large a fraction of its moves, and this percentile of them no more than rounding makes. The path is within this fraction
 of the step."""
-EXACT, FINEST = 1e-3, 1e-6
+EXACT, FINEST = 1e-3, 1e-5
 """Fraction of a step by which a multiple of it may be off; a step in the largest value, which matters to no drive."""
 STIFFER, BESIDE, PASSES = 3.0, 9, 80
 """Factor by which the path is drawn nearer to samples from which it is too far, how many of them together; at most."""
@@ -61,9 +61,10 @@ def measured_path(times: Array, points: Array) -> MeasuredPath:
     rows = np.flatnonzero((since == 0) | ((since % usual == 0) & (since <= np.repeat(lengths, lengths) - usual)))
     steps = np.maximum(_roundings(points[rows]), _roundings(points[begins]))
     rounded = steps > 0.0
-    # Where the hand goes on at once by more than a step, a sample was written again: the next one was late or lost.
-    hops = np.abs(np.diff(points[begins], axis=0))[:, rounded] / steps[rounded]
-    far = np.pad(hops.max(axis=1, initial=0.0) > GOES_ON, 1) if rounded.any() else np.ones(len(begins) + 1, dtype=bool)
+    # Where the hand goes on at once a sample was written again: the next one was late or lost. Else it stood.
+    hops = np.abs(np.diff(points[begins], axis=0))
+    few = GOES_ON * steps[rounded] if rounded.any() else SLOW * np.median(hops.max(axis=1))
+    far = np.pad(((hops[:, rounded] if rounded.any() else hops) > few).any(axis=1), 1)
     stood = np.append(times[begins[1:]], times[-1]) - times[begins]
     again = (stood <= HELD) & (lengths <= usual + OFTEN) & (far[1:] | far[:-1])
     rows = rows[(since == 0)[rows] | ~np.repeat(again, lengths)[rows]]
