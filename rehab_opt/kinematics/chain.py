@@ -252,8 +252,8 @@ class SerialChain(HasEvaluator):
 
     def reach_from(self, joint: int) -> float:
         """[m] The same from a joint, counted from 0."""
-        ends = (each[joint:] for each in (self.rows, self.lower, self.upper))
-        return _lengths(*ends) + float(np.linalg.norm(self.tool[:3, 3]))
+        lengths = _lengths(self.rows[joint:], self.lower[joint:], self.upper[joint:])
+        return lengths + float(np.linalg.norm(self.tool[:3, 3]))
 
     def pose(self, q: ArrayLike) -> Array:
         """(4, 4) pose of the tool in the base frame at joint values q (n,)."""
