@@ -1,4 +1,4 @@
-"""The path that a tracker's samples tell of: held, repeated and rounded ones are not how a hand moved.
+"""The path behind the samples of a tracker: held, repeated and rounded ones are not how a hand moved.
 
 A sample that is written again until the next one comes is a stop and a jump, and one rounded to a step a jump to and
 fro: third differences of either are a thousand times the hand's. What is left of the first are the samples where they
@@ -24,7 +24,7 @@ GOES_ON, SLOW = 1.5, 0.1
 SMOOTHED = 9
 """Samples over which the times of held ones are averaged, twice."""
 FEWEST_DISTINCT = 4
-"""Of samples that are not the one before: fewer tell nothing."""
+"""Of samples that are not the one before: fewer say nothing."""
 FEWEST, DITHERS, MANY, SMALL, NEAR = 12, 0.1, 25, 4.0, 0.75
 """A rounding step is one that axes of so many values at least are made of, whose third differences are not zero for so
 large a fraction of its moves, and this percentile of them no more than rounding makes. The path is within this fraction
@@ -112,7 +112,7 @@ def _unsteady(times: Array, points: Array) -> float:
 def _roundings(points: Array) -> Array:
     """(n,) steps to which axes (N, n) were rounded, 0 if to none that matters."""
     steps = [_rounding(axis) for axis in points.T]
-    for i, axis in enumerate(points.T):  # one that hardly moves does not tell by itself
+    for i, axis in enumerate(points.T):  # one that hardly moves does not show by itself
         steps[i] = steps[i] or max((each for each in steps if each and not _off(axis - axis[0], each)), default=0.0)
     return np.array(steps)
 

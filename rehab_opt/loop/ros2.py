@@ -128,11 +128,11 @@ driver = Ros2Driver
 def joints_of(message: bytes, names: Sequence[str]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Positions and velocities (n,) of these joints in a `sensor_msgs/JointState`; velocities it lacks are zero.
 
-    Both are NaN of a joint whose position it does not tell.
+    Both are NaN of a joint without a position in it.
 
     Raises
     ------
-    DeviceLostError : it is cut short, in another encoding, has more or fewer numbers than names, or tells two positions
+    DeviceLostError : it is cut short, in another encoding, has more or fewer numbers than names, or two positions
         of a joint.
     """
     try:

@@ -96,8 +96,8 @@ def test_an_arm_from_an_mjcf_goes_round_within_its_force_ranges_or_those_of_its_
         (tmp_path / "arm.xml").write_text(text.format(ranges))
         (tmp_path / "robot.toml").write_text(robot + keys)
         outcome = run_problem(load_problem(str(tmp_path / "circle.toml")), plant="mujoco")
-        assert isinstance(outcome, RobotOutcome)
-        assert outcome.position_error.max() < 0.01
+        assert isinstance(outcome, SceneOutcome)
+        assert dict(outcome.trace())["position_error_m"].max() < 0.01
     (tmp_path / "robot.toml").write_text(robot)
     with pytest.raises((ConfigurationError, ProblemFileError), match="effort_n_m"):
         run_problem(load_problem(str(tmp_path / "circle.toml")), plant="mujoco")

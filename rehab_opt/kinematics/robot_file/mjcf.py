@@ -69,7 +69,7 @@ APART = (
     "geom camera light asset visual statistic size sensor keyframe custom contact extension mesh material pair connect "
     "weld tendon flex include"
 )
-"""Elements that say nothing of it, or of which another note tells."""
+"""Elements that say nothing of it, or of which another note speaks."""
 UNIT: Mapping[str, Mapping[str, int]] = {
     "joint": {"axis": 3},
     **{tag: {"quat": 4, "axisangle": 3} for tag in ("body", "frame", "site", "inertial")},
