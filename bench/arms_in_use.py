@@ -28,9 +28,9 @@ from bench.machine import machine
 from bench.verdict import Verdict, all_met, print_verdicts
 from rehab_opt import SerialChain, export_c
 from rehab_opt.session.files import load_problem
-from rehab_opt.session.pose_tracking.run import RobotOutcome
 from rehab_opt.session.robot_file import robot_at_start
 from rehab_opt.session.run import run_problem
+from rehab_opt.session.scene import SceneOutcome
 
 __all__ = ["main"]
 
@@ -128,10 +128,13 @@ def verdicts_of(name: str, problem: Path, robot: SerialChain) -> list[Verdict]:
     found = []
     for plant, bound in ((None, FOLLOWED), ("mujoco", ON_SERVOS)):
         outcome = run_problem(load_problem(str(problem)), plant=plant)
-        assert isinstance(outcome, RobotOutcome)
-        beyond = np.maximum(outcome.q - robot.upper, robot.lower - outcome.q).max()
+        assert isinstance(outcome, SceneOutcome)
+        (trace,) = outcome.traces.values()
+        beyond = np.maximum(trace["joint"] - robot.upper, robot.lower - trace["joint"]).max()
         where = plant or "as commanded"
-        found.append(Verdict(f"{name}, {where}: largest error", float(outcome.position_error.max()), "<=", bound, "m"))
+        found.append(
+            Verdict(f"{name}, {where}: largest error", float(trace["position_error_m"].max()), "<=", bound, "m")
+        )
         found.append(Verdict(f"{name}, {where}: beyond a joint limit", max(0.0, float(beyond)), "<=", 0, "rad"))
     (folder,) = exported(str(problem), problem.parent / "c")
     return [*found, Verdict(f"{name}: C", difference(folder), "<=", ALIKE, "rad/s")]

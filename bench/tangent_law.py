@@ -20,7 +20,6 @@ from rich.console import Console
 from rehab_opt.published.tangent_law import DAMPING, GAIN
 from rehab_opt.session.files import load_problem
 from rehab_opt.session.run import run_problem
-from rehab_opt.session.shown import millimetres
 
 __all__ = ["DAMPINGS", "ERRORS", "GAINS", "RECORDINGS", "best", "driven", "main"]
 
@@ -64,7 +63,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for pair in itertools.product(options.gains, options.dampings):
         runs = grid[pair] = tuple(driven(recording, *pair) for recording in options.recordings)
         cells = [
-            f"{recording} {100 * run[FOLLOWED]:.1f}; {millimetres('position_error')(run)}"
+            f"{recording} {100 * run[FOLLOWED]:.1f}; {' / '.join(f'{1e3 * run[error]:.3g}' for error in ERRORS)}"
             for recording, run in zip(options.recordings, runs, strict=True)
         ]
         mean = f"mean {100 * _mean(runs, FOLLOWED):.1f}; {1e3 * _mean(runs, ERRORS[0]):.3g}"

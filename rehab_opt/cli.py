@@ -25,6 +25,7 @@ from rehab_opt.study.commands import report
 from rehab_opt.study.options import CovariateOption, PersonOption, SessionOption, StudyOption, destination
 from rehab_opt.terminal import (
     bars,
+    brief,
     ending_in_a_line,
     grouped,
     no_folder,
@@ -128,7 +129,7 @@ def run(
     console, system = printer(), system_named(outcome.system)
     few = None if whole else system.brief(outcome)
     console.print(few if few is not None else system.table(outcome))
-    for line in grouped(outcome.notes):
+    for line in grouped(outcome.notes if whole else brief(outcome.notes)):
         console.print(line, highlight=False)
     if few is not None:
         console.print("- more numbers: --all, and metrics.json", highlight=False)
@@ -208,9 +209,10 @@ def film(
     """Write what the page of `live` shows of a problem that nobody touches, as a film."""
     from rehab_opt.live.film import write_film  # noqa: PLC0415  (loads matplotlib)
     from rehab_opt.session.files import load_problem  # noqa: PLC0415
-    from rehab_opt.session.run import live_problem  # noqa: PLC0415
 
     config = load_problem(file)
+    from rehab_opt.session.run import live_problem  # noqa: PLC0415
+
     place = output_file(out, config.name, ".gif")
     not_there_yet(place, force=force)
     with bars() as progress:
@@ -338,13 +340,15 @@ def check(
     ] = None,
     *,
     force: Annotated[bool, typer.Option("--force", help="Replace the pictures where there are any.")] = False,
+    whole: Annotated[bool, typer.Option("--all", help="Every note, also those that are alike.")] = False,
 ) -> None:
     """Check a problem file and its recordings; say the range of motion as a goniometer reads it."""
     from rehab_opt.session.files import load_problem  # noqa: PLC0415
-    from rehab_opt.session.run import arms_of, checked  # noqa: PLC0415
     from rehab_opt.session.systems import NotMet  # noqa: PLC0415
 
     config = load_problem(file)
+    from rehab_opt.session.run import arms_of, checked  # noqa: PLC0415
+
     notes = checked(config)
     arms, pictures = arms_of(config), []
     if picture is not None:
@@ -356,7 +360,7 @@ def check(
         for path in pictures:
             not_there_yet(path, force=force, argument="--picture")
     say(f"{config.name}: {config.problem.title}")
-    for note in notes:
+    for note in notes if whole else brief(notes):
         say(f"- {note}")
     if arms:
         from rehab_opt.session.arm_picture import range_note, write_range_figures  # noqa: PLC0415

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import re
 import signal
 import sys
 import threading
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "bars",
+    "brief",
     "ending_in_a_line",
     "grouped",
     "interrupted",
@@ -39,6 +41,7 @@ __all__ = [
 ]
 
 MAX_OF_A_VALUE = 120  # characters of a message
+COMPILING = "compiling, once on this machine, 5 to 60 s a function (REHAB_OPT_COMPILE=0 starts without)"
 BETWEEN_LINES = 60.0
 """[s] from one line of progress to the next, where there is no terminal to draw bars on."""
 
@@ -62,6 +65,23 @@ def printer() -> Console:
     console = Console(markup=False)
     console.push_render_hook(Escaping())
     return console
+
+
+OF_ROBOT, FEW = re.compile(r"\b(joint|link|body|line) \S+"), 2
+"""What notes on a robot file name; notes alike, up to so many of which stand each for itself."""
+
+
+def brief(notes: Iterable[str]) -> list[str]:
+    """Notes on a robot's joints, links and bodies that differ in names and numbers alone: the first, and how many."""
+    alike: dict[str, list[str]] = {}
+    for note in notes:
+        kind, count = OF_ROBOT.subn("", note)
+        alike.setdefault(re.sub(r"[\d.]+", "", kind) if count else note, []).append(note)
+    return [
+        note if len(same) <= FEW else f"{note} (and {len(same) - 1} more like this: --all)"
+        for same in alike.values()
+        for note in same[: None if len(same) <= FEW else 1]
+    ]
 
 
 def grouped(notes: Iterable[str]) -> Iterator[str]:
@@ -121,17 +141,23 @@ def bars() -> Iterator[Progress]:
             whole_known = whole if whole > 1 or done else None  # a law answers in one piece: its bar only moves
             shown.update(tasks[what], completed=done, total=whole_known)
 
+        waits: list[float] = []
+
         @contextmanager
         def compiling(name: str) -> Iterator[None]:
-            text = f"compiling {name}, once on this machine"
-            if not console.is_terminal:
-                print(f"rehab-opt: {text}", file=sys.stderr)
-            task = shown.add_task(text, total=None)
+            if not waits and not console.is_terminal:
+                print(f"rehab-opt: {COMPILING}", file=sys.stderr, flush=True)
+            waits.append(time.monotonic())
+            task = shown.add_task(f"{COMPILING}: function {len(waits)}, {name}", total=None)
             yield
+            waits[-1] = time.monotonic() - waits[-1]
             shown.remove_task(task)
 
         with tell_of_waiting(compiling):
             yield progress
+    if waits:
+        functions = "1 function" if len(waits) == 1 else f"{len(waits)} functions"
+        print(f"rehab-opt: compiled {functions} in {sum(waits):.0f} s", file=sys.stderr, flush=True)
 
 
 def writable(folder: Path, *, argument: str = "--out") -> Path:

@@ -23,7 +23,7 @@ from rehab_opt.session.files import shipped_problems
 from rehab_opt.session.keys import keys_of
 from rehab_opt.session.robot_file import RobotFile
 from rehab_opt.session.systems import system_named
-from rehab_opt.terminal import bars
+from rehab_opt.terminal import bars, brief
 from tests.golden import assert_kept
 
 PROBLEM = """
@@ -163,7 +163,7 @@ def test_one_law_alone_can_be_run(folder: Path, capsys: pytest.CaptureFixture[st
     law = "optimised"
     assert ended("run", "problem.toml", "--law", law, "--all") == 0
     said = capsys.readouterr().out
-    assert said.index("samples by status") < said.index("solve time of the first sample")
+    assert all(each in said for each in ("driven: followed within 1 mm", "solve time first, ms", "│ status"))
     assert "--all" not in said
     content = json.loads((folder / "out/problem/metrics.json").read_text(encoding="utf-8"))
     metrics = content["metrics"]
@@ -344,3 +344,12 @@ def test_interrupt_inside_a_solver_is_one_line_and_exit_code_130(folder: Path) -
 def test_defaults_of_the_commands_are_those_kept() -> None:
     of = {each.callback: inspect.signature(each.callback).parameters.values() for each in app.registered_commands}  # type: ignore[arg-type]
     assert_kept("cli", {each.__name__: {p.name: repr(p.default) for p in told} for each, told in of.items() if each})
+
+
+def test_notes_on_a_robot_that_are_alike_are_one() -> None:
+    alike = [
+        f"joint finger_{i} is not between base and tip: body b{i} is taken where it is at first" for i in range(33)
+    ]
+    near = [f"link {name}, inertia: no body has it" for name in "ab"]
+    others = ["published: 3 ticks braked", "published: 4 ticks braked", "published: 5 ticks braked"]
+    assert brief([*alike, *near, *others]) == [f"{alike[0]} (and 32 more like this: --all)", *near, *others]

@@ -21,6 +21,7 @@ from rehab_opt.control.posture import History, PostureCost, Quadratic
 from rehab_opt.control.thread_owner import OneThread
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import SerialChain
+from rehab_opt.kinematics.plausible import checked_posture, farthest
 from rehab_opt.kinematics.real_array import checked_array
 from rehab_opt.optim.nlp import NLPAnswer
 from rehab_opt.optim.nlp_solvers import checked_name
@@ -171,7 +172,7 @@ class ArmIK(OneThread):
             raise ConfigurationError("tolerance", tolerance, f"a number above 0, at most {POSITION_TOLERANCE}")
         checked_name("solver", solver)
         checked_name("backup", backup)
-        rest = None if rest is None else _numbers("rest", rest, (arm.n,))
+        rest = checked_posture("rest", rest, arm)
         self.cost = PostureCost(arm, posture_cost, rest=rest)
         self._arguments: dict[str, Any] = {
             "handle_tilt": handle_tilt, "posture_cost": dict(posture_cost), "rest": rest, "solver": solver,
@@ -280,7 +281,8 @@ class ArmIK(OneThread):
             reason = "no solver kept the handle within its tilt"
             return self._at(self._start_of(query), query, Status.HOLDING, reason), 0.0
         if nearest.report[0] > POSITION_TOLERANCE:
-            note = "" if nearest.certified else ", not certified"
+            far = math.dist(query.target, self.arm.base[:3, 3]) > farthest(self.arm)
+            note = ", not certified" * (not nearest.certified) + "; is it in metres?" * far
             solution = self._found(nearest, query, Status.UNREACHABLE, "out of reach")
             reason = f"out of reach by {solution.position_error:.3g} m: nearest posture{note}"
             return solution._replace(reason=reason), 0.0

@@ -107,7 +107,7 @@ class ChairAndArm(VelocityController):
         compile: Compile,
     ) -> None:
         robot, max_obstacles = limits.robot, limits.max_obstacles
-        self.robot, self.rows, self.drive, self.max_obstacles = robot, rows, drive, max_obstacles
+        self.robot, self.rows, self.twist_rows, self.drive, self.max_obstacles = robot, rows, rows, drive, max_obstacles
         self.limits, self.wheelset = limits, limits.wheels
         n, k, wheels = robot.chain.n, len(rows), len(self.wheelset.rolling)
         self.surroundings = NUMBERS * max_obstacles + limits.own.moving_size

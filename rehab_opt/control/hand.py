@@ -9,13 +9,12 @@ import casadi as ca
 from rehab_opt.control.energy_tank import EnergyTank
 from rehab_opt.control.reasons import NUMBER
 from rehab_opt.control.watchdog import NUMBER_OF_SECONDS, first_of
+from rehab_opt.kinematics.plausible import ROOM
 from rehab_opt.optim.certificate import all_true, clipped
 from rehab_opt.symbolic.record import Record, Values
 
 __all__ = ["HAND", "SAMPLE", "HandState", "looked_at"]
 
-FURTHEST = 1e3
-"""[m] A position beyond this is a broken sensor."""
 ROUNDING = 1e-12
 """[m] By what a step at the speed cap may exceed it."""
 SCATTER_RATE, MAX_SCATTER = 0.01, 2e-3
@@ -67,7 +66,7 @@ def looked_at(
     surely = ca.if_else(all_true(timed, advance > 0, advance < ca.inf), advance, 0)
     waiting = tank.elapsed(force, seconds, ca.if_else(told, surely, model.dt))
 
-    valid = all_true(*(ca.fabs(sample.x[i]) <= FURTHEST for i in range(2)))
+    valid = all_true(*(ca.fabs(sample.x[i]) <= ROOM for i in range(2)))
     looks = ca.logic_and(stale[0] == 0, valid)
     moved, unseen = sample.x - memory.x, waiting.numbers.unseen
     distance = ca.hypot(moved[0], moved[1])

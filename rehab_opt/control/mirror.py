@@ -35,6 +35,7 @@ from rehab_opt.control.thread_owner import setting
 from rehab_opt.control.velocity_controller import checked_number
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import SerialChain
+from rehab_opt.kinematics.plausible import checked_length
 from rehab_opt.kinematics.room import MovingCapsule
 from rehab_opt.optim.fused import FUSED_SOLVERS
 from rehab_opt.symbolic import BufferedFunction, Compile
@@ -156,10 +157,11 @@ class MirrorTracker(MirrorPreview):
         if not all(isinstance(plane, KeepOut) for plane in keep_out):
             raise ConfigurationError("keep_out", keep_out, "planes made by KeepOut.through")
         self.floor = checked_number("floor", floor, above=0.0, below=1.0)
-        self.max_deviation = checked_number("max_deviation", max_deviation, above=0.0)
+        deviation = checked_number("max_deviation", max_deviation, above=0.0)
+        self.max_deviation = checked_length("max_deviation", deviation, limited)
         self.max_turn = checked_number("max_turn", max_turn, above=0.0, below=math.pi)
         self.catch_up = checked_number("catch_up", catch_up, above=-1e-9, below=10.0)
-        turn_length = checked_number("turn_length", turn_length, above=0.0)
+        turn_length = checked_length("turn_length", checked_number("turn_length", turn_length, above=0.0), limited)
         self.max_manipulability = (
             maximise_manipulability(limited)[0]
             if max_manipulability is None

@@ -13,7 +13,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.control.command import Relaxed
 from rehab_opt.control.hand_bounds import HandBounds
-from rehab_opt.control.reasons import NUMBER
 from rehab_opt.control.scaled_task import Inputs, Rows, ScaledTask, TickSolution
 from rehab_opt.control.stopping import APPROACH, VelocityBounds
 from rehab_opt.control.tool_speed import speed_ahead
@@ -40,8 +39,6 @@ HASTE = 4.0
 AT_MOST = 0.4
 """Fraction of an error that feedback removes in a tick. A floor is curved, of which the QP knows nothing: beyond two
 over what that adds to its own curvature a hand at rest goes to and fro (0.26 rad/s at 20 ms and a fraction of 0.63)."""
-FAR = 10.0
-"""Times the arm's reach beyond which a pose is a mistake."""
 HALVINGS = 12
 ROUNDING, TINY = 1e-12, 1e-12
 """[m/s] A speed that is no motion."""
@@ -82,25 +79,6 @@ class MirrorStatement(ScaledTask):
         """Shapes of the statement's parameters after q."""
         pose, twist, *moving = super().shapes
         return (pose, twist, (3,), (self.chain.n,), *moving)
-
-    @cached_property
-    def farthest(self) -> float:
-        """[m] from the base to a pose, at most: `FAR` times the links' lengths, sliding joints at their limits."""
-        chain, longest = self.chain, np.zeros(self.chain.n + 1)
-        for end in (chain.lower, chain.upper):
-            q = np.where([row.prismatic for row in chain.rows], np.clip(end, -MAX_MAGNITUDE, MAX_MAGNITUDE), 0.0)
-            places = [np.array(ca.DM(frame))[:3, 3] for frame in chain.frames_expression(ca.SX(q))]
-            longest = np.maximum(longest, np.linalg.norm(np.diff(places, axis=0), axis=1))
-        return FAR * float(longest.sum())
-
-    def faulty(self) -> ca.Function:
-        """As every controller's, and a pose that is too far away."""
-        others = super().faulty()
-        p, valid = others.sx_in()
-        found, place = others(p, valid), p[self.chain.n + np.array([3, 7, 11])]
-        far = ca.norm_2(place - self.chain.base[:3, 3]) > self.farthest
-        reason = ca.if_else(ca.logic_and(far, found[0] == NUMBER["NOT_CERTIFIED"]), NUMBER["POSE_TOO_FAR"], found[0])
-        return ca.Function("faulty", [p, valid], [ca.vertcat(reason, found[1:])])
 
     def rows(self, tick: Stages, inputs: Inputs, bounds: VelocityBounds) -> Rows:
         """See `HandBounds.rows`."""

@@ -41,6 +41,7 @@ from rehab_opt.control.velocity_controller import VelocityController, checked_nu
 from rehab_opt.control.watchdog import first_of
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import SerialChain, per_joint
+from rehab_opt.kinematics.plausible import check_speeds, checked_posture
 from rehab_opt.kinematics.rigid import is_rigid, rotation_vector
 from rehab_opt.kinematics.room import MOVING, MovingCapsule
 from rehab_opt.optim.certificate import all_true, clipped
@@ -175,8 +176,9 @@ class PoseTracker(VelocityController):
         self.task_weights = per_joint("task_weights", task_weights, 6, finite=True)
         if not (np.all(self.task_weights >= 0) and np.any(self.task_weights > 0)):
             raise ConfigurationError("task_weights", task_weights, "weights of zero or more, one of them above zero")
-        self.posture = None if posture is None else per_joint("posture", posture, chain.n, finite=True)
         limited = chain.with_limits(lower=lower, upper=upper, velocity=velocity, acceleration=acceleration)
+        check_speeds(limited, linear=self.linear_speed, angular=self.angular_speed)
+        self.posture = checked_posture("posture", posture, chain)
         checked_number("dt", dt, above=0.0, below=1.0)
         checked_number("recovery_speed", recovery_speed, above=0.0, below=1.0)
         self.limits = all_limits(limits, limited, dt, recovery_speed)

@@ -52,7 +52,7 @@ REASONS = (
         "POSITION_INVALID",
         "x is not a usable position",
         "not a usable position",
-        "x is ({}, {}), not a usable position",
+        "x is ({}, {}), not a usable position: is it in metres?",
     ),
     Reason(
         "VELOCITY_INVALID",

@@ -18,6 +18,7 @@ from rehab_opt.control.stopping import VelocityBounds, nearest_to_rest
 from rehab_opt.control.thread_owner import setting
 from rehab_opt.control.velocity_controller import VelocityController, checked_number
 from rehab_opt.kinematics.chain import SerialChain, per_joint
+from rehab_opt.kinematics.plausible import check_speeds, checked_posture
 from rehab_opt.kinematics.rigid import is_rigid
 from rehab_opt.kinematics.room import MOVING, MovingCapsule
 from rehab_opt.optim.qp import Statement
@@ -145,8 +146,9 @@ class ScaledTask(VelocityController):
         self.linear_speed = checked_number("linear_speed", linear_speed, above=0.0)
         self.angular_speed = checked_number("angular_speed", angular_speed, above=0.0)
         self.task_weights = per_joint("task_weights", task_weights, 6, finite=True)
-        self.posture = None if posture is None else per_joint("posture", posture, chain.n, finite=True)
         limited = chain.with_limits(lower=lower, upper=upper, velocity=velocity, acceleration=acceleration)
+        check_speeds(limited, linear=self.linear_speed, angular=self.angular_speed)
+        self.posture = checked_posture("posture", posture, chain)
         self.limits = limits
         super().__init__(
             limited, dt=dt, recovery_speed=recovery_speed, solver=solver, backup=backup, tolerance=tolerance,

@@ -13,6 +13,7 @@ from rehab_opt.control.path_timing import PathCells, ruckig_timing
 from rehab_opt.control.velocity_controller import checked_number
 from rehab_opt.control.watchdog import SHORTEST_TICK
 from rehab_opt.errors import ConfigurationError
+from rehab_opt.kinematics.measured_path import measured_path
 from rehab_opt.kinematics.real_array import checked_array
 
 __all__ = ["SmoothPath", "smooth_path"]
@@ -59,7 +60,8 @@ def smooth_path(
     All axes wait for one another, so that what couples them (a hand's place, a handle's tilt) stays; a `Smoother`, for
     targets whose future is unknown, breaks that. Between its points the path is interpolated by shape-preserving
     cubics, which leave no range the points keep. A spline rounds its corners within `tolerance`, and Ruckig times the
-    progress along it (`ruckig_timing`), at most at the recorded pace.
+    progress along it (`ruckig_timing`), at most at the recorded pace. Samples that were held or rounded are those of
+    `measured_path`, which leaves the latter by up to three quarters of the rounding's step.
 
     Parameters
     ----------
@@ -82,6 +84,7 @@ def smooth_path(
         raise ConfigurationError("times", times, "at least two finite, increasing times (N,)")
     if x.ndim != 2 or len(x) != len(t) or not np.all(np.isfinite(x)):
         raise ConfigurationError("points", points, f"finite numbers of shape ({t.size}, n)")
+    begun, (t, x, _) = t[0], measured_path(t - t[0], x)  # seconds since 1970 have no digits left for a third difference
     dt = checked_number("dt", dt, above=SHORTEST_TICK, below=1e6)
     tolerance, n = checked_number("tolerance", tolerance, above=0.0), x.shape[1]
     bounds = axis_bounds(lower=lower, upper=upper, velocity=velocity, acceleration=acceleration, jerk=jerk, axes=n)
@@ -99,8 +102,8 @@ def smooth_path(
     moved = spline(timing.at(dt * np.arange(math.ceil(timing.times[-1] / dt) + 1)))
     moved[[0, -1]] = np.column_stack([path(t[[0, -1]]), t[[0, -1]]])
     positions, phase = np.clip(moved[:, :-1], bounds.lower, bounds.upper), np.clip(moved[:, -1], t[0], t[-1])
-    when, off = t[0] + dt * np.arange(len(positions)), np.abs(positions - path(phase)).max(axis=0)
-    return SmoothPath(when, positions, phase, off)
+    when, off = dt * np.arange(len(positions)), np.abs(positions - path(phase)).max(axis=0)
+    return SmoothPath(begun + when, positions, begun + phase, off)
 
 
 def _rounded(path: Any, velocity: Array, acceleration: Array, jerk: Array, *, dt: float, tolerance: float) -> Any:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar, cast
 
@@ -29,6 +30,7 @@ from rehab_opt.control.velocity_tick import (
 from rehab_opt.control.watchdog import NUMBER_OF_SECONDS, Watchdog, stamp_and_kind
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import SerialChain, per_joint
+from rehab_opt.kinematics.plausible import farthest, implausible
 from rehab_opt.kinematics.real_array import is_finite, is_true, real_array
 from rehab_opt.optim.certificate import all_true, delivered_fraction
 from rehab_opt.optim.fallback_chain import FUSED, FallbackChain
@@ -144,6 +146,8 @@ class VelocityController(OneThread, ABC):
     # ------------------------------------------------------------------------------------------- for subclasses
     shapes: ClassVar[tuple[tuple[int, ...], ...]] = ()
     """Shapes of the statement's parameters after q, as `step` takes them."""
+    twist_rows: Sequence[str] = ("x", "y", "z", "rx", "ry", "rz")
+    """What the numbers of a twist are."""
     requirement: ClassVar[str] = ""
     """What is wrong when the statement's requirements are not met."""
     command_slice: slice | None = None
@@ -182,10 +186,16 @@ class VelocityController(OneThread, ABC):
     def statement(self) -> Statement:
         """The QP of one tick."""
 
+    @property
+    def farthest(self) -> float:
+        """[m] from the base beyond which a pose is a mistake: ten times the arm's reach."""
+        return farthest(self.chain)
+
     @cached_property
     def stated(self) -> Statement:
-        """The QP of one tick, made once."""
-        return self.statement()
+        """The QP of one tick, made once; what cannot be meant is not answered."""
+        wrong = implausible(self.chain, (stated := self.statement()).parameters, stated.parameters, self.twist_rows)
+        return replace(stated, requires=[*stated.requires, ca.sum1(wrong) == 0])
 
     def bounds(self, q: ca.SX, memory: ca.SX) -> VelocityBounds:
         """Intervals of the joint velocities."""
@@ -279,6 +289,10 @@ class VelocityController(OneThread, ABC):
         where = [(i, k) for i, each in enumerate(self.stated.parameters) for k in range(each.numel())]
         reason = ca.if_else(ca.norm_2(p) <= MAX_MAGNITUDE, reason_number(self.requirement), NUMBER["INPUT_TOO_LARGE"])
         found = ca.vertcat(ca.if_else(valid, NUMBER["NOT_CERTIFIED"], reason), -1, -1)
+        parts = ca.vertsplit(p, [0, *np.cumsum([each.numel() for each in self.stated.parameters]).tolist()])
+        wrong = implausible(self.chain, self.stated.parameters, parts, self.twist_rows)
+        for i, name in enumerate(("POSE_TOO_FAR", "INPUT_TOO_LARGE")):
+            found = ca.if_else(wrong[i], ca.DM([NUMBER[name], -1, -1]), found)
         for at, (i, k) in reversed(list(enumerate(where))):
             found = ca.if_else(ca.fabs(p[at]) <= MAX_MAGNITUDE, found, ca.DM([NUMBER["INPUT_INVALID"], i, k]))
         return ca.Function("faulty", [p, valid], [found])

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.errors import ConfigurationError
+from rehab_opt.kinematics.plausible import ROOM
 from rehab_opt.kinematics.real_array import checked_array
 
 __all__ = [
@@ -102,9 +103,9 @@ def checked_paths(path: ArrayLike | Sequence[ArrayLike], argument: str = "path")
         points = np.array(checked_array(name, each, "points (N, 2) in metres"))
         if points.ndim != 2 or points.shape[1] != 2 or not len(points):
             raise ConfigurationError(name, f"an array of shape {points.shape}", "points (N, 2) in metres")
-        if not np.all(np.abs(points) <= MAX_MAGNITUDE):
-            worst = points[~(np.abs(points) <= MAX_MAGNITUDE)][0]
-            raise ConfigurationError(name, float(worst), f"finite coordinates within {MAX_MAGNITUDE:g} m")
+        if not np.all(np.abs(points) <= ROOM):
+            worst = points[~(np.abs(points) <= ROOM)][0]
+            raise ConfigurationError(name, float(worst), f"finite coordinates within {ROOM:g} m (in millimetres?)")
         paths.append(points)
     return tuple(paths)
 

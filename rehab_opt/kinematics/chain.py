@@ -29,6 +29,8 @@ __all__ = ["SerialChain", "per_joint"]
 
 Array = NDArray[np.float64]
 Expression = TypeVar("Expression", bound=Callable[..., Any])
+LONG_TOOL, LONGEST = 2.0, 1e6
+"""A tool is no longer than so many arms, or [m]; a chain that slides on and on counts as so long [m]."""
 MAX_WRITTEN = 64
 """Expressions that are kept."""
 _written: PerThread[dict[tuple[Any, ...], ca.Function]] = PerThread(dict)
@@ -127,6 +129,10 @@ class SerialChain(HasEvaluator):
             raise ConfigurationError("effort", self.effort, "positive numbers (infinite for none that is known)")
         base, base_note = nearest_rigid("base", self.base)
         tool, tool_note = nearest_rigid("tool", self.tool)
+        lengths, size = _lengths(rows, lower, upper), float(np.linalg.norm(tool[:3, 3]))
+        if not size <= max(LONG_TOOL * lengths, LONG_TOOL):
+            expected = f"a tool of at most {max(LONG_TOOL * lengths, LONG_TOOL):.3g} m on this arm: is it in metres?"
+            raise ConfigurationError("tool", f"{size:.6g} m long", expected)
         checked = {
             "rows": rows,
             "names": names,
@@ -159,6 +165,7 @@ class SerialChain(HasEvaluator):
         mount: ArrayLike | None = None,
         tool: ArrayLike | None = None,
         capsules: Sequence[CapsuleOnLink] | Literal["collision"] = (),
+        effort: ArrayLike | Mapping[str, float] | None = None,
     ) -> SerialChain:
         """The chain between two links of a URDF: joints of any axis and origin, revolute, continuous or prismatic.
 
@@ -172,8 +179,8 @@ class SerialChain(HasEvaluator):
         file : the URDF. One in xacro is expanded first: `xacro arm.urdf.xacro > arm.urdf`.
         base, tip : links where the chain begins and ends; default the root, and the only link that bears no other.
         acceleration : [rad/s^2 or m/s^2] which is not read of a URDF: for all joints, for each (n,), or by joint name.
-        velocity, lower, upper : in place of the file's; for all joints, for each (n,), or by joint name. A joint that
-            turns has its ends within two turns, or infinite ones: 170 would be degrees.
+        velocity, lower, upper, effort : in place of the file's; for all joints, for each (n,), or by joint name. A
+            joint that turns has its ends within two turns, or infinite ones: 170 would be degrees.
         locked : joint values [rad or m] by the names of joints that are held there, and are no joints of the chain; a
             joint that is coupled to another (mimic) can be on the way so alone.
         mount : (4, 4) pose of the base link in the base frame; default the identity.
@@ -187,7 +194,7 @@ class SerialChain(HasEvaluator):
             value and what was expected.
         ProblemFileError : it cannot be read. ConfigurationError : an argument cannot be used.
         """
-        given = Given(acceleration, velocity, lower, upper, locked, capsules)
+        given = Given(acceleration, velocity, lower, upper, locked, capsules, effort)
         return cls._imported(URDF, file, base, tip, given, mount=mount, tool=tool)
 
     @classmethod
@@ -205,13 +212,15 @@ class SerialChain(HasEvaluator):
         mount: ArrayLike | None = None,
         tool: ArrayLike | None = None,
         capsules: Sequence[CapsuleOnLink] = (),
+        effort: ArrayLike | Mapping[str, float] | None = None,
     ) -> SerialChain:
         """The chain between two bodies of a MuJoCo model; needs `pip install rehab_opt[mjcf]`.
 
-        As `from_urdf`, but for: `base` and `tip` are bodies, by default the world and the only one that bears no other;
-        `velocity` has to be given, since MJCF has no speed limits; joint values are MuJoCo's, `ref` included.
+        As `from_urdf`, but for: `base` is a body, by default the world, and `tip` a body or a site (a gripper's grasp),
+        by default the only body that bears no other; `velocity` has to be given, since MJCF has no speed limits; joint
+        values are MuJoCo's, `ref` included. `effort` is what the file's force ranges allow the drives of each joint.
         """
-        given = Given(acceleration, velocity, lower, upper, locked, capsules)
+        given = Given(acceleration, velocity, lower, upper, locked, capsules, effort)
         return cls._imported(MJCF, file, base, tip, given, mount=mount, tool=tool)
 
     @classmethod
@@ -235,6 +244,16 @@ class SerialChain(HasEvaluator):
         mask = np.array(self.lower == self.upper)
         mask.flags.writeable = False
         return mask
+
+    @property
+    def reach(self) -> float:
+        """[m] The farthest that the tool can be from the base: all lengths, sliding joints at their limits."""
+        return self.reach_from(0)
+
+    def reach_from(self, joint: int) -> float:
+        """[m] The same from a joint, counted from 0."""
+        lengths = _lengths(self.rows[joint:], self.lower[joint:], self.upper[joint:])
+        return lengths + float(np.linalg.norm(self.tool[:3, 3]))
 
     def pose(self, q: ArrayLike) -> Array:
         """(4, 4) pose of the tool in the base frame at joint values q (n,)."""
@@ -341,6 +360,15 @@ class SerialChain(HasEvaluator):
     # ------------------------------------------------------------------------------------------------ plumbing
     def _evaluate(self, expression: Callable[[ca.SX], ca.SX], q: ArrayLike) -> Array:
         return self._evaluator.of(expression, per_joint("q", q, self.n, finite=False))
+
+
+def _lengths(rows: Sequence[ChainRow], lower: Array, upper: Array) -> float:
+    """[m] all links in a line, sliding joints at their limits; no more than numbers are used here."""
+    slides = np.where([row.prismatic for row in rows], np.maximum(np.abs(lower), np.abs(upper)), 0.0)
+    total = sum(
+        math.hypot(row.across, abs(row.along) + slide) for row, slide in zip(rows, slides.tolist(), strict=True)
+    )
+    return min(total, LONGEST)
 
 
 def per_joint(argument: str, value: ArrayLike, n: int, *, finite: bool = False) -> Array:

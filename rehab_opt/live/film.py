@@ -16,9 +16,9 @@ from PIL import Image
 
 from rehab_opt.control.command import Command
 from rehab_opt.errors import ConfigurationError
-from rehab_opt.session.closed_loop import simulate
 from rehab_opt.session.live.bodies import BLUE, ORANGE
 from rehab_opt.session.live.problem import LiveProblem
+from rehab_opt.session.trace import simulate
 
 __all__ = ["write_film"]
 
@@ -59,16 +59,17 @@ def write_film(
     control, scene = problem.control(), problem.scene()
     every, pictures, trail = max(1, round(1 / (per_second * problem.dt))), list[Image.Image](), list[list[float]]()
 
-    def shoot(tick: int, command: Command) -> None:
+    def shoot(tick: int, command: Command) -> dict[str, Any]:
         if tick % every == 0:
             numbers = {name: np.atleast_1d(np.asarray(value, float)) for name, value in control.shown().items()}
             frame = problem.frame(numbers)
             trail.append(frame["handles"]["hand"])
             words = f"{problem.title} · {tick * problem.dt:.1f} s · {command.status.value}"
             pictures.append(_picture(words, scene, frame, trail))
+        return {}
 
     simulate(
-        control, lambda tick: control.untouched(tick * problem.dt), ticks=math.ceil(seconds / problem.dt), note=shoot,
+        control, lambda tick: control.untouched(tick * problem.dt), ticks=math.ceil(seconds / problem.dt), also=shoot,
         progress=partial(progress, "film"),
     )  # fmt: skip
     palette = pictures[-1].quantize(COLOURS, Image.Quantize.MAXCOVERAGE)

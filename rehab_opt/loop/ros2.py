@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import json
+import math
 import struct
+import time
+from collections import deque
 from collections.abc import Sequence
 from importlib import import_module
 from importlib.util import find_spec
@@ -20,6 +23,8 @@ __all__ = ["Ros2Driver", "connect_ros2", "driver", "joints_of"]
 
 WATCHDOG = 0.1
 """[s]"""
+UNHEARD, WAITING = 2.0, 1000
+"""[s] for which a joint may be missing from the states that come at first; messages that wait to be read at most."""
 
 
 def connect_ros2(
@@ -36,7 +41,8 @@ def connect_ros2(
 
     They go through zenoh as its bridge for ROS 2 (zenoh-bridge-ros2dds) hands them on, under the topics' names. The
     controller there needs a time-out of its own: without commands ros2_control's forward controllers hold the last
-    velocity. Forces are not read: they are zero.
+    velocity. Joints may come in several messages, between those of a gripper or of wheels: a state is read once all of
+    them have come since the one before. Forces are not read: they are zero.
 
     Parameters
     ----------
@@ -72,20 +78,30 @@ class Ros2Driver:
             self._session = zenoh.open(config)
         except zenoh.ZError as refused:
             raise DeviceLostError(str(refused).splitlines()[0]) from refused
-        self._names, self._newest = names, b""
+        self._names, self._messages = names, deque[bytes](maxlen=WAITING)
+        self._state = np.full((2, len(names)), math.nan)
+        self._begun: float | None = time.monotonic()
         self._subscriber = self._session.declare_subscriber(states, self._came)
         self._publisher = self._session.declare_publisher(commands)
 
     def _came(self, sample: Any) -> None:
-        self._newest = sample.payload.to_bytes()  # of two between two looks, the later one counts
+        self._messages.append(sample.payload.to_bytes())
 
     def read(self) -> Reading | None:
-        """The joint state that came last, if one has."""
-        message, self._newest = self._newest, b""
-        if not message:
-            return None
-        position, velocity = joints_of(message, self._names)
-        return Reading(position, velocity, np.zeros(3))
+        """The state of all joints, once each of them has come since the state before."""
+        came = None
+        while self._messages:
+            came = np.array(joints_of(self._messages.popleft(), self._names))
+            self._state = np.where(np.isnan(came[:1]), self._state, came)
+        missing = np.isnan(self._state[0])
+        if not missing.any():
+            (position, velocity), self._begun = self._state, None
+            self._state = np.full_like(self._state, math.nan)
+            return Reading(position, velocity, np.zeros(3))
+        if came is not None and self._begun is not None and time.monotonic() - self._begun > UNHEARD:
+            names = ", ".join(name for name, out in zip(self._names, missing, strict=True) if out)
+            raise DeviceLostError(f"joint states come without a position of {names}")
+        return None
 
     def send(self, velocity: list[float]) -> None:
         """Joint velocities [rad/s, m/s]."""
@@ -112,17 +128,30 @@ driver = Ros2Driver
 def joints_of(message: bytes, names: Sequence[str]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Positions and velocities (n,) of these joints in a `sensor_msgs/JointState`; velocities it lacks are zero.
 
+    Both are NaN of a joint without a position in it.
+
     Raises
     ------
-    DeviceLostError : it is cut short, in another encoding, or lacks a joint.
+    DeviceLostError : it is cut short, in another encoding, has more or fewer numbers than names, or two positions
+        of a joint.
     """
     try:
         told, position, velocity = _parts(message)
-        order = [told.index(name) for name in names]
-        speeds = velocity[order] if velocity.size else np.zeros(len(order))
-        return position[order], speeds
+        found = np.full((2, len(names)), math.nan)
+        for i, name in enumerate(names) if position.size else ():
+            at = _place(name, told, position)
+            if at is not None:
+                found[:, i] = position[at], velocity[at] if velocity.size else 0.0
     except (struct.error, ValueError, IndexError, UnicodeDecodeError) as wrong:
-        raise DeviceLostError(f"a joint state that cannot be read, or without {', '.join(names)} ({wrong})") from wrong
+        raise DeviceLostError(f"a joint state that cannot be read ({wrong})") from wrong
+    return found[0], found[1]
+
+
+def _place(name: str, told: list[str], position: NDArray[np.float64]) -> int | None:
+    places = [i for i, each in enumerate(told) if each == name]
+    if len(set(position[places].tolist())) > 1:
+        raise ValueError(f"{name} is at {' and at '.join(map(str, position[places]))}")
+    return places[0] if places else None
 
 
 def _parts(message: bytes) -> tuple[list[str], NDArray[np.float64], NDArray[np.float64]]:
@@ -156,4 +185,8 @@ def _parts(message: bytes) -> tuple[list[str], NDArray[np.float64], NDArray[np.f
         return found
 
     text()  # the frame
-    return [text() for _ in range(counted())], numbers(), numbers()
+    names, position, velocity = [text() for _ in range(counted())], numbers(), numbers()
+    for array in (position, velocity):
+        if array.size not in (0, len(names)):
+            raise ValueError(f"{array.size} numbers of {len(names)} joints")
+    return names, position, velocity

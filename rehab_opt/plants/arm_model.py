@@ -93,7 +93,10 @@ def own_arm_model(chain: SerialChain, *, payload: float = 0.0) -> ArmModel:
         raise ConfigurationError("chain.bodies", chain.bodies, "masses of links, as robot files may have")
     for name, effort in zip(chain.names, chain.effort, strict=True):
         if not effort < np.inf:
-            raise ConfigurationError(f"effort of {name}", float(effort), "the drive's largest, limit.effort of a URDF")
+            expected = (
+                "the drive's largest: limit.effort of a URDF, a force range of an MJCF, effort_n_m of a robot file"
+            )
+            raise ConfigurationError(f"effort of {name}", float(effort), expected)
     if payload:
         bodies.append(Body("payload", chain.n, payload, np.array(chain.tool[:3, 3]), np.zeros((3, 3))))
     effort = chain.effort

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
-from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 from pydantic import Field
 
@@ -23,6 +22,9 @@ from rehab_opt.session.live.bodies import ArmBodies, kept_off, moving_rows, side
 from rehab_opt.session.outcome import Array
 from rehab_opt.session.robot_file import pose_of
 from rehab_opt.session.schema import Section, Side, Triple
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 __all__ = [
     "ClearPlaneSection",

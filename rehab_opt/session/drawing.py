@@ -4,27 +4,28 @@ from __future__ import annotations
 
 import math
 import textwrap
-from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from matplotlib.artist import Artist
-from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
-from matplotlib.legend import Legend
-from matplotlib.mathtext import MathTextParser
-from matplotlib.text import Text
 
 from rehab_opt.kinematics.chain import SerialChain
-from rehab_opt.session.closed_loop import JointMotion
-from rehab_opt.session.outcome import Array, MovementOutcome
+from rehab_opt.session.outcome import Array
+from rehab_opt.session.trace import Trace
+
+if TYPE_CHECKING:  # loaded where a figure is made: reading a problem needs none
+    from matplotlib.artist import Artist
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from matplotlib.legend import Legend
+    from matplotlib.text import Text
 
 __all__ = [
     "ACROSS",
     "CLOSE_UP",
     "FORWARD",
     "GRID",
+    "LAW_NAMES",
     "LAW_STYLES",
     "LIMIT",
     "MISSED",
@@ -32,16 +33,19 @@ __all__ = [
     "REFERENCE",
     "TOLD",
     "TRUE",
+    "Panel",
+    "figure_over_time",
     "fitted",
     "framed",
     "joint_figure",
     "label_times",
     "legend_below",
+    "path_figure",
     "servo_figure",
 ]
 
 
-REFERENCE, MISSED, LIMIT = "#000000", "#CC79A7", "#BBBBBB"
+REFERENCE, MISSED, LIMIT, EVENT = "#000000", "#CC79A7", "#BBBBBB", "#009E73"
 MM = 1e3
 GRID: Mapping[str, Any] = {"visible": True, "color": "#DDDDDD", "linewidth": 0.6}
 ACROSS = "left of the shoulder (negative) or right of it (positive) [mm]"
@@ -50,6 +54,9 @@ FORWARD = "in front of the shoulder [mm]"
 
 def framed(title: str, width: float, height: float) -> Figure:
     """An empty figure with its title; sizes in inches."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg  # noqa: PLC0415
+    from matplotlib.figure import Figure  # noqa: PLC0415
+
     figure = Figure(figsize=(width, height), dpi=150, layout="constrained")
     FigureCanvasAgg(figure)
     figure.suptitle(title, fontsize=12)
@@ -58,7 +65,7 @@ def framed(title: str, width: float, height: float) -> Figure:
 
 def legend_below(figure: Figure, shown: Axes | Sequence[Artist], columns: int) -> Figure:
     """The figure with one legend for all of it, outside of all axes: of what these axes show, or of these handles."""
-    handles = shown.get_legend_handles_labels()[0] if isinstance(shown, Axes) else shown
+    handles = shown if isinstance(shown, Sequence) else shown.get_legend_handles_labels()[0]
     figure.legend(handles=handles, loc="outside lower center", ncols=columns, frameon=False, fontsize=9)
     return figure
 
@@ -78,26 +85,83 @@ LAW_STYLES: Mapping[str, Mapping[str, Any]] = {
     "optimised": {"color": "#0072B2", "linestyle": "-", "linewidth": 2.0},
     "published": {"color": "#D55E00", "linestyle": "--", "linewidth": 1.5},
 }
+LAW_NAMES = {"optimised": "ours", "published": "published controller"}
+
+
+class Panel(NamedTuple):
+    """One quantity of a trace over time."""
+
+    label: str
+    """With its unit."""
+    of: Callable[[Trace], Array]
+    """(N,) in the label's unit"""
+    limit: float = math.nan
+    """A dotted line."""
+    low: float = 0.0
+    high: float | None = None
+
+
+def figure_over_time(
+    title: str,
+    groups: Mapping[str, Mapping[str, Trace]],
+    panels: Sequence[Panel],
+    *,
+    events: Mapping[str, Sequence[float]] | None = None,
+    event: str = "",
+) -> Figure:
+    """A row for each panel, a column for each group of traces, a line for each controller of a group.
+
+    `events` are times [s] by group, numbered from 1; the legend calls them `event`.
+    """
+    figure = framed(title, 9.0, 0.9 + 2.1 * len(panels))
+    grid = figure.subplots(len(panels), len(groups), sharex="col", sharey="row", squeeze=False)
+    for column, (group, of) in zip(grid.T, groups.items(), strict=True):
+        column[0].set_title(group, fontsize=10, loc="left")
+        column[-1].set_xlabel("time [s]")
+        for axes, panel in zip(column, panels, strict=True):
+            for order, (law, trace) in enumerate(of.items()):
+                # Dashes over what they agree with.
+                style = {**LAW_STYLES[law], "zorder": 4 + 0.5 * order}
+                axes.plot(trace["t_s"], panel.of(trace), **style, label=LAW_NAMES[law])
+            axes.axhline(panel.limit, color=REFERENCE, linewidth=1, linestyle=":")
+            axes.margins(x=0.01)
+            axes.grid(**GRID)
+            axes.set_ylim(panel.low, panel.high)
+            for i, when in enumerate((events or {}).get(group, ()), start=1):
+                axes.axvline(when, color=EVENT, linewidth=1, label=event if i == 1 else None)
+                at, style = {"xycoords": ("data", "axes fraction"), "va": "top"}, {"fontsize": 8, "color": EVENT}
+                axes.annotate(f" {i}", (when, 0.97), **at, **style)
+    for axes, panel in zip(grid[:, 0], panels, strict=True):
+        axes.set_ylabel(panel.label, fontsize=9)
+    return legend_below(figure, grid[0, 0], 3)
+
+
+def path_figure(title: str, reference: Array, paths: Mapping[str, Array]) -> Figure:
+    """Paths (N, 3) [m] by controller from above, from the side and from behind, beside their reference (N, 3) [m]."""
+    figure = framed(f"{title}\nPath seen from above, from the side and from behind", 11.0, 4.5)
+    panels = figure.subplots(1, 3)
+    for axes, (a, b) in zip(panels, ((0, 1), (0, 2), (1, 2)), strict=True):
+        wide = {"color": REFERENCE, "linewidth": 4.5, "alpha": 0.25}
+        axes.plot(MM * reference[:, a], MM * reference[:, b], **wide, label="reference")
+        for law, path in paths.items():
+            axes.plot(MM * path[:, a], MM * path[:, b], **LAW_STYLES[law], label=LAW_NAMES[law])
+        axes.plot(MM * reference[0, a], MM * reference[0, b], "o", color=REFERENCE, markersize=6, label="start")
+        axes.set(aspect="equal", adjustable="datalim", xlabel=f"{'xyz'[a]} [mm]", ylabel=f"{'xyz'[b]} [mm]")
+        axes.grid(**GRID)
+    return legend_below(figure, panels[0], 3)
 
 
 def joint_figure(
-    outcome: MovementOutcome,
-    joints: Mapping[str, tuple[Array, Mapping[str, Any]]],
-    *,
-    times: Mapping[str, Array] | None = None,
+    title: str, chain: SerialChain, joints: Mapping[str, tuple[Array, Array, Mapping[str, Any]]]
 ) -> Figure:
-    """A panel for each joint; `joints` holds values (N, n) [rad] and their style by label.
-
-    `times` (N,) [s] by label, where they are not all sampled at the outcome's own.
-    """
-    chain = outcome.chain
+    """A panel for each joint; `joints` holds times (N,) [s], values (N, n) [rad] and their style by label."""
     rows = math.ceil(chain.n / 2)
-    figure = framed(outcome.title, 9.0, 1.3 + 1.9 * rows)
+    figure = framed(title, 9.0, 1.3 + 1.9 * rows)
     grid = np.atleast_1d(figure.subplots(rows, 2, sharex=True)).ravel()
     limits_seen = False
     for joint, axes in enumerate(grid[: chain.n]):
-        for label, (q, style) in joints.items():
-            axes.plot((times or {}).get(label, outcome.time), np.rad2deg(q[:, joint]), **style, label=label)
+        for label, (times, q, style) in joints.items():
+            axes.plot(times, np.rad2deg(q[:, joint]), **style, label=label)
         limits_seen |= _shade_limits(axes, chain, joint)
         axes.set_title(chain.names[joint].replace("_", " "), fontsize=9, loc="left", parse_math=False)
         axes.set_ylabel("angle [deg]", fontsize=8)
@@ -110,7 +174,7 @@ def joint_figure(
     what = (
         "Joint angles and the limits near them" if limits_seen else "Joint angles; all limits lie outside these panels"
     )
-    figure.suptitle(f"{outcome.title}\n{what}", fontsize=12)
+    figure.suptitle(f"{title}\n{what}", fontsize=12)
     if limits_seen:
         grid[0].plot([], [], color=LIMIT, linewidth=8, alpha=0.6, label="outside the joint's range")
     return legend_below(figure, grid[0], 4)
@@ -140,7 +204,7 @@ CLOSE_UP = 0.5
 """[s] shown around the fastest change, where delay and servo can be seen."""
 
 
-def servo_figure(title: str, names: Sequence[str], motion: JointMotion, *, lengths: int = 0) -> Figure:
+def servo_figure(title: str, names: Sequence[str], trace: Trace, *, lengths: int = 0) -> Figure:
     """Two panels a joint: the whole run, and half a second about its hardest acceleration.
 
     Parameters
@@ -153,14 +217,14 @@ def servo_figure(title: str, names: Sequence[str], motion: JointMotion, *, lengt
         1.3 + 1.5 * len(names),
     )
     grid = figure.subplots(len(names), 2, squeeze=False, width_ratios=(2.2, 1), sharex="col")
-    time, units = motion.time, np.where(np.arange(len(names)) < lengths, 1.0, 180 / math.pi)
-    middle = _moment(motion, lengths)
+    time, units = trace["t_s"], np.where(np.arange(len(names)) < lengths, 1.0, 180 / math.pi)
+    middle = _moment(trace, lengths)
     near = np.flatnonzero(np.abs(time - middle) <= CLOSE_UP / 2)
     every = np.arange(len(time))
     for joint, (name, axes) in enumerate(zip(names, grid, strict=True)):
         for panel, shown in zip(axes, (every, near), strict=True):
             at = time[shown]
-            told, true = (units[joint] * each[shown, joint] for each in (motion.commanded, motion.velocity))
+            told, true = (units[joint] * each[shown, joint] for each in (trace["command"], trace["velocity"]))
             # The commands, which answer the encoders' noise, would hide what came of them.
             panel.step(at, told, where="post", color=TOLD, linewidth=0.9, label="commanded")
             panel.plot(at, true, color=TRUE, linewidth=1.4, label="true")
@@ -175,15 +239,16 @@ def servo_figure(title: str, names: Sequence[str], motion: JointMotion, *, lengt
     return legend_below(figure, grid[0, 0], 2)
 
 
-def _moment(motion: JointMotion, lengths: int) -> float:
-    """[s] of the largest change of a true speed, as a share of the fastest joint's of its kind."""
-    if len(motion.time) < 3:
-        return float(motion.time[0])
-    fastest = np.abs(motion.velocity).max(axis=0)
+def _moment(trace: Trace, lengths: int) -> float:
+    """[s] of the largest change of a true speed, as a fraction of the fastest joint's of its kind."""
+    time, velocity = trace["t_s"], trace["velocity"]
+    if len(time) < 3:
+        return float(time[0])
+    fastest = np.abs(velocity).max(axis=0)
     for kind in (slice(0, lengths), slice(lengths, None)):
         fastest[kind] = max(float(fastest[kind].max(initial=0.0)), 1e-9)
-    change = np.abs(np.diff(motion.velocity, axis=0)) / fastest
-    return float(motion.time[1 + int(change.max(axis=1).argmax())])
+    change = np.abs(np.diff(velocity, axis=0)) / fastest
+    return float(time[1 + int(change.max(axis=1).argmax())])
 
 
 ROOM = 0.97
@@ -200,6 +265,8 @@ def fitted(figure: Figure) -> Figure:
     What is added in height is added to the figure, so that panels keep their size. A dollar that begins no formula is
     a dollar.
     """
+    from matplotlib.text import Text  # noqa: PLC0415
+
     for text in figure.findobj(Text):
         if isinstance(text, Text) and "$" in text.get_text() and not _is_formula(text.get_text()):
             text.set_parse_math(False)
@@ -274,10 +341,14 @@ def _heighten(figure: Figure, lines: int, size: float) -> None:
 def _titles(axes: Axes) -> list[Text]:
     """The titles of a panel: what stands in them, and nowhere else."""
     said = {axes.get_title(loc) for loc in ("left", "center", "right")} - {""}
+    from matplotlib.text import Text  # noqa: PLC0415
+
     return [text for text in axes.findobj(Text) if isinstance(text, Text) and text.get_text() in said]
 
 
 def _is_formula(text: str) -> bool:
+    from matplotlib.mathtext import MathTextParser  # noqa: PLC0415
+
     parser = MathTextParser("agg")
     try:
         for line in text.split("\n"):  # as it is drawn

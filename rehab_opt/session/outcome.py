@@ -7,12 +7,13 @@ import re
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rehab_opt.kinematics.chain import SerialChain
+if TYPE_CHECKING:
+    from rehab_opt.kinematics.chain import SerialChain
 
 __all__ = [
     "Array",

@@ -10,6 +10,7 @@ import numpy as np
 from rehab_opt.errors import ProblemFileError
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.kinematics.human_arm import human_arm
+from rehab_opt.kinematics.measured_path import measured_path
 from rehab_opt.recordings.reading import read_recording, resampled
 from rehab_opt.recordings.recording import Recording
 from rehab_opt.session.arm_keys import ArmSection, RangeOfMotion, SegmentsSection
@@ -148,7 +149,7 @@ def placed_recording(
     try:
         checked_hand(source, side=side, file=config.file)
         path = recording_path(config, source.file)
-        recording = resampled(read_recording(path, name=source.file, **source.reading()), rate)
+        recording = resampled(_as_moved(read_recording(path, name=source.file, **source.reading())), rate)
         points, sentence = placed_path(recording, placement, mirror=source.mirror, file=config.file)
     except ProblemFileError as refused:
         if not refused.key.startswith(("recording.", "placement")):
@@ -157,3 +158,17 @@ def placed_recording(
     if recording.points.shape[1] == 3 and source.up is None:
         recording = recording.noting("its z axis is taken to point up: recording.up names another")
     return replace(recording.noting(sentence), points=points[:, :2]), points
+
+
+def _as_moved(recording: Recording) -> Recording:
+    """The recording as the hand moved, where its samples were held, repeated or rounded."""
+    time, points, notes = measured_path(recording.time, recording.points)
+    if not notes:
+        return recording
+
+    def then(values: Array) -> Array:
+        return np.interp(time, recording.time, values)
+
+    joints = {name: then(values) for name, values in recording.joints.items()}
+    forces = np.apply_along_axis(then, 0, recording.forces) if recording.forces.size else recording.forces
+    return replace(recording, time=time, points=points, joints=joints, forces=forces).noting(*notes)

@@ -36,6 +36,7 @@ JOINT_KEYS = {
     "lower": ("lower_deg",),
     "upper": ("upper_deg",),
     "locked": ("locked_deg", "locked_m"),
+    "effort": ("effort_n_m",),
 }
 """What a robot file calls the arguments of `SerialChain.from_urdf` that go joint by joint."""
 GIVE = re.compile(rf"(?P<argument>{'|'.join(JOINT_KEYS)})={{'(?P<joint>[^']+)': [^}}]*}}")
@@ -84,6 +85,8 @@ class JointSection(Section):
     between base and tip."""
     locked_m: float | None = Field(default=None, ge=-10, le=10)
     """The same of a joint that slides, which has to be locked there, too."""
+    effort_n_m: float | None = Field(default=None, gt=0, le=1e5)
+    """Largest torque of its drive, in place of the file's; the plant `mujoco` needs it where the file has none."""
 
     @model_validator(mode="after")
     def locked_once(self) -> Self:
@@ -91,7 +94,7 @@ class JointSection(Section):
         if self.locked_deg is not None and self.locked_m is not None:
             raise refusal("locked_m", self.locked_m, "no such key beside locked_deg")
         if self.locked_deg is not None or self.locked_m is not None:
-            for key in ("lower_deg", "upper_deg", "speed_deg_s", "acceleration_deg_s2"):
+            for key in ("lower_deg", "upper_deg", "speed_deg_s", "acceleration_deg_s2", "effort_n_m"):
                 if getattr(self, key) is not None:
                     raise refusal(key, getattr(self, key), "no such key of a joint that is locked")
         return self
@@ -271,6 +274,7 @@ def _arm(said: RobotFile, path: Path, name: str) -> SerialChain:
         mount=pose_of(said.mount_deg, said.mount_m),
         tool=pose_of(said.tool_deg, said.tool_m),
         capsules="collision" if said.collision else capsules,
+        effort={key: each.effort_n_m for key, each in said.joints.items() if each.effort_n_m is not None},
     )
     of_all = said.arguments("acceleration_deg_s2", "speed_deg_s", speed_deg_s="velocity")
     try:

@@ -12,7 +12,7 @@ It is imported when it is used.
 from __future__ import annotations
 
 import importlib
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import reduce
 from importlib.metadata import EntryPoint, entry_points
@@ -54,13 +54,13 @@ GROUP = "rehab_opt.systems"
 SHIPPED: Mapping[str, str] = MappingProxyType(
     {
         "upper_limb": "rehab_opt.session.upper_limb.run:UpperLimbSystem",
-        "pose_tracking": "rehab_opt.session.pose_tracking.run:PoseTrackingSystem",
+        "pose_tracking": "rehab_opt.session.pose_tracking:PoseTrackingSystem",
         "mirror": "rehab_opt.session.mirror.run:MirrorSystem",
         "workspace": "rehab_opt.session.workspaces.run:WorkspaceSystem",
         "workspace_map": "rehab_opt.session.workspace_maps.run:WorkspaceMapSystem",
         "used_ranges": "rehab_opt.session.used_ranges.run:UsedRangesSystem",
         "scenario": "rehab_opt.session.scenario.system:ScenarioSystem",
-        "ardis": "rehab_opt.session.ardis.run:ArdisSystem",
+        "ardis": "rehab_opt.session.ardis.scene:ArdisSystem",
     }
 )
 ROBOT_FILE = "robot.file"
@@ -108,16 +108,16 @@ class System(Generic[P, O]):
         a problem is handed on with the table that the option asks for; a solver that cannot be made is refused.
     solver_key : where the problem file names the solver that `--solver` goes before; empty where it names none.
     rate_key : where it says how many ticks a second its controllers have; empty where they have none.
-    shown : modules with `table(outcome)`, `brief(outcome)` (a table of the few numbers that matter first),
-        `figures(outcome)`, of which the first that has one is asked; loaded when a result is shown. By default the
-        numbers as a table, the columns over time.
+    first : the few quantities that matter first, as of `numbers_table`; empty where there are but few.
+    shown : module with `figures(outcome)`, loaded when a result is shown; by default the columns over time.
     """
 
     schema: type[P]
     options: ClassVar[frozenset[str]] = frozenset()
     solver_key: ClassVar[str] = ""
     rate_key: ClassVar[str] = ""
-    shown: ClassVar[tuple[str, ...]] = ("rehab_opt.session.shown",)
+    first: ClassVar[tuple[str, ...]] = ()
+    shown: ClassVar[str] = "rehab_opt.session.shown"
 
     def recordings(self, problem: P) -> tuple[Needed, ...]:
         """The recordings and robot files it needs; none by default."""
@@ -168,25 +168,31 @@ class System(Generic[P, O]):
         """
         return 1 / value_at(problem, self.rate_key) if self.rate_key else None
 
+    def columns(self, outcome: O) -> Mapping[str, Mapping[str, Any]]:
+        """Numbers of each column of the table; by default all metrics in one."""
+        return {"value": outcome.metrics}
+
+    def caption(self, outcome: O) -> str:
+        """What stands below the table."""
+        return ""
+
     def table(self, outcome: O) -> Table:
         """The result for the terminal, all of it."""
-        made: Table = self._draws("table")(outcome)
-        return made
+        from rehab_opt.session.tables import numbers_table  # noqa: PLC0415  (loads rich)
+
+        return numbers_table(outcome.title, self.columns(outcome), caption=self.caption(outcome))
 
     def brief(self, outcome: O) -> Table | None:
         """The few numbers that matter first; None where there are but few."""
-        return self._draws("brief")(outcome) or None
+        if not self.first:
+            return None
+        from rehab_opt.session.tables import numbers_table  # noqa: PLC0415  (loads rich)
+
+        return numbers_table(outcome.title, self.columns(outcome), first=self.first, caption=self.caption(outcome))
 
     def figures(self, outcome: O) -> dict[str, Figure]:
         """The figures by file name, without suffix."""
-        return dict(self._draws("figures")(outcome))
-
-    def _draws(self, what: str) -> Callable[[O], Any]:
-        for module in map(importlib.import_module, self.shown):
-            if hasattr(module, what):
-                draw: Callable[[O], Any] = getattr(module, what)
-                return draw
-        return lambda _: {}
+        return dict(importlib.import_module(self.shown).figures(outcome))
 
 
 def value_at(problem: Problem, key: str) -> Any:

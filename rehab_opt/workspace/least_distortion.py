@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rehab_opt.workspace.audit import MAX_STRETCH, SMALLEST_STRETCH, random_points
 from rehab_opt.workspace.bspline import PlaneBSpline, net_columns
 from rehab_opt.workspace.certificate import Certificate, examined, outline_polygon
 from rehab_opt.workspace.harmonic import harmonic_images
@@ -32,8 +33,8 @@ __all__ = ["Task", "least_distorted", "room_kept"]
 
 Array = NDArray[np.float64]
 
-CELL = 0.11
-"""Size of a cell at first, over sqrt(area)."""
+CELL, TASK_CELL = 0.11, 0.08
+"""Size of a cell at first, over sqrt(area), and of a map for a task."""
 GROWTH, SHRINKAGE, MAX_SHRINKAGE = 0.04, 0.04, 0.3
 """The source grows by this fraction of sqrt(area); the target shrinks by this one of its inradius, and by its accuracy
 up to the last."""
@@ -51,9 +52,11 @@ DET_AT_FIRST, DET_LEAST, LOWER = 0.3, 1e-3, 0.3
 """det J is smoothed over this width, and over less each round, down to the second."""
 OUT_ALLOWED = 3e-3
 """How far the drawn outline may be outside the shrunk target, over sqrt(area)."""
-ROUNDS, ITERATIONS = 11, 60
-ATTEMPTS = ((0.0, False), (10.0, False), (10.0, True), (100.0, True))
-"""Weight of the mean squared distance from the harmonic map, and whether knots are inserted before, of each attempt."""
+ROUNDS, ITERATIONS, SAMPLES = 11, 60, 2000
+ATTEMPTS = ((0.0, False, 1.0), (10.0, False, 1.0), (10.0, True, 1.0), (100.0, True, 1.0))
+TASK_ATTEMPTS = ((0.0, False, 1.0), (0.0, False, 0.2), (0.0, False, 0.05), (0.0, False, 0.0))
+"""Of each attempt: weight of the mean squared distance from the harmonic map, whether knots are inserted before, and
+what the task's weight is multiplied by. For a task each begins at the harmonic map."""
 TURN_WEIGHT = 100.0
 
 
@@ -68,7 +71,7 @@ class Task(NamedTuple):
 def least_distorted(
     source: Workspace, target: Workspace, *, rotation: float | Literal["best"], task: Task | None = None
 ) -> tuple[PlaneBSpline, Certificate]:
-    """The least distorted map that could be proven; else the last that was tried, with the reason.
+    """The least distorted map that is proven and within the audit's bounds of stretch; else the best that was tried.
 
     Parameters
     ----------
@@ -82,22 +85,34 @@ def least_distorted(
     wide = grown(start, GROWTH)
     mesh = mesh_of(wide, CELL / 3.0)
     scaled = task and Task(frames[0].to_unit(task.points), frames[1].to_unit(task.images), task.weight)
-    tried: list[tuple[bool, float, PlaneBSpline, Certificate]] = []
+    tried: list[tuple[bool, bool, float, PlaneBSpline, Certificate]] = []
     for images in harmonic_images(wide, narrow, mesh.points, rotation):
         turn = None if rotation == "best" or task else rotation
         net = _Net(wide, mesh, start, narrow, rotation=turn, task=scaled)
         coefficients = net.fitted(images)
         doubtful = np.empty((0, 2))
-        for attempt, (anchor, knots) in enumerate(ATTEMPTS):
-            if attempt > 0:
+        for attempt, (anchor, knots, eased) in enumerate(ATTEMPTS if task is None else TASK_ATTEMPTS):
+            if attempt > 0 and task is not None:
+                coefficients = net.fitted(images)
+            elif attempt > 0:
                 coefficients = net.refined(coefficients, frames[0].to_unit(doubtful), knots=knots)
-            coefficients, value = net.descended(coefficients, images, anchor, again=attempt > 0)
+            coefficients, value = net.descended(
+                coefficients, images, (anchor, eased), again=attempt > 0 and task is None
+            )
             spline = _in_metres(net, coefficients, *frames)
             proven, doubtful = examined(spline, source, target)
-            tried.append((not proven.valid, value, spline, proven))
-            if proven.valid:
+            uneven = not _is_even(spline, source, target)
+            tried.append((not proven.valid, uneven, value, spline, proven))
+            if proven.valid and not uneven:
                 break
-    return min(tried, key=lambda each: each[:2])[2:]
+    return min(tried, key=lambda each: each[:3])[3:]
+
+
+def _is_even(spline: PlaneBSpline, source: Workspace, target: Workspace) -> bool:
+    """Whether no sampled point is stretched or squeezed by more than an audit allows."""
+    ratio = np.sqrt(target.area / source.area)
+    stretch = np.linalg.svd(spline.evaluate(random_points(source, SAMPLES, 0))[1], compute_uv=False) / ratio
+    return bool(stretch.max() <= MAX_STRETCH and stretch.min() >= SMALLEST_STRETCH)
 
 
 def room_kept(target: Workspace) -> float:
@@ -153,7 +168,7 @@ class _Net:
 
         left, bottom, right, top = wide.buffer(BEYOND).bounds
         self.low, size = np.array([left, bottom]), np.array([right - left, top - bottom])
-        self.cells: tuple[int, int] = tuple(np.ceil(size / CELL).astype(int).tolist())
+        self.cells: tuple[int, int] = tuple(np.ceil(size / (CELL if task is None else TASK_CELL)).astype(int).tolist())
         self.step = size / self.cells
         self.mesh, self.narrow, self.edge, self.rotation, self.task = mesh, narrow, narrow.exterior, rotation, task
         shapely.prepare([self.narrow, self.edge])
@@ -199,17 +214,19 @@ class _Net:
         weighted = self.inside.T * self.share
         return np.asarray(splu((weighted @ self.inside + 1e-7 * self.rough).tocsc()).solve(weighted @ images))
 
-    def descended(self, coefficients: Array, images: Array, anchor: float, *, again: bool) -> tuple[Array, float]:
-        """Coefficients of least cost, and the cost."""
+    def descended(
+        self, coefficients: Array, images: Array, weights: tuple[float, float], *, again: bool
+    ) -> tuple[Array, float]:
+        """Coefficients of least cost, and the cost; weights: of the harmonic images, and times the task's."""
         from scipy.optimize import minimize  # noqa: PLC0415  (slow to import)
 
         share = self.weights / self.weights.sum()
         outside, width = PULL_OUTSIDE * (TIGHTER if again else 1.0), DET_LEAST if again else DET_AT_FIRST
         metric = self.along_x.T @ (self.along_x * share[:, None]) + self.along_y.T @ (self.along_y * share[:, None])
         metric = metric + PULL_INSIDE / len(self.outline) * (self.drawn.T @ self.drawn) + ROUGHNESS * self.rough
-        anchors = [_Anchor(self.inside, images, anchor * self.share)] if anchor > 0.0 else []
+        anchors = [_Anchor(self.inside, images, weights[0] * self.share)] if weights[0] > 0.0 else []
         if self.task is not None:
-            even = np.full(len(self.task.points), self.task.weight / len(self.task.points))
+            even = np.full(len(self.task.points), weights[1] * self.task.weight / len(self.task.points))
             anchors.append(_Anchor(self._columns(self.task.points), self.task.images, even))
         for each in anchors:
             metric = metric + (each.columns.T * each.weights) @ each.columns

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal
@@ -32,7 +33,9 @@ MOST = 2000
 STARTS = 2000
 # A drawing's image over the largest copy that fits, points along it, and the weight of their mean squared distance from
 # that copy in sets of unit area.
-TASK_SIZE, TASK_POINTS, TASK_WEIGHT = 0.9, 200, 1e4
+TASK_SIZE, TASK_POINTS, TASK_WEIGHT = 0.88, 200, 1000.0
+# Largest scale of that image over sqrt(area of the target / area of the source): all else has to be squeezed for it.
+TASK_SCALE = 1.5
 # How far from the source a preimage may lie by rounding [m].
 ROUNDING = 1e-9
 
@@ -111,7 +114,8 @@ class WorkspaceMap:
         source, target : each in one piece and without holes.
         path : (N, 2) [m] in the source: the drawing, or all demonstrations one behind the other.
         rotation : angle [rad] by which the drawing turns; "best": the one in which the largest copy of it fits.
-        size : of the drawing's image, over the largest copy that fits (`similarity.largest_copy`), up to 1.
+        size : of the drawing's image, over the largest copy that fits (`similarity.largest_copy`), up to 1. A small
+            drawing is enlarged by 1.5 times the overall ratio at most: all else has to be squeezed for it.
 
         Raises
         ------
@@ -124,7 +128,8 @@ class WorkspaceMap:
         if not 0.0 < real_number(size) <= 1.0:
             raise ConfigurationError("size", size, "a fraction of the largest copy, above 0 and up to 1")
         copy = largest_copy(points, target, rotation=rotation, margin=room_kept(target))
-        copy = copy.about(points.mean(axis=0), size)
+        largest = TASK_SCALE * math.sqrt(target.area / source.area) / copy.scale
+        copy = copy.about(points.mean(axis=0), min(size, largest))
         few = resampled(points, TASK_POINTS)
         task = Task(few, copy(few), TASK_WEIGHT)
         spline, proven = least_distorted(source, target, rotation=copy.turn, task=task)

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.errors import ConfigurationError
+from rehab_opt.kinematics.plausible import ROOM
 from rehab_opt.kinematics.real_array import is_finite
 from rehab_opt.symbolic import PerThread
 from rehab_opt.workspace.placement import ShoulderPlacement
@@ -26,8 +27,8 @@ Array = NDArray[np.float64]
 
 ON_BOUNDARY = 1e-12
 """[m], and per metre of coordinate: nearer to the boundary than this counts as on it, and so as inside."""
-SMALLEST, FURTHEST = 1e-9, 1e9
-"""[m] least size of a workspace and largest coordinate: what is beyond them is no place in metres."""
+SMALLEST = 1e-9
+"""[m] Least size of a workspace."""
 BEYOND = 1e100
 """[m] counts as infinitely far: its square would be no number."""
 WITHOUT_WORDS = np.errstate(divide="ignore", invalid="ignore")
@@ -239,8 +240,10 @@ def _checked(polygon: Any) -> Any:
     expected = "a valid shapely Polygon or MultiPolygon in metres"
     if not isinstance(polygon, shapely.Polygon | shapely.MultiPolygon):
         raise ConfigurationError("polygon", polygon, expected)
-    if not (np.abs(shapely.get_coordinates(polygon)) <= FURTHEST).all():
-        raise ConfigurationError("polygon", f"coordinates that are not finite or above {FURTHEST:g} m", expected)
+    if not (np.abs(shapely.get_coordinates(polygon)) <= ROOM).all():
+        raise ConfigurationError(
+            "polygon", f"coordinates that are not finite or above {ROOM:g} m (in millimetres?)", expected
+        )
     if not polygon.is_valid:
         raise ConfigurationError("polygon", shapely.is_valid_reason(polygon), expected)
     low_x, low_y, high_x, high_y = polygon.bounds

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import casadi as ca
@@ -211,3 +213,40 @@ def test_clearances_and_bodies_that_are_none_are_refused_by_name() -> None:
     assert command.status is Status.HOLDING
     assert "obstacles[0, 3] is nan" in command.reason
     assert step(obstacles=[BALL]).status is Status.OK
+
+
+def documented(name: str) -> Any:
+    """A function of the page on clearance."""
+    page = (Path(__file__).parents[2] / "docs/capabilities/clearance.md").read_text()
+    (block,) = [each for each in re.findall(r"```python\n(.*?)```", page, re.DOTALL) if f"def {name}(" in each]
+    known: dict[str, Any] = {}
+    exec(block, known)
+    return known[name]
+
+
+def test_bodies_of_a_camera_without_velocities_are_not_touched() -> None:
+    """A ball that swings into the forearm's place, seen at 30 Hz, 40 ms late and off by up to 3 mm."""
+    rng, dt, radius, seen_now = np.random.default_rng(7), 0.008, 0.06, documented("seen_now")
+    chain = ur5(velocity=2.0)
+    tracker = PoseTracker(chain, dt=dt, limits=[Clearance(margin=MARGIN, moving=1)], compile=False)
+    pose, q = chain.pose(START), START.copy()
+    forearm = ends(chain, q)[1].mean(axis=0)
+    way = np.array([0.1, -0.24, 0.05])
+
+    def ball(time: float) -> np.ndarray:
+        return forearm + way * (1.0 + np.cos(1.2 * time))
+
+    frames, least, due = [(each, ball(each)) for each in (-2 / 30 - 0.04, -1 / 30 - 0.04)], np.inf, 0.0
+    for tick in range(450):
+        now = tick * dt
+        if now >= due:
+            taken, due = due - 0.04, due + 1 / 30
+            frames = [frames[1], (taken, ball(taken) + rng.uniform(-1, 1, 3) * 0.003 / np.sqrt(3))]
+        command = tracker.step(q, pose, np.zeros(6), obstacles=[seen_now(frames, now, radius)], stamp=now)
+        q = q + command.value * dt
+        here, segments = ball(now + dt), ends(chain, q)
+        along = segments[:, 1] - segments[:, 0]
+        part = np.clip(np.einsum("ij,ij->i", here - segments[:, 0], along) / np.sum(along**2, axis=1), 0, 1)
+        apart = np.linalg.norm(segments[:, 0] + part[:, None] * along - here, axis=1)
+        least = min(least, float((apart - [each.radius for each in chain.capsules]).min()) - radius)
+    assert 0.0 < least < 3 * MARGIN

@@ -121,15 +121,22 @@ def test_a_hand_that_trembles_along_the_path_where_it_is_held_is_let_go(hertz: f
     assert line.progress < (0.06 + 2 * 0.005) / 0.15
 
 
-@pytest.mark.parametrize("place", [(0.03, 0.0), (-300.0, 500.0)], ids=["centre", "millimetres"])
-def test_a_hand_that_is_not_at_the_path_covers_nothing_of_it(place: tuple[float, float]) -> None:
+@pytest.mark.parametrize(
+    ("place", "status", "reason"),
+    [((0.03, 0.0), Status.BLOCKED, ""), ((-300.0, 500.0), Status.RELEASED, "is it in metres?")],
+    ids=["centre", "millimetres"],
+)
+def test_a_hand_that_is_not_at_the_path_covers_nothing_of_it(
+    place: tuple[float, float], status: Status, reason: str
+) -> None:
     """With 0.02 mm of noise a hand at the centre of a circle went round it, and one 583 m away came to the end."""
     circle = 0.03 * np.column_stack([1 - np.cos(TURN), np.sin(TURN)])
     helper, rng = along(circle), np.random.default_rng(3)
     for _ in range(3000):
         command = helper.step(place + 2e-5 * rng.standard_normal(2))
     assert helper.progress == helper.reference_progress == 0.0
-    assert command.status is Status.BLOCKED
+    assert command.status is status
+    assert reason in command.reason
 
 
 @pytest.mark.parametrize("unseen", [{"enable": False}, {"x": (math.nan, 0.0)}, None], ids=["released", "NaN", "begun"])

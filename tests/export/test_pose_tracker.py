@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from rehab_opt import PoseTracker
 from rehab_opt.session.files import load_problem
-from rehab_opt.session.pose_tracking.run import tracker_of
+from rehab_opt.session.pose_tracking import tracker_of
 from rehab_opt.session.robot_file import robot_at_start
 from tests.export.calling_c import (
     ROBOT,

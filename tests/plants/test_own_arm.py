@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rehab_opt import ConfigurationError, SerialChain, export_c, ur5
+from rehab_opt import ConfigurationError, ProblemFileError, SerialChain, export_c, ur5
 from rehab_opt.plants.arm_model import own_arm_model
 from rehab_opt.session.files import load_problem
-from rehab_opt.session.pose_tracking.run import RobotOutcome
 from rehab_opt.session.run import run_problem
+from rehab_opt.session.scene import SceneOutcome
 from tests.export.calling_c import Built, largest_difference
 from tests.export.conftest import built, c_compiler  # noqa: F401  (fixtures)
 
@@ -56,10 +56,11 @@ def test_an_arm_from_a_file_goes_round_on_late_servos_and_becomes_c(
     problem = problem_of(tmp_path, arm)
     by_plant = {plant: run_problem(load_problem(problem), plant=plant) for plant in (None, "mujoco")}
     for plant, outcome in by_plant.items():
-        assert isinstance(outcome, RobotOutcome)
-        assert outcome.position_error.max() < (2e-5 if plant is None else 0.01)
-        assert plant is None or outcome.position_error.max() > 1e-4  # it does move as something with a mass
-        assert np.all((outcome.q >= outcome.chain.lower) & (outcome.q <= outcome.chain.upper))
+        assert isinstance(outcome, SceneOutcome)
+        ((trace,), (scene,)) = outcome.traces.values(), outcome.scenes.values()
+        assert trace["position_error_m"].max() < (2e-5 if plant is None else 0.01)
+        assert plant is None or trace["position_error_m"].max() > 1e-4  # it does move as something with a mass
+        assert np.all((trace["joint"] >= scene.chain.lower) & (trace["joint"] <= scene.chain.upper))
     export_c(load_problem(problem), tmp_path / "c")
     assert largest_difference(tmp_path / "c", "pose_tracker", built) <= 1e-12
 
@@ -72,3 +73,31 @@ def test_an_arm_without_masses_or_efforts_is_refused_with_what_is_missing(tmp_pa
     weak = SerialChain.from_urdf(tmp_path / "gen3.urdf", tip=tip, acceleration=5.0)
     with pytest.raises(ConfigurationError, match=r"effort of \S+ = inf: expected the drive's largest"):
         own_arm_model(weak)
+
+
+def test_an_arm_from_an_mjcf_goes_round_within_its_force_ranges_or_those_of_its_robot_file(tmp_path: Path) -> None:
+    """Its tip is a site."""
+    pytest.importorskip("mujoco")
+    bodies, drives = "", ""
+    for i, axis in enumerate(("0 0 1", "0 1 0", "0 1 0", "0 0 1", "0 1 0", "0 0 1")):
+        bodies += (
+            f'<body name="b{i}" pos="0 0 {0.1 if i != 2 else 0.3}"><joint name="j{i}" axis="{axis}" range="-170 170"/>'
+        )
+        bodies += f'<inertial pos="0 0 0.05" mass="{3.0 - 0.4 * i}" diaginertia="0.01 0.01 0.005"/>'
+        drives += f'<motor joint="j{i}" ctrlrange="-1 1" gear="{60.0 - 8.0 * i}"/>'
+    site = '<site name="grasp" pos="0 0 0.08"/>' + "</body>" * 6
+    text = f"<mujoco><worldbody>{bodies}{site}</worldbody><actuator>{{}}</actuator></mujoco>"
+    robot = 'mjcf = "arm.xml"\ntip = "grasp"\nacceleration_deg_s2 = 900.0\nspeed_deg_s = 180.0\n'
+    (tmp_path / "circle.toml").write_text(CIRCLE.format(start=[0, 30, 60, 0, 70, 0]))
+    for ranges, keys in (
+        (drives, ""),
+        ("", "".join(f"[joints.j{i}]\neffort_n_m = {60.0 - 8.0 * i}\n" for i in range(6))),
+    ):
+        (tmp_path / "arm.xml").write_text(text.format(ranges))
+        (tmp_path / "robot.toml").write_text(robot + keys)
+        outcome = run_problem(load_problem(str(tmp_path / "circle.toml")), plant="mujoco")
+        assert isinstance(outcome, SceneOutcome)
+        assert dict(outcome.trace())["position_error_m"].max() < 0.01
+    (tmp_path / "robot.toml").write_text(robot)
+    with pytest.raises((ConfigurationError, ProblemFileError), match="effort_n_m"):
+        run_problem(load_problem(str(tmp_path / "circle.toml")), plant="mujoco")

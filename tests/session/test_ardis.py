@@ -22,16 +22,15 @@ from rehab_opt.plants.ideal import IdealJoints
 from rehab_opt.plants.plant import Measurement
 from rehab_opt.session.ardis.clearance import arm_gaps, arm_points, chair_corners, chair_gaps
 from rehab_opt.session.ardis.measures import KEPT, excesses, goals_met
-from rehab_opt.session.ardis.outcome import ArdisOutcome, simulate_motion
 from rehab_opt.session.ardis.problem import GoalSection
-from rehab_opt.session.ardis.robot import joystick_of, resolver_of, robot_of, room_of, start_of, stick_of
-from rehab_opt.session.ardis.shown import brief
-from rehab_opt.session.ardis.shown import table as ardis_table
+from rehab_opt.session.ardis.robot import joystick_of
+from rehab_opt.session.ardis.scene import ArdisScene, ArdisSystem
 from rehab_opt.session.ardis.stick import HEADER, LET_GO, Moment, read_stick
 from rehab_opt.session.ardis.user import PATIENCE, SimulatedUser
 from rehab_opt.session.files import ProblemFile, load_problem, problem_of
 from rehab_opt.session.report import write_report
 from rehab_opt.session.run import checked, run_problem
+from rehab_opt.session.scene import SceneOutcome
 from rehab_opt.session.systems import NotMet
 from tests.control.redundancy_campaign import segment_distance
 from tests.refusals import refuses
@@ -40,24 +39,29 @@ SCENES = {"button": "press_lift_button", "doorway": "through_doorway", "beyond":
 Write = Callable[[str, str | bytes], Path]
 
 
-def run(name: str) -> ArdisOutcome:
+def run(name: str) -> SceneOutcome:
     outcome = run_problem(load_problem(name))
-    assert isinstance(outcome, ArdisOutcome)
+    assert isinstance(outcome, SceneOutcome)
     return outcome
 
 
+def scene_of(outcome: SceneOutcome) -> ArdisScene:
+    """Ours on the first drive: robot, room and goals are those of all."""
+    return next(scene for scene in outcome.scenes.values() if scene.law == "optimised")
+
+
 @pytest.fixture(scope="module")
-def button() -> ArdisOutcome:
+def button() -> SceneOutcome:
     return run(f"ardis/{SCENES['button']}")
 
 
 @pytest.fixture(scope="module")
-def doorway() -> ArdisOutcome:
+def doorway() -> SceneOutcome:
     return run(f"ardis/{SCENES['doorway']}")
 
 
 @pytest.fixture(scope="module")
-def beyond() -> ArdisOutcome:
+def beyond() -> SceneOutcome:
     return run(f"ardis/{SCENES['beyond']}")
 
 
@@ -72,10 +76,10 @@ def test_users_reach_their_goals_with_both_drives_and_ours_breaks_no_limit(
     scene: str, request: pytest.FixtureRequest
 ) -> None:
     outcome = request.getfixturevalue(scene)
-    assert set(outcome.drives) == {"mecanum", "differential"}
+    assert {drive for drive, _ in outcome.traces} == {"mecanum", "differential"}
     for numbers in outcome.metrics["drives"].values():
         ours = numbers["optimised"]
-        assert ours["goals_met"] == numbers["published"]["goals_met"] == len(outcome.goals) > 0
+        assert ours["goals_met"] == numbers["published"]["goals_met"] == len(scene_of(outcome).problem.goals) > 0
         assert ours["broken_any_fraction"] == 0.0
         assert max(value for value in ours["excess_max"].values() if value is not None) <= 1e-6
         assert sum(ours["status"].values()) == ours["ticks"]
@@ -88,20 +92,21 @@ def test_users_reach_their_goals_with_both_drives_and_ours_breaks_no_limit(
 def test_wheels_that_roll_never_slip(scene: str, request: pytest.FixtureRequest) -> None:
     outcome = request.getfixturevalue(scene)
     assert outcome.metrics["drives"]["differential"]["optimised"]["rolling_residual_max_m_s"] <= 1e-9
-    motion = outcome.drives["differential"].optimised
-    heading = motion.q[:, 2]
-    slip = np.sin(heading) * motion.velocity[:, 0] - np.cos(heading) * motion.velocity[:, 1]
+    trace = outcome.traces["differential", "optimised"]
+    heading, world = trace["joint"][:, 2], trace["_world"]
+    slip = np.sin(heading) * world[:, 0] - np.cos(heading) * world[:, 1]
     assert np.abs(slip).max() <= 1e-9
 
 
 @NIGHTLY
-def test_chair_passes_between_the_posts(doorway: ArdisOutcome) -> None:
-    for of in doorway.drives.values():
-        corners = chair_corners(doorway.robot.outline, of.optimised.q[::20])
+def test_chair_passes_between_the_posts(doorway: SceneOutcome) -> None:
+    scene = scene_of(doorway)
+    for trace in (of for (_, law), of in doorway.traces.items() if law == "optimised"):
+        corners = chair_corners(scene.robot.outline, trace["joint"][::20])
         assert corners[0, :, 0].max() < 2.05
         assert corners[-1, :, 0].min() > 2.2
         for chair in map(shapely.Polygon, corners):
-            for post in (each for each in doorway.room if isinstance(each, Disc)):
+            for post in (each for each in scene.room if isinstance(each, Disc)):
                 assert chair.distance(shapely.Point(post.centre)) >= post.radius - 1e-6
 
 
@@ -111,14 +116,12 @@ def test_chair_passes_between_the_posts(doorway: ArdisOutcome) -> None:
 )
 def test_gripper_closes_on_the_cup_and_opens_on_the_table(name: str, pattern: list[bool]) -> None:
     config = load_problem(f"ardis/{name}")
-    robot = robot_of(config)
-    law = resolver_of(config, robot, "mecanum")
-    stick = stick_of(config, "mecanum")
-    motion = simulate_motion(robot, law, joystick_of(config), stick, start_of(config, robot), dt=0.01)
-    changes = motion.closed[np.concatenate([[True], np.diff(motion.closed)])]
-    assert changes.tolist() == pattern
-    assert None not in goals_met(motion, config.problem.goals)
-    for limit, over in excesses(robot, "mecanum", motion, room_of(config)).items():
+    scene = ArdisScene(config, None, "mecanum")
+    trace = scene.run(lambda *_: None)
+    closed = trace["gripper_closed"]
+    assert closed[np.concatenate([[True], np.diff(closed)])].tolist() == pattern
+    assert None not in goals_met(trace, config.problem.goals)
+    for limit, over in excesses(scene.robot, "mecanum", trace, 0.01, scene.room).items():
         assert over.max() <= KEPT, limit
 
 
@@ -161,21 +164,22 @@ def not_met(notes: tuple[str, ...]) -> list[str]:
 def test_stick_that_was_never_let_go_is_said_to_move_nothing(tmp_path: Path) -> None:
     config = steered(tmp_path, "0,1,0,0,0\n1,1,0,0,0\n2,0,0,0,0\n3,1,0,0,0\n4,0,0,0,0\n", [5.0, 0.0, 0.7])
     outcome = run_problem(config)
-    assert isinstance(outcome, ArdisOutcome)
+    assert isinstance(outcome, SceneOutcome)
     note = "mecanum drive: for 2.0 s the stick moves nothing: the stick must be let go first"
     assert not_met(checked(config)) == not_met(outcome.notes) == [note]
     for law, numbers in outcome.metrics["drives"]["mecanum"].items():
         assert numbers["stick_ignored"] == {"the stick must be let go first": 200}, law
-        assert not outcome.drives["mecanum"].by_law[law].velocity[:200].any()
+        assert not outcome.traces["mecanum", law]["_world"][:200].any()
     assert sum(reason != "" for reason in dict(outcome.trace())["stick_ignored"]) == 2 * 200
     files = write_report(outcome, tmp_path / "out")
     assert {file.name for file in files} == {
         "hand.png", "limits.png", "metrics.json", "top_view.png", "trace.csv",
     }  # fmt: skip
     text = io.StringIO()
-    Console(file=text, width=200).print(ardis_table(outcome))
+    system = ArdisSystem()
+    Console(file=text, width=200).print(system.table(outcome))
     assert "200 the stick must be let go first" in " ".join(text.getvalue().split())
-    assert brief(outcome).row_count <= 8 < ardis_table(outcome).row_count
+    assert system.brief(outcome).row_count <= 8 < system.table(outcome).row_count
 
 
 def test_chair_that_stops_by_itself_says_why(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -187,12 +191,12 @@ def test_chair_that_stops_by_itself_says_why(tmp_path: Path, monkeypatch: pytest
             free[3] = 0.0
             return super().step(free, push)
 
-    monkeypatch.setattr("rehab_opt.session.ardis.outcome.IdealJoints", Jams)
+    monkeypatch.setattr("rehab_opt.session.ardis.scene.IdealJoints", Jams)
     outcome = run_problem(steered(tmp_path, "0,0,0,0,0\n0.5,0.8,0.6,0,0\n4,0,0,0,0\n", [5.0, 0.0, 0.7]))
-    assert isinstance(outcome, ArdisOutcome)
+    assert isinstance(outcome, SceneOutcome)
     ((reason, ticks),) = outcome.metrics["drives"]["mecanum"]["optimised"]["stopped"].items()
     assert ticks > 200
-    joint = outcome.robot.chain.names[3]
+    joint = scene_of(outcome).chain.names[3]
     assert reason.startswith(f"{joint} does not follow: ")
     (note,) = not_met(outcome.notes)
     assert note.startswith("mecanum drive: for ")
@@ -212,13 +216,12 @@ def test_each_controller_is_steered_by_a_user_who_sees_its_own_hand(scene: str, 
     """The published law got the stick of a user who saw ours: it missed two goals of three."""
     outcome = request.getfixturevalue(scene)
     joystick = joystick_of(load_problem(f"ardis/{SCENES[scene]}"))
-    for drive, of in outcome.drives.items():
-        for law, motion in of.by_law.items():
-            user = SimulatedUser(outcome.goals, joystick)
-            before = [joystick.modes[0].name, *motion.mode[:-1]]
-            moments = map(Moment, motion.time.tolist(), motion.q, motion.hand, before)
-            seen = [(user.at(each) or LET_GO).axes for each in moments]
-            np.testing.assert_array_equal(seen, motion.sticks, err_msg=f"{drive}, {law}")
+    for (drive, law), trace in outcome.traces.items():
+        user = SimulatedUser(scene_of(outcome).problem.goals, joystick)
+        before = [joystick.modes[0].name, *trace["stick_mode"][:-1].tolist()]
+        moments = map(Moment, trace["t_s"].tolist(), trace["joint"], trace["hand"], before)
+        seen = [(user.at(each) or LET_GO).axes for each in moments]
+        np.testing.assert_array_equal(seen, trace["stick"], err_msg=f"{drive}, {law}")
 
 
 def there(*hand: float, mode: str = "plane", time: float = 1.0) -> Moment:

@@ -14,10 +14,10 @@ from scipy.spatial.transform import Rotation
 
 from rehab_opt import ProblemFileError, SerialChain
 from rehab_opt.session.ardis.clearance import arm_gaps, arm_points
-from rehab_opt.session.ardis.outcome import ArdisOutcome
 from rehab_opt.session.ardis.robot import robot_of, start_of
 from rehab_opt.session.files import load_problem, shipped_folder
 from rehab_opt.session.run import run_problem
+from rehab_opt.session.scene import SceneOutcome
 from tests.control.redundancy_campaign import segment_distance
 from tests.kinematics.robot_files.known_arms import gen3
 from tests.kinematics.robot_files.random_arms import pose_of
@@ -34,12 +34,13 @@ PANDA_DH = (
 FLANGE = 0.107
 MOUNT = np.eye(4)
 MOUNT[:3, 3] = 0.30, -0.32, 0.55
+OURS = ("fixed", "optimised")
 
 
 @pytest.fixture(scope="module")
-def drink() -> ArdisOutcome:
+def drink() -> SceneOutcome:
     outcome = run_problem(load_problem("ardis/kinova_drink"))
-    assert isinstance(outcome, ArdisOutcome)
+    assert isinstance(outcome, SceneOutcome)
     return outcome
 
 
@@ -99,24 +100,24 @@ def test_the_panda_is_that_of_its_documented_parameters() -> None:
         np.testing.assert_allclose(chain.pose(q), pose, atol=1e-12)
 
 
-def test_the_cup_is_brought_to_the_mouth_level_and_within_every_limit(drink: ArdisOutcome) -> None:
+def test_the_cup_is_brought_to_the_mouth_level_and_within_every_limit(drink: SceneOutcome) -> None:
     ours, theirs = (drink.metrics["drives"]["fixed"][law] for law in ("optimised", "published"))
-    assert ours["goals_met"] == len(drink.goals) == 5
+    assert ours["goals_met"] == len(drink.scenes[OURS].problem.goals) == 5
     assert ours["broken_any_fraction"] == 0.0
     assert set(ours["status"]) == {"ok"}
     assert ours["rolling_residual_max_m_s"] == 0.0
     assert theirs["goals_met"] == 5
     assert theirs["broken_fraction"]["acceleration"] > 0.001
-    motion = drink.drives["fixed"].optimised
-    assert np.all(motion.q[:, :3] == 0.0)
-    cups = motion.poses[:, :3, :3] @ motion.poses[0, :3, :3].T @ [0.0, 0.0, 1.0]
+    trace = drink.traces[OURS]
+    assert np.all(trace["joint"][:, :3] == 0.0)
+    cups = trace["pose"][:, :3, :3] @ trace["pose"][0, :3, :3].T @ [0.0, 0.0, 1.0]
     tilt = np.rad2deg(np.arcsin(np.linalg.norm(cups[:, :2], axis=1)))
     assert tilt.max() < 0.01
     assert ours["hand_tilt_max_deg"] == pytest.approx(tilt.max(), abs=1e-6)
 
 
-def test_distances_of_an_arm_of_capsules_are_those_of_its_files(drink: ArdisOutcome) -> None:
-    robot, q = drink.robot, drink.drives["fixed"].optimised.q[::400]
+def test_distances_of_an_arm_of_capsules_are_those_of_its_files(drink: SceneOutcome) -> None:
+    robot, q = drink.scenes[OURS].robot, drink.traces[OURS]["joint"][::400]
     ends = {
         "half_arm_1_link": ((0, -0.42, -0.012), 0.055),
         "forearm_link": ((0, -0.314, -0.006), 0.05),
@@ -177,8 +178,8 @@ def test_a_fault_names_file_joint_key_value_and_what_was_expected(changed: Chang
     )
 
 
-def test_what_stands_is_no_room_of_what_moves(drink: ArdisOutcome) -> None:
-    chain, motion = drink.robot.chain, drink.drives["fixed"].optimised
-    room = np.min(chain.velocity[3:] - np.abs(motion.velocity[:, 3:]))
+def test_what_stands_is_no_room_of_what_moves(drink: SceneOutcome) -> None:
+    chain, world = drink.scenes[OURS].chain, drink.traces[OURS]["_world"]
+    room = np.min(chain.velocity[3:] - np.abs(world[:, 3:]))
     assert room > chain.velocity[0]  # the standing chair's, smaller here
     assert drink.metrics["drives"]["fixed"]["optimised"]["excess_max"]["velocity"] == pytest.approx(-room, abs=1e-12)

@@ -14,8 +14,8 @@ from rehab_opt.plants.touched import TouchedPlant
 from rehab_opt.session.files import load_problem
 from rehab_opt.session.live.bodies import near_limit
 from rehab_opt.session.live.problem import AT_REST, LiveControl, LiveInputs
-from rehab_opt.session.pose_tracking.run import RobotOutcome
 from rehab_opt.session.run import live_problem, run_problem
+from rehab_opt.session.scene import SceneOutcome
 
 PROBLEMS = ["robot/ur5_circle", "ardis/through_doorway", "mirror/pick_fruit"]
 
@@ -42,10 +42,11 @@ def begun(name: str) -> tuple[Any, LiveControl]:
 def test_live_is_the_run_tick_by_tick_while_nobody_touches_it() -> None:
     problem, control = begun("robot/ur5_circle")
     outcome = run_problem(load_problem("robot/ur5_circle"))
-    assert isinstance(outcome, RobotOutcome)
+    assert isinstance(outcome, SceneOutcome)
+    (trace,) = outcome.traces.values()
     commands = ticks(control, LiveInputs(enable=True), 400)
-    assert np.array_equal([each.value for each in commands], outcome.command[:400])
-    assert problem.dt == pytest.approx(float(np.diff(outcome.time[:2])[0]))
+    assert np.array_equal([each.value for each in commands], trace["command"][:400])
+    assert problem.dt == pytest.approx(float(np.diff(trace["t_s"][:2])[0]))
 
 
 def test_the_participant_of_a_chair_sees_one_goal_after_the_other() -> None:
@@ -127,7 +128,7 @@ def test_two_hands_are_led_each_in_its_own_workspace() -> None:
 
 def test_a_dragged_target_is_where_the_hand_goes() -> None:
     problem, control = begun("robot/ur5_circle")
-    start = problem.robot.pose(control.start)[:3, 3]
+    start = problem.chain.pose(control.start)[:3, 3]
     target = start + [0.05, 0.03, -0.04]
     ticks(control, LiveInputs(enable=True, target=tuple(target.tolist())), 1500)
     hand = problem.frame({k: np.atleast_1d(v) for k, v in control.shown().items()})["handles"]["hand"]
@@ -149,7 +150,7 @@ def test_the_stick_must_be_let_go_after_the_dead_man_was() -> None:
 
 def test_all_that_is_kept_off_is_drawn_and_what_moves_where_it_is() -> None:
     problem, control = begun("robot/ur5_among_bodies")
-    around, scene = problem._config.problem.clearance, problem.scene()
+    around, scene = problem.problem.clearance, problem.scene()
     assert [len(each["points"]) for each in scene["lines"][1:]] == [5]  # the floor
     assert np.array(scene["lines"][1]["points"])[:, 2] == pytest.approx(-0.2)
     box, corners = around.boxes[0], np.array([each["points"] for each in scene["fills"]])

@@ -24,10 +24,9 @@ from rehab_opt.session.files import ProblemFile, load_problem, problem_of, shipp
 from rehab_opt.session.mirror.metrics import CAUSES, causes, passed_fraction
 from rehab_opt.session.mirror.outcome import BEFORE, PLAN, STEP, Led, MirrorOutcome
 from rehab_opt.session.mirror.scene import laid_out
-from rehab_opt.session.mirror.shown import brief
 from rehab_opt.session.report import metrics_json, write_trace
 from rehab_opt.session.run import checked, run_problem
-from rehab_opt.session.systems import NotMet
+from rehab_opt.session.systems import NotMet, system_named
 from tests.control.mirror_campaign import closed_form
 from tests.refusals import refuses
 
@@ -136,9 +135,11 @@ def test_a_drive_passes_what_the_law_does_within_every_bound_and_is_what_the_tab
         apart = np.linalg.norm(drive.tool[:, :3, 3] - places, axis=1)
         np.testing.assert_allclose(apart[begun], drive.deviation[begun], atol=1e-5)
         assert drive.pace[begun].sum() * dt == pytest.approx(np.ptp(when[begun]), abs=0.05)
-    cells = list(brief(outcome).columns[1 + list(outcome.laws).index(law)].cells)
-    assert str(cells[0]) == f"{100 * numbers['drive']['passed_fraction_of_time']:.0f}"
-    assert str(cells[2]) == f"{drive.time[-1]:.1f}"
+    few = system_named("mirror").brief(outcome)
+    assert few is not None
+    cells = list(few.columns[1 + list(outcome.laws).index(law)].cells)
+    assert float(str(cells[0])) == pytest.approx(100 * numbers["drive"]["passed_fraction_of_time"], rel=5e-3)
+    assert float(str(cells[2])) == pytest.approx(drive.time[-1], rel=5e-3)
 
 
 # ------------------------------------------------------------------------------------------- keeping to the reference

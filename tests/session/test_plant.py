@@ -18,7 +18,6 @@ from rehab_opt.session.plant import (
     JointPlant,
     on_plant,
 )
-from rehab_opt.session.pose_tracking.run import RobotOutcome
 from rehab_opt.session.run import checked, run_problem
 from tests.refusals import refuses
 
@@ -37,12 +36,6 @@ def changed(name: str, **tables: dict[str, Any]) -> ProblemFile[Any]:
 def hand_in_mujoco(model: RobotModel) -> MujocoHandRobot:
     kind = OnMujoco(model, Channel(), 0.0, 2.5e-4, 0)
     return MujocoHandRobot(kind, hand_mass=1.2, start=(0.01, 0.0), dt=1e-3, rng=np.random.default_rng(0))
-
-
-def circle(**tables: dict[str, Any]) -> RobotOutcome:
-    outcome = run_problem(changed("robot/ur5_circle", **CIRCLE, **tables))
-    assert isinstance(outcome, RobotOutcome)
-    return outcome
 
 
 def test_a_plant_that_there_is_not_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -14,15 +14,24 @@ from rehab_opt import Clearance, MovingCapsule, ProblemFileError
 from rehab_opt.kinematics.ur5 import ur5
 from rehab_opt.session.clearance import nearest_bodies
 from rehab_opt.session.files import load_problem, shipped_folder
-from rehab_opt.session.pose_tracking.problem import CircleSection
-from rehab_opt.session.pose_tracking.run import RobotOutcome, circle_reference
-from rehab_opt.session.pose_tracking.shown import figures as robot_figures
+from rehab_opt.session.outcome import Outcome
+from rehab_opt.session.pose_tracking import CircleSection, circle_reference
 from rehab_opt.session.run import checked, run_problem
+from rehab_opt.session.scene import SceneOutcome
 from rehab_opt.session.systems import NotMet
+from rehab_opt.session.trace import Trace
 from tests.control.clearance_world import least_distance, link_ends
 from tests.refusals import refuses
 
 START = ur5().pose(np.deg2rad([0.0, -90.0, 90.0, -90.0, -90.0, 0.0]))
+
+
+def trace_of(outcome: Outcome) -> Trace:
+    assert isinstance(outcome, SceneOutcome)
+    (trace,) = outcome.traces.values()
+    return trace
+
+
 direction = st.tuples(st.floats(-1, 1), st.floats(-1, 1), st.floats(-1, 1))
 
 
@@ -75,27 +84,26 @@ def test_a_start_within_a_margin_is_said_by_check_and_by_the_run_of_whom_and_by_
 
 def test_shipped_robot_among_bodies_comes_to_its_margin_and_goes_on() -> None:
     outcome = run_problem(load_problem("robot/ur5_among_bodies"))
-    assert isinstance(outcome, RobotOutcome)
-    assert outcome.near is not None
-    pairs = outcome.near.pairs
-    ends, given = link_ends(pairs.chain, outcome.q[::10]), pairs.clearance
+    assert isinstance(outcome, SceneOutcome)
+    ((scene,), trace) = outcome.scenes.values(), trace_of(outcome)
+    near = scene.near(trace)
+    pairs = near.pairs
+    ends, given = link_ends(pairs.chain, trace["joint"][::10]), pairs.clearance
     found, trays = [], []
-    for each, time in zip(ends, outcome.time[::10], strict=True):
+    for each, time in zip(ends, trace["t_s"][::10], strict=True):
         y = -0.8 + 0.65 * np.sin(np.pi * time / 8.0) ** 2
         tray = MovingCapsule((-0.75, y, 0.45), (-0.45, y, 0.45), 0.05)
         found.append(least_distance(pairs.chain, given, each, [tray], np.array(pairs.free)))
         trays.append(least_distance(pairs.chain, Clearance(margin=given.margin), each, [tray], np.array(pairs.free)))
     assert 0.0 <= min(found) < 2e-3
     assert -1e-9 <= min(trays) < 5e-3
-    assert any("tray" in pair for pair in outcome.near.names)
+    assert any("tray" in pair for pair in near.names)
     assert min(found) == pytest.approx(
-        outcome.near.distances[::10, len(pairs.linked) :].min(), abs=1e-6
+        near.distances[::10, len(pairs.linked) :].min(), abs=1e-6
     )  # of the links among each other nothing is asked here
-    assert outcome.metrics["optimised"]["clearance"]["min_beyond_margin_m"] == pytest.approx(
-        outcome.near.distances.min()
-    )
+    assert outcome.metrics["optimised"]["clearance"]["min_beyond_margin_m"] == pytest.approx(near.distances.min())
     assert outcome.metrics["optimised"]["scale_min"] < 0.5
-    assert "clearance" in robot_figures(outcome)
+    assert "clearance" in outcome.draw()
 
 
 PATH = """system = "pose_tracking"
@@ -127,14 +135,14 @@ def eight(rng: np.random.Generator, seconds: float) -> np.ndarray:
 def test_a_path_of_a_file_is_followed_from_where_the_tool_starts(tmp_path: Path) -> None:
     points = eight(np.random.default_rng([63, 0]), 4.0)
     outcome = run_problem(load_problem(written(tmp_path, points)))
-    assert isinstance(outcome, RobotOutcome)
-    assert set(outcome.status) == {"ok"}
+    trace = trace_of(outcome)
+    assert set(trace["status"]) == {"ok"}
     assert not any("NOT FOLLOWED" in each for each in outcome.notes)
-    asked = points[:, 1:] - points[0, 1:] + outcome.tool[0]
-    away = np.linalg.norm(outcome.tool[:, None] - asked[None, ::5], axis=2).min(axis=0)
+    asked = points[:, 1:] - points[0, 1:] + trace["tool"][0]
+    away = np.linalg.norm(trace["tool"][:, None] - asked[None, ::5], axis=2).min(axis=0)
     assert away.max() < 1e-3  # every point, but for what the filter cuts off
-    np.testing.assert_allclose(outcome.tool[-1], asked[-1], atol=1e-5)
-    assert np.rad2deg(outcome.orientation_error).max() < 1e-3
+    np.testing.assert_allclose(trace["tool"][-1], asked[-1], atol=1e-5)
+    assert np.rad2deg(trace["orientation_error_rad"]).max() < 1e-3
 
 
 def test_a_path_in_the_robots_frame_is_come_to_before_it_begins(tmp_path: Path) -> None:
@@ -142,11 +150,11 @@ def test_a_path_in_the_robots_frame_is_come_to_before_it_begins(tmp_path: Path) 
     start = ur5().pose(np.deg2rad([0.0, -70.0, 90.0, -110.0, -90.0, 0.0]))[:3, 3]
     points[:, 1:] += start + [0.0, 0.1, 0.05]
     outcome = run_problem(load_problem(written(tmp_path, points, PATH + "from_start = false\n")))
-    assert isinstance(outcome, RobotOutcome)
-    np.testing.assert_allclose(outcome.reference[0], start, atol=1e-9)
-    away = np.linalg.norm(outcome.tool[:, None] - points[None, ::5, 1:], axis=2)
+    trace = trace_of(outcome)
+    np.testing.assert_allclose(trace["reference"][0], start, atol=1e-9)
+    away = np.linalg.norm(trace["tool"][:, None] - points[None, ::5, 1:], axis=2)
     assert away.min(axis=0).max() < 1e-3  # its first points, too
-    assert np.linalg.norm(np.diff(outcome.tool[:1900], axis=0), axis=1).max() < 0.1e-3 * 1.01
+    assert np.linalg.norm(np.diff(trace["tool"][:1900], axis=0), axis=1).max() < 0.1e-3 * 1.01
     assert not any("NOT FOLLOWED" in each for each in outcome.notes)
 
 
@@ -160,11 +168,10 @@ def test_stamps_of_when_samples_arrive_and_spikes_are_no_jumps(tmp_path: Path) -
     points[late, 0] = points[late + 1, 0] - 6e-5
     points[k, 1:] += [0.3, 0.0, 0.2]
     outcome = run_problem(load_problem(written(tmp_path, points)))
-    assert isinstance(outcome, RobotOutcome)
-    assert isinstance(even, RobotOutcome)
-    assert np.linalg.norm(np.diff(outcome.reference, axis=0), axis=1).max() < 1e-3  # m in a tick: 1 m/s
-    count = min(len(even.reference), len(outcome.reference))
-    assert np.abs(even.reference[:count] - outcome.reference[:count]).max() < 3e-3
+    trace = trace_of(outcome)
+    assert np.linalg.norm(np.diff(trace["reference"], axis=0), axis=1).max() < 1e-3  # m in a tick: 1 m/s
+    count = min(len(trace_of(even)["reference"]), len(trace["reference"]))
+    assert np.abs(trace_of(even)["reference"][:count] - trace["reference"][:count]).max() < 3e-3
     assert any("samples left out as spikes: 1," in note for note in outcome.notes)
     assert any(f"bunch with the next: {len(late)}" in note for note in outcome.notes)
     points = np.delete(points, slice(60, 80), axis=0)

@@ -13,10 +13,10 @@ from bench.qp_recording.recording import recorded_run
 from rehab_opt import ProblemFileError, SerialChain, ur5
 from rehab_opt.session.files import load_problem, shipped_problems
 from rehab_opt.session.inputs import inputs_digest
-from rehab_opt.session.pose_tracking.run import RobotOutcome
 from rehab_opt.session.report import write_report
 from rehab_opt.session.robot_file import robot_at_start
 from rehab_opt.session.run import checked, run_problem
+from rehab_opt.session.scene import SceneOutcome
 from rehab_opt.session.systems import ROBOT_FILE, system_named
 from tests.kinematics.robot_files.known_arms import UR5_TOOL, gen3, vendors_ur5
 from tests.kinematics.robot_files.random_arms import Edge, random_edge, urdf
@@ -77,12 +77,12 @@ def test_the_ur5_from_its_file_does_what_the_ur5_does(problem: Callable[..., str
     shipped = run_problem(
         load_problem(problem(text="".join(lines).replace('file = "robots/mine.toml"', 'model = "ur5"')))
     )
-    assert isinstance(own, RobotOutcome)
-    assert isinstance(shipped, RobotOutcome)
-    np.testing.assert_allclose(own.reference, shipped.reference, atol=1e-12)
-    np.testing.assert_allclose(own.q, shipped.q, atol=1e-9)
-    np.testing.assert_allclose(own.command, shipped.command, atol=1e-8)
-    assert set(own.status) == {"ok"}
+    assert isinstance(own, SceneOutcome)
+    assert isinstance(shipped, SceneOutcome)
+    ((one,), (other,)) = own.traces.values(), shipped.traces.values()
+    for column, least in (("reference", 1e-12), ("joint", 1e-9), ("command", 1e-8)):
+        np.testing.assert_allclose(one[column], other[column], atol=least)
+    assert set(one["status"]) == {"ok"}
 
 
 def test_an_arm_of_ones_own_is_run_reported_and_recorded(problem: Callable[..., str], tmp_path: Path) -> None:
@@ -91,8 +91,8 @@ def test_an_arm_of_ones_own_is_run_reported_and_recorded(problem: Callable[..., 
         checked(config)
     config = load_problem(problem())
     outcome = run_problem(config)
-    assert isinstance(outcome, RobotOutcome)
-    assert outcome.chain.n == 7
+    assert isinstance(outcome, SceneOutcome)
+    assert next(iter(outcome.scenes.values())).chain.n == 7
     assert outcome.metrics["optimised"]["position_error_max_m"] < 1e-3
     files = write_report(outcome, tmp_path / "out")
     assert {file.suffix for file in files} == {".json", ".csv", ".png"}

@@ -13,6 +13,7 @@ from tests.workspace.mapped import ell, shape, workspace
 TURN = np.linspace(0.0, 2.0 * np.pi, 200)
 CIRCLE = np.column_stack([np.cos(TURN), np.sin(TURN)])
 SQUARE = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0], [0.0, 0.0]])
+BLOB = shape("blob")
 EIGHT = np.column_stack([np.sin(TURN), 0.5 * np.sin(2.0 * TURN)])
 
 
@@ -57,7 +58,7 @@ def test_drawings_are_inside_sets_that_are_not_convex_and_random_copies_are_no_l
 
 def test_what_cannot_be_used_is_refused_by_name():
     refuses(
-        lambda path=EIGHT, target=shape("blob"), **given: largest_copy(path, target, **given),
+        lambda path=EIGHT, target=BLOB, **given: largest_copy(path, target, **given),
         ({"path": [[0.0, 0.0], [0.0, 0.0]]}, "path = "),
         ({"path": [[0.0, math.nan], [0.0, 0.0]]}, "path = "),
         ({"path": [0.0, 1.0]}, "path = "),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 
 import numpy as np
 
@@ -25,9 +26,7 @@ from rehab_opt.export.recording import (
 from rehab_opt.optim.fallback_chain import BACKUP, as_in_c
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.outcome import Progress
-from rehab_opt.session.pose_tracking.problem import PoseTracking
-from rehab_opt.session.pose_tracking.run import LivePoseTracking, PoseTrackingSystem, tracker_of
-from rehab_opt.session.robot_file import robot_at_start
+from rehab_opt.session.pose_tracking import PoseTracking, PoseTrackingScene, tracker_of
 
 __all__ = ["NO_BACKUP", "TRACKER", "exported_pose_tracker", "exported_tracker", "moving_argument", "moving_values"]
 
@@ -71,18 +70,17 @@ def exported_pose_tracker(config: ProblemFile[PoseTracking], *, progress: Progre
     """
     problem = config.problem
     refuse_other_solvers(config, "tracker.solver")
-    robot, _ = robot_at_start(config)
-    tracker = tracker_of(problem, robot, file=config.file)
-    run = PoseTrackingSystem().run(config, options={}, progress=progress)
-    poses, twists = LivePoseTracking(config, solver=None).reference
-    kept = thinned(len(run.time))
+    scene = PoseTrackingScene(config, None)
+    tracker = tracker_of(problem, scene.chain, file=config.file)
+    run = scene.run(partial(progress, "following the path"))
+    kept = thinned(len(run["t_s"]))
     step = 1 if len(kept) < 2 else int(kept[1])
     part = "" if step == 1 else f" (one tick of {step}, since the run is longer)"
-    valid: list[RunTick] = [{"q": run.q[i], "pose": poses[i], "twist": twists[i]} for i in kept]
+    valid: list[RunTick] = [{"q": run["joint"][i], "pose": scene.poses[i], "twist": scene.twists[i]} for i in kept]
     if problem.clearance is not None and problem.clearance.moving:
         valid = [
             {**each, "obstacles": told}
-            for each, told in zip(valid, problem.clearance.moving_at(run.time[kept]), strict=True)
+            for each, told in zip(valid, problem.clearance.moving_at(run["t_s"][kept]), strict=True)
         ]
     title = f"{problem.title}: joint velocities that make a tool follow a pose"
     return exported_tracker(tracker, valid, title=title, of=f"`rehab-opt run {config.name}`{part}")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 import casadi as ca
@@ -31,9 +32,9 @@ from rehab_opt.export.recording import (
     with_faults,
 )  # fmt: skip
 from rehab_opt.optim.fallback_chain import BACKUP, as_in_c
-from rehab_opt.session.ardis.outcome import simulate_motion
 from rehab_opt.session.ardis.problem import ArdisProblem, DriveName
-from rehab_opt.session.ardis.robot import joystick_of, resolver_of, robot_of, start_of, stick_of
+from rehab_opt.session.ardis.robot import resolver_of
+from rehab_opt.session.ardis.scene import ArdisScene
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.outcome import Progress
 
@@ -127,13 +128,10 @@ def exported_resolver(
 
 def _of_a_file(config: ProblemFile[ArdisProblem], drive: DriveName, *, progress: Progress) -> ExportedController:
     """The session's run with a controller of its own, repeated by another."""
-    resolver = resolver_of(config, robot_of(config), drive)
-    robot, dt = resolver.robot, 1 / config.problem.run.rate_hz
-    listening = Listening(resolver_of(config, robot, drive))
-    simulate_motion(
-        robot, listening, joystick_of(config), stick_of(config, drive), start_of(config, robot), dt=dt,
-        progress=lambda done, of: progress(f"{drive}, recorded", done, of),
-    )  # fmt: skip
+    scene = ArdisScene(config, None, drive)
+    control, resolver = scene.control(), resolver_of(config, scene.robot, drive)
+    listening = control.law = Listening(resolver_of(config, scene.robot, drive))
+    scene.run(partial(progress, f"{drive}, recorded"), control)
     kept = thinned(len(listening.ticks))
     step = 1 if len(kept) < 2 else int(kept[1])
     part = "" if step == 1 else f" (one of {step}, since the run is longer)"

@@ -53,6 +53,7 @@ class Given(NamedTuple):
     upper: PerJoint | None
     locked: Mapping[str, float]
     capsules: Sequence[CapsuleOnLink] | Literal["collision"]
+    effort: PerJoint | None
 
 
 class _Fixed(NamedTuple):
@@ -113,6 +114,7 @@ def chain_arguments(form: Format, file: str | Path, base: str | None, tip: str |
     back = [inverse_pose(before[0]), *(inverse_pose(row.after) for row in rows)]
     places = {each.step.link: (each.joint, back[each.joint] @ each.pose) for each in frames}
     lower, upper, velocity = _limits(joints, given, source, keys, notes)
+    effort = _by_joint("effort", given.effort, names, np.array([joint.effort for joint in joints]))
     notes += [
         f"link {each.step.link}, inertia: no body has it; robots with mass refuse it"
         for each in frames
@@ -127,7 +129,7 @@ def chain_arguments(form: Format, file: str | Path, base: str | None, tip: str |
         "velocity": velocity,
         "acceleration": _accelerations(given.acceleration, joints, notes),
         "capsules": tuple(_capsule(i, each, places) for i, each in enumerate(capsules)),
-        "effort": np.array([joint.effort for joint in joints]),
+        "effort": effort,
         "bodies": tuple(_body(each, places) for each in frames if each.step.inertial is not None),
         "notes": tuple(notes),
     }

@@ -35,21 +35,41 @@ __all__ = ["mjcf_steps"]
 Array = NDArray[np.float64]
 
 _TURNS = ("quat", "axisangle", "xyaxes", "zaxis", "euler")
-_AMOUNTS = ("axis", "range", "ref", "mass", "diaginertia", "fullinertia", *_TURNS)
+_RANGES = ("actuatorfrcrange", "forcerange", "ctrlrange", "gear")
+_AMOUNTS = ("axis", "range", "ref", "mass", "diaginertia", "fullinertia", *_RANGES, *_TURNS)
+_DRIVE = ("name", "class", "joint", "jointinparent", "gear", "forcelimited", "forcerange", "ctrllimited", "ctrlrange")
+DRIVES = ("motor", "position", "velocity", "general")
 KINEMATICS: Mapping[str, tuple[str, ...]] = {
-    "compiler": ("angle", "eulerseq", "autolimits"),
+    "compiler": ("angle", "eulerseq", "autolimits", "coordinate"),
     "default": ("class",),
     "worldbody": (),
     "body": ("name", "childclass", "pos", "mocap", *_TURNS),
     "frame": ("name", "childclass", "pos", *_TURNS),
     "replicate": ("count", "offset", "euler", "sep"),
-    "joint": ("name", "class", "type", "pos", "axis", "limited", "range", "ref", "joint1", "joint2", "active"),
+    "joint": ("name", "class", "type", "pos", "axis", "limited", "range", "ref", "joint1", "joint2", "active",
+              "actuatorfrclimited", "actuatorfrcrange"),
     "freejoint": ("name",),
     "inertial": ("pos", "mass", "diaginertia", "fullinertia", *_TURNS),
     "site": ("name", "class", "pos", "fromto", *_TURNS),
     "equality": (),
+    "actuator": (),
+    **dict.fromkeys(DRIVES, _DRIVE),
+}  # fmt: skip
+"""Elements that say where bodies are, how they move and how strongly, and the attributes that do."""
+BESIDE = {
+    "compiler": "strippath meshdir texturedir assetdir discardvisual usethread fusestatic fitaabb convexhull "
+    "saveinertial inertiagrouprange alignfree boundmass boundinertia exactmeshinertia",
+    "body": "user sleep",
+    "joint": "group user margin polycoef solref solimp solreflimit solimplimit solreffriction solimpfriction",
+    "freejoint": "group align",
+    "site": "group material size rgba type user",
 }
-"""Elements that say where bodies are and how they move, and the attributes that do."""
+"""Attributes of these that say nothing of it; of drives all others are the simulation's."""
+APART = (
+    "geom camera light asset visual statistic size sensor keyframe custom contact extension mesh material pair connect "
+    "weld tendon flex include"
+)
+"""Elements that say nothing of it, or of which another note speaks."""
 UNIT: Mapping[str, Mapping[str, int]] = {
     "joint": {"axis": 3},
     **{tag: {"quat": 4, "axisangle": 3} for tag in ("body", "frame", "site", "inertial")},
@@ -57,6 +77,8 @@ UNIT: Mapping[str, Mapping[str, int]] = {
 """Attributes of elements whose first so many numbers have a length of 1."""
 LOOPS = ("connect", "weld", "tendon")
 """Equalities that tie bodies or several joints to one another."""
+EARTH = "0 0 -9.81"
+"""[m/s^2] Gravity as MuJoCo and the plant have it by default."""
 MAX_INCLUDES = 20
 MUCH_TOO_LIGHT = 1e-9
 """[kg, kg m^2] MuJoCo wants masses that its dynamics would need; they are not used."""
@@ -89,6 +111,7 @@ def mjcf_steps(
     notes = list(_rounded(root))
     ties = [tie for equality in root.each("equality") for tie in equality.children if tie.tag in LOOPS]
     notes += [f"line {each.line}, <{each.tag}>: joints that it ties to one another are taken as free" for each in ties]
+    notes += _unread(root)
     written = "<mujoco>" + "".join(_kinematics(root, source)) + "</mujoco>"
     try:
         model = mujoco.MjModel.from_xml_string(written)
@@ -142,10 +165,32 @@ def _rounded(root: Element) -> Iterator[str]:
         yield f"{where}: the length is off by {worst:.2g}, as rounded numbers are, the largest such one; 1 is used"
 
 
+def _unread(root: Element) -> Iterator[str]:
+    """Notes on elements and attributes that say something of bodies, joints and masses, and are not read."""
+    waiting, found = [root], dict[str, list[int]]()
+    while waiting:
+        for child in waiting.pop().children:
+            if child.tag in KINEMATICS:
+                waiting.append(child)
+                known = {*KINEMATICS[child.tag], *BESIDE.get(child.tag, "").split()}
+                unread = [f"{child.tag}.{key}" for key in child.attributes if not (key in known or child.tag in DRIVES)]
+            elif child.tag == "option":
+                gravity = child.attributes.get("gravity", EARTH).split()
+                unread = ["option.gravity"] if gravity != EARTH.split() else []
+            else:
+                unread = [] if child.tag in APART.split() else [f"<{child.tag}>"]
+            for each in unread:
+                found.setdefault(each, []).append(child.line)
+    for what, lines in found.items():
+        more = f" and {len(lines) - 1} more" if len(lines) > 1 else ""
+        yield f"{what} is not read (line {lines[0]}{more})"
+
+
 def _kinematics(element: Element, source: Source) -> Iterator[str]:
     """The elements in one that say where bodies are, written out; MuJoCo itself would take NaN and infinity."""
     for child in element.children:
-        if child.tag not in KINEMATICS:
+        drives_another = element.tag == "actuator" and not {"joint", "jointinparent"} & set(child.attributes)
+        if child.tag not in KINEMATICS or drives_another:
             continue
         owner = f"{child.tag} {child.attributes.get('name', f'in line {child.line}')}"
         for key, most in (("pos", FARTHEST), *((key, math.inf) for key in _AMOUNTS)):
@@ -222,7 +267,8 @@ def _body_steps(mujoco: Any, model: Any, body: int, coupled: dict[int, str], sou
         slides = kind == mujoco.mjtJoint.mjJNT_SLIDE
         axis, point = np.array(model.jnt_axis[j]), moved(*model.jnt_pos[j])
         lower, upper = model.jnt_range[j].tolist() if model.jnt_limited[j] else (-math.inf, math.inf)
-        yield Step(here @ point, Joint(joint, slides, axis, lower, upper, math.nan, coupled.get(j, "")))
+        effort = _effort(mujoco, model, j)
+        yield Step(here @ point, Joint(joint, slides, axis, lower, upper, math.nan, coupled.get(j, ""), effort))
         reference = float(model.qpos0[model.jnt_qposadr[j]])
         here = np.eye(4)
         if slides:
@@ -231,6 +277,29 @@ def _body_steps(mujoco: Any, model: Any, body: int, coupled: dict[int, str], sou
             here[:3, :3] = turned_about(axis, -reference)
         here = here @ moved(*-model.jnt_pos[j])
     yield Step(here, None, name, _inertial(model, body))
+
+
+def _effort(mujoco: Any, model: Any, joint: int) -> float:
+    """Largest effort [N m, N] that the drives of a joint may exert, infinite where the file does not say."""
+    limits = list[float]()
+    kinds = {int(kind) for kind in (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)}
+    if model.jnt_actfrclimited[joint]:
+        limits.append(float(np.abs(model.jnt_actfrcrange[joint]).max()))
+    drives = [
+        i for i in range(model.nu) if model.actuator_trnid[i, 0] == joint and int(model.actuator_trntype[i]) in kinds
+    ]
+    if drives:
+        limits.append(sum(abs(float(model.actuator_gear[i, 0])) * _force(mujoco, model, i) for i in drives))
+    return min((each for each in limits if each > 0.0), default=math.inf)
+
+
+def _force(mujoco: Any, model: Any, drive: int) -> float:
+    if model.actuator_forcelimited[drive]:
+        return float(np.abs(model.actuator_forcerange[drive]).max())
+    motor = int(model.actuator_biastype[drive]) == int(mujoco.mjtBias.mjBIAS_NONE)
+    if motor and model.actuator_ctrllimited[drive]:  # its force is what it is commanded
+        return float(np.abs(model.actuator_ctrlrange[drive]).max() * abs(model.actuator_gainprm[drive, 0]))
+    return math.inf
 
 
 def _carried(model: Any, link: int, way: Container[int], notes: list[str]) -> Iterator[Step]:

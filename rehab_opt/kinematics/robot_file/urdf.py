@@ -46,6 +46,17 @@ READ = {
     "calibration": ("rising", "falling", "reference_position"),
 }
 """Elements of a joint, and their attributes, that are read or say nothing of where it goes."""
+OF_ROBOT = {"link", "joint", "material", "gazebo", "transmission", "ros2_control", "sensor"}
+OF_LINK = {
+    "inertial": ("origin", "mass", "inertia"),
+    "visual": ("origin", "geometry", "material"),
+    "collision": ("origin", "geometry", "material", "contact_coefficients", "verbose"),
+    "contact": None,
+    "sensor": None,
+    "self_collision_checking": None,
+}
+"""Elements of a robot and of a link that are read or say nothing of joints and bodies, and what is in them; None for
+anything."""
 QUATERNIONS = 1.1
 """Version of the format from which on an <origin> may have one: readers of earlier files leave it out."""
 TURNING, SLIDING = ("revolute", "continuous"), ("prismatic",)
@@ -80,7 +91,7 @@ def urdf_steps(
     _refuse_xacro(root, source)
     tree = _tree(root, source)
     _refuse_early_quaternions(root, source)
-    notes: list[str] = []
+    notes = list(dict.fromkeys(_unread(root)))
     way = _way(tree, base, tip, source)
     steps, moves = list[Step](), False
     on_way = {_child(joint) for joint in way}
@@ -114,6 +125,26 @@ def _carried(link: str, way: Container[str], tree: _Tree, source: Source, notes:
                 notes.append(f"joint {name} is not between base and tip: link {child} is taken where it is at zero")
             hanging.append((child, there))
             yield Step(there, None, child, _inertial(tree.links[child], source, notes), aside=True)
+
+
+def _unread(root: Element) -> Iterator[str]:
+    """Notes on elements of the robot and its links that no reader of URDF knows, such as a misspelt one."""
+    for child in root.children:
+        if child.tag not in OF_ROBOT:
+            yield f"line {child.line}: <{child.tag}> is not read"
+        if child.tag != "link":
+            continue
+        name = child.attributes["name"]
+        for each in child.children:
+            inside = OF_LINK.get(each.tag, ())
+            if each.tag not in OF_LINK:
+                yield f"link {name}: <{each.tag}> is not read"
+            elif inside is not None:
+                yield from (
+                    f"link {name}, {each.tag}: <{of.tag}> is not read" for of in each.children if of.tag not in inside
+                )
+            if each.tag == "inertial" and len({"mass", "inertia"} & {of.tag for of in each.children}) == 1:
+                yield f"link {name}, inertial: mass and inertia are read together alone; the link has none"
 
 
 def _refuse_xacro(root: Element, source: Source) -> None:

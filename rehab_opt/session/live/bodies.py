@@ -18,7 +18,6 @@ from rehab_opt.kinematics.room import Box, KeepOut
 from rehab_opt.session.outcome import Array
 
 __all__ = [
-    "ARM_PLOTS",
     "BLUE",
     "GREEN",
     "GREY",
@@ -38,12 +37,6 @@ __all__ = [
 BLUE, ORANGE, GREEN, RED, AMBER, GREY, PURPLE, ROBOT = (
     "#0072b2", "#e69f00", "#2e9e6b", "#d1495b", "#e9b44c", "#8d99a6", "#9b5fc0", "#b9c4cf",
 )  # fmt: skip
-ARM_PLOTS = (
-    {"name": "joint-limit margin", "unit": "deg"},
-    {"name": "manipulability", "unit": ""},
-    {"name": "force", "unit": "N", "least": 10.0},
-)
-"""What the page plots of any arm, in this order."""
 WIDE = 0.5
 """[m] Half of the side of a plane as it is drawn."""
 LIT = "#aab5c0"

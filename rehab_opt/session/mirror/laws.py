@@ -16,7 +16,6 @@ from rehab_opt.plants.plant import Plant
 from rehab_opt.plants.touched import TouchedPlant
 from rehab_opt.published.astar import AStarPath, astar_path
 from rehab_opt.session.clearance import clearance_key, clearance_of, planes_of
-from rehab_opt.session.closed_loop import ClosedLoopRun, relaxed_words, simulate
 from rehab_opt.session.live.problem import Following, LiveInputs
 from rehab_opt.session.mirror.outcome import Led
 from rehab_opt.session.mirror.problem import MirrorProblem, MirrorTrackerSection
@@ -24,6 +23,7 @@ from rehab_opt.session.mirror.scene import Setup
 from rehab_opt.session.outcome import Array, Progress
 from rehab_opt.session.refusals import refused_as
 from rehab_opt.session.schema import keys_of
+from rehab_opt.session.trace import Trace, relaxed_words, simulate
 
 __all__ = ["ANY_SPEED", "planned", "searched", "track_reference", "tracker_of", "without_floor"]
 
@@ -82,34 +82,34 @@ def tracker_of(
 
 def _led(
     scene: Setup,
-    ran: ClosedLoopRun,
-    dt: float,
+    ran: Trace,
     *,
     max_manipulability: float,
     complete: bool,
     counts: dict[str, int],
     **of: Array,
 ) -> Led:
-    """A run along the scene's reference; `of` are the fields of `Led` that a `ClosedLoopRun` has not."""
+    """A run along the scene's reference; `of` are the fields of `Led` that the trace has not."""
     robot = scene.robot
     return Led(
-        time=np.asarray(dt * np.arange(len(ran.q)), dtype=np.float64),
-        q=ran.q,
-        command=ran.values,
-        tool=np.array([robot.pose(each) for each in ran.q]),
-        manipulability=np.array([robot.manipulability(each) for each in ran.q]) / max_manipulability,
-        status=ran.status,
-        relaxed=tuple(map(_said, (command.relaxed for command in ran.commands))),
-        reasons=tuple(command.reason for command in ran.commands),
-        seconds=ran.seconds,
+        time=ran["t_s"],
+        q=ran["joint"],
+        command=ran["command"],
+        tool=np.array([robot.pose(each) for each in ran["joint"]]),
+        manipulability=np.array([robot.manipulability(each) for each in ran["joint"]]) / max_manipulability,
+        status=tuple(ran["status"].tolist()),
+        relaxed=tuple(map(_joined, ran["relaxed"].tolist())),
+        reasons=tuple(ran["reason"].tolist()),
+        seconds=ran["_seconds"],
         complete=complete,
         counts=counts,
-        motion=ran.motion,
+        motion=ran if "velocity" in ran else None,
         **of,
     )
 
 
-_said = partial(relaxed_words, between="+")
+def _joined(words: str) -> str:
+    return words.replace(", ", "+")
 
 
 def without_floor(scene: Setup, plant: Plant, *, max_manipulability: float, progress: Progress) -> Led:
@@ -124,7 +124,7 @@ def without_floor(scene: Setup, plant: Plant, *, max_manipulability: float, prog
     ran = simulate(control, lambda _: HELD, ticks=len(poses), progress=partial(progress, "without floor"))
     none = np.zeros((len(poses), 2))
     return _led(
-        scene, ran, dt, max_manipulability=max_manipulability, complete=True, counts={}, reference=poses,
+        scene, ran, max_manipulability=max_manipulability, complete=True, counts={}, reference=poses,
         lag=none[:, 0], pace=np.ones(len(poses)), short=none, person=none,
     )  # fmt: skip
 
@@ -138,24 +138,23 @@ def track_reference(tracker: MirrorTracker, scene: Setup, plant: Plant, *, patie
     tracker.counts.clear()  # they outlive a reset
     dt, led, total, arrived, complete = tracker.dt, scene.led, len(scene.led.poses), 0, False
     settled = SETTLED if isinstance(plant, IdealJoints) else SETTLED_AMID_NOISE
-    rows: list[tuple[Array, float, float, tuple[float, float]]] = []
 
-    def note(k: int, command: Command) -> None:
+    def led_by(k: int, command: Command) -> dict[str, Any]:
         nonlocal arrived, complete
-        rows.append((tracker.reference, tracker.lag, tracker.time_scale, tracker.short))
         arrived = arrived + 1 if k >= total and tracker.lag < (k - total + 2) * dt else 0  # the clock is past the last
         complete = arrived * dt > ARRIVED or bool(arrived and float(np.abs(command.value).max()) < settled)
+        return {"reference": tracker.reference, "lag": tracker.lag, "pace": tracker.time_scale, "short": tracker.short}
 
     control = Following(tracker, TouchedPlant(plant), scene.start, led.poses, led.twists, then="stay")
     ran = simulate(
-        control, lambda _: None if complete else HELD, ticks=math.ceil(patience * total + 2.0 / dt), note=note,
+        control, lambda _: None if complete else HELD, ticks=math.ceil(patience * total + 2.0 / dt), also=led_by,
         progress=lambda done, _: progress("step", min(done, total), total),
     )  # fmt: skip
-    references, lag, pace, short = (np.array(of) for of in zip(*rows, strict=True))
-    reference, person = scene.reference_of(references, dt * np.arange(len(lag)) - lag)
+    lag = ran["lag"]
+    reference, person = scene.reference_of(ran["reference"], ran["t_s"] - lag)
     return _led(
-        scene, ran, dt, max_manipulability=tracker.max_manipulability, complete=complete, counts=dict(tracker.counts),
-        reference=reference, lag=lag, pace=pace, short=short + person, person=person,
+        scene, ran, max_manipulability=tracker.max_manipulability, complete=complete, counts=dict(tracker.counts),
+        reference=reference, lag=lag, pace=ran["pace"], short=ran["short"] + person, person=person,
     )  # fmt: skip
 
 
@@ -179,7 +178,7 @@ def planned(tracker: MirrorTracker, scene: Setup, *, progress: Progress) -> Led:
         short=path.short + person,
         person=person,
         status=("planned",) * len(path.q),
-        relaxed=tuple(map(_said, path.relaxed)),
+        relaxed=tuple(_joined(relaxed_words(each)) for each in path.relaxed),
         reasons=("",) * len(path.q),
         seconds=np.array([path.seconds]),
         complete=path.complete,

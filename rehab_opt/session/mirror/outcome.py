@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from rehab_opt.kinematics.vr import Mirror
 from rehab_opt.published.astar import AStarPath
 from rehab_opt.session.clearance import NearestBodies
-from rehab_opt.session.closed_loop import JointMotion
 from rehab_opt.session.outcome import (
     Array,
     Column,
@@ -23,6 +22,7 @@ from rehab_opt.session.outcome import (
     stacked,
     turn_angles,
 )
+from rehab_opt.session.trace import Trace
 
 __all__ = ["DrivenJoints", "Led", "MirrorOutcome"]
 
@@ -51,7 +51,7 @@ class Led:
     seconds : (M,) computing time of each tick, or (1,) of all of them.
     complete : whether the reference's end was reached.
     counts : how often the tracker waited, cut, shortened and so on.
-    motion : of the joints, commanded and true; None where they are the same.
+    motion : the run, where joints do not move exactly as commanded; else None.
     """
 
     time: Array
@@ -70,7 +70,7 @@ class Led:
     seconds: Array
     complete: bool
     counts: dict[str, int]
-    motion: JointMotion | None = None
+    motion: Trace | None = None
 
     @property
     def deviation(self) -> Array:

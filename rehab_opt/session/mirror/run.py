@@ -168,9 +168,31 @@ class MirrorSystem(System[MirrorProblem, MirrorOutcome]):
     """A hand led along the other hand's mirrored path."""
 
     schema = MirrorProblem
-    shown = ("rehab_opt.session.mirror.shown",)
+    shown = "rehab_opt.session.mirror.shown"
+    first = (
+        "drive: passed", "drive: deviation", "drive: duration", "complete", "drive: manipulability", "below_floor",
+        "drive: seconds_by_cause", "joint_limit_margin", "status",
+    )  # fmt: skip
     options = frozenset({"plant"})
     rate_key = "tracker.rate_hz"
+
+    def columns(self, outcome: MirrorOutcome) -> Mapping[str, Mapping[str, Any]]:
+        """A column for each controller; A* is a path without times and without a robot that follows it."""
+        laws, astar = dict(outcome.metrics["laws"]), outcome.metrics["astar"]
+        if astar is not None:
+            name = f"A*, {outcome.metrics['parameters']['astar']['resolution_mm']:g} mm"
+            laws[name] = {"drive": {key: of for key, of in astar.items() if key != "complete"}} | astar
+        return laws
+
+    def caption(self, outcome: MirrorOutcome) -> str:
+        """The floor, and what was asked for."""
+        reference = outcome.metrics["reference"]
+        return (
+            f"floor {outcome.floor:g} of the robot's largest manipulability; reference of "
+            f"{reference['duration_s']:.1f} s, up to {reference['speed_max_m_s']:.2g} m/s, above the cap "
+            f"{100 * reference['faster_than_cap_fraction_of_time']:.0f} % of the time; "
+            f"filter lag {1e3 * reference['filter_lag_s']:.0f} ms; passed: within 5 mm and 5 deg"
+        )
 
     def recordings(self, problem: MirrorProblem) -> tuple[Needed, ...]:
         """Poses of the hand and of the patient, the points that tell where they were seen, and the robot file."""

@@ -23,7 +23,7 @@ from rehab_opt.session.mirror.hand_poses import HandPoses, calibration_points, r
 from rehab_opt.session.mirror.problem import MirrorProblem, PatientSection, PoseRecordingSection
 from rehab_opt.session.outcome import Array
 from rehab_opt.session.participant import arm_of
-from rehab_opt.session.pose_tracking.problem import MAX_TICKS
+from rehab_opt.session.pose_tracking import MAX_TICKS
 from rehab_opt.session.refusals import refused_as
 from rehab_opt.session.robot_file import pose_of, robot_at_start
 from rehab_opt.session.schema import Side

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from rich.table import Table
 
 from rehab_opt.published.astar import AStarPath
-from rehab_opt.session import shown
 from rehab_opt.session.drawing import (
     GRID,
     LAW_STYLES,
@@ -29,7 +27,7 @@ from rehab_opt.session.mirror.metrics import CAUSES
 from rehab_opt.session.mirror.outcome import BEFORE, PLAN, STEP, MirrorOutcome
 from rehab_opt.session.outcome import Array
 
-__all__ = ["brief", "figures", "table"]
+__all__ = ["figures"]
 
 
 STYLES: Mapping[str, Mapping[str, Any]] = {
@@ -52,9 +50,9 @@ def figures(outcome: MirrorOutcome) -> dict[str, Figure]:
         "manipulability": _manipulability(outcome),
         "position": _position(outcome),
         "joints": joint_figure(
-            outcome,
-            {LABELS[name]: (of.q, STYLES[name]) for name, of in outcome.drives.items()},
-            times={LABELS[name]: of.time for name, of in outcome.drives.items()},
+            outcome.title,
+            outcome.chain,
+            {LABELS[name]: (of.time, of.q, STYLES[name]) for name, of in outcome.drives.items()},
         ),
         "pace": _pace(outcome),
         "causes": _causes(outcome),
@@ -254,95 +252,3 @@ def _draw_mirror(axes: Any, outcome: MirrorOutcome, low: Array, high: Array) -> 
         color="#56B4E9", alpha=0.15, linewidth=0,
     )  # fmt: skip
     axes.plot([], [], color="#56B4E9", alpha=0.3, linewidth=8, label="mirror: sagittal plane")
-
-
-def table(outcome: MirrorOutcome) -> Table:
-    """Rows of quantities with their units; A* is a path without times and without a robot that follows it."""
-    return _table(outcome, (*FIRST_ROWS, *MORE_ROWS))
-
-
-def brief(outcome: MirrorOutcome) -> Table:
-    """The first of them."""
-    return _table(outcome, FIRST_ROWS)
-
-
-def _table(outcome: MirrorOutcome, rows: shown.Rows) -> Table:
-    numbers = outcome.metrics
-    reference, astar = numbers["reference"], numbers["astar"]
-    caption = (
-        f"floor {outcome.floor:g} of the robot's largest manipulability; reference of {reference['duration_s']:.1f} s, "
-        f"up to {reference['speed_max_m_s']:.2g} m/s, above the cap "
-        f"{100 * reference['faster_than_cap_fraction_of_time']:.0f} % of the time; "
-        f"filter lag {1e3 * reference['filter_lag_s']:.0f} ms"
-    )
-    laws = dict(numbers["laws"])
-    if astar is not None:
-        name = f"A*, {numbers['parameters']['astar']['resolution_mm']:g} mm"
-        laws[name] = astar
-        rows = tuple((label, _of_astar(label, value, astar)) for label, value in rows)
-    return shown.law_table(outcome.title, laws, rows, caption=caption)
-
-
-def _of_astar(label: str, value: shown.Cell, astar: shown.Numbers) -> shown.Cell:
-    """The cell of a law, or of A*, which has few of them."""
-    own = ASTAR_CELLS[label](astar) if label in ASTAR_CELLS else "-"
-    return lambda of: own if of is astar else value(of)
-
-
-def _passed(of: shown.Numbers) -> str:
-    return f"{100 * of['passed_fraction_of_time']:.0f}"
-
-
-def _seconds(of: shown.Numbers, *causes: str) -> str:
-    return " / ".join(f"{of['drive']['seconds_by_cause'][cause]:.1f}" for cause in causes)
-
-
-def _kept_off(of: shown.Numbers) -> str:
-    short = {cause: of["drive"]["seconds_by_cause"][cause] for cause in SHORT}
-    most = max(short, key=lambda cause: short[cause])
-    return f"{_seconds(of, 'late', 'stopped')} / {sum(short.values()):.1f}" + (f", {most}" if short[most] else "")
-
-
-def _acceleration(of: shown.Numbers) -> str:
-    return f"{of['joint_acceleration_max_fraction_of_limit']:.2f} ({of['joint_acceleration_above_limit_ticks']})"
-
-
-SHORT = ("person's arm", "floor", "keep-out", "robot's reach")
-DEVIATION = shown.millimetres("deviation")
-DISTANCE = "   distance to the reference mean / p95 / max, mm"
-ASTAR_CELLS: Mapping[str, Callable[[shown.Numbers], str]] = {
-    "   least manipulability, share of largest": lambda of: f"{of['manipulability_min']:.4f}",
-    DISTANCE: DEVIATION,
-    "   duration, s": lambda of: "no times" if of["complete"] else "no times, INCOMPLETE",
-    "computing time, s": lambda of: f"{of['computing_s']:.3g}",
-    "events": lambda of: f"{of['expanded']} expanded, {of['blocked']} blocked",
-}
-FIRST_ROWS: shown.Rows = (
-    ("reference passed by a drive, within 5 mm and 5 deg, %", lambda of: _passed(of["drive"])),
-    (DISTANCE, lambda of: DEVIATION(of["drive"])),
-    ("   duration, s", lambda of: f"{of['drive']['duration_s']:.1f}{'' if of['complete'] else ' INCOMPLETE'}"),
-    ("   least manipulability, share of largest", lambda of: f"{of['drive']['manipulability_min']:.4f}"),
-    ("time below the floor, %", lambda of: f"{100 * of['below_floor_fraction_of_time']:.1f}"),
-    ("seconds late / stopped / short, most for", _kept_off),
-    ("smallest joint-limit margin, deg", shown.margin),
-    ("ticks by status", shown.statuses),
-)
-MORE_ROWS: shown.Rows = (
-    ("seconds followed / late / stopped", lambda of: _seconds(of, "followed", "late", "stopped")),
-    ("seconds short for person's arm / floor / keep-out / reach", lambda of: _seconds(of, *SHORT)),
-    (
-        "lag mean / max / at the end, s",
-        lambda of: " / ".join(f"{of['drive'][f'lag_{k}_s']:.2f}" for k in ("mean", "max", "at_end")),
-    ),
-    ("fastest tool, m/s", lambda of: f"{of['drive']['tool_speed_max_m_s']:.4f}"),
-    ("reference passed by the law before a drive, %", _passed),
-    ("   distance mean / p95 / max, mm; duration, s", lambda of: f"{DEVIATION(of)}; {of['duration_s']:.1f}"),
-    ("turn from the reference mean / p95 / max, deg", shown.spread("turn", "deg")),
-    ("reference held back, s", lambda of: f"{of['reference_held_back_s']:.2f}"),
-    ("fastest joint, deg/s (share of limit)", shown.speed),
-    ("largest joint acceleration, share of limit (ticks above)", _acceleration),
-    ("ticks in which something was relaxed", lambda of: shown.counts(of["relaxed"]) or "0"),
-    ("events", lambda of: shown.counts({key: n for key, n in of["counts"].items() if n}) or "none"),
-    ("tick time median / p99 / max, ms", lambda of: shown.times("tick")(of) if "tick_median_ms" in of else "-"),
-    ("computing time, s", lambda of: f"{of['computing_s']:.3g}"),
-)

@@ -64,11 +64,11 @@ FINE, COARSE = 161, 21
 def field_figure(outcome: ScenarioOutcome) -> Figure:
     """Colours say how large the desired force is, arrows its direction, for a hand at rest."""
     mapped = outcome.demonstrated is not None
-    acts = "none within $W_c$" if outcome.mode in THERAPY else "within $W_c$; outside there is only a pull back into it"
+    acts = "zero within $W_c$" if outcome.mode in THERAPY else "within $W_c$; outside there is only a pull back into it"
     leads = "to the nearest of them" if len(outcome.fields) > 1 else "there"
     box = shown_box(_corners(outcome, everything=False))
     height = 2.4 + (4.6 if mapped else 5.4) * np.clip((box[1][1] - box[1][0]) / (box[0][1] - box[0][0]), 0.5, 1.2)
-    figure = framed(f"{outcome.title}\nforce that is wanted: {acts}", 12.5 if mapped else 8.5, height)
+    figure = framed(f"{outcome.title}\ndesired force: {acts}", 12.5 if mapped else 8.5, height)
     panels = figure.subplots(1, 2 if mapped else 1, squeeze=False)[0]
     what = "points to be held" if outcome.mode == "hold" else "reference"
     if outcome.demonstrated is not None:
@@ -132,7 +132,7 @@ def _draw_sizes(axes: Axes, outcome: ScenarioOutcome, box: Box) -> None:
     if therapy:  # no force within W_c: its colour again
         axes.add_patch(PathPatch(region_path(outcome.comfortable), facecolor="white", edgecolor="none", zorder=1.6))
         draw_workspace(axes, outcome, "comfortable", zorder=1.7)
-    words = f"desired force [N]; of more than {most:g} only {most:g} is given"
+    words = f"desired force [N], saturated at {most:g}"
     axes.figure.colorbar(mesh, ax=axes, shrink=0.8, label=words)
 
 

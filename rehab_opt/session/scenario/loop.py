@@ -17,7 +17,6 @@ from rehab_opt.plants.intention import Intention, Pace
 from rehab_opt.plants.plant import Measurement, Plant
 from rehab_opt.plants.simulated_person import Person, PersonAtRobot
 from rehab_opt.plants.touched import TouchedPlant
-from rehab_opt.session.closed_loop import simulate
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.live.problem import LiveControl, LiveInputs
 from rehab_opt.session.plant import channel_of, ms
@@ -25,6 +24,7 @@ from rehab_opt.session.refusals import refused_as
 from rehab_opt.session.scenario.laws import ForceLaw
 from rehab_opt.session.scenario.outcome import Law, Trial
 from rehab_opt.session.scenario.problem import ScenarioProblem
+from rehab_opt.session.trace import simulate
 from rehab_opt.workspace.region import Workspace
 
 __all__ = ["Arrival", "Helping", "Scene", "hand_robot_of", "person_of", "robot_model_of", "simulate_trial"]
@@ -176,7 +176,7 @@ def simulate_trial(scene: Scene, law: ForceLaw, *, name: Law, number: int, seed:
     intention, arrival = scene.intention, scene.arrival
     control = Helping(law, scene, number=number, seed=seed, endless=False)
     needed = math.inf if arrival is None else math.ceil(arrival.seconds / scene.dt)
-    calm, kept = 0, list[tuple[float, ...]]()
+    calm = 0
 
     def arrived() -> bool:
         """Whether the hand has been at its goal, and calm, for long enough, after a tick."""
@@ -196,34 +196,33 @@ def simulate_trial(scene: Scene, law: ForceLaw, *, name: Law, number: int, seed:
         control,
         inputs,
         ticks=control.pace.ticks,
-        note=lambda _, command: kept.append(
-            (control.now, *law.desired_force, law.energy_left, command.relaxed._value_)
-        ),
-    )
-    if len(kept) == control.pace.ticks:
+        also=lambda _, command: {
+            "now": control.now, "desired": tuple(law.desired_force), "energy": law.energy_left,
+            "gave": command.relaxed._value_, "index": INDEX[command.status],
+        },
+    )  # fmt: skip
+    at = found["now"]
+    if len(at) == control.pace.ticks:
         arrived()
-    table, motion = np.array(kept), found.motion
-    assert motion is not None
-    at = table[:, 0].astype(int)
     late = isinstance(scene.robot, OnMujoco)
     return Trial(
         law=name,
         number=number,
-        time=np.arange(len(at), dtype=np.float64) * scene.dt,
-        position=found.q,
-        velocity=motion.velocity,
+        time=found["t_s"],
+        position=found["joint"],
+        velocity=found["velocity"],
         intended=intention.places[at],
-        desired_force=table[:, 1:3],
-        commanded=found.values,
-        measured=found.force,
-        inside=np.asarray(scene.comfortable.distance(found.q)) <= 0.0,
-        status=np.array([INDEX[command.status] for command in found.commands], dtype=np.uint8),
-        let_go=np.array([command.reason == STOOD for command in found.commands]),
-        relaxed=table[:, 4].astype(np.uint8),
-        energy_left=table[:, 3],
+        desired_force=found["desired"],
+        commanded=found["command"],
+        measured=found["_force"],
+        inside=np.asarray(scene.comfortable.distance(found["joint"])) <= 0.0,
+        status=found["index"].astype(np.uint8),
+        let_go=found["reason"] == STOOD,
+        relaxed=found["gave"].astype(np.uint8),
+        energy_left=found["energy"],
         goal=np.where(intention.active[at, None], intention.goals[intention.goal[at]], np.nan),
         ended="late" if arrival is not None and calm < needed else "done",
         helper=law.partner(),
-        seen=motion.measured if late else None,
-        acting=motion.effort if late else None,
+        seen=found["measured"] if late else None,
+        acting=found["_effort"] if late else None,
     )

@@ -21,6 +21,7 @@ from rehab_opt.session.participant import arm_of
 from rehab_opt.session.scenario.demonstrated import needed_demonstrations
 from rehab_opt.session.scenario.laws import check_bounds, swinging_notes
 from rehab_opt.session.scenario.loop import Helping, robot_model_of
+from rehab_opt.session.scenario.measures import COVERED, law_summary
 from rehab_opt.session.scenario.outcome import Law, ScenarioOutcome
 from rehab_opt.session.scenario.precomputed import Precomputed, precompute
 from rehab_opt.session.scenario.problem import ScenarioProblem
@@ -180,13 +181,39 @@ def _arrows(context: Precomputed, low: Array, high: Array, reach: float) -> list
     ]
 
 
+SUCCESS = {
+    "stretch": "the end on the path", "assist": "at rest at the target in time,", "hold": "each point reached",
+    "resist": "at rest at the target in time,", "follow": f"{100 * COVERED:g} % covered, the end",
+}  # fmt: skip
+
+
 class ScenarioSystem(System[ScenarioProblem, ScenarioOutcome]):
     """The five scenarios of therapy and help."""
 
     schema = ScenarioProblem
-    shown = ("rehab_opt.session.scenario.table", "rehab_opt.session.scenario.figures")
+    shown = "rehab_opt.session.scenario.figures"
+    first = (
+        "reference_covered", "from_intended", "success", "final_distance", "deviation", "force_measured", "speed",
+        "duration", "status", "worst trial: deviation", "worst trial: force_measured",
+    )  # fmt: skip
     options = frozenset({"plant", "solver"})
     rate_key = "run.rate_hz"
+
+    def columns(self, outcome: ScenarioOutcome) -> Mapping[str, Mapping[str, Any]]:
+        """A column for each controller: means over its trials, and the worst of them."""
+        found = {law: law_summary(of) for law, of in outcome.measures.items()}
+        return {
+            law: {"success_rate": of["success_rate"], **of["mean"], "worst trial": of["worst"]}
+            for law, of in found.items()
+        }
+
+    def caption(self, outcome: ScenarioOutcome) -> str:
+        """How many trials, and what a success is."""
+        trials = max(map(len, outcome.trials.values()))
+        return (
+            f"mode {outcome.mode}, trials each: {trials}; means over them; success: {SUCCESS[outcome.mode]} within "
+            f"{1e3 * outcome.within:g} mm"
+        )
 
     def recordings(self, problem: ScenarioProblem) -> tuple[Needed, ...]:
         """The helper's movement and the therapist's, where some are named."""

@@ -137,9 +137,26 @@ class UpperLimbSystem(System[UpperLimb, ArmOutcome]):
     """A recorded hand path followed by the optimised and the published controller."""
 
     schema = UpperLimb
-    shown = ("rehab_opt.session.upper_limb.shown",)
+    shown = "rehab_opt.session.upper_limb.shown"
+    first = (
+        "drive: followed", "drive: delay", "drive: position_error", "drive: handle_tilt", "handle_tilt_limit",
+        "joint_limit_margin", "status",
+    )  # fmt: skip
     options = frozenset({"law", "solver"})
     solver_key = "optimised.solver"
+
+    def columns(self, outcome: ArmOutcome) -> Mapping[str, Mapping[str, Any]]:
+        """A column for each controller."""
+        return {run.law: outcome.metrics[run.law] for run in outcome.laws}
+
+    def caption(self, outcome: ArmOutcome) -> str:
+        """How much of the path the arm reaches."""
+        part, of_time = (outcome.metrics[f"reachable_fraction_of_{of}"] for of in ("length", "time"))
+        if part is None:
+            return "the fraction of the path within reach is not known: run the optimised controller"
+        length = 1e3 * outcome.metrics["path_length_m"]
+        reach = f"within this arm's reach: {100 * part:.1f} % of the path's {length:.0f} mm"
+        return f"{reach}, {100 * of_time:.1f} % of its time"
 
     def recordings(self, problem: UpperLimb) -> tuple[Needed, ...]:
         """The recorded path."""

@@ -10,9 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
-from rich.table import Table
 
-from rehab_opt.session import shown
 from rehab_opt.session.drawing import (
     ACROSS,
     FORWARD,
@@ -26,93 +24,24 @@ from rehab_opt.session.drawing import (
     label_times,
     legend_below,
 )
-from rehab_opt.session.outcome import Array, Outcome
-from rehab_opt.session.upper_limb.outcome import DRIVEN_DEG, ArmOutcome, DrivenArm
+from rehab_opt.session.outcome import Array
+from rehab_opt.session.upper_limb.outcome import ArmOutcome, DrivenArm
 
-__all__ = ["brief", "figures", "table"]
+__all__ = ["figures"]
 
-
-def table(outcome: ArmOutcome) -> Table:
-    """Rows of quantities with their units, a column for each law."""
-    return _table(outcome, (*FIRST_ROWS, *MORE_ROWS))
-
-
-def brief(outcome: ArmOutcome) -> Table:
-    """The first of them."""
-    return _table(outcome, FIRST_ROWS)
-
-
-def _table(outcome: ArmOutcome, rows: shown.Rows) -> Table:
-    of = {run.law: outcome.metrics[run.law] for run in outcome.laws}
-    return shown.law_table(outcome.title, of, rows, caption=_caption(outcome))
-
-
-def _caption(outcome: Outcome) -> str:
-    part, of_time = (outcome.metrics[f"reachable_fraction_of_{of}"] for of in ("length", "time"))
-    if part is None:
-        return "the fraction of the path within reach is not known: run the optimised law"
-    length = 1e3 * outcome.metrics["path_length_m"]
-    reach = f"within this arm's reach: {100 * part:.1f} % of the path's {length:.0f} mm"
-    return f"{reach}, {100 * of_time:.1f} % of its time"
-
-
-def _reachable_error(of: shown.Numbers) -> str:
-    error = of["position_error_reachable_max_m"]
-    return "not known" if error is None else shown.length(1e3 * error)
-
-
-def _parameters(of: shown.Numbers) -> str:
-    chosen = of["parameters"]
-    if "damping" in chosen:
-        return f"k0 = {chosen['gain_per_s']:g}/s, mu = {chosen['damping']:g}"
-    return f"solver {chosen['solver']}"
-
-
-def _tilt(of: shown.Numbers, limit: float, rounding: float) -> str:
-    tilt = of["handle_tilt_max_deg"]
-    return f"{tilt:.3g} ({limit:g})" + (" BEYOND" if tilt > limit + rounding else "")
-
-
-def _fraction(of: shown.Numbers) -> str:
-    return f"{100 * of['followed_fraction_of_length']:.1f}"
-
-
-def _hurry(of: shown.Numbers) -> str:
-    fractions = (of["drive"][f"joint_{of_what}_max_fraction_of_limit"] for of_what in ("speed", "acceleration"))
-    return "; ".join(f"{fraction:.2f}" for fraction in fractions)
-
-
-FIRST_ROWS: shown.Rows = (
-    ("path followed by a drive to 1 mm, % of length", lambda of: _fraction(of["drive"])),
-    ("   later than the recording at its end, s", lambda of: f"{of['drive']['delay_s']:.3g}"),
-    ("   position error mean / p95 / max, mm", lambda of: shown.millimetres("position_error")(of["drive"])),
-    ("   handle tilt max (limit), deg", lambda of: _tilt(of["drive"], of["handle_tilt_limit_deg"], DRIVEN_DEG)),
-    ("smallest joint-limit margin, deg", shown.margin),
-    ("samples by status", shown.statuses),
-)
-MORE_ROWS: shown.Rows = (
-    ("parameters", _parameters),
-    ("driven: fastest joint; acceleration, share of limit", _hurry),
-    ("path followed by the law to 1 mm, % of length", _fraction),
-    ("   position error mean / p95 / max, mm", shown.millimetres("position_error")),
-    ("   max where the path is within reach, mm", _reachable_error),
-    ("   handle tilt max (limit), deg", lambda of: _tilt(of, of["handle_tilt_limit_deg"], shown.ROUNDING_DEG)),
-    ("   fastest joint, deg/s (share of limit)", shown.speed),
-    ("solve time of the first sample, ms", lambda of: f"{of['solve_time_first_ms']:.3g}"),
-    ("   of the others, median / p99 / max, ms", shown.times("solve_time")),
-)
 
 SEEN = 1.0  # [mm] from which a height off the plane is worth a word
 
 
 def figures(outcome: ArmOutcome) -> dict[str, Figure]:
     """The figures of a run by file name (without suffix)."""
-    drives = {f"{law} law, driven": (drive, LAW_STYLES[law]) for law, drive in _drives(outcome)}
-    joints = {label: (drive.path.positions, style) for label, (drive, style) in drives.items()}
-    times = {label: drive.path.times for label, (drive, _) in drives.items()}
+    joints = {
+        f"{law} law, driven": (drive.path.times, drive.path.positions, LAW_STYLES[law])
+        for law, drive in _drives(outcome)
+    }
     return {
         "hand_path": _hand_path(outcome),
-        "joints": joint_figure(outcome, joints, times=times),
+        "joints": joint_figure(outcome.title, outcome.chain, joints),
         "error": _arm_error(outcome),
     }
 

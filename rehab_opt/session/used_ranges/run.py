@@ -16,7 +16,7 @@ from rehab_opt.session.files import ProblemFile, recording_path
 from rehab_opt.session.outcome import Column, Outcome, Progress, with_progress
 from rehab_opt.session.schema import NAME, TABLE, Once, Problem, Section
 from rehab_opt.session.systems import Needed, System
-from rehab_opt.session.workspaces.reached import Reached, plane_of, reached
+from rehab_opt.session.workspaces.reached import Reached, handle_words, plane_of, plane_words, reached
 from rehab_opt.session.workspaces.run import boundary_columns, fraction_inside, plane_notes, workspace_metrics
 from rehab_opt.workspace.clinical_angles import CLINICAL_ANGLES
 from rehab_opt.workspace.cp_reach import ReachGroup, reach_groups
@@ -172,7 +172,7 @@ class UsedRangesSystem(System[UsedRangesProblem, UsedRangesOutcome]):
     """Ranges used in recorded reaches by two groups, and their workspaces."""
 
     schema = UsedRangesProblem
-    shown = ("rehab_opt.session.used_ranges.shown",)
+    shown = "rehab_opt.session.used_ranges.shown"
 
     def recordings(self, problem: UsedRangesProblem) -> tuple[Needed, ...]:
         """The files of every angle that the model needs."""
@@ -182,6 +182,15 @@ class UsedRangesSystem(System[UsedRangesProblem, UsedRangesOutcome]):
         """Reads the files."""
         groups = groups_of(config)
         return tuple(dict.fromkeys(note for group in groups.values() for note in group.notes))
+
+    def columns(self, outcome: UsedRangesOutcome) -> Mapping[str, Mapping[str, Any]]:
+        """A column for each task and group."""
+        groups: Mapping[str, Mapping[str, Any]] = outcome.metrics["groups"]
+        return groups
+
+    def caption(self, outcome: UsedRangesOutcome) -> str:
+        """Plane and handle."""
+        return f"workspace of the range used, plane {plane_words(outcome.section)}, {handle_words(outcome.section)}"
 
     def run(
         self, config: ProblemFile[UsedRangesProblem], *, options: Mapping[str, str], progress: Progress

@@ -8,27 +8,22 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import PathPatch
-from rich.table import Table
-from rich.text import Text
 
 from rehab_opt.kinematics.human_arm import ARM_JOINTS
 from rehab_opt.session.drawing import GRID, MM, REFERENCE, framed, legend_below
-from rehab_opt.session.shown import law_table
 from rehab_opt.session.used_ranges.run import GroupResult, UsedRangesOutcome
 from rehab_opt.session.workspaces.reached import handle_words, plane_words
 from rehab_opt.session.workspaces.shown import (
-    AREA_ROWS,
     SET_STYLES,
     draw_region,
     draw_shoulder,
-    percent,
     region_label,
     region_path,
     seen_from_above,
 )
 from rehab_opt.workspace.reach_rows import GROUPS, task_title
 
-__all__ = ["figures", "table"]
+__all__ = ["figures"]
 
 OFFSETS = (-0.17, 0.17)
 
@@ -123,22 +118,3 @@ def _finish(axes: Axes, outcome: UsedRangesOutcome, title: str) -> None:
     axes.set_aspect("equal", adjustable="box")  # the panels share their axes
     axes.set_axisbelow(True)
     axes.set_title(title, fontsize=10)
-
-
-def table(outcome: UsedRangesOutcome) -> Table:
-    """A section for each task, a column for each group; joints and quantities with their units."""
-    caption = f"workspace of the range used, plane {plane_words(outcome.section)}, {handle_words(outcome.section)}"
-    grid = law_table(outcome.title, {name: {} for name in GROUPS}, caption=caption)
-    for task, of_task in outcome.tasks.items():
-        groups = [outcome.metrics["groups"][of.label] for of in of_task]
-        grid.add_section()
-        grid.add_row(Text(f"{task_title(task)}: range used, deg", style="bold"))
-        for joint in ARM_JOINTS:
-            used = (numbers["range_used"][f"{joint}_deg"] for numbers in groups)
-            grid.add_row(f"   {joint.replace('_', ' ')}", *(f"{of['lower']:.0f} to {of['upper']:.0f}" for of in used))
-        grid.add_row(Text("workspace of the range used", style="bold"))
-        for label, value in AREA_ROWS:
-            grid.add_row(f"   {label}", *(value(numbers) for numbers in groups))
-        fractions = (percent(numbers["fraction_inside_other_group"]) for numbers in groups)
-        grid.add_row("   fraction of it inside the other's, %", *fractions)
-    return grid

@@ -272,7 +272,7 @@ class WorkspaceMapSystem(System[WorkspaceMapProblem, MapOutcome]):
     """Maps between two workspaces."""
 
     schema = WorkspaceMapProblem
-    shown = ("rehab_opt.session.workspace_maps.shown",)
+    shown = "rehab_opt.session.workspace_maps.shown"
 
     def recordings(self, problem: WorkspaceMapProblem) -> tuple[Needed, ...]:
         """The trajectories."""
@@ -280,6 +280,22 @@ class WorkspaceMapSystem(System[WorkspaceMapProblem, MapOutcome]):
             Needed(f"trajectory.{i}.recording.file", trajectory.recording.file)
             for i, trajectory in enumerate(problem.trajectory)
         )
+
+    def columns(self, outcome: MapOutcome) -> Mapping[str, Mapping[str, Any]]:
+        """A column for each direction and rule."""
+        return {
+            f"{direction.start.name} -> {direction.end.name}\n{made.rule} rule": outcome.metrics["maps"][direction.key][
+                made.rule
+            ]
+            for direction in outcome.directions
+            for made in direction.maps
+        }
+
+    def caption(self, outcome: MapOutcome) -> str:
+        """The sets; the notes say why a map is refused."""
+        sets = outcome.metrics["sets"].values()
+        areas = "; ".join(f"{numbers['name']} {1e4 * numbers['area_m2']:.4g} cm^2" for numbers in sets)
+        return f"{areas}. Passed: the map may go to a controller; the notes say why one is refused"
 
     def check(self, config: ProblemFile[WorkspaceMapProblem]) -> tuple[str, ...]:
         """Reads the trajectories, finds the sets."""

@@ -12,18 +12,15 @@ from matplotlib.colors import ListedColormap, LogNorm
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch, PathPatch
 from matplotlib.transforms import Bbox
-from rich.table import Table
-from rich.text import Text
 
 from rehab_opt.session.arm_keys import ArmInPlane
 from rehab_opt.session.drawing import MM, REFERENCE, framed, legend_below
 from rehab_opt.session.outcome import Array
-from rehab_opt.session.shown import Numbers, Rows, law_table
 from rehab_opt.session.workspace_maps.run import MadeMap, MapDirection, MapOutcome
 from rehab_opt.session.workspaces.shown import draw_region, is_placed, region_path, seen_from_above
 from rehab_opt.workspace.region import Workspace
 
-__all__ = ["figures", "table"]
+__all__ = ["figures"]
 
 GRID_LINES = 16
 """Across the larger side of a set."""
@@ -186,55 +183,3 @@ def _draw_folds(axes: Axes, made: MadeMap, start: Workspace, end: Workspace) -> 
         marked.set_edgecolor(OUTSIDE)
         marked.set_linewidth(0.0)
     return image
-
-
-def table(outcome: MapOutcome) -> Table:
-    """A section for each direction, a column for each rule."""
-    rules: dict[str, Numbers] = {f"{made.rule} rule": {} for made in outcome.directions[0].maps}
-    grid = law_table(outcome.title, rules, caption=_caption(outcome))
-    for direction in outcome.directions:
-        columns: list[Numbers] = [outcome.metrics["maps"][direction.key][made.rule] for made in direction.maps]
-        grid.add_section()
-        grid.add_row(Text(f"{direction.start.name} -> {direction.end.name}", style="bold"))
-        for label, value in MAP_ROWS:
-            cells = ("-" if "samples" not in numbers and label != VERDICT else value(numbers) for numbers in columns)
-            grid.add_row(label, *map(Text, cells))
-    return grid
-
-
-def _caption(outcome: MapOutcome) -> str:
-    sets = outcome.metrics["sets"].values()
-    areas = "; ".join(f"{numbers['name']} {1e4 * numbers['area_m2']:.4g} cm^2" for numbers in sets)
-    return f"{areas}. The notes say why a map is refused"
-
-
-def _round_trip(of: Numbers) -> str:
-    error = of["round_trip_max_m"]
-    return "no inverse somewhere" if error is None else f"{1e9 * error:.2g}"
-
-
-def _proof(of: Numbers) -> str:
-    proof = of["certificate"]
-    if not proof["valid"]:
-        return "NOT PROVEN"
-    return f"det J >= {proof['determinant_min']:.2g}, {1e3 * proof['margin_m']:.2g} mm inside"
-
-
-VERDICT = "may go to a controller"
-MAP_ROWS: Rows = (
-    (VERDICT, lambda of: "yes" if of["passed"] else "NO"),
-    ("folded, % of the set", lambda of: f"{100 * of['folded_fraction']:.3g}"),
-    ("mapped outside, % of the set", lambda of: f"{100 * of['outside_fraction']:.3g}"),
-    ("stretch, least to largest", lambda of: f"{of['stretch_min']:.3g} to {of['stretch_max']:.3g}"),
-    (
-        "   in overall ratios",
-        lambda of: (
-            f"{of['stretch_min_relative']:.2g} to {of['stretch_max_relative']:.3g} (x {of['overall_ratio']:.3g})"
-        ),
-    ),
-    ("proven everywhere, one-to-one", _proof),
-    ("there and back, nm", _round_trip),
-    ("share of the other set used, %", lambda of: f"{100 * of['coverage_fraction']:.1f}"),
-    ("coefficients; mean turn, deg", lambda of: f"{of['coefficients']}; {of['rotation_deg']:.1f}"),
-    ("time to make it, s", lambda of: f"{of['seconds']:.2f}"),
-)

@@ -177,7 +177,16 @@ class WorkspaceSystem(System[WorkspaceProblem, WorkspaceOutcome]):
     """The reachable workspaces of an arm."""
 
     schema = WorkspaceProblem
-    shown = ("rehab_opt.session.workspaces.shown",)
+    shown = "rehab_opt.session.workspaces.shown"
+
+    def columns(self, outcome: WorkspaceOutcome) -> Mapping[str, Mapping[str, Any]]:
+        """A column for each range of motion; volumes with the handle held as in the plane, or free."""
+        sets, volumes = outcome.metrics["sets"], outcome.metrics["volumes"]
+        return {name: {**numbers, "volume": volumes.get(name, {})} for name, numbers in sets.items()}
+
+    def caption(self, outcome: WorkspaceOutcome) -> str:
+        """Plane and handle."""
+        return f"plane {plane_words(outcome.section)}, {handle_words(outcome.section)}"
 
     def check(self, config: ProblemFile[WorkspaceProblem]) -> tuple[str, ...]:
         """Builds the arms."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import textwrap
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -13,28 +13,22 @@ from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch, PathPatch
 from matplotlib.path import Path
-from rich.table import Table
-from rich.text import Text
 
 from rehab_opt.session.arm_keys import ArmInPlane
 from rehab_opt.session.drawing import ACROSS, FORWARD, GRID, MM, REFERENCE, framed, legend_below
-from rehab_opt.session.shown import Numbers, Rows, law_table
 from rehab_opt.session.workspaces.reached import handle_words, plane_words
 from rehab_opt.session.workspaces.run import WorkspaceOutcome, rings
 from rehab_opt.workspace.region import Workspace
 
 __all__ = [
-    "AREA_ROWS",
     "SET_STYLES",
     "draw_region",
     "draw_shoulder",
     "figures",
     "is_placed",
-    "percent",
     "region_label",
     "region_path",
     "seen_from_above",
-    "table",
 ]
 
 
@@ -166,51 +160,3 @@ def _volumes(outcome: WorkspaceOutcome) -> Figure:
         for i, name in enumerate(names)
     ]
     return legend_below(figure, handles, 2)
-
-
-def table(outcome: WorkspaceOutcome) -> Table:
-    """Rows of quantities with their units, a column for each range of motion."""
-    sets = outcome.metrics["sets"]
-    caption = f"plane {plane_words(outcome.section)}, {handle_words(outcome.section)}"
-    grid = law_table(outcome.title, sets, AREA_ROWS, caption=caption)
-    for other in sets if len(sets) > 1 else ():
-        fractions = (numbers["fraction_inside"].get(other) for numbers in sets.values())
-        grid.add_row(Text(f"fraction of it inside {other}, %"), *map(percent, fractions))
-    for tilt in next((list(numbers["tilts"]) for numbers in sets.values() if "tilts" in numbers), ()):
-        areas = (numbers.get("tilts", {}).get(tilt) for numbers in sets.values())
-        grid.add_row(
-            f"area, handle tilt {tilt.replace('_', ' ')}, cm^2",
-            *(f"{1e4 * of['area_m2']:.4g}" if of else "-" for of in areas),
-        )
-    grid.add_row("time to find it, s", *(f"{numbers['seconds']:.2f}" for numbers in sets.values()))
-    volumes = outcome.metrics["volumes"]
-    for key, label in (("handle_held", "volume, handle held as above, l"), ("handle_free", "volume, handle free, l")):
-        if any(key in numbers for numbers in volumes.values()):
-            grid.add_row(label, *(_litres(volumes[name].get(key)) for name in sets))
-    return grid
-
-
-def _extent(axis: str) -> Callable[[Numbers], str]:
-    def cell(of: Numbers) -> str:
-        low, high = of[f"{axis}_min_m"], of[f"{axis}_max_m"]
-        return "-" if low is None else f"{1e3 * low:.0f} to {1e3 * high:.0f}"
-
-    return cell
-
-
-def percent(fraction: float | None) -> str:
-    """A fraction, or that there is none."""
-    return "-" if fraction is None else f"{100 * fraction:.1f}"
-
-
-def _litres(of: Numbers | None) -> str:
-    return "-" if of is None else f"{1e3 * of['volume_m3']:.3g} +- {1e3 * of['volume_bound_m3']:.2g}"
-
-
-AREA_ROWS: Rows = (
-    ("area, cm^2", lambda of: "0 (empty)" if of["empty"] else f"{1e4 * of['area_m2']:.4g}"),
-    ("separate parts; holes", lambda of: f"{of['components']}; {of['holes']}"),
-    ("extent to the right, x, mm", _extent("x")),
-    ("extent forwards, y, mm", _extent("y")),
-    ("accuracy of the boundary, mm", lambda of: f"{1e3 * of['accuracy_m']:.2g}"),
-)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from pathlib import Path
 
 import casadi as ca
@@ -11,7 +12,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from rehab_opt import ProblemFileError, SerialChain
+from rehab_opt import ProblemFileError, RobotFileError, SerialChain
 from rehab_opt.kinematics.inertia import inertia_expression
 
 Array = NDArray[np.float64]
@@ -166,6 +167,81 @@ def test_ranges_in_radians_that_are_read_in_degrees_are_noted(
         degrees = 'read as degrees, as MuJoCo does without <compiler angle="radian">'
         assert said == [f"joint ranges of at most {widest:.6g} look like radians, but are {degrees}"]
         assert chain.upper[0] == pytest.approx(np.radians(float(ranges[0].split()[1])), abs=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_what_drives_may_exert_is_what_mujoco_lets_them_exert(tmp_path: Path, seed: int) -> None:
+    """The largest generalised force of every joint in MuJoCo itself, at the largest commands."""
+    rng = np.random.default_rng(seed)
+    text, limited = random_mjcf(rng, 4, degrees=False), ""
+    names = re.findall(r'<joint name="(\w+)"', text)
+    for name in names:
+        low, high, gear = (float(each) for each in rng.uniform(1, 9, 3))
+        kind = rng.integers(4)
+        if kind == 0:
+            text = text.replace(f'name="{name}"', f'name="{name}" actuatorfrcrange="{-low!r} {high!r}"')
+        limited += (
+            f'<motor joint="{name}" class="arm" gear="{gear!r}" ctrlrange="{-low!r} {high!r}"/>',
+            f'<motor joint="{name}" gear="{-gear!r}" ctrlrange="{-low!r} {high!r}"/>',
+            f'<position joint="{name}" kp="1e6" forcerange="{-low!r} {high!r}"/>' * 2,
+            f'<general joint="{name}" class="strong" gear="{gear!r}" ctrlrange="-1e5 1e5"/>',
+        )[kind]
+    text = text.replace(
+        "</default></default>", '</default><default class="strong"><general forcerange="-7 5"/></default></default>'
+    )
+    text = text.replace("<motor joint='joint_0_0'/>", limited)
+    file = tmp_path / "arm.xml"
+    file.write_text(text)
+    chain, model = SerialChain.from_mjcf(file, tip="tool", **LIMITS), whole(text)
+    data, largest = mujoco.MjData(model), np.zeros(model.nv)
+    for sign in (-1.0, 1.0):
+        data.ctrl[:] = sign * 1e4
+        mujoco.mj_forward(model, data)
+        largest = np.maximum(largest, np.abs(data.qfrc_actuator))
+    np.testing.assert_allclose(chain.effort, largest, rtol=1e-9)
+    assert SerialChain.from_mjcf(file, tip="tool", **LIMITS, effort={names[0]: 3.0}).effort[0] == 3.0
+    file.write_text(text.replace(limited, ""))
+    given = "actuatorfrcrange" in text
+    assert given or np.all(np.isinf(SerialChain.from_mjcf(file, tip="tool", **LIMITS).effort))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("<worldbody>", '<compiler settotalmass="9"/><worldbody>', "compiler.settotalmass"),
+        (
+            "<worldbody>",
+            '<compiler inertiafromgeom="true"/><worldbody>',
+            "compiler.inertiafromgeom",
+        ),
+        (
+            "<worldbody>",
+            '<option gravity="0 -9.81 0" timestep="0.01"/><worldbody>',
+            "option.gravity",
+        ),
+        ('<joint name="two"', '<joint name="two" armature="0.1"', "joint.armature"),
+        ('<body name="a">', '<body name="a" gravcomp="1">', "body.gravcomp"),
+        ('<body name="a">', '<body name="a"><Joint name="x"/>', "<Joint>"),
+        ('<joint name="two"', '<joint name="two" Range="0 1"', "joint.Range"),
+        ("<worldbody>", "<deformable/><worldbody>", "<deformable>"),
+        ("<worldbody>", '<option gravity="0 0 -9.81"/><visual/><worldbody>', None),
+    ],
+)
+def test_what_is_not_read_is_noted(tmp_path: Path, old: str, new: str, said: str | None) -> None:
+    notes = SerialChain.from_mjcf(arm(tmp_path, old, new), **LIMITS).notes[1:]
+    assert notes == (() if said is None else (f"{said} is not read (line 1)",))
+
+
+@pytest.mark.parametrize("where", ["", ' angle="radian"'])
+def test_global_coordinates_are_refused(tmp_path: Path, where: str) -> None:
+    for file in (f'<compiler{where} coordinate="global"/>', f'<compiler{where}/><compiler coordinate="global"/>'):
+        with pytest.raises(RobotFileError, match="global coordinates no longer supported"):
+            SerialChain.from_mjcf(arm(tmp_path, "<worldbody>", f"{file}<worldbody>"), **LIMITS)
+    local = arm(tmp_path, "<worldbody>", '<compiler coordinate="local"/><worldbody>')
+    assert len(SerialChain.from_mjcf(local, **LIMITS).notes) == 1
+    (tmp_path / "old.xml").write_text('<mujocoinclude><compiler coordinate="global"/></mujocoinclude>')
+    with pytest.raises(RobotFileError, match="global coordinates no longer supported"):
+        SerialChain.from_mjcf(arm(tmp_path, "<worldbody>", '<include file="old.xml"/><worldbody>'), **LIMITS)
 
 
 def test_loops_that_are_not_closed_are_noted(tmp_path: Path) -> None:

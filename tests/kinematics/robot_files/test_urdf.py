@@ -244,3 +244,26 @@ def test_what_is_off_by_rounding_is_corrected_and_noted(arm_file: Path) -> None:
     tool[0, 0] = 0.8
     with pytest.raises(ConfigurationError, match="off by"):
         read(arm_file, random_arm(np.random.default_rng(10), 2), tool=tool)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("</robot>", '<Joint name="x"/></robot>', "line 1: <Joint> is not read"),
+        ("<link name=\"b\"/>", '<link name="b"><Inertial/></link>', "link b: <Inertial> is not read"),
+        ("<link name=\"b\"/>", '<link name="b"><visual><geom/></visual></link>', "link b, visual: <geom> is not read"),
+        ("<link name=\"b\"/>", '<link name="b"><inertial><mass value="1"/></inertial></link>',
+         "link b, inertial: mass and inertia are read together alone; the link has none"),
+        ("</robot>", '<gazebo><plugin/></gazebo><transmission/><ros2_control/><material name="m"/></robot>', None),
+    ],
+)  # fmt: skip
+def test_elements_that_are_not_read_are_noted(tmp_path: Path, old: str, new: str, said: str | None) -> None:
+    """Wherever in the file they are."""
+    text = (
+        '<robot name="r"><link name="a"/><link name="b"/><joint name="j" type="continuous"><parent link="a"/>'
+        '<child link="b"/><axis xyz="0 0 1"/></joint></robot>'
+    )
+    file = tmp_path / "arm.urdf"
+    file.write_text(text.replace(old, new))
+    notes = SerialChain.from_urdf(file, acceleration=1.0, velocity=1.0).notes
+    assert notes == (() if said is None else (said,))

@@ -1,0 +1,162 @@
+"""The path behind the samples of a tracker: held, repeated and rounded ones are not how a hand moved.
+
+A sample that is written again until the next one comes is a stop and a jump, and one rounded to a step a jump to and
+fro: third differences of either are a thousand times the hand's. What is left of the first are the samples where they
+came; in place of the second stands the path of least jerk near them (Whittaker 1923, with third divided differences).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["MeasuredPath", "measured_path"]
+
+Array = NDArray[np.float64]
+
+HELD, OFTEN, SHORT = 0.2, 3, 10
+"""[s] for which a sample is held at most, and rows more than usual: a longer stand is a pause. Percentile of the counts
+of rows with one sample that is their usual one: a hand that is slow for its rounding has longer ones, too."""
+GOES_ON, SLOW = 1.5, 0.1
+"""Rounding steps, and fraction of the usual way, from one sample to the next, of a hand that goes on."""
+SMOOTHED = 9
+"""Samples over which the times of held ones are averaged, twice."""
+FEWEST_DISTINCT = 4
+"""Of samples that are not the one before: fewer say nothing."""
+FEWEST, DITHERS, MANY, SMALL, NEAR = 12, 0.1, 25, 4.0, 0.75
+"""A rounding step is one that axes of so many values at least are made of, whose third differences are not zero for so
+large a fraction of its moves, and this percentile of them no more than rounding makes. The path is within this fraction
+of the step."""
+EXACT, FINEST = 1e-3, 1e-5
+"""Fraction of a step by which a multiple of it may be off; a step in the largest value, which matters to no drive."""
+STIFFER, BESIDE, PASSES = 3.0, 9, 80
+"""Factor by which the path is drawn nearer to samples from which it is too far, how many of them together; at most."""
+
+
+class MeasuredPath(NamedTuple):
+    """A path as it was moved, and what had to be done to the samples."""
+
+    times: Array
+    """(M,) [s]"""
+    points: Array
+    """(M, n)"""
+    notes: tuple[str, ...]
+    """None where the path is the one that was given."""
+
+
+def measured_path(times: Array, points: Array) -> MeasuredPath:
+    """The path measured at times (N,) [s], points (N, n); the same where nothing was held, repeated or rounded.
+
+    The first and the last point stay what they are, and so do pauses of more than 0.2 s.
+    """
+    begins = np.append(0, 1 + np.flatnonzero((np.diff(points, axis=0) != 0).any(axis=1)))
+    if len(begins) < FEWEST_DISTINCT:
+        return MeasuredPath(times, points, ())
+    lengths, notes = np.diff(begins, append=len(times)), list[str]()
+    usual = int(np.percentile(lengths, SHORT, method="lower"))
+    # A tracker sends on while the hand stands, or is slow for its rounding: a sample each `usual` rows.
+    since = np.arange(len(times)) - np.repeat(begins, lengths)
+    rows = np.flatnonzero((since == 0) | ((since % usual == 0) & (since <= np.repeat(lengths, lengths) - usual)))
+    steps = np.maximum(_roundings(points[rows]), _roundings(points[begins]))
+    rounded = steps > 0.0
+    # Where the hand goes on at once a sample was written again: the next one was late or lost. Else it stood.
+    hops = np.abs(np.diff(points[begins], axis=0))
+    few = GOES_ON * steps[rounded] if rounded.any() else SLOW * np.median(hops.max(axis=1))
+    far = np.pad(((hops[:, rounded] if rounded.any() else hops) > few).any(axis=1), 1)
+    stood = np.append(times[begins[1:]], times[-1]) - times[begins]
+    again = (stood <= HELD) & (lengths <= usual + OFTEN) & (far[1:] | far[:-1])
+    rows = rows[(since == 0)[rows] | ~np.repeat(again, lengths)[rows]]
+    clock, moved = _clock(times, rows, points[rows]), points[rows]
+    if rounded.any():
+        notes.append(
+            f"positions rounded to {steps.max():.3g} m or rad: the path is the smoothest within {NEAR:g} of that"
+        )
+        moved[:, rounded] = _least_jerk(clock, moved[:, rounded], NEAR * steps[rounded])
+    if len(rows) < len(times):
+        from scipy.interpolate import CubicSpline  # noqa: PLC0415  (loaded when used)
+
+        notes.append(f"{len(times) - len(rows)} of {len(times)} samples repeat the one before: left out")
+        # A drive's own interpolation would stop at every extreme of so few.
+        moved, clock = np.asarray(CubicSpline(clock, moved)(times[: rows[-1] + 1])), times[: rows[-1] + 1]
+    return MeasuredPath(clock, moved, tuple(notes))
+
+
+def _clock(times: Array, rows: NDArray[np.intp], points: Array) -> Array:
+    """Times (M,) of points (M, n) in these rows (M,), or those of a clock of its own, if they fit better."""
+    own, even = times[rows], _averaged(rows.astype(np.float64))
+    if np.abs(even - rows).max() > np.diff(rows, prepend=-1).min() + 0.5:
+        return own
+    even = np.interp(even, np.arange(len(times)), times)
+    return even if _unsteady(even, points) < _unsteady(own, points) else own
+
+
+def _averaged(counts: Array) -> Array:
+    """Rows (K,) at which samples came, as a clock of their own would have them; the ends stay."""
+    from scipy.ndimage import uniform_filter1d  # noqa: PLC0415  (loaded when used)
+
+    steps = uniform_filter1d(uniform_filter1d(np.diff(counts), SMOOTHED, mode="nearest"), SMOOTHED, mode="nearest")
+    passed = np.append(0.0, np.cumsum(steps))
+    return np.asarray(counts[0] + passed * (counts[-1] - counts[0]) / passed[-1])
+
+
+def _unsteady(times: Array, points: Array) -> float:
+    """Sum of the squares of the changes of velocity, infinite where time stands."""
+    steps = np.diff(times)
+    if not np.all(steps > 0.0):
+        return np.inf
+    return float((np.diff(np.diff(points, axis=0) / steps[:, None], axis=0) ** 2).sum())
+
+
+def _roundings(points: Array) -> Array:
+    """(n,) steps to which axes (N, n) were rounded, 0 if to none that matters."""
+    steps = [_rounding(axis) for axis in points.T]
+    for i, axis in enumerate(points.T):  # one that hardly moves does not show by itself
+        steps[i] = steps[i] or max((each for each in steps if each and not _off(axis - axis[0], each)), default=0.0)
+    return np.array(steps)
+
+
+def _rounding(axis: Array) -> float:
+    values = np.unique(axis)
+    if len(values) < FEWEST:
+        return 0.0
+    apart, least = np.diff(values), FINEST * float(np.abs(values).max())
+    step = float(apart.min())
+    while step > least and (rest := apart - step * np.floor(apart / step + EXACT))[rest > EXACT * step].size:
+        step = float(rest[rest > EXACT * step].min())
+    if not step > least or _off(axis - axis[0], step):
+        return 0.0
+    bends = np.abs(np.diff(axis, 3)) / step
+    bends = bends[bends > 0.5]
+    return (
+        step
+        if len(bends) > DITHERS * np.count_nonzero(np.diff(axis)) and np.percentile(bends, MANY) <= SMALL + EXACT
+        else 0.0
+    )
+
+
+def _off(ways: Array, step: float) -> bool:
+    """Whether some are no multiples of the step."""
+    return bool(np.abs(ways / step - np.rint(ways / step)).max() > 0.1)
+
+
+def _least_jerk(times: Array, points: Array, band: Array) -> Array:
+    """(N, n) the path of least sum of squared third divided differences within `band` (n,) of points (N, n), nearly."""
+    from scipy.linalg import solveh_banded  # noqa: PLC0415  (loaded when used)
+    from scipy.sparse import diags, identity  # noqa: PLC0415
+
+    n, clock = len(times), (times - times[0]) / np.median(np.diff(times))
+    third = identity(n, format="csr")
+    for order in (1, 2, 3):
+        third = diags(order / (clock[order:] - clock[:-order])) @ (third[1:] - third[:-1])
+    price, close = (third.T @ third).tocsr(), np.full(n, 1e-12)
+    banded = np.stack([np.pad(price.diagonal(k), (k, 0)) for k in (3, 2, 1, 0)])
+    close[[0, -1]] = 1e6
+    for _ in range(PASSES):
+        path = np.asarray(solveh_banded(banded + np.pad(close[None], ((3, 0), (0, 0))), close[:, None] * points))
+        far = (np.abs(path - points) > band).any(axis=1)
+        if not far.any():
+            break
+        close[np.convolve(far, np.ones(BESIDE), "same") > 0] *= STIFFER
+    return np.where(np.abs(path - points) > band, points, path)

@@ -1,0 +1,203 @@
+"""Chair and arm under one stick: figures from above, of the hand and of the limits used."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rehab_opt.control.obstacles import HalfPlane, Obstacle
+from rehab_opt.kinematics.mobile_arm import MobileArm
+from rehab_opt.session.ardis.clearance import arm_points, chair_corners
+from rehab_opt.session.ardis.measures import goals_met
+from rehab_opt.session.ardis.problem import GoalSection
+from rehab_opt.session.drawing import (
+    EVENT,
+    GRID,
+    LAW_NAMES,
+    LAW_STYLES,
+    REFERENCE,
+    Panel,
+    figure_over_time,
+    framed,
+    legend_below,
+    servo_figure,
+)
+from rehab_opt.session.outcome import Array
+from rehab_opt.session.trace import Trace
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+__all__ = ["figures"]
+
+OBSTACLE, ARM = "#BBBBBB", "#56B4E9"
+INSTANTS = 4
+"""Chairs that are drawn, from the first to the last."""
+SEEN = 100
+"""Postures of the arm that the panels have room for, evenly over the run."""
+EDGE = 0.35
+"""[m] drawn around what moves."""
+ABOVE = 0.03
+"""[m] Goals nearer than this, seen from above, share a label: two would lie on each other."""
+
+
+def figures(title: str, scenes: Mapping[Any, Any], traces: Mapping[Any, Trace]) -> dict[str, Figure]:
+    """Figures by file name, of the scenes and traces by drive and controller."""
+    scene, drives = next(iter(scenes.values())), list(dict.fromkeys(drive for drive, _ in traces))
+    ours = {drive: traces[drive, "optimised"] for drive in drives}
+    groups = {f"{drive} drive": {law: traces[drive, law] for law in ("optimised", "published")} for drive in drives}
+    goals = {f"{drive} drive": goals_met(trace, scene.problem.goals) for drive, trace in ours.items()}
+    events = {group: [when for when in met if when is not None] for group, met in goals.items()}
+    found = {
+        "top_view": _top_view(title, scene.robot, scene.room, scene.problem.goals, traces),
+        "hand": figure_over_time(
+            f"{title}\nheight of the hand, and the chair's way",
+            groups,
+            _hand_panels(ours.values(), scene.dt),
+            events=events,
+            event="goal reached by ours",
+        ),
+        "limits": figure_over_time(
+            f"{title}\nhow much of its limits each controller uses", groups, _limit_panels(scene.robot, scene.dt)
+        ),
+    }
+    for drive, trace in ours.items():
+        near, named = scenes[drive, "optimised"].near(trace), f"{title}, {drive} drive, ours"
+        if near is not None:
+            found[f"clearance_{drive}"] = near.figure(named)
+        if "velocity" in trace:
+            found[f"servos_{drive}"] = servo_figure(
+                named, scene.names, Trace({**trace, "command": trace["_world"]}), lengths=2
+            )
+    return found
+
+
+def _hand_panels(ours: Iterable[Trace], dt: float) -> tuple[Panel, Panel]:
+    """A controller that leaves its limits may go anywhere: the panels end where ours does."""
+
+    def way(trace: Trace) -> Array:
+        return np.asarray(np.cumsum(np.hypot(trace["_world"][:, 0], trace["_world"][:, 1])) * dt)
+
+    far = 1.3 * max(1e-2, *(float(way(trace)[-1]) for trace in ours))
+    return (
+        Panel("hand above the floor [m]", lambda trace: trace["hand"][:, 2], 0.0, -0.2, 1.8),
+        Panel("path of the chair [m]", way, high=far),
+    )
+
+
+def _limit_panels(robot: MobileArm, dt: float) -> tuple[Panel, ...]:
+    chain = robot.chain
+    ended = 3 + np.flatnonzero(np.isfinite(chain.upper[3:]))  # joints without ends are nowhere near one
+    middle, half = (chain.upper[ended] + chain.lower[ended]) / 2, (chain.upper[ended] - chain.lower[ended]) / 2
+
+    def ranges(trace: Trace) -> Array:
+        return np.asarray(np.abs(trace["joint"][:, ended] - middle) / half)
+
+    def speeds(trace: Trace) -> Array:
+        own = trace["command"]
+        level = np.hypot(own[:, 0], own[:, 1]) / chain.velocity[0]
+        return np.column_stack([level, np.abs(own[:, 2:]) / chain.velocity[2:], trace["_wheel_use"]])
+
+    def accelerations(trace: Trace) -> Array:
+        return np.asarray(np.abs(np.diff(trace["command"], axis=0, prepend=0.0)) / dt / chain.acceleration)
+
+    def panel(label: str, of: Callable[[Trace], Array]) -> Panel:
+        return Panel(
+            f"{label}\n[% of limit]", lambda trace: 100 * of(trace).max(axis=1, initial=0.0), 100.0, high=200.0
+        )
+
+    return (
+        panel("arm joint nearest to its limit", ranges),
+        panel("fastest joint or wheel", speeds),
+        panel("hardest acceleration", accelerations),
+    )
+
+
+def _top_view(
+    title: str, robot: MobileArm, room: Sequence[Obstacle], goals: Sequence[GoalSection], traces: Mapping[Any, Trace]
+) -> Figure:
+    ours = {drive: trace for (drive, law), trace in traces.items() if law == "optimised"}
+    points = [np.array([goal.hand_m[:2] for goal in goals]).reshape(-1, 2)]
+    for trace in ours.values():
+        q = trace["joint"]
+        arms = arm_points(robot, q[:: max(1, len(q) // SEEN)])[:, :, :2]
+        points += [chair_corners(robot.outline, q).reshape(-1, 2), trace["hand"][:, :2], arms.reshape(-1, 2)]
+    every = np.vstack(points)
+    (left, low), (right, high) = every.min(axis=0) - EDGE, every.max(axis=0) + EDGE
+    # Side by side where the scene is tall, one above the other where it is wide.
+    count, tall = len(ours), (high - low) / (right - left)
+    below = count == 1 or tall < 1 / 1.3
+    size = (8.5, 1.6 + count * (7.5 * tall + 0.9)) if below else (5.0 * count, 7.0)
+    figure = framed(f"{title}\nseen from above; chair and arm of ours at {INSTANTS} instants", *size)
+    grid = np.atleast_1d(figure.subplots(count if below else 1, 1 if below else count)).ravel()
+    for axes, (drive, trace) in zip(grid, ours.items(), strict=True):
+        _draw_room(axes, room, goals)
+        _draw_chairs(axes, robot, trace["joint"])
+        for order, law in enumerate(("published", "optimised")):
+            style = {**LAW_STYLES[law], "zorder": 4.5 - 0.5 * order}
+            axes.plot(*traces[drive, law]["hand"][:, :2].T, **style, label=f"hand, {LAW_NAMES[law]}")
+        axes.plot(*trace["hand"][0, :2], "o", color=REFERENCE, markersize=5, label="hand at the start", zorder=5)
+        axes.set(xlim=(left, right), ylim=(low, high))
+        axes.set_title(f"{drive} drive", fontsize=10, loc="left")
+    return legend_below(figure, grid[0], 3)
+
+
+def _draw_room(axes: Axes, room: Sequence[Obstacle], goals: Sequence[GoalSection]) -> None:
+    """Walls, posts and goals."""
+    from matplotlib.patches import Circle, Polygon  # noqa: PLC0415
+
+    for obstacle in room:
+        if isinstance(obstacle, HalfPlane):
+            normal = np.asarray(obstacle.normal) / np.hypot(*obstacle.normal)
+            along, edge = np.array([-normal[1], normal[0]]), normal * obstacle.offset / np.hypot(*obstacle.normal)
+            far = 100.0
+            corners = [edge + far * way for way in (along, -along, normal - along, normal + along)]
+            axes.add_patch(Polygon(corners, closed=True, color=OBSTACLE, linewidth=0, zorder=0))
+        else:
+            axes.add_patch(Circle(obstacle.centre, obstacle.radius, color=OBSTACLE, linewidth=0, zorder=0))
+    if room:
+        axes.plot([], [], "s", color=OBSTACLE, markersize=9, label="obstacle of the chair")
+    places = [(goal.hand_m[0], goal.hand_m[1]) for goal in goals]
+    for goal, place in zip(goals, places, strict=True):
+        axes.add_patch(Circle(place, goal.within_m, fill=False, color=EVENT, linewidth=1.5, zorder=3))
+    if places:
+        label = "goal, as wide as its tolerance"
+        axes.plot([], [], "o", markerfacecolor="none", color=EVENT, linestyle="", label=label)
+    for numbers, place in _goal_labels(places):
+        axes.annotate(numbers, place, xytext=(5, 5), textcoords="offset points", fontsize=9, color=EVENT, zorder=6)
+    axes.set(aspect="equal", xlabel="x, forward [m]", ylabel="y, left [m]")
+    axes.grid(**GRID)
+
+
+def _goal_labels(places: list[tuple[float, float]]) -> list[tuple[str, tuple[float, float]]]:
+    """Numbers of the goals, those above each other together: "1, 3"."""
+    labels: list[tuple[str, tuple[float, float]]] = []
+    for i, place in enumerate(places, start=1):
+        same = next((k for k, (_, there) in enumerate(labels) if np.hypot(*np.subtract(there, place)) < ABOVE), None)
+        if same is None:
+            labels.append((str(i), place))
+        else:
+            labels[same] = (f"{labels[same][0]}, {i}", labels[same][1])
+    return labels
+
+
+def _draw_chairs(axes: Axes, robot: MobileArm, joints: Array) -> None:
+    # As far apart on the chair's way as can be, so that a chair that stands is drawn once; on the arm's if it stands.
+    steps = np.abs(np.diff(joints, axis=0))
+    moving = steps[:, :3] if steps[:, :3].any() else steps[:, 3:]
+    way = np.concatenate([[0.0], np.cumsum(moving.sum(axis=1))])
+    picked = np.searchsorted(way, np.linspace(0, way[-1], INSTANTS)).clip(max=len(way) - 1)
+    q = joints[picked]
+    corners, arms = chair_corners(robot.outline, q), arm_points(robot, q)
+    for i, (outline, arm) in enumerate(zip(corners, arms, strict=True)):
+        shade = 0.25 + 0.75 * i / (INSTANTS - 1)
+        closed = np.vstack([outline, outline[:1]])
+        label = "chair, later ones darker" if i == INSTANTS - 1 else None
+        axes.plot(closed[:, 0], closed[:, 1], color=REFERENCE, linewidth=1.2, alpha=shade, label=label, zorder=2)
+        front = outline[[0, 1]]  # as `chair_corners` has them: its front
+        axes.plot(front[:, 0], front[:, 1], color=REFERENCE, linewidth=3, alpha=shade, zorder=2)
+        axes.plot(arm[:, 0], arm[:, 1], "o-", color=ARM, linewidth=2, markersize=3, alpha=shade, zorder=3)
+    axes.plot([], [], "o-", color=ARM, linewidth=2, markersize=3, label="arm")

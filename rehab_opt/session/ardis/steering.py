@@ -1,0 +1,120 @@
+"""A stick, a controller and a robot: the closed loop of `system = "ardis"`."""
+
+from __future__ import annotations
+
+import math
+from contextlib import suppress
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from rehab_opt.control.command import Command, Relaxed, Status
+from rehab_opt.control.joystick import Joystick, StickCommand
+from rehab_opt.kinematics.mobile_arm import CHAIR, MobileArm
+from rehab_opt.plants.plant import Measurement, Plant
+from rehab_opt.published.pseudoinverse_law import PseudoinverseLaw
+from rehab_opt.session.ardis.stick import LET_GO, Moment, Stick
+from rehab_opt.session.live.problem import LiveControl, LiveInputs
+from rehab_opt.session.outcome import Array
+
+__all__ = ["NO_ANSWER", "Published", "Steering", "StickLaw"]
+
+NO_ANSWER = "no answer"
+
+
+class StickLaw(Protocol):
+    """A controller of the stick's twist, such as a `RedundancyResolver`."""
+
+    def step(
+        self, q: Array, twist: Array, rows: tuple[str, ...], frame: str, *, enable: object, stamp: float | None
+    ) -> Command:
+        """Joint velocities (n,), the chair's in the world frame, and wheel speeds."""
+        ...
+
+
+class Published:
+    """Eq. (1), Honzik; where it has no answer the robot rests."""
+
+    def __init__(self, law: PseudoinverseLaw) -> None:
+        self._law = law
+
+    def step(
+        self, q: Array, twist: Array, rows: tuple[str, ...], frame: str, *, enable: object, stamp: float | None
+    ) -> Command:
+        """Eq. (1) of the stick, whatever `enable` and `stamp` say."""
+        velocity = np.full(len(q), math.nan)
+        with suppress(np.linalg.LinAlgError):
+            velocity = self._law.rate(q, twist, rows, frame)
+        answered = bool(np.all(np.isfinite(velocity)))
+        status, reason = (Status.OK, "") if answered else (Status.HOLDING, NO_ANSWER)
+        velocity = velocity if answered else np.zeros(len(q))
+        wheels = self._law.wheels(q, velocity)
+        return Command(velocity, status, "", math.inf, -1, reason, Relaxed.NOTHING, 1.0, wheels)
+
+
+class Steering(LiveControl):
+    """A stick, a controller and a robot.
+
+    Parameters
+    ----------
+    stick : who moves the stick where nobody operates; a simulated user is for this control alone.
+    plant : that takes joint velocities, or with `wheels` wheel speeds and the arm's joint velocities.
+    start : (n,) joint values [m, rad].
+
+    Attributes
+    ----------
+    law : may be replaced by one of the same kind. ticks_let_go : since the stick was let go for good.
+    """
+
+    def __init__(
+        self,
+        robot: MobileArm,
+        law: StickLaw,
+        joystick: Joystick,
+        stick: Stick,
+        *,
+        plant: Plant,
+        start: Array,
+        wheels: bool,
+    ) -> None:
+        super().__init__(plant, start)
+        self._robot, self._joystick, self.law, self._stick, self._wheels = robot, joystick, law, stick, wheels
+        self.mode, self.ticks_let_go = joystick.mode.name, 0
+        self.commanded: StickCommand
+
+    def untouched(self, time: float) -> LiveInputs:
+        """The stick's at a time [s], of the true robot as it is then."""
+        now = self.plant.truth.position
+        sample = self._stick.at(Moment(time, now, self._robot.chain.pose(now)[:3, 3], self.mode))
+        self.ticks_let_go += sample is None
+        told = LET_GO if sample is None else sample
+        return LiveInputs(enable=True, stick=told.axes, switch=told.switch, gripper=told.gripper)
+
+    def step(self, inputs: LiveInputs, seen: Measurement) -> Command:
+        """The controller's, of what the stick asks for."""
+        # NaN while the dead-man is released: afterwards the stick has to be let go before it moves anything.
+        axes = inputs.stick if inputs.enable else (math.nan, math.nan)
+        self.axes = inputs.stick
+        commanded = self.commanded = self._joystick.step(axes, switch=inputs.switch, gripper=inputs.gripper)
+        self.mode = self._joystick.mode.name
+        command = self.law.step(
+            seen.position,
+            commanded.twist,
+            commanded.rows,
+            commanded.frame,
+            enable=inputs.enable,
+            stamp=self.stamp(seen),
+        )
+        return command._replace(reason=commanded.reason) if inputs.enable and not command.reason else command
+
+    def plant_command(self, command: Command) -> Array:
+        """Wheel speeds in place of the chair's velocity where the plant has wheels."""
+        if not self._wheels or command.wheels is None:
+            return command.value
+        return np.concatenate([command.wheels, command.value[CHAIR:]])
+
+    def shown(self) -> dict[str, ArrayLike]:
+        """Where the robot is, the push, the gripper."""
+        truth = self.plant.truth
+        return {"q": truth.position, "force": truth.force, "closed": self.commanded.gripper_closed}

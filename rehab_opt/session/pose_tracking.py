@@ -1,0 +1,428 @@
+"""`system = "pose_tracking"`: a robot whose tool follows a circle, or a path of a file, with `PoseTracker`."""
+
+from __future__ import annotations
+
+import inspect
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, Literal, Self
+
+import numpy as np
+from numpy.typing import ArrayLike
+from pydantic import Field, model_validator
+from pydantic_core import PydanticCustomError
+
+from rehab_opt.control.command import Command
+from rehab_opt.control.conditioning import conditioned
+from rehab_opt.control.pose_tracker import PoseTracker
+from rehab_opt.errors import ProblemFileError
+from rehab_opt.kinematics.chain import SerialChain
+from rehab_opt.kinematics.room import MOVING
+from rehab_opt.kinematics.vr import quaternions_of
+from rehab_opt.plants.intention import minimum_jerk
+from rehab_opt.plants.plant import Measurement, Plant
+from rehab_opt.plants.touched import TouchedPlant
+from rehab_opt.recordings.reading import read_recording
+from rehab_opt.session.clearance import ClearanceSection, NearestBodies, clearance_key, clearance_of, nearest_bodies
+from rehab_opt.session.drawing import (
+    LAW_NAMES,
+    LAW_STYLES,
+    MM,
+    Panel,
+    figure_over_time,
+    joint_figure,
+    path_figure,
+    servo_figure,
+)
+from rehab_opt.session.files import ProblemFile, recording_path
+from rehab_opt.session.live.bodies import BLUE, ArmBodies, kept_off, moving_rows, screen
+from rehab_opt.session.live.problem import Following, LiveControl
+from rehab_opt.session.outcome import Array, error_metrics, joint_metrics, status_counts, time_metrics, turn_angles
+from rehab_opt.session.plant import JointPlant, device_of, joint_plant, plant_note
+from rehab_opt.session.refusals import refused_as
+from rehab_opt.session.robot_file import RobotSection, robot_at_start, robot_files
+from rehab_opt.session.scene import Names, Plot, Scene, SceneSystem, arm_plots
+from rehab_opt.session.schema import Problem, RecordedSection, Section, SolverName, Triple, refusal
+from rehab_opt.session.systems import Needed, NotMet
+from rehab_opt.session.trace import Trace
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+__all__ = ["CircleSection", "PoseTracking", "PoseTrackingScene", "PoseTrackingSystem", "circle_reference", "tracker_of"]
+
+MAX_TICKS = 2_000_000
+
+
+class CircleSection(Section):
+    """A circle of the tool through its starting point, from rest to rest."""
+
+    radius_m: float = Field(gt=0, le=1)
+    """Of the tool's path."""
+    normal: Triple = Field(default=[0.0, 0.0, 1.0])
+    """Axis of the circle; the tool sets out along normal x towards."""
+    towards: Triple = Field(default=[1.0, 0.0, 0.0])
+    """From the start to the centre (its part across `normal`)."""
+    turns: float = Field(default=1.0, gt=0, le=100)
+    """How often round, from rest to rest."""
+    duration_s: float = Field(gt=0, le=600)
+    """Of all turns together."""
+    swing_deg: float = Field(default=0.0, ge=0, le=90)
+    """Largest turn of the tool about its own z axis."""
+
+    @model_validator(mode="after")
+    def directions_differ(self) -> Self:
+        """Refuse a circle without a plane."""
+        if np.sum(np.cross(self.normal, self.towards) ** 2) < 1e-12:
+            raise PydanticCustomError("no_plane", "normal and towards neither zero nor parallel")
+        return self
+
+
+class PathSection(RecordedSection):
+    """A path of the tool, which keeps its starting orientation, from rest to rest; what is not seen is bridged."""
+
+    from_start: bool = True
+    """The first point lies where the tool starts; where false, points are in the robot's base frame, and the tool
+    comes to the first one, straight and at 0.1 m/s, before the path begins."""
+    cutoff_hz: float = Field(default=8.0, gt=0, le=1000)
+    """Of the two equal poles of the filter that smooths it; the tool is as much later."""
+
+
+class TrackerSection(Section):
+    """The tracking controller, `PoseTracker`."""
+
+    rate_hz: float = Field(default=1000.0, ge=10, le=10000)
+    """Ticks a second."""
+    gain_per_s: float | None = Field(default=None, gt=0, le=10000)
+    """Rate at which a pose error decays, by default `PoseTracker`'s."""
+    linear_speed_m_s: float = Field(default=1.0, gt=0, le=10)
+    """Largest speed of the tool."""
+    solver: SolverName | None = None
+    """By default `PoseTracker`'s; `--solver` replaces it."""
+
+
+class PoseTracking(Problem):
+    """A robot whose tool follows a moving pose."""
+
+    system: Literal["pose_tracking"]
+    robot: RobotSection
+    """The robot."""
+    circle: CircleSection | None = None
+    """The path, or `[path]`."""
+    path: PathSection | None = None
+    """The path, of a file, or `[circle]`."""
+    tracker: TrackerSection = TrackerSection()
+    """The controller."""
+    clearance: ClearanceSection | None = None
+    """What the arm keeps clear of; left out where there is no such table."""
+    plant: JointPlant = JointPlant()
+    """On which robot it runs: see the plant's keys."""
+
+    @model_validator(mode="after")
+    def one_path_fits_into_memory(self) -> Self:
+        """Refuse a run that is as long as it is dense, and two paths or none."""
+        if (self.circle is None) == (self.path is None):
+            raise refusal("circle", self.circle, "a table [circle] or a table [path], one of them")
+        rate, duration = self.tracker.rate_hz, 0.0 if self.circle is None else self.circle.duration_s
+        if rate * duration > MAX_TICKS:
+            raise refusal("tracker.rate_hz", rate, f"at most {MAX_TICKS} ticks in circle.duration_s = {duration:g}")
+        return self
+
+
+Config = ProblemFile[PoseTracking]
+KEYS = {"gain": "tracker.gain_per_s", "dt": "tracker.rate_hz", "linear_speed": "tracker.linear_speed_m_s"}
+"""Where the problem file says what the tracker calls by its own name."""
+
+
+def tracker_of(
+    problem: PoseTracking, robot: SerialChain, *, file: str, solver: str | None = None, backup: str | None = None
+) -> PoseTracker:
+    """The tracker with the file's parameters; `backup` as `PoseTracker` takes it.
+
+    Raises
+    ------
+    ProblemFileError : it refuses a value of the file.
+    ConfigurationError : it refuses `solver`.
+    """
+    keys = problem.tracker.arguments("gain_per_s", "linear_speed_m_s", "solver")
+    keys |= {"solver": solver} if solver else {}
+    with refused_as(file, lambda name: clearance_key(name) or KEYS.get(name, f"tracker.{name}"), option=solver):
+        limits = clearance_of(problem.clearance, file, moving=True)
+        return PoseTracker(robot, dt=1 / problem.tracker.rate_hz, limits=limits, backup=backup, **keys)
+
+
+def circle_reference(start: Array, circle: CircleSection, times: Array) -> tuple[Array, Array]:
+    """Poses (N, 4, 4) and twists (N, 6) of a circle through the starting pose (4, 4), from rest to rest.
+
+    The phase a runs from 0 to 2 pi turns as a minimum-jerk polynomial of time. The centre lies `radius_m` from the
+    start in the direction `towards` (its part across `normal`); the tool swings about its own z axis by
+    swing (1 - cos a) / 2, so that it is back in its starting orientation after every turn.
+    """
+    normal, towards = (np.array(each) / np.linalg.norm(each) for each in (circle.normal, circle.towards))
+    towards = towards - (normal @ towards) * normal
+    towards /= np.linalg.norm(towards)
+    u, whole, most = times / circle.duration_s, 2 * math.pi * circle.turns, math.radians(circle.swing_deg)
+    phase, rate = whole * minimum_jerk(u), whole * 30 * (u * (1 - u)) ** 2 / circle.duration_s
+    cosine, sine, swing = np.cos(phase)[:, None], np.sin(phase)[:, None], most * (1 - np.cos(phase)) / 2
+    poses, twists = np.tile(start, (len(u), 1, 1)), np.zeros((len(u), 6))
+    poses[:, :3, 3] += circle.radius_m * ((1 - cosine) * towards + sine * np.cross(normal, towards))
+    poses[:, :3, 0] = np.outer(np.cos(swing), start[:3, 0]) + np.outer(np.sin(swing), start[:3, 1])
+    poses[:, :3, 1] = np.outer(np.cos(swing), start[:3, 1]) - np.outer(np.sin(swing), start[:3, 0])
+    twists[:, :3] = circle.radius_m * rate[:, None] * (sine * towards + cosine * np.cross(normal, towards))
+    twists[:, 3:] = np.outer(most * np.sin(phase) / 2 * rate, start[:3, 2])
+    return poses, twists
+
+
+STAYS, FASTEST, NOISE, APPROACH, STEP = 1.0, 5.0, 0.02, 0.1, 0.02
+"""[s] at a path's end; [m/s, m] from sample to sample at most; [m/s, s] of the way to a path's beginning."""
+
+
+def path_reference(config: Config, path: PathSection, start: Array) -> tuple[Array, Array, tuple[str, ...]]:
+    """Poses (N, 4, 4) and twists (N, 6) along a file's points, turned as the starting pose (4, 4); notes on the file.
+
+    Raises
+    ------
+    ProblemFileError : a file that is absent, cannot be read, or is too long; points that jump, or too few of them.
+    """
+    file, rate = config.file, config.problem.tracker.rate_hz
+    try:
+        recording = read_recording(recording_path(config, path.file, key="path.file"), name=path.file, **path.reading())
+    except ProblemFileError as refused:
+        if not refused.key.startswith("recording."):
+            raise  # a line or a column of the file itself
+        key, expected = refused.key.replace("recording", "path", 1), refused.expected.replace("recording.", "path.")
+        raise ProblemFileError(file, key, refused.value, expected) from refused
+    if recording.points.shape[1] < 2:
+        raise ProblemFileError(file, "path.columns", path.columns, "the columns that hold x, y (and z)")
+    if recording.duration * rate > MAX_TICKS:
+        expected = f"at most {MAX_TICKS} ticks in the path's {recording.duration:g} s"
+        raise ProblemFileError(file, "tracker.rate_hz", rate, expected)
+    points = np.pad(recording.points, ((0, 1), (0, 3 - recording.points.shape[1])))
+    points[-1], time = points[-2], np.append(recording.time, recording.time[-1] + STAYS)
+    if path.from_start:
+        points += start[:3, 3] - points[0]
+    else:
+        way = points[0] - start[:3, 3]
+        u = np.linspace(0.0, 1.0, 2 + math.ceil(1.875 * float(np.linalg.norm(way)) / (APPROACH * STEP)))
+        points = np.concatenate([start[:3, 3] + minimum_jerk(u)[:-1, None] * way, points])
+        time = np.concatenate([time[0] + STEP * np.arange(1 - len(u), 0), time])
+    jumps = np.linalg.norm(np.diff(points, axis=0), axis=1) > FASTEST * np.diff(time) + NOISE
+    if jumps.any():
+        value = f"a jump at {time[jumps.argmax()]:.6g} s"
+        raise ProblemFileError(path.file, "points", value, f"a path without, at most {FASTEST:g} m/s fast")
+    turn, gap = np.tile(quaternions_of(start[None, :3, :3]), (len(time), 1)), float(np.ptp(time)) + 1
+    with refused_as(path.file):
+        found = conditioned(time, points, turn, dt=1 / rate, cutoff_hz=path.cutoff_hz, max_gap=gap, max_speed=1e6)
+    return found.poses, found.twists, recording.notes
+
+
+class _AmongMoving(Following):
+    """The tracker gets where bodies are, which go on in every tick, enabled or not."""
+
+    def __init__(self, tracker: PoseTracker, section: ClearanceSection, *followed: Any) -> None:
+        super().__init__(tracker, *followed, then="again")
+        self._among, self._section, self._ticks, self._told = tracker, section, 0, section.moving_at(0.0)[0]
+
+    def track(self, seen: Measurement, twist: Array, *, enable: bool) -> Command:
+        self._told = self._section.moving_at(self.plant.dt * self._ticks)[0]
+        self._ticks += 1
+        around = {"obstacles": self._told, "stamp": self.stamp(seen)}
+        return self._among.step(seen.position, self.target, twist, enable=enable, **around)
+
+    def shown(self) -> dict[str, ArrayLike]:
+        return super().shown() | {"bodies": self._told.ravel()}
+
+
+STILL = 1e-3
+"""[m/s, rad/s] A reference slower than this stands still: a solver may leave micrometres a second undelivered."""
+BEHIND, TURNED = 5e-3, math.radians(3.0)
+"""[m, rad] A tool farther from its path, or turned so much from it, did not follow it."""
+AT_LIMIT, AT_SPEED, SINGULAR = math.radians(0.5), 0.98, 0.03
+"""[rad] from a joint's limit; fraction of the largest speed; least singular value of the Jacobian: from these on, a
+limit, a speed or a posture is why."""
+OFTEN, LOOKED_AT = 0.1, 200
+"""Fraction of the time behind from which a cause is named; ticks of it whose postures are looked at."""
+
+
+class PoseTrackingScene(Scene):
+    """A `PoseTracker` with the file's robot and plant, among bodies that may move."""
+
+    controls = frozenset({"target", "push", "faults"})
+
+    def __init__(self, config: Config, solver: str | None) -> None:
+        problem = self.problem = config.problem
+        self._file, self._solver, self.title, self.device = config.file, solver, problem.title, device_of(problem.plant)
+        self.chain, self.start = robot_at_start(config)
+        self.dt, self.names, self.said = 1 / problem.tracker.rate_hz, tuple(self.chain.names), tuple[str, ...]()
+        pose = self.chain.pose(self.start)
+        if problem.circle is not None:
+            times = self.dt * np.arange(round(problem.circle.duration_s / self.dt) + 1, dtype=np.float64)
+            self.poses, self.twists = circle_reference(pose, problem.circle, times)
+        elif problem.path is not None:
+            self.poses, self.twists, self.said = path_reference(config, problem.path, pose)
+        self.ticks, around, self.bodies = len(self.poses), problem.clearance, ArmBodies(self.chain)
+        self._moving = around if around is not None and around.moving else None
+        self.layout = {"q": self.chain.n, "target": 3, "force": 3}
+        self.layout |= {"bodies": self._moving.moving_at(0.0).size} if self._moving is not None else {}
+
+        def off(of: Mapping[str, Any]) -> float:
+            return MM * float(np.linalg.norm(of["hand"] - of["target"]))
+
+        self.plots = (Plot("position error", "mm", off, {"least": 1.0}), *arm_plots(self.chain))
+        path = self.poses[:: max(1, round(0.05 / self.dt)), :3, 3]
+        still = kept_off(path.mean(axis=0), clearance_of(around, self._file, moving=True))
+        lines = [{"points": path.round(4).tolist(), "colour": BLUE, "name": "reference"}, *still["lines"]]
+        centre = (0.5 * self.bodies.tool(self.start)[:, 3]).round(3).tolist()
+        self.still = {**still, "lines": lines, "screen": screen(path), "centre": centre, "reach": 1.2}
+
+    def control(self, plant: Plant | None = None) -> LiveControl:
+        """The tracker, and the file's plant unless there is another one."""
+        tracker = tracker_of(self.problem, self.chain, file=self._file, solver=self._solver)
+        plant = TouchedPlant(joint_plant(self.problem.plant, self.chain, self.dt)) if plant is None else plant
+        followed = plant, self.start, self.poses, self.twists
+        if self._moving is None:
+            return Following(tracker, *followed, then="again")
+        return _AmongMoving(tracker, self._moving, *followed)
+
+    def derived(self, trace: Trace) -> None:
+        """The tool, and its distance from the reference."""
+        tool = np.array([self.chain.pose(q) for q in trace["joint"]])
+        trace |= {"reference": self.poses[:, :3, 3], "tool": tool[:, :3, 3]}
+        trace["position_error_m"] = np.linalg.norm(trace["tool"] - trace["reference"], axis=1)
+        trace["orientation_error_rad"] = turn_angles(tool[:, :3, :3], self.poses[:, :3, :3])
+        for unit, columns in (("rad", ("joint", "measured")), ("rad_s", ("command", "velocity"))):
+            trace.parts |= {column: [f"{name}_{unit}" for name in self.names] for column in columns}
+
+    def near(self, trace: Trace) -> NearestBodies | None:
+        """How near bodies came to each other; None without `[clearance]`."""
+        return nearest_bodies(self.problem.clearance, self._file, self.chain, trace["joint"], trace["t_s"])
+
+    def frame(self, shown: Mapping[str, Array]) -> dict[str, Any]:
+        """And what moves."""
+        frame, moving = super().frame(shown), shown.get("bodies", np.zeros(0)).reshape(-1, MOVING)
+        return frame | {"capsules": frame["capsules"] + moving_rows(moving)}
+
+    def numbers(self, trace: Trace) -> dict[str, Any]:
+        """Errors, margins, speeds, times."""
+        chain, table, near = self.chain, self.problem.tracker, self.near(trace)
+        own = inspect.signature(PoseTracker).parameters
+        hard = np.abs(np.diff(trace["command"], axis=0, prepend=0.0)) / self.dt / chain.acceleration
+        moves = [np.linalg.norm(self.twists[:, part], axis=1) >= STILL for part in (slice(3), slice(3, 6))]
+        moving = moves[0] | moves[1]
+        return {
+            "parameters": {
+                "controller": "PoseTracker",
+                "solver": self._solver or table.solver or own["solver"].default,
+                "backup": own["backup"].default,
+                "gain_per_s": own["gain"].default if table.gain_per_s is None else table.gain_per_s,
+                "joint_speed_deg_s": np.rad2deg(chain.velocity).tolist(),
+                "joint_acceleration_deg_s2": np.rad2deg(chain.acceleration).tolist(),
+            },
+            "ticks": len(trace["t_s"]),
+            "duration_s": float(trace["t_s"][-1]),
+            **error_metrics(trace["position_error_m"], "position_error", "m"),
+            **error_metrics(np.rad2deg(trace["orientation_error_rad"]), "orientation_error", "deg"),
+            **joint_metrics(chain, trace["joint"], 1 / self.dt),
+            "joint_acceleration_max_fraction_of_limit": float(hard.max()),
+            **time_metrics(trace["_seconds"], "tick"),
+            "tick_p99_9_ms": float(1e3 * np.percentile(trace["_seconds"], 99.9)),
+            "scale_min": float(trace["scale"].min()),
+            "scale_min_moving": float(trace["scale"][moving].min()) if moving.any() else None,
+            "status": status_counts(trace["status"].tolist()),
+            "relaxed": status_counts(filter(None, trace["relaxed"].tolist())),
+            **({} if near is None else {"clearance": near.metrics}),
+        }
+
+    def notes(self, trace: Trace) -> Iterator[str]:
+        """Which robot it was; what was odd in the file; where the tool was off its path, and what kept it."""
+        yield plant_note(self.problem.plant, "the robot is simulated: its joints move exactly as commanded")
+        yield from (*self.said, *self.chain.notes)
+        behind = ~((trace["position_error_m"] <= BEHIND) & (trace["orientation_error_rad"] <= TURNED))
+        if behind.any():
+            yield self._left_behind(trace, behind)
+        near = self.near(trace)
+        if near is not None:
+            yield near.note
+
+    def _left_behind(self, trace: Trace, behind: Any) -> NotMet:
+        """How far the tool was off in the ticks `behind` (N,), and what kept it."""
+        chain, q, velocity, tool = self.chain, trace["joint"], trace["command"], trace["tool"]
+        error, turned = trace["position_error_m"], trace["orientation_error_rad"]
+        most = self.problem.tracker.linear_speed_m_s
+        free, rate, ticks = int(np.count_nonzero(~chain.locked)), 1 / self.dt, np.flatnonzero(behind)
+        at_limit = np.minimum(q - chain.lower, chain.upper - q)[ticks] < AT_LIMIT
+        fast = (np.abs(velocity) / chain.velocity)[ticks] > AT_SPEED
+        hard = np.abs(np.asarray(np.gradient(velocity, axis=0))) * rate / chain.acceleration > AT_SPEED
+        speed = np.linalg.norm(np.gradient(tool, axis=0), axis=1) * rate
+        some = ticks[:: math.ceil(ticks.size / LOOKED_AT)]
+        values = np.array([np.linalg.svd(chain.jacobian(each), compute_uv=False) for each in q[some]])
+        fractions = dict(zip((f"{name} at its limit" for name in self.names), at_limit.mean(axis=0), strict=True))
+        fractions |= zip((f"{name} as fast as it may" for name in self.names), fast.mean(axis=0), strict=True)
+        fractions["the joints accelerate as they may"] = hard.any(axis=1)[ticks].mean()
+        fractions[f"the tool at its {most:g} m/s"] = np.mean(speed[ticks] > AT_SPEED * most)
+        fractions["the posture nearly singular"] = np.mean(values[:, min(free, 6) - 1] < SINGULAR)
+        causes = [f"{cause} ({fraction:.0%})" for cause, fraction in fractions.items() if fraction >= OFTEN]
+        causes += [f"an arm of {free} joints, which cannot hold every orientation"] if free < 6 else []
+        bodies = ": is the way free?" if self.problem.clearance is not None else ""
+        otherwise = f"no joint was at a limit of its own, nor the posture singular{bodies}"
+        k = int(np.argmax(np.maximum(error / BEHIND, turned / TURNED)))
+        return NotMet(
+            f"NOT FOLLOWED: for {behind.mean():.0%} of the time the tool was more than {MM * BEHIND:g} mm or "
+            f"{math.degrees(TURNED):g} deg from its path, at most {MM * error.max():.3g} mm and "
+            f"{math.degrees(turned.max()):.3g} deg, after {trace['t_s'][k]:.2f} s; meanwhile "
+            + (", ".join(causes) or otherwise)
+        )
+
+
+CHECKED_HZ = 50.0
+"""At most, of the run that `check` reports."""
+
+
+class PoseTrackingSystem(SceneSystem[PoseTracking, PoseTrackingScene]):
+    """A simulated robot that follows a circle, or a path of a file."""
+
+    schema = PoseTracking
+    solver_key, rate_key = "tracker.solver", "tracker.rate_hz"
+    first = ("position_error", "orientation_error", "joint_limit_margin", "scale", "status")
+
+    def recordings(self, problem: PoseTracking) -> tuple[Needed, ...]:
+        """The path's file, where it is no circle; the robot file."""
+        path = () if problem.path is None else (Needed("path.file", problem.path.file),)
+        return (*path, *robot_files(problem.robot))
+
+    def check(self, config: Config) -> tuple[str, ...]:
+        """Builds robot and tracker; what `run` would note where joints move as commanded, at `CHECKED_HZ`."""
+        problem, scene = config.problem, PoseTrackingScene(config, None)  # refused where its rate makes it too long
+        tracker_of(problem, scene.chain, file=config.file)
+        tracker = problem.tracker.model_copy(update={"rate_hz": min(problem.tracker.rate_hz, CHECKED_HZ)})
+        quick = problem.model_copy(update={"tracker": tracker, "plant": JointPlant()})
+        _, *notes = self.run(replace(config, problem=quick), options={}, progress=lambda *_: None).notes
+        return tuple(notes)
+
+    def scenes(self, config: Config, solver: str | None) -> dict[Names, PoseTrackingScene]:
+        """The path once."""
+        return {("optimised",): PoseTrackingScene(config, solver)}
+
+    def figures_of(
+        self, title: str, scenes: Mapping[Names, PoseTrackingScene], traces: Mapping[Names, Trace]
+    ) -> dict[str, Figure]:
+        """Path, joints, errors; servos of a robot that has some; distances of bodies."""
+        ((scene,), (trace,)) = scenes.values(), traces.values()
+        fastest = scene.chain.velocity
+        joints = {LAW_NAMES["optimised"]: (trace["t_s"], trace["joint"], LAW_STYLES["optimised"])}
+        panels = (
+            Panel("position error [mm]", lambda of: MM * of["position_error_m"]),
+            Panel("orientation error [deg]", lambda of: np.rad2deg(of["orientation_error_rad"])),
+            Panel("fastest joint [% of limit]", lambda of: 100 * (abs(of["command"]) / fastest).max(axis=1), 100),
+        )
+        errors = f"{title}\nTracking error, and how much of the joints' speed is used"
+        found = {
+            "tool_path": path_figure(title, trace["reference"], {"optimised": trace["tool"]}),
+            "joints": joint_figure(title, scene.chain, joints),
+            "error": figure_over_time(errors, {"": {"optimised": trace}}, panels),
+        }
+        if "velocity" in trace:
+            found["servos"] = servo_figure(title, scene.names, trace)
+        near = scene.near(trace)
+        return found if near is None else found | {"clearance": near.figure(title)}

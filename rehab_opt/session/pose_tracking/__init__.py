@@ -1,1 +1,0 @@
-"""A robot whose tool follows a moving pose."""

@@ -1,0 +1,208 @@
+"""A problem made of the library: one object that is run, checked, looped in time, shown live, filmed and exported.
+
+A kind of problem is a `SceneSystem` and a `Scene`. The scene makes robot and controller, knows what is done to the
+robot in a run, and gives numbers, notes and page of a trace; the system draws the traces of its scenes.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from functools import partial
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, NamedTuple, TypeVar
+
+import numpy as np
+
+from rehab_opt.control.command import Command
+from rehab_opt.kinematics.chain import SerialChain
+from rehab_opt.session.files import ProblemFile
+from rehab_opt.session.live.bodies import ORANGE, ArmBodies, joint_rows
+from rehab_opt.session.live.problem import LiveControl, LiveInputs, LiveProblem
+from rehab_opt.session.outcome import Array, Column, Outcome, Progress
+from rehab_opt.session.schema import Problem
+from rehab_opt.session.systems import System
+from rehab_opt.session.trace import Trace, simulate, stacked
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+__all__ = ["Names", "Plot", "Scene", "SceneOutcome", "SceneSystem", "arm_plots"]
+
+P = TypeVar("P", bound=Problem)
+S = TypeVar("S", bound="Scene")
+Shown = dict[str, Any]
+Names = tuple[str, ...]
+"""Of one of the scenes of a run, as (drive, controller)."""
+
+
+class Plot(NamedTuple):
+    """A number that the page plots: name, unit, how it is computed, and the line of its limit or least scale."""
+
+    name: str
+    unit: str
+    of: Callable[[Shown], float]
+    scale: Mapping[str, float] = {}
+
+
+def arm_plots(chain: SerialChain) -> tuple[Plot, ...]:
+    """Of any arm."""
+    ended = np.isfinite(chain.lower) & (chain.lower < chain.upper)
+
+    def margin(of: Shown) -> float:
+        return math.degrees(np.minimum(of["q"] - chain.lower, chain.upper - of["q"])[ended].min(initial=math.inf))
+
+    return (
+        Plot("joint-limit margin", "deg", margin),
+        Plot("manipulability", "", lambda of: chain.manipulability(of["q"])),
+        Plot("force", "N", lambda of: float(np.linalg.norm(of["force"])), {"least": 10.0}),
+    )
+
+
+class Scene(LiveProblem):
+    """What every kind of problem is: here what those of one arm share.
+
+    Attributes
+    ----------
+    chain, bodies : of the arm. ticks : of a run at most. plots : numbers beside the page's picture.
+    still : parts of the page's picture that never move, and its camera.
+    """
+
+    chain: SerialChain
+    bodies: ArmBodies
+    ticks: int
+    plots: tuple[Plot, ...]
+    still: Mapping[str, Any]
+    noise = "mrad"
+
+    def inputs(self, k: int, control: Any) -> LiveInputs | None:
+        """What is done to the robot in tick k of a run; None when the run is over."""
+        given: LiveInputs = control.untouched(k * self.dt)
+        return given
+
+    def also(self, control: Any, command: Command) -> Mapping[str, Any]:
+        """More columns of the trace: of a tick, before its command is sent."""
+        return {}
+
+    def derived(self, trace: Trace) -> None:
+        """Add columns that follow from others, and name the parts of columns."""
+
+    def run(self, progress: Callable[[int, int], None], control: LiveControl | None = None) -> Trace:
+        """The closed loop from rest, by a new control or by the one given."""
+        made = self.control() if control is None else control
+        trace = simulate(
+            made,
+            lambda k: self.inputs(k, made),
+            ticks=self.ticks,
+            also=lambda _, command: self.also(made, command),
+            progress=progress,
+        )
+        self.derived(trace)
+        return trace
+
+    def numbers(self, trace: Trace) -> dict[str, Any]:
+        """For metrics.json; keys end in their statistic and unit."""
+        raise NotImplementedError
+
+    def notes(self, trace: Trace) -> Iterator[str]:
+        """What a reader of the numbers has to know; equal notes of several scenes are printed once."""
+        return iter(())
+
+    def scene(self) -> dict[str, Any]:
+        """What the page gets once."""
+        plots = [{"name": each.name, "unit": each.unit, **each.scale} for each in self.plots]
+        own = {"joints": joint_rows(self.chain), "plots": plots, "noise": self.noise}
+        return {**super().scene(), **own, **self.still}
+
+    def frame(self, shown: Mapping[str, Array]) -> dict[str, Any]:
+        """What the page gets again and again: arm, handles, push and plots."""
+        of = dict(shown, hand=self.bodies.tool(shown["q"])[:, 3])
+        return {
+            "capsules": self.bodies.capsules(of["q"]),
+            "handles": {name: of[name].round(4).tolist() for name in ("target", "hand") if name in of},
+            "arrows": [[*of["hand"].tolist(), *of["force"].tolist(), ORANGE]] if of["force"].any() else [],
+            "joints": of["q"].round(4).tolist(),
+            "numbers": [round(each.of(of), 4) for each in self.plots],
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class SceneOutcome(Outcome):
+    """Traces of the scenes of a run, by their names.
+
+    Parameters
+    ----------
+    labels : columns of trace.csv for the names of several scenes. columns_of : numbers of each column of the table.
+    draw : the figures, drawn when they are asked for.
+    """
+
+    traces: Mapping[Names, Trace] = field(kw_only=True)
+    scenes: Mapping[Names, Any] = field(kw_only=True)
+    labels: Names = field(kw_only=True)
+    columns_of: Mapping[str, Any] = field(kw_only=True)
+    draw: Callable[[], dict[str, Figure]] = field(kw_only=True)
+
+    def trace(self) -> Iterator[Column]:
+        """One row a tick; scenes one below the other."""
+        if len(self.traces) == 1:
+            return next(iter(self.traces.values())).written()
+        return stacked(self.traces, self.labels)
+
+
+class SceneSystem(System[P, SceneOutcome], Generic[P, S]):
+    """A kind of problem whose runs are traces of scenes.
+
+    Attributes
+    ----------
+    labels : what the names of its scenes are.
+    """
+
+    options = frozenset({"plant", "solver"})
+    labels: ClassVar[Names] = ("law",)
+
+    def scenes(self, config: ProblemFile[P], solver: str | None) -> dict[Names, S]:
+        """What is run, one after the other, by its names; the first one is live.
+
+        Raises
+        ------
+        ProblemFileError : as `check`.
+        """
+        raise NotImplementedError
+
+    def figures_of(self, title: str, scenes: Mapping[Names, S], traces: Mapping[Names, Trace]) -> dict[str, Figure]:
+        """Figures by file name."""
+        raise NotImplementedError
+
+    def nested(self, numbers: Mapping[Names, dict[str, Any]]) -> dict[str, Any]:
+        """The metrics, of the numbers of each scene."""
+        return {law: of for (law,), of in numbers.items()}
+
+    def run(self, config: ProblemFile[P], *, options: Mapping[str, str], progress: Progress) -> SceneOutcome:
+        """Each scene once, from rest; options: `solver` of the controller, `plant`."""
+        scenes, traces = self.scenes(config, options.get("solver")), dict[Names, Trace]()
+        for names, scene in scenes.items():
+            traces[names] = scene.run(partial(progress, ", ".join(names)))
+        numbers = {names: scene.numbers(traces[names]) for names, scene in scenes.items()}
+        notes = (note for names, scene in scenes.items() for note in scene.notes(traces[names]))
+        title = config.problem.title
+        return SceneOutcome(
+            notes=tuple(dict.fromkeys(notes)),
+            metrics=self.nested(numbers),
+            traces=traces,
+            scenes=scenes,
+            labels=self.labels,
+            columns_of={"\n".join(names): of for names, of in numbers.items()},
+            draw=lambda: self.figures_of(title, scenes, traces),
+        )
+
+    def live(self, config: ProblemFile[P], *, options: Mapping[str, str]) -> LiveProblem:
+        """The first scene; options as of `run`."""
+        return next(iter(self.scenes(config, options.get("solver")).values()))
+
+    def columns(self, outcome: SceneOutcome) -> Mapping[str, Mapping[str, Any]]:
+        """A column for each scene."""
+        return outcome.columns_of
+
+    def figures(self, outcome: SceneOutcome) -> dict[str, Figure]:
+        """The figures by file name, without suffix."""
+        return outcome.draw()

@@ -1,0 +1,138 @@
+"""Millimetres for metres and degrees for radians are refused or asked about, by every controller and robot alike."""
+
+import numpy as np
+import pytest
+
+from rehab_opt import (
+    ArmIK,
+    Assistance,
+    ConfigurationError,
+    MirrorTracker,
+    PathAssistance,
+    PoseTracker,
+    PotentialField,
+    RedundancyResolver,
+    SerialChain,
+    Status,
+    Workspace,
+    ardis,
+    human_arm,
+    ur5,
+)
+from rehab_opt.kinematics.link import Link
+from tests.refusals import refuses
+
+METRES = "metres"
+TRACKERS = (PoseTracker, MirrorTracker)
+
+
+def arm_of_size(length, *, slides=0.0, velocity=1.0):
+    """Six joints on links of this length [m]; the first one slides, where it does."""
+    links, turns = [], ((1, 0, 0), (0, 1, 0), (1, 0, 0), (0, 1, 0), (1, 0, 0), (0, 0, 1))
+    for i, axis in enumerate(turns):
+        after = np.eye(4)
+        if axis[0]:
+            after[1:3, 1:3] = [[0, -1], [1, 0]]
+        elif axis[1]:
+            after[:3, :3] = [[0, 0, 1], [0, 1, 0], [-1, 0, 0]]
+        after[:3, 3] = [length * (0.3 + 0.1 * i), 0.1 * length, 0.2 * length]
+        links.append(Link(after, prismatic=bool(slides and not i)))
+    limit = np.full(6, 2.8)
+    limit[0] = slides or 2.8
+    return SerialChain(tuple(links), lower=-limit, upper=limit, velocity=velocity, acceleration=5.0)
+
+
+ROBOTS = {"finger": arm_of_size(0.01), "arm": ur5(velocity=1.0), "gantry": arm_of_size(0.5, slides=6.0)}
+
+
+def made(tracker, chain, **more):
+    known = {"max_manipulability": 0.1} if tracker is MirrorTracker else {}
+    return tracker(chain, dt=0.004, compile=False, **known, **more)
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+@pytest.mark.parametrize("tracker", TRACKERS)
+def test_a_pose_in_millimetres_is_braked_for_and_one_in_metres_followed(tracker, robot):
+    chain = ROBOTS[robot]
+    q = np.full(chain.n, 0.4)
+    controller, pose, twist = made(tracker, chain), chain.pose(q), np.zeros(6)
+    assert controller.step(q, pose, twist).status is Status.OK
+    wrong = pose.copy()
+    wrong[:3, 3] *= 1e3
+    command = controller.step(q, wrong, twist)
+    assert METRES in command.reason
+    assert command.status in {Status.BRAKING, Status.HOLDING}
+    controller.reset()
+    command = controller.step(q, pose, np.r_[250.0 * (1 + chain.reach), np.zeros(5)])
+    assert not command.value.any()
+    assert "too large" in command.reason
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+@pytest.mark.parametrize("tracker", TRACKERS)
+def test_settings_in_other_units_are_refused_by_name_and_none_of_the_robots_own(tracker, robot):
+    chain = ROBOTS[robot]
+    refuses(
+        lambda **more: made(tracker, chain, **more),
+        ({"linear_speed": 250.0}, "linear_speed", "m/s"),
+        ({"angular_speed": 90.0}, "angular_speed", "rad/s"),
+        ({"posture": np.full(6, 45.0)}, "posture", "radians"),
+    )
+    made(tracker, chain, linear_speed=2.0, angular_speed=6.0, posture=np.full(6, 0.5))
+
+
+def test_a_tool_in_millimetres_is_refused_on_every_robot():
+    for name, chain in ROBOTS.items():
+        tool = np.eye(4)
+        for length, meant in ((0.02, True), (0.9, True), (20.0 if name != "gantry" else 120.0, False)):
+            tool[2, 3] = length
+            if meant:
+                made(PoseTracker, SerialChain(**taken(chain), tool=tool))
+            else:
+                with pytest.raises(ConfigurationError, match=r"tool = .* in metres"):
+                    SerialChain(**taken(chain), tool=tool)
+
+
+def taken(chain):
+    return {name: getattr(chain, name) for name in ("rows", "lower", "upper", "velocity", "acceleration")}
+
+
+def test_the_mirror_refuses_deviations_in_millimetres():
+    refuses(
+        lambda **more: made(MirrorTracker, ROBOTS["arm"], **more),
+        ({"max_deviation": 50.0}, "max_deviation", METRES),
+        ({"turn_length": 100.0}, "turn_length", METRES),
+    )
+
+
+def test_the_chair_does_not_act_on_a_stick_in_millimetres():
+    robot = ardis()
+    resolver, q = RedundancyResolver(robot, dt=0.01), np.array([0, 0, 0, 0.3, 0.6, 0.4, 0.2])
+    assert resolver.step(q, [0.1, 0.0, 0.0]).value.any()
+    resolver.reset()
+    command = resolver.step(q, [250.0, 0.0, 0.0])
+    assert not command.value.any()
+    assert "too large" in command.reason
+    assert not resolver.reach(q, [1200.0, 300.0, 900.0]).value.any()
+
+
+def test_inverse_kinematics_asks_about_a_target_in_millimetres():
+    solver = ArmIK(human_arm(), compile=False, table_size=256, nearest_starts=2)
+    assert METRES in solver.solve([300.0, 200.0, -100.0]).reason
+    assert METRES not in solver.solve([1.5, 0.0, 0.0]).reason
+    with pytest.raises(ConfigurationError, match=r"rest of .* radians"):
+        ArmIK(human_arm(), rest=np.full(human_arm().n, 30.0), compile=False)
+
+
+def test_forces_are_not_given_to_a_hand_in_millimetres():
+    shapely = pytest.importorskip("shapely")
+    field = PotentialField([(0.0, 0.4)], stiffness=300.0, width=0.04, compile=False)
+    comfortable = Workspace(shapely.box(-0.2, 0.2, 0.2, 0.6), accuracy=1e-3)
+    assistance = Assistance(field, comfortable=comfortable, compile=False)
+    command = assistance.step((-172.0, 502.0))
+    assert METRES in command.reason
+    assert not command.value.any()
+    with pytest.raises(ConfigurationError, match="millimetres"):
+        Workspace(shapely.box(-200.0, 200.0, 200.0, 600.0), accuracy=1e-3)
+    with pytest.raises(ConfigurationError, match="millimetres"):
+        PathAssistance([[0.0, 0.0], [200.0, 0.0]], stiffness=1000.0, width=0.02, comfortable=comfortable)
