@@ -8,9 +8,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.control.chair_limits import ChairLimits, Limits
 from rehab_opt.control.command import Command
-from rehab_opt.control.hand_task import AHEAD, PROGRESS, HandTask, Last, Task
+from rehab_opt.control.hand_task import OFF, PRICE, HandTask
 from rehab_opt.control.obstacles import NUMBERS
-from rehab_opt.control.stopping import ticks_to_rest
 from rehab_opt.control.velocity_controller import VelocityController
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics import DriveName
@@ -25,28 +24,6 @@ from rehab_opt.symbolic.tick import Stages
 __all__ = ["ChairAndArm"]
 
 Array = NDArray[np.float64]
-UNKNOWN = -1.0
-"""In place of the frame: 0 for the chassis frame, 1 for the world, this where no hand velocity is remembered."""
-STEADY = 0.03
-"""Weight of a steady velocity beside what braking leaves of it, as a share of the robot's mass; of a change in a tick,
-by T/dt more. Light joints would else shake where bounds are met.
-"""
-CURVED = 2.0
-"""How many times progress pays for the bow that a joint's turn in a tick makes of the hand's way, reach dt u^2 / 2.
-
-Where a stretched arm gives none, tangents promise some to either side: the arm then overshoots that place in every tick
-by as much as it is beyond it or more, unless this is above 1.
-"""
-GOING = 10.0
-"""Ticks of acceleration in which a joint gets to a speed from which on all of that share counts: at rest, what is left
-of the command decides.
-"""
-MEAN = 8.0
-"""Ticks in which a mean of u follows it. Own limits and keep-outs on the way are tangents about that: about u each tick
-undid the one before, where a limit bends or a margin grows, and arms trembled.
-"""
-TINY = 1e-12
-"""[m/s, rad/s] A change of velocity that is none."""
 
 
 class ChairAndArm(VelocityController):
@@ -116,12 +93,10 @@ class ChairAndArm(VelocityController):
         self.task = HandTask(robot, rows, moving=self.limits.moving, self_motion=self_motion)
         if (rank := self.task.rank()) < k:
             raise ConfigurationError("row_sets", rows, f"independent rows; on a {drive} base {rank} of them are")
-        # What is remembered: u, where it leads, the command, the wheels' part of it, the mean of u, and of the hand its
-        # velocity, the insistence on its progress, and the frame.
+        # What is remembered: u, where it leads, the command, and the wheels' part of it.
         self.command_slice: slice = slice(2 * n, 3 * n)
         self.wheels = slice(3 * n, 3 * n + wheels)
-        self.mean = slice(self.wheels.stop, self.wheels.stop + n)
-        self.motion = slice(2 * n, self.mean.stop)
+        self.motion = slice(2 * n, self.wheels.stop)
         super().__init__(
             robot.chain, dt=limits.dt, recovery_speed=limits.recovery_speed, solver=solver, backup=backup,
             tolerance=tolerance, max_age=max_age, compile=compile,
@@ -130,7 +105,7 @@ class ChairAndArm(VelocityController):
 
     @property
     def _memory_size(self) -> int:
-        return int(self.mean.stop) + len(self.rows) + 2
+        return int(self.wheels.stop)
 
     # --------------------------------------------------------------------------------------------- the task
     def statement(self) -> Statement:
@@ -138,24 +113,19 @@ class ChairAndArm(VelocityController):
         tick, n, k = Stages(), self.chain.n, len(self.rows)
         q, twist, world = parameter("q", n), parameter("twist", k), parameter("frame", 1)
         surroundings, memory = parameter("obstacles", self.surroundings), parameter("last", self._memory_size)
-        last, moving = Last(memory[:n], memory[-2 - k : -2], memory[-2], memory[-1]), ca.sumsqr(twist) > 0
+        last, moving = memory[:n], ca.sumsqr(twist) > 0
 
-        limits = tick.once(self._limits(tick, q, memory, surroundings, gives_way=moving))
-        lower, upper = tick.once(self._acceleration_limited(last.velocity, limits, moving))
+        limits = tick.once(self._limits(tick, q, last, surroundings, gives_way=moving))
+        lower, upper = tick.once(self._acceleration_limited(last, limits, moving))
         task = tick.once(
             self.task.task(tick, q, twist, world, last=last, limits=limits, braking=self.limits.braking, dt=self.dt)
         )
-        b, part = tick.once(self._calm(last.velocity, task, limits, (lower, upper)))
-        J, W, price = task.jacobian, symmetric(task.inertia, n), task.price
-        braking, reach = self.limits.braking, self.robot.reach
-        steady = STEADY * braking.time / self.dt + CURVED * task.multiplier * self.dt * reach
-        damping = 2 * ca.sqrt(STEADY * braking.time * task.stiffness) * (1 - part) * task.missing
-
+        J, M = task.jacobian, symmetric(task.metric, n)
         velocity = variable("velocity", n, lower=lower, upper=upper)
         along = variable("progress", 1, lower=0, upper=task.speed)
         across = variable("off", 1, lower=0, upper=task.off)
         u, progress, off = velocity.symbol, along.symbol, across.symbol
-        away, missing = u - task.target, task.speed - progress
+        away, missing = u - task.analytic, task.size - progress
         command = self._command(tick, q, u, surroundings, limits=limits, moving=moving)
         self._base = limits.base
         return Statement(
@@ -163,32 +133,25 @@ class ChairAndArm(VelocityController):
             parameters=[q, twist, world, surroundings] if self.surroundings else [q, twist, world],
             variables=[velocity, along, across],
             # Steeper the more is missing, since solvers fail more often on a cost that is flat in a variable.
-            minimise=away.T @ W @ away / 2
-            + (steady * ca.sumsqr(u - b) + ca.dot(damping, u[CHAIR:] ** 2)) / 2
-            + (task.dear * off - price * progress + PROGRESS * (missing**2 + off**2) / 2),
+            minimise=away.T @ M @ away / 2 + OFF * off - PRICE * progress + PRICE * (missing**2 + off**2) / 2,
             subject_to=[
                 equal(J @ u, task.turning + progress * task.direction + off * task.error),
                 *limits.chassis.rows(u),
-                self._hand_row(u, task),
+                within(task.ahead @ u, task.ahead_lower, task.ahead_upper),
                 *limits.surrounding_rows(u),
             ],
             active_set=True,
             analytic=ca.vertcat(task.analytic, task.speed, 0),
-            dual=ca.vertcat(task.dual, ca.SX.zeros(limits.row_count + len(AHEAD) * k)),
+            dual=ca.SX.zeros(2 * k + limits.row_count),
             tick=tick,
-            report=self.report(last.velocity, command, J @ command, twist, limits.outside),
+            report=self.report(last, command, J @ command, twist, limits.outside),
             memory=memory,
-            remember=self.remembered(q, command, J @ command, task.insistence, world, before=memory),
+            remember=self.remembered(q, command),
             violation=limits.violation(command),
         )
 
-    def _limits(self, tick: Stages, q: ca.SX, memory: ca.SX, surroundings: ca.SX, *, gives_way: ca.SX) -> Limits:
-        last, mean = memory[: self.chain.n], self._mean(memory)
-        return self.limits.limits(tick, q, last, surroundings, mean=mean, gives_way=gives_way)
-
-    def _mean(self, memory: ca.SX) -> ca.SX:
-        """(n,) see `MEAN`: the last u where the past is forgotten."""
-        return ca.if_else(memory[-1] == UNKNOWN, memory[: self.chain.n], memory[self.mean])
+    def _limits(self, tick: Stages, q: ca.SX, last: ca.SX, surroundings: ca.SX, *, gives_way: ca.SX) -> Limits:
+        return self.limits.limits(tick, q, last, surroundings, mean=last, gives_way=gives_way)
 
     def _acceleration_limited(self, last: ca.SX, limits: Limits, moving: ca.SX) -> tuple[ca.SX, ca.SX]:
         """Intervals within the accelerations, or as braking needs; those of `limits` at rest."""
@@ -196,36 +159,6 @@ class ChairAndArm(VelocityController):
         lower = ca.fmax(limits.lower, ca.fmin(last - change, limits.base))
         upper = ca.fmin(limits.upper, ca.fmax(last + change, limits.base))
         return ca.if_else(moving, lower, limits.lower), ca.if_else(moving, upper, limits.upper)
-
-    def _hand_row(self, u: ca.SX, task: Task) -> Row:
-        return within(task.ahead @ u, task.ahead_lower, task.ahead_upper)
-
-    def _calm(self, last: ca.SX, task: Task, limits: Limits, ends: tuple[ca.SX, ca.SX]) -> tuple[ca.SX, ca.SX]:
-        """(7,) b of the class, within the intervals' `ends`; how much of it is analytic."""
-        u, braking = ca.SX.sym("u", self.chain.n), self.limits.braking
-        finite = all_true(
-            ca.fabs(task.analytic) <= MAX_MAGNITUDE
-        )  # not at a singular posture: NaN goes nowhere from here
-        analytic = ca.if_else(finite, task.analytic, 0)
-
-        def excess(row: Row, matrix: ca.SX) -> ca.SX:
-            """How far the analytic answer is beyond a row's bounds."""
-            there = matrix @ analytic
-            return ca.fmax(there - row.upper, row.lower - there)
-
-        # Beyond its own bounds, as a fraction of what the accelerations can do in a tick.
-        beyond = ca.if_else(finite, 0, ca.inf)
-        for row in (within(u, *ends), *limits.chassis.rows(u), self._hand_row(u, task)):
-            matrix = ca.jacobian(row.expression, u)
-            ratios = excess(row, matrix) / ca.fmax(ca.fabs(matrix) @ braking.change, TINY)
-            beyond = ca.fmax(beyond, ca.mmax(ratios))
-        surroundings = [excess(row, ca.jacobian(row.expression, u)) for row in limits.surrounding_rows(u)]
-        met = ca.mmax(ca.vertcat(ca.SX(0), *surroundings)) > 0
-        going = ca.fmin(ticks_to_rest(last, braking.change) / GOING, 1)
-        part = ca.if_else(beyond > 0, going * ca.fmax(1 - beyond, 0) * (1 - task.missing), 1)
-        part = ca.if_else(met, 0, part)
-        slower = braking.slower(last)
-        return ca.if_else(part > 0, slower + part * (analytic - slower), slower), part
 
     def _command(
         self, tick: Stages, q: ca.SX, u: ca.SX, surroundings: ca.SX, *, limits: Limits, moving: ca.SX
@@ -248,14 +181,12 @@ class ChairAndArm(VelocityController):
         return tick.call(self.limits.keeping, q, surroundings[NUMBERS * self.max_obstacles :], u, base)[0]
 
     # ------------------------------------------------------------------------------------------ what is remembered
-    def remembered(self, q: ca.SX, u: ca.SX, hand: ca.SX, insistence: ca.SX, frame: ca.SX, *, before: ca.SX) -> ca.SX:
+    def remembered(self, q: ca.SX, u: ca.SX) -> ca.SX:
         """The memory: see `__init__`."""
         cos, sin = ca.cos(q[2]), ca.sin(q[2])
         value = ca.vertcat(cos * u[0] - sin * u[1], sin * u[0] + cos * u[1], u[2:])
         wheels = self.wheelset.wheel_speeds_expression(u[:CHAIR])
-        mean = self._mean(before)
-        mean += (u - mean) / MEAN
-        return ca.densify(ca.vertcat(u, q + value * self.dt, value, wheels, mean, hand, insistence, frame))
+        return ca.densify(ca.vertcat(u, q + value * self.dt, value, wheels))
 
     def fallback_law(self) -> ca.Function:
         """One tick of braking together."""
@@ -267,21 +198,19 @@ class ChairAndArm(VelocityController):
         velocity, heading = ca.SX.sym("velocity", self.chain.n), ca.SX.sym("heading")
         state, possible = super().beginning()(velocity)
         state[self.memory_at + self.chain.n + 2] = heading  # should the first position be unusable
-        state[self.stated.state_size - 1] = UNKNOWN
         return ca.Function("begin", [velocity, heading], [state, all_true(possible, ca.fabs(heading) < MAX_MAGNITUDE)])
 
     def braking(self) -> ca.Function:
         """q, memory, obstacles -> see `VelocityController`."""
         tick, q = Stages(), ca.SX.sym("q", self.chain.n)
         surroundings, memory = ca.SX.sym("obstacles", self.surroundings), ca.SX.sym("memory", self._memory_size)
-        limits = self._limits(tick, q, memory, surroundings, gives_way=ca.SX(0))
+        limits = self._limits(tick, q, memory[: self.chain.n], surroundings, gives_way=ca.SX(0))
         rest = limits.base
         if self.robot.keep_out:
             (rest,) = tick.call(self.limits.keep_outs.unhindered, rest, rest, q[CHAIR:])
         command = self._kept(tick, q, surroundings, rest, rest)
         report = self.report(memory[: self.chain.n], command, ca.SX(0), ca.SX(1), limits.outside)  # none of the task
-        forgotten = ca.SX.zeros(len(self.rows)), ca.SX(0), ca.SX(UNKNOWN)
-        remembered = self.remembered(q, command, *forgotten, before=memory)
+        remembered = self.remembered(q, command)
         inputs = [q, memory, surroundings] if self.surroundings else [q, memory]
         return tick.function("braking", inputs, [remembered, report])
 
@@ -333,7 +262,7 @@ class ChairAndArm(VelocityController):
         size, n, command_slice = self.stated.state_size, self.chain.n, self.command_slice
         ours, own = ca.SX.sym("ours", size + self.judged.size), ca.SX.sym("own", self.judged.size)
         theirs, memory = ca.SX.sym("theirs", command_slice.stop), ours[self.memory_at : size]
-        memory[: 2 * n], memory[command_slice], memory[-1] = theirs[: 2 * n], theirs[command_slice], UNKNOWN
+        memory[: 2 * n], memory[command_slice] = theirs[: 2 * n], theirs[command_slice]
         after = ca.vertcat(ca.SX.zeros(self.memory_at), memory, own)
         return ca.Function("going_on", [ours, theirs, own], [ca.densify(after)])
 
