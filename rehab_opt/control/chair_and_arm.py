@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.control.chair_limits import ChairLimits, Limits
 from rehab_opt.control.command import Command
-from rehab_opt.control.hand_task import OFF, PRICE, HandTask
+from rehab_opt.control.hand_task import OFF, PRICE, HandTask, Task
 from rehab_opt.control.obstacles import NUMBERS
 from rehab_opt.control.velocity_controller import VelocityController
 from rehab_opt.errors import ConfigurationError
@@ -24,6 +24,9 @@ from rehab_opt.symbolic.tick import Stages
 __all__ = ["ChairAndArm"]
 
 Array = NDArray[np.float64]
+
+
+TINY = 1e-12
 
 
 class ChairAndArm(VelocityController):
@@ -125,7 +128,8 @@ class ChairAndArm(VelocityController):
         along = variable("progress", 1, lower=0, upper=task.speed)
         across = variable("off", 1, lower=0, upper=task.off)
         u, progress, off = velocity.symbol, along.symbol, across.symbol
-        away, missing = u - task.analytic, task.size - progress
+        centre = tick.once(self._centre(last, task, limits, (lower, upper)))
+        away, missing = u - centre, task.size - progress
         command = self._command(tick, q, u, surroundings, limits=limits, moving=moving)
         self._base = limits.base
         return Statement(
@@ -159,6 +163,21 @@ class ChairAndArm(VelocityController):
         lower = ca.fmax(limits.lower, ca.fmin(last - change, limits.base))
         upper = ca.fmin(limits.upper, ca.fmax(last + change, limits.base))
         return ca.if_else(moving, lower, limits.lower), ca.if_else(moving, upper, limits.upper)
+
+    def _centre(self, last: ca.SX, task: Task, limits: Limits, ends: tuple[ca.SX, ca.SX]) -> ca.SX:
+        """(n,) the analytic answer where it keeps all bounds, within `ends` too, else a tick of braking that leaves the
+        stop posture; in between where it passes a bound by less than the accelerations can do in a tick.
+        """
+        u, change, analytic = ca.SX.sym("u", self.chain.n), self.limits.braking.change, task.analytic
+        kept = [within(u, *ends), within(task.ahead @ u, task.ahead_lower, task.ahead_upper)]
+        beyond = ca.SX(0)
+        for row in (*kept, *limits.chassis.rows(u), *limits.surrounding_rows(u)):
+            matrix = ca.jacobian(row.expression, u)
+            there = matrix @ analytic
+            over = ca.fmax(there - row.upper, row.lower - there) / ca.fmax(ca.fabs(matrix) @ change, TINY)
+            beyond = ca.fmax(beyond, ca.mmax(over))
+        slower = self.limits.braking.slower(last)
+        return slower + ca.fmax(1 - beyond, 0) * (analytic - slower)
 
     def _command(
         self, tick: Stages, q: ca.SX, u: ca.SX, surroundings: ca.SX, *, limits: Limits, moving: ca.SX

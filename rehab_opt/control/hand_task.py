@@ -27,7 +27,7 @@ PRICE = 2.0
 """[m/s] Price of a m/s that the hand lacks of its command; one more costs about 1 in kinetic energy by the mass."""
 OFF = 20.0
 """[m/s] Price of a m/s off the commanded direction."""
-CALM = 1.0
+CALM = 0.03
 """Of a change of velocity, as a share of the robot's mass: light joints would else shake where bounds are met."""
 STRAIGHT, BACK = 0.6, 0.05
 """Shares of the commanded speed by which the hand may be off its way, and against it, at the stop posture."""
@@ -122,6 +122,7 @@ class HandTask:
         free = firm(here)(commanded + size * (here @ gradient)) - size * gradient
         to = firm(jacobian)
         law = free + to(commanded - jacobian @ free)
+        law /= ca.fmax(ca.mmax(ca.fabs(law) / self.robot.chain.velocity), 1)  # faster than joints can be: a direction
         # Going on as before, and from there as far to the law as the accelerations allow.
         hand = before @ last
         along = clipped(ca.dot(direction, hand), 0, size)
@@ -141,7 +142,7 @@ class HandTask:
         ahead = self._ahead(tick, q, last, direction, size, left=ca.norm_2(turning), world=world, base=base, braking=braking)
         return Task(
             jacobian=ca.densify(jacobian),
-            metric=ca.densify(upper_triangle(inertia + CALM * ca.SX.eye(inertia.size1()))),
+            metric=ca.densify(upper_triangle(inertia + CALM * braking.time / dt * ca.SX.eye(inertia.size1()))),
             analytic=ca.if_else(valid, kept + part * way, 0),
             direction=direction,
             size=size,
