@@ -102,7 +102,8 @@ class HandTask:
         posture = ca.vertcat(0, 0, 0, q[CHAIR:])
         here = self.task_jacobian(q[CHAIR:], turned=ca.SX(0), heading=heading)
         jacobian = tick.once(self.task_jacobian((q + half)[CHAIR:], turned=half[2], heading=heading))
-        before = self.task_jacobian((q - half)[CHAIR:], turned=-half[2] * ca.if_else(world, 1, 0), heading=heading)
+        was = ca.if_else(world, q[2] - 2 * half[2], 0)
+        before = self.task_jacobian((q - half)[CHAIR:], turned=half[2], heading=was)
         inertia = self.robot.inertia_expression(posture) / self.robot.mass
         commanded = twist / ca.fmax(ca.norm_2(twist) / self.fastest, 1)
         size, left = ca.norm_2(commanded), braking.slower(ca.SX(1))
@@ -176,7 +177,8 @@ class HandTask:
         square = ca.SX.ones(hand.numel() - 1)
         lower, upper = ca.vertcat(-back, -straight * square), ca.vertcat(FAR, straight * square)
         braked = fixed + then @ base
-        return Row(ca.densify(then), ca.fmin(braked, lower) - fixed, ca.fmax(braked, upper) - fixed)
+        lower, upper = ca.fmin(lower, ca.fmin(there, braked)), ca.fmax(upper, ca.fmax(there, braked))
+        return Row(ca.densify(then), lower - fixed, upper - fixed)
 
     @staticmethod
     def _square(direction: ca.SX) -> ca.SX:
