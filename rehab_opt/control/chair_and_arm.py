@@ -177,7 +177,7 @@ class ChairAndArm(VelocityController):
             over = ca.fmax(there - row.upper, row.lower - there) / ca.fmax(ca.fabs(matrix) @ change, TINY)
             beyond = ca.fmax(beyond, ca.mmax(over))
         slower = self.limits.braking.slower(last)
-        return slower + ca.fmax(1 - beyond, 0) * (analytic - slower)
+        return slower + ca.if_else(beyond > 0, task.done * ca.fmax(1 - beyond, 0), 1) * (analytic - slower)
 
     def _command(
         self, tick: Stages, q: ca.SX, u: ca.SX, surroundings: ca.SX, *, limits: Limits, moving: ca.SX

@@ -54,6 +54,8 @@ class Task(NamedTuple):
     """(k,) r/|r|."""
     size: ca.SX
     """[m/s or rad/s] |r|."""
+    done: ca.SX
+    """Share of the command that the hand did in the last tick."""
     speed: ca.SX
     """[m/s or rad/s] upper bound of the progress."""
     turning: ca.SX
@@ -147,6 +149,7 @@ class HandTask:
             analytic=ca.if_else(valid, kept + part * way, 0),
             direction=direction,
             size=size,
+            done=along / ca.fmax(size, TINY),
             speed=speed,
             turning=turning,
             error=ca.if_else(off > TINY, error / ca.fmax(off, TINY), 0),
