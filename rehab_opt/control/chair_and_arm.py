@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.control.chair_limits import ChairLimits, Limits
 from rehab_opt.control.command import Command
-from rehab_opt.control.hand_task import OFF, PRICE, HandTask, Task
+from rehab_opt.control.hand_task import CALM, OFF, PRICE, HandTask, Task
 from rehab_opt.control.obstacles import NUMBERS
 from rehab_opt.control.velocity_controller import VelocityController
 from rehab_opt.errors import ConfigurationError
@@ -123,13 +123,13 @@ class ChairAndArm(VelocityController):
         task = tick.once(
             self.task.task(tick, q, twist, world, last=last, limits=limits, braking=self.limits.braking, dt=self.dt)
         )
-        J, M = task.jacobian, symmetric(task.metric, n)
+        J, W, steady = task.jacobian, symmetric(task.inertia, n), CALM * self.limits.braking.time / self.dt
         velocity = variable("velocity", n, lower=lower, upper=upper)
         along = variable("progress", 1, lower=0, upper=task.speed)
         across = variable("off", 1, lower=0, upper=task.off)
         u, progress, off = velocity.symbol, along.symbol, across.symbol
-        centre = tick.once(self._centre(last, task, limits, (lower, upper)))
-        away, missing = u - centre, task.size - progress
+        calm = tick.once(self._calm(last, task, limits, (lower, upper)))
+        away, missing = u - task.target, task.speed - progress
         command = self._command(tick, q, u, surroundings, limits=limits, moving=moving)
         self._base = limits.base
         return Statement(
@@ -137,7 +137,8 @@ class ChairAndArm(VelocityController):
             parameters=[q, twist, world, surroundings] if self.surroundings else [q, twist, world],
             variables=[velocity, along, across],
             # Steeper the more is missing, since solvers fail more often on a cost that is flat in a variable.
-            minimise=away.T @ M @ away / 2 + OFF * off - PRICE * progress + PRICE * (missing**2 + off**2) / 2,
+            minimise=(away.T @ W @ away + steady * ca.sumsqr(u - calm)) / 2
+            + OFF * off - PRICE * progress + PRICE * (missing**2 + off**2) / 2,
             subject_to=[
                 equal(J @ u, task.turning + progress * task.direction + off * task.error),
                 *limits.chassis.rows(u),
@@ -146,7 +147,7 @@ class ChairAndArm(VelocityController):
             ],
             active_set=True,
             analytic=ca.vertcat(task.analytic, task.speed, 0),
-            dual=ca.SX.zeros(2 * k + limits.row_count),
+            dual=ca.vertcat(task.dual, ca.SX.zeros(limits.row_count + k)),
             tick=tick,
             report=self.report(last, command, J @ command, twist, limits.outside),
             memory=memory,
@@ -164,14 +165,16 @@ class ChairAndArm(VelocityController):
         upper = ca.fmin(limits.upper, ca.fmax(last + change, limits.base))
         return ca.if_else(moving, lower, limits.lower), ca.if_else(moving, upper, limits.upper)
 
-    def _centre(self, last: ca.SX, task: Task, limits: Limits, ends: tuple[ca.SX, ca.SX]) -> ca.SX:
+    def _calm(self, last: ca.SX, task: Task, limits: Limits, ends: tuple[ca.SX, ca.SX]) -> ca.SX:
         """(n,) the analytic answer where it keeps all bounds, within `ends` too, else a tick of braking that leaves the
         stop posture; in between where it passes a bound by less than the accelerations can do in a tick.
         """
-        u, change, analytic = ca.SX.sym("u", self.chain.n), self.limits.braking.change, task.analytic
-        kept = [within(u, *ends), within(task.ahead @ u, task.ahead_lower, task.ahead_upper)]
-        beyond = ca.SX(0)
-        for row in (*kept, *limits.chassis.rows(u), *limits.surrounding_rows(u)):
+        u, change = ca.SX.sym("u", self.chain.n), self.limits.braking.change
+        finite = all_true(ca.fabs(task.analytic) <= MAX_MAGNITUDE)  # not at a singular posture
+        analytic = ca.if_else(finite, task.analytic, 0)
+        beyond = ca.if_else(finite, 0, ca.inf)
+        ahead = within(task.ahead @ u, task.ahead_lower, task.ahead_upper)
+        for row in (within(u, *ends), ahead, *limits.chassis.rows(u), *limits.surrounding_rows(u)):
             matrix = ca.jacobian(row.expression, u)
             there = matrix @ analytic
             over = ca.fmax(there - row.upper, row.lower - there) / ca.fmax(ca.fabs(matrix) @ change, TINY)

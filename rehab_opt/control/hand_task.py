@@ -29,10 +29,8 @@ OFF = 20.0
 """[m/s] Price of a m/s off the commanded direction."""
 CALM = 0.03
 """Of a change of velocity, as a share of the robot's mass: light joints would else shake where bounds are met."""
-STRAIGHT, BACK = 0.6, 0.05
+STRAIGHT, BACK = 0.27, 0.05
 """Shares of the commanded speed by which the hand may be off its way, and against it, at the stop posture."""
-SINGULAR = 1e-8
-"""[m^2 or rad^2] by which a singular posture counts as regular."""
 ROUNDING = 1e-9
 """Fraction by which a change stays within the accelerations, so that it is seen to."""
 TINY = 1e-12
@@ -46,10 +44,14 @@ class Task(NamedTuple):
 
     jacobian: ca.SX
     """(k, n) J, of the middle of the tick."""
-    metric: ca.SX
-    """Upper triangle of M = W + CALM 1 (n, n), W the inertia over the robot's mass."""
+    inertia: ca.SX
+    """Upper triangle of W (n, n), over the robot's mass."""
+    target: ca.SX
+    """(n,) velocity about which W counts."""
     analytic: ca.SX
-    """(n,) the answer where no bound is active, and the centre of the cost."""
+    """(n,) the answer where no bound is active."""
+    dual: ca.SX
+    """(k,) multipliers of the task's rows there."""
     direction: ca.SX
     """(k,) r/|r|."""
     size: ca.SX
@@ -105,6 +107,7 @@ class HandTask:
         here = self.task_jacobian(q[CHAIR:], turned=ca.SX(0), heading=heading)
         jacobian = tick.once(self.task_jacobian((q + half)[CHAIR:], turned=half[2], heading=heading))
         was = ca.if_else(world, q[2] - 2 * half[2], 0)
+        was = ca.if_else(world, q[2] - 2 * half[2], 0)
         before = self.task_jacobian((q - half)[CHAIR:], turned=half[2], heading=was)
         inertia = self.robot.inertia_expression(posture) / self.robot.mass
         commanded = twist / ca.fmax(ca.norm_2(twist) / self.fastest, 1)
@@ -115,23 +118,26 @@ class HandTask:
         # change to the same r in the middle of the tick.
         weigh = solver_of(inertia[moving, moving])
 
-        def firm(matrix: ca.SX) -> Callable[[ca.SX], ca.SX]:
+        def firm(matrix: ca.SX) -> tuple[ca.SX, Callable[[ca.SX], ca.SX]]:
             rows = ca.densify(matrix[:, moving])
             soft = weigh(rows.T)
-            solve = solver_of(ca.triu2symm(ca.triu(rows @ soft)) + SINGULAR * ca.SX.eye(rows.size1()))
-            return lambda hand: self._spread(soft @ solve(hand))
+            return soft, solver_of(ca.triu2symm(ca.triu(rows @ soft)))
 
-        gradient = self._spread(self.self_motion * self.robot.posture_gradient_expression(posture)[moving])
-        free = firm(here)(commanded + size * (here @ gradient)) - size * gradient
-        to = firm(jacobian)
-        law = free + to(commanded - jacobian @ free)
-        law /= ca.fmax(ca.mmax(ca.fabs(law) / self.robot.chain.velocity), 1)  # faster than joints can be: a direction
+        (soft, firmness), gradient = firm(here), self.self_motion * self.robot.posture_gradient_expression(posture)
+        free = self._spread(soft @ firmness(commanded + size * (here @ gradient)) - size * gradient[moving])
+        # Faster than the joints can be it is a direction, as near singular postures.
+        faster = ca.fmax(ca.mmax(ca.fabs(free) / self.robot.chain.velocity), 1)
+        towards = ca.if_else(ca.sumsqr(free) <= MAX_MAGNITUDE**2, free / faster, 0)
+        soft, firmness = firm(jacobian)
+        change = firmness(commanded - jacobian @ free)
+        law = free + self._spread(soft @ change)
         # Going on as before, and from there as far to the law as the accelerations allow.
         hand = before @ last
         along = clipped(ca.dot(direction, hand), 0, size)
         aside = hand - along * direction
-        kept = last + to(along * direction + left * aside - jacobian @ last)
-        way = law - kept
+        x = firmness(along * direction + left * aside - jacobian @ last)
+        kept = last + self._spread(soft @ x)
+        way = clipped(law, limits.lower, limits.upper) - kept
         room = ca.fmax(ca.if_else(way > 0, last + braking.change - kept, kept - last + braking.change), 0)
         part = ca.fmin(1, (1 - ROUNDING) * ca.mmin(ca.if_else(ca.fabs(way) > TINY, room / ca.fmax(ca.fabs(way), TINY), 2)))
         valid = ca.logic_and(ca.sumsqr(law) + ca.sumsqr(kept) <= MAX_MAGNITUDE**2, size > 0)
@@ -145,8 +151,10 @@ class HandTask:
         ahead = self._ahead(tick, q, last, direction, size, left=ca.norm_2(turning), world=world, base=base, braking=braking)
         return Task(
             jacobian=ca.densify(jacobian),
-            metric=ca.densify(upper_triangle(inertia + CALM * braking.time / dt * ca.SX.eye(inertia.size1()))),
-            analytic=ca.if_else(valid, kept + part * way, 0),
+            inertia=ca.densify(upper_triangle(inertia)),
+            target=part * towards + (1 - part) * last,
+            analytic=part * law + (1 - part) * kept,
+            dual=-part * change - (1 - part) * x,
             direction=direction,
             size=size,
             done=along / ca.fmax(size, TINY),
@@ -163,7 +171,7 @@ class HandTask:
         self, tick: Stages, q: ca.SX, last: ca.SX, direction: ca.SX, size: ca.SX, *, left: ca.SX, world: ca.SX,
         base: ca.SX, braking: BrakingTogether,
     ) -> Row:  # fmt: skip
-        """Rows (k, n) of the hand's velocity J u at the stop posture and their bounds (k,), which `base` keeps.
+        """Rows (k, n) of the hand's velocity J u at the stop posture and their bounds (k,), which `base` and `slower` keep.
 
         By its tangent at `slower`, since that posture moves with u.
 
