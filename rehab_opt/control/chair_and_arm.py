@@ -130,7 +130,7 @@ class ChairAndArm(VelocityController):
         u, progress, off = velocity.symbol, along.symbol, across.symbol
         calm = tick.once(self._calm(last, task, limits, (lower, upper)))
         away, missing = u - task.target, task.speed - progress
-        command = self._command(tick, q, u, surroundings, limits=limits, moving=moving)
+        command = self.limits.kept(tick, q, surroundings, limits, ca.if_else(moving, u, limits.base))
         self._base = limits.base
         return Statement(
             name=f"chair_and_arm_{self.drive}_{'_'.join(self.rows)}",
@@ -156,7 +156,7 @@ class ChairAndArm(VelocityController):
         )
 
     def _limits(self, tick: Stages, q: ca.SX, last: ca.SX, surroundings: ca.SX, *, gives_way: ca.SX) -> Limits:
-        return self.limits.limits(tick, q, last, surroundings, mean=last, gives_way=gives_way)
+        return self.limits.limits(tick, q, last, surroundings, gives_way=gives_way)
 
     def _acceleration_limited(self, last: ca.SX, limits: Limits, moving: ca.SX) -> tuple[ca.SX, ca.SX]:
         """Intervals within the accelerations, or as braking needs; those of `limits` at rest."""
@@ -181,26 +181,6 @@ class ChairAndArm(VelocityController):
             beyond = ca.fmax(beyond, ca.mmax(over))
         slower = self.limits.braking.slower(last)
         return slower + ca.if_else(beyond > 0, task.done * ca.fmax(1 - beyond, 0), 1) * (analytic - slower)
-
-    def _command(
-        self, tick: Stages, q: ca.SX, u: ca.SX, surroundings: ca.SX, *, limits: Limits, moving: ca.SX
-    ) -> ca.SX:
-        """(7,) u, shortened to what keeps chair and arm out of everything; exactly `base` without a command."""
-        outside = self.limits.clear_of_obstacles(tick, surroundings, q, limits, u) if self.max_obstacles else u
-        command = tick.once(ca.if_else(moving, outside, limits.base))
-        if self.robot.keep_out:
-            keep_outs = self.limits.keep_outs
-            clear = keep_outs.clear(command, limits.clearance)
-            command = tick.when(
-                clear, command, lambda: tick.call(keep_outs.unhindered, limits.base, command, q[CHAIR:])[0]
-            )
-        return self._kept(tick, q, surroundings, command, limits.base)
-
-    def _kept(self, tick: Stages, q: ca.SX, surroundings: ca.SX, u: ca.SX, base: ca.SX) -> ca.SX:
-        """(7,) u, or what of it keeps a user's limits."""
-        if not len(self.limits.own):
-            return u
-        return tick.call(self.limits.keeping, q, surroundings[NUMBERS * self.max_obstacles :], u, base)[0]
 
     # ------------------------------------------------------------------------------------------ what is remembered
     def remembered(self, q: ca.SX, u: ca.SX) -> ca.SX:
@@ -227,10 +207,7 @@ class ChairAndArm(VelocityController):
         tick, q = Stages(), ca.SX.sym("q", self.chain.n)
         surroundings, memory = ca.SX.sym("obstacles", self.surroundings), ca.SX.sym("memory", self._memory_size)
         limits = self._limits(tick, q, memory[: self.chain.n], surroundings, gives_way=ca.SX(0))
-        rest = limits.base
-        if self.robot.keep_out:
-            (rest,) = tick.call(self.limits.keep_outs.unhindered, rest, rest, q[CHAIR:])
-        command = self._kept(tick, q, surroundings, rest, rest)
+        command = self.limits.kept(tick, q, surroundings, limits, limits.base)
         report = self.report(memory[: self.chain.n], command, ca.SX(0), ca.SX(1), limits.outside)  # none of the task
         remembered = self.remembered(q, command)
         inputs = [q, memory, surroundings] if self.surroundings else [q, memory]
