@@ -138,7 +138,7 @@ class ChairAndArm(VelocityController):
             variables=[velocity, along, across],
             # Steeper the more is missing, since solvers fail more often on a cost that is flat in a variable.
             minimise=(away.T @ W @ away + steady * ca.sumsqr(u - calm)) / 2
-            + OFF * off - PRICE * progress + PRICE * (missing**2 + off**2) / 2,
+            + task.price * (OFF * off - progress) + PRICE * (missing**2 + off**2) / 2,
             subject_to=[
                 equal(J @ u, task.turning + progress * task.direction + off * task.error),
                 *limits.chassis.rows(u),

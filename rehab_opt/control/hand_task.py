@@ -25,12 +25,19 @@ ROWS = ("x", "y", "z", "rx", "ry", "rz", "roll7")
 FRAMES = {"chassis": 0.0, "world": 1.0}
 PRICE = 2.0
 """[m/s] Price of a m/s that the hand lacks of its command; one more costs about 1 in kinetic energy by the mass."""
+STEEP = 1e3
+"""[m/s] Up to which the price follows what a m/s costs by Eq. (1), which is far more near singular postures."""
 OFF = 20.0
-"""[m/s] Price of a m/s off the commanded direction."""
+"""How many times more a m/s off the commanded direction costs."""
 CALM = 0.03
 """Of a change of velocity, as a share of the robot's mass: light joints would else shake where bounds are met."""
 STRAIGHT, BACK = 0.27, 0.05
 """Shares of the commanded speed by which the hand may be off its way, and against it, at the stop posture."""
+BARELY, ASIDE, UPHILL = 0.01, 0.06, 0.05
+"""Where Eq. (1) leads up c by more than the third a second, joints go at (h^2 / h' - h') / `ASIDE` of their speeds at
+most, h [m/s] what those give the hand, h' the first of its command: they rest where h = h', on the side of a singular
+posture that c prefers, to which a reversed stick leads. At it rounding decides, and one way may end at a joint limit.
+"""
 ROUNDING = 1e-9
 """Fraction by which a change stays within the accelerations, so that it is seen to."""
 TINY = 1e-12
@@ -60,6 +67,8 @@ class Task(NamedTuple):
     """Share of the command that the hand did in the last tick."""
     speed: ca.SX
     """[m/s or rad/s] upper bound of the progress."""
+    price: ca.SX
+    """[m/s] of a m/s that the hand lacks."""
     turning: ca.SX
     """(k,) w, what may be left of the hand's motion off the command."""
     error: ca.SX
@@ -124,7 +133,10 @@ class HandTask:
             return soft, solver_of(ca.triu2symm(ca.triu(rows @ soft)))
 
         (soft, firmness), gradient = firm(here), self.self_motion * self.robot.posture_gradient_expression(posture)
-        free = self._spread(soft @ firmness(commanded + size * (here @ gradient)) - size * gradient[moving])
+        factor = self._kept_aside(soft @ firmness(commanded), gradient, size)
+        direction, sought, commanded = ca.if_else(factor < 0, -direction, direction), ca.fabs(factor) * size, factor * commanded
+        y = firmness(commanded + sought * (here @ gradient))
+        free = self._spread(soft @ y - sought * gradient[moving])
         # Faster than the joints can be it is a direction, as near singular postures.
         faster = ca.fmax(ca.mmax(ca.fabs(free) / self.robot.chain.velocity), 1)
         towards = ca.if_else(ca.sumsqr(free) <= MAX_MAGNITUDE**2, free / faster, 0)
@@ -133,7 +145,7 @@ class HandTask:
         law = free + self._spread(soft @ change)
         # Going on as before, and from there as far to the law as the accelerations allow.
         hand = before @ last
-        along = clipped(ca.dot(direction, hand), 0, size)
+        along = clipped(ca.dot(direction, hand), 0, sought)
         aside = hand - along * direction
         x = firmness(along * direction + left * aside - jacobian @ last)
         kept = last + self._spread(soft @ x)
@@ -143,7 +155,7 @@ class HandTask:
         valid = ca.logic_and(ca.sumsqr(law) + ca.sumsqr(kept) <= MAX_MAGNITUDE**2, size > 0)
         part = ca.if_else(valid, part, 1)
         turning = tick.once(ca.if_else(valid, (1 - part) * left * aside, 0))
-        speed = tick.once(along + part * (size - along))
+        speed = tick.once(along + part * (sought - along))
         # What hard braking leaves of the hand's velocity besides: that can be had in any case.
         error = jacobian @ base - turning
         error -= clipped(ca.dot(direction, error), 0, speed) * direction
@@ -159,6 +171,7 @@ class HandTask:
             size=size,
             done=along / ca.fmax(size, TINY),
             speed=speed,
+            price=PRICE + 2 * ca.fmin(ca.fabs(ca.dot(direction, part * y + (1 - part) * x)), STEEP),
             turning=turning,
             error=ca.if_else(off > TINY, error / ca.fmax(off, TINY), 0),
             off=ca.if_else(off > TINY, off, 0),
@@ -190,6 +203,15 @@ class HandTask:
         braked = fixed + then @ base
         lower, upper = ca.fmin(lower, ca.fmin(there, braked)), ca.fmax(upper, ca.fmax(there, braked))
         return Row(ca.densify(then), lower - fixed, upper - fixed)
+
+    def _kept_aside(self, joints: ca.SX, gradient: ca.SX, size: ca.SX) -> ca.SX:
+        """Factor on a command: see `ASIDE`. Fewer rows leave self-motion, and so does a chair that drives."""
+        if self.moving[0] < CHAIR or not {"x", "y", "z"} <= set(self.rows):
+            return ca.SX(1)
+        worth = 1 / ca.mmax(ca.fabs(joints) / self.robot.chain.velocity[self.moving])
+        uphill = clipped(worth * ca.dot(gradient[self.moving], joints) / UPHILL, 0, 1)
+        aside = ca.fmin(worth * (worth**2 - BARELY**2) * size / (BARELY * ASIDE), 1)
+        return ca.if_else(uphill > 0, 1 - uphill * (1 - aside), 1)
 
     @staticmethod
     def _square(direction: ca.SX) -> ca.SX:
