@@ -16,7 +16,7 @@ from rehab_opt.kinematics import DriveName
 from rehab_opt.kinematics.mobile_arm import CHAIR
 from rehab_opt.optim.certificate import all_true
 from rehab_opt.optim.qp import Statement
-from rehab_opt.optim.rows import MAX_MAGNITUDE, Instance, Row, equal, parameter, variable, within
+from rehab_opt.optim.rows import MAX_MAGNITUDE, Instance, equal, parameter, variable, within
 from rehab_opt.symbolic import Compile
 from rehab_opt.symbolic.matrices import symmetric
 from rehab_opt.symbolic.tick import Stages
@@ -27,32 +27,25 @@ Array = NDArray[np.float64]
 
 
 TINY = 1e-12
+"""[m/s, rad/s] A change of velocity that is none."""
 
 
 class ChairAndArm(VelocityController):
     """Joint velocities for a hand twist in one set of rows.
 
-    min  1/2 (u - t)'W(u - t) + (0.015 T/dt + y reach dt) |u - b|^2 + c'u_a^2 - price progress + 20 price off
+    min  1/2 (u - t)'W(u - t) + 0.01 T/dt |u - b|^2 + price (20 off - progress) + missing^2 + off^2
     s.t. J u = w + progress r/|r| + off e/|e|,   0 <= progress <= |r|,  0 <= off <= |e|
-         |u - u_last| <= acceleration dt,  the bounds of `ChairLimits`,  and for h of z and half-way to it
-         -max(0.05 |r|, |w|) <= (r/|r|)'J(h) u,  |s'J(h) u| <= max(0.27 |r|, |w|) for s square to r,
-         by their tangents at u_last (1 - dt/T), and no tighter than that and c below are
+         |u - u_last| <= acceleration dt,  the bounds of `ChairLimits`,  and at the stop posture z
+         -max(0.05 |r|, |w|) <= (r/|r|)'J(z) u,  |s'J(z) u| <= max(0.27 |r|, |w|) for s square to r,
+         by tangents at u_last (1 - dt/T), and no tighter than that and c below are
 
     u are the joint velocities with the chair's in the chassis frame (forward, left, turn), in which neither W nor the
-    arm's Jacobian knows where the chair stands: that a turned or shifted scene changes nothing is by construction, and
-    the rolling row, Eq. (4), is a left speed of zero. r is the commanded twist. z = q + T u is where the robot comes to
-    rest if it brakes together from now on: see `BrakingTogether`. J is that of the middle of the tick, where a velocity
-    that is held moves the hand as it does in the mean. t is Eq. (1) at q, and where joints cannot be so fast, as near
-    singular postures, its direction, of a part of r where an arm alone is led up its c by x, y and z
-    (`hand_task.ASIDE`); from one of its answers to a distant one, as after a turn of the stick, t is so far from u_last
-    to Eq. (1) as the accelerations allow (`HandTask`). b is the answer of the first term alone where that keeps all
-    bounds, so that it stays the answer; u_last after a tick of braking where an obstacle or keep-out is in its way, or
-    it passes another bound by what a tick's accelerations can do, or the hand stands; in between, between them: light
-    joints stay calm, and a chair whose hand stands comes to rest. y is the size of the multipliers of J u = r at that
-    price. At the end of a hand's reach they are a spring, of which what steadies is the mass. c is the critical damping
-    of its joints u_a, (0.03 T stiffness)^1/2, as far as the hand lacks of its command and b is not the analytic answer;
-    none where what J u is worth rises, as where a stretched arm comes back. The price of progress grows while the hand
-    creeps although its joints could be faster to good effect (`hand_task.CREEPS`).
+    arm's Jacobian knows where the chair stands; the rolling row, Eq. (4), is a left speed of zero. r is the commanded
+    twist. z = q + T u is where the robot comes to rest if it brakes together from now on: see `BrakingTogether`. J is
+    that of the middle of the tick. With no bound active the answer is Eq. (1), or on the way to it as far from going on
+    as before as the accelerations allow (`HandTask`); t is that with joints no faster than they can be. b is the answer
+    where that keeps all bounds, else u_last (1 - dt/T), in between while the hand moves, so that a chair whose hand
+    stands comes to rest.
 
     **What decreases.** Let d be the part of the hand's last velocity that is no part of r between none and all of it,
     and c one tick of the hardest braking together. c is feasible: its changes are within the accelerations, it lies on
@@ -60,10 +53,7 @@ class ChairAndArm(VelocityController):
     leaves J c = w + progress_c r/|r| + e, where w <= (1 - dt/T) d is what d is allowed to be now, so that off = |e|
     satisfies the task. So the QP has an answer in every tick, and what it delivers besides r lies between w and w + e,
     both of which are at most (1 - dt/T) |d|, but for what the change of the Jacobian within the tick adds, of order
-    dt |u|^2: |d| shrinks by that factor a tick or faster. (Where u_last (1 - dt/T) leaves more of e than c, yet less
-    than 0.002 dt/T |r|, that is free in place of c's: |d| may end at 0.002 |r|.) Along r the hand is never faster than
-    |r| but for that. The rows at h are why e stays small while a bound or a singular posture stops the hand: it keeps
-    to r also where joints bend its way.
+    dt |u|^2. The rows at z are why e stays small while a bound or a singular posture stops the hand.
 
     Without a command all joints brake together as hard as the accelerations allow, and then rest.
 
@@ -108,7 +98,7 @@ class ChairAndArm(VelocityController):
 
     @property
     def _memory_size(self) -> int:
-        return int(self.wheels.stop)
+        return 3 * self.robot.chain.n + len(self.wheelset.rolling)
 
     # --------------------------------------------------------------------------------------------- the task
     def statement(self) -> Statement:
@@ -138,7 +128,8 @@ class ChairAndArm(VelocityController):
             variables=[velocity, along, across],
             # Steeper the more is missing, since solvers fail more often on a cost that is flat in a variable.
             minimise=(away.T @ W @ away + steady * ca.sumsqr(u - calm)) / 2
-            + task.price * (OFF * off - progress) + PRICE * (missing**2 + off**2) / 2,
+            + task.price * (OFF * off - progress)
+            + PRICE * (missing**2 + off**2) / 2,
             subject_to=[
                 equal(J @ u, task.turning + progress * task.direction + off * task.error),
                 *limits.chassis.rows(u),

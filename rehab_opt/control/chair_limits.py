@@ -75,10 +75,10 @@ class ChairLimits:
     - keep-outs: the arm's distance where least of it is left on the way to z, see `ArmKeepOuts`;
     - obstacles: the gap of each corner of the chair at z, or half-way there where less is left, see `ChairObstacles`.
 
-    Where a state comes too late for that (an obstacle that appears, a velocity that is passed, rounding), a limit asks
-    for braking as hard as the accelerations allow, until it is kept again; and the command is shortened to what keeps
-    the robot out in this tick. Of braking, what leads into an obstacle, or deeper, is taken: there only acceleration
-    yields.
+    Where a state comes too late for that (an obstacle that appears, a velocity that is told, rounding), a limit asks
+    for braking as hard as the accelerations allow, until it is kept again. What leads into an obstacle, a keep-out or
+    beyond a limit of a user's own, or deeper, is shortened towards braking, and where braking does, towards rest
+    (`kept`): there only acceleration yields.
 
     A user's limits and a `Clearance` make the rows that they make everywhere (`PostureLimits`), and are kept on
     the way to z, too, the chair on its arc, bodies where they are now. While the stick commands, `base` is led out of
@@ -232,7 +232,7 @@ class ChairLimits:
         here, velocity, told = ca.SX.sym("q", n), ca.SX.sym("u", n), ca.SX.sym("obstacles", obstacles)
         sent = ca.Function("sent", [here, velocity], [self.world(here[2], n) @ velocity])
         out = all_true(
-            self.keep_outs.no_deeper(here[CHAIR:], velocity), self.obstacles.no_deeper(told, here[:CHAIR], velocity)
+            self.keep_outs.no_deeper(here[CHAIR:], velocity), self.obstacles.keeps_out(told, here[:CHAIR], velocity)
         )
         verdict = ca.Function("out", [here, velocity, told], [out], {"cse": True})(q, u, around[:obstacles])
         if len(own):

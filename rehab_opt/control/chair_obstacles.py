@@ -104,12 +104,12 @@ class ChairObstacles:
         """[m/s] no less than the speed of any corner at velocities u (n,)."""
         return ca.fabs(u[0]) + ca.fabs(u[1]) + self._lever * ca.fabs(u[2])
 
-    def no_deeper(self, obstacles: ca.SX, place: ca.SX, u: ca.SX) -> ca.SX:
-        """1 where no way of a tick of u (n,) from place (3,), straight or an arc, leads deeper into obstacles (4 k,)."""
-        return all_true(*(self._no_deeper(one, place, u[:CHAIR]) for one in _each(obstacles)))
+    def keeps_out(self, obstacles: ca.SX, place: ca.SX, u: ca.SX) -> ca.SX:
+        """1 where `no_deeper` holds of all obstacles (4 k,), at place (3,) and velocity u (n,)."""
+        return all_true(*(self.no_deeper(one, place, u[:CHAIR]) for one in _each(obstacles)))
 
     @cached_property
-    def _no_deeper(self) -> ca.Function:
+    def no_deeper(self) -> ca.Function:
         """Obstacle (4,), place (3,), velocity (3,) -> 1 where no way of that tick, straight or an arc, leads deeper."""
         one, place, u = ca.SX.sym("one", NUMBERS), ca.SX.sym("place", CHAIR), ca.SX.sym("u", CHAIR)
         cos, sin, verdict = ca.cos(place[2]), ca.sin(place[2]), []

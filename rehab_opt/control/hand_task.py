@@ -29,7 +29,7 @@ STEEP = 1e3
 """[m/s] Up to which the price follows what a m/s costs by Eq. (1), which is far more near singular postures."""
 OFF = 20.0
 """How many times more a m/s off the commanded direction costs."""
-CALM = 0.03
+CALM = 0.02
 """Of a change of velocity, as a share of the robot's mass: light joints would else shake where bounds are met."""
 STRAIGHT, BACK = 0.27, 0.05
 """Shares of the commanded speed by which the hand may be off its way, and against it, at the stop posture."""
@@ -116,7 +116,6 @@ class HandTask:
         here = self.task_jacobian(q[CHAIR:], turned=ca.SX(0), heading=heading)
         jacobian = tick.once(self.task_jacobian((q + half)[CHAIR:], turned=half[2], heading=heading))
         was = ca.if_else(world, q[2] - 2 * half[2], 0)
-        was = ca.if_else(world, q[2] - 2 * half[2], 0)
         before = self.task_jacobian((q - half)[CHAIR:], turned=half[2], heading=was)
         inertia = self.robot.inertia_expression(posture) / self.robot.mass
         commanded = twist / ca.fmax(ca.norm_2(twist) / self.fastest, 1)
@@ -134,7 +133,8 @@ class HandTask:
 
         (soft, firmness), gradient = firm(here), self.self_motion * self.robot.posture_gradient_expression(posture)
         factor = self._kept_aside(soft @ firmness(commanded), gradient, size)
-        direction, sought, commanded = ca.if_else(factor < 0, -direction, direction), ca.fabs(factor) * size, factor * commanded
+        direction, commanded = ca.if_else(factor < 0, -direction, direction), factor * commanded
+        sought = ca.fabs(factor) * size
         y = firmness(commanded + sought * (here @ gradient))
         free = self._spread(soft @ y - sought * gradient[moving])
         # Faster than the joints can be it is a direction, as near singular postures.
@@ -151,7 +151,8 @@ class HandTask:
         kept = last + self._spread(soft @ x)
         way = clipped(law, limits.lower, limits.upper) - kept
         room = ca.fmax(ca.if_else(way > 0, last + braking.change - kept, kept - last + braking.change), 0)
-        part = ca.fmin(1, (1 - ROUNDING) * ca.mmin(ca.if_else(ca.fabs(way) > TINY, room / ca.fmax(ca.fabs(way), TINY), 2)))
+        fits = ca.if_else(ca.fabs(way) > TINY, room / ca.fmax(ca.fabs(way), TINY), 2)
+        part = ca.fmin(1, (1 - ROUNDING) * ca.mmin(fits))
         valid = ca.logic_and(ca.sumsqr(law) + ca.sumsqr(kept) <= MAX_MAGNITUDE**2, size > 0)
         part = ca.if_else(valid, part, 1)
         turning = tick.once(ca.if_else(valid, (1 - part) * left * aside, 0))
@@ -160,7 +161,8 @@ class HandTask:
         error = jacobian @ base - turning
         error -= clipped(ca.dot(direction, error), 0, speed) * direction
         off = ca.if_else(size > 0, ca.norm_2(error), 0)  # without a command the whole robot brakes
-        ahead = self._ahead(tick, q, last, direction, size, left=ca.norm_2(turning), world=world, base=base, braking=braking)
+        turns = ca.norm_2(turning)
+        ahead = self._ahead(tick, q, last, direction, size, left=turns, world=world, base=base, braking=braking)
         return Task(
             jacobian=ca.densify(jacobian),
             inertia=ca.densify(upper_triangle(inertia)),
@@ -184,9 +186,9 @@ class HandTask:
         self, tick: Stages, q: ca.SX, last: ca.SX, direction: ca.SX, size: ca.SX, *, left: ca.SX, world: ca.SX,
         base: ca.SX, braking: BrakingTogether,
     ) -> Row:  # fmt: skip
-        """Rows (k, n) of the hand's velocity J u at the stop posture and their bounds (k,), which `base` and `slower` keep.
+        """Rows (k, n) of the hand's velocity J u at the stop posture, and their bounds (k,).
 
-        By its tangent at `slower`, since that posture moves with u.
+        `base` and `slower` keep them. By tangents at `slower`, since that posture moves with u.
 
         left : [m/s or rad/s] what may be left off the command after this tick, and there.
         """
