@@ -75,7 +75,7 @@ class ChairLimits:
     - keep-outs: the arm's distance where least of it is left on the way to z, see `ArmKeepOuts`;
     - obstacles: the gap of each corner of the chair at z, or half-way there where less is left, see `ChairObstacles`.
 
-    Where a state comes too late for that (an obstacle that appears, a velocity that is told, rounding), a limit asks
+    Where a state comes too late for that (an obstacle that appears, a velocity that is passed, rounding), a limit asks
     for braking as hard as the accelerations allow, until it is kept again. What leads into an obstacle, a keep-out or
     beyond a limit of a user's own, or deeper, is shortened towards braking, and where braking does, towards rest
     (`kept`): there only acceleration yields.
