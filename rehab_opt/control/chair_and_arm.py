@@ -8,16 +8,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.control.chair_limits import ChairLimits, Limits
 from rehab_opt.control.command import Command
-from rehab_opt.control.hand_task import AHEAD, PROGRESS, HandTask, Last, Task
+from rehab_opt.control.hand_task import CALM, OFF, PRICE, HandTask, Task
 from rehab_opt.control.obstacles import NUMBERS
-from rehab_opt.control.stopping import ticks_to_rest
 from rehab_opt.control.velocity_controller import VelocityController
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics import DriveName
 from rehab_opt.kinematics.mobile_arm import CHAIR
 from rehab_opt.optim.certificate import all_true
 from rehab_opt.optim.qp import Statement
-from rehab_opt.optim.rows import MAX_MAGNITUDE, Instance, Row, equal, parameter, variable, within
+from rehab_opt.optim.rows import MAX_MAGNITUDE, Instance, equal, parameter, variable, within
 from rehab_opt.symbolic import Compile
 from rehab_opt.symbolic.matrices import symmetric
 from rehab_opt.symbolic.tick import Stages
@@ -25,26 +24,8 @@ from rehab_opt.symbolic.tick import Stages
 __all__ = ["ChairAndArm"]
 
 Array = NDArray[np.float64]
-UNKNOWN = -1.0
-"""In place of the frame: 0 for the chassis frame, 1 for the world, this where no hand velocity is remembered."""
-STEADY = 0.03
-"""Weight of a steady velocity beside what braking leaves of it, as a share of the robot's mass; of a change in a tick,
-by T/dt more. Light joints would else shake where bounds are met.
-"""
-CURVED = 2.0
-"""How many times progress pays for the bow that a joint's turn in a tick makes of the hand's way, reach dt u^2 / 2.
 
-Where a stretched arm gives none, tangents promise some to either side: the arm then overshoots that place in every tick
-by as much as it is beyond it or more, unless this is above 1.
-"""
-GOING = 10.0
-"""Ticks of acceleration in which a joint gets to a speed from which on all of that share counts: at rest, what is left
-of the command decides.
-"""
-MEAN = 8.0
-"""Ticks in which a mean of u follows it. Own limits and keep-outs on the way are tangents about that: about u each tick
-undid the one before, where a limit bends or a margin grows, and arms trembled.
-"""
+
 TINY = 1e-12
 """[m/s, rad/s] A change of velocity that is none."""
 
@@ -52,27 +33,19 @@ TINY = 1e-12
 class ChairAndArm(VelocityController):
     """Joint velocities for a hand twist in one set of rows.
 
-    min  1/2 (u - t)'W(u - t) + (0.015 T/dt + y reach dt) |u - b|^2 + c'u_a^2 - price progress + 20 price off
+    min  1/2 (u - t)'W(u - t) + 0.01 T/dt |u - b|^2 + price (20 off - progress) + missing^2 + off^2
     s.t. J u = w + progress r/|r| + off e/|e|,   0 <= progress <= |r|,  0 <= off <= |e|
-         |u - u_last| <= acceleration dt,  the bounds of `ChairLimits`,  and for h of z and half-way to it
-         -max(0.05 |r|, |w|) <= (r/|r|)'J(h) u,  |s'J(h) u| <= max(0.27 |r|, |w|) for s square to r,
-         by their tangents at u_last (1 - dt/T), and no tighter than that and c below are
+         |u - u_last| <= acceleration dt,  the bounds of `ChairLimits`,  and at the stop posture z
+         -max(0.05 |r|, |w|) <= (r/|r|)'J(z) u,  |s'J(z) u| <= max(0.27 |r|, |w|) for s square to r,
+         by tangents at u_last (1 - dt/T), and no tighter than that and c below are
 
     u are the joint velocities with the chair's in the chassis frame (forward, left, turn), in which neither W nor the
-    arm's Jacobian knows where the chair stands: that a turned or shifted scene changes nothing is by construction, and
-    the rolling row, Eq. (4), is a left speed of zero. r is the commanded twist. z = q + T u is where the robot comes to
-    rest if it brakes together from now on: see `BrakingTogether`. J is that of the middle of the tick, where a velocity
-    that is held moves the hand as it does in the mean. t is Eq. (1) at q, and where joints cannot be so fast, as near
-    singular postures, its direction, of a part of r where an arm alone is led up its c by x, y and z
-    (`hand_task.ASIDE`); from one of its answers to a distant one, as after a turn of the stick, t is so far from u_last
-    to Eq. (1) as the accelerations allow (`HandTask`). b is the answer of the first term alone where that keeps all
-    bounds, so that it stays the answer; u_last after a tick of braking where an obstacle or keep-out is in its way, or
-    it passes another bound by what a tick's accelerations can do, or the hand stands; in between, between them: light
-    joints stay calm, and a chair whose hand stands comes to rest. y is the size of the multipliers of J u = r at that
-    price. At the end of a hand's reach they are a spring, of which what steadies is the mass. c is the critical damping
-    of its joints u_a, (0.03 T stiffness)^1/2, as far as the hand lacks of its command and b is not the analytic answer;
-    none where what J u is worth rises, as where a stretched arm comes back. The price of progress grows while the hand
-    creeps although its joints could be faster to good effect (`hand_task.CREEPS`).
+    arm's Jacobian knows where the chair stands; the rolling row, Eq. (4), is a left speed of zero. r is the commanded
+    twist. z = q + T u is where the robot comes to rest if it brakes together from now on: see `BrakingTogether`. J is
+    that of the middle of the tick. With no bound active the answer is Eq. (1), or on the way to it as far from going on
+    as before as the accelerations allow (`HandTask`); t is that with joints no faster than they can be. b is the answer
+    where that keeps all bounds, else u_last (1 - dt/T), in between while the hand moves, so that a chair whose hand
+    stands comes to rest.
 
     **What decreases.** Let d be the part of the hand's last velocity that is no part of r between none and all of it,
     and c one tick of the hardest braking together. c is feasible: its changes are within the accelerations, it lies on
@@ -80,10 +53,7 @@ class ChairAndArm(VelocityController):
     leaves J c = w + progress_c r/|r| + e, where w <= (1 - dt/T) d is what d is allowed to be now, so that off = |e|
     satisfies the task. So the QP has an answer in every tick, and what it delivers besides r lies between w and w + e,
     both of which are at most (1 - dt/T) |d|, but for what the change of the Jacobian within the tick adds, of order
-    dt |u|^2: |d| shrinks by that factor a tick or faster. (Where u_last (1 - dt/T) leaves more of e than c, yet less
-    than 0.002 dt/T |r|, that is free in place of c's: |d| may end at 0.002 |r|.) Along r the hand is never faster than
-    |r| but for that. The rows at h are why e stays small while a bound or a singular posture stops the hand: it keeps
-    to r also where joints bend its way.
+    dt |u|^2. The rows at z are why e stays small while a bound or a singular posture stops the hand.
 
     Without a command all joints brake together as hard as the accelerations allow, and then rest.
 
@@ -116,12 +86,10 @@ class ChairAndArm(VelocityController):
         self.task = HandTask(robot, rows, moving=self.limits.moving, self_motion=self_motion)
         if (rank := self.task.rank()) < k:
             raise ConfigurationError("row_sets", rows, f"independent rows; on a {drive} base {rank} of them are")
-        # What is remembered: u, where it leads, the command, the wheels' part of it, the mean of u, and of the hand its
-        # velocity, the insistence on its progress, and the frame.
+        # What is remembered: u, where it leads, the command, and the wheels' part of it.
         self.command_slice: slice = slice(2 * n, 3 * n)
         self.wheels = slice(3 * n, 3 * n + wheels)
-        self.mean = slice(self.wheels.stop, self.wheels.stop + n)
-        self.motion = slice(2 * n, self.mean.stop)
+        self.motion = slice(2 * n, self.wheels.stop)
         super().__init__(
             robot.chain, dt=limits.dt, recovery_speed=limits.recovery_speed, solver=solver, backup=backup,
             tolerance=tolerance, max_age=max_age, compile=compile,
@@ -130,7 +98,7 @@ class ChairAndArm(VelocityController):
 
     @property
     def _memory_size(self) -> int:
-        return int(self.mean.stop) + len(self.rows) + 2
+        return 3 * self.robot.chain.n + len(self.wheelset.rolling)
 
     # --------------------------------------------------------------------------------------------- the task
     def statement(self) -> Statement:
@@ -138,57 +106,48 @@ class ChairAndArm(VelocityController):
         tick, n, k = Stages(), self.chain.n, len(self.rows)
         q, twist, world = parameter("q", n), parameter("twist", k), parameter("frame", 1)
         surroundings, memory = parameter("obstacles", self.surroundings), parameter("last", self._memory_size)
-        last, moving = Last(memory[:n], memory[-2 - k : -2], memory[-2], memory[-1]), ca.sumsqr(twist) > 0
+        last, moving = memory[:n], ca.sumsqr(twist) > 0
 
-        limits = tick.once(self._limits(tick, q, memory, surroundings, gives_way=moving))
-        lower, upper = tick.once(self._acceleration_limited(last.velocity, limits, moving))
+        limits = tick.once(self._limits(tick, q, last, surroundings, gives_way=moving))
+        lower, upper = tick.once(self._acceleration_limited(last, limits, moving))
         task = tick.once(
             self.task.task(tick, q, twist, world, last=last, limits=limits, braking=self.limits.braking, dt=self.dt)
         )
-        b, part = tick.once(self._calm(last.velocity, task, limits, (lower, upper)))
-        J, W, price = task.jacobian, symmetric(task.inertia, n), task.price
-        braking, reach = self.limits.braking, self.robot.reach
-        steady = STEADY * braking.time / self.dt + CURVED * task.multiplier * self.dt * reach
-        damping = 2 * ca.sqrt(STEADY * braking.time * task.stiffness) * (1 - part) * task.missing
-
+        J, W, steady = task.jacobian, symmetric(task.inertia, n), CALM * self.limits.braking.time / self.dt
         velocity = variable("velocity", n, lower=lower, upper=upper)
         along = variable("progress", 1, lower=0, upper=task.speed)
         across = variable("off", 1, lower=0, upper=task.off)
         u, progress, off = velocity.symbol, along.symbol, across.symbol
+        calm = tick.once(self._calm(last, task, limits, (lower, upper)))
         away, missing = u - task.target, task.speed - progress
-        command = self._command(tick, q, u, surroundings, limits=limits, moving=moving)
+        command = self.limits.kept(tick, q, surroundings, limits, ca.if_else(moving, u, limits.base))
         self._base = limits.base
         return Statement(
             name=f"chair_and_arm_{self.drive}_{'_'.join(self.rows)}",
             parameters=[q, twist, world, surroundings] if self.surroundings else [q, twist, world],
             variables=[velocity, along, across],
             # Steeper the more is missing, since solvers fail more often on a cost that is flat in a variable.
-            minimise=away.T @ W @ away / 2
-            + (steady * ca.sumsqr(u - b) + ca.dot(damping, u[CHAIR:] ** 2)) / 2
-            + (task.dear * off - price * progress + PROGRESS * (missing**2 + off**2) / 2),
+            minimise=(away.T @ W @ away + steady * ca.sumsqr(u - calm)) / 2
+            + task.price * (OFF * off - progress)
+            + PRICE * (missing**2 + off**2) / 2,
             subject_to=[
                 equal(J @ u, task.turning + progress * task.direction + off * task.error),
                 *limits.chassis.rows(u),
-                self._hand_row(u, task),
+                within(task.ahead @ u, task.ahead_lower, task.ahead_upper),
                 *limits.surrounding_rows(u),
             ],
             active_set=True,
             analytic=ca.vertcat(task.analytic, task.speed, 0),
-            dual=ca.vertcat(task.dual, ca.SX.zeros(limits.row_count + len(AHEAD) * k)),
+            dual=ca.vertcat(task.dual, ca.SX.zeros(limits.row_count + k)),
             tick=tick,
-            report=self.report(last.velocity, command, J @ command, twist, limits.outside),
+            report=self.report(last, command, J @ command, twist, limits.outside),
             memory=memory,
-            remember=self.remembered(q, command, J @ command, task.insistence, world, before=memory),
+            remember=self.remembered(q, command),
             violation=limits.violation(command),
         )
 
-    def _limits(self, tick: Stages, q: ca.SX, memory: ca.SX, surroundings: ca.SX, *, gives_way: ca.SX) -> Limits:
-        last, mean = memory[: self.chain.n], self._mean(memory)
-        return self.limits.limits(tick, q, last, surroundings, mean=mean, gives_way=gives_way)
-
-    def _mean(self, memory: ca.SX) -> ca.SX:
-        """(n,) see `MEAN`: the last u where the past is forgotten."""
-        return ca.if_else(memory[-1] == UNKNOWN, memory[: self.chain.n], memory[self.mean])
+    def _limits(self, tick: Stages, q: ca.SX, last: ca.SX, surroundings: ca.SX, *, gives_way: ca.SX) -> Limits:
+        return self.limits.limits(tick, q, last, surroundings, gives_way=gives_way)
 
     def _acceleration_limited(self, last: ca.SX, limits: Limits, moving: ca.SX) -> tuple[ca.SX, ca.SX]:
         """Intervals within the accelerations, or as braking needs; those of `limits` at rest."""
@@ -197,65 +156,30 @@ class ChairAndArm(VelocityController):
         upper = ca.fmin(limits.upper, ca.fmax(last + change, limits.base))
         return ca.if_else(moving, lower, limits.lower), ca.if_else(moving, upper, limits.upper)
 
-    def _hand_row(self, u: ca.SX, task: Task) -> Row:
-        return within(task.ahead @ u, task.ahead_lower, task.ahead_upper)
-
-    def _calm(self, last: ca.SX, task: Task, limits: Limits, ends: tuple[ca.SX, ca.SX]) -> tuple[ca.SX, ca.SX]:
-        """(7,) b of the class, within the intervals' `ends`; how much of it is analytic."""
-        u, braking = ca.SX.sym("u", self.chain.n), self.limits.braking
-        finite = all_true(
-            ca.fabs(task.analytic) <= MAX_MAGNITUDE
-        )  # not at a singular posture: NaN goes nowhere from here
+    def _calm(self, last: ca.SX, task: Task, limits: Limits, ends: tuple[ca.SX, ca.SX]) -> ca.SX:
+        """(n,) the analytic answer where it keeps all bounds, within `ends` too, else a tick of braking that leaves the
+        stop posture; in between where it passes a bound by less than the accelerations can do in a tick.
+        """
+        u, change = ca.SX.sym("u", self.chain.n), self.limits.braking.change
+        finite = all_true(ca.fabs(task.analytic) <= MAX_MAGNITUDE)  # not at a singular posture
         analytic = ca.if_else(finite, task.analytic, 0)
-
-        def excess(row: Row, matrix: ca.SX) -> ca.SX:
-            """How far the analytic answer is beyond a row's bounds."""
-            there = matrix @ analytic
-            return ca.fmax(there - row.upper, row.lower - there)
-
-        # Beyond its own bounds, as a fraction of what the accelerations can do in a tick.
         beyond = ca.if_else(finite, 0, ca.inf)
-        for row in (within(u, *ends), *limits.chassis.rows(u), self._hand_row(u, task)):
+        ahead = within(task.ahead @ u, task.ahead_lower, task.ahead_upper)
+        for row in (within(u, *ends), ahead, *limits.chassis.rows(u), *limits.surrounding_rows(u)):
             matrix = ca.jacobian(row.expression, u)
-            ratios = excess(row, matrix) / ca.fmax(ca.fabs(matrix) @ braking.change, TINY)
-            beyond = ca.fmax(beyond, ca.mmax(ratios))
-        surroundings = [excess(row, ca.jacobian(row.expression, u)) for row in limits.surrounding_rows(u)]
-        met = ca.mmax(ca.vertcat(ca.SX(0), *surroundings)) > 0
-        going = ca.fmin(ticks_to_rest(last, braking.change) / GOING, 1)
-        part = ca.if_else(beyond > 0, going * ca.fmax(1 - beyond, 0) * (1 - task.missing), 1)
-        part = ca.if_else(met, 0, part)
-        slower = braking.slower(last)
-        return ca.if_else(part > 0, slower + part * (analytic - slower), slower), part
-
-    def _command(
-        self, tick: Stages, q: ca.SX, u: ca.SX, surroundings: ca.SX, *, limits: Limits, moving: ca.SX
-    ) -> ca.SX:
-        """(7,) u, shortened to what keeps chair and arm out of everything; exactly `base` without a command."""
-        outside = self.limits.clear_of_obstacles(tick, surroundings, q, limits, u) if self.max_obstacles else u
-        command = tick.once(ca.if_else(moving, outside, limits.base))
-        if self.robot.keep_out:
-            keep_outs = self.limits.keep_outs
-            clear = keep_outs.clear(command, limits.clearance)
-            command = tick.when(
-                clear, command, lambda: tick.call(keep_outs.unhindered, limits.base, command, q[CHAIR:])[0]
-            )
-        return self._kept(tick, q, surroundings, command, limits.base)
-
-    def _kept(self, tick: Stages, q: ca.SX, surroundings: ca.SX, u: ca.SX, base: ca.SX) -> ca.SX:
-        """(7,) u, or what of it keeps a user's limits."""
-        if not len(self.limits.own):
-            return u
-        return tick.call(self.limits.keeping, q, surroundings[NUMBERS * self.max_obstacles :], u, base)[0]
+            there = matrix @ analytic
+            over = ca.fmax(there - row.upper, row.lower - there) / ca.fmax(ca.fabs(matrix) @ change, TINY)
+            beyond = ca.fmax(beyond, ca.mmax(over))
+        slower = self.limits.braking.slower(last)
+        return slower + ca.if_else(beyond > 0, task.done * ca.fmax(1 - beyond, 0), 1) * (analytic - slower)
 
     # ------------------------------------------------------------------------------------------ what is remembered
-    def remembered(self, q: ca.SX, u: ca.SX, hand: ca.SX, insistence: ca.SX, frame: ca.SX, *, before: ca.SX) -> ca.SX:
+    def remembered(self, q: ca.SX, u: ca.SX) -> ca.SX:
         """The memory: see `__init__`."""
         cos, sin = ca.cos(q[2]), ca.sin(q[2])
         value = ca.vertcat(cos * u[0] - sin * u[1], sin * u[0] + cos * u[1], u[2:])
         wheels = self.wheelset.wheel_speeds_expression(u[:CHAIR])
-        mean = self._mean(before)
-        mean += (u - mean) / MEAN
-        return ca.densify(ca.vertcat(u, q + value * self.dt, value, wheels, mean, hand, insistence, frame))
+        return ca.densify(ca.vertcat(u, q + value * self.dt, value, wheels))
 
     def fallback_law(self) -> ca.Function:
         """One tick of braking together."""
@@ -267,21 +191,16 @@ class ChairAndArm(VelocityController):
         velocity, heading = ca.SX.sym("velocity", self.chain.n), ca.SX.sym("heading")
         state, possible = super().beginning()(velocity)
         state[self.memory_at + self.chain.n + 2] = heading  # should the first position be unusable
-        state[self.stated.state_size - 1] = UNKNOWN
         return ca.Function("begin", [velocity, heading], [state, all_true(possible, ca.fabs(heading) < MAX_MAGNITUDE)])
 
     def braking(self) -> ca.Function:
         """q, memory, obstacles -> see `VelocityController`."""
         tick, q = Stages(), ca.SX.sym("q", self.chain.n)
         surroundings, memory = ca.SX.sym("obstacles", self.surroundings), ca.SX.sym("memory", self._memory_size)
-        limits = self._limits(tick, q, memory, surroundings, gives_way=ca.SX(0))
-        rest = limits.base
-        if self.robot.keep_out:
-            (rest,) = tick.call(self.limits.keep_outs.unhindered, rest, rest, q[CHAIR:])
-        command = self._kept(tick, q, surroundings, rest, rest)
+        limits = self._limits(tick, q, memory[: self.chain.n], surroundings, gives_way=ca.SX(0))
+        command = self.limits.kept(tick, q, surroundings, limits, limits.base)
         report = self.report(memory[: self.chain.n], command, ca.SX(0), ca.SX(1), limits.outside)  # none of the task
-        forgotten = ca.SX.zeros(len(self.rows)), ca.SX(0), ca.SX(UNKNOWN)
-        remembered = self.remembered(q, command, *forgotten, before=memory)
+        remembered = self.remembered(q, command)
         inputs = [q, memory, surroundings] if self.surroundings else [q, memory]
         return tick.function("braking", inputs, [remembered, report])
 
@@ -333,7 +252,7 @@ class ChairAndArm(VelocityController):
         size, n, command_slice = self.stated.state_size, self.chain.n, self.command_slice
         ours, own = ca.SX.sym("ours", size + self.judged.size), ca.SX.sym("own", self.judged.size)
         theirs, memory = ca.SX.sym("theirs", command_slice.stop), ours[self.memory_at : size]
-        memory[: 2 * n], memory[command_slice], memory[-1] = theirs[: 2 * n], theirs[command_slice], UNKNOWN
+        memory[: 2 * n], memory[command_slice] = theirs[: 2 * n], theirs[command_slice]
         after = ca.vertcat(ca.SX.zeros(self.memory_at), memory, own)
         return ca.Function("going_on", [ours, theirs, own], [ca.densify(after)])
 

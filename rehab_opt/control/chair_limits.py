@@ -9,12 +9,12 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 
-from rehab_opt.control.chair_obstacles import ROWS, TIGHTER, ChairObstacles, mean_velocity
+from rehab_opt.control.chair_obstacles import TIGHTER, ChairObstacles, mean_velocity
 from rehab_opt.control.keep_out import ALONG, ArmKeepOuts
 from rehab_opt.control.limit import PostureLimits, kept_within
 from rehab_opt.control.linear_limit import LinearLimit, SymmetricLimit
 from rehab_opt.control.obstacles import NUMBERS
-from rehab_opt.control.stopping import FAR, BrakingTogether, velocity_bounds
+from rehab_opt.control.stopping import FAR, OUTSIDE, BrakingTogether, velocity_bounds
 from rehab_opt.kinematics.drive import Drive
 from rehab_opt.kinematics.mobile_arm import CHAIR, MobileArm
 from rehab_opt.optim.certificate import all_true, clipped
@@ -23,11 +23,6 @@ from rehab_opt.symbolic.tick import Stages
 
 __all__ = ["ChairLimits", "Limits"]
 
-ROUNDED = 1e-10
-"""[m/s] By which a solver may pass a row: at a limit of zero, less would stop the chair at once."""
-LATE = 1e-6
-"""[m/s] By which the hardest braking passes a row of what came too late. Between two the chair brakes so: solvers find
-nothing around that."""
 TINY = 1e-12
 FACETS = 8
 """Sides of the polygon inside the circle of chassis velocities; its corners lie on the axes."""
@@ -43,10 +38,6 @@ class Limits(NamedTuple):
     """Rim speeds and the chassis speed [m/s]; of a base that stands there are none."""
     towards: LinearLimit
     """The chair's corners towards obstacles [m/s], where braking ends."""
-    into: LinearLimit
-    """The chair into an obstacle in this tick [m/s]; part of no problem."""
-    tight: ca.SX
-    """1 where `base` keeps out and these, which bound how it bows, do not show it."""
     closing: LinearLimit
     """The arm towards its keep-outs [m/s]: from the posture now, see `now`, and from places on the way."""
     beside: LinearLimit
@@ -55,6 +46,8 @@ class Limits(NamedTuple):
     """(7,) one tick of the hardest braking together: the safe command; see `ChairLimits` for what comes nearer."""
     clearance: ca.SX
     """[m] of the arm from the nearest keep-out, negative inside."""
+    nearest: ca.SX
+    """[m] of the chair from the nearest obstacle, negative inside."""
     outside: ca.SX
     """1 where the state is beyond one of them already."""
 
@@ -63,19 +56,13 @@ class Limits(NamedTuple):
         """Number of rows."""
         return sum(each.row_count for each in (self.chassis, self.towards, self.closing, self.beside))
 
-    @property
-    def now(self) -> LinearLimit:
-        """The first half of `closing`: the arm into a keep-out in this tick."""
-        return LinearLimit(*(column[: self.closing.row_count // 2, :] for column in self.closing))
-
     def surrounding_rows(self, u: ca.SX) -> list[Row]:
         """Those of obstacles and keep-outs."""
         return [row for each in (self.towards, self.closing, self.beside) for row in each.rows(u)]
 
     def violation(self, u: ca.SX) -> ca.SX:
-        """By how much u breaks those of this tick, not of the way to the stop posture; infinite for NaN."""
-        linear = [each.excess(u) for each in (self.chassis, self.into, self.now)]
-        over = ca.vertcat(u - self.upper, self.lower - u, *linear)
+        """By how much u breaks the intervals and the wheels' limits; infinite for NaN."""
+        over = ca.vertcat(u - self.upper, self.lower - u, self.chassis.excess(u))
         return ca.if_else(all_true(ca.fabs(over) < ca.inf), ca.norm_2(ca.fmax(over, 0)), ca.inf)
 
 
@@ -89,9 +76,9 @@ class ChairLimits:
     - obstacles: the gap of each corner of the chair at z, or half-way there where less is left, see `ChairObstacles`.
 
     Where a state comes too late for that (an obstacle that appears, a velocity that is passed, rounding), a limit asks
-    for braking as hard as the accelerations allow, until it is kept again; and the command is shortened to what keeps
-    the robot out in this tick. Of braking, what leads into an obstacle, or deeper, is taken: there only acceleration
-    yields.
+    for braking as hard as the accelerations allow, until it is kept again. What leads into an obstacle, a keep-out or
+    beyond a limit of a user's own, or deeper, is shortened towards braking, and where braking does, towards rest
+    (`kept`): there only acceleration yields.
 
     A user's limits and a `Clearance` make the rows that they make everywhere (`PostureLimits`), and are kept on
     the way to z, too, the chair on its arc, bodies where they are now. While the stick commands, `base` is led out of
@@ -125,39 +112,30 @@ class ChairLimits:
         """Joints that the drive allows to move, by number from 0: Eq. (4) in the chassis frame."""
         return [*self.wheels.moving, *range(CHAIR, self.robot.chain.n)]
 
-    def limits(
-        self, tick: Stages, q: ca.SX, last: ca.SX, surroundings: ca.SX, *, mean: ca.SX, gives_way: ca.SX
-    ) -> Limits:
+    def limits(self, tick: Stages, q: ca.SX, last: ca.SX, surroundings: ca.SX, *, gives_way: ca.SX) -> Limits:
         """Limits at joint values q (7,) after the command `last` (7,), among obstacles and moving capsules.
 
-        surroundings : numbers of the obstacles, then of the capsules. mean : (7,) about which limits on the way are
-        stated. gives_way : see `PostureLimits.beside`. What is far makes no rows.
+        surroundings : numbers of the obstacles, then of the capsules. gives_way : see `PostureLimits.beside`.
+        What is far makes no rows.
         """
         lower, upper, hard_lower, hard_upper, outside = tick.once(self._joints(q, last))
         obstacles, told = ca.vertsplit(surroundings, [0, NUMBERS * self.max_obstacles, surroundings.numel()])
-        towards, into, inside = self.obstacles.limits(tick, obstacles, q, last)
-        now, then, clearance = self.keep_outs.limits(tick, q, last, mean)
+        towards, nearest = self.obstacles.limits(tick, obstacles, q, last)
+        now, then, clearance = self.keep_outs.limits(tick, q, last)
         contacts = ca.SX(0, 1)
         if self.own.contacts_size:
             (contacts,) = tick.call(self.contacts, q, last, told)
         slowest = self.braking.slowest(last)
         chassis = self._chassis(slowest)
-
-        slowed, tight = self._kept_out(
-            tick, clipped(slowest, hard_lower, hard_upper), q=q, last=last, obstacles=obstacles, into=into,
-            chassis=chassis,
-        )  # fmt: skip
-        into = into.relaxed(slowed)
-        base = ca.vertcat(slowed[:CHAIR], slowed[CHAIR:] * now.max_step_size(slowed))
+        base = clipped(slowest, hard_lower, hard_upper)
         beside = LinearLimit(ca.SX(0, q.numel()), ca.SX(0, 1))
         if len(self.own):
             turn = self.world(q[2], q.numel())
             turn[:, self.wheels.still()] = 0
-            about, change = self.braking.slower(mean), self.braking.change
-            bodies = self._touched(tick, q, about, contacts, told, fastest=ca.fmax(ca.fabs(last), ca.fabs(mean)))
+            about, change = self.braking.slower(last), self.braking.change
+            bodies = self._touched(tick, q, about, contacts, told, fastest=ca.fabs(last))
             ahead = LinearLimit(*self.own.on_the_way(
                 q, about, bodies=bodies, way=self.led, seconds=self._times, change=change,
-                astray=ca.mmax(ca.fmax(ca.fabs(last - mean) - change, 0)),
             ))  # fmt: skip
             ends = _reached(last, change, base, (lower, upper))
             led = kept_within((-ahead.matrix, ahead.upper, ca.SX.inf(ahead.row_count)), base, ends, ends)
@@ -166,58 +144,24 @@ class ChairLimits:
                 q, turn @ last, contacts, turn=turn, base=base, ends=ends, hard=(hard_lower, hard_upper),
                 gives_way=gives_way,
             )  # fmt: skip
-            # As far from there as wheels, chassis, obstacles and keep-outs let it: both are within the accelerations.
+            # As far from there as the wheels let it: both are within the accelerations.
             way = base - braked
-            driven = LinearLimit.stacked(chassis.one_sided, into).max_step_size(way, braked) * way[:CHAIR]
-            swung = now.max_step_size(way, braked) * way[CHAIR:]
-            base = ca.vertcat(ca.if_else(tight, slowed[:CHAIR], braked[:CHAIR] + driven), braked[CHAIR:] + swung)
+            base = braked + chassis.one_sided.max_step_size(way, braked) * way
             beside = LinearLimit.stacked(LinearLimit(*here), ahead).relaxed(base)
             lower, upper = ca.fmin(lower, base), ca.fmax(upper, base)
             outside = ca.sum1(ca.vertcat(outside, self.own.beyond(q), self.own.inside(contacts))) > 0
-        over = ca.vertsplit(towards.excess(base), ROWS) if inside else []
-        late = ca.sum1(ca.vertcat(0, *(ca.mmax(each) > LATE for each in over))) > 1
-        lower, upper = (ca.vertcat(ca.if_else(late, base[:CHAIR], end[:CHAIR]), end[CHAIR:]) for end in (lower, upper))
-        towards = towards.relaxed(base)
         return Limits(
             lower=lower,
             upper=upper,
             chassis=chassis,
-            towards=towards._replace(upper=ca.if_else(late, FAR, towards.upper)),
-            into=into,
-            tight=tight,
-            closing=LinearLimit.stacked(now, then.relaxed(base)),
+            towards=towards.relaxed(base),
+            closing=LinearLimit.stacked(now, then).relaxed(base),
             beside=beside,
             base=base,
             clearance=clearance,
-            outside=ca.sum1(ca.vertcat(outside, *inside, clearance < 0)) > 0,
+            nearest=nearest,
+            outside=ca.sum1(ca.vertcat(outside, nearest < -OUTSIDE, clearance < 0)) > 0,
         )
-
-    def _kept_out(
-        self, tick: Stages, slowed: ca.SX, *, q: ca.SX, last: ca.SX, obstacles: ca.SX, into: LinearLimit,
-        chassis: SymmetricLimit,
-    ) -> tuple[ca.SX, ca.SX]:  # fmt: skip
-        """(7,) `slowed` without what truly leads the chair into an obstacle; see `Limits.tight`."""
-        chair, arm, before, change = slowed[:CHAIR], slowed[CHAIR:], last[:CHAIR], self.braking.change[:CHAIR]
-        if not self.max_obstacles:
-            return slowed, ca.SX(0)
-
-        def led_out() -> ca.SX:
-            slopes, rest = -into.matrix[:, :CHAIR], (ca.fmin(before, 0), ca.fmax(before, 0))  # braking only slows
-            slopes[:, self.wheels.still()] = 0
-            ends = clipped(before - change, *rest), clipped(before + change, *rest)
-            led = kept_within((slopes, into.upper, into.upper + ROUNDED), chair, ends, rest)
-            out = led * chassis.max_step_size(ca.vertcat(led, arm))
-            return ca.if_else(self.obstacles.none_deeper(tick, obstacles, q[:CHAIR], chair), chair, out)
-
-        kept = ca.vertcat(tick.when(ca.mmax(into.excess(slowed)) > ROUNDED, led_out, chair), arm)
-        return kept, tick.once(ca.mmax(into.excess(kept)) > ROUNDED)
-
-    def clear_of_obstacles(self, tick: Stages, surroundings: ca.SX, q: ca.SX, limits: Limits, u: ca.SX) -> ca.SX:
-        """(7,) the command on the way from `base` to u (7,) that leads the chair into no obstacle in this tick."""
-        base, way = limits.base, u - limits.base
-        command = tick.once(base + limits.into.max_step_size(way, base, ROUNDED) * way)
-        there = tick, surroundings[: NUMBERS * self.max_obstacles], q[:CHAIR], command[:CHAIR]
-        return tick.when(limits.tight, lambda: ca.if_else(self.obstacles.none_deeper(*there), command, base), command)
 
     @staticmethod
     def world(heading: ca.SX, joints: int) -> ca.SX:
@@ -265,24 +209,34 @@ class ChairLimits:
         """[s] to the places `ALONG`."""
         return [part * self.braking.time for part in ALONG]
 
-    @cached_property
-    def keeping(self) -> ca.Function:
-        """Q, moving capsules, unconstrained u (7,), braking -> `first_kept` of `control.limit`.
+    def kept(self, tick: Stages, q: ca.SX, surroundings: ca.SX, limits: Limits, u: ca.SX) -> ca.SX:
+        """(7,) u, or what of it and of `base` leads nothing into, or deeper into, what it has to keep out of."""
+        if not (self.max_obstacles or self.robot.keep_out or len(self.own)):
+            return u
+        u = tick.once(u)
 
-        It leads the arm into no keep-out, nor deeper; without limits it is `unconstrained`.
-        """
-        own, n = self.own, self.robot.chain.n
-        inputs = [ca.MX.sym(name, size) for name, size in (("q", n), ("moving", own.moving_size), ("u", n))]
-        q, told, u = inputs
-        if not len(own):
-            return ca.Function("keeping", [*inputs, ca.MX.sym("braking", n)], [u])
-        here, velocity = ca.SX.sym("q", n), ca.SX.sym("u", n)
+        def judged() -> ca.SX:
+            return tick.call(self._first_kept, q, surroundings, u, limits.base)[0]
+
+        if len(self.own):
+            return judged()
+        driven = self.dt * self.obstacles.fastest(u) < limits.nearest
+        return tick.when(ca.logic_and(driven, self.keep_outs.clear(u, limits.clearance)), u, judged)
+
+    @cached_property
+    def _first_kept(self) -> ca.Function:
+        """Q, surroundings, u (7,), braking -> see `first_kept` of `control.limit`."""
+        own, n, obstacles = self.own, self.robot.chain.n, NUMBERS * self.max_obstacles
+        sizes = (("q", n), ("surroundings", obstacles + own.moving_size), ("u", n))
+        q, around, u = inputs = [ca.MX.sym(name, size) for name, size in sizes]
+        here, velocity, told = ca.SX.sym("q", n), ca.SX.sym("u", n), ca.SX.sym("obstacles", obstacles)
         sent = ca.Function("sent", [here, velocity], [self.world(here[2], n) @ velocity])
-        verdict = own.judged(q, told, sent(q, u))
-        if self.robot.keep_out:
-            no_deeper = self.keep_outs.no_deeper(here[CHAIR:], velocity)
-            out = ca.Function("out", [here, velocity], [no_deeper], {"cse": True})
-            verdict = ca.logic_and(verdict, out(q, u))
+        out = all_true(
+            self.keep_outs.no_deeper(here[CHAIR:], velocity), self.obstacles.keeps_out(told, here[:CHAIR], velocity)
+        )
+        verdict = ca.Function("out", [here, velocity, told], [out], {"cse": True})(q, u, around[:obstacles])
+        if len(own):
+            verdict = ca.logic_and(verdict, own.judged(q, around[obstacles:], sent(q, u)))
         return own.first_kept(ca.Function("judged", inputs, [verdict]))
 
     def _joints(self, q: ca.SX, last: ca.SX) -> tuple[ca.SX, ...]:

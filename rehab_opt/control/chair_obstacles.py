@@ -20,8 +20,8 @@ __all__ = ["ROWS", "ChairObstacles"]
 
 Array = NDArray[np.float64]
 
-ROWS, INTO = 4, 2
-"""Rows of one obstacle: towards it, and into it in this tick."""
+ROWS = 4
+"""Rows of one obstacle."""
 ALONG = (0.5, 1.0)
 """Places on the way to the stop posture that are looked at, besides its beginning."""
 CLEAR = 5e-4
@@ -78,37 +78,35 @@ class ChairObstacles:
         )
 
     def column(self, one: ca.SX, place: ca.SX, last: ca.SX) -> ca.SX:
-        """(25,) rows towards it and what is left, rows into it and their limits, 1 where the chair is within it."""
-        each, now = (self._approach(one, place, last, horizon) for horizon in (self.braking.time, self.dt))
-        into = [(now.matrix[k, :].T, now.room[k] * (1 - TIGHTER)) for k in range(INTO)]
-        parts = [ca.vertcat(*pair) for pair in (*self._towards(each, last), *into)]
-        return ca.densify(ca.vertcat(*parts, each.inside))
+        """(17,) rows towards it and what is left; the chair's gap from it [m]."""
+        each = self._approach(one, place, last, self.braking.time)
+        rows = [ca.vertcat(*pair) for pair in self._towards(each, last)]
+        return ca.densify(ca.vertcat(*rows, ca.mmin(self._gaps(each))))
 
     def far(self) -> ca.SX:
-        """(25,) that of an obstacle that does not matter."""
+        """(17,) that of an obstacle that does not matter."""
         row = ca.vertcat(ca.SX.zeros(CHAIR), FAR)
-        return ca.densify(ca.vertcat(*[row] * (ROWS + INTO), 0))
+        return ca.densify(ca.vertcat(*[row] * ROWS, FAR))
 
-    def limits(
-        self, tick: Stages, obstacles: ca.SX, q: ca.SX, last: ca.SX
-    ) -> tuple[LinearLimit, LinearLimit, list[ca.SX]]:
-        """Limits [m/s] towards obstacles (4 k,), and into them in this tick; for each, 1 where the chair is within it.
+    def limits(self, tick: Stages, obstacles: ca.SX, q: ca.SX, last: ca.SX) -> tuple[LinearLimit, ca.SX]:
+        """Limits [m/s] towards obstacles (4 k,); the least gap [m].
 
         At joint values q (n,), after the command `last` (n,).
         """
         columns = [tick.call(self.rows, one, q[:CHAIR], last[:CHAIR])[0] for one in _each(obstacles)]
+        cells = [ca.reshape(each[:-1], CHAIR + 1, ROWS).T for each in columns]
+        found = ca.vertcat(ca.SX(0, CHAIR + 1), *cells)
+        towards = LinearLimit.of_joints(0, q.numel(), found[:, :CHAIR], found[:, CHAIR])
+        nearest = ca.mmin(ca.vertcat(FAR, *(each[-1] for each in columns)))
+        return towards.beyond(self.braking.slower(last)), nearest
 
-        def read(first: int, count: int) -> LinearLimit:
-            cells = [each[(CHAIR + 1) * first : (CHAIR + 1) * (first + count)] for each in columns]
-            found = ca.vertcat(ca.SX(0, CHAIR + 1), *(ca.reshape(each, CHAIR + 1, count).T for each in cells))
-            return LinearLimit.of_joints(0, q.numel(), found[:, :CHAIR], found[:, CHAIR])
+    def fastest(self, u: ca.SX) -> ca.SX:
+        """[m/s] no less than the speed of any corner at velocities u (n,)."""
+        return ca.fabs(u[0]) + ca.fabs(u[1]) + self._lever * ca.fabs(u[2])
 
-        towards = read(0, ROWS).beyond(self.braking.slower(last))
-        return towards, read(ROWS, INTO), [each[-1] for each in columns]
-
-    def none_deeper(self, tick: Stages, obstacles: ca.SX, place: ca.SX, u: ca.SX) -> ca.SX:
-        """1 where `no_deeper` holds of all obstacles (4 k,), at place (3,) and velocity (3,)."""
-        return all_true(*(tick.call(self.no_deeper, one, place, u)[0] for one in _each(obstacles)))
+    def keeps_out(self, obstacles: ca.SX, place: ca.SX, u: ca.SX) -> ca.SX:
+        """1 where `no_deeper` holds of all obstacles (4 k,), at place (3,) and velocity u (n,)."""
+        return all_true(*(self.no_deeper(one, place, u[:CHAIR]) for one in _each(obstacles)))
 
     @cached_property
     def no_deeper(self) -> ca.Function:

@@ -51,19 +51,18 @@ class ArmKeepOuts:
         self._swinging = [i for i, moves in enumerate(ca.which_depends(gaps, arm, 1, False)) if moves]
         """Joints of the arm, from 0, that move its links: not the last, where the hand lies on its axis."""
 
-    def limits(self, tick: Stages, q: ca.SX, last: ca.SX, mean: ca.SX) -> tuple[LinearLimit, LinearLimit, ca.SX]:
+    def limits(self, tick: Stages, q: ca.SX, last: ca.SX) -> tuple[LinearLimit, LinearLimit, ca.SX]:
         """Limits [m/s] of this tick and of the way to the stop posture; the arm's clearance [m], negative inside.
 
-        At joint values q (n,), after the command `last` (n,); the way is that of the `mean` (n,). Rows are worked out
-        where a keep-out can matter.
+        At joint values q (n,), after the command `last` (n,). Rows are worked out where a keep-out can matter.
         """
         n, count = q.numel(), len(self.robot.keep_out) * len(self.robot.links)
         if not count:
             none = LinearLimit(ca.SX(0, n), ca.SX(0, 1))
             return none, none, ca.SX(FAR)
-        is_near, clearance = self.near(q[CHAIR:], ca.fmax(ca.fabs(last), ca.fabs(mean))[CHAIR:])
+        is_near, clearance = self.near(q[CHAIR:], ca.fabs(last)[CHAIR:])
         far = ca.horzcat(ca.SX.zeros(2 * count, n - CHAIR), FAR * ca.SX.ones(2 * count))
-        arm = [each[CHAIR:] for each in (q, last, mean)]
+        arm = [each[CHAIR:] for each in (q, last)]
         found = tick.when(is_near, lambda: tick.call(self._rows, *arm)[0], far)
         now, then = (
             LinearLimit.of_joints(CHAIR, n, found[some, :-1], found[some, -1])
@@ -72,7 +71,7 @@ class ArmKeepOuts:
         hard = ca.fmax(now.upper * self.braking.time + CLEAR, 0) / self.dt
         slides = ca.fmin(now.matrix @ self.braking.slowest(last), hard)
         now = now._replace(upper=ca.fmax(ca.fmax(now.upper, 0), slides))
-        return now, then.beyond(self.braking.slower(mean)), clearance
+        return now, then.beyond(self.braking.slower(last)), clearance
 
     def near(self, arm: ca.SX, fastest: ca.SX) -> tuple[ca.SX, ca.SX]:
         """Whether a keep-out can matter at arm joints (4,) after speeds (4,) at most; the arm's clearance [m]."""
@@ -81,7 +80,7 @@ class ArmKeepOuts:
         return clearance <= self._margin(1.0, fastest) + self.robot.reach * self.braking.time * speed, clearance
 
     def clear(self, u: ca.SX, clearance: ca.SX) -> ca.SX:
-        """1 where no keep-out is as near as a tick of u (n,) reaches, or of half the arm's."""
+        """1 where no keep-out is as near as a tick of u (n,) reaches."""
         return clearance > 1.01 * self.robot.reach * self.dt * ca.sum1(ca.fabs(u[CHAIR:])) + TINY
 
     def no_deeper(self, arm: ca.SX, u: ca.SX) -> ca.SX:
@@ -89,31 +88,14 @@ class ArmKeepOuts:
         return all_true(self._gaps(arm + self.dt * u[CHAIR:]) >= ca.fmin(self._gaps(arm), 0))
 
     @cached_property
-    def unhindered(self) -> ca.Function:
-        """Base, unconstrained (n,), arm (4,) -> the first that keeps the arm out: `unconstrained`, half-way to `base`,
-        that, its half, its chair alone. The limits say so to first order only.
-        """
-        n = self.robot.chain.n
-        base, unconstrained, arm = inputs = [
-            ca.SX.sym("base", n),
-            ca.SX.sym("unconstrained", n),
-            ca.SX.sym("arm", n - CHAIR),
-        ]
-        half = ca.vertcat(base[:CHAIR], 0.5 * base[CHAIR:])
-        chosen = ca.vertcat(base[:CHAIR], ca.SX.zeros(arm.numel()))
-        for u in (half, base, (base + unconstrained) / 2, unconstrained):
-            chosen = ca.if_else(self.no_deeper(arm, u), u, chosen)
-        return ca.Function("unhindered", inputs, [ca.densify(chosen)], {"cse": True})
-
-    @cached_property
     def _rows(self) -> ca.Function:
-        """Arm, last, mean (k,) -> (2 c, k + 1) how c distances close with its joints, and the speeds [m/s] they may.
+        """Arm, last (k,) -> (2 c, k + 1) how c distances close with its joints, and the speeds [m/s] they may.
 
         First those of the posture now, negative within its margin; then, for each, of the place where least is left on
-        the way to rest from the `mean` (k,), and beyond what braking takes of it.
+        the way to rest, and beyond what braking takes of it.
         """
-        arm, last, mean = inputs = [ca.SX.sym(name, self.robot.chain.n - CHAIR) for name in ("arm", "last", "mean")]
-        slower, time = self.braking.slower(mean), self.braking.time
+        arm, last = inputs = [ca.SX.sym(name, self.robot.chain.n - CHAIR) for name in ("arm", "last")]
+        slower, time = self.braking.slower(last), self.braking.time
         apart = time / len(ALONG)
         # In the middle of the tick: there a link that slides along a keep-out comes no nearer.
         opening, gaps = self._opening(arm + last * (self.dt / 2))
@@ -121,7 +103,7 @@ class ArmKeepOuts:
         then, left = 0 * opening, ca.SX.inf(now.size1())
         before, falls = opening, ca.fmin(opening @ slower, 0)
         for part in ALONG:
-            margin = self._margin(part, mean)
+            margin = self._margin(part, last)
             opening, here = self._opening(arm + part * time * slower)
             changes = opening @ slower
             rises = ca.fmax(changes, 0)

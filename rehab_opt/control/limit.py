@@ -297,7 +297,6 @@ class PostureLimits:
         way: Callable[[ca.SX, ca.SX, float], ca.SX],
         seconds: Sequence[float],
         change: ca.DM,
-        astray: ca.SX,
     ) -> tuple[ca.SX, ca.SX]:
         """R (m, n), r (m,) of R u <= r that keep the limits on the way that u leads, to first order about `last` (n,).
 
@@ -310,7 +309,6 @@ class PostureLimits:
         seconds : the times that are looked at, above zero, evenly; each makes rows of its own. Between two a distance
             may be less, by an eighth of how a parabola through three bends.
         change : (n,) of u in a tick at most: what tangents promise too much for that is kept as a margin.
-        astray : of the velocity now from `last`, beyond `change`: what tangents miss there is taken back.
         """
         here, u = ca.SX.sym("q", self.chain.n), ca.SX.sym("u", self.chain.n)
         rows = [ca.SX(0, 1 + u.numel())]
@@ -322,8 +320,7 @@ class PostureLimits:
                 rows.append(smallest_rows(left, each.count(self.chain)))
         found = ca.vertcat(ca.Function("on_the_way", [here, u], [ca.vertcat(*rows)])(q, last), bodies)
         left, slopes = found[:, 0], found[:, 1:]
-        back = astray**2 * max(seconds) * ca.sqrt(ca.sum2(slopes**2))
-        return -slopes, ca.fmax(left - slopes @ last, -back)
+        return -slopes, ca.fmax(left - slopes @ last, 0)
 
     def bodies_on_the_way(
         self, *, way: Callable[[ca.SX, ca.SX, float], ca.SX], seconds: Sequence[float], change: ca.DM
@@ -368,7 +365,7 @@ class PostureLimits:
         Of `unconstrained`, parts of the way there from `braking`, and parts of that, in this order.
         """
         n = self.chain.n
-        q, told = ca.MX.sym("q", n), ca.MX.sym("moving", self.moving_size)
+        q, told = ca.MX.sym("q", n), ca.MX.sym("moving", judged.numel_in(1))
         unconstrained, braking = ca.MX.sym("unconstrained", n), ca.MX.sym("braking", n)
         inputs = [q, told, unconstrained, braking]
         tried = [unconstrained, *(braking + part * (unconstrained - braking) for part in PARTS), braking]

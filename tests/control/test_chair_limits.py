@@ -10,8 +10,6 @@ from rehab_opt import Limit, ardis
 from rehab_opt.control.chair_limits import ChairLimits
 from rehab_opt.control.limit import all_limits
 from rehab_opt.kinematics import DRIVES, DriveName
-from rehab_opt.kinematics.ardis import ARDIS_READY
-from rehab_opt.symbolic.tick import Stages
 
 DT = 0.01
 
@@ -39,16 +37,3 @@ def test_a_steady_velocity_leads_the_chair_where_its_ticks_do() -> None:
             there = there + DT * np.array([cos * u[0] - sin * u[1], sin * u[0] + cos * u[1], *u[2:]])
         led = np.array(ca.DM(chair_limits("mecanum").led(ca.SX(q), ca.SX(u), seconds))).ravel()
         np.testing.assert_allclose(led, there, rtol=0, atol=1e-4 * seconds)
-
-
-def test_rows_on_the_way_forbid_a_steady_arm_no_rest_and_take_back_what_tangents_miss() -> None:
-    limits, tick = chair_limits("mecanum", Limit(lambda chain, q: 0.5 - q[4], rate=10.0)), Stages()
-    q, last, mean = (ca.SX.sym(name, 7) for name in ("q", "last", "mean"))
-    found = limits.limits(tick, q, last, ca.SX(0, 1), mean=mean, gives_way=ca.SX(1))
-    function = tick.function("limits", [q, last, mean], [found.beside.upper])
-    here, moving = ARDIS_READY + 0.0, 0.035 * np.eye(7)[4]
-    here[4] = 0.505  # beyond it
-    for mean_of, astray in ((moving, 0.0), (-moving, 0.07 - limits.braking.change[4])):
-        now, *on_the_way = np.array(function(here, moving, mean_of)).ravel()
-        assert now == pytest.approx(-0.005)  # within an acceleration
-        np.testing.assert_allclose(on_the_way, -(float(astray) ** 2) * limits.braking.time, atol=1e-12)

@@ -54,23 +54,6 @@ def posture(rng: np.random.Generator, robot: MobileArm, fraction: float = 1.0) -
 # ----------------------------------------------------------------------------------------------- speed and direction
 
 
-@pytest.mark.parametrize("drive", DRIVES)
-def test_a_hand_that_creeps_goes_on_where_the_chair_s_turn_helps_and_else_the_chair_stays_slow(drive: str) -> None:
-    """A level forearm that only the chair can roll: by the sine of its slope, at the chair's full turn."""
-    nothing, free = 1e-6, np.full(3, math.inf)
-    stiff = ardis(lower=[*-free, -2, *[-nothing] * 3], upper=[*free, 2, *[nothing] * 3])
-    robot, roll = new(stiff, drive=drive, row_sets=[("z", "roll7")], keep_out=False), 0.06
-    for slope, worth in ((3e-3, True), (1e-3, False)):
-        possible = math.sin(slope) * stiff.chain.velocity[2] / roll
-        q = np.array([0.0, 0.0, 0.0, slope, 0.0, 0.0, 0.0])
-        robot.reset()
-        for _ in range(300):
-            command = robot.step(q, [0.0, roll], ("z", "roll7"))
-            q = q + 0.01 * command.value
-        assert 0.02 < possible < 0.06 if worth else possible < 0.02
-        assert command.scale > 0.95 * possible if worth else abs(command.value[2]) < 0.2 * stiff.chain.velocity[2]
-
-
 def test_an_arm_led_to_rest_at_a_singular_posture_follows_the_reversed_stick() -> None:
     """Not into the ten degrees to a joint limit beyond it, where rounding led it; its hand gets half of the command."""
     robot, twist = resolver(drive="fixed"), [0.0529, 0.1291, 0.0021]
