@@ -58,7 +58,8 @@ def test_an_arm_from_a_file_goes_round_on_late_servos_and_becomes_c(
     for plant, outcome in by_plant.items():
         assert isinstance(outcome, SceneOutcome)
         ((trace,), (scene,)) = outcome.traces.values(), outcome.scenes.values()
-        assert trace["position_error_m"].max() < (2e-5 if plant is None else 0.01)
+        # The seventh joint's own motion is kept from moving the hand where the arm would stop, not where it is.
+        assert trace["position_error_m"].max() < (5e-5 if plant is None else 0.01)
         assert plant is None or trace["position_error_m"].max() > 1e-4  # it does move as something with a mass
         assert np.all((trace["joint"] >= scene.chain.lower) & (trace["joint"] <= scene.chain.upper))
     export_c(load_problem(problem), tmp_path / "c")
