@@ -50,7 +50,7 @@ class _Model(PoseTracker):
 
     watched = False
 
-    def self_motion(self, q: ca.SX, jacobian: ca.SX, seconds: ca.SX, braking: ca.SX) -> ca.SX:
+    def self_motion(self, q: ca.SX, turn: ca.SX, jacobian: ca.SX, seconds: ca.SX, braking: ca.SX) -> ca.SX:
         """None: the person's elbow is left where it is."""
         return ca.SX.zeros(self.chain.n)
 

@@ -63,6 +63,8 @@ PASSES = 2
 """Of a damped solve: each further one takes out what damping left where the arm is regular."""
 BRAKES = 0.7
 """Fraction of the accelerations that the approach to a target counts on."""
+ASIDE_SPEED, FREE_TURN = 0.1, 0.5
+"""Of the largest speeds, for the posture: faster, the hand is led off; [rad] see `PoseTracker.self_motion`."""
 ASIDE = 3
 """Rounds in which a command is led across bodies that come."""
 SECANTS = 2
@@ -120,7 +122,8 @@ class PoseTracker(VelocityController):
     linear_speed, angular_speed : [m/s, rad/s] largest hand speeds.
     task_weights : (6,) weights of the twist's components in the base frame, one against the other; a zero frees one.
     posture : (n,) joint positions that a redundant chain moves to where the task leaves it free; by default the middle
-        of each joint's range. That motion is no faster than `recovery_speed`.
+        of each joint's range, of more than six joints and without zero weights. That motion is no faster than
+        `recovery_speed`, nor than a tenth of the largest speeds.
     limits : what the posture has to keep besides, each a `Limit`.
     dt : nominal tick [s].
     recovery_speed : fraction of the velocity limit at which a joint outside its limits comes back.
@@ -277,12 +280,12 @@ class PoseTracker(VelocityController):
         J, error = tick.once(
             (
                 ca.diag(weights) @ chain.jacobian_expression(there) @ movable,
-                weights * _error(target, chain.pose_expression(there)),
+                _error(target, chain.pose_expression(there)),
             )
         )
         S = tick.once(ca.fmax(1 / self._settling, dt * (1 + ticks)))
         braking = relative * (1 - 1 / ca.fmax(ticks, 1))
-        aside = tick.once(self.self_motion(there, J, S, braking))
+        aside, error = tick.once((self.self_motion(there, error[3:], J, S, braking), weights * error))
         base = tick.once(follow + braking)
         unweighted = ca.DM(1 / np.where(self.task_weights > 0, np.array(weights).ravel(), np.inf))
         rate = tick.once(error / S / ca.fmax(1, self._hand.over(unweighted * error / S)))
@@ -367,21 +370,24 @@ class PoseTracker(VelocityController):
         ends = np.isfinite(lower) & np.isfinite(upper)
         return ca.DM(np.where(ends, np.where(ends, lower, 0) / 2 + np.where(ends, upper, 0) / 2, np.inf))
 
-    def self_motion(self, q: ca.SX, jacobian: ca.SX, seconds: ca.SX, braking: ca.SX) -> ca.SX:
+    def self_motion(self, q: ca.SX, turn: ca.SX, jacobian: ca.SX, seconds: ca.SX, braking: ca.SX) -> ca.SX:
         """(n,) [rad/s] added to `braking` (n,) for the posture, from q (n,), as far as it does not move the hand.
 
-        What does not move the hand is slowed as a whole to `recovery_speed`.
+        What does not move the hand is slowed as a whole to `recovery_speed`, at most `ASIDE_SPEED`. Components of a
+        turn (3,) [rad] mean something only near the target: where one is free, the motion ends `FREE_TURN` from it.
         """
         chain, away = self.chain, self._rest_posture - q
-        if self.posture is None and np.sum(~chain.locked) <= np.sum(self.task_weights > 0):
+        if self.posture is None and (np.any(self.task_weights == 0) or np.sum(~chain.locked) <= len(self.task_weights)):
             return ca.SX.zeros(chain.n)
 
         def free(velocity: ca.SX) -> ca.SX:
             return velocity - damped_velocity(jacobian, jacobian @ velocity, damping=DAMPING, passes=PASSES)
 
         away = ca.DM(~chain.locked) * ca.if_else(ca.fabs(away) < ca.inf, away, 0) / seconds
+        if np.any(self.task_weights[3:] == 0):
+            away *= clipped(1 - ca.norm_2(turn) / FREE_TURN, 0, 1)
         moved = free(braking + away)
-        over = ca.mmax(ca.fabs(moved) / ca.DM(self.recovery_speed * chain.velocity))
+        over = ca.mmax(ca.fabs(moved) / ca.DM(min(self.recovery_speed, ASIDE_SPEED) * chain.velocity))
         return moved / ca.fmax(over, 1) - free(braking)
 
     def _towards(self, now: Now, w: ca.SX) -> ca.SX:
