@@ -7,8 +7,9 @@ the proof. Coefficients minimise, over points of the grown source,
     f(J) = |J|^2 / det J + (1 + det J^2) / det J,
 
 which has its minimum where J is a rotation and grows without bound towards det J = 0. Descent starts from a harmonic
-map (`harmonic`) and may fold on its way: det J is smoothed around zero, less in each round. Where the proof fails, the
-map is anchored to the harmonic one, which is one-to-one, and knots are inserted in the middle of every cell.
+map (`harmonic`) and may fold on its way: det J is smoothed around zero, less in each round. Where the
+proof fails or the target is used too little, it starts again: with another pull, anchored to the harmonic map, which is
+one-to-one, or with knots inserted in the middle of every cell.
 """
 
 from __future__ import annotations
@@ -44,8 +45,8 @@ OUTLINE_POINTS, DRAWN = 400, 0.012
 """Points of the outline that is drawn to the target's: of the source grown by this fraction of sqrt(area)."""
 OUTLINE_WEIGHT = 0.25
 """Weight of an outline's point in the mean of distortion, over that of a point inside."""
-PULL_INSIDE, PULL_OUTSIDE, TIGHTER = 80.0, 1000.0, 4.0
-"""Weights of squared distances from the target's outline, and what the one from outside is multiplied by."""
+PULL_OUTSIDE, TIGHTER = 1000.0, 4.0
+"""Weight of squared distances from the target's outline, from outside, and what it is multiplied by."""
 ROUGHNESS = 2e-2
 """Weight of squared second derivatives: holds coefficients that nothing else does."""
 DET_AT_FIRST, DET_LEAST, LOWER = 0.3, 1e-3, 0.3
@@ -53,10 +54,19 @@ DET_AT_FIRST, DET_LEAST, LOWER = 0.3, 1e-3, 0.3
 OUT_ALLOWED = 3e-3
 """How far the drawn outline may be outside the shrunk target, over sqrt(area)."""
 ROUNDS, ITERATIONS, SAMPLES = 11, 60, 2000
-ATTEMPTS = ((0.0, False, 1.0), (10.0, False, 1.0), (10.0, True, 1.0), (100.0, True, 1.0))
-TASK_ATTEMPTS = ((0.0, False, 1.0), (0.0, False, 0.2), (0.0, False, 0.05), (0.0, False, 0.0))
-"""Of each attempt: weight of the mean squared distance from the harmonic map, whether knots are inserted before, and
-what the task's weight is multiplied by. For a task each begins at the harmonic map."""
+ATTEMPTS = (
+    (0.0, False, 1.0, 80.0),
+    (0.0, False, 1.0, 200.0),
+    (100.0, False, 1.0, 80.0),
+    (4.0, False, 1.0, 50.0),
+    (100.0, True, 1.0, 50.0),
+)
+TASK_ATTEMPTS = ((0.0, False, 1.0, 80.0), (0.0, False, 0.2, 80.0), (0.0, False, 0.05, 80.0), (0.0, False, 0.0, 80.0))
+"""Of each attempt: weight of the mean squared distance from the harmonic map, whether knots are inserted before, what
+the task's weight is multiplied by, and the weight of squared distances from the target's outline, from inside.
+Each begins at the harmonic map."""
+LEAST_USED = 0.6
+"""Fraction of the target's area that a map without a task should use: with less the next attempt is made, too."""
 TURN_WEIGHT = 100.0
 
 
@@ -85,34 +95,30 @@ def least_distorted(
     wide = grown(start, GROWTH)
     mesh = mesh_of(wide, CELL / 3.0)
     scaled = task and Task(frames[0].to_unit(task.points), frames[1].to_unit(task.images), task.weight)
-    tried: list[tuple[bool, bool, float, PlaneBSpline, Certificate]] = []
+    tried: list[tuple[bool, bool, float, float, PlaneBSpline, Certificate]] = []
     for images in harmonic_images(wide, narrow, mesh.points, rotation):
         turn = None if rotation == "best" or task else rotation
         net = _Net(wide, mesh, start, narrow, rotation=turn, task=scaled)
-        coefficients = net.fitted(images)
         doubtful = np.empty((0, 2))
-        for attempt, (anchor, knots, eased) in enumerate(ATTEMPTS if task is None else TASK_ATTEMPTS):
-            if attempt > 0 and task is not None:
-                coefficients = net.fitted(images)
-            elif attempt > 0:
-                coefficients = net.refined(coefficients, frames[0].to_unit(doubtful), knots=knots)
-            coefficients, value = net.descended(
-                coefficients, images, (anchor, eased), again=attempt > 0 and task is None
-            )
+        for anchor, knots, *weights in ATTEMPTS if task is None else TASK_ATTEMPTS:
+            net.refine(frames[0].to_unit(doubtful), knots=knots)
+            coefficients, value = net.descended(images, (anchor, *weights))
             spline = _in_metres(net, coefficients, *frames)
             proven, doubtful = examined(spline, source, target)
-            uneven = not _is_even(spline, source, target)
-            tried.append((not proven.valid, uneven, value, spline, proven))
-            if proven.valid and not uneven:
+            even, used = _evenness(spline, source, target)
+            unused = max(0.0, LEAST_USED - used) if task is None else 0.0
+            tried.append((not proven.valid, not even, unused, value, spline, proven))
+            if proven.valid and even and unused <= 0.0:
                 break
-    return min(tried, key=lambda each: each[:3])[3:]
+    return min(tried, key=lambda each: each[:4])[4:]
 
 
-def _is_even(spline: PlaneBSpline, source: Workspace, target: Workspace) -> bool:
-    """Whether no sampled point is stretched or squeezed by more than an audit allows."""
+def _evenness(spline: PlaneBSpline, source: Workspace, target: Workspace) -> tuple[bool, float]:
+    """Whether no sampled point is stretched or squeezed by more than an audit allows; fraction of the target used."""
     ratio = np.sqrt(target.area / source.area)
     stretch = np.linalg.svd(spline.evaluate(random_points(source, SAMPLES, 0))[1], compute_uv=False) / ratio
-    return bool(stretch.max() <= MAX_STRETCH and stretch.min() >= SMALLEST_STRETCH)
+    even = bool(stretch.max() <= MAX_STRETCH and stretch.min() >= SMALLEST_STRETCH)
+    return even, float(stretch.prod(axis=1).mean())
 
 
 def room_kept(target: Workspace) -> float:
@@ -196,16 +202,13 @@ class _Net:
         self.inside, self.drawn = self._columns(self.mesh.points), self._columns(self.outline)
         self.along_x, self.along_y = self._columns(self.places, 1, 0), self._columns(self.places, 0, 1)
 
-    def refined(self, coefficients: Array, points: Array, *, knots: bool) -> Array:
-        """Sum distortion at these points (m, 2), too, on cells of half the size; the coefficients of the same map."""
+    def refine(self, points: Array, *, knots: bool) -> None:
+        """Sum distortion at these points (m, 2), too; with knots on cells of half the size."""
         self.places = np.concatenate([self.places, points])
         self.weights = np.concatenate([self.weights, np.full(len(points), self.share.mean())])
         if knots:
-            shape = (self.cells[0] + 3, self.cells[1] + 3, 2)
-            finer = PlaneBSpline(self.low, self.step, coefficients.reshape(shape)).finer()
-            self.cells, self.step, coefficients = finer.cells, finer.step, finer.coefficients.reshape(-1, 2)
+            self.cells, self.step = (2 * self.cells[0], 2 * self.cells[1]), self.step / 2.0
         self._tabulate()
-        return coefficients
 
     def fitted(self, images: Array) -> Array:
         """Coefficients with which the mesh's points go to these images (n, 2), about."""
@@ -214,16 +217,17 @@ class _Net:
         weighted = self.inside.T * self.share
         return np.asarray(splu((weighted @ self.inside + 1e-7 * self.rough).tocsc()).solve(weighted @ images))
 
-    def descended(
-        self, coefficients: Array, images: Array, weights: tuple[float, float], *, again: bool
-    ) -> tuple[Array, float]:
-        """Coefficients of least cost, and the cost; weights: of the harmonic images, and times the task's."""
+    def descended(self, images: Array, weights: tuple[float, ...]) -> tuple[Array, float]:
+        """Coefficients of least cost from the harmonic images on, and the cost.
+
+        weights : of these images, times the task's, and of the outline.
+        """
         from scipy.optimize import minimize  # noqa: PLC0415  (slow to import)
 
         share = self.weights / self.weights.sum()
-        outside, width = PULL_OUTSIDE * (TIGHTER if again else 1.0), DET_LEAST if again else DET_AT_FIRST
+        outside, width = PULL_OUTSIDE, DET_AT_FIRST
         metric = self.along_x.T @ (self.along_x * share[:, None]) + self.along_y.T @ (self.along_y * share[:, None])
-        metric = metric + PULL_INSIDE / len(self.outline) * (self.drawn.T @ self.drawn) + ROUGHNESS * self.rough
+        metric = metric + weights[2] / len(self.outline) * (self.drawn.T @ self.drawn) + ROUGHNESS * self.rough
         anchors = [_Anchor(self.inside, images, weights[0] * self.share)] if weights[0] > 0.0 else []
         if self.task is not None:
             even = np.full(len(self.task.points), weights[1] * self.task.weight / len(self.task.points))
@@ -234,15 +238,15 @@ class _Net:
         n = len(dense)
         root = np.linalg.cholesky(dense + 1e-9 * np.trace(dense) / n * np.eye(n))
         back = np.linalg.inv(root).T  # coordinates in which the cost is about round
-        z, value = (root.T @ coefficients).ravel(), np.inf
+        z, value = (root.T @ self.fitted(images)).ravel(), np.inf
 
         def cost(z: Array) -> tuple[float, Array]:
-            value, slope, _, _ = self._cost(back @ z.reshape(n, 2), share, anchors, outside, width)
+            value, slope, _, _ = self._cost(back @ z.reshape(n, 2), share, anchors, (weights[2], outside), width)
             return value, (back.T @ slope).ravel()
 
         for k in range(ROUNDS):
             z = minimize(cost, z, jac=True, method="L-BFGS-B", options={"maxiter": ITERATIONS, "maxcor": 15}).x
-            value, _, least, off = self._cost(back @ z.reshape(n, 2), share, anchors, outside, width)
+            value, _, least, off = self._cost(back @ z.reshape(n, 2), share, anchors, (weights[2], outside), width)
             if least <= 1e-2 and width > DET_LEAST / 10.0:
                 width *= LOWER
                 continue
@@ -253,7 +257,7 @@ class _Net:
         return back @ z.reshape(n, 2), value
 
     def _cost(
-        self, C: Array, share: Array, anchors: list[_Anchor], outside: float, width: float
+        self, C: Array, share: Array, anchors: list[_Anchor], pulls: tuple[float, float], width: float
     ) -> tuple[float, Array, float, float]:
         """Cost, its slope (n, 2), smallest det J, and how far the outline is outside."""
         import shapely  # noqa: PLC0415  (light to import)
@@ -278,7 +282,7 @@ class _Net:
         along = shapely.line_locate_point(self.edge, shapely.points(p))
         away = p - shapely.get_coordinates(shapely.line_interpolate_point(self.edge, along))
         within = shapely.contains_xy(self.narrow, p)
-        pull = np.where(within, PULL_INSIDE, outside) / len(p)
+        pull = np.where(within, *pulls) / len(p)
         bent = self.rough @ C
         value += pull @ (away**2).sum(1) + ROUGHNESS * (C * bent).sum()
         slope = self.along_x.T @ gx + self.along_y.T @ gy + self.drawn.T @ (2.0 * pull[:, None] * away)
