@@ -156,7 +156,7 @@ def test_each_distance_has_a_row_on_the_way_at_every_place_however_near_another_
     none = ca.SX.zeros(0, 7)
     rows, _ = limits.on_the_way(
         ca.SX.zeros(6), ca.SX.zeros(6), bodies=none, way=lambda q, u, t: q + t * u, seconds=(0.25, 0.5, 0.75, 1.0),
-        change=ca.DM.zeros(6), astray=ca.SX(0),
+        change=ca.DM.zeros(6),
     )  # fmt: skip
     np.testing.assert_array_equal(np.array(ca.DM(rows)) != 0, np.tile(np.eye(3, 6) > 0, (4, 1)))
 
@@ -166,7 +166,7 @@ def test_a_distance_that_dips_between_two_places_of_the_way_is_what_it_is_there(
     last = ca.SX([1, 0, 0, 0, 0, 0])
     rows, most = limits.on_the_way(
         ca.SX.zeros(6), last, bodies=ca.SX.zeros(0, 7), way=lambda q, u, t: q + t * u, seconds=(0.25, 0.5, 0.75, 1.0),
-        change=ca.DM.zeros(6), astray=ca.SX(0),
+        change=ca.DM.zeros(6),
     )  # fmt: skip
     left = np.array(ca.DM(most - rows @ last)).ravel()
     assert left[0] == pytest.approx(0.0, abs=1e-12)  # 0.125^2 there, and nothing half-way to the next

@@ -38,7 +38,7 @@ def ellipse(radii: tuple[float, float], centre: tuple[float, float]) -> Workspac
 @functools.cache
 def mapped() -> WorkspaceMap:
     """One ellipse onto another."""
-    return WorkspaceMap.between(ellipse(*SOURCE), ellipse(*TARGET), landmarks=60)
+    return WorkspaceMap.between(ellipse(*SOURCE), ellipse(*TARGET))
 
 
 def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
