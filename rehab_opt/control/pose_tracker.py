@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from functools import cached_property
 from threading import get_ident
-from typing import Any, ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -16,7 +16,7 @@ from rehab_opt.control.clearance import Clearance
 from rehab_opt.control.command import Command
 from rehab_opt.control.damped import DAMPING, damped_velocity
 from rehab_opt.control.jerk_bounds import JerkBounds
-from rehab_opt.control.limit import Limit, PostureLimits, all_limits
+from rehab_opt.control.limit import Limit, all_limits
 from rehab_opt.control.limits_ahead import (
     LEAVING,
     ROUNDING,
@@ -34,16 +34,17 @@ from rehab_opt.control.limits_ahead import (
     within_rows,
 )
 from rehab_opt.control.manoeuvre import ROUNDED, Intervals, Manoeuvre, further
+from rehab_opt.control.pose_inputs import PoseInputs
 from rehab_opt.control.reasons import NUMBER
 from rehab_opt.control.stopping import ticks_to_rest
 from rehab_opt.control.thread_owner import setting
-from rehab_opt.control.velocity_controller import VelocityController, checked_number
+from rehab_opt.control.velocity_controller import checked_number
 from rehab_opt.control.watchdog import first_of
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import SerialChain, per_joint
 from rehab_opt.kinematics.plausible import check_speeds, checked_posture
 from rehab_opt.kinematics.rigid import is_rigid, rotation_vector
-from rehab_opt.kinematics.room import MOVING, MovingCapsule
+from rehab_opt.kinematics.room import MovingCapsule
 from rehab_opt.optim.certificate import all_true, clipped
 from rehab_opt.optim.qp import Statement
 from rehab_opt.optim.rows import parameter, variable, within
@@ -98,7 +99,7 @@ class Task(NamedTuple):
     w: ca.SX
 
 
-class PoseTracker(VelocityController):
+class PoseTracker(PoseInputs):
     """Joint velocities for a tool that follows a pose and a twist.
 
     A command u is *allowed* if u and the braking behind it (`Manoeuvre`) keep every limit. If the last command was
@@ -136,16 +137,9 @@ class PoseTracker(VelocityController):
     ConfigurationError : an argument that cannot be used.
     """
 
-    requirement = "pose is not a rigid transform"
     name: ClassVar[str] = "pose_tracker"
     names_what_blocks = True
 
-    gain: float = setting()
-    linear_speed: float = setting()
-    angular_speed: float = setting()
-    task_weights: Array = setting()
-    posture: Array | None = setting()
-    limits: PostureLimits = setting()
     jerk: JerkBounds | None = setting()
 
     def __init__(
@@ -334,12 +328,6 @@ class PoseTracker(VelocityController):
     def _memory_size(self) -> int:
         return self.chain.n * (2 if self.jerk is None else 3)
 
-    @property
-    def shapes(self) -> tuple[tuple[int, ...], ...]:  # type: ignore[override]
-        """Shapes of the statement's parameters after q: pose, twist, and moving capsules where there are such."""
-        moving = self.limits.moving
-        return ((4, 4), (6,), *([(moving, MOVING)] if moving else []))
-
     @cached_property
     def _manoeuvre(self) -> Manoeuvre:
         return Manoeuvre(self.chain, self.dt, recovery_speed=self.recovery_speed)
@@ -497,17 +485,7 @@ class PoseTracker(VelocityController):
         """
         if self._owner != get_ident():
             self._claim()
-        if type(q) is type(twist) is type(pose) is np.ndarray and np.shape(pose) == (4, 4):
-            try:
-                views: tuple[Any, ...] = self._views
-                views[0][:], views[2][:] = q, twist
-                views[1][:] = pose.ravel()
-            except (ValueError, TypeError):
-                self._write((q, pose, twist, *self._inputs[2:]))
-        else:
-            self._write((q, pose, twist, *self._inputs[2:]))
-        if obstacles is not None or self.limits.moving:
-            self._inputs[-1][:] = self.limits.capsule_numbers("obstacles", obstacles)
+        self._take(q, pose, twist, obstacles)
         return self._tick(enable, stamp)
 
 

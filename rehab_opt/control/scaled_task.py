@@ -4,23 +4,21 @@ from __future__ import annotations
 
 import math
 from abc import abstractmethod
-from collections.abc import Sequence
 from functools import partial
-from typing import Any, ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple
 
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.control.limit import PostureLimits
+from rehab_opt.control.pose_inputs import PoseInputs
 from rehab_opt.control.reference_velocity import CALMING, MISSED, ReferenceVelocity
 from rehab_opt.control.stopping import VelocityBounds, nearest_to_rest
-from rehab_opt.control.thread_owner import setting
-from rehab_opt.control.velocity_controller import VelocityController, checked_number
+from rehab_opt.control.velocity_controller import checked_number
 from rehab_opt.kinematics.chain import SerialChain, per_joint
 from rehab_opt.kinematics.plausible import check_speeds, checked_posture
 from rehab_opt.kinematics.rigid import is_rigid
-from rehab_opt.kinematics.room import MOVING, MovingCapsule
 from rehab_opt.optim.qp import Statement
 from rehab_opt.optim.rows import parameter, variable, within
 from rehab_opt.symbolic import Compile
@@ -42,7 +40,6 @@ POSE, TWIST = 16, 6
 """Numbers of each."""
 
 Array = NDArray[np.float64]
-_ndarray = np.ndarray
 
 
 class Inputs(NamedTuple):
@@ -92,7 +89,7 @@ class TickSolution(NamedTuple):
     rows: Rows
 
 
-class ScaledTask(VelocityController):
+class ScaledTask(PoseInputs):
     """Joint velocities for a tool that follows a pose and a twist in the desired direction.
 
     min  |J (q' - s w)|^2 + small |q' - s w|^2 + price |w|^2 (1 - s)^2   over q', 0 <= s <= 1
@@ -109,16 +106,6 @@ class ScaledTask(VelocityController):
     posture : (n,) joint positions that a redundant chain drifts to where the task leaves it free, or None.
     limits : what else the posture keeps. The others are as for `PoseTracker`.
     """
-
-    requirement = "pose is not a rigid transform"
-    name: ClassVar[str]
-
-    gain: float = setting()
-    linear_speed: float = setting()
-    angular_speed: float = setting()
-    task_weights: Array = setting()
-    posture: Array | None = setting()
-    limits: PostureLimits = setting()
 
     def __init__(
         self,
@@ -209,12 +196,6 @@ class ScaledTask(VelocityController):
     def outcome(self, tick: Stages, inputs: Inputs, motion: TickSolution) -> tuple[ca.SX, ca.SX]:
         """The report of a tick, what was relaxed and the scale first; and the memory that it leaves."""
 
-    @property
-    def shapes(self) -> tuple[tuple[int, ...], ...]:  # type: ignore[override]
-        """Shapes of the statement's parameters after q: pose, twist, and moving capsules where there are such."""
-        moving = self.limits.moving
-        return ((4, 4), (6,), *([(moving, MOVING)] if moving else []))
-
     memory_extra: ClassVar[int] = 0
     """Numbers remembered besides velocity and position."""
 
@@ -273,23 +254,3 @@ class ScaledTask(VelocityController):
     def settling(self) -> float:
         """[1/s] what removes a fraction 1 - exp(-gain dt) of the error in one tick: never an overshoot, at any dt."""
         return (1 - math.exp(-self.gain * self.dt)) / self.dt
-
-    def _take(
-        self, q: ArrayLike, pose: ArrayLike, twist: ArrayLike, obstacles: Sequence[MovingCapsule] | Array | None
-    ) -> None:
-        """Write the arguments of `step`, or raise what is wrong with them."""
-        usual = False
-        # A masked array would be read through its mask.
-        if q.__class__ is _ndarray and twist.__class__ is _ndarray and pose.__class__ is _ndarray:
-            try:
-                # From view to view: half of numpy's cost, and any other type or size is refused.
-                views: tuple[Any, ...] = self._views
-                views[0][:], views[2][:] = q, twist
-                views[1][:] = pose.ravel()
-                usual = pose.ndim == 2 and len(pose) == 4
-            except (ValueError, TypeError):
-                usual = False
-        if not usual:
-            self._write((q, pose, twist, *self._inputs[2:]))
-        if obstacles is not None or self.limits.moving:
-            self._inputs[-1][:] = self.limits.capsule_numbers("obstacles", obstacles)

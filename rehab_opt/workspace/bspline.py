@@ -13,13 +13,11 @@ from numpy.typing import NDArray
 
 from rehab_opt.workspace.plane_map import PlaneMap
 
-__all__ = ["PlaneBSpline", "basis", "halved", "net_columns"]
+__all__ = ["PlaneBSpline", "basis", "net_columns"]
 
 Array = NDArray[np.float64]
 CUBIC = np.array([[1.0, -3.0, 3.0, -1.0], [4.0, 0.0, -6.0, 3.0], [1.0, 3.0, 3.0, -3.0], [0.0, 0.0, 0.0, 1.0]]) / 6.0
 """Powers of t in 0..1 -> the four uniform cubic B-splines that are not zero in a cell."""
-HALVING = np.array([1.0, 4.0, 6.0, 4.0, 1.0]) / 8.0
-"""A uniform cubic B-spline as the sum of B-splines of half the spacing (Lane and Riesenfeld, 1980)."""
 ACROSS = 40
 """Points across the net in each direction at which the inverse may start."""
 
@@ -81,11 +79,6 @@ class PlaneBSpline(PlaneMap):
         value, slopes = _in_cell()(u - cell, local)
         return value, slopes @ ca.diag(1.0 / ca.DM(self.step))
 
-    def finer(self) -> PlaneBSpline:
-        """The same map on cells of half the size, with knots inserted in the middle of each."""
-        fine = np.einsum("ai,bj,ijc->abc", *(halved(n) for n in self.cells), self.coefficients)
-        return PlaneBSpline(self.low, self.step / 2.0, fine)
-
 
 def basis(t: Array, derivative: int) -> Array:
     """(m, 4) B-splines of a cell at t in 0..1, or their derivative 1 or 2 by t."""
@@ -103,14 +96,6 @@ def _in_cell() -> ca.Function:
     across, along = (ca.DM(CUBIC) @ each for each in powers)
     image = ca.reshape(local, 2, 16) @ ca.vec(along @ across.T)
     return ca.Function("in_cell", [place, local], [image, ca.jacobian(image, place)], {"cse": True})
-
-
-def halved(cells: int) -> Array:
-    """(2 cells + 3, cells + 3) coefficients on cells of half the size, from those that are given."""
-    full = np.zeros((2 * cells + 9, cells + 3))
-    for k in range(cells + 3):
-        full[2 * k : 2 * k + 5, k] = HALVING
-    return full[3:-3]
 
 
 def net_columns(points: Array, low: Array, step: Array, cells: tuple[int, int], order: tuple[int, int] = (0, 0)) -> Any:

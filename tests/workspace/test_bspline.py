@@ -76,15 +76,6 @@ def test_one_point_or_many_in_python_or_casadi_are_the_same_and_nan_stays_nan():
         assert np.isnan(spline.jacobian(np.array(bad))).all()
 
 
-def test_knots_in_the_middle_of_all_cells_leave_the_map_as_it_is():
-    spline = wavy(2)
-    finer = spline.finer()
-    assert finer.cells == (10, 14)
-    points = all_over(spline, 500)
-    for ours, before in zip(finer.evaluate(points), spline.evaluate(points), strict=True):
-        np.testing.assert_allclose(ours, before, rtol=0, atol=1e-12)
-
-
 def test_the_inverse_returns_every_point_and_copies_are_the_same_map():
     spline = wavy(3, bend=2e-3)
     points = all_over(spline, 500)
