@@ -49,6 +49,7 @@ class Returns:
 
     def __init__(self, *files: str, but: str = "a^", last: int = 10**9) -> None:
         self._files, self._but, self._last = tuple(str(ROOT / file) for file in files), re.compile(but), last
+        self._inside = tuple(file.removesuffix(".py").rstrip("/").replace("/", ".") for file in files)
         self._count, self._lines = Counter[str](), defaultdict[str, set[int]](set)
         self._kept = defaultdict[str, list[list[float]]](list)
 
@@ -91,7 +92,7 @@ class Returns:
                     known.update(here)
                     sys.settrace(None)
                     left = value if value is not None else frame.f_locals.get("self")
-                    self._kept[name].append(sums(left))
+                    self._kept[name].append(sums(left, self._inside))
                     sys.settrace(self._called)
             return within
 
@@ -129,22 +130,25 @@ def constants(begin: str) -> Iterator[tuple[str, dict[str, list[float]]]]:
             yield ".".join(place[1:]), {key: sums(each) for key, each in sorted(found.items()) if not TIMED.search(key)}
 
 
-def sums(value: Any) -> list[float]:
-    """Two sums of all numbers of something; the second of sizes, which do not cancel."""
+def sums(value: Any, inside: tuple[str, ...] = ("rehab_opt",)) -> list[float]:
+    """Two sums of all numbers of something; the second of sizes, which do not cancel.
+
+    Only into objects of modules `inside` is looked: how those of another folder are written is not kept here.
+    """
     held = list[Any]()
-    _collect(value, DEEP, held, set())
+    _collect(value, DEEP, held, set(), inside)
     found = np.concatenate([np.zeros(0), *held])[:MOST]
     found = np.where(np.isnan(found), NAN, np.clip(found, -INFINITE, INFINITE))
     weights = 1 + np.modf(np.arange(len(found)) * 0.6180339887)[0]
     return [float(f"{each:.9g}") for each in (weights @ found, weights[::-1] @ np.abs(found))]
 
 
-def _collect(value: Any, deep: int, held: list[Any], met: set[int]) -> None:  # noqa: PLR0912  (one match)
+def _collect(value: Any, deep: int, held: list[Any], met: set[int], inside: tuple[str, ...]) -> None:  # noqa: PLR0912  (one match)
     match value:
         case None:
             held.append([0.5])
         case enum.Enum():
-            _collect(value.name, deep, held, met)
+            _collect(value.name, deep, held, met, inside)
         case bool() | int() | float() | complex() | np.number() | np.bool_():
             held.append([value.real, value.imag] if isinstance(value, complex | np.complexfloating) else [float(value)])
         case str():
@@ -152,7 +156,7 @@ def _collect(value: Any, deep: int, held: list[Any], met: set[int]) -> None:  # 
         case np.ndarray() if value.dtype.kind in "biuf":
             held += [np.array(value.shape, dtype=float), np.asarray(value, dtype=float).ravel()[:MOST]]
         case np.ndarray() if value.dtype.kind == "c":
-            _collect(np.stack((value.real, value.imag)), deep, held, met)
+            _collect(np.stack((value.real, value.imag)), deep, held, met, inside)
         case ca.DM() | ca.SX() | ca.MX() | ca.Function():
             _symbolic(value, held)
         case shapely.Geometry():
@@ -160,23 +164,23 @@ def _collect(value: Any, deep: int, held: list[Any], met: set[int]) -> None:  # 
         case Mapping():
             for key in [*value][:SEVERAL]:
                 if not (isinstance(key, str) and TIMED.search(key)):
-                    _collect(key, deep, held, met)
-                    _collect(value[key], deep, held, met)
+                    _collect(key, deep, held, met, inside)
+                    _collect(value[key], deep, held, met, inside)
         case tuple() if hasattr(value, "_fields"):
-            _collect(value._asdict(), deep, held, met)
+            _collect(value._asdict(), deep, held, met, inside)
         case list() | tuple() if value and all(type(each) is float for each in value):
             held.append(value[:MOST])
         case list() | tuple():
             held.append([len(value)])
             for each in value[:SEVERAL]:
-                _collect(each, deep, held, met)
-        case _ if type(value).__module__.startswith("rehab_opt") and deep and id(value) not in met:
+                _collect(each, deep, held, met, inside)
+        case _ if type(value).__module__.startswith(inside) and deep and id(value) not in met:
             met.add(id(value))
             named = {each.name for each in dataclasses.fields(value)} if dataclasses.is_dataclass(value) else set()
             fields = {name: getattr(value, name) for name in sorted(named)} | getattr(value, "__dict__", {})
             for name in sorted(fields):
                 if not TIMED.search(name):
-                    _collect(fields[name], deep - 1, held, met)
+                    _collect(fields[name], deep - 1, held, met, inside)
 
 
 def _symbolic(value: Any, held: list[Any]) -> None:
