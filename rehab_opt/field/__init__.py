@@ -1,1 +1,1 @@
-"""Demonstrations, and the force fields learnt from them."""
+"""Demonstrations, and force fields learnt from them."""

@@ -1,4 +1,4 @@
-"""Arguments of a field, checked."""
+"""Checks of a field's arguments."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 
 
 def checked_drag(drag: object, along: DragAlong, rest_on_target: bool) -> float:
-    """k1 as a float, of a sign that goes with the rest."""
+    """k1 as a float; its sign must suit `along` and `rest_on_target`."""
     if not is_finite(drag):
         raise ConfigurationError("drag", drag, "a finite number")
     if drag < 0 and along == "travelled":
@@ -32,7 +32,7 @@ def checked_drag(drag: object, along: DragAlong, rest_on_target: bool) -> float:
 
 
 def per_axis(argument: str, value: ArrayLike) -> Array:
-    """(2,) from one number or two, of zero or more."""
+    """(2,) from one or two numbers, not negative."""
     array = checked_array(argument, value, "a number or two")
     if array.shape not in ((), (1,), (2,)):
         raise ConfigurationError(argument, value, "a number or two")
@@ -42,7 +42,7 @@ def per_axis(argument: str, value: ArrayLike) -> Array:
 
 
 def path_stiffness(value: Any, given: Sequence[Array], paths: Sequence[SampledPath]) -> list[Array]:
-    """(m, 2) of every sample of every path."""
+    """Stiffness (m, 2) [N/m] of every sample, one array per path."""
     several = isinstance(value, list | tuple) and len(value) and all(np.ndim(each) > 0 for each in value)
     if not several and np.shape(value) in ((), (2,)):
         same = per_axis("stiffness", value)

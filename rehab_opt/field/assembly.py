@@ -1,4 +1,4 @@
-"""Samples of a field from its paths: merged where they are many, continued beyond the ends where it shall rest."""
+"""Samples of a field from its paths: merged if there are many, and continued beyond the ends if the field rests."""
 
 from __future__ import annotations
 
@@ -20,12 +20,13 @@ DragAlong = Literal["remaining", "travelled"]
 
 
 def rest_point(paths: Sequence[SampledPath], along: DragAlong, width: float) -> Array | None:
-    """(2,) [m] where a field on these paths shall rest: the mean of their ends, of their starts if drag grows along
-    the travelled length. None where every path is a point: each is its own rest.
+    """(2,) [m] target of a field on these paths: the mean of their ends, or of their starts for travelled length.
+
+    None if every path is a point, which is its own target.
 
     Raises
     ------
-    ConfigurationError : the ends are further than `width` from their mean: there is no one target.
+    ConfigurationError : the ends are further than `width` from their mean, so there is no common target.
     """
     if all(len(path.points) == 1 for path in paths):
         return None
@@ -52,9 +53,9 @@ def assembled(
     target: Array | None,
     most: int = MOST,
 ) -> Samples:
-    """The samples of a field; linear in `offsets` (m,) [J] and `stiffness` (m, 2) [N/m] of each path.
+    """Samples of a field, linear in each path's `offsets` (m,) [J] and `stiffness` (m, 2) [N/m].
 
-    `target` is the field's `rest_point`, or None for the published field, whose samples are the paths' own.
+    `target` is the field's `rest_point`, or None for the published field, which is not continued.
     """
     own = [
         Samples.of_path(path.points, offset, stiff)

@@ -1,18 +1,17 @@
-"""A path continued beyond its ends, so that the field does not feel that it ends and rests on its target.
+"""Continue a path beyond its ends, so that the field rests exactly on its target.
 
 Eq. (17) averages over the samples near a point, and at the end of a path all of them lie to one side: the field pulls
 back with about 0.4 S sigma there, and rests about one sigma short of its target. Continued by its own reflection
 through the end, the path has samples on both sides:
 
-- at the end where the field rests, phi_0 of a reflected sample is that of its original: the field is the same on both
-  sides, and its gradient at the end zero, whatever the path;
-- at the other end phi_0 goes on as it came (an odd continuation), so that the drag there is that of the path.
+- at the end where the field rests, a reflected sample has the phi_0 of its original. The field is symmetric there, and
+its gradient at the end is zero for any path;
+- at the other end phi_0 is continued as an odd function, so that the drag there is that of the path.
 
-Where the field rests, phi_0 of the reflected samples is raised by 1/2 d'Sd - a u, d from the end and u along the path,
-which brings a hand that overshoots back to the target itself; a is such that the force along the path stays zero
-there. Across a curved path some tenths of a newton remain: the reflected samples lean against them, and what is left is
-rounding. At the other end of a path that leads or holds a hand, phi_0 is raised from two sigma beyond the end on, where
-it no longer pulls backwards on the path itself.
+Where the field rests, phi_0 of the reflected samples is raised by 1/2 d'Sd - a u, with d measured from the end and u
+along the path. This brings a hand that overshoots back to the target; a keeps the force along the path zero there.
+Across a curved path some tenths of a newton remain, which a linear term (`lean`) of the reflected samples cancels. At
+the other end phi_0 is raised from two sigma beyond the end, where it no longer pulls backwards on the path itself.
 """
 
 from __future__ import annotations
@@ -30,22 +29,22 @@ __all__ = ["REACH", "PathEnd", "at_rest", "reflected"]
 Array = NDArray[np.float64]
 
 REACH = 6.0
-"""[sigma] Samples further from an end are not reflected: their weights there are below exp(-18) = 1.5e-8 of one."""
+"""[sigma] Samples further from an end are not reflected; their relative weight there is below exp(-18) = 1.5e-8."""
 AWAY = 2.0
-"""[sigma] So far beyond the end where the field does not rest, a hand is brought back."""
+"""[sigma] Distance beyond the end without rest from which the field brings a hand back."""
 SAME = 1e-9
-"""[sigma] A sample as near to the end as this is its own reflection."""
+"""[sigma] A sample nearer to the end than this is its own reflection."""
 
 
 class PathEnd(NamedTuple):
-    """Where samples are reflected."""
+    """End of a path through which samples are reflected."""
 
     point: Array
     """(2,) [m]"""
     offset: float | None
-    """phi_0 [J] that an odd continuation goes through, or None for an even one."""
+    """phi_0 [J] at the end for an odd continuation, or None for an even one."""
     held: bool
-    """Whether a hand beyond it is brought back."""
+    """Whether the field brings a hand beyond the end back."""
 
 
 def at_rest(samples: Samples, target: Array, width: float) -> Samples:
@@ -65,7 +64,7 @@ def at_rest(samples: Samples, target: Array, width: float) -> Samples:
 
 
 def reflected(samples: Samples, end: PathEnd, width: float) -> Samples:
-    """The reflections of `samples`, which do not lean, through `end`."""
+    """Reflections through `end` of `samples`, whose `lean` must be zero."""
     distance = np.linalg.norm(samples.points - end.point, axis=1)
     near = samples.taken((distance <= REACH * width) & (distance > SAME * width))
     away = end.point - near.points  # of the reflections, from the end

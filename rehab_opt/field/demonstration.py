@@ -1,4 +1,4 @@
-"""What was recorded while somebody led a hand: where it was, how it moved, and with which force it was led."""
+"""Recordings of a guided hand: its position, its velocity, and the guiding force."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ __all__ = ["Demonstration", "check_agreement", "check_closeness", "check_units"]
 
 Array = NDArray[np.float64]
 PLACES = 100
-"""Places compared, at equal fractions of both lengths."""
+"""Number of compared points, at equal fractions of both lengths."""
 TURNED = 0.1
-"""Fraction of the length: a path that is nearer by more than this when it is gone backwards is gone backwards. (A
-straight one is nearer by half, a circle by a fifth; one that goes out and comes back the same way by nothing.)"""
+"""A demonstration counts as reversed if reversal brings it nearer to the path by more than this fraction of the length.
+(A reversed straight line comes nearer by a half, a circle by a fifth, a there-and-back path not at all.)"""
 
 WEAKEST, STRONGEST = 0.1, 1e3
-"""[N] of the largest force of a movement."""
+"""[N] accepted range of the largest force of a movement."""
 SLOWEST = 1e-3
-"""[m/s] of a movement's fastest moment."""
+"""[m/s] smallest accepted peak speed of a movement."""
 SPAN = 0.04
-"""[s] over which velocities are differences of places."""
+"""[s] interval of the position differences that give velocities."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,14 +38,14 @@ class Demonstration:
     ----------
     positions : (N, 2) [m] of the hand, first to last.
     forces : (N, 2) [N] on the hand.
-    velocities : (N, 2) [m/s]; where None by central differences over 40 ms, or over two samples where they are further
-        apart, which needs `dt` or `times`: a difference over 2 ms is noise, and noise teaches a damping of zero.
+    velocities : (N, 2) [m/s]; if None, central differences over 40 ms, or over two samples if those are further apart;
+        this needs `dt` or `times`. Shorter differences are noisy, and noise in the velocity leads to zero damping.
     dt : [s] between samples, or
     times : (N,) [s] of the samples, rising.
 
     Raises
     ------
-    ConfigurationError : lengths that differ, numbers that are not finite, fewer than three samples.
+    ConfigurationError : different lengths, numbers that are not finite, fewer than three samples.
     """
 
     positions: Array
@@ -81,7 +81,7 @@ class Demonstration:
 
 
 def _velocities(positions: Array, seconds: Array) -> Array:
-    """(N, 2) [m/s] a hand moves too slowly for a shorter difference to show more than the sensor's noise."""
+    """(N, 2) [m/s] velocities by differences over `SPAN`; shorter ones would show the sensor's noise."""
     if not np.median(np.diff(seconds)) < SPAN / 2:
         return np.asarray(np.gradient(positions, seconds, axis=0))
     after = np.minimum(seconds + SPAN / 2, seconds[-1])
@@ -106,7 +106,7 @@ def _refuse_first(argument: str, values: Array, wrong: NDArray[np.bool_], expect
 
 
 def check_units(demonstrations: Sequence[Demonstration]) -> None:
-    """Refuse a demonstration whose numbers can only be a slip of the unit.
+    """Raise an error for a demonstration in a wrong unit.
 
     Raises
     ------
@@ -124,7 +124,7 @@ def check_units(demonstrations: Sequence[Demonstration]) -> None:
 
 
 def check_agreement(demonstrations: Sequence[Demonstration], paths: Sequence[Array] | None, width: float) -> None:
-    """Refuse a demonstration that goes backwards along `paths` (N, 2) [m], or, without any, against the first one.
+    """Raise an error for a demonstration that runs backwards along `paths` (N, 2) [m] or the first demonstration.
 
     Raises
     ------
@@ -144,7 +144,7 @@ def check_agreement(demonstrations: Sequence[Demonstration], paths: Sequence[Arr
 
 
 def check_closeness(demonstrations: Sequence[Demonstration], paths: Sequence[Array], width: float) -> None:
-    """Refuse a demonstration of which most lies further from the samples of all paths (m, 2) [m] than `width` [m].
+    """Raise an error for a demonstration that lies mostly further than `width` [m] from all paths (m, 2) [m].
 
     Raises
     ------

@@ -5,8 +5,8 @@ With d = x - x_j and omega_j = exp(log_weight_j - |d|^2 / (2 sigma^2)), normalis
     Phi = sum_j omega_j phi_j,                phi_j = phi_0j + lean_j'd + 1/2 d'S_j d
     -grad Phi = -sum_j omega_j (lean_j + S_j d) + 1/sigma^2 sum_j omega_j (phi_j - Phi) d
 
-The largest exponent is taken out before the exponential, so that some weight is always one: far from every sample
-Eq. (16) as printed is 0 / 0.
+The largest exponent is subtracted first, so that one weight is always 1; far from every sample the printed Eq. (16) is
+0 / 0.
 """
 
 from __future__ import annotations
@@ -32,15 +32,15 @@ __all__ = [
 ]
 
 BLOCK = 10
-"""Samples that compiled code sums at once: half the time of a pass over all of them for every operation."""
+"""Samples per block in compiled code; blocks take half the time of passes over all samples."""
 ABSENT = -1e300
-"""Logarithm of the weight of a sample that fills up a block."""
+"""Logarithm of the weight of padding samples in a block."""
 
 
 class Kernel(NamedTuple):
-    """Write `point` (2,) [m], call `function`'s evaluate, read `energy` (1,) [J] and the elastic `force` (2,) [N].
+    """Write `point` (2,) [m], call `function.evaluate`, read `energy` (1,) [J] and the elastic `force` (2,) [N].
 
-    Memory views: assigning and reading through them costs half of numpy's.
+    These are memory views, which take half of numpy's time to write and read.
     """
 
     point: Any
@@ -50,7 +50,7 @@ class Kernel(NamedTuple):
 
 
 def field_kernel(samples: Samples, width: float, *, compile: Compile = None) -> PerThread[Kernel]:
-    """What evaluates a field at one point, with memory for each thread that asks."""
+    """Evaluator of a field at one point, with buffers per thread."""
     arranged, in_blocks = arranged_samples(samples, compile=compile)
     function = field_function_in_blocks(arranged.shape[1]) if in_blocks else field_function(len(arranged))
 
@@ -64,14 +64,14 @@ def field_kernel(samples: Samples, width: float, *, compile: Compile = None) -> 
 
 
 def arranged_samples(samples: Samples, *, compile: Compile = None) -> tuple[NDArray[np.float64], bool]:
-    """The samples as `field_function_in_blocks` takes them, or `field_function`, and whether it is the former."""
+    """Table of the samples for `field_function_in_blocks` (flag true) or for `field_function` (false)."""
     if how(compile) == "no":  # the virtual machine is better at few operations on long columns
         return field_table(samples)[: len(samples.points)], False
     return field_table(samples).T, True
 
 
 def field_table(samples: Samples) -> NDArray[np.float64]:
-    """(size, 8) the samples as `field_function` takes them, filled up to a multiple of `BLOCK` with absent ones."""
+    """(size, 8) table of the samples for `field_function`, padded to a multiple of `BLOCK`."""
     points, offsets, stiffness, log_weights, lean = samples
     table = np.column_stack((points, offsets, log_weights, stiffness, lean))
     return filled_up(table, -(-len(table) // BLOCK) * BLOCK)
@@ -92,7 +92,7 @@ def field_function(size: int) -> ca.Function:
 
 
 def field_function_in_blocks(size: int) -> ca.Function:
-    """From x (2,), samples (8, size) and 1 / sigma^2 the same, for a size that is a multiple of `BLOCK`."""
+    """As `field_function`, for samples (8, size) whose size is a multiple of `BLOCK`."""
     x, table, sharpness, largest = ca.SX.sym("x", 2), ca.SX.sym("samples", 8, BLOCK), ca.SX.sym("s"), ca.SX.sym("m")
     exponents, sums = [], ca.SX.zeros(8)
     for sample in ca.horzsplit(table):
@@ -111,7 +111,7 @@ def field_function_in_blocks(size: int) -> ca.Function:
 
 
 def _terms(x: Any, sample: list[Any], sharpness: Any) -> tuple[Any, Any, tuple[Any, Any], tuple[Any, Any]]:
-    """Exponent, phi, d and the pull lean + S d: of one sample, or of columns of them."""
+    """Exponent, phi, d and lean + S d of one sample, or of columns of samples."""
     at_x, at_y, offset, log_weight, stiff_x, stiff_y, lean_x, lean_y = sample
     away_x, away_y = x[0] - at_x, x[1] - at_y
     half_x, half_y = stiff_x * away_x / 2, stiff_y * away_y / 2
@@ -122,7 +122,7 @@ def _terms(x: Any, sample: list[Any], sharpness: Any) -> tuple[Any, Any, tuple[A
 
 
 def _answer(sums: list[Any], sharpness: Any) -> list[Any]:
-    """Energy and force from the sums of omega times 1, phi, phi d, d and the pull."""
+    """Energy and force from the sums of omega times 1, phi, phi d, d, and lean + S d."""
     total, weighted, energy_x, energy_y, away_x, away_y, pull_x, pull_y = sums
     energy = weighted / total
     force_x = (sharpness * (energy_x - energy * away_x) - pull_x) / total
@@ -131,7 +131,7 @@ def _answer(sums: list[Any], sharpness: Any) -> list[Any]:
 
 
 def filled_up(table: NDArray[np.float64], size: int) -> NDArray[np.float64]:
-    """(size, 8) a table of samples with absent ones behind them, which change nothing."""
+    """(size, 8) table of samples, padded with samples without weight."""
     extra = np.zeros((size - len(table), 8))
     extra[:, 3] = ABSENT
     return np.vstack((table, extra))

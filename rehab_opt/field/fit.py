@@ -1,4 +1,4 @@
-"""How well a field reproduces its demonstrations, and which parameters they do not determine."""
+"""Quality of a field's fit to demonstrations, and the parameters that these leave undetermined."""
 
 from __future__ import annotations
 
@@ -15,53 +15,54 @@ __all__ = ["Fit", "Identified", "constant_stiffness_error", "identified", "rms"]
 Array = NDArray[np.float64]
 
 WEAK = 1e-3
-"""Fraction of the largest singular value: what changes the recorded forces by less is not determined by them."""
+"""Fraction of the largest singular value; parameter directions with a smaller one are undetermined."""
 PARTS = 8
-"""Of a demonstration, a few tenths of a second each: longer than what a hand does at one stroke."""
+"""Parts of a demonstration, a few tenths of a second each; errors in different parts count as independent."""
 TAKES_PART = 0.3
-"""Fraction of a unit vector from which on a parameter is named."""
+"""Smallest component of an undetermined direction for which its parameter is named."""
 
 
 class Fit(NamedTuple):
     """Quality of a learnt field."""
 
     parameters: dict[str, float]
-    """What was learnt, by name, SI."""
+    """Learnt parameters by name, in SI units."""
     standard_error: dict[str, float]
-    """Of each, from the data's noise and from sway that lasts up to an eighth of a movement; infinite where they hold
-    nothing of it. That no field of this form may give such forces is not in it."""
+    """Standard error of each parameter, from noise and from sway that lasts up to an eighth of a movement; infinite if
+    the data do not determine it. It does not cover errors of the field's form."""
     width: float
     """[m] sigma."""
     training_error: float
-    """[N] root mean square of the force that is not reproduced."""
+    """[N] root mean square error of the reproduced force."""
     held_out: tuple[int, ...]
-    """Numbers of the demonstrations that were kept back."""
+    """Numbers of the held-out demonstrations."""
     held_out_error: float
-    """[N] the training error, on those; NaN where none were."""
+    """[N] the same error on the held-out demonstrations; NaN without any."""
     held_out_fraction: float
-    """That as a fraction of the root mean square of their forces."""
+    """`held_out_error` as a fraction of the root mean square of the held-out forces."""
     chosen_on_held_out: bool
-    """Whether the width was chosen by the held-out error, which then flatters the field a little."""
+    """Whether the width was chosen by the held-out error, which is then a little too small."""
     constant_stiffness_error: float
-    """[N] on the same demonstrations, of the best constant spring and damper to the nearest point of the path."""
+    """[N] error on the same demonstrations of the best constant spring and damper to the nearest point of the path."""
     singular_values: Array
-    """Of the recorded forces as a function of the parameters, each parameter in units of its largest effect."""
+    """Singular values of the map from parameters, each scaled by its largest effect, to the recorded forces."""
     condition: float
-    """Largest by smallest of them."""
+    """Largest over smallest singular value."""
     unidentified: tuple[str, ...]
-    """Parameters that the data leave open, alone or against each other: their values are the regularisation's."""
+    """Parameters that the data leave undetermined, alone or in combination; regularisation sets their values."""
     rest_stiffness: float
-    """[N/m] least curvature of the energy at the target; below zero the field does not rest there. NaN without one."""
+    """[N/m] least curvature of the energy at the target; negative if the field does not rest there. NaN without a
+    target."""
     constraints_active: int
-    """Samples of the path where the force along it is held from pointing backwards."""
+    """Samples of the path at which the constraint of no backward force is active."""
     solver: str
     residual: float
-    """Certificate of the QP, in its scaled units."""
+    """Certificate residual of the QP, in its scaled units."""
     seconds: float
 
 
 class Identified(NamedTuple):
-    """What data determine of parameters."""
+    """Identifiability of parameters from data."""
 
     singular_values: Array
     condition: float
@@ -70,11 +71,11 @@ class Identified(NamedTuple):
 
 
 def identified(design: Array, names: Sequence[str], errors: Array, lengths: Sequence[int]) -> Identified:
-    """From a design (rows, n) and what it leaves (rows,) [N]; `lengths` are the rows of each demonstration.
+    """From a design (rows, n) and its residuals (rows,) [N]; `lengths` are the rows of each demonstration.
 
-    A hand sways and a therapist leans for tenths of a second: errors of neighbouring samples are alike, and a thousand
-    of them say no more than fifty. So each demonstration is cut into parts, whose errors count as one each
-    (Liang and Zeger, Biometrika 1986); where that gives less than independent samples would, these count.
+    Hands sway for tenths of a second, so the errors of neighbouring samples are correlated. Each demonstration is
+    therefore cut into parts, each a cluster of correlated errors (Liang and Zeger, Biometrika 1986). The larger of this
+    standard error and that of independent samples counts.
     """
     sizes = np.linalg.norm(design, axis=0)
     silent = sizes <= 1e-12 * sizes.max(initial=1e-300)

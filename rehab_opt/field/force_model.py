@@ -1,4 +1,4 @@
-"""The force as a linear function of what is learnt: given sigma, Eq. (20) is linear in phi_0, S and D."""
+"""The force as a linear function of the learnt parameters: for a given sigma, Eq. (20) is linear in phi_0, S and D."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class ForceModel:
-    """Parameters by name, all of them zero or more, and the samples that they give."""
+    """Named parameters, none negative, and the samples that they give."""
 
     paths: Sequence[SampledPath]
     width: float
     target: Array | None
     names: tuple[str, ...]
-    """Of the parameters; the last is the damping."""
+    """Names of the parameters; the last is the damping."""
     profile: Callable[[SampledPath, Array], tuple[Array, Array]]
     """phi_0 (m,) and S (m, 2) of a path's samples from the parameters; linear."""
 
@@ -36,12 +36,12 @@ class ForceModel:
         return [offsets for offsets, _ in pairs], [stiffness for _, stiffness in pairs]
 
     def samples(self, parameters: Array) -> Samples:
-        """What such a field sums over; linear in the parameters but for positions and weights, which are constant."""
+        """Samples of the field; energies and stiffness are linear in the parameters, positions and weights constant."""
         offsets, stiffness = self.path_values(parameters)
         return assembled(self.paths, offsets, stiffness, along="remaining", width=self.width, target=self.target)
 
     def design(self, points: Array, velocities: Array | None = None) -> Array:
-        """(N, 2, n) force at points (N, 2) of each parameter at one and the others at zero."""
+        """(N, 2, n) force at points (N, 2) with each parameter at 1 and the others at 0."""
         n = len(self.names)
         each = [self.samples(unit) for unit in np.eye(n)[:-1]]
         offsets = np.column_stack([samples.offsets for samples in each])
@@ -74,10 +74,10 @@ def shared_model(paths: Sequence[SampledPath], width: float, *, rest_on_target: 
 
 
 def station_model(paths: Sequence[SampledPath], width: float, stations: int, *, rest_on_target: bool) -> ForceModel:
-    """phi_0 and S at stations along the way, linear between them; one damping D.
+    """phi_0 and S at stations along the path, linear between them; one damping D.
 
-    Parameters are the steps by which phi_0 falls from station to station, so that it never rises along the
-    demonstration, and the stiffness at each; from the target backwards.
+    Parameters are the decreases of phi_0 from station to station, so that it never rises along the demonstration, and
+    the stiffness at each station, from the target backwards.
     """
     fractions = np.linspace(0.0, 1.0, stations)
 

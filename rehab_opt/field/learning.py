@@ -1,4 +1,4 @@
-"""Fields learnt from recorded forces: convex QPs, since given sigma the force is linear in what is learnt."""
+"""Learn fields from recorded forces by convex QPs: for a given sigma the force is linear in the parameters."""
 
 from __future__ import annotations
 
@@ -28,18 +28,18 @@ __all__ = ["learnt_field"]
 Array = NDArray[np.float64]
 
 TOLERANCE = 1e-6
-"""Certificate residual of the scaled QP, whose numbers are about one."""
+"""Largest certificate residual of the scaled QP, whose numbers are about one."""
 MAX_ROWS = 400
-"""Samples of the path at which the force may not point backwards; evenly among more."""
+"""Largest number of path samples, evenly chosen, at which the force may not point backwards."""
 RIDGE = 1e-12
-"""Weight of the parameters, in units of their effect, against the data: it decides what nothing else does."""
+"""Weight of the scaled parameters' squares in the cost; it sets parameters that the data leave undetermined."""
 LEAST = 1.0
-"""Standard errors that the one stiffness is above zero; from less nothing is learnt. (One of zero is 1e-12 N/m to a
-solver, and noise alone gives a little more.)"""
+"""Least ratio of the shared stiffness to its standard error; below it nothing is learnt. (For a stiffness of zero a
+solver returns 1e-12 N/m, and noise a little more.)"""
 
 
 class Solution(NamedTuple):
-    """Of one QP."""
+    """Solution of one QP."""
 
     parameters: Array
     solver: str
@@ -59,12 +59,12 @@ class FitProblem(NamedTuple):
 
     @property
     def unit(self) -> Array:
-        """(n,) value of each parameter that alone would give forces of the recorded size."""
+        """(n,) value of each parameter that alone gives forces of the recorded size."""
         size = np.sqrt((self.design**2).mean(axis=0) / max(float((self.forces**2).mean()), 1e-12))
         return np.asarray(1 / np.maximum(np.where(size > 1e-12 * size.max(), size, size.max()), 1e-12))
 
     def solved(self, solvers: Sequence[str], penalty: Array | None = None, prior: Array | None = None) -> Solution:
-        """With (theta - prior)' penalty (theta - prior) added, in units that make its numbers about one."""
+        """Solution with (theta - prior)' penalty (theta - prior) added to the cost, in scaled units."""
         design, forces, along = self
         n, m, unit = design.shape[1], len(along), self.unit
         penalty, prior = (np.zeros((n, n)), np.zeros(n)) if penalty is None or prior is None else (penalty, prior)
@@ -105,33 +105,32 @@ def learnt_field(
     solvers: Sequence[str] = ("daqp", "proxqp", "osqp"),
     compile: Compile = None,
 ) -> PotentialField:
-    """The field whose forces are nearest to the recorded ones; its `fit` says how near.
+    """The field whose forces are nearest to the recorded ones; its `fit` has the errors.
 
         min   mean |F(x, v) - F_recorded|^2 + regularisation
         s.t.  S >= 0, D >= 0, phi_0 never rising along the path, t_j . F(x_j) >= 0 at its samples x_j
 
-    The last holds for the force itself: with a falling phi_0 alone the stiffness can still pull backwards. Samples as
-    near to the target as the paths' ends lie from each other are left out: a path that ends beyond the target must be
-    pulled back to it.
+    The last constraint is on the force itself, because with a falling phi_0 alone the stiffness can still pull
+    backwards. It leaves out samples nearer to the target than the spread of the paths' ends, because a path that ends
+    beyond the target needs a force back to it.
 
     Parameters
     ----------
-    demonstrations : what was recorded.
-    width : sigma [m]; of several the one with the least error on what is held out.
-    path : what the field is built around, as in `PotentialField`; where None, the mean of the demonstrations it learns
-        from, without bends finer than half the width: around their own positions, every sway of a hand would be a path
-        along which no spring may pull back.
-    per_point : phi_0 and S at `stations` along the way instead of one S and k1 for all of it. The stations are drawn
-        to the shared solution, and to being smooth, by `regularisation` (relative to the mean square force).
-    held_out : numbers of the demonstrations that are kept back to judge; every fifth by default, one of two to four.
+    demonstrations : the recordings.
+    width : sigma [m]; from several, the one with the least held-out error is chosen.
+    path : path of the field, as in `PotentialField`. None means the mean of the demonstrations, smoothed to half the
+        width; around their own positions, every sway of a hand would be a path along which no spring may pull back.
+    per_point : phi_0 and S at `stations` along the path instead of one S and k1. `regularisation` (relative to the mean
+        square force) pulls the stations towards the shared solution and smooths them.
+    held_out : numbers of the demonstrations that are held out for testing; by default every fifth, or one of two to
+        four.
     rest_on_target, spacing, compile : as in `PotentialField`.
     solvers : tried in turn until one gives a certified answer.
 
     Raises
     ------
-    ConfigurationError : an argument that cannot be used; a demonstration in another unit, or that goes the other way
-        than the path (or, without one, than the first), or stays further from it than the largest width; forces that
-        show no stiffness.
+    ConfigurationError : an argument is invalid; a demonstration has a wrong unit, runs against the path (without one,
+        against the first demonstration), or stays further from it than the largest width; the forces show no stiffness.
     RehabOptError : no solver gave a certified answer.
     """
     several = isinstance(demonstrations, (list, tuple)) and len(demonstrations) > 0
@@ -178,7 +177,7 @@ def learnt_field(
 
 
 class Task(NamedTuple):
-    """What is learnt from what."""
+    """Data and options of one learning problem."""
 
     training: Sequence[Demonstration]
     tested: Sequence[Demonstration]
@@ -192,7 +191,7 @@ class Task(NamedTuple):
 
 
 class Learnt(NamedTuple):
-    """A field, and the one stiffness for all of it [N/m] with its standard error, whatever its points have."""
+    """A field, and the shared stiffness [N/m] with its standard error."""
 
     field: PotentialField
     stiffness: float
@@ -263,7 +262,7 @@ def _learnt(task: Task, paths: Sequence[SampledPath], width: float) -> Learnt:
 
 
 def _along_path(model: ForceModel) -> Array:
-    """(m, n) force along the path at its samples, of each parameter."""
+    """(m, n) force along the path at its samples for each parameter at 1."""
     points = np.concatenate([path.points for path in model.paths])
     tangents = np.concatenate([path.tangents for path in model.paths])
     ends = np.array([path.points[-1] for path in model.paths])
@@ -277,7 +276,7 @@ def _along_path(model: ForceModel) -> Array:
 
 
 def _as_stations(shared: Array, paths: Sequence[SampledPath], stations: int) -> Array:
-    """The parameters of `station_model` that come nearest to the shared ones."""
+    """Parameters of `station_model` nearest to the shared solution."""
     stiffness, drag, damping = shared
     length = float(np.mean([path.remaining[0] for path in paths]))
     offsets = drag * (length * np.linspace(0, 1, stations)) ** 2
@@ -285,7 +284,7 @@ def _as_stations(shared: Array, paths: Sequence[SampledPath], stations: int) -> 
 
 
 def _roughness(stations: int, prior: Array, unit: Array, weight: float) -> Array:
-    """(n, n) penalty on what differs from the prior, and on how unevenly it does so from station to station."""
+    """(n, n) penalty on the difference from the prior and on its variation between stations."""
     penalty = np.zeros((len(prior), len(prior)))
     for part in (slice(0, stations - 1), slice(stations - 1, 2 * stations - 1)):
         size = max(float(np.abs(prior[part]).mean()), 0.1 * float(np.median(unit[part])))

@@ -1,7 +1,8 @@
-"""Many samples as few: those in one small cell become one at their centroid.
+"""Merge samples: those in one small cell become one at their centroid.
 
-A member's weight at x differs from that of the centroid, a vector d away from x, by exp((d.delta - |delta|^2 / 2) /
-sigma^2). The deltas of a group have mean zero, so that its whole weight is wrong in second order only.
+A sample at offset delta from its centroid, which lies at distance vector d from x, has the centroid's weight times
+exp((d.delta - |delta|^2 / 2) / sigma^2). The deltas of a group have mean zero, so the error of its total weight is of
+second order.
 """
 
 from __future__ import annotations
@@ -16,15 +17,15 @@ __all__ = ["merged"]
 Array = NDArray[np.float64]
 
 MOST = 1000
-"""Samples that are evaluated in a tick without a second thought: about 25 us compiled."""
+"""Largest number of samples that are not merged; they take about 25 us in compiled code."""
 FINEST, COARSEST = 64, 8
-"""Cells along one sigma: as many as `MOST` allows, and never fewer than the last."""
+"""Largest and smallest number of cells per sigma; `MOST` decides between them."""
 
 
 def merged(samples: Samples, width: float, most: int = MOST) -> Samples:
-    """At most about `most` samples, merged in the smallest cells that give so few; unchanged where they are so few.
+    """About `most` samples or fewer, merged in the smallest cells that suffice; unchanged if there are few.
 
-    They must not lean: samples are merged before any does.
+    Their `lean` must be zero.
     """
     if len(samples.points) <= most:
         return samples

@@ -28,34 +28,33 @@ __all__ = ["SAMPLES_PER_WIDTH", "PotentialField", "sample_spacing"]
 Array = NDArray[np.float64]
 
 SAMPLES_PER_WIDTH = 4
-"""Samples along one sigma: from two on, more change the field by less than rounding, as equal steps through a Gaussian
-do."""
+"""Samples per sigma; beyond two, more samples change the field by less than rounding."""
 WIDEST = 1.0
-"""[m] No hand's field blends over more: such a width is in millimetres."""
+"""[m] Largest width; a larger one is in millimetres."""
 FLAT = 1e-6
-"""Fraction of the stiffness: a curvature this far below zero is rounding."""
+"""Fraction of the stiffness; a negative curvature of this size is rounding."""
 
 
 class PotentialField:
     """Energy Phi(x) and force F(x, v) = -grad Phi - D v that lead a hand along demonstrated paths.
 
-    phi_0 grows with the square of the length along the path: remaining to the target, so that the drag k1 leads to it
-    (Eq. 21), or travelled from the start, so that it resists the motion towards the target, most at the target. (With
-    the published k1 < 0 and the remaining length, the part of k1 falls towards the target.)
+    phi_0 grows with the square of a length along the path. With the remaining length the drag k1 leads to the target
+    (Eq. 21). With the travelled length it resists the motion towards the target, most at the target. (With the
+    published k1 < 0 and the remaining length, the resistance falls towards the target.)
 
-    Immutable, may be pickled and shared by threads: the function is compiled once, with the first point that any thread
-    asks for, and each thread evaluates it in memory of its own.
+    Immutable; it can be pickled and shared by threads. The first evaluation compiles the function, and each thread has
+    its own buffers.
 
     Parameters
     ----------
     path : (N, 2) [m] one path, or a sequence of them; a single point is a path, too.
-    stiffness : S [N/m], scalar or (2,) for both axes, or one for every point of the path (N,), (N, 2), a sequence of
-        such for several paths.
-    width : sigma [m] over which the influences of points blend.
-    drag : k1 [N/m]: along the path the force is 2 k1 (length). To resist with F newtons at the target, and with less
-        before, give F / (2 length).
-    damping : D [N s/m], scalar or (2,); by default what lets a hand come to rest on the stiffest sample: sqrt(S m) of a
-        hand of 2.4 kg, see `settling`.
+    stiffness : S [N/m], scalar or (2,) per axis; or per point of the path, (N,) or (N, 2); for several paths a sequence
+        of these.
+    width : sigma [m], over which the influences of points blend.
+    drag : k1 [N/m]; the force along the path is 2 k1 (length). F / (2 path length) gives a resistance of F newtons at
+        the target.
+    damping : D [N s/m], scalar or (2,); by default sqrt(S m) of the stiffest sample and a hand of m = 2.4 kg, see
+        `settling`.
     drag_along : "remaining" or "travelled".
     rest_on_target : continue the path beyond its ends so that the force at its target is zero (see `continuation`);
         False is the published field, which rests up to a sigma short of it.
@@ -64,16 +63,16 @@ class PotentialField:
 
     Raises
     ------
-    ConfigurationError : an argument that cannot be used; with `rest_on_target`, paths without a common target, a
-        negative drag, or a path that comes back to its target so that no rest is possible there.
+    ConfigurationError : an argument is invalid; with `rest_on_target`, paths without a common target, a negative drag,
+        or a path that returns to its target so that the field cannot rest there.
     """
 
     drag: float
-    """[N/m] k1; NaN where phi_0 is none of Eq. (21)."""
+    """[N/m] k1; NaN if phi_0 does not follow Eq. (21)."""
     samples: Samples
-    """What is summed over: the paths' samples, merged where they are many, and their continuation."""
+    """Samples of the paths, merged if there are many, and their continuation."""
     fit: Fit | None = None
-    """How well it reproduces what it was learnt from."""
+    """Quality of a learnt field."""
 
     def __init__(
         self,
@@ -119,9 +118,9 @@ class PotentialField:
         rest_on_target: bool = True,
         compile: Compile = None,
     ) -> PotentialField:
-        """From phi_0 (m,) [J] and S (m, 2) [N/m] of every sample of the paths; `drag` is NaN.
+        """Field from phi_0 (m,) [J] and S (m, 2) [N/m] of every sample of the paths; its `drag` is NaN.
 
-        The force at the target is zero, but whether it is a minimum depends on them: see `rests`.
+        The force at the target is zero; `rests` says whether the target is a minimum of the energy.
         """
         field = cls.__new__(cls)
         field._set(list(paths), list(offsets), list(stiffness), width, damping, "remaining", rest_on_target, compile)
@@ -130,7 +129,7 @@ class PotentialField:
 
     @classmethod
     def learn(cls, demonstrations: Sequence[Any], **options: Any) -> PotentialField:
-        """The field that reproduces recorded forces: see `learnt_field` for the options; its `fit` says how well."""
+        """The field that reproduces recorded forces; see `learnt_field` for options. Its `fit` has the errors."""
         from rehab_opt.field.learning import learnt_field  # noqa: PLC0415  (solvers load when something is learnt)
 
         return learnt_field(demonstrations, **options)
@@ -165,7 +164,7 @@ class PotentialField:
 
     @property
     def rest_stiffness(self) -> float:
-        """[N/m] the least curvature of the energy at the target, of any direction; NaN without one."""
+        """[N/m] least curvature of the energy at the target over all directions; NaN without a target."""
         return math.nan if self.target is None else float(np.linalg.eigvalsh(self.stiffness(self.target))[0])
 
     @property
@@ -179,7 +178,7 @@ class PotentialField:
 
     # ----------------------------------------------------------------------------------------------- what it answers
     def energy(self, x: ArrayLike) -> float | Array:
-        """Phi [J] at x: (2,) -> float, (N, 2) -> (N,); NaN for what is not finite."""
+        """Phi [J] at x: (2,) -> float, (N, 2) -> (N,); NaN for points that are not finite."""
         points = as_points(x)
         if points.shape == (2,):
             self.pull(float(points[0]), float(points[1]))
@@ -187,9 +186,9 @@ class PotentialField:
         return energies_and_forces(self.samples, self.width, points)[0]
 
     def force(self, x: ArrayLike, v: ArrayLike | None = None) -> Array:
-        """F [N] at x (2,) or (N, 2) [m] for a hand moving at v of the same shape [m/s], resting by default.
+        """F [N] at x (2,) or (N, 2) [m] for hand velocities v of the same shape [m/s], zero by default.
 
-        Not bounded: far from its path a spring pulls without end. `Assistance` bounds it.
+        The force is not bounded and grows with the distance from the path. `Assistance` bounds it.
         """
         points = as_points(x)
         if points.shape == (2,):
@@ -220,12 +219,12 @@ class PotentialField:
         return field_kernel(self.samples, self.width, compile=self._compile)
 
     def __getstate__(self) -> dict[str, Any]:
-        """Without the compiled part: fields are made in one process and used in another."""
+        """State without compiled code, for use in another process."""
         return {name: value for name, value in self.__dict__.items() if name != "_kernel"}
 
 
 def sample_spacing(width: float, spacing: float | None) -> tuple[float, str]:
-    """[m] between samples of a field of `width` [m], and the argument that it is from."""
+    """[m] between samples of a field of `width` [m], and the name of the argument that set it."""
     if not width <= WIDEST:
         raise ConfigurationError("width", width, f"at most {WIDEST:g} m")
     return (width / SAMPLES_PER_WIDTH, "width") if spacing is None else (positive("spacing", spacing), "spacing")

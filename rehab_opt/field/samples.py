@@ -1,4 +1,4 @@
-"""Samples of a field's paths: points spread evenly along them, and how far each is from the end."""
+"""Samples of a field's paths: evenly spaced points, and their distances along the path to its end."""
 
 from __future__ import annotations
 
@@ -28,17 +28,17 @@ __all__ = [
 Array = NDArray[np.float64]
 
 MEAN_POINTS = 400
-"""Points of a mean path."""
+"""Number of points of a mean path."""
 HAND_SPEED = 10.0
-"""[m/s] No hand is faster: a larger jump is the sensor's."""
+"""[m/s] Largest speed of a hand; a faster jump is a sensor error."""
 MAX_MAGNITUDE = 1e2
-"""[m] A path that leaves this is in another unit."""
+"""[m] Largest coordinate of a path; a larger one is in another unit."""
 MAX_SAMPLES = 1_000_000
-"""Of a path: more are a slip of the unit, and would take the machine's memory."""
+"""Largest number of samples of a path; more come from a wrong unit and would exhaust the memory."""
 
 
 class Samples(NamedTuple):
-    """All that a field is made of, whatever it came from: Eqs. (15)-(17) are sums over its rows.
+    """Samples of a field; Eqs. (15)-(17) are sums over these rows.
 
     With d = x - x_j, phi_j = phi_0j + lean_j'd + 1/2 d'S_j d.
     """
@@ -50,26 +50,26 @@ class Samples(NamedTuple):
     stiffness: Array
     """(K, 2) diagonal of S [N/m]"""
     log_weights: Array
-    """(K,) logarithm of how many samples this one stands for."""
+    """(K,) logarithm of the number of samples that this one represents."""
     lean: Array
-    """(K, 2) [N] slope added to a sample's energy: of what a path itself gives, zero."""
+    """(K, 2) [N] slope added to a sample's energy; zero for samples of a path."""
 
     @classmethod
     def of_path(cls, points: Array, offsets: Array, stiffness: Array) -> Samples:
-        """One sample a point (m, 2)."""
+        """One sample for each of points (m, 2)."""
         return cls(points, offsets, stiffness, np.zeros(len(points)), np.zeros_like(points))
 
     def energies(self, away: Array) -> Array:
-        """(..., K) phi [J] of each, `away` (..., K, 2) [m] from it."""
+        """(..., K) phi [J] of each sample at a point `away` (..., K, 2) [m] from it."""
         energies: Array = self.offsets + ((self.lean + 0.5 * self.stiffness * away) * away).sum(axis=-1)
         return energies
 
     def joined(self, other: Samples) -> Samples:
-        """These and the others."""
+        """These samples followed by `other`."""
         return Samples(*(np.concatenate(pair) for pair in zip(self, other, strict=True)))
 
     def taken(self, rows: NDArray[np.int64] | NDArray[np.bool_]) -> Samples:
-        """Some of them."""
+        """The samples with these row numbers."""
         return Samples(*(column[rows] for column in self))
 
 
@@ -123,13 +123,13 @@ def arc_length(points: Array) -> Array:
 
 
 def resampled_path(points: Array, spacing: float, argument: str = "spacing") -> SampledPath:
-    """Points at equal distances of at most `spacing` [m] along the path; both ends are kept.
+    """Points at equal distances of at most `spacing` [m] along the path, both ends included.
 
-    The weighted mean of Eq. (17) would otherwise depend on how long the hand rested where: pauses count nothing.
+    Even spacing makes the weighted mean of Eq. (17) independent of pauses of the hand.
 
     Raises
     ------
-    ConfigurationError : more than `MAX_SAMPLES`, by the argument that the spacing is from.
+    ConfigurationError : more than `MAX_SAMPLES`; the error names `argument`, which set the spacing.
     """
     length = arc_length(points)
     whole = float(length[-1])
@@ -149,14 +149,14 @@ def resampled_path(points: Array, spacing: float, argument: str = "spacing") -> 
 
 
 def interpolated(points: Array, values: Array, along: Array) -> Array:
-    """`values` (N, k) that belong to the points (N, 2) of a path, at the lengths `along` (m,) of it."""
+    """Interpolate `values` (N, k) at the points (N, 2) of a path to the lengths `along` (m,) [m]."""
     length = arc_length(points)
     moving = np.concatenate(([True], np.diff(length) > 0))
     return np.column_stack([np.interp(along, length[moving], column) for column in values[moving].T])
 
 
 def strides(points: Array, step: float) -> Array:
-    """(m, 2) the first of `points` (N, 2), each further than `step` [m] from the one kept before it, and the last."""
+    """(m, 2) subset of `points` (N, 2) with distances above `step` [m]; the first and the last stay."""
     kept, last = [0], points[0].tolist()
     for i, (x, y) in enumerate(points.tolist()):
         if math.hypot(x - last[0], y - last[1]) > step:
@@ -168,10 +168,10 @@ def strides(points: Array, step: float) -> Array:
 
 
 def mean_path(paths: Sequence[Array], smoothing: float) -> Array:
-    """(N, 2) the mean of several paths at equal fractions of their lengths, without bends finer than `smoothing` [m].
+    """(N, 2) mean of several paths at equal fractions of their lengths, smoothed over `smoothing` [m].
 
-    It begins and ends at the mean of their starts and ends. Lengths are of steps of half of `smoothing`: a sensor's
-    noise while the hand rests would else be a way of metres, and the fractions of the paths would not correspond.
+    It begins and ends at the means of the starts and ends. Lengths are sums of steps of half of `smoothing`; otherwise
+    sensor noise of a resting hand would add metres, and the fractions of the paths would not correspond.
     """
     fractions = np.linspace(0.0, 1.0, MEAN_POINTS)
     paths = [strides(each, smoothing / 2) for each in paths]

@@ -1,23 +1,23 @@
-"""Whether a hand comes to rest at the end of a spring that acts late and changes no faster than a slew limit.
+"""Stability of a hand on a spring and damper with delay and a slew limit.
 
-A hand of mass m that damps its own motion by c is held by F = -S x - D v. v is estimated from positions, through two
-low-passes that lag by `velocity_lag` together; the force acts `delay` later, with a first-order lag. With s = jw the
-loop is
+The force F = -S x - D v holds a hand of mass m with its own damping c. v is estimated from positions through two
+low-passes with the total lag `velocity_lag`; the force acts after `delay`, with a first-order lag. With s = jw the loop
+is
 
     L(s) = (S + D s / (1 + velocity_lag s / 2)^2) exp(-delay s) / ((1 + lag s) (m s + c) s)
 
-|L| falls with w, so it is one at a single w_c, and the hand comes to rest if and only if L lags by less than 180
-degrees there (Nyquist). Half the margin in radians is the damping ratio of the swing that is left, to first order.
+|L| falls with w, so it is 1 at a single w_c. The hand comes to rest if and only if L lags by less than 180 degrees
+there (Nyquist). To first order, the damping ratio of the remaining oscillation is half the margin in radians.
 
-A force that is cut at F and may change by R a second follows a swing at w whose force has the size A <= F unless A w >
-R. Where it does not follow, it comes late, by up to 90 degrees, and drives the swing (describing function of a rate
-limiter: Gelb and Vander Velde, Multiple-Input Describing Functions, 1968). A steady swing needs |L| >= 1, since
-limiters only take away from it, so w <= w_c. Hence there is none where
+A force limited to F with slew limit R follows an oscillation at w with force amplitude A <= F unless A w > R. Otherwise
+it lags by up to 90 degrees and drives the oscillation (describing function of a rate limiter: Gelb and Vander Velde,
+Multiple-Input Describing Functions, 1968). Limiters only reduce the gain, so a steady oscillation needs |L| >= 1 and w
+<= w_c. Hence there is none if
 
     F w_c <= R                                                                                  (force times frequency)
 
-A spring alone has w_c = sqrt(S / m). D = sqrt(S m) damps it by half of the critical damping, and puts w_c at 1.2 times
-that. More of it is not better: D / m is the rate at which the late damping itself begins to swing the hand.
+A spring alone has w_c = sqrt(S / m). D = sqrt(S m) is half of the critical damping and raises w_c by a factor of 1.2.
+Larger damping is not better: with a delay, damping itself causes oscillation at a rate of D / m.
 """
 
 from __future__ import annotations
@@ -30,31 +30,31 @@ from typing import NamedTuple
 __all__ = ["Crossover", "crossover", "fitting_damping", "fitting_slew", "settling_notes"]
 
 LIGHT, HEAVY = 1.5, 4.0
-"""[kg] Mass of an arm as the hand feels it, across its long axis and along it."""
+"""[kg] Effective mass of an arm at the hand, across its long axis and along it."""
 OWN_DAMPING = 4.0
-"""[N s/m] The least by which a relaxed arm damps its own motion."""
+"""[N s/m] Least own damping of a relaxed arm."""
 MARGIN = 0.1
-"""[rad] Below this a swing is left that loses less than a quarter of its size in each period."""
+"""[rad] Least phase margin; below it an oscillation loses less than a quarter of its amplitude in each period."""
 
 
 class Crossover(NamedTuple):
-    """Where the gain of a loop is one."""
+    """Crossover of a loop, at gain 1."""
 
     frequency: float
     """[rad/s]"""
     margin: float
-    """[rad] by which the loop lags less than 180 degrees there; below zero the hand swings ever more."""
+    """[rad] phase margin; if it is negative, the oscillation grows."""
 
 
 def fitting_damping(stiffness: float) -> float:
-    """D [N s/m] for a spring S [N/m], sqrt(S m), on a hand of which only the range of its mass is known."""
+    """D [N s/m] for a spring S [N/m] and a hand of unknown mass: sqrt(S m) with the mean mass m."""
     return math.sqrt(stiffness * math.sqrt(LIGHT * HEAVY))
 
 
 def crossover(
     stiffness: float, damping: float, *, mass: float, delay: float, lag: float, velocity_lag: float
 ) -> Crossover:
-    """Of the loop above, S [N/m], D [N s/m], m [kg], and times [s]."""
+    """Crossover of the module's loop; S [N/m], D [N s/m], m [kg], and times [s]."""
 
     def spring(w: float) -> complex:
         return stiffness + damping * 1j * w / (1.0 + 0.5 * velocity_lag * 1j * w) ** 2
@@ -73,7 +73,7 @@ def crossover(
 
 
 def fitting_slew(stiffness: float, damping: float, *, force_limit: float, velocity_lag: float) -> float:
-    """R [N/s] from which on no slew limit lets a hand swing: F w_c of the lightest; see the module."""
+    """R [N/s] from which a slew limit causes no oscillation: F w_c of the lightest hand; see the module."""
     fastest = crossover(stiffness, damping, mass=LIGHT, delay=0.0, lag=0.0, velocity_lag=velocity_lag)
     return force_limit * fastest.frequency
 
@@ -88,12 +88,12 @@ def settling_notes(
     lag: float,
     velocity_lag: float,
 ) -> Iterator[str]:
-    """What does not go together, and which number would.
+    """Notes on parameters that let the hand oscillate, with a better value for each.
 
     Parameters
     ----------
     stiffness, damping : S [N/m], D [N s/m]. force_limit, slew_limit : F [N], R [N/s].
-    delay : [s] ticks included. lag, velocity_lag : [s]
+    delay : [s], ticks included. lag, velocity_lag : [s]
     """
     times = {"delay": delay, "lag": lag, "velocity_lag": velocity_lag}
     margins = {mass: crossover(stiffness, damping, mass=mass, **times).margin for mass in (LIGHT, HEAVY)}
@@ -114,7 +114,7 @@ def settling_notes(
 
 
 def _better(stiffness: float, **times: float) -> str:
-    """A damping that would do, or the stiffness for which one would."""
+    """A sufficient damping, or the stiffness for which there is one."""
 
     def margin(of: float) -> float:
         return min(crossover(of, fitting_damping(of), mass=mass, **times).margin for mass in (LIGHT, HEAVY))

@@ -1,4 +1,4 @@
-"""Eqs. (15)-(20) for many points at once, and how the force depends on the parameters of every sample."""
+"""Eqs. (15)-(20) for many points at once."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ __all__ = ["Influence", "energies_and_forces", "influences", "stiffness_at"]
 Array = NDArray[np.float64]
 
 AT_ONCE = 2_000_000
-"""Pairs of point and sample that are held in memory together."""
+"""Largest number of point-sample pairs in memory."""
 
 
 class Influence(NamedTuple):
-    """Of some points (N, 2) on all samples (K)."""
+    """Weights of all samples (K) at some points (N, 2)."""
 
     rows: slice
-    """Which of the points these are."""
+    """Rows of these points among all points."""
     weights: Array
-    """(N, K) normalised, Eq. (16)."""
+    """(N, K) normalised weights, Eq. (16)."""
     away: Array
     """(N, K, 2) [m] from sample to point."""
 
 
 def influences(samples: Samples, width: float, points: Array) -> Iterator[Influence]:
-    """Weights of all samples at `points` (N, 2), some points at a time; the largest exponent is taken out first."""
+    """Weights of all samples at `points` (N, 2), in chunks of points."""
     step = max(1, AT_ONCE // len(samples.points))
     for start in range(0, len(points), step):
         rows = slice(start, min(start + step, len(points)))

@@ -1,7 +1,7 @@
 """ARDIS: a wheelchair and the four-joint arm on it as one chain. Table 1, Honzik.
 
-The paper gives the joints' order and axes, and nothing else: every length, mass and limit here is an assumption, chosen
-so that the hand reaches the floor, a table and a lift's buttons, as the paper asks, and settable.
+The paper gives only the joints' order and axes. Every length, mass and limit here is an assumption and can be set. They
+are chosen so that the hand reaches the floor, a table and a lift's buttons, as the paper requires.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ _LOWER = (-math.inf, -math.inf, -math.inf, *np.deg2rad([-165.0, -100.0, -75.0, -
 _UPPER = (math.inf, math.inf, math.inf, *np.deg2rad([20.0, 100.0, 85.0, 170.0]))
 
 ARDIS_READY = np.array([0.0, 0.0, 0.0, -0.9, 0.0, -0.1, 0.0])
-"""[m, rad] A posture to begin from: the hand in front of the armrest."""
+"""[m, rad] Start posture: the hand is in front of the armrest."""
 ARDIS_READY.flags.writeable = False
 
 ARDIS_KEEP_OUT = (
@@ -66,25 +66,26 @@ def ardis(
     limit_cost: float = 1.0,
     singular_cost: float = 1.0,
 ) -> MobileArm:
-    """The chair with its arm on the right side, base in the world frame: x forward, y left, z up, floor at 0.
+    """The chair with its arm on the right side. World frame: x forward, y left, z up, floor at 0.
 
-    At q = 0 the upper arm points up and the forearm forward; q4 below zero lets the upper arm down to the front, q5
-    turns it about itself, q6 above zero stretches the elbow, q7 turns the hand about the forearm z7.
+    At q = 0 the upper arm points up and the forearm forward; negative q4 lowers the upper arm to the front, q5 turns it
+    about its own axis, positive q6 stretches the elbow, and q7 turns the hand about the forearm axis z7.
 
     Parameters
     ----------
-    a3, d4 : [m] shoulder before and to the right of the chair's turning point. d5, d7 : upper arm; forearm with hand.
+    a3, d4 : [m] shoulder in front of and to the right of the chair's turning point. d5, d7 : [m] upper arm; forearm
+        with hand.
     mount_height : [m] of the shoulder above the floor.
     chair_mass : [kg] with its user. chair_turn_inertia : [kg m^2] about the turning point.
-    shoulder_mass, upper_arm_mass, forearm_mass, hand_mass, payload : [kg] the payload is held in the hand.
-    rotors : (7,) motors and gears as seen at the joints [kg m^2; of the chair: kg].
+    shoulder_mass, upper_arm_mass, forearm_mass, hand_mass, payload : [kg]; the hand holds the payload.
+    rotors : (7,) inertia of motors and gears as seen at the joints [kg m^2; for the chair kg].
     lower, upper, velocity, acceleration : (7,) limits; the chair's in the chassis frame, its positions unbounded.
     mecanum, differential, outline, keep_out : see `MobileArm`.
     limit_cost, singular_cost : weights in c of Eq. (1).
 
     Raises
     ------
-    ConfigurationError : an argument that cannot be used.
+    ConfigurationError : an argument is out of range.
     """
     checked_lengths(d5=d5, d7=d7, mount_height=mount_height, chair_mass=chair_mass)
     checked_amounts(
@@ -130,5 +131,5 @@ def ardis(
 
 
 def _base(height: float) -> Array:
-    """(4, 4) pose of the table's frame 0, where forward is z, left is -x and up is -y, in the world frame."""
+    """(4, 4) pose in the world of frame 0 of Table 1: its z points forward, its -x left, its -y up."""
     return np.array([[0.0, 0.0, 1.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, -1.0, 0.0, height], [0.0, 0.0, 0.0, 1.0]])

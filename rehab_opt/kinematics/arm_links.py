@@ -1,4 +1,4 @@
-"""Geometry of an arm on a chair: its links as capsules, and the joints that move its hand about."""
+"""Geometry of an arm on a chair: its links as capsules, and the joints that move its hand."""
 
 from __future__ import annotations
 
@@ -19,25 +19,25 @@ __all__ = ["ArmLink", "LinkEnd", "arm_links", "arm_reach", "hand_volume", "links
 Array = NDArray[np.float64]
 
 SAMPLES = 5
-"""Random postures: what is the same at all of them is the same at every posture."""
+"""Number of random postures; a quantity equal at all of them is taken as constant."""
 SAME = 1e-9
-"""[m] A distance, or [m/rad] a motion of the hand, that is rounding."""
+"""[m] A smaller distance, or [m/rad] motion of the hand, is rounding."""
 LOOKED_AT, REFINED = 1000, 3
-"""Random postures of which the best begin a search for the largest volume."""
+"""Random postures that are evaluated, and how many of the best start a search for the largest volume."""
 
 
 class LinkEnd(NamedTuple):
     """Point of a link."""
 
     frame: int
-    """As in `LinkCapsule`: joints 1 to `frame` move it."""
+    """Frame number as in `LinkCapsule`: joints 1 to `frame` move the point."""
     offset: tuple[float, float, float]
     """(3,) [m] in the frame."""
     moves: bool
-    """Whether a joint of the arm moves it."""
+    """Whether a joint of the arm moves the point."""
 
     def place(self, frames: list[ca.SX]) -> ca.SX:
-        """(3,) [m] where it is; `frames` as `frames_expression`'s."""
+        """(3,) [m] position of the point; `frames` come from `frames_expression`."""
         frame = frames[self.frame]
         turned = frame[:3, :3] @ ca.sparsify(ca.SX(ca.DM(self.offset))) if any(self.offset) else 0
         return frame[:3, 3] + turned
@@ -52,12 +52,12 @@ class ArmLink(NamedTuple):
 
 
 def arm_links(chain: SerialChain, *, first: int, radius: float, moved: bool = True) -> tuple[ArmLink, ...]:
-    """The chain's capsules that joints from `first` on move; without any, segments from joint to joint to the tool.
+    """The capsules on links after joint `first`; a chain without them gets segments from joint to joint.
 
     Parameters
     ----------
-    first : number of joints before the arm's own. radius : [m] of those segments.
-    moved : False for those alone that no joint of the arm moves, a column on the chair.
+    first : number of joints before the arm. radius : [m] of the segments.
+    moved : False selects only the links that no joint of the arm moves, such as a column on the chair.
     """
     given = [each for each in chain.capsules if each.frame > first]
     if given:
@@ -78,7 +78,7 @@ def arm_links(chain: SerialChain, *, first: int, radius: float, moved: bool = Tr
 
 
 def links_as_capsules(chain: SerialChain, links: tuple[ArmLink, ...], name: str) -> tuple[LinkCapsule, ...]:
-    """The same links in the frame of their further end, in which the nearer one does not move either."""
+    """The links as capsules in the frame of their far end; their near end is fixed in that frame, too."""
     frames = chain.frames_expression(ca.SX.zeros(chain.n))
     found = []
     for i, (begin, end, radius) in enumerate(links):
@@ -89,7 +89,7 @@ def links_as_capsules(chain: SerialChain, links: tuple[ArmLink, ...], name: str)
 
 
 def arm_reach(chain: SerialChain, links: tuple[ArmLink, ...], *, first: int) -> float:
-    """[m] that no point of a link, nor the tool, is further from the axis of a joint of the arm."""
+    """[m] upper bound of the distance from any arm joint's axis to the tool or to a point of a link."""
     before, *others = chain.rows[first:]
     beside = [math.hypot(*end.offset) for link in links for end in (link.begin, link.end)]
     beside.append(float(np.linalg.norm(chain.tool[:3, 3])))
@@ -98,7 +98,7 @@ def arm_reach(chain: SerialChain, links: tuple[ArmLink, ...], *, first: int) -> 
 
 
 def hand_volume(chain: SerialChain, q: ca.SX, *, first: int) -> ca.SX:
-    """[m^6] squared volume that unit speeds of the joints from `first` on span at the tool: det(J J') of its place."""
+    """[m^6] squared volume of tool velocities at unit speeds of the joints after `first`: det(J J')."""
     columns = chain.jacobian_expression(q)[:3, :]
     moving = [first + int(i) for i in np.flatnonzero(_moves_hand(chain, first))]
     if len(moving) == 3:
@@ -108,9 +108,9 @@ def hand_volume(chain: SerialChain, q: ca.SX, *, first: int) -> ca.SX:
 
 
 def maximise_hand_volume(chain: SerialChain, *, first: int) -> float:
-    """[m^3] root of `hand_volume` at its largest within the joint limits; zero where it is zero at every posture.
+    """[m^3] square root of the largest `hand_volume` within the joint limits.
 
-    The best of bounded ascents from the best of seeded random postures: the same in every run.
+    Bounded ascents start at the best of seeded random postures, so every run gives the same number.
     """
     from scipy.optimize import minimize  # noqa: PLC0415  (loaded when used)
 
@@ -133,7 +133,7 @@ def maximise_hand_volume(chain: SerialChain, *, first: int) -> float:
 
 
 def _places(chain: SerialChain, ends: list[LinkEnd], first: int) -> Array:
-    """(ends, samples, 3) [m] at random postures, the joints before `first` at zero."""
+    """(ends, samples, 3) [m] positions at random postures; the joints before `first` are at zero."""
     q = ca.SX.sym("q", chain.n)
     frames = chain.frames_expression(q)
     function = ca.Function("places", [q], [ca.horzcat(*(end.place(frames) for end in ends))])
@@ -146,7 +146,7 @@ def _moved(chain: SerialChain, ends: list[LinkEnd], first: int) -> list[bool]:
 
 
 def _moves_hand(chain: SerialChain, first: int) -> NDArray[np.bool_]:
-    """Of each joint from `first` on, whether it moves the tool's origin at some posture."""
+    """For each joint after `first`: whether it moves the tool's origin at some posture."""
     jacobians = np.array([chain.jacobian(q)[:3, first:] for q in _drawn(chain, first)])
     moves: NDArray[np.bool_] = np.abs(jacobians).max(axis=(0, 1)) > SAME
     return moves

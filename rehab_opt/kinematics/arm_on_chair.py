@@ -47,25 +47,26 @@ def arm_on_chair(
     limit_cost: float = 1.0,
     singular_cost: float = 1.0,
 ) -> MobileArm:
-    """A chair with any arm of at least four turning joints on it, for `RedundancyResolver`.
+    """A chair with an arm of at least four revolute joints, for `RedundancyResolver`.
 
-    Base in the world frame, as of `ardis`: x forward, y left, z up, the floor at 0. The arm's capsules stay out of
-    `keep_out`; an arm without capsules is taken for segments from joint to joint.
+    World frame as in `ardis`: x forward, y left, z up, floor at 0. The arm's capsules stay out of `keep_out`; an arm
+    without capsules gets segments from joint to joint.
 
     Parameters
     ----------
-    arm : with its masses (`SerialChain.bodies`), its base frame that of its own first link. A link heavier than the
-        chair is noted, not refused: the arm then moves where the chair need not, within the same limits.
+    arm : chain with masses (`SerialChain.bodies`); its base frame is that of its first link. A link heavier than the
+        chair gives a note, not an error: the arm then moves more than the chair, within the same limits.
     mount : (4, 4) pose of the arm's base frame in the chassis frame [m].
-    rotors : what motors and gears add to the arm's joints [kg m^2]: one number, or one for each. Assumption: 0.05.
+    rotors : inertia that motors and gears add to the arm's joints [kg m^2], a scalar or one each. Assumption: 0.05.
     chair_mass : [kg] with its user. chair_turn_inertia : [kg m^2] about the turning point.
-    velocity, acceleration : of the chair, along the floor [m/s, m/s^2] and turning [rad/s, rad/s^2]. Assumptions.
-    mecanum, differential, outline, keep_out : see `MobileArm`; default those of `ardis`, which are assumptions.
+    velocity, acceleration : limits of the chair along the floor [m/s, m/s^2] and in turning [rad/s, rad/s^2].
+        Assumptions.
+    mecanum, differential, outline, keep_out : see `MobileArm`; the defaults are those of `ardis`.
     arm_radius, limit_cost, singular_cost : see `MobileArm`.
 
     Raises
     ------
-    ConfigurationError : an argument that cannot be used.
+    ConfigurationError : an argument is out of range.
     """
     if not isinstance(arm, SerialChain):
         raise ConfigurationError("arm", arm, "a SerialChain")

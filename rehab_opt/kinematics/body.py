@@ -16,7 +16,7 @@ __all__ = ["Body", "checked_bodies", "of_a_body"]
 
 Array = NDArray[np.float64]
 ROUNDED = 1e-6
-"""Fraction of the largest moment by which files of few digits round."""
+"""Rounding error of files with few digits, as a fraction of the largest moment."""
 
 
 class Body(NamedTuple):
@@ -24,7 +24,7 @@ class Body(NamedTuple):
 
     name: str
     link: int
-    """Number of the row whose frame it is fixed to, from 1; 0 is the base frame of the chain, which no joint moves."""
+    """Row of the frame in which the body is fixed, counted from 1; 0 is the base frame, which no joint moves."""
     mass: float
     """[kg]"""
     centre: Array
@@ -34,9 +34,9 @@ class Body(NamedTuple):
 
 
 def of_a_body(inertia: ArrayLike) -> bool:
-    """Whether some body has this inertia (3, 3): no principal moment is negative, nor larger than the other two.
+    """Whether a body can have this inertia (3, 3): no principal moment below 0 or above the sum of the others.
 
-    Rounding of a millionth is let through. NaN fails, and so does what is no symmetric matrix of numbers.
+    Relative rounding of 1e-6 passes. NaN and anything but a symmetric matrix of numbers fail.
     """
     try:
         matrix = real_array(inertia)
@@ -51,11 +51,11 @@ def of_a_body(inertia: ArrayLike) -> bool:
 
 
 def checked_bodies(bodies: Sequence[Body], n: int) -> tuple[Body, ...]:
-    """Bodies on links 1 to n.
+    """The bodies, checked: each is on a link 1 to n.
 
     Raises
     ------
-    ConfigurationError : a body on no link, a mass below zero, an inertia that no body has.
+    ConfigurationError : a body on no link, a negative mass, an impossible inertia.
     """
     for body in bodies:
         if not (isinstance(body, Body) and 1 <= body.link <= n and is_real(body.mass) and 0.0 <= body.mass < math.inf):

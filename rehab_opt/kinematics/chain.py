@@ -1,4 +1,4 @@
-"""Serial chains from Denavit-Hartenberg rows or robot files: pose, Jacobian, manipulability, expressions behind."""
+"""Serial chains from Denavit-Hartenberg rows or robot files: pose, Jacobian, manipulability, and their expressions."""
 
 from __future__ import annotations
 
@@ -30,18 +30,18 @@ __all__ = ["SerialChain", "per_joint"]
 Array = NDArray[np.float64]
 Expression = TypeVar("Expression", bound=Callable[..., Any])
 LONG_TOOL, LONGEST = 2.0, 1e6
-"""A tool is no longer than so many arms, or [m]; a chain that slides on and on counts as so long [m]."""
+"""Longest tool, as a multiple of the arm and in metres; [m] length assumed for unlimited sliding joints."""
 MAX_WRITTEN = 64
-"""Expressions that are kept."""
+"""Largest number of cached expressions."""
 _written: PerThread[dict[tuple[Any, ...], ca.Function]] = PerThread(dict)
 
 
 def _written_once(expression: Expression) -> Expression:
-    """An expression of joint values, written once for all chains of the same rows, base and tool, and then copied.
+    """Cache an expression of joint values for all chains with the same rows, base and tool.
 
-    Anew at every use it is half the time that making a controller takes. In each thread its own: CasADi counts without
-    a lock who refers to an expression. A subclass may write it in another way, and what is no column of a symbol for
-    each joint is left to the expression itself.
+    Without the cache, expressions take half the time of making a controller. Each thread has its own cache, because
+    CasADi counts references to expressions without a lock. Subclasses, and arguments other than a column of n symbols,
+    bypass it.
     """
 
     @wraps(expression)
@@ -70,22 +70,21 @@ class SerialChain(HasEvaluator):
     Parameters
     ----------
     rows : n Denavit-Hartenberg rows or `Link`s, base to tip.
-    lower, upper : (n,) joint position limits [rad or m]; may be infinite; equal ones lock the joint. Those of a joint
-        that turns are within two turns, or infinite: 170 would be degrees.
+    lower, upper : (n,) joint position limits [rad or m]; may be infinite; equal ones lock the joint. Limits of a
+        revolute joint are within two turns, or infinite; 170 would be degrees.
     velocity : (n,) largest joint speeds [rad/s or m/s], finite and positive. A scalar stands for all.
     acceleration : (n,) largest joint accelerations [rad/s^2 or m/s^2], positive, infinite for none.
     names : (n,) joint names.
     base, tool : (4, 4) pose of row 1's frame in the base frame, and of the tool in the last row's frame.
-    capsules : the links' bodies, for whatever keeps the robot clear of something; none by default.
-    bodies : the links' masses, where they are known; nothing here uses them.
-    effort : (n,) largest torque or force of each drive [N m or N], infinite where it is not known; nothing here uses
-        it.
-    notes : what a reader has to know about where the numbers come from; a rotation that was rounded, say.
+    capsules : the links' shapes, for clearance to obstacles; none by default.
+    bodies : the links' masses, if known; unused here.
+    effort : (n,) largest torque or force of each drive [N m or N], infinite if unknown; unused here.
+    notes : remarks on the origin of the numbers, such as a rounded rotation.
 
     Raises
     ------
-    ConfigurationError : a limit that is not a number, inverted, or of the wrong size; a pose that is not rigid; a
-        capsule that is none.
+    ConfigurationError : a limit that is not a number, inverted, or of the wrong size; a pose that is not rigid; an
+        invalid capsule.
     """
 
     rows: tuple[ChainRow, ...]
@@ -169,30 +168,30 @@ class SerialChain(HasEvaluator):
     ) -> SerialChain:
         """The chain between two links of a URDF: joints of any axis and origin, revolute, continuous or prismatic.
 
-        Frame i of `frames_expression` has its origin at joint i + 1 and its z axis along it; the last but one is at the
-        tip link, the last one at the tool. Angles stay as written: a rounded 3.1416 is not corrected. Meshes and soft
-        limits are not read. `notes` lists what was corrected. `bodies` holds the masses of the links and of what is
-        fixed to them, such as a camera or a gripper, whose own joints are at zero.
+        Frame i of `frames_expression` has its origin at joint i + 1 and its z axis along that joint's axis; frame n is
+        at the tip link, the last one at the tool. Angles stay as written: a rounded 3.1416 is not corrected. Meshes and
+        soft limits are ignored. `notes` lists corrections. `bodies` holds the masses of the links and of parts fixed to
+        them, such as a camera or a gripper with its joints at zero.
 
         Parameters
         ----------
-        file : the URDF. One in xacro is expanded first: `xacro arm.urdf.xacro > arm.urdf`.
-        base, tip : links where the chain begins and ends; default the root, and the only link that bears no other.
-        acceleration : [rad/s^2 or m/s^2] which is not read of a URDF: for all joints, for each (n,), or by joint name.
-        velocity, lower, upper, effort : in place of the file's; for all joints, for each (n,), or by joint name. A
-            joint that turns has its ends within two turns, or infinite ones: 170 would be degrees.
-        locked : joint values [rad or m] by the names of joints that are held there, and are no joints of the chain; a
-            joint that is coupled to another (mimic) can be on the way so alone.
+        file : the URDF; expand xacro first: `xacro arm.urdf.xacro > arm.urdf`.
+        base, tip : first and last link of the chain; default the root and the only leaf.
+        acceleration : [rad/s^2 or m/s^2], which a URDF lacks: a scalar, (n,), or values by joint name.
+        velocity, lower, upper, effort : replace the file's limits: a scalar, (n,), or values by joint name. Position
+            limits of a revolute joint are within two turns, or infinite; 170 would be degrees.
+        locked : fixed joint values [rad or m] by joint name; locked joints are not joints of the chain. A coupled
+            (mimic) joint between base and tip must be locked.
         mount : (4, 4) pose of the base link in the base frame; default the identity.
         tool : (4, 4) pose of the tool in the tip link's frame; default the identity.
-        capsules : bodies of links, in the links' own frames; a link without keeps its frame's origin guarded, no more.
-            "collision" for capsules about the file's own <collision>, of cylinders, boxes, balls and capsules.
+        capsules : shapes of links, in the links' frames; a link without one is guarded only at its frame's origin.
+            "collision" makes capsules around the file's <collision> cylinders, boxes, spheres and capsules.
 
         Raises
         ------
-        RobotFileError : the file cannot be used, or has meshes for `capsules="collision"`; it names file, joint, key,
-            value and what was expected.
-        ProblemFileError : it cannot be read. ConfigurationError : an argument cannot be used.
+        RobotFileError : the content is invalid, or has meshes for `capsules="collision"`; the error names file, joint,
+            key, value and expectation.
+        ProblemFileError : the file cannot be read. ConfigurationError : an argument is invalid.
         """
         given = Given(acceleration, velocity, lower, upper, locked, capsules, effort)
         return cls._imported(URDF, file, base, tip, given, mount=mount, tool=tool)
@@ -216,9 +215,9 @@ class SerialChain(HasEvaluator):
     ) -> SerialChain:
         """The chain between two bodies of a MuJoCo model; needs `pip install rehab_opt[mjcf]`.
 
-        As `from_urdf`, but for: `base` is a body, by default the world, and `tip` a body or a site (a gripper's grasp),
-        by default the only body that bears no other; `velocity` has to be given, since MJCF has no speed limits; joint
-        values are MuJoCo's, `ref` included. `effort` is what the file's force ranges allow the drives of each joint.
+        Differences from `from_urdf`: `base` is a body (default the world), and `tip` a body or site (default the only
+        leaf). `velocity` is required, because MJCF has no speed limits. Joint values are MuJoCo's and include `ref`.
+        `effort` comes from the force ranges of each joint's drives.
         """
         given = Given(acceleration, velocity, lower, upper, locked, capsules, effort)
         return cls._imported(MJCF, file, base, tip, given, mount=mount, tool=tool)
@@ -247,11 +246,11 @@ class SerialChain(HasEvaluator):
 
     @property
     def reach(self) -> float:
-        """[m] The farthest that the tool can be from the base: all lengths, sliding joints at their limits."""
+        """[m] Upper bound of the tool's distance from the base: sum of all lengths, sliding joints at their limits."""
         return self.reach_from(0)
 
     def reach_from(self, joint: int) -> float:
-        """[m] The same from a joint, counted from 0."""
+        """[m] Upper bound of the tool's distance from joint `joint`, counted from 0."""
         lengths = _lengths(self.rows[joint:], self.lower[joint:], self.upper[joint:])
         return lengths + float(np.linalg.norm(self.tool[:3, 3]))
 
@@ -288,9 +287,9 @@ class SerialChain(HasEvaluator):
     # -------------------------------------------------------------------------------------------- expressions
     @_written_once
     def frames_expression(self, q: ca.SX, rows: Sequence[ChainRow] | None = None) -> list[ca.SX]:
-        """N + 2 poses (4, 4) in the base frame: before joint 1, after each row, and the tool.
+        """N + 2 poses (4, 4) in the base frame: the base, the frame after each row, and the tool.
 
-        `rows` take the place of the chain's own; their lengths may be expressions, so that code serves any lengths.
+        `rows` replace the chain's own; their lengths may be expressions, so that one function serves any lengths.
         """
         frames = [ca.SX(ca.DM(self.base))]
         for i, row in enumerate(self.rows if rows is None else rows):
@@ -329,9 +328,9 @@ class SerialChain(HasEvaluator):
         return ca.if_else(square > 0, ca.gradient(square, q) / (2 * ca.sqrt(square)), ca.SX.zeros(self.n))
 
     def jacobian_about(self, frames: Sequence[ca.SX], point: ca.SX) -> ca.SX:
-        """(6, n) geometric Jacobian of a point (3,) that moves with the last link; `frames` as `frames_expression`'s.
+        """(6, n) geometric Jacobian of a point (3,) on the last link; `frames` come from `frames_expression`.
 
-        Point and Jacobian are in the axes that the frames are given in.
+        Point and Jacobian use the reference axes of `frames`.
         """
         columns = []
         for row, frame in zip(self.rows, frames, strict=False):
@@ -343,9 +342,10 @@ class SerialChain(HasEvaluator):
         return ca.horzcat(*columns)
 
     def _moves_amid(self, q: ca.SX) -> ca.SX:
-        """(6, n) geometric Jacobian for `manipulability`, from six joints on about and along the frame amid them.
+        """(6, n) geometric Jacobian for `manipulability`; with six or more joints it refers to the middle frame.
 
-        det(J J') is the same from everywhere, here at a fifth of the operations. Below six joints det(J' J) is not.
+        det(J J') does not depend on the frame; the middle one needs a fifth of the operations. With fewer joints det(J'
+        J) depends on it.
         """
         if self.n < 6:
             return self.jacobian_expression(q)
@@ -363,7 +363,7 @@ class SerialChain(HasEvaluator):
 
 
 def _lengths(rows: Sequence[ChainRow], lower: Array, upper: Array) -> float:
-    """[m] all links in a line, sliding joints at their limits; no more than numbers are used here."""
+    """[m] sum of all link lengths, sliding joints at their limits; at most `LONGEST`."""
     slides = np.where([row.prismatic for row in rows], np.maximum(np.abs(lower), np.abs(upper)), 0.0)
     total = sum(
         math.hypot(row.across, abs(row.along) + slide) for row, slide in zip(rows, slides.tolist(), strict=True)

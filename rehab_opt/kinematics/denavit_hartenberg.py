@@ -1,4 +1,4 @@
-"""Standard Denavit-Hartenberg rows, one way to write the links of a serial chain."""
+"""Standard Denavit-Hartenberg rows as links of a serial chain."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from rehab_opt.kinematics.link import ChainRow, Link
 __all__ = ["DH", "TWO_TURNS", "checked_rows", "exact"]
 
 TWO_TURNS = 4 * math.pi
-"""[rad] An angle beyond is in degrees; a joint limit beyond may also stand for none. No arm is faster in a second."""
+"""[rad] A larger angle is in degrees; a larger joint limit may also mean no limit. No arm turns further in a second."""
 
 
 class DH(NamedTuple):
@@ -31,7 +31,7 @@ class DH(NamedTuple):
 
     @property
     def after(self) -> ca.SX | ca.DM:
-        """(4, 4) A at a joint value of zero: turning about z and sliding along z commute with what A begins with."""
+        """(4, 4) A at joint value zero; motion about or along z commutes with the leading factors of A."""
         cos, sin = exact(math.cos, self.theta), exact(math.sin, self.theta)
         cos_alpha, sin_alpha = exact(math.cos, self.alpha), exact(math.sin, self.alpha)
         return ca.blockcat(
@@ -45,27 +45,27 @@ class DH(NamedTuple):
 
     @property
     def along(self) -> float:
-        """[m] d: how far the next frame lies along the joint's axis."""
+        """[m] d: offset of the next frame along the joint's axis."""
         return self.d
 
     @property
     def across(self) -> float:
-        """[m] |a|: how far it lies from the axis."""
+        """[m] |a|: distance of the next frame from the joint's axis."""
         return abs(self.a)
 
     @property
     def lengths(self) -> tuple[float, ...]:
-        """[m] those of a and d that are not zero."""
+        """[m] the nonzero values of a and d."""
         return tuple(length for length in (self.a, self.d) if length != 0.0)
 
     def with_lengths(self, lengths: Iterator[Any]) -> DH:
-        """The row with the next ones of `lengths`, numbers or expressions, in place of a and d that are not zero."""
+        """The row with its nonzero a and d replaced by the next entries of `lengths`, numbers or expressions."""
         a = next(lengths) if self.a != 0.0 else 0.0
         return self._replace(a=a, d=next(lengths) if self.d != 0.0 else 0.0)
 
 
 def checked_rows(rows: object) -> tuple[ChainRow, ...]:
-    """`rows` as links or rows of finite numbers, at least one, or say what is wrong with them."""
+    """The rows, checked: at least one link or row, of finite numbers; raises `ConfigurationError` otherwise."""
     if not isinstance(rows, Sequence) or not rows:
         raise ConfigurationError("rows", rows, "at least one Denavit-Hartenberg row or Link")
     checked: list[ChainRow] = []
@@ -89,6 +89,6 @@ def checked_rows(rows: object) -> tuple[ChainRow, ...]:
 
 
 def exact(function: Callable[[float], float], angle: float) -> float:
-    """Sine or cosine with the rounding of multiples of a right angle removed: 1e-17 is zero, and drops out."""
+    """Sine or cosine that is exact at multiples of 90 degrees, so that zeros vanish from expressions."""
     value = function(angle)
     return float(round(value)) if abs(value - round(value)) < 1e-15 else value

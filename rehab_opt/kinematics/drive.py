@@ -1,4 +1,4 @@
-"""What moves a base: which motions of the chassis its drive allows, and the wheel speeds that they take."""
+"""Drives of a base: the chassis motions that they allow, and the wheel speeds for them."""
 
 from __future__ import annotations
 
@@ -30,28 +30,27 @@ Array = NDArray[np.float64]
 
 
 class ChassisMotion(NamedTuple):
-    """What wheel speeds make of a chassis that does not slip more than it must."""
+    """Chassis motion that fits given wheel speeds with the least slip."""
 
     twist: Array
     """(3,) forward [m/s], left [m/s], turn [rad/s, counterclockwise from above] in the chassis frame."""
     slip: float
-    """[m/s] root mean square, over the wheels, of rim speeds that no motion of the chassis explains."""
+    """[m/s] root mean square, over the wheels, of the rim speeds that `twist` does not explain."""
 
 
 class Drive(ABC):
     """Constraints on the twist of a chassis (forward, left [m/s], turn [rad/s], in its own frame).
 
-    `moving` says which of the three it allows, `rolling` which wheel speeds they take, `limit` how fast those may be.
-    Controllers, plants, reports and the published controller take what they know of a drive from these. How fast and
-    how hard the chassis itself may move are limits of the chain.
+    `moving` lists the components that the drive allows, `rolling` maps the twist to wheel speeds, and `limit` bounds
+    these. Velocity and acceleration limits of the chassis itself belong to the chain.
     """
 
     moving: ClassVar[tuple[int, ...]] = (0, 1, 2)
-    """Of forward, left and turn, what the drive allows."""
+    """Indices of the components (forward, left, turn) that the drive allows."""
     radius: float
-    """[m] of the wheels: times their speed, the speed of their rims."""
+    """[m] wheel radius; wheel speed times radius is the rim speed."""
     limit: float
-    """Largest wheel speed [rad/s]; infinite where the limits of the chassis are all there is."""
+    """Largest wheel speed [rad/s]; infinite if only the chassis is limited."""
 
     @property
     @abstractmethod
@@ -60,26 +59,26 @@ class Drive(ABC):
 
     @abstractmethod
     def motion(self, wheels: ArrayLike) -> ChassisMotion:
-        """The chassis motion of wheel speeds (w,) [rad/s], and how much they slip."""
+        """Chassis motion and slip for wheel speeds (w,) [rad/s]."""
 
     @classmethod
     def still(cls) -> list[int]:
-        """Of forward, left and turn, what the drive does not allow."""
+        """Indices of the components (forward, left, turn) that the drive does not allow."""
         return [i for i in range(3) if i not in cls.moving]
 
     @property
     def holonomic(self) -> bool:
-        """Whether the chassis goes forward and to the left at once, so that its speed is bounded as a whole."""
+        """Whether the drive allows forward and left at once; the norm of the two speeds is then bounded."""
         return {0, 1} <= set(self.moving)
 
     @property
     def rims(self) -> tuple[Array, Array]:
-        """Rows (r, 3) from chassis twist to rim speeds, and their limits (r,) [m/s]; none where no wheel is limited."""
+        """Matrix (r, 3) from chassis twist to rim speeds, and limits (r,) [m/s]; r = 0 without a wheel limit."""
         rows = self.rolling if self.limit < math.inf else np.zeros((0, 3))
         return self.radius * rows, np.full(len(rows), self.radius * self.limit if len(rows) else 0.0)
 
     def wheel_speeds(self, twist: ArrayLike) -> Array:
-        """(w,) wheel speeds [rad/s] of a chassis twist (3,): forward, left [m/s], turn [rad/s]."""
+        """(w,) wheel speeds [rad/s] for a chassis twist (3,): forward, left [m/s], turn [rad/s]."""
         return np.asarray(self.rolling @ per_joint("twist", twist, 3))
 
     def wheel_speeds_expression(self, twist: ca.SX) -> ca.SX:
@@ -88,10 +87,10 @@ class Drive(ABC):
 
     @classmethod
     def constraints(cls, q: ArrayLike) -> Array:
-        """(c, n) rows at joint values q (n,), of which the first three are the chassis' place and heading in the world.
+        """(c, n) constraint matrix at joint values q (n,); q[:3] is the chassis' position and heading in the world.
 
-        Times the joint velocities they are zero: minus the chassis speeds that the drive does not allow. Of two wheels
-        on one axle that is the row of Eq. (4), Honzik.
+        Its product with the joint velocities must be zero: minus the chassis speeds that the drive does not allow. For
+        two wheels on one axle it is the row of Eq. (4), Honzik.
         """
         joints = np.asarray(q, dtype=np.float64)
         cos, sin = np.cos(joints[2]), np.sin(joints[2])
@@ -101,10 +100,10 @@ class Drive(ABC):
 
 
 class Omnidirectional(Drive):
-    """A base that takes its own twist as command and goes in every direction at once; no wheels are known.
+    """A base that is commanded by its twist and moves in every direction; its wheels are not modelled.
 
-    Its "wheel speeds" are that twist: forward, left [m/s], turn [rad/s]. Bounds: the size of the velocity
-    along the floor, the turn rate, and the accelerations forward, to the left and turning.
+    Its "wheel speeds" are that twist: forward, left [m/s], turn [rad/s]. Bounded are the speed along the floor, the
+    turn rate, and the accelerations forward, to the left and turning.
     """
 
     radius = 1.0
@@ -112,7 +111,7 @@ class Omnidirectional(Drive):
 
     @property
     def rolling(self) -> Array:
-        """(3, 3) of ones: the twist is the command."""
+        """(3, 3) identity: the twist is the command."""
         return np.eye(3)
 
     def motion(self, wheels: ArrayLike) -> ChassisMotion:
@@ -121,7 +120,7 @@ class Omnidirectional(Drive):
 
 
 class Fixed(Drive):
-    """A base that stands: a table, a chair with its brakes on. There are no wheels to command."""
+    """A base that does not move: a table, or a chair with its brakes on. It has no wheels to command."""
 
     moving: ClassVar[tuple[int, ...]] = ()
     radius = 1.0
@@ -129,11 +128,11 @@ class Fixed(Drive):
 
     @property
     def rolling(self) -> Array:
-        """(0, 3): nothing rolls."""
+        """(0, 3): there are no wheels."""
         return np.zeros((0, 3))
 
     def motion(self, wheels: ArrayLike) -> ChassisMotion:
-        """Rest."""
+        """Zero twist and zero slip."""
         return ChassisMotion(np.zeros(3), 0.0)
 
 
@@ -142,8 +141,8 @@ class Mecanum(Drive):
     """Mecanum wheels in the X arrangement: 1 front right, 2 front left, 3 rear left, 4 rear right.
 
     Eq. (2), Honzik, has x to the right and y forward, so its input is (-v_left, v_forward). Its a + b is half the gauge
-    plus half the base: with the whole lengths, as the text names them, the chair turns twice as fast as commanded.
-    A positive speed rolls the wheel forward.
+    plus half the base: with the whole lengths of the paper's text, the chair would turn twice as fast as commanded. A
+    positive speed rolls the wheel forward.
 
     Parameters
     ----------
@@ -174,7 +173,7 @@ class Mecanum(Drive):
         return np.asarray(eq2 @ from_chassis, dtype=np.float64)
 
     def motion(self, wheels: ArrayLike) -> ChassisMotion:
-        """The chassis motion nearest to wheel speeds (4,) [rad/s], and how much they slip."""
+        """Chassis motion nearest to wheel speeds (4,) [rad/s], and the slip."""
         speeds = per_joint("wheels", wheels, 4)
         twist = np.linalg.pinv(self.rolling) @ speeds
         off = self.radius * (speeds - self.rolling @ twist)
@@ -183,7 +182,7 @@ class Mecanum(Drive):
 
 @dataclass(frozen=True)
 class Differential(Drive):
-    """Driven wheels 1 right and 2 left, beside the chassis' origin; castors follow. Positive rolls forward.
+    """Driven wheels 1 right and 2 left of the chassis' origin, with castors. Positive speeds roll forward.
 
     Parameters
     ----------
@@ -207,27 +206,27 @@ class Differential(Drive):
 
     @property
     def rolling(self) -> Array:
-        """(2, 3) matrix from chassis twist (forward, left, turn) to wheel speeds [rad/s]; left is not seen by it."""
+        """(2, 3) matrix from chassis twist (forward, left, turn) to wheel speeds [rad/s]; left has no effect."""
         return np.array([[1.0, 0.0, self.half_gauge], [1.0, 0.0, -self.half_gauge]]) / self.radius
 
     def slip(self, twist: ArrayLike) -> float:
-        """[m/s] sideways speed, positive to the left, which rolling wheels do not allow: minus the row of Eq. (4)."""
+        """[m/s] speed to the left, which rolling wheels do not allow: minus the row of Eq. (4), Honzik."""
         return float(per_joint("twist", twist, 3)[1])
 
     def motion(self, wheels: ArrayLike) -> ChassisMotion:
-        """The chassis motion of wheel speeds (2,) [rad/s]; two wheels turned by hand never slip."""
+        """Chassis motion for wheel speeds (2,) [rad/s]; any two speeds fit without slip."""
         right, left = self.radius * per_joint("wheels", wheels, 2)
         return ChassisMotion(np.array([(right + left) / 2, 0.0, (right - left) / (2 * self.half_gauge)]), 0.0)
 
 
 def checked_lengths(**numbers: float) -> None:
-    """Refuse what is not a positive, finite number."""
+    """Raise `ConfigurationError` unless each value is a positive, finite number."""
     for name, number in numbers.items():
         positive(name, number)
 
 
 def checked_amounts(**numbers: float) -> None:
-    """Refuse what is not a finite number of zero or more."""
+    """Raise `ConfigurationError` unless each value is finite and not negative."""
     for name, number in numbers.items():
         if not (is_finite(number) and number >= 0.0):
             raise ConfigurationError(name, number, "a finite number of zero or more")

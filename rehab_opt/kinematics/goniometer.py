@@ -3,11 +3,10 @@
 Names, zeros and signs are those of the neutral zero method of the American Academy of Orthopaedic Surgeons ("Joint
 Motion: Method of Measuring and Recording", 1965): the arm hangs beside the trunk, elbow straight, thumb forward, hand
 in line with the forearm; each movement is measured alone, all others at zero. An angle is positive in the direction of
-its name, so a range is `(-extension, flexion)`; both sides count alike. For one movement at a time the conversion is
-exact. For several at once the model takes the three angles of shoulder and wrist in the order of its joints, as
-Table I of Rossa et al. does, and a box of ranges is the model's box: of the wrist it is right while the forearm is near
-mid-position (thumb up), as a vertical handle asks. ISB's angles (Wu et al., J. Biomech. 38(5), 2005), which are of
-postures and not of ranges: `rehab_opt.workspace.clinical_angles`.
+its name, so a range is `(-extension, flexion)`; left and right arms use the same signs. The conversion is exact for one
+movement at a time. Combined angles of the shoulder and wrist follow the joint order of Table I, Rossa et al. Combined
+wrist ranges are therefore right only while the forearm is near mid-position (thumb up), as on a vertical handle.
+`rehab_opt.workspace.clinical_angles` has ISB's angles of postures (Wu et al., J. Biomech. 38(5), 2005).
 """
 
 from __future__ import annotations
@@ -41,12 +40,12 @@ class Movement(NamedTuple):
 
     Attributes
     ----------
-    joint : of `ARM_JOINTS`, which moves.
+    joint : the joint of `ARM_JOINTS` that moves.
     sign : joint = sign * angle + offset.
-    offset_deg : [deg] of the joint where the goniometer reads zero; scapular_retraction is counted from its rest.
-    positive, negative : what the movement is called either way.
-    zero : where it reads zero.
-    range_deg : [deg] what somebody very mobile has, with a margin; beyond is another unit or zero.
+    offset_deg : [deg] joint angle where the goniometer reads zero; scapular_retraction counts from its rest angle.
+    positive, negative : names of the movement in the two directions.
+    zero : description of the zero position.
+    range_deg : [deg] range of a very mobile person plus a margin; a larger angle has another unit or zero.
     """
 
     joint: str
@@ -85,22 +84,22 @@ GONIOMETER: Mapping[str, Movement] = MappingProxyType(
         ),
     }
 )  # fmt: skip
-"""Movements by name. The joints of Table I are named for the supinated forearm; with the thumb up its joint 7 flexes
-the wrist and joint 6 deviates it. Joint 5 flexes the elbow as it grows, joint 8 pronates."""
+"""Movements by name. Table I names its joints for the supinated forearm; with the thumb up, joint 7 flexes the wrist
+and joint 6 deviates it. Positive joint 5 flexes the elbow, and positive joint 8 pronates."""
 
 
 def arm_range_of_motion(goniometer: Mapping[str, Sequence[float]]) -> dict[str, tuple[float, float]]:
-    """(lower, upper) [rad] by joint for `human_arm(range_of_motion=...)`, of what a goniometer measured.
+    """(lower, upper) [rad] by joint for `human_arm(range_of_motion=...)` from measured ranges.
 
     Parameters
     ----------
-    goniometer : (lower, upper) [rad] by every name of `GONIOMETER`. Of a contracture both have one sign: an elbow that
-        lacks 30 deg of extension and flexes to 120 has (30, 120) deg.
+    goniometer : (lower, upper) [rad] by every name of `GONIOMETER`. With a contracture both have one sign: an elbow
+        that lacks 30 deg of extension and flexes to 120 deg has (30, 120) deg.
 
     Raises
     ------
-    ConfigurationError : an unknown or missing name, an inverted range, an angle beyond what people have (the message
-        says what it looks like).
+    ConfigurationError : an unknown or missing name, an inverted range, an angle beyond human ranges (the message names
+        the likely mistake).
     """
     for name in goniometer:
         if name not in GONIOMETER:
@@ -120,7 +119,7 @@ def arm_range_of_motion(goniometer: Mapping[str, Sequence[float]]) -> dict[str, 
 
 
 def goniometer_range(range_of_motion: Mapping[str, Sequence[float]]) -> dict[str, tuple[float, float]]:
-    """(lower, upper) [rad] by name of `GONIOMETER` of ranges by joint, the inverse of `arm_range_of_motion`.
+    """(lower, upper) [rad] by name of `GONIOMETER` from ranges by joint; inverse of `arm_range_of_motion`.
 
     Parameters
     ----------
@@ -128,8 +127,8 @@ def goniometer_range(range_of_motion: Mapping[str, Sequence[float]]) -> dict[str
 
     Raises
     ------
-    ConfigurationError : a missing joint, an inverted range. Ranges that nobody has are converted all the same: Table I
-        of the paper has 60 deg of radial deviation.
+    ConfigurationError : a missing joint, an inverted range. Ranges beyond human ones are accepted: Table I of the paper
+        has 60 deg of radial deviation.
     """
     missing = [joint for joint in ARM_JOINTS if joint not in range_of_motion]
     if missing:
@@ -143,7 +142,7 @@ def goniometer_range(range_of_motion: Mapping[str, Sequence[float]]) -> dict[str
 
 
 def arm_posture(angles: Mapping[str, float]) -> Array:
-    """(8,) [rad] joint values of `human_arm` where a goniometer reads these angles [rad]; those not named are zero.
+    """(8,) [rad] joint values of `human_arm` at these goniometer angles [rad]; missing angles are zero.
 
     Raises
     ------
@@ -161,7 +160,7 @@ def arm_posture(angles: Mapping[str, float]) -> Array:
 
 
 def goniometer_angles(q: ArrayLike) -> dict[str, float]:
-    """Angles [rad] by name of `GONIOMETER` of a posture q (8,) [rad] of `human_arm`, the inverse of `arm_posture`.
+    """Angles [rad] by name of `GONIOMETER` at posture q (8,) [rad] of `human_arm`; inverse of `arm_posture`.
 
     Raises
     ------
@@ -177,7 +176,7 @@ def goniometer_angles(q: ArrayLike) -> dict[str, float]:
 
 
 def range_in_words(name: str, lower: float, upper: float) -> str:
-    """A range [rad] of a movement as a clinician says it: "elbow: 30 to 120 deg of flexion"."""
+    """A range [rad] of a movement in a clinician's words: "elbow: 30 to 120 deg of flexion"."""
     movement = GONIOMETER[name]
     part = name.partition("_")[0]
     low, high = (round(math.degrees(angle), 1) + 0.0 for angle in (lower, upper))
@@ -195,7 +194,7 @@ def _in_words(angle: float, movement: Movement) -> str:
 
 
 def _zero(movement: Movement) -> float:
-    """[rad] of the joint, absolute, where the goniometer reads zero."""
+    """[rad] absolute joint angle where the goniometer reads zero."""
     return math.radians(movement.offset_deg) + (ARM_REST[0] if movement.joint == ARM_JOINTS[0] else 0.0)
 
 
@@ -210,7 +209,7 @@ def _pair(name: str, pair: Sequence[float]) -> tuple[float, float]:
 
 
 def _looks_like(name: str, lower: float, upper: float) -> str:
-    """What is wrong with a range [deg] of a movement; empty where nothing is."""
+    """Likely mistake in a range [deg] of a movement; empty if there is none."""
     movement = GONIOMETER[name]
     least, most = movement.range_deg
     if least <= lower and upper <= most:

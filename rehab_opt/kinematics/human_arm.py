@@ -33,7 +33,7 @@ ARM_JOINTS = (
 )
 
 ARM_REST = np.deg2rad([180.0, 0.0, 90.0, 0.0, 0.0, 0.0, -90.0, 0.0])
-"""(8,) [rad] rest angles of Table I: the arm hangs."""
+"""(8,) [rad] rest angles of Table I: the arm hangs down."""
 ARM_REST.flags.writeable = False
 
 ARM_SEGMENTS: Mapping[str, float] = MappingProxyType(
@@ -81,11 +81,11 @@ def human_arm(
     Parameters
     ----------
     range_of_motion : "regular" or "restricted" (Table I), "figure_3" (its caption: the regular range with the elbow
-        flexed by 68 to 72 deg), or every name of `ARM_JOINTS` with its (lower, upper) [rad] as Table I counts them:
-        absolute angles, scapular_retraction relative to rest. Equal limits lock.
-    segments : l0 to l3 [m], by name (those not named keep the participant's) or as four numbers.
-    side : the paper's arm is a left one. The right arm is its mirror image in the sagittal plane, x -> -x: equal
-        joint angles give mirrored postures, the handle axis mirrored with them.
+        flexed by 68 to 72 deg), or (lower, upper) [rad] by every name of `ARM_JOINTS`, as in Table I: absolute angles,
+        scapular_retraction relative to rest. Equal limits lock a joint.
+    segments : l0 to l3 [m] as four numbers or by name; missing names keep the participant's lengths.
+    side : "left" as in the paper, or "right", its mirror image in the sagittal plane, x -> -x. Equal joint angles give
+        mirrored postures and a mirrored handle axis.
     velocity, acceleration : (8,) or scalar [rad/s, rad/s^2]; defaults are assumptions.
 
     Raises

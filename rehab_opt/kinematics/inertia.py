@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 
 
 def rod(mass: float, along: ArrayLike, radius: float) -> Array:
-    """(3, 3) inertia [kg m^2] of a solid cylinder about its centre; `along` (3,) is its length [m] and direction."""
+    """(3, 3) inertia [kg m^2] of a solid cylinder about its centre; the vector `along` (3,) [m] is its axis."""
     axis = np.asarray(along, dtype=np.float64)
     length = float(np.linalg.norm(axis))
     spin = 0.5 * mass * radius**2
@@ -27,9 +27,9 @@ def rod(mass: float, along: ArrayLike, radius: float) -> Array:
 
 
 def inertia_expression(chain: SerialChain, bodies: Sequence[Body], rotors: Array, q: ca.SX) -> ca.SX:
-    """(n, n) W with the kinetic energy q'^T W q' / 2 [J]: sum of m Jv'Jv + Jw' I Jw, plus the rotors'.
+    """(n, n) inertia matrix W: kinetic energy q'^T W q' / 2 [J]; sum of m Jv'Jv + Jw' I Jw, plus rotors.
 
-    `rotors` (n,) is what motors and gears add to each joint's own inertia [kg m^2 or kg].
+    `rotors` (n,) is the inertia that motors and gears add at each joint [kg m^2 or kg].
     """
     frames, n = chain.frames_expression(q), chain.n
     total = ca.SX(ca.diag(ca.DM(rotors)))

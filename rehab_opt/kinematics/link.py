@@ -1,11 +1,10 @@
-"""What every link of a serial chain is: a joint about or along z, and a fixed transform to the next joint's frame.
+"""Links of a serial chain: a joint about or along z, then a fixed transform to the next joint's frame.
 
-Forward kinematics is written here and nowhere else. Denavit-Hartenberg rows (`DH`) and the origins and axes of robot
-files are two ways to write the fixed transform:
+All forward kinematics is here. Denavit-Hartenberg rows (`DH`) and the origins and axes of robot files are two ways to
+write the fixed transform:
 
-    DH          Rz(theta) Tz(d) Tx(a) Rx(alpha), which turns and shifts along the joint's z after the joint does
-    origins     Z' O Z+, with O the origin of the next joint in this one's frame, and Z, Z+ rotations that lay z along
-                the axes of this joint and the next
+    DH          Rz(theta) Tz(d) Tx(a) Rx(alpha), applied after the joint's motion
+    origins     Z' O Z+, with O the next joint's origin in this one's frame; Z, Z+ align z with the two joints' axes
 """
 
 from __future__ import annotations
@@ -26,47 +25,47 @@ Array = NDArray[np.float64]
 
 
 class ChainRow(Protocol):
-    """One link of a chain, however it is written down."""
+    """Interface of one link of a chain."""
 
     @property
     def prismatic(self) -> bool:
-        """Whether the joint slides along z; it turns about z otherwise."""
+        """True for a prismatic joint along z, False for a revolute joint about z."""
         ...
 
     @property
     def after(self) -> Any:
-        """(4, 4) pose of the next joint's frame once this joint has moved; of expressions where a length is one."""
+        """(4, 4) pose of the next joint's frame after this joint's motion; symbolic if a length is."""
         ...
 
     @property
     def along(self) -> float:
-        """[m] how far that frame lies along the joint's axis."""
+        """[m] offset of the next frame along the joint's axis."""
         ...
 
     @property
     def across(self) -> float:
-        """[m] how far it lies from the joint's axis."""
+        """[m] distance of the next frame from the joint's axis."""
         ...
 
     @property
     def lengths(self) -> tuple[float, ...]:
-        """Lengths [m] of this row that are not zero."""
+        """Nonzero lengths [m] of this row."""
         ...
 
     def with_lengths(self, lengths: Iterator[Any]) -> ChainRow:
-        """The row with the next ones of `lengths`, numbers or expressions, in their places."""
+        """The row with its nonzero lengths replaced by the next entries of `lengths`, numbers or expressions."""
         ...
 
 
 @dataclass(frozen=True, eq=False)
 class Link:
-    """One link of a chain whose axes lie anywhere, as robot files have them.
+    """One link of a chain with arbitrary axes, as in robot files.
 
     Parameters
     ----------
-    after : (4, 4) rigid transform from the joint, once it has moved, to the next joint's frame; that joint moves about
-        or along the frame's z. Of the last link: to the frame that the tool is given in.
-    prismatic : whether the joint slides along z [m]; it turns about z [rad] otherwise.
+    after : (4, 4) rigid transform from this joint, after its motion, to the next joint's frame, whose z is that joint's
+        axis. For the last link: to the frame in which the tool is given.
+    prismatic : True for sliding along z [m], False for turning about z [rad].
 
     Raises
     ------
@@ -83,21 +82,21 @@ class Link:
 
     @property
     def along(self) -> float:
-        """[m] how far the next joint's frame lies along this joint's axis."""
+        """[m] offset of the next joint's frame along this joint's axis."""
         return float(self.after[2, 3])
 
     @property
     def across(self) -> float:
-        """[m] how far it lies from this joint's axis."""
+        """[m] distance of the next joint's frame from this joint's axis."""
         return float(np.hypot(self.after[0, 3], self.after[1, 3]))
 
     @property
     def lengths(self) -> tuple[float, ...]:
-        """[m] coordinates of the next joint's frame that are not zero."""
+        """[m] nonzero coordinates of the next joint's origin."""
         return tuple(float(each) for each in self.after[:3, 3] if each != 0.0)
 
     def with_lengths(self, lengths: Iterator[Any]) -> Link:
-        """The link with the next ones of `lengths` in place of its own."""
+        """The link with its nonzero coordinates replaced by the next entries of `lengths`."""
         after = ca.SX(ca.DM(self.after))
         for i in range(3):
             if self.after[i, 3] != 0.0:
@@ -105,18 +104,18 @@ class Link:
         return replace(self, after=after)
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """Pickle forgets that an array is read-only."""
+        """Make the array read-only again, because pickle does not keep that flag."""
         state["after"].flags.writeable = False
         self.__dict__.update(state)
 
 
 def pose_after(row: ChainRow, value: ca.SX) -> ca.SX:
-    """(4, 4) pose of the frame after a row in the one before it, at a joint value [rad or m]."""
+    """(4, 4) pose of the frame after a row, in the frame before it, at a joint value [rad or m]."""
     return product(_joint(row, value), ca.SX(row.after))
 
 
 def pose_before(row: ChainRow, value: ca.SX) -> ca.SX:
-    """(4, 4) pose of the frame before a row in the one after it, the inverse of `pose_after`."""
+    """(4, 4) pose of the frame before a row, in the frame after it; inverse of `pose_after`."""
     after = ca.SX(row.after)
     turn = after[:3, :3].T
     back = ca.vertcat(ca.horzcat(turn, -(ca.sparsify(turn) @ ca.sparsify(after[:3, 3]))), ca.SX([[0, 0, 0, 1]]))

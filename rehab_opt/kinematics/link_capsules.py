@@ -1,4 +1,4 @@
-"""Capsules: bodies of a robot's links, that move with their frames, and bodies beside it."""
+"""Capsules on a robot's links, which move with the link frames, and fixed capsules beside the robot."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ __all__ = ["Capsule", "CapsuleOnLink", "LinkCapsule", "checked_capsules"]
 class Capsule(NamedTuple):
     """All points within `radius` [m] of the segment from `start` to `end` (3,) [m], in the base frame.
 
-    That of a chair is its chassis frame. Equal ends make a ball.
+    For a chair the base frame is its chassis frame. Equal ends make a sphere.
     """
 
     name: str
@@ -36,7 +36,7 @@ class LinkCapsule(NamedTuple):
 
 
 class CapsuleOnLink(NamedTuple):
-    """All points within `radius` [m] of the segment from `start` to `end` (3,), in a robot file's frame of its link."""
+    """All points within `radius` [m] of the segment from `start` to `end` (3,), in the file's link frame."""
 
     link: str
     start: tuple[float, float, float]
@@ -45,7 +45,7 @@ class CapsuleOnLink(NamedTuple):
 
 
 def checked_capsules(capsules: object, frames: int) -> tuple[LinkCapsule, ...]:
-    """`capsules` as capsules of finite numbers in one of so many frames, or say what is wrong with them."""
+    """The capsules, checked: finite numbers, frame below `frames`; raises `ConfigurationError` otherwise."""
     if not isinstance(capsules, Sequence):
         raise ConfigurationError("capsules", capsules, "a list or tuple of LinkCapsule")
     checked = []

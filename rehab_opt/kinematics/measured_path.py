@@ -1,8 +1,8 @@
-"""The path behind the samples of a tracker: held, repeated and rounded ones are not how a hand moved.
+"""The smooth path behind samples of a tracker that are held, repeated or rounded.
 
-A sample that is written again until the next one comes is a stop and a jump, and one rounded to a step a jump to and
-fro: third differences of either are a thousand times the hand's. What is left of the first are the samples where they
-came; in place of the second stands the path of least jerk near them (Whittaker 1923, with third divided differences).
+A sample that is repeated until the next one comes looks like a stop and a jump; a rounded one like a jump to and fro.
+The third differences of either are a thousand times those of the hand. Repeated samples are dropped. A rounded path is
+replaced by the path of least jerk near its samples (Whittaker 1923, with third divided differences).
 """
 
 from __future__ import annotations
@@ -17,39 +17,39 @@ __all__ = ["MeasuredPath", "measured_path"]
 Array = NDArray[np.float64]
 
 HELD, OFTEN, SHORT = 0.2, 3, 10
-"""[s] for which a sample is held at most, and rows more than usual: a longer stand is a pause. Percentile of the counts
-of rows with one sample that is their usual one: a hand that is slow for its rounding has longer ones, too."""
+"""Longest hold of a sample, [s] and in rows above the usual count; a longer one is a pause. Percentile of the rows per
+sample that counts as usual, because a slow hand with coarse rounding repeats samples, too."""
 GOES_ON, SLOW = 1.5, 0.1
-"""Rounding steps, and fraction of the usual way, from one sample to the next, of a hand that goes on."""
+"""Rounding steps, and fraction of the usual distance, beyond which a hand moved between two samples."""
 SMOOTHED = 9
-"""Samples over which the times of held ones are averaged, twice."""
+"""Width, in samples, of the moving average of sample times, applied twice."""
 FEWEST_DISTINCT = 4
-"""Of samples that are not the one before: fewer say nothing."""
+"""Least number of samples that differ from the one before."""
 FEWEST, DITHERS, MANY, SMALL, NEAR = 12, 0.1, 25, 4.0, 0.75
-"""A rounding step is one that axes of so many values at least are made of, whose third differences are not zero for so
-large a fraction of its moves, and this percentile of them no more than rounding makes. The path is within this fraction
-of the step."""
+"""A rounding step is accepted for an axis with at least so many values, if more than this fraction of its moves have
+nonzero third differences and if this percentile of those is at most so many steps. The path stays within the last
+fraction of a step."""
 EXACT, FINEST = 1e-3, 1e-5
-"""Fraction of a step by which a multiple of it may be off; a step in the largest value, which matters to no drive."""
+"""Tolerance of a multiple of a step, as a fraction of the step; smallest step, as a fraction of the largest value."""
 STIFFER, BESIDE, PASSES = 3.0, 9, 80
-"""Factor by which the path is drawn nearer to samples from which it is too far, how many of them together; at most."""
+"""Factor on the weight of samples that the path misses, number of neighbours that get it, and most passes."""
 
 
 class MeasuredPath(NamedTuple):
-    """A path as it was moved, and what had to be done to the samples."""
+    """A path, and notes on how its samples were corrected."""
 
     times: Array
     """(M,) [s]"""
     points: Array
     """(M, n)"""
     notes: tuple[str, ...]
-    """None where the path is the one that was given."""
+    """Empty if the path is unchanged."""
 
 
 def measured_path(times: Array, points: Array) -> MeasuredPath:
-    """The path measured at times (N,) [s], points (N, n); the same where nothing was held, repeated or rounded.
+    """Path behind points (N, n) at times (N,) [s]; unchanged if no sample was held, repeated or rounded.
 
-    The first and the last point stay what they are, and so do pauses of more than 0.2 s.
+    The first and last points, and pauses of more than 0.2 s, stay.
     """
     begins = np.append(0, 1 + np.flatnonzero((np.diff(points, axis=0) != 0).any(axis=1)))
     if len(begins) < FEWEST_DISTINCT:
@@ -84,7 +84,7 @@ def measured_path(times: Array, points: Array) -> MeasuredPath:
 
 
 def _clock(times: Array, rows: NDArray[np.intp], points: Array) -> Array:
-    """Times (M,) of points (M, n) in these rows (M,), or those of a clock of its own, if they fit better."""
+    """Times (M,) of points (M, n) at rows (M,), or those of a steady clock of the tracker if they fit better."""
     own, even = times[rows], _averaged(rows.astype(np.float64))
     if np.abs(even - rows).max() > np.diff(rows, prepend=-1).min() + 0.5:
         return own
@@ -93,7 +93,7 @@ def _clock(times: Array, rows: NDArray[np.intp], points: Array) -> Array:
 
 
 def _averaged(counts: Array) -> Array:
-    """Rows (K,) at which samples came, as a clock of their own would have them; the ends stay."""
+    """Row numbers (K,) of samples, smoothed to a steady clock; the ends stay."""
     from scipy.ndimage import uniform_filter1d  # noqa: PLC0415  (loaded when used)
 
     steps = uniform_filter1d(uniform_filter1d(np.diff(counts), SMOOTHED, mode="nearest"), SMOOTHED, mode="nearest")
@@ -102,7 +102,7 @@ def _averaged(counts: Array) -> Array:
 
 
 def _unsteady(times: Array, points: Array) -> float:
-    """Sum of the squares of the changes of velocity, infinite where time stands."""
+    """Sum of the squares of the changes of velocity, infinite if times do not increase."""
     steps = np.diff(times)
     if not np.all(steps > 0.0):
         return np.inf
@@ -110,7 +110,7 @@ def _unsteady(times: Array, points: Array) -> float:
 
 
 def _roundings(points: Array) -> Array:
-    """(n,) steps to which axes (N, n) were rounded, 0 if to none that matters."""
+    """(n,) rounding steps of axes (N, n); 0 where there is none of importance."""
     steps = [_rounding(axis) for axis in points.T]
     for i, axis in enumerate(points.T):  # one that hardly moves does not show by itself
         steps[i] = steps[i] or max((each for each in steps if each and not _off(axis - axis[0], each)), default=0.0)
@@ -137,12 +137,12 @@ def _rounding(axis: Array) -> float:
 
 
 def _off(ways: Array, step: float) -> bool:
-    """Whether some are no multiples of the step."""
+    """Whether any entry is not a multiple of the step."""
     return bool(np.abs(ways / step - np.rint(ways / step)).max() > 0.1)
 
 
 def _least_jerk(times: Array, points: Array, band: Array) -> Array:
-    """(N, n) the path of least sum of squared third divided differences within `band` (n,) of points (N, n), nearly."""
+    """(N, n) path near the least sum of squared third divided differences, within `band` (n,) of points (N, n)."""
     from scipy.linalg import solveh_banded  # noqa: PLC0415  (loaded when used)
     from scipy.sparse import diags, identity  # noqa: PLC0415
 

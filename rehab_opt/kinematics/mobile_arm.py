@@ -34,13 +34,13 @@ __all__ = ["CHAIR", "Capsule", "MobileArm", "Outline"]
 Array = NDArray[np.float64]
 
 CHAIR = 3
-"""Joints of the chair: forward, left, turn. Those of the arm follow."""
+"""Number of the chair's joints: forward, left, turn. The arm's joints follow."""
 MIN_JOINTS = 4
-"""Joints of an arm: three place a hand, one turns it."""
+"""Least number of joints of an arm: three place the hand, one turns it."""
 SATURATED = 1.5
-"""Fraction of half its range at which a joint's posture cost stops growing steeper: a start far outside stays sane."""
+"""Fraction of its half range beyond which a joint's posture cost grows linearly."""
 FLAT = 1e-6
-"""Of reach^3: hand volumes of less are rounding, whose slopes shook arms that bend in one plane."""
+"""Fraction of reach^3 below which a hand volume is rounding; its slopes would shake planar arms."""
 
 
 class Outline(NamedTuple):
@@ -61,27 +61,26 @@ class Outline(NamedTuple):
 class MobileArm(HasEvaluator):
     """Chair forward q1 and left q2 [m] in the world, turn q3, and an arm of at least four joints q4 to qn [rad].
 
-    World and chassis frames have x forward, y left, z up, the floor at z = 0; at q = 0 they coincide. The speed of
-    q1, q2 together is bounded, whatever the heading, and so the first two limits of the chain are one number;
-    accelerations of the chair are those of the chassis frame. Positions of the chair are not bounded: use obstacles.
-    Immutable; any thread may use it.
+    World and chassis frames have x forward, y left, z up, the floor at z = 0; at q = 0 they coincide. The norm of the
+    speeds of q1 and q2 is bounded, so the chain's first two velocity limits are equal. Acceleration limits of the chair
+    are in the chassis frame. Positions of the chair are unbounded: use obstacles. Immutable; any thread may use it.
 
     Parameters
     ----------
-    chain : of those n joints.
-    bodies : masses. rotors : (n,) what motors and gears add to each joint's inertia [kg m^2 or kg].
-    mecanum, differential : wheels of two kinds of chair; an omnidirectional or fixed base has none: see `drive`.
-    outline : of the chair from above.
-    keep_out : chair and user, where the arm must not be.
-    arm_radius : [m] of the arm's links from joint to joint, as capsules, where the chain has no capsules of its own.
-    limit_cost, singular_cost : weights of what `posture_cost` adds up.
-    hand_volume : [m^3] largest volume that unit joint speeds of the arm span at the hand; searched for by default. Of
-        an arm that cannot move its hand in every direction it is 0, and `posture_cost` that of joint limits alone.
+    chain : the n joints.
+    bodies : masses. rotors : (n,) inertia that motors and gears add at each joint [kg m^2 or kg].
+    mecanum, differential : wheels of the two kinds of chair; see `drive` for bases without wheels.
+    outline : the chair from above.
+    keep_out : shapes of chair and user, which the arm must not enter.
+    arm_radius : [m] radius of capsules from joint to joint, for a chain without capsules.
+    limit_cost, singular_cost : weights of the terms of `posture_cost`.
+    hand_volume : [m^3] largest volume of hand velocities at unit joint speeds of the arm; computed by default. It is 0
+        for an arm that cannot move its hand in every direction; `posture_cost` then covers joint limits alone.
 
     Raises
     ------
-    ConfigurationError : a chain of another kind, a bounded position of the chair, a number out of range, an inertia
-        that no body has.
+    ConfigurationError : a chain of another kind, a bounded position of the chair, a number out of range, an impossible
+        inertia.
     """
 
     chain: SerialChain
@@ -97,7 +96,7 @@ class MobileArm(HasEvaluator):
     hand_volume: float | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
-        """Check what the controller rests on."""
+        """Check every argument."""
         chain = self.chain
         kinds = [row.prismatic for row in chain.rows] if isinstance(chain, SerialChain) else []
         if len(kinds) < CHAIR + MIN_JOINTS or kinds != [True] * 2 + [False] * (len(kinds) - 2):
@@ -142,7 +141,7 @@ class MobileArm(HasEvaluator):
         return float(sum(body.mass for body in self.bodies))
 
     def inertia(self, q: ArrayLike) -> Array:
-        """(7, 7) W at joint values q (7,): the kinetic energy is q'^T W q' / 2 [J]."""
+        """(n, n) inertia matrix W at joint values q (n,): the kinetic energy is q'^T W q' / 2 [J]."""
         return self._evaluate(self.inertia_expression, q)
 
     def posture_cost(self, q: ArrayLike) -> float:
@@ -150,23 +149,23 @@ class MobileArm(HasEvaluator):
         return float(self._evaluate(self.posture_cost_expression, q)[0])
 
     def posture_gradient(self, q: ArrayLike) -> Array:
-        """(7,) gradient of `posture_cost`; zero for the chair."""
+        """(n,) gradient of `posture_cost`; zero for the chair."""
         return self._evaluate(self.posture_gradient_expression, q)
 
     def chassis_velocity(self, q: ArrayLike, velocity: ArrayLike) -> Array:
-        """(7,) joint velocities with the chair's in the chassis frame: forward, left, turn, arm."""
+        """(n,) joint velocities with the chair's in the chassis frame: forward, left, turn, arm."""
         return self._turned(q, velocity, -1.0)
 
     def world_velocity(self, q: ArrayLike, velocity: ArrayLike) -> Array:
-        """(7,) joint velocities from those with the chair's in the chassis frame."""
+        """(n,) joint velocities in the world frame from those of `chassis_velocity`."""
         return self._turned(q, velocity, 1.0)
 
     def drive(self, name: str) -> Drive:
-        """What moves the base, by its name: one of `DRIVES`.
+        """The base's drive by its name, one of `DRIVES`.
 
         Raises
         ------
-        ConfigurationError : another name.
+        ConfigurationError : unknown name.
         """
         if not isinstance(name, str) or name not in DRIVES:
             raise ConfigurationError("drive", name, f"one of {', '.join(DRIVES)}")
@@ -191,7 +190,7 @@ class MobileArm(HasEvaluator):
 
     @cached_property
     def bodied_chain(self) -> SerialChain:
-        """The chain, with those links where it has no capsules of its own, and the column that bears them."""
+        """The chain with capsules: its own, or those of `links`; and those of the column below the arm."""
         chain = self.chain
         if chain.capsules:
             return chain
@@ -200,20 +199,20 @@ class MobileArm(HasEvaluator):
 
     @cached_property
     def reach(self) -> float:
-        """[m] that no point of a link is further from the axis of a joint of the arm."""
+        """[m] upper bound of the distance of a point of the arm from the axis of any of its joints."""
         return arm_reach(self.chain, self.links, first=CHAIR)
 
     # -------------------------------------------------------------------------------------------- expressions
     def inertia_expression(self, q: ca.SX) -> ca.SX:
-        """(7, 7) expression of `inertia`."""
+        """(n, n) expression of `inertia`."""
         return inertia_expression(self.chain, self.bodies, self.rotors, q)
 
     def posture_cost_expression(self, q: ca.SX) -> ca.SX:
-        """Sum over the arm of x^4/4, x the joint's place in its range from -1 to 1, plus (1 - m)^2/2.
+        """Sum over the arm of x^4/4, with x in [-1, 1] the position in a joint's range, plus (1 - m)^2/2.
 
-        m is the squared volume that the arm's joints span at the hand, as a fraction of `hand_volume`'s: it is zero
-        where the arm alone cannot move its hand in every direction. x^4/4 goes on straight beyond `SATURATED`. A joint
-        that has no ends costs nothing.
+        m is the squared volume of hand velocities at unit speeds of the arm's joints, as a fraction of the largest one.
+        It is zero where the arm alone cannot move its hand in every direction. x^4/4 continues linearly beyond
+        `SATURATED`. A joint without limits costs nothing.
         """
         chain = self.chain
         cost = ca.SX(0)
@@ -231,7 +230,7 @@ class MobileArm(HasEvaluator):
         return cost + self.singular_cost * (1 - fraction) ** 2 / 2
 
     def posture_gradient_expression(self, q: ca.SX) -> ca.SX:
-        """(7,) expression of `posture_gradient`."""
+        """(n,) expression of `posture_gradient`."""
         symbol = ca.SX.sym("q", self.chain.n)  # q may be an expression
         return ca.substitute(ca.gradient(self.posture_cost_expression(symbol), symbol), symbol, q)
 
@@ -250,7 +249,7 @@ def _check_outline(outline: object) -> None:
 
 
 def _checked_keep_out(keep_out: object) -> tuple[Capsule, ...]:
-    """Capsules of finite numbers; one of NaN would let the arm through."""
+    """The capsules, checked to be finite, because NaN would disable them."""
     if not isinstance(keep_out, (list, tuple)) or isinstance(keep_out, Capsule):
         raise ConfigurationError("keep_out", keep_out, "a list or tuple of Capsule")
     for i, capsule in enumerate(keep_out):

@@ -1,8 +1,8 @@
-"""Whether lengths, speeds and angles can be meant: one rule for all controllers.
+"""Detect values in wrong units: one rule for lengths, speeds and angles of all controllers.
 
-What a caller gives in millimetres is a thousand times too large, what is in degrees 57 times. A length is compared with
-the robot's reach, be it a finger's or a gantry's, a speed with the fastest that its joints make of it, and an angle of
-a joint with two turns. Factors and floors are generous: what is refused is no motion of that robot.
+A length in millimetres is a thousand times too large, an angle in degrees 57 times. A length is compared with the
+robot's reach, a speed with the largest that its joints can cause, and a joint angle with two turns. Factors and floors
+are generous: a refused value is no possible motion of that robot.
 """
 
 from __future__ import annotations
@@ -23,22 +23,22 @@ __all__ = ["ROOM", "check_speeds", "checked_length", "checked_posture", "farthes
 LINEAR = ("x", "y", "z")
 
 ROOM = 20.0
-"""[m] from the origin, on each axis, within which a hand is that no robot is given for."""
+"""[m] largest coordinate of a hand if no robot is known."""
 FAR, NEAR = 10.0, 1.0
-"""A robot's reaches, and [m] at least, beyond which a length is a mistake."""
+"""A length is a mistake beyond so many times the robot's reach, but at least so many metres."""
 FAST, WHIRL = 10.0, 12.0 * math.pi
-"""[m/s, rad/s] No robot's hand is asked for more, unless its joints are faster."""
+"""[m/s, rad/s] Largest accepted hand speeds, unless the robot's joints are faster."""
 BEYOND = 10.0
-"""Times the fastest motion of a hand beyond which a reference is a mistake; one that is too fast is slowed."""
+"""A reference beyond so many times the fastest hand motion is a mistake; a smaller excess is slowed down."""
 
 
 def farthest(chain: SerialChain) -> float:
-    """[m] from the base beyond which a place is a mistake."""
+    """[m] largest accepted distance of a position from the base."""
     return max(FAR * chain.reach, NEAR)
 
 
 def fastest(chain: SerialChain) -> tuple[float, float]:
-    """[m/s, rad/s] beyond which a hand's speed is a mistake: no posture of this chain gives as much."""
+    """[m/s, rad/s] largest accepted hand speeds; no posture of this chain exceeds them."""
     turning = np.array([not row.prismatic for row in chain.rows])
     beyond = [chain.reach_from(i) for i in range(chain.n)]
     linear = np.where(turning, beyond * chain.velocity, chain.velocity).sum()
@@ -46,11 +46,11 @@ def fastest(chain: SerialChain) -> tuple[float, float]:
 
 
 def implausible(chain: SerialChain, names: Sequence[ca.SX], values: Sequence[ca.SX], rows: Sequence[str]) -> ca.SX:
-    """Whether a pose (16,), by rows, is too far away; whether a twist (k,), of these rows, is too fast.
+    """Two flags: a pose (16,), row by row, is too far away; a twist (k,), with these rows, is too fast.
 
     Parameters
     ----------
-    names : symbols called `pose` and `twist`, among others or not there. values : what stands in their places.
+    names : input symbols; those called `pose` and `twist` are checked. values : their values.
     """
     named = {each[0].name().rsplit("_", 1)[0]: value for each, value in zip(names, values, strict=True)}
     far, fast, (linear, angular) = ca.SX(0), ca.SX(0), fastest(chain)
@@ -63,7 +63,7 @@ def implausible(chain: SerialChain, names: Sequence[ca.SX], values: Sequence[ca.
 
 
 def checked_length(argument: str, value: float, chain: SerialChain) -> float:
-    """The length [m]; raises `ConfigurationError` for one of no robot's size."""
+    """The length [m]; raises `ConfigurationError` if it is far beyond the robot's size."""
     if not abs(value) <= farthest(chain):
         expected = f"at most {farthest(chain):.3g} m, ten times the arm's reach: is it in metres?"
         raise ConfigurationError(argument, value, expected)
@@ -71,7 +71,7 @@ def checked_length(argument: str, value: float, chain: SerialChain) -> float:
 
 
 def check_speeds(chain: SerialChain, *, linear: float, angular: float) -> None:
-    """Refuse largest speeds of a hand [m/s, rad/s] that no posture of the chain gives."""
+    """Raise `ConfigurationError` for speed limits [m/s, rad/s] beyond what the chain's hand can do."""
     for argument, value, most, unit in zip(
         ("linear_speed", "angular_speed"), (linear, angular), fastest(chain), ("m/s", "rad/s"), strict=True
     ):
@@ -81,7 +81,7 @@ def check_speeds(chain: SerialChain, *, linear: float, angular: float) -> None:
 
 
 def checked_posture(argument: str, values: ArrayLike | None, chain: SerialChain) -> NDArray[np.float64] | None:
-    """Joint values (n,) [rad, m], finite, or None; raises `ConfigurationError` for those of no robot."""
+    """Joint values (n,) [rad, m] or None; raises `ConfigurationError` unless finite and in SI units."""
     if values is None:
         return None
     q = per_joint(argument, values, chain.n, finite=True)

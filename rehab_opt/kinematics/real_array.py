@@ -1,4 +1,4 @@
-"""A caller's numbers as floats: nothing is read through a mask, no text, time or boolean counts."""
+"""Convert a caller's numbers to floats; masked entries, text, times and booleans do not count as numbers."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ _NO_NUMBERS = bool, np.bool_, np.timedelta64
 
 
 def real_array(value: Any) -> Array:
-    """`value` as an array of floats; NaN where a masked array hides an entry.
+    """`value` as an array of floats; masked entries become NaN.
 
-    Not a copy where `value` is such an array already.
+    An array of floats is returned as it is, not copied.
 
     Raises
     ------
-    TypeError, ValueError : text, times, booleans, complex numbers, ragged lists, whatever else is no real number.
-    OverflowError : an integer too large for a float; a longer float becomes infinite.
+    TypeError, ValueError : text, times, booleans, complex numbers, ragged lists, or other non-numbers.
+    OverflowError : an integer is too large for a float; a larger float type becomes infinite.
     """
     if type(value) is np.ndarray and value.dtype is _FLOATS:
         return value
@@ -44,7 +44,7 @@ def real_array(value: Any) -> Array:
 
 
 def checked_array(argument: str, value: Any, expected: str) -> Array:
-    """`value` as `real_array` reads it; raises `ConfigurationError` in place of its errors."""
+    """`real_array(value)`, with `ConfigurationError` in place of its errors."""
     try:
         return real_array(value)
     except (TypeError, ValueError, OverflowError) as problem:
@@ -52,7 +52,7 @@ def checked_array(argument: str, value: Any, expected: str) -> Array:
 
 
 def _is_masked(value: Any) -> bool:
-    """Whether a masked array is, or is in, what was handed over."""
+    """Whether the value is or contains a masked array."""
     if isinstance(value, (list, tuple)):
         return True in [_is_masked(each) for each in value]  # all are looked at
     if isinstance(value, _NO_NUMBERS):
@@ -61,18 +61,18 @@ def _is_masked(value: Any) -> bool:
 
 
 def is_real(value: object) -> TypeGuard[float]:
-    """Whether it is one real number; a boolean and a time are none, though Python and numpy count them as integers."""
+    """Whether `value` is one real number; booleans and times, integers to Python and numpy, are not."""
     return isinstance(value, (int, float, np.floating, np.integer)) and not isinstance(value, _NO_NUMBERS)
 
 
 def is_finite(value: object) -> TypeGuard[float]:
-    """Whether it is one, and a float holds it: an integer may be larger."""
+    """Whether `value` is one finite real number that fits a float."""
     largest = sys.float_info.max
     return is_real(value) and -largest <= (value if isinstance(value, int) else float(value)) <= largest
 
 
 def float_or_nan(value: object) -> float:
-    """`value` as a float, NaN where it is no real number; of an integer that no float holds, infinite."""
+    """`value` as a float: NaN if it is no real number, infinite if an integer is too large."""
     if not is_real(value):
         return math.nan
     try:
@@ -82,7 +82,7 @@ def float_or_nan(value: object) -> float:
 
 
 def is_true(value: object) -> bool:
-    """Whether a switch is held: true or 1; anything else, NaN and text too, is not."""
+    """Whether a switch is on: True or 1. Anything else, also NaN and text, is off."""
     return value is True or (isinstance(value, (np.bool_, int, float)) and bool(value == 1))
 
 

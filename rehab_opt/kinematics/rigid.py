@@ -1,4 +1,4 @@
-"""Rigid transforms: a caller's, checked, and turned to the nearest one where they are rounded; and as expressions."""
+"""Rigid transforms: checks of a caller's, the nearest one to a rounded one, and expressions."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ __all__ = [
 Array = NDArray[np.float64]
 
 EXACT = 1e-9
-"""Largest entry of R R' - I of what is a rotation as it is, and largest error of a length that is 1: a nanometre."""
+"""Largest entry of R R' - I of an exact rotation, and largest error of a unit length."""
 ROUNDED = 1e-3
-"""Largest entry of R R' - I, and largest error of a length that should be 1, that rounding can explain."""
+"""Largest entry of R R' - I, and largest error of a unit length, that rounding can explain."""
 ROTATION_TOLERANCE = 1e-3
-"""Norm of the six products of axes, less 0 or 1, in what is still a rotation: a measured one is rounded, no more."""
+"""Tolerance of a measured rotation: norm of the errors of its six dot products of axes."""
 
 
 def rigid(argument: str, value: ArrayLike) -> Array:
@@ -28,7 +28,7 @@ def rigid(argument: str, value: ArrayLike) -> Array:
 
     Raises
     ------
-    ConfigurationError : it is none to 1e-9; where it is nearly one, the error says how far it is off.
+    ConfigurationError : the transform is not rigid to 1e-9; the message states its error if it is small.
     """
     pose, off = _pose(argument, value)
     if not off <= EXACT:
@@ -41,7 +41,7 @@ def nearest_rigid(argument: str, value: ArrayLike) -> tuple[Array, str]:
 
     Raises
     ------
-    ConfigurationError : it is off by more than `ROUNDED`.
+    ConfigurationError : the rotation is off by more than `ROUNDED`.
     """
     pose, off = _pose(argument, value)
     if off <= EXACT:
@@ -64,7 +64,7 @@ def inverse_pose(pose: Array) -> Array:
 
 
 def _pose(argument: str, value: ArrayLike) -> tuple[Array, float]:
-    """`value` as a read-only (4, 4) that is no mirror image, and the largest entry of R R' - I."""
+    """`value` as a read-only, right-handed (4, 4), and the largest entry of R R' - I."""
     expected = "a (4, 4) rigid transform"
     pose = np.array(checked_array(argument, value, expected))
     if pose.shape != (4, 4) or not np.all(np.isfinite(pose)) or not np.array_equal(pose[3], (0, 0, 0, 1)):
@@ -77,10 +77,10 @@ def _pose(argument: str, value: ArrayLike) -> tuple[Array, float]:
 
 
 def rotation_vector(rotation: ca.SX) -> ca.SX:
-    """(3,) axis times angle [rad], angle in [0, pi], of a rotation matrix (3, 3); accurate from 0 to pi.
+    """(3,) axis times angle [rad], angle in [0, pi], of a rotation matrix (3, 3); accurate on all of [0, pi].
 
-    With c and s the cosine and sine of the angle, R - R' holds s times the axis, which fades towards pi, where
-    (R + R')/2 - c I = (1 - c) axis axis' takes over.
+    With c and s the cosine and sine of the angle, R - R' gives s times the axis, which vanishes near pi. There the axis
+    comes from (R + R')/2 - c I = (1 - c) axis axis'.
     """
     r = rotation
     cosine = 0.5 * (r[0, 0] + r[1, 1] + r[2, 2] - 1)
@@ -104,13 +104,13 @@ def rotation_vector(rotation: ca.SX) -> ca.SX:
 
 
 def is_rigid(pose: ca.SX) -> ca.SX:
-    """1 where `pose` (4, 4) is a rotation with a translation beside and (0, 0, 0, 1) below, to `ROTATION_TOLERANCE`."""
+    """1 if `pose` (4, 4) is a rigid transform to `ROTATION_TOLERANCE`, else 0."""
     below = ca.sumsqr(pose[3, :] - ca.DM([[0, 0, 0, 1]])) <= ROTATION_TOLERANCE**2
     return ca.logic_and(is_rotation(pose[:3, :3]), below)
 
 
 def is_rotation(matrix: ca.SX) -> ca.SX:
-    """1 where `matrix` (3, 3) is a rotation to `ROTATION_TOLERANCE`; not for a mirrored or a NaN one."""
+    """1 if `matrix` (3, 3) is a rotation to `ROTATION_TOLERANCE`; 0 for mirrored matrices and NaN."""
     x, y, z = (matrix[:, i] for i in range(3))
     excess = [ca.dot(axis, axis) - 1 for axis in (x, y, z)] + [ca.dot(x, y), ca.dot(y, z), ca.dot(z, x)]
     right_handed = ca.dot(ca.cross(x, y), z) > 0

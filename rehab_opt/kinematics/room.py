@@ -1,4 +1,4 @@
-"""Bodies beside a robot: half-spaces and boxes that stand still, capsules that move, and a person's arm."""
+"""Obstacles beside a robot: fixed half-spaces and boxes, moving capsules, and a person's arm."""
 
 from __future__ import annotations
 
@@ -20,9 +20,10 @@ __all__ = ["ARM_RADII", "MOVING", "Box", "KeepOut", "MovingCapsule", "arm_capsul
 Array = NDArray[np.float64]
 
 MOVING = 14
-"""Numbers of a moving capsule: its ends, their velocities, its radius, and 0 where there is none.
+"""Numbers of a moving capsule: its two ends, their velocities, its radius, and a flag (0: no capsule).
 
-Any other number there says that there is one, and a radius below zero counts as zero: neither takes a body away.
+Any other flag, also NaN, means that there is one, and a negative radius counts as zero: no bad number removes an
+obstacle.
 """
 ENDS = (1, 4, 5, 8)
 """Frames of `human_arm` at shoulder, elbow, wrist and fingers."""
@@ -31,12 +32,12 @@ ARM_RADII = (0.06, 0.05, 0.045)
 
 
 class KeepOut(NamedTuple):
-    """Half-space that the arm stays out of: the side of a plane that its normal points away from."""
+    """Half-space that the arm stays out of, on the side of a plane opposite to its normal."""
 
     normal: tuple[float, float, float]
-    """Unit normal in the base frame, towards where the arm may be."""
+    """Unit normal in the base frame, towards the allowed side."""
     offset: float
-    """[m] normal . x of the plane's points."""
+    """[m] plane offset: normal . x = offset for its points x."""
 
     @classmethod
     def through(cls, point: ArrayLike, normal: ArrayLike) -> KeepOut:
@@ -44,7 +45,7 @@ class KeepOut(NamedTuple):
 
         Raises
         ------
-        ConfigurationError : numbers that are no plane.
+        ConfigurationError : the numbers do not define a plane.
         """
         try:
             p, n = (np.array(value, dtype=np.float64) for value in (point, normal))
@@ -84,12 +85,12 @@ class Box(NamedTuple):
 
 
 class MovingCapsule(NamedTuple):
-    """Capsule that moves: given anew in each tick, in the base frame."""
+    """Moving capsule in the base frame, set again in each tick."""
 
     start: ArrayLike
     """(3,) [m]"""
     end: ArrayLike
-    """(3,) [m] the start again for a ball."""
+    """(3,) [m]; equal to `start` for a sphere."""
     radius: float
     """[m]"""
     start_velocity: ArrayLike = (0.0, 0.0, 0.0)
@@ -99,11 +100,11 @@ class MovingCapsule(NamedTuple):
 
 
 def moving_numbers(obstacles: Sequence[MovingCapsule] | Array, count: int, argument: str = "obstacles") -> Array:
-    """(count, 14) moving capsules as inputs of a tick, see `MOVING`; rows of zeros where there is none.
+    """(count, 14) moving capsules as inputs of a tick, see `MOVING`; unused rows are zero.
 
     Raises
     ------
-    ConfigurationError : more than `count`, or no capsules. Numbers are judged by the certificate.
+    ConfigurationError : more than `count` capsules, or other objects. The certificate judges their numbers.
     """
     if isinstance(obstacles, np.ndarray):
         if obstacles.shape == (count, MOVING):
@@ -131,17 +132,17 @@ def arm_capsules(
     placement: ArrayLike,
     radii: tuple[float, float, float] = ARM_RADII,
 ) -> tuple[MovingCapsule, MovingCapsule, MovingCapsule]:
-    """Upper arm, forearm and hand of a person, for the `obstacles` of a tick; leave out the hand that the robot leads.
+    """Upper arm, forearm and hand of a person as obstacles of a tick; omit the hand that holds the robot.
 
     Parameters
     ----------
     arm : a `human_arm`. q : (8,) its posture [rad], measured or estimated. velocity : (8,) or scalar [rad/s].
-    placement : (4, 4) pose of the arm's frame, which lies in its shoulder, in the robot's base frame.
+    placement : (4, 4) pose of the arm's frame, whose origin is the shoulder, in the robot's base frame.
     radii : [m] of upper arm, forearm and hand; the defaults are assumptions.
 
     Raises
     ------
-    ConfigurationError : another chain, arrays of the wrong shape, a placement that is not rigid.
+    ConfigurationError : a chain that is no `human_arm`, a wrong shape, a placement that is not rigid.
     """
     if not isinstance(arm, SerialChain) or arm.names != ARM_JOINTS:
         raise ConfigurationError("arm", arm, "a human_arm")

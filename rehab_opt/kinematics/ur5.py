@@ -36,11 +36,11 @@ UR5_CAPSULES = (
     LinkCapsule("wrist_2", 5, (0.0, 0.09465, 0.0), (0.0, 0.0, 0.0), _SMALL),
     LinkCapsule("wrist_3", 5, (0.0, 0.0, 0.0), (0.0, 0.0, 0.025), _SMALL),
 )
-"""Capsules that together hold the vendor's collision meshes of all links that move (ur_description, meshes/ur5).
+"""Capsules that enclose the vendor's collision meshes of all moving links (ur_description, meshes/ur5).
 
-The upper arm lies 0.136 m beside the line of its Denavit-Hartenberg frames, the forearm 0.017 m. The radii are those
-of the joints' housings [m] with a few millimetres to spare; the tubes between them are thinner (0.051, 0.04 m), and
-behind the flange the last capsule ends 9 mm late. Cables and what is mounted on the flange are not in them.
+The upper arm lies 0.136 m beside the line of its Denavit-Hartenberg frames, the forearm 0.017 m. The radii are those of
+the joint housings plus a few millimetres; the tubes between them are thinner (0.051, 0.04 m). The last capsule extends
+9 mm beyond the flange. Cables and tools on the flange are not covered.
 """
 # Vendor's joint_limits.yaml: +-360 deg, the elbow +-180 deg since the robot's own body is in the way beyond.
 _REACH = np.deg2rad([360.0, 360.0, 180.0, 360.0, 360.0, 360.0])
@@ -64,7 +64,7 @@ def ur5(
     velocity : (6,) or scalar [rad/s]; default pi, the vendor's limit.
     acceleration : (6,) or scalar [rad/s^2]; default `UR5_ACCELERATION`, an assumption.
     base, tool : (4, 4) pose of the robot's base in the base frame, and of the tool in the flange frame.
-    capsules : the links' bodies; default `UR5_CAPSULES`. Add one for what is mounted on the flange (frame 6).
+    capsules : the links' shapes; default `UR5_CAPSULES`. Add one for a tool on the flange (frame 6).
     """
     return SerialChain(
         _ROWS,

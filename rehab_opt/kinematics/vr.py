@@ -1,4 +1,4 @@
-"""Poses from virtual reality to a robot: handedness, frames found from points, the mirror, and continuity.
+"""Convert poses of virtual reality for a robot: handedness, frame registration, mirroring, and continuity.
 
 Positions are (3,) or (N, 3) [m], quaternions (4,) or (N, 4) in the order x, y, z, w, rotations (3, 3) or (N, 3, 3),
 poses (4, 4) or (N, 4, 4).
@@ -29,13 +29,14 @@ __all__ = [
 Array = NDArray[np.float64]
 
 COLLINEAR = 1e-3
-"""Second extent of the points over the first below which they do not fix a turn about their line."""
+"""Ratio of the points' second extent to their first, below which they count as collinear."""
 
 
 def robot_from_unity(positions: ArrayLike, quaternions: ArrayLike) -> tuple[Array, Array]:
-    """Positions and quaternions of Unity (x right, y up, z forward, left-handed) in a frame of robots.
+    """Convert positions and quaternions from Unity (x right, y up, z forward, left-handed) to robot axes.
 
-    That is x forward, y left, z up, right-handed: p = (z, -x, y); the turn (x, y, z, w) becomes (-z, x, -y, w).
+    Robot axes: x forward, y left, z up, right-handed. p = (z, -x, y), and the quaternion (x, y, z, w) becomes (-z, x,
+    -y, w).
     """
     p, q = _columns("positions", positions, 3), _columns("quaternions", quaternions, 4)
     return (
@@ -45,14 +46,14 @@ def robot_from_unity(positions: ArrayLike, quaternions: ArrayLike) -> tuple[Arra
 
 
 class FrameFit(NamedTuple):
-    """How one frame lies in another, from corresponding points."""
+    """Pose of one frame in another, fitted to corresponding points."""
 
     pose: Array
     """(4, 4) of the source frame in the target frame."""
     scale: float
-    """Target lengths over source lengths; 1 unless asked for."""
+    """Target lengths over source lengths; 1 unless it is fitted."""
     residuals: Array
-    """(N,) [m] from each point's image to its partner."""
+    """(N,) [m] distance of each transformed point from its partner."""
 
     @property
     def rms(self) -> float:
@@ -60,12 +61,12 @@ class FrameFit(NamedTuple):
         return float(np.sqrt(np.mean(self.residuals**2)))
 
     def points(self, points: ArrayLike) -> Array:
-        """Points (..., 3) of the source frame in the target frame."""
+        """Transform points (..., 3) from the source frame to the target frame."""
         p = _columns("points", points, 3)
         return np.asarray(self.scale * p @ self.pose[:3, :3].T + self.pose[:3, 3])
 
     def poses(self, poses: ArrayLike) -> Array:
-        """Poses (..., 4, 4) of the source frame in the target frame."""
+        """Transform poses (..., 4, 4) from the source frame to the target frame."""
         given = np.array(poses, dtype=np.float64)
         found = self.pose @ given
         found[..., :3, 3] = self.points(given[..., :3, 3])
@@ -73,10 +74,10 @@ class FrameFit(NamedTuple):
 
 
 def fit_frame(source: ArrayLike, target: ArrayLike, *, scale: bool = False) -> FrameFit:
-    """Rigid transform that brings points (N, 3) of a source frame nearest to their partners in a target frame.
+    """Least-squares rigid transform of points (N, 3) of a source frame to their partners in a target frame.
 
-    Least squares over turns and shifts by singular values (Kabsch), never a reflection: a left-handed frame is to be
-    converted before. With `scale`, lengths too (Umeyama): a recording of another person's arm.
+    It comes from singular values (Kabsch) and is never a reflection: convert a left-handed frame first. With `scale` it
+    also fits a scale (Umeyama), for a recording of another person's arm.
 
     Raises
     ------
@@ -107,8 +108,8 @@ class Mirror:
     """Mirror in a plane: the patient's sagittal plane, as a rule.
 
     p' = M p about a point of the plane, R' = M R M_b, with M = I - 2 n n' and M_b flipping the axis of the hand frame
-    that points across the hand (to the thumb or away from it). Which axis that is depends on the tracker: there is no
-    default, since with M R M the mirrored fingers point backwards in many of them.
+    that points across the hand (to the thumb or away from it). That axis depends on the tracker, so there is no
+    default; with M R M the mirrored fingers of many trackers would point backwards.
     """
 
     point: tuple[float, float, float]
@@ -116,7 +117,7 @@ class Mirror:
     normal: tuple[float, float, float]
     """Of any length."""
     lateral: Literal["x", "y", "z"]
-    """Axis of the hand frame across the hand; the two along the hand and out of its back keep their meaning."""
+    """Axis of the hand frame across the hand; the axes along the hand and out of its back keep their meaning."""
 
     def __post_init__(self) -> None:
         """Check the plane and the axis."""
@@ -146,7 +147,7 @@ class Mirror:
         return np.asarray((_columns("positions", positions, 3) - about) @ self.matrix + about)
 
     def poses(self, poses: ArrayLike) -> Array:
-        """(..., 4, 4) mirrored; twice is the pose itself."""
+        """(..., 4, 4) mirrored poses; mirroring twice gives the pose itself."""
         given = np.array(poses, dtype=np.float64)
         found = given.copy()
         found[..., :3, :3] = self.matrix @ given[..., :3, :3] @ self.flip
@@ -160,9 +161,9 @@ class Mirror:
 
 
 def continuous_quaternions(quaternions: ArrayLike, last: ArrayLike | None = None) -> Array:
-    """(N, 4) of unit length, each in the hemisphere of the one before: q and -q are one rotation.
+    """(N, 4) unit quaternions, each in the hemisphere of the one before, since q and -q are one rotation.
 
-    `last` (4,) is the one before the first. A quaternion of no length stays as it is, and is passed over.
+    `last` (4,) is the one before the first. A zero quaternion stays as it is and is skipped.
     """
     q = _columns("quaternions", quaternions, 4)
     length = np.linalg.norm(q, axis=-1, keepdims=True)
@@ -176,7 +177,7 @@ def continuous_quaternions(quaternions: ArrayLike, last: ArrayLike | None = None
 
 
 def rotations_of(quaternions: ArrayLike) -> Array:
-    """(..., 3, 3) of quaternions (..., 4) x, y, z, w, which need not be of unit length."""
+    """Rotations (..., 3, 3) from quaternions (..., 4) x, y, z, w of any length."""
     q = _columns("quaternions", quaternions, 4)
     x, y, z, w = np.moveaxis(q / np.linalg.norm(q, axis=-1, keepdims=True), -1, 0)
     rows = [
@@ -188,7 +189,7 @@ def rotations_of(quaternions: ArrayLike) -> Array:
 
 
 def quaternions_of(rotations: ArrayLike) -> Array:
-    """(N, 4) x, y, z, w of rotations (N, 3, 3), continuous; from the largest of the four, which is never small."""
+    """Continuous quaternions (N, 4) x, y, z, w of rotations (N, 3, 3)."""
     r = np.array(rotations, dtype=np.float64).reshape(-1, 3, 3)
     found = np.empty((len(r), 4))
     for i, m in enumerate(r):
@@ -205,7 +206,7 @@ def quaternions_of(rotations: ArrayLike) -> Array:
 
 
 def poses_of(positions: ArrayLike, quaternions: ArrayLike) -> Array:
-    """(N, 4, 4) of positions (N, 3) and quaternions (N, 4)."""
+    """Poses (N, 4, 4) from positions (N, 3) and quaternions (N, 4)."""
     p, q = _columns("positions", positions, 3), _columns("quaternions", quaternions, 4)
     poses = np.tile(np.eye(4), (*p.shape[:-1], 1, 1))
     poses[..., :3, :3], poses[..., :3, 3] = rotations_of(q), p

@@ -1,7 +1,7 @@
-"""A hand beside a path: its distance, how far along it is, and, in order, what it covered and where it was due.
+"""A hand along a path: distance and progress, and an ordered assignment for coverage and deviation.
 
-The nearest place of a path that crosses itself or comes back says nothing of a loop that was left out: in order, the
-places never go back.
+On a path that crosses itself, the nearest point does not reveal a loop that was left out. The ordered assignment never
+goes backwards along the path, and so it does.
 """
 
 from __future__ import annotations
@@ -18,20 +18,20 @@ Array = NDArray[np.float64]
 
 
 class Projection(NamedTuple):
-    """Of N points onto a path, segment by segment and so exact."""
+    """Exact projection of N points onto a path, segment by segment."""
 
     distance: Array
     """(N,) [m] to the nearest point of the path."""
     along: Array
-    """(N,) [m] of the path before that point."""
+    """(N,) [m] length of the path before that point."""
     tangent: Array
-    """(N, 2) unit vector along the path there, towards its end; zero where the path is a point."""
+    """(N, 2) unit vector along the path there, towards its end; zero if the path is a point."""
     length: float
     """[m] of the whole path."""
 
 
 def projected(points: Array, path: Array) -> Projection:
-    """The nearest places of a path (M, 2) [m] to points (N, 2) [m]."""
+    """Nearest points on a path (M, 2) [m] to points (N, 2) [m]."""
     import shapely  # noqa: PLC0415
 
     kept = np.concatenate(([True], np.any(np.diff(path, axis=0) != 0, axis=1)))
@@ -51,16 +51,16 @@ def projected(points: Array, path: Array) -> Projection:
 
 
 SAMPLES = 3000
-"""Of a trial, at most, evenly in time."""
+"""Largest number of samples of a trial, evenly in time."""
 PIECES = 1000
-"""Of a path, of equal lengths."""
+"""Number of pieces of a path, of equal lengths."""
 
 
 def covered_in_order(position: Array, path: Array, *, within: float, jump: float) -> float:
-    """Fraction of a path (M, 2) [m] that a hand (N, 2) [m] came by in order.
+    """Fraction of a path (M, 2) [m] that a hand (N, 2) [m] covered in order.
 
-    Of all ways to assign to the hand places of the path that never go back, each within a distance [m] of it, the one
-    that counts the most length; a piece of more than `jump` [m] that is passed over between two places does not count.
+    It is the largest covered length over all ordered assignments of path points to the hand, each point `within` [m] of
+    the hand. A piece longer than `jump` [m] between two successive points does not count.
     """
     places, piece = _evenly(path)
     reach = max(1, math.ceil(jump / piece)) if piece > 0 else 1
@@ -87,9 +87,9 @@ def covered_in_order(position: Array, path: Array, *, within: float, jump: float
 
 
 def deviation_in_order(position: Array, path: Array) -> Array:
-    """(N,) [m] of a hand (N, 2) [m] from the place of a path (M, 2) [m] at which it is due.
+    """(N,) [m] distances of a hand (N, 2) [m] from its assigned points on a path (M, 2) [m].
 
-    Due are the places that never go back from the path's start on and lie nearest to the hand, in the least squares.
+    The assigned points start at the path's start, never go backwards, and have the least sum of squared distances.
     """
     places, _ = _evenly(path)
     hands = position[:: _stride(position)]
@@ -126,7 +126,7 @@ def _stride(position: Array) -> int:
 
 
 def _evenly(path: Array) -> tuple[Array, float]:
-    """Places along a path, and the length between two [m]."""
+    """Evenly spaced points along a path, and their spacing [m]."""
     travelled = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))))
     along = np.linspace(0.0, travelled[-1], PIECES + 1)
     places = np.column_stack([np.interp(along, travelled, path[:, axis]) for axis in (0, 1)])

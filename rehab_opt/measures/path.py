@@ -1,4 +1,4 @@
-"""Where a hand goes: how far, how straight, how near the target, how much room it uses, how much repeats differ."""
+"""Measures of a hand's path: length, straightness, end error, range and workspace used, variability."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ __all__ = [
 Array = NDArray[np.float64]
 
 FLAT = 1e-9
-"""Points whose smallest extent is less than this fraction of their largest lie in a line or plane."""
+"""Points lie in a line or plane if their smallest extent is below this fraction of their largest."""
 INSTANTS = 101
-"""From 0 to 100 % of a movement."""
+"""Number of instants from 0 to 100 % of a movement."""
 
 
 def path_length(points: ArrayLike) -> float:
@@ -29,11 +29,11 @@ def path_length(points: ArrayLike) -> float:
 
 
 def path_ratio(points: ArrayLike, reference: ArrayLike | None = None) -> float:
-    """Length of the path over that of the reference (M, d) [m], or over the straight line from its start to its end.
+    """Length of the path over that of the reference (M, d) [m], by default the line from its start to its end.
 
     Index of curvature: Cirstea and Levin, "Compensatory strategies for reaching in stroke", Brain 123(5), 2000. No
-    unit: 1 is a straight line, pi/2 a half circle. NaN where the path ends just where it began, or the reference has no
-    length: of a movement that comes back only a reference makes sense.
+    unit: 1 is a straight line, pi/2 a half circle. NaN if the path ends where it began or the reference has no length:
+    a movement that returns to its start needs a reference.
     """
     p = vectors("points", points, fewest=2)
     meant = float(np.linalg.norm(p[-1] - p[0])) if reference is None else path_length(reference)
@@ -54,7 +54,7 @@ def end_error(points: ArrayLike, target: ArrayLike) -> float:
 def range_used(values: ArrayLike) -> Array:
     """(d,) largest minus smallest of values (N, d), or (N,): extents of points [m], ranges of joints [rad].
 
-    The range used, not the range possible.
+    This is the range used, not the range possible.
     """
     return np.asarray(np.ptp(rows("values", values), axis=0))
 
@@ -63,8 +63,8 @@ def workspace_used(points: ArrayLike) -> float:
     """Area [m^2] of the convex hull of points (N, 2) [m], or volume [m^3] of that of points (N, 3).
 
     The area that a hand encloses: Sukal, Ellis, Dewald, "Shoulder abduction-induced reductions in reaching work area
-    following hemiparetic stroke", Exp. Brain Res. 183(2), 2007 (who trace it; here it is the hull of what was visited).
-    Zero for points in a line, or in a plane of space.
+    following hemiparetic stroke", Exp. Brain Res. 183(2), 2007 (they trace the area; here it is the convex hull of the
+    visited points). Zero for points on a line, or for (N, 3) points in a plane.
     """
     p = vectors("points", points, fewest=2)
     if p.shape[1] not in (2, 3):
@@ -84,8 +84,8 @@ def path_variability(trials: Sequence[ArrayLike]) -> float:
 
         sqrt( mean over u of  sum_k |p_k(u) - mean(u)|^2 / (K - 1) )
 
-    so that trials which differ in speed alone do not differ: Darling and Cooke, "Changes in the variability of movement
-    trajectories with practice", J. Mot. Behav. 19(3), 1987. Cut rest off before.
+    Trials that differ only in speed have no variability: Darling and Cooke, "Changes in the variability of movement
+    trajectories with practice", J. Mot. Behav. 19(3), 1987. Remove rest before and after the movement first.
 
     Parameters
     ----------
@@ -102,7 +102,7 @@ def path_variability(trials: Sequence[ArrayLike]) -> float:
 def end_variability(trials: Sequence[ArrayLike]) -> float:
     """Root mean square distance [m] of the trials' last points from their mean: sqrt(sum_k |e_k - mean|^2 / (K - 1)).
 
-    Variable error (its constant partner is `end_error` of the mean end). Parameters, errors: as `path_variability`.
+    Variable error; `end_error` of the mean end is the constant error. Parameters and errors as in `path_variability`.
     """
     ends = np.stack([path[-1] for path in _trials(trials)])
     return float(np.sqrt(_spread(ends[:, None])[0]))

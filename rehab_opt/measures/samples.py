@@ -1,4 +1,4 @@
-"""What measures are taken of: numbers, samples at even times, the hand's velocity, and the noise of both."""
+"""Input of measures: checked numbers, even samples, the hand's velocity, and the noise of both."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ Array = NDArray[np.float64]
 
 
 def numbers(argument: str, values: object) -> Array:
-    """`values` as finite float64, at least one; raises `ConfigurationError`, which says which is not."""
+    """`values` as finite float64, at least one; raises `ConfigurationError` with the first bad value."""
     array = checked_array(argument, values, "finite numbers")
     if not array.size:
         raise ConfigurationError(argument, f"shape {array.shape}", "finite numbers, at least one")
@@ -43,7 +43,7 @@ def numbers(argument: str, values: object) -> Array:
 
 
 def vectors(argument: str, values: ArrayLike, *, fewest: int = 1) -> Array:
-    """(N, d) finite, N at least `fewest`, d at least 1; raises as `numbers`."""
+    """`values` as finite (N, d), N at least `fewest`, d at least 1; raises as `numbers`."""
     array = numbers(argument, values)
     if array.ndim != 2 or len(array) < fewest:
         raise ConfigurationError(argument, f"shape {array.shape}", f"(N, d) with N at least {fewest}")
@@ -51,7 +51,7 @@ def vectors(argument: str, values: ArrayLike, *, fewest: int = 1) -> Array:
 
 
 def rows(argument: str, values: ArrayLike, *, fewest: int = 1) -> Array:
-    """(N, d) finite, of a vector of each sample or, as (N,), one number of each; raises as `numbers`."""
+    """`values` as finite (N, d); (N,) becomes (N, 1). Raises as `numbers`."""
     array = numbers(argument, values)
     if array.ndim not in (1, 2) or len(array) < fewest:
         raise ConfigurationError(argument, f"shape {array.shape}", f"(N,) or (N, d) with N at least {fewest}")
@@ -59,20 +59,20 @@ def rows(argument: str, values: ArrayLike, *, fewest: int = 1) -> Array:
 
 
 CUT_OFF_HZ = 10.0
-"""[Hz] Voluntary movement of the arm lies below."""
+"""[Hz] Default cut-off; voluntary arm movement lies below."""
 FEWEST = 10
-"""Samples; measures of fewer mean nothing."""
+"""Least number of samples of a measure."""
 MAX_CUT_OFF = 0.4
-"""Fraction of the rate; the corrected cut-off has to stay below half of it."""
+"""Largest cut-off as a fraction of the rate; the corrected cut-off must stay below half of the rate."""
 SMALLEST_CUT_OFF = 1e-6
-"""Fraction of the rate; below it the filter's poles are too near one for numbers of 64 bits."""
+"""Smallest cut-off as a fraction of the rate; below it the filter's poles are too near 1 for double precision."""
 ONCE_EACH_WAY = (2**0.5 - 1) ** 0.25
-"""A second-order Butterworth filter run forward and back has 3 dB at this fraction of its own cut-off (Winter 2009)."""
+"""A second-order Butterworth filter run both ways has 3 dB at this fraction of its cut-off (Winter 2009)."""
 FREQUENCIES = 2001
 
 
 class EvenSamples(NamedTuple):
-    """N samples at a fixed rate: times [s], points (N, d) [m], and notes of gaps that were bridged."""
+    """N samples at a fixed rate: times [s], points (N, d) [m], and notes on interpolated gaps."""
 
     time: Array
     points: Array
@@ -81,18 +81,18 @@ class EvenSamples(NamedTuple):
 
 
 def evenly_sampled(time: ArrayLike, points: ArrayLike, *, rate_hz: float | None = None) -> EvenSamples:
-    """Samples at even times, by linear interpolation where the recording's are not.
+    """Samples at even times, by linear interpolation if the recording is uneven.
 
     Parameters
     ----------
     time : (N,) [s] increasing, N >= 10.
     points : (N, d) [m].
-    rate_hz : [Hz] by default the recording's own, one over the median step.
+    rate_hz : [Hz], by default one over the recording's median step.
 
     Raises
     ------
-    ConfigurationError : other shapes, a number that is not finite, a time that is not after the one before it, fewer
-        than ten samples. Steps longer than 1.5 times the median are gaps, unless steps often differ so much: a note.
+    ConfigurationError : a wrong shape, a number that is not finite, a time not after the one before it, fewer than ten
+        samples.
     """
     t, p = numbers("time", time), vectors("points", points)
     if t.shape != (len(p),):
@@ -134,19 +134,19 @@ def evenly_sampled(time: ArrayLike, points: ArrayLike, *, rate_hz: float | None 
 
 
 def low_passed(points: ArrayLike, rate_hz: float, *, cutoff_hz: float | None = CUT_OFF_HZ) -> Array:
-    """(N, d) points (N, d) at `rate_hz` [Hz] without what is faster than `cutoff_hz`, and without delay.
+    """(N, d) points (N, d), sampled at `rate_hz` [Hz], low-passed at `cutoff_hz` without delay.
 
     A second-order Butterworth filter run forward and back (fourth order, zero phase), its cut-off corrected for the two
     runs: Winter, "Biomechanics and Motor Control of Human Movement", 4th ed., 2009, ch. 3.
 
     Parameters
     ----------
-    cutoff_hz : [Hz] where a sinusoid is left 0.707 of its amplitude; None for no filter.
+    cutoff_hz : [Hz] frequency at which 0.707 of an amplitude remains; None for no filter.
 
     Raises
     ------
     ConfigurationError : fewer than ten points, numbers that are not finite, a cut-off of 0.4 of the rate or more, or
-        of less than a millionth of it.
+        below a millionth of it.
     """
     p, rate = vectors("points", points, fewest=FEWEST), positive("rate_hz", rate_hz)
     if cutoff_hz is None:
@@ -170,9 +170,9 @@ def hand_velocity(points: ArrayLike, rate_hz: float, *, cutoff_hz: float | None 
 
 
 def white_noise(points: ArrayLike, smooth: ArrayLike, rate_hz: float, *, cutoff_hz: float) -> float:
-    """Standard deviation [m] of the noise in each coordinate of points (N, d), were all of it white.
+    """Standard deviation [m] of the noise in each coordinate of points (N, d), assumed white.
 
-    It is computed from what a low-pass at `cutoff_hz`, which left `smooth` (N, d), took away.
+    It is computed from the difference to `smooth` (N, d), the points low-passed at `cutoff_hz`.
     """
     p, s = vectors("points", points), vectors("smooth", smooth)
     if p.shape != s.shape:
@@ -182,9 +182,9 @@ def white_noise(points: ArrayLike, smooth: ArrayLike, rate_hz: float, *, cutoff_
 
 
 def noise_of_derivative(noise: float, rate_hz: float, *, cutoff_hz: float | None, order: int) -> float:
-    """Standard deviation [m/s^order] that white noise of `noise` [m] leaves in a derivative: 1 velocity, 3 its jerk.
+    """Standard deviation [m/s^order] of a derivative due to white noise of `noise` [m]; order 1 velocity, 3 jerk.
 
-    As `hand_velocity` and `dimensionless_jerk` take them: a central difference, then second differences.
+    Derivatives as in `hand_velocity` and `dimensionless_jerk`: a central difference, then second differences.
     """
     passed, angle = passed_by_low_pass(rate_hz, cutoff_hz)
     differences = np.sin(angle) * (2 - 2 * np.cos(angle)) ** ((order - 1) // 2) * positive("rate_hz", rate_hz) ** order
@@ -192,7 +192,7 @@ def noise_of_derivative(noise: float, rate_hz: float, *, cutoff_hz: float | None
 
 
 def passed_by_low_pass(rate_hz: float, cutoff_hz: float | None) -> tuple[Array, Array]:
-    """Gain of the filter run both ways, if any, and radians a sample, at frequencies from 0 to half the rate."""
+    """Gain of the filter run both ways (1 without a filter), and radians per sample, from 0 to half the rate."""
     angle = np.linspace(0.0, np.pi, FREQUENCIES)
     if cutoff_hz is None:
         return np.ones(FREQUENCIES), angle

@@ -40,22 +40,23 @@ __all__ = ["HandMotion", "Measure", "Score", "hand_motion", "score"]
 Array = NDArray[np.float64]
 
 STILL, HURLED = 1e-3, 50.0
-"""[m/s] A hand that is slower throughout rests; one that a tenth of the time is faster has other units than it says."""
+"""[m/s] A hand that is always slower rests; one that is faster for a tenth of the time has wrong units."""
 SURE, NEVER = 4.5, 7.0
-"""Standard deviations of noise in one coordinate: in space one sample in 6000 of a hand at rest is faster, and none."""
+"""Standard deviations of noise per coordinate that one in 6000 samples (in space) of a resting hand exceeds, and that
+none does."""
 CHANCE = 0.7
-"""Noise of a second differs by as much in its squared jerk: a fraction above may be the whole."""
+"""The squared jerk of noise varies by this fraction from second to second."""
 NORMAL_MEDIAN = 0.6745
-"""Median of the size of normal noise, over its standard deviation."""
+"""Median of the magnitude of normal noise over its standard deviation."""
 AXES = "xyz"
 
 
 JERKS = tuple(f"{log}dimensionless_jerk{of}" for of in ("", "_of_speed") for log in ("", "log_"))
-"""Of the velocity, in which the path's turning counts, and of the speed, as Balasubramanian et al. 2015 have it."""
+"""Jerk of the velocity, which includes turning, and of the speed, as in Balasubramanian et al. 2015."""
 
 
 class Measure(NamedTuple):
-    """One number of one trial; NaN where there is none, and a note of the score says why."""
+    """One number of one trial; NaN if it cannot be measured, with the reason in the score's notes."""
 
     name: str
     value: float
@@ -63,7 +64,7 @@ class Measure(NamedTuple):
 
 
 class HandMotion(NamedTuple):
-    """N even samples of a hand, low-passed, and from which speed on it moves."""
+    """N even, low-passed samples of a hand, and its threshold of movement."""
 
     even: EvenSamples
     path: Array
@@ -71,25 +72,25 @@ class HandMotion(NamedTuple):
     velocity: Array
     """(N, d) [m/s]"""
     speed: Array
-    """(N,) [m/s], zero at either end where it may be noise."""
+    """(N,) [m/s]; at the ends, speeds that may be noise are zero."""
     cutoff_hz: float | None
-    """Of the filter; none where samples are too slow for it."""
+    """Cut-off of the filter; None if the sampling is too slow for it."""
     noise: float
     """[m] in each coordinate."""
     shaken: float
-    """[m/s] A hand at rest is no faster by noise."""
+    """[m/s] Largest apparent speed of a resting hand due to noise."""
     threshold: float
-    """Fraction of the largest speed from which the hand moves: as given, or what noise does not make of rest."""
+    """Fraction of the peak speed above which the hand moves: as given, or higher if noise requires it."""
     notes: tuple[str, ...]
 
     def goes(self, part: slice = slice(None)) -> bool:
-        """Whether these samples go further, or faster, than noise makes a hand go that rests."""
+        """Whether these samples move further or faster than noise of a resting hand."""
         far = range_used(self.path[part]).max() > 2 * SURE * self.noise
         return bool(far or self.speed[part].max() > NEVER / SURE * self.shaken)
 
 
 class Score(NamedTuple):
-    """What was measured of a trial, its movement (M, d) [m] without the rest before and after, and what to know."""
+    """Measures of a trial, its movement (M, d) [m] without rest before and after, and notes."""
 
     measures: tuple[Measure, ...]
     movement: Array
@@ -105,23 +106,22 @@ def score(
     cutoff_hz: float = CUT_OFF_HZ,
     threshold: float = 0.05,
 ) -> Score:
-    """Every measure of one trial: made even, low-passed, cut to its movement, measured.
+    """Compute every measure of one trial: resample evenly, low-pass, cut to the movement, measure.
 
     Parameters
     ----------
     time : (N,) [s] increasing, N >= 10.
     points : (N, 2) or (N, 3) [m] of the hand.
-    target : (2,) or (3,) [m] where the movement was to end.
+    target : (2,) or (3,) [m] of the movement.
     joints : angles (N,) [rad] by name.
-    cutoff_hz : of the filter (`hand_velocity`); samples too slow for it stay as they are, with a note.
-    threshold : of the movement's start and end (`movement_interval`); where noise may be faster, that counts, as a note
-        says.
+    cutoff_hz : cut-off of the filter (`hand_velocity`); samples too slow for it are not filtered, with a note.
+    threshold : of the movement's start and end (`movement_interval`); raised if noise may exceed it, with a note.
 
     Returns
     -------
-    Score : in SI units but for joint ranges, in deg. Speeds, peaks, smoothness and path are of the movement; the range
-        and the workspace used, and the error of the end, are of the whole trial. What is cut at 5 % of the peak speed
-        is less than the whole: a minimum-jerk reach has a dimensionless jerk of 82 here, not of 204.8.
+    Score : in SI units, joint ranges in deg. Speeds, peaks, smoothness and path are of the movement; the range and
+        workspace used, and the end error, are of the whole trial. The cut at 5 % of the peak speed shortens a movement:
+        a minimum-jerk reach has a dimensionless jerk of 82 here, not of 204.8.
 
     Raises
     ------
@@ -183,12 +183,12 @@ def score(
 def hand_motion(
     time: ArrayLike, points: ArrayLike, *, cutoff_hz: float = CUT_OFF_HZ, threshold: float = 0.05
 ) -> HandMotion:
-    """What separates rest from movement, in one trial or in all of a recording; parameters as of `score`.
+    """Separate rest from movement, in one trial or a whole recording; parameters as in `score`.
 
     Raises
     ------
-    ConfigurationError : as `evenly_sampled`; a hand slower than 1 mm/s throughout, or that noise may move as far and as
-        fast, or faster than 50 m/s a tenth of the time; a cut-off above 10 Hz for which the samples are too slow.
+    ConfigurationError : as `evenly_sampled`; a hand slower than 1 mm/s throughout, movement within the noise, more than
+        50 m/s for a tenth of the time, or a cut-off above 10 Hz that is too high for the sampling.
     """
     even = evenly_sampled(time, points)
     if even.points.shape[1] not in (2, 3):
@@ -217,14 +217,14 @@ def hand_motion(
 
 
 def _noise(points: Array, path: Array, rate: float, cutoff: float | None) -> float:
-    """[m] White noise: what the filter took away or, where there is none, of fourth differences, the median."""
+    """[m] White noise, from the filtered part; without a filter, from the median of fourth differences."""
     if cutoff is not None:
         return white_noise(points, path, rate, cutoff_hz=cutoff)
     return float(np.median(np.abs(np.diff(points, 4, axis=0)))) / (NORMAL_MEDIAN * math.sqrt(70.0))
 
 
 def _above_noise(speed: Array, noise: float, rate: float, cutoff: float | None) -> Array:
-    """The speed, zero at both ends where it may be noise of the first and last point, which the filter leaves alone."""
+    """The speed, set to zero at both ends where it may be noise, because the filter keeps the first and last point."""
     passed, _ = passed_by_low_pass(rate, cutoff)
     least = SURE * 2 * noise * rate * float(passed.mean())
     seen = speed.copy()
@@ -235,7 +235,7 @@ def _above_noise(speed: Array, noise: float, rate: float, cutoff: float | None) 
 
 
 def _between(samples: Array, rate: float, begin: float, end: float, count: int) -> Array:
-    """`count` samples from begin to end [s]: whole samples would make the duration wrong, and jerk has its cube."""
+    """`count` interpolated samples from begin to end [s]; jerk depends on the cube of the exact duration."""
     from scipy.interpolate import CubicSpline  # noqa: PLC0415
 
     return np.asarray(CubicSpline(np.arange(len(samples)) / rate, samples)(np.linspace(begin, end, count)))

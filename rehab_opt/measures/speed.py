@@ -1,4 +1,4 @@
-"""How fast a hand moves, when it moves, in how many pieces, and how smoothly.
+"""Speed, timing, number of submovements, and smoothness of a hand.
 
 The measures and their use after stroke: Schwarz, Kanzler, Lambercy, Luft, Veerbeek, "Systematic review on kinematic
 assessments of upper limb movements after stroke", Stroke 50(3), 2019.
@@ -30,18 +30,18 @@ Array = NDArray[np.float64]
 RISE = 0.02
 """[m/s] of a peak of the speed."""
 PADDING = 4
-"""Zeros are added up to 2^PADDING times the next power of two, so that the spectrum is finely sampled."""
+"""Zero padding up to 2^PADDING times the next power of two, for a finely sampled spectrum."""
 THRESHOLD = 0.05
-"""Fraction of the largest amplitude; the spectrum is followed up to the last frequency that reaches it."""
+"""Fraction of the largest amplitude; the spectrum ends at the last frequency that reaches it."""
 FEWEST_JERK = 7
-"""Samples; a second difference at its ends needs four."""
+"""Least number of samples; a second difference at the ends needs four."""
 
 
 def mean_speed(velocity: ArrayLike, time: ArrayLike | None = None) -> float:
-    """Mean speed [m/s] over the time of the samples: the trapezoids below |v|, over their duration.
+    """Mean speed [m/s] over the duration of the samples, by the trapezoidal rule.
 
-    Flash and Hogan, "The coordination of arm movements", J. Neurosci. 5(7), 1985: a minimum-jerk reach has 8/15 of its
-    peak speed.
+    Flash and Hogan, "The coordination of arm movements", J. Neurosci. 5(7), 1985: for a minimum-jerk reach it is 8/15
+    of the peak speed.
 
     Parameters
     ----------
@@ -58,7 +58,7 @@ def mean_speed(velocity: ArrayLike, time: ArrayLike | None = None) -> float:
 
 
 def peak_speed(velocity: ArrayLike) -> float:
-    """Largest speed [m/s]: max |v_i|. Of a minimum-jerk reach of length A in time D it is 1.875 A/D.
+    """Largest speed [m/s]: max |v_i|. For a minimum-jerk reach of length A in time D it is 1.875 A/D.
 
     Flash and Hogan 1985, as `mean_speed`.
 
@@ -74,8 +74,9 @@ def movement_interval(speed: ArrayLike, rate_hz: float, *, threshold: float = 0.
     `threshold` times its peak, interpolated between samples.
 
     A fraction of the peak, as in Murphy, Willén, Sunnerhagen, "Kinematic variables quantifying upper-extremity
-    performance after stroke during reaching and drinking from a glass", Neurorehabil. Neural Repair 25(1), 2011 (who
-    take 2 %; 5 % stands more noise). A movement that begins or ends faster than that takes the array's own end.
+    performance after stroke during reaching and drinking from a glass", Neurorehabil. Neural Repair 25(1), 2011 (they
+    use 2 %; 5 % tolerates more noise). A movement that begins or ends above the threshold starts or ends with the
+    array.
 
     Parameters
     ----------
@@ -97,17 +98,17 @@ def movement_interval(speed: ArrayLike, rate_hz: float, *, threshold: float = 0.
 def movement_time(speed: ArrayLike, rate_hz: float, *, threshold: float = 0.05) -> float:
     """Time [s] from start to end of the movement, as `movement_interval` finds them.
 
-    Of a minimum-jerk reach in time D it is D sqrt(1 - sqrt(threshold)): 0.881 D at 5 %. Noise that reaches the
-    threshold at rest counts as movement (not in `score`).
+    For a minimum-jerk reach in time D it is D sqrt(1 - sqrt(threshold)): 0.881 D at 5 %. Noise at rest above the
+    threshold counts as movement (not in `score`).
     """
     begin, end = movement_interval(speed, rate_hz, threshold=threshold)
     return end - begin
 
 
 def velocity_peaks(speed: ArrayLike, rate_hz: float, *, rise: float = RISE, apart: float = 0.15) -> int:
-    """Number of peaks of the speed, each `rise` above the dips beside it and `apart` from higher ones; 1 is ideal.
+    """Number of speed peaks at least `rise` above the dips beside them and `apart` from higher ones; 1 is ideal.
 
-    Where the array begins or ends in motion, the speed is taken to be zero outside of it.
+    The speed counts as zero outside the array.
 
     Murphy, Willén, Sunnerhagen 2011 (movement units: 20 mm/s, 150 ms); peaks as a measure of recovery: Rohrer et al.,
     "Movement smoothness changes during stroke recovery", J. Neurosci. 22(18), 2002.
@@ -129,13 +130,12 @@ def velocity_peaks(speed: ArrayLike, rate_hz: float, *, rise: float = RISE, apar
 def spectral_arc_length(speed: ArrayLike, rate_hz: float) -> float:
     """SPARC: minus the arc length of the normalised amplitude spectrum of `speed` (N,), sampled at `rate_hz` [Hz].
 
-    With V(f) the amplitude over its value at zero and f_c the last frequency below 10 Hz at which V >= 0.05,
+    With V(f) the amplitude over its value at f = 0, and f_c the last frequency below 10 Hz with V >= 0.05:
 
         - integral over [0, f_c] of sqrt((1 / f_c)^2 + (dV/df)^2) df
 
-    It has no unit. It does not depend on the unit of the speed, nor (as long as f_c is below 10 Hz) on the duration. A
-    single minimum-jerk reach has about -1.4; the more submovements and tremor, the more negative. NaN where nothing
-    moves.
+    It has no unit and depends neither on the unit of the speed nor (if f_c is below 10 Hz) on the duration. A single
+    minimum-jerk reach has about -1.4; submovements and tremor make it more negative. NaN if nothing moves.
     """
     samples, rate = _speeds(speed), positive("rate_hz", rate_hz)
     count = 2 ** (math.ceil(math.log2(len(samples))) + PADDING)
@@ -156,15 +156,15 @@ def dimensionless_jerk(velocity: ArrayLike, rate_hz: float) -> float:
 
         D^3 / v_peak^2  integral over [0, D] of |d^2 v / dt^2|^2 dt,      D = (N - 1) / rate_hz
 
-    It has no unit. Of a minimum-jerk reach it is 720 / 1.875^2 = 204.8, of any length and duration. Cut the rest before
-    and after the movement off: the duration counts with its third power. Balasubramanian et al. 2015 negate it and use
-    the speed, which is this function of speeds (N,); of velocities the turning of the path counts too.
+    It has no unit. For a minimum-jerk reach of any length and duration it is 720 / 1.875^2 = 204.8. Remove rest before
+    and after the movement first, because the duration enters with its third power. Balasubramanian et al. 2015 negate
+    it and use the speed, that is, this function of speeds (N,); with velocities the turning of the path counts, too.
 
     Parameters
     ----------
     velocity : (N, d) [m/s] at `rate_hz` [Hz], N >= 7, or speeds (N,).
 
-    Noise counts with the sixth power of its frequency. Compare only recordings of one device, rate and filter.
+    Noise enters with the sixth power of its frequency, so compare only recordings of one device, rate and filter.
     """
     v, rate = rows("velocity", velocity, fewest=FEWEST_JERK), positive("rate_hz", rate_hz)
     peak = float(np.linalg.norm(v, axis=1).max())
@@ -182,7 +182,7 @@ def dimensionless_jerk(velocity: ArrayLike, rate_hz: float) -> float:
 def log_dimensionless_jerk(velocity: ArrayLike, rate_hz: float) -> float:
     """LDLJ: minus the natural logarithm of `dimensionless_jerk`; larger is smoother, a minimum-jerk reach has -5.32.
 
-    Balasubramanian et al. 2015. Otherwise as `dimensionless_jerk`. Of a motion without jerk it is infinite.
+    Balasubramanian et al. 2015. Parameters as in `dimensionless_jerk`. Infinite for a motion without jerk.
     """
     jerk = dimensionless_jerk(velocity, rate_hz)
     return -math.log(jerk) if jerk > 0 else math.inf

@@ -1,1 +1,1 @@
-"""How a problem is stated, solved and certified; nothing here knows of robots."""
+"""State, solve and certify optimisation problems; independent of robots."""

@@ -1,4 +1,4 @@
-"""Solvers for one QP after another of one size, and their answers: proxqp, osqp, daqp, and whatever qpsolvers knows."""
+"""Solvers for a sequence of QPs of one size: proxqp, osqp, daqp, and those of qpsolvers."""
 
 from __future__ import annotations
 
@@ -33,12 +33,12 @@ __all__ = [
 Array = NDArray[np.float64]
 
 UNBOUNDED = 1e8
-"""A row limit from which on there is none: a statement says so where none is now, and a duality gap would count it."""
+"""Row limits of this size count as infinite; a statement uses them for a limit that does not apply now."""
 
 OWN = ("proxqp", "osqp", "daqp")
-"""With a backend of ours."""
+"""Solvers with a backend in this module."""
 PRECISION = 1e-10
-"""Tolerance of every solver, absolute, so that its answers pass the certificate."""
+"""Absolute tolerance of every solver, tight enough that its answers pass the certificate."""
 TIGHT: Mapping[str, Mapping[str, Any]] = {
     "clarabel": {"tol_gap_abs": PRECISION, "tol_gap_rel": 0.0, "tol_feas": PRECISION},
     "cvxopt": {"abstol": PRECISION, "reltol": PRECISION, "feastol": PRECISION},
@@ -50,21 +50,21 @@ TIGHT: Mapping[str, Mapping[str, Any]] = {
     "proxqp": {"eps_abs": PRECISION, "eps_rel": 0.0},
     "scs": {"eps_abs": PRECISION, "eps_rel": 0.0},
 }
-"""The same in the words of each solver of qpsolvers; quadprog has no such setting."""
+"""`PRECISION` as options of each solver of qpsolvers; quadprog has no such option."""
 DAQP_TOLERANCES = 1e-10, 3e-9, 1e-7
-"""Absolute, in turn, of what is feasible: rows that leave nothing between them are found to leave less, by rounding."""
+"""Absolute feasibility tolerances, tried in this order: by rounding, equal row limits may seem to cross."""
 DAQP_OPTIONS = {"dual_tol": 1e-12, "iter_limit": 1000}
-"""Absolute; the QPs of `bench/solvers/qp` take 62 iterations at most."""
+"""Absolute dual tolerance; iteration cap (the QPs of `bench/solvers/qp` take at most 62)."""
 UNEVEN = 1e4
-"""Ratio of the largest curvature along a variable to the smallest from which their units are made alike."""
+"""Ratio of the largest to the smallest curvature of variables above which the variables are scaled."""
 FLAT = 1e-14
-"""Fraction of the largest curvature that counts as none."""
+"""Fraction of the largest curvature below which a curvature counts as zero."""
 EQUALITY, SOLVED = 5, 1
-"""daqp's own words."""
+"""Constants of daqp."""
 
 
 class Answer(NamedTuple):
-    """A claimed solution; NaN in x where the solver gave none. Multipliers are positive at an upper bound."""
+    """A claimed solution; x is NaN if the solver found none. Multipliers are positive at an upper bound."""
 
     x: Array
     bound_multipliers: Array
@@ -78,7 +78,7 @@ class Backend(Protocol):
     name: str
 
     def forget(self) -> None:
-        """Begin anew: what is solved next depends on nothing that was solved before."""
+        """Discard the warm start: the next solution does not depend on earlier ones."""
         ...
 
     def solve(self, qp: Instance) -> Answer:
@@ -87,12 +87,12 @@ class Backend(Protocol):
 
 
 def no_answer(n: int, m: int) -> Answer:
-    """What no certificate accepts."""
+    """An answer that no certificate accepts."""
     return Answer(np.full(n, np.nan), np.full(n, np.nan), np.full(m, np.nan), -1)
 
 
 def has_finite_data(qp: Instance) -> bool:
-    """Whether a solver may see this: NaN hangs some, and a NaN bound is no bound to others."""
+    """Whether the data are fit for a solver: some hang on NaN, others ignore a NaN bound."""
     costs_finite = np.isfinite(qp.H).all() and np.isfinite(qp.g).all() and np.isfinite(qp.A).all()
     bounds_ordered = (qp.lower <= qp.upper).all() and (qp.rows_lower <= qp.rows_upper).all()
     return bool(costs_finite and bounds_ordered)
@@ -101,11 +101,11 @@ def has_finite_data(qp: Instance) -> bool:
 def backend(name: str, n: int, m: int, *, argument: str = "solver") -> Backend:
     """The backend of that name for QPs with n variables and m rows.
 
-    "proxqp" and "osqp" keep a workspace, "daqp" is called directly; any other name is passed to qpsolvers.
+    "proxqp" and "osqp" keep a workspace, "daqp" is called directly, and any other name goes to qpsolvers.
 
     Raises
     ------
-    ConfigurationError : the name is none of the installed solvers.
+    ConfigurationError : no installed solver has this name.
     """
     if name == "proxqp":
         return ProxqpBackend(n, m)
@@ -119,13 +119,13 @@ def backend(name: str, n: int, m: int, *, argument: str = "solver") -> Backend:
 class ProxqpBackend:
     """proxsuite's dense solver, updated in place.
 
-    eps_primal_inf and eps_dual_inf are 0 since at their defaults it calls feasible problems infeasible; both
-    iteration counts are capped since without that a NaN cost has held it for 47 s. The duality gap is checked, since
-    without that 8 % of our ticks end at bounds that are pressed on from a distance: of a bound that is s away and
-    pressed by z it is s z, and the certificate bounds the smaller of the two by 1e-8: the gap is bounded by its square.
+    eps_primal_inf and eps_dual_inf are 0, because with the defaults it calls feasible problems infeasible. Both
+    iteration counts are capped, because a NaN cost once held it for 47 s. The duality gap is checked, because without
+    it 8 % of our ticks have a multiplier z at a bound with slack s. That bound adds s z to the gap. The certificate
+    limits min(s, z) to 1e-8, so the gap is limited to its square.
 
-    Not repeatable to the last bit, even when made anew: its sums depend on the address of its workspace. Answers to
-    equal sequences differed by 1e-11.
+    Its answers are not repeatable to the last bit, because its sums depend on the address of its workspace: equal
+    sequences differed by 1e-11.
     """
 
     name = "proxqp"
@@ -135,7 +135,7 @@ class ProxqpBackend:
         self.forget()
 
     def forget(self) -> None:
-        """Begin anew, with another workspace: its scaling and its step sizes outlive a cold start."""
+        """Make a new workspace, because scaling and step sizes survive a cold start."""
         from proxsuite import proxqp  # noqa: PLC0415  (loads when used)
 
         n, m, self._ready = self._n, self._m, False
@@ -176,7 +176,7 @@ class ProxqpBackend:
 
 
 class OsqpBackend:
-    """osqp with the full pattern set up once, so that every later problem is an update."""
+    """osqp, set up once with dense matrices, so that every later problem is an update."""
 
     name = "osqp"
 
@@ -189,7 +189,7 @@ class OsqpBackend:
         self.forget()
 
     def forget(self) -> None:
-        """Begin anew: the next problem sets it up."""
+        """Discard the setup; the next problem makes a new one."""
         self._solver: Any = None
 
     def solve(self, qp: Instance) -> Answer:
@@ -237,11 +237,11 @@ class OsqpBackend:
 
 
 class DaqpBackend:
-    """daqp, called anew each time.
+    """daqp, called without a warm start.
 
-    That takes a few tens of us; nothing of a failed solve reaches the next. Badly scaled variables are scaled to the
-    curvature 1: unscaled it solves 12 % of the badly scaled QPs of `bench/solvers/qp`, scaled all. A cost that is not
-    strictly convex is regularised by daqp, or fails.
+    A call takes a few tens of us, and a failed solve does not affect the next one. Badly scaled variables are scaled to
+    curvature 1: unscaled it solves 12 % of the badly scaled QPs of `bench/solvers/qp`, scaled all. daqp regularises a
+    cost that is not strictly convex, or fails.
     """
 
     name = "daqp"
@@ -267,7 +267,7 @@ class DaqpBackend:
         return self._asked(qp)
 
     def _scaled(self, qp: Instance, units: Array) -> Answer:
-        """`qp` over y with x = units y."""
+        """Solution of `qp` through the scaled variables y, where x = units * y."""
         claim = self._asked(
             qp._replace(
                 H=qp.H * np.outer(units, units), g=qp.g * units, A=qp.A * units,
@@ -294,7 +294,7 @@ class DaqpBackend:
 
 
 class QpsolversBackend:
-    """Any solver of qpsolvers by name; a problem is made anew each time, so this is for comparison, not for speed."""
+    """Any solver of qpsolvers by name; it builds each problem anew, so it serves comparison, not speed."""
 
     def __init__(self, name: str, *, argument: str = "solver") -> None:
         if name not in qpsolvers.available_solvers:
@@ -320,7 +320,7 @@ class QpsolversBackend:
 
 
 def answer_from(qp: Instance, solution: qpsolvers.Solution) -> Answer:
-    """What qpsolvers found for `to_qpsolvers(qp)`, as a claim about `qp`."""
+    """Answer to `qp` from the solution of `to_qpsolvers(qp)`."""
     n, m = qp.g.size, qp.rows_lower.size
     if not solution.found or solution.x is None:
         return no_answer(n, m)
@@ -330,7 +330,7 @@ def answer_from(qp: Instance, solution: qpsolvers.Solution) -> Answer:
 
 
 def to_qpsolvers(qp: Instance) -> qpsolvers.Problem:
-    """`qp` in qpsolvers' form: equal row bounds become A x = b, one-sided ones below `UNBOUNDED` G x <= h."""
+    """`qp` in qpsolvers' form: equal row limits become A x = b, other finite ones G x <= h."""
     equality, above, below = _sides(qp)
     inequalities = [qp.A[above], -qp.A[below]]
     limits = [qp.rows_upper[above], -qp.rows_lower[below]]

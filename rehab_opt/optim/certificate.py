@@ -1,4 +1,4 @@
-"""Residuals of a claimed QP solution, computed by us: no solver's word is taken for it."""
+"""Residuals of a claimed QP solution, computed independently of the solver."""
 
 from __future__ import annotations
 
@@ -27,15 +27,15 @@ __all__ = [
 def certificate_function(n: int, m: int) -> ca.Function:
     """Certificate of x for  min 1/2 x'Hx + g'x,  lower <= x <= upper,  rows_lower <= A x <= rows_upper.
 
-    Inputs: H (n, n), g (n,), A (m, n), rows_lower, rows_upper (m,), lower, upper (n,), valid (1 where the data may be
-    used at all, else 0), x (n,) and the multipliers of its bounds (n,) and rows (m,), positive at an upper bound.
+    Inputs: H (n, n), g (n,), A (m, n), rows_lower, rows_upper (m,), lower, upper (n,), valid (1 if the data are valid,
+    else 0), x (n,), and the multipliers of bounds (n,) and rows (m,), positive at an upper bound.
 
-    Outputs: x clipped into its bounds (that x is what is certified and used), and the residual, the 2-norm of
-    stationarity H x + g + y_x + A'y_A, of the rows' violation, and of min(multiplier, slack) for every bound.
-    Units are those of the statement; one tolerance therefore means the same for every solver.
+    Outputs: x clipped into its bounds (this x is certified and used), and the residual. The residual is the 2-norm of
+    stationarity H x + g + y_x + A'y_A, of the rows' violation, and of min(multiplier, slack) for every bound. It has
+    the units of the statement, so one tolerance means the same for every solver.
 
-    The residual of a NaN anywhere is infinite or NaN: CasADi's fmax and fmin drop NaN, so each is guarded by a
-    comparison that NaN fails. Accept with `is_certified`.
+    Any NaN makes the residual infinite or NaN: CasADi's fmax and fmin drop NaN, so a comparison that NaN fails guards
+    each of them. Accept with `is_certified`.
     """
     hessian, gradient, matrix = ca.SX.sym("H", n, n), ca.SX.sym("g", n), ca.SX.sym("A", m, n)
     rows_lower, rows_upper = ca.SX.sym("rows_lower", m), ca.SX.sym("rows_upper", m)
@@ -50,7 +50,7 @@ def certificate_function(n: int, m: int) -> ca.Function:
 def certified_expressions(
     data: Sequence[ca.SX], claim: ca.SX, bound_multiplier: ca.SX, row_multiplier: ca.SX
 ) -> tuple[ca.SX, ca.SX]:
-    """What `certificate_function` gives, of expressions: what is zero or infinite by its form costs nothing there."""
+    """Expressions of `certificate_function`; structural zeros and infinite bounds cost nothing."""
     hessian, gradient, matrix, rows_lower, rows_upper, lower, upper, valid = data
     x = clipped(claim, lower, upper)
     rows = matrix @ x
@@ -67,25 +67,25 @@ def certified_expressions(
 
 
 def violation(values: ca.SX, lower: ca.SX, upper: ca.SX) -> ca.SX:
-    """By how much each value is outside its bounds; none that is infinite by its form."""
+    """Violation of each bound, zero if satisfied; constant infinite bounds are left out."""
     low, high = _not(lower, -ca.inf), _not(upper, ca.inf)
     return ca.vertcat(ca.fmax(lower[low] - values[low], 0), ca.fmax(values[high] - upper[high], 0))
 
 
 def _not(column: ca.SX, number: float) -> list[int]:
-    """Indices of the elements that are not this constant. (In columns, since each operation in Python takes 0.1 ms.)"""
+    """Indices of the elements that are not this constant."""
     elements = ca.vertsplit(column) if column.numel() else []
     return [i for i, each in enumerate(elements) if not (each.is_constant() and float(each) == number)]
 
 
 def all_true(*conditions: ca.SX) -> ca.SX:
-    """1 where every element of every condition holds, else 0; a comparison with NaN does not hold."""
+    """1 if every element of every condition holds, else 0; comparisons with NaN do not hold."""
     elements = [each for condition in conditions if condition.numel() for each in ca.vertsplit(ca.vec(condition))]
     return reduce(ca.logic_and, elements, ca.SX(1))
 
 
 def first_true(conditions: ca.SX) -> ca.SX:
-    """A column with 1 where the first of them holds, else 0."""
+    """A column with 1 at the first condition that holds, else 0."""
     column, found = ca.SX.zeros(conditions.numel()), ca.SX(0)
     for i in range(conditions.numel()):
         column[i] = ca.logic_and(conditions[i], ca.logic_not(found))
@@ -99,26 +99,26 @@ def is_certified(residual: float, tolerance: float) -> bool:
 
 
 def clipped(value: Any, lower: Any, upper: Any) -> ca.SX:
-    """Expression of `value` moved into [lower, upper]; a NaN value becomes a bound, so guard where NaN must show."""
+    """Expression of `value` clipped to [lower, upper]; NaN becomes a bound, so check for it elsewhere."""
     inside: ca.SX = ca.fmin(ca.fmax(value, lower), upper)
     return inside
 
 
 NEGLIGIBLE = 1e-3
-"""A smaller fraction of what is desired is none: the command is `BLOCKED`."""
+"""If the delivered fraction of the task is smaller, it counts as zero and the command is `BLOCKED`."""
 
 
 def delivered_fraction(
     given: ca.SX, desired: ca.SX, missed: ca.SX, *, least: float, enough: ca.SX | float = NEGLIGIBLE
 ) -> ca.SX:
-    """Fraction of `desired` that is given along it, 0 if not `enough`; 1 if nothing is `missed`, or none is desired."""
+    """Fraction of `desired` that `given` delivers; 0 up to `enough`, 1 if nothing is `missed` or desired."""
     size = ca.sumsqr(desired)
     along = clipped(ca.dot(given, desired) / ca.fmax(size, least**2), 0, 1)
     return ca.if_else(ca.logic_and(missed, size > least**2), ca.if_else(along > enough, along, 0), 1)
 
 
 def one_is_zero(multiplier: ca.SX, value: ca.SX, lower: ca.SX, upper: ca.SX) -> ca.SX:
-    """Complementarity as min(multiplier, slack): zero iff one of them is, and infinite bounds need no special case."""
+    """Complementarity min(multiplier, slack): zero if and only if one is; infinite bounds need no special case."""
     told = _not(multiplier, 0.0)
     pushing, at, low, high = multiplier[told], value[told], lower[told], upper[told]
     at_upper = ca.fmin(ca.fmax(pushing, 0), ca.fmax(high - at, 0))
@@ -135,10 +135,10 @@ def screened_analytic(
     bounds: tuple[ca.SX, ca.SX],
     valid: ca.SX,
 ) -> tuple[ca.SX, ca.SX]:
-    """The analytic answer, the multipliers of its bounds and of the rows in one column (n + n + m,); and its residual.
+    """Column (n + n + m,) of the analytic answer and its bound and row multipliers; and its residual.
 
-    A point within its bounds and rows is certified without the Hessian where its gradient is zero, or balanced by
-    multipliers, or presses against a bound. Elsewhere, or where none is stated, the residual is infinite.
+    A point within bounds and rows is certified without the Hessian if multipliers or active bounds balance its
+    gradient. Otherwise, or without an analytic answer, the residual is infinite.
     """
     nothing = ca.SX.zeros(x.numel() + rows.expression.numel())
     if analytic is None:

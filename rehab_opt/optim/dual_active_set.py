@@ -1,11 +1,10 @@
 """A QP for a given active set, or by the dual active set method of Goldfarb and Idnani.
 
-That method goes on where the active bounds are not known: it cannot cycle, whatever bounds meet in a corner.
-
-It begins at the answer of the equalities alone and adds one broken bound after the other, dropping those whose
-multiplier vanishes on the way; the cost only rises, so no active set comes twice. Active bounds are independent at each
-step, so they are no more than the variables. The inverse of the Hessian on the equalities is made once. A step is a
-function without branches; compiled code repeats it until no bound is broken.
+The dual method needs no estimate of the active bounds and cannot cycle. It starts at the solution of the equalities
+alone and adds one violated bound after the other; it drops bounds whose multiplier reaches zero. The cost only rises,
+so no active set comes twice. Active bounds are independent at each step, so there are at most as many as variables. The
+inverse of the Hessian on the equalities is computed once. A step is a function without branches; compiled code repeats
+it until no bound is violated.
 """
 
 from __future__ import annotations
@@ -23,22 +22,21 @@ if TYPE_CHECKING:
 __all__ = ["STEPS", "TOGETHER", "active_set_round", "dual_active_set"]
 
 BROKEN = 1e-11
-"""By how much a bound must be passed to become active: less is rounding."""
+"""A bound becomes active if its violation is larger; less is rounding."""
 NESTED = 7
 STEPS = NESTED**2
-"""Bounds taken in or dropped at most; random states among walls and keep-outs needed 5 in the median and 18 at most."""
+"""Largest number of bounds added or dropped; random states near obstacles needed 18 at most, 5 in the median."""
 DEPENDENT = 1e-13
-"""Fraction of a bound's curvature that must be left beside the active ones, or it depends on them.
+"""Fraction of a bound's curvature that remains on the active ones; if it is smaller, the bound depends on them.
 
-An arm in a corner of three joint limits keeps above the manipulability floor by a joint that hardly matters to it:
-1e-12 is left. Rounding leaves 1e-16.
+An arm at three joint limits and at the manipulability floor left 1e-12. Rounding leaves 1e-16.
 """
 
 
 def dual_active_set(form: Form) -> ca.Function:
     """Numbers -> which bounds and rows (n + m,) are active: 1 at the upper, -1 at the lower one.
 
-    None of the equalities is. The cost must be strictly convex, and its equalities independent.
+    Equalities are not marked. The cost must be strictly convex, and the equalities independent.
     """
     numbers = ca.MX.sym("numbers", form.build.numel_in(0))
     shared, state = _first(form)(numbers)
@@ -55,7 +53,7 @@ def dual_active_set(form: Form) -> ca.Function:
 
 
 class _Numbers:
-    """The QP with its bounds as the first rows, all in expressions of its numbers."""
+    """The QP as expressions of its numbers; its bounds are the first rows."""
 
     def __init__(self, form: Form) -> None:
         n, m = form.n, form.m
@@ -69,34 +67,34 @@ class _Numbers:
 
 
 class _State(NamedTuple):
-    """What passes from step to step. A normal is a row with its sign: its product with x is at most its limit."""
+    """State between steps. A normal is a signed row: normal . x <= limit."""
 
     active: ca.SX
-    """(n + m,) 1 and -1 where the upper or lower bound is taken in."""
+    """(n + m,) 1 or -1 where the upper or lower bound is in the active set."""
     x: ca.SX
-    """(n,) answer of the equalities and of what is taken in."""
+    """(n,) solution with the equalities and the active set."""
     ways: ca.SX
-    """(most, n) how x moves, along the equalities, as each that is taken in pushes back; zero where there is room."""
+    """(most, n) change of x, along the equalities, per unit multiplier of each active bound; unused rows are zero."""
     stiffness: ca.SX
-    """(most (most + 1) / 2,) upper triangle of the products of their normals with their ways."""
+    """(most (most + 1) / 2,) upper triangle of the products of normals and `ways`."""
     pushing: ca.SX
-    """(most,) multipliers, zero or more."""
+    """(most,) multipliers of the active bounds, not negative."""
     numbers: ca.SX
-    """(most,) which bound or row it is, counted from 1; 0 where there is room."""
+    """(most,) number of each active bound or row, counted from 1; 0 if unused."""
     pending: ca.SX
-    """(n + m,) 1 or -1 for the one that is being taken in."""
+    """(n + m,) 1 or -1 for the bound that is being added."""
     begun: ca.SX
-    """Its multiplier so far."""
+    """Multiplier so far of the bound that is being added."""
     done: ca.SX
-    """Whether no bound is broken, or none can be taken in."""
+    """Whether no bound is violated, or none can be added."""
 
     def column(self) -> ca.SX:
-        """All of it as one column; `_state_of` reads it."""
+        """The state as one column; `_state_of` reads it."""
         return ca.densify(ca.vertcat(*(ca.vec(ca.densify(part)) for part in self)))
 
 
 def _state_of(of: _Numbers) -> tuple[ca.SX, _State]:
-    """A column of symbols, and the state that it holds."""
+    """A column of symbols, and the state in it."""
     n, most, size = of.n, of.most, of.size
     shapes = [(size, 1), (n, 1), (most, n), (triangle(most), 1), (most, 1), (most, 1), (size, 1), (1, 1), (1, 1)]
     column = ca.SX.sym("state", sum(rows * columns for rows, columns in shapes))
@@ -108,7 +106,7 @@ def _state_of(of: _Numbers) -> tuple[ca.SX, _State]:
 
 
 def _first(form: Form) -> ca.Function:
-    """Numbers -> inverses of the Hessian, free and along the equalities; the first state."""
+    """Numbers -> inverses of the Hessian, without and with the equalities; the first state."""
     of = _Numbers(form)
     n, most, size, rows = of.n, of.most, of.size, of.rows[of.equal, :]
     free = solver_of(of.hessian)(ca.SX.eye(n))
@@ -180,7 +178,7 @@ def _step(form: Form) -> ca.Function:
 
 
 def _next(of: _Numbers, state: _State) -> tuple[ca.SX, ca.SX]:
-    """What to take in, (n + m,) with 1 or -1 at what is pending, or at what is broken most; whether there is any."""
+    """Bound to add: (n + m,) with 1 or -1 at the pending or most violated one; whether there is one."""
     values = of.rows @ state.x
     above, below = values - of.high, of.low - values
     begun = ca.sumsqr(state.pending) > 0
@@ -195,21 +193,21 @@ def _next(of: _Numbers, state: _State) -> tuple[ca.SX, ca.SX]:
 
 
 SOFTENED = 1e-9
-"""Fraction by which rows yield, so that dependent ones leave a system that can be solved."""
+"""Relative regularisation of active rows, so that dependent rows still give a solvable system."""
 TOGETHER = 3
-"""Inequality rows that may be active together; what needs more is rare, and `dual_active_set` finds it."""
+"""Largest number of active inequality rows; `dual_active_set` serves the rare cases with more."""
 
 
 def active_set_round(form: Form, *, together: int, passes: int = 1, softened: float = SOFTENED) -> ca.Function:
     """Numbers, multipliers (n + m,) -> x, multipliers and the certificate's residual, one column.
 
-    A few matrix products where a solver iterates: from tick to tick the active bounds rarely change. Taken for
-    equalities they leave a linear system, whose solution counts only by its certificate.
+    The active bounds rarely change from tick to tick. As equalities they give a linear system, which takes a few matrix
+    products. Only the certificate decides whether its solution counts.
 
     Bounds and rows with a multiplier are active, and so is every equality.
 
-    Of the inequality rows, only the first `together` that are active are taken, and never more than can be independent.
-    `passes` correct what `softened` takes away; where the rows are independent for certain, it can be tiny.
+    At most `together` active inequality rows are used, the first ones, and never more than can be independent. `passes`
+    correction steps undo the regularisation `softened`, which can be tiny if the rows are independent.
     """
     n, m, (numbers, data) = form.n, form.m, form.symbols()
     multipliers = ca.SX.sym("multipliers", n + m)
@@ -249,7 +247,7 @@ def active_set_round(form: Form, *, together: int, passes: int = 1, softened: fl
 
 
 def picked(active: ca.SX, count: int) -> ca.SX:
-    """(count, rows) matrix that picks the first `count` active rows: one 1 a line, or none."""
+    """(count, rows) selection matrix of the first `count` active rows; unused rows are zero."""
     ranks, rank = [], ca.SX(0)
     if not count:
         return ca.SX(0, active.numel())

@@ -1,4 +1,4 @@
-"""Primary solver, then a backup of another kind; an answer leaves only with its certificate."""
+"""Primary solver, then a backup of another kind; only certified answers are returned."""
 
 from __future__ import annotations
 
@@ -27,28 +27,27 @@ __all__ = ["BACKUP", "FUSED", "FallbackChain", "as_in_c"]
 FUSED = FUSED_SOLVERS[0]
 """Name of the solver inside the fused function."""
 BACKUP = "daqp"
-"""It solves every QP of `bench/solvers/qp` that has an answer, the slowest in twice its usual time; proxqp fails in 74
-and takes up to 50 ms."""
+"""Default backup. It solves every feasible QP of `bench/solvers/qp`, the slowest in twice its usual time; proxqp fails
+on 74 and takes up to 50 ms."""
 
 
 class FallbackChain:
-    """Solves one statement tick after tick.
+    """Solver of one statement, called once a tick.
 
-    Write the parameters into `parameters`, call, and read `x`, `residual` and `report`; all are arrays that the next
-    call overwrites. The call returns the name of the solver whose answer is certified, "" if none is; only a certified
-    answer changes the memory in `state`, and what the next call starts from, but that a start that failed is forgotten.
-
-    The residual is set to NaN before each evaluation: what an evaluation did not write is no answer.
+    Write into `parameters`, call, and read `x`, `residual` and `report`; the next call overwrites these arrays. The
+    call returns the name of the solver whose answer is certified, or "". Only a certified answer changes the memory and
+    the warm start in `state`; a warm start that failed is discarded. The residual is NaN before each evaluation, so
+    that an old answer never counts.
 
     Parameters
     ----------
     statement : the QP.
-    solver, backup : "qrqp" (fused), "proxqp" or "osqp" (kept alive), "daqp", or any solver known to qpsolvers. Backup
-        None is daqp, and qrqp behind daqp.
-    tolerance : largest certificate residual that is accepted, in the statement's units.
+    solver, backup : "qrqp" (fused), "proxqp", "osqp", "daqp", or any solver known to qpsolvers. Backup None means daqp,
+        or qrqp if `solver` is daqp.
+    tolerance : largest accepted residual, in the statement's units.
     compile : see `BufferedFunction`.
-    tick : a function that solves inside, in place of `fused`: its first inputs and outputs are those of `fused`, where
-        more may stand behind the state; the other inputs are the caller's to write.
+    tick : function that contains the solver, in place of `fused`. Its first inputs and outputs are those of `fused`,
+        and its state may be longer; the caller writes the other inputs.
     """
 
     def __init__(
@@ -67,7 +66,7 @@ class FallbackChain:
             backup = BACKUP if solver != BACKUP else FUSED
         self.statement, self.solver, self.backup, self.tolerance = statement, solver, backup, tolerance
         self.function = function = BufferedFunction(tick or fused(statement), compile=compile)
-        """The whole tick; what it evaluates may be exchanged between two ticks."""
+        """The whole tick; compiled code may replace the virtual machine between two ticks."""
         self.parameters, self.everything = function.inputs[:2]
         after, self._verdict = function.outputs[:2]
         self.state, self._answer = (each[: statement.state_size] for each in (self.everything, after))
@@ -89,7 +88,7 @@ class FallbackChain:
         )
 
     def __call__(self) -> str:
-        """Solve at `parameters`, warm-started; name of the solver that is certified, or ""."""
+        """Solve at `parameters`, warm-started; return the name of the certified solver, or ""."""
         if self.solver != FUSED:
             self._record()
             return self.solver if self._solve_by(self.solver) else self.solve_with_fallback()
@@ -101,7 +100,7 @@ class FallbackChain:
         return self.solve_with_fallback()
 
     def solve_with_fallback(self) -> str:
-        """Name of a solver that is certified where the first attempt was not, or ""."""
+        """Try the other solvers after a failed first attempt; return the name of the certified one, or ""."""
         if not (self.valid[0] or math.isnan(self.verdict[0])):  # NaN: nothing was written, so nothing is known of them
             return ""  # the parameters themselves cannot be used
         self.warm_start(0.0)
@@ -122,27 +121,27 @@ class FallbackChain:
 
     @staticmethod
     def is_recorded() -> bool:
-        """Whether somebody looks at every QP of a chain that is made now."""
+        """Whether a recorder is active for solvers made now."""
         return recorder_now() is not None
 
     def forget(self, x: ArrayLike = 0.0) -> None:
-        """As `warm_start`, and the solvers begin anew: equal inputs then give equal answers, of proxqp to rounding."""
+        """Reset the warm start and the solvers; equal inputs then give equal answers (proxqp: to rounding)."""
         self.warm_start(x)
         for solver in self._backends.values():
             if solver is not None:
                 solver.forget()
 
     def warm_start(self, x: ArrayLike) -> None:
-        """Forget the warm start, not the memory; begin at x (n,) or a scalar, with no active bound."""
+        """Start the next solve at x (n,) or a scalar without active bounds; the memory stays."""
         n = self.statement.n
         self.state[n : 2 * n + self.statement.m] = 0.0
         self.state[:n] = x
 
     def _set_recorder(self) -> None:
-        """Let a recorder see each tick's problem, if there is one now."""
+        """Pass each tick's QP to the recorder, if one is active now."""
         self._record: Callable[[], None] = _nobody
         self._same_problem = False
-        """Whether what is solved next was met before, and is only tried again."""
+        """Whether the next solve is a retry of the same problem."""
         recorder = recorder_now()
         if recorder is None:
             return
@@ -170,7 +169,7 @@ class FallbackChain:
         return certified
 
     def _solve_apart(self, name: str) -> None:
-        """What the fused function does, with another solver in its middle."""
+        """Do the work of the fused function with another solver."""
         complete, build, certify, finish = self._complete, self._build, self._certify, self._finish
         full = _outputs(complete, self.parameters, self.memory)[0]
         *qp, valid = _outputs(build, full, self.memory)
@@ -193,11 +192,11 @@ class FallbackChain:
 
 
 def _nobody() -> None:
-    """Stands in where there is no recorder."""
+    """Do nothing; used without a recorder."""
 
 
 def _outputs(function: BufferedFunction, *values: ArrayLike) -> tuple[NDArray[np.float64], ...]:
-    """The buffers of a function evaluated at `values`; its next call overwrites them."""
+    """Output buffers of a function after evaluation at `values`; its next call overwrites them."""
     for array, value in zip(function.inputs, values, strict=True):
         array[...] = value
     function()
@@ -206,11 +205,11 @@ def _outputs(function: BufferedFunction, *values: ArrayLike) -> tuple[NDArray[np
 
 @contextmanager
 def as_in_c(*chains: FallbackChain) -> Iterator[None]:
-    """No backup is called within, so that C, which has the fused solver alone, repeats a run that is recorded here.
+    """Disable the backup solvers meanwhile, so that generated C, which has none, can repeat a recorded run.
 
     Raises
     ------
-    ConfigurationError : a solver that does not become C.
+    ConfigurationError : the solver does not generate C.
     """
     for chain in chains:
         if chain.solver != FUSED:

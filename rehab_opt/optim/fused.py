@@ -1,10 +1,10 @@
 """One tick in one function: kinematics, solve and certificate, without leaving compiled code.
 
-Candidates, each certified, from the cheapest on: the statement's analytic answer; of velocities the last tick's active
+Certified candidates in order of cost: the statement's analytic answer; if it has `active_set`, the last tick's active
 bounds and the dual active set method; CasADi's qrqp.
 
-CasADi's search for common subexpressions takes most of a function's making. It is not asked for where it finds a
-hundredth or nothing, since the statement's numbers come without any.
+CasADi's search for common subexpressions takes most of the time of making a function, so it is off where it would find
+at most 1 %.
 """
 
 from __future__ import annotations
@@ -23,21 +23,21 @@ if TYPE_CHECKING:
 __all__ = ["ANALYTIC_TOLERANCE", "FUSED_SOLVERS", "by_dual_active_set", "choice", "exact_round", "fused"]
 
 FUSED_SOLVERS = ("qrqp", "closed form", "active set", "dual active set")
-"""Who answered, by the number that the fused function gives."""
+"""Names of the solvers by the number that the fused function returns."""
 ANALYTIC_TOLERANCE = 1e-10
-"""Residual to which an analytic answer counts as the answer: as exact as what the solver is asked for."""
+"""Largest residual of an accepted analytic answer; equal to the solvers' tolerance."""
 INDEPENDENT = 1e-13
-"""Fraction by which rows yield that the dual method found: they are independent by more than this."""
+"""Relative regularisation of rows from the dual method, which are independent by more than this."""
 PASSES = 2
-"""Corrections of what that takes away."""
+"""Correction steps that undo this regularisation."""
 
 
 def fused(statement: Statement) -> ca.Function:
     """Parameters, state -> state, verdict.
 
     A state stacks x (n,), the multipliers of its bounds (n,) and of the rows (m,), and the memory: the warm start and
-    all that is known of the last tick. The verdict stacks the residual, whether the parameters are valid, who answered
-    (an index of `FUSED_SOLVERS`), and the statement's report. All of it generates C.
+    the results of the last tick. The verdict stacks the residual, whether the parameters are valid, the index in
+    `FUSED_SOLVERS` of the solver that answered, and the statement's report. The function generates C.
     """
     n, m, size = statement.n, statement.m, statement.state_size
     p, last = ca.MX.sym("p", statement.parameter_size), ca.MX.sym("last", size)
@@ -57,7 +57,7 @@ def fused(statement: Statement) -> ca.Function:
 
 
 def choice(name: str, otherwise: ca.Function) -> ca.Function:
-    """Condition, held, arguments -> held where the condition is true, else what `otherwise` gives for the arguments."""
+    """Condition, held, arguments -> `held` if the condition is true, else `otherwise(arguments)`."""
     held = ca.MX.sym("held", otherwise.sparsity_out(0))
     arguments = [ca.MX.sym("argument", otherwise.sparsity_in(i)) for i in range(otherwise.n_in())]
     keep = ca.Function("keep", [held, *arguments], [held])
@@ -66,9 +66,9 @@ def choice(name: str, otherwise: ca.Function) -> ca.Function:
 
 
 def _solve(statement: Statement) -> ca.Function:
-    """Complete parameters, memory, start -> x, multipliers, residual, who answered.
+    """Complete parameters, memory, start -> x, multipliers, residual, index of the solver.
 
-    A third of a controller's making, which depends on the QP's form alone.
+    Making it takes a third of a controller's construction, so it is cached by the QP's form.
     """
     form, numbers = statement.form()
     solve = remembered((*form[:-2], form.build.serialize()), lambda: _made(form))
@@ -78,7 +78,7 @@ def _solve(statement: Statement) -> ca.Function:
 
 
 def _made(form: Form) -> ca.Function:
-    """Numbers, start -> what `_solve` gives."""
+    """Numbers, start -> outputs of `_solve`."""
     if not form.active_set:
         return _qrqp(form)
     numbers, start = _inputs(form)
@@ -92,7 +92,7 @@ def _made(form: Form) -> ca.Function:
 
 
 def _last_active_set(form: Form) -> ca.Function:
-    """The round with the bounds that were active in the last tick; half the work where no row was."""
+    """Solution with the last tick's active bounds; half the work if no row was active."""
     some, none = (active_set_round(form, together=together) for together in (TOGETHER, 0))
     if not form.m:
         return none
@@ -103,18 +103,18 @@ def _last_active_set(form: Form) -> ca.Function:
 
 
 def exact_round(form: Form) -> ca.Function:
-    """`active_set_round` where what is active is independent."""
+    """`active_set_round` for independent active bounds."""
     return active_set_round(form, together=form.n, passes=PASSES, softened=INDEPENDENT)
 
 
 def by_dual_active_set(form: Form, exact: ca.Function) -> ca.Function:
-    """Numbers -> x, multipliers, residual; `exact_round` makes what the dual method finds exact."""
+    """Numbers -> x, multipliers, residual; `exact_round` refines the dual method's result."""
     numbers, _ = _inputs(form)
     return ca.Function("by_dual", [numbers], [exact(numbers, dual_active_set(form)(numbers))])
 
 
 def _qrqp(form: Form) -> ca.Function:
-    """Numbers, start -> x, multipliers, residual, who answered."""
+    """Numbers, start -> x, multipliers, residual, index of the solver."""
     n, m, (numbers, start) = form.n, form.m, _inputs(form)
     qp = form.build(numbers)
     hessian, gradient, matrix, rows_lower, rows_upper, lower, upper = qp
@@ -128,5 +128,5 @@ def _qrqp(form: Form) -> ca.Function:
 
 
 def _inputs(form: Form) -> list[ca.MX]:
-    """Numbers; start: x and multipliers."""
+    """Symbols: numbers; start (x and multipliers)."""
     return [ca.MX.sym("column", size) for size in (form.build.numel_in(0), 2 * form.n + form.m)]

@@ -1,7 +1,4 @@
-"""A nonlinear program (NLP) stated once, symbolically; what solvers need, and its certificate, are derived.
-
-For sequential quadratic programming that is a positive definite Hessian, exact along the active rows, too.
-"""
+"""A nonlinear program (NLP), stated once symbolically; solver functions and certificate are derived."""
 
 from __future__ import annotations
 
@@ -23,21 +20,21 @@ __all__ = ["MAX_MAGNITUDE", "NLP", "NLPAnswer", "convexified", "model"]
 Array = NDArray[np.float64]
 
 MAX_MAGNITUDE = 1e9
-"""An answer with a number beyond this size, or a parameter beyond it, is never certified."""
+"""Largest magnitude of a parameter or of a number in a certified answer."""
 
 
 class NLPAnswer(NamedTuple):
-    """What a solver answered, certified by us."""
+    """A solver's answer with its certificate."""
 
     x: Array
     """(n,) inside its bounds."""
     multipliers: Array
-    """(n + m,) of the bounds and of the rows, positive at an upper bound."""
+    """(n + m,) multipliers of bounds and rows, positive at an upper bound."""
     cost: float
     residual: float
     """2-norm of stationarity, violation and complementarity; accept only 0 <= residual <= tolerance."""
     violation: float
-    """2-norm of the rows' violation alone."""
+    """2-norm of the rows' violation."""
     report: Array
     """The statement's report at x."""
     iterations: int
@@ -55,11 +52,11 @@ class NLP:
     Parameters
     ----------
     name : identifier, used in generated code.
-    parameters : columns that are known when it is solved, in the order in which they are passed.
-    variables : what is decided; bounds are numbers or expressions of the parameters.
+    parameters : columns of known numbers, in the order in which they are passed.
+    variables : decision variables; bounds are numbers or expressions of the parameters.
     minimise : scalar, twice differentiable.
-    subject_to : rows, from `equal` and `within`, with numbers or expressions of the parameters as bounds.
-    report : column of expressions evaluated at the answer.
+    subject_to : rows from `equal` and `within`; bounds are numbers or expressions of the parameters.
+    report : column of expressions, evaluated at the answer.
 
     Raises
     ------
@@ -129,7 +126,7 @@ class NLP:
         return ca.gradient(self.minimise, self.x)
 
     def parted(self, multipliers: Any) -> Any:
-        """Multipliers (n + m,) of the bounds and of the rows; a slice of a single entry would change its shape."""
+        """Split multipliers (n + m,) into those of bounds (n,) and of rows (m,)."""
         return ca.vertsplit(multipliers, [0, self.n, self.n + self.m])
 
     @cached_property
@@ -142,10 +139,11 @@ class NLP:
     def certify(self) -> ca.Function:
         """From p, claim (n,) and multipliers (n + m,): x, cost, residual, violation, report.
 
-        x is the claim clipped into its bounds, and what is certified. The residual is the 2-norm of stationarity
-        grad f + y_x + J'y, of the rows' violation, and of |multiplier| * min(slack, 1) for every bound: a product,
-        since an interior-point answer at a weakly active bound has both factors near the root of its tolerance.
-        It is NaN or infinite when a number is: CasADi's fmax and fmin drop NaN, so everything they see is compared.
+        x is the claim clipped into its bounds; this x is certified. The residual is the 2-norm of stationarity grad f +
+        y_x + J'y, of the rows' violation, and of |multiplier| * min(slack, 1) for every bound. The product suits
+        interior-point answers, which have both factors near the root of the tolerance at a weakly active bound. A NaN
+        or infinite number makes the residual NaN or infinite: inputs of CasADi's fmax and fmin, which drop NaN, are
+        also compared.
         """
         claim, multipliers = ca.SX.sym("claim", self.n), ca.SX.sym("y", self.n + self.m)
         of_bounds, of_rows = self.parted(multipliers)
@@ -186,18 +184,18 @@ def _slackness(multiplier: ca.SX, value: ca.SX, lower: ca.SX, upper: ca.SX) -> c
 
 
 PENALTY = 10.0
-"""Weight of the active rows' squares. Statements have Hessians and row gradients of order one, so one number serves."""
+"""Weight of the active rows' squares; Hessians and row gradients are of order one, so one number serves."""
 FLOOR = 1e-6
-"""Least pivot, relative to the largest entry."""
+"""Smallest pivot, relative to the largest entry."""
 
 
 def model(nlp: NLP, multipliers: ca.SX) -> tuple[ca.SX, ca.SX]:
     """Hessian (n, n), positive definite, and gradient (n,) of the next QP's cost.
 
-    The Hessian of the Lagrangian is indefinite at most solutions; it only has to be positive definite along the
-    active rows. So PENALTY/2 |row + J dx - bound|^2 is added for every equality and for every bound with a multiplier.
-    These terms vanish where the row holds in the QP's solution: its step and multipliers are those of the exact
-    Hessian, and convergence stays quadratic. What is still indefinite is `convexified`.
+    The Hessian of the Lagrangian is indefinite at most solutions, but positive definite along the active rows.
+    PENALTY/2 |row + J dx - bound|^2 is therefore added for every equality and every bound with a multiplier. These
+    terms vanish if the row holds in the QP's solution: step and multipliers are those of the exact Hessian, and
+    convergence stays quadratic. A Hessian that is still indefinite is `convexified`.
 
     Parameters
     ----------
@@ -219,7 +217,7 @@ def model(nlp: NLP, multipliers: ca.SX) -> tuple[ca.SX, ca.SX]:
 
 
 def convexified(hessian: ca.SX) -> ca.SX:
-    """`hessian` plus a diagonal that makes it positive definite, zero where it safely is.
+    """`hessian` plus a diagonal that makes it positive definite; the diagonal is zero if it safely is.
 
     The modified Cholesky factorisation of Gill, Murray and Wright (Practical Optimization, 1981, 4.4.2.2) without
     pivoting: straight-line code, a few hundred operations for eight variables.

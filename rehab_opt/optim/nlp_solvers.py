@@ -1,4 +1,4 @@
-"""CasADi's nonlinear solvers by name behind one interface: quiet, capped, and certified by us."""
+"""CasADi's nonlinear solvers by name, behind one interface: quiet, with capped iterations, certified."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ __all__ = ["NLPSolver", "checked_name", "nlp_solver"]
 Array = NDArray[np.float64]
 
 SQPMETHOD_CHANGES = 100
-"""Cap on the active-set changes of a QP of CasADi's sqpmethod, which has no backup."""
+"""Cap on the active-set changes of a QP in CasADi's sqpmethod, which has no backup."""
 WIDENING = 1e-8
-"""fatrop moves inequality bounds outwards by this, and its option to change that is not passed on by CasADi 3.8."""
+"""fatrop widens inequality bounds by this; CasADi 3.8 does not pass on its option for that."""
 
 
 def checked_name(argument: str, name: object) -> str:
-    """`name`, if it is that of a solver."""
+    """`name`; raises `ConfigurationError` if no solver has it."""
     if not (isinstance(name, str) and (name == SQP.name or (name.isidentifier() and ca.has_nlpsol(name)))):
         raise ConfigurationError(argument, name, "'sqp', 'ipopt', 'fatrop', 'sqpmethod' or another of CasADi's")
     return name
@@ -50,15 +50,15 @@ def nlp_solver(
 class NLPSolver:
     """One of CasADi's `nlpsol` plugins.
 
-    Its own tolerances are set below ours, so that `tolerance` means the certificate's residual for each of them.
+    The plugin's own tolerances are tighter, so that `tolerance` refers to the certificate's residual.
 
     Parameters
     ----------
     nlp : the statement.
     name : "ipopt", "fatrop", "sqpmethod" (with qrqp and a convexified Hessian), or another plugin, at its defaults.
-    tolerance : largest certificate residual that is accepted.
+    tolerance : largest accepted residual.
     max_iterations : cap on iterations.
-    compile : whether sqpmethod, which generates C, is compiled, which is waited for; see `compiled`.
+    compile : whether to compile sqpmethod, and wait for it; see `compiled`.
 
     Raises
     ------
@@ -90,7 +90,7 @@ class NLPSolver:
         self.parameters = np.zeros(nlp.p.numel())
 
     def solve(self, start: ArrayLike, multipliers: ArrayLike = 0.0) -> NLPAnswer:
-        """Solve at `parameters` (write into it) from `start` (n,) and `multipliers` (n + m,) of an earlier answer."""
+        """Solve at `parameters`, which the caller fills, from `start` (n,) and earlier `multipliers` (n + m,)."""
         n = self.nlp.n
         x, y = np.zeros(n), np.zeros(n + self.nlp.m)
         x[:], y[:] = start, multipliers
@@ -136,7 +136,7 @@ class NLPSolver:
 
 
 def _narrowed(lower: Array, upper: Array) -> tuple[Array, Array]:
-    """Bounds that fatrop's fixed widening (1e-8, relative above 1) turns into the ones given, equalities untouched."""
+    """Bounds that become the given ones by fatrop's widening (1e-8, relative above 1); equalities stay."""
     with np.errstate(invalid="ignore"):
         room = np.where(upper > lower, np.maximum(upper - lower, 0.0) / 4, 0.0)
     by_lower, by_upper = (np.minimum(WIDENING * np.maximum(1.0, np.abs(bound)), room) for bound in (lower, upper))
@@ -151,7 +151,7 @@ def _iterations(stats: dict[str, Any]) -> int:
 
 
 def _options(nlp: NLP, name: str, tolerance: float, max_iterations: int) -> dict[str, Any]:
-    """Quiet, capped, without exceptions, and tighter than `tolerance`."""
+    """Solver options: quiet, capped iterations, no exceptions, tighter than `tolerance`."""
     common: dict[str, Any] = {"error_on_fail": False, "print_time": False, "show_eval_warnings": False}
     common["calc_lam_p"] = False  # nobody asks for them, and where a solve failed CasADi complains on the terminal
     tight = 0.1 * tolerance
@@ -187,7 +187,7 @@ def _options(nlp: NLP, name: str, tolerance: float, max_iterations: int) -> dict
 
 
 def _convex_hessian(nlp: NLP) -> ca.Function:
-    """Hessian of the Lagrangian as sqpmethod wants it, convexified: an exact one had tails of half a second."""
+    """Convexified Hessian of the Lagrangian for sqpmethod; the exact one took up to half a second."""
     of_cost, of_rows = ca.SX.sym("lam_f"), ca.SX.sym("lam_g", nlp.m)
     lagrangian = of_cost * nlp.minimise + ca.dot(of_rows, nlp.rows.expression)
     hessian = convexified(ca.hessian(lagrangian, nlp.x)[0])

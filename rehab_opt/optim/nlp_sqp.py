@@ -1,4 +1,4 @@
-"""Sequential quadratic programming, one iteration (derivatives, QP, certificate) a single compiled function."""
+"""Sequential quadratic programming; one compiled function does an iteration (derivatives, QP, certificate)."""
 
 from __future__ import annotations
 
@@ -25,19 +25,19 @@ Array = NDArray[np.float64]
 QP_ITERATIONS = 30
 """Cap on the active-set changes of one QP; an infeasible one would go on for milliseconds."""
 QP_VIOLATION = 1e-8
-"""A QP whose rows are missed by more has no solution within the bounds and the radius."""
+"""A QP with a larger violation of its rows has no solution within the bounds and the radius."""
 
 
 class SQP:
-    """Full-step SQP from a start that is near: 10-30 us an iteration compiled, quadratic convergence.
+    """Full-step SQP from a near start: quadratic convergence, 10-30 us an iteration when compiled.
 
-    There is no line search. What does not converge within the cap fails its certificate: start elsewhere.
+    There is no line search. An answer that has not converged within the cap fails its certificate: try another start.
     One thread at a time.
 
     Parameters
     ----------
     nlp : the statement.
-    tolerance : largest certificate residual that is accepted.
+    tolerance : largest accepted residual.
     max_iterations : cap on iterations.
     radius : largest change of a variable in one iteration, in the variables' units.
     compile : see `BufferedFunction`.
@@ -70,7 +70,7 @@ class SQP:
         self._iterate = self._watched_step()
 
     def solve(self, start: ArrayLike, multipliers: ArrayLike = 0.0, *, max_iterations: int | None = None) -> NLPAnswer:
-        """Solve at `parameters` (write into it) from `start` (n,) and `multipliers` (n + m,) of an earlier answer."""
+        """Solve at `parameters`, which the caller fills, from `start` (n,) and earlier `multipliers` (n + m,)."""
         self._x[:] = start
         self._multipliers[:] = multipliers
         cap = self.max_iterations if max_iterations is None else max_iterations
@@ -93,7 +93,7 @@ class SQP:
         )  # fmt: skip
 
     def _watched_step(self) -> Callable[[], None]:
-        """The step, whose QP a recorder gets if there is one now."""
+        """The step; its QPs go to the recorder, if one is active now."""
         recorder = recorder_now()
         if recorder is None:
             return self._step
@@ -131,7 +131,7 @@ def step_function(nlp: NLP) -> ca.Function:
 
 
 def subproblem_function(nlp: NLP) -> ca.Function:
-    """From what `step_function` is given: the QP in its middle, over the change of x, as in `Instance`."""
+    """From the inputs of `step_function`: its QP over the change of x, as in `Instance`."""
     p, start, y, radius = inputs = _step_inputs(nlp)
     *others, lower, upper = _derivatives(nlp)(p, _inside(nlp)(p, start), y)
     outputs = [*others, ca.fmax(lower, -radius), ca.fmin(upper, radius)]
@@ -149,7 +149,7 @@ def _inside(nlp: NLP) -> ca.Function:
 
 
 def _derivatives(nlp: NLP) -> ca.Function:
-    """From p, x, multipliers: H, g, A, and how far the rows and x are from their bounds, lower and upper."""
+    """From p, x, multipliers: H, g, A, and the distances of rows and x to their lower and upper bounds."""
     symbols = ca.SX.sym("y", nlp.n + nlp.m)
     hessian, gradient = model(nlp, symbols)
     rows = nlp.rows

@@ -1,4 +1,4 @@
-"""A QP stated once, symbolically; its numbers and its certificate are derived from the statement."""
+"""A QP, stated once symbolically; its numbers and its certificate are derived."""
 
 from __future__ import annotations
 
@@ -21,23 +21,23 @@ __all__ = ["Form", "Statement"]
 
 
 class Form(NamedTuple):
-    """What the solvers of a `Statement` are made of. Its numbers are one column, in which none stands twice."""
+    """Structure of a `Statement`, from which its solvers are made. Its numbers are one column without duplicates."""
 
     n: int
     m: int
     active_set: bool
     """See `Statement`."""
     build: ca.Function
-    """Numbers -> H, g, A, rows_lower, rows_upper, lower, upper, with constants; they are sound."""
+    """Valid numbers -> H, g, A, rows_lower, rows_upper, lower, upper, constants included."""
     certify: ca.Function
 
     def symbols(self) -> tuple[ca.SX, list[ca.SX]]:
-        """A column of numbers, and what `build` gives."""
+        """A column of number symbols, and the outputs of `build`."""
         numbers = ca.SX.sym("numbers", self.build.numel_in(0))
         return numbers, self.build.call([numbers])
 
     def rows(self) -> tuple[list[int], list[int]]:
-        """Indices of equalities, of which both bounds are one expression, and of the other rows."""
+        """Indices of the equalities, whose two bounds are the same expression, and of the other rows."""
         low, high = self.symbols()[1][3:5]
         equal = [i for i in range(self.m) if ca.is_equal(low[i], high[i], 10)]
         return equal, [i for i in range(self.m) if i not in equal]
@@ -50,27 +50,27 @@ class Statement:
     Parameters
     ----------
     name : identifier, used in generated code.
-    parameters : columns that are known when it is solved, in the order in which they are passed.
-    variables : what is decided.
+    parameters : columns of known numbers, in the order in which they are passed.
+    variables : decision variables.
     minimise : scalar, quadratic in the variables.
     subject_to : rows linear in the variables.
-    active_set : whether the fused function asks the active set of the last tick and the dual active set method before
-        qrqp: for these the cost must be strictly convex and the equalities independent.
+    active_set : whether the fused function tries the last tick's active set and the dual active set method before qrqp.
+        The cost must then be strictly convex and the equalities independent.
     requires : conditions on the parameters without which no answer is certified.
     report : column of expressions of parameters and variables, evaluated at the answer; keep it cheap.
     analytic : (n,) expression of the answer when no bound is active, or None. It is certified like any other answer;
-        the solver runs only where it fails.
+        the solver runs only if it fails.
     dual : (m,) expression of the rows' multipliers at the analytic answer, or None where no row is active there.
-    tick : the marks in these expressions. What does not depend on the variables is evaluated once, before the QP.
-    memory : column standing for what the last certified tick left behind (its last velocity, say).
+    tick : the marks in these expressions. Parts that do not depend on the variables are evaluated once, before the QP.
+    memory : column of symbols for results of the last certified tick, such as its velocity.
     remember : column of expressions of parameters and variables that becomes the next tick's memory.
-    violation : by how much what is made of the answer in `remember` breaks the bounds, zero or more; it is added to
-        the certificate's residual. NaN fails.
+    violation : largest violation of the bounds by the command in `remember`, not negative; it is added to the
+        certificate's residual. NaN fails.
 
     Raises
     ------
-    ConfigurationError : the cost is no scalar quadratic in the variables, a row is not linear in them, or a symbol in
-        either is not given.
+    ConfigurationError : the cost is no scalar quadratic in the variables, a row is not linear in them, or a symbol is
+        neither parameter nor variable.
     """
 
     name: str
@@ -109,12 +109,12 @@ class Statement:
 
     @property
     def state_size(self) -> int:
-        """Length of what passes from tick to tick: x, the multipliers of its bounds and of the rows, the memory."""
+        """Length of the state between ticks: x, the multipliers of bounds and rows, the memory."""
         return 2 * self.n + self.m + int(self.memory.numel())
 
     @cached_property
     def build(self) -> ca.Function:
-        """Complete parameters, memory -> H, g, A, rows_lower, rows_upper, lower, upper, sound."""
+        """Complete parameters, memory -> H, g, A, rows_lower, rows_upper, lower, upper, whether all are valid."""
         x, rows = self._x, self._rows
         origin = ca.SX.zeros(self.n)
         hessian = ca.triu2symm(ca.triu(ca.hessian(self.minimise, x)[0]))  # half the entries need computing
@@ -127,7 +127,7 @@ class Statement:
         return ca.Function(f"{self.name}_build", [self._p, self.memory], outputs, {"cse": True})
 
     def form(self) -> tuple[Form, ca.Function]:
-        """The QP without its numbers; and complete parameters, memory -> these."""
+        """The QP's structure; and the function complete parameters, memory -> its numbers."""
         full, memory = ca.SX.sym("full", self.build.sparsity_in(0)), ca.SX.sym("memory", self.memory.numel())
         *data, _ = self.build.call([full, memory])
         entries = ca.vertsplit(ca.veccat(*data))
@@ -145,7 +145,7 @@ class Statement:
 
     @cached_property
     def screen(self) -> ca.Function:
-        """Complete parameters, memory -> see `screened_analytic`; whether the parameters are sound."""
+        """Complete parameters, memory -> outputs of `screened_analytic`; whether the parameters are valid."""
         told, residual = screened_analytic(
             self.analytic, self.dual,
             cost=self.minimise, x=self._x, rows=self._rows, bounds=self._bounds, valid=self._valid,
@@ -159,26 +159,26 @@ class Statement:
 
     @cached_property
     def finish(self) -> ca.Function:
-        """Parameters, memory, x -> report, the next memory, the violation that it holds."""
+        """Parameters, memory, x -> report, next memory, violation."""
         outputs = [self.report, self.remember, self.violation]
         return self.tick.function(f"{self.name}_finish", [self._p, self.memory, self._x], outputs)
 
     def finish_at(self, answer: ca.SX) -> ca.Function:
-        """Parameters, memory -> as `finish` for an answer that is an expression of parameters and precomputed ones."""
+        """Parameters, memory -> outputs of `finish` for an answer given as an expression of complete parameters."""
         p, memory = ca.MX.sym("p", self.parameter_size), ca.MX.sym("memory", self.memory.numel())
         full, x = self.complete(p, memory), ca.Function("answer", [self._p, self.memory], [ca.densify(answer)])
         return ca.Function(f"{self.name}_finish_at", [p, memory], self.finish.call([full, memory, x(full, memory)]))
 
     @cached_property
     def complete(self) -> ca.Function:
-        """Parameters, memory -> the same parameters with the precomputed ones behind, in one column."""
+        """Parameters, memory -> complete parameters: parameters and precomputed values in one column."""
         p, memory = ca.MX.sym("p", self.parameter_size), ca.MX.sym("memory", self.memory.numel())
         column, precompute = self._precomputed
         full = ca.vertcat(p, precompute(p, memory)) if column.numel() else p
         return ca.Function(f"{self.name}_complete", [p, memory], [full])
 
     def instance(self, *parameters: ArrayLike, memory: ArrayLike = ()) -> Instance:
-        """The numbers at given parameter and memory values, for inspection."""
+        """The QP's numbers at given parameters and memory, for inspection."""
         p = np.concatenate([np.asarray(each, dtype=np.float64).reshape(-1) for each in parameters])
         remembered = np.asarray(memory, dtype=np.float64)
         columns = [np.array(each) for each in self.build(self.complete(p, remembered), remembered)[:7]]
@@ -202,7 +202,7 @@ class Statement:
 
     @cached_property
     def _precomputed(self) -> tuple[ca.SX, ca.Function]:
-        """Marked symbols, and parameters, memory -> their values; one column each."""
+        """Column of marked symbols; and the function parameters, memory -> column of their values."""
         expressions = [
             self.minimise, *self._rows, *self._bounds, *self.requires, self.report, self.remember, self.violation,
             *(each for each in (self.analytic, self.dual) if each is not None),

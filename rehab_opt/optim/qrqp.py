@@ -1,9 +1,9 @@
-"""CasADi's qrqp, with the room it needs.
+"""CasADi's qrqp, with a work space that is large enough.
 
-casadi 3.6 to 3.8 give its dual line search an integer array as long as the QP has bounds and rows, and it writes one
-entry more when every multiplier changes sign in one step (`casadi_qrqp_dual_breakpoints`, a damaged heap). The array
-is the last in a work space that a caller's function shares and may enlarge: that is what `with_spare_room` does. In C a
-failed solve ends every function around it, unless the code goes through `going_on_after_failed_solves`.
+In casadi 3.6 to 3.8 its dual line search has an integer array with one entry per bound and row. It writes one entry too
+many if every multiplier changes sign in one step (`casadi_qrqp_dual_breakpoints`), which damages the heap. The array is
+the last in the work space, so `with_spare_room` lengthens that. In generated C, a failed solve ends every function
+around it, unless the code goes through `going_on_after_failed_solves`.
 """
 
 from __future__ import annotations
@@ -17,19 +17,19 @@ from rehab_opt.symbolic.compiled import going_on_after_failed_solves
 __all__ = ["QRQP_ITERATIONS", "going_on_after_failed_solves", "qrqp", "qrqp_options", "with_spare_room"]
 
 QRQP_ITERATIONS = 50
-"""Cap on active-set changes; what is not solved by then fails its certificate. Each costs up to
-13 us, and the backup answers in tens."""
+"""Cap on active-set changes; an answer that is not found by then fails its certificate. Each change takes up to 13 us,
+the backup some tens of us."""
 FINITE = 1e30
-"""Of a bound that cannot be met."""
+"""Value of a bound that replaces an impossible one."""
 SPARE = 2
-"""Integers more than the function says it needs; one is written."""
+"""Additional integers of work space; qrqp writes one of them."""
 
 
 def qrqp(name: str, n: int, m: int, *, iterations: int = QRQP_ITERATIONS) -> ca.Function:
     """Solver of a dense QP with n variables and m rows that generates C; inputs and outputs as `casadi.conic`.
 
-    Quiet, its iterations capped, its tolerance below ours; a failure is an answer that the certificate rejects. So is
-    that of bounds that are NaN, or cross, which are replaced: CasADi would raise.
+    It is quiet, with capped iterations and a tolerance below ours. The certificate rejects the answer of a failure.
+    CasADi would raise for NaN or crossing bounds, so these are replaced; the certificate rejects that answer, too.
     """
     shape = {"h": ca.Sparsity.dense(n, n), "a": ca.Sparsity.dense(m, n)}
     solver = ca.conic(name, "qrqp", shape, qrqp_options(iterations))
@@ -43,7 +43,7 @@ def qrqp(name: str, n: int, m: int, *, iterations: int = QRQP_ITERATIONS) -> ca.
 
 
 def qrqp_options(iterations: int = QRQP_ITERATIONS) -> dict[str, Any]:
-    """Options of every qrqp, also of one inside an NLP solver."""
+    """Options of every qrqp, also inside an NLP solver."""
     quiet = {"print_iter": False, "print_header": False, "print_info": False, "print_lincomb": False}
     return {
         **quiet,

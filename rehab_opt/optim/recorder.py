@@ -1,7 +1,6 @@
-"""Recorder of the QPs that a running controller solves, for inspection; without cost where it is off.
+"""Recorder of the QPs that a running controller solves, for inspection; no cost when off.
 
-A solver made within `recording_qps` records every problem before it solves it; one made elsewhere is the same machine
-code as without a recorder.
+A solver made within `recording_qps` records every problem before it solves it; other solvers run unchanged.
 """
 
 from __future__ import annotations
@@ -21,14 +20,14 @@ Array = NDArray[np.float64]
 
 
 class Stream:
-    """The QPs of one solver, in the order in which it met them; the numbers that make them, until they are asked for.
+    """The QPs of one solver, in order; stored as parameters until `instances` makes the QPs.
 
     Parameters
     ----------
     name : of the statement.
-    tolerance : certificate tolerance of who solves it.
-    make : the instance from what `see` is given.
-    ticks : whether they are a controller's, one a tick; iterations, and fits that are made once, are not.
+    tolerance : certificate tolerance of the solver.
+    make : function from the arguments of `see` to an instance.
+    ticks : whether there is one QP a tick, as in a controller; False for iterations and fits.
     skip, most : how many are let pass first, and how many are then kept.
     """
 
@@ -47,7 +46,7 @@ class Stream:
         self._seen: list[tuple[Array, ...]] = []
 
     def see(self, *values: Array) -> None:
-        """One QP, by the numbers that make it; they are copied."""
+        """Record one QP by its parameters, which are copied."""
         self.met += 1
         if self.met > self._skip and (self._most is None or len(self._seen) < self._most):
             self._seen.append(tuple(np.array(value) for value in values))
@@ -57,16 +56,16 @@ class Stream:
 
     @property
     def seen(self) -> list[tuple[Array, ...]]:
-        """The numbers that `see` was given, of those that were kept."""
+        """The recorded arguments of `see`."""
         return list(self._seen)
 
     def instances(self) -> list[Instance]:
-        """Those that were kept."""
+        """The recorded QPs."""
         return [self._make(*values) for values in self._seen]
 
 
 class QPRecorder:
-    """Streams of QPs, one for each solver that was made meanwhile; see `recording_qps`."""
+    """Streams of QPs, one for each solver made while it is active; see `recording_qps`."""
 
     def __init__(self, *, skip: int = 0, most: int | None = None) -> None:
         self.streams: list[Stream] = []
@@ -77,7 +76,7 @@ class QPRecorder:
     def stream(
         self, name: str, tolerance: float, make: Callable[..., Instance], *, ticks: bool = True, shared: bool = False
     ) -> Stream:
-        """A new stream, or, where it is shared, the one of that name."""
+        """A new stream, or, with `shared`, the existing one of that name."""
         if shared and name in self._shared:
             return self._shared[name]
         found = Stream(name, tolerance, make, ticks=ticks, skip=self._skip, most=self._most)
@@ -94,7 +93,7 @@ class QPRecorder:
         *,
         unless: Callable[[], bool] = lambda: False,
     ) -> Callable[[], None]:
-        """`solve`, before which the stream sees the values of now; but not what is only tried again."""
+        """`solve` with the current values recorded first, unless `unless()` is true."""
 
         def seen_and_solved() -> None:
             if self.open and not unless():
@@ -108,17 +107,17 @@ _NOW: ContextVar[QPRecorder | None] = ContextVar("recorder", default=None)
 
 
 def recorder_now() -> QPRecorder | None:
-    """Who wants to know of the solvers that are made now, or None."""
+    """The active recorder, or None."""
     return _NOW.get()
 
 
 @contextmanager
 def recording_qps(*, skip: int = 0, most: int | None = None) -> Iterator[QPRecorder]:
-    """Within it, solvers that are made report their QPs; what is made before or after does not.
+    """Context in which new solvers record their QPs; solvers made outside do not.
 
     Parameters
     ----------
-    skip, most : of each solver's QPs, how many are let pass first, and how many are then kept; None for all.
+    skip, most : number of QPs of each solver to skip, then to record; None for all.
     """
     recorder = QPRecorder(skip=skip, most=most)
     token = _NOW.set(recorder)

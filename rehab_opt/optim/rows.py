@@ -1,4 +1,4 @@
-"""Elements of a QP: variables and rows as expressions, one QP as numbers, and the check that it is one."""
+"""Elements of a QP: variables and rows as expressions, a QP as numbers, and a check of both."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ __all__ = [
 Array = NDArray[np.float64]
 
 MAX_MAGNITUDE = 1e6
-"""Parameters beyond this size, in SI units, are a broken sensor or a broken caller, not a robot."""
+"""Largest magnitude of a parameter, in SI units; a larger one comes from a broken sensor or caller."""
 
 
 class Variable(NamedTuple):
@@ -76,7 +76,7 @@ def within(expression: Any, lower: Any, upper: Any) -> Row:
 def check_that_it_is_a_qp(
     name: str, cost: ca.SX, x: ca.SX, *, rows: Row, bounds: tuple[ca.SX, ca.SX], given: Sequence[ca.SX]
 ) -> None:
-    """Say what is wrong with a statement over the variables x and what is given.
+    """Check that cost, rows and bounds over x and the given symbols form a QP.
 
     Raises
     ------
@@ -101,7 +101,7 @@ def check_that_it_is_a_qp(
 
 
 def with_numeric_bounds(row: Row, x: ca.SX) -> Row:
-    """The row with what its bounds hold of the variables moved to its left side; only an equality's may hold any."""
+    """The row with variables moved from its bounds to its expression; only an equality may have any there."""
     if not (ca.depends_on(row.lower, x) or ca.depends_on(row.upper, x)):
         return row
     if not ca.is_equal(row.lower, row.upper, 50):

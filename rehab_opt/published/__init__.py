@@ -1,1 +1,1 @@
-"""The papers' own controllers, kept as the yardstick beside ours."""
+"""The papers' own controllers, for comparison."""

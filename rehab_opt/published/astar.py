@@ -1,11 +1,10 @@
 """The paper's path planning: A* over hand positions with three lists and a pull to the reference path.
 
-Xu, Guo, Zhang 2021; its equations and the numbers in its steps are lost from the text at hand, so this is a
-reconstruction of what the text describes: an open, a closed and a result list; f = g + h plus a term that pulls to the
-nearest reference position; positions where the manipulability is under its threshold are blocked. Choices of ours: the
-lattice, the weight of the pull, that the hand keeps the orientation of the nearest reference pose, and that a motion is
-searched stretch by stretch, from one free reference pose to another: a motion that ends where it began would otherwise
-be no motion.
+Xu, Guo, Zhang 2021. The available text lacks the equations and numbers, so this is a reconstruction from its
+description: open, closed and result lists; f = g + h plus a pull to the nearest reference position; positions with a
+manipulability below the threshold are blocked. Our choices are the lattice, the weight of the pull, and the hand's
+orientation, which is that of the nearest reference pose. A motion is searched in stretches between free reference
+poses, because a motion that ends where it began would otherwise be empty.
 """
 
 from __future__ import annotations
@@ -29,30 +28,30 @@ Cell = tuple[int, int, int]
 
 STEPS = [step for step in itertools.product((-1, 0, 1), repeat=3) if any(step)]
 NEWTON, ACCURATE, REACH = 12, 1e-6, 0.3
-"""Newton steps of an inverse kinematics, its error [m, rad] at the end, and its largest joint step [rad]."""
+"""Inverse kinematics: Newton steps, final error [m, rad], largest joint step [rad]."""
 
 
 @dataclass(frozen=True)
 class AStarPath:
-    """What the search found."""
+    """Result of the search."""
 
     q: Array
     """(M, n) joint positions along the path."""
     positions: Array
     """(M, 3) [m] of the hand."""
     nearest: NDArray[np.int64]
-    """(M,) the reference sample nearest to each."""
+    """(M,) reference sample nearest to each position."""
     complete: bool
-    """Whether every stretch was found."""
+    """Whether a path was found for every stretch."""
     expanded: int
-    """Positions taken from the open list."""
+    """Number of positions taken from the open list."""
     blocked: int
-    """Positions that were blocked."""
+    """Number of blocked positions."""
     seconds: float
     """Computing time."""
 
     def deviations(self, reference: ArrayLike) -> Array:
-        """(N,) [m] from each reference position (N, 3) to the nearest point of the path: the kindest measure."""
+        """(N,) [m] from each reference position (N, 3) to the nearest point of the path."""
         points = np.array(reference, dtype=np.float64)
         if len(self.positions) < 2:
             return np.asarray(np.linalg.norm(points - self.positions[:1], axis=1))
@@ -78,18 +77,18 @@ def astar_path(
     pull: float = 4.0,
     max_expansions: int = 200_000,
 ) -> AStarPath:
-    """Path of hand positions along a reference, its manipulability above a threshold.
+    """Path of hand positions along a reference with a manipulability above a threshold.
 
     Parameters
     ----------
     chain : the arm.
     poses : (N, 4, 4) reference.
-    start : (n,) joint positions at the first of them; the search stays in this branch.
+    start : (n,) joint positions at the first pose; the search stays in this branch.
     floor : least w / `max_manipulability`.
-    resolution : [m] of the lattice; a choice.
-    stretch : [m] of reference path searched at a time; a choice. A stretch ends at a free reference pose.
-    pull : weight of the distance to the nearest reference position in f; a choice.
-    max_expansions : positions expanded a stretch at most.
+    resolution : [m] of the lattice; our choice.
+    stretch : [m] of reference path per search; our choice. A stretch ends at a free reference pose.
+    pull : weight in f of the distance to the nearest reference position; our choice.
+    max_expansions : largest number of expanded positions per stretch.
     """
     reference = np.array(poses, dtype=np.float64)
     q = np.array(start, dtype=np.float64)
@@ -119,7 +118,7 @@ def astar_path(
 
 
 def _ends(reference: Array, stretch: float) -> list[int]:
-    """Samples at which `stretch` of path has passed, and the last one."""
+    """Samples that end stretches of length `stretch`, and the last sample."""
     way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(reference[:, :3, 3], axis=0), axis=1))])
     marks = np.arange(stretch, way[-1], stretch)
     return [*np.searchsorted(way, marks).tolist(), len(reference) - 1]
@@ -142,7 +141,7 @@ class _Search:
         self.places = reference[:, :3, 3]
 
     def free_from(self, sample: int, q: Array) -> int | None:
-        """The first sample from this one on whose own pose is not blocked."""
+        """First sample from this one on whose pose is not blocked."""
         for i in range(sample, len(self.reference), 5):
             there = self.joints(self.reference[i], q, patient=True)
             if there is not None and self.chain.manipulability(there) >= self.threshold:
@@ -197,7 +196,7 @@ class _Search:
         self, cell: Cell, *, start: Cell, parents: dict[Cell, Cell], joints: dict[Cell, Array],
         samples: dict[Cell, int], last: int,
     ) -> tuple[list[Array], list[int]]:  # fmt: skip
-        """The third list: back from the goal by the parents."""
+        """The result list: from the goal back through the parents."""
         q, at = [], []
         end = self.joints(self.reference[last], joints[cell], patient=True)
         if end is not None:
@@ -209,7 +208,7 @@ class _Search:
         return q[::-1], at[::-1]
 
     def joints(self, pose: Array, near: Array, *, patient: bool = False) -> Array | None:
-        """Joint positions of a pose, from nearby ones, within the limits; None where there are none."""
+        """Joint positions of a pose within the limits, starting from nearby ones; None if none are found."""
         q = near.copy()
         for _ in range(4 * NEWTON if patient else NEWTON):
             here = self.chain.pose(q)
@@ -227,7 +226,7 @@ class _Search:
 
 
 def _turn(rotation: Array) -> Array:
-    """(3,) rotation vector of a rotation that is no half turn."""
+    """(3,) rotation vector of a rotation below 180 degrees."""
     skew = 0.5 * np.array(
         [rotation[2, 1] - rotation[1, 2], rotation[0, 2] - rotation[2, 0], rotation[1, 0] - rotation[0, 1]]
     )

@@ -1,9 +1,9 @@
 """Force field with a hard gate and an upper bound as published: Eqs. (15)-(23), Rossa et al., in numpy.
 
-Left as published: the weighted mean pulls back before the end of the path, by about 0.4 S sigma at the end itself; the
-path's points count as they were recorded, so that where the hand rested the field is denser; the force jumps at the
-boundary of the comfortable workspace; the part of k1 < 0 falls towards the target, where the weighted mean resists;
-far from the path, where every weight of Eq. (16) underflows and Eq. (17) is 0 / 0, there is no force.
+Weaknesses kept as published. The weighted mean pulls back before the end of the path, by about 0.4 S sigma at the end
+itself. The path's points count as recorded, so pauses of the hand weigh more. The force jumps at the boundary of the
+comfortable workspace. The resistance of k1 < 0 falls towards the target. Far from the path every weight of Eq. (16)
+underflows, Eq. (17) is 0 / 0, and the force is zero.
 """
 
 from __future__ import annotations
@@ -25,19 +25,20 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class FieldLaw:
-    """F(x, v) of Eq. (20), zero where Eq. (23) says so, no larger than a bound (section IV).
+    """F(x, v) of Eq. (20), gated by Eq. (23) and bounded (section IV).
 
     Parameters
     ----------
-    path : (m, 2) [m] reference points xi_t; its last is the target.
+    path : (m, 2) [m] reference points xi_t; the last one is the target.
     stiffness : S [N/m] for both axes, scalar or (2,).
     drag : k1 [N/m] of Eq. (21), of either sign. width : sigma [m]. damping : D [N s/m], scalar or (2,).
-    released : whether a point (2,) gets no force: `comfortable.contains` for scenarios 1-3; None for nowhere.
+    released : function of a point (2,), true where the force is zero: `comfortable.contains` for scenarios 1-3; None
+        for nowhere.
     force_limit : [N].
 
     Raises
     ------
-    ConfigurationError : an argument that cannot be used.
+    ConfigurationError : an argument is invalid.
     """
 
     path: Array
@@ -49,7 +50,7 @@ class FieldLaw:
     force_limit: float = math.inf
 
     def __post_init__(self) -> None:
-        """Check."""
+        """Check every argument."""
         path = np.array(self.path, dtype=np.float64)
         if path.ndim != 2 or path.shape[1] != 2 or not len(path) or not np.isfinite(path).all():
             raise ConfigurationError("path", np.shape(self.path), "finite points (m, 2) in metres")
@@ -67,7 +68,7 @@ class FieldLaw:
 
     @cached_property
     def _drag_energies(self) -> Array:
-        """(m,) [J] the part of Eq. (15) that no hand changes."""
+        """(m,) [J] the terms of Eq. (15) that do not depend on the hand."""
         return np.asarray(self.drag * self.remaining_length() ** 2)
 
     def energy(self, x: ArrayLike) -> float:

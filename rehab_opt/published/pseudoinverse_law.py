@@ -1,10 +1,9 @@
 """Weighted pseudoinverse with self-motion for chair and arm: Eqs. (1)-(5), Honzik.
 
-Deviations: Eq. (3) feeds the joints' world-frame speeds to the wheels, which is right at heading zero only; here the
-chair's speeds are turned into its own frame first, and Eq. (2) gets its axes and half lengths (see `Mecanum`). The
-stick's translation is in the chair's frame, as section 4 asks, so the rows of the Jacobian are turned by the heading.
-
-Left as published: nothing bounds the answer, and near a singular posture it grows beyond every limit.
+Deviations: Eq. (3) maps world-frame speeds to the wheels, which is correct only at heading zero; here the chair's
+speeds are rotated into its own frame first. Eq. (2) uses the axes and half lengths of `Mecanum`. The stick's
+translation is in the chair's frame (section 4), so the heading rotates the rows of the Jacobian. Kept as published: the
+answer is unbounded and grows without limit near a singular posture.
 """
 
 from __future__ import annotations
@@ -26,7 +25,7 @@ ROWS = ("x", "y", "z", "rx", "ry", "rz", "roll7")
 
 
 class Excess(NamedTuple):
-    """By how much a command breaks each limit; zero or less where it keeps it."""
+    """Largest violation of each limit by a command; zero or negative if the limit is satisfied."""
 
     position: float
     """[rad] after one tick."""
@@ -44,12 +43,12 @@ class PseudoinverseLaw:
     Parameters
     ----------
     robot : its inertia is W, its `posture_cost` is c.
-    drive : see `RedundancyResolver`; what it does not allow is added to the task, as the rolling row in Eq. (5).
-    self_motion : weight of the self-motion, a choice: the paper gives none.
+    drive : see `RedundancyResolver`; its constraints are added to the task, as the rolling row in Eq. (5).
+    self_motion : weight of the self-motion; our choice, because the paper gives none.
 
     Raises
     ------
-    ConfigurationError : another drive.
+    ConfigurationError : an unknown drive.
     """
 
     def __init__(self, robot: MobileArm, *, drive: DriveName = "mecanum", self_motion: float = 1.0) -> None:
@@ -57,7 +56,7 @@ class PseudoinverseLaw:
         self._base = robot.drive(drive)
 
     def task_jacobian(self, q: ArrayLike, rows: Sequence[str], frame: str = "chassis") -> Array:
-        """(k, 7) rows of the Jacobian that the stick asks for, in the chair's frame or in the world's."""
+        """(k, 7) rows of the Jacobian for the stick's components, in the chair's or the world frame."""
         angles = np.asarray(q, dtype=np.float64)
         jacobian, pose = self.robot.chain.jacobian(angles), self.robot.chain.pose(angles)
         heading = float(angles[2]) if frame == "chassis" else 0.0
@@ -70,11 +69,11 @@ class PseudoinverseLaw:
     def rate(
         self, q: ArrayLike, twist: ArrayLike, rows: Sequence[str] = ("x", "y", "z"), frame: str = "chassis"
     ) -> Array:
-        """(7,) joint velocities, q1' and q2' in the world frame, for a hand twist (k,) in the given rows and frame.
+        """(7,) joint velocities, q1' and q2' in the world frame, for a hand twist (k,) in these rows and this frame.
 
         Raises
         ------
-        numpy.linalg.LinAlgError : the rows are dependent at this posture.
+        numpy.linalg.LinAlgError : the rows are linearly dependent at this posture.
         """
         asked = np.asarray(twist, dtype=np.float64)
         jacobian, task = self.task_jacobian(q, rows, frame), asked
@@ -88,12 +87,12 @@ class PseudoinverseLaw:
         return np.asarray(inverse @ task - free @ self.robot.posture_gradient(q) * size)
 
     def wheels(self, q: ArrayLike, velocity: ArrayLike) -> Array:
-        """Wheel speeds [rad/s] of joint velocities (7,): Eqs. (2) and (3), corrected as above."""
+        """Wheel speeds [rad/s] for joint velocities (7,): Eqs. (2) and (3), corrected as above."""
         chassis = self.robot.chassis_velocity(q, velocity)[:CHAIR]
         return self._base.wheel_speeds(chassis)
 
     def excess(self, q: ArrayLike, velocity: ArrayLike, last: ArrayLike, dt: float) -> Excess:
-        """What sending `velocity` (7,) for dt [s] breaks after `last` (7,), both as the chair had them at q (7,)."""
+        """Limit violations of the command `velocity` (7,) after `last` (7,), dt [s] apart, at q (7,)."""
         chain, angles = self.robot.chain, np.asarray(q, dtype=np.float64)
         now, before = (self.robot.chassis_velocity(angles, each) for each in (velocity, last))
         ahead = angles + np.asarray(velocity, dtype=np.float64) * dt

@@ -1,12 +1,10 @@
 """Differential inverse kinematics within joint limits by a tangent transform: Eqs. (8)-(14), Rossa et al.
 
-Deviations: the handle is posed as r11 = r21 = 0, since roll and pitch (4)-(5) are singular at their own goal; locked
-joints are left out, since (8) divides by their range; v is bounded, by default far beyond use.
-
-Left as published: a target out of reach drives v up without end, and a joint pressed against its limit, or started
-beside it, does not come back with the target, since its slope in (11) is 1/v^2. With `saturation=30, damping=1e-8` it
-came back within 0.05 s of six excursions that left the published form up to 13 cm off; 1 % of each range is given up
-at either end.
+Deviations: the handle's task is r11 = r21 = 0, because roll and pitch (4)-(5) are singular at their own goal. Locked
+joints are left out, because (8) divides by their range. v is bounded, by default far beyond use. Kept as published: an
+unreachable target drives v to infinity. A joint at its limit does not follow the returning target, because its slope in
+(11) is 1/v^2. `saturation=30, damping=1e-8` gives up 1 % of each range at either end; the arm then returned within 0.05
+s from six excursions after which the published form was up to 13 cm off.
 """
 
 from __future__ import annotations
@@ -28,18 +26,19 @@ __all__ = ["TangentLaw", "TangentPath", "Tracking", "damped_pseudoinverse"]
 Array = NDArray[np.float64]
 
 GAIN = 1000.0
-"""[1/s] k0; the paper gives no value. This and the next are the best of the grid of `python -m bench.tangent_law`."""
+"""[1/s] k0; the paper gives no value. `GAIN` and `DAMPING` are the best of the grid of `python -m
+bench.tangent_law`."""
 DAMPING = 1e-6
-"""mu; the paper asks for mu << 1. With 1e-4 one constant reachable target in 25 is still missed after 3 s."""
+"""mu; the paper requires mu << 1. With 1e-4 one constant reachable target in 25 is missed after 3 s."""
 SATURATION = 1e6
-"""Largest |v|: a millionth of a radian from the limit."""
+"""Largest |v|; it corresponds to a millionth of a radian from the limit."""
 STEP = 0.2  # largest k0 h of an integration step h; mocap_lift is followed as with 0.05, in a third of the time
 MAX_MAGNITUDE = 1e6  # [m] a target beyond is no number a hand can be asked to
 SETTLING = 20.0  # [1/k0] for the start, where none is given
 
 
 class Tracking(Enum):
-    """What became of one sample."""
+    """Result of one sample."""
 
     OK = "ok"  #: hand within the tolerance, handle within its tilt
     OFF = "off_target"  #: the law did not get there, or not yet
@@ -53,9 +52,9 @@ class TangentPath:
     q: Array
     """(N, n) [rad], inside the joint limits, always finite."""
     status: list[Tracking]
-    """(N,) what became of each sample."""
+    """(N,) result of each sample."""
     position_error: Array
-    """(N,) [m] from hand to target; not a number where the target was none."""
+    """(N,) [m] from hand to target; NaN if the target is not finite."""
     handle_tilt: Array
     """(N,) [rad] from handle to vertical."""
     seconds: Array
@@ -74,13 +73,13 @@ class TangentLaw:
 
     Parameters
     ----------
-    arm : chain with finite limits, its handle along the tool's x axis: `human_arm`.
+    arm : chain with finite limits and its handle along the tool's x axis, such as `human_arm`.
     gain : k0 [1/s].
     damping : mu of Eq. (13).
     dt : time between the samples of a path [s].
-    handle_tilt : [rad] tilt up to which a sample counts as followed; the controller itself aims at none.
+    handle_tilt : [rad] tilt up to which a sample counts as followed; the controller's goal is zero tilt.
     tolerance : [m] position error up to which a sample counts as followed.
-    substeps : integration steps a sample; default as many as keep k0 h at 0.2 or less.
+    substeps : integration steps per sample; by default so many that k0 h <= 0.2.
     saturation : largest |v|.
 
     Raises
@@ -124,7 +123,7 @@ class TangentLaw:
 
     # ------------------------------------------------------------------------------------------- the equations
     def transformed(self, q: ArrayLike) -> Array:
-        """Variables v (m,) of the joints that are not locked, Eq. (8); q (n,) [rad] counts as inside the limits."""
+        """Variables v (m,) of the joints that are not locked, Eq. (8); q (n,) [rad] is clipped into the limits."""
         fraction = 2.0 * (np.asarray(q, dtype=np.float64) - self._middle)[self._free] / self._width
         v = np.tan(0.5 * math.pi * np.clip(fraction, -1.0, 1.0))
         return np.clip(v, -self.saturation, self.saturation)
@@ -169,7 +168,8 @@ class TangentLaw:
         Parameters
         ----------
         path : (N, 3) [m], one sample every `dt`; between them the target moves in straight lines.
-        start : (n,) [rad] posture at the first sample; default where the controller converges from mid-range.
+        start : (n,) [rad] posture at the first sample; by default the one to which the controller converges from
+            mid-range.
 
         Raises
         ------
@@ -209,7 +209,7 @@ class TangentLaw:
         return TangentPath(q=postures, status=status, position_error=errors, handle_tilt=tilts, seconds=seconds)
 
     def _integrated(self, v: Array, begin: Array, end: Array, *, steps: int, h: float) -> Array:
-        """`steps` Euler steps of h [s] while the target goes from `begin` to `end` (3,)."""
+        """V after `steps` Euler steps of h [s] while the target moves from `begin` to `end` (3,)."""
         for i in range(1, steps + 1):
             v = v + h * self.rate(v, begin + (end - begin) * (i / steps))
             v = np.clip(v, -self.saturation, self.saturation)

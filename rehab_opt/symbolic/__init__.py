@@ -1,4 +1,4 @@
-"""CasADi expressions to fast numbers: preallocated buffers, for each thread its own, and a cache of compiled code."""
+"""Fast evaluation of CasADi expressions: preallocated buffers per thread, and a cache of compiled code."""
 
 from rehab_opt.symbolic.buffered import BufferedFunction
 from rehab_opt.symbolic.compiled import Compile, compiled

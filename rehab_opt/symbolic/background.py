@@ -1,4 +1,4 @@
-"""Work of minutes beside a control loop: one thread of this process, one child at a time, at idle priority."""
+"""Long background work beside a control loop: one thread, one child process at a time, at idle priority."""
 
 from __future__ import annotations
 
@@ -16,23 +16,23 @@ __all__ = ["finished", "idle", "later"]
 
 
 TURN = 2e-4
-"""[s] after which the thread that works asks a loop for its turn, and gives it back."""
+"""[s] Switch interval of Python's threads while background work runs."""
 
 
 class _Background:
-    """What is to be done, and who does it."""
+    """Queue of background work and the thread that does it."""
 
     def __init__(self) -> None:
         self.work: SimpleQueue[Callable[[], None]] = SimpleQueue()
         self.lock = threading.Lock()
         self.none_open = threading.Condition(self.lock)
         self.open = 0
-        """Pieces of work that are not done."""
+        """Number of pieces of work that are not finished."""
         self.worker: threading.Thread | None = None
         self.child: subprocess.Popen[bytes] | None = None
 
     def go_on(self) -> None:
-        """Do what there is to do, for ever."""
+        """Do the work in the queue, forever."""
         while True:
             work, raised = self.work.get(), True
             usual = sys.getswitchinterval()
@@ -52,7 +52,7 @@ class _Background:
             del work
 
     def begin(self) -> None:
-        """Let a thread work; called with the lock held."""
+        """Start the worker thread; called with the lock held."""
         self.worker = threading.Thread(target=self.go_on, name="rehab_opt-background", daemon=True)
         self.worker.start()
 
@@ -61,9 +61,9 @@ _now = _Background()
 
 
 def later(work: Callable[[], None]) -> None:
-    """Call `work` in the background thread, after what it was given before.
+    """Call `work` in the background thread, after all earlier work.
 
-    Its child ends when this process ends by itself; one that is killed leaves a compiler that ends within a minute.
+    The child ends when this process exits normally; if the process is killed, the compiler ends within a minute.
     """
     with _now.lock:
         _now.open += 1
@@ -73,17 +73,17 @@ def later(work: Callable[[], None]) -> None:
 
 
 def finished(seconds: float | None = None) -> bool:
-    """Wait for so long at most until nothing is left to do; whether that is so."""
+    """Wait at most `seconds` until all work is done; return whether it is."""
     with _now.none_open:
         return _now.none_open.wait_for(lambda: _now.open == 0, seconds)
 
 
 def idle(command: Sequence[str], *, environment: Mapping[str, str], seconds: float) -> None:
-    """Run a command that takes no time from others.
+    """Run a command at idle priority.
 
     Raises
     ------
-    subprocess.SubprocessError : it failed, or took longer. OSError : there is none.
+    subprocess.SubprocessError : it failed, or took longer than `seconds`. OSError : there is no such command.
     """
     nice = shutil.which("nice")
     first = [nice, "-n", "19"] if nice else []
@@ -100,7 +100,7 @@ def idle(command: Sequence[str], *, environment: Mapping[str, str], seconds: flo
 
 
 def _end(child: subprocess.Popen[bytes]) -> None:
-    """End a child and what it has begun: a compiler's driver is not who works."""
+    """End a child and its own children: a compiler's driver starts the compiler as a child."""
     if child.poll() is None:
         try:
             os.killpg(child.pid, signal.SIGKILL)
@@ -116,7 +116,7 @@ def _end_child() -> None:
 
 
 def _begin_anew() -> None:
-    """A forked process has none of the parent's threads, and none of its work."""
+    """Reset the state in a forked process, which has none of the parent's threads or work."""
     global _now  # noqa: PLW0603
     _now = _Background()
 

@@ -26,20 +26,21 @@ _exchanging = threading.Lock()
 class BufferedFunction:
     """Write into `inputs`, call, read from `outputs`.
 
-    The arrays are overwritten by the next call: copy what is kept. One thread at a time.
+    The next call overwrites the arrays, so copy results that you keep. One thread at a time.
 
     Parameters
     ----------
     function : dense inputs and outputs; a column becomes an array (n,), anything else (rows, columns).
-    compile : False evaluates `function` as it is. None compiles it in the background, or as `REHAB_OPT_COMPILE` says:
-        the virtual machine answers until the code is there, from then on that does, between two calls and with the same
-        numbers to rounding. "wait" waits for it.
-    inputs : arrays that others own, by the number of the input that is read there.
+    compile : False evaluates `function` as it is. None compiles it in the background, unless `REHAB_OPT_COMPILE` says
+        otherwise; the virtual machine runs until the code is ready, and results agree to rounding. "wait" waits for the
+        code.
+    inputs : arrays of the caller that serve as input buffers, by input number.
 
     Attributes
     ----------
-    evaluate : what a call does, without the layer of Python; ask for it anew in each tick, since it may be exchanged.
-    function : what is evaluated now.
+    evaluate : the bare evaluation, without Python's overhead; read this attribute anew in each tick, because it may
+        change.
+    function : the function that is evaluated now.
     """
 
     __slots__ = ("__weakref__", "_around", "_buffers", "evaluate", "function", "inputs", "outputs")
@@ -54,7 +55,7 @@ class BufferedFunction:
         self.outputs = tuple(_dense(function.sparsity_out(i)) for i in range(function.n_out()))
         self._around: Callable[[Call], Call] | None = None
         self._buffers: list[Any] = []
-        """Also of what was exchanged: another thread may be inside it."""
+        """Buffers, also of replaced functions, which another thread may still evaluate."""
         self._take(function)
         if compile is not False:
             quick = machine_code(function, compile=compile, ready=weakref.WeakMethod(self._take))
@@ -62,7 +63,7 @@ class BufferedFunction:
                 self._take(quick)
 
     def _take(self, function: ca.Function) -> None:
-        """Evaluate this one from now on, on the same arrays."""
+        """Evaluate this function from now on, on the same arrays."""
         buffer, evaluate = function.buffer()
         # CasADi's stub asks for a size too, which a memoryview carries.
         for i, array in enumerate(self.inputs):
@@ -75,20 +76,20 @@ class BufferedFunction:
             self.evaluate = evaluate if self._around is None else self._around(evaluate)
 
     def surround(self, around: Callable[[Call], Call]) -> None:
-        """Put something around every call from now on."""
+        """Wrap every later call with `around`."""
         with _exchanging:
             self._around = around
             self.evaluate = around(self.evaluate)
 
     def __call__(self) -> None:
-        """Evaluate on what stands in `inputs`."""
+        """Evaluate at `inputs`."""
         self.evaluate()
 
     def __reduce__(self) -> tuple[Any, ...]:
         raise SharingError("a BufferedFunction cannot be copied or pickled: make one of its function for each thread")
 
     def of(self, *values: ArrayLike) -> Array:
-        """First output, copied, for the given inputs: the convenient form, with numpy's conversions."""
+        """Copy of the first output at the given inputs, with numpy's conversions."""
         for array, value in zip(self.inputs, values, strict=True):
             array[...] = value
         self.evaluate()
@@ -96,7 +97,7 @@ class BufferedFunction:
 
 
 def mapped(function: ca.Function) -> Callable[[Array], Array]:
-    """First outputs (M, k), copied, of a function of one column, for inputs (M, n)."""
+    """Function from inputs (M, n) to copied first outputs (M, k) of a function of one column."""
     at = functools.cache(lambda count: BufferedFunction(function.map(count)).of)
     return lambda columns: at(len(columns))(columns.T.squeeze()).reshape(-1, len(columns)).T
 

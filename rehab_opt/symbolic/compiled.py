@@ -1,9 +1,9 @@
-"""CasADi functions as machine code, kept in the user's cache folder; the virtual machine where that is not possible.
+"""CasADi functions as machine code in the user's cache folder; the virtual machine if that is impossible.
 
 `REHAB_OPT_COMPILE=0` forces the virtual machine, `REHAB_OPT_COMPILE=wait` lets every construction wait for its code,
-`REHAB_OPT_CACHE` names another cache folder, `CC` another compiler; `REHAB_OPT_OPTIMISE` is the compiler's level, 0 to
-3 as it is: a lower one is sooner done, and its code slower, with the same numbers.
-What is loaded runs: a folder that others may write to is not used, and neither is a library that another user owns.
+`REHAB_OPT_CACHE` names another cache folder, `CC` another compiler; `REHAB_OPT_OPTIMISE` sets the compiler's level, 0
+to 3 (default): a lower one compiles faster to slower code with the same numbers. Loading a library executes it, so
+folders that others can write to and libraries of other users are not used.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ OTHERS_WRITE = stat.S_IWGRP | stat.S_IWOTH
 MODES = hasattr(os, "geteuid")  # Windows has neither owners nor modes that would tell; nothing is judged there
 
 Compile = Literal["wait", False] | None
-"""None: as `REHAB_OPT_COMPILE` says, in the background where it says nothing; "wait": before all else; False: never."""
+"""None: as `REHAB_OPT_COMPILE` says, by default in the background; "wait": wait for the code; False: never."""
 
 # No -ffast-math: it removes NaN checks. No contraction to fused multiply-adds and no -march=native, so that the
 # virtual machine gives the same numbers and a cache shared by machines holds code that runs on each of them. In
@@ -60,18 +60,18 @@ FLAGS = (
 )
 LEVELS = ("0", "1", "2", "3")
 COMPILE_SECONDS, IDLE_SECONDS = 300.0, 1800.0
-"""After which a compiler is given up; one at idle priority waits for others."""
+"""Timeouts of a compiler, at normal and at idle priority."""
 WORKPLACE = "building-"
 DIGEST = hashlib.sha256().digest_size
-"""Bytes of the digest, of the library's code, with which a table of constants begins."""
+"""Length in bytes of the library's digest, with which a table of constants begins."""
 EARLY_RETURN = re.compile(
     r"if \(d\.status == QP_SUCCESS\) \{;?\s*return 0;"
     r"\s*\} else if \(d\.status == QP_NO_SEARCH_DIR\) \{\s*return [^;]+;"
     r"\s*\} else \{\s*return [^;]+;\s*\}"
 )
-"""What CasADi writes behind each call of its qrqp."""
+"""Code that CasADi writes after each call of qrqp."""
 SOLVE = "casadi_qrqp_reset(&d)"
-"""Such a call, of which its own definition has none."""
+"""Code that occurs at each call of qrqp and not in its definition."""
 
 _log = logging.getLogger(__name__)
 
@@ -81,7 +81,7 @@ _waiting: list[Callable[[str], AbstractContextManager[object]]] = []
 
 @contextmanager
 def tell_of_waiting(around: Callable[[str], AbstractContextManager[object]]) -> Iterator[None]:
-    """Meanwhile, enter `around` with the function's name where a compiler is waited for: the command line says so."""
+    """Context in which each wait for a compiler runs within `around(function name)`, for the command line."""
     _waiting.append(around)
     try:
         yield
@@ -90,12 +90,12 @@ def tell_of_waiting(around: Callable[[str], AbstractContextManager[object]]) -> 
 
 
 def compiled(function: ca.Function, *, compile: Compile = None) -> ca.Function:
-    """`function` as machine code, waited for, where a compiler is present; unchanged where not.
+    """`function` as machine code, waiting for a compiler; unchanged if there is none.
 
     Parameters
     ----------
-    function : what to compile; must support code generation.
-    compile : False keeps the virtual machine, and so does `REHAB_OPT_COMPILE=0` whatever stands here.
+    function : function to compile; it must support code generation.
+    compile : False keeps the virtual machine; `REHAB_OPT_COMPILE=0` does so for any value.
 
     Returns
     -------
@@ -108,9 +108,9 @@ def compiled(function: ca.Function, *, compile: Compile = None) -> ca.Function:
 def machine_code(
     function: ca.Function, *, compile: Compile = None, ready: weakref.WeakMethod[Callable[[ca.Function], None]]
 ) -> ca.Function:
-    """`function` as machine code if it is in the cache or waited for; else unchanged, and `ready` gets it later.
+    """`function` as machine code from the cache or after a wait; else unchanged, and `ready` gets the code later.
 
-    It is called by another thread, and not at all where its object is gone by then or nothing could be compiled.
+    Another thread calls `ready`, unless its object is gone by then or compilation failed.
     """
     wanted = how(compile)
     if wanted != "background":
@@ -134,11 +134,11 @@ def machine_code(
 
 
 def how(compile: Compile) -> Literal["no", "background", "wait"]:
-    """What the argument `compile` asks for, and `REHAB_OPT_COMPILE`.
+    """Mode of compilation from the argument `compile` and `REHAB_OPT_COMPILE`.
 
     Raises
     ------
-    ConfigurationError : the argument is none of those.
+    ConfigurationError : unknown value of the argument.
     """
     if not (compile is None or compile is False or compile == "wait"):
         raise ConfigurationError("compile", compile, 'None, "wait" or False')
@@ -148,16 +148,16 @@ def how(compile: Compile) -> Literal["no", "background", "wait"]:
 
 
 def compilation_wanted() -> bool:
-    """What `REHAB_OPT_COMPILE` says: everything but 0, no, off and false means yes."""
+    """Whether `REHAB_OPT_COMPILE` allows compilation: any value but 0, no, off and false."""
     return _said() not in {"0", "no", "off", "false"}
 
 
 def optimisation() -> str:
-    """The compiler's level that `REHAB_OPT_OPTIMISE` asks for.
+    """The compiler's level from `REHAB_OPT_OPTIMISE`.
 
     Raises
     ------
-    ConfigurationError : it is none.
+    ConfigurationError : no such level.
     """
     level = os.environ.get("REHAB_OPT_OPTIMISE", "3").strip()
     if level not in LEVELS:
@@ -170,16 +170,16 @@ def _said() -> str:
 
 
 class _Code(NamedTuple):
-    """C of a function, and who compiles it."""
+    """C code of a function, and its compiler."""
 
     function: str
     source: str
     compiler: tuple[str, ...]
-    """With its flags."""
+    """Command with its flags."""
     version: str
 
     def digest(self, text: str) -> bytes:
-        """Of a text as this compiler makes code of it on this machine."""
+        """Digest of a source text, this compiler and this machine."""
         return hashlib.sha256("\0".join((text, self.version, *self.compiler[1:], platform.machine())).encode()).digest()
 
 
@@ -196,7 +196,7 @@ def _code_of(function: ca.Function) -> _Code | None:
 
 
 def _attempt(code: _Code, *, build: bool = True, hurry: bool = False) -> ca.Function | None:
-    """The function from the cache, or built; None where it is not there or that failed."""
+    """The function from the cache, or built with `build`; None if it is missing or building failed."""
     try:
         folder, source = _folder(), ""
         own_name = _name(code.function, code.digest(code.source))
@@ -230,7 +230,7 @@ def _attempt(code: _Code, *, build: bool = True, hurry: bool = False) -> ca.Func
 
 
 def _load(folder: Path, function: str, library: bytes, constants: bytes) -> ca.Function:
-    """The function with these constants: of a copy of its library, since each copy has one table."""
+    """The function with these constants, from its own copy of the library, because a copy has one table."""
     with _workplace(folder) as workplace:
         copy = workplace / f"{function}.so"
         copy.write_bytes(library)
@@ -245,7 +245,7 @@ def _name(function: str, digest: bytes) -> str:
 
 @contextmanager
 def _workplace(folder: Path) -> Iterator[Path]:
-    """A folder for what is not finished, in this one where it can be written to."""
+    """Temporary folder for unfinished files, inside this one if it is writable."""
     try:
         made = tempfile.TemporaryDirectory(dir=folder, prefix=WORKPLACE, ignore_cleanup_errors=True)
     except OSError:
@@ -255,7 +255,7 @@ def _workplace(folder: Path) -> Iterator[Path]:
 
 
 def cache_folder() -> Path:
-    """Where compiled code is kept: `REHAB_OPT_CACHE`, or the user's cache folder."""
+    """Folder of compiled code: `REHAB_OPT_CACHE`, or the user's cache folder."""
     named = os.environ.get("REHAB_OPT_CACHE")
     if named:
         return Path(named)
@@ -265,7 +265,7 @@ def cache_folder() -> Path:
 
 
 def _folder() -> Path:
-    """The cache folder without links in its path, or one for this process alone where others may write to it."""
+    """The cache folder, links resolved; a private one for this process if others can write to it."""
     wanted = cache_folder()
     make_private(wanted)
     folder = wanted.resolve()
@@ -275,7 +275,7 @@ def _folder() -> Path:
 
 @functools.cache
 def _instead_of(folder: Path, problem: str) -> Path:
-    """A private folder; why, is reported once."""
+    """A private folder; logs the reason once."""
     private = _private_folder()
     _log.warning(
         "compiled code is not kept in %s, where others could exchange it: %s. It is compiled again in each process, in "
@@ -297,9 +297,9 @@ def _private_folder() -> Path:
 
 
 def _cached(folder: Path, name: str, kind: str) -> bytes | None:
-    """Content of the file of that name, this user's and undamaged: its own digest ends its name.
+    """Content of a cached file if it is this user's and undamaged (its digest is in its name).
 
-    Loading a cut one would end the process.
+    Loading a truncated library would end the process.
     """
     for file in folder.glob(f"{name}-*{kind}"):
         content = _own_content(file)
@@ -310,7 +310,7 @@ def _cached(folder: Path, name: str, kind: str) -> bytes | None:
 
 
 def _keep(product: Path, folder: Path, name: str, kind: str) -> bytes:
-    """Move a file to where it is looked for, in one step: two processes may build at once."""
+    """Move a file into the cache in one step, because two processes may build at once."""
     product.chmod(0o700)  # whatever the umask: see `_own_content`
     content = product.read_bytes()
     product.replace(folder / f"{name}-{_digest(content)}{kind}")
@@ -318,7 +318,7 @@ def _keep(product: Path, folder: Path, name: str, kind: str) -> bytes:
 
 
 def _clear(folder: Path) -> None:
-    """Remove what processes that were killed while they compiled have left."""
+    """Remove leftovers of processes that were killed while compiling."""
     for workplace in folder.glob(f"{WORKPLACE}*"):
         with suppress(OSError):
             if time.time() - workplace.stat().st_mtime > 2 * IDLE_SECONDS:
@@ -330,7 +330,7 @@ def _digest(content: bytes) -> str:
 
 
 def _own_content(file: Path) -> bytes | None:
-    """A file's content; None where it is a link or not this user's alone."""
+    """A file's content; None if it is a link or others can change it."""
     try:
         with open(file, "rb", opener=_without_links) as opened:
             return opened.read() if owned(opened.fileno()) else None
@@ -343,7 +343,7 @@ def _without_links(path: str, flags: int) -> int:
 
 
 def build_library(folder: Path, name: str, source: str, compiler: Sequence[str], *, hurry: bool) -> bytes:
-    """Compile beside the target, and move it there."""
+    """Compile in a temporary folder and move the library to its place."""
     _clear(folder)
     with _workplace(folder) as workplace:
         written, product = workplace / "code.c", workplace / "code.so"
@@ -372,15 +372,15 @@ def _compiler() -> tuple[str, str] | None:
 
 
 def going_on_after_failed_solves(code: str) -> str:
-    """The same C, in which a failed qrqp leaves its last point and goes on, as the virtual machine does.
+    """C code changed so that a failed qrqp returns its last point and continues, as in the virtual machine.
 
-    As it comes it returns an error, whatever `error_on_fail` says, and with it every function around it before anything
-    is written: no certificate judges that point, and what was stated for the case of a failure never runs. An arm that
-    starts singular was seen to stay there for that.
+    CasADi's own code returns an error, whatever `error_on_fail` says, and all functions around it return without
+    writing their outputs. No certificate then judges the point, and no fallback runs; an arm that started singular
+    stayed there.
 
     Raises
     ------
-    ConfigurationError : an installed CasADi that writes another form of them.
+    ConfigurationError : the installed CasADi writes other code for qrqp.
     """
     edited, count = EARLY_RETURN.subn("", code)
     if count != edited.count(SOLVE):
@@ -389,28 +389,28 @@ def going_on_after_failed_solves(code: str) -> str:
 
 
 def table_size(count: int) -> int:
-    """Rows to compile for, at least `count` of 1 and more: at most an eighth above it, or three."""
+    """Number of rows to compile for: at least `count`, and above it by at most an eighth or three."""
     step = table_step(count)
     return -(-count // step) * step
 
 
 def table_step(count: int) -> int:
-    """What `table_size` is a multiple of: a power of two from four on."""
+    """Step of `table_size`: a power of two, at least four."""
     return max(4, (1 << count.bit_length()) >> 4)
 
 
 # -------------------------------------------------- folders that only this user or root can have put something in
 def make_private(folder: Path) -> None:
-    """Make a folder, and those it is in, for this user alone."""
+    """Make a folder and its missing parents, accessible to this user alone."""
     for each in (*reversed(folder.parents), folder):
         each.mkdir(mode=0o700, exist_ok=True)
 
 
 def exposed(folder: Path) -> str:
-    """Why others could put code into an existing folder without links in its path (`Path.resolve`), or nothing.
+    """Why others could put code into an existing folder (resolved path), or an empty text.
 
-    Others must be able to write neither to it nor to a folder above, where they could exchange it; above, a sticky one
-    will do, as /tmp is. Then nothing they do between this check and the loading of a library makes a difference.
+    Others must not be able to write to it or to a folder above, where they could replace it; a sticky folder above,
+    such as /tmp, is safe. Then others cannot interfere between this check and the loading of a library.
     """
     if not MODES:
         return ""
@@ -426,7 +426,7 @@ def exposed(folder: Path) -> str:
 
 
 def owned(file: int) -> bool:
-    """Whether an open file is a plain one that this user or root wrote, and nobody else may change."""
+    """Whether an open file is a regular file of this user or root that nobody else can change."""
     state = os.fstat(file)
     return stat.S_ISREG(state.st_mode) and (not MODES or (_own(state) and not state.st_mode & OTHERS_WRITE))
 

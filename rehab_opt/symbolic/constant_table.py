@@ -1,9 +1,9 @@
-"""C that CasADi wrote, with its constants in a table: one library serves all functions that differ in numbers alone.
+"""Move the constants of CasADi's C code to a table: one library serves all functions that differ only in numbers.
 
-CasADi writes limits, lengths, gains and time steps into the code as literals, and lets equal ones share a variable, so
-that the text changes with them. Here each variable is assigned once, and each use of a constant reads an entry of its
-own: two controllers of one structure have one text, unless CasADi writes another operation for a number, as it does for
-0, 1 and 2 and, in functions of matrices, for one that is not positive.
+CasADi writes limits, lengths, gains and time steps as literals, and equal ones share a variable, so the text depends on
+them. Here each variable is assigned once, and each use of a constant reads its own table entry. Two controllers of one
+structure then have the same text, unless a number changes the operation that CasADi writes: 0, 1 and 2 do, and in
+matrix functions also numbers that are not positive.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ ARRAY = re.compile(r"static const casadi_real (casadi_c\d+)\[(\d+)\] =\s*\{([^c}
 CONSTANT = re.compile("\0([^\0]*)\0")
 WORKSPACE = re.compile(r"(?<=\*sz_w = )\d+|(?<=\bw\+)\d+")
 SETTER = "rehab_constants"
-"""The function of such a library that takes the table (N,)."""
+"""Name of the library's function that receives the table (N,)."""
 AROUND = f"""static double {SETTER}_table[%(count)d];
 %(code)s
 static const casadi_int {SETTER}_size[3] = {{%(count)d, 1, 1}};
@@ -38,10 +38,9 @@ CASADI_SYMBOL_EXPORT const casadi_int* {SETTER}_sparsity_in(casadi_int i) {{ ret
 
 
 def with_table(code: str) -> tuple[str, bytes]:
-    """C whose constants are read from a table, and that table, as doubles of this machine.
+    """C code that reads its constants from a table; and the table as doubles of this machine.
 
-    `code` is of functions, as `casadi.CodeGenerator` writes it without its notes (`verbose` false); what it writes for
-    its solvers is left as it is.
+    `code` comes from `casadi.CodeGenerator` with `verbose` false; the code of its solvers stays as it is.
     """
     lines: list[str] = []
     now: dict[str, str] = {}
@@ -85,5 +84,5 @@ def with_table(code: str) -> tuple[str, bytes]:
 
 
 def shape_of(code: str) -> str:
-    """The same without the sizes of workspaces, which count constants: no number decides what is computed."""
+    """The code without the sizes of work spaces, which depend on the number of constants."""
     return WORKSPACE.sub("", code)

@@ -10,7 +10,7 @@ __all__ = ["determinant", "solver_of", "symmetric", "triangle", "upper_triangle"
 
 
 def determinant(matrix: ca.SX) -> ca.SX:
-    """Determinant as an expression with no division, so that its derivatives hold at singular matrices too."""
+    """Determinant without division, so that its derivatives are valid at singular matrices, too."""
     columns = [[matrix[i, j] for i in range(matrix.size1())] for j in range(matrix.size2())]
     minors: dict[tuple[int, ...], ca.SX] = {(): ca.SX(1)}
     for column in columns:  # minors of the first k columns, by rows taken: expansion along the newest column
@@ -33,7 +33,7 @@ def _extended(minors: dict[tuple[int, ...], ca.SX], column: Sequence[ca.SX]) -> 
 def solver_of(matrix: ca.SX) -> Callable[[ca.SX], ca.SX]:
     """Right-hand sides (n, k) -> solutions (n, k) for a symmetric, positive definite matrix (n, n).
 
-    Not finite where it is none: who calls certifies what comes out.
+    The result is not finite for another matrix: the caller must certify it.
     """
     diagonal, factor, order = ca.ldl(ca.densify(matrix), False)
 
@@ -56,7 +56,7 @@ def upper_triangle(matrix: ca.SX) -> ca.SX:
 
 
 def symmetric(column: ca.SX, n: int) -> ca.SX:
-    """The symmetric matrix (n, n) of that upper triangle."""
+    """The symmetric matrix (n, n) from its upper triangle as a column."""
     matrix, entries = ca.SX(n, n), iter(range(triangle(n)))
     for j in range(n):
         for i in range(j + 1):

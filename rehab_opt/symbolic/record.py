@@ -1,4 +1,4 @@
-"""Columns of numbers with named parts: inputs and outputs of a tick's functions."""
+"""Columns with named parts, for inputs and outputs of a tick's functions."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ __all__ = ["Record", "Values"]
 
 
 class Values:
-    """Expressions of a record, by name: `values.level`; `column` is all of them."""
+    """Expressions of a record by name, as in `values.level`; `column` holds all of them."""
 
     def __init__(self, column: ca.SX, parts: dict[str, ca.SX]) -> None:
         self.column = column
@@ -21,16 +21,16 @@ class Values:
 
 
 class Record:
-    """Names and sizes of numbers.
+    """Names and sizes of the parts of a column.
 
     Parameters
     ----------
-    sizes : name -> how many numbers.
+    sizes : name -> length of the part.
     """
 
     def __init__(self, **sizes: int) -> None:
         self.places: dict[str, slice] = {}
-        """Name -> where its numbers stand."""
+        """Name -> slice of the column."""
         at = 0
         for name, size in sizes.items():
             self.places[name] = slice(at, at + size)
@@ -38,7 +38,7 @@ class Record:
         self.size = at
 
     def __getitem__(self, name: str) -> int:
-        """Where the first number of that name stands."""
+        """Index of the first number of that name."""
         return int(self.places[name].start)
 
     def symbols(self, name: str) -> Values:
@@ -50,21 +50,21 @@ class Record:
         return Values(column, {each: column[place] for each, place in self.places.items()})
 
     def changed(self, values: Values, **others: ca.SX) -> Values:
-        """The same values, some replaced."""
+        """The values with some parts replaced."""
         parts = {each: others.pop(each, getattr(values, each)) for each in self.places}
         if others:
             raise KeyError(*others)
         return self.parts(self.of(**parts))
 
     def numbers(self, **parts: ArrayLike) -> NDArray[np.float64]:
-        """(size,) the same of numbers; one stands for all of a name."""
+        """(size,) column of numbers; a scalar fills its part."""
         column = np.empty(self.size)
         for name in self.places.keys() | parts.keys():
             column[self.places[name]] = parts[name]
         return column
 
     def of(self, **parts: ca.SX) -> ca.SX:
-        """(size,) the column of these parts."""
+        """(size,) column of these parts."""
         if parts.keys() != self.places.keys():
             raise KeyError(*(parts.keys() ^ self.places.keys()))
         column = ca.densify(ca.vertcat(*(ca.vec(ca.SX(parts[name])) for name in self.places)))

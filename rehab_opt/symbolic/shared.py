@@ -1,4 +1,4 @@
-"""What threads share: one CasADi function for all, arrays to evaluate it on for each; functions of equal form."""
+"""Sharing between threads: common CasADi functions with buffers per thread, and a cache of functions."""
 
 from __future__ import annotations
 
@@ -21,23 +21,23 @@ __all__ = ["ATOMIC", "REMEMBERED", "Evaluator", "HasEvaluator", "PerThread", "fo
 T = TypeVar("T")
 
 REMEMBERED = 64
-"""Forms that are remembered; one takes 1 to 5 MB."""
+"""Size of the cache of functions; an entry takes 1 to 5 MB."""
 ATOMIC = "-DCASADI_WITH_THREADSAFE_SYMBOLICS" in ca.CasadiMeta.compiler_flags()
 
 _made: dict[Hashable, Any] = {}
-"""By form, that of the last use last."""
+"""Cached objects by form, the last used one last."""
 
 
 class PerThread(threading.local, Generic[T]):
-    """One object for each thread, made when the thread first asks for `mine`.
+    """One object per thread, made when the thread first reads `mine`.
 
-    An object that looks immutable must keep no array that a call overwrites but in here: CasADi lets other threads run
-    while it evaluates, so that a shared buffer gives another thread's numbers, or ends the process. The function itself
-    may be shared. What dies with a thread is that thread's object.
+    Immutable objects must keep buffers only in here: CasADi lets other threads run while it evaluates, so a shared
+    buffer could return another thread's numbers or crash the process. The function itself may be shared. A thread's
+    object ends with the thread.
 
     Parameters
     ----------
-    make : makes one; called in the thread that asks, so it should not compile.
+    make : makes the object, in the thread that needs it, so it should not compile.
     """
 
     def __init__(self, make: Callable[[], T]) -> None:  # Python calls it again in each thread
@@ -45,13 +45,13 @@ class PerThread(threading.local, Generic[T]):
 
 
 class Evaluator:
-    """Values of expressions: a function is built for each when it is first asked for; any thread may ask."""
+    """Evaluates expressions; builds a function for each at first use. Any thread may use it."""
 
     def __init__(self) -> None:
         self._functions: dict[str, PerThread[BufferedFunction]] = {}
 
     def of(self, expression: Callable[..., ca.SX], *values: NDArray[Any]) -> NDArray[Any]:
-        """Value of a named function from expressions to one expression, at arrays of always the same shapes."""
+        """Value of a symbolic function at arrays; their shapes must be the same in every call."""
         known = self._functions.get(expression.__name__)
         if known is None:
             symbols = [ca.SX.sym("value", *value.shape) for value in values]
@@ -62,7 +62,7 @@ class Evaluator:
 
 
 class HasEvaluator:
-    """Base of an immutable object that evaluates expressions of its own; what is built for that is not pickled."""
+    """Base of immutable objects that evaluate expressions; the functions for that are not pickled."""
 
     @cached_property
     def _evaluator(self) -> Evaluator:
@@ -79,10 +79,10 @@ class HasEvaluator:
 
 
 def remembered(form: Hashable, make: Callable[[], T]) -> T:
-    """What `make` gives, or gave for an equal form, which must say all that it depends on: functions and expressions.
+    """`make()`, cached by `form`, which must contain everything that the result depends on.
 
-    Threads may use them at once: each evaluation takes work space of its own, and CasADi's wheels count references
-    atomically. Where CasADi was built otherwise, or for the form None, nothing is remembered.
+    Threads may share the result: each evaluation takes its own work space, and CasADi's wheels count references
+    atomically. Other builds of CasADi, and the form None, are not cached.
     """
     if form is None or not ATOMIC:
         return make()
@@ -94,7 +94,7 @@ def remembered(form: Hashable, make: Callable[[], T]) -> T:
 
 
 def form_of_parts(*parts: object) -> bytes | None:
-    """A form that says all of them; None where a user's code is among them, which may change under its name."""
+    """A form of all parts; None if one is a user's code, which may change under the same name."""
     written = io.BytesIO()
     try:
         _Parts(written).dump(parts)

@@ -1,4 +1,4 @@
-"""Stages of one tick: what is evaluated once, and what only where it is needed, marked where it is written."""
+"""Marks for the evaluation of a tick: expressions that are evaluated once, or only if needed."""
 
 from __future__ import annotations
 
@@ -18,10 +18,9 @@ Marked = TypeVar("Marked")
 class Stages:
     """Marks in the expressions of one tick.
 
-    `once(value)` gives symbols that stand for a value: it is evaluated once a tick, however often they are used.
-    `when(condition, value, otherwise)` evaluates one of the two alone, and `call(function, ...)` a function that may
-    branch itself. What is evaluated after what, and what is handed on, follows from what depends on what:
-    `function` derives it.
+    `once(value)` returns symbols for a value that is evaluated once a tick, however often they are used.
+    `when(condition, value, otherwise)` evaluates only one of the two. `call(function, ...)` calls a function that may
+    contain branches. `function` derives the order of evaluation from the dependencies.
     """
 
     def __init__(self) -> None:
@@ -45,7 +44,7 @@ class Stages:
     ) -> ca.SX:
         """`value` where the condition holds, else `otherwise`, of the same shape; only that one is evaluated.
 
-        Each is an expression, or a function without arguments that gives one and may set marks of its own.
+        Both are expressions, or functions without arguments that return one and may set marks.
         """
         branches = [self._branch(each) for each in (value, otherwise)]
         shape = branches[0].shape
@@ -61,7 +60,7 @@ class Stages:
         return ca.reshape(column, *shape)
 
     def call(self, function: ca.Function, *arguments: ca.SX) -> tuple[ca.SX, ...]:
-        """Outputs of a function, which may branch, at expressions."""
+        """Outputs at expressions of a function that may contain branches."""
         shapes = [function.size_out(i) for i in range(function.n_out())]
         into = [function.size_in(i) for i in range(function.n_in())]
 
@@ -83,15 +82,16 @@ class Stages:
 
     # -------------------------------------------------------------------------------------------- what follows of them
     def function(self, name: str, inputs: Sequence[ca.SX], outputs: Sequence[ca.SX]) -> ca.Function:
-        """Columns of symbols -> expressions of these and of marked symbols, which are evaluated on the way."""
+        """Function from columns of symbols to expressions of these and of marked symbols."""
         return _function(name, self._stages, inputs, outputs)
 
     def precomputed(
         self, inputs: Sequence[ca.SX], expressions: Iterable[ca.SX], *, later: ca.SX
     ) -> tuple[ca.SX, ca.Function]:
-        """Marked symbols on which expressions depend and that do not depend on `later`; and inputs -> their values.
+        """Marked symbols that the expressions use and that do not depend on `later`; and a function for them.
 
-        One column each. With these and `later` as inputs, too, `function` gives the rest.
+        The function maps inputs to one column of their values. `function` with these and `later` as further inputs
+        gives the rest.
         """
         late, asked = _hashes(later), _hashes(*expressions)
         for stage in self._stages:
@@ -128,12 +128,12 @@ class _Call:
     """A function that is not made of scalar expressions alone."""
 
     columns: list[ca.SX]
-    """Symbols of its outputs."""
+    """Symbols of the outputs."""
     arguments: list[ca.SX]
-    """Columns."""
+    """Arguments as columns."""
     evaluated: Callable[[list[ca.MX], _Known], list[ca.MX]]
     beside: frozenset[int] = frozenset()
-    """Symbols that it needs besides, as they come in columns."""
+    """Further symbols that it needs."""
 
     @cached_property
     def gives(self) -> set[int]:
@@ -147,21 +147,21 @@ class _Call:
 
 
 class _Branch(NamedTuple):
-    """One of two expressions, as a column, and the marks in it."""
+    """One of two branches: an expression as a column, and the marks in it."""
 
     stages: list[_Once | _Call]
     value: ca.SX
     shape: tuple[int, int]
 
     def free(self) -> set[int]:
-        """Symbols that come from outside."""
+        """Symbols that the branch needs from outside."""
         own = set[int]().union(*(stage.gives for stage in self.stages))
         return set[int]().union(_hashes(self.value), *(stage.free for stage in self.stages)) - own
 
 
 @dataclass(frozen=True, eq=False)
 class _Place:
-    """A column of symbols that has a value by now."""
+    """A column of symbols whose value is known."""
 
     column: ca.SX
     value: ca.MX
@@ -172,14 +172,14 @@ class _Place:
 
 
 class _Known(list[_Place]):
-    """Columns that have a value by now."""
+    """Columns whose values are known."""
 
     def holding(self, symbols: AbstractSet[int]) -> list[_Place]:
-        """Those in which one of the symbols is; the first where none is, since CasADi calls no function of nothing."""
+        """Columns with one of the symbols; the first one if none has, because a CasADi call needs an input."""
         return [place for place in self if not symbols.isdisjoint(place.symbols)] or self[:1]
 
     def slice_of(self, expression: ca.SX) -> ca.MX | None:
-        """The value of an expression that is a piece of one of them, without evaluating it."""
+        """The value of an expression that is a slice of a known column; None otherwise."""
         if not expression.numel():
             return ca.MX(0, 1)
         looked = [each.element_hash() if each.is_symbolic() else None for each in ca.vertsplit(expression)]
@@ -193,12 +193,12 @@ class _Known(list[_Place]):
 
 
 def _entries(matrix: ca.SX) -> ca.SX:
-    """Entries that are not zero by structure, as a column."""
+    """Structurally nonzero entries as a column."""
     return ca.vertcat(ca.SX(0, 1), *cast("list[ca.SX]", matrix.nonzeros()))
 
 
 def _hashes(*expressions: ca.SX) -> set[int]:
-    """Symbols in expressions."""
+    """Hashes of the symbols in expressions."""
     return {each.element_hash() for each in ca.symvar(ca.veccat(ca.SX(0, 1), *expressions))}
 
 
@@ -215,10 +215,10 @@ def _function(
 
 
 def _column(stages: Sequence[_Once | _Call], inputs: Sequence[ca.SX], asked: set[int]) -> tuple[ca.SX, ca.Function]:
-    """What is asked for of marked symbols, if among no input, and inputs -> its value; one column each.
+    """Column of the marked symbols in `asked` that are no input; and a function from inputs to its value.
 
-    In turns: one function for all that takes no further branch, so that what values share is evaluated once;
-    then the branches that its outputs decide.
+    It alternates one function for all values that need no further branch, which share subexpressions, and the branches
+    that depend on its outputs.
     """
     needed, level = _needed(stages, inputs, asked)
     given = [ca.MX.sym("given", each.numel()) for each in inputs]
@@ -252,7 +252,7 @@ def _column(stages: Sequence[_Once | _Call], inputs: Sequence[ca.SX], asked: set
 def _needed(
     stages: Sequence[_Once | _Call], inputs: Sequence[ca.SX], asked: set[int]
 ) -> tuple[list[_Once | _Call], list[int]]:
-    """Stages that give what is asked for and is among no input; how many branches are before each, itself included."""
+    """Stages needed for `asked` beyond the inputs; number of branches up to and including each."""
     there = _hashes(*inputs)
     missing = asked - there
     needed: list[_Once | _Call] = []
@@ -270,7 +270,7 @@ def _needed(
 
 
 def _evaluated(turn: int, values: Sequence[_Once], known: _Known, outputs: Sequence[ca.SX]) -> list[ca.MX]:
-    """Expressions of known symbols and of values, each of which may hold those before it."""
+    """Evaluate expressions of known symbols and of values, each of which may use earlier ones."""
     if not any(each.numel() for each in outputs):
         return [ca.MX(0, 1) for _ in outputs]
     symbols, definitions = [each.symbols for each in values], [each.value for each in values]

@@ -1,1 +1,1 @@
-"""Where a limb reaches, and maps between such sets."""
+"""Reachable workspaces of a limb, and maps between them."""

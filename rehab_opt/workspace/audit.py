@@ -1,4 +1,4 @@
-"""What a map between workspaces does to them: measured at random points, and proven in between."""
+"""Audit of a map between workspaces: measured at random points, and proven in between."""
 
 from __future__ import annotations
 
@@ -29,14 +29,14 @@ class Audit:
     """Figures of one map.
 
     samples : points drawn evenly over the source.
-    folded : fraction of them where det J <= 0 or is not a number.
-    outside : fraction of them mapped outside the target.
+    folded : fraction of the samples where det J <= 0 or is NaN.
+    outside : fraction of the samples mapped outside the target.
     max_stretch, min_stretch : singular values of J over the samples [-].
     overall_ratio : sqrt(area of the target / area of the source) [-].
-    round_trip : largest |inverse(map(x)) - x| [m]; inf where an inverse was not found.
+    round_trip : largest |inverse(map(x)) - x| [m]; infinite if an inverse was not found.
     coverage : fraction of the target's area that is the image of the source.
-    certificate : what is proven everywhere, between the samples too.
-    target_accuracy : how far the true target's outline may lie from the polygon's [m]; the proven margin must exceed
+    certificate : proof that also covers the points between the samples.
+    target_accuracy : largest distance of the target's true outline from its polygon [m]; the proven margin must exceed
         it.
     """
 
@@ -53,12 +53,12 @@ class Audit:
 
     @property
     def passed(self) -> bool:
-        """Whether the map may be given to a controller."""
+        """Whether a controller may use the map."""
         return not self.reasons
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """Why it may not: one sentence for each number that is not within its threshold. A NaN never is."""
+        """One sentence for each number that is outside its threshold; NaN always is."""
         ratio, margin, accuracy = self.overall_ratio, self.certificate.margin, self.target_accuracy
         largest, smallest = self.max_stretch / ratio, self.min_stretch / ratio
         found = {
@@ -91,7 +91,7 @@ class Audit:
 
 
 def random_points(workspace: Workspace, samples: int, seed: int) -> NDArray[np.float64]:
-    """Points (samples, 2) [m] drawn evenly from a workspace that is not empty."""
+    """Points (samples, 2) [m] drawn uniformly from a workspace that is not empty."""
     random = np.random.default_rng(seed)
     left, bottom, right, top = workspace.polygon.bounds
     fraction = workspace.area / ((right - left) * (top - bottom))

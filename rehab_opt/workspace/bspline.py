@@ -1,4 +1,4 @@
-"""A map of the plane as a uniform bicubic B-spline: piecewise polynomials whose slopes can be bounded exactly."""
+"""A map of the plane as a uniform bicubic B-spline, whose derivatives can be bounded exactly."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ __all__ = ["PlaneBSpline", "basis", "net_columns"]
 
 Array = NDArray[np.float64]
 CUBIC = np.array([[1.0, -3.0, 3.0, -1.0], [4.0, 0.0, -6.0, 3.0], [1.0, 3.0, 3.0, -3.0], [0.0, 0.0, 0.0, 1.0]]) / 6.0
-"""Powers of t in 0..1 -> the four uniform cubic B-splines that are not zero in a cell."""
+"""Matrix from powers of t in [0, 1] to the four uniform cubic B-splines that are nonzero in a cell."""
 ACROSS = 40
-"""Points across the net in each direction at which the inverse may start."""
+"""Number of start points of the inverse in each direction of the net."""
 
 
 @dataclass(frozen=True, eq=False)
 class PlaneBSpline(PlaneMap):
-    """g(x) = sum_ij c_ij B(u - i) B(v - j) with u, v = (x - low) / step; outside of the net, at its nearest point.
+    """g(x) = sum_ij c_ij B(u - i) B(v - j) with u, v = (x - low) / step; outside, at the net's nearest point.
 
     Parameters
     ----------
@@ -81,7 +81,7 @@ class PlaneBSpline(PlaneMap):
 
 
 def basis(t: Array, derivative: int) -> Array:
-    """(m, 4) B-splines of a cell at t in 0..1, or their derivative 1 or 2 by t."""
+    """(m, 4) B-splines of a cell at t in [0, 1], or their first or second derivative by t."""
     powers = np.zeros((len(t), 4))
     for k in range(derivative, 4):
         powers[:, k] = math.perm(k, derivative) * t ** (k - derivative)
@@ -90,7 +90,7 @@ def basis(t: Array, derivative: int) -> Array:
 
 @cache
 def _in_cell() -> ca.Function:
-    """Place in a cell (2,) in 0..1, the 4 x 4 coefficients (32,) -> image (2,), its derivatives by the place (2, 2)."""
+    """Function: position in a cell (2,), 4 x 4 coefficients (32,) -> image (2,), its derivatives (2, 2)."""
     place, local = ca.SX.sym("place", 2), ca.SX.sym("local", 32)
     powers = [ca.vertcat(1, t, t**2, t**3) for t in ca.vertsplit(place)]
     across, along = (ca.DM(CUBIC) @ each for each in powers)
@@ -99,7 +99,7 @@ def _in_cell() -> ca.Function:
 
 
 def net_columns(points: Array, low: Array, step: Array, cells: tuple[int, int], order: tuple[int, int] = (0, 0)) -> Any:
-    """Sparse (M, coefficients of one coordinate): their B-splines, or a derivative of them, at points (M, 2)."""
+    """Sparse (M, coefficients of one coordinate) matrix of B-splines, or of a derivative, at points (M, 2)."""
     from scipy.sparse import csr_array  # noqa: PLC0415  (slow to import)
 
     u, k = _cells_of(points, low, step, cells)
@@ -113,7 +113,7 @@ def net_columns(points: Array, low: Array, step: Array, cells: tuple[int, int], 
 
 
 def _cells_of(points: Array, low: Array, step: Array, cells: tuple[int, int]) -> tuple[Array, NDArray[np.intp]]:
-    """Place within its cell, (M, 2) in 0..1, and the cell (M, 2), of each point; NaN is in the first cell."""
+    """Position in its cell (M, 2), in [0, 1], and the cell (M, 2), of each point; NaN gets the first cell."""
     u = np.clip((points - low) / step, 0.0, cells)
     k = np.clip(np.floor(np.nan_to_num(u)), 0, np.array(cells) - 1).astype(np.intp)
     return u - k, k

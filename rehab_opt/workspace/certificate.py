@@ -1,18 +1,17 @@
-"""Proof that a B-spline maps a whole workspace one-to-one into another, between any samples too.
+"""Proof that a B-spline maps a whole workspace one-to-one into another.
 
 Let D be the source and D' a slightly larger set without holes.
 
-1. det J > 0 all over D'. In a cell the map is bicubic, so det J is a polynomial of degree 5 in each direction; its
-   Bernstein coefficients bound it from below, exactly in the limit of halved cells (de Casteljau).
-2. Every image of D's outline has one preimage in D'. A point off the image of the outline of D' has as many preimages
-   as that image winds around it, since det J > 0 (degree of a map). That image is followed by chords: the
-   polygon of chords does not cross itself, so it winds once around what it encloses, and the image of D's outline is
-   enclosed and keeps clear of it by more than the chords' error.
-3. By 2 no two points of D's outline share an image, so by 1 the map is one-to-one on D (Meisters and Olech, Duke
-   Mathematical Journal 30, 1963) and the image of D is what the image of its outline encloses.
-4. The image of D's outline is enclosed by the target's and keeps a distance (the margin) from it.
+1. det J > 0 all over D'. In a cell the map is bicubic, so det J is a polynomial of degree 5 in each direction. Its
+Bernstein coefficients bound it from below, and halving cells sharpens the bound (de Casteljau). 2. Every image of D's
+outline has one preimage in D'. Since det J > 0, a point off the image of D's' outline has as many preimages as that
+image winds around it (degree of a map). Chords approximate this image: their polygon does not cross itself, so it winds
+once around its interior. The image of D's outline lies in this interior, further from the polygon than the chords'
+error. 3. By 2 no two points of D's outline share an image, so by 1 the map is one-to-one on D (Meisters and Olech, Duke
+Mathematical Journal 30, 1963), and the image of its outline encloses the image of D. 4. The image of D's outline lies
+inside the target's outline, at a distance (the margin) from it.
 
-What holds is the polygon of the workspace; how far that is from the true set is the workspace's `accuracy`.
+The proof is about the polygons of the workspaces; `accuracy` is their distance from the true sets.
 """
 
 from __future__ import annotations
@@ -37,32 +36,31 @@ __all__ = ["UNPROVEN", "Certificate", "certificate", "determinant_bounds", "exam
 Array = NDArray[np.float64]
 
 GROWN = 0.012
-"""D' is D and what is nearer to it than this fraction of sqrt(area)."""
+"""D' is D grown by this fraction of sqrt(area)."""
 CHORDS = 40_000
-"""Chords along each outline."""
+"""Number of chords along each outline."""
 HALVINGS = 7
-"""How often a cell may be halved until its bound is positive."""
+"""Largest number of halvings of a cell until its bound is positive."""
 KEPT = 0.05
-"""A bound is sharp enough where it is this fraction of the overall ratio of areas."""
+"""A bound above this fraction of the ratio of areas is sharp enough."""
 ROUNDING = 1e-9
-"""Least bound of det J, over the overall ratio, and least margin over the outline's length, that count as positive."""
+"""Least positive bound of det J, relative to the ratio of areas, and least margin, relative to the outline's length."""
 MAX_CELLS = 100_000
 UNPROVEN = "nothing is proven of the published rule's maps"
 TO_BEZIER = np.array([[1.0, 4.0, 1.0, 0.0], [0.0, 4.0, 2.0, 0.0], [0.0, 2.0, 4.0, 0.0], [0.0, 1.0, 4.0, 1.0]]) / 6.0
-"""Coefficients of the four B-splines of a cell -> Bernstein coefficients there."""
+"""Matrix from coefficients of a cell's four B-splines to its Bernstein coefficients."""
 FIRST_HALF = np.array([[comb(r, k) / 2.0**r for k in range(4)] for r in range(4)])
-"""Bernstein coefficients of a cubic on 0..1 -> on 0..1/2; turned by half a turn: on 1/2..1."""
+"""Matrix from Bernstein coefficients of a cubic on [0, 1] to those on [0, 1/2]; rotated by 180 degrees, on [1/2, 1]."""
 
 
 class Certificate(NamedTuple):
-    """What is proven of a map.
+    """Proven properties of a map.
 
-    determinant : lower bound of det J over the source [-]; not positive where the proof failed.
-    margin : lower bound of the distance of the image from the target's outline [m]; not positive where the proof
-        failed.
-    outline_simple : whether the outline's image is proven not to meet itself.
-    cells : cells looked at.
-    reason : "" or what could not be proven, and where.
+    determinant : lower bound of det J over the source [-]; not positive if the proof failed.
+    margin : lower bound of the distance of the image from the target's outline [m]; not positive if the proof failed.
+    outline_simple : whether the outline's image provably does not touch itself.
+    cells : number of examined cells.
+    reason : "", or the step of the proof that failed, and where.
     """
 
     determinant: float
@@ -78,10 +76,10 @@ class Certificate(NamedTuple):
 
 
 class DeterminantBounds(NamedTuple):
-    """What is known of the slopes all over a set.
+    """Bounds of the derivatives all over a set.
 
     determinant : lower bound of det J [-]. stretch : upper bound of the largest singular value of J [-].
-    cells : cells looked at. doubtful : (m, 2) [m] middles of cells whose bound is not positive.
+    cells : number of examined cells. doubtful : (m, 2) [m] centres of cells whose bound is not positive.
     """
 
     determinant: float
@@ -91,12 +89,12 @@ class DeterminantBounds(NamedTuple):
 
 
 def certificate(spline: PlaneMap, source: Workspace, target: Workspace) -> Certificate:
-    """What can be proven of a map of one workspace into another, each one piece without holes."""
+    """Certificate of a map from one workspace into another, each one piece without holes."""
     return examined(spline, source, target)[0]
 
 
 def examined(spline: PlaneMap, source: Workspace, target: Workspace) -> tuple[Certificate, Array]:
-    """The certificate, and points (m, 2) [m] where det J could not be bounded."""
+    """The certificate, and points (m, 2) [m] without a positive bound of det J."""
     if not isinstance(spline, PlaneBSpline):
         return Certificate(-np.inf, -np.inf, False, 0, UNPROVEN), np.empty((0, 2))
     start, goal = outline_polygon(source), outline_polygon(target)
@@ -167,7 +165,7 @@ def quartered(cells: Array, corner: Array, size: Array) -> tuple[Array, Array]:
 
 
 def _smallest_determinants(cells: Array) -> tuple[Array, Array]:
-    """Smallest Bernstein coefficient (m,) of det of the slopes by 0..1, and the smallest value at a corner."""
+    """Smallest Bernstein coefficient (m,) of det J per cell, and its smallest value at a corner."""
     along_u, along_v = (3.0 * np.diff(cells, axis=axis) for axis in (1, 2))
     (xu, yu), (xv, yv) = (_scaled(along_u, 2, 3), _scaled(along_v, 3, 2))
     product = np.zeros((len(cells), 6, 6))
@@ -179,7 +177,7 @@ def _smallest_determinants(cells: Array) -> tuple[Array, Array]:
 
 
 def _scaled(slopes: Array, p: int, q: int) -> tuple[Array, Array]:
-    """X and y of Bernstein coefficients (m, p + 1, q + 1, 2) times binomials, in which products are convolutions."""
+    """Bernstein coefficients (m, p + 1, q + 1, 2) times binomials, x and y apart; products become convolutions."""
     weights = np.outer(_binomials(p), _binomials(q))
     return slopes[..., 0] * weights, slopes[..., 1] * weights
 
@@ -190,16 +188,14 @@ def _binomials(n: int) -> Array:
 
 # ------------------------------------------------------------------------------------------------------- the outline
 class _Chords(NamedTuple):
-    """The polygon through images of an outline's points; no point of the true image is further than `error` [m] from
-    the nearest of them.
-    """
+    """Polygon through images of an outline's points, within `error` [m] of every point of the true image."""
 
     polygon: Polygon
     error: float
 
 
 def _chords(spline: PlaneBSpline, region: Polygon, stretch: float) -> _Chords:
-    """The image of an outline: along it, no point is further than half a piece from an end of that piece."""
+    """Chords of the image of an outline; each point is at most half a piece from an end of its piece."""
     from shapely import Polygon as Outline  # noqa: PLC0415
     from shapely import get_coordinates  # noqa: PLC0415
 

@@ -1,11 +1,11 @@
-"""From clinical (ISB) angles of the arm to the model joints of Table I: by rotation, not name by name.
+"""Convert clinical (ISB) angles of the arm to the model joints of Table I, by rotations.
 
 The model's shoulder (joints 2 to 4) and wrist (6 to 8) each turn about three axes through one point, as the clinical
 angles do, but in another order and about other axes. So three clinical angles together give three model joints, exactly
-(away from the two singular postures named below), and no table of one clinical angle for one model joint would: in a
-reach with the arm raised, axial rotation of the humerus is the model's adduction.
+except at the two singular postures below. A table of one clinical angle per joint would be wrong: with the arm raised,
+axial rotation of the humerus is the model's adduction.
 
-What is assumed, and how sure it is, stands in `CLINICAL_ANGLES`.
+`CLINICAL_ANGLES` lists the assumptions and their certainty.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ Array = NDArray[np.float64]
 
 
 class ClinicalAngle(NamedTuple):
-    """How a clinical angle enters the model."""
+    """Use of one clinical angle in the model."""
 
     column: str  # name in the files of Vanmechelen et al.
     name: str  # clinical name, positive as the name says
@@ -82,22 +82,23 @@ CLINICAL_ANGLES = (
         "ISB counts ulnar deviation positive; nothing in the files contradicts or confirms it, means are near zero",
     ),
 )  # fmt: skip
-"""The mapping as data. Left and right arms count alike: files are taken to mirror left arms, as `human_arm` does."""
+"""The mapping as data. Left and right arms have the same signs: files are assumed to mirror left arms, as `human_arm`
+does."""
 
 HANGING = 1e-9
 """Sine of the elevation below which the arm counts as hanging."""
 
 WITHOUT_A_JOINT = ("ScRot", "ScTil", "TrFl", "TrLatFl", "TrRot")
-"""Columns that the model has no joint for: scapular rotation and tilt, and the trunk, which it holds still."""
+"""Columns without a joint in the model: scapular rotation and tilt, and the trunk, which is fixed."""
 
 
 def model_shoulder(plane: ArrayLike, elevation: ArrayLike, axial: ArrayLike) -> tuple[Array, Array, Array]:
-    """Joints 2, 3 and 4 [rad] of the model from the humerothoracic angles [rad], which broadcast together.
+    """Joints 2, 3 and 4 [rad] of the model from humerothoracic angles [rad] of broadcastable shapes.
 
-    Assumes joint 1 at its rest; where it is turned by r, joint 2 is r less (both turn about the vertical).
+    Joint 1 is assumed at rest; if it is at r from rest, subtract r from joint 2 (both turn about the vertical).
 
-    Rz(q2) Ry(pi/2 - q3) Rx(q4) = Rz(-plane) Ry(elevation) Rz(-axial) in the left arm's base frame. Singular where the
-    arm is raised sideways with no axial rotation (sin(elevation) cos(axial) = 1): joints 2 and 4 turn alike there.
+    Rz(q2) Ry(pi/2 - q3) Rx(q4) = Rz(-plane) Ry(elevation) Rz(-axial) in the left arm's base frame. Singular if the arm
+    is raised sideways without axial rotation (sin(elevation) cos(axial) = 1), where joints 2 and 4 have the same axis.
     """
     p, e, r = _together(plane, elevation, axial)
     abduction = np.arcsin(np.clip(np.sin(e) * np.cos(r), -1.0, 1.0))
@@ -107,12 +108,12 @@ def model_shoulder(plane: ArrayLike, elevation: ArrayLike, axial: ArrayLike) -> 
 
 
 def model_wrist(pronation: ArrayLike, flexion: ArrayLike, ulnar: ArrayLike) -> tuple[Array, Array, Array]:
-    """Joints 6, 7 and 8 [rad] of the model from the angles [rad] of forearm and wrist, which broadcast together.
+    """Joints 6, 7 and 8 [rad] of the model from forearm and wrist angles [rad] of broadcastable shapes.
 
-    The model turns the hand about its own length last, people first (in the forearm): its wrist flexion and deviation
-    are about axes of the supinated forearm. Rx(q6) Ry(-(q7 + pi/2)) Rz(-q8) = Rz(-pronation) Rx(flexion) Ry(-ulnar).
-    Singular where the hand points sideways at a right angle to the forearm. Joint 8 is given within half a turn of
-    90 deg, the thumb on top.
+    The model turns the hand about its length last, anatomy first (in the forearm): the model's wrist flexion and
+    deviation refer to the supinated forearm. Rx(q6) Ry(-(q7 + pi/2)) Rz(-q8) = Rz(-pronation) Rx(flexion) Ry(-ulnar).
+    Singular if the hand points sideways at a right angle to the forearm. Joint 8 is within half a turn of 90 deg (thumb
+    up).
     """
     g, f, d = _together(pronation, flexion, ulnar)
     sg, cg, sf, cf, sd, cd = np.sin(g), np.cos(g), np.sin(f), np.cos(f), np.sin(d), np.cos(d)
@@ -125,10 +126,10 @@ def model_wrist(pronation: ArrayLike, flexion: ArrayLike, ulnar: ArrayLike) -> t
 
 
 def isb_shoulder(joint_2: ArrayLike, joint_3: ArrayLike, joint_4: ArrayLike) -> tuple[Array, Array, Array]:
-    """Elevation plane, elevation (0 to pi) and axial rotation [rad] of joints 2, 3 and 4 [rad].
+    """Elevation plane, elevation (0 to pi) and axial rotation [rad] from joints 2, 3 and 4 [rad].
 
-    `model_shoulder`'s inverse. Of a hanging arm (elevation 0) only the sum of plane and axial rotation is known: the
-    plane is zero there.
+    Inverse of `model_shoulder`. For a hanging arm (elevation 0) only the sum of plane and axial rotation is defined,
+    and the plane is zero.
     """
     turn, adduction, flexion = _together(joint_2, joint_3, joint_4)
     a = ARM_REST[2] - adduction
@@ -143,9 +144,9 @@ def isb_shoulder(joint_2: ArrayLike, joint_3: ArrayLike, joint_4: ArrayLike) -> 
 
 
 def isb_wrist(joint_6: ArrayLike, joint_7: ArrayLike, joint_8: ArrayLike) -> tuple[Array, Array, Array]:
-    """Pronation, wrist flexion (within a right angle) and ulnar deviation [rad] of joints 6, 7 and 8 [rad].
+    """Pronation, wrist flexion (within a right angle) and ulnar deviation [rad] from joints 6, 7 and 8 [rad].
 
-    `model_wrist`'s inverse; singular where the wrist is flexed by a right angle.
+    Inverse of `model_wrist`; singular if the wrist is flexed by a right angle.
     """
     a, b, c = _together(joint_6, joint_7, joint_8)
     b, c = -(b - ARM_REST[6]), -c
@@ -156,7 +157,7 @@ def isb_wrist(joint_6: ArrayLike, joint_7: ArrayLike, joint_8: ArrayLike) -> tup
 
 
 def model_scapula(protraction: ArrayLike) -> Array:
-    """Joint 1 [rad] from its rest, of protraction (..., T) [rad], with the first sample of each row as the rest."""
+    """Joint 1 [rad] relative to rest from protraction (..., T) [rad]; the first sample of each row is the rest."""
     rows = np.asarray(protraction, dtype=np.float64)
     return rows[..., :1] - rows
 

@@ -1,4 +1,4 @@
-"""A workspace map for use in a tick: one point at a time, never raising, never outside the target."""
+"""A workspace map for use in a tick: one point at a time, no exceptions, images inside the target."""
 
 from __future__ import annotations
 
@@ -22,17 +22,15 @@ __all__ = ["ControllerMap"]
 
 @dataclass(frozen=True, eq=False)
 class ControllerMap:
-    """The type by which a controller takes a map: made by `WorkspaceMap.for_controller`, it cannot hold a failed one.
+    """A map for a controller, made by `WorkspaceMap.for_controller`, which refuses a map with a failed audit.
 
-    Made by hand it trusts that the audit is this spline's.
-
-    A point outside the source counts as the nearest point of the source. NaN gives NaN; nothing raises on numbers.
-    Immutable; threads may share it.
+    The constructor itself does not check that the audit belongs to the spline. A point outside the source counts as the
+    nearest point of the source. NaN gives NaN; numbers never raise. Immutable; threads may share it.
 
     Attributes
     ----------
     audit : of the map.
-    unsafe : whether it was handed out although its audit failed.
+    unsafe : whether a failed audit was accepted.
 
     Raises
     ------
@@ -45,7 +43,7 @@ class ControllerMap:
     unsafe: bool = field(default=False, kw_only=True)
 
     def __post_init__(self) -> None:
-        """Refuse a map that fails, and build now what would be built in the first tick."""
+        """Refuse a failed map, and build the functions before the first tick."""
         if not self.audit.passed and self.unsafe is not True:
             expected = f"a map that passes its audit, or unsafe=True; this one: {'; '.join(self.audit.reasons)}"
             raise ConfigurationError("map", f"map of {self.spline.parameters} coefficients", expected)
@@ -54,7 +52,7 @@ class ControllerMap:
         self.jacobian(point)
 
     def image(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Where a point (2,) [m] is mapped, (2,) [m]."""
+        """Image (2,) [m] of a point (2,) [m]."""
         return self.spline(self.source.nearest(point))
 
     def jacobian(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -62,6 +60,6 @@ class ControllerMap:
         return self.spline.jacobian(self.source.nearest(point))
 
     def preimage(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
-        """The point of the source (2,) [m] whose image is this one; NaN where there is none. Newton: for displays."""
+        """Point of the source (2,) [m] with this image, by Newton's method, for displays; NaN if there is none."""
         found = self.spline.inverse(point)
         return found if self.source.contains(found) else found * math.nan

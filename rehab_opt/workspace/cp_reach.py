@@ -1,10 +1,10 @@
-"""The ranges of motion used in reaches: people with dyskinetic cerebral palsy beside typically developing people.
+"""Ranges of motion used in reaches by people with dyskinetic cerebral palsy and typically developing people.
 
     arms = {key: human_arm(range_of_motion=group.used) for key, group in reach_groups(folder).items()}
 
-Each range is that of a typical limb of its group: the medians of the limbs' own limits. The limits of all limbs pooled
-would be another thing and mislead: people with cerebral palsy differ more from each other, so together they cover more
-than typically developing people do, although each of them uses less.
+Each range is that of a typical limb of its group: the medians of the limbs' own limits. Pooled limits of all limbs
+would mislead: people with cerebral palsy differ more from each other, so together they cover more than typically
+developing people, although each of them uses less.
 """
 
 from __future__ import annotations
@@ -31,9 +31,9 @@ __all__ = ["ReachGroup", "grasp_zero", "group_range", "reach_groups"]
 Array = NDArray[np.float64]
 
 GRASP = "RGV"
-"""The task at whose end the thumb is upright."""
+"""Task that ends with the thumb upright."""
 EVERY = 5
-"""Shoulder and wrist are taken at every 5 % of the reach: mean reaches are smooth, and combinations are many."""
+"""Step of shoulder and wrist samples, in % of the reach; mean reaches are smooth, and combinations are many."""
 
 ASSUMPTIONS = (
     "the range used in one task, not the range possible",
@@ -47,16 +47,16 @@ ASSUMPTIONS = (
 
 @dataclass(frozen=True, eq=False)
 class ReachGroup:
-    """The range a group used in a task.
+    """Range of motion that a group used in a task.
 
     Parameters
     ----------
     task, group : a task's name, a member of `reach_rows.GROUPS`.
-    used : limits of all eight joints, ready for `human_arm(range_of_motion=...)`; none is assumed.
-    spread : by joint, how much the lower and the upper limit vary between limbs [rad]: half of what lies between the
-        16th and 84th percentile, a standard deviation where they are normal.
-    rows : limbs by clinical column.
-    left_out : rows suspected of a turned sign.
+    used : limits of all eight joints for `human_arm(range_of_motion=...)`; all come from data.
+    spread : by joint, spread of the lower and upper limit between limbs [rad]: half of the interval from the 16th to
+        the 84th percentile, which is the standard deviation of a normal distribution.
+    rows : number of limbs by clinical column.
+    left_out : rows left out because of a suspected wrong sign.
     """
 
     task: str
@@ -73,7 +73,7 @@ class ReachGroup:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What a reader of a result has to know."""
+        """Remarks for readers of a result."""
         return self.used.notes
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -88,17 +88,17 @@ def reach_groups(
     cover: float = 0.5,
     pronation_zero: float | Literal["grasp"] = 0.0,
 ) -> dict[tuple[str, str], ReachGroup]:
-    """The range used by (task, group), of the files in `folder` (`cp_dyskinetic_reach`).
+    """The range used by (task, group), from the files in `folder` (`cp_dyskinetic_reach`).
 
     Parameters
     ----------
-    tasks : names that the files begin with.
+    tasks : names at the start of the file names.
     cover : see `group_range`.
-    pronation_zero : see `group_range`; "grasp" is `grasp_zero` of the typically developing group's grasp.
+    pronation_zero : see `group_range`; "grasp" means `grasp_zero` of the typically developing group's grasp.
 
     Raises
     ------
-    ProblemFileError : a file is absent or not as `read_cp_reach` expects it.
+    ProblemFileError : a file is missing or invalid, see `read_cp_reach`.
     """
     folder = Path(folder)
     both = [angles for task in tasks for angles in read_cp_reach(folder, task)]
@@ -109,10 +109,10 @@ def reach_groups(
 
 
 def grasp_zero(reach: ReachAngles) -> float:
-    """Pronation [rad] to take as zero so that the median limb ends with its thumb nearest to upright.
+    """Pronation [rad] that counts as zero, so that the median limb ends with its thumb nearest to upright.
 
-    The end of a grasp of a vertical object is such a posture, so this calibrates what the files leave open; it is zero
-    where the files count as ISB does and the hand grasps squarely.
+    A grasp of a vertical object ends in such a posture, so this calibrates the zero that the files leave open. It is
+    zero if the files follow ISB and the hand grasps squarely.
     """
     end = {column: float(np.median(rows[:, -1])) for column, rows in reach.angles.items()}
     shoulder = model_shoulder(end["ShAbd"], end["ShEl"], end["ShRot"])
@@ -134,15 +134,15 @@ def group_range(
     lower_percentile: float = 0.0,
     upper_percentile: float = 100.0,
 ) -> ReachGroup:
-    """The range of the model's joints that a group used in a task.
+    """Range of the model's joints that a group used in a task.
 
     Parameters
     ----------
-    cover : fraction of limbs whose own lower limit is not below the group's, and likewise above: 0.5 is the typical
-        limb, 0.95 nearly the whole group together.
-    pronation_zero : [rad] the files' pronation where the palm faces forward in the hanging arm; 0 is the convention.
-    lower_percentile, upper_percentile : of a limb's samples over its reach, for its own limits. The rows are means of
-        several reaches, smooth: their ends are taken as they are.
+    cover : fraction of limbs whose lower limit is not below the group's, and likewise for the upper limit: 0.5 is the
+        typical limb, 0.95 nearly the whole group.
+    pronation_zero : [rad] the files' pronation when the palm of the hanging arm faces forward; 0 by convention.
+    lower_percentile, upper_percentile : percentiles of a limb's samples over its reach, for its own limits. The rows
+        are smooth means of several reaches, so the defaults are their extremes.
 
     Raises
     ------
@@ -172,10 +172,10 @@ def group_range(
 
 
 def _model_curves(angles: Mapping[str, Array], pronation_zero: float) -> dict[str, Array]:
-    """Curves (limbs, T) [rad] of each model joint; of shoulder and wrist every combination of rows is a limb.
+    """Curves (limbs, T) [rad] of each model joint; for shoulder and wrist every combination of rows is a limb.
 
-    Rows of elevation plane and axial rotation belong together: the same ones were dropped from both files, and at the
-    start, where the two compensate each other, they correlate by -0.41 to -0.85; shuffled, in 4 % or fewer.
+    Rows of elevation plane and axial rotation belong together: the same rows are missing from both files. At the start,
+    where the two compensate each other, they correlate by -0.41 to -0.85; at most 4 % of shuffles do.
     """
     scapula = model_scapula(angles["ScPro"])
     turn, adduction, flexion = model_shoulder(*_shoulder_rows(angles["ShAbd"], angles["ShEl"], angles["ShRot"]))
@@ -190,7 +190,7 @@ def _model_curves(angles: Mapping[str, Array], pronation_zero: float) -> dict[st
 
 
 def _shoulder_rows(plane: Array, elevation: Array, axial: Array) -> list[Array]:
-    """Rows (limbs, T) of the three angles: plane and axial rotation by row, each with every row of elevation."""
+    """Rows (limbs, T) of the three angles: each paired row of plane and axial rotation with every row of elevation."""
     if len(plane) != len(axial):
         return _combined(plane, elevation, axial)
     pairs = np.arange(len(plane)).repeat(len(elevation))
@@ -198,7 +198,7 @@ def _shoulder_rows(plane: Array, elevation: Array, axial: Array) -> list[Array]:
 
 
 def _combined(first: Array, second: Array, third: Array) -> list[Array]:
-    """Every row of each with every row of the others, (n1 n2 n3, T) three times."""
+    """All combinations of rows: three arrays (n1 n2 n3, T)."""
     rows = (first[:, None, None, ::EVERY], second[None, :, None, ::EVERY], third[None, None, :, ::EVERY])
     return [combined.reshape(-1, combined.shape[-1]) for combined in np.broadcast_arrays(*rows)]
 

@@ -1,8 +1,8 @@
-"""Signed distance to a polygon's boundary as an expression over a table of its edges: what a tick evaluates.
+"""Signed distance to a polygon's boundary as an expression over a table of its edges, for use in a tick.
 
-Every edge is evaluated, by a few operations on long columns; `Workspace` answers in between, and for arrays of points.
-The side of a point is that of the nearest edge, or at a corner of the sum of both edges' normals (Baerentzen and
-Aanaes, 2005). Where edges nearly coincide, so that rounding may name the wrong one, crossings of a ray are counted.
+It evaluates every edge, by a few operations on long columns; `Workspace` serves arrays of points. The nearest edge
+decides the side of a point, at a corner the sum of both edges' normals (Baerentzen and Aanaes, 2005). If edges nearly
+coincide, rounding may select the wrong one, so crossings of a ray are counted.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ from rehab_opt.workspace.region import ON_BOUNDARY
 __all__ = ["COLUMNS", "distance_function", "edge_columns", "nearest_point_function"]
 
 COLUMNS = 11
-"""Of an edge: those of `edge_table`, and whether it may be mistaken for another one, so that sides must be counted."""
+"""Columns per edge: those of `edge_table`, and a flag for edges whose side must be found by counting crossings."""
 NEAR = 1e-9
-"""[m] Edges nearer than this to one another may be mistaken for each other."""
+"""[m] Distance below which rounding may confuse two edges."""
 
 
 def edge_columns(polygon: Any) -> NDArray[np.float64]:
-    """(size, 11) the edges of a polygon, filled up with edges of no length at the first one's start."""
+    """(size, 11) edges of a polygon, padded with edges of zero length at the first one's start."""
     edges = edge_table(polygon)
     table = np.zeros((table_size(len(edges)), COLUMNS))
     table[:, [0, 1, 9]] = edges[0, [0, 1, 1]]
@@ -41,7 +41,7 @@ def edge_columns(polygon: Any) -> NDArray[np.float64]:
 def distance_function(size: int) -> ca.Function:
     """Point (2,) [m], edges (size, 11) -> signed distance [m], negative inside, and the boundary's nearest point (2,).
 
-    Both are NaN for a point that is no number.
+    Both are NaN for a NaN point.
     """
     point, table = ca.MX.sym("point", 2), ca.MX.sym("edges", size, COLUMNS)
     start_x, start_y, along_x, along_y, inverse, *_ = ca.horzsplit(table)
@@ -60,7 +60,7 @@ def distance_function(size: int) -> ca.Function:
 
 @cache
 def _from_edge() -> ca.Function:
-    """Point (2,), its nearest edge -> signed distance, nearest point (2,): outside is where the normals point to."""
+    """Point (2,), its nearest edge -> signed distance, nearest point (2,); normals point outwards."""
     point, edge = ca.SX.sym("point", 2), ca.SX.sym("edge", COLUMNS)
     start, along, inverse, at_start, at_end = ca.vertsplit(edge, [0, 2, 4, 5, 7, 9, COLUMNS])[:5]
     known = all_true(ca.fabs(point) < ca.inf)
@@ -74,7 +74,7 @@ def _from_edge() -> ca.Function:
 
 
 def _counted_side(size: int) -> ca.Function:
-    """Point, edges -> -1 inside, around which the boundary turns once, else 1: from the edges that a ray crosses."""
+    """Point, edges -> -1 inside, 1 outside, by counting the edges that a ray crosses."""
     point, table = ca.MX.sym("point", 2), ca.MX.sym("edges", size, COLUMNS)
     start_x, start_y, along_x, along_y, *_, end_y, _ = ca.horzsplit(table)
     begins, ends = start_y <= point[1], end_y <= point[1]
@@ -85,7 +85,7 @@ def _counted_side(size: int) -> ca.Function:
 
 @cache
 def nearest_point_function(size: int) -> ca.Function:
-    """Point (2,) [m], edges (size, 11) -> the polygon's point (2,) that is nearest: itself inside, see `Workspace`."""
+    """Point (2,) [m], edges (size, 11) -> nearest point (2,) of the polygon; inside, the point itself."""
     point, table = ca.MX.sym("point", 2), ca.MX.sym("edges", size, COLUMNS)
     distance, closest = distance_function(size)(point, table)
     inside = distance <= ON_BOUNDARY * (1 + ca.fabs(point[0]) + ca.fabs(point[1]))

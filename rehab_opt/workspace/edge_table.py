@@ -1,4 +1,4 @@
-"""The boundary of a polygon as a table of edges, and edges that cannot decide between inside and outside."""
+"""The boundary of a polygon as a table of edges, and the edges that cannot decide between inside and outside."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ __all__ = ["doubtful_edges", "edge_table"]
 Array = NDArray[np.float64]
 
 SHORTEST_SQUARE = 1e-200
-"""[m^2] below which an edge is left out: it has no direction in floating point."""
+"""[m^2] Least squared length of an edge; a shorter one has no direction in floating point and is left out."""
 SHARP = 0.02
-"""[rad] Two edges at a smaller angle may be mistaken for each other so far from their corner that it matters."""
+"""[rad] Angle of two edges below which rounding may confuse them, even far from their corner."""
 
 
 def edge_table(polygon: Any) -> Array:
-    """(E, 10) an edge a row, of a valid polygon: the interior is to the left.
+    """(E, 10) table of a valid polygon, one edge per row; the interior is to the left.
 
-    x, y of its start; its vector; 1 / length^2; the sums of the unit normals that meet at its start and at its end; y
-    of its end.
+    Columns: x, y of the start; vector; 1 / length^2; sums of the two unit normals at the start and at the end; y of the
+    end.
     """
     import shapely  # noqa: PLC0415  (loaded with the first workspace)
 
@@ -49,10 +49,10 @@ def edge_table(polygon: Any) -> Array:
 
 
 def doubtful_edges(table: Array, within: float) -> NDArray[np.bool_]:
-    """(E,) whether an edge's own side may not be the side a point is on.
+    """(E,) whether the nearest edge alone may give the wrong side of a point.
 
-    So it is where another edge than its two neighbours comes nearer than `within` [m] (rings that touch, slivers), and
-    at sharp corners: rounding then decides which of two edges counts as nearest, and they name opposite sides.
+    This is so if an edge other than its two neighbours comes nearer than `within` [m] (touching rings, slivers), and at
+    sharp corners. Rounding then decides which edge is nearest, and the two give opposite sides.
     """
     import shapely  # noqa: PLC0415
 

@@ -1,11 +1,10 @@
-"""A one-to-one map between two simply connected sets, through the unit disc: where the landmarks of the safe rule
-start.
+"""A one-to-one map between two simply connected sets through the unit disc; start of the safe rule's optimisation.
 
-A harmonic map of a set onto a convex one that takes outline to outline is one-to-one (Rado, Kneser, Choquet), and so
-is its discrete form on a triangle mesh with positive weights (Tutte; Floater 1997). Neither needs to hold onto a set
-that is not convex, and workspaces are not. So both sets are mapped onto the unit disc, their outlines evenly by arc
-length, and the answer is the first map followed by the inverse of the second. What is free is the turn of one disc
-against the other: it is chosen so that the pairs on the outlines fit a similarity best.
+A harmonic map of a set onto a convex set that maps outline to outline is one-to-one (Rado, Kneser, Choquet). So is its
+discrete form on a triangle mesh with positive weights (Tutte; Floater 1997). For target sets that are not convex, such
+as workspaces, this need not hold. Both sets are therefore mapped onto the unit disc, with outlines spaced by arc
+length; the result is the first map followed by the inverse of the second. The free rotation between the discs is chosen
+so that pairs on the outlines fit a similarity best.
 """
 
 from __future__ import annotations
@@ -34,7 +33,7 @@ NEIGHBOURS = 32
 
 
 class DiscMap(NamedTuple):
-    """A mesh and where the harmonic map takes its points on the unit disc, (n, 2)."""
+    """A mesh, and the images (n, 2) of its points under the harmonic map onto the unit disc."""
 
     mesh: PlaneMesh
     images: NDArray[np.float64]
@@ -43,18 +42,17 @@ class DiscMap(NamedTuple):
 def harmonic_images(
     source: Polygon, target: Polygon, points: NDArray[np.float64], rotation: float | Literal["best"]
 ) -> list[NDArray[np.float64]]:
-    """Where harmonic maps of source onto target take points of the source, (n, 2) [m]; most promising first.
+    """Images (n, 2) [m] of source points under harmonic maps onto the target; the best fit first.
 
     Parameters
     ----------
     source, target : sets without holes [m].
     points : (n, 2) [m], inside the source or on its outline.
-    rotation : angle [rad] by which directions should turn on average, or "best".
+    rotation : angle [rad] by which directions turn on average, or "best".
 
     Returns
     -------
-    One array (n, 2) [m] where the rotation is given; for "best" one for each turn whose pairs fit a similarity better
-    than those of its neighbours, at most four.
+    One array (n, 2) [m] for a given rotation; for "best" one array for each locally best rotation, at most four.
     """
     meshes = [mesh_of(each, float(np.sqrt(each.area / MESH_POINTS))) for each in (source, target)]
     discs = [disc_map(mesh) for mesh in meshes]
@@ -68,7 +66,7 @@ def harmonic_images(
 
 
 def disc_map(mesh: PlaneMesh) -> DiscMap:
-    """The discrete harmonic map onto the unit disc whose outline is spread evenly."""
+    """The discrete harmonic map onto the unit disc; outline points are evenly spaced on the circle."""
     from scipy.sparse.linalg import splu  # noqa: PLC0415  (slow to import)
 
     b = mesh.boundary
@@ -80,10 +78,10 @@ def disc_map(mesh: PlaneMesh) -> DiscMap:
 
 
 def turns(source: PlaneMesh, target: PlaneMesh, rotation: float | Literal["best"]) -> list[float]:
-    """Turns [rad] of the source's disc after which pairs on the outlines fit a similarity best.
+    """Rotations [rad] of the source's disc for which pairs on the outlines fit a similarity best.
 
-    The fit's residual is smallest where the sum of conj(z) w over centred pairs, as complex numbers, is largest in the
-    given direction, or in modulus where any rotation will do.
+    With centred pairs z, w as complex numbers, the residual is least where the sum of conj(z) w is largest, in the
+    given direction or, for a free rotation, in modulus.
     """
     fraction = np.arange(TURNS) / TURNS
     z, w = (_along(mesh, fraction) for mesh in (source, target))
@@ -113,8 +111,7 @@ def interpolate(
 ) -> NDArray[np.float64]:
     """The piecewise linear map points -> images of a mesh, (n, 2) each, at other points (m, 2).
 
-    A point that lies in no triangle (outside by a chord, or rounding) is taken to the nearest place of the one it is
-    least outside of.
+    A point in no triangle (outside by a chord, or by rounding) is moved into the nearest triangle.
     """
     from scipy.spatial import cKDTree  # noqa: PLC0415  (slow to import)
 
@@ -133,7 +130,7 @@ def interpolate(
 
 
 def _laplacian(mesh: PlaneMesh):  # type: ignore[no-untyped-def]
-    """Cotangent weights: positive on a Delaunay mesh, up to rounding."""
+    """Laplacian with cotangent weights, which are positive on a Delaunay mesh up to rounding."""
     from scipy.sparse import coo_array, diags_array  # noqa: PLC0415  (slow to import)
 
     n, rows, columns, weights = len(mesh.points), [], [], []

@@ -1,4 +1,4 @@
-"""Joint angles of one or many trials, however they were handed over, on one branch of the circle."""
+"""Joint angles of one or many trials, in any accepted form, without jumps by whole turns."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ __all__ = ["joint_trials", "one_branch"]
 Array = NDArray[np.float64]
 
 MOST = 4 * math.pi
-"""[rad] No joint of an arm reads more: such angles are degrees."""
+"""[rad] Largest magnitude of a joint angle; larger ones are degrees."""
 WIDEST = 2 * math.pi
-"""[rad] No joint of an arm moves through more: small angles in degrees do."""
+"""[rad] Largest range of a joint; a larger one is in degrees."""
 
 
 def joint_trials(angles: object, names: Sequence[str] | None) -> dict[str, list[Array]]:
-    """Trials (T_i,) of each joint, of what `range_of_motion` accepts as angles.
+    """Trials (T_i,) of each joint from any form of angles that `range_of_motion` accepts.
 
     Raises
     ------
-    ConfigurationError : arrays of another rank, or names that do not fit the columns.
+    ConfigurationError : arrays of a wrong rank, or names that do not fit the columns.
     """
     if isinstance(angles, Mapping):
         if names is not None:
@@ -53,7 +53,7 @@ def joint_trials(angles: object, names: Sequence[str] | None) -> dict[str, list[
 
 
 def _split(given: object, rank: int) -> list[object]:
-    """`given` as its trials: the elements of a list or stacked array of more than one trial, or it alone."""
+    """Split `given` into trials: the elements of a list or stacked array, or `given` itself."""
     if isinstance(given, np.ndarray):
         return list(given) if given.ndim == rank + 1 else [given]
     if isinstance(given, Sequence) and len(given) and not isinstance(given, str):
@@ -74,11 +74,11 @@ def _of_rank(argument: str, trial: object, rank: int) -> Array:
 
 
 def one_branch(name: str, trials: Sequence[Array], bound: tuple[float, float] | None) -> Array:
-    """All samples of a joint on one branch: that of the first trial, or the one that lies in `bound`.
+    """All samples of a joint on one branch of the circle: that of the first trial, or the one within `bound`.
 
     Raises
     ------
-    ConfigurationError : angles that must be degrees, or a scapula not counted from its rest.
+    ConfigurationError : angles in degrees, or a scapula angle that is not relative to rest.
     """
     worst = max(float(np.abs(trial).max()) for trial in trials)
     if worst > MOST:

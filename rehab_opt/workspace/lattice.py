@@ -1,4 +1,4 @@
-"""A square lattice whose nodes learn their distance to the slice from each other."""
+"""A square lattice whose nodes find their distance to the slice, starting from their neighbours' postures."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ Key = tuple[int, int]
 
 AROUND = ((1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (1, -1), (-1, 1), (-1, -1))
 IMPROVED = 1e-7
-"""[m] An answer counts as better from here on."""
+"""[m] Least decrease of the distance that counts as an improvement."""
 SAME = 0.02
-"""[rad or m] Postures nearer to each other than this lead to the same answer."""
+"""[rad or m] Postures nearer to each other count as equal starts."""
 MAX_NODES = 2_000_000
 
 
 class TooManyNodesError(Exception):
-    """The lattice is too fine for the set; internal."""
+    """Internal error: the lattice is too fine for the set."""
 
 
 @dataclass(slots=True)
 class Node:
-    """Best answer so far; distance 0 is inside, infinite where nothing was found."""
+    """Best answer so far; its distance is 0 inside and infinite if nothing was found."""
 
     distance: float
     x: float
@@ -40,19 +40,19 @@ class Node:
 
 
 class Lattice:
-    """Nodes at (i, j) * spacing, made as the search spreads; deterministic.
+    """Nodes at (i, j) * spacing, created as the search spreads; deterministic.
 
-    A local minimum can call a reachable node unreachable. So a node's better answer is offered to its neighbours as a
-    start until nothing improves (label correcting), and every new node also tries what `others` names. What is offered
-    at one time is tried together: distances of nodes outside are right to some hundredths.
+    A local minimum can make a reachable node look unreachable. Each improved answer is therefore offered to the
+    neighbours as a start until nothing improves (label correcting), and every new node also tries the starts of
+    `others`. Simultaneous offers are solved together; distances of outside nodes are accurate to some hundredths.
 
     Parameters
     ----------
-    search : answers.
+    search : solver for one node.
     spacing : [m].
-    others : from a point, further postures to start from where the first offer did not reach it.
-    spreads : from a node, whether its neighbours are to be made.
-    max_offers : postures of neighbours that a node outside tries although they promise nothing.
+    others : function from a point to further start postures, for points that the first offer did not reach.
+    spreads : function from a node to whether its neighbours are created.
+    max_offers : number of unpromising postures of neighbours that an outside node tries.
     """
 
     def __init__(
@@ -68,7 +68,7 @@ class Lattice:
         self._others, self._spreads = others, spreads
         self.nodes: dict[Key, Node] = {}
         self._waiting: dict[Key, None] = {}
-        """Nodes with news for their neighbours, in the order in which they came."""
+        """Nodes whose improvement is not yet offered to their neighbours, in order."""
 
     def key(self, x: float, y: float) -> Key:
         """The node nearest to a point."""
@@ -80,7 +80,7 @@ class Lattice:
         yield from ((i, j), (i + 1, j), (i, j + 1), (i + 1, j + 1))
 
     def offer(self, offers: Iterable[tuple[Key, Array]]) -> None:
-        """Let nodes try starts, all together; those that are new are made."""
+        """Solve for nodes from offered starts, all together; create new nodes."""
         asked: dict[Key, list[Array]] = {}
         for key, posture in offers:
             asked.setdefault(key, []).append(posture)
@@ -100,7 +100,7 @@ class Lattice:
                 self._take(key, self.search.by_backup(*self._at(key), asked[key][0]))
 
     def spread(self) -> None:
-        """Go on until no node can improve another."""
+        """Continue until no node can improve another."""
         while self._waiting:
             wave, self._waiting = self._waiting, {}
             offers: list[tuple[Key, Array]] = []
@@ -110,7 +110,7 @@ class Lattice:
             self.offer([*offers, *self._worth_a_try(others)])
 
     def _to_neighbours(self, key: Key, offers: list[tuple[Key, Array]], others: list[tuple[Node, Key, Array]]) -> None:
-        """What promises something goes to `offers`, what does not to `others`."""
+        """Sort a node's postures for its neighbours into promising `offers` and `others`."""
         node, nodes, spacing = self.nodes[key], self.nodes, self.spacing
         posture = node.posture
         assert posture is not None
@@ -129,7 +129,7 @@ class Lattice:
                     others.append((known, other, posture))
 
     def _worth_a_try(self, others: list[tuple[Node, Key, Array]]) -> Iterator[tuple[Key, Array]]:
-        """Of postures that promise nothing, those that are unlike the node's own; a few for each node."""
+        """Select a few unpromising postures per node that differ from the node's own."""
         if not others:
             return
         own = np.array([posture if known.posture is None else known.posture for known, _, posture in others])

@@ -1,4 +1,4 @@
-"""A closed surface through stacked planar sets: interpolation of their signed distances, and marching cubes."""
+"""A closed surface through stacked planar sets, by interpolated signed distances and marching cubes."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ __all__ = ["MAX_NODES", "SurfaceMesh", "closed_mesh", "edges_of_slabs", "enclose
 Array = NDArray[np.float64]
 
 ON_SURFACE = 1e-6
-"""[m] A node nearer than this to the surface is moved off it: triangles without area would follow."""
+"""[m] Least distance of a node from the surface, to avoid triangles without area."""
 MAX_NODES = 50_000_000
-"""Of a mesh's lattice, all layers together: 400 MB each of several arrays."""
+"""Largest number of nodes in a mesh's lattice; each of several arrays then takes 400 MB."""
 FAR = 1.0
-"""[m] Distance of a layer that is empty like its neighbours."""
+"""[m] Distance in an empty layer between empty layers."""
 
 
 class SurfaceMesh(NamedTuple):
@@ -35,13 +35,13 @@ class SurfaceMesh(NamedTuple):
 
 
 def edges_of_slabs(heights: Array) -> Array:
-    """(n + 1,) [m] where the slab each of n >= 2 layers stands for begins and ends: halfway to its neighbours."""
+    """(n + 1,) [m] edges of the slabs around n >= 2 layers, halfway between neighbours."""
     middle = (heights[1:] + heights[:-1]) / 2
     return np.concatenate([[2 * heights[0] - middle[0]], middle, [2 * heights[-1] - middle[-1]]])
 
 
 def signed_distances(polygon: BaseGeometry, points: Array) -> Array:
-    """(N,) [m] from points (N, 2) to a polygon's boundary, negative inside; infinite for an empty one."""
+    """(N,) [m] distances of points (N, 2) to a polygon's boundary, negative inside; infinite if it is empty."""
     import shapely  # noqa: PLC0415  (heavy)
 
     if polygon.is_empty:
@@ -53,10 +53,10 @@ def signed_distances(polygon: BaseGeometry, points: Array) -> Array:
 
 
 def padded(layers: Array) -> Array:
-    """(n + 2, ...) layers (n, ...) of signed distances with one beyond either end, none of them infinite.
+    """(n + 2, ...) finite signed distances: layers (n, ...) with one more beyond either end.
 
-    Beyond the ends, and where a layer is empty, the neighbour's distances stand without their sign: the surface then
-    closes halfway.
+    Beyond the ends, and in an empty layer, the neighbour's absolute distances are used, so that the surface closes
+    halfway.
     """
     n = len(layers)
     filled = np.concatenate([np.full_like(layers[:1], np.inf), layers, np.full_like(layers[:1], np.inf)])
@@ -69,17 +69,17 @@ def padded(layers: Array) -> Array:
 
 
 def closed_mesh(polygons: Sequence[BaseGeometry], heights: Array, *, spacing: float) -> SurfaceMesh:
-    """Surface around n >= 2 layers: every edge belongs to two triangles, whatever parts and tunnels there are.
+    """Surface around n >= 2 layers, also with several parts and tunnels; every edge belongs to two triangles.
 
     Parameters
     ----------
-    polygons : n, some not empty.
+    polygons : n polygons, at least one not empty.
     heights : (n,) [m], increasing.
-    spacing : [m] of the nodes in a layer; what is thinner is lost.
+    spacing : [m] of the nodes in a layer; thinner parts are lost.
 
     Raises
     ------
-    ConfigurationError : more than `MAX_NODES` nodes, naming `accuracy`, which is where the spacing comes from.
+    ConfigurationError : more than `MAX_NODES` nodes; the error names `accuracy`, which sets the spacing.
     """
     import shapely  # noqa: PLC0415  (heavy)
     from skimage.measure import marching_cubes  # noqa: PLC0415  (heavy)
@@ -112,7 +112,7 @@ def closed_mesh(polygons: Sequence[BaseGeometry], heights: Array, *, spacing: fl
 
 
 def enclosed_volume(mesh: SurfaceMesh) -> float:
-    """[m^3] by the divergence theorem; negative where the triangles face inwards."""
+    """[m^3] by the divergence theorem; negative if the triangles face inwards."""
     if not len(mesh.triangles):
         return 0.0
     centred = mesh.vertices - mesh.vertices.mean(axis=0)

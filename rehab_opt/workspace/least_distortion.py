@@ -1,15 +1,15 @@
-"""The B-spline from one workspace into another that distorts least, refined until it is proven one-to-one.
+"""The B-spline map between workspaces with the least distortion, refined until it is proven one-to-one.
 
-Both sets are scaled to unit area. The source is grown a little and the target shrunk a little, which leaves room for
-the proof. Coefficients minimise, over points of the grown source,
+Both sets are scaled to unit area. The source is grown and the target shrunk a little, which leaves a margin for the
+proof. Coefficients minimise, over points of the grown source,
 
     sum_q a_q (f(J_q) / 4)^2 + pull of the outline's image to the target's outline + anchor + roughness,
     f(J) = |J|^2 / det J + (1 + det J^2) / det J,
 
-which has its minimum where J is a rotation and grows without bound towards det J = 0. Descent starts from a harmonic
-map (`harmonic`) and may fold on its way: det J is smoothed around zero, less in each round. Where the
-proof fails or the target is used too little, it starts again: with another pull, anchored to the harmonic map, which is
-one-to-one, or with knots inserted in the middle of every cell.
+which is least if J is a rotation and grows without bound towards det J = 0. Descent starts from a harmonic map
+(`harmonic`) and may fold temporarily: det J is smoothed around zero, less in each round. If the proof fails or too
+little of the target is used, it starts again with other weights: of the pull, and of the anchor to the one-to-one
+harmonic map.
 """
 
 from __future__ import annotations
@@ -35,24 +35,24 @@ __all__ = ["Task", "least_distorted", "room_kept"]
 Array = NDArray[np.float64]
 
 CELL, TASK_CELL = 0.11, 0.08
-"""Size of a cell at first, over sqrt(area), and of a map for a task."""
+"""Cell size over sqrt(area), without and with a task."""
 GROWTH, SHRINKAGE, MAX_SHRINKAGE = 0.04, 0.04, 0.3
-"""The source grows by this fraction of sqrt(area); the target shrinks by this one of its inradius, and by its accuracy
-up to the last."""
+"""Growth of the source as a fraction of sqrt(area); shrinkage of the target, and its largest value with the target's
+accuracy, as fractions of the inradius."""
 BEYOND = 0.02
-"""Width of the net around the grown source, over sqrt(area)."""
+"""Width of the net's border around the grown source, over sqrt(area)."""
 OUTLINE_POINTS, DRAWN = 400, 0.012
-"""Points of the outline that is drawn to the target's: of the source grown by this fraction of sqrt(area)."""
+"""Number of points on the outline that is pulled to the target's; growth of that outline over sqrt(area)."""
 OUTLINE_WEIGHT = 0.25
-"""Weight of an outline's point in the mean of distortion, over that of a point inside."""
+"""Weight of an outline point in the mean distortion, relative to an inner point."""
 PULL_OUTSIDE, TIGHTER = 1000.0, 4.0
-"""Weight of squared distances from the target's outline, from outside, and what it is multiplied by."""
+"""Weight of squared distances outside the target's outline, and its factor per round."""
 ROUGHNESS = 2e-2
-"""Weight of squared second derivatives: holds coefficients that nothing else does."""
+"""Weight of squared second derivatives; it determines otherwise free coefficients."""
 DET_AT_FIRST, DET_LEAST, LOWER = 0.3, 1e-3, 0.3
-"""det J is smoothed over this width, and over less each round, down to the second."""
+"""Smoothing width of det J: first value, last value, and factor per round."""
 OUT_ALLOWED = 3e-3
-"""How far the drawn outline may be outside the shrunk target, over sqrt(area)."""
+"""Largest distance of the pulled outline outside the shrunk target, over sqrt(area)."""
 ROUNDS, ITERATIONS, SAMPLES = 11, 60, 2000
 ATTEMPTS = (
     (0.0, False, 1.0, 80.0),
@@ -66,12 +66,12 @@ TASK_ATTEMPTS = ((0.0, False, 1.0, 80.0), (0.0, False, 0.2, 80.0), (0.0, False, 
 the task's weight is multiplied by, and the weight of squared distances from the target's outline, from inside.
 Each begins at the harmonic map."""
 LEAST_USED = 0.6
-"""Fraction of the target's area that a map without a task should use: with less the next attempt is made, too."""
+"""Fraction of the target's area that a map without a task should use; with less, the next attempt follows."""
 TURN_WEIGHT = 100.0
 
 
 class Task(NamedTuple):
-    """Where a map should be a similarity: points (n, 2) [m] of the source, their images (n, 2) [m], and a weight."""
+    """Points (n, 2) [m] of the source near which the map should be a similarity, their images (n, 2) [m], a weight."""
 
     points: Array
     images: Array
@@ -81,13 +81,14 @@ class Task(NamedTuple):
 def least_distorted(
     source: Workspace, target: Workspace, *, rotation: float | Literal["best"], task: Task | None = None
 ) -> tuple[PlaneBSpline, Certificate]:
-    """The least distorted map that is proven and within the audit's bounds of stretch; else the best that was tried.
+    """The least distorted map that is proven and within the audit's bounds of stretch; else the best attempt.
 
     Parameters
     ----------
     source, target : each one piece without holes.
-    rotation : angle [rad], counterclockwise, by which directions turn on average; "best": the one that distorts least.
-    task : what the map is drawn to besides, with a turn that is `rotation` where it is; None: nothing.
+    rotation : angle [rad], counterclockwise, by which directions turn on average; "best": the angle of least
+        distortion.
+    task : points where the map should be a similarity with the turn `rotation`, or None.
     """
     frames = _Frame(outline_polygon(source)), _Frame(outline_polygon(target))
     start, goal = (frame.scaled for frame in frames)
@@ -114,7 +115,7 @@ def least_distorted(
 
 
 def _evenness(spline: PlaneBSpline, source: Workspace, target: Workspace) -> tuple[bool, float]:
-    """Whether no sampled point is stretched or squeezed by more than an audit allows; fraction of the target used."""
+    """Whether all sampled stretches are within the audit's bounds; fraction of the target that is used."""
     ratio = np.sqrt(target.area / source.area)
     stretch = np.linalg.svd(spline.evaluate(random_points(source, SAMPLES, 0))[1], compute_uv=False) / ratio
     even = bool(stretch.max() <= MAX_STRETCH and stretch.min() >= SMALLEST_STRETCH)
@@ -122,7 +123,7 @@ def _evenness(spline: PlaneBSpline, source: Workspace, target: Workspace) -> tup
 
 
 def room_kept(target: Workspace) -> float:
-    """Distance [m] from the target's outline that an image is asked to keep."""
+    """Desired distance [m] of an image from the target's outline."""
     radius = inradius(outline_polygon(target))
     return min(SHRINKAGE * radius + target.accuracy, MAX_SHRINKAGE * radius)
 
@@ -150,7 +151,7 @@ def _in_metres(net: _Net, coefficients: Array, source: _Frame, target: _Frame) -
 
 
 class _Anchor(NamedTuple):
-    """Weighted squared distances of columns @ C from images (m, 2)."""
+    """Cost of weighted squared distances of columns @ C from images (m, 2)."""
 
     columns: Any
     images: Array
@@ -158,7 +159,7 @@ class _Anchor(NamedTuple):
 
 
 class _Net:
-    """The cost of coefficients (n, 2) on one net, in sets of unit area."""
+    """Cost of coefficients (n, 2) on one net, for sets of unit area."""
 
     def __init__(
         self,
@@ -211,14 +212,14 @@ class _Net:
         self._tabulate()
 
     def fitted(self, images: Array) -> Array:
-        """Coefficients with which the mesh's points go to these images (n, 2), about."""
+        """Coefficients that map the mesh's points approximately to these images (n, 2)."""
         from scipy.sparse.linalg import splu  # noqa: PLC0415  (slow to import)
 
         weighted = self.inside.T * self.share
         return np.asarray(splu((weighted @ self.inside + 1e-7 * self.rough).tocsc()).solve(weighted @ images))
 
     def descended(self, images: Array, weights: tuple[float, ...]) -> tuple[Array, float]:
-        """Coefficients of least cost from the harmonic images on, and the cost.
+        """Coefficients of least cost by descent from the harmonic images, and the cost.
 
         weights : of these images, times the task's, and of the outline.
         """
@@ -259,7 +260,7 @@ class _Net:
     def _cost(
         self, C: Array, share: Array, anchors: list[_Anchor], pulls: tuple[float, float], width: float
     ) -> tuple[float, Array, float, float]:
-        """Cost, its slope (n, 2), smallest det J, and how far the outline is outside."""
+        """Cost, its gradient (n, 2), smallest det J, and largest distance of the outline outside."""
         import shapely  # noqa: PLC0415  (light to import)
 
         Jx, Jy = self.along_x @ C, self.along_y @ C

@@ -1,4 +1,4 @@
-"""One workspace mapped onto another: motion one way, force the other with the same power. Section V, Rossa et al."""
+"""Map between workspaces: motion one way, force the other way with the same power. Section V, Rossa et al."""
 
 from __future__ import annotations
 
@@ -44,16 +44,15 @@ ROUNDING = 1e-9
 class WorkspaceMap:
     """A smooth map from one workspace into another, made by `between`.
 
-    A point outside the source is first moved to the nearest point of the source, here and in a controller, so that a
-    certified map leads into the target from anywhere; `spline` alone extrapolates. Immutable and picklable; threads may
-    share it.
+    A point outside the source is first moved to the nearest point of the source, so that a certified map leads into the
+    target from anywhere; `spline` alone extrapolates. Immutable and picklable; threads may share it.
 
     Attributes
     ----------
     source, target : the workspaces.
-    spline : the map without that first move: a `PlaneBSpline` ("safe") or a `ThinPlateSpline` ("polar").
+    spline : the map without this projection: a `PlaneBSpline` ("safe") or a `ThinPlateSpline` ("polar").
     rule : "safe" or "polar".
-    certificate : what is proven of it. A safe map that could not be certified says so here, and in its audit.
+    certificate : proven properties; they also say if a safe map could not be certified.
     """
 
     source: Workspace
@@ -77,17 +76,15 @@ class WorkspaceMap:
         Parameters
         ----------
         source, target : each in one piece and without holes.
-        rule : "safe": folds nowhere and stays inside, distorted as little as that allows; a few seconds, more where a
-            shape resists (deep slits, slivers). "polar": the paper's, as a yardstick.
-        landmarks : of the rule "polar", 20 by default; the safe rule has none.
-        rotation : angle [rad], counterclockwise, by which directions turn on average. 0 keeps them: a movement away
-            from the body stays one. "best": the one that distorts least. Orientation is always kept: left never
-            becomes right.
+        rule : "safe": no folds, inside the target, least distortion; it takes a few seconds, more for deep slits and
+            slivers. "polar": the paper's rule, for comparison.
+        landmarks : number of landmarks of the rule "polar", 20 by default; the safe rule has none.
+        rotation : angle [rad], counterclockwise, by which directions turn on average. With 0, a movement away from the
+            body stays one. "best": the angle of least distortion. The map never mirrors.
 
         Raises
         ------
-        ConfigurationError : naming source or target where it is empty, or not one piece without holes (no one-to-one
-            map exists onto a set with another number of holes or pieces; none is attempted between equal numbers).
+        ConfigurationError : source or target is empty, or not one piece without holes.
         """
         _check(source, target, rule, landmarks, rotation)
         if rule == "polar":
@@ -107,15 +104,16 @@ class WorkspaceMap:
         rotation: float | Literal["best"] = "best",
         size: float = TASK_SIZE,
     ) -> WorkspaceMap:
-        """The safe map that keeps the look of a drawing: along the path it is nearly a similarity.
+        """The safe map that preserves the shape of a drawing: near the path it is almost a similarity.
 
         Parameters
         ----------
         source, target : each in one piece and without holes.
-        path : (N, 2) [m] in the source: the drawing, or all demonstrations one behind the other.
-        rotation : angle [rad] by which the drawing turns; "best": the one in which the largest copy of it fits.
-        size : of the drawing's image, over the largest copy that fits (`similarity.largest_copy`), up to 1. A small
-            drawing is enlarged by 1.5 times the overall ratio at most: all else has to be squeezed for it.
+        path : (N, 2) [m] in the source: the drawing, or all demonstrations one after another.
+        rotation : angle [rad] by which the drawing turns; "best": the angle at which the largest copy fits.
+        size : size of the drawing's image relative to the largest copy that fits (`similarity.largest_copy`), up to 1.
+            A small drawing is enlarged at most by 1.5 times the overall ratio, because everything else must be
+            squeezed.
 
         Raises
         ------
@@ -137,7 +135,7 @@ class WorkspaceMap:
 
     # ------------------------------------------------------------------------------------------------ the map
     def __call__(self, points: ArrayLike) -> NDArray[np.float64]:
-        """Images [m] of points (2,) or (N, 2) [m]; for one outside, of the nearest point of the source. NaN: NaN."""
+        """Images [m] of points (2,) or (N, 2) [m], after projection into the source. NaN gives NaN."""
         return self.spline(self._inside(points))
 
     def jacobian(self, points: ArrayLike) -> NDArray[np.float64]:
@@ -145,11 +143,10 @@ class WorkspaceMap:
         return self.spline.jacobian(self._inside(points))
 
     def inverse(self, points: ArrayLike) -> NDArray[np.float64]:
-        """Points of the source [m] whose images are these (2,) or (N, 2) [m]; NaN where no point of the source has
-        that image.
+        """Points of the source [m] with these images (2,) or (N, 2) [m]; NaN if there is none.
 
-        Exact: Newton on the map itself. The inverse is no map of the whole target (see the audit's coverage); for
-        that build the map the other way.
+        Exact, by Newton's method on the map. The inverse does not cover the whole target (see the audit's coverage); to
+        map the whole target, build the map in the other direction.
         """
         wanted = point_array(points)
         many = wanted.reshape(-1, 2)
@@ -163,15 +160,15 @@ class WorkspaceMap:
         return found.reshape(wanted.shape)
 
     def push_force(self, point: ArrayLike, force: ArrayLike) -> NDArray[np.float64]:
-        """A force [N] at the image of a point, as felt at the point: J' F, (2,) for (2,) or (N, 2) for (N, 2).
+        """Force [N] at a point from the force at its image: J' F, (2,) for (2,) or (N, 2) for (N, 2).
 
-        From the target to the source, against the direction of the map: a hand at x with velocity v moves the image
-        with J v, and F . (J v) = (J' F) . v is the same power on both sides. Outside of the source: J at its nearest
-        point, and the powers differ: the image stays where it is while the hand moves away from the edge.
+        A hand at x with velocity v moves the image with J v, and F . (J v) = (J' F) . v is the same power on both
+        sides. Outside the source, J is that of its nearest point, and the powers differ: the image does not move while
+        the hand moves away from the edge.
 
         Raises
         ------
-        ConfigurationError : a force is not two numbers, or there are not as many as points.
+        ConfigurationError : a force is not two numbers, or the numbers of forces and points differ.
         """
         slopes, pushed = self.jacobian(point), point_array(force, "force")
         if slopes.ndim == 3 and pushed.ndim == 2 and len(slopes) != len(pushed):
@@ -186,11 +183,11 @@ class WorkspaceMap:
 
     # ------------------------------------------------------------------------------------------------ its safety
     def audit(self, samples: int = 20_000, seed: int = 0) -> Audit:
-        """Figures at random points of the source, with the certificate for what lies in between.
+        """Audit at random points of the source, with the certificate for the points in between.
 
         Raises
         ------
-        ConfigurationError : `samples` is no whole number from 1.
+        ConfigurationError : `samples` is not a positive integer.
         """
         if isinstance(samples, bool) or not isinstance(samples, int | np.integer) or not samples >= 1:
             raise ConfigurationError("samples", samples, "a whole number of points, 1 or more")
@@ -213,7 +210,7 @@ class WorkspaceMap:
         )
 
     def for_controller(self, *, unsafe: bool = False) -> ControllerMap:
-        """The map as a controller takes it: no other object has its per-tick methods.
+        """The map in the form that controllers accept.
 
         Raises
         ------
@@ -227,7 +224,7 @@ class WorkspaceMap:
 
     @cached_property
     def _starts(self) -> tuple[Any, NDArray[np.float64]]:
-        """A search tree of images and the points they belong to."""
+        """A search tree of images, and the points that they belong to."""
         from scipy.spatial import cKDTree  # noqa: PLC0415  (slow to import)
 
         points = random_points(self.source, STARTS, 0)
@@ -248,7 +245,7 @@ class WorkspaceMap:
 
 
 def _check(source: Workspace, target: Workspace, rule: str, landmarks: int | None, rotation: float | str) -> None:
-    """Refuse what no map can be made of."""
+    """Raise `ConfigurationError` for arguments without a map."""
     for name, each in (("source", source), ("target", target)):
         if each.empty:
             raise ConfigurationError(

@@ -1,4 +1,4 @@
-"""From curves around a slice to its boundary: every vertex is the nearest point of the slice to a probe outside."""
+"""The boundary of a slice from curves around it: each vertex is the slice's nearest point to an outside probe."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ __all__ = ["boundary_ring", "polygon_of_rings"]
 Array = NDArray[np.float64]
 
 MAX_STEPS = 400
-"""Vertices added between two neighbours: a notch is followed so far."""
+"""Largest number of vertices added between two neighbours, along a notch."""
 SAME, KNOWN = 1e-6, 1.1
-"""A foot is as near as known within so much [m]; one further than so many times as far is another's."""
+"""[m] Tolerance of a known distance; a nearest point that is further by this factor is rejected."""
 THINNEST = 1e-5
-"""[m] Parts of less mean width are curves: they hold no area."""
+"""[m] Parts of a smaller mean width count as curves without area."""
 
 
 def boundary_ring(search: PlaneSearch, lattice: Lattice, curve: Sequence[Crossing], tolerance: float) -> list[Nearest]:
@@ -33,8 +33,8 @@ def boundary_ring(search: PlaneSearch, lattice: Lattice, curve: Sequence[Crossin
 
     Parameters
     ----------
-    tolerance : [m] by which the chord between two vertices may leave the slice at its middle. Where it does, as at a
-        notch that is narrower than the curve's distance, vertices are added on either side down to its tip.
+    tolerance : [m] by which the middle of a chord may leave the slice. If it leaves further, as at a notch narrower
+        than the curve's distance, vertices are added on both sides down to the tip.
     """
     feet = [closest for crossing in curve if (closest := _closest(search, lattice, crossing)) is not None]
     ring: list[Nearest] = []
@@ -49,7 +49,7 @@ def boundary_ring(search: PlaneSearch, lattice: Lattice, curve: Sequence[Crossin
 def _chords_leave(
     search: PlaneSearch, starts: Sequence[Nearest], ends: Sequence[Nearest], tolerance: float
 ) -> NDArray[np.bool_]:
-    """(N,) whether the chords between vertices may leave the slice at their middles: what is near is left out."""
+    """(N,) whether the middles of chords may be outside the slice; short chords are not tested."""
     if not starts:
         return np.zeros(0, dtype=bool)
     middles = np.array([(0.5 * (a.x + b.x), 0.5 * (a.y + b.y)) for a, b in zip(starts, ends, strict=True)])
@@ -63,7 +63,7 @@ def _chords_leave(
 
 
 def polygon_of_rings(rings: Sequence[Sequence[Nearest]]) -> BaseGeometry:
-    """Polygon or MultiPolygon of what an odd number of rings goes around; parts of no width are left out."""
+    """Polygon or MultiPolygon of the points inside an odd number of rings; parts without width are left out."""
     import shapely  # noqa: PLC0415  (heavy)
 
     whole: BaseGeometry = shapely.Polygon()
@@ -94,10 +94,10 @@ def _wide(polygon: BaseGeometry) -> bool:
 
 
 def _closest(search: PlaneSearch, lattice: Lattice, crossing: Crossing) -> Nearest | None:
-    """Nearest point of the slice to a point of the curve, as near as those its two nodes know; None without one.
+    """Nearest point of the slice to a point of the curve, at most as far as from its two nodes; None without one.
 
-    From where the node is, the NLP may end in a local minimum millimetres off, a notch that is not there: what is
-    further than known is approached first, and left out where that does not help.
+    From the node's posture, the NLP may end in a local minimum millimetres off, which would look like a notch. A point
+    further than known is approached by the other method first, and left out if that does not help.
     """
     nodes = [node for key in (crossing.outer, crossing.inner) if (node := lattice.nodes[key]).posture is not None]
     known = min(math.hypot(crossing.x - node.x, crossing.y - node.y) for node in nodes)
@@ -119,7 +119,7 @@ def _closest(search: PlaneSearch, lattice: Lattice, crossing: Crossing) -> Neare
 
 
 def _between(search: PlaneSearch, first: Nearest, last: Nearest, tolerance: float) -> list[Nearest]:
-    """Vertices that follow the slice from `first` to `last`, neither of them included."""
+    """Vertices that follow the slice from `first` to `last`, both excluded."""
     done, ahead = [first], [last]
     for _ in range(MAX_STEPS):
         if not ahead:
@@ -134,7 +134,7 @@ def _between(search: PlaneSearch, first: Nearest, last: Nearest, tolerance: floa
 
 
 def _inserted(search: PlaneSearch, a: Nearest, b: Nearest, tolerance: float) -> Nearest | None:
-    """A vertex between two whose chord leaves the slice, as deep in the notch under it as is known to be outside."""
+    """A vertex between two whose chord leaves the slice, as deep in the notch as is known to be outside."""
     dx, dy = b.x - a.x, b.y - a.y
     if math.hypot(dx, dy) <= 2 * tolerance:
         return None

@@ -1,4 +1,4 @@
-"""Where a shoulder stands in the frame of a robot."""
+"""Placement of a shoulder in the frame of a robot."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class ShoulderPlacement:
-    """Pose of the shoulder's frame in the robot's; both have z up. The side is the arm's (`human_arm(side=...)`).
+    """Pose of the shoulder's frame in the robot's; both have z up. `human_arm(side=...)` sets the side.
 
     Parameters
     ----------
@@ -26,7 +26,7 @@ class ShoulderPlacement:
 
     Raises
     ------
-    ConfigurationError : numbers that are not finite, or not three of them.
+    ConfigurationError : numbers that are not finite, or not three.
     """
 
     position: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -52,7 +52,7 @@ class ShoulderPlacement:
 
     @property
     def rotation(self) -> Array:
-        """(2, 2) from the shoulder's axes to the robot's."""
+        """(2, 2) rotation from the shoulder's axes to the robot's."""
         c, s = math.cos(self.turn), math.sin(self.turn)
         return np.array([[c, -s], [s, c]])
 
@@ -65,16 +65,16 @@ class ShoulderPlacement:
         return pose
 
     def to_robot(self, points: ArrayLike) -> Array:
-        """Points (..., 2) [m] of the shoulder's frame in the robot's."""
+        """Transform points (..., 2) [m] from the shoulder's frame to the robot's."""
         return np.asarray(_planar(points) @ self.rotation.T + self.position[:2])
 
     def to_shoulder(self, points: ArrayLike) -> Array:
-        """Points (..., 2) [m] of the robot's frame in the shoulder's."""
+        """Transform points (..., 2) [m] from the robot's frame to the shoulder's."""
         return np.asarray((_planar(points) - self.position[:2]) @ self.rotation)
 
 
 def _planar(points: ArrayLike) -> Array:
-    """Points (..., 2); whatever else is given, named."""
+    """Points (..., 2); raises `ConfigurationError` for other shapes."""
     expected = "points (..., 2), numbers in metres"
     try:
         array = np.asarray(points)

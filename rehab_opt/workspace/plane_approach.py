@@ -1,7 +1,7 @@
-"""Postures brought near a slice and near probes from anywhere, many at once: damped least squares within joint limits.
+"""Move many postures near a slice and near probes, by damped least squares within joint limits.
 
-A step takes a microsecond, where one of the NLP takes ten. Far from the slice, or near a folded elbow, where the
-NLP's linearised rows have no common point or its full steps go round and round, it arrives all the same.
+A step takes 1 us, one of the NLP 10 us. It also converges far from the slice or near a folded elbow, where the NLP's
+linearised rows may be infeasible or its full steps may cycle.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ __all__ = ["Approached", "PlaneApproach"]
 Array = NDArray[np.float64]
 
 STEPS = 4
-"""Between two looks at who has arrived."""
+"""Steps between two checks of convergence."""
 LOOKS, ROUNDS = 2, 10
-"""Looks of a round, after which those that no longer get nearer are given up; rounds at most."""
+"""Checks per round, after which stalled postures are dropped; largest number of rounds."""
 TOGETHER = 16
-"""Postures of one call."""
+"""Number of postures per call."""
 PASSES = 2
 LONGEST = 1.0
 """[rad or m] Longest change of a joint in a step."""
@@ -33,18 +33,18 @@ DAMPING, LESS, MORE = 1e-4, 0.1, 8.0
 LEAST, MOST = 1e-13, 1e6
 SLOW = 0.01
 STALLED = 0.003
-"""Fraction of the cost by which a round must lower it, or no other follows."""
+"""Least relative decrease of the cost in a round; below it the posture is dropped."""
 FORESEEN = 2.0
-"""Times what a round lowered the cost by: the others are not expected to bring more."""
+"""Largest expected decrease of the cost in later rounds, as a multiple of the last decrease."""
 SLACK = 1.1
 FIRMER = 20.0
-"""Plane and handle count so much more in the last round, which is for probes out of reach."""
+"""Factor on the weight of plane and handle in the last round, which serves probes out of reach."""
 ARRIVED = 1e-9
-"""[m, rad] What is this near, to the probe, the plane and the handle's cone, needs no further step."""
+"""[m, rad] Tolerance of convergence to the probe, the plane and the handle's cone."""
 
 
 class Approached(NamedTuple):
-    """What became of N postures."""
+    """Result for N postures."""
 
     postures: Array
     """(N, k) of the free joints, within their limits."""
@@ -53,7 +53,7 @@ class Approached(NamedTuple):
     distances: Array
     """(N,) [m] from hand to probe."""
     misses: Array
-    """(N,) [m] by which the plane is missed, or the handle's cone: the angle times the arm's size."""
+    """(N,) [m] violation of the plane or of the handle's cone (angle times the arm's size)."""
 
 
 class PlaneApproach:
@@ -61,7 +61,7 @@ class PlaneApproach:
 
     Parameters
     ----------
-    statement : of an arm; the approach serves every arm with the same `PlaneStatement.approach`.
+    statement : of an arm; all arms with the same `PlaneStatement.approach` can share this object.
     compile : as for `SQP`.
     """
 
@@ -80,12 +80,12 @@ class PlaneApproach:
         self._several = BufferedFunction(one.map("plane_approaches", "serial", TOGETHER, [3, 4], []), compile=compile)
 
     def near(self, parameters: Array, probes: Array, starts: Array, below: Array | float = math.inf) -> Approached:
-        """Postures near the slice and the probes (N, 2) [m], from `starts` (N, k), each its own.
+        """Postures near the slice and the probes (N, 2) [m], one from each of `starts` (N, k).
 
         Parameters
         ----------
-        parameters : of `PlaneStatement.nearest`; its probe is not looked at.
-        below : (N,) or scalar [m] distance that is worth something: what seems to end further off is given up.
+        parameters : of `PlaneStatement.nearest`; its probe is ignored.
+        below : (N,) or scalar [m] largest useful distance; postures that seem to end further off are dropped.
         """
         k = starts.shape[1]
         x, damping = np.clip(starts, parameters[:k], parameters[k : 2 * k]), np.full(len(probes), DAMPING)
@@ -115,7 +115,7 @@ class PlaneApproach:
     def _go_on(
         self, busy: NDArray[np.intp], probes: Array, x: Array, damping: Array, found: Array, *, firm: float
     ) -> None:
-        """`STEPS` more of those; `found`: hand, distance, miss, cost."""
+        """Do `STEPS` steps for busy postures and update `found`: hand, distance, miss, cost."""
         (starts, dampings, goals, firmness, _), (ends, after, measured) = self._several.inputs, self._several.outputs
         firmness[...] = firm
         for first in range(0, len(busy), TOGETHER):
@@ -127,7 +127,7 @@ class PlaneApproach:
 
 
 def _step(statement: PlaneStatement) -> ca.Function:
-    """From x, damping, firmness of plane and handle, parameters: the next x and damping."""
+    """Function: x, damping, weight of plane and handle, parameters -> next x and damping."""
     k = len(statement.free)
     x, damping, firm = ca.SX.sym("x", k), ca.SX.sym("damping"), ca.SX.sym("firm")
     p = ca.SX.sym("p", statement.approach.size1_in(1))
@@ -154,7 +154,7 @@ def _step(statement: PlaneStatement) -> ca.Function:
 
 
 def _measure(statement: PlaneStatement) -> ca.Function:
-    """From x and parameters: hand (2,), distance to the probe, miss of plane or handle, cost."""
+    """Function: x and parameters -> hand (2,), distance to the probe, miss of plane or handle, cost."""
     x, p = ca.SX.sym("x", len(statement.free)), ca.SX.sym("p", statement.approach.size1_in(1))
     off = statement.approach(x, p)
     away, missed = off[:2] / ca.sqrt(p[-1]), off[2:] / (FIRMNESS * ca.sqrt(p[-1]))

@@ -1,4 +1,4 @@
-"""What every smooth map of the plane offers: images, slopes, its exact inverse, and one expression for Python and C."""
+"""Base of smooth maps of the plane: images, derivatives, exact inverse, and one expression for Python and C."""
 
 from __future__ import annotations
 
@@ -21,18 +21,18 @@ __all__ = ["PlaneMap"]
 
 Array = NDArray[np.float64]
 STARTS = 6
-"""Known points with the nearest images that Newton's method starts from, in turn."""
+"""Number of known points with the nearest images that Newton's method tries as starts."""
 STEPS, HALVINGS = 30, 12
 BEYOND = 1e100
-"""[m] Squares of such coordinates overflow."""
+"""[m] Coordinates whose squares overflow."""
 CONVERGED = 1e-13
-"""Error of the image, per size of the coordinates, below which only rounding is left."""
+"""Relative error of the image below which only rounding remains."""
 
 
 class PlaneMap(ABC):
-    """A map (x, y) -> (x, y) [m] with continuous slopes. Immutable and picklable; threads may share it.
+    """A map (x, y) -> (x, y) [m] with continuous derivatives. Immutable and picklable; threads may share it.
 
-    NaN in gives NaN out; nothing raises on numbers.
+    NaN in gives NaN out; numbers never raise.
     """
 
     @abstractmethod
@@ -46,7 +46,7 @@ class PlaneMap(ABC):
     @property
     @abstractmethod
     def known(self) -> Array:
-        """Points (n, 2) [m], spread over the region where the map is used, at which `inverse` starts."""
+        """Start points (n, 2) [m] of `inverse`, spread over the region of use."""
 
     @property
     @abstractmethod
@@ -76,15 +76,15 @@ class PlaneMap(ABC):
         return image.copy(), slopes.copy()
 
     def inverse(self, points: ArrayLike, start: ArrayLike | None = None) -> Array:
-        """Points that the map sends to these: (2,) -> (2,), (M, 2) -> (M, 2); NaN where none was found.
+        """Preimages of points: (2,) -> (2,), (M, 2) -> (M, 2); NaN if none was found.
 
-        Damped Newton's method on the map itself, until rounding stops it, from `start`, then from the known points
-        with the nearest images. Where the map folds, a point may have several preimages: one of them is returned.
+        Damped Newton's method on the map, down to rounding, starts at `start`, then at the known points with the
+        nearest images. If the map folds, a point may have several preimages: one of them is returned.
 
         Parameters
         ----------
         points : images [m].
-        start : initial guess of the same shape, or (2,) for all [m].
+        start : start values of the same shape, or (2,) for all [m].
         """
         array = point_array(points)
         images, tree = array.reshape(-1, 2), self._tree
@@ -104,7 +104,7 @@ class PlaneMap(ABC):
         return found.reshape(array.shape)
 
     def _newton(self, images: Array, starts: Array) -> Array:
-        """Preimages (M, 2) from one start each; NaN where the method does not converge."""
+        """Preimages (M, 2) from one start each; NaN without convergence."""
         at = starts.copy()
         value, slopes = self.evaluate(at)
         off = images - value
@@ -136,7 +136,7 @@ class PlaneMap(ABC):
 
     @cached_property
     def statement(self) -> ca.Function:
-        """Point (2,) [m] -> image (2,) [m], Jacobian (2, 2): the same in Python and in C; NaN for NaN or infinity."""
+        """Function for Python and C: point (2,) [m] -> image (2,) [m], Jacobian (2, 2); NaN for NaN or infinity."""
         point = ca.MX.sym("point", 2)
         return ca.Function("plane_map", [point], self._masked(point), ["point"], ["image", "jacobian"])
 
@@ -156,7 +156,7 @@ class PlaneMap(ABC):
         return PerThread(lambda: BufferedFunction(self.statement))
 
     def freeze(self) -> None:
-        """Make all arrays unchangeable."""
+        """Make all arrays read-only."""
         for value in self.__dict__.values():
             for each in value if isinstance(value, tuple) else (value,):
                 if isinstance(each, np.ndarray):
@@ -172,7 +172,7 @@ class PlaneMap(ABC):
 
 
 def _solved(slopes: Array, right: Array) -> Array:
-    """(M, 2) solutions of 2 x 2 systems; not finite where the matrix is singular."""
+    """(M, 2) solutions of 2 x 2 systems; not finite for a singular matrix."""
     (a, b), (c, d) = (slopes[:, i].T for i in (0, 1))
     with np.errstate(divide="ignore", invalid="ignore"):
         answer = np.column_stack([d * right[:, 0] - b * right[:, 1], a * right[:, 1] - c * right[:, 0]])

@@ -1,4 +1,4 @@
-"""Answers to one question, from many starts: how far is the slice from here, and which posture comes nearest?"""
+"""Distance of a probe from the slice, and the nearest posture, from many starts."""
 
 from __future__ import annotations
 
@@ -24,22 +24,22 @@ __all__ = ["REACHED", "Nearest", "PlaneSearch"]
 Array = NDArray[np.float64]
 
 REACHED = 1e-6
-"""[m] A probe nearer to the slice than this is in it."""
+"""[m] A probe nearer to the slice than this counts as inside."""
 VIOLATION = 1e-8
-"""[m, rad] by which an answer may miss the plane or the handle's cone."""
+"""[m, rad] Largest accepted violation of the plane or the handle's cone."""
 TOLERANCE = 1e-9
 ASIDE = 0.05
-"""Fraction of its distance from the probe by which what was approached may miss plane or handle."""
+"""Accepted miss of plane or handle in an approach, as a fraction of the distance from the probe."""
 KEPT = 8
 BACKUP_CALLS = 64
-"""The backup solver takes ten milliseconds; it is not to turn a second into minutes."""
+"""Largest number of calls of the backup solver, which takes 10 ms each."""
 
 
 class Nearest(NamedTuple):
-    """A point of the slice near a probe, the nearest one if the search was not caught in a local minimum."""
+    """A point of the slice near a probe: the nearest one, unless the search ended in a local minimum."""
 
     distance: float
-    """[m]; 0 where the probe was reached."""
+    """[m]; 0 if the probe was reached."""
     x: float
     """[m] the point."""
     y: float
@@ -48,7 +48,7 @@ class Nearest(NamedTuple):
 
 
 class _Solvers(threading.local):
-    """What this thread has made, by statement: arms that differ in numbers alone have theirs in common."""
+    """Solvers of this thread by statement; arms that differ only in numbers share them."""
 
     def __init__(self) -> None:
         self._made: dict[tuple[object, ...], tuple[SQP, PlaneApproach]] = {}
@@ -77,7 +77,7 @@ class PlaneSearch:
 
     Attributes
     ----------
-    solves, uncertified, failures : counts of all solver calls, of those that kept the rows but did not certify a
+    solves, uncertified, failures : counts of all solver calls, of those that satisfied the rows without a certified
         minimum, and of those that ended off the plane or with a tilted handle.
     """
 
@@ -89,9 +89,9 @@ class PlaneSearch:
         self._backup_calls = 0
 
     def nearest(self, x: float, y: float, start: Array, *, approached: bool = False) -> Nearest | None:
-        """Local answer for the probe (x, y) from the posture `start` (k,); None where no row-keeping one was found.
+        """Local answer for the probe (x, y) from the posture `start` (k,); None if none satisfies the rows.
 
-        A start that is not `approached` is, where it leads to none that is certified.
+        If no certified answer follows, the start is first moved by `PlaneApproach`, unless it is `approached` already.
         """
         self._parameters[-3], self._parameters[-2] = x, y
         self._sqp.parameters[:] = self._parameters
@@ -110,11 +110,11 @@ class PlaneSearch:
         return _nearest(answer)
 
     def approached(self, probes: Array, starts: Array, below: Array | float = math.inf) -> Approached:
-        """What the probes (N, 2) come to from as many postures (N, k), at a tenth of the price of `nearest`.
+        """Approximate answers for probes (N, 2) from postures (N, k), in a tenth of the time of `nearest`.
 
-        Distances are 0 where the probe was reached, infinite where the posture is not at the slice, and else right to
-        some hundredths: the point is near the slice's nearest one, not certified to be it. What seems to end further
-        off than `below` [m] is given up.
+        Distances are 0 if the probe was reached, infinite if the posture is not at the slice, and else accurate to some
+        hundredths: the point is near the slice's nearest one, but not certified. Postures that seem to end further off
+        than `below` [m] are dropped.
         """
         found = self._approach.near(self._parameters, probes, starts, below)
         away = np.where(found.distances > REACHED, found.distances, 0.0)
@@ -123,7 +123,7 @@ class PlaneSearch:
         return found._replace(distances=away)
 
     def by_backup(self, x: float, y: float, start: Array) -> Nearest | None:
-        """The same by another algorithm, for what the first one failed at; at most `BACKUP_CALLS` times."""
+        """As `nearest`, by another algorithm after a failure of the first; at most `BACKUP_CALLS` times."""
         if self._backup_calls >= BACKUP_CALLS:
             return None
         self._backup_calls += 1
@@ -144,8 +144,8 @@ class PlaneSearch:
     def spread(self, count: int) -> list[Nearest]:
         """Points of the slice from `count` postures spread over the range of motion, each brought to the plane.
 
-        Each looks for the slice's point nearest to its own hand, so that the points are spread too; distance 0
-        where that is the hand itself.
+        Each searches the slice's point nearest to its own hand, so that the points are spread, too; the distance is 0
+        if that is the hand itself.
         """
         statement = self.statement
         arm, free = statement.arm, statement.free

@@ -4,7 +4,7 @@
     vertical   min -+ z                                s.t.                     handle within its tilt, joint limits
     upright    min 1 - x_n . z_0                       s.t.                                             joint limits
 
-A probe is reachable where the first one's minimum is zero; elsewhere its minimiser is the nearest boundary point.
+A probe is reachable if the minimum of `nearest` is zero; otherwise its minimiser is the nearest boundary point.
 """
 
 from __future__ import annotations
@@ -29,22 +29,22 @@ __all__ = ["FIRMNESS", "PlaneStatement", "handle_rows", "spread_postures"]
 Array = NDArray[np.float64]
 
 UNBOUNDED = 1e6
-"""[rad] An infinite joint limit counts as this."""
+"""[rad] Value that replaces an infinite joint limit."""
 ALMOST_EXACT = 1e-5
-"""[rad] Below this tilt the cone's normal vanishes, and the handle is aligned exactly instead."""
+"""[rad] Least tilt with a cone constraint; for a smaller tilt the handle is aligned exactly."""
 STILL = 1e-11
-"""A quantity whose derivatives are all below this, in m or rad per joint unit, does not move."""
+"""[m or rad per joint unit] A quantity whose derivatives are all smaller counts as constant."""
 CHECKED_POSTURES = 16
 FIRMNESS = 5.0
-"""Of `approach`: plane and handle count so much more than the way to the probe, which may be out of reach."""
+"""Weight of plane and handle in `approach` relative to the distance to the probe, which may be out of reach."""
 KINDS = 16
-"""Kinds of arms whose expressions are kept: making them takes longer than a small slice."""
+"""Size of the cache of expressions by kind of arm; making them takes longer than a small slice."""
 
 
 class PlaneStatement:
     """Statements for one arm, one pattern of locked joints and one kind of handle constraint.
 
-    Limits, locked values, segment lengths, tilt and height are parameters: people who differ in them alone share
+    Limits, locked values, segment lengths, tilt and height are parameters: people who differ only in these share
     compiled code, which takes more than a second to make.
 
     Parameters
@@ -56,16 +56,16 @@ class PlaneStatement:
     ----------
     nearest : report [distance to the probe [m], x, y of the hand [m]].
         Parameters: fixed, height, probe (2,), scale.
-    vertical, vertical_free : with the handle's rows and without; report [z].
-        Parameters: fixed, sign (1 for the lowest, -1 for the highest hand).
+    vertical, vertical_free : with and without the handle's rows; report [z]. Parameters: fixed, sign (1 for the lowest,
+        -1 for the highest hand).
     upright : report [handle tilt [rad]]. Parameters: fixed.
-    approach : function (x, parameters of `nearest`) -> what is left between hand and probe and, times `FIRMNESS`,
-        between hand and plane (in `size`s) and handle and cone (rad). Zero where the probe is reached. See
+    approach : function (x, parameters of `nearest`) -> residuals between hand and probe and, times `FIRMNESS`, between
+        hand and plane (over `size`) and between handle and cone (rad). Zero if the probe is reached. See
         `PlaneApproach`.
     fixed : numbers of the common parameters: lower (k,), upper (k,), still (n,), lengths, tilt.
     free : (k,) indices of the joints that can move.
-    constant_height : [m] of a hand that no joint moves up or down, else None; then it is no row.
-    constant_tilt : [rad] of a handle that no joint tilts, else None; then it is no row.
+    constant_height : [m] height of a hand that no joint moves up or down, which then needs no row; else None.
+    constant_tilt : [rad] tilt of a handle that no joint tilts, which then needs no row; else None.
     size : [m] sum of all lengths, at least 1e-3.
     """
 
@@ -86,7 +86,7 @@ class PlaneStatement:
         self.nearest, self.approach, self.vertical, self.vertical_free, self.upright = nlps
 
     def _find_what_moves(self) -> None:
-        """A row that no joint changes has no gradient, and no solver should meet it: a planar chain's height, say."""
+        """Find rows that no joint changes, such as a planar chain's height; they have no gradient and are left out."""
         postures = spread_postures(self.arm, self.free, CHECKED_POSTURES)
         at, along, rises, tilts = (each.full() for each in self.measure(postures.T, self.fixed))
         self.constant_height = None if np.abs(rises).max() > STILL else float(at[2, 0])
@@ -95,7 +95,7 @@ class PlaneStatement:
 
 
 class _Kind:
-    """What statements share that differ in numbers alone: equal where their expressions are."""
+    """Common part of statements that differ only in numbers; equal if their expressions are."""
 
     def __init__(self, arm: SerialChain, handle_tilt: float | None) -> None:
         self.arm, self.handle_tilt = arm, handle_tilt
@@ -127,7 +127,7 @@ class _Posed(NamedTuple):
     hand: ca.SX
     axis: ca.SX
     measure: ca.Function
-    """From x and the fixed parameters: hand, axis, and the slopes of the hand's height and of the axis."""
+    """Function: x and the fixed parameters -> hand, axis, and the derivatives of the hand's height and of the axis."""
 
 
 class _NLPs(NamedTuple):
@@ -158,7 +158,7 @@ def _posed(kind: _Kind) -> _Posed:
 
 @lru_cache(maxsize=KINDS)
 def _nlps(kind: _Kind, rises: bool, tilts: bool) -> _NLPs:
-    """Those of an arm whose joints move the hand up and down or do not, and tilt the handle or do not."""
+    """NLPs of an arm; `rises` and `tilts` say whether its joints move the hand vertically and tilt the handle."""
     fixed, x, hand, axis, _ = _posed(kind)
     height, probe, scale, sign = (
         parameter(n, size) for n, size in (("height", 1), ("probe", 2), ("scale", 1), ("sign", 1))
@@ -191,15 +191,15 @@ def _nlps(kind: _Kind, rises: bool, tilts: bool) -> _NLPs:
 
 
 def _with_lengths(arm: SerialChain, lengths: ca.SX) -> list[ChainRow]:
-    """The chain's rows with symbols for lengths; those that are zero stay so, and drop out."""
+    """The chain's rows with symbols for nonzero lengths."""
     symbols: Iterator[Any] = iter(ca.vertsplit(lengths)) if lengths.numel() else iter(())
     return [row.with_lengths(symbols) for row in arm.rows]
 
 
 def spread_postures(arm: SerialChain, free: NDArray[np.int64], count: int) -> Array:
-    """(count, k) values of the `free` joints, evenly over their limits (Sobol's sequence: always the same ones).
+    """(count, k) values of the `free` joints, evenly over their limits by the (deterministic) Sobol sequence.
 
-    Over one turn of a revolute joint, and the chain's size of a prismatic one.
+    Unlimited revolute joints get one turn, prismatic ones the chain's size.
     """
     from scipy.stats import qmc  # noqa: PLC0415  (heavy)
 
@@ -212,7 +212,7 @@ def spread_postures(arm: SerialChain, free: NDArray[np.int64], count: int) -> Ar
 
 
 def handle_kind(handle_tilt: float | None) -> str:
-    """Which of the ways to write the handle's rows a tilt [rad] takes."""
+    """Kind of handle rows for a tilt [rad]."""
     if handle_tilt is None or handle_tilt >= np.pi:
         return "free"
     if handle_tilt < ALMOST_EXACT:
@@ -223,10 +223,9 @@ def handle_kind(handle_tilt: float | None) -> str:
 def handle_rows(axis: ca.SX, tilt: ca.SX, handle_tilt: float | None) -> list[Row]:
     """Rows that hold the handle axis within `tilt` of +z0.
 
-    The cone x_n . z_0 >= cos(tilt), up to 90 deg over sin(tilt) so that its unit is the radian. Exact alignment: both
-    horizontal components zero, which leaves the sign open, so the vertical one is not negative.
-
-    Never posed through Euler angles: Eqs. (4)-(5), Rossa et al., are singular exactly at their own goal.
+    The cone is x_n . z_0 >= cos(tilt), divided by sin(tilt) up to 90 deg so that its unit is the radian. Exact
+    alignment has zero horizontal components and a vertical one that is not negative. Euler angles, Eqs. (4)-(5), Rossa
+    et al., are not used, because they are singular exactly at their own goal.
     """
     kind = handle_kind(handle_tilt)
     if kind == "free":
@@ -239,9 +238,9 @@ def handle_rows(axis: ca.SX, tilt: ca.SX, handle_tilt: float | None) -> list[Row
 
 
 def beyond_cone(axis: ca.SX, tilt: ca.SX) -> ca.SX:
-    """(3,) what is left of axis - z0 beyond the cone, in rad where it is small; zero inside, and never without a slope.
+    """(3,) part of axis - z0 beyond the cone, in rad if small; zero inside, and differentiable everywhere.
 
-    For least squares, which have no use for an inequality.
+    It replaces the inequality in least squares.
     """
     off = axis - ca.vertcat(0, 0, 1)
     length = ca.sqrt(ca.sumsqr(off) + 1e-20)

@@ -1,4 +1,4 @@
-"""Points as callers give them: one as an array, a tuple or a list of two numbers, or several as rows."""
+"""Point arguments: one point as two numbers in an array, tuple or list, or several as rows."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _EXPECTED = "points (2,) or (N, 2), numbers in metres"
 
 
 def one_point(points: ArrayLike) -> tuple[float, float] | None:
-    """The coordinates of a point (2,); None for what `point_rows` has to look at: several points, or none."""
+    """The coordinates of a point (2,); None for other input, which `point_rows` handles."""
     if type(points) is np.ndarray:
         if points.dtype is _FLOATS and points.shape == (2,):  # the usual case, in a tick
             x, y = points.tolist()
@@ -36,7 +36,7 @@ def single_point(point: ArrayLike) -> tuple[float, float]:
 
     Raises
     ------
-    ConfigurationError : anything else, naming `point`.
+    ConfigurationError : anything else; the error names `point`.
     """
     if type(point) is np.ndarray and point.dtype is _FLOATS and point.shape == (2,):
         x, y = point.tolist()
@@ -56,7 +56,7 @@ def point_rows(points: ArrayLike) -> Array:
 
     Raises
     ------
-    ConfigurationError : another shape, or what is not numbers, naming `points`.
+    ConfigurationError : a wrong shape, or no numbers; the error names `points`.
     """
     rows = checked_array("points", points, _EXPECTED)
     if rows.ndim != 2 or rows.shape[1] != 2:
@@ -65,11 +65,11 @@ def point_rows(points: ArrayLike) -> Array:
 
 
 def point_array(points: ArrayLike, argument: str = "points") -> Array:
-    """(2,) of a point, (N, 2) of several.
+    """Array (2,) of one point, (N, 2) of several.
 
     Raises
     ------
-    ConfigurationError : another shape, or what is not numbers, naming `argument`.
+    ConfigurationError : a wrong shape, or no numbers; the error names `argument`.
     """
     array = checked_array(argument, points, _EXPECTED)
     if array.ndim not in {1, 2} or array.shape[-1] != 2:
@@ -78,7 +78,7 @@ def point_array(points: ArrayLike, argument: str = "points") -> Array:
 
 
 def real_number(value: object) -> float:
-    """`value` as a float; NaN, which fails every comparison, for what is no number: strings, None, bools, arrays."""
+    """`value` as a float; NaN if it is no number (a string, None, bool or array)."""
     if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
         return math.nan
     try:

@@ -1,9 +1,8 @@
-"""The published landmarks: where lines at equal angles leave both workspaces. Section V, Rossa et al.; the yardstick.
+"""The published landmarks: points where lines at equal angles leave both workspaces. Section V, Rossa et al.
 
-It folds and leaves the target on workspaces that are not star-shaped around their centre; an audit says by how much.
-Choices where the paper leaves them open: the centre of a workspace is its centroid; a line that leaves a contour more
-than once is taken to leave it where it is furthest from the centre; an angle at which either contour is missed (a
-centroid outside) gives no pair.
+The map folds and leaves the target on workspaces that are not star-shaped around their centre; an audit measures this.
+Choices that the paper leaves open: the centre of a workspace is its centroid; of several exits of a line the furthest
+from the centre counts; an angle at which the line misses a contour (centroid outside) gives no pair.
 """
 
 from __future__ import annotations
@@ -42,8 +41,8 @@ def polar_landmarks(
     ----------
     source, target : sets [m].
     landmarks : number of lines, 3 at least.
-    rotation : angle [rad], counterclockwise, by which the lines in the target are turned (Section VII-C); "best": by
-        the whole degree after which the pairs fit a similarity with that rotation best.
+    rotation : angle [rad], counterclockwise, by which the lines in the target are turned (Section VII-C); "best": the
+        whole number of degrees for which the pairs fit a similarity best.
 
     Raises
     ------
@@ -64,7 +63,7 @@ def polar_landmarks(
 
 
 def _contour_points(polygon: Polygon, angles: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
-    """Furthest point of the contour at each angle from the centroid, (n, 2) [m]; NaN where there is none."""
+    """Furthest point of the contour at each angle from the centroid, (n, 2) [m]; NaN if there is none."""
     from shapely import LineString, distance, get_coordinates, intersection, points  # noqa: PLC0415
 
     centre = polygon.centroid
@@ -80,7 +79,7 @@ def _contour_points(polygon: Polygon, angles: NDArray[np.floating[Any]]) -> NDAr
 
 
 def _fit(start: NDArray[np.float64], end: NDArray[np.float64], rotation: float) -> float:
-    """How well pairs fit a similarity with this rotation: minus its squared residual, up to a constant share."""
+    """Negative squared residual, up to a constant, of a similarity with this rotation fitted to the pairs."""
     both = np.isfinite(start).all(axis=1) & np.isfinite(end).all(axis=1)
     if both.sum() < 3:
         return -np.inf

@@ -25,14 +25,14 @@ if TYPE_CHECKING:
 __all__ = ["Slice", "checked_placement", "checked_plane", "planar_workspace", "slice_at"]
 
 SPREAD = 512
-"""Postures the search begins with."""
+"""Number of postures at the start of the search."""
 REPAIRS = 3
 CHECKED = 0.9
-"""Fraction of the accuracy at which the polygon is probed: what lies between two probes is left for the rest."""
+"""Distance of the probes from the polygon, as a fraction of the accuracy; the rest covers points between probes."""
 MORE = 1024
-"""Spread postures where the first ones gave nothing."""
+"""Number of further postures if the first ones gave nothing."""
 CONSTANT = 1e-6
-"""[m, rad] What no joint moves is in its place up to here."""
+"""[m, rad] Tolerance of a height or tilt that no joint changes."""
 FAR = 100.0
 """[m]"""
 
@@ -42,15 +42,15 @@ class Slice(NamedTuple):
 
     polygon: BaseGeometry
     accuracy: float
-    """[m] asked for, or more where the check failed."""
+    """[m] as requested, or more if the check failed."""
     reason: str
     failed: int
-    """Probes that still contradicted the polygon at the accuracy asked for."""
+    """Number of probes that still contradicted the polygon at the requested accuracy."""
     probes: int
     solves: int
     uncertified: int
     failures: int
-    """Solver calls: all; without a certified minimum; off the plane or with a tilted handle."""
+    """Numbers of solver calls: all, without a certified minimum, and off the plane or with a tilted handle."""
 
 
 def planar_workspace(
@@ -63,33 +63,33 @@ def planar_workspace(
     placement: ShoulderPlacement | None = None,
     compile: Compile = None,
 ) -> Workspace:
-    """Every point of a horizontal plane that the hand reaches within the joint limits, the handle upright.
+    """All points of a horizontal plane that the hand reaches within the joint limits with the handle upright.
 
         W = {(x, y): some q with lower <= q <= upper, p(q) = (x, y, height), x_n(q) . z_0 >= cos(handle_tilt)}
 
-    Not sampled: a node is inside where the distance from it to W is zero, and every boundary vertex is the point of W
-    nearest to a probe outside it, both by nonlinear programming. The finished boundary is probed on both sides.
+    W is not sampled: nonlinear programming decides whether the distance from a node to W is zero, and finds each
+    boundary vertex as the point of W nearest to an outside probe. The finished boundary is probed on both sides.
 
     Parameters
     ----------
-    arm : any chain; the handle is the last frame's x axis. Zero-width joints are still.
+    arm : any chain; the handle is the last frame's x axis. Joints with equal limits are locked.
     height : [m] of the plane in the shoulder's (the chain's base) frame.
     handle_tilt : [rad] 0 to pi, largest angle between the handle and +z; None for no such constraint.
-    accuracy : [m] 1e-5 to 0.05; largest distance between the true boundary and the polygon's. What the check could
-        not confirm raises the accuracy the result states.
-    resolution : [m] largest spacing of the nodes inside, at most 1/24 of the set; None for 8 mm. Holes into which a
-        disc of 1.42 times that diameter fits are sure to be found; smaller ones where a node meets them. Separate parts
-        are found from 512 spread postures: one that holds less than some 1 % of all postures may be missed.
-    placement : of the shoulder in the robot's frame, which is the polygon's.
-    compile : see `BufferedFunction`; a new kind of arm compiles once, for two seconds.
+    accuracy : [m] 1e-5 to 0.05; largest distance between the true boundary and the polygon's. If the check cannot
+        confirm it, the result states a larger value.
+    resolution : [m] largest spacing of the nodes inside, at most 1/24 of the set; None for 8 mm. Holes that contain a
+        disc of 1.42 times that diameter are found, smaller ones only if a node lies in them. The search starts at 512
+        spread postures: a separate part with less than about 1 % of all postures may be missed.
+    placement : of the shoulder in the robot's frame, in which the polygon is given.
+    compile : see `BufferedFunction`; a new kind of arm compiles once, in two seconds.
 
     Returns
     -------
-    A workspace; empty, with its reason, where nothing is reached or what is reached has no area.
+    A workspace; empty, with a reason, if the reachable set has no area.
 
     Raises
     ------
-    ConfigurationError : a value that cannot be used; an accuracy too fine for the size of the set.
+    ConfigurationError : an invalid argument; an accuracy too fine for the size of the set.
     """
     import shapely  # noqa: PLC0415  (heavy)
 
@@ -143,7 +143,7 @@ def slice_at(
 
 
 def _searched(slice_search: SliceSearch) -> Slice:
-    """Find, check, look closer where the check contradicts, and state what is left."""
+    """Search the slice, check it, repair contradictions, and report the remaining ones."""
     search, accuracy = slice_search.search, slice_search.accuracy
     slice_search.fill()
     slice_search.surround()
@@ -182,7 +182,7 @@ def _empty(reason: str, accuracy: float, search: PlaneSearch | None = None) -> S
 
 
 def checked_plane(arm: object, height: object, handle_tilt: object, accuracy: object, resolution: object) -> None:
-    """Raise a `ConfigurationError` for what no slice can be asked for."""
+    """Raise `ConfigurationError` for invalid arguments of a slice."""
     if not isinstance(arm, SerialChain):
         raise ConfigurationError("arm", arm, "a SerialChain")
     tilt, widest = 0.0 if handle_tilt is None else handle_tilt, 1.0 if resolution is None else resolution

@@ -1,8 +1,8 @@
-"""Reaches of people with dyskinetic cerebral palsy beside typically developing people (Vanmechelen et al.).
+"""Reaches of people with dyskinetic cerebral palsy and of typically developing people (Vanmechelen et al.).
 
-A file for each task and each of thirteen joint angles, without header. A row is the mean reach of one upper limb (a
-person can stand in two rows), its first cell the group, then 101 angles [deg] from 0 to 100 % of the reach. There is no
-subject id and rows do not align across files, so a range can be formed for a group, never for one person in all joints.
+There is one file without header for each task and each of thirteen joint angles. A row is the mean reach of one upper
+limb (a person can have two rows): the group, then 101 angles [deg] from 0 to 100 % of the reach. There is no subject
+id, and rows do not align across files, so ranges of all joints exist only for a group, not for a person.
 """
 
 from __future__ import annotations
@@ -37,20 +37,20 @@ __all__ = [
 Array = NDArray[np.float64]
 
 TASKS = MappingProxyType({"RF": "reach forwards", "RGV": "reach and grasp vertical"})
-"""Of the published files; others are known by their names."""
+"""Titles of the published tasks; other tasks are called by their file names."""
 GROUPS = ("typically developing", "dyskinetic cerebral palsy")
-"""By the number in column 0."""
+"""Groups by the number in column 0."""
 SAMPLES = 101
 COLUMNS = (*(angle.column for angle in CLINICAL_ANGLES), *WITHOUT_A_JOINT)
 MAX_DEG = 360.0
 FEWEST = 5
-"""Rows a group needs before its typical row says anything."""
+"""Least number of rows of a group for the search for wrong signs."""
 CLEAR, CLOSE, SIGNED = 4.0, 3.0, 2.0
-"""Robust standard deviations, see `flip_suspects`."""
+"""Thresholds in robust standard deviations, see `flip_suspects`."""
 
 
 class Suspect(NamedTuple):
-    """A row that looks like its group's with the sign turned round."""
+    """A row that looks like its group's rows with the opposite sign."""
 
     file: str
     line: int  # counted from 1
@@ -65,10 +65,10 @@ class ReachAngles:
     Parameters
     ----------
     task, group : a task's name, a member of `GROUPS`.
-    angles : (rows, 101) [rad] by the files' column names, positive as `CLINICAL_ANGLES` says; rows of different
-        columns are not of the same limb. Columns the task has no file of are not there.
-    left_out : rows not in `angles`, suspected of a turned sign.
-    notes : what a reader of a result has to know.
+    angles : (rows, 101) [rad] by the files' column names, positive as `CLINICAL_ANGLES` says; rows of different columns
+        are not of the same limb. Columns without a file are missing.
+    left_out : rows left out of `angles` because of a suspected wrong sign.
+    notes : remarks for readers of a result.
     """
 
     task: str
@@ -90,13 +90,13 @@ class ReachAngles:
 def read_cp_reach(folder: Path, task: str, *, keep_suspects: bool = False) -> tuple[ReachAngles, ReachAngles]:
     """Angles of both groups (in the order of `GROUPS`) in one task, from `{task}_MEAN_{column}.csv`.
 
-    Rows whose sign looks turned round (`flip_suspects`) are left out and listed, unless they are to be kept. Groups
-    with identical rows under two columns are noted: one of the files cannot be what it says.
+    Rows with a suspected wrong sign (`flip_suspects`) are left out and listed, unless `keep_suspects`. A note names
+    groups with identical rows under two columns, because one of these files must be wrong.
 
     Raises
     ------
-    ProblemFileError : no such file of the task, or of an angle the model needs, a row of the wrong length, a
-        group other than 0 or 1, a group without rows, a cell that is not an angle in degrees.
+    ProblemFileError : no file of the task or of an angle that the model needs, a row of the wrong length, a group other
+        than 0 or 1, a group without rows, a cell that is not an angle in degrees.
     """
     there = tasks_in(folder)
     if task not in there:
@@ -135,23 +135,23 @@ def read_cp_reach(folder: Path, task: str, *, keep_suspects: bool = False) -> tu
 
 
 def tasks_in(folder: Path) -> list[str]:
-    """Names of the tasks that a folder has files of."""
+    """Names of the tasks with files in a folder."""
     return sorted({path.name.partition("_MEAN_")[0] for path in folder.glob("*_MEAN_*.csv")})
 
 
 def task_title(task: str) -> str:
-    """What a task is, or its name where that is all that is known."""
+    """Title of a task, or its name if it has none."""
     return TASKS.get(task, f"task {task}")
 
 
 def flip_suspects(rows: Array) -> NDArray[np.bool_]:
-    """(n,) True for rows (n, T) of one group that look like the others with the sign turned round.
+    """(n,) True for rows (n, T) of one group that look like the others with the opposite sign.
 
-    The rule: of the other sign than the group's median, which is itself `SIGNED` robust standard deviations or more
-    from zero; further from the group's median curve (root mean square over
-    the reach) than `CLEAR` robust standard deviations; and within `CLOSE` of it once its sign is turned. The standard
-    deviation is that of the rows' means, by the median absolute deviation. A row near 180 deg or so looks the same
-    wrapped by a whole turn as flipped: both are suspect. Groups under `FEWEST` rows have none.
+    A suspect row fulfils three conditions. Its sign is opposite to the group's median, which is at least `SIGNED`
+    robust standard deviations from zero. Its root mean square distance from the group's median curve is above `CLEAR`
+    robust standard deviations. With the sign changed, this distance is below `CLOSE`. The standard deviation is that of
+    the rows' means, from the median absolute deviation. Near 180 deg a wrapped row looks like one with the opposite
+    sign, so both are suspect. Groups below `FEWEST` rows have no suspects.
     """
     if len(rows) < FEWEST:
         return np.zeros(len(rows), dtype=bool)
@@ -192,7 +192,7 @@ def _table(path: Path) -> tuple[NDArray[np.int64], NDArray[np.int64], Array]:
 
 
 def _repeated(rows_of: Mapping[str, Array]) -> list[str]:
-    """Notes on columns whose rows are those of another."""
+    """Notes on columns with the rows of another column."""
     columns = list(rows_of)
     return [
         f"the rows of {second} are those of {first}: one of the files is not what it says"

@@ -1,4 +1,4 @@
-"""The fraction of trials in which a point was reachable, and the region of any fraction."""
+"""Fraction of trials in which a point was reachable, and the region of points with at least a given fraction."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ __all__ = ["ReachabilityMap", "fractions"]
 Array = NDArray[np.float64]
 
 SNAPPING = 0.1
-"""Of the accuracy of workspaces: the grid on which they are overlaid."""
+"""Grid for the overlay of workspaces, as a fraction of their accuracy."""
 ROUNDING = 1e-9
-"""Fractions are sums of weights: 0.9 is reached by nine times 0.1, whatever the last bit says."""
+"""Rounding of sums of weights: nine times 0.1 reaches 0.9."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +35,7 @@ class ReachabilityMap:
     ----------
     x, y : (nx,), (ny,) [m] nodes in the robot's frame, at multiples of the spacing, around all workspaces.
     grid : (ny, nx) fraction at the nodes.
-    workspaces : n sets of the same plane, one a trial.
+    workspaces : n sets of the same plane, one per trial.
     weights : (n,) summing to one.
     """
 
@@ -55,16 +55,16 @@ class ReachabilityMap:
 
     @property
     def trials(self) -> float:
-        """Effective number of trials, 1 / sum(weights^2): n where all weigh the same (Kish)."""
+        """Effective number of trials, 1 / sum(weights^2): n for equal weights (Kish)."""
         return float(1 / np.sum(self.weights**2))
 
     @property
     def empty(self) -> int:
-        """Number of trials in which nothing of the plane was reachable."""
+        """Number of trials in which no point of the plane was reachable."""
         return sum(workspace.empty for workspace in self.workspaces)
 
     def probability(self, points: ArrayLike) -> Array | float:
-        """Fraction of the trials, exactly, at (2,) -> float or (N, 2) -> (N,) points [m]; 0 where a point is NaN."""
+        """Exact fraction of the trials at points [m], (2,) -> float or (N, 2) -> (N,); 0 for a NaN point."""
         at = point_array(points)
         found = fractions(self.workspaces, self.weights, at.reshape(-1, 2))
         return float(found[0]) if at.ndim == 1 else found
@@ -76,26 +76,26 @@ class ReachabilityMap:
         return float(error) if error.ndim == 0 else np.asarray(error)
 
     def interval(self, points: ArrayLike, *, confidence: float = 0.95) -> tuple[Array, Array]:
-        """Wilson's interval for the true probability of reaching each point, given so few trials.
+        """Wilson's confidence interval for the probability of reaching each point.
 
-        Trials count as independent. Of drawn ranges it is the error of the drawing, not what is unknown of the person.
+        Trials count as independent. For randomly drawn ranges it is the sampling error, not the uncertainty about the
+        person.
         """
         return _wilson(np.asarray(self.probability(points)), self.trials, confidence)
 
     def region(self, at_least: float = 0.9, *, confidence: float | None = None) -> Workspace:
-        """The points reachable in at least that fraction of the trials, from the overlaid polygons (not from the grid).
+        """Points reachable in at least that fraction of the trials, from the overlaid polygons (not from the grid).
 
         Parameters
         ----------
         at_least : fraction, above 0, at most 1.
         confidence : if given, the lower end of the Wilson interval must reach `at_least` instead of the fraction
-            itself:
-            ten trials that all reach a point promise 0.72 at 95 %.
+            itself. Ten trials that all reach a point give 0.72 at 95 %.
 
         Returns
         -------
-        Its boundary consists of pieces of the trials' boundaries, each as accurate as theirs and `snapping`. Where
-        polygons meet in a line or point only, that line or point is left out.
+        Its boundary consists of pieces of the trials' boundaries, with their accuracy plus `snapping`. Common lines or
+        points of polygons without common area are left out.
         """
         from rehab_opt.workspace.region import Workspace  # noqa: PLC0415  (brings shapely)
 
@@ -120,13 +120,13 @@ class ReachabilityMap:
     def snapping(self) -> float:
         """[m] grid on which regions are overlaid, a tenth of the finest workspace's accuracy.
 
-        Where a limit did not vary boundaries coincide but for their accuracy, and cross thousands of times over.
+        If a limit does not vary, boundaries coincide within their accuracy and would cross thousands of times.
         """
         return SNAPPING * float(min(workspace.accuracy for workspace in self.workspaces))
 
     @cached_property
     def _overlay(self) -> tuple[NDArray[Any], Array]:
-        """Faces (m,) into which all boundaries together cut the plane, and the fraction (m,) of trials in each."""
+        """Faces (m,) between all boundaries, and the fraction (m,) of trials in each."""
         import shapely  # noqa: PLC0415  (heavy)
 
         rings = [workspace.polygon.boundary for workspace in self.workspaces if not workspace.empty]
@@ -149,7 +149,7 @@ def fractions(workspaces: Sequence[Workspace], weights: Array, points: Array) ->
 
 
 def _union(faces: NDArray[Any]) -> Any:
-    """One polygon or multipolygon of faces; an empty polygon of none."""
+    """Union of faces as a polygon or multipolygon; an empty polygon without faces."""
     import shapely  # noqa: PLC0415  (heavy)
 
     union = shapely.unary_union(faces) if len(faces) else shapely.Polygon()

@@ -1,4 +1,4 @@
-"""The part of a plane that a hand can reach, with the questions a controller asks of it a thousand times a second."""
+"""The part of a plane that a hand can reach, with fast queries for a controller."""
 
 from __future__ import annotations
 
@@ -26,35 +26,36 @@ __all__ = ["Workspace"]
 Array = NDArray[np.float64]
 
 ON_BOUNDARY = 1e-12
-"""[m], and per metre of coordinate: nearer to the boundary than this counts as on it, and so as inside."""
+"""[m], and per metre of coordinate: a point nearer to the boundary counts as on it, and so as inside."""
 SMALLEST = 1e-9
 """[m] Least size of a workspace."""
 BEYOND = 1e100
-"""[m] counts as infinitely far: its square would be no number."""
+"""[m] Coordinates beyond this count as infinite, because their squares overflow."""
 WITHOUT_WORDS = np.errstate(divide="ignore", invalid="ignore")
-"""GEOS divides by the square of an edge's length, which may be zero in floating point; the edge beside it answers."""
+"""Suppresses GEOS's warnings about edges whose squared length is zero in floating point; they do not affect the
+result."""
 COPYING = threading.Lock()
-"""Two threads do not read a polygon at once, whatever GEOS does with it."""
+"""Prevents two threads from reading a polygon at once in GEOS."""
 
 
 class Workspace:
     """A closed set of points (x, y) in a horizontal plane; immutable, comparable by identity, picklable.
 
-    Any thread may ask; its first question prepares the polygon, in a millisecond or less. Numbers never raise, NaN and
-    infinity included; what is not numbers, or of another shape, does.
+    Any thread may query it; a thread's first query prepares the polygon in 1 ms or less. Numbers never raise, not even
+    NaN and infinity; other types and wrong shapes do.
 
     Parameters
     ----------
     polygon : shapely Polygon or MultiPolygon [m] in the robot's frame; holes and several parts allowed, or empty.
     accuracy : [m] largest distance between the true boundary and the polygon's.
     height : [m] of the plane in the shoulder's frame.
-    handle_tilt : [rad] largest angle of the handle from the vertical that was allowed; None for any.
-    placement : where the shoulder stands.
-    reason : why it is empty; "" where it is not.
+    handle_tilt : [rad] largest allowed angle of the handle from the vertical; None for any.
+    placement : of the shoulder.
+    reason : why it is empty; "" if it is not.
 
     Raises
     ------
-    ConfigurationError : what is no valid polygon, an accuracy below zero, numbers that are not finite.
+    ConfigurationError : an invalid polygon, a negative accuracy, numbers that are not finite.
     """
 
     __slots__ = ("__dict__", "accuracy", "handle_tilt", "height", "placement", "polygon", "reason")
@@ -110,7 +111,7 @@ class Workspace:
     # -------------------------------------------------------------------------------------------------- what it is
     @property
     def empty(self) -> bool:
-        """Whether it has no area."""
+        """Whether the workspace has no area."""
         return bool(self.polygon.is_empty)
 
     @property
@@ -125,7 +126,7 @@ class Workspace:
 
     @property
     def holes(self) -> int:
-        """Number of holes, of all parts."""
+        """Number of holes in all parts."""
         parts = getattr(self.polygon, "geoms", (self.polygon,))
         return sum(len(part.interiors) for part in parts)
 
@@ -134,7 +135,7 @@ class Workspace:
     def contains(self, points: ArrayLike) -> bool | NDArray[np.bool_]:
         """Whether points [m] are reachable: (2,) -> bool, (N, 2) -> (N,).
 
-        The boundary, to rounding, is inside; what is not a finite number is not.
+        The boundary, to rounding, counts as inside; NaN and infinite points do not.
         """
         import shapely  # noqa: PLC0415
 
@@ -152,7 +153,7 @@ class Workspace:
     def distance(self, points: ArrayLike) -> float | Array:
         """Signed distance to the boundary [m], negative inside: (2,) -> float, (N, 2) -> (N,).
 
-        Exact for the polygon to rounding; infinite where the workspace is empty, NaN for a point that is NaN.
+        Exact for the polygon to rounding; infinite for an empty workspace, NaN for a NaN point.
         """
         import shapely  # noqa: PLC0415
 
@@ -167,9 +168,9 @@ class Workspace:
         return distances
 
     def nearest(self, point: ArrayLike) -> Array:
-        """(2,) [m] the reachable point nearest to `point` (2,), itself where `contains` has it inside.
+        """(2,) [m] reachable point nearest to `point` (2,); the point itself if it is inside.
 
-        NaN where the workspace is empty or the point is not finite.
+        NaN if the workspace is empty or the point is not finite.
         """
         place = single_point(point)
         return np.array(place if self.contains(place) else self.signed_distance_and_closest_point(place)[1:])
@@ -191,9 +192,9 @@ class Workspace:
         return (-distance if shapely.contains(polygon, asked) else distance), closest_x, closest_y
 
     def placed(self, placement: ShoulderPlacement) -> Workspace:
-        """The same set for a shoulder placed there instead; the plane keeps its height in the shoulder's frame.
+        """The same set for another placement of the shoulder, at the same height in the shoulder's frame.
 
-        Where rings touch, rounding may join them: a hole that touches the outline may become a part of it.
+        Rounding may join touching rings: a hole that touches the outline may become a part of it.
         """
         import shapely  # noqa: PLC0415
 
@@ -217,7 +218,7 @@ class Workspace:
 
     @cached_property
     def _prepared(self) -> PerThread[tuple[BaseGeometry, BaseGeometry]]:
-        """The polygon and its boundary: of each thread its own, since GEOS completes them while it answers."""
+        """The polygon and its boundary, one copy per thread, because GEOS modifies them in queries."""
         import shapely  # noqa: PLC0415
 
         def made() -> tuple[BaseGeometry, BaseGeometry]:

@@ -1,4 +1,4 @@
-"""The largest copy of a drawing, turned and shifted but not distorted, that fits into a workspace."""
+"""The largest undistorted copy of a drawing, turned and shifted, that fits into a workspace."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ __all__ = ["Similarity", "checked_path", "largest_copy", "resampled"]
 Array = NDArray[np.float64]
 
 SAMPLES = 64
-"""Points along the path that are kept inside while the copy is sought."""
+"""Number of path points that the search keeps inside."""
 TURNS, CENTRES = 12, 3
-"""Turns and places that the search starts from."""
+"""Numbers of turns and positions at which the search starts."""
 SMALLER = 0.99
-"""What a copy is multiplied by until its whole path is inside, too."""
+"""Factor on a copy, applied until its whole path is inside."""
 
 
 class Similarity(NamedTuple):
@@ -45,7 +45,7 @@ class Similarity(NamedTuple):
         return np.asarray(point_array(points) @ np.array([[c, s], [-s, c]]) + self.shift)
 
     def about(self, point: Array, factor: float) -> Similarity:
-        """The same followed by scaling about the image of a point (2,) [m]."""
+        """The similarity followed by scaling about the image of a point (2,) [m]."""
         centre = self(point)
         return Similarity(factor * self.scale, self.turn, centre + factor * (self.shift - centre))
 
@@ -53,21 +53,20 @@ class Similarity(NamedTuple):
 def largest_copy(
     path: ArrayLike, target: Workspace, *, rotation: float | Literal["best"] = "best", margin: float = 0.0
 ) -> Similarity:
-    """The largest similarity found that puts a path (N, 2) [m] into a workspace: no distortion at all.
+    """The largest similarity found that maps a path (N, 2) [m] into a workspace.
 
-    Scale, turn and shift maximise the scale, with every point of the path inside and `margin` from the outline: a small
-    nonlinear program, from several turns and places. It is a local maximum, the best of those found; the path
-    between its points is inside, too.
+    A small nonlinear program maximises the scale over scale, turn and shift, with the path inside and `margin` from the
+    outline. It starts at several turns and positions and returns the best local maximum.
 
     Parameters
     ----------
     rotation : turn [rad], or "best".
-    margin : [m] kept from the outline.
+    margin : [m] least distance from the outline.
 
     Raises
     ------
-    ConfigurationError : a path that is one point, a target that is not one piece without holes, a margin for which
-        nothing is left of it.
+    ConfigurationError : a path that is one point, a target that is not one piece without holes, a margin that leaves
+        nothing of it.
     """
     points = checked_path(path)
     if not (isinstance(rotation, str) and rotation == "best") and not math.isfinite(real_number(rotation)):
@@ -104,7 +103,7 @@ def _largest(points: Array, polygon: Polygon, rotation: float | Literal["best"])
     k = columns.shape[2] - 2
 
     def room(z: Array) -> tuple[Array, Array]:
-        """Distances inside the outline, over the polygon's size, and their slopes."""
+        """Distances inside the outline, over the polygon's size, and their derivatives."""
         at = unit * (columns @ z)
         asked = shapely.points(at)
         nearest = shapely.get_coordinates(ring.interpolate(shapely.line_locate_point(ring, asked)))
@@ -138,7 +137,7 @@ def _largest(points: Array, polygon: Polygon, rotation: float | Literal["best"])
 
 
 def _inside(centred: Similarity, points: Array, middle: Array, polygon: Polygon) -> Similarity | None:
-    """The copy made smaller until its whole path is inside; None if a tenth is not enough."""
+    """The copy shrunk until its whole path is inside; None if shrinking by a tenth is not enough."""
     from shapely import LineString  # noqa: PLC0415
 
     shift = centred.shift - Similarity(centred.scale, centred.turn, np.zeros(2))(middle)
@@ -151,7 +150,7 @@ def _inside(centred: Similarity, points: Array, middle: Array, polygon: Polygon)
 
 
 def _centres(polygon: Polygon) -> list[Array]:
-    """Middles of the largest disc inside, and of the largest ones in what the discs before leave."""
+    """Centres of the largest disc inside, and of the largest discs in the remaining area."""
     from shapely import Point, get_coordinates, maximum_inscribed_circle  # noqa: PLC0415
 
     found: list[Array] = []
@@ -168,7 +167,7 @@ def checked_path(path: ArrayLike) -> Array:
 
     Raises
     ------
-    ConfigurationError : anything else, naming `path`.
+    ConfigurationError : anything else; the error names `path`.
     """
     points = checked_array("path", path, "points (N, 2) in metres")
     if points.ndim != 2 or points.shape[1] != 2 or not len(points) or not np.isfinite(points).all():

@@ -1,4 +1,4 @@
-"""The search for one slice: inside on a coarse lattice, the boundary on a fine one along it, then a check."""
+"""Search of one slice: the inside on a coarse lattice, the boundary on a fine one, then a check."""
 
 from __future__ import annotations
 
@@ -24,42 +24,41 @@ __all__ = ["SliceSearch"]
 Array = NDArray[np.float64]
 
 COARSEST = 8e-3
-"""[m] Spacing of the nodes inside, by default."""
+"""[m] Default spacing of the nodes inside."""
 ACROSS = 24
-"""Nodes across a small set, at least."""
+"""Least number of nodes across a small set."""
 FINE = 2.0
-"""Largest spacing along the boundary, in accuracies: the vertices are exact at any spacing, and chords are followed. Of
-ten people's slices at 1 mm none was further than 0.21 mm from what a quarter of the accuracy gives; at 1.5, 0.16 mm; at
-2.7 a wide range was no longer found at the accuracy asked for."""
+"""Largest spacing along the boundary, as a multiple of the accuracy. With 2.0, ten people's slices at 1 mm differed by
+at most 0.21 mm from those at 0.25 mm; with 1.5 by 0.16 mm; with 2.7 a wide range missed its accuracy."""
 LEVEL = 0.75
-"""Distance, in fine spacings, of the curve whose nearest points are the boundary."""
+"""Distance, in fine spacings, of the curve from whose points the boundary is found."""
 CHORD = 0.02
-"""Fraction of the accuracy by which a chord may leave the slice."""
+"""Largest distance of a chord outside the slice, as a fraction of the accuracy."""
 SIMPLIFIED = 0.05
-"""Fraction of the accuracy given up for fewer vertices."""
+"""Tolerance of the simplification to fewer vertices, as a fraction of the accuracy."""
 FEW, MANY = 3, 24
-"""Further starts where a probe was not reached: of a third of all postures there are local minima."""
+"""Numbers of further starts for a probe that was not reached; a third of all postures lead to local minima."""
 OTHERS = 3
-"""Of them, for a node inside's spacing."""
+"""Number of further starts for a coarse node."""
 GAP = 0.1
-"""Fraction of the probes' distance: narrower gaps are rounded corners, and are not probed."""
+"""Least width of a probed gap, as a fraction of the probes' distance; narrower ones are rounded corners."""
 PROBES = 1.0
-"""Spacing of the probes that check the boundary, in accuracies."""
+"""Spacing of the probes that check the boundary, as a multiple of the accuracy."""
 
 
 class _Way(NamedTuple):
-    """From a coarse node outside, at 0, to one inside: between which fine steps it is known to cross the boundary."""
+    """Line from an outside coarse node, at 0, to an inside one; fine steps between which it crosses the boundary."""
 
     outside: tuple[int, int]
     step: tuple[int, int]
     out: int
     into: int
     posture: Array
-    """Inside, nearest to the crossing."""
+    """Posture inside, nearest to the crossing."""
 
 
 class SliceSearch:
-    """Inside by a coarse lattice, the boundary by a fine one along it."""
+    """Searches the inside on a coarse lattice and the boundary on a fine one."""
 
     def __init__(self, search: PlaneSearch, seeds: list[Nearest], *, accuracy: float, resolution: float | None) -> None:
         from scipy.spatial import cKDTree  # noqa: PLC0415  (heavy)
@@ -90,15 +89,15 @@ class SliceSearch:
             max_offers=FEW,
         )
         self._inside: list[tuple[cKDTree, Array]] = []
-        """Of either lattice what is inside, found by place."""
+        """Search trees and postures of the inside nodes of both lattices."""
 
     def fill(self) -> None:
-        """Nodes inside and around every part."""
+        """Create the nodes inside and around every part."""
         self.coarse.offer((key, seed.posture) for seed in self.seeds for key in self.coarse.keys_around(seed.x, seed.y))
         self.coarse.spread()
 
     def surround(self) -> None:
-        """Fine nodes along the boundary: from nearest points, and where it passes between two coarse nodes."""
+        """Create fine nodes along the boundary: at nearest points, and between coarse nodes in and outside."""
         outside = [(key, node) for key, node in self.coarse.nodes.items() if node.distance > 0.0]
         self.fine.offer(
             (near, node.posture)
@@ -115,7 +114,7 @@ class SliceSearch:
         self.close()
 
     def close(self) -> None:
-        """Spread until the level's curves are closed."""
+        """Spread until the level curves are closed."""
         self.fine.spread()
         while missing := missing_nodes(self.fine, LEVEL * self.fine_spacing):
             # What is nearer than the level has a posture.
@@ -124,7 +123,7 @@ class SliceSearch:
             self.fine.spread()
 
     def polygon(self) -> BaseGeometry:
-        """The set, as the fine lattice knows it now."""
+        """The set according to the fine lattice."""
         self._inside = [tree for lattice in (self.fine, self.coarse) if (tree := _inside_of(lattice)) is not None]
         curves = contours(self.fine, LEVEL * self.fine_spacing)
         rings = [boundary_ring(self.search, self.fine, curve, CHORD * self.accuracy) for curve in curves]
@@ -135,9 +134,9 @@ class SliceSearch:
     def contradictions(
         self, polygon: BaseGeometry, distance: float, *, deep: float = 0.0
     ) -> tuple[list[tuple[float, float, Array]], int]:
-        """Probes at `distance` on either side that are reachable outside or not inside, and how many were made.
+        """Probes at `distance` on either side that contradict the polygon, and the number of all probes.
 
-        What is too narrow for them is probed, too, where it is deeper than `deep` [m].
+        Gaps too narrow for them are probed, too, if they are deeper than `deep` [m].
         """
         wrong, count = [], 0
         for side in (1.0, -1.0):
@@ -155,13 +154,13 @@ class SliceSearch:
         return wrong, count
 
     def _reached_after_all(self, x: float, y: float) -> bool:
-        """Whether the NLP itself reaches a probe that `PlaneApproach` did not."""
+        """Whether the NLP reaches a probe that `PlaneApproach` did not."""
         probe = np.array([[x, y]])
         answers = (self.search.nearest(x, y, start[0]) for start in self._inside_near(probe) + self._seeds_near(probe))
         return any(answer is not None and answer.distance == 0.0 for answer in answers)
 
     def _reached(self, probes: Array, others: int) -> tuple[NDArray[np.bool_], Array]:
-        """Which probes (N, 2) are in the slice, (N,), and postures (N, k) there, or where to look closer."""
+        """(N,) whether probes (N, 2) are in the slice, and postures (N, k) there or near it."""
         near = self._inside_near(probes) + self._seeds_near(probes)
         reached, postures = np.zeros(len(probes), dtype=bool), near[-1].copy()
         for i in range(len(near) + others):
@@ -175,14 +174,14 @@ class SliceSearch:
         return reached, postures
 
     def repair(self, wrong: list[tuple[float, float, Array]]) -> None:
-        """Look closer around probes that contradicted."""
+        """Refine the search around contradicting probes."""
         self.fine.max_offers = MANY
         for x, y, posture in wrong:
             self.fine.offer((key, posture) for key in self.fine.keys_around(x, y))
         self.close()
 
     def _bisect(self, ways: list[_Way]) -> None:
-        """Fine nodes on every way, down to two neighbours of which one is inside."""
+        """Bisect every line down to two neighbouring fine nodes of which one is inside."""
         done = [way for way in ways if way.into - way.out <= 1]
         while ways := [way for way in ways if way.into - way.out > 1]:
             middles = [(way.out + way.into) // 2 for way in ways]
@@ -197,7 +196,7 @@ class SliceSearch:
         self._make((way, at) for way in done for at in (way.out, way.into))
 
     def _make(self, places: Iterable[tuple[_Way, int]]) -> None:
-        """Fine nodes there, if they are new."""
+        """Create fine nodes at these points, if they are new."""
         offers = ((self._fine_key(way, at), way.posture) for way, at in places)
         self.fine.offer((key, posture) for key, posture in offers if key not in self.fine.nodes)
 
@@ -208,11 +207,11 @@ class SliceSearch:
         return [postures[0] for postures in self._seeds_near(np.array([[x, y]]))]
 
     def _seeds_near(self, probes: Array) -> list[Array]:
-        """(N, k) of the seeds nearest to the probes (N, 2), and of the second nearest."""
+        """Postures (N, k) of the seeds nearest to the probes (N, 2), and of the second nearest."""
         return _nearest_of(self._seed_tree, self._seed_postures, probes)
 
     def _inside_of_cell(self, x: float, y: float) -> list[Array]:
-        """One posture from inside: a look-up, for what is evaluated at every fine node."""
+        """One posture inside, by a fast look-up for use at every fine node."""
         for key in self.coarse.keys_around(x, y):
             node = self.coarse.nodes.get(key)
             if node is not None and node.distance == 0.0 and node.posture is not None:
@@ -220,16 +219,15 @@ class SliceSearch:
         return []
 
     def _inside_near(self, probes: Array) -> list[Array]:
-        """(N, k) of the nodes inside that are nearest to the probes (N, 2), the fine ones first.
+        """Postures (N, k) of the inside nodes nearest to the probes (N, 2), the fine ones first.
 
-        From one a millimetre off nearly every search arrives, where from elsewhere nine in ten may end in a local
-        minimum.
+        From a posture 1 mm off nearly every search succeeds; from elsewhere up to nine in ten end in local minima.
         """
         return [each for tree, postures in self._inside for each in _nearest_of(tree, postures, probes)]
 
 
 def _inside_of(lattice: Lattice) -> tuple[cKDTree, Array] | None:
-    """Places and postures of a lattice's nodes inside."""
+    """Search tree of positions, and postures, of a lattice's inside nodes."""
     from scipy.spatial import cKDTree  # noqa: PLC0415  (heavy)
 
     inside = [node for node in lattice.nodes.values() if node.distance == 0.0]
@@ -243,7 +241,7 @@ def _nearest_of(tree: cKDTree, postures: Array, probes: Array) -> list[Array]:
 
 
 def _gaps(polygon: BaseGeometry, distance: float, deep: float) -> Array:
-    """(N, 2) a point in every hole and notch too narrow for a probe at `distance` from all of its sides."""
+    """(N, 2) one point in every hole and notch that is too narrow for a probe at `distance` from its sides."""
     import shapely  # noqa: PLC0415  (heavy)
 
     closed = polygon.buffer(distance).buffer(-distance)

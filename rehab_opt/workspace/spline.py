@@ -1,4 +1,4 @@
-"""The thin-plate spline through pairs of landmarks, which bends as little as they allow. Section V, Rossa et al."""
+"""The thin-plate spline of least bending through pairs of landmarks. Section V, Rossa et al."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ __all__ = ["ThinPlateSpline"]
 
 Array = NDArray[np.float64]
 TINY = 1e-300
-"""Added to r^2 under the logarithm, so that U(0) = 0; any other r^2 absorbs it."""
+"""Added to r^2 in the logarithm so that U(0) = 0; negligible otherwise."""
 AFFINE_ROUNDING = 32 * float(np.finfo(np.float64).eps)
-"""Departure from an affine map, over the size of its terms, that is taken for the landmarks' rounding."""
+"""Relative departure from an affine map that counts as rounding of the landmarks."""
 CLOSEST, THINNEST = 1e-7, 1e-8
-"""Landmarks nearer than this fraction of their spread coincide; less wide than that, they lie on a line."""
+"""Fractions of the spread: closer landmarks coincide, and a narrower set lies on a line."""
 RESIDUAL = 1e-8
-"""Largest fraction of the targets' spread by which the fit may miss them."""
+"""Largest residual of the fit, as a fraction of the targets' spread."""
 CHUNK = 100_000
-"""Numbers in a temporary array."""
+"""Size of temporary arrays, in numbers."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,9 +36,10 @@ class ThinPlateSpline(PlaneMap):
     Parameters
     ----------
     source : (N, 2) landmarks [m], N >= 3, different and not on one line.
-    target : (N, 2) where they go [m]. Where these are affine in the sources, up to rounding, the weights are zero.
-    smoothing : lambda >= 0 on the diagonal of K, where lengths are in units of the sources' root mean square distance
-        from their mean; zero interpolates. scipy's `smoothing` is lambda times half the square of that distance.
+    target : (N, 2) images of the landmarks [m]. If they are an affine function of the sources, up to rounding, the
+        weights are zero.
+    smoothing : lambda >= 0 on the diagonal of K, with lengths in units of the sources' root mean square distance from
+        their mean; zero interpolates. scipy's `smoothing` is lambda times half the square of that distance.
 
     Attributes
     ----------
@@ -48,7 +49,8 @@ class ThinPlateSpline(PlaneMap):
 
     Raises
     ------
-    ConfigurationError : naming `source`, `target` or `smoothing`, and the landmark where one is to blame.
+    ConfigurationError : invalid `source`, `target` or `smoothing`; the error names the argument and, if possible, the
+        landmark.
     """
 
     source: Array
@@ -60,7 +62,7 @@ class ThinPlateSpline(PlaneMap):
     _frame: tuple[Array, float, Array, Array, Array] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        """Solve Eq. (29) around the landmarks' mean, in units of their spread, for the sake of its conditioning."""
+        """Solve Eq. (29) with landmarks centred and scaled, for good conditioning."""
         source, target = _landmarks("source", self.source), _landmarks("target", self.target)
         if len(source) != len(target):
             raise ConfigurationError("target", self.target, f"as many landmarks as the source has, {len(source)}")

@@ -1,4 +1,4 @@
-"""Triangle meshes of planar sets without holes, and the grown and shrunk outlines they are made of."""
+"""Triangle meshes of planar sets without holes, and grown and shrunk outlines."""
 
 from __future__ import annotations
 
@@ -32,33 +32,33 @@ class PlaneMesh(NamedTuple):
 
 
 def inradius(polygon: Polygon) -> float:
-    """Radius [m] of the largest disc inside, to a hundredth of itself or better."""
+    """Radius [m] of the largest disc inside, to 1 % or better."""
     from shapely import maximum_inscribed_circle  # noqa: PLC0415  (light to import)
 
     return float(maximum_inscribed_circle(polygon, tolerance=1e-3 * polygon.area**0.5).length)
 
 
 def grown(polygon: Polygon, by: float) -> Polygon:
-    """The set with every point within `by` [m] of it, its corners of radius `by` at least.
+    """The set grown by `by` [m], with corner radii of at least `by`.
 
-    A notch is rounded too: growing by twice as much and shrinking again closes what is narrower. What such closing
-    would surround is filled, so that the answer has no holes.
+    Notches are rounded, too, by growing twice as much and shrinking again, which closes narrow ones. Holes that this
+    would leave are filled.
     """
     wide = without_holes(polygon.buffer(2.0 * by, quad_segs=ROUNDNESS))
     return without_holes(wide.buffer(-by, quad_segs=ROUNDNESS))
 
 
 def without_holes(polygon: Polygon) -> Polygon:
-    """The set and what it surrounds."""
+    """The set with its holes filled."""
     from shapely import Polygon as Outline  # noqa: PLC0415
 
     return Outline(polygon.exterior)
 
 
 def shrunk(polygon: Polygon, by: float) -> Polygon:
-    """The part at least `by` [m] from the outline, its convex corners rounded with the same radius.
+    """The points at least `by` [m] from the outline, with convex corners rounded by the same radius.
 
-    Where that falls apart the distance is halved until one piece holds at least nine tenths of what all pieces hold.
+    If these fall into pieces, the distance is halved until one piece has at least 90 % of their area.
     """
     while True:
         narrow = polygon.buffer(-2.0 * by, quad_segs=ROUNDNESS).buffer(by, quad_segs=ROUNDNESS)
@@ -70,9 +70,9 @@ def shrunk(polygon: Polygon, by: float) -> Polygon:
 
 
 def mesh_of(polygon: Polygon, spacing: float) -> PlaneMesh:
-    """A mesh whose outline is sampled every `spacing` [m] and whose inside is a hexagonal pattern as fine.
+    """A mesh with outline points every `spacing` [m] and a hexagonal pattern of the same spacing inside.
 
-    Every edge of the outline's samples is an edge of the mesh: the spacing is halved until it is.
+    The spacing is halved until every edge of the sampled outline is an edge of the mesh.
     """
     from scipy.spatial import Delaunay  # noqa: PLC0415  (slow to import)
     from shapely import Polygon as Outline  # noqa: PLC0415
@@ -118,7 +118,7 @@ def cross(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]
 
 
 def _is_disc(triangles: NDArray[np.intp], points: int, boundary: int) -> bool:
-    """Whether the triangles form one disc with exactly the outline's edges as its border and every point used."""
+    """Whether the triangles form one disc that uses every point and has exactly the outline as its border."""
     edges = np.sort(np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]]), axis=1)
     kinds, uses = np.unique(edges, axis=0, return_counts=True)
     border = kinds[uses == 1]

@@ -1,4 +1,4 @@
-"""The range of motion a person used in recordings: what was seen, which is not all that is possible."""
+"""The range of motion that a person used in recordings, which is not all that is possible."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ Limits = Mapping[str, tuple[float, float]]
 
 @dataclass(frozen=True, eq=False, repr=False)
 class UsedRange(Mapping[str, tuple[float, float]]):
-    """(lower, upper) [rad] by joint name: the range USED, a lower bound on the range possible.
+    """(lower, upper) [rad] by joint name: the range USED, a lower bound of the possible range.
 
     Valid as `human_arm(range_of_motion=...)` once it has all of `ARM_JOINTS`.
 
     Parameters
     ----------
     limits : (lower, upper) [rad] by name.
-    samples, trials, gaps : by name, how many samples and trials a range rests on, and how many samples were missing.
-    assumed : names whose range was not seen but filled in by the caller's default.
-    notes : what a reader of a result has to know.
+    samples, trials, gaps : by name, numbers of samples and trials behind a range, and number of missing samples.
+    assumed : names whose range comes from the caller's default, not from data.
+    notes : remarks for readers of a result.
     """
 
     limits: Limits
@@ -61,12 +61,12 @@ class UsedRange(Mapping[str, tuple[float, float]]):
 
     @property
     def covered(self) -> tuple[str, ...]:
-        """Names whose range was seen in the data."""
+        """Names whose range comes from data."""
         return tuple(name for name in self.limits if name not in self.assumed)
 
     @property
     def uncovered(self) -> tuple[str, ...]:
-        """Joints of the arm model that the data say nothing about, filled in or not."""
+        """Joints of the arm model without data, whether assumed or missing."""
         return tuple(name for name in ARM_JOINTS if name not in self.covered)
 
     def __repr__(self) -> str:
@@ -96,28 +96,27 @@ def range_of_motion(
 ) -> UsedRange:
     """Range of each joint that was used in joint-angle recordings.
 
-    It is the range used in what was recorded, not the range possible: a short reach shows little of what an arm can do.
+    This is the range used in the recordings, not the possible range: a short reach shows little of what an arm can do.
 
     Parameters
     ----------
     angles : (T, n) [rad], or a list of trials (T_i, n) of any lengths, or by joint name (T,), (trials, T) or a list of
-        trials (T_i,). Model joints as `human_arm(range_of_motion=...)` counts them: scapular_retraction from its rest.
-        Jumps by whole turns are undone, within a trial and between trials; what is not finite or masked is a gap, and
-        counted.
-    names : the n column names of arrays; `ARM_JOINTS` where n is 8.
+        trials (T_i,). Model joints as in `human_arm(range_of_motion=...)`: scapular_retraction relative to rest. Jumps
+        by whole turns are removed, within and between trials. Samples that are masked or not finite count as gaps.
+    names : the n column names of arrays; default `ARM_JOINTS` if n is 8.
     lower_percentile, upper_percentile : of all samples of all trials together, 0 <= lower < upper <= 100.
     margin : [rad] added at both ends.
-    minimum_width : [rad] narrower ranges are widened about their middle (after the margin).
-    within : anatomical limits, (lower, upper) [rad] by joint or a name of `human_arm`, to which ranges are cut last; a
-        cut one is noted.
+    minimum_width : [rad] narrower ranges are widened about their middle, after the margin.
+    within : anatomical limits, (lower, upper) [rad] by joint or a name of `human_arm`, to which ranges are finally
+        clipped, with a note.
     uncovered : ranges for joints of the arm model without data: by joint or a name of `human_arm`; they are listed as
         `assumed`. By default such joints are left out.
-    minimum_samples : fewer finite samples of a joint are refused.
+    minimum_samples : least number of finite samples of a joint.
 
     Raises
     ------
-    ConfigurationError : no or too few finite samples of a joint, angles that must be degrees, a range wholly outside
-        `within`, an unknown name, a percentile, width or margin out of order.
+    ConfigurationError : too few finite samples of a joint, angles in degrees, a range wholly outside `within`, an
+        unknown name, an invalid percentile, width or margin.
     """
     _check_numbers(lower_percentile, upper_percentile, margin, minimum_width, minimum_samples)
     trials_of = joint_trials(angles, names)
@@ -167,7 +166,7 @@ def _check_numbers(lower: float, upper: float, margin: float, minimum_width: flo
 
 
 def _assumed(limits: Limits, uncovered: str | Mapping[str, Sequence[float]] | None) -> dict[str, tuple[float, float]]:
-    """Ranges of the arm's joints that have none, from the caller's default."""
+    """Ranges from the caller's default for joints without data."""
     missing = [name for name in ARM_JOINTS if name not in limits] if uncovered is not None else []
     if not missing:
         return {}

@@ -1,4 +1,4 @@
-"""Where a person reaches how often, when the limits vary between trials or days (VII-A, Rossa et al.)."""
+"""How often a person reaches each point if the limits vary between trials or days (VII-A, Rossa et al.)."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ Array = NDArray[np.float64]
 
 
 FURTHEST = 2.0
-"""Standard deviations at which the normal distribution is cut: a limit further off is a slip, not a bad day."""
+"""Standard deviations at which the normal distribution is cut."""
 
 
 def varied_ranges(
@@ -41,17 +41,17 @@ def varied_ranges(
 ) -> tuple[dict[str, tuple[float, float]], ...]:
     """`count` ranges of motion, each valid as `human_arm(range_of_motion=...)`.
 
-    Each lower and each upper limit is normal about the nominal one, cut at two standard deviations (so its own standard
-    deviation is 0.88 of the stated one), all independent but for one condition: a pair that comes out inverted is drawn
-    again. What is known of real days may well be otherwise: limits of one person tend to fall together.
+    Each lower and upper limit is normal about the nominal one, cut at two standard deviations, so its own standard
+    deviation is 0.88 of the stated one. Limits are independent, but inverted pairs are drawn again. Real limits of one
+    person tend to vary together instead.
 
     Parameters
     ----------
     range_of_motion : nominal (lower, upper) [rad] by joint, or a name of `human_arm`.
-    spread : [rad] standard deviation of every limit, or by joint, for both limits or (lower, upper). A joint not named
-        does not vary. `ReachGroup.spread` has this form.
-    count, seed : how many; equal seeds draw equal ranges, and more of them begin with the same ones.
-    keep_locked : a joint of zero width stays as it is; else it may come free.
+    spread : [rad] standard deviation of every limit, or by joint, for both limits or (lower, upper). Missing joints do
+        not vary. `ReachGroup.spread` has this form.
+    count, seed : number of draws, and seed. Equal seeds give equal ranges; a larger count begins with the same ones.
+    keep_locked : whether joints with equal limits stay locked.
 
     Raises
     ------
@@ -115,22 +115,22 @@ def reachability_map(
     executor: Executor | None = None,
     **options: Any,
 ) -> ReachabilityMap:
-    """How often each point of a plane is reachable, over the ranges of several trials or days.
+    """Fraction of several trials or days in which each point of a plane is reachable.
 
     Parameters
     ----------
-    limbs : one a trial: a range of motion (`range_of_motion`, `varied_ranges`), an arm, or a workspace already found.
-        A workspace is taken as it is; all must be of one plane, tilt and placement.
+    limbs : one per trial: a range of motion (`range_of_motion`, `varied_ranges`), an arm, or a finished workspace. All
+        must have the same plane, tilt and placement.
     weights : (n,) of the trials, not negative, of any sum; equal by default.
     height, handle_tilt, placement, options : of `planar_workspace`, for ranges and arms.
     spacing : [m] of the grid.
     segments, side : of `human_arm`, for ranges.
-    executor : where the workspaces are found, one task each: a pool of processes, or a dask client's. Here, in turn,
-        without one.
+    executor : pool of processes, or executor of a dask client, that computes the workspaces, one per task; None: this
+        process.
 
     Raises
     ------
-    ConfigurationError : no limbs, weights that do not fit, workspaces of different planes, a grid too fine; and as
+    ConfigurationError : no limbs, weights that do not fit, workspaces of different planes, a grid too fine; and as in
         `planar_workspace` and `human_arm`.
     """
     from rehab_opt.workspace.region import Workspace  # noqa: PLC0415  (brings shapely)
@@ -187,7 +187,7 @@ def _check_one_plane(workspaces: Sequence[Workspace]) -> None:
 
 
 def _nodes(workspaces: Sequence[Workspace], spacing: float) -> tuple[Array, Array]:
-    """Multiples of `spacing` that surround every workspace; none where all are empty."""
+    """Multiples of `spacing` that surround every workspace; none if all are empty."""
     bounds = np.array([workspace.polygon.bounds for workspace in workspaces if not workspace.empty]).reshape(-1, 4)
     if not len(bounds):
         return np.empty(0), np.empty(0)

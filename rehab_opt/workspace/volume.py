@@ -1,4 +1,4 @@
-"""The three-dimensional sets of Fig. 3(a), Rossa et al.: slices on top of each other, and a closed mesh around them."""
+"""The three-dimensional sets of Fig. 3(a), Rossa et al.: stacked slices, and a closed mesh around them."""
 
 from __future__ import annotations
 
@@ -31,17 +31,17 @@ __all__ = ["ReachableVolume", "reachable_volume"]
 Array = NDArray[np.float64]
 
 SLABS = 24
-"""Slices between the lowest and the highest hand, by default."""
+"""Default number of slices between the lowest and the highest hand."""
 MAX_SLABS = 10_000
 ACROSS = 4.0
-"""Spacing of the nodes inside a slice, in accuracies."""
+"""Spacing of the nodes inside a slice, as a multiple of the accuracy."""
 
 
 @dataclass(frozen=True, eq=False)
 class ReachableVolume:
-    """Points a hand reaches, with the handle within its tilt of vertical or, without one, any way at all.
+    """Points that a hand reaches, with the handle within a tilt of the vertical or, if None, in any orientation.
 
-    Each slice stands for a slab that ends halfway to its neighbours. Picklable.
+    Each slice represents a slab that ends halfway to its neighbours. Picklable.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ class ReachableVolume:
     slices : n workspaces in the robot's frame, some may be empty.
     vertices : (V, 3) [m] of the mesh, in the robot's frame.
     triangles : (T, 3) counterclockwise from outside; every edge belongs to two.
-    reason : why it is empty; "" where it is not.
+    reason : why it is empty; "" if it is not.
     """
 
     heights: Array
@@ -60,20 +60,21 @@ class ReachableVolume:
 
     @property
     def empty(self) -> bool:
-        """Whether nothing is reached, or nothing with a volume."""
+        """Whether the reachable set has no volume."""
         return all(each.empty for each in self.slices)
 
     @cached_property
     def volume(self) -> float:
-        """[m^3] of the slabs: area by thickness."""
+        """[m^3] of the slabs: area times thickness."""
         return float(self._thickness @ [each.area for each in self.slices]) if self.slices else 0.0
 
     @cached_property
     def volume_bound(self) -> float:
-        """[m^3] by which the mesh's own volume can differ from `volume`.
+        """[m^3] bound of the difference between the mesh's own volume and `volume`.
 
-        Between two slices A, B the mesh holds no less than their intersection and no more than their union, while the
-        slabs hold the mean of both: half of the symmetric difference. To it comes a node's spacing along the outlines.
+        Between two slices A and B the mesh contains at least their intersection and at most their union; the slabs
+        contain the mean of both. The bound is half of the symmetric difference plus the node spacing along the
+        outlines.
         """
         if self.empty:
             return 0.0
@@ -87,9 +88,9 @@ class ReachableVolume:
         return float(sum(between) + sum(outlines))
 
     def contains(self, points: ArrayLike) -> bool | NDArray[np.bool_]:
-        """Whether points (3,) -> bool or (N, 3) -> (N,) [m] in the robot's frame are inside, as the mesh has it.
+        """Whether points (3,) -> bool or (N, 3) -> (N,) [m] in the robot's frame are inside the mesh.
 
-        Signed distances of the slices below and above, interpolated.
+        It interpolates the signed distances of the slices below and above.
         """
         at = checked_array("points", points, "numbers")
         if at.shape[-1:] != (3,) or at.ndim > 2:
@@ -135,24 +136,25 @@ def reachable_volume(
     executor: Executor | None = None,
     compile: Compile = None,
 ) -> ReachableVolume:
-    """Every point the hand reaches within the joint limits, as stacked slices and a closed mesh.
+    """All points that the hand reaches within the joint limits, as stacked slices and a closed mesh.
 
     Parameters
     ----------
     arm : as for `planar_workspace`.
-    heights : (n,) [m] of at least two slices, increasing, in the shoulder's frame; the volume is then that of their
-        slabs. None spreads them between the lowest and the highest hand, which are found by optimisation.
-    spacing : [m] between them then; None for 1/24 of the range.
+    heights : (n,) [m] of at least two slices, increasing, in the shoulder's frame. None spreads them between the lowest
+        and the highest hand, which optimisation finds.
+    spacing : [m] between the spread slices; None for 1/24 of the range.
     handle_tilt : [rad] largest angle between handle and vertical; None drops the constraint, as Fig. 3(a) does.
-    accuracy : [m] of the slices' outlines, and spacing of the nodes the mesh is made from. The default is coarser than
-        a single slice's, so that a volume takes seconds. Holes narrower than six times as much may be missed.
+    accuracy : [m] of the slices' outlines, and node spacing of the mesh. The default is coarser than a single slice's,
+        so that a volume takes seconds. Holes narrower than six times the accuracy may be missed.
     placement : of the shoulder in the robot's frame.
-    executor : where the slices are found, one task each: a pool of processes, or a dask client's; None: here.
+    executor : pool of processes, or executor of a dask client, that computes the slices, one per task; None: this
+        process.
     compile : see `BufferedFunction`.
 
     Raises
     ------
-    ConfigurationError : a value that cannot be used.
+    ConfigurationError : an invalid argument.
     """
     placement = checked_placement(placement)
     checked_plane(arm, 0.0, handle_tilt, accuracy, None)
@@ -182,7 +184,7 @@ def reachable_volume(
 
 
 def _spread(arm: SerialChain, handle_tilt: float | None, spacing: float | None) -> Array | str:
-    """(n,) heights at the middles of equal slabs between the lowest and the highest hand, or why there are none."""
+    """(n,) heights at the middles of equal slabs between the lowest and highest hand, or a reason for none."""
     if arm.locked.all():
         return "every joint is locked: the hand is at one point"
     statement = PlaneStatement(arm, handle_tilt=None if handle_tilt is None or handle_tilt >= math.pi else handle_tilt)

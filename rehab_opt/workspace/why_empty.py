@@ -1,4 +1,4 @@
-"""Why a slice is empty: the height, the handle, or only both together; and a last search before that is reported."""
+"""Why a slice is empty: height, handle, or their combination; with a last search before that is reported."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ TRIES = 8
 
 
 class LastTry(NamedTuple):
-    """Points of the slice after all, or why there are none."""
+    """Points of the slice found by the last search, or the reason for none."""
 
     found: list[Nearest]
     reason: str
 
 
 def last_try(search: PlaneSearch, handle_tilt: float | None) -> LastTry:
-    """What is left when spread postures led to no point of the slice."""
+    """Last search, after spread postures led to no point of the slice."""
     statement, height = search.statement, search.height
     lowest, highest = heights(statement, held=False)
     if not lowest.report[0] - VIOLATION <= height <= highest.report[0] + VIOLATION:
@@ -55,14 +55,14 @@ def last_try(search: PlaneSearch, handle_tilt: float | None) -> LastTry:
 
 
 def heights(statement: PlaneStatement, *, held: bool, more: list[Array] | None = None) -> tuple[NLPAnswer, NLPAnswer]:
-    """Postures with the lowest and the highest hand, the handle `held` within its tilt or free; report: z [m]."""
+    """Postures with the lowest and the highest hand, with the handle `held` within its tilt or free; report: z [m]."""
     nlp = statement.vertical if held else statement.vertical_free
     low, high = (_best(statement, nlp, [sign], more) for sign in (1.0, -1.0))
     return low, high
 
 
 def _best(statement: PlaneStatement, nlp: NLP, extra: list[float], more: list[Array] | None = None) -> NLPAnswer:
-    """Least cost of many starts, of the answers that keep the rows; in the virtual machine, since it is rare."""
+    """Answer of least cost from many starts that satisfies the rows; not compiled, since it is rare."""
     solver = nlp_solver(nlp, "sqp", tolerance=TOLERANCE, compile=False)
     starts = [*(more or []), *spread_postures(statement.arm, statement.free, STARTS)]
     best = _from(solver, statement, extra, starts[0])

@@ -1,1 +1,1 @@
-"""Robots from the files that describe them: URDF and MJCF as links of a serial chain."""
+"""Robot files: URDF and MJCF as links of a serial chain."""

@@ -1,4 +1,4 @@
-"""Steps of a robot file as what a `SerialChain` is made of: every axis laid along z, fixed steps drawn together."""
+"""Convert steps of a robot file to `SerialChain` arguments: axes aligned with z, fixed steps merged."""
 
 from __future__ import annotations
 
@@ -28,24 +28,24 @@ Array = NDArray[np.float64]
 PerJoint = ArrayLike | Mapping[str, float]
 
 HARD, SOFT = 100.0, 0.1
-"""[rad/s^2] No arm's joint speeds up as hard; 300 deg/s^2 taken for radians would. Nor as softly: 5 rad/s^2 taken for
-degrees would."""
+"""[rad/s^2] Largest and smallest acceleration limits of an arm's revolute joint; values outside suggest a mix-up of
+degrees and radians."""
 FAST, LONG = 5.0, 5.0
-"""[m/s, m] No arm's joint slides as fast, or as far, but one in millimetres."""
+"""[m/s, m] Largest speed and travel of an arm's prismatic joint; larger values suggest millimetres."""
 COLLISION = "collision"
-"""In place of capsules: those about the collision geometry of the file."""
+"""Value of `capsules` that selects the collision geometry of the file."""
 
 
 class Metres(float):
-    """A length, of a joint that slides: one that turns refuses it."""
+    """A length for a prismatic joint; a revolute joint refuses it."""
 
 
 class Radians(float):
-    """An angle, of a joint that turns: one that slides refuses it."""
+    """An angle for a revolute joint; a prismatic joint refuses it."""
 
 
 class Given(NamedTuple):
-    """What a caller says besides the file: see `SerialChain.from_urdf`."""
+    """A caller's arguments besides the file: see `SerialChain.from_urdf`."""
 
     acceleration: PerJoint
     velocity: PerJoint | None
@@ -57,21 +57,21 @@ class Given(NamedTuple):
 
 
 class _Fixed(NamedTuple):
-    """A link's frame, and its mass, in the axes of the joint above it."""
+    """Frame and mass of a link in the axes of the last moving joint before it."""
 
     joint: int
-    """Number of joints that move it."""
+    """Number of joints that move the link."""
     pose: Array
     step: Step
 
 
 class Format(NamedTuple):
-    """How one kind of file is read."""
+    """Reader of one file format."""
 
     steps: Callable[..., tuple[list[Step], list[str]]]
     """Source, base, tip -> steps and notes."""
     keys: tuple[str, str, str]
-    """What it calls a joint's lower limit, upper limit and largest speed."""
+    """Its names of a joint's lower limit, upper limit and speed limit."""
 
 
 URDF = Format(urdf_steps, ("limit.lower", "limit.upper", "limit.velocity"))
@@ -83,8 +83,8 @@ def chain_arguments(form: Format, file: str | Path, base: str | None, tip: str |
 
     Raises
     ------
-    RobotFileError : the file or its limits cannot be used, a joint is coupled, none moves. ProblemFileError : it cannot
-        be read. ConfigurationError : what the caller says cannot be used.
+    RobotFileError : the file or its limits are invalid, a joint is coupled, or none moves. ProblemFileError : the file
+        cannot be read. ConfigurationError : a caller's argument is invalid.
     """
     if not isinstance(file, str | Path) or "\0" in str(file) or not str(file):
         raise ConfigurationError("file", file, "the path of a robot file: str or Path")
@@ -138,7 +138,7 @@ def chain_arguments(form: Format, file: str | Path, base: str | None, tip: str |
 def _joints_and_frames(
     steps: Sequence[Step], locked: Mapping[str, float], source: Source, notes: list[str]
 ) -> tuple[list[Joint], list[Array], list[_Fixed]]:
-    """Joints that move; n + 1 poses of the next one's axes (at last the tip) in this one's; the links' frames."""
+    """Moving joints; n + 1 poses, each of the next joint's axes (last the tip) in this one's; link frames."""
     unknown = sorted(set(locked) - {step.joint.name for step in steps if step.joint is not None})
     if unknown:
         raise ConfigurationError("locked", unknown[0], "a joint between base and tip")
@@ -173,7 +173,7 @@ def _joints_and_frames(
 
 
 def _axes(axis: Array) -> Array:
-    """(4, 4) rotation whose z is a unit axis (3,); the identity for z, and of ones and zeros for x and y."""
+    """(4, 4) rotation with z along a unit axis (3,); exact for the axes x, y and z."""
     across = np.zeros(3)
     across[np.argmin(np.abs(axis))] = 1.0
     y = np.cross(axis, across)
@@ -184,7 +184,7 @@ def _axes(axis: Array) -> Array:
 
 
 def _at(joint: Joint, value: object) -> Array:
-    """(4, 4) motion of a joint at a value."""
+    """(4, 4) transform of a joint at a value."""
     try:
         amount = float(real_array(value))
     except (TypeError, ValueError, OverflowError):
@@ -210,7 +210,7 @@ def _at(joint: Joint, value: object) -> Array:
 def _limits(
     joints: Sequence[Joint], given: Given, source: Source, keys: tuple[str, str, str], notes: list[str]
 ) -> tuple[Array, Array, Array]:
-    """Lower, upper and speed limits (n,): the caller's where there are any, else the file's."""
+    """Lower, upper and speed limits (n,): the caller's if given, else the file's."""
     names, arguments = tuple(joint.name for joint in joints), ("lower", "upper", "velocity")
     none = np.full(len(joints), math.nan)
     own = np.array([_by_joint(name, getattr(given, name), names, none) for name in arguments])
@@ -258,12 +258,12 @@ def _limits(
 
 
 def _said(value: float, joint: Joint) -> str:
-    """A position of the joint, in the units of robot files too."""
+    """Text of a joint's position, with degrees for a revolute joint."""
     return f"{value:.6g} m" if joint.prismatic else f"{value:.6g} rad ({math.degrees(value):.5g} deg)"
 
 
 def _accelerations(given: PerJoint, joints: Sequence[Joint], notes: list[str]) -> Array:
-    """(n,) acceleration limits, one of every joint."""
+    """(n,) acceleration limits."""
     names = tuple(joint.name for joint in joints)
     values = _by_joint("acceleration", given, names, np.full(len(names), math.nan))
     missing = [name for name, value in zip(names, values, strict=True) if math.isnan(value)]
@@ -280,7 +280,7 @@ def _accelerations(given: PerJoint, joints: Sequence[Joint], notes: list[str]) -
 
 
 def _by_joint(argument: str, value: PerJoint | None, names: tuple[str, ...], default: Array) -> Array:
-    """(n,) values from one number, n numbers, or numbers by joint name; `default` where none is given."""
+    """(n,) values from one number, n numbers, or numbers by joint name; missing names get `default`."""
     if value is None:
         return default
     expected = f"one number, {len(names)} numbers, or numbers by joint name, none of them NaN"
@@ -302,7 +302,7 @@ def _by_joint(argument: str, value: PerJoint | None, names: tuple[str, ...], def
 
 
 def _capsule(i: int, given: object, places: Mapping[str, tuple[int, Array]]) -> LinkCapsule:
-    """A capsule in its row's frame, from one in its link's."""
+    """Capsule in its row's frame from a capsule in its link's frame."""
     if not isinstance(given, CapsuleOnLink):
         raise ConfigurationError(f"capsules[{i}]", given, "a CapsuleOnLink(link, start (3,), end (3,), radius)")
     if given.link not in places:

@@ -1,7 +1,7 @@
 """MJCF: the steps from a base body to a tip, as MuJoCo compiles them.
 
-Defaults, frames, eight ways to write a rotation, limits that are there or not: what those mean is MuJoCo's to say. It
-is given the kinematics alone, so that it opens no mesh, no texture, and no file that is no regular one.
+MuJoCo itself interprets defaults, frames, rotations and optional limits. It gets only the kinematic elements, so that
+it opens no mesh, no texture and no other file.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ KINEMATICS: Mapping[str, tuple[str, ...]] = {
     "actuator": (),
     **dict.fromkeys(DRIVES, _DRIVE),
 }  # fmt: skip
-"""Elements that say where bodies are, how they move and how strongly, and the attributes that do."""
+"""Elements and attributes that define bodies, their joints and their drives."""
 BESIDE = {
     "compiler": "strippath meshdir texturedir assetdir discardvisual usethread fusestatic fitaabb convexhull "
     "saveinertial inertiagrouprange alignfree boundmass boundinertia exactmeshinertia",
@@ -64,37 +64,37 @@ BESIDE = {
     "freejoint": "group align",
     "site": "group material size rgba type user",
 }
-"""Attributes of these that say nothing of it; of drives all others are the simulation's."""
+"""Other attributes of these elements, ignored without a note."""
 APART = (
     "geom camera light asset visual statistic size sensor keyframe custom contact extension mesh material pair connect "
     "weld tendon flex include"
 )
-"""Elements that say nothing of it, or of which another note speaks."""
+"""Other elements, ignored without a note or reported in another one."""
 UNIT: Mapping[str, Mapping[str, int]] = {
     "joint": {"axis": 3},
     **{tag: {"quat": 4, "axisangle": 3} for tag in ("body", "frame", "site", "inertial")},
 }
-"""Attributes of elements whose first so many numbers have a length of 1."""
+"""Attributes with a unit vector, and its number of components."""
 LOOPS = ("connect", "weld", "tendon")
-"""Equalities that tie bodies or several joints to one another."""
+"""Equalities that couple bodies or several joints."""
 EARTH = "0 0 -9.81"
-"""[m/s^2] Gravity as MuJoCo and the plant have it by default."""
+"""[m/s^2] Default gravity of MuJoCo and of the plant."""
 MAX_INCLUDES = 20
 MUCH_TOO_LIGHT = 1e-9
-"""[kg, kg m^2] MuJoCo wants masses that its dynamics would need; they are not used."""
+"""[kg, kg m^2] Placeholder mass and inertia that MuJoCo requires; unused."""
 
 
 def mjcf_steps(
     source: Source, *, base: str | None, tip: str | None, bodies: bool = False
 ) -> tuple[list[Step], list[str]]:
-    """Steps from body `base` (the world by default) to body or site `tip` (the only last body), and notes.
+    """Steps from body `base` (default the world) to body or site `tip` (default the only leaf), and notes.
 
-    Masses are those that the file gives bodies; what MuJoCo would compute from shapes and meshes is left out.
+    Only masses written in the file are used, none that MuJoCo would compute from shapes and meshes.
 
     Raises
     ------
     ProblemFileError : the file cannot be read. RobotFileError : MuJoCo refuses it, or the tip is not below the base.
-    ConfigurationError : MuJoCo is not installed; `bodies`, since no geometry is read.
+    ConfigurationError : MuJoCo is not installed, or `bodies` is set (geometry is not read).
     """
     if bodies:
         raise ConfigurationError("capsules", "collision", "CapsuleOnLinks: of an MJCF no geometry is read")
@@ -127,7 +127,7 @@ def mjcf_steps(
 
 
 def _include(root: Element, source: Source, read: list[Element]) -> None:
-    """Put what other files say in the place of <include>, as MuJoCo does; the elements say which file by their line."""
+    """Replace each <include> by the content of its file, as MuJoCo does; elements name the file in their line."""
     for element in list(root.all()):
         if element.tag == "attach":
             expected = "one model; let MuJoCo attach the others, and save it"
@@ -150,7 +150,7 @@ def _include(root: Element, source: Source, read: list[Element]) -> None:
 
 
 def _rounded(root: Element) -> Iterator[str]:
-    """A note on the rotation or axis that is farthest from a length of 1 by rounding; MuJoCo makes them unit ones."""
+    """Note on the rounded rotation or axis that is farthest from unit length; MuJoCo normalises them."""
     worst, where = 0.0, ""
     for element in root.all():
         for key, count in UNIT.get(element.tag, {}).items():
@@ -166,7 +166,7 @@ def _rounded(root: Element) -> Iterator[str]:
 
 
 def _unread(root: Element) -> Iterator[str]:
-    """Notes on elements and attributes that say something of bodies, joints and masses, and are not read."""
+    """Notes on ignored elements and attributes that concern bodies, joints or masses."""
     waiting, found = [root], dict[str, list[int]]()
     while waiting:
         for child in waiting.pop().children:
@@ -187,7 +187,7 @@ def _unread(root: Element) -> Iterator[str]:
 
 
 def _kinematics(element: Element, source: Source) -> Iterator[str]:
-    """The elements in one that say where bodies are, written out; MuJoCo itself would take NaN and infinity."""
+    """XML text of an element's kinematic content; refuses NaN and infinity, which MuJoCo would accept."""
     for child in element.children:
         drives_another = element.tag == "actuator" and not {"joint", "jointinparent"} & set(child.attributes)
         if child.tag not in KINEMATICS or drives_another:
@@ -245,7 +245,7 @@ def _steps(
 
 
 def _coupled(mujoco: Any, model: Any) -> dict[int, str]:
-    """Joints that an equality ties to another, or to a value, by number."""
+    """Joints, by number, that an equality couples to another joint or to a value."""
     found = {}
     for i in range(model.neq):
         if mujoco.mjtEq(int(model.eq_type[i])) == mujoco.mjtEq.mjEQ_JOINT and model.eq_active0[i]:
@@ -255,7 +255,7 @@ def _coupled(mujoco: Any, model: Any) -> dict[int, str]:
 
 
 def _body_steps(mujoco: Any, model: Any, body: int, coupled: dict[int, str], source: Source) -> Iterator[Step]:
-    """Steps over one body: each of its joints turns about, or slides along, an axis through a point of the body."""
+    """Steps of one body, one for each of its joints."""
     here = _pose(model.body_pos[body], model.body_quat[body])
     name = model.body(body).name
     start = int(model.body_jntadr[body])
@@ -280,7 +280,7 @@ def _body_steps(mujoco: Any, model: Any, body: int, coupled: dict[int, str], sou
 
 
 def _effort(mujoco: Any, model: Any, joint: int) -> float:
-    """Largest effort [N m, N] that the drives of a joint may exert, infinite where the file does not say."""
+    """Largest effort [N m, N] of a joint's drives, infinite if the file has none."""
     limits = list[float]()
     kinds = {int(kind) for kind in (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)}
     if model.jnt_actfrclimited[joint]:
@@ -303,7 +303,7 @@ def _force(mujoco: Any, model: Any, drive: int) -> float:
 
 
 def _carried(model: Any, link: int, way: Container[int], notes: list[str]) -> Iterator[Step]:
-    """All that hangs on a body but what is on the way, where its own joints are as the file leaves them."""
+    """Steps to the bodies that branch off from a body on the chain, their joints at the file's initial values."""
     poses = {link: np.eye(4)}
     for body in range(link + 1, int(model.nbody)):  # a body comes after the one that carries it
         parent = int(model.body_parentid[body])
@@ -327,7 +327,7 @@ def _inertial(model: Any, body: int) -> Inertial | None:
 
 
 def _pose(place: Array, quaternion: Array) -> Array:
-    """(4, 4) from a place (3,) and a unit quaternion (4,), its real part first."""
+    """(4, 4) pose from a position (3,) and a unit quaternion (4,), real part first."""
     pose = np.eye(4)
     pose[:3, :3] = turned_by_quaternion(quaternion)
     pose[:3, 3] = place

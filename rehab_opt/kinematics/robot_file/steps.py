@@ -1,4 +1,4 @@
-"""What a URDF and an MJCF file come down to: the steps from a base link to a tip, each fixed or with a joint."""
+"""Common form of URDF and MJCF files: steps from a base link to a tip, each fixed or with a joint."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ __all__ = [
 Array = NDArray[np.float64]
 
 BARELY = 1e-7
-"""By which a vector of length 1 that was rounded to eight digits is off: nothing to speak of."""
+"""Error of a unit vector rounded to eight digits; not worth a note."""
 
 
 class Joint(NamedTuple):
-    """A joint that moves, with what its file says of it; NaN where the file says nothing."""
+    """A moving joint with its data from the file; NaN where the file gives none."""
 
     name: str
     prismatic: bool
@@ -42,9 +42,9 @@ class Joint(NamedTuple):
     upper: float
     velocity: float
     coupled_to: str = ""
-    """Joint that it is coupled to, or empty."""
+    """Name of the joint to which this one is coupled, or empty."""
     effort: float = math.inf
-    """Largest effort of its drive [N m or N], infinite where the file says none above zero."""
+    """Largest effort of its drive [N m or N], infinite if the file has none above zero."""
 
 
 class Inertial(NamedTuple):
@@ -59,10 +59,10 @@ class Inertial(NamedTuple):
 
 
 class Step(NamedTuple):
-    """A fixed transform, then a joint or none, then a link or none.
+    """A fixed transform, then optionally a joint, then optionally a link.
 
-    One that is `aside` begins at the last link before it that is not, and the next step does not begin at its link: a
-    camera or a gripper's finger, which a link on the way from base to tip holds.
+    A step with `aside` set is a branch, such as a camera or a gripper's finger: it starts at the last link of the
+    chain, and the next step does not continue from it.
     """
 
     origin: Array
@@ -72,7 +72,7 @@ class Step(NamedTuple):
     """Link whose frame lies here; empty for a step between two joints of one link."""
     inertial: Inertial | None = None
     bodies: tuple[CapsuleOnLink, ...] = ()
-    """Capsules about the link's collision geometry, where they are asked for."""
+    """Capsules around the link's collision geometry, if requested."""
     aside: bool = False
 
 
@@ -84,7 +84,7 @@ def moved(x: float, y: float, z: float) -> Array:
 
 
 def turned_by_rpy(roll: float, pitch: float, yaw: float) -> Array:
-    """(3, 3) rotation about the fixed axes x, then y, then z [rad]; angles are taken as they are written."""
+    """(3, 3) rotation about the fixed axes x, then y, then z [rad]."""
     (cr, sr), (cp, sp), (cy, sy) = ((exact(math.cos, a), exact(math.sin, a)) for a in (roll, pitch, yaw))
     return np.array(
         [
@@ -96,7 +96,7 @@ def turned_by_rpy(roll: float, pitch: float, yaw: float) -> Array:
 
 
 def turned_by_quaternion(quaternion: Array) -> Array:
-    """(3, 3) rotation from a unit quaternion (4,), its real part first."""
+    """(3, 3) rotation from a unit quaternion (4,), real part first."""
     w, x, y, z = quaternion.tolist()
     return np.array(
         [
@@ -116,11 +116,11 @@ def turned_about(axis: Array, angle: float) -> Array:
 
 
 def unit_vector(vector: Array, source: Source, key: str) -> tuple[Array, str]:
-    """`vector` (k,) at a length of 1, and a note where rounded numbers had to be corrected.
+    """`vector` (k,) normalised, and a note if rounded numbers were corrected.
 
     Raises
     ------
-    RobotFileError : its length is off by more than `ROUNDED`.
+    RobotFileError : the length differs from 1 by more than `ROUNDED`.
     """
     length = float(np.linalg.norm(vector))
     if not abs(length - 1.0) <= ROUNDED:

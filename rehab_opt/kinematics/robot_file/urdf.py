@@ -34,7 +34,7 @@ SHAPES = {
     "capsule": (("radius", 1), ("length", 1)),
     "box": (("size", 3),),
 }
-"""Collision geometry that becomes capsules, and the numbers that it has."""
+"""Collision shapes that become capsules, and their dimensions."""
 READ = {
     "origin": ("xyz", "rpy", "quat_xyzw"),
     "parent": ("link",),
@@ -45,7 +45,7 @@ READ = {
     "dynamics": ("damping", "friction"),
     "calibration": ("rising", "falling", "reference_position"),
 }
-"""Elements of a joint, and their attributes, that are read or say nothing of where it goes."""
+"""Known elements and attributes of a joint; others get a note."""
 OF_ROBOT = {"link", "joint", "material", "gazebo", "transmission", "ros2_control", "sensor"}
 OF_LINK = {
     "inertial": ("origin", "mass", "inertia"),
@@ -55,10 +55,9 @@ OF_LINK = {
     "sensor": None,
     "self_collision_checking": None,
 }
-"""Elements of a robot and of a link that are read or say nothing of joints and bodies, and what is in them; None for
-anything."""
+"""Known elements of a robot and of a link, and their children; others get a note. None allows any child."""
 QUATERNIONS = 1.1
-"""Version of the format from which on an <origin> may have one: readers of earlier files leave it out."""
+"""First version of the format with quaternions in <origin>; readers of earlier versions ignore them."""
 TURNING, SLIDING = ("revolute", "continuous"), ("prismatic",)
 _NO_NUMBER = np.array([math.nan])
 
@@ -76,13 +75,13 @@ def urdf_steps(
 ) -> tuple[list[Step], list[str]]:
     """Steps from `base` (the root by default) to `tip` (the only leaf by default), and notes.
 
-    With `bodies`, links have capsules about their <collision>. What links behind a joint carry besides, a camera or a
-    gripper's fingers, follows them, where its own joints are at zero.
+    With `bodies`, links get capsules around their <collision>. Branches on moving links, such as a camera or a
+    gripper's fingers, are included with their joints at zero.
 
     Raises
     ------
-    ProblemFileError : the file cannot be read. RobotFileError : it is no URDF, its joints make no tree, the tip is not
-        below the base, or a joint on the way cannot be used; a mesh as collision geometry where `bodies` are asked for.
+    ProblemFileError : the file cannot be read. RobotFileError : the file is no URDF, its joints form no tree, the tip
+        is not below the base, or a joint between them is invalid; with `bodies`, a collision mesh.
     """
     root = xml_root(source)
     if root.tag != "robot":
@@ -111,7 +110,7 @@ def urdf_steps(
 
 
 def _carried(link: str, way: Container[str], tree: _Tree, source: Source, notes: list[str]) -> Iterator[Step]:
-    """All that hangs on a link but what is on the way."""
+    """Steps to the links that branch off from a link on the chain."""
     hanging = [(link, np.eye(4))]
     while hanging:
         at, pose = hanging.pop()
@@ -128,7 +127,7 @@ def _carried(link: str, way: Container[str], tree: _Tree, source: Source, notes:
 
 
 def _unread(root: Element) -> Iterator[str]:
-    """Notes on elements of the robot and its links that no reader of URDF knows, such as a misspelt one."""
+    """Notes on unknown elements of the robot and its links, such as misspelt ones."""
     for child in root.children:
         if child.tag not in OF_ROBOT:
             yield f"line {child.line}: <{child.tag}> is not read"
@@ -148,7 +147,7 @@ def _unread(root: Element) -> Iterator[str]:
 
 
 def _refuse_xacro(root: Element, source: Source) -> None:
-    """Refuse elements of xacro, under any prefix, and what it would put a value for in a joint or a link's name."""
+    """Refuse xacro elements, under any prefix, and xacro expressions in joints and link names."""
     name = source.path.name
     stem = name.removesuffix(".xacro").removesuffix(".urdf")
     plain = f"{stem}.urdf" if name != f"{stem}.urdf" else f"{stem}_expanded.urdf"  # the shell empties its target
@@ -293,7 +292,7 @@ def _joint(joint: Element, kind: str, source: Source, owner: str, notes: list[st
 
 
 def _origin(element: Element, source: Source, owner: str, notes: list[str]) -> Array:
-    """(4, 4) of its <origin>."""
+    """(4, 4) pose of an element's <origin>."""
     origin = element.only("origin", source, owner)
     if origin is None:
         return np.eye(4)
@@ -313,7 +312,7 @@ def _origin(element: Element, source: Source, owner: str, notes: list[str]) -> A
 
 
 def _bodies(link: Element, aside: bool, source: Source, notes: list[str]) -> Iterator[CapsuleOnLink]:
-    """The smallest capsules of the same axis about a link's boxes (along their longest side), cylinders and balls."""
+    """Smallest capsules around a link's boxes (along their longest side), cylinders and spheres."""
     name = link.attributes["name"]
     owner = f"link {name}"
     for collision in link.each("collision"):

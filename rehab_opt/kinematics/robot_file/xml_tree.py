@@ -1,8 +1,7 @@
-"""Elements and attributes of an XML file that may be anybody's: no entity is expanded and no other file is opened.
+"""Elements and attributes of an untrusted XML file: no entity is expanded and no other file is opened.
 
-The standard library's expat is enough here. A robot's kinematics are attributes of a few elements, and only a reader of
-our own can say which joint and which key are wrong; yourdfpy, pinocchio and MuJoCo weigh 10 to 400 MB, open meshes, or
-end in an exception without the joint's name.
+The standard library's expat is enough: a robot's kinematics are attributes of a few elements. A reader of our own names
+the wrong joint and key in its errors; yourdfpy, pinocchio and MuJoCo do not, need 10 to 400 MB, or open meshes.
 """
 
 from __future__ import annotations
@@ -24,23 +23,23 @@ __all__ = ["Element", "Source", "xml_root"]
 Array = NDArray[np.float64]
 
 LARGEST = 10_000_000
-"""[byte] Descriptions of whole humanoids have less than a tenth of it."""
+"""[byte] Largest file; descriptions of whole humanoids have less than a tenth of it."""
 DEEPEST = 200
-"""Elements within one another: MJCF nests bodies."""
+"""Largest nesting depth; MJCF nests bodies."""
 MAX_ELEMENTS = 30_000
 LONGEST_KEY = 100
-"""Letters of a key in a message."""
+"""Longest key in a message, in characters."""
 FARTHEST = 100.0
-"""[m] A length beyond is in another unit."""
+"""[m] Largest length; a larger one has another unit."""
 
 
 @dataclass(frozen=True)
 class Source:
-    """Where a description comes from; raises its errors.
+    """File that describes a robot; makes the errors about it.
 
     Parameters
     ----------
-    path : where the file lies. name : what errors call it.
+    path : of the file. name : its name in errors.
     """
 
     path: Path
@@ -54,7 +53,7 @@ class Source:
 
 @dataclass
 class Element:
-    """One element: its attributes and the elements in it."""
+    """One element with its attributes and children."""
 
     tag: str
     attributes: dict[str, str]
@@ -62,11 +61,11 @@ class Element:
     children: list[Element] = field(default_factory=list)
 
     def each(self, tag: str) -> Iterator[Element]:
-        """Elements of a tag directly in it."""
+        """Children with this tag."""
         return (child for child in self.children if child.tag == tag)
 
     def all(self) -> Iterator[Element]:
-        """It and every element in it, in the file's order."""
+        """The element and all its descendants, in the file's order."""
         waiting = [self]
         while waiting:
             element = waiting.pop()
@@ -74,7 +73,7 @@ class Element:
             waiting += reversed(element.children)
 
     def only(self, tag: str, source: Source, owner: str) -> Element | None:
-        """The element of a tag directly in it, or None.
+        """The only child with this tag, or None.
 
         Raises
         ------
@@ -86,7 +85,7 @@ class Element:
         return found[0] if found else None
 
     def text(self, key: str, source: Source, owner: str) -> str:
-        """An attribute that has to be there; `owner` is what errors call the element it belongs to.
+        """A required attribute; `owner` is the element's name in errors.
 
         Raises
         ------
@@ -98,11 +97,11 @@ class Element:
         return value
 
     def numbers(self, key: str, source: Source, owner: str, default: Array, *, most: float = math.inf) -> Array:
-        """(k,) numbers of an attribute, as many as `default` has, which stands for an absent one.
+        """(k,) numbers of an attribute; `default` (k,) replaces an absent one.
 
         Raises
         ------
-        RobotFileError : not as many finite numbers, or one beyond `most` in size.
+        RobotFileError : not k finite numbers, or one above `most` in magnitude.
         """
         written = self.attributes.get(key)
         if written is None:
@@ -117,12 +116,12 @@ class Element:
 
 
 def xml_root(source: Source) -> Element:
-    """The root of a file's elements.
+    """The root element of a file.
 
     Raises
     ------
-    ProblemFileError : no regular file, or larger than any robot's. RobotFileError : not XML, with a document type, in
-        which entities would be declared, or nested deeper than any robot.
+    ProblemFileError : no regular file, or one larger than `LARGEST`. RobotFileError : not XML, nested too deeply, or
+        with a document type, which could declare entities.
     """
     content = file_content(source.path, source.name, max_size=LARGEST)
     open_elements: list[Element] = []
