@@ -1,1 +1,1 @@
-"""Controllers as C: one source file and one header each, with a recorded run that they repeat."""
+"""Controllers as C: a source file and a header each, with a recorded run that the C code repeats."""

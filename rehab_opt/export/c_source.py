@@ -19,11 +19,11 @@ from rehab_opt.version import __version__
 __all__ = ["SOLVERS", "files_of"]
 
 SOLVERS = VELOCITY_SOLVERS
-"""What Python calls who answered, by the number that C gives; -1 is nobody."""
+"""Names of the solvers by the number that C returns; -1 means none."""
 
 
 def files_of(exported: ExportedController, *, problem: str) -> dict[str, str]:
-    """Content of every file by its name; `problem` is what the controller was made from."""
+    """Content of every file by its name; `problem` is the source of the controller."""
     functions = exported.generated
     code = generated(functions)
     values = _values(exported, code, problem)
@@ -48,7 +48,7 @@ def files_of(exported: ExportedController, *, problem: str) -> dict[str, str]:
 
 
 def _effort(solves: int) -> str:
-    """How many QP iterations a tick takes at worst."""
+    """Text on the largest number of QP iterations in a tick."""
     if not solves:
         return "A tick solves no QP by iterations: the answer has a closed form."
     most = max(STEPS, QRQP_ITERATIONS)
@@ -57,7 +57,7 @@ def _effort(solves: int) -> str:
 
 
 def _values(exported: ExportedController, code: Generated, problem: str) -> dict[str, str]:
-    """What stands for the names in the templates."""
+    """Values of the names in the templates."""
     shape, recording = exported.shape(), exported.recording
     arguments, results, reals = max(code.arguments, 3), max(code.results, 3), max(code.reals, 1)
     return {

@@ -34,13 +34,13 @@ def initialiser(values: Iterable[float]) -> str:
 
 
 def layout(name: str, places: Mapping[str, slice]) -> str:
-    """Where the numbers of a record stand, and how many there are, as constants of C."""
+    """Offsets and sizes of a record's numbers as constants of C."""
     found = {each: place.start for each, place in places.items()} | {"size": max(at.stop for at in places.values())}
     return ", ".join(f"{name.upper()}_{each.upper()} = {at}" for each, at in found.items())
 
 
 def comment(text: str) -> str:
-    """Text that neither ends a C comment, nor begins one in it, nor breaks its line."""
+    """Text made safe for a C comment: no comment marks and no line breaks."""
     line = "".join(letter if letter.isprintable() else " " for letter in text)
     return line.replace("\\", "/").replace("*/", "* /").replace("/*", "/ *")
 
@@ -51,20 +51,20 @@ def indented(lines: Iterable[str]) -> str:
 
 
 def filled(template: str, values: Mapping[str, str]) -> str:
-    """The file `template`.in of this package, or the part of that name in parts.in, with its names replaced.
+    """The template `template`.in of this package, or the part of that name in parts.in, with its names replaced.
 
-    Without an empty line at its end.
+    It has no empty line at its end.
 
     Raises
     ------
-    KeyError : a name that nothing is given for.
+    KeyError : a name without a value.
     """
     return Template(_parts()[template] if template in _parts() else _read(template)).substitute(values).rstrip("\n")
 
 
 @cache
 def _parts() -> dict[str, str]:
-    """Headers and other short parts by their names: each stands below a line that says its name."""
+    """Headers and other short parts by name; a line with its name precedes each."""
     parts = re.split(r"^=== (.*)\n", _read("parts"), flags=re.MULTILINE)
     return dict(zip(parts[1::2], parts[2::2], strict=True))
 
@@ -75,14 +75,14 @@ def _read(name: str) -> str:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Evaluated:
-    """What stands in C as `name(self, result)`.
+    """A C function `name(self, result)` that evaluates a CasADi function.
 
     Parameters
     ----------
-    about : what it returns, in a few words.
+    about : short description of the result.
     function : evaluated; its first output is the result.
-    inputs : of each of its inputs the address in C: what the controller remembers, an argument, a table.
-    tables : columns of numbers by their name in C, (n,), or (n, count) where one of them is chosen in a tick.
+    inputs : C address of each input: memory of the controller, an argument, or a table.
+    tables : columns of numbers (n,) by their name in C, or (n, count) if a tick selects one.
     """
 
     controller: str
@@ -93,13 +93,13 @@ class Evaluated:
     tables: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        """Every input has an address."""
+        """Check that every input has an address."""
         if len(self.inputs) != self.function.n_in():
             raise ConfigurationError("inputs", list(self.inputs), f"{self.function.n_in()} of them")
 
     @property
     def code(self) -> str:
-        """Its C."""
+        """C code of the function."""
         tables = "".join(
             f"static const double {name}[] = {initialiser(table.ravel(order='F'))};\n"
             for name, table in self.tables.items()

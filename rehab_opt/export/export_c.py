@@ -1,4 +1,4 @@
-"""Write controllers as C: one that was made in Python, or those of a problem file."""
+"""Write controllers as C: one made in Python, or those of a problem file."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from rehab_opt.session.report import checked_folder
 __all__ = ["export_c", "written_files"]
 
 MARK = "Written by rehab-opt export-c"
-"""In every header."""
+"""Mark in every header."""
 
 
 def export_c(
@@ -32,33 +32,31 @@ def export_c(
     progress: Progress = lambda *_: None,
     writing: AbstractContextManager[None] | None = None,
 ) -> tuple[Path, ...]:
-    """Write a controller as C: source, header, and a recorded run that C repeats; the files that were written.
+    """Write a controller as C (source, header, and a recorded run that C repeats); returns the written files.
 
-    The header has the joints' names and limits, `dt`, the version of this library, and a hash of all that is computed.
-    Every file is written into a scratch folder, then moved. A pair, and a problem with several controllers, get a
-    folder for each, named after it. Files of other names stay; those of these names are replaced where they are an
-    earlier export's.
+    The header has the joints' names and limits, `dt`, the version of this library, and a hash of the computations.
+    Files are written into a scratch folder, then moved. A pair, or a problem with several controllers, gets a folder
+    for each controller. Only files of an earlier export are replaced.
 
     Parameters
     ----------
     controller : `PoseTracker`, with its own `limits` too, `MirrorTracker`, `RedundancyResolver`, `Assistance`,
-        `PathAssistance`, `Bilateral`, or a loaded problem file. It is reset, before and after. Its solver has to be
-        qrqp, as it is by default; a backup is left out.
-    folder : where to; made where it is absent.
-    run : ticks that C repeats, with faults among them, each what `step` takes by name: q, pose, twist and obstacles; q,
-        twist, rows, frame and moving; x. Joints move as commanded from the first tick's q on. Stamps,
-        forces and the enable input are its own. Default a random run, of a
-        problem file its own.
-    memory : [bytes] that the struct in C may take at most. Of a `MirrorTracker` what is left of it holds samples of
-        the reference that wait, default 64 kB together; others take what they take.
-    writing : held while files are written, when everything is computed.
+        `PathAssistance`, `Bilateral`, or a loaded problem file. It is reset before and after. Its solver must be qrqp,
+        the default; C has no backup solver.
+    folder : target; created if missing.
+    run : ticks that C repeats with faults added, each with the arguments of `step` by name: q, pose, twist and
+        obstacles; q, twist, rows, frame and moving; x. Joints move as commanded from the first tick's q. Stamps, forces
+        and the enable input are generated. Default: a random run, or that of the problem file.
+    memory : [bytes] largest size of the C struct. For a `MirrorTracker` the rest is a buffer of reference samples, by
+        default 64 kB together; other controllers have a fixed size.
+    writing : context that is active while files are written.
 
     Raises
     ------
-    ConfigurationError : a controller that cannot become C, or takes more memory; a run without what `step` takes; a
-        folder that is no path or a file; a file in it that is no earlier export's.
-    ProblemFileError : a problem file without a controller that can become C.
-    OSError : the folder cannot be made or written to.
+    ConfigurationError : a controller without C code or with a larger struct; a run without arguments of `step`; an
+        invalid folder; a file in it that is not from an earlier export.
+    ProblemFileError : a problem file without an exportable controller.
+    OSError : the folder cannot be created or written to.
     """
     if memory is not None and not (type(memory) is int and memory > 0):
         raise ConfigurationError("memory", memory, "a number of bytes above zero")
@@ -83,11 +81,11 @@ def export_c(
 
 
 def written_files(places: Mapping[Path, ExportedController], folder: Path, *, problem: str) -> tuple[Path, ...]:
-    """Write every controller into its place, `folder` or a folder in it: all files or none.
+    """Write every controller into `folder` or a folder in it: all files or none.
 
     Raises
     ------
-    ConfigurationError : a file that stands there is somebody else's, who may have no copy of it.
+    ConfigurationError : an existing file is not from an earlier export.
     OSError : as for `export_c`.
     """
     folder.parent.mkdir(parents=True, exist_ok=True)
@@ -116,5 +114,5 @@ def written_files(places: Mapping[Path, ExportedController], folder: Path, *, pr
 
 
 def _exported_before(place: Path) -> bool:
-    """Whether a folder holds an export, whose files may be replaced."""
+    """Whether a folder has an earlier export, whose files may be replaced."""
     return any(MARK in header.read_text(encoding="utf-8", errors="replace") for header in place.glob("rehab_*.h"))

@@ -1,4 +1,4 @@
-"""What is known of a controller that goes into C, and the table that C reads its shape from."""
+"""Data of a controller for export to C, and the table from which C reads its sizes."""
 
 from __future__ import annotations
 
@@ -25,17 +25,17 @@ from rehab_opt.session.systems import value_at
 __all__ = ["ExportedController", "ExportedVelocity", "Law", "refuse_other_solvers"]
 
 MAX_VALUES = 12
-"""Of a command: `REHAB_MAX_VALUES`."""
+"""Largest number of values of a command: `REHAB_MAX_VALUES`."""
 BYTES = 8
-"""Of a number or an address."""
+"""Size of a number or an address."""
 SPARE = 100
-"""Numbers of a struct beyond those that are counted."""
+"""Reserve for numbers of a struct that are not counted."""
 VERDICT = 3
-"""Numbers of a verdict before its report."""
+"""Number of values in a verdict before its report."""
 
 
 def refuse_other_solvers(config: ProblemFile[Problem], key: str) -> None:
-    """Raise a `ProblemFileError` where a file names a solver that does not become C."""
+    """Raise `ProblemFileError` if a file names a solver without C code."""
     solver = value_at(config.problem, key)
     if solver not in (None, FUSED):
         raise ProblemFileError(config.file, key, solver, f"{FUSED}, which can become C")
@@ -43,13 +43,13 @@ def refuse_other_solvers(config: ProblemFile[Problem], key: str) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Law:
-    """One controller of a velocity QP as its functions and the sizes of what they take.
+    """One velocity QP controller: its functions and their sizes.
 
     Parameters
     ----------
-    name : identifier, different from those of other controllers of the same file.
-    controller : what answers in Python.
-    more : functions besides those of every controller, by what they are.
+    name : identifier, unique in the file.
+    controller : the controller in Python.
+    more : further functions by their role.
     """
 
     name: str
@@ -58,22 +58,22 @@ class Law:
 
     @property
     def state(self) -> int:
-        """How many numbers pass from tick to tick."""
+        """Number of values in the state between ticks."""
         return self.controller.stated.state_size + self.controller.judged.size
 
     @property
     def reported(self) -> int:
-        """Numbers of the statement's report."""
+        """Number of values in the statement's report."""
         return int(self.controller.stated.report.numel())
 
     def functions(self) -> list[ca.Function]:
-        """Functions of the tick, the fallback command and the reset, and further ones."""
+        """Functions of the tick, the fallback command, the reset, and `more`."""
         of = self.controller
         pairs = {"tick": of.functions.tick, "finish": of.functions.finish, "begin": of.beginning()}
         return [renamed(function, f"{self.name}_{what}") for what, function in (pairs | dict(self.more)).items()]
 
     def row(self) -> str:
-        """The C initialiser of its `law_shape`."""
+        """C initialiser of the controller's `law_shape`."""
         controller, n, own_at = self.controller, self.controller.chain.n, self.controller.stated.state_size
         memory_at = own_at - int(controller.stated.memory.numel())
         command_slice, wheels = controller.command_slice or slice(n), controller.wheels or slice(0, 0)
@@ -88,28 +88,27 @@ class Law:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ExportedController(ABC):
-    """A controller that goes into C.
+    """A controller for export to C.
 
     Parameters
     ----------
-    name : identifier; files are named after it.
-    title : what it is, in a few words.
-    interface : the templates of what the user calls, without their suffixes .h.in and .c.in.
-    call : C that gives the inputs of `tick`, a `recorded_tick`, to `controller`.
-    usage : C of a loop, for the reader.
-    recording : the run that it repeats.
-    differences : sentences on what C does not do as Python does.
-    solves : most solves of a tick.
-    values : what the templates of the interface hold besides.
-    more_memory : members of the C struct besides.
-    pieces : templates (without .in) that those of core and interface hold, by the name they have there, and that
-        pieces behind them may hold, too.
+    name : identifier; also the name of the files.
+    title : short description.
+    interface : templates of the user's functions, without the suffixes .h.in and .c.in.
+    call : C code that passes the inputs of `tick`, a `recorded_tick`, to `controller`.
+    usage : example of a loop in C.
+    recording : the run that C repeats.
+    differences : sentences on differences between C and Python.
+    solves : largest number of solves in a tick.
+    values : further template values of the interface.
+    more_memory : further members of the C struct.
+    pieces : templates (without .in) that core, interface and later pieces include, by their name there.
     """
 
     core: ClassVar[str]
-    """The templates of its memory and its tick, likewise."""
+    """Templates of the controller's memory and tick, without suffixes."""
     contents: ClassVar[str]
-    """What is in its C file, for the reader."""
+    """Description of the C file's content."""
 
     name: str
     title: str
@@ -130,11 +129,11 @@ class ExportedController(ABC):
 
     @abstractmethod
     def limits(self) -> list[str]:
-        """What it keeps to, line by line."""
+        """The controller's bounds, one line each."""
 
     @property
     def bytes(self) -> int:
-        """Of its struct, to within a kilobyte and not less."""
+        """Upper bound of the struct's size, at most 1 kB too large."""
         functions = self.generated
         work = (max(3, *(each.sz_arg() for each in functions)), max(3, *(each.sz_res() for each in functions)))
         numbers = max(each.sz_iw() for each in functions) + max(1, *(each.sz_w() for each in functions))
@@ -142,29 +141,29 @@ class ExportedController(ABC):
 
     @abstractmethod
     def functions(self) -> list[ca.Function]:
-        """All that is generated, each under a name of its own."""
+        """All generated functions, with unique names."""
 
     @cached_property
     def generated(self) -> list[ca.Function]:
-        """The same, made once: that takes as long as making the controller."""
+        """`functions`, cached, because making them takes as long as making the controller."""
         return self.functions()
 
     @abstractmethod
     def shape(self) -> dict[str, str]:
-        """Fields of the core's templates; `numbers` are the doubles of its memory."""
+        """Template values of the core; `numbers` is the number of doubles in its memory."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ExportedVelocity(ExportedController):
-    """A controller of joint velocities.
+    """A joint velocity controller for export.
 
     Parameters
     ----------
-    laws : its QPs; the first one's chain is the robot.
+    laws : its QP controllers; the first one's chain is the robot.
 
     Raises
     ------
-    ConfigurationError : a chain of more joints than a command has room for.
+    ConfigurationError : a chain with too many joints for a command.
     """
 
     core: ClassVar[str] = "velocity_controller"
@@ -172,7 +171,7 @@ class ExportedVelocity(ExportedController):
     laws: Sequence[Law]
 
     def __post_init__(self) -> None:
-        """Check that every command fits."""
+        """Check that a command has enough values."""
         for law in self.laws:
             if law.controller.chain.n > MAX_VALUES:
                 raise ConfigurationError("chain", law.controller.chain.n, f"at most {MAX_VALUES} joints, as C has")
@@ -183,7 +182,7 @@ class ExportedVelocity(ExportedController):
         return self.laws[0].controller.dt
 
     def limits(self) -> list[str]:
-        """Of each joint its largest and smallest position, speed, acceleration and jerk; of the hand its speeds."""
+        """Limits of each joint's position, speed, acceleration and jerk, and of the hand's speeds."""
         first = self.laws[0].controller
         chain = first.chain
         bounds = {name: getattr(chain, name) for name in ("lower", "upper", "velocity", "acceleration")}
@@ -200,11 +199,11 @@ class ExportedVelocity(ExportedController):
         return lines
 
     def functions(self) -> list[ca.Function]:
-        """Those of its controllers."""
+        """Functions of its controllers."""
         return [function for law in self.laws for function in law.functions()]
 
     def shape(self) -> dict[str, str]:
-        """Sizes, limits and the table of the controllers."""
+        """Template values: sizes, limits and the table of the controllers."""
         laws, first = self.laws, self.laws[0].controller
         chain, wheels = first.chain, first.wheels
         sizes = {

@@ -1,6 +1,6 @@
-"""The controllers that can be exported, by the system of their problem files: the one place that knows them.
+"""Registry of exporters by the system of a problem file.
 
-A new one is a file in `controllers` and a line in `EXPORTERS`, and templates of what its user calls.
+A new controller needs a file in `controllers`, a line in `EXPORTERS`, and templates of its user functions.
 """
 
 from __future__ import annotations
@@ -17,17 +17,17 @@ from rehab_opt.session.outcome import Progress
 __all__ = ["EXPORTERS", "Exporter", "exported_controllers"]
 
 Exporter = Callable[[ProblemFile[Any], Progress, int | None], Sequence[ExportedController]]
-"""A problem file, and the memory [bytes] that a struct may have -> its controllers, recorded."""
+"""Function: problem file, progress, largest struct [bytes] -> its controllers with recorded runs."""
 
 
 def exported_controllers(
     config: ProblemFile[Any], *, memory: int | None = None, progress: Progress
 ) -> Sequence[ExportedController]:
-    """The controllers of a problem file, each with the run that it has to repeat.
+    """The controllers of a problem file, each with the run that C must repeat.
 
     Raises
     ------
-    ProblemFileError : a system without a controller that can be exported, or a value of the file that cannot be used.
+    ProblemFileError : a system without an exportable controller, or an invalid value in the file.
     """
     system = config.problem.system
     if system not in EXPORTERS:

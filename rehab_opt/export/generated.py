@@ -1,4 +1,4 @@
-"""CasADi functions as C that may stand inside a file of ours: nothing of it is visible outside."""
+"""CasADi functions as C code with only static names, for inclusion in our files."""
 
 from __future__ import annotations
 
@@ -16,39 +16,39 @@ from rehab_opt.optim.qrqp import going_on_after_failed_solves
 __all__ = ["Generated", "generated", "renamed"]
 
 OLD_C = "#if __STDC_VERSION__ < 199901L"
-"""Before CasADi's own minimum, maximum and absolute value."""
+"""Line before CasADi's own minimum, maximum and absolute value."""
 COMPARISONS = "#if 1 /* comparisons, as in the code that Python runs: it is compiled as gnu89 (symbolic/compiled.py) */"
 DEFINITION = re.compile(r"^(?=(?:casadi_real|casadi_int|void|int) casadi_\w+\()", re.MULTILINE)
-"""Where a function of CasADi's runtime begins: each is visible to the linker as it comes."""
+"""Start of a function of CasADi's runtime, which is visible to the linker by default."""
 
 COPY, FROM_WORK = "void casadi_copy(", re.compile(r"\bcasadi_copy\((?=w\d|\(&w\d)")
-"""CasADi's copy of a vector that may be missing; and a call of it for a part of the work space, which is there."""
+"""CasADi's copy of an optional vector; and a call of it for a part of the work space, which always exists."""
 COPY_FROM_WORK = """void casadi_copy_from_work(const casadi_real* x, casadi_int n, casadi_real* y) {
   casadi_int i;
   if (y) for (i=0; i<n; ++i) y[i] = x[i];
 }
 
 """
-"""Without the branch for a missing x, in which gcc 12 warns of writing out of bounds (-Warray-bounds)."""
+"""Copy without the branch for a missing x, for which gcc 12 warns (-Warray-bounds)."""
 
 FUNCTION = re.compile(r"(?:^/\*[^\n]*\*/\n)?^static int (casadi_f\d+)(\(.*?^}\n\n?)", re.MULTILINE | re.DOTALL)
-"""A function that others call, with the comment before it; those that it calls come first."""
+"""A function with a fixed name, with the comment before it."""
 NAME = re.compile(r"(#define )?\b(casadi_f\d+)\b(?(1).*\n)")
-"""Such a function's, or the line that gives it its prefix."""
+"""The name of an inner function, or the line that defines its prefix."""
 
 WORK = re.compile(r"\*sz_(arg|res|iw|w) = (\d+);")
-"""What a function says that it needs."""
+"""Work space that a function declares."""
 
 UNUSED = ("#include <stdarg.h>\n", "#include <stdio.h>\n")
-"""Nothing is printed; a robot's processor may have no such thing."""
+"""Unused headers, which a robot's processor may lack."""
 
 
 class Generated(NamedTuple):
-    """C of some functions, and the largest work space that one of them needs."""
+    """C code of some functions, and the largest work space of one of them."""
 
     code: str
     notice: str
-    """What CasADi says of the licence of this code, from its own first comment."""
+    """CasADi's note on the licence of this code, from its first comment."""
     arguments: int
     results: int
     integers: int
@@ -56,15 +56,14 @@ class Generated(NamedTuple):
 
 
 def generated(functions: Sequence[ca.Function]) -> Generated:
-    """C of all functions, each static and called by its name.
+    """C code of all functions, each static with its own name.
 
-    An output may stand in the place of an input.
-    The sizes are those of the virtual machine, which are never smaller than the code's: they hold the integers that
-    `optim/qrqp.py` asks for beyond CasADi's count, since qrqp writes one too many.
+    Outputs may use the memory of inputs. Work space sizes are those of the virtual machine, which are at least those of
+    the code: they include the additional integers of `optim/qrqp.py`, since qrqp writes one too many.
 
     Raises
     ------
-    ConfigurationError : an installed CasADi whose code has another form.
+    ConfigurationError : the installed CasADi writes code in another form.
     """
     generator = ca.CodeGenerator("generated", {"with_header": False})
     for function in functions:
@@ -93,14 +92,14 @@ def generated(functions: Sequence[ca.Function]) -> Generated:
 
 
 def _writes_last(code: str) -> bool:
-    """Whether every function that is called by its name has read its inputs before it writes an output."""
+    """Whether every function with a fixed name reads all inputs before it writes an output."""
     called = re.findall(r"return (casadi_f\d+)\(arg, res, iw, w, mem\)", code)
     bodies = (code.partition(f"static int {each}(")[2].partition("\n}")[0] for each in called)
     return bool(called) and not any(re.search(r"\b(arg|wr)\d*\b", body.partition(" res[")[2]) for body in bodies)
 
 
 def _each_once(code: str) -> str:
-    """The same C, with functions of equal text written once: CasADi writes one for each time that it was made."""
+    """C code with duplicate functions merged, because CasADi writes one for each instance."""
     name_of, first = dict[str, str](), dict[str, str]()
 
     def known(found: re.Match[str]) -> str:
@@ -117,6 +116,6 @@ def _each_once(code: str) -> str:
 
 
 def renamed(function: ca.Function, name: str) -> ca.Function:
-    """The same function under a name that no other has in its file."""
+    """The function with a unique name in its file."""
     inputs = [ca.MX.sym(f"input_{i}", function.sparsity_in(i)) for i in range(function.n_in())]
     return ca.Function(name, inputs, function.call(inputs))

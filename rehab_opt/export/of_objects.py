@@ -1,4 +1,4 @@
-"""Controllers that somebody made in Python, ready to become C: the one place that knows which can."""
+"""Export of controllers made in Python; registry of the exportable types."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from rehab_opt.session.outcome import Progress
 __all__ = ["KINDS", "exported_object"]
 
 KINDS = (MirrorTracker, PoseTracker, RedundancyResolver, PathAssistance, Assistance, Bilateral)
-"""What can become C; of a `Bilateral` both sides do."""
+"""Exportable types; both sides of a `Bilateral` are exported."""
 
 Array = NDArray[np.float64]
 Run = Sequence[Mapping[str, Any]]
@@ -40,7 +40,7 @@ Run = Sequence[Mapping[str, Any]]
 def exported_object(
     controller: object, *, run: Run | None, memory: int | None, progress: Progress
 ) -> Sequence[ExportedController]:
-    """The controller, or its sides, with the run that C has to repeat; arguments as of `export_c.export_c`."""
+    """The controller, or its sides, with the run that C must repeat; arguments as in `export_c.export_c`."""
     title, of = type(controller).__name__, "a run that was given" if run is not None else "a random run"
     if isinstance(controller, MirrorTracker):
         ticks = random_runs.mirror_reference(controller) if run is None else _poses(controller, run)
@@ -78,7 +78,7 @@ def exported_object(
 
 # --------------------------------------------------------------------------------- a run as `step` takes it, as C does
 def _told(run: Run) -> Sequence[tuple[str, Mapping[str, Any]]]:
-    """Each tick, and what it is called in an error."""
+    """Each tick with its name in errors."""
     if not (isinstance(run, Sequence) and run and all(isinstance(tick, Mapping) for tick in run)):
         raise ConfigurationError("run", run, "a list of at least one tick, each a dict of what `step` takes")
     return [(f"run[{k}]", tick) for k, tick in enumerate(run)]
@@ -91,7 +91,7 @@ def _numbers(where: str, tick: Mapping[str, Any], name: str, shape: tuple[int, .
 
 
 def _bodies(where: str, tick: Mapping[str, Any], name: str, limits: PostureLimits) -> dict[str, Array]:
-    """What moves, where it is told of that."""
+    """Moving capsules of a tick, for a controller with such obstacles."""
     given = tick.get(name)
     if given is None and not limits.moving:
         return {}
@@ -108,7 +108,7 @@ def _poses(tracker: PoseTracker | MirrorTracker, run: Run) -> list[dict[str, Any
 
 
 def _sticks(resolver: RedundancyResolver, run: Run) -> list[dict[str, Any]]:
-    """Rows and frame by their numbers, twists as long as the longest."""
+    """Ticks with rows and frame as numbers, and twists padded to the largest size."""
     ticks, widest = [], max(map(len, resolver.row_sets))
     for where, tick in _told(run):
         rows = checked_rows(tick.get("rows", ("x", "y", "z")), f"{where}['rows']")

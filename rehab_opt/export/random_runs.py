@@ -1,4 +1,4 @@
-"""Runs of controllers for which nobody gives one: far targets, jumps, hands that go in and out; always the same."""
+"""Default runs: random but always equal, with far targets, jumps, and hands that leave the workspace."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ Array = NDArray[np.float64]
 Ticks = list[dict[str, Any]]
 
 TICKS, EACH = 2000, 100
-"""Of a run, and of one target in it."""
+"""Length of a run, and of one target in it."""
 WIDEST = np.pi
-"""[rad, m] Joints without ends are led so far."""
+"""[rad, m] Range of joints without limits."""
 
 
 def tracker_run(tracker: PoseTracker) -> Ticks:
-    """Poses that jump within and beyond the arm's reach, some of them moving, the joints going as commanded."""
+    """Poses that jump within and beyond the arm's reach, some of them moving; joints move as commanded."""
     rng, chain, moving = np.random.default_rng(0), tracker.chain, tracker.limits.moving
     tracker.reset()
     q, ticks = best_posture(tracker, rng), Ticks()
@@ -45,7 +45,7 @@ def tracker_run(tracker: PoseTracker) -> Ticks:
 
 
 def bodies_about(place: Array, limits: PostureLimits, rng: np.random.Generator) -> Array:
-    """(k, 14) moving capsules about a place (3,) [m], some of which are not there."""
+    """(k, 14) moving capsules around a point (3,) [m], some of them absent."""
     most = limits.moving
     bodies = np.zeros((most, limits.moving_size // most))
     for body in bodies[: rng.integers(most + 1)]:
@@ -55,7 +55,7 @@ def bodies_about(place: Array, limits: PostureLimits, rng: np.random.Generator) 
 
 
 def mirror_reference(tracker: MirrorTracker) -> Ticks:
-    """A hand that waves about a posture, q of the first, at times faster than the arm; what moves moves about it."""
+    """A hand that moves around a posture, the first q, at times faster than the arm; capsules move around it."""
     rng, limits = np.random.default_rng(0), tracker.limits
     q = best_posture(tracker, rng)
     t = tracker.dt * np.arange(TICKS)[:, None]
@@ -71,7 +71,7 @@ def mirror_reference(tracker: MirrorTracker) -> Ticks:
 
 
 def resolver_run(resolver: RedundancyResolver) -> Ticks:
-    """Twists of every set of rows, in both frames, up to twice as fast as the robot; it goes as commanded."""
+    """Twists of every set of rows, in both frames, up to twice the robot's speed; it moves as commanded."""
     rng, chain, most = np.random.default_rng(0), resolver.robot.chain, resolver.limits.moving
     widest = max(map(len, resolver.row_sets))
     resolver.reset()
@@ -90,7 +90,7 @@ def resolver_run(resolver: RedundancyResolver) -> Ticks:
 
 
 def hand_run(region: Workspace, dt: float) -> Array:
-    """(N, 2) [m] a hand that goes round in a workspace and out of it."""
+    """(N, 2) [m] positions of a hand that circles inside and outside a workspace."""
     west, south, east, north = map(float, region.polygon.bounds)
     t = dt * np.arange(TICKS)
     round_and_round = np.column_stack([np.sin(2.0 * t), np.sin(5.0 * t + 1.0)])
@@ -99,7 +99,7 @@ def hand_run(region: Workspace, dt: float) -> Array:
 
 
 def pair_run(pair: Bilateral) -> tuple[Array, Array, Sequence[Any], Sequence[Any]]:
-    """Hands (N, 2) [m] of helper and participant, who follows, and the messages that each receives."""
+    """Hands (N, 2) [m] of the helper and the following participant, and the messages that each receives."""
     workspace_map = pair.helper.workspace_map
     hands = hand_run(workspace_map.source, pair.dt)
     drawn = np.array([workspace_map.image(hand) for hand in hands])
@@ -114,12 +114,12 @@ def pair_run(pair: Bilateral) -> tuple[Array, Array, Sequence[Any], Sequence[Any
 
 
 def middle(lower: Array, upper: Array) -> Array:
-    """(n,) the middle of the ranges, as far as they are ones."""
+    """(n,) middle of the joint ranges; infinite limits are replaced by `WIDEST`."""
     return np.asarray((np.maximum(lower, -WIDEST) + np.minimum(upper, WIDEST)) / 2)
 
 
 def best_posture(controller: VelocityController, rng: np.random.Generator) -> Array:
-    """(n,) of some random postures the one that is furthest from a singular one."""
+    """(n,) the random posture with the largest distance from singularity."""
     chain = controller.chain
     centre = middle(chain.lower, chain.upper)
     half = np.minimum((chain.upper - chain.lower) / 2, WIDEST)

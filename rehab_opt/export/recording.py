@@ -1,4 +1,4 @@
-"""A run that C repeats: inputs of each tick, and the commands of Python."""
+"""A run that C repeats: inputs of each tick, and Python's commands."""
 
 from __future__ import annotations
 
@@ -38,25 +38,25 @@ RunTick = dict[str, Any]
 STAMPED = "A stamp is always required and checked. In Python it may be left out."
 NO_ITERATIONS = "`iterations` of Python's command is not there."
 MAX_TICKS = 4000
-"""Of a run; a longer one is thinned, or its header would be read for minutes."""
+"""Largest number of ticks; a longer run is thinned, because its header would compile for minutes."""
 STANDS = 0.6
-"""[s] A hand at some 5 cm/s has joints by then that are seen not to follow."""
+"""[s] Duration of frozen encoders; within it a hand at about 5 cm/s shows that its joints do not follow."""
 NOISE = 1e-4
 """[rad or m] Standard deviation of the encoders in a recorded run."""
 STATUSES = {status: number for number, status in enumerate(NUMBERED)}
-"""Numbers of `enum rehab_status`."""
+"""Values of `enum rehab_status`."""
 
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """A run, N ticks.
+    """A run of N ticks.
 
     Parameters
     ----------
-    ticks : inputs of the controller; every tick has the same names and sizes.
-    commands : what Python answered, with no more stages than C has.
-    about : what was recorded, for the reader.
-    more : numbers that the controller says besides each command; none, or as many in every tick.
+    ticks : inputs of the controller, with the same names and sizes in every tick.
+    commands : Python's commands, without the stages that C lacks.
+    about : description of the run.
+    more : further outputs of the controller with each command; the same number in every tick.
     """
 
     ticks: Sequence[RunTick]
@@ -65,7 +65,7 @@ class Run:
     more: Sequence[Sequence[float]]
 
     def fields(self) -> str:
-        """The members of the C struct of one tick."""
+        """Members of the C struct of one tick."""
         lines = []
         for name, value in self.ticks[0].items():
             kind = "int" if isinstance(value, int) else "double"
@@ -76,7 +76,7 @@ class Run:
         return indented([*lines, "double scale;", "int status, relaxed, reason, notes;"])
 
     def initialisers(self) -> Iterator[str]:
-        """One C initialiser a tick."""
+        """C initialiser of each tick."""
         for tick, command, more in zip(self.ticks, self.commands, self.more, strict=True):
             parts = [_c(value) for value in tick.values()]
             wheels = _wheels(command)
@@ -85,7 +85,7 @@ class Run:
             yield "    {" + ", ".join([*parts, *(str(each) for each in _said(command))]) + "}"
 
     def csv(self) -> str:
-        """The same as a table, each array spread over columns."""
+        """The run as a table, each array spread over columns."""
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
         header: list[str] = []
@@ -105,11 +105,11 @@ class Run:
 
 
 class Joints:
-    """A robot's joints in a recorded run, that move as commanded, with `encoder_noise`.
+    """A robot's joints in a recorded run; they move as commanded, with `encoder_noise`.
 
     Parameters
     ----------
-    start : (n,) where they are first, at rest. dt : [s] a tick. ticks : of the run; behind it the encoders stand still.
+    start : (n,) at rest. dt : [s] of a tick. ticks : of the run; after it the encoders are frozen.
     """
 
     def __init__(self, start: Array, *, dt: float, ticks: int) -> None:
@@ -117,7 +117,7 @@ class Joints:
         self._noise, self._q, self._seen = encoder_noise(ticks, start.size), start.copy(), start.copy()
 
     def seen(self, told: Array) -> Array:
-        """(n,) encoders in this tick where `told` is `start`, else `told`."""
+        """(n,) encoder values of this tick if `told` is `start`, else `told`."""
         if self._tick < len(self._noise):
             self._seen = self._q + self._noise[self._tick]
         return np.where(told == self.start, self._seen, told)
@@ -137,9 +137,9 @@ def recorded(
     more: Callable[[], Sequence[float]] = tuple,
     progress: Callable[[int], None] = lambda _: None,
 ) -> Run:
-    """What `step` answers to every tick, and `more` says after it.
+    """Run of the commands of `step` for every tick, with the outputs of `more` after each.
 
-    With `joints` these fill in q wherever a tick has their start.
+    `joints` replace q in ticks whose q is their start.
     """
     told, commands, besides = [], [], []
     for k, each in enumerate(ticks):
@@ -154,21 +154,21 @@ def recorded(
 
 
 def thinned(count: int) -> NDArray[np.intp]:
-    """Which of `count` ticks are kept: all, or every second, third and so on."""
+    """Indices of the kept ones of `count` ticks: all, or every second, third and so on."""
     return np.arange(0, count, -(-count // MAX_TICKS))
 
 
 def encoder_noise(ticks: int, joints: int) -> Array:
-    """(ticks, joints) [rad or m] noise of positions in the second half of a run, none in the first."""
+    """(ticks, joints) [rad or m] noise of positions in the second half of a run, zero in the first."""
     noise = NOISE * np.random.default_rng(0).normal(size=(ticks, joints))
     noise[: ticks // 2] = 0.0
     return np.asarray(noise)
 
 
 def encoders(run: Sequence[RunTick], *, dt: float) -> tuple[list[RunTick], Joints, RunTick]:
-    """The run with nothing but its first positions, which joints that move as commanded fill in as it goes.
+    """The run with the first positions in every tick, to be replaced by joints that move as commanded.
 
-    And those joints, see `recorded`, and the tick in which a joint is fastest.
+    It also returns these joints, see `recorded`, and the tick with the fastest joint.
     """
     fastest = run[int(np.argmax(np.abs(np.diff([each["q"] for each in run], axis=0)).max(axis=1)))]
     start = run[0]["q"]
@@ -179,13 +179,13 @@ def encoders(run: Sequence[RunTick], *, dt: float) -> tuple[list[RunTick], Joint
 def with_faults(
     ticks: Sequence[RunTick], *, dt: float, max_age: float, more: Sequence[Callable[[RunTick], RunTick]] = ()
 ) -> list[RunTick]:
-    """The ticks with everything that can be wrong with one, spread among them; stamps are made here.
+    """The ticks with all kinds of faults among them; stamps are generated.
 
     Parameters
     ----------
-    ticks : sound ones, without `enable` and `stamp`.
+    ticks : valid ones, without `enable` and `stamp`.
     dt, max_age : [s] of the watchdog.
-    more : faults besides: each takes a sound tick.
+    more : further functions that put a fault into a valid tick.
     """
     arrays = [name for name, value in ticks[0].items() if isinstance(value, np.ndarray) and value.size]
     faults: list[Callable[[RunTick], RunTick]] = [
@@ -211,13 +211,13 @@ def with_faults(
 
 
 def standing(ticks: Sequence[RunTick], moving: RunTick, *, dt: float) -> list[RunTick]:
-    """Ticks behind `ticks`: encoders that stand still in a tick that moves for STANDS, then no enable input."""
+    """Ticks after `ticks`: encoders frozen in a moving tick for `STANDS`, then no enable input."""
     last, count = ticks[-1]["stamp"], math.ceil(STANDS / dt)
     return [{**moving, "enable": int(k <= count), "stamp": float(last + k * dt)} for k in range(1, count + count // 2)]
 
 
 def about_run(ticks: int, of: str) -> str:
-    """What `with_faults` and `standing` made of a run, for the reader."""
+    """Description of the faults from `with_faults` and `standing`."""
     return (
         f"{ticks} ticks of {of}, with faults among them: numbers that are none, stamps that are wrong, the enable "
         "input released, encoders that stand still; encoders with noise of 0.1 mrad in the second half"
@@ -225,7 +225,7 @@ def about_run(ticks: int, of: str) -> str:
 
 
 def _element(name: str, index: int, value: float) -> Callable[[RunTick], RunTick]:
-    """One number of an input replaced."""
+    """Function that replaces one number of an input."""
 
     def replaced(tick: RunTick) -> RunTick:
         array = np.array(tick[name])
@@ -240,7 +240,7 @@ def _wheels(command: Command) -> Array:
 
 
 def _said(command: Command) -> tuple[int, ...]:
-    """Status, what was relaxed, the reason and the notes, in the numbers of C."""
+    """Status, relaxed bounds, reason and notes as numbers of C."""
     reason = command.reason
     return STATUSES[command.status], int(command.relaxed), reason_number(reason), notes_of(reason)
 

@@ -1,4 +1,4 @@
-"""The process that holds a live problem's controller and plant; the page is in another."""
+"""Process with a live problem's controller and plant; the page runs in another process."""
 
 from __future__ import annotations
 
@@ -30,25 +30,25 @@ from rehab_opt.session.run import live_problem
 __all__ = ["Rings", "control_live", "live_or_logged", "live_rings"]
 
 SHOWN_HZ = 60.0
-"""How often the page gets the state; it asks 30 times a second."""
+"""[Hz] Rate of states for the page, which reads them at 30 Hz."""
 
 
 class Rings(NamedTuple):
-    """The ways between the controller's process and the page's."""
+    """Rings between the controller's process and the page's."""
 
     given: SharedRing
-    """What the page wants."""
+    """Inputs from the page."""
     state: SharedRing
-    """What the loop does."""
+    """Records of the loop."""
     shown: SharedRing
-    """What the page draws besides."""
+    """Further data that the page draws."""
 
 
 @contextmanager
 def live_or_logged(
     file: str, options: dict[str, str | None], *, again: bool
 ) -> Iterator[tuple[LiveProblem, Logged | None]]:
-    """A problem that is live, or with `again` that of a log, at which nothing can be touched, with the log."""
+    """A live problem and None; or, with `again`, the problem of a log and the log."""
     if not again:
         yield live_problem(load_problem(file), **options), None
         return
@@ -63,7 +63,7 @@ def live_or_logged(
 
 @contextmanager
 def live_rings(problem: LiveProblem, *, depth: int) -> Iterator[Rings]:
-    """Made for a problem, and removed afterwards; `depth` is how many ticks a reader may be late by."""
+    """Rings for a problem, removed afterwards; `depth` is the largest lag of a reader in ticks."""
     n, force = problem.encoders, problem.force
     given = operator_layout(n, axes=2, targets=problem.hands, force=force)
     state = state_layout(n, given, force=force)
@@ -87,10 +87,10 @@ def control_live(
     log: Path | None = None,
     fifo: int | None = None,
 ) -> None:
-    """Run until the process that started it ends.
+    """Run a live problem until the parent process ends.
 
-    `page` is sent what is drawn once, `LiveProblem.scene`, or the `RehabOptError`'s text where the problem is refused.
-    With `again` the file is a log, which is shown again and again. `log` and `fifo` as of `run_in_time`.
+    `page` gets `LiveProblem.scene` once, or the text of the `RehabOptError` if the problem is refused. With `again` the
+    file is a log, which is shown repeatedly. `log` and `fifo` as in `run_in_time`.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the process of the page, which ends this one
     with suppress(BrokenPipeError):  # who asked is gone, and nobody is left to be told
@@ -130,7 +130,7 @@ def _run(problem: LiveProblem, rings: Rings, *, fifo: int | None, watches: Seque
 
 
 def _run_again(problem: LiveProblem, logged: Logged, rings: Rings) -> None:
-    """What a log says, at its pace; the controller computes again what is plotted of it."""
+    """Show a log at its pace; the controller recomputes the plotted values."""
     operator, parent, state = operator_of(logged.records.dtype), multiprocessing.parent_process(), rings.state
     assert parent is not None
     names = set(state.layout.names or ()) & set(logged.records.dtype.names or ())

@@ -1,4 +1,4 @@
-"""A film of a problem: its live picture without a page, in the problem's own time, as a GIF."""
+"""A film of a problem as a GIF: the live picture in the problem's own time."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 
 WIDTH, HEIGHT, DPI, COLOURS = 4.8, 3.6, 100, 48
 LIFT = 0.45
-"""[rad] of the camera above the horizon, as on the page."""
+"""[rad] Elevation of the camera, as on the page."""
 EDGE = "#5c6b7a"
 
 
@@ -38,20 +38,20 @@ def write_film(
     per_second: float = 10.0,
     progress: Callable[[str, int, int], None] = lambda *_: None,
 ) -> int:
-    """Run a problem untouched, its dead-man held, and write what the page would show.
+    """Run a problem without inputs, with the dead man's switch held, and write the page's pictures.
 
     Parameters
     ----------
-    problem : see `live_problem`. path : of the GIF. seconds : of the problem's time. per_second : pictures.
-    progress : told about the run as it goes.
+    problem : see `live_problem`. path : of the GIF. seconds : of the problem's time. per_second : pictures per second.
+    progress : callback for the progress of the run.
 
     Returns
     -------
-    How many pictures it has.
+    The number of pictures.
 
     Raises
     ------
-    ConfigurationError : no time, or no number of pictures.
+    ConfigurationError : an invalid duration or number of pictures.
     """
     for name, value, most in (("seconds", seconds, 600.0), ("per_second", per_second, 50.0)):
         if not 0.0 < value <= most:
@@ -125,7 +125,7 @@ def _picture(words: str, scene: dict[str, Any], frame: dict[str, Any], trail: li
 
 
 def _projection(centre: Array, lift: float, turn: float, *, flat: bool) -> Callable[[Array], Array]:
-    """Points (N, 3) as they are seen from afar: right, up, towards the eye [m]."""
+    """Function from points (N, 3) to parallel projection: right, up, towards the eye [m]."""
     turn = -math.pi / 2 if flat else turn
     c, s, ct, st = math.cos(lift), math.sin(lift), math.cos(turn), math.sin(turn)
     axes = np.array([[-st, ct, 0.0], [-s * ct, -s * st, c], [c * ct, c * st, s]])

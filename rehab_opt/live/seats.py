@@ -1,4 +1,4 @@
-"""Who may open the page, which tab commands, whether it still lives, and what it wants."""
+"""Access to the page, the tab that commands, its heartbeat and its inputs."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ __all__ = ["Gate", "Seats", "inputs_of"]
 
 
 class Gate:
-    """Answers whether a request may pass; everything that serves the page asks it first.
+    """Decides whether a request may pass; every handler of the page calls it first.
 
-    A browser names the page of a request (`Origin`) and the name of this machine (`Host`): another page, or a foreign
-    name that leads to 127.0.0.1, cannot change either.
+    A browser sends the page's origin (`Origin`) and the machine's name (`Host`) with each request. A foreign page, or a
+    foreign name that resolves to 127.0.0.1, cannot change either.
 
     Parameters
     ----------
-    names : of this machine, under which the page may be called. port : that it listens on.
+    names : of this machine that may be used for the page. port : of the server.
     """
 
     def __init__(self, names: Iterable[str], port: int) -> None:
@@ -34,12 +34,12 @@ class Gate:
         self.hosts = frozenset(f"{name}:{port}" for name in called) | (called if port == 80 else frozenset())
 
     def refusal(self, target: str, hosts: Sequence[str], origins: Sequence[str], *, socket: bool) -> str:
-        """Why a request is refused; empty where it may pass.
+        """Reason for refusing a request; empty if it may pass.
 
         Parameters
         ----------
         target : path and query of the request. hosts, origins : all values of these headers.
-        socket : whether it asks for a websocket, which every browser does with an origin.
+        socket : whether the request is for a websocket, with which every browser sends an origin.
         """
         if len(hosts) != 1 or hosts[0].lower() not in self.hosts:
             return "another host than this page's"
@@ -56,20 +56,20 @@ class Gate:
 
 
 def _as_called(name: str) -> str:
-    """By browsers, which write addresses shortly."""
+    """Address in the short form of browsers."""
     with suppress(ValueError):
         name = str(ip_address(name))
     return f"[{name}]" if ":" in name else name.lower()
 
 
 FARTHEST, STRONGEST, NOISIEST, LATEST = 20.0, 100.0, 0.05, 0.5
-"""[m] of a target, [N] of a push, [rad, m] of noise, [s] of delay: what is beyond is no input."""
+"""Largest accepted target [m], push [N], noise [rad, m], and delay [s]."""
 OFTENEST, SPARE = 200.0, 50
-"""[1/s] messages of a tab, and how many at once: of more, those that wait would be old when they are read."""
+"""Largest rate of messages of a tab [1/s], and largest burst; messages beyond would be old when read."""
 
 
 def inputs_of(message: Mapping[str, Any], *, joints: int) -> LiveInputs | None:
-    """The inputs that a page sent; None where they are none: a wrong shape, a number not finite or too large."""
+    """The inputs in a page's message; None for a wrong shape, or a number that is not finite or too large."""
     try:
         target = message["target"]
         (tx, ty, tz), (px, py, pz) = NOWHERE if target is None else target, message["push"]
@@ -99,17 +99,17 @@ def inputs_of(message: Mapping[str, Any], *, joints: int) -> LiveInputs | None:
 
 
 class Seats:
-    """The tabs by number. The first of them commands until it goes; then one that asks for it.
+    """The open tabs by number. The first one commands until it closes; then a tab that requests it.
 
     Parameters
     ----------
-    hands : that are led, see `LiveProblem`.
+    hands : number of hands, see `LiveProblem`.
 
     Attributes
     ----------
-    commander : number of the tab that commands; None while none does.
-    lapsed : why the dead-man was released against the tab's will; empty once it has let go itself.
-    heartbeat : [s] when the last message that it is held was sent, on the caller's clock; NaN while it is not.
+    commander : number of the tab that commands, or None.
+    lapsed : why the dead man's switch was released without the tab; empty after the tab has released it itself.
+    heartbeat : [s] send time, on the caller's clock, of the last message with the switch held; NaN if it is not held.
     """
 
     def __init__(self, *, hands: int = 1) -> None:
@@ -122,7 +122,7 @@ class Seats:
         self._spare, self._heard = float(SPARE), -math.inf
 
     def join(self, *, participant: bool) -> int:
-        """A tab opens; its number."""
+        """Add a tab; returns its number."""
         tab, self._next = self._next, self._next + 1
         self._tabs[tab] = participant
         if self.commander is None and not participant:
@@ -130,7 +130,7 @@ class Seats:
         return tab
 
     def leave(self, tab: int) -> None:
-        """A tab's socket is gone; with it its command."""
+        """Remove a tab whose socket is gone; it loses command."""
         del self._tabs[tab]
         self._hands.pop(tab, None)
         if tab == self.commander:
@@ -138,17 +138,17 @@ class Seats:
             self._release()
 
     def take(self, tab: int) -> None:
-        """A tab takes the command, the dead-man released. A participant's does not."""
+        """Give command to a tab, with the switch released; a participant's tab cannot have it."""
         if self._tabs[tab] or tab == self.commander:
             return
         self.commander, self.lapsed = tab, ""
         self._release()
 
     def hear(self, tab: int, inputs: LiveInputs, *, now: float, sent: float | None = None) -> None:
-        """A heartbeat with the state of a tab's controls; one that comes late has released the dead-man.
+        """Receive a heartbeat with the state of a tab's controls; a late one releases the dead man's switch.
 
-        It counts from when it was `sent`, on the clock of `now`: one that waited somewhere is as old as it is. A page
-        that does not know that time (NaN) holds nothing.
+        Its age counts from `sent`, on the clock of `now`, so that queued messages are recognised as old. If `sent` is
+        NaN, the switch does not count as held.
         """
         if tab != self.commander:
             return
@@ -168,7 +168,7 @@ class Seats:
         self.heartbeat = sent if self.inputs.enable else math.nan
 
     def point(self, tab: int, hand: tuple[float, float, float] | None) -> None:
-        """Where the participant, in a tab of their own, wants the hand to be [m]; None: nowhere."""
+        """Set the participant's target for the hand [m], from the participant's tab; None for no target."""
         if hand is None or not all(abs(each) <= FARTHEST for each in hand):
             self._hands.pop(tab, None)
         elif self._tabs[tab]:
@@ -176,13 +176,13 @@ class Seats:
 
     @property
     def current(self) -> LiveInputs:
-        """Of the tab that commands; of two, its target is the helper's, and the participant's the hand's."""
+        """Inputs of the commanding tab; with two hands, the participant's tab sets the second target."""
         inputs = self.inputs if self._of == 1 else self.inputs._replace(target=NOWHERE, helper=self.inputs.target)
         hands = list(self._hands.values())
         return inputs._replace(target=hands[0]) if hands else inputs
 
     def state(self, tab: int) -> dict[str, Any]:
-        """What a tab gets of the others."""
+        """State of the other tabs for a tab."""
         participants = sum(self._tabs.values())
         return {"commands": tab == self.commander, "tabs": len(self._tabs), "participants": participants}
 

@@ -33,21 +33,21 @@ __all__ = ["LivePage"]
 
 FRAMES_HZ = 30.0
 SILENT = 0.5
-"""[s] without news from the controller's process, after which the page says so."""
+"""[s] without data from the controller's process after which the page reports it."""
 LARGEST = 4096
-"""[byte] of a message from a page."""
+"""[byte] Largest message from a page."""
 PAGES = ("/", "/participant")
 
 
 class LivePage:
-    """One problem's page.
+    """Server of one problem's page.
 
     Parameters
     ----------
-    problem : drawn here; its controller runs elsewhere. rings : the ways to it and from it. scene : from where
-        `control_live` sends the scene.
+    problem : for drawing; its controller runs in another process. rings : to and from that process. scene : connection
+        on which `control_live` sends the scene.
     alive : whether the controller's process still runs.
-    watching : called with what is plotted, whether a tab is there or not.
+    watching : called with the plotted values, even without a tab.
     """
 
     def __init__(
@@ -68,11 +68,11 @@ class LivePage:
         self._scene = ""
 
     async def serve(self, host: str, port: int, *, ready: Callable[[str, str], None]) -> None:
-        """Until cancelled; `ready` is called with the addresses of the page and of the participant's.
+        """Serve until cancelled; `ready` gets the addresses of the page and of the participant's page.
 
         Raises
         ------
-        ConfigurationError : the address cannot be listened on; websockets is not installed.
+        ConfigurationError : the address is not available; websockets is not installed.
         RehabOptError : the controller's process refuses the problem.
         """
         serve = _websockets()
@@ -125,7 +125,7 @@ class LivePage:
         return response
 
     async def _hear(self, connection: ServerConnection) -> None:
-        """One tab, from its opening to its end."""
+        """Serve one tab from its opening to its end."""
         from websockets.exceptions import ConnectionClosed  # noqa: PLC0415
 
         view = parse_qs(connection.request.path.partition("?")[2] if connection.request else "").get("view", [""])[0]
@@ -168,7 +168,7 @@ class LivePage:
         self._pass_on()
 
     def _pass_on(self) -> None:
-        """To the controller's process, at once."""
+        """Pass the inputs to the controller's process at once."""
         current, record = self._seats.current, self._given.record
         record["heartbeat"] = self._seats.heartbeat
         record["target"][...] = np.eye(4)
@@ -186,7 +186,7 @@ class LivePage:
 
     # -------------------------------------------------------------------------------------------------- frames
     def _begin(self) -> None:
-        """The controller's process sent its scene, or why there is none, or is gone."""
+        """Handle the scene, or an error, or the end of the controller's process."""
         try:
             sent = self._sent.recv()
         except EOFError:
@@ -202,7 +202,7 @@ class LivePage:
             tab.queue(self._scene)
 
     async def _tell(self) -> None:
-        """What is so, to every tab, until the problem is refused."""
+        """Send the state to every tab until the problem is refused."""
         last, absent = -1, False
         while not self._refused:
             await asyncio.sleep(1 / FRAMES_HZ)
@@ -220,7 +220,7 @@ class LivePage:
                     tab.show(text)
 
     def _absence(self, state: Newest | None) -> str:
-        """Why there is nothing to see; empty while there is, or soon will be."""
+        """Reason why no state is shown; empty if there is one or will soon be."""
         if not self._alive():
             return "the controller's process has ended: the robot gets no commands; start rehab-opt live again"
         silent = 0.0 if state is None else time.monotonic() - state.time
@@ -248,7 +248,7 @@ class LivePage:
 
 
 class _Tab:
-    """Messages that wait for one tab; it misses frames that it is too slow for."""
+    """Queue of messages for one tab; a slow tab misses frames."""
 
     def __init__(self, connection: ServerConnection) -> None:
         self._connection, self._waiting = connection, asyncio.Event()
@@ -309,7 +309,7 @@ def _place(hand: object) -> tuple[float, float, float] | None:
 
 
 def _told(message: dict[str, Any]) -> str:
-    """As JSON, which knows no infinite numbers and no NaN: they are null."""
+    """Message as JSON; infinity and NaN become null."""
     return json.dumps(_finite(message), allow_nan=False)
 
 

@@ -18,7 +18,7 @@ from rehab_opt.session.live.problem import Watching
 __all__ = ["show_live"]
 
 PATIENT = 10.0
-"""[s] that the controller's process has to brake, to let go of a device, and to end its log."""
+"""[s] for the controller's process to brake, to disconnect a device, and to end its log."""
 
 
 def show_live(
@@ -34,22 +34,22 @@ def show_live(
     ready: Callable[[str, str], None],
     watching: Watching | None = None,
 ) -> None:
-    """Run a problem in real time with a page to look at and to touch it, until interrupted.
+    """Run a problem in real time with an interactive page, until interrupted.
 
     Parameters
     ----------
-    file : of the problem, or the name of a shipped one. plant, solver : as of `rehab-opt run`.
-    again : the file is a log, which is shown at its pace, from the beginning again at its end.
-    log : of every tick with the page's inputs, for `rehab-opt replay`; None for none.
-    fifo : priority of the controller's process, and of a device's, see `Loop`; the page has the usual one.
-    host, port : where the page is served; 0 is any free port.
-    ready : called with the addresses of the page and of the participant's screen. watching : called with what is
-        plotted.
+    file : of the problem, or the name of a shipped one. plant, solver : as in `rehab-opt run`.
+    again : the file is a log, which is shown at its pace in a loop.
+    log : file for every tick with the page's inputs, for `rehab-opt replay`, or None.
+    fifo : priority of the controller's and the device's process, see `Loop`; the page has normal priority.
+    host, port : of the page; port 0 means any free port.
+    ready : called with the addresses of the page and of the participant's page. watching : called with the plotted
+        values.
 
     Raises
     ------
-    ConfigurationError : problems of this kind do not run live; an option or address that cannot be used.
-    ProblemFileError : a value of the file cannot be used.
+    ConfigurationError : problems of this kind do not run live; an invalid option or address.
+    ProblemFileError : an invalid value in the file.
     """
     _refuse_wildcard(host)
     options = {"plant": plant, "solver": solver}

@@ -1,1 +1,1 @@
-"""Controllers run in time: a loop with absolute deadlines, records that other processes read, logs, devices."""
+"""Real-time loop of a controller: absolute deadlines, records for other processes, logs, devices."""

@@ -19,31 +19,31 @@ SIMPLE = {"<f8": "float64", "<u8": "uint64"}
 
 
 class Cdr:
-    """Bytes of a message, written field by field; a number lies at a multiple of its size."""
+    """Bytes of a message, written field by field; numbers are aligned to multiples of their size."""
 
     def __init__(self) -> None:
         self._bytes = bytearray(HEADER)
 
     def number(self, code: str, value: float) -> Self:
-        """One number of a code of `struct`: i, I, d."""
+        """Append one number with a format code of `struct`: i, I, d."""
         size = struct.calcsize(code)
         return self._aligned(size, struct.pack("<" + code, value))
 
     def text(self, text: str) -> Self:
-        """A string."""
+        """Append a string."""
         data = text.encode() + b"\0"
         self.number("I", len(data))._bytes += data
         return self
 
     def texts(self, texts: Sequence[str]) -> Self:
-        """A sequence of strings."""
+        """Append a sequence of strings."""
         self.number("I", len(texts))
         for each in texts:
             self.text(each)
         return self
 
     def numbers(self, values: ArrayLike) -> Self:
-        """A sequence of float64."""
+        """Append a sequence of float64."""
         array = np.ascontiguousarray(values, dtype="<f8")
         self.number("I", array.size)
         return self._aligned(8, array.tobytes()) if array.size else self  # an empty sequence has nothing to align
@@ -53,16 +53,16 @@ class Cdr:
         return self
 
     def done(self) -> bytes:
-        """The message."""
+        """Return the message's bytes."""
         return bytes(self._bytes)
 
 
 def record_definition(layout: np.dtype[Any]) -> str:
-    """The message definition (.msg of ROS 2) of a record whose numbers of 8 bytes come before its texts.
+    """Message definition (.msg of ROS 2) of a record with 8-byte numbers first, then texts.
 
     Raises
     ------
-    ConfigurationError : a field of another type, or a number behind a text.
+    ConfigurationError : a field of another type, or a number after a text.
     """
     lines, texts = [], False
     for name, (kind, *_) in dict(layout.fields or {}).items():
@@ -76,7 +76,7 @@ def record_definition(layout: np.dtype[Any]) -> str:
 
 
 def record_cdr(layout: np.dtype[Any]) -> Callable[[np.void], bytes]:
-    """Writes records of a layout as `record_definition` says: their numbers are copied as they are."""
+    """Function that writes records of a layout as messages of `record_definition`; numbers are copied unchanged."""
     record_definition(layout)
     fixed, texts = _split(layout)
 
@@ -91,7 +91,7 @@ def record_cdr(layout: np.dtype[Any]) -> Callable[[np.void], bytes]:
 
 
 def records_of(layout: np.dtype[Any], messages: Sequence[bytes]) -> NDArray[np.void]:
-    """(N,) the records that `record_cdr` has written."""
+    """(N,) records read back from messages of `record_cdr`."""
     fixed, texts = _split(layout)
     records = np.zeros(len(messages), dtype=layout)
     rows = records.view(np.uint8).reshape(len(messages), layout.itemsize)
@@ -107,7 +107,7 @@ def records_of(layout: np.dtype[Any], messages: Sequence[bytes]) -> NDArray[np.v
 
 
 def _split(layout: np.dtype[Any]) -> tuple[int, list[str]]:
-    """Bytes of the numbers, names of the texts."""
+    """Number of bytes of all numbers; names of the texts."""
     fields = dict(layout.fields or {})
     texts = [name for name, (kind, *_) in fields.items() if kind.kind == "S"]
     return (fields[texts[0]][1] if texts else layout.itemsize), texts

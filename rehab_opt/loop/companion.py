@@ -1,4 +1,4 @@
-"""A process beside the loop's, with orders on its standard input, whose end is its end."""
+"""A process beside the loop's process; it reads orders from standard input and ends when that closes."""
 
 from __future__ import annotations
 
@@ -13,14 +13,13 @@ __all__ = ["Companion"]
 
 
 class Companion:
-    """`python -m module`, which reads one line of JSON and ends when its input does, as where this process is killed.
+    """`python -m module`, which reads one line of JSON and ends when its input closes, also if this process is killed.
 
-    A terminal's Ctrl-C does not reach it: it still has to write, or to carry, what this process does until it is
-    at rest.
+    A terminal's Ctrl-C does not reach it, because it must continue until this process is at rest.
 
     Parameters
     ----------
-    module : with a `main`. orders : what the line says.
+    module : with a `main`. orders : content of the line.
     """
 
     def __init__(self, module: str, orders: Mapping[str, Any]) -> None:
@@ -34,7 +33,7 @@ class Companion:
 
     @property
     def id(self) -> int:
-        """Of the process."""
+        """Process id."""
         return self._process.pid
 
     @property
@@ -43,7 +42,7 @@ class Companion:
         return self._process.poll()
 
     def end(self, patience: float) -> None:
-        """Let it end by itself within `patience` [s]; kill it then."""
+        """Close its input and wait `patience` [s] for its end; then kill it."""
         if self._process.stdin is not None:
             with contextlib.suppress(BrokenPipeError):
                 self._process.stdin.close()

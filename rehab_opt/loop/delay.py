@@ -1,4 +1,4 @@
-"""Measured delay of a robot."""
+"""Measure the delay of a robot."""
 
 from __future__ import annotations
 
@@ -16,28 +16,29 @@ __all__ = ["measured_delay"]
 Array = NDArray[np.float64]
 
 STEPS = (0.25, 1.0, 0.25, 0.0, -0.25, -1.0, -0.25, 0.0)
-"""Speeds that are held one after another, as fractions of the largest."""
+"""Sequence of speeds, as fractions of the largest."""
 HELD, RAMP = 0.45, 0.1
-"""[s] for which each is, and what of it leads there."""
+"""[s] Duration of each speed, and of the ramp at its beginning."""
 SETTLED = 0.2
-"""[s] at the end of each that are looked at."""
+"""[s] Evaluated part at the end of each speed."""
 
 
 def measured_delay(plant: Plant, *, joint: int = 0, speed: float = 0.2, fifo: int | None = None) -> float:
     """[s] from a command until its motion is measured; controllers allow for 0.1 s (`FrontEnd`).
 
-    A joint goes out and back, at a quarter of `speed` and at `speed`. At a steady speed v it lags by v T, T the delay,
-    and by dry friction's part, which is about the same at both speeds: T is the difference of the lags over that of
-    the speeds. A velocity servo of two equal poles adds nothing.
+    A joint moves out and back at a quarter of `speed` and at `speed`. At constant speed v it lags by v T, with the
+    delay T, plus a part due to dry friction, which is about equal at both speeds. So T is the difference of the lags
+    over that of the speeds. A velocity servo with two equal poles adds nothing.
 
     Parameters
     ----------
-    plant : at rest, of joint velocities. joint : which moves, from 0 on, by 0.8 s times `speed`; all else stands still.
-    speed : [rad/s, m/s] the largest; below 0.05 noise counts. fifo : see `Loop`.
+    plant : at rest, with joint velocities as commands. joint : number, from 0, of the joint that moves by 0.8 s times
+        `speed`.
+    speed : [rad/s, m/s] largest speed; below 0.05 noise matters. fifo : see `Loop`.
 
     Raises
     ------
-    ConfigurationError : a number out of range. DeviceLostError : the robot is gone, or did not move.
+    ConfigurationError : a number out of range. DeviceLostError : the robot is gone or did not move.
     """
     n = plant.measured.position.size
     if not (isinstance(joint, int) and 0 <= joint < n):
@@ -76,7 +77,7 @@ def measured_delay(plant: Plant, *, joint: int = 0, speed: float = 0.2, fifo: in
 
 
 def _fraction(time: float) -> float:
-    """Of the largest speed, at a time since the beginning."""
+    """Fraction of the largest speed at a time [s] since the beginning."""
     i = int(time / HELD)
     if i >= len(STEPS):
         return 0.0

@@ -1,4 +1,4 @@
-"""Franka's arms, by franky."""
+"""Franka's arms, through franky."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ T = TypeVar("T")
 
 JOINTS = 7
 ACCELERATION, JERK = 9.99, 2400.0
-"""[rad/s^2, rad/s^3] A Research 3 stops above 10 and 5000; what franky planned anew amid a ramp reached 1.41 times the
-jerk that it was given, and a cycle that is lost amid one twice that."""
+"""[rad/s^2, rad/s^3] A Research 3 stops above 10 and 5000. franky exceeds the jerk limit by a factor of 1.41 when it
+replans during a ramp, and twice that with a lost cycle."""
 UNFILTERED = 1000.0
-"""[Hz] from which on libfranka does not filter what it is sent: the filter would be late by another 1.6 ms."""
+"""[Hz] Cut-off at which libfranka's filter is off; the filter would add 1.6 ms of lag."""
 WATCHDOG = 0.1
 """[s]"""
 
@@ -27,23 +27,23 @@ WATCHDOG = 0.1
 def connect_franka(
     host: str, *, rate_hz: float = 1000.0, watchdog: float = WATCHDOG, fifo: int | None = None
 ) -> RemoteDevice:
-    """The robot at an address, its FCI active, as a `Device` of joint velocities.
+    """Connect to a robot with active FCI, as a `Device` with joint velocity commands.
 
-    franky runs in a process of its own. Its loop of 1 kHz, in C++, leads the joints to each velocity within the
-    robot's acceleration and jerk: what steps arrives as a ramp, a few milliseconds late. Each velocity is meant for
-    half of `watchdog` and followed by rest: without commands the robot brakes; where that process is killed, after
-    20 ms. A reflex ends it, with the robot's own words for the reason.
+    franky runs in its own process. Its C++ loop at 1 kHz moves the joints to each velocity within the robot's
+    acceleration and jerk limits, so a step becomes a ramp with a few milliseconds of lag. Each velocity is valid for
+    half of `watchdog`; without commands the robot then brakes, or within 20 ms if that process is killed. A reflex of
+    the robot ends the connection, with the robot's message as the reason.
 
     Parameters
     ----------
     host : address of the robot's controller. rate_hz : of the loop.
-    watchdog : [s] without a state after which the robot counts as lost here.
-    fifo : priority of that process, see `Loop`. The robot's answers are due within a millisecond.
+    watchdog : [s] without a state after which the robot counts as lost.
+    fifo : priority of that process, see `Loop`. The robot expects answers within 1 ms.
 
     Raises
     ------
-    ConfigurationError : franky is not installed (extra `franka`). DeviceLostError : the robot cannot be connected, or
-        has stopped before; that is to be looked at and cleared by hand.
+    ConfigurationError : franky is not installed (extra `franka`). DeviceLostError : no connection, or the robot has
+        stopped before, which must be checked and cleared by hand.
     """
     if find_spec("franky") is None:
         raise ConfigurationError("host", host, "franky, which is not installed: pip install 'rehab_opt[franka]'")
@@ -59,11 +59,11 @@ def connect_franka(
 
 
 class FrankaDriver:
-    """A `Driver`. Raises a DeviceLostError where the robot does not answer, or has stopped.
+    """A `Driver` for Franka; raises `DeviceLostError` if the robot does not answer or has stopped.
 
     Parameters
     ----------
-    host : address. meant_for : [s] for which a velocity is held where no other comes.
+    host : address. meant_for : [s] for which a velocity is valid without a new one.
     """
 
     def __init__(self, host: str, meant_for: float) -> None:
@@ -82,7 +82,7 @@ class FrankaDriver:
         self._last = -1
 
     def read(self) -> Reading | None:
-        """A state, if a new one has come."""
+        """The newest state, or None if there is no new one."""
         robot = self._robot
         self._told(robot.poll_motion)
         state = self._told(lambda: robot.state)
@@ -93,19 +93,19 @@ class FrankaDriver:
         return Reading(state.q, state.dq, state.O_F_ext_hat_K[:3])
 
     def send(self, velocity: list[float]) -> None:
-        """Joint velocities (7,) [rad/s], for `meant_for`, then rest."""
+        """Command joint velocities (7,) [rad/s] for `meant_for`, then rest."""
         first = self._franky.JointVelocityWaypoint(velocity, hold_target_duration=self._meant_for)
         self._move(self._franky.JointVelocityWaypointMotion([first, self._rest]))
 
     def brake(self) -> None:
-        """All joints to rest; franky's own stop knows no limits but its own, which are beyond a Research 3's."""
+        """Brake all joints; franky's own stop would exceed the limits of a Research 3."""
         self._move(self._franky.JointVelocityWaypointMotion([self._rest]))
 
     def keep_alive(self) -> None:
-        """Nothing: without a motion the robot holds by itself."""
+        """Do nothing: without a motion the robot holds its position."""
 
     def close(self) -> None:
-        """To rest."""
+        """Brake."""
         robot = self._robot
         if robot.is_in_control:
             self.brake()
@@ -116,7 +116,7 @@ class FrankaDriver:
         self._told(lambda: move(motion, asynchronous=True, limit_rate=True, cutoff_frequency=UNFILTERED))
 
     def _told(self, ask: Callable[[], T]) -> T:
-        """What is answered; where the robot refuses, or is gone, why."""
+        """The robot's answer; raises `DeviceLostError` with the reason if it refuses or is gone."""
         try:
             return ask()
         except (self._franky.Exception, RuntimeError) as refused:
@@ -124,4 +124,4 @@ class FrankaDriver:
 
 
 driver = FrankaDriver
-"""For the driver's process."""
+"""Entry point of the driver's process."""

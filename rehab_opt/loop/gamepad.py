@@ -1,4 +1,4 @@
-"""Sticks and gamepads as Linux reports them: `/dev/input/js0`; as a program, a process that reads one."""
+"""Joysticks and gamepads on Linux (`/dev/input/js0`); the program is a process that reads one."""
 
 from __future__ import annotations
 
@@ -19,46 +19,47 @@ from rehab_opt.loop.shared_ring import SharedRing
 __all__ = ["Gamepad", "PadState", "operate"]
 
 EVENT = struct.Struct("=IhBB")
-"""Of the kernel's joystick interface (Documentation/input/joydev/joystick-api): time [ms], value, kind, number."""
+"""Event of the kernel's joystick interface (Documentation/input/joydev/joystick-api): time [ms], value, kind,
+number."""
 BUTTON, AXIS, AT_OPENING = 0x01, 0x02, 0x80
 LARGEST = 32767
 POLL = 0.01
 """[s] between two heartbeats."""
 MOST = 32
-"""Axes and buttons that are looked at."""
+"""Largest number of axes and of buttons."""
 
 
 class PadState(NamedTuple):
-    """What a gamepad is like."""
+    """State of a gamepad."""
 
     axes: tuple[float, ...]
-    """Deflections, -1 to 1, as the kernel counts them: of most sticks 0 is to the right, 1 to the back."""
+    """Deflections, -1 to 1, in the kernel's order; for most sticks axis 0 is to the right, axis 1 backwards."""
     buttons: int
-    """A bit each."""
+    """One bit per button."""
     held: bool
-    """The dead man's switch: its button is pressed, and was let go of once since the gamepad was opened."""
+    """Dead man's switch: its button is pressed, and was released at least once since the gamepad was opened."""
 
     @property
     def forward_left(self) -> tuple[float, float]:
-        """Of the first stick, as `Joystick` takes it."""
+        """Deflection of the first stick (forward, left) for `Joystick`."""
         x, y = (*self.axes, 0.0, 0.0)[:2]
         return (-y + 0.0, -x + 0.0)
 
 
 class Gamepad:
-    """Reads one without ever waiting.
+    """Reads a gamepad without waiting.
 
-    A gamepad that is unplugged raises; one by radio that is out of reach may look to the kernel as it was last, its
-    button pressed: for a dead man's switch take one with a cable.
+    An unplugged gamepad raises an error. A wireless one out of range may keep its last state in the kernel, with the
+    button pressed, so use a wired one for a dead man's switch.
 
     Parameters
     ----------
-    source : the device's path, or a descriptor that gives the same bytes.
-    dead_man : number of the button that has to be held.
+    source : the device's path, or a file descriptor with the same bytes.
+    dead_man : number of the dead man's button.
 
     Raises
     ------
-    ConfigurationError : it cannot be opened; a button that is none.
+    ConfigurationError : the device cannot be opened; an invalid button.
     """
 
     def __init__(self, source: str | Path | int, *, dead_man: int = 4) -> None:
@@ -73,11 +74,11 @@ class Gamepad:
         self._axes, self._buttons, self._rest, self._free = dict[int, float](), 0, b"", False
 
     def read(self) -> PadState:
-        """What it is like now.
+        """Current state.
 
         Raises
         ------
-        DeviceLostError : it is gone.
+        DeviceLostError : the gamepad is gone.
         """
         while True:
             try:
@@ -94,7 +95,7 @@ class Gamepad:
         return PadState(axes, self._buttons, pressed and self._free)
 
     def close(self) -> None:
-        """Let go of it."""
+        """Close the device."""
         os.close(self._descriptor)
 
     def __enter__(self) -> Self:
@@ -117,13 +118,13 @@ class Gamepad:
 
 
 def operate(pad: Gamepad, ring: SharedRing, *, until: Callable[[], bool] = lambda: False) -> None:
-    """Write what a gamepad is like to a ring of `operator_layout`, for a loop, a hundred times a second.
+    """Write a gamepad's state to a ring of `operator_layout`, for a loop, at 100 Hz.
 
-    For a process or thread of its own: where it ends, or is killed, heartbeats end and the robot brakes.
+    Run it in a process or thread of its own: if that ends or is killed, heartbeats stop and the robot brakes.
 
     Raises
     ------
-    DeviceLostError : the gamepad is gone; it is written first that the switch is not held.
+    DeviceLostError : the gamepad is gone; the released switch is written first.
     """
     size = ring.layout["stick"].shape[0]
     ring.record["target"][...] = math.nan  # a stick points nowhere
@@ -138,7 +139,7 @@ def operate(pad: Gamepad, ring: SharedRing, *, until: Callable[[], bool] = lambd
 
 
 def main() -> None:
-    """By orders on standard input, until that ends or the gamepad is gone."""
+    """Follow the orders on standard input until it closes or the gamepad is gone."""
     orders = json.loads(sys.stdin.buffer.readline())
     ring = SharedRing.attach(orders["ring"])
     with Gamepad(orders["source"]) as pad:

@@ -1,4 +1,4 @@
-"""A log that the loop never waits for: a process of its own writes it, and this end says whether it still does."""
+"""A log that a separate process writes, so that the loop never waits; this end monitors that process."""
 
 from __future__ import annotations
 
@@ -21,26 +21,26 @@ from rehab_opt.version import __version__
 __all__ = ["DEPTH", "Log"]
 
 DEPTH = 8192
-"""Records of a loop's ring that is logged: at 1 kHz the log may be late by 8 s."""
+"""Depth of a logged loop's ring, in records: at 1 kHz the log may lag by 8 s."""
 SILENT = 2.0
-"""[s] A process that has not reported for so long no longer writes."""
+"""[s] without a report after which the writing process counts as failed."""
 PATIENCE = 30.0
-"""[s] for it to begin and to end."""
+"""[s] for the process to start and to end."""
 PROGRESS = np.dtype([("alive", "<f8"), ("written", "<u8"), ("lost", "<u8"), ("failure", "S240")])
 
 
 class Log:
-    """Writes the records of a loop's ring to an MCAP file, from the first one on, in a process of its own.
+    """Writes all records of a loop's ring to an MCAP file, in a separate process.
 
-    With `watch` among the loop's `watches` the robot brakes where the log ends: a full disk, a killed process. What was
-    logged by then stays readable. Records that the writer missed are counted in `lost`.
+    With `watch` among the loop's `watches` the robot brakes if logging fails (full disk, killed process). The log up to
+    then stays readable. `lost` counts records that the writer missed.
 
     Parameters
     ----------
-    ring : of `state_layout`, as deep as `DEPTH`.
-    path : of the file, which is replaced. names : of the joints.
-    problem : name of the problem, and `files` what it needs, the problem's own text first, for `rehab-opt replay`.
-    about : more that shall stand in the file.
+    ring : of `state_layout`, with depth `DEPTH`.
+    path : of the file, which is overwritten. names : of the joints.
+    problem : name of the problem. files : its files for `rehab-opt replay`, the problem's text first.
+    about : further metadata for the file.
 
     Raises
     ------
@@ -76,26 +76,26 @@ class Log:
 
     @property
     def process_id(self) -> int:
-        """Of the process that writes."""
+        """Process id of the writer."""
         return self._writer.id
 
     @property
     def failure(self) -> str:
-        """Why nothing more is written; empty while it is."""
+        """Reason why logging failed; empty while it works."""
         return bytes(self._said("failure")).decode(errors="replace")
 
     @property
     def written(self) -> int:
-        """Records that are in the file."""
+        """Number of records in the file."""
         return int(self._said("written"))
 
     @property
     def lost(self) -> int:
-        """Records that the writer was too late for."""
+        """Number of records that the writer missed."""
         return int(self._said("lost"))
 
     def watch(self) -> str:
-        """Why the loop should end: nothing is logged any more. Empty while it is."""
+        """Reason to stop the loop because logging failed; empty while it works."""
         newest = self._progress.latest()
         if newest is None or newest.record["failure"]:
             return f"the log has ended: {self.failure}"
@@ -105,7 +105,7 @@ class Log:
         return f"the log has been silent for {silent:.1f} s" if silent > SILENT else ""
 
     def close(self) -> None:
-        """Let it write the rest and end; within half a minute."""
+        """Write the rest and end the process, within half a minute."""
         self._writer.end(PATIENCE)
         newest = self._progress.latest()
         self._last = np.zeros(1, PROGRESS)[0] if newest is None else newest.record
@@ -128,6 +128,6 @@ class Log:
 
 
 def _versions() -> dict[str, str]:
-    """Of what computes the commands."""
+    """Versions of the software that computes the commands."""
     packages = {name: version(name) for name in ("numpy", "casadi", "scipy")}
     return {"rehab_opt": __version__, **packages, "python": platform.python_version(), "machine": platform.platform()}

@@ -1,4 +1,4 @@
-"""A file of everything that a loop did, in MCAP, which Foxglove shows and ROS 2 plays."""
+"""Log file of a loop in MCAP, which Foxglove shows and ROS 2 plays."""
 
 from __future__ import annotations
 
@@ -23,18 +23,18 @@ __all__ = ["ABOUT", "TICK", "LogFile", "mcap_module"]
 EXTRA = "log"
 TICK = "rehab_opt/msg/Tick"
 ABOUT = "rehab_opt"
-"""Name of the metadata that says what the log is of."""
+"""Name of the log's metadata record."""
 SHOWN_HZ = 100.0
-"""How often joints and forces are also written in the messages that a 3-D view knows; ticks are all written."""
+"""Rate of additional messages of joints and forces for 3-D views; all ticks are written."""
 FRAME = "base"
 
 
 def mcap_module(name: str) -> ModuleType:
-    """A module of the package `mcap`.
+    """Import a module of the package `mcap`.
 
     Raises
     ------
-    ConfigurationError : it is not installed.
+    ConfigurationError : mcap is not installed.
     """
     try:
         return import_module(f"mcap.{name}")
@@ -46,15 +46,14 @@ def mcap_module(name: str) -> ModuleType:
 class LogFile:
     """Ticks as `rehab_opt/msg/Tick`, joints as `sensor_msgs/JointState`, the force on the hand as `WrenchStamped`.
 
-    Messages are of ROS 2 (CDR, definitions in the file): numbers are copied, not printed, and 3-D views know joints.
-
-    After each `flush` the file is whole chunks, and readable. A write that fails, on a full disk, is undone.
+    Messages are ROS 2 messages (CDR, definitions in the file), so numbers are exact and 3-D views can show joints.
+    After each `flush` the file has whole chunks and is readable. A failed write, as on a full disk, is undone.
 
     Parameters
     ----------
-    path : of the file, which is replaced. layout : of the records. names : of the joints.
+    path : of the file, which is overwritten. layout : of the records. names : of the joints.
     epoch : [ns] since 1970 at which `time.monotonic` was zero.
-    about : what the log is of. files : texts that belong to it, the problem's, by name.
+    about : metadata. files : texts of the problem, by name.
 
     Raises
     ------
@@ -93,7 +92,7 @@ class LogFile:
         return int(self._writer.register_channel(topic, "cdr", schema))
 
     def write(self, records: NDArray[np.void]) -> None:
-        """Keep records until they are flushed."""
+        """Buffer records until the next flush."""
         for record in records:
             clock = float(record["clock"])
             now, add = self._epoch + round(1e9 * clock), self._writer.add_message
@@ -105,16 +104,16 @@ class LogFile:
                 add(self._force, now, wrench(now, FRAME, record["force"].tolist()), now)
 
     def flush(self) -> None:
-        """Write what was kept, as a chunk of its own.
+        """Write the buffered records as one chunk.
 
         Raises
         ------
-        OSError : it cannot be written; what was written before is left.
+        OSError : writing failed; earlier chunks stay.
         """
         self._writer.flush()
 
     def finish(self) -> None:
-        """Write what was kept and the index. Raises as `flush`."""
+        """Write the buffered records and the index. Raises as `flush`."""
         self._writer.finish()
         self._file.flush()
         self._file.close()
@@ -125,7 +124,7 @@ class LogFile:
 
 
 class _WholeWrites(io.BytesIO):
-    """A file to which everything between two `flush` is written, or nothing of it."""
+    """A file that writes everything between two flushes, or nothing."""
 
     def __init__(self, path: Path) -> None:
         super().__init__()

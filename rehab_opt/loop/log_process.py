@@ -1,7 +1,6 @@
 """The process that writes a log: `python -m rehab_opt.loop.log_process`, its orders on standard input.
 
-The first line says what to write where; the end of the input, as the end of the loop's process is, too, says that
-nothing more will come.
+The first line has the orders. The input closes when logging ends, and also when the loop's process ends.
 """
 
 from __future__ import annotations
@@ -21,13 +20,13 @@ from rehab_opt.loop.shared_ring import SharedRing
 __all__ = ["EVERY", "log_records", "main"]
 
 EVERY = 0.1
-"""[s] between two chunks: what is lost where this process is killed."""
+"""[s] between two chunks; at most this is lost if the process is killed."""
 LOOKS = 0.02
-"""[s] between two looks at the ring."""
+"""[s] between two reads of the ring."""
 
 
 def main() -> None:
-    """Write until standard input ends."""
+    """Write until standard input closes."""
     orders = json.loads(sys.stdin.buffer.readline())
     progress = SharedRing.attach(orders["progress"])
     try:
@@ -39,7 +38,7 @@ def main() -> None:
 
 
 def log_records(orders: dict[str, Any], progress: SharedRing) -> None:
-    """Write what comes into the ring. Raises an OSError where the file cannot be written."""
+    """Write the ring's records to the file. Raises OSError if that fails."""
     ring = SharedRing.attach(orders["ring"], from_start=True)
     files = {name: base64.b64decode(data) for name, data in orders["files"].items()}
     epoch = time.time_ns() - round(1e9 * time.monotonic())

@@ -1,4 +1,4 @@
-"""A log read back, whole or cut off where a disk was full or a process was killed."""
+"""Read a log, complete or truncated by a full disk or a killed process."""
 
 from __future__ import annotations
 
@@ -23,18 +23,18 @@ from rehab_opt.text_file import regular_file
 __all__ = ["Logged", "operator_of", "read_log"]
 
 KIND, MOST = re.compile(r"<f8|<u8|\|?S\d{1,4}"), 1000
-"""Of a field in a record; numbers in it at most."""
+"""Allowed types of a record's field; largest number of elements."""
 
 
 @dataclass(frozen=True, eq=False)
 class Logged:
-    """What a log says.
+    """Content of a log.
 
     Parameters
     ----------
-    records : (N,) ticks in the order in which they were run, fields of `state_layout`.
-    names : of the joints. about : of what, and by which versions. files : the problem's, by name.
-    whole : whether the log was ended as it should; one that was not has lost a tenth of a second at most.
+    records : (N,) ticks in order, with the fields of `state_layout`.
+    names : of the joints. about : metadata and versions. files : of the problem, by name.
+    whole : whether the log was closed properly; otherwise at most the last 0.1 s is lost.
     """
 
     records: NDArray[np.void]
@@ -45,15 +45,15 @@ class Logged:
 
 
 ENDS = b"\x89MCAP0\r\n"
-"""Of each whole file."""
+"""Last bytes of a complete file."""
 
 
 def read_log(path: Path | str) -> Logged:
-    """The log in a file.
+    """Read the log in a file.
 
     Raises
     ------
-    ProblemFileError : it cannot be read, is no log of a loop, or was altered.
+    ProblemFileError : the file is unreadable, no log of a loop, or altered.
     ConfigurationError : mcap is not installed.
     """
     stream, records, errors = (mcap_module(name) for name in ("stream_reader", "records", "exceptions"))
@@ -97,7 +97,7 @@ def read_log(path: Path | str) -> Logged:
 
 
 def _layout(told: list[tuple[Any, ...]]) -> np.dtype[Any]:
-    """As it was written; ValueError or TypeError where it was not."""
+    """The records' dtype; raises ValueError or TypeError if it is invalid."""
     for _, kind, *shape in told:
         if not (KIND.fullmatch(kind) and all(0 < size <= MOST for sizes in shape for size in sizes)):
             raise ValueError(f"{kind} {shape}")
@@ -108,7 +108,7 @@ def _layout(told: list[tuple[Any, ...]]) -> np.dtype[Any]:
 
 
 def operator_of(layout: np.dtype[Any]) -> np.dtype[Any]:
-    """The operator's part of a layout, as `operator_layout` made it; without fields where nobody operated."""
+    """The operator's part of a layout, as from `operator_layout`; no fields without an operator."""
     prefix = "operator_"
     fields = dict(layout.fields or {})
     return np.dtype([(name.removeprefix(prefix), kind[0]) for name, kind in fields.items() if name.startswith(prefix)])

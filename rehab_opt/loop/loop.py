@@ -1,4 +1,4 @@
-"""A controller and a plant, or a device, in time."""
+"""Real-time loop of a controller and a plant or device."""
 
 from __future__ import annotations
 
@@ -33,50 +33,50 @@ __all__ = ["DEAD_MAN", "Loop"]
 Array = NDArray[np.float64]
 
 DEAD_MAN = 0.15
-"""[s] within which the robot begins to brake once the dead man's switch is not held, or nobody can say that it is."""
+"""[s] until the robot brakes after the dead man's switch is released or its state is unknown."""
 STOPPING = 3.0
-"""[s] A robot that has not come to rest by then is stopped as it is."""
+"""[s] Largest duration of braking at the end; then the robot is stopped in any state."""
 AT_REST = (Status.HOLDING, Status.RELEASED)
 ASKED = {False: 1, True: 2}
-"""`asked_before` by the enable input of the tick's first call."""
+"""Value of `asked_before` by the enable input of the tick's first call."""
 COLLECTED = 64
-"""Ticks between two looks for garbage, in which a tick's own few objects are looked at, some 20 us."""
+"""Ticks between two garbage collections of young objects, which take about 20 us."""
 
 
 class Loop:
-    """Runs a controller on a plant, or a device, a tick every `plant.dt`, at deadlines that do not drift.
+    """Runs a controller on a plant or device, one tick every `plant.dt`, with deadlines that do not drift.
 
-    A tick reads what the sensors say, asks the controller, sends. It is woken a little early and waits the rest awake.
-    One that begins more than a whole tick too late leaves out those in between, which is counted. The time is that of
-    `time.monotonic`: a wall clock that is stepped changes nothing.
+    A tick reads the sensors, calls the controller and sends the command. The thread wakes slightly early and then
+    busy-waits. If a tick starts more than one tick late, the missed ticks are skipped and counted. Times are from
+    `time.monotonic`, so changes of the wall clock have no effect.
 
-    The controller gets `enabled=False`, and so gives its safe command, where
+    The controller gets `enabled=False`, and so returns its safe command, if
 
-    - the dead man's switch was last known to be held longer ago than `dead_man`, or nobody has written to `operator`;
-    - what was measured is older than `max_age`. That is looked at again when the command is about to be sent: one
-      that took too long is not sent, the controller gives its fallback command instead;
-    - one of `watches` says why.
+    - the dead man's switch was last reported as held more than `dead_man` ago, or `operator` has no record;
+    - the measurement is older than `max_age`. This is checked again before sending: if the command took too long, the
+    controller's fallback command is sent instead;
+    - one of `watches` returns a reason.
 
-    The command's reason then says it in words. At its end, whatever it is, the robot is braked to rest by the
-    controller, then a device gets `stop`. A device that is gone gets nothing: it brakes by a watchdog of
-    its own, and the report says that it is `lost`.
+    The command's reason states this in words. When the loop ends for any reason, the controller brakes the robot to
+    rest, then a device gets `stop`. A device that is gone must brake by its own watchdog; the report marks it as
+    `lost`.
 
     Parameters
     ----------
-    plant : where it is reset to, or the device.
+    plant : already reset, or the device.
     decide : the controller, see `Tick`.
-    state : a ring of `state_layout` records, for viewers and loggers; None for none.
-    operator : a ring of `operator_layout` records; None where nobody operates and the robot moves while the loop runs.
-    max_age : [s] by default as the controllers', 50 ms or three ticks.
+    state : a ring of `state_layout` records, for viewers and loggers, or None.
+    operator : a ring of `operator_layout` records; None without an operator: the robot moves while the loop runs.
+    max_age : [s], by default that of controllers: 50 ms or three ticks.
     dead_man : [s]
-    watches : each says why the robot must brake, as a log that is broken does; empty text while it may move.
-    plant_command : what the plant takes of a command; its `value` by default.
-    fifo : priority 1 to 99 of SCHED_FIFO; None for a usual thread. The rest of the machine waits while such a thread
-        runs: a controller that takes longer than a tick stops a core.
+    watches : functions that return a reason to brake, such as a failed log, or an empty text.
+    plant_command : function from a command to the plant's input; `value` by default.
+    fifo : priority 1 to 99 of SCHED_FIFO; None for a normal thread. A FIFO thread blocks others on its core: a
+        controller that takes longer than a tick occupies the core completely.
 
     Raises
     ------
-    ConfigurationError : a number that is no time, rings of something else.
+    ConfigurationError : an invalid time, or rings with other records.
     """
 
     def __init__(
@@ -106,11 +106,11 @@ class Loop:
         self._state = None if state is None else StateRecord(state, layout)
 
     def run(self, *, seconds: float = math.inf, until: Callable[[], bool | str] = lambda: False) -> LoopReport:
-        """Tick until `seconds` have passed, `until()` is true or says why, Ctrl-C, SIGTERM, a lost device; then brake.
+        """Run until `seconds` have passed, `until()` is true or a text, Ctrl-C, SIGTERM, or a lost device; then brake.
 
         Raises
         ------
-        ConfigurationError : from the controller or the plant, or a command that holds no number and is not sent; a
+        ConfigurationError : from the controller or the plant, or for a command without numbers, which is not sent; a
             device is stopped first.
         """
         run = _Run()
@@ -130,7 +130,7 @@ class Loop:
         )
 
     def _ticks(self, run: _Run, seconds: float, until: Callable[[], bool | str]) -> str:
-        """Why they ended."""
+        """Run the ticks; returns the reason for their end."""
         reason = ""
         try:
             while not reason:
@@ -182,7 +182,7 @@ class Loop:
         return command
 
     def _wait(self, run: _Run) -> float:
-        """Until the next deadline; when that was over."""
+        """Wait until the next deadline; returns the time of waking."""
         deadline = run.start + (run.index + 1) * self.dt
         left = deadline - monotonic()
         if left > run.early:
@@ -199,7 +199,7 @@ class Loop:
         return now
 
     def _held(self, operator: np.void | None, now: float) -> tuple[bool, str]:
-        """Whether the dead man's switch is, and why not."""
+        """Whether the dead man's switch is held, and the reason if not."""
         if self._operator is None:
             return True, ""
         if operator is None:
@@ -217,7 +217,7 @@ class Loop:
         return f"the measured state is {1e3 * age:.0f} ms old, at most {1e3 * self.max_age:.0f} ms"
 
     def _tell_lost(self, run: _Run, reason: str) -> None:
-        """Publish the command that the lost robot no longer receives."""
+        """Publish the command that a lost robot did not receive."""
         if self._state is None or run.told is None:
             return
         last = run.told.tick
@@ -236,7 +236,7 @@ class _Told(NamedTuple):
 
 
 class _Run:
-    """What one run counts."""
+    """Counters of one run."""
 
     def __init__(self) -> None:
         self.index, self.ticks, self.missed, self.late, self.stale = -1, 0, 0, 0, 0
@@ -248,7 +248,7 @@ class _Run:
 
 @contextmanager
 def _between_ticks(run: _Run) -> Iterator[None]:
-    """Ctrl-C and SIGTERM wait for the end of a tick: stopped half-way, a controller could not brake, or be replayed."""
+    """Delay Ctrl-C and SIGTERM to the end of a tick, so that the controller can still brake and be replayed."""
     asked = [each for each in (signal.SIGINT, signal.SIGTERM) if signal.getsignal(each) is not signal.SIG_IGN]
     if threading.current_thread() is not threading.main_thread():
         asked = []  # only there signals can be asked for
@@ -267,7 +267,7 @@ def _between_ticks(run: _Run) -> Iterator[None]:
 
 
 def _push(operator: np.void | None) -> Any:
-    """(k,) [N] on the hand of a simulated robot, None for none."""
+    """(k,) [N] force on a simulated robot's hand, or None."""
     if operator is None:
         return None
     push = operator["push"]

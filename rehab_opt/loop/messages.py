@@ -13,7 +13,7 @@ __all__ = ["JOINT_STATE", "WRENCH", "MessageType", "floats", "joint_state", "wre
 
 
 class MessageType(NamedTuple):
-    """A message's name and its definition, with those of the messages within it."""
+    """A message's name and definition, including nested messages."""
 
     name: str
     definition: str
@@ -45,7 +45,7 @@ WRENCH = _with(
 def joint_state(
     nanoseconds: int, names: Sequence[str], position: ArrayLike, velocity: ArrayLike = (), effort: ArrayLike = ()
 ) -> bytes:
-    """Joints at a time since 1970: [rad, m], [rad/s, m/s], [N m, N]; an empty sequence where one is not known."""
+    """Joint state [rad, m], [rad/s, m/s], [N m, N] at a time since 1970; empty sequences for unknown values."""
     message = _header(nanoseconds, "").texts(names)
     return message.numbers(position).numbers(velocity).numbers(effort).done()
 
@@ -59,7 +59,7 @@ def wrench(nanoseconds: int, frame: str, force: Sequence[float]) -> bytes:
 
 
 def floats(values: ArrayLike) -> bytes:
-    """Numbers without a layout, as velocity controllers of ros2_control take them."""
+    """Numbers without a layout, for velocity controllers of ros2_control."""
     return Cdr().number("I", 0).number("I", 0).numbers(values).done()
 
 

@@ -1,4 +1,4 @@
-"""A problem file run in time, and run again from the log that it left."""
+"""Run a problem file in real time, and replay its log."""
 
 from __future__ import annotations
 
@@ -51,16 +51,16 @@ __all__ = [
 ]
 
 TEXT = "problem.toml"
-"""What a problem's own text is called in a log."""
+"""Name of a problem's text in a log."""
 HOME = "folder"
-"""In the description of a log: where the problem's text lies among its other files."""
+"""Metadata key of a log: folder of the problem's text among its files."""
 BUTTONS = {"switch": 1, "gripper": 2}
 PATIENCE = 2.0
 """[s] for a gamepad's process to end."""
 
 
 def decide_of(control: LiveControl, *, then: Callable[[Tick, Command], None] = lambda *_: None) -> Decide:
-    """The controller of a problem as a loop calls it, following the problem's own reference where nobody operates.
+    """A problem's controller for a loop; it follows the problem's own reference without an operator.
 
     `then` is called with each tick and its command.
     """
@@ -81,7 +81,7 @@ def decide_of(control: LiveControl, *, then: Callable[[Tick, Command], None] = l
 
 
 def _inputs_of(record: np.void, *, enable: bool) -> LiveInputs:
-    """What the operator wants; whether the dead-man is held is the loop's to say."""
+    """The operator's inputs; the loop decides about the dead man's switch."""
     frozen, buttons = np.flatnonzero(record["frozen"]), int(record["buttons"])
     target, helper = (*(_place(each) for each in record["target"]), NOWHERE)[:2]
     return LiveInputs(
@@ -112,20 +112,20 @@ def run_in_time(
     gamepad: Path | None = None,
     **options: str | None,
 ) -> tuple[LoopReport, int]:
-    """Run a problem at its rate, on its simulated robot or its device, with nobody at it but who holds a gamepad.
+    """Run a problem in real time on its simulated robot or device, optionally operated by a gamepad.
 
     Parameters
     ----------
-    seconds : how long. log : file of the log, None for none. fifo : see `Loop`. options : as of `live_problem`.
-    gamepad : the robot moves while its button 4 is held; its stick and first two buttons are those of the page.
+    seconds : duration. log : log file, or None. fifo : see `Loop`. options : see `live_problem`.
+    gamepad : the robot moves while button 4 is held; stick and first two buttons act as on the page.
 
     Returns
     -------
-    How it went, and how many records the log lost.
+    The loop's report, and the number of records that the log lost.
 
     Raises
     ------
-    ConfigurationError, ProblemFileError : as `live_problem`; a device is not where the problem begins.
+    ConfigurationError, ProblemFileError : as `live_problem`; a device is not at the problem's start.
     DeviceLostError : it cannot be connected.
     """
     problem = live_problem(config, **options)
@@ -148,7 +148,7 @@ def run_in_time(
 
 @contextmanager
 def _operated_by(gamepad: Path, problem: LiveProblem) -> Iterator[SharedRing]:
-    """What a gamepad says, read by a process of its own; raises as `Gamepad`."""
+    """Ring of a gamepad's inputs, read by a separate process; raises as `Gamepad`."""
     Gamepad(gamepad).close()
     with SharedRing.create(operator_layout(problem.encoders, axes=2, force=problem.force)) as ring:
         reader = Companion("rehab_opt.loop.gamepad", {"source": str(gamepad), "ring": ring.name})
@@ -159,12 +159,12 @@ def _operated_by(gamepad: Path, problem: LiveProblem) -> Iterator[SharedRing]:
 
 
 def delay_of(config: ProblemFile[Any], *, joint: int, fifo: int | None = None, **options: str | None) -> float:
-    """[s] by which a problem's robot is late, see `measured_delay`.
+    """[s] delay of a problem's robot, see `measured_delay`.
 
     Raises
     ------
-    ConfigurationError, ProblemFileError, DeviceLostError : as `run_in_time` and `measured_delay`; a robot that takes no
-        joint velocities.
+    ConfigurationError, ProblemFileError, DeviceLostError : as `run_in_time` and `measured_delay`; a robot without joint
+        velocity commands.
     """
     problem = live_problem(config, **options)
     if problem.force != 3 or "stick" in problem.controls:
@@ -179,19 +179,19 @@ def delay_of(config: ProblemFile[Any], *, joint: int, fifo: int | None = None, *
 def log_of(
     config: ProblemFile[Any], problem: LiveProblem, ring: SharedRing, path: Path, options: Mapping[str, str | None]
 ) -> Log:
-    """A log of a problem's loop that can be run again; raises as `Log`."""
+    """A log of a problem's loop that can be replayed; raises as `Log`."""
     about = {name: value for name, value in options.items() if value is not None} | {HOME: str(_home(config))}
     return Log(ring, path, names=problem.names, problem=config.name, files=files_of(config), about=about)
 
 
 @contextmanager
 def control_of(problem: LiveProblem, *, fifo: int | None = None) -> Iterator[LiveControl]:
-    """A problem's control at its start: on a simulated robot, or on its device, which is let go of afterwards.
+    """A problem's control at its start, on a simulated robot or on its device, which is disconnected afterwards.
 
     Raises
     ------
-    ConfigurationError : the device is not where the problem begins, or cannot be of this problem.
-    DeviceLostError : it cannot be connected.
+    ConfigurationError : the device is not at the problem's start, or does not fit the problem.
+    DeviceLostError : no connection to the device.
     """
     with nullcontext() if problem.device is None else connected(problem, fifo=fifo) as plant:
         control = problem.control(plant)
@@ -212,13 +212,13 @@ def connected(problem: LiveProblem, *, fifo: int | None = None) -> RemoteDevice:
 
 
 class _LoggedRobot:
-    """A robot that was where a log says; nothing moves it."""
+    """A robot with the states of a log; commands have no effect."""
 
     def __init__(self, dt: float) -> None:
         self.dt = dt
 
     def show(self, record: np.void) -> None:
-        """A tick."""
+        """Set measurement and truth from a tick's record."""
         stamp, time = float(record["stamp"]), float(record["time"])
         self.measured = Measurement(stamp, *(record[each].copy() for each in ("position", "velocity", "force")))
         true = (record[each].copy() for each in ("true_position", "true_velocity", "effort", "true_force"))
@@ -234,12 +234,13 @@ class _LoggedRobot:
 
 
 def logged_problem(logged: Logged, folder: Path) -> LiveProblem:
-    """The problem that a log is of, its files written into an empty folder.
+    """The problem of a log; its files are written into an empty folder.
 
     Raises
     ------
-    ConfigurationError : the log is of a program of its own, whose controller only that program has: see `replayed`.
-    ProblemFileError : what the log holds of the problem cannot be used.
+    ConfigurationError : the log is not of a problem file; only the program that wrote it has its controller, see
+        `replayed`.
+    ProblemFileError : the problem in the log is invalid.
     """
     if TEXT not in logged.files:
         raise ConfigurationError(
@@ -260,23 +261,23 @@ def logged_problem(logged: Logged, folder: Path) -> LiveProblem:
 def control_again(
     problem: LiveProblem, *, then: Callable[[Tick, Command], None] = lambda *_: None
 ) -> tuple[LiveControl, Decide, Callable[[np.void], None]]:
-    """A problem's control on the robot of a log; how it is called; and the function that takes each record."""
+    """A problem's control on a log's robot; the function that calls it; and the function that sets a record."""
     robot = _LoggedRobot(problem.dt)
     control = problem.control(robot)
     return control, decide_of(control, then=then), robot.show
 
 
 def replay_problem(logged: Logged) -> Replay:
-    """Compute the session of a problem again; raises as `logged_problem`."""
+    """Replay the session of a problem; raises as `logged_problem`."""
     with tempfile.TemporaryDirectory() as folder:
         _, decide, show = control_again(logged_problem(logged, Path(folder)))
         return replayed(logged.records, decide, before=show)
 
 
 def files_of(config: ProblemFile[Any]) -> dict[str, bytes]:
-    """The problem's text, and the recordings, robot files, URDF or MJCF beside it that it names, by their places.
+    """Contents by path of the problem's text and of the recordings and robot files (TOML, URDF, MJCF) that it names.
 
-    What lies in the data folder stays there: it is other people's.
+    Files in the data folder are left out, because they belong to other people.
     """
     files, home = {TEXT: config.path.read_bytes()}, _home(config)
     for needed in system_named(config.problem.system).recordings(config.problem):
@@ -293,7 +294,7 @@ def files_of(config: ProblemFile[Any]) -> dict[str, bytes]:
 
 
 def _home(config: ProblemFile[Any]) -> PurePosixPath:
-    """The problem's own folder below the one in which all of its files are."""
+    """The problem's folder relative to the folder that contains all of its files."""
     needed = system_named(config.problem.system).recordings(config.problem)
     above = max((PurePosixPath(each.reference).parts.count("..") for each in needed), default=0)
     return PurePosixPath(*config.path.resolve().parent.parts[-above:]) if above else PurePosixPath()

@@ -1,4 +1,4 @@
-"""Inputs of a controller in a tick, and a loop's records of its ticks and of its operator's commands."""
+"""Inputs of a controller in a tick; records of a loop's ticks and of its operator's inputs."""
 
 from __future__ import annotations
 
@@ -17,45 +17,44 @@ __all__ = ["Decide", "StateRecord", "Tick", "operator_layout", "state_layout"]
 
 
 class Tick(NamedTuple):
-    """One tick's inputs, all that an answer may depend on: a log of them is a session to run again."""
+    """All inputs of a controller in one tick; a log of them can be replayed."""
 
     number: int
-    """From 0 on; ticks that were left out are counted."""
+    """Number from 0; skipped ticks count."""
     time: float
-    """[s] of its deadline since the loop began: `number` times dt."""
+    """[s] deadline since the loop's start: `number` times dt."""
     seen: Measurement
-    """What the sensors say."""
+    """Measurement of the sensors."""
     operator: np.void | None
-    """The operator's inputs, see `operator_layout`; None before the first."""
+    """The operator's inputs, see `operator_layout`; None before the first record."""
     enabled: bool
-    """The dead-man input of `step`."""
+    """The `enable` input of `step`."""
 
 
 Decide: TypeAlias = Callable[[Tick], Command]
-"""A controller as the loop calls it: `lambda tick: tracker.step(tick.seen.position, pose, twist, enable=tick.enabled)`.
-It reads no clock and nothing else that changes from run to run, else its log cannot be run again."""
+"""A controller as a function of a tick: `lambda tick: tracker.step(tick.seen.position, pose, twist,
+enable=tick.enabled)`. It must not read a clock or anything else that changes between runs, or its log cannot be
+replayed."""
 
 
 STATUS, REASON = 16, 240
-"""Bytes of a status and of a reason; a longer one is cut."""
+"""Bytes of a status and of a reason; longer ones are truncated."""
 
 
 def operator_layout(joints: int, *, axes: int = 4, targets: int = 1, force: int = 3) -> np.dtype[Any]:
-    """Inputs of a robot's operator, as a page, a stick or a program writes them.
+    """Layout of an operator's inputs from a page, a stick or a program.
 
     Fields
     ------
-    heartbeat : [s] `time.monotonic` when the dead man's switch was last known to be held; not held: NaN.
-    stick (axes,) : deflections, -1 to 1. buttons : a bit each.
-    target (targets, 4, 4) : poses in the base frame [m], the tool's first; twist (targets, 6) how they move [m/s,
-        rad/s]. Where a problem has hands in a plane, column 3 holds their places.
-    push (force,) : [N] on the hand of a simulated robot.
-    frozen (joints,) : 1 where an encoder shall stand still; noise [rad, m] of the encoders, delay [s] of what is
-        measured: faults of a simulated robot.
+    heartbeat : [s] `time.monotonic` when the dead man's switch was last reported as held; NaN if it is not held.
+    stick (axes,) : deflections, -1 to 1. buttons : one bit each. target (targets, 4, 4) : poses in the base frame [m],
+    the tool's first; twist (targets, 6) their twists [m/s, rad/s]. For hands in a plane, column 3 has their positions.
+    push (force,) : [N] on the hand of a simulated robot. frozen (joints,) : 1 for a frozen encoder; noise [rad, m] of
+    the encoders, delay [s] of measurements: faults of a simulated robot.
 
     Parameters
     ----------
-    joints : of the plant. axes : of the stick. targets : how many hands are led. force : components, 2 or 3.
+    joints : of the plant. axes : of the stick. targets : number of hands. force : components, 2 or 3.
     """
     return np.dtype(
         [
@@ -75,23 +74,24 @@ def operator_layout(joints: int, *, axes: int = 4, targets: int = 1, force: int 
 def state_layout(
     joints: int, operator: np.dtype[Any] | None = None, *, command: int | None = None, wheels: int = 0, force: int = 3
 ) -> np.dtype[Any]:
-    """One tick of a loop: the controller's inputs and command, the true state, and timing.
+    """Layout of one tick: the controller's inputs and command, the true state, and timing.
 
-    Numbers of 8 bytes each, then texts: the order in which `rehab_opt.loop.cdr` writes them.
+    Numbers of 8 bytes come first, then texts, as `rehab_opt.loop.cdr` requires.
 
     Fields
     ------
-    record : its number, from 1 on, one more each. tick : from 0 on, left-out ones counted. time : [s] of its deadline
-        since the loop began. clock : [s] `time.monotonic` of it.
+    record : number of the record, from 1. tick : number of the tick, from 0, skipped ones included. time : [s] deadline
+        since the loop's start. clock : [s] deadline on `time.monotonic`.
     stamp : [s] of the measurement, on the plant's clock. position, velocity (joints,), force (force,) : measured.
-    enabled : 1 if the controller was enabled. asked_before : 0, or if it was called twice in this tick, 1 if it was
-        not enabled at first, 2 if it was. age : [s] of the measurement when the command was sent.
-    held : 1 while the dead man's switch is. operated : 1 once the operator has written anything. All fields of
-        `operator`, with `operator_` before their names.
-    command (command,) : what was answered, and wheels (wheels,). scale, residual, relaxed : see `Command`.
-    true_position, true_velocity, effort (joints,), true_force (force,) : the plant's truth; of a device, what it says.
-    lateness : [s] from the deadline to the begin of the tick. tick_time : [s] from there until the command was sent.
-    missed : ticks left out so far. stale : commands refused so far because their state was too old.
+    enabled : 1 if the controller was enabled. asked_before : 0, or, if the controller was called twice in this tick, 1
+        if the first call was not enabled and 2 if it was. age : [s] of the measurement when the command was sent.
+    held : 1 while the dead man's switch is held. operated : 1 after the operator's first record. Then all fields of
+        `operator` with the prefix `operator_`.
+    command (command,) : the command, and wheels (wheels,). scale, residual, relaxed : see `Command`. true_position,
+    true_velocity, effort (joints,), true_force (force,) : the plant's truth; for a device its measurement.
+    lateness : [s] from the deadline to the start of the tick. tick_time : [s] from the start until the command was
+        sent.
+    missed : ticks skipped so far. stale : commands withheld so far because the robot's state was stale.
     status, reason : texts.
     """
     size = joints if command is None else command
@@ -133,15 +133,15 @@ def state_layout(
 
 
 class StateRecord:
-    """The fields of `state_layout` in a ring, found once: to find one by its name costs more than to fill it.
+    """The fields of `state_layout` in a ring, looked up once, because look-up by name is slow.
 
     Parameters
     ----------
-    ring : whose records are written. operator : layout of what the operator writes, None where nobody operates.
+    ring : the ring to write. operator : layout of the operator's inputs, or None.
 
     Raises
     ------
-    ConfigurationError : a ring whose records are not a loop's, or not of this operator.
+    ConfigurationError : a ring with other records, or of another operator layout.
     """
 
     def __init__(self, ring: SharedRing, operator: np.dtype[Any] | None) -> None:
@@ -156,7 +156,7 @@ class StateRecord:
         self._reason, self._status = b"", b""
 
     def write(self, tick: Tick, truth: Truth, command: Command, **others: float) -> None:
-        """Publish one tick; `others` are further fields of the record, by name."""
+        """Publish one tick; `others` are further fields of the record by name."""
         fields, (_, position, velocity, force) = self._fields, tick.seen
         fields["tick"][()], fields["time"][()], fields["enabled"][()] = tick.number, tick.time, tick.enabled
         fields["stamp"][()] = tick.seen.stamp

@@ -1,4 +1,4 @@
-"""A device whose driver lives in a process of its own: it may wait, the loop never does."""
+"""A device with its driver in a separate process, so that the loop never waits."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ __all__ = ["Driver", "Reading", "RemoteDevice", "commanded_layout", "sensed_layo
 Array = NDArray[np.float64]
 
 PATIENCE, ENDING = 15.0, 5.0
-"""[s] to connect, and to let go."""
+"""[s] to connect, and to disconnect."""
 NEAR = 0.05
-"""[rad, m] by which a joint may be off the position that the device is expected at."""
+"""[rad, m] Largest deviation of a joint from the expected start position."""
 
 
 class Reading(NamedTuple):
-    """What a driver has just got from its device, as it came."""
+    """The latest state that a driver received from its device."""
 
     position: ArrayLike
     velocity: ArrayLike
@@ -32,31 +32,31 @@ class Reading(NamedTuple):
 
 
 class Driver(Protocol):
-    """What the process of a device runs. Its calls may wait; each raises a DeviceLostError where it is gone."""
+    """Driver that runs in a device's process. Its calls may wait; each raises DeviceLostError if the device is gone."""
 
     def read(self) -> Reading | None:
-        """What has come since the last call; None if nothing has."""
+        """The newest state since the last call, or None."""
         ...
 
     def send(self, velocity: list[float]) -> None:
-        """Joint velocities [rad/s, m/s], until others are sent."""
+        """Command joint velocities [rad/s, m/s] until the next command."""
         ...
 
     def brake(self) -> None:
-        """To rest, by the device's own means."""
+        """Brake to rest by the device's own means."""
         ...
 
     def keep_alive(self) -> None:
-        """Show the device's watchdog that its driver is still there."""
+        """Reset the device's watchdog."""
         ...
 
     def close(self) -> None:
-        """To rest, and let go of it."""
+        """Brake to rest and disconnect."""
         ...
 
 
 def sensed_layout(joints: int) -> np.dtype[Any]:
-    """What the driver's process sends."""
+    """Layout of records from the driver's process."""
     return np.dtype(
         [("stamp", "<f8"), ("position", "<f8", (joints,)), ("velocity", "<f8", (joints,)), ("force", "<f8", (3,)),
          ("sent", "<u8"), ("failure", "S240")]
@@ -64,21 +64,22 @@ def sensed_layout(joints: int) -> np.dtype[Any]:
 
 
 def commanded_layout(joints: int) -> np.dtype[Any]:
-    """What it receives."""
+    """Layout of records to the driver's process."""
     return np.dtype([("velocity", "<f8", (joints,))])
 
 
 class RemoteDevice:
-    """A `Device` of joint velocities; see its maker, such as `connect_ur`.
+    """A `Device` with joint velocity commands, made by functions such as `connect_ur`.
 
-    Readings are stamped when they arrive. Without commands, the loop stopped or killed, the driver's process brakes the
-    robot; without that process the robot's own watchdog does.
+    Readings are stamped on arrival. If the loop stops or is killed, the driver's process brakes the robot; if that
+    process ends, the robot's own watchdog does.
 
     Parameters
     ----------
-    driver : name of the module in this package that has the driver. options : of the driver.
-    joints : how many. dt : [s] of a tick. name : of the device, for messages.
-    watchdog : [s] A device that has sent nothing for so long is lost; the driver brakes after half of it.
+    driver : name of the driver's module in this package. options : of the driver.
+    joints : number of joints. dt : [s] of a tick. name : of the device, for messages.
+    watchdog : [s] without a reading after which the device counts as lost; the driver brakes after half of it without a
+        command.
     fifo : of the driver's process, see `Loop`.
     """
 
@@ -122,12 +123,12 @@ class RemoteDevice:
 
     @property
     def process_id(self) -> int:
-        """Of the driver's process."""
+        """Process id of the driver."""
         return self._driver.id
 
     @property
     def measured(self) -> Measurement:
-        """What arrived last. Raises a DeviceLostError where that is too long ago, or the driver says so."""
+        """The last reading. Raises DeviceLostError if it is too old or the driver reports a loss."""
         newest = None if self._closed else self._sensed.latest()
         if newest is None:
             raise DeviceLostError(f"{self._name} was closed")
@@ -144,16 +145,16 @@ class RemoteDevice:
 
     @property
     def truth(self) -> Truth:
-        """What is measured, and when it is now."""
+        """The measurement, with the current time."""
         _, position, velocity, force = self.measured
         return Truth(time.monotonic(), position, velocity, np.zeros(self._joints), force)
 
     def reset(self, position: ArrayLike) -> Measurement:
-        """Nothing is moved: what is measured, if the joints are at `position` (n,).
+        """Return the measurement if the joints are at `position` (n,); nothing moves.
 
         Raises
         ------
-        ConfigurationError : they are not.
+        ConfigurationError : the joints are elsewhere.
         """
         seen = self.measured
         if not np.all(np.abs(np.asarray(position, dtype=np.float64) - seen.position) <= NEAR):
@@ -161,7 +162,7 @@ class RemoteDevice:
         return seen
 
     def step(self, command: ArrayLike, push: ArrayLike | None = None) -> Measurement:
-        """Send joint velocities (n,) [rad/s, m/s]; what arrived last. Nobody is pushed.
+        """Send joint velocities (n,) [rad/s, m/s]; returns the last reading. A push is ignored.
 
         Raises
         ------
@@ -174,12 +175,12 @@ class RemoteDevice:
         return seen
 
     def stop(self) -> None:
-        """Send zeros; without another command the driver brakes."""
+        """Send zero velocities; without another command the driver brakes."""
         if not self._closed:
             self._commanded.write(velocity=0.0)
 
     def close(self) -> None:
-        """Brake and let go."""
+        """Brake and disconnect."""
         if self._closed:
             return
         self._closed = True

@@ -17,13 +17,13 @@ from rehab_opt.loop.shared_ring import SharedRing
 __all__ = ["drive", "main"]
 
 KEEP = 0.02
-"""[s] without a command after which its watchdog learns that this is meant."""
+"""[s] without a command after which the device's watchdog is kept alive."""
 LOOKS = 2e-4
-"""[s] between two looks at what has come from either side."""
+"""[s] between two polls of both sides."""
 
 
 def main() -> None:
-    """Drive until standard input ends."""
+    """Run the driver until standard input closes."""
     orders = json.loads(sys.stdin.buffer.readline())
     sensed, commanded = SharedRing.attach(orders["sensed"]), SharedRing.attach(orders["commanded"])
     with in_time(orders["fifo"]):
@@ -43,7 +43,7 @@ def _drive_as_ordered(orders: dict[str, Any], sensed: SharedRing, commanded: Sha
 
 
 def drive(driver: Driver, sensed: SharedRing, commanded: SharedRing, *, silent: float) -> None:
-    """Carry readings one way and commands the other until standard input ends; brake after `silent` [s] without one."""
+    """Pass readings and commands on until standard input closes; brake after `silent` [s] without a command."""
     done, sent, moving, kept = commanded.latest(), 0, False, 0.0
     while not select.select([sys.stdin], [], [], LOOKS)[0]:
         reading = driver.read()

@@ -1,4 +1,4 @@
-"""A logged session computed again: every command from the controller's logged inputs."""
+"""Replay a logged session: compute every command again from the logged inputs."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ from rehab_opt.plants.plant import Measurement
 __all__ = ["SAME", "Replay", "replayed", "replayed_command", "tick_of"]
 
 SAME = 1e-12
-"""Commands that differ by no more [their own units] are the same."""
+"""Largest difference of equal commands [their own units]."""
 
 
 @dataclass(frozen=True)
 class Replay:
-    """What came of it.
+    """Result of a replay.
 
     Parameters
     ----------
-    same : commands that came out the same. ticks : in the log. worst : the largest difference among the same.
-    first : in words, the first that did not, or what the log lacks; empty where all did.
+    same : number of equal commands. ticks : in the log. worst : largest difference among equal commands.
+    first : the first different command in words, or what the log lacks; empty if all are equal.
     """
 
     same: int
@@ -38,11 +38,11 @@ class Replay:
 def replayed(
     records: NDArray[np.void], decide: Decide, *, before: Callable[[np.void], None] = lambda _: None
 ) -> Replay:
-    """Call a controller, new as it was when its session began, with the inputs it had then.
+    """Call a new controller with the logged inputs of its session.
 
     Parameters
     ----------
-    records : (N,) of a log, from its first tick on. before : is called with each record before the controller is.
+    records : (N,) of a log from its first tick. before : called with each record before the controller.
     """
     operator, worst = operator_of(records.dtype), 0.0
     for i, record in enumerate(records):
@@ -58,7 +58,7 @@ def replayed(
 
 
 def replayed_command(record: np.void, operator: np.dtype[np.void], decide: Decide) -> Command:
-    """A controller's command in a logged tick; `operator` as of `tick_of`."""
+    """A controller's command in a logged tick; `operator` as in `tick_of`."""
     tick = tick_of(record, operator)
     if record["asked_before"]:
         decide(tick._replace(enabled=record["asked_before"] == 2))

@@ -1,4 +1,4 @@
-"""How a loop ended, and how it kept the time."""
+"""Report of a loop: reason for its end, and timing."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ __all__ = ["LoopReport", "Times"]
 
 
 FIRST, FINENESS, OCTAVES = 1e-6, 32, 26
-"""[s] upper end of the first bin, bins in an octave, octaves: up to a minute."""
+"""Upper end of the first bin [s], bins per octave, number of octaves; the last bin is at one minute."""
 
 
 class Times:
-    """A histogram of times: `add` costs a quarter of a microsecond, percentiles are at most 2.2 % too large.
+    """A histogram of times: `add` takes 0.25 us, and percentiles are at most 2.2 % too large.
 
     Attributes
     ----------
-    count : how many. worst : [s] the largest; 0 before the first.
+    count : number of times. worst : [s] largest time; 0 before the first.
     """
 
     def __init__(self) -> None:
@@ -25,14 +25,14 @@ class Times:
         self.count, self.worst = 0, 0.0
 
     def add(self, seconds: float) -> None:
-        """One more; a negative one counts as zero."""
+        """Add a time; a negative one counts as zero."""
         self.count += 1
         self.worst = max(self.worst, seconds)
         place = 0 if seconds <= FIRST else int(math.log2(seconds / FIRST) * FINENESS) + 1
         self._bins[min(place, len(self._bins) - 1)] += 1
 
     def percentile(self, percent: float) -> float:
-        """[s] that no more than 100 - `percent` % of them exceed; 0 of none."""
+        """[s] time that at most 100 - `percent` % of the times exceed; 0 without times."""
         needed, seen = percent / 100 * self.count, 0
         for place, count in enumerate(self._bins):
             seen += count
@@ -43,16 +43,16 @@ class Times:
 
 @dataclass(frozen=True)
 class LoopReport:
-    """What `Loop.run` says at its end.
+    """Result of `Loop.run`.
 
     Parameters
     ----------
-    ticks : that were run. missed : that were left out, since a tick before them was too late.
-    late : that began more than half a tick after their deadline.
-    stale : commands that were not sent, since the state they were computed from was older than allowed.
-    lateness : from deadlines to the beginnings of ticks. tick_time : from there until the command was sent.
-    scheduling : of the thread, and what was refused.
-    reason : why the loop ended. lost : because the device was gone.
+    ticks : number of ticks. missed : number of ticks that were skipped after a late one.
+    late : number of ticks that started more than half a tick after their deadline.
+    stale : number of commands withheld because the robot's state was stale.
+    lateness : from the deadline to the start of a tick. tick_time : from the start until the command was sent.
+    scheduling : of the thread, and settings that were refused.
+    reason : why the loop ended. lost : whether the device was gone.
     """
 
     ticks: int

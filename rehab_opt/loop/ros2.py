@@ -1,4 +1,4 @@
-"""Robots in the messages of ROS 2, through zenoh: joint states come, joint velocities go."""
+"""Robots with ROS 2 messages, through zenoh: joint states in, joint velocities out."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ __all__ = ["Ros2Driver", "connect_ros2", "driver", "joints_of"]
 WATCHDOG = 0.1
 """[s]"""
 UNHEARD, WAITING = 2.0, 1000
-"""[s] for which a joint may be missing from the states that come at first; messages that wait to be read at most."""
+"""[s] to wait at the start for states of all joints; largest number of queued messages."""
 
 
 def connect_ros2(
@@ -39,21 +39,22 @@ def connect_ros2(
 ) -> RemoteDevice:
     """A robot of ROS 2 as a `Device`: `sensor_msgs/JointState` in, `std_msgs/Float64MultiArray` out, as bytes of CDR.
 
-    They go through zenoh as its bridge for ROS 2 (zenoh-bridge-ros2dds) hands them on, under the topics' names. The
-    controller there needs a time-out of its own: without commands ros2_control's forward controllers hold the last
-    velocity. Joints may come in several messages, between those of a gripper or of wheels: a state is read once all of
-    them have come since the one before. Forces are not read: they are zero.
+    Messages pass through zenoh's bridge for ROS 2 (zenoh-bridge-ros2dds) under the topics' names. The robot's
+    controller needs its own time-out: without commands ros2_control's forward controllers hold the last velocity. Joint
+    states may be spread over several messages, mixed with those of a gripper or wheels; a state is complete once all
+    joints have a new value. Forces are not read and are zero.
 
     Parameters
     ----------
     names : of the joints, in the order of the commands. rate_hz : of the loop.
-    locator : where the bridge or router listens. states, commands : topics, without the first slash.
-    watchdog : [s] without a joint state after which the robot counts as lost here; half of it without a command brakes.
+    locator : address of the bridge or router. states, commands : topics, without the first slash.
+    watchdog : [s] without a joint state after which the robot counts as lost; it brakes after half of it without a
+        command.
     fifo : priority of the driver's process, see `Loop`.
 
     Raises
     ------
-    ConfigurationError : zenoh is not installed (extra `ros2`), no names. DeviceLostError : no joint state comes.
+    ConfigurationError : zenoh is not installed (extra `ros2`), no names. DeviceLostError : no joint state arrives.
     """
     if find_spec("zenoh") is None:
         raise ConfigurationError("locator", locator, "zenoh, which is not installed: pip install 'rehab_opt[ros2]'")
@@ -67,7 +68,7 @@ def connect_ros2(
 
 
 class Ros2Driver:
-    """A `Driver`. Raises a DeviceLostError where there is no connection, or a message that is no joint state."""
+    """A `Driver` for ROS 2; raises DeviceLostError without a connection or for an invalid joint state."""
 
     def __init__(self, names: list[str], locator: str, states: str, commands: str) -> None:
         zenoh: Any = import_module("zenoh")
@@ -88,7 +89,7 @@ class Ros2Driver:
         self._messages.append(sample.payload.to_bytes())
 
     def read(self) -> Reading | None:
-        """The state of all joints, once each of them has come since the state before."""
+        """The state of all joints, once each has a new value."""
         came = None
         while self._messages:
             came = np.array(joints_of(self._messages.popleft(), self._names))
@@ -104,36 +105,36 @@ class Ros2Driver:
         return None
 
     def send(self, velocity: list[float]) -> None:
-        """Joint velocities [rad/s, m/s]."""
+        """Command joint velocities [rad/s, m/s]."""
         self._publisher.put(floats(velocity))
 
     def brake(self) -> None:
-        """Zeros: the controller of the robot knows how fast it may stop."""
+        """Send zeros; the robot's controller limits the deceleration."""
         self.send([0.0] * len(self._names))
 
     def keep_alive(self) -> None:
-        """Zeros again, for a controller with a time-out."""
+        """Send zeros again, for a controller with a time-out."""
         self.brake()
 
     def close(self) -> None:
-        """To rest, and disconnect."""
+        """Brake and disconnect."""
         self.brake()
         self._session.close()
 
 
 driver = Ros2Driver
-"""For the driver's process."""
+"""Entry point of the driver's process."""
 
 
 def joints_of(message: bytes, names: Sequence[str]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Positions and velocities (n,) of these joints in a `sensor_msgs/JointState`; velocities it lacks are zero.
 
-    Both are NaN of a joint without a position in it.
+    Both are NaN for a joint without a position.
 
     Raises
     ------
-    DeviceLostError : it is cut short, in another encoding, has more or fewer numbers than names, or two positions
-        of a joint.
+    DeviceLostError : the message is truncated, has another encoding, different numbers of names and values, or two
+        positions of a joint.
     """
     try:
         told, position, velocity = _parts(message)

@@ -1,4 +1,4 @@
-"""Real-time settings of this process: what is requested of the operating system, and what it refuses."""
+"""Real-time settings of this process, with a report of those that the operating system refuses."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ from rehab_opt.errors import ConfigurationError
 __all__ = ["in_time", "sleep_overshoot"]
 
 _SET_TIMER_SLACK, _GET_TIMER_SLACK = 29, 30
-"""Of Linux' prctl."""
+"""Constants of Linux's prctl."""
 
 
 @contextmanager
 def in_time(fifo: int | None) -> Iterator[str]:
-    """Have the calling thread woken in time while the body runs; the value says what was permitted.
+    """Context with real-time settings for the calling thread; yields a text on the granted settings.
 
-    The garbage collector is off, with all that lives at the beginning left out of it for as long: its full collections
-    take tens of milliseconds. Sleeps end within a microsecond of their time rather than 50 (Linux' timer slack).
+    The garbage collector is off and existing objects are frozen, because full collections take tens of milliseconds.
+    Sleeps end within 1 us of their time instead of 50 us (Linux's timer slack).
 
     Parameters
     ----------
-    fifo : priority 1 to 99 among threads that run before all usual ones (SCHED_FIFO); None to be a usual one. Where
-        it is not permitted the thread stays a usual one.
+    fifo : priority 1 to 99 of SCHED_FIFO, which runs before all normal threads; None for a normal thread. Without
+        permission the thread stays normal.
 
     Raises
     ------
@@ -55,7 +55,7 @@ def in_time(fifo: int | None) -> Iterator[str]:
 
 
 def _made_fifo(priority: int | None) -> tuple[int, os.sched_param] | str | None:
-    """What the thread was before; why it is that still; None if nothing was requested."""
+    """The previous scheduling; a text if the change failed; None if nothing was requested."""
     if priority is None:
         return None
     if not hasattr(os, "sched_setscheduler"):
@@ -72,7 +72,7 @@ def _made_fifo(priority: int | None) -> tuple[int, os.sched_param] | str | None:
 
 
 def _timer_slack(nanoseconds: int) -> int | None:
-    """Set it; what it was, None where it cannot be set."""
+    """Set the timer slack; returns the previous value, or None if it cannot be set."""
     if not sys.platform.startswith("linux"):
         return None
     prctl = ctypes.CDLL(None).prctl
@@ -81,7 +81,7 @@ def _timer_slack(nanoseconds: int) -> int | None:
 
 
 def sleep_overshoot(dt: float, *, count: int = 20) -> float:
-    """[s] by which a sleep of a fifth of `dt` ends too late, twice the median, at most 0.2 ms and a third of `dt`."""
+    """[s] twice the median overshoot of sleeps of `dt` / 5, at most 0.2 ms and `dt` / 3."""
     late = []
     for _ in range(count):
         until = time.monotonic() + dt / 5

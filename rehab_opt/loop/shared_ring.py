@@ -1,4 +1,4 @@
-"""The newest records of one process, in memory that others read without either ever waiting."""
+"""The newest records of one process in shared memory; neither writer nor readers ever wait."""
 
 from __future__ import annotations
 
@@ -31,10 +31,10 @@ _QUIET = threading.Lock()
 
 
 class Newest(NamedTuple):
-    """A record as it was written."""
+    """A record with its number and time."""
 
     number: int
-    """Of the record, from 1 on."""
+    """Number of the record, from 1."""
     time: float
     """[s] when it was written, on the clock of `time.monotonic`."""
     record: np.void
@@ -42,23 +42,23 @@ class Newest(NamedTuple):
 
 
 class News(NamedTuple):
-    """What was written since a reader looked last."""
+    """Records written since a reader's last call."""
 
     records: NDArray[np.void]
     """(k,) oldest first."""
     lost: int
-    """How many were overwritten before this reader came: it was slower than the ring is deep."""
+    """Number of records that were overwritten before this reader read them."""
 
 
 class SharedRing:
     """The last `depth` records of one writer, for any number of readers in any process.
 
     The writer writes to the slot after the newest one; a reader copies a slot and takes it only if its number and CRC
-    are right. So neither waits, no record is read half written, on processors that reorder stores, too, and a process
-    that is killed while it writes leaves the record before it readable. On Linux all processes have one clock.
+    are right. So nobody waits and no half-written record is read, not even on processors that reorder stores. If the
+    writer is killed while writing, the record before stays readable. On Linux all processes share one clock.
 
-    Make one with `create` and give its `name`, or the object itself, to processes that `attach`: the layout goes with
-    it. It is removed when its maker closes it or ends. One thread writes, one thread reads with one object.
+    Make one with `create` and pass its `name`, or the object itself, to processes that `attach`; they get the layout,
+    too. The memory is removed when its maker closes it or ends. Each object serves one thread.
     """
 
     def __init__(self, memory: SharedMemory, *, owner: bool) -> None:
@@ -83,13 +83,13 @@ class SharedRing:
 
     @classmethod
     def create(cls, layout: np.dtype[Any], *, depth: int = 4, name: str | None = None) -> Self:
-        """A new one.
+        """Create a ring.
 
         Parameters
         ----------
         layout : structured dtype of a record, of numbers, arrays and byte strings.
-        depth : how many records are kept: 4 for a viewer, as many as a logger may be late by for a log.
-        name : that nobody else on this machine uses; a random one by default.
+        depth : number of stored records: 4 for a viewer; for a log, the largest lag of the logger in records.
+        name : unique on this machine; random by default.
 
         Raises
         ------
@@ -113,11 +113,11 @@ class SharedRing:
 
     @classmethod
     def attach(cls, name: str, *, from_start: bool = False) -> Self:
-        """The one that another process made; `from_start`: what was written before is news, too.
+        """Attach to another process's ring; with `from_start`, `news` also returns earlier records.
 
         Raises
         ------
-        ConfigurationError : there is none of this name, or it is something else.
+        ConfigurationError : there is no ring of this name.
         """
         try:
             memory = _attached(name)
@@ -132,12 +132,12 @@ class SharedRing:
 
     @property
     def name(self) -> str:
-        """For `attach`."""
+        """Name for `attach`."""
         return self._memory.name
 
     @property
     def record(self) -> NDArray[np.void]:
-        """() the record that `publish` will write: fill its fields, `record["force"][:] = force`; they stay."""
+        """() next record of `publish`: set its fields, as in `record["force"][:] = force`; they persist."""
         return self._record
 
     def publish(self) -> None:
@@ -153,7 +153,7 @@ class SharedRing:
         self._number = number
 
     def write(self, **fields: ArrayLike | str | bytes) -> None:
-        """Change these fields of the record, leave the others as they were written last, and publish it."""
+        """Set these fields of the record, keep the others, and publish it."""
         for name, value in fields.items():
             field = self._record[name]
             field[...] = shortened(value, field.dtype.itemsize) if isinstance(value, str) else value
@@ -174,7 +174,7 @@ class SharedRing:
         return self._found
 
     def news(self) -> News:
-        """What was written since the last call; at first, since this object was made."""
+        """Records since the last call or, at first, since this object was made."""
         newest = self._numbers[_NEWEST]
         first = max(self._read + 1, newest - self.depth + 1)
         found = [each.record for each in map(self._slot_of, range(first, newest + 1)) if each is not None]
@@ -183,7 +183,7 @@ class SharedRing:
         return News(np.array(found, dtype=self.layout), lost)
 
     def close(self) -> None:
-        """Let go of the memory; its maker removes it."""
+        """Release the memory; its maker removes it."""
         self._numbers.release()
         self._buffer = memoryview(b"")
         self._memory.close()
@@ -202,11 +202,11 @@ class SharedRing:
             self._numbers.release()  # else the memory could not be closed
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Another process' object attaches."""
+        """Pickle by name: the copy attaches in another process."""
         return SharedRing.attach, (self.name,)
 
     def _slot_of(self, number: int) -> Newest | None:
-        """The record of this number; None if it is being written or is overwritten."""
+        """The record of this number; None if it is incomplete or overwritten."""
         begin = self._begin + (number % self.depth) * self._slot
         copied = bytes(self._buffer[begin : begin + _SLOT.size + self.layout.itemsize])
         found, when, check = _SLOT.unpack_from(copied)
@@ -216,7 +216,7 @@ class SharedRing:
 
 
 def shortened(text: str, size: int) -> bytes:
-    """`text` in UTF-8, cut between letters to at most `size` bytes."""
+    """`text` in UTF-8, truncated between characters to at most `size` bytes."""
     return text.encode()[:size].decode(errors="ignore").encode()
 
 
@@ -229,7 +229,7 @@ def _bytes_of(memory: SharedMemory) -> memoryview:
 
 
 def _attached(name: str) -> SharedMemory:
-    """Without the tracker of this process, which would remove the memory of another when this one ends."""
+    """Attach without this process's resource tracker, which would remove the other process's memory."""
     if sys.version_info >= (3, 13):
         return SharedMemory(name, track=False)
     with _QUIET:

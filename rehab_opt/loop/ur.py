@@ -1,4 +1,4 @@
-"""Universal Robots' arms, by ur_rtde."""
+"""Universal Robots' arms, through ur_rtde."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ __all__ = ["UrDriver", "connect_ur", "driver"]
 
 JOINTS = 6
 ACCELERATION = 40.0
-"""[rad/s^2] The largest that speedj takes: the controller's own bounds are below it, and a lower one would be late."""
+"""[rad/s^2] Largest value for speedj; our controllers' bounds are lower, and a lower value here would add lag."""
 BRAKE = 10.0
 """[rad/s^2]"""
 TOLD = 0.05
-"""[s] within which the packages report why a command was not taken."""
+"""[s] within which the packages report why a command was refused."""
 WATCHDOG = 0.1
 """[s]"""
 
@@ -26,19 +26,19 @@ WATCHDOG = 0.1
 def connect_ur(
     host: str, *, rate_hz: float = 500.0, watchdog: float = WATCHDOG, fifo: int | None = None
 ) -> RemoteDevice:
-    """The robot at an address, in remote control, as a `Device` of joint velocities (`speedj`).
+    """Connect to a robot in remote control, as a `Device` with joint velocity commands (`speedj`).
 
-    ur_rtde runs in a process of its own. It starts a program on the robot that stops it where nothing is received.
+    ur_rtde runs in its own process. It starts a program on the robot that stops the robot if no data arrive.
 
     Parameters
     ----------
-    host : address of the robot's controller. rate_hz : of the loop; the robot takes 500 a second, a CB3 125.
-    watchdog : [s] without a package after which the robot stops, and after which it counts as lost here.
-    fifo : priority of that process, see `Loop`: where other programs run, too, it has to be in time as the loop has.
+    host : address of the robot's controller. rate_hz : of the loop; the robot runs at 500 Hz, a CB3 at 125 Hz.
+    watchdog : [s] without a package after which the robot stops and counts as lost.
+    fifo : priority of that process, see `Loop`; on a busy machine it must run in time like the loop.
 
     Raises
     ------
-    ConfigurationError : ur_rtde is not installed (extra `ur`). DeviceLostError : the robot cannot be connected.
+    ConfigurationError : ur_rtde is not installed (extra `ur`). DeviceLostError : no connection to the robot.
     """
     if find_spec("rtde_control") is None:
         raise ConfigurationError("host", host, "ur_rtde, which is not installed: pip install 'rehab_opt[ur]'")
@@ -54,7 +54,7 @@ def connect_ur(
 
 
 class UrDriver:
-    """A `Driver`. Raises a DeviceLostError where the robot does not answer, or is stopped."""
+    """A `Driver` for UR; raises DeviceLostError if the robot does not answer or is stopped."""
 
     def __init__(self, host: str, watchdog: float) -> None:
         try:
@@ -68,7 +68,7 @@ class UrDriver:
         self._last = -1.0
 
     def read(self) -> Reading | None:
-        """A package, if one has come."""
+        """The newest package, or None."""
         receive = self._receive
         if not receive.isConnected():
             raise DeviceLostError("the connection is closed")
@@ -79,22 +79,22 @@ class UrDriver:
         return Reading(receive.getActualQ(), receive.getActualQd(), receive.getActualTCPForce()[:3])
 
     def send(self, velocity: list[float]) -> None:
-        """Joint velocities (6,) [rad/s]."""
+        """Command joint velocities (6,) [rad/s]."""
         if not self._control.speedJ(velocity, ACCELERATION, 0.0):
             raise DeviceLostError(self._why())
 
     def brake(self) -> None:
-        """All joints to rest."""
+        """Brake all joints."""
         if not self._control.speedStop(BRAKE):
             raise DeviceLostError(self._why())
 
     def keep_alive(self) -> None:
-        """Kick the watchdog of the program on the robot."""
+        """Reset the watchdog of the program on the robot."""
         if not self._control.kickWatchdog():
             raise DeviceLostError(self._why())
 
     def close(self) -> None:
-        """To rest; the program on the robot ends."""
+        """Brake and end the program on the robot."""
         if self._receive.isConnected() and self._control.isConnected():
             self._control.speedStop(BRAKE)
             self._control.stopScript()
@@ -113,4 +113,4 @@ class UrDriver:
 
 
 driver = UrDriver
-"""For the driver's process."""
+"""Entry point of the driver's process."""

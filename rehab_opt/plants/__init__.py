@@ -1,1 +1,1 @@
-"""Robots to try controllers on: joints that move as commanded, and MuJoCo's with servos, delays, noise and contact."""
+"""Simulated robots: ideal joints, and MuJoCo arms with servos, delays, noise and contact."""

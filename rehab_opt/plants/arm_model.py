@@ -1,4 +1,4 @@
-"""Serial arms, and a point mass, with all that moves them or holds them back: motors, friction, torque limits."""
+"""Dynamics of serial arms and of a point mass: masses, motors, friction, torque limits."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ __all__ = ["ArmModel", "own_arm_model", "point_mass_model", "ur5_model"]
 Array = NDArray[np.float64]
 
 FASTEST = 10.0
-"""[m/s, rad/s] A chain has to have a speed limit; nothing in a point mass keeps it."""
+"""[m/s, rad/s] Formal speed limit of a point mass's chain; the plant does not enforce it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,7 +31,7 @@ class ArmModel:
     ----------
     chain : any serial chain.
     bodies : masses that move with its links.
-    rotors : (n,) or scalar: what motors and gears add to each joint's inertia [kg m^2; of a prismatic joint kg].
+    rotors : (n,) or scalar: inertia that motors and gears add at each joint [kg m^2; prismatic: kg].
     torque_limit : (n,) or scalar [N m, N] largest effort of each drive.
     coulomb, viscous : (n,) or scalar, friction of each joint [N m, N] and [N m s/rad, N s/m].
     gravity : (3,) [m/s^2] in the base frame.
@@ -39,8 +39,7 @@ class ArmModel:
 
     Raises
     ------
-    ConfigurationError : a number out of range, a body on no link, an inertia that no body has, a joint that nothing has
-        a mass behind.
+    ConfigurationError : a number out of range, a body on no link, an impossible inertia, a joint that moves no mass.
     """
 
     chain: SerialChain
@@ -73,20 +72,20 @@ class ArmModel:
 
 
 COULOMB_SHARE, VISCOUS_SHARE, ROTOR_SHARE = 0.04, 0.04, 0.003
-"""[1], [s], [s^2] Assumption: dry and viscous friction and what motors and gears add to the inertia, as a fraction of
-the largest effort; those of `ur5_model`, as no robot file has them."""
+"""[1], [s], [s^2] Assumption: dry friction, viscous friction and rotor inertia over the largest effort. Robot files
+have none, so these are the ratios of `ur5_model`."""
 
 
 def own_arm_model(chain: SerialChain, *, payload: float = 0.0) -> ArmModel:
-    """The dynamics of a chain whose file has masses and efforts.
+    """Dynamics of a chain whose robot file has masses and efforts.
 
     Parameters
     ----------
-    payload : [kg] at the tool, a point.
+    payload : [kg] point mass at the tool.
 
     Raises
     ------
-    ConfigurationError : the file has no masses, or no effort of a joint.
+    ConfigurationError : the file has no masses, or lacks the effort of a joint.
     """
     bodies = [body for body in chain.bodies if body.link]  # what no joint moves weighs on none
     if not bodies:
@@ -111,9 +110,9 @@ _SOLID = (
     ("wrist 2", 1.219, (0.0, 0.0018, 0.01634), (0.0, 0.085, 0.0), 0.06),
     ("wrist 3", 0.1879, (0.0, 0.0, -0.001159), (0.0, 0.0, 0.0305), 0.0375),
 )
-"""Name, mass [kg] and centre of mass [m] in the Denavit-Hartenberg frame behind the joint: Universal Robots, "DH
-parameters for calculations of kinematics and dynamics". Length, direction [m] and radius [m] of the cylinder that
-stands for its inertia, which the vendor does not publish: sizes of ROS-Industrial's ur_description."""
+"""Name, mass [kg] and centre of mass [m] in the Denavit-Hartenberg frame after the joint: Universal Robots, "DH
+parameters for calculations of kinematics and dynamics". Then axis [m] and radius [m] of a cylinder that replaces the
+unpublished inertia; sizes from ROS-Industrial's ur_description."""
 
 TORQUE_LIMIT = (150.0, 150.0, 150.0, 28.0, 28.0, 28.0)
 """[N m] Universal Robots, "Max. joint torques"."""
@@ -126,12 +125,12 @@ VISCOUS = (6.0, 6.0, 4.0, 1.0, 1.0, 0.8)
 
 
 def ur5_model(chain: SerialChain | None = None, *, payload: float = 0.0, coulomb: ArrayLike = COULOMB) -> ArmModel:
-    """The UR5's dynamics on a chain of its rows.
+    """Dynamics of the UR5.
 
     Parameters
     ----------
-    chain : made by `ur5`, with limits, base and tool of one's own.
-    payload : [kg] at the tool, a point. coulomb : (6,) or scalar [N m] dry friction.
+    chain : made by `ur5`, with any limits, base and tool.
+    payload : [kg] point mass at the tool. coulomb : (6,) or scalar [N m] dry friction.
     """
     arm = ur5() if chain is None else chain
     bodies = [
@@ -158,12 +157,13 @@ def point_mass_model(
     force_limit: float = math.inf,
     stops: ArrayLike | None = None,
 ) -> ArmModel:
-    """A mass [kg] that slides along x and y; its positions are those of the hand [m].
+    """A point mass [kg] that slides along x and y; its joint positions are those of the hand [m].
 
     Parameters
     ----------
-    viscous, coulomb : [N s/m], [N] friction of each axis, apart: dry friction is a square rather than a circle.
-    force_limit : [N] of each axis' drive. stops : (2, 2) [m] lower and upper ends of both axes, or None.
+    viscous, coulomb : [N s/m], [N] friction of each axis. Axes are independent, so the bound of dry friction is a
+        square.
+    force_limit : [N] of each axis. stops : (2, 2) [m] lower and upper ends of both axes, or None.
     """
     rows = (DH(0.0, -math.pi / 2, 0.0, math.pi / 2, prismatic=True), DH(0.0, 0.0, 0.0, 0.0, prismatic=True))
     # z before the first row is x, and before the second one y.

@@ -1,4 +1,4 @@
-"""What lies between a controller and its robot: delay and jitter both ways, encoders and noise."""
+"""Channel between a controller and its robot: delay and jitter both ways, encoders and noise."""
 
 from __future__ import annotations
 
@@ -18,30 +18,29 @@ __all__ = ["Channel", "Commands", "Sensors"]
 Array = NDArray[np.float64]
 
 ROUNDING = 1e-9
-"""[s] What is so little late has come."""
+"""[s] Rounding of times; a smaller delay counts as arrived."""
 SLOWEST = 10.0
-"""[s] A delay beyond this is in another unit."""
+"""[s] Largest delay; a larger one is in another unit."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Channel:
-    """Delays, jitter and noise; zeros are none. All noise is normal and white, one draw a tick and joint.
+    """Delays, jitter and noise; zero means none. All noise is normal and white, one draw per tick and joint.
 
-    A command that is sent at t acts from t + command_delay + a uniform draw up to command_jitter on; none overtakes
-    one that was sent earlier. A measurement that is had at t was read measurement_delay + a uniform draw up to
-    measurement_jitter before, and never before the one of the tick before. Both are exact to one step of the physics,
-    never early.
+    A command sent at t acts from t + command_delay + a uniform draw up to command_jitter; commands keep their order. A
+    measurement received at t was read measurement_delay + a uniform draw up to measurement_jitter earlier; measurements
+    keep their order, too. Both times are exact to one physics step, and never early.
 
     Parameters
     ----------
     command_delay, command_jitter, measurement_delay, measurement_jitter : [s]
     position_noise, velocity_noise : standard deviations [rad, m; rad/s, m/s].
-    position_resolution : [rad, m] one count of the encoders, 0 for none; noise is added before it.
+    position_resolution : [rad, m] resolution of the encoders, 0 for none; noise is added before rounding.
     force_noise : [N] standard deviation of each component.
 
     Raises
     ------
-    ConfigurationError : a number that is negative, not finite, or a delay of more than 10 s.
+    ConfigurationError : a negative or infinite number, or a delay above 10 s.
     """
 
     command_delay: float = 0.0
@@ -64,7 +63,7 @@ class Channel:
 
 
 class Commands:
-    """Commands on their way."""
+    """Commands that are sent and not yet acting."""
 
     def __init__(self, channel: Channel, rng: np.random.Generator, first: Array) -> None:
         self._delay, self._jitter, self._rng = channel.command_delay, channel.command_jitter, rng
@@ -72,12 +71,12 @@ class Commands:
         self._arrived = first
 
     def send(self, time: float, command: Array) -> None:
-        """A command leaves at `time` [s]."""
+        """Send a command at `time` [s]."""
         late = self._delay + (self._jitter * self._rng.random() if self._jitter else 0.0)
         self._underway.append((time + late, command))
 
     def at(self, time: float) -> Array:
-        """The command that acts at `time` [s]: one that is late keeps those behind it waiting."""
+        """The command that acts at `time` [s]; commands keep their order."""
         while self._underway and self._underway[0][0] <= time + ROUNDING:
             self._arrived = self._underway.popleft()[1]
         return self._arrived
@@ -91,18 +90,18 @@ class _Reading(NamedTuple):
 
 
 class Sensors:
-    """What was so, kept until it is shown."""
+    """Past states until they are measured."""
 
     def __init__(self, channel: Channel, rng: np.random.Generator) -> None:
         self._channel, self._rng = channel, rng
         self._kept: deque[_Reading] = deque()
 
     def keep(self, time: float, position: Array, velocity: Array, force: Array) -> None:
-        """What is so at `time` [s]; the arrays are the callee's from now on."""
+        """Store the state at `time` [s]; the arrays must not change later."""
         self._kept.append(_Reading(time, position, velocity, force))
 
     def read(self, time: float) -> Measurement:
-        """What is shown at `time` [s]: the first reading's place until something newer has arrived."""
+        """The measurement available at `time` [s]; the first reading until a newer one has arrived."""
         channel, rng, kept = self._channel, self._rng, self._kept
         late = channel.measurement_delay
         if channel.measurement_jitter:

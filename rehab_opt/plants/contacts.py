@@ -1,7 +1,7 @@
-"""What may touch a hand.
+"""Contacts of a hand.
 
-Forces of springs and dampers of a stated stiffness, not MuJoCo's own contacts, whose stiffness follows from the
-solver's: an impact's peak force is to be compared with a formula.
+They are springs and dampers of a stated stiffness, so that an impact's peak force follows a formula. The stiffness of
+MuJoCo's own contacts depends on its solver.
 """
 
 from __future__ import annotations
@@ -21,20 +21,20 @@ Array = NDArray[np.float64]
 
 
 class Contact(Protocol):
-    """Something that acts on the hand."""
+    """A contact that acts on the hand."""
 
     def force(self, time: float, position: Array, velocity: Array) -> Array:
-        """(k,) [N] on a hand at `position` (k,) [m] that moves with `velocity` (k,) [m/s] at `time` [s]."""
+        """(k,) [N] force on a hand at `position` (k,) [m] with `velocity` (k,) [m/s] at `time` [s]."""
         ...
 
 
 class Wall:
-    """A plane that pushes back: stiffness depth + damping depth', never pulling; no friction along it.
+    """A frictionless plane with the normal force stiffness * depth + damping * depth', never pulling.
 
     Parameters
     ----------
     point : (k,) [m] on the plane. normal : (k,) out of the wall, of any length.
-    stiffness : [N/m]. damping : [N s/m], felt on the way in.
+    stiffness : [N/m]. damping : [N s/m], on the way in.
     """
 
     def __init__(self, point: ArrayLike, normal: ArrayLike, *, stiffness: float = 3e4, damping: float = 100.0) -> None:
@@ -51,7 +51,7 @@ class Wall:
         return self._offset - float(self._normal @ position)
 
     def force(self, time: float, position: Array, velocity: Array) -> Array:
-        """Out of the wall, zero outside."""
+        """Force out of the wall, zero outside."""
         depth = self.depth(position)
         if not depth > 0.0:
             return np.zeros(len(position))

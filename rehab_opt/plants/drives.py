@@ -1,4 +1,4 @@
-"""Drives, from commands to torques: velocity servos, position servos, a force at the hand with or without a sensor."""
+"""Drives, from commands to torques: velocity servo, position servo, hand force with or without a sensor."""
 
 from __future__ import annotations
 
@@ -16,45 +16,45 @@ __all__ = ["Drive", "DriveState", "ForceLoop", "HandForce", "HandForceLoop", "Po
 Array = NDArray[np.float64]
 
 FASTEST = 1000.0
-"""[Hz] No servo of a robot's joint is faster."""
+"""[Hz] Largest bandwidth of a servo."""
 
 
 class DriveState(NamedTuple):
-    """What a drive knows of its own joints: motors measure themselves well, and at once."""
+    """State of its own joints that a drive measures, without delay and noise."""
 
     position: Array
     velocity: Array
     jacobian: Callable[[], Array]
-    """(3, n) of the hand's place."""
+    """(3, n) Jacobian of the hand's position."""
     acceleration: Array
-    """(n,) [rad/s^2, m/s^2] in the last step of the physics."""
+    """(n,) [rad/s^2, m/s^2] in the last physics step."""
     touch: Array
-    """(3,) [N] on the hand in the last step of the physics, by whatever touches it."""
+    """(3,) [N] contact force on the hand in the last physics step."""
 
 
 class Drive(Protocol):
-    """A controller of the robot's own, in steps of the physics."""
+    """A low-level controller of the robot, in physics steps."""
 
     def start(self, position: Array, inertia: Array, limit: Array, step: float) -> Array:
-        """At rest at `position` (n,); the command that keeps it there.
+        """Start at rest at `position` (n,); returns the command that holds it there.
 
         Parameters
         ----------
-        inertia : (n,) [kg m^2, kg] each joint's own, typical.
-        limit : (n,) [N m, N] largest torque. step : [s] of the physics.
+        inertia : (n,) [kg m^2, kg] typical inertia of each joint.
+        limit : (n,) [N m, N] largest torque. step : [s] physics step.
         """
         ...
 
     def torque(self, command: Array, state: DriveState, feedforward: Array) -> Array:
-        """(n,) [N m, N] within the limits; `feedforward` (n,) holds gravity and velocity torques."""
+        """(n,) [N m, N] within the limits; `feedforward` (n,) contains gravity and velocity torques."""
         ...
 
 
 class VelocityServo:
     """Proportional-integral loop of the joint's speed: I (w (v_c - v) + w^2/4 integral of v_c - v), torque-limited.
 
-    With the joint's own inertia I its two poles are at w/2, and its speed follows up to `bandwidth` (-3 dB at 1.24 w).
-    The integral waits while the torque is at its limit.
+    With the joint's own inertia I both poles are at w/2, and the speed follows up to `bandwidth` (-3 dB at 1.24 w). The
+    integral is held while the torque is at its limit.
 
     Parameters
     ----------
@@ -65,13 +65,13 @@ class VelocityServo:
         self._rate = 2 * math.pi * _hertz(bandwidth) / 1.2409
 
     def start(self, position: Array, inertia: Array, limit: Array, step: float) -> Array:
-        """Commanded to stand still."""
+        """Start at rest; the command is zero velocity."""
         self._inertia, self._limit, self._step = inertia, limit, step
         self._summed = np.zeros(len(position))
         return np.zeros(len(position))
 
     def torque(self, command: Array, state: DriveState, feedforward: Array) -> Array:
-        """Of joint velocities (n,) [rad/s, m/s]."""
+        """Torque for commanded joint velocities (n,) [rad/s, m/s]."""
         error = command - state.velocity
         summed = self._summed + (self._rate**2 / 4 * self._step) * error
         unsaturated = feedforward + self._inertia * (self._rate * error + summed)
@@ -83,7 +83,7 @@ class VelocityServo:
 class PositionServo:
     """Critically damped spring to the commanded position: I (w^2 (q_c - q) - 2 w v), torque-limited.
 
-    Its position follows up to `bandwidth` (-3 dB at 0.64 w), 2/w late: no speed is fed forward.
+    Its position follows up to `bandwidth` (-3 dB at 0.64 w) with a lag of 2/w, without velocity feedforward.
 
     Parameters
     ----------
@@ -95,32 +95,32 @@ class PositionServo:
 
     @property
     def lag(self) -> float:
-        """[s] by which it trails a position that moves steadily."""
+        """[s] lag behind a position that moves at constant speed."""
         return 2 / self._rate
 
     def start(self, position: Array, inertia: Array, limit: Array, step: float) -> Array:
-        """Commanded to stay."""
+        """Start at rest; the command is the position."""
         self._inertia, self._limit = inertia, limit
         return position.copy()
 
     def torque(self, command: Array, state: DriveState, feedforward: Array) -> Array:
-        """Of joint positions (n,) [rad, m]."""
+        """Torque for commanded joint positions (n,) [rad, m]."""
         pull = self._rate * self._rate * (command - state.position) - 2 * self._rate * state.velocity
         given: Array = np.clip(feedforward + self._inertia * pull, -self._limit, self._limit)
         return given
 
 
 class HandForce:
-    """A force at the hand through the transpose Jacobian, first-order late: lag F' = F_c - F; torque-limited.
+    """A force at the hand through the transposed Jacobian, with first-order lag: lag F' = F_c - F; torque-limited.
 
     Parameters
     ----------
     lag : [s] time constant, 0 for none.
-    axes : how many components of the force are commanded: 2 in the plane x, y of the base frame, or 3.
+    axes : number of commanded force components: 2 in the plane x, y of the base frame, or 3.
     """
 
     acting: Array
-    """(axes,) [N] the force that acts now, while no joint is at its torque limit."""
+    """(axes,) [N] acting force, if no joint is at its torque limit."""
 
     def __init__(self, lag: float = 0.0, *, axes: int = 2) -> None:
         if not 0.0 <= lag < math.inf:
@@ -138,18 +138,18 @@ class HandForce:
         return np.zeros(self._axes)
 
     def torque(self, command: Array, state: DriveState, feedforward: Array) -> Array:
-        """Of a force (axes,) [N] in the base frame."""
+        """Torque for a commanded force (axes,) [N] in the base frame."""
         self.acting = command + self._keep * (self.acting - command)
         given: Array = np.clip(feedforward + state.jacobian()[: self._axes].T @ self.acting, -self._limit, self._limit)
         return given
 
 
 class ForceLoop:
-    """u = F + gain e + integral * int e, with e = F - measured force; the integral waits while u is at its limit.
+    """u = F + gain e + integral * int e, with e = F - measured force; the integral is held while u is at its limit.
 
     Parameters
     ----------
-    gain, integral : [1], [1/s]. limit : [N] of the motors. step : [s] from one call for an axis to the next.
+    gain, integral : [1], [1/s]. limit : [N] of the motors. step : [s] between two calls for an axis.
     """
 
     __slots__ = ("_gain", "_integral", "_limit", "_summed")
@@ -159,7 +159,7 @@ class ForceLoop:
         self._summed = [0.0, 0.0]
 
     def motor(self, axis: int, error: float, force: float) -> float:
-        """[N] of the motors of `axis`, 0 or 1."""
+        """[N] motor force of `axis`, 0 or 1."""
         summed = self._summed[axis] + self._integral * error
         motor = force + self._gain * error + summed
         if -self._limit <= motor <= self._limit:
@@ -169,21 +169,21 @@ class ForceLoop:
 
 
 class HandForceLoop:
-    """A point mass on two axes whose force on the hand is measured and controlled: `ForceLoop`, then a lag.
+    """A point mass on two axes with measured and controlled force on the hand: `ForceLoop`, then a lag.
 
-    The sensor sits between robot and hand: it feels held_mass a - touch.
+    The sensor is between robot and hand and measures held_mass * a - touch.
 
     Parameters
     ----------
     gain, integral : [1], [1/s] of the loop. limit : [N] of the motors, per axis. held_mass : [kg] of the hand.
     lag : [s] time constant of the motors' force, 0 for none. noise : [N] of the sensor, per axis.
-    rng : of the noise.
+    rng : random generator of the noise.
     """
 
     acting: Array
-    """(2,) [N] of the motors now."""
+    """(2,) [N] current motor force."""
     measured: Array
-    """(2,) [N] on the hand, by the sensor."""
+    """(2,) [N] measured force on the hand."""
 
     def __init__(
         self,
@@ -207,7 +207,7 @@ class HandForceLoop:
         return still
 
     def torque(self, command: Array, state: DriveState, feedforward: Array) -> Array:
-        """Force of the motors (2,) [N] for a commanded force on the hand (2,) [N]."""
+        """Motor force (2,) [N] for a commanded force on the hand (2,) [N]."""
         self.measured = self._held * state.acceleration - state.touch[:2]
         if self._noise:
             self.measured = self.measured + self._noise * self._rng.standard_normal(2)

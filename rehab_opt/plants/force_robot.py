@@ -1,4 +1,4 @@
-"""A simulated planar robot whose force on the hand is controlled by a proportional-integral loop."""
+"""A simulated planar robot with a proportional-integral loop of its force on the hand."""
 
 from __future__ import annotations
 
@@ -13,22 +13,22 @@ from rehab_opt.plants.drives import ForceLoop
 __all__ = ["ForceRobot", "RobotModel"]
 
 SMOOTH = 2e-3
-"""[m/s] Below this speed dry friction fades to zero, so that it has a derivative."""
+"""[m/s] Speed below which dry friction is smoothed to zero."""
 
 
 @dataclass(frozen=True)
 class RobotModel:
-    """A planar robot, its force loop and where it can go.
+    """Parameters of a planar robot, its force loop and its stops.
 
-    The motors give u = F + gain e + integral * int e, with e = F - measured force on the hand; robot and hand move as
-    one, (m_robot + m_hand) a = u - friction + force of the person. All numbers are assumptions: the paper publishes
-    none of its robot's.
+    The motors give u = F + gain e + integral * int e, with e = F - measured force on the hand; robot and hand move
+    together, (m_robot + m_hand) a = u - friction + force of the person. All numbers are assumptions, because the paper
+    publishes none.
 
     Parameters
     ----------
-    mass : [kg] moved at the handle. viscous : [N s/m]. coulomb : [N] dry friction.
-    gain, integral : [1], [1/s] of the force loop; gain + integral dt / 2 must be less than
-        (m_robot + m_hand) / m_hand: the force that is measured is a tick old.
+    mass : [kg] effective mass at the handle. viscous : [N s/m]. coulomb : [N] dry friction.
+    gain, integral : [1], [1/s] of the force loop; gain + integral dt / 2 must be below (m_robot + m_hand) / m_hand,
+        because the measured force is one tick old.
     noise : [N] standard deviation of the force sensor, per axis.
     motor_limit : [N] per axis.
     lower, upper : (2,) [m] mechanical stops in the robot's frame.
@@ -45,11 +45,11 @@ class RobotModel:
     upper: tuple[float, float] = (math.inf, math.inf)
 
     def check(self, hand_mass: float, *, dt: float) -> None:
-        """Refuse a loop that is unstable with this hand in ticks of `dt` [s].
+        """Raise an error for a loop that is unstable with this hand in ticks of `dt` [s].
 
         Raises
         ------
-        ConfigurationError : its gains are too large.
+        ConfigurationError : the gains are too large.
         """
         most = (self.mass + hand_mass) / hand_mass
         added = 0.5 * self.integral * dt
@@ -58,9 +58,9 @@ class RobotModel:
             raise ConfigurationError("gain", self.gain, expected)
 
     def growth(self, hand_mass: float, *, stiffness: float, damping: float, dt: float) -> float:
-        """How much the fastest growing motion grows in a tick, 1 for none; the hand held by a spring and a damper.
+        """Growth factor per tick of the fastest growing mode, with the hand on a spring and a damper; 1 for none.
 
-        Of one axis under no command, within the motors' limit, without dry friction.
+        It is for one axis without command, within the motors' limit and without dry friction.
         """
         whole = self.mass + hand_mass
         # Rows of place, speed, measured force, integral: first the acceleration, from which they follow.
@@ -75,12 +75,12 @@ class RobotModel:
 
 
 class ForceRobot:
-    """The robot with a hand on its handle, from tick to tick.
+    """The robot with a hand on its handle, simulated tick by tick.
 
     Parameters
     ----------
-    model : the robot. hand_mass : [kg] of the hand and what moves with it.
-    start : (2,) [m] where it rests at first. dt : [s] of a tick. rng : of the sensor's noise. ticks : how many at most.
+    model : the robot. hand_mass : [kg] of the hand and arm.
+    start : (2,) [m] at rest. dt : [s] of a tick. rng : random generator of the noise. ticks : largest number.
 
     Raises
     ------
@@ -113,14 +113,14 @@ class ForceRobot:
 
     @property
     def seen(self) -> tuple[float, float]:
-        """[m] where the controller sees the hand: where it is."""
+        """[m] measured position of the hand, here the true one."""
         return self.x, self.y
 
     def step(self, force_x: float, force_y: float, person_x: float, person_y: float) -> None:
-        """One tick under the commanded force [N], with a person who pushes the handle with person_x, person_y [N].
+        """One tick with the commanded force [N] and the person's force person_x, person_y [N] on the handle.
 
         Afterwards x, y, vx, vy are the new state, measured_x, measured_y the force on the hand in this tick, and
-        `acting` that of the motors.
+        `acting` the motor force.
         """
         model, dt = self._model, self._dt
         noise_x, noise_y = self._noise[self._tick]

@@ -1,4 +1,4 @@
-"""A planar robot that holds a hand: what a loop of forces needs of it, and the one in MuJoCo."""
+"""A planar robot that holds a hand: its interface, and a simulation in MuJoCo."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ __all__ = ["HandRobot", "MakesRobots", "MujocoHandRobot", "OnMujoco", "WithoutDe
 
 
 class HandRobot(Protocol):
-    """A robot with a hand on its handle, from tick to tick; x, y [m] and vx, vy [m/s] are the hand's true state."""
+    """A robot with a hand on its handle; x, y [m] and vx, vy [m/s] are the hand's true state."""
 
     x: float
     y: float
@@ -24,7 +24,7 @@ class HandRobot(Protocol):
     vy: float
     measured_x: float
     measured_y: float
-    """[N] on the hand, by the sensor, in the last tick."""
+    """[N] measured force on the hand in the last tick."""
 
     @property
     def seen(self) -> tuple[float, float]:
@@ -33,7 +33,7 @@ class HandRobot(Protocol):
 
     @property
     def acting(self) -> tuple[float, float]:
-        """[N] of the motors in the last tick, or at its end where the physics has smaller steps."""
+        """[N] motor force in the last tick, or at its end if the physics has smaller steps."""
         ...
 
     def step(self, force_x: float, force_y: float, person_x: float, person_y: float) -> None:
@@ -42,22 +42,22 @@ class HandRobot(Protocol):
 
 
 class MakesRobots(Protocol):
-    """Robots of one kind, each at rest at its start."""
+    """Factory of robots of one kind."""
 
     @property
     def model(self) -> RobotModel:
-        """Its numbers."""
+        """Parameters of the robot."""
         ...
 
     def robot(
         self, *, hand_mass: float, start: tuple[float, float], dt: float, rng: np.random.Generator, ticks: int
     ) -> HandRobot:
-        """One with a hand of `hand_mass` [kg] at `start` [m], for at most `ticks` ticks of `dt` [s]."""
+        """A robot at rest with a hand of `hand_mass` [kg] at `start` [m], for at most `ticks` ticks of `dt` [s]."""
         ...
 
 
 class WithoutDelay(NamedTuple):
-    """`ForceRobot`: its motors give what its loop asks for, and the hand is seen where it is."""
+    """`ForceRobot`: no delay of the motors, and the true position of the hand is measured."""
 
     model: RobotModel
 
@@ -69,12 +69,12 @@ class WithoutDelay(NamedTuple):
 
 
 class OnMujoco(NamedTuple):
-    """`MujocoHandRobot`: late, noisy, and with a lag of its motors' force."""
+    """`MujocoHandRobot`: with delay, noise, and a lag of the motor force."""
 
     model: RobotModel
     channel: Channel
     lag: float
-    """[s] time constant of the force."""
+    """[s] time constant of the motor force."""
     physics_step: float
     """[s]"""
     seed: int
@@ -82,18 +82,18 @@ class OnMujoco(NamedTuple):
     def robot(
         self, *, hand_mass: float, start: tuple[float, float], dt: float, rng: np.random.Generator, ticks: int
     ) -> HandRobot:
-        """A `MujocoHandRobot`; its noise comes of `seed` and of the trial's own generator."""
+        """A `MujocoHandRobot`; its noise depends on `seed` and on the trial's generator."""
         return MujocoHandRobot(self, hand_mass=hand_mass, start=start, dt=dt, rng=rng)
 
 
 class MujocoHandRobot:
-    """The robot of `RobotModel` as a mass on two axes in MuJoCo, its force loop in steps of the physics.
+    """The robot of `RobotModel` as a mass on two axes in MuJoCo, with its force loop in physics steps.
 
-    Dry friction acts on each axis apart; the mechanical stops are MuJoCo's, a little soft.
+    Dry friction acts on each axis separately; the mechanical stops are MuJoCo's, slightly soft.
 
     Parameters
     ----------
-    kind : numbers of the robot and of the way to it.
+    kind : parameters of the robot and of the channel.
     hand_mass, start, dt, rng : see `MakesRobots`.
     """
 
@@ -126,7 +126,7 @@ class MujocoHandRobot:
 
     @property
     def acting(self) -> tuple[float, float]:
-        """[N] of the motors at the end of the last tick."""
+        """[N] motor force at the end of the last tick."""
         x, y = self._drive.acting.tolist()
         return x, y
 

@@ -1,4 +1,4 @@
-"""Joints that move exactly as commanded, without delay, as every proof of this library assumes."""
+"""Joints that move exactly as commanded, without delay; the library's guarantees assume them."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ Array = NDArray[np.float64]
 
 
 class IdealJoints:
-    """q(t + dt) = q(t) + command dt, seen without delay and without noise; nothing pushes them aside.
+    """q(t + dt) = q(t) + command dt, measured without delay and noise; external forces have no effect.
 
     Parameters
     ----------
@@ -34,11 +34,11 @@ class IdealJoints:
 
     @property
     def truth(self) -> Truth:
-        """Where the commands led."""
+        """The true state."""
         return Truth(self._tick * self.dt, self._position, self._velocity, np.zeros(len(self._position)), self._push)
 
     def reset(self, position: ArrayLike) -> Measurement:
-        """At rest at `position` (n,) [rad, m]."""
+        """Start at rest at `position` (n,) [rad, m]."""
         self._tick = 0
         self._position = np.array(position, dtype=np.float64)
         self._velocity = np.zeros(len(self._position))
@@ -46,7 +46,7 @@ class IdealJoints:
         return self.measured
 
     def step(self, command: ArrayLike, push: ArrayLike | None = None) -> Measurement:
-        """One tick at the velocities `command` (n,) [rad/s, m/s]; a push is felt by the sensor alone."""
+        """One tick at the velocities `command` (n,) [rad/s, m/s]; a push changes only the measured force."""
         self._velocity = np.asarray(command, dtype=np.float64)
         self._push = np.zeros(3) if push is None else np.array(push, dtype=np.float64)
         self._position = self._position + self._velocity * self.dt

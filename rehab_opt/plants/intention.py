@@ -1,4 +1,4 @@
-"""A person's intended motion in a trial: places over time, by the clock or by where they see themselves on the path."""
+"""A person's intended motion in a trial: positions by time, or by the person's progress along the path."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ class Intention:
     Attributes
     ----------
     places, velocities : (N, 2) [m], [m/s].
-    goal : (N,) which of `goals` is meant.
-    goals : (M, 2) [m] points to be reached or held.
-    active : (N,) ticks that count: a goal is to be held, not approached.
+    goal : (N,) index of the current one of `goals`.
+    goals : (M, 2) [m] points to reach or to hold.
+    active : (N,) ticks that count, in which a goal is held, not approached.
     """
 
     places: Array
@@ -34,13 +34,13 @@ class Intention:
 
 
 def minimum_jerk(fraction: ArrayLike) -> Array:
-    """Fraction of the way at a fraction of the time: 10 u^3 - 15 u^4 + 6 u^5 (Flash and Hogan 1985)."""
+    """Fraction of the distance at the fraction u of the time: 10 u^3 - 15 u^4 + 6 u^5 (Flash and Hogan 1985)."""
     u = np.clip(np.asarray(fraction, dtype=np.float64), 0.0, 1.0)
     return np.asarray(u**3 * (10.0 + u * (-15.0 + 6.0 * u)))
 
 
 def reached(path: Array, *, seconds: float, rest: float, dt: float) -> Intention:
-    """Along a path (M, 2) [m] to its end by a minimum-jerk motion of its length, then at rest there for `rest` [s]."""
+    """A minimum-jerk motion along a path (M, 2) [m] to its end, then rest there for `rest` [s]."""
     time = dt * np.arange(math.ceil((seconds + rest) / dt))
     travelled = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))))
     along = travelled[-1] * minimum_jerk(time / seconds)
@@ -50,7 +50,7 @@ def reached(path: Array, *, seconds: float, rest: float, dt: float) -> Intention
 
 
 def traced(path: Array, *, seconds: float, rest: float, dt: float) -> Intention:
-    """Along samples (M, 2) [m] that are equal times apart in `seconds`, then rests at the last."""
+    """A motion along samples (M, 2) [m] at equal times within `seconds`, then rest at the last."""
     time = dt * np.arange(math.ceil((seconds + rest) / dt))
     at = np.linspace(0.0, seconds, len(path))
     places = np.column_stack([np.interp(time, at, path[:, axis]) for axis in (0, 1)])
@@ -59,9 +59,9 @@ def traced(path: Array, *, seconds: float, rest: float, dt: float) -> Intention:
 
 
 def held(points: Array, *, move: float, dwell: float, dt: float) -> Intention:
-    """From point to point (M, 2) [m] by minimum-jerk motions of `move` [s], each held for `dwell` [s].
+    """Minimum-jerk motions of `move` [s] from point to point (M, 2) [m], each held for `dwell` [s].
 
-    It begins at the first. A point counts from when the hand should be there.
+    It begins at the first. A point counts from the time at which the hand should be there.
     """
     moving, holding = math.ceil(move / dt), math.ceil(dwell / dt)
     way = minimum_jerk(np.arange(1, moving + 1) / moving)[:, None]
@@ -81,7 +81,7 @@ def held(points: Array, *, move: float, dwell: float, dt: float) -> Intention:
 
 
 def nearest_next(points: Array) -> Array:
-    """The points (M, 2) in the order in which each is followed by the nearest that was not visited; the first stays."""
+    """Points (M, 2) sorted so that each is followed by the nearest unvisited one; the first stays."""
     left = list(range(1, len(points)))
     order = [0]
     while left:
@@ -96,29 +96,29 @@ def _velocities(places: Array, dt: float) -> Array:
 
 Aims = Literal["clock", "path"]
 AIMS: tuple[Aims, ...] = get_args(Aims)
-"""Towards where the hand should be by now, however far it is behind; or along the path at the same pace, but never more
-than a way ahead of where the person sees the hand on it."""
+"""With "clock" the person aims at the position for the current time, however far the hand is behind. With "path" the
+person moves along the path at the same pace, but at most a distance ahead of the hand."""
 LONGER = 2
-"""Times the ticks of the intention: a person who waits for the hand has so long."""
+"""Largest duration of a trial whose person waits for the hand, as a multiple of the intention."""
 SIGHT = 0.01
-"""[m] of the path ahead among which a person sees where the hand is; it never goes back."""
+"""[m] of the path ahead in which the nearest point to the hand is searched; it never goes back."""
 STEP = 5e-4
-"""[m] between the places that are distinguished."""
+"""[m] spacing of path points in this search."""
 
 
 class Pace:
-    """Which tick of an intention is meant in each tick of a trial.
+    """Progress of an intention during a trial.
 
     Parameters
     ----------
-    intention : tick by tick. aims : by what. ahead : [m] of the path, at most, for "path".
+    intention : tick by tick. aims : see `AIMS`. ahead : [m] of the path at most, for "path".
     """
 
     def __init__(self, intention: Intention, aims: Aims, *, ahead: float) -> None:
         self._last = len(intention.places) - 1
         self._waits, self._ahead = aims == "path", ahead
         self.ticks = (LONGER if self._waits else 1) * len(intention.places)
-        """[ticks] A trial is no longer than this."""
+        """[ticks] Largest length of a trial."""
         steps = np.linalg.norm(np.diff(intention.places, axis=0), axis=1)
         travelled = np.concatenate(([0.0], np.cumsum(steps)))
         self._arc: list[float] = travelled.tolist()
@@ -133,11 +133,11 @@ class Pace:
 
     @property
     def over(self) -> bool:
-        """Whether the last tick of the intention was meant."""
+        """Whether the intention has reached its last tick."""
         return self._tick >= self._last
 
     def meant(self, x: float, y: float) -> tuple[int, bool]:
-        """The tick of the intention that is meant now, and whether the person goes on from there, of a hand there."""
+        """The intention's current tick for a hand at x, y [m], and whether the person moves on."""
         if not self._waits:
             self._tick += 1
             return min(self._tick - 1, self._last), True

@@ -1,4 +1,4 @@
-"""A serial arm in MuJoCo's own description: every frame of the chain a body, the tool a site."""
+"""A serial arm as an MJCF model: each frame of the chain is a body, the tool a site."""
 
 from __future__ import annotations
 
@@ -18,17 +18,18 @@ Array = NDArray[np.float64]
 HAND = "hand"
 """Name of the tool's site."""
 FAR = 1e6
-"""[rad, m] A stop beyond this is none."""
+"""[rad, m] Stops beyond this count as none."""
 NEGLIGIBLE = 1e-9
-"""[kg, kg m^2] Of a link without a mass: MuJoCo wants some; rotors and other links give the joint its inertia."""
+"""[kg, kg m^2] Mass and inertia of a massless link, as MuJoCo requires; rotors and other links give the joint its
+inertia."""
 
 
 def arm_mjcf(model: ArmModel, *, step: float) -> str:
-    """MuJoCo description of an arm without geometry: nothing collides, contacts are the plant's own.
+    """MJCF model of an arm without geometry: no collisions; the plant computes contacts itself.
 
     Parameters
     ----------
-    step : [s] of the physics.
+    step : [s] physics step.
     """
     chain = model.chain
     opened: list[str] = []
@@ -59,7 +60,7 @@ def arm_mjcf(model: ArmModel, *, step: float) -> str:
 
 
 def row_pose(row: ChainRow, value: float) -> Array:
-    """(4, 4) pose behind a row of a chain in the frame before it, at the joint's value [rad, m]."""
+    """(4, 4) pose of the frame after a row of a chain, in the frame before it, at a joint value [rad, m]."""
     joint = np.eye(4)
     if row.prismatic:
         joint[2, 3] = value
@@ -77,7 +78,7 @@ def _stops(model: ArmModel, joint: int) -> str:
 
 
 def _inertial(bodies: Sequence[Body]) -> str:
-    """Several masses on one link as one."""
+    """Several masses on one link combined into one."""
     mass = sum(body.mass for body in bodies)
     if not mass > 0.0:
         return (
@@ -97,7 +98,7 @@ def _pose(pose: Array) -> str:
 
 
 def _quaternion(rotation: Array) -> Array:
-    """(w, x, y, z) of a rotation (3, 3): the eigenvector that exact and rounded rotations share."""
+    """Quaternion (w, x, y, z) of a rotation (3, 3), by an eigenvector, so that rounding hardly matters."""
     (a, b, c), (d, e, f), (g, h, i) = rotation.tolist()
     matrix = np.array(
         [

@@ -1,4 +1,4 @@
-"""An arm with servos in MuJoCo: what a controller's commands come to on a robot that has mass, friction and delays."""
+"""An arm with servos in MuJoCo, with mass, friction and delays."""
 
 from __future__ import annotations
 
@@ -24,22 +24,21 @@ __all__ = ["MujocoArm", "mujoco_module"]
 Array = NDArray[np.float64]
 
 POSTURES = 64
-"""Drawn over the joints' ranges, always the same ones: the drives are tuned to the mean inertia of each joint."""
+"""Number of random (always equal) postures; the drives are tuned to the mean inertia of each joint over them."""
 
 
 class MujocoArm(SampledPlant):
     """A serial arm with a drive in each joint, in MuJoCo; a `Plant`.
 
-    The drives know gravity and velocity torques of the arm exactly (not what touches it), as a vendor's do; nothing
-    else is compensated: friction, the coupling of the joints' inertias and the torque limits are there. Links do not
-    collide with anything, and joints have no stops but those of the model: their limits are the controller's to hold.
-    Contacts act on the hand, a point.
+    The drives compensate gravity and velocity torques of the arm exactly, as a vendor's do. They do not compensate
+    contacts, friction, coupled inertia and torque limits. Links do not collide, and joints have only the model's stops;
+    the controller must keep the joint limits. Contacts act on the hand, a point.
 
     Parameters
     ----------
     model : the arm. dt : [s] of a tick.
     drive : `VelocityServo` by default.
-    contacts : what touches the hand, in the base frame, (3,).
+    contacts : of the hand, in the base frame, (3,).
     channel, seed, physics_step : see `SampledPlant`.
 
     Raises
@@ -76,13 +75,13 @@ class MujocoArm(SampledPlant):
 
     @property
     def truth(self) -> Truth:
-        """What is so now."""
+        """The current true state."""
         data = self._data
         return Truth(self._now, data.qpos.copy(), data.qvel.copy(), self._effort, self._force)
 
     @property
     def energy(self) -> float:
-        """[J] kinetic and potential, of the arm alone."""
+        """[J] kinetic and potential energy of the arm."""
         mujoco, data = self._mujoco, self._data
         mujoco.mj_forward(self._arm, data)
         momentum = np.zeros(self.n)
@@ -92,7 +91,7 @@ class MujocoArm(SampledPlant):
 
     @property
     def hand_pose(self) -> Array:
-        """(4, 4) of the tool in the base frame, by MuJoCo's kinematics."""
+        """(4, 4) pose of the tool in the base frame, by MuJoCo's kinematics."""
         self._mujoco.mj_kinematics(self._arm, self._data)
         pose = np.eye(4)
         pose[:3, :3] = self._data.site_xmat[self._hand].reshape(3, 3)
@@ -100,7 +99,7 @@ class MujocoArm(SampledPlant):
         return pose
 
     def inertia(self, position: ArrayLike) -> Array:
-        """(n, n) [kg m^2, kg] of the arm with its rotors at `position` (n,)."""
+        """(n, n) [kg m^2, kg] inertia matrix of the arm with its rotors at `position` (n,)."""
         mujoco, data = self._mujoco, self._mujoco.MjData(self._arm)
         data.qpos[:] = position
         mujoco.mj_forward(self._arm, data)
@@ -110,7 +109,7 @@ class MujocoArm(SampledPlant):
         return full
 
     def feedforward(self) -> Array:
-        """(n,) [N m, N] gravity and velocity torques now: what the drives know of the arm."""
+        """(n,) [N m, N] current gravity and velocity torques, which the drives compensate."""
         self._mujoco.mj_forward(self._arm, self._data)
         return np.asarray(self._data.qfrc_bias.copy())
 
@@ -142,12 +141,12 @@ class MujocoArm(SampledPlant):
         return self._data.qpos.copy(), self._data.qvel.copy(), self._force
 
     def _moves(self) -> Array:
-        """(3, n) Jacobian of the hand's place."""
+        """(3, n) Jacobian of the hand's position."""
         self._mujoco.mj_jacSite(self._arm, self._data, self._jacobian, None, self._hand)
         return self._jacobian
 
     def _typical_inertia(self) -> Array:
-        """(n,) mean over postures; joints without limits are drawn over a turn, or a metre."""
+        """(n,) mean inertia over postures; joints without limits are drawn over one turn, or one metre."""
         chain, rng = self.model.chain, np.random.default_rng(0)
         lower = np.where(np.isfinite(chain.lower), chain.lower, -math.pi)
         upper = np.where(np.isfinite(chain.upper), chain.upper, math.pi)
@@ -160,7 +159,7 @@ def mujoco_module() -> Any:
 
     Raises
     ------
-    ConfigurationError : it is not installed.
+    ConfigurationError : MuJoCo is not installed.
     """
     try:
         return import_module("mujoco")

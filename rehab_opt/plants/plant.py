@@ -1,4 +1,4 @@
-"""What every plant is: a robot that takes a command each tick and shows what its sensors say, apart from the truth."""
+"""Interface of plants: robots that take a command each tick and return measurements, with the truth apart."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ Array = NDArray[np.float64]
 
 
 class Measurement(NamedTuple):
-    """What a controller may know: sensor values, and when they were read."""
+    """Sensor values and their time stamp, the input of a controller."""
 
     stamp: float
-    """[s] when the sensors were read, on the plant's clock; older than now by the delay of the measurement."""
+    """[s] when the sensors were read, on the plant's clock; earlier than now by the measurement delay."""
     position: Array
     """(n,) [rad, m]"""
     velocity: Array
@@ -35,7 +35,7 @@ class Truth(NamedTuple):
     velocity: Array
     """(n,) [rad/s, m/s]"""
     effort: Array
-    """(n,) what the drives exert, friction not subtracted [N m, N]; zeros where nothing has a mass."""
+    """(n,) effort of the drives before friction [N m, N]; zero in a plant without masses."""
     force: Array
     """(3,) or (2,) [N] on the hand by whatever touches it, in the base frame."""
 
@@ -43,9 +43,8 @@ class Truth(NamedTuple):
 class Plant(Protocol):
     """A robot in closed loop. One call of `step` is one tick of `dt`.
 
-    The command of a tick is sent at its beginning; what arrives when, and what comes of it, is the plant's matter. A
-    controller that is made for another plant needs no other loop: velocities, positions or forces are what the
-    plant's drive takes.
+    The command of a tick is sent at its beginning; delays and effects are inside the plant. One loop serves all plants;
+    the plant's drive takes velocities, positions or forces.
     """
 
     dt: float
@@ -62,50 +61,50 @@ class Plant(Protocol):
         ...
 
     def reset(self, position: ArrayLike) -> Measurement:
-        """At rest at `position` (n,), the clock at zero, nothing on its way; what the sensors say then."""
+        """Reset to rest at `position` (n,), time zero, empty channels; returns the measurement."""
         ...
 
     def step(self, command: ArrayLike, push: ArrayLike | None = None) -> Measurement:
-        """One tick under `command`; what the sensors say at its end.
+        """One tick under `command`; returns the measurement at its end.
 
         Parameters
         ----------
-        command : what the drive takes: joint velocities [rad/s, m/s], joint positions [rad, m] or a force [N].
-        push : (3,) or (2,) [N] on the hand during the tick, in the base frame, besides the plant's own contacts.
+        command : input of the drive: joint velocities [rad/s, m/s], joint positions [rad, m] or a force [N].
+        push : (3,) or (2,) [N] additional force on the hand during the tick, in the base frame.
         """
         ...
 
 
 class Device(Plant, Protocol):
-    """A robot that is there, as a `Plant`; `step` sends the command and returns at once.
+    """A physical robot as a `Plant`; `step` sends the command and returns at once.
 
-    `measured` is what arrived last, its stamp and `truth.time` on one clock, that of `time.monotonic`; `truth` repeats
-    what was measured, since nobody knows better. All of them raise a `DeviceLostError` where the device is gone.
-    `reset` moves nothing: it refuses a position that the device is not at.
+    `measured` is the last received state; its stamp and `truth.time` are on the clock of `time.monotonic`. `truth`
+    repeats the measurement. All methods raise `DeviceLostError` if the device is gone. `reset` moves nothing; it
+    refuses a position other than the device's.
     """
 
     def stop(self) -> None:
-        """Have it come to rest by its own means; no error where it is gone."""
+        """Make the device brake by its own means; no error if it is gone."""
         ...
 
     def close(self) -> None:
-        """The same, and let go of it: the object is of no use any more."""
+        """Brake and disconnect; the object cannot be used afterwards."""
         ...
 
 
 class PositionStream:
-    """Sums velocities to a reference of its own and streams it to a plant of positions; a `Plant`.
+    """Integrates velocities to a position reference and streams it to a position-controlled plant; a `Plant`.
 
-    The reference begins where the robot is reset and never looks at the sensors again: what industrial interfaces of
-    positions expect. It runs away from a joint that is blocked.
+    The reference starts at the reset position and ignores the sensors afterwards, as industrial position interfaces
+    expect. It runs away from a blocked joint.
 
     Parameters
     ----------
-    plant : whose commands are positions, such as a `MujocoArm` with a `PositionServo`.
+    plant : plant with position commands, such as a `MujocoArm` with a `PositionServo`.
     """
 
     reference: Array
-    """(n,) [rad, m] what was streamed last."""
+    """(n,) [rad, m] last streamed position."""
 
     def __init__(self, plant: Plant) -> None:
         self._plant, self.dt = plant, plant.dt
@@ -122,7 +121,7 @@ class PositionStream:
         return self._plant.truth
 
     def reset(self, position: ArrayLike) -> Measurement:
-        """At rest at `position` (n,), the reference there."""
+        """Reset plant and reference to rest at `position` (n,)."""
         self.reference = np.array(position, dtype=np.float64)
         return self._plant.reset(position)
 

@@ -1,4 +1,4 @@
-"""A robot simulated in steps of the physics, behind a channel that is sampled in ticks."""
+"""A robot simulated in physics steps, behind a channel that is sampled in ticks."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ Array = NDArray[np.float64]
 
 
 class SampledPlant(ABC):
-    """A `Plant` with delays and noise: whoever builds on it says what one step of the physics does.
+    """A `Plant` with delays and noise; a subclass defines one physics step.
 
     Parameters
     ----------
     n : number of positions. dt : [s] of a tick.
     channel : delays and noise; none by default.
-    seed : of everything random, or its generator.
-    physics_step : [s] at most, of the physics; a tick has a whole number of steps.
+    seed : of all random numbers, or their generator.
+    physics_step : [s] largest physics step; a tick has a whole number of steps.
 
     Raises
     ------
-    ConfigurationError : a number that is no tick, or no step.
+    ConfigurationError : an invalid tick or physics step.
     """
 
     def __init__(
@@ -55,10 +55,10 @@ class SampledPlant(ABC):
     @property
     @abstractmethod
     def truth(self) -> Truth:
-        """What is so now."""
+        """The current true state."""
 
     def reset(self, position: ArrayLike, velocity: ArrayLike | None = None) -> Measurement:
-        """At rest at `position` (n,) [rad, m], or moving with `velocity` (n,); the noise goes on where it was."""
+        """Reset to `position` (n,) [rad, m] with `velocity` (n,), zero by default; the noise sequence continues."""
         start = per_joint("position", position, self.n, finite=True)
         moving = per_joint("velocity", np.zeros(self.n) if velocity is None else velocity, self.n, finite=True)
         still = self._start(np.array(start), np.array(moving))
@@ -69,7 +69,7 @@ class SampledPlant(ABC):
         return self._measured
 
     def step(self, command: ArrayLike, push: ArrayLike | None = None) -> Measurement:
-        """One tick; `command` as the drive takes it, `push` (3,) [N] on the hand."""
+        """One tick with a `command` for the drive and a `push` (3,) [N] on the hand."""
         begin, pushed = self._tick * self.dt, None if push is None else np.asarray(push, dtype=np.float64)
         self._commands.send(begin, np.array(command, dtype=np.float64))
         for k in range(self._steps):
@@ -84,12 +84,12 @@ class SampledPlant(ABC):
 
     @abstractmethod
     def _start(self, position: Array, velocity: Array) -> Array:
-        """At `position` (n,), moving with `velocity` (n,); the command that stands for none."""
+        """Start at `position` (n,) with `velocity` (n,); returns the neutral command."""
 
     @abstractmethod
     def _advance(self, now: float, command: Array, push: Array | None) -> None:
-        """One step of the physics from the time `now` [s] on."""
+        """One physics step from the time `now` [s]."""
 
     @abstractmethod
     def _readings(self) -> tuple[Array, Array, Array]:
-        """True positions, velocities (n,) and force on the hand (3,), arrays that are not written to again."""
+        """True positions, velocities (n,) and force on the hand (3,), as arrays that do not change later."""

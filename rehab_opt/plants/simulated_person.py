@@ -1,4 +1,4 @@
-"""A simulated person who moves a hand, and the robot with their hand on it as a plant."""
+"""A simulated person who moves a hand, and a plant of this person and the robot."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ Array = NDArray[np.float64]
 
 TREMOR_LINES = 3
 FASTEST_LINE = 1.15
-"""Of the tremor's lines, in its frequency; the slowest is as far below."""
+"""Frequency of the fastest tremor line over the centre frequency; the slowest is as far below."""
 
 
 @dataclass(frozen=True)
 class Person:
-    """What the hand does; every number is an assumption, none was measured on the paper's participant.
+    """Parameters of a person's hand; every number is an assumption, none comes from the paper's participant.
 
-    The hand is pushed by
+    The force on the handle is
 
         sat(K (x_i + wander - x) + B (v_i - v) + effort, strength(x)) - passive(x, v) + tremor + spasms
 
-    towards the intended motion x_i(t), with an effort that grows while the hand lags behind. Outside the comfortable
+    with the intended motion x_i(t) and an effort that grows while the hand lags behind. Outside the comfortable
     workspace the strength falls over `fades_over` to `weak_strength`, and joints near their limits push back with
     `passive_stiffness` towards the nearest comfortable point.
 
@@ -39,16 +39,15 @@ class Person:
     ----------
     hand_mass : [kg] effective mass of hand and arm at the handle.
     stiffness, damping : K [N/m], B [N s/m] of the voluntary impedance.
-    persistence : [1/s] how fast the effort grows with the distance that is left: by
-        persistence K distance a second.
+    persistence : [1/s]; the effort grows by persistence * K * remaining distance per second.
     strength, weak_strength : [N] largest voluntary force inside W_c, and far outside.
-    fades_over : [m] beyond the boundary.
+    fades_over : [m] distance beyond the boundary over which the strength falls.
     passive_stiffness, passive_damping : [N/m] outside W_c, [N s/m] everywhere.
-    wander, wander_time : [m], [s] of where the hand is thought to be meant: standard deviation of each coordinate, and
-        T of its autocorrelation (1 + t / T) exp(-t / T).
+    wander, wander_time : [m], [s] of the error of the intended position: standard deviation of each coordinate, and T
+        of its autocorrelation (1 + t / T) exp(-t / T).
     tremor, tremor_hz : [N] root mean square of the vector's length, [Hz] centre of three lines.
-    spasm_rate, spasm_force, spasm_time : [1/s] how often, [N] mean peak, [s] mean length of involuntary bursts in
-        random directions.
+    spasm_rate, spasm_force, spasm_time : [1/s] rate, [N] mean peak, [s] mean length of involuntary bursts in random
+        directions.
     aims, ahead : "clock" or "path", see `AIMS`; [m] of the path at most, for "path".
     """
 
@@ -73,12 +72,12 @@ class Person:
 
 
 class SimulatedPerson:
-    """One person in one trial; the same seed gives the same moods, whatever the robot does.
+    """One person in one trial; wander, tremor and spasms depend only on the seed.
 
     Parameters
     ----------
-    person : the numbers. comfortable : W_c in the robot's frame. dt : [s]. ticks : how many at most.
-    seed : of the moods.
+    person : parameters. comfortable : W_c in the robot's frame. dt : [s]. ticks : largest number.
+    seed : of wander, tremor and spasms.
     """
 
     def __init__(
@@ -99,9 +98,9 @@ class SimulatedPerson:
     def force(  # noqa: PLR0917  (a hot call: state, then intention)
         self, x: float, y: float, vx: float, vy: float, to_x: float, to_y: float, to_vx: float, to_vy: float
     ) -> tuple[float, float]:
-        """[N] on the handle, of a hand at (x, y) that means to be at (to_x, to_y); `beyond` is then its distance.
+        """[N] force on the handle of a hand at (x, y) with the intended position (to_x, to_y).
 
-        `beyond` [m] is the signed distance to the comfortable workspace, negative inside.
+        It also updates `beyond` [m], the signed distance to the comfortable workspace, negative inside.
         """
         person, tick = self.person, self._tick
         self._tick += 1
@@ -150,7 +149,7 @@ def _wander(person: Person, ticks: int, dt: float, rng: np.random.Generator) -> 
 
 
 def _tremor(person: Person, ticks: int, dt: float, rng: np.random.Generator) -> Array:
-    """(N, 2) [N] lines about the tremor's frequency, of random phases, and so of random directions."""
+    """(N, 2) [N] sinusoids near the tremor's frequency with random phases."""
     time = dt * np.arange(ticks)
     total = np.zeros((ticks, 2))
     for _ in range(TREMOR_LINES):
@@ -176,14 +175,15 @@ class PersonAtRobot:
 
     Attributes
     ----------
-    target : (x, y, vx, vy) [m, m/s] of the hand, as the person means it to move; None: it is left to rest.
-    exerted : (2,) [N] by the person in the last tick.
+    target : (x, y, vx, vy) [m, m/s] intended state of the hand; None for a passive hand.
+    exerted : (2,) [N] force of the person in the last tick.
 
     Parameters
     ----------
-    person, comfortable : see `SimulatedPerson`. robot : makes robots. dt : [s] of a tick. seed : of moods and noise;
-        whenever person and robot begin anew where they are, the next one.
-    ticks : after so many they do, at rest, since moods and noise are drawn beforehand.
+    person, comfortable : see `SimulatedPerson`. robot : factory of robots. dt : [s] of a tick. seed : of wander,
+        tremor, spasms and noise.
+    ticks : number of ticks that are drawn in advance; then person and robot restart at rest in place with the next
+        seed.
     """
 
     def __init__(
@@ -198,29 +198,29 @@ class PersonAtRobot:
 
     @property
     def measured(self) -> Measurement:
-        """Where the controller sees the hand; the speed is the true one, which no controller of a scenario is given."""
+        """Measured position of the hand; the velocity is the true one, which no controller of a scenario gets."""
         return self._measured
 
     @property
     def truth(self) -> Truth:
-        """Where the hand is."""
+        """True state of the hand."""
         return self._truth
 
     @property
     def hand(self) -> tuple[float, float, float, float]:
-        """x, y [m], vx, vy [m/s]: as in `truth`."""
+        """True x, y [m], vx, vy [m/s]."""
         robot = self._robot
         return robot.x, robot.y, robot.vx, robot.vy
 
     def reset(self, position: ArrayLike) -> Measurement:
-        """At rest at `position` (2,) [m]; the clock at zero."""
+        """Reset to rest at `position` (2,) [m] and time zero."""
         self._time, self._seed = 0.0, self._first
         x, y = np.asarray(position, dtype=np.float64).tolist()
         self._begin((x, y))
         return self._look()
 
     def step(self, command: ArrayLike, push: ArrayLike | None = None) -> Measurement:
-        """One tick under the robot's force (2,) [N], the person's, and a push (2,) [N] besides."""
+        """One tick under the robot's force (2,) [N], the person's force, and an additional push (2,) [N]."""
         if self._left == 0:
             self._seed += 1
             self._begin((self._robot.x, self._robot.y))
@@ -236,7 +236,7 @@ class PersonAtRobot:
         return self._look()
 
     def _look(self) -> Measurement:
-        """What is so now, and what is seen of it, in one array: a loop asks for both in each tick."""
+        """Update truth and measurement together, because a loop reads both in each tick."""
         robot, time = self._robot, self._time
         now = np.array(
             (robot.x, robot.y, robot.vx, robot.vy, robot.measured_x, robot.measured_y, *robot.acting, *robot.seen)

@@ -15,21 +15,21 @@ __all__ = ["TouchedPlant"]
 Array = NDArray[np.float64]
 
 LONGEST = 10.0
-"""[s] of measurements that are kept."""
+"""[s] of stored measurements."""
 
 
 class TouchedPlant:
-    """Any plant behind sensors that can be spoilt at any time; a `Plant`.
+    """Any plant with sensor faults that can be set at any time; a `Plant`.
 
     Attributes
     ----------
     frozen : joint whose encoder repeats its last value; -1 for none.
     noise : [rad, m] standard deviation on every position.
-    delay : [s] of measurements, 0 to 10, besides the plant's own.
+    delay : [s] additional delay of measurements, 0 to 10.
 
     Parameters
     ----------
-    plant : whose sensors they are. seed : of the noise.
+    plant : the plant behind the sensors. seed : of the noise.
     """
 
     def __init__(self, plant: Plant, *, seed: int = 0) -> None:
@@ -41,7 +41,7 @@ class TouchedPlant:
 
     @property
     def measured(self) -> Measurement:
-        """What the sensors say, spoilt."""
+        """The measurement with faults."""
         return self._measured
 
     @property
@@ -50,7 +50,7 @@ class TouchedPlant:
         return self.plant.truth
 
     def reset(self, position: ArrayLike) -> Measurement:
-        """At rest at `position` (n,); what was frozen thaws for the moment."""
+        """Reset to rest at `position` (n,); a frozen encoder reads this position."""
         self._kept.clear()
         self._measured = self.plant.reset(position)
         self._kept.append(self._measured)

@@ -1,4 +1,4 @@
-"""A wheelchair with its arm: wheels that follow their speeds with a lag, and the arm in MuJoCo."""
+"""A wheelchair with an arm: wheels follow their commanded speeds with a lag; the arm is in MuJoCo."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ __all__ = ["Wheelchair", "chair_arm_model", "own_chair_arm_model"]
 Array = NDArray[np.float64]
 
 TORQUE_LIMIT = (80.0, 60.0, 40.0, 10.0)
-"""[N m] Assumption: some three times what holds the arm stretched forward."""
+"""[N m] Assumption: about three times the torques that hold the arm stretched forward."""
 COULOMB = (2.0, 2.0, 1.0, 0.3)
 """[N m] Assumption."""
 VISCOUS = (2.0, 2.0, 1.0, 0.2)
@@ -34,11 +34,11 @@ VISCOUS = (2.0, 2.0, 1.0, 0.2)
 class Wheelchair(SampledPlant):
     """Chair and arm; a `Plant` whose command is wheel speeds, then the arm's joint velocities.
 
-    Its positions are the seven of `MobileArm`: the chair's place and heading in the world, then the arm. Each wheel
-    follows its commanded speed with a first-order lag and rolls; the chair goes as
-    `Drive.motion` says. A beginning: wheels have no torque limit, neither slip nor bounce, and chair and arm do
-    not feel each other's acceleration. The arm's joints are `MujocoArm`'s, on a chair that does not tilt. The chair's
-    place is measured with the same noise as the joints, in metres.
+    Its positions are those of `MobileArm`: the chair's position and heading in the world, then the arm. Each wheel
+    follows its commanded speed with a first-order lag, and `Drive.motion` gives the chair's motion. Simplifications:
+    wheels have no torque limit, slip or bounce, chair and arm do not accelerate each other, and the chair does not
+    tilt. The arm's joints are those of `MujocoArm`. The chair's position has the same measurement noise as the joints,
+    in metres.
 
     Parameters
     ----------
@@ -79,14 +79,14 @@ class Wheelchair(SampledPlant):
 
     @property
     def truth(self) -> Truth:
-        """What is so now; forces of the chair's wheels are not modelled, and are zero."""
+        """The current true state; the efforts of the wheels are not modelled and zero."""
         arm = self._arm.truth
         position, velocity, force = self._readings()
         return Truth(self._now, position, velocity, np.concatenate([np.zeros(CHAIR), arm.effort]), force)
 
     @property
     def wheels(self) -> Array:
-        """(w,) [rad/s] how the wheels turn now."""
+        """(w,) [rad/s] current wheel speeds."""
         return self._wheels.copy()
 
     def _start(self, position: Array, velocity: Array) -> Array:
@@ -129,7 +129,7 @@ def chair_arm_model(
     coulomb: ArrayLike = COULOMB,
     viscous: ArrayLike = VISCOUS,
 ) -> ArmModel:
-    """The arm of a chair that stands in the world's origin, with the masses and rotors of `robot`.
+    """Model of the arm on a chair at the world's origin, with the masses and rotors of `robot`.
 
     Parameters
     ----------
@@ -140,7 +140,7 @@ def chair_arm_model(
 
 
 def own_chair_arm_model(robot: MobileArm) -> ArmModel:
-    """The same of an arm from a robot file, by its own masses and efforts.
+    """As `chair_arm_model` for an arm from a robot file, with the file's masses and efforts.
 
     Raises
     ------
@@ -150,7 +150,7 @@ def own_chair_arm_model(robot: MobileArm) -> ArmModel:
 
 
 def _arm_alone(robot: MobileArm) -> SerialChain:
-    """The arm, on a chair in the world's origin."""
+    """Chain of the arm, on a chair at the world's origin."""
     chain = robot.chain
     base = chain.base
     for row in chain.rows[:CHAIR]:

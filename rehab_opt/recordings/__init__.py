@@ -1,1 +1,1 @@
-"""Recordings of a hand or of joints, read from the formats that laboratories have; no problem file is needed."""
+"""Read recordings of a hand or of joints in common laboratory formats."""

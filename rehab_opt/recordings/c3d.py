@@ -1,6 +1,6 @@
 """Motion-capture markers of a C3D file (c3d.org), of Intel and MIPS processors, in integers or floats.
 
-Every length and offset that such a file states is checked against its size before it is used.
+Every length and offset in the file is checked against the file's size before use.
 """
 
 from __future__ import annotations
@@ -25,17 +25,17 @@ __all__ = ["read_c3d"]
 Array = NDArray[np.float64]
 
 BLOCK = 512
-"""[byte] What a C3D file is counted in."""
+"""[byte] Block size of a C3D file."""
 MAGIC = 0x50
 BYTE_ORDERS, DEC = {84: "<", 86: ">"}, 85
-"""By processor; the floats of DEC are none of IEEE's."""
+"""Byte orders by processor; the floats of DEC are not IEEE floats."""
 MOST_FRAMES = 65535
-"""More than that the header cannot state."""
+"""Largest number of frames that the header can state."""
 TEXT, BYTE, INTEGER, REAL = -1, 1, 2, 4
 
 
 NO_PLACES = ("ANGLES", "MOMENTS", "POWERS", "FORCES", "SCALARS", "REACTIONS")
-"""Parameters of POINT that list what is stored as a marker and is none."""
+"""Parameters of POINT that list entries stored as markers without being markers."""
 
 
 class _Header(NamedTuple):
@@ -50,11 +50,11 @@ class _Header(NamedTuple):
 
 
 def read_c3d(path: Path, *, name: str, how: Reading) -> Samples:
-    """Path of one marker, (N, 3) [m] in the laboratory's frame, NaN where it was not seen; trials between events.
+    """Path of one marker, (N, 3) [m] in the laboratory's frame, NaN where it is missing; trials between events.
 
     Raises
     ------
-    ProblemFileError : no C3D or one cut short, no such marker, unit or rate, what the file lists as no place.
+    ProblemFileError : no C3D or a truncated one, no such marker, unit or rate, or an entry that is no marker.
     """
     content = file_content(path, name, max_size=MAX_RECORDING_SIZE)
     header, parameters, notes = _read_header(content, name)
@@ -77,12 +77,12 @@ def read_c3d(path: Path, *, name: str, how: Reading) -> Samples:
 
 
 def _own(label: str) -> str:
-    """A label without its subject."""
+    """A label without the subject's name."""
     return label.rpartition(":")[2]
 
 
 def _numbered(parameters: Mapping[str, object], key: str) -> list[str]:
-    """Texts of POINT:KEY, KEY2, KEY3 and so on, each of which holds 255 at most."""
+    """Texts of POINT:KEY, KEY2, KEY3 and so on, with at most 255 each."""
     names = [f"POINT:{key}", *(f"POINT:{key}{number}" for number in range(2, 256))]
     return [text for name in names for text in _texts(parameters.get(name))]
 
@@ -90,9 +90,9 @@ def _numbered(parameters: Mapping[str, object], key: str) -> list[str]:
 def _trials(  # noqa: PLR0917  (events, and the frames that they are among)
     parameters: Mapping[str, object], asked: str, rate: float, first: int, count: int, name: str
 ) -> tuple[tuple[str, int, int], ...]:
-    """From each event called `asked` to the next; of "begin,end" from each of the first kind to the next of the second.
+    """Trials from each event named `asked` to the next; for "begin,end" from each first event to the next second one.
 
-    Events have times [minutes, s] since frame 1; `first` is the number of the first frame that is there.
+    Events have times [minutes, s] since frame 1; `first` is the number of the first stored frame.
     """
     labels, moments = _texts(parameters.get("EVENT:LABELS")), parameters.get("EVENT:TIMES")
     pairs = moments[: 2 * len(labels)].reshape(-1, 2) if isinstance(moments, np.ndarray) else np.empty((0, 2))
@@ -139,7 +139,7 @@ def _read_header(content: bytes, name: str) -> tuple[_Header, dict[str, object],
 
 
 def _frames(parameters: Mapping[str, object], first: int, last: int) -> int:
-    """How many frames there are: by the header or, where that cannot hold as many, by the parameters."""
+    """Number of frames, from the header or, if that is too small for it, from the parameters."""
     frames = (last - first + 1) % (MOST_FRAMES + 1)
     ends = [parameters.get(f"TRIAL:ACTUAL_{end}_FIELD") for end in ("START", "END")]
     low, high = (
@@ -159,7 +159,7 @@ def _frame_bytes(header: _Header) -> int:
 
 
 def _marker(content: bytes, header: _Header, number: int) -> Array:
-    """(frames, 3) in the file's unit, NaN where the marker was not seen."""
+    """(frames, 3) in the file's unit, NaN where the marker is missing."""
     kind = f"{header.order}f4" if header.scale < 0 else f"{header.order}i2"
     words = np.frombuffer(content, kind, count=header.frames * (4 * header.points + header.analog), offset=header.start)
     with np.errstate(invalid="ignore"):  # a signalling NaN becomes a quiet one
@@ -170,7 +170,7 @@ def _marker(content: bytes, header: _Header, number: int) -> Array:
 
 
 def _parameters(section: bytes, order: str) -> dict[str, object]:
-    """Values by `GROUP:NAME`: texts as a list, numbers as an array. What is cut off is left out."""
+    """Values by `GROUP:NAME`: texts as a list, numbers as an array. Truncated parameters are left out."""
     groups: dict[int, str] = {}
     found: list[tuple[int, str, object]] = []
     at = 4

@@ -1,4 +1,4 @@
-"""Where recordings lie that the project does not ship, and the message for a user who does not have them."""
+"""Folder of recordings that the project does not ship, and the message for users without them."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ ORIGINS = {
 
 
 def data_folder() -> Path:
-    """The folder of recordings: $REHAB_OPT_DATA, or `../shared/data` beside the checkout; it need not exist."""
+    """The folder of recordings: $REHAB_OPT_DATA, or `../shared/data` beside the checkout; it may be missing."""
     named = os.environ.get(ENVIRONMENT)
     if named:
         return Path(named)
@@ -31,11 +31,11 @@ def data_folder() -> Path:
 
 
 def data_file(reference: str, *, problem: str, key: str) -> Path:
-    """The file that `data:folder/name` stands for.
+    """The file of a reference `data:folder/name`.
 
     Raises
     ------
-    ProblemFileError : it is absent (the message says where it comes from), or the reference leaves the folder.
+    ProblemFileError : the file is missing (the message names its origin), or the reference leaves the folder.
     """
     inside = PurePosixPath(reference.removeprefix(PREFIX))
     if inside.is_absolute() or ".." in inside.parts or len(inside.parts) < 2:

@@ -1,4 +1,4 @@
-"""Times that are roundings of even ones, made even again."""
+"""Undo the rounding of evenly spaced times."""
 
 from __future__ import annotations
 
@@ -10,18 +10,19 @@ __all__ = ["even_times"]
 Array = NDArray[np.float64]
 
 FINEST, COARSEST, EVENLY = -6, -1, 1e-3
-"""Powers of ten [s] that times are rounded to, and fraction of a step from which on that makes a difference."""
+"""Finest and coarsest power of ten [s] to which times may be rounded; smallest rounding that matters, as a fraction of
+a step."""
 
 
 def even_times(time: Array, rate: float | None) -> tuple[Array, tuple[str, ...]]:
-    """Times (N,) [s], or the even ones of which they are roundings, and a note on it.
+    """Times (N,) [s], or the even times from which they were rounded; and a note.
 
-    A recording of 240 Hz with times of three decimals has steps of 4 and 5 ms, of which come accelerations that nobody
-    made. Even times are taken where all written ones are as near to them as their decimals allow.
+    A recording at 240 Hz with times of three decimals has steps of 4 and 5 ms, which cause false accelerations. Even
+    times are used if all written times agree with them to their decimals.
 
     Parameters
     ----------
-    rate : [Hz] as the file says; by default it is found from the times.
+    rate : [Hz] from the file; by default it is found from the times.
     """
     said: tuple[str, ...] = ()
     if len(time) < 3 or not np.isfinite(time).all() or not (np.diff(time) >= 0).all() or time[-1] == time[0]:

@@ -20,15 +20,15 @@ FIRST_ROW = 6  # below path, fact names, facts, marker names and axes (a sixth, 
 
 
 def read_trc(path: Path, *, name: str, how: Reading) -> Samples:
-    """Path of one marker, (N, 3) [m] in the laboratory's frame, NaN where it was not seen.
+    """Path of one marker, (N, 3) [m] in the laboratory's frame, NaN where it is missing.
 
-    Names of markers stand above their coordinates or, where they do not, in their order; coordinates behind those of
-    the last name are of markers without one.
+    Names of markers are above their coordinates, or in their order; coordinates after the last name belong to unnamed
+    markers.
 
     Raises
     ------
     ProblemFileError : no such marker, an unknown length unit, a row of the wrong length, a cell that is no number. A
-        frame count in the header that does not hold is a note.
+        wrong frame count in the header gives a note.
     """
     lines = text_lines(path, name)
     if len(lines) < FIRST_ROW or not lines[0].startswith("PathFileType"):
@@ -71,7 +71,7 @@ def read_trc(path: Path, *, name: str, how: Reading) -> Samples:
 
 
 def _markers(header: Sequence[str], filled: int, name: str) -> list[str]:
-    """Names by the places of the coordinates, "" where a marker has none; `filled` cells of some row hold numbers."""
+    """Names by coordinate column, "" for an unnamed marker; `filled` counts the numeric cells of some row."""
     above = list(header[2::3])
     while above and not above[-1]:
         above.pop()
@@ -86,9 +86,9 @@ def _markers(header: Sequence[str], filled: int, name: str) -> list[str]:
 def marker_place(
     marker: str | int | None, markers: Sequence[str], name: str, *, count: int, but: Collection[str] = ()
 ) -> int:
-    """Place of a marker, named in full, by what follows the subject in `Subject:MARKER`, or by its number of `count`.
+    """Index of a marker by its full name, by its name without the subject, or by its number up to `count`.
 
-    No such marker, or several: refused, and the markers are named without subjects, who may be people, but for some.
+    If there is no such marker, or several, the error lists some markers without subjects, which may be names of people.
     """
     own = [each.rpartition(":")[2] for each in markers]
     names = markers if marker in markers else own

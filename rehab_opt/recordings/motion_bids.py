@@ -1,4 +1,4 @@
-"""Motion-BIDS: samples without a header (_motion.tsv), what their columns are (_channels.tsv), their rate (json)."""
+"""Motion-BIDS: samples without a header (_motion.tsv), their columns (_channels.tsv), and their rate (json)."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ __all__ = ["MOTION", "REQUIRED", "read_motion"]
 
 MOTION = "_motion.tsv"
 REQUIRED = ("name", "component", "type", "tracked_point", "units")
-"""Columns of a _channels.tsv, in the order that the standard asks for."""
+"""Required columns of a _channels.tsv, in the standard's order."""
 
 
 def read_motion(path: Path, *, name: str, how: Reading) -> Samples:
-    """Path of one tracked point, (N, 2) or (N, 3) [m], and every joint angle (`JNTANG`); NaN where a cell is `n/a`.
+    """Path of one tracked point, (N, 2) or (N, 3) [m], and every joint angle (`JNTANG`); NaN for cells `n/a`.
 
-    Times are the channel `LATENCY`, or come from `SamplingFrequency`. The tracked point need not be named where there
-    is one alone. Sidecars may stand in a folder above, and name fewer entities, as the standard has it.
+    Times come from the channel `LATENCY` or from `SamplingFrequency`. A single tracked point needs no name. Sidecar
+    files may be in a folder above and name fewer entities, as in the standard.
 
     Raises
     ------
-    ProblemFileError : no _channels.tsv or _motion.json, no such point, a unit that is none of its type, a row of the
-        wrong length, a cell that is no number.
+    ProblemFileError : no _channels.tsv or _motion.json, no such point, a wrong unit for the type, a row of the wrong
+        length, a cell that is no number.
     """
     if not path.name.endswith(MOTION):
         raise ProblemFileError(name, "file", shown(path.name, 80), f"a recording of Motion-BIDS, ending in {MOTION}")
@@ -67,7 +67,7 @@ def read_motion(path: Path, *, name: str, how: Reading) -> Samples:
 
 
 def _sidecars(path: Path, end: str) -> list[Path]:
-    """Files of that end that say something of a recording, the nearest first: theirs are some of its entities."""
+    """Sidecar files with this ending for a recording, the nearest first; their entities are a subset of its own."""
     own = {*path.name.removesuffix(MOTION).split("_")}
     found = []
     for folder in path.absolute().parents:
@@ -83,7 +83,7 @@ def _sidecars(path: Path, end: str) -> list[Path]:
 
 
 def _channels(path: Path, name: str) -> list[dict[str, str]]:
-    """The channels in their order; `name` is what errors call the recording, and the file beside it after its end."""
+    """The channels in order; `name` is the recording's name in errors."""
     beside = _sidecars(path, "_channels.tsv")[0]
     said = f"{name}, {beside.name}"
     lines = text_lines(beside, said)
@@ -104,7 +104,7 @@ def _channels(path: Path, name: str) -> list[dict[str, str]]:
 
 
 def _channel(channels: list[dict[str, str]], name: str, **facts: str) -> int | None:
-    """Place of the channel of which `facts` hold; None where there is none."""
+    """Index of the channel with these `facts`, or None."""
     found = [i for i, each in enumerate(channels) if all(each[key] == value for key, value in facts.items())]
     if len(found) > 1:
         raise ProblemFileError(name, "channels", " and ".join(channels[i]["name"] for i in found), f"one of {facts}")

@@ -1,4 +1,4 @@
-"""OpenSim's files of motion (.mot) and of whatever else it stores over time (.sto)."""
+"""OpenSim's files of motion (.mot) and of other quantities over time (.sto)."""
 
 from __future__ import annotations
 
@@ -16,35 +16,35 @@ from rehab_opt.text_file import FARTHEST, LATEST, brief, header_cells, number_in
 __all__ = ["read_opensim"]
 
 LENGTHS = {".mot": r"(^|[_/])t[xyz]$|trans[XYZ]$", ".sto": r"(^|[_/])t[xyz]$|trans[XYZ]$|_[XYZxyz]$"}
-"""Names of columns in metres; those of body kinematics in a .sto end in an axis."""
+"""Column names in metres; those of body kinematics in a .sto end in an axis."""
 RATES = re.compile(r"veloc|speed|accel|kinematics_(u|dudt)", re.IGNORECASE)
-"""In line 1: what follows are changes of places and angles."""
+"""Words in line 1 for velocities and accelerations."""
 OTHERS = re.compile(
     r"force|moment|torque|dynamics|optimi[sz]ation|activation|excitation|control|reaction|power|length|fiber|tendon|"
     r"pennation|muscle|error|probe|energy",
     re.IGNORECASE,
 )
-"""In line 1: what follows are neither places nor angles of joints."""
+"""Words in line 1 for quantities other than positions and joint angles."""
 NO_MOTION = re.compile(
     r"activation|excitation|control|fib(er|re)|tendon|pennation|muscle|force|torque|moment|power|speed|veloc|accel|"
     r"reserve|residual|lambda|energy|pressure|emg|_u$|_udot$|_[fmpv][xyz]$|^/(?!jointset/.*/value$)",
     re.IGNORECASE,
 )
-"""Names of columns that hold neither: those of paths but for coordinates' values, speeds, forces, muscles."""
+"""Column names of other quantities: paths other than coordinate values, speeds, forces, muscles."""
 
 
 def read_opensim(path: Path, *, name: str, how: Reading) -> Samples:
     """OpenSim motion or storage, separated by commas, tabs or blanks: joint angles, and lengths in metres.
 
     Columns that end in `tx`, `ty`, `tz` or `transX`, `transY`, `transZ` (of a .sto in `_X`, `_Y`, `_Z` too) are lengths
-    [m]; of a path such as `/jointset/shoulder/elevation/value` the coordinate's name counts. What neither line 1 nor
-    the column's name shows to be a speed, a force or a muscle's is an angle, in degrees if the header says
-    `inDegrees=yes`. Where neither header nor user say, angles are left unread, with a note.
+    [m]; for a path such as `/jointset/shoulder/elevation/value` the coordinate's name counts. A column is an angle
+    unless line 1 or its name shows a speed, a force or a muscle; it is in degrees if the header says `inDegrees=yes`.
+    If neither header nor user state the unit, angles are left out, with a note.
 
     Raises
     ------
-    ProblemFileError : no `endheader`, nothing that may be read, a missing column or one that is no place, a cell that
-        is no number.
+    ProblemFileError : no `endheader`, no readable column, a missing column or one that is no position, a cell that is
+        no number.
     """
     lines = text_lines(path, name)
     ends = [i for i, line in enumerate(lines) if line.strip(", \t").lower() == "endheader"]
@@ -96,7 +96,7 @@ def read_opensim(path: Path, *, name: str, how: Reading) -> Samples:
 
 
 def _angles(said: str | None, title: str, how: Reading, *, needed: bool, name: str) -> tuple[str, str]:
-    """Whether angles are in degrees, "yes" or "no", or "" where they are not read, and a note on that."""
+    """Whether angles are in degrees, "yes" or "no", or "" if they are not read; and a note."""
     stated = {None: "", "deg": "yes", "rad": "no"}[how.stated("angle")]
     if RATES.search(title) or (OTHERS.search(title) and not stated):
         return "", f"its line 1 says {shown(title)}: no angles are read"

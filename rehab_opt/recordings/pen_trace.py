@@ -1,4 +1,4 @@
-"""Pen traces of a tablet (.svc): a count, then x y [mm], time [s], pen-down, and columns that are not used here."""
+"""Pen traces of a tablet (.svc): a count, then x y [mm], time [s], pen-down, and unused columns."""
 
 from __future__ import annotations
 
@@ -17,20 +17,19 @@ __all__ = ["read_svc"]
 COLUMNS = ("x_mm", "y_mm", "t_s", "pen_down")
 DIGITS = 12  # a count with more is none, and Python refuses to read a very long one
 STRAIGHT = 20
-"""Samples: where the places of as many are whole numbers, they are counts."""
+"""Number of samples with whole-number positions from which these count as raw counts."""
 
 
 def read_svc(path: Path, *, name: str, how: Reading) -> Samples:
     """Pen trace, from the first to the last sample with the pen down.
 
-    Samples with the pen up at either end are dropped (the hand is not at the task yet, or no more); those in between
-    are kept, since the hand moves there too. Each is counted in the notes, and so is a count in the first line that
-    does not hold. Lengths are mm and times s, unless stated; whole numbers alone are raw counts, whose unit must be
-    stated.
+    Samples with the pen up at either end are dropped, because the task has not begun or is over; those in between stay.
+    Notes count both, and report a wrong count in the first line. Lengths are in mm and times in s unless stated
+    otherwise; whole numbers are raw counts, whose unit must be stated.
 
     Raises
     ------
-    ProblemFileError : what is no such trace, raw counts, a time before the one above it, a pen that is never down.
+    ProblemFileError : no pen trace, raw counts without a unit, decreasing times, a pen that is never down.
     """
     lines = text_lines(path, name)
     stated = lines[0].strip()
@@ -67,7 +66,7 @@ def read_svc(path: Path, *, name: str, how: Reading) -> Samples:
 
 
 def _check_counts(samples: np.ndarray[tuple[int, ...], np.dtype[np.float64]], how: Reading, name: str) -> None:
-    """Refuse raw counts whose unit nobody states: whole seconds from sample to sample, or whole millimetres alone."""
+    """Raise an error for raw counts without a stated unit: steps of whole seconds, or only whole millimetres."""
     whole = (samples == np.rint(samples)).all(axis=0)
     seconds = len(samples) > 1 and whole[2] and float(np.median(np.diff(samples[:, 2]))) >= 1
     asked = [

@@ -1,4 +1,4 @@
-"""Recordings read from whatever file format, and resampled."""
+"""Read and resample recordings of any supported format."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ UPWARDS: Mapping[str, tuple[Array, ...]] = MappingProxyType({
     "z": (_X, _Y, _Z), "y": (_X, -_Z, _Y), "x": (-_Z, _Y, _X),
     "-z": (_X, -_Y, -_Z), "-y": (_X, _Z, -_Y), "-x": (_Z, _Y, -_X),
 })  # fmt: skip
-"""Rows of the rotation after which z is up, by the axis of a recording that is."""
+"""Rows of the rotation that turns a recording's up axis to z, by that axis."""
 READERS: Mapping[str, Callable[..., Samples]] = MappingProxyType({
     ".csv": read_csv, ".svc": read_svc, ".mot": read_opensim, ".sto": read_opensim, ".trc": read_trc, ".c3d": read_c3d,
     ".tsv": read_motion, ".xdf": read_xdf,
@@ -67,16 +67,16 @@ def read_recording(
     ----------
     path : a `.csv` with a header, a `.svc` pen trace, a `.mot`, `.sto`, `.trc`, `.c3d` or `_motion.tsv` motion
         capture, an `.xdf`.
-    name : what to call the file in errors and notes; its path by default.
-    speed : of the recorded pace: 0.5 takes twice as long.
-    up : the axis that points up, "y" for example; the points are turned so that z does.
-    window_s : (from, to) [s] after the first sample; the rest is left out.
-    clean : by `without_spikes`.
+    name : of the file in errors and notes; its path by default.
+    speed : factor on the recorded pace; 0.5 takes twice as long.
+    up : the axis that points up, such as "y"; the points are turned so that z points up.
+    window_s : (from, to) [s] after the first sample; samples outside are left out.
+    clean : whether to apply `without_spikes`.
     reading : fields of `Reading`: columns, marker, units and others.
 
     Raises
     ------
-    ProblemFileError : names the file, the line and column, the value, and what was expected.
+    ProblemFileError : invalid content; it names file, line, column, value and expectation.
     """
     name, how = name or str(path), Reading(**reading)
     how.check(name)
@@ -129,15 +129,15 @@ def _turned(recording: Recording, up: str) -> Recording:
 
 
 def resampled(recording: Recording, rate: float) -> Recording:
-    """The recording at a fixed rate, starting at time zero, by linear interpolation; its notes say so.
+    """The recording at a fixed rate from time zero, by linear interpolation, with a note.
 
     Parameters
     ----------
-    rate : [Hz] samples a second. At most one sample period at the end is left out.
+    rate : [Hz]. At most one sample period at the end is left out.
 
     Raises
     ------
-    ProblemFileError : the recording is shorter than one sample period, or so long that its times cannot be seconds.
+    ProblemFileError : the recording is shorter than one sample period, or too long for times in seconds.
     """
     wanted = recording.duration * rate
     if not 1 <= wanted + 1e-9 <= MAX_SAMPLES:

@@ -1,4 +1,4 @@
-"""One recording of a hand or of joints: samples at increasing times, and what was noted on the way in."""
+"""A recording of a hand or of joints: samples at increasing times, and notes."""
 
 from __future__ import annotations
 
@@ -28,17 +28,17 @@ __all__ = [
 
 Array = NDArray[np.float64]
 Trial = tuple[str, float, float]
-"""What it is called, and from when to when [s]."""
+"""Name, start and end [s]."""
 
 
 class Samples(NamedTuple):
-    """Samples as a file holds them: NaN where the hand was not seen, times that may repeat.
+    """Samples as in the file: NaN where the hand is missing, and possibly repeated times.
 
     Parameters
     ----------
-    time, points, joints, forces, notes : as of `Recording`, in which `recording_of` makes them.
-    rate : [Hz] what the file says of it, if it does.
-    trials : what each is called, and its first and last row.
+    time, points, joints, forces, notes : as in `Recording`, to which `recording_of` converts them.
+    rate : [Hz] from the file, or None.
+    trials : name, first and last row of each.
     """
 
     time: Array
@@ -56,14 +56,14 @@ class Recording:
 
     Parameters
     ----------
-    file : where it comes from, as the user named it.
+    file : its name as the user gave it.
     time : (N,) [s], N >= 2.
-    points : (N, 2) or (N, 3) positions [m] in the recording's own frame; (N, 0) where it has none.
+    points : (N, 2) or (N, 3) positions [m] in the recording's own frame; (N, 0) without positions.
     joints : joint angles [rad] by column name, (N,) each.
-    forces : (N, 2) or (N, 3) [N] on the hand, in the frame of the points; (N, 0) where it has none.
-    notes : what a reader of the result has to know: samples dropped, headers that do not hold, gaps.
-    trials : the parts that the file itself separates; none by default.
-    gaps : (from, to) [s] where the hand was not seen and a straight line bridges a movement.
+    forces : (N, 2) or (N, 3) [N] on the hand, in the frame of the points; (N, 0) without forces.
+    notes : remarks for readers of the result: dropped samples, wrong headers, gaps.
+    trials : parts that the file separates; none by default.
+    gaps : (from, to) [s] without the hand, where a straight line bridges a movement.
 
     Raises
     ------
@@ -100,43 +100,43 @@ class Recording:
         return float(self.time[-1] - self.time[0])
 
     def noting(self, *notes: str) -> Recording:
-        """The same recording with more notes."""
+        """The recording with more notes."""
         return replace(self, joints=dict(self.joints), notes=(*self.notes, *notes))
 
     def part(self, kept: NDArray[np.bool_] | slice) -> Recording:
-        """Some of its samples, with all notes."""
+        """The recording with some of its samples and all notes."""
         joints = {name: values[kept] for name, values in self.joints.items()}
         time, points, forces = (each[kept] for each in (self.time, self.points, self.forces))
         return replace(self, time=time, points=points, forces=forces, joints=joints)
 
 
 BUNCHED = 0.1
-"""Of the usual step: stamps that are nearer are those of when samples arrived, in bunches."""
+"""Fraction of the usual step; stamps that are closer are arrival times of samples in bunches."""
 ASIDE, HURLED = 0.02, 150.0
-"""[m, m/s^2] No hand goes aside so far and comes back, so hard, from one sample to the next."""
+"""[m, m/s^2] Excursion and acceleration beyond which a single-sample jump is not the hand's."""
 FEW = 0.05
-"""Fraction of the samples up to which such are left out: where there are more, the recording itself is at fault."""
+"""Largest fraction of samples that are left out as spikes; with more, the recording itself is at fault."""
 SPIKE = 12, 0.1
-"""Samples and [s], whichever is more, that a spike lasts at most: what is longer is where the hand was."""
+"""Longest spike, in samples and in [s], whichever is more; a longer one is a motion of the hand."""
 LONG_STEP = 0.1, 5.0
-"""[s] and of the usual steps, from which on a step is a gap."""
+"""Least length of a gap, in [s] and in usual steps."""
 FEWEST_SEEN, ZEROED = 10, 3.0
-"""Steps that show how far the hand usually goes, and how many times that a lost marker's zeros are away at least."""
+"""Least number of steps for the usual step length; least distance of a lost marker's zeros, as a multiple of it."""
 
 
 def recording_of(file: str, samples: Samples, *, rate_hz: float | None = None) -> Recording:
-    """Samples at times that increase, in all of which the hand was seen: the one rule for every format.
+    """Convert samples of any format to a recording with increasing times and no missing positions.
 
-    Left out, with a note: samples without the hand (a coordinate is missing, or all are zero far away from the samples
-    beside), and all but the first at one time. Times that are roundings of even ones become even.
+    Samples without the hand are left out with a note (a coordinate is missing, or all are zero far from the
+    neighbouring samples), as are all but the first sample at one time. Rounded even times become even.
 
     Parameters
     ----------
-    rate_hz : [Hz] as the user says, in place of the times.
+    rate_hz : [Hz] given by the user, in place of the times.
 
     Raises
     ------
-    ProblemFileError : as `Recording`; a coordinate that can only be in another unit.
+    ProblemFileError : as `Recording`; a coordinate that must be in another unit.
     """
     far = np.argwhere(np.abs(samples.points) > FARTHEST)
     if len(far):
@@ -186,9 +186,9 @@ def _after(time: Array, out: NDArray[np.bool_], begun: float) -> str:
 
 
 def unseen(points: Array) -> NDArray[np.bool_]:
-    """(N,) samples of points (N, d) in which the hand was not seen.
+    """(N,) flags of samples of points (N, d) without the hand.
 
-    A coordinate is missing, or all are exactly zero, as some write a lost marker: not where the hand comes there.
+    A coordinate is missing, or all are exactly zero (some systems write this for a lost marker) far from the hand.
     """
     lost: NDArray[np.bool_] = np.asarray(~np.isfinite(points).all(axis=1))
     seen = np.flatnonzero(~lost)
@@ -205,10 +205,10 @@ def unseen(points: Array) -> NDArray[np.bool_]:
 
 
 def without_spikes(recording: Recording) -> Recording:
-    """Without the first of two samples whose stamps bunch, and without a sensor's spikes; notes say how many.
+    """The recording without bunched samples and sensor spikes; notes count them.
 
-    Either would be a jump of who follows it, and a spike the largest extent of what is scaled to fit. A spike is a few
-    samples: what jumps and stays is noted.
+    Either would make a follower jump, and a spike would dominate the extent when a recording is scaled. A spike has few
+    samples; a jump that stays gives a note.
     """
     if not recording.points.shape[1]:
         return recording
@@ -236,10 +236,10 @@ def without_spikes(recording: Recording) -> Recording:
 
 
 def _spikes(recording: Recording, jumps: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """(N,) samples that are not of the hand: it is where most samples between jumps are, and where it goes from there.
+    """(N,) flags of spikes; the hand is where most samples between jumps are.
 
-    It goes on in the next samples that are more than those left out before them, and no jump, or that are too many for
-    a spike; then nothing is left out before them.
+    It continues with the next stretch that has no jump from it and more samples than those left out before, or that is
+    too long for a spike.
     """
     parts = np.split(np.arange(len(recording.time)), np.flatnonzero(jumps) + 1)
     longest = int(np.argmax([len(part) for part in parts]))
@@ -260,7 +260,7 @@ def _spikes(recording: Recording, jumps: NDArray[np.bool_]) -> NDArray[np.bool_]
 
 
 def _jumps(time: Array, points: Array) -> NDArray[np.bool_]:
-    """(N - 1,) steps aside from where the velocity of the step before leads, that of the step after, and their mean."""
+    """(N - 1,) flags of steps that differ from the extrapolation by the step before, the step after, and their mean."""
     steps, hops = np.diff(time), np.diff(points, axis=0)
     velocity = np.pad(hops / steps[:, None], ((1, 1), (0, 0)), mode="reflect")
     before, after = velocity[:-2], velocity[2:]
@@ -271,7 +271,7 @@ def _jumps(time: Array, points: Array) -> NDArray[np.bool_]:
 
 
 def with_gaps(recording: Recording) -> Recording:
-    """The recording with its gaps, and a note on them."""
+    """The recording with `gaps` set, and a note on them."""
     steps = np.diff(recording.time)
     long = steps > max(LONG_STEP[0], LONG_STEP[1] * float(np.median(steps)))
     gaps = tuple((float(recording.time[i]), float(recording.time[i + 1])) for i in np.flatnonzero(long))
@@ -283,14 +283,15 @@ def with_gaps(recording: Recording) -> Recording:
 
 
 SMALLEST, LARGEST = 5e-3, 2.5
-"""[m] A movement of less is nobody's task; one of more, no arm's."""
+"""[m] Usual range of a movement's extent."""
 FASTEST, SLOWEST = 4.0, 1e-3
-"""[m/s] A hand is hardly faster for a tenth of its time but in sports, or slower throughout."""
+"""[m/s] Usual limits: largest speed exceeded for a tenth of the time, and least peak speed."""
 
 MAX_TURN, SMALLEST_TURN = 4 * math.pi, math.radians(2.0)
-"""[rad] No joint reads more; where none turns by as much, a movement of up to 115 deg is called degrees, in radians."""
+"""[rad] Largest joint angle; smallest range of the largest joint movement, below which degrees were probably
+radians."""
 UNEVEN, EVEN = 1.1, 1e-2
-"""Of steps from sample to sample: the largest over the smallest, and how much they differ, over their mean."""
+"""Unevenness of steps between samples: ratio of largest to smallest, and deviation over the mean."""
 
 
 def size_note(recording: Recording) -> str:
@@ -308,9 +309,7 @@ def size_note(recording: Recording) -> str:
 
 
 def strange_sizes(recording: Recording) -> Iterator[str]:
-    """Notes on a movement so small, fast or slow that its lengths, angles or times are likely in another unit than it
-    says.
-    """
+    """Notes on a movement whose size or speed suggests a wrong unit of lengths, angles or times."""
     yield from _strange_angles(recording.joints)
     if not recording.points.shape[1]:
         return
@@ -327,7 +326,7 @@ def strange_sizes(recording: Recording) -> Iterator[str]:
 
 
 def exchanged_times(recording: Recording) -> Iterator[str]:
-    """A note on a coordinate that is as even as times are; of a recording of which nothing is left out yet."""
+    """A note on a coordinate that is as even as times, for a complete recording."""
     steps = np.diff(recording.time)
     for axis, along in zip("xyz", np.diff(recording.points, axis=0).T, strict=False):
         if steps.max() > UNEVEN * steps.min() and along.mean() > 0 and np.ptp(along) < EVEN * along.mean():

@@ -1,4 +1,4 @@
-"""Tables of samples under a header that names each column with its unit: CSV, in whichever country it was written."""
+"""Tables of samples (CSV) under a header with names and units, with any usual separator and decimal sign."""
 
 from __future__ import annotations
 
@@ -23,25 +23,25 @@ __all__ = ["MISSING", "SEPARATORS", "canonical_name", "check_once", "marks", "nu
 Array = NDArray[np.float64]
 
 ALONE = Reading()
-"""What the file says, and nothing else."""
+"""Reading without user settings."""
 NUMERIC = re.compile(r"[-+]?[.,]?\d")
-"""How a cell begins that is no header."""
+"""Start of a numeric cell."""
 
 TIMES = (("t", "time"), ("timestamp", "timestamps", "time stamp", "time_stamp", "elapsed"))
-"""Names of the column of times; those of the second kind where there is none of the first."""
+"""Names of the time column; those of the second group count if there is none of the first."""
 HAND = (*TIMES[0], *TIMES[1], "x", "y", "z", "fx", "fy", "fz")
-"""Names that are known in capitals, too."""
+"""Names that are recognised in capitals, too."""
 MISSING = frozenset({"", "nan", "na", "n/a", "null", "none"})
-"""Cells, in small letters, where the hand or an angle was not seen."""
+"""Cells, in lower case, that mean a missing value."""
 ROWS = "(rows)"
-"""What a first column without a name is called: it counts the rows."""
+"""Name of an unnamed first column, which counts the rows."""
 LONGEST = 200
 NAME = re.compile(r"[^\W\d][\w .\[\]()/°-]{0,60}")
 _WITH_UNIT = re.compile(r"([^\[\]()/]+)(?:\[([^\[\]()/]+)\]|\(([^\[\]()/]+)\)|/([^\[\]()/]+))")
 
 
 def canonical_name(cell: str) -> str:
-    """`name_unit` of a header's cell; the cell itself where it names no unit that is known."""
+    """`name_unit` of a header's cell; the cell itself without a known unit."""
     cell = cell.strip().strip('"').strip()
     if len(cell) > LONGEST:
         return cell
@@ -58,27 +58,27 @@ def canonical_name(cell: str) -> str:
 
 
 def unit_of(column: str) -> str:
-    """The unit that a canonical name ends in; `COUNTS` for one that has none."""
+    """The unit at the end of a canonical name; `COUNTS` if there is none."""
     name, _, unit = column.rpartition("_")
     return unit if name and unit in UNITS else COUNTS
 
 
 SEPARATORS: Mapping[str, str | None] = {"comma": ",", "semicolon": ";", "tab": "\t", "blank": None}
-"""What stands between cells; None is any number of blanks."""
+"""Separators of cells; None means any number of blanks."""
 STRONGEST = 1e4
-"""[N] More is no force of a hand but another unit."""
+"""[N] Largest force; a larger one is in another unit."""
 
 
 def read_csv(path: Path, *, name: str, how: Reading = ALONE) -> Samples:
-    """Samples under a header such as `t_s,x_m,y_m`, `t [s];x [mm];y [mm]` or `t/s,x/m,y/m`; `#` may stand before it.
+    """Samples under a header such as `t_s,x_m,y_m`, `t [s];x [mm];y [mm]` or `t/s,x/m,y/m`, optionally after `#`.
 
     Time is one of `TIMES`, positions `x`, `y` and optionally `z`, every column in deg or rad a joint, `fx`, `fy` (and
-    `fz`) in N the force on the hand; others are left unread, with a note. Where columns are numbered and the first line
-    is numbers, there is no header.
+    `fz`) in N the force on the hand; others are ignored with a note. With numbered columns and a numeric first line,
+    there is no header.
 
     Raises
     ------
-    ProblemFileError : a missing or doubled column, a row of the wrong length, a cell that is no number.
+    ProblemFileError : a missing or duplicate column, a row of the wrong length, a cell that is no number.
     """
     lines = text_lines(path, name)
     top = next((i for i, line in enumerate(lines) if not line.lstrip().startswith("#")), len(lines))
@@ -130,7 +130,7 @@ def read_csv(path: Path, *, name: str, how: Reading = ALONE) -> Samples:
 
 
 def _trials(labels: Sequence[str]) -> tuple[tuple[str, int, int], ...]:
-    """Each stretch of samples with one label that is not missing; a label that comes again gets a number."""
+    """Stretches of samples with one label; a repeated label gets a number."""
     ends = [i for i, (label, after) in enumerate(pairwise([*labels, None])) if label != after]
     firsts = [0, *(end + 1 for end in ends)]
     parts, seen = [], Counter[str]()
@@ -142,7 +142,7 @@ def _trials(labels: Sequence[str]) -> tuple[tuple[str, int, int], ...]:
 
 
 def _scale(kind: str, cell: str, how: Reading, name: str) -> float:
-    """[m, rad, s] What one of a column's unit is."""
+    """[m, rad, s] value of a column's unit."""
     unit = unit_of(cell)
     if unit in KINDS[kind] or (unit == COUNTS and how.counted(kind) is not None):
         return how.factor(kind, "" if unit == COUNTS else unit, name=name, where=cell)
@@ -152,7 +152,7 @@ def _scale(kind: str, cell: str, how: Reading, name: str) -> float:
 
 
 def _times(header: Sequence[str], written: Sequence[str], how: Reading, name: str) -> list[str]:
-    """The column of times; none where the user states a rate."""
+    """The column of times; none if the user states a rate."""
     if how.rate_hz is not None:
         return []
     if how.time_column is not None:
@@ -163,7 +163,7 @@ def _times(header: Sequence[str], written: Sequence[str], how: Reading, name: st
 
 
 def _hand(header: Sequence[str], written: Sequence[str], how: Reading, name: str) -> list[str]:
-    """The columns of x, y and, if there is one, z."""
+    """The columns of x, y and, if present, z."""
     if how.columns is not None:
         return [_asked(column, header, written, "recording.columns", name) for column in how.columns]
     bare = how.counted("length") is not None
@@ -185,10 +185,10 @@ def numbers_below(
     point: str = ".",
     called: Mapping[str, str] = MappingProxyType({}),
 ) -> Array:
-    """(rows, columns) numbers of these columns; `first` is the first row's line, counted from 1.
+    """(rows, columns) numbers of these columns; `first` is the line number of the first row, from 1.
 
-    `most` bounds the size of the numbers of some columns; `missing` are cells of some, in small letters, that stand for
-    no number, which is NaN; `point` stands before decimals; errors call some columns as `called`.
+    `most` bounds the magnitude in some columns; `missing` are lower-case cells that mean NaN; `point` is the decimal
+    sign; `called` has names of columns for errors.
 
     Raises
     ------
@@ -222,11 +222,11 @@ def numbers_below(
 
 
 def check_once(header: Sequence[str], name: str, *, line: int) -> None:
-    """Refuse a header with a column twice, or without a name.
+    """Raise an error for duplicate or unnamed columns.
 
     Raises
     ------
-    ProblemFileError : it has.
+    ProblemFileError : there is one.
     """
     seen: set[str] = set()
     for cell in header:
@@ -236,11 +236,11 @@ def check_once(header: Sequence[str], name: str, *, line: int) -> None:
 
 
 def marks(line: str, separator: str, decimal: str, *, name: str) -> tuple[str | None, str]:
-    """What stands between the cells of a table, and before decimals, as `read_csv` names them; `line` is the first.
+    """Separator and decimal sign of a table, from its first line.
 
     Raises
     ------
-    ProblemFileError : commas for both; a line that has another separator, which is named.
+    ProblemFileError : commas for both; a line with another separator, which is named.
     """
     own = SEPARATORS[separator]
     if own is None:
@@ -278,7 +278,7 @@ def _column(header: Sequence[str], names: Sequence[str], units: Mapping[str, flo
 
 
 def _asked(column: str | int, header: Sequence[str], written: Sequence[str], key: str, name: str) -> str:
-    """Canonical name of a column that a user named, as the file writes it, in canonical form, or by its number."""
+    """Canonical name of a column that the user gave as written, in canonical form, or by number."""
     place = place_of(column, written) if str(column) not in header else header.index(str(column))
     if place is None:
         expected = f"columns of {name}: {shown(', '.join(written), 120)}"

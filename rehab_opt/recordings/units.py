@@ -1,4 +1,4 @@
-"""How a recording is to be read: which columns, and in which units where a file says nothing or the wrong thing."""
+"""Settings for reading a recording: columns, and units that complete or replace the file's."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ FORCE = MappingProxyType({"N": 1.0})
 UNITS: Mapping[str, float] = MappingProxyType({**TIME, **LENGTH, **ANGLE, **FORCE})
 KINDS = MappingProxyType({"length": LENGTH, "angle": ANGLE, "time": TIME})
 COUNTS = "counts"
-"""The unit of a column of raw counts, whose header names none."""
+"""Unit of a column of raw counts, whose header has none."""
 SPELLINGS = {
     **{f"{short}sec{end}": f"{short}s" for short in ("", "m", "u", "n") for end in ("", "s")},
     **{f"{part}second{end}": f"{short}s" for part, short in (("", ""), ("milli", "m"), ("micro", "u"), ("nano", "n"))
@@ -31,12 +31,12 @@ SPELLINGS = {
 
 
 def known_unit(text: str) -> str:
-    """The symbol of a unit, however it is spelled; the text itself where it is none that is known."""
+    """The symbol of a unit in any spelling; the text itself if it is unknown."""
     return SPELLINGS.get(text.lower(), text)
 
 
 def place_of(asked: str | int, names: Sequence[str], count: int | None = None) -> int | None:
-    """Place of a column or marker, by its name or, where none is called so, its number from 1 on; None: no such one."""
+    """Index of a column or marker by its name or its number from 1; None if there is none."""
     found = [place for place, name in enumerate(names) if name == str(asked)]
     if found or not (str(asked).isascii() and str(asked).isdecimal() and len(str(asked)) < 6):
         return found[0] if len(found) == 1 else None
@@ -45,7 +45,7 @@ def place_of(asked: str | int, names: Sequence[str], count: int | None = None) -
 
 @dataclass(frozen=True)
 class Reading:
-    """What a user says of a file, as `read_recording` takes it; `told` collects notes on it."""
+    """A user's settings for a file, see `read_recording`; `told` collects notes."""
 
     columns: Sequence[str | int] | None = None
     marker: str | int | None = None
@@ -60,20 +60,20 @@ class Reading:
     told: list[str] = field(default_factory=list)
 
     def stated(self, kind: str) -> str | None:
-        """The unit that the user states for all of a kind: "length", "angle" or "time"."""
+        """The unit that the user states for a kind: "length", "angle" or "time"."""
         return next((known_unit(unit) for unit in self.units or () if known_unit(unit) in KINDS[kind]), None)
 
     def counted(self, kind: str) -> float | None:
-        """What one of a number without unit is [m, s]: as stated, or a raw count; None if nobody says."""
+        """[m, s] value of a number without unit: as stated, or a raw count; None if unknown."""
         unit, one = self.stated(kind), {"length": self.count_mm, "time": self.tick_ms}.get(kind)
         return KINDS[kind][unit] if unit is not None else None if one is None else 1e-3 * one
 
     def factor(self, kind: str, said: str | None, *, name: str, where: str) -> float:
-        """What one of a file's unit is [m, rad, s]: the user's word goes before the file's, with a note.
+        """[m, rad, s] value of a file's unit; the user's setting replaces the file's, with a note.
 
         Raises
         ------
-        ProblemFileError : neither says a unit that is known; `where` is where the file should.
+        ProblemFileError : no known unit in either; `where` is its place in the file.
         """
         known, stated = known_unit((said or "").strip()), self.stated(kind)
         known = known if known in KINDS[kind] else known.lower()
@@ -93,11 +93,11 @@ class Reading:
         raise ProblemFileError(name, where, brief(said), expected)
 
     def check(self, name: str) -> None:
-        """Refuse numbers and units that mean nothing.
+        """Raise an error for invalid numbers and units.
 
         Raises
         ------
-        ProblemFileError : names the key.
+        ProblemFileError : an invalid setting; it names the key.
         """
         for key in ("count_mm", "tick_ms", "rate_hz"):
             value = getattr(self, key)

@@ -22,21 +22,21 @@ SPOILT = (
     ValueError, KeyError, IndexError, TypeError, AttributeError, EOFError, OverflowError, MemoryError,
     ZeroDivisionError, AssertionError, NotImplementedError, struct.error, ParseError, np.linalg.LinAlgError,
 )  # fmt: skip
-"""What pyxdf ends in where a file is no XDF, or one cut short; it promises none of them."""
+"""Exceptions of pyxdf for an invalid or truncated file; none is documented."""
 
 
 def read_xdf(path: Path, *, name: str, how: Reading) -> Samples:
-    """Path (N, 2) or (N, 3) [m] of the channels `how.columns`, which are x, y (and z) of one stream.
+    """Path (N, 2) or (N, 3) [m] from the channels `how.columns`: x, y (and z) of one stream.
 
-    They are named by their labels or numbers, with the stream's name before a slash where several streams have them;
-    channels without labels have numbers alone. Times are the stream's, on the clock of the recording, without jitter
-    where the stream has a nominal rate. What the other streams are does not matter.
+    Channels are given by label or number, with the stream's name and a slash if several streams have them; channels
+    without labels have only numbers. Times are the stream's, on the recording's clock, without jitter if the stream has
+    a nominal rate. Other streams are ignored.
 
     Raises
     ------
-    ProblemFileError : no XDF; no, or several, streams with such channels; a unit that is no length; a sample that is no
-        number but NaN; fewer samples than the stream's footer states.
-    ConfigurationError : pyxdf is absent.
+    ProblemFileError : no XDF; no, or several, streams with such channels; a unit that is no length; a sample that is
+        not a number or NaN; fewer samples than the stream's footer states.
+    ConfigurationError : pyxdf is not installed.
     """
     try:
         import pyxdf  # noqa: PLC0415
@@ -75,7 +75,7 @@ def read_xdf(path: Path, *, name: str, how: Reading) -> Samples:
 
 
 def _streams(pyxdf: Any, path: str) -> tuple[list[Any], str]:
-    """All streams or, where one of them cannot be read, the others one by one; and what was wrong."""
+    """All streams or, if one is unreadable, the others one by one; and the reason."""
     try:
         return list(pyxdf.load_xdf(path)[0]), ""
     except SPOILT as problem:
@@ -94,7 +94,7 @@ def _tried(call: Callable[..., Any], *arguments: object, **named: object) -> lis
 
 
 def _text(of: Any, *keys: str) -> str:
-    """Text of an element within others; "" where there is none. Pyxdf has every element of XML as a list."""
+    """Text of a nested element, or ""; pyxdf returns every XML element as a list."""
     for key in keys:
         try:
             of = of[key]
@@ -112,7 +112,7 @@ def _channels(stream: Any) -> list[Any]:
 
 
 def _labels(stream: Any) -> list[str]:
-    """Labels of a stream's channels; their numbers where they have none."""
+    """Labels of a stream's channels, or their numbers without labels."""
     labels = [_text(channel, "label") or str(number) for number, channel in enumerate(_channels(stream), start=1)]
     count = _text(stream, "info", "channel_count")
     return labels or [str(number) for number in range(1, 1 + min(int(count) if count.isdecimal() else 0, MAX_COLUMNS))]

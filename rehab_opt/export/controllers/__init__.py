@@ -1,1 +1,1 @@
-"""One file a controller: what of it goes into C, and what is recorded."""
+"""One file per controller: its functions in C, and its recorded run."""

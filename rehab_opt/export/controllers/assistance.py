@@ -1,4 +1,4 @@
-"""`Assistance`: fields, the comfortable workspace that gates them, and the energy that is accounted for."""
+"""Export of `Assistance`: fields, the gate of the comfortable workspace, and the energy budget."""
 
 from __future__ import annotations
 
@@ -56,19 +56,19 @@ def exported_assistance(
     fields: Sequence[PotentialField] = (),
     offset: ArrayLike | None = None,
 ) -> ExportedForce:
-    """The controller, and what it answers along a path of the hand.
+    """The controller with a recorded run along a path of the hand.
 
     Parameters
     ----------
-    helper : it is reset.
-    positions : (N, 2) [m] where the hand is in each tick. In the first half its velocity is given, then estimated.
-    title : what it is, in a few words.
-    fields : further ones that `set_field` may take, numbered from 1; the helper's own is 0.
-    offset : (N, 2) [m] how far the field then stands from where it was made.
+    helper : the controller; it is reset.
+    positions : (N, 2) [m] hand position in each tick. Velocities are given in the first half, then estimated.
+    title : short description.
+    fields : further fields for `set_field`, numbered from 1; the helper's own is 0.
+    offset : (N, 2) [m] offset of the field in each tick.
 
     Raises
     ------
-    ConfigurationError : a solver that does not become C, a field that does not go with the mode.
+    ConfigurationError : a solver without C code, a field that does not fit the mode.
     """
     path = np.asarray(positions, dtype=np.float64)
     all_fields = (helper.field, *fields)
@@ -120,11 +120,11 @@ def exported_assistance(
 
 
 def gated_fields(helper: Assistance, fields: Sequence[PotentialField], *, name: str) -> Evaluated:
-    """The desired force of a helper, whose struct has `MEMORY`, with all fields that may be set.
+    """The desired force of a helper, whose struct has `MEMORY`, for all its fields.
 
     Raises
     ------
-    ConfigurationError : a field that does not go with the mode.
+    ConfigurationError : a field that does not fit the mode.
     """
     held = helper.field
     for field in fields:

@@ -1,4 +1,4 @@
-"""`HelperSide` and `ParticipantSide`: a controller each, and the messages between them."""
+"""Export of `HelperSide` and `ParticipantSide`: one controller each, with the messages between them."""
 
 from __future__ import annotations
 
@@ -62,15 +62,15 @@ HELPER_SAYS, PARTICIPANT_SAYS = ("x", "y", "energy"), ("x", "y", "force_x", "for
 def exported_helper_side(
     side: HelperSide, positions: Array, received: Sequence[FromParticipant | None], *, title: str
 ) -> ExportedForce:
-    """The helper's side, and what it answers to a hand (N, 2) [m] and to what it hears.
+    """The helper's side with a recorded run for hand positions (N, 2) [m] and received messages.
 
     Parameters
     ----------
-    side : it is reset.
+    side : the controller; it is reset.
 
     Raises
     ------
-    ConfigurationError : a solver that does not become C.
+    ConfigurationError : a solver without C code.
     """
     edges = edge_columns(side.workspace_map.source.polygon)
     spline, force = side.workspace_map.spline.statement, reflected_force(len(edges))
@@ -100,7 +100,7 @@ def exported_helper_side(
 def exported_participant_side(
     side: ParticipantSide, positions: Array, received: Sequence[FromHelper | None], *, title: str
 ) -> ExportedForce:
-    """The participant's side, likewise."""
+    """The participant's side with a recorded run, as `exported_helper_side`."""
     spline = side.workspace_map.spline.statement
     edges = edge_columns(side.workspace_map.source.polygon)
     inside = nearest_point_function(len(edges))
@@ -141,7 +141,7 @@ def _exported(
     says: tuple[Sequence[str], Sequence[str]],
     means: Mapping[str, str],
 ) -> ExportedForce:
-    """Common to both sides; `says` are the fields it sends and receives, `means` is C for them."""
+    """Common part of both sides; `says` are the fields of sent and received messages, `means` their C code."""
     own, received = says
     names = {
         "own": name.removesuffix("_side"),
@@ -197,7 +197,7 @@ def _ticks(
     received: Sequence[FromHelper | FromParticipant | None],
     numbers: int,
 ) -> list[RunTick]:
-    """Ticks of a hand and messages, some of them lost, doubled, late or broken."""
+    """Ticks with hand positions and messages, some of them lost, duplicated, late or corrupt."""
     nothing = (*[0.0] * numbers, 0)
     others: list[RunTick] = [
         {"received": np.array((message or nothing)[:-1]), "with_received": int(message is not None),
@@ -223,7 +223,7 @@ def _recording(
     positions: Array,
     received: Sequence[FromHelper | FromParticipant | None],
 ) -> Run:
-    """The commands, and besides each the energy that is left and what the side said."""
+    """Commands, each with the remaining energy and the sent message."""
     hears: Any = FromParticipant if isinstance(side, HelperSide) else FromHelper
     said: list[FromHelper | FromParticipant] = []
 

@@ -1,4 +1,4 @@
-"""A bounded force as C, whatever it wants: its bounds, its hand, its tank."""
+"""Export of bounded force controllers: bounds, hand, and energy tank, for any desired force."""
 
 from __future__ import annotations
 
@@ -29,25 +29,25 @@ DIFFERENCES = (
     STAMPED,
     "An x that is NULL counts as not a number; Python raises an error for an argument of the wrong shape.",
 )
-"""Of every force."""
+"""Differences between C and Python for every force controller."""
 ALONE = {
     "full": ", 1", "energy": ", int energy", "fills": "energy", "on_hand": "",
     **dict.fromkeys(("received_input", "received_argument", "said_output", "said_argument"), ""),
 }  # fmt: skip
-"""Of a force that hears no other, and whose reset says whether it fills the tank."""
+"""Template values of a single force, whose reset may fill the tank."""
 UNITS = {"force_limit": "N", "slew_limit": "N/s", "growth_limit": "N/s", "speed_cap": "m/s", "budget": "J"}
-"""Of what stands in the header."""
+"""Units of the numbers in the header."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ExportedForce(ExportedController):
-    """A controller of a force.
+    """A force controller for export.
 
     Parameters
     ----------
-    force : what answers in Python.
+    force : the controller in Python.
     desired : its desired force.
-    parts : further functions of a tick by their names.
+    parts : further functions of a tick by name.
     """
 
     core: ClassVar[str] = "bounded_force"
@@ -63,12 +63,12 @@ class ExportedForce(ExportedController):
         return self.force.dt
 
     def limits(self) -> list[str]:
-        """Bounds of force, speed and energy."""
+        """Lines on the bounds of force, speed and energy."""
         return [f"{name} {self.force.model[MODEL[name]]:.9g} {unit}" for name, unit in UNITS.items()]
 
     @property
     def slots(self) -> int:
-        """Pieces of time in which forces are under way."""
+        """Number of time slots for forces under way."""
         return self.force.slots
 
     def functions(self) -> list[ca.Function]:
@@ -79,7 +79,7 @@ class ExportedForce(ExportedController):
         return [renamed(part, f"{self.name}_{what}") for what, part in parts.items()]
 
     def shape(self) -> dict[str, str]:
-        """Sizes, and the model."""
+        """Template values: sizes, and the model."""
         slots = self.slots
         watched, tank = watched_record(slots), tank_record(slots)
         level, pending = (watched["tank"] + tank[each] for each in ("level", "pending"))
@@ -111,14 +111,14 @@ def faulty_ticks(
     others: Sequence[RunTick],
     faults: Sequence[Callable[[RunTick], RunTick]] = (),
 ) -> list[RunTick]:
-    """The ticks of a hand along positions (N, 2) [m], with faults of all kinds spread among them.
+    """Ticks of a hand along positions (N, 2) [m], with faults of all kinds among them.
 
-    Its velocity is given in the first half, then estimated.
+    Velocities are given in the first half, then estimated.
 
     Parameters
     ----------
-    others : what each tick holds besides.
-    faults : more of them, each takes a sound tick.
+    others : further inputs of each tick.
+    faults : further functions that put a fault into a valid tick.
     """
     velocities = np.gradient(positions, force.dt, axis=0)
     valid: list[RunTick] = [

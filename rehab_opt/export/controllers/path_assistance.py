@@ -1,4 +1,4 @@
-"""`PathAssistance`: the path, the spring that keeps the hand on it, and the progress."""
+"""Export of `PathAssistance`: the path, the spring that keeps the hand on it, and the progress."""
 
 from __future__ import annotations
 
@@ -37,11 +37,11 @@ MEMORY = f"    double path[{PROGRESS.size}];        /* {', '.join(PROGRESS.place
 
 
 def exported_path_assistance(helper: PathAssistance, positions: Array, *, title: str) -> ExportedForce:
-    """The controller, and what it answers along a path of the hand (N, 2) [m]; see `exported_assistance`.
+    """The controller with a recorded run along hand positions (N, 2) [m]; see `exported_assistance`.
 
     Raises
     ------
-    ConfigurationError : a solver that does not become C.
+    ConfigurationError : a solver without C code.
     """
     helper.reset()
     edges = edge_columns(helper.comfortable.polygon)

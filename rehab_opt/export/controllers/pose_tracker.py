@@ -1,4 +1,4 @@
-"""`PoseTracker` of `system = "pose_tracking"`."""
+"""Export of `PoseTracker`, `system = "pose_tracking"`."""
 
 from __future__ import annotations
 
@@ -62,11 +62,11 @@ DIFFERENCES = (
 
 
 def exported_pose_tracker(config: ProblemFile[PoseTracking], *, progress: Progress) -> ExportedController:
-    """The tracker of a problem file, and the run of its session.
+    """The tracker of a problem file with the run of its session.
 
     Raises
     ------
-    ProblemFileError : a solver that does not generate C, or a value of the file that cannot be used.
+    ProblemFileError : a solver without C code, or an invalid value in the file.
     """
     problem = config.problem
     refuse_other_solvers(config, "tracker.solver")
@@ -87,19 +87,18 @@ def exported_pose_tracker(config: ProblemFile[PoseTracking], *, progress: Progre
 
 
 def exported_tracker(tracker: PoseTracker, run: Sequence[RunTick], *, title: str, of: str) -> ExportedController:
-    """Any tracker, a user's own limits included.
+    """Export any tracker, also with a user's own limits.
 
     Parameters
     ----------
-    tracker : it is reset, and repeats the run without a backup, which C has not.
-    run : ticks of a sound run, each q (n,), pose (4, 4), twist (6,), and `obstacles` (k, 14) by `moving_numbers` where
-        the tracker is told of moving capsules: C repeats it, with faults among them. The joints move as
-        commanded from its first q on.
-    title : what it is, in a few words. of : what the run is one of, in words.
+    tracker : it is reset, and repeats the run without a backup solver, because C has none.
+    run : ticks of a valid run, each q (n,), pose (4, 4), twist (6,), and for a tracker with moving capsules `obstacles`
+        (k, 14) from `moving_numbers`. C repeats it with faults added. The joints move as commanded from the first q.
+    title : short description. of : origin of the run in words.
 
     Raises
     ------
-    ConfigurationError : a solver that does not become C, or a chain of more joints than a command has room for.
+    ConfigurationError : a solver without C code, or a chain with too many joints for a command.
     """
     valid, joints, moves = encoders(run, dt=tracker.dt)
     ticks = with_faults(valid, dt=tracker.dt, max_age=tracker.max_age, more=_faults(tracker))
@@ -132,12 +131,12 @@ def exported_tracker(tracker: PoseTracker, run: Sequence[RunTick], *, title: str
 
 
 def moving_argument(limits: PostureLimits, owner: str = "") -> str:
-    """The moving capsules as an argument of a call in C; empty where there are none."""
+    """The moving capsules as an argument of a C call; empty without any."""
     return f" {owner}obstacles," if limits.moving_size else ""
 
 
 def moving_values(limits: PostureLimits, where: str) -> dict[str, str]:
-    """What the templates hold for them; `where` they stand among the parameters, in C."""
+    """Template values for moving capsules; `where` is their place among the parameters, in C."""
     told = limits.moving_size
     return {
         "moving_argument": " const double *obstacles," if told else "",
@@ -147,7 +146,7 @@ def moving_values(limits: PostureLimits, where: str) -> dict[str, str]:
 
 
 def _faults(tracker: PoseTracker) -> tuple[Callable[[RunTick], RunTick], ...]:
-    """What can be wrong with a tick of a tracker besides, and what is only strange."""
+    """Functions that put further faults and unusual inputs into a tick of a tracker."""
     chain = tracker.chain
     return (
         lambda tick: {**tick, "pose": 1.1 * tick["pose"]},  # no rigid transform

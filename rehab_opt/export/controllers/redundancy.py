@@ -1,4 +1,4 @@
-"""`RedundancyResolver` of `system = "ardis"`, one for each drive that has a stick."""
+"""Export of `RedundancyResolver`, `system = "ardis"`, one for each drive with a stick."""
 
 from __future__ import annotations
 
@@ -57,15 +57,15 @@ DIFFERENCES = (
 
 
 class ExportedResolver(ExportedVelocity):
-    """Chair and arm."""
+    """Controller of chair and arm for export."""
 
     def functions(self) -> list[ca.Function]:
-        """Those of its laws, and what makes numbers of an obstacle."""
+        """Functions of its controllers, and the conversion of an obstacle to numbers."""
         return [*super().functions(), renamed(obstacle_function(), "obstacle")]
 
 
 class Listening:
-    """`RedundancyResolver`, and what it was told."""
+    """A `RedundancyResolver` that records its inputs."""
 
     def __init__(self, resolver: RedundancyResolver) -> None:
         self._resolver = resolver
@@ -79,11 +79,11 @@ class Listening:
 
 
 def exported_resolvers(config: ProblemFile[ArdisProblem], *, progress: Progress) -> Sequence[ExportedController]:
-    """The controllers of a problem file, and the runs of its session.
+    """The controllers of a problem file with the runs of its session.
 
     Raises
     ------
-    ProblemFileError : a solver that does not generate C, or a value of the file that cannot be used.
+    ProblemFileError : a solver without C code, or an invalid value in the file.
     """
     refuse_other_solvers(config, "run.solver")
     return [_of_a_file(config, drive, progress=progress) for drive in config.problem.stick.drives]
@@ -92,19 +92,19 @@ def exported_resolvers(config: ProblemFile[ArdisProblem], *, progress: Progress)
 def exported_resolver(
     resolver: RedundancyResolver, run: Sequence[RunTick], *, title: str, of: str
 ) -> ExportedController:
-    """Any resolver, with the sets of rows that it has.
+    """Export any resolver with its sets of rows.
 
     Parameters
     ----------
-    resolver : it is reset, and repeats the run without a backup, which C has not.
-    run : ticks of a sound run, each q (n,), twist (k,) with k the most numbers that a set of rows has, and `rows` and
-        `frame` as whole numbers: places in `row_sets` and in `FRAMES`; `obstacles` (k, 14) where it is told of moving
-        capsules. C repeats it, with faults among them. Of led joints it has the first.
-    title : what it is, in a few words. of : what the run is one of, in words.
+    resolver : it is reset, and repeats the run without a backup solver, because C has none.
+    run : ticks of a valid run, each q (n,), twist (k,) with k the size of the largest set of rows, and `rows` and
+        `frame` as indices of `row_sets` and `FRAMES`; for a resolver with moving capsules also `obstacles` (k, 14). C
+        repeats it with faults added. Joints that move as commanded need only their first q.
+    title : short description. of : origin of the run in words.
 
     Raises
     ------
-    ConfigurationError : a solver that does not become C, or a robot of more joints than a command has room for.
+    ConfigurationError : a solver without C code, or a robot with too many joints for a command.
     """
     name = f"redundancy_{resolver.drive}"
     active = list(resolver._sets.values())
@@ -127,7 +127,7 @@ def exported_resolver(
 
 
 def _of_a_file(config: ProblemFile[ArdisProblem], drive: DriveName, *, progress: Progress) -> ExportedController:
-    """The session's run with a controller of its own, repeated by another."""
+    """Controller of one drive with the session's run, which another controller recorded."""
     scene = ArdisScene(config, None, drive)
     control, resolver = scene.control(), resolver_of(config, scene.robot, drive)
     listening = control.law = Listening(resolver_of(config, scene.robot, drive))
@@ -142,7 +142,7 @@ def _of_a_file(config: ProblemFile[ArdisProblem], drive: DriveName, *, progress:
 
 
 def _recording(resolver: RedundancyResolver, run: Sequence[RunTick], of: str) -> Run:
-    """What it answers to the run, with faults in it."""
+    """The resolver's recorded run with faults added."""
     robot = resolver.robot
     law = next(iter(resolver._sets.values()))
     valid, joints, moves = encoders(run, dt=resolver.dt)
@@ -175,7 +175,7 @@ def _recording(resolver: RedundancyResolver, run: Sequence[RunTick], of: str) ->
 def _values(
     rows: Sequence[str], laws: Sequence[ChairAndArm], max_obstacles: int, resolver: RedundancyResolver
 ) -> dict[str, str]:
-    """What the templates of the interface hold besides."""
+    """Further template values of the interface."""
     return {
         "row_constants": indented(
             f"{constant}{'' if i == len(rows) - 1 else ','} /* twist[{len(law.rows)}]: {', '.join(law.rows)} */"

@@ -1,4 +1,4 @@
-"""The controllers of `system = "scenario"`, with the hands of their first trial."""
+"""Export of the controllers of `system = "scenario"`, with the hands of their first trial."""
 
 from __future__ import annotations
 
@@ -38,16 +38,16 @@ class Listening(ForceLaw):
         self.offsets: list[tuple[float, float]] = []
 
     def start(self, number: int) -> None:
-        """A trial begins."""
+        """Start a trial."""
         self._law.start(number)
         self.offsets.clear()
 
     def set_goal(self, goal: int) -> None:
-        """The goal has changed."""
+        """Set the goal."""
         self._law.set_goal(goal)
 
     def command(self, x: float, y: float, *, enable: object = True, stamp: float | None = None) -> Command:
-        """Its command."""
+        """The controller's command."""
         command = self._law.command(x, y, enable=enable, stamp=stamp)
         self.offsets.append(self._assistance.offset)
         return command
@@ -57,13 +57,13 @@ class Overheard(Bilateral):
     """A pair that records each side's hand and received message of each tick."""
 
     def reset(self) -> None:
-        """Nothing is under way, and no message was sent."""
+        """Reset: no force or message is under way."""
         super().reset()
         self.hands: list[tuple[ArrayLike, ArrayLike]] = []
         self.received: list[tuple[FromParticipant | None, FromHelper | None]] = []
 
     def step(self, helper: ArrayLike, participant: ArrayLike, *rest: Any, **options: Any) -> BilateralCommand:
-        """Its forces."""
+        """The pair's forces."""
         self.hands.append((helper, participant))
         self.received.append(self.under_way)
         return super().step(helper, participant, *rest, **options)
@@ -74,7 +74,7 @@ def exported_scenario(config: ProblemFile[ScenarioProblem], *, progress: Progres
 
     Raises
     ------
-    ProblemFileError : a solver that does not generate C, or a value of the file that cannot be used.
+    ProblemFileError : a solver without C code, or an invalid value in the file.
     """
     refuse_other_solvers(config, "run.solver")
     context = precompute(config, progress=progress)
