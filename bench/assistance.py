@@ -222,27 +222,20 @@ def learning() -> tuple[list[Verdict], list[str]]:
     lines, verdicts = [], []
     for noise in (0.0, 1.0):
         hands = recorded(truth, noise)
-        for per_point in (False, True):
-            begun = time.perf_counter()
-            fit = PotentialField.learn(hands, path=PATH, width=0.025, per_point=per_point).fit
-            seconds = time.perf_counter() - begun
-            assert fit is not None
-            how = "per point" if per_point else "shared"
-            lines.append(
-                f"{how}, noise {noise:g} N: {seconds:.2f} s, condition {fit.condition:.3g}, held-out error "
-                f"{fit.held_out_error:.3g} N ({100 * fit.held_out_fraction:.2g} %), "
-                f"constant stiffness {fit.constant_stiffness_error:.3g} N"
-            )
-            verdicts.append(
-                Verdict(f"learning from 10 x 1000 samples, {how}, noise {noise:g} N", seconds, "<=", 10.0, "s")
-            )
-            if not noise:
-                verdicts.append(
-                    Verdict(f"held-out force, {how}, without noise", 100 * fit.held_out_fraction, "<=", 2.0, "%")
-                )
-            if not noise and not per_point:
-                worst = max(abs(fit.parameters[name] / value - 1) for name, value in true.items())
-                verdicts.append(Verdict("S, k1 and D, without noise, largest error", 100 * worst, "<=", 2.0, "%"))
+        begun = time.perf_counter()
+        fit = PotentialField.learn(hands, path=PATH, width=0.025).fit
+        seconds = time.perf_counter() - begun
+        assert fit is not None
+        lines.append(
+            f"noise {noise:g} N: {seconds:.2f} s, condition {fit.condition:.3g}, held-out error "
+            f"{fit.held_out_error:.3g} N ({100 * fit.held_out_fraction:.2g} %), "
+            f"constant stiffness {fit.constant_stiffness_error:.3g} N"
+        )
+        verdicts.append(Verdict(f"learning from 10 x 1000 samples, noise {noise:g} N", seconds, "<=", 10.0, "s"))
+        if not noise:
+            worst = max(abs(fit.parameters[name] / value - 1) for name, value in true.items())
+            verdicts.append(Verdict("held-out force, without noise", 100 * fit.held_out_fraction, "<=", 2.0, "%"))
+            verdicts.append(Verdict("S, k1 and D, without noise, largest error", 100 * worst, "<=", 2.0, "%"))
     return verdicts, lines
 
 

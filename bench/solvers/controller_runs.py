@@ -116,14 +116,14 @@ def led_hands(count: int) -> list[Demonstration]:
     return hands
 
 
-def learning(name: str, *, per_point: bool, about: str) -> QPSequence:
+def learning(name: str, *, about: str) -> QPSequence:
     """A field learnt again after each new demonstration, as in a session that goes on."""
-    hands = led_hands(60 if per_point else 110)
+    hands = led_hands(110)
     with recording_qps() as recorder:
         for count in range(2, len(hands) + 1):
             PotentialField.learn(
-                hands[max(0, count - 10) : count], path=REACH, width=WIDTH, spacing=WIDTH / 2, per_point=per_point,
-                stations=6, held_out=(), compile=False,
+                hands[max(0, count - 10) : count], path=REACH, width=WIDTH, spacing=WIDTH / 2, held_out=(),
+                compile=False,
             )  # fmt: skip
     largest = max(recorder.streams, key=lambda stream: int(stream.name.rpartition("_")[2]))
     return _only(recorder, name, largest.name, math.nan, about)
@@ -172,10 +172,7 @@ CONTROLLER_RUNS: Mapping[str, Callable[[str], QPSequence]] = MappingProxyType(
             about="A faster hand with a small force limit, a small slew limit and little energy.",
         ),
         "field_learning/shared": partial(
-            learning, per_point=False, about="Stiffness, drag and damping learnt again after each demonstration."
-        ),
-        "field_learning/per_point": partial(
-            learning, per_point=True, about="Energy and stiffness at six stations learnt after each demonstration."
+            learning, about="Stiffness, drag and damping learnt again after each demonstration."
         ),
     }
 )  # fmt: skip

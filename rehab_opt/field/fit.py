@@ -49,7 +49,7 @@ class Fit(NamedTuple):
     condition: float
     """Largest over smallest singular value."""
     unidentified: tuple[str, ...]
-    """Parameters that the data leave undetermined, alone or in combination; regularisation sets their values."""
+    """Parameters that the data leave undetermined, alone or in combination; their values mean nothing."""
     rest_stiffness: float
     """[N/m] least curvature of the energy at the target; negative if the field does not rest there. NaN without a
     target."""

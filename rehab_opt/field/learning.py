@@ -1,4 +1,4 @@
-"""Learn fields from recorded forces by convex QPs: for a given sigma the force is linear in the parameters."""
+"""Learn fields from recorded forces by a convex QP: for a given sigma the force is linear in S, k1 and D."""
 
 from __future__ import annotations
 
@@ -11,11 +11,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.errors import ConfigurationError, RehabOptError
+from rehab_opt.field.assembly import assembled, rest_point
 from rehab_opt.field.demonstration import Demonstration, check_agreement, check_closeness, check_units
 from rehab_opt.field.fit import Fit, constant_stiffness_error, identified, rms
-from rehab_opt.field.force_model import ForceModel, shared_model, station_model
 from rehab_opt.field.potential import PotentialField, sample_spacing
 from rehab_opt.field.samples import SampledPath, checked_paths, mean_path, resampled_path
+from rehab_opt.field.weights import energies_and_forces
 from rehab_opt.kinematics.real_array import is_real, positive
 from rehab_opt.optim.backends import backend
 from rehab_opt.optim.certificate import certificate_function, is_certified
@@ -27,6 +28,8 @@ __all__ = ["learnt_field"]
 
 Array = NDArray[np.float64]
 
+NAMES = ("stiffness", "drag", "damping")
+"""The parameters: S [N/m], k1 [N/m] of Eq. (21), D [N s/m]."""
 TOLERANCE = 1e-6
 """Largest certificate residual of the scaled QP, whose numbers are about one."""
 MAX_ROWS = 400
@@ -34,7 +37,7 @@ MAX_ROWS = 400
 RIDGE = 1e-12
 """Weight of the scaled parameters' squares in the cost; it sets parameters that the data leave undetermined."""
 LEAST = 1.0
-"""Least ratio of the shared stiffness to its standard error; below it nothing is learnt. (For a stiffness of zero a
+"""Least ratio of the stiffness to its standard error; below it nothing is learnt. (For a stiffness of zero a
 solver returns 1e-12 N/m, and noise a little more.)"""
 
 
@@ -63,15 +66,14 @@ class FitProblem(NamedTuple):
         size = np.sqrt((self.design**2).mean(axis=0) / max(float((self.forces**2).mean()), 1e-12))
         return np.asarray(1 / np.maximum(np.where(size > 1e-12 * size.max(), size, size.max()), 1e-12))
 
-    def solved(self, solvers: Sequence[str], penalty: Array | None = None, prior: Array | None = None) -> Solution:
-        """Solution with (theta - prior)' penalty (theta - prior) added to the cost, in scaled units."""
+    def solved(self, solvers: Sequence[str]) -> Solution:
+        """Solution of the QP in scaled units."""
         design, forces, along = self
         n, m, unit = design.shape[1], len(along), self.unit
-        penalty, prior = (np.zeros((n, n)), np.zeros(n)) if penalty is None or prior is None else (penalty, prior)
         mean_square = max(float((forces**2).mean()), 1e-12)
         columns = design * unit
-        hessian = columns.T @ columns / len(forces) / mean_square + penalty * np.outer(unit, unit) + RIDGE * np.eye(n)
-        gradient = -columns.T @ forces / len(forces) / mean_square - unit * (penalty @ prior)
+        hessian = columns.T @ columns / len(forces) / mean_square + RIDGE * np.eye(n)
+        gradient = -columns.T @ forces / len(forces) / mean_square
         rows = along * unit
         rows = rows / np.maximum(np.linalg.norm(rows, axis=1, keepdims=True), 1e-12)
         free = np.full(m, np.inf), np.full(n, np.inf)
@@ -96,9 +98,6 @@ def learnt_field(
     *,
     width: float | Sequence[float],
     path: ArrayLike | Sequence[ArrayLike] | None = None,
-    per_point: bool = False,
-    stations: int = 12,
-    regularisation: float = 1e-4,
     held_out: Sequence[int] | None = None,
     rest_on_target: bool = True,
     spacing: float | None = None,
@@ -107,8 +106,8 @@ def learnt_field(
 ) -> PotentialField:
     """The field whose forces are nearest to the recorded ones; its `fit` has the errors.
 
-        min   mean |F(x, v) - F_recorded|^2 + regularisation
-        s.t.  S >= 0, D >= 0, phi_0 never rising along the path, t_j . F(x_j) >= 0 at its samples x_j
+        min   mean |F(x, v) - F_recorded|^2
+        s.t.  S >= 0, k1 >= 0, D >= 0, t_j . F(x_j) >= 0 at the path's samples x_j
 
     The last constraint is on the force itself, because with a falling phi_0 alone the stiffness can still pull
     backwards. It leaves out samples nearer to the target than the spread of the paths' ends, because a path that ends
@@ -120,8 +119,6 @@ def learnt_field(
     width : sigma [m]; from several, the one with the least held-out error is chosen.
     path : path of the field, as in `PotentialField`. None means the mean of the demonstrations, smoothed to half the
         width; around their own positions, every sway of a hand would be a path along which no spring may pull back.
-    per_point : phi_0 and S at `stations` along the path instead of one S and k1. `regularisation` (relative to the mean
-        square force) pulls the stations towards the shared solution and smooths them.
     held_out : numbers of the demonstrations that are held out for testing; by default every fifth, or one of two to
         four.
     rest_on_target, spacing, compile : as in `PotentialField`.
@@ -136,8 +133,6 @@ def learnt_field(
     several = isinstance(demonstrations, (list, tuple)) and len(demonstrations) > 0
     if not (several and all(isinstance(each, Demonstration) for each in demonstrations)):
         raise ConfigurationError("demonstrations", demonstrations, "a list or tuple of at least one Demonstration")
-    if not isinstance(stations, int) or not 2 <= stations <= 100:
-        raise ConfigurationError("stations", stations, "an integer from 2 to 100")
     kept = _held_out(held_out, len(demonstrations))
     one = not (isinstance(width, Sequence) or (isinstance(width, np.ndarray) and width.ndim == 1))
     widths = [positive("width", each) for each in ([width] if one else width)]  # type: ignore[union-attr]
@@ -149,8 +144,6 @@ def learnt_field(
         training=[each for i, each in enumerate(demonstrations) if i not in kept],
         tested=[demonstrations[i] for i in kept],
         kept=kept,
-        stations=stations if per_point else 0,
-        regularisation=positive("regularisation", regularisation),
         rest_on_target=rest_on_target,
         solvers=tuple(solvers),
         compile=compile,
@@ -165,15 +158,17 @@ def learnt_field(
         around = given or (mean_path([one.positions for one in task.training], each / 2),)
         check_closeness(demonstrations, around, max(widths))
         found.append(_learnt(task, [resampled_path(points, step, source) for points in around], each))
-    best = min(found, key=lambda one: _error(one.field))
-    if not best.stiffness > LEAST * best.spread:
-        value = f"forces that hold no hand on a path (a stiffness of {best.stiffness:.2g} +- {best.spread:.2g} N/m)"
+    best = min(found, key=_error)
+    fit = cast("Fit", best.fit)
+    stiffness, spread = fit.parameters["stiffness"], fit.standard_error["stiffness"]
+    if not stiffness > LEAST * spread:
+        value = f"forces that hold no hand on a path (a stiffness of {stiffness:.2g} +- {spread:.2g} N/m)"
         expected = (
             "movements that were led, strayed from the path a little and did not come back to where they had been; "
             "force on the hand, sensor's offset removed"
         )
         raise ConfigurationError("demonstrations", value, expected)
-    return best.field
+    return best
 
 
 class Task(NamedTuple):
@@ -182,20 +177,10 @@ class Task(NamedTuple):
     training: Sequence[Demonstration]
     tested: Sequence[Demonstration]
     kept: tuple[int, ...]
-    stations: int
-    regularisation: float
     rest_on_target: bool
     solvers: tuple[str, ...]
     compile: Compile
     widths: int
-
-
-class Learnt(NamedTuple):
-    """A field, and the shared stiffness [N/m] with its standard error."""
-
-    field: PotentialField
-    stiffness: float
-    spread: float
 
 
 def _error(field: PotentialField) -> float:
@@ -203,45 +188,52 @@ def _error(field: PotentialField) -> float:
     return fit.training_error if math.isnan(fit.held_out_error) else fit.held_out_error
 
 
-def _learnt(task: Task, paths: Sequence[SampledPath], width: float) -> Learnt:
+def force_columns(paths: Sequence[SampledPath], width: float, points: Array, *, rest_on_target: bool) -> Array:
+    """(N, 2, 3) [N] force at points (N, 2) for each of `NAMES` at one and the others at zero; zero for D."""
+    target = rest_point(paths, "remaining", width) if rest_on_target else None
+    forces = np.zeros((len(points), 2, len(NAMES)))
+    for column, (stiffness, drag) in enumerate(((1.0, 0.0), (0.0, 1.0))):
+        samples = assembled(
+            paths,
+            [drag * path.remaining**2 for path in paths],
+            [np.full(path.points.shape, stiffness) for path in paths],
+            along="remaining",
+            width=width,
+            target=target,
+        )
+        forces[:, :, column] = energies_and_forces(samples, width, points)[1]
+    return forces
+
+
+def _learnt(task: Task, paths: Sequence[SampledPath], width: float) -> PotentialField:
     begun = time.perf_counter()
     x = np.concatenate([each.positions for each in task.training])
     v = np.concatenate([each.velocities for each in task.training])
     forces = np.concatenate([each.forces for each in task.training]).reshape(-1)
-    model = shared_model(paths, width, rest_on_target=task.rest_on_target)
-    problem = FitProblem(model.design(x, v).reshape(len(forces), -1), forces, _along_path(model))
-    solution = problem.solved(task.solvers)
-    lengths = [2 * len(each.positions) for each in task.training]
-    errors = problem.design @ solution.parameters - forces
-    told = identified(problem.design, model.names, errors, lengths)
-    stiffness, spread = float(solution.parameters[0]), float(told.standard_error[0])
-    if task.stations:
-        model = station_model(paths, width, task.stations, rest_on_target=task.rest_on_target)
-        prior = _as_stations(solution.parameters, paths, task.stations)
-        problem = FitProblem(model.design(x, v).reshape(len(forces), -1), forces, _along_path(model))
-        solution = problem.solved(
-            task.solvers, _roughness(task.stations, prior, problem.unit, task.regularisation), prior
-        )
-        errors = problem.design @ solution.parameters - forces
-        told = identified(problem.design, model.names, errors, lengths)
-    theta = solution.parameters
+    design = force_columns(paths, width, x, rest_on_target=task.rest_on_target)
+    design[:, :, -1] = -v
+    design = design.reshape(len(forces), -1)
+    solution = FitProblem(design, forces, _along_path(task, paths, width)).solved(task.solvers)
+    errors = design @ solution.parameters - forces
+    told = identified(design, NAMES, errors, [2 * len(each.positions) for each in task.training])
+    stiffness, drag, damping = solution.parameters
     field = PotentialField.of_samples(
         paths,
-        *model.path_values(theta),
+        [drag * path.remaining**2 for path in paths],
+        [np.full(path.points.shape, stiffness) for path in paths],
         width=width,
-        damping=theta[-1],
+        damping=damping,
         rest_on_target=task.rest_on_target,
         compile=task.compile,
     )
-    if not task.stations:
-        field.drag = float(theta[1])
+    field.drag = float(drag)
     wrong = [field.force(each.positions, each.velocities) - each.forces for each in task.tested]
     error = rms(np.concatenate(wrong)) if wrong else math.nan
     size = rms(np.concatenate([each.forces for each in task.tested])) if wrong else math.nan
     points = np.concatenate([path.points for path in paths])
     field.fit = Fit(
-        parameters=dict(zip(model.names, theta.tolist(), strict=True)),
-        standard_error=dict(zip(model.names, told.standard_error.tolist(), strict=True)),
+        parameters=dict(zip(NAMES, solution.parameters.tolist(), strict=True)),
+        standard_error=dict(zip(NAMES, told.standard_error.tolist(), strict=True)),
         width=width,
         training_error=rms(errors.reshape(-1, 2)),
         held_out=task.kept,
@@ -258,40 +250,22 @@ def _learnt(task: Task, paths: Sequence[SampledPath], width: float) -> Learnt:
         residual=solution.residual,
         seconds=time.perf_counter() - begun,
     )
-    return Learnt(field, stiffness, spread)
+    return field
 
 
-def _along_path(model: ForceModel) -> Array:
-    """(m, n) force along the path at its samples for each parameter at 1."""
-    points = np.concatenate([path.points for path in model.paths])
-    tangents = np.concatenate([path.tangents for path in model.paths])
-    ends = np.array([path.points[-1] for path in model.paths])
+def _along_path(task: Task, paths: Sequence[SampledPath], width: float) -> Array:
+    """(m, 3) [N] force along the path at its samples, for each of `NAMES` at one and the others at zero."""
+    points = np.concatenate([path.points for path in paths])
+    tangents = np.concatenate([path.tangents for path in paths])
+    ends = np.array([path.points[-1] for path in paths])
     spread = float(np.linalg.norm(ends - ends.mean(axis=0), axis=1).max())
     counted = np.flatnonzero(np.linalg.norm(points - ends.mean(axis=0), axis=1) > spread + 1e-9)
     if not len(counted):
-        return np.zeros((0, len(model.names)))
+        return np.zeros((0, len(NAMES)))
     chosen = counted[np.unique(np.linspace(0, len(counted) - 1, min(len(counted), MAX_ROWS)).astype(int))]
-    rows: Array = np.einsum("ki,kin->kn", tangents[chosen], model.design(points[chosen]))
+    columns = force_columns(paths, width, points[chosen], rest_on_target=task.rest_on_target)
+    rows: Array = np.einsum("ki,kin->kn", tangents[chosen], columns)
     return rows
-
-
-def _as_stations(shared: Array, paths: Sequence[SampledPath], stations: int) -> Array:
-    """Parameters of `station_model` nearest to the shared solution."""
-    stiffness, drag, damping = shared
-    length = float(np.mean([path.remaining[0] for path in paths]))
-    offsets = drag * (length * np.linspace(0, 1, stations)) ** 2
-    return np.concatenate((np.diff(offsets), np.full(stations, stiffness), [damping]))
-
-
-def _roughness(stations: int, prior: Array, unit: Array, weight: float) -> Array:
-    """(n, n) penalty on the difference from the prior and on its variation between stations."""
-    penalty = np.zeros((len(prior), len(prior)))
-    for part in (slice(0, stations - 1), slice(stations - 1, 2 * stations - 1)):
-        size = max(float(np.abs(prior[part]).mean()), 0.1 * float(np.median(unit[part])))
-        count = part.stop - part.start
-        bend = np.diff(np.eye(count), n=2, axis=0) if count > 2 else np.zeros((0, count))
-        penalty[part, part] = (1e-2 * np.eye(count) + bend.T @ bend) * weight / size**2
-    return penalty
 
 
 def _held_out(held_out: Sequence[int] | None, count: int) -> tuple[int, ...]:

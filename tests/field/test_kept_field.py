@@ -56,8 +56,8 @@ def test_learnt() -> None:
     truth, more = PotentialField(WAY, stiffness=1000.0, drag=200.0, damping=8.0, width=0.025, compile=False), []
     hands = led_hands(truth, count=6, samples=120, noise=0.5)
     with Returns("rehab_opt/field/", last=12) as seen:
-        for given in ({}, {"per_point": True, "stations": 5}, {"width": [0.02, 0.03], "held_out": [0, 3]},
-                      {"path": None, "rest_on_target": False}, {"held_out": [], "regularisation": 1e-2}):  # fmt: skip
+        for given in ({}, {"width": [0.02, 0.03], "held_out": [0, 3]},
+                      {"path": None, "rest_on_target": False}, {"held_out": []}):  # fmt: skip
             fit = PotentialField.learn(hands, **{"width": 0.025, "path": WAY, "compile": False} | given).fit
             more += [
                 fit.parameters,

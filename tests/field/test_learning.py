@@ -7,8 +7,7 @@ import pytest
 
 from rehab_opt import ConfigurationError, PotentialField
 from rehab_opt.field.demonstration import Demonstration, check_agreement
-from rehab_opt.field.force_model import shared_model, station_model
-from rehab_opt.field.learning import _as_stations
+from rehab_opt.field.learning import force_columns
 from rehab_opt.field.samples import arc_length, mean_path, resampled_path
 from rehab_opt.optim.recorder import recording_qps
 from tests.field.demonstrators import WAY, S, led_hands
@@ -44,15 +43,6 @@ def test_with_noise_the_error_left_is_the_noise() -> None:
         assert abs(value - TRUE[name]) < 5 * fit.standard_error[name]
 
 
-def test_per_point_parameters_reproduce_what_one_stiffness_cannot() -> None:
-    hands = led_hands(truth(stiffness=np.linspace(400.0, 2000.0, 300)), noise=0.2)
-    shared, each = learnt(hands).fit, learnt(hands, per_point=True).fit
-    assert each.held_out_error < 0.5 * shared.held_out_error
-    assert each.parameters["stiffness at 1.00 of the way left"] < 700.0
-    assert each.parameters["stiffness at 0.18 of the way left"] > 1400.0
-    assert len(each.parameters) == 24
-
-
 def test_a_hidden_truth_is_found_from_the_demonstrations_alone() -> None:
     field = learnt(led_hands(truth(), noise=0.5), path=None)
     assert len(field.paths) == 1
@@ -67,11 +57,11 @@ def test_the_force_never_points_against_the_demonstration_whatever_was_recorded(
     path = rising.paths[0]
     along = np.sum(rising.force(path.points) * path.tangents, axis=1)
     assert along.min() < -3.0
-    field = learnt(led_hands(rising), per_point=True)
+    field = learnt(led_hands(rising))
     along = np.sum(field.force(path.points) * path.tangents, axis=1)
     assert along.min() >= -1e-6
     assert field.fit.constraints_active > 0
-    assert min(field.fit.parameters.values()) >= 0.0  # stiffness, damping, and every fall of phi_0
+    assert min(field.fit.parameters.values()) >= 0.0
 
 
 def test_forces_that_pull_back_teach_no_rising_offset() -> None:
@@ -79,22 +69,21 @@ def test_forces_that_pull_back_teach_no_rising_offset() -> None:
     for hand in led_hands(truth()):
         back = np.where(np.abs(hand.positions[:, :1]) < 0.05, -90.0, 0.0) * np.array([1.0, 0.0])
         hands.append(Demonstration(hand.positions, hand.forces + back, hand.velocities))
-    field = learnt(hands, per_point=True)
+    field = learnt(hands)
     assert min(field.fit.parameters.values()) >= 0.0
     assert np.sum(field.force(field.paths[0].points) * field.paths[0].tangents, axis=1).min() >= -1e-6
     assert field.fit.rest_stiffness > 0.0
 
 
-@pytest.mark.parametrize("per_point", [False, True])
 @pytest.mark.parametrize(("sign", "offset"), [(-1.0, 0.0), (0.0, -5.0)])
-def test_forces_that_show_no_stiffness_are_refused(sign: float, offset: float, per_point: bool) -> None:
+def test_forces_that_show_no_stiffness_are_refused(sign: float, offset: float) -> None:
     """Of the other sign, or always the same: a field without a spring was learnt, which holds no hand."""
     hands = [
         Demonstration(h.positions, sign * h.forces + (offset, 0.0), sign * h.velocities)
         for h in led_hands(truth(), noise=0.1)
     ]
     with pytest.raises(ConfigurationError, match=r"^demonstrations = .*hold no hand on a path"):
-        learnt(hands, per_point=per_point)
+        learnt(hands)
 
 
 def test_what_the_data_do_not_tell_is_named() -> None:
@@ -102,11 +91,7 @@ def test_what_the_data_do_not_tell_is_named() -> None:
     fit = learnt(still).fit
     assert fit.unidentified == ("damping",)
     assert fit.standard_error["damping"] == math.inf
-    line = np.column_stack([-0.15 + 0.3 * S, np.full(300, 0.4)])
-    on_it = led_hands(PotentialField(line, **TRUE, width=0.025, compile=False), sway=0.0, count=2)
-    alone = PotentialField.learn(on_it, path=line, width=0.025, per_point=True, stations=10, compile=False).fit
-    assert alone.condition > 1e3
-    assert any(name.startswith("stiffness") for name in alone.unidentified)
+    assert fit.condition > 1e3
 
 
 def test_of_several_widths_the_one_that_held_out_data_prefer_is_taken() -> None:
@@ -118,21 +103,18 @@ def test_the_design_is_the_force_of_the_field(rest_on_target: bool) -> None:
     paths = [resampled_path(WAY, 0.006), resampled_path(WAY + 0.004 * np.sin(5 * S[:, None]), 0.006)]
     rng = np.random.default_rng(0)
     x, v = rng.uniform((-0.2, 0.3), (0.2, 0.5), (30, 2)), rng.standard_normal((30, 2))
-    for model in (shared_model(paths, 0.025, rest_on_target=rest_on_target),
-                  station_model(paths, 0.025, 6, rest_on_target=rest_on_target)):  # fmt: skip
-        theta = rng.uniform(0.5, 2.0, len(model.names)) * np.array([1000.0] + [5.0] * (len(model.names) - 1))
-        field = PotentialField.of_samples(
-            paths,
-            *model.path_values(theta),
-            width=0.025,
-            damping=theta[-1],
-            rest_on_target=rest_on_target,
-            compile=False,
-        )
-        np.testing.assert_allclose(model.design(x, v) @ theta, field.force(x, v), rtol=1e-9, atol=1e-8)
-    theta = dict(zip(model.names, _as_stations(np.array([1000.0, 5.0, 3.0]), paths, 6), strict=True))
-    assert theta["damping"] == 3.0
-    assert all(value == 1000.0 for name, value in theta.items() if name.startswith("stiffness"))
+    theta = rng.uniform(0.5, 2.0, 3) * np.array([1000.0, 5.0, 5.0])
+    field = PotentialField.of_samples(
+        paths,
+        [theta[1] * path.remaining**2 for path in paths],
+        [np.full(path.points.shape, theta[0]) for path in paths],
+        width=0.025,
+        damping=theta[2],
+        rest_on_target=rest_on_target,
+        compile=False,
+    )
+    columns = force_columns(paths, 0.025, x, rest_on_target=rest_on_target)
+    np.testing.assert_allclose(columns @ theta - theta[2] * v, field.force(x, v), rtol=1e-9, atol=1e-8)
 
 
 def test_the_mean_of_swaying_paths_is_smooth_and_keeps_its_ends() -> None:
@@ -224,5 +206,5 @@ def test_recordings_and_options_that_cannot_be_used_are_named() -> None:
         (good | {"dt": None, "velocities": lacking}, "velocities[2] = [0.0, nan]: expected finite"),
     )
     few = led_hands(truth(), samples=20)
-    wrong = [("width", -1.0), ("held_out", [99]), ("held_out", [1.7]), ("stations", 1), ("regularisation", 0.0)]
+    wrong = [("width", -1.0), ("held_out", [99]), ("held_out", [1.7])]
     refuses(learnt, *(({"hands": few, name: value}, name) for name, value in [*wrong, ("solvers", "daqp")]))

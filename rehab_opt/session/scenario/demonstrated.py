@@ -185,4 +185,4 @@ def _fit_notes(fit: Fit, shown: int) -> Iterator[str]:
     if not said["stiffness"] > CLEARLY * spread["stiffness"]:
         yield "the demonstrations hardly tell S: more of them, or such as stray further from the path, would"
     if fit.unidentified:
-        yield f"the demonstrations do not tell {', '.join(fit.unidentified)}: the regularisation chose"
+        yield f"the demonstrations leave {', '.join(fit.unidentified)} open: its value means nothing"
