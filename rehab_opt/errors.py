@@ -1,4 +1,4 @@
-"""Typed errors: each one names the argument or file key, the value it had and what was expected."""
+"""Typed errors: each names the argument or file key, its value, and the expectation."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ __all__ = [
 ]
 
 LONGEST = 250
-"""Letters of a value that are shown."""
+"""Largest number of characters of a value in a message."""
 
 
 def printable(text: str) -> str:
-    """`text` with every unprintable character, which a terminal might obey, replaced by its Python escape."""
+    """`text` with unprintable characters replaced by Python escapes, for safe printing on a terminal."""
     if text.isprintable():
         return text
     return "".join(
@@ -28,17 +28,17 @@ def printable(text: str) -> str:
 
 
 class RehabOptError(Exception):
-    """Root of every error this library raises on purpose."""
+    """Base of all errors that this library raises on purpose."""
 
 
 class ConfigurationError(RehabOptError, ValueError):
-    """An argument cannot be used.
+    """An argument is invalid.
 
     Parameters
     ----------
     argument : name of the argument, as the caller wrote it.
-    value : what it was.
-    expected : what would have been accepted, as the end of the sentence "expected ...".
+    value : its value.
+    expected : accepted values, as the end of the sentence "expected ...".
     """
 
     def __init__(self, argument: str, value: object, expected: str) -> None:
@@ -49,12 +49,12 @@ class ConfigurationError(RehabOptError, ValueError):
         super().__init__(f"{argument} = {said[:LONGEST]}{'...' * (len(said) > LONGEST)}: expected {expected}")
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Made again from its parts: people are processed in pools, and an error must come back from one."""
+        """Pickle by parts, because errors must come back from process pools."""
         return type(self), (self.argument, self.value, self.expected), self.__dict__
 
 
 class DeviceLostError(RehabOptError):
-    """A device no longer answers: a cable, its program, its power; the message says which, since when and why."""
+    """A device no longer answers (cable, program, power); the message says which one, since when and why."""
 
 
 class SharingError(RehabOptError, TypeError):
@@ -62,14 +62,14 @@ class SharingError(RehabOptError, TypeError):
 
 
 class ProblemFileError(RehabOptError, ValueError):
-    """A problem file or recording cannot be used; the message is one line of printable characters.
+    """A problem file or recording is invalid; the message is one line of printable characters.
 
     Parameters
     ----------
     file : path of the file as the user gave it.
-    key : dotted key, column or line inside it.
-    value : what stood there.
-    expected : what would have been accepted.
+    key : dotted key, column or line in the file.
+    value : its value.
+    expected : accepted values.
     """
 
     def __init__(self, file: object, key: str, value: object, expected: str) -> None:
@@ -80,15 +80,15 @@ class ProblemFileError(RehabOptError, ValueError):
         super().__init__(printable(f"{file}: {key} = {value!r}: expected {expected}"))
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Made again from its parts, as a `ConfigurationError` is."""
+        """Pickle by parts, as `ConfigurationError`."""
         return type(self), (self.file, self.key, self.value, self.expected), self.__dict__
 
 
 class RobotFileError(ProblemFileError):
-    """The description of a robot cannot be used: its URDF, its MJCF or the few lines that name it.
+    """The description of a robot is invalid: its URDF, MJCF or robot file.
 
     Parameters
     ----------
-    file, value, expected : as of a `ProblemFileError`.
-    key : the joint, link or line, and the attribute of it.
+    file, value, expected : as in `ProblemFileError`.
+    key : the joint, link or line, and its attribute.
     """

@@ -1,4 +1,4 @@
-"""What the command line does with a terminal: bars of progress, refusals of one line, Ctrl-C, folders of results."""
+"""Terminal functions of the command line: progress bars, one-line errors, Ctrl-C, output folders."""
 
 from __future__ import annotations
 
@@ -43,21 +43,21 @@ __all__ = [
 MAX_OF_A_VALUE = 120  # characters of a message
 COMPILING = "compiling, once on this machine, 5 to 60 s a function (REHAB_OPT_COMPILE=0 starts without)"
 BETWEEN_LINES = 60.0
-"""[s] from one line of progress to the next, where there is no terminal to draw bars on."""
+"""[s] between two progress lines if the output is no terminal."""
 
 
 def say(text: str) -> None:
-    """Print one line; characters of a file that a terminal would obey are written as escapes."""
+    """Print one line; control characters are written as escapes."""
     print(printable(text))
 
 
 def printer() -> Console:
-    """Console for tables and lines: no markup is read from a text, and what a terminal would obey is escaped."""
+    """Console for tables and lines: markup in texts is ignored, and control characters are escaped."""
     from rich.console import Console  # noqa: PLC0415
     from rich.console import RenderHook as Hook  # noqa: PLC0415
 
     class Escaping(Hook):
-        """Puts each thing to be printed into an `_Escaped`."""
+        """Wraps each printed object in an `_Escaped`."""
 
         def process_renderables(self, renderables: list[ConsoleRenderable]) -> list[ConsoleRenderable]:
             return [_Escaped(each) for each in renderables]
@@ -68,11 +68,11 @@ def printer() -> Console:
 
 
 OF_ROBOT, FEW = re.compile(r"\b(joint|link|body|line) \S+"), 2
-"""What notes on a robot file name; notes alike, up to so many of which stand each for itself."""
+"""Objects named in notes on a robot file; largest number of similar notes that are printed one by one."""
 
 
 def brief(notes: Iterable[str]) -> list[str]:
-    """Notes on a robot's joints, links and bodies that differ in names and numbers alone: the first, and how many."""
+    """Merge notes on joints, links and bodies that differ only in names and numbers: the first, and a count."""
     alike: dict[str, list[str]] = {}
     for note in notes:
         kind, count = OF_ROBOT.subn("", note)
@@ -85,7 +85,7 @@ def brief(notes: Iterable[str]) -> list[str]:
 
 
 def grouped(notes: Iterable[str]) -> Iterator[str]:
-    """Notes as lines of a list; those of one thing (`assisted: ...`) stand together below its name."""
+    """Notes as lines of a list; those with the same prefix (`assisted: ...`) are grouped below it."""
     of: dict[str, list[str]] = {}
     for note in notes:
         name, colon, rest = note.partition(": ")
@@ -98,7 +98,7 @@ def grouped(notes: Iterable[str]) -> Iterator[str]:
 
 
 class _Escaped:
-    """What is printed of another thing, all but printable characters, ends of lines and rich's own styles escaped."""
+    """A printed object with all control characters escaped, except line ends and rich's own styles."""
 
     def __init__(self, content: ConsoleRenderable) -> None:
         self.content = content
@@ -113,7 +113,7 @@ class _Escaped:
 
 @contextmanager
 def bars() -> Iterator[Progress]:
-    """Progress on the error stream: bars on a terminal, else a line a minute; and what is compiled meanwhile."""
+    """Progress on the error stream: bars on a terminal, else a line per minute; with a note on compilation."""
     from rich.console import Console  # noqa: PLC0415
     from rich.progress import Progress as Bars  # noqa: PLC0415
     from rich.progress import TaskID  # noqa: PLC0415
@@ -161,7 +161,7 @@ def bars() -> Iterator[Progress]:
 
 
 def writable(folder: Path, *, argument: str = "--out") -> Path:
-    """The folder of `argument`, refused before the run where it cannot take its files."""
+    """The folder of `argument`; raises an error before the run if it is not writable."""
     from rehab_opt.session.report import checked_folder  # noqa: PLC0415
 
     try:
@@ -171,13 +171,13 @@ def writable(folder: Path, *, argument: str = "--out") -> Path:
 
 
 def no_folder(file: Path, *, argument: str = "--out") -> None:
-    """Refuse a file in whose place a folder stands."""
+    """Raise an error if a folder has the file's name."""
     if file.is_dir():
         raise ConfigurationError(argument, str(file), "the name of a file: a folder stands there")
 
 
 def not_there_yet(file: Path, *, force: bool, inputs: Iterable[Path] = (), argument: str = "--out") -> None:
-    """Refuse a file that would be replaced unasked, and one of the inputs always."""
+    """Raise an error if a file exists and not `force`, or if it is one of the inputs."""
     if file.exists() and not force:
         raise ConfigurationError(argument, str(file), "a file that is not there yet, or --force to replace it")
     if file.exists() and any(each.exists() and file.samefile(each) for each in inputs):
@@ -185,7 +185,7 @@ def not_there_yet(file: Path, *, force: bool, inputs: Iterable[Path] = (), argum
 
 
 def output_file(out: Path | None, name: str, suffix: str) -> Path:
-    """`--out`, or a file of that name in ./out, refused before the run where it cannot be written."""
+    """`--out`, or a file of that name in ./out; raises an error before the run if it is not writable."""
     place = out if out is not None else Path("out") / f"{name}{suffix}"
     if place.suffix != suffix:
         raise ConfigurationError("--out", str(place), f"a file that ends in {suffix}")
@@ -195,7 +195,7 @@ def output_file(out: Path | None, name: str, suffix: str) -> Path:
 
 
 def numbers_in(argument: str, text: str) -> list[float]:
-    """Numbers with commas between, as an option of the command line has them."""
+    """Comma-separated numbers of a command-line option."""
     from rehab_opt.text_file import number_in  # noqa: PLC0415
 
     numbers = [number_in(part) for part in text.split(",")]
@@ -205,14 +205,14 @@ def numbers_in(argument: str, text: str) -> list[float]:
 
 
 def one_of(argument: str, value: str, known: Collection[str]) -> str:
-    """`value`, if it is known."""
+    """`value`; raises an error if it is unknown."""
     if value not in known:
         raise ConfigurationError(argument, value, f"one of {', '.join(known)}")
     return value
 
 
 def refuse(problem: RehabOptError) -> NoReturn:
-    """One line on the error stream, whatever a file or its name holds, and exit code 2."""
+    """Print one line on the error stream, for any text, and exit with code 2."""
     text, value = (" ".join(each.splitlines()) for each in (str(problem), repr(getattr(problem, "value", ""))))
     if len(value) > MAX_OF_A_VALUE:
         text = text.replace(value, value[:MAX_OF_A_VALUE] + "...")
@@ -221,7 +221,7 @@ def refuse(problem: RehabOptError) -> NoReturn:
 
 
 def interrupted(*_: Any) -> NoReturn:
-    """End at once: CasADi would swallow an exception and raise another one."""
+    """Exit at once, because CasADi would replace an exception by another one."""
     clear = b"\r\x1b[2K\x1b[?25h" if os.isatty(2) else b""  # a progress bar hides the cursor
     os.write(2, clear + b"rehab-opt: interrupted\n")
     os._exit(130)
@@ -229,7 +229,7 @@ def interrupted(*_: Any) -> NoReturn:
 
 @contextmanager
 def on_interrupt(handler: Any) -> Iterator[None]:
-    """Within this block Ctrl-C calls `handler`; in other threads than the main one it changes nothing."""
+    """Within this block Ctrl-C calls `handler`; it has no effect outside the main thread."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -242,7 +242,7 @@ def on_interrupt(handler: Any) -> Iterator[None]:
 
 @contextmanager
 def ending_in_a_line() -> Iterator[None]:
-    """What cannot be used ends the process with one line on the error stream and exit code 2; so does a place."""
+    """Turn invalid input, and failures to read or write a file, into one line on the error stream and exit code 2."""
     with on_interrupt(interrupted):
         try:
             try:
@@ -259,7 +259,7 @@ def ending_in_a_line() -> Iterator[None]:
 
 @contextmanager
 def undisturbed() -> Iterator[None]:
-    """Ctrl-C waits until the files of a run are all there, or none."""
+    """Delay Ctrl-C until all files of a run are written."""
     came: list[bool] = []
     with on_interrupt(lambda *_: came.append(True)):
         yield

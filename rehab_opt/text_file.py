@@ -1,4 +1,4 @@
-"""The text of a regular file within its limits, and the numbers in it, with errors that say where."""
+"""Text of a regular file within size limits, and numbers in it, with errors that name the place."""
 
 from __future__ import annotations
 
@@ -40,11 +40,11 @@ __all__ = [
 
 @contextmanager
 def regular_file(path: Path, name: str) -> Iterator[BinaryIO]:
-    """A regular file, open to be read; `name` is what errors call it.
+    """Open a regular file for reading; `name` is its name in errors.
 
     Raises
     ------
-    ProblemFileError : absent, unreadable, or a directory, pipe, socket or device, which may never end.
+    ProblemFileError : missing, unreadable, or a directory, pipe, socket or device, which may never end.
     """
     try:
         with open(path, "rb", opener=_open_without_waiting) as file:
@@ -60,11 +60,11 @@ def regular_file(path: Path, name: str) -> Iterator[BinaryIO]:
 
 
 def file_content(path: Path, name: str, *, max_size: int) -> bytes:
-    """Content of a regular file of at most `max_size` bytes; `name` is what errors call the file.
+    """Content of a regular file of at most `max_size` bytes; `name` is its name in errors.
 
     Raises
     ------
-    ProblemFileError : as `regular_file`; larger.
+    ProblemFileError : as `regular_file`; a file that is too large.
     """
     with regular_file(path, name) as file:
         size = os.fstat(file.fileno()).st_size
@@ -77,7 +77,7 @@ def file_content(path: Path, name: str, *, max_size: int) -> bytes:
 
 
 def write_whole(file: Path, content: bytes, *, mode: int = 0o666) -> Path:
-    """Write a file onto the disk, whole, or leave what was there; an OSError names it, as a full disk's would not."""
+    """Write a whole file to disk, or leave the old one; an OSError names the file, also for a full disk."""
     to = file.resolve()
     if to.exists() and not to.is_file():  # a pipe, or a device, is nothing to replace
         to.write_bytes(content)
@@ -98,7 +98,7 @@ def write_whole(file: Path, content: bytes, *, mode: int = 0o666) -> Path:
 
 
 def _open_without_waiting(path: str, flags: int) -> int:
-    """Open a file; a pipe that nobody writes to is opened too, at once."""
+    """Open a file without waiting, even a pipe without a writer."""
     return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))  # Windows has neither the flag nor such files
 
 
@@ -131,9 +131,9 @@ def whole_text(path: Path, name: str, *, max_size: int) -> str:
 
 
 def number_in(text: str) -> float:
-    """Decimal or scientific number in ASCII that `text` says, blanks around it; NaN for anything else.
+    """Decimal or scientific number in ASCII, with blanks around it; NaN for anything else.
 
-    Python's own reading also takes 1_0 for 10, digits of other scripts, and infinity.
+    Python's own conversion also accepts 1_0 for 10, digits of other scripts, and infinity.
     """
     if text.strip("0123456789+-.eE \t"):
         return math.nan
@@ -144,7 +144,7 @@ def number_in(text: str) -> float:
 
 
 def is_formula(text: str) -> bool:
-    """Whether a spreadsheet that opens a table with this cell in it would compute it: =1+1, but not -1."""
+    """Whether a spreadsheet would evaluate this cell as a formula: =1+1, but not -1."""
     return text[:1] in ("=", "+", "-", "@") and text != "-" and math.isnan(number_in(text))
 
 
@@ -155,14 +155,14 @@ def shown(text: str, most: int = 40) -> str:
 
 
 MAX_PROBLEM_SIZE = 256_000
-"""[byte] The shipped problem files have 3000 at most."""
+"""[byte] Largest problem file; the shipped ones have at most 3000."""
 MAX_TABLE_SIZE = 4_000_000
-"""[byte] of a table of participants: 10 000 people with 40 cells each."""
+"""[byte] Largest table of participants: 10 000 people with 40 cells each."""
 MAX_RECORDING_SIZE = 50_000_000
-"""[byte] An hour at 100 Hz with ten columns has 36 million."""
+"""[byte] Largest recording; an hour at 100 Hz with ten columns has 36 million."""
 MAX_COLUMNS = 5000
 DEEPEST_KEY = 32
-"""Parts of a dotted key. Reading one takes time that grows with their square."""
+"""Largest number of parts of a dotted key; parsing time grows with their square."""
 
 _TEXT_OR_COMMENT = re.compile(
     r'"""(?:[^\\]|\\.)*?(?:"""|\Z)|'
@@ -172,12 +172,12 @@ _TEXT_OR_COMMENT = re.compile(
     r"#[^\n]*",
     re.DOTALL,
 )
-"""Of TOML; each alternative matches wherever it begins, so that a text is gone through once."""
+"""Texts and comments of TOML; each alternative matches at its start, so that the scan is linear."""
 _DEEP_KEY = re.compile(rf"(?<![\w-])(?:[\w-]+[ \t]*\.[ \t]*){{{DEEPEST_KEY},}}")
 
 
 def check_key_depth(text: str, *, name: str) -> None:
-    """Refuse TOML with a key of too many parts; `name` is what the error calls the file.
+    """Raise an error for TOML with a key of too many parts; `name` is the file's name in the error.
 
     Raises
     ------
@@ -193,7 +193,7 @@ def check_key_depth(text: str, *, name: str) -> None:
 
 
 def header_cells(cells: Sequence[str], *, name: str, line: int) -> list[str]:
-    """Cells of a header without the blanks around them.
+    """Cells of a header, stripped.
 
     Raises
     ------
@@ -206,7 +206,7 @@ def header_cells(cells: Sequence[str], *, name: str, line: int) -> list[str]:
 
 
 def text_lines(path: Path, name: str) -> list[str]:
-    """Lines of a text file without their ends and without empty ones at the end; raises as `whole_text`."""
+    """Lines of a text file, without line ends and trailing empty lines; raises as `whole_text`."""
     lines = whole_text(path, name, max_size=MAX_RECORDING_SIZE).splitlines()
     while not lines[-1].strip():
         lines.pop()
@@ -214,9 +214,9 @@ def text_lines(path: Path, name: str) -> list[str]:
 
 
 FARTHEST = 10.0
-"""[m] A coordinate beyond is in another unit than it says."""
+"""[m] Largest coordinate; a larger one has a wrong unit."""
 LATEST = 1e10
-"""[s] A time beyond is no time of a recording, counted from 1970 as by loggers, either."""
+"""[s] Largest time of a recording, also for loggers that count from 1970."""
 
 
 def finite_number(
@@ -229,13 +229,13 @@ def finite_number(
     point: str = ".",
     beyond: str = "another unit?",
 ) -> float:
-    """The number written in one cell; `line` counts from 1, `point` stands before the decimals.
+    """The number in one cell; `line` counts from 1, `point` is the decimal sign.
 
-    `beyond` is what a message asks of a number larger than `most`.
+    `beyond` is the hint in the message for a number above `most`.
 
     Raises
     ------
-    ProblemFileError : not a number, NaN, infinite, or beyond `most` in size.
+    ProblemFileError : not a number, NaN, infinite, or above `most` in magnitude.
     """
     # Where a comma stands before decimals, a point stands between thousands: 1.828 may be either, and is refused.
     number = number_in(text if point == "." else text.replace(".", "?").replace(point, "."))
@@ -257,12 +257,12 @@ def finite_number(
 
 
 def times(count: int) -> str:
-    """How often."""
+    """A count in words: once, 2 times."""
     return "once" if count == 1 else f"{count} times"
 
 
 def brief(value: object, most: int = 60) -> object:
-    """`value`, or a text in its place where writing it out would be long or, as Python has it, refused."""
+    """`value`, or a short text if its representation would be long or is refused by Python."""
     try:
         written = str(value)
     except (ValueError, RecursionError):

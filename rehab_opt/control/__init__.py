@@ -1,1 +1,1 @@
-"""State in, Command out; one controller a file."""
+"""Controllers: state in, `Command` out; one controller per file."""

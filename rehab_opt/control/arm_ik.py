@@ -1,6 +1,6 @@
-"""Inverse kinematics of a limb within its joint limits: the posture that costs least and holds the hand in place.
+"""Inverse kinematics of a limb within its joint limits: the posture of least cost with the hand at a target.
 
-Its results are a posture or a path of postures, with status and residuals.
+The results are a posture or a path of postures, with status and residuals.
 """
 
 from __future__ import annotations
@@ -31,31 +31,31 @@ __all__ = ["ArmIK", "IKPath", "IKSolution"]
 
 
 class IKSolution(NamedTuple):
-    """One posture and how it came about."""
+    """One posture with its status and residuals."""
 
     q: Array
     """(n,) [rad] finite, inside the joint limits."""
     status: Status
-    """OK, BACKUP, UNREACHABLE (q is the nearest, or the most upright) or HOLDING (the target was not a number)."""
+    """OK, BACKUP, UNREACHABLE (q is the nearest or most upright posture) or HOLDING (the target is not finite)."""
     position_error: float
-    """[m] distance from the hand to the target; infinite where the target is not a number."""
+    """[m] distance from the hand to the target; infinite if the target is not finite."""
     handle_tilt: float
     """[rad] angle between the handle and the vertical."""
     residual: float
-    """Certificate residual of the problem that was solved in the end; infinite where none was certified."""
+    """Certificate residual of the problem that gave q; infinite without a certificate."""
     solver: str
-    """Whose answer it is; empty for a safe answer."""
+    """Name of the solver; empty for a safe answer."""
     iterations: int
-    """Of the run that found q; -1 where the solver reports none."""
+    """Iterations of the run that found q; -1 if the solver reports none."""
     reason: str
-    """Why this is not a plain OK; empty otherwise."""
+    """Reason for another status than OK; empty otherwise."""
     cost: float
-    """Posture cost of q; terms that had nothing to refer to left out."""
+    """Posture cost of q without terms that have no reference posture yet."""
 
 
 @dataclass(frozen=True, eq=False)
 class IKPath:
-    """A path followed, one row a sample."""
+    """Postures along a path, one row per sample."""
 
     q: Array
     """(N, n) [rad]"""
@@ -67,12 +67,12 @@ class IKPath:
     residual: Array
     """(N,)"""
     seconds: Array
-    """(N,) [s] time each sample took."""
+    """(N,) [s] computing time of each sample."""
     reason: list[str]
 
     @property
     def max_step(self) -> float:
-        """[rad] Largest change of a joint between two samples: a jump to another branch shows here."""
+        """[rad] Largest change of a joint between two samples; a jump to another branch makes it large."""
         return float(self.steps.max(initial=0.0))
 
     @property
@@ -83,7 +83,7 @@ class IKPath:
 
     @classmethod
     def of(cls, solutions: list[IKSolution], seconds: list[float], n: int) -> IKPath:
-        """The answers of a path of an arm of n joints, one after the other."""
+        """Collect the answers along a path of an arm with n joints."""
         return cls(
             q=np.array([each.q for each in solutions]).reshape(-1, n),
             status=[each.status for each in solutions],
@@ -103,7 +103,7 @@ class IKPath:
 Array = NDArray[np.float64]
 
 JUMP = 0.3
-"""[rad] A joint's change between two samples of a path from which other postures are looked at."""
+"""[rad] Change of a joint between two samples above which other postures are tried."""
 
 
 class _Question(NamedTuple):
@@ -111,7 +111,7 @@ class _Question(NamedTuple):
 
     target: Array
     goal: Array
-    """`target`, or where it is moved to for the search if it is absurdly far."""
+    """`target`, moved closer for the search if it is very far away."""
     quadratic: Quadratic
     start: Array | None
 
@@ -122,27 +122,28 @@ class ArmIK(OneThread):
         minimise posture cost(q)  s.t.  p(q) = position,  x_n(q) . z_0 >= cos(handle_tilt),  lower <= q <= upper
 
     Fallback chain: our SQP from several starts; the backup solver; where the position cannot be reached, the posture
-    with the hand nearest to it. `solve` and `follow` answer to any numbers; q is always finite and inside its limits.
-    It remembers nothing from call to call: one thread at a time may use it, a second one that comes meanwhile gets a
-    `SharingError`. Copies and pickles are solvers of their own.
+    with the hand nearest to it. `solve` and `follow` accept any numbers; q is always finite and inside its limits. It
+    keeps no state between calls. One thread at a time may use it; a second one gets a `SharingError`. Copies and
+    pickles are independent.
 
     Parameters
     ----------
-    arm : any chain; the handle is the last frame's x axis. Locked joints stay out of the problem.
+    arm : any chain; the handle is the last frame's x axis. Locked joints are left out.
     handle_tilt : [rad] 0 to pi, largest angle between the handle and +z0; None for no such constraint. Below 1e-5 the
         handle is aligned exactly. The default is 2 deg: exact alignment empties the restricted workspace (math.md, 1).
     posture_cost : weights of `PostureCost`.
     rest : (n,) [rad] rest posture; None for the arm's own.
     solver, backup : "sqp" (ours, compiled), "sqpmethod", "ipopt", "fatrop".
     tolerance : largest certificate residual, in m, rad and scaled cost.
-    starts : starts of a cold solve, of which the best answer is kept.
-    nearest_starts : starts of the search for the nearest reachable position.
-    table_size : postures that starts are picked from; built with the first cold solve, a few tenths of a second.
-    compile : see `BufferedFunction`; a new geometry compiles once, for two seconds.
+    starts : number of starts of a cold solve; the best answer is kept.
+    nearest_starts : number of starts of the search for the nearest reachable position.
+    table_size : number of postures from which starts are picked; the first cold solve builds the table in a few tenths
+        of a second.
+    compile : see `BufferedFunction`; a new geometry compiles once, in two seconds.
 
     Raises
     ------
-    ConfigurationError : a value that cannot be used.
+    ConfigurationError : an invalid argument.
     """
 
     def __init__(
@@ -197,8 +198,8 @@ class ArmIK(OneThread):
         Parameters
         ----------
         position : (3,) [m] in the base frame.
-        start : (n,) [rad] posture to search from and the one before for the costs of change; the local answer is
-            kept. None searches from several starts and keeps the best.
+        start : (n,) [rad] start of a local search, and previous posture for the costs of change. None searches from
+            several starts and keeps the best.
 
         Raises
         ------
@@ -210,7 +211,7 @@ class ArmIK(OneThread):
             return self._answer(target, History(previous=q, origin=q))[0]
 
     def follow(self, path: ArrayLike, start: ArrayLike | None = None) -> IKPath:
-        """Postures along a path, each starting from the one before.
+        """Postures along a path; each search starts at the posture before.
 
         Parameters
         ----------
@@ -219,8 +220,8 @@ class ArmIK(OneThread):
 
         Returns
         -------
-        One answer a sample. A posture is left for another branch only where it cannot be continued; `max_step`
-        and `steps` show it.
+        One answer per sample. The path changes to another branch only if a posture cannot be continued; `max_step` and
+        `steps` show it.
         """
         targets = _numbers("path", path, (-1, 3))
         q = None if start is None else self._inside(_numbers("start", start, (self.arm.n,)))
@@ -249,7 +250,7 @@ class ArmIK(OneThread):
     def _answer(
         self, target: Array, history: History, multipliers: Array | float = 0.0, *, continuing: bool = False
     ) -> tuple[IKSolution, Array | float]:
-        """The fallback chain; also the multipliers with which the next sample may start."""
+        """Run the fallback chain; also returns multipliers for the start of the next sample."""
         search = self._search
         quadratic = self.cost.quadratic(history)
         start = history.previous
@@ -275,7 +276,7 @@ class ArmIK(OneThread):
         return self._second_stage(search, query, near)
 
     def _second_stage(self, search: IKSearch, query: _Question, near: Array | None) -> tuple[IKSolution, Array | float]:
-        """The nearest reachable position first: it separates an unreachable target from a solver's failure."""
+        """Search the nearest reachable position, which separates an unreachable target from a solver's failure."""
         nearest = search.nearest(query.goal, near)
         if nearest is None:
             reason = "no solver kept the handle within its tilt"
@@ -334,7 +335,7 @@ class ArmIK(OneThread):
         return cost if self._search is None else cost + self._search.manipulability_cost(q[self._search.free])
 
     def _inside(self, q: Array) -> Array | None:
-        """`q` moved into the limits; None where it is not a number."""
+        """`q` clipped to the limits; None if it is not finite."""
         if not np.isfinite(q).all():
             return None
         inside: Array = np.clip(q, self.arm.lower, self.arm.upper)

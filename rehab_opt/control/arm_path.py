@@ -1,9 +1,9 @@
-"""Postures of a person's arm along a recorded path of hand poses, planned for the whole path beforehand.
+"""Plan postures of a person's arm along a whole recorded path of hand poses.
 
-An arm that always moves to the nearest posture ends in a corner of its range where another posture would have gone on.
-So many postures track the path in parallel, each from a start of its own, and dynamic programming finds the best
-sequence through all of them: a knot that is reached counts 1, a change of posture `CHANGE` a radian. Where the posture
-changes, the arm moves straight to the next one, within its range (a box), while the recording waits.
+An arm that always moves to the nearest posture may end at a limit where another posture could continue. Therefore many
+tracks of postures follow the path in parallel from different starts, and dynamic programming finds the best sequence: a
+knot that is reached gains 1, a change of posture costs `CHANGE` per radian. At a change the arm moves straight to the
+next posture, within its range (a box), while the recording waits.
 """
 
 from __future__ import annotations
@@ -26,21 +26,21 @@ Array = NDArray[np.float64]
 
 KNOTS = 120
 TRACKS, ENOUGH = (4, 100), 0.98
-"""Postures led along at first, and where they reach less than this fraction of the knots."""
+"""Number of tracks, first and second attempt; fraction of reached knots below which the second follows."""
 FOUND, ROUNDS, STRIDE = 40, 5, 0.3
-"""Steps to the first knot, to each further one, and how far one of them goes at most [rad]."""
+"""Steps to the first knot, steps to each further one, and largest step [rad]."""
 CHANGE = 0.5
 """[knots/rad]"""
 JUMP = 0.4
-"""[rad] between knots, from which on a posture counts as another one."""
+"""[rad] Difference between knots above which the posture counts as changed."""
 SPEED = 1.0
-"""[rad/s] of the joint that moves furthest, on average, from one posture to another."""
+"""[rad/s] Mean speed, in a change of posture, of the joint that moves furthest."""
 STEP = 0.03
-"""[rad] from sample to sample, from which on the recording waits for the posture to change."""
+"""[rad] Difference between samples above which the recording waits for the change of posture."""
 NEAR, TURNED, TURN_LENGTH = 1e-3, math.radians(1.0), 0.1
-"""[m, rad] within which a pose is reached, and [m/rad] what a turn counts for against a place."""
+"""[m, rad] Tolerance of a reached pose, and [m/rad] weight of a rotation relative to a position."""
 DAMPING, PULL = 1e-5, 1e-5
-"""[m^2] Of a step, and what a radian away from the way between knots costs."""
+"""[m^2] Damping of a step, and weight of the deviation from the line between knots [per rad^2]."""
 
 
 class ArmPath(NamedTuple):
@@ -49,15 +49,15 @@ class ArmPath(NamedTuple):
     q: Array
     """(N, m) [rad] postures."""
     poses: Array
-    """(N, 4, 4) of the tool that the hand holds."""
+    """(N, 4, 4) poses of the tool that the hand holds."""
     twists: Array
-    """(N, 6) [m/s, rad/s] mean over the tick before; at the first zero."""
+    """(N, 6) [m/s, rad/s] mean over the previous tick; the first is zero."""
     reference_index: NDArray[np.int_]
-    """(N,) which sample of the reference: the same again while the posture changes."""
+    """(N,) sample of the reference; constant while the posture changes."""
 
 
 def arm_path(arm: SerialChain, grip: Array, tools: Array, *, dt: float, seed: int = 0) -> ArmPath:
-    """Postures of `arm`, which holds the tool by `grip` (4, 4), along tool poses (N, 4, 4) `dt` [s] apart."""
+    """Postures of `arm`, which holds the tool with `grip` (4, 4), along tool poses (N, 4, 4) `dt` [s] apart."""
     moves = Postures(replace(arm, tool=arm.tool @ grip))
     knots = np.unique(np.linspace(0, len(tools) - 1, KNOTS).astype(int))
     best = np.zeros((len(knots), arm.n))
@@ -105,9 +105,9 @@ class Postures:
         )
 
     def nearest(self, q: Array, poses: Array, *, rounds: int, pull: float = 0.0) -> tuple[Array, Array]:
-        """Postures (M, m) nearest to the poses (M, 4, 4), from q on; what is missing, 1 where it just counts as none.
+        """Postures (M, m) nearest to the poses (M, 4, 4), starting at q; and their errors, 1 at the tolerance.
 
-        Levenberg-Marquardt steps; a joint at a limit that a step leads beyond takes no part in it.
+        It takes Levenberg-Marquardt steps; a joint at a limit is held in a step that would pass the limit.
         """
         lower, upper, n = self.chain.lower, self.chain.upper, self.chain.n
         about, damping = q, np.full(len(q), DAMPING)
@@ -135,9 +135,9 @@ class Postures:
         return q, missing.max(axis=1)
 
     def tracks(self, poses: Array, count: int, rng: np.random.Generator) -> tuple[Array, Array]:
-        """(K, count, m) postures from starts at random along K poses, and what is missing (K, count).
+        """(K, count, m) postures along K poses from random starts, and their errors (K, count).
 
-        A quarter of those that miss are drawn anew now and then.
+        Now and then a quarter of the tracks that miss are restarted at random.
         """
         lower, upper, n = self.chain.lower, self.chain.upper, self.chain.n
         found, missing = np.empty((len(poses), count, n)), np.empty((len(poses), count))
@@ -162,13 +162,13 @@ class Postures:
 
 
 def _ways(here: Array, there: Array) -> Array:
-    """(N, 6) [m, rad] from poses (N, 4, 4) to others."""
+    """(N, 6) [m, rad] differences from poses (N, 4, 4) to others."""
     turns = turns_between(here[:, :3, :3], there[:, :3, :3])
     return np.concatenate([there[:, :3, 3] - here[:, :3, 3], turns], axis=1)
 
 
 def _best_way(tracks: Array, missing: Array) -> NDArray[np.int_]:
-    """(K,) which of the tracks (K, M, m) is gone along from knot to knot."""
+    """(K,) index of the best of the tracks (K, M, m) at each knot."""
     gain = np.where(missing <= 1.0, 1.0, -0.01 * np.minimum(missing, 100.0) / 100.0)
     value, before = gain[0], np.zeros(missing.shape, dtype=int)
     for k in range(1, len(tracks)):

@@ -1,4 +1,4 @@
-"""Force-bounded assistance: the field's force, as much of it as the bounds on a person's side allow."""
+"""Assistance with bounded force: the field's force within bounds for a person."""
 
 from __future__ import annotations
 
@@ -24,24 +24,25 @@ __all__ = ["Assistance"]
 
 
 class Assistance(BoundedForce):
-    """Force on a hand [N], from a field that leads it and a gate that says when; bounded as `BoundedForce`.
+    """Force on a hand [N] from a field, gated by a workspace, and bounded as in `BoundedForce`.
 
-    Inside the comfortable workspace a therapy mode wants no force: its size never grows there, and is exactly zero
-    after force_limit / slew_limit seconds. Field and workspace may be shared with other threads' objects.
+    In a therapy mode the desired force is zero inside the comfortable workspace: the force never grows there and is
+    exactly zero after force_limit / slew_limit seconds. Threads may share field and workspace.
 
     Parameters
     ----------
-    field : what to follow; `set_field` exchanges it.
+    field : the field; `set_field` replaces it.
     comfortable : workspace of the gate; not empty.
     mode : "stretch", "assist", "resist", "follow", "hold": see `gated_force`.
     force_limit : [N] largest size of the force.
-    onset : [m] over which a therapy's force grows beyond the boundary; zero is Eq. (23).
-    return_stiffness, return_force : [N/m, N] of the pull back to the workspace in a task, see `gated_force`.
+    onset : [m] distance beyond the boundary over which a therapy's force grows; zero gives Eq. (23).
+    return_stiffness, return_force : [N/m, N] stiffness and limit of the pull back to the workspace in "follow" and
+        "hold", see `gated_force`.
     bounds : all other arguments of `BoundedForce`.
 
     Raises
     ------
-    ConfigurationError : an argument that cannot be used.
+    ConfigurationError : an invalid argument.
     """
 
     comfortable: Workspace = setting()
@@ -71,14 +72,14 @@ class Assistance(BoundedForce):
                 force=checked_number("return_force", return_force, above=0.0),
             ),
         )
-        """`GATE` of this one."""
+        """`GATE` of this controller."""
         self._edges, self._compile = edge_columns(comfortable.polygon), bounds.get("compile")
         self._known: WeakKeyDictionary[PotentialField, tuple[DesiredForce, memoryview[float]]] = WeakKeyDictionary()
         self.set_field(field)
         super().__init__(self._desired, force_limit=force_limit, **bounds)
 
     def set_field(self, field: PotentialField) -> None:
-        """Another field from now on: the next target of a grid, say; the slew bound makes the change smooth."""
+        """Replace the field, for the next target of a grid; the slew bound makes the change smooth."""
         if not isinstance(field, PotentialField):
             raise ConfigurationError("field", field, "a PotentialField")
         self._refuse_others()
@@ -89,7 +90,7 @@ class Assistance(BoundedForce):
         self._by[0] = self._by[1] = 0.0
 
     def _gated(self, field: PotentialField) -> tuple[DesiredForce, memoryview[float]]:
-        """The desired force of a field, and how far [m] the field is shifted from where it was made."""
+        """The desired force of a field, and a view of the field's offset [m]."""
         samples, in_blocks = arranged_samples(field.samples, compile=self._compile)
         statement = gated_force(len(self._edges), samples.shape[int(in_blocks)], in_blocks=in_blocks)
         function = BufferedFunction(statement, compile=self._compile)
@@ -109,9 +110,9 @@ class Assistance(BoundedForce):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What of field, bounds and delay does not go together, and which number would; see `settling_notes`.
+        """Notes on field, bounds and delay that do not fit together, with better values; see `settling_notes`.
 
-        Empty where every hand comes to rest.
+        Empty if every hand comes to rest.
         """
         field = self.field
         drag = 2.0 * abs(field.drag) if field.drag == field.drag else 0.0  # a learnt one has it in its samples
@@ -122,14 +123,14 @@ class Assistance(BoundedForce):
 
     @property
     def offset(self) -> tuple[float, float]:
-        """[m] how far the field stands from where it was made."""
+        """[m] offset of the field from its original position."""
         return self._by[0], self._by[1]
 
     def shift(self, dx: float, dy: float) -> None:
-        """Let the field stand (dx, dy) [m] from where it was made, for a target that moves; `set_field` puts it back.
+        """Set the field's offset (dx, dy) [m] from its original position, for a moving target; `set_field` resets it.
 
-        Called in every tick, with a motion that is smooth: the force follows as fast as its slew bound allows. Where
-        the target is no number, the force is released.
+        Call it in every tick with a smooth motion; the force follows within its slew bound. A NaN offset releases the
+        force.
 
         Raises
         ------

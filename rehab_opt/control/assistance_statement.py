@@ -12,7 +12,7 @@ from rehab_opt.optim.rows import parameter, variable, within
 __all__ = ["EXACT", "TINY", "assistance_statement"]
 
 EXACT = 1 - 1e-12
-"""Shrinking aims so far below a bound that rounding stays below it, too."""
+"""Target of shrinking, as a fraction of a bound, so that rounding does not pass the bound."""
 TINY = 1e-12
 """[N] A force that is none."""
 
@@ -21,13 +21,13 @@ TINY = 1e-12
 def assistance_statement() -> Statement:
     """Min |F - F_desired|^2  s.t.  |F| <= ceiling, |F - F_last| <= step.
 
-    Parameters are the desired force (2,), which is within the ceiling, and ceiling, step and force limit; the memory is
-    the last force. The ceiling is what force limit, growth limit and energy tank allow; no further than a step from it.
+    Parameters are the desired force (2,), already within the ceiling, then ceiling, step and force limit; the memory is
+    the last force. Force limit, growth limit and energy tank determine the ceiling.
 
-    The answer has a closed form: the desired force, else the point towards it on the disc of the slew bound, else,
-    where the ceiling fell below the last force, the point where both circles meet on the desired force's side. The rows
-    are the tangents of both discs there, so its multipliers certify it for the discs. What a solver leaves outside the
-    discs is shrunk after the solve.
+    The answer has a closed form: the desired force, or the point towards it on the circle of the slew bound, or, if the
+    ceiling fell below the last force, the intersection of both circles on the desired force's side. The rows are the
+    tangents of both discs there, so the multipliers certify the answer for the discs. A solver's answer outside the
+    discs is shrunk afterwards.
     """
     desired, last = parameter("desired", 2), parameter("last", 2)
     ceiling, step, force_limit = (parameter(name, 1) for name in ("ceiling", "step", "force_limit"))
@@ -66,7 +66,7 @@ def assistance_statement() -> Statement:
 
 
 def _within(vector: ca.SX, radius: ca.SX) -> ca.SX:
-    """The vector, shortened to a disc's radius."""
+    """The vector, shortened to at most `radius`."""
     return vector * ca.fmin(1, radius / ca.fmax(ca.norm_2(vector), TINY))
 
 
@@ -75,6 +75,6 @@ def _cross(a: ca.SX, b: ca.SX) -> ca.SX:
 
 
 def _direction(vector: ca.SX) -> ca.SX:
-    """Unit vector, or along x where there is none."""
+    """Unit vector; along x for a zero vector."""
     size = ca.norm_2(vector)
     return ca.if_else(size > TINY, vector / ca.fmax(size, TINY), ca.SX([1, 0]))

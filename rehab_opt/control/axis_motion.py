@@ -1,4 +1,4 @@
-"""Free axes: their bounds, and motion in pieces of constant jerk, its range of positions and time-optimal stop."""
+"""Independent axes: bounds, motion in pieces of constant jerk, position range and time-optimal stop."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ MAX_AXES = 10_000
 
 
 class AxisBounds(NamedTuple):
-    """Bounds of n free axes, each (n,) in u, u/s, u/s^2 and u/s^3 with u = rad or m."""
+    """Bounds of n independent axes, each (n,) in u, u/s, u/s^2 and u/s^3 with u = rad or m."""
 
     lower: list[float]
     upper: list[float]
@@ -37,7 +37,7 @@ def axis_bounds(
     jerk: ArrayLike,
     axes: int | None = None,
 ) -> AxisBounds:
-    """Bounds as a caller gives them, a scalar for all axes and None for no bound, or what is wrong with them."""
+    """Checked bounds from a caller's; a scalar applies to all axes, None means no bound."""
     given = {
         "lower": -math.inf if lower is None else lower,
         "upper": math.inf if upper is None else upper,
@@ -73,7 +73,7 @@ class Piece(NamedTuple):
         return p + t * (v + t * (a / 2.0 + t * j / 6.0)), v + t * (a + t * j / 2.0), a + t * j
 
     def turns(self) -> list[float]:
-        """The times within the piece [s] at which the velocity passes zero: roots of v + a t + j t^2 / 2."""
+        """Times within the piece [s] of zero velocity: roots of v + a t + j t^2 / 2."""
         _, _, v, a, j = self
         discriminant = a * a - 2.0 * j * v
         if not discriminant >= 0.0:
@@ -85,23 +85,23 @@ class Piece(NamedTuple):
 
 
 def position_range(pieces: Sequence[Piece]) -> tuple[float, float]:
-    """The least and the largest position [u] that a motion comes to: at its ends or where it turns round."""
+    """Smallest and largest position [u] of a motion: at its ends or at reversals."""
     positions = [piece.after(t)[0] for piece in pieces for t in (0.0, *piece.turns(), piece.seconds)]
     return min(positions), max(positions)
 
 
 def stopping_distance(speed: float, acceleration: float, jerk: float) -> float:
-    """Distance [u] in which a steadily moving axis comes to rest; it has the sign of `speed` [u/s]."""
+    """Stopping distance [u] of an axis at constant `speed` [u/s], with the sign of the speed."""
     v = abs(speed)
     seconds = v / acceleration + acceleration / jerk if v * jerk >= acceleration**2 else 2.0 * math.sqrt(v / jerk)
     return 0.5 * speed * seconds
 
 
 def planned_range(profile: Any, extent: Any) -> tuple[float, float]:
-    """The least and the largest position [u] of one axis of a profile of Ruckig's, whose own `extent` errs.
+    """Smallest and largest position [u] of one axis of a Ruckig profile, whose own `extent` is wrong in some cases.
 
-    Where an axis turns round at constant acceleration, Ruckig takes the ends of that time only: in the second or the
-    sixth piece, or in what brings it inside its velocity bounds first.
+    If an axis reverses at constant acceleration (second or sixth piece, or initial braking), Ruckig considers only the
+    ends of that piece.
     """
     v = profile.v
     if v[1] * v[2] >= 0.0 and v[5] * v[6] >= 0.0 and profile.brake.duration == 0.0:
@@ -113,9 +113,9 @@ def planned_range(profile: Any, extent: Any) -> tuple[float, float]:
 
 
 class AxisStop:
-    """Time-optimal stop of one axis: acceleration ramps to its bound, stays there, and ramps to zero.
+    """Time-optimal stop of one axis: the acceleration ramps to its bound, stays there, and ramps to zero.
 
-    It needs no planner, so that an axis can be stopped when a planner fails.
+    It needs no planner, so it also works if the planner fails.
 
     Parameters
     ----------
@@ -128,7 +128,7 @@ class AxisStop:
     lowest: float
     """[u]"""
     highest: float
-    """[u] Least and largest position on the way, its ends included."""
+    """[u] Smallest and largest position during the stop, ends included."""
     seconds: float
     """[s] until the axis rests."""
 
@@ -151,7 +151,7 @@ class AxisStop:
         self.lowest, self.highest = position_range(self._pieces)
 
     def at(self, t: float) -> tuple[float, float, float]:
-        """Position, velocity, acceleration after `t` seconds [u, u/s, u/s^2]; at rest from the end on."""
+        """Position, velocity, acceleration after `t` seconds [u, u/s, u/s^2]; at rest after the end."""
         for piece in self._pieces:
             if t < piece.seconds:
                 return piece.after(t)

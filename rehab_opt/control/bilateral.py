@@ -1,13 +1,13 @@
 """Helper and participant at one task, each in their own workspace: sections V and VII-C, Rossa et al.
 
-The helper's hand x_h is mapped to g(x_h), and a spring draws the participant's hand there. The participant's force goes
-back as J(x_h)' F, the transpose of the map's Jacobian, so that power is the same on both sides. Each side has a force
-with bounds and a tank of its own; the sides exchange messages, which may take time. A tank sends a fraction of its
-energy with every message and adds what it receives: what one hand puts in can move the other, and whatever the delay
-and the hands do, no more leaves than the tanks held at first and the hands put in since. Messages are numbered: one
-that comes twice, or after a later one, counts as none, so that no energy is taken twice; what is lost with one is lost.
-One whose number leaps by more than 100 counts as none until the next follows on it: a corrupted number silences no
-side, and one that was cut off for long hears the other again from the second message on.
+The map takes the helper's hand x_h to g(x_h), and a spring pulls the participant's hand there. The participant's force
+returns as J(x_h)' F, with the map's Jacobian J, so that power is the same on both sides. Each side has its own force
+bounds and energy tank; the sides exchange messages, which may be delayed. A tank sends a fraction of its energy with
+every message and adds the received energy, so that the work of one hand can move the other. For any delay and any
+motion of the hands, no more energy leaves than the tanks contained at first and the hands put in since. Messages are
+numbered: a duplicate, or one after a later one, is ignored, so that no energy counts twice; the energy of a lost
+message is lost. A message whose number leaps by more than 100 is ignored until its successor arrives. So a corrupted
+number blocks nothing, and after a long interruption the second message counts again.
 """
 
 from __future__ import annotations
@@ -35,18 +35,18 @@ class BilateralCommand(NamedTuple):
 
 
 class Bilateral(OneThread):
-    """Both sides in one process, with a delay between them: for simulation, and robots on one computer.
+    """Both sides in one process with a delay between them, for simulation, or for two robots on one computer.
 
     An object belongs to one thread, see `OneThread`, and so do its sides.
 
     Parameters
     ----------
-    helper, participant : the sides, of one tick.
-    delay : [s] one way, to the nearest whole tick; `delay` of the object is what that is.
+    helper, participant : the sides, with equal `dt`.
+    delay : [s] one way, rounded to whole ticks; the attribute `delay` is the rounded value.
 
     Raises
     ------
-    ConfigurationError : what is no such side, ticks that differ, a delay that is none.
+    ConfigurationError : a wrong type of side, different ticks, an invalid delay.
     """
 
     def __init__(self, helper: HelperSide, participant: ParticipantSide, *, delay: float = 0.0) -> None:
@@ -63,7 +63,7 @@ class Bilateral(OneThread):
         self.reset()
 
     def reset(self) -> None:
-        """Nothing is under way."""
+        """Reset both sides; no message is under way."""
         self._claim()
         self.helper.reset()
         self.participant.reset()
@@ -87,7 +87,7 @@ class Bilateral(OneThread):
     ) -> BilateralCommand:
         """Forces for the helper's hand (2,) [m] in their workspace and the participant's (2,) [m] in theirs.
 
-        A message takes the delay and one tick. An argument that cannot be used is refused before anything has moved on.
+        A message takes the delay and one tick. Invalid arguments raise an error before any state changes.
         """
         if self._owner != get_ident():
             self._claim()

@@ -29,11 +29,11 @@ __all__ = ["FromHelper", "FromParticipant", "HelperSide", "ParticipantSide"]
 Array = NDArray[np.float64]
 NO_FORCE = (math.nan, math.nan)
 POINT = 0.01
-"""[m] Width of a field of one point: it has no meaning there."""
+"""[m] Width of a field of one point, where it has no effect."""
 
 
 class FromHelper(NamedTuple):
-    """Message of the helper's side: where the hand is [m], energy given [J], and a number."""
+    """Message of the helper's side: hand position [m], sent energy [J], and serial number."""
 
     x: float
     y: float
@@ -42,7 +42,7 @@ class FromHelper(NamedTuple):
 
 
 class FromParticipant(NamedTuple):
-    """Message of the participant's side: where the hand is [m], force on it [N], energy given [J], and a number."""
+    """Message of the participant's side: hand position [m], force on it [N], sent energy [J], serial number."""
 
     x: float
     y: float
@@ -53,21 +53,21 @@ class FromParticipant(NamedTuple):
 
 
 class _Messages:
-    """What a side hears and says.
+    """Received and sent messages of a side.
 
-    `reset` leaves the numbers: with new ones, a message from before it could be taken twice.
+    `reset` keeps the serial numbers; otherwise a message from before the reset could count twice.
     """
 
     def __init__(self, force: BoundedForce, exchange: float) -> None:
         self._force = force
         self.fraction = min(checked_number("exchange", exchange, above=-1e-12, below=1e4) * force.dt, 1.0)
-        """Fraction of the energy that is given with a message."""
+        """Fraction of the energy that is sent with a message."""
         self.numbers: Array = np.zeros(NUMBERS.size)
         """`NUMBERS`"""
         self._hear, self._say = (BufferedFunction(part(force.slots)) for part in (hear, say))
 
     def hear(self, *message: float) -> Array:
-        """Take the energy of a message: that, its number and two more, which are given back; see `force_tick.hear`."""
+        """Process a message (energy, serial, two more numbers); returns those two numbers, see `force_tick.hear`."""
         force = self._force
         if force._owner != get_ident():
             force._refuse_others()
@@ -77,7 +77,7 @@ class _Messages:
         return told
 
     def say(self) -> list[float]:
-        """`MESSAGE` after a tick."""
+        """Message (`MESSAGE`) after a tick."""
         force = self._force
         given = force.model, force._watched, force._force, self.fraction, force._view, self.numbers
         force._watched[:] = self._say.of(*given)
@@ -86,7 +86,7 @@ class _Messages:
 
 
 class ParticipantSide(OneThread):
-    """Draws the participant's hand to the image of the helper's, inside the participant's comfortable workspace.
+    """Pulls the participant's hand to the image of the helper's, inside the participant's comfortable workspace.
 
     An object belongs to one thread, see `OneThread`; the other side may run in another one, with the same map.
 
@@ -95,7 +95,7 @@ class ParticipantSide(OneThread):
     workspace_map : from the helper's workspace to the participant's.
     comfortable : of the participant; outside it there is a bounded pull back, see `Assistance`.
     stiffness, damping : [N/m], [N s/m] of the spring.
-    exchange : [1/s] fraction of the tank's energy, beyond what its force may still draw, that is given away a second.
+    exchange : [1/s] fraction of the tank's free energy that is sent per second.
     force_limit : [N]. bounds : see `BoundedForce`.
 
     Raises
@@ -128,7 +128,7 @@ class ParticipantSide(OneThread):
     def reset(self) -> None:
         """No force, a full tank, no message received.
 
-        The numbers of messages go on; where the other side is made anew, whose count begins again, make this one anew.
+        Serial numbers continue. If the other side is a new object, whose numbers restart, make this side anew, too.
         """
         self._claim()
         self.force.reset()
@@ -144,7 +144,7 @@ class ParticipantSide(OneThread):
         enable: object = True,
         stamp: float | None = None,
     ) -> tuple[Command, FromParticipant]:
-        """Force on the participant's hand at x (2,) [m], and what the helper is to hear; see `BoundedForce.step`.
+        """Force on the participant's hand at x (2,) [m], and the message to the helper; see `BoundedForce.step`.
 
         Without a new message the force is released, inside the workspace and outside it.
         """
@@ -161,7 +161,7 @@ class ParticipantSide(OneThread):
 
 
 class HelperSide(OneThread):
-    """Lets the helper feel the participant's force, by J(x_h)' of the map; inside the map's source.
+    """Renders the participant's force to the helper through the map's J(x_h)', inside the map's source.
 
     An object belongs to one thread, see `OneThread`.
 
@@ -214,9 +214,9 @@ class HelperSide(OneThread):
 
     @property
     def partner(self) -> Array:
-        """(2,) [m] the participant's hand, as last received, in the helper's workspace: g inverse; NaN where it is not.
+        """(2,) [m] last received participant's hand in the helper's workspace (inverse map); NaN if there is none.
 
-        For a display: a Newton solve.
+        For displays; it takes a Newton solve.
         """
         return self.workspace_map.preimage(_floats(*self._partner))
 
@@ -229,7 +229,7 @@ class HelperSide(OneThread):
         enable: object = True,
         stamp: float | None = None,
     ) -> tuple[Command, FromHelper]:
-        """Force on the helper's hand at x (2,) [m], and what the participant's side is to hear.
+        """Force on the helper's hand at x (2,) [m], and the message to the participant's side.
 
         Without a new message the force is released, inside the workspace and outside it.
         """
@@ -255,7 +255,7 @@ class HelperSide(OneThread):
 
 
 def _floats(x: float, y: float) -> Array:
-    """Two numbers of a message, NaN where one is out of range."""
+    """Two numbers of a message; NaN if one is out of range."""
     return np.array((x, y) if -BEYOND < x < BEYOND and -BEYOND < y < BEYOND else NO_FORCE)
 
 

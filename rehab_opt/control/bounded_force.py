@@ -1,4 +1,4 @@
-"""Force on a hand: the desired one as far as the bounds for a person allow."""
+"""Force on a hand: the desired force within bounds for a person."""
 
 from __future__ import annotations
 
@@ -41,11 +41,11 @@ _NAN, _new, _read_only = math.nan, tuple.__new__, np.frombuffer
 _BOUNDS = tuple(Relaxed(i) for i in range(16))  # looked up, since making an IntFlag costs half a microsecond
 _REASON, _PLACE = VIEW["reason"], STAMPS.size + HAND["x"]
 NOISE_PEAK = 6.0
-"""Standard deviations of noise that a position may move by between two samples, of two positions and both axes."""
+"""Largest displacement by noise between two samples, in standard deviations of one coordinate."""
 
 
 class ForceBounds(TypedDict, total=False):
-    """Options that go through to `BoundedForce`."""
+    """Options that are passed on to `BoundedForce`."""
 
     slew_limit: float
     growth_limit: float
@@ -66,51 +66,51 @@ class ForceBounds(TypedDict, total=False):
 
 
 class BoundedForce(OneThread):
-    """Force on a hand [N]: the desired one as far as bounds on its size, its change and its energy allow.
+    """Force on a hand [N]: the desired force within bounds on size, change and energy.
 
     min  |F - F_desired|^2
     s.t. |F - F_last| <= slew_limit dt,
-         |F| <= min(force_limit, largest force of late + growth_limit dt, what the energy tank affords)
+         |F| <= min(force_limit, largest recent force + growth_limit dt, force that the energy tank affords)
 
-    The force bound holds exactly and always. The slew bound holds but for a flagged release (`Relaxed.SLEW`): the force
-    is zero at once when the hand moves faster than `speed_cap`, or the energy left no longer affords a release within
-    the slew bound. The energy delivered stays within the budget as long as the hand stays below the speed cap and
-    ticks come within `max_age`; a faster hand can draw the force limit times its jump more, once, before the release.
-    A missing answer, a sensor value that is no number, a stale stamp, an open dead-man switch: the force falls to zero
-    within the slew bound. Nothing is pulled or pushed in a state that is not known. Help that the energy left holds
-    back says so in its reason.
+    The force bound always holds exactly. The slew bound holds except in a flagged release (`Relaxed.SLEW`): the force
+    is zero at once if the hand is faster than `speed_cap`, or if the remaining energy does not allow a release within
+    the slew bound. The delivered energy stays within the budget if the hand stays below the speed cap and ticks come
+    within `max_age`; a faster hand can draw at most the force limit times its jump more, once, before the release.
+    After a missing answer, an invalid sensor value, a stale stamp or a released dead man's switch, the force falls to
+    zero within the slew bound; an unknown state gets no force. If the remaining energy limits the force, the reason
+    says so.
 
-    What it does not see: a sensor that lies by less than a hand can move in a tick; how late a tick comes, where no
-    stamps are given; a jump after samples that were not valid, or a rest so exact that the sensor may have been
-    frozen, which counts as the motion of all that time (its energy does not go beyond the budget either).
+    It does not detect sensor errors smaller than a possible motion within a tick, or late ticks without stamps. A jump
+    after invalid samples, or after a possibly frozen sensor, counts as motion over that whole time; its energy stays
+    within the budget, too.
 
     An object belongs to one thread: see `OneThread`.
 
     Parameters
     ----------
-    desired_force : x, y [m], velocity [m/s] -> desired force [N], before any bound; may be no number.
+    desired_force : function of x, y [m] and velocity [m/s] -> desired force [N], unbounded and possibly NaN.
     force_limit : [N] largest size of the force.
-    slew_limit : [N/s] largest change, as the length of a vector, per nominal tick. It is what lets a spring hold a hand
-        still: the force must follow the swing that it is to damp, see `rehab_opt.field.settling`.
-    growth_limit : [N/s] rate at which the force may grow beyond the largest of the last ticks, a value that fades by
-        force_limit / 2 a second. Below that value the force changes as fast as the slew limit allows. The slew limit or
-        more for no such bound.
-    energy_budget : [J] what may be delivered to the hand until `reset`, net of what the hand puts in; see `EnergyTank`.
-    speed_cap : [m/s] hand speed from which on the force is let go.
-    actuation_delay : [s] from a command until its force acts, and from a position until `step` gets it, together.
+    slew_limit : [N/s] largest change per nominal tick, as the length of a vector. It must be large enough for the force
+        to follow and damp oscillations, see `rehab_opt.field.settling`.
+    growth_limit : [N/s] largest growth rate of the force beyond its largest recent value, which fades by force_limit /
+        2 per second. Below this value only the slew limit applies. A value of the slew limit or more disables this
+        bound.
+    energy_budget : [J] net energy that may be delivered to the hand until `reset`; see `EnergyTank`.
+    speed_cap : [m/s] hand speed above which the force is released.
+    actuation_delay : [s] sum of the delays from a command to its force and from a position to `step`.
     actuation_lag : [s] time constant at which the acting force follows.
-    actuation_uncertainty : [s] by which each of them may be more than was given. Energy is counted by all forces that
-        may act, of the last delay + 5 lag (18 ms by default), see `EnergyTank`; where all three are zero, as of an
-        ideal plant, by the last command.
-    position_noise : [m] standard deviation of each coordinate: positions may jump by six of them; learnt from the
-        positions by default, in 0.2 s and up to 1.2 mm. A hand that moves on and on above the speed cap is found by its
-        estimated velocity then, as soon as that is beyond the cap by the jump over `velocity_lag`. For the energy,
-        noise is motion, and is miscounted where the force drives the motion by its velocity: give a filtered one then.
-    velocity_lag : [s] of the velocity that is estimated where none is given: two low-passes of half of it. It lags by
-        this and half a tick.
-    trust_stillness : believe positions that repeat themselves exactly. A frozen sensor looks the same, so by default
-        energy is set aside meanwhile, and the force falls where there is none left: a hand that is seen to move by a
-        count of the encoder now and then never notices.
+    actuation_uncertainty : [s] by which delay and lag may each be larger. The energy count considers all forces of the
+        last delay + 5 lag (18 ms by default), see `EnergyTank`. If all three are zero (ideal plant), it considers the
+        last command.
+    position_noise : [m] standard deviation of each coordinate; positions may jump by six of these. By default it is
+        learnt within 0.2 s, up to 1.2 mm. A hand that keeps moving above the speed cap is then detected by its
+        estimated velocity, once that exceeds the cap by the jump over `velocity_lag`. The energy count treats noise as
+        motion and is wrong if the force depends on a noisy velocity: pass a filtered one.
+    velocity_lag : [s] lag of the velocity that is estimated if none is passed: two low-passes with half of it each. The
+        total lag is half a tick more.
+    trust_stillness : accept exactly repeated positions. A frozen sensor looks the same, so by default energy is
+        reserved meanwhile, and the force falls if none is left. A hand whose encoder changes by a count now and then is
+        not affected.
     dt : [s] nominal tick. solver, backup, tolerance, compile : see `FallbackChain`. max_age : [s] see `Watchdog`.
 
     Raises
@@ -119,9 +119,9 @@ class BoundedForce(OneThread):
     """
 
     valid: bool
-    """Whether the last tick's state and inputs could be acted on."""
+    """Whether the last tick's state and inputs were valid."""
     desired_force: tuple[float, float]
-    """[N] desired force of the last tick, before any bound; zero where the state was not valid."""
+    """[N] desired force of the last tick, before any bound; zero for an invalid state."""
 
     force_limit: float = setting()
     slew_limit: float = setting()
@@ -173,10 +173,10 @@ class BoundedForce(OneThread):
         self._late_by = {"delay": delay + self.dt, "lag": lag, "velocity_lag": velocity_lag}
         window = delay + more + TAIL * (lag + more)
         self.slots = SLOTS if window > 0.0 else 1
-        """Pieces of time in which forces are under way."""
+        """Number of time slots of forces under way."""
         self.stated = self.statement()
         self._inside = solver == FUSED and not FallbackChain.is_recorded()
-        """Whether the QP is solved inside the tick; a recorder looks at the QP alone."""
+        """Whether the QP is solved inside the tick; a recorder needs it outside."""
         self._solvers = FallbackChain(
             self.stated,
             solver=solver,
@@ -203,7 +203,7 @@ class BoundedForce(OneThread):
             learns=position_noise is None,
             tolerance=tolerance,
         )
-        """`MODEL` of this one."""
+        """`MODEL` of this controller."""
         tick, force = force_tick(self.slots), np.zeros(2)
         self._judge = judge = BufferedFunction(tick.judge, compile=compile, inputs={2: force})
         _, watched, _, sample = judge.inputs
@@ -229,16 +229,16 @@ class BoundedForce(OneThread):
         return assistance_statement()
 
     def reset(self, *, energy: bool = True, force: ArrayLike = (0.0, 0.0)) -> None:
-        """Forget the past.
+        """Reset the state.
 
         Parameters
         ----------
-        energy : whether the tank is full again.
-        force : (2,) [N] what acts on the hand now, none by default; it is let go where the energy does not afford it.
+        energy : whether to refill the tank.
+        force : (2,) [N] current force on the hand, zero by default; it is released if the energy does not allow it.
 
         Raises
         ------
-        ConfigurationError : a force above its limit, or none of two numbers.
+        ConfigurationError : a force above its limit, or not two numbers.
         """
         acting = _pair("force", force)
         if not math.hypot(*acting) <= self.force_limit:
@@ -253,7 +253,7 @@ class BoundedForce(OneThread):
         self._give_away()
 
     def nothing_seen(self, force: tuple[float, float] = (0.0, 0.0)) -> Array:
-        """`watched_record` of a hand that was not seen yet, with a full tank, while a force acts [N]."""
+        """`watched_record` before the first sample, with a full tank and an acting force [N]."""
         impulse = np.zeros(self.slots)
         impulse[0] = math.hypot(*force) * self.model[MODEL["window"]]
         told: dict[str, ArrayLike] = {"level": self.energy_budget, "x": force[0], "y": force[1], "impulse": impulse}
@@ -268,20 +268,20 @@ class BoundedForce(OneThread):
 
     @property
     def energy_left(self) -> float:
-        """[J] what may certainly still be delivered."""
+        """[J] energy that may certainly still be delivered."""
         return self._now[self._level] - self._now[self._pending]
 
     @property
     def place(self) -> tuple[float, float]:
-        """[m] where the hand was in the last tick that was `valid`; NaN before the first."""
+        """[m] hand position in the last `valid` tick; NaN before the first."""
         return self._now[_PLACE], self._now[_PLACE + 1]
 
     def give_energy(self, fraction: float) -> float:
-        """[J] taken from the tank for another one: a fraction of what its force may not draw, at most all.
+        """[J] Take a fraction of the tank's free energy for another tank.
 
         Raises
         ------
-        ConfigurationError : no number of zero or more.
+        ConfigurationError : the fraction is negative or not a number.
         """
         if self._owner != get_ident():
             self._refuse_others()
@@ -290,7 +290,7 @@ class BoundedForce(OneThread):
         return float(self._give.outputs[1][0])
 
     def instance(self, x: ArrayLike, v: ArrayLike = (0.0, 0.0)) -> Instance:
-        """The QP for a hand at x (2,) moving at v (2,), with the last force and the energy of now, for inspection."""
+        """The QP for a hand at x (2,) with velocity v (2,), the last force and the current energy, for inspection."""
         point, velocity = np.asarray(x, dtype=np.float64), np.asarray(v, dtype=np.float64)
         ceiling, left, grown = self._affordable.of(self.model, self._watched, self._force)
         view = VIEW.numbers(
@@ -301,7 +301,7 @@ class BoundedForce(OneThread):
         return self.stated.instance(np.array(parameters), memory=self._force)
 
     def to_qpsolvers(self, x: ArrayLike, v: ArrayLike = (0.0, 0.0)) -> qpsolvers.Problem:
-        """The same as a `qpsolvers.Problem`."""
+        """`instance` as a `qpsolvers.Problem`."""
         from rehab_opt.optim.backends import to_qpsolvers  # noqa: PLC0415  (solvers load when used)
 
         return to_qpsolvers(self.instance(x, v))
@@ -311,13 +311,13 @@ class BoundedForce(OneThread):
     ) -> Command:
         """Force (2,) [N] to hold until the next tick.
 
-        Never raises on numbers: what is not valid gives a release, and its reason.
+        Numbers never raise: an invalid state gives a release and a reason.
 
         Parameters
         ----------
-        x : (2,) [m] where the hand is now.
-        v : (2,) [m/s] how it moves; estimated from the positions where it is not given.
-        enable : the dead-man input; anything but true releases.
+        x : (2,) [m] current hand position.
+        v : (2,) [m/s] hand velocity; estimated from the positions by default.
+        enable : dead man's switch; anything but True releases the force.
         stamp : time of the position [s]; checked by the watchdog when given.
 
         Raises
@@ -351,7 +351,7 @@ class BoundedForce(OneThread):
         return self._by_other_solvers()
 
     def _by_other_solvers(self) -> Command:
-        """The tick with the QP solved outside of it."""
+        """The tick with the QP solved outside."""
         solvers, precompute, finish, solver = self._solvers, self._precompute, self._finish, ""
         solvers.verdict[:] = array("d", [_NAN] * len(solvers.verdict))
         precompute.evaluate()
@@ -368,7 +368,7 @@ class BoundedForce(OneThread):
         return command
 
     def _command(self, solved: memoryview[float], names: Sequence[str]) -> Command:
-        """What a tick has `SOLVED`; it is the last one from now on."""
+        """The command of `SOLVED`, which also becomes the last command."""
         _, x, y, status, residual, solver, relaxed, scale, reason, *rest = solved.tolist()
         self._held[0], self._held[1], self.desired_force = x, y, (rest[3], rest[4])
         value = _read_only(self._held.tobytes())  # a copy
@@ -384,7 +384,7 @@ def _view(numbers: Array) -> memoryview[float]:
 
 
 def _pair(argument: str, value: Any) -> tuple[float, float]:
-    """Two floats; infinite where a number is too large for one."""
+    """Two floats; infinite if a number is too large."""
     if type(value) is np.ndarray and value.dtype is _FLOATS and value.shape == (2,):
         first, second = value.tolist()
         return first, second

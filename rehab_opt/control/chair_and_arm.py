@@ -27,7 +27,7 @@ Array = NDArray[np.float64]
 
 
 TINY = 1e-12
-"""[m/s, rad/s] A change of velocity that is none."""
+"""[m/s, rad/s] Changes of velocity below this count as zero."""
 
 
 class ChairAndArm(VelocityController):
@@ -37,23 +37,23 @@ class ChairAndArm(VelocityController):
     s.t. J u = w + progress r/|r| + off e/|e|,   0 <= progress <= |r|,  0 <= off <= |e|
          |u - u_last| <= acceleration dt,  the bounds of `ChairLimits`,  and at the stop posture z
          -max(0.05 |r|, |w|) <= (r/|r|)'J(z) u,  |s'J(z) u| <= max(0.27 |r|, |w|) for s square to r,
-         by tangents at u_last (1 - dt/T), and no tighter than that and c below are
+         as tangents at u_last (1 - dt/T), relaxed so that this velocity and c (below) satisfy them
 
-    u are the joint velocities with the chair's in the chassis frame (forward, left, turn), in which neither W nor the
-    arm's Jacobian knows where the chair stands; the rolling row, Eq. (4), is a left speed of zero. r is the commanded
-    twist. z = q + T u is where the robot comes to rest if it brakes together from now on: see `BrakingTogether`. J is
-    that of the middle of the tick. With no bound active the answer is Eq. (1), or on the way to it as far from going on
-    as before as the accelerations allow (`HandTask`); t is that with joints no faster than they can be. b is the answer
-    where that keeps all bounds, else u_last (1 - dt/T), in between while the hand moves, so that a chair whose hand
-    stands comes to rest.
+    u are the joint velocities with the chair's in the chassis frame (forward, left, turn), where W and the arm's
+    Jacobian do not depend on the chair's position. There the rolling row, Eq. (4), is a left speed of zero. r is the
+    commanded twist. z = q + T u is the stop posture if all joints now brake together, see `BrakingTogether`. J is that
+    of the middle of the tick. With no bound active the answer is Eq. (1), or as near to it from the last motion as the
+    accelerations allow (`HandTask`); t is this answer within the joint speeds. b is this answer if it satisfies all
+    bounds, else u_last (1 - dt/T), or between the two while the hand moves; so a chair whose hand stands still comes to
+    rest.
 
-    **What decreases.** Let d be the part of the hand's last velocity that is no part of r between none and all of it,
-    and c one tick of the hardest braking together. c is feasible: its changes are within the accelerations, it lies on
-    the way to z, which braking does not move, and every bound is kept at z and on that way. Of the hand's velocity it
-    leaves J c = w + progress_c r/|r| + e, where w <= (1 - dt/T) d is what d is allowed to be now, so that off = |e|
-    satisfies the task. So the QP has an answer in every tick, and what it delivers besides r lies between w and w + e,
-    both of which are at most (1 - dt/T) |d|, but for what the change of the Jacobian within the tick adds, of order
-    dt |u|^2. The rows at z are why e stays small while a bound or a singular posture stops the hand.
+    **Feasibility and convergence.** Let d be the hand's last velocity minus its part along r (between zero and all of
+    r), and c one tick of the hardest braking together. c is feasible: it satisfies the accelerations, braking does not
+    change z, and every bound holds at z and on the way to it. c leaves the hand velocity J c = w + progress_c r/|r| +
+    e, where w <= (1 - dt/T) d is the motion off r that is allowed now, so off = |e| satisfies the task. So the QP is
+    feasible in every tick. Its hand motion besides r lies between w and w + e, both at most (1 - dt/T) |d| plus a term
+    of order dt |u|^2 from the change of the Jacobian within the tick. The rows at z keep e small while a bound or a
+    singular posture stops the hand.
 
     Without a command all joints brake together as hard as the accelerations allow, and then rest.
 
@@ -81,7 +81,7 @@ class ChairAndArm(VelocityController):
         self.limits, self.wheelset = limits, limits.wheels
         n, k, wheels = robot.chain.n, len(rows), len(self.wheelset.rolling)
         self.surroundings = NUMBERS * max_obstacles + limits.own.moving_size
-        """Numbers of the obstacles, and behind them of the moving capsules."""
+        """Number of values of the obstacles and the moving capsules."""
         self.shapes = ((k,), (1,), *([(self.surroundings,)] if self.surroundings else []))  # type: ignore[misc]
         self.task = HandTask(robot, rows, moving=self.limits.moving, self_motion=self_motion)
         if (rank := self.task.rank()) < k:
@@ -150,15 +150,16 @@ class ChairAndArm(VelocityController):
         return self.limits.limits(tick, q, last, surroundings, gives_way=gives_way)
 
     def _acceleration_limited(self, last: ca.SX, limits: Limits, moving: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """Intervals within the accelerations, or as braking needs; those of `limits` at rest."""
+        """Velocity intervals within the accelerations, widened to include braking; those of `limits` at rest."""
         change = self.limits.braking.change
         lower = ca.fmax(limits.lower, ca.fmin(last - change, limits.base))
         upper = ca.fmin(limits.upper, ca.fmax(last + change, limits.base))
         return ca.if_else(moving, lower, limits.lower), ca.if_else(moving, upper, limits.upper)
 
     def _calm(self, last: ca.SX, task: Task, limits: Limits, ends: tuple[ca.SX, ca.SX]) -> ca.SX:
-        """(n,) the analytic answer where it keeps all bounds, within `ends` too, else a tick of braking that leaves the
-        stop posture; in between where it passes a bound by less than the accelerations can do in a tick.
+        """(n,) the analytic answer if it satisfies all bounds and `ends`, else a tick of braking.
+
+        It is a blend of both if the answer passes a bound by less than the accelerations can change in a tick.
         """
         u, change = ca.SX.sym("u", self.chain.n), self.limits.braking.change
         finite = all_true(ca.fabs(task.analytic) <= MAX_MAGNITUDE)  # not at a singular posture
@@ -175,7 +176,7 @@ class ChairAndArm(VelocityController):
 
     # ------------------------------------------------------------------------------------------ what is remembered
     def remembered(self, q: ca.SX, u: ca.SX) -> ca.SX:
-        """The memory: see `__init__`."""
+        """Memory of the next tick, see `__init__`."""
         cos, sin = ca.cos(q[2]), ca.sin(q[2])
         value = ca.vertcat(cos * u[0] - sin * u[1], sin * u[0] + cos * u[1], u[2:])
         wheels = self.wheelset.wheel_speeds_expression(u[:CHAIR])
@@ -187,7 +188,7 @@ class ChairAndArm(VelocityController):
         return stated.finish_at(ca.vertcat(self._base, 0, 0))
 
     def beginning(self) -> ca.Function:
-        """Velocity (7,), the chair's share in its own frame, and heading [rad] -> see `VelocityController`."""
+        """Velocity (n,), the chair's part in its own frame, and heading [rad] -> see `VelocityController`."""
         velocity, heading = ca.SX.sym("velocity", self.chain.n), ca.SX.sym("heading")
         state, possible = super().beginning()(velocity)
         state[self.memory_at + self.chain.n + 2] = heading  # should the first position be unusable
@@ -206,12 +207,12 @@ class ChairAndArm(VelocityController):
 
     # ----------------------------------------------------------------------------------------- for the resolver
     def set_obstacles(self, numbers: Array) -> None:
-        """Write the obstacles, for all ticks until the next call."""
+        """Set the obstacles for all ticks until the next call."""
         if self.max_obstacles:
             self._inputs[2][: numbers.size] = numbers
 
     def set_inputs(self, q: ArrayLike, twist: ArrayLike, world: float, moving: Array | None) -> None:
-        """Write the other parameters of a tick, `moving` by `moving_numbers`, or raise a `ConfigurationError`."""
+        """Set the other parameters of a tick, `moving` from `moving_numbers`; raises `ConfigurationError`."""
         if moving is not None:
             self._inputs[2][-moving.size :] = moving.reshape(-1)
         views = self._views
@@ -231,11 +232,11 @@ class ChairAndArm(VelocityController):
         return self._safe(reason)
 
     def reset(self, velocity: ArrayLike | None = None, heading: float = 0.0) -> None:
-        """Forget the past: at rest, or at a velocity (7,), the chair's share in its own frame."""
+        """Reset to rest, or to a velocity (n,) with the chair's part in its own frame."""
         self._began(np.zeros(self.chain.n) if velocity is None else velocity, heading)
 
     def take_over(self, other: ChairAndArm) -> None:
-        """Go on where another set of rows ends: its velocity, position and what it knows of states are this one's."""
+        """Continue after another set of rows: take over its velocity, position and state checks."""
         self._solvers.everything[:] = self._going_on_after(other)
 
     def instance_after(self, other: ChairAndArm, *inputs: ArrayLike) -> Instance:
@@ -244,10 +245,9 @@ class ChairAndArm(VelocityController):
         return self.stated.instance(*inputs, memory=memory[: self._memory_size].copy())
 
     def going_on(self) -> ca.Function:
-        """State, memory of another set of rows to the end of what was sent, its `judged_memory` -> state after that.
+        """State, memory of another set of rows up to its command, its `judged_memory` -> new state.
 
-        Go on where another set of rows ends: its velocity, position and stamps are this one's. So are its command, and
-        what is known of its joints.
+        The new state takes over the other's velocity, position, command, stamps and joint checks.
         """
         size, n, command_slice = self.stated.state_size, self.chain.n, self.command_slice
         ours, own = ca.SX.sym("ours", size + self.judged.size), ca.SX.sym("own", self.judged.size)
@@ -262,10 +262,10 @@ class ChairAndArm(VelocityController):
 
     @property
     def memory_at(self) -> int:
-        """Where the memory begins in the state."""
+        """Index of the memory in the state."""
         return self.stated.state_size - self._memory_size
 
     @property
     def velocity(self) -> Array:
-        """(7,) last command, the chair's share in its own frame."""
+        """(n,) last command, the chair's part in its own frame."""
         return self._last.copy()

@@ -1,4 +1,4 @@
-"""Limits of chair and arm in one tick, each approached so that the whole robot can brake together."""
+"""Limits of chair and arm in one tick; the whole robot can always brake together before each of them."""
 
 from __future__ import annotations
 
@@ -25,31 +25,31 @@ __all__ = ["ChairLimits", "Limits"]
 
 TINY = 1e-12
 FACETS = 8
-"""Sides of the polygon inside the circle of chassis velocities; its corners lie on the axes."""
+"""Number of sides of the polygon inside the circle of chassis velocities; its corners lie on the axes."""
 
 
 class Limits(NamedTuple):
-    """Limits on the velocities u (7,) of one tick, the chair's in its own frame; `base` satisfies all of them."""
+    """Limits on the velocities u (n,) of one tick, the chair's in its own frame; `base` satisfies all of them."""
 
     lower: ca.SX
-    """(7,) of each joint: its speed, its stop posture within its limits; see `LATE`."""
+    """(n,) of each joint: its speed limit, and its stop posture within its position limits."""
     upper: ca.SX
     chassis: SymmetricLimit
-    """Rim speeds and the chassis speed [m/s]; of a base that stands there are none."""
+    """Rim speeds and the chassis speed [m/s]; empty for a fixed base."""
     towards: LinearLimit
-    """The chair's corners towards obstacles [m/s], where braking ends."""
+    """Approach of the chair's corners to obstacles [m/s], at the end of braking."""
     closing: LinearLimit
-    """The arm towards its keep-outs [m/s]: from the posture now, see `now`, and from places on the way."""
+    """Approach of the arm to its keep-outs [m/s], at the current posture and on the way to the stop posture."""
     beside: LinearLimit
-    """A user's limits, and what keeps clear of each other."""
+    """A user's limits, and clearance."""
     base: ca.SX
-    """(7,) one tick of the hardest braking together: the safe command; see `ChairLimits` for what comes nearer."""
+    """(n,) one tick of the hardest braking together, the safe command; see `ChairLimits` for moving bodies."""
     clearance: ca.SX
-    """[m] of the arm from the nearest keep-out, negative inside."""
+    """[m] distance of the arm from the nearest keep-out, negative inside."""
     nearest: ca.SX
-    """[m] of the chair from the nearest obstacle, negative inside."""
+    """[m] distance of the chair from the nearest obstacle, negative inside."""
     outside: ca.SX
-    """1 where the state is beyond one of them already."""
+    """1 if the state already violates a limit."""
 
     @property
     def row_count(self) -> int:
@@ -57,38 +57,38 @@ class Limits(NamedTuple):
         return sum(each.row_count for each in (self.chassis, self.towards, self.closing, self.beside))
 
     def surrounding_rows(self, u: ca.SX) -> list[Row]:
-        """Those of obstacles and keep-outs."""
+        """Rows of obstacles, keep-outs, users' limits and clearance."""
         return [row for each in (self.towards, self.closing, self.beside) for row in each.rows(u)]
 
     def violation(self, u: ca.SX) -> ca.SX:
-        """By how much u breaks the intervals and the wheels' limits; infinite for NaN."""
+        """Largest violation by u of the intervals and the wheels' limits; infinite for NaN."""
         over = ca.vertcat(u - self.upper, self.lower - u, self.chassis.excess(u))
         return ca.if_else(all_true(ca.fabs(over) < ca.inf), ca.norm_2(ca.fmax(over, 0)), ca.inf)
 
 
 class ChairLimits:
-    """What `Limits` is made from.
+    """Computes `Limits`.
 
-    Each limit is kept by the stop posture z of `BrakingTogether`, so that braking together breaks none of them:
+    The stop posture z of `BrakingTogether` satisfies each limit, so that braking together violates none:
 
     - joint limits: lower <= q + T u <= upper;
-    - keep-outs: the arm's distance where least of it is left on the way to z, see `ArmKeepOuts`;
-    - obstacles: the gap of each corner of the chair at z, or half-way there where less is left, see `ChairObstacles`.
+    - keep-outs: the arm's least distance on the way to z, see `ArmKeepOuts`;
+    - obstacles: the smaller gap of each corner of the chair at z or half-way, see `ChairObstacles`.
 
-    Where a state comes too late for that (an obstacle that appears, a velocity that is passed, rounding), a limit asks
-    for braking as hard as the accelerations allow, until it is kept again. What leads into an obstacle, a keep-out or
-    beyond a limit of a user's own, or deeper, is shortened towards braking, and where braking does, towards rest
-    (`kept`): there only acceleration yields.
+    If it is too late for that (an obstacle appears, a velocity is reset, rounding), a limit requires braking as hard as
+    the accelerations allow until it is satisfied again. A command that leads into or deeper into an obstacle or
+    keep-out, or beyond a user's limit, is shortened towards braking. If braking does so, too, it is shortened towards
+    rest (`kept`); only there acceleration yields.
 
-    A user's limits and a `Clearance` make the rows that they make everywhere (`PostureLimits`), and are kept on
-    the way to z, too, the chair on its arc, bodies where they are now. While the stick commands, `base` is led out of
-    the way of what comes nearer by itself, and acceleration yields to it.
+    A user's limits and a `Clearance` give the rows of `PostureLimits`, and also hold on the way to z, with the chair on
+    its arc and bodies at their current positions. While the stick commands, `base` moves out of the way of approaching
+    bodies, and acceleration yields to that.
 
     Parameters
     ----------
-    robot, wheels : see `RedundancyResolver`. max_obstacles : obstacles that may be around. dt : tick [s].
+    robot, wheels : see `RedundancyResolver`. max_obstacles : largest number of obstacles. dt : tick [s].
     own : a user's limits, and clearance.
-    recovery_speed : fraction of a joint's speed at which it comes back from beyond its limit at most.
+    recovery_speed : largest speed of a joint's return into its limits, as a fraction of its speed limit.
     """
 
     def __init__(
@@ -113,10 +113,10 @@ class ChairLimits:
         return [*self.wheels.moving, *range(CHAIR, self.robot.chain.n)]
 
     def limits(self, tick: Stages, q: ca.SX, last: ca.SX, surroundings: ca.SX, *, gives_way: ca.SX) -> Limits:
-        """Limits at joint values q (7,) after the command `last` (7,), among obstacles and moving capsules.
+        """Limits at joint values q (n,) after the command `last` (n,), among obstacles and moving capsules.
 
-        surroundings : numbers of the obstacles, then of the capsules. gives_way : see `PostureLimits.beside`.
-        What is far makes no rows.
+        surroundings : numbers of the obstacles, then of the capsules. gives_way : see `PostureLimits.beside`. Distant
+            bodies have no rows.
         """
         lower, upper, hard_lower, hard_upper, outside = tick.once(self._joints(q, last))
         obstacles, told = ca.vertsplit(surroundings, [0, NUMBERS * self.max_obstacles, surroundings.numel()])
@@ -165,15 +165,15 @@ class ChairLimits:
 
     @staticmethod
     def world(heading: ca.SX, joints: int) -> ca.SX:
-        """(n, n) velocities from those with the chair's in its own frame."""
+        """(n, n) rotation of velocities from the chair's own frame to the world."""
         turn, cos, sin = ca.SX.eye(joints), ca.cos(heading), ca.sin(heading)
         turn[:2, :2] = ca.vertcat(ca.horzcat(cos, -sin), ca.horzcat(sin, cos))
         return turn
 
     def led(self, q: ca.SX, u: ca.SX, seconds: float) -> ca.SX:
-        """(n,) where velocities u (n,), the chair's in its own frame, lead in that time: the chair on an arc.
+        """(n,) positions after `seconds` at velocities u (n,), the chair's in its own frame and on an arc.
 
-        Each tick's way is straight, along its beginning: the arc is behind by half of what a tick turns.
+        Within a tick the motion is straight along its initial direction, so the arc lags by half of a tick's turn.
         """
         way = seconds * mean_velocity(np.zeros(2), u[:CHAIR], seconds)
         behind = q[2] - u[2] * self.dt / 2
@@ -183,7 +183,7 @@ class ChairLimits:
 
     @cached_property
     def contacts(self) -> ca.Function:
-        """Q, last u (7,), moving capsules -> see `control.limit`."""
+        """Q, last u (n,), moving capsules -> see `control.limit`."""
         own, n = self.own, self.robot.chain.n
         here, last = ca.SX.sym("q", n), ca.SX.sym("last", n)
         sent = ca.Function("sent", [here, last], [self.world(here[2], n) @ last])
@@ -191,7 +191,7 @@ class ChairLimits:
         return ca.Function("contacts", inputs, [own.contacts(inputs[0], sent(*inputs[:2]), inputs[2])])
 
     def _touched(self, tick: Stages, q: ca.SX, u: ca.SX, contacts: ca.SX, told: ca.SX, *, fastest: ca.SX) -> ca.SX:
-        """What is left before bodies on the way of u, and slopes; of none where all are far."""
+        """Remaining distances to bodies on the way of u, and slopes; far distances if all are far."""
         max_contacts = 0 if self.own.clearance is None else self.own.clearance.max_contacts
         none = ca.horzcat(FAR * ca.SX.ones(max_contacts), ca.SX.zeros(max_contacts, q.numel()))
         if not max_contacts:
@@ -210,7 +210,7 @@ class ChairLimits:
         return [part * self.braking.time for part in ALONG]
 
     def kept(self, tick: Stages, q: ca.SX, surroundings: ca.SX, limits: Limits, u: ca.SX) -> ca.SX:
-        """(7,) u, or what of it and of `base` leads nothing into, or deeper into, what it has to keep out of."""
+        """(n,) u, or a blend of u and `base` that leads nothing into or deeper into obstacles and keep-outs."""
         if not (self.max_obstacles or self.robot.keep_out or len(self.own)):
             return u
         u = tick.once(u)
@@ -225,7 +225,7 @@ class ChairLimits:
 
     @cached_property
     def _first_kept(self) -> ca.Function:
-        """Q, surroundings, u (7,), braking -> see `first_kept` of `control.limit`."""
+        """Q, surroundings, u (n,), braking -> see `first_kept` of `control.limit`."""
         own, n, obstacles = self.own, self.robot.chain.n, NUMBERS * self.max_obstacles
         sizes = (("q", n), ("surroundings", obstacles + own.moving_size), ("u", n))
         q, around, u = inputs = [ca.MX.sym(name, size) for name, size in sizes]
@@ -252,10 +252,10 @@ class ChairLimits:
         return *pairs[0], *pairs[1], bounds.outside
 
     def _chassis(self, slowest: ca.SX) -> SymmetricLimit:
-        """Rim speeds, and the polygon of chassis speeds where there are two of them; none of a base that stands.
+        """Limits of rim speeds and of chassis speeds (a polygon for two components); none for a fixed base.
 
-        Where a velocity that is passed lies beyond a side of the polygon, in the circle, that side lies where the
-        hardest braking is, and the one across it where the corner between them is in the circle.
+        If a velocity is inside the circle but beyond a side of the polygon, that side is moved to the hardest braking,
+        and the opposite one so that the corner between them stays in the circle.
         """
         chain, (rows, upper) = self.robot.chain, self.wheels.rims
         rims = SymmetricLimit.of_joints(0, chain.n, ca.sparsify(ca.SX(rows)), ca.SX(upper * (1 - TIGHTER)))
@@ -274,6 +274,6 @@ class ChairLimits:
 
 
 def _reached(last: ca.SX, change: ca.DM, base: ca.SX, ends: tuple[ca.SX, ca.SX]) -> tuple[ca.SX, ca.SX]:
-    """What a change of velocity leads to within `ends`, `base` included."""
+    """Velocity interval within `ends` that `change` can reach, widened to include `base`."""
     lower, upper = (clipped(end, *ends) for end in (last - change, last + change))
     return ca.fmin(lower, base), ca.fmax(upper, base)

@@ -1,4 +1,4 @@
-"""Rows of one obstacle for the chair: at its outline's nearest points now, and on the way to the stop posture."""
+"""Rows of one obstacle for the chair: at its outline's nearest points now and on the way to the stop posture."""
 
 from __future__ import annotations
 
@@ -21,30 +21,30 @@ __all__ = ["ROWS", "ChairObstacles"]
 Array = NDArray[np.float64]
 
 ROWS = 4
-"""Rows of one obstacle."""
+"""Number of rows of one obstacle."""
 ALONG = (0.5, 1.0)
-"""Places on the way to the stop posture that are looked at, besides its beginning."""
+"""Fractions of the way to the stop posture that are checked, besides its beginning."""
 CLEAR = 5e-4
-"""[m] The chair stays clear of obstacles by this, and by twice as much where braking ends: rows are tangents."""
+"""[m] Margin to obstacles, doubled at the stop posture, because rows are tangents."""
 NEARER = 5
-"""Steps to the nearest point of the chair's way from a post; a direction that is a little off has less room."""
+"""Steps of the search for the nearest point of a post's path past the chair; an inexact normal is conservative."""
 TOUCHING = 1e-6
-"""[m] A distance from which no direction is known."""
+"""[m] Distances below this give no direction."""
 TINY = 1e-12
 TIGHTER = 1e-7
-"""Fraction by which limits are drawn in, so that what a certificate may leave open never passes them."""
+"""Relative tightening of limits, to cover the certificate's tolerance."""
 
 
 class ChairObstacles:
-    """Rows on the chair's velocity (3,) for one obstacle, by `obstacle_numbers`, in its own frame.
+    """Rows on the chair's velocity (3,), in its own frame, for one obstacle from `obstacle_numbers`.
 
-    Towards it, as one column: `ROWS` rows, and what is left for each [m/s] when the chair brakes; negative where the
-    room has become less than its margin, so that it brakes harder. Of a wall, for the two corners nearest to it: one
-    row of the posture now, one of the place on the way to the stop posture where less is left. Of a post: of what is
-    nearest to the outline now; and of its way past the chair while that brakes, half-way and at the end, from a line
-    beside the chair, since the outline could cut that way between two places.
+    `column` has `ROWS` rows, each with its remaining speed [m/s] while the chair brakes, negative if the gap is below
+    its margin, so that the chair brakes harder. A wall has rows for its two nearest corners: one at the current
+    posture, one at the place with less gap on the way to the stop posture. A post has a row at the outline's nearest
+    point now, and rows for its path past the braking chair, half-way and at the end. These use a line beside the chair,
+    because the outline could cut the path between two places.
 
-    Into it in this tick: `INTO` rows and their limits [m/s], those of `approach`.
+    Rows for the current tick come from `approach`.
 
     Parameters
     ----------
@@ -58,7 +58,7 @@ class ChairObstacles:
 
     @cached_property
     def rows(self) -> ca.Function:
-        """Obstacle (4,), place (3,), last command (3,) -> `column`; nothing is worked out for one that is far."""
+        """Function: obstacle (4,), place (3,), last command (3,) -> `column`; distant obstacles are not evaluated."""
         tick, one, place, last = (
             Stages(),
             ca.SX.sym("one", NUMBERS),
@@ -69,7 +69,7 @@ class ChairObstacles:
         return tick.function("obstacle", [one, place, last], [found])
 
     def near(self, one: ca.SX, place: ca.SX, last: ca.SX) -> ca.SX:
-        """1 where the obstacle can matter after a command `last` (3,) of the chair at `place` (3,)."""
+        """1 if the obstacle can matter after a command `last` (3,) of the chair at `place` (3,)."""
         each, change = self._approach(one, place, last, self.braking.time), self.braking.change
         turn, drive = ca.fabs(last[2]) + change[2], self._drive(last)
         margin = 2 * CLEAR + 2 * self._swept(each, last) + self._bent * self.braking.time**2
@@ -78,18 +78,18 @@ class ChairObstacles:
         )
 
     def column(self, one: ca.SX, place: ca.SX, last: ca.SX) -> ca.SX:
-        """(17,) rows towards it and what is left; the chair's gap from it [m]."""
+        """(17,) rows and remaining speeds; the chair's gap from the obstacle [m]."""
         each = self._approach(one, place, last, self.braking.time)
         rows = [ca.vertcat(*pair) for pair in self._towards(each, last)]
         return ca.densify(ca.vertcat(*rows, ca.mmin(self._gaps(each))))
 
     def far(self) -> ca.SX:
-        """(17,) that of an obstacle that does not matter."""
+        """(17,) column of a distant obstacle."""
         row = ca.vertcat(ca.SX.zeros(CHAIR), FAR)
         return ca.densify(ca.vertcat(*[row] * ROWS, FAR))
 
     def limits(self, tick: Stages, obstacles: ca.SX, q: ca.SX, last: ca.SX) -> tuple[LinearLimit, ca.SX]:
-        """Limits [m/s] towards obstacles (4 k,); the least gap [m].
+        """Limits [m/s] on the approach to obstacles (4 k,); the least gap [m].
 
         At joint values q (n,), after the command `last` (n,).
         """
@@ -101,16 +101,16 @@ class ChairObstacles:
         return towards.beyond(self.braking.slower(last)), nearest
 
     def fastest(self, u: ca.SX) -> ca.SX:
-        """[m/s] no less than the speed of any corner at velocities u (n,)."""
+        """[m/s] upper bound of the speed of any corner at velocities u (n,)."""
         return ca.fabs(u[0]) + ca.fabs(u[1]) + self._lever * ca.fabs(u[2])
 
     def keeps_out(self, obstacles: ca.SX, place: ca.SX, u: ca.SX) -> ca.SX:
-        """1 where `no_deeper` holds of all obstacles (4 k,), at place (3,) and velocity u (n,)."""
+        """1 if `no_deeper` holds for all obstacles (4 k,), at place (3,) and velocity u (n,)."""
         return all_true(*(self.no_deeper(one, place, u[:CHAIR]) for one in _each(obstacles)))
 
     @cached_property
     def no_deeper(self) -> ca.Function:
-        """Obstacle (4,), place (3,), velocity (3,) -> 1 where no way of that tick, straight or an arc, leads deeper."""
+        """Obstacle (4,), place (3,), velocity (3,) -> 1 if neither a straight motion nor an arc leads deeper."""
         one, place, u = ca.SX.sym("one", NUMBERS), ca.SX.sym("place", CHAIR), ca.SX.sym("u", CHAIR)
         cos, sin, verdict = ca.cos(place[2]), ca.sin(place[2]), []
 
@@ -128,7 +128,7 @@ class ChairObstacles:
     # -------------------------------------------------------------------------------------------------- plumbing
     @property
     def _bent(self) -> float:
-        """[m/s^2] what the tangents of a corner's way promise too much in a tick, over the square of the way's time."""
+        """[m/s^2] error of a corner's tangents in a tick, over the square of the braking time."""
         return self._lever * min(float(self.braking.change[2]), self._turn) ** 2 / 2
 
     def _approach(self, one: ca.SX, place: ca.SX, last: ca.SX, horizon: float) -> ObstacleRows:
@@ -137,24 +137,24 @@ class ChairObstacles:
         return approach(one, place, self.outline, dt=self.dt, horizon=horizon, turn=turn, drive=drive)
 
     def _turning(self, last: ca.SX) -> ca.SX:
-        """[rad/s] fastest turn in a tick after a command `last` (3,)."""
+        """[rad/s] largest turn rate in a tick after a command `last` (3,)."""
         return ca.fmin(ca.fabs(last[2]) + self.braking.change[2], self._turn)
 
     def _drive(self, last: ca.SX) -> ca.SX:
-        """[m/s] no less than the fastest speed in a tick after a command `last` (3,)."""
+        """[m/s] upper bound of the speed in a tick after a command `last` (3,)."""
         return ca.fabs(last[0]) + ca.fabs(last[1]) + 2 * self.braking.change[0]
 
     def _gaps(self, each: ObstacleRows) -> ca.SX:
         return each.wall[2] - ca.DM(self.outline.corners) @ each.wall[:2]
 
     def _swept(self, each: ObstacleRows, last: ca.SX) -> ca.SX:
-        """[m] by which the outline may leave its straight way in a tick after a command `last` (3,)."""
+        """[m] largest deviation of the outline from straight motion in a tick after a command `last` (3,)."""
         turn, drive = self._turning(last), self._drive(last)
         lever = ca.if_else(each.is_post, ca.norm_2(each.post[:2]), self._lever)
         return turn * (lever * turn + 2 * drive) * self.dt**2 / 2
 
     def _apart(self, each: ObstacleRows, last: ca.SX) -> ca.SX:
-        """1 where no turn within a tick takes the outline to the obstacle."""
+        """1 if no turn within a tick takes the outline to the obstacle."""
         return ca.mmin(self._gaps(each)) > 2 * self._swept(each, last)
 
     def _towards(self, each: ObstacleRows, last: ca.SX) -> list[tuple[ca.SX, ca.SX]]:
@@ -171,7 +171,7 @@ class ChairObstacles:
         return rows
 
     def _past(self, each: ObstacleRows, slower: ca.SX, margin: ca.SX) -> list[ca.SX]:
-        """Two columns (8,) for a post: a row now and one half-way to the stop posture; nothing and one at its end."""
+        """Two columns (8,) for a post: a row now and one half-way to the stop posture; no row and one at its end."""
         centre, radius = each.post[:2], each.post[2]
         far, towards = _post(each.post, self.outline)
         now = ca.vertcat(towards, ca.fmax(far - margin, 0) / self.braking.time - ca.dot(towards, slower))
@@ -185,11 +185,11 @@ class ChairObstacles:
         return columns
 
     def _beside(self, each: ObstacleRows, slower: ca.SX) -> ca.SX:
-        """(2,) normal, fixed in the chassis, of the wall between the outline and a post's way past it while it brakes.
+        """(2,) normal, fixed in the chassis, of a wall between the outline and a post's path past the braking chair.
 
-        The one with the most room, from the nearest point of the hull of all differences of a corner and a place of the
-        post, found edge by edge (Gilbert, Johnson and Keerthi). Braking leaves a part of that way, so that the room
-        never falls by it, wherever the wall turns to.
+        It is the wall with the largest gap, from the nearest point of the hull of all differences between a corner and
+        a position of the post, found edge by edge (Gilbert, Johnson and Keerthi). Braking leaves a part of that path,
+        so it never reduces the gap, whatever wall is chosen next.
         """
         centre, radius = each.post[:2], each.post[2]
         way = [_seen(centre, slower, part * self.braking.time) for part in (0.0, *ALONG)]
@@ -216,7 +216,7 @@ class ChairObstacles:
     def _approached(
         self, gap_after: Callable[[ca.SX, float], tuple[ca.SX, ca.SX]], slower: ca.SX, margin: ca.SX
     ) -> tuple[ca.SX, ca.SX]:
-        """(8,) a row now and what is left for it [m/s], one on the way to the stop posture likewise; the least gap."""
+        """(8,) a row now and a row on the way to the stop posture, each with its remaining speed [m/s]; least gap."""
         time = self.braking.time
         least, now = gap_after(slower, 0.0)
         first = ca.vertcat(now, ca.fmax(least - margin, 0) / time - ca.dot(now, slower))
@@ -235,8 +235,9 @@ def _each(obstacles: ca.SX) -> list[ca.SX]:
 
 
 def _corner(wall: ca.SX, corner: Array, velocity: ca.SX, time: float) -> tuple[ca.SX, ca.SX]:
-    """Gap of a chair's corner (2,) from a wall [m] after an arc of a velocity (3,) for a time [s]; how fast the gap
-    closes by each of the three, in the mean.
+    """Gap [m] of a chair's corner (2,) from a wall after a time [s] on an arc of velocity (3,).
+
+    Also the mean closing speed per unit of each velocity component, (3,).
     """
     u = ca.SX.sym("u", CHAIR)
     mean = ca.dot(wall[:2], mean_velocity(corner, u, time))
@@ -245,7 +246,7 @@ def _corner(wall: ca.SX, corner: Array, velocity: ca.SX, time: float) -> tuple[c
 
 
 def mean_velocity(corner: Array, velocity: ca.SX, time: float) -> ca.SX:
-    """(2,) mean velocity of a chair's corner (2,) on an arc of a velocity (3,) for a time [s]."""
+    """(2,) mean velocity of a chair's corner (2,) on an arc of velocity (3,) over a time [s]."""
     x, y, half = float(corner[0]), float(corner[1]), velocity[2] * time / 2
     shrunk, cos, sin = 1 - half * half / 6, ca.cos(half), ca.sin(half)  # the chord over the arc, and its direction
     drive = shrunk * ca.vertcat(cos * velocity[0] - sin * velocity[1], sin * velocity[0] + cos * velocity[1])
@@ -253,7 +254,7 @@ def mean_velocity(corner: Array, velocity: ca.SX, time: float) -> ca.SX:
 
 
 def _seen(place: ca.SX, velocity: ca.SX, time: float) -> ca.SX:
-    """(2,) where a place (2,) is in the chassis frame after an arc of a velocity (3,) for a time [s]."""
+    """(2,) position in the chassis frame of a fixed point (2,) after an arc of velocity (3,) over a time [s]."""
     way = place - time * mean_velocity(np.zeros(2), velocity, time)
     x, y = way[0], way[1]
     cos, sin = ca.cos(velocity[2] * time), ca.sin(velocity[2] * time)
@@ -261,7 +262,7 @@ def _seen(place: ca.SX, velocity: ca.SX, time: float) -> ca.SX:
 
 
 def _post(post: ca.SX, outline: Outline) -> tuple[ca.SX, ca.SX]:
-    """Gap of a chair's outline from a post [m], negative within; (3,) how fast a chassis velocity closes it."""
+    """Gap [m] of a chair's outline from a post, negative inside; (3,) closing speed per unit chassis velocity."""
     x, y = post[0], post[1]
     normal = ca.vertcat(*outward_normal(outline, x, y))
     gap = ca.dot(normal, post[:2]) - ca.mmax(ca.DM(outline.corners) @ normal) - post[2]

@@ -1,4 +1,4 @@
-"""Whole-arm clearance: the links of an arm as capsules that keep a distance from what is around them."""
+"""Whole-arm clearance: an arm's links, as capsules, keep a distance from bodies around them."""
 
 from __future__ import annotations
 
@@ -21,37 +21,36 @@ EXACT = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class Clearance:
-    """Distance that a robot's links keep from each other and from what is around, at the end of every tick.
+    """Distance that a robot's links keep from each other and from other bodies, at the end of every tick.
 
-    d(q, t) >= margin, for every pair of a link's capsule (`SerialChain.capsules`) and another body, met as the barrier
+    d(q, t) >= margin, for every pair of a link's capsule (`SerialChain.capsules`) and another body, through the barrier
 
     grad d . q' + n . (-v) >= -rate (d - margin)
 
-    with n the direction from body to link and v the velocity of the body's nearest point. Rows of the QP are those
-    `max_contacts` contacts nearest to their barriers at the last velocity, several of one pair where bodies lie along
-    each other (`control.contacts`); all pairs are judged at the end of the tick.
+    with n the direction from body to link and v the velocity of the body's nearest point. The QP has rows for the
+    `max_contacts` contacts nearest to their barriers at the last velocity; bodies that lie along each other have
+    several (`control.contacts`). All pairs are checked at the end of the tick.
 
-    The promise, at the ends of ticks, where joints move as commanded and moving bodies as given:
-    - among bodies that stand still, no pair that was clear comes nearer than `margin`, and one that was nearer gets no
-      nearer, in any tick, braking ones included;
-    - a body that moves is given way to within speed and joint limits: accelerations yield to it. As long as some
-      velocity within them keeps every pair, none comes nearer than `margin`. Where the arm has nowhere to go, or no
-      joint moves what is touched, or it brakes because it is not enabled, the body comes nearer by its own motion: the
-      arm's own motion never adds to that, and `Relaxed.POSITION` says so.
+    The following holds at the ends of ticks if joints move as commanded and moving bodies as passed:
+    - with fixed bodies, no clear pair comes nearer than `margin`, and a nearer pair gets no nearer, in any tick, also
+    when braking;
+    - the arm gives way to a moving body within speed and joint limits; accelerations yield. While some velocity within
+    these limits keeps every pair clear, none comes nearer than `margin`. If there is none, if no joint moves the
+    touched link, or if the arm brakes because it is not enabled, the body may come nearer by its own motion. The arm's
+    motion never adds to that, and `Relaxed.POSITION` reports it.
 
     Parameters
     ----------
-    margin : [m] distance kept, zero or more; the robot's tracking error is not in it.
-    self_margin : [m] the same between links.
-    planes : what a half-space keeps free, by `KeepOut.through`; each link counts, whole.
-    capsules, boxes : bodies that stand still, in the base frame.
-    moving : largest number of moving capsules in a tick, see `PoseTracker.step`; a person's arm is three of
-        them, by `arm_capsules`.
-    pairs : names of links that keep clear of each other, or None for those that neither are neighbours nor overlap at
-        half of all postures; the tuple () for none.
-    max_contacts : contacts that have rows in a tick. Others are judged at its end: the arm stops before them, but does
-        not slide; what a chair promises holds of no fewer than by default.
-    rate : [1/s] at which the distance to the margin may decay; by default that of a `Limit`.
+    margin : [m] least distance, not negative; it does not include the robot's tracking error.
+    self_margin : [m] least distance between links.
+    planes : half-spaces, from `KeepOut.through`; each whole link stays out of them.
+    capsules, boxes : fixed bodies in the base frame.
+    moving : largest number of moving capsules, see `PoseTracker.step`; a person's arm has three, from `arm_capsules`.
+    pairs : pairs of link names that keep clear of each other; None for all that are not neighbours and do not overlap
+        in half of all postures; () for none.
+    max_contacts : number of contacts with rows in a tick. Others are checked at its end: the arm stops before them but
+        does not slide along them. The guarantees of a chair need at least the default.
+    rate : [1/s] largest decay rate of the distance to the margin; by default that of a `Limit`.
     """
 
     margin: float
@@ -66,12 +65,11 @@ class Clearance:
 
 
 def checked_clearance(argument: str, given: Clearance, chain: SerialChain) -> Clearance:
-    """The clearance with names looked up and numbers checked.
+    """The checked clearance, with names resolved.
 
     Raises
     ------
-    ConfigurationError : a number that cannot be used, a body that is none, a robot without capsules, nothing to keep
-        clear of.
+    ConfigurationError : an invalid number or body, a robot without capsules, nothing to keep clear of.
     """
 
     def refuse(name: str, value: object, expected: str) -> ConfigurationError:

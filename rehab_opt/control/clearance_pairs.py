@@ -1,7 +1,8 @@
-"""Pairs of bodies of one arm and its room: their distances, and the nearest contacts as rows, as functions.
+"""Pairs of bodies of an arm and its surroundings: functions of distances and of the nearest contacts.
 
-Every function takes joint positions q (n,), the moving capsules (14 k,) as `moving_numbers` gives them, and the time
-[s] for which those move on. Pairs of a kind are mapped over one small function, so that code does not grow with them.
+Every function takes joint positions q (n,), the moving capsules (14 k,) from `moving_numbers`, and the time [s] by
+which these move on. One small function is mapped over all pairs of a kind, so that the code does not grow with their
+number.
 """
 
 from __future__ import annotations
@@ -33,21 +34,21 @@ __all__ = ["ClearancePairs", "least", "linked_pairs"]
 Array = NDArray[np.float64]
 
 SAMPLES = 200
-"""Random postures within the joint limits at which links are looked at."""
+"""Number of random postures within the joint limits for checks of links."""
 MOSTLY = 0.5
-"""Fraction of them from which links that overlap belong together, as neighbours do."""
+"""Fraction of these postures; links that overlap in more of them count as neighbours."""
 SAME = 1e-9
-"""[m] A motion that is rounding."""
+"""[m] Smaller motions are rounding."""
 ALIKE = 1e-7
-"""[m, 1] Largest difference of normal and moment of contacts that are one."""
+"""[1, m] Largest difference of normal and moment of equal contacts."""
 BEHIND = 4.0
-"""By how many times what it is further than its pair's nearest a contact that stays is ranked as further still."""
+"""Factor on a static contact's excess over its pair's nearest distance, added to its rank."""
 TIE = 1e-12
-"""[m] by which a contact is ranked behind an equal one before it."""
+"""[m] Rank difference between equal contacts."""
 APPROACH = 11
-"""Numbers of an `Approach`."""
+"""Number of values of an `Approach`."""
 THERE = MOVING - 1
-"""Which number of a moving capsule says that there is one."""
+"""Index of a moving capsule's flag."""
 
 
 class Kind(NamedTuple):
@@ -56,11 +57,11 @@ class Kind(NamedTuple):
     distance: ca.Function
     room: ca.Function
     contacts: ca.Function
-    """(9, 5), the last of each the number by which it is ranked."""
+    """(9, 5); the last number of each contact is its rank."""
 
 
 def _kinds() -> tuple[Kind, Kind]:
-    """Two capsules, from a column of 19 numbers; a capsule and a box, from one of 22."""
+    """Kinds: two capsules, from a column of 19 numbers; capsule and box, from a column of 22."""
     c, b, numbers = ca.SX.sym("column", 19), ca.SX.sym("column", 22), ca.SX.sym("approach", APPROACH)
     near = Approach(numbers[:6], numbers[6], numbers[7:])
     of_capsules = capsule_and_capsule((c[:3], c[3:6]), (c[6:9], c[9:12]), c[18], (c[12:15], c[15:18]), near)
@@ -89,7 +90,7 @@ KINDS = _kinds()
 class ClearancePairs:
     """The pairs of a checked `Clearance` and a chain.
 
-    A link that no joint moves, a base or one that turns about its own axis, keeps clear of other links alone.
+    A link that no joint moves (a base, or one that turns about its own axis) is paired only with other links.
     """
 
     clearance: Clearance
@@ -97,7 +98,7 @@ class ClearancePairs:
 
     @cached_property
     def names(self) -> tuple[tuple[str, str], ...]:
-        """Both bodies of every pair, in the order of `distances`: before a plane, of every end that comes and goes."""
+        """Both bodies of every pair, in the order of `distances`; for a plane, each moving end of a link."""
         given, links = self.clearance, self.chain.capsules
         others = [*(each.name for each in given.capsules), *(f"moving {i}" for i in range(given.moving))]
         free = [links[i].name for i in self.free]
@@ -108,18 +109,18 @@ class ClearancePairs:
 
     @cached_property
     def max_contacts(self) -> int:
-        """Number of contacts that have rows."""
+        """Number of contacts with rows."""
         contacts = self._spans_of_balls.shape[1] + CONTACTS * sum(self._looked_at)
         return int(min(self.clearance.max_contacts, contacts))
 
     @property
     def size(self) -> int:
-        """Numbers of the column of `nearest`."""
+        """Length of the column of `nearest`."""
         return self.max_contacts * (self.chain.n + 2) + 1
 
     @property
     def moving_size(self) -> int:
-        """Numbers of the moving capsules."""
+        """Number of values of the moving capsules."""
         return MOVING * self.clearance.moving
 
     @cached_property
@@ -132,11 +133,11 @@ class ClearancePairs:
 
     @cached_property
     def nearest(self) -> ca.Function:
-        """Q, last velocity, moving capsules, time -> the contacts with the least room in one column, see `read`.
+        """Q, last velocity, moving capsules, time -> contacts with the least room in one column, see `read`.
 
-        Behind them stands the least distance of all pairs at q, less the margin, whether it has a row or not. The
-        contacts are those of half the time on, where q and the last velocity lead by then, but for their distances,
-        which are led back from there. Of every kind, pairs that are not among the least are left out.
+        The last entry is the least distance of all pairs at q minus the margin. Contacts are computed at the motion's
+        state after half of the time, with distances extrapolated back to now. Pairs of a kind with more room are left
+        out.
         """
         n, k = self.chain.n, self.max_contacts
         q, last = ca.MX.sym("q", n), ca.MX.sym("last", n)
@@ -160,31 +161,31 @@ class ClearancePairs:
         return ca.Function("nearest", [q, last, told, time], [ca.vertcat(column, ca.mmin(self.distances(q, told, 0)))])
 
     def read(self, column: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
-        """Of a column of `nearest`: distances less the margin (k,), slopes (k, n), and how fast they change besides."""
+        """From a column of `nearest`: distances minus the margin (k,), slopes (k, n), rates due to bodies (k,)."""
         k = self.max_contacts
         return column[:k], ca.reshape(column[2 * k : -1], k, self.chain.n), column[k : 2 * k]
 
     # --------------------------------------------------------------------------------------------- which pairs
     @cached_property
     def free(self) -> tuple[int, ...]:
-        """Links that some joint moves."""
+        """Indices of links that some joint moves."""
         moved = np.ptp(_places(self.chain, 5), axis=0).reshape(len(self.chain.capsules), -1).max(axis=1) > SAME
         return tuple(int(i) for i in np.flatnonzero(moved))
 
     @cached_property
     def linked(self) -> tuple[tuple[int, int], ...]:
-        """Pairs of links, the one that more joints move first."""
+        """Pairs of links, first the one that more joints move."""
         return linked_pairs(self.chain, self.clearance)
 
     @cached_property
     def _looked_at(self) -> tuple[int, int]:
-        """Of how many pairs of capsules, and of capsules and boxes, contacts are looked for."""
+        """Number of pairs of capsules, and of capsules and boxes, for which contacts are computed."""
         most = self.clearance.max_contacts
         return min(self._spans[0].shape[1], most), min(self._spans[1].shape[1], max(1, most // 2))
 
     @cached_property
     def _spans(self) -> tuple[Array, Array]:
-        """(2, pairs) of each pair the first joint that moves one body against the other, and the first beyond those."""
+        """(2, pairs) per kind: range of joints (first, end) that move one body relative to the other."""
         frames = [min(each.frame, self.chain.n) for each in self.chain.capsules]
         given = self.clearance
         linked = [(frames[j], frames[i]) for i, j in self.linked]
@@ -196,13 +197,13 @@ class ClearancePairs:
 
     @cached_property
     def _spans_of_balls(self) -> Array:
-        """The same of the links' ends before planes."""
+        """As `_spans`, for the links' ends and planes."""
         frames = [min(self.chain.capsules[i].frame, self.chain.n) for i, _, _ in self._before_planes]
         return _pairs_of_numbers([(0, frame) for frame in frames])
 
     @cached_property
     def _before_planes(self) -> tuple[tuple[int, int, int], ...]:
-        """Link, end and plane, where some joint changes the height of that end above that plane."""
+        """Link, end and plane for which some joint changes the end's height above the plane."""
         places, planes = _places(self.chain, 5), self.clearance.planes
         return tuple(
             (i, end, j)
@@ -213,7 +214,7 @@ class ClearancePairs:
         )
 
     def _thickest(self, link: int, end: int) -> bool:
-        """Whether no other link is thicker, or comes before one as thick, at an end of this one."""
+        """Whether this link is the thickest (or the first of equal ones) at its end."""
         number = self._ends_by_number["link", link][0][end]
         radii = {
             i: radius for (kind, i), (both, radius) in self._ends_by_number.items() if kind == "link" and number in both
@@ -222,7 +223,7 @@ class ClearancePairs:
 
     @cached_property
     def lead(self) -> float:
-        """[s] after which a barrier wants a speed gone, see `Approach`."""
+        """[s] time constant of the barrier, see `Approach`."""
         chain, rate = self.chain, self.clearance.rate
         return float(np.max(chain.velocity / chain.acceleration)) if rate is None else 1 / rate
 
@@ -230,7 +231,7 @@ class ClearancePairs:
     def _told(self) -> tuple[Array, Array]:
         """(4, pairs) of each kind: 0 for an end that another pair covers, see `Approach`.
 
-        Of bodies that are joined in an end, the pair of the thickest covers it.
+        The pair of the thickest body covers an end that several bodies share.
         """
         bodies = [("link", i) for i in self.free], [("body", i) for i, _ in enumerate(self.clearance.capsules)]
         moving = [("moving", i) for i in range(self.clearance.moving)]
@@ -257,7 +258,7 @@ class ClearancePairs:
 
     @cached_property
     def _ends_by_number(self) -> dict[tuple[str, int], tuple[tuple[int, int], float]]:
-        """Numbers of the ends of links and of capsules that stand still, one for ends that are one place; radii."""
+        """Numbers of the ends of links and fixed capsules, equal for coincident ends; and radii."""
         places, found, ends = _places(self.chain, 5), {}, []
         bodies = [(("link", i), places[:, i], each.radius) for i, each in enumerate(self.chain.capsules)]
         for i, each in enumerate(self.clearance.capsules):
@@ -273,7 +274,7 @@ class ClearancePairs:
     # ---------------------------------------------------------------------------------------------- expressions
     @cached_property
     def _placed(self) -> ca.Function:
-        """Q, moving, time -> columns of capsule pairs, of pairs with boxes, contacts with planes, heights; screws."""
+        """Q, moving, time -> columns of capsule pairs and of pairs with boxes, plane contacts, heights, screws."""
         chain, given = self.chain, self.clearance
         q, told, time = ca.SX.sym("q", chain.n), ca.SX.sym("moving", self.moving_size), ca.SX.sym("time")
         frames, links, margin = chain.frames_expression(q), chain.capsules, given.margin
@@ -319,7 +320,7 @@ class ClearancePairs:
         return ca.Function("placed", [q, told, time], [ca.densify(each) for each in outputs], {"cse": True})
 
     def _screws(self, frames: list[ca.SX]) -> ca.SX:
-        """(6, n) of each joint how unit speed turns and shifts what it moves, about the base frame's origin."""
+        """(6, n) screw of each joint: angular and linear velocity at the base frame's origin per unit speed."""
         columns = []
         for row, frame in zip(self.chain.rows, frames, strict=False):
             axis = frame[:3, 2]
@@ -329,7 +330,7 @@ class ClearancePairs:
 
     @cached_property
     def _approaches(self) -> ca.Function:
-        """Screws, last velocity, contacts with planes -> `Approach` (11, pairs) of each kind; those contacts' room."""
+        """Screws, last velocity, plane contacts -> `Approach` (11, pairs) of each kind; the plane contacts' room."""
         n, balls = self.chain.n, ca.SX.sym("balls", CONTACT, self._spans_of_balls.shape[1])
         screws, last = ca.SX.sym("screws", 6, n), ca.SX.sym("last", n)
         moves = [ca.SX.zeros(6)]
@@ -353,7 +354,7 @@ class ClearancePairs:
         return ca.Function("approaches", [screws, last, balls], [ca.densify(each) for each in outputs], {"cse": True})
 
     def _rows(self, k: int) -> ca.Function:
-        """Contacts (8, k), their joints (2, k), screws, last velocity, time -> distances, what they change, slopes."""
+        """Contacts (8, k), their joints (2, k), screws, last velocity, time -> distances, their rates, slopes."""
         n = self.chain.n
         contacts, spans, screws = ca.SX.sym("contacts", CONTACT, k), ca.SX.sym("spans", 2, k), ca.SX.sym("screws", 6, n)
         last, time = ca.SX.sym("last", n), ca.SX.sym("time")
@@ -374,10 +375,10 @@ class ClearancePairs:
 
 
 def linked_pairs(chain: SerialChain, clearance: Clearance) -> tuple[tuple[int, int], ...]:
-    """Which links keep clear of each other, by their numbers, the one that more joints move first.
+    """Pairs of links, by number, that keep clear of each other; first the one that more joints move.
 
-    Where none are named: those that are neither of one frame nor of frames next to each other, and that overlap at less
-    than half of random postures within the joint limits.
+    By default all pairs whose frames differ and are not adjacent, and that overlap in less than half of random postures
+    within the joint limits.
     """
     links = chain.capsules
     every = [(i, j) if links[i].frame >= links[j].frame else (j, i) for i in range(len(links)) for j in range(i)]
@@ -401,7 +402,7 @@ def linked_pairs(chain: SerialChain, clearance: Clearance) -> tuple[tuple[int, i
 
 
 def _ends(chain: SerialChain, frames: list[ca.SX]) -> list[tuple[ca.SX, ca.SX]]:
-    """(3,), (3,) [m] of each link's segment."""
+    """(3,), (3,) [m] ends of each link's segment."""
     places = [(frames[each.frame][:3, :3], frames[each.frame][:3, 3], each) for each in chain.capsules]
     return [(turn @ ca.DM(link.start) + origin, turn @ ca.DM(link.end) + origin) for turn, origin, link in places]
 
@@ -417,12 +418,12 @@ def _places(chain: SerialChain, count: int) -> Array:
 
 
 def _mapped(function: ca.Function, cells: ca.MX) -> list[ca.MX]:
-    """What a function gives for every column, side by side; nothing of none."""
+    """Outputs of a function for every column, side by side; empty without columns."""
     return [function.map(cells.size2())(cells)] if cells.size2() else []
 
 
 def least(count: int, k: int) -> ca.Function:
-    """Column -> which k are the least of it, the least first."""
+    """Function: column -> indices of its k least entries, the least first."""
     column = ca.SX.sym("column", count)
     keys, given = [ca.SX(2 * FAR)] * k, [column[i] + i * TIE for i in range(count)]
     for key in given:

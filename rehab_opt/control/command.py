@@ -1,4 +1,4 @@
-"""A controller's output: a value that is safe to send, its status, certificate and reason."""
+"""A controller's output: a value that is safe to send, with status, certificate and reason."""
 
 from __future__ import annotations
 
@@ -26,18 +26,18 @@ class Status(Enum):
 
     @property
     def certified(self) -> bool:
-        """Whether a certificate of every bound stands behind the value."""
+        """Whether a certificate covers every bound of the value."""
         return self in (Status.OK, Status.BACKUP, Status.BLOCKED)
 
 
 NUMBERED = (
     Status.OK, Status.BACKUP, Status.BRAKING, Status.HOLDING, Status.RELEASING, Status.RELEASED, Status.BLOCKED,
 )  # fmt: skip
-"""In the order of their numbers in C, and in what a tick returns; there is no number for others."""
+"""Statuses in the order of their numbers in C and in a tick's output; others have no number."""
 
 
 class Relaxed(IntFlag):
-    """Which bounds were relaxed in this tick; velocity and force bounds never do."""
+    """Bounds that were relaxed in this tick; velocity and force bounds never are."""
 
     NOTHING = 0
     POSITION = 1  #: outside a joint limit, beyond a plane or `Limit`, within an obstacle; led back where stated
@@ -47,25 +47,25 @@ class Relaxed(IntFlag):
 
 
 class Command(NamedTuple):
-    """Output of one tick; frozen, its array read-only and its own."""
+    """Output of one tick; immutable."""
 
     value: NDArray[np.float64]
-    """What to send: joint velocity (n,) in rad/s or m/s for a tracker, force (2,) in N of assistance; always finite."""
+    """Value to send: joint velocity (n,) [rad/s or m/s] or force (2,) [N]; always finite."""
     status: Status
     """Which stage of the fallback chain answered."""
     solver: str
-    """Name of the solver whose answer this is; empty for a safe command."""
+    """Name of the solver; empty for a safe command."""
     residual: float
     """Certificate residual of the answer; infinite for a safe command."""
     iterations: int
-    """Iterations of the solver; -1 where it reports none."""
+    """Iterations of the solver; -1 if it reports none."""
     reason: str
-    """Why this is not a plain OK, or what holds help back; empty otherwise."""
+    """Reason for another status than OK, or for limited assistance; empty otherwise."""
     relaxed: Relaxed
-    """Which bounds or tasks gave way."""
+    """Relaxed bounds or tasks."""
     scale: float
-    """Fraction of the commanded motion that is delivered, 0 to 1, 1 where none is commanded; of a tracker: along the
-    reference twist, feedback included; of assistance: of the desired force, along it. Less than a thousandth, of a
-    desired force beyond `force_limit` of that, is 0: `BLOCKED`."""
+    """Delivered fraction of the commanded motion, 0 to 1; 1 if none is commanded. For a tracker it is along the
+    reference twist with feedback, for assistance along the desired force. Less than 0.001 (of at most `force_limit`)
+    counts as 0: `BLOCKED`."""
     wheels: NDArray[np.float64] | None = None
-    """Wheel speeds [rad/s] that belong to `value`, where there are wheels."""
+    """Wheel speeds [rad/s] for `value`, if there are wheels."""

@@ -1,6 +1,6 @@
-"""A motion tracker's samples made fit for a controller: resampled evenly, lost sight as NaN, noise filtered.
+"""Prepare a motion tracker's samples for a controller: even resampling, NaN for lost sight, noise filter.
 
-The whole recording at once (`conditioned`) and sample by sample (`Conditioner`) give the same numbers.
+A whole recording (`conditioned`) and single samples (`Conditioner`) give the same numbers.
 """
 
 from __future__ import annotations
@@ -26,59 +26,59 @@ __all__ = ["Conditioned", "Conditioner", "conditioned"]
 Array = NDArray[np.float64]
 
 TOGETHER = 3
-"""Samples that must agree before a stretch counts: fewer are a tracker's spike."""
+"""Least number of consistent samples of a stretch; fewer are a spike."""
 LONGEST_GAP = 600.0
-"""[s] A clock that goes on by more was set."""
+"""[s] Largest gap of stamps; beyond it the clock was changed."""
 
 
 class Conditioned(NamedTuple):
-    """N even samples; those while sight was lost hold NaN, which a tracker answers by decelerating."""
+    """N even samples, NaN while sight is lost, for which a tracker decelerates."""
 
     times: Array
-    """(N,) [s] of the stamps' clock, dt apart, from the first valid sample on."""
+    """(N,) [s] on the stamps' clock, dt apart, from the first valid sample."""
     poses: Array
     """(N, 4, 4)"""
     twists: Array
-    """(N, 6) [m/s, rad/s] linear first, base frame, over the tick before."""
+    """(N, 6) [m/s, rad/s] linear first, base frame, mean over the previous tick."""
     lost: NDArray[np.bool_]
-    """(N,) True where there is no sample to go by."""
+    """(N,) True where sight is lost."""
     dropped: int
-    """Samples left out: not finite, stamps that do not advance, spikes."""
+    """Number of samples left out: not finite, with stamps that do not advance, or spikes."""
     gaps: int
-    """Stretches without valid samples, jumps included."""
+    """Number of stretches without valid samples, jumps included."""
 
 
 class _Sample(NamedTuple):
-    """One that is valid."""
+    """A valid sample."""
 
     stamp: float
     pose: Array
     """(7,) position and unit quaternion."""
     number: int = 0
-    """Of its place in a recording."""
+    """Number in the recording."""
 
 
 _Tick = tuple[int, Array | None, Array]
-"""Number, pose (7,) or None where sight is lost, twist (6,)."""
+"""Number, pose (7,) or None if sight is lost, twist (6,)."""
 
 
 class _Stretches:
-    """Which samples count, one after the other: those of stretches that go on for `TOGETHER` and more."""
+    """Accepts samples in stretches of at least `TOGETHER` consistent samples."""
 
     def __init__(self, rule: Conditioner) -> None:
         self.rule, self.dropped = rule, 0
         self.last: _Sample | None = None
-        """Of those that count."""
+        """Last accepted sample."""
         self.held: list[_Sample] = []
-        """The beginning of a stretch that does not count yet."""
+        """Samples of a stretch that is not accepted yet."""
 
     @property
     def newest(self) -> _Sample | None:
-        """What the next sample may go on from."""
+        """Sample that the next one may continue."""
         return self.held[-1] if self.held else self.last
 
     def take(self, sample: _Sample) -> list[_Sample]:
-        """Those that count from now on: the sample, the beginning of its stretch with it, or none."""
+        """Newly accepted samples: this one, also the beginning of its stretch, or none."""
         newest = self.newest
         goes_on = newest is not None and self._goes_on(newest, sample)
         if newest is not None and sample.stamp <= newest.stamp:
@@ -108,15 +108,13 @@ class _Stretches:
 
 
 class Conditioner(OneThread):
-    """Sample by sample.
+    """Conditions a tracker's samples one by one.
 
-    Samples are joined by straight lines, and turns by the nearest way, at even ticks; then each coordinate, and each
-    of the quaternion's, passes a low-pass filter of two equal poles. Sight counts as lost between samples more than
-    `max_gap` apart, and where a hand would have had to move faster than one can. After that the filter starts anew.
-    One or two stamps of the future are left out as spikes are.
-    Ticks that were lost are given then, but where stamps went on by more than 600 s, as of a clock that was set: times
-    go on from there.
-    An object belongs to one thread: see `OneThread`.
+    Positions and rotations are interpolated linearly at even ticks. Then each coordinate, also of the quaternion,
+    passes a low-pass filter of two equal poles. Sight counts as lost between samples more than `max_gap` apart, and if
+    the hand would have moved faster than possible; then the filter restarts. One or two stamps from the future are left
+    out like spikes. Lost ticks are returned afterwards, unless stamps jump by more than 600 s because the clock was
+    changed; then times continue from there. An object belongs to one thread: see `OneThread`.
 
     Parameters
     ----------
@@ -146,7 +144,7 @@ class Conditioner(OneThread):
 
     @property
     def lag(self) -> float:
-        """[s] by which the filter delays a steady motion: 2 (1 - a)/a ticks; live, a sample interval comes on top."""
+        """[s] lag of the filter in steady motion, 2 (1 - a)/a ticks; live, a sample interval is added."""
         return 2.0 * (1.0 - self.gain) / self.gain * self.dt
 
     def reset(self) -> None:
@@ -160,11 +158,11 @@ class Conditioner(OneThread):
 
     @property
     def dropped(self) -> int:
-        """Samples left out so far, see `Conditioned`."""
+        """Number of samples left out so far, see `Conditioned`."""
         return self._stretches.dropped
 
     def push(self, stamp: float, position: ArrayLike, quaternion: ArrayLike) -> Conditioned:
-        """Even samples (none, one or many) that one sample of the tracker completes.
+        """Even samples (none, one or many) completed by one sample of the tracker.
 
         Parameters
         ----------
@@ -189,7 +187,7 @@ class Conditioner(OneThread):
         return self._given(out)
 
     def _opened(self, first: _Sample) -> list[_Tick]:
-        """The ticks that were lost before a stretch."""
+        """The lost ticks before a stretch."""
         self.gaps += not math.isnan(self._origin)
         if not first.stamp - (self._origin + self._next * self.dt) <= LONGEST_GAP:
             self._origin, self._next = first.stamp, 0
@@ -200,7 +198,7 @@ class Conditioner(OneThread):
         return out
 
     def _up_to(self, sample: _Sample) -> list[_Tick]:
-        """The ticks up to a sample that goes on."""
+        """The ticks up to a sample that continues a stretch."""
         out: list[_Tick] = []
         t0, a, _ = self._from
         while (at := self._origin + self._next * self.dt) <= sample.stamp:
@@ -238,11 +236,11 @@ def conditioned(
     max_speed: float = 5.0,
     max_turn_rate: float = 30.0,
 ) -> Conditioned:
-    """A whole recording: stamps (N,) [s], positions (N, 3) [m], quaternions (N, 4); see `Conditioner`.
+    """Condition a recording: stamps (N,) [s], positions (N, 3) [m], quaternions (N, 4); see `Conditioner`.
 
     Raises
     ------
-    ConfigurationError : wrong shapes, no stretch of valid samples, or more than 600 s without.
+    ConfigurationError : wrong shapes, no stretch of valid samples, or a gap of more than 600 s.
     """
     from scipy.signal import lfilter  # noqa: PLC0415  (loaded when used)
 
@@ -309,7 +307,7 @@ def _first_tick(start: float, origin: float, dt: float) -> int:
 
 
 def _twists(states: Array, dt: float) -> Array:
-    """(N, 6) of filtered positions and quaternions (N, 7), from the one before; the first is at rest."""
+    """(N, 6) twists from filtered positions and quaternions (N, 7), over the previous tick; the first is zero."""
     twists = np.zeros((len(states), 6))
     twists[1:, :3] = np.diff(states[:, :3], axis=0) / dt
     q = states[:, 3:] / np.linalg.norm(states[:, 3:], axis=1, keepdims=True)

@@ -1,14 +1,14 @@
-"""Where two bodies come nearest, as expressions: capsule and capsule, capsule and box, ball and half-space.
+"""Nearest contacts of two bodies as expressions: capsule and capsule, capsule and box, ball and half-space.
 
-The distance of two capsules is that of their segments less their radii. It is smooth but where the nearest points
-jump: segments that lie side by side touch along a line, and the least tilt moves the nearest point from one end of it
-to the other. So each function gives several contacts: the nearest points, and the points at which two bodies that lie
-along each other would touch first if they tilted. Each contact is one of material points, whose distance is smooth
-and no less than that of the bodies; rows on all of them do not chatter where a row on the nearest alone would.
+The distance of two capsules is that of their segments minus their radii. It is not smooth where the nearest points
+jump: parallel segments touch along a line, and a small tilt moves the nearest point from one end of the line to the
+other. So each function returns several contacts: the nearest points, and the points at which two parallel bodies would
+touch first after a tilt. Each contact is between material points, whose distance is smooth and at least that of the
+bodies. Rows on all of them do not chatter, unlike a row on the nearest alone.
 
 A contact is a column of `CONTACT` numbers: distance [m]; unit normal (3,), from the other body towards the first;
-moment p x normal (3,) [m] of the place p of contact; and the velocity of the other body's point along the normal
-[m/s]. A contact that is none has the distance `FAR`.
+moment p x normal (3,) [m] with the contact point p; and the velocity of the other body's point along the normal [m/s].
+A missing contact has the distance `FAR`.
 """
 
 from __future__ import annotations
@@ -23,35 +23,36 @@ from rehab_opt.optim.certificate import all_true, clipped
 __all__ = ["CONTACT", "CONTACTS", "FAR", "Approach", "ball_above", "capsule_and_box", "capsule_and_capsule"]
 
 CONTACT = 8
-"""Numbers of a contact."""
+"""Number of values of a contact."""
 CONTACTS = 5
-"""Contacts of two capsules, and of a capsule and a box."""
+"""Number of contacts of two capsules, and of a capsule and a box."""
 FAR = 1e3
-"""[m] Distance of what is not there."""
+"""[m] Distance of a missing contact or body."""
 TINY = 1e-12
-"""[m] A distance that gives no direction, or [m^2] the square of a segment that is a point."""
+"""[m] Distances below this give no direction; [m^2] squared length of a segment that counts as a point."""
 PARALLEL = 1e-14
-"""Square of the sine of the angle below which segments count as parallel: their ends come as near as their insides."""
+"""Squared sine of the angle below which segments count as parallel, so that only their ends matter."""
 SAME = 1e-9
-"""Fraction of a segment by which two places on it differ."""
+"""Least difference of two points on a segment, as a fraction of it."""
 BESIDE, AGAIN = 5e-4, 1.0
-"""[m] Of two contacts of a pair so near each other the later one has up to so much more room: one row does for both."""
+"""[m] Distance of two contacts of a pair below which the later one gets up to this much more room, because one row
+serves both."""
 
 
 class Approach(NamedTuple):
-    """Relative motion of two bodies, and which of their ends another pair covers.
+    """Relative motion of two bodies, and flags of ends that another pair covers.
 
-    The room of a contact is its distance less `lead` times its closing speed: a near body that stands can wait for its
-    row, a fast one cannot. A pair's room is that of its nearest contact.
+    The room of a contact is its distance minus `lead` times its closing speed, so that fast bodies get rows before near
+    ones at rest. A pair's room is that of its nearest contact.
     """
 
     twist: ca.SX
-    """(6,) [rad/s, m/s] of the first body against the other, besides that one's `speeds`: turn, and shift of what lies
-    at the origin."""
+    """(6,) [rad/s, m/s] angular velocity, and linear velocity at the origin, of the first body relative to the other,
+    without that one's `speeds`."""
     lead: ca.SX
     """[s]"""
     told: ca.SX
-    """(4,) 0 for an end of the first and of the other body that an adjacent body has, too, whose pair covers it."""
+    """(4,) flags of the ends of both bodies; 0 for an end shared with an adjacent body whose pair covers it."""
 
     def room(self, distance: ca.SX, normal: ca.SX, moment: ca.SX, speed: ca.SX | float) -> ca.SX:
         """[m] of a contact."""
@@ -60,7 +61,7 @@ class Approach(NamedTuple):
 
 
 def ball_above(centre: ca.SX, normal: ca.DM, offset: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """Height [m] of a ball's centre (3,) less `offset` along a half-space's normal, and the contact."""
+    """Height [m] of a ball's centre (3,) minus `offset` along a half-space's normal, and the contact."""
     height = ca.dot(normal, centre) - offset
     return height, ca.vertcat(height, normal, ca.cross(centre, normal), 0)
 
@@ -68,15 +69,15 @@ def ball_above(centre: ca.SX, normal: ca.DM, offset: ca.SX) -> tuple[ca.SX, ca.S
 def capsule_and_capsule(
     first: tuple[ca.SX, ca.SX], other: tuple[ca.SX, ca.SX], radii: ca.SX, speeds: tuple[ca.SX, ca.SX], near: Approach
 ) -> tuple[ca.SX, ca.SX, ca.SX]:
-    """Distance [m] of two capsules, about the room [m] of their nearest points, and contacts (9, 5), each with room.
+    """Distance [m] of two capsules, approximate room [m] of their nearest points, contacts (9, 5) with room.
 
     Parameters
     ----------
-    first, other : (3,), (3,) [m] ends of their segments; equal ones make a ball.
-    radii : [m] their sum. speeds : (3,), (3,) [m/s] how the ends of the other one move. near : see `Approach`.
+    first, other : (3,), (3,) [m] ends of their segments; equal ends make a ball.
+    radii : [m] their sum. speeds : (3,), (3,) [m/s] velocities of the other one's ends. near : see `Approach`.
 
-    The distance is that of the segments less `radii`, negative by as much as the bodies overlap where one of the
-    segments' nearest points is an end or a crossing: at least minus `radii`, at segments that meet.
+    The distance is that of the segments minus `radii`. It is negative for overlapping bodies, down to minus `radii` for
+    segments that intersect.
     """
     (a, a_end), (b, b_end) = first, other
     along, across = a_end - a, b_end - b
@@ -127,7 +128,7 @@ def capsule_and_capsule(
 
 
 def _behind_those_beside(contacts: list[ca.SX], places: list[ca.SX], apart: list[ca.SX], told: list[ca.SX]) -> None:
-    """Give contacts whose place [m] is that of a nearer one, or of one that another pair covers, more room."""
+    """Give more room to contacts at the place [m] of a nearer contact, or of one that another pair covers."""
     for j, place in enumerate(places):
         for i, beside in enumerate(places):
             nearer = apart[i] <= apart[j] if i < j else apart[i] < apart[j]
@@ -138,7 +139,7 @@ def _behind_those_beside(contacts: list[ca.SX], places: list[ca.SX], apart: list
 
 
 def _where(there: ca.SX, contact: ca.SX) -> ca.SX:
-    """The contact, or one that is none."""
+    """The contact, or a missing one."""
     distance, room = (ca.if_else(there, each, FAR) for each in (contact[0], contact[-1]))
     return ca.vertcat(distance, contact[1:-1], room)
 
@@ -146,16 +147,17 @@ def _where(there: ca.SX, contact: ca.SX) -> ca.SX:
 def capsule_and_box(
     ends: tuple[ca.SX, ca.SX], turn: ca.SX, centre: ca.SX, half: ca.SX, radius: ca.SX, *, near: Approach
 ) -> tuple[ca.SX, ca.SX, ca.SX]:
-    """Distance [m] of a capsule and a box, the room [m] of their nearest contact, and contacts (9, 5), each with its.
+    """Distance [m] of a capsule and a box, room [m] of their nearest contact, contacts (9, 5) with room.
 
     Parameters
     ----------
-    ends : (3,), (3,) [m] of the capsule's segment. turn : (3, 3) axes of the box, by columns. centre : (3,) [m] of it.
+    ends : (3,), (3,) [m] of the capsule's segment. turn : (3, 3) axes of the box as columns. centre : (3,) [m] of the
+        box.
     half : (3,) [m] half its sizes. radius : [m] of the capsule. near : see `Approach`.
 
-    Outside, the distance of the segment from the box less `radius`. Where the segment cuts the box, minus the shortest
-    way out by translation less `radius`, exactly: box and segment added up are a body of twelve faces. There the
-    contact leads out through the nearest face of the box, of what it cuts deepest.
+    Outside it is the distance of the segment from the box minus `radius`. If the segment cuts the box, it is exactly
+    minus the shortest translation out of the box, minus `radius`: the Minkowski sum of box and segment has twelve
+    faces. The contact then points out through the nearest face of the box at the deepest cut.
     """
     start, stop = (turn.T @ (end - centre) for end in ends)
     along = stop - start
@@ -211,9 +213,9 @@ def capsule_and_box(
 
 
 def _way_out(start: ca.SX, stop: ca.SX, half: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
-    """Direction (3,) and length [m] of a segment's shortest way out of a box, in its axes; and the place that is last.
+    """Direction (3,) and length [m] of a segment's shortest way out of a box, in its axes; and its last point inside.
 
-    The length is over the axes of the box and across them and the segment, the direction of a face.
+    The length considers the box's axes and their cross products with the segment, the direction only the faces.
     """
     middle, along = (start + stop) / 2, stop - start
     faces = half + ca.fabs(along) / 2 - ca.fabs(middle)

@@ -7,9 +7,9 @@ import casadi as ca
 __all__ = ["DAMPING", "PASSES", "damped_velocity"]
 
 DAMPING = 4e-4
-"""Square of the singular value [m/rad or 1] below which a direction counts as lost."""
+"""Squared singular value [m/rad or 1] below which a direction counts as singular."""
 PASSES = 3
-"""Passes of the damped solve: each removes the damping's error where the arm is far from singular."""
+"""Passes of the damped solve: each reduces the damping's error far from singular postures."""
 
 
 def damped_velocity(
@@ -22,7 +22,7 @@ def damped_velocity(
 ) -> ca.SX:
     """(n,) iterated damped least squares: J'(K^-1 + d K^-2 + d^2 K^-3 + ...) v with K = J J' + d I.
 
-    `drift` (n,) is added where it does not move the hand: a posture, for redundant chains.
+    The part of `drift` (n,) that does not move the hand is added, for the posture of redundant chains.
     """
     k = jacobian.size1()
     diagonal, factor, order = ca.ldl(ca.densify(jacobian @ jacobian.T) + damping * ca.SX.eye(k), False)

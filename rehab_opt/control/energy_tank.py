@@ -15,29 +15,29 @@ from rehab_opt.symbolic.record import Record, Values
 __all__ = ["LAGS", "SLOTS", "TAIL", "EnergyTank", "tank_record"]
 
 TAIL = 5.0
-"""Time constants after which what a first-order lag still holds back is counted as a rest, see `EnergyTank`."""
+"""Number of time constants after which the remainder of a first-order lag is counted separately, see `EnergyTank`."""
 LAGS = 1.5 * math.exp(-TAIL)
-"""exp(-TAIL), and half as much again: the older forces that it is a fraction of have faded meanwhile, see `FADES`."""
+"""1.5 exp(-TAIL); the factor covers the fading of older forces, see `FADES`."""
 SLOTS = 10
-"""Into how many pieces the forces that are under way are put."""
+"""Number of time slots for the forces under way."""
 FADES = 3.0
-"""[windows] in which older forces are forgotten, all but 1/e."""
+"""[windows] Time constant with which older forces fade."""
 
 
 @cache
 def tank_record(slots: int) -> Record:
-    """What is remembered of a tank; at first `level` is the budget, and the others are zero.
+    """State of a tank; at first `level` is the budget, and the others are zero.
 
-    level : [J] left, as far as the hand was seen. pending : [J] set aside since. coming : [J] what the forces that were
-    sent may still deliver beyond that. disputed : [J] that was given back after hidden motion, and that a jump right
-    behind it takes again. unseen : [s] since the hand was seen. varied : [J]
-    most that forces other than `along` could have added since then. peak : [N] the largest force since then. along :
-    (2,) [N] the first. gap : whether there were several.
+    level : [J] left at the last valid position. pending : [J] reserved since then. coming : [J] that the forces already
+        sent may deliver beyond that. disputed : [J] returned after hidden motion, and withdrawn if a jump follows at
+        once. unseen : [s] since the last valid position. varied : [J] largest additional work since then of forces
+        other than `along`. peak : [N] largest force since then. along : (2,) [N] first force since then. gap : whether
+        there were several ticks.
 
-    lately, swing : [N] the largest force so far, and how far forces went to and fro, both fading.
+    lately, swing : [N] largest force so far, and accumulated change of the force, both fading.
 
-    x, y, around, impulse, seconds : of the forces sent last, the newest first, pieces of time with the discs that their
-    forces are in, centre and radius [N], the integral of their size [N s], and how long they lasted [s].
+    x, y, around, impulse, seconds : (slots,) the last sent forces, the newest first: per time slot the centre and
+        radius [N] of a disc with all its forces, the integral of their size [N s], and its duration [s].
     """
     sent = dict.fromkeys(("x", "y", "around", "impulse", "seconds"), slots)
     return Record(
@@ -46,39 +46,37 @@ def tank_record(slots: int) -> Record:
 
 
 class EnergyTank:
-    """Energy left of a budget, from commanded forces and the displacements measured while they acted.
+    """Remaining energy of a budget, from commanded forces and the displacements measured while they acted.
 
-    A force that acts while the hand goes dx delivers F.dx, which is known only afterwards. While a position is missing,
-    or repeats itself exactly as that of a frozen sensor does, the most that a hand no faster than `speed_cap` could
-    have drawn is set aside; the next position replaces it, and one that jumps right after it disputes that. Energy that
-    the hand puts in is given back, up to the budget, where every step of it was seen. What it puts in and draws between
-    two positions counts by its sum.
+    A force F during a displacement dx delivers F.dx, which is known only afterwards. While positions are missing, or
+    repeat exactly as with a frozen sensor, the largest energy that a hand within `speed_cap` could have drawn is
+    reserved. The next position replaces the reserve, unless a jump follows at once. Energy that the hand puts in is
+    added, up to the budget, if every step was measured. Between two positions only the sum of input and output counts.
 
-    A force acts late: up to `window` after it was sent, all of it but what lags. So a step dx is charged with the most
-    that any force under way delivers, max F.dx over those of the window, and with a tail: exp(-TAIL) of a lagging force
-    stems from forces before the window. What is sent is delivered once: no more than its impulse times the speed cap is
-    still to come. `ceiling` is the largest force F from which a release within the slew bound is affordable beside
-    that, after one tick that lasts `late`:
+    A force acts with a delay of up to `window`, except for a lagging remainder. So a step dx costs the largest max F.dx
+    over the forces of the window, plus a tail: exp(-TAIL) of a lagging force comes from forces before the window. A
+    sent force can still deliver at most its impulse times the speed cap. `ceiling` is the largest force F that, in
+    addition, leaves enough energy for a release within the slew bound after a tick of length `late`:
 
         speed_cap (sum of |F_j| dt_j under way + F late + F^2 / (2 slew)) <= energy left
 
-    So no hand below the speed cap draws more than the budget: what was truly delivered plus speed_cap times the impulse
-    under way is never above it. It grows by speed_cap F dt where F is sent, for which the ceiling asks; where the
-    energy does not allow F, nothing is sent. Assumed: the hand goes straight from sample to sample, and a force acts at
+    So no hand below the speed cap draws more than the budget: the delivered energy plus speed_cap times the impulse
+    under way never exceeds it. Sending F adds speed_cap F dt to this sum, which the ceiling takes into account; if the
+    energy does not allow F, nothing is sent. Assumptions: the hand moves straight between samples, and a force acts at
     most `window` late.
 
-    Numbers are expressions, and each method gives the tank that is left behind by it. The order in a tick: `elapsed`
-    with the force that was sent, then `seen` or `jumped`, or neither.
+    Numbers are expressions, and each method returns the next tank. Order in a tick: `elapsed` with the sent force, then
+    `seen` or `jumped`, or neither.
 
     Parameters
     ----------
     numbers : of `tank_record(slots)`.
-    slots : 1 where forces act at once (window zero), else `SLOTS`.
-    budget : [J] what may be delivered until `reset`, net of what the hand put in since.
-    slew : [N/s] rate at which the force can certainly be released.
+    slots : 1 if forces act at once (window zero), else `SLOTS`.
+    budget : [J] net energy that may be delivered until `reset`.
+    slew : [N/s] guaranteed release rate of the force.
     speed_cap : [m/s] hand speed up to which the budget holds.
-    late : [s] longest time between two ticks that the reserve covers.
-    window : [s] see above. tail : fraction of what older forces differ by, `LAGS`. dt : [s] of a tick.
+    late : [s] longest tick that the reserve covers.
+    window : [s] see above. tail : weight of the change of older forces, `LAGS`. dt : [s] of a tick.
     """
 
     def __init__(self, numbers: Values, slots: int, **of: ca.SX) -> None:
@@ -92,25 +90,25 @@ class EnergyTank:
         return EnergyTank(tank_record(self._slots).changed(self.numbers, **others), self._slots, **self._of)
 
     def or_else(self, when: ca.SX, other: EnergyTank) -> EnergyTank:
-        """The other tank where that is so, else the tank itself."""
+        """`other` if the condition holds, else this tank."""
         mine, theirs = self.numbers, other.numbers
         names = tank_record(self._slots).places
         return self._with(**{name: ca.if_else(when, getattr(theirs, name), getattr(mine, name)) for name in names})
 
     @property
     def left(self) -> ca.SX:
-        """[J] what is certainly left."""
+        """[J] energy that is certainly left."""
         return self.numbers.level - self.numbers.pending
 
     @property
     def ceiling(self) -> ca.SX:
-        """[N] the largest force that may be commanded now; zero where nothing is left."""
+        """[N] largest force that may be commanded now; zero without energy."""
         slow, free = self._slew * self.late, ca.fmax(self.left - self._to_come, 0)
         return ca.sqrt(slow * slow + 2.0 * self._slew * free / self._speed) - slow
 
     @property
     def _to_come(self) -> ca.SX:
-        """[J] what a hand can still draw from the forces that were sent, beyond what is set aside."""
+        """[J] energy that a hand can still draw from sent forces, beyond the reserve."""
         now, spare = self.numbers, ca.fmax(self._window / max(self._slots - 2, 1), self._of["dt"])  # stamps jitter
         lasts = ca.fmax(self._window + spare - self._ages(), 0)
         under_way = ca.sum1(ca.fmin(now.impulse, lasts * (ca.hypot(now.x, now.y) + now.around)))
@@ -118,17 +116,17 @@ class EnergyTank:
         return ca.if_else(now.unseen > 0, now.coming, (under_way + lags) * self._speed)
 
     def _ages(self) -> ca.SX:
-        """(slots,) [s] since each piece ended."""
+        """(slots,) [s] since each slot ended."""
         seconds = [ca.SX(0), *ca.vertsplit(self.numbers.seconds)[:-1]]
         return ca.vertcat(*itertools.accumulate(seconds))
 
     def _most(self, each: ca.SX) -> ca.SX:
-        """Largest value `each` (slots,) of those pieces that may have acted since the hand was seen."""
+        """Largest of `each` (slots,) over the slots that may have acted since the last valid position."""
         acts = self._ages() < self._window + self.numbers.unseen
         return ca.mmax(ca.vertcat(each[0], *(ca.if_else(acts[i], each[i], each[0]) for i in range(1, self._slots))))
 
     def _sent(self, force: ca.SX, seconds: ca.SX, at_most: ca.SX) -> EnergyTank:
-        """Add a force (2,), sent for `seconds` or at most `at_most`, to the newest piece; to a new one if full."""
+        """Add a force (2,), sent for `seconds` or at most `at_most`, to the newest slot, or a new one if full."""
         now, x, y = self.numbers, force[0], force[1]
         impulse = ca.norm_2(force) * ca.fmin(at_most, self._window)
         fits = now.seconds[0] < self._window / max(self._slots - 2, 1)  # so all pieces together are longer than that
@@ -149,9 +147,9 @@ class EnergyTank:
         return self._with(lately=lately, swing=swing, **after)
 
     def elapsed(self, force: ca.SX, seconds: ca.SX, surely: ca.SX) -> EnergyTank:
-        """The force (2,) was sent for so long at most, and the hand may have gone anywhere within the speed cap.
+        """Account for a force (2,) sent for at most `seconds`, with any hand motion within the speed cap.
 
-        `surely` [s] is what adds up to the time that has gone: by it forces are no longer under way.
+        `surely` [s] sums up to the elapsed time, by which forces under way expire.
         """
         first, reach = self.numbers.unseen == 0, self._speed * seconds
         draws = self._to_come + ca.norm_2(force) * reach
@@ -171,7 +169,7 @@ class EnergyTank:
         )
 
     def seen(self, moved: ca.SX) -> EnergyTank:
-        """The hand has moved by so much (2,) [m] since it was last seen, within the speed cap."""
+        """Account for a measured displacement (2,) [m] since the last valid position, within the speed cap."""
         now, way = self.numbers, ca.norm_2(moved)
         hidden = clipped(ca.dot(now.along, moved) + now.varied, 0, now.pending)
         work = self._most(now.x * moved[0] + now.y * moved[1] + now.around * way) + self._tail * way
@@ -181,20 +179,20 @@ class EnergyTank:
         return self._with(level=ca.fmin(level, self._budget), disputed=disputed)._settled()
 
     def jumped(self, distance: ca.SX) -> EnergyTank:
-        """The position has moved faster than the speed cap: what a hand could have drawn so is gone for good."""
+        """Account for a position jump beyond the speed cap: energy that a hand could have drawn is lost."""
         now = self.numbers
         drawn = now.disputed + now.pending + now.peak * ca.fmin(distance, HAND_SPEED * now.unseen)
         return self._with(level=now.level - drawn, disputed=ca.SX(0))._settled()
 
     def left_alone(self, force: ca.SX, seconds: ca.SX, following: ca.SX) -> EnergyTank:
-        """A force (2,) was sent for so long, and nobody saw what the hand did; another one (2,) acts from now on."""
+        """Account for a force (2,) sent for `seconds` without a position; `following` (2,) acts from now on."""
         blind = self.elapsed(force, seconds, seconds).jumped(ca.SX(0))
         return blind._sent(following, ca.SX(0), self._window)
 
     def given(self, fraction: ca.SX, force: ca.SX) -> tuple[EnergyTank, ca.SX]:
         """The tank after a fraction of its free energy is taken, and that energy [J].
 
-        Free is what neither a dispute nor `force` (2,) may still draw.
+        Free energy excludes disputed energy and energy that `force` (2,) may still deliver.
         """
         size = ca.norm_2(force)
         draws = self._to_come + self._speed * size * (self.late + size / (2.0 * self._slew))
@@ -202,7 +200,7 @@ class EnergyTank:
         return self._with(level=self.numbers.level - gone), gone
 
     def filled(self, joules: ca.SX) -> EnergyTank:
-        """With what another tank gave [J], up to the budget; the rest is lost, and so is what is no number."""
+        """Add energy [J] from another tank, up to the budget; the rest, and NaN, is ignored."""
         level, valid = self.numbers.level, ca.logic_and(joules > 0, joules < math.inf)
         full = ca.fmin(level + ca.fmin(joules, self._budget), self._budget)
         return self._with(level=ca.if_else(valid, full, level))

@@ -1,6 +1,6 @@
-"""One tick of a bounded force as functions of (model, memory, inputs): check the hand's sample, then bound the force.
+"""One tick of a bounded force as functions of (model, memory, inputs): check the sample, then bound the force.
 
-In between, the controller computes the desired force. C is generated from the same functions.
+In between, the controller computes the desired force. C code is generated from the same functions.
 """
 
 from __future__ import annotations
@@ -41,61 +41,59 @@ __all__ = [
 ]
 
 MISSED = 1e-6
-"""Fraction of the desired force from which on the difference of the commanded one relaxes the task."""
+"""Least difference between commanded and desired force, as a fraction, that counts as a relaxed task."""
 MODEL = Record(
     dt=1, max_age=1, force_limit=1, slew_limit=1, growth_limit=1, speed_cap=1, velocity_lag=1, trust_stillness=1,
     budget=1, window=1, tail=1, jitter=1, learns=1, tolerance=1,
 )  # fmt: skip
-"""What differs between people and robots: see `BoundedForce`; window [s] and tail are those of `EnergyTank`, jitter [m]
-is by how much noise may move a position between two samples, learns whether that is learnt instead."""
+"""Parameters of people and robots: see `BoundedForce`. window [s] and tail are those of `EnergyTank`; jitter [m] is the
+largest displacement by noise between two samples, learns whether it is learnt instead."""
 VIEW = Record(x=2, v=2, reason=1, details=3, at_once=1, ceiling=1, left=1, repeats=1, grown=1)
-"""A hand as it was judged: position [m] and velocity [m/s], why it cannot be acted on and whether the force goes at
-once, largest force [N] and energy [J] that may be given, whether the position repeats itself, and the largest force [N]
-that the growth limit allows."""
+"""A checked sample of the hand: position [m], velocity [m/s], reason why it is invalid, whether the force is released
+at once, largest force [N], remaining energy [J], whether the position repeats, and the largest force [N] by the growth
+limit."""
 DESIRED = Record(force=2, lets_go=1)
-"""[N] before any bound, which may be no number; whether the hand is let go: `BLOCKED`."""
+"""[N] force before any bound, possibly NaN; whether the hand is released: `BLOCKED`."""
 SOLVED = Record(asks=1, value=2, status=1, residual=1, solver=1, relaxed=1, scale=1, reason=1, details=3, desired=2)
-"""A command: whether a certified answer is missing that another solver might have; the force [N]; the status's place in
-`NUMBERED`; the certificate's residual, infinite for a release; the solver; the relaxed bounds; the delivered
-fraction of the desired force; the reason; and the desired force [N], zero where the state is not valid."""
+"""A command: whether another solver should be tried; force [N]; index of the status in `NUMBERED`; certificate
+residual, infinite for a release; solver; relaxed bounds; delivered fraction of the desired force; reason; and desired
+force [N], zero for an invalid state."""
 FORGOTTEN = 2.0
-"""[s] in which a person forgets the largest force: until then less than it does not come as a surprise."""
+"""[s] Time in which the largest recent force fades; smaller forces are no surprise to a person meanwhile."""
 BEYOND = 1e6
-"""[m, N] A message with such a number is broken."""
+"""[m, N] A message with a larger number is corrupt."""
 MESSAGE = Record(place=2, force=2, energy=1, serial=1)
-"""What a side says: where its hand is [m], NaN where it cannot be acted on; force on it [N]; energy given [J]; its
-number."""
+"""Message of a side: hand position [m], NaN if invalid; force on it [N]; sent energy [J]; serial number."""
 LEAP = 100
-"""Messages in a row that may be lost, and the next one still counts; one that leaps further waits for its successor."""
+"""Largest number of lost messages in a row; after a larger leap of the serial, the next message must confirm it."""
 NUMBERS = Record(said=1, newest=1, heard=1)
-"""Serials of the last message sent, of the newest received that counted, and of the last received, if it counted or
-not."""
+"""Serials of the last sent message, of the newest accepted one, and of the last received one."""
 LATEST = 1.0
-"""[s] The longest time between two ticks that energy is set aside for."""
+"""[s] Longest time between two ticks for which energy is reserved."""
 
 
 @cache
 def watched_record(slots: int) -> Record:
-    """What is remembered of stamps, hand and tank; and `felt` [N], the largest force that is not forgotten yet."""
+    """Memory of stamps, hand and tank, and `felt` [N], the largest recent force."""
     return Record(stamps=STAMPS.size, hand=HAND.size, tank=tank_record(slots).size, felt=1)
 
 
 class ForceTick(NamedTuple):
-    """The functions of a tick; each column is a record, or the last force (2,)."""
+    """Functions of a tick; each column is a record, or the last force (2,)."""
 
     judge: ca.Function
     """`MODEL`, `watched_record`, last force (2,), `SAMPLE` -> `watched_record`, `VIEW`."""
     conclude: ca.Function
     """`MODEL`, last force, `VIEW`, `DESIRED` -> `SOLVED`, by the QP's closed form."""
     precompute: ca.Function
-    """`MODEL`, `VIEW`, `DESIRED` -> parameters of the QP, whether there is one."""
+    """`MODEL`, `VIEW`, `DESIRED` -> parameters of the QP, whether a QP is needed."""
     finish: ca.Function
     """`MODEL`, last force, `VIEW`, `DESIRED`, a solver's force, residual and number (4,) -> `SOLVED`."""
 
 
 @cache
 def force_tick(slots: int) -> ForceTick:
-    """The tick of every `BoundedForce`: what differs between them is in its model."""
+    """The tick of every `BoundedForce`; its parameters are in `MODEL`."""
     statement, precompute, finish = assistance_statement(), _precompute(), _finish()
     inputs = model, last, view, desired = finish.sx_in()[:4]
     parameters, _ = precompute(model, view, desired)
@@ -108,7 +106,7 @@ def force_tick(slots: int) -> ForceTick:
 
 
 def _judge(slots: int) -> ca.Function:
-    """Whether a sample of the hand can be acted on, and how much force may be given."""
+    """Function that checks a sample of the hand and computes the largest allowed force."""
     model, watched, sample = MODEL.symbols("model"), watched_record(slots).symbols("watched"), SAMPLE.symbols("sample")
     force = ca.SX.sym("force", 2)
     stamped, limits = STAMPS.parts(watched.stamps), {"dt": model.dt, "max_age": model.max_age}
@@ -141,7 +139,7 @@ def _judge(slots: int) -> ca.Function:
 
 
 def _precompute() -> ca.Function:
-    """Parameters of the QP: the desired force, capped by what energy and growth allow, and the bounds."""
+    """Function of the QP's parameters: the desired force, limited by energy and growth, and the bounds."""
     model, view, wanted = MODEL.symbols("model"), VIEW.symbols("view"), DESIRED.symbols("desired")
     desired = wanted.force
     size, ceiling = ca.norm_2(desired), ca.fmin(view.ceiling, view.grown)
@@ -154,7 +152,7 @@ def _precompute() -> ca.Function:
 
 
 def _finish() -> ca.Function:
-    """The command: a certified force, or none, as fast as the slew bound allows or at once."""
+    """Function of the command: a certified force, or a release within the slew bound or at once."""
     model, view, wanted = MODEL.symbols("model"), VIEW.symbols("view"), DESIRED.symbols("desired")
     desired, lets_go = wanted.force, wanted.lets_go != 0
     last, answer, size = ca.SX.sym("last", 2), ca.SX.sym("answer", 4), ca.norm_2(desired)
@@ -208,7 +206,7 @@ def _finish() -> ca.Function:
 
 @cache
 def affordable(slots: int) -> ca.Function:
-    """`MODEL`, `watched_record`, last force (2,) -> the largest force [N], the energy [J], the growth [N] of now."""
+    """`MODEL`, `watched_record`, last force (2,) -> current largest force [N], energy [J], growth limit [N]."""
     model, watched, force = MODEL.symbols("model"), watched_record(slots).symbols("watched"), ca.SX.sym("force", 2)
     ceiling, left = _affordable(_tank(watched.tank, model, slots), model)
     grown = _growth(watched.felt, force, model)[1]
@@ -220,7 +218,7 @@ def _affordable(tank: EnergyTank, model: Values) -> tuple[ca.SX, ca.SX]:
 
 
 def _growth(felt: ca.SX, force: ca.SX, model: Values) -> tuple[ca.SX, ca.SX]:
-    """[N] what is felt after `force` (2,) was sent, and the largest force that may be sent next."""
+    """[N] largest recent force after `force` (2,), and largest force that may be sent next."""
     fades = model.force_limit / FORGOTTEN * model.dt
     now = ca.fmax(ca.norm_2(force), felt - fades)
     return now, now + model.growth_limit * model.dt
@@ -228,9 +226,9 @@ def _growth(felt: ca.SX, force: ca.SX, model: Values) -> tuple[ca.SX, ca.SX]:
 
 @cache
 def anew(slots: int) -> ca.Function:
-    """`MODEL`, `watched_record`, last force and the one that acts from now on (4,) -> `watched_record`, nothing seen.
+    """`MODEL`, `watched_record`, last and new force (4,) -> `watched_record` without a position.
 
-    The tank stays as it is, but for what a hand could have drawn since it was seen.
+    The tank keeps its energy minus what a hand could have drawn since the last position.
     """
     model, watched = MODEL.symbols("model"), watched_record(slots).symbols("watched")
     forces = ca.SX.sym("forces", 4)
@@ -256,9 +254,9 @@ def anew(slots: int) -> ca.Function:
 def hear(slots: int) -> ca.Function:
     """`MODEL`, `watched_record`, `NUMBERS`, energy [J], serial, two more -> `watched_record`, `NUMBERS`, those two.
 
-    A message is new if its serial exceeds that of every message that was, and follows, by no more than `LEAP`, on the
-    newest or on the last received. Any other gives no energy, and NaN. So nothing counts twice, and one corrupted
-    serial, on which none follows, keeps no later message out.
+    A message is new if its serial exceeds that of every accepted message, and exceeds the newest or the last received
+    one by at most `LEAP`. Other messages give no energy and NaN. So nothing counts twice, and a corrupted serial
+    without successor does not block later messages.
     """
     model, watched = MODEL.symbols("model").column, watched_record(slots).symbols("watched").column
     numbers, (energy, serial, *told) = NUMBERS.symbols("numbers"), ca.vertsplit(heard := ca.SX.sym("heard", 4))
@@ -284,7 +282,7 @@ def say(slots: int) -> ca.Function:
 
 @cache
 def give(slots: int) -> ca.Function:
-    """`MODEL`, `watched_record`, last force (2,), fraction of the energy for another tank -> `watched_record`, that."""
+    """`MODEL`, `watched_record`, last force (2,), fraction of the energy to send -> `watched_record`, energy [J]."""
     model, watched = MODEL.symbols("model"), watched_record(slots).symbols("watched")
     force, fraction = ca.SX.sym("force", 2), ca.SX.sym("fraction")
     tank, energy = _tank(watched.tank, model, slots).given(fraction, force)

@@ -1,13 +1,13 @@
-"""Where the joints have been led, computed from the commands and supervised by what is measured.
+"""Reference positions of the joints, integrated from the commands and corrected by measurements.
 
-A controller acts on the led positions, which neither delay nor noise moves:
+A controller acts on the reference positions, which delay and noise do not disturb:
 
-    led' = command + PULL e,    e = what of (measured - led) is outside of [low, high],
+    led' = command + PULL e,    e = part of (measured - led) outside [low, high],
 
-where [low, high] is where the joint was led lately, as seen from where it is led now: the least and the most of the
-last LATE to 2 LATE, through a low-pass of LATE. A servo that is late by a delay of up to LATE, by a lag of up to LATE,
-or both, holds its joint in between: that explains the difference while the arm moves, and nothing does at rest, so that
-a joint at rest is led from where its encoder says it is. What is pushed, sags or sticks is followed so.
+where [low, high] is the range of the reference over the last LATE to 2 LATE, low-passed with LATE, relative to its
+current value. A servo with a delay of up to LATE, a lag of up to LATE, or both, keeps its joint in this range. The
+range is empty at rest, so that the reference of a resting joint moves to its encoder; joints that are pushed, sag or
+stick are followed in this way.
 """
 
 from __future__ import annotations
@@ -26,29 +26,30 @@ from rehab_opt.symbolic.record import Record, Values
 __all__ = ["JUMP", "LATE", "SAID", "FrontEnd", "led_memory"]
 
 LATE = 0.1
-"""[s] by which a servo may be late."""
+"""[s] Largest delay, and largest lag, of a servo."""
 PULL = 10.0
-"""[1/s] rate at which the led position comes to the measured one: noise passes by the root of PULL dt / 2."""
+"""[1/s] Rate at which the reference approaches the measured position; it passes noise times sqrt(PULL dt / 2)."""
 WINDOW, SHARE, PATIENCE, TICKS = 0.015, 0.08, 0.15, 5
-"""[rad or m] way of commands, all in one direction, on which a joint is judged, twice; of which it has moved less than
-this fraction if it is blocked; [s, ticks] for which that is no fault."""
+"""[rad or m] Commanded travel in one direction after which a joint is checked, twice. It counts as blocked if it has
+moved less than this fraction; [s, ticks] time for which that is no fault."""
 BEYOND = 0.3
-"""[rad] by which a joint may be beyond its limit when it is first seen: farther off it is counted otherwise."""
+"""[rad] Largest excess of a joint over its limit at the first sample; further off, whole turns are subtracted."""
 NOISE = 1e-3
-"""[rad or m] beyond a limit that is none."""
+"""[rad or m] Excess over a limit that counts as noise."""
 JUMP = 0.015
-"""[rad or m] by which a sample may be beyond what twice the joint's largest speed explains in a tick."""
+"""[rad or m] Allowance of a sample beyond twice the joint's largest motion in a tick."""
 SAID = Record(fault=1, joint=1, far=1, missing=1)
-"""The fault, 0 for none, the joint that it is of, how far it is from where it was led [rad or m]; whether the positions
-are none that the joints can have now."""
+"""Fault (0 for none), its joint, the joint's distance from its reference [rad or m]; whether the measured positions are
+impossible."""
 
 
 @cache
 def led_memory(n: int) -> Record:
-    """Led positions; the ends of where they were lately, in this span of `LATE` and in the one before, seen from them;
-    where each joint was seen; the way that it was led, and that it was seen to move, since it was last judged; how long
-    it was blocked [s]; how old the span is [s]; how many samples were valid,
-    at most 2; whether a base was seen to move.
+    """Memory of a `FrontEnd` with n joints.
+
+    It has reference positions; the ends of their recent range, in this span of `LATE` and in the one before; last
+    measured positions; commanded and measured travel since the last check; duration of blocking [s]; age of the span
+    [s]; number of valid samples, at most 2; whether the base has moved.
     """
     ends = {"low": n, "high": n, "least": n, "most": n, "least_before": n, "most_before": n}
     return Record(led=n, **ends, seen=n, way=n, moved=n, blocked=n, span=1, known=1, placed=1)
@@ -57,13 +58,13 @@ def led_memory(n: int) -> Record:
 class FrontEnd:
     """n joints of a chain at ticks of dt [s].
 
-    The first `base` joints are the place of a base: its measured place is acted on, whatever it is, and it is judged
-    once that place has changed, since a base need not be measured.
+    The first `base` joints are the position of a base. Their measured values are used directly, and checked only after
+    a first change, because a base may lack a measurement.
 
     Attributes
     ----------
-    size : numbers remembered, see `led_memory`.
-    tick : memory, measured positions, last command (n,) -> memory, led positions (n,), `SAID`.
+    size : length of the memory, see `led_memory`.
+    tick : memory, measured positions, last command (n,) -> memory, reference positions (n,), `SAID`.
     """
 
     def __init__(self, chain: SerialChain, *, dt: float, max_age: float, base: int = 0) -> None:
@@ -134,12 +135,12 @@ class FrontEnd:
         self.tick = ca.Function("led_joints", inputs, [ca.densify(each) for each in outputs], {"cse": True})
 
     def shortest(self, way: ca.SX) -> ca.SX:
-        """(n,) ways [rad or m] without whole turns."""
+        """(n,) differences [rad or m] without whole turns."""
         return way - self._turn * ca.floor(way / (2 * math.pi) + 0.5)
 
 
 def _led_lately(memory: Values, command: ca.SX, dt: float) -> dict[str, ca.SX]:
-    """What is remembered of it after a tick."""
+    """Recent range of the reference after a tick."""
     ended = memory.span + dt > LATE - dt / 2
     kept = {"span": ca.if_else(ended, 0, memory.span + dt)}
     for far, inner, before, clip in (
@@ -155,7 +156,7 @@ def _led_lately(memory: Values, command: ca.SX, dt: float) -> dict[str, ca.SX]:
 
 
 def _largest(numbers: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """The largest of (n,), and the first place where it is."""
+    """The largest of (n,), and its first index."""
     most, place = numbers[0], ca.SX(0)
     for i in range(1, numbers.numel()):
         place, most = ca.if_else(numbers[i] > most, i, place), ca.fmax(most, numbers[i])

@@ -1,6 +1,6 @@
-"""When assistance acts: Eq. (23), Rossa et al., and its counterpart of section VI, as functions of numbers and tables.
+"""Gate of assistance: Eq. (23), Rossa et al., and its counterpart of section VI, as functions of numbers and tables.
 
-Python evaluates them, and C is generated from them.
+Python evaluates them, and C code is generated from them.
 """
 
 from __future__ import annotations
@@ -38,25 +38,25 @@ __all__ = [
 Array = NDArray[np.float64]
 Mode = Literal["stretch", "assist", "resist", "follow", "hold"]
 DesiredForce = Callable[[float, float, float, float], tuple[float, float]]
-"""x, y [m] and velocity [m/s] of the hand -> the desired force [N], before any bound."""
+"""Function: x, y [m] and velocity [m/s] of the hand -> desired force [N], before any bound."""
 
 PULL_BACK = Record(stiffness=1, force=1)
-"""What brings a hand back to the nearest point of a workspace: of a stiffness [N/m], and at most a force [N]."""
+"""Pull of a hand back to the nearest point of a workspace: stiffness [N/m] and largest force [N]."""
 GATE = Record(acts_inside=1, pull_limit=1, onset=1, back=PULL_BACK.size)
-"""Whether the field acts inside of the workspace, or outside; its largest pull [N]; over what distance beyond the
-boundary it grows to its full size [m]."""
+"""Whether the field acts inside or outside the workspace; its largest pull [N]; distance beyond the boundary over which
+it grows to full size [m]; pull back."""
 SPRING = Record(stiffness=1, damping=1)
 """S [N/m], D [N s/m]."""
 FIELD = Record(sharpness=1, damping=2)
-"""Of a field: 1 / sigma^2 [1/m^2], D [N s/m]."""
+"""Parameters of a field: 1 / sigma^2 [1/m^2], D [N s/m]."""
 
 
 def check_mode(mode: Mode, field: PotentialField) -> None:
-    """Refuse a mode that does not exist, or does not go with the field's drag.
+    """Raise an error for an unknown mode, or one that does not fit the field's drag.
 
     Raises
     ------
-    ConfigurationError : it is such a one.
+    ConfigurationError : an invalid mode.
     """
     if mode not in get_args(Mode):
         raise ConfigurationError("mode", mode, f"one of {', '.join(get_args(Mode))}")
@@ -74,25 +74,24 @@ def numbers_of(field: PotentialField) -> Array:
 
 @cache
 def gated_force(edges: int, samples: int, *, in_blocks: bool = True) -> ca.Function:
-    """The field, where the mode lets it act.
+    """Function of the desired force: the field, gated by the mode.
 
-    stretch, assist, resist (therapy): nothing inside the comfortable workspace, the field outside, growing to its full
-    size over the onset beyond the boundary. follow, hold (help in a task): the field inside; outside a pull back to the
-    nearest comfortable point, of a stiffness [N/m] and at most a force [N]. Where the place at which the field stands
-    is no number, neither of them acts: NaN.
+    stretch, assist, resist (therapy): zero inside the comfortable workspace, the field outside, growing to full size
+    over the onset beyond the boundary. follow, hold (help in a task): the field inside; outside a bounded pull back to
+    the nearest comfortable point. A NaN offset of the field gives NaN.
 
-    The field pulls with `pull_limit` [N] at most, and its damping comes off that: of a pull that is cut only together
-    with the damping nothing would slow a hand far from its target, up to the speed at which it is let go.
+    The field's pull is limited to `pull_limit` [N] before the damping is subtracted. If only their sum were limited,
+    nothing would slow a hand far from its target.
 
     Parameters
     ----------
     edges, samples : rows of the tables.
-    in_blocks : whether the samples come as `field_function_in_blocks` takes them, or as `field_function` does.
+    in_blocks : whether the samples are for `field_function_in_blocks`, else for `field_function`.
 
     Returns
     -------
-    Position [m] and velocity [m/s] of the hand (4,), how far the field stands from where it was made (2,) [m], `GATE`,
-    `edge_columns` of the workspace, `FIELD`, its samples -> desired force (2,) [N].
+    Position [m] and velocity [m/s] of the hand (4,), offset of the field (2,) [m], `GATE`, `edge_columns` of the
+    workspace, `FIELD`, its samples -> desired force (2,) [N].
     """
     pull = field_function_in_blocks(samples) if in_blocks else field_function(samples)
     inputs = [ca.MX.sym("input", pull.sparsity_in(i)) for i in range(3)]
@@ -129,12 +128,12 @@ def _gated() -> ca.Function:
 
 @cache
 def guided_force(edges: int) -> ca.Function:
-    """A spring to a place of a path, damped across the path alone, inside the workspace; see `gated_force` in "follow".
+    """Function of a spring to a path point, damped only across the path, inside the workspace; see `gated_force`.
 
     Returns
     -------
-    Position [m] and velocity [m/s] of the hand (4,), place (2,) [m], direction of the path there (2,), fraction that is
-    applied, `SPRING`, `GATE`, `edge_columns` of the workspace -> desired force (2,) [N].
+    Position [m] and velocity [m/s] of the hand (4,), path point (2,) [m], direction of the path there (2,), fraction of
+    the force, `SPRING`, `GATE`, `edge_columns` of the workspace -> desired force (2,) [N].
     """
     hand, place, along, fraction = (ca.SX.sym("input", n) for n in (4, 2, 2, 1))
     spring, gate, where = SPRING.symbols("spring"), GATE.symbols("gate"), ca.SX.sym("where", 3)
@@ -154,15 +153,14 @@ def guided_force(edges: int) -> ca.Function:
 
 @cache
 def reflected_force(edges: int) -> ca.Function:
-    """A force that is felt at the image of the hand's place, by the transpose of the map's Jacobian, and damped.
+    """Function of a force from the image of the hand, through the map's transposed Jacobian, with damping.
 
-    Outside of the workspace there is a pull back to its nearest point. Where the felt force is no number, there is no
-    force in either place, but NaN: a release.
+    Outside the workspace it is a pull back to the nearest point. A NaN force at the image gives NaN: a release.
 
     Returns
     -------
-    Position [m] and velocity [m/s] of the hand (4,), Jacobian there (2, 2), felt force (2,) [N], damping [N s/m],
-    `PULL_BACK`, `edge_columns` of the workspace -> desired force (2,) [N].
+    Position [m] and velocity [m/s] of the hand (4,), Jacobian there (2, 2), force at the image (2,) [N], damping [N
+    s/m], `PULL_BACK`, `edge_columns` of the workspace -> desired force (2,) [N].
     """
     hand, jacobian, felt, damping = (ca.SX.sym("input", *size) for size in ((4, 1), (2, 2), (2, 1), (1, 1)))
     back, where = PULL_BACK.symbols("back"), ca.SX.sym("where", 3)

@@ -1,4 +1,4 @@
-"""Position and velocity of a hand, as far as its sensor can be believed, with the energy drawn meanwhile."""
+"""Checked position and velocity of a hand, with the energy drawn meanwhile."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ from rehab_opt.symbolic.record import Record, Values
 __all__ = ["HAND", "SAMPLE", "HandState", "looked_at"]
 
 ROUNDING = 1e-12
-"""[m] By what a step at the speed cap may exceed it."""
+"""[m] Rounding of a step at the speed cap."""
 SCATTER_RATE, MAX_SCATTER = 0.01, 2e-3
-"""[m/s], [m] How fast the scatter of positions is learnt, and how much of it is taken for noise."""
+"""[m/s], [m] Learning rate of the scatter of positions, and the largest scatter that counts as noise."""
 SCATTER_PEAK = 3.6
 """Peak of the noise between two samples over the scatter: six standard deviations, where the median is 1.67 of them."""
 SAMPLE = Record(x=2, v=2, v_given=1, stamp=1, kind=1, enable=1)
-"""Sample of a hand: position [m], velocity [m/s] and whether it is given, stamp [s] and its kind (see
-`stamp_and_kind`), whether the dead-man input is held."""
+"""Sample of a hand: position [m], velocity [m/s], whether a velocity is passed, stamp [s] and its kind (see
+`stamp_and_kind`), dead man's switch."""
 HAND = Record(x=2, v=2, estimated=2, halfway=2, scatter=1, stamp=1)
-"""Memory of a hand: where it was seen last [m], NaN at first; velocity as given or estimated, as estimated, and
-behind the first of two filters [m/s]; median of how far a sample is from where the hand was expected [m]; its stamp
-[s], NaN at first."""
+"""Memory of a hand: last valid position [m], NaN at first; velocity (passed or estimated), estimated velocity, and
+output of the first of its two filters [m/s]; median distance of samples from the prediction [m]; stamp [s], NaN at
+first."""
 
 
 class HandState(NamedTuple):
@@ -37,24 +37,24 @@ class HandState(NamedTuple):
     """`HAND`"""
     tank: EnergyTank
     reason: ca.SX
-    """Number of the reason why the sample must not be acted on; 0 when it may."""
+    """Number of the reason why the sample is invalid; 0 if it is valid."""
     details: ca.SX
-    """(3,) of the reason."""
+    """(3,) details of the reason."""
     at_once: ca.SX
-    """Whether the force must be let go at once."""
+    """Whether the force must be released at once."""
 
 
 def looked_at(
     memory: Values, tank: EnergyTank, sample: Values, *, force: ca.SX, stale: tuple[ca.SX, ca.SX], model: Values
 ) -> HandState:
-    """Take one sample of a hand, after `force` (2,) [N] has acted since the last one.
+    """Process one sample of a hand, after `force` (2,) [N] has acted since the last one.
 
-    `stale` is the watchdog's reason and details. `model` has dt [s], the speed cap [m/s] from which on a hand is let
-    go, the lag of the estimated velocity [s], whether a position that repeats itself exactly was seen or may be a
-    frozen sensor's, and by how much noise moves a position between two samples [m], or that this is to be learnt.
+    `stale` has the watchdog's reason and details. `model` has dt [s], the speed cap [m/s] above which a hand is
+    released, the lag of the estimated velocity [s], whether exactly repeated positions are trusted, and the largest
+    displacement by noise between two samples [m], or that it is learnt.
 
-    Where noise is allowed for, a single step says little of the speed. What moves on and on is faster than the cap by
-    its estimated velocity: noise that moves a position by so much adds no more than that over the lag.
+    With noise, a single step says little about the speed. A continuous motion above the cap is detected by the
+    estimated velocity, to which noise adds at most its displacement over the lag.
     """
     cap = model.speed_cap
     timed = ca.logic_and(sample.kind == NUMBER_OF_SECONDS, ca.fabs(sample.stamp) < ca.inf)

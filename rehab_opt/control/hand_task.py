@@ -1,4 +1,4 @@
-"""Task of chair and arm for a stick's twist: rows, direction, speed, motion off the direction, Honzik's Eq. (1)."""
+"""Task of chair and arm for a stick's twist: rows, direction, speed, motion off the direction, Eq. (1), Honzik."""
 
 from __future__ import annotations
 
@@ -24,70 +24,71 @@ ROWS = ("x", "y", "z", "rx", "ry", "rz", "roll7")
 """Task rows: hand velocity along and about the axes of the chosen frame, and about the wrist's own axis z7."""
 FRAMES = {"chassis": 0.0, "world": 1.0}
 PRICE = 2.0
-"""[m/s] Price of a m/s that the hand lacks of its command; one more costs about 1 in kinetic energy by the mass."""
+"""[m/s] Price per m/s of missing hand speed; the kinetic energy over the mass has a price of about 1."""
 STEEP = 1e3
-"""[m/s] Up to which the price follows what a m/s costs by Eq. (1), which is far more near singular postures."""
+"""[m/s] Largest price; below it follows the marginal cost by Eq. (1), which is large near singular postures."""
 OFF = 20.0
-"""How many times more a m/s off the commanded direction costs."""
+"""Factor on the price for speed off the commanded direction."""
 CALM = 0.02
-"""Of a change of velocity, as a share of the robot's mass: light joints would else shake where bounds are met."""
+"""Weight of a change of velocity, as a fraction of the robot's mass; it keeps light joints from shaking at bounds."""
 STRAIGHT, BACK = 0.27, 0.05
-"""Shares of the commanded speed by which the hand may be off its way, and against it, at the stop posture."""
+"""Largest hand speed at the stop posture across and against the command, as fractions of the commanded speed."""
 BARELY, ASIDE, UPHILL = 0.01, 0.06, 0.05
-"""Where Eq. (1) leads up c by more than the third a second, joints go at (h^2 / h' - h') / `ASIDE` of their speeds at
-most, h [m/s] what those give the hand, h' the first of its command: they rest where h = h', on the side of a singular
-posture that c prefers, to which a reversed stick leads. At it rounding decides, and one way may end at a joint limit.
+"""If Eq. (1) increases c faster than `UPHILL` per second, joint speeds are limited to the fraction (h^2 / h' - h') /
+`ASIDE`. h [m/s] is the hand speed at full joint speeds, and h' is `BARELY` times the commanded speed. The joints stop
+at h = h', before the singular posture, so that a reversed stick leads back to the side that c prefers. At the singular
+posture itself rounding would decide the side, and one side may end at a joint limit.
 """
 ROUNDING = 1e-9
-"""Fraction by which a change stays within the accelerations, so that it is seen to."""
+"""Relative margin of a change of velocity to the acceleration limit."""
 TINY = 1e-12
-"""[m/s] A speed that is no motion."""
+"""[m/s] Speeds below this count as zero."""
 POSTURES, DEPENDENT = 3, 1e-6
-"""Where rows are compared; the singular value below which a hand cannot do all of them."""
+"""Number of postures for the rank of the rows; singular value below which rows are dependent."""
 
 
 class Task(NamedTuple):
-    """The task of one tick in expressions, velocities with the chair's in the chassis frame."""
+    """The task of one tick as expressions; the chair's velocities are in the chassis frame."""
 
     jacobian: ca.SX
-    """(k, n) J, of the middle of the tick."""
+    """(k, n) J at the middle of the tick."""
     inertia: ca.SX
-    """Upper triangle of W (n, n), over the robot's mass."""
+    """Upper triangle of W (n, n) over the robot's mass."""
     target: ca.SX
-    """(n,) velocity about which W counts."""
+    """(n,) velocity from which deviations are weighted with W."""
     analytic: ca.SX
-    """(n,) the answer where no bound is active."""
+    """(n,) answer without active bounds."""
     dual: ca.SX
-    """(k,) multipliers of the task's rows there."""
+    """(k,) multipliers of the task's rows at `analytic`."""
     direction: ca.SX
     """(k,) r/|r|."""
     size: ca.SX
     """[m/s or rad/s] |r|."""
     done: ca.SX
-    """Share of the command that the hand did in the last tick."""
+    """Fraction of the command that the hand delivered in the last tick."""
     speed: ca.SX
     """[m/s or rad/s] upper bound of the progress."""
     price: ca.SX
-    """[m/s] of a m/s that the hand lacks."""
+    """[m/s] price per m/s of missing hand speed."""
     turning: ca.SX
-    """(k,) w, what may be left of the hand's motion off the command."""
+    """(k,) w, hand motion off the command that is allowed in this tick."""
     error: ca.SX
-    """(k,) e/|e|, e what braking leaves besides."""
+    """(k,) e/|e|, with e the further motion off the command that braking leaves."""
     off: ca.SX
-    """|e|, upper bound of what is off the command."""
+    """|e|, upper bound of `off`."""
     ahead: ca.SX
-    """(k, n) rows of the hand's velocity at the stop posture, within `ahead_lower` and `ahead_upper` (k,)."""
+    """(k, n) rows of the hand's velocity at the stop posture, between `ahead_lower` and `ahead_upper` (k,)."""
     ahead_lower: ca.SX
     ahead_upper: ca.SX
 
 
 @dataclass(frozen=True)
 class HandTask:
-    """Expressions of one tick for one set of task rows, velocities with the chair's in the chassis frame.
+    """Expressions of one tick for one set of task rows; the chair's velocities are in the chassis frame.
 
     Parameters
     ----------
-    robot, rows, self_motion : see `ChairAndArm`. moving : joints that the wheels allow to move, by number from 0.
+    robot, rows, self_motion : see `ChairAndArm`. moving : numbers, from 0, of the joints that the drive allows to move.
     """
 
     robot: MobileArm
@@ -96,7 +97,7 @@ class HandTask:
     self_motion: float
 
     def rank(self) -> int:
-        """How many rows are independent of each other, at the best of a few postures."""
+        """Number of independent rows at the best of a few postures."""
         arm = ca.SX.sym("arm", self.robot.chain.n - CHAIR)
         rows = ca.Function("rows", [arm], [self.task_jacobian(arm, turned=ca.SX(0), heading=ca.SX(0))[:, self.moving]])
         postures = np.random.default_rng(0).uniform(-1, 1, (POSTURES, arm.numel()))
@@ -106,7 +107,7 @@ class HandTask:
         self, tick: Stages, q: ca.SX, twist: ca.SX, world: ca.SX, *, last: ca.SX, limits: Limits,
         braking: BrakingTogether, dt: float,
     ) -> Task:  # fmt: skip
-        """The task for the twist (k,) that is commanded, in the world's frame where `world` is 1.
+        """The task for a commanded twist (k,), in the world's frame if `world` is 1.
 
         `last` is the velocity (n,) of the last tick.
         """
@@ -188,9 +189,9 @@ class HandTask:
     ) -> Row:  # fmt: skip
         """Rows (k, n) of the hand's velocity J u at the stop posture, and their bounds (k,).
 
-        `base` and `slower` keep them. By tangents at `slower`, since that posture moves with u.
+        `base` and `slower` satisfy them. They are tangents at `slower`, because the stop posture depends on u.
 
-        left : [m/s or rad/s] what may be left off the command after this tick, and there.
+        left : [m/s or rad/s] allowed motion off the command after this tick and at the stop posture.
         """
         slower, each = braking.slower(last), ca.SX.sym("u", last.numel())
         place = q + braking.time * each
@@ -207,7 +208,7 @@ class HandTask:
         return Row(ca.densify(then), lower - fixed, upper - fixed)
 
     def _kept_aside(self, joints: ca.SX, gradient: ca.SX, size: ca.SX) -> ca.SX:
-        """Factor on a command: see `ASIDE`. Fewer rows leave self-motion, and so does a chair that drives."""
+        """Factor on a command, see `ASIDE`; 1 with fewer rows or a moving chair, which leave self-motion."""
         if self.moving[0] < CHAIR or not {"x", "y", "z"} <= set(self.rows):
             return ca.SX(1)
         worth = 1 / ca.mmax(ca.fabs(joints) / self.robot.chain.velocity[self.moving])
@@ -217,7 +218,7 @@ class HandTask:
 
     @staticmethod
     def _square(direction: ca.SX) -> ca.SX:
-        """(k - 1, k) unit rows square to each other and to `direction` (k,): a mirror leads the first axis to that."""
+        """(k - 1, k) orthonormal rows orthogonal to `direction` (k,), by a Householder reflection."""
         first = direction[0]
         mirror = direction + ca.vertcat(ca.if_else(first < 0, -1, 1), ca.SX.zeros(direction.numel() - 1))
         return (ca.SX.eye(direction.numel()) - mirror @ mirror.T / (1 + ca.fabs(first)))[1:, :]
@@ -229,9 +230,9 @@ class HandTask:
         return every
 
     def task_jacobian(self, arm: ca.SX, *, turned: ca.SX, heading: ca.SX) -> ca.SX:
-        """(k, 7) rows that the stick commands, at arm joints (4,), of velocities with the chair's in its own frame.
+        """(k, n) Jacobian of the stick's rows at given arm joints; the chair's velocities are in its own frame.
 
-        turned : [rad] by which the chair has turned since that frame. heading : [rad] of that frame in the rows' own.
+        turned : [rad] turn of the chair since that frame. heading : [rad] of that frame in the frame of the rows.
         """
         posture = ca.vertcat(0, 0, turned, arm)
         jacobian, pose = self.robot.chain.jacobian_expression(posture), self.robot.chain.pose_expression(posture)
@@ -242,7 +243,7 @@ class HandTask:
 
     @property
     def fastest(self) -> float:
-        """[m/s or rad/s] more than a hand can do in all rows together; what asks for more is slowed as a whole."""
+        """[m/s or rad/s] upper bound of the hand's speed in all rows together, to which commands are scaled down."""
         reach = sum(row.across + abs(row.along) for row in self.robot.chain.rows[CHAIR - 1 :])
         reach += float(np.linalg.norm(self.robot.chain.tool[:3, 3]))
         return float(self.robot.chain.velocity[0] + (1 + reach) * np.sum(self.robot.chain.velocity[CHAIR - 1 :]))
@@ -257,7 +258,7 @@ def frame_number(frame: str) -> float:
 
 
 def checked_rows(rows: Sequence[str], argument: str = "rows") -> tuple[str, ...]:
-    """Task rows that can be commanded together; `argument` is the one they come from, alone or as one set."""
+    """Checked task rows that can be commanded together; `argument` is the source of the rows, for errors."""
     names = tuple(rows) if isinstance(rows, (tuple, list)) else ()
     known = all(isinstance(name, str) and name in ROWS for name in names)
     if not names or not known or len(set(names)) != len(names):

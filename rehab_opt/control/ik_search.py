@@ -1,4 +1,4 @@
-"""Search for a posture from several starts: pick starts, solve, keep the best. The status is set in `arm_ik`."""
+"""Search of a posture from several starts: pick starts, solve, keep the best. `arm_ik` sets the status."""
 
 from __future__ import annotations
 
@@ -24,17 +24,17 @@ Array = NDArray[np.float64]
 POSITION_TOLERANCE = 1e-6
 """[m] A target nearer to the reachable set than this counts as reached."""
 CANDIDATES = 32
-"""Table entries nearest to the target that are ranked by what they cost."""
+"""Number of table entries nearest to the target that are ranked by cost."""
 DISTANCE_PRICE = 20.0
-"""[1/m] by which a candidate's distance counts beside its posture cost, when ranked."""
+"""[1/m] Weight of a candidate's distance relative to its posture cost in the ranking."""
 SHARPNESS = 100.0
-"""Factor on the squared distance in the last solve: where joints hardly move the hand, a tolerance on the gradient must
-still mean micrometres. From further away it drives steps out of the handle's cone."""
+"""Factor on the squared distance in the last solve, so that the tolerance on the gradient means micrometres even if
+joints hardly move the hand. From further away it would drive steps out of the handle's cone."""
 FAR = 1e4
-"""[m] Targets further away are moved here along their direction: beyond, squares lose the arm in rounding."""
+"""[m] Targets further away are moved to this distance, because rounding of squares would hide the arm."""
 
 UNBOUNDED = 1e6
-"""[rad or m] An infinite joint limit counts as this."""
+"""[rad or m] Value that replaces an infinite joint limit."""
 
 
 class IKSearch:
@@ -43,10 +43,10 @@ class IKSearch:
     Parameters
     ----------
     arm, handle_tilt : as in `ArmIK`; at least one joint can move.
-    manipulability, manipulability weight : of the posture cost; 0 leaves it out.
-    rest : (n,) [rad] start where the table has none.
+    manipulability, manipulability weight : of the posture cost; 0 omits it.
+    rest : (n,) [rad] start if the table has none.
     solver, backup, tolerance, compile : as in `ArmIK`.
-    starts, nearest_starts, table_size : how thorough.
+    starts, nearest_starts, table_size : see `ArmIK`.
     """
 
     def __init__(
@@ -87,7 +87,7 @@ class IKSearch:
 
     # ----------------------------------------------------------------------------------------------- statements
     def pose_posture(self, target: Array, quadratic: Quadratic) -> None:
-        """State the posture problem: hand at `target` (3,), cost `quadratic` over all n joints."""
+        """Set the posture problem: hand at `target` (3,), cost `quadratic` over all n joints."""
         self._target[:] = target
         if quadratic is not self._quadratic:
             weight = quadratic.weight[self.free]
@@ -99,20 +99,20 @@ class IKSearch:
             self._quadratic = quadratic
 
     def posture_from(self, start: Array, multipliers: Array | float = 0.0, *, backup: bool = False) -> NLPAnswer:
-        """Answer to the posture problem stated last, from free joints `start` (k,)."""
+        """Answer to the last posture problem, from free joints `start` (k,)."""
         solver = self._solver(self.statements.posture, "backup" if backup else "primary")
         solver.parameters[:] = self._posture_parameters
         return solver.solve(start, multipliers)
 
     def manipulability_cost(self, x: Array) -> float:
-        """The posture cost's part that is not quadratic, at free joints `x` (k,)."""
+        """The part of the posture cost that is not quadratic, at free joints `x` (k,)."""
         return self._dexterity * float(self.statements.square(x, self.still)) if self._manipulability else 0.0
 
     # ------------------------------------------------------------------------------------------------- searches
     def posture(self, target: Array, near: Array | None = None, *, patient: bool = False) -> NLPAnswer | None:
         """Cheapest certified answer from several starts, or, given `near` (k,), the one with the smallest change.
 
-        `patient` goes on until some start succeeds.
+        With `patient` it continues until a start succeeds.
         """
         postures, distances = self.table.near(target, CANDIDATES)
         if near is None:
@@ -133,9 +133,9 @@ class IKSearch:
         return best
 
     def nearest(self, target: Array, near: Array | None = None) -> NLPAnswer | None:
-        """Posture with the hand nearest to `target`, the handle in its cone: best of many starts; None if none held.
+        """Posture with the hand nearest to `target` and the handle in its cone, best of many starts; or None.
 
-        Given `near` (k,), the local answer from there is kept unless another start comes closer by a micrometre.
+        Given `near` (k,), its local answer is kept unless another start comes closer by a micrometre.
         """
         plain, sharp = self._nearest_parameters(target), self._nearest_parameters(target, SHARPNESS)
         starts, _ = self.table.near(target, self.nearest_starts)
@@ -178,14 +178,14 @@ class IKSearch:
 
     @property
     def min_tilt(self) -> NLPAnswer | None:
-        """Posture with the most upright handle where none is within the cone; None where some is."""
+        """Posture with the most upright handle if none is within the cone, else None."""
         _ = self.table
         return self._min_tilt
 
     # ------------------------------------------------------------------------------------------------- plumbing
     @cached_property
     def _dexterity(self) -> float:
-        """Weight of w^2: the caller's over the mean of w^2 on the range of motion."""
+        """Weight of w^2: the caller's weight over the mean of w^2 on the range of motion."""
         if not self._manipulability:
             return 0.0
         postures = self.table.postures
@@ -216,7 +216,7 @@ class IKSearch:
         return np.concatenate([self._fixed, target, [sharpness / max(1.0, distance)]])
 
     def _better(self, best: NLPAnswer | None, other: NLPAnswer, margin: float = 0.0) -> NLPAnswer | None:
-        """The one that is closer by more than `margin` [m], of those that hold the handle; certified or not."""
+        """The answer that is closer by more than `margin` [m], if its handle is in the cone; certified or not."""
         if not 0 <= other.violation <= self.tolerance:
             return best
         return other if best is None or other.report[0] < best.report[0] - margin else best
@@ -234,27 +234,27 @@ def within_reason(target: Array) -> Array:
 
 ALIGNMENT_STEPS = 10
 MAX_STEP = 0.5
-"""[rad] of a joint in one alignment step."""
+"""[rad] Largest change of a joint in one alignment step."""
 SLACK = math.radians(3.0)
-"""A start this much outside the handle's cone is still a good one."""
+"""Tolerance of the handle's cone for starts."""
 
 
 class PostureTable:
-    """Postures spread over an arm's range of motion with the handle upright: where a search for a target may start.
+    """Postures over an arm's range of motion with the handle upright, as starts of searches.
 
     Deterministic: the same arm gives the same table.
 
     Parameters
     ----------
     arm : the chain.
-    statements : its statements; `measure` is evaluated.
+    statements : its statements; only `measure` is used.
     handle_tilt : [rad] or None.
     size : samples; a power of two keeps the Sobol sequence balanced.
 
     Attributes
     ----------
     postures : (N, k) [rad] free joints, inside their limits.
-    tilts : (N,) [rad] of the handle; most upright first among those that missed the cone.
+    tilts : (N,) [rad] of the handle; postures outside the cone are sorted by tilt.
     hands : (N, 3) [m].
     """
 
@@ -290,7 +290,7 @@ class PostureTable:
         self._keep(np.ones(len(postures), dtype=bool), postures, np.concatenate([self.hands, hands]))
 
     def near(self, target: Array, count: int) -> tuple[Array, Array]:
-        """Postures (<= count, k) whose hand is nearest to `target` (3,), and their distances [m], nearest first."""
+        """Postures (<= count, k) with the hand nearest to `target` (3,), and distances [m], nearest first."""
         count = min(count, len(self.postures))
         if count == 0:
             return self.postures, np.zeros(0)

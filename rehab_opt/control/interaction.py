@@ -1,4 +1,4 @@
-"""Response of a led hand to a measured force: admittance, a slower reference, and a stop."""
+"""Response of a robot hand to a measured force: admittance, a slower reference, and a stop."""
 
 from __future__ import annotations
 
@@ -19,71 +19,71 @@ __all__ = ["AT_LIMIT", "FELT", "INVALID", "Interaction"]
 Array = NDArray[np.float64]
 
 GONE = 1e-6
-"""[m] A displacement up to this is none, once no force is measured any more."""
+"""[m] Displacements up to this count as zero once no force is measured."""
 SLACK = 5e-3
-"""[m] A displacement leads the hand by at most this and two ticks' way: what the bounds refuse is not wound up."""
+"""[m] Anti-windup: a displacement is ahead of the hand by at most this and two ticks' motion."""
 STIFFER = 1e-4
-"""Fraction of the reserve from which a tank that empties makes the damping no larger: the hand hardly moves."""
+"""Fraction of the reserve below which the damping no longer grows; the hand then hardly moves."""
 REGAIN = 0.5
-"""[s] in which a reference that stood for a push regains its pace."""
+"""[s] Time in which a reference that stopped for a push regains its speed."""
 ALLOWED = 0.02
-"""[W] that the tank regains: what noise of force times noise of positions takes from it."""
+"""[W] Power that refills the tank, to compensate noise of forces and positions."""
 LEAP = 1.0
-"""[m/s] A hand that leaves its reference faster than this does not: the reference leapt."""
+"""[m/s] If the hand seems to leave its reference faster, the reference has jumped."""
 SEEN = 1e3
-"""[m] No hand is farther from its reference."""
+"""[m] Largest distance of a hand from its reference."""
 FELT = Record(moved=3, velocity=3, away=3, pace=1, tank=1, stopped=1, force=3, active=1)
-"""An admittance's state: displacement [m], its velocity [m/s], the hand off its reference [m], the fraction of its pace
-that the reference keeps, [J] left in the tank, [s] of the stop, the last force [N], and whether forces are measured, or
-the last of them is not over yet."""
+"""State of an admittance: displacement [m], its velocity [m/s], hand minus reference [m], reference speed as a
+fraction, energy in the tank [J], time of the stop [s], last force [N], and whether forces are measured or the last
+response is not over."""
 FINE, INVALID, AT_LIMIT = range(3)
-"""Why the arm must stop."""
+"""Verdicts: no stop, stop for an invalid force, stop for a large force."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Interaction:
-    """Admittance of a led hand, M x'' + B x' + K x = F, how its reference slows down, and when the arm stops.
+    """Admittance of a robot hand, M x'' + B x' + K x = F, with slowing of its reference and a stop of the arm.
 
-    Displacement x and velocity x' are added to the pose and twist that the hand's QP follows, so that every bound of it
-    holds: a push is given way to as far as the bounds allow. What they refuse beyond `SLACK` is taken out of x, and the
-    hand returns from where it got to. The pace of the reference falls from `slow_from` on and is 0 at `limit`; it falls
-    at once and regains slowly, and so follows the largest of noisy forces. At `stop_at` the arm decelerates to rest, as
-    it does without a valid force; it goes on after `hold` seconds in a row below `release` x `stop_at`. A rigid stop
-    at 30 N, instead of giving way beyond, is `Interaction(stop_at=30.0)`.
+    Displacement x and velocity x' are added to the pose and twist that the hand's QP follows, so that all its bounds
+    hold: the hand yields to a push within the bounds. Displacement that the bounds refuse beyond `SLACK` is removed
+    from x, and the hand returns from its actual position. The reference slows down from the force `slow_from` and
+    stands still at `limit`; it slows at once and recovers slowly, so it follows the peaks of noisy forces. At
+    `stop_at`, or without a valid force, the arm decelerates to rest; it continues after `hold` seconds below `release`
+    x `stop_at`. `Interaction(stop_at=30.0)` stops rigidly at 30 N instead of yielding further.
 
-    Energy. The step is implicit (backward Euler); speed and displacement are bounded by projections onto convex sets
-    that hold where the step began, and such contacts dissipate. With the stored energy E = (M x'^2 + K x^2) / 2,
+    Energy. The step is implicit (backward Euler). Projections onto convex sets that contain the start of the step bound
+    speed and displacement, and such contacts dissipate. With the stored energy E = (M x'^2 + K x^2) / 2,
 
         F . dx >= E_after - E_before + B |x'|^2 dt
 
-    in every tick: where the hand is at x, it gives out no more than was put in. A real hand is late, and bounds hold it
-    back. A tank T, full with `reserve` at first, therefore takes measured forces and positions: per tick
-    T + F . dy - dE + 0.02 W dt, at most `reserve`, where dy is how far the hand went, from its reference, since F was
-    measured. As T falls, the damping B reserve / T grows; with an empty tank the hand hardly answers forces, but
-    returns, which fills it. From T >= 0 follows sum F . dy >= -reserve - 0.02 W t after rest, whatever the delay; what
-    is on its way when the tank is empty is given out, too, and owed (T >= -reserve). 0.02 W are what noise of forces
-    and positions takes. Nothing is claimed where the hand is not where it is measured (bending, play).
+    in every tick: a hand at x delivers no more energy than was put in. A real hand is delayed and limited by bounds.
+    Therefore a tank T, with `reserve` at first, counts measured forces and positions. Each tick adds F . dy - dE + 0.02
+    W dt, up to `reserve`, with dy the motion of the hand relative to its reference since F was measured. As T falls,
+    the damping B reserve / T grows; with an empty tank the hand hardly responds to forces but still returns, which
+    fills the tank. From T >= 0 follows sum F . dy >= -reserve - 0.02 W t after rest, for any delay; energy under way
+    when the tank is empty is delivered, too, as a debt (T >= -reserve). The 0.02 W compensate noise. Nothing is
+    guaranteed if the hand is not at its measured position (bending, play).
 
-    The reference itself works against a person who resists F with at most F pace v: limit^2 / (4 (limit - slow_from))
-    times its speed, 2.6 W at the defaults and 0.25 m/s, and nothing from `limit` on. Without the tank a delay D of the
-    whole loop would leave the admittance passive up to about sqrt(B / (M D)) rad/s: 9 Hz for 15 ms.
+    The reference itself works against a resisting person with at most limit^2 / (4 (limit - slow_from)) times its speed
+    (2.6 W at the defaults and 0.25 m/s), and not at all from `limit`. Without the tank, a loop delay D would leave the
+    admittance passive only up to about sqrt(B / (M D)) rad/s: 9 Hz for 15 ms.
 
-    Defaults are choices: ISO/TS 15066 as quoted allows a hand 140 N, of healthy adults. A reference out of reach pulls
-    with K times its distance: a push away from it is answered beyond that force. A sensor's bias moves the hand by
-    bias / K. A sensor that lies is not found: a force that stands still, or leaps by 100 N from tick to tick, is given
-    way to as any other below `stop_at`.
+    Defaults are choices; ISO/TS 15066, as quoted, allows 140 N at a hand of healthy adults. A reference out of reach
+    pulls with K times its distance, so the hand yields only to a larger push away from it. A sensor's bias moves the
+    hand by bias / K. Sensor faults are not detected: below `stop_at` the hand yields to any force, even if it is
+    constant or jumps by 100 N between ticks.
     """
 
     slow_from: float = 8.0
-    """[N] from which the reference slows down."""
+    """[N] force from which the reference slows down."""
     limit: float = 30.0
-    """[N] at which the reference stands still."""
+    """[N] force at which the reference stands still."""
     stop_at: float = 140.0
-    """[N] at which the arm decelerates to rest."""
+    """[N] force at which the arm decelerates to rest."""
     release: float = 0.7
-    """Fraction of `stop_at` below which the force must be, before the arm moves on."""
+    """Fraction of `stop_at` below which the force must stay before the arm continues."""
     hold: float = 0.3
-    """[s] in a row for which it must."""
+    """[s] time for which the force must stay below."""
     stiffness: float = 580.0
     """[N/m] K"""
     damping: float = 180.0
@@ -106,10 +106,10 @@ class Interaction:
             raise ConfigurationError("stop_at", self.stop_at, f"newtons from the limit, {self.limit:g}, on")
 
     def felt_function(self, dt: float) -> ca.Function:
-        """Force [N] (3,), whether it is measured, state (`FELT`), hand off the reference [m] (3,) -> state, the reason.
+        """Force [N] (3,), whether it is measured, state (`FELT`), hand minus reference [m] (3,) -> state, verdict.
 
-        The state is that after a tick dt [s]; the reason why the arm must stop is `FINE`, `INVALID` or `AT_LIMIT`. The
-        hand is where it is now, off the reference that the last tick followed; NaN where that is not known.
+        The state is that after a tick dt [s]; the verdict is `FINE`, `INVALID` or `AT_LIMIT`. The hand is relative to
+        the reference of the last tick; NaN if unknown.
         """
         force, measured, seen = ca.SX.sym("force", 3), ca.SX.sym("measured"), ca.SX.sym("seen", 3)
         old = FELT.symbols("state")
@@ -149,7 +149,7 @@ class Interaction:
         return (self.mass * ca.sumsqr(v) + self.stiffness * ca.sumsqr(x)) / 2
 
     def _yielding(self, force: ca.SX, x: ca.SX, v: ca.SX, tank: ca.SX, dt: float) -> tuple[ca.SX, ca.SX]:
-        """Displacement (3,) [m] and velocity (3,) [m/s] after a tick, where nothing refuses them."""
+        """Displacement (3,) [m] and velocity (3,) [m/s] after a tick without bounds."""
         damping = self.damping / clipped(tank / self.reserve, STIFFER, 1)
         resistance = self.mass + dt * damping + dt**2 * self.stiffness
         unconstrained = (self.mass * v + dt * (force - self.stiffness * x)) / resistance
@@ -159,10 +159,10 @@ class Interaction:
         return moved, (moved - x) / dt
 
     def _delivered(self, moved: ca.SX, velocity: ca.SX, away: ca.SX, dt: float) -> tuple[ca.SX, ca.SX]:
-        """The same without what the hand, which is `away` (3,) [m] off its reference, was refused of it.
+        """Displacement and velocity without the part that the hand, `away` (3,) [m] from its reference, missed.
 
-        Taken out is the part of the displacement along what is missing of it, and never more: where the hand is late,
-        or its reference out of reach, a push away from there is given way to as everywhere.
+        Only the part along the missing displacement is removed. If the hand lags, or its reference is out of reach, the
+        hand still yields to a push in other directions.
         """
         refused = moved - away
         missing = ca.norm_2(refused)
@@ -174,11 +174,11 @@ class Interaction:
 
     @property
     def start(self) -> Array:
-        """`FELT` of a hand at rest on its reference, that no force was felt of."""
+        """`FELT` of a hand at rest on its reference, without a force."""
         return FELT.numbers(**{**dict.fromkeys(FELT.places, 0.0), "pace": 1.0, "tank": self.reserve})
 
     def too_large(self, felt: Array) -> str:
-        """Why the arm stops for the force in a `FELT`."""
+        """Text of a stop for the force in a `FELT`."""
         size = math.hypot(*felt[FELT.places["force"]].tolist())
         if size >= self.stop_at:
             return f"interaction force of {size:.1f} N, at most {self.stop_at:g} N"

@@ -1,17 +1,17 @@
-"""How fast each joint may move in this tick where its drive bounds jerk, too: one interval a joint, never empty.
+"""Velocity interval of each joint in this tick for drives with bounded jerk; never empty.
 
 A tick chooses u; with the last velocity v and change a = (v - v_before)/dt, finite differences have to keep
 
     |u| <= V,   |u - v| <= A dt,   |u - v - a dt| <= J dt^2,   lower <= q + u dt <= upper,
 
-and so do all ticks behind it. The state after u can stop if a stop in continuous time fits, from u with an acceleration
-b whose mean over the next tick is within a jerk's reach, |b - (u - v)/dt| <= J dt/2: its velocities at the ends of
-ticks are commands that keep every difference, and such a b is there again a tick later. The stop is the shortest one:
-jerk down to a deceleration p <= A, hold it, jerk up, at rest with no acceleration. What held velocities go further than
-it is known but for `MARGIN` J dt^3, where jerk changes within a tick. The way of the stop is convex in u, so that two
-chords, the second from where the first ends, are on the safe side of it.
+in this and all later ticks. The state after u can stop if a continuous-time stop exists from u with an initial
+acceleration b that jerk can reach, |b - (u - v)/dt| <= J dt/2. The velocities of this stop at the ends of ticks are
+then commands that satisfy every difference, and a tick later such a b exists again. The shortest stop has jerk down to
+a deceleration p <= A, constant deceleration, and jerk up to rest. Held velocities travel further than this stop by a
+known distance, except for `MARGIN` J dt^3 when jerk changes within a tick. The stopping distance is convex in u, so two
+successive chords bound it on the safe side.
 
-Velocity, acceleration and jerk never yield. A position limit does where nothing could keep it any more.
+Velocity, acceleration and jerk bounds never yield. A position limit yields only if nothing could satisfy it any more.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ __all__ = ["JerkBounds"]
 Array = NDArray[np.float64]
 
 MARGIN = 0.03
-"""Of J dt^3, before a limit: 0.0225 of it were needed in 10^7 ticks."""
+"""Margin before a limit as a fraction of J dt^3; 0.0225 were needed in 10^7 ticks."""
 TINY = 1e-300
 
 
@@ -54,11 +54,11 @@ class JerkBounds(NamedTuple):
 
     @classmethod
     def checked(cls, chain: SerialChain, jerk: ArrayLike, dt: float, recovery_speed: float) -> JerkBounds:
-        """The same of a scalar or (n,) numbers.
+        """Checked bounds from a scalar or (n,) jerk.
 
         Raises
         ------
-        ConfigurationError : a jerk that is no number above zero.
+        ConfigurationError : a jerk that is not positive and finite.
         """
         bound = per_joint("jerk", jerk, chain.n, finite=True)
         if not np.all(bound > 0):
@@ -67,13 +67,13 @@ class JerkBounds(NamedTuple):
 
     @property
     def fastest_gain(self) -> float:
-        """[1/s] Largest rate of feedback whose speeds the joints follow: accelerations are built up in time for it."""
+        """[1/s] Largest feedback rate that the joints can follow with the time to build up acceleration."""
         built = np.minimum(self.chain.acceleration, np.sqrt(self.jerk * self.chain.velocity))
         return float(np.min(self.jerk / (4 * built)))
 
     @property
     def _change(self) -> ca.DM:
-        """(n,) acceleration."""
+        """(n,) largest change of velocity in a tick."""
         return max_change(self.chain, self.dt) / self.dt
 
     @property
@@ -81,9 +81,9 @@ class JerkBounds(NamedTuple):
         return ca.fmin(ca.DM(self.jerk), 2 * self._change / self.dt)
 
     def interval(self, q: ca.SX, last: ca.SX, acceleration: ca.SX) -> VelocityBounds:
-        """Intervals at positions q, the last velocities and their last changes [rad/s^2], (n,) each.
+        """Intervals from positions q, last velocities and last accelerations [rad/s^2], (n,) each.
 
-        The braking interval is one velocity: the next one of the shortest way to rest.
+        The braking interval is a single velocity: the next one of the shortest stop.
         """
         dt, most, jerk = self.dt, self._change, self._jerk
         movable = ca.DM(~self.chain.locked)
@@ -130,21 +130,21 @@ class JerkBounds(NamedTuple):
         )
 
     def towards(self, last: ca.SX, lower: ca.SX, upper: ca.SX, unconstrained: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """The interval without what would pass the unconstrained velocities (n,): a change needs time to end."""
+        """The interval without overshoot of the unconstrained velocities (n,): acceleration needs time to end."""
         slower = last <= unconstrained
         most = ca.if_else(slower, clipped(self._up_to(last, unconstrained), lower, upper), upper)
         least = ca.if_else(slower, lower, clipped(-self._up_to(-last, -unconstrained), lower, upper))
         return least, most
 
     def _up_to(self, last: ca.SX, ceiling: ca.SX | float) -> ca.SX:
-        """(n,) Largest velocity from which the velocity need not pass a ceiling: its change can end before."""
+        """(n,) largest velocity from which the acceleration can end before the velocity passes a ceiling."""
         dt, jerk = self.dt, self._jerk
         room = ceiling - last - 0.5 * jerk * dt**2
         change = 0.5 * jerk * dt + jerk * (ca.sqrt(dt**2 + 2 * ca.fmax(room, 0) / jerk) - dt)
         return ca.if_else(room >= 0, last + dt * change, ceiling)
 
     def _before(self, q: ca.SX, last: ca.SX, limit: ca.DM, first: ca.SX, final: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """(n,) Largest velocity that can stop before the limit; and whether all of the interval can."""
+        """(n,) largest velocity that can stop before the limit; and whether the whole interval can."""
         near = clipped(q, limit - MARGIN * self._jerk * self.dt**3, limit)  # who stands within the margin may stay
 
         def beyond(u: ca.SX) -> ca.SX:
@@ -159,7 +159,7 @@ class JerkBounds(NamedTuple):
         return ca.if_else(most <= 0, final, u), most <= 0
 
     def _stop(self, u: ca.SX, last: ca.SX, q: ca.SX) -> ca.SX:
-        """(n,) where the shortest stop after a tick of u ends, or turns round."""
+        """(n,) position at which the shortest stop after a tick of u ends or reverses."""
         dt, most, jerk = self.dt, self._change, self._jerk
         change = clipped((u - last) * (1 / dt), -most, most)
         root = ca.sqrt(2 * jerk * ca.fabs(u))

@@ -22,18 +22,18 @@ __all__ = ["STICK_MODES", "Button", "Joystick", "StickCommand", "StickMode", "ch
 Array = NDArray[np.float64]
 
 DEBOUNCE = 0.15
-"""[s] A button pressed again sooner is one press: contacts bounce, and hands tremble."""
+"""[s] Presses within this time count as one, because contacts bounce and hands tremble."""
 
 
 class StickMode(NamedTuple):
-    """Task rows that the two axes of the stick, forward and left, move."""
+    """Task rows that the two axes of the stick (forward, left) move."""
 
     name: str
     rows: tuple[str, str]
     speeds: tuple[float, float]
-    """[m/s or rad/s] at full deflection; negative turns an axis round."""
+    """[m/s or rad/s] at full deflection; a negative value reverses an axis."""
     held: tuple[str, ...] = ()
-    """Rows that do not move while the stick moves the others: ("rx", "ry") keep a cup level."""
+    """Rows held at zero while the stick moves the others: ("rx", "ry") keep a cup level."""
 
     @property
     def task_rows(self) -> tuple[str, ...]:
@@ -42,41 +42,41 @@ class StickMode(NamedTuple):
 
 
 STICK_MODES = (StickMode("plane", ("x", "y"), (0.25, 0.25)), StickMode("lift", ("z", "roll7"), (0.15, 0.6)))
-"""Those of the paper; the speeds are choices."""
+"""Modes of the paper; the speeds are our choices."""
 
 
 class StickCommand(NamedTuple):
     """The user's command, as arguments of `RedundancyResolver.step`."""
 
     twist: Array
-    """(k,) [m/s or rad/s], read-only; zero where nothing is commanded, and of rows that the mode holds."""
+    """(k,) [m/s or rad/s], read-only; zero without a command, and for held rows."""
     rows: tuple[str, ...]
     frame: str
-    """Always the chair's, so that the stick keeps its meaning as the chair turns."""
+    """Always the chair's frame, so that the stick keeps its meaning as the chair turns."""
     gripper_closed: bool
-    """What the gripper should be."""
+    """Desired state of the gripper."""
     reason: str
-    """Why nothing is commanded although the user may want motion; empty otherwise."""
+    """Reason for no command despite a deflection; empty otherwise."""
 
 
 class Joystick(OneThread):
-    """Stick deflections to hand velocities in one of several modes.
+    """Converts stick deflections to hand velocities in one of several modes.
 
-    A round dead zone takes tremor away and leaves the direction; beyond it the speed grows from zero. The deflection
-    follows the hand at `rate`; letting go stops at once, as fast as the resolver's accelerations allow. After a
-    change of mode, at the beginning and after a fault the stick must have been let go before it moves anything. An
-    object belongs to one thread: see `OneThread`.
+    A round dead zone suppresses tremor and keeps the direction; beyond it the speed grows from zero. The deflection
+    follows the stick at `rate`; a released stick stops at once, within the resolver's accelerations. At the beginning,
+    after a change of mode and after a fault, the stick must first return to the centre. An object belongs to one
+    thread: see `OneThread`.
 
     Parameters
     ----------
-    modes : at least one; the switch goes round.
+    modes : at least one; the switch cycles through them.
     dt : tick [s].
-    dead_zone : fraction of the deflection that is none.
-    rate : [1/s] largest change of the deflection, whose full size is 1.
+    dead_zone : fraction of the deflection that counts as zero.
+    rate : [1/s] largest rate of the deflection, whose full size is 1.
 
     Raises
     ------
-    ConfigurationError : an argument that cannot be used.
+    ConfigurationError : an invalid argument.
     """
 
     def __init__(
@@ -92,11 +92,11 @@ class Joystick(OneThread):
 
     @property
     def mode(self) -> StickMode:
-        """The mode now."""
+        """The current mode."""
         return self.modes[self._mode]
 
     def reset(self) -> None:
-        """First mode, gripper open, stick to be let go first."""
+        """Reset to the first mode and an open gripper; the stick must first return to the centre."""
         self._claim()
         self._mode, self._closed, self._free = 0, False, False
         self._deflection = np.zeros(2)
@@ -104,12 +104,12 @@ class Joystick(OneThread):
         self._give_away()
 
     def step(self, axes: ArrayLike, *, switch: object = False, gripper: object = False) -> StickCommand:
-        """What the user asks for now. Never raises on numbers.
+        """The user's current command. Numbers never raise.
 
         Parameters
         ----------
         axes : (2,) deflection forward and to the left, each -1 to 1.
-        switch : the button that changes the mode, on the press. gripper : the one that opens and closes it.
+        switch : button that changes the mode when pressed. gripper : button that opens and closes the gripper.
 
         Raises
         ------
@@ -145,7 +145,7 @@ class Joystick(OneThread):
 
 
 def stepped_towards(last: Array, target: Array, most: float) -> Array:
-    """`target`, or as far on the way there from `last` as `most`; a zero target is zero at once."""
+    """`target`, or the point towards it at most `most` from `last`; a zero target gives zero at once."""
     way = target - last
     size = float(np.linalg.norm(way))
     if size <= most or not target.any():
@@ -154,7 +154,7 @@ def stepped_towards(last: Array, target: Array, most: float) -> Array:
 
 
 class Button:
-    """Presses of a button, each once."""
+    """Detects presses of a button."""
 
     def __init__(self, dt: float) -> None:
         self._ticks = math.ceil(DEBOUNCE / dt)
@@ -162,7 +162,7 @@ class Button:
         self._down, self._since = None, self._ticks
 
     def press(self, down: object) -> bool:
-        """Whether a press begins now; call it every tick."""
+        """Whether a press begins now; call it in every tick."""
         now = is_true(down)
         if self._down is None:
             self._down = now  # one that is down from the beginning is stuck, not pressed
@@ -173,7 +173,7 @@ class Button:
 
 
 def checked_modes(modes: Sequence[StickMode]) -> tuple[StickMode, ...]:
-    """Modes that a resolver can follow."""
+    """Checked modes that a resolver can follow."""
     if not isinstance(modes, (list, tuple)) or isinstance(modes, StickMode) or not modes:
         raise ConfigurationError("modes", modes, "a list or tuple of at least one StickMode")
     checked = tuple(_checked_mode(f"modes[{i}]", mode) for i, mode in enumerate(modes))

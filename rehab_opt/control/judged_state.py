@@ -1,4 +1,4 @@
-"""Whether a state may be acted on, by enable input, stamps and joints that do not follow, and where joints are led."""
+"""Check of a state by enable input, stamps and joints that do not follow; and the joints' references."""
 
 from __future__ import annotations
 
@@ -16,18 +16,19 @@ from rehab_opt.symbolic.record import Record
 __all__ = ["GIVEN", "judged_memory", "judged_state", "nothing_known"]
 
 GIVEN = Record(stamp=1, kind=1, enable=1, judged=1)
-"""Of a state: its stamp [s] and the kind of that, see `stamp_and_kind`; whether the dead-man input is true; and whether
-the state was judged before: then what the memory says of it stands, and nothing is counted twice."""
+"""A state's stamp [s] and its kind, see `stamp_and_kind`; the dead man's switch; and whether the state was already
+judged in this tick, so that nothing counts twice."""
 
 
 @cache
 def judged_memory(n: int, led: int) -> Record:
-    """What is remembered of n joints: of stamps; which joint was seen not to follow (fault, joint, how far); the `led`
-    numbers of a `FrontEnd`, 0 where there is none; and whether the last stamp went back.
+    """Memory of the checks of a state of n joints.
 
-    And of the state at hand: the number of the reason why it must not be acted on, 0 for none; which joint does not
-    follow, -1 for none; details, of a joint how far [rad or m]; whether the joints begin anew at rest, and the command
-    before (n,).
+    Stamps; joint that does not follow (fault, joint, distance); `led` numbers of a `FrontEnd`; whether the last stamp
+    went back.
+
+    Also for the current state: number of the reason why it is invalid, 0 for none; joint that does not follow, -1 for
+    none; details, such as its distance [rad or m]; whether the joints restart at rest; and the previous command (n,).
     """
     return Record(
         stamps=STAMPS.size, lost=3, led=led, back=1, reason=1, element=1, details=2, rested=1,
@@ -47,15 +48,17 @@ def judged_state(
 ) -> ca.Function:
     """Positions (n,), memory of a controller (size,), `judged_memory`, `GIVEN` -> the first three.
 
-    A pause of the stamps ends at rest where the joints are then, unless they have moved on as commanded. A command that
-    so drops to rest is flagged (`Relaxed.ACCELERATION`). A robot that is not enabled and rests is forgotten: it may be
-    moved by hand, and a fault is acknowledged. Led positions are put in place of what was measured.
+    After a pause of the stamps the joints restart at rest at their measured positions, unless they have moved on as
+    commanded; a command that so drops to rest is flagged (`Relaxed.ACCELERATION`). The memory of a resting robot that
+    is not enabled is cleared: it may be moved by hand, and this acknowledges a fault. Reference positions replace the
+    measured ones.
 
     Parameters
     ----------
     dt, max_age : see `Watchdog`.
-    led : None where the joints are where they are commanded. sent : part of the controller's memory that was sent.
-    motion : part of it, behind velocity and position, that is zero at rest.
+    led : None for joints exactly at their commanded positions. sent : slice of the controller's memory with the
+        command.
+    motion : slice of the memory, after velocity and position, that is zero at rest.
     """
     record = judged_memory(n, led.size if led else 0)
     q, memory = ca.SX.sym("q", n), ca.SX.sym("memory", size)

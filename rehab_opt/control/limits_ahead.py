@@ -1,4 +1,4 @@
-"""What a command and braking behind it have to keep: each limit one object, and one loop over all of them."""
+"""Limits of a command and the braking after it: each limit is one object, and one loop checks all of them."""
 
 from __future__ import annotations
 
@@ -40,46 +40,46 @@ ROUNDING = 1e-10
 PLACES = (0.0, 0.5, 1.0)
 """Of the way to rest, where a limit of the posture has its rows."""
 BRAKED = (0.0, 0.25, 0.5, 0.75)
-"""Of the way to rest, where hand speeds are judged."""
+"""Fractions of the way to rest at which hand speeds are checked."""
 CLEAR, BEND = 5e-5, 10.0
 """[rad], [1/rad] Margin that rows keep before a limit, in joint motion: its least, and what tangents miss a tick."""
 PUSH, LEAVING = 0.3, 10.0
-"""Fraction of what lacks of the margin that is regained a tick; weight of doing so [m^2/s^2]."""
+"""Fraction of a missing margin that is regained per tick; weight of regaining it [m^2/s^2]."""
 
 
 class State(NamedTuple):
     """The state of a tick, as expressions."""
 
     q: ca.SX
-    """(n,) joint positions now."""
+    """(n,) current joint positions."""
     last: ca.SX
-    """(n,) velocity before."""
+    """(n,) last velocity."""
     jacobian: ca.SX
     """(6, n) at q."""
     moving: ca.SX
-    """Numbers of the capsules that move."""
+    """Values of the moving capsules."""
 
 
 class Way(NamedTuple):
-    """A command and the braking behind it, as expressions."""
+    """A command and the braking after it, as expressions."""
 
     state: State
     u: ca.SX
     """(n,) the command."""
     ticks: ca.SX
-    """F of the command."""
+    """F: braking distance of the command, in ticks at its velocity."""
 
 
 class Bound(ABC):
     """A limit."""
 
     def at_most(self, tick: Stages, way: Way) -> ca.SX:
-        """(m,) zero or below only where `excess` is, and evaluated sooner where that can be."""
+        """(m,) cheap upper bound: not positive only if `excess` is not."""
         return self.excess(tick, way)
 
     @abstractmethod
     def excess(self, tick: Stages, way: Way) -> ca.SX:
-        """(k,) by how much it is passed; zero or below where it is kept."""
+        """(k,) excess over the limit; not positive if the limit is satisfied."""
 
 
 class JointSpeed(Bound):
@@ -107,7 +107,7 @@ class JointAcceleration(Bound):
 class HandSpeed(Bound):
     """|J_v u| <= linear and |J_w u| <= angular, now, after the tick, and on the way to rest.
 
-    Where a part x of that way is behind the joints, sqrt(1 - x) of their speed is left.
+    At a fraction x of the way to rest, sqrt(1 - x) of the speed is left.
     """
 
     def __init__(self, chain: SerialChain, manoeuvre: Manoeuvre, *, linear: float, angular: float) -> None:
@@ -117,15 +117,15 @@ class HandSpeed(Bound):
         lengths = [r.across + abs(r.along) + s * r.prismatic for r, s in zip(rows, slides, strict=True)]
         arms = [rows[i].across + sum(lengths[i + 1 :]) + tool for i in range(chain.n)]
         self.reach = rows[0].across + abs(rows[0].along) + slides[0] * rows[0].prismatic + sum(lengths[1:]) + tool
-        """[m] No posture has the tool farther from the base."""
+        """[m] Upper bound of the tool's distance from the base."""
         self._longest = ca.DM(np.maximum(arms, 1.0) if any(row.prismatic for row in rows) else arms)
 
     def over(self, twist: ca.SX) -> ca.SX:
-        """Speeds of a twist (6,) over their limits."""
+        """Larger ratio of the speeds of a twist (6,) to their limits."""
         return ca.fmax(ca.norm_2(twist[:3]) / self._most[0], ca.norm_2(twist[3:]) / self._most[1])
 
     def part(self, jacobian: ca.SX, a: ca.SX, b: ca.SX) -> ca.SX:
-        """Largest part, of at most 1, of velocities b (n,) that may be added to a (n,)."""
+        """Largest fraction, at most 1, of velocities b (n,) that may be added to a (n,)."""
         twists = jacobian @ ca.horzcat(a, b)
         linear, angular = (
             largest_part(twists[i : i + 3, 0], twists[i : i + 3, 1], most)
@@ -134,7 +134,7 @@ class HandSpeed(Bound):
         return ca.fmin(linear, angular)
 
     def at_most(self, tick: Stages, way: Way) -> ca.SX:
-        """What `excess` does not exceed, from J(q) alone.
+        """Upper bound of `excess`, from J(q) only.
 
         A motion d of the joints changes J_v u by at most (|d_1| + ... + |d_n|) (r_1 |u_1| + ... + r_n |u_n|) with r_i
         the longest column of J_v at any posture, and J_w u by as much with 1 for r_i.
@@ -155,30 +155,30 @@ class HandSpeed(Bound):
 
 
 class Rows(NamedTuple):
-    """away s - slopes u <= upper: tangents of h on the way to rest; s in [0, 1] says how fast a margin is regained."""
+    """away s - slopes u <= upper: tangents of h on the way to rest; s in [0, 1] is the rate of regaining a margin."""
 
     slopes: ca.SX
     away: ca.SX
     upper: ca.SX
     values: ca.SX
-    """(m,) h at the places where the tangents are taken, of braking."""
+    """(m,) h at the points of the tangents, on the braking path."""
     levers: ca.SX
-    """(m,) [s] by which u moves these places."""
+    """(m,) [s] derivative of these points by u."""
 
 
 class Posture(Protocol):
-    """h(q, t) >= 0, with bodies that move on during t [s]; `moving` are their numbers."""
+    """h(q, t) >= 0, with bodies that move on for t [s]; `moving` are their values."""
 
     places: int
-    """On the way to rest, where it is judged."""
+    """Number of checked points on the way to rest."""
     rates: list[float | None]
-    """(m,) [1/s] at which each of the least distances may decay, None as fast as braking allows."""
+    """(m,) [1/s] largest decay rate of each of the least distances; None: as fast as braking allows."""
 
     def h(self, tick: Stages, q: ca.SX, t: ca.SX, moving: ca.SX) -> ca.SX:
-        """(k,) all of its distances."""
+        """(k,) all distances."""
 
     def tangents(self, tick: Stages, q: ca.SX, t: ca.SX, state: State) -> ca.SX:
-        """(m, 1 + n) the least of them, and how they change with q."""
+        """(m, 1 + n) the least distances and their gradients by q."""
 
 
 class UserLimits:
@@ -202,12 +202,12 @@ class UserLimits:
         return ca.vertcat(*(each.at(self._chain, q) for each in self._limits))
 
     def tangents(self, tick: Stages, q: ca.SX, t: ca.SX, state: State) -> ca.SX:
-        """Of each limit up to `Limit.count`."""
+        """(m, 1 + n) the least values of each limit, up to `Limit.count`, and their gradients."""
         return self._tangents(q, state.last)
 
 
 class Bodies:
-    """d(q, t) - margin >= 0 of the pairs of a `Clearance` [m]; a moving capsule is taken to keep its velocity."""
+    """d(q, t) - margin >= 0 of the pairs of a `Clearance` [m]; moving capsules keep their velocity."""
 
     places = 2
 
@@ -228,18 +228,18 @@ class Bodies:
         return tick.call(self._pairs.distances, q, moving, t)[0]
 
     def tangents(self, tick: Stages, q: ca.SX, t: ca.SX, state: State) -> ca.SX:
-        """Of `Clearance.max_contacts`."""
+        """(m, 1 + n) the nearest `Clearance.max_contacts` contacts and their gradients."""
         return tick.call(self._tangents, q, state.moving, t)[0]
 
 
 class Kept(Bound):
     """h(q, t) >= 0 after the tick and on the way to rest.
 
-    Between two places it is judged at the lowest of a parabola through three.
+    Between two points it is checked at the minimum of a parabola through three points.
 
     Parameters
     ----------
-    kinds : what is kept. chain : the arm. manoeuvre : its braking.
+    kinds : the limits. chain : the arm. manoeuvre : its braking.
     """
 
     def __init__(self, kinds: Sequence[Posture], chain: SerialChain, manoeuvre: Manoeuvre) -> None:
@@ -248,11 +248,11 @@ class Kept(Bound):
         self._decays = ca.DM([1e9 if rate is None else -math.expm1(-rate * dt) / dt for rate in rates])
 
     def outside(self, tick: Stages, q: ca.SX, moving: ca.SX) -> ca.SX:
-        """Whether one is below zero at q (n,)."""
+        """Whether any limit is violated at q (n,)."""
         return ca.mmin(ca.vertcat(0, *(each.h(tick, q, ca.SX(0), moving) for each in self._kinds))) < -OUTSIDE
 
     def excess(self, tick: Stages, way: Way) -> ca.SX:
-        """(k,) in the limits' own units; bodies that move are where they will be at the end of the tick."""
+        """(k,) in the limits' own units; moving bodies are at their positions at the end of the tick."""
         over = [ca.SX(0, 1)]
         for each in self._kinds:
             parts, h = [k / each.places for k in range(each.places + 1)], []
@@ -266,7 +266,7 @@ class Kept(Bound):
         return ca.vertcat(*over)
 
     def _tangents(self, tick: Stages, way: Way, part: float) -> ca.SX:
-        """Where such a part of the way is behind the joints, by when braking of the last velocity would be there."""
+        """Tangents at a fraction `part` of the way, with bodies at the time when braking would be there."""
         ticks, place = self._manoeuvre.ticks(way.state.last), self._manoeuvre.place
         seconds = self._manoeuvre.dt * (1 + (1 - math.sqrt(1 - part)) * ticks)
         there = place(way.state.q, way.u, part * way.ticks)
@@ -290,7 +290,7 @@ class Kept(Bound):
         return Rows(*(ca.vertcat(*column) for column in zip(*found, strict=True)))
 
     def bent(self, tick: Stages, rows: Rows, state: State, brake: ca.SX, u: ca.SX) -> ca.SX:
-        """(m,) upper ends less what the tangents promise too much of the command u (n,); `brake` (n,) keeps them."""
+        """(m,) upper ends minus the tangents' error at the command u (n,); `brake` (n,) still satisfies them."""
         way = Way(state, u, further(self._manoeuvre.ticks(u)))
         true = ca.vertcat(*(self._tangents(tick, way, part)[:, 0] for part in PLACES))
         missed = ca.fmax((rows.values - true) / rows.levers + rows.slopes @ (u - brake), 0)
@@ -298,13 +298,13 @@ class Kept(Bound):
 
 
 def largest_part(a: ca.SX, b: ca.SX, most: float) -> ca.SX:
-    """Largest part, of at most 1, of b that may be added to a until it is longer than `most`."""
+    """Largest fraction, at most 1, of b that can be added to a within the length `most`."""
     bb, ab, room = ca.fmax(ca.sumsqr(b), 1e-18), ca.dot(a, b), ca.fmax(most**2 - ca.sumsqr(a), 0)
     return ca.fmin((ca.sqrt(ab**2 + bb * room) - ab) / bb, 1)
 
 
 def within_rows(n: int, m: int) -> ca.Function:
-    """H, u (n,), slopes, away, upper (m,), least, most (n,) -> nearest to u within the rows and the interval.
+    """H, u (n,), slopes, away, upper (m,), least, most (n,) -> point nearest to u within rows and interval.
 
     min |x - u|_H^2 + LEAVING (1 - s)^2  s.t. away s - slopes x <= upper, least <= x <= most, 0 <= s <= 1
     """

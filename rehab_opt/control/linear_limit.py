@@ -1,4 +1,4 @@
-"""Limits that are linear in the velocities of one tick: each says its rows of the QP, and what of a step keeps it."""
+"""Limits that are linear in the velocities of one tick: rows of the QP, and largest step sizes."""
 
 from __future__ import annotations
 
@@ -17,24 +17,24 @@ class LinearLimit(NamedTuple):
     """matrix u <= upper, for the velocities u (n,) of one tick."""
 
     matrix: ca.SX
-    """(k, n), zero by structure where no joint is concerned: that costs nothing."""
+    """(k, n); structural zeros for joints without effect cost nothing."""
     upper: ca.SX
     """(k,) in the rows' units, [m/s] of distances."""
 
     @classmethod
     def of_joints(cls, first: int, n: int, matrix: ca.SX, upper: ca.SX) -> Self:
-        """The limit of a matrix (k, m) for m of n joints, from `first` on, counted from 0."""
+        """The limit of a matrix (k, m) for m of n joints, starting at joint `first`, counted from 0."""
         k, m = matrix.shape
         return cls(ca.horzcat(ca.SX(k, first), matrix, ca.SX(k, n - first - m)), upper)
 
     @classmethod
     def stacked(cls, *limits: LinearLimit) -> Self:
-        """One limit whose rows are those of all `limits`."""
+        """One limit with the rows of all `limits`."""
         return cls(*(ca.vertcat(*column) for column in zip(*limits, strict=True)))
 
     @property
     def one_sided(self) -> LinearLimit:
-        """The same with an upper end alone."""
+        """The same limit with upper ends only."""
         return self
 
     @property
@@ -43,25 +43,25 @@ class LinearLimit(NamedTuple):
         return int(self.upper.numel())
 
     def rows(self, u: ca.SX) -> list[Row]:
-        """Its rows in a QP; an empty list where there are none."""
+        """Rows of a QP; an empty list without rows."""
         return [within(self.matrix @ u, -ca.inf, self.upper)] if self.row_count else []
 
     def excess(self, u: ca.SX) -> ca.SX:
-        """(k,) by how much velocities u pass it; below zero where they keep it."""
+        """(k,) excess of velocities u over the limit; not positive if it is satisfied."""
         return self.matrix @ u - self.upper
 
     def beyond(self, u: ca.SX) -> LinearLimit:
-        """The limit whose upper end is what this one leaves beyond velocities u (n,)."""
+        """The limit with the upper end that this one leaves beyond velocities u (n,)."""
         return self._replace(upper=self.upper + self.matrix @ u)
 
     def relaxed(self, u: ca.SX) -> LinearLimit:
-        """The limit, opened as far as velocities u (n,) need to keep it."""
+        """The limit, relaxed so that velocities u (n,) satisfy it."""
         return self._replace(upper=ca.fmax(self.upper, self.matrix @ u))
 
     def max_step_size(self, way: ca.SX, begin: ca.SX | None = None, slack: float = 0.0) -> ca.SX:
-        """Largest fraction, at most 1, of a way (n,) from velocities `begin` (n,), or rest, that keeps the limit.
+        """Largest step size, at most 1, along `way` (n,) from velocities `begin` (n,), or rest, within the limit.
 
-        It may pass by `slack`; from beyond the limit, where it goes no further, it is kept.
+        It may exceed by `slack`; if `begin` is beyond the limit, the step must not go further.
         """
         matrix, upper = self.one_sided
         if not self.row_count:

@@ -26,27 +26,27 @@ Array = NDArray[np.float64]
 
 STARTS, LOOKED_AT = 6, 600
 SHARES = (0.002, 0.006, 0.02, 0.06, 0.2, 0.5)
-"""Of a way out, where w must have grown: next to a posture singular twice it may fall first."""
+"""Fractions of a direction at which w must have grown; near a doubly singular posture it may fall first."""
 DISTANCES, DRAWN, GAIN = (0.05, 0.1, 0.2, 0.4, 0.8), 16, 1e-9
-"""[rad or m] How far ways are tried, how many are drawn a joint, and what counts as a gain of w."""
+"""[rad or m] Distances that are tried, random directions per joint, and least gain of w."""
 TOGETHER = 10
-"""Ways of a group that C evaluates one after the other."""
+"""Directions per group that C evaluates in sequence."""
 SEEDS = 0, 201
-"""Of the directions that are drawn at first, and where another way is looked for."""
+"""Seeds of the random directions, at first and for another direction."""
 ALL_BITS = 2**64 - 1
 TURN, SLIDE = math.pi, 1.0
-"""[rad, m] Where a joint without limits is looked at: a full turn, and a metre either way."""
+"""[rad, m] Range of a joint without limits: one turn, and 1 m either way."""
 
 
 def maximise_manipulability(chain: SerialChain, *, starts: int = STARTS, seed: int = 0) -> tuple[float, Array]:
-    """Yoshikawa's measure at its maximum within the joint limits, and a posture (n,) that has it.
+    """Maximum of Yoshikawa's measure within the joint limits, and a posture (n,) that has it.
 
-    The best of bounded quasi-Newton ascents from the `starts` best of seeded random postures: the same answer in every
-    run. It is a lower bound of the true maximum; of the UR5 it is the closed form's to 1e-9.
+    It is the best of bounded quasi-Newton ascents from the `starts` best of seeded random postures, so every run gives
+    the same answer. It is a lower bound of the true maximum; for the UR5 it equals the closed form to 1e-9.
 
     Raises
     ------
-    ConfigurationError : the chain is singular wherever it was looked at.
+    ConfigurationError : the chain is singular at every sampled posture.
     """
     from scipy.optimize import minimize  # noqa: PLC0415  (loaded when used)
 
@@ -75,11 +75,11 @@ def maximise_manipulability(chain: SerialChain, *, starts: int = STARTS, seed: i
 
 
 def escape_function(chain: SerialChain) -> ca.Function:
-    """Posture q (n,), whether another way is looked for -> a direction in which w grows though its gradient vanishes.
+    """Function: posture q (n,), whether to search another one -> direction in which w grows despite a zero gradient.
 
-    Of length 1/2, zero where none is found: the best of the joint axes, their pairs and a few directions drawn by a
-    seed, another one for another way; each either way, at the smallest distance at which any gains without losing
-    before. The same in every run, and in C.
+    The direction has length 1/2, or zero if none is found. It is the best of the joint axes, their pairs and a few
+    random directions (with another seed for another search), with both signs, at the smallest distance at which any
+    gains without a loss before. It is the same in every run and in C.
     """
     n, ascent = chain.n, ascent_function(chain)
     at, far, known = inputs = [ca.MX.sym(name, size) for name, size in (("q", n), ("far", 1), ("found", n + 1))]
@@ -105,17 +105,17 @@ def escape_function(chain: SerialChain) -> ca.Function:
 
 
 def known_ways(n: int) -> Array:
-    """(n^2, n) the joint axes and their pairs, either way."""
+    """(n^2, n) the joint axes and their pairs, with both signs."""
     axes = np.eye(n)
     pairs = [axes[i] + sign * axes[j] for i in range(n) for j in range(i) for sign in (1.0, -1.0)]
     return np.array([*axes, *pairs])
 
 
 def ascent_function(chain: SerialChain) -> ca.Function:
-    """Posture q, way (n,), distance [rad or m], what was found so far -> the same with this way, one way and the other.
+    """Function: posture q, direction (n,), distance [rad or m], best so far -> best including +-direction.
 
-    What is found is its gain of w, and its direction of length 1/2: a way counts where it gains more than the best so
-    far, and w never falls towards there.
+    The best consists of its gain of w and its direction of length 1/2. A direction counts if it gains more than the
+    best so far and w never falls along it.
     """
     n = chain.n
     symbol = ca.SX.sym("q", n)
@@ -144,7 +144,7 @@ def ascent_function(chain: SerialChain) -> ca.Function:
 
 
 def drawn_ways(count: int, n: int, *, seed: int) -> Array:
-    """(count, n) numbers evenly from -1 to 1, of SplitMix64."""
+    """(count, n) uniform random numbers from -1 to 1, by SplitMix64."""
     state, numbers = seed & ALL_BITS, np.empty(count * n)
     for i in range(count * n):
         state = (state + 0x9E3779B97F4A7C15) & ALL_BITS

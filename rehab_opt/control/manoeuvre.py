@@ -1,11 +1,11 @@
 """The braking manoeuvre, and the joint velocities from which it ends within the joint limits.
 
-All joints slow down by the same fraction a tick, as fast as the slowest one can. From (q, v) that leads along a
-straight line of joint space to the stop posture
+All joints slow down by the same fraction per tick, as fast as the slowest joint allows. From (q, v) this leads along a
+straight line in joint space to the stop posture
 
     stop(q, v) = q + dt F v,    N = max_i |v_i| / (a_i dt),    F = n - n (n + 1) / (2 N),    n = floor(N).
 
-A joint for which the line ends beyond its limit brakes harder, and stops there.
+A joint whose line would end beyond its limit brakes harder and stops at the limit.
 """
 
 from __future__ import annotations
@@ -29,29 +29,29 @@ from rehab_opt.optim.certificate import clipped
 __all__ = ["ROUNDED", "Intervals", "Manoeuvre", "further"]
 
 FAR = 1e9
-"""[rad or m] A limit that is never felt."""
+"""[rad or m] Value that replaces an infinite limit."""
 ROUNDED = 1e-10
-"""Of a tick, by which rounding may make braking longer."""
+"""Allowance of rounding in the duration of braking, in ticks."""
 OUTSIDE = 1e-9
-"""[rad or m] A joint less than this beyond its limit stands at it: rounding is no excursion."""
+"""[rad or m] A joint less than this beyond its limit counts as at the limit."""
 
 
 class Intervals(NamedTuple):
-    """(n,) each: ends of the velocities that a joint may have, never empty."""
+    """Ends of velocity intervals of the joints, (n,) each; never empty."""
 
     least: ca.SX
     most: ca.SX
-    """What may be commanded: each joint still stops at its limit, within its acceleration."""
+    """Allowed commands: each joint can still stop at its limit within its acceleration."""
     gentle_least: ca.SX
     gentle_most: ca.SX
-    """The same, coming to the limit at `APPROACH`."""
+    """Allowed commands that approach the limit at the rate `APPROACH`."""
     low: ca.SX
     high: ca.SX
-    """What is worth aiming at, whatever the velocity is now: the joint waits for the slowest one while braking."""
+    """Useful targets for any current velocity; while braking, a joint waits for the slowest one."""
 
 
 def further(ticks: ca.SX) -> ca.SX:
-    """F: ticks of the present velocity that are still gone in so many `ticks` of braking."""
+    """F: distance travelled in `ticks` of braking, in ticks at the present velocity."""
     n = ca.floor(ticks)
     return n - n * (n + 1) / (2 * ca.fmax(ticks, 1e-12))
 
@@ -62,7 +62,7 @@ class Manoeuvre:
     Parameters
     ----------
     chain : the arm. dt : tick [s].
-    recovery_speed : fraction of the velocity limit at which a joint outside its limits comes back.
+    recovery_speed : return speed of a joint outside its limits, as a fraction of its velocity limit.
     """
 
     def __init__(self, chain: SerialChain, dt: float, *, recovery_speed: float) -> None:
@@ -71,7 +71,7 @@ class Manoeuvre:
         self._back = recovery_speed * self.speed
 
     def ticks(self, velocity: ca.SX) -> ca.SX:
-        """N of velocities (n,)."""
+        """N: ticks of braking from velocities (n,)."""
         return ticks_to_rest(velocity, self.change)
 
     def braked(self, velocity: ca.SX) -> ca.SX:
@@ -80,14 +80,14 @@ class Manoeuvre:
         return ca.if_else(last_one, 0, slowed_together(velocity, self.change))
 
     def place(self, q: ca.SX, velocity: ca.SX, ticks: ca.SX | float) -> ca.SX:
-        """(n,) where joints are after a tick at `velocity` (n,) and the way of so many more; limits are not passed."""
+        """(n,) joint positions after a tick at `velocity` (n,) and `ticks` more, clipped to the limits."""
         ahead = q + self.dt * velocity * (1 + ticks)
         return clipped(ahead, ca.fmin(self._low, q), ca.fmax(self._high, q))
 
     def intervals(self, q: ca.SX, last: ca.SX) -> Intervals:
-        """Of joints at q (n,), commanded `last` (n,) in the last tick.
+        """Intervals of joints at q (n,) with the last command `last` (n,).
 
-        Velocity never yields; then no joint is led beyond, or further beyond, its limit; then accelerations hold.
+        Velocity never yields; then no joint moves beyond, or further beyond, its limit; then accelerations.
         """
         dt, speed, change = self.dt, self.speed, self.change
         seconds = dt * (1 + further(self.ticks(last) + 1))

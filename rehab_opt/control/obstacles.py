@@ -1,4 +1,4 @@
-"""Obstacles on the floor as rows on the chair's velocity: a stopping barrier that holds at any tick length."""
+"""Obstacles on the floor as rows on the chair's velocity: a stopping barrier for any tick length."""
 
 from __future__ import annotations
 
@@ -25,17 +25,17 @@ __all__ = [
 Array = NDArray[np.float64]
 
 NUMBERS = 4
-"""How many numbers one obstacle is."""
+"""Number of values of an obstacle."""
 TINY = 1e-100
-"""[m] A distance whose square is no number above zero."""
+"""[m] A distance whose square underflows."""
 _NONE, HALF_PLANE, DISC = 0.0, 1.0, 2.0
 
 
 class HalfPlane(NamedTuple):
-    """A wall in the world frame: points p with normal . p > offset are not free."""
+    """A wall in the world frame, at points p with normal . p > offset."""
 
     normal: tuple[float, float]
-    """Into the wall; of any length above zero."""
+    """Normal into the wall, of any positive length."""
     offset: float
     """[m] times the normal's length."""
 
@@ -53,29 +53,29 @@ Obstacle = HalfPlane | Disc
 
 
 class ObstacleRows(NamedTuple):
-    """Rows matrix @ (forward, left, turn) <= room of one obstacle; at rest they always hold."""
+    """Rows matrix @ (forward, left, turn) <= room of one obstacle; rest always satisfies them."""
 
     matrix: ca.SX
     """(2, 3)"""
     room: ca.SX
     """(2,) [m/s]"""
     inside: ca.SX
-    """1 where the chair is within the obstacle."""
+    """1 if the chair is inside the obstacle."""
     wall: ca.SX
-    """(3,) normal n and offset [m] of the wall that stands for it, in the chassis frame: free is n . p < offset."""
+    """(3,) normal n and offset [m] of the obstacle's wall in the chassis frame; n . p < offset is free."""
     post: ca.SX
     """(3,) centre in the chassis frame and radius [m] of a disc."""
     is_post: ca.SX
-    """1 where it is a disc."""
+    """1 for a disc."""
 
 
 def obstacle_numbers(obstacles: Sequence[Obstacle], max_obstacles: int) -> Array:
-    """(4 max_obstacles,) obstacles as a parameter: kind in the last place, what is free says that there is nothing.
+    """(4 max_obstacles,) obstacles as a parameter, each with its kind last; unused ones have kind 0.
 
     Raises
     ------
-    ConfigurationError : no list or tuple, more obstacles than that, neither half-plane nor disc, a normal of length
-        zero, a number that is none or no place in metres.
+    ConfigurationError : no list or tuple, too many obstacles, neither half-plane nor disc, a zero normal, a number that
+        is not finite or out of range.
     """
     if not isinstance(obstacles, (list, tuple)) or isinstance(obstacles, Obstacle):
         raise ConfigurationError("obstacles", obstacles, "a list or tuple of HalfPlane and Disc")
@@ -95,9 +95,9 @@ def obstacle_numbers(obstacles: Sequence[Obstacle], max_obstacles: int) -> Array
 
 @cache
 def obstacle_function() -> ca.Function:
-    """Kind, x, y and size of an obstacle (4,) -> its numbers (4,), and whether it is refused.
+    """Function: kind, x, y and size of an obstacle (4,) -> its numbers (4,), and whether it is invalid.
 
-    Those of a half-plane are divided by the length of its normal; a kind of zero says that there is nothing.
+    The numbers of a half-plane are divided by the length of its normal; kind zero means no obstacle.
     """
     told = ca.SX.sym("told", 4)
     kind, x, y, size = ca.vertsplit(told)
@@ -110,7 +110,7 @@ def obstacle_function() -> ca.Function:
 
 
 def _row(obstacle: object) -> Array | None:
-    """(4,) the numbers of one obstacle, None where it is none."""
+    """(4,) the numbers of one obstacle, or None if it is invalid."""
     if not isinstance(obstacle, Obstacle):
         return None
     try:
@@ -131,30 +131,30 @@ def approach(
     numbers: ca.SX, place: ca.SX, outline: Outline, *, dt: float, horizon: float, turn: ca.SX | float,
     drive: ca.SX | float,
 ) -> ObstacleRows:  # fmt: skip
-    """Rows that keep the chair's outline out of one obstacle, wherever its corners turn to within the tick.
+    """Rows that keep the chair's outline out of one obstacle for any turn within the tick.
 
     Parameters
     ----------
     numbers : (4,) of `obstacle_numbers`. place : (3,) q1, q2, q3 of the chair.
-    dt : tick [s]. turn : [rad/s] fastest turn in this tick. drive : [m/s] its fastest speed.
-    horizon : [s] no corner comes nearer than its gap divided by this, per second. At least dt; and no less than the
-        chair needs to stop from any speed when all its components slow down together: then a chair that kept these
-        rows in the last tick can keep them in this one within its accelerations.
+    dt : tick [s]. turn : [rad/s] largest turn rate in this tick. drive : [m/s] largest speed.
+    horizon : [s]; each corner's closing speed is at most its gap over this. At least dt, and at least the time to stop
+        from any speed with all components slowing together; then a chair that satisfied the rows in the last tick can
+        satisfy them now within its accelerations.
 
-    Guaranteed at every instant of the tick, at any dt, for any twist within the rows that turns no faster than `turn`:
-    an outline that is outside stays outside; one that is inside gets no deeper. Depth is the shortest way out of the
-    obstacle by translation. The chair may move straight in the world while it turns, q + t value, or along the arc of
-    wheels that hold their speeds.
+    For any dt and any twist within the rows and `turn`, at every instant of the tick an outline outside stays outside,
+    and one inside gets no deeper. Depth is the shortest translation out of the obstacle. The chair may move straight in
+    the world while it turns, q + t value, or along the arc of constant wheel speeds.
 
-    A disc is replaced by the wall, fixed in the chassis, that touches it and has the outline's outward normal n at the
-    point nearest to the disc's centre c; the nearest edge's where c is on or under the outline. The distance of c from
-    a rectangle of corners p, negative inside, is the largest n . c - max(n . p) of all unit vectors n, so it falls by
-    no more than n . c does: where another edge becomes the nearest, what is allowed does not jump.
+    A disc is replaced by a wall, fixed in the chassis, that touches it. The wall's normal n is the outline's outward
+    normal at the point nearest to the disc's centre c (of the nearest edge if c is on or under the outline). The
+    distance of c from a rectangle of corners p, negative inside, is the largest n . c - max(n . p) over all unit
+    vectors n, so it falls at most as fast as n . c. The bound therefore does not jump when another edge becomes the
+    nearest.
 
-    A corner p turns by w dt within the tick and is then off its straight way by at most |p| (w dt)^2/2, and wheels by
-    drive |w| dt^2/2; c, seen from the chassis, by twice that of wheels. With both, and over all corners, the largest
-    speed towards the wall is a concave function of w, zero or more at w = 0. The rows are its two chords from there to
-    the fastest turns.
+    A turn by w dt within the tick moves a corner p off its straight path by at most |p| (w dt)^2/2, and an arc of the
+    wheels by drive |w| dt^2/2 (twice that for c in the chassis frame). With both, over all corners, the largest allowed
+    speed towards the wall is a concave function of w, not negative at w = 0. The rows are its two chords from there to
+    the largest turn rates.
     """
     cos, sin = ca.cos(place[2]), ca.sin(place[2])
     disc = numbers[3] == DISC
@@ -174,7 +174,7 @@ def approach(
     )
 
     def turning(gap: ca.SX, x: float | ca.SX, y: float | ca.SX, bent: float | ca.SX) -> ca.SX:
-        """(3,) how fast the gap of a place may close without a turn and at the fastest to either side."""
+        """(3,) allowed closing speeds of a point's gap without a turn and at the largest turn rate to either side."""
         lever, sweep = turn * (normal[1] * x - normal[0] * y), bent * turn * (dt / 2) * there
         return ca.fmax(gap, 0) / horizon + ca.vertcat(0, -lever - sweep, lever - sweep)
 

@@ -1,4 +1,4 @@
-"""Assistance along a path that may cross itself, turn back, or come back to where it was: by progress along it."""
+"""Assistance along a path that may cross itself, reverse, or close, based on the progress along it."""
 
 from __future__ import annotations
 
@@ -30,34 +30,35 @@ Array = NDArray[np.float64]
 
 
 class PathAssistance(BoundedForce):
-    """Force on a hand [N] along a path: a spring to where on the path the hand has come to; bounded as `BoundedForce`.
+    """Force on a hand [N] by a spring to its progress point on a path; bounded as in `BoundedForce`.
 
     min  |F - F_desired|^2  within the bounds of `BoundedForce`, where inside the comfortable workspace
 
         F_desired = S (p(s) - x) - D (v - (v.t) t),
 
-    p(s) is the place of the path in the last tick, t the path's direction there. Along the path the hand moves freely,
-    except for a drag S v dt, since p(s) is one tick old. Outside the workspace the force pulls back to it, as that of
-    `Assistance` in mode "follow", until the help ends or lets go.
+    p(s) is the path point of the last tick, t the path's direction there. Along the path the hand moves freely, except
+    for a drag S v dt, because p(s) is one tick old. Outside the workspace the force pulls back to it, as `Assistance`
+    does in mode "follow", until the help ends or releases the hand.
 
-    s follows the hand along the path, either way, and leads it nowhere: `rehab_opt.control.path_progress` is the
-    controller. The furthest s is the progress, and never goes back. The help ends at the path's end. Begin anew by
-    `reset`.
+    s follows the hand along the path in both directions without leading it, see `rehab_opt.control.path_progress`. The
+    largest s is the progress and never decreases. The help ends at the path's end; `reset` restarts it.
 
-    A hand that stands (s moves by less than a width in 0.3 s) under more than 0.1 of `force_limit` is let go: the force
-    fades within 0.3 s, and the command is BLOCKED and says why. A hand that is elsewhere after a gap without valid
-    samples is let go at once. At another place of the path, at most 20 widths along it, the force grows again in 0.3 s.
+    A hand that stands still (s moves by less than a width in 0.3 s) under more than 0.1 of `force_limit` is released:
+    the force fades within 0.3 s, and the command is BLOCKED with a reason. A hand that is elsewhere after a gap without
+    valid samples is released at once. At another point of the path, at most 20 widths along it, the force grows again
+    in 0.3 s.
 
     Parameters
     ----------
-    path : (N, 2) [m] from its start to its end.
+    path : (N, 2) [m] from start to end.
     stiffness, damping : S [N/m], D [N s/m] across the path.
-    width : [m] the scale of the path: detours shorter than two widths may be cut, and a hand is at a place within one.
+    width : [m] scale of the path: detours shorter than two widths may be cut, and a hand within one width is at a
+        point.
     comfortable, force_limit, return_stiffness, return_force, bounds : see `Assistance`.
 
     Raises
     ------
-    ConfigurationError : an argument that cannot be used.
+    ConfigurationError : an invalid argument.
     """
 
     comfortable: Workspace = setting()
@@ -92,7 +93,7 @@ class PathAssistance(BoundedForce):
             stiffness=checked_number("stiffness", stiffness, above=0.0, below=1e7),
             damping=checked_number("damping", damping, above=-TINY, below=1e6),
         )
-        """`SPRING` of this one."""
+        """`SPRING` of this controller."""
         self.gate = GATE.numbers(
             acts_inside=True,
             pull_limit=checked_number("force_limit", force_limit, above=0.0, below=1e4),
@@ -102,9 +103,9 @@ class PathAssistance(BoundedForce):
                 force=checked_number("return_force", return_force, above=0.0),
             ),
         )
-        """`GATE` of this one."""
+        """`GATE` of this controller."""
         self.track = np.pad(sampled.points, ((BEFORE, BESIDE), (0, 0)), mode="edge")
-        """(N, 2) [m] samples of the path, the first and the last of them repeated."""
+        """(N, 2) [m] samples of the path, with the first and the last repeated."""
         self._flat = self.track.ravel()
         option = bounds.get("compile")
         self._edges = edge_columns(comfortable.polygon)
@@ -118,7 +119,7 @@ class PathAssistance(BoundedForce):
             speed_cap=self.speed_cap,
             dt=self.dt,
         )
-        """`PATH_MODEL` of this one."""
+        """`PATH_MODEL` of this controller."""
         self._proceed = BufferedFunction(progress_function(), compile=option)
         self._proceed.inputs[0][:] = self.path_model
         self._begin()
@@ -137,7 +138,7 @@ class PathAssistance(BoundedForce):
 
     @property
     def progress(self) -> float:
-        """Furthest fraction of the path, 0 to 1, that the hand has come to. It stands while a hand is let go."""
+        """Largest fraction of the path, 0 to 1, that the hand has reached; constant while the hand is released."""
         return float(self._state_of_path[PROGRESS["furthest"]] / self.path_model[PATH_MODEL["last"]])
 
     @property
@@ -147,7 +148,7 @@ class PathAssistance(BoundedForce):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What of spring, bounds and delay does not go together, and which number would; see `settling_notes`."""
+        """Notes on spring, bounds and delay that do not fit together, with better values; see `settling_notes`."""
         bounds = {"force_limit": self.force_limit, "slew_limit": self.slew_limit}
         stiffness, damping = self.spring.tolist()
         return tuple(settling_notes(stiffness, damping, **bounds, **self._late_by))
@@ -161,7 +162,7 @@ class PathAssistance(BoundedForce):
         return PROGRESS.numbers(**full | {"grip": 1.0, "gap": 1.0, "place": first, "along": along})
 
     def reset(self, *, energy: bool = True, force: ArrayLike = (0.0, 0.0)) -> None:
-        """Forget the past, see `BoundedForce.reset`: at the path's start."""
+        """Reset, see `BoundedForce.reset`, with the hand at the path's start."""
         super().reset(energy=energy, force=force)
         if hasattr(self, "_proceed"):  # not yet while it is made
             self._begin()
@@ -169,7 +170,7 @@ class PathAssistance(BoundedForce):
     def step(
         self, x: ArrayLike, v: ArrayLike | None = None, *, enable: object = True, stamp: float | None = None
     ) -> Command:
-        """As `BoundedForce.step`; the progress goes on where the tick's position was valid."""
+        """As `BoundedForce.step`; the progress is updated if the tick's position is valid."""
         command = super().step(x, v, enable=enable, stamp=stamp)
         if not self.valid:
             self._state_of_path[PROGRESS["gap"]] = 1.0

@@ -1,21 +1,21 @@
-"""How far along a path a hand has come, as a state: one function of numbers, for Python and C.
+"""Progress of a hand along a path as a state: one function of numbers, for Python and C.
 
-A spring S holds the hand x to the place p(s) of the path; s [m] of its length follows the hand, either way, as a bead
-follows a wire:
+A spring S holds the hand x to the path point p(s); the arc length s [m] follows the hand in both directions, as a bead
+on a wire:
 
     s' = argmin |x - p(sigma)|^2,    |sigma - s| <= 2 widths,    |s' - s| <= speed cap dt,
 
-and stands while the hand is further than F/S and a width from p(s), F the force limit. Nothing moves s but the hand, so
-the help leads no hand on. s does not change over to another stretch of the path that lies nearer, except across a
-detour shorter than two widths. The furthest s so far is the progress.
+and stays constant while the hand is further than F/S and a width from p(s), with the force limit F. Only the hand moves
+s, so the help never leads. s does not jump to another nearer stretch of the path, except across a detour shorter than
+two widths. The largest s so far is the progress.
 
 The help ends at the path's end: once s is within a sample of it and the hand within a width, the force fades within
 0.3 s and stays zero.
 
-A hand that stands under more than 0.1 F for 0.3 s is let go within 0.3 s: its person means to be elsewhere. It is
-held again where it comes within a width of a place from one to 20 widths of the path away, the nearest along the path,
-once it is more than a width away from where it was let go. In the first tick, and the first after a gap without valid
-samples, a hand further than F/S and a width from p(s) is let go at once.
+A hand that stands still under more than 0.1 F for 0.3 s is released within 0.3 s, because the person wants to be
+elsewhere. It is held again within a width of a path point 1 to 20 widths away along the path (the nearest one), once it
+is more than a width from where it was released. In the first tick, and the first after a gap without valid samples, a
+hand further than F/S and a width from p(s) is released at once.
 """
 
 from __future__ import annotations
@@ -32,29 +32,29 @@ from rehab_opt.symbolic.record import Record
 __all__ = ["BEFORE", "BESIDE", "PATH_MODEL", "PROGRESS", "progress_function"]
 
 PATH_MODEL = Record(stiffness=1, spacing=1, last=1, force_limit=1, speed_cap=1, dt=1)
-"""S [N/m]; length between samples [m]; number of the last one; [N]; [m/s]; tick [s]."""
+"""S [N/m]; sample spacing [m]; number of the last sample; force limit [N]; speed cap [m/s]; width [m]; tick [s]."""
 PROGRESS = Record(at=1, furthest=1, stood=1, mark=1, grip=1, away=1, gap=1, place=2, along=2)
-"""s and the largest s so far, in samples; how long [s] the hand has stood under force since s moved by a width from the
-sample `mark`; fraction of the force that is applied; whether the hand is let go; whether no sample was valid since;
-the place p(s) [m] and the path's direction there."""
+"""s and the largest s so far, in samples; time [s] that the hand has stood still under force since s moved by a width
+from the sample `mark`; fraction of the force; whether the hand is released; whether no sample has been valid since;
+p(s) [m] and the path's direction there."""
 WINDOW = 2.0
-"""Widths either way within which s follows the hand."""
+"""Range of the search for the nearest point, in widths either way."""
 STANDING = 0.1
-"""Fraction of the force limit above which a hand that stands is held."""
+"""Fraction of the force limit above which a hand that stands still is being held."""
 PATIENCE, FADE = 0.3, 0.3
-"""[s] for which a hand may be held, and in which the force then fades."""
+"""[s] Longest time of holding, and time in which the force then fades."""
 HORIZON = 20.0
-"""Widths either way within which a hand that was let go is held again: less than a round of a path that is repeated."""
+"""Range, in widths either way, within which a released hand is held again; less than one round of a repeated path."""
 TIE = 1e-12
 """[m^2] Squared distances that differ by less are equal."""
 NEAR, BEFORE = math.ceil(WINDOW * SAMPLES_PER_WIDTH), math.ceil(HORIZON * SAMPLES_PER_WIDTH)
 BESIDE = 2 * BEFORE + 2
-"""Samples in the window; samples before s that a tick looks at; all of them."""
+"""Samples in the window; samples before s in a tick; all samples in a tick."""
 
 
 @cache
 def progress_function() -> ca.Function:
-    """One tick of the progress.
+    """Function of one tick of the progress.
 
     Returns
     -------
@@ -107,9 +107,9 @@ def progress_function() -> ca.Function:
 
 
 def _nearest(hand: ca.SX, here: ca.SX, beside: ca.SX, begin: ca.SX, *, first: ca.SX, last: ca.SX) -> ca.SX:
-    """Samples from the first of `beside` to the place nearest to the hand: exact on each piece within the window.
+    """Position, in samples after the first of `beside`, of the point nearest to the hand within the window.
 
-    Of places that are as near, as past a turn back on the same line, the furthest along the path.
+    Of equally near points, as after a reversal on the same line, it is the furthest along the path.
     """
     best, found = ca.sumsqr(hand - here) + TIE, begin
     for i in reversed(range(BEFORE - NEAR, BEFORE + NEAR + 1)):
@@ -122,7 +122,7 @@ def _nearest(hand: ca.SX, here: ca.SX, beside: ca.SX, begin: ca.SX, *, first: ca
 
 
 def _other_place(hand: ca.SX, left: ca.SX, beside: ca.SX, *, first: ca.SX, last: ca.SX, width: ca.SX) -> ca.SX:
-    """Number of the sample within a width of the hand that is nearest along the path, a width or more away; else -1."""
+    """Number of the sample within a width of the hand, nearest along the path but a width or more away; else -1."""
     found = ca.SX(-1)
     for apart in reversed(range(SAMPLES_PER_WIDTH, BEFORE + 1)):
         for i in (BEFORE - apart, BEFORE + apart):

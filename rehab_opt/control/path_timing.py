@@ -1,15 +1,15 @@
-"""Timing of a path by Ruckig, whose one axis is the progress s along q(s).
+"""Timing of a path by Ruckig, with the progress s along q(s) as its only axis.
 
     q' = q_s s',    q'' = q_s s'' + q_ss s'^2,    q''' = q_s s''' + 3 q_ss s' s'' + q_sss s'^3
 
-The path is cut into zones. An axis has bounds v, a, j, and in a zone these largest derivatives. The progress is bounded
-there, with fractions c, by the least over the axes of
+The path is cut into zones. An axis has bounds v, a, j and, in each zone, largest derivatives. With fractions c, the
+progress in a zone is bounded by the minimum over the axes of
 
     V = min(v / |q_s|, (c_a a / |q_ss|)^(1/2), (c_j j / |q_sss|)^(1/3))
     A = min((a - |q_ss| V^2) / |q_s|, c_x (j - |q_sss| V^3) / (3 |q_ss| V))
     J = (j - |q_sss| V^3 - 3 |q_ss| V A) / |q_s|
 
-Ruckig has no waypoints: it plans to the end of each zone, crossed at a speed from which all later ones can be passed.
+Without waypoints, Ruckig plans to the end of each zone at a speed that allows all later zones.
 """
 
 from __future__ import annotations
@@ -28,12 +28,12 @@ CURVE, BEND, CROSS = 0.7, 0.7, 0.5  # c_a, c_j, c_x
 ALIKE, SHARPER, STRONG = 1.05, 1.02, 3.0  # ratio in a zone of speeds; the same without jerk; of accelerations
 QUICK = 1e-4  # [s] The progress takes at least this long to reach its speed limit, also where all axes stand.
 PART, SPEED, RAMP = 1.0 - 1e-4, 1.0 - 5e-7, 1e-3
-"""Used part of a zone's length, and of the speed limit at its ends; least part of its shortest time in which its
-acceleration rises. Without these margins Ruckig, by rounding, refuses one zone in 800."""
+"""Used fraction of a zone's length and of the speed limit at its ends; least fraction of its shortest time for the rise
+of acceleration. Without these margins Ruckig, by rounding, refuses one zone in 800."""
 
 
 class PathCells(NamedTuple):
-    """Cells of a path of n axes, cubic on each: K + 1 ends, and three derivatives (K, n) at their beginnings."""
+    """Cells of a path of n axes, cubic in each: K + 1 ends, and three derivatives (K, n) at their starts."""
 
     knots: Array
     first: Array
@@ -42,14 +42,14 @@ class PathCells(NamedTuple):
 
 
 class PathTiming(NamedTuple):
-    """Progress and its first three derivatives (4, M) at the beginning of M pieces of constant jerk, and their ends."""
+    """Progress and its first three derivatives (4, M) at the start of M pieces of constant jerk, and their ends."""
 
     times: Array
     pieces: Array
     end: float
 
     def at(self, times: Array) -> Array:
-        """(N,) progress at these times [s]; afterwards the path's end."""
+        """(N,) progress at these times [s]; the path's end afterwards."""
         k = np.clip(np.searchsorted(self.times, times, side="right") - 1, 0, len(self.times) - 2)
         since, (s, v, a, j) = times - self.times[k], self.pieces[:, k]
         return np.where(times < self.times[-1], s + since * (v + since * (a / 2.0 + since * j / 6.0)), self.end)
@@ -58,9 +58,9 @@ class PathTiming(NamedTuple):
 def ruckig_timing(
     cells: PathCells, *, velocity: Array, acceleration: Array, jerk: Array | float = math.inf, fastest: float = math.inf
 ) -> PathTiming:
-    """Pass the path from rest to rest within the bounds (n,) of its axes; infinite ones do not count.
+    """Time the path from rest to rest within the bounds (n,) of its axes; infinite bounds are ignored.
 
-    `fastest` bounds the speed of the progress itself. Where no jerk is bounded q(s) may be C1, else it has to be C2.
+    `fastest` bounds the speed of the progress itself. q(s) must be C2, or only C1 without jerk bounds.
     """
     length = np.diff(cells.knots)[:, None]
     mid, second = cells.first + cells.second * length / 2, cells.second + cells.third * length
@@ -111,9 +111,9 @@ def _passage(places: Array, top: Array, quick: Array, sudden: Array) -> PathTimi
 
 
 def _reached(speed: float, way: float, acceleration: float, jerk: float) -> float:
-    """Largest speed that is reached from this one within `way`, without acceleration at either end.
+    """Largest speed that can be reached within `way`, with zero acceleration at both ends.
 
-    A rise x takes x / a + a / j seconds, or 2 (x / j)^(1/2) where it is below a^2 / j, at the mean speed.
+    A rise x takes x / a + a / j seconds, or 2 (x / j)^(1/2) if it is below a^2 / j, at the mean speed.
     """
     brief = acceleration / jerk
     if way >= (2.0 * speed + acceleration * brief) * brief:

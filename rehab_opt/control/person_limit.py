@@ -22,20 +22,20 @@ __all__ = ["PersonLimit", "model_tick"]
 Array = NDArray[np.float64]
 
 TURN_LENGTH = 0.1
-"""[m/rad] What a turn of the hand counts for against its place: a narrow wrist gives way first."""
+"""[m/rad] Weight of the hand's rotation relative to its position: a narrow wrist yields first."""
 SETTLING, SETTLING_DT = 300, 0.05
-"""Ticks at most [and their length, s] in which the model finds to the first pose."""
+"""Largest number of ticks, and their length [s], in which the model converges to the first pose."""
 SETTLED = 1e-6
-"""[rad/s] Joint speeds at which it has come there, as near as it goes."""
+"""[rad/s] Joint speeds below which the model has converged."""
 GAIN = 30.0
 """[1/s]"""
 
 
 def model_tick(chain: SerialChain) -> ca.Function:
-    """Posture (n,) of a model arm, joint velocities (n,), [s], ticks left -> posture, ticks left, hand and its motion.
+    """Function: posture (n,), joint velocities (n,), time [s], ticks left -> posture, ticks left, hand, twist.
 
-    Those are for finding to the first pose: none where it stands. The hand is the pose, all 16 entries, and the motion
-    (6,), linear [m/s] first.
+    The ticks are for convergence to the first pose, 0 once it is reached. The hand is its pose, all 16 entries, and its
+    twist (6,), linear [m/s] first.
     """
     q, velocity, seconds = ca.SX.sym("q", chain.n), ca.SX.sym("velocity", chain.n), ca.SX.sym("seconds")
     ticks = ca.SX.sym("ticks")
@@ -46,27 +46,27 @@ def model_tick(chain: SerialChain) -> ca.Function:
 
 
 class _Model(PoseTracker):
-    """Tracker of the model arm: its joints are set, and set back after a trial tick, so that none is watched."""
+    """Tracker of the model arm; its joints are set directly, so they are not supervised."""
 
     watched = False
 
     def self_motion(self, q: ca.SX, turn: ca.SX, jacobian: ca.SX, seconds: ca.SX, braking: ca.SX) -> ca.SX:
-        """None: the person's elbow is left where it is."""
+        """Zero: the person's elbow stays."""
         return ca.SX.zeros(self.chain.n)
 
 
 class PersonLimit:
-    """The nearest pose to a moving one that an arm of this range of motion follows to, joint by joint.
+    """Nearest pose to a moving reference that a model arm with this range of motion can follow.
 
-    The model arm keeps its joint limits exactly and never jumps; where the pose is within its range it is given back,
-    but for a lag of the model below a millimetre. Nearest is meant locally: from where the model arm is.
+    The model arm satisfies its joint limits exactly and never jumps; a pose within its range is returned with a lag
+    below a millimetre. Nearest is meant locally, from the model arm's current posture.
 
     Parameters
     ----------
     person : the arm, with finite limits, in the robot's base frame (`dataclasses.replace(human_arm(...), base=...)`).
     grip : (4, 4) pose of the robot's tool in the arm's hand frame.
     dt : tick [s].
-    start : (n,) [rad] posture from which the first pose is found; default the middle of the range of motion.
+    start : (n,) [rad] start of the search for the first pose; default the middle of the range of motion.
     backup, compile : as for `PoseTracker`.
     """
 
@@ -85,7 +85,7 @@ class PersonLimit:
         chain = replace(person, tool=person.tool @ rigid("grip", grip), acceleration=np.full(person.n, np.inf))
         self.chain = chain
         self.start: Array = (person.lower + person.upper) / 2
-        """(n,) [rad] where the model begins."""
+        """(n,) [rad] start posture of the model."""
         if start is not None:
             self.start = real_numbers("start", start, (person.n,))
             if not np.all((self.start >= person.lower) & (self.start <= person.upper)):
@@ -103,16 +103,16 @@ class PersonLimit:
         self.reset()
 
     def reset(self) -> None:
-        """Begin anew at `start`."""
+        """Reset to `start`."""
         self.q: Array | None = None
         """(n,) posture of the model [rad]; None before the first pose."""
         self._tracker.reset()
         self._settler.reset()
         self._settling = float(SETTLING)
-        """Ticks that are left for finding to the first pose; none once it is found."""
+        """Remaining ticks for convergence to the first pose; 0 once it is reached."""
 
     def settle(self, pose: Array, *, ticks: int = SETTLING) -> bool:
-        """Go on finding to the first pose for so many ticks; whether the model is there, as near as it goes."""
+        """Converge to the first pose for at most `ticks` ticks; returns whether the model has converged."""
         if self.q is None:
             self.q = self.start.copy()
         while self._settling > 0 and ticks > 0:

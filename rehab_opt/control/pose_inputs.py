@@ -1,4 +1,4 @@
-"""What controllers that follow a pose and a twist are given."""
+"""Inputs of controllers that follow a pose and a twist."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _ndarray = np.ndarray
 
 
 class PoseInputs(VelocityController):
-    """A controller of joints whose `step` takes q, a pose, a twist, and moving capsules where `limits` have such."""
+    """Base of joint controllers whose `step` takes q, a pose, a twist, and moving capsules if `limits` have any."""
 
     requirement = "pose is not a rigid transform"
     name: ClassVar[str]
@@ -34,14 +34,14 @@ class PoseInputs(VelocityController):
 
     @property
     def shapes(self) -> tuple[tuple[int, ...], ...]:  # type: ignore[override]
-        """Shapes of the statement's parameters after q: pose, twist, and moving capsules where there are such."""
+        """Shapes of the statement's parameters after q: pose, twist, and moving capsules if any."""
         moving = self.limits.moving
         return ((4, 4), (6,), *([(moving, MOVING)] if moving else []))
 
     def _take(
         self, q: ArrayLike, pose: ArrayLike, twist: ArrayLike, obstacles: Sequence[MovingCapsule] | Array | None
     ) -> None:
-        """Write the arguments of `step`, or raise what is wrong with them."""
+        """Set the arguments of `step`; raises `ConfigurationError` for invalid ones."""
         usual = False
         # A masked array would be read through its mask.
         if q.__class__ is _ndarray and twist.__class__ is _ndarray and pose.__class__ is _ndarray:

@@ -1,4 +1,4 @@
-"""Differential inverse kinematics that commands only what can still be braked without passing a limit."""
+"""Differential inverse kinematics whose commands can always be braked without passing a limit."""
 
 from __future__ import annotations
 
@@ -56,20 +56,20 @@ __all__ = ["PoseTracker"]
 Array = NDArray[np.float64]
 
 CALMING = 0.5
-"""[m/rad^2] of damping for each metre of the error that limits or singular postures leave, where steps would else be
-too long."""
+"""[m/rad^2] Damping per metre of the error that limits or singular postures leave, to shorten steps."""
 MISSED = 0.02
-"""Fraction of a twist that the least damping takes where the arm is regular: no limit leaves that."""
+"""Fraction of a twist that the least damping removes at regular postures; a larger rest is due to limits."""
 PASSES = 2
-"""Of a damped solve: each further one takes out what damping left where the arm is regular."""
+"""Passes of a damped solve; each further one reduces the damping's error at regular postures."""
 BRAKES = 0.7
-"""Fraction of the accelerations that the approach to a target counts on."""
+"""Fraction of the accelerations that is used in the approach to a target."""
 ASIDE_SPEED, FREE_TURN = 0.1, 0.5
-"""Of the largest speeds, for the posture: faster, the hand is led off; [rad] see `PoseTracker.self_motion`."""
+"""Largest self-motion for the posture, as a fraction of the largest speeds; faster motion would move the hand. [rad]
+see `PoseTracker.self_motion`."""
 ASIDE = 3
-"""Rounds in which a command is led across bodies that come."""
+"""Rounds in which a command is moved aside from approaching bodies."""
 SECANTS = 2
-"""Rounds in which a command that is not allowed is blended with braking."""
+"""Rounds in which a forbidden command is blended with braking."""
 TINY = 1e-12
 
 
@@ -81,18 +81,18 @@ class Now(NamedTuple):
     """(n,) velocity after a tick of braking."""
     ends: Intervals
     outside: ca.SX
-    """Whether a joint is beyond its limit, or the posture beyond one of its own."""
+    """Whether a joint or the posture is beyond a limit."""
 
 
 class Task(NamedTuple):
-    """min |J (u - base) - rate|^2 + damping |u - centre|^2 within lower and upper; w is its answer without these."""
+    """min |J (u - base) - rate|^2 + damping |u - centre|^2 within lower and upper; w is the unbounded answer."""
 
     J: ca.SX
     base: ca.SX
     rate: ca.SX
-    """(6,) the error at the stop posture over the seconds in which it is removed, weighted."""
+    """(6,) weighted error at the stop posture over the time of its correction."""
     centre: ca.SX
-    """(n,) `base`, or what goes most of the way to w where nothing holds that back: no damping is left in w then."""
+    """(n,) `base`, or a velocity close to w if no limit holds w back, which makes w nearly free of damping."""
     damping: ca.SX
     lower: ca.SX
     upper: ca.SX
@@ -102,18 +102,18 @@ class Task(NamedTuple):
 class PoseTracker(PoseInputs):
     """Joint velocities for a tool that follows a pose and a twist.
 
-    A command u is *allowed* if u and the braking behind it (`Manoeuvre`) keep every limit. If the last command was
-    allowed, a tick of braking is, so that there always is one. A tick:
+    A command u is *allowed* if u and the braking after it (`Manoeuvre`) satisfy every limit. If the last command was
+    allowed, a tick of braking is allowed, so there always is one. A tick has three steps:
 
     1. min |J (u - b) - e/S|^2 + d |u - b|^2  s.t. low <= u <= high, and the tangents of `limits` at the stop posture
 
-       with J and the pose error e where the arm would be at rest beside the target if it braked now, b the velocity
-       after a tick of doing so, and S [s] by how much u moves that place: Levenberg-Marquardt, d grows with what the
-       limits leave of e;
-    2. the velocity changes straight towards that, within accelerations and hand speeds;
-    3. if it is not allowed, it is blended with braking until it is.
+       with J and the pose error e at the stop posture (relative to the target's motion), b the velocity after a tick of
+       braking, and S [s] the derivative of the stop posture by u. This is a Levenberg-Marquardt step; d grows with the
+       part of e that the limits leave;
+    2. the velocity changes straight towards the result, within accelerations and hand speeds; 3. if it is not allowed,
+    it is blended with braking until it is.
 
-    It acts on where the joints are led (`FrontEnd`). An object belongs to one thread: see `OneThread`.
+    It uses the joints' reference positions (`FrontEnd`). An object belongs to one thread: see `OneThread`.
 
     Parameters
     ----------
@@ -121,20 +121,20 @@ class PoseTracker(PoseInputs):
     lower, upper, velocity, acceleration : (n,) or scalar; replace the chain's limits.
     gain : [1/s] rate at which a pose error decays near the target.
     linear_speed, angular_speed : [m/s, rad/s] largest hand speeds.
-    task_weights : (6,) weights of the twist's components in the base frame, one against the other; a zero frees one.
-    posture : (n,) joint positions that a redundant chain moves to where the task leaves it free; by default the middle
-        of each joint's range, of more than six joints and without zero weights. That motion is no faster than
-        `recovery_speed`, nor than a tenth of the largest speeds.
-    limits : what the posture has to keep besides, each a `Limit`.
+    task_weights : (6,) relative weights of the twist's components in the base frame; zero frees a component.
+    posture : (n,) joint positions that a redundant chain approaches by self-motion; by default the middle of each
+        joint's range, if there are more than six joints and no zero weights. The self-motion is at most
+        `recovery_speed` and a tenth of the largest speeds.
+    limits : further limits of the posture, each a `Limit`.
     dt : nominal tick [s].
-    recovery_speed : fraction of the velocity limit at which a joint outside its limits comes back.
-    solver, backup : see `FallbackChain`. tolerance : largest certificate residual accepted [the statement's units].
+    recovery_speed : return speed of a joint outside its limits, as a fraction of its velocity limit.
+    solver, backup : see `FallbackChain`. tolerance : largest accepted residual [the statement's units].
     max_age : [s] see `Watchdog`.
     compile : see `BufferedFunction`.
 
     Raises
     ------
-    ConfigurationError : an argument that cannot be used.
+    ConfigurationError : an invalid argument.
     """
 
     name: ClassVar[str] = "pose_tracker"
@@ -227,7 +227,7 @@ class PoseTracker(PoseInputs):
         )  # fmt: skip
 
     def _blocking(self, target: ca.SX, task: Task, rows: Rows | None, outside: ca.SX) -> ca.SX:
-        """Number of the reason, and the joint or -1, of a command that leaves nothing of the motion."""
+        """Number of the reason, and the joint or -1, for a command without any of the commanded motion."""
         beyond = ca.fmax(task.w - task.upper, task.lower - task.w)
         most = ca.mmax(beyond)
         joint = first_of([(beyond[i] >= most, ca.SX(i)) for i in range(self.chain.n)])
@@ -257,7 +257,7 @@ class PoseTracker(PoseInputs):
         return Now(state, tick.once(clipped(brake.braked(state.last), ends.least, ends.most)), ends, outside)
 
     def _task(self, tick: Stages, now: Now, target: ca.SX, twist: ca.SX) -> Task:
-        """The step on the error where the arm would come to rest beside the target if it braked now."""
+        """The step on the error at the stop posture relative to the target."""
         chain, dt, brake, ends = self.chain, self.dt, self._manoeuvre, now.ends
         weights = ca.DM(np.sqrt(self.task_weights / self.task_weights.max()))
         movable, error = ca.diag(ca.DM(~chain.locked)), tick.once(_error(target, chain.pose_expression(now.state.q)))
@@ -299,9 +299,9 @@ class PoseTracker(PoseInputs):
         return Task(J, base, rate, centre, d, lower, upper, w)
 
     def braking(self) -> ca.Function:
-        """q, memory, moving capsules if any -> what is remembered of a tick of braking, and its report.
+        """q, memory, moving capsules if any -> memory after a tick of braking, and its report.
 
-        Nothing is led back to a limit.
+        Braking does not move a joint back into its limits.
         """
         n, tick, moves = self.chain.n, Stages(), self.limits.moving_size
         q, memory, moving = ca.SX.sym("q", n), ca.SX.sym("memory", self._memory_size), ca.SX.sym("moving", moves)
@@ -320,7 +320,7 @@ class PoseTracker(PoseInputs):
         return tick.function("braking", inputs, [self.memory_after(q, memory[:n], rest), report])
 
     def memory_after(self, q: ca.SX, last: ca.SX, velocity: ca.SX) -> ca.SX:
-        """What `remember` gives, with a jerk the change of velocity besides."""
+        """Output of `remember`, plus the change of velocity if jerk is bounded."""
         change = ca.SX(0, 1) if self.jerk is None else (velocity - last) / self.dt
         return ca.vertcat(self.remember(q, velocity), change)
 
@@ -338,7 +338,7 @@ class PoseTracker(PoseInputs):
 
     @cached_property
     def kept(self) -> Kept | None:
-        """What the posture keeps, None of nothing."""
+        """Limits of the posture, or None."""
         own, pairs = self.limits.limits, self.limits.clearance
         kinds: list[Posture] = [UserLimits(own, self.chain)] if own else []
         kinds += [] if pairs is None else [Bodies(pairs)]
@@ -346,12 +346,12 @@ class PoseTracker(PoseInputs):
 
     @property
     def _settling(self) -> float:
-        """[1/s] what removes a fraction 1 - exp(-gain dt) of the error in one tick: never an overshoot, at any dt."""
+        """[1/s] rate that removes 1 - exp(-gain dt) of the error in one tick: no overshoot at any dt."""
         return (1 - math.exp(-self.gain * self.dt)) / self.dt
 
     @property
     def _rest_posture(self) -> ca.DM:
-        """(n,) where the task leaves the arm free; infinite for joints that have no middle."""
+        """(n,) posture for self-motion; infinite for joints without a middle of their range."""
         if self.posture is not None:
             return ca.DM(self.posture)
         lower, upper = self.chain.lower, self.chain.upper
@@ -359,10 +359,10 @@ class PoseTracker(PoseInputs):
         return ca.DM(np.where(ends, np.where(ends, lower, 0) / 2 + np.where(ends, upper, 0) / 2, np.inf))
 
     def self_motion(self, q: ca.SX, turn: ca.SX, jacobian: ca.SX, seconds: ca.SX, braking: ca.SX) -> ca.SX:
-        """(n,) [rad/s] added to `braking` (n,) for the posture, from q (n,), as far as it does not move the hand.
+        """(n,) [rad/s] self-motion from q (n,) towards the rest posture, added to `braking` (n,).
 
-        What does not move the hand is slowed as a whole to `recovery_speed`, at most `ASIDE_SPEED`. Components of a
-        turn (3,) [rad] mean something only near the target: where one is free, the motion ends `FREE_TURN` from it.
+        It is scaled to `recovery_speed`, at most `ASIDE_SPEED`. Components of a rotation error `turn` (3,) [rad] are
+        meaningful only near the target: if one is free, the self-motion ends `FREE_TURN` from it.
         """
         chain, away = self.chain, self._rest_posture - q
         if self.posture is None and (np.any(self.task_weights == 0) or np.sum(~chain.locked) <= len(self.task_weights)):
@@ -379,7 +379,7 @@ class PoseTracker(PoseInputs):
         return moved / ca.fmax(over, 1) - free(braking)
 
     def _towards(self, now: Now, w: ca.SX) -> ca.SX:
-        """(n,) from braking towards w as far as speeds allow, straight there from the last within accelerations."""
+        """(n,) velocity from braking towards w within speed limits, and straight there within accelerations."""
         brake, way = self._manoeuvre, w - now.braked
         room = (brake.speed - ca.fabs(now.braked)) / ca.fmax(ca.fabs(w) - ca.fabs(now.braked), TINY)
         part = ca.mmin(ca.if_else(ca.fabs(w) > brake.speed, room, 1))
@@ -393,7 +393,7 @@ class PoseTracker(PoseInputs):
         )
 
     def _within(self, tick: Stages, now: Now, task: Task, rows: Rows, u: ca.SX) -> ca.SX:
-        """(n,) what accelerations leave, u, within the rows once more: how they bend is known now."""
+        """(n,) u, which the accelerations shortened, moved into the rows again, now with their curvature."""
         assert self.kept is not None
         upper = tick.once(self.kept.bent(tick, rows, now.state, now.braked, u))
         H = task.J.T @ task.J + task.damping * ca.SX.eye(self.chain.n)
@@ -403,7 +403,7 @@ class PoseTracker(PoseInputs):
         return tick.when(kept, u, lambda: tick.call(again, H, u, rows.slopes, rows.away, upper, *ends)[0])
 
     def _clear(self, tick: Stages, now: Now, memory: ca.SX, u: ca.SX) -> ca.SX:
-        """(n,) u, or what passes no limit of the posture in this tick; accelerations yield to that."""
+        """(n,) u, or a velocity that passes no limit of the posture in this tick, to which accelerations yield."""
         if self.kept is None:
             return u
         limits, q, moving = self.limits, now.state.q, now.state.moving
@@ -417,7 +417,7 @@ class PoseTracker(PoseInputs):
             return tick.when(tick.call(limits.judged, q, moving, u)[0], u, back)
 
         def aside(u: ca.SX, rounds: int) -> ca.SX:
-            """Led across what it would pass, by Newton's steps; the last is taken where it is no worse than rest."""
+            """Move u aside from limits in its way by Newton steps; the last counts if no worse than rest."""
             contacts = tick.call(pairs.nearest, q, u, moving, ca.SX(2 * self.dt))[0]
             led = tick.once(limits.led_clear(u, self.bounds(q, memory), contacts))
             if rounds > 1:
@@ -430,7 +430,7 @@ class PoseTracker(PoseInputs):
         return tick.when(tick.call(limits.all_clear, q, moving, u)[0], u, otherwise)
 
     def _allowed(self, tick: Stages, now: Now, u: ca.SX) -> ca.SX:
-        """(n,) u, or as much of the way to it from braking as passes no limit further than braking does."""
+        """(n,) u, or its largest blend with braking that passes no limit further than braking does."""
         brake, braked, kept = self._manoeuvre, now.braked, self.kept
         bounds: list[Bound] = [JointSpeed(brake), JointAcceleration(brake), self._hand, *([kept] if kept else [])]
 
@@ -467,16 +467,16 @@ class PoseTracker(PoseInputs):
     ) -> Command:
         """Joint velocity (n,) [rad/s, m/s] to hold until the next tick.
 
-        Never raises on numbers: what is not finite or no pose gives the safe command, a tick of braking, and a reason.
+        Numbers never raise: an invalid state or pose gives the safe command, a tick of braking, with a reason.
 
         Parameters
         ----------
-        q : (n,) joint positions measured now [rad, m].
-        pose : (4, 4) where the tool should be now, in the base frame.
-        twist : (6,) how that moves, linear [m/s] first, then angular [rad/s], in the base frame.
-        obstacles : what moves, now, in the base frame; needed in every tick of a tracker whose `Clearance` has
-            moving capsules, and by no other. The array (k, 14) of `moving_numbers` is the quick form.
-        enable : the dead-man input; anything but true decelerates to rest.
+        q : (n,) measured joint positions [rad, m].
+        pose : (4, 4) reference pose of the tool in the base frame.
+        twist : (6,) its twist, linear [m/s] first, then angular [rad/s], in the base frame.
+        obstacles : current moving capsules in the base frame; required in every tick if the `Clearance` has moving
+            capsules, else not allowed. The array (k, 14) of `moving_numbers` is the fast form.
+        enable : dead man's switch; anything but True decelerates to rest.
         stamp : time of the state [s]; checked by the watchdog when given.
 
         Raises
@@ -490,5 +490,5 @@ class PoseTracker(PoseInputs):
 
 
 def _error(target: ca.SX, pose: ca.SX) -> ca.SX:
-    """(6,) from a pose (4, 4) to the target: position, and rotation vector, in the base frame."""
+    """(6,) error from a pose (4, 4) to the target: position and rotation vector in the base frame."""
     return ca.vertcat(target[:3, 3] - pose[:3, 3], rotation_vector(target[:3, :3] @ pose[:3, :3].T))

@@ -1,4 +1,4 @@
-"""Which of the many postures that hold the hand is preferred: the costs of the Discussion of Rossa et al. (VII-A)."""
+"""Costs that select one of the postures with the hand at its target: Discussion of Rossa et al. (VII-A)."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ Weights = Mapping[str, float | Mapping[str, float]]
 
 POSTURE_COSTS = ("rest", "speed", "elbow", "displacement", "acceleration", "manipulability")
 NARROW, WIDE = 0.1, 2 * math.pi
-"""[rad] ranges outside these count as these: a joint of a tenth of a degree would outweigh the arm, or it the joint."""
+"""[rad] Ranges are clipped to these limits; a joint with a tiny range would outweigh the arm."""
 ELBOWS = ("forearm_extension", "elbow")
 
 
 class History(NamedTuple):
-    """Postures (n,) that costs refer to; None where there is none yet."""
+    """Reference postures (n,) of costs; None if there is none yet."""
 
     previous: Array | None = None
     """One sample ago."""
@@ -55,14 +55,14 @@ class PostureCost:
     "manipulability" w^2 over its mean over the range of motion: low where spasms move the hand little
     ================ ====================================================================================
 
-    range_i is the joint's range of motion, counted as at least 0.1 rad and at most 2 pi.
-    A term that has nothing to refer to yet is left out; where that leaves nothing, "rest" decides.
+    range_i is the joint's range of motion, clipped to 0.1 rad and 2 pi. A term without a reference posture is left out;
+    if no term remains, "rest" is used.
 
     Parameters
     ----------
-    arm : whose joints.
-    weights : weight of each term, or a weight for each joint of it by name: {"displacement": {"humeral_flexion": 2}}.
-    rest : (n,) [rad] rest posture, moved into the limits; None for the arm's of Table I, else the middle of the limits.
+    arm : the chain.
+    weights : weight of each term, or weights by joint name: {"displacement": {"humeral_flexion": 2}}.
+    rest : (n,) [rad] rest posture, clipped to the limits; None for that of Table I, else the middle of the limits.
 
     Raises
     ------
@@ -89,7 +89,7 @@ class PostureCost:
         self._constant = None if self._needs_history else self._combined(History())
 
     def quadratic(self, history: History) -> Quadratic:
-        """All terms but manipulability as one: sums of squares of one joint's distances are one square."""
+        """All terms except manipulability as one quadratic cost."""
         return self._constant or self._combined(history)
 
     @property
@@ -125,7 +125,7 @@ class PostureCost:
 
 
 def rest_posture(arm: SerialChain, rest: ArrayLike | None = None) -> Array:
-    """(n,) rest posture inside the limits, given, or of Table I, or else the middle of the limits."""
+    """(n,) rest posture inside the limits: given, that of Table I, or the middle of the limits."""
     if rest is None:
         if arm.names == ARM_JOINTS:
             chosen = ARM_REST

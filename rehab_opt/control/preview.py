@@ -1,4 +1,4 @@
-"""Preview of a whole recording: place and speed of the reference clock in each tick if nothing slows it down."""
+"""Preview of a whole recording: position and speed of the reference clock in each tick without slowdown."""
 
 from __future__ import annotations
 
@@ -12,31 +12,31 @@ __all__ = ["Layout", "Preview", "angles_between", "turned_each", "turns_between"
 Array = NDArray[np.float64]
 
 NEAR = 1e-12
-"""Fraction by which the preview stays below the hand speeds, against rounding."""
+"""Relative margin of the preview to the hand speeds, for rounding."""
 
 
 class Layout(NamedTuple):
     """Reference of the next K ticks."""
 
     poses: Array
-    """(K, 4, 4) of the reference."""
+    """(K, 4, 4) poses of the reference."""
     twists: Array
-    """(K, 6) at the clock's pace [m/s, rad/s]."""
+    """(K, 6) twists at the clock's pace [m/s, rad/s]."""
     paces: list[float]
     """Seconds of the reference in a second."""
     places: list[tuple[int, float]]
-    """Sample, and fraction of the way to the next one, after the tick."""
+    """Sample, and fraction of the step to the next one, after the tick."""
 
 
 class Preview:
-    """A whole recording of N samples, joined by straight lines and even turns.
+    """A whole recording of N samples with linear interpolation of positions and rotations.
 
     Parameters
     ----------
     poses, twists : (N, 4, 4), (N, 6).
     seconds : (N,) [s] since the sample before.
     paces : (N,) largest pace that later samples allow.
-    linear_speed, angular_speed : [m/s, rad/s] that the reference may take.
+    linear_speed, angular_speed : [m/s, rad/s] largest speeds of the reference.
     """
 
     def __init__(
@@ -49,14 +49,14 @@ class Preview:
         self._fastest = self._speeds(twists).tolist()
 
     def _speeds(self, twists: Array) -> Array:
-        """(N,) fraction of the speeds that may be taken."""
+        """(N,) ratio of the speeds to their limits."""
         linear, angular = np.linalg.norm(twists[:, :3], axis=1), np.linalg.norm(twists[:, 3:], axis=1)
         return np.asarray(np.maximum(linear / self._limits[0], angular / self._limits[1]))
 
     def ahead(self, place: tuple[int, float], pace: float, most: int, *, dt: float, quickening: float) -> Layout:
-        """At most so many ticks from a place and a pace on; a bridge, which takes longer than a tick, ends them.
+        """At most `most` ticks from a place and a pace; a bridge, which takes longer than a tick, ends them.
 
-        The pace rises by at most 1 in `quickening` seconds, and nowhere exceeds what the speeds allow.
+        The pace rises by at most 1 in `quickening` seconds and stays within the speed limits.
         """
         at, fraction = place
         last, rise = len(self._seconds) - 1, dt / quickening
@@ -102,13 +102,13 @@ class Preview:
 
 
 def turns_between(before: Array, after: Array) -> Array:
-    """(N, 3) rotation vectors [rad] in the base frame from rotations to others (N, 3, 3); none of half a turn."""
+    """(N, 3) rotation vectors [rad] in the base frame from rotations to others (N, 3, 3), below half a turn."""
     skew, sine, angle = _between(before, after)
     return np.asarray(skew * np.where(sine > 1e-9, angle / np.maximum(sine, 1e-300), 1.0)[:, None])
 
 
 def angles_between(before: Array, after: Array) -> Array:
-    """(N,) [rad] from rotations to others (N, 3, 3), half a turn included."""
+    """(N,) [rad] angles from rotations to others (N, 3, 3), up to half a turn."""
     return _between(before, after)[2]
 
 
@@ -121,7 +121,7 @@ def _between(before: Array, after: Array) -> tuple[Array, Array, Array]:
 
 
 def turned_each(rotations: Array, vectors: Array) -> Array:
-    """Rotations (N, 3, 3) turned about the base frame's axes by rotation vectors (N, 3) (Rodrigues)."""
+    """Rotations (N, 3, 3) rotated by rotation vectors (N, 3) in the base frame (Rodrigues)."""
     angle = np.linalg.norm(vectors, axis=1)[:, None, None]
     small = angle < 1e-6
     safe = np.where(small, 1.0, angle)

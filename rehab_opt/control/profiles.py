@@ -1,4 +1,4 @@
-"""Ruckig's time-optimal profiles, followed only where they stay inside the position bounds, and checked as they go."""
+"""Ruckig's time-optimal profiles, accepted only inside the position bounds, and checked in every tick."""
 
 from __future__ import annotations
 
@@ -14,32 +14,32 @@ Motion = tuple[list[float], list[float], list[float]]  # position, velocity, acc
 Frame = tuple[list[float], list[float]]  # origin [u] at the start of a plan, and speed [u/s]
 
 CERTIFIED = 1e-6
-"""Largest certificate residual that passes."""
+"""Largest accepted certificate residual."""
 EDGE = 1e-12  # [u] by which rounding may carry a profile that ends on a bound beyond it; the output is clipped
 INSIDE = 1.0 - 2.0**-48
-"""Ruckig gets a limit that is so much lower: of a ramp that ends at the velocity bound to the last bit it finds, by
-rounding, no way at all at full speed in one of six, and answers with one that takes up to tens of seconds more."""
+"""Factor on Ruckig's velocity limit. For a ramp that ends exactly at the bound, rounding makes Ruckig miss the profile
+at full speed in one case of six, and its answer takes up to tens of seconds more."""
 ROUNDING = 32.0 * float(np.finfo(np.float64).eps)  # of a position, as a share of the largest one
 
 
 class Profiles:
-    """Current motion of the axes: state, the profile it follows, and finite differences of the output.
+    """Current motion of the axes: state, current profile, and finite differences of the output.
 
-    The position bounds hold by induction: a profile is taken into use only when all of it is inside and its axes can
-    be stopped inside from its end. Otherwise the current one, known to be safe, goes on. Which positions a profile
-    comes to is computed here: Ruckig's own extrema leave out where an axis turns round at constant acceleration.
+    The position bounds hold by induction: a profile is accepted only if all of it is inside and its axes can stop
+    inside from its end. Otherwise the current, safe one continues. The position range of a profile is computed here,
+    because Ruckig's own extrema omit reversals at constant acceleration.
 
-    A stop is planned without Ruckig and axis by axis. An axis whose stop would leave its bounds is one that turns
-    round just before the bound, since the profile in hand stays inside: it brakes on along that profile, as hard as its
-    bounds allow, and is stopped in the first tick from which on that is inside. The other axes do not wait for it.
-    So nothing yields in a stop, but where `start` put an axis too fast before its bound, or outside: then the position
-    does, and velocity, acceleration and jerk bounds hold.
+    A stop is planned axis by axis without Ruckig. The stop of an axis can leave the bounds only if the axis is about to
+    reverse just before the bound, because the current profile stays inside. Such an axis continues braking along that
+    profile and stops in the first tick in which its stop is inside; the other axes do not wait. So no bound yields in a
+    stop, unless `start` set an axis outside or too fast before its bound; then the position bound yields, and velocity,
+    acceleration and jerk bounds hold.
 
     Parameters
     ----------
-    bounds : of the n axes, finite but for the positions.
+    bounds : of the n axes; finite except for positions.
     dt : tick [s].
-    recovery_speed : fraction of the velocity bound for an axis that comes back from outside its position bounds.
+    recovery_speed : speed, as a fraction of the velocity bound, of an axis that returns into its position bounds.
     straight : see `Smoother`.
     """
 
@@ -73,7 +73,7 @@ class Profiles:
 
     # ------------------------------------------------------------------------------------------------- planning
     def start(self, p: list[float], v: list[float]) -> bool:
-        """Begin at positions p with velocities v and no acceleration, coming to rest; False if they overflow."""
+        """Start at positions p with velocities v and zero acceleration, and come to rest; False on overflow."""
         self.p, self.v, self.a = p, v, self._rest
         self._speeds, self._changes = v, self._rest  # finite differences of p, as if v had always been
         self._size = -1.0
@@ -85,12 +85,12 @@ class Profiles:
         return all(math.isfinite(stop.seconds + stop.at(math.inf)[0]) for stop, _ in self._stops.values())
 
     def move(self, goal: list[float], speed: list[float]) -> bool:
-        """Meet a goal that is at `goal` [u] one tick from now; False where that would leave the bounds.
+        """Plan to a goal that is at `goal` [u] one tick from now; False if that would leave the bounds.
 
         Parameters
         ----------
         goal : (n,) inside the bounds.
-        speed : (n,) [u/s] at which the goal moves on, below the velocity bounds; taken as zero while outside.
+        speed : (n,) [u/s] speed of the goal, below the velocity bounds; zero while an axis is outside.
         """
         # Planned in the frame that moves with the goal: it rests there, and the velocity bounds shift. Ruckig's own
         # target velocity passes the goal where it is now: asked again every tick, it trails by centimetres.
@@ -109,9 +109,9 @@ class Profiles:
         return True
 
     def stop(self, *, at_any_price: bool = False) -> None:
-        """Bring the axes to rest as fast as acceleration and jerk bounds allow, each as soon as that stays inside.
+        """Stop each axis as fast as acceleration and jerk bounds allow, as soon as its stop stays inside.
 
-        To be called in every tick until they are all `stopping`; with `at_any_price` they are at once.
+        Call it in every tick until all axes are `stopping`; with `at_any_price` all stop at once.
         """
         if at_any_price:
             self._stops, self._end = {}, self.age
@@ -128,26 +128,26 @@ class Profiles:
 
     @property
     def stopping(self) -> bool:
-        """Whether all axes are being stopped, or stand after it."""
+        """Whether all axes are stopping or stopped."""
         return len(self._stops) == len(self._rest)
 
     def leads_out(self, axis: int, position: float, speed: float) -> bool:
-        """Whether an axis steadily moving at `speed` from `position` can no longer be stopped inside in a tick."""
+        """Whether an axis at constant `speed` from `position` cannot be stopped inside a tick later."""
         low, high, _, acceleration, jerk = (bound[axis] for bound in self.bounds)
         return not low <= position + speed * self._dt + stopping_distance(speed, acceleration, jerk) <= high
 
     @property
     def arrived(self) -> bool:
-        """Whether the profile in hand has come to its end."""
+        """Whether the current profile has ended."""
         return self.age >= self._end
 
     # ------------------------------------------------------------------------------------------------ following
     def advance(self) -> float:
-        """Go one tick on; the certificate residual of the new state, which is always finite.
+        """Advance by one tick; returns the certificate residual of the new state, which is always finite.
 
         The residual is the largest excess of the finite differences of `p` over the velocity, acceleration and jerk
-        bounds, as a fraction of them and less what rounding explains, and of `p` over the position bounds [u]. Where it
-        does not pass, the axes are stopped from the last state; where that is no number either, they stand.
+        bounds, as a fraction of them and without rounding, and of `p` over the position bounds [u]. If it is too large,
+        the axes stop from the last state; if that is not finite either, they hold.
         """
         state = self._sample()
         residual = self._residual(state[0])
@@ -198,7 +198,7 @@ class Profiles:
         return p, v, a
 
     def _residual(self, p: list[float]) -> float:
-        """Certificate of p as the next position; its differences are kept as candidates."""
+        """Certificate residual of p as the next position; stores its differences as candidates."""
         rate, speeds, changes, fine = self._rate, [], [], True
         for i, x in enumerate(p):
             speed = (x - self.p[i]) * rate
@@ -213,7 +213,7 @@ class Profiles:
         return 0.0 if fine else self._excess(p)
 
     def _excess(self, p: list[float]) -> float:
-        """The residual where it is not zero."""
+        """The residual without the shortcut for zero."""
         speeds, changes = (np.array(numbers) for numbers in self._candidates)
         differences = np.array([speeds, changes, (changes - self._changes) * self._rate])
         allowed = np.array(self._allowed)[:, :3].T
@@ -234,7 +234,7 @@ class Profiles:
         self._question.min_velocity = [-v - w for v, w in zip(limit, frame_speed, strict=True)]
 
     def _along(self, goal: list[float]) -> bool:
-        """Whether Ruckig answers from rest within the bounds of the line: it tries its own slowest axis alone."""
+        """Whether Ruckig finds a straight-line profile from rest; it tries only its own slowest axis."""
         question, ways = self._question, [abs(y - x) for x, y in zip(self.p, goal, strict=True)]
         names, bounds = ("max_velocity", "max_acceleration", "max_jerk"), self.bounds[2:]
         for name, bound in zip(names, bounds, strict=True):
@@ -247,7 +247,7 @@ class Profiles:
         return planned
 
     def _planned(self, frame: Frame | None) -> bool:
-        """Whether Ruckig answers the question from the present state, in `_spare`."""
+        """Whether Ruckig finds a profile from the current state; the profile is in `_spare`."""
         question, p, v = self._question, self.p, self.v
         if frame is not None:
             p = [x - o for x, o in zip(p, frame[0], strict=True)]
@@ -261,7 +261,7 @@ class Profiles:
         return math.isfinite(self._spare.duration)
 
     def _stays_inside(self, frame: Frame | None) -> bool:
-        """Whether the profile in `_spare` leaves the position bounds nowhere, nor goes further out."""
+        """Whether the profile in `_spare` stays inside the position bounds, or goes no further out."""
         if not self._bounded:
             return True
         if frame is None and all(
@@ -296,7 +296,7 @@ class Profiles:
         return all(low <= x <= high for x, low, high in zip(self.p, self.bounds.lower, self.bounds.upper, strict=True))
 
     def _allow_rounding(self, positions: list[float]) -> None:
-        """Widen what the differences may show to the rounding of positions of this size."""
+        """Widen the tolerance of the differences to the rounding of positions of this size."""
         size = max(map(abs, positions))
         if size <= self._size:
             return

@@ -1,4 +1,4 @@
-"""Motion of the hand to a place, without a stick: a smoothed target and what brings the hand to it."""
+"""Motion of the hand to a target without a stick: a smoothed target and the twist towards it."""
 
 from __future__ import annotations
 
@@ -16,32 +16,32 @@ __all__ = ["Reaching"]
 Array = NDArray[np.float64]
 
 HAND_SPEED = 0.25
-"""[m/s] of the target, on each axis; the cap usual for machines that people stand beside."""
+"""[m/s] Speed of the target on each axis; the usual limit for machines near people."""
 HAND_ACCELERATION = 0.5
 """[m/s^2]"""
 HAND_JERK = 2.0
 """[m/s^3]"""
 GAIN = 4.0
-"""[1/s] rate at which the hand's distance from the smoothed target decays."""
+"""[1/s] Decay rate of the hand's distance from the smoothed target."""
 LEASH = 0.03
 """[m] The smoothed target waits for a hand that lags by more."""
 FARTHEST = 100.0
-"""[m] What is further away than this from the hand is no target but a mistake, as of metres and millimetres."""
+"""[m] Largest distance of a target from the hand; a larger one is a mistake, such as millimetres."""
 LATE = 0.1
-"""[s] in which the way that is left from where the hand can stop is gone at the fastest: a chair takes longer to stop
-than the target does, and hands passed a place by up to 84 mm."""
+"""[s] Least time for the distance from the hand's stopping point to the target. A chair stops later than the smoothed
+target; without this, hands overshot by up to 84 mm."""
 ARRIVED = 1e-4
-"""[m] Nearer than this the hand is there."""
+"""[m] Distance below which the hand has arrived."""
 TINY = 1e-12
 """[m^2] A way that is none."""
 
 
 class Reaching:
-    """Twist of the hand that follows a smoothed target along the straight way.
+    """Twist of the hand that follows a smoothed target along a straight line.
 
-    Where bounds slow the hand by more than `LEASH`, the target starts again from the hand, along the straight way from
-    there: so the commanded direction stays that one. Axes that each go as fast as they may would command up to 55
-    degrees off it, and the hand would stop where the straight way is free.
+    If bounds hold the hand back by more than `LEASH`, the smoothed target restarts at the hand along the straight line
+    from there, so that the commanded direction stays on that line. Independent axes at full speed would command up to
+    55 degrees off it, and the hand could stop although the line is free.
     """
 
     def __init__(self, robot: MobileArm, *, dt: float) -> None:
@@ -58,16 +58,16 @@ class Reaching:
         self._gain = (1 - math.exp(-GAIN * dt)) / dt
         self._begun = False
         self.refused = ""
-        """Why the last target cannot be aimed at; empty where it can."""
+        """Reason why the last target is refused; empty if it is accepted."""
 
     def forget(self) -> None:
-        """Begin anew at the next tick."""
+        """Restart at the next tick."""
         self._begun = False
 
     def twist(self, q: Array, target: Array, *, last: Array, moving: bool) -> Array:
-        """(3,) velocity of the hand in the world frame [m/s] at joint values q (7,); NaN where a number is invalid.
+        """(3,) velocity of the hand in the world frame [m/s] at joint values q (n,); NaN for invalid numbers.
 
-        last : (7,) joint velocities of the last tick, the chair's in its own frame.
+        last : (n,) joint velocities of the last tick, the chair's in its own frame.
         """
         self.refused = ""
         valid = np.all(np.abs(q) <= MAX_MAGNITUDE) and np.all(np.abs(target) <= MAX_MAGNITUDE)  # NaN fails
@@ -95,7 +95,7 @@ class Reaching:
         return self._in_time(smoother.velocity + self._gain * error, q, last, hand, target)
 
     def _in_time(self, twist: Array, q: Array, last: Array, hand: Array, target: Array) -> Array:
-        """(3,) the twist, slower where the hand, all braking as hard as they may from u `last`, would stop too late."""
+        """(3,) the twist, slowed if the hand, with hardest braking from velocities `last`, would stop too late."""
         chain, way = self.robot.chain, target - hand
         seconds = float(np.max(np.abs(last) / chain.acceleration))
         stop, turned = q + seconds / 2 * last, q[2] + seconds / 4 * last[2]  # the mean of the chair's way

@@ -40,71 +40,69 @@ STICK_ROWS = (("x", "y", "z"), ("x", "y"), ("z", "roll7"))
 """Default sets of task rows with compiled functions: reaching, and the paper's two modes of the stick."""
 CHASSIS = ("forward", "sideways", "turning")
 LONGEST_TICK = 0.02
-"""[s] What is promised holds up to it."""
+"""[s] Longest tick for which the guarantees hold."""
 FASTER = 1e-9
-"""Fraction by which a velocity that is reset may pass a limit: rounding."""
+"""Relative tolerance of a reset velocity to its limit, for rounding."""
 
 
 class RedundancyResolver(OneThread):
     """Chair and arm velocities for a hand twist: Eq. (1), Honzik, as a QP with bounds; stated in `ChairAndArm`.
 
-    With no bound active the answer is Eq. (1), its Jacobian that of the middle of the tick, or a part of it where an
-    arm alone is led up its c by x, y and z at a singular posture. Never broken, in this order: joint and chassis
-    speeds, wheel speeds and rolling; then no joint goes beyond its limit, or further beyond, and neither does the chair
-    into an obstacle nor the arm into a keep-out; then accelerations; then the task, which keeps its direction and is
-    slowed. Of an arm that slides along a keep-out this holds at both ends of a tick: in between, its way bows, and the
-    keep-out is round, by reach (1 + reach / d) turn^2 / 8 together, d [m] between their axes: below 0.1 mm for 10 mrad.
-    It may stop short of one, where rows are tangents: 1 mm + reach ((1.1 T a dt)^2 + (sum a dt^2)^2) / 2 before it, 1.6
-    mm of `ardis()` with ticks of 10 ms, 3.4 mm with 20. T is the chair's, too; a joint changes its speed by at most 0.2
-    / (1.1 T) in a tick, so that a slow chair does not keep a quick arm far off.
+    With no bound active the answer is Eq. (1), with the Jacobian of the middle of the tick; near a singular posture an
+    arm alone may get a part of it. Priorities: joint, chassis and wheel speeds, and rolling; then joint limits,
+    obstacles and keep-outs, which are not passed, or not further; then accelerations; then the task, which keeps its
+    direction and is slowed. For an arm that slides along a keep-out this holds at the ends of ticks; in between it may
+    enter by reach (1 + reach / d) turn^2 / 8, with d [m] between their axes: below 0.1 mm for 10 mrad. Because rows are
+    tangents, the arm may stop up to 1 mm + reach ((1.1 T a dt)^2 + (sum a dt^2)^2) / 2 before a keep-out: 1.6 mm for
+    `ardis()` with ticks of 10 ms, 3.4 mm with 20 ms. T includes the chair. A joint changes its speed by at most 0.2 /
+    (1.1 T) in a tick, so that a slow chair does not keep a quick arm far away.
 
-    What is promised. Every limit, keep-out and obstacle is approached so that the whole robot can brake together, all
-    velocities to zero in proportion in 1.1 T, with all of them kept (`BrakingTogether`); T is the time in which every
-    joint stops from its largest speed. Accelerations therefore yield only where an obstacle, or a velocity given to
-    `reset`, came too late for that, within 2 mm, or on the way out of an obstacle. Under a constant command the hand,
-    after T + 1 s, is no faster than commanded by more than 2 % and moves no faster than 2 % of that against it. While
-    it brakes before a bound it may leave the direction, by less than 15 % of the commanded speed across and against it,
-    since the Jacobian changes on the way. Where the bounds leave nothing of the command, the status is `BLOCKED`. After
-    4 s of it the chair turns at 0.1 rad/s and goes 0.05 m/s at most, as Eq. (1) moves the arm to a better posture. The
-    delivered twist is that at the middle of the tick, to where the last velocity leads by then, and of velocities that
-    are held through it: wheels that hold their speeds instead turn the chair's way within a tick, by half of what the
-    chair turns.
+    Guarantees. Before every limit, keep-out and obstacle the whole robot can brake together, with all velocities
+    proportional to zero in 1.1 T, and satisfy all of them (`BrakingTogether`); T is the time in which every joint stops
+    from its largest speed. Accelerations therefore yield only if an obstacle, or a velocity passed to `reset`, came too
+    late, within 2 mm of a bound, or on the way out of an obstacle. Under a constant command the hand, after T + 1 s,
+    exceeds the commanded speed by at most 2 %, and moves against it by at most 2 %. While it brakes before a bound it
+    may leave the direction by less than 15 % of the commanded speed, because the Jacobian changes. If the bounds leave
+    nothing of the command, the status is `BLOCKED`. After 4 s of this, the chair turns at most at 0.1 rad/s and moves
+    at most at 0.05 m/s, as Eq. (1) moves the arm to a better posture. The delivered twist refers to the middle of the
+    tick and to constant joint velocities. With constant wheel speeds instead, the chair's path within a tick turns by
+    half of the chair's turn.
 
-    A joint outside its limits comes back where the task moves it, or the posture cost does, and is not moved by itself:
-    without a command there is no motion.
+    A joint outside its limits returns only if the task or the posture cost moves it; without a command there is no
+    motion.
 
-    The arm's joints are led as by `PoseTracker`; the base acts on its measured place, and is watched from when that
-    changes: one that is always the same is taken not to be measured. A hand that runs into something is not noticed.
+    The arm's joints have reference positions as in `PoseTracker`. The base uses its measured position, which is
+    supervised after its first change; a constant one counts as not measured. Collisions of the hand are not detected.
 
-    The velocity last commanded is part of the state: a new resolver is at rest, `reset` says otherwise. An object
-    belongs to one thread: see `OneThread`.
+    The last commanded velocity is part of the state: a new resolver is at rest unless `reset` sets a velocity. An
+    object belongs to one thread: see `OneThread`.
 
     Parameters
     ----------
-    robot : what `ardis` or `arm_on_chair` makes.
-    drive : "mecanum"; "differential", which cannot move sideways; "omnidirectional", which takes the chassis twist as
-        its wheel speeds; or "fixed", where the arm moves alone. See `Drive`.
-    row_sets : sets of task rows that get their functions now, each compiled; `ROWS` names the rows. Any other set gets
-        its own, uncompiled, when it is first asked for while the robot is at rest, which takes a second or two; called
-        for while moving, the robot brakes first. Compiling takes up to half a minute a set, once on a machine.
+    robot : from `ardis` or `arm_on_chair`.
+    drive : "mecanum"; "differential", which cannot move sideways; "omnidirectional", whose wheel speeds are the chassis
+        twist; or "fixed", where only the arm moves. See `Drive`.
+    row_sets : sets of task rows with functions compiled at construction; `ROWS` names the rows. Any other set gets
+        uncompiled functions at first use, which takes a second or two; a moving robot brakes first. Compilation takes
+        up to half a minute per set, once per machine.
     obstacles : walls and posts in the world frame.
-    max_obstacles : how many there will ever be at most; default as many as there are now.
-    keep_out : whether the arm is kept from the robot's keep-outs.
-    limits : what the posture has to keep besides, in the world frame: `Limit`, and a `Clearance` of the arm, of which
-        links are pairs that chair and arm move. See `PoseTracker`. Without a command nothing is given way to.
-        Beyond one already, and beside a body that comes, accelerations yield to it, which `Relaxed.ACCELERATION` says,
-        and so do the rates of others; beside such a body nothing of this is promised. Where a link comes round an
-        edge of one that stands, the hand may be 0.3 of its command across, for T.
+    max_obstacles : largest number of obstacles at any time; default the number of `obstacles`.
+    keep_out : whether the arm must stay out of the robot's keep-outs.
+    limits : further limits of the posture in the world frame: `Limit`s, and a `Clearance` of the arm, also against the
+        chair. See `PoseTracker`. Without a command the robot does not give way. Beyond such a limit, or beside an
+        approaching body, accelerations (`Relaxed.ACCELERATION`) and the rates of other limits yield to it; the
+        guarantees above do not hold beside such a body. If a link passes an edge of a fixed body, the hand may deviate
+        by 0.3 of its command for T.
     self_motion : weight of grad c in Eq. (1): v(r') = self_motion |r'|.
-    dt : nominal tick [s], at most 0.02: in longer ones the Jacobian turns too far for what is promised.
-    recovery_speed : fraction of the velocity limit at which a joint outside its limits comes back at most.
-    solver, backup : see `FallbackChain`. tolerance : largest certificate residual accepted [m/s, rad/s].
+    dt : nominal tick [s], at most 0.02; in longer ticks the Jacobian changes too much for the guarantees.
+    recovery_speed : largest speed of a joint's return into its limits, as a fraction of its speed limit.
+    solver, backup : see `FallbackChain`. tolerance : largest accepted residual [m/s, rad/s].
     max_age : [s] see `Watchdog`.
     compile : see `BufferedFunction`.
 
     Raises
     ------
-    ConfigurationError : an argument that cannot be used.
+    ConfigurationError : an invalid argument.
     """
 
     robot: MobileArm = setting()
@@ -170,9 +168,9 @@ class RedundancyResolver(OneThread):
     # -------------------------------------------------------------------------------------------------- the room
     @property
     def obstacles(self) -> Sequence[Obstacle]:
-        """Walls and posts in the world frame; may be set between ticks, `max_obstacles` at most.
+        """Walls and posts in the world frame, at most `max_obstacles`; may be set between ticks.
 
-        One that appears around the chair lets it out, and not further in.
+        A chair inside a new obstacle can move out, but not further in.
         """
         return self._obstacles
 
@@ -187,27 +185,27 @@ class RedundancyResolver(OneThread):
     # ------------------------------------------------------------------------------------------------- the state
     @property
     def row_sets(self) -> tuple[tuple[str, ...], ...]:
-        """Sets of rows that have their functions."""
+        """Sets of rows with functions."""
         return tuple(self._sets)
 
     @property
     def chassis_velocity(self) -> Array:
-        """(7,) last command, the chair's part in its own frame: forward, left, turn, arm [m/s, rad/s]."""
+        """(n,) last command, the chair's part in its own frame: forward, left, turn, arm [m/s, rad/s]."""
         return self._active.velocity
 
     def reset(self, velocity: ArrayLike | None = None, *, heading: float = 0.0) -> None:
-        """Forget the past.
+        """Reset the state.
 
         Parameters
         ----------
-        velocity : (7,) what the joints do now [m/s, rad/s], as a Command has it; rest by default. Until a position
-            can be read, the middle of a joint's range is taken for it, where limits hold and accelerations yield to
-            them.
-        heading : [rad] q3 where the tick of that Command began, which gives where in the world the chair's front is.
+        velocity : (n,) current joint velocities [m/s, rad/s], as in a `Command`; zero by default. Until the first
+            measured position, joints are assumed at the middle of their ranges, where limits hold and accelerations
+            yield to them.
+        heading : [rad] q3 at the start of that command's tick, which gives the chair's forward direction in the world.
 
         Raises
         ------
-        ConfigurationError : faster than a limit, or sideways on wheels that roll.
+        ConfigurationError : a velocity above a limit, or sideways on rolling wheels.
         """
         n = self.robot.chain.n
         given = per_joint("velocity", 0.0 if velocity is None else velocity, n, finite=True)
@@ -246,26 +244,25 @@ class RedundancyResolver(OneThread):
         enable: object = True,
         stamp: float | None = None,
     ) -> Command:
-        """Joint velocities (7,) to hold until the next tick, and wheel speeds.
+        """Joint velocities (n,) to hold until the next tick, and wheel speeds.
 
-        Never raises on numbers: what is not valid gives the safe command, decelerating within the limits, and its
-        reason.
+        Numbers never raise: invalid ones give the safe command, a deceleration within the limits, and a reason.
 
         Parameters
         ----------
-        q : (7,) joint positions now [m, rad].
-        twist : (k,) commanded hand velocity, one number a row [m/s, rad/s].
-        rows : any of x, y, z, rx, ry, rz in `frame`, and roll7 about the z axis of the tool, which is ARDIS's wrist
-            axis; all else is free.
-        frame : "chassis", which turns with the chair, or "world"; at the hand, both.
-        moving : what moves, now, in the world frame: see `PoseTracker.step`, where it is `obstacles`.
-        enable : the dead-man input; anything but true decelerates to rest.
+        q : (n,) current joint positions [m, rad].
+        twist : (k,) commanded hand velocity, one number per row [m/s, rad/s].
+        rows : any of x, y, z, rx, ry, rz in `frame`, and roll7 about the tool's z axis (ARDIS's wrist axis); other
+            components are free.
+        frame : axes of "chassis", which turn with the chair, or of "world"; both at the hand.
+        moving : current moving bodies in the world frame; see `obstacles` of `PoseTracker.step`.
+        enable : dead man's switch; anything but True decelerates to rest.
         stamp : time of the state [s]; checked by the watchdog when given.
 
         Raises
         ------
-        ConfigurationError : an argument of the wrong shape, a row or frame that does not exist, more rows than joints
-            that move. SharingError : a second thread, see `OneThread`.
+        ConfigurationError : an argument of the wrong shape, an unknown row or frame, more rows than moving joints.
+            SharingError : a second thread, see `OneThread`.
         """
         if self._owner != get_ident():
             self._claim()
@@ -282,17 +279,17 @@ class RedundancyResolver(OneThread):
         enable: object = True,
         stamp: float | None = None,
     ) -> Command:
-        """Joint velocities (7,) that lead the hand to a place, through the same QP; call it every tick.
+        """Joint velocities (n,) that move the hand to a target, through the same QP; call it in every tick.
 
-        The hand goes straight, but for what is left of its motion to a target before, at up to 0.25 m/s along each axis
-        of the world, and 0.12 m/s more while it lags, and slows down so that chair and arm can stop before the place.
-        Where bounds hold it, it goes on along the straight way from there as far as they leave anything of that.
+        The hand moves straight, except for remaining motion to an earlier target, at up to 0.25 m/s along each world
+        axis, plus 0.12 m/s while it lags. It slows down so that chair and arm can stop at the target. If bounds hold it
+        back, it continues along the straight line from there as far as they allow.
 
         Parameters
         ----------
-        q : (7,) joint positions now [m, rad].
-        target : (3,) where the hand should go, in the world frame [m]; smoothed by a `Smoother`, so it may jump. One
-            that is more than 100 m away is refused, as one in millimetres is.
+        q : (n,) current joint positions [m, rad].
+        target : (3,) target of the hand in the world frame [m]; a `Smoother` smooths it, so it may jump. A target more
+            than 100 m away is refused as a wrong unit.
         moving, enable, stamp : see `step`.
 
         Raises
@@ -315,10 +312,10 @@ class RedundancyResolver(OneThread):
     def instance(
         self, q: ArrayLike, twist: ArrayLike, rows: Sequence[str] = ("x", "y", "z"), frame: str = "chassis"
     ) -> Instance:
-        """The QP that `step` would solve now, as numbers, for inspection, which changes nothing, from any thread.
+        """The QP that `step` would solve now, as numbers, for inspection by any thread; it changes nothing.
 
-        Rows that have no functions yet get them here, for the owner alone. The variables are velocities with the
-        chair's in its own frame, the hand's speed and what of it is off the way.
+        The owner's thread also gets functions for new rows. The variables are velocities with the chair's in its own
+        frame, the hand's speed along the command, and its speed off the command.
         """
         names, world = checked_rows(rows), frame_number(frame)
         joints = real_numbers("q", q, (self.robot.chain.n,))
@@ -334,7 +331,7 @@ class RedundancyResolver(OneThread):
     def to_qpsolvers(
         self, q: ArrayLike, twist: ArrayLike, rows: Sequence[str] = ("x", "y", "z"), frame: str = "chassis"
     ) -> qpsolvers.Problem:
-        """The same QP as a `qpsolvers.Problem`."""
+        """`instance` as a `qpsolvers.Problem`."""
         from rehab_opt.optim.backends import to_qpsolvers  # noqa: PLC0415  (solvers load when used)
 
         return to_qpsolvers(self.instance(q, twist, rows, frame))

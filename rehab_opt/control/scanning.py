@@ -1,4 +1,4 @@
-"""One switch, or sip and puff, instead of a stick: options light up in turn, and a press acts on the lit one."""
+"""Single-switch or sip-and-puff control instead of a stick: options light up in turn, and a press selects one."""
 
 from __future__ import annotations
 
@@ -18,39 +18,39 @@ __all__ = ["ScanOption", "Scanning"]
 
 
 HELD = 0.7
-"""Fraction of the threshold down to which a press lasts: breath wavers."""
+"""Fraction of the threshold below which a press ends; breath pressure wavers."""
 
 
 class ScanOption(NamedTuple):
-    """One thing a press can do."""
+    """One option of the scan."""
 
     name: str
     mode: StickMode | None
-    """None for the gripper."""
+    """Mode of the stick, or None for the gripper."""
     deflection: tuple[float, float]
-    """Of the stick that it stands for."""
+    """Equivalent deflection of the stick."""
 
 
 class Scanning(OneThread):
-    """Presses on lit options to hand velocities.
+    """Converts presses on lit options to hand velocities.
 
-    Each option is lit for `dwell` seconds. Pressing holds it and moves while the press lasts; letting go stops, and
-    scanning goes on from there. With a sip-and-puff straw a puff moves one way and a sip the other; a single switch
-    scans both ways one after the other. The gripper opens or closes once a press, however it bounces.
-    An object belongs to one thread: see `OneThread`.
+    Each option is lit for `dwell` seconds. A press holds the option and moves the hand while it lasts; after release
+    the scan continues from there. With a sip-and-puff straw a puff moves one way and a sip the other; a single switch
+    scans both directions in turn. The gripper opens or closes once per press, also with bouncing contacts. An object
+    belongs to one thread: see `OneThread`.
 
     Parameters
     ----------
-    modes : as of the `Joystick`; every row is scanned once.
+    modes : as in `Joystick`; every row is scanned once.
     dt : tick [s].
     dwell : [s] for which an option is lit.
-    sip : whether there is a straw that can be sipped at, too.
-    threshold : pressure, of 1, from which it counts; a press lasts until less than `HELD` of it is left.
-    rate : [1/s] at which the speed grows.
+    sip : whether a straw allows sips, too.
+    threshold : pressure, 0 to 1, at which a press starts; it ends below `HELD` times this.
+    rate : [1/s] rate at which the speed grows.
 
     Raises
     ------
-    ConfigurationError : an argument that cannot be used.
+    ConfigurationError : an invalid argument.
     """
 
     def __init__(
@@ -74,11 +74,11 @@ class Scanning(OneThread):
 
     @property
     def lit(self) -> ScanOption:
-        """The option that a press would act on now."""
+        """The option that a press would select now."""
         return self.options[self._lit]
 
     def reset(self) -> None:
-        """First option, gripper open, nothing pressed."""
+        """Reset to the first option, gripper open, no press."""
         self._claim()
         self._lit, self._ticks, self._closed = 0, 0, False
         self._way, self._free = 0, False
@@ -87,7 +87,7 @@ class Scanning(OneThread):
         self._give_away()
 
     def step(self, pressure: float) -> StickCommand:
-        """What the user asks for now. What is no number is no press, and raises nothing.
+        """The user's current command. NaN counts as no press; numbers never raise.
 
         Parameters
         ----------

@@ -1,4 +1,4 @@
-"""Seats and grips by the hundred: how much of a hand's path a robot can follow above its manipulability floor."""
+"""Evaluate hundreds of seats and grips: how much of a hand's path a robot can follow above its manipulability floor."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ __all__ = ["Seats", "Walk"]
 Array = NDArray[np.float64]
 
 TURN_LENGTH = 0.1
-"""[m/rad] What a turn of the hand counts for against its place."""
+"""[m/rad] Weight of the hand's rotation relative to its position."""
 NEAR, TURNED = 1e-3, math.radians(1.0)
-"""[m, rad] within which a pose counts as done: stricter than what is then measured."""
+"""[m, rad] Tolerance of a reached pose; stricter than that of the later measurement."""
 ABOVE = 1.05
-"""Of the floor, from which a posture counts as above it: as much is left to the tracker's own barrier."""
+"""Factor on the floor above which a posture counts as above it; a reserve for the tracker's barrier."""
 STARTS = 1.01
-"""Of the floor, from which the arm may start: what is printed in round numbers is above it, too."""
+"""Factor on the floor for a start posture, so that rounded printed values are above the floor, too."""
 HEAVY = 3.0
-"""[m] What w / w_max under the floor counts for against the hand's place."""
+"""[m] Weight of w / w_max below the floor relative to the hand's position."""
 WOUND = 4 * math.pi
-"""[rad] that a walk may wind up beyond the limits of a joint that goes all the way round."""
+"""[rad] Largest excess of a walk over the limits of a joint with more than a full turn."""
 DAMPING, ROUNDS, STRIDE = 1e-4, 4, 0.25
-"""Of a step [m^2], steps to a pose, and how far one of them goes at most [rad or m]."""
+"""Damping of a step [m^2], steps per pose, and largest step [rad or m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,10 +40,10 @@ class Walk:
     Parameters
     ----------
     q : (N, M, n) [rad, m] postures.
-    done : (N, M) whether the posture has the pose, above the floor and outside every keep-out; none where the first
-        posture is under the floor or outside the joint limits.
+    done : (N, M) whether the posture reaches the pose, above the floor and outside every keep-out; all False if the
+        first posture is below the floor or outside the joint limits.
     above : (N, M) w / w_max.
-    elbows : (N, M, k, 2) [m] the joints before the wrist, seen from above.
+    elbows : (N, M, k, 2) [m] positions of the joints before the wrist, seen from above.
     """
 
     q: Array
@@ -53,12 +53,12 @@ class Walk:
 
 
 class Seats:
-    """How far a robot follows paths of poses, for many paths at once, by kinematics alone, without time.
+    """Computes how far a robot follows many paths of poses, by kinematics only, without time.
 
-    From the posture at one pose of the path on, each next posture is the nearest to the next pose by damped
-    Gauss-Newton steps, within the joint limits, with the shortfall below the floor as one more error: where a pose is
-    out of reach, the walk goes on from the nearest posture of the same branch. A joint that goes all the way round
-    begins as many turns on as keep the whole walk within its limits.
+    Starting at one pose of the path, each next posture comes from damped Gauss-Newton steps towards the next pose
+    within the joint limits, with the shortfall below the floor as a further error. If a pose is out of reach, the walk
+    continues from the nearest posture of the same branch. A joint with more than a full turn starts at the turn that
+    keeps the whole walk within its limits.
 
     Parameters
     ----------
@@ -89,7 +89,7 @@ class Seats:
     def at(self, q: Array) -> tuple[Array, Array, Array, Array, Array, Array]:
         """Tools (M, 3, 4), Jacobians (M, 6, n), w / w_max (M,), its slopes (M, n), heights over planes (M,) [m].
 
-        And where the joints before the wrist are, seen from above (M, k, 2) [m].
+        And positions of the joints before the wrist, seen from above (M, k, 2) [m].
         """
         n = self.chain.n
         tool, jacobian, w, slope, height, elbows = np.split(self._at(q), np.cumsum((12, 6 * n, 1, n, 1)), axis=1)
@@ -99,7 +99,7 @@ class Seats:
         )  # fmt: skip
 
     def walk(self, paths: Array, start: Array, anchor: int) -> Walk:
-        """Along paths (N, M, 4, 4), both ways from the postures `start` (M, n) at their `anchor`-th poses."""
+        """Walk along paths (N, M, 4, 4) in both directions from the postures `start` (M, n) at pose number `anchor`."""
         count, many = paths.shape[:2]
         q = np.empty((count, many, self.chain.n))
         done, above = np.zeros((count, many), dtype=bool), np.zeros((count, many))

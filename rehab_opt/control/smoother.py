@@ -1,7 +1,7 @@
-"""Positions with bounded velocity, acceleration and jerk, axis by axis, for axes that no constraint couples.
+"""Positions with bounded velocity, acceleration and jerk, axis by axis, for axes without coupling constraints.
 
-Such are the joint trajectories of a plan, targets, reference clocks. Where constraints couple axes, smoothing after the
-controller would break them.
+Examples are joint trajectories of a plan, targets, and reference clocks. With coupling constraints, smoothing after the
+controller would violate them.
 """
 
 from __future__ import annotations
@@ -26,13 +26,12 @@ __all__ = ["Smoother"]
 Array = NDArray[np.float64]
 
 RETURN_SPEED = 0.1
-"""Fraction of the velocity bound at which an axis outside its position bounds is led back."""
+"""Return speed of an axis outside its position bounds, as a fraction of its velocity bound."""
 HORIZON = 3600.0
-"""[s] A target further away than this at full speed is a fault, not a target; Ruckig itself ends at 7.6e3 s."""
+"""[s] Longest duration to a target at full speed; a longer one is a fault. Ruckig's own limit is 7.6e3 s."""
 NOT_RENEWED = "moving target was not renewed in time"
 HEADROOM = 0.99
-"""Largest fraction of the velocity bound that a target's own velocity counts for: the rest is for catching up with
-it."""
+"""Largest target velocity that is used, as a fraction of the velocity bound; the rest is a reserve for catching up."""
 NUMBERS = {float, int}
 AT_REST = "target is about to leave the bounds: approached as if at rest"
 
@@ -40,13 +39,12 @@ AT_REST = "target is about to leave the bounds: approached as if at rest"
 class Smoother(OneThread):
     """Follows targets with every axis inside its position, velocity, acceleration and jerk bounds.
 
-    Each axis moves as fast as its own bounds allow, unless the way is to be straight. A target outside the position
-    bounds is clipped to them. A disabled smoother, a target that is not a finite number within range and a stale stamp
-    bring all axes to rest as fast as the bounds allow and hold them there; from wherever that is, the motion goes on
-    without a jump. Each axis is stopped by itself and without a planner. One that could stop only beyond its position
-    bound, because it is about to turn round before it, brakes on at its largest deceleration until it can stop inside.
-    No bound yields in that. Only where `reset` puts an axis too fast before a position bound that bound yields, and is
-    flagged. An object belongs to one thread: see `OneThread`.
+    Each axis moves as fast as its own bounds allow, unless `straight`. A target outside the position bounds is clipped.
+    A disabled smoother, an invalid target or a stale stamp stops all axes as fast as the bounds allow and holds them;
+    the motion later continues from there without a jump. Each axis stops independently, without a planner. An axis that
+    could stop only beyond its position bound, because it is about to reverse before it, brakes at its largest
+    deceleration until it can stop inside. No bound yields in this. Only if `reset` sets an axis too fast before a
+    position bound, that bound yields and is flagged. An object belongs to one thread: see `OneThread`.
 
     Parameters
     ----------
@@ -55,10 +53,10 @@ class Smoother(OneThread):
     dt : tick [s].
     lower, upper : (n,) position bounds [u]; None or infinite for none; equal ones lock the axis.
     axes : n, needed where every bound is a scalar; default 1.
-    recovery_speed : fraction of `velocity` at which an axis that was reset outside its bounds comes back.
+    recovery_speed : return speed of an axis that was reset outside its bounds, as a fraction of `velocity`.
     max_age : of the targets, see `Watchdog`.
-    straight : whether axes that begin at rest keep to the straight line to the target, as fast as the slowest allows;
-        from a motion they arrive together, on that line or near it where the motion is along it.
+    straight : whether axes that start at rest move on the straight line to the target, as fast as the slowest allows.
+        From a motion they arrive together, on or near that line if the motion is along it.
 
     Raises
     ------
@@ -123,15 +121,15 @@ class Smoother(OneThread):
 
     @property
     def arrived(self) -> bool:
-        """Whether the last plan has come to its end: at the target, or at rest after a fault."""
+        """Whether the last plan has ended: at the target, or at rest after a fault."""
         return self._started().arrived
 
     def reset(self, position: ArrayLike, velocity: ArrayLike | None = None) -> None:
-        """Start from here, without acceleration.
+        """Start here with zero acceleration.
 
         Parameters
         ----------
-        position : (n,) [u]. An axis outside its bounds is led back at `recovery_speed`.
+        position : (n,) [u]. An axis outside its bounds returns at `recovery_speed`.
         velocity : (n,) [u/s], default at rest.
 
         Raises
@@ -159,25 +157,25 @@ class Smoother(OneThread):
         enable: object = True,
         stamp: float | None = None,
     ) -> Command:
-        """Position one tick on, on the way to the target.
+        """Position one tick later, on the way to the target.
 
         Parameters
         ----------
         target : (n,) [u].
-        target_velocity : (n,) [u/s] of a moving target, which is then followed without `lag`. One that is not renewed
-            moves on for `max_age`, then the axes come to rest.
-        enable : the dead-man input; anything but true brings the axes to rest.
-        stamp : time of the target [s, any origin]. Once one was given, one that is missing brings the axes to rest.
+        target_velocity : (n,) [u/s] of a moving target, which is then followed without `lag`. A target that is not
+            updated moves on for `max_age`; then the axes come to rest.
+        enable : dead man's switch; anything but True brings the axes to rest.
+        stamp : time of the target [s, any origin]. After the first stamp, a missing one brings the axes to rest.
 
         Returns
         -------
         Command : `value` is the position (n,) [u]. `residual` is the largest excess of its finite differences over the
-            velocity, acceleration and jerk bounds, as a fraction of them and less what rounding explains, and of the
-            position over its bounds [u]; infinite while braking or holding.
+            velocity, acceleration and jerk bounds, as a fraction of them and without rounding, and of the position over
+            its bounds [u]; infinite while braking or holding.
 
         Raises
         ------
-        ConfigurationError : there was no `reset` yet; never because of a number. SharingError : a second thread, see
+        ConfigurationError : there was no `reset` yet; numbers never raise. SharingError : a second thread, see
             `OneThread`.
         """
         if self._owner != get_ident():
@@ -211,9 +209,9 @@ class Smoother(OneThread):
         return Command(value, Status.OK, "ruckig", residual, -1, "", Relaxed.NOTHING, 1.0)
 
     def lag(self, speed: ArrayLike) -> Array:
-        """(n,) time [s] by which the output trails a target moving steadily at `speed` (n,) [u/s].
+        """(n,) time lag [s] of the output behind a target at constant `speed` (n,) [u/s].
 
-        Every tick plans to rest at the target, so the output keeps the distance it needs to stop: (v/a + a/j)/2
+        Every tick plans to rest at the target, so the output stays behind by its stopping distance: (v/a + a/j)/2
         seconds, or sqrt(v/j) where v < a^2/j. With `target_velocity` there is none.
         """
         speeds = np.minimum(np.abs(per_joint("speed", speed, self._n)), self._bounds.velocity)
@@ -222,7 +220,7 @@ class Smoother(OneThread):
 
     # ---------------------------------------------------------------------------------------------- the target
     def _aim(self, target: ArrayLike, target_velocity: ArrayLike | None) -> str:
-        """Plan to the target where it is a new one; why it cannot be followed, or nothing."""
+        """Plan to a new target; returns the reason if it cannot be followed, or an empty text."""
         profiles = self._profiles
         request = _copied(target), _copied(target_velocity)
         if request == self._request and not (profiles.stopping or self._returning):
@@ -248,7 +246,7 @@ class Smoother(OneThread):
         return ""
 
     def _has_grown_old(self) -> bool:
-        """Whether a moving target must not be taken to move on any longer."""
+        """Whether a moving target is too old to be extrapolated."""
         profiles = self._profiles
         return profiles.age > self._watchdog.max_age or (
             profiles.arrived and any(map(profiles.leads_out, range(self._n), profiles.p, profiles.v))
@@ -266,7 +264,7 @@ class Smoother(OneThread):
 
 
 def _brought_within(profiles: Profiles, goal: list[float], speed: list[float]) -> str:
-    """Bring goal and speed inside the bounds; a note on what was changed."""
+    """Clip goal and speed to the bounds; returns a note on changes."""
     note = ""
     for i, (low, high, fastest, _, _) in enumerate(zip(*profiles.bounds, strict=True)):
         if not low <= goal[i] <= high:
@@ -283,7 +281,7 @@ def _brought_within(profiles: Profiles, goal: list[float], speed: list[float]) -
 
 
 def _copied(value: ArrayLike | None) -> object:
-    """Copy of a target, to be compared with the next: the caller may overwrite its array, or one in its list."""
+    """Copy of a target for comparison with the next one, because the caller may overwrite its arrays."""
     if value is None:
         return None
     if isinstance(value, (list, tuple)) and NUMBERS.issuperset(map(type, value)):

@@ -1,4 +1,4 @@
-"""Retiming of a whole path for a drive: the same path, as fast as its axes may move, no faster than recorded."""
+"""Retiming of a whole path for a drive: the same path, as fast as the axes allow, but no faster than recorded."""
 
 from __future__ import annotations
 
@@ -21,25 +21,25 @@ __all__ = ["SmoothPath", "smooth_path"]
 Array = NDArray[np.float64]
 
 LONGEST, GRADE, EVEN, NEAR = 12.0, 0.2, 9, 0.95
-"""Control points: jerk times their largest distance cubed, in tolerances; its growth; how many are averaged; margin."""
+"""Spacing of control points: jerk times cubed distance over tolerance; growth; averaging width; margin."""
 MAX_TICKS = 10_000_000  # of a path: close to three hours at 1 kHz
 
 
 class SmoothPath(NamedTuple):
-    """A path made followable: positions within the bounds at every tick."""
+    """A retimed path with positions within the bounds at every tick."""
 
     times: Array
-    """(M,) [s] ticks from the first time of the path, until its last point is reached."""
+    """(M,) [s] ticks from the path's first time until its last point is reached."""
     positions: Array
     """(M, n) [u]."""
     phase: Array
-    """(M,) [s] of the path's own time at which these are passed: it never runs back, nor faster than the ticks do."""
+    """(M,) [s] time on the path at each tick; it never decreases, nor runs faster than the ticks."""
     deviation: Array
     """(n,) [u] largest distance from the path at that time."""
 
     @property
     def delay(self) -> float:
-        """[s] by which the last point is reached later than the path has it."""
+        """[s] delay of the last point relative to the path."""
         return float(self.times[-1] - self.phase[-1])
 
 
@@ -55,27 +55,27 @@ def smooth_path(
     dt: float = 0.001,
     tolerance: float = 1e-4,
 ) -> SmoothPath:
-    """A recorded or planned path, from rest to rest, for a drive: late where its axes are too slow, not elsewhere.
+    """Retime a recorded or planned path, from rest to rest, for a drive: late only where its axes are too slow.
 
-    All axes wait for one another, so that what couples them (a hand's place, a handle's tilt) stays; a `Smoother`, for
-    targets whose future is unknown, breaks that. Between its points the path is interpolated by shape-preserving
-    cubics, which leave no range the points keep. A spline rounds its corners within `tolerance`, and Ruckig times the
-    progress along it (`ruckig_timing`), at most at the recorded pace. Samples that were held or rounded are those of
-    `measured_path`, which leaves the latter by up to three quarters of the rounding's step.
+    All axes wait for one another, so that coupled quantities (hand position, handle tilt) are preserved; a `Smoother`,
+    for targets with unknown future, does not do this. Shape-preserving cubics interpolate the path and stay within the
+    range of its points. A spline rounds its corners within `tolerance`, and `ruckig_timing` times the progress along
+    it, at most at the recorded speed. `measured_path` first replaces held and rounded samples, the latter by up to
+    three quarters of a rounding step.
 
     Parameters
     ----------
     times : (N,) [s], increasing.
-    points : (N, n) [u], in the order of the axes; those outside the position bounds are moved onto them.
+    points : (N, n) [u]; points outside the position bounds are clipped.
     velocity, acceleration, jerk : (n,) bounds of the axes [u/s, u/s^2, u/s^3 with u = rad or m], positive and finite; a
         scalar stands for all.
     lower, upper : (n,) position bounds [u]; None or infinite for none.
     dt : tick [s].
-    tolerance : [u] by which an axis may leave the path.
+    tolerance : [u] largest deviation of an axis from the path.
 
     Raises
     ------
-    ConfigurationError : times not increasing, points of the wrong shape, a bound or number that cannot be used.
+    ConfigurationError : times that do not increase, points of the wrong shape, an invalid bound or number.
     """
     from scipy.interpolate import PchipInterpolator  # noqa: PLC0415  (loaded when used)
 
@@ -107,9 +107,9 @@ def smooth_path(
 
 
 def _rounded(path: Any, velocity: Array, acceleration: Array, jerk: Array, *, dt: float, tolerance: float) -> Any:
-    """Uniform cubic B-spline of the path's axes and its time, at most `tolerance` off the path, in its range.
+    """Uniform cubic B-spline of the path's axes and time, within `tolerance` of the path and within its range.
 
-    Its control points lie on the path, denser where that bends or is too fast; their distance changes gradually.
+    Its control points are on the path, denser in bends and fast parts; their spacing changes gradually.
     """
     from scipy.interpolate import BSpline  # noqa: PLC0415  (loaded when used)
     from scipy.ndimage import uniform_filter1d  # noqa: PLC0415
@@ -143,7 +143,7 @@ def _rounded(path: Any, velocity: Array, acceleration: Array, jerk: Array, *, dt
 
 
 def _check_length(seconds: float, dt: float, *given: tuple[str, object]) -> None:
-    """Refuse a path that takes more ticks than a memory holds; `given` is what makes it so long."""
+    """Raise an error for a path with too many ticks for the memory; `given` names the cause."""
     if not seconds <= MAX_TICKS * dt:  # NaN, too
         names, values = zip(*given, strict=True)
         expected = f"a path of at most {MAX_TICKS} ticks; this one takes {seconds:.3g} s"

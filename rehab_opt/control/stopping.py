@@ -1,7 +1,7 @@
-"""How fast each joint may move in this tick, as one interval a joint, and how the whole robot brakes together.
+"""Velocity interval of each joint in this tick, and braking of the whole robot together.
 
-The order in which bounds yield is decided here, joint by joint, in closed form, so that the QP's box is never empty:
-velocity never; then never further outside a joint limit; then acceleration; then the task.
+Bounds yield in a fixed order, joint by joint, in closed form, so that the QP's box is never empty. Velocity never
+yields; then no joint moves further outside its limit; then acceleration; then the task.
 """
 
 from __future__ import annotations
@@ -28,18 +28,17 @@ __all__ = [
 ]
 
 OUTSIDE = 1e-9
-"""[rad or m] A joint less than this beyond its limit stands at it: rounding is no excursion."""
+"""[rad or m] A joint less than this beyond its limit counts as at the limit."""
 
 ROUNDED = 1e-11
-"""[rad or m] A stop ends this much before a limit: what thousands of rounded ticks take of its way at most, where the
-last would have to brake harder for it."""
+"""[rad or m] A stop ends this much before a limit, to cover the rounding of thousands of ticks."""
 
 FAR = 1e9
-"""A limit that is never felt."""
+"""Value that replaces an infinite limit."""
 
 GENTLE, APPROACH = 0.7, 30.0
-"""Fraction of the acceleration limit that braking before a limit takes, and rate [1/s] at which a joint comes to it at
-last: a servo runs past the end of a hard deceleration."""
+"""Fraction of the acceleration limit for braking before a limit, and final rate [1/s] of the approach to it, because a
+servo overshoots after a hard deceleration."""
 
 
 class VelocityBounds(NamedTuple):
@@ -48,20 +47,20 @@ class VelocityBounds(NamedTuple):
     lower: ca.SX
     upper: ca.SX
     brake_lower: ca.SX
-    """Bounds without the need to be able to stop or to come back: what a braking command has to keep."""
+    """Bounds without the requirements of stopping or returning; a braking command must satisfy them."""
     brake_upper: ca.SX
     stop_lower: ca.SX
     """Bounds by the position limits alone."""
     stop_upper: ca.SX
     outside: ca.SX
-    """1 where any joint is beyond its limit."""
+    """1 if any joint is beyond its limit."""
     hard_lower: ca.SX
-    """Bounds without acceleration: speed, and in this tick not beyond, or not further beyond, a position limit."""
+    """Bounds without acceleration: speed, and no motion beyond, or further beyond, a position limit in this tick."""
     hard_upper: ca.SX
 
     @property
     def hard(self) -> tuple[ca.SX, ca.SX]:
-        """Both ends of the last."""
+        """`hard_lower` and `hard_upper`."""
         return self.hard_lower, self.hard_upper
 
 
@@ -74,19 +73,19 @@ def velocity_bounds(
     recovery_speed: float,
     approach: float = APPROACH,
 ) -> VelocityBounds:
-    """Interval of the joint velocity that is held from now until the next tick.
+    """Intervals of the joint velocities that are held until the next tick.
 
     Parameters
     ----------
     chain : its position, velocity and acceleration limits.
-    q : (n,) joint positions now.
-    last : (n,) joint velocity commanded in the last tick.
+    q : (n,) current joint positions.
+    last : (n,) joint velocities commanded in the last tick.
     dt : tick [s].
-    recovery_speed : fraction of the velocity limit at which a joint outside its limits comes back.
+    recovery_speed : return speed of a joint outside its limits, as a fraction of its velocity limit.
     approach : [1/s] see `gentle_speed`; infinite for joints that move as commanded.
 
-    From every state that can still stop, all bounds hold together and the next state can stop again, exactly, at any
-    dt (the recursion is over ticks, not over continuous time). Other states brake at the largest deceleration.
+    From every state that can still stop, all bounds hold together and the next state can stop again, exactly and at any
+    dt (by recursion over ticks, not continuous time). Other states brake at the largest deceleration.
     """
     speed = ca.DM(chain.velocity)
     change = max_change(chain, dt)
@@ -124,9 +123,9 @@ def velocity_bounds(
 
 
 def max_change(chain: SerialChain, dt: float) -> ca.DM:
-    """(n,) largest change of each joint's velocity in a tick of dt [s]: what its acceleration limit allows.
+    """(n,) largest change of each joint's velocity in a tick of dt [s] by its acceleration limit.
 
-    One beyond 2 v_max no bound could forbid; so infinite accelerations become finite.
+    It is at most 2 v_max, which no other change exceeds, so that infinite accelerations become finite.
     """
     return ca.DM(np.minimum(chain.acceleration * dt, 2 * chain.velocity))
 
@@ -135,7 +134,7 @@ def stopping_speed(room: ca.SX, change: ca.DM, dt: float) -> ca.SX:
     """Largest speed for one tick after which the joint, slowing by `change` a tick, stops within `room`.
 
     A speed v is held for dt, then v - change, v - 2 change and so on: k = floor(v/change) further ticks, in all
-    dt ((k + 1) v - change k (k + 1)/2). That is piecewise linear in v; this is its inverse. Zero without room.
+    dt ((k + 1) v - change k (k + 1)/2). This function inverts that piecewise linear relation. Zero without room.
     """
     room = ca.fmax(room - ROUNDED, 0)
     ticks = ca.floor(0.5 * ca.sqrt(1 + room * (8 / (change * dt))) - 0.5)
@@ -143,10 +142,10 @@ def stopping_speed(room: ca.SX, change: ca.DM, dt: float) -> ca.SX:
 
 
 def gentle_speed(room: ca.SX, acceleration: ca.DM, approach: float) -> ca.SX:
-    """Largest speed towards a limit from which a late servo, which overshoots while it brakes, does not pass it.
+    """Largest speed towards a limit at which a delayed servo does not overshoot the limit.
 
-    In the vicinity `approach` times the room, so that braking fades out; from where that would take more than
-    `GENTLE` of the acceleration on, the parabola of that deceleration, which goes over into the line without a kink.
+    Near the limit it is `approach` times the room, so that braking fades out. Further away, where this would need more
+    than `GENTLE` of the acceleration, it is the parabola of that deceleration, with a smooth transition.
     """
     if approach == math.inf:
         return ca.SX.inf(room.shape)
@@ -156,40 +155,39 @@ def gentle_speed(room: ca.SX, acceleration: ca.DM, approach: float) -> ca.SX:
 
 
 def nearest_to_rest(bounds: VelocityBounds) -> ca.SX:
-    """(n,) the velocity nearest to rest that the bounds allow: the safe command.
+    """(n,) the velocity nearest to rest within the bounds: the safe command.
 
-    A joint outside its limits is not led back by it: who let go of the enable switch wants no motion.
+    It does not move a joint back into its limits, because a user who released the switch wants no motion.
     """
     return clipped(ca.SX.zeros(bounds.lower.shape), bounds.brake_lower, bounds.brake_upper)
 
 
 SLACK = 1.1
-"""T is longer by this than stopping takes: a task and a limit that turn on the way need acceleration, too."""
+"""Factor of T over the stopping time, as a reserve of acceleration for changes of the task and limits."""
 FARTHEST = 0.2
-"""[rad, m] Way of the stop posture in a tick, at most: limits are tangents there."""
+"""[rad, m] Largest motion of the stop posture in a tick, because limits are tangents there."""
 LATER = 0.3
-"""[s] after T / 1.1 a velocity that must go is gone. Of 1 s, which the promise has, the bend of the way takes the
-rest."""
+"""[s] A velocity off the command decays to zero within this time plus T / 1.1; curvature of the path takes the rest of
+the guaranteed 1 s."""
 
 
 class BrakingTogether:
-    """Braking of one robot together: every velocity shrinks by the same fraction a tick, and no position drifts on.
+    """Braking of all joints together: every velocity shrinks by the same fraction per tick.
 
     With T the time in which every joint can stop from its largest speed, and u the velocities of all joints, braking is
     u <- (1 - dt/T) u. The posture where that ends is the stop posture
 
         z = q + T u.
 
-    Braking does not move it: after a tick q + dt u + T (1 - dt/T) u = z. A controller that keeps its limits at z and on
-    the way from q to z can therefore always brake without breaking any of them, within every joint's acceleration,
-    since |u| dt/T <= v dt/T <= a dt. What a tick adds to u moves z by T times as much; that is all a limit must ask
-    about.
+    Braking does not move z: after a tick q + dt u + T (1 - dt/T) u = z. A controller that satisfies its limits at z and
+    on the way from q to z can therefore always brake without violating them, within every joint's acceleration, since
+    |u| dt/T <= v dt/T <= a dt. A change of u moves z by T times as much, which is all that a limit must consider.
 
     Parameters
     ----------
     chain : its velocity and acceleration limits.
     dt : tick [s].
-    moving : joints that move at all, by number from 0; one that stands does not make T longer.
+    moving : numbers, from 0, of the joints that can move; others do not affect T.
     """
 
     def __init__(self, chain: SerialChain, dt: float, *, moving: Sequence[int]) -> None:
@@ -197,21 +195,21 @@ class BrakingTogether:
         """T [s]."""
         farthest = np.maximum(FARTHEST, SLACK * chain.velocity * dt) / self.time
         self.change = ca.fmin(max_change(chain, dt), ca.DM(farthest))
-        """(n,) largest change of a velocity in a tick: the acceleration's, and z moves by `FARTHEST` at most."""
+        """(n,) largest change of velocity in a tick, by the acceleration limit and `FARTHEST`."""
         self._left = 1 - dt / self.time
         stopping = self.time / SLACK
         self._part = stopping / (stopping + LATER)
 
     def slower(self, velocity: ca.SX) -> ca.SX:
-        """(n,) velocities after a tick of braking that leaves the stop posture where it is."""
+        """(n,) velocities after a tick of braking with an unchanged stop posture."""
         return self._left * velocity
 
     def slowest(self, velocity: ca.SX) -> ca.SX:
-        """(n,) velocities after a tick of the hardest braking; it ends at rest, on the way to the stop posture."""
+        """(n,) velocities after a tick of the hardest braking, which ends on the way to the stop posture."""
         return slowed_together(velocity, self.change)
 
     def leaves(self, velocity: ca.SX) -> ca.SX:
-        """Fraction that is left of a velocity that must go, at most, so that it is gone `LATER` than T / 1.1.
+        """Largest remaining fraction of a velocity that must vanish within T / 1.1 + `LATER`.
 
         `slower` alone never ends.
         """
@@ -219,15 +217,15 @@ class BrakingTogether:
 
 
 def ticks_to_rest(velocity: ca.SX, change: ca.DM) -> ca.SX:
-    """Ticks in which velocities (n,) come to rest that change by `change` (n,) a tick at most: the slowest one's."""
+    """Number of ticks in which velocities (n,), with changes of at most `change` (n,) per tick, come to rest."""
     return ca.mmax(ca.fabs(velocity) / change)
 
 
 def slowed_together(velocity: ca.SX, change: ca.DM) -> ca.SX:
-    """(n,) velocities after a tick in which all shrink by the same fraction, as large as `change` (n,) allows."""
+    """(n,) velocities after a tick in which all shrink by the largest common fraction within `change` (n,)."""
     return velocity * (1 - _taken_away(velocity, change))
 
 
 def _taken_away(velocity: ca.SX, change: ca.DM) -> ca.SX:
-    """Fraction that such a tick takes away."""
+    """Largest common fraction by which velocities shrink in a tick."""
     return 1 / ca.fmax(ticks_to_rest(velocity, change), 1)

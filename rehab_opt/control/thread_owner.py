@@ -1,6 +1,6 @@
-"""Objects with memory that belong to one thread, so that no second one changes it in the middle of a tick.
+"""Objects with state that belong to one thread, so that no other thread changes it during a tick.
 
-And their settings, of which a tick was made: no later change would reach it, and is refused.
+Their settings cannot change later, because a tick's functions are made from them.
 """
 
 from __future__ import annotations
@@ -17,16 +17,16 @@ _CLAIMING = threading.Lock()
 
 
 class OneThread:
-    """Base of what keeps memory from tick to tick: every controller.
+    """Base of objects with state between ticks: every controller.
 
-    The first `step` makes its thread the owner; until then any thread may set the object up. While the owner lives,
-    another thread's `step`, `reset` or change of a setting raises a `SharingError`. `reset` by the owner gives the
-    object away, to the thread that steps it next; a thread that has ended owns nothing. Copies and pickles, which would
-    share the memory or lose it, are refused: make another object with the same arguments. Fields, maps,
-    workspaces, chains and robots are immutable, and any number of controllers in any threads may share them.
+    The thread of the first `step` becomes the owner; until then any thread may set up the object. While the owner
+    lives, `step`, `reset` or a change of a setting by another thread raises `SharingError`. `reset` by the owner
+    releases the object to the next thread that steps it; a thread that has ended owns nothing. Copies and pickles would
+    share or lose the state and are refused: make another object with the same arguments. Fields, maps, workspaces,
+    chains and robots are immutable and can be shared by any controllers and threads.
 
-    A method that ticks begins with `if self._owner != get_ident(): self._claim()`, 40 ns; one that only changes a
-    setting has `_refuse_others` in its place.
+    A method that ticks starts with `if self._owner != get_ident(): self._claim()` (40 ns); one that only changes a
+    setting calls `_refuse_others`.
     """
 
     _owner = 0
@@ -60,12 +60,12 @@ class OneThread:
 
 
 def setting() -> Any:
-    """An attribute of a class that `__init__` sets once: who lowers a speed later must not believe that it is lower."""
+    """A class attribute that `__init__` sets once; later changes would have no effect and raise an error."""
     return _Setting()
 
 
 class _Setting:
-    """Kept among the object's own attributes, from where it is read as any other."""
+    """Stored in the object's own attributes and read from there."""
 
     def __set_name__(self, owner: type, name: str) -> None:
         self._name = name

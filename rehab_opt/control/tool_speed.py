@@ -1,11 +1,11 @@
-"""How fast the tool moves while the joints keep their velocities: p(t) = p(q + q' t).
+"""Speed of the tool at constant joint velocities: p(t) = p(q + q' t).
 
-p' turns with the joints, so that it is longer at the end of a tick than at its beginning, or the other way round. A
-curve of p' leaves its chord by at most t^2/8 of its largest second derivative: within a tick
+p' changes with the joints, so it may be larger at either end of a tick. A curve deviates from its chord by at most
+dt^2/8 times its largest second derivative. So within a tick
 
     |p'(t)| <= max(|p'(0)|, |p'(dt)|) + dt^2/8 * max |p'''|.
 
-For a chain p is the sum of its rows' lengths l_i, each turned by the joints before it, so that
+For a chain, p is the sum of its rows' lengths l_i, each rotated by the joints before it, so
 
     |p'''| <= sum over i of  |l_i| O_i^3 + 3 |l_i'| O_i^2,     O_i = |q'_1| + ... + |q'_i| of the revolute joints.
 """
@@ -21,7 +21,7 @@ __all__ = ["speed_ahead", "tool_acceleration", "tool_jerk"]
 
 
 def tool_acceleration(jacobian: ca.SX, velocity: ca.SX) -> ca.SX:
-    """(6,) [m/s^2, rad/s^2] J' q' at joint velocities (n,) that are held, from the geometric Jacobian (6, n)."""
+    """(6,) [m/s^2, rad/s^2] J' q' at constant joint velocities (n,), from the geometric Jacobian (6, n)."""
     total, turning = ca.SX.zeros(6), ca.SX.zeros(3)
     for j in range(velocity.numel()):
         linear, turn = jacobian[:3, j] * velocity[j], jacobian[3:, j] * velocity[j]
@@ -31,7 +31,7 @@ def tool_acceleration(jacobian: ca.SX, velocity: ca.SX) -> ca.SX:
 
 
 def tool_jerk(chain: SerialChain, q: ca.SX, velocity: ca.SX, dt: float) -> ca.SX:
-    """[m/s^3] What |p'''| does not exceed from q (n,) on, during dt [s] of joint velocities (n,)."""
+    """[m/s^3] upper bound of |p'''| during dt [s] from q (n,) at joint velocities (n,)."""
     bound, turning = ca.SX(0), ca.SX(0)
     for i, row in enumerate(chain.rows):
         speed = ca.fabs(velocity[i])
@@ -45,9 +45,9 @@ def tool_jerk(chain: SerialChain, q: ca.SX, velocity: ca.SX, dt: float) -> ca.SX
 
 
 def speed_ahead(chain: SerialChain, q: ca.SX, jacobian: ca.SX, velocity: ca.SX, dt: float) -> ca.SX:
-    """[m/s] What |p'| does not exceed in a tick, from its beginning alone; no less than the bound above.
+    """[m/s] upper bound of |p'| in a tick, from its start alone; at least the bound of this module.
 
-    Of s times the velocity it is at most s times as much, where s is 1 or less.
+    For s times the velocity, with s <= 1, it is at most s times as large.
     """
     now = jacobian[:3, :] @ velocity
     then = now + dt * tool_acceleration(jacobian, velocity)[:3]

@@ -21,14 +21,14 @@ from rehab_opt.symbolic.record import Record, Values
 __all__ = ["SHORTEST_TICK", "STAMPS", "Watchdog", "checked_stamp", "default_max_age", "stamp_and_kind", "watched"]
 
 DRIFT = 1e-3
-"""Fraction by which the stamps' clock may run slower than the ticks for ever, ten times what two quartz clocks do."""
+"""Accepted relative drift of the stamps' clock behind the ticks, ten times that of two quartz clocks."""
 SLOWEST = 1.5
-"""Stamps that for long advance by more than so many ticks a tick are those of a loop that is slower than dt."""
+"""Ratio of stamps' advance to dt above which the loop counts as slower than dt."""
 SHORTEST_TICK = 1e-9
-"""[s] No controller ticks faster; of much shorter ones rates to the third power are no numbers any more."""
+"""[s] Shortest tick; cubes of rates overflow for much shorter ones."""
 STAMPS = Record(last=1, lag=1, stamped=1, ahead=1)
-"""What is remembered of the stamps: the last [s], how far they have fallen behind the ticks [s], whether there was one,
-how far they have run ahead of `SLOWEST` ticks [s]. At first NaN, 0, 0, 0."""
+"""State of the stamps: last stamp [s], lag behind the ticks [s], whether there was a stamp, lead over `SLOWEST` ticks
+[s]. Initially NaN, 0, 0, 0."""
 NO_STAMP, NUMBER_OF_SECONDS, NO_NUMBER = range(3)
 """Kinds of stamps."""
 
@@ -36,14 +36,14 @@ NO_STAMP, NUMBER_OF_SECONDS, NO_NUMBER = range(3)
 def default_max_age(dt: float) -> float:
     """Largest age [s] of a state at a nominal tick dt [s]: 50 ms, and never less than three ticks.
 
-    50 ms is below a person's fastest voluntary reaction, and a hand led at 0.25 m/s moves 12 mm in it; three ticks
-    let two samples in a row be lost.
+    50 ms is below a person's fastest voluntary reaction, and a hand at 0.25 m/s moves 12 mm in it. Three ticks allow
+    for two lost samples in a row.
     """
     return max(0.05, 3.0 * dt)
 
 
 def stamp_and_kind(stamp: object) -> tuple[float, int]:
-    """A time stamp as a float [s], NaN where it is none, and its kind: a time of another unit, a boolean, text."""
+    """A time stamp as a float [s], NaN if it is invalid (another type, boolean, text), and its kind."""
     if stamp is None:
         return math.nan, NO_STAMP
     try:
@@ -63,18 +63,17 @@ class Judged(NamedTuple):
     memory: ca.SX
     """`STAMPS`"""
     reason: ca.SX
-    """Number of the reason why the state must not be acted on; 0 when it may."""
+    """Number of the reason why the state is invalid; 0 if it is valid."""
     details: ca.SX
-    """(2,) of the reason [s]."""
+    """(2,) details of the reason [s]."""
 
 
 def checked_stamp(
     memory: Values, stamp: ca.SX, kind: ca.SX, *, dt: ca.SX, max_age: ca.SX, any_period: bool = False
 ) -> Judged:
-    """Judge one stamp [s, any origin] a tick, of a kind that `stamp_and_kind` gives; see `Watchdog`.
+    """Check one stamp [s, any origin] per tick, with its kind from `stamp_and_kind`; see `Watchdog`.
 
-    any_period : whether ticks may come as slowly as `max_age` allows: those of a controller that counts the time
-        itself.
+    any_period : whether ticks may be as slow as `max_age`, for a controller that measures time itself.
     """
     gained = dt * (1.0 - DRIFT)
     finite = ca.logic_and(kind == NUMBER_OF_SECONDS, ca.fabs(stamp) < ca.inf)
@@ -111,7 +110,7 @@ def checked_stamp(
 
 
 def first_of(cases: Sequence[tuple[ca.SX, ca.SX]]) -> ca.SX:
-    """The value of the first case whose condition is true; the last one's condition is not looked at."""
+    """The value of the first case whose condition is true; the last case is the default."""
     value = cases[-1][1]
     for when, then in reversed(cases[:-1]):
         value = ca.if_else(when, then, value)
@@ -120,7 +119,7 @@ def first_of(cases: Sequence[tuple[ca.SX, ca.SX]]) -> ca.SX:
 
 @cache
 def watched() -> ca.Function:
-    """Dt and max_age, `STAMPS`, stamp and its kind -> `STAMPS`, reason and details."""
+    """Function: dt and max_age, `STAMPS`, stamp and its kind -> `STAMPS`, reason and details."""
     memory, limits, given = STAMPS.symbols("memory"), ca.SX.sym("limits", 2), ca.SX.sym("given", 2)
     judged = checked_stamp(memory, given[0], given[1], dt=limits[0], max_age=limits[1])
     said = ca.vertcat(judged.reason, judged.details)
@@ -128,14 +127,13 @@ def watched() -> ca.Function:
 
 
 class Watchdog(OneThread):
-    """Finds repeated, reversed, missing and delayed time stamps; one `check` a tick.
+    """Detects repeated, reversed, missing and delayed time stamps; call `check` once per tick.
 
-    No clock is read, so that a replayed session is judged as the live one was: a delayed stream shows as stamps that
-    advance by less than the ticks do, and the lag so gathered is held against `max_age`. It is paid back only by
-    stamps that advance by more. Stamps that jump back by more than `max_age` are a restarted stream: one fault, and
-    the count begins anew. Stamps that gain more than `max_age` on one and a half of the ticks are those of a loop that
-    is slower than `dt`: an arm that is led 20 ms with the steps of 1 ms brakes too late. An object belongs to one
-    thread: see `OneThread`.
+    It reads no clock, so that a replay gives the same verdicts as the live session. A delayed stream has stamps that
+    advance by less than the ticks; the accumulated lag is compared with `max_age`, and only stamps that advance by more
+    reduce it. Stamps that jump back by more than `max_age` mean a restarted stream: one fault, and the count restarts.
+    Stamps that gain more than `max_age` on 1.5 times the ticks mean a loop slower than `dt`, in which an arm would
+    brake too late. An object belongs to one thread: see `OneThread`.
 
     Parameters
     ----------
@@ -148,7 +146,7 @@ class Watchdog(OneThread):
     """
 
     stamped: bool
-    """Whether there was a stamp since the last reset: from then on one that is missing is a fault."""
+    """Whether there was a stamp since the last reset; from then on a missing stamp is a fault."""
 
     def __init__(self, *, dt: float, max_age: float | None = None) -> None:
         if not (is_real(dt) and SHORTEST_TICK <= dt < math.inf):
@@ -169,21 +167,21 @@ class Watchdog(OneThread):
 
     @property
     def lag(self) -> float:
-        """By how much the stamps have fallen behind the ticks [s]."""
+        """Lag of the stamps behind the ticks [s]."""
         return float(self._memory[STAMPS["lag"]])
 
     def reset(self) -> None:
-        """Forget every stamp: the next one is the first."""
+        """Reset: the next stamp is the first."""
         self._claim()
         self._memory[:] = math.nan, 0.0, 0.0, 0.0
         self.stamped = False
         self._give_away()
 
     def check(self, stamp: float | None) -> str:
-        """Why the state stamped `stamp` [s, any origin] must not be acted on; empty when it may. No stamp raises.
+        """Reason why a state with `stamp` [s, any origin] is invalid; empty if it is valid. No stamp raises.
 
-        None is not checked before the first stamp; from then on it is a fault. Each fault is judged by itself: after a
-        gap or a reversal the next stamp may be fine.
+        None is accepted before the first stamp; later it is a fault. Each fault stands alone: after a gap or a reversal
+        the next stamp may be valid.
         """
         if self._owner != get_ident():
             self._claim()

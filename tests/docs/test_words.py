@@ -52,7 +52,6 @@ LEFT: dict[str, int] = {
     "docs/capabilities/workspace_maps.md": 2,
     "bench/solvers/TABLE.md": 11,
     "rehab_opt/cli.py": 1,
-    "rehab_opt/control/hand_task.py": 3,
     "rehab_opt/control/mirror.py": 5,
     "rehab_opt/control/mirror_following.py": 3,
     "rehab_opt/control/mirror_pace.py": 4,
