@@ -34,6 +34,8 @@ WINDOW, SHARE, PATIENCE, TICKS = 0.015, 0.08, 0.15, 5
 moved less than this fraction; [s, ticks] time for which that is no fault."""
 BEYOND = 0.3
 """[rad] Largest excess of a joint over its limit at the first sample; further off, whole turns are subtracted."""
+COUNTED = 12 * math.pi
+"""[rad] Largest position of a joint with limits; a larger one must be in degrees."""
 NOISE = 1e-3
 """[rad or m] Excess over a limit that counts as noise."""
 JUMP = 0.015
@@ -74,7 +76,7 @@ class FrontEnd:
         self._turn = 2 * math.pi * arm * ca.DM([not row.prismatic for row in chain.rows])
         memory = led_memory(n).symbols("memory")
         measured, command = ca.SX.sym("measured", n), ca.SX.sym("command", n)
-        number = all_true(ca.fabs(measured) <= MAX_MAGNITUDE)
+        number = all_true(ca.fabs(measured) <= _countable(chain))
         ahead = memory.led + dt * command
 
         # Encoders that count a turn otherwise: the turn next to where the joint is led; at first one about its limits.
@@ -137,6 +139,12 @@ class FrontEnd:
     def shortest(self, way: ca.SX) -> ca.SX:
         """(n,) differences [rad or m] without whole turns."""
         return way - self._turn * ca.floor(way / (2 * math.pi) + 0.5)
+
+
+def _countable(chain: SerialChain) -> ca.DM:
+    """(n,) [rad or m] largest credible positions."""
+    rotary, limited = [not row.prismatic for row in chain.rows], np.isfinite(chain.upper) & np.isfinite(chain.lower)
+    return ca.DM(np.where(rotary & limited, COUNTED, MAX_MAGNITUDE))
 
 
 def _led_lately(memory: Values, command: ca.SX, dt: float) -> dict[str, ca.SX]:

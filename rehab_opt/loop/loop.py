@@ -125,9 +125,8 @@ class Loop:
             finally:
                 if hasattr(type(self._plant), "stop"):
                     cast("Device", self._plant).stop()
-        return LoopReport(
-            run.ticks, run.missed, run.late, run.stale, run.lateness, run.tick_time, scheduling, reason, run.lost
-        )
+        counts = run.ticks, run.missed, run.late, run.stale
+        return LoopReport(*counts, run.lateness, run.tick_time, scheduling, reason, run.lost, run.scaling)
 
     def _ticks(self, run: _Run, seconds: float, until: Callable[[], bool | str]) -> str:
         """Run the ticks; returns the reason for their end."""
@@ -169,6 +168,7 @@ class Loop:
             raise ConfigurationError("command", plant_command, f"finite numbers, in tick {tick.number}")
         run.told = _Told(tick, truth, command)
         plant.step(plant_command, _push(tick.operator))
+        run.scaling = min(run.scaling, getattr(plant, "scaling", 1.0))
         took = monotonic() - begin
         run.tick_time.add(took)
         run.ticks += 1
@@ -242,7 +242,7 @@ class _Run:
         self.index, self.ticks, self.missed, self.late, self.stale = -1, 0, 0, 0, 0
         self.early = self.start = self.behind = 0.0
         self.lateness, self.tick_time = Times(), Times()
-        self.lost, self.interrupted = False, ""
+        self.lost, self.interrupted, self.scaling = False, "", 1.0
         self.told: _Told | None = None
 
 

@@ -29,6 +29,8 @@ class Reading(NamedTuple):
     position: ArrayLike
     velocity: ArrayLike
     force: ArrayLike
+    scaling: float = 1.0
+    """Fraction of the commanded speed at which the device runs, if it reports one: a pendant's speed slider."""
 
 
 class Driver(Protocol):
@@ -59,7 +61,7 @@ def sensed_layout(joints: int) -> np.dtype[Any]:
     """Layout of records from the driver's process."""
     return np.dtype(
         [("stamp", "<f8"), ("position", "<f8", (joints,)), ("velocity", "<f8", (joints,)), ("force", "<f8", (3,)),
-         ("sent", "<u8"), ("failure", "S240")]
+         ("scaling", "<f8"), ("sent", "<u8"), ("failure", "S240")]
     )  # fmt: skip
 
 
@@ -142,6 +144,12 @@ class RemoteDevice:
         return Measurement(
             float(record["stamp"]), record["position"].copy(), record["velocity"].copy(), record["force"].copy()
         )
+
+    @property
+    def scaling(self) -> float:
+        """Fraction of the commanded speed in the last reading; 1 for a device that reports none."""
+        newest = None if self._closed else self._sensed.latest()
+        return 1.0 if newest is None else float(newest.record["scaling"])
 
     @property
     def truth(self) -> Truth:

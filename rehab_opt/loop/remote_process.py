@@ -48,8 +48,7 @@ def drive(driver: Driver, sensed: SharedRing, commanded: SharedRing, *, silent: 
     while not select.select([sys.stdin], [], [], LOOKS)[0]:
         reading = driver.read()
         if reading is not None:
-            position, velocity, force = reading
-            sensed.write(stamp=time.monotonic(), position=position, velocity=velocity, force=force, sent=sent)
+            sensed.write(stamp=time.monotonic(), sent=sent, **reading._asdict())
         newest, now = commanded.latest(), time.monotonic()
         if newest is not None and (done is None or newest.number != done.number):
             driver.send(newest.record["velocity"].tolist())

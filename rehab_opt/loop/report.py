@@ -53,6 +53,7 @@ class LoopReport:
     lateness : from the deadline to the start of a tick. tick_time : from the start until the command was sent.
     scheduling : of the thread, and settings that were refused.
     reason : why the loop ended. lost : whether the device was gone.
+    scaling : least fraction of the commanded speed at which the device ran, by its own report.
     """
 
     ticks: int
@@ -64,6 +65,7 @@ class LoopReport:
     scheduling: str
     reason: str
     lost: bool
+    scaling: float = 1.0
 
     def __str__(self) -> str:
         """A few lines for a terminal."""
@@ -74,8 +76,14 @@ class LoopReport:
                 "commands not sent since their state was too old",
                 *(f"{name}: {_shown(times)}" for name, times in (("late by", self.lateness), ("took", self.tick_time))),
                 f"scheduling: {self.scheduling}",
+                *self._slowed(),
             )
         )
+
+    def _slowed(self) -> tuple[str, ...]:
+        if self.scaling >= 1.0:
+            return ()
+        return (f"the robot ran at {100 * self.scaling:.0f} % of the commanded speed at times (its speed slider?)",)
 
 
 def _shown(times: Times) -> str:

@@ -21,6 +21,11 @@ TOLD = 0.05
 """[s] within which the packages report why a command was refused."""
 WATCHDOG = 0.1
 """[s]"""
+RECIPE = [
+    "timestamp", "actual_q", "actual_qd", "actual_TCP_force", "safety_status_bits", "speed_scaling",
+    "target_speed_fraction",
+]  # fmt: skip
+"""Fields that the robot sends."""
 
 
 def connect_ur(
@@ -58,9 +63,7 @@ class UrDriver:
 
     def __init__(self, host: str, watchdog: float) -> None:
         try:
-            self._receive: Any = import_module("rtde_receive").RTDEReceiveInterface(
-                host, -1.0, ["timestamp", "actual_q", "actual_qd", "actual_TCP_force", "safety_status_bits"]
-            )
+            self._receive: Any = import_module("rtde_receive").RTDEReceiveInterface(host, -1.0, RECIPE)
             self._control: Any = import_module("rtde_control").RTDEControlInterface(host)
             self._control.setWatchdog(1 / watchdog)
         except RuntimeError as refused:  # of C++: what std::exception is in Python
@@ -76,7 +79,9 @@ class UrDriver:
         if stamp == self._last:
             return None
         self._last = stamp
-        return Reading(receive.getActualQ(), receive.getActualQd(), receive.getActualTCPForce()[:3])
+        # The program's own slowing down, times the slider of the pendant.
+        scaling = receive.getSpeedScaling() * receive.getTargetSpeedFraction()
+        return Reading(receive.getActualQ(), receive.getActualQd(), receive.getActualTCPForce()[:3], scaling)
 
     def send(self, velocity: list[float]) -> None:
         """Command joint velocities (6,) [rad/s]."""

@@ -80,6 +80,12 @@ def test_zeros_for_however_long_lead_an_arm_at_rest_nowhere() -> None:
     assert commands[1701].status.certified
 
 
+def test_positions_in_degrees_lead_an_arm_nowhere() -> None:
+    commands, _ = run(50, lambda k, q: np.rad2deg(q), place(BASE, READY + 0.2))
+    assert not any(each.value.any() for each in commands)
+    assert {each.reason for each in commands} == {"no joint can have come to these positions"}
+
+
 def test_one_number_that_is_missing_leaves_the_turns_of_the_others() -> None:
     told = lambda k, q: np.where((np.arange(6) == 5) & (k == 60), np.nan, q + 2 * np.pi)  # noqa: E731
     commands, _ = run(200, told, place(BASE, READY + 0.8))

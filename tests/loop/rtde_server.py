@@ -21,12 +21,13 @@ from rehab_opt.loop.shared_ring import SharedRing
 TRUTH = np.dtype(
     [("position", "<f8", (6,)), ("velocity", "<f8", (6,)), ("running", "<u8"), ("watchdog", "<u8"), ("packages", "<u8")]
 )
-ORDERS = np.dtype([("deaf", "<u8"), ("protective_stop", "<u8")])
+ORDERS = np.dtype([("deaf", "<u8"), ("protective_stop", "<u8"), ("slowed", "<f8")])
 RATE = 500.0
 DELAY = 0.012
 """[s] from a package of commands to the motion."""
 TYPES = {
     "timestamp": "DOUBLE", "actual_q": "VECTOR6D", "actual_qd": "VECTOR6D", "actual_TCP_force": "VECTOR6D",
+    "speed_scaling": "DOUBLE", "target_speed_fraction": "DOUBLE",
     "runtime_state": "UINT32", "robot_status_bits": "UINT32", "safety_status_bits": "UINT32",
 }  # fmt: skip
 NO_COMMAND, SPEEDJ, SPEED_STOP, SET_WATCHDOG, WATCHDOG, STOP_SCRIPT = 0, 9, 15, 35, 99, 255
@@ -87,7 +88,7 @@ class Robot:
         while self.underway and self.underway[0][0] <= now:
             _, self.target, self.acceleration = self.underway.popleft()
         change = self.acceleration * dt
-        self.qd = self.qd + np.clip(self.target - self.qd, -change, change)
+        self.qd = self.qd + np.clip(self.slider * self.target - self.qd, -change, change)
         self.q = self.q + self.qd * dt
         self.truth.write(
             position=self.q, velocity=self.qd, running=self.running, watchdog=self.tripped, packages=self.packages
@@ -96,6 +97,11 @@ class Robot:
     @property
     def deaf(self) -> bool:
         return self.order("deaf")
+
+    @property
+    def slider(self) -> float:
+        newest = self.orders.latest()
+        return 1.0 - (0.0 if newest is None else float(newest.record["slowed"]))
 
     @property
     def stopped(self) -> bool:
@@ -111,6 +117,7 @@ class Robot:
             "actual_TCP_force": (1.0, 2.0, 3.0, 0.0, 0.0, 0.0), "runtime_state": (2 if self.running else 1,),
             "robot_status_bits": (1 | (2 if self.running else 0),),
             "safety_status_bits": (4 if self.stopped else 1,), "output_int_register_0": (self.state,),
+            "speed_scaling": (1.0,), "target_speed_fraction": (self.slider,),
         }.get(name, (0,))  # fmt: skip
         code = {"DOUBLE": ">d", "VECTOR6D": ">6d", "UINT32": ">I", "INT32": ">i"}[type_of(name)]
         return struct.pack(code, *values)

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from rehab_opt import PoseTracker, ur5
 from rehab_opt.control.command import Command, Relaxed, Status
 from rehab_opt.errors import ConfigurationError, DeviceLostError, RehabOptError
 from rehab_opt.loop import ur
@@ -51,8 +52,8 @@ class Server:
         value: np.ndarray = newest.record[name]
         return value
 
-    def order(self, *, deaf: bool = False, protective_stop: bool = False) -> None:
-        self._orders.write(deaf=deaf, protective_stop=protective_stop)
+    def order(self, *, deaf: bool = False, protective_stop: bool = False, slowed: float = 0.0) -> None:
+        self._orders.write(deaf=deaf, protective_stop=protective_stop, slowed=slowed)
 
     def comes_to_rest(self) -> bool:
         until = time.monotonic() + PATIENCE
@@ -113,6 +114,25 @@ def test_a_robot_is_led_and_its_delay_measured(robot: RemoteDevice, server: Serv
     robot.close()
     with pytest.raises(DeviceLostError, match="was closed"):
         _ = robot.measured
+
+
+def test_a_slider_at_half_speed_is_read_and_the_arm_arrives_all_the_same(robot: RemoteDevice, server: Server) -> None:
+    begin = server.position.copy()
+    arm, target = ur5(velocity=1.0), begin + 0.05
+    tracker = PoseTracker(arm, dt=robot.dt, linear_speed=0.25, compile=False, max_age=WATCHDOG)
+    server.order(slowed=0.5)
+    pose = arm.pose(target)
+    loop = Loop(robot, lambda tick: tracker.step(tick.seen.position, pose, np.zeros(6), enable=tick.enabled),
+                max_age=WATCHDOG)  # fmt: skip
+
+    def there() -> bool:
+        return bool(np.abs(arm.pose(server.position) - pose).max() < 1e-3)
+
+    report = loop.run(seconds=PATIENCE, until=there)
+    assert report.reason == "on request", report
+    assert report.scaling == 0.5
+    assert "at 50 % of the commanded speed" in str(report)
+    assert server.comes_to_rest()
 
 
 def delay_once_in_time(robot: RemoteDevice) -> float:
