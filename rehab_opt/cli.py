@@ -1,8 +1,8 @@
 """The command `rehab-opt`: run, list and check problem files, one or many; export their controllers.
 
-Bad input ends with one line on the error stream and exit code 2; nothing is written then. Exit code 0 says that the
-command was carried out, not that a hand reached its goal: for that read the notes, the numbers and the last line of
-`check`. `check` ends with 0 where `run` does.
+Bad input gives one line on the error stream and exit code 2, and writes nothing. Exit code 0 means that the command was
+carried out, not that a hand reached its goal: see the notes, the numbers and the last line of `check`. `check` exits
+with 0 if `run` does.
 """
 
 from __future__ import annotations
@@ -59,14 +59,14 @@ app.add_typer(study_app, name="study")
 app.command()(report)
 
 FifoOption = Annotated[
-    int | None, typer.Option(min=1, max=99, help="Priority of a thread that runs before all usual ones (SCHED_FIFO).")
+    int | None, typer.Option(min=1, max=99, help="Real-time priority of the loop's thread (SCHED_FIFO).")
 ]
-LogOption = Annotated[Path | None, typer.Option(help="An .mcap of every tick, for `replay` and Foxglove.")]
+LogOption = Annotated[Path | None, typer.Option(help="Log every tick to this .mcap, for `replay` and Foxglove.")]
 Problem = Annotated[str, typer.Argument(metavar="FILE", help="A problem file, or the name of a shipped problem.")]
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Entry point; `arguments` default to those of the command line."""
+    """Entry point; `arguments` default to the command line."""
     os.environ.setdefault("REHAB_OPT_COMPILE", "wait")  # a run that is over before its code is ready gains nothing
     with ending_in_a_line():
         app(args=arguments)
@@ -81,25 +81,23 @@ def _print_version(asked: bool) -> None:
 @app.callback()
 def options(
     _version: Annotated[
-        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version and end.")
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version and exit.")
     ] = False,
 ) -> None:
-    """What stands before the command."""
+    """Options before the command."""
 
 
 @app.command()
 def run(
     file: Problem,
     *,
-    out: Annotated[Path | None, typer.Option(help="Folder of the result; ./out/<problem> by default.")] = None,
-    solver: Annotated[str | None, typer.Option(help="Solver of our controller, instead of the file's.")] = None,
-    law: Annotated[str | None, typer.Option(help="Of an upper limb: published, optimised or both (default).")] = None,
-    plant: Annotated[
-        str | None, typer.Option(help="Of a robot: ideal, or mujoco (mass, servos, delays); the file's by default.")
-    ] = None,
-    also: Annotated[str | None, typer.Option(help="Figures as pdf or svg, too; both: pdf,svg.")] = None,
+    out: Annotated[Path | None, typer.Option(help="Folder for the results; default ./out/<problem>.")] = None,
+    solver: Annotated[str | None, typer.Option(help="Solver of our controller; default: the file's.")] = None,
+    law: Annotated[str | None, typer.Option(help="For an upper limb: published, optimised or both (default).")] = None,
+    plant: Annotated[str | None, typer.Option(help="Robot: ideal, or mujoco (mass, servos, delays).")] = None,
+    also: Annotated[str | None, typer.Option(help="Further formats of figures: pdf, svg, or pdf,svg.")] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace the files of an earlier run in the folder.")] = False,
-    whole: Annotated[bool, typer.Option("--all", help="The whole table, not its first numbers alone.")] = False,
+    whole: Annotated[bool, typer.Option("--all", help="Print the whole table, not only the main numbers.")] = False,
     study: StudyOption = None,
     person: PersonOption = None,
     session: SessionOption = None,
@@ -107,7 +105,7 @@ def run(
 ) -> None:
     """Run a problem; print its table; write metrics.json, trace.csv and figures.
 
-    Where an earlier run has written its files, the folder gets a number: figure_eight-2.
+    If the folder has files of an earlier run, a new folder gets a number: figure_eight-2.
     """
     from rehab_opt.session.files import load_problem  # noqa: PLC0415
     from rehab_opt.session.report import FIGURE_FORMATS, free_folder, write_report  # noqa: PLC0415
@@ -141,13 +139,13 @@ def run(
 
 @app.command()
 def live(
-    file: Annotated[str | None, typer.Argument(metavar="FILE", help="As of run; or --replay.")] = None,
+    file: Annotated[str | None, typer.Argument(metavar="FILE", help="As for run; or use --replay.")] = None,
     *,
-    plant: Annotated[str | None, typer.Option(help="Of a robot: ideal, or mujoco; the file's by default.")] = None,
-    solver: Annotated[str | None, typer.Option(help="Solver of our controller, instead of the file's.")] = None,
-    host: Annotated[str, typer.Option(help="Address of this machine on which the page is served.")] = "127.0.0.1",
+    plant: Annotated[str | None, typer.Option(help="Robot: ideal, or mujoco; default: the file's.")] = None,
+    solver: Annotated[str | None, typer.Option(help="Solver of our controller; default: the file's.")] = None,
+    host: Annotated[str, typer.Option(help="Address of this machine for the page.")] = "127.0.0.1",
     replay: Annotated[Path | None, typer.Option(metavar="LOG", help="Show a log of `loop` or `live` instead.")] = None,
-    port: Annotated[int, typer.Option(min=0, max=65535, help="Port of the page; 0: any that is free.")] = 0,
+    port: Annotated[int, typer.Option(min=0, max=65535, help="Port of the page; 0: any free port.")] = 0,
     log: LogOption = None,
     fifo: FifoOption = None,
     study: StudyOption = None,
@@ -155,16 +153,16 @@ def live(
     session: SessionOption = None,
     covariate: CovariateOption = None,
 ) -> None:
-    """Run a problem in real time, and print the address of a page in which to see and touch it. Ctrl-C ends it.
+    """Run a problem in real time and print the address of its interactive page. Ctrl-C ends it.
 
-    With --study each time that the dead man's switch is held, for a second at least, is a trial of it.
+    With --study, each time that the dead man's switch is held for at least a second is a trial.
     """
     from rehab_opt.live.session import show_live  # noqa: PLC0415
 
     if (file is None) == (replay is None) or (replay is not None and (plant or solver or study or log)):
         said = " ".join(str(each) for each in (file, replay) if each is not None)
         raise ConfigurationError(
-            "FILE", said, "a problem, or --replay and a log alone: that has plant and solver in it, and is no trial"
+            "FILE", said, "a problem; or --replay with a log, which sets plant and solver and is no trial"
         )
 
     _log_folder(log)
@@ -180,8 +178,8 @@ def live(
     def ready(page: str, participant: str) -> None:
         say(f"open {page}")
         say(f"the participant's screen: {participant}")
-        touched = "may move the robot" if replay is None else "sees the log"
-        say(f"whoever has these addresses {touched}; Ctrl-C ends it")
+        does = "move the robot" if replay is None else "see the log"
+        say(f"anyone with these links can {does}; Ctrl-C ends it")
         sys.stdout.flush()
 
     with contextlib.suppress(KeyboardInterrupt), on_interrupt(signal.default_int_handler):
@@ -193,7 +191,7 @@ def live(
     if into is not None and trials is not None:
         with undisturbed():
             trials.end()
-        held = f"no trial into {into.file}: the switch was held for a second at no time"
+        held = f"no trial for {into.file}: the dead man's switch was never held for a second"
         say(into.said(trials.written) if trials.written else held)
 
 
@@ -201,12 +199,12 @@ def live(
 def film(
     file: Problem,
     *,
-    out: Annotated[Path | None, typer.Option(help="The .gif; ./out/<problem>.gif by default.")] = None,
-    seconds: Annotated[float, typer.Option(min=0.1, max=600, help="Of the problem's time.")] = 8.0,
-    plant: Annotated[str | None, typer.Option(help="As of run.")] = None,
-    force: Annotated[bool, typer.Option("--force", help="Replace the .gif where there is one.")] = False,
+    out: Annotated[Path | None, typer.Option(help="The .gif; default ./out/<problem>.gif.")] = None,
+    seconds: Annotated[float, typer.Option(min=0.1, max=600, help="Length of the film, in the problem's time.")] = 8.0,
+    plant: Annotated[str | None, typer.Option(help="As for run.")] = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace an existing .gif.")] = False,
 ) -> None:
-    """Write what the page of `live` shows of a problem that nobody touches, as a film."""
+    """Write a film of the page of `live` for a problem without inputs."""
     from rehab_opt.live.film import write_film  # noqa: PLC0415  (loads matplotlib)
     from rehab_opt.session.files import load_problem  # noqa: PLC0415
 
@@ -226,16 +224,16 @@ def film(
 def loop(
     file: Problem,
     *,
-    seconds: Annotated[float, typer.Option(min=0.01, max=86400, help="How long.")] = 10.0,
+    seconds: Annotated[float, typer.Option(min=0.01, max=86400, help="Duration in s.")] = 10.0,
     log: LogOption = None,
     fifo: FifoOption = None,
     gamepad: Annotated[
-        Path | None, typer.Option(metavar="DEVICE", help="Its button 4 is the dead man's switch; /dev/input/js0, say.")
+        Path | None, typer.Option(metavar="DEVICE", help="Such as /dev/input/js0; button 4 is the dead man's switch.")
     ] = None,
-    plant: Annotated[str | None, typer.Option(help="As of run.")] = None,
-    solver: Annotated[str | None, typer.Option(help="As of run.")] = None,
+    plant: Annotated[str | None, typer.Option(help="As for run.")] = None,
+    solver: Annotated[str | None, typer.Option(help="As for run.")] = None,
 ) -> None:
-    """Run a problem at its own rate, on its simulated robot or its device; say how the time was kept."""
+    """Run a problem in real time on its simulated robot or device, and report the timing."""
     from rehab_opt.loop.of_problem import run_in_time  # noqa: PLC0415  (loads solvers)
     from rehab_opt.session.files import load_problem  # noqa: PLC0415
 
@@ -247,47 +245,47 @@ def loop(
     for line in str(report).splitlines():
         say(line)
     if log is not None:
-        say(f"written to {log}" + (f"; {lost} records came too fast for it" if lost else ""))
+        say(f"written to {log}" + (f"; {lost} records were lost: the log was too slow" if lost else ""))
 
 
 @app.command()
 def delay(
     file: Problem,
     *,
-    joint: Annotated[int, typer.Option(min=1, help="Which swings, from 1 on: by 9 degrees to both sides.")] = 1,
-    plant: Annotated[str | None, typer.Option(help="As of run.")] = None,
+    joint: Annotated[int, typer.Option(min=1, help="Joint, from 1, that swings by 9 degrees each way.")] = 1,
+    plant: Annotated[str | None, typer.Option(help="As for run.")] = None,
     fifo: FifoOption = None,
 ) -> None:
-    """Swing one joint of a problem's robot for 4 s, and say by how much the robot is late."""
+    """Swing one joint of a problem's robot for 4 s and print the robot's delay."""
     from rehab_opt.loop.of_problem import delay_of  # noqa: PLC0415  (loads solvers)
     from rehab_opt.session.files import load_problem  # noqa: PLC0415
 
     late = delay_of(load_problem(file), joint=joint - 1, plant=plant, fifo=fifo)
-    say(f"the robot is late by {1e3 * late:.1f} ms; controllers allow for 100 ms")
+    say(f"delay of the robot: {1e3 * late:.1f} ms; controllers allow for 100 ms")
 
 
 @app.command()
 def replay(log: Annotated[Path, typer.Argument(metavar="LOG", help="An .mcap of `loop` or `live`.")]) -> None:
-    """Compute every command of a log again from what its controller was given. Exit code 1 if one is another."""
+    """Compute every command of a log again from the logged inputs. Exit code 1 if one differs."""
     from rehab_opt.loop.logged import read_log  # noqa: PLC0415
     from rehab_opt.loop.of_problem import replay_problem  # noqa: PLC0415
 
     logged = read_log(log)
     again = replay_problem(logged)
     if not logged.whole:
-        say("the log was not ended: its disk was full, or its writer was killed")
-    say(f"{again.same} of {again.ticks} commands come out the same, to {again.worst:.1e}")
+        say("the log is incomplete: its disk was full, or its writer was killed")
+    say(f"{again.same} of {again.ticks} commands are equal, to {again.worst:.1e}")
     if again.first:
         versions = ", ".join(
             f"{name} {logged.about[name]}" for name in ("rehab_opt", "numpy", "casadi") if name in logged.about
         )
-        say(f"first that does not: {again.first}; logged by {versions}")
+        say(f"first difference: {again.first}; logged by {versions}")
         raise typer.Exit(1)
 
 
 @app.command(name="list")
 def list_problems() -> None:
-    """List the shipped problems, and whether the recordings they need are present."""
+    """List the shipped problems, and whether their recordings are present."""
     from rich.table import Column, Table  # noqa: PLC0415
 
     from rehab_opt.session.files import load_problem, recording_state, shipped_problems  # noqa: PLC0415
@@ -302,10 +300,10 @@ def list_problems() -> None:
 @app.command()
 def keys(
     system: Annotated[
-        str, typer.Argument(help="As `system` in problem files; robot for robot files.", metavar="SYSTEM")
+        str, typer.Argument(help="A `system` of problem files; or robot, for robot files.", metavar="SYSTEM")
     ],
 ) -> None:
-    """Say every key that a problem file of a system may have: its values, its default, what it means."""
+    """Print every key of a system's problem files: meaning, values and default."""
     from rich.box import SIMPLE  # noqa: PLC0415
     from rich.table import Column, Table  # noqa: PLC0415
 
@@ -339,10 +337,10 @@ def check(
         Path | None, typer.Option(help="Folder for a picture of the arm at both ends of each movement.")
     ] = None,
     *,
-    force: Annotated[bool, typer.Option("--force", help="Replace the pictures where there are any.")] = False,
-    whole: Annotated[bool, typer.Option("--all", help="Every note, also those that are alike.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Replace existing pictures.")] = False,
+    whole: Annotated[bool, typer.Option("--all", help="Print every note, also similar ones.")] = False,
 ) -> None:
-    """Check a problem file and its recordings; say the range of motion as a goniometer reads it."""
+    """Check a problem file and its recordings; print the range of motion in goniometer angles."""
     from rehab_opt.session.files import load_problem  # noqa: PLC0415
     from rehab_opt.session.systems import NotMet  # noqa: PLC0415
 
@@ -353,7 +351,7 @@ def check(
     arms, pictures = arms_of(config), []
     if picture is not None:
         if not arms:
-            expected = f"a problem that states a range of motion, which {config.problem.system!r} does not"
+            expected = f"a problem with a range of motion, which {config.problem.system!r} does not have"
             raise ConfigurationError("--picture", str(picture), expected)
         folder = writable(picture, argument="--picture")
         pictures = [folder / f"arm_{number}.png" for number in range(1, len(arms) + 1)]
@@ -372,21 +370,21 @@ def check(
             write_range_figures(arms, pictures, title=config.problem.title)
             say(f"written to {folder}: {', '.join(path.name for path in pictures)}")
     met = not any(isinstance(note, NotMet) for note in notes)
-    say("ok" if met else "to be read and run, but not as it asks: see above")
+    say("ok" if met else "valid, but the run will not do all that the file asks (see the notes)")
 
 
 @app.command()
 def place(
     file: Problem,
     out: Annotated[
-        Path | None, typer.Option(help="The problem file with these keys; nothing is written by default.")
+        Path | None, typer.Option(help="Write the problem file with these keys here; default: only print them.")
     ] = None,
-    seats: Annotated[int, typer.Option(min=20, help="Seats drawn anywhere; more follow near the best.")] = 600,
-    seed: Annotated[int, typer.Option(min=0, help="Of what is drawn.")] = 0,
+    seats: Annotated[int, typer.Option(min=20, help="Number of random seats; more follow near the best.")] = 600,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the random seats.")] = 0,
     *,
-    force: Annotated[bool, typer.Option("--force", help="Replace the file where there is one.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Replace an existing file.")] = False,
 ) -> None:
-    """Look for seat, direction, grip and start of a mirrored recording; print the keys, and what `run` achieves."""
+    """Search seat, direction, grip and start for a mirrored recording; print the keys and the result of `run`."""
     from rehab_opt.session.files import load_problem, problem_path  # noqa: PLC0415
     from rehab_opt.session.mirror.placing import (  # noqa: PLC0415
         found_place,
@@ -413,7 +411,7 @@ def place(
         for key, value in values.items():
             say(f"{key} = {value_text(value)}")
     say(
-        f"step passes {100 * found.passed:.1f} % of the poses within 5 mm and 5 deg (the search counted on "
+        f"path followed within 5 mm and 5 deg: {100 * found.passed:.1f} % of the poses (estimate of the search "
         f"{100 * found.counted:.1f} %)"
     )
     if out is not None:
@@ -427,42 +425,42 @@ def place(
 def score(
     recordings: Annotated[list[str], typer.Argument(metavar="RECORDING...", help="Recordings of a hand, one or more.")],
     *,
-    columns: Annotated[str | None, typer.Option(help="Columns of x, y (and z), or their numbers.")] = None,
+    columns: Annotated[str | None, typer.Option(help="Columns of x, y (and z), by name or number.")] = None,
     marker: Annotated[str | None, typer.Option(help="The hand's marker in motion capture, or its number.")] = None,
     time_column: Annotated[str | None, typer.Option(help="Column of times in a .csv.")] = None,
-    rate_hz: Annotated[float | None, typer.Option(help="Samples a second, in place of the file's times.")] = None,
+    rate_hz: Annotated[float | None, typer.Option(help="Sampling rate, in place of the file's times.")] = None,
     units: Annotated[
-        str | None, typer.Option(help="In place of the file's, of length, angle and time: mm,deg,us for example.")
+        str | None, typer.Option(help="Units of length, angle and time in place of the file's, such as mm,deg,us.")
     ] = None,
-    up: Annotated[str | None, typer.Option(help="The axis that points up, z by default: y, -z, ...")] = None,
-    window_s: Annotated[str | None, typer.Option(help="from,to in s after the first sample; the rest is left.")] = None,
+    up: Annotated[str | None, typer.Option(help="Axis that points up: y, -z, ...; default z.")] = None,
+    window_s: Annotated[str | None, typer.Option(help="from,to in s after the first sample; default all.")] = None,
     trials: Annotated[
-        str | None, typer.Option(help="Column of a .csv that numbers trials; event(s) of a .c3d: begin or begin,end.")
+        str | None, typer.Option(help="Column of a .csv with trial numbers; event(s) of a .c3d: begin or begin,end.")
     ] = None,
-    separator: Annotated[str, typer.Option(help="Of a .csv: comma, semicolon, tab or blank.")] = "comma",
-    decimal: Annotated[str, typer.Option(help="Of a .csv: point or comma.")] = "point",
-    count_mm: Annotated[float | None, typer.Option(help="Millimetres of one raw count, or of a .c3d's unit.")] = None,
-    tick_ms: Annotated[float | None, typer.Option(help="Milliseconds that one raw count of time is.")] = None,
-    target: Annotated[str | None, typer.Option(help="x,y(,z) in m, where each movement was to end.")] = None,
-    pause: Annotated[float | None, typer.Option(help="Rest in s that ends a trial; else a file is one.")] = None,
+    separator: Annotated[str, typer.Option(help="Separator of a .csv: comma, semicolon, tab or blank.")] = "comma",
+    decimal: Annotated[str, typer.Option(help="Decimal sign of a .csv: point or comma.")] = "point",
+    count_mm: Annotated[float | None, typer.Option(help="Millimetres per raw count, or per unit of a .c3d.")] = None,
+    tick_ms: Annotated[float | None, typer.Option(help="Milliseconds per raw count of time.")] = None,
+    target: Annotated[str | None, typer.Option(help="Target of each movement: x,y(,z) in m.")] = None,
+    pause: Annotated[float | None, typer.Option(help="Rest in s that ends a trial; default: one per file.")] = None,
     repeats: Annotated[
-        bool, typer.Option("--repeats", help="All trials are of one movement: how they vary, too.")
+        bool, typer.Option("--repeats", help="All trials repeat one movement: also measure their variability.")
     ] = False,
-    cutoff: Annotated[float, typer.Option(help="Of the low-pass before speeds are taken, in Hz.")] = 10.0,
-    threshold: Annotated[float, typer.Option(help="Fraction of the peak speed where a movement begins.")] = 0.05,
+    cutoff: Annotated[float, typer.Option(help="Cut-off of the low-pass filter, in Hz.")] = 10.0,
+    threshold: Annotated[float, typer.Option(help="Fraction of the peak speed at which a movement begins.")] = 0.05,
     range_of_motion: Annotated[
-        bool, typer.Option("--range-of-motion", help="Of joint angles alone: the keys of a problem file's arm instead.")
+        bool, typer.Option("--range-of-motion", help="Joint angles only: print keys of a problem file's arm instead.")
     ] = False,
-    out: Annotated[Path | None, typer.Option(help="A .csv; standard output by default.")] = None,
-    force: Annotated[bool, typer.Option("--force", help="Replace the .csv where there is one.")] = False,
+    out: Annotated[Path | None, typer.Option(help="A .csv; default: standard output.")] = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace an existing .csv.")] = False,
     study: StudyOption = None,
     person: PersonOption = None,
     session: SessionOption = None,
     covariate: CovariateOption = None,
 ) -> None:
-    """Measure the trials of recordings: movement time, speed, smoothness, path, range; a row each, as CSV.
+    """Measure the trials of recordings: movement time, speed, smoothness, path, range; one CSV row per trial.
 
-    Notes, on the error stream, say what to know of the numbers: gaps, noise, rest. rehab_opt.measures has the formulas.
+    Notes on gaps, noise and rest go to the error stream. rehab_opt.measures has the formulas.
     """
     from rehab_opt.recordings.tables import SEPARATORS  # noqa: PLC0415
     from rehab_opt.session.scoring import range_of_motion_keys, score_recordings, write_rows  # noqa: PLC0415
@@ -522,23 +520,22 @@ def score(
 @app.command()
 def many(
     people: Annotated[
-        Path, typer.Argument(metavar="TABLE_OR_FOLDER", help="A .csv, or a folder of problem files, one a participant.")
+        Path, typer.Argument(metavar="TABLE_OR_FOLDER", help="A .csv, or a folder with a problem file per participant.")
     ],
     problem: Annotated[
-        str | None, typer.Option(help="What the rows of a table change; upper_limb/workspace by default.")
+        str | None, typer.Option(help="Problem that the table's rows change; default upper_limb/workspace.")
     ] = None,
-    out: Annotated[Path | None, typer.Option(help="Folder of the results; ./out/many/<name> by default.")] = None,
-    workers: Annotated[int | None, typer.Option(help="Processes; one for each core by default.")] = None,
+    out: Annotated[Path | None, typer.Option(help="Folder for the results; default ./out/many/<name>.")] = None,
+    workers: Annotated[int | None, typer.Option(help="Number of processes; default: one per core.")] = None,
     *,
-    timeout: Annotated[float, typer.Option(help="Seconds after which a person's process is killed.")] = 3600.0,
+    timeout: Annotated[float, typer.Option(help="Time limit in s for a participant's process.")] = 3600.0,
     study: StudyOption = None,
     session: SessionOption = None,
 ) -> None:
-    """Run a problem for each of many people; write a folder for each and results.csv. What is done is not done again.
+    """Run a problem for many participants; write a folder for each and results.csv.
 
-    With --study results go into it, too, the participants being its people, under --session or the table's column.
-
-    Exit code 1 if some rows are not done: results.csv says why.
+    Finished participants are skipped, so an interrupted run can be continued. With --study results also go into the
+    study, under --session or the table's column. Exit code 1 if some rows failed: results.csv has the reasons.
     """
     from rehab_opt.session.many.participants import participants_of  # noqa: PLC0415
     from rehab_opt.session.many.results import counted, failed_table  # noqa: PLC0415
@@ -574,13 +571,13 @@ def many(
 @app.command(name="export-c")
 def export_controller(
     file: Problem,
-    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of the C files; made where it is absent.")],
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder for the C files; created if missing.")],
     memory: Annotated[
         int | None,
-        typer.Option(metavar="BYTES", help="Of its struct at most; a mirror's is 64000 by default."),
+        typer.Option(metavar="BYTES", help="Largest size of the C struct; default of a mirror: 64000."),
     ] = None,
 ) -> None:
-    """Write a problem's controller as C: one source and header, a recorded run that it repeats, and how to build it."""
+    """Write a problem's controller as C: source, header, and a recorded run for comparison; print how to build it."""
     from rehab_opt.export.export_c import export_c  # noqa: PLC0415
     from rehab_opt.session.files import load_problem  # noqa: PLC0415
 
@@ -596,10 +593,10 @@ def export_controller(
 
 
 def _log_folder(log: Path | None) -> None:
-    """Make the folder of a log, if there shall be one, and refuse to replace a file: it may be another session's."""
+    """Make the folder of a log, if any; raises an error for an existing file, which may be another session's log."""
     if log is not None:
         if log.exists():
-            raise ConfigurationError("--log", str(log), "a file that is not there yet")
+            raise ConfigurationError("--log", str(log), "a new file; this one exists")
         writable(log.parent, argument="--log")
         log.parent.mkdir(parents=True, exist_ok=True)
 

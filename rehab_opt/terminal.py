@@ -179,9 +179,9 @@ def no_folder(file: Path, *, argument: str = "--out") -> None:
 def not_there_yet(file: Path, *, force: bool, inputs: Iterable[Path] = (), argument: str = "--out") -> None:
     """Raise an error if a file exists and not `force`, or if it is one of the inputs."""
     if file.exists() and not force:
-        raise ConfigurationError(argument, str(file), "a file that is not there yet, or --force to replace it")
+        raise ConfigurationError(argument, str(file), "a new file, or --force to replace this one")
     if file.exists() and any(each.exists() and file.samefile(each) for each in inputs):
-        raise ConfigurationError(argument, str(file), "another file than those that are read")
+        raise ConfigurationError(argument, str(file), "a file that is not one of the inputs")
 
 
 def output_file(out: Path | None, name: str, suffix: str) -> Path:

@@ -298,7 +298,7 @@ class ArmIK(OneThread):
         if answer.certified:
             reason = "no certified answer from the primary solver"
             return self._found(answer, query, Status.BACKUP, reason), answer.multipliers
-        reason = "hand and handle are in place; that no posture costs less is not certified"
+        reason = "hand and handle are in place, but the least cost is not certified"
         return self._found(nearest, query, Status.BACKUP, reason), 0.0
 
     def _found(self, answer: NLPAnswer, query: _Question, status: Status = Status.OK, reason: str = "") -> IKSolution:

@@ -79,7 +79,7 @@ def checked_clearance(argument: str, given: Clearance, chain: SerialChain) -> Cl
         raise ConfigurationError(
             "chain",
             chain.names,
-            "a robot whose links have capsules, which keep clear: from_urdf(..., capsules='collision')",
+            "a robot with capsules on its links: from_urdf(..., capsules='collision')",
         )
     for name, low, high, whole in (
         ("margin", 0, 10, False),

@@ -267,7 +267,7 @@ def conditioned(
         raise ConfigurationError("times", f"{len(usable)} finite samples, none together", expected)
     longest = max((float(t[after[0]] - t[part[-1]]) for part, after in pairwise(parts)), default=0.0)
     if longest > LONGEST_GAP:
-        expected = f"no more than {LONGEST_GAP:g} s without valid samples: seconds of one clock that nobody set"
+        expected = f"no more than {LONGEST_GAP:g} s without valid samples, in seconds of one clock"
         raise ConfigurationError("times", f"a gap of {longest:.3g} s", expected)
     origin, ends = t[parts[0][0]], []
     for part in parts:

@@ -62,7 +62,7 @@ def check_mode(mode: Mode, field: PotentialField) -> None:
         raise ConfigurationError("mode", mode, f"one of {', '.join(get_args(Mode))}")
     resists = field.drag < 0 or (field.drag > 0 and field.drag_along == "travelled")
     if mode == "resist" and not resists and field.drag == field.drag:  # of a learnt field nobody knows beforehand
-        raise ConfigurationError("mode", mode, "another mode for a field without drag against the motion")
+        raise ConfigurationError("mode", mode, "another mode, or a field with drag against the motion")
     if mode != "resist" and resists:
         raise ConfigurationError("mode", mode, "'resist' for a field that drags against the motion")
 

@@ -130,13 +130,13 @@ class RedundancyResolver(OneThread):
         compile: Compile = None,
     ) -> None:
         if not isinstance(robot, MobileArm):
-            raise ConfigurationError("robot", robot, "a MobileArm, as ardis() and arm_on_chair() make")
+            raise ConfigurationError("robot", robot, "a MobileArm, from ardis() or arm_on_chair()")
         robot.drive(drive)
         if max_obstacles is None:
             max_obstacles = len(obstacles) if isinstance(obstacles, (list, tuple)) else 0
         whole = isinstance(max_obstacles, int | np.integer) and not isinstance(max_obstacles, bool)
         if not (whole and 0 <= max_obstacles <= 1000):
-            raise ConfigurationError("max_obstacles", max_obstacles, "a whole number of 0 to 1000")
+            raise ConfigurationError("max_obstacles", max_obstacles, "a whole number from 0 to 1000")
         if not (isinstance(row_sets, (list, tuple)) and row_sets):
             raise ConfigurationError("row_sets", row_sets, "a list or tuple of at least one set of rows")
         if not isinstance(keep_out, bool):

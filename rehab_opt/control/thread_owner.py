@@ -49,7 +49,7 @@ class OneThread:
                 mine = threading.current_thread().name
                 raise SharingError(
                     f"this {type(self).__name__} belongs to thread {thread.name!r}, which stepped it, not to {mine!r}: "
-                    "make one for each thread, or let its owner call reset() and step it no more"
+                    "make one per thread, or let its owner call reset() and stop stepping it"
                 )
 
     def __reduce__(self) -> tuple[Any, ...]:

@@ -33,9 +33,9 @@ def checked_drag(drag: object, along: DragAlong, rest_on_target: bool) -> float:
 
 def per_axis(argument: str, value: ArrayLike) -> Array:
     """(2,) from one or two numbers, not negative."""
-    array = checked_array(argument, value, "a number or two")
+    array = checked_array(argument, value, "one or two numbers")
     if array.shape not in ((), (1,), (2,)):
-        raise ConfigurationError(argument, value, "a number or two")
+        raise ConfigurationError(argument, value, "one or two numbers")
     if not (np.all(array >= 0) and np.all(np.isfinite(array))):
         raise ConfigurationError(argument, value, "finite numbers of zero or more")
     return np.broadcast_to(array, (2,)).copy()

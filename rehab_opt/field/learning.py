@@ -164,7 +164,7 @@ def learnt_field(
     if not stiffness > LEAST * spread:
         value = f"forces that hold no hand on a path (a stiffness of {stiffness:.2g} +- {spread:.2g} N/m)"
         expected = (
-            "movements that were led, strayed from the path a little and did not come back to where they had been; "
+            "guided movements that deviated a little from the path and did not return to earlier points; "
             "force on the hand, sensor's offset removed"
         )
         raise ConfigurationError("demonstrations", value, expected)

@@ -115,7 +115,7 @@ class SerialChain(HasEvaluator):
                     f"lower, upper of {names[i]}", (float(lower[i]), float(upper[i])), "lower <= upper, neither NaN"
                 )
             if not rows[i].prismatic and any(TWO_TURNS < abs(end) < math.inf for end in (lower[i], upper[i])):
-                expected = "radians within two turns, or infinite ones where there are none"
+                expected = "radians within two turns, or infinite for no limit"
                 raise ConfigurationError(f"lower, upper of {names[i]}", (float(lower[i]), float(upper[i])), expected)
         velocity = per_joint("velocity", self.velocity, n)
         if not np.all((velocity > 0) & (velocity < math.inf)):
@@ -125,7 +125,7 @@ class SerialChain(HasEvaluator):
             raise ConfigurationError("acceleration", self.acceleration, "positive numbers (infinite for no bound)")
         effort = per_joint("effort", self.effort, n)
         if not np.all(effort > 0):
-            raise ConfigurationError("effort", self.effort, "positive numbers (infinite for none that is known)")
+            raise ConfigurationError("effort", self.effort, "positive numbers (infinite if unknown)")
         base, base_note = nearest_rigid("base", self.base)
         tool, tool_note = nearest_rigid("tool", self.tool)
         lengths, size = _lengths(rows, lower, upper), float(np.linalg.norm(tool[:3, 3]))

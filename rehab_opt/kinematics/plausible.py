@@ -76,7 +76,7 @@ def check_speeds(chain: SerialChain, *, linear: float, angular: float) -> None:
         ("linear_speed", "angular_speed"), (linear, angular), fastest(chain), ("m/s", "rad/s"), strict=True
     ):
         if not value <= most:
-            expected = f"at most {most:.3g} {unit}, more than this arm can: is it in {unit}?"
+            expected = f"at most {most:.3g} {unit}, beyond what this arm can do: is it in {unit}?"
             raise ConfigurationError(argument, value, expected)
 
 

@@ -76,7 +76,7 @@ LEFT: dict[str, int] = {
     "rehab_opt/session/mirror/scene.py": 4,
     "rehab_opt/session/mirror/shown.py": 4,
     "rehab_opt/session/participant.py": 2,
-    "rehab_opt/session/scenario/demonstrated.py": 5,
+    "rehab_opt/session/scenario/demonstrated.py": 4,
     "rehab_opt/session/scenario/field_figures.py": 2,
     "rehab_opt/session/scenario/figures.py": 6,
     "rehab_opt/session/scenario/laws.py": 5,

@@ -32,11 +32,11 @@ def test_a_problem_is_run_in_time_and_again_from_its_log(tmp_path: Path, capsys:
     assert logged.files["problem.toml"] == load_problem(CIRCLE).path.read_bytes()
     main_ended(["replay", str(path)], 0)
     n = len(logged.records)
-    assert f"{n} of {n} commands come out the same" in capsys.readouterr().out
+    assert f"{n} of {n} commands are equal" in capsys.readouterr().out
 
     kept = path.read_bytes()
     main_ended(["loop", CIRCLE, "--seconds", "0.5", "--log", str(path)], 2)  # another session's log
-    assert f"--log = '{path}': expected a file that is not there yet" in capsys.readouterr().err
+    assert f"--log = '{path}': expected a new file; this one exists" in capsys.readouterr().err
     assert path.read_bytes() == kept
 
     spoilt, at = logged.records.copy(), n // 2
@@ -44,7 +44,7 @@ def test_a_problem_is_run_in_time_and_again_from_its_log(tmp_path: Path, capsys:
     rewritten(logged, spoilt, tmp_path / "spoilt.mcap")
     main_ended(["replay", str(tmp_path / "spoilt.mcap")], 1)
     said = capsys.readouterr().out
-    assert f"first that does not: tick {int(spoilt['tick'][at])}" in said
+    assert f"first difference: tick {int(spoilt['tick'][at])}" in said
     assert "the command differs by 1e-09" in said
 
 
@@ -70,7 +70,7 @@ def test_every_kind_that_is_live_is_run_in_time_and_again(name: str, tmp_path: P
 def test_the_delay_of_a_problem_s_robot_is_told(clock: Clock, capsys: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip("mujoco")
     main_ended(["delay", CIRCLE, "--plant", "mujoco", "--joint", "2"], 0)
-    told = capsys.readouterr().out.split(" by ")[1].split(" ms")[0]
+    told = capsys.readouterr().out.split(": ")[1].split(" ms")[0]
     assert float(told) == pytest.approx(5.0, abs=1.5)
     main_ended(["delay", "upper_limb/scenario_1_stretch"], 2)
     assert "joint velocities" in capsys.readouterr().err
