@@ -37,7 +37,7 @@ def tick() -> Figure:
     upper = [
         (0.05, "state\nq, stamp, enable,\ntarget, twist"),
         (1.50, "watchdog\nstamp fresh?\nnumbers finite?"),
-        (2.95, "led positions\nencoders plausible?\njoints follow?"),
+        (2.95, "joint positions\nas commanded;\nencoders in range?\njoints follow?"),
         (4.40, "reference\ntwist + gain x error,\nslowed to the speeds"),
         (5.85, "bounds\nof this tick, room\nto brake to rest"),
     ]

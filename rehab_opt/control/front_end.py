@@ -1,13 +1,12 @@
-"""Reference positions of the joints, integrated from the commands and corrected by measurements.
+"""Commanded positions of the joints, integrated from the commands and corrected by measurements.
 
-A controller acts on the reference positions, which delay and noise do not disturb:
+A controller acts on the commanded positions, which delay and noise do not disturb:
 
     led' = command + PULL e,    e = part of (measured - led) outside [low, high],
 
-where [low, high] is the range of the reference over the last LATE to 2 LATE, low-passed with LATE, relative to its
-current value. A servo with a delay of up to LATE, a lag of up to LATE, or both, keeps its joint in this range. The
-range is empty at rest, so that the reference of a resting joint moves to its encoder; joints that are pushed, sag or
-stick are followed in this way.
+where [low, high] is the range of the commanded position over the last LATE to 2 LATE, low-passed with LATE, relative
+to its current value. A servo with a delay of up to LATE, a lag of up to LATE, or both, keeps its joint in this range. At
+rest the range is empty, so that the commanded position moves to the encoder: so for joints that are pushed, sag or stick.
 """
 
 from __future__ import annotations
@@ -28,7 +27,7 @@ __all__ = ["JUMP", "LATE", "SAID", "FrontEnd", "led_memory"]
 LATE = 0.1
 """[s] Largest delay, and largest lag, of a servo."""
 PULL = 10.0
-"""[1/s] Rate at which the reference approaches the measured position; it passes noise times sqrt(PULL dt / 2)."""
+"""[1/s] Rate of approach to the measured position; noise is multiplied by sqrt(PULL dt / 2)."""
 WINDOW, SHARE, PATIENCE, TICKS = 0.015, 0.08, 0.15, 5
 """[rad or m] Commanded travel in one direction after which a joint is checked, twice. It counts as blocked if it has
 moved less than this fraction; [s, ticks] time for which that is no fault."""
@@ -41,15 +40,15 @@ NOISE = 1e-3
 JUMP = 0.015
 """[rad or m] Allowance of a sample beyond twice the joint's largest motion in a tick."""
 SAID = Record(fault=1, joint=1, far=1, missing=1)
-"""Fault (0 for none), its joint, the joint's distance from its reference [rad or m]; whether the measured positions are
-impossible."""
+"""Fault (0 for none), its joint, the distance of this joint's measured position from the commanded one [rad or m];
+whether the measured positions are impossible."""
 
 
 @cache
 def led_memory(n: int) -> Record:
     """Memory of a `FrontEnd` with n joints.
 
-    It has reference positions; the ends of their recent range, in this span of `LATE` and in the one before; last
+    It has commanded positions; the ends of their recent range, in this span of `LATE` and in the one before; last
     measured positions; commanded and measured travel since the last check; duration of blocking [s]; age of the span
     [s]; number of valid samples, at most 2; whether the base has moved.
     """
@@ -66,7 +65,7 @@ class FrontEnd:
     Attributes
     ----------
     size : length of the memory, see `led_memory`.
-    tick : memory, measured positions, last command (n,) -> memory, reference positions (n,), `SAID`.
+    tick : memory, measured positions, last command (n,) -> memory, commanded positions (n,), `SAID`.
     """
 
     def __init__(self, chain: SerialChain, *, dt: float, max_age: float, base: int = 0) -> None:

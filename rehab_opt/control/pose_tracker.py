@@ -113,7 +113,7 @@ class PoseTracker(PoseInputs):
     2. the velocity changes straight towards the result, within accelerations and hand speeds; 3. if it is not allowed,
     it is blended with braking until it is.
 
-    It uses the joints' reference positions (`FrontEnd`). An object belongs to one thread: see `OneThread`.
+    It uses the joints' commanded positions (`FrontEnd`). An object belongs to one thread: see `OneThread`.
 
     Parameters
     ----------

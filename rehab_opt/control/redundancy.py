@@ -71,7 +71,7 @@ class RedundancyResolver(OneThread):
     A joint outside its limits returns only if the task or the posture cost moves it; without a command there is no
     motion.
 
-    The arm's joints have reference positions as in `PoseTracker`. The base uses its measured position, which is
+    The arm's joints have commanded positions as in `PoseTracker`. The base uses its measured position, which is
     supervised after its first change; a constant one counts as not measured. Collisions of the hand are not detected.
 
     The last commanded velocity is part of the state: a new resolver is at rest unless `reset` sets a velocity. An

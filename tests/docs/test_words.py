@@ -49,7 +49,6 @@ TEXTS = [
 ]
 MODULES = sorted((ROOT / "rehab_opt").rglob("*.py"))
 LEFT: dict[str, int] = {
-    "docs/capabilities/workspace_maps.md": 2,
     "bench/solvers/TABLE.md": 11,
     "rehab_opt/cli.py": 1,
     "rehab_opt/control/mirror.py": 5,
