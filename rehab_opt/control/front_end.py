@@ -5,8 +5,8 @@ A controller acts on the commanded positions, which delay and noise do not distu
     led' = command + PULL e,    e = part of (measured - led) outside [low, high],
 
 where [low, high] is the range of the commanded position over the last LATE to 2 LATE, low-passed with LATE, relative
-to its current value. A servo with a delay of up to LATE, a lag of up to LATE, or both, keeps its joint in this range. At
-rest the range is empty, so that the commanded position moves to the encoder: so for joints that are pushed, sag or stick.
+to its current value. A servo with a delay of up to LATE, a lag of up to LATE, or both, keeps its joint in this range.
+At rest the range is empty: the commanded position moves to the encoder, also of joints that are pushed, sag or stick.
 """
 
 from __future__ import annotations
