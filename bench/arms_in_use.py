@@ -30,7 +30,6 @@ from rehab_opt import SerialChain, export_c
 from rehab_opt.session.files import load_problem
 from rehab_opt.session.robot_file import robot_at_start
 from rehab_opt.session.run import run_problem
-from rehab_opt.session.scene import SceneOutcome
 
 __all__ = ["main"]
 
@@ -128,7 +127,6 @@ def verdicts_of(name: str, problem: Path, robot: SerialChain) -> list[Verdict]:
     found = []
     for plant, bound in ((None, FOLLOWED), ("mujoco", ON_SERVOS)):
         outcome = run_problem(load_problem(str(problem)), plant=plant)
-        assert isinstance(outcome, SceneOutcome)
         (trace,) = outcome.traces.values()
         beyond = np.maximum(trace["joint"] - robot.upper, robot.lower - trace["joint"]).max()
         where = plant or "as commanded"

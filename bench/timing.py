@@ -28,7 +28,7 @@ from rehab_opt import ArmIK, SerialChain, human_arm, smooth_path, ur5
 from rehab_opt.session.files import load_problem
 from rehab_opt.session.mirror import metrics as of_mirror
 from rehab_opt.session.run import run_problem
-from rehab_opt.session.upper_limb import laws as of_upper_limb
+from rehab_opt.session.upper_limb import drive as of_upper_limb
 
 __all__ = ["main"]
 

@@ -34,6 +34,7 @@ __all__ = [
     "TOLD",
     "TRUE",
     "Panel",
+    "columns_figure",
     "figure_over_time",
     "fitted",
     "framed",
@@ -134,6 +135,24 @@ def figure_over_time(
     for axes, panel in zip(grid[:, 0], panels, strict=True):
         axes.set_ylabel(panel.label, fontsize=9)
     return legend_below(figure, grid[0, 0], 3)
+
+
+def columns_figure(title: str, columns: Mapping[str, Any]) -> dict[str, Figure]:
+    """Every column of numbers over `t_s`, a panel for each unit; none where there is no time."""
+    units: dict[str, list[str]] = {}
+    for name, cells in columns.items():
+        if name != "t_s" and np.asarray(cells).dtype.kind in "fi":
+            units.setdefault(name.rpartition("_")[2], []).append(name)
+    if "t_s" not in columns or not units:
+        return {}
+    figure = framed(title, 9.0, 1.0 + 2.5 * len(units))
+    grid = figure.subplots(len(units), 1, sharex=True, squeeze=False)[:, 0]
+    for axes, names in zip(grid, units.values(), strict=True):
+        for name in names:
+            axes.plot(columns["t_s"], columns[name], label=name)
+        axes.legend(fontsize=8)
+    label_times(grid, *(f"[{unit}]" for unit in units))
+    return {"trace": figure}
 
 
 def path_figure(title: str, reference: Array, paths: Mapping[str, Array]) -> Figure:

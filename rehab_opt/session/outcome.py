@@ -12,6 +12,9 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from rehab_opt.session.trace import Trace
+from rehab_opt.session.trace import stacked as stacked_traces
+
 if TYPE_CHECKING:
     from rehab_opt.kinematics.chain import SerialChain
 
@@ -20,6 +23,7 @@ __all__ = [
     "Column",
     "Columns",
     "MovementOutcome",
+    "Names",
     "Outcome",
     "Progress",
     "error_metrics",
@@ -43,6 +47,8 @@ Cells = NDArray[np.float64] | NDArray[np.int64] | Sequence[float] | Sequence[int
 Columns = Mapping[str, Cells]
 Column = tuple[str, Cells]
 """Header, which ends in the unit, and cells of one column of trace.csv."""
+Names = tuple[str, ...]
+"""Of one of the scenes of a run, as (drive, controller)."""
 Progress = Callable[[str, int, int], None]
 """Called with what is being done, how much of it is done, and how much there is."""
 
@@ -63,6 +69,9 @@ class Outcome:
     ----------
     notes : sentences a reader of the numbers has to know.
     metrics : all numbers, nested.
+    traces, scenes : what was run, and what it left behind, by the names of the scenes.
+    labels : columns of trace.csv for these names, where there are several.
+    table : numbers of each column of the table.
     columns : of trace.csv by header, which ends in the unit; all of one length.
 
     Attributes
@@ -73,6 +82,10 @@ class Outcome:
 
     notes: tuple[str, ...]
     metrics: Mapping[str, Any]
+    traces: Mapping[Names, Trace] = field(default_factory=dict, kw_only=True)
+    scenes: Mapping[Names, Any] = field(default_factory=dict, kw_only=True)
+    labels: Names = field(default=(), kw_only=True)
+    table: Mapping[str, Mapping[str, Any]] = field(default_factory=dict, kw_only=True)
     columns: Columns = field(default_factory=dict, kw_only=True)
     system: str = field(default="", kw_only=True)
     name: str = field(default="", kw_only=True)
@@ -81,8 +94,12 @@ class Outcome:
     options: Mapping[str, str] = field(default_factory=dict, kw_only=True)
 
     def trace(self) -> Iterable[Column]:
-        """The columns of trace.csv, one after another; for an outcome that keeps them otherwise."""
-        return self.columns.items()
+        """The columns of trace.csv: a row a sample, scenes one below the other."""
+        if not self.traces:
+            return self.columns.items()
+        if len(self.traces) == 1:
+            return next(iter(self.traces.values())).written()
+        return stacked_traces(self.traces, self.labels)
 
 
 @dataclass(frozen=True, eq=False)

@@ -38,13 +38,21 @@ from rehab_opt.session.drawing import (
 from rehab_opt.session.files import ProblemFile, recording_path
 from rehab_opt.session.live.bodies import BLUE, ArmBodies, kept_off, moving_rows, screen
 from rehab_opt.session.live.problem import Following, LiveControl
-from rehab_opt.session.outcome import Array, error_metrics, joint_metrics, status_counts, time_metrics, turn_angles
+from rehab_opt.session.outcome import (
+    Array,
+    Outcome,
+    error_metrics,
+    joint_metrics,
+    status_counts,
+    time_metrics,
+    turn_angles,
+)
 from rehab_opt.session.plant import JointPlant, device_of, joint_plant, plant_note
 from rehab_opt.session.refusals import refused_as
 from rehab_opt.session.robot_file import RobotSection, robot_at_start, robot_files
-from rehab_opt.session.scene import Names, Plot, Scene, SceneSystem, arm_plots
+from rehab_opt.session.scene import Plot, Scene, SceneSystem, arm_plots
 from rehab_opt.session.schema import Problem, RecordedSection, Section, SolverName, Triple, refusal
-from rehab_opt.session.systems import Needed, NotMet
+from rehab_opt.session.systems import Names, Needed, NotMet
 from rehab_opt.session.trace import Trace
 
 if TYPE_CHECKING:
@@ -400,15 +408,13 @@ class PoseTrackingSystem(SceneSystem[PoseTracking, PoseTrackingScene]):
         _, *notes = self.run(replace(config, problem=quick), options={}, progress=lambda *_: None).notes
         return tuple(notes)
 
-    def scenes(self, config: Config, solver: str | None) -> dict[Names, PoseTrackingScene]:
+    def scenes(self, config: Config, options: Mapping[str, str]) -> dict[Names, PoseTrackingScene]:
         """The path once."""
-        return {("optimised",): PoseTrackingScene(config, solver)}
+        return {("optimised",): PoseTrackingScene(config, options.get("solver"))}
 
-    def figures_of(
-        self, title: str, scenes: Mapping[Names, PoseTrackingScene], traces: Mapping[Names, Trace]
-    ) -> dict[str, Figure]:
+    def figures(self, outcome: Outcome) -> dict[str, Figure]:
         """Path, joints, errors; servos of a robot that has some; distances of bodies."""
-        ((scene,), (trace,)) = scenes.values(), traces.values()
+        title, (scene,), (trace,) = outcome.title, outcome.scenes.values(), outcome.traces.values()
         fastest = scene.chain.velocity
         joints = {LAW_NAMES["optimised"]: (trace["t_s"], trace["joint"], LAW_STYLES["optimised"])}
         panels = (

@@ -8,9 +8,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
 from functools import partial
-from typing import TYPE_CHECKING, Any, ClassVar, Generic, NamedTuple, TypeVar
+from typing import Any, ClassVar, Generic, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -19,21 +18,16 @@ from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.live.bodies import ORANGE, ArmBodies, joint_rows
 from rehab_opt.session.live.problem import LiveControl, LiveInputs, LiveProblem
-from rehab_opt.session.outcome import Array, Column, Outcome, Progress
+from rehab_opt.session.outcome import Array, Progress
 from rehab_opt.session.schema import Problem
-from rehab_opt.session.systems import System
-from rehab_opt.session.trace import Trace, simulate, stacked
+from rehab_opt.session.systems import Names, System
+from rehab_opt.session.trace import Trace, simulate
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-__all__ = ["Names", "Plot", "Scene", "SceneOutcome", "SceneSystem", "arm_plots"]
+__all__ = ["Plot", "Scene", "SceneSystem", "arm_plots"]
 
 P = TypeVar("P", bound=Problem)
 S = TypeVar("S", bound="Scene")
 Shown = dict[str, Any]
-Names = tuple[str, ...]
-"""Of one of the scenes of a run, as (drive, controller)."""
 
 
 class Plot(NamedTuple):
@@ -87,7 +81,7 @@ class Scene(LiveProblem):
     def derived(self, trace: Trace) -> None:
         """Add columns that follow from others, and name the parts of columns."""
 
-    def run(self, progress: Callable[[int, int], None], control: LiveControl | None = None) -> Trace:
+    def run(self, progress: Progress = lambda *_: None, control: LiveControl | None = None) -> Trace:
         """The closed loop from rest, by a new control or by the one given."""
         made = self.control() if control is None else control
         trace = simulate(
@@ -95,7 +89,7 @@ class Scene(LiveProblem):
             lambda k: self.inputs(k, made),
             ticks=self.ticks,
             also=lambda _, command: self.also(made, command),
-            progress=progress,
+            progress=partial(progress, ""),
         )
         self.derived(trace)
         return trace
@@ -126,83 +120,16 @@ class Scene(LiveProblem):
         }
 
 
-@dataclass(frozen=True, eq=False)
-class SceneOutcome(Outcome):
-    """Traces of the scenes of a run, by their names.
-
-    Parameters
-    ----------
-    labels : columns of trace.csv for the names of several scenes. columns_of : numbers of each column of the table.
-    draw : the figures, drawn when they are asked for.
-    """
-
-    traces: Mapping[Names, Trace] = field(kw_only=True)
-    scenes: Mapping[Names, Any] = field(kw_only=True)
-    labels: Names = field(kw_only=True)
-    columns_of: Mapping[str, Any] = field(kw_only=True)
-    draw: Callable[[], dict[str, Figure]] = field(kw_only=True)
-
-    def trace(self) -> Iterator[Column]:
-        """One row a tick; scenes one below the other."""
-        if len(self.traces) == 1:
-            return next(iter(self.traces.values())).written()
-        return stacked(self.traces, self.labels)
-
-
-class SceneSystem(System[P, SceneOutcome], Generic[P, S]):
-    """A kind of problem whose runs are traces of scenes.
-
-    Attributes
-    ----------
-    labels : what the names of its scenes are.
-    """
+class SceneSystem(System[P, S], Generic[P, S]):
+    """A kind of problem with a robot in a closed loop."""
 
     options = frozenset({"plant", "solver"})
     labels: ClassVar[Names] = ("law",)
 
-    def scenes(self, config: ProblemFile[P], solver: str | None) -> dict[Names, S]:
-        """What is run, one after the other, by its names; the first one is live.
-
-        Raises
-        ------
-        ProblemFileError : as `check`.
-        """
-        raise NotImplementedError
-
-    def figures_of(self, title: str, scenes: Mapping[Names, S], traces: Mapping[Names, Trace]) -> dict[str, Figure]:
-        """Figures by file name."""
-        raise NotImplementedError
-
-    def nested(self, numbers: Mapping[Names, dict[str, Any]]) -> dict[str, Any]:
-        """The metrics, of the numbers of each scene."""
+    def nested(self, numbers: Mapping[Names, dict[str, Any]], traces: Mapping[Names, Trace]) -> dict[str, Any]:
+        """By controller."""
         return {law: of for (law,), of in numbers.items()}
-
-    def run(self, config: ProblemFile[P], *, options: Mapping[str, str], progress: Progress) -> SceneOutcome:
-        """Each scene once, from rest; options: `solver` of the controller, `plant`."""
-        scenes, traces = self.scenes(config, options.get("solver")), dict[Names, Trace]()
-        for names, scene in scenes.items():
-            traces[names] = scene.run(partial(progress, ", ".join(names)))
-        numbers = {names: scene.numbers(traces[names]) for names, scene in scenes.items()}
-        notes = (note for names, scene in scenes.items() for note in scene.notes(traces[names]))
-        title = config.problem.title
-        return SceneOutcome(
-            notes=tuple(dict.fromkeys(notes)),
-            metrics=self.nested(numbers),
-            traces=traces,
-            scenes=scenes,
-            labels=self.labels,
-            columns_of={"\n".join(names): of for names, of in numbers.items()},
-            draw=lambda: self.figures_of(title, scenes, traces),
-        )
 
     def live(self, config: ProblemFile[P], *, options: Mapping[str, str]) -> LiveProblem:
         """The first scene; options as of `run`."""
-        return next(iter(self.scenes(config, options.get("solver")).values()))
-
-    def columns(self, outcome: SceneOutcome) -> Mapping[str, Mapping[str, Any]]:
-        """A column for each scene."""
-        return outcome.columns_of
-
-    def figures(self, outcome: SceneOutcome) -> dict[str, Figure]:
-        """The figures by file name, without suffix."""
-        return outcome.draw()
+        return next(iter(self.scenes(config, options).values()))

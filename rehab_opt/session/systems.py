@@ -12,17 +12,18 @@ It is imported when it is used.
 from __future__ import annotations
 
 import importlib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from functools import reduce
+from functools import partial, reduce
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, ClassVar, Generic, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, NamedTuple, Protocol, TypeVar
 
 from rehab_opt.errors import ConfigurationError
-from rehab_opt.session.outcome import Column, Outcome, Progress
+from rehab_opt.session.outcome import Column, Names, Outcome, Progress
 from rehab_opt.session.schema import Problem
+from rehab_opt.session.trace import Trace
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -36,10 +37,12 @@ __all__ = [
     "ROBOT_FILE",
     "SHIPPED",
     "Column",
+    "Names",
     "Needed",
     "NotMet",
     "ProblemFile",
     "System",
+    "Traced",
     "system_named",
     "systems",
     "value_at",
@@ -47,13 +50,13 @@ __all__ = [
 
 P = TypeVar("P", bound=Problem)
 P_co = TypeVar("P_co", bound=Problem, covariant=True)
-O = TypeVar("O", bound=Outcome)  # noqa: E741  (an outcome)
+S = TypeVar("S", bound="Traced")
 
 GROUP = "rehab_opt.systems"
 """Of the entry points that name kinds of problems outside of this package."""
 SHIPPED: Mapping[str, str] = MappingProxyType(
     {
-        "upper_limb": "rehab_opt.session.upper_limb.run:UpperLimbSystem",
+        "upper_limb": "rehab_opt.session.upper_limb.scene:UpperLimbSystem",
         "pose_tracking": "rehab_opt.session.pose_tracking:PoseTrackingSystem",
         "mirror": "rehab_opt.session.mirror.run:MirrorSystem",
         "workspace": "rehab_opt.session.workspaces.run:WorkspaceSystem",
@@ -98,8 +101,24 @@ class NotMet(str):
     __slots__ = ()
 
 
-class System(Generic[P, O]):
-    """What a session asks of one kind of problem: `schema` and `run`; the rest has defaults.
+class Traced(Protocol):
+    """What is run once: numbers and notes are functions of its trace."""
+
+    def run(self, progress: Progress) -> Trace:
+        """Everything that happened."""
+        ...
+
+    def numbers(self, trace: Trace) -> dict[str, Any]:
+        """For metrics.json; keys end in their statistic and unit."""
+        ...
+
+    def notes(self, trace: Trace) -> Iterable[str]:
+        """What a reader of the numbers has to know; equal notes of several scenes are printed once."""
+        ...
+
+
+class System(Generic[P, S]):
+    """A kind of problem: `schema` and `scenes`; the rest has defaults.
 
     Attributes
     ----------
@@ -109,7 +128,7 @@ class System(Generic[P, O]):
     solver_key : where the problem file names the solver that `--solver` goes before; empty where it names none.
     rate_key : where it says how many ticks a second its controllers have; empty where they have none.
     first : the few quantities that matter first, as of `numbers_table`; empty where there are but few.
-    shown : module with `figures(outcome)`, loaded when a result is shown; by default the columns over time.
+    labels : what the names of its scenes are.
     """
 
     schema: type[P]
@@ -117,7 +136,7 @@ class System(Generic[P, O]):
     solver_key: ClassVar[str] = ""
     rate_key: ClassVar[str] = ""
     first: ClassVar[tuple[str, ...]] = ()
-    shown: ClassVar[str] = "rehab_opt.session.shown"
+    labels: ClassVar[Names] = ()
 
     def recordings(self, problem: P) -> tuple[Needed, ...]:
         """The recordings and robot files it needs; none by default."""
@@ -141,8 +160,8 @@ class System(Generic[P, O]):
         """
         return {}
 
-    def run(self, config: ProblemFile[P], *, options: Mapping[str, str], progress: Progress) -> O:
-        """The problem from its file to its numbers; nothing is written.
+    def scenes(self, config: ProblemFile[P], options: Mapping[str, str]) -> Mapping[Names, S]:
+        """What is run, one after the other, by its names.
 
         Raises
         ------
@@ -150,6 +169,27 @@ class System(Generic[P, O]):
         ConfigurationError : an option's value cannot be used.
         """
         raise NotImplementedError
+
+    def nested(self, numbers: Mapping[Names, dict[str, Any]], traces: Mapping[Names, Trace]) -> dict[str, Any]:
+        """The metrics, of the numbers and traces of each scene."""
+        (of,) = numbers.values()
+        return of
+
+    def run(self, config: ProblemFile[P], *, options: Mapping[str, str], progress: Progress) -> Outcome:
+        """Each scene once; nothing is written. Raises as `scenes`."""
+        scenes, traces = self.scenes(config, options), dict[Names, Trace]()
+        for names, scene in scenes.items():
+            traces[names] = scene.run(partial(_named, progress, names))
+        numbers = {names: scene.numbers(traces[names]) for names, scene in scenes.items()}
+        notes = (note for names, scene in scenes.items() for note in scene.notes(traces[names]))
+        return Outcome(
+            notes=tuple(dict.fromkeys(notes)),
+            metrics=self.nested(numbers, traces),
+            traces=traces,
+            scenes=scenes,
+            labels=self.labels,
+            table={"\n".join(names) or "value": of for names, of in numbers.items()},
+        )
 
     def live(self, config: ProblemFile[P], *, options: Mapping[str, str]) -> LiveProblem:
         """The problem to be run in real time; problems of most kinds are not. Ask `live_problem`, which says so.
@@ -168,21 +208,21 @@ class System(Generic[P, O]):
         """
         return 1 / value_at(problem, self.rate_key) if self.rate_key else None
 
-    def columns(self, outcome: O) -> Mapping[str, Mapping[str, Any]]:
-        """Numbers of each column of the table; by default all metrics in one."""
-        return {"value": outcome.metrics}
+    def columns(self, outcome: Outcome) -> Mapping[str, Mapping[str, Any]]:
+        """Numbers of each column of the table; by default a column for each scene."""
+        return outcome.table or {"value": outcome.metrics}
 
-    def caption(self, outcome: O) -> str:
+    def caption(self, outcome: Outcome) -> str:
         """What stands below the table."""
         return ""
 
-    def table(self, outcome: O) -> Table:
+    def table(self, outcome: Outcome) -> Table:
         """The result for the terminal, all of it."""
         from rehab_opt.session.tables import numbers_table  # noqa: PLC0415  (loads rich)
 
         return numbers_table(outcome.title, self.columns(outcome), caption=self.caption(outcome))
 
-    def brief(self, outcome: O) -> Table | None:
+    def brief(self, outcome: Outcome) -> Table | None:
         """The few numbers that matter first; None where there are but few."""
         if not self.first:
             return None
@@ -190,9 +230,15 @@ class System(Generic[P, O]):
 
         return numbers_table(outcome.title, self.columns(outcome), first=self.first, caption=self.caption(outcome))
 
-    def figures(self, outcome: O) -> dict[str, Figure]:
-        """The figures by file name, without suffix."""
-        return dict(importlib.import_module(self.shown).figures(outcome))
+    def figures(self, outcome: Outcome) -> dict[str, Figure]:
+        """The figures by file name, without suffix; by default all columns over time."""
+        from rehab_opt.session.drawing import columns_figure  # noqa: PLC0415  (draws)
+
+        return columns_figure(outcome.title, dict(outcome.trace()))
+
+
+def _named(progress: Progress, names: Names, what: str, done: int, among: int) -> None:
+    progress(", ".join(filter(None, (*names, what))), done, among)
 
 
 def value_at(problem: Problem, key: str) -> Any:

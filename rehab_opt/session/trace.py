@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rehab_opt.control.command import Command, Relaxed
-from rehab_opt.plants.ideal import IdealJoints
-from rehab_opt.plants.touched import TouchedPlant
-from rehab_opt.session.live.problem import LiveControl, LiveInputs
+if TYPE_CHECKING:
+    from rehab_opt.control.command import Command, Relaxed
+    from rehab_opt.session.live.problem import LiveControl, LiveInputs
 
 __all__ = ["Trace", "relaxed_words", "simulate", "stacked"]
 
@@ -79,6 +78,9 @@ def simulate(
         can. also : more columns, of a tick's number and its command, before that is sent. progress : the tick's number
         and how many there may be.
     """
+    from rehab_opt.plants.ideal import IdealJoints  # noqa: PLC0415  (loads the kinematics)
+    from rehab_opt.plants.touched import TouchedPlant  # noqa: PLC0415
+
     plant, rows, more = control.plant, list[tuple[Any, ...]](), list[Mapping[str, Any]]()
     control.timed, seen = False, plant.reset(control.start)
     truth = plant.truth

@@ -11,7 +11,6 @@ from rehab_opt import ConfigurationError, ProblemFileError, SerialChain, export_
 from rehab_opt.plants.arm_model import own_arm_model
 from rehab_opt.session.files import load_problem
 from rehab_opt.session.run import run_problem
-from rehab_opt.session.scene import SceneOutcome
 from tests.export.calling_c import Built, largest_difference
 from tests.export.conftest import built, c_compiler  # noqa: F401  (fixtures)
 
@@ -56,7 +55,6 @@ def test_an_arm_from_a_file_goes_round_on_late_servos_and_becomes_c(
     problem = problem_of(tmp_path, arm)
     by_plant = {plant: run_problem(load_problem(problem), plant=plant) for plant in (None, "mujoco")}
     for plant, outcome in by_plant.items():
-        assert isinstance(outcome, SceneOutcome)
         ((trace,), (scene,)) = outcome.traces.values(), outcome.scenes.values()
         # The seventh joint's own motion is kept from moving the hand where the arm would stop, not where it is.
         assert trace["position_error_m"].max() < (5e-5 if plant is None else 0.01)
@@ -97,7 +95,6 @@ def test_an_arm_from_an_mjcf_goes_round_within_its_force_ranges_or_those_of_its_
         (tmp_path / "arm.xml").write_text(text.format(ranges))
         (tmp_path / "robot.toml").write_text(robot + keys)
         outcome = run_problem(load_problem(str(tmp_path / "circle.toml")), plant="mujoco")
-        assert isinstance(outcome, SceneOutcome)
         assert dict(outcome.trace())["position_error_m"].max() < 0.01
     (tmp_path / "robot.toml").write_text(robot)
     with pytest.raises((ConfigurationError, ProblemFileError), match="effort_n_m"):

@@ -28,9 +28,9 @@ from rehab_opt.session.ardis.scene import ArdisScene, ArdisSystem
 from rehab_opt.session.ardis.stick import HEADER, LET_GO, Moment, read_stick
 from rehab_opt.session.ardis.user import PATIENCE, SimulatedUser
 from rehab_opt.session.files import ProblemFile, load_problem, problem_of
+from rehab_opt.session.outcome import Outcome
 from rehab_opt.session.report import write_report
 from rehab_opt.session.run import checked, run_problem
-from rehab_opt.session.scene import SceneOutcome
 from rehab_opt.session.systems import NotMet
 from tests.control.redundancy_campaign import segment_distance
 from tests.refusals import refuses
@@ -39,29 +39,28 @@ SCENES = {"button": "press_lift_button", "doorway": "through_doorway", "beyond":
 Write = Callable[[str, str | bytes], Path]
 
 
-def run(name: str) -> SceneOutcome:
+def run(name: str) -> Outcome:
     outcome = run_problem(load_problem(name))
-    assert isinstance(outcome, SceneOutcome)
     return outcome
 
 
-def scene_of(outcome: SceneOutcome) -> ArdisScene:
+def scene_of(outcome: Outcome) -> ArdisScene:
     """Ours on the first drive: robot, room and goals are those of all."""
     return next(scene for scene in outcome.scenes.values() if scene.law == "optimised")
 
 
 @pytest.fixture(scope="module")
-def button() -> SceneOutcome:
+def button() -> Outcome:
     return run(f"ardis/{SCENES['button']}")
 
 
 @pytest.fixture(scope="module")
-def doorway() -> SceneOutcome:
+def doorway() -> Outcome:
     return run(f"ardis/{SCENES['doorway']}")
 
 
 @pytest.fixture(scope="module")
-def beyond() -> SceneOutcome:
+def beyond() -> Outcome:
     return run(f"ardis/{SCENES['beyond']}")
 
 
@@ -99,7 +98,7 @@ def test_wheels_that_roll_never_slip(scene: str, request: pytest.FixtureRequest)
 
 
 @NIGHTLY
-def test_chair_passes_between_the_posts(doorway: SceneOutcome) -> None:
+def test_chair_passes_between_the_posts(doorway: Outcome) -> None:
     scene = scene_of(doorway)
     for trace in (of for (_, law), of in doorway.traces.items() if law == "optimised"):
         corners = chair_corners(scene.robot.outline, trace["joint"][::20])
@@ -164,7 +163,6 @@ def not_met(notes: tuple[str, ...]) -> list[str]:
 def test_stick_that_was_never_let_go_is_said_to_move_nothing(tmp_path: Path) -> None:
     config = steered(tmp_path, "0,1,0,0,0\n1,1,0,0,0\n2,0,0,0,0\n3,1,0,0,0\n4,0,0,0,0\n", [5.0, 0.0, 0.7])
     outcome = run_problem(config)
-    assert isinstance(outcome, SceneOutcome)
     note = "mecanum drive: for 2.0 s the stick moves nothing: the stick must be let go first"
     assert not_met(checked(config)) == not_met(outcome.notes) == [note]
     for law, numbers in outcome.metrics["drives"]["mecanum"].items():
@@ -193,7 +191,6 @@ def test_chair_that_stops_by_itself_says_why(tmp_path: Path, monkeypatch: pytest
 
     monkeypatch.setattr("rehab_opt.session.ardis.scene.IdealJoints", Jams)
     outcome = run_problem(steered(tmp_path, "0,0,0,0,0\n0.5,0.8,0.6,0,0\n4,0,0,0,0\n", [5.0, 0.0, 0.7]))
-    assert isinstance(outcome, SceneOutcome)
     ((reason, ticks),) = outcome.metrics["drives"]["mecanum"]["optimised"]["stopped"].items()
     assert ticks > 200
     joint = scene_of(outcome).chain.names[3]

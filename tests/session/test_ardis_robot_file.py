@@ -16,8 +16,8 @@ from rehab_opt import ProblemFileError, SerialChain
 from rehab_opt.session.ardis.clearance import arm_gaps, arm_points
 from rehab_opt.session.ardis.robot import robot_of, start_of
 from rehab_opt.session.files import load_problem, shipped_folder
+from rehab_opt.session.outcome import Outcome
 from rehab_opt.session.run import run_problem
-from rehab_opt.session.scene import SceneOutcome
 from tests.control.redundancy_campaign import segment_distance
 from tests.kinematics.robot_files.known_arms import gen3
 from tests.kinematics.robot_files.random_arms import pose_of
@@ -38,9 +38,8 @@ OURS = ("fixed", "optimised")
 
 
 @pytest.fixture(scope="module")
-def drink() -> SceneOutcome:
+def drink() -> Outcome:
     outcome = run_problem(load_problem("ardis/kinova_drink"))
-    assert isinstance(outcome, SceneOutcome)
     return outcome
 
 
@@ -100,7 +99,7 @@ def test_the_panda_is_that_of_its_documented_parameters() -> None:
         np.testing.assert_allclose(chain.pose(q), pose, atol=1e-12)
 
 
-def test_the_cup_is_brought_to_the_mouth_level_and_within_every_limit(drink: SceneOutcome) -> None:
+def test_the_cup_is_brought_to_the_mouth_level_and_within_every_limit(drink: Outcome) -> None:
     ours, theirs = (drink.metrics["drives"]["fixed"][law] for law in ("optimised", "published"))
     assert ours["goals_met"] == len(drink.scenes[OURS].problem.goals) == 5
     assert ours["broken_any_fraction"] == 0.0
@@ -116,7 +115,7 @@ def test_the_cup_is_brought_to_the_mouth_level_and_within_every_limit(drink: Sce
     assert ours["hand_tilt_max_deg"] == pytest.approx(tilt.max(), abs=1e-6)
 
 
-def test_distances_of_an_arm_of_capsules_are_those_of_its_files(drink: SceneOutcome) -> None:
+def test_distances_of_an_arm_of_capsules_are_those_of_its_files(drink: Outcome) -> None:
     robot, q = drink.scenes[OURS].robot, drink.traces[OURS]["joint"][::400]
     ends = {
         "half_arm_1_link": ((0, -0.42, -0.012), 0.055),
@@ -178,7 +177,7 @@ def test_a_fault_names_file_joint_key_value_and_what_was_expected(changed: Chang
     )
 
 
-def test_what_stands_is_no_room_of_what_moves(drink: SceneOutcome) -> None:
+def test_what_stands_is_no_room_of_what_moves(drink: Outcome) -> None:
     chain, world = drink.scenes[OURS].chain, drink.traces[OURS]["_world"]
     room = np.min(chain.velocity[3:] - np.abs(world[:, 3:]))
     assert room > chain.velocity[0]  # the standing chair's, smaller here

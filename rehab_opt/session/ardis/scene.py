@@ -26,10 +26,10 @@ from rehab_opt.session.clearance import NearestBodies, clearance_of, nearest_bod
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.live.bodies import BLUE, GREEN, GREY, PURPLE, ArmBodies, kept_off, screen
 from rehab_opt.session.live.problem import LiveInputs, LiveProblem
-from rehab_opt.session.outcome import Array, reason_counts
+from rehab_opt.session.outcome import Array, Outcome, reason_counts
 from rehab_opt.session.plant import chair_plant, plant_note
-from rehab_opt.session.scene import Names, Plot, Scene, SceneSystem, arm_plots
-from rehab_opt.session.systems import ROBOT_FILE, Needed, NotMet
+from rehab_opt.session.scene import Plot, Scene, SceneSystem, arm_plots
+from rehab_opt.session.systems import ROBOT_FILE, Names, Needed, NotMet
 from rehab_opt.session.trace import Trace
 
 if TYPE_CHECKING:
@@ -243,16 +243,16 @@ class ArdisSystem(SceneSystem[ArdisProblem, ArdisScene]):
         low = [goal.name for goal in config.problem.goals if goal.hand_m[2] < -goal.within_m]
         return (*notes, *(NotMet(f"goal {name!r} is below the floor") for name in low))
 
-    def scenes(self, config: Config, solver: str | None) -> dict[Names, ArdisScene]:
+    def scenes(self, config: Config, options: Mapping[str, str]) -> dict[Names, ArdisScene]:
         """Each controller on each drive of the file."""
-        drives = config.problem.stick.drives
+        drives, solver = config.problem.stick.drives, options.get("solver")
         return {(drive, law): ArdisScene(config, solver, drive, law) for drive in drives for law in LAWS}
 
     def live(self, config: Config, *, options: Mapping[str, str]) -> LiveProblem:
         """Ours on the first drive, the stick in somebody's hand; options as of `run`."""
         return ArdisScene(config, options.get("solver"), config.problem.stick.drives[0])
 
-    def nested(self, numbers: Mapping[Names, dict[str, Any]]) -> dict[str, Any]:
+    def nested(self, numbers: Mapping[Names, dict[str, Any]], traces: Mapping[Names, Trace]) -> dict[str, Any]:
         """By drive and controller; the nearest bodies by drive, since they are those of ours."""
         drives: dict[str, dict[str, Any]] = {}
         for (drive, law), of in numbers.items():
@@ -260,8 +260,6 @@ class ArdisSystem(SceneSystem[ArdisProblem, ArdisScene]):
         near = {drive: of["clearance"] for (drive, _), of in numbers.items() if "clearance" in of}
         return {"drives": drives, **({"clearance": near} if near else {})}
 
-    def figures_of(
-        self, title: str, scenes: Mapping[Names, ArdisScene], traces: Mapping[Names, Trace]
-    ) -> dict[str, Figure]:
+    def figures(self, outcome: Outcome) -> dict[str, Figure]:
         """See `ardis.figures`."""
-        return figures(title, scenes, traces)
+        return figures(outcome.title, outcome.scenes, outcome.traces)

@@ -164,11 +164,17 @@ def _notes(problem: MirrorProblem, scene: Setup, laws: dict[str, Led], tracker: 
             yield f"{name}: INCOMPLETE, the reference's end was not reached within the patience"
 
 
-class MirrorSystem(System[MirrorProblem, MirrorOutcome]):
+class MirrorSystem(System[MirrorProblem, Any]):
     """A hand led along the other hand's mirrored path."""
 
     schema = MirrorProblem
-    shown = "rehab_opt.session.mirror.shown"
+
+    def figures(self, outcome: Any) -> dict[str, Any]:
+        """The figures by file name, without suffix."""
+        from rehab_opt.session.mirror.shown import figures  # noqa: PLC0415  (draws)
+
+        return figures(outcome)
+
     first = (
         "drive: passed", "drive: deviation", "drive: duration", "complete", "drive: manipulability", "below_floor",
         "drive: seconds_by_cause", "joint_limit_margin", "status",
@@ -176,7 +182,7 @@ class MirrorSystem(System[MirrorProblem, MirrorOutcome]):
     options = frozenset({"plant"})
     rate_key = "tracker.rate_hz"
 
-    def columns(self, outcome: MirrorOutcome) -> Mapping[str, Mapping[str, Any]]:
+    def columns(self, outcome: Any) -> Mapping[str, Mapping[str, Any]]:
         """A column for each controller; A* is a path without times and without a robot that follows it."""
         laws, astar = dict(outcome.metrics["laws"]), outcome.metrics["astar"]
         if astar is not None:
@@ -184,7 +190,7 @@ class MirrorSystem(System[MirrorProblem, MirrorOutcome]):
             laws[name] = {"drive": {key: of for key, of in astar.items() if key != "complete"}} | astar
         return laws
 
-    def caption(self, outcome: MirrorOutcome) -> str:
+    def caption(self, outcome: Any) -> str:
         """The floor, and what was asked for."""
         reference = outcome.metrics["reference"]
         return (

@@ -187,11 +187,17 @@ SUCCESS = {
 }  # fmt: skip
 
 
-class ScenarioSystem(System[ScenarioProblem, ScenarioOutcome]):
+class ScenarioSystem(System[ScenarioProblem, Any]):
     """The five scenarios of therapy and help."""
 
     schema = ScenarioProblem
-    shown = "rehab_opt.session.scenario.figures"
+
+    def figures(self, outcome: Any) -> dict[str, Any]:
+        """The figures by file name, without suffix."""
+        from rehab_opt.session.scenario.figures import figures  # noqa: PLC0415  (draws)
+
+        return figures(outcome)
+
     first = (
         "reference_covered", "from_intended", "success", "final_distance", "deviation", "force_measured", "speed",
         "duration", "status", "worst trial: deviation", "worst trial: force_measured",
@@ -199,7 +205,7 @@ class ScenarioSystem(System[ScenarioProblem, ScenarioOutcome]):
     options = frozenset({"plant", "solver"})
     rate_key = "run.rate_hz"
 
-    def columns(self, outcome: ScenarioOutcome) -> Mapping[str, Mapping[str, Any]]:
+    def columns(self, outcome: Any) -> Mapping[str, Mapping[str, Any]]:
         """A column for each controller: means over its trials, and the worst of them."""
         found = {law: law_summary(of) for law, of in outcome.measures.items()}
         return {
@@ -207,7 +213,7 @@ class ScenarioSystem(System[ScenarioProblem, ScenarioOutcome]):
             for law, of in found.items()
         }
 
-    def caption(self, outcome: ScenarioOutcome) -> str:
+    def caption(self, outcome: Any) -> str:
         """How many trials, and what a success is."""
         trials = max(map(len, outcome.trials.values()))
         return (

@@ -172,7 +172,12 @@ class UsedRangesSystem(System[UsedRangesProblem, UsedRangesOutcome]):
     """Ranges used in recorded reaches by two groups, and their workspaces."""
 
     schema = UsedRangesProblem
-    shown = "rehab_opt.session.used_ranges.shown"
+
+    def figures(self, outcome: Any) -> dict[str, Any]:
+        """The figures by file name, without suffix."""
+        from rehab_opt.session.used_ranges.shown import figures  # noqa: PLC0415  (draws)
+
+        return figures(outcome)
 
     def recordings(self, problem: UsedRangesProblem) -> tuple[Needed, ...]:
         """The files of every angle that the model needs."""

@@ -272,7 +272,12 @@ class WorkspaceMapSystem(System[WorkspaceMapProblem, MapOutcome]):
     """Maps between two workspaces."""
 
     schema = WorkspaceMapProblem
-    shown = "rehab_opt.session.workspace_maps.shown"
+
+    def figures(self, outcome: Any) -> dict[str, Any]:
+        """The figures by file name, without suffix."""
+        from rehab_opt.session.workspace_maps.shown import figures  # noqa: PLC0415  (draws)
+
+        return figures(outcome)
 
     def recordings(self, problem: WorkspaceMapProblem) -> tuple[Needed, ...]:
         """The trajectories."""

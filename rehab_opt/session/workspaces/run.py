@@ -177,7 +177,12 @@ class WorkspaceSystem(System[WorkspaceProblem, WorkspaceOutcome]):
     """The reachable workspaces of an arm."""
 
     schema = WorkspaceProblem
-    shown = "rehab_opt.session.workspaces.shown"
+
+    def figures(self, outcome: Any) -> dict[str, Any]:
+        """The figures by file name, without suffix."""
+        from rehab_opt.session.workspaces.shown import figures  # noqa: PLC0415  (draws)
+
+        return figures(outcome)
 
     def columns(self, outcome: WorkspaceOutcome) -> Mapping[str, Mapping[str, Any]]:
         """A column for each range of motion; volumes with the handle held as in the plane, or free."""

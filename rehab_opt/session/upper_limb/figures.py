@@ -1,0 +1,112 @@
+"""A followed path drawn: the driven hand from above, the joints, and how far hand and handle were off."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rehab_opt.session.drawing import (
+    ACROSS,
+    FORWARD,
+    GRID,
+    LAW_STYLES,
+    MISSED,
+    MM,
+    REFERENCE,
+    framed,
+    joint_figure,
+    label_times,
+    legend_below,
+)
+from rehab_opt.session.outcome import Array, Outcome
+from rehab_opt.session.upper_limb.scene import FollowedPath, law_columns
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+__all__ = ["figures"]
+
+SEEN = 1.0  # [mm] from which a height off the plane is worth a word
+
+
+def figures(outcome: Outcome) -> dict[str, Figure]:
+    """The figures of a run by file name (without suffix)."""
+    (scene,), (trace,) = outcome.scenes.values(), outcome.traces.values()
+    of = {law: law_columns(trace, law) for law in scene.laws}
+    joints = {
+        f"{law} law, driven": (each["drive_time_s"], each["drive_joint"], LAW_STYLES[law]) for law, each in of.items()
+    }
+    return {
+        "hand_path": _hand_path(outcome, scene, of),
+        "joints": joint_figure(outcome.title, scene.arm, joints),
+        "error": _errors(outcome.title, scene, trace["t_s"], trace.get("reachable"), of),
+    }
+
+
+def _hand_path(outcome: Outcome, scene: FollowedPath, of: dict[str, dict[str, Any]]) -> Figure:
+    (trace,) = outcome.traces.values()
+    path, time, reachable, depth = MM * trace["path"], trace["t_s"], trace.get("reachable"), -trace["path"][0, 2]
+    where = f"{abs(depth):g} m {'below' if depth >= 0 else 'above'} the shoulder"
+    figure = framed(f"{outcome.title}\nPath of the driven hand seen from above, in the plane {where}", 7.5, 6.5)
+    axes = figure.add_subplot()
+    axes.plot(path[:, 0], path[:, 1], color=REFERENCE, linewidth=4.5, alpha=0.25, label="reference path")
+    axes.plot(*path[0, :2], "o", color=REFERENCE, markersize=6, label="start")
+    if reachable is not None and not reachable.all():
+        fraction = 100 * (1 - outcome.metrics["reachable_fraction_of_length"])
+        label = f"out of this arm's reach ({fraction:.0f} % of the path)"
+        axes.plot(*path[~reachable, :2].T, "x", color=MISSED, markersize=5, label=label)
+    for (first, last), label in _labelled(scene.recording.gaps):
+        bridge = path[(time >= first) & (time <= last)]
+        axes.plot(bridge[:, 0], bridge[:, 1], color=MISSED, linewidth=9, alpha=0.3, zorder=1, label=label)
+    for law, each in of.items():
+        height = MM * outcome.metrics[law]["drive"]["height_off_plane_max_m"]
+        off = f" (up to {height:.0f} mm off the plane)" if height >= SEEN else ""
+        axes.plot(*(MM * each["drive_hand"][:, :2]).T, **LAW_STYLES[law], label=f"hand, {law} law{off}")
+    axes.set(aspect="equal", adjustable="datalim", xlabel=ACROSS, ylabel=FORWARD)
+    axes.grid(**GRID)
+    return legend_below(figure, axes, 2)
+
+
+def _labelled(gaps: tuple[tuple[float, float], ...]) -> Iterable[tuple[tuple[float, float], str]]:
+    """Where the recording has no samples [s], the first with what a legend says of all."""
+    said = f"no samples: {sum(b - a for a, b in gaps):.2g} s, bridged"
+    return ((gap, "_" if number else said) for number, gap in enumerate(gaps))
+
+
+def _errors(
+    title: str, scene: FollowedPath, time: Array, reachable: NDArray[np.bool_] | None, of: dict[str, dict[str, Any]]
+) -> Figure:
+    what = "How far a driven hand is from the path, and the handle from the vertical"
+    figure = framed(f"{title}\n{what}", 9.0, 7.0)
+    panels = distance, tilt, delay = figure.subplots(3, 1, sharex=True, height_ratios=(3, 3, 2))
+    for law, each in of.items():
+        distance.plot(time, MM * each["drive_position_error_m"], **LAW_STYLES[law], label=f"{law} law, driven")
+        tilt.plot(time, np.rad2deg(each["drive_handle_tilt_rad"]), **LAW_STYLES[law])
+        delay.plot(time, each["drive_t_s"] - time, **LAW_STYLES[law])
+    limit = scene.problem.arm.handle_tilt_deg
+    tilt.axhline(limit, color=REFERENCE, linewidth=1, linestyle=":")
+    tilt.annotate(f"limit {limit:g} deg", (0.995, limit), xycoords=("axes fraction", "data"), ha="right", va="bottom")
+    if reachable is not None and not reachable.all():
+        for axes in panels:
+            _shade_missed(axes, time, ~reachable)
+        distance.plot([], [], color=MISSED, linewidth=8, alpha=0.3, label="path out of this arm's reach")
+    for (first, last), label in _labelled(scene.recording.gaps):
+        for axes in panels:
+            axes.axvspan(first, last, hatch="//", facecolor="none", edgecolor=REFERENCE, alpha=0.4, label=label)
+    labels = "position error [mm]", "handle tilt [deg]", "later [s]"
+    label_times(panels, *labels, time="time of the recording [s]", from_zero=True)
+    distance.set_ylim(0, max(1.0, 1.08 * max(float(MM * each["drive_position_error_m"].max()) for each in of.values())))
+    tilt.set_ylim(0, max(1.25 * limit, tilt.dataLim.y1 * 1.08))
+    return legend_below(figure, distance, 3)
+
+
+def _shade_missed(axes: Axes, time: Array, missed: NDArray[np.bool_]) -> None:
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], missed, [False])).astype(int)))
+    half = (time[1] - time[0]) / 2
+    for first, after in list(pairwise(edges))[::2]:
+        axes.axvspan(time[first] - half, time[after - 1] + half, color=MISSED, alpha=0.3, linewidth=0, zorder=0)
