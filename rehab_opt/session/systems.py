@@ -59,9 +59,8 @@ SHIPPED: Mapping[str, str] = MappingProxyType(
         "upper_limb": "rehab_opt.session.upper_limb.scene:UpperLimbSystem",
         "pose_tracking": "rehab_opt.session.pose_tracking:PoseTrackingSystem",
         "mirror": "rehab_opt.session.mirror.run:MirrorSystem",
-        "workspace": "rehab_opt.session.workspaces.run:WorkspaceSystem",
-        "workspace_map": "rehab_opt.session.workspace_maps.run:WorkspaceMapSystem",
-        "used_ranges": "rehab_opt.session.used_ranges.run:UsedRangesSystem",
+        "workspace": "rehab_opt.session.workspaces.scene:WorkspaceSystem",
+        "workspace_map": "rehab_opt.session.workspace_maps.scene:WorkspaceMapSystem",
         "scenario": "rehab_opt.session.scenario.system:ScenarioSystem",
         "ardis": "rehab_opt.session.ardis.scene:ArdisSystem",
     }

@@ -89,7 +89,6 @@ LEFT: dict[str, int] = {
     "rehab_opt/session/scenario/system.py": 4,
     "rehab_opt/session/upper_limb/run.py": 1,
     "rehab_opt/session/upper_limb/shown.py": 4,
-    "rehab_opt/session/used_ranges/shown.py": 1,
     "rehab_opt/session/workspace_maps/problem.py": 2,
     "rehab_opt/session/workspace_maps/run.py": 1,
     "rehab_opt/workspace/spline.py": 1,

@@ -15,7 +15,7 @@ from rehab_opt.kinematics.human_arm import ARM_JOINTS, RANGES_OF_MOTION_DEG
 from rehab_opt.session.many.participant import Participant
 from rehab_opt.session.many.participants import cell_value, participants_of, replaced
 from rehab_opt.session.upper_limb.problem import UpperLimb
-from rehab_opt.session.workspaces.run import WorkspaceProblem
+from rehab_opt.session.workspaces.scene import WorkspaceProblem
 from tests.refusals import refuses
 
 Write = Callable[[str, str | bytes], Path]

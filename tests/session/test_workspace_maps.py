@@ -11,11 +11,12 @@ import pytest
 
 from rehab_opt.errors import ProblemFileError
 from rehab_opt.session.files import load_problem, problem_of
+from rehab_opt.session.outcome import Outcome
 from rehab_opt.session.report import metrics_json
 from rehab_opt.session.run import checked, run_problem
 from rehab_opt.session.systems import NotMet
-from rehab_opt.session.workspace_maps.run import MapOutcome
-from rehab_opt.session.workspace_maps.shown import figures as map_figures
+from rehab_opt.session.workspace_maps.figures import figures as map_figures
+from rehab_opt.session.workspace_maps.scene import Direction
 from tests.refusals import refuses
 
 CONTENT: dict[str, Any] = {
@@ -28,21 +29,22 @@ CONTENT: dict[str, Any] = {
 }
 
 
-def run(content: dict[str, Any], path: Path = Path("test.toml")) -> MapOutcome:
-    outcome = run_problem(problem_of(content, name="test", file="test.toml", path=path))
-    assert isinstance(outcome, MapOutcome)
-    return outcome
+def run(content: dict[str, Any], path: Path = Path("test.toml")) -> Outcome:
+    return run_problem(problem_of(content, name="test", file="test.toml", path=path))
+
+
+def directions_of(outcome: Outcome) -> list[Direction]:
+    (scene,), (trace,) = outcome.scenes.values(), outcome.traces.values()
+    return list(scene.directions(trace))
 
 
 @pytest.fixture(scope="module")
-def shipped() -> MapOutcome:
-    outcome = run_problem(load_problem("upper_limb/workspace_map"))
-    assert isinstance(outcome, MapOutcome)
-    return outcome
+def shipped() -> Outcome:
+    return run_problem(load_problem("upper_limb/workspace_map"))
 
 
 def test_safe_rule_folds_nowhere_and_stays_inside_both_ways_where_the_published_one_does_not(
-    shipped: MapOutcome,
+    shipped: Outcome,
 ) -> None:
     maps = shipped.metrics["maps"]
     assert list(maps) == ["source_to_target", "target_to_source"]
@@ -62,7 +64,7 @@ def test_safe_rule_folds_nowhere_and_stays_inside_both_ways_where_the_published_
     json.loads(metrics_json(shipped), parse_constant=pytest.fail)
 
 
-def test_figures_show_each_direction_on_one_scale(shipped: MapOutcome) -> None:
+def test_figures_show_each_direction_on_one_scale(shipped: Outcome) -> None:
     drawn = map_figures(shipped)
     assert len(drawn) == 4
     figure = drawn["map_source_to_target"]
@@ -80,19 +82,19 @@ def test_figures_show_each_direction_on_one_scale(shipped: MapOutcome) -> None:
         np.testing.assert_allclose(axes.bbox.size, panels[3].bbox.size, rtol=1e-3)
 
 
-def test_trajectories_are_carried_by_the_map_that_starts_where_they_lie(shipped: MapOutcome) -> None:
+def test_trajectories_are_carried_by_the_map_that_starts_where_they_lie(shipped: Outcome) -> None:
     columns = dict(shipped.trace())
     assert len({len(column) for column in columns.values()}) == 1
     names = np.array(columns["trajectory"])
-    for direction in shipped.directions:
-        (path,) = direction.paths
-        rows = np.flatnonzero(names == path.name)
+    for direction in directions_of(shipped):
+        (name,) = direction.before
+        rows = np.flatnonzero(names == name)
         before = np.column_stack([np.array(columns[f"before_{axis}_m"], dtype=float)[rows] for axis in "xy"])
         after = np.column_stack([np.array(columns[f"safe_after_{axis}_m"], dtype=float)[rows] for axis in "xy"])
         safe = direction.maps[0].mapped
         assert safe is not None
         np.testing.assert_allclose(after, safe(before), atol=1e-12)
-        assert np.all(direction.end.reached.workspace.contains(after))
+        assert np.all(direction.end_space.contains(after))
         np.testing.assert_allclose(safe.inverse(after), before, atol=1e-9)
 
 
@@ -111,9 +113,9 @@ def test_path_outside_its_set_is_mapped_from_the_nearest_points_and_said(tmp_pat
     assert 0.2 < numbers["outside_start_fraction"] < 0.8
     (said,) = (note for note in outcome.notes if "line: " in note and "nearest point of the set" in note)
     assert [note for note in found if isinstance(note, NotMet)] == [said]
-    (path,) = outcome.directions[0].paths
-    assert path.before[0, 0] > path.before[-1, 0]  # mirrored
-    assert np.isfinite(path.after["polar"]).all()
+    (direction,) = directions_of(outcome)
+    assert direction.before["line"][0, 0] > direction.before["line"][-1, 0]  # mirrored
+    assert np.isfinite(direction.after["polar"]["line"]).all()
 
 
 def test_sets_of_two_people_in_one_robots_frame_can_be_mapped() -> None:

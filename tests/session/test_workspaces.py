@@ -12,32 +12,28 @@ import pytest
 
 from rehab_opt.errors import ProblemFileError
 from rehab_opt.session.files import load_problem, problem_of
+from rehab_opt.session.outcome import Outcome
 from rehab_opt.session.report import metrics_json
 from rehab_opt.session.run import checked, run_problem
 from rehab_opt.session.systems import system_named
-from rehab_opt.session.workspaces.run import WorkspaceOutcome, boundary_columns
-from rehab_opt.session.workspaces.shown import SET_STYLES
-from rehab_opt.session.workspaces.shown import figures as workspace_figures
+from rehab_opt.session.workspaces.figures import SET_STYLES
+from rehab_opt.session.workspaces.figures import figures as workspace_figures
 from tests.refusals import refuses
 
 COARSE = {"side": "left", "accuracy_mm": 5.0}
 
 
-def run(**arm: object) -> WorkspaceOutcome:
+def run(**arm: object) -> Outcome:
     content = {"system": "workspace", "title": "test", "arm": {**COARSE, **arm}}
-    outcome = run_problem(problem_of(content, name="test", file="test.toml", path=Path("test.toml")))
-    assert isinstance(outcome, WorkspaceOutcome)
-    return outcome
+    return run_problem(problem_of(content, name="test", file="test.toml", path=Path("test.toml")))
 
 
 @pytest.fixture(scope="module")
-def shipped() -> WorkspaceOutcome:
-    outcome = run_problem(load_problem("upper_limb/workspace"))
-    assert isinstance(outcome, WorkspaceOutcome)
-    return outcome
+def shipped() -> Outcome:
+    return run_problem(load_problem("upper_limb/workspace"))
 
 
-def test_shipped_problem_gives_table_i_and_the_other_reading_of_figure_3(shipped: WorkspaceOutcome) -> None:
+def test_shipped_problem_gives_table_i_and_the_other_reading_of_figure_3(shipped: Outcome) -> None:
     numbers = shipped.metrics["sets"]
     assert numbers["regular"]["area_m2"] == pytest.approx(0.1037, rel=0.01)
     assert numbers["restricted"]["area_m2"] == pytest.approx(0.00331, rel=0.02)
@@ -67,7 +63,7 @@ def test_empty_set_is_an_answer_with_its_reason_in_table_note_and_figure() -> No
     axes = workspace_figures(outcome)["workspace"].axes[0]
     assert axes.get_ylim()[1] > 60.0  # [mm] the arrow of the shoulder is to be seen, and no grid of micrometres
     assert axes.get_xlim()[1] < 500.0
-    assert dict(boundary_columns({name: of.workspace for name, of in outcome.sets.items()}))["x_m"] == []
+    assert not len(dict(outcome.trace())["x_m"])
 
 
 def test_volumes_come_with_and_without_the_handle() -> None:
@@ -80,7 +76,6 @@ def test_volumes_come_with_and_without_the_handle() -> None:
         "arm": {**COARSE, "range_of_motion": "restricted"},
     }
     outcome = run_problem(problem_of(content, name="test", file="f", path=Path("f")))
-    assert isinstance(outcome, WorkspaceOutcome)
     of = outcome.metrics["volumes"]["restricted"]
     assert 0 < of["handle_held"]["volume_m3"] < of["handle_free"]["volume_m3"]
     drawn = workspace_figures(outcome)
@@ -88,7 +83,7 @@ def test_volumes_come_with_and_without_the_handle() -> None:
     assert "volume: handle free" in shown(outcome)
 
 
-def shown(outcome: WorkspaceOutcome) -> str:
+def shown(outcome: Outcome) -> str:
     from rich.console import Console  # noqa: PLC0415
 
     text = io.StringIO()

@@ -33,7 +33,7 @@ from rehab_opt.session.scenario.plane_drawing import (
     shown_box,
 )
 from rehab_opt.session.scenario.problem import THERAPY
-from rehab_opt.session.workspaces.shown import region_path
+from rehab_opt.session.workspaces.figures import region_path
 
 __all__ = [
     "along_figure",

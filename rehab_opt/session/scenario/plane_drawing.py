@@ -13,7 +13,7 @@ from rehab_opt.session.drawing import ACROSS, FORWARD, GRID, MM, REFERENCE
 from rehab_opt.session.outcome import Array
 from rehab_opt.session.scenario.outcome import Law, ScenarioOutcome, Trial
 from rehab_opt.session.scenario.problem import REACHES
-from rehab_opt.session.workspaces.shown import draw_region
+from rehab_opt.session.workspaces.figures import draw_region
 
 __all__ = [
     "COMFORTABLE",

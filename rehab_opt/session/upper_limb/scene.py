@@ -83,10 +83,10 @@ class FollowedPath:
         problem, tilt = self.problem, self.tilt
         with self._refused(law):
             if law == "published":
-                dt, given = 1 / problem.run.rate_hz, problem.published.arguments()
-                return TangentLaw(self.arm, dt=dt, handle_tilt=tilt, **given)
-            solver = {"solver": self._solver} if self._solver else {}
-            return ArmIK(self.arm, handle_tilt=tilt, **problem.optimised.arguments(), **solver)
+                dt = 1 / problem.run.rate_hz
+                return TangentLaw(self.arm, dt=dt, handle_tilt=tilt, **problem.published.arguments())
+            given = problem.optimised.arguments() | ({"solver": self._solver} if self._solver else {})
+            return ArmIK(self.arm, handle_tilt=tilt, **given)
 
     def _refused(self, law: str) -> AbstractContextManager[None]:
         keys = lambda name: KEYS.get(name.partition("[")[0], f"{law}.{name}")  # noqa: E731

@@ -1,4 +1,4 @@
-"""Maps shown: their audits as a table, and figures as in Fig. 8 of Rossa et al., with where they fold."""
+"""Maps drawn as in Fig. 8 of Rossa et al., with where they fold."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from matplotlib.transforms import Bbox
 
 from rehab_opt.session.arm_keys import ArmInPlane
 from rehab_opt.session.drawing import MM, REFERENCE, framed, legend_below
-from rehab_opt.session.outcome import Array
-from rehab_opt.session.workspace_maps.run import MadeMap, MapDirection, MapOutcome
-from rehab_opt.session.workspaces.shown import draw_region, is_placed, region_path, seen_from_above
+from rehab_opt.session.outcome import Array, Outcome
+from rehab_opt.session.workspace_maps.scene import Direction, MadeMap
+from rehab_opt.session.workspaces.figures import draw_region, is_placed, region_path, seen_from_above
 from rehab_opt.workspace.region import Workspace
 
 __all__ = ["figures"]
@@ -39,20 +39,20 @@ DENSITY = (0.1, 10.0)
 """Of local area in overall ratios, the ends of the colour scale."""
 
 
-def figures(outcome: MapOutcome) -> dict[str, Figure]:
+def figures(outcome: Outcome) -> dict[str, Figure]:
     """The figures by file name (without suffix)."""
-    drawn = {}
-    for direction in outcome.directions:
-        drawn[f"map_{direction.key}"] = _before_and_after(outcome, direction)
-        drawn[f"folds_{direction.key}"] = _folds(outcome, direction)
+    drawn, (scene,), (trace,) = {}, outcome.scenes.values(), outcome.traces.values()
+    for direction in scene.directions(trace):
+        drawn[f"map_{direction.key}"] = _before_and_after(outcome.title, direction)
+        drawn[f"folds_{direction.key}"] = _folds(outcome.title, direction)
     return drawn
 
 
-def _before_and_after(outcome: MapOutcome, direction: MapDirection) -> Figure:
+def _before_and_after(headline: str, direction: Direction) -> Figure:
     """Each panel as large as it can be; below, the same panels on one scale."""
     names = f"{direction.start.name} to {direction.end.name}"
-    what = "Grid and trajectories before and after" if direction.paths else "Grid before and after"
-    title = f"{outcome.title}\n{what}, from {names}; below all on one scale"
+    what = "Grid and trajectories before and after" if direction.before else "Grid before and after"
+    title = f"{headline}\n{what}, from {names}; below all on one scale"
     figure = framed(title, 5.2 * (1 + len(direction.maps)), 9.6)
     large, alike = figure.subplots(2, 1 + len(direction.maps), height_ratios=(4, 3))
     _draw_panels(large, direction)
@@ -63,16 +63,16 @@ def _before_and_after(outcome: MapOutcome, direction: MapDirection) -> Figure:
     return legend_below(figure, large[0], 4)
 
 
-def _draw_panels(panels: Sequence[Axes], direction: MapDirection) -> None:
+def _draw_panels(panels: Sequence[Axes], direction: Direction) -> None:
     """The set before, then what each rule makes of it."""
     first, *rest = panels
-    start, end = direction.start.reached.workspace, direction.end.reached.workspace
+    start, end = direction.start_space, direction.end_space
     draw_region(first, start, OUTLINE, label="workspace")
     for k, line in enumerate(_grid(start)):
         first.plot(*(MM * line.T), color="#777777", linewidth=0.6, label="grid" if k == 0 else None)
     first.plot([], [], color=REFERENCE, linewidth=1.0, linestyle=":", label="edge of the workspace, mapped")
-    for k, path in enumerate(direction.paths):
-        _draw_path(first, path.before, k, path.name)
+    for k, (name, path) in enumerate(direction.before.items()):
+        _draw_path(first, path, k, name)
     _finish(first, f"before: {direction.start.name}", direction.start.section)
     for axes, made in zip(rest, direction.maps, strict=True):
         draw_region(axes, end, OUTLINE)
@@ -83,8 +83,8 @@ def _draw_panels(panels: Sequence[Axes], direction: MapDirection) -> None:
                 axes.plot(*(MM * made.mapped.spline(ring).T), color=REFERENCE, linewidth=1.0, linestyle=":")
             for line in _grid(start):
                 axes.plot(*(MM * made.mapped.spline(line).T), color="#777777", linewidth=0.6)
-            for k, path in enumerate(direction.paths):
-                _draw_path(axes, path.after[made.rule], k, path.name)
+            for k, (name, path) in enumerate(direction.after[made.rule].items()):
+                _draw_path(axes, path, k, name)
         _finish(axes, f"after, {made.rule} rule: {direction.end.name}\n{_verdict(made)}", direction.end.section)
 
 
@@ -129,14 +129,14 @@ def _outline(workspace: Workspace) -> Iterator[Array]:
         yield shapely.get_coordinates(shapely.segmentize(ring, ring.length / ALONG_AN_OUTLINE))
 
 
-def _folds(outcome: MapOutcome, direction: MapDirection) -> Figure:
+def _folds(headline: str, direction: Direction) -> Figure:
     names = f"{direction.start.name} to {direction.end.name}"
     figure = framed(
-        f"{outcome.title}\nHow much each place of {direction.start.name} is enlarged, from {names}",
+        f"{headline}\nHow much each place of {direction.start.name} is enlarged, from {names}",
         6.2 * len(direction.maps) + 1.0,
         6.0,
     )
-    start, end = direction.start.reached.workspace, direction.end.reached.workspace
+    start, end = direction.start_space, direction.end_space
     panels = figure.subplots(1, len(direction.maps), squeeze=False)[0]
     shown = None
     for axes, made in zip(panels, direction.maps, strict=True):

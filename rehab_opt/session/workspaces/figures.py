@@ -1,10 +1,11 @@
-"""Workspaces shown: a table, and figures as in Fig. 3 of Rossa et al., slices (b) and volumes (a)."""
+"""Workspaces drawn as in Fig. 3 of Rossa et al., slices (b) and volumes (a)."""
 
 from __future__ import annotations
 
 import math
 import textwrap
 from collections.abc import Mapping, Sequence
+from itertools import cycle
 from typing import Any
 
 import numpy as np
@@ -16,9 +17,11 @@ from matplotlib.path import Path
 
 from rehab_opt.session.arm_keys import ArmInPlane
 from rehab_opt.session.drawing import ACROSS, FORWARD, GRID, MM, REFERENCE, framed, legend_below
+from rehab_opt.session.outcome import Outcome
 from rehab_opt.session.workspaces.reached import handle_words, plane_words
-from rehab_opt.session.workspaces.run import WorkspaceOutcome, rings
+from rehab_opt.session.workspaces.scene import rings, sets_of
 from rehab_opt.workspace.region import Workspace
+from rehab_opt.workspace.volume import ReachableVolume
 
 __all__ = [
     "SET_STYLES",
@@ -99,64 +102,64 @@ def region_label(name: str, workspace: Workspace) -> str:
     return "\n".join(textwrap.wrap(said.replace("_", " "), WRAPPED))
 
 
-def figures(outcome: WorkspaceOutcome) -> dict[str, Figure]:
+def figures(outcome: Outcome) -> dict[str, Figure]:
     """The figures by file name (without suffix)."""
-    drawn = {"workspace": _slices(outcome)}
-    if outcome.volumes:
-        drawn["volume"] = _volumes(outcome)
+    (scene,), (trace,) = outcome.scenes.values(), outcome.traces.values()
+    drawn = {"workspace": _slices(outcome.title, scene.problem.arm, sets_of(trace))}
+    if scene.held:
+        names, sets = trace["_range"].tolist(), [of.tolist() for of in trace["_volume"].T]
+        drawn["volume"] = _volumes(outcome.title, scene.problem.arm, names, dict(zip(scene.held, sets, strict=True)))
     return drawn
 
 
-def _slices(outcome: WorkspaceOutcome) -> Figure:
-    where = f"Reachable workspace seen from above, in the plane {plane_words(outcome.section)};"
-    figure = framed(f"{outcome.title}\n{where}\n{handle_words(outcome.section)}", 8.0, 7.5)
+def _slices(title: str, section: ArmInPlane, sets: Mapping[str, Workspace]) -> Figure:
+    where = f"Reachable workspace seen from above, in the plane {plane_words(section)};"
+    figure = framed(f"{title}\n{where}\n{handle_words(section)}", 8.0, 7.5)
     axes = figure.add_subplot()
-    order = sorted(outcome.sets, key=lambda name: -outcome.sets[name].workspace.area)
-    styles = {name: SET_STYLES[i % len(SET_STYLES)] for i, name in enumerate(outcome.sets)}
-    for name in order:  # the largest below the others
-        workspace = outcome.sets[name].workspace
+    styles = dict(zip(sets, cycle(SET_STYLES), strict=False))
+    for name, workspace in sorted(sets.items(), key=lambda of: -of[1].area):  # the largest below the others
         draw_region(axes, workspace, styles[name], label=region_label(name, workspace))
-    draw_shoulder(axes, outcome.section)
-    seen_from_above(axes, outcome.section)
-    return legend_below(figure, axes, 1 if any(of.workspace.empty for of in outcome.sets.values()) else 2)
+    draw_shoulder(axes, section)
+    seen_from_above(axes, section)
+    return legend_below(figure, axes, 1 if any(of.empty for of in sets.values()) else 2)
 
 
-def _volumes(outcome: WorkspaceOutcome) -> Figure:
+def _volumes(
+    title: str, section: ArmInPlane, names: Sequence[str], volumes: Mapping[bool, Sequence[ReachableVolume]]
+) -> Figure:
+    """A view for each way of holding the handle; `volumes` are those of the named sets by whether it is held."""
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection  # type: ignore[import-untyped]  # noqa: PLC0415  (slow to import, rarely drawn)
 
-    held = sorted({upright for _, upright in outcome.volumes}, reverse=True)
-    figure = framed(f"{outcome.title}\nReachable volume", 6.0 * len(held) + 1, 6.5)
-    names = list(outcome.sets)
-    sizes: dict[str, list[str]] = {name: [] for name in names}
-    views = figure.subplots(1, len(held), subplot_kw={"projection": "3d"}, squeeze=False)[0]
-    for axes, upright in zip(views, held, strict=True):
-        corners = []
-        for i, name in enumerate(names):
-            volume = outcome.volumes[name, upright]
-            words = "held" if upright else "free"
-            sizes[name].append(f"{words} {1e3 * volume.volume:.3g} l" if not volume.empty else f"{words}: empty")
-            if volume.empty:
-                continue
-            corners.append(MM * volume.vertices)
-            mesh = Poly3DCollection(corners[-1][volume.triangles], alpha=0.25 if i == 0 else 0.6, shade=True,
-                                    facecolors=SET_STYLES[i % len(SET_STYLES)]["facecolor"])  # fmt: skip
-            axes.add_collection3d(mesh)
-        x, y, z = MM * np.array(outcome.section.shoulder_m)
-        axes.scatter([x], [y], [z], color="black", s=40)
-        around = np.concatenate([*corners, [[x, y, z]]])
+    figure = framed(f"{title}\nReachable volume", 6.0 * len(volumes) + 1, 6.5)
+    colours = [SET_STYLES[i % len(SET_STYLES)]["facecolor"] for i in range(len(names))]
+    views = figure.subplots(1, len(volumes), subplot_kw={"projection": "3d"}, squeeze=False)[0]
+    for axes, (held, of) in zip(views, volumes.items(), strict=True):
+        corners = [MM * np.array([section.shoulder_m])]
+        for i, (volume, colour) in enumerate(zip(of, colours, strict=True)):
+            if not volume.empty:
+                corners.append(MM * volume.vertices)
+                alpha = 0.25 if i == 0 else 0.6
+                faces = corners[-1][volume.triangles]
+                axes.add_collection3d(Poly3DCollection(faces, alpha=alpha, shade=True, facecolors=colour))
+        axes.scatter(*corners[0].T, color="black", s=40)
+        around = np.concatenate(corners)
         low, high = around.min(axis=0), around.max(axis=0)
         axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
         axes.set_box_aspect(np.maximum(high - low, 1.0))
         axes.view_init(elev=18, azim=-60)
         axes.locator_params(nbins=5)
         axes.tick_params(axis="z", pad=12)  # clear of the ticks
-        placed = is_placed(outcome.section)
-        axes.set_xlabel("x of the robot [mm]" if placed else "right of the shoulder [mm]")
-        axes.set_ylabel("y of the robot [mm]" if placed else "in front [mm]")
-        axes.set_zlabel("z of the robot [mm]" if placed else "above [mm]", labelpad=20)
-        axes.set_title(handle_words(outcome.section) if upright else "the handle free", fontsize=10)
-    handles = [
-        Patch(facecolor=SET_STYLES[i % len(SET_STYLES)]["facecolor"], label=f"{name} ({'; '.join(sizes[name])})")
-        for i, name in enumerate(names)
-    ]
-    return legend_below(figure, handles, 2)
+        own = ("right of the shoulder [mm]", "in front [mm]", "above [mm]")
+        labels = [f"{axis} of the robot [mm]" for axis in "xyz"] if is_placed(section) else own
+        axes.set(xlabel=labels[0], ylabel=labels[1])
+        axes.set_zlabel(labels[2], labelpad=20)
+        axes.set_title(handle_words(section) if held else "the handle free", fontsize=10)
+    said = zip(*([_size(volume, held) for volume in of] for held, of in volumes.items()), strict=True)
+    labels = [f"{name} ({'; '.join(sizes)})" for name, sizes in zip(names, said, strict=True)]
+    patches = [Patch(facecolor=colour, label=label) for colour, label in zip(colours, labels, strict=True)]
+    return legend_below(figure, patches, 2)
+
+
+def _size(volume: ReachableVolume, held: bool) -> str:
+    words = "held" if held else "free"
+    return f"{words}: empty" if volume.empty else f"{words} {1e3 * volume.volume:.3g} l"

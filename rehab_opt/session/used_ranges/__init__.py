@@ -1,1 +1,0 @@
-"""The ranges of motion used in recorded reaches, and where an arm of such a range reaches."""

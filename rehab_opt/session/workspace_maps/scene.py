@@ -1,0 +1,313 @@
+"""`system = "workspace_map"`: one workspace mapped onto another, by the safe rule and by the published one."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Iterator, Mapping
+from itertools import product
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+
+import numpy as np
+
+from rehab_opt.errors import ConfigurationError, ProblemFileError
+from rehab_opt.measures.path import path_length
+from rehab_opt.recordings.recording import Recording, size_note
+from rehab_opt.session.arm_keys import ArmInPlane, RangeOfMotion, ranges_by_name
+from rehab_opt.session.files import ProblemFile
+from rehab_opt.session.outcome import Array, Outcome, Progress, finite, with_progress
+from rehab_opt.session.participant import placed_recording
+from rehab_opt.session.systems import Names, Needed, NotMet, System
+from rehab_opt.session.trace import Trace
+from rehab_opt.session.workspace_maps.problem import WorkspaceMapProblem
+from rehab_opt.session.workspaces.reached import reached
+from rehab_opt.session.workspaces.scene import plane_notes, workspace_metrics
+from rehab_opt.workspace.audit import Audit
+from rehab_opt.workspace.mapping import WorkspaceMap
+from rehab_opt.workspace.region import Workspace
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+__all__ = ["Direction", "MadeMap", "MappedSet", "MappedSets", "WorkspaceMapSystem"]
+
+Config = ProblemFile[WorkspaceMapProblem]
+End = Literal["source", "target"]
+ENDS: tuple[End, ...] = ("source", "target")
+XY = ("x_m", "y_m")
+
+
+class MappedSet(NamedTuple):
+    """One of the two sets: its name, arm and range, and the key of the file that speaks of the arm."""
+
+    name: str
+    section: ArmInPlane
+    ranges: str | RangeOfMotion
+    key: str
+
+
+def mapped_set(problem: WorkspaceMapProblem, end: End) -> MappedSet:
+    """What the file says of one of the sets."""
+    said = problem.source if end == "source" else problem.target
+    if not isinstance(said, str):
+        return MappedSet(end, said, said.range_of_motion, end)
+    assert problem.arm is not None  # the schema refuses a name without an arm
+    return MappedSet(said, problem.arm, ranges_by_name(problem.arm.range_of_motion)[said], "arm")
+
+
+def placed_trajectory(config: Config, index: int) -> tuple[Recording, Array]:
+    """A trajectory's recording, and its path (N, 2) [m] in the frame of its set; raises as `placed_recording`."""
+    trajectory = config.problem.trajectory[index]
+    section = mapped_set(config.problem, trajectory.set).section
+    recording, path = placed_recording(
+        config,
+        trajectory.recording,
+        trajectory.placement,
+        side=section.side,
+        rate=trajectory.rate_hz,
+        keys=f"trajectory.{index}.",
+    )
+    return recording, path[:, :2]
+
+
+class MadeMap:
+    """A map with its audit; both None where the rule finds none, and then why. `seconds` are without the audit."""
+
+    def __init__(self, scene: MappedSets, start: int, rule: str, spaces: list[Workspace]) -> None:
+        how, began = scene.problem.map, time.perf_counter()
+        self.rule, self.reason, self.mapped, self.audit = rule, "", None, None
+        try:
+            self.mapped = WorkspaceMap.between(
+                spaces[start],
+                spaces[1 - start],
+                rule=rule,  # type: ignore[arg-type]
+                landmarks=how.polar_landmarks if rule == "polar" else None,
+                rotation="best" if isinstance(how.rotation_deg, str) else math.radians(how.rotation_deg),
+            )
+        except ConfigurationError as refused:
+            if refused.argument in ENDS:
+                at = start if refused.argument == "source" else 1 - start
+                value = f"{scene.sets[at].name}: {refused.value}"
+                raise ProblemFileError(scene.file, ENDS[at], value, refused.expected) from refused
+            self.reason = f"no map: {refused}"
+        self.seconds = time.perf_counter() - began
+        if self.mapped is not None:
+            self.audit = self.mapped.audit(how.audit_points, how.seed)
+
+    mapped: WorkspaceMap | None
+    audit: Audit | None
+
+
+class Direction(NamedTuple):
+    """From one set into the other: a map for each rule, and the paths (N, 2) [m] that they carry."""
+
+    key: str
+    start: MappedSet
+    end: MappedSet
+    start_space: Workspace
+    end_space: Workspace
+    maps: list[MadeMap]
+    before: dict[str, Array]
+    """By trajectory."""
+    after: dict[str, dict[str, Array]]
+    """By rule and trajectory, of the rules that have a map."""
+
+
+class MappedSets:
+    """Two sets, and the trajectories in them."""
+
+    def __init__(self, config: Config) -> None:
+        problem = self.problem = config.problem
+        self.file, self.sets = config.file, [mapped_set(problem, end) for end in ENDS]
+        self.placed = [placed_trajectory(config, i) for i in range(len(problem.trajectory))]
+        self.starts = (0, 1) if problem.map.directions == "both" else (0,)
+
+    def spaces(self, progress: Progress = lambda *_: None) -> list[Workspace]:
+        """Source and target."""
+        return [of.workspace for of in self._found(progress)]
+
+    def _found(self, progress: Progress) -> list[Any]:
+        sets = with_progress(progress, "workspaces", self.sets)
+        return [reached(of.section, of.ranges, file=self.file, key=of.key) for of in sets]
+
+    def run(self, progress: Progress = lambda *_: None) -> Trace:
+        """A row for each sample of a trajectory, NaN after a rule without a map; (starts, rules) `_map`, (2,) `_space`."""
+        found, rules = self._found(progress), self.problem.map.rules
+        spaces = [of.workspace for of in found]
+        pairs = list(product(self.starts, rules))
+        made = [MadeMap(self, start, rule, spaces) for start, rule in with_progress(progress, "maps", pairs)]
+        maps = np.array(made).reshape(len(self.starts), len(rules))
+        order = sorted(range(len(self.placed)), key=lambda i: ENDS.index(self.problem.trajectory[i].set))
+        rows = []
+        for i in order:
+            trajectory, (recording, before) = self.problem.trajectory[i], self.placed[i]
+            start = ENDS.index(trajectory.set)
+            n, nowhere = len(before), np.full_like(before, math.nan)
+            after = [nowhere if each.mapped is None else each.mapped(before) for each in maps[start]]
+            names = trajectory.name, self.sets[start].name, self.sets[1 - start].name
+            rows.append([*(np.repeat(name, n) for name in names), recording.time, before, *after])
+        after_names = [f"{rule}_after" for rule in rules]
+        names = ["trajectory", "from", "to", "t_s", "before", *after_names]
+        empty = [np.empty(0)] * 4 + [np.empty((0, 2))] * (1 + len(rules))
+        columns = [np.concatenate(of) for of in zip(*rows, strict=True)] if rows else empty
+        kept = {"_map": maps, "_space": spaces, "_seconds": [of.seconds for of in found]}
+        return Trace(dict(zip(names, columns, strict=True)) | kept, dict.fromkeys(["before", *after_names], XY))
+
+    def directions(self, trace: Trace) -> Iterator[Direction]:
+        """What a trace says, by direction."""
+        for start, maps in zip(self.starts, trace["_map"], strict=True):
+            end = 1 - start
+            names = [each.name for each in self.problem.trajectory if each.set == ENDS[start]]
+            rows = {name: trace["trajectory"] == name for name in names}
+            known = [each.rule for each in maps if each.mapped is not None]
+            yield Direction(
+                f"{ENDS[start]}_to_{ENDS[end]}",
+                self.sets[start],
+                self.sets[end],
+                trace["_space"][start],
+                trace["_space"][end],
+                maps.tolist(),
+                {name: trace["before"][at] for name, at in rows.items()},
+                {rule: {name: trace[f"{rule}_after"][at] for name, at in rows.items()} for rule in known},
+            )
+
+    def numbers(self, trace: Trace) -> dict[str, Any]:
+        """Both sets; each rule's map, and what it does to the trajectories."""
+        sets = zip(ENDS, self.sets, trace["_space"], trace["_seconds"].tolist(), strict=True)
+        return {
+            "sets": {end: {"name": of.name, **workspace_metrics(space), "seconds": t} for end, of, space, t in sets},
+            "maps": {
+                each.key: {
+                    "from": each.start.name,
+                    "to": each.end.name,
+                    **{made.rule: map_metrics(made) for made in each.maps},
+                    "trajectories": {name: _path_metrics(name, each) for name in each.before},
+                }
+                for each in self.directions(trace)
+            },
+        }
+
+    def notes(self, trace: Trace) -> Iterator[str]:
+        """Of the plane; why a map is not for a controller; which trajectories leave their set."""
+        sections, spaces = [of.section for of in self.sets], trace["_space"]
+        for section in sections[:1] if sections[0] == sections[1] else sections:
+            of_it = zip(self.sets, spaces, strict=True)
+            yield from plane_notes(section, {of.name: space for of, space in of_it if of.section == section})
+        for each in self.directions(trace):
+            for made in each.maps:
+                for reason in made.audit.reasons if made.audit is not None else (made.reason,):
+                    where = f"{each.start.name} -> {each.end.name}"
+                    yield f"{where}, {made.rule} rule, NOT FOR A CONTROLLER: {reason}"
+            for name, path in each.before.items():
+                yield from _outside(name, path, each.start.name, each.start_space)
+        for recording, _ in self.placed:
+            yield from (f"{recording.file}: {note}" for note in recording.notes)
+
+
+def _outside(name: str, path: Array, start: str, space: Workspace) -> Iterator[str]:
+    away = ~np.asarray(space.contains(path))
+    if away.any():
+        yield NotMet(
+            f"{name}: {100 * away.mean():.1f} % of its samples lie outside {start}; the nearest point of the set "
+            "is mapped in their place"
+        )
+
+
+def map_metrics(made: MadeMap) -> dict[str, Any]:
+    """The audit of a map; the stretches also relative to the pair's overall ratio."""
+    if made.mapped is None or made.audit is None:
+        return {"passed": False, "reasons": [made.reason]}
+    audit, proof = made.audit, made.audit.certificate
+    return {
+        "passed": audit.passed,
+        "reasons": list(audit.reasons),
+        "samples": audit.samples,
+        "folded_fraction": audit.folded,
+        "outside_fraction": audit.outside,
+        "stretch_max": finite(audit.max_stretch),
+        "stretch_min": finite(audit.min_stretch),
+        "overall_ratio": audit.overall_ratio,
+        "stretch_max_relative": finite(audit.max_stretch / audit.overall_ratio),
+        "stretch_min_relative": finite(audit.min_stretch / audit.overall_ratio),
+        "round_trip_max_m": finite(audit.round_trip),
+        "coverage_fraction": audit.coverage,
+        "target_accuracy_m": audit.target_accuracy,
+        "coefficients": made.mapped.spline.parameters,
+        "rotation_deg": math.degrees(made.mapped.rotation),
+        "certificate": {
+            "valid": bool(proof.valid),
+            "determinant_min": finite(proof.determinant),
+            "margin_m": finite(proof.margin),
+            "outline_simple": bool(proof.outline_simple),
+            "cells": proof.cells,
+            "reason": proof.reason,
+        },
+        "seconds": made.seconds,
+    }
+
+
+def _path_metrics(name: str, of: Direction) -> dict[str, Any]:
+    before = of.before[name]
+    numbers: dict[str, Any] = {
+        "samples": len(before),
+        "outside_start_fraction": float(np.mean(~np.asarray(of.start_space.contains(before)))),
+        "length_before_m": path_length(before),
+    }
+    for made in of.maps:
+        if made.mapped is not None:
+            after = of.after[made.rule][name]
+            numbers[made.rule] = {
+                "length_after_m": path_length(after),
+                "outside_end_fraction": float(np.mean(~np.asarray(of.end_space.contains(after)))),
+                "folded_fraction": float(np.mean(~(np.linalg.det(made.mapped.jacobian(before)) > 0))),
+            }
+    return numbers
+
+
+class WorkspaceMapSystem(System[WorkspaceMapProblem, MappedSets]):
+    """Maps between two workspaces."""
+
+    schema = WorkspaceMapProblem
+
+    def scenes(self, config: Config, options: Mapping[str, str]) -> dict[Names, MappedSets]:
+        """Both directions together: one map is not the inverse of the other."""
+        return {(): MappedSets(config)}
+
+    def recordings(self, problem: WorkspaceMapProblem) -> tuple[Needed, ...]:
+        """The trajectories."""
+        return tuple(
+            Needed(f"trajectory.{i}.recording.file", trajectory.recording.file)
+            for i, trajectory in enumerate(problem.trajectory)
+        )
+
+    def columns(self, outcome: Outcome) -> Mapping[str, Mapping[str, Any]]:
+        """A column for each direction and rule."""
+        return {
+            f"{of['from']} -> {of['to']}\n{rule} rule": numbers
+            for of in outcome.metrics["maps"].values()
+            for rule, numbers in of.items()
+            if rule not in {"from", "to", "trajectories"}
+        }
+
+    def caption(self, outcome: Outcome) -> str:
+        """The sets; the notes say why a map is refused."""
+        sets = outcome.metrics["sets"].values()
+        areas = "; ".join(f"{numbers['name']} {1e4 * numbers['area_m2']:.4g} cm^2" for numbers in sets)
+        return f"{areas}. Passed: the map may go to a controller; the notes say why one is refused"
+
+    def check(self, config: Config) -> tuple[str, ...]:
+        """Reads the trajectories, finds the sets."""
+        scene = MappedSets(config)
+        spaces = scene.spaces()
+        MadeMap(scene, 0, "polar", spaces)  # refuses sets
+        said = [f"{of.file}: {note}" for of, _ in scene.placed for note in (*of.notes, size_note(of))]
+        for trajectory, (_, path) in zip(config.problem.trajectory, scene.placed, strict=True):
+            at = ENDS.index(trajectory.set)
+            said += _outside(trajectory.name, path, scene.sets[at].name, spaces[at])
+        return tuple(said)
+
+    def figures(self, outcome: Outcome) -> dict[str, Figure]:
+        """See `workspace_maps.figures`."""
+        from rehab_opt.session.workspace_maps.figures import figures  # noqa: PLC0415  (draws)
+
+        return figures(outcome)

@@ -1,0 +1,258 @@
+"""`system = "workspace"`: where an arm reaches with one or several ranges of motion; volumes where asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from rehab_opt.kinematics.chain import SerialChain
+from rehab_opt.session.arm_keys import AnyTilt, ArmInPlane, ArmOfRanges, RangeOfMotion, ranges_by_name
+from rehab_opt.session.files import ProblemFile
+from rehab_opt.session.outcome import Outcome, Progress, with_progress
+from rehab_opt.session.participant import arm_of
+from rehab_opt.session.schema import Once, Problem, Section, refusal
+from rehab_opt.session.systems import Names, System
+from rehab_opt.session.trace import Trace
+from rehab_opt.session.workspaces.reached import (
+    handle_words,
+    placement_of,
+    plane_words,
+    reached,
+    tilt_of,
+    tilt_words,
+)
+from rehab_opt.workspace.region import Workspace
+from rehab_opt.workspace.volume import ReachableVolume, reachable_volume
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+__all__ = ["ReachedSets", "WorkspaceProblem", "WorkspaceSystem", "plane_notes", "rings", "workspace_metrics"]
+
+
+class TiltsSection(Section):
+    """One range of motion again, with other tilts of the handle."""
+
+    range: str
+    """A name of `arm.range_of_motion`. A person's own range that takes the place of all names has no such areas."""
+    handle_tilt_deg: Annotated[list[AnyTilt], Field(min_length=1, max_length=12), Once]
+    """Largest angles between handle and vertical, `"any"` for no such bound."""
+
+
+class WorkspaceProblem(Problem):
+    """Where an arm reaches with one or several ranges of motion."""
+
+    system: Literal["workspace"]
+    arm: ArmOfRanges
+    """Whose arm."""
+    volume: bool = False
+    """Also the volumes of Fig. 3(a), with the handle held as above and free."""
+    volume_accuracy_mm: float = Field(default=8.0, ge=1, le=50)
+    """Of the slices that make up a volume."""
+    volume_spacing_mm: float = Field(default=40.0, ge=5, le=500)
+    """Distance of these slices."""
+    tilts: TiltsSection | None = None
+    """The area of one range over the tilt of the handle."""
+
+    @model_validator(mode="after")
+    def range_of_tilts_is_there(self) -> Self:
+        """Refuse the name of a range that `arm` has none of."""
+        there = ranges_by_name(self.arm.range_of_motion)
+        own = isinstance(self.arm.range_of_motion, RangeOfMotion)
+        if self.tilts is not None and self.tilts.range not in there and not own:
+            expected = f"the name of a range of arm.range_of_motion ({', '.join(there)})"
+            raise refusal("tilts.range", self.tilts.range, expected)
+        return self
+
+
+Config = ProblemFile[WorkspaceProblem]
+
+
+class ReachedSets:
+    """The sets that an arm reaches, by the name of their range of motion."""
+
+    def __init__(self, config: Config) -> None:
+        self.problem, self._file = config.problem, config.file
+        self.ranges = ranges_by_name(self.problem.arm.range_of_motion)
+        tilted = tilt_of(self.problem.arm) is not None
+        self.held = ((True, False) if tilted else (False,)) if self.problem.volume else ()
+        """Whether the handle is held as in the plane, for each volume of a set."""
+
+    def run(self, progress: Progress = lambda *_: None) -> Trace:
+        """A row for each vertex: set, component (from 1), ring (0 is the outline, holes count from 1), x and y.
+
+        Kept are also the sets `_workspace` with their names `_range` and `_seconds`, the volumes `_volume` (sets, `held`),
+        and the sets `_tilted` of other tilts.
+        """
+        arm, file = self.problem.arm, self._file
+        found = {
+            name: reached(arm, limits, file=file, key="arm")
+            for name, limits in with_progress(progress, "workspaces", self.ranges.items())
+        }
+        rows = [
+            (name, component, ring, x, y)
+            for name, of in found.items()
+            for component, ring, points in rings(of.workspace)
+            for x, y in points
+        ]
+        names = ("set", "component", "ring", "x_m", "y_m")
+        trace = Trace(dict(zip(names, zip(*rows, strict=True) if rows else [()] * len(names), strict=True)))
+        trace["_range"] = np.array(list(found))
+        trace["_workspace"] = np.array([of.workspace for of in found.values()])
+        trace["_seconds"] = np.array([of.seconds for of in found.values()])
+        volumes = with_progress(progress, "volumes", found.values() if self.held else ())
+        trace["_volume"] = np.array([[self._volume(of.arm, held) for held in self.held] for of in volumes])
+        tilts = self.problem.tilts
+        if tilts is not None and tilts.range in self.ranges:
+            tilted = [
+                reached(
+                    arm.model_copy(update={"handle_tilt_deg": tilt}), self.ranges[tilts.range], file=file, key="arm"
+                )
+                for tilt in with_progress(progress, "handle tilts", tilts.handle_tilt_deg)
+            ]
+            trace["_tilted"] = np.array([of.workspace for of in tilted])
+        return trace
+
+    def _volume(self, arm: SerialChain, held: bool) -> ReachableVolume:
+        problem = self.problem
+        return reachable_volume(
+            arm,
+            spacing=1e-3 * problem.volume_spacing_mm,
+            handle_tilt=tilt_of(problem.arm) if held else None,
+            accuracy=1e-3 * problem.volume_accuracy_mm,
+            placement=placement_of(problem.arm),
+        )
+
+    def numbers(self, trace: Trace) -> dict[str, Any]:
+        """Area, shape, extent and volumes of each set, and how much of it lies in each other one."""
+        spaces, tilts = sets_of(trace), self.problem.tilts
+        sets = {name: workspace_metrics(of) for name, of in spaces.items()}
+        for (name, numbers), seconds in zip(sets.items(), trace["_seconds"].tolist(), strict=True):
+            others = {other: larger for other, larger in spaces.items() if other != name}
+            inside = {other: fraction_inside(spaces[name], larger) for other, larger in others.items()}
+            numbers |= {"seconds": seconds, "fraction_inside": inside}
+        if tilts is not None and "_tilted" in trace:
+            keys = (tilt_words(tilt).replace(" ", "_") for tilt in tilts.handle_tilt_deg)
+            areas = ({"area_m2": of.area, "accuracy_m": of.accuracy} for of in trace["_tilted"])
+            sets[tilts.range]["tilts"] = dict(zip(keys, areas, strict=True))
+        names = ["handle_held" if held else "handle_free" for held in self.held]
+        volumes = {
+            name: dict(zip(names, map(volume_metrics, of), strict=True))
+            for name, of in zip(spaces, trace["_volume"], strict=bool(names))
+        }
+        return {"sets": sets, "volumes": volumes}
+
+    def notes(self, trace: Trace) -> Iterator[str]:
+        """See `plane_notes`."""
+        return plane_notes(self.problem.arm, sets_of(trace))
+
+
+def sets_of(trace: Trace) -> dict[str, Workspace]:
+    """The workspaces of a trace by name."""
+    return dict(zip(trace["_range"].tolist(), trace["_workspace"], strict=True))
+
+
+def rings(workspace: Workspace) -> Iterator[tuple[int, int, Any]]:
+    """Component, ring and its vertices [m], the first one repeated at the end."""
+    if workspace.empty:
+        return
+    for component, part in enumerate(getattr(workspace.polygon, "geoms", (workspace.polygon,)), start=1):
+        for ring, line in enumerate((part.exterior, *part.interiors)):
+            yield component, ring, list(line.coords)
+
+
+WORSE = 1.0001
+"""An accuracy this much above the requested one is reported."""
+
+
+def workspace_metrics(workspace: Workspace) -> dict[str, Any]:
+    """Area, shape and extent; the extent of an empty workspace is None."""
+    bounds: tuple[float, ...] | tuple[None, ...] = workspace.polygon.bounds if not workspace.empty else (None,) * 4
+    return {
+        "empty": workspace.empty,
+        "reason": workspace.reason,
+        "area_m2": workspace.area,
+        "components": workspace.components,
+        "holes": workspace.holes,
+        **dict(zip(("x_min_m", "y_min_m", "x_max_m", "y_max_m"), bounds, strict=True)),
+        "accuracy_m": workspace.accuracy,
+    }
+
+
+def fraction_inside(workspace: Workspace, larger: Workspace) -> float | None:
+    """Fraction of a workspace's area that lies in another one; None where it has no area."""
+    if workspace.empty:
+        return None
+    return float(workspace.polygon.intersection(larger.polygon).area / workspace.area)
+
+
+def plane_notes(section: ArmInPlane, spaces: Mapping[str, Workspace]) -> Iterator[str]:
+    """What a reader of areas has to know."""
+    yield f"the plane lies {plane_words(section)}; {handle_words(section)}"
+    yield "what joint limits and segment lengths allow: no muscle, no contact, no effort is part of it"
+    for name, workspace in spaces.items():
+        if workspace.empty:
+            yield f"{name}: EMPTY, {workspace.reason}"
+        elif workspace.accuracy > WORSE * 1e-3 * section.accuracy_mm:
+            yield (
+                f"{name}: its boundary could be confirmed to {1e3 * workspace.accuracy:.3g} mm only, "
+                f"{section.accuracy_mm:g} mm were required"
+            )
+    if any(section.shoulder_m) or section.shoulder_turn_deg:
+        place = ", ".join(f"{each:g}" for each in section.shoulder_m)
+        yield (
+            f"in the robot's frame: the {section.side} shoulder stands at ({place}) m, turned by "
+            f"{section.shoulder_turn_deg:g} deg"
+        )
+
+
+def volume_metrics(volume: ReachableVolume) -> dict[str, Any]:
+    """Size of a volume, and how far it may be off."""
+    return {
+        "volume_m3": volume.volume,
+        "volume_bound_m3": volume.volume_bound,
+        "slices": len(volume.slices),
+        "reason": volume.reason,
+    }
+
+
+class WorkspaceSystem(System[WorkspaceProblem, ReachedSets]):
+    """The reachable workspaces of an arm."""
+
+    schema = WorkspaceProblem
+
+    def scenes(self, config: Config, options: Mapping[str, str]) -> dict[Names, ReachedSets]:
+        """All ranges of motion together."""
+        return {(): ReachedSets(config)}
+
+    def columns(self, outcome: Outcome) -> Mapping[str, Mapping[str, Any]]:
+        """A column for each range of motion; volumes with the handle held as in the plane, or free."""
+        sets, volumes = outcome.metrics["sets"], outcome.metrics["volumes"]
+        return {name: {**numbers, "volume": volumes.get(name, {})} for name, numbers in sets.items()}
+
+    def caption(self, outcome: Outcome) -> str:
+        """Plane and handle."""
+        (scene,) = outcome.scenes.values()
+        return f"plane {plane_words(scene.problem.arm)}, {handle_words(scene.problem.arm)}"
+
+    def check(self, config: Config) -> tuple[str, ...]:
+        """Builds the arms."""
+        self.arms(config)
+        return ()
+
+    def arms(self, config: Config) -> dict[str, SerialChain]:
+        """An arm for each range of motion."""
+        arm = config.problem.arm
+        return {
+            name: arm_of(arm.side, arm.segments, limits, file=config.file)
+            for name, limits in ranges_by_name(arm.range_of_motion).items()
+        }
+
+    def figures(self, outcome: Outcome) -> dict[str, Figure]:
+        """See `workspaces.figures`."""
+        from rehab_opt.session.workspaces.figures import figures  # noqa: PLC0415  (draws)
+
+        return figures(outcome)
