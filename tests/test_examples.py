@@ -3,9 +3,18 @@
 import json
 import re
 import runpy
+import sys
+import tomllib
+from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
+
+from rehab_opt import human_arm
+from rehab_opt.session.files import problem_of
+from rehab_opt.session.run import arms_of
+from rehab_opt.workspace.cp_reach import reach_groups
 
 ROOT = Path(__file__).parents[1]
 
@@ -20,7 +29,7 @@ def numbers(text: str) -> list[float]:
 
 
 def test_every_example_is_claimed_here() -> None:
-    claimed = {"first_steps.ipynb", "follow_pose.py", "help_along_path.py", "own_limit.py"}
+    claimed = {"first_steps.ipynb", "follow_pose.py", "help_along_path.py", "own_limit.py", "used_ranges.py"}
     assert {path.name for path in (ROOT / "examples").iterdir() if path.suffix in {".py", ".ipynb"}} == claimed
 
 
@@ -51,3 +60,17 @@ def test_the_elbow_passes_the_table_without_the_limit_and_not_with_it(capsys: py
 def test_help_stays_within_its_force_limit(capsys: pytest.CaptureFixture[str]) -> None:
     *_, largest = numbers(printed_by("help_along_path.py", capsys))
     assert 0 < largest <= 30
+
+
+def test_ranges_used_in_recorded_reaches_become_a_problem(
+    recorded: Callable[[str], Path], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = recorded("cp_dyskinetic_reach")
+    monkeypatch.setattr(sys, "argv", ["used_ranges.py", str(folder)])
+    content = tomllib.loads(printed_by("used_ranges.py", capsys))
+    arms = arms_of(problem_of(content, name="used", file="used.toml", path=Path("used.toml")))
+    groups = reach_groups(folder)
+    assert set(arms) == {", ".join(key) for key in groups}
+    for key, found in groups.items():
+        arm, used = arms[", ".join(key)], human_arm(side="left", range_of_motion=found.used)
+        np.testing.assert_allclose([arm.lower, arm.upper], [used.lower, used.upper], atol=1e-5)

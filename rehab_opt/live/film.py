@@ -18,7 +18,7 @@ from rehab_opt.control.command import Command
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.session.live.bodies import BLUE, ORANGE
 from rehab_opt.session.live.problem import LiveProblem
-from rehab_opt.session.trace import simulate
+from rehab_opt.session.simulation import simulate
 
 __all__ = ["write_film"]
 

@@ -20,8 +20,9 @@ from rehab_opt.session.live.bodies import ORANGE, ArmBodies, joint_rows
 from rehab_opt.session.live.problem import LiveControl, LiveInputs, LiveProblem
 from rehab_opt.session.outcome import Array, Progress
 from rehab_opt.session.schema import Problem
+from rehab_opt.session.simulation import simulate
 from rehab_opt.session.systems import Names, System
-from rehab_opt.session.trace import Trace, simulate
+from rehab_opt.session.trace import Trace
 
 __all__ = ["Plot", "Scene", "SceneSystem", "arm_plots"]
 

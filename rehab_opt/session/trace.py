@@ -1,22 +1,16 @@
-"""The one table of a run: a row a tick, a column a quantity, each name ending in its unit; and the closed loop."""
+"""The one table of a run: a row a tick, a column a quantity, each name ending in its unit."""
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from rehab_opt.control.command import Command, Relaxed
-    from rehab_opt.session.live.problem import LiveControl, LiveInputs
-
-__all__ = ["Trace", "relaxed_words", "simulate", "stacked"]
+__all__ = ["Trace", "stacked"]
 
 XYZ = ("x_m", "y_m", "z_m")
-TICKS_A_REPORT = 100
 
 
 class Trace(dict[str, NDArray[Any]]):
@@ -37,7 +31,7 @@ class Trace(dict[str, NDArray[Any]]):
             if name.startswith("_") or values.ndim > 2:
                 continue
             parts = [""] if values.ndim == 1 else [f"_{part}" for part in self.parts.get(name, XYZ)]
-            for part, column in zip(parts, values.reshape(len(values), -1).T, strict=False):
+            for part, column in zip(parts, np.atleast_2d(values.T), strict=False):
                 yield name + part, column.astype(int) if column.dtype.kind == "b" else column
 
 
@@ -50,70 +44,3 @@ def stacked(traces: Mapping[tuple[str, ...], Trace], labels: Sequence[str]) -> I
     for name in max(tables.values(), key=len):
         parts = zip(tables.values(), sizes, strict=True)
         yield name, np.concatenate([table.get(name, np.zeros(size)) for table, size in parts])
-
-
-def relaxed_words(relaxed: Relaxed) -> str:
-    """What gave way, in words; empty where nothing did."""
-    return str(relaxed.name).lower().replace("|", ", ") if relaxed else ""
-
-
-def simulate(
-    control: LiveControl,
-    inputs: Callable[[int], LiveInputs | None],
-    *,
-    ticks: int,
-    also: Callable[[int, Command], Mapping[str, Any]] = lambda *_: {},
-    progress: Callable[[int, int], None] = lambda *_: None,
-) -> Trace:
-    """Run until `inputs` gives None, or for so many ticks, from the control's start at rest, as live without waiting.
-
-    Everything holds at the beginning of its tick; commands are held during it. `joint` (true) and `command`
-    are (N, n) [rad, m, and the same per s], `_force` (N, 2) or (N, 3) [N] acts on the hand during the tick,
-    `_seconds` is the controller's computing time. A robot that does not move exactly as commanded also has `measured`
-    positions, true `velocity` and `_effort` [N m, N] of the drives in the tick before.
-
-    Parameters
-    ----------
-    inputs : the tick's number -> what is done to the robot. It may look at `control.plant.truth`, which no controller
-        can. also : more columns, of a tick's number and its command, before that is sent. progress : the tick's number
-        and how many there may be.
-    """
-    from rehab_opt.plants.ideal import IdealJoints  # noqa: PLC0415  (loads the kinematics)
-    from rehab_opt.plants.touched import TouchedPlant  # noqa: PLC0415
-
-    plant, rows, more = control.plant, list[tuple[Any, ...]](), list[Mapping[str, Any]]()
-    control.timed, seen = False, plant.reset(control.start)
-    truth = plant.truth
-    for k in range(ticks):
-        given = inputs(k)
-        if given is None:
-            break
-        began = time.perf_counter()
-        command = control.step(given, seen)
-        rows.append((truth, seen, command, time.perf_counter() - began))
-        more.append(also(k, command))
-        seen = plant.step(control.plant_command(command))
-        truth = plant.truth
-        if k % TICKS_A_REPORT == 0:
-            progress(k, ticks)
-    progress(ticks, ticks)
-    truths, measured, commands, seconds = zip(*rows, strict=True)
-    trace = Trace(
-        {
-            "t_s": plant.dt * np.arange(len(rows), dtype=np.float64),
-            "joint": [each.position for each in truths],
-            "command": [each.value for each in commands],
-            "status": [each.status.value for each in commands],
-            "relaxed": [relaxed_words(each.relaxed) for each in commands],
-            "reason": [each.reason for each in commands],
-            "scale": [each.scale for each in commands],
-            "_force": [each.force for each in (*truths[1:], truth)],
-            "_seconds": seconds,
-        }
-    )
-    if not (isinstance(plant, TouchedPlant) and isinstance(plant.plant, IdealJoints)):
-        trace["measured"] = np.array([each.position for each in measured])
-        trace["velocity"] = np.array([each.velocity for each in truths])
-        trace["_effort"] = np.array([each.effort for each in truths])
-    trace |= {name: np.array([each[name] for each in more]) for name in more[0]}
-    return trace

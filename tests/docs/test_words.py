@@ -87,10 +87,9 @@ LEFT: dict[str, int] = {
     "rehab_opt/session/scenario/problem.py": 6,
     "rehab_opt/session/scenario/run.py": 6,
     "rehab_opt/session/scenario/system.py": 4,
-    "rehab_opt/session/upper_limb/run.py": 1,
-    "rehab_opt/session/upper_limb/shown.py": 4,
+    "rehab_opt/session/upper_limb/figures.py": 2,
+    "rehab_opt/session/upper_limb/scene.py": 1,
     "rehab_opt/session/workspace_maps/problem.py": 2,
-    "rehab_opt/session/workspace_maps/run.py": 1,
     "rehab_opt/workspace/spline.py": 1,
 }
 """Files that are being rewritten, a solver called ladder and texts of reasons, with how many such words they may have.

@@ -1,8 +1,5 @@
 """Ranges used in recorded reaches: what the files hold, what was left out, and what the groups come to."""
 
-import subprocess
-import sys
-import tomllib
 from collections.abc import Callable
 from pathlib import Path
 
@@ -12,8 +9,6 @@ from numpy.typing import NDArray
 
 from rehab_opt import ConfigurationError, ProblemFileError, human_arm
 from rehab_opt.kinematics.human_arm import ARM_JOINTS
-from rehab_opt.session.files import problem_of
-from rehab_opt.session.run import arms_of
 from rehab_opt.workspace.clinical_angles import WITHOUT_A_JOINT, model_shoulder, model_wrist
 from rehab_opt.workspace.cp_reach import grasp_zero, group_range, reach_groups
 from rehab_opt.workspace.reach_rows import COLUMNS, GROUPS, TASKS, ReachAngles, flip_suspects, read_cp_reach
@@ -149,14 +144,3 @@ def test_a_missing_file_matters_where_the_model_needs_it(tmp_path: Path) -> None
         read_cp_reach(folder, "RF")
     with pytest.raises(ProblemFileError, match="task"):
         read_cp_reach(folder, "RS")
-
-
-def test_example_writes_a_problem_with_the_ranges_used(recorded: Recorded) -> None:
-    folder, example = recorded("cp_dyskinetic_reach"), Path(__file__).parents[2] / "examples/used_ranges.py"
-    done = subprocess.run([sys.executable, example, folder], capture_output=True, text=True, check=True)
-    config = problem_of(tomllib.loads(done.stdout), name="used", file="used.toml", path=Path("used.toml"))
-    arms, groups = arms_of(config), reach_groups(folder)
-    assert set(arms) == {f"{task}, {group}" for task, group in groups}
-    for (task, group), found in groups.items():
-        arm = arms[f"{task}, {group}"]
-        np.testing.assert_allclose(np.stack([arm.lower, arm.upper], axis=1), list(found.used.values()), atol=1e-5)

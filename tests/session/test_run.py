@@ -18,9 +18,10 @@ from rehab_opt.session.outcome import Outcome
 from rehab_opt.session.report import metrics_json, write_trace
 from rehab_opt.session.run import run_problem
 from rehab_opt.session.trace import Trace
+from rehab_opt.session.upper_limb.drive import law_columns
 from rehab_opt.session.upper_limb.figures import figures
 from rehab_opt.session.upper_limb.problem import UpperLimb
-from rehab_opt.session.upper_limb.scene import FollowedPath, law_columns, verified
+from rehab_opt.session.upper_limb.scene import FollowedPath, verified
 
 Columns = dict[str, NDArray[Any]]
 

@@ -16,7 +16,7 @@ from rehab_opt.session.report import metrics_json
 from rehab_opt.session.run import checked, run_problem
 from rehab_opt.session.systems import NotMet
 from rehab_opt.session.workspace_maps.figures import figures as map_figures
-from rehab_opt.session.workspace_maps.scene import Direction
+from rehab_opt.session.workspace_maps.made import Direction
 from tests.refusals import refuses
 
 CONTENT: dict[str, Any] = {

@@ -23,7 +23,8 @@ from rehab_opt.session.mirror.scene import Setup
 from rehab_opt.session.outcome import Array, Progress
 from rehab_opt.session.refusals import refused_as
 from rehab_opt.session.schema import keys_of
-from rehab_opt.session.trace import Trace, relaxed_words, simulate
+from rehab_opt.session.simulation import relaxed_words, simulate
+from rehab_opt.session.trace import Trace
 
 __all__ = ["ANY_SPEED", "planned", "searched", "track_reference", "tracker_of", "without_floor"]
 

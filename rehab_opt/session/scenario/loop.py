@@ -24,7 +24,7 @@ from rehab_opt.session.refusals import refused_as
 from rehab_opt.session.scenario.laws import ForceLaw
 from rehab_opt.session.scenario.outcome import Law, Trial
 from rehab_opt.session.scenario.problem import ScenarioProblem
-from rehab_opt.session.trace import simulate
+from rehab_opt.session.simulation import simulate
 from rehab_opt.workspace.region import Workspace
 
 __all__ = ["Arrival", "Helping", "Scene", "hand_robot_of", "person_of", "robot_model_of", "simulate_trial"]

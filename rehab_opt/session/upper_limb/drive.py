@@ -7,13 +7,15 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rehab_opt.control.smoothing import smooth_path
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.session.outcome import Array
+from rehab_opt.session.trace import Trace
 from rehab_opt.session.upper_limb.problem import SmoothingSection
 
-__all__ = ["DT", "bounds_of_drive", "driven", "hand_and_tilt"]
+__all__ = ["DT", "bounds_of_drive", "driven", "hand_and_tilt", "law_columns"]
 
 DT = 0.001  # [s]
 OFF, OVER = 1e-4, math.radians(1e-3)
@@ -26,6 +28,12 @@ DAMPING, ROUNDING = 1e-2, 1e-9
 """[m/rad] What a step counts for at first; [rad] by which its bounds are apart where a joint is at its limit."""
 HALVINGS, STEPS = 6, 20
 """Of the way from sample to sample, and of Newton's to a posture amid two."""
+
+
+def law_columns(trace: Trace, law: str) -> dict[str, NDArray[Any]]:
+    """The columns of one controller, without its name; `joint` (N, n) [rad] are its joints."""
+    found = {name.lstrip("_"): values for name, values in trace.items() if name.lstrip("_").startswith(law)}
+    return {name[len(law) + 1 :] or "joint": values for name, values in found.items()}
 
 
 def hand_and_tilt(arm: SerialChain, q: Array) -> tuple[Array, Array]:

@@ -23,7 +23,7 @@ from rehab_opt.session.drawing import (
     legend_below,
 )
 from rehab_opt.session.outcome import Array, Outcome
-from rehab_opt.session.upper_limb.scene import FollowedPath, law_columns
+from rehab_opt.session.upper_limb.drive import law_columns
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -48,7 +48,7 @@ def figures(outcome: Outcome) -> dict[str, Figure]:
     }
 
 
-def _hand_path(outcome: Outcome, scene: FollowedPath, of: dict[str, dict[str, Any]]) -> Figure:
+def _hand_path(outcome: Outcome, scene: Any, of: dict[str, dict[str, Any]]) -> Figure:
     (trace,) = outcome.traces.values()
     path, time, reachable, depth = MM * trace["path"], trace["t_s"], trace.get("reachable"), -trace["path"][0, 2]
     where = f"{abs(depth):g} m {'below' if depth >= 0 else 'above'} the shoulder"
@@ -79,7 +79,7 @@ def _labelled(gaps: tuple[tuple[float, float], ...]) -> Iterable[tuple[tuple[flo
 
 
 def _errors(
-    title: str, scene: FollowedPath, time: Array, reachable: NDArray[np.bool_] | None, of: dict[str, dict[str, Any]]
+    title: str, scene: Any, time: Array, reachable: NDArray[np.bool_] | None, of: dict[str, dict[str, Any]]
 ) -> Figure:
     what = "How far a driven hand is from the path, and the handle from the vertical"
     figure = framed(f"{title}\n{what}", 9.0, 7.0)

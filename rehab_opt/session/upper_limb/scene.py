@@ -36,13 +36,13 @@ from rehab_opt.session.refusals import refused_as
 from rehab_opt.session.schema import keys_of
 from rehab_opt.session.systems import Names, Needed, NotMet, System
 from rehab_opt.session.trace import Trace
-from rehab_opt.session.upper_limb.drive import DT, bounds_of_drive, driven, hand_and_tilt
+from rehab_opt.session.upper_limb.drive import DT, bounds_of_drive, driven, hand_and_tilt, law_columns
 from rehab_opt.session.upper_limb.problem import OptimisedSection, PublishedSection, UpperLimb
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["LAWS", "FollowedPath", "UpperLimbSystem", "claimed", "law_columns", "verified"]
+__all__ = ["LAWS", "FollowedPath", "UpperLimbSystem", "claimed", "verified"]
 
 Config = ProblemFile[UpperLimb]
 LAWS = ("optimised", "published")
@@ -210,12 +210,6 @@ class FollowedPath:
             if law == "published":
                 yield from _published(numbers[law]["parameters"], winds_up=numbers["reachable_fraction_of_time"] != 1.0)
             yield from _law_notes(law, numbers[law], numbers["samples"])
-
-
-def law_columns(trace: Trace, law: str) -> dict[str, NDArray[Any]]:
-    """The columns of one controller, without its name; `joint` (N, n) [rad] are its joints."""
-    found = {name.lstrip("_"): values for name, values in trace.items() if name.lstrip("_").startswith(law)}
-    return {name[len(law) + 1 :] or "joint": values for name, values in found.items()}
 
 
 def claimed(of: Mapping[str, NDArray[Any]]) -> NDArray[np.bool_]:

@@ -16,7 +16,7 @@ from matplotlib.transforms import Bbox
 from rehab_opt.session.arm_keys import ArmInPlane
 from rehab_opt.session.drawing import MM, REFERENCE, framed, legend_below
 from rehab_opt.session.outcome import Array, Outcome
-from rehab_opt.session.workspace_maps.scene import Direction, MadeMap
+from rehab_opt.session.workspace_maps.made import Direction, MadeMap
 from rehab_opt.session.workspaces.figures import draw_region, is_placed, region_path, seen_from_above
 from rehab_opt.workspace.region import Workspace
 

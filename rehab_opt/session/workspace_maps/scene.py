@@ -3,56 +3,32 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Iterator, Mapping
 from itertools import product
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rehab_opt.errors import ConfigurationError, ProblemFileError
 from rehab_opt.measures.path import path_length
 from rehab_opt.recordings.recording import Recording, size_note
-from rehab_opt.session.arm_keys import ArmInPlane, RangeOfMotion, ranges_by_name
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.outcome import Array, Outcome, Progress, finite, with_progress
 from rehab_opt.session.participant import placed_recording
 from rehab_opt.session.systems import Names, Needed, NotMet, System
 from rehab_opt.session.trace import Trace
+from rehab_opt.session.workspace_maps.made import ENDS, Direction, MadeMap, mapped_set
 from rehab_opt.session.workspace_maps.problem import WorkspaceMapProblem
 from rehab_opt.session.workspaces.reached import reached
 from rehab_opt.session.workspaces.scene import plane_notes, workspace_metrics
-from rehab_opt.workspace.audit import Audit
-from rehab_opt.workspace.mapping import WorkspaceMap
 from rehab_opt.workspace.region import Workspace
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["Direction", "MadeMap", "MappedSet", "MappedSets", "WorkspaceMapSystem"]
+__all__ = ["MappedSets", "WorkspaceMapSystem"]
 
 Config = ProblemFile[WorkspaceMapProblem]
-End = Literal["source", "target"]
-ENDS: tuple[End, ...] = ("source", "target")
 XY = ("x_m", "y_m")
-
-
-class MappedSet(NamedTuple):
-    """One of the two sets: its name, arm and range, and the key of the file that speaks of the arm."""
-
-    name: str
-    section: ArmInPlane
-    ranges: str | RangeOfMotion
-    key: str
-
-
-def mapped_set(problem: WorkspaceMapProblem, end: End) -> MappedSet:
-    """What the file says of one of the sets."""
-    said = problem.source if end == "source" else problem.target
-    if not isinstance(said, str):
-        return MappedSet(end, said, said.range_of_motion, end)
-    assert problem.arm is not None  # the schema refuses a name without an arm
-    return MappedSet(said, problem.arm, ranges_by_name(problem.arm.range_of_motion)[said], "arm")
 
 
 def placed_trajectory(config: Config, index: int) -> tuple[Recording, Array]:
@@ -68,49 +44,6 @@ def placed_trajectory(config: Config, index: int) -> tuple[Recording, Array]:
         keys=f"trajectory.{index}.",
     )
     return recording, path[:, :2]
-
-
-class MadeMap:
-    """A map with its audit; both None where the rule finds none, and then why. `seconds` are without the audit."""
-
-    def __init__(self, scene: MappedSets, start: int, rule: str, spaces: list[Workspace]) -> None:
-        how, began = scene.problem.map, time.perf_counter()
-        self.rule, self.reason, self.mapped, self.audit = rule, "", None, None
-        try:
-            self.mapped = WorkspaceMap.between(
-                spaces[start],
-                spaces[1 - start],
-                rule=rule,  # type: ignore[arg-type]
-                landmarks=how.polar_landmarks if rule == "polar" else None,
-                rotation="best" if isinstance(how.rotation_deg, str) else math.radians(how.rotation_deg),
-            )
-        except ConfigurationError as refused:
-            if refused.argument in ENDS:
-                at = start if refused.argument == "source" else 1 - start
-                value = f"{scene.sets[at].name}: {refused.value}"
-                raise ProblemFileError(scene.file, ENDS[at], value, refused.expected) from refused
-            self.reason = f"no map: {refused}"
-        self.seconds = time.perf_counter() - began
-        if self.mapped is not None:
-            self.audit = self.mapped.audit(how.audit_points, how.seed)
-
-    mapped: WorkspaceMap | None
-    audit: Audit | None
-
-
-class Direction(NamedTuple):
-    """From one set into the other: a map for each rule, and the paths (N, 2) [m] that they carry."""
-
-    key: str
-    start: MappedSet
-    end: MappedSet
-    start_space: Workspace
-    end_space: Workspace
-    maps: list[MadeMap]
-    before: dict[str, Array]
-    """By trajectory."""
-    after: dict[str, dict[str, Array]]
-    """By rule and trajectory, of the rules that have a map."""
 
 
 class MappedSets:
@@ -131,11 +64,14 @@ class MappedSets:
         return [reached(of.section, of.ranges, file=self.file, key=of.key) for of in sets]
 
     def run(self, progress: Progress = lambda *_: None) -> Trace:
-        """A row for each sample of a trajectory, NaN after a rule without a map; (starts, rules) `_map`, (2,) `_space`."""
+        """A row for each sample of a trajectory, NaN after a rule without a map; `_map` is (starts, rules)."""
         found, rules = self._found(progress), self.problem.map.rules
         spaces = [of.workspace for of in found]
         pairs = list(product(self.starts, rules))
-        made = [MadeMap(self, start, rule, spaces) for start, rule in with_progress(progress, "maps", pairs)]
+        made = [
+            MadeMap(self.problem.map, self.sets, spaces, start=start, rule=rule, file=self.file)
+            for start, rule in with_progress(progress, "maps", pairs)
+        ]
         maps = np.array(made).reshape(len(self.starts), len(rules))
         order = sorted(range(len(self.placed)), key=lambda i: ENDS.index(self.problem.trajectory[i].set))
         rows = []
@@ -147,11 +83,11 @@ class MappedSets:
             names = trajectory.name, self.sets[start].name, self.sets[1 - start].name
             rows.append([*(np.repeat(name, n) for name in names), recording.time, before, *after])
         after_names = [f"{rule}_after" for rule in rules]
-        names = ["trajectory", "from", "to", "t_s", "before", *after_names]
+        columns_of = ["trajectory", "from", "to", "t_s", "before", *after_names]
         empty = [np.empty(0)] * 4 + [np.empty((0, 2))] * (1 + len(rules))
         columns = [np.concatenate(of) for of in zip(*rows, strict=True)] if rows else empty
         kept = {"_map": maps, "_space": spaces, "_seconds": [of.seconds for of in found]}
-        return Trace(dict(zip(names, columns, strict=True)) | kept, dict.fromkeys(["before", *after_names], XY))
+        return Trace(dict(zip(columns_of, columns, strict=True)) | kept, dict.fromkeys(["before", *after_names], XY))
 
     def directions(self, trace: Trace) -> Iterator[Direction]:
         """What a trace says, by direction."""
@@ -299,7 +235,7 @@ class WorkspaceMapSystem(System[WorkspaceMapProblem, MappedSets]):
         """Reads the trajectories, finds the sets."""
         scene = MappedSets(config)
         spaces = scene.spaces()
-        MadeMap(scene, 0, "polar", spaces)  # refuses sets
+        MadeMap(config.problem.map, scene.sets, spaces, start=0, rule="polar", file=config.file)  # refuses sets
         said = [f"{of.file}: {note}" for of, _ in scene.placed for note in (*of.notes, size_note(of))]
         for trajectory, (_, path) in zip(config.problem.trajectory, scene.placed, strict=True):
             at = ENDS.index(trajectory.set)

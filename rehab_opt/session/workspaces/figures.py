@@ -18,8 +18,7 @@ from matplotlib.path import Path
 from rehab_opt.session.arm_keys import ArmInPlane
 from rehab_opt.session.drawing import ACROSS, FORWARD, GRID, MM, REFERENCE, framed, legend_below
 from rehab_opt.session.outcome import Outcome
-from rehab_opt.session.workspaces.reached import handle_words, plane_words
-from rehab_opt.session.workspaces.scene import rings, sets_of
+from rehab_opt.session.workspaces.reached import handle_words, plane_words, rings, sets_of
 from rehab_opt.workspace.region import Workspace
 from rehab_opt.workspace.volume import ReachableVolume
 

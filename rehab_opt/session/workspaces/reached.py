@@ -4,17 +4,30 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.session.arm_keys import ArmInPlane
 from rehab_opt.session.participant import AnyRange, arm_of
 from rehab_opt.session.refusals import refused_as
+from rehab_opt.session.trace import Trace
 from rehab_opt.workspace.placement import ShoulderPlacement
 from rehab_opt.workspace.reach import planar_workspace
 from rehab_opt.workspace.region import Workspace
 
-__all__ = ["Reached", "handle_words", "placement_of", "plane_of", "plane_words", "reached", "tilt_of", "tilt_words"]
+__all__ = [
+    "Reached",
+    "handle_words",
+    "placement_of",
+    "plane_of",
+    "plane_words",
+    "reached",
+    "rings",
+    "sets_of",
+    "tilt_of",
+    "tilt_words",
+]
 
 KEYS = {"height": "plane_height_m", "handle_tilt": "handle_tilt_deg", "accuracy": "accuracy_mm"}
 
@@ -79,3 +92,17 @@ def handle_words(section: ArmInPlane) -> str:
 def tilt_words(tilt: str | float) -> str:
     """A largest tilt [deg], or that there is none."""
     return "any" if isinstance(tilt, str) else f"{tilt:g} deg"
+
+
+def sets_of(trace: Trace) -> dict[str, Workspace]:
+    """The workspaces of a trace by name."""
+    return dict(zip(trace["_range"].tolist(), trace["_workspace"], strict=True))
+
+
+def rings(workspace: Workspace) -> Iterator[tuple[int, int, Any]]:
+    """Component, ring and its vertices [m], the first one repeated at the end."""
+    if workspace.empty:
+        return
+    for component, part in enumerate(getattr(workspace.polygon, "geoms", (workspace.polygon,)), start=1):
+        for ring, line in enumerate((part.exterior, *part.interiors)):
+            yield component, ring, list(line.coords)

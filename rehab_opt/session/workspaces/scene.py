@@ -21,6 +21,8 @@ from rehab_opt.session.workspaces.reached import (
     placement_of,
     plane_words,
     reached,
+    rings,
+    sets_of,
     tilt_of,
     tilt_words,
 )
@@ -30,7 +32,7 @@ from rehab_opt.workspace.volume import ReachableVolume, reachable_volume
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["ReachedSets", "WorkspaceProblem", "WorkspaceSystem", "plane_notes", "rings", "workspace_metrics"]
+__all__ = ["ReachedSets", "WorkspaceProblem", "WorkspaceSystem", "plane_notes", "workspace_metrics"]
 
 
 class TiltsSection(Section):
@@ -84,8 +86,8 @@ class ReachedSets:
     def run(self, progress: Progress = lambda *_: None) -> Trace:
         """A row for each vertex: set, component (from 1), ring (0 is the outline, holes count from 1), x and y.
 
-        Kept are also the sets `_workspace` with their names `_range` and `_seconds`, the volumes `_volume` (sets, `held`),
-        and the sets `_tilted` of other tilts.
+        Also kept: the sets `_workspace`, their names `_range`, `_seconds`; the volumes `_volume` (sets, `held`); the
+        sets `_tilted` of other tilts.
         """
         arm, file = self.problem.arm, self._file
         found = {
@@ -107,10 +109,9 @@ class ReachedSets:
         trace["_volume"] = np.array([[self._volume(of.arm, held) for held in self.held] for of in volumes])
         tilts = self.problem.tilts
         if tilts is not None and tilts.range in self.ranges:
+            own = self.ranges[tilts.range]
             tilted = [
-                reached(
-                    arm.model_copy(update={"handle_tilt_deg": tilt}), self.ranges[tilts.range], file=file, key="arm"
-                )
+                reached(arm.model_copy(update={"handle_tilt_deg": tilt}), own, file=file, key="arm")
                 for tilt in with_progress(progress, "handle tilts", tilts.handle_tilt_deg)
             ]
             trace["_tilted"] = np.array([of.workspace for of in tilted])
@@ -148,20 +149,6 @@ class ReachedSets:
     def notes(self, trace: Trace) -> Iterator[str]:
         """See `plane_notes`."""
         return plane_notes(self.problem.arm, sets_of(trace))
-
-
-def sets_of(trace: Trace) -> dict[str, Workspace]:
-    """The workspaces of a trace by name."""
-    return dict(zip(trace["_range"].tolist(), trace["_workspace"], strict=True))
-
-
-def rings(workspace: Workspace) -> Iterator[tuple[int, int, Any]]:
-    """Component, ring and its vertices [m], the first one repeated at the end."""
-    if workspace.empty:
-        return
-    for component, part in enumerate(getattr(workspace.polygon, "geoms", (workspace.polygon,)), start=1):
-        for ring, line in enumerate((part.exterior, *part.interiors)):
-            yield component, ring, list(line.coords)
 
 
 WORSE = 1.0001

@@ -1,0 +1,83 @@
+"""The closed loop, from a control's start at rest to a trace."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+
+from rehab_opt.control.command import Command, Relaxed
+from rehab_opt.plants.ideal import IdealJoints
+from rehab_opt.plants.touched import TouchedPlant
+from rehab_opt.session.live.problem import LiveControl, LiveInputs
+from rehab_opt.session.trace import Trace
+
+__all__ = ["relaxed_words", "simulate"]
+
+TICKS_A_REPORT = 100
+
+
+def relaxed_words(relaxed: Relaxed) -> str:
+    """What gave way, in words; empty where nothing did."""
+    return str(relaxed.name).lower().replace("|", ", ") if relaxed else ""
+
+
+def simulate(
+    control: LiveControl,
+    inputs: Callable[[int], LiveInputs | None],
+    *,
+    ticks: int,
+    also: Callable[[int, Command], Mapping[str, Any]] = lambda *_: {},
+    progress: Callable[[int, int], None] = lambda *_: None,
+) -> Trace:
+    """Run until `inputs` gives None, or for so many ticks, from the control's start at rest, as live without waiting.
+
+    Everything holds at the beginning of its tick; commands are held during it. `joint` (true) and `command`
+    are (N, n) [rad, m, and the same per s], `_force` (N, 2) or (N, 3) [N] acts on the hand during the tick,
+    `_seconds` is the controller's computing time. A robot that does not move exactly as commanded also has `measured`
+    positions, true `velocity` and `_effort` [N m, N] of the drives in the tick before.
+
+    Parameters
+    ----------
+    inputs : the tick's number -> what is done to the robot. It may look at `control.plant.truth`, which no controller
+        can. also : more columns, of a tick's number and its command, before that is sent. progress : the tick's number
+        and how many there may be.
+    """
+    plant, rows, more = control.plant, list[tuple[Any, ...]](), list[Mapping[str, Any]]()
+    control.timed, seen = False, plant.reset(control.start)
+    truth = plant.truth
+    for k in range(ticks):
+        given = inputs(k)
+        if given is None:
+            break
+        began = time.perf_counter()
+        command = control.step(given, seen)
+        rows.append((truth, seen, command, time.perf_counter() - began))
+        more.append(also(k, command))
+        seen = plant.step(control.plant_command(command))
+        truth = plant.truth
+        if k % TICKS_A_REPORT == 0:
+            progress(k, ticks)
+    progress(ticks, ticks)
+    truths, measured, commands, seconds = zip(*rows, strict=True)
+    trace = Trace(
+        {
+            "t_s": plant.dt * np.arange(len(rows), dtype=np.float64),
+            "joint": [each.position for each in truths],
+            "command": [each.value for each in commands],
+            "status": [each.status.value for each in commands],
+            "relaxed": [relaxed_words(each.relaxed) for each in commands],
+            "reason": [each.reason for each in commands],
+            "scale": [each.scale for each in commands],
+            "_force": [each.force for each in (*truths[1:], truth)],
+            "_seconds": seconds,
+        }
+    )
+    if not (isinstance(plant, TouchedPlant) and isinstance(plant.plant, IdealJoints)):
+        trace["measured"] = np.array([each.position for each in measured])
+        trace["velocity"] = np.array([each.velocity for each in truths])
+        trace["_effort"] = np.array([each.effort for each in truths])
+    trace |= {name: np.array([each[name] for each in more]) for name in more[0]}
+    return trace

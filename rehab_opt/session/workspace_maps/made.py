@@ -1,0 +1,91 @@
+"""What is mapped, the maps that were made, and what they carry."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Sequence
+from typing import Literal, NamedTuple
+
+from rehab_opt.errors import ConfigurationError, ProblemFileError
+from rehab_opt.session.arm_keys import ArmInPlane, RangeOfMotion, ranges_by_name
+from rehab_opt.session.outcome import Array
+from rehab_opt.session.workspace_maps.problem import MapSection, WorkspaceMapProblem
+from rehab_opt.workspace.audit import Audit
+from rehab_opt.workspace.mapping import WorkspaceMap
+from rehab_opt.workspace.region import Workspace
+
+__all__ = ["ENDS", "Direction", "MadeMap", "MappedSet", "mapped_set"]
+
+End = Literal["source", "target"]
+ENDS: tuple[End, ...] = ("source", "target")
+
+
+class MappedSet(NamedTuple):
+    """One of the two sets: its name, arm and range, and the key of the file that speaks of the arm."""
+
+    name: str
+    section: ArmInPlane
+    ranges: str | RangeOfMotion
+    key: str
+
+
+def mapped_set(problem: WorkspaceMapProblem, end: End) -> MappedSet:
+    """What the file says of one of the sets."""
+    said = problem.source if end == "source" else problem.target
+    if not isinstance(said, str):
+        return MappedSet(end, said, said.range_of_motion, end)
+    assert problem.arm is not None  # the schema refuses a name without an arm
+    return MappedSet(said, problem.arm, ranges_by_name(problem.arm.range_of_motion)[said], "arm")
+
+
+class MadeMap:
+    """A map with its audit; both None where the rule finds none, and then why. `seconds` are without the audit."""
+
+    def __init__(
+        self,
+        how: MapSection,
+        sets: Sequence[MappedSet],
+        spaces: Sequence[Workspace],
+        *,
+        start: int,
+        rule: str,
+        file: str,
+    ) -> None:
+        began = time.perf_counter()
+        self.rule, self.reason, self.mapped, self.audit = rule, "", None, None
+        try:
+            self.mapped = WorkspaceMap.between(
+                spaces[start],
+                spaces[1 - start],
+                rule=rule,  # type: ignore[arg-type]
+                landmarks=how.polar_landmarks if rule == "polar" else None,
+                rotation="best" if isinstance(how.rotation_deg, str) else math.radians(how.rotation_deg),
+            )
+        except ConfigurationError as refused:
+            if refused.argument in ENDS:
+                at = start if refused.argument == "source" else 1 - start
+                value = f"{sets[at].name}: {refused.value}"
+                raise ProblemFileError(file, ENDS[at], value, refused.expected) from refused
+            self.reason = f"no map: {refused}"
+        self.seconds = time.perf_counter() - began
+        if self.mapped is not None:
+            self.audit = self.mapped.audit(how.audit_points, how.seed)
+
+    mapped: WorkspaceMap | None
+    audit: Audit | None
+
+
+class Direction(NamedTuple):
+    """From one set into the other: a map for each rule, and the paths (N, 2) [m] that they carry."""
+
+    key: str
+    start: MappedSet
+    end: MappedSet
+    start_space: Workspace
+    end_space: Workspace
+    maps: list[MadeMap]
+    before: dict[str, Array]
+    """By trajectory."""
+    after: dict[str, dict[str, Array]]
+    """By rule and trajectory, of the rules that have a map."""
