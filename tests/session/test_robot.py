@@ -17,7 +17,7 @@ from rehab_opt.session.files import load_problem, shipped_folder
 from rehab_opt.session.outcome import Outcome
 from rehab_opt.session.pose_tracking import CircleSection, circle_reference
 from rehab_opt.session.run import checked, run_problem
-from rehab_opt.session.systems import NotMet
+from rehab_opt.session.systems import NotMet, system_named
 from rehab_opt.session.trace import Trace
 from tests.control.clearance_world import least_distance, link_ends
 from tests.refusals import refuses
@@ -100,7 +100,7 @@ def test_shipped_robot_among_bodies_comes_to_its_margin_and_goes_on() -> None:
     )  # of the links among each other nothing is asked here
     assert outcome.metrics["optimised"]["clearance"]["min_beyond_margin_m"] == pytest.approx(near.distances.min())
     assert outcome.metrics["optimised"]["scale_min"] < 0.5
-    assert "clearance" in outcome.draw()
+    assert "clearance" in system_named("pose_tracking").figures(outcome)
 
 
 PATH = """system = "pose_tracking"
