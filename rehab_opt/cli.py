@@ -132,7 +132,7 @@ def run(
     if few is not None:
         console.print("- more numbers: --all, and metrics.json", highlight=False)
     if into is not None:
-        say(into.said(new))
+        say(into.written(new))
     names = ", ".join(path.name for path in written)
     console.print(f"written to {folder}: {names}", highlight=False, soft_wrap=True)
 
@@ -191,8 +191,8 @@ def live(
     if into is not None and trials is not None:
         with undisturbed():
             trials.end()
-        held = f"no trial for {into.file}: the dead man's switch was never held for a second"
-        say(into.said(trials.written) if trials.written else held)
+        held = f"no trial for {into.folder}: the dead man's switch was never held for a second"
+        say(into.written(trials.written) if trials.written else held)
 
 
 @app.command()
@@ -498,7 +498,7 @@ def score(
 
         with undisturbed():
             new = into.add(score_trials(scored, how))
-        print(printable(f"rehab-opt: {into.said(new)}"), file=sys.stderr)  # rows alone are on the output
+        print(printable(f"rehab-opt: {into.written(new)}"), file=sys.stderr)  # rows alone are on the output
     if range_of_motion:
         print("\n".join(range_of_motion_keys(scored.rows)))
     elif out is None:

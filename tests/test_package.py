@@ -15,7 +15,7 @@ import rehab_opt
 PACKAGE = Path(rehab_opt.__file__).parent
 HEAVY = {
     "matplotlib", "scipy", "ruckig", "osqp", "proxsuite", "qpsolvers", "pydantic", "typer", "rich", "shapely",
-    "platformdirs", "skimage", "distributed", "mujoco", "pyxdf", "pyarrow",
+    "platformdirs", "skimage", "distributed", "mujoco", "pyxdf", "pyarrow", "jinja2",
 }  # fmt: skip
 # Each layer with those it may use. `session` runs the published laws beside ours; nobody else knows them.
 LAYERS = {

@@ -34,7 +34,7 @@ def report_page() -> Image.Image:
     assert text.count("\ntrials = 4\n") == 1
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(temporary)
-        with Study(folder / "arm.db") as study:
+        with Study(folder / "arm") as study:
             for week, strength in enumerate(STRENGTHS_N):
                 problem = folder / f"week_{week + 1}.toml"
                 changed = text.replace("\ntrials = 4\n", f"\ntrials = {TRIALS}\nseed = {TRIALS * week}\n")

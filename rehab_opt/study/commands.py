@@ -1,56 +1,54 @@
-"""`rehab-opt study list | show | compare | export | remove`: what is in a study, and what leaves it."""
+"""`rehab-opt study list | show | compare | export | remove` and `report`: what is in a study, and what leaves it."""
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rehab_opt.errors import ConfigurationError
+from rehab_opt.errors import ConfigurationError, printable
 from rehab_opt.terminal import no_folder, one_of, printer, say, undisturbed, writable
 
 if TYPE_CHECKING:
     from rehab_opt.study.store import Study
-    from rehab_opt.study.summary import Interval, Quantity
+    from rehab_opt.study.summary import Interval
 
 __all__ = ["app", "report"]
 
-app = typer.Typer(help="A study's people, sessions and trials, in one file.", no_args_is_help=True)
+app = typer.Typer(help="A study's people, sessions and trials, in one folder.", no_args_is_help=True)
 
-StudyFile = Annotated[Path, typer.Argument(metavar="STUDY", help="File of the study.")]
+StudyFolder = Annotated[Path, typer.Argument(metavar="STUDY", help="Folder of the study.")]
 Somebody = Annotated[str | None, typer.Option("--person", help="One person; everybody by default.")]
 MAX_LISTED = 40
 """Rows of a table that a terminal shows; all of them are in what `export` writes."""
 
 
 @app.command(name="list")
-def list_people(study: StudyFile) -> None:
+def list_people(study: StudyFolder) -> None:
     """Print everybody: group, sessions, trials, last day."""
     from rehab_opt.study.summary import people  # noqa: PLC0415
 
     with _open(study) as store:
-        for each in people(store):
-            parts = (each.group or "-", f"{each.sessions} sessions", f"{each.trials} trials", each.last or "-")
-            say("  ".join((each.name, *parts)))
+        for name, group, sessions, trials, last in people(store):
+            say("  ".join((name, group or "-", f"{sessions} sessions", f"{trials} trials", last or "-")))
 
 
 @app.command()
-def show(study: StudyFile, person: Somebody = None) -> None:
+def show(study: StudyFolder, person: Somebody = None) -> None:
     """Print how much there is; of one person the sessions, and their measures in the first and the last of them."""
     from rich.table import Table  # noqa: PLC0415
 
-    from rehab_opt.study.person import check_there  # noqa: PLC0415
-    from rehab_opt.study.summary import overview, quantities, session_means, sessions  # noqa: PLC0415
+    from rehab_opt.study.summary import check_there, interval, overview, quantities, session_means, sessions  # noqa: PLC0415
 
-    with _open(study) as store, store.snapshot():
+    with _open(study) as store, store.refusals(), store.transaction("DEFERRED"):
         if person is None:
-            all_of = overview(store)
-            days = f", {all_of.first} to {all_of.last}" if all_of.first else ""
-            say(f"{all_of.people} people, {all_of.sessions} sessions, {all_of.trials} trials{days}")
-            if all_of.failed:
-                say(f"{all_of.failed} trials are not done")
-            known = [f"{each.name} [{each.unit}]" if each.unit else each.name for each in quantities(store)]
+            everybody, visits, trials, failed, first, last = overview(store)
+            say(f"{everybody} people, {visits} sessions, {trials} trials{f', {first} to {last}' if first else ''}")
+            if failed:
+                say(f"{failed} trials are not done")
+            known = [each.label for each in quantities(store)]
             say(f"measures: {', '.join(known[:MAX_LISTED])}{', ...' if len(known) > MAX_LISTED else ''}")
             return
         check_there(store, person)
@@ -60,100 +58,101 @@ def show(study: StudyFile, person: Somebody = None) -> None:
         numbers = Table("measure", "condition", "first session with it", "last session with it")
         for each, means in session_means(store, quantities(store, person)[:MAX_LISTED], person).items():
             for condition in dict.fromkeys(mean.condition for mean in means):
-                under = [mean.of for mean in means if mean.condition == condition]
-                numbers.add_row(_label(each), condition or "-", _written(under[0]), _written(under[-1]))
+                under = [interval(mean.values) for mean in means if mean.condition == condition]
+                numbers.add_row(each.label, condition or "-", _written(under[0]), _written(under[-1]))
         printer().print(table, numbers)
 
 
 @app.command()
 def compare(
-    study: StudyFile,
+    study: StudyFolder,
     measure: Annotated[str, typer.Option(help="Name of a measure, as `show` says it.")],
     person: Somebody = None,
 ) -> None:
     """Compare a measure between groups and conditions: means over people, each counted once, and their trends."""
     from rich.table import Table  # noqa: PLC0415
 
-    from rehab_opt.study.person import check_there  # noqa: PLC0415
-    from rehab_opt.study.summary import grouped, interval, of_people, quantity, session_means, slopes  # noqa: PLC0415
+    from rehab_opt.study import summary  # noqa: PLC0415
 
-    with _open(study) as store, store.snapshot():
+    with _open(study) as store, store.refusals(), store.transaction("DEFERRED"):
         if person is not None:
-            check_there(store, person)
-        chosen = quantity(store, measure)
-        means = session_means(store, [chosen], person)[chosen]
+            summary.check_there(store, person)
+        chosen = summary.quantity(store, measure)
+        means = summary.session_means(store, [chosen], person)[chosen]
     table = Table("group", "condition", "people", "mean (95 % interval)", "change a session (95 % interval)")
-    for (group, condition), part in grouped(means, lambda each: (each.group or "-", each.condition or "-")).items():
-        over, change = (interval(list(each(part).values())) for each in (of_people, slopes))
+    by = summary.grouped(means, lambda each: (each.group or "-", each.condition or "-"))
+    for (group, condition), part in by.items():
+        over, change = (summary.interval([*each(part).values()]) for each in (summary.of_people, summary.slopes))
         table.add_row(group, condition, str(over.n), _written(over), _written(change))
     console = printer()
-    console.print(_label(chosen), highlight=False)
+    console.print(chosen.label, highlight=False)
     console.print(table)
 
 
 @app.command()
 def export(
-    study: StudyFile,
+    study: StudyFolder,
     out: Annotated[Path, typer.Option(help="Folder, new or empty.")],
     person: Somebody = None,
     format: Annotated[str, typer.Option("--format", help="csv, parquet.")] = "csv",
 ) -> None:
-    """Write measures.csv in long format; of one person everything, their problems and traces too."""
-    from rehab_opt.study.parquet import write_parquet  # noqa: PLC0415
+    """Write measures.csv in long format; of one person all that the study has, their problems and traces too."""
     from rehab_opt.study.person import exported  # noqa: PLC0415
 
     one_of("--format", format, ("csv", "parquet"))
     with _open(study) as store:
-        written = exported(store, person, out)
-    if format == "parquet":
-        written += (write_parquet(written[0]),)
+        written = exported(store, person, out, parquet=format == "parquet")
     say(f"written to {out}: {len(written)} files")
 
 
 @app.command()
 def remove(
-    study: StudyFile,
+    study: StudyFolder,
     person: Annotated[str, typer.Option("--person", help="Whose sessions, trials and traces are to be deleted.")],
     yes: Annotated[bool, typer.Option("--yes", help="Delete without a question.")] = False,
 ) -> None:
-    """Delete one person from the study's file, which keeps no byte of them, and the traces that runs have written."""
+    """Delete one person: their folder, results of their runs elsewhere, exports and reports that they are in."""
     from rehab_opt.study.person import removed  # noqa: PLC0415
 
     with _open(study) as store:
         if not yes and not typer.confirm(f"delete everything of {person!r}?"):
             raise typer.Exit(1)
         with undisturbed():
-            kept = removed(store, person)
+            kept, others = removed(store, person)
     say(f"{person} is deleted")
+    for path in others:
+        say(f"- everybody's, with them in it, is deleted, too; write it again: {path}")
     for path in kept:
         say(f"- a recording of theirs stays, it was not the study's: {path}")
 
 
 def report(
-    study: StudyFile,
+    study: StudyFolder,
     person: Somebody = None,
     out: Annotated[Path | None, typer.Option(help="The page; <study>-report.html by default.")] = None,
     pdf: Annotated[Path | None, typer.Option(help="The page as PDF, too; chromium prints it.")] = None,
 ) -> None:
     """Write a study, or one person of it, as one page: progress, workspace, best and worst trials, forces, safety."""
-    from rehab_opt.study.person import private_text  # noqa: PLC0415
+    from rehab_opt.study.person import note_written  # noqa: PLC0415
     from rehab_opt.study.report import report_html, write_pdf  # noqa: PLC0415
+    from rehab_opt.study.store import private  # noqa: PLC0415
 
-    page = out if out is not None else study.with_name(f"{study.stem}-report.html")
-    taken = {study.resolve()}
+    page = out if out is not None else study.parent / f"{study.resolve().name}-report.html"
+    taken = set[Path]()
     for argument, file in (("--out", page), ("--pdf", pdf)):
         if file is None:
             continue
         no_folder(file, argument=argument)
-        if file.resolve() in taken:
-            raise ConfigurationError(argument, str(file), "another file than the study, and than the page")
+        if file.resolve() in taken or study.resolve() in file.resolve().parents:
+            raise ConfigurationError(argument, str(file), "a file outside of the study, and another than the page")
         taken.add(file.resolve())
         writable(file.parent, argument=argument)
     with _open(study) as store:
         text = report_html(store, person)
+        note_written(store, taken, person)
     with undisturbed():
         page.parent.mkdir(parents=True, exist_ok=True)
-        private_text(page, text)
+        private(page, text)
         if pdf is not None:
             write_pdf(page, pdf)
     say(f"written to {page}{f' and {pdf}' if pdf else ''}")
@@ -163,13 +162,12 @@ def _open(study: Path) -> Study:
     from rehab_opt.study.store import Study  # noqa: PLC0415
 
     try:
-        return Study(study, create=False)
+        opened = Study(study, create=False)
     except ConfigurationError as refused:
         raise ConfigurationError("STUDY", refused.value, refused.expected) from refused
-
-
-def _label(quantity: Quantity) -> str:
-    return f"{quantity.name} [{quantity.unit}]" if quantity.unit else quantity.name
+    for each in opened.bad():
+        print(printable(f"rehab-opt: not read: {each}"), file=sys.stderr)
+    return opened
 
 
 def _written(of: Interval) -> str:

@@ -1,6 +1,4 @@
-"""Many people's runs into a study: one trial each, written as it ends; those whose covariates do not fit are
-reported.
-"""
+"""Many people's runs into a study, each as it ends; people whose covariates do not fit are refused."""
 
 from __future__ import annotations
 
@@ -14,8 +12,7 @@ from rehab_opt.errors import ConfigurationError, RehabOptError
 from rehab_opt.session.many.participant import Participant
 from rehab_opt.session.many.results import DONE, ResultRow
 from rehab_opt.session.report import METRICS
-from rehab_opt.study.options import Covariates, covariates_of
-from rehab_opt.study.person import TABLE
+from rehab_opt.study.options import session_of
 from rehab_opt.study.record import metric_trials, versions
 from rehab_opt.study.store import Study
 from rehab_opt.study.trial import ProblemText, Session, StoredFile, Trial
@@ -59,42 +56,34 @@ class Recorder:
         ------
         ConfigurationError : the study cannot be written to.
         """
-        session, said = self._place(person)
-        made = json.dumps(dict(person.content), sort_keys=True)
+        session, condition = self._place(person)
+        problem = ProblemText(person.file, json.dumps(dict(person.content), sort_keys=True))
         trial = Trial(
-            "many",
-            digest=digest,
-            status=row.status,
-            error=row.error,
-            seconds=row.seconds,
-            problem=ProblemText(person.file, made),
-            software=versions(),
-        )
+            "many", digest=digest, status=row.status, error=row.error, seconds=row.seconds, problem=problem,
+            software=versions(), files=[StoredFile(self._table, "table")],
+        )  # fmt: skip
         trials: Sequence[Trial] = [trial]
         if row.status == DONE:
             metrics = json.loads((folder / METRICS).read_text(encoding="utf-8"))["metrics"]
             trials = metric_trials(metrics, trial, files=sorted(folder.iterdir()))
-            trials = [replace(each, files=[*each.files, StoredFile(self._table, TABLE)]) for each in trials]
-        self._study.add(session, [each if said.condition is None else each.under(said.condition) for each in trials])
+        self._study.add(session, [each.under(condition) for each in trials])
 
-    def _place(self, person: Participant) -> tuple[Session, Covariates]:
-        given = dict(person.covariates)
-        session = given.pop("session", "") or self._session
-        said = covariates_of(given)
+    def _place(self, person: Participant) -> tuple[Session, str | None]:
+        session = person.covariates.get("session") or self._session
         if session is None:
             raise ConfigurationError("--session", None, "this option, or a column session, with --study")
-        return said.session(person.name, session), said
+        return session_of(person.name, session, person.covariates)
 
 
-def study_of_many(opened: ExitStack, file: Path | None, session: str | None, *, table: Path) -> Recorder | None:
-    """What writes rows into the study of `file`, which `opened` closes; None without one.
+def study_of_many(opened: ExitStack, folder: Path | None, session: str | None, *, table: Path) -> Recorder | None:
+    """What writes rows into the study of `folder`, which `opened` closes; None without one.
 
     Raises
     ------
     ConfigurationError : a session without a study; as `Study`.
     """
-    if file is None:
+    if folder is None:
         if session is not None:
-            raise ConfigurationError("--session", session, "no such option without --study FILE")
+            raise ConfigurationError("--session", session, "no such option without --study FOLDER")
         return None
-    return Recorder(opened.enter_context(Study(file)), session, table=table)
+    return Recorder(opened.enter_context(Study(folder)), session, table=table)

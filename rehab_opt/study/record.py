@@ -20,7 +20,6 @@ from rehab_opt.session.many.participant import flat_numbers
 from rehab_opt.session.outcome import Outcome
 from rehab_opt.session.schema import Problem
 from rehab_opt.session.scoring import Scored
-from rehab_opt.study.person import RECORDING
 from rehab_opt.study.trial import Bound, Event, ProblemText, StoredFile, Trial
 from rehab_opt.text_file import MAX_RECORDING_SIZE, file_content
 from rehab_opt.version import __version__
@@ -84,7 +83,7 @@ def metric_trials(metrics: Mapping[str, Any], trial: Trial, *, files: Sequence[P
     trial : what all of them have in common; with a digest. A controller is a condition.
     files : that the run has written.
     """
-    stored = [StoredFile(path, "trace" if path.name == TRACE else "result") for path in files]
+    stored = [*trial.files, *(StoredFile(path) for path in files)]
     trace = next((path for path in files if path.name == TRACE), None)
     laws = metrics.get("laws")
     if not isinstance(laws, Mapping) or not all(
@@ -97,7 +96,7 @@ def metric_trials(metrics: Mapping[str, Any], trial: Trial, *, files: Sequence[P
             trial,
             condition=law,
             **_numbers(numbers, force_limit=limit),
-            digest=f"{trial.digest} {law} {number}",
+            digest=trial.digest and f"{trial.digest} {law} {number}",
             trace=trace,
             files=stored,
         )
@@ -120,21 +119,14 @@ def score_trials(scored: Scored, how: Mapping[str, Any]) -> list[Trial]:
             content = file_content(source.path, source.file, max_size=MAX_RECORDING_SIZE)
             contents[source.file] = hashlib.sha256(content).hexdigest()
         text = json.dumps({**how, "reading": source.reading}, sort_keys=True)
-        begun = [hashlib.sha256(text.encode()).hexdigest(), software_digest()]
-        digest = hashlib.sha256(" ".join([*begun, contents[source.file], str(number)]).encode())
+        depends = " ".join([text, software_digest(), contents[source.file], str(number)])
         trials.append(
             Trial(
-                "score",
-                score.measures,
-                digest=digest.hexdigest(),
-                problem=ProblemText("score", text),
-                software=versions(),
-                notes=score.notes,
-                trace=_samples(recording),
-                files=[StoredFile(source.path, RECORDING)],
-                outline=outline(score.movement),
+                "score", score.measures, digest=hashlib.sha256(depends.encode()).hexdigest(), notes=score.notes,
+                problem=ProblemText("score", text), software=versions(), trace=_samples(recording),
+                files=[StoredFile(source.path, "recording")], outline=outline(score.movement),
             )
-        )
+        )  # fmt: skip
     return trials
 
 
@@ -152,15 +144,11 @@ def versions() -> str:
 
 def outline(points: Array) -> list[tuple[float, float]]:
     """Convex hull [m] along the two axes of the largest extents; none of a movement on a line."""
-    from scipy.spatial import ConvexHull, QhullError  # noqa: PLC0415
+    from shapely import MultiPoint, Polygon  # noqa: PLC0415
 
     axes = np.sort(np.argsort(np.ptp(points, axis=0), kind="stable")[-2:])
-    flat = points[:, axes]
-    try:
-        corners = flat[ConvexHull(flat).vertices]
-    except QhullError:
-        return []
-    return [(float(x), float(y)) for x, y in corners]
+    hull = MultiPoint(points[:, axes]).convex_hull
+    return [(x, y) for x, y in hull.exterior.coords[:-1]] if isinstance(hull, Polygon) else []
 
 
 def _numbers(metrics: Mapping[str, Any], *, force_limit: float | None = None) -> dict[str, Any]:

@@ -1,13 +1,13 @@
-"""Numbers of a study that its commands and its report show: who came how often, how a measure went, who did better."""
+"""Numbers of a study: who came how often, how a measure went, which trials stand out, what was near to its bound."""
 
 from __future__ import annotations
 
+import json
 import math
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Sequence
 from difflib import get_close_matches
-from functools import cache
-from typing import NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.study.store import Study
@@ -15,33 +15,15 @@ from rehab_opt.study.trial import DONE
 from rehab_opt.text_file import shown
 
 __all__ = [
-    "FROM",
-    "IN_ORDER",
-    "Interval",
-    "Overview",
-    "PersonSummary",
-    "Quantity",
-    "SessionMean",
-    "grouped",
-    "interval",
-    "of_people",
-    "of_person",
-    "overview",
-    "people",
-    "quantities",
-    "quantity",
-    "session_means",
-    "sessions",
-    "slopes",
-    "trend",
-]
+    "Interval", "Quantity", "SessionMean", "bounds", "check_there", "events", "extreme", "ground", "grouped",
+    "interval", "of_people", "overview", "people", "quantities", "quantity", "session_means", "sessions",
+    "slopes", "stating_safety", "trend",
+]  # fmt: skip
 
 T = TypeVar("T")
-
-FROM = "FROM people p JOIN sessions s ON s.person = p.id JOIN trials t ON t.session = s.id"
-IN_ORDER = "s.visit IS NULL, s.visit, s.date IS NULL, s.date, s.id"
-"""Of sessions: by visit, then by date, then as they came."""
-MEASURED = f"{FROM} JOIN measures m ON m.trial = t.id JOIN quantities q ON q.id = m.quantity"
+FROM = "FROM sessions s JOIN trials t ON t.session = s.id"
+IN_ORDER = "s.visit IS NULL, s.visit, s.date IS NULL, s.date, s.name"
+"""Of sessions: by visit, then by date, then by name."""
 
 
 class Interval(NamedTuple):
@@ -53,27 +35,6 @@ class Interval(NamedTuple):
     n: int
 
 
-class Overview(NamedTuple):
-    """Counts of everything, and the days of the first and the last session."""
-
-    people: int
-    sessions: int
-    trials: int
-    failed: int
-    first: str | None
-    last: str | None
-
-
-class PersonSummary(NamedTuple):
-    """One person: how many sessions and trials, and when last."""
-
-    name: str
-    group: str | None
-    sessions: int
-    trials: int
-    last: str | None
-
-
 class Quantity(NamedTuple):
     """A measure by its name and unit; "" where its name says the unit, or it has none."""
 
@@ -81,9 +42,14 @@ class Quantity(NamedTuple):
     name: str
     unit: str
 
+    @property
+    def label(self) -> str:
+        """Name and unit."""
+        return f"{self.name} [{self.unit}]" if self.unit else self.name
+
 
 class SessionMean(NamedTuple):
-    """One person's session under one condition: its place among theirs, from 0, and the values of its trials."""
+    """One person's session under one condition: its place among theirs, from 0, and its trials' values and mean."""
 
     person: str
     group: str | None
@@ -91,65 +57,76 @@ class SessionMean(NamedTuple):
     date: str | None
     order: int
     condition: str | None
-    values: tuple[float, ...]
-    of: Interval
+    mean: float
+    values: Sequence[float]
 
 
 def interval(values: Sequence[float]) -> Interval:
     """Mean of values and its 95 % confidence interval, as if they were independent and normal."""
-    count = len(values)
-    mean = math.fsum(values) / count if count else math.nan
-    if count < 2:
-        return Interval(mean, math.nan, math.nan, count)
+    n = len(values)
+    mean = math.fsum(values) / n if n else math.nan
     # hypot, since squares of what is absurdly large are no numbers any more
-    from_mean = math.hypot(*(value - mean for value in values))
-    half = _quantile(count - 1) * from_mean / math.sqrt((count - 1) * count)
-    return Interval(mean, mean - half, mean + half, count)
+    spread = math.hypot(*(value - mean for value in values)) / math.sqrt((n - 1) * n) if n > 1 else math.nan
+    return _within(mean, spread, n - 1, n)
 
 
-@cache
-def _quantile(freedom: int) -> float:
-    """Student's t at 97.5 %, for whole degrees of freedom.
+def trend(means: Sequence[float]) -> Interval:
+    """Slope of the straight line through values one after another, and its 95 % confidence interval; three at least."""
+    n, slope = len(means), _slope(range(len(means)), means)
+    x, y = (n - 1) / 2, math.fsum(means) / n
+    rest = math.hypot(*(value - y - slope * (i - x) for i, value in enumerate(means)))
+    return _within(slope, rest / math.sqrt((n - 2) * math.fsum((i - x) ** 2 for i in range(n))), n - 2, n)
 
-    Bisected from its closed form (Abramowitz and Stegun, 26.7.3 and 26.7.4): scipy takes a quarter of a second to load.
+
+def _within(middle: float, spread: float, freedom: int, n: int) -> Interval:
+    if freedom < 1:
+        return Interval(middle, math.nan, math.nan, n)
+    from scipy.special import stdtrit  # noqa: PLC0415
+
+    half = float(stdtrit(freedom, 0.975)) * spread
+    return Interval(middle, middle - half, middle + half, n)
+
+
+def _slope(x: Sequence[int], y: Sequence[float]) -> float:
+    """Of the straight line of least squares; NaN where all x are one."""
+    middle, mean = math.fsum(x) / len(x), math.fsum(y) / len(y)
+    spread = math.fsum((each - middle) ** 2 for each in x)
+    rise = math.fsum((each - middle) * (value - mean) for each, value in zip(x, y, strict=True))
+    return rise / spread if spread > 0 else math.nan
+
+
+def check_there(study: Study, person: str) -> None:
+    """Refuse a person that a study does not know.
+
+    Raises
+    ------
+    ConfigurationError : nobody of that name.
     """
-    low, high = 1.9, 13.0
-    while high - low > 1e-9:
-        middle = (low + high) / 2
-        angle = math.atan2(middle, math.sqrt(freedom))
-        odd = freedom % 2
-        term = total = math.cos(angle) if odd else 1.0
-        for k in range(2 + odd, freedom - 1, 2):
-            term *= (k - 1) / k * math.cos(angle) ** 2
-            total += term
-        total *= math.sin(angle)
-        within = 2 / math.pi * (angle + (total if freedom > 1 else 0.0)) if odd else total
-        low, high = (middle, high) if within < 0.95 else (low, middle)
-    return high
+    if not study.rows("SELECT 1 FROM sessions WHERE person = ?", (person,)):
+        raise ConfigurationError("--person", person, "somebody in this study (rehab-opt study list says who)")
 
 
-def overview(study: Study) -> Overview:
-    """How much there is."""
-    people, sessions, first, last = study.rows(
-        "SELECT (SELECT count(*) FROM people), count(*), min(date), max(date) FROM sessions"
-    )[0]
-    trials, failed = study.rows("SELECT count(*), coalesce(sum(status <> ?), 0) FROM trials", (DONE,))[0]
-    return Overview(people, sessions, trials, failed, first, last)
+def overview(study: Study) -> Any:
+    """How many people, sessions and trials, how many of these are not done, and the first and the last day."""
+    counts = "count(DISTINCT person), count(*), (SELECT count(*) FROM trials), (SELECT count(*) FROM trials WHERE"
+    return study.rows(f"SELECT {counts} status <> ?), min(date), max(date) FROM sessions", (DONE,))[0]
 
 
-def people(study: Study) -> list[PersonSummary]:
-    """Everybody, by name."""
+def people(study: Study, person: str | None = None) -> list[Any]:
+    """Everybody by name, or one: name, group, sessions, trials and the last day."""
+    of, who = _of_person(person)
     question = (
-        'SELECT p.name, p."group", count(DISTINCT s.id), count(t.id), max(s.date) FROM people p '
-        "LEFT JOIN sessions s ON s.person = p.id LEFT JOIN trials t ON t.session = s.id GROUP BY p.id ORDER BY p.name"
+        'SELECT s.person, s."group", count(DISTINCT s.id), count(t.id), max(s.date) FROM sessions s '
+        f"LEFT JOIN trials t ON t.session = s.id WHERE {of} GROUP BY s.person ORDER BY s.person"
     )
-    return [PersonSummary(*row) for row in study.rows(question)]
+    return study.rows(question, who)
 
 
 def quantities(study: Study, person: str | None = None) -> list[Quantity]:
     """Measures that there are, of everybody or of one person, in the order in which they came first."""
-    of, who = of_person(person)
-    question = "FROM quantities q" if person is None else f"{MEASURED} WHERE {of}"
+    of, who = _of_person(person)
+    measured = f"{FROM} JOIN measures m ON m.trial = t.id JOIN quantities q ON q.id = m.quantity WHERE {of}"
+    question = "FROM quantities q" if person is None else measured
     return [Quantity(*row) for row in study.rows(f"SELECT DISTINCT q.id, q.name, q.unit {question} ORDER BY q.id", who)]
 
 
@@ -164,29 +141,20 @@ def quantity(study: Study, name: str) -> Quantity:
     found = [each for each in known if name in (each.name, f"{each.name} [{each.unit}]")]
     if len(found) != 1:
         near = get_close_matches(name, [each.name for each in known]) or [each.name for each in known[:5]]
-        said = [f"{each.name} [{each.unit}]" for each in found] or near
-        expected = f"a measure of this study, such as {', '.join(said)}" if said else "a study that has measures"
+        names = [each.label for each in found] or near
+        expected = f"a measure of this study, such as {', '.join(names)}" if names else "a study that has measures"
         raise ConfigurationError("--measure", shown(name), expected)
     return found[0]
 
 
-def sessions(study: Study, person: str) -> list[tuple[str, int | None, str | None, str | None, int, int]]:
+def sessions(study: Study, person: str) -> list[Any]:
     """A person's sessions and conditions: name, visit, day, condition, trials, and how many of them are not done."""
     question = (
-        f"SELECT s.name, s.visit, s.date, t.condition, count(t.id), coalesce(sum(t.status <> ?1), 0) {FROM} "
-        f"WHERE p.name = ?2 GROUP BY s.id, t.condition ORDER BY {IN_ORDER}, t.condition"
+        "SELECT s.name, s.visit, s.date, t.condition, count(t.id), coalesce(sum(t.status <> ?1), 0) FROM sessions s "
+        "LEFT JOIN trials t ON t.session = s.id "
+        f"WHERE s.person = ?2 GROUP BY s.id, t.condition ORDER BY {IN_ORDER}, t.condition"
     )
-    return [(*row,) for row in study.rows(question, (DONE, person))]
-
-
-def _session_order(study: Study, person: str | None = None) -> dict[int, int]:
-    """Place of every session among those of its person, from 0: by visit, then by date, then as they came."""
-    of, who = of_person(person)
-    question = (
-        f"SELECT s.id, row_number() OVER (PARTITION BY p.id ORDER BY {IN_ORDER}) - 1 "
-        f"FROM sessions s JOIN people p ON p.id = s.person WHERE {of}"
-    )
-    return dict(study.rows(question, who))
+    return study.rows(question, (DONE, person))
 
 
 def session_means(
@@ -194,52 +162,27 @@ def session_means(
 ) -> dict[Quantity, list[SessionMean]]:
     """Of each measure every session's mean under each condition, in the order of the sessions.
 
-    Trials that are not done, or without the number, do not count. The trials' values, and the interval of their mean,
-    are there for one person alone.
+    Trials that are not done, or without the number, do not count. The values are there for one person alone.
     """
-    of, bound = of_person(person)
-    order = _session_order(study, person)
+    of, who = _of_person(person)
     question = (
-        f'SELECT s.id, p.name, p."group", s.name, s.date FROM people p JOIN sessions s ON s.person = p.id WHERE {of}'
+        f"WITH o AS (SELECT s.id, row_number() OVER (PARTITION BY s.person ORDER BY {IN_ORDER}) - 1 AS place "
+        f'FROM sessions s) SELECT m.quantity, s.person, s."group", s.name, s.date, o.place, t.condition, avg(m.value), '
+        f"{'NULL' if person is None else 'json_group_array(m.value)'} {FROM} JOIN o ON o.id = s.id "
+        f"JOIN measures m ON m.trial = t.id WHERE {of} AND t.status = ? "
+        f"AND m.quantity IN ({', '.join('?' * len(measures))}) GROUP BY m.quantity, s.id, t.condition"
     )
-    who = {key: (name, group, session, day) for key, name, group, session, day in study.rows(question, bound)}
-    by_id = {each.id: each for each in measures}
-    among = (
-        f"{FROM} JOIN measures m ON m.trial = t.id WHERE {of} AND t.status = ? AND m.value IS NOT NULL "
-        f"AND m.quantity IN ({', '.join('?' * len(by_id))})"
-    )
-    found: dict[int, list[SessionMean]] = {each: [] for each in by_id}
-    if person is None:
-        asked = f"SELECT m.quantity, s.id, t.condition, avg(m.value), count(*) {among} GROUP BY 1, 2, 3"
-        for measure, session, condition, mean, count in study.each(asked, (DONE, *by_id)):
-            interval_of = Interval(mean, math.nan, math.nan, count)
-            found[measure].append(SessionMean(*who[session], order[session], condition, (), interval_of))
-    else:
-        values: dict[tuple[int, int, str | None], list[float]] = defaultdict(list)
-        for *key, value in study.rows(f"SELECT m.quantity, s.id, t.condition, m.value {among}", (*bound, DONE, *by_id)):
-            values[key[0], key[1], key[2]].append(value)
-        for (measure, session, condition), of_trials in values.items():
-            of_session = *who[session], order[session], condition
-            found[measure].append(SessionMean(*of_session, tuple(of_trials), interval(of_trials)))
+    found: dict[int, list[SessionMean]] = {each.id: [] for each in measures}
+    for measure, *row, values in study.rows(question, (*who, DONE, *found)):
+        found[measure].append(SessionMean._make([*row, json.loads(values) if values else ()]))
     for means in found.values():
         means.sort(key=lambda each: (each.person, each.order, each.condition or ""))
-    return {by_id[measure]: means for measure, means in found.items()}
+    return {measure: found[measure.id] for measure in measures}
 
 
-def of_person(person: str | None) -> tuple[str, tuple[str, ...]]:
+def _of_person(person: str | None) -> tuple[str, tuple[str, ...]]:
     """What restricts a question to a person, if to any; no OR, which no index serves."""
-    return ("1", ()) if person is None else ("p.name = ?", (person,))
-
-
-def trend(means: Sequence[float]) -> Interval:
-    """Slope of the straight line through values one after another, and its 95 % confidence interval; three at least."""
-    n = len(means)
-    x, y = (n - 1) / 2, math.fsum(means) / n
-    spread = math.fsum((i - x) ** 2 for i in range(n))
-    slope = math.fsum((i - x) * (value - y) for i, value in enumerate(means)) / spread
-    rest = math.hypot(*(value - y - slope * (i - x) for i, value in enumerate(means)))
-    half = _quantile(n - 2) * rest / math.sqrt((n - 2) * spread)
-    return Interval(slope, slope - half, slope + half, n)
+    return ("1", ()) if person is None else ("s.person = ?", (person,))
 
 
 def grouped(means: Iterable[SessionMean], key: Callable[[SessionMean], T]) -> dict[T, list[SessionMean]]:
@@ -252,19 +195,80 @@ def grouped(means: Iterable[SessionMean], key: Callable[[SessionMean], T]) -> di
 
 def of_people(means: Iterable[SessionMean]) -> dict[str, float]:
     """Each person's mean over their sessions."""
-    return {
-        person: interval([each.of.mean for each in own]).mean
-        for person, own in grouped(means, lambda each: each.person).items()
-    }
+    by_person = grouped(means, lambda each: each.person)
+    return {person: math.fsum(each.mean for each in own) / len(own) for person, own in by_person.items()}
 
 
 def slopes(means: Iterable[SessionMean]) -> dict[str, float]:
     """Each person's own straight line through their sessions: change a session; of those with two sessions or more."""
-    found = {}
-    for person, own in grouped(means, lambda each: each.person).items():
-        points = [(each.order, each.of.mean) for each in own]
-        x, y = interval([x for x, _ in points]).mean, interval([y for _, y in points]).mean
-        spread = math.fsum((each - x) ** 2 for each, _ in points)
-        if spread > 0:
-            found[person] = math.fsum((each - x) * (value - y) for each, value in points) / spread
+    by_person = grouped(means, lambda each: each.person)
+    found = {
+        person: _slope([each.order for each in own], [each.mean for each in own]) for person, own in by_person.items()
+    }
+    return {person: slope for person, slope in found.items() if not math.isnan(slope)}
+
+
+def extreme(study: Study, measure: Quantity, ends: tuple[float, float], *, largest: bool, person: str | None) -> Any:
+    """Of the trials that are done the one with the largest or the smallest value of a measure within `ends`.
+
+    Its person, session, day, number, condition and value; None without any.
+    """
+    of, who = _of_person(person)
+    question = (  # SQLite takes the bare columns from the row of the extreme
+        f"SELECT s.person, s.name, s.date, t.number, t.condition, {'max' if largest else 'min'}(m.value) {FROM} "
+        f"JOIN measures m ON m.trial = t.id WHERE {of} AND m.quantity = ? AND t.status = ? AND m.value BETWEEN ? AND ?"
+    )
+    (row,) = study.rows(question, (*who, measure.id, DONE, *ends))
+    return None if row[-1] is None else row
+
+
+def events(study: Study, person: str | None = None) -> list[Any]:
+    """Every safety event: person, session, day and number of the trial; what, how many times, counted in what."""
+    of, who = _of_person(person)
+    question = (
+        f"SELECT s.person, s.name, s.date, t.number, e.text, e.times, e.unit {FROM} JOIN events e ON e.trial = t.id "
+        f"WHERE {of} ORDER BY s.person, {IN_ORDER}, t.number, e.rowid"
+    )
+    return study.rows(question, who)
+
+
+def bounds(study: Study, person: str | None = None) -> list[Any]:
+    """Of each limit the nearest that a trial came, the nearest of all first.
+
+    Its name, that value, the bound, their unit, how many trials passed it, and of how many.
+    """
+    of, who = _of_person(person)
+    question = (
+        "SELECT b.name, b.value, b.bound, b.unit, sum(b.value > b.bound * 1.000001), count(*), max(b.value / b.bound) "
+        f"{FROM} JOIN bounds b ON b.trial = t.id WHERE {of} AND b.bound > 0 GROUP BY b.name, b.unit ORDER BY 7 DESC"
+    )
+    return [row[:6] for row in study.rows(question, who)]
+
+
+def stating_safety(study: Study, person: str | None = None) -> tuple[int, int]:
+    """How many trials state a bound or a safety event, and how many there are."""
+    of, who = _of_person(person)
+    states = "(EXISTS (SELECT 1 FROM bounds WHERE trial = t.id) OR EXISTS (SELECT 1 FROM events WHERE trial = t.id))"
+    ((stating, trials),) = study.rows(f"SELECT coalesce(sum({states}), 0), count(*) {FROM} WHERE {of}", who)
+    return stating, trials
+
+
+def ground(study: Study, person: str | None = None) -> dict[tuple[str, str], dict[str, Any]]:
+    """By group and person, by session in order, the corners [m] of the ground that the hand covered in its trials.
+
+    Of everybody the first session and the last one alone, where there are two.
+    """
+    of, who = _of_person(person)
+    places = "o.sessions > 1 AND o.place IN (1, o.sessions)" if person is None else "1"
+    question = (
+        "WITH o AS (SELECT s.id, count(*) OVER (PARTITION BY s.person) AS sessions, "
+        f"row_number() OVER (PARTITION BY s.person ORDER BY {IN_ORDER}) AS place FROM sessions s WHERE EXISTS "
+        "(SELECT 1 FROM trials t JOIN outlines x ON x.trial = t.id WHERE t.session = s.id AND t.status = ?)) "
+        f"SELECT coalesce(s.\"group\", 'no group'), s.person, s.name, s.date, x.points {FROM} JOIN o ON o.id = s.id "
+        f"JOIN outlines x ON x.trial = t.id WHERE t.status = ? AND {places} AND {of} ORDER BY 1, 2, o.place, t.number"
+    )
+    found: dict[tuple[str, str], dict[str, Any]] = {}
+    for group, name, session, date, points in study.rows(question, (DONE, DONE, *who)):
+        label = f"{session}, {date}" if date else session
+        found.setdefault((group, name), {}).setdefault(label, []).extend(json.loads(points))
     return found

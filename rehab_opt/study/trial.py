@@ -6,20 +6,21 @@ import datetime
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from numbers import Real
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import numpy as np
-
 from rehab_opt.errors import ConfigurationError
-from rehab_opt.measures.score import Measure
 from rehab_opt.text_file import is_formula, shown
 
 __all__ = ["DONE", "Bound", "Event", "ProblemText", "Session", "StoredFile", "Trial", "checked_label"]
 
 DONE = "done"
-LONGEST_LABEL = 100
+LONGEST_LABEL, LONGEST_FOLDER = 100, 200
+"""Letters of a label; bytes of one that names a folder."""
 MAX_VISIT = 10_000
+FORBIDDEN = frozenset('/\\:*?"<>|')
+OWN = frozenset({"study.json", "index.db", "index.db-journal"})
 
 
 class Bound(NamedTuple):
@@ -40,10 +41,14 @@ class Event(NamedTuple):
 
 
 class StoredFile(NamedTuple):
-    """A file of a trial. Of kind "recording" it is somebody else's; others were written by this library."""
+    """A file outside of the study that has a trial in it.
+
+    Of kind "result" this library wrote it and it leaves with the person; a "recording" is somebody else's and stays;
+    a "table" has a row for each of many people.
+    """
 
     path: Path
-    kind: str = "trace"
+    kind: str = "result"
 
 
 class ProblemText(NamedTuple):
@@ -55,7 +60,7 @@ class ProblemText(NamedTuple):
 
 @dataclass(frozen=True)
 class Session:
-    """One visit of one person.
+    """One visit of one person; person and name are folders of the study.
 
     Parameters
     ----------
@@ -67,7 +72,8 @@ class Session:
 
     Raises
     ------
-    ConfigurationError : a label that `checked_label` refuses, a person that looks like a name, no visit, no date.
+    ConfigurationError : a label that `checked_label` refuses or that no folder can have, a person that looks like a
+        name, no visit, no date.
     """
 
     person: str
@@ -78,10 +84,13 @@ class Session:
 
     def __post_init__(self) -> None:
         """Refuse what cannot be kept."""
-        if any(each.isspace() or each in ",@" for each in checked_label("person", self.person)):
+        for argument, label in (("person", self.person), ("session", self.name)):
+            bad = FORBIDDEN & set(checked_label(argument, label)) or label[0] == "." or label[-1] == "." or label in OWN
+            if bad or len(label.encode()) > LONGEST_FOLDER:
+                raise ConfigurationError(argument, shown(label), "a label that a folder can have, no dot at either end")
+        if any(each.isspace() or each in ",@" for each in self.person):
             expected = "a pseudonym such as P01, without blanks, commas or @: names stay outside of a study"
             raise ConfigurationError("person", shown(self.person), expected)
-        checked_label("session", self.name)
         if self.group is not None:
             checked_label("group", self.group)
         if self.visit is not None and not (type(self.visit) is int and 0 <= self.visit <= MAX_VISIT):
@@ -102,19 +111,19 @@ class Trial:
     Parameters
     ----------
     kind : what made it: "run", "many", "score" or "live".
-    measures : numbers with their units; NaN where there is none.
+    measures : names, numbers and units, such as `Measure`; a number that is not finite is left out, a note says why.
     condition : under which it was done, such as "assisted".
     digest : of everything it depends on: a session has a trial of one digest once. None for what happens once.
     status : "done", or why `error` says it is not.
     seconds : what computing it took [s].
     problem, software : as it was run, and with which versions.
-    trace : samples, of which the study keeps a copy as Parquet (with pyarrow): a .csv, or columns (N,) by name.
-    files : that belong to the trial, and stay where they lie.
+    trace : samples, of which the study keeps a copy: a .csv, or columns (N,) by name.
+    files : outside of the study; the metrics.json among them is copied, too.
     outline : closed polygon (N, 2) [m] of the ground that the hand covered.
     """
 
     kind: str
-    measures: Sequence[Measure] = ()
+    measures: Sequence[tuple[str, float, str]] = ()
     condition: str | None = None
     digest: str | None = None
     status: str = DONE
@@ -130,18 +139,21 @@ class Trial:
     outline: Sequence[tuple[float, float]] = ()
 
     def __post_init__(self) -> None:
-        """Refuse a condition that is no label, and what no report could say: numbers that are not finite."""
+        """Refuse a condition that is no label, a measure twice, and numbers that no report could print."""
         if self.condition is not None:
             checked_label("condition", self.condition)
-        said = [(f"bound {each.name}", number) for each in self.bounds for number in (each.value, each.bound)]
-        said += [(f"event {each.text}", each.times) for each in self.events]
-        for what, number in (*said, ("seconds", 0.0 if self.seconds is None else self.seconds)):
-            if not isinstance(number, float | int | np.floating | np.integer) or not math.isfinite(number):
+        names = [(name, unit) for name, _, unit in self.measures]
+        if len(set(names)) < len(names):
+            raise ConfigurationError("measures", shown(str(names)), "each measure once")
+        numbers = [(f"bound {each.name}", number) for each in self.bounds for number in (each.value, each.bound)]
+        numbers += [(f"event {each.text}", each.times) for each in self.events]
+        for what, number in (*numbers, ("seconds", 0.0 if self.seconds is None else self.seconds)):
+            if not isinstance(number, Real) or not math.isfinite(number):
                 raise ConfigurationError(what, number, "a finite number")
 
-    def under(self, condition: str) -> Trial:
-        """The trial under a condition, which comes before the one that it has, such as a controller."""
-        return replace(self, condition=condition if self.condition is None else f"{condition}, {self.condition}")
+    def under(self, condition: str | None) -> Trial:
+        """The trial under a condition, if any, which comes before the one that it has, such as a controller."""
+        return replace(self, condition=", ".join(filter(None, (condition, self.condition))) or None)
 
 
 def checked_label(argument: str, label: str) -> str:

@@ -27,8 +27,10 @@ def kills(file: Path, count: int, seed: int) -> tuple[int, int]:
             writer.kill()
             said = max([said, *map(int, writer.stdout.read().split())])
         if file.exists():
+            there = checked_sum(file)
             with Study(file) as study:
-                there = checked_sum(study)
+                assert study.rows("SELECT count(*) FROM trials") == [(there,)]
+                assert study.bad() == []
             assert there >= said, f"{said} trials were finished, {there} are there"
             said = there
     return said, there
@@ -36,5 +38,5 @@ def kills(file: Path, count: int, seed: int) -> tuple[int, int]:
 
 if __name__ == "__main__":
     with tempfile.TemporaryDirectory() as folder:
-        said, there = kills(Path(folder) / "study.db", int(sys.argv[1]), int(sys.argv[2]))
-    print(f"{sys.argv[1]} kills: 0 stores unreadable, {there} trials whole, 0 finished ones lost")
+        said, there = kills(Path(folder) / "study", int(sys.argv[1]), int(sys.argv[2]))
+    print(f"{sys.argv[1]} kills: 0 studies unreadable, {there} trials whole, 0 finished ones lost")

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import datetime
+import json
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
@@ -42,36 +43,63 @@ def made_trial(
     )
 
 
-def checked_sum(study: Study) -> int:
-    """How many trials there are, each of which must be as whole as `write_on` made it."""
-    trials = study.rows(
-        "SELECT t.id, t.number, count(m.value), sum(m.value), (SELECT count(*) FROM bounds b WHERE b.trial = t.id), "
-        "(SELECT count(*) FROM outlines o WHERE o.trial = t.id) FROM trials t LEFT JOIN measures m ON m.trial = t.id "
-        "GROUP BY t.id"
-    )
-    for _, number, count, total, bounds, outlines in trials:
-        assert (count, bounds, outlines) == (20, 1, 1)
-        assert total == 20 * (number % 1000)
-    assert study.rows("PRAGMA integrity_check") == [("ok",)]
-    assert study.rows("PRAGMA foreign_key_check") == []
-    return len(trials)
+def made_folders(root: Path, people: int, sessions: int, trials: int, *, seed: int = 20261130) -> dict[str, float]:
+    """Write a study as `docs/capabilities/studies.md` has it on the disk; by group the mean of `movement_time`.
+
+    Nothing of the library writes here: the folders are what it is to read.
+    """
+    rng, begin = np.random.default_rng(seed), datetime.date(2026, 1, 5)
+    (root / "study.json").parent.mkdir(mode=0o700)
+    (root / "study.json").write_text("{}")
+    trace = "t_s,x_m\n" + "".join(f"{k / 100:.2f},{np.sin(k / 9):.9f}\n" for k in range(55))  # 1 kB
+    means: dict[str, list[float]] = {"stroke": [], "control": []}
+    for i in range(people):
+        group = ("stroke", "control")[i % 2]
+        own = root / f"P{i:04}"
+        own.mkdir()
+        (own / "person.json").write_text(json.dumps({"group": group}))
+        for k in range(sessions):
+            session = own / f"week {k + 1}"
+            session.mkdir()
+            date = (begin + datetime.timedelta(weeks=k)).isoformat()
+            (session / "session.json").write_text(json.dumps({"visit": k + 1, "date": date}))
+            values = rng.normal(size=(trials, len(UNITS))).round(6)
+            for number, row in enumerate(values.tolist(), start=1):
+                trial = {
+                    "kind": "score", "condition": ("assisted", "unassisted")[number % 2], "status": "done",
+                    "measures": [[name, value, unit] for (name, unit), value in zip(UNITS.items(), row, strict=True)],
+                    "bounds": [["force_commanded", 8 + row[0], 10.0, "N"]],
+                    "events": [["braking", 3.0, "ticks"]] if number == 1 and k == 0 else [],
+                    "outline": [[0.0, 0.0], [0.1 + 0.01 * k, 0.0], [0.0, 0.1]],
+                }  # fmt: skip
+                folder = session / f"{number:03}"
+                folder.mkdir()
+                (folder / "trial.json").write_text(json.dumps(trial))
+                (folder / "trace.csv").write_text(trace)
+            means[group].append(float(values[:, 0].mean()))
+    return {group: float(np.mean(of)) for group, of in means.items() if of}
 
 
-def write_on(file: Path, person: str, count: int) -> None:
+def checked_sum(root: Path) -> int:
+    """How many trials there are on the disk, each of which must be as whole as `write_on` made it."""
+    found = sorted(root.glob("*/*/[0-9]*"))
+    for folder in found:
+        trial = json.loads((folder / "trial.json").read_text())
+        assert [value for _, value, _ in trial["measures"]] == [int(folder.name) % 1000] * 20
+        assert (folder / "trace.csv").read_text() == "t_s,x_m\n0.0,1.0\n0.1,2.0\n"
+    return len(found)
+
+
+def write_on(folder: Path, person: str, count: int) -> None:
     """Write trials one after another and say so on standard output, each once it is finished."""
-    with Study(file) as study:
-        (done,) = study.rows(
-            "SELECT count(t.id) FROM trials t JOIN sessions s ON s.id = t.session JOIN people p ON p.id = s.person "
-            "WHERE p.name = ?",
-            (person,),
-        )[0]
+    with Study(folder) as study:
+        done = len([*folder.glob(f"{person}/s/[0-9]*")])
         for number in range(done + 1, done + count + 1):
             measures = [Measure(f"m{i}", float(number % 1000), "1") for i in range(20)]
-            trial = Trial("live", measures, bounds=[Bound("f", 1.0, 2.0, "N")], outline=[(0, 0), (1, 0), (0, 1)])
+            trial = Trial("live", measures, trace={"t_s": np.array([0.0, 0.1]), "x_m": [1.0, 2.0]})
             study.add(Session(person, "s"), trial)
             print(number, flush=True)
 
 
 if __name__ == "__main__":
-    time.sleep(float(sys.argv[4]) if len(sys.argv) > 4 else 0.0)
     write_on(Path(sys.argv[1]), sys.argv[2], int(sys.argv[3]))

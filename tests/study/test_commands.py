@@ -17,9 +17,10 @@ from rehab_opt.measures.score import Measure
 from rehab_opt.recordings.tables import read_csv
 from rehab_opt.study.record import metric_trials
 from rehab_opt.study.store import Study
-from rehab_opt.study.summary import interval, quantity, session_means
+from rehab_opt.study.summary import interval, quantity, session_means, trend
 from rehab_opt.study.trial import Session, Trial
 from tests.measures.yardstick import reach
+from tests.study.made_studies import made_folders
 
 Run = Callable[..., tuple[int, str, str]]
 
@@ -47,13 +48,13 @@ def recording(path: Path, size: float = 1.0) -> str:
 
 def into(person: str, session: str, *covariates: str) -> list[str]:
     said = [word for each in covariates for word in ("--covariate", each)]
-    return ["--study", "s.db", "--person", person, "--session", session, *said]
+    return ["--study", "s", "--person", person, "--session", session, *said]
 
 
 def test_a_command_that_fails_leaves_nobody_in_the_study(run: Run) -> None:
     assert run("score", "none.csv", *into("P1", "week 1"))[0] == 2
-    with Study(Path("s.db")) as study:
-        assert study.rows("SELECT name FROM people") == []
+    with Study(Path("s")) as study:
+        assert study.rows("SELECT person FROM sessions") == []
 
 
 def test_scores_of_real_trials_go_into_the_study_once(run: Run, tmp_path: Path) -> None:
@@ -61,9 +62,9 @@ def test_scores_of_real_trials_go_into_the_study_once(run: Run, tmp_path: Path) 
     words = ["score", *files, *into("P1", "week 1", "group=stroke", "condition=assisted", "visit=1", "date=2026-11-23")]
     code, out, err = run(*words)
     assert (code, out.splitlines()[0]) == (0, "recording,trial,measure,value,unit")
-    assert "2 trials into s.db: P1, week 1" in err
-    assert "0 trials into s.db: P1, week 1 (the study has them already)" in run(*words)[2]
-    with Study(tmp_path / "s.db") as study:
+    assert "2 trials into s: P1, week 1" in err
+    assert "0 trials into s: P1, week 1 (the study has them already)" in run(*words)[2]
+    with Study(tmp_path / "s") as study:
         read = read_csv(Path(files[0]), name="a")
         expected = {(each.name, each.unit): each.value for each in score(read.time, read.points).measures}
         found = study.rows(
@@ -74,13 +75,11 @@ def test_scores_of_real_trials_go_into_the_study_once(run: Run, tmp_path: Path) 
             (1, "score", "assisted", "done"),
             (2, "score", "assisted", "done"),
         ]
-        assert study.rows("SELECT path, kind FROM files WHERE kind = 'recording' ORDER BY trial") == [
-            ("a.csv", "recording"),
-            ("b.csv", "recording"),
-        ]
+        kept = [json.loads((tmp_path / "s" / "P1" / "week 1" / f"00{i}" / "trial.json").read_text()) for i in (1, 2)]
+        assert [each["files"] for each in kept] == [[[file, "recording"]] for file in files]
         corners = np.array(json.loads(study.rows("SELECT points FROM outlines")[0][0]))
         assert np.ptp(corners[:, 0]) == pytest.approx(0.2, rel=0.02)
-    assert run("study", "remove", "s.db", "--person", "P1", "--yes")[1].count("a recording of theirs stays") == 2
+    assert run("study", "remove", "s", "--person", "P1", "--yes")[1].count("a recording of theirs stays") == 2
 
 
 def test_the_same_recording_measured_otherwise_is_another_trial(run: Run, tmp_path: Path) -> None:
@@ -98,14 +97,19 @@ def test_a_run_goes_in_with_problem_and_trace_and_both_leave_with_the_person(run
         'system = "workspace"\ntitle = "w"\n[arm]\nside = "left"\nrange_of_motion = "restricted"\naccuracy_mm = 5.0\n'
     )
     code, out, _ = run("run", "p.toml", *into("P1", "1"))
-    assert (code, "1 trial into s.db: P1, 1" in out) == (0, True)
-    with Study(tmp_path / "s.db") as study:
-        assert study.rows("SELECT name, text FROM problems") == [("p", problem.read_text())]
+    assert (code, "1 trial into s: P1, 1" in out) == (0, True)
+    with Study(tmp_path / "s") as study:
+        kept = json.loads((tmp_path / "s" / "P1" / "1" / "001" / "trial.json").read_text())
+        assert kept["problem"] == ["p", problem.read_text()]
+        for name in ("metrics.json", "trace.csv"):
+            assert (tmp_path / "s" / "P1" / "1" / "001" / name).read_bytes() == (
+                tmp_path / "out" / "p" / name
+            ).read_bytes()
         metrics = json.loads((tmp_path / "out" / "p" / "metrics.json").read_text())["metrics"]
         area = quantity(study, "sets.restricted.area")
-        assert session_means(study, [area])[area][0].of.mean == metrics["sets"]["restricted"]["area_m2"]
-        assert (area.unit, "trace" in dict(study.rows("SELECT kind, path FROM files"))) == ("m^2", True)
-    run("study", "remove", "s.db", "--person", "P1", "--yes")
+        assert session_means(study, [area])[area][0].mean == metrics["sets"]["restricted"]["area_m2"]
+        assert area.unit == "m^2"
+    run("study", "remove", "s", "--person", "P1", "--yes")
     assert not (tmp_path / "out" / "p").exists()
     assert problem.exists()
 
@@ -113,8 +117,8 @@ def test_a_run_goes_in_with_problem_and_trace_and_both_leave_with_the_person(run
 def test_what_does_not_say_whose_trial_it_is_is_refused_before_anything_is_done(run: Run, tmp_path: Path) -> None:
     file = recording(tmp_path / "a.csv")
     for words, named in (
-        (["--study", "s.db"], "--person"),
-        (["--study", "s.db", "--person", "P"], "--session"),
+        (["--study", "s"], "--person"),
+        (["--study", "s", "--person", "P"], "--session"),
         (["--person", "P"], "--study"),
         ([*into("P", "1"), "--covariate", "age=3"], "group, condition, visit, date"),
         (into("P", "1", "visit=1", "visit=2"), "each once"),
@@ -125,34 +129,34 @@ def test_what_does_not_say_whose_trial_it_is_is_refused_before_anything_is_done(
         code, out, err = run("score", file, *words)
         assert (code, out, len(err.splitlines())) == (2, "", 1)
         assert named in err
-        assert not (tmp_path / "s.db").exists()
+        assert not (tmp_path / "s").exists()
 
 
 def test_people_are_listed_shown_and_compared(run: Run, tmp_path: Path) -> None:
-    with Study(tmp_path / "s.db") as study:
+    with Study(tmp_path / "s") as study:
         for person, group, gain in (("A", "g", 1.0), ("B", "g", 3.0), ("C", "h", 0.0)):
             for visit in (2, 1, 3):
                 trials = [Trial("live", [Measure("time", 10 - gain * visit + e, "s")]) for e in (-1, 1)]
                 study.add(Session(person, f"v{visit}", group=group, visit=visit), trials)
         study.add(Session("A", "v3"), Trial("live", [Measure("time", 99.0, "s")], status="failed", error="x"))
-    assert run("study", "list", "s.db")[1].splitlines()[0] == "A  g  3 sessions  7 trials  -"
-    shown = run("study", "show", "s.db")[1]
+    assert run("study", "list", "s")[1].splitlines()[0] == "A  g  3 sessions  7 trials  -"
+    shown = run("study", "show", "s")[1]
     assert "3 people, 9 sessions, 19 trials" in shown
     assert "1 trials are not done" in shown
-    person = run("study", "show", "s.db", "--person", "A")[1]
+    person = run("study", "show", "s", "--person", "A")[1]
     assert person.index("v1") < person.index("v2") < person.index("v3")
     assert "9 (-3.706 to" in person  # 8 and 10: 9 +- 12.706
-    compared = run("study", "compare", "s.db", "--measure", "time")[1]
+    compared = run("study", "compare", "s", "--measure", "time")[1]
     assert "6 (-19.41 to" in compared  # of the people's means 8 and 4
     assert "-2 (-14.71 to" in compared  # of the slopes -1 and -3
-    for words in (["show", "s.db", "--person", "X"], ["compare", "s.db", "--measure", "tme"], ["show", "absent.db"]):
+    for words in (["show", "s", "--person", "X"], ["compare", "s", "--measure", "tme"], ["show", "absent"]):
         assert run("study", *words)[0] == 2
-    assert "time" in run("study", "compare", "s.db", "--measure", "tme")[2]
-    assert not (tmp_path / "absent.db").exists()
-    name = "x');DROP/**/TABLE/**/people;--"
-    with Study(tmp_path / "s.db") as study:
+    assert "time" in run("study", "compare", "s", "--measure", "tme")[2]
+    assert not (tmp_path / "absent").exists()
+    name = "x');DROP--TABLE--people;--"
+    with Study(tmp_path / "s") as study:
         study.add(Session(name, name, group=name), Trial("live", [Measure(name, 1.0, name)], condition=name))
-        assert (name,) in study.rows("SELECT name FROM people")
+        assert (name,) in study.rows("SELECT person FROM sessions")
 
 
 def test_intervals_and_slopes_are_those_of_scipy() -> None:
@@ -163,7 +167,29 @@ def test_intervals_and_slopes_are_those_of_scipy() -> None:
         low, high = stats.t.interval(0.95, n - 1, values.mean(), stats.sem(values))
         assert (found.mean, found.n) == (pytest.approx(values.mean(), rel=1e-12), n)
         assert found.upper - found.lower == pytest.approx(high - low, rel=1e-6)
+        line = stats.linregress(np.arange(n), values) if n > 2 else None
+        if line is not None:
+            half = stats.t.ppf(0.975, n - 2) * line.stderr
+            assert trend(values.tolist())[:3] == pytest.approx(
+                (line.slope, line.slope - half, line.slope + half), abs=1e-9
+            )
     assert math.isnan(interval([1.0]).lower)
+
+
+def test_everybody_of_folders_that_no_code_of_ours_wrote_is_compared(run: Run, tmp_path: Path) -> None:
+    means = made_folders(tmp_path / "s", 6, 3, 4)
+    table = run("study", "compare", "s", "--measure", "movement_time")[1].splitlines()
+    for group, mean in means.items():
+        rows = [row for row in table if f" {group} " in row]
+        assert [row.split("\u2502")[2].strip() for row in rows] == ["assisted", "unassisted"]
+        found = [float(row.split("\u2502")[4].split("(")[0]) for row in rows]
+        assert np.mean(found) == pytest.approx(mean, abs=1e-3)
+    assert "6 people, 18 sessions, 72 trials, 2026-01-05 to 2026-01-19" in run("study", "show", "s")[1]
+    assert run("report", "s")[0] == 0
+    Path("s/P0001/week 1/002/trial.json").write_text("{")
+    Path("s/index.db").unlink()
+    code, out, err = run("study", "show", "s")
+    assert (code, "71 trials" in out, "not read: P0001/week 1/002: trial.json" in err) == (0, True, True)
 
 
 def test_numbers_of_a_run_keep_units_bounds_and_events() -> None:
@@ -200,16 +226,16 @@ def test_numbers_of_a_run_keep_units_bounds_and_events() -> None:
 
 @pytest.mark.parametrize("option", ["--out", "--pdf"])
 def test_a_report_is_never_written_over_its_study(run: Run, option: str) -> None:
-    Study(Path("s.db")).close()
-    before = Path("s.db").read_bytes()
-    code, _, error = run("report", "s.db", option, "./s.db")
-    assert code == 2
-    assert "another file than the study" in error
-    assert Path("s.db").read_bytes() == before
+    Study(Path("s")).close()
+    for place in ("./s", "s/index.db", "s/study.json"):
+        before = Path("s/study.json").read_bytes()
+        code, _, error = run("report", "s", option, place)
+        assert (code, "--out" in error or "--pdf" in error) == (2, True)
+        assert Path("s/study.json").read_bytes() == before
 
 
 def test_an_export_closes_a_folder_that_was_open_to_others(run: Run, tmp_path: Path) -> None:
-    Study(Path("s.db")).close()
+    Study(Path("s")).close()
     (tmp_path / "shared").mkdir(mode=0o755)
-    assert run("study", "export", "s.db", "--out", "shared")[0] == 0
+    assert run("study", "export", "s", "--out", "shared")[0] == 0
     assert (tmp_path / "shared").stat().st_mode & 0o777 == 0o700

@@ -20,7 +20,7 @@ PLOTS = [{"name": "force", "unit": "N", "line": 10.0}, {"name": "away", "unit": 
 def test_each_time_the_switch_is_held_is_a_trial(tmp_path) -> None:
     time, points = reach(30, rest=0.3)
     points[:, 1] += 0.02 * np.sin(3 * points[:, 0] / np.ptp(points[:, 0]))
-    into = Destination(tmp_path / "s.db", Session("P", "1"), "free")
+    into = Destination(tmp_path / "s", Session("P", "1"), "free")
     trials = LiveTrials(into, ProblemText("p", "text"))
     trials.begin(PLOTS)
     at = 5.0
@@ -40,7 +40,7 @@ def test_each_time_the_switch_is_held_is_a_trial(tmp_path) -> None:
     held(10)  # a third of a second
     held(n, hand=False, status="safe", missed=7)
     assert trials.written == 2
-    with Study(into.file) as study:
+    with Study(into.folder) as study:
         measures = {
             (trial, name): (value, unit)
             for trial, name, value, unit in study.rows(
@@ -59,7 +59,7 @@ def test_each_time_the_switch_is_held_is_a_trial(tmp_path) -> None:
             (1, "force", 11.0, 10.0, "N"),
             (2, "force", 11.0, 10.0, "N"),
         ]
-        assert study.rows("SELECT trial, text, times, unit FROM events ORDER BY id") == [
+        assert study.rows("SELECT trial, text, times, unit FROM events ORDER BY rowid") == [
             (2, "safe: because", 1, "pictures"),
             (2, "ticks left out", 7, "ticks"),
         ]
@@ -68,7 +68,7 @@ def test_each_time_the_switch_is_held_is_a_trial(tmp_path) -> None:
 
 
 def test_a_trial_that_cannot_be_written_is_told(tmp_path) -> None:
-    file = tmp_path / "s.db"
+    file = tmp_path / "s"
     trials = LiveTrials(Destination(file, Session("P", "1"), None), ProblemText("p", "text"))
     for k in range(60):
         trials.see(Seen(k / 30, True, "ok", "", 0, 0, None, ()))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import shutil
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
@@ -37,7 +39,7 @@ def run(tmp_path: Path) -> Callable[..., list[str]]:
         *people: Participant, session: str | None = "s", work: Callable[[Participant], PersonResult] = work
     ) -> list[str]:
         with ExitStack() as opened, ThreadPoolExecutor(1) as pool:
-            recorder = study_of_many(opened, tmp_path / "study.db", session, table=tmp_path / "out" / RESULTS)
+            recorder = study_of_many(opened, tmp_path / "study", session, table=tmp_path / "out" / RESULTS)
             assert recorder is not None
             rows = run_many(recorder.checked(people), out=tmp_path / "out", executor=pool, work=work, record=recorder)
         return [row.status for row in rows]
@@ -48,14 +50,14 @@ def run(tmp_path: Path) -> Callable[..., list[str]]:
 def test_results_go_into_the_study_with_covariates_and_once(run: Callable[..., list[str]], tmp_path: Path) -> None:
     people = [of("Ann", group="g", visit="1", condition="c"), of("Bo", session="other")]
     assert run(*people) == ["done", "done"]
-    (tmp_path / "study.db").unlink()  # what is computed goes into another study without being computed again
+    shutil.rmtree(tmp_path / "study")  # what is computed goes into another study without being computed again
     assert run(*people, work=broken) == run(*people, work=broken) == ["done", "done"]
-    with Study(tmp_path / "study.db") as study:
+    with Study(tmp_path / "study") as study:
         found = study.rows(
-            'SELECT p.name, p."group", s.name, s.visit, t.kind, t.condition, t.status, q.name, m.value, q.unit, e.text '
-            "FROM people p JOIN sessions s ON s.person = p.id JOIN trials t ON t.session = s.id "
+            'SELECT s.person, s."group", s.name, s.visit, t.kind, t.condition, t.status, q.name, m.value, q.unit, '
+            "e.text FROM sessions s JOIN trials t ON t.session = s.id "
             "JOIN measures m ON m.trial = t.id JOIN quantities q ON q.id = m.quantity JOIN events e ON e.trial = t.id "
-            "ORDER BY p.name"
+            "ORDER BY s.person"
         )
     assert found == [
         ("Ann", "g", "s", 1, "many", "c", "done", "name", 3.0, "m", "backup"),
@@ -71,9 +73,11 @@ def test_what_failed_is_in_the_study_until_it_is_done(run: Callable[..., list[st
     statuses = []
     for doing in (broken, work):
         run(of("Ann"), work=doing)
-        with Study(tmp_path / "study.db") as study:
-            statuses.append(study.rows("SELECT status, error FROM trials"))
-    assert statuses == [[("failed", "ZeroDivisionError:")], [("done", "")]]
+        with Study(tmp_path / "study") as study:
+            (status,) = study.rows("SELECT status FROM trials")
+        (trial,) = (json.loads(path.read_text()) for path in tmp_path.glob("study/Ann/s/*/trial.json"))
+        statuses.append((*status, trial["error"]))
+    assert statuses == [("failed", "ZeroDivisionError:"), ("done", "")]
 
 
 def test_covariates_that_do_not_fit_are_their_own_row(run: Callable[..., list[str]]) -> None:
@@ -86,7 +90,7 @@ def test_covariates_that_do_not_fit_are_their_own_row(run: Callable[..., list[st
 
 def test_a_removed_person_leaves_folder_and_table(run: Callable[..., list[str]], tmp_path: Path) -> None:
     run(of("Ann"), of("Bo"))
-    with Study(tmp_path / "study.db") as study:
+    with Study(tmp_path / "study") as study:
         removed(study, "Ann")
     left = [
         path for path in tmp_path.rglob("*") if "Ann" in path.name or (path.is_file() and b"Ann" in path.read_bytes())
