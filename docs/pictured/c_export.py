@@ -19,10 +19,10 @@ from rehab_opt.session.drawing import GRID, LIMIT, REFERENCE, TOLD, TRUE, framed
 from rehab_opt.session.files import load_problem
 
 PROBLEM = "robot/ur5_circle"
-JOINT = 0
+JOINT = 1
 """Which joint's command is drawn; the difference is of all."""
 TICK_S = 0.001
-CLOSE_UP = (2.62, 2.98)
+CLOSE_UP = (2.62, 3.06)
 """[s] around the encoders that stand still."""
 ALLOWED = 1e-9
 """[rad/s] by which `example` lets commands differ."""
@@ -71,13 +71,15 @@ def c_commands() -> Figure:
 
     figure = framed("One controller in Python and in C: a UR5's pose tracker, with faults among its inputs", 9.0, 5.6)
     grid = figure.subplots(2, 2, width_ratios=(2.2, 1), height_ratios=(2, 1), sharex="col", sharey="row")
-    names = ("the whole recorded run", "close-up: braking from 48 deg/s")
+    since = {REASONS[int(tick["reason"])].name: at for tick, at in zip(ticks[::-1], time[::-1], strict=True)}
+    braked = np.rad2deg(abs(python[np.searchsorted(time, since["NOT_FOLLOWED"]), JOINT]))
+    names = ("the whole recorded run", f"close-up: braking from {braked:.0f} deg/s")
     for (above, below), name, (first, last) in zip(grid.T, names, ((0.0, time[-1]), CLOSE_UP), strict=True):
         shown = (time >= first) & (time <= last)
         for axes in (above, below):
             axes.fill_between(
-                time[shown], 0, 1, where=safe[shown], step="post", color=LIMIT, alpha=0.6, linewidth=0.5,
-                transform=axes.get_xaxis_transform(), label="safe command, at a fault",
+                time[shown], 0, 1, where=safe[shown], step="post", color=LIMIT, alpha=0.6, linewidth=0.8,
+                transform=axes.get_xaxis_transform(), label="fallback command, at a fault",
             )  # fmt: skip
             axes.grid(**GRID)
             axes.margins(x=0.01)
@@ -96,13 +98,13 @@ def c_commands() -> Figure:
     grid[1, 0].set_ylim(-0.3 * LEAST, 1e-7)
     grid[1, 0].set_yticks([0, 1e-15, 1e-12, 1e-9])
     grid[1, 0].minorticks_off()
-    first = {REASONS[int(tick["reason"])].name: at for tick, at in zip(ticks[::-1], time[::-1], strict=True)}
+    top = 1.6 * np.rad2deg(python[:, JOINT].max())
     for x, words in (
-        (first["INPUT_TOO_LARGE"] + 0.42, "all inputs 900 000:\nstops at once"),
-        ((first["NOT_FOLLOWED"] + time[-1]) / 2, "encoders stand\nstill: brakes\nand holds"),
+        (0.4 * since["NOT_FOLLOWED"], "grey lines: single faults (NaN, a stamp, a unit);\neach brakes for a tick"),
+        ((since["NOT_FOLLOWED"] + time[-1]) / 2, "encoders stand\nstill: brakes\nand holds"),
     ):
-        grid[0, 0].text(x, 73, words, fontsize=8, ha="center", va="top")
-    grid[0, 0].set_ylim(-45, 76)
+        grid[0, 0].text(x, 0.97 * top, words, fontsize=8, ha="center", va="top")
+    grid[0, 0].set_ylim(top=top)
     handles = {}
     for axes in grid[:, 0]:
         found, labels = axes.get_legend_handles_labels()

@@ -28,7 +28,7 @@ def frames() -> Figure:
 
 
 def tick() -> Figure:
-    """What happens from a state to a command, and where a safe command takes over."""
+    """What happens from a state to a command, and where a fallback command takes over."""
     figure = Figure(figsize=(WIDTH, 3.6), dpi=150)
     FigureCanvasAgg(figure)
     axes = figure.add_axes((0, 0, 1, 1))

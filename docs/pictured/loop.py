@@ -103,7 +103,7 @@ def _figure(records: NDArray[np.void]) -> Figure:
     for axes, (label, values, most) in zip(grid, panels, strict=True):
         axes.fill_between(
             at, 0, 1, where=records["enabled"] == 0, color=LIMIT, alpha=0.6, linewidth=0,
-            transform=axes.get_xaxis_transform(), label="safe command: the robot brakes and holds",
+            transform=axes.get_xaxis_transform(), label="fallback command: the robot brakes and holds",
         )  # fmt: skip
         axes.plot(at, values, color=TRUE, linewidth=1.4, label="from the log")
         if most is not None:

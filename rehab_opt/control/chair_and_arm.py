@@ -228,7 +228,7 @@ class ChairAndArm(VelocityController):
     """One step on the inputs that were set."""
 
     def brake(self, reason: str) -> Command:
-        """The safe command at the inputs that were set."""
+        """The fallback command at the inputs that were set."""
         return self._safe(reason)
 
     def reset(self, velocity: ArrayLike | None = None, heading: float = 0.0) -> None:

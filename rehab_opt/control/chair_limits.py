@@ -43,7 +43,7 @@ class Limits(NamedTuple):
     beside: LinearLimit
     """A user's limits, and clearance."""
     base: ca.SX
-    """(n,) one tick of the hardest braking together, the safe command; see `ChairLimits` for moving bodies."""
+    """(n,) one tick of the hardest braking together, the fallback command; see `ChairLimits` for moving bodies."""
     clearance: ca.SX
     """[m] distance of the arm from the nearest keep-out, negative inside."""
     nearest: ca.SX

@@ -19,10 +19,10 @@ class Status(Enum):
     BLOCKED = "blocked"  #: certified, but the bounds leave nothing of the commanded motion or desired force, or a hand
     # that stood under force is let go; the robot may still move
     UNREACHABLE = "unreachable"  #: the nearest reachable point is given instead (inverse kinematics)
-    BRAKING = "braking"  #: safe command: decelerating within the limits
-    HOLDING = "holding"  #: safe command: at rest
-    RELEASING = "releasing"  #: safe command of a force: falling to zero
-    RELEASED = "released"  #: safe command of a force: zero
+    BRAKING = "braking"  #: fallback command: decelerating within the limits
+    HOLDING = "holding"  #: fallback command: at rest
+    RELEASING = "releasing"  #: fallback command of a force: falling to zero
+    RELEASED = "released"  #: fallback command of a force: zero
 
     @property
     def certified(self) -> bool:
@@ -54,9 +54,9 @@ class Command(NamedTuple):
     status: Status
     """Which stage of the fallback chain answered."""
     solver: str
-    """Name of the solver; empty for a safe command."""
+    """Name of the solver; empty for a fallback command."""
     residual: float
-    """Certificate residual of the answer; infinite for a safe command."""
+    """Certificate residual of the answer; infinite for a fallback command."""
     iterations: int
     """Iterations of the solver; -1 if it reports none."""
     reason: str

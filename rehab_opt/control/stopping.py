@@ -155,7 +155,7 @@ def gentle_speed(room: ca.SX, acceleration: ca.DM, approach: float) -> ca.SX:
 
 
 def nearest_to_rest(bounds: VelocityBounds) -> ca.SX:
-    """(n,) the velocity nearest to rest within the bounds: the safe command.
+    """(n,) the velocity nearest to rest within the bounds: the fallback command.
 
     It does not move a joint back into its limits, because a user who released the switch wants no motion.
     """

@@ -50,7 +50,7 @@ class Loop:
     busy-waits. If a tick starts more than one tick late, the missed ticks are skipped and counted. Times are from
     `time.monotonic`, so changes of the wall clock have no effect.
 
-    The controller gets `enabled=False`, and so returns its safe command, if
+    The controller gets `enabled=False`, and so returns its fallback command, if
 
     - the dead man's switch was last reported as held more than `dead_man` ago, or `operator` has no record;
     - the measurement is older than `max_age`. This is checked again before sending: if the command took too long, the
