@@ -14,7 +14,7 @@ __all__ = ["EXACT", "TINY", "assistance_statement"]
 EXACT = 1 - 1e-12
 """Target of shrinking, as a fraction of a bound, so that rounding does not pass the bound."""
 TINY = 1e-12
-"""[N] A force that is none."""
+"""[N] Largest force that counts as none."""
 
 
 @cache

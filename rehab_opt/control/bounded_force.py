@@ -253,7 +253,7 @@ class BoundedForce(OneThread):
         self._give_away()
 
     def nothing_seen(self, force: tuple[float, float] = (0.0, 0.0)) -> Array:
-        """`watched_record` before the first sample, with a full tank and an acting force [N]."""
+        """`watched_record` before the first sample: full tank, and the force [N] that acts."""
         impulse = np.zeros(self.slots)
         impulse[0] = math.hypot(*force) * self.model[MODEL["window"]]
         told: dict[str, ArrayLike] = {"level": self.energy_budget, "x": force[0], "y": force[1], "impulse": impulse}

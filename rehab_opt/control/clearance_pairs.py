@@ -174,7 +174,7 @@ class ClearancePairs:
 
     @cached_property
     def linked(self) -> tuple[tuple[int, int], ...]:
-        """Pairs of links, first the one that more joints move."""
+        """Pairs of links; the first link is moved by more joints."""
         return linked_pairs(self.chain, self.clearance)
 
     @cached_property

@@ -77,9 +77,9 @@ def maximise_manipulability(chain: SerialChain, *, starts: int = STARTS, seed: i
 def escape_function(chain: SerialChain) -> ca.Function:
     """Function: posture q (n,), whether to search another one -> direction in which w grows despite a zero gradient.
 
-    The direction has length 1/2, or zero if none is found. It is the best of the joint axes, their pairs and a few
-    random directions (with another seed for another search), with both signs, at the smallest distance at which any
-    gains without a loss before. It is the same in every run and in C.
+    The direction has length 1/2, or zero if none is found. Candidates are the joint axes, their pairs and a few random
+    directions (another search has another seed), with both signs. The best is taken at the smallest distance at which
+    one gains without a loss before. It is the same in every run and in C.
     """
     n, ascent = chain.n, ascent_function(chain)
     at, far, known = inputs = [ca.MX.sym(name, size) for name, size in (("q", n), ("far", 1), ("found", n + 1))]

@@ -74,7 +74,7 @@ TINY = 1e-12
 
 
 class Now(NamedTuple):
-    """What a tick starts from, as expressions."""
+    """State at the start of a tick, as expressions."""
 
     state: State
     braked: ca.SX
@@ -244,7 +244,7 @@ class PoseTracker(PoseInputs):
         ])  # fmt: skip
 
     def _now(self, tick: Stages, state: State, memory: ca.SX) -> Now:
-        """What a tick starts from."""
+        """State at the start of a tick."""
         n, brake = self.chain.n, self._manoeuvre
         if self.jerk is not None:
             jerky = self.jerk.interval(state.q, state.last, memory[2 * n : 3 * n])

@@ -33,7 +33,7 @@ target; without this, hands overshot by up to 84 mm."""
 ARRIVED = 1e-4
 """[m] Distance below which the hand has arrived."""
 TINY = 1e-12
-"""[m^2] A way that is none."""
+"""Smallest divisor."""
 
 
 class Reaching:

@@ -126,7 +126,7 @@ def reason_text(number: float, details: Iterable[float]) -> str:
 
 
 def reason_number(reason: str) -> int:
-    """Number of what a `Command` of Python gives as its reason, notes aside.
+    """Number of the reason of a `Command` of Python, without its notes.
 
     Raises
     ------
@@ -164,10 +164,10 @@ NOTES = (
 
 
 def notes_of(reason: str) -> int:
-    """Sum of the numbers of the notes in what a `Command` of Python gives as its reason."""
+    """Sum of the numbers of the notes in the reason of a `Command` of Python."""
     return sum(2**i for i, note in enumerate(NOTES) if note.python in reason)
 
 
 def without_notes(reason: str) -> str:
-    """What is left of a reason of Python without the notes in it."""
+    """A reason of Python without its notes."""
     return "; ".join(part for part in reason.split("; ") if not any(note.python in part for note in NOTES))

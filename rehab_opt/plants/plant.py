@@ -52,12 +52,12 @@ class Plant(Protocol):
 
     @property
     def measured(self) -> Measurement:
-        """What the sensors say now."""
+        """The latest measurement."""
         ...
 
     @property
     def truth(self) -> Truth:
-        """What is so now."""
+        """The true state now."""
         ...
 
     def reset(self, position: ArrayLike) -> Measurement:
