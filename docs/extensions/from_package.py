@@ -1,4 +1,4 @@
-"""Pages whose text comes from elsewhere in the checkout: fences that become Markdown before the page is read.
+"""Pages with text from elsewhere in the checkout: fences become Markdown before the page is parsed.
 
 ```{keys} SCHEMA   the keys of a problem file, from its schema; tables named below it stand elsewhere
 ```{api} MODULE    the names below it, from their docstrings
@@ -31,7 +31,7 @@ PAGES = {
 
 
 def filled(text: str) -> str:
-    """The page with what its fences name."""
+    """The page with its fences replaced."""
     text = FENCE.sub(_content, text)
     for file, page in PAGES.items():
         text = re.sub(rf"\]\((?:\.\./)*{re.escape(file)}", f"]({page}", text)

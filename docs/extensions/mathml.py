@@ -1,4 +1,4 @@
-"""Formulas as MathML, made while the pages are built: browsers draw it without a script or a font from elsewhere."""
+"""Formulas as MathML, made when the pages are built: browsers draw it without scripts or fonts from elsewhere."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from docutils import nodes
 from latex2mathml.converter import convert
 
 UNREAD = ("<mi>&</mi>", "\\")
-"""What the converter leaves of an environment or a command that it does not know."""
+"""Remains of an environment or command that the converter does not know."""
 
 
 def mathml(formula: str, display: str) -> str:
@@ -26,7 +26,7 @@ def inline_math(translator: Any, node: nodes.math) -> None:
 
 
 def display_math(translator: Any, node: nodes.math_block) -> None:
-    """A formula of its own."""
+    """A displayed formula."""
     translator.body.append(f'<div class="formula">{mathml(node.astext(), "block")}</div>\n')
     raise nodes.SkipNode
 

@@ -1,1 +1,1 @@
-"""Pictures of capabilities whose runs draw no figure of their own: each from a run of the library, made here."""
+"""Pictures for pages whose runs draw no figure."""

@@ -1,4 +1,4 @@
-"""A controller in C beside Python's: what both command in the recorded run of an export, tick after tick."""
+"""Commands of a controller in C and in Python, over the recorded run of an export."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ from rehab_opt.session.files import load_problem
 
 PROBLEM = "robot/ur5_circle"
 JOINT = 1
-"""Which joint's command is drawn; the difference is of all."""
+"""Joint whose command is drawn; the difference is over all joints."""
 TICK_S = 0.001
 CLOSE_UP = (2.62, 3.06)
-"""[s] around the encoders that stand still."""
+"""[s] Around the frozen encoders."""
 ALLOWED = 1e-9
-"""[rad/s] by which `example` lets commands differ."""
+"""[rad/s] Difference that `example` accepts."""
 LEAST = 1e-17
-"""[rad/s] below which the scale of differences is linear, so that it has a zero."""
+"""[rad/s] Differences below this are drawn on a linear scale, which has a zero."""
 SAFE = {STATUSES[each] for each in (Status.BRAKING, Status.HOLDING)}
 EVERY_TICK = """\
 #define main repeated
@@ -50,7 +50,7 @@ int main(void)
     return 0;
 }
 """
-"""The export's own example, with every command said."""
+"""The export's example, printing every command."""
 CC = ("cc", "-std=c99", "-O2", "-fno-math-errno", "-ffp-contract=off")
 
 

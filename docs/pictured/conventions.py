@@ -1,4 +1,4 @@
-"""Drawings of the conventions and of a tick: frames, signs, and the order of what a controller does."""
+"""Drawings of the conventions and of a tick: frames, signs, and the steps of a controller."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def frames() -> Figure:
 
 
 def tick() -> Figure:
-    """What happens from a state to a command, and where a fallback command takes over."""
+    """The steps from a state to a command, and to a fallback command."""
     figure = Figure(figsize=(WIDTH, 3.6), dpi=150)
     FigureCanvasAgg(figure)
     axes = figure.add_axes((0, 0, 1, 1))

@@ -1,4 +1,4 @@
-"""A loop's own log: a robot whose switch is let go of, and whose measurements come late."""
+"""The log of a loop whose switch is released, and whose measurements are late."""
 
 from __future__ import annotations
 
@@ -30,13 +30,13 @@ PROBLEM, PLANT = "robot/ur5_circle", "mujoco"
 SECONDS = 6.0
 LET_GO = (2.0, 2.8)
 LATE, LATE_BY = (4.2, 4.8), 0.08
-"""[s] when measurements are late, and by how much besides the robot's own delay."""
+"""[s] Interval of late measurements, and their additional delay."""
 EACH = 0.02
-"""[s] between two words of the operator's."""
+"""[s] Between two heartbeats."""
 
 
 def loop_log() -> Figure:
-    """What the log has of speed, switch and measurements."""
+    """Speed, switch and age of measurements from the log."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "trace.mcap"
         _run(path)
@@ -47,7 +47,7 @@ def loop_log() -> Figure:
 
 
 def _run(path: Path) -> None:
-    """The loop of the problem, its operator at the switch, and its log."""
+    """Run the problem's loop with an operator and a log."""
     config = load_problem(PROBLEM)
     problem = live_problem(config, plant=PLANT)
     with ExitStack() as stack:
@@ -67,7 +67,7 @@ def _run(path: Path) -> None:
 
 @contextmanager
 def _operated(ring: SharedRing) -> Iterator[None]:
-    """Somebody who holds the switch, lets it go and takes it again, and spoils the measurements for a while."""
+    """An operator who releases the switch for a while, and later delays the measurements."""
     begun, over = time.monotonic(), threading.Event()
 
     def operate() -> None:

@@ -1,4 +1,4 @@
-"""What the measures of a movement are measured of: two trials of one simulated person, without help and with it."""
+"""Measures of two trials of one simulated person, without and with help."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ PROBLEM = "upper_limb/scenario_2_assist"
 CONDITIONS = {"unassisted": "#D55E00", "assisted": TRUE}
 TRIAL = 0
 EVERY = 10
-"""Of the run's ticks one is kept: 100 Hz, as a recording of a hand may have."""
+"""Every tenth tick of the run is used: 100 Hz, as in a recording."""
 TARGET = "#E69F00"
 MIDDLE, HALF = np.array([45.0, 5.0]), 62.0
-"""[mm] of the panel of a path: its middle from the target on, half of its width."""
+"""[mm] Centre of a path's panel relative to the target, and half of its width."""
 APART = 0.15
-"""[s] between two velocity peaks, as `velocity_peaks` counts them."""
+"""[s] Least time between two peaks of `velocity_peaks`."""
 
 
 def scored_reaches() -> Figure:
-    """Speed over time with its movement and peaks, and the path beside its straight line; the numbers above."""
+    """Speed over time with movement and peaks, and the path with its straight line; numbers above."""
     outcome = run_problem(load_problem(PROBLEM))
     figure = framed("The same simulated person's reach, without and with help: what the measures see", 9.0, 6.2)
     grid = figure.subplots(2, 2, width_ratios=(1.5, 1), sharex="col", sharey="col")

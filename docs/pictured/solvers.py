@@ -23,7 +23,7 @@ FAMILIES = {
 }  # fmt: skip
 NAMES = {"ladder": "fused qrqp", "daqp-kept": "daqp", "sqp": "our SQP"}
 CLOSE = 2.0
-"""Ratio of two times whose names stand to either side, not above."""
+"""Ratio of two times below which names are at the sides, not above."""
 OURS = ("ladder", "ladder-proxqp", "qrqp-fused", "qrqp-virtual")
 """Ours: chains of solvers, and the fused one."""
 TICK_US = 1000.0
@@ -38,7 +38,7 @@ class Mean(NamedTuple):
 
 
 def solver_times() -> Figure:
-    """A row for each family: the default, the best alternative, and all others of which a mean was printed."""
+    """One row for each family: the default, the best alternative, and all others with a mean."""
     table = _times(QPS) | _times(PROGRAMMES)
     chosen = {row["family"]: (row["default"], row["best alternative"]) for row in _rows(DEFAULTS)}
     figure = framed("What the controllers solve, tick after tick: mean time of a warm-started solve", 9.0, 5.6)
@@ -88,7 +88,7 @@ def solver_times() -> Figure:
 
 
 def _times(heading: str) -> dict[str, dict[str, Mean]]:
-    """By family and solver; cells that hold only a fraction have no mean."""
+    """By family and solver; cells with only a fraction have no mean."""
     found: dict[str, dict[str, Mean]] = {}
     for row in _rows(heading):
         solver = row.pop("solver")

@@ -1,4 +1,4 @@
-"""The first screen of a person's report, as a browser shows it: a simulated person's, for five weeks."""
+"""The first screen of a simulated person's report over five weeks, in a browser."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ from rehab_opt.study.trial import Session
 PROBLEM = "upper_limb/scenario_2_assist"
 FIRST = datetime.date(2026, 10, 5)
 STRENGTHS_N = (2.0, 4.0, 6.0, 8.0, 10.0)
-"""Assumed: how strong the person is outside of the comfortable workspace, week after week."""
+"""Assumed strength of the person outside the comfortable workspace, week after week."""
 TRIALS = 6
 SIZE = (1000, 965)
 """[pixels] of the browser's window."""
 
 
 def report_page() -> Image.Image:
-    """Runs into a study, its report, and a picture of that."""
+    """Picture of the report of a study."""
     text = shipped_problems()[PROBLEM].read_text(encoding="utf-8")
     assert text.count("\ntrials = 4\n") == 1
     with tempfile.TemporaryDirectory() as temporary:
