@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import math
+import os
 import signal
 import subprocess
 import sys
@@ -18,10 +19,11 @@ import pytest
 
 from rehab_opt.errors import ConfigurationError, ProblemFileError
 from rehab_opt.session.many.participant import Participant
-from rehab_opt.session.many.pools import answers
 from rehab_opt.session.many.results import ResultRow
 from rehab_opt.session.many.run import GROUPS, PARQUET, RESULTS, run_many
-from tests.session.stand_in_work import blas_threads, person, quick
+from tests.session.stand_in_work import person, quick
+
+ROOT = str(Path(__file__).resolve().parents[2])
 
 
 def done(people: Sequence[Participant], out: Path, *, executor: Executor | None = None) -> dict[str, ResultRow]:
@@ -65,15 +67,22 @@ def test_one_that_hangs_is_killed_and_blocks_nobody(tmp_path: Path) -> None:
             run_many(people, out=tmp_path, work=quick, timeout_s=bad)
 
 
+THREADS = """
+from rehab_opt.session.many.pools import answers
+from tests.session.stand_in_work import blas_threads
+if __name__ == "__main__":
+    print([*answers([0], blas_threads, executor=None, workers=1)], blas_threads(0))
+"""
+
+
 @pytest.mark.parametrize("own", [None, "2"])
-def test_a_worker_computes_in_one_thread_unless_the_user_says_more(
-    monkeypatch: pytest.MonkeyPatch, own: str | None
-) -> None:
-    monkeypatch.delenv("OPENBLAS_NUM_THREADS", raising=False)
-    if own is not None:
-        monkeypatch.setenv("OPENBLAS_NUM_THREADS", own)
-    assert [*answers([0], blas_threads, executor=None, workers=1)] == [(0, own or "1")]
-    assert blas_threads(0) == own
+def test_a_worker_computes_in_one_thread_unless_the_user_says_more(tmp_path: Path, own: str | None) -> None:
+    (tmp_path / "threads.py").write_text(f"import sys\nsys.path.insert(0, {ROOT!r})\n{THREADS}", encoding="utf-8")
+    others = {key: value for key, value in os.environ.items() if key != "OPENBLAS_NUM_THREADS"}
+    given = {} if own is None else {"OPENBLAS_NUM_THREADS": own}
+    command = [sys.executable, str(tmp_path / "threads.py")]
+    done = subprocess.run(command, env=others | given, check=True, capture_output=True, text=True)
+    assert done.stdout == f"[(0, {own or '1'!r})] {own}\n"
 
 
 def test_rows_are_written_as_they_end_and_told_of(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -199,8 +208,8 @@ if __name__ == "__main__":
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="needs SIGKILL")
 @pytest.mark.parametrize("how", ["SIGINT", pytest.param("SIGKILL", marks=pytest.mark.nightly)])
 def test_interrupted_run_goes_on_where_it_was(tmp_path: Path, how: str) -> None:
-    log, root = tmp_path / "log", str(Path(__file__).resolve().parents[2])
-    (tmp_path / "many.py").write_text(f"import sys\nsys.path.insert(0, {root!r})\n{MANY}", encoding="utf-8")
+    log = tmp_path / "log"
+    (tmp_path / "many.py").write_text(f"import sys\nsys.path.insert(0, {ROOT!r})\n{MANY}", encoding="utf-8")
     command = [sys.executable, "many.py", str(log)]
     with subprocess.Popen([*command, "slow"], cwd=tmp_path, stderr=subprocess.DEVNULL) as process:
         for _ in range(1200):  # however slow the machine

@@ -1,4 +1,4 @@
-"""Tasks on every core, where a worker that dies takes down no task but its own."""
+"""Tasks on every core, a process each: one that dies or hangs takes down no task but its own."""
 
 from __future__ import annotations
 
@@ -10,10 +10,12 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, ProcessPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager
 from functools import partial
-from typing import Generic, TypeVar
+from multiprocessing.connection import Connection
+from multiprocessing.connection import wait as wait_for
+from typing import Any, TypeVar
 
 __all__ = ["WorkerDiedError", "answers", "cores"]
 
@@ -23,10 +25,13 @@ A = TypeVar("A")
 DIED = "its worker process died (killed, out of memory, crashed), or sent what cannot be read"
 HANDED = 256
 """Tasks that an executor is given at once: enough for so many cores, and what as many answers take in memory."""
-ASK_AGAIN = 0.2
-"""[s]"""
 BLAS_THREADS = "OPENBLAS_NUM_THREADS"
 """Of numpy and scipy; read when a process loads them."""
+PRELOADED = (
+    "casadi", "matplotlib.figure", "matplotlib.backends.backend_agg", "mpl_toolkits.mplot3d", "PIL.JpegImagePlugin",
+    "scipy.interpolate", "scipy.optimize", "scipy.stats", "shapely", "skimage.measure",
+)  # fmt: skip
+"""What runs load, 2 s of processor time and more: a server loads it once, and each process is a fork of it."""
 
 
 class WorkerDiedError(Exception):
@@ -57,8 +62,8 @@ def answers(
     """
     if executor is not None:
         yield from _by(executor, tasks, work, workers or HANDED)
-    elif tasks:
-        yield from _by_processes(deque(tasks), work, min(workers or cores(), len(tasks)), timeout_s)
+    else:
+        yield from _by_processes(deque(tasks), work, workers or cores(), timeout_s)
 
 
 def _by(
@@ -106,60 +111,59 @@ def _given(
 def _by_processes(
     waiting: deque[T], work: Callable[[T], A], workers: int, timeout_s: float | None
 ) -> Iterator[tuple[T, A | BaseException]]:
-    """Tasks in pools of one process each, so that one that dies or is killed takes its own task alone."""
-    idle = [_Worker(work) for _ in range(workers)]
-    running: dict[Future[A], tuple[_Worker[T, A], T]] = {}
+    """Tasks in a process each, `workers` of them at once; whatever ends this, no process stays."""
+    context = _context(work.__module__)
+    running: dict[Any, tuple[Any, T, float]] = {}
     try:
         while waiting or running:
-            while waiting and idle:
-                worker, task = idle.pop(), waiting.popleft()
-                running[worker.begin(task)] = (worker, task)
-            pause = None if timeout_s is None else min(worker.left(timeout_s) for worker, _ in running.values())
-            for future in wait(running, timeout=pause, return_when=FIRST_COMPLETED).done:
-                worker, task = running.pop(future)
-                answer: A | BaseException = _answer(future)
-                if isinstance(answer, BrokenExecutor):
-                    worker.kill()
-                    worker, answer = _Worker(work), WorkerDiedError(DIED)
-                idle.append(worker)
-                yield task, answer
-            for future, (worker, task) in list(running.items()):
-                if timeout_s is not None and worker.left(timeout_s) <= 0 and not future.done():
-                    del running[future]
-                    worker.kill()
-                    idle.append(_Worker(work))
-                    yield task, TimeoutError(f"not done after {timeout_s:g} s")
+            while waiting and len(running) < workers:
+                answer, send = context.Pipe(duplex=False)
+                process = context.Process(target=_answer_into, args=(send, work, task := waiting.popleft()))
+                with _one_thread():
+                    process.start()
+                send.close()
+                running[answer] = process, task, time.monotonic() + (timeout_s or threading.TIMEOUT_MAX)
+            pause = max(min(late for *_, late in running.values()) - time.monotonic(), 0.0)
+            ready = wait_for([*running], None if timeout_s is None else pause)
+            late = [each for each, (*_, until) in running.items() if until <= time.monotonic() and each not in ready]
+            for each in (*ready, *late):
+                process, task, _ = running.pop(each)
+                result: Any = TimeoutError(f"not done after {timeout_s:g} s") if each in late else _received(each)
+                process.kill()
+                process.join()
+                yield task, result
     finally:
-        for worker, _ in running.values():  # interrupted: nobody waits for these
-            worker.kill()
-        for worker in idle:
-            worker.pool.shutdown()
-
-
-class _Worker(Generic[T, A]):
-    """One process, and when its task began: once it has loaded what it needs, which is not the task's fault."""
-
-    def __init__(self, work: Callable[[T], A]) -> None:
-        self.pool = ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), initializer=_end_with_parent)
-        self._work = work
-        with _one_thread():
-            self._config = _submitted(self.pool, callable, work)
-        self._began: float | None = None
-
-    def begin(self, task: T) -> Future[A]:
-        self._began = None
-        return _submitted(self.pool, self._work, task)
-
-    def left(self, timeout_s: float) -> float:
-        """[s] until the task is late, or until it is time to ask again."""
-        if self._began is None and self._config.done():
-            self._began = time.monotonic()
-        return ASK_AGAIN if self._began is None else max(self._began + timeout_s - time.monotonic(), 0.0)
-
-    def kill(self) -> None:
-        for process in list((getattr(self.pool, "_processes", None) or {}).values()):  # public from Python 3.14 on
+        for process, *_ in running.values():
             process.kill()
-        self.pool.shutdown(cancel_futures=True)
+            process.join()
+
+
+def _context(module: str) -> Any:
+    """Forks of a server that has loaded what runs need; on systems without forks, new processes."""
+    if "forkserver" not in multiprocessing.get_all_start_methods():  # Windows
+        return multiprocessing.get_context("spawn")
+    context = multiprocessing.get_context("forkserver")
+    ours = [name for name in sys.modules if name.startswith("rehab_opt.") and not name.endswith("__main__")]
+    context.set_forkserver_preload([*ours, *PRELOADED, module])
+    return context
+
+
+def _answer_into(send: Connection, work: Callable[[T], A], task: T) -> None:
+    """What a process does; Ctrl-C is for the one that started it, with which it ends, however that ends."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    with ThreadPoolExecutor(1) as one:  # whatever it raises is an answer
+        send.send(_answer(one.submit(work, task)))
+
+
+def _received(answer: Connection) -> Any:
+    """An answer; what was cut off, or cannot be made again from its pickle, is `WorkerDiedError`."""
+    try:
+        return answer.recv()
+    except (ArithmeticError, AttributeError, EOFError, ImportError, LookupError, OSError, TypeError, ValueError):
+        return WorkerDiedError(DIED)
+    finally:
+        answer.close()
 
 
 @contextmanager
@@ -178,17 +182,6 @@ def _one_thread() -> Iterator[None]:
             del os.environ[BLAS_THREADS]
 
 
-def _submitted(pool: ProcessPoolExecutor, work: Callable[[T], A], task: T) -> Future[A]:
-    """Submit; processes that start meanwhile never see Ctrl-C, which is for the one that started them."""
-    if not hasattr(signal, "pthread_sigmask"):
-        return pool.submit(work, task)
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        return pool.submit(work, task)
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
 def _answer(future: Future[A]) -> A | BaseException:
     if future.cancelled():
         return RuntimeError("cancelled by its executor")
@@ -196,12 +189,7 @@ def _answer(future: Future[A]) -> A | BaseException:
 
 
 def _end_with_parent() -> None:
-    """A killed parent leaves no workers behind."""
     parent = multiprocessing.parent_process()
-
-    def watch() -> None:
-        if parent is not None:
-            parent.join()
-            os._exit(1)
-
-    threading.Thread(target=watch, daemon=True).start()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
