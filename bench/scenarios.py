@@ -21,12 +21,13 @@ from bench.machine import machine
 from bench.verdict import Verdict, all_met, print_verdicts
 from rehab_opt.measures.along_path import projected
 from rehab_opt.session.files import ProblemFile, problem_content, problem_of, problem_path
+from rehab_opt.session.outcome import Outcome
 from rehab_opt.session.plant import KINDS, on_plant
 from rehab_opt.session.run import run_problem
+from rehab_opt.session.scenario.controllers import law_of, scene_of
 from rehab_opt.session.scenario.loop import simulate_trial
-from rehab_opt.session.scenario.outcome import ScenarioOutcome
 from rehab_opt.session.scenario.precomputed import precompute
-from rehab_opt.session.scenario.run import law_of, scene_of
+from rehab_opt.session.scenario.scene import trials_of
 
 __all__ = ["SCENARIOS", "changed", "judged", "main"]
 
@@ -77,11 +78,14 @@ def changed(name: str, **sections: Mapping[str, Any]) -> ProblemFile[Any]:
     return problem_of(content, name=file, file=file, path=path)
 
 
-def judged(name: str, outcome: ScenarioOutcome) -> list[Verdict]:
+def judged(
+    name: str, outcome: Outcome, measures: Mapping[Any, Sequence[Mapping[str, Any]]] | None = None
+) -> list[Verdict]:
     """What the paper reports of a scenario, of every person or of their mean."""
     number = name.removeprefix("scenario_")[0]
     scenario = f"ES{number}"
-    ours, none = outcome.measures["assisted"], outcome.measures["unassisted"]
+    measures = measures or trials_of(outcome).measures
+    ours, none = measures["assisted"], measures["unassisted"]
     parameters = outcome.metrics["parameters"]
     if number in "123":
         bounds, tick = parameters["assistance"], 1 / parameters["run"]["rate_hz"]
@@ -135,17 +139,18 @@ def judged(name: str, outcome: ScenarioOutcome) -> list[Verdict]:
     return verdicts
 
 
-def force_off(outcome: ScenarioOutcome) -> float:
+def force_off(outcome: Outcome) -> float:
     """[N] mean commanded force more than a width off the path, the least of the trials; infinite where none is.
 
     Ticks in which the person means to be at the path's end do not count: the help has ended there.
     """
     width, least = 1e-3 * outcome.metrics["parameters"]["field"]["width_mm"], math.inf
-    for trial in outcome.trials["assisted"]:
-        off = projected(trial.position, outcome.reference).distance > width
-        off &= np.linalg.norm(trial.intended - outcome.reference[-1], axis=1) > width
+    found = trials_of(outcome)
+    for trial in found.trials["assisted"]:
+        off = projected(trial["_hand"], found.reference).distance > width
+        off &= np.linalg.norm(trial["intended"] - found.reference[-1], axis=1) > width
         if off.any():
-            least = min(least, float(np.linalg.norm(trial.commanded[off], axis=1).mean()))
+            least = min(least, float(np.linalg.norm(trial["force_commanded"][off], axis=1).mean()))
     return least
 
 
@@ -154,13 +159,13 @@ def session() -> Verdict:
     config = changed("scenario_4_follow", task={"movement_s": 60.0, "rest_s": 0.0, "trials": 1})
     context = precompute(config, progress=_silent)
     scene, law = scene_of(config, context), law_of("assisted", config, context)
-    simulate_trial(scene, law, name="assisted", number=0, seed=1)  # what is loaded late is loaded now
+    simulate_trial(scene, law, number=0, seed=1)  # what is loaded late is loaded now
     began, processor = time.perf_counter(), time.process_time()
-    trial = simulate_trial(scene, law, name="assisted", number=0, seed=0)
+    trial = simulate_trial(scene, law, number=0, seed=0)
     seconds, processor = time.perf_counter() - began, time.process_time() - processor
     print(f"60 s session: {seconds:.1f} s by the wall clock, {processor:.1f} s of the processor")
     return Verdict(
-        "60 s session at 1 kHz, times real time (processor time)", (trial.time[-1] + scene.dt) / processor, ">=", 20.0
+        "60 s session at 1 kHz, times real time (processor time)", (trial["t_s"][-1] + scene.dt) / processor, ">=", 20.0
     )
 
 

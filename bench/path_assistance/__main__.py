@@ -106,9 +106,12 @@ def measured(seed: int, aims: Aims, *, trials: int, wide: bool = False) -> Measu
     laws: dict[str, ForceLaw] = {"unassisted": Unassisted(), "assisted": Assisted(helper)}
     found = {}
     for name, law in laws.items():
-        seen = [simulate_trial(scene, law, name=name, number=k, seed=abs(seed) * 10 + k) for k in range(trials)]  # type: ignore[arg-type]
+        seen = [simulate_trial(scene, law, number=k, seed=abs(seed) * 10 + k) for k in range(trials)]
         found[name] = np.array(
-            [judged(Seen(each.position, each.commanded, each.intended, DT), path, width=WIDTH) for each in seen]
+            [
+                judged(Seen(each["_hand"], each["force_commanded"], each["intended"], DT), path, width=WIDTH)
+                for each in seen
+            ]
         )
     without, helped = found["unassisted"], found["assisted"]
     ratio = math.sqrt((helped[:, 1] ** 2).mean() / (without[:, 1] ** 2).mean())

@@ -5,35 +5,28 @@ from __future__ import annotations
 import math
 import re
 from collections import Counter
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rehab_opt.session.trace import Trace
-from rehab_opt.session.trace import stacked as stacked_traces
+from rehab_opt.session.trace import Trace, stacked
 
 if TYPE_CHECKING:
     from rehab_opt.kinematics.chain import SerialChain
 
 __all__ = [
     "Array",
-    "Column",
-    "Columns",
-    "MovementOutcome",
     "Names",
     "Outcome",
     "Progress",
     "error_metrics",
     "finite",
-    "joint_columns",
     "joint_metrics",
     "path_fractions",
-    "point_columns",
     "reason_counts",
-    "stacked",
     "status_counts",
     "time_metrics",
     "turn_angles",
@@ -43,12 +36,8 @@ __all__ = [
 T = TypeVar("T")
 Array = NDArray[np.float64]
 """Of which shape, and in which unit, docstrings say."""
-Cells = NDArray[np.float64] | NDArray[np.int64] | Sequence[float] | Sequence[int] | Sequence[str]
-Columns = Mapping[str, Cells]
-Column = tuple[str, Cells]
-"""Header, which ends in the unit, and cells of one column of trace.csv."""
-Names = tuple[str, ...]
-"""Of one of the scenes of a run, as (drive, controller)."""
+Names = tuple[Any, ...]
+"""Of one of the scenes of a run, as (drive, controller) or (controller, trial)."""
 Progress = Callable[[str, int, int], None]
 """Called with what is being done, how much of it is done, and how much there is."""
 
@@ -70,9 +59,8 @@ class Outcome:
     notes : sentences a reader of the numbers has to know.
     metrics : all numbers, nested.
     traces, scenes : what was run, and what it left behind, by the names of the scenes.
-    labels : columns of trace.csv for these names, where there are several.
-    table : numbers of each column of the table.
-    columns : of trace.csv by header, which ends in the unit; all of one length.
+    labels : columns of trace.csv for these names; none where there is one scene.
+    table : numbers of each scene.
 
     Attributes
     ----------
@@ -80,52 +68,24 @@ class Outcome:
         that it was run with. `run_problem` fills them in, and what the problem says as the metric "parameters".
     """
 
-    notes: tuple[str, ...]
-    metrics: Mapping[str, Any]
+    notes: tuple[str, ...] = ()
+    metrics: Mapping[str, Any] = field(default_factory=dict)
     traces: Mapping[Names, Trace] = field(default_factory=dict, kw_only=True)
     scenes: Mapping[Names, Any] = field(default_factory=dict, kw_only=True)
     labels: Names = field(default=(), kw_only=True)
-    table: Mapping[str, Mapping[str, Any]] = field(default_factory=dict, kw_only=True)
-    columns: Columns = field(default_factory=dict, kw_only=True)
+    table: Mapping[Names, Mapping[str, Any]] = field(default_factory=dict, kw_only=True)
     system: str = field(default="", kw_only=True)
     name: str = field(default="", kw_only=True)
     title: str = field(default="", kw_only=True)
     inputs: Mapping[str, Mapping[str, str]] = field(default_factory=dict, kw_only=True)
     options: Mapping[str, str] = field(default_factory=dict, kw_only=True)
 
-    def trace(self) -> Iterable[Column]:
+    def trace(self) -> Iterable[tuple[str, NDArray[Any]]]:
         """The columns of trace.csv: a row a sample, scenes one below the other."""
-        if not self.traces:
-            return self.columns.items()
-        if len(self.traces) == 1:
-            return next(iter(self.traces.values())).written()
-        return stacked_traces(self.traces, self.labels)
-
-
-@dataclass(frozen=True, eq=False)
-class MovementOutcome(Outcome):
-    """Something with joints that moved: the chain, and the times (N,) [s] of its samples."""
-
-    chain: SerialChain = field(kw_only=True)
-    time: Array = field(kw_only=True)
-
-
-def point_columns(name: str, points: Array) -> Iterator[tuple[str, Array]]:
-    """Points (N, 2) or (N, 3) [m]."""
-    for axis, column in zip("xyz", points.T, strict=False):
-        yield f"{name}_{axis}_m", column
-
-
-def joint_columns(name: str, chain: SerialChain, values: Array, unit: str) -> Iterator[tuple[str, Array]]:
-    """Values (N, n), one for each joint of the chain."""
-    for joint, column in zip(chain.names, values.T, strict=True):
-        yield f"{name}_{joint}_{unit}", column
-
-
-def stacked(parts: Iterable[Columns]) -> Columns:
-    """Tables of the same columns, one below the other."""
-    tables = list(parts)
-    return {header: np.concatenate([np.asarray(each[header]) for each in tables]).tolist() for header in tables[0]}
+        if self.labels:
+            return stacked(self.traces, self.labels)
+        (trace,) = self.traces.values()
+        return trace.written()
 
 
 MEASURED = re.compile(r" by \S+ m(?=:)|(?<=failed:) \S+ over(?= the bounds)")

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping
 from functools import partial
-from typing import Any, ClassVar, Generic, NamedTuple, TypeVar
+from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.live.bodies import ORANGE, ArmBodies, joint_rows
 from rehab_opt.session.live.problem import LiveControl, LiveInputs, LiveProblem
-from rehab_opt.session.outcome import Array, Progress
+from rehab_opt.session.outcome import Array, Outcome, Progress
 from rehab_opt.session.schema import Problem
 from rehab_opt.session.simulation import simulate
 from rehab_opt.session.systems import Names, System
@@ -125,9 +125,8 @@ class SceneSystem(System[P, S], Generic[P, S]):
     """A kind of problem with a robot in a closed loop."""
 
     options = frozenset({"plant", "solver"})
-    labels: ClassVar[Names] = ("law",)
 
-    def nested(self, numbers: Mapping[Names, dict[str, Any]], traces: Mapping[Names, Trace]) -> dict[str, Any]:
+    def nested(self, numbers: Mapping[Names, dict[str, Any]], outcome: Outcome) -> dict[str, Any]:
         """By controller."""
         return {law: of for (law,), of in numbers.items()}
 

@@ -12,8 +12,8 @@ It is imported when it is used.
 from __future__ import annotations
 
 import importlib
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
 from functools import partial, reduce
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
@@ -21,7 +21,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, NamedTuple, Protocol, TypeVar
 
 from rehab_opt.errors import ConfigurationError
-from rehab_opt.session.outcome import Column, Names, Outcome, Progress
+from rehab_opt.session.outcome import Names, Outcome, Progress
 from rehab_opt.session.schema import Problem
 from rehab_opt.session.trace import Trace
 
@@ -36,7 +36,6 @@ __all__ = [
     "GROUP",
     "ROBOT_FILE",
     "SHIPPED",
-    "Column",
     "Names",
     "Needed",
     "NotMet",
@@ -61,7 +60,7 @@ SHIPPED: Mapping[str, str] = MappingProxyType(
         "mirror": "rehab_opt.session.mirror.run:MirrorSystem",
         "workspace": "rehab_opt.session.workspaces.scene:WorkspaceSystem",
         "workspace_map": "rehab_opt.session.workspace_maps.scene:WorkspaceMapSystem",
-        "scenario": "rehab_opt.session.scenario.system:ScenarioSystem",
+        "scenario": "rehab_opt.session.scenario.scene:ScenarioSystem",
         "ardis": "rehab_opt.session.ardis.scene:ArdisSystem",
     }
 )
@@ -169,8 +168,8 @@ class System(Generic[P, S]):
         """
         raise NotImplementedError
 
-    def nested(self, numbers: Mapping[Names, dict[str, Any]], traces: Mapping[Names, Trace]) -> dict[str, Any]:
-        """The metrics, of the numbers and traces of each scene."""
+    def nested(self, numbers: Mapping[Names, dict[str, Any]], outcome: Outcome) -> dict[str, Any]:
+        """The metrics, of the numbers of each scene; `outcome` has scenes and traces only."""
         (of,) = numbers.values()
         return of
 
@@ -180,15 +179,14 @@ class System(Generic[P, S]):
         for names, scene in scenes.items():
             traces[names] = scene.run(partial(_named, progress, names))
         numbers = {names: scene.numbers(traces[names]) for names, scene in scenes.items()}
-        notes = (note for names, scene in scenes.items() for note in scene.notes(traces[names]))
-        return Outcome(
-            notes=tuple(dict.fromkeys(notes)),
-            metrics=self.nested(numbers, traces),
-            traces=traces,
-            scenes=scenes,
-            labels=self.labels,
-            table={"\n".join(names) or "value": of for names, of in numbers.items()},
-        )
+        outcome = Outcome(traces=traces, scenes=scenes, labels=self.labels, table=numbers)
+        metrics, notes = self.nested(numbers, outcome), self.notes(numbers, outcome)
+        return replace(outcome, metrics=metrics, notes=tuple(dict.fromkeys(notes)))
+
+    def notes(self, numbers: Mapping[Names, dict[str, Any]], outcome: Outcome) -> Iterator[str]:
+        """Those of each scene; as `nested`."""
+        for names, scene in outcome.scenes.items():
+            yield from scene.notes(outcome.traces[names])
 
     def live(self, config: ProblemFile[P], *, options: Mapping[str, str]) -> LiveProblem:
         """The problem to be run in real time; problems of most kinds are not. Ask `live_problem`, which says so.
@@ -209,7 +207,7 @@ class System(Generic[P, S]):
 
     def columns(self, outcome: Outcome) -> Mapping[str, Mapping[str, Any]]:
         """Numbers of each column of the table; by default a column for each scene."""
-        return outcome.table or {"value": outcome.metrics}
+        return {"\n".join(map(str, names)) or "value": of for names, of in outcome.table.items()}
 
     def caption(self, outcome: Outcome) -> str:
         """What stands below the table."""
@@ -237,7 +235,7 @@ class System(Generic[P, S]):
 
 
 def _named(progress: Progress, names: Names, what: str, done: int, among: int) -> None:
-    progress(", ".join(filter(None, (*names, what))), done, among)
+    progress(", ".join(map(str, filter(None, (*names, what)))), done, among)
 
 
 def value_at(problem: Problem, key: str) -> Any:

@@ -18,12 +18,14 @@ class Trace(dict[str, NDArray[Any]]):
 
     Parameters
     ----------
-    columns : what was recorded. parts : names of the k numbers of a column, by its name; x_m, y_m, z_m by default.
+    columns : what was recorded, all of which is kept; `rows` are the indices of what is written.
+    parts : names of the k numbers of a column, by its name; x_m, y_m, z_m by default.
     """
 
     def __init__(self, columns: Mapping[str, Any], parts: Mapping[str, Sequence[str]] | None = None) -> None:
         super().__init__({name: np.asarray(values) for name, values in columns.items()})
         self.parts: dict[str, Sequence[str]] = dict(parts or {})
+        self.rows: Any = slice(None)
 
     def written(self) -> Iterator[tuple[str, NDArray[Any]]]:
         """The columns of trace.csv, one number or text a row."""
@@ -31,14 +33,14 @@ class Trace(dict[str, NDArray[Any]]):
             if name.startswith("_") or values.ndim > 2:
                 continue
             parts = [""] if values.ndim == 1 else [f"_{part}" for part in self.parts.get(name, XYZ)]
-            for part, column in zip(parts, np.atleast_2d(values.T), strict=False):
+            for part, column in zip(parts, np.atleast_2d(values[self.rows].T), strict=False):
                 yield name + part, column.astype(int) if column.dtype.kind == "b" else column
 
 
-def stacked(traces: Mapping[tuple[str, ...], Trace], labels: Sequence[str]) -> Iterator[tuple[str, NDArray[Any]]]:
+def stacked(traces: Mapping[tuple[Any, ...], Trace], labels: Sequence[str]) -> Iterator[tuple[str, NDArray[Any]]]:
     """Written columns of traces, one below the other, below a column for each label; 0 where a trace has no such."""
     tables = {key: dict(trace.written()) for key, trace in traces.items()}
-    sizes = [len(trace["t_s"]) for trace in traces.values()]
+    sizes = [len(table["t_s"]) for table in tables.values()]
     for i, label in enumerate(labels):
         yield label, np.repeat([key[i] for key in traces], sizes)
     for name in max(tables.values(), key=len):

@@ -11,9 +11,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.control.gate import Mode
 from rehab_opt.field.potential import PotentialField
-from rehab_opt.session.scenario.measures import law_summary, trial_measures
-from rehab_opt.session.scenario.outcome import LAWS, HelperTrace, Law, ScenarioOutcome, Trial
+from rehab_opt.session.scenario.measures import trial_measures
 from rehab_opt.session.scenario.problem import THERAPY
+from rehab_opt.session.scenario.trials import HELPER, LAWS, Law, ScenarioTrials, trial_trace
+from rehab_opt.session.trace import Trace
 from rehab_opt.workspace.region import Workspace
 
 Array = NDArray[np.float64]
@@ -33,24 +34,22 @@ def minimum_jerk_speed(fraction: ArrayLike) -> Array:
     return speed
 
 
-def trial_of(position: ArrayLike, *, dt: float = 0.01, **given: Any) -> Trial:
-    """A trial along positions (N, 2): no force, never in W_c, no goal; what is given replaces that."""
+def trial_of(position: ArrayLike, *, dt: float = 0.01, ended: str = "done", **given: Any) -> Trace:
+    """A trial along positions (N, 2): no force, never in W_c, no goal; columns that are given replace that."""
     places = np.asarray(position, dtype=np.float64)
     count = len(places)
     none = np.zeros((count, 2))
     velocity = np.gradient(places, dt, axis=0)
-    values: dict[str, Any] = {
-        "law": "assisted", "number": 0, "time": dt * np.arange(count), "position": places, "velocity": velocity,
-        "intended": places, "desired_force": none, "commanded": none, "measured": none,
-        "inside": np.zeros(count, dtype=bool),
-        "status": np.zeros(count, dtype=np.uint8), "let_go": np.zeros(count, dtype=bool),
-        "relaxed": np.zeros(count, dtype=np.uint8),
-        "energy_left": np.full(count, 20.0), "goal": np.full((count, 2), np.nan), "ended": "done",
+    columns: dict[str, Any] = {
+        "t_s": dt * np.arange(count), "_hand": places, "velocity": velocity, "intended": places, "force_desired": none,
+        "force_commanded": none, "force_measured": none, "inside": np.zeros(count, dtype=bool),
+        "status": ["ok"] * count, "_let_go": np.zeros(count, dtype=bool), "_relaxed": np.zeros(count, dtype=np.uint8),
+        "energy_left_J": np.full(count, 20.0), "goal": np.full((count, 2), np.nan),
     }  # fmt: skip
-    return Trial(**{**values, **given})
+    return trial_trace(columns | given, ended=ended)
 
 
-def wavering_trial(law: Law, number: int, mode: Mode, points: Array, *, seconds: float, rate: float = 200.0) -> Trial:
+def wavering_trial(law: Law, number: int, mode: Mode, points: Array, *, seconds: float, rate: float = 200.0) -> Trace:
     """Along the reference by a minimum-jerk motion, with a wavering that assistance makes smaller; forces pull back."""
     rng = np.random.default_rng((number, LAWS.index(law)))
     count = int(seconds * rate) + 7 * number
@@ -72,16 +71,16 @@ def wavering_trial(law: Law, number: int, mode: Mode, points: Array, *, seconds:
         late = (len(points) * np.arange(count)) % count > count // 3
         goal = np.where(late[:, None], points[slot], np.nan)
         places = points[slot] + waver
-    helper = HelperTrace(3.0 * places, 3.0 * meant, force / 3.0, np.full(count, 4.0)) if law == "together" else None
+    helper = (3.0 * places, force / 3.0, np.full(count, 4.0), 3.0 * meant) if law == "together" else ()
     return trial_of(
-        places, dt=1 / rate, law=law, number=number, intended=meant, desired_force=force, commanded=force, goal=goal,
-        measured=force + 0.05 * rng.standard_normal((count, 2)), inside=inside,
-        energy_left=np.full(count, 15.0 if law in ("assisted", "together") else np.nan), helper=helper,
-        ended="late" if number else "done",
+        places, dt=1 / rate, intended=meant, force_desired=force, force_commanded=force, goal=goal,
+        force_measured=force + 0.05 * rng.standard_normal((count, 2)), inside=inside,
+        energy_left_J=np.full(count, 15.0 if law in ("assisted", "together") else np.nan),
+        ended="late" if number else "done", **dict(zip(HELPER, helper, strict=False)),
     )  # fmt: skip
 
 
-def made_outcome(mode: Mode, *, trials: int = 3, laws: tuple[Law, ...] = ALONE) -> ScenarioOutcome:
+def made_outcome(mode: Mode, *, trials: int = 3, laws: tuple[Law, ...] = ALONE) -> ScenarioTrials:
     """A scenario of a kind, with workspaces, fields and trials made by hand."""
     reference, fields = REFERENCES[mode](), FIELDS[mode]
     done = {
@@ -93,12 +92,8 @@ def made_outcome(mode: Mode, *, trials: int = 3, laws: tuple[Law, ...] = ALONE) 
         law: tuple(trial_measures(of, reference=reference, mode=mode, target=target, within=WITHIN) for of in each)
         for law, each in done.items()
     }
-    return ScenarioOutcome(
-        system="scenario",
-        name=f"made_{mode}",
+    return ScenarioTrials(
         title=f"Made by hand: {mode}",
-        notes=("made by hand",),
-        metrics={"laws": {law: law_summary(of) for law, of in measures.items()}},
         mode=mode,
         comfortable=COMFORTABLE,
         reachable=REACHABLE,

@@ -22,8 +22,10 @@ from rehab_opt.control.conditioning import Conditioned
 from rehab_opt.errors import ProblemFileError
 from rehab_opt.session.files import ProblemFile, load_problem, problem_of, shipped_problems
 from rehab_opt.session.mirror.metrics import CAUSES, causes, passed_fraction
-from rehab_opt.session.mirror.outcome import BEFORE, PLAN, STEP, Led, MirrorOutcome
+from rehab_opt.session.mirror.outcome import BEFORE, PLAN, STEP, Led
+from rehab_opt.session.mirror.run import runs_of
 from rehab_opt.session.mirror.scene import laid_out
+from rehab_opt.session.outcome import Outcome
 from rehab_opt.session.report import metrics_json, write_trace
 from rehab_opt.session.run import checked, run_problem
 from rehab_opt.session.systems import NotMet, system_named
@@ -38,26 +40,25 @@ NAMES = ("pick_fruit", "open_refrigerator")
 ALL = (*NAMES, pytest.param("vr_hand", marks=pytest.mark.nightly))
 FOLDER = shipped_problems()["mirror/pick_fruit"].parent
 ROWS = (FOLDER / "pick_fruit.csv").read_text().splitlines()
-SHARED: dict[str, MirrorOutcome] = {}
+SHARED: dict[str, Outcome] = {}
 
 
 @pytest.fixture
-def ran(recorded: Callable[[str], Path]) -> Callable[[str], MirrorOutcome]:
+def ran(recorded: Callable[[str], Path]) -> Callable[[str], Outcome]:
     """The outcome of a shipped problem; each is run once."""
 
-    def run(name: str) -> MirrorOutcome:
+    def run(name: str) -> Outcome:
         if name == "vr_hand":
             recorded("vr_hand_tracker/tracker_record_rows_1_3000.csv")
         if name not in SHARED:
             outcome = run_problem(load_problem(f"mirror/{name}"))
-            assert isinstance(outcome, MirrorOutcome)
             SHARED[name] = outcome
         return SHARED[name]
 
     return run
 
 
-def ends(outcome: MirrorOutcome, led: Led) -> Array:
+def ends(outcome: Outcome, led: Led) -> Array:
     """(M, n) where each tick leads."""
     return led.q + led.command / outcome.metrics["parameters"]["tracker"]["rate_hz"]
 
@@ -71,11 +72,11 @@ def content(name: str = "pick_fruit") -> dict[str, Any]:
 @pytest.mark.parametrize("law", [STEP, PLAN])
 @pytest.mark.parametrize("name", ALL)
 def test_floor_deviation_speeds_and_planes_hold_at_every_tick(
-    name: str, law: str, ran: Callable[[str], MirrorOutcome]
+    name: str, law: str, ran: Callable[[str], Outcome]
 ) -> None:
     outcome = ran(name)
-    led, robot = outcome.laws[law], outcome.chain
-    dt, after = 1.0 / outcome.metrics["parameters"]["tracker"]["rate_hz"], ends(outcome, outcome.laws[law])
+    led, robot = runs_of(outcome).laws[law], runs_of(outcome).chain
+    dt, after = 1.0 / outcome.metrics["parameters"]["tracker"]["rate_hz"], ends(outcome, runs_of(outcome).laws[law])
     assert led.complete
     assert min(map(closed_form, after)) >= FLOOR - 1e-6
     np.testing.assert_allclose(led.manipulability, [closed_form(q) for q in led.q], atol=1e-6)
@@ -105,11 +106,11 @@ def test_floor_deviation_speeds_and_planes_hold_at_every_tick(
 @pytest.mark.parametrize("law", [STEP, PLAN])
 @pytest.mark.parametrize("name", ALL)
 def test_a_drive_passes_what_the_law_does_within_every_bound_and_is_what_the_table_begins_with(
-    name: str, law: str, ran: Callable[[str], MirrorOutcome]
+    name: str, law: str, ran: Callable[[str], Outcome]
 ) -> None:
     outcome = ran(name)
-    led, drive, numbers = outcome.laws[law], outcome.drives[law], outcome.metrics["laws"][law]
-    dt, robot = drive.time[1] - drive.time[0], outcome.chain
+    led, drive, numbers = runs_of(outcome).laws[law], runs_of(outcome).drives[law], outcome.metrics["laws"][law]
+    dt, robot = drive.time[1] - drive.time[0], runs_of(outcome).chain
     assert min(map(closed_form, drive.q)) >= FLOOR - 1e-4
     places = np.array([robot.pose(q)[:3, 3] for q in drive.q])
     assert np.linalg.norm(np.diff(places, axis=0), axis=1).max() <= SPEED * dt * (1 + 1e-6)
@@ -118,7 +119,7 @@ def test_a_drive_passes_what_the_law_does_within_every_bound_and_is_what_the_tab
     jerk = math.radians(outcome.metrics["parameters"]["smoothing"]["jerk_deg_s3"])
     assert np.abs(np.diff(drive.q, 3, axis=0)).max() <= jerk * dt**3 * (1 + 1e-6)
     assert np.nanmax(np.abs(drive.deviation)) <= np.nanmax(led.deviation) + 1e-3
-    asked = outcome.reference[~np.isnan(outcome.reference[:, 0, 0])]
+    asked = runs_of(outcome).reference[~np.isnan(runs_of(outcome).reference[:, 0, 0])]
     assert numbers["drive"]["passed_fraction_of_time"] == passed_fraction(drive.tool, asked)
     assert numbers["drive"]["passed_fraction_of_time"] >= 0.99 * numbers["passed_fraction_of_time"]
     assert led.time[-1] <= drive.time[-1] + dt <= 1.1 * led.time[-1]
@@ -128,16 +129,16 @@ def test_a_drive_passes_what_the_law_does_within_every_bound_and_is_what_the_tab
     if name != "vr_hand":  # whose arm does not come to all that is asked
         when = drive.time - drive.lag
         begun = when > 0.05  # before, the reference is on its way from the hand
-        known = ~np.isnan(outcome.reference[:, 0, 3])
+        known = ~np.isnan(runs_of(outcome).reference[:, 0, 3])
         places = np.column_stack(
-            [np.interp(when, outcome.time[known], outcome.reference[known, i, 3]) for i in range(3)]
+            [np.interp(when, runs_of(outcome).time[known], runs_of(outcome).reference[known, i, 3]) for i in range(3)]
         )
         apart = np.linalg.norm(drive.tool[:, :3, 3] - places, axis=1)
         np.testing.assert_allclose(apart[begun], drive.deviation[begun], atol=1e-5)
         assert drive.pace[begun].sum() * dt == pytest.approx(np.ptp(when[begun]), abs=0.05)
     few = system_named("mirror").brief(outcome)
     assert few is not None
-    cells = list(few.columns[1 + list(outcome.laws).index(law)].cells)
+    cells = list(few.columns[1 + list(runs_of(outcome).laws).index(law)].cells)
     assert float(str(cells[0])) == pytest.approx(100 * numbers["drive"]["passed_fraction_of_time"], rel=5e-3)
     assert float(str(cells[2])) == pytest.approx(drive.time[-1], rel=5e-3)
 
@@ -150,7 +151,7 @@ def test_a_drive_passes_what_the_law_does_within_every_bound_and_is_what_the_tab
 
 @pytest.mark.parametrize(("name", "whole"), [("pick_fruit", False), ("open_refrigerator", True)])
 def test_check_says_how_much_is_in_reach_and_the_run_passes_that(
-    name: str, whole: bool, ran: Callable[[str], MirrorOutcome]
+    name: str, whole: bool, ran: Callable[[str], Outcome]
 ) -> None:
     notes = checked(load_problem(f"mirror/{name}"))
     (reach,) = (note for note in notes if note.startswith("in reach, above the floor"))
@@ -166,7 +167,7 @@ def percent(note: str) -> float:
 
 # ----------------------------------------------------------------------------------------------------- lost sight
 @pytest.fixture(scope="module")
-def blinded(tmp_path_factory: pytest.TempPathFactory) -> MirrorOutcome:
+def blinded(tmp_path_factory: pytest.TempPathFactory) -> Outcome:
     """Five seconds of the fruit; the tracker loses the hand for 0.4 s in mid-motion, and sees it elsewhere once."""
     folder = tmp_path_factory.mktemp("blinded")
     rows = ROWS[:451]
@@ -178,7 +179,6 @@ def blinded(tmp_path_factory: pytest.TempPathFactory) -> MirrorOutcome:
     given = content()
     del given["astar"]
     outcome = run_problem(recorded_as(folder, rows, given))
-    assert isinstance(outcome, MirrorOutcome)
     return outcome
 
 
@@ -191,12 +191,11 @@ def recorded_as(folder: Path, rows: list[str], given: dict[str, Any] | None = No
     return problem_of(given, name="test", file="test.toml", path=folder / "test.toml")
 
 
-def shortly(folder: Path, given: dict[str, Any]) -> MirrorOutcome:
+def shortly(folder: Path, given: dict[str, Any]) -> Outcome:
     """A third of a second of the fruit, with what is `given` else."""
     del given["astar"]
     given["tracker"]["patience"] = 1
     outcome = run_problem(recorded_as(folder, ROWS[:40], given))
-    assert isinstance(outcome, MirrorOutcome)
     return outcome
 
 
@@ -227,17 +226,17 @@ def test_a_start_inside_a_keep_out_is_told(tmp_path: Path) -> None:
     assert "mm inside tracker.keep_out.1, and goes no deeper" in told[0]
 
 
-def test_lost_sight_is_held_told_and_gone_on_from(blinded: MirrorOutcome, tmp_path: Path) -> None:
+def test_lost_sight_is_held_told_and_gone_on_from(blinded: Outcome, tmp_path: Path) -> None:
     assert blinded.metrics["reference"]["gaps"] == 2  # the spike of two samples is left out
     assert blinded.metrics["reference"]["samples_dropped"] == 2
     assert any("36 of 450 samples hold no pose" in note for note in blinded.notes)
     assert any("sight lost 2 times" in note for note in blinded.notes)
     for law in (STEP, PLAN):
-        led = blinded.laws[law]
+        led = runs_of(blinded).laws[law]
         assert led.complete
         assert min(map(closed_form, ends(blinded, led))) >= FLOOR - 1e-6
         assert np.linalg.norm(np.diff(led.tool[:, :3, 3], axis=0), axis=1).max() <= SPEED / 200 * (1 + 1e-6)
-    led = blinded.laws[STEP]
+    led = runs_of(blinded).laws[STEP]
     change = np.abs(np.diff(led.command, axis=0)).max(axis=1)
     for over, what in zip(change > 15.0 / 200 + 1e-9, led.relaxed[1:], strict=True):
         assert not over or "acceleration" in what
@@ -250,12 +249,12 @@ def test_lost_sight_is_held_told_and_gone_on_from(blinded: MirrorOutcome, tmp_pa
     json.loads(metrics_json(blinded), parse_constant=pytest.fail)
 
 
-def test_trace_has_empty_cells_where_nothing_is_seen(blinded: MirrorOutcome, tmp_path: Path) -> None:
+def test_trace_has_empty_cells_where_nothing_is_seen(blinded: Outcome, tmp_path: Path) -> None:
     write_trace(blinded, tmp_path / "trace.csv")
     text = (tmp_path / "trace.csv").read_text()
     assert "nan" not in text
     rows = list(csv.DictReader(io.StringIO(text)))
-    assert len(rows) == sum(len(led.time) for led in blinded.laws.values())
+    assert len(rows) == sum(len(led.time) for led in runs_of(blinded).laws.values())
     empty = [row for row in rows if row["reference_x_m"] == ""]
     assert 0.4 * 200 < len(empty) < 0.6 * 200
     assert {row["law"] for row in empty} == {BEFORE}  # the clock of the others stands at the last pose seen

@@ -14,8 +14,8 @@ from rehab_opt.session.scenario.field_figures import (
     gated_forces,
 )
 from rehab_opt.session.scenario.figures import trials_figure
-from rehab_opt.session.scenario.outcome import RATE, thinned_ticks
 from rehab_opt.session.scenario.plane_drawing import mean_over_trials
+from rehab_opt.session.scenario.trials import RATE, thinned_ticks
 from tests.session.made_trials import COMFORTABLE, REACHABLE, made_outcome, trial_of
 
 # ---------------------------------------------------------------------------------------------------------- figures
@@ -27,7 +27,7 @@ FIGURES: dict[Mode, set[str]] = {
 
 def test_every_trial_is_a_line_and_no_peak_of_a_force_is_lost() -> None:
     outcome = made_outcome("assist", trials=4, laws=("assisted",))
-    outcome.trials["assisted"][2].measured[101] = (0.0, 27.0)  # between two ticks that are drawn
+    outcome.trials["assisted"][2]["force_measured"][101] = (0.0, 27.0)  # between two ticks that are drawn
     place, force, speed = trials_figure(outcome).axes
     for axes in (place, force, speed):
         thin = [line for line in axes.get_lines() if line.get_linewidth() == 0.8 and np.asarray(line.get_xydata()).size]
@@ -38,7 +38,7 @@ def test_every_trial_is_a_line_and_no_peak_of_a_force_is_lost() -> None:
 
 def test_mean_over_trials_is_of_those_under_way_and_ends_with_half_of_them() -> None:
     trials = [trial_of(np.zeros((length, 2))) for length in (10, 30, 20)]
-    time, mean = mean_over_trials(trials, [np.full(len(of.time), float(i)) for i, of in enumerate(trials)])
+    time, mean = mean_over_trials(trials, [np.full(len(of["t_s"]), float(i)) for i, of in enumerate(trials)])
     assert len(time) == 20
     assert mean[:10].tolist() == [1.0] * 10
     assert mean[10:].tolist() == [1.5] * 10
@@ -83,14 +83,10 @@ def _spread_points() -> np.ndarray:
 
 
 def test_trace_has_a_row_a_kept_tick_and_a_unit_in_every_header() -> None:
-    outcome = made_outcome("hold", trials=2)
-    columns = dict(outcome.trace())
-    lengths = {len(column) for column in columns.values()}
-    trials = [trial for of in outcome.trials.values() for trial in of]
-    assert lengths == {sum(len(thinned_ticks(trial)) for trial in trials)}
-    assert set(columns["law"]) == set(outcome.trials)
-    bare = {"law", "trial", "inside", "status", "relaxed"}
-    for name in set(columns) - bare:
+    trial = made_outcome("hold", trials=1).trials["assisted"][0]
+    columns = dict(trial.written())
+    assert {len(column) for column in columns.values()} == {len(thinned_ticks(trial["t_s"]))}
+    for name in set(columns) - {"inside", "status", "relaxed"}:
         assert name.endswith(("_m", "_m_s", "_N", "_J", "_s")), name
     assert np.isnan(columns["goal_x_m"]).any()
     assert not any(word == "nan" for column in columns.values() for word in column)
@@ -99,16 +95,14 @@ def test_trace_has_a_row_a_kept_tick_and_a_unit_in_every_header() -> None:
 def test_trace_is_thinned_to_at_most_a_hundred_rows_a_second_with_both_ends() -> None:
     for dt, expected in ((0.001, 0.010), (0.002, 0.010), (0.003, 0.012), (0.010, 0.010), (0.040, 0.040)):
         trial = trial_of(np.zeros((1001, 2)), dt=dt)
-        ticks = thinned_ticks(trial)
-        assert np.median(np.diff(trial.time[ticks])) == pytest.approx(expected)
-        assert np.median(np.diff(trial.time[ticks])) >= 1 / RATE - 1e-9
+        ticks, time = thinned_ticks(trial["t_s"]), trial["t_s"]
+        assert np.median(np.diff(time[ticks])) == pytest.approx(expected)
+        assert np.median(np.diff(time[ticks])) >= 1 / RATE - 1e-9
         assert (ticks[0], ticks[-1]) == (0, 1000)
 
 
 def test_a_bound_that_yields_between_two_rows_is_in_the_second_and_in_no_other() -> None:
     relaxed = np.zeros(41, dtype=np.uint8)
     relaxed[13], relaxed[17], relaxed[30] = int(Relaxed.SLEW), int(Relaxed.TASK), int(Relaxed.SLEW)
-    outcome = made_outcome("assist", trials=1, laws=("assisted",))
-    outcome.trials["assisted"] = (trial_of(np.zeros((41, 2)), dt=0.001, relaxed=relaxed),)  # type: ignore[index]
-    said = dict(outcome.trace())["relaxed"]
+    said = dict(trial_of(np.zeros((41, 2)), dt=0.001, _relaxed=relaxed).written())["relaxed"]
     assert list(said) == ["", "", "task, slew", "slew", ""]

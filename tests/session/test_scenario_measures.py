@@ -16,7 +16,7 @@ from rehab_opt.control.gate import Mode
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.measures.along_path import projected
 from rehab_opt.session.scenario.measures import law_summary, time_to_zero_force, trial_measures
-from rehab_opt.session.scenario.outcome import Trial
+from rehab_opt.session.trace import Trace
 from tests.session.made_trials import LINE, WITHIN, made_outcome, trial_of
 
 MODES: tuple[Mode, ...] = ("stretch", "assist", "resist", "follow", "hold")
@@ -25,7 +25,7 @@ ALONG = np.column_stack((np.linspace(0.0, 0.2, 101), np.full(101, 0.45)))
 STILL = np.zeros((101, 2))
 
 
-def measured(trial: Trial, mode: Mode = "assist", *, target: Any = LINE[-1], reference: Any = LINE) -> dict[str, Any]:
+def measured(trial: Trace, mode: Mode = "assist", *, target: Any = LINE[-1], reference: Any = LINE) -> dict[str, Any]:
     return trial_measures(trial, reference=reference, mode=mode, target=target, within=WITHIN)
 
 
@@ -80,7 +80,7 @@ def test_of_points_to_be_held_only_the_time_counts_in_which_they_were() -> None:
 # -------------------------------------------------------------------------------------------- force, speed and time
 def test_force_speed_and_work_of_a_straight_motion_under_a_constant_force() -> None:
     force = np.tile((3.0, 4.0), (101, 1))
-    numbers = measured(trial_of(ALONG, commanded=force, measured=2 * force))
+    numbers = measured(trial_of(ALONG, force_commanded=force, force_measured=2 * force))
     assert numbers["force_commanded_mean_N"] == pytest.approx(5.0)
     assert numbers["force_measured_max_N"] == pytest.approx(10.0)
     assert numbers["energy_delivered_J"] == pytest.approx(3.0 * 0.2)  # across the motion there is no work
@@ -132,10 +132,10 @@ def test_time_from_entry_to_zero_force_is_that_of_the_slowest_stay() -> None:
     inside, force = np.zeros(101, dtype=bool), np.zeros((101, 2))
     inside[10:30], inside[50:80] = True, True
     force[5:14], force[45:62] = (2.0, 0.0), (0.0, -1.0)
-    assert time_to_zero_force(trial_of(STILL, inside=inside, commanded=force)) == pytest.approx(0.12)
+    assert time_to_zero_force(trial_of(STILL, inside=inside, force_commanded=force)) == pytest.approx(0.12)
     force[45:90] = (0.0, 1e-300)  # never let go: the whole stay counts
-    assert time_to_zero_force(trial_of(STILL, inside=inside, commanded=force)) == pytest.approx(0.30)
-    assert time_to_zero_force(trial_of(STILL, commanded=force)) is None
+    assert time_to_zero_force(trial_of(STILL, inside=inside, force_commanded=force)) == pytest.approx(0.30)
+    assert time_to_zero_force(trial_of(STILL, force_commanded=force)) is None
 
 
 def test_force_that_is_wanted_or_grows_inside_is_seen() -> None:
@@ -144,7 +144,7 @@ def test_force_that_is_wanted_or_grows_inside_is_seen() -> None:
     force[50:53] = [(6.0, 0.0), (3.0, 0.0), (4.0, 0.0)]
     wanted = np.zeros((101, 2))
     wanted[:50], wanted[70] = 9.0, (0.3, 0.4)
-    numbers = measured(trial_of(STILL, inside=inside, commanded=force, desired_force=wanted))
+    numbers = measured(trial_of(STILL, inside=inside, force_commanded=force, force_desired=wanted))
     assert numbers["force_growth_inside_max_N"] == pytest.approx(1.0)
     assert numbers["force_desired_inside_max_N"] == pytest.approx(0.5)
 
@@ -152,17 +152,17 @@ def test_force_that_is_wanted_or_grows_inside_is_seen() -> None:
 def test_resistance_is_told_apart_near_the_target_and_before_it() -> None:
     hand = np.delete(ALONG, 75, axis=0)  # without the place where the quarter begins
     against = -np.column_stack((np.where(hand[:, 0] > 0.15, 9.0, 2.0), np.full(100, 50.0)))
-    numbers = measured(trial_of(hand, commanded=against), "resist")
+    numbers = measured(trial_of(hand, force_commanded=against), "resist")
     assert numbers["force_along_reference_last_quarter_mean_N"] == pytest.approx(-9.0)
     assert numbers["force_along_reference_before_mean_N"] == pytest.approx(-2.0)
     assert numbers["force_along_reference_outside_max_N"] == pytest.approx(-2.0)
-    backwards = measured(trial_of(hand, commanded=against), "resist", reference=LINE[::-1])
+    backwards = measured(trial_of(hand, force_commanded=against), "resist", reference=LINE[::-1])
     assert backwards["force_along_reference_outside_min_N"] == pytest.approx(2.0)
 
 
 def test_releases_are_counted_once_each() -> None:
     names = [Status.OK] * 20 + [Status.RELEASING] * 5 + [Status.RELEASED] * 5 + [Status.BACKUP] * 10 + [Status.RELEASED]
-    status = np.array([list(Status).index(name) for name in names + [Status.OK] * (101 - len(names))], dtype=np.uint8)
+    status = np.array([name.value for name in names + [Status.OK] * (101 - len(names))])
     numbers = measured(trial_of(STILL, status=status))
     assert numbers["releases"] == 2
     assert sum(numbers["status_fraction"].values()) == pytest.approx(1.0)
@@ -176,7 +176,7 @@ def test_numbers_are_strict_json_and_their_keys_the_same_for_every_trial(mode: M
     outcome = made_outcome(mode)
     every = [of for law in outcome.measures.values() for of in law]
     assert len({tuple(of) for of in every}) == 1
-    json.dumps([every, outcome.metrics], allow_nan=False)
+    json.dumps([every, [law_summary(of) for of in outcome.measures.values()]], allow_nan=False)
 
 
 def test_summary_is_mean_and_worst_and_a_time_that_was_never_reached_is_the_worst() -> None:
@@ -200,7 +200,7 @@ def test_summary_is_mean_and_worst_and_a_time_that_was_never_reached_is_the_wors
 
 def test_what_cannot_be_measured_is_refused_by_name() -> None:
     for argument, trial, reference, within in (
-        ("trial", trial_of(STILL[:2], time=np.zeros(1)), LINE, WITHIN),
+        ("trial", trial_of(STILL[:2], t_s=np.zeros(1)), LINE, WITHIN),
         ("reference", trial_of(STILL), LINE[0], WITHIN),
         ("reference", trial_of(STILL), LINE * math.nan, WITHIN),
         ("within", trial_of(STILL), LINE, math.nan),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from functools import cache
 from typing import Any
 
@@ -15,9 +14,9 @@ from bench.verdict import all_met
 from rehab_opt import Status
 from rehab_opt.errors import ConfigurationError, ProblemFileError
 from rehab_opt.plants.force_robot import ForceRobot, RobotModel
+from rehab_opt.session.outcome import Outcome
 from rehab_opt.session.run import run_problem
-from rehab_opt.session.scenario.outcome import ScenarioOutcome
-from rehab_opt.session.scenario.system import ScenarioSystem
+from rehab_opt.session.scenario.scene import ScenarioSystem, trials_of
 from rehab_opt.session.systems import NotMet
 from rehab_opt.workspace.mapping import WorkspaceMap
 from tests.refusals import refuses
@@ -45,11 +44,10 @@ def _between(source: object, target: object) -> object:
 
 
 @cache
-def outcome(name: str, people: int = 3) -> ScenarioOutcome:
+def outcome(name: str, people: int = 3) -> Outcome:
     task = {"trials": people, **SHORTER.get(name, {})}
     config = changed(name, task=task, run=FAST)
     found = run_problem(config)
-    assert isinstance(found, ScenarioOutcome)
     return found
 
 
@@ -60,65 +58,69 @@ def test_what_the_paper_reports_of_a_scenario_is_seen(name: str, people: int) ->
     assert missed == []
 
 
-def ratio(found: ScenarioOutcome, key: str) -> np.ndarray:
+def ratio(found: Outcome, key: str) -> np.ndarray:
     """(people,) a measure with help / without."""
-    ours, none = (np.array([each[key] for each in found.measures[law]]) for law in ("assisted", "unassisted"))
+    ours, none = (
+        np.array([each[key] for each in trials_of(found).measures[law]]) for law in ("assisted", "unassisted")
+    )
     return np.asarray(ours / none)
 
 
-def off_the_path(found: ScenarioOutcome, law: str) -> int:
+def off_the_path(found: Outcome, law: str) -> int:
     """Ticks in which the hand is more than a width off the path."""
     width = 1e-3 * found.metrics["parameters"]["field"]["width_mm"]
-    return sum(int((projected(trial.position, found.reference).distance > width).sum()) for trial in found.trials[law])
+    of = trials_of(found)
+    return sum(int((projected(trial["_hand"], of.reference).distance > width).sum()) for trial in of.trials[law])  # type: ignore[index]
 
 
 def test_help_along_a_path_brings_the_hand_nearer_to_it_and_to_where_the_person_means_to_be() -> None:
     """A slice at the file's speed; bench/RESULTS.md has all people, and the trials that are worse with help."""
     run = {**FAST, "laws": ["unassisted", "assisted"]}
     found = run_problem(changed(FOLLOWED, task={"trials": 2, "seed": FRESH}, run=run))
-    assert isinstance(found, ScenarioOutcome)
     assert np.all(ratio(found, "deviation_mean_m") <= 0.5)
     assert np.all(ratio(found, "from_intended_mean_m") < 1.0)
     assert off_the_path(found, "assisted") <= 0.1 * off_the_path(found, "unassisted")
-    for trial in found.trials["assisted"]:  # the help ends at the end
-        at_end = np.linalg.norm(trial.position - found.reference[-1], axis=1) < 1e-3
-        assert not at_end[-1] or np.linalg.norm(trial.commanded[-1]) < 1e-9
+    of = trials_of(found)
+    for trial in of.trials["assisted"]:  # the help ends at the end
+        at_end = np.linalg.norm(trial["_hand"] - of.reference[-1], axis=1) < 1e-3
+        assert not at_end[-1] or np.linalg.norm(trial["force_commanded"][-1]) < 1e-9
 
 
 @pytest.mark.parametrize("name", ["scenario_2_assist", "scenario_5_hold"])
 def test_no_help_and_no_number_meet_no_verdict(name: str) -> None:
     found = outcome(name)
     assert all_met(judged(name, found))
-    idle = {"assisted": found.measures["unassisted"], "unassisted": found.measures["unassisted"]}
-    assert not all_met(judged(name, replace(found, measures=idle)))
-    blind = [dict.fromkeys(each) for each in found.measures["assisted"]]
-    assert not any(
-        verdict.met for verdict in judged(name, replace(found, measures={**found.measures, "assisted": blind}))
-    )
+    measures = trials_of(found).measures
+    idle = {"assisted": measures["unassisted"], "unassisted": measures["unassisted"]}
+    assert not all_met(judged(name, found, idle))
+    blind = [dict.fromkeys(each) for each in measures["assisted"]]
+    assert not any(verdict.met for verdict in judged(name, found, {**measures, "assisted": blind}))
 
 
 @pytest.mark.parametrize("name", ["scenario_2_assist", "scenario_5_hold"])
 def test_no_bound_of_the_force_is_exceeded_in_a_run(name: str) -> None:
     found = outcome(name)
     bounds = found.metrics["parameters"]["assistance"]
-    for trial in found.trials["assisted"]:
-        sizes = np.linalg.norm(trial.commanded, axis=1)
-        changes = np.linalg.norm(np.diff(trial.commanded, axis=0), axis=1)
+    for trial in trials_of(found).trials["assisted"]:
+        commanded = trial["force_commanded"]
+        sizes = np.linalg.norm(commanded, axis=1)
+        changes = np.linalg.norm(np.diff(commanded, axis=0), axis=1)
         assert sizes.max() <= bounds["force_limit_N"]
         assert changes.max() <= bounds["slew_limit_N_s"] / FAST["rate_hz"] * (1 + 1e-9)  # type: ignore[operator]
-        assert {status for status, away in zip(trial.statuses, trial.let_go, strict=True) if not away} == {Status.OK}
-        work = float((trial.commanded[:-1] * np.diff(trial.position, axis=0)).sum())
+        assert set(trial["status"][~trial["_let_go"]].tolist()) == {Status.OK.value}
+        work = float((commanded[:-1] * np.diff(trial["_hand"], axis=0)).sum())
         assert work <= bounds["energy_budget_J"]
 
 
 def test_the_reference_of_a_mapped_scenario_lies_in_the_comfortable_workspace() -> None:
     found = outcome("scenario_5_hold")
-    areas = {"comfortable_cm2": 1e4 * found.comfortable.area, "reachable_cm2": 1e4 * found.reachable.area}
+    of = trials_of(found)
+    areas = {"comfortable_cm2": 1e4 * of.comfortable.area, "reachable_cm2": 1e4 * of.reachable.area}
     assert found.metrics["workspaces"] == pytest.approx(areas)
-    assert np.all(found.comfortable.contains(found.reference))
-    assert found.demonstrated is not None
-    assert not np.all(found.comfortable.contains(found.demonstrated))
-    assert np.all(found.reachable.contains(found.demonstrated))
+    assert np.all(of.comfortable.contains(of.reference))
+    assert of.demonstrated is not None
+    assert not np.all(of.comfortable.contains(of.demonstrated))
+    assert np.all(of.reachable.contains(of.demonstrated))
 
 
 def test_a_shoulder_placed_elsewhere_changes_nothing_but_the_frame() -> None:
@@ -129,12 +131,11 @@ def test_a_shoulder_placed_elsewhere_changes_nothing_but_the_frame() -> None:
     robot = {"sensor_noise_N": 0.0}
     here = run_problem(changed("scenario_2_assist", person=person, robot=robot, **quick))
     there = run_problem(changed("scenario_2_assist", person=person, robot=robot, arm=arm, **quick))
-    assert isinstance(here, ScenarioOutcome)
-    assert isinstance(there, ScenarioOutcome)
     c, s = math.cos(math.radians(turn)), math.sin(math.radians(turn))
-    moved = here.trials["assisted"][0].position @ np.array([[c, -s], [s, c]]).T + shift
-    count = min(len(moved), len(there.trials["assisted"][0].position))
-    np.testing.assert_allclose(there.trials["assisted"][0].position[:count], moved[:count], atol=5e-4)
+    moved = here.traces["assisted", 0]["_hand"] @ np.array([[c, -s], [s, c]]).T + shift
+    elsewhere = there.traces["assisted", 0]["_hand"]
+    count = min(len(moved), len(elsewhere))
+    np.testing.assert_allclose(elsewhere[:count], moved[:count], atol=5e-4)
 
 
 # --------------------------------------------------------------------------------------------- robot, person, intention
@@ -207,7 +208,7 @@ def test_a_loop_that_throws_the_hand_is_said_to_do_so() -> None:
     stiff = {"assistance": {"slew_limit_N_s": 1000.0, "speed_cap_m_s": 0.3}, "field": {"stiffness_N_m": 1e4}}
     slow = {"rate_hz": 40.0, "laws": ["unassisted", "assisted"]}
     found = run_problem(changed("scenario_3_resist", task={"trials": 1}, run=slow, **stiff))
-    thrown = float(np.linalg.norm(found.trials["assisted"][0].velocity, axis=1).max())  # type: ignore[attr-defined]
+    thrown = float(np.linalg.norm(found.traces["assisted", 0]["velocity"], axis=1).max())
     assert thrown > 0.3
     assert f"assisted: the hand reached {thrown:.3g} m/s, beyond the speed cap of 0.3 m/s" in found.notes
     assert not any("speed cap" in note for note in outcome("scenario_3_resist").notes)
@@ -261,16 +262,13 @@ def test_a_robot_that_is_unstable_in_the_helpers_hand_alone_is_refused_by_key() 
 def test_with_a_helper_the_participant_keeps_to_the_path_and_no_delay_makes_the_pair_active() -> None:
     config = changed("scenario_together", task={"trials": 1, "movement_s": 8.0}, run={"rate_hz": 400.0})
     found = run_problem(config)
-    assert isinstance(found, ScenarioOutcome)
-    budget = found.metrics["parameters"]["assistance"]["energy_budget_J"]
+    budget, of = found.metrics["parameters"]["assistance"]["energy_budget_J"], trials_of(found)
     for law in ("together", "delayed"):
-        for alone, led in zip(found.measures["unassisted"], found.measures[law], strict=True):  # type: ignore[index]
+        for alone, led in zip(of.measures["unassisted"], of.measures[law], strict=True):  # type: ignore[index]
             assert led["deviation_mean_m"] <= 0.5 * alone["deviation_mean_m"]
             assert led["pair_energy_drawn_max_J"] <= 2 * budget
             assert led["helper_force_max_N"] <= 30.0
-    helper = found.trials["together"][0].helper
-    assert helper is not None
-    assert np.all(found.reachable.distance(helper.position) < 0.02)
+    assert np.all(of.reachable.distance(found.traces["together", 0]["helper"]) < 0.02)
     assert any(note.startswith("delayed: the helper felt") for note in found.notes)
     with pytest.raises(ProblemFileError, match=r"run\.laws"):
         changed("scenario_2_assist", run={"laws": ["together"]})

@@ -25,34 +25,46 @@ def test_every_system_has_a_shipped_problem() -> None:
 
 
 def test_registry_loads_nothing_that_is_not_asked_for() -> None:
-    late = ("matplotlib", "rich", "casadi.tools", "shapely", "rehab_opt.session.upper_limb")
+    late = ("matplotlib", "rich", "casadi.tools", "shapely", "rehab_opt.session.upper_limb", "casadi", "scipy")
     program = f"import sys, rehab_opt.session.systems; print([name for name in {late} if name in sys.modules])"
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
 
 
 KIND = """
-from rehab_opt.session.outcome import Outcome
 from rehab_opt.session.schema import Problem
 from rehab_opt.session.systems import System
+from rehab_opt.session.trace import Trace
 
 
 class CountProblem(Problem):
     count: int = 3
 
 
-class CountSystem(System[CountProblem, Outcome]):
+class Counting:
+    def __init__(self, problem, options):
+        self.problem, self.options = problem, options
+
+    def run(self, progress):
+        numbers = [float(n) for n in range(self.problem.count)]
+        return Trace({"t_s": numbers, "count_m": numbers, "word": ["n"] * len(numbers)})
+
+    def numbers(self, trace):
+        return {"last_m": float(trace["count_m"][-1]), "options": dict(self.options)}
+
+    def notes(self, trace):
+        return ()
+
+
+class CountSystem(System[CountProblem, Counting]):
     schema = CountProblem
     options = frozenset({"speed"})
 
     def check(self, config):
         return (f"counts to {config.problem.count}",)
 
-    def run(self, config, *, options, progress):
-        numbers = [float(n) for n in range(config.problem.count)]
-        columns = {"t_s": numbers, "count_m": numbers, "word": ["n"] * len(numbers)}
-        metrics = {"last_m": numbers[-1], "options": dict(options)}
-        return Outcome((), metrics, columns=columns)
+    def scenes(self, config, options):
+        return {(): Counting(config.problem, options)}
 """
 """A kind of problem in one module of another distribution."""
 ENTRY = "[rehab_opt.systems]\n{name} = {value}\n"

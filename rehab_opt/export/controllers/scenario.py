@@ -20,12 +20,12 @@ from rehab_opt.export.exported import ExportedController, refuse_other_solvers
 from rehab_opt.optim.fallback_chain import FUSED
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.outcome import Progress
+from rehab_opt.session.scenario.controllers import assistance_of, assisted_law, scene_of
 from rehab_opt.session.scenario.laws import Assisted, ForceLaw
 from rehab_opt.session.scenario.loop import simulate_trial
 from rehab_opt.session.scenario.pair import sides_of, together_of
 from rehab_opt.session.scenario.precomputed import Precomputed, precompute
 from rehab_opt.session.scenario.problem import ScenarioProblem
-from rehab_opt.session.scenario.run import assistance_of, assisted_law, scene_of
 
 __all__ = ["exported_scenario"]
 
@@ -88,14 +88,12 @@ def _assistance(config: ProblemFile[ScenarioProblem], context: Precomputed) -> E
     problem = config.problem
     helper = assistance_of(problem, context, solver=FUSED, backup=FUSED)
     if isinstance(helper, PathAssistance):
-        trial = simulate_trial(
-            scene_of(config, context), Assisted(helper), name="assisted", number=0, seed=problem.task.seed
-        )
-        return exported_path_assistance(helper, trial.position, title=problem.title)
+        trial = simulate_trial(scene_of(config, context), Assisted(helper), number=0, seed=problem.task.seed)
+        return exported_path_assistance(helper, trial["_hand"], title=problem.title)
     law = Listening(assisted_law(problem, context, helper), helper)
-    trial = simulate_trial(scene_of(config, context), law, name="assisted", number=0, seed=problem.task.seed)
+    trial = simulate_trial(scene_of(config, context), law, number=0, seed=problem.task.seed)
     offset = law.offsets if problem.mode == "hold" else None
-    return exported_assistance(helper, trial.position, title=problem.title, fields=context.fields[1:], offset=offset)
+    return exported_assistance(helper, trial["_hand"], title=problem.title, fields=context.fields[1:], offset=offset)
 
 
 def _sides(
@@ -105,7 +103,7 @@ def _sides(
     delay = problem.helper.delay_s if delayed else 0.0
     both = Overheard(*sides_of(config, context, solver=FUSED), delay=delay)
     law = together_of(both, config, context)
-    simulate_trial(scene_of(config, context), law, name="together", number=0, seed=problem.task.seed)
+    simulate_trial(scene_of(config, context), law, number=0, seed=problem.task.seed)
     hands, received = np.array(both.hands), list(zip(*both.received, strict=True))
     helper, participant = sides_of(config, context, solver=FUSED, backup=FUSED)
     return (

@@ -252,7 +252,7 @@ class ArdisSystem(SceneSystem[ArdisProblem, ArdisScene]):
         """Ours on the first drive, the stick in somebody's hand; options as of `run`."""
         return ArdisScene(config, options.get("solver"), config.problem.stick.drives[0])
 
-    def nested(self, numbers: Mapping[Names, dict[str, Any]], traces: Mapping[Names, Trace]) -> dict[str, Any]:
+    def nested(self, numbers: Mapping[Names, dict[str, Any]], outcome: Outcome) -> dict[str, Any]:
         """By drive and controller; the nearest bodies by drive, since they are those of ours."""
         drives: dict[str, dict[str, Any]] = {}
         for (drive, law), of in numbers.items():

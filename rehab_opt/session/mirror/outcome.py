@@ -2,29 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass, field
-from typing import NamedTuple
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.kinematics.vr import Mirror
 from rehab_opt.published.astar import AStarPath
 from rehab_opt.session.clearance import NearestBodies
-from rehab_opt.session.outcome import (
-    Array,
-    Column,
-    Columns,
-    MovementOutcome,
-    joint_columns,
-    point_columns,
-    stacked,
-    turn_angles,
-)
+from rehab_opt.session.outcome import Array, turn_angles
 from rehab_opt.session.trace import Trace
 
-__all__ = ["DrivenJoints", "Led", "MirrorOutcome"]
+__all__ = ["DrivenJoints", "Led", "MirrorRuns", "led_trace"]
 
 
 BEFORE, STEP, PLAN = "without floor", "step", "plan"
@@ -104,53 +96,62 @@ class DrivenJoints(NamedTuple):
     """(M,) seconds of the reference in a second."""
 
 
+def led_trace(led: Led, drive: DrivenJoints, cause: NDArray[np.int_], names: Sequence[str]) -> Trace:
+    """A row a tick; cells are empty where there is no reference. Kept with it: `_led`, `_drive`, `_cause`."""
+    trace = Trace(
+        {
+            "t_s": led.time,
+            "lag_s": led.lag,
+            "pace": led.pace,
+            "reference": led.reference[:, :3, 3],
+            "tool": led.tool[:, :3, 3],
+            "deviation_m": led.deviation,
+            "turn_rad": led.turn,
+            "manipulability": led.manipulability,
+            "status": led.status,
+            "relaxed": led.relaxed,
+            "joint": led.q,
+            "command": led.command,
+            "_cause": cause,
+        },
+        {"joint": [f"{name}_rad" for name in names], "command": [f"{name}_rad_s" for name in names]},
+    )
+    for name, made in (("_led", led), ("_drive", drive)):
+        trace[name] = np.empty((), dtype=object)
+        trace[name][()] = made
+    return trace
+
+
 @dataclass(frozen=True, eq=False)
-class MirrorOutcome(MovementOutcome):
-    """A hand led along the other hand's mirrored path.
+class MirrorRuns:
+    """What the figures of a run show.
 
     Parameters
     ----------
-    floor : least w / w_max.
-    mirror : of the patient.
-    reference : (N, 4, 4) the mirrored poses of the tool, even samples at `time`; NaN where sight was lost.
+    metrics : of the run.
+    chain : the robot. floor : least w / w_max. mirror : of the patient.
+    time, reference : (N,) [s] and (N, 4, 4) the mirrored poses of the tool; NaN where sight was lost.
     recorded : (K, 3) [m] the healthy hand in the robot's frame.
     laws : what was run, by its name among `LAWS`.
-    drives : of each law, what a drive does with its joints.
+    drives : of each of these, what a drive does with its joints.
     causes : of each drive, (M,) why the hand is not where or when the reference is, as places in `metrics.CAUSES`.
     astar : the published path where it was asked for.
     max_deviation, linear_speed : [m, m/s] the bounds.
     near : how near bodies came to each other, tick by tick; None without `[clearance]`.
     """
 
-    floor: float = field(kw_only=True)
-    mirror: Mirror = field(kw_only=True)
-    reference: Array = field(kw_only=True)
-    recorded: Array = field(kw_only=True)
-    laws: dict[str, Led] = field(kw_only=True)
-    drives: dict[str, DrivenJoints] = field(kw_only=True)
-    causes: dict[str, NDArray[np.int_]] = field(kw_only=True)
-    astar: AStarPath | None = field(kw_only=True)
-    max_deviation: float = field(kw_only=True)
-    linear_speed: float = field(kw_only=True)
-    near: NearestBodies | None = field(kw_only=True, default=None)
-
-    def trace(self) -> Iterable[Column]:
-        """One row a tick of each law, one law after the other; cells are empty where there is no reference."""
-        return stacked(self._columns(name, led) for name, led in self.laws.items()).items()
-
-    def _columns(self, name: str, led: Led) -> Columns:
-        return {
-            "law": (name,) * len(led.time),
-            "t_s": led.time,
-            "lag_s": led.lag,
-            "pace": led.pace,
-            **dict(point_columns("reference", led.reference[:, :3, 3])),
-            **dict(point_columns("tool", led.tool[:, :3, 3])),
-            "deviation_m": led.deviation,
-            "turn_rad": led.turn,
-            "manipulability": led.manipulability,
-            "status": led.status,
-            "relaxed": led.relaxed,
-            **dict(joint_columns("joint", self.chain, led.q, "rad")),
-            **dict(joint_columns("command", self.chain, led.command, "rad_s")),
-        }
+    title: str
+    metrics: Mapping[str, Any]
+    chain: SerialChain
+    time: Array
+    floor: float
+    mirror: Mirror
+    reference: Array
+    recorded: Array
+    laws: dict[str, Led]
+    drives: dict[str, DrivenJoints]
+    causes: dict[str, NDArray[np.int_]]
+    astar: AStarPath | None
+    max_deviation: float
+    linear_speed: float
+    near: NearestBodies | None

@@ -1,147 +1,133 @@
-"""The run of `system = "mirror"`: the recording laid out, every law on it, and the numbers; what it is live."""
+"""`system = "mirror"`: the recording laid out, every controller on it, and the numbers."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Mapping
-from typing import Any
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from rehab_opt.control.command import Command
 from rehab_opt.control.conditioning import Conditioner
 from rehab_opt.control.mirror import MirrorTracker
-from rehab_opt.control.person_limit import PersonLimit
-from rehab_opt.plants.plant import Measurement, Plant
-from rehab_opt.plants.touched import TouchedPlant
-from rehab_opt.session.clearance import clearance_of, nearest_bodies, planes_of, start_notes
+from rehab_opt.published.astar import AStarPath
+from rehab_opt.session.clearance import NearestBodies, nearest_bodies, start_notes
 from rehab_opt.session.files import ProblemFile
-from rehab_opt.session.live.bodies import BLUE, GREEN, ORANGE, ArmBodies, joint_rows, kept_off, near_limit, screen
-from rehab_opt.session.live.problem import Following, LiveControl, LiveProblem
+from rehab_opt.session.live.problem import LiveProblem
 from rehab_opt.session.mirror.laws import ANY_SPEED, planned, searched, track_reference, tracker_of, without_floor
+from rehab_opt.session.mirror.live import LiveMirror
 from rehab_opt.session.mirror.metrics import astar_metrics, causes, driven, led_metrics
-from rehab_opt.session.mirror.outcome import BEFORE, PLAN, STEP, Led, MirrorOutcome
+from rehab_opt.session.mirror.outcome import BEFORE, LAWS, STEP, MirrorRuns, led_trace
 from rehab_opt.session.mirror.placing import reach_note
 from rehab_opt.session.mirror.problem import MirrorProblem
 from rehab_opt.session.mirror.scene import Setup, laid_out, path_notes
-from rehab_opt.session.outcome import Array, Progress
-from rehab_opt.session.plant import device_of, joint_plant, plant_note
+from rehab_opt.session.outcome import Outcome, Progress
+from rehab_opt.session.plant import joint_plant, plant_note
 from rehab_opt.session.robot_file import robot_files
-from rehab_opt.session.systems import Needed, System
+from rehab_opt.session.systems import Names, Needed, System
+from rehab_opt.session.trace import Trace
 
-__all__ = ["MirrorSystem"]
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
-FRAME = 1 / 30
-"""[s] from picture to picture, in which the person's arm is led on."""
+__all__ = ["MirrorSystem", "runs_of"]
 
-
-class LiveMirror(LiveProblem):
-    """A `MirrorTracker` with the file's recording, patient, robot and plant."""
-
-    controls = frozenset({"target", "push", "faults"})
-
-    def __init__(self, config: ProblemFile[MirrorProblem]) -> None:
-        self._config, self.title, self.dt = config, config.problem.title, 1 / config.problem.tracker.rate_hz
-        self._scene, self.device = laid_out(config), device_of(config.problem.plant)
-        self.robot = self._scene.robot
-        self.names = tuple(self.robot.names)
-        self.layout = {"q": self.robot.n, "reference": 3, "target": 3, "force": 3, "lag": 1, "manipulability": 1}
-        self._arm = ArmBodies(self.robot)
-        self._person: tuple[ArmBodies, PersonLimit] | None = None
-        if self._scene.person is not None:
-            person, grip = self._scene.person
-            said = config.problem.patient.arm
-            start = None if said is None or said.start_deg is None else np.deg2rad(said.start_deg)
-            self._person = ArmBodies(person), PersonLimit(person, grip=grip, dt=FRAME, start=start, backup=None)
-
-    def control(self, plant: Plant | None = None) -> LiveControl:
-        """The tracker of `rehab-opt run`."""
-        problem, scene = self._config.problem, self._scene
-        tracker = tracker_of(problem, scene, file=self._config.file, live=True)
-        plant = TouchedPlant(joint_plant(problem.plant, self.robot, self.dt)) if plant is None else plant
-        reference = scene.reference
-        seen = ~reference.lost
-        return _Mirroring(tracker, plant, scene.start, reference.poses[seen], reference.twists[seen])
-
-    def scene(self) -> dict[str, Any]:
-        """The mirrored path, planes that are kept clear of, limits of the person or else the robot."""
-        reference, section = self._scene.reference, self._config.problem.tracker
-        path = reference.poses[~reference.lost][:: max(1, round(0.05 / self.dt)), :3, 3]
-        file = self._config.file
-        planes = planes_of(section.keep_out, file, "tracker.keep_out")
-        bodies = kept_off(path.mean(axis=0), clearance_of(self._config.problem.clearance, file), planes)
-        shown = joint_rows(self.robot if self._person is None else self._person[0].chain)
-        return {
-            **super().scene(),
-            **bodies,
-            "lines": [{"points": path.round(4).tolist(), "colour": BLUE}, *bodies["lines"]],
-            "legend": [[BLUE, "mirrored path"], *bodies["legend"]]
-            + ([] if self._person is None else [[GREEN, "the person's arm, red near a limit"]]),
-            "screen": screen(path),
-            "joints": shown,
-            "jointtitle": "The person's joints within their range" if self._person else "Joints within their limits",
-            "noise": "mrad",
-            "plots": [
-                {"name": "hand from the mirrored pose", "unit": "mm", "line": section.max_deviation_mm},
-                {"name": "manipulability, share of largest", "unit": "", "line": section.floor},
-                {"name": "behind the recording", "unit": "s", "least": 0.5},
-                {"name": "joint-limit margin", "unit": "deg"},
-                {"name": "force", "unit": "N", "least": 10.0},
-            ],
-            "centre": path.mean(axis=0).round(3).tolist(),
-            "reach": 1.3,
-        }
-
-    def frame(self, shown: Mapping[str, Array]) -> dict[str, Any]:
-        """Robot, the arm that it leads, what is asked."""
-        q, force = shown["q"], shown["force"]
-        pose = np.vstack([self._arm.tool(q), [0.0, 0.0, 0.0, 1.0]])
-        hand, chain, joints = pose[:3, 3], self.robot, q
-        capsules = self._arm.capsules(q)
-        if self._person is not None:
-            bodies, limit = self._person
-            limit.limited(pose, np.zeros(6))
-            assert limit.q is not None
-            chain, joints = bodies.chain, limit.q
-            colours = [near_limit(each) for each in np.minimum(joints - chain.lower, chain.upper - joints)]
-            capsules += bodies.capsules(joints, colours)
-        margin = np.minimum(joints - chain.lower, chain.upper - joints)[chain.lower < chain.upper].min()
-        numbers = (
-            1e3 * float(np.linalg.norm(hand - shown["reference"])), float(shown["manipulability"][0]),
-            float(shown["lag"][0]), math.degrees(margin), float(np.linalg.norm(force)),
-        )  # fmt: skip
-        return {
-            "capsules": capsules,
-            "handles": {"target": shown["target"].round(4).tolist(), "hand": hand.round(4).tolist()},
-            "arrows": [[*hand.tolist(), *force.tolist(), ORANGE]] if force.any() else [],
-            "joints": joints.round(4).tolist(),
-            "numbers": list(numbers),
-        }
+Config = ProblemFile[MirrorProblem]
 
 
-class _Mirroring(Following):
-    def __init__(self, tracker: MirrorTracker, plant: Plant, start: Array, poses: Array, twists: Array) -> None:
-        super().__init__(tracker, plant, start, poses, twists, then="back")
-        self._mirror = tracker
+class Mirrored:
+    """What all runs of a file share.
 
-    def track(self, seen: Measurement, twist: Array, *, enable: bool) -> Command:
-        return self._mirror.step(
-            seen.position, self.target, twist, force=seen.force, enable=enable, stamp=self.stamp(seen)
-        )
+    Raises
+    ------
+    ProblemFileError : a recording or a value of the file cannot be used.
+    """
 
-    def shown(self) -> dict[str, ArrayLike]:
-        tracker = self._mirror
-        return super().shown() | {
-            "reference": tracker.reference[:3, 3], "lag": tracker.lag, "manipulability": tracker.manipulability
-        }  # fmt: skip
+    def __init__(self, config: Config) -> None:
+        self.problem, self.file, self.setup = config.problem, config.file, laid_out(config)
+        self.dt = 1.0 / self.problem.tracker.rate_hz
+        self.tracker = tracker_of(self.problem, self.setup, file=config.file)
+        self.bounds, self.plant = self.tracker.hand_bounds, joint_plant(self.problem.plant, self.setup.robot, self.dt)
+        reference = self.setup.reference
+        self.seen = reference.poses[~reference.lost]
+        self.progress: Progress = lambda *_: None
+
+    @cached_property
+    def astar(self) -> AStarPath | None:
+        """The published path, where it was asked for."""
+        most = self.tracker.max_manipulability
+        return searched(self.problem, self.setup, max_manipulability=most, progress=self.progress)
+
+
+class LedScene:
+    """The hand led along the reference by one of `LAWS`."""
+
+    def __init__(self, task: Mirrored, name: str) -> None:
+        self.task, self.name = task, name
+
+    def run(self, progress: Progress = lambda *_: None) -> Trace:
+        """See `led_trace`."""
+        task = self.task
+        section, setup, most = task.problem.tracker, task.setup, task.tracker.max_manipulability
+        plant, speed = task.plant, section.linear_speed_m_s
+        if self.name == BEFORE:
+            led, speed = without_floor(setup, plant, max_manipulability=most, progress=progress), ANY_SPEED
+        elif self.name == STEP:
+            led = track_reference(task.tracker, setup, plant, patience=section.patience, progress=progress)
+        else:
+            led = planned(task.tracker, setup, progress=progress)
+            task.progress = progress
+            _ = task.astar
+        drive = driven(led, setup.robot, task.problem.smoothing, linear_speed=speed, max_manipulability=most)
+        return led_trace(led, drive, causes(led, drive, task.bounds), setup.robot.names)
+
+    def numbers(self, trace: Trace) -> dict[str, Any]:
+        """See `led_metrics`."""
+        led, drive, task = trace["_led"].item(), trace["_drive"].item(), self.task
+        return led_metrics(led, drive, task.bounds, task.seen, cause=trace["_cause"], rate=1.0 / task.dt)
+
+    def notes(self, trace: Trace) -> Iterator[str]:
+        """None: see `MirrorSystem.notes`."""
+        return iter(())
+
+
+def _task(outcome: Outcome) -> Mirrored:
+    task: Mirrored = next(iter(outcome.scenes.values())).task
+    return task
+
+
+def _near(outcome: Outcome) -> NearestBodies | None:
+    """How near bodies came to each other, tick by tick."""
+    task, trace = _task(outcome), outcome.traces[STEP,]
+    return nearest_bodies(task.problem.clearance, task.file, task.setup.robot, trace["joint"], trace["t_s"])
+
+
+def runs_of(outcome: Outcome) -> MirrorRuns:
+    """What the figures of a run show."""
+    task = _task(outcome)
+    setup, traces = task.setup, {name: trace for (name,), trace in outcome.traces.items()}
+    return MirrorRuns(
+        title=outcome.title,
+        metrics=outcome.metrics,
+        chain=setup.robot,
+        time=setup.reference.times - setup.reference.times[0],
+        mirror=setup.mirror,
+        reference=setup.reference.poses,
+        recorded=setup.recorded,
+        laws={name: trace["_led"].item() for name, trace in traces.items()},
+        drives={name: trace["_drive"].item() for name, trace in traces.items()},
+        causes={name: trace["_cause"] for name, trace in traces.items()},
+        astar=task.astar,
+        near=_near(outcome),
+        **task.problem.tracker.arguments("floor", "max_deviation_mm", "linear_speed_m_s"),
+    )
 
 
 FAR = 1e-3
 """[m] from the first reference pose, where a start is told to be elsewhere."""
 
 
-def _notes(problem: MirrorProblem, scene: Setup, laws: dict[str, Led], tracker: MirrorTracker) -> Iterator[str]:
+def _notes(problem: MirrorProblem, scene: Setup, tracker: MirrorTracker) -> Iterator[str]:
     yield "a reconstruction: the equations of the paper (Xu, Guo, Zhang 2021) are lost from the text at hand"
     yield plant_note(problem.plant, "the robot is simulated: its joints move exactly as commanded")
     if problem.plant.kind != "ideal":
@@ -159,22 +145,14 @@ def _notes(problem: MirrorProblem, scene: Setup, laws: dict[str, Led], tracker: 
         height = tracker.hand_bounds.min_heights(scene.start[None], plane).item()
         if height < 0.0:
             yield f"the robot starts {-1e3 * height:.3g} mm inside tracker.keep_out.{i}, and goes no deeper"
-    for name, led in laws.items():
-        if not led.complete:
-            yield f"{name}: INCOMPLETE, the reference's end was not reached within the patience"
 
 
-class MirrorSystem(System[MirrorProblem, Any]):
+class MirrorSystem(System[MirrorProblem, LedScene]):
     """A hand led along the other hand's mirrored path."""
 
     schema = MirrorProblem
 
-    def figures(self, outcome: Any) -> dict[str, Any]:
-        """The figures by file name, without suffix."""
-        from rehab_opt.session.mirror.shown import figures  # noqa: PLC0415  (draws)
-
-        return figures(outcome)
-
+    labels = ("law",)
     first = (
         "drive: passed", "drive: deviation", "drive: duration", "complete", "drive: manipulability", "below_floor",
         "drive: seconds_by_cause", "joint_limit_margin", "status",
@@ -182,7 +160,7 @@ class MirrorSystem(System[MirrorProblem, Any]):
     options = frozenset({"plant"})
     rate_key = "tracker.rate_hz"
 
-    def columns(self, outcome: Any) -> Mapping[str, Mapping[str, Any]]:
+    def columns(self, outcome: Outcome) -> Mapping[str, Mapping[str, Any]]:
         """A column for each controller; A* is a path without times and without a robot that follows it."""
         laws, astar = dict(outcome.metrics["laws"]), outcome.metrics["astar"]
         if astar is not None:
@@ -190,11 +168,11 @@ class MirrorSystem(System[MirrorProblem, Any]):
             laws[name] = {"drive": {key: of for key, of in astar.items() if key != "complete"}} | astar
         return laws
 
-    def caption(self, outcome: Any) -> str:
+    def caption(self, outcome: Outcome) -> str:
         """The floor, and what was asked for."""
         reference = outcome.metrics["reference"]
         return (
-            f"floor {outcome.floor:g} of the robot's largest manipulability; reference of "
+            f"floor {_task(outcome).problem.tracker.floor:g} of the robot's largest manipulability; reference of "
             f"{reference['duration_s']:.1f} s, up to {reference['speed_max_m_s']:.2g} m/s, above the cap "
             f"{100 * reference['faster_than_cap_fraction_of_time']:.0f} % of the time; "
             f"filter lag {1e3 * reference['filter_lag_s']:.0f} ms; passed: within 5 mm and 5 deg"
@@ -209,40 +187,25 @@ class MirrorSystem(System[MirrorProblem, Any]):
         }
         return (*(Needed(key, name) for key, name in files.items() if name is not None), *robot_files(problem.robot))
 
-    def check(self, config: ProblemFile[MirrorProblem]) -> tuple[str, ...]:
+    def check(self, config: Config) -> tuple[str, ...]:
         """Reads the recording, lays it out, builds the tracker, and counts what the robot reaches."""
         scene = laid_out(config)
         tracker = tracker_of(config.problem, scene, file=config.file)
         within = start_notes(config.problem.clearance, config.file, scene.robot, scene.start)
         return (*scene.notes, *within, *path_notes(scene), reach_note(config.problem, scene, tracker))
 
-    def run(
-        self, config: ProblemFile[MirrorProblem], *, options: Mapping[str, str], progress: Progress
-    ) -> MirrorOutcome:
-        """The option is `plant`."""
-        problem, scene = config.problem, laid_out(config)
-        section, reference, robot = problem.tracker, scene.reference, scene.robot
-        tracker = tracker_of(problem, scene, file=config.file)
-        max_manipulability, rate, bounds = tracker.max_manipulability, section.rate_hz, tracker.hand_bounds
-        plant = joint_plant(problem.plant, robot, 1.0 / rate)
-        laws = {
-            BEFORE: without_floor(scene, plant, max_manipulability=max_manipulability, progress=progress),
-            STEP: track_reference(tracker, scene, plant, patience=section.patience, progress=progress),
-            PLAN: planned(tracker, scene, progress=progress),
-        }
-        speeds = {BEFORE: ANY_SPEED, STEP: section.linear_speed_m_s, PLAN: section.linear_speed_m_s}
-        drives = {
-            name: driven(
-                led, robot, problem.smoothing, linear_speed=speeds[name], max_manipulability=max_manipulability
-            )
-            for name, led in laws.items()
-        }
-        why = {name: causes(led, drives[name], bounds) for name, led in laws.items()}
-        near = nearest_bodies(problem.clearance, config.file, robot, laws[STEP].q, laws[STEP].time)
-        astar = searched(problem, scene, max_manipulability=max_manipulability, progress=progress)
-        references = reference.poses[~reference.lost]
+    def scenes(self, config: Config, options: Mapping[str, str]) -> dict[Names, LedScene]:
+        """Each controller on the same reference; the option is `plant`."""
+        task = Mirrored(config)
+        return {(name,): LedScene(task, name) for name in LAWS}
+
+    def nested(self, numbers: Mapping[Names, dict[str, Any]], outcome: Outcome) -> dict[str, Any]:
+        """Of the reference, of each controller, of A* and of bodies."""
+        task, near = _task(outcome), _near(outcome)
+        problem, setup, reference = task.problem, task.setup, task.setup.reference
         fast = np.linalg.norm(reference.twists[~reference.lost, :3], axis=1)
-        metrics: dict[str, Any] = {
+        astar = task.astar
+        return {
             "reference": {
                 "duration_s": float(reference.times[-1] - reference.times[0]),
                 "samples": len(reference.poses),
@@ -250,40 +213,32 @@ class MirrorSystem(System[MirrorProblem, Any]):
                 "samples_dropped": reference.dropped,
                 "gaps": reference.gaps,
                 "speed_max_m_s": float(fast.max()),
-                "faster_than_cap_fraction_of_time": float(np.mean(fast > section.linear_speed_m_s)),
-                "filter_lag_s": Conditioner(1 / rate, cutoff_hz=problem.conditioning.cutoff_hz).lag,
-                "calibration_rms_m": scene.fit.rms if scene.fit is not None else None,
+                "faster_than_cap_fraction_of_time": float(np.mean(fast > problem.tracker.linear_speed_m_s)),
+                "filter_lag_s": Conditioner(task.dt, cutoff_hz=problem.conditioning.cutoff_hz).lag,
+                "calibration_rms_m": setup.fit.rms if setup.fit is not None else None,
                 "scale": problem.placement.scale,
             },
-            "manipulability_max": max_manipulability,
-            "laws": {
-                name: led_metrics(led, drives[name], bounds, references, cause=why[name], rate=rate)
-                for name, led in laws.items()
-            },
-            "astar": None if astar is None else astar_metrics(astar, bounds, references[:, :3, 3]),
+            "manipulability_max": task.tracker.max_manipulability,
+            "laws": {name: of for (name,), of in numbers.items()},
+            "astar": None if astar is None else astar_metrics(astar, task.bounds, task.seen[:, :3, 3]),
             **({} if near is None else {"clearance": near.metrics}),
         }
-        return MirrorOutcome(
-            chain=robot,
-            time=reference.times - reference.times[0],
-            notes=(
-                *scene.notes,
-                *path_notes(scene),
-                *_notes(problem, scene, laws, tracker),
-                *([] if near is None else [near.note]),
-            ),
-            metrics=metrics,
-            mirror=scene.mirror,
-            reference=reference.poses,
-            recorded=scene.recorded,
-            laws=laws,
-            drives=drives,
-            causes=why,
-            astar=astar,
-            **section.arguments("floor", "max_deviation_mm", "linear_speed_m_s"),
-            near=near,
-        )
 
-    def live(self, config: ProblemFile[MirrorProblem], *, options: Mapping[str, str]) -> LiveProblem:
+    def notes(self, numbers: Mapping[Names, dict[str, Any]], outcome: Outcome) -> Iterator[str]:
+        """What was read and laid out; where it begins; who did not come to the end; how near bodies came."""
+        task, near = _task(outcome), _near(outcome)
+        yield from (*task.setup.notes, *path_notes(task.setup), *_notes(task.problem, task.setup, task.tracker))
+        for (name,), of in numbers.items():
+            if not of["complete"]:
+                yield f"{name}: INCOMPLETE, the reference's end was not reached within the patience"
+        yield from () if near is None else (near.note,)
+
+    def figures(self, outcome: Outcome) -> dict[str, Figure]:
+        """See `mirror.shown`."""
+        from rehab_opt.session.mirror.shown import figures  # noqa: PLC0415  (draws)
+
+        return figures(runs_of(outcome))
+
+    def live(self, config: Config, *, options: Mapping[str, str]) -> LiveProblem:
         """The mirrored recording to and fro, until somebody drags the hand; the option is `plant`."""
         return LiveMirror(config)

@@ -24,7 +24,7 @@ from rehab_opt.session.drawing import (
 )
 from rehab_opt.session.live.bodies import ArmBodies
 from rehab_opt.session.mirror.metrics import CAUSES
-from rehab_opt.session.mirror.outcome import BEFORE, PLAN, STEP, MirrorOutcome
+from rehab_opt.session.mirror.outcome import BEFORE, PLAN, STEP, MirrorRuns
 from rehab_opt.session.outcome import Array
 
 __all__ = ["figures"]
@@ -43,7 +43,7 @@ CAUSE_COLOURS = dict(
 EVENTS = ("braking", "holding", "backup", "acceleration", "position", "task")
 
 
-def figures(outcome: MirrorOutcome) -> dict[str, Figure]:
+def figures(outcome: MirrorRuns) -> dict[str, Figure]:
     """The figures of a run by file name (without suffix)."""
     led = outcome.laws
     drawn = {
@@ -66,7 +66,7 @@ def figures(outcome: MirrorOutcome) -> dict[str, Figure]:
     return drawn
 
 
-def _manipulability(outcome: MirrorOutcome) -> Figure:
+def _manipulability(outcome: MirrorRuns) -> Figure:
     """Against the reference's own time, so that the same moments of the motion stand above each other."""
     figure = framed(f"{outcome.title}\nManipulability, with the floor and without", 9.0, 5.0)
     axes, end = figure.add_subplot(), float(outcome.time[-1])
@@ -86,7 +86,7 @@ def _manipulability(outcome: MirrorOutcome) -> Figure:
     return legend_below(figure, axes, 5)
 
 
-def _position(outcome: MirrorOutcome) -> Figure:
+def _position(outcome: MirrorRuns) -> Figure:
     figure = framed(f"{outcome.title}\nPosition of the driven hand, and its distance to the reference", 9.0, 9.0)
     panels = figure.subplots(4, 1, sharex=True)
     for i, axes in enumerate(panels[:3]):
@@ -104,12 +104,12 @@ def _position(outcome: MirrorOutcome) -> Figure:
     return legend_below(figure, panels[0], 5)
 
 
-def _astar_times(outcome: MirrorOutcome, path: AStarPath) -> Array:
+def _astar_times(outcome: MirrorRuns, path: AStarPath) -> Array:
     """(K,) [s] of the nearest reference positions: the published path has no times."""
     return np.asarray(outcome.time[np.isfinite(outcome.reference[:, 0, 3])][path.nearest])
 
 
-def _scale_distances(axes: Axes, outcome: MirrorOutcome) -> None:
+def _scale_distances(axes: Axes, outcome: MirrorRuns) -> None:
     """Scale to the laws with a floor, and say in words what lies beyond the panel."""
     allowed = MM * outcome.max_deviation
     furthest = {name: MM * float(np.nanmax(led.deviation)) for name, led in outcome.drives.items()}
@@ -129,7 +129,7 @@ def _scale_distances(axes: Axes, outcome: MirrorOutcome) -> None:
         axes.annotate(text, (0.995, 0.96), xycoords="axes fraction", ha="right", va="top", fontsize=9)
 
 
-def _pace(outcome: MirrorOutcome) -> Figure:
+def _pace(outcome: MirrorRuns) -> Figure:
     figure = framed(f"{outcome.title}\nHow the reference is slowed in time, and what was relaxed", 9.0, 9.5)
     pace, lag, speed, events = figure.subplots(4, 1, sharex=True, height_ratios=(1, 1, 1, 1.1))
     for name, drive in outcome.drives.items():
@@ -155,7 +155,7 @@ def _pace(outcome: MirrorOutcome) -> Figure:
     return legend_below(figure, speed, 3)
 
 
-def _causes(outcome: MirrorOutcome) -> Figure:
+def _causes(outcome: MirrorRuns) -> Figure:
     """A strip of time for each drive, and the seconds of each cause."""
     figure = framed(f"{outcome.title}\nWhat kept the hand from its reference, second by second", 9.0, 5.5)
     when, seconds = figure.subplots(2, 1, height_ratios=(1, 1.3))
@@ -184,7 +184,7 @@ def _causes(outcome: MirrorOutcome) -> Figure:
     return figure
 
 
-def _events(axes: Axes, outcome: MirrorOutcome) -> None:
+def _events(axes: Axes, outcome: MirrorRuns) -> None:
     """When the drive came to where each thing happened, a row for each law and thing that did."""
     rows = []
     for name in (STEP, PLAN):
@@ -205,7 +205,7 @@ def _events(axes: Axes, outcome: MirrorOutcome) -> None:
         axes.annotate("nothing was relaxed", (0.5, 0.5), xycoords="axes fraction", ha="center")
 
 
-def _space(outcome: MirrorOutcome) -> Figure:
+def _space(outcome: MirrorRuns) -> Figure:
     """In the robot's frame; the robot stands as at the motion's end."""
     figure = framed(f"{outcome.title}\nThe healthy hand, its mirror image, and the hand that is led", 9.0, 8.0)
     axes = figure.add_subplot(projection="3d")
@@ -238,7 +238,7 @@ def _space(outcome: MirrorOutcome) -> Figure:
     return legend_below(figure, axes, 4)
 
 
-def _draw_mirror(axes: Any, outcome: MirrorOutcome, low: Array, high: Array) -> None:
+def _draw_mirror(axes: Any, outcome: MirrorRuns, low: Array, high: Array) -> None:
     """The part of the sagittal plane, which is upright, over the extent of everything else."""
     normal = np.array(outcome.mirror.normal) / np.linalg.norm(outcome.mirror.normal)
     along, point = np.array([-normal[1], normal[0], 0.0]), MM * np.array(outcome.mirror.point)

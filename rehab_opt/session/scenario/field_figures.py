@@ -19,7 +19,6 @@ from rehab_opt.field.weights import energies_and_forces
 from rehab_opt.measures.along_path import projected
 from rehab_opt.session.drawing import GRID, MM, REFERENCE, framed, legend_below
 from rehab_opt.session.outcome import Array
-from rehab_opt.session.scenario.outcome import Law, ScenarioOutcome
 from rehab_opt.session.scenario.plane_drawing import (
     COMFORTABLE,
     LAW_COLOURS,
@@ -33,6 +32,7 @@ from rehab_opt.session.scenario.plane_drawing import (
     shown_box,
 )
 from rehab_opt.session.scenario.problem import THERAPY
+from rehab_opt.session.scenario.trials import Law, ScenarioTrials
 from rehab_opt.session.workspaces.figures import region_path
 
 __all__ = [
@@ -61,7 +61,7 @@ FINE, COARSE = 161, 21
 """Points of the grid across the picture: of colours, of arrows."""
 
 
-def field_figure(outcome: ScenarioOutcome) -> Figure:
+def field_figure(outcome: ScenarioTrials) -> Figure:
     """Colours say how large the desired force is, arrows its direction, for a hand at rest."""
     mapped = outcome.demonstrated is not None
     acts = "zero within $W_c$" if outcome.mode in THERAPY else "within $W_c$; outside there is only a pull back into it"
@@ -86,7 +86,7 @@ def field_figure(outcome: ScenarioOutcome) -> Figure:
     return legend_below(figure, axes, 4)
 
 
-def gated_forces(outcome: ScenarioOutcome, points: Array) -> Array:
+def gated_forces(outcome: ScenarioTrials, points: Array) -> Array:
     """(N, 2) [N] the desired force for a hand at rest at points (N, 2) [m], where the mode lets it act.
 
     NaN beyond W_r, where no hand comes, and outside W_c in "follow" and "hold", where there is only a pull back.
@@ -98,13 +98,13 @@ def gated_forces(outcome: ScenarioOutcome, points: Array) -> Array:
     return np.where(there[:, None], _gate(outcome, points)[:, None] * forces, np.nan)
 
 
-def _gate(outcome: ScenarioOutcome, points: Array) -> Array:
+def _gate(outcome: ScenarioTrials, points: Array) -> Array:
     """(N,) share of a therapy's force at points (N, 2): 0 within W_c, 1 from the onset beyond it on."""
     distance = np.asarray(outcome.comfortable.distance(points))
     return np.clip(distance / outcome.onset, 0.0, 1.0) if outcome.onset > 0 else np.where(distance > 0, 1.0, 0.0)
 
 
-def _forces(outcome: ScenarioOutcome, points: Array) -> Array:
+def _forces(outcome: ScenarioTrials, points: Array) -> Array:
     """(N, 2) [N] of the spring to the path, or of the field whose end is nearest; everywhere."""
     fields = outcome.fields
     if outcome.spring is not None:
@@ -120,7 +120,7 @@ def _forces(outcome: ScenarioOutcome, points: Array) -> Array:
     return forces
 
 
-def _draw_sizes(axes: Axes, outcome: ScenarioOutcome, box: Box) -> None:
+def _draw_sizes(axes: Axes, outcome: ScenarioTrials, box: Box) -> None:
     """Colours, cut exactly where the force ends: along the edge of W_r, or of W_c."""
     x, y, points = grid_points(box, FINE)
     therapy, most = outcome.mode in THERAPY, outcome.force_limit
@@ -136,7 +136,7 @@ def _draw_sizes(axes: Axes, outcome: ScenarioOutcome, box: Box) -> None:
     axes.figure.colorbar(mesh, ax=axes, shrink=0.8, label=words)
 
 
-def _corners(outcome: ScenarioOutcome, *, everything: bool) -> Array:
+def _corners(outcome: ScenarioTrials, *, everything: bool) -> Array:
     """Points (N, 2) [m] that are to be seen."""
     spaces = (outcome.comfortable, outcome.reachable) if everything else (outcome.comfortable,)
     corners = [shapely.get_coordinates(space.polygon) for space in spaces]
@@ -150,7 +150,7 @@ LONGEST = 1.2
 """[inches] An arrow of the largest force, however narrow the plane is drawn."""
 
 
-def learnt_figure(outcome: ScenarioOutcome) -> Figure:
+def learnt_figure(outcome: ScenarioTrials) -> Figure:
     """Left the plane; right the forces over time, of the first movement held out, or the last where none was."""
     fit = outcome.fields[0].fit
     assert fit is not None
@@ -212,7 +212,7 @@ class Variant(NamedTuple):
     """[N/m]"""
 
 
-def variants(outcome: ScenarioOutcome) -> tuple[Variant, ...]:
+def variants(outcome: ScenarioTrials) -> tuple[Variant, ...]:
     """(a) the scenario's own sigma and S without k1; then one number after the other is changed."""
     field = outcome.fields[0]
     width, stiffness = field.width, float(np.mean(field.samples.stiffness))
@@ -225,7 +225,7 @@ def variants(outcome: ScenarioOutcome) -> tuple[Variant, ...]:
     )
 
 
-def parameter_figure(outcome: ScenarioOutcome) -> Figure:
+def parameter_figure(outcome: ScenarioTrials) -> Figure:
     """Potential above, force below, one panel for each set of numbers; without gate and bound."""
     path, room = outcome.fields[0].paths[0].points, MM * outcome.fields[0].width
     (left, right), (low, high) = shown_box(path)
@@ -278,7 +278,7 @@ ENOUGH = 20
 """Ticks that a bin needs."""
 
 
-def along_figure(outcome: ScenarioOutcome) -> Figure:
+def along_figure(outcome: ScenarioTrials) -> Figure:
     """Below zero the force is against the motion; the target is at the right."""
     field = outcome.fields[0]
     figure = framed(f"{outcome.title}\nforce along the path towards the target: below 0 it resists", 10.0, 6.4)
@@ -307,7 +307,7 @@ def along_figure(outcome: ScenarioOutcome) -> Figure:
     return legend_below(figure, axes, 3)
 
 
-def fields_along(outcome: ScenarioOutcome, *, drags: bool = True) -> dict[Law, PotentialField]:
+def fields_along(outcome: ScenarioTrials, *, drags: bool = True) -> dict[Law, PotentialField]:
     """Our field, and the published one of the same |k1|, S and sigma: of the remaining length, with no rest on its end.
 
     With drags=False the same without k1: the difference is what Eq. (21) gives.
@@ -336,15 +336,15 @@ def _places(field: PotentialField) -> tuple[Array, Array]:
     return points, travelled[-1] - travelled
 
 
-def _draw_trials(axes: Axes, outcome: ScenarioOutcome, law: Law) -> None:
+def _draw_trials(axes: Axes, outcome: ScenarioTrials, law: Law) -> None:
     """The commanded force of all trials outside W_c: its median by what is left of the path."""
     marker = MARKERS[law]
     left, along = [], []
     for trial in outcome.trials[law]:
-        where = projected(trial.position, outcome.reference)
-        outside = ~trial.inside
+        where = projected(trial["_hand"], outcome.reference)
+        outside = ~trial["inside"]
         left.append((where.length - where.along)[outside])
-        along.append((trial.commanded * where.tangent).sum(axis=1)[outside])
+        along.append((trial["force_commanded"] * where.tangent).sum(axis=1)[outside])
     every, force = np.concatenate(left), np.concatenate(along)
     if not len(every):
         return

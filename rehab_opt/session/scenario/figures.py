@@ -15,7 +15,6 @@ from rehab_opt.session.outcome import Array
 from rehab_opt.session.scenario.field_figures import along_figure, field_figure, learnt_figure, parameter_figure
 from rehab_opt.session.scenario.laws import BOUNDED
 from rehab_opt.session.scenario.measures import deviation_of
-from rehab_opt.session.scenario.outcome import HelperTrace, Law, ScenarioOutcome, Trial, thinned_ticks
 from rehab_opt.session.scenario.plane_drawing import (
     COMFORTABLE,
     LAW_COLOURS,
@@ -28,11 +27,13 @@ from rehab_opt.session.scenario.plane_drawing import (
     shown_box,
 )
 from rehab_opt.session.scenario.problem import THERAPY
+from rehab_opt.session.scenario.trials import Law, ScenarioTrials
+from rehab_opt.session.trace import Trace
 
 __all__ = ["deviation_figure", "figures", "max_between", "trials_figure"]
 
 
-def figures(outcome: ScenarioOutcome) -> dict[str, Figure]:
+def figures(outcome: ScenarioTrials) -> dict[str, Figure]:
     """The figures by file name (without suffix).
 
     "parameters" is left out for "hold": around a single point the field is a spring, whatever sigma and k1.
@@ -52,9 +53,9 @@ def figures(outcome: ScenarioOutcome) -> dict[str, Figure]:
         drawn["along"] = along_figure(outcome)
     if pairs_of(outcome):
         drawn["together"] = together_figure(outcome)
-    late = late_trial(outcome)
+    late = late_law(outcome)
     if late is not None:
-        drawn["robot"] = robot_figure(outcome.title, late)
+        drawn["robot"] = robot_figure(outcome.title, late, outcome.trials[late][0])
     return drawn
 
 
@@ -63,7 +64,7 @@ SIDEWAYS = 0.18
 """Of a place on the axis: trials are set apart by so much to either side."""
 
 
-def compared(outcome: ScenarioOutcome) -> tuple[tuple[str, str, float], ...]:
+def compared(outcome: ScenarioTrials) -> tuple[tuple[str, str, float], ...]:
     """Label, key of the measure, and factor to the label's unit."""
     if outcome.mode == "hold":
         return (
@@ -83,12 +84,12 @@ def compared(outcome: ScenarioOutcome) -> tuple[tuple[str, str, float], ...]:
         return (outside, *whole[1:], ("distance to the target\nat the end [mm]", "final_distance_m", MM))
     return (
         *whole,
-        (f"path {outcome.coverage} [%]".replace("order,", "order,\n"), "reference_covered_fraction", PERCENT),
+        (f"path covered in order,\nwithin {MM * outcome.within:g} mm [%]", "reference_covered_fraction", PERCENT),
     )
 
 
-def comparison_figure(outcome: ScenarioOutcome) -> Figure:
-    """A panel for each measure, laws beside each other, a bar at their mean."""
+def comparison_figure(outcome: ScenarioTrials) -> Figure:
+    """A panel for each measure, controllers beside each other, a bar at their mean."""
     chosen = compared(outcome)
     figure = framed(f"{outcome.title}\nevery trial under each law", 2.9 * len(chosen), 4.2)
     for axes, (label, key, factor) in zip(figure.subplots(1, len(chosen)), chosen, strict=True):
@@ -100,7 +101,7 @@ def comparison_figure(outcome: ScenarioOutcome) -> Figure:
     return legend_below(figure, figure.axes[0], 2)
 
 
-def _draw_measure(axes: Axes, outcome: ScenarioOutcome, key: str, factor: float) -> None:
+def _draw_measure(axes: Axes, outcome: ScenarioTrials, key: str, factor: float) -> None:
     for place, (law, measures) in enumerate(outcome.measures.items()):
         values = np.array([factor * of[key] for of in measures if of[key] is not None])
         if not len(values):
@@ -124,37 +125,38 @@ def _draw_measure(axes: Axes, outcome: ScenarioOutcome, key: str, factor: float)
         axes.set_yticks(np.linspace(0, PERCENT, 6))
 
 
-def pairs_of(outcome: ScenarioOutcome) -> dict[Law, tuple[Trial, HelperTrace]]:
-    """The first trial of each law that has a helper, with the helper's side of it."""
-    return {law: (of[0], of[0].helper) for law, of in outcome.trials.items() if of[0].helper is not None}
+def pairs_of(outcome: ScenarioTrials) -> dict[Law, Trace]:
+    """The first trial of each controller that has a helper."""
+    return {law: of[0] for law, of in outcome.trials.items() if "_helper_intended" in of[0]}
 
 
-def together_figure(outcome: ScenarioOutcome) -> Figure:
-    """A column for each law with a helper, of its first trial."""
+def together_figure(outcome: ScenarioTrials) -> Figure:
+    """A column for each controller with a helper, of its first trial."""
     pairs = pairs_of(outcome)
     figure = framed(f"{outcome.title}: the first trial", 1.0 + 5.5 * len(pairs), 13.0)
     grid = figure.subplots(4, len(pairs), squeeze=False, height_ratios=(1.3, 1.6, 1, 1))
     demonstrated = outcome.reference if outcome.demonstrated is None else outcome.demonstrated
-    hands = np.vstack([helper.position for _, helper in pairs.values()])
+    hands = np.vstack([trial["helper"] for trial in pairs.values()])
     wide = shown_box(np.vstack([demonstrated, hands]))
-    near = shown_box(seen_points(outcome, (trial.position for trial, _ in pairs.values())))
-    for column, (law, (trial, helper)) in zip(grid.T, pairs.items(), strict=True):
-        ticks, colour = thinned_ticks(trial), LAW_COLOURS[law]
+    near = shown_box(seen_points(outcome, (trial["_hand"] for trial in pairs.values())))
+    for column, (law, trial) in zip(grid.T, pairs.items(), strict=True):
+        colour = LAW_COLOURS[law]
         column[0].set_title(f"{LAW_NAMES[law]}: the helper's hand", fontsize=11, loc="left", color=colour)
         column[1].set_title("the participant's hand", fontsize=11, loc="left", color=colour)
         for axes, box, path, hand in (
-            (column[0], wide, demonstrated, helper.position),
-            (column[1], near, outcome.reference, trial.position),
+            (column[0], wide, demonstrated, trial["helper"]),
+            (column[1], near, outcome.reference, trial["_hand"]),
         ):
             draw_workspaces(axes, outcome)
             draw_reference(axes, outcome, path, label="what the helper means to draw, and its image")
-            axes.plot(*(MM * hand[ticks].T), color=colour, linewidth=1.6, label="hand")
+            axes.plot(*(MM * hand[trial.rows].T), color=colour, linewidth=1.6, label="hand")
             seen_box(axes, outcome, box)
-        _over_time(column[2], trial, {"helper": helper.commanded, "participant": trial.commanded}, ticks, colour)
+        _over_time(column[2], trial, ("helper_force", "force_commanded"), colour)
         column[2].axhline(outcome.force_limit, color=LIMIT, linewidth=2.0, linestyle=":", label="largest force allowed")
         column[2].set_ylim(0, 1.1 * outcome.force_limit)
-        _over_time(column[3], trial, {"helper": helper.energy_left, "participant": trial.energy_left}, ticks, colour)
-        column[3].set_ylim(0, 1.1 * max(trial.energy_left.max(), helper.energy_left.max()))
+        tanks = "helper_energy_left_J", "energy_left_J"
+        _over_time(column[3], trial, tanks, colour)
+        column[3].set_ylim(0, 1.1 * max(trial[name].max() for name in tanks))
         column[3].set_xlabel("time [s]")
     grid[2, 0].set_ylabel("force on the hand [N]")
     grid[3, 0].set_ylabel("energy in the tank [J]")
@@ -164,39 +166,39 @@ def together_figure(outcome: ScenarioOutcome) -> Figure:
     return legend_below(figure, grid[0, 0], 2)
 
 
-def _over_time(axes: Axes, trial: Trial, values: dict[str, Array], ticks: NDArray[np.intp], colour: str) -> None:
-    """Sizes of vectors (N, 2), or values (N,), by who they belong to."""
-    for (name, of), style in zip(values.items(), ("--", "-"), strict=True):
+def _over_time(axes: Axes, trial: Trace, columns: tuple[str, str], colour: str) -> None:
+    """Sizes of vectors (N, 2), or values (N,): the helper's and the participant's."""
+    for name, who, style in zip(columns, ("helper", "participant"), ("--", "-"), strict=True):
+        of = trial[name][trial.rows]
         size = of if of.ndim == 1 else np.linalg.norm(of, axis=1)
-        axes.plot(trial.time[ticks], size[ticks], style, color=colour, linewidth=1.2, label=name)
+        axes.plot(trial["t_s"][trial.rows], size, style, color=colour, linewidth=1.2, label=who)
     axes.grid(**GRID)
 
 
-def late_trial(outcome: ScenarioOutcome) -> Trial | None:
-    """The first trial with our help, on a robot that is late; None of one that is not."""
-    first = (outcome.trials[law][0] for law in BOUNDED if law in outcome.trials)
-    return next((trial for trial in first if trial.acting is not None), None)
+def late_law(outcome: ScenarioTrials) -> Law | None:
+    """The first of our controllers, on a robot that is late; None on one that is not."""
+    return next((law for law in BOUNDED if "_acting" in outcome.trials.get(law, [{}])[0]), None)
 
 
-def robot_figure(title: str, trial: Trial) -> Figure:
-    """Forces and places of one trial: all of it, and half a second about the hand's largest speed."""
-    assert trial.acting is not None
-    assert trial.seen is not None
-    figure = framed(
-        f"{title}\n{trial.law}, trial {trial.number + 1}: what was commanded and seen, and what was true", 11.0, 8.5
-    )
+def robot_figure(title: str, law: Law, trial: Trace) -> Figure:
+    """Forces and places of the first trial: all of it, and half a second about the hand's largest speed."""
+    figure = framed(f"{title}\n{law}, trial 1: what was commanded and seen, and what was true", 11.0, 8.5)
     grid = figure.subplots(4, 2, width_ratios=(2.2, 1), sharex="col")
-    speed, amiss = MM * np.hypot(*trial.velocity.T), MM * np.hypot(*(trial.seen - trial.position).T)
-    near = np.flatnonzero(np.abs(trial.time - trial.time[int(speed.argmax())]) <= CLOSE_UP / 2)
-    for column, ticks in enumerate((np.arange(len(trial.time)), near)):
-        time = trial.time[ticks]
+    speed, amiss = MM * np.hypot(*trial["velocity"].T), MM * np.hypot(*(trial["_seen"] - trial["_hand"]).T)
+    near = np.flatnonzero(np.abs(trial["t_s"] - trial["t_s"][int(speed.argmax())]) <= CLOSE_UP / 2)
+    for column, ticks in enumerate((np.arange(len(trial["t_s"])), near)):
+        time = trial["t_s"][ticks]
         for axis, letter in enumerate("xy"):
             panel = grid[axis, column]
             panel.plot(
-                time, trial.commanded[ticks, axis], color=TOLD, linewidth=0.9, label="commanded to the force loop"
+                time,
+                trial["force_commanded"][ticks, axis],
+                color=TOLD,
+                linewidth=0.9,
+                label="commanded to the force loop",
             )
             panel.plot(
-                time, trial.acting[ticks, axis], color=TRUE, linewidth=1.4,
+                time, trial["_acting"][ticks, axis], color=TRUE, linewidth=1.4,
                 label="true force of the motors, which move the robot's mass and friction, too",
             )  # fmt: skip
             panel.set_ylabel(f"force {letter} [N]" if not column else "")
@@ -214,13 +216,13 @@ def robot_figure(title: str, trial: Trial) -> Figure:
 MEAN_PLACE: Mapping[str, Any] = {"markersize": 11, "markerfacecolor": "none", "markeredgewidth": 1.5, "linestyle": ""}
 
 
-def trials_figure(outcome: ScenarioOutcome) -> Figure:
+def trials_figure(outcome: ScenarioTrials) -> Figure:
     """Every trial a thin line, their mean a thick one."""
     laws = list(outcome.trials)
     count = max(map(len, outcome.trials.values()))
     figure = framed(f"{outcome.title}\ntrials under each law: {count}; and their mean", 0.8 + 4.2 * len(laws), 10.5)
     grid = figure.subplots(3, len(laws), squeeze=False, height_ratios=(1.6, 1, 1))
-    box = shown_box(seen_points(outcome, (trial.position for of in outcome.trials.values() for trial in of)))
+    box = shown_box(seen_points(outcome, (trial["_hand"] for of in outcome.trials.values() for trial in of)))
     for column, law in zip(grid.T, laws, strict=True):
         column[0].set_title(LAW_NAMES[law], fontsize=11, loc="left", color=LAW_COLOURS[law])
         draw_workspaces(column[0], outcome)
@@ -250,47 +252,48 @@ def max_between(values: Array, ticks: NDArray[np.intp]) -> Array:
     return np.maximum.reduceat(values, np.concatenate(([0], ticks[:-1] + 1)))
 
 
-def _draw_paths(axes: Axes, outcome: ScenarioOutcome, law: Law) -> None:
+def _draw_paths(axes: Axes, outcome: ScenarioTrials, law: Law) -> None:
     trials, colour = outcome.trials[law], LAW_COLOURS[law]
     holds = outcome.mode == "hold"
     for trial in trials:
-        ticks = thinned_ticks(trial)
+        ticks = trial.rows
         # Only while a point is to be held: between two of them the gap of NaN breaks the line.
-        places = np.where(np.isfinite(trial.goal), trial.position, np.nan) if holds else trial.position
+        places = np.where(np.isfinite(trial["goal"]), trial["_hand"], np.nan) if holds else trial["_hand"]
         axes.plot(*(MM * places[ticks].T), color=colour, linewidth=0.8, alpha=0.6, zorder=5)
     if holds:
         for point in outcome.reference:
-            held = [trial.position[(trial.goal == point).all(axis=1)] for trial in trials]
+            held = [trial["_hand"][(trial["goal"] == point).all(axis=1)] for trial in trials]
             every = np.vstack(held)
             if len(every):
                 axes.plot(*(MM * every.mean(axis=0)), "o", **MEAN_PLACE, markeredgecolor=colour, zorder=7)
         axes.plot([], [], "o", **MEAN_PLACE, markeredgecolor=REFERENCE, label="mean place while it was to be held")
         return
-    _, mean = mean_over_trials(trials, [trial.position for trial in trials])
+    _, mean = mean_over_trials(trials, [trial["_hand"] for trial in trials])
     axes.plot(*(MM * mean.T), color=colour, linewidth=2.2, zorder=5.5)
 
 
-def _draw_force(axes: Axes, outcome: ScenarioOutcome, law: Law) -> None:
+def _draw_force(axes: Axes, outcome: ScenarioTrials, law: Law) -> None:
     if outcome.mode in THERAPY:
         trials = outcome.trials[law]
-        time, inside = mean_over_trials(trials, [trial.inside.astype(np.float64) for trial in trials])
+        time, inside = mean_over_trials(trials, [trial["inside"].astype(np.float64) for trial in trials])
         axes.fill_between(
             time, 0, inside, step="mid", transform=axes.get_xaxis_transform(), color=COMFORTABLE, alpha=0.2, linewidth=0
         )
     axes.axhline(outcome.force_limit, color=LIMIT, linewidth=2.0, linestyle=":")
-    _draw_sizes(axes, outcome, law, "measured", 1.0)
+    _draw_sizes(axes, outcome, law, "force_measured", 1.0)
 
 
-def _draw_sizes(axes: Axes, outcome: ScenarioOutcome, law: Law, what: str, unit: float) -> None:
+def _draw_sizes(axes: Axes, outcome: ScenarioTrials, law: Law, what: str, unit: float) -> None:
     trials = outcome.trials[law]
-    _draw_over_time(axes, law, trials, [unit * np.linalg.norm(getattr(trial, what), axis=1) for trial in trials])
+    _draw_over_time(axes, law, trials, [unit * np.linalg.norm(trial[what], axis=1) for trial in trials])
 
 
-def _draw_over_time(axes: Axes, law: Law, trials: Sequence[Trial], values: Sequence[Array]) -> None:
+def _draw_over_time(axes: Axes, law: Law, trials: Sequence[Trace], values: Sequence[Array]) -> None:
     """A thin line for `values` (N,) of each trial, a thick one for their mean."""
     for trial, of in zip(trials, values, strict=True):
-        ticks = thinned_ticks(trial)
-        axes.plot(trial.time[ticks], max_between(of, ticks), color=LAW_COLOURS[law], linewidth=0.8, alpha=0.6)
+        axes.plot(
+            trial["t_s"][trial.rows], max_between(of, trial.rows), color=LAW_COLOURS[law], linewidth=0.8, alpha=0.6
+        )
     axes.plot(*mean_over_trials(trials, values), color=LAW_COLOURS[law], linewidth=2.2)
 
 
@@ -301,7 +304,7 @@ def _same_limits(row: NDArray[np.object_]) -> None:
         axes.set(xlim=(0, right), ylim=(0, top))
 
 
-def deviation_figure(outcome: ScenarioOutcome) -> Figure:
+def deviation_figure(outcome: ScenarioTrials) -> Figure:
     """Every trial a thin line, their mean a thick one, on one scale; numbers say which point was to be held."""
     holds = outcome.mode == "hold"
     of_what = "the point to be held, while it was" if holds else "the place of the path that is due"
@@ -322,16 +325,16 @@ def deviation_figure(outcome: ScenarioOutcome) -> Figure:
     return legend_below(figure, rows[0], 2)
 
 
-def _deviation(outcome: ScenarioOutcome, trial: Trial) -> Array:
+def _deviation(outcome: ScenarioTrials, trial: Trace) -> Array:
     """(N,) [mm], NaN where it does not count."""
     far, counts = deviation_of(trial, outcome.reference, outcome.mode)
     return MM * np.where(counts, far, np.nan)
 
 
-def _number_points(outcome: ScenarioOutcome, rows: NDArray[np.object_]) -> None:
+def _number_points(outcome: ScenarioTrials, rows: NDArray[np.object_]) -> None:
     trial = next(iter(outcome.trials.values()))[0]
     for i, point in enumerate(outcome.reference):
-        held = trial.time[(trial.goal == point).all(axis=1)]
+        held = trial["t_s"][(trial["goal"] == point).all(axis=1)]
         for axes in rows if len(held) else ():
             axes.annotate(
                 str(i + 1), (held.mean(), 0.97), xycoords=("data", "axes fraction"), ha="center", va="top", fontsize=8

@@ -19,8 +19,8 @@ from rehab_opt.published.field_law import FieldLaw
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.outcome import Array
 from rehab_opt.session.refusals import refused_as, solver_refusals
-from rehab_opt.session.scenario.outcome import HelperTrace, Law
 from rehab_opt.session.scenario.problem import ScenarioProblem
+from rehab_opt.session.scenario.trials import Law
 
 __all__ = [
     "BOUNDED",
@@ -63,9 +63,9 @@ class ForceLaw(ABC):
     def command(self, x: float, y: float, *, enable: object = True, stamp: float | None = None) -> Command:
         """The force (2,) [N] for a hand at (x, y) [m]; `enable` and `stamp` as a controller takes them."""
 
-    def partner(self) -> HelperTrace | None:
-        """Who has done the trial along with the participant."""
-        return None
+    def partner(self) -> dict[str, Array]:
+        """Columns of who has done the trial along with the participant; none where there is nobody."""
+        return {}
 
 
 class Unassisted(ForceLaw):

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rehab_opt.control.command import Command, Status
+from rehab_opt.control.command import Command
 from rehab_opt.control.reasons import NUMBER, reason_text
 from rehab_opt.errors import ProblemFileError
 from rehab_opt.plants.force_robot import RobotModel
@@ -22,9 +22,10 @@ from rehab_opt.session.live.problem import LiveControl, LiveInputs
 from rehab_opt.session.plant import channel_of, ms
 from rehab_opt.session.refusals import refused_as
 from rehab_opt.session.scenario.laws import ForceLaw
-from rehab_opt.session.scenario.outcome import Law, Trial
 from rehab_opt.session.scenario.problem import ScenarioProblem
+from rehab_opt.session.scenario.trials import trial_trace
 from rehab_opt.session.simulation import simulate
+from rehab_opt.session.trace import Trace
 from rehab_opt.workspace.region import Workspace
 
 __all__ = ["Arrival", "Helping", "Scene", "hand_robot_of", "person_of", "robot_model_of", "simulate_trial"]
@@ -109,7 +110,6 @@ class Scene(NamedTuple):
 LONGEST = 120.0
 """[s] after which person and robot begin anew where they are, where trials follow one another."""
 HELD = LiveInputs(enable=True)
-INDEX = {status: i for i, status in enumerate(Status)}
 
 
 class Helping(LiveControl):
@@ -171,7 +171,7 @@ class Helping(LiveControl):
         }  # fmt: skip
 
 
-def simulate_trial(scene: Scene, law: ForceLaw, *, name: Law, number: int, seed: int) -> Trial:
+def simulate_trial(scene: Scene, law: ForceLaw, *, number: int, seed: int) -> Trace:
     """One trial from rest at the intention's first place; the seed decides the person's moods and the sensor's."""
     intention, arrival = scene.intention, scene.arrival
     control = Helping(law, scene, number=number, seed=seed, endless=False)
@@ -189,40 +189,33 @@ def simulate_trial(scene: Scene, law: ForceLaw, *, name: Law, number: int, seed:
         calm = calm + 1 if near else 0
         return calm >= needed
 
-    def inputs(k: int) -> LiveInputs | None:
-        return None if k and (arrived() or control.pace.over) else HELD
-
     found = simulate(
         control,
-        inputs,
+        lambda k: None if k and (arrived() or control.pace.over) else HELD,
         ticks=control.pace.ticks,
         also=lambda _, command: {
             "now": control.now, "desired": tuple(law.desired_force), "energy": law.energy_left,
-            "gave": command.relaxed._value_, "index": INDEX[command.status],
+            "gave": command.relaxed._value_,
         },
     )  # fmt: skip
-    at = found["now"]
+    at, hand = found["now"], found["joint"]
     if len(at) == control.pace.ticks:
         arrived()
-    late = isinstance(scene.robot, OnMujoco)
-    return Trial(
-        law=name,
-        number=number,
-        time=found["t_s"],
-        position=found["joint"],
-        velocity=found["velocity"],
-        intended=intention.places[at],
-        desired_force=found["desired"],
-        commanded=found["command"],
-        measured=found["_force"],
-        inside=np.asarray(scene.comfortable.distance(found["joint"])) <= 0.0,
-        status=found["index"].astype(np.uint8),
-        let_go=found["reason"] == STOOD,
-        relaxed=found["gave"].astype(np.uint8),
-        energy_left=found["energy"],
-        goal=np.where(intention.active[at, None], intention.goals[intention.goal[at]], np.nan),
-        ended="late" if arrival is not None and calm < needed else "done",
-        helper=law.partner(),
-        seen=found["measured"] if late else None,
-        acting=found["_effort"] if late else None,
-    )
+    late = {"_seen": found["measured"], "_acting": found["_effort"]} if isinstance(scene.robot, OnMujoco) else {}
+    columns = {
+        "t_s": found["t_s"],
+        "_hand": hand,
+        "velocity": found["velocity"],
+        "intended": intention.places[at],
+        "force_desired": found["desired"],
+        "force_commanded": found["command"],
+        "force_measured": found["_force"],
+        "inside": np.asarray(scene.comfortable.distance(hand)) <= 0.0,
+        "goal": np.where(intention.active[at, None], intention.goals[intention.goal[at]], np.nan),
+        "energy_left_J": found["energy"],
+        "status": found["status"],
+        "_relaxed": found["gave"].astype(np.uint8),
+        "_let_go": found["reason"] == STOOD,
+    }
+    ended = "late" if arrival is not None and calm < needed else "done"
+    return trial_trace(columns | law.partner() | late, ended=ended)

@@ -6,6 +6,7 @@ Every key ends in its unit, every value is strict JSON; None says that there is 
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -19,8 +20,8 @@ from rehab_opt.measures.along_path import Projection, covered_in_order, deviatio
 from rehab_opt.measures.path import path_length, path_ratio
 from rehab_opt.measures.speed import mean_speed, peak_speed, spectral_arc_length
 from rehab_opt.session.outcome import Array, finite
-from rehab_opt.session.scenario.outcome import Trial
 from rehab_opt.session.scenario.problem import THERAPY
+from rehab_opt.session.trace import Trace
 
 __all__ = ["COVERED", "deviation_of", "law_summary", "time_to_zero_force", "trial_measures"]
 
@@ -29,11 +30,11 @@ Numbers = dict[str, Any]
 
 COVERED = 0.95
 """Share of a path that must be covered in order for a trial to succeed."""
-LETTING_GO = (Status.RELEASING, Status.RELEASED)
+LETTING_GO = (Status.RELEASING.value, Status.RELEASED.value)
 
 
 def trial_measures(
-    trial: Trial,
+    trial: Trace,
     *,
     reference: ArrayLike,
     mode: Mode,
@@ -55,22 +56,22 @@ def trial_measures(
     ------
     ConfigurationError : a trial of less than two ticks, a reference that is no path, a tolerance not above zero.
     """
-    if len(trial.time) < 2:
-        raise ConfigurationError("trial", f"{len(trial.time)} ticks", "two ticks or more")
+    if len(trial["t_s"]) < 2:
+        raise ConfigurationError("trial", f"{len(trial['t_s'])} ticks", "two ticks or more")
     path = np.asarray(reference, dtype=np.float64)
     if path.ndim != 2 or path.shape[1:] != (2,) or not len(path) or not np.isfinite(path).all():
         raise ConfigurationError("reference", path.shape, "finite points (M, 2) in metres")
     if not 0 < within < math.inf:
         raise ConfigurationError("within", within, "metres above zero")
-    where = projected(trial.position, path)
+    where = projected(trial["_hand"], path)
     covered: float | None = None
     if mode == "follow":
         target = path[-1] if target is None else target
-        covered = covered_in_order(trial.position, path, within=within, jump=2 * within if jump is None else jump)
+        covered = covered_in_order(trial["_hand"], path, within=within, jump=2 * within if jump is None else jump)
     deviation, counts = deviation_of(trial, path, mode)
     return {
         "reference_covered_fraction": covered,
-        **_deviations(deviation, counts, trial.inside),
+        **_deviations(deviation, counts, trial["inside"]),
         **_forces(trial),
         **_motion(trial, mode, counts),
         **_from_intended(trial),
@@ -81,17 +82,17 @@ def trial_measures(
     }
 
 
-def deviation_of(trial: Trial, path: Array, mode: Mode) -> tuple[Array, Ticks]:
+def deviation_of(trial: Trace, path: Array, mode: Mode) -> tuple[Array, Ticks]:
     """(N,) [m] from `path` (M, 2), from the place of it that is due where it is followed, or from the point to be held.
 
     And (N,) the ticks in which it counts.
     """
     if mode != "hold":
-        follows, where = mode == "follow", trial.position
+        follows, where = mode == "follow", trial["_hand"]
         far = deviation_in_order(where, path) if follows else projected(where, path).distance
         return far, np.ones(len(far), dtype=bool)
-    known: Ticks = np.isfinite(trial.goal[:, 0]) & np.isfinite(trial.goal[:, 1])
-    return np.linalg.norm(trial.position - trial.goal, axis=1), known
+    known: Ticks = np.isfinite(trial["goal"][:, 0]) & np.isfinite(trial["goal"][:, 1])
+    return np.linalg.norm(trial["_hand"] - trial["goal"], axis=1), known
 
 
 def _deviations(deviation: Array, counts: Ticks, inside: Ticks) -> Numbers:
@@ -110,11 +111,14 @@ def _deviations(deviation: Array, counts: Ticks, inside: Ticks) -> Numbers:
     return numbers
 
 
-def _forces(trial: Trial) -> Numbers:
-    measured, commanded = np.linalg.norm(trial.measured, axis=1), np.linalg.norm(trial.commanded, axis=1)
-    from_rest = np.vstack((np.zeros(2), trial.commanded))
+def _forces(trial: Trace) -> Numbers:
+    measured, commanded = (
+        np.linalg.norm(trial["force_measured"], axis=1),
+        np.linalg.norm(trial["force_commanded"], axis=1),
+    )
+    from_rest = np.vstack((np.zeros(2), trial["force_commanded"]))
     change = np.linalg.norm(np.diff(from_rest, axis=0), axis=1).max() / _tick(trial)
-    moved = np.diff(trial.position, axis=0)
+    moved = np.diff(trial["_hand"], axis=0)
     return {
         "force_measured_mean_N": float(measured.mean()),
         "force_measured_max_N": float(measured.max()),
@@ -122,27 +126,27 @@ def _forces(trial: Trial) -> Numbers:
         "force_commanded_max_N": float(commanded.max()),
         "force_change_max_N_s": finite(change),
         # A force is held until the next tick: this is its work on the hand.
-        "energy_delivered_J": float((trial.commanded[:-1] * moved).sum()),
+        "energy_delivered_J": float((trial["force_commanded"][:-1] * moved).sum()),
     }
 
 
-def _motion(trial: Trial, mode: Mode, counts: Ticks) -> Numbers:
-    measured = np.linalg.norm(trial.measured, axis=1)
+def _motion(trial: Trace, mode: Mode, counts: Ticks) -> Numbers:
+    measured = np.linalg.norm(trial["force_measured"], axis=1)
     holds = mode == "hold" and bool(counts.any())
     return {
-        "speed_mean_m_s": mean_speed(trial.velocity, trial.time),
-        "speed_max_m_s": peak_speed(trial.velocity),
-        "speed_held_mean_m_s": float(np.linalg.norm(trial.velocity[counts], axis=1).mean()) if holds else None,
+        "speed_mean_m_s": mean_speed(trial["velocity"], trial["t_s"]),
+        "speed_max_m_s": peak_speed(trial["velocity"]),
+        "speed_held_mean_m_s": float(np.linalg.norm(trial["velocity"][counts], axis=1).mean()) if holds else None,
         "force_measured_held_mean_N": float(measured[counts].mean()) if holds else None,
-        "duration_s": float(trial.time[-1] - trial.time[0]),
-        "path_length_m": path_length(trial.position),
+        "duration_s": float(trial["t_s"][-1] - trial["t_s"][0]),
+        "path_length_m": path_length(trial["_hand"]),
         # Of a reach that fell short, the way to the target would flatter: the straight line ends where the hand did.
-        "path_length_ratio": finite(path_ratio(trial.position, None if mode in THERAPY else trial.intended)),
+        "path_length_ratio": finite(path_ratio(trial["_hand"], None if mode in THERAPY else trial["intended"])),
     }
 
 
 def _arrival(  # noqa: PLR0917  (what the trial was judged by)
-    trial: Trial,
+    trial: Trace,
     aimed: Array,
     counts: Ticks,
     mode: Mode,
@@ -151,7 +155,7 @@ def _arrival(  # noqa: PLR0917  (what the trial was judged by)
     covered: float | None,
 ) -> Numbers:
     to_target = (
-        aimed if target is None or mode == "hold" else np.linalg.norm(trial.position - np.asarray(target), axis=1)
+        aimed if target is None or mode == "hold" else np.linalg.norm(trial["_hand"] - np.asarray(target), axis=1)
     )
     on_target = counts & ((to_target if mode in THERAPY else aimed) <= within)
     last = float(to_target[counts][-1]) if counts.any() else math.nan
@@ -160,62 +164,64 @@ def _arrival(  # noqa: PLR0917  (what the trial was judged by)
     met = last <= within if reached_fraction is None else reached_fraction == 1.0
     met = met and (covered is None or covered >= COVERED)
     return {
-        "success": bool(trial.ended == "done" and met),
+        "success": bool(str(trial["_ended"]) == "done" and met),
         "final_distance_m": finite(last),
-        "time_to_target_s": float(trial.time[first[0]] - trial.time[0]) if mode in THERAPY and len(first) else None,
+        "time_to_target_s": float(trial["t_s"][first[0]] - trial["t_s"][0]) if mode in THERAPY and len(first) else None,
         "time_on_target_s": float(on_target.sum() * _tick(trial)),
         "time_on_target_fraction": float(on_target.sum() / counts.sum()) if counts.any() else None,
         "goals_reached_fraction": reached_fraction,
     }
 
 
-def _from_intended(trial: Trial) -> Numbers:
+def _from_intended(trial: Trace) -> Numbers:
     """How far the hand was from where the person meant to be."""
-    behind = np.linalg.norm(trial.position - trial.intended, axis=1)
+    behind = np.linalg.norm(trial["_hand"] - trial["intended"], axis=1)
     return {"from_intended_mean_m": float(behind.mean()), "from_intended_max_m": float(behind.max())}
 
 
-def _reached_fraction(trial: Trial, on_target: Ticks) -> float:
+def _reached_fraction(trial: Trace, on_target: Ticks) -> float:
     """Of the points that were to be held, how many the hand was at while it was to be there."""
-    goals = {tuple(goal) for goal in trial.goal[np.isfinite(trial.goal).all(axis=1)].tolist()}
-    reached = {tuple(goal) for goal in trial.goal[on_target].tolist()}
+    goals = {tuple(goal) for goal in trial["goal"][np.isfinite(trial["goal"]).all(axis=1)].tolist()}
+    reached = {tuple(goal) for goal in trial["goal"][on_target].tolist()}
     return len(reached) / len(goals) if goals else 0.0
 
 
-def _smoothness(trial: Trial) -> float | None:
-    return finite(spectral_arc_length(np.linalg.norm(trial.velocity, axis=1), 1.0 / _tick(trial)))
+def _smoothness(trial: Trace) -> float | None:
+    return finite(spectral_arc_length(np.linalg.norm(trial["velocity"], axis=1), 1.0 / _tick(trial)))
 
 
-def _statuses(trial: Trial) -> Numbers:
-    counts = np.bincount(trial.status, minlength=len(Status)) / len(trial.status)
-    let_go = np.isin(trial.status, [i for i, status in enumerate(Status) if status in LETTING_GO])
+def _statuses(trial: Trace) -> Numbers:
+    counts = Counter(trial["status"].tolist())
+    let_go = np.isin(trial["status"], LETTING_GO)
+    known = {status.value: counts[status.value] / len(let_go) for status in Status if counts[status.value]}
     return {
-        "status_fraction": {
-            status.value: float(fraction) for status, fraction in zip(Status, counts, strict=True) if fraction
-        },
+        "status_fraction": known,
         "releases": int(let_go[0]) + int((let_go[1:] & ~let_go[:-1]).sum()),
-        "inside_fraction": float(trial.inside.mean()),
+        "inside_fraction": float(trial["inside"].mean()),
     }
 
 
-def _tick(trial: Trial) -> float:
+def _tick(trial: Trace) -> float:
     """[s]"""
-    return float(np.median(np.diff(trial.time)))
+    return float(np.median(np.diff(trial["t_s"])))
 
 
 NEAR = 0.25
 """Share of the reference that counts as near its end."""
 
 
-def promised(trial: Trial, where: Projection, mode: Mode) -> dict[str, Any]:
+def promised(trial: Trace, where: Projection, mode: Mode) -> dict[str, Any]:
     """The numbers of one trial; `where` are its places on the reference.
 
     The size of the commanded force may not grow inside. Along the reference, towards its end, only outside W_c counts.
     """
-    desired, commanded = np.linalg.norm(trial.desired_force, axis=1), np.linalg.norm(trial.commanded, axis=1)
+    desired, commanded = (
+        np.linalg.norm(trial["force_desired"], axis=1),
+        np.linalg.norm(trial["force_commanded"], axis=1),
+    )
     growth = np.diff(np.concatenate(([0.0], commanded)))
-    inside, outside = trial.inside, ~trial.inside
-    along = (trial.commanded * where.tangent).sum(axis=1)
+    inside, outside = trial["inside"], ~trial["inside"]
+    along = (trial["force_commanded"] * where.tangent).sum(axis=1)
     led = mode != "hold" and bool(outside.any())
     near = where.length - where.along <= NEAR * where.length
     return {
@@ -229,18 +235,18 @@ def promised(trial: Trial, where: Projection, mode: Mode) -> dict[str, Any]:
     }
 
 
-def time_to_zero_force(trial: Trial) -> float | None:
+def time_to_zero_force(trial: Trace) -> float | None:
     """[s] from entering W_c, or the start in it, until the force is exactly zero: the longest of all stays.
 
     A stay that ends before counts with its length, so that it cannot hide a force that was never let go. None where
     the hand was never inside.
     """
-    edges = np.flatnonzero(np.diff(np.concatenate(([0], trial.inside.astype(np.int8), [0]))))
-    zero: NDArray[np.bool_] = (trial.commanded == 0).all(axis=1)
+    edges = np.flatnonzero(np.diff(np.concatenate(([0], trial["inside"].astype(np.int8), [0]))))
+    zero: NDArray[np.bool_] = (trial["force_commanded"] == 0).all(axis=1)
     longest: float | None = None
     for entry, left in zip(edges[::2], edges[1::2], strict=True):
         first = entry + int(np.argmax(zero[entry:left])) if zero[entry:left].any() else min(left, len(zero) - 1)
-        longest = max(longest or 0.0, float(trial.time[first] - trial.time[entry]))
+        longest = max(longest or 0.0, float(trial["t_s"][first] - trial["t_s"][entry]))
     return longest
 
 

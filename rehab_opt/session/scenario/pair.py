@@ -13,12 +13,14 @@ from rehab_opt.plants.hand_robot import MakesRobots
 from rehab_opt.plants.intention import Intention, traced
 from rehab_opt.plants.simulated_person import Person, SimulatedPerson
 from rehab_opt.session.files import ProblemFile
+from rehab_opt.session.outcome import Array
 from rehab_opt.session.refusals import refused_as
 from rehab_opt.session.scenario.laws import ForceLaw, bounds_of, bounds_refusals
 from rehab_opt.session.scenario.loop import hand_robot_of
-from rehab_opt.session.scenario.outcome import HelperTrace, Trial
 from rehab_opt.session.scenario.precomputed import Precomputed
 from rehab_opt.session.scenario.problem import ScenarioProblem
+from rehab_opt.session.scenario.trials import HELPER
+from rehab_opt.session.trace import Trace
 from rehab_opt.workspace.region import Workspace
 
 __all__ = ["pair_measures", "pair_of", "sides_of", "together_of"]
@@ -88,11 +90,11 @@ class Together(ForceLaw):
         self._now += 1
         return meant
 
-    def partner(self) -> HelperTrace:
-        """What the helper did, tick by tick."""
+    def partner(self) -> dict[str, Array]:
+        """`HELPER`, tick by tick."""
         table = np.array(self._rows)
         meant = self._helper.intention.places[: len(table)]
-        return HelperTrace(table[:, 0:2], meant, table[:, 2:4], table[:, 4])
+        return dict(zip(HELPER, (table[:, 0:2], table[:, 2:4], table[:, 4], meant), strict=True))
 
 
 def pair_of(
@@ -151,21 +153,20 @@ def together_of(both: Bilateral, config: ProblemFile[ScenarioProblem], context: 
     return Together(both, Helper(healthy, robot, context.reachable, meant), seed=task.seed)
 
 
-def pair_measures(trial: Trial) -> dict[str, Any]:
+def pair_measures(trial: Trace) -> dict[str, Any]:
     """What the helper felt and did, and the most energy [J] that both hands together had drawn at any time."""
-    helper = trial.helper
-    if helper is None:
+    if "_helper_intended" not in trial:
         return {}
-    felt = np.linalg.norm(helper.commanded, axis=1)
-    off = np.linalg.norm(helper.position - helper.intended, axis=1)
+    felt = np.linalg.norm(trial["helper_force"], axis=1)
+    off = np.linalg.norm(trial["helper"] - trial["_helper_intended"], axis=1)
     drawn = sum(
         np.cumsum((force[:-1] * np.diff(position, axis=0)).sum(axis=1))
-        for force, position in ((trial.commanded, trial.position), (helper.commanded, helper.position))
+        for force, position in ((trial["force_commanded"], trial["_hand"]), (trial["helper_force"], trial["helper"]))
     )
     return {
         "helper_force_mean_N": float(felt.mean()),
         "helper_force_max_N": float(felt.max()),
         "helper_deviation_mean_m": float(off.mean()),
         "pair_energy_drawn_max_J": float(max(0.0, np.max(drawn))),
-        "pair_energy_left_min_J": float(min(helper.energy_left.min(), trial.energy_left.min())),
+        "pair_energy_left_min_J": float(min(trial["helper_energy_left_J"].min(), trial["energy_left_J"].min())),
     }

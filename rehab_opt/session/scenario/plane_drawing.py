@@ -11,8 +11,9 @@ from matplotlib.axes import Axes
 
 from rehab_opt.session.drawing import ACROSS, FORWARD, GRID, MM, REFERENCE
 from rehab_opt.session.outcome import Array
-from rehab_opt.session.scenario.outcome import Law, ScenarioOutcome, Trial
 from rehab_opt.session.scenario.problem import REACHES
+from rehab_opt.session.scenario.trials import Law, ScenarioTrials
+from rehab_opt.session.trace import Trace
 from rehab_opt.session.workspaces.figures import draw_region
 
 __all__ = [
@@ -58,7 +59,7 @@ ROOM = 0.15
 """Share of what is shown that is left free around it."""
 
 
-def draw_workspaces(axes: Axes, outcome: ScenarioOutcome) -> None:
+def draw_workspaces(axes: Axes, outcome: ScenarioTrials) -> None:
     """W_r below W_c."""
     draw_workspace(axes, outcome, "reachable", label="$W_r$, where the hand can be led")
     draw_workspace(axes, outcome, "comfortable", label="$W_c$, comfortable without help")
@@ -66,7 +67,7 @@ def draw_workspaces(axes: Axes, outcome: ScenarioOutcome) -> None:
 
 def draw_workspace(
     axes: Axes,
-    outcome: ScenarioOutcome,
+    outcome: ScenarioTrials,
     which: Literal["reachable", "comfortable"],
     *,
     label: str = "",
@@ -76,9 +77,7 @@ def draw_workspace(
     draw_region(axes, getattr(outcome, which), {**REGION_STYLES[which], "zorder": zorder}, label=label)
 
 
-def draw_reference(
-    axes: Axes, outcome: ScenarioOutcome, path: Array | None = None, *, label: str = "reference"
-) -> None:
+def draw_reference(axes: Axes, outcome: ScenarioTrials, path: Array | None = None, *, label: str = "reference") -> None:
     """The reference, or another path (N, 2) [m] in its style: a line, its end marked if it is reached, or points."""
     points = MM * (outcome.reference if path is None else path)
     if outcome.mode != "hold":
@@ -117,7 +116,7 @@ def draw_arrows(axes: Axes, box: Box, forces: Callable[[Array], Array], *, count
     )  # fmt: skip
 
 
-def seen_points(outcome: ScenarioOutcome, hands: Iterable[Array]) -> Array:
+def seen_points(outcome: ScenarioTrials, hands: Iterable[Array]) -> Array:
     """Points (N, 2) [m] of the reference, of W_c and of the ways of some hands: what a picture of trials shows."""
     return np.vstack([outcome.reference, shapely.get_coordinates(outcome.comfortable.polygon), *hands])
 
@@ -129,7 +128,7 @@ def shown_box(points: Array) -> Box:
     return (low[0] - room, high[0] + room), (low[1] - room, high[1] + room)
 
 
-def seen_box(axes: Axes, outcome: ScenarioOutcome, box: Box) -> None:
+def seen_box(axes: Axes, outcome: ScenarioTrials, box: Box) -> None:
     """Equal scales within the limits; the labels say in which frame."""
     axes.set(xlim=box[0], ylim=box[1], aspect="equal")
     placement = outcome.comfortable.placement
@@ -139,10 +138,10 @@ def seen_box(axes: Axes, outcome: ScenarioOutcome, box: Box) -> None:
     axes.grid(**GRID)
 
 
-def mean_over_trials(trials: Sequence[Trial], values: Sequence[Array]) -> tuple[Array, Array]:
+def mean_over_trials(trials: Sequence[Trace], values: Sequence[Array]) -> tuple[Array, Array]:
     """(K,) [s] and the mean of `values`, (N,) or (N, 2) of each trial, over those under way, while half of them are."""
-    longest = max(trials, key=lambda trial: len(trial.time)).time
-    under_way = sorted((len(trial.time) for trial in trials), reverse=True)[(len(trials) - 1) // 2]
+    longest = max(trials, key=lambda trial: len(trial["t_s"]))["t_s"]
+    under_way = sorted((len(trial["t_s"]) for trial in trials), reverse=True)[(len(trials) - 1) // 2]
     total: Array = np.zeros((under_way, *values[0].shape[1:]))
     count = np.zeros(under_way)
     for of in values:

@@ -12,7 +12,7 @@ from rehab_opt.plants.intention import LONGER, Aims
 from rehab_opt.plants.simulated_person import FASTEST_LINE, Person
 from rehab_opt.session.arm_keys import ArmInPlane, OneRange
 from rehab_opt.session.plant import HandPlant
-from rehab_opt.session.scenario.outcome import Law
+from rehab_opt.session.scenario.trials import Law
 from rehab_opt.session.schema import (
     Length,
     Once,

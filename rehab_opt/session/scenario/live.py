@@ -11,36 +11,31 @@ import numpy as np
 
 from rehab_opt.control.arm_ik import ArmIK
 from rehab_opt.errors import ProblemFileError
-from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.plants.plant import Plant
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.live.bodies import BLUE, GREEN, GREY, ORANGE, PURPLE, ArmBodies, joint_rows, near_limit, screen
 from rehab_opt.session.live.problem import LiveControl, LiveProblem
-from rehab_opt.session.outcome import Array, Progress
+from rehab_opt.session.outcome import Array
 from rehab_opt.session.participant import arm_of
-from rehab_opt.session.scenario.demonstrated import needed_demonstrations
-from rehab_opt.session.scenario.laws import check_bounds, swinging_notes
-from rehab_opt.session.scenario.loop import Helping, robot_model_of
-from rehab_opt.session.scenario.measures import COVERED, law_summary
-from rehab_opt.session.scenario.outcome import Law, ScenarioOutcome
+from rehab_opt.session.scenario.controllers import law_of, scene_of
+from rehab_opt.session.scenario.loop import Helping
 from rehab_opt.session.scenario.precomputed import Precomputed, precompute
 from rehab_opt.session.scenario.problem import ScenarioProblem
-from rehab_opt.session.scenario.run import law_of, prepared, run_scenario, scene_of
-from rehab_opt.session.systems import Needed, System
+from rehab_opt.session.scenario.trials import Law
 from rehab_opt.session.workspaces.reached import placement_of, tilt_of
 from rehab_opt.workspace.region import Workspace
 
-__all__ = ["ScenarioSystem"]
+__all__ = ["LiveScenario"]
 
 
 LIVE: tuple[Law, ...] = ("assisted", "together", "delayed")
-"""Laws of which the first that a file has is run."""
+"""Controllers of which the first that a file has is run."""
 ARROWS = 15
 """Of the field across the picture."""
 THIN = 0.006
 """[m] of the person's arm in a picture that may be narrow."""
 WEAK = 0.02
-"""Share of the largest force of the field below which no arrow is drawn."""
+"""Fraction of the largest force of the field below which no arrow is drawn."""
 
 
 class LiveScenario(LiveProblem):
@@ -66,7 +61,7 @@ class LiveScenario(LiveProblem):
         return precompute(self._config, progress=lambda *_: None)
 
     def control(self, plant: Plant | None = None) -> LiveControl:
-        """The law "assisted" of `rehab-opt run`, or else of a pair, at the person and robot of its trials."""
+        """The controller "assisted" of `rehab-opt run`, or else of a pair, at the person and robot of its trials."""
         context, problem = self.context, self._config.problem
         law = law_of(self._law, self._config, context, solver=self._solver)
         scene = scene_of(self._config, context)
@@ -179,75 +174,3 @@ def _arrows(context: Precomputed, low: Array, high: Array, reach: float) -> list
         for place, force in zip(places, forces, strict=True)
         if np.linalg.norm(force) > WEAK * largest
     ]
-
-
-SUCCESS = {
-    "stretch": "the end on the path", "assist": "at rest at the target in time,", "hold": "each point reached",
-    "resist": "at rest at the target in time,", "follow": f"{100 * COVERED:g} % covered, the end",
-}  # fmt: skip
-
-
-class ScenarioSystem(System[ScenarioProblem, Any]):
-    """The five scenarios of therapy and help."""
-
-    schema = ScenarioProblem
-
-    def figures(self, outcome: Any) -> dict[str, Any]:
-        """The figures by file name, without suffix."""
-        from rehab_opt.session.scenario.figures import figures  # noqa: PLC0415  (draws)
-
-        return figures(outcome)
-
-    first = (
-        "reference_covered", "from_intended", "success", "final_distance", "deviation", "force_measured", "speed",
-        "duration", "status", "worst trial: deviation", "worst trial: force_measured",
-    )  # fmt: skip
-    options = frozenset({"plant", "solver"})
-    rate_key = "run.rate_hz"
-
-    def columns(self, outcome: Any) -> Mapping[str, Mapping[str, Any]]:
-        """A column for each controller: means over its trials, and the worst of them."""
-        found = {law: law_summary(of) for law, of in outcome.measures.items()}
-        return {
-            law: {"success_rate": of["success_rate"], **of["mean"], "worst trial": of["worst"]}
-            for law, of in found.items()
-        }
-
-    def caption(self, outcome: Any) -> str:
-        """How many trials, and what a success is."""
-        trials = max(map(len, outcome.trials.values()))
-        return (
-            f"mode {outcome.mode}, trials each: {trials}; means over them; success: {SUCCESS[outcome.mode]} within "
-            f"{1e3 * outcome.within:g} mm"
-        )
-
-    def recordings(self, problem: ScenarioProblem) -> tuple[Needed, ...]:
-        """The helper's movement and the therapist's, where some are named."""
-        recording = problem.task.recording
-        helper = () if recording is None else (Needed("task.recording.file", recording.file),)
-        return helper + needed_demonstrations(problem)
-
-    def check(self, config: ProblemFile[ScenarioProblem]) -> tuple[str, ...]:
-        """Reads recordings, learns, builds robot, workspaces and laws."""
-        context, laws = prepared(config, solver=None, progress=lambda *_: None)
-        return (*context.notes, *swinging_notes(laws))
-
-    def arms(self, config: ProblemFile[ScenarioProblem]) -> dict[str, SerialChain]:
-        """The arm within what is comfortable, and within what can be helped."""
-        arm = config.problem.arm
-        return {
-            name: arm_of(arm.side, arm.segments, getattr(arm, name), file=config.file)
-            for name in ("comfortable", "reachable")
-        }
-
-    def run(
-        self, config: ProblemFile[ScenarioProblem], *, options: Mapping[str, str], progress: Progress
-    ) -> ScenarioOutcome:
-        """Options: `solver`, `plant`."""
-        return run_scenario(config, solver=options.get("solver"), progress=progress)
-
-    def live(self, config: ProblemFile[ScenarioProblem], *, options: Mapping[str, str]) -> LiveProblem:
-        """The person as the file has them, until somebody points where the hand shall be; options as of `run`."""
-        robot_model_of(config)
-        check_bounds(config, solver=options.get("solver"))
-        return LiveScenario(config, solver=options.get("solver"))

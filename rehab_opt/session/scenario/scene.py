@@ -1,0 +1,303 @@
+"""`system = "scenario"`: the five scenarios of therapy and help, the same person and task under each controller."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rehab_opt.field.samples import HAND_SPEED
+from rehab_opt.kinematics.chain import SerialChain
+from rehab_opt.session.files import ProblemFile
+from rehab_opt.session.live.problem import LiveProblem
+from rehab_opt.session.outcome import Outcome, Progress
+from rehab_opt.session.participant import arm_of
+from rehab_opt.session.plant import plant_note
+from rehab_opt.session.scenario.controllers import follows_path, law_of, scene_of
+from rehab_opt.session.scenario.demonstrated import fit_metrics, needed_demonstrations
+from rehab_opt.session.scenario.laws import ForceLaw, check_bounds, swinging_notes
+from rehab_opt.session.scenario.live import LiveScenario
+from rehab_opt.session.scenario.loop import Scene, robot_model_of, simulate_trial
+from rehab_opt.session.scenario.measures import COVERED, law_summary, trial_measures
+from rehab_opt.session.scenario.pair import pair_measures
+from rehab_opt.session.scenario.precomputed import Precomputed, precompute
+from rehab_opt.session.scenario.problem import REACHES, ScenarioProblem
+from rehab_opt.session.scenario.trials import HELPER, Law, ScenarioTrials
+from rehab_opt.session.systems import Names, Needed, System
+from rehab_opt.session.trace import Trace
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+__all__ = ["ScenarioSystem", "TrialScene", "trials_of"]
+
+Config = ProblemFile[ScenarioProblem]
+FAR = 0.05
+"""[m] Outside the reachable workspace from which on a hand is no person's: joints give way less."""
+
+WORSE = {
+    "from_intended_mean_m": "was further from where the person meant to be",
+    "deviation_mean_m": "deviated more",
+    "reference_covered_fraction": "covered less",
+}
+"""Measures of a followed path, and how a note says that help made them worse."""
+ASSUMPTIONS = (
+    "person and robot are simulated: their masses, stiffnesses, strengths and disturbances are assumptions",
+    "the field's numbers are choices of the file: S is not published for scenarios 1 to 3, sigma and k1 are suspect",
+)
+
+
+class Task:
+    """What the trials of a file share, made when it is first needed.
+
+    Raises
+    ------
+    ProblemFileError : a value of the file or a recording cannot be used.
+    ConfigurationError : `solver` cannot be used.
+    """
+
+    def __init__(self, config: Config, solver: str | None) -> None:
+        robot_model_of(config)  # refused before the workspaces take their seconds
+        check_bounds(config, solver=solver)
+        self.config, self.solver, self.problem = config, solver, config.problem
+        self.progress: Progress = lambda *_: None
+
+    @cached_property
+    def context(self) -> Precomputed:
+        """Workspaces, fields, the person's intention."""
+        return precompute(self.config, progress=self.progress)
+
+    @cached_property
+    def laws(self) -> dict[Law, ForceLaw]:
+        """The controllers of the file."""
+        return {name: law_of(name, self.config, self.context, solver=self.solver) for name in self.problem.run.laws}
+
+    @cached_property
+    def scene(self) -> Scene:
+        """Person and robot."""
+        return scene_of(self.config, self.context)
+
+
+class TrialScene:
+    """One trial under one controller; `number` decides the person's moods."""
+
+    def __init__(self, task: Task, law: Law, number: int) -> None:
+        self.task, self.law, self.number = task, law, number
+
+    def run(self, progress: Progress = lambda *_: None) -> Trace:
+        """See `trial_trace`; the helper's columns are NaN where another controller of the file has a helper."""
+        task = self.task
+        task.progress = progress
+        law = task.laws[self.law]
+        progress("", self.number, task.problem.task.trials)
+        trace = simulate_trial(task.scene, law, number=self.number, seed=task.problem.task.seed + self.number)
+        if any(law in ("together", "delayed") for law in task.problem.run.laws) and HELPER[0] not in trace:
+            nothing = np.full_like(trace["_hand"], np.nan)
+            trace |= dict(zip(HELPER, (nothing, nothing, nothing[:, 0]), strict=False))
+            trace |= {name: trace.pop(name) for name in ("status", "relaxed")}
+        return trace
+
+    def numbers(self, trace: Trace) -> dict[str, Any]:
+        """The measures of the trial."""
+        problem, context = self.task.problem, self.task.context
+        return trial_measures(
+            trace,
+            reference=context.reference,
+            mode=problem.mode,
+            target=context.reference[-1] if problem.mode in REACHES else None,
+            within=1e-3 * problem.task.within_mm,
+            jump=2 * context.numbers.width,
+        ) | pair_measures(trace)
+
+    def notes(self, trace: Trace) -> Iterator[str]:
+        """None: see `ScenarioSystem.notes`."""
+        return iter(())
+
+
+def trials_of(outcome: Outcome) -> ScenarioTrials:
+    """The trials of a run with what they were made of."""
+    task: Task = next(iter(outcome.scenes.values())).task
+    problem, context = task.problem, task.context
+    return ScenarioTrials(
+        title=outcome.title,
+        mode=problem.mode,
+        comfortable=context.comfortable,
+        reachable=context.reachable,
+        reference=context.reference,
+        demonstrated=context.demonstrated,
+        fields=context.fields,
+        within=1e-3 * problem.task.within_mm,
+        force_limit=problem.assistance.force_limit_N,
+        trials=_by_law(outcome.traces),
+        measures={law: of["trials"] for law, of in outcome.metrics["laws"].items()},
+        shown=context.shown,
+        onset=1e-3 * problem.assistance.onset_mm,
+        spring=context.numbers.stiffness if follows_path(problem, context) else None,
+    )
+
+
+def _by_law(of: Mapping[Names, Any]) -> dict[Law, list[Any]]:
+    """What belongs to (controller, trial), by controller."""
+    found: dict[Law, list[Any]] = {}
+    for (law, _), each in of.items():
+        found.setdefault(law, []).append(each)
+    return found
+
+
+def _pair_notes(problem: ScenarioProblem, measures: Mapping[Law, Sequence[Mapping[str, Any]]]) -> Iterator[str]:
+    """Of the helper."""
+    tanks = 2 * problem.assistance.energy_budget_J
+    for law, trials in measures.items():
+        if "helper_force_mean_N" not in trials[0]:
+            continue
+        felt, most, drawn = (
+            [each[key] for each in trials]
+            for key in ("helper_force_mean_N", "helper_force_max_N", "pair_energy_drawn_max_J")
+        )
+        yield (
+            f"{law}: the helper felt {np.mean(felt):.2g} N on average and {max(most):.2g} N at most; both hands "
+            f"together had drawn {max(drawn):.2g} J at most, of {tanks:g} J in the tanks"
+        )
+
+
+def _along(
+    problem: ScenarioProblem, context: Precomputed, measures: Mapping[Law, Sequence[Mapping[str, Any]]],
+    trials: Mapping[Law, Sequence[Trace]],
+) -> Iterator[str]:  # fmt: skip
+    """Along a path: what was not covered; help that was worse than none, or let a hand go."""
+    if problem.mode != "follow":
+        return
+    for law, of in measures.items():
+        fractions = [each["reference_covered_fraction"] for each in of]
+        short = sum(fraction < COVERED for fraction in fractions)
+        if short:
+            yield (
+                f"{law}: {short} of {len(of)} trials did not cover the path in order, the worst of them "
+                f"{100 * min(fractions):.0f} % of it"
+            )
+        if law == "unassisted":
+            continue
+        for key, off in WORSE.items():
+            sign = -1 if key == "reference_covered_fraction" else 1
+            both = zip(of, measures.get("unassisted", ()), strict=False)
+            worse = sum(sign * (each[key] - free[key]) > 0.01 * free[key] for each, free in both)
+            if worse:
+                yield f"{law}: with this help the hand {off} than without any, in {worse} of {len(of)} trials"
+        let_go = np.concatenate([trial["_let_go"] for trial in trials[law]])
+        if let_go.any():
+            yield f"{law}: a hand that stood under force was let go, for {100 * let_go.mean():.2g} % of the time"
+        far = 1e3 * max(float(np.max(context.comfortable.distance(trial["_hand"]))) for trial in trials[law])
+        if far > problem.task.within_mm:
+            yield f"{law}: the hand left the comfortable workspace, by up to {far:.2g} mm"
+
+
+def _runaways(problem: ScenarioProblem, context: Precomputed, trials: Mapping[Law, Sequence[Trace]]) -> Iterator[str]:
+    """Trials that no person can have done, and a controller that makes the hand run away."""
+    cap = problem.assistance.speed_cap_m_s
+    for law, done in trials.items():
+        fast = max(float(np.hypot(*trial["velocity"].T).max()) for trial in done)
+        if fast > HAND_SPEED:
+            yield f"{law}: the simulated hand reached {fast:.3g} m/s; no hand is faster than {HAND_SPEED:g} m/s"
+        elif fast > cap and law != "unassisted":
+            yield f"{law}: the hand reached {fast:.3g} m/s, beyond the speed cap of {cap:g} m/s"
+        far = max(float(np.max(context.reachable.distance(trial["_hand"]))) for trial in done)
+        if far > FAR:
+            yield f"{law}: the simulated hand was {far:.3g} m outside the reachable workspace; no arm goes there"
+
+
+SUCCESS = {
+    "stretch": "the end on the path", "assist": "at rest at the target in time,", "hold": "each point reached",
+    "resist": "at rest at the target in time,", "follow": f"{100 * COVERED:g} % covered, the end",
+}  # fmt: skip
+
+
+class ScenarioSystem(System[ScenarioProblem, TrialScene]):
+    """The five scenarios of therapy and help."""
+
+    schema = ScenarioProblem
+    labels = ("law", "trial")
+    first = (
+        "reference_covered", "from_intended", "success", "final_distance", "deviation", "force_measured", "speed",
+        "duration", "status", "worst trial: deviation", "worst trial: force_measured",
+    )  # fmt: skip
+    options = frozenset({"plant", "solver"})
+    rate_key = "run.rate_hz"
+
+    def scenes(self, config: Config, options: Mapping[str, str]) -> dict[Names, TrialScene]:
+        """Every trial under every controller of the file; options: `solver`, `plant`."""
+        task, said = Task(config, options.get("solver")), config.problem
+        return {(law, k): TrialScene(task, law, k) for law in said.run.laws for k in range(said.task.trials)}
+
+    def nested(self, numbers: Mapping[Names, dict[str, Any]], outcome: Outcome) -> dict[str, Any]:
+        """By controller the means and the worst of its trials; the areas of the workspaces; what was learnt."""
+        context: Precomputed = next(iter(outcome.scenes.values())).task.context
+        fit = context.fields[0].fit
+        return {
+            "laws": {law: law_summary(of) | {"trials": of} for law, of in _by_law(numbers).items()},
+            "workspaces": {
+                "comfortable_cm2": 1e4 * context.comfortable.area,
+                "reachable_cm2": 1e4 * context.reachable.area,
+            },
+            **({} if fit is None else {"learnt": fit_metrics(fit)}),
+        }
+
+    def notes(self, numbers: Mapping[Names, dict[str, Any]], outcome: Outcome) -> Iterator[str]:
+        """Where help made it worse; what was assumed; of the helper; hands that are no person's."""
+        task: Task = next(iter(outcome.scenes.values())).task
+        problem, context, measures, trials = task.problem, task.context, _by_law(numbers), _by_law(outcome.traces)
+        yield from _along(problem, context, measures, trials)
+        yield from context.notes
+        yield from ASSUMPTIONS[: 2 if context.fields[0].fit is None else 1]
+        yield from () if problem.plant.kind == "ideal" else (plant_note(problem.plant, ""),)
+        yield from _pair_notes(problem, measures)
+        yield from _runaways(problem, context, trials)
+        yield from swinging_notes(task.laws)
+
+    def columns(self, outcome: Outcome) -> Mapping[str, Mapping[str, Any]]:
+        """A column for each controller: means over its trials, and the worst of them."""
+        return {
+            law: {"success_rate": of["success_rate"], **of["mean"], "worst trial": of["worst"]}
+            for law, of in outcome.metrics["laws"].items()
+        }
+
+    def caption(self, outcome: Outcome) -> str:
+        """How many trials, and what a success is."""
+        problem: ScenarioProblem = next(iter(outcome.scenes.values())).task.problem
+        return (
+            f"mode {problem.mode}, trials each: {problem.task.trials}; means over them; success: "
+            f"{SUCCESS[problem.mode]} within {problem.task.within_mm:g} mm"
+        )
+
+    def recordings(self, problem: ScenarioProblem) -> tuple[Needed, ...]:
+        """The helper's movement and the therapist's, where some are named."""
+        recording = problem.task.recording
+        helper = () if recording is None else (Needed("task.recording.file", recording.file),)
+        return helper + needed_demonstrations(problem)
+
+    def check(self, config: Config) -> tuple[str, ...]:
+        """Reads recordings, learns, builds robot, workspaces and controllers."""
+        task = Task(config, None)
+        laws = task.laws
+        return (*task.context.notes, *swinging_notes(laws))
+
+    def arms(self, config: Config) -> dict[str, SerialChain]:
+        """The arm within what is comfortable, and within what can be helped."""
+        arm = config.problem.arm
+        return {
+            name: arm_of(arm.side, arm.segments, getattr(arm, name), file=config.file)
+            for name in ("comfortable", "reachable")
+        }
+
+    def live(self, config: Config, *, options: Mapping[str, str]) -> LiveProblem:
+        """The person as the file has them, until somebody points where the hand shall be; options as of `run`."""
+        robot_model_of(config)
+        check_bounds(config, solver=options.get("solver"))
+        return LiveScenario(config, solver=options.get("solver"))
+
+    def figures(self, outcome: Outcome) -> dict[str, Figure]:
+        """See `scenario.figures`."""
+        from rehab_opt.session.scenario.figures import figures  # noqa: PLC0415  (draws)
+
+        return figures(trials_of(outcome))
